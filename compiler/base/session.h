@@ -1,0 +1,102 @@
+/* A session: one compilation's memory, sources and diagnostics.
+ *
+ * Everything the compiler allocates lives in the session's arenas and dies with it. Errors of the *program* become Diags and
+ * compilation goes on; a spent budget or a fault of ours unwinds with longjmp to `session_protect`, so no function of the compiler
+ * returns error codes for them, and nothing leaks. One thread at a time. */
+#ifndef SALTUS_BASE_SESSION_H
+#define SALTUS_BASE_SESSION_H
+
+#include <setjmp.h>
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "compiler/base/arena.h"
+
+typedef enum Severity { SEV_ERROR, SEV_WARNING, SEV_PERF, SEV_NOTE } Severity;
+
+/* Codes come from diag.def: DIAG(name, "E0123", SEV_ERROR, "printf format of the message", "long text of `saltus explain E0123`") */
+typedef enum DiagCode {
+#define DIAG(name, code, severity, format, explanation) DIAG_##name,
+#include "compiler/base/diag.def"
+#undef DIAG
+    DIAG_COUNT
+} DiagCode;
+
+/* A place in a source: bytes [pos, pos+len) of file `file` (index into Session.sources). file < 0: nowhere. */
+typedef struct Span {
+    int32_t file;
+    uint32_t pos, len;
+} Span;
+#define SPAN_NONE ((Span){-1, 0, 0})
+
+typedef struct Source {
+    const char *path;  /* as shown to people: "-" is standard input, "<expr>" the command line */
+    const char *dir;   /* folder of the file, for imports and assets */
+    const char *text;  /* NUL-terminated */
+    uint32_t len;
+    const uint32_t *lines; /* byte offset of every line start */
+    uint32_t nlines;
+} Source;
+
+typedef struct DiagNote {
+    Span span;
+    const char *text;
+    struct DiagNote *next;
+} DiagNote;
+typedef struct Diag {
+    DiagCode code;
+    Severity severity;
+    Span span;
+    const char *text;
+    DiagNote *notes; /* in order */
+    struct Diag *next;
+} Diag;
+
+typedef struct Session {
+    ArenaBudget budget;
+    Arena session, module, scratch;
+    Source *sources;
+    uint32_t nsources, cap_sources;
+    Diag *diags, **diags_end; /* in order of report; printed sorted by place */
+    uint32_t nerrors, nwarnings;
+    uint32_t max_errors; /* 0: no limit is applied when printing; default 20 */
+    jmp_buf *unwind;
+    int unwind_status; /* an SltStatus: SLT_LIMIT or SLT_INTERNAL once unwound */
+    char unwind_text[256];
+    const char *const *import_dirs;
+    uint32_t nimport_dirs;
+    const char *stdlib_dir;
+} Session;
+
+/* Limits: 512 MiB is promised for any input; the default budget leaves room for LLVM. */
+Session *session_create(size_t budget_bytes /* 0: 384 MiB */);
+void session_destroy(Session *s);
+
+/* Runs body(s, arg); returns 0, or the SltStatus of the unwinding (text in s->unwind_text). Nests. */
+int session_protect(Session *s, void (*body)(Session *, void *), void *arg);
+_Noreturn void session_limit(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+/* A fault of ours: never for bad input. */
+_Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* Reads a file or takes text; returns the index in s->sources, or -1 with errno-like text in *why (arena string). */
+int session_add_file(Session *s, const char *path, const char **why);
+int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
+
+/* Reports; the same code at the same span is reported once. Returns the Diag so that notes can be attached (never NULL). */
+Diag *diag_emit(Session *s, DiagCode code, Span span, ...);
+void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) __attribute__((format(printf, 4, 5)));
+/* 1-based line and column (columns count code points) of a byte offset. */
+void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column);
+/* Text form with source line and caret (colour if asked), and one LSP Diagnostic object (with uri) per line. */
+void diag_print_text(const Session *s, FILE *out, bool colour);
+void diag_print_json(const Session *s, FILE *out);
+const char *diag_code_name(DiagCode code);
+/* The explanation of "E0123", or NULL. */
+const char *diag_explain(const char *code, Severity *severity, const char **title);
+/* The nearest of n names within an edit distance fit for a suggestion, or NULL. */
+const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);
+
+/* Interned strings: equal text, equal pointer. Live in the session arena. */
+const char *intern(Session *s, const char *text, size_t len);
+
+#endif

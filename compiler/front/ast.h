@@ -1,0 +1,269 @@
+/* The abstract syntax tree, before and after checking.
+ *
+ * parse.c builds it untyped; check.c resolves names, picks overloads, inserts every implicit conversion as an explicit node and
+ * fills `type`; lower.c reads only checked trees without errors. Nodes live in the module arena. Types are interned: equal
+ * types are equal pointers.
+ *
+ * After checking:
+ *  - every Expr has `type`, and operands already have exactly the type the operation wants (E_CONVERT and E_BROADCAST nodes do the rest);
+ *  - E_NAME has `sym`; E_CALL has `func`; E_BUILTIN has `builtin`; constants are not folded away but `is_const` + `cval` are
+ *    set where the language asks for constants (array sizes, MaxIters, case labels, trip counts) and for all const globals;
+ *  - `a op= b` is E_ASSIGN with `op` and b converted; the place is evaluated once;
+ *  - a texture call that narrows has an E_CONVERT from float4 to the narrower type around it. */
+#ifndef SALTUS_FRONT_AST_H
+#define SALTUS_FRONT_AST_H
+
+#include "compiler/base/session.h"
+
+typedef enum TypeKind {
+    T_ERROR, T_VOID, T_BOOL, T_INT, T_UINT, T_FLOAT, /* scalars keep this order */
+    T_VECTOR, T_MATRIX, T_ARRAY, T_STRUCT, T_TEXTURE, T_HEIGHTFIELD
+} TypeKind;
+
+typedef struct Type Type;
+typedef struct Field {
+    const char *name;
+    Type *type;
+    Span span;
+} Field;
+struct Type {
+    TypeKind kind;
+    Type *elem;       /* of a vector, matrix or array; T_ERROR, T_VOID and scalars: NULL */
+    uint32_t n;       /* vector and (square) matrix: 2..4; array: length (0 while an open `[]` is not resolved) */
+    const char *name; /* as people write it: "float3", "Disc", "float[4][2]" */
+    Field *fields;    /* struct; the Hit and Silhouette structs are predeclared */
+    uint32_t nfields;
+    Type *next;       /* intern chain */
+};
+
+typedef struct Expr Expr;
+typedef struct Stmt Stmt;
+typedef struct Symbol Symbol;
+typedef struct Func Func;
+typedef struct Module Module;
+
+/* A compile-time constant: up to 16 components of a scalar kind (integers as bit patterns widened from 32 bits). */
+typedef struct ConstVal {
+    union {
+        double f;
+        int64_t i; /* int: sign extended, uint: zero extended, bool: 0/1 */
+    } v[16];
+    uint32_t n;
+} ConstVal;
+
+typedef enum ExprKind {
+    E_ERROR,
+    E_LITERAL,   /* cval */
+    E_NAME,      /* sym */
+    E_UNARY,     /* op: OP_TOKEN of - + ! ~ ; a[0] */
+    E_BINARY,    /* op: + - * / % & | ^ << >> == != < <= > >= on equal operand types (shifts: result type of the left);
+                    `*` with a matrix keeps its operand types: mat*mat, mat*vec, vec*mat, mat*scalar, scalar*mat */
+    E_LOGIC,     /* op: && || , scalar bools, evaluates only what it needs */
+    E_COND,      /* a[0] ? a[1] : a[2], evaluates only what it needs */
+    E_ASSIGN,    /* a[0] (place) op= a[1]; op == '=' for plain */
+    E_INCDEC,    /* op: ++ or --; prefix tells */
+    E_CALL,      /* func, args */
+    E_BUILTIN,   /* builtin, args */
+    E_METHOD,    /* method of a texture or heightfield: a[0] object (E_NAME), args */
+    E_CONSTRUCT, /* type(args): args already converted to the scalar kind; their components fill the type in order */
+    E_CONVERT,   /* a[0] to `type`: scalar kind change component-wise (explicit int(v) too: `explicit_cast`), or narrowing of texture results */
+    E_BROADCAST, /* scalar a[0] to every component of vector `type` */
+    E_INDEX,     /* a[0][a[1]]: array, vector, matrix (gives a row) or parameter array; index is int or uint */
+    E_FIELD,     /* a[0].field */
+    E_SWIZZLE,   /* a[0].swz[0..n) */
+    E_LIST,      /* { ... } initialiser of `type`: one arg per element or field, nested lists already shaped */
+    E_COMMA,     /* a[0], a[1] */
+    E_LEN,       /* len(a): int constant, cval */
+} ExprKind;
+
+typedef enum Builtin {
+    B_NONE,
+#define BUILTIN(id, name, sig) B_##id,
+#include "compiler/front/builtins.def"
+#undef BUILTIN
+    B_COUNT
+} Builtin;
+
+typedef enum Method { M_SAMPLE, M_NEAREST, M_LOAD, M_SIZE, M_HEIGHT, M_GRADIENT, M_NORMAL, M_TRACE, M_OCCLUDED, M_CLEARANCE, M_SILHOUETTE } Method;
+
+/* Operators, shared by the lexer and the tree. */
+typedef enum Operator {
+    OPR_NONE, OPR_ADD, OPR_SUB, OPR_MUL, OPR_DIV, OPR_MOD, OPR_AND, OPR_OR, OPR_XOR, OPR_SHL, OPR_SHR,
+    OPR_EQ, OPR_NE, OPR_LT, OPR_LE, OPR_GT, OPR_GE, OPR_LAND, OPR_LOR, OPR_NOT, OPR_COMPL, OPR_NEG, OPR_PLUS, OPR_INC, OPR_DEC
+} Operator;
+
+struct Expr {
+    ExprKind kind;
+    Span span;         /* the whole expression */
+    Span op_span;      /* the operator, field name or callee: where carets point */
+    Type *type;
+    Operator op;
+    Expr *a[3];
+    Expr **args;
+    uint32_t nargs;
+    Symbol *sym;
+    Func *func;
+    Builtin builtin;
+    Method method;
+    uint32_t field;    /* E_FIELD index */
+    uint8_t swz[4], nswz;
+    bool prefix, explicit_cast, is_const, parenthesised;
+    ConstVal cval;
+    const char *name;  /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
+};
+
+typedef enum SymbolKind { SYM_LOCAL, SYM_ARG, SYM_CONST, SYM_PARAM } SymbolKind;
+typedef enum ArgMode { ARG_IN, ARG_OUT, ARG_INOUT } ArgMode;
+
+/* Attributes of parameters ([Range] and friends). */
+typedef struct ParamAttrs {
+    bool nodiff, color, log, has_range, has_extent, has_height;
+    double lo, hi;
+    const char *doc;
+    double extent[4], height_scale, height_offset;
+} ParamAttrs;
+
+struct Symbol {
+    SymbolKind kind;
+    const char *name;
+    Type *type;
+    Span span;
+    ArgMode mode;       /* SYM_ARG */
+    Module *module;     /* SYM_CONST, SYM_PARAM */
+    Expr *init;         /* local initialiser, const value, param value (NULL where open) */
+    ConstVal cval;      /* SYM_CONST of scalar, vector or matrix type */
+    Expr *array_init;   /* SYM_CONST of array or struct type: its checked E_LIST */
+    uint32_t id;        /* dense number within the function (locals and arguments) */
+    /* parameters */
+    ParamAttrs attrs;
+    Func *init_func;    /* = init(f) */
+    const char *asset;  /* = "file", resolved path */
+    bool zeros;         /* = zeros(w, h[, channels]) */
+    uint32_t tex_w, tex_h, tex_c; /* of textures and heightfields, known at compile time */
+    uint32_t param_index;         /* in Program.params */
+    const char *doc_name;         /* "radius" or "module.name" */
+    Symbol *next;
+};
+
+typedef enum StmtKind {
+    S_EXPR, S_DECL, S_IF, S_FOR, S_WHILE, S_DO, S_SWITCH, S_BREAK, S_CONTINUE, S_RETURN, S_BLOCK, S_EMPTY, S_PRINT, S_ASSERT
+} StmtKind;
+
+/* Attributes of a statement, as written. */
+typedef struct StmtAttrs {
+    bool disc, nodisc, skip_loop;
+    Span disc_span, skip_span;
+    Expr *max_iters;    /* checked: constant int, value in max_iters->cval */
+    Func *cull;         /* [Cull(bounds)] */
+    Span cull_span;
+    const char *cull_name;
+} StmtAttrs;
+
+typedef struct SwitchCase {
+    bool is_default;
+    int64_t label;      /* checked */
+    Expr *label_expr;
+    Span span;
+    Stmt **body;        /* falls through to the next case unless it breaks */
+    uint32_t nbody;
+} SwitchCase;
+
+struct Stmt {
+    StmtKind kind;
+    Span span;
+    StmtAttrs attrs;
+    Expr *expr;             /* S_EXPR, S_RETURN (or NULL), condition of S_IF S_FOR S_WHILE S_DO, value of S_SWITCH, S_ASSERT condition */
+    Symbol **decls;         /* S_DECL: one per declarator, `init` in the symbol */
+    uint32_t ndecls;
+    Stmt *init;             /* S_FOR: S_DECL, S_EXPR or NULL */
+    Expr *step;             /* S_FOR */
+    Stmt *body, *orelse;    /* S_IF both; loops: body */
+    Stmt **stmts;           /* S_BLOCK */
+    uint32_t nstmts;
+    SwitchCase *cases;
+    uint32_t ncases;
+    Expr **args;            /* S_PRINT: values and string literals (E_LITERAL with name set, type NULL) */
+    uint32_t nargs;
+    /* loops, filled by check.c */
+    int64_t trip_bound;     /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters; lower may refine */
+    bool trip_exact;        /* the bound is proven, no [MaxIters] cut is needed */
+};
+
+struct Func {
+    const char *name;
+    Span span, name_span;
+    Module *module;
+    Type *ret;
+    Symbol **args;
+    uint32_t nargs;
+    Stmt *body;
+    bool is_shader;
+    const char *tangent_name; /* [Tangent(df)] */
+    Span tangent_span;
+    Func *tangent;
+    bool nodisc, uses_rand;   /* [NoDisc] on a function covers its whole body (stdlib noise uses it) */
+    /* shaders */
+    uint32_t dim;             /* 1..3 */
+    bool has_domain;
+    double lo[3], hi[3];
+    Expr *domain_lo, *domain_hi;
+    uint32_t nlocals;         /* size of the Symbol.id space */
+    uint32_t check_state;
+    Func *next;
+};
+
+typedef struct Import {
+    const char *name;
+    Span span;
+    Module *module;
+} Import;
+
+struct Module {
+    const char *name;         /* file name without .salt */
+    int32_t file;             /* index into Session.sources */
+    Import *imports;
+    uint32_t nimports;
+    Symbol *consts, *params;  /* in order of declaration */
+    Func *funcs;
+    Type **structs;
+    uint32_t nstructs;
+    bool is_main, is_stdlib;
+    Module *next;             /* every loaded module, in order of loading */
+};
+
+/* Overrides from the command line, applied while checking (values of `--set`; sizes of open arrays come from `--param x=@file` too). */
+typedef struct ConstOverride {
+    const char *name; /* "N" or "module.N" */
+    const char *text; /* a literal of the constant's type */
+    bool used;
+} ConstOverride;
+
+/* What assets tell the front end before any value is read: dimensions. Supplied by the caller, so that the compiler does not read images.
+ * Returns false with *why set. kind: 't' texture (w, h, c), 'h' heightfield (w, h), 'a' array table (dims[0..ndims) outermost first). */
+typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+
+typedef struct FrontOptions {
+    const char *entry;               /* NULL: main, or the only one */
+    ConstOverride *overrides;
+    uint32_t noverrides;
+    bool disc_auto;                  /* --disc=auto */
+    AssetProbe *probe;
+    void *probe_user;
+} FrontOptions;
+
+/* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error. */
+Module *parse_module(Session *s, int file, const char *name);
+/* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard library). */
+Module *load_modules(Session *s, int file);
+/* check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules. Returns the entry
+ * shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
+Func *check_program(Session *s, Module *main, const FrontOptions *opt);
+/* type.c */
+Type *type_scalar(TypeKind k);
+Type *type_vector(Session *s, TypeKind elem, uint32_t n);
+Type *type_matrix(Session *s, uint32_t n);
+Type *type_array(Session *s, Type *elem, uint32_t n);
+bool type_is_float(const Type *t);   /* float, its vectors and matrices */
+uint32_t type_components(const Type *t); /* scalars in a value of this type, arrays and structs included */
+
+#endif

@@ -1,0 +1,61 @@
+/* The front end's product: a Program, one entry point as primal IR with the tables that people and the runtime need. */
+#ifndef SALTUS_FRONT_FRONT_H
+#define SALTUS_FRONT_FRONT_H
+
+#include "compiler/front/ast.h"
+#include "compiler/ir/ir.h"
+
+/* One parameter (of any type). Its scalars lie in the two flat vectors of the program: float components in order of
+ * declaration in `floats`, int, uint and bool components in `ints`. An element of an array of structs is `fstride` floats and `istride` ints. */
+typedef struct Param {
+    const char *name;        /* "radius", "module.name" */
+    Type *type;
+    Symbol *sym;
+    uint32_t fbase, fcount;  /* slice of the float vector; textures: h*w*c texels, row 0 the top */
+    uint32_t ibase, icount;
+    bool differentiable;     /* has floats, no [NoDiff] */
+    ParamAttrs attrs;
+    bool is_texture, is_heightfield;
+    uint32_t tex_w, tex_h, tex_c;
+    const char *asset;       /* initial value comes from this file (the caller loads it into floats); NULL: in init_* */
+} Param;
+
+typedef struct Program {
+    Session *session;
+    const char *entry;
+    uint32_t dim, channels;      /* 1..3, 1..4 */
+    double lo[3], hi[3];
+    Param *params;
+    uint32_t nparams;
+    uint32_t nfloats, nints;
+    double *init_floats;         /* values from the source (not of assets) */
+    int32_t *init_ints;
+    Fn *primal;                  /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
+    bool uses_rand, uses_pixel, uses_prints;
+    uint32_t ncull;              /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input k0 */
+    Fn **cull_bounds;
+    Func *entry_func;
+} Program;
+
+typedef struct ProgramOptions {
+    FrontOptions front;
+    Precision precision;
+    uint32_t seed;               /* for rand() in initialiser functions */
+} ProgramOptions;
+
+/* lower.c: checked entry -> Program. Inlines every call (beyond 2^18 operations: an error that shows the call tree with counts). NULL after reporting. */
+Program *lower_program(Session *s, Module *main, Func *entry, const ProgramOptions *opt);
+
+/* front.c: the whole front end: load, check, lower, untracked-discontinuity warnings. NULL if any error was reported. */
+Program *front_compile(Session *s, int file, const ProgramOptions *opt);
+
+/* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */
+typedef struct ParamRef {
+    const Param *param;
+    Type *type;              /* of what was named: a component, an element, a field or the whole */
+    uint32_t fbase, fcount;  /* the floats named, contiguous */
+    uint32_t ibase, icount;
+} ParamRef;
+bool program_find(const Program *p, const char *name, ParamRef *out, const char **why); /* why suggests the nearest name */
+
+#endif

@@ -1,0 +1,61 @@
+/* How compiled kernels meet the runtime: the whole contract of the JIT, and of objects made by `saltus build`.
+ *
+ * A kernel processes n samples. Every array is a structure of arrays, 64-byte aligned, and readable and writable up to n rounded up to 64 elements: kernels work in full
+ * vectors, so the caller fills the tail with copies of a valid sample (and zero seeds). flt is float or double by the program's precision.
+ * The kernel never allocates, never fails and keeps no state: one SltKernelArgs per thread makes it thread-safe. */
+#ifndef SALTUS_KERNEL_H
+#define SALTUS_KERNEL_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { SLT_IN_VARYING = 24, SLT_OUT_MAX = 24, SLT_PAD = 64 };
+enum { SLT_COUNT_TRUNCATED, SLT_COUNT_ASSERT, SLT_COUNT_TAPE_OVERFLOW, SLT_COUNT_NONFINITE, SLT_COUNTERS };
+
+/* One (parameter index, value) pair of a varying-index adjoint; the runtime adds them in tile order. */
+typedef struct SltAdjEntry {
+    uint32_t index;
+    float pad;
+    double value;
+} SltAdjEntry;
+
+/* Iterations of a [Cull] loop that may do something in this tile, ascending. */
+typedef struct SltCullList {
+    const int32_t *items;
+    int32_t count;       /* < 0: no list, run all */
+} SltCullList;
+
+typedef struct SltKernelArgs {
+    const void *in[SLT_IN_VARYING]; /* by InputSlot of compiler/ir/ir.h: flt or int32_t; NULL where the kernel does not read it */
+    void *out[SLT_OUT_MAX];         /* by output of the kernel: flt, or int32_t for integers and booleans */
+    const void *params;             /* flt[nfloats] */
+    const int32_t *iparams;         /* int32_t[nints] */
+    const void *dparams;            /* flt[nfloats], forward mode */
+    /* Reverse mode. Layout by the kernel's AdjLayout: LANES: flt[nfloats][adj_width], summed over lanes by the caller once a tile;
+     * FLAT: flt[nfloats]. Parameters read at varying indices append to the log instead. */
+    void *adj;
+    SltAdjEntry *log;
+    uint64_t log_len, log_cap;      /* the kernel stops writing at log_cap and keeps counting in log_len: the caller grows and re-runs */
+    unsigned char *tape;            /* scratch of the reverse kernels, 64-byte aligned */
+    uint64_t tape_bytes;
+    int32_t resolution[2];
+    int32_t site;
+    const SltCullList *cull;        /* by cull_id, or NULL */
+    uint64_t counters[SLT_COUNTERS];
+    /* print(): values already as doubles; may be NULL (then nothing is printed) */
+    void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
+    void *user;
+    const struct SltField *const *fields; /* heightfields, by field index */
+    uint32_t n_valid;               /* lanes beyond it do not count in counters, prints and log (n of the call without padding) */
+} SltKernelArgs;
+
+typedef void SltKernel(SltKernelArgs *args, uint32_t n);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
