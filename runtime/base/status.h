@@ -1,25 +1,45 @@
-/* Statuses shared by the runtime, the library and the command (they are its exit statuses). */
-#ifndef SALTUS_BASE_STATUS_H
-#define SALTUS_BASE_STATUS_H
+/* Status codes and error texts shared by the runtime and the command.
+ *
+ * Every runtime function that can fail takes an `SltError *` (never NULL unless said) and returns an SltStatus:
+ * SLT_OK, or the same code it left in the error. The codes are the exit statuses of the command. An SltError is
+ * plain data owned by the caller; nothing in it needs freeing; one per thread. */
+#ifndef SALTUS_RUNTIME_BASE_STATUS_H
+#define SALTUS_RUNTIME_BASE_STATUS_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 typedef enum SltStatus {
     SLT_OK = 0,
-    SLT_CHECK_FAILED = 1,  /* a check or a fit failed, an assert of the shader failed */
-    SLT_USAGE = 2,
-    SLT_PROGRAM = 3,       /* an error in the program */
-    SLT_INPUT = 4,         /* an input file is missing or bad */
-    SLT_OUTPUT = 5,        /* an output could not be written */
-    SLT_LIMIT = 6,         /* a limit of time, memory or size was reached */
-    SLT_INTERNAL = 70,     /* a fault of ours */
-    SLT_INTERRUPTED = 130
+    SLT_CHECK_FAILED = 1, /* a check or a fit failed */
+    SLT_USAGE = 2,        /* wrong arguments */
+    SLT_PROGRAM = 3,      /* an error in the program */
+    SLT_INPUT = 4,        /* an input file is missing or bad */
+    SLT_OUTPUT = 5,       /* an output could not be written */
+    SLT_LIMIT = 6,        /* a limit of time, memory or size was reached */
+    SLT_INTERNAL = 70,    /* a fault of ours */
+    SLT_INTERRUPTED = 130 /* stopped cleanly on request */
 } SltStatus;
 
 typedef struct SltError {
     SltStatus status;
-    char text[512];
+    char text[512]; /* one line without a newline; "" when status is SLT_OK */
 } SltError;
 
-/* Fills *err (may be NULL) and returns status. */
-SltStatus slt_error(SltError *err, SltStatus status, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+/* Fills `err` (which may be NULL: then only the status is returned) and returns `status`, so that callers can
+ * write `return status_fail(err, SLT_INPUT, "...", ...)`. A text that does not fit is cut. */
+SltStatus status_fail(SltError *err, SltStatus status, const char *fmt, ...)
+    __attribute__((format(printf, 3, 4)));
 
+/* The same with ": <errno text>" added; `code` is an errno value. Thread-safe. */
+SltStatus status_fail_errno(SltError *err, SltStatus status, int code, const char *fmt, ...)
+    __attribute__((format(printf, 4, 5)));
+
+/* A static name: "ok", "check failed", "usage" ... */
+const char *status_name(SltStatus status);
+
+#ifdef __cplusplus
+}
+#endif
 #endif
