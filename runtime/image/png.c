@@ -1,0 +1,229 @@
+/* PNG through libpng, from and to memory. libpng reports errors by longjmp: everything that must survive one lives in a struct
+ * on the heap or is volatile-free because it is set before setjmp. */
+#include "internal.h"
+
+#include <png.h>
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { CHUNK_LIMIT = 8 << 20, CHUNK_CACHE = 64 };
+
+typedef struct Png {
+    png_structp png;
+    png_infop info;
+    char message[160];
+    const uint8_t *bytes; /* reading */
+    size_t size, at;
+    uint8_t *pixels;
+    png_bytep *rows;
+    int width, height, channels, bits;
+    Bytes *out; /* writing */
+    SltStatus status;
+    jmp_buf escape;
+} Png;
+
+static void on_error(png_structp png, png_const_charp msg) {
+    Png *p = png_get_error_ptr(png);
+    if (!p->message[0]) {
+        snprintf(p->message, sizeof p->message, "%s", msg);
+    }
+    longjmp(p->escape, 1);
+}
+
+static void on_warning(png_structp png, png_const_charp msg) {
+    (void)png;
+    (void)msg; /* oddities that do not change pixels */
+}
+
+static void read_bytes(png_structp png, png_bytep to, size_t n) {
+    Png *p = png_get_io_ptr(png);
+    if (n > p->size - p->at) {
+        png_error(png, "the file ends too early");
+    }
+    memcpy(to, p->bytes + p->at, n);
+    p->at += n;
+}
+
+static void write_bytes(png_structp png, png_bytep from, size_t n) {
+    Png *p = png_get_io_ptr(png);
+    bytes_append(p->out, from, n);
+    if (p->out->failed) {
+        p->status = SLT_LIMIT;
+        png_error(png, "out of memory");
+    }
+}
+
+static void flush_bytes(png_structp png) { (void)png; }
+
+/* Reads header and pixels into p->pixels, 8 or 16 bits in host order. Longjmps on error. */
+static void read_pixels(Png *p, const char *name, SltError *err) {
+    png_set_read_fn(p->png, p, read_bytes);
+    png_set_user_limits(p->png, IMAGE_MAX_SIDE, IMAGE_MAX_SIDE);
+    png_set_chunk_malloc_max(p->png, CHUNK_LIMIT);
+    png_set_chunk_cache_max(p->png, CHUNK_CACHE);
+    png_read_info(p->png, p->info);
+    double width = png_get_image_width(p->png, p->info), height = png_get_image_height(p->png, p->info);
+    p->status = check_claim(name, width, height, 4, p->size, err);
+    if (p->status != SLT_OK) {
+        longjmp(p->escape, 1);
+    }
+    p->status = SLT_INPUT;
+    png_set_expand(p->png); /* palette to colour, 1-4 bits to 8, tRNS to alpha */
+    if (png_get_bit_depth(p->png, p->info) == 16) {
+        const uint16_t probe = 1;
+        if (*(const uint8_t *)&probe) {
+            png_set_swap(p->png);
+        }
+    }
+    int passes = png_set_interlace_handling(p->png);
+    png_read_update_info(p->png, p->info);
+    p->width = (int)width;
+    p->height = (int)height;
+    p->channels = png_get_channels(p->png, p->info);
+    p->bits = png_get_bit_depth(p->png, p->info);
+    size_t row = png_get_rowbytes(p->png, p->info);
+    if (p->channels < 1 || p->channels > 4 || (p->bits != 8 && p->bits != 16) ||
+        row != (size_t)p->width * (size_t)p->channels * (size_t)(p->bits / 8)) {
+        png_error(p->png, "unexpected pixel layout");
+    }
+    p->pixels = calloc((size_t)p->height, row);
+    p->rows = malloc((size_t)p->height * sizeof *p->rows);
+    if (!p->pixels || !p->rows) {
+        p->status = SLT_LIMIT;
+        png_error(p->png, "out of memory");
+    }
+    for (int y = 0; y < p->height; y++) {
+        p->rows[y] = p->pixels + (size_t)y * row;
+    }
+    for (int pass = 0; pass < passes; pass++) {
+        png_read_rows(p->png, p->rows, NULL, (png_uint_32)p->height);
+    }
+    png_read_end(p->png, NULL);
+}
+
+static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
+    SltStatus status = image_create(out, p->width, p->height, p->channels, err);
+    if (status != SLT_OK) {
+        return status;
+    }
+    int levels = p->bits == 16 ? 65536 : 256;
+    float *linear = malloc((size_t)levels * sizeof *linear);
+    if (!linear) {
+        image_free(out);
+        return status_fail(err, SLT_LIMIT, "out of memory");
+    }
+    for (int i = 0; i < levels; i++) {
+        float v = (float)i / (float)(levels - 1);
+        linear[i] = raw ? v : image_decode_srgb(v);
+    }
+    size_t total = (size_t)p->width * (size_t)p->height * (size_t)p->channels;
+    bool has_alpha = p->channels == 2 || p->channels == 4;
+    const uint16_t *wide = (const uint16_t *)(const void *)p->pixels; /* calloc'd, so aligned */
+    for (size_t i = 0; i < total; i++) {
+        unsigned q = p->bits == 16 ? wide[i] : p->pixels[i];
+        bool alpha = has_alpha && i % (size_t)p->channels == (size_t)p->channels - 1;
+        out->data[i] = alpha ? (float)q / (float)(levels - 1) : linear[q];
+    }
+    free(linear);
+    return SLT_OK;
+}
+
+SltStatus png_decode(const char *name, const uint8_t *bytes, size_t size, bool raw, Image *out, SltError *err) {
+    *out = (Image){0};
+    if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0) {
+        return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PNG file", name);
+    }
+    Png *p = calloc(1, sizeof *p);
+    if (p) {
+        *p = (Png){.bytes = bytes, .size = size, .status = SLT_INPUT};
+        p->png = png_create_read_struct(PNG_LIBPNG_VER_STRING, p, on_error, on_warning);
+        p->info = p->png ? png_create_info_struct(p->png) : NULL;
+    }
+    if (!p || !p->info) {
+        if (p) {
+            png_destroy_read_struct(&p->png, NULL, NULL);
+        }
+        free(p);
+        return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
+    }
+    SltStatus status;
+    if (setjmp(p->escape) == 0) {
+        read_pixels(p, name, err);
+        status = to_floats(p, raw, out, err);
+    } else { /* without a message, check_claim has already filled err */
+        status = p->message[0] ? status_fail(err, p->status, "cannot read '%s': %s", name, p->message) : p->status;
+    }
+    png_destroy_read_struct(&p->png, &p->info, NULL);
+    free(p->pixels);
+    free(p->rows);
+    free(p);
+    return status;
+}
+
+/* `pixels` holds samples of 8 bits, or of 16 bits with the high byte first. */
+SltStatus png_encode(const char *name, int width, int height, int channels, int bits, const uint8_t *pixels, Bytes *out,
+                     SltError *err) {
+    static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
+                                PNG_COLOR_TYPE_RGB_ALPHA};
+    if (width < 1 || height < 1 || channels < 1 || channels > 4 || width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE) {
+        return status_fail(err, SLT_USAGE, "cannot write '%s': %d x %d pixels of %d channels", name, width, height,
+                           channels);
+    }
+    Png *p = calloc(1, sizeof *p);
+    if (p) {
+        *p = (Png){.out = out, .status = SLT_OUTPUT};
+        p->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, p, on_error, on_warning);
+        p->info = p->png ? png_create_info_struct(p->png) : NULL;
+    }
+    if (!p || !p->info) {
+        if (p) {
+            png_destroy_write_struct(&p->png, NULL);
+        }
+        free(p);
+        return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", name);
+    }
+    SltStatus status = SLT_OK;
+    if (setjmp(p->escape) == 0) {
+        size_t row = (size_t)width * (size_t)channels * (size_t)(bits / 8);
+        png_set_write_fn(p->png, p, write_bytes, flush_bytes);
+        png_set_user_limits(p->png, IMAGE_MAX_SIDE, IMAGE_MAX_SIDE);
+        png_set_IHDR(p->png, p->info, (png_uint_32)width, (png_uint_32)height, bits, types[channels],
+                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+        png_write_info(p->png, p->info);
+        for (int y = 0; y < height; y++) {
+            png_write_row(p->png, pixels + (size_t)y * row);
+        }
+        png_write_end(p->png, p->info);
+    } else {
+        status = status_fail(err, p->status, "cannot write '%s': %s", name, p->message);
+    }
+    png_destroy_write_struct(&p->png, &p->info);
+    free(p);
+    return status;
+}
+
+SltStatus image_encode_png8(const char *name, int width, int height, int channels, const uint8_t *pixels,
+                            uint8_t **bytes, size_t *size, SltError *err) {
+    Bytes b = {0};
+    SltStatus status = png_encode(name, width, height, channels, 8, pixels, &b, err);
+    if (status != SLT_OK) {
+        bytes_free(&b);
+    }
+    *bytes = b.data;
+    *size = b.size;
+    return status;
+}
+
+SltStatus image_write_png8(const char *path, int width, int height, int channels, const uint8_t *pixels,
+                           SltError *err) {
+    uint8_t *bytes;
+    size_t size;
+    SltStatus status = image_encode_png8(path, width, height, channels, pixels, &bytes, &size, err);
+    if (status == SLT_OK) {
+        status = file_write_atomic(path, bytes, size, err);
+    }
+    free(bytes);
+    return status;
+}
