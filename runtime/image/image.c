@@ -1,4 +1,7 @@
 /* The Image itself: making, naming, converting, resizing, and choosing a format by extension. */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* strdup */
+#endif
 #include "internal.h"
 
 #include <ctype.h>
