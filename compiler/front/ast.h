@@ -42,6 +42,44 @@ typedef struct Symbol Symbol;
 typedef struct Func Func;
 typedef struct Module Module;
 
+/* A type as written: parse.c leaves names unresolved, check.c resolves them into Type pointers. Names are interned.
+ * `float[3] a[2]` has dims {2, 3}: outermost first, the declarator's before the type's own. */
+typedef struct TypeRef {
+    const char *name;  /* "float3", "void", "Disc", a typedef's name, "texture2D" */
+    Span span;         /* of the name */
+    Expr **dims;       /* NULL entry: open `[]` (only parsed first, and only where a value is given) */
+    uint32_t ndims;    /* at most 16 */
+} TypeRef;
+
+/* struct Name { fields }; */
+typedef struct FieldDecl {
+    const char *name;
+    Span span;         /* of the name */
+    TypeRef *type_ref;
+} FieldDecl;
+typedef struct StructDecl StructDecl;
+struct StructDecl {
+    const char *name;
+    Span span;         /* of the name */
+    FieldDecl *fields;
+    uint32_t nfields;
+    Module *module;
+    Type *type;           /* filled by check.c */
+    uint32_t check_state; /* free for check.c */
+    StructDecl *next;     /* in order of declaration */
+};
+/* typedef T name; (also `typedef float F3[3];` and `typedef float[3] F3;`) */
+typedef struct TypedefDecl TypedefDecl;
+struct TypedefDecl {
+    const char *name;
+    Span span;         /* of the name */
+    TypeRef *type_ref;
+    Module *module;
+    Type *type;           /* filled by check.c */
+    uint32_t check_state; /* free for check.c */
+    TypedefDecl *next;    /* in order of declaration */
+};
+
 /* A compile-time constant: up to 16 components of a scalar kind (integers as bit patterns widened from 32 bits). */
 typedef struct ConstVal {
     union {
@@ -110,13 +148,28 @@ struct Expr {
     bool prefix, explicit_cast, is_const, parenthesised;
     ConstVal cval;
     const char *name;  /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
+    uint32_t depth;    /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
 };
+
+/* What parse.c leaves in an Expr (everything else is zero), names interned:
+ *  E_LITERAL    type (bool, int, uint or float) and cval with n == 1; a string: type NULL, `name` its decoded text
+ *  E_NAME       name
+ *  E_CALL       name, args: also constructors of user types (`Disc(a, b)`) and builtins; check.c tells them apart
+ *  E_CONSTRUCT  name of a type keyword, args: `float3(1.0)`, `int(v)`; a C cast `(float)v` or `(Disc)0` is the same with explicit_cast
+ *  E_METHOD     a[0], name, args: `t.sample(uv)`
+ *  E_FIELD      a[0], name: `a.b`, swizzles too; check.c tells them apart
+ *  E_INDEX E_UNARY E_BINARY E_LOGIC E_COND E_ASSIGN E_INCDEC E_LIST E_COMMA as above; E_LEN is E_CALL of "len" still
+ *  E_ERROR      after a syntax error was reported
+ * E_ASSIGN has op OPR_NONE for plain `=`, and OPR_ADD … for `+=` …; a[1] may be an E_LIST only in initialisers. */
 
 typedef enum SymbolKind { SYM_LOCAL, SYM_ARG, SYM_CONST, SYM_PARAM } SymbolKind;
 typedef enum ArgMode { ARG_IN, ARG_OUT, ARG_INOUT } ArgMode;
 
 /* Attributes of parameters ([Range] and friends). */
 typedef struct ParamAttrs {
+    /* as parsed: constant expressions, evaluated into the numbers below by check.c when the has_ flag is set */
+    Expr *range_args[2], *extent_args[4], *height_args[2];
+    Span range_span, extent_span, height_span, color_span, log_span, nodiff_span;
     bool nodiff, color, log, has_range, has_extent, has_height;
     double lo, hi;
     const char *doc;
@@ -142,7 +195,15 @@ struct Symbol {
     uint32_t tex_w, tex_h, tex_c; /* of textures and heightfields, known at compile time */
     uint32_t param_index;         /* in Program.params */
     const char *doc_name;         /* "radius" or "module.name" */
-    Symbol *next;
+    /* as parsed */
+    TypeRef *type_ref;
+    bool is_const;                /* `const` local: it has an init and is never assigned */
+    const char *init_name;        /* = init(f): the name f; `init` is NULL then, as for the next two */
+    const char *asset_text;       /* = "file": the text as written (decoded), `asset` is what check.c resolves it to */
+    Expr **zeros_args;            /* = zeros(w, h[, channels]): 2 or 3 expressions, `zeros` is set */
+    uint32_t nzeros_args;
+    Span value_span;              /* of the f, the string or the whole zeros(...) */
+    Symbol *next;                 /* consts and params of a module, in order */
 };
 
 typedef enum StmtKind {
@@ -152,7 +213,7 @@ typedef enum StmtKind {
 /* Attributes of a statement, as written. */
 typedef struct StmtAttrs {
     bool disc, nodisc, skip_loop;
-    Span disc_span, skip_span;
+    Span disc_span, skip_span, nodisc_span, max_iters_span;
     Expr *max_iters;    /* checked: constant int, value in max_iters->cval */
     Func *cull;         /* [Cull(bounds)] */
     Span cull_span;
@@ -170,7 +231,7 @@ typedef struct SwitchCase {
 
 struct Stmt {
     StmtKind kind;
-    Span span;
+    Span span;              /* compound statements: the header, from the keyword to its `)`; blocks: the `{`; others: the whole */
     StmtAttrs attrs;
     Expr *expr;             /* S_EXPR, S_RETURN (or NULL), condition of S_IF S_FOR S_WHILE S_DO, value of S_SWITCH, S_ASSERT condition */
     Symbol **decls;         /* S_DECL: one per declarator, `init` in the symbol */
@@ -182,7 +243,7 @@ struct Stmt {
     uint32_t nstmts;
     SwitchCase *cases;
     uint32_t ncases;
-    Expr **args;            /* S_PRINT: values and string literals (E_LITERAL with name set, type NULL) */
+    Expr **args;            /* S_PRINT: values and string literals (E_LITERAL with name set, type NULL); S_ASSERT: its text, if any */
     uint32_t nargs;
     /* loops, filled by check.c */
     int64_t trip_bound;     /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters; lower may refine */
@@ -209,7 +270,10 @@ struct Func {
     Expr *domain_lo, *domain_hi;
     uint32_t nlocals;         /* size of the Symbol.id space */
     uint32_t check_state;
-    Func *next;
+    /* as parsed */
+    TypeRef *ret_ref;
+    Span domain_span, nodisc_span, end_span; /* end_span: the closing brace */
+    Func *next;               /* in order of declaration */
 };
 
 typedef struct Import {
@@ -227,6 +291,8 @@ struct Module {
     Func *funcs;
     Type **structs;
     uint32_t nstructs;
+    StructDecl *struct_decls; /* as parsed, in order of declaration */
+    TypedefDecl *typedefs;
     bool is_main, is_stdlib;
     Module *next;             /* every loaded module, in order of loading */
 };
@@ -251,7 +317,8 @@ typedef struct FrontOptions {
     void *probe_user;
 } FrontOptions;
 
-/* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error. */
+/* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error, and so is a chain
+ * (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024 statements. */
 Module *parse_module(Session *s, int file, const char *name);
 /* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard library). */
 Module *load_modules(Session *s, int file);
