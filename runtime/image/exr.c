@@ -241,32 +241,79 @@ static void order_channels(Plan *plan) {
     }
 }
 
-/* Points the pipeline's channels at the place of this chunk in the image. False when the chunk lies outside: the core checks
- * indices against the header, but a pixel pointer is ours to defend. */
-static bool aim(exr_decode_pipeline_t *pipe, const Plan *plan, int part, Image *im, int64_t x, int64_t y) {
-    for (int k = 0; k < pipe->channel_count; k++) {
-        exr_coding_channel_info_t *info = &pipe->channels[k];
-        if (x < 0 || y < 0 || info->width < 0 || info->height < 0 || x + info->width > im->width ||
-            y + info->height > im->height) {
-            return false;
+/* Where the pixels of a chunk go. */
+typedef struct Aim {
+    const Plan *plan;
+    Image *im;
+    int part;
+    int64_t x, y;
+} Aim;
+
+static float half_to_float(uint16_t h) {
+    uint32_t sign = (uint32_t)(h & 0x8000) << 16, exponent = h >> 10 & 31, mantissa = h & 1023, bits;
+    float f;
+    if (exponent == 0) {
+        f = (float)mantissa * 0x1p-24f; /* exact, also zero */
+        memcpy(&bits, &f, sizeof bits);
+        bits |= sign;
+    } else {
+        bits = sign | (exponent == 31 ? 0x7f800000u : (exponent + 112) << 23) | mantissa << 13;
+    }
+    memcpy(&f, &bits, sizeof f);
+    return f;
+}
+
+static uint32_t load_bytes(const uint8_t *p, int n) {
+    uint32_t v = 0;
+    for (int i = 0; i < n; i++) {
+        v |= (uint32_t)p[i] << 8 * i;
+    }
+    return v;
+}
+
+static float load_sample(const uint8_t *p, int type) {
+    float f;
+    if (type == EXR_PIXEL_HALF) {
+        return half_to_float((uint16_t)load_bytes(p, 2));
+    }
+    uint32_t v = load_bytes(p, 4);
+    if (type == EXR_PIXEL_UINT) {
+        return (float)v;
+    }
+    memcpy(&f, &v, sizeof f);
+    return f;
+}
+
+/* Takes the place of the core's own unpacking: with 3.1.5, uncompressed half R G B A into interleaved floats came out as
+ * zeros (test exr_layouts). A chunk is lines; a line is its channels in the order of the header; numbers are little-endian. */
+static exr_result_t unpack(exr_decode_pipeline_t *pipe) {
+    const Aim *aim = pipe->decoding_user_data;
+    const exr_chunk_info_t *chunk = &pipe->chunk;
+    const uint8_t *from = pipe->unpacked_buffer;
+    int target[IMAGE_MAX_CHANNELS];
+    uint64_t need = 0;
+    for (int i = 0; i < aim->plan->count; i++) {
+        const Channel *c = &aim->plan->channels[i];
+        if (c->part == aim->part && c->slot < pipe->channel_count) {
+            target[c->slot] = c->target;
         }
-        int target = -1;
-        for (int i = 0; i < plan->count; i++) {
-            if (plan->channels[i].part == part && plan->channels[i].slot == k) {
-                target = plan->channels[i].target;
+    }
+    for (int k = 0; k < pipe->channel_count; k++) {
+        need += (uint64_t)chunk->width * (uint64_t)chunk->height * (pipe->channels[k].data_type == EXR_PIXEL_HALF ? 2 : 4);
+    }
+    if (!from || need > chunk->unpacked_size) {
+        return EXR_ERR_CORRUPT_CHUNK;
+    }
+    for (int y = 0; y < chunk->height; y++) {
+        float *line = aim->im->data + ((size_t)(aim->y + y) * (size_t)aim->im->width + (size_t)aim->x) * (size_t)aim->im->channels;
+        for (int k = 0; k < pipe->channel_count; k++) {
+            int type = pipe->channels[k].data_type, bytes = type == EXR_PIXEL_HALF ? 2 : 4;
+            for (int x = 0; x < chunk->width; x++, from += bytes) {
+                line[(size_t)x * (size_t)aim->im->channels + (size_t)target[k]] = load_sample(from, type);
             }
         }
-        if (target < 0) {
-            return false;
-        }
-        size_t at = ((size_t)y * (size_t)im->width + (size_t)x) * (size_t)im->channels + (size_t)target;
-        info->user_bytes_per_element = 4;
-        info->user_data_type = EXR_PIXEL_FLOAT;
-        info->user_pixel_stride = (int32_t)sizeof(float) * im->channels;
-        info->user_line_stride = (int32_t)((size_t)im->width * (size_t)im->channels * sizeof(float));
-        info->decode_to_ptr = (uint8_t *)(im->data + at);
     }
-    return true;
+    return EXR_ERR_SUCCESS;
 }
 
 typedef struct Decoder {
@@ -281,17 +328,21 @@ static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *pl
         return status_fail(err, SLT_INPUT, "cannot read '%s': a block claims %llu bytes", s->name,
                            (unsigned long long)info->packed_size);
     }
+    if (x < 0 || y < 0 || info->width < 1 || info->height < 1 || x + info->width > im->width ||
+        y + info->height > im->height) { /* the core checks indices, but the pixels are ours to defend */
+        return status_fail(err, SLT_INPUT, "cannot read '%s': a block lies outside of the image", s->name);
+    }
+    Aim aim = {.plan = plan, .im = im, .part = part, .x = x, .y = y};
     rc = d->started ? exr_decoding_update(ctx, part, info, &d->pipe)
                     : exr_decoding_initialize(ctx, part, info, &d->pipe);
     if (rc == EXR_ERR_SUCCESS) {
         bool first = !d->started;
         d->started = true;
-        if (!aim(&d->pipe, plan, part, im, x, y)) {
-            return status_fail(err, SLT_INPUT, "cannot read '%s': a block lies outside of the image", s->name);
-        }
-        if (first) {
+        if (first) { /* for reading and decompressing; no channel has a pointer, so nothing is unpacked by it */
             rc = exr_decoding_choose_default_routines(ctx, part, &d->pipe);
         }
+        d->pipe.decoding_user_data = &aim;
+        d->pipe.unpack_and_convert_fn = unpack;
     }
     rc = rc ? rc : exr_decoding_run(ctx, part, &d->pipe);
     return rc ? fail_core(s, rc, "read", SLT_INPUT, err) : SLT_OK;
@@ -405,10 +456,6 @@ static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Imag
     order_channels(plan);
     int width = (int)((int64_t)plan->data.max.x - plan->data.min.x + 1);
     int height = (int)((int64_t)plan->data.max.y - plan->data.min.y + 1);
-    if ((double)width * plan->count * sizeof(float) > INT32_MAX) { /* the core's line stride is an int32 */
-        return status_fail(err, SLT_LIMIT, "'%s' is too large: %d pixels of %d channels in a row", s->name, width,
-                           plan->count);
-    }
     status = image_create(im, width, height, plan->count, err);
     for (int i = 0; i < plan->count && !status; i++) {
         image_set_name(im, i, plan->channels[i].name);

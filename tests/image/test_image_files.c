@@ -1,0 +1,505 @@
+/* Images from elsewhere and from nowhere good: foreign EXR layouts, truncated and flipped files, limits, full disks. */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* mkdtemp */
+#endif
+#include <dirent.h>
+#include <math.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#if defined(__has_include) && __has_include(<openexr.h>)
+#include <openexr.h>
+#else
+#include <OpenEXR/openexr.h>
+#endif
+
+#include "../../runtime/image/image.h"
+
+static char folder[64];
+
+static const char *in_folder(const char *name) {
+    static char path[4][256];
+    static int turn;
+    turn = (turn + 1) & 3;
+    snprintf(path[turn], sizeof path[turn], "%s/%s", folder, name);
+    return path[turn];
+}
+
+static int make_folder(void **state) {
+    (void)state;
+    snprintf(folder, sizeof folder, "image_files_XXXXXX");
+    return mkdtemp(folder) ? 0 : -1;
+}
+
+static int drop_folder(void **state) {
+    (void)state;
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", folder);
+    return system(command);
+}
+
+static void must(SltStatus status, const SltError *err) {
+    if (status != SLT_OK) {
+        fail_msg("status %d: %s", status, err->text);
+    }
+}
+
+/* A file as another program might write it. */
+typedef struct Foreign {
+    int width, height, x0, y0; /* data window */
+    int display[4];            /* min x, min y, max x, max y; all zero: as the data window */
+    exr_storage_t storage;
+    exr_compression_t compression;
+    exr_pixel_type_t type;
+    const char *channels[6];
+    int sampling;
+    int parts;
+} Foreign;
+
+enum { TILE = 16 };
+
+static void check(exr_result_t rc) {
+    if (rc != EXR_ERR_SUCCESS) {
+        fail_msg("while making a file: %s", exr_get_default_error_message(rc));
+    }
+}
+
+/* Channel c of pixel (x, y): a whole number below 2048, exact in half, float and uint. */
+static unsigned value_of(int part, int c, int x, int y) { return (unsigned)(part * 700 + c * 300 + x * 7 + y * 3) % 2048; }
+
+static uint16_t to_half(unsigned v) { /* whole numbers up to 2048 */
+    int e = 0;
+    if (v == 0) {
+        return 0;
+    }
+    while ((v << e) < 1024) {
+        e++;
+    }
+    return (uint16_t)((25 - e) << 10 | ((v << e) & 1023));
+}
+
+static void fill(void *to, const Foreign *f, int part, int c, int w, int h, int x0, int y0) {
+    for (int i = 0; i < w * h; i++) {
+        unsigned v = value_of(part, c, x0 + i % w, y0 + i / w);
+        if (f->type == EXR_PIXEL_HALF) {
+            ((uint16_t *)to)[i] = to_half(v);
+        } else if (f->type == EXR_PIXEL_UINT) {
+            ((uint32_t *)to)[i] = v;
+        } else {
+            ((float *)to)[i] = (float)v;
+        }
+    }
+}
+
+static void encode_chunk(exr_context_t ctx, const Foreign *f, int part, exr_chunk_info_t *info, int x0, int y0) {
+    exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
+    check(exr_encoding_initialize(ctx, part, info, &pipe));
+    void *buffers[8] = {0};
+    for (int k = 0; k < pipe.channel_count; k++) {
+        exr_coding_channel_info_t *c = &pipe.channels[k];
+        buffers[k] = calloc((size_t)(c->width * c->height + 1), 4);
+        fill(buffers[k], f, part, k, c->width, c->height, x0, y0);
+        c->user_pixel_stride = c->bytes_per_element;
+        c->user_line_stride = c->bytes_per_element * c->width;
+        c->encode_from_ptr = buffers[k];
+    }
+    check(exr_encoding_choose_default_routines(ctx, part, &pipe));
+    check(exr_encoding_run(ctx, part, &pipe));
+    check(exr_encoding_destroy(ctx, &pipe));
+    for (int k = 0; k < 8; k++) {
+        free(buffers[k]);
+    }
+}
+
+static void write_foreign(const char *path, const Foreign *f) {
+    exr_context_t ctx;
+    exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    exr_attr_box2i_t data, display;
+    exr_attr_v2f_t centre;
+    memset(&centre, 0, sizeof centre);
+    data.min.x = f->x0;
+    data.min.y = f->y0;
+    data.max.x = f->x0 + f->width - 1;
+    data.max.y = f->y0 + f->height - 1;
+    display = data;
+    int parts = f->parts ? f->parts : 1;
+    if (f->display[2] > f->display[0]) {
+        display.min.x = f->display[0];
+        display.min.y = f->display[1];
+        display.max.x = f->display[2];
+        display.max.y = f->display[3];
+    }
+    check(exr_start_write(&ctx, path, EXR_WRITE_FILE_DIRECTLY, &init));
+    for (int p = 0; p < parts; p++) {
+        static const char *const names[] = {"left", "right"};
+        int index;
+        check(exr_add_part(ctx, names[p], f->storage, &index));
+        check(exr_initialize_required_attr(ctx, p, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y, f->compression));
+        if (f->storage == EXR_STORAGE_TILED || f->storage == EXR_STORAGE_DEEP_TILED) {
+            check(exr_set_tile_descriptor(ctx, p, TILE, TILE, EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN));
+        }
+        for (int c = 0; c < 6 && f->channels[c]; c++) {
+            int s = c == 1 && f->sampling ? f->sampling : 1;
+            check(exr_add_channel(ctx, p, f->channels[c], f->type, EXR_PERCEPTUALLY_LOGARITHMIC, s, s));
+        }
+    }
+    check(exr_write_header(ctx));
+    for (int p = 0; p < parts && f->storage == EXR_STORAGE_SCANLINE; p++) {
+        int lines;
+        check(exr_get_scanlines_per_chunk(ctx, p, &lines));
+        for (int y = 0; y < f->height; y += lines) {
+            exr_chunk_info_t info;
+            check(exr_write_scanline_chunk_info(ctx, p, f->y0 + y, &info));
+            encode_chunk(ctx, f, p, &info, 0, y);
+        }
+    }
+    for (int p = 0; p < parts && f->storage == EXR_STORAGE_TILED; p++) {
+        for (int ty = 0; ty * TILE < f->height; ty++) {
+            for (int tx = 0; tx * TILE < f->width; tx++) {
+                exr_chunk_info_t info;
+                check(exr_write_tile_chunk_info(ctx, p, tx, ty, 0, 0, &info));
+                encode_chunk(ctx, f, p, &info, tx * TILE, ty * TILE);
+            }
+        }
+    }
+    exr_result_t rc = exr_finish(&ctx);
+    if (f->storage == EXR_STORAGE_SCANLINE || f->storage == EXR_STORAGE_TILED) {
+        check(rc);
+    }
+}
+
+/* In the file channels are sorted: A B G R. */
+static void expect_rgba(const char *path, const Foreign *f, double tolerance) {
+    Image im;
+    SltError err = {0};
+    static const int sorted_index[4] = {3, 2, 1, 0};
+    must(image_read(path, NULL, &im, &err), &err);
+    assert_int_equal(im.width, f->width);
+    assert_int_equal(im.height, f->height);
+    assert_int_equal(im.channels, 4);
+    assert_string_equal(im.names[0], "R");
+    assert_string_equal(im.names[3], "A");
+    for (int y = 0; y < im.height; y++) {
+        for (int x = 0; x < im.width; x++) {
+            for (int c = 0; c < 4; c++) {
+                double want = value_of(0, sorted_index[c], x, y), got = im.data[(y * im.width + x) * 4 + c];
+                if (!(fabs(got - want) <= tolerance * 2048)) {
+                    fail_msg("compression %d storage %d type %d at %d %d channel %d: %g, want %g", f->compression,
+                             f->storage, f->type, x, y, c, got, want);
+                }
+            }
+        }
+    }
+    image_free(&im);
+}
+
+static const exr_compression_t lossless[] = {EXR_COMPRESSION_NONE, EXR_COMPRESSION_RLE, EXR_COMPRESSION_ZIPS,
+                                             EXR_COMPRESSION_ZIP, EXR_COMPRESSION_PIZ};
+
+static void exr_layouts(void **state) {
+    (void)state;
+    for (size_t c = 0; c < 5; c++) {
+        for (int tiled = 0; tiled < 2; tiled++) {
+            for (int type = 0; type < 3; type++) {
+                Foreign f = {.width = 37, .height = 41, .x0 = -5, .y0 = 9, .compression = lossless[c],
+                             .storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE,
+                             .type = (exr_pixel_type_t)type, .channels = {"R", "G", "B", "A"}};
+                write_foreign(in_folder("f.exr"), &f);
+                expect_rgba(in_folder("f.exr"), &f, 0);
+            }
+        }
+    }
+    Foreign lossy = {.width = 37, .height = 41, .compression = EXR_COMPRESSION_PXR24, .type = EXR_PIXEL_FLOAT,
+                     .storage = EXR_STORAGE_SCANLINE, .channels = {"R", "G", "B", "A"}};
+    write_foreign(in_folder("f.exr"), &lossy);
+    expect_rgba(in_folder("f.exr"), &lossy, 1e-4);
+    lossy.compression = EXR_COMPRESSION_B44;
+    lossy.type = EXR_PIXEL_HALF;
+    write_foreign(in_folder("f.exr"), &lossy);
+    expect_rgba(in_folder("f.exr"), &lossy, 0.2);
+}
+
+static void exr_windows(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    Foreign f = {.width = 8, .height = 6, .x0 = 2, .y0 = 3, .display = {0, 0, 11, 11}, .type = EXR_PIXEL_FLOAT,
+                 .storage = EXR_STORAGE_SCANLINE, .compression = EXR_COMPRESSION_ZIP, .channels = {"Y"}};
+    write_foreign(in_folder("w.exr"), &f);
+    must(image_read(in_folder("w.exr"), NULL, &im, &err), &err);
+    assert_true(im.width == 12 && im.height == 12 && im.channels == 1);
+    assert_true(im.data[0] == 0 && im.data[3 * 12 + 1] == 0);
+    assert_true(im.data[3 * 12 + 2] == value_of(0, 0, 0, 0) && im.data[8 * 12 + 9] == value_of(0, 0, 7, 5));
+    image_free(&im);
+    memcpy(f.display, (int[4]){4, 5, 6, 40}, sizeof f.display); /* overscan left, right and above */
+    write_foreign(in_folder("w.exr"), &f);
+    must(image_read(in_folder("w.exr"), NULL, &im, &err), &err);
+    assert_true(im.width == 3 && im.height == 36);
+    assert_true(im.data[0] == value_of(0, 0, 2, 2) && im.data[3 * 3 + 2] == value_of(0, 0, 4, 5) && im.data[4 * 3] == 0);
+    image_free(&im);
+    memcpy(f.display, (int[4]){100, 100, 120, 120}, sizeof f.display);
+    write_foreign(in_folder("w.exr"), &f);
+    assert_int_equal(image_read(in_folder("w.exr"), NULL, &im, &err), SLT_INPUT);
+    memcpy(f.display, (int[4]){0, 0, 900000, 900000}, sizeof f.display);
+    write_foreign(in_folder("w.exr"), &f);
+    assert_int_equal(image_read(in_folder("w.exr"), NULL, &im, &err), SLT_LIMIT);
+    assert_null(im.data);
+}
+
+static void exr_parts_and_refusals(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    Foreign f = {.width = 20, .height = 20, .type = EXR_PIXEL_HALF, .storage = EXR_STORAGE_SCANLINE, .parts = 2,
+                 .compression = EXR_COMPRESSION_ZIP, .channels = {"R", "G", "B", "Z"}};
+    write_foreign(in_folder("p.exr"), &f);
+    must(image_read(in_folder("p.exr"), NULL, &im, &err), &err);
+    assert_int_equal(im.channels, 8);
+    assert_string_equal(im.names[0], "R");
+    int at = image_find_channel(&im, "right.G");
+    assert_true(at > 3 && im.data[(3 * 20 + 4) * 8 + at] == value_of(1, 1, 4, 3));
+    image_free(&im);
+    f.parts = 1;
+    f.sampling = 2;
+    write_foreign(in_folder("s.exr"), &f);
+    assert_int_equal(image_read(in_folder("s.exr"), NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "subsampled"));
+    assert_non_null(strstr(err.text, "s.exr"));
+    f.sampling = 0;
+    f.storage = EXR_STORAGE_DEEP_SCANLINE;
+    f.compression = EXR_COMPRESSION_ZIPS;
+    write_foreign(in_folder("d.exr"), &f);
+    assert_int_equal(image_read(in_folder("d.exr"), NULL, &im, &err), SLT_INPUT);
+    if (access(in_folder("d.exr"), F_OK) == 0) {
+        assert_non_null(strstr(err.text, "d.exr"));
+    }
+}
+
+/* Reads every truncation and some flips; whatever happens must be a clean answer. Returns how many were accepted. */
+static int torture(const char *name, const uint8_t *bytes, size_t size, bool must_refuse_truncation) {
+    Image im;
+    SltError err;
+    int accepted = 0;
+    uint8_t *copy = malloc(size);
+    size_t stride = size > 3000 ? size / 1500 : 1;
+    for (size_t n = 0; n < size; n += n < 512 ? 1 : stride) {
+        uint8_t *exact = malloc(n ? n : 1); /* of exact size, so that the sanitizer sees a read past the end */
+        memcpy(exact, bytes, n);
+        err = (SltError){0};
+        SltStatus status = image_decode(name, exact, n, NULL, &im, &err);
+        if (status == SLT_OK) {
+            if (must_refuse_truncation) {
+                fail_msg("%s: %zu of %zu bytes were accepted", name, n, size);
+            }
+            image_free(&im);
+        } else {
+            assert_non_null(strstr(err.text, name));
+            assert_null(im.data);
+            assert_int_equal(err.status, status);
+        }
+        free(exact);
+    }
+    for (size_t at = 0; at < size; at += at < 700 ? 1 : stride) {
+        static const uint8_t masks[] = {0x01, 0x80, 0xff};
+        for (int m = 0; m < 3; m++) {
+            memcpy(copy, bytes, size);
+            copy[at] ^= masks[m];
+            err = (SltError){0};
+            if (image_decode(name, copy, size, NULL, &im, &err) == SLT_OK) {
+                accepted++;
+                image_free(&im);
+            } else {
+                assert_non_null(strstr(err.text, name));
+            }
+        }
+    }
+    free(copy);
+    return accepted;
+}
+
+static void torture_file(const char *path, bool refuse) {
+    uint8_t *bytes;
+    size_t size;
+    SltError err = {0};
+    must(file_read_all(path, &bytes, &size, &err), &err);
+    torture(path, bytes, size, refuse);
+    free(bytes);
+}
+
+static void damaged_exr(void **state) {
+    (void)state;
+    for (size_t c = 0; c < 8; c++) {
+        static const exr_compression_t all[] = {EXR_COMPRESSION_NONE, EXR_COMPRESSION_RLE, EXR_COMPRESSION_ZIPS,
+                                                EXR_COMPRESSION_ZIP, EXR_COMPRESSION_PIZ, EXR_COMPRESSION_PXR24,
+                                                EXR_COMPRESSION_B44, EXR_COMPRESSION_B44A};
+        for (int tiled = 0; tiled < 2; tiled++) {
+            Foreign f = {.width = 19, .height = 21, .compression = all[c], .type = EXR_PIXEL_HALF,
+                         .storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE, .channels = {"R", "G", "B"}};
+            write_foreign(in_folder("x.exr"), &f);
+            torture_file(in_folder("x.exr"), true);
+        }
+    }
+}
+
+static void damaged_png(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    for (int c = 1; c <= 4; c++) {
+        must(image_create(&im, 23, 9, c, &err), &err);
+        for (int i = 0; i < 23 * 9 * c; i++) {
+            im.data[i] = (float)((i * 37) % 101) / 101;
+        }
+        ImageWriteOptions o = {.bits = c & 1 ? 16 : 8};
+        must(image_write(in_folder("x.png"), &im, &o, &err), &err);
+        torture_file(in_folder("x.png"), true);
+        image_free(&im);
+    }
+}
+
+static void damaged_flat(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    must(image_create(&im, 5, 7, 3, &err), &err);
+    must(image_write(in_folder("x.pfm"), &im, NULL, &err), &err);
+    must(image_write(in_folder("x.npy"), &im, NULL, &err), &err);
+    torture_file(in_folder("x.pfm"), true);
+    torture_file(in_folder("x.npy"), true);
+    float raw[35] = {0};
+    torture("x_5x7.f32", (const uint8_t *)raw, sizeof raw, true);
+    image_free(&im);
+}
+
+static void huge_claims(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    static const char *const claims[] = {"PF\n999999 999999\n-1\n", "PF\n100000 100000\n-1\n", "Pf\n16000 16000\n-1\n",
+                                         "PF\n0 5\n-1\n", "PF\n-3 5\n-1\n", "PF\n3e3 5\n-1\n", "PF\n3 5\nx\n", "P6\n3 5\n255\n"};
+    for (size_t i = 0; i < sizeof claims / sizeof *claims; i++) {
+        SltStatus status = image_decode("c.pfm", claims[i], strlen(claims[i]), NULL, &im, &err);
+        assert_true(status == SLT_INPUT || status == SLT_LIMIT);
+        assert_null(im.data);
+    }
+    /* a header edited to claim 16384 x 16384 in a file of some hundred bytes */
+    Foreign f = {.width = 4, .height = 4, .compression = EXR_COMPRESSION_ZIP, .type = EXR_PIXEL_HALF,
+                 .storage = EXR_STORAGE_SCANLINE, .channels = {"Y"}};
+    write_foreign(in_folder("h.exr"), &f);
+    uint8_t *bytes;
+    size_t size;
+    must(file_read_all(in_folder("h.exr"), &bytes, &size, &err), &err);
+    int edited = 0;
+    for (size_t i = 0; i + 16 <= size; i++) {
+        static const uint8_t window[16] = {0, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 3, 0, 0, 0};
+        if (memcmp(bytes + i, window, 16) == 0) {
+            bytes[i + 9] = bytes[i + 13] = 0x3f;
+            edited++;
+        }
+    }
+    assert_true(edited >= 2);
+    assert_int_equal(image_decode("h.exr", bytes, size, NULL, &im, &err), SLT_INPUT);
+    free(bytes);
+    static const uint8_t bomb[] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x0f\xff\xff\0\x0f\xff\xff\x08\x06\0\0\0";
+    assert_int_not_equal(image_decode("b.png", bomb, sizeof bomb - 1, NULL, &im, &err), SLT_OK);
+}
+
+static int count_entries(const char *path) {
+    int n = 0;
+    DIR *d = opendir(path);
+    assert_non_null(d);
+    while (readdir(d)) {
+        n++;
+    }
+    closedir(d);
+    return n;
+}
+
+static void missing_files(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    Table t;
+    assert_int_equal(image_read(in_folder("nowhere.exr"), NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "No such file"));
+    assert_int_equal(image_read(folder, NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "folder"));
+    assert_int_equal(table_read(in_folder("a.xyz"), &t, &err), SLT_INPUT);
+    must(image_create(&im, 2, 2, 1, &err), &err);
+    assert_int_equal(image_write(in_folder("a.bmp"), &im, NULL, &err), SLT_USAGE);
+    assert_int_equal(image_write(in_folder("none/a.exr"), &im, NULL, &err), SLT_OUTPUT);
+    assert_non_null(strstr(err.text, "No such file"));
+    image_free(&im);
+}
+
+static void atomic_write(void **state) {
+    (void)state;
+    SltError err = {0};
+    uint8_t *bytes;
+    size_t size;
+    const char *path = in_folder("atom");
+    char keep[256];
+    snprintf(keep, sizeof keep, "%s", path);
+    must(file_write_atomic(keep, "old", 3, &err), &err);
+    assert_int_equal(chmod(keep, 0640), 0);
+    must(file_write_atomic(keep, "newer", 5, &err), &err);
+    struct stat st;
+    assert_int_equal(stat(keep, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0640);
+    int before = count_entries(folder);
+    /* a limit on file size stands for a full disk: the write fails half-way */
+    struct rlimit old, tiny;
+    getrlimit(RLIMIT_FSIZE, &old);
+    tiny = old;
+    tiny.rlim_cur = 4096;
+    void (*handler)(int) = signal(SIGXFSZ, SIG_IGN);
+    setrlimit(RLIMIT_FSIZE, &tiny);
+    uint8_t *large = calloc(1, 100000);
+    SltStatus status = file_write_atomic(keep, large, 100000, &err);
+    setrlimit(RLIMIT_FSIZE, &old);
+    signal(SIGXFSZ, handler);
+    assert_int_equal(status, SLT_OUTPUT);
+    assert_non_null(strstr(err.text, "File too large"));
+    assert_int_equal(count_entries(folder), before); /* no temporary file stays */
+    must(file_read_all(keep, &bytes, &size, &err), &err);
+    assert_int_equal(size, 5);
+    assert_memory_equal(bytes, "newer", 5);
+    free(bytes);
+    if (access("/dev/full", W_OK) == 0) {
+        assert_int_equal(file_write_atomic("/dev/full", large, 100000, &err), SLT_OUTPUT);
+        assert_non_null(strstr(err.text, "No space left"));
+    }
+    must(file_write_atomic("/dev/null", large, 100000, &err), &err);
+    assert_int_equal(stat("/dev/null", &st), 0);
+    assert_true(S_ISCHR(st.st_mode));
+    free(large);
+    assert_int_equal(symlink("atom", in_folder("link")), 0);
+    must(file_write_atomic(in_folder("link"), "via link", 8, &err), &err);
+    assert_int_equal(lstat(in_folder("link"), &st), 0);
+    assert_true(S_ISLNK(st.st_mode));
+    must(file_read_all(keep, &bytes, &size, &err), &err);
+    assert_memory_equal(bytes, "via link", 8);
+    free(bytes);
+    assert_int_equal(file_write_atomic(folder, "x", 1, &err), SLT_OUTPUT);
+    assert_int_equal(file_write_atomic("", "x", 1, &err), SLT_OUTPUT);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(exr_layouts),  cmocka_unit_test(exr_windows),  cmocka_unit_test(exr_parts_and_refusals),
+        cmocka_unit_test(damaged_exr),  cmocka_unit_test(damaged_png),  cmocka_unit_test(damaged_flat),
+        cmocka_unit_test(huge_claims),  cmocka_unit_test(missing_files), cmocka_unit_test(atomic_write),
+    };
+    return cmocka_run_group_tests(tests, make_folder, drop_folder);
+}
