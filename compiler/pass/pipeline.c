@@ -1,0 +1,90 @@
+/* The order of everything between the front end and the back end. */
+#include <string.h>
+
+#include "compiler/pass/variant.h"
+
+const char *const kernel_names[K_KINDS] = {"value", "region", "event", "sides", "site", "site_grad", "site_jvp", "site_vjp", "jvp", "vjp"};
+
+typedef bool Pass(PassCtx *, Fn *);
+
+static bool run(PassCtx *ctx, Fn *fn, const char *name, Pass *pass) {
+    bool changed = pass(ctx, fn);
+    if (ctx->verify_each) {
+        const char *text = NULL;
+        if (!ir_verify(fn, &ctx->session->scratch, &text)) ice(ctx->session, "after %s of %s: %s", name, fn->name, text ? text : "?");
+    }
+    if (ctx->dump && (!strcmp(ctx->dump, name) || !strcmp(ctx->dump, "all"))) {
+        fprintf(stderr, "; after %s of %s\n", name, fn->name);
+        ir_print(fn, stderr);
+    }
+    return changed;
+}
+#define RUN(pass) run(ctx, fn, #pass, pass)
+
+void pipeline_primal(PassCtx *ctx, Fn *fn) {
+    RUN(opt_fold);
+    RUN(opt_induction);
+    RUN(opt_dce);
+    if (RUN(opt_unroll)) RUN(opt_fold);
+    RUN(opt_cse);
+    RUN(opt_licm);
+    RUN(opt_contract); /* from here on no pass changes a float */
+    RUN(opt_fold);
+    RUN(opt_cse);
+    RUN(opt_dce);
+}
+
+void pipeline_kernel(PassCtx *ctx, Fn *fn) {
+    RUN(lower_custom);
+    RUN(opt_fold);
+    RUN(opt_cse);
+    RUN(opt_dce);
+    RUN(lower_rand);
+    RUN(lower_math);
+    RUN(opt_fold);
+    RUN(opt_cse);
+    RUN(opt_licm);
+    RUN(opt_dce);
+}
+
+static uint32_t count_sites(const Block *b) {
+    uint32_t n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        n += variant_is_site(i);
+        for (uint32_t r = 0; r < i->nregions; r++) n += count_sites(i->region[r]);
+    }
+    return n;
+}
+
+/* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made. */
+void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo, const AdOptions *ad, KernelSet *out) {
+    const Fn *primal = p->primal;
+    VariantOptions variant = vo ? *vo : (VariantOptions){0};
+    AdOptions wrt = ad ? *ad : (AdOptions){0};
+    bool jumps = count_sites(primal->body) > 0;
+    memset(out, 0, sizeof *out);
+    out->near_miss = variant.near_miss;
+
+    Fn *value = variant_value(ctx, primal);
+    if (needs[K_VALUE]) out->fn[K_VALUE] = value;
+    if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
+    if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &wrt, &out->tape[K_VJP]);
+    if (jumps) {
+        if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
+        if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
+        if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
+        Fn *site = variant_site(ctx, primal);
+        if (site && needs[K_SITE]) out->fn[K_SITE] = site;
+        if (site && needs[K_SITE_GRAD]) out->fn[K_SITE_GRAD] = ad_grad_x(ctx, site);
+        if (site && needs[K_SITE_JVP]) out->fn[K_SITE_JVP] = ad_jvp(ctx, site, &wrt);
+        if (site && needs[K_SITE_VJP]) out->fn[K_SITE_VJP] = ad_vjp(ctx, site, &wrt, &out->tape[K_SITE_VJP]);
+        if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3;
+    }
+    for (int k = 0; k < K_KINDS; k++) {
+        if (!out->fn[k]) continue;
+        /* AD may have been given the same Fn that is a kernel of its own: each is finished once. */
+        if (k == K_VALUE || k == K_SITE) out->fn[k] = ir_clone(out->fn[k], out->fn[k]->arena, kernel_names[k]);
+        out->fn[k]->name = kernel_names[k];
+        pipeline_kernel(ctx, out->fn[k]);
+    }
+}

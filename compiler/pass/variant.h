@@ -1,0 +1,23 @@
+/* What the variants share: preparing a clone, keys of events, the outputs. */
+#ifndef SALTUS_PASS_VARIANT_H
+#define SALTUS_PASS_VARIANT_H
+
+#include "compiler/pass/walk.h"
+
+/* A clone of the primal with [Tangent] regions inlined; without prints and counters when `silent`. */
+Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent);
+/* Sites become their decision (or integer) again. */
+void variant_drop_sites(Fn *fn);
+static inline bool variant_is_site(const Inst *i) { return i->op == OP_site || i->op == OP_siten; }
+static inline const SiteInfo *variant_site_info(const Fn *fn, const Inst *i) { return &fn->sites[i->imm.i]; }
+
+/* Key of the event: site number and loop indices, mixed; never 0 by construction of ir_mix's last step is not needed: only equality counts. */
+Inst *variant_event_key(Builder *b, const Inst *site);
+/* The boundary of an integer-valued site between n and n + 1. */
+Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n);
+/* Replaces the outputs of the top block. */
+void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const *names);
+/* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
+Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
+
+#endif

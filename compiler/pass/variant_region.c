@@ -1,0 +1,105 @@
+/* region (the paper's piecewise-constant variant): a hash of the decisions, so that two points with equal hashes see one continuous piece of f.
+ *
+ * Path hash: the keys of the events whose decision is true, combined by xor; integer-valued sites mix their integer in. All colour arithmetic dies in the
+ * slice. With `near_miss` the record also carries the event with the smallest |g| that was executed: the runtime's probe for features
+ * thinner than the spacing looks at it on neighbouring samples. */
+#include <string.h>
+
+#include "compiler/pass/variant.h"
+
+static bool touches_site(Thread *t, const Inst *i) {
+    (void)t;
+    return variant_is_site(i);
+}
+
+static Inst *site_hash(Builder *b, Inst *site) {
+    Inst *key = variant_event_key(b, site);
+    if (site->op == OP_site) return ir_select(b, site, key, ir_consti(b, 0));
+    return ir_mix_inst(b, key, ir_emit1(b, OP_f2i, site));
+}
+
+static bool hash_at(Thread *t, Inst *i) {
+    Builder b = ir_after(t->fn, i);
+    b.fold = true;
+    t->value[0] = ir_emit2(&b, OP_ixor, t->value[0], site_hash(&b, i));
+    return true;
+}
+
+Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o) {
+    (void)ctx, (void)o;
+    Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
+    Thread t = {.fn = fn, .n = 1, .at = hash_at, .touches = touches_site};
+    t.value[0] = ir_consti(&b, 0);
+    thread_block(&t, fn->body);
+    return t.value[0];
+}
+
+/* ---- near miss: value = hash, best |g|, signed g there, site, k0.. */
+typedef struct Near {
+    uint32_t depth;
+} Near;
+
+static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
+    if (site->op == OP_site) return site->args[1];
+    /* The nearer of the two boundaries of the integer's interval. */
+    SiteKind kind = variant_site_info(fn, site)->kind;
+    Inst *n = (Inst *)site, *v = site->args[1];
+    Inst *up = ir_emit2(b, OP_fsub, v, variant_boundary(b, kind, n));
+    Inst *down = ir_emit2(b, OP_fsub, v, variant_boundary(b, kind, ir_emit2(b, OP_fsub, n, ir_constf(b, 1))));
+    return ir_select(b, ir_emit2(b, OP_flt, ir_emit1(b, OP_fabs, up), ir_emit1(b, OP_fabs, down)), up, down);
+}
+
+static bool near_at(Thread *t, Inst *i) {
+    Near *near = t->user;
+    Builder b = ir_after(t->fn, i);
+    b.fold = true;
+    t->value[0] = ir_emit2(&b, OP_ixor, t->value[0], site_hash(&b, i));
+    Inst *g = near_g(&b, t->fn, i), *mag = ir_emit1(&b, OP_fabs, g);
+    Inst *closer = ir_emit2(&b, OP_flt, mag, t->value[1]);
+    t->value[1] = ir_select(&b, closer, mag, t->value[1]);
+    t->value[2] = ir_select(&b, closer, g, t->value[2]);
+    t->value[3] = ir_select(&b, closer, ir_consti(&b, (int32_t)i->imm.i), t->value[3]);
+    for (uint32_t d = 0; d < near->depth; d++)
+        t->value[4 + d] = ir_select(&b, closer, d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&b, 0), t->value[4 + d]);
+    return true;
+}
+
+static uint32_t max_depth(const Block *b) {
+    uint32_t depth = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (variant_is_site(i) && i->nargs - 2 > depth) depth = i->nargs - 2;
+        for (uint32_t r = 0; r < i->nregions; r++) {
+            uint32_t below = max_depth(i->region[r]);
+            depth = below > depth ? below : depth;
+        }
+    }
+    return depth;
+}
+
+static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "near_k2", "near_k3", "near_k4", "near_k5", "near_k6", "near_k7"};
+
+Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
+    Fn *fn = variant_clone(ctx, primal, "region", true);
+    opt_dce(ctx, fn); /* sites that reach no output are no events */
+    if (!o->near_miss) {
+        Inst *hash = variant_hash(ctx, fn, o);
+        variant_outputs(fn, 1, &hash, (const char *[]){"hash"});
+    } else {
+        Near near = {max_depth(fn->body)};
+        Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
+        Thread t = {.fn = fn, .n = 4 + near.depth, .at = near_at, .touches = touches_site, .user = &near};
+        t.value[0] = ir_consti(&b, 0);
+        t.value[1] = ir_constf(&b, __builtin_inf());
+        t.value[2] = ir_constf(&b, 0);
+        t.value[3] = ir_consti(&b, -1);
+        for (uint32_t d = 0; d < near.depth; d++) t.value[4 + d] = ir_consti(&b, 0);
+        thread_block(&t, fn->body);
+        Inst *out[3 + IR_MAX_SITE_DEPTH] = {t.value[0], t.value[3], t.value[2]};
+        const char *names[3 + IR_MAX_SITE_DEPTH] = {"hash", "near_site", "near_g"};
+        for (uint32_t d = 0; d < near.depth; d++) out[3 + d] = t.value[4 + d], names[3 + d] = near_k[d];
+        variant_outputs(fn, 3 + near.depth, out, names);
+    }
+    variant_drop_sites(fn);
+    opt_dce(ctx, fn);
+    return fn;
+}

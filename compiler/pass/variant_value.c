@@ -1,0 +1,67 @@
+/* value: f(x). Also what all variants share. */
+#include <string.h>
+
+#include "compiler/pass/variant.h"
+
+static void drop_silent(Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) drop_silent(i->region[r]);
+        if (i->op == OP_print || i->op == OP_count) ir_unlink(i);
+    }
+}
+
+Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent) {
+    Fn *fn = ir_clone(primal, primal->arena, name);
+    lower_custom(ctx, fn);
+    if (silent) drop_silent(fn->body);
+    return fn;
+}
+
+static void drop_sites(Fn *fn, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) drop_sites(fn, i->region[r]);
+        if (variant_is_site(i)) walk_forward(fn, i, i->args[0]);
+    }
+}
+
+void variant_drop_sites(Fn *fn) {
+    drop_sites(fn, fn->body);
+    walk_resolve_forwards(fn->body);
+}
+
+Inst *variant_event_key(Builder *b, const Inst *site) {
+    Inst *key = ir_consti(b, (int32_t)ir_mix(0x9e3779b9u, (uint32_t)site->imm.i + 1u));
+    for (uint32_t a = 2; a < site->nargs; a++) key = ir_mix_inst(b, key, site->args[a]);
+    return key;
+}
+
+Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n) {
+    switch (kind) {
+    case SITE_FLOOR: return ir_emit2(b, OP_fadd, n, ir_constf(b, 1));
+    case SITE_ROUND: return ir_emit2(b, OP_fadd, n, ir_constf(b, 0.5));
+    case SITE_CEIL: return n;
+    case SITE_TRUNC:
+    case SITE_FMOD: return ir_select(b, ir_emit2(b, OP_flt, n, ir_constf(b, 0)), n, ir_emit2(b, OP_fadd, n, ir_constf(b, 1)));
+    case SITE_COMPARE:
+    case SITE_FIELD: break;
+    }
+    return ir_constf(b, 0);
+}
+
+void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const *names) {
+    Inst *y = fn->body->last;
+    y->args = arena_copy(fn->arena, values, sizeof *values * (n ? n : 1));
+    y->nargs = n;
+    const char **kept = ARENA_ARRAY(fn->arena, const char *, n + 1);
+    for (uint32_t i = 0; i < n; i++) kept[i] = names[i];
+    fn->outputs = kept;
+}
+
+Fn *variant_value(PassCtx *ctx, const Fn *primal) {
+    Fn *fn = variant_clone(ctx, primal, "value", false);
+    variant_drop_sites(fn);
+    opt_dce(ctx, fn);
+    return fn;
+}

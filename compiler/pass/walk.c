@@ -1,0 +1,150 @@
+#include <string.h>
+
+#include "compiler/pass/walk.h"
+
+void walk_insts(Block *b, WalkFn *fn, void *user) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (i->region[r]) walk_insts(i->region[r], fn, user);
+        fn(user, i);
+    }
+}
+
+bool walk_is_pure(const Inst *i) {
+    if (!ir_ops[i->op].special) return true;
+    switch (i->op) {
+    case OP_constf:
+    case OP_consti:
+    case OP_constb:
+    case OP_input:
+    case OP_param:
+    case OP_iparam:
+    case OP_dparam:
+    case OP_rand:
+    case OP_detach:
+    case OP_site:
+    case OP_siten: return true;
+    default: return false;
+    }
+}
+
+uint32_t walk_size(const Block *b) {
+    uint32_t n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (!ir_is_const(i) && i->op != OP_proj && i->op != OP_yield) n++;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (i->region[r]) n += walk_size(i->region[r]);
+    }
+    return n;
+}
+
+bool walk_inside(const Block *inner, const Block *outer) {
+    for (const Block *b = inner; b; b = b->owner ? b->owner->block : NULL)
+        if (b == outer) return true;
+    return false;
+}
+
+void walk_remap(Inst *i, Inst **map) {
+    for (uint32_t a = 0; a < i->nargs; a++) {
+        Inst *v = i->args[a];
+        while (v && v->id != UINT32_MAX && map[v->id] && map[v->id] != v) v = map[v->id];
+        i->args[a] = v;
+    }
+}
+
+void walk_replace(Block *b, const Inst *from, Inst *to) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++)
+            if (i->args[a] == from) i->args[a] = to;
+        for (uint32_t r = 0; r < i->nregions; r++) walk_replace(i->region[r], from, to);
+    }
+}
+
+/* An unlinked instruction is nobody's: its op says that it forwards, its first operand where to. */
+void walk_forward(Fn *fn, Inst *i, Inst *to) {
+    ir_unlink(i);
+    i->op = OP_COUNT;
+    if (!i->nargs) i->args = arena_alloc(fn->arena, sizeof *i->args);
+    i->nargs = 1;
+    i->args[0] = to;
+}
+
+void walk_resolve_forwards(Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++)
+            while (i->args[a]->op == OP_COUNT) i->args[a] = i->args[a]->args[0];
+        for (uint32_t r = 0; r < i->nregions; r++) walk_resolve_forwards(i->region[r]);
+    }
+}
+
+void walk_splice(Block *from, Inst *at) {
+    Block *to = at->block;
+    for (Inst *i = from->first, *next; i; i = next) {
+        next = i->next;
+        if (i->op == OP_yield) break;
+        i->block = to;
+        i->prev = at->prev;
+        i->next = at;
+        if (at->prev) at->prev->next = i;
+        else to->first = i;
+        at->prev = i;
+    }
+    from->first = from->last = NULL;
+}
+
+static bool touches_below(Thread *t, const Inst *i) {
+    for (uint32_t r = 0; r < i->nregions; r++)
+        for (const Inst *j = i->region[r] ? i->region[r]->first : NULL; j; j = j->next)
+            if (t->touches(t, j) || touches_below(t, j)) return true;
+    return false;
+}
+
+/* The proj at a known index, made behind the projections that are there already. */
+static void thread_structured(Thread *t, Inst *i) {
+    Inst *before[16];
+    memcpy(before, t->value, sizeof before);
+    uint32_t old = ir_nresults(i);
+    if (i->op == OP_if_) {
+        for (uint32_t r = 0; r < 2; r++) {
+            memcpy(t->value, before, sizeof before);
+            thread_block(t, i->region[r]);
+            for (uint32_t v = 0; v < t->n; v++) ir_append_arg(t->fn, i->region[r]->last, t->value[v]);
+        }
+    } else if (i->op == OP_loop) {
+        Block *body = i->region[0];
+        for (uint32_t v = 0; v < t->n; v++) {
+            ir_append_arg(t->fn, i, before[v]);
+            t->value[v] = ir_block_param(t->fn, body, (IrType)before[v]->type);
+        }
+        if (t->depth < sizeof t->loop_k / sizeof *t->loop_k) t->loop_k[t->depth] = body->params[0];
+        t->depth++;
+        thread_block(t, body);
+        t->depth--;
+        for (uint32_t v = 0; v < t->n; v++) ir_append_arg(t->fn, body->last, t->value[v]);
+        if (t->cont) {
+            Builder b = ir_before(t->fn, body->last);
+            Inst *flag = t->cont(t, &b, body->last->args[0]);
+            if (flag) ir_replace_arg(body->last, 0, flag);
+        }
+    } else {
+        ice(t->fn->session, "thread: unexpected region operation");
+    }
+    Builder b = ir_after(t->fn, i);
+    for (uint32_t v = 0; v < t->n; v++) t->value[v] = ir_proj(&b, i, old + v);
+}
+
+void thread_block(Thread *t, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        if (i->nregions) {
+            if (touches_below(t, i)) {
+                thread_structured(t, i);
+                next = i->next;
+                while (next && next->op == OP_proj) next = next->next;
+            }
+        } else if (t->touches(t, i)) {
+            t->at(t, i);
+        }
+    }
+}
