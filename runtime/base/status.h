@@ -6,26 +6,11 @@
 #ifndef SALTUS_RUNTIME_BASE_STATUS_H
 #define SALTUS_RUNTIME_BASE_STATUS_H
 
+#include "saltus/status.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-typedef enum SltStatus {
-    SLT_OK = 0,
-    SLT_CHECK_FAILED = 1, /* a check or a fit failed */
-    SLT_USAGE = 2,        /* wrong arguments */
-    SLT_PROGRAM = 3,      /* an error in the program */
-    SLT_INPUT = 4,        /* an input file is missing or bad */
-    SLT_OUTPUT = 5,       /* an output could not be written */
-    SLT_LIMIT = 6,        /* a limit of time, memory or size was reached */
-    SLT_INTERNAL = 70,    /* a fault of ours */
-    SLT_INTERRUPTED = 130 /* stopped cleanly on request */
-} SltStatus;
-
-typedef struct SltError {
-    SltStatus status;
-    char text[512]; /* one line without a newline; "" when status is SLT_OK */
-} SltError;
 
 /* Fills `err` (which may be NULL: then only the status is returned) and returns `status`, so that callers can
  * write `return status_fail(err, SLT_INPUT, "...", ...)`. A text that does not fit is cut. */

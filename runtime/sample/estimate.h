@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 #include "runtime/base/status.h"
+#include "saltus/job.h"
 #include "saltus/kernel.h"
 
 typedef enum SltSiteKind { SLT_SITE_COMPARE, SLT_SITE_FLOOR, SLT_SITE_CEIL, SLT_SITE_ROUND, SLT_SITE_TRUNC, SLT_SITE_FMOD, SLT_SITE_FIELD } SltSiteKind;
@@ -52,38 +53,6 @@ typedef struct SltScene {
     void *print_user;
 } SltScene;
 
-typedef enum SltEstimator { SLT_EST_LATTICE, SLT_EST_SCANLINE, SLT_EST_SNAP_KNN, SLT_EST_SNAP_CROFTON, SLT_EST_FD } SltEstimator;
-typedef enum SltFilter { SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN } SltFilter;
-
-typedef struct SltJob {
-    bool integral;              /* the whole domain is one pixel */
-    uint32_t size[3];           /* image mode: pixels by axis (x, y, z); row 0 is the top */
-    uint32_t spp;               /* samples a pixel (integral mode: 0) */
-    uint64_t samples;           /* integral mode, in all */
-    uint64_t segments;          /* boundary segments a pixel, or in all in integral mode; 0: as the samples. A lattice vertex owns dim segments */
-    SltFilter filter;
-    uint32_t seed, threads;     /* threads 0: all cores */
-    SltEstimator estimator;
-    bool no_interior, no_boundary;
-    uint32_t replicates;        /* independent lattices for standard errors: 4 in integral mode (default 0 = 4), 1 in image mode */
-    double fd_step;             /* SLT_EST_FD; 0: by precision */
-    double time_limit;          /* seconds; 0: none. Status SLT_LIMIT */
-    volatile const int *cancel; /* non-zero: stop soon, status SLT_INTERRUPTED */
-    void (*progress)(void *user, double fraction);
-    void *progress_user;
-} SltJob;
-
-typedef enum SltDrop { SLT_DROP_ZERO_GRADIENT, SLT_DROP_NOT_FINITE, SLT_DROP_INCONSISTENT, SLT_DROP_NO_EVENT, SLT_DROP_NO_ROOT, SLT_DROP_STATIC, SLT_DROP_DEPTH, SLT_DROP_COINCIDENT, SLT_DROP_REASONS } SltDrop;
-extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_gradient", ... */
-
-typedef struct SltStats {
-    uint64_t samples, segments, crossings, evaluations; /* evaluations of f or of its path, for bench: every kernel counts */
-    uint64_t dropped[SLT_DROP_REASONS];
-    uint64_t truncated, asserts, nonfinite;
-    double seconds;
-    double seconds_interior, seconds_boundary;
-} SltStats;
-
 /* Image: out is flt-independent double or float? float: out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all samples; 1, 2: one of the two
  * independent sample halves (for squared losses). */
 SltStatus slt_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
@@ -100,22 +69,9 @@ SltStatus slt_grad_reverse(const SltScene *s, const SltJob *j, const float *cons
  * the unbiased product of the two halves' residuals when two_halves, else of the full image. */
 SltStatus slt_loss_gradient(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 
-typedef struct SltIntegral {
-    double *value, *value_stderr;              /* [channels] */
-    double *gradient, *gradient_stderr;        /* [channels][nfloats] */
-    double *interior, *boundary;               /* [channels][nfloats] */
-    double *missed_estimate;                   /* [channels][nfloats]: what the half-resolution lines would have missed */
-    bool replicates;                           /* stderr_kind: "replicates" or "bound" */
-} SltIntegral;                                 /* arrays owned by the caller, may be NULL each */
 SltStatus slt_grad_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
-/* The story of one point (explain --at): the crossing found on a segment from a to b: fills what is found. */
-typedef struct SltCrossing {
-    bool found;
-    double x[3], t, g, dg[3], f_before[4], f_after[4];
-    int32_t site, k[8];
-    int drop;                                  /* SltDrop, or -1 */
-} SltCrossing;
+/* The crossing on the segment from a to b, if any. */
 SltStatus slt_find_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err);
 
 #endif
