@@ -149,7 +149,10 @@ typedef struct OpInfo {
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 
-/* ---- build.c */
+/* ---- build.c
+ * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms compare with memcmp. Functions that
+ * return a Builder leave fold false. With fold, besides what is exact, x + 0 gives x, 0 - x gives -x and fma(a, b, 0) gives a*b (only the sign of a zero
+ * may differ), and zmul(x, 0) gives 0: set it in code of derivatives and keys, not in passes that rewrite primal code. */
 typedef struct Builder {
     Fn *fn;
     Block *block;
@@ -159,7 +162,7 @@ typedef struct Builder {
 } Builder;
 
 Fn *ir_fn(Session *s, Arena *arena, const char *name, Precision p);
-Block *ir_block(Fn *fn, Inst *owner);
+Block *ir_block(Fn *fn, Inst *owner);   /* empty; becomes the next free region of the owner, if it has one to fill */
 Inst *ir_block_param(Fn *fn, Block *b, IrType t);
 Inst *ir_emit(Builder *b, Op op, uint32_t nargs, Inst *const *args);   /* value rows and detach; type from the table */
 Inst *ir_emit1(Builder *b, Op op, Inst *a);
@@ -197,6 +200,14 @@ bool ir_is_const(const Inst *i);
 /* 32-bit mixing used for region keys, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
 Inst *ir_mix_inst(Builder *b, Inst *h, Inst *v);
+/* 32 random bits: number n of a stream (Philox2x32-7). rand is (bits >> 8) * 2^-24 in both precisions, except number 0, which is input IN_RAND0. */
+enum { IR_RAND_ROUNDS = 7 };
+#define IR_RAND_MUL 0xd256d193u
+#define IR_RAND_WEYL 0x9e3779b9u
+uint32_t ir_rand_u32(uint32_t stream, uint32_t n);
+
+/* ---- build_fold.c: the value a row has by identities and constants; may emit a cheaper row. NULL: emit as it stands. */
+Inst *ir_simplify(Builder *b, Op op, Inst *const *args);
 
 /* ---- fold.c: the value of a row on constants; false where it must not be folded (MATH rows are folded only after lower_math) */
 bool ir_fold(const Inst *i, Precision p, Imm *out);
