@@ -34,8 +34,9 @@ typedef struct Source {
     const char *dir;   /* folder of the file, for imports and assets */
     const char *text;  /* NUL-terminated */
     uint32_t len;
-    const uint32_t *lines; /* byte offset of every line start */
+    const uint32_t *lines; /* byte offset of every line start; lines end in LF, CR LF or CR */
     uint32_t nlines;
+    bool too_large;        /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
 } Source;
 
 typedef struct DiagNote {
@@ -52,6 +53,16 @@ typedef struct Diag {
     struct Diag *next;
 } Diag;
 
+/* Largest source, in bytes. */
+#define SOURCE_MAX (16u << 20)
+
+/* Open addressing over pointers in the session arena: interned strings and reported diagnostics. */
+typedef struct PtrTable {
+    const void **slots;
+    uint32_t *hashes;
+    uint32_t len, cap; /* cap is 0 or a power of two */
+} PtrTable;
+
 typedef struct Session {
     ArenaBudget budget;
     Arena session, module, scratch;
@@ -66,19 +77,25 @@ typedef struct Session {
     const char *const *import_dirs;
     uint32_t nimport_dirs;
     const char *stdlib_dir;
+    PtrTable strings, reported;
 } Session;
 
 /* Limits: 512 MiB is promised for any input; the default budget leaves room for LLVM. */
+/* Never NULL except when memory is out at once. Free with session_destroy, which takes NULL. */
 Session *session_create(size_t budget_bytes /* 0: 384 MiB */);
 void session_destroy(Session *s);
 
+/* Everything that allocates in the session runs inside session_protect, except session_add_file and session_add_text, which
+ * protect themselves. On unwinding the scratch arena goes back to where it was at the call. */
 /* Runs body(s, arg); returns 0, or the SltStatus of the unwinding (text in s->unwind_text). Nests. */
 int session_protect(Session *s, void (*body)(Session *, void *), void *arg);
 _Noreturn void session_limit(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 /* A fault of ours: never for bad input. */
 _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
-/* Reads a file or takes text; returns the index in s->sources, or -1 with errno-like text in *why (arena string). */
+/* Reads a file ("-" is standard input) or takes text (copied; dir may be NULL: "."); returns the index in s->sources, or -1 with
+ * errno-like text in *why (arena string; `why` may be NULL) or, for text, when the memory budget is spent. A source beyond SOURCE_MAX bytes
+ * is added empty with too_large set. */
 int session_add_file(Session *s, const char *path, const char **why);
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
 
@@ -87,13 +104,14 @@ Diag *diag_emit(Session *s, DiagCode code, Span span, ...);
 void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) __attribute__((format(printf, 4, 5)));
 /* 1-based line and column (columns count code points) of a byte offset. */
 void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column);
-/* Text form with source line and caret (colour if asked), and one LSP Diagnostic object (with uri) per line. */
+/* Text form with source line and caret (colour if asked), and one LSP Diagnostic object (with uri) per line. Both are sorted by place.
+ * The text form stops after max_errors errors (and as many warnings) and says how many more there are; JSON has all of them. */
 void diag_print_text(const Session *s, FILE *out, bool colour);
 void diag_print_json(const Session *s, FILE *out);
 const char *diag_code_name(DiagCode code);
-/* The explanation of "E0123", or NULL. */
+/* The explanation of "E0123" (any case), or NULL. *severity and *title (the message's format) are optional. */
 const char *diag_explain(const char *code, Severity *severity, const char **title);
-/* The nearest of n names within an edit distance fit for a suggestion, or NULL. */
+/* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are skipped; allocates nothing. */
 const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);
 
 /* Interned strings: equal text, equal pointer. Live in the session arena. */

@@ -1,0 +1,166 @@
+/* Reporting: what is said, once, and where it is. Printing lives in diag_text.c and diag_json.c. */
+#include "compiler/base/session.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "compiler/base/base_internal.h"
+
+typedef struct DiagRow {
+    const char *name, *code;
+    Severity severity;
+    const char *format, *explanation;
+} DiagRow;
+
+static const DiagRow rows[DIAG_COUNT] = {
+#define DIAG(name, code, severity, format, explanation) {#name, code, severity, format, explanation},
+#include "compiler/base/diag.def"
+#undef DIAG
+};
+
+static char *format_text(Session *s, const char *fmt, va_list ap) {
+    va_list again;
+    va_copy(again, ap);
+    int n = vsnprintf(NULL, 0, fmt, ap);
+    if (n < 0) n = 0;
+    char *text = arena_alloc(&s->session, (size_t)n + 1);
+    vsnprintf(text, (size_t)n + 1, fmt, again);
+    va_end(again);
+    return text;
+}
+
+Diag *diag_emit(Session *s, DiagCode code, Span span, ...) {
+    uint32_t key[4] = {code, (uint32_t)span.file, span.pos, span.len};
+    uint32_t hash = hash_bytes(key, sizeof key), at = UINT32_MAX;
+    if (span.file >= 0) {
+        for (const Diag *old; (old = table_next(&s->reported, hash, &at));)
+            if (old->code == code && old->span.file == span.file && old->span.pos == span.pos && old->span.len == span.len) {
+                /* The caller may attach its notes to a copy that nobody prints. */
+                Diag *unseen = ARENA_NEW(&s->session, Diag);
+                *unseen = *old;
+                unseen->notes = NULL;
+                unseen->next = NULL;
+                return unseen;
+            }
+    }
+    Diag *d = ARENA_NEW(&s->session, Diag);
+    va_list ap;
+    va_start(ap, span);
+    *d = (Diag){.code = code, .severity = rows[code].severity, .span = span, .text = format_text(s, rows[code].format, ap)};
+    va_end(ap);
+    if (span.file >= 0) table_insert(s, &s->reported, d, hash);
+    *s->diags_end = d;
+    s->diags_end = &d->next;
+    if (d->severity == SEV_ERROR) s->nerrors++;
+    if (d->severity == SEV_WARNING) s->nwarnings++;
+    return d;
+}
+
+void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) {
+    DiagNote *note = ARENA_NEW(&s->session, DiagNote);
+    va_list ap;
+    va_start(ap, fmt);
+    *note = (DiagNote){.span = span, .text = format_text(s, fmt, ap)};
+    va_end(ap);
+    DiagNote **end = &d->notes;
+    while (*end) end = &(*end)->next;
+    *end = note;
+}
+
+const char *diag_code_name(DiagCode code) { return rows[code].code; }
+
+const char *diag_explain(const char *code, Severity *severity, const char **title) {
+    for (int i = 0; i < DIAG_COUNT; i++) {
+        if (strcasecmp(rows[i].code, code)) continue;
+        if (severity) *severity = rows[i].severity;
+        if (title) *title = rows[i].format;
+        return rows[i].explanation;
+    }
+    return NULL;
+}
+
+/* ---- places ---- */
+
+uint32_t source_line(const Source *src, uint32_t pos) {
+    uint32_t lo = 0, hi = src->nlines;
+    while (hi - lo > 1) {
+        uint32_t mid = lo + (hi - lo) / 2;
+        if (src->lines[mid] <= pos) lo = mid;
+        else hi = mid;
+    }
+    return lo;
+}
+
+uint32_t source_line_start(const Source *src, uint32_t line) {
+    uint32_t at = src->lines[line];
+    if (at == 0 && src->len >= 3 && !memcmp(src->text, "\xEF\xBB\xBF", 3)) return 3;
+    return at;
+}
+
+uint32_t source_line_end(const Source *src, uint32_t line) {
+    uint32_t end = line + 1 < src->nlines ? src->lines[line + 1] : src->len, start = src->lines[line];
+    while (end > start && (src->text[end - 1] == '\n' || src->text[end - 1] == '\r')) end--;
+    return end;
+}
+
+Place place_find(const Source *src, uint32_t pos, const Place *before) {
+    if (pos > src->len) pos = src->len;
+    uint32_t line = source_line(src, pos), at = source_line_start(src, line);
+    Place p = {.line = line};
+    if (before && before->line == line && before->pos >= at && before->pos <= pos) {
+        p = *before;
+        at = p.pos;
+    }
+    while (at < pos) {
+        uint32_t code, n = utf8_decode(src->text + at, src->len - at, &code);
+        /* An offset inside a sequence belongs to the sequence. */
+        if (at + n > pos) break;
+        at += n;
+        p.column++;
+        p.unit += code >= 0x10000 ? 2 : 1;
+    }
+    p.pos = at;
+    return p;
+}
+
+void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column) {
+    *line = *column = 0;
+    if (span.file < 0 || (uint32_t)span.file >= s->nsources) return;
+    Place p = place_find(&s->sources[span.file], span.pos, NULL);
+    *line = p.line + 1;
+    *column = p.column + 1;
+}
+
+typedef struct Sortable {
+    Diag *diag;
+    uint32_t order;
+} Sortable;
+
+static int by_place(const void *pa, const void *pb) {
+    const Sortable *a = pa, *b = pb;
+    if (a->diag->span.file != b->diag->span.file) return a->diag->span.file < b->diag->span.file ? -1 : 1;
+    if (a->diag->span.file >= 0 && a->diag->span.pos != b->diag->span.pos) return a->diag->span.pos < b->diag->span.pos ? -1 : 1;
+    return a->order < b->order ? -1 : a->order > b->order;
+}
+
+Diag **diag_sorted(const Session *s, uint32_t *count) {
+    uint32_t n = 0;
+    for (Diag *d = s->diags; d; d = d->next) n++;
+    *count = n;
+    if (n == 0) return NULL;
+    Diag **out = malloc(n * sizeof *out);
+    Sortable *items = malloc(n * sizeof *items);
+    if (!out || !items) {
+        free(out);
+        free(items);
+        *count = 0;
+        return NULL;
+    }
+    uint32_t i = 0;
+    for (Diag *d = s->diags; d; d = d->next, i++) items[i] = (Sortable){d, i};
+    qsort(items, n, sizeof *items, by_place);
+    for (i = 0; i < n; i++) out[i] = items[i].diag;
+    free(items);
+    return out;
+}
