@@ -4,12 +4,6 @@
 
 #include "compiler/base/session.h"
 
-/* intern.c: a set of pointers that the caller compares. */
-uint32_t hash_bytes(const void *data, size_t len);
-void table_insert(Session *s, PtrTable *t, const void *item, uint32_t hash);
-/* The next item with this hash, or NULL; start with *at == UINT32_MAX. Nothing may be inserted in between. */
-const void *table_next(const PtrTable *t, uint32_t hash, uint32_t *at);
-
 /* utf8.c: decodes one code point at text[0..len), len > 0; returns its bytes. A byte that starts no valid sequence gives
  * U+FFFD with one byte. */
 uint32_t utf8_decode(const char *text, size_t len, uint32_t *code);

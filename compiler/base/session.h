@@ -77,7 +77,7 @@ typedef struct Session {
     const char *const *import_dirs;
     uint32_t nimport_dirs;
     const char *stdlib_dir;
-    PtrTable strings, reported;
+    PtrTable strings, reported, array_types;
 } Session;
 
 /* Limits: 512 MiB is promised for any input; the default budget leaves room for LLVM. */
@@ -113,6 +113,12 @@ const char *diag_code_name(DiagCode code);
 const char *diag_explain(const char *code, Severity *severity, const char **title);
 /* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are skipped; allocates nothing. */
 const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);
+
+/* A set of pointers that the caller compares: start with *at == UINT32_MAX, and table_next gives every item of this hash, then NULL.
+ * Nothing may be inserted in between. Items are not NULL. */
+uint32_t hash_bytes(const void *data, size_t len);
+void table_insert(Session *s, PtrTable *t, const void *item, uint32_t hash);
+const void *table_next(const PtrTable *t, uint32_t hash, uint32_t *at);
 
 /* Interned strings: equal text, equal pointer. Live in the session arena. */
 const char *intern(Session *s, const char *text, size_t len);

@@ -325,12 +325,16 @@ Module *load_modules(Session *s, int file);
 /* check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules. Returns the entry
  * shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
 Func *check_program(Session *s, Module *main, const FrontOptions *opt);
-/* type.c */
-Type *type_scalar(TypeKind k);
+/* type.c: every type but structs (check.c makes those, once each). Scalars (T_ERROR and T_VOID too), vectors, matrices and resources are constants
+ * of the library and must not be written to; arrays are interned in the session. */
+Type *type_scalar(TypeKind k);           /* also T_TEXTURE and T_HEIGHTFIELD */
+/* The type of a keyword ("float3", "void", "texture2D"), or NULL. */
+Type *type_keyword(const char *name, size_t len);
 Type *type_vector(Session *s, TypeKind elem, uint32_t n);
 Type *type_matrix(Session *s, uint32_t n);
 Type *type_array(Session *s, Type *elem, uint32_t n);
 bool type_is_float(const Type *t);   /* float, its vectors and matrices */
-uint32_t type_components(const Type *t); /* scalars in a value of this type, arrays and structs included */
+/* Scalars in a value of this type, arrays and structs included; UINT32_MAX if it does not fit; 0 for what has none. */
+uint32_t type_components(const Type *t);
 
 #endif
