@@ -55,23 +55,23 @@ typedef struct SltScene {
 
 /* Image: out is flt-independent double or float? float: out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all samples; 1, 2: one of the two
  * independent sample halves (for squared losses). */
-SltStatus slt_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
+SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
 
 /* Derivative images along ndir directions of parameter space: dirs[k] is flt-typed double[nfloats] (sparse directions are cheap: unit vectors);
  * out[k] is an image. Image mode. crossings (may be NULL): an image counting crossings. */
-SltStatus slt_grad_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err);
+SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err);
 
 /* gradient[nfloats] of sum over pixels and channels of adjoint * image. `adjoint[2]`: for the two sample halves (the same pointer twice where the adjoint
  * does not come from this render: then both halves are used with it). stderr_bound[nfloats] may be NULL: upper bound from interleaved cosets. */
-SltStatus slt_grad_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err);
+SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err);
 
 /* Squared loss: mean over pixels and channels of mask * (I - T)^2; each half of the samples takes its adjoint from the other. image (may be NULL) gets the full render. The loss is
  * the unbiased product of the two halves' residuals when two_halves, else of the full image. */
-SltStatus slt_loss_gradient(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
+SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 
-SltStatus slt_grad_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
 /* The crossing on the segment from a to b, if any. */
-SltStatus slt_find_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err);
+SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err);
 
 #endif

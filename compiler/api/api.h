@@ -1,0 +1,53 @@
+/* Inside the library's face: a program object owns its session, its parameter values and the kernels compiled so far. */
+#ifndef SALTUS_API_API_H
+#define SALTUS_API_API_H
+
+#include "compiler/back/back.h"
+#include "compiler/pass/pass.h"
+#include "runtime/base/status.h"
+#include "runtime/sample/estimate.h"
+#include "saltus/saltus.h"
+
+struct SltProgram {
+    Session *session;
+    Program *prog;          /* NULL after an error */
+    SltOptions opt;         /* strings copied into the session */
+    PassCtx passes;
+    Target target;
+    char *source_path;
+
+    double *floats;         /* master values */
+    void *flt;              /* the same in the program's precision */
+    int32_t *ints;
+    uint8_t *wrt;           /* per float: differentiate */
+    bool *asset_loaded;     /* per parameter */
+
+    SltScene scene;         /* kernels compiled so far */
+    Fn *fn[K_KINDS];
+    bool tried[K_KINDS];    /* asked for before; NULL in fn: the program has no use for it */
+    TapeReport tape[K_KINDS];
+    CompiledModule *modules[16];
+    uint32_t nmodules;
+    CompiledModule *module_of[K_KINDS];
+    SltKernel **cull_kernels;
+    uint32_t *cull_counts;
+    uint8_t *site_kind, *site_static;
+    double ms_front, ms_passes, ms_llvm;
+    bool cached;            /* every module so far came from the cache */
+
+    SltError error;
+    char *text[4];          /* malloc'd strings handed out: diagnostics text, JSON */
+};
+
+/* kernels.c: makes sure that these kernels exist (those that the program needs), then fills p->scene. */
+SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+void api_forget_gradients(SltProgram *p); /* the kernels that depend on what is differentiated */
+void api_free_kernels(SltProgram *p);
+/* values.c */
+void api_params_changed(SltProgram *p, uint32_t base, uint32_t count);
+SltStatus api_load_assets(SltProgram *p, SltError *err);
+bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+/* Upper bound on the events of one sample. */
+uint64_t api_event_bound(const SltProgram *p);
+
+#endif

@@ -1,0 +1,193 @@
+/* Compiling: from a file or a string to a program object. */
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <libgen.h>
+
+#include "compiler/api/api.h"
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+static const char *copy_string(Session *s, const char *text) { return text ? arena_strndup(&s->session, text, strlen(text)) : NULL; }
+
+static const char *find_stdlib(const SltOptions *opt) {
+    if (opt->stdlib_dir) return opt->stdlib_dir;
+    const char *env = getenv("SALTUS_STDLIB");
+    if (env && *env) return env;
+#ifdef SALTUS_STDLIB_SOURCE
+    if (access(SALTUS_STDLIB_SOURCE, R_OK) == 0) return SALTUS_STDLIB_SOURCE;
+#endif
+#ifdef SALTUS_STDLIB_INSTALL
+    return SALTUS_STDLIB_INSTALL;
+#else
+    return "stdlib";
+#endif
+}
+
+typedef struct Compile {
+    SltProgram *p;
+    const char *path, *text, *shown;
+    SltStatus status;
+} Compile;
+
+static void compile_body(Session *s, void *arg) {
+    Compile *c = arg;
+    SltProgram *p = c->p;
+    double start = now_ms();
+    int file;
+    if (c->path) {
+        const char *why = NULL;
+        file = session_add_file(s, c->path, &why);
+        if (file < 0) {
+            c->status = status_fail(&p->error, SLT_INPUT, "cannot read `%s`: %s", c->path, why ? why : "unknown cause");
+            return;
+        }
+    } else {
+        file = session_add_text(s, c->shown, ".", c->text, strlen(c->text));
+    }
+    ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
+    for (uint32_t i = 0; i < p->opt.nset; i++) overrides[i] = (ConstOverride){p->opt.set[i].name, p->opt.set[i].value, false};
+    ProgramOptions po = {.front = {.entry = p->opt.entry,
+                                   .overrides = overrides,
+                                   .noverrides = p->opt.nset,
+                                   .disc_auto = p->opt.disc_auto,
+                                   .probe = api_probe_asset,
+                                   .probe_user = p},
+                         .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
+                         .seed = p->opt.seed};
+    Program *prog = front_compile(s, file, &po);
+    p->ms_front = now_ms() - start;
+    if (!prog || s->nerrors) {
+        c->status = s->bad_usage ? SLT_USAGE : s->bad_input ? SLT_INPUT : SLT_PROGRAM;
+        status_fail(&p->error, c->status, "the program has errors");
+        return;
+    }
+    for (uint32_t i = 0; i < p->opt.nset; i++)
+        if (!overrides[i].used) {
+            c->status = status_fail(&p->error, SLT_USAGE, "--set %s: there is no constant of this name at file scope", overrides[i].name);
+            return;
+        }
+    p->prog = prog;
+    p->passes = (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
+    start = now_ms();
+    pipeline_primal(&p->passes, prog->primal);
+    p->ms_passes = now_ms() - start;
+}
+
+static SltStatus fill_program(SltProgram *p) {
+    Program *prog = p->prog;
+    size_t nf = prog->nfloats ? prog->nfloats : 1, ni = prog->nints ? prog->nints : 1;
+    p->floats = calloc(nf, sizeof(double));
+    p->flt = calloc(nf, sizeof(double));
+    p->ints = calloc(ni, sizeof(int32_t));
+    p->wrt = calloc(nf, 1);
+    p->asset_loaded = calloc(prog->nparams + 1, sizeof(bool));
+    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded) return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
+    if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
+    if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
+    api_params_changed(p, 0, prog->nfloats);
+    SltStatus status = api_load_assets(p, &p->error);
+    if (status != SLT_OK) return status;
+    return slt_wrt(p, NULL, 0, &p->error);
+}
+
+static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt, SltProgram **out) {
+    *out = NULL;
+    SltProgram *p = calloc(1, sizeof *p);
+    if (!p) return SLT_LIMIT;
+    p->session = session_create(0);
+    if (!p->session) {
+        free(p);
+        return SLT_LIMIT;
+    }
+    *out = p;
+    SltOptions o = SLT_OPTIONS_INIT;
+    if (opt) memcpy(&o, opt, opt->size < sizeof o ? opt->size : sizeof o);
+    p->opt = o;
+    p->cached = true;
+    Session *s = p->session;
+    s->stdlib_dir = copy_string(s, find_stdlib(&o));
+    s->import_dirs = o.import_dirs;
+    s->nimport_dirs = o.nimport_dirs;
+    if (o.target) {
+        if (!target_named(&p->target, o.target)) return status_fail(&p->error, SLT_USAGE, "unknown target `%s`: native, avx512, avx2 or sse2", o.target);
+    } else {
+        target_host(&p->target);
+    }
+    Compile c = {.p = p, .path = path, .text = text, .shown = shown};
+    int unwound = session_protect(s, compile_body, &c);
+    if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
+    if (c.status != SLT_OK) return c.status;
+    return fill_program(p);
+}
+
+SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out) { return compile(path, NULL, path, opt, out); }
+
+SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out) {
+    return compile(NULL, source, shown_name ? shown_name : "<string>", opt, out);
+}
+
+void slt_program_free(SltProgram *p) {
+    if (!p) return;
+    api_free_kernels(p);
+    free(p->floats);
+    free(p->flt);
+    free(p->ints);
+    free(p->wrt);
+    free(p->asset_loaded);
+    for (size_t i = 0; i < sizeof p->text / sizeof *p->text; i++) free(p->text[i]);
+    session_destroy(p->session);
+    free(p);
+}
+
+const char *slt_version(void) { return SALTUS_VERSION; }
+const char *slt_last_error(const SltProgram *p) { return p ? p->error.text : "out of memory"; }
+
+/* ---- diagnostics */
+uint32_t slt_diagnostic_count(const SltProgram *p) {
+    uint32_t n = 0;
+    for (const Diag *d = p->session->diags; d; d = d->next) n++;
+    return n;
+}
+
+bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
+    const Session *s = p->session;
+    for (const Diag *d = s->diags; d; d = d->next) {
+        if (index--) continue;
+        *out = (SltDiagnostic){.severity = d->severity == SEV_ERROR ? 1 : d->severity == SEV_WARNING ? 2 : 3, .code = diag_code_name(d->code), .message = d->text, .file = ""};
+        if (d->span.file >= 0) {
+            out->file = s->sources[d->span.file].path;
+            span_position(s, d->span, &out->line, &out->column);
+        }
+        return true;
+    }
+    return false;
+}
+
+static const char *printed(SltProgram *p, int slot, void (*print)(const Session *, FILE *)) {
+    size_t size = 0;
+    char *text = NULL;
+    FILE *f = open_memstream(&text, &size);
+    if (!f) return "";
+    print(p->session, f);
+    fclose(f);
+    free(p->text[slot]);
+    return p->text[slot] = text;
+}
+static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
+const char *slt_diagnostics_text(SltProgram *p) { return printed(p, 0, print_text); }
+const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_print_json); }
+
+/* ---- facts */
+uint32_t slt_dim(const SltProgram *p) { return p->prog->dim; }
+uint32_t slt_channels(const SltProgram *p) { return p->prog->channels; }
+const char *slt_entry(const SltProgram *p) { return p->prog->entry; }
+void slt_domain(const SltProgram *p, double lo[3], double hi[3]) {
+    for (int d = 0; d < 3; d++) lo[d] = p->prog->lo[d], hi[d] = p->prog->hi[d];
+}
+uint32_t slt_site_count(const SltProgram *p) { return p->prog->primal->nsites; }
+bool slt_uses_rand(const SltProgram *p) { return p->prog->uses_rand; }

@@ -1,0 +1,136 @@
+/* libsaltus: shaders with discontinuous branches, compiled, and the derivatives of their integrals.
+ *
+ *     SltProgram *p;
+ *     SltOptions opt = SLT_OPTIONS_INIT;
+ *     if (slt_compile_file("circle.salt", &opt, &p) == SLT_OK) {
+ *         SltJob job = SLT_JOB_INIT;
+ *         job.size[0] = job.size[1] = 256, job.spp = 4;
+ *         float *image = malloc(256 * 256 * slt_channels(p) * sizeof *image);
+ *         slt_render(p, &job, image, NULL, &err);
+ *     } else fputs(slt_diagnostics_text(p), stderr);
+ *     slt_program_free(p);
+ *
+ * No global state, never exits or aborts. A program object may be used from one thread at a time; different objects from
+ * different threads at once. Work inside a call is spread over job.threads threads. Everything returned by pointer belongs to the program
+ * and lives until it is freed, unless said otherwise. */
+#ifndef SALTUS_H
+#define SALTUS_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <stdbool.h>
+
+#include "saltus/job.h"
+#include "saltus/status.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct SltProgram SltProgram;
+
+typedef struct SltSet {
+    const char *name;  /* "N" or "module.N" */
+    const char *value; /* a literal of the constant's type */
+} SltSet;
+
+/* Size-tagged: a later version of the library adds members behind these. Start from SLT_OPTIONS_INIT. */
+typedef struct SltOptions {
+    size_t size;
+    const char *entry;              /* NULL: main, or the only one */
+    const SltSet *set;              /* specialisation constants */
+    uint32_t nset;
+    const SltSet *param_files;      /* values of parameters given as files, needed where they decide the size of an open array */
+    uint32_t nparam_files;
+    const char *const *import_dirs; /* searched behind the importing file's folder */
+    uint32_t nimport_dirs;
+    const char *stdlib_dir;         /* NULL: $SALTUS_STDLIB, else where it was installed */
+    bool f64, disc_auto;
+    uint32_t seed;                  /* of rand() in initialiser functions */
+    uint32_t width;                 /* SIMD lanes; 0: chosen from program and target */
+    bool interpret;                 /* run in the interpreter: slow, the oracle */
+    bool no_cache;
+    const char *target;             /* "native", "avx512", "avx2", "sse2"; NULL: $SALTUS_TARGET or native */
+    int near_miss;                  /* -1: by the program's number of events; 0 off; 1 on */
+    bool rgba8;                     /* the value kernel writes 8-bit pixels (slt_render_rgba8) */
+    bool paper_argmin, paper_forced; /* the paper's branch index and two-sided variants, for comparison */
+    const char *dump;               /* name of a pass whose IR is printed to standard error, or "all" */
+    bool verify;                    /* verify the IR after every pass */
+} SltOptions;
+#define SLT_OPTIONS_INIT ((SltOptions){.size = sizeof(SltOptions), .near_miss = -1})
+#define SLT_JOB_INIT ((SltJob){.size = {512, 512, 1}, .spp = 4})
+
+/* ---- compiling. *out is set whatever the status (unless memory is out: then NULL), so that diagnostics can be read. SLT_PROGRAM: see the
+ * diagnostics; SLT_INPUT: an asset or the file itself; SLT_USAGE: unknown entry or constant. */
+SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out);
+SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out);
+void slt_program_free(SltProgram *p);
+const char *slt_version(void);
+
+typedef struct SltDiagnostic {
+    int severity;              /* 1 error, 2 warning, 3 information (LSP) */
+    const char *code, *message, *file;
+    uint32_t line, column;     /* from 1; 0 where there is no place */
+} SltDiagnostic;
+uint32_t slt_diagnostic_count(const SltProgram *p);
+bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out);
+const char *slt_diagnostics_text(SltProgram *p);  /* as the command prints them */
+const char *slt_diagnostics_json(SltProgram *p);  /* one LSP Diagnostic a line */
+/* What went wrong when there is no diagnostic for it (limits, inputs). */
+const char *slt_last_error(const SltProgram *p);
+
+/* ---- what the program is */
+uint32_t slt_dim(const SltProgram *p);
+uint32_t slt_channels(const SltProgram *p);
+const char *slt_entry(const SltProgram *p);
+void slt_domain(const SltProgram *p, double lo[3], double hi[3]);
+uint32_t slt_site_count(const SltProgram *p);
+bool slt_uses_rand(const SltProgram *p);
+
+/* ---- parameters. Floats are one vector of slt_float_count doubles, integers and bools one of int32. */
+typedef struct SltParam {
+    const char *name;
+    const char *type;          /* as written: "Disc[200]" */
+    uint32_t fbase, fcount, ibase, icount;
+    bool differentiable, is_texture, is_heightfield;
+    bool has_range, log, color;
+    double lo, hi;
+    const char *doc;
+    uint32_t tex_w, tex_h, tex_c;
+} SltParam;
+uint32_t slt_param_count(const SltProgram *p);
+bool slt_param(const SltProgram *p, uint32_t index, SltParam *out);
+/* A parameter or component by name ("discs[3].centre.x"); err names the nearest. */
+SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, SltError *err);
+uint32_t slt_float_count(const SltProgram *p);
+uint32_t slt_int_count(const SltProgram *p);
+const double *slt_floats(const SltProgram *p);
+const int32_t *slt_ints(const SltProgram *p);
+SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const double *values, SltError *err);
+SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err);
+/* "0.3", "[0.1, 0.2]", JSON of the parameter's shape, or "@file" (.csv .json .exr .npy .png ...). */
+SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err);
+/* All parameters as the JSON that `fit` writes, and back. The string is malloc'd. */
+char *slt_params_json(const SltProgram *p);
+SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err);
+
+/* ---- which parameters are differentiated: NULL or 0 names: all that are differentiable. Names are parameters or components. */
+SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err);
+const uint8_t *slt_wrt_mask(const SltProgram *p); /* per float: 1 where a gradient is wanted */
+
+/* ---- estimating: see job.h for the job and the results. stats and err may be NULL. Kernels are compiled on first need. */
+SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err);
+SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);
+/* Derivative images in ndir directions of the float vector (each double[slt_float_count]). */
+SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err);
+/* Gradient of sum adjoint * image. */
+SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient, double *stderr_bound, SltStats *stats, SltError *err);
+/* Loss mean mask*(I - T)^2 and its gradient. */
+SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
+SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err);
+SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
