@@ -1,0 +1,439 @@
+/* Setting up, Adam, SGD, and what all methods share: units, bounds, rejection, convergence. */
+#include "internal.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static double rate_of(const Optimiser *o, size_t i) { return o->config.learning_rate[i]; }
+
+static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
+
+/* The caller's value of an internal one. Bounds are applied here too: exp(log(x)) may miss x by a rounding. */
+static double to_caller(const Optimiser *o, size_t i, double u) {
+    double v = o->config.log[i] ? exp(u) : u;
+    return clamp(v, o->config.lo[i], o->config.hi[i]);
+}
+
+bool move_to_trial(Optimiser *o) {
+    bool moved = false;
+    for (size_t i = 0; i < o->config.n; i++) {
+        double u = clamp(o->base[i] + o->now.step_scale * o->step[i], o->lo[i], o->hi[i]);
+        if (rate_of(o, i) == 0) { /* held: not even a rounding may change it */
+            continue;
+        }
+        moved |= u != o->base[i];
+        o->u[i] = u;
+        o->params[i] = to_caller(o, i, u);
+    }
+    return moved;
+}
+
+double projected_gradient(const Optimiser *o, const double *g) {
+    double worst = 0;
+    for (size_t i = 0; i < o->config.n; i++) {
+        bool blocked = (o->base[i] <= o->lo[i] && g[i] > 0) || (o->base[i] >= o->hi[i] && g[i] < 0);
+        worst = blocked ? worst : fmax(worst, fabs(g[i]));
+    }
+    return worst;
+}
+
+OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...) {
+    va_list args;
+    o->now.state = state;
+    va_start(args, fmt);
+    vsnprintf(o->now.reason, sizeof o->now.reason, fmt, args);
+    va_end(args);
+    return state;
+}
+
+bool has_converged(Optimiser *o) {
+    const OptimiseConfig *c = &o->config;
+    double size = projected_gradient(o, o->g);
+    if (size <= c->gradient_tolerance && (c->gradient_tolerance > 0 || c->method == OPTIMISE_LBFGS)) {
+        finish(o, OPTIMISE_CONVERGED, "no component of the gradient is larger than %.3g", size);
+        return true;
+    }
+    if (c->patience > 0) {
+        double fall = o->now.reference_loss - o->now.best_loss;
+        if (isinf(o->now.reference_loss) || fall > c->loss_tolerance * fabs(o->now.reference_loss)) {
+            o->now.reference_loss = o->now.best_loss;
+            o->now.stalled = 0;
+        } else if (++o->now.stalled >= c->patience) {
+            finish(o, OPTIMISE_CONVERGED, "the loss fell by less than %.3g of itself over %d iterations", c->loss_tolerance,
+                   c->patience);
+            return true;
+        }
+    }
+    return false;
+}
+
+static size_t grid_index(const OptimiseGrid *g, int x, int y, int c) {
+    return g->offset + (size_t)x * g->stride_x + (size_t)y * g->stride_y + (size_t)c * g->stride_c;
+}
+
+void smooth_grid(Optimiser *o, int k, double *v, int times) {
+    const OptimiseGrid *g = &o->config.grids[k];
+    for (int c = 0; o->solvers[k] && c < g->channels; c++) {
+        for (int t = 0; t < times; t++) {
+            laplacian_solve(o->solvers[k], v + grid_index(g, 0, 0, c), g->stride_x, g->stride_y, o->grid_scratch);
+        }
+    }
+}
+
+static void smooth_grids(Optimiser *o, double *v, int times) {
+    for (int k = 0; k < o->config.grid_count; k++) {
+        smooth_grid(o, k, v, times);
+    }
+}
+
+/* Under a Laplacian, Adam's scaling by each entry's own second moment would undo the smoothing; the paper's uniform variant
+ * divides a whole grid by its largest. `work` gets the denominator of every parameter. */
+static void adam_denominators(Optimiser *o, double correction) {
+    for (size_t i = 0; i < o->config.n; i++) {
+        o->work[i] = sqrt(o->square[i] / correction) + o->config.epsilon;
+    }
+    for (int k = 0; k < o->config.grid_count; k++) {
+        const OptimiseGrid *g = &o->config.grids[k];
+        double largest = 0;
+        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
+            for (int c = 0; c < g->channels; c++) {
+                for (int y = 0; y < g->height; y++) {
+                    for (int x = 0; x < g->width; x++) {
+                        size_t i = grid_index(g, x, y, c);
+                        if (pass == 0) {
+                            largest = fmax(largest, o->work[i]);
+                        } else {
+                            o->work[i] = largest;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+static void adam(Optimiser *o) {
+    const OptimiseConfig *c = &o->config;
+    double t = (double)++o->now.age;
+    double first = 1 - pow(c->beta1, t), second = 1 - pow(c->beta2, t);
+    memcpy(o->step, o->g, c->n * sizeof *o->step);
+    smooth_grids(o, o->step, 1);
+    for (size_t i = 0; i < c->n; i++) {
+        double g = o->step[i];
+        o->moment[i] = c->beta1 * o->moment[i] + (1 - c->beta1) * g;
+        o->square[i] = c->beta2 * o->square[i] + (1 - c->beta2) * g * g;
+    }
+    adam_denominators(o, second);
+    for (size_t i = 0; i < c->n; i++) {
+        o->step[i] = -rate_of(o, i) * (o->moment[i] / first) / o->work[i];
+    }
+    smooth_grids(o, o->step, 1);
+}
+
+static void sgd(Optimiser *o) {
+    const OptimiseConfig *c = &o->config;
+    memcpy(o->work, o->g, c->n * sizeof *o->work);
+    smooth_grids(o, o->work, 2);
+    for (size_t i = 0; i < c->n; i++) {
+        o->moment[i] = c->momentum * o->moment[i] + o->work[i];
+        o->step[i] = -rate_of(o, i) * o->moment[i];
+    }
+}
+
+/* The next step from base, by its gradient and the moments so far. */
+static void momentum_step(Optimiser *o) {
+    if (o->config.method == OPTIMISE_ADAM) {
+        adam(o);
+    } else {
+        sgd(o);
+    }
+}
+
+static bool all_zero(const double *v, size_t n) {
+    for (size_t i = 0; i < n; i++) {
+        if (v[i] != 0) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static OptimiseState first_order_step(Optimiser *o, double loss) {
+    size_t n = o->config.n;
+    memcpy(o->base, o->u, n * sizeof *o->base);
+    memcpy(o->g, o->fresh, n * sizeof *o->g);
+    o->now.base_loss = loss;
+    o->now.iterations++;
+    if (has_converged(o)) {
+        return (OptimiseState)o->now.state;
+    }
+    if (all_zero(o->g, n) && all_zero(o->moment, n)) { /* a zero by chance in mid-run still coasts on its momentum */
+        return finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
+    }
+    momentum_step(o);
+    o->now.step_scale = 1;
+    move_to_trial(o);
+    return OPTIMISE_EVALUATE;
+}
+
+static OptimiseState reject(Optimiser *o, bool bad_loss) {
+    const char *what = bad_loss ? "loss" : "gradient";
+    o->now.rejected++;
+    o->now.failures++;
+    if (!o->now.started) {
+        return finish(o, OPTIMISE_FAILED, "the %s at the start is not finite", what);
+    }
+    if (o->now.failures > o->config.max_failures) {
+        return finish(o, OPTIMISE_FAILED, "the %s is not finite, also after %d shorter steps", what, o->config.max_failures);
+    }
+    if (o->config.method == OPTIMISE_LBFGS) {
+        o->now.step_scale *= 0.25;
+        lbfgs_place_trial(o);
+        return OPTIMISE_EVALUATE;
+    }
+    o->now.step_scale *= 0.5;
+    if (o->now.failures == o->config.max_failures / 2) { /* momentum may push into a wall that the gradient here avoids */
+        memset(o->moment, 0, o->config.n * sizeof *o->moment);
+        if (o->config.method == OPTIMISE_ADAM) {
+            memset(o->square, 0, o->config.n * sizeof *o->square);
+        }
+        o->now.age = 0;
+        momentum_step(o);
+    }
+    move_to_trial(o);
+    return OPTIMISE_EVALUATE;
+}
+
+OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
+    if (o->now.state != OPTIMISE_EVALUATE) {
+        return (OptimiseState)o->now.state;
+    }
+    o->now.evaluations++;
+    bool finite = true;
+    for (size_t i = 0; i < o->config.n; i++) { /* chain rule of the logarithm; held parameters have no gradient */
+        o->fresh[i] = rate_of(o, i) == 0 ? 0 : gradient[i] * (o->config.log[i] ? o->params[i] : 1);
+        finite = finite && isfinite(o->fresh[i]);
+    }
+    if (!isfinite(loss) || !finite) {
+        return reject(o, !isfinite(loss));
+    }
+    o->now.failures = 0;
+    if (loss < o->now.best_loss) {
+        o->now.best_loss = loss;
+        memcpy(o->best, o->params, o->config.n * sizeof *o->best);
+    }
+    OptimiseState state = o->config.method == OPTIMISE_LBFGS ? lbfgs_step(o, loss) : first_order_step(o, loss);
+    o->now.started = 1;
+    return state;
+}
+
+const double *optimise_parameters(const Optimiser *o) { return o->params; }
+
+const double *optimise_best(const Optimiser *o, double *loss) {
+    if (loss) {
+        *loss = o->now.best_loss;
+    }
+    return o->best;
+}
+
+long optimise_iterations(const Optimiser *o) { return (long)o->now.iterations; }
+long optimise_evaluations(const Optimiser *o) { return (long)o->now.evaluations; }
+long optimise_rejected(const Optimiser *o) { return (long)o->now.rejected; }
+const char *optimise_reason(const Optimiser *o) { return o->now.reason; }
+
+/* making --------------------------------------------------------------------------------------------------- */
+
+static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
+    if (c->n < 1 || c->n > ((size_t)1 << 31) || !c->start) {
+        return status_fail(err, SLT_USAGE, "an optimiser of %zu parameters", c->n);
+    }
+    if (c->method != OPTIMISE_ADAM && c->method != OPTIMISE_SGD && c->method != OPTIMISE_LBFGS) {
+        return status_fail(err, SLT_USAGE, "unknown optimiser %d", (int)c->method);
+    }
+    if (!(c->default_rate >= 0) || isinf(c->default_rate) || !(c->beta1 >= 0 && c->beta1 < 1) ||
+        !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) || !(c->momentum >= 0 && c->momentum < 1)) {
+        return status_fail(err, SLT_USAGE, "a rate, beta, epsilon or momentum of the optimiser is out of range");
+    }
+    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 || c->max_failures < 0 ||
+        !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
+        return status_fail(err, SLT_USAGE, "a history, tolerance or patience of the optimiser is out of range");
+    }
+    if (c->grid_count && !c->grids) {
+        return status_fail(err, SLT_USAGE, "an optimiser of %d grids without their description", c->grid_count);
+    }
+    for (size_t i = 0; i < c->n; i++) {
+        double lo = c->lo ? c->lo[i] : -INFINITY, hi = c->hi ? c->hi[i] : INFINITY;
+        if (!isfinite(c->start[i])) {
+            return status_fail(err, SLT_USAGE, "parameter %zu starts at %g", i, c->start[i]);
+        }
+        if (!(lo <= hi) || lo == INFINITY || hi == -INFINITY) {
+            return status_fail(err, SLT_USAGE, "parameter %zu has the bounds [%g, %g]", i, lo, hi);
+        }
+        if (c->learning_rate && (!(c->learning_rate[i] >= 0) || isinf(c->learning_rate[i]))) {
+            return status_fail(err, SLT_USAGE, "parameter %zu has the learning rate %g", i, c->learning_rate[i]);
+        }
+        if (c->log && c->log[i] && !(clamp(c->start[i], lo, hi) > 0)) {
+            return status_fail(err, SLT_USAGE, "parameter %zu is optimised as its logarithm but starts at %g", i,
+                               clamp(c->start[i], lo, hi));
+        }
+    }
+    for (int k = 0; k < c->grid_count; k++) {
+        const OptimiseGrid *g = &c->grids[k];
+        double last = 0;
+        if (g->width >= 1 && g->height >= 1 && g->channels >= 1) {
+            last = (double)g->offset + (g->width - 1.0) * (double)g->stride_x + (g->height - 1.0) * (double)g->stride_y +
+                   (g->channels - 1.0) * (double)g->stride_c;
+        }
+        if (g->width < 1 || g->height < 1 || g->channels < 1 || !(last < (double)c->n) || !(g->lambda >= 0) || isinf(g->lambda)) {
+            return status_fail(err, SLT_USAGE, "grid %d of the optimiser does not fit its %zu parameters, or lambda is bad", k, c->n);
+        }
+    }
+    return SLT_OK;
+}
+
+static void fill_defaults(OptimiseConfig *c) {
+    c->default_rate = c->default_rate != 0 ? c->default_rate : 0.01;
+    c->beta1 = c->beta1 != 0 ? c->beta1 : 0.9;
+    c->beta2 = c->beta2 != 0 ? c->beta2 : 0.999;
+    c->epsilon = c->epsilon != 0 ? c->epsilon : 1e-8;
+    c->history = c->history ? c->history : 10;
+    c->max_failures = c->max_failures ? c->max_failures : 10;
+    if (c->method == OPTIMISE_LBFGS && c->patience == 0) {
+        c->patience = 3;
+        c->loss_tolerance = c->loss_tolerance > 0 ? c->loss_tolerance : 1e-12;
+    }
+}
+
+/* Replaces the config's arrays by owned ones. False when out of memory; what was made is then freed by optimise_free. */
+static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
+    OptimiseConfig *c = &o->config;
+    double *rate = malloc(c->n * sizeof *rate), *lo = malloc(c->n * sizeof *lo), *hi = malloc(c->n * sizeof *hi);
+    uint8_t *log_flag = malloc(c->n);
+    OptimiseGrid *grids = malloc(((size_t)c->grid_count + 1) * sizeof *grids);
+    c->start = NULL;
+    c->learning_rate = rate;
+    c->lo = lo;
+    c->hi = hi;
+    c->log = log_flag;
+    c->grids = grids;
+    o->solvers = calloc((size_t)c->grid_count + 1, sizeof *o->solvers);
+    o->lo = malloc(c->n * sizeof *o->lo);
+    o->hi = malloc(c->n * sizeof *o->hi);
+    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->lo || !o->hi) {
+        return false;
+    }
+    for (size_t i = 0; i < c->n; i++) {
+        rate[i] = from->learning_rate ? from->learning_rate[i] : c->default_rate;
+        lo[i] = from->lo ? from->lo[i] : -INFINITY;
+        hi[i] = from->hi ? from->hi[i] : INFINITY;
+        log_flag[i] = from->log && from->log[i];
+        o->lo[i] = !log_flag[i] ? lo[i] : lo[i] > 0 ? log(lo[i]) : -INFINITY;
+        o->hi[i] = !log_flag[i] ? hi[i] : log(hi[i]);
+    }
+    if (c->grid_count) {
+        memcpy(grids, from->grids, (size_t)c->grid_count * sizeof *grids);
+    }
+    return true;
+}
+
+static bool make_block(Optimiser *o) {
+    size_t n = o->config.n, history = o->config.method == OPTIMISE_LBFGS ? (size_t)o->config.history : 0;
+    size_t moments = o->config.method == OPTIMISE_LBFGS ? 0 : n, squares = o->config.method == OPTIMISE_ADAM ? n : 0;
+    size_t cells = 0;
+    for (int k = 0; k < o->config.grid_count; k++) {
+        size_t count = (size_t)o->config.grids[k].width * (size_t)o->config.grids[k].height;
+        cells = count > cells ? count : cells;
+    }
+    o->persistent = 6 * n + moments + squares + 2 * history * n;
+    o->block = calloc(o->persistent + 2 * n + 2 * cells + history + 1, sizeof *o->block);
+    o->is_free = calloc(n, 1);
+    if (!o->block || !o->is_free) {
+        return false;
+    }
+    double *p = o->block;
+    struct {
+        double **to;
+        size_t size;
+    } const parts[] = {{&o->u, n},       {&o->params, n},       {&o->best, n},      {&o->base, n},      {&o->g, n},
+                       {&o->step, n},    {&o->moment, moments}, {&o->square, squares}, {&o->s, history * n}, {&o->y, history * n},
+                       {&o->fresh, n},   {&o->work, n},         {&o->grid_scratch, 2 * cells}, {&o->alpha, history}};
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
+        *parts[i].to = p;
+        p += parts[i].size;
+    }
+    return true;
+}
+
+static SltStatus make_solvers(Optimiser *o, SltError *err) {
+    for (int k = 0; k < o->config.grid_count; k++) {
+        const OptimiseGrid *g = &o->config.grids[k];
+        for (int j = 0; j < k && g->lambda > 0; j++) {
+            const OptimiseGrid *h = &o->config.grids[j];
+            if (o->solvers[j] && h->width == g->width && h->height == g->height && h->lambda == g->lambda) {
+                o->solvers[k] = o->solvers[j];
+            }
+        }
+        if (!o->solvers[k] && g->lambda > 0) {
+            o->solvers[k] = laplacian_create(g->width, g->height, g->lambda, err);
+            if (!o->solvers[k]) {
+                return err ? err->status : SLT_LIMIT;
+            }
+        }
+    }
+    return SLT_OK;
+}
+
+Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
+    OptimiseConfig c = *config;
+    fill_defaults(&c);
+    if (check_config(&c, err) != SLT_OK) {
+        return NULL;
+    }
+    Optimiser *o = calloc(1, sizeof *o);
+    if (o) {
+        o->config = c;
+    }
+    if (!o || !own_arrays(o, config) || !make_block(o)) {
+        optimise_free(o);
+        status_fail(err, SLT_LIMIT, "out of memory for an optimiser of %zu parameters", c.n);
+        return NULL;
+    }
+    if (make_solvers(o, err) != SLT_OK) {
+        optimise_free(o);
+        return NULL;
+    }
+    for (size_t i = 0; i < c.n; i++) {
+        o->params[i] = clamp(config->start[i], o->config.lo[i], o->config.hi[i]);
+        o->u[i] = o->base[i] = o->config.log[i] ? log(o->params[i]) : o->params[i];
+        o->best[i] = o->params[i];
+    }
+    o->now.best_loss = o->now.base_loss = o->now.reference_loss = INFINITY;
+    o->now.step_scale = 1;
+    return o;
+}
+
+void optimise_free(Optimiser *o) {
+    if (!o) {
+        return;
+    }
+    for (int k = 0; o->solvers && k < o->config.grid_count; k++) {
+        for (int j = k + 1; j < o->config.grid_count; j++) { /* shared ones are freed once */
+            o->solvers[j] = o->solvers[j] == o->solvers[k] ? NULL : o->solvers[j];
+        }
+        laplacian_free(o->solvers[k]);
+    }
+    free(o->solvers);
+    free((void *)o->config.learning_rate);
+    free((void *)o->config.lo);
+    free((void *)o->config.hi);
+    free((void *)o->config.log);
+    free((void *)o->config.grids);
+    free(o->lo);
+    free(o->hi);
+    free(o->block);
+    free(o->is_free);
+    free(o);
+}
