@@ -221,8 +221,11 @@ Fn *ir_parse(Session *s, Arena *arena, int file);
 bool ir_verify(const Fn *fn, Arena *arena, const char **text);
 
 /* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision), W lanes at a time (W even where
- * partner is used). Same arguments as a compiled kernel. MATH rows that are still there use the C library. Returns an SltStatus. */
+ * partner is used). Same arguments as a compiled kernel, except that adjoints always have the FLAT layout (varying indices too, never the log), arrays need no
+ * padding beyond n, and tape_bytes is a limit (0: 256 MiB) on memory that the call allocates itself. MATH rows that are still there use the C library; rand is
+ * exact. Several threads may run the same Fn if its ids are dense (ir_number). lanes: a power of two up to 64. Returns an SltStatus: SLT_LIMIT (tape, memory),
+ * SLT_USAGE (an input that the Fn reads is NULL, bad lanes), SLT_PROGRAM (a fieldop, which only compiled kernels know), SLT_INTERNAL (broken IR). */
 struct SltKernelArgs;
-int ir_interpret(const Fn *fn, const struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
+int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
 
 #endif

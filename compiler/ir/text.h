@@ -1,0 +1,25 @@
+/* A growing string in an arena, and the text of instructions: what print.c and verify.c share. */
+#ifndef SALTUS_IR_TEXT_H
+#define SALTUS_IR_TEXT_H
+
+#include "compiler/ir/ir.h"
+
+typedef struct Text {
+    Arena *arena;
+    char *data;   /* NUL-terminated once anything was added */
+    size_t len, cap;
+} Text;
+
+void text_add(Text *t, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+/* One instruction without its regions and without a newline. Safe on broken IR. */
+void text_inst(Text *t, const Inst *i);
+
+/* Names that print.c writes and parse.c reads. */
+extern const char *const ir_input_names[IN_COUNT];
+extern const char *const ir_site_kinds[SITE_FIELD + 1];
+extern const char *const ir_counter_names[COUNTER_SLOTS];
+extern const char ir_type_letters[TY_TAPE + 1]; /* . b i f a t */
+/* Special rows whose result type the text spells out: the signature begins with '?'. */
+bool ir_spells_type(Op op);
+
+#endif
