@@ -260,6 +260,22 @@ uint32_t ir_number(Fn *fn) {
     return fn->ninsts;
 }
 
+static bool is_numbered(const Block *b, uint32_t *n) {
+    for (uint32_t p = 0; p < b->nparams; p++)
+        if (b->params[p]->id != (*n)++) return false;
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->id != (*n)++) return false;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (i->region[r] && !is_numbered(i->region[r], n)) return false;
+    }
+    return true;
+}
+
+bool ir_is_numbered(const Fn *fn) {
+    uint32_t n = 0;
+    return is_numbered(fn->body, &n) && n == fn->ninsts;
+}
+
 static Inst *mapped(Inst *v, Inst **map) {
     return v && v->id != UINT32_MAX && map[v->id] ? map[v->id] : v;
 }

@@ -190,6 +190,7 @@ void ir_replace_arg(Inst *i, uint32_t index, Inst *value);
 void ir_append_arg(Fn *fn, Inst *i, Inst *value);
 void ir_unlink(Inst *i);
 uint32_t ir_number(Fn *fn);                                             /* dense ids in program order; returns the count */
+bool ir_is_numbered(const Fn *fn);                                      /* ids are what ir_number would give */
 Fn *ir_clone(const Fn *fn, Arena *arena, const char *name);
 /* Clones instructions of a block behind the builder, with map[id] -> new value filled (ids from ir_number of the source Fn). Nested
  * regions are cloned whole; unmapped operands are kept as they are (for cloning inside the same Fn). */

@@ -182,20 +182,8 @@ static void add_block(Text *t, const Block *b, uint32_t depth) {
     text_add(t, "%*s}", (int)(2 * depth), "");
 }
 
-static bool is_numbered(const Block *b, uint32_t *n) {
-    for (uint32_t p = 0; p < b->nparams; p++)
-        if (b->params[p]->id != (*n)++) return false;
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->id != (*n)++) return false;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (i->region[r] && !is_numbered(i->region[r], n)) return false;
-    }
-    return true;
-}
-
 char *ir_print_string(const Fn *fn, Arena *arena) {
-    uint32_t n = 0;
-    if (!is_numbered(fn->body, &n)) ir_number((Fn *)fn);
+    if (!ir_is_numbered(fn)) ir_number((Fn *)fn);
     Text t = {.arena = arena};
     text_add(&t, "fn ");
     add_string(&t, fn->name);

@@ -1,0 +1,68 @@
+/* custom ([Tangent] functions) -> its primal region in place. What differentiates runs before; what is left here only needs values. */
+#include "compiler/pass/pass.h"
+
+typedef struct Lower {
+    Inst **map; /* by id: the value that stands for a region's parameter or a projection */
+    bool changed;
+} Lower;
+
+/* Definitions come before uses, so one walk in program order resolves chains too. */
+static void remap(const Lower *lo, Inst *i) {
+    for (uint32_t a = 0; a < i->nargs; a++)
+        if (lo->map[i->args[a]->id]) i->args[a] = lo->map[i->args[a]->id];
+}
+
+static void move_before(Inst *i, Block *b, Inst *before) {
+    ir_unlink(i);
+    i->block = b;
+    i->next = before;
+    i->prev = before->prev;
+    if (i->prev) i->prev->next = i;
+    else b->first = i;
+    before->prev = i;
+}
+
+static void lower_block(Lower *lo, Block *b);
+
+static Inst *inline_region(Lower *lo, Inst *c) {
+    Block *body = c->region[0], *block = c->block;
+    for (uint32_t p = 0; p < body->nparams; p++) lo->map[body->params[p]->id] = c->args[p];
+    lower_block(lo, body); /* custom inside custom */
+    Inst *yield = body->last;
+    for (Inst *i = body->first, *next; i != yield; i = next) {
+        next = i->next;
+        move_before(i, block, c);
+    }
+    Inst *behind = c->next;
+    while (behind && behind->op == OP_proj && behind->args[0] == c) {
+        Inst *proj = behind;
+        behind = proj->next;
+        lo->map[proj->id] = yield->args[proj->imm.i];
+        ir_unlink(proj);
+    }
+    ir_unlink(c);
+    lo->changed = true;
+    return behind;
+}
+
+static void lower_block(Lower *lo, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        remap(lo, i);
+        if (i->op == OP_custom) {
+            next = inline_region(lo, i);
+            continue;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) lower_block(lo, i->region[r]);
+    }
+}
+
+bool lower_custom(PassCtx *ctx, Fn *fn) {
+    Arena *scratch = &ctx->session->scratch;
+    ArenaMark m = arena_mark(scratch);
+    uint32_t n = ir_number(fn);
+    Lower lo = {.map = ARENA_ARRAY(scratch, Inst *, n + 1)};
+    lower_block(&lo, fn->body);
+    arena_reset(scratch, m);
+    return lo.changed;
+}
