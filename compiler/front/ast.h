@@ -33,7 +33,8 @@ struct Type {
     const char *name; /* as people write it: "float3", "Disc", "float[4][2]" */
     Field *fields;    /* struct; the Hit and Silhouette structs are predeclared */
     uint32_t nfields;
-    Type *next;       /* intern chain */
+    Type *next;          /* free for check.c */
+    uint32_t components; /* cache of type_components for structs and arrays; 0 until known */
 };
 
 typedef struct Expr Expr;

@@ -66,6 +66,7 @@ bool type_is_float(const Type *t) {
 
 uint32_t type_components(const Type *t) {
     uint64_t n = 0;
+    if (t->components) return t->components;
     switch (t->kind) {
     case T_ERROR:
     case T_VOID:
@@ -82,5 +83,7 @@ uint32_t type_components(const Type *t) {
         for (uint32_t i = 0; i < t->nfields && n < UINT32_MAX; i++) n += type_components(t->fields[i].type);
         break;
     }
-    return n < UINT32_MAX ? (uint32_t)n : UINT32_MAX;
+    /* Structs of structs of structs double at every level: without the cache the walk would, too. Constants never get here. */
+    ((Type *)t)->components = n < UINT32_MAX ? (uint32_t)n : UINT32_MAX;
+    return t->components;
 }
