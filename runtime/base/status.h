@@ -1,8 +1,9 @@
 /* Status codes and error texts shared by the runtime and the command.
  *
- * Every runtime function that can fail takes an `SltError *` (never NULL unless said) and returns an SltStatus:
- * SLT_OK, or the same code it left in the error. The codes are the exit statuses of the command. An SltError is
- * plain data owned by the caller; nothing in it needs freeing; one per thread. */
+ * Every runtime function that can fail takes an `SltError *` (never NULL unless said) and returns
+ * an SltStatus: SLT_OK, or the same code it left in the error. The codes are the exit statuses of
+ * the command. An SltError is plain data owned by the caller; nothing in it needs freeing; one per
+ * thread. */
 #ifndef SALTUS_RUNTIME_BASE_STATUS_H
 #define SALTUS_RUNTIME_BASE_STATUS_H
 
@@ -12,8 +13,9 @@
 extern "C" {
 #endif
 
-/* Fills `err` (which may be NULL: then only the status is returned) and returns `status`, so that callers can
- * write `return status_fail(err, SLT_INPUT, "...", ...)`. A text that does not fit is cut. */
+/* Fills `err` (which may be NULL: then only the status is returned) and returns `status`, so that
+ * callers can write `return status_fail(err, SLT_INPUT, "...", ...)`. A text that does not fit is
+ * cut. */
 SltStatus status_fail(SltError *err, SltStatus status, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
 

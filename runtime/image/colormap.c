@@ -25,15 +25,18 @@ static void interpolate(const uint8_t (*knots)[3], int count, double t, uint8_t 
 }
 
 void colormap_diverging(double t, uint8_t rgb[3]) {
-    /* lightness falls evenly to both sides of a neutral middle, so that equal magnitudes look equal */
-    static const uint8_t knots[][3] = {{16, 44, 108}, {40, 92, 168}, {92, 146, 208},  {164, 198, 232}, {246, 246, 244},
-                                       {240, 186, 160}, {218, 122, 96}, {178, 56, 56}, {104, 14, 36}};
+    /* lightness falls evenly to both sides of a neutral middle, so that equal magnitudes look equal
+     */
+    static const uint8_t knots[][3] = {{16, 44, 108},   {40, 92, 168},   {92, 146, 208},
+                                       {164, 198, 232}, {246, 246, 244}, {240, 186, 160},
+                                       {218, 122, 96},  {178, 56, 56},   {104, 14, 36}};
     interpolate(knots, 9, 0.5 + 0.5 * t, rgb);
 }
 
 void colormap_sequential(double t, uint8_t rgb[3]) {
-    static const uint8_t knots[][3] = {{8, 8, 28}, {48, 20, 88}, {108, 30, 108}, {168, 44, 96}, {218, 80, 62},
-                                       {244, 140, 40}, {250, 204, 88}, {252, 252, 214}};
+    static const uint8_t knots[][3] = {{8, 8, 28},     {48, 20, 88},   {108, 30, 108},
+                                       {168, 44, 96},  {218, 80, 62},  {244, 140, 40},
+                                       {250, 204, 88}, {252, 252, 214}};
     interpolate(knots, 8, t, rgb);
 }
 
@@ -50,7 +53,8 @@ static void print_scale(double v, char out[32]) {
     snprintf(out, 32, "%+.3g", v);
 }
 
-static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale, const char *title) {
+static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
+                     const char *title) {
     static const uint8_t ink[3] = {40, 40, 40};
     int left = MARGIN, right = width - MARGIN;
     for (int x = left; x < right; x++) {
@@ -74,12 +78,13 @@ static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
         if (room < (int)strlen(cut)) {
             snprintf(cut + (room > 2 ? room - 2 : 0), 3, "..");
         }
-        font_draw(rgb, width, height, (left + right - font_measure(cut, 1)) / 2, text_y + TEXT_HEIGHT + 4, cut, 1, ink);
+        font_draw(rgb, width, height, (left + right - font_measure(cut, 1)) / 2,
+                  text_y + TEXT_HEIGHT + 4, cut, 1, ink);
     }
 }
 
-SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title, uint8_t **pixels,
-                               int *width, int *height, SltError *err) {
+SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title,
+                               uint8_t **pixels, int *width, int *height, SltError *err) {
     int root[4];
     int n = root_channels(im, root);
     *pixels = NULL;
@@ -99,8 +104,10 @@ SltStatus image_draw_diverging(const Image *im, int channel, double scale, const
     while (zoom > 1 && (double)im->height * zoom > 4096) {
         zoom--; /* a tall sliver is not worth a huge picture */
     }
-    int drawn = im->width * zoom, w = drawn < SMALLEST_WIDTH ? SMALLEST_WIDTH : drawn, x0 = (w - drawn) / 2;
-    int band = MARGIN + BAR_HEIGHT + 4 + TEXT_HEIGHT + (title && title[0] ? TEXT_HEIGHT + 4 : 0) + MARGIN;
+    int drawn = im->width * zoom, w = drawn < SMALLEST_WIDTH ? SMALLEST_WIDTH : drawn,
+        x0 = (w - drawn) / 2;
+    int band =
+        MARGIN + BAR_HEIGHT + 4 + TEXT_HEIGHT + (title && title[0] ? TEXT_HEIGHT + 4 : 0) + MARGIN;
     int h = im->height * zoom + band;
     uint8_t *rgb = malloc((size_t)w * (size_t)h * 3);
     if (!rgb) {
@@ -121,8 +128,8 @@ SltStatus image_draw_diverging(const Image *im, int channel, double scale, const
     return SLT_OK;
 }
 
-SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale, const char *title,
-                                SltError *err) {
+SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale,
+                                const char *title, SltError *err) {
     uint8_t *rgb;
     int w, h;
     SltStatus status = image_draw_diverging(im, channel, scale, title, &rgb, &w, &h, err);

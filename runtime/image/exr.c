@@ -1,8 +1,9 @@
 /* OpenEXR through its C core, from and to memory.
  *
- * The core parses untrusted headers, so everything is bounded twice: the context's limits and an allocator that refuses
- * single blocks out of proportion, and our own checks of windows, tile sizes and channel counts before any pixel memory is
- * taken. Deep data and subsampled channels are refused by name. */
+ * The core parses untrusted headers, so everything is bounded twice: the context's limits and an
+ * allocator that refuses single blocks out of proportion, and our own checks of windows, tile sizes
+ * and channel counts before any pixel memory is taken. Deep data and subsampled channels are
+ * refused by name. */
 #if defined(__has_include) && __has_include(<openexr.h>)
 #include <openexr.h>
 #else
@@ -22,11 +23,13 @@ typedef struct Stream {
     const char *name;
     const uint8_t *bytes; /* reading */
     size_t size;
-    Bytes out; /* writing */
+    Bytes out;         /* writing */
     char message[256]; /* the core's first complaint */
 } Stream;
 
-static void *alloc_bounded(size_t bytes) { return bytes > BLOCK_LIMIT ? NULL : malloc(bytes); }
+static void *alloc_bounded(size_t bytes) {
+    return bytes > BLOCK_LIMIT ? NULL : malloc(bytes);
+}
 
 static void keep_message(exr_const_context_t ctx, exr_result_t code, const char *msg) {
     void *user = NULL;
@@ -44,23 +47,24 @@ static int64_t stream_size(exr_const_context_t ctx, void *user) {
     return (int64_t)((Stream *)user)->size;
 }
 
-static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, uint64_t size, uint64_t offset,
-                           exr_stream_error_func_ptr_t fail) {
+static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, uint64_t size,
+                           uint64_t offset, exr_stream_error_func_ptr_t fail) {
     Stream *s = user;
     (void)ctx;
     (void)fail;
     if (offset >= s->size) {
         return 0;
     }
-    if (size > s->size - offset) { /* the header is read in blocks that may pass the end: the core checks what it needs */
+    if (size > s->size - offset) { /* the header is read in blocks that may pass the end: the core
+                                      checks what it needs */
         size = s->size - offset;
     }
     memcpy(buffer, s->bytes + offset, size);
     return (int64_t)size;
 }
 
-static int64_t stream_write(exr_const_context_t ctx, void *user, const void *buffer, uint64_t size, uint64_t offset,
-                            exr_stream_error_func_ptr_t fail) {
+static int64_t stream_write(exr_const_context_t ctx, void *user, const void *buffer, uint64_t size,
+                            uint64_t offset, exr_stream_error_func_ptr_t fail) {
     Stream *s = user;
     bytes_write_at(&s->out, offset, buffer, size);
     if (s->out.failed) {
@@ -85,9 +89,11 @@ static exr_context_initializer_t initializer(Stream *s) {
     return init;
 }
 
-static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing, SltStatus status, SltError *err) {
+static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing, SltStatus status,
+                           SltError *err) {
     if (code == EXR_ERR_OUT_OF_MEMORY) {
-        return status_fail(err, SLT_LIMIT, "cannot %s '%s': a block of it needs too much memory", doing, s->name);
+        return status_fail(err, SLT_LIMIT, "cannot %s '%s': a block of it needs too much memory",
+                           doing, s->name);
     }
     const char *text = s->message[0] ? s->message : exr_get_default_error_message(code);
     const char *file = strstr(text, s->name); /* the core prefixes some texts with the name */
@@ -98,7 +104,7 @@ static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing
     return status_fail(err, status, "cannot %s '%s': %s", doing, s->name, text);
 }
 
-/* reading -------------------------------------------------------------------------------------------------- */
+/* reading ------------------------------------------------------------------------------------- */
 
 typedef struct Channel {
     char name[IMAGE_NAME_SIZE];
@@ -106,7 +112,7 @@ typedef struct Channel {
     size_t layer;   /* order of first appearance, the root first */
     int rank;       /* R G B A Y before others */
     int order;
-    int target;     /* its channel in the Image */
+    int target; /* its channel in the Image */
 } Channel;
 
 static size_t layer_length(const char *name) {
@@ -152,13 +158,16 @@ typedef struct Plan {
     int count, parts;
 } Plan;
 
-static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int part, SltError *err) {
+static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int part,
+                           SltError *err) {
     exr_storage_t storage;
     exr_attr_box2i_t data;
     const exr_attr_chlist_t *list;
     exr_result_t rc = exr_get_storage(ctx, part, &storage);
-    if (rc == EXR_ERR_SUCCESS && (storage == EXR_STORAGE_DEEP_SCANLINE || storage == EXR_STORAGE_DEEP_TILED)) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': deep images are not supported", s->name);
+    if (rc == EXR_ERR_SUCCESS &&
+        (storage == EXR_STORAGE_DEEP_SCANLINE || storage == EXR_STORAGE_DEEP_TILED)) {
+        return status_fail(err, SLT_INPUT, "cannot read '%s': deep images are not supported",
+                           s->name);
     }
     rc = rc ? rc : exr_get_data_window(ctx, part, &data);
     rc = rc ? rc : exr_get_channels(ctx, part, &list);
@@ -172,11 +181,14 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
             return fail_core(s, rc, "read", SLT_INPUT, err);
         }
     } else if (memcmp(&data, &plan->data, sizeof data) != 0) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': part %d covers another window than the first part", s->name,
-                           part + 1);
+        return status_fail(err, SLT_INPUT,
+                           "cannot read '%s': part %d covers another window than the first part",
+                           s->name, part + 1);
     }
-    double width = (double)data.max.x - data.min.x + 1, height = (double)data.max.y - data.min.y + 1;
-    SltStatus status = check_claim(s->name, width, height, (double)plan->count + list->num_channels, s->size, err);
+    double width = (double)data.max.x - data.min.x + 1,
+           height = (double)data.max.y - data.min.y + 1;
+    SltStatus status =
+        check_claim(s->name, width, height, (double)plan->count + list->num_channels, s->size, err);
     if (status != SLT_OK) {
         return status;
     }
@@ -189,10 +201,12 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
             return fail_core(s, rc, "read", SLT_INPUT, err);
         }
         if (tile_x < 1 || tile_y < 1 || tile_x > TILE_LIMIT || tile_y > TILE_LIMIT) {
-            return status_fail(err, SLT_INPUT, "cannot read '%s': tiles of %u x %u pixels", s->name, tile_x, tile_y);
+            return status_fail(err, SLT_INPUT, "cannot read '%s': tiles of %u x %u pixels", s->name,
+                               tile_x, tile_y);
         }
     }
-    Channel *grown = realloc(plan->channels, (size_t)(plan->count + list->num_channels) * sizeof *grown);
+    Channel *grown =
+        realloc(plan->channels, (size_t)(plan->count + list->num_channels) * sizeof *grown);
     if (!grown) {
         return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", s->name);
     }
@@ -202,18 +216,23 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
         Channel *c = &plan->channels[plan->count];
         *c = (Channel){.part = part, .slot = i, .order = plan->count};
         if (entry->x_sampling != 1 || entry->y_sampling != 1) {
-            return status_fail(err, SLT_INPUT, "cannot read '%s': channel '%s' is subsampled %d x %d; only full resolution "
-                               "is supported", s->name, entry->name.str, entry->x_sampling, entry->y_sampling);
+            return status_fail(
+                err, SLT_INPUT,
+                "cannot read '%s': channel '%s' is subsampled %d x %d; only full resolution "
+                "is supported",
+                s->name, entry->name.str, entry->x_sampling, entry->y_sampling);
         }
         snprintf(c->name, sizeof c->name, "%s", entry->name.str);
-        if (name_taken(plan->channels, plan->count, c->name)) { /* parts may repeat R G B: tell them apart by part */
+        if (name_taken(plan->channels, plan->count,
+                       c->name)) { /* parts may repeat R G B: tell them apart by part */
             const char *part_name = NULL;
             if (exr_get_name(ctx, part, &part_name) != EXR_ERR_SUCCESS || !part_name) {
                 part_name = "part";
             }
             snprintf(c->name, sizeof c->name, "%.120s.%.120s", part_name, entry->name.str);
             if (name_taken(plan->channels, plan->count, c->name)) {
-                return status_fail(err, SLT_INPUT, "cannot read '%s': two channels are called '%s'", s->name, c->name);
+                return status_fail(err, SLT_INPUT, "cannot read '%s': two channels are called '%s'",
+                                   s->name, c->name);
             }
         }
         plan->count++;
@@ -229,7 +248,8 @@ static void order_channels(Plan *plan) {
         c->rank = suffix_rank(c->name);
         c->layer = length ? (size_t)i + 1 : 0;
         for (int j = 0; length && j < i; j++) {
-            if (layer_length(plan->channels[j].name) == length && !strncmp(plan->channels[j].name, c->name, length)) {
+            if (layer_length(plan->channels[j].name) == length &&
+                !strncmp(plan->channels[j].name, c->name, length)) {
                 c->layer = plan->channels[j].layer;
                 break;
             }
@@ -250,7 +270,8 @@ typedef struct Aim {
 } Aim;
 
 static float half_to_float(uint16_t h) {
-    uint32_t sign = (uint32_t)(h & 0x8000) << 16, exponent = h >> 10 & 31, mantissa = h & 1023, bits;
+    uint32_t sign = (uint32_t)(h & 0x8000) << 16, exponent = h >> 10 & 31, mantissa = h & 1023,
+             bits;
     float f;
     if (exponent == 0) {
         f = (float)mantissa * 0x1p-24f; /* exact, also zero */
@@ -284,8 +305,9 @@ static float load_sample(const uint8_t *p, int type) {
     return f;
 }
 
-/* Takes the place of the core's own unpacking: with 3.1.5, uncompressed half R G B A into interleaved floats came out as
- * zeros (test exr_layouts). A chunk is lines; a line is its channels in the order of the header; numbers are little-endian. */
+/* Takes the place of the core's own unpacking: with 3.1.5, uncompressed half R G B A into
+ * interleaved floats came out as zeros (test exr_layouts). A chunk is lines; a line is its channels
+ * in the order of the header; numbers are little-endian. */
 static exr_result_t unpack(exr_decode_pipeline_t *pipe) {
     const Aim *aim = pipe->decoding_user_data;
     const exr_chunk_info_t *chunk = &pipe->chunk;
@@ -299,17 +321,21 @@ static exr_result_t unpack(exr_decode_pipeline_t *pipe) {
         }
     }
     for (int k = 0; k < pipe->channel_count; k++) {
-        need += (uint64_t)chunk->width * (uint64_t)chunk->height * (pipe->channels[k].data_type == EXR_PIXEL_HALF ? 2 : 4);
+        need += (uint64_t)chunk->width * (uint64_t)chunk->height *
+                (pipe->channels[k].data_type == EXR_PIXEL_HALF ? 2 : 4);
     }
     if (!from || need > chunk->unpacked_size) {
         return EXR_ERR_CORRUPT_CHUNK;
     }
     for (int y = 0; y < chunk->height; y++) {
-        float *line = aim->im->data + ((size_t)(aim->y + y) * (size_t)aim->im->width + (size_t)aim->x) * (size_t)aim->im->channels;
+        float *line =
+            aim->im->data + ((size_t)(aim->y + y) * (size_t)aim->im->width + (size_t)aim->x) *
+                                (size_t)aim->im->channels;
         for (int k = 0; k < pipe->channel_count; k++) {
             int type = pipe->channels[k].data_type, bytes = type == EXR_PIXEL_HALF ? 2 : 4;
             for (int x = 0; x < chunk->width; x++, from += bytes) {
-                line[(size_t)x * (size_t)aim->im->channels + (size_t)target[k]] = load_sample(from, type);
+                line[(size_t)x * (size_t)aim->im->channels + (size_t)target[k]] =
+                    load_sample(from, type);
             }
         }
     }
@@ -321,16 +347,19 @@ typedef struct Decoder {
     bool started;
 } Decoder;
 
-static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *plan, int part, Decoder *d,
-                              const exr_chunk_info_t *info, int64_t x, int64_t y, Image *im, SltError *err) {
+static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *plan, int part,
+                              Decoder *d, const exr_chunk_info_t *info, int64_t x, int64_t y,
+                              Image *im, SltError *err) {
     exr_result_t rc;
     if (info->packed_size > s->size || info->unpacked_size > BLOCK_LIMIT) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': a block claims %llu bytes", s->name,
                            (unsigned long long)info->packed_size);
     }
     if (x < 0 || y < 0 || info->width < 1 || info->height < 1 || x + info->width > im->width ||
-        y + info->height > im->height) { /* the core checks indices, but the pixels are ours to defend */
-        return status_fail(err, SLT_INPUT, "cannot read '%s': a block lies outside of the image", s->name);
+        y + info->height >
+            im->height) { /* the core checks indices, but the pixels are ours to defend */
+        return status_fail(err, SLT_INPUT, "cannot read '%s': a block lies outside of the image",
+                           s->name);
     }
     Aim aim = {.plan = plan, .im = im, .part = part, .x = x, .y = y};
     rc = d->started ? exr_decoding_update(ctx, part, info, &d->pipe)
@@ -338,7 +367,8 @@ static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *pl
     if (rc == EXR_ERR_SUCCESS) {
         bool first = !d->started;
         d->started = true;
-        if (first) { /* for reading and decompressing; no channel has a pointer, so nothing is unpacked by it */
+        if (first) { /* for reading and decompressing; no channel has a pointer, so nothing is
+                        unpacked by it */
             rc = exr_decoding_choose_default_routines(ctx, part, &d->pipe);
         }
         d->pipe.decoding_user_data = &aim;
@@ -348,7 +378,8 @@ static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *pl
     return rc ? fail_core(s, rc, "read", SLT_INPUT, err) : SLT_OK;
 }
 
-static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *plan, int part, Image *im, SltError *err) {
+static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *plan, int part,
+                             Image *im, SltError *err) {
     exr_storage_t storage;
     exr_chunk_info_t info;
     Decoder d = {.pipe = EXR_DECODE_PIPELINE_INITIALIZER};
@@ -360,7 +391,8 @@ static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *pla
         for (int64_t y = 0; !rc && !status && lines > 0 && y < im->height; y += lines) {
             rc = exr_read_scanline_chunk_info(ctx, part, (int)(y + plan->data.min.y), &info);
             if (!rc) {
-                status = decode_chunk(ctx, s, plan, part, &d, &info, 0, (int64_t)info.start_y - plan->data.min.y, im, err);
+                status = decode_chunk(ctx, s, plan, part, &d, &info, 0,
+                                      (int64_t)info.start_y - plan->data.min.y, im, err);
             }
         }
     } else if (rc == EXR_ERR_SUCCESS) {
@@ -370,7 +402,8 @@ static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *pla
             for (int64_t tx = 0; !rc && !status && tx * tile_w < im->width; tx++) {
                 rc = exr_read_tile_chunk_info(ctx, part, (int)tx, (int)ty, 0, 0, &info);
                 if (!rc) {
-                    status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h, im, err);
+                    status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h,
+                                          im, err);
                 }
             }
         }
@@ -389,7 +422,8 @@ static SltStatus read_attributes(exr_context_t ctx, const Stream *s, Image *im, 
     }
     for (int32_t i = 0; i < count && ok; i++) {
         const exr_attribute_t *a;
-        if (exr_get_attribute_by_index(ctx, 0, EXR_ATTR_LIST_FILE_ORDER, i, &a) != EXR_ERR_SUCCESS) {
+        if (exr_get_attribute_by_index(ctx, 0, EXR_ATTR_LIST_FILE_ORDER, i, &a) !=
+            EXR_ERR_SUCCESS) {
             continue;
         }
         if (a->type == EXR_ATTR_STRING && a->string->str) {
@@ -405,7 +439,8 @@ static SltStatus read_attributes(exr_context_t ctx, const Stream *s, Image *im, 
     return ok ? SLT_OK : status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", s->name);
 }
 
-/* Moves pixels from the data window into the display window: what is missing is 0, what sticks out is cut. */
+/* Moves pixels from the data window into the display window: what is missing is 0, what sticks out
+ * is cut. */
 static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltError *err) {
     const exr_attr_box2i_t *d = &plan->data, *v = &plan->display;
     if (memcmp(d, v, sizeof *d) == 0) {
@@ -420,11 +455,14 @@ static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltEr
     if (status != SLT_OK) {
         return status;
     }
-    int64_t dx = (int64_t)d->min.x - v->min.x, dy = (int64_t)d->min.y - v->min.y; /* of the data in the display */
+    int64_t dx = (int64_t)d->min.x - v->min.x,
+            dy = (int64_t)d->min.y - v->min.y; /* of the data in the display */
     int64_t x0 = dx > 0 ? dx : 0, x1 = dx + im->width < out.width ? dx + im->width : out.width;
     if (x0 >= x1 || dy >= out.height || dy + im->height <= 0) {
         image_free(&out);
-        return status_fail(err, SLT_INPUT, "cannot read '%s': its pixels lie outside of its display window", s->name);
+        return status_fail(err, SLT_INPUT,
+                           "cannot read '%s': its pixels lie outside of its display window",
+                           s->name);
     }
     for (int64_t y = 0; y < out.height; y++) {
         if (y - dy >= 0 && y - dy < im->height) {
@@ -441,11 +479,13 @@ static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltEr
     return SLT_OK;
 }
 
-static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Image *im, SltError *err) {
+static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Image *im,
+                            SltError *err) {
     exr_result_t rc = exr_get_count(ctx, &plan->parts);
     SltStatus status = rc ? fail_core(s, rc, "read", SLT_INPUT, err) : SLT_OK;
     if (!status && plan->parts < 1) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': the file has no image in it", s->name);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': the file has no image in it",
+                           s->name);
     }
     for (int part = 0; part < plan->parts && !status; part++) {
         status = plan_part(ctx, s, plan, part, err);
@@ -467,7 +507,8 @@ static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Imag
     return status ? status : read_attributes(ctx, s, im, err);
 }
 
-SltStatus exr_decode(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
+SltStatus exr_decode(const char *name, const uint8_t *bytes, size_t size, Image *out,
+                     SltError *err) {
     Stream s = {.name = name, .bytes = bytes, .size = size};
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
@@ -477,7 +518,8 @@ SltStatus exr_decode(const char *name, const uint8_t *bytes, size_t size, Image 
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not an OpenEXR file", name);
     }
     exr_result_t rc = exr_start_read(&ctx, name, &init);
-    SltStatus status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
+    SltStatus status =
+        rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
     if (ctx) {
         exr_finish(&ctx);
     }
@@ -488,16 +530,19 @@ SltStatus exr_decode(const char *name, const uint8_t *bytes, size_t size, Image 
     return status;
 }
 
-/* writing -------------------------------------------------------------------------------------------------- */
+/* writing ------------------------------------------------------------------------------------- */
 
 static exr_result_t write_header(exr_context_t ctx, const Image *im) {
     int part = 0;
     char name[IMAGE_NAME_SIZE];
     exr_result_t rc = exr_set_longname_support(ctx, 1);
     rc = rc ? rc : exr_add_part(ctx, "saltus", EXR_STORAGE_SCANLINE, &part);
-    rc = rc ? rc : exr_initialize_required_attr_simple(ctx, part, im->width, im->height, EXR_COMPRESSION_ZIP);
+    rc = rc ? rc
+            : exr_initialize_required_attr_simple(ctx, part, im->width, im->height,
+                                                  EXR_COMPRESSION_ZIP);
     for (int c = 0; c < im->channels && !rc; c++) {
-        rc = exr_add_channel(ctx, part, image_get_name(im, c, name), EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
+        rc = exr_add_channel(ctx, part, image_get_name(im, c, name), EXR_PIXEL_FLOAT,
+                             EXR_PERCEPTUALLY_LINEAR, 1, 1);
     }
     for (int i = 0; i < im->attr_count && !rc; i++) {
         const ImageAttr *a = &im->attrs[i];
@@ -519,14 +564,19 @@ static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *s
     exr_result_t rc = exr_get_scanlines_per_chunk(ctx, 0, &lines);
     for (int64_t y = 0; !rc && y < im->height; y += lines) {
         rc = exr_write_scanline_chunk_info(ctx, 0, (int)y, &info);
-        rc = rc ? rc : started ? exr_encoding_update(ctx, 0, &info, &pipe) : exr_encoding_initialize(ctx, 0, &info, &pipe);
+        rc = rc        ? rc
+             : started ? exr_encoding_update(ctx, 0, &info, &pipe)
+                       : exr_encoding_initialize(ctx, 0, &info, &pipe);
         for (int k = 0; !rc && k < pipe.channel_count; k++) {
             exr_coding_channel_info_t *c = &pipe.channels[k];
             c->user_bytes_per_element = 4;
             c->user_data_type = EXR_PIXEL_FLOAT;
             c->user_pixel_stride = (int32_t)sizeof(float) * im->channels;
-            c->user_line_stride = (int32_t)((size_t)im->width * (size_t)im->channels * sizeof(float));
-            c->encode_from_ptr = (const uint8_t *)(im->data + (size_t)y * (size_t)im->width * (size_t)im->channels + slots[k]);
+            c->user_line_stride =
+                (int32_t)((size_t)im->width * (size_t)im->channels * sizeof(float));
+            c->encode_from_ptr =
+                (const uint8_t *)(im->data + (size_t)y * (size_t)im->width * (size_t)im->channels +
+                                  slots[k]);
         }
         if (!rc && !started) {
             rc = exr_encoding_choose_default_routines(ctx, 0, &pipe);
@@ -540,7 +590,8 @@ static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *s
     return rc;
 }
 
-/* The core keeps its channels sorted by name; slots[k] is the Image's channel of the core's k-th. False for a duplicate. */
+/* The core keeps its channels sorted by name; slots[k] is the Image's channel of the core's k-th.
+ * False for a duplicate. */
 static bool map_slots(exr_context_t ctx, const Image *im, int *slots) {
     const exr_attr_chlist_t *list;
     if (exr_get_channels(ctx, 0, &list) != EXR_ERR_SUCCESS || list->num_channels != im->channels) {
@@ -560,16 +611,19 @@ static SltStatus check_names(const char *name, const Image *im, SltError *err) {
     for (int i = 0; i < im->channels; i++) {
         image_get_name(im, i, a);
         if (!a[0]) {
-            return status_fail(err, SLT_USAGE, "cannot write '%s': channel %d has no name", name, i);
+            return status_fail(err, SLT_USAGE, "cannot write '%s': channel %d has no name", name,
+                               i);
         }
         if (image_find_channel(im, a) != i) {
-            return status_fail(err, SLT_USAGE, "cannot write '%s': two channels are called '%s'", name, a);
+            return status_fail(err, SLT_USAGE, "cannot write '%s': two channels are called '%s'",
+                               name, a);
         }
     }
     return SLT_OK;
 }
 
-SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size, SltError *err) {
+SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size,
+                           SltError *err) {
     Stream s = {.name = name};
     *bytes = NULL;
     *size = 0;
@@ -578,14 +632,16 @@ SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, s
         return status;
     }
     if ((double)im->width * im->channels * sizeof(float) > INT32_MAX) {
-        return status_fail(err, SLT_LIMIT, "cannot write '%s': too wide for %d channels", name, im->channels);
+        return status_fail(err, SLT_LIMIT, "cannot write '%s': too wide for %d channels", name,
+                           im->channels);
     }
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
     int *slots = malloc((size_t)im->channels * sizeof *slots);
     /* never a real path: the core would unlink it after an error */
-    exr_result_t rc = slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init)
-                            : EXR_ERR_OUT_OF_MEMORY;
+    exr_result_t rc =
+        slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init)
+              : EXR_ERR_OUT_OF_MEMORY;
     rc = rc ? rc : write_header(ctx, im);
     if (!rc && !map_slots(ctx, im, slots)) {
         rc = EXR_ERR_INVALID_ARGUMENT;

@@ -51,7 +51,9 @@ void bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size) {
     }
 }
 
-void bytes_append(Bytes *b, const void *data, size_t size) { bytes_write_at(b, b->size, data, size); }
+void bytes_append(Bytes *b, const void *data, size_t size) {
+    bytes_write_at(b, b->size, data, size);
+}
 
 void bytes_printf(Bytes *b, const char *fmt, ...) {
     char small[256];
@@ -174,7 +176,8 @@ static SltStatus write_special(const char *path, const void *data, size_t size, 
     return code ? status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", path) : SLT_OK;
 }
 
-/* A file beside the target that no other process has; its mode follows the umask, which mkstemp's does not. */
+/* A file beside the target that no other process has; its mode follows the umask, which mkstemp's
+ * does not. */
 static int open_temporary(const char *target, char **name) {
     size_t room = strlen(target) + 40;
     *name = malloc(room);
@@ -209,7 +212,8 @@ static void sync_folder_of(const char *target) {
     }
     int fd = open(slash ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (fd >= 0) {
-        sync_file(fd); /* the file is already whole; a folder that cannot be synced is no reason to fail */
+        sync_file(fd); /* the file is already whole; a folder that cannot be synced is no reason to
+                          fail */
         close(fd);
     }
     free(folder);
@@ -224,7 +228,8 @@ SltStatus file_write_atomic(const char *path, const void *data, size_t size, Slt
     if (exists && !S_ISREG(st.st_mode)) {
         return write_special(path, data, size, err);
     }
-    char *real = exists ? realpath(path, NULL) : NULL; /* replace what a link points to, not the link */
+    char *real =
+        exists ? realpath(path, NULL) : NULL; /* replace what a link points to, not the link */
     const char *target = real ? real : path;
     char *temporary = NULL;
     int fd = open_temporary(target, &temporary);

@@ -1,7 +1,8 @@
 /* The optimiser's state, shared by the files of this folder only.
  *
- * What a checkpoint must carry is in two places and nowhere else: `Numbers`, and the first `persistent` doubles of `block`. Everything
- * after them is scratch that one call to optimise_step fills and forgets, so that save and load cannot miss a field. */
+ * What a checkpoint must carry is in two places and nowhere else: `Numbers`, and the first
+ * `persistent` doubles of `block`. Everything after them is scratch that one call to optimise_step
+ * fills and forgets, so that save and load cannot miss a field. */
 #ifndef SALTUS_RUNTIME_OPTIMISE_INTERNAL_H
 #define SALTUS_RUNTIME_OPTIMISE_INTERNAL_H
 
@@ -26,13 +27,13 @@ struct Optimiser {
     size_t persistent; /* doubles of block in a checkpoint */
     double *block;
     /* persistent; all of n, in internal units (logarithms where asked) unless said */
-    double *u;              /* the point to evaluate */
-    double *params;         /* the same in the caller's units */
-    double *best;           /* caller's units */
-    double *base, *g;       /* last accepted point and its gradient */
-    double *step;           /* from base, before scaling and projection */
+    double *u;               /* the point to evaluate */
+    double *params;          /* the same in the caller's units */
+    double *best;            /* caller's units */
+    double *base, *g;        /* last accepted point and its gradient */
+    double *step;            /* from base, before scaling and projection */
     double *moment, *square; /* Adam: both; SGD: moment is the velocity */
-    double *s, *y;          /* L-BFGS: history x n */
+    double *s, *y;           /* L-BFGS: history x n */
     /* scratch */
     double *fresh, *work, *grid_scratch, *alpha;
     uint8_t *is_free;
@@ -47,14 +48,15 @@ bool move_to_trial(Optimiser *o);
 double projected_gradient(const Optimiser *o, const double *g);
 /* v := (I + lambda L)^-1 v on grid k, `times` times. */
 void smooth_grid(Optimiser *o, int k, double *v, int times);
-OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...)
+    __attribute__((format(printf, 3, 4)));
 /* Tests the loss's stall and the gradient's size after an accepted point; true when it has stopped. */
 bool has_converged(Optimiser *o);
 
 /* lbfgs.c: takes a finite loss, with its gradient in o->fresh */
 OptimiseState lbfgs_step(Optimiser *o, double loss);
-/* Moves to the trial of the present step_scale and notes the decrease that the linear model promises for it as projected. False
- * when it promises none. */
+/* Moves to the trial of the present step_scale and notes the decrease that the linear model
+ * promises for it as projected. False when it promises none. */
 bool lbfgs_place_trial(Optimiser *o);
 
 #endif

@@ -34,7 +34,8 @@ static void fill_matrix(const Laplacian *l, double lambda, Build *b) {
     for (int i = 0; i < l->n; i++) {
         int x = i % l->width, y = i / l->width, diagonal = 0, degree = 0;
         b->ap[i] = at;
-        const int neighbour[4] = {y > 0 ? i - l->width : -1, x > 0 ? i - 1 : -1, x + 1 < l->width ? i + 1 : -1,
+        const int neighbour[4] = {y > 0 ? i - l->width : -1, x > 0 ? i - 1 : -1,
+                                  x + 1 < l->width ? i + 1 : -1,
                                   y + 1 < l->height ? i + l->width : -1};
         for (int k = 0; k < 4; k++) { /* rows ascend: two before the diagonal, two after */
             if (k == 2) {
@@ -55,7 +56,8 @@ static void fill_matrix(const Laplacian *l, double lambda, Build *b) {
 static SltStatus factorise(Laplacian *l, Build *b, SltError *err) {
     size_t n = (size_t)l->n;
     if (amd_order(l->n, b->ap, b->ai, l->perm, NULL, NULL) < AMD_OK) {
-        return status_fail(err, SLT_LIMIT, "out of memory for the Laplacian of %d x %d cells", l->width, l->height);
+        return status_fail(err, SLT_LIMIT, "out of memory for the Laplacian of %d x %d cells",
+                           l->width, l->height);
     }
     ldl_symbolic(l->n, b->ap, b->ai, l->lp, b->parent, b->lnz, b->flag, l->perm, b->inverse);
     double total = 0; /* lp would wrap around before malloc could refuse */
@@ -63,28 +65,34 @@ static SltStatus factorise(Laplacian *l, Build *b, SltError *err) {
         total += b->lnz[i];
     }
     if (total > INT_MAX) {
-        return status_fail(err, SLT_LIMIT, "the Laplacian of %d x %d cells is too large", l->width, l->height);
+        return status_fail(err, SLT_LIMIT, "the Laplacian of %d x %d cells is too large", l->width,
+                           l->height);
     }
     l->li = malloc(((size_t)total + 1) * sizeof *l->li);
     l->lx = malloc(((size_t)total + 1) * sizeof *l->lx);
     if (!l->li || !l->lx) {
-        return status_fail(err, SLT_LIMIT, "out of memory for the Laplacian of %d x %d cells", l->width, l->height);
+        return status_fail(err, SLT_LIMIT, "out of memory for the Laplacian of %d x %d cells",
+                           l->width, l->height);
     }
-    int rank = ldl_numeric(l->n, b->ap, b->ai, b->ax, l->lp, b->parent, b->lnz, l->li, l->lx, l->d, b->y, b->pattern,
-                           b->flag, l->perm, b->inverse);
+    int rank = ldl_numeric(l->n, b->ap, b->ai, b->ax, l->lp, b->parent, b->lnz, l->li, l->lx, l->d,
+                           b->y, b->pattern, b->flag, l->perm, b->inverse);
     if (rank != l->n) { /* cannot be: the matrix is diagonally dominant */
-        return status_fail(err, SLT_INTERNAL, "the Laplacian of %d x %d cells is singular", l->width, l->height);
+        return status_fail(err, SLT_INTERNAL, "the Laplacian of %d x %d cells is singular",
+                           l->width, l->height);
     }
     return SLT_OK;
 }
 
 Laplacian *laplacian_create(int width, int height, double lambda, SltError *err) {
     if (width < 1 || height < 1 || !(lambda >= 0) || isinf(lambda)) {
-        status_fail(err, SLT_USAGE, "a Laplacian of %d x %d cells with lambda %g", width, height, lambda);
+        status_fail(err, SLT_USAGE, "a Laplacian of %d x %d cells with lambda %g", width, height,
+                    lambda);
         return NULL;
     }
     if ((double)width * height > MAX_CELLS) {
-        status_fail(err, SLT_LIMIT, "a grid of %d x %d cells is too large for Laplacian smoothing (at most 2^22)", width, height);
+        status_fail(err, SLT_LIMIT,
+                    "a grid of %d x %d cells is too large for Laplacian smoothing (at most 2^22)",
+                    width, height);
         return NULL;
     }
     Laplacian *l = calloc(1, sizeof *l);
@@ -108,7 +116,8 @@ Laplacian *laplacian_create(int width, int height, double lambda, SltError *err)
             fill_matrix(l, lambda, &b);
             status = factorise(l, &b, err);
         } else {
-            status = status_fail(err, SLT_LIMIT, "out of memory for the Laplacian of %d x %d cells", width, height);
+            status = status_fail(err, SLT_LIMIT, "out of memory for the Laplacian of %d x %d cells",
+                                 width, height);
         }
         for (int i = 0; i < 7; i++) {
             free(*ints[i]);
@@ -136,7 +145,8 @@ void laplacian_free(Laplacian *l) {
     }
 }
 
-void laplacian_solve(const Laplacian *l, double *data, size_t stride_x, size_t stride_y, double *scratch) {
+void laplacian_solve(const Laplacian *l, double *data, size_t stride_x, size_t stride_y,
+                     double *scratch) {
     size_t n = (size_t)l->n, width = (size_t)l->width;
     double *b = scratch, *x = scratch + n;
     for (size_t i = 0; i < n; i++) {

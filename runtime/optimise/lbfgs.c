@@ -1,9 +1,11 @@
 /* L-BFGS with bounds, turned inside out: each call takes one evaluation and returns the next point.
  *
- * Bounds by projection and an active set by sign (Bertsekas 1982): a variable at its bound whose gradient pushes outwards is held,
- * the two-loop recursion runs over the others, and the line search follows the projected path base -> P(base + t d). Backtracking with
- * Armijo's condition and quadratic interpolation; pairs without positive curvature are not kept. A direction that does not descend,
- * or a search that finds nothing, drops the history once and tries the preconditioned gradient. */
+ * Bounds by projection and an active set by sign (Bertsekas 1982): a variable at its bound whose
+ * gradient pushes outwards is held, the two-loop recursion runs over the others, and the line
+ * search follows the projected path base -> P(base + t d). Backtracking with Armijo's condition and
+ * quadratic interpolation; pairs without positive curvature are not kept. A direction that does not
+ * descend, or a search that finds nothing, drops the history once and tries the preconditioned
+ * gradient. */
 #include "internal.h"
 
 #include <math.h>
@@ -22,13 +24,14 @@ static double dot_free(const Optimiser *o, const double *a, const double *b) {
 
 static void find_free(Optimiser *o) {
     for (size_t i = 0; i < o->config.n; i++) {
-        bool blocked = (o->base[i] <= o->lo[i] && o->g[i] > 0) || (o->base[i] >= o->hi[i] && o->g[i] < 0);
+        bool blocked =
+            (o->base[i] <= o->lo[i] && o->g[i] > 0) || (o->base[i] >= o->hi[i] && o->g[i] < 0);
         o->is_free[i] = !blocked && o->config.learning_rate[i] > 0;
     }
 }
 
-/* v := P v on the free variables, P = sqrt(rate) (I + lambda L)^-2 sqrt(rate): symmetric and positive, so a valid start of the
- * recursion. */
+/* v := P v on the free variables, P = sqrt(rate) (I + lambda L)^-2 sqrt(rate): symmetric and
+ * positive, so a valid start of the recursion. */
 static void precondition(Optimiser *o, double *v) {
     for (size_t i = 0; i < o->config.n; i++) {
         v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
@@ -150,7 +153,8 @@ static void keep_pair(Optimiser *o) {
     size_t n = o->config.n;
     int next = o->now.pairs == 0 ? 0 : (int)((o->now.newest + 1) % o->config.history);
     double *s = o->s + (size_t)next * n, *y = o->y + (size_t)next * n, sy = 0, ss = 0, yy = 0;
-    for (size_t i = 0; i < n; i++) { /* measured first: the slot may hold the oldest pair, which a bad one must not replace */
+    for (size_t i = 0; i < n; i++) { /* measured first: the slot may hold the oldest pair, which a
+                                        bad one must not replace */
         double ds = o->u[i] - o->base[i], dy = o->fresh[i] - o->g[i];
         sy += ds * dy;
         ss += ds * ds;

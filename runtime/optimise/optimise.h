@@ -11,12 +11,13 @@
  *     best = optimise_best(o, &loss);
  *     optimise_free(o);
  *
- * Inside, a parameter marked `log` is optimised as its logarithm; bounds are kept exactly by projection. A loss or a gradient that
- * is not finite never enters the state: the step is taken back, shortened and counted; after `max_failures` in a row the
- * optimiser stops and says so. What was best so far is kept.
+ * Inside, a parameter marked `log` is optimised as its logarithm; bounds are kept exactly by
+ * projection. A loss or a gradient that is not finite never enters the state: the step is taken
+ * back, shortened and counted; after `max_failures` in a row the optimiser stops and says so. What
+ * was best so far is kept.
  *
- * Everything is deterministic: the same calls give the same bits, also across save and load. An Optimiser owns all its memory
- * (copies of the config's arrays too); one thread at a time. */
+ * Everything is deterministic: the same calls give the same bits, also across save and load. An
+ * Optimiser owns all its memory (copies of the config's arrays too); one thread at a time. */
 #ifndef SALTUS_RUNTIME_OPTIMISE_H
 #define SALTUS_RUNTIME_OPTIMISE_H
 
@@ -37,9 +38,10 @@ typedef enum OptimiseState {
     OPTIMISE_FAILED     /* the loss stayed non-finite; see optimise_reason */
 } OptimiseState;
 
-/* A grid among the parameters: element (x, y, c) is parameter offset + x * stride_x + y * stride_y + c * stride_c. Its gradient
- * is preconditioned with (I + lambda L)^-2, L the graph Laplacian of 4 neighbours (Nicolet, Jacobson, Jakob 2021, "Large
- * Steps in Inverse Rendering of Geometry"). Grids must not overlap. */
+/* A grid among the parameters: element (x, y, c) is parameter offset + x * stride_x + y * stride_y
+ * + c * stride_c. Its gradient is preconditioned with (I + lambda L)^-2, L the graph Laplacian of 4
+ * neighbours (Nicolet, Jacobson, Jakob 2021, "Large Steps in Inverse Rendering of Geometry"). Grids
+ * must not overlap. */
 typedef struct OptimiseGrid {
     size_t offset;
     int width, height, channels;
@@ -51,43 +53,48 @@ typedef struct OptimiseGrid {
 typedef struct OptimiseConfig {
     size_t n;
     OptimiseMethod method;
-    const double *start;           /* required; finite; moved into the bounds if outside */
-    const double *learning_rate;   /* > 0, or 0 to hold the parameter fixed; NULL: default_rate for all. For L-BFGS: how far the
-                                      first step may move each, and the relative scale of the variables */
-    double default_rate;           /* 0.01 */
-    const double *lo, *hi;         /* lo <= hi; infinite or NULL for none */
-    const uint8_t *log;            /* 1: optimise the logarithm; start must be > 0; the rate is in log units */
+    const double *start;         /* required; finite; moved into the bounds if outside */
+    const double *learning_rate; /* > 0, or 0 to hold the parameter fixed; NULL: default_rate for
+                                    all. For L-BFGS: how far the first step may move each, and the
+                                    relative scale of the variables */
+    double default_rate;         /* 0.01 */
+    const double *lo, *hi;       /* lo <= hi; infinite or NULL for none */
+    const uint8_t *log; /* 1: optimise the logarithm; start must be > 0; the rate is in log units */
     const OptimiseGrid *grids;
     int grid_count;
-    double beta1, beta2, epsilon;  /* Adam: 0.9, 0.999, 1e-8 */
-    double momentum;               /* SGD: 0 (none) <= m < 1 */
-    int history;                   /* L-BFGS pairs: 10 */
-    double gradient_tolerance;     /* converged when no component of the projected gradient is larger; default 0: exactly zero */
-    double loss_tolerance;         /* converged when the best loss fell by less than this, relatively, ... */
-    int patience;                  /* ... over so many iterations. Default off, but for L-BFGS 1e-12 over 3 */
-    int max_failures;              /* non-finite evaluations in a row: 10 */
+    double beta1, beta2, epsilon; /* Adam: 0.9, 0.999, 1e-8 */
+    double momentum;              /* SGD: 0 (none) <= m < 1 */
+    int history;                  /* L-BFGS pairs: 10 */
+    double gradient_tolerance; /* converged when no component of the projected gradient is larger;
+                                  default 0: exactly zero */
+    double
+        loss_tolerance; /* converged when the best loss fell by less than this, relatively, ... */
+    int patience;       /* ... over so many iterations. Default off, but for L-BFGS 1e-12 over 3 */
+    int max_failures;   /* non-finite evaluations in a row: 10 */
 } OptimiseConfig;
 
 typedef struct Optimiser Optimiser;
 
-/* optimise.c ----------------------------------------------------------------------------------------------- */
+/* optimise.c ---------------------------------------------------------------------------------- */
 
-/* NULL with err set: SLT_USAGE for a bad config (the text names the parameter's index), SLT_LIMIT for memory or a grid
- * beyond 2^22 cells. Factorises the Laplacians: about a second for 512 x 512. */
+/* NULL with err set: SLT_USAGE for a bad config (the text names the parameter's index), SLT_LIMIT
+ * for memory or a grid beyond 2^22 cells. Factorises the Laplacians: 2 s for 512 x 512. */
 Optimiser *optimise_create(const OptimiseConfig *config, SltError *err);
 void optimise_free(Optimiser *o);
 
 /* The n parameters to evaluate next; valid until the next call that changes `o`. */
 const double *optimise_parameters(const Optimiser *o);
 
-/* Takes the loss and its gradient (n entries) at optimise_parameters and chooses the next ones. After anything but
- * OPTIMISE_EVALUATE further calls change nothing and return the same. */
+/* Takes the loss and its gradient (n entries) at optimise_parameters and chooses the next ones.
+ * After anything but OPTIMISE_EVALUATE further calls change nothing and return the same. */
 OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient);
 
-/* The best parameters evaluated so far and, if `loss` is not NULL, their loss (infinity before the first finite one). */
+/* The best parameters evaluated so far and, if `loss` is not NULL, their loss (infinity before the
+ * first finite one). */
 const double *optimise_best(const Optimiser *o, double *loss);
 
-/* Accepted steps (Adam, SGD: finite evaluations), all evaluations, and evaluations that were not finite. */
+/* Accepted steps (Adam, SGD: finite evaluations), all evaluations, and evaluations that were not
+ * finite. */
 long optimise_iterations(const Optimiser *o);
 long optimise_evaluations(const Optimiser *o);
 long optimise_rejected(const Optimiser *o);
@@ -95,17 +102,21 @@ long optimise_rejected(const Optimiser *o);
 /* Why it stopped, in words; "" while it runs. */
 const char *optimise_reason(const Optimiser *o);
 
-/* checkpoint.c --------------------------------------------------------------------------------------------- */
+/* checkpoint.c -------------------------------------------------------------------------------- */
 
-/* Writes the whole state and the caller's blob (may be NULL with size 0) atomically. `key` describes what is optimised (program
- * hash, target): a checkpoint is only loaded under the same key. */
-SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, const void *blob, size_t blob_size, SltError *err);
+/* Writes the whole state and the caller's blob (may be NULL with size 0) atomically. `key`
+ * describes what is optimised (program hash, target): a checkpoint is only loaded under the same
+ * key. */
+SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, const void *blob,
+                        size_t blob_size, SltError *err);
 
-/* Restores a state into an optimiser created from the same config. *blob is malloc'd (NULL when empty), with a NUL
- * after it; `blob` may be NULL. SLT_INPUT for a damaged file, another key, or another config; then `o` is unchanged. */
-SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob, size_t *blob_size, SltError *err);
+/* Restores a state into an optimiser created from the same config. *blob is malloc'd (NULL when
+ * empty), with a NUL after it; `blob` may be NULL. SLT_INPUT for a damaged file, another key, or
+ * another config; then `o` is unchanged. */
+SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob,
+                        size_t *blob_size, SltError *err);
 
-/* laplacian.c ---------------------------------------------------------------------------------------------- */
+/* laplacian.c --------------------------------------------------------------------------------- */
 
 typedef struct Laplacian Laplacian; /* a factorised I + lambda L of a width x height grid */
 
@@ -113,9 +124,10 @@ typedef struct Laplacian Laplacian; /* a factorised I + lambda L of a width x he
 Laplacian *laplacian_create(int width, int height, double lambda, SltError *err);
 void laplacian_free(Laplacian *l);
 
-/* Solves (I + lambda L) x = b in place, for element i = y * width + x at data[x * stride_x + y * stride_y]. `scratch` has
- * 2 * width * height entries. Constants are kept, sums too. */
-void laplacian_solve(const Laplacian *l, double *data, size_t stride_x, size_t stride_y, double *scratch);
+/* Solves (I + lambda L) x = b in place, for element i = y * width + x at data[x * stride_x + y *
+ * stride_y]. `scratch` has 2 * width * height entries. Constants are kept, sums too. */
+void laplacian_solve(const Laplacian *l, double *data, size_t stride_x, size_t stride_y,
+                     double *scratch);
 
 #ifdef __cplusplus
 }

@@ -1,4 +1,5 @@
-/* Optimisers: convergence, bounds, logarithms, non-finite losses, Laplacians, and bit-identical resumption. */
+/* Optimisers: convergence, bounds, logarithms, non-finite losses, Laplacians, and bit-identical
+ * resumption. */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* mkdtemp */
 #endif
@@ -74,12 +75,14 @@ static void lbfgs_rosenbrock(void **state) {
         start20[i] = i % 2 ? 1 : -1.2;
     }
     for (int k = 0; k < 2; k++) {
-        OptimiseConfig c = {.n = k ? 20 : 2, .method = OPTIMISE_LBFGS, .start = k ? start20 : start2};
+        OptimiseConfig c = {
+            .n = k ? 20 : 2, .method = OPTIMISE_LBFGS, .start = k ? start20 : start2};
         Optimiser *o = make(&c);
         assert_int_equal(run(o, &c, rosenbrock, 2000), OPTIMISE_CONVERGED);
         double loss;
         const double *best = optimise_best(o, &loss);
-        print_message("rosenbrock n = %zu: %ld evaluations, loss %g: %s\n", c.n, optimise_evaluations(o), loss, optimise_reason(o));
+        print_message("rosenbrock n = %zu: %ld evaluations, loss %g: %s\n", c.n,
+                      optimise_evaluations(o), loss, optimise_reason(o));
         assert_true(loss < 1e-16);
         assert_true(optimise_evaluations(o) < (k ? 400 : 100));
         for (size_t i = 0; i < c.n; i++) {
@@ -91,7 +94,8 @@ static void lbfgs_rosenbrock(void **state) {
 
 static void lbfgs_bounds(void **state) {
     (void)state;
-    /* x <= 0.5: the minimum is at x = 0.5, y = 0.25, with a gradient that pushes against the bound */
+    /* x <= 0.5: the minimum is at x = 0.5, y = 0.25, with a gradient that pushes against the bound
+     */
     double start[2] = {-1.2, 1}, lo[2] = {-2, -2}, hi[2] = {0.5, 2};
     OptimiseConfig c = {.n = 2, .method = OPTIMISE_LBFGS, .start = start, .lo = lo, .hi = hi};
     Optimiser *o = make(&c);
@@ -131,11 +135,17 @@ static void lbfgs_bounds(void **state) {
 
 static void first_order_quadratic(void **state) {
     (void)state;
-    double start[5] = {3, -2, 8, 0, 1}, rate[5] = {0.05, 0.05, 0.05, 0.05, 0}, hi[5] = {9, 9, 1.5, 9, 9};
-    static const double want[5] = {0, 1, 1.5, 3, 1}; /* a bound holds the third, a rate of zero the last */
+    double start[5] = {3, -2, 8, 0, 1}, rate[5] = {0.05, 0.05, 0.05, 0.05, 0},
+           hi[5] = {9, 9, 1.5, 9, 9};
+    static const double want[5] = {0, 1, 1.5, 3,
+                                   1}; /* a bound holds the third, a rate of zero the last */
     for (int method = OPTIMISE_ADAM; method <= OPTIMISE_SGD; method++) {
         for (int momentum = 0; momentum < 2; momentum++) {
-            OptimiseConfig c = {.n = 5, .method = (OptimiseMethod)method, .start = start, .learning_rate = rate, .hi = hi,
+            OptimiseConfig c = {.n = 5,
+                                .method = (OptimiseMethod)method,
+                                .start = start,
+                                .learning_rate = rate,
+                                .hi = hi,
                                 .momentum = momentum ? 0.5 : 0};
             Optimiser *o = make(&c);
             assert_int_equal(run(o, &c, quadratic, 3000), OPTIMISE_EVALUATE);
@@ -150,7 +160,8 @@ static void first_order_quadratic(void **state) {
 
 static void adam_first_steps(void **state) {
     (void)state;
-    /* the bias-corrected first step is the rate, whatever the gradient's size; the second by hand */
+    /* the bias-corrected first step is the rate, whatever the gradient's size; the second by hand
+     */
     double start = 0, g1 = 1e-3, g2 = -2e-3;
     OptimiseConfig c = {.n = 1, .start = &start, .default_rate = 0.1};
     Optimiser *o = make(&c);
@@ -158,7 +169,8 @@ static void adam_first_steps(void **state) {
     double first = optimise_parameters(o)[0];
     assert_true(fabs(first + 0.1 * g1 / (g1 + 1e-8)) < 1e-15);
     optimise_step(o, 0.9, &g2);
-    double m = (0.9 * 0.1 * g1 + 0.1 * g2) / (1 - 0.81), v = (0.999 * 0.001 * g1 * g1 + 0.001 * g2 * g2) / (1 - 0.999 * 0.999);
+    double m = (0.9 * 0.1 * g1 + 0.1 * g2) / (1 - 0.81),
+           v = (0.999 * 0.001 * g1 * g1 + 0.001 * g2 * g2) / (1 - 0.999 * 0.999);
     assert_true(fabs(optimise_parameters(o)[0] - (first - 0.1 * m / (sqrt(v) + 1e-8))) < 1e-14);
     optimise_free(o);
 }
@@ -177,8 +189,13 @@ static void logarithms(void **state) {
     uint8_t flag = 1;
     for (int method = 0; method < 3; method++) {
         for (int bounded = 0; bounded < 2; bounded++) {
-            OptimiseConfig c = {.n = 1, .method = (OptimiseMethod)method, .start = &start, .log = &flag, .default_rate = 0.2,
-                                .lo = bounded ? &lo : NULL, .hi = bounded ? &hi : NULL};
+            OptimiseConfig c = {.n = 1,
+                                .method = (OptimiseMethod)method,
+                                .start = &start,
+                                .log = &flag,
+                                .default_rate = 0.2,
+                                .lo = bounded ? &lo : NULL,
+                                .hi = bounded ? &hi : NULL};
             Optimiser *o = make(&c);
             assert_true(optimise_parameters(o)[0] == 1e-3);
             run(o, &c, far_away, 600);
@@ -211,7 +228,11 @@ static void non_finite(void **state) {
     (void)state;
     for (int method = 0; method < 3; method++) {
         double start = -3, rate = method == OPTIMISE_SGD ? 0.9 : 6;
-        OptimiseConfig c = {.n = 1, .method = (OptimiseMethod)method, .start = &start, .default_rate = rate, .momentum = 0.1};
+        OptimiseConfig c = {.n = 1,
+                            .method = (OptimiseMethod)method,
+                            .start = &start,
+                            .default_rate = rate,
+                            .momentum = 0.1};
         Optimiser *o = make(&c);
         OptimiseState s = run(o, &c, cliff, 400);
         assert_int_not_equal(s, OPTIMISE_FAILED);
@@ -221,7 +242,8 @@ static void non_finite(void **state) {
         optimise_free(o);
 
         start = 0;
-        OptimiseConfig d = {.n = 1, .method = (OptimiseMethod)method, .start = &start, .max_failures = 7};
+        OptimiseConfig d = {
+            .n = 1, .method = (OptimiseMethod)method, .start = &start, .max_failures = 7};
         o = make(&d);
         assert_int_equal(run(o, &d, nothing_but_nan, 400), OPTIMISE_FAILED);
         assert_int_equal(optimise_rejected(o), 8);
@@ -250,7 +272,8 @@ static void stopping(void **state) {
         optimise_free(o);
     }
     double away[3] = {5, 5, 5};
-    OptimiseConfig c = {.n = 3, .start = away, .default_rate = 0.1, .patience = 20, .loss_tolerance = 1e-4};
+    OptimiseConfig c = {
+        .n = 3, .start = away, .default_rate = 0.1, .patience = 20, .loss_tolerance = 1e-4};
     Optimiser *o = make(&c);
     assert_int_equal(run(o, &c, quadratic, 5000), OPTIMISE_CONVERGED);
     assert_true(optimise_evaluations(o) > 50 && optimise_evaluations(o) < 1000);
@@ -258,7 +281,11 @@ static void stopping(void **state) {
     optimise_best(o, &loss);
     assert_true(loss < 1e-2);
     optimise_free(o);
-    OptimiseConfig d = {.n = 3, .method = OPTIMISE_SGD, .start = away, .default_rate = 0.1, .gradient_tolerance = 1e-3};
+    OptimiseConfig d = {.n = 3,
+                        .method = OPTIMISE_SGD,
+                        .start = away,
+                        .default_rate = 0.1,
+                        .gradient_tolerance = 1e-3};
     o = make(&d);
     assert_int_equal(run(o, &d, quadratic, 5000), OPTIMISE_CONVERGED);
     assert_non_null(strstr(optimise_reason(o), "gradient"));
@@ -301,8 +328,10 @@ static void laplacian_is_right(void **state) {
     static const int sizes[][2] = {{1, 1}, {7, 1}, {1, 5}, {6, 4}, {9, 11}};
     for (int k = 0; k < 5; k++) {
         int w = sizes[k][0], h = sizes[k][1], n = w * h;
-        double lambda = 3.7, *a = calloc((size_t)(n * n), sizeof *a), *b = calloc((size_t)n, sizeof *b);
-        double *data = calloc((size_t)n * 3, sizeof *data), *scratch = calloc((size_t)n * 2, sizeof *scratch);
+        double lambda = 3.7, *a = calloc((size_t)(n * n), sizeof *a),
+               *b = calloc((size_t)n, sizeof *b);
+        double *data = calloc((size_t)n * 3, sizeof *data),
+               *scratch = calloc((size_t)n * 2, sizeof *scratch);
         for (int i = 0; i < n; i++) {
             a[i * n + i] += 1;
             int right = i % w + 1 < w ? i + 1 : -1, down = i / w + 1 < h ? i + w : -1;
@@ -373,15 +402,25 @@ static void smooth_steps(void **state) {
     for (int method = 0; method < 3; method++) {
         double rough[2], loss[2];
         for (int smooth = 0; smooth < 2; smooth++) {
-            OptimiseGrid grid = {.width = SIDE, .height = SIDE, .channels = 1, .stride_x = 1, .stride_y = SIDE, .lambda = 10};
-            OptimiseConfig c = {.n = SIDE * SIDE, .method = (OptimiseMethod)method, .start = start, .default_rate = 0.1,
-                                .grids = &grid, .grid_count = smooth};
+            OptimiseGrid grid = {.width = SIDE,
+                                 .height = SIDE,
+                                 .channels = 1,
+                                 .stride_x = 1,
+                                 .stride_y = SIDE,
+                                 .lambda = 10};
+            OptimiseConfig c = {.n = SIDE * SIDE,
+                                .method = (OptimiseMethod)method,
+                                .start = start,
+                                .default_rate = 0.1,
+                                .grids = &grid,
+                                .grid_count = smooth};
             Optimiser *o = make(&c);
             run(o, &c, sparse_target, 300);
             rough[smooth] = roughness(optimise_best(o, &loss[smooth]));
             optimise_free(o);
         }
-        print_message("method %d: roughness %.3g plain, %.3g smooth; loss %.3g, %.3g\n", method, rough[0], rough[1], loss[0], loss[1]);
+        print_message("method %d: roughness %.3g plain, %.3g smooth; loss %.3g, %.3g\n", method,
+                      rough[0], rough[1], loss[0], loss[1]);
         assert_true(rough[1] < 0.35 * rough[0]);
         assert_true(loss[1] < (method == OPTIMISE_SGD ? 0.7 * 18 : 1e-2));
     }
@@ -423,10 +462,25 @@ static void resume_is_bit_identical(void **state) {
     hi[0] = 3;
     start[5] = 0.2;
     flag[5] = 1;
-    OptimiseGrid grid = {.offset = 8, .width = 4, .height = 4, .channels = 1, .stride_x = 1, .stride_y = 4, .lambda = 0.5};
+    OptimiseGrid grid = {.offset = 8,
+                         .width = 4,
+                         .height = 4,
+                         .channels = 1,
+                         .stride_x = 1,
+                         .stride_y = 4,
+                         .lambda = 0.5};
     for (int method = 0; method < 3; method++) {
-        OptimiseConfig c = {.n = N, .method = (OptimiseMethod)method, .start = start, .lo = lo, .hi = hi, .log = flag, .grids = &grid,
-                            .grid_count = 1, .momentum = 0.7, .default_rate = method == OPTIMISE_SGD ? 2e-4 : 0.05, .history = 5};
+        OptimiseConfig c = {.n = N,
+                            .method = (OptimiseMethod)method,
+                            .start = start,
+                            .lo = lo,
+                            .hi = hi,
+                            .log = flag,
+                            .grids = &grid,
+                            .grid_count = 1,
+                            .momentum = 0.7,
+                            .default_rate = method == OPTIMISE_SGD ? 2e-4 : 0.05,
+                            .history = 5};
         double straight[STEPS][N], loss;
         Optimiser *o = make(&c);
         for (int i = 0; i < STEPS; i++) {
@@ -523,7 +577,13 @@ static void damaged_checkpoints(void **state) {
 static void bad_configs(void **state) {
     (void)state;
     double start[2] = {0, 0}, nan[2] = {0, NAN}, lo[2] = {1, 1}, hi[2] = {2, 0};
-    OptimiseGrid outside = {.offset = 1, .width = 2, .height = 1, .channels = 1, .stride_x = 1, .stride_y = 2, .lambda = 1};
+    OptimiseGrid outside = {.offset = 1,
+                            .width = 2,
+                            .height = 1,
+                            .channels = 1,
+                            .stride_x = 1,
+                            .stride_y = 2,
+                            .lambda = 1};
     const OptimiseConfig bad[] = {
         {.n = 0, .start = start},
         {.n = 2},
@@ -544,10 +604,18 @@ static void bad_configs(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lbfgs_rosenbrock), cmocka_unit_test(lbfgs_bounds), cmocka_unit_test(first_order_quadratic),
-        cmocka_unit_test(adam_first_steps), cmocka_unit_test(logarithms),   cmocka_unit_test(non_finite),
-        cmocka_unit_test(stopping),         cmocka_unit_test(laplacian_is_right), cmocka_unit_test(smooth_steps),
-        cmocka_unit_test(resume_is_bit_identical), cmocka_unit_test(damaged_checkpoints), cmocka_unit_test(bad_configs),
+        cmocka_unit_test(lbfgs_rosenbrock),
+        cmocka_unit_test(lbfgs_bounds),
+        cmocka_unit_test(first_order_quadratic),
+        cmocka_unit_test(adam_first_steps),
+        cmocka_unit_test(logarithms),
+        cmocka_unit_test(non_finite),
+        cmocka_unit_test(stopping),
+        cmocka_unit_test(laplacian_is_right),
+        cmocka_unit_test(smooth_steps),
+        cmocka_unit_test(resume_is_bit_identical),
+        cmocka_unit_test(damaged_checkpoints),
+        cmocka_unit_test(bad_configs),
     };
     return cmocka_run_group_tests(tests, make_folder, drop_folder);
 }
