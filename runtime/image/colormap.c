@@ -48,9 +48,12 @@ static double value_at(const Image *im, size_t pixel, int channel, const int *ro
     return n >= 3 ? ((double)p[root[0]] + p[root[1]] + p[root[2]]) / 3 : p[root[0]];
 }
 
-/* A short number, without "e+0". */
+/* A short number with its sign, with a point in every locale. */
 static void print_scale(double v, char out[32]) {
     snprintf(out, 32, "%+.3g", v);
+    for (char *p = out; *p; p++) {
+        *p = *p == ',' ? '.' : *p;
+    }
 }
 
 static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,

@@ -240,7 +240,7 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
     return SLT_OK;
 }
 
-/* Decides the order of channels in the Image: the root first, layers as they come, R G B A in each. */
+/* Decides the order of channels in the Image: the root first, then layers as they come. */
 static void order_channels(Plan *plan) {
     for (int i = 0; i < plan->count; i++) {
         Channel *c = &plan->channels[i];

@@ -14,7 +14,7 @@ static float load_float(const uint8_t *p, bool big) {
     return f;
 }
 
-/* One header word of at most 31 bytes; advances *at past one blank after it, as the format wants. */
+/* One header word of at most 31 bytes; moves *at past the single blank that ends it. */
 static bool next_word(const uint8_t *bytes, size_t size, size_t *at, char word[32]) {
     while (*at < size && isspace(bytes[*at])) {
         ++*at;

@@ -50,7 +50,7 @@ double projected_gradient(const Optimiser *o, const double *g);
 void smooth_grid(Optimiser *o, int k, double *v, int times);
 OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
-/* Tests the loss's stall and the gradient's size after an accepted point; true when it has stopped. */
+/* Tests the loss's stall and the gradient's size at an accepted point; true when it stopped. */
 bool has_converged(Optimiser *o);
 
 /* lbfgs.c: takes a finite loss, with its gradient in o->fresh */

@@ -49,11 +49,12 @@ typedef struct OptimiseGrid {
     double lambda; /* > 0; some tens make a smooth field of it, 0 means no preconditioning */
 } OptimiseGrid;
 
-/* Zero-initialise; zeros mean the default named. Arrays are copied, each has n entries or is NULL. */
+/* Zero-initialise; zeros mean the default named. Arrays are copied; each has n entries or is NULL.
+ * `start` is required. */
 typedef struct OptimiseConfig {
     size_t n;
     OptimiseMethod method;
-    const double *start;         /* required; finite; moved into the bounds if outside */
+    const double *start;         /* finite; moved into the bounds if outside */
     const double *learning_rate; /* > 0, or 0 to hold the parameter fixed; NULL: default_rate for
                                     all. For L-BFGS: how far the first step may move each, and the
                                     relative scale of the variables */

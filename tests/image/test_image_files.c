@@ -25,6 +25,8 @@
 #include <OpenEXR/openexr.h>
 #endif
 
+#include <png.h>
+
 #include "../../runtime/image/image.h"
 
 static char folder[64];
@@ -318,6 +320,67 @@ static void exr_parts_and_refusals(void **state) {
     }
 }
 
+/* A PNG of 8 x 4 pixels in one of libpng's other layouts; sample i of a row is i. */
+static void write_odd_png(const char *path, int type, int depth, int interlace) {
+    static const png_color colours[16] = {{0, 0, 0}, {255, 0, 0}, {0, 255, 0}, {10, 20, 30}};
+    static const png_byte alpha[3] = {255, 128, 0};
+    FILE *f = fopen(path, "wb");
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, NULL, NULL);
+    png_infop info = png_create_info_struct(png);
+    if (!f || setjmp(png_jmpbuf(png))) {
+        fail_msg("cannot make %s", path);
+    }
+    png_init_io(png, f);
+    png_set_IHDR(png, info, 8, 4, depth, type, interlace, PNG_COMPRESSION_TYPE_DEFAULT,
+                 PNG_FILTER_TYPE_DEFAULT);
+    if (type == PNG_COLOR_TYPE_PALETTE) {
+        png_set_PLTE(png, info, colours, 16);
+        png_set_tRNS(png, info, alpha, 3, NULL);
+    }
+    png_write_info(png, info);
+    png_set_packing(png);
+    png_byte row[8 * 8], *rows[4] = {row, row, row, row};
+    for (int i = 0; i < 64; i++) {
+        row[i] = (png_byte)(depth == 16 ? (i & 1 ? i / 2 : 0) : i % (1 << depth));
+    }
+    png_write_image(png, rows);
+    png_write_end(png, info);
+    png_destroy_write_struct(&png, &info);
+    fclose(f);
+}
+
+static void png_layouts(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    const ImageReadOptions raw = {.raw = true};
+    write_odd_png(in_folder("l.png"), PNG_COLOR_TYPE_PALETTE, 4, PNG_INTERLACE_NONE);
+    must(image_read(in_folder("l.png"), &raw, &im, &err), &err);
+    assert_int_equal(im.channels, 4);
+    assert_true(im.data[4] == 1 && im.data[5] == 0 && fabs(im.data[7] - 128 / 255.0) < 1e-6);
+    assert_true(im.data[11] == 0 && fabs(im.data[14] - 30 / 255.0) < 1e-6 && im.data[15] == 1);
+    image_free(&im);
+    for (int interlace = PNG_INTERLACE_NONE; interlace <= PNG_INTERLACE_ADAM7; interlace++) {
+        for (int depth = 1; depth <= 4; depth *= 2) {
+            write_odd_png(in_folder("l.png"), PNG_COLOR_TYPE_GRAY, depth, interlace);
+            must(image_read(in_folder("l.png"), &raw, &im, &err), &err);
+            assert_int_equal(im.channels, 1);
+            for (int i = 0; i < 32; i++) {
+                int top = (1 << depth) - 1;
+                assert_true(fabs(im.data[i] - (double)(i % 8 & top) / top) < 1e-6);
+            }
+            image_free(&im);
+        }
+        write_odd_png(in_folder("l.png"), PNG_COLOR_TYPE_RGB, 16, interlace);
+        must(image_read(in_folder("l.png"), &raw, &im, &err), &err);
+        assert_int_equal(im.channels, 3);
+        for (int i = 0; i < 96; i++) {
+            assert_true(fabs(im.data[i] - (i % 24) / 65535.0) < 1e-9);
+        }
+        image_free(&im);
+    }
+}
+
 /* Reads every truncation and some flips; whatever happens must be a clean answer. Returns how many
  * were accepted. */
 static int torture(const char *name, const uint8_t *bytes, size_t size,
@@ -548,15 +611,11 @@ static void atomic_write(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exr_layouts),
-        cmocka_unit_test(exr_windows),
-        cmocka_unit_test(exr_parts_and_refusals),
-        cmocka_unit_test(damaged_exr),
-        cmocka_unit_test(damaged_png),
-        cmocka_unit_test(damaged_flat),
-        cmocka_unit_test(huge_claims),
-        cmocka_unit_test(missing_files),
-        cmocka_unit_test(atomic_write),
+        cmocka_unit_test(exr_layouts),   cmocka_unit_test(png_layouts),
+        cmocka_unit_test(exr_windows),   cmocka_unit_test(exr_parts_and_refusals),
+        cmocka_unit_test(damaged_exr),   cmocka_unit_test(damaged_png),
+        cmocka_unit_test(damaged_flat),  cmocka_unit_test(huge_claims),
+        cmocka_unit_test(missing_files), cmocka_unit_test(atomic_write),
     };
     return cmocka_run_group_tests(tests, make_folder, drop_folder);
 }
