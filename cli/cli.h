@@ -1,0 +1,119 @@
+/* The command: options, compiling, reports and progress that the verbs share. One file per verb.
+ *
+ * Standard output carries results only (one JSON object with --json), everything for people goes to standard error. Exit statuses are SltStatus. */
+#ifndef SALTUS_CLI_H
+#define SALTUS_CLI_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "compiler/api/api.h"
+#include "runtime/base/json.h"
+#include "runtime/image/image.h"
+#include "saltus/saltus.h"
+
+enum { CLI_MAX_LIST = 256, CLI_MAX_COMPONENTS = 64 };
+
+typedef struct Assign {
+    const char *name, *value;
+} Assign;
+
+typedef struct Cli {
+    const char *verb, *file, *expr;
+    SltOptions opt;
+    SltJob job;
+    bool size_given, spp_given;
+    SltSet sets[CLI_MAX_LIST];
+    uint32_t nsets;
+    const char *import_dirs[CLI_MAX_LIST];
+    uint32_t nimport_dirs;
+    Assign params[CLI_MAX_LIST];
+    uint32_t nparams;
+    const char *params_file, *output;
+    const char *wrt[CLI_MAX_LIST];
+    uint32_t nwrt;
+    bool json, quiet;
+    /* render */
+    bool rgba8;
+    /* grad, fit */
+    const char *target, *adjoint;
+    bool minimize;
+    uint32_t iters;
+    const char *optimizer, *checkpoint, *resume;
+    uint32_t every;
+    Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all */
+    uint32_t nlr, nsmooth;
+    const char *loss_command;
+    /* bench */
+    bool kernels;
+    const char *estimators;
+    uint32_t repeats;
+    double max_seconds, tolerance;
+    /* explain */
+    const char *at;
+    /* any option given, for verbs that must refuse */
+    bool estimator_given, samples_given;
+    char *args_storage[CLI_MAX_LIST];
+    uint32_t nargs_storage;
+} Cli;
+
+/* options.c */
+int cli_parse(int argc, char **argv, Cli *c);           /* an SltStatus; -1: help or version was printed, all is well */
+void cli_help(FILE *out, const char *verb);
+int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
+
+/* common.c */
+/* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also on failure. */
+int cli_compile(Cli *c, SltProgram **out);
+int cli_fail(const Cli *c, const SltError *err);        /* prints the error, returns its status */
+/* The job's sizes for this program (dimension, defaults), and checks them. */
+int cli_prepare_job(Cli *c, SltProgram *p);
+/* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
+int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out);
+/* Ctrl-C sets the job's cancel flag; a second one ends the process. */
+void cli_catch_interrupt(Cli *c);
+bool cli_interrupted(void);
+double cli_now(void); /* seconds, monotonic */
+
+/* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
+typedef struct Progress {
+    bool on;
+    double start, last;
+    const char *what;
+} Progress;
+void progress_begin(Progress *pr, const Cli *c, const char *what);
+void progress_update(Progress *pr, double fraction, const char *detail); /* detail may be NULL */
+void progress_end(Progress *pr);
+void progress_job(void *user, double fraction); /* for SltJob.progress, user: Progress */
+
+/* report.c: values in the shape of the parameters */
+typedef struct ShapeValues {
+    const double *data;   /* [channels][nfloats], or [1][nfloats] */
+    uint32_t channels;    /* 1: a leaf is a number; else a list */
+    uint32_t nfloats;
+} ShapeValues;
+/* {"radius": X, "centre": [X, Y], ...} of what is differentiated: parameters, or the components named by --wrt. */
+void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const ShapeValues *v);
+void report_stats_json(FILE *out, const SltStats *stats);
+void report_warnings_json(FILE *out, SltProgram *p);
+void report_dropped(const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
+/* Components that --wrt names: name of each and its float index. Returns how many; names live in *names (malloc'd array of malloc'd strings). */
+uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index);
+void report_free_components(char **names, uint32_t *index, uint32_t n);
+/* Names one float component: "discs[3].centre.x". */
+void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_t size);
+/* The EXR layer of a component's derivative image: d.radius, d.centre.1 */
+void report_layer_name(const Cli *c, const SltProgram *p, uint32_t index, char *buf, size_t size);
+void report_metadata(Image *im, const Cli *c, const SltProgram *p);
+/* Channel names of the root: Y, R G, R G B, R G B A. */
+const char *report_channel(uint32_t channels, uint32_t c);
+
+int verb_render(Cli *c);
+int verb_grad(Cli *c);
+int verb_fit(Cli *c);
+int verb_check(Cli *c);
+int verb_bench(Cli *c);
+int verb_explain(Cli *c);
+int verb_build(Cli *c);
+
+#endif

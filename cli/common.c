@@ -1,0 +1,182 @@
+/* Compiling, sizes, images, interrupts: what every verb does first. */
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "cli/cli.h"
+
+double cli_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* The one piece of process state: a signal handler has nowhere else to write. */
+static volatile sig_atomic_t interrupted;
+static volatile int cancel_flag;
+
+static void on_interrupt(int sig) {
+    (void)sig;
+    if (interrupted) _exit(SLT_INTERRUPTED);
+    interrupted = 1;
+    cancel_flag = 1;
+}
+
+void cli_catch_interrupt(Cli *c) {
+    struct sigaction sa = {.sa_handler = on_interrupt};
+    sigaction(SIGINT, &sa, NULL);
+    sigaction(SIGTERM, &sa, NULL);
+    c->job.cancel = &cancel_flag;
+}
+
+bool cli_interrupted(void) { return interrupted != 0; }
+
+int cli_fail(const Cli *c, const SltError *err) {
+    (void)c;
+    fprintf(stderr, "saltus: %s\n", err->text[0] ? err->text : status_name(err->status));
+    return err->status;
+}
+
+static char *read_stdin(void) {
+    size_t cap = 1 << 16, n = 0;
+    char *text = malloc(cap + 1);
+    while (text) {
+        size_t got = fread(text + n, 1, cap - n, stdin);
+        n += got;
+        if (got == 0) break;
+        if (n == cap) {
+            if (cap > 64u << 20) break; /* the front end refuses it with a message */
+            char *more = realloc(text, (cap *= 2) + 1);
+            if (!more) {
+                free(text);
+                return NULL;
+            }
+            text = more;
+        }
+    }
+    if (text) text[n] = 0;
+    return text;
+}
+
+/* An expression becomes a shader of the first of float, float2, float3, float4 that it fits. */
+static SltStatus compile_expr(Cli *c, SltProgram **out) {
+    static const char *const types[] = {"float", "float2", "float3", "float4"};
+    SltProgram *first = NULL;
+    SltStatus status = SLT_PROGRAM, first_status = SLT_PROGRAM;
+    c->opt.disc_auto = true;
+    for (int t = 0; t < 4; t++) {
+        size_t size = strlen(c->expr) + 256;
+        char *source = malloc(size);
+        if (!source) return SLT_LIMIT;
+        snprintf(source, size, "import sdf; import color; import noise;\nshader %s main(float2 x) { return\n%s\n; }\n", types[t], c->expr);
+        SltProgram *p = NULL;
+        status = slt_compile_string(source, "<expr>", &c->opt, &p);
+        free(source);
+        if (status != SLT_PROGRAM) {
+            slt_program_free(first);
+            *out = p;
+            return status;
+        }
+        if (!first) first = p, first_status = status;
+        else slt_program_free(p);
+    }
+    *out = first;
+    return first_status;
+}
+
+int cli_compile(Cli *c, SltProgram **out) {
+    SltProgram *p = NULL;
+    SltStatus status;
+    *out = NULL;
+    if (c->expr) {
+        status = compile_expr(c, &p);
+    } else if (!strcmp(c->file, "-")) {
+        char *text = read_stdin();
+        if (!text) return fputs("saltus: standard input could not be read\n", stderr), SLT_INPUT;
+        status = slt_compile_string(text, "-", &c->opt, &p);
+        free(text);
+    } else {
+        status = slt_compile_file(c->file, &c->opt, &p);
+    }
+    *out = p;
+    if (!p) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    bool told = slt_diagnostic_count(p) > 0;
+    if (told && !(c->quiet && status == SLT_OK)) {
+        if (c->json) diag_print_json(p->session, stderr);
+        else diag_print_text(p->session, stderr, isatty(2) && !getenv("NO_COLOR"));
+    }
+    if (status != SLT_OK) {
+        if (!told || p->session->nerrors == 0) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
+        /* A file that cannot be opened at all has no place in itself: say it as one of the program. */
+        return status;
+    }
+    SltError err = {0};
+    if (c->params_file) {
+        uint8_t *bytes;
+        size_t size;
+        if (file_read_all(c->params_file, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
+        status = slt_set_params_json(p, (const char *)bytes, c->params_file, &err);
+        free(bytes);
+        if (status != SLT_OK) return cli_fail(c, &err);
+    }
+    for (uint32_t i = 0; i < c->nparams; i++)
+        if (slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK) return cli_fail(c, &err);
+    if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
+    return SLT_OK;
+}
+
+int cli_prepare_job(Cli *c, SltProgram *p) {
+    uint32_t dim = slt_dim(p);
+    for (uint32_t d = dim; d < 3; d++) {
+        if (c->size_given && c->job.size[d] > 1 && c->job.size[d] != c->job.size[0])
+            return cli_usage(c, "--size has more dimensions than the %uD domain of `%s`", dim, slt_entry(p));
+        c->job.size[d] = 1;
+    }
+    if (!c->size_given && dim == 3) c->job.size[0] = c->job.size[1] = c->job.size[2] = 64;
+    if (c->job.integral) {
+        c->job.size[0] = c->job.size[1] = c->job.size[2] = 1;
+        if (!c->samples_given) c->job.samples = c->spp_given ? c->job.spp : 1u << 18;
+    }
+    double values = (double)c->job.size[0] * c->job.size[1] * c->job.size[2] * slt_channels(p);
+    if (values > (double)(1u << 28)) {
+        fprintf(stderr, "saltus: an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values\n", c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
+        return SLT_LIMIT;
+    }
+    return SLT_OK;
+}
+
+int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out) {
+    SltError err = {0};
+    Image im, root, sized, fitted;
+    *out = NULL;
+    if (slt_dim(p) == 3) return cli_usage(c, "images of targets and adjoints are for 1D and 2D domains");
+    if (image_read(path, NULL, &im, &err) != SLT_OK) return cli_fail(c, &err);
+    /* The root layer of a file with many. */
+    SltStatus status = im.channels > 4 ? image_extract_layer(&im, "", &root, &err) : SLT_OK;
+    if (im.channels > 4) image_free(&im);
+    else root = im;
+    if (status != SLT_OK) return cli_fail(c, &err);
+    int w = (int)c->job.size[0], h = (int)c->job.size[1];
+    if (root.width != w || root.height != h) {
+        if (!resize) {
+            fprintf(stderr, "saltus: %s is %dx%d, but the image is %dx%d; give --size %dx%d\n", path, root.width, root.height, w, h, root.width, root.height);
+            image_free(&root);
+            return SLT_INPUT;
+        }
+        if (!c->quiet) fprintf(stderr, "saltus: note: %s is resized from %dx%d to %dx%d\n", path, root.width, root.height, w, h);
+        status = image_resize(&root, w, h, &sized, &err);
+        image_free(&root);
+        if (status != SLT_OK) return cli_fail(c, &err);
+        root = sized;
+    }
+    status = image_convert_channels(&root, (int)slt_channels(p), &fitted, &err);
+    image_free(&root);
+    if (status != SLT_OK) return cli_fail(c, &err);
+    size_t n = (size_t)w * (size_t)h * slt_channels(p);
+    *out = malloc(n * sizeof **out);
+    if (*out) memcpy(*out, fitted.data, n * sizeof **out);
+    image_free(&fitted);
+    return *out ? SLT_OK : SLT_LIMIT;
+}

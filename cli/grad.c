@@ -1,0 +1,280 @@
+/* saltus grad: derivative images (-o), totals (--integral, or without an output), or of a loss (--target, --adjoint). */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/cli.h"
+
+static void json_list(const char *key, const double *v, uint32_t n) {
+    printf("\"%s\": [", key);
+    for (uint32_t k = 0; k < n; k++) fputs(k ? ", " : "", stdout), json_number(stdout, v[k]);
+    fputs("], ", stdout);
+}
+
+static void json_shape(const char *key, Cli *c, SltProgram *p, const double *data, uint32_t channels) {
+    ShapeValues v = {data, channels, slt_float_count(p)};
+    printf("\"%s\": ", key);
+    report_gradient_json(stdout, c, p, &v);
+    fputs(", ", stdout);
+}
+
+/* The gradient as a table, at most `rows` components, the largest first where there are more. */
+static void print_table(Cli *c, SltProgram *p, const double *g, const double *se, uint32_t channels) {
+    uint32_t *index, nf = slt_float_count(p);
+    char **names;
+    uint32_t n = report_components(c, p, &names, &index), shown = n < CLI_MAX_COMPONENTS ? n : CLI_MAX_COMPONENTS;
+    for (uint32_t i = 0; i < shown; i++) {
+        printf("%-28s", names[i]);
+        for (uint32_t k = 0; k < channels; k++) printf(" %16.9g +- %-9.2g", g[(size_t)k * nf + index[i]], se ? se[(size_t)k * nf + index[i]] : 0.0);
+        putchar('\n');
+    }
+    if (n > shown) printf("... and %u more components (--json prints all)\n", n - shown);
+    report_free_components(names, index, n);
+}
+
+static int grad_integral(Cli *c, SltProgram *p) {
+    SltError err = {0};
+    SltStats stats = {0};
+    uint32_t ch = slt_channels(p);
+    size_t n = (size_t)ch * slt_float_count(p) + 1;
+    double *all = calloc(5 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
+    if (!all) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    SltIntegral out = {value, value_se, all, all + n, all + 2 * n, all + 3 * n, all + 4 * n, false};
+    Progress pr;
+    progress_begin(&pr, c, "grad");
+    c->job.progress = progress_job, c->job.progress_user = &pr;
+    SltStatus status = slt_grad_integral(p, &c->job, &out, &stats, &err);
+    progress_end(&pr);
+    if (status != SLT_OK) {
+        free(all);
+        return cli_fail(c, &err);
+    }
+    if (c->json) {
+        fputs("{", stdout);
+        json_list("integral", value, ch);
+        json_list("integral_stderr", value_se, ch);
+        json_shape("gradient", c, p, out.gradient, ch);
+        json_shape("stderr", c, p, out.gradient_stderr, ch);
+        printf("\"stderr_kind\": \"%s\", ", out.replicates ? "replicates" : "bound");
+        json_shape("interior", c, p, out.interior, ch);
+        json_shape("boundary", c, p, out.boundary, ch);
+        json_shape("missed_estimate", c, p, out.missed_estimate, ch);
+        report_stats_json(stdout, &stats);
+        fputs(", ", stdout);
+        report_warnings_json(stdout, p);
+        fputs("}\n", stdout);
+    } else {
+        printf("%-28s", "integral");
+        for (uint32_t k = 0; k < ch; k++) printf(" %16.9g +- %-9.2g", value[k], value_se[k]);
+        putchar('\n');
+        print_table(c, p, out.gradient, out.gradient_stderr, ch);
+        if (!c->quiet)
+            fprintf(stderr, "saltus: %llu samples, %llu crossings, %.3f s\n", (unsigned long long)stats.samples, (unsigned long long)stats.crossings, stats.seconds);
+    }
+    report_dropped(c, &stats);
+    free(all);
+    return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
+}
+
+static int grad_loss(Cli *c, SltProgram *p) {
+    SltError err = {0};
+    SltStats stats = {0};
+    float *image = NULL;
+    int read = cli_read_image(c, p, c->target ? c->target : c->adjoint, c->target != NULL, &image);
+    if (read != SLT_OK) return read;
+    size_t n = slt_float_count(p) + 1;
+    double *g = calloc(2 * n, sizeof *g), loss = 0;
+    if (!g) {
+        free(image);
+        return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    }
+    Progress pr;
+    progress_begin(&pr, c, "grad");
+    c->job.progress = progress_job, c->job.progress_user = &pr;
+    SltStatus status;
+    if (c->target) {
+        status = slt_grad_loss(p, &c->job, image, NULL, &loss, g, g + n, NULL, &stats, &err);
+    } else {
+        status = slt_grad_adjoint(p, &c->job, image, g, g + n, &stats, &err);
+        /* The loss is the sum itself: the primal costs one more image. */
+        size_t values = (size_t)c->job.size[0] * c->job.size[1] * c->job.size[2] * slt_channels(p);
+        float *primal = malloc(values * sizeof *primal);
+        if (status == SLT_OK && primal) status = slt_render(p, &c->job, primal, NULL, &err);
+        for (size_t i = 0; status == SLT_OK && primal && i < values; i++) loss += (double)image[i] * (double)primal[i];
+        free(primal);
+    }
+    progress_end(&pr);
+    free(image);
+    if (status != SLT_OK) {
+        free(g);
+        return cli_fail(c, &err);
+    }
+    if (c->json) {
+        fputs("{\"loss\": ", stdout);
+        json_number(stdout, loss);
+        fputs(", ", stdout);
+        json_shape("gradient", c, p, g, 1);
+        json_shape("stderr", c, p, g + n, 1);
+        fputs("\"stderr_kind\": \"bound\", ", stdout);
+        report_stats_json(stdout, &stats);
+        fputs(", ", stdout);
+        report_warnings_json(stdout, p);
+        fputs("}\n", stdout);
+    } else {
+        printf("%-28s %16.9g\n", "loss", loss);
+        print_table(c, p, g, g + n, 1);
+    }
+    report_dropped(c, &stats);
+    free(g);
+    return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
+}
+
+/* Signed maps of every component side by side. */
+static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncomp, uint32_t channels, char **names, SltError *err) {
+    if (ncomp == 1) {
+        Image one;
+        SltStatus status = image_extract_layer(layers, names[0], &one, err);
+        if (status != SLT_OK) return status;
+        status = image_write_diverging(path, &one, channels == 1 ? 0 : -1, 0, names[0], err);
+        image_free(&one);
+        return status;
+    }
+    uint8_t **maps = calloc(ncomp, sizeof *maps), *out = NULL;
+    int *w = calloc(ncomp, sizeof *w), *h = calloc(ncomp, sizeof *h), width = 0, height = 0;
+    SltStatus status = maps && w && h ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
+    for (uint32_t k = 0; status == SLT_OK && k < ncomp; k++) {
+        Image one;
+        status = image_extract_layer(layers, names[k], &one, err);
+        if (status != SLT_OK) break;
+        status = image_draw_diverging(&one, channels == 1 ? 0 : -1, 0, names[k], &maps[k], &w[k], &h[k], err);
+        image_free(&one);
+        width += w[k];
+        height = h[k] > height ? h[k] : height;
+    }
+    if (status == SLT_OK) {
+        out = malloc((size_t)width * (size_t)height * 3);
+        if (!out) status = status_fail(err, SLT_LIMIT, "out of memory");
+    }
+    if (status == SLT_OK) {
+        memset(out, 255, (size_t)width * (size_t)height * 3);
+        size_t x = 0;
+        for (uint32_t k = 0; k < ncomp; k++) {
+            for (int y = 0; y < h[k]; y++) memcpy(out + ((size_t)y * (size_t)width + x) * 3, maps[k] + (size_t)y * (size_t)w[k] * 3, (size_t)w[k] * 3);
+            x += (size_t)w[k];
+        }
+        status = image_write_png8(path, width, height, 3, out, err);
+    }
+    for (uint32_t k = 0; maps && k < ncomp; k++) free(maps[k]);
+    free(maps);
+    free(w);
+    free(h);
+    free(out);
+    return status;
+}
+
+static int grad_images(Cli *c, SltProgram *p) {
+    SltError err = {0};
+    SltStats stats = {0};
+    char **names;
+    uint32_t *index, ch = slt_channels(p), n = report_components(c, p, &names, &index), nf = slt_float_count(p);
+    int status = SLT_OK;
+    if (!image_can_write(c->output)) {
+        report_free_components(names, index, n);
+        return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+    }
+    if (n > CLI_MAX_COMPONENTS) {
+        fprintf(stderr, "saltus: %u components are more than %d derivative images; choose some with --wrt, or use --integral, --target or --adjoint for all at once\n", n, CLI_MAX_COMPONENTS);
+        report_free_components(names, index, n);
+        return SLT_LIMIT;
+    }
+    size_t pixels = (size_t)c->job.size[0] * c->job.size[1] * c->job.size[2];
+    uint32_t planes = ch + n * ch + 1;
+    Image im = {0};
+    float **out = calloc(n + 2, sizeof *out);
+    double *dirs = calloc((size_t)n * nf + 1, sizeof *dirs);
+    const double **dir = calloc(n + 1, sizeof *dir);
+    float *block = malloc(((size_t)(n + 1) * ch + 1) * pixels * sizeof *block);
+    if (!out || !dirs || !dir || !block) status = status_fail(&err, SLT_LIMIT, "out of memory for %u derivative images", n);
+    if (status == SLT_OK) status = image_create(&im, (int)c->job.size[0], (int)(c->job.size[1] * c->job.size[2]), (int)planes, &err);
+    if (status == SLT_OK) {
+        for (uint32_t k = 0; k < n; k++) {
+            dirs[(size_t)k * nf + index[k]] = 1;
+            dir[k] = dirs + (size_t)k * nf;
+            out[k] = block + (size_t)k * ch * pixels;
+        }
+        float *primal = block + (size_t)n * ch * pixels, *crossings = primal + (size_t)ch * pixels;
+        Progress pr;
+        progress_begin(&pr, c, "grad");
+        c->job.progress = progress_job, c->job.progress_user = &pr;
+        status = slt_render(p, &c->job, primal, NULL, &err);
+        memset(crossings, 0, pixels * sizeof *crossings);
+        if (status == SLT_OK) status = slt_grad_images(p, &c->job, n, dir, out, crossings, &stats, &err);
+        progress_end(&pr);
+        for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
+        for (uint32_t d = 0; d < n; d++)
+            for (uint32_t k = 0; k < ch; k++) {
+                char layer[IMAGE_NAME_SIZE - 4], name[IMAGE_NAME_SIZE];
+                report_layer_name(c, p, index[d], layer, sizeof layer);
+                snprintf(name, sizeof name, "%s.%s", layer, report_channel(ch, k));
+                image_set_name(&im, (int)(ch + d * ch + k), name);
+            }
+        image_set_name(&im, (int)planes - 1, "crossings.Y");
+        for (size_t i = 0; i < pixels; i++) {
+            for (uint32_t k = 0; k < ch; k++) im.data[i * planes + k] = primal[i * ch + k];
+            for (uint32_t d = 0; d < n; d++)
+                for (uint32_t k = 0; k < ch; k++) im.data[i * planes + ch + d * ch + k] = out[d][i * ch + k];
+            im.data[i * planes + planes - 1] = crossings[i];
+        }
+        report_metadata(&im, c, p);
+        const char *dot = strrchr(c->output, '.');
+        char **layers = calloc(n + 1, sizeof *layers);
+        for (uint32_t d = 0; layers && d < n; d++) {
+            char layer[IMAGE_NAME_SIZE - 4];
+            report_layer_name(c, p, index[d], layer, sizeof layer);
+            layers[d] = strdup(layer);
+        }
+        if (status == SLT_OK && dot && !strcmp(dot, ".png") && layers) status = write_maps(c->output, &im, n, ch, layers, &err);
+        else if (status == SLT_OK) status = image_write(c->output, &im, NULL, &err);
+        for (uint32_t d = 0; layers && d < n; d++) free(layers[d]);
+        free(layers);
+    }
+    if (status != SLT_OK) cli_fail(c, &err);
+    if (status == SLT_OK && c->json) {
+        fputs("{\"outputs\": [", stdout);
+        json_text(stdout, c->output);
+        fputs("], \"components\": [", stdout);
+        for (uint32_t k = 0; k < n; k++) fputs(k ? ", " : "", stdout), json_text(stdout, names[k]);
+        fputs("], ", stdout);
+        report_stats_json(stdout, &stats);
+        fputs(", ", stdout);
+        report_warnings_json(stdout, p);
+        fputs("}\n", stdout);
+    } else if (status == SLT_OK && !c->quiet) {
+        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n", c->output, n, n == 1 ? "" : "s", (unsigned long long)stats.crossings, stats.seconds);
+    }
+    if (status == SLT_OK) {
+        report_dropped(c, &stats);
+        if (stats.asserts) status = SLT_CHECK_FAILED;
+    }
+    free(out);
+    free(dirs);
+    free(dir);
+    free(block);
+    image_free(&im);
+    report_free_components(names, index, n);
+    return status;
+}
+
+int verb_grad(Cli *c) {
+    SltProgram *p;
+    cli_catch_interrupt(c);
+    int status = cli_compile(c, &p);
+    if (status == SLT_OK && c->target && c->adjoint) status = cli_usage(c, "--target and --adjoint were both given");
+    if (status == SLT_OK && c->job.integral && (c->target || c->adjoint)) status = cli_usage(c, "--integral has no image to compare with");
+    bool image = c->output && !c->target && !c->adjoint && !c->job.integral;
+    if (!image && !c->target && !c->adjoint) c->job.integral = true;
+    if (status == SLT_OK) status = cli_prepare_job(c, p);
+    if (status == SLT_OK) status = image ? grad_images(c, p) : c->job.integral ? grad_integral(c, p) : grad_loss(c, p);
+    slt_program_free(p);
+    return status;
+}

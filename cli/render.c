@@ -1,0 +1,135 @@
+/* saltus render: the image of a shader, or with --integral the integral over its domain. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/cli.h"
+
+static int write_rgba8(Cli *c, SltProgram *p, SltStats *stats) {
+    SltError err = {0};
+    uint32_t w = c->job.size[0], h = c->job.size[1];
+    uint32_t *pixels = malloc((size_t)w * h * sizeof *pixels);
+    if (!pixels) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    SltStatus status = slt_render_rgba8(p, &c->job, pixels, stats, &err);
+    if (status == SLT_OK && c->output) {
+        const char *dot = strrchr(c->output, '.');
+        if (dot && !strcmp(dot, ".png")) status = image_write_png8(c->output, (int)w, (int)h, 4, (const uint8_t *)pixels, &err);
+        else status = file_write_atomic(c->output, pixels, (size_t)w * h * 4, &err);
+    }
+    free(pixels);
+    return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
+}
+
+static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const float *data, uint32_t channels) {
+    double mean[4] = {0};
+    size_t n = (size_t)c->job.size[0] * c->job.size[1] * c->job.size[2];
+    for (size_t i = 0; data && i < n; i++)
+        for (uint32_t k = 0; k < channels; k++) mean[k] += (double)data[i * channels + k] / (double)n;
+    if (!c->json) {
+        if (!c->quiet && c->output) fprintf(stderr, "saltus: %s, %ux%u, %.3f s\n", c->output, c->job.size[0], c->job.size[1], stats->seconds);
+        if (data && !c->output) {
+            printf("%s", c->job.integral ? "integral" : "mean");
+            for (uint32_t k = 0; k < channels; k++) printf(" %.9g", mean[k]);
+            putchar('\n');
+        }
+        return;
+    }
+    fputs("{", stdout);
+    if (data) {
+        printf("\"%s\": [", c->job.integral ? "integral" : "mean");
+        for (uint32_t k = 0; k < channels; k++) {
+            if (k) fputs(", ", stdout);
+            json_number(stdout, mean[k]);
+        }
+        fputs("], ", stdout);
+    }
+    printf("\"size\": [%u, %u, %u], \"channels\": %u, \"output\": ", c->job.size[0], c->job.size[1], c->job.size[2], channels);
+    if (c->output) json_text(stdout, c->output);
+    else fputs("null", stdout);
+    fputs(", ", stdout);
+    report_stats_json(stdout, stats);
+    fputs(", ", stdout);
+    report_warnings_json(stdout, p);
+    fputs("}\n", stdout);
+}
+
+/* The integral through the same door as its derivative, without any. */
+static int render_integral(Cli *c, SltProgram *p) {
+    SltError err = {0};
+    SltStats stats = {0};
+    double value[4] = {0}, error[4] = {0};
+    SltIntegral out = {.value = value, .value_stderr = error};
+    c->job.no_boundary = true;
+    SltStatus status = slt_grad_integral(p, &c->job, &out, &stats, &err);
+    if (status != SLT_OK) return cli_fail(c, &err);
+    if (c->json) {
+        fputs("{\"integral\": [", stdout);
+        for (uint32_t k = 0; k < slt_channels(p); k++) fputs(k ? ", " : "", stdout), json_number(stdout, value[k]);
+        fputs("], \"integral_stderr\": [", stdout);
+        for (uint32_t k = 0; k < slt_channels(p); k++) fputs(k ? ", " : "", stdout), json_number(stdout, error[k]);
+        fputs("], ", stdout);
+        report_stats_json(stdout, &stats);
+        fputs(", ", stdout);
+        report_warnings_json(stdout, p);
+        fputs("}\n", stdout);
+    } else {
+        for (uint32_t k = 0; k < slt_channels(p); k++) printf("%s%.9g +- %.2g", k ? "  " : "integral ", value[k], error[k]);
+        putchar('\n');
+    }
+    report_dropped(c, &stats);
+    return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
+}
+
+static int render(Cli *c, SltProgram *p) {
+    int status = cli_prepare_job(c, p);
+    if (status != SLT_OK) return status;
+    if (c->output && !image_can_write(c->output) && !c->rgba8) return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+    if (c->job.integral) return render_integral(c, p);
+    SltStats stats = {0};
+    uint32_t channels = slt_channels(p), w = c->job.size[0], h = c->job.size[1], d = c->job.size[2];
+    if (c->rgba8) {
+        status = write_rgba8(c, p, &stats);
+        if (status == SLT_OK) print_result(c, p, &stats, NULL, 4);
+        return status;
+    }
+    SltError err = {0};
+    Image im = {0};
+    /* A volume is its slices below each other, the first z on top. */
+    if (image_create(&im, (int)w, (int)(h * d), (int)channels, &err) != SLT_OK) return cli_fail(c, &err);
+    Progress pr;
+    progress_begin(&pr, c, "render");
+    c->job.progress = progress_job, c->job.progress_user = &pr;
+    status = slt_render(p, &c->job, im.data, &stats, &err);
+    progress_end(&pr);
+    if (status == SLT_OK && c->output) {
+        for (uint32_t k = 0; k < channels; k++) image_set_name(&im, (int)k, report_channel(channels, k));
+        report_metadata(&im, c, p);
+        const char *dot = strrchr(c->output, '.');
+        if (d > 1 && dot && !strcmp(dot, ".npy")) {
+            size_t shape[4] = {d, h, w, channels}, n = (size_t)w * h * d * channels;
+            double *wide = malloc(n * sizeof *wide);
+            for (size_t i = 0; wide && i < n; i++) wide[i] = (double)im.data[i];
+            status = wide ? npy_write(c->output, 4, shape, wide, false, &err) : status_fail(&err, SLT_LIMIT, "out of memory");
+            free(wide);
+        } else {
+            status = image_write(c->output, &im, NULL, &err);
+        }
+    }
+    if (status == SLT_OK) {
+        print_result(c, p, &stats, im.data, channels);
+        report_dropped(c, &stats);
+        if (stats.asserts) status = SLT_CHECK_FAILED;
+    } else {
+        cli_fail(c, &err);
+    }
+    image_free(&im);
+    return status;
+}
+
+int verb_render(Cli *c) {
+    SltProgram *p;
+    cli_catch_interrupt(c);
+    int status = cli_compile(c, &p);
+    if (status == SLT_OK) status = render(c, p);
+    slt_program_free(p);
+    return status;
+}

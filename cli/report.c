@@ -1,0 +1,268 @@
+/* Results in the shape of the parameters. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/cli.h"
+
+const char *report_channel(uint32_t channels, uint32_t c) {
+    static const char *const rgba[] = {"R", "G", "B", "A"};
+    return channels == 1 ? "Y" : rgba[c];
+}
+
+static void leaf(FILE *out, const ShapeValues *v, uint32_t index) {
+    if (v->channels == 1) {
+        json_number(out, v->data[index]);
+        return;
+    }
+    fputc('[', out);
+    for (uint32_t c = 0; c < v->channels; c++) {
+        if (c) fputs(", ", out);
+        json_number(out, v->data[(size_t)c * v->nfloats + index]);
+    }
+    fputc(']', out);
+}
+
+static bool has_floats(const Type *t) {
+    if (t->kind == T_STRUCT) {
+        for (uint32_t k = 0; k < t->nfields; k++)
+            if (has_floats(t->fields[k].type)) return true;
+        return false;
+    }
+    if (t->kind == T_ARRAY || t->kind == T_VECTOR) return has_floats(t->elem);
+    return t->kind == T_FLOAT || t->kind == T_MATRIX;
+}
+
+/* Integer components have no key and no place: they have no gradient. */
+static void shape(FILE *out, const ShapeValues *v, const Type *t, uint32_t *at) {
+    bool first = true;
+    switch (t->kind) {
+    case T_FLOAT: leaf(out, v, (*at)++); return;
+    case T_VECTOR:
+    case T_ARRAY:
+        fputc('[', out);
+        for (uint32_t k = 0; k < t->n; k++) {
+            if (k) fputs(", ", out);
+            shape(out, v, t->elem, at);
+        }
+        fputc(']', out);
+        return;
+    case T_MATRIX:
+        fputc('[', out);
+        for (uint32_t r = 0; r < t->n; r++) {
+            fputs(r ? ", [" : "[", out);
+            for (uint32_t k = 0; k < t->n; k++) {
+                if (k) fputs(", ", out);
+                leaf(out, v, (*at)++);
+            }
+            fputc(']', out);
+        }
+        fputc(']', out);
+        return;
+    case T_STRUCT:
+        fputc('{', out);
+        for (uint32_t k = 0; k < t->nfields; k++) {
+            if (!has_floats(t->fields[k].type)) continue;
+            if (!first) fputs(", ", out);
+            first = false;
+            json_text(out, t->fields[k].name);
+            fputs(": ", out);
+            shape(out, v, t->fields[k].type, at);
+        }
+        fputc('}', out);
+        return;
+    default: fputs("null", out);
+    }
+}
+
+static void texels(FILE *out, const ShapeValues *v, const Param *q) {
+    uint32_t at = q->fbase;
+    fputc('[', out);
+    for (uint32_t y = 0; y < q->tex_h; y++) {
+        fputs(y ? ", [" : "[", out);
+        for (uint32_t x = 0; x < q->tex_w; x++) {
+            if (x) fputs(", ", out);
+            if (q->tex_c > 1) fputc('[', out);
+            for (uint32_t k = 0; k < q->tex_c; k++) {
+                if (k) fputs(", ", out);
+                leaf(out, v, at++);
+            }
+            if (q->tex_c > 1) fputc(']', out);
+        }
+        fputc(']', out);
+    }
+    fputc(']', out);
+}
+
+void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const ShapeValues *v) {
+    bool first = true;
+    fputc('{', out);
+    uint32_t n = c->nwrt ? c->nwrt : p->prog->nparams;
+    for (uint32_t i = 0; i < n; i++) {
+        ParamRef ref = {0};
+        const char *name, *why;
+        if (c->nwrt) {
+            name = c->wrt[i];
+            if (!program_find(p->prog, name, &ref, &why)) continue;
+        } else {
+            const Param *q = &p->prog->params[i];
+            if (!q->differentiable || !q->fcount) continue;
+            name = q->name;
+            ref = (ParamRef){q, q->type, q->fbase, q->fcount, q->ibase, q->icount};
+        }
+        if (!first) fputs(", ", out);
+        first = false;
+        json_text(out, name);
+        fputs(": ", out);
+        bool whole = !strcmp(name, ref.param->name);
+        uint32_t at = ref.fbase;
+        if (whole && (ref.param->is_texture || ref.param->is_heightfield)) texels(out, v, ref.param);
+        else shape(out, v, ref.type, &at);
+    }
+    fputc('}', out);
+}
+
+void report_stats_json(FILE *out, const SltStats *s) {
+    fprintf(out, "\"samples\": %llu, \"segments\": %llu, \"crossings\": %llu, \"evaluations\": %llu, \"dropped\": {", (unsigned long long)s->samples, (unsigned long long)s->segments,
+            (unsigned long long)s->crossings, (unsigned long long)s->evaluations);
+    for (int r = 0; r < SLT_DROP_REASONS; r++) fprintf(out, "%s\"%s\": %llu", r ? ", " : "", slt_drop_names[r], (unsigned long long)s->dropped[r]);
+    fprintf(out, "}, \"truncated\": %llu, \"asserts_failed\": %llu, \"nonfinite\": %llu, \"seconds\": ", (unsigned long long)s->truncated, (unsigned long long)s->asserts, (unsigned long long)s->nonfinite);
+    json_number(out, s->seconds);
+}
+
+void report_warnings_json(FILE *out, SltProgram *p) {
+    const char *lines = slt_diagnostics_json(p);
+    bool first = true;
+    fputs("\"warnings\": [", out);
+    while (*lines) {
+        const char *end = strchr(lines, '\n');
+        size_t n = end ? (size_t)(end - lines) : strlen(lines);
+        if (n) fprintf(out, "%s%.*s", first ? "" : ", ", (int)n, lines);
+        first = false;
+        lines += n + (end != NULL);
+    }
+    fputc(']', out);
+}
+
+void report_dropped(const Cli *c, const SltStats *s) {
+    uint64_t dropped = 0;
+    for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += s->dropped[r];
+    if (!c->quiet && dropped * 1000 > s->crossings + dropped) {
+        fprintf(stderr, "saltus: warning: %llu of %llu crossings were dropped:", (unsigned long long)dropped, (unsigned long long)(s->crossings + dropped));
+        for (int r = 0; r < SLT_DROP_REASONS; r++)
+            if (s->dropped[r]) fprintf(stderr, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
+        fputc('\n', stderr);
+    }
+    if (s->truncated && !c->quiet) fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
+    if (s->nonfinite && !c->quiet) fprintf(stderr, "saltus: warning: %llu derivative values were not finite\n", (unsigned long long)s->nonfinite);
+    if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
+}
+
+/* ---- names of components */
+static bool name_in(const Type *t, uint32_t *index, char *buf, size_t size) {
+    size_t at = strlen(buf);
+    static const char xyzw[] = "xyzw";
+    switch (t->kind) {
+    case T_FLOAT:
+        if (*index == 0) return true;
+        (*index)--;
+        return false;
+    case T_VECTOR:
+        for (uint32_t k = 0; k < t->n; k++) {
+            snprintf(buf + at, size - at, ".%c", xyzw[k]);
+            if (name_in(t->elem, index, buf, size)) return true;
+        }
+        break;
+    case T_MATRIX:
+        if (*index < t->n * t->n) {
+            snprintf(buf + at, size - at, "[%u][%u]", *index / t->n, *index % t->n);
+            return true;
+        }
+        *index -= t->n * t->n;
+        break;
+    case T_ARRAY:
+        for (uint32_t k = 0; k < t->n; k++) {
+            snprintf(buf + at, size - at, "[%u]", k);
+            if (name_in(t->elem, index, buf, size)) return true;
+        }
+        break;
+    case T_STRUCT:
+        for (uint32_t k = 0; k < t->nfields; k++) {
+            snprintf(buf + at, size - at, ".%s", t->fields[k].name);
+            if (name_in(t->fields[k].type, index, buf, size)) return true;
+        }
+        break;
+    default: break;
+    }
+    buf[at] = 0;
+    return false;
+}
+
+void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_t size) {
+    for (uint32_t i = 0; i < p->prog->nparams; i++) {
+        const Param *q = &p->prog->params[i];
+        if (index < q->fbase || index >= q->fbase + q->fcount) continue;
+        uint32_t rest = index - q->fbase;
+        if (q->is_texture || q->is_heightfield) {
+            uint32_t c = rest % q->tex_c, x = rest / q->tex_c % q->tex_w, y = rest / q->tex_c / q->tex_w;
+            snprintf(buf, size, q->tex_c > 1 ? "%s[%u][%u][%u]" : "%s[%u][%u]", q->name, y, x, c);
+            return;
+        }
+        snprintf(buf, size, "%s", q->name);
+        name_in(q->type, &rest, buf, size);
+        return;
+    }
+    snprintf(buf, size, "?");
+}
+
+void report_layer_name(const Cli *c, const SltProgram *p, uint32_t index, char *buf, size_t size) {
+    uint32_t n = c->nwrt ? c->nwrt : p->prog->nparams;
+    for (uint32_t i = 0; i < n; i++) {
+        ParamRef ref = {0};
+        const char *name = c->nwrt ? c->wrt[i] : p->prog->params[i].name, *why;
+        if (!program_find(p->prog, name, &ref, &why) || index < ref.fbase || index >= ref.fbase + ref.fcount) continue;
+        if (ref.fcount == 1) snprintf(buf, size, "d.%s", name);
+        else snprintf(buf, size, "d.%s.%u", name, index - ref.fbase);
+        return;
+    }
+    snprintf(buf, size, "d.%u", index);
+}
+
+uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index) {
+    uint32_t n = 0, cap = slt_float_count(p);
+    *names = calloc(cap + 1, sizeof **names);
+    *index = calloc(cap + 1, sizeof **index);
+    if (!*names || !*index) return 0;
+    const uint8_t *mask = slt_wrt_mask(p);
+    (void)c;
+    for (uint32_t i = 0; i < cap; i++) {
+        if (!mask[i]) continue;
+        if (n < CLI_MAX_COMPONENTS) {
+            char buf[512];
+            report_component_name(p, i, buf, sizeof buf);
+            (*names)[n] = strdup(buf);
+        }
+        (*index)[n++] = i;
+    }
+    return n;
+}
+
+void report_free_components(char **names, uint32_t *index, uint32_t n) {
+    for (uint32_t i = 0; names && i < n && i < CLI_MAX_COMPONENTS; i++) free(names[i]);
+    free(names);
+    free(index);
+}
+
+void report_metadata(Image *im, const Cli *c, const SltProgram *p) {
+    char version[64];
+    snprintf(version, sizeof version, "saltus %s", slt_version());
+    image_set_text(im, "saltus:version", version);
+    image_set_text(im, "saltus:shader", c->expr ? c->expr : c->file);
+    image_set_text(im, "saltus:entry", slt_entry(p));
+    image_set_number(im, "saltus:seed", c->job.seed);
+    image_set_number(im, "saltus:spp", c->job.spp);
+    if (slt_float_count(p) <= 4096) {
+        char *params = slt_params_json(p);
+        if (params) image_set_text(im, "saltus:params", params);
+        free(params);
+    }
+}
