@@ -89,7 +89,7 @@ static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
 SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title,
                                uint8_t **pixels, int *width, int *height, SltError *err) {
     int root[4];
-    int n = root_channels(im, root);
+    int n = image_root_channels(im, root);
     *pixels = NULL;
     if (channel < -1 || channel >= im->channels) {
         return status_fail(err, SLT_USAGE, "the image has no channel %d", channel);

@@ -27,8 +27,10 @@ typedef struct Stream {
     char message[256]; /* the core's first complaint */
 } Stream;
 
+/* Zeroed: some decompressors of the core accept a damaged block that fills only a part of its
+ * buffer, and what the rest of it holds must not depend on what memory held before. */
 static void *alloc_bounded(size_t bytes) {
-    return bytes > BLOCK_LIMIT ? NULL : malloc(bytes);
+    return bytes > BLOCK_LIMIT ? NULL : calloc(1, bytes ? bytes : 1);
 }
 
 static void keep_message(exr_const_context_t ctx, exr_result_t code, const char *msg) {
@@ -66,7 +68,7 @@ static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, ui
 static int64_t stream_write(exr_const_context_t ctx, void *user, const void *buffer, uint64_t size,
                             uint64_t offset, exr_stream_error_func_ptr_t fail) {
     Stream *s = user;
-    bytes_write_at(&s->out, offset, buffer, size);
+    image_bytes_write_at(&s->out, offset, buffer, size);
     if (s->out.failed) {
         fail(ctx, EXR_ERR_OUT_OF_MEMORY, "out of memory");
         return -1;
@@ -187,8 +189,8 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
     }
     double width = (double)data.max.x - data.min.x + 1,
            height = (double)data.max.y - data.min.y + 1;
-    SltStatus status =
-        check_claim(s->name, width, height, (double)plan->count + list->num_channels, s->size, err);
+    SltStatus status = image_check_claim(s->name, width, height,
+                                         (double)plan->count + list->num_channels, s->size, err);
     if (status != SLT_OK) {
         return status;
     }
@@ -447,7 +449,7 @@ static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltEr
         return SLT_OK;
     }
     double width = (double)v->max.x - v->min.x + 1, height = (double)v->max.y - v->min.y + 1;
-    SltStatus status = check_claim(s->name, width, height, im->channels, s->size, err);
+    SltStatus status = image_check_claim(s->name, width, height, im->channels, s->size, err);
     Image out = {0};
     if (status == SLT_OK) {
         status = image_create(&out, (int)width, (int)height, im->channels, err);
@@ -507,8 +509,8 @@ static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Imag
     return status ? status : read_attributes(ctx, s, im, err);
 }
 
-SltStatus exr_decode(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                     SltError *err) {
+SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, Image *out,
+                           SltError *err) {
     Stream s = {.name = name, .bytes = bytes, .size = size};
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
@@ -653,7 +655,7 @@ SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, s
     }
     free(slots);
     if (rc || s.out.failed) {
-        bytes_free(&s.out);
+        image_bytes_free(&s.out);
         return fail_core(&s, s.out.failed ? EXR_ERR_OUT_OF_MEMORY : rc, "write", SLT_OUTPUT, err);
     }
     *bytes = s.out.data;

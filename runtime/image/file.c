@@ -17,7 +17,7 @@
 
 enum { READ_LIMIT = INT_MAX };
 
-bool bytes_reserve(Bytes *b, size_t capacity) {
+bool image_bytes_reserve(Bytes *b, size_t capacity) {
     if (b->failed) {
         return false;
     }
@@ -35,8 +35,8 @@ bool bytes_reserve(Bytes *b, size_t capacity) {
     return true;
 }
 
-void bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size) {
-    if (size > SIZE_MAX - offset || !bytes_reserve(b, offset + size)) {
+void image_bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size) {
+    if (size > SIZE_MAX - offset || !image_bytes_reserve(b, offset + size)) {
         b->failed = true;
         return;
     }
@@ -51,11 +51,11 @@ void bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size) {
     }
 }
 
-void bytes_append(Bytes *b, const void *data, size_t size) {
-    bytes_write_at(b, b->size, data, size);
+void image_bytes_append(Bytes *b, const void *data, size_t size) {
+    image_bytes_write_at(b, b->size, data, size);
 }
 
-void bytes_printf(Bytes *b, const char *fmt, ...) {
+void image_bytes_printf(Bytes *b, const char *fmt, ...) {
     char small[256];
     va_list args, again;
     va_start(args, fmt);
@@ -65,15 +65,15 @@ void bytes_printf(Bytes *b, const char *fmt, ...) {
     if (n < 0) {
         b->failed = true;
     } else if ((size_t)n < sizeof small) {
-        bytes_append(b, small, (size_t)n);
-    } else if (bytes_reserve(b, b->size + (size_t)n + 1)) {
+        image_bytes_append(b, small, (size_t)n);
+    } else if (image_bytes_reserve(b, b->size + (size_t)n + 1)) {
         vsnprintf((char *)b->data + b->size, (size_t)n + 1, fmt, again);
         b->size += (size_t)n;
     }
     va_end(again);
 }
 
-void bytes_free(Bytes *b) {
+void image_bytes_free(Bytes *b) {
     free(b->data);
     *b = (Bytes){0};
 }
@@ -101,9 +101,9 @@ SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltErro
     }
     Bytes b = {0};
     SltStatus status = SLT_OK;
-    bytes_reserve(&b, S_ISREG(st.st_mode) ? (size_t)st.st_size + 1 : 65536);
+    image_bytes_reserve(&b, S_ISREG(st.st_mode) ? (size_t)st.st_size + 1 : 65536);
     for (;;) {
-        if (!bytes_reserve(&b, b.size + 1 < b.capacity ? b.capacity : b.size + 65536)) {
+        if (!image_bytes_reserve(&b, b.size + 1 < b.capacity ? b.capacity : b.size + 65536)) {
             status = status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", path);
             break;
         }
@@ -127,7 +127,7 @@ SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltErro
     }
     close(fd);
     if (status != SLT_OK) {
-        bytes_free(&b);
+        image_bytes_free(&b);
         return status;
     }
     b.data[b.size] = 0;

@@ -46,8 +46,8 @@ static bool whole_number(const char *word, double *out) {
     return true;
 }
 
-SltStatus pfm_decode(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                     SltError *err) {
+SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, Image *out,
+                           SltError *err) {
     char magic[32], w[32], h[32], scale[32];
     size_t at = 0;
     double width = 0, height = 0;
@@ -69,7 +69,7 @@ SltStatus pfm_decode(const char *name, const uint8_t *bytes, size_t size, Image 
                            name, scale);
     }
     int channels = magic[1] == 'F' ? 3 : 1;
-    SltStatus status = check_claim(name, width, height, channels, size, err);
+    SltStatus status = image_check_claim(name, width, height, channels, size, err);
     if (status != SLT_OK) {
         return status;
     }
@@ -90,17 +90,17 @@ SltStatus pfm_decode(const char *name, const uint8_t *bytes, size_t size, Image 
     return status;
 }
 
-SltStatus pfm_encode(const char *name, const Image *im, Bytes *out, SltError *err) {
+SltStatus image_encode_pfm(const char *name, const Image *im, Bytes *out, SltError *err) {
     int src[4];
-    int n = root_channels(im, src);
+    int n = image_root_channels(im, src);
     if (n == 2 || n == 4) {
         n--; /* PFM has no alpha */
     }
     if (n == 2) {
         return status_fail(err, SLT_USAGE, "cannot write '%s': PFM has 1 or 3 channels", name);
     }
-    bytes_printf(out, "%s\n%d %d\n-1.0\n", n == 3 ? "PF" : "Pf", im->width, im->height);
-    bytes_reserve(out, out->size + (size_t)im->width * (size_t)im->height * (size_t)n * 4);
+    image_bytes_printf(out, "%s\n%d %d\n-1.0\n", n == 3 ? "PF" : "Pf", im->width, im->height);
+    image_bytes_reserve(out, out->size + (size_t)im->width * (size_t)im->height * (size_t)n * 4);
     for (int y = im->height - 1; y >= 0 && !out->failed; y--) {
         for (int x = 0; x < im->width; x++) {
             const float *p =
@@ -110,7 +110,7 @@ SltStatus pfm_encode(const char *name, const Image *im, Bytes *out, SltError *er
                 memcpy(&v, &p[src[c]], sizeof v);
                 uint8_t little[4] = {(uint8_t)v, (uint8_t)(v >> 8), (uint8_t)(v >> 16),
                                      (uint8_t)(v >> 24)};
-                bytes_append(out, little, 4);
+                image_bytes_append(out, little, 4);
             }
         }
     }
@@ -136,8 +136,8 @@ static bool parse_size(const char *name, double *w, double *h, double *c) {
     return true;
 }
 
-SltStatus f32_decode(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                     SltError *err) {
+SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, Image *out,
+                           SltError *err) {
     double w, h, c;
     *out = (Image){0};
     if (!parse_size(name, &w, &h, &c)) {
@@ -145,7 +145,7 @@ SltStatus f32_decode(const char *name, const uint8_t *bytes, size_t size, Image 
                            "cannot read '%s': a raw file is called NAME_WxH.f32 or NAME_WxHxC.f32",
                            name);
     }
-    SltStatus status = check_claim(name, w, h, c, size, err);
+    SltStatus status = image_check_claim(name, w, h, c, size, err);
     if (status == SLT_OK && w * h * c * 4 != (double)size) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': %zu bytes, but its name says %.0f",
                            name, size, w * h * c * 4);

@@ -136,8 +136,8 @@ bool image_set_number(Image *im, const char *name, double number) {
     return true;
 }
 
-SltStatus check_claim(const char *name, double width, double height, double channels,
-                      size_t file_size, SltError *err) {
+SltStatus image_check_claim(const char *name, double width, double height, double channels,
+                            size_t file_size, SltError *err) {
     double samples = width * height * channels;
     if (!(width >= 1 && height >= 1 && channels >= 1)) {
         return status_fail(err, SLT_INPUT,
@@ -161,7 +161,7 @@ SltStatus check_claim(const char *name, double width, double height, double chan
     return SLT_OK;
 }
 
-int root_channels(const Image *im, int index[4]) {
+int image_root_channels(const Image *im, int index[4]) {
     int r = image_find_channel(im, "R"), g = image_find_channel(im, "G"),
         b = image_find_channel(im, "B");
     int y = image_find_channel(im, "Y"), a = image_find_channel(im, "A"), n = 0;
@@ -231,7 +231,7 @@ SltStatus image_convert_channels(const Image *im, int channels, Image *out, SltE
         return status_fail(err, SLT_USAGE, "an image cannot be converted to %d channels", channels);
     }
     int src[4];
-    int n = root_channels(im, src);
+    int n = image_root_channels(im, src);
     SltStatus status = image_create(out, im->width, im->height, channels, err);
     if (status != SLT_OK) {
         return status;
@@ -421,7 +421,7 @@ float image_luminance(float r, float g, float b) {
     return 0.2126f * r + 0.7152f * g + 0.0722f * b;
 }
 
-const char *path_extension(const char *path, char buf[16]) {
+const char *image_path_extension(const char *path, char buf[16]) {
     const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path,
                *dot = strrchr(base, '.');
     size_t n = 0;
@@ -438,21 +438,21 @@ SltStatus image_decode(const char *name, const void *bytes, size_t size,
                        const ImageReadOptions *opt, Image *out, SltError *err) {
     char ext[16];
     *out = (Image){0};
-    path_extension(name, ext);
+    image_path_extension(name, ext);
     if (strcmp(ext, "exr") == 0) {
-        return exr_decode(name, bytes, size, out, err);
+        return image_decode_exr(name, bytes, size, out, err);
     }
     if (strcmp(ext, "png") == 0) {
-        return png_decode(name, bytes, size, opt && opt->raw, out, err);
+        return image_decode_png(name, bytes, size, opt && opt->raw, out, err);
     }
     if (strcmp(ext, "pfm") == 0) {
-        return pfm_decode(name, bytes, size, out, err);
+        return image_decode_pfm(name, bytes, size, out, err);
     }
     if (strcmp(ext, "npy") == 0) {
-        return npy_decode_image(name, bytes, size, out, err);
+        return image_decode_npy(name, bytes, size, out, err);
     }
     if (strcmp(ext, "f32") == 0) {
-        return f32_decode(name, bytes, size, out, err);
+        return image_decode_f32(name, bytes, size, out, err);
     }
     return status_fail(err, SLT_INPUT,
                        "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32", name);
@@ -472,14 +472,14 @@ SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, 
 
 bool image_can_write(const char *path) {
     char ext[16];
-    path_extension(path, ext);
+    image_path_extension(path, ext);
     return !strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "npy");
 }
 
 static SltStatus encode_png_image(const char *path, const Image *im, const ImageWriteOptions *opt,
                                   Bytes *out, SltError *err) {
     int src[4];
-    int n = root_channels(im, src), bits = opt && opt->bits == 16 ? 16 : 8;
+    int n = image_root_channels(im, src), bits = opt && opt->bits == 16 ? 16 : 8;
     bool raw = opt && opt->raw;
     size_t pixels = (size_t)im->width * (size_t)im->height, wide = bits / 8;
     uint8_t *packed = malloc(pixels * (size_t)n * wide);
@@ -501,7 +501,7 @@ static SltStatus encode_png_image(const char *path, const Image *im, const Image
             }
         }
     }
-    SltStatus status = png_encode(path, im->width, im->height, n, bits, packed, out, err);
+    SltStatus status = image_encode_png(path, im->width, im->height, n, bits, packed, out, err);
     free(packed);
     return status;
 }
@@ -511,16 +511,16 @@ SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions
     char ext[16];
     Bytes b = {0};
     SltStatus status;
-    path_extension(path, ext);
+    image_path_extension(path, ext);
     if (strcmp(ext, "exr") == 0) {
         status = image_encode_exr(path, im, &b.data, &b.size, err);
     } else if (strcmp(ext, "png") == 0) {
         status = encode_png_image(path, im, opt, &b, err);
     } else if (strcmp(ext, "pfm") == 0) {
-        status = pfm_encode(path, im, &b, err);
+        status = image_encode_pfm(path, im, &b, err);
     } else if (strcmp(ext, "npy") == 0) {
         size_t shape[3] = {(size_t)im->height, (size_t)im->width, (size_t)im->channels};
-        status = npy_encode(3, shape, im->data, NULL, opt && opt->wide, &b, err);
+        status = image_encode_npy(3, shape, im->data, NULL, opt && opt->wide, &b, err);
     } else {
         return status_fail(err, SLT_USAGE,
                            "cannot write '%s': the extension is none of .exr .png .pfm .npy", path);
@@ -531,6 +531,6 @@ SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions
     if (status == SLT_OK) {
         status = file_write_atomic(path, b.data, b.size, err);
     }
-    bytes_free(&b);
+    image_bytes_free(&b);
     return status;
 }

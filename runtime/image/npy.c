@@ -279,7 +279,7 @@ void npy_free(NumArray *a) {
     }
 }
 
-SltStatus npy_decode_image(const char *name, const uint8_t *bytes, size_t size, Image *out,
+SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, Image *out,
                            SltError *err) {
     Header h;
     *out = (Image){0};
@@ -296,7 +296,7 @@ SltStatus npy_decode_image(const char *name, const uint8_t *bytes, size_t size, 
     }
     size_t height = h.rank == 1 ? 1 : h.shape[0], width = h.rank == 1 ? h.shape[0] : h.shape[1];
     size_t channels = h.rank == 3 ? h.shape[2] : 1;
-    status = check_claim(name, (double)width, (double)height, (double)channels, size, err);
+    status = image_check_claim(name, (double)width, (double)height, (double)channels, size, err);
     status = status ? status : image_create(out, (int)width, (int)height, (int)channels, err);
     for (size_t i = 0; status == SLT_OK && i < h.count; i++) {
         const uint8_t *from = bytes + h.offset + file_index(&h, i) * (size_t)h.width;
@@ -311,8 +311,8 @@ SltStatus npy_decode_image(const char *name, const uint8_t *bytes, size_t size, 
     return status;
 }
 
-SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const double *wide,
-                     bool as_double, Bytes *out, SltError *err) {
+SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, const double *wide,
+                           bool as_double, Bytes *out, SltError *err) {
     char dims[128] = "", header[256];
     size_t count = 1;
     if (rank < 1 || rank > 4) {
@@ -333,9 +333,9 @@ SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const d
     header[padded - 1] = '\n';
     uint8_t preamble[10] = {
         0x93, 'N', 'U', 'M', 'P', 'Y', 1, 0, (uint8_t)padded, (uint8_t)(padded >> 8)};
-    bytes_append(out, preamble, sizeof preamble);
-    bytes_append(out, header, (size_t)padded);
-    bytes_reserve(out, out->size + count * (as_double ? 8 : 4));
+    image_bytes_append(out, preamble, sizeof preamble);
+    image_bytes_append(out, header, (size_t)padded);
+    image_bytes_reserve(out, out->size + count * (as_double ? 8 : 4));
     for (size_t i = 0; i < count && !out->failed; i++) {
         uint8_t little[8];
         uint64_t v = 0;
@@ -356,7 +356,7 @@ SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const d
         for (int b = 0; b < bytes; b++) {
             little[b] = (uint8_t)(v >> 8 * b);
         }
-        bytes_append(out, little, (size_t)bytes);
+        image_bytes_append(out, little, (size_t)bytes);
     }
     return SLT_OK;
 }
@@ -364,13 +364,13 @@ SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const d
 SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide,
                     SltError *err) {
     Bytes b = {0};
-    SltStatus status = npy_encode(rank, shape, NULL, data, wide, &b, err);
+    SltStatus status = image_encode_npy(rank, shape, NULL, data, wide, &b, err);
     if (status == SLT_OK && b.failed) {
         status = status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
     }
     if (status == SLT_OK) {
         status = file_write_atomic(path, b.data, b.size, err);
     }
-    bytes_free(&b);
+    image_bytes_free(&b);
     return status;
 }

@@ -36,13 +36,13 @@ static double to_pixel(const Axis *a, double u) {
 static void escape(Bytes *b, const char *text) {
     for (; *text; text++) {
         switch (*text) {
-        case '&': bytes_append(b, "&amp;", 5); break;
-        case '<': bytes_append(b, "&lt;", 4); break;
-        case '>': bytes_append(b, "&gt;", 4); break;
-        case '"': bytes_append(b, "&quot;", 6); break;
+        case '&': image_bytes_append(b, "&amp;", 5); break;
+        case '<': image_bytes_append(b, "&lt;", 4); break;
+        case '>': image_bytes_append(b, "&gt;", 4); break;
+        case '"': image_bytes_append(b, "&quot;", 6); break;
         default:
             if ((unsigned char)*text >= 32) { /* control characters are not XML */
-                bytes_append(b, text, 1);
+                image_bytes_append(b, text, 1);
             }
         }
     }
@@ -105,50 +105,54 @@ static void tick_label(Bytes *b, const Axis *a, double tick) {
     if (a->decade_step) {
         int e = (int)lrint(tick);
         if (e >= -2 && e <= 3) {
-            bytes_printf(b, "%g", pow(10, e));
+            image_bytes_printf(b, "%g", pow(10, e));
         } else {
-            bytes_printf(b, "10<tspan dy=\"-5\" font-size=\"9\">%s%d</tspan>",
-                         e < 0 ? "\xe2\x88\x92" : "", abs(e));
+            image_bytes_printf(b, "10<tspan dy=\"-5\" font-size=\"9\">%s%d</tspan>",
+                               e < 0 ? "\xe2\x88\x92" : "", abs(e));
         }
         return;
     }
-    bytes_printf(b, "%.6g", a->log ? pow(10, tick) : tick);
+    image_bytes_printf(b, "%.6g", a->log ? pow(10, tick) : tick);
 }
 
 static void draw_x_axis(Bytes *b, const Axis *x, const Axis *y, const char *label) {
     for (int i = 0; i < x->tick_count; i++) {
         double px = to_pixel(x, x->ticks[i]);
-        bytes_printf(b, "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n", px,
-                     y->to, px, y->from);
-        bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">", px, y->from + 18);
+        image_bytes_printf(b,
+                           "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n",
+                           px, y->to, px, y->from);
+        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">", px,
+                           y->from + 18);
         tick_label(b, x, x->ticks[i]);
-        bytes_printf(b, "</text>\n");
+        image_bytes_printf(b, "</text>\n");
     }
     if (label) {
-        bytes_printf(b, "<text class=\"l\" x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">",
-                     (x->from + x->to) / 2, y->from + 40);
+        image_bytes_printf(b, "<text class=\"l\" x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">",
+                           (x->from + x->to) / 2, y->from + 40);
         escape(b, label);
-        bytes_printf(b, "</text>\n");
+        image_bytes_printf(b, "</text>\n");
     }
 }
 
 static void draw_y_axis(Bytes *b, const Axis *x, const Axis *y, const char *label) {
     for (int i = 0; i < y->tick_count; i++) {
         double py = to_pixel(y, y->ticks[i]);
-        bytes_printf(b, "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n",
-                     x->from, py, x->to, py);
-        bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">", x->from - 8, py + 4);
+        image_bytes_printf(b,
+                           "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n",
+                           x->from, py, x->to, py);
+        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">", x->from - 8,
+                           py + 4);
         tick_label(b, y, y->ticks[i]);
-        bytes_printf(b, "</text>\n");
+        image_bytes_printf(b, "</text>\n");
     }
     if (label) {
         double py = (y->from + y->to) / 2;
-        bytes_printf(b,
-                     "<text class=\"l\" x=\"18\" y=\"%.1f\" text-anchor=\"middle\" "
-                     "transform=\"rotate(-90 18 %.1f)\">",
-                     py, py);
+        image_bytes_printf(b,
+                           "<text class=\"l\" x=\"18\" y=\"%.1f\" text-anchor=\"middle\" "
+                           "transform=\"rotate(-90 18 %.1f)\">",
+                           py, py);
         escape(b, label);
-        bytes_printf(b, "</text>\n");
+        image_bytes_printf(b, "</text>\n");
     }
 }
 
@@ -162,35 +166,36 @@ static void draw_errors(Bytes *b, const PlotSeries *s, const Axis *x, const Axis
         }
         lo = isfinite(lo) ? fmax(lo, y->lo)
                           : y->lo; /* a bar that reaches zero leaves a log plot at its floor */
-        bytes_printf(b,
-                     "<line x1=\"%.2f\" y1=\"%.2f\" x2=\"%.2f\" y2=\"%.2f\" stroke=\"%s\" "
-                     "stroke-opacity=\"0.5\"/>\n",
-                     to_pixel(x, ux), to_pixel(y, lo), to_pixel(x, ux),
-                     to_pixel(y, fmin(hi, y->hi)), colour);
+        image_bytes_printf(b,
+                           "<line x1=\"%.2f\" y1=\"%.2f\" x2=\"%.2f\" y2=\"%.2f\" stroke=\"%s\" "
+                           "stroke-opacity=\"0.5\"/>\n",
+                           to_pixel(x, ux), to_pixel(y, lo), to_pixel(x, ux),
+                           to_pixel(y, fmin(hi, y->hi)), colour);
     }
 }
 
 static void draw_series(Bytes *b, const PlotSeries *s, const Axis *x, const Axis *y,
                         const char *colour) {
     bool open = false;
-    bytes_printf(b, "<path fill=\"none\" stroke=\"%s\" stroke-width=\"%s\"%s d=\"", colour,
-                 s->dashed ? "1.2" : "2", s->dashed ? " stroke-dasharray=\"6 4\"" : "");
+    image_bytes_printf(b, "<path fill=\"none\" stroke=\"%s\" stroke-width=\"%s\"%s d=\"", colour,
+                       s->dashed ? "1.2" : "2", s->dashed ? " stroke-dasharray=\"6 4\"" : "");
     for (int i = 0; i < s->count; i++) {
         double ux = to_unit(x, s->x[i]), uy = to_unit(y, s->y[i]);
         if (isfinite(ux) && isfinite(uy)) {
-            bytes_printf(b, "%s%.2f %.2f", open ? "L" : "M", to_pixel(x, ux), to_pixel(y, uy));
+            image_bytes_printf(b, "%s%.2f %.2f", open ? "L" : "M", to_pixel(x, ux),
+                               to_pixel(y, uy));
             open = true;
         } else {
             open = false;
         }
     }
-    bytes_printf(b, "\"/>\n");
+    image_bytes_printf(b, "\"/>\n");
     for (int i = 0; !s->dashed && s->count <= 60 && i < s->count;
          i++) { /* markers only while they can be told apart */
         double ux = to_unit(x, s->x[i]), uy = to_unit(y, s->y[i]);
         if (isfinite(ux) && isfinite(uy)) {
-            bytes_printf(b, "<circle cx=\"%.2f\" cy=\"%.2f\" r=\"3.2\" fill=\"%s\"/>\n",
-                         to_pixel(x, ux), to_pixel(y, uy), colour);
+            image_bytes_printf(b, "<circle cx=\"%.2f\" cy=\"%.2f\" r=\"3.2\" fill=\"%s\"/>\n",
+                               to_pixel(x, ux), to_pixel(y, uy), colour);
         }
     }
 }
@@ -199,18 +204,18 @@ static void draw_legend(Bytes *b, const PlotSeries *series, int count, double le
     for (int s = 0; s < count; s++) {
         const char *colour = palette[s % 8];
         double py = top + 10 + s * 20;
-        bytes_printf(b,
-                     "<line x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
-                     "stroke-width=\"2\"%s/>\n",
-                     left, py, left + 22, py, colour,
-                     series[s].dashed ? " stroke-dasharray=\"6 4\"" : "");
+        image_bytes_printf(b,
+                           "<line x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
+                           "stroke-width=\"2\"%s/>\n",
+                           left, py, left + 22, py, colour,
+                           series[s].dashed ? " stroke-dasharray=\"6 4\"" : "");
         if (!series[s].dashed) {
-            bytes_printf(b, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n", left + 11,
-                         py, colour);
+            image_bytes_printf(b, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n",
+                               left + 11, py, colour);
         }
-        bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\">", left + 28, py + 4);
+        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\">", left + 28, py + 4);
         escape(b, series[s].name ? series[s].name : "");
-        bytes_printf(b, "</text>\n");
+        image_bytes_printf(b, "</text>\n");
     }
 }
 
@@ -230,28 +235,30 @@ static void draw_plot(Bytes *b, const PlotOptions *opt, const PlotSeries *series
     find_range(&y, series, count, true);
     make_ticks(&x, (int)((x.to - x.from) / 80) + 1);
     make_ticks(&y, (int)((y.from - y.to) / 45) + 1);
-    bytes_printf(b,
-                 "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 "
-                 "0 %d %d\">\n"
-                 "<style>text{font:12px system-ui,-apple-system,'Segoe "
-                 "UI',sans-serif;fill:#333}.l{font-size:13px}"
-                 ".t{font-size:15px;font-weight:600;fill:#111}.g{stroke:#e4e4e4}</style>\n"
-                 "<rect width=\"%d\" height=\"%d\" fill=\"#fff\"/>\n",
-                 width, height, width, height, width, height);
+    image_bytes_printf(
+        b,
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 "
+        "0 %d %d\">\n"
+        "<style>text{font:12px system-ui,-apple-system,'Segoe "
+        "UI',sans-serif;fill:#333}.l{font-size:13px}"
+        ".t{font-size:15px;font-weight:600;fill:#111}.g{stroke:#e4e4e4}</style>\n"
+        "<rect width=\"%d\" height=\"%d\" fill=\"#fff\"/>\n",
+        width, height, width, height, width, height);
     if (opt->title) {
-        bytes_printf(b, "<title>");
+        image_bytes_printf(b, "<title>");
         escape(b, opt->title);
-        bytes_printf(b, "</title>\n<text class=\"t\" x=\"%.1f\" y=\"26\" text-anchor=\"middle\">",
-                     (x.from + x.to) / 2);
+        image_bytes_printf(
+            b, "</title>\n<text class=\"t\" x=\"%.1f\" y=\"26\" text-anchor=\"middle\">",
+            (x.from + x.to) / 2);
         escape(b, opt->title);
-        bytes_printf(b, "</text>\n");
+        image_bytes_printf(b, "</text>\n");
     }
     draw_x_axis(b, &x, &y, opt->x_label);
     draw_y_axis(b, &x, &y, opt->y_label);
-    bytes_printf(b,
-                 "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"none\" "
-                 "stroke=\"#888\"/>\n",
-                 x.from, y.to, x.to - x.from, y.from - y.to);
+    image_bytes_printf(b,
+                       "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"none\" "
+                       "stroke=\"#888\"/>\n",
+                       x.from, y.to, x.to - x.from, y.from - y.to);
     for (int s = 0; s < count; s++) {
         draw_errors(b, &series[s], &x, &y, palette[s % 8]);
         draw_series(b, &series[s], &x, &y, palette[s % 8]);
@@ -259,7 +266,7 @@ static void draw_plot(Bytes *b, const PlotOptions *opt, const PlotSeries *series
     if (count > 1 && longest) {
         draw_legend(b, series, count, x.to + 14, y.to);
     }
-    bytes_printf(b, "</svg>\n");
+    image_bytes_printf(b, "</svg>\n");
 }
 
 char *plot_svg(const PlotOptions *opt, const PlotSeries *series, int count, SltError *err) {
@@ -274,9 +281,9 @@ char *plot_svg(const PlotOptions *opt, const PlotSeries *series, int count, SltE
     draw_plot(&b, opt, series, count);
     uselocale(before);
     freelocale(plain);
-    bytes_append(&b, "", 1);
+    image_bytes_append(&b, "", 1);
     if (b.failed) {
-        bytes_free(&b);
+        image_bytes_free(&b);
         status_fail(err, SLT_LIMIT, "out of memory for a plot");
         return NULL;
     }

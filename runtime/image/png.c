@@ -48,7 +48,7 @@ static void read_bytes(png_structp png, png_bytep to, size_t n) {
 
 static void write_bytes(png_structp png, png_bytep from, size_t n) {
     Png *p = png_get_io_ptr(png);
-    bytes_append(p->out, from, n);
+    image_bytes_append(p->out, from, n);
     if (p->out->failed) {
         p->status = SLT_LIMIT;
         png_error(png, "out of memory");
@@ -68,7 +68,7 @@ static void read_pixels(Png *p, const char *name, SltError *err) {
     png_read_info(p->png, p->info);
     double width = png_get_image_width(p->png, p->info),
            height = png_get_image_height(p->png, p->info);
-    p->status = check_claim(name, width, height, 4, p->size, err);
+    p->status = image_check_claim(name, width, height, 4, p->size, err);
     if (p->status != SLT_OK) {
         longjmp(p->escape, 1);
     }
@@ -133,8 +133,8 @@ static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
     return SLT_OK;
 }
 
-SltStatus png_decode(const char *name, const uint8_t *bytes, size_t size, bool raw, Image *out,
-                     SltError *err) {
+SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, bool raw,
+                           Image *out, SltError *err) {
     *out = (Image){0};
     if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PNG file", name);
@@ -156,7 +156,7 @@ SltStatus png_decode(const char *name, const uint8_t *bytes, size_t size, bool r
     if (setjmp(p->escape) == 0) {
         read_pixels(p, name, err);
         status = to_floats(p, raw, out, err);
-    } else { /* without a message, check_claim has already filled err */
+    } else { /* without a message, image_check_claim has already filled err */
         status = p->message[0]
                      ? status_fail(err, p->status, "cannot read '%s': %s", name, p->message)
                      : p->status;
@@ -169,8 +169,8 @@ SltStatus png_decode(const char *name, const uint8_t *bytes, size_t size, bool r
 }
 
 /* `pixels` holds samples of 8 bits, or of 16 bits with the high byte first. */
-SltStatus png_encode(const char *name, int width, int height, int channels, int bits,
-                     const uint8_t *pixels, Bytes *out, SltError *err) {
+SltStatus image_encode_png(const char *name, int width, int height, int channels, int bits,
+                           const uint8_t *pixels, Bytes *out, SltError *err) {
     static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA,
                                 PNG_COLOR_TYPE_RGB, PNG_COLOR_TYPE_RGB_ALPHA};
     if (width < 1 || height < 1 || channels < 1 || channels > 4 || width > IMAGE_MAX_SIDE ||
@@ -215,9 +215,9 @@ SltStatus png_encode(const char *name, int width, int height, int channels, int 
 SltStatus image_encode_png8(const char *name, int width, int height, int channels,
                             const uint8_t *pixels, uint8_t **bytes, size_t *size, SltError *err) {
     Bytes b = {0};
-    SltStatus status = png_encode(name, width, height, channels, 8, pixels, &b, err);
+    SltStatus status = image_encode_png(name, width, height, channels, 8, pixels, &b, err);
     if (status != SLT_OK) {
-        bytes_free(&b);
+        image_bytes_free(&b);
     }
     *bytes = b.data;
     *size = b.size;

@@ -58,7 +58,7 @@ static Line read_line(const char *p, const char *end, locale_t plain, Bytes *num
             line.bad_column = column;
             return line;
         }
-        bytes_append(numbers, &v, sizeof v);
+        image_bytes_append(numbers, &v, sizeof v);
         line.numbers++;
         p = after;
         while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) {
@@ -139,7 +139,7 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
         status = status_fail(err, SLT_INPUT, "cannot read '%s': there are no numbers in it", name);
     }
     if (status != SLT_OK) {
-        bytes_free(&numbers);
+        image_bytes_free(&numbers);
         return status;
     }
     *out = (Table){.rows = rows, .cols = cols, .data = (double *)(void *)numbers.data};
@@ -192,7 +192,7 @@ static SltStatus table_from_image(const char *path, Table *out, SltError *err) {
 SltStatus table_read(const char *path, Table *out, SltError *err) {
     char ext[16];
     *out = (Table){0};
-    path_extension(path, ext);
+    image_path_extension(path, ext);
     if (strcmp(ext, "npy") == 0) {
         NumArray a;
         SltStatus status = npy_read(path, &a, err);

@@ -43,15 +43,15 @@ struct Optimiser {
 };
 
 /* Moves to project(base + step_scale * step); false when that is base itself. */
-bool move_to_trial(Optimiser *o);
+bool optimise_move_to_trial(Optimiser *o);
 /* The largest component of the gradient that the bounds do not block. */
-double projected_gradient(const Optimiser *o, const double *g);
+double optimise_projected_gradient(const Optimiser *o, const double *g);
 /* v := (I + lambda L)^-1 v on grid k, `times` times. */
-void smooth_grid(Optimiser *o, int k, double *v, int times);
-OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...)
+void optimise_smooth_grid(Optimiser *o, int k, double *v, int times);
+OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
 /* Tests the loss's stall and the gradient's size at an accepted point; true when it stopped. */
-bool has_converged(Optimiser *o);
+bool optimise_has_converged(Optimiser *o);
 
 /* lbfgs.c: takes a finite loss, with its gradient in o->fresh */
 OptimiseState lbfgs_step(Optimiser *o, double loss);

@@ -37,7 +37,7 @@ static void precondition(Optimiser *o, double *v) {
         v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
     }
     for (int k = 0; k < o->config.grid_count; k++) {
-        smooth_grid(o, k, v, 2);
+        optimise_smooth_grid(o, k, v, 2);
     }
     for (size_t i = 0; i < o->config.n; i++) {
         v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
@@ -105,7 +105,7 @@ static void two_loop(Optimiser *o) {
 }
 
 bool lbfgs_place_trial(Optimiser *o) {
-    bool moved = move_to_trial(o);
+    bool moved = optimise_move_to_trial(o);
     double slope = 0;
     for (size_t i = 0; i < o->config.n; i++) {
         slope += o->g[i] * (o->u[i] - o->base[i]);
@@ -127,7 +127,8 @@ static OptimiseState start_search(Optimiser *o) {
     }
     gradient_direction(o);
     if (!lbfgs_place_trial(o)) {
-        return finish(o, OPTIMISE_CONVERGED, "no step along the gradient changes the parameters");
+        return optimise_finish(o, OPTIMISE_CONVERGED,
+                               "no step along the gradient changes the parameters");
     }
     return OPTIMISE_EVALUATE;
 }
@@ -145,8 +146,9 @@ static OptimiseState backtrack(Optimiser *o, double loss) {
     }
     /* leave the caller at the best point of the search, not at a failed trial */
     o->now.step_scale = 0;
-    move_to_trial(o);
-    return finish(o, OPTIMISE_CONVERGED, "no step along the gradient lowers the loss any more");
+    optimise_move_to_trial(o);
+    return optimise_finish(o, OPTIMISE_CONVERGED,
+                           "no step along the gradient lowers the loss any more");
 }
 
 static void keep_pair(Optimiser *o) {
@@ -183,5 +185,5 @@ OptimiseState lbfgs_step(Optimiser *o, double loss) {
     memcpy(o->base, o->u, n * sizeof *o->base);
     memcpy(o->g, o->fresh, n * sizeof *o->g);
     o->now.base_loss = loss;
-    return has_converged(o) ? (OptimiseState)o->now.state : start_search(o);
+    return optimise_has_converged(o) ? (OptimiseState)o->now.state : start_search(o);
 }

@@ -22,7 +22,7 @@ static double to_caller(const Optimiser *o, size_t i, double u) {
     return clamp(v, o->config.lo[i], o->config.hi[i]);
 }
 
-bool move_to_trial(Optimiser *o) {
+bool optimise_move_to_trial(Optimiser *o) {
     bool moved = false;
     for (size_t i = 0; i < o->config.n; i++) {
         double u = clamp(o->base[i] + o->now.step_scale * o->step[i], o->lo[i], o->hi[i]);
@@ -36,7 +36,7 @@ bool move_to_trial(Optimiser *o) {
     return moved;
 }
 
-double projected_gradient(const Optimiser *o, const double *g) {
+double optimise_projected_gradient(const Optimiser *o, const double *g) {
     double worst = 0;
     for (size_t i = 0; i < o->config.n; i++) {
         bool blocked = (o->base[i] <= o->lo[i] && g[i] > 0) || (o->base[i] >= o->hi[i] && g[i] < 0);
@@ -45,7 +45,7 @@ double projected_gradient(const Optimiser *o, const double *g) {
     return worst;
 }
 
-OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...) {
+OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt, ...) {
     va_list args;
     o->now.state = state;
     va_start(args, fmt);
@@ -54,12 +54,13 @@ OptimiseState finish(Optimiser *o, OptimiseState state, const char *fmt, ...) {
     return state;
 }
 
-bool has_converged(Optimiser *o) {
+bool optimise_has_converged(Optimiser *o) {
     const OptimiseConfig *c = &o->config;
-    double size = projected_gradient(o, o->g);
+    double size = optimise_projected_gradient(o, o->g);
     if (size <= c->gradient_tolerance &&
         (c->gradient_tolerance > 0 || c->method == OPTIMISE_LBFGS)) {
-        finish(o, OPTIMISE_CONVERGED, "no component of the gradient is larger than %.3g", size);
+        optimise_finish(o, OPTIMISE_CONVERGED, "no component of the gradient is larger than %.3g",
+                        size);
         return true;
     }
     if (c->patience > 0) {
@@ -69,9 +70,9 @@ bool has_converged(Optimiser *o) {
             o->now.reference_loss = o->now.best_loss;
             o->now.stalled = 0;
         } else if (++o->now.stalled >= c->patience) {
-            finish(o, OPTIMISE_CONVERGED,
-                   "the loss fell by less than %.3g of itself over %d iterations",
-                   c->loss_tolerance, c->patience);
+            optimise_finish(o, OPTIMISE_CONVERGED,
+                            "the loss fell by less than %.3g of itself over %d iterations",
+                            c->loss_tolerance, c->patience);
             return true;
         }
     }
@@ -82,7 +83,7 @@ static size_t grid_index(const OptimiseGrid *g, int x, int y, int c) {
     return g->offset + (size_t)x * g->stride_x + (size_t)y * g->stride_y + (size_t)c * g->stride_c;
 }
 
-void smooth_grid(Optimiser *o, int k, double *v, int times) {
+void optimise_smooth_grid(Optimiser *o, int k, double *v, int times) {
     const OptimiseGrid *g = &o->config.grids[k];
     for (int c = 0; o->solvers[k] && c < g->channels; c++) {
         for (int t = 0; t < times; t++) {
@@ -94,7 +95,7 @@ void smooth_grid(Optimiser *o, int k, double *v, int times) {
 
 static void smooth_grids(Optimiser *o, double *v, int times) {
     for (int k = 0; k < o->config.grid_count; k++) {
-        smooth_grid(o, k, v, times);
+        optimise_smooth_grid(o, k, v, times);
     }
 }
 
@@ -177,16 +178,16 @@ static OptimiseState first_order_step(Optimiser *o, double loss) {
     memcpy(o->g, o->fresh, n * sizeof *o->g);
     o->now.base_loss = loss;
     o->now.iterations++;
-    if (has_converged(o)) {
+    if (optimise_has_converged(o)) {
         return (OptimiseState)o->now.state;
     }
     if (all_zero(o->g, n) &&
         all_zero(o->moment, n)) { /* a zero by chance in mid-run still coasts on its momentum */
-        return finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
+        return optimise_finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
     }
     momentum_step(o);
     o->now.step_scale = 1;
-    move_to_trial(o);
+    optimise_move_to_trial(o);
     return OPTIMISE_EVALUATE;
 }
 
@@ -195,11 +196,12 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
     o->now.rejected++;
     o->now.failures++;
     if (!o->now.started) {
-        return finish(o, OPTIMISE_FAILED, "the %s at the start is not finite", what);
+        return optimise_finish(o, OPTIMISE_FAILED, "the %s at the start is not finite", what);
     }
     if (o->now.failures > o->config.max_failures) {
-        return finish(o, OPTIMISE_FAILED, "the %s is not finite, also after %d shorter steps", what,
-                      o->config.max_failures);
+        return optimise_finish(o, OPTIMISE_FAILED,
+                               "the %s is not finite, also after %d shorter steps", what,
+                               o->config.max_failures);
     }
     if (o->config.method == OPTIMISE_LBFGS) {
         o->now.step_scale *= 0.25;
@@ -217,7 +219,7 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
         o->now.age = 0;
         momentum_step(o);
     }
-    move_to_trial(o);
+    optimise_move_to_trial(o);
     return OPTIMISE_EVALUATE;
 }
 
