@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include <libgen.h>
+#include <unistd.h>
 
 #include "compiler/api/api.h"
 

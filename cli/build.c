@@ -1,0 +1,136 @@
+/* saltus build: ahead-of-time code (.o .s .ll .so) and a C header beside it, or the header alone (.h). */
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/cli.h"
+#include "kernel_text.h" /* include/saltus/kernel.h as a string, made by the build */
+
+static char kind_of(const char *path) {
+    const char *dot = strrchr(path, '.');
+    if (!dot) return 0;
+    if (!strcmp(dot, ".o")) return 'o';
+    if (!strcmp(dot, ".s")) return 's';
+    if (!strcmp(dot, ".ll")) return 'l';
+    if (!strcmp(dot, ".so")) return 'S';
+    if (!strcmp(dot, ".h")) return 'h';
+    return 0;
+}
+
+/* A C identifier from the output's file name. */
+static void stem_of(const char *path, char *stem, size_t size) {
+    const char *slash = strrchr(path, '/'), *s = slash ? slash + 1 : path;
+    size_t n = 0;
+    if (isdigit((unsigned char)*s)) stem[n++] = '_';
+    for (; *s && *s != '.' && n + 1 < size; s++) stem[n++] = isalnum((unsigned char)*s) ? *s : '_';
+    stem[n] = 0;
+}
+
+static void identifier(const char *name, char *out, size_t size) {
+    size_t n = 0;
+    for (; *name && n + 1 < size; name++) out[n++] = isalnum((unsigned char)*name) ? *name : '_';
+    out[n] = 0;
+}
+
+static void write_kernel(FILE *h, const SltProgram *p, const char *stem, int k) {
+    const Fn *fn = p->fn[k];
+    fprintf(h, "/* outputs:");
+    for (uint32_t o = 0; o < fn->body->last->nargs; o++) fprintf(h, " %s", fn->outputs ? fn->outputs[o] : "?");
+    fprintf(h, " */\nvoid %s_%s(SltKernelArgs *args, uint32_t n);\n", stem, kernel_names[k]);
+}
+
+static char *make_header(const SltProgram *p, const char *stem) {
+    char *text = NULL, id[256];
+    size_t size = 0;
+    FILE *h = open_memstream(&text, &size);
+    if (!h) return NULL;
+    const char *flt = p->opt.f64 ? "double" : "float";
+    fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n", stem, p->prog->entry, slt_version(), stem, stem);
+    fputs(kernel_text, h);
+    fprintf(h, "\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt, stem);
+    fprintf(h, "enum { %s_DIM = %u, %s_CHANNELS = %u, %s_FLOATS = %u, %s_INTS = %u };\n\n", stem, p->prog->dim, stem, p->prog->channels, stem, p->prog->nfloats, stem, p->prog->nints);
+    fprintf(h, "/* Where parameters lie in SltKernelArgs.params (floats) and .iparams (integers and bools). */\nenum {\n");
+    for (uint32_t i = 0; i < p->prog->nparams; i++) {
+        const Param *q = &p->prog->params[i];
+        identifier(q->name, id, sizeof id);
+        if (q->fcount) fprintf(h, "    %s_%s = %u, /* %s, %u floats */\n", stem, id, q->fbase, q->type ? q->type->name : "", q->fcount);
+        if (q->icount) fprintf(h, "    %s_%s_int = %u, /* %u integers */\n", stem, id, q->ibase, q->icount);
+    }
+    fprintf(h, "    %s_NONE_\n};\n\n", stem);
+    if (p->prog->nfloats <= 65536) {
+        fprintf(h, "static const %s_flt %s_params[%u] = {", stem, stem, p->prog->nfloats ? p->prog->nfloats : 1);
+        for (uint32_t i = 0; i < p->prog->nfloats; i++) fprintf(h, "%s%a", i % 8 ? ", " : i ? ",\n    " : "\n    ", p->floats[i]);
+        fprintf(h, "%s};\n", p->prog->nfloats ? "\n" : "0");
+        fprintf(h, "static const int32_t %s_iparams[%u] = {", stem, p->prog->nints ? p->prog->nints : 1);
+        for (uint32_t i = 0; i < p->prog->nints; i++) fprintf(h, "%s%d", i ? ", " : "", p->ints[i]);
+        fprintf(h, "%s};\n\n", p->prog->nints ? "" : "0");
+    }
+    for (int k = 0; k < K_KINDS; k++)
+        if (p->fn[k]) write_kernel(h, p, stem, k);
+    fprintf(h, "\n/* f at n points: x[axis] and out[channel] are arrays readable and writable up to n rounded up to 64, 64-byte aligned. */\n"
+               "static inline void %s_eval(const %s_flt *params, const int32_t *iparams, const %s_flt *const *x, %s_flt *const *out, uint32_t n) {\n"
+               "    static const int32_t zero[64];\n"
+               "    SltKernelArgs args = {0};\n"
+               "    int i;\n"
+               "    for (i = 0; i < SLT_IN_VARYING; i++) args.in[i] = n <= 64 ? (const void *)zero : (const void *)x[0];\n"
+               "    for (i = 0; i < %s_DIM; i++) args.in[i] = x[i];\n"
+               "    for (i = 0; i < %s_CHANNELS; i++) args.out[i] = out[i];\n"
+               "    args.params = params;\n    args.iparams = iparams;\n    args.n_valid = n;\n    args.resolution[0] = args.resolution[1] = 1;\n"
+               "    %s_value(&args, n);\n}\n",
+            stem, stem, stem, stem, stem, stem, stem);
+    fprintf(h, "\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
+    fclose(h);
+    return text;
+}
+
+static int build(Cli *c, SltProgram *p) {
+    if (!c->output) return cli_usage(c, "build wants -o out.o, .s, .ll, .so or .h");
+    char kind = kind_of(c->output), stem[128];
+    if (!kind) return cli_usage(c, "-o %s: the extension should be .o, .s, .ll, .so or .h", c->output);
+    stem_of(c->output, stem, sizeof stem);
+    SltError err = {0};
+    bool needs[K_KINDS];
+    for (int k = 0; k < K_KINDS; k++) needs[k] = true;
+    if (c->job.no_boundary) needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_JVP] = needs[K_SITE_VJP] = false;
+    if (c->job.no_interior) needs[K_JVP] = needs[K_VJP] = false;
+    SltStatus status = api_kernels(p, needs, &err);
+    if (status != SLT_OK) return cli_fail(c, &err);
+    char *header = make_header(p, stem);
+    if (!header) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    char *header_path = malloc(strlen(c->output) + 4);
+    if (!header_path) return free(header), SLT_LIMIT;
+    strcpy(header_path, c->output);
+    strcpy(strrchr(header_path, '.'), ".h");
+    if (kind != 'h') {
+        KernelRequest req[K_KINDS];
+        uint32_t n = 0;
+        for (int k = 0; k < K_KINDS; k++)
+            if (p->fn[k]) req[n++] = (KernelRequest){arena_printf(&p->session->module, "%s_%s", stem, kernel_names[k]), p->fn[k]};
+        BackOptions bo = {.target = p->target, .width = c->opt.width, .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES, .opt_level = 2, .output_rgba8 = c->opt.rgba8};
+        const char *why = NULL;
+        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, c->output, &why);
+        if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");
+    }
+    if (status == SLT_OK) status = file_write_atomic(header_path, header, strlen(header), &err);
+    if (status == SLT_OK && c->json) {
+        fputs("{\"outputs\": [", stdout);
+        json_text(stdout, c->output);
+        if (kind != 'h') fputs(", ", stdout), json_text(stdout, header_path);
+        fputs("], \"prefix\": ", stdout);
+        json_text(stdout, stem);
+        fputs(", ", stdout);
+        report_warnings_json(stdout, p);
+        fputs("}\n", stdout);
+    }
+    free(header);
+    free(header_path);
+    return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
+}
+
+int verb_build(Cli *c) {
+    SltProgram *p;
+    int status = cli_compile(c, &p);
+    if (status == SLT_OK) status = build(c, p);
+    slt_program_free(p);
+    return status;
+}
