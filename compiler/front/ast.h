@@ -249,6 +249,7 @@ struct Stmt {
     /* loops, filled by check.c */
     int64_t trip_bound;     /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters; lower may refine */
     bool trip_exact;        /* the bound is proven, no [MaxIters] cut is needed */
+    int64_t trip_count;     /* the trip count where it is one constant (break and return may shorten it), else 0; for definite assignment */
 };
 
 struct Func {
@@ -280,7 +281,7 @@ struct Func {
 typedef struct Import {
     const char *name;
     Span span;
-    Module *module;
+    Module *module;   /* never NULL after load_modules; an empty stand-in with `missing` set where the import failed (reported) */
 } Import;
 
 struct Module {
@@ -295,6 +296,9 @@ struct Module {
     StructDecl *struct_decls; /* as parsed, in order of declaration */
     TypedefDecl *typedefs;
     bool is_main, is_stdlib;
+    bool missing;             /* stands for a module that could not be loaded: unknown names may come from it */
+    const char *real_path;    /* what identifies the module */
+    uint32_t load_state;      /* of module.c */
     Module *next;             /* every loaded module, in order of loading */
 };
 
@@ -309,6 +313,13 @@ typedef struct ConstOverride {
  * Returns false with *why set. kind: 't' texture (w, h, c), 'h' heightfield (w, h), 'a' array table (dims[0..ndims) outermost first). */
 typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
 
+/* A file from the command line in place of a parameter's own value (`--param discs=@values.csv`): gives open sizes and those of textures. */
+typedef struct ParamFile {
+    const char *name; /* "discs" or "module.discs" */
+    const char *path; /* as given, relative to the working folder */
+    bool used;
+} ParamFile;
+
 typedef struct FrontOptions {
     const char *entry;               /* NULL: main, or the only one */
     ConstOverride *overrides;
@@ -316,12 +327,16 @@ typedef struct FrontOptions {
     bool disc_auto;                  /* --disc=auto */
     AssetProbe *probe;
     void *probe_user;
+    ParamFile *files;
+    uint32_t nfiles;
+    bool f64;                        /* EPSILON is that of binary64 */
 } FrontOptions;
 
 /* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error, and so is a chain
  * (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024 statements. */
 Module *parse_module(Session *s, int file, const char *name);
-/* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard library). */
+/* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard library). Returns the main
+ * module, the head of the list by `next`; a module imported twice is one entry of `imports`. Never NULL. */
 Module *load_modules(Session *s, int file);
 /* check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules. Returns the entry
  * shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
