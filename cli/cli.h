@@ -52,7 +52,7 @@ typedef struct Cli {
     /* explain */
     const char *at;
     /* any option given, for verbs that must refuse */
-    bool estimator_given, samples_given;
+    bool estimator_given, samples_given, iters_given, optimizer_given;
     char *args_storage[CLI_MAX_LIST];
     uint32_t nargs_storage;
 } Cli;

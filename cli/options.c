@@ -310,11 +310,11 @@ static int apply(Cli *c, const Option *o, const char *v) {
     case O_MINIMIZE: c->minimize = true; break;
     case O_ITERS:
         WHOLE(0, 100000000);
-        c->iters = (uint32_t)whole;
+        c->iters = (uint32_t)whole, c->iters_given = true;
         break;
     case O_OPTIMIZER:
         CHOICE(optimizers);
-        c->optimizer = optimizers[pick];
+        c->optimizer = optimizers[pick], c->optimizer_given = true;
         break;
     case O_LR: return apply_rates(c, "--lr", v, c->lr, &c->nlr);
     case O_SMOOTH: return apply_rates(c, "--smooth", v, c->smooth, &c->nsmooth);

@@ -1,0 +1,280 @@
+/* The scene file of `fit`. Unknown keys are errors that name the nearest known one; paths are relative to the file. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <jansson.h>
+
+#include "cli/fit.h"
+
+bool scene_is(const char *file) {
+    size_t n = file ? strlen(file) : 0;
+    return n > 5 && !strcmp(file + n - 5, ".json");
+}
+
+typedef struct Reader {
+    Cli *c;
+    const char *path;
+    Scene *s;
+} Reader;
+
+static int bad(Reader *r, const char *where, const char *what) {
+    fprintf(stderr, "saltus: %s: %s%s%s\n", r->path, where, *where ? ": " : "", what);
+    return SLT_INPUT;
+}
+
+static int known_keys(Reader *r, json_t *object, const char *where, const char *const *keys, uint32_t n) {
+    const char *key;
+    json_t *value;
+    json_object_foreach(object, key, value) {
+        bool known = false;
+        for (uint32_t k = 0; k < n; k++) known |= !strcmp(keys[k], key);
+        if (known) continue;
+        const char *near = suggest_nearest(key, keys, n);
+        char text[256];
+        if (near) snprintf(text, sizeof text, "unknown key `%s`; did you mean `%s`?", key, near);
+        else snprintf(text, sizeof text, "unknown key `%s`", key);
+        return bad(r, where, text);
+    }
+    return SLT_OK;
+}
+#define KEYS(...) (const char *const[]){__VA_ARGS__}, sizeof((const char *const[]){__VA_ARGS__}) / sizeof(const char *)
+
+static char *keep(Scene *s, char *text) {
+    char **more = realloc(s->strings, (s->nstrings + 1) * sizeof *more);
+    if (!more) return text;
+    s->strings = more;
+    s->strings[s->nstrings++] = text;
+    return text;
+}
+
+static char *relative(Reader *r, const char *path) {
+    size_t n = strlen(r->s->dir) + strlen(path) + 2;
+    char *out = malloc(n);
+    if (!out) return NULL;
+    if (path[0] == '/') snprintf(out, n, "%s", path);
+    else snprintf(out, n, "%s%s", r->s->dir, path);
+    return keep(r->s, out);
+}
+
+static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {
+    json_t *j = json_object_get(root, key);
+    if (!j) return SLT_OK;
+    if (!json_is_string(j)) return bad(r, key, "a string is wanted");
+    *out = path ? relative(r, json_string_value(j)) : keep(r->s, strdup(json_string_value(j)));
+    return SLT_OK;
+}
+
+static int number_of(Reader *r, json_t *root, const char *key, double lo, double hi, double *out) {
+    json_t *j = json_object_get(root, key);
+    if (!j) return SLT_OK;
+    if (!json_is_number(j) || !(json_number_value(j) >= lo && json_number_value(j) <= hi)) {
+        char text[96];
+        snprintf(text, sizeof text, "a number from %g to %g is wanted", lo, hi);
+        return bad(r, key, text);
+    }
+    *out = json_number_value(j);
+    return SLT_OK;
+}
+
+static int read_set(Reader *r, json_t *root) {
+    json_t *set = json_object_get(root, "set"), *value;
+    const char *key;
+    if (!set) return SLT_OK;
+    if (!json_is_object(set)) return bad(r, "set", "an object of constants is wanted");
+    json_object_foreach(set, key, value) {
+        char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
+        if (!text || r->c->nsets >= CLI_MAX_LIST) {
+            free(text);
+            return bad(r, "set", "too many constants");
+        }
+        /* The command line comes after and wins. */
+        memmove(r->c->sets + 1, r->c->sets, r->c->nsets++ * sizeof *r->c->sets);
+        r->c->sets[0] = (SltSet){keep(r->s, strdup(key)), keep(r->s, text)};
+    }
+    r->c->opt.nset = r->c->nsets;
+    return SLT_OK;
+}
+
+static int read_size(Reader *r, json_t *root) {
+    json_t *size = json_object_get(root, "size");
+    if (!size || r->c->size_given) return SLT_OK;
+    size_t n = json_is_array(size) ? json_array_size(size) : 0;
+    if (n < 1 || n > 3) return bad(r, "size", "a list of one to three whole numbers is wanted");
+    for (size_t d = 0; d < n; d++) {
+        json_t *j = json_array_get(size, d);
+        if (!json_is_integer(j) || json_integer_value(j) < 1 || json_integer_value(j) > 1 << 20) return bad(r, "size", "whole numbers from 1 to 1048576 are wanted");
+        r->c->job.size[d] = (uint32_t)json_integer_value(j);
+    }
+    for (size_t d = n; d < 3; d++) r->c->job.size[d] = 1;
+    r->c->size_given = true;
+    return SLT_OK;
+}
+
+static bool is_spec(json_t *j) {
+    return json_is_object(j) && (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") || json_object_get(j, "lr") || json_object_get(j, "smooth"));
+}
+
+static int read_params(Reader *r, json_t *root) {
+    json_t *params = json_object_get(root, "params"), *j;
+    const char *key;
+    if (!params) return SLT_OK;
+    if (!json_is_object(params)) return bad(r, "params", "an object of parameters is wanted");
+    r->s->params = calloc(json_object_size(params) + 1, sizeof *r->s->params);
+    if (!r->s->params) return SLT_LIMIT;
+    json_object_foreach(params, key, j) {
+        FitParam *p = &r->s->params[r->s->nparams++];
+        *p = (FitParam){.name = keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
+        json_t *value = j;
+        if (is_spec(j)) {
+            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth"));
+            if (status == SLT_OK) status = text_of(r, j, "file", &p->file, true);
+            if (status == SLT_OK) status = number_of(r, j, "lr", 0, 1e30, &p->lr);
+            if (status == SLT_OK) status = number_of(r, j, "smooth", 0, 1e30, &p->smooth);
+            if (status != SLT_OK) return status;
+            json_t *grad = json_object_get(j, "grad");
+            if (grad && !json_is_boolean(grad)) return bad(r, key, "`grad` is true or false");
+            if (grad) p->grad = json_is_true(grad);
+            value = json_object_get(j, "value");
+        }
+        if (value) p->value = keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
+    }
+    return SLT_OK;
+}
+
+static int read_view(Reader *r, json_t *j, View *v) {
+    if (!json_is_object(j)) return bad(r, "views", "objects are wanted");
+    int status = known_keys(r, j, "views", KEYS("target", "mask", "params"));
+    if (status == SLT_OK) status = text_of(r, j, "target", &v->target_path, true);
+    if (status == SLT_OK) status = text_of(r, j, "mask", &v->mask_path, true);
+    if (status != SLT_OK) return status;
+    if (!v->target_path) return bad(r, "views", "every view needs a `target`");
+    json_t *params = json_object_get(j, "params"), *value;
+    const char *key;
+    if (!params) return SLT_OK;
+    if (!json_is_object(params)) return bad(r, "views.params", "an object is wanted");
+    v->params = calloc(json_object_size(params) + 1, sizeof *v->params);
+    if (!v->params) return SLT_LIMIT;
+    json_object_foreach(params, key, value) {
+        v->params[v->nparams++] = (Assign){keep(r->s, strdup(key)), keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)))};
+    }
+    return SLT_OK;
+}
+
+static int read_views(Reader *r, json_t *root) {
+    json_t *views = json_object_get(root, "views");
+    size_t n = views ? json_array_size(views) : 0;
+    if (views && (!json_is_array(views) || n == 0)) return bad(r, "views", "a list of views is wanted");
+    if (!views && !json_object_get(root, "target")) return SLT_OK;
+    r->s->views = calloc(n + 1, sizeof *r->s->views);
+    if (!r->s->views) return SLT_LIMIT;
+    if (!views) {
+        View *v = &r->s->views[r->s->nviews++];
+        int status = text_of(r, root, "target", &v->target_path, true);
+        return status == SLT_OK ? text_of(r, root, "mask", &v->mask_path, true) : status;
+    }
+    for (size_t i = 0; i < n; i++) {
+        int status = read_view(r, json_array_get(views, i), &r->s->views[r->s->nviews++]);
+        if (status != SLT_OK) return status;
+    }
+    return SLT_OK;
+}
+
+static int read_optimizer(Reader *r, json_t *root) {
+    json_t *o = json_object_get(root, "optimizer");
+    if (!o) return SLT_OK;
+    if (!json_is_object(o)) return bad(r, "optimizer", "an object is wanted");
+    int status = known_keys(r, o, "optimizer", KEYS("type", "iters", "lr"));
+    double iters = -1, lr = -1;
+    if (status == SLT_OK) status = text_of(r, o, "type", &r->s->optimizer, false);
+    if (status == SLT_OK) status = number_of(r, o, "iters", 0, 1e8, &iters);
+    if (status == SLT_OK) status = number_of(r, o, "lr", 0, 1e30, &lr);
+    if (status != SLT_OK) return status;
+    if (r->s->optimizer) {
+        if (strcmp(r->s->optimizer, "adam") && strcmp(r->s->optimizer, "sgd") && strcmp(r->s->optimizer, "lbfgs")) return bad(r, "optimizer.type", "adam, sgd or lbfgs is wanted");
+        if (!r->c->optimizer_given) r->c->optimizer = r->s->optimizer;
+    }
+    if (iters >= 0 && !r->c->iters_given) r->c->iters = (uint32_t)iters;
+    if (lr >= 0 && r->c->nlr < CLI_MAX_LIST) {
+        char text[40];
+        snprintf(text, sizeof text, "%.17g", lr);
+        memmove(r->c->lr + 1, r->c->lr, r->c->nlr++ * sizeof *r->c->lr);
+        r->c->lr[0] = (Assign){NULL, keep(r->s, strdup(text))};
+    }
+    return SLT_OK;
+}
+
+static int read_root(Reader *r, json_t *root) {
+    if (!json_is_object(root)) return bad(r, "", "an object is wanted");
+    int status = known_keys(r, root, "", KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views", "target", "mask", "optimizer", "output", "filter", "minimize", "precision"));
+    double spp = -1, segments = -1, samples = -1, seed = -1;
+    char *filter = NULL, *precision = NULL;
+    if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
+    if (status == SLT_OK && !r->s->shader) status = bad(r, "", "`shader` is missing");
+    if (status == SLT_OK) status = text_of(r, root, "entry", &r->s->entry, false);
+    if (status == SLT_OK) status = text_of(r, root, "output", &r->s->output, true);
+    if (status == SLT_OK) status = text_of(r, root, "filter", &filter, false);
+    if (status == SLT_OK) status = text_of(r, root, "precision", &precision, false);
+    if (status == SLT_OK) status = number_of(r, root, "spp", 1, 1 << 24, &spp);
+    if (status == SLT_OK) status = number_of(r, root, "segments", 1, 1e12, &segments);
+    if (status == SLT_OK) status = number_of(r, root, "samples", 1, 1e12, &samples);
+    if (status == SLT_OK) status = number_of(r, root, "seed", 0, 4294967295.0, &seed);
+    if (status == SLT_OK) status = read_set(r, root);
+    if (status == SLT_OK) status = read_size(r, root);
+    if (status == SLT_OK) status = read_params(r, root);
+    if (status == SLT_OK) status = read_views(r, root);
+    if (status == SLT_OK) status = read_optimizer(r, root);
+    if (status != SLT_OK) return status;
+    if (filter) {
+        if (!strcmp(filter, "tent")) r->c->job.filter = SLT_FILTER_TENT;
+        else if (!strcmp(filter, "gaussian")) r->c->job.filter = SLT_FILTER_GAUSSIAN;
+        else if (strcmp(filter, "box")) return bad(r, "filter", "box, tent or gaussian is wanted");
+    }
+    if (precision) {
+        if (strcmp(precision, "f32") && strcmp(precision, "f64")) return bad(r, "precision", "f32 or f64 is wanted");
+        r->c->opt.f64 = !strcmp(precision, "f64");
+    }
+    if (spp > 0 && !r->c->spp_given) r->c->job.spp = (uint32_t)spp, r->c->spp_given = true;
+    if (segments > 0 && !r->c->job.segments) r->c->job.segments = (uint64_t)segments;
+    if (samples > 0 && !r->c->samples_given) r->c->job.samples = (uint64_t)samples, r->c->samples_given = true;
+    if (seed >= 0 && !r->c->job.seed) r->c->job.seed = r->c->opt.seed = (uint32_t)seed;
+    json_t *minimize = json_object_get(root, "minimize");
+    if (minimize && !json_is_boolean(minimize)) return bad(r, "minimize", "true or false is wanted");
+    if (json_is_true(minimize)) r->c->minimize = true;
+    if (!r->c->opt.entry) r->c->opt.entry = r->s->entry;
+    if (!r->c->output) r->c->output = r->s->output;
+    return SLT_OK;
+}
+
+int scene_read(Cli *c, const char *path, Scene *scene) {
+    *scene = (Scene){0};
+    Reader r = {c, path, scene};
+    SltError err = {0};
+    uint8_t *bytes;
+    size_t size;
+    if (file_read_all(path, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
+    const char *slash = strrchr(path, '/');
+    scene->dir = keep(scene, strndup(path, slash ? (size_t)(slash + 1 - path) : 0));
+    json_error_t e;
+    json_t *root = json_loadb((const char *)bytes, size, JSON_REJECT_DUPLICATES, &e);
+    free(bytes);
+    if (!root) {
+        fprintf(stderr, "saltus: %s:%d:%d: %s\n", path, e.line, e.column, e.text);
+        return SLT_INPUT;
+    }
+    int status = read_root(&r, root);
+    json_decref(root);
+    return status;
+}
+
+void scene_free(Scene *s) {
+    for (uint32_t v = 0; v < s->nviews; v++) {
+        free(s->views[v].target);
+        free(s->views[v].mask);
+        free(s->views[v].params);
+    }
+    free(s->views);
+    free(s->params);
+    for (uint32_t i = 0; i < s->nstrings; i++) free(s->strings[i]);
+    free(s->strings);
+    *s = (Scene){0};
+}
