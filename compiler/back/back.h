@@ -43,6 +43,7 @@ int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
 uint32_t back_width(const CompiledModule *m);
 uint32_t back_instructions(const CompiledModule *m, const char *name); /* LLVM IR instructions after optimisation; machine ones in back_machine_bytes */
+uint32_t back_machine_bytes(const CompiledModule *m, const char *name);
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached);
 void back_free(CompiledModule *m);
 /* Ahead of time: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (written to path through the system's linker: cc). */
