@@ -35,6 +35,7 @@ void *arena_alloc(Arena *a, size_t bytes);
 void *arena_copy(Arena *a, const void *data, size_t bytes);
 char *arena_strndup(Arena *a, const char *s, size_t n);
 char *arena_printf(Arena *a, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+char *arena_vprintf(Arena *a, const char *fmt, va_list ap) __attribute__((format(printf, 2, 0)));
 ArenaMark arena_mark(Arena *a);
 void arena_reset(Arena *a, ArenaMark mark); /* frees everything allocated since the mark */
 

@@ -19,17 +19,6 @@ static const DiagRow rows[DIAG_COUNT] = {
 #undef DIAG
 };
 
-static char *format_text(Session *s, const char *fmt, va_list ap) {
-    va_list again;
-    va_copy(again, ap);
-    int n = vsnprintf(NULL, 0, fmt, ap);
-    if (n < 0) n = 0;
-    char *text = arena_alloc(&s->session, (size_t)n + 1);
-    vsnprintf(text, (size_t)n + 1, fmt, again);
-    va_end(again);
-    return text;
-}
-
 Diag *diag_emit(Session *s, DiagCode code, Span span, ...) {
     uint32_t key[4] = {code, (uint32_t)span.file, span.pos, span.len};
     uint32_t hash = hash_bytes(key, sizeof key), at = UINT32_MAX;
@@ -47,7 +36,7 @@ Diag *diag_emit(Session *s, DiagCode code, Span span, ...) {
     Diag *d = ARENA_NEW(&s->session, Diag);
     va_list ap;
     va_start(ap, span);
-    *d = (Diag){.code = code, .severity = rows[code].severity, .span = span, .text = format_text(s, rows[code].format, ap)};
+    *d = (Diag){.code = code, .severity = rows[code].severity, .span = span, .text = arena_vprintf(&s->session, rows[code].format, ap)};
     va_end(ap);
     if (span.file >= 0) table_insert(s, &s->reported, d, hash);
     *s->diags_end = d;
@@ -61,7 +50,7 @@ void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) {
     DiagNote *note = ARENA_NEW(&s->session, DiagNote);
     va_list ap;
     va_start(ap, fmt);
-    *note = (DiagNote){.span = span, .text = format_text(s, fmt, ap)};
+    *note = (DiagNote){.span = span, .text = arena_vprintf(&s->session, fmt, ap)};
     va_end(ap);
     DiagNote **end = &d->notes;
     while (*end) end = &(*end)->next;

@@ -78,6 +78,7 @@ typedef struct Session {
     uint32_t nimport_dirs;
     const char *stdlib_dir;
     PtrTable strings, reported, array_types;
+    bool bad_input, bad_usage; /* among the errors is one of an input file, of the command line: they choose the exit status */
 } Session;
 
 /* Limits: 512 MiB is promised for any input; the default budget leaves room for LLVM. */

@@ -37,13 +37,7 @@ bool parse_accept(Parser *p, TokenKind k) {
 
 static Diag *report(Parser *p, DiagCode code, Span span, const char *fmt, va_list ap) {
     if (p->panic || p->stopped) return NULL;
-    va_list again;
-    va_copy(again, ap);
-    int n = vsnprintf(NULL, 0, fmt, ap);
-    char *text = arena_alloc(&p->s->session, (size_t)(n < 0 ? 0 : n) + 1);
-    vsnprintf(text, (size_t)(n < 0 ? 0 : n) + 1, fmt, again);
-    va_end(again);
-    return diag_emit(p->s, code, span, text);
+    return diag_emit(p->s, code, span, arena_vprintf(&p->s->session, fmt, ap));
 }
 
 Diag *parse_error(Parser *p, DiagCode code, Span span, const char *fmt, ...) {
