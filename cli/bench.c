@@ -1,0 +1,260 @@
+/* saltus bench: error against run time of every estimator, or with --kernels nanoseconds a sample of every kernel.
+ *
+ * The error is the root mean square over independent seeds of ||gradient - reference|| / ||reference||, the reference being a lattice of 64 times the
+ * largest number of samples (averaged over seeds). Seconds are the median of the runs; evaluations count every kernel call on a sample. */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "cli/bench.h"
+
+enum { MAX_POINTS = 16, MAX_REPEATS = 256, NESTIMATORS = 5 };
+
+static const char *const names[NESTIMATORS] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"};
+
+typedef struct Point {
+    uint64_t samples;
+    double evaluations, seconds, error;
+} Point;
+
+typedef struct Curve {
+    const char *name;
+    SltEstimator estimator;
+    Point at[MAX_POINTS];
+    int n;
+    const char *skipped;
+} Curve;
+
+typedef struct Bench {
+    Cli *c;
+    SltProgram *p;
+    double *reference, *g;
+    size_t size;
+    double norm;
+    Curve curves[NESTIMATORS];
+    SltError err;
+    double budget; /* seconds a point */
+} Bench;
+
+static SltStatus gradient(Bench *b, SltEstimator e, uint64_t samples, uint32_t seed, SltStats *stats) {
+    SltJob job = b->c->job;
+    job.estimator = e;
+    job.samples = samples;
+    job.segments = 0;
+    job.seed = seed;
+    job.replicates = 1;
+    SltIntegral out = {.gradient = b->g};
+    return slt_grad_integral(b->p, &job, &out, stats, &b->err);
+}
+
+static SltStatus make_reference(Bench *b, uint64_t largest) {
+    enum { SEEDS = 4 };
+    SltStatus s = SLT_OK;
+    /* As many samples as fit in ten seconds. */
+    uint64_t samples = largest * 64;
+    SltStats stats;
+    double start = cli_now();
+    s = gradient(b, SLT_EST_LATTICE, largest, 999331, &stats);
+    double each = cli_now() - start;
+    while (each * (double)samples / (double)largest * SEEDS > 20 && samples > largest * 4) samples /= 2;
+    for (int r = 0; r < SEEDS && s == SLT_OK; r++) {
+        s = gradient(b, SLT_EST_LATTICE, samples, 999331u + 7u * (uint32_t)(r + 1), &stats);
+        for (size_t i = 0; i < b->size; i++) b->reference[i] += b->g[i] / SEEDS;
+    }
+    for (size_t i = 0; i < b->size; i++) b->norm += b->reference[i] * b->reference[i];
+    b->norm = sqrt(b->norm);
+    return s;
+}
+
+static int compare(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static SltStatus measure(Bench *b, Curve *k, uint64_t samples) {
+    double seconds[MAX_REPEATS], square = 0, evaluations = 0;
+    uint32_t repeats = b->c->repeats < MAX_REPEATS ? b->c->repeats : MAX_REPEATS;
+    double start = cli_now();
+    uint32_t done = 0;
+    for (uint32_t r = 0; r < repeats; r++) {
+        SltStats stats = {0};
+        SltStatus s = gradient(b, k->estimator, samples, b->c->job.seed + 104729u * (r + 1), &stats);
+        if (s != SLT_OK) return s;
+        double d = 0;
+        for (size_t i = 0; i < b->size; i++) d += (b->g[i] - b->reference[i]) * (b->g[i] - b->reference[i]);
+        square += d / (b->norm > 0 ? b->norm * b->norm : 1);
+        seconds[done++] = stats.seconds;
+        evaluations += (double)stats.evaluations;
+        if (cli_now() - start > b->budget && done >= 3) break;
+    }
+    qsort(seconds, done, sizeof *seconds, compare);
+    k->at[k->n++] = (Point){samples, evaluations / done, seconds[done / 2], sqrt(square / done)};
+    return SLT_OK;
+}
+
+static bool wanted(const Bench *b, const char *name) {
+    if (!b->c->estimators) return true;
+    const char *at = b->c->estimators;
+    size_t n = strlen(name);
+    while (at) {
+        if (!strncmp(at, name, n) && (at[n] == 0 || at[n] == ',')) return true;
+        at = strchr(at, ',');
+        if (at) at++;
+    }
+    return false;
+}
+
+/* ---- outputs */
+static char *make_csv(const Bench *b) {
+    char *text = NULL;
+    size_t size;
+    FILE *out = open_memstream(&text, &size);
+    if (!out) return NULL;
+    fputs("estimator,samples,evaluations,seconds,relative_rmse\n", out);
+    for (int e = 0; e < NESTIMATORS; e++)
+        for (int i = 0; i < b->curves[e].n; i++) {
+            const Point *q = &b->curves[e].at[i];
+            fprintf(out, "%s,%llu,%.0f,%.9g,%.9g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations, q->seconds, q->error);
+        }
+    fclose(out);
+    return text;
+}
+
+static char *make_json(const Bench *b) {
+    char *text = NULL;
+    size_t size;
+    FILE *out = open_memstream(&text, &size);
+    if (!out) return NULL;
+    fputs("{\"shader\": ", out);
+    json_text(out, b->c->expr ? b->c->expr : b->c->file);
+    fprintf(out, ", \"precision\": \"%s\", \"threads\": %u, \"reference_norm\": ", b->c->opt.f64 ? "f64" : "f32", b->c->job.threads);
+    json_number(out, b->norm);
+    fputs(", \"curves\": {", out);
+    bool first = true;
+    for (int e = 0; e < NESTIMATORS; e++) {
+        if (!b->curves[e].n) continue;
+        fprintf(out, "%s\"%s\": [", first ? "" : ", ", b->curves[e].name);
+        first = false;
+        for (int i = 0; i < b->curves[e].n; i++) {
+            const Point *q = &b->curves[e].at[i];
+            fprintf(out, "%s{\"samples\": %llu, \"evaluations\": ", i ? ", " : "", (unsigned long long)q->samples);
+            json_number(out, q->evaluations);
+            fputs(", \"seconds\": ", out);
+            json_number(out, q->seconds);
+            fputs(", \"error\": ", out);
+            json_number(out, q->error);
+            fputs("}", out);
+        }
+        fputs("]", out);
+    }
+    fputs("}, \"skipped\": {", out);
+    first = true;
+    for (int e = 0; e < NESTIMATORS; e++) {
+        if (!b->curves[e].skipped) continue;
+        fprintf(out, "%s\"%s\": ", first ? "" : ", ", b->curves[e].name);
+        json_text(out, b->curves[e].skipped);
+        first = false;
+    }
+    fputs("}}\n", out);
+    fclose(out);
+    return text;
+}
+
+static char *make_svg(Bench *b) {
+    double x[NESTIMATORS][MAX_POINTS], y[NESTIMATORS][MAX_POINTS];
+    PlotSeries series[NESTIMATORS];
+    int n = 0;
+    for (int e = 0; e < NESTIMATORS; e++) {
+        Curve *k = &b->curves[e];
+        if (!k->n) continue;
+        for (int i = 0; i < k->n; i++) x[e][i] = k->at[i].seconds, y[e][i] = k->at[i].error;
+        series[n++] = (PlotSeries){.name = k->name, .x = x[e], .y = y[e], .count = k->n};
+    }
+    PlotOptions plot = {.title = "Error of the gradient against run time", .x_label = "seconds", .y_label = "relative RMSE", .log_x = true, .log_y = true};
+    return plot_svg(&plot, series, n, &b->err);
+}
+
+static SltStatus write_folder(Bench *b) {
+    const char *dir = b->c->output;
+    if (mkdir(dir, 0777) != 0 && errno != EEXIST) return status_fail_errno(&b->err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
+    struct {
+        const char *name;
+        char *text;
+    } files[] = {{"bench.csv", make_csv(b)}, {"bench.json", make_json(b)}, {"bench.svg", make_svg(b)}};
+    SltStatus s = SLT_OK;
+    for (size_t i = 0; i < 3; i++) {
+        char path[4096];
+        if (s == SLT_OK && (!files[i].text || snprintf(path, sizeof path, "%s/%s", dir, files[i].name) >= (int)sizeof path)) s = status_fail(&b->err, SLT_OUTPUT, "%s/%s cannot be made", dir, files[i].name);
+        if (s == SLT_OK) s = file_write_atomic(path, files[i].text, strlen(files[i].text), &b->err);
+        free(files[i].text);
+    }
+    return s;
+}
+
+static void print_table(const Bench *b) {
+    printf("%-14s %12s %14s %12s %14s\n", "estimator", "samples", "evaluations", "seconds", "relative RMSE");
+    for (int e = 0; e < NESTIMATORS; e++) {
+        for (int i = 0; i < b->curves[e].n; i++) {
+            const Point *q = &b->curves[e].at[i];
+            printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations, q->seconds, q->error);
+        }
+        if (b->curves[e].skipped) printf("%-14s left out: %s\n", b->curves[e].name, b->curves[e].skipped);
+    }
+}
+
+static int bench(Bench *b) {
+    Cli *c = b->c;
+    c->job.integral = true;
+    int status = cli_prepare_job(c, b->p);
+    if (status != SLT_OK) return status;
+    b->size = (size_t)slt_channels(b->p) * slt_float_count(b->p);
+    b->reference = calloc(b->size + 1, sizeof *b->reference);
+    b->g = calloc(b->size + 1, sizeof *b->g);
+    if (!b->reference || !b->g) return SLT_LIMIT;
+    uint64_t largest = c->job.samples, smallest = largest >> 10 > 256 ? largest >> 10 : 256;
+    uint32_t active = 0;
+    for (uint32_t i = 0; i < slt_float_count(b->p); i++) active += slt_wrt_mask(b->p)[i];
+    Progress pr;
+    progress_begin(&pr, c, "bench");
+    SltStatus s = make_reference(b, largest);
+    b->budget = 3;
+    double done = 0;
+    for (int e = 0; e < NESTIMATORS && s == SLT_OK; e++) {
+        Curve *k = &b->curves[e];
+        *k = (Curve){.name = names[e], .estimator = (SltEstimator)e};
+        if (!wanted(b, names[e])) continue;
+        if (e == SLT_EST_FD && active > 64 && !c->estimators) {
+            k->skipped = "more than 64 parameter components; name it with --estimators to run it all the same";
+            continue;
+        }
+        if (slt_uses_rand(b->p) && e == SLT_EST_LATTICE) k->skipped = "rand() is called: the lattice is cut into scanlines";
+        for (uint64_t n = smallest; n <= largest && k->n < MAX_POINTS && s == SLT_OK; n *= 2) {
+            s = measure(b, k, n);
+            progress_update(&pr, (++done) / (NESTIMATORS * 11.0), names[e]);
+            if (k->n && k->at[k->n - 1].seconds > b->budget) break;
+        }
+    }
+    progress_end(&pr);
+    if (s == SLT_OK && c->output) s = write_folder(b);
+    if (s == SLT_OK && c->json) {
+        char *json = make_json(b);
+        fputs(json ? json : "{}\n", stdout);
+        free(json);
+    } else if (s == SLT_OK) {
+        print_table(b);
+    }
+    return s == SLT_OK ? SLT_OK : cli_fail(c, &b->err);
+}
+
+int verb_bench(Cli *c) {
+    Bench b = {.c = c};
+    cli_catch_interrupt(c);
+    int status = cli_compile(c, &b.p);
+    if (status == SLT_OK) status = c->kernels ? bench_kernels(c, b.p) : bench(&b);
+    free(b.reference);
+    free(b.g);
+    slt_program_free(b.p);
+    return status;
+}

@@ -1,0 +1,137 @@
+/* Nanoseconds a sample of every kernel, on one thread: batches of samples in rows of an image, as the runtime runs them; the median of interleaved rounds. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/bench.h"
+#include "compiler/pass/walk.h"
+
+enum { N = 4096, ROUNDS = 9 };
+
+static const int shown[] = {K_VALUE, K_REGION, K_EVENT, K_SIDES, K_SITE, K_SITE_GRAD, K_VJP, K_SITE_VJP};
+enum { NSHOWN = sizeof shown / sizeof *shown };
+
+typedef struct Buffers {
+    void *in[SLT_IN_VARYING], *out[SLT_OUT_MAX], *adj, *tape;
+    SltAdjEntry *log;
+    SltKernelArgs args;
+} Buffers;
+
+static void set_flt(const SltProgram *p, void *a, int i, double v) {
+    if (p->opt.f64) ((double *)a)[i] = v;
+    else ((float *)a)[i] = (float)v;
+}
+
+static void free_buffers(Buffers *b) {
+    for (int i = 0; i < SLT_IN_VARYING; i++) free(b->in[i]);
+    for (int i = 0; i < SLT_OUT_MAX; i++) free(b->out[i]);
+    free(b->adj);
+    free(b->tape);
+    free(b->log);
+}
+
+/* Samples: a 64 x 64 raster of the domain; pairs of ends are neighbours in x. */
+static bool make_buffers(SltProgram *p, Buffers *b) {
+    size_t bytes = (N + SLT_PAD) * sizeof(double), lanes = p->scene.flat_adj ? 1 : p->scene.width;
+    bool ok = true;
+    for (int i = 0; i < SLT_IN_VARYING; i++) ok &= (b->in[i] = aligned_alloc(64, bytes)) != NULL;
+    for (int i = 0; i < SLT_OUT_MAX; i++) ok &= (b->out[i] = aligned_alloc(64, bytes)) != NULL;
+    size_t adj = ((size_t)slt_float_count(p) * lanes * 8 + 127) & ~(size_t)63;
+    size_t tape = (((size_t)p->scene.tape_bytes + 64) * p->scene.width + 4096 + 63) & ~(size_t)63;
+    b->adj = aligned_alloc(64, adj);
+    b->tape = aligned_alloc(64, tape);
+    b->log = malloc((1u << 20) * sizeof *b->log);
+    if (!ok || !b->adj || !b->tape || !b->log) return false;
+    memset(b->adj, 0, adj);
+    double lo[3], hi[3];
+    slt_domain(p, lo, hi);
+    for (int i = 0; i < SLT_IN_VARYING; i++) {
+        memset(b->in[i], 0, bytes);
+        b->args.in[i] = b->in[i];
+    }
+    for (int i = 0; i < N + SLT_PAD; i++) {
+        double u[3] = {(i % 64 + 0.5) / 64, ((i / 64) % 64 + 0.5) / 64, ((i * 37) % 64 + 0.5) / 64};
+        for (uint32_t d = 0; d < 3; d++) set_flt(p, b->in[IN_X0 + d], i, lo[d] + u[d] * (hi[d] - lo[d]));
+        set_flt(p, b->in[IN_RAND0], i, fmod(i * 0.618033988749895, 1.0));
+        ((int32_t *)b->in[IN_STREAM])[i] = i;
+        for (int s = 0; s < 4; s++) set_flt(p, b->in[IN_SEED0 + s], i, 1);
+    }
+    for (int i = 0; i < SLT_OUT_MAX; i++) b->args.out[i] = b->out[i];
+    b->args.params = p->flt, b->args.iparams = p->ints;
+    b->args.adj = b->adj;
+    b->args.log = b->log, b->args.log_cap = 1u << 20;
+    b->args.tape = b->tape, b->args.tape_bytes = p->scene.tape_bytes;
+    b->args.resolution[0] = b->args.resolution[1] = 64;
+    b->args.n_valid = N;
+    return true;
+}
+
+static SltKernel *kernel_of(const SltProgram *p, int k) {
+    const SltScene *s = &p->scene;
+    SltKernel *const list[K_KINDS] = {s->value, s->region, s->event, s->sides, s->site, s->site_grad, s->site_jvp, s->site_vjp, s->jvp, s->vjp};
+    return list[k];
+}
+
+static int compare(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+int bench_kernels(Cli *c, SltProgram *p) {
+    SltError err = {0};
+    bool needs[K_KINDS] = {false};
+    for (int k = 0; k < NSHOWN; k++) needs[shown[k]] = true;
+    SltStatus status = api_kernels(p, needs, &err);
+    if (status != SLT_OK) return cli_fail(c, &err);
+    Buffers b = {0};
+    if (!make_buffers(p, &b)) return free_buffers(&b), fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    double ns[NSHOWN][ROUNDS];
+    int calls[NSHOWN];
+    for (int k = 0; k < NSHOWN; k++) {
+        SltKernel *f = kernel_of(p, shown[k]);
+        if (!f) continue;
+        double start = cli_now();
+        f(&b.args, N);
+        b.args.log_len = 0;
+        double once = cli_now() - start;
+        calls[k] = (int)fmin(2000, fmax(1, 0.02 / fmax(once, 1e-7)));
+    }
+    for (int r = 0; r < ROUNDS; r++)
+        for (int k = 0; k < NSHOWN; k++) {
+            SltKernel *f = kernel_of(p, shown[k]);
+            if (!f) continue;
+            double start = cli_now();
+            for (int i = 0; i < calls[k]; i++) {
+                f(&b.args, N);
+                b.args.log_len = 0;
+            }
+            ns[k][r] = (cli_now() - start) / calls[k] / N * 1e9;
+        }
+    double base = 0;
+    if (c->json) printf("{\"kernels\": {");
+    else printf("%-10s %10s %8s %6s %8s %10s\n", "kernel", "ns/sample", "ratio", "width", "ops", "tape bytes");
+    bool first = true;
+    for (int k = 0; k < NSHOWN; k++) {
+        if (!kernel_of(p, shown[k])) continue;
+        qsort(ns[k], ROUNDS, sizeof **ns, compare);
+        double median = ns[k][ROUNDS / 2];
+        if (shown[k] == K_VALUE) base = median;
+        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]]) : p->scene.width, ops = walk_size(p->fn[shown[k]]->body);
+        unsigned long long tape = p->tape[shown[k]].bytes_per_lane;
+        if (c->json) {
+            printf("%s\"%s\": {\"ns\": ", first ? "" : ", ", kernel_names[shown[k]]);
+            json_number(stdout, median);
+            printf(", \"ratio\": ");
+            json_number(stdout, median / base);
+            printf(", \"width\": %u, \"ops\": %u, \"tape_bytes\": %llu}", width, ops, tape);
+        } else {
+            printf("%-10s %10.3f %8.2f %6u %8u %10llu\n", kernel_names[shown[k]], median, median / base, width, ops, tape);
+        }
+        first = false;
+    }
+    double total = p->ms_front + p->ms_passes + p->ms_llvm;
+    if (c->json) printf("}, \"compile_ms\": {\"front\": %.4f, \"passes\": %.4f, \"llvm\": %.4f, \"total\": %.4f}}\n", p->ms_front, p->ms_passes, p->ms_llvm, total);
+    else printf("compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms, total %.1f ms\n", p->ms_front, p->ms_passes, p->ms_llvm, total);
+    free_buffers(&b);
+    return SLT_OK;
+}

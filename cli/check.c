@@ -1,0 +1,288 @@
+/* saltus check: the gradient of the integral against finite differences with common random numbers.
+ *
+ * For every parameter (the largest components of long ones, and a random direction through the rest) the derivative of L = sum_c w_c I_c with fixed weights w is compared with
+ * central differences of L over independent replicates. A row passes when
+ *     |AD - FD| <= z sqrt(se_AD^2 + se_FD^2 + truncation^2 + floor^2),
+ * with the truncation taken from a second, doubled step. The slope of the Taylor remainder is 2 where L is smooth. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cli/cli.h"
+
+enum { REPLICATES = 8, MAX_ROWS = 64, LARGEST = 3 };
+
+typedef struct Row {
+    char name[256];
+    double *dir; /* [nfloats], NULL: the unit vector of `index` */
+    uint32_t index;
+    double step, ad, ad_se, fd, fd_se, truncation, slope, z;
+    bool pass;
+} Row;
+
+typedef struct Check {
+    Cli *c;
+    SltProgram *p;
+    Row *rows;
+    uint32_t n;
+    double weight[4];
+    SltStats stats;
+    SltError err;
+    uint64_t samples;
+} Check;
+
+static const double weights[4] = {1.0, 0.7, 1.3, 0.4};
+
+/* L at the program's present parameters. */
+static SltStatus value_of(Check *k, uint32_t seed, double *out) {
+    double v[4];
+    SltJob job = k->c->job;
+    job.no_interior = job.no_boundary = true;
+    job.replicates = 1;
+    job.seed = seed;
+    job.samples = k->samples;
+    SltIntegral r = {.value = v};
+    SltStats stats;
+    SltStatus s = slt_grad_integral(k->p, &job, &r, &stats, &k->err);
+    *out = 0;
+    for (uint32_t c = 0; s == SLT_OK && c < slt_channels(k->p); c++) *out += k->weight[c] * v[c];
+    return s;
+}
+
+static SltStatus moved_value(Check *k, const Row *row, const double *base, double t, uint32_t seed, double *out) {
+    uint32_t nf = slt_float_count(k->p);
+    if (!row->dir) {
+        double x = base[row->index] + t;
+        slt_set_floats(k->p, row->index, 1, &x, NULL);
+    } else {
+        double *x = malloc((nf + 1) * sizeof *x);
+        if (!x) return status_fail(&k->err, SLT_LIMIT, "out of memory");
+        for (uint32_t i = 0; i < nf; i++) x[i] = base[i] + t * row->dir[i];
+        slt_set_floats(k->p, 0, nf, x, NULL);
+        free(x);
+    }
+    SltStatus s = value_of(k, seed, out);
+    if (!row->dir) slt_set_floats(k->p, row->index, 1, &base[row->index], NULL);
+    else slt_set_floats(k->p, 0, nf, base, NULL);
+    return s;
+}
+
+static double mean_of(const double *v, int n, double *se) {
+    double m = 0, q = 0;
+    for (int i = 0; i < n; i++) m += v[i] / n;
+    for (int i = 0; i < n; i++) q += (v[i] - m) * (v[i] - m);
+    *se = n > 1 ? sqrt(q / (n - 1) / n) : 0;
+    return m;
+}
+
+/* In the program's own precision the moved parameter is rounded: the step that was really taken. */
+static double real_step(const Check *k, const Row *row, const double *base, double h) {
+    if (k->p->opt.f64 || row->dir) return h;
+    float up = (float)(base[row->index] + h), down = (float)(base[row->index] - h);
+    return ((double)up - (double)down) / 2;
+}
+
+static SltStatus difference(Check *k, Row *row, const double *base) {
+    double one[REPLICATES], two[REPLICATES], up, down, ignored, h = row->step, remainder[2] = {0};
+    for (int r = 0; r < REPLICATES; r++) {
+        uint32_t seed = k->c->job.seed + 7919u * (uint32_t)(r + 1);
+        double centre = 0;
+        SltStatus s = value_of(k, seed, &centre);
+        for (int twice = 0; twice < 2 && s == SLT_OK; twice++) {
+            double step = h * (twice + 1), taken = real_step(k, row, base, step);
+            s = moved_value(k, row, base, step, seed, &up);
+            if (s == SLT_OK) s = moved_value(k, row, base, -step, seed, &down);
+            (twice ? two : one)[r] = (up - down) / (2 * taken);
+            remainder[twice] += (up - centre - taken * row->ad) / REPLICATES;
+        }
+        if (s != SLT_OK) return s;
+    }
+    row->fd = mean_of(one, REPLICATES, &row->fd_se);
+    row->truncation = fabs(mean_of(two, REPLICATES, &ignored) - row->fd) / 3;
+    row->slope = log2(fabs(remainder[1]) / fabs(remainder[0]));
+    return SLT_OK;
+}
+
+static void add_row(Check *k, const char *name, uint32_t index, double *dir, const double *base) {
+    if (k->n >= MAX_ROWS) {
+        free(dir);
+        return;
+    }
+    Row *row = &k->rows[k->n++];
+    *row = (Row){.index = index, .dir = dir};
+    snprintf(row->name, sizeof row->name, "%s", name);
+    double scale = dir ? 1 : fabs(base[index]) > 0.05 ? fabs(base[index]) : 0.05;
+    for (uint32_t i = 0; i < k->p->prog->nparams && !dir; i++) {
+        const Param *q = &k->p->prog->params[i];
+        bool inside = index >= q->fbase && index < q->fbase + q->fcount;
+        /* Extreme scales: a tiny but non-zero parameter moves in its own units. */
+        if (inside && base[index] != 0 && fabs(base[index]) < 0.05) scale = fabs(base[index]) > 1e-3 ? fabs(base[index]) : (fabs(base[index]) < 1e-6 ? fabs(base[index]) : 1e-3);
+    }
+    row->step = scale * (k->p->opt.f64 ? 2e-3 : 5e-3);
+}
+
+/* Which rows: every component of small parameters, the largest of long ones and one random direction through the rest. */
+static SltStatus choose_rows(Check *k, const double *g, const double *base) {
+    uint32_t nf = slt_float_count(k->p);
+    const uint8_t *mask = slt_wrt_mask(k->p);
+    char name[256];
+    for (uint32_t i = 0; i < k->p->prog->nparams; i++) {
+        const Param *q = &k->p->prog->params[i];
+        uint32_t active = 0, top[LARGEST], ntop = 0;
+        for (uint32_t f = q->fbase; f < q->fbase + q->fcount; f++) active += mask[f];
+        if (!active) continue;
+        if (active <= 4) {
+            for (uint32_t f = q->fbase; f < q->fbase + q->fcount; f++) {
+                if (!mask[f]) continue;
+                report_component_name(k->p, f, name, sizeof name);
+                add_row(k, name, f, NULL, base);
+            }
+            continue;
+        }
+        for (; ntop < LARGEST; ntop++) {
+            uint32_t best = UINT32_MAX;
+            for (uint32_t f = q->fbase; f < q->fbase + q->fcount; f++) {
+                bool taken = !mask[f];
+                for (uint32_t t = 0; t < ntop; t++) taken |= top[t] == f;
+                if (!taken && (best == UINT32_MAX || fabs(g[f]) > fabs(g[best]))) best = f;
+            }
+            top[ntop] = best;
+            report_component_name(k->p, best, name, sizeof name);
+            add_row(k, name, best, NULL, base);
+        }
+        double *dir = calloc(nf + 1, sizeof *dir), scale = 0;
+        if (!dir) return status_fail(&k->err, SLT_LIMIT, "out of memory");
+        uint32_t state = 12345u + i;
+        for (uint32_t f = q->fbase; f < q->fbase + q->fcount; f++) {
+            state = state * 1664525u + 1013904223u;
+            if (mask[f]) dir[f] = (double)(state >> 8) / 8388608.0 - 1.0;
+            scale = fabs(base[f]) > scale ? fabs(base[f]) : scale;
+        }
+        snprintf(name, sizeof name, "%s (random direction of %u)", q->name, active);
+        add_row(k, name, 0, dir, base);
+        k->rows[k->n - 1].step *= scale > 0.05 ? (scale < 1 ? scale : 1) * 0.5 : 0.05;
+    }
+    return SLT_OK;
+}
+
+static double along(const Check *k, const Row *row, const double *all, bool squared) {
+    uint32_t nf = slt_float_count(k->p);
+    double sum = 0;
+    for (uint32_t c = 0; c < slt_channels(k->p); c++) {
+        const double *g = all + (size_t)c * nf;
+        if (!row->dir) {
+            double v = k->weight[c] * g[row->index];
+            sum += squared ? v * v : v;
+        }
+        for (uint32_t i = 0; row->dir && i < nf; i++) {
+            double v = k->weight[c] * row->dir[i] * g[i];
+            sum += squared ? v * v : v;
+        }
+    }
+    return squared ? sqrt(sum) : sum;
+}
+
+static void print_rows(const Check *k, bool all_pass) {
+    if (k->c->json) {
+        printf("{\"pass\": %s, \"rows\": [", all_pass ? "true" : "false");
+        for (uint32_t i = 0; i < k->n; i++) {
+            const Row *r = &k->rows[i];
+            const struct {
+                const char *key;
+                double v;
+            } list[] = {{"ad", r->ad}, {"ad_stderr", r->ad_se}, {"fd", r->fd}, {"fd_stderr", r->fd_se}, {"step", r->step}, {"truncation", r->truncation}, {"slope", r->slope}, {"z", r->z}};
+            printf("%s{\"param\": ", i ? ", " : "");
+            json_text(stdout, r->name);
+            for (size_t f = 0; f < sizeof list / sizeof *list; f++) {
+                printf(", \"%s\": ", list[f].key);
+                json_number(stdout, list[f].v);
+            }
+            printf(", \"pass\": %s}", r->pass ? "true" : "false");
+        }
+        fputs("], ", stdout);
+        report_stats_json(stdout, &k->stats);
+        fputs(", ", stdout);
+        report_warnings_json(stdout, k->p);
+        fputs("}\n", stdout);
+        return;
+    }
+    printf("%-34s %14s %14s %9s %9s %6s %7s\n", "parameter", "AD", "FD", "+-", "step", "slope", "z");
+    for (uint32_t i = 0; i < k->n; i++) {
+        const Row *r = &k->rows[i];
+        printf("%-34s %14.7g %14.7g %9.2g %9.2g %6.2f %7.2f  %s\n", r->name, r->ad, r->fd, sqrt(r->fd_se * r->fd_se + r->truncation * r->truncation), r->step, r->slope, r->z, r->pass ? "PASS" : "FAIL");
+    }
+    printf("%s\n", all_pass ? "PASS" : "FAIL");
+}
+
+static int check(Check *k) {
+    Cli *c = k->c;
+    c->job.integral = true;
+    int status = cli_prepare_job(c, k->p);
+    if (status != SLT_OK) return status;
+    uint32_t nf = slt_float_count(k->p), ch = slt_channels(k->p);
+    size_t size = (size_t)ch * nf + 1;
+    double *g = calloc(2 * size, sizeof *g), *base = malloc((nf + 1) * sizeof *base), *total = calloc(nf + 1, sizeof *total);
+    k->rows = calloc(MAX_ROWS, sizeof *k->rows);
+    if (!g || !base || !total || !k->rows) return free(g), free(base), free(total), SLT_LIMIT;
+    memcpy(base, slt_floats(k->p), nf * sizeof *base);
+    memcpy(k->weight, weights, sizeof k->weight);
+    SltIntegral out = {.gradient = g, .gradient_stderr = g + size};
+    SltStatus s = slt_grad_integral(k->p, &c->job, &out, &k->stats, &k->err);
+    for (uint32_t i = 0; i < nf; i++)
+        for (uint32_t q = 0; q < ch; q++) total[i] += k->weight[q] * g[(size_t)q * nf + i];
+    if (s == SLT_OK) s = choose_rows(k, total, base);
+    /* As many samples a value as fit into a quarter of a minute. */
+    k->samples = c->job.samples;
+    double start = cli_now(), v;
+    if (s == SLT_OK) s = value_of(k, c->job.seed, &v);
+    double each = cli_now() - start, planned = each * k->n * REPLICATES * 5;
+    while (planned > 15 && k->samples > 4096) k->samples /= 2, planned /= 2;
+    Progress pr;
+    progress_begin(&pr, c, "check");
+    double largest = 0;
+    bool all_pass = true;
+    for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
+        Row *row = &k->rows[i];
+        row->ad = along(k, row, g, false);
+        row->ad_se = along(k, row, g + size, true);
+        s = difference(k, row, base);
+        largest = fmax(largest, fmax(fabs(row->ad), fabs(row->fd)));
+        progress_update(&pr, (double)(i + 1) / k->n, row->name);
+    }
+    progress_end(&pr);
+    for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
+        Row *row = &k->rows[i];
+        /* Rounding: the difference of two sums, each good to a few ulp of the precision. */
+        double eps = c->opt.f64 ? 1e-13 : 3e-6, floor = eps * fmax(1, largest) / fmax(row->step, 1e-300) * (c->opt.f64 ? 1 : 0.02) + 1e-4 * fabs(row->fd) + 1e-6 * largest;
+        double bar = sqrt(row->ad_se * row->ad_se + row->fd_se * row->fd_se + row->truncation * row->truncation + floor * floor);
+        row->z = bar > 0 ? (row->ad - row->fd) / bar : row->ad == row->fd ? 0 : INFINITY;
+        row->pass = fabs(row->z) <= c->tolerance; /* false for NaN */
+        all_pass &= row->pass;
+    }
+    uint64_t dropped = 0;
+    for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += k->stats.dropped[r];
+    if (s == SLT_OK) {
+        if (dropped * 100 > k->stats.crossings + dropped) {
+            fprintf(stderr, "saltus: more than 1 %% of the crossings were dropped\n");
+            all_pass = false;
+        }
+        print_rows(k, all_pass);
+        report_dropped(c, &k->stats);
+        if (k->stats.asserts) all_pass = false;
+    }
+    free(g);
+    free(base);
+    free(total);
+    return s != SLT_OK ? cli_fail(c, &k->err) : all_pass ? SLT_OK : SLT_CHECK_FAILED;
+}
+
+int verb_check(Cli *c) {
+    Check k = {.c = c};
+    cli_catch_interrupt(c);
+    int status = cli_compile(c, &k.p);
+    if (status == SLT_OK) status = check(&k);
+    for (uint32_t i = 0; i < k.n; i++) free(k.rows[i].dir);
+    free(k.rows);
+    slt_program_free(k.p);
+    return status;
+}
