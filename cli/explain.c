@@ -261,7 +261,11 @@ static int trace(SltProgram *p, const double x[3], TraceLog *log, double f[4]) {
     args.in[IN_RAND0] = flt[3];
     for (uint32_t k = 0; k < p->prog->channels; k++) args.out[k] = outs[k];
     int status = ir_interpret(fn, &args, 1, 2);
-    for (uint32_t k = 0; k < p->prog->channels; k++) f[k] = p->opt.f64 ? outs[k][0] : (double)((float *)outs[k])[0];
+    for (uint32_t k = 0; k < p->prog->channels; k++) {
+        float narrow;
+        memcpy(&narrow, outs[k], sizeof narrow);
+        f[k] = p->opt.f64 ? outs[k][0] : (double)narrow;
+    }
     return status;
 }
 
