@@ -68,6 +68,7 @@ static bool skip_blanks(Lexer *lx) {
                 lx->pos += 2;
             } else {
                 lx->pos = lx->len;
+                lx->cut = true;
                 COMPLAIN(lx, unterminated, span_at(lx, open, 2), "this comment is never closed");
             }
         } else {
@@ -214,6 +215,7 @@ static void lex_string(Lexer *lx, Token *t) {
     t->text = intern(lx->session, buf, n);
     arena_reset(&lx->session->scratch, mark);
     lx->pos = end + closed;
+    t->broken = !closed;
     if (!closed) COMPLAIN(lx, unterminated, span_at(lx, open, 1), "this string is not closed on its line");
 }
 

@@ -39,6 +39,7 @@ typedef struct Token {
     Span span;
     bool first_on_line;
     bool is_unsigned;
+    bool broken;      /* a string without its end: what follows was meant to be in it */
     Operator op;
     uint32_t integer;
     double number;
@@ -51,6 +52,7 @@ typedef struct Lexer {
     int32_t file;
     uint32_t pos, len;
     bool quiet;
+    bool cut;      /* an unterminated comment took the rest of the file */
 } Lexer;
 
 /* Starts at the beginning of a source: skips a byte order mark, reports bytes that are not UTF-8 (the first such place). */

@@ -15,6 +15,7 @@ void parse_advance(Parser *p) {
     if (p->stopped) return;
     p->prev_end = p->tok.span.pos + p->tok.span.len;
     p->tok = lex_next(&p->lx);
+    p->end_reported |= p->lx.cut;
     if (p->s->nerrors - p->first_error > MAX_FILE_ERRORS) {
         diag_emit(p->s, DIAG_error_limit, p->tok.span);
         parse_stop(p);
@@ -37,6 +38,11 @@ bool parse_accept(Parser *p, TokenKind k) {
 
 static Diag *report(Parser *p, DiagCode code, Span span, const char *fmt, va_list ap) {
     if (p->panic || p->stopped) return NULL;
+    /* One error at the end of the file: every construct that is open there would have its own. */
+    if (span.pos >= p->lx.len) {
+        if (p->end_reported) return NULL;
+        p->end_reported = true;
+    }
     return diag_emit(p->s, code, span, arena_vprintf(&p->s->session, fmt, ap));
 }
 

@@ -70,8 +70,8 @@ TypeRef *parse_declarator_dims(Parser *p, const TypeRef *base) {
 }
 
 /* Where no value could give an open size. */
-static void need_sizes(Parser *p, const TypeRef *t, const char *what) {
-    if (t->ndims && !t->dims[0]) parse_complain(p, DIAG_syntax, t->span, "an array that is %s needs its size", what);
+static void need_sizes(Parser *p, const TypeRef *t, Span name, const char *what) {
+    if (t->ndims && !t->dims[0]) parse_complain(p, DIAG_syntax, name, "an array that is %s needs its size", what);
 }
 
 /* ---- recovery ---- */
@@ -131,7 +131,7 @@ static void struct_declaration(Parser *p) {
             f.name = parse_name(p, "the name of a field", &f.span);
             if (!f.name) break;
             f.type_ref = parse_declarator_dims(p, base);
-            need_sizes(p, f.type_ref, "a field");
+            need_sizes(p, f.type_ref, f.span, "a field");
             if (parse_at(p, TOK_ASSIGN))
                 parse_error(p, DIAG_syntax, p->tok.span, "fields have no default values; write them where the struct is made");
             if (parse_at(p, TOK_LPAREN)) parse_error(p, DIAG_syntax, p->tok.span, "a struct has no methods; write a function that takes it");
@@ -159,7 +159,8 @@ static void struct_declaration(Parser *p) {
 static void typedef_declaration(Parser *p) {
     parse_advance(p);
     if (parse_at(p, TOK_STRUCT)) {
-        parse_error(p, DIAG_syntax, p->tok.span, "a struct is declared by `struct Name { … };`, without `typedef`");
+        parse_complain(p, DIAG_syntax, p->tok.span, "a struct is declared by `struct Name { … };`, without `typedef`");
+        parse_skip_struct(p);
         return;
     }
     TypeRef *base = parse_type(p, "a type");
@@ -169,7 +170,7 @@ static void typedef_declaration(Parser *p) {
         d->name = parse_name(p, "the new name of the type", &d->span);
         if (!d->name) return;
         d->type_ref = parse_declarator_dims(p, base);
-        need_sizes(p, d->type_ref, "a type");
+        need_sizes(p, d->type_ref, d->span, "a type");
         *p->typedefs_end = d;
         p->typedefs_end = &d->next;
         if (!parse_accept(p, TOK_COMMA)) break;
@@ -187,6 +188,7 @@ static void param_value(Parser *p, Symbol *sym) {
         sym->asset_text = t.text;
         if (!*t.text) parse_complain(p, DIAG_syntax, t.span, "the name of the file is empty");
         parse_advance(p);
+        p->panic |= t.broken;
         return;
     }
     bool call = t.kind == TOK_IDENT && parse_peek(p, 1).kind == TOK_LPAREN;
@@ -269,7 +271,7 @@ static Symbol *argument(Parser *p) {
     sym->name = parse_name(p, "the name of an argument", &sym->span);
     if (!sym->name) return NULL;
     sym->type_ref = parse_declarator_dims(p, base);
-    need_sizes(p, sym->type_ref, "an argument");
+    need_sizes(p, sym->type_ref, sym->span, "an argument");
     if (parse_at(p, TOK_ASSIGN)) parse_error(p, DIAG_syntax, p->tok.span, "arguments have no default values; overload the function instead");
     return sym;
 }
@@ -398,14 +400,19 @@ void parse_file_scope(Parser *p) {
             break;
         case TOK_SHADER: shader(p, &attrs); break;
         case TOK_TYPE:
-        case TOK_IDENT: function_or_variable(p, &attrs); break;
+        case TOK_IDENT:
+            /* Behind a function that was taken for one at file scope: the rest of the function around it. */
+            if (p->unclosed && !parse_at_function(p)) parse_statement(p);
+            else function_or_variable(p, &attrs);
+            break;
         case TOK_SEMICOLON: parse_advance(p); break;
         case TOK_RBRACE:
             if (!p->unclosed) parse_complain(p, DIAG_unbalanced, p->tok.span, "this `}` closes nothing");
             parse_advance(p);
             break;
         default:
-            parse_error(p, DIAG_syntax, p->tok.span, "expected a declaration before %s", lex_describe(p->s, &p->tok));
+            if (p->unclosed) parse_statement(p);
+            else parse_error(p, DIAG_syntax, p->tok.span, "expected a declaration before %s", lex_describe(p->s, &p->tok));
             break;
         }
         if (p->to_file_scope) {

@@ -58,7 +58,9 @@ static Expr *integer_literal(Parser *p) {
 Expr *parse_string(Parser *p) {
     Expr *e = new_expr(p, E_LITERAL, p->tok.span);
     e->name = p->tok.text;
+    bool broken = p->tok.broken;
     parse_advance(p);
+    if (broken) p->panic = true; /* the lexer said it */
     return e;
 }
 
@@ -155,8 +157,9 @@ static Expr *primary(Parser *p) {
         parse_error(p, DIAG_syntax, t.span, "expected an expression before the type `%s`; a value of it is written `%s(…)`", t.text, t.text);
         return error_expr(p);
     case TOK_STRING:
-        parse_complain(p, DIAG_syntax, t.span, "a string stands only in `print`, `assert`, `[Doc]` and as the file of a parameter");
+        if (!t.broken) parse_complain(p, DIAG_syntax, t.span, "a string stands only in `print`, `assert`, `[Doc]` and as the file of a parameter");
         parse_advance(p);
+        p->panic |= t.broken;
         return new_expr(p, E_ERROR, t.span);
     case TOK_LBRACE:
         parse_error(p, DIAG_syntax, t.span, "a list in braces stands only behind the `=` of a declaration");

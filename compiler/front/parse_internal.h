@@ -42,6 +42,7 @@ typedef struct Parser {
     bool panic, stopped;
     bool to_file_scope;  /* with panic: a `}` is missing and a declaration of file scope stands at `tok`; every block ends */
     bool unclosed;       /* that was reported: a stray `}` at file scope is its consequence */
+    bool end_reported;   /* an error at the end of the file: the others there follow from it */
     uint32_t first_error; /* s->nerrors when this file was begun */
     uint32_t expr_nest, stmt_nest, stmt_depth;
     uint64_t reserved_reported; /* a bit a keyword that was used as a name: said once */
@@ -98,6 +99,11 @@ void attrs_none(Parser *p, const AttrVec *attrs, const char *what);
 
 /* parse_stmt.c */
 Stmt *parse_block(Parser *p); /* at `{` */
+Stmt *parse_statement(Parser *p);
+/* `float f(float x) …`, told from `float3 c(1.0);` by what stands in the brackets. */
+bool parse_at_function(const Parser *p);
+/* At a `struct` or `typedef` where none may stand: skips it, body and all. */
+void parse_skip_struct(Parser *p);
 
 /* parse_decl.c */
 TypeRef *parse_type(Parser *p, const char *what);              /* name and [dims] before the declared name */

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-static Stmt *statement(Parser *p);
-
 static Stmt *new_stmt(Parser *p, StmtKind kind, Span span) {
     Stmt *st = ARENA_NEW(&p->s->module, Stmt);
     st->kind = kind;
@@ -52,8 +50,7 @@ static void leave_function(Parser *p, Span open, const char *fmt) {
     p->panic = p->to_file_scope = p->unclosed = true;
 }
 
-/* `float f(float x) …` inside a function, told from `float3 c(1.0);` by what stands in the brackets. */
-static bool at_function(const Parser *p) {
+bool parse_at_function(const Parser *p) {
     if (!parse_at(p, TOK_TYPE) && !parse_at(p, TOK_IDENT)) return false;
     if (parse_peek(p, 1).kind != TOK_IDENT || parse_peek(p, 2).kind != TOK_LPAREN) return false;
     Token t = parse_peek(p, 3);
@@ -61,16 +58,14 @@ static bool at_function(const Parser *p) {
     return (t.kind == TOK_TYPE || t.kind == TOK_IDENT) && parse_peek(p, 4).kind == TOK_IDENT;
 }
 
-/* struct and friends within a function: one error, the declaration is skipped. */
-static void skip_local_type(Parser *p) {
-    const Token t = p->tok;
-    parse_error(p, DIAG_syntax, t.span, "`%s` stands at file scope only", t.text);
+void parse_skip_struct(Parser *p) {
     while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_RBRACE)) parse_advance(p);
     if (parse_at(p, TOK_LBRACE)) {
         parse_advance(p);
         parse_skip_to_close(p, TOK_RBRACE, true);
     }
     if (!p->stopped) p->panic = false;
+    if (parse_at(p, TOK_IDENT)) parse_advance(p);
     parse_accept(p, TOK_SEMICOLON);
 }
 
@@ -162,7 +157,7 @@ static Stmt *if_chain(Parser *p) {
         end = &st->orelse;
         parse_advance(p);
         st->expr = header_condition(p, st, st->span);
-        st->body = statement(p);
+        st->body = parse_statement(p);
         if (p->to_file_scope || !parse_accept(p, TOK_ELSE)) break;
         links++;
         if (++p->stmt_depth > MAX_STMT_DEPTH) {
@@ -180,7 +175,7 @@ static Stmt *if_chain(Parser *p) {
             p->lx = before;
             p->tok = before_tok;
             p->prev_end = before_end;
-            *end = statement(p);
+            *end = parse_statement(p);
         }
         break;
     }
@@ -212,7 +207,7 @@ static Stmt *for_loop(Parser *p) {
         p->panic = p->stopped;
     }
     st->span = parse_span_from(p, keyword);
-    st->body = statement(p);
+    st->body = parse_statement(p);
     return st;
 }
 
@@ -220,7 +215,7 @@ static Stmt *do_loop(Parser *p) {
     Span keyword = p->tok.span;
     Stmt *st = new_stmt(p, S_DO, keyword);
     parse_advance(p);
-    st->body = statement(p);
+    st->body = parse_statement(p);
     Stmt header = {0};
     Span tail = p->tok.span;
     if (parse_expect(p, TOK_WHILE, "`while` of `do`")) {
@@ -266,7 +261,7 @@ static Stmt *switch_statement(Parser *p) {
         }
         while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !parse_at(p, TOK_CASE) && !parse_at(p, TOK_DEFAULT) && !p->to_file_scope) {
             uint32_t before = p->tok.span.pos;
-            Stmt *inner = statement(p);
+            Stmt *inner = parse_statement(p);
             vec_push(&p->s->module, &body, inner);
             if (p->tok.span.pos == before && !p->to_file_scope) parse_advance(p);
         }
@@ -291,17 +286,18 @@ Stmt *parse_block(Parser *p) {
         if (starts_file_scope(p->tok.kind)) {
             bool indented = p->tok.span.pos > 0 && !strchr("\n\r", p->lx.text[p->tok.span.pos - 1]);
             if (indented && (parse_at(p, TOK_STRUCT) || parse_at(p, TOK_TYPEDEF))) {
-                skip_local_type(p);
+                parse_complain(p, DIAG_syntax, p->tok.span, "`%s` stands at file scope only", p->tok.text);
+                parse_skip_struct(p);
                 continue;
             }
             leave_function(p, open, "expected `}` before %s");
             break;
         }
-        if (at_function(p)) {
+        if (parse_at_function(p)) {
             leave_function(p, open, "a function cannot stand inside a function; is a `}` missing before %s?");
             break;
         }
-        Stmt *inner = statement(p);
+        Stmt *inner = parse_statement(p);
         vec_push(&p->s->module, &stmts, inner);
         if (p->tok.span.pos == before && !p->to_file_scope) parse_advance(p);
     }
@@ -380,13 +376,13 @@ static Stmt *unmarked(Parser *p) {
         Stmt *st = new_stmt(p, S_WHILE, span);
         parse_advance(p);
         st->expr = header_condition(p, st, span);
-        st->body = statement(p);
+        st->body = parse_statement(p);
         return st;
     }
     case TOK_ELSE:
         parse_complain(p, DIAG_syntax, span, "`else` without `if`");
         parse_advance(p);
-        return statement(p);
+        return parse_statement(p);
     case TOK_CASE:
     case TOK_DEFAULT:
         parse_error(p, DIAG_syntax, span, "`%s` stands directly in a `switch` only", p->tok.text);
@@ -396,7 +392,7 @@ static Stmt *unmarked(Parser *p) {
     }
 }
 
-static Stmt *statement(Parser *p) {
+Stmt *parse_statement(Parser *p) {
     Span span = p->tok.span;
     if (p->panic) return new_stmt(p, S_EMPTY, span);
     if (p->stmt_nest + 1 > MAX_NEST) {
