@@ -21,7 +21,7 @@ typedef struct ParseJob {
     Module *module;
 } ParseJob;
 
-static void parse_body(Session *s, void *arg) {
+static inline void parse_body(Session *s, void *arg) {
     ParseJob *job = arg;
     int file = session_add_text(s, "t.salt", NULL, job->text, job->len);
     if (file < 0) session_limit(s, "%s", s->unwind_text);
@@ -40,7 +40,7 @@ static char *printed(const Session *s, void (*print)(const Session *, FILE *)) {
 static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
 
 /* From the text form, so that the order printed is the order tested. */
-static char *brief_of(const char *text) {
+static inline char *brief_of(const char *text) {
     char *brief = NULL;
     size_t len;
     FILE *f = open_memstream(&brief, &len);
@@ -61,7 +61,7 @@ static char *brief_of(const char *text) {
     return brief;
 }
 
-static Parsed parse_bytes(const char *text, size_t len) {
+static inline Parsed parse_bytes(const char *text, size_t len) {
     Parsed out = {.s = session_create(0)};
     ParseJob job = {.text = text, .len = len};
     out.status = session_protect(out.s, parse_body, &job);
@@ -76,9 +76,9 @@ static Parsed parse_bytes(const char *text, size_t len) {
     return out;
 }
 
-static Parsed parse_text(const char *text) { return parse_bytes(text, strlen(text)); }
+static inline Parsed parse_text(const char *text) { return parse_bytes(text, strlen(text)); }
 
-static void parsed_free(Parsed *p) {
+static inline void parsed_free(Parsed *p) {
     session_destroy(p->s);
     free(p->dump);
     free(p->text);

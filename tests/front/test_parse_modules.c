@@ -1,0 +1,219 @@
+/* Imports: the order of the search, once, cycles, what is missing. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+#include <limits.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tests/front/parse_fixture.h"
+
+typedef struct Folder {
+    char path[64];
+} Folder;
+
+static void put(const Folder *f, const char *name, const char *text) {
+    char path[PATH_MAX];
+    snprintf(path, sizeof path, "%s/%s", f->path, name);
+    char *slash = strrchr(path, '/');
+    *slash = 0;
+    mkdir(path, 0777);
+    *slash = '/';
+    FILE *out = fopen(path, "w");
+    assert_non_null(out);
+    fputs(text, out);
+    fclose(out);
+}
+
+static int make_folder(void **state) {
+    Folder *f = calloc(1, sizeof *f);
+    strcpy(f->path, "/tmp/saltus-modules-XXXXXX");
+    if (!mkdtemp(f->path)) return 1;
+    *state = f;
+    return 0;
+}
+
+static int remove_folder(void **state) {
+    Folder *f = *state;
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", f->path);
+    int failed = system(command);
+    free(f);
+    return failed;
+}
+
+typedef struct Loaded {
+    Session *s;
+    Module *main;
+    char *text;
+    char list[512]; /* module names in order of loading, with `*` behind those of the standard library */
+} Loaded;
+
+typedef struct LoadJob {
+    const char *path;
+    Module *main;
+} LoadJob;
+
+static void load_body(Session *s, void *arg) {
+    LoadJob *job = arg;
+    int file = session_add_file(s, job->path, NULL);
+    assert_true(file >= 0);
+    job->main = load_modules(s, file);
+}
+
+/* Loads FOLDER/main.salt with -I FOLDER/inc and the standard library in FOLDER/std. */
+static Loaded load(const Folder *f) {
+    char path[PATH_MAX], inc[PATH_MAX], std[PATH_MAX];
+    const char *dirs[] = {inc};
+    snprintf(path, sizeof path, "%s/main.salt", f->path);
+    snprintf(inc, sizeof inc, "%s/inc", f->path);
+    snprintf(std, sizeof std, "%s/std", f->path);
+    Loaded l = {.s = session_create(0)};
+    l.s->import_dirs = dirs;
+    l.s->nimport_dirs = 1;
+    l.s->stdlib_dir = std;
+    LoadJob job = {.path = path};
+    assert_int_equal(session_protect(l.s, load_body, &job), 0);
+    l.main = job.main;
+    for (const Module *m = l.main; m; m = m->next) {
+        size_t n = strlen(l.list);
+        snprintf(l.list + n, sizeof l.list - n, "%s%s%s", n ? " " : "", m->name, m->is_stdlib ? "*" : "");
+    }
+    l.text = printed(l.s, print_text);
+    l.s->import_dirs = NULL;
+    l.s->nimport_dirs = 0;
+    return l;
+}
+
+static void unload(Loaded *l) {
+    session_destroy(l->s);
+    free(l->text);
+}
+
+static void search_order(void **state) {
+    const Folder *f = *state;
+    put(f, "main.salt", "import a; import b; import c; import a;");
+    put(f, "a.salt", "const int where = 1;");
+    put(f, "inc/a.salt", "const int where = 2;");
+    put(f, "inc/b.salt", "const int where = 2; import c;");
+    put(f, "std/a.salt", "const int where = 3;");
+    put(f, "std/b.salt", "const int where = 3;");
+    put(f, "std/c.salt", "const int where = 3; import a; import d;");
+    put(f, "std/d.salt", "");
+    Loaded l = load(f);
+    assert_string_equal(l.text, "");
+    /* c's own `a` is the one beside it. */
+    assert_string_equal(l.list, "main a b c* a* d*");
+    assert_true(l.main->is_main);
+    assert_int_equal(l.main->nimports, 3);
+    const Module *c = l.main->imports[2].module;
+    assert_string_equal(c->name, "c");
+    assert_int_equal(c->imports[0].module->consts->init->cval.v[0].i, 3);
+    assert_int_equal(l.main->imports[0].module->consts->init->cval.v[0].i, 1);
+    assert_ptr_equal(l.main->imports[1].module->imports[0].module, c);
+    unload(&l);
+}
+
+static void once(void **state) {
+    const Folder *f = *state;
+    put(f, "main.salt", "import a; import b;");
+    put(f, "a.salt", "import b; import c;");
+    put(f, "b.salt", "import c;");
+    put(f, "c.salt", "const int n = ;");
+    Loaded l = load(f);
+    assert_string_equal(l.list, "main a b c");
+    assert_int_equal(l.s->nerrors, 1);
+    assert_non_null(strstr(l.text, "/c.salt:1:15: error: expected an expression before `;`"));
+    unload(&l);
+}
+
+static void cycles(void **state) {
+    const Folder *f = *state;
+    put(f, "main.salt", "import a;");
+    put(f, "a.salt", "\nimport b;");
+    put(f, "b.salt", "import c;");
+    put(f, "c.salt", "import d;\n  import a;");
+    put(f, "d.salt", "");
+    Loaded l = load(f);
+    assert_int_equal(l.s->nerrors, 1);
+    assert_non_null(strstr(l.text, "/c.salt:2:10: error: import cycle: a -> b -> c -> a [E0021]"));
+    assert_non_null(strstr(l.text, "/a.salt:2:8: note: `a` imports `b` here"));
+    assert_non_null(strstr(l.text, "/b.salt:1:8: note: `b` imports `c` here"));
+    unload(&l);
+    put(f, "main.salt", "import main;");
+    l = load(f);
+    assert_non_null(strstr(l.text, "/main.salt:1:8: error: import cycle: main -> main [E0021]"));
+    assert_true(l.main->imports[0].module->missing);
+    unload(&l);
+}
+
+static void missing(void **state) {
+    const Folder *f = *state;
+    put(f, "main.salt", "import nois;\nimport a;\nimport zzzzzz;");
+    put(f, "a.salt", "import gone;");
+    put(f, "inc/x.salt", "");
+    put(f, "std/noise.salt", "");
+    Loaded l = load(f);
+    assert_int_equal(l.s->nerrors, 3);
+    assert_non_null(strstr(l.text, "/main.salt:1:8: error: no module `nois`; did you mean `noise`? [E0020]"));
+    assert_non_null(strstr(l.text, "/main.salt:3:8: error: no module `zzzzzz` [E0020]"));
+    assert_non_null(strstr(l.text, "/a.salt:1:8: error: no module `gone` [E0020]"));
+    char note[128];
+    snprintf(note, sizeof note, "note: searched in `%s/inc`", f->path);
+    assert_non_null(strstr(l.text, note));
+    snprintf(note, sizeof note, "note: searched in `%s/std`", f->path);
+    assert_non_null(strstr(l.text, note));
+    assert_non_null(l.main->imports[0].module);
+    assert_true(l.main->imports[0].module->missing);
+    unload(&l);
+}
+
+static void identity(void **state) {
+    const Folder *f = *state;
+    char target[PATH_MAX], link_path[PATH_MAX];
+    put(f, "main.salt", "import a; import b;");
+    put(f, "a.salt", "");
+    snprintf(target, sizeof target, "%s/a.salt", f->path);
+    snprintf(link_path, sizeof link_path, "%s/b.salt", f->path);
+    assert_int_equal(symlink(target, link_path), 0);
+    Loaded l = load(f);
+    /* Two names for one file are one module, in the list and among the imports. */
+    assert_string_equal(l.list, "main a");
+    assert_int_equal(l.main->nimports, 1);
+    unload(&l);
+}
+
+static void deep(void **state) {
+    const Folder *f = *state;
+    put(f, "main.salt", "import m0;");
+    for (int i = 0; i < 300; i++) {
+        char name[32], text[32];
+        snprintf(name, sizeof name, "m%d.salt", i);
+        snprintf(text, sizeof text, "import m%d;", i + 1);
+        put(f, name, text);
+    }
+    put(f, "m300.salt", "");
+    Loaded l = load(f);
+    assert_int_equal(l.s->nerrors, 1);
+    assert_non_null(strstr(l.text, "imports are nested deeper than 256 [E0505]"));
+    unload(&l);
+}
+
+static void unreadable(void **state) {
+    (void)state;
+    const char *why = NULL;
+    Session *s = session_create(0);
+    assert_int_equal(session_add_file(s, "/nonexistent/file.salt", &why), -1);
+    assert_string_equal(why, "No such file or directory");
+    assert_int_equal(session_add_file(s, "/tmp", &why), -1);
+    assert_string_equal(why, "Is a directory");
+    session_destroy(s);
+}
+
+int main(void) {
+#define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, remove_folder)
+    const struct CMUnitTest tests[] = {IN_FOLDER(search_order), IN_FOLDER(once), IN_FOLDER(cycles), IN_FOLDER(missing),
+                                       IN_FOLDER(identity),     IN_FOLDER(deep), cmocka_unit_test(unreadable)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
