@@ -1,0 +1,266 @@
+/* Accuracy of lower_math: every elementary function, both precisions, with and without fma, against the C library's long double. */
+#include "tests/ir/ir_test.h"
+
+enum { POINTS = 24000, MAX_POINTS = POINTS + 2000 };
+
+typedef long double Real;
+typedef Real Reference(Real x, Real y);
+
+#define REF1(name, call)                                                                           \
+    static Real ref_##name(Real x, Real y) {                                                                       \
+        (void)y;                                                                                                   \
+        return call;                                                                                               \
+    }
+REF1(rsqrt, 1 / sqrtl(x))
+REF1(cbrt, cbrtl(x))
+REF1(exp, expl(x))
+REF1(exp2, exp2l(x))
+REF1(log, logl(x))
+REF1(log2, log2l(x))
+REF1(sin, sinl(x))
+REF1(cos, cosl(x))
+REF1(tan, tanl(x))
+REF1(asin, asinl(x))
+REF1(acos, acosl(x))
+REF1(atan, atanl(x))
+REF1(sinh, sinhl(x))
+REF1(cosh, coshl(x))
+REF1(tanh, tanhl(x))
+REF1(erf, erfl(x))
+static Real ref_atan2(Real y, Real x) { return atan2l(y, x); }
+static Real ref_pow(Real x, Real y) { return powl(x, y); }
+
+typedef struct Case {
+    Op op;
+    Reference *reference;
+    double lo, hi;         /* sampled uniformly; logarithmically over all magnitudes too where `wide` */
+    bool wide, positive;
+    double ulp32, ulp64;   /* allowed */
+} Case;
+
+/* Trigonometric arguments up to 1e5 are promised; beyond, only that results stay in range (test_far). */
+static const Case cases[] = {
+    {OP_frsqrt, ref_rsqrt, 0, 10, true, true, 2, 2},
+    {OP_fcbrt, ref_cbrt, -10, 10, true, false, 2, 2},
+    {OP_fexp, ref_exp, -87, 88.7, false, false, 3, 3},
+    {OP_fexp, ref_exp, -1, 1, false, false, 3, 3},
+    {OP_fexp2, ref_exp2, -125, 127.9, false, false, 3, 3},
+    {OP_flog, ref_log, 0, 10, true, true, 3, 3},
+    {OP_flog, ref_log, 0.5, 2, false, true, 3, 3},
+    {OP_flog2, ref_log2, 0, 10, true, true, 3, 4},
+    {OP_flog2, ref_log2, 0.5, 2, false, true, 3, 4},
+    {OP_fsin, ref_sin, -10, 10, false, false, 3, 3},
+    {OP_fcos, ref_cos, -10, 10, false, false, 3, 3},
+    {OP_ftan, ref_tan, -10, 10, false, false, 4, 4},
+    {OP_fsin, ref_sin, -1e5, 1e5, false, false, 3, 3},
+    {OP_fcos, ref_cos, -1e5, 1e5, false, false, 3, 3},
+    {OP_ftan, ref_tan, -1e5, 1e5, false, false, 4, 4},
+    {OP_fasin, ref_asin, -1, 1, false, false, 3, 3},
+    {OP_facos, ref_acos, -1, 1, false, false, 3, 3},
+    {OP_fatan, ref_atan, -5, 5, true, false, 3, 3},
+    {OP_fatan2, ref_atan2, -3, 3, true, false, 4, 4},
+    {OP_fsinh, ref_sinh, -5, 5, false, false, 4, 4},
+    {OP_fsinh, ref_sinh, -88, 88, false, false, 4, 4},
+    {OP_fcosh, ref_cosh, -89, 89, false, false, 4, 4},
+    {OP_ftanh, ref_tanh, -3, 3, true, false, 3, 3},
+    {OP_ferf, ref_erf, -4, 4, true, false, 3, 4},
+    {OP_fpow, ref_pow, 0, 10, true, true, 8, 4},
+    {OP_fpow, ref_pow, 0.9, 1.1, false, true, 8, 4},
+};
+
+static uint64_t next_random(uint64_t *state) {
+    uint64_t z = *state += 0x9e3779b97f4a7c15u;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+    return z ^ (z >> 31);
+}
+
+static double uniform(uint64_t *state) { return (double)(next_random(state) >> 11) * 0x1p-53; }
+
+static double sample(const Case *c, bool f32, uint64_t *state) {
+    if (!c->wide || next_random(state) & 1) return c->lo + (c->hi - c->lo) * uniform(state);
+    double range = f32 ? 120 : 1000;
+    double v = exp2((uniform(state) * 2 - 1) * range);
+    return c->positive || next_random(state) & 1 ? v : -v;
+}
+
+typedef struct Data {
+    double x[MAX_POINTS], y[MAX_POINTS], out[MAX_POINTS];
+    uint32_t n;
+} Data;
+
+static bool has_math(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (ir_ops[i->op].math) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_math(i->region[r])) return true;
+    }
+    return false;
+}
+
+/* Rounds the points to the precision, lowers and runs; returns the number of operations. */
+static uint32_t evaluate(Op op, Precision p, bool fma, Data *d) {
+    TestFn t = open_fn(p);
+    Inst *args[2] = {ir_input(&t.b, IN_X0), NULL};
+    if (ir_ops[op].nargs == 2) args[1] = ir_input(&t.b, IN_X1);
+    Inst *v = ir_emit(&t.b, op, ir_ops[op].nargs, args);
+    ir_yield(&t.b, 1, &v);
+    PassCtx ctx = {.session = t.s, .has_fma = fma};
+    assert_true(lower_math(&ctx, t.fn));
+    assert_false(has_math(t.fn->body));
+    check_sound(t.fn);
+    uint32_t count = 0;
+    for (const Inst *i = t.fn->body->first; i; i = i->next)
+        count += !ir_is_const(i) && i->op != OP_input && i->op != OP_yield && i->op != OP_fasuint && i->op != OP_iasfloat;
+    SltKernelArgs args_in = {0};
+    float *fx = malloc(3 * sizeof *fx * d->n), *fy = fx + d->n, *fo = fy + d->n;
+    for (uint32_t k = 0; k < d->n; k++) {
+        if (p == PREC_F64) continue;
+        fx[k] = (float)d->x[k], fy[k] = (float)d->y[k];
+        d->x[k] = (double)fx[k], d->y[k] = (double)fy[k];
+    }
+    bool f32 = p == PREC_F32;
+    args_in.in[IN_X0] = f32 ? (void *)fx : d->x;
+    args_in.in[IN_X1] = f32 ? (void *)fy : d->y;
+    args_in.out[0] = f32 ? (void *)fo : d->out;
+    assert_int_equal(run(t.fn, &args_in, d->n, 16), SLT_OK);
+    for (uint32_t k = 0; f32 && k < d->n; k++) d->out[k] = (double)fo[k];
+    free(fx);
+    close_fn(&t);
+    return count;
+}
+
+/* Distance in units of the last place of the exact result; the unit of the smallest normal number below that. */
+static Real ulps(double got, Real want, bool f32) {
+    Real top = f32 ? (Real)3.40282357e38L : (Real)1.7976931348623157e308L;
+    if (isnan(want) || isnan(got)) return isnan(want) && isnan(got) ? 0 : INFINITY;
+    if (isinf(got) || fabsl(want) > top) {
+        if (isinf(got) && got * want > 0 && fabsl(want) > top * 0.9999995L) return 0;
+        return isinf(got) && isinf((double)want) && got * want > 0 ? 0 : INFINITY;
+    }
+    if (want == 0) return got == 0 ? 0 : INFINITY;
+    int e = ilogbl(want), low = f32 ? -126 : -1022;
+    return fabsl((Real)got - want) / ldexpl(1, (e < low ? low : e) - (f32 ? 23 : 52));
+}
+
+static void accuracy(Precision p, bool fma) {
+    bool f32 = p == PREC_F32;
+    Data *d = malloc(sizeof *d);
+    bool bad = false;
+    printf("%s %s: largest error in ulp (operations)\n", f32 ? "f32" : "f64", fma ? "fma" : "no fma");
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        const Case *c = &cases[k];
+        uint64_t state = 1234 + k;
+        d->n = POINTS;
+        for (uint32_t j = 0; j < POINTS; j++) {
+            d->x[j] = sample(c, f32, &state);
+            d->y[j] = c->op == OP_fpow ? (uniform(&state) * 2 - 1) * (f32 ? 127 : 1000) / (fabs(log2(d->x[j])) + 0.01) : sample(c, f32, &state);
+        }
+        uint32_t ops = evaluate(c->op, p, fma, d);
+        Real worst = 0;
+        uint32_t at = 0;
+        for (uint32_t j = 0; j < POINTS; j++) {
+            Real want = c->reference(d->x[j], d->y[j]);
+            if (fabsl(want) < (f32 ? 2e-38L : 4e-308L)) continue; /* may be 0 */
+            Real u = ulps(d->out[j], want, f32);
+            if (u > worst) worst = u, at = j;
+        }
+        Real allowed = f32 ? c->ulp32 : c->ulp64;
+        printf("  %-6s [%g, %g]%s %.2Lf (%u)%s\n", ir_ops[c->op].name, c->lo, c->hi, c->wide ? " and wide" : "", worst, ops,
+               worst > allowed ? "  <-- too much" : "");
+        if (worst > allowed) {
+            bad = true;
+            printf("      at %.17g, %.17g: %.17g, not %.17Lg\n", d->x[at], d->y[at], d->out[at], c->reference(d->x[at], d->y[at]));
+        }
+    }
+    free(d);
+    assert_false(bad);
+}
+
+static void test_f32_fma(void **state) { (void)state, accuracy(PREC_F32, true); }
+static void test_f32_plain(void **state) { (void)state, accuracy(PREC_F32, false); }
+static void test_f64_fma(void **state) { (void)state, accuracy(PREC_F64, true); }
+static void test_f64_plain(void **state) { (void)state, accuracy(PREC_F64, false); }
+
+/* Every pair of edge values, for every function: as C's libm, also in the sign of zero. */
+static void edges(Precision p, bool fma) {
+    bool f32 = p == PREC_F32;
+    const double list[] = {0.0,  -0.0, 1,   -1,   0.5,      -0.5, 2,    -2,    3,     -3,     2.5,      -2.5,  INFINITY, -INFINITY, NAN,
+                           1e-3, 1e30, -1e30, 1e-30, -1e-30, 100, -100, 1e4, -1e4, 7, 1001, 0.99999, 1.00001, 1e9 + 1, 0x1p-140, -0x1p-140};
+    enum { EDGES = sizeof list / sizeof *list };
+    Data *d = malloc(sizeof *d);
+    bool bad = false;
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        const Case *c = &cases[k];
+        if (k && c->op == cases[k - 1].op) continue;
+        bool two = ir_ops[c->op].nargs == 2;
+        d->n = 0;
+        for (uint32_t a = 0; a < EDGES; a++)
+            for (uint32_t b = 0; b < (two ? EDGES : 1u); b++) d->x[d->n] = list[a], d->y[d->n++] = list[b];
+        evaluate(c->op, p, fma, d);
+        for (uint32_t j = 0; j < d->n; j++) {
+            double x = d->x[j], y = d->y[j], got = d->out[j];
+            Real want = c->reference(x, y);
+            bool far = (c->op == OP_fsin || c->op == OP_fcos || c->op == OP_ftan) && fabs(x) > 1e5 && isfinite(x);
+            if (far) {
+                if (c->op != OP_ftan && !(fabs(got) <= 1)) bad = true, printf("%s(%g) = %g\n", ir_ops[c->op].name, x, got);
+                continue;
+            }
+            bool subnormal_in = f32 && x != 0 && fabs(x) < 0x1p-126 && (c->op == OP_flog || c->op == OP_flog2);
+            if (subnormal_in) {
+                if (!(got < -80 || (x < 0 && isnan(got)))) bad = true, printf("%s(%g) = %g\n", ir_ops[c->op].name, x, got);
+                continue;
+            }
+            if (fabsl(want) < (f32 ? 2e-38L : 4e-308L)) { /* zero, or a subnormal that may be zero: the sign holds */
+                if (fabs(got) < (f32 ? 2e-38 : 4e-308) && (want != 0 || signbit(got) == signbit(want) || c->op == OP_fsin || c->op == OP_ftan)) continue;
+                bad = true;
+                printf("%s %s(%g, %g) = %g, not %Lg\n", f32 ? "f32" : "f64", ir_ops[c->op].name, x, y, got, want);
+                continue;
+            }
+            Real u = ulps(got, want, f32);
+            if (!(u <= (f32 ? c->ulp32 : c->ulp64))) {
+                bad = true;
+                printf("%s %s(%g, %g) = %g, not %Lg\n", f32 ? "f32" : "f64", ir_ops[c->op].name, x, y, got, want);
+            }
+        }
+    }
+    free(d);
+    assert_false(bad);
+}
+
+static void test_edges(void **state) {
+    (void)state;
+    edges(PREC_F32, true);
+    edges(PREC_F32, false);
+    edges(PREC_F64, true);
+    edges(PREC_F64, false);
+}
+
+/* exp meets its limits where the format does. */
+static void test_overflow(void **state) {
+    (void)state;
+    Data *d = malloc(sizeof *d);
+    const double f32_points[] = {88.72, 88.73, 89.5, 1e30, -87.0, -90, -1e30};
+    d->n = 7;
+    memcpy(d->x, f32_points, sizeof f32_points);
+    memset(d->y, 0, sizeof d->y);
+    evaluate(OP_fexp, PREC_F32, true, d);
+    assert_true(isfinite(d->out[0]) && d->out[0] > 3.3e38);
+    assert_true(isinf(d->out[1]) && isinf(d->out[2]) && isinf(d->out[3]));
+    assert_true(d->out[4] > 1.6e-38 && d->out[5] == 0 && d->out[6] == 0);
+    const double f64_points[] = {709.78, 709.79, 750, 1e300, -708.0, -746, -1e300};
+    memcpy(d->x, f64_points, sizeof f64_points);
+    evaluate(OP_fexp, PREC_F64, true, d);
+    assert_true(isfinite(d->out[0]) && d->out[0] > 1.79e308);
+    assert_true(isinf(d->out[1]) && isinf(d->out[2]) && isinf(d->out[3]));
+    assert_true(d->out[4] > 3.3e-308 && d->out[5] == 0 && d->out[6] == 0);
+    free(d);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_f32_fma), cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
+        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges), cmocka_unit_test(test_overflow),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
