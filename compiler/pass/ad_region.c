@@ -1,0 +1,346 @@
+/* Reverse mode: ifs and loops.
+ *
+ * What flows out of the reverse of a region are the adjoints of the active values that it uses from outside: results of an if_, carried values of a
+ * revloop. Those that turn out unchanged are taken out again. Arrays need nothing: their adjoints are arrays.
+ * A region that pushes frames is reversed by a revloop even if it is the region of an if_: the mask of the frame is its condition. */
+#include <math.h>
+
+#include "compiler/pass/ad_tape.h"
+
+typedef Vec(Inst *) Insts;
+
+static void free_active(Vjp *v, Block *b, const Block *root, Insts *out) {
+    for (Inst *i = b->first; i; i = i->next) {
+        uint32_t n = i->nargs + (i->op == OP_detach && i->tag ? 1 : 0);
+        for (uint32_t a = 0; a < n; a++) {
+            Inst *x = a < i->nargs ? i->args[a] : v->links.v.data[i->tag - 1];
+            if (x->type != TY_FLT || !ad_active(&v->f, x) || v->stamp[x->id] == v->stamps || walk_inside(x->block, root)) continue;
+            v->stamp[x->id] = v->stamps;
+            vec_push(v->scratch, out, x);
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) free_active(v, i->region[r], root, out);
+    }
+}
+
+static Scope *new_scope(Vjp *v, Inst *owner, uint32_t region) {
+    Scope *s = ARENA_NEW(v->scratch, Scope);
+    s->parent = vjp_here(v)->scope;
+    s->owner = owner;
+    s->region = region;
+    s->trips = 1;
+    vec_push(v->scratch, &v->scopes, s);
+    return s;
+}
+
+static uint32_t type_bytes(const Vjp *v, const Inst *x) {
+    return x->type == TY_FLT ? (v->fn->precision == PREC_F64 ? 8 : 4) : x->type == TY_TAPE ? 0 : 4; /* marks and k are uniform */
+}
+
+/* Puts the parameters of a finished revloop in order: the frame's, then the carried. */
+static void order_params(Vjp *v, Scope *s, Inst **carried, uint32_t ncarried) {
+    Block *b = s->rev_block;
+    uint32_t n = 0;
+    b->params = ARENA_ARRAY(v->fn->arena, Inst *, s->params.len + ncarried + 1);
+    for (uint32_t p = 0; p < s->params.len; p++) b->params[n++] = s->params.data[p];
+    for (uint32_t c = 0; c < ncarried; c++) b->params[n++] = carried[c];
+    b->nparams = n;
+    for (uint32_t p = 0; p < n; p++) b->params[p]->imm.i = p;
+}
+
+/* An exact loop that stores nothing is reversed by a loop that counts down. */
+static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t ncarried) {
+    Block *b = s->rev_block;
+    LoopInfo info = s->owner->imm.loop;
+    b->nparams = 0;
+    b->params = NULL;
+    Inst *j = ir_block_param(v->fn, b, TY_INT);
+    Builder top = {.fn = v->fn, .block = b, .before = b->first, .fold = true, .span = s->owner->span};
+    if (s->k) {
+        Inst *k = ir_emit2(&top, OP_isub, ir_consti(&top, (int32_t)info.max_iters - 1), j);
+        walk_replace(b, s->k, k);
+    }
+    Inst **params = ARENA_ARRAY(v->fn->arena, Inst *, ncarried + 1);
+    params[0] = j;
+    for (uint32_t c = 0; c < ncarried; c++) params[c + 1] = carried[c], carried[c]->imm.i = c + 1;
+    b->params = params;
+    b->nparams = ncarried + 1;
+    Builder end = ir_at_end(v->fn, b);
+    end.fold = true;
+    Inst *on = ir_emit2(&end, OP_ilt, j, ir_consti(&end, (int32_t)info.max_iters - 1));
+    Inst *yield = b->last, **args = ARENA_ARRAY(v->fn->arena, Inst *, yield->nargs + 1);
+    args[0] = on;
+    for (uint32_t a = 0; a < yield->nargs; a++) args[a + 1] = yield->args[a];
+    yield->args = args;
+    yield->nargs++;
+    rev->op = OP_loop;
+    rev->args++;
+    rev->nargs--;
+    rev->imm.loop = info;
+}
+
+typedef struct Carried {
+    Inst *param;       /* of the revloop */
+    Inst *primal;      /* the outer value whose adjoint it is, or NULL */
+    uint32_t index;    /* of the loop's carried value, if primal is NULL */
+    Inst *init, *next, *result;
+    bool inf, had;     /* had: the adjoint was not zero before */
+    bool same;         /* the region does not change it */
+} Carried;
+
+/* Emits revloop { reverse of `body` } where the primal region is owner's; carried[0..n) are set up with init and primal. */
+static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint32_t n) {
+    Ctx *outer = vjp_here(v);
+    Inst *saved_before = outer->rev->before;
+    Builder b = vjp_builder(v);
+    b.span = s->owner->span;
+    Inst **args = ARENA_ARRAY(v->fn->arena, Inst *, n + 1);
+    for (uint32_t c = 0; c < n; c++) args[c + 1] = carried[c].init;
+    Inst *rev = ir_special(&b, OP_revloop, TY_VOID, n + 1, args, (Imm){0});
+    s->rev_block = ir_block(v->fn, rev);
+    for (uint32_t c = 0; c < n; c++) carried[c].param = ir_block_param(v->fn, s->rev_block, TY_FLT);
+    outer->rev->before = rev;
+
+    RevBlock inner = {s->rev_block, NULL};
+    vjp_push(v, body, &inner, s);
+    bool loop = s->owner->op == OP_loop;
+    for (uint32_t c = 0; c < n; c++)
+        if (carried[c].primal) v->adj[carried[c].primal->id] = (Adjoint){carried[c].param, carried[c].inf};
+    if (loop) {
+        for (uint32_t c = 0; c < n; c++)
+            if (!carried[c].primal) vjp_add(v, body->last->args[carried[c].index + 1], ad_seed(carried[c].param, carried[c].inf));
+    } else {
+        for (Inst *p = s->owner->next; p && p->op == OP_proj && p->args[0] == s->owner; p = p->next)
+            if (vjp_seeded(v, p)) vjp_add(v, body->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
+    }
+    if (s->guards.len == 1) { /* in every iteration that is visited the guard was taken */
+        Guard g = s->guards.data[0];
+        Builder top = rev_builder(v, &inner);
+        Inst *cond = g.branch->args[0];
+        if (cond->block == body) v->memo[cond->id] = ir_constb(&top, g.region == 0);
+    }
+    vjp_block(v, body);
+    Builder end = rev_builder(v, &inner);
+    for (uint32_t c = 0; c < n; c++) {
+        Inst *of = carried[c].primal ? carried[c].primal : body->params[carried[c].index + 1];
+        carried[c].next = v->adj[of->id].v ? v->adj[of->id].v : ir_constf(&end, 0);
+    }
+    vjp_pop(v);
+
+    /* adjoints that the region does not change need not be carried */
+    uint32_t kept = 0;
+    Inst **params = ARENA_ARRAY(v->scratch, Inst *, n + 1), **next = ARENA_ARRAY(v->scratch, Inst *, n + 1);
+    for (uint32_t c = 0; c < n; c++) {
+        if (carried[c].next == carried[c].param) {
+            walk_replace(s->rev_block, carried[c].param, carried[c].init);
+            for (uint32_t k = 0; k < n; k++)
+                if (carried[k].next == carried[c].param) carried[k].next = carried[c].init;
+            carried[c].result = carried[c].init;
+            carried[c].same = true;
+            continue;
+        }
+        rev->args[kept + 1] = carried[c].init;
+        params[kept++] = carried[c].param;
+    }
+    rev->nargs = kept + 1;
+    kept = 0;
+    for (uint32_t c = 0; c < n; c++)
+        if (!carried[c].result) next[kept++] = carried[c].next;
+    Builder y = rev_builder(v, &inner);
+    ir_yield(&y, kept, next);
+
+    bool counts = loop && s->owner->imm.loop.exact && !s->owner->imm.loop.cull && !s->guards.len && !s->stored.len;
+    s->framed = !counts;
+    if (counts) {
+        make_counted(v, s, rev, params, kept);
+    } else {
+        if (s->k) { /* the iteration number goes first */
+            vec_push(v->scratch, &s->stored, NULL);
+            vec_push(v->scratch, &s->params, NULL);
+            for (uint32_t p = s->stored.len - 1; p > 0; p--) s->stored.data[p] = s->stored.data[p - 1], s->params.data[p] = s->params.data[p - 1];
+            s->stored.data[0] = tape_forward(v, body->params[0]);
+            s->params.data[0] = s->k;
+        }
+        order_params(v, s, params, kept);
+        for (uint32_t p = 0; p < s->stored.len; p++) s->frame_bytes += s->k && p == 0 ? 0 : type_bytes(v, s->stored.data[p]);
+        s->frame_bytes += 1; /* the mask */
+        Builder before = ir_before(v->fn, tape_forward(v, s->owner));
+        Inst *mark = ir_special(&before, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
+        rev->args[0] = tape_mark_value(v, mark, s->segment);
+        tape_push_frame(v, s);
+    }
+    Builder after = ir_after(v->fn, rev);
+    kept = 0;
+    for (uint32_t c = 0; c < n; c++)
+        if (!carried[c].result) carried[c].result = ir_proj(&after, rev, kept++);
+    outer->rev->before = saved_before;
+}
+
+static void set_result(Vjp *v, const Carried *c) {
+    v->adj[c->primal->id] = c->same && !c->had ? (Adjoint){0} : (Adjoint){c->result, c->inf};
+}
+
+/* ---- loops */
+
+void vjp_loop(Vjp *v, Inst *loop) {
+    Block *body = loop->region[0];
+    bool any = v->effect[loop->id];
+    uint32_t ncarried = body->nparams - 1;
+    Adjoint *seed = ARENA_ARRAY(v->scratch, Adjoint, ncarried + 1);
+    for (Inst *p = loop->next; p && p->op == OP_proj && p->args[0] == loop; p = p->next)
+        if (vjp_seeded(v, p)) seed[p->imm.i] = v->adj[p->id], any = true;
+    if (!any) return;
+
+    Scope *s = new_scope(v, loop, 0);
+    s->trips = loop->imm.loop.max_iters;
+    s->segment = loop->tag == AD_TAG_SEGMENT;
+    Inst *run = s->segment ? tape_rerun(v, loop) : tape_forward(v, loop);
+    s->fwd_block = run->region[0];
+    if (tape_find_guards(v, loop, s)) {
+        s->sparse = true;
+        if (s->guards.len == 1) {
+            s->fwd_outer = s->fwd_block;
+            s->fwd_block = tape_forward(v, s->guards.data[0].branch)->region[s->guards.data[0].region];
+        }
+    } else {
+        s->guards.len = 0;
+    }
+
+    Insts outer = {0};
+    v->stamps++;
+    free_active(v, body, body, &outer);
+    Carried *carried = ARENA_ARRAY(v->scratch, Carried, ncarried + outer.len + 1);
+    uint32_t n = 0;
+    bool inf = ad_makes_infinite(&v->f, body) || (v->effect[loop->id] && v->any_inf);
+    Builder b = vjp_builder(v);
+    for (uint32_t c = 0; c < ncarried; c++) inf |= seed[c].inf;
+    for (uint32_t c = 0; c < ncarried; c++) {
+        Inst *param = body->params[c + 1];
+        if (param->type != TY_FLT || (!seed[c].v && !ad_active(&v->f, param))) continue;
+        carried[n++] = (Carried){.index = c, .init = seed[c].v ? seed[c].v : ir_constf(&b, 0), .inf = inf, .had = seed[c].v != NULL};
+    }
+    for (uint32_t u = 0; u < outer.len; u++) {
+        Adjoint a = v->adj[outer.data[u]->id];
+        carried[n++] = (Carried){.primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
+    }
+    for (uint32_t c = 0; c < n; c++)
+        if (!carried[c].primal) v->adj[body->params[carried[c].index + 1]->id] = (Adjoint){0};
+    reverse_scope(v, s, body, carried, n);
+    for (uint32_t c = 0; c < n; c++)
+        if (carried[c].primal) set_result(v, &carried[c]);
+    for (uint32_t c = 0; c < n; c++)
+        if (!carried[c].primal && (carried[c].had || !carried[c].same))
+            vjp_add(v, loop->args[carried[c].index], ad_seed(carried[c].result, carried[c].inf));
+}
+
+/* ---- ifs */
+
+static void reverse_framed_region(Vjp *v, Inst *i, uint32_t r) {
+    Scope *s = new_scope(v, i, r);
+    Block *body = i->region[r];
+    s->fwd_block = tape_forward(v, i)->region[r];
+    Insts outer = {0};
+    v->stamps++;
+    free_active(v, body, body, &outer);
+    Carried *carried = ARENA_ARRAY(v->scratch, Carried, outer.len + 1);
+    Builder b = vjp_builder(v);
+    bool inf = v->any_inf;
+    for (uint32_t u = 0; u < outer.len; u++) {
+        Adjoint a = v->adj[outer.data[u]->id];
+        carried[u] = (Carried){.primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
+    }
+    reverse_scope(v, s, body, carried, outer.len);
+    for (uint32_t u = 0; u < outer.len; u++) set_result(v, &carried[u]);
+}
+
+static void seed_region(Vjp *v, Inst *i, uint32_t r) {
+    for (Inst *p = i->next; p && p->op == OP_proj && p->args[0] == i; p = p->next)
+        if (vjp_seeded(v, p)) vjp_add(v, i->region[r]->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
+}
+
+/* Only constants, which may stand outside as well? */
+static bool hollow(const Block *b) { return b->first == NULL; }
+
+static void reverse_plain_if(Vjp *v, Inst *i, const bool skip[2]) {
+    Ctx *outer = vjp_here(v);
+    Inst *saved_before = outer->rev->before;
+    Builder b = vjp_builder(v);
+    b.span = i->span;
+    Inst *rev = ir_if(&b, NULL);
+    outer->rev->before = rev;
+    Insts used = {0};
+    v->stamps++;
+    for (uint32_t r = 0; r < 2; r++)
+        if (!skip[r]) free_active(v, i->region[r], i->region[r], &used);
+    Adjoint *before = ARENA_ARRAY(v->scratch, Adjoint, used.len + 1), *after[2];
+    for (uint32_t u = 0; u < used.len; u++) before[u] = v->adj[used.data[u]->id];
+    for (uint32_t r = 0; r < 2; r++) {
+        RevBlock inner = {rev->region[r], NULL};
+        after[r] = ARENA_ARRAY(v->scratch, Adjoint, used.len + 1);
+        for (uint32_t u = 0; u < used.len; u++) v->adj[used.data[u]->id] = before[u];
+        vjp_push(v, i->region[r], &inner, outer->scope);
+        if (!skip[r]) {
+            seed_region(v, i, r);
+            vjp_block(v, i->region[r]);
+        }
+        vjp_pop(v);
+        for (uint32_t u = 0; u < used.len; u++) after[r][u] = v->adj[used.data[u]->id];
+    }
+    uint32_t n = 0;
+    Inst **out[2] = {ARENA_ARRAY(v->scratch, Inst *, used.len + 1), ARENA_ARRAY(v->scratch, Inst *, used.len + 1)};
+    uint32_t *which = ARENA_ARRAY(v->scratch, uint32_t, used.len + 1);
+    bool empty = hollow(rev->region[0]) && hollow(rev->region[1]);
+    for (uint32_t u = 0; u < used.len; u++) {
+        v->adj[used.data[u]->id] = before[u];
+        if (after[0][u].v == before[u].v && after[1][u].v == before[u].v) continue;
+        Builder o = vjp_builder(v);
+        for (uint32_t r = 0; r < 2; r++) out[r][n] = after[r][u].v ? after[r][u].v : ir_constf(&o, 0);
+        which[n++] = u;
+    }
+    if (empty && !n) {
+        ir_unlink(rev);
+        outer->rev->before = saved_before;
+        return;
+    }
+    Inst *cond = tape_value(v, i->args[0]);
+    if (empty) ir_unlink(rev);
+    else {
+        ir_replace_arg(rev, 0, cond);
+        for (uint32_t r = 0; r < 2; r++) {
+            Builder y = {.fn = v->fn, .block = rev->region[r], .span = i->span};
+            ir_yield(&y, n, out[r]);
+        }
+    }
+    outer->rev->before = saved_before;
+    for (uint32_t k = 0; k < n; k++) {
+        uint32_t u = which[k];
+        Inst *joined;
+        if (empty) {
+            Builder o = vjp_builder(v);
+            joined = ir_select(&o, cond, out[0][k], out[1][k]);
+        } else {
+            Builder o = ir_after(v->fn, rev);
+            joined = ir_proj(&o, rev, k);
+        }
+        v->adj[used.data[u]->id] = (Adjoint){joined, after[0][u].inf || after[1][u].inf};
+    }
+}
+
+void vjp_if(Vjp *v, Inst *i) {
+    bool any = v->effect[i->id];
+    for (Inst *p = i->next; p && p->op == OP_proj && p->args[0] == i; p = p->next) any |= vjp_seeded(v, p);
+    if (!any) return;
+    Ctx *here = vjp_here(v);
+    Scope *s = here->scope;
+    if (s->guards.len == 1 && s->guards.data[0].branch == i) {
+        uint32_t r = s->guards.data[0].region;
+        vjp_push(v, i->region[r], here->rev, s);
+        seed_region(v, i, r);
+        vjp_block(v, i->region[r]);
+        vjp_pop(v);
+        return;
+    }
+    bool framed[2] = {vjp_holds_taped(v, i->region[0]), vjp_holds_taped(v, i->region[1])};
+    for (uint32_t r = 0; r < 2; r++)
+        if (framed[r]) reverse_framed_region(v, i, r);
+    reverse_plain_if(v, i, framed);
+}

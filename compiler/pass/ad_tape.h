@@ -1,0 +1,111 @@
+/* State of one reverse sweep, shared by ad_vjp.c, ad_region.c and ad_tape.c.
+ *
+ * The sweep is emitted behind the primal, walking it backwards once. What it needs of the primal is asked for where it is needed
+ * (tape_value), and only then is it decided how to have it; the forward part gets its pushes when a scope is closed. So nothing is stored that no rule asked for.
+ *
+ *   primal block  --Ctx-->  the block of the sweep where its reverse is being emitted
+ *   Scope         one frame shape: the body of a loop, or the region of an if that holds loops; the top scope has no frame */
+#ifndef SALTUS_PASS_AD_TAPE_H
+#define SALTUS_PASS_AD_TAPE_H
+
+#include "compiler/pass/ad.h"
+
+typedef struct RevBlock {
+    Block *block;
+    Inst *before;          /* code goes before this (a region operation under construction), or at the end */
+} RevBlock;
+
+typedef struct Guard {
+    Inst *branch;          /* an if_ of the loop's body: without it the iteration changes nothing active */
+    uint32_t region;       /* the region that does */
+} Guard;
+
+typedef struct Scope Scope;
+struct Scope {
+    Scope *parent;
+    Inst *owner;           /* primal loop or if_ */
+    Block *fwd_block;      /* where the frame is pushed: the owner's region in the forward code */
+    Block *fwd_outer;      /* with one guard: the loop's body around fwd_block, whose values are visible too */
+    Block *rev_block;      /* body of the revloop */
+    Inst *k;               /* placeholder of the iteration number, if asked for */
+    Vec(Inst *) stored;    /* values of the forward code, and the parameters of the revloop that they become */
+    Vec(Inst *) params;
+    Vec(Guard) guards;
+    bool top, segment, framed, sparse;
+    uint64_t trips;
+    uint32_t frame_bytes, recomputed, region;
+};
+
+typedef struct Ctx {
+    Block *primal;
+    RevBlock *rev;
+    Scope *scope;
+} Ctx;
+
+typedef struct Adjoint {
+    Inst *v;               /* NULL: zero so far */
+    bool inf;
+} Adjoint;
+
+typedef struct Vjp {
+    PassCtx *ctx;
+    Fn *fn;
+    Arena *scratch;
+    const AdOptions *o;
+    AdFacts f;
+    AdLinks links;
+    AdRule rule;
+    Adjoint *adj;          /* by id */
+    Inst **adj_array;      /* by id of the alloc */
+    Inst **memo;           /* by id: the primal value in the sweep */
+    Inst **fwd;            /* by id: the instance that pushes, where a segment was run again */
+    uint8_t *want;         /* by id: some rule mentions it */
+    uint8_t *effect;       /* by id: an if_ or loop that writes active arrays */
+    uint8_t *taped;        /* by id: a loop with something active in it */
+    uint8_t *stable;       /* by id of a load: its array is not written any more after it */
+    uint32_t *stamp;       /* by id */
+    uint32_t stamps;
+    Vec(Ctx *) stack;
+    Vec(Scope *) scopes;
+    bool any_inf;
+} Vjp;
+
+static inline Ctx *vjp_here(const Vjp *v) { return v->stack.data[v->stack.len - 1]; }
+static inline Builder rev_builder(const Vjp *v, const RevBlock *r) {
+    return (Builder){.fn = v->fn, .block = r->block, .before = r->before, .fold = true, .span = SPAN_NONE};
+}
+static inline Builder vjp_builder(const Vjp *v) { return rev_builder(v, vjp_here(v)->rev); }
+/* Has this result of a region an adjoint? Results that exports added have none. */
+static inline bool vjp_seeded(const Vjp *v, const Inst *proj) {
+    return proj->id < v->f.n && proj->type == TY_FLT && v->adj[proj->id].v;
+}
+Ctx *vjp_push(Vjp *v, Block *primal, RevBlock *rev, Scope *scope);
+static inline void vjp_pop(Vjp *v) { v->stack.len--; }
+
+/* ad_vjp.c */
+void vjp_block(Vjp *v, Block *b);
+void vjp_add(Vjp *v, Inst *primal, AdTerm t);
+bool vjp_holds_taped(const Vjp *v, const Block *b);
+
+/* ad_region.c */
+void vjp_if(Vjp *v, Inst *i);
+void vjp_loop(Vjp *v, Inst *i);
+
+/* ad_tape.c */
+Inst *tape_value(Vjp *v, Inst *primal);
+/* The forward instruction that pushes for this primal one. */
+Inst *tape_forward(const Vjp *v, Inst *primal);
+/* A tape mark of the forward code, as seen by the sweep. */
+Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct);
+/* Inserts the push of a scope whose reverse has been emitted; false if it needs none. */
+void tape_push_frame(Vjp *v, Scope *s);
+/* Facts that decide storing: want, stable. */
+void tape_prepare(Vjp *v);
+bool tape_find_guards(Vjp *v, Inst *loop, Scope *s);
+/* Clones a segment into the sweep, in the current block, to be run again with pushes. */
+Inst *tape_rerun(Vjp *v, Inst *loop);
+bool tape_can_rerun(const Vjp *v, const Inst *loop);
+uint64_t tape_bytes(const Vjp *v);
+const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget);
+
+#endif
