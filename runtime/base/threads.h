@@ -1,0 +1,34 @@
+/* Tiles on threads.
+ *
+ * A call runs tiles 0 .. n-1: `work` on any thread, `merge` one at a time in the order of the tiles, so what is added up in `merge` has the same bits for any
+ * number of threads. Results live in the worker between the two: memory is bounded by the number of threads, not of tiles. A thread that is ahead waits
+ * for its turn; tiles are handed out in order, so the wait is at most the spread of their times. */
+#ifndef SALTUS_RUNTIME_BASE_THREADS_H
+#define SALTUS_RUNTIME_BASE_THREADS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "runtime/base/status.h"
+
+typedef struct PoolOptions {
+    uint32_t threads;             /* 1 or more: worker indices are 0 .. threads-1 */
+    double deadline;              /* by pool_now(); 0: none. Status SLT_LIMIT */
+    volatile const int *cancel;   /* may be NULL; non-zero: stop before the next tile. Status SLT_INTERRUPTED */
+    void (*progress)(void *user, double fraction);
+    void *progress_user;
+    double from, to;              /* the part of the whole job that this call is, for `progress` */
+} PoolOptions;
+
+/* false: memory ran out; the call ends with SLT_LIMIT. */
+typedef bool PoolWork(void *user, uint32_t worker, uint64_t tile);
+typedef void PoolMerge(void *user, uint32_t worker, uint64_t tile);
+
+/* Seconds on a clock that never goes back. */
+double pool_now(void);
+/* Threads to use when `wanted` are asked for (0: one a core), at most one a tile. */
+uint32_t pool_threads(uint32_t wanted, uint64_t tiles);
+/* Runs all tiles; the calling thread is worker 0. Returns after every thread has ended, whatever happened. */
+SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user, SltError *err);
+
+#endif

@@ -1,0 +1,114 @@
+/* Adjoints of the parameters.
+ *
+ * Within a tile a kernel adds in its own precision, one sum a lane (or one a parameter where they are many); at the end of the tile the lanes are added into
+ * doubles, and tiles are added in order. Blocks of parameters that a tile left at zero cost a look, not an addition. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum { ACCUM_BLOCK = 64 };
+
+bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
+    memset(a, 0, sizeof *a);
+    a->s = s, a->n = n;
+    a->stride = (s->f64 ? 8 : 4) * (uint64_t)(s->flat_adj ? 1 : s->width);
+    a->bytes = (a->stride * s->nfloats + 63) & ~(uint64_t)63;
+    uint32_t blocks = s->nfloats / ACCUM_BLOCK + 1;
+    for (uint32_t i = 0; i < n; i++) {
+        AdjointBuffer *b = &a->buf[i];
+        b->adj = aligned_alloc(64, a->bytes + 64);
+        b->sum = alloc_zero(s->nfloats, sizeof *b->sum);
+        b->touched = alloc_zero(blocks, sizeof *b->touched);
+        if (!b->adj || !b->sum || !b->touched) return false;
+        memset(b->adj, 0, a->bytes + 64);
+    }
+    return true;
+}
+
+void accum_free(Accum *a) {
+    for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].adj), free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
+    free(a->scratch);
+    memset(a, 0, sizeof *a);
+}
+
+static bool grow_log(AdjointBuffer *buf, uint64_t need) {
+    uint64_t cap = buf->log_cap ? buf->log_cap : 4096;
+    while (cap < need) cap *= 2;
+    SltAdjEntry *log = realloc(buf->log, cap * sizeof *log);
+    if (!log) return false;
+    buf->log = log, buf->log_cap = cap;
+    return true;
+}
+
+void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
+    AdjointBuffer *buf = &a->buf[which];
+    if (!n || a->failed) return;
+    buf->dirty = true;
+    b->args.adj = buf->adj;
+    b->args.log = buf->log + buf->log_len, b->args.log_cap = buf->log_cap - buf->log_len, b->args.log_len = 0;
+    uint64_t counters[SLT_COUNTERS];
+    memcpy(counters, b->args.counters, sizeof counters);
+    batch_call(b, kind, n);
+    uint64_t len = b->args.log_len;
+    if (len > b->args.log_cap) {
+        /* The dense adjoints of this call are in already: the second run is for the log alone. */
+        if (!a->scratch && (a->scratch = aligned_alloc(64, a->bytes + 64))) memset(a->scratch, 0, a->bytes + 64);
+        if (!a->scratch || !grow_log(buf, buf->log_len + len)) {
+            a->failed = true;
+            return;
+        }
+        memcpy(b->args.counters, counters, sizeof counters);
+        b->args.adj = a->scratch;
+        b->args.log = buf->log + buf->log_len, b->args.log_cap = buf->log_cap - buf->log_len, b->args.log_len = 0;
+        batch_call(b, kind, n);
+        b->evaluations -= n;
+    }
+    buf->log_len += len;
+}
+
+/* One block: lanes into sums. False if all were zero. */
+#define SUM_BLOCK(T)                                                                       \
+    do {                                                                                   \
+        const T *v = (const T *)(buf->adj + a->stride * p0);                               \
+        uint64_t total = (uint64_t)(p1 - p0) * lanes;                                      \
+        bool any = false;                                                                  \
+        for (uint64_t i = 0; i < total; i++) any |= v[i] != 0; /* NaN is not 0: it stays */ \
+        if (!any) continue;                                                                \
+        for (uint32_t p = p0; p < p1; p++) {                                               \
+            double sum = 0;                                                                \
+            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)(p - p0) * lanes + l]; \
+            buf->sum[p] = sum;                                                             \
+        }                                                                                  \
+    } while (0)
+
+void accum_close(Accum *a) {
+    uint32_t lanes = a->s->flat_adj ? 1 : a->s->width;
+    for (uint32_t i = 0; i < a->n; i++) {
+        AdjointBuffer *buf = &a->buf[i];
+        buf->ntouched = 0;
+        if (!buf->dirty) continue;
+        for (uint32_t p0 = 0; p0 < a->s->nfloats; p0 += ACCUM_BLOCK) {
+            uint32_t p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
+            if (a->s->f64) SUM_BLOCK(double);
+            else SUM_BLOCK(float);
+            memset(buf->adj + a->stride * p0, 0, a->stride * (p1 - p0));
+            buf->touched[buf->ntouched++] = p0;
+        }
+        buf->dirty = false;
+    }
+}
+
+void accum_merge(Accum *a, double *const *targets) {
+    for (uint32_t i = 0; i < a->n; i++) {
+        AdjointBuffer *buf = &a->buf[i];
+        double *to = targets[i];
+        for (uint32_t t = 0; t < buf->ntouched; t++) {
+            uint32_t p0 = buf->touched[t], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
+            for (uint32_t p = p0; p < p1; p++) to[p] += buf->sum[p];
+        }
+        for (uint64_t e = 0; e < buf->log_len; e++)
+            if (buf->log[e].index < a->s->nfloats) to[buf->log[e].index] += buf->log[e].value;
+        buf->ntouched = 0, buf->log_len = 0;
+    }
+}

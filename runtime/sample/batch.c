@@ -1,0 +1,89 @@
+/* The arrays of one thread's kernel calls. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double) };
+
+void *alloc_zero(size_t n, size_t size) { return calloc(n ? n : 1, size ? size : 1); }
+
+bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
+    memset(b, 0, sizeof *b);
+    b->s = s, b->f64 = s->f64, b->grid = g;
+    b->pixels = g && !g->integral;
+    /* Zeroed: an input that nobody writes must still be a valid number. The pages of unused slots are never touched. */
+    b->memory = aligned_alloc(64, (size_t)SLOT_BYTES * (SLT_IN_VARYING + SLT_OUT_MAX));
+    if (!b->memory) return false;
+    memset(b->memory, 0, (size_t)SLOT_BYTES * (SLT_IN_VARYING + SLT_OUT_MAX));
+    unsigned char *p = b->memory;
+    for (uint32_t i = 0; i < SLT_IN_VARYING; i++, p += SLOT_BYTES) b->args.in[i] = p;
+    for (uint32_t i = 0; i < SLT_OUT_MAX; i++, p += SLOT_BYTES) b->args.out[i] = p;
+    b->args.params = s->params, b->args.iparams = s->iparams;
+    b->args.print = s->print, b->args.user = s->print_user;
+    b->args.fields = s->fields;
+    b->args.resolution[0] = b->args.resolution[1] = 1;
+    if (b->pixels) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
+    uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
+    b->args.tape_bytes = (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63;
+    b->args.tape = b->tape = aligned_alloc(64, b->args.tape_bytes);
+    return b->tape != NULL;
+}
+
+void batch_free(Batch *b) {
+    free(b->memory), free(b->tape);
+    b->memory = NULL, b->tape = NULL;
+}
+
+void batch_set_x(Batch *b, uint32_t i, const double x[3]) {
+    for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_X0 + d, i, x[d]);
+    if (b->pixels) {
+        batch_set_int(b, SLT_IN_PIXEL0, i, (int32_t)grid_cell(b->grid, 0, x[0]));
+        batch_set_int(b, SLT_IN_PIXEL1, i, b->s->dim > 1 ? (int32_t)(b->grid->n[1] - 1 - grid_cell(b->grid, 1, x[1])) : 0);
+    }
+}
+
+void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
+    batch_set_int(b, SLT_IN_STREAM, i, stream);
+    batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);
+}
+
+SltKernel *scene_kernel(const SltScene *s, SltKernelKind kind) {
+    switch (kind) {
+    case SLT_K_VALUE: return s->value;
+    case SLT_K_REGION: return s->region;
+    case SLT_K_EVENT: return s->event;
+    case SLT_K_SIDES: return s->sides;
+    case SLT_K_SITE: return s->site;
+    case SLT_K_SITE_GRAD: return s->site_grad;
+    case SLT_K_SITE_JVP: return s->site_jvp;
+    case SLT_K_SITE_VJP: return s->site_vjp;
+    case SLT_K_JVP: return s->jvp;
+    case SLT_K_VJP: return s->vjp;
+    case SLT_K_CULL: break;
+    }
+    return NULL;
+}
+
+static void pad(Batch *b, uint32_t n, uint32_t end) {
+    for (uint32_t slot = 0; slot < SLT_IN_COUNT; slot++) {
+        bool seed = slot >= SLT_IN_SEED0 && slot <= SLT_IN_SEED3;
+        bool is_int = slot == SLT_IN_STREAM || (slot >= SLT_IN_PIXEL0 && slot <= SLT_IN_SAMPLE) || (slot >= SLT_IN_K0 && slot <= SLT_IN_K7);
+        void *v = (void *)b->args.in[slot];
+        for (uint32_t i = n; i < end; i++) {
+            if (is_int) ((int32_t *)v)[i] = ((int32_t *)v)[n - 1];
+            else if (b->f64) ((double *)v)[i] = seed ? 0 : ((double *)v)[n - 1];
+            else ((float *)v)[i] = seed ? 0 : ((float *)v)[n - 1];
+        }
+    }
+}
+
+void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
+    if (!n) return;
+    uint32_t end = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
+    if (end != n) pad(b, n, end);
+    b->args.n_valid = n;
+    b->evaluations += n;
+    if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
+    else scene_kernel(b->s, kind)(&b->args, n);
+}

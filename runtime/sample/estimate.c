@@ -1,0 +1,299 @@
+/* The estimators' front: one function a question. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event", "no_root", "static", "depth", "coincident"};
+
+static double segments_of(const SltJob *j) {
+    if (j->segments) return (double)j->segments;
+    return j->integral ? (double)(j->samples ? j->samples : 1) : (double)(j->spp ? j->spp : 1);
+}
+
+static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
+    if (!j->integral) return SLT_OK;
+    return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
+}
+
+SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err) {
+    Run r;
+    SltStatus st = run_begin(&r, s, j, err);
+    if (st == SLT_OK && half == 0 && j->integral) {
+        double value[SLT_MAX_CHANNELS] = {0};
+        st = interior_integral(&r, 0, j->samples, value, NULL);
+        for (uint32_t c = 0; c < s->channels && st == SLT_OK; c++) out[c] = (float)value[c];
+    } else if (st == SLT_OK) {
+        st = interior_image(&r, (uint32_t)half, out);
+    }
+    r.stats.seconds_interior = pool_now() - r.start;
+    run_end(&r, stats);
+    return st;
+}
+
+/* ---- forward */
+static void free_directions(Directions *d) {
+    for (uint32_t i = 0; i < d->n && d->flt; i++) free(d->flt[i]);
+    free(d->flt);
+}
+
+static bool make_directions(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs) {
+    d->n = n, d->flt = alloc_zero(n, sizeof *d->flt);
+    if (!d->flt) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        size_t size = s->f64 ? sizeof(double) : sizeof(float);
+        if (!(d->flt[i] = aligned_alloc(64, (s->nfloats * size + 64) / 64 * 64))) return false;
+        for (uint32_t p = 0; p < s->nfloats; p++) {
+            if (s->f64) ((double *)d->flt[i])[p] = dirs[i][p];
+            else ((float *)d->flt[i])[p] = (float)dirs[i][p];
+        }
+    }
+    return true;
+}
+
+SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err) {
+    SltStatus st = need_image(j, "a derivative image", err);
+    if (st != SLT_OK || !ndir) return st;
+    if (j->estimator == SLT_EST_FD) return difference_forward(s, j, ndir, dirs, out, stats, err);
+    Run r;
+    Directions d = {0};
+    st = run_begin(&r, s, j, err);
+    uint64_t size = r.grid.pixels * s->channels;
+    if (st == SLT_OK && !make_directions(&d, s, ndir, dirs)) st = status_fail(err, SLT_LIMIT, "out of memory");
+    if (st == SLT_OK) {
+        for (uint32_t i = 0; i < ndir; i++) memset(out[i], 0, size * sizeof(float));
+        if (crossings) memset(crossings, 0, r.grid.pixels * sizeof(float));
+        double split = j->no_boundary || !s->region ? 1 : j->no_interior ? 0 : 0.6, t = pool_now();
+        r.pool.to = split;
+        if (!j->no_interior) st = interior_forward(&r, &d, out);
+        r.stats.seconds_interior = pool_now() - t, t = pool_now();
+        r.pool.from = split, r.pool.to = 1;
+        Boundary y = {.run = &r, .segments = segments_of(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
+        if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
+        r.stats.seconds_boundary = pool_now() - t;
+    }
+    run_end(&r, stats);
+    free_directions(&d);
+    return st;
+}
+
+/* ---- reverse */
+/* The sums of COSETS interleaved parts -> total, and the standard error as if the parts were independent: they repel each other, so it is an upper bound. */
+static void combine(double *const *part, uint32_t n, double *total, double *variance, uint32_t nfloats) {
+    for (uint32_t p = 0; p < nfloats; p++) {
+        double sum = 0;
+        for (uint32_t c = 0; c < n; c++) sum += part[c][p];
+        total[p] += sum;
+        if (!variance || n < 2) continue;
+        double v = 0, mean = sum / n;
+        for (uint32_t c = 0; c < n; c++) v += (part[c][p] - mean) * (part[c][p] - mean);
+        variance[p] += v * n / (n - 1);
+    }
+}
+
+static void clear_parts(double *const *part, uint32_t n, uint32_t nfloats) {
+    for (uint32_t c = 0; c < n; c++) memset(part[c], 0, nfloats * sizeof *part[c]);
+}
+
+static void mask_inactive(const SltScene *s, double *v) {
+    for (uint32_t p = 0; p < s->nfloats && s->active && v; p++)
+        if (!s->active[p]) v[p] = 0;
+}
+
+SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
+    SltStatus st = need_image(j, "the gradient of a weighted image", err);
+    if (st != SLT_OK) return st;
+    if (j->estimator == SLT_EST_FD) return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+    Run r;
+    uint32_t classes = stderr_bound ? COSETS : 1;
+    double *part[COSETS] = {0};
+    float *mean = NULL;
+    bool halves = adjoint[0] != adjoint[1];
+    st = run_begin(&r, s, j, err);
+    if (st != SLT_OK) {
+        run_end(&r, stats);
+        return st;
+    }
+    uint64_t size = r.grid.pixels * s->channels;
+    bool memory = true;
+    for (uint32_t c = 0; c < classes; c++) memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
+    if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
+    memset(gradient, 0, s->nfloats * sizeof *gradient);
+    if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
+    if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
+    double t = pool_now(), split = j->no_boundary || !s->region ? 1 : j->no_interior ? 0 : 0.7;
+    for (uint32_t h = 0; h < (halves ? 2u : 1u) && st == SLT_OK && !j->no_interior; h++) {
+        r.pool.from = halves ? 0.5 * split * h : 0, r.pool.to = halves ? 0.5 * split * (h + 1) : split;
+        st = interior_reverse(&r, halves ? h + 1 : 0, adjoint[h], halves ? 0.5 : 1, classes, part);
+    }
+    if (st == SLT_OK) combine(part, classes, gradient, stderr_bound, s->nfloats);
+    r.stats.seconds_interior = pool_now() - t, t = pool_now();
+    r.pool.from = split, r.pool.to = 1;
+    if (st == SLT_OK && !j->no_boundary) {
+        for (uint64_t i = 0; i < size && halves; i++) mean[i] = 0.5f * (adjoint[0][i] + adjoint[1][i]);
+        /* On one line every crossing is exact: there is no spread to measure. */
+        uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
+        clear_parts(part, classes, s->nfloats);
+        Boundary y = {.run = &r, .segments = segments_of(j), .adjoint = halves ? mean : adjoint[0], .classes = own, .targets = part};
+        st = boundary_run(&y, SINK_REVERSE);
+        if (st == SLT_OK) combine(part, own, gradient, stderr_bound, s->nfloats);
+    }
+    r.stats.seconds_boundary = pool_now() - t;
+    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]);
+    mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
+    for (uint32_t c = 0; c < classes; c++) free(part[c]);
+    free(mean);
+    run_end(&r, stats);
+    return st;
+}
+
+SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
+    SltStatus st = need_image(j, "a loss", err);
+    if (st != SLT_OK) return st;
+    /* One sample a pixel has no second half: its adjoint is its own, and the loss is biased by the variance of the image. */
+    bool halves = j->spp > 1;
+    uint64_t pixels = 1;
+    for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
+    uint64_t n = pixels * s->channels;
+    float *half[2] = {malloc(n * sizeof(float)), halves ? malloc(n * sizeof(float)) : NULL};
+    if (!half[0] || (halves && !half[1])) {
+        free(half[0]), free(half[1]);
+        return status_fail(err, SLT_LIMIT, "out of memory");
+    }
+    st = slt_estimate_render(s, j, halves ? 1 : 0, half[0], stats, err);
+    if (st == SLT_OK && halves) st = slt_estimate_render(s, j, 2, half[1], stats, err);
+    if (st == SLT_OK) {
+        double sum = 0, row = 0;
+        for (uint64_t i = 0; i < n; i++) {
+            double m = mask ? (double)mask[i / s->channels] : 1;
+            double a = (double)half[0][i] - (double)target[i], b = halves ? (double)half[1][i] - (double)target[i] : a;
+            if (image) image[i] = halves ? (float)(0.5 * ((double)half[0][i] + (double)half[1][i])) : half[0][i];
+            row += m * a * b;
+            if (i % 4096 == 4095) sum += row, row = 0;
+            /* Each half is weighed with the other's residual. */
+            half[0][i] = (float)(2 * m * b / (double)n);
+            if (halves) half[1][i] = (float)(2 * m * a / (double)n);
+        }
+        if (loss) *loss = (sum + row) / (double)n;
+    }
+    const float *adjoint[2] = {half[0], halves ? half[1] : half[0]};
+    if (st == SLT_OK && gradient) st = slt_estimate_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+    free(half[0]), free(half[1]);
+    return st;
+}
+
+/* ---- integral */
+typedef struct Replicates {
+    uint32_t n;
+    uint64_t size;           /* channels * nfloats */
+    double *value;           /* [n][channels] */
+    double *interior, *boundary, *missed; /* [n][size] */
+} Replicates;
+
+/* Mean of n rows into `mean`, standard error of the mean into `error`; either may be NULL. `other` is added to the rows when not NULL. */
+static void statistics(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error) {
+    for (uint64_t i = 0; i < size; i++) {
+        double sum = 0, v = 0;
+        for (uint32_t k = 0; k < n; k++) sum += rows[k * size + i] + (other ? other[k * size + i] : 0);
+        sum /= n;
+        for (uint32_t k = 0; k < n; k++) {
+            double e = rows[k * size + i] + (other ? other[k * size + i] : 0) - sum;
+            v += e * e;
+        }
+        if (mean) mean[i] = sum;
+        if (error) error[i] = n > 1 ? sqrt(v / (n - 1) / n) : 0;
+    }
+}
+
+SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob copy = *job;
+    copy.integral = true;
+    const SltJob *j = &copy;
+    if (j->estimator == SLT_EST_FD) return difference_integral(s, j, out, stats, err);
+    Run r;
+    Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
+    bool gradient = out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
+    SltStatus st = run_begin(&r, s, j, err);
+    if (st == SLT_OK) {
+        k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
+        k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
+        k.missed = alloc_zero(k.n * k.size, sizeof(double));
+        if (!k.value || !k.interior || !k.boundary || !k.missed) st = status_fail(err, SLT_LIMIT, "out of memory");
+    }
+    for (uint32_t i = 0; i < k.n && st == SLT_OK; i++) {
+        double t = pool_now(), step = 1.0 / k.n;
+        uint64_t samples = (j->samples + k.n - 1) / k.n;
+        r.pool.from = i * step, r.pool.to = (i + 0.7) * step;
+        st = interior_integral(&r, i, samples, k.value + i * (size_t)s->channels, gradient && !j->no_interior ? k.interior + i * k.size : NULL);
+        r.stats.seconds_interior += pool_now() - t, t = pool_now();
+        r.pool.from = r.pool.to, r.pool.to = (i + 1) * step;
+        if (st != SLT_OK || j->no_boundary || !gradient) continue;
+        double *targets[ACCUMS];
+        for (uint32_t c = 0; c < s->channels; c++) {
+            targets[c] = k.boundary + i * k.size + (uint64_t)c * s->nfloats;
+            targets[s->channels + c] = k.missed + i * k.size + (uint64_t)c * s->nfloats;
+        }
+        Boundary y = {.run = &r, .replicate = i, .segments = segments_of(j) / k.n, .targets = targets, .classes = 1};
+        st = boundary_run(&y, SINK_INTEGRAL);
+        r.stats.seconds_boundary += pool_now() - t;
+    }
+    if (st == SLT_OK) {
+        for (uint64_t row = 0; row < (uint64_t)k.n * s->channels; row++) {
+            mask_inactive(s, k.interior + row * s->nfloats), mask_inactive(s, k.boundary + row * s->nfloats);
+            mask_inactive(s, k.missed + row * s->nfloats);
+        }
+        statistics(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
+        statistics(k.interior, k.boundary, k.n, k.size, out->gradient, out->gradient_stderr);
+        statistics(k.interior, NULL, k.n, k.size, out->interior, NULL);
+        statistics(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
+        statistics(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
+        out->replicates = true;
+    }
+    free(k.value), free(k.interior), free(k.boundary), free(k.missed);
+    run_end(&r, stats);
+    return st;
+}
+
+/* ---- one segment */
+SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err) {
+    SltJob j = {.integral = true};
+    Run r;
+    memset(out, 0, sizeof *out);
+    out->site = -1, out->drop = -1;
+    SltStatus st = run_begin(&r, s, &j, err);
+    if (st != SLT_OK || !s->region || !s->event || !s->sides || !s->site || !s->site_grad || !s->nsites) {
+        run_end(&r, NULL);
+        return st;
+    }
+    st = run_workers(&r, 1, 0, SINK_KEEP);
+    if (st == SLT_OK) {
+        Worker *w = &r.worker[0];
+        Segment seg = {.tb = 1, .base = 1, .axis = -1, .stream = (int32_t)stream, .rand0 = 0.5};
+        for (uint32_t d = 0; d < s->dim; d++) seg.a[d] = a[d], seg.b[d] = b[d];
+        for (uint32_t i = 0; i < 2; i++) batch_set_x(&w->batch, i, i ? seg.b : seg.a), batch_set_stream(&w->batch, i, seg.stream, seg.rand0);
+        batch_call(&w->batch, SLT_K_REGION, 2);
+        seg.ha = (uint32_t)batch_get_int(&w->batch, 0, 0), seg.hb = (uint32_t)batch_get_int(&w->batch, 0, 1);
+        if (seg.ha != seg.hb) finder_push(&w->finder, &seg);
+        finder_run(&w->finder, true);
+        for (int d = 0; d < SLT_DROP_REASONS && !w->sink.nkept; d++)
+            if (w->finder.dropped[d]) out->drop = d;
+        if (w->sink.nkept) {
+            Crossing *first = &w->sink.kept[0];
+            for (uint64_t i = 1; i < w->sink.nkept; i++)
+                if (w->sink.kept[i].t < first->t) first = &w->sink.kept[i];
+            uint64_t order = 0;
+            bool keep;
+            w->batch.args.site = first->site;
+            sink_weigh(&w->sink, first, &order, 1, &keep);
+            out->found = true, out->t = first->t, out->g = first->g, out->site = first->site;
+            memcpy(out->x, first->x, sizeof out->x), memcpy(out->dg, first->dg, sizeof out->dg), memcpy(out->k, first->k, sizeof out->k);
+            for (uint32_t c = 0; c < s->channels; c++) out->f_before[c] = first->before[c], out->f_after[c] = first->before[c] + first->jump[c];
+            for (int d = 0; d < SLT_DROP_REASONS && !keep; d++)
+                if (w->finder.dropped[d]) out->drop = d;
+        }
+        if (w->finder.failed || w->sink.failed) st = status_fail(err, SLT_LIMIT, "out of memory");
+    }
+    run_end(&r, NULL);
+    return st;
+}

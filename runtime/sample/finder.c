@@ -1,0 +1,359 @@
+/* From segments whose ends lie in different regions to verified crossings.
+ *
+ * A batch of segments at a time: `event` says for each which event separates its ends and g there; the root of that g is bracketed with `site` (Chandrupatla's method,
+ * never more than two steps behind bisection); `sides` gives f and the region at the two ends of the final bracket. If those are the regions of the segment's ends, that was
+ * the only crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign, the region itself is bisected. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum { MAX_DEPTH = 60 };
+
+/* One segment of the batch, during its root search. x1 is the newest point, [x1, x2] the bracket, x3 the point before. */
+typedef struct Item {
+    Segment s;
+    double tol, ga, gb, aux;
+    double x1, x2, x3, f1, f2, f3, next;
+    int32_t site, k[SLT_MAX_K];
+    uint32_t left; /* evaluations before bisection takes over for good */
+    bool exact;    /* g was exactly zero at x1 */
+} Item;
+
+bool finder_init(Finder *f, Batch *b) {
+    memset(f, 0, sizeof *f);
+    f->b = b, f->s = b->s;
+    f->cap = 8 * BATCH;
+    f->stack = malloc(f->cap * sizeof *f->stack);
+    f->split = malloc(FIND * sizeof *f->split);
+    f->found = malloc(BATCH * sizeof *f->found);
+    f->items = malloc(FIND * sizeof(Item));
+    f->order = malloc(BATCH * sizeof *f->order);
+    return f->stack && f->split && f->found && f->items && f->order;
+}
+
+void finder_free(Finder *f) {
+    free(f->stack), free(f->split), free(f->found), free(f->items), free(f->order);
+    memset(f, 0, sizeof *f);
+}
+
+void sort_keys(uint64_t *v, uint32_t n) {
+    bool sorted = true;
+    for (uint32_t i = 1; i < n && sorted; i++) sorted = v[i - 1] <= v[i];
+    if (sorted) return;
+    static const uint32_t gaps[] = {701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof *gaps; g++)
+        for (uint32_t gap = gaps[g], i = gap; i < n; i++) {
+            uint64_t x = v[i];
+            uint32_t at = i;
+            for (; at >= gap && v[at - gap] > x; at -= gap) v[at] = v[at - gap];
+            v[at] = x;
+        }
+}
+
+/* Exact at both ends, and constant where the ends agree. */
+void segment_at(const Segment *s, double t, double x[3]) {
+    for (int d = 0; d < 3; d++) x[d] = s->a[d] == s->b[d] ? s->a[d] : (1 - t) * s->a[d] + t * s->b[d];
+}
+
+static void put(Finder *f, uint32_t lane, const Segment *s, double t) {
+    double x[3];
+    segment_at(s, t, x);
+    batch_set_x(f->b, lane, x);
+    batch_set_stream(f->b, lane, s->stream, s->rand0);
+}
+
+/* 2^-15 of the whole segment, or two units in the last place of the position. */
+static double tolerance(const Finder *f, const Segment *s) {
+    double len = 0, mag = 0;
+    for (uint32_t d = 0; d < f->s->dim; d++) {
+        len = fmax(len, fabs(s->b[d] - s->a[d]));
+        mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
+    }
+    return fmax(0x1p-15, 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+}
+
+void finder_push(Finder *f, const Segment *s) {
+    if (f->n == f->cap) {
+        Segment *more = realloc(f->stack, 2 * (size_t)f->cap * sizeof *more);
+        if (!more) {
+            f->failed = true;
+            return;
+        }
+        f->stack = more, f->cap *= 2;
+    }
+    f->stack[f->n++] = *s;
+}
+
+static void push_part(Finder *f, const Segment *s, double ta, double tb, uint32_t ha, uint32_t hb, SltDrop reason) {
+    if (ha == hb) return;
+    if (!(tb > ta) || s->depth >= MAX_DEPTH) {
+        f->dropped[reason]++;
+        return;
+    }
+    Segment part = *s;
+    part.ta = ta, part.tb = tb, part.ha = ha, part.hb = hb, part.depth++;
+    finder_push(f, &part);
+}
+
+static Crossing *found_slot(Finder *f) {
+    if (f->nfound == BATCH) {
+        f->full(f->full_user, f->found, f->nfound);
+        f->nfound = 0;
+    }
+    return &f->found[f->nfound++];
+}
+
+/* ---- bisection on the region */
+static void flush_split(Finder *f) {
+    Batch *b = f->b;
+    if (!f->nsplit) return;
+    for (uint32_t i = 0; i < f->nsplit; i++) put(f, i, &f->split[i], 0.5 * (f->split[i].ta + f->split[i].tb));
+    batch_call(b, SLT_K_REGION, f->nsplit);
+    for (uint32_t i = 0; i < f->nsplit; i++) {
+        const Segment *s = &f->split[i];
+        double mid = 0.5 * (s->ta + s->tb);
+        uint32_t h = (uint32_t)batch_get_int(b, 0, i);
+        push_part(f, s, mid, s->tb, h, s->hb, SLT_DROP_DEPTH);
+        push_part(f, s, s->ta, mid, s->ha, h, SLT_DROP_DEPTH);
+    }
+    f->nsplit = 0;
+}
+
+static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
+    if (s->tb - s->ta <= tol) {
+        f->dropped[reason]++;
+        return;
+    }
+    f->split[f->nsplit++] = *s;
+}
+
+/* ---- root of g on the bracket */
+static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
+
+static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
+
+/* Where to look next in [x1, x2], as a fraction of it from x1. */
+static double chandrupatla(const Item *it, double width) {
+    double least = 0.75 * it->tol / width;
+    if (least >= 0.5) return 0.5;
+    /* Once only bisection can still arrive in time, bisect. */
+    if (ldexp(width, -(int)it->left) > it->tol) return 0.5;
+    double t = 0.5;
+    if (it->x3 == it->x2 || it->f3 == it->f2) {
+        t = it->f1 / (it->f1 - it->f2);
+    } else {
+        double xi = (it->x1 - it->x2) / (it->x3 - it->x2), phi = (it->f1 - it->f2) / (it->f3 - it->f2);
+        if (phi * phi < xi && (1 - phi) * (1 - phi) < 1 - xi)
+            t = it->f1 / (it->f2 - it->f1) * it->f3 / (it->f2 - it->f3) +
+                (it->x3 - it->x1) / (it->x2 - it->x1) * it->f1 / (it->f3 - it->f1) * it->f2 / (it->f3 - it->f2);
+    }
+    return clamp(isfinite(t) ? t : 0.5, least, 1 - least);
+}
+
+/* Prepares the next evaluation; false when the bracket is small enough. */
+static bool root_step(Item *it) {
+    double width = fabs(it->x2 - it->x1);
+    if (it->exact || width <= it->tol || !it->left) return false;
+    double t = chandrupatla(it, width);
+    it->next = it->x1 + t * (it->x2 - it->x1);
+    if (it->next == it->x1 || it->next == it->x2) return false;
+    it->left--;
+    return true;
+}
+
+static void root_take(Item *it, double g) {
+    if (g == 0) {
+        it->x1 = it->next, it->f1 = 0, it->exact = true;
+        return;
+    }
+    /* A g that is not a number says nothing: treat it as the sign of the older end, so that the bracket still shrinks. */
+    if (same_sign(g, it->f1)) it->x3 = it->x1, it->f3 = it->f1;
+    else it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
+    it->x1 = it->next, it->f1 = g;
+}
+
+static void root_begin(Item *it) {
+    it->x1 = it->s.ta, it->f1 = it->ga, it->x2 = it->s.tb, it->f2 = it->gb;
+    it->x3 = it->x2, it->f3 = it->f2;
+    it->exact = false;
+    double width = it->s.tb - it->s.ta;
+    it->left = width > it->tol ? (uint32_t)ceil(log2(width / it->tol)) + 2 : 0;
+    if (it->ga == 0 || it->gb == 0) {
+        it->exact = true;
+        if (it->ga != 0) it->x1 = it->s.tb;
+        it->f1 = 0;
+    }
+}
+
+static void set_event(Batch *b, uint32_t lane, const int32_t *k, double aux) {
+    for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, k[d]);
+    batch_set(b, SLT_IN_AUX, lane, aux);
+}
+
+/* Roots of the items in order[0..n), all of one site. */
+static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
+    Batch *b = f->b;
+    b->args.site = items[(uint32_t)order[0]].site;
+    for (;;) {
+        uint32_t active = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Item *it = &items[(uint32_t)order[i]];
+            if (!root_step(it)) continue;
+            put(f, active, &it->s, it->next);
+            set_event(b, active, it->k, it->aux);
+            order[active++] = order[i];
+        }
+        if (!active) return;
+        batch_call(b, SLT_K_SITE, active);
+        for (uint32_t i = 0; i < active; i++) root_take(&items[(uint32_t)order[i]], batch_get(b, 0, i));
+        n = active;
+    }
+}
+
+static void solve(Finder *f, Item *items, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++) f->order[i] = (uint64_t)(uint32_t)items[i].site << 32 | i;
+    sort_keys(f->order, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        int32_t site = items[(uint32_t)f->order[from]].site;
+        for (to = from + 1; to < n && items[(uint32_t)f->order[to]].site == site;) to++;
+        solve_site(f, items, f->order + from, to - from);
+    }
+}
+
+/* ---- one batch */
+/* Which event separates the ends, and g there. Items with a root to look for move to the front. */
+static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
+    Batch *b = f->b;
+    for (uint32_t i = 0; i < n; i++) {
+        put(f, 2 * i, &items[i].s, items[i].s.ta);
+        put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
+    }
+    batch_call(b, SLT_K_EVENT, 2 * n);
+    uint32_t kept = 0, depth = f->s->event_depth < SLT_MAX_K ? f->s->event_depth : SLT_MAX_K;
+    for (uint32_t i = 0; i < n; i++) {
+        Item it = items[i];
+        it.site = batch_get_int(b, 0, 2 * i);
+        it.ga = batch_get(b, 1, 2 * i), it.gb = batch_get(b, 1, 2 * i + 1);
+        it.aux = batch_get(b, 2, 2 * i);
+        for (uint32_t d = 0; d < SLT_MAX_K; d++) it.k[d] = d < depth ? batch_get_int(b, 3 + d, 2 * i) : 0;
+        if (it.site < 0 || (uint32_t)it.site >= f->s->nsites) {
+            split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
+        } else if (f->s->site_static && f->s->site_static[it.site]) {
+            f->dropped[SLT_DROP_STATIC]++;
+        } else if (!isfinite(it.ga) || !isfinite(it.gb)) {
+            split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
+        } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
+            split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
+        } else {
+            root_begin(&it);
+            items[kept++] = it;
+        }
+    }
+    return kept;
+}
+
+static void bracket_of(const Item *it, double *lo, double *hi) {
+    *lo = fmin(it->x1, it->x2), *hi = fmax(it->x1, it->x2);
+    if (it->exact) {
+        /* An exact zero: a bracket of the tolerance around it, inside the old one. */
+        double from = fmax(it->s.ta, it->x1 - 0.5 * it->tol), to = fmin(it->s.tb, it->x1 + 0.5 * it->tol);
+        *lo = from, *hi = to;
+    }
+}
+
+static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lane) {
+    uint32_t channels = f->s->channels;
+    Crossing c;
+    memset(&c, 0, sizeof c);
+    bool jumps = false, finite = true;
+    for (uint32_t i = 0; i < channels; i++) {
+        c.before[i] = batch_get(f->b, i, lane);
+        c.jump[i] = batch_get(f->b, i, lane + 1) - c.before[i];
+        jumps |= c.jump[i] != 0;
+        finite &= isfinite(c.jump[i]);
+    }
+    f->crossings++;
+    if (!finite) {
+        f->dropped[SLT_DROP_NOT_FINITE]++;
+        return;
+    }
+    if (!jumps) return;
+    c.t = it->x1;
+    if (!it->exact) {
+        /* The secant inside the final bracket: much closer than its ends. */
+        double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
+        c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi);
+        c.ga = it->f1, c.gb = it->f2;
+    }
+    segment_at(&it->s, c.t, c.x);
+    double len = 0;
+    for (uint32_t d = 0; d < f->s->dim; d++) {
+        c.direction[d] = it->s.b[d] - it->s.a[d];
+        len += c.direction[d] * c.direction[d];
+    }
+    c.bracket = sqrt(len) * (hi - lo);
+    c.rising = it->ga < it->gb ? 1 : -1;
+    c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
+    c.site = it->site, c.aux = it->aux;
+    memcpy(c.k, it->k, sizeof c.k);
+    *found_slot(f) = c;
+}
+
+/* Both sides of each final bracket, with their regions. */
+static void verify(Finder *f, Item *items, uint32_t n) {
+    Batch *b = f->b;
+    for (uint32_t i = 0; i < n; i++) {
+        double lo, hi;
+        bracket_of(&items[i], &lo, &hi);
+        put(f, 2 * i, &items[i].s, lo);
+        put(f, 2 * i + 1, &items[i].s, hi);
+    }
+    batch_call(b, SLT_K_SIDES, 2 * n);
+    uint32_t hash = f->s->channels;
+    for (uint32_t i = 0; i < n; i++) {
+        const Item *it = &items[i];
+        double lo, hi;
+        bracket_of(it, &lo, &hi);
+        uint32_t before = (uint32_t)batch_get_int(b, hash, 2 * i), after = (uint32_t)batch_get_int(b, hash, 2 * i + 1);
+        if (before != after) accept(f, it, lo, hi, 2 * i);
+        push_part(f, &it->s, hi, it->s.tb, after, it->s.hb, SLT_DROP_DEPTH);
+        push_part(f, &it->s, it->s.ta, lo, it->s.ha, before, SLT_DROP_DEPTH);
+    }
+}
+
+/* The paper's search: halves whose ends differ, down to the tolerance; then the event. */
+static uint32_t halve(Finder *f, Item *items, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        if (items[i].s.tb - items[i].s.ta > 1.01 * items[i].tol) f->split[f->nsplit++] = items[i].s;
+        else items[kept++] = items[i];
+    }
+    flush_split(f);
+    kept = kept ? ask_events(f, items, kept) : 0;
+    f->nsplit = 0; /* no event: nothing to snap to */
+    return kept;
+}
+
+void finder_run(Finder *f, bool all) {
+    Item *items = f->items;
+    while (f->n && !f->failed && (all || f->n >= FIND)) {
+        uint32_t n = f->n < FIND ? f->n : FIND;
+        for (uint32_t i = 0; i < n; i++) {
+            items[i].s = f->stack[f->n - n + i];
+            items[i].tol = tolerance(f, &items[i].s);
+        }
+        f->n -= n;
+        if (f->halve_only) {
+            n = halve(f, items, n);
+        } else {
+            n = ask_events(f, items, n);
+            flush_split(f);
+            if (n) solve(f, items, n);
+        }
+        if (n) verify(f, items, n);
+    }
+    if (all && f->nfound) f->full(f->full_user, f->found, f->nfound), f->nfound = 0;
+}

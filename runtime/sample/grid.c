@@ -1,0 +1,158 @@
+/* Pixels, filters and where samples lie.
+ *
+ * A pixel is the mean of f under its filter over the part of the domain that the filter covers: samples are drawn from the filter (so every
+ * sample belongs to one pixel and weighs the same), and crossings use the same normalised filter as a weight. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+/* Gaussian: sigma half a pixel, cut at 2 pixels = 4 sigma. */
+#define GAUSS_RADIUS 2.0
+#define SQRT2 1.4142135623730951
+#define GAUSS_MASS 0.99993665751633376 /* erf(4 / sqrt 2) */
+#define GAUSS_PEAK 0.79788456080286536 /* 1 / (sigma sqrt(2 pi)) */
+
+static double kernel(SltFilter f, double u) {
+    double a = fabs(u);
+    switch (f) {
+    case SLT_FILTER_BOX: return a <= 0.5;
+    case SLT_FILTER_TENT: return a < 1 ? 1 - a : 0;
+    case SLT_FILTER_GAUSSIAN: return a < GAUSS_RADIUS ? exp(-2 * u * u) * (GAUSS_PEAK / GAUSS_MASS) : 0;
+    }
+    return 0;
+}
+
+static double cumulative(SltFilter f, double u, double radius) {
+    if (u <= -radius) return 0;
+    if (u >= radius) return 1;
+    switch (f) {
+    case SLT_FILTER_BOX: return u + 0.5;
+    case SLT_FILTER_TENT: return u < 0 ? 0.5 * (1 + u) * (1 + u) : 1 - 0.5 * (1 - u) * (1 - u);
+    case SLT_FILTER_GAUSSIAN: return 0.5 * (1 + erf(u * SQRT2) / GAUSS_MASS);
+    }
+    return 0;
+}
+
+static double inverse(SltFilter f, double p, double radius) {
+    double lo = -radius, hi = radius, u;
+    switch (f) {
+    case SLT_FILTER_BOX: return p - 0.5;
+    case SLT_FILTER_TENT: return p < 0.5 ? sqrt(2 * p) - 1 : 1 - sqrt(2 * (1 - p));
+    case SLT_FILTER_GAUSSIAN: break;
+    }
+    /* Newton from the logistic approximation, kept in its bracket. */
+    u = 0.5 * log(p / (1 - p)) / 1.702;
+    if (!(u > lo && u < hi)) u = 0;
+    for (int i = 0; i < 6; i++) {
+        double e = cumulative(f, u, radius) - p;
+        if (e > 0) hi = u;
+        else lo = u;
+        double d = kernel(f, u), next = d > 0 ? u - e / d : lo;
+        if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
+        if (fabs(next - u) < 1e-12) return next;
+        u = next;
+    }
+    return u;
+}
+
+/* The part of pixel p's filter, in its own coordinate, that lies in the domain. */
+static void covered(const Grid *g, uint32_t p, uint32_t axis, double *from, double *to) {
+    *from = fmax(-g->radius, -(p + 0.5));
+    *to = fmin(g->radius, g->n[axis] - (p + 0.5));
+}
+
+SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) {
+    memset(g, 0, sizeof *g);
+    g->integral = j->integral, g->dim = s->dim, g->filter = j->filter;
+    g->radius = j->filter == SLT_FILTER_BOX ? 0.5 : j->filter == SLT_FILTER_TENT ? 1 : GAUSS_RADIUS;
+    g->pixels = 1;
+    if (s->dim < 1 || s->dim > 3 || s->channels < 1 || s->channels > SLT_MAX_CHANNELS)
+        return status_fail(err, SLT_INTERNAL, "a scene of %u dimensions and %u channels", s->dim, s->channels);
+    for (uint32_t d = 0; d < 3; d++) {
+        g->n[d] = d < s->dim && !j->integral ? j->size[d] : 1;
+        g->lo[d] = d < s->dim ? s->lo[d] : 0, g->hi[d] = d < s->dim ? s->hi[d] : 1;
+        if (!(g->hi[d] > g->lo[d]) || !isfinite(g->hi[d] - g->lo[d]))
+            return status_fail(err, SLT_USAGE, "the domain is empty or not finite along axis %u", d);
+        if (!g->n[d] || g->n[d] > 1u << 24) return status_fail(err, SLT_USAGE, "%u pixels along axis %u: 1 to 16777216 are possible", g->n[d], d);
+        g->side[d] = (g->hi[d] - g->lo[d]) / g->n[d];
+        if (g->pixels > (1ull << 40) / g->n[d]) return status_fail(err, SLT_LIMIT, "the image has too many pixels");
+        g->pixels *= g->n[d];
+    }
+    if (!j->integral && j->filter != SLT_FILTER_BOX) {
+        for (uint32_t d = 0; d < s->dim; d++) {
+            g->mass[d] = malloc(g->n[d] * sizeof *g->mass[d]);
+            if (!g->mass[d]) return status_fail(err, SLT_LIMIT, "out of memory");
+            for (uint32_t p = 0; p < g->n[d]; p++) {
+                double from, to;
+                covered(g, p, d, &from, &to);
+                g->mass[d][p] = cumulative(g->filter, to, g->radius) - cumulative(g->filter, from, g->radius);
+            }
+        }
+    }
+    return SLT_OK;
+}
+
+void grid_free(Grid *g) {
+    for (int d = 0; d < 3; d++) free(g->mass[d]), g->mass[d] = NULL;
+}
+
+uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, double weight[GRID_REACH]) {
+    if (g->integral) {
+        *first = 0, weight[0] = 1;
+        return 1;
+    }
+    if (g->filter == SLT_FILTER_BOX) {
+        *first = grid_cell(g, axis, x), weight[0] = 1 / g->side[axis];
+        return 1;
+    }
+    double c = (x - g->lo[axis]) / g->side[axis] - 0.5;
+    double lo = ceil(c - g->radius), hi = floor(c + g->radius);
+    if (!(lo > 0)) lo = 0;
+    if (hi > g->n[axis] - 1.0) hi = g->n[axis] - 1.0;
+    uint32_t n = 0;
+    *first = (uint32_t)lo;
+    for (double p = lo; p <= hi && n < GRID_REACH; p++, n++) {
+        double m = g->mass[axis][(uint32_t)p];
+        weight[n] = m > 0 ? kernel(g->filter, c - p) / (m * g->side[axis]) : 0;
+    }
+    return n;
+}
+
+double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u) {
+    if (g->integral || g->filter == SLT_FILTER_BOX) return g->lo[axis] + (p + u) * g->side[axis];
+    double from, to;
+    covered(g, p, axis, &from, &to);
+    double q = cumulative(g->filter, from, g->radius) + u * g->mass[axis][p];
+    double v = inverse(g->filter, q, g->radius);
+    v = v < from ? from : v > to ? to : v;
+    return g->lo[axis] + (p + 0.5 + v) * g->side[axis];
+}
+
+void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out) {
+    uint32_t first[3] = {0}, n[3] = {1, 1, 1};
+    double w[3][GRID_REACH] = {{1}, {1}, {1}};
+    for (uint32_t d = 0; d < g->dim; d++) n[d] = grid_reach(g, d, x[d], &first[d], w[d]);
+    for (uint32_t c = 0; c < channels; c++) out[c] = 0;
+    for (uint32_t k = 0; k < n[2]; k++)
+        for (uint32_t j = 0; j < n[1]; j++)
+            for (uint32_t i = 0; i < n[0]; i++) {
+                const float *a = adjoint + grid_index(g, first[0] + i, first[1] + j, first[2] + k) * channels;
+                double weight = w[0][i] * w[1][j] * w[2][k];
+                for (uint32_t c = 0; c < channels; c++) out[c] += weight * (double)a[c];
+            }
+}
+
+void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t owner) {
+    p->dims = s->dim + (s->uses_rand ? 1 : 0);
+    p->seed = seed, p->lane = lane, p->owner = owner, p->purpose = purpose;
+    rng_block(seed, purpose, lane, owner, p->shift);
+}
+
+/* A stream is named by 32 bits. Samples of a pixel come from the pixel's block, so that neighbours in memory are not neighbours in number. */
+int32_t pattern_stream(const Pattern *p, uint64_t index) {
+    uint32_t v[4];
+    rng_block(p->seed ^ (uint32_t)p->purpose * 0x85ebca6bu, RNG_STREAM, p->lane ^ (uint32_t)(index >> 2) * 0x9e3779b9u, p->owner << 24 ^ index >> 2, v);
+    return (int32_t)v[index & 3];
+}

@@ -1,0 +1,304 @@
+/* The smooth part: f and its derivatives at samples.
+ *
+ * A tile is a block of pixels (or, for an integral, a run of samples); its samples go through the kernels pixel by pixel, so neighbouring lanes are neighbouring
+ * points. The derivatives use the very samples of the primal. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum { INTEGRAL_TILE = 8192 };
+
+static uint32_t half_count(const SltJob *j, uint32_t half) {
+    uint32_t spp = j->spp ? j->spp : 1;
+    if (half == 0) return spp;
+    uint32_t first = (spp + 1) / 2;
+    return half == 1 ? first : spp - first > 0 ? spp - first : 1;
+}
+
+static void plan(Interior *p, Run *r, uint32_t half, uint32_t side2) {
+    const Grid *g = &r->grid;
+    p->run = r, p->half = half, p->count = half_count(r->j, half);
+    p->ntiles = 1;
+    for (uint32_t d = 0; d < 3; d++) {
+        p->tile[d] = d >= g->dim ? 1 : g->dim == 1 ? side2 * side2 : g->dim == 2 ? side2 : side2 / 4;
+        p->tiles[d] = (g->n[d] + p->tile[d] - 1) / p->tile[d];
+        p->ntiles *= p->tiles[d];
+    }
+}
+
+typedef struct TileRect {
+    uint32_t lo[3], n[3];
+    uint64_t pixels;
+} TileRect;
+
+static TileRect rect_of(const Interior *p, uint64_t tile) {
+    TileRect t = {.pixels = 1};
+    for (uint32_t d = 0; d < 3; d++) {
+        t.lo[d] = (uint32_t)(tile % p->tiles[d]) * p->tile[d];
+        tile /= p->tiles[d];
+        uint32_t left = p->run->grid.n[d] - t.lo[d];
+        t.n[d] = left < p->tile[d] ? left : p->tile[d];
+        t.pixels *= t.n[d];
+    }
+    return t;
+}
+
+static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
+    const Grid *g = &p->run->grid;
+    double lo[3], hi[3], grow = g->filter == SLT_FILTER_BOX ? 0.01 : g->radius;
+    for (uint32_t d = 0; d < 3; d++) {
+        lo[d] = g->lo[d] + (t->lo[d] - grow) * g->side[d];
+        hi[d] = g->lo[d] + (t->lo[d] + t->n[d] + grow) * g->side[d];
+    }
+    cull_select(&p->run->cull, &w->cull, &w->batch, lo, hi);
+}
+
+/* A walk over the samples of a tile, all or those of one coset. */
+typedef struct Walk {
+    const Interior *p;
+    const TileRect *t;
+    uint32_t cls;            /* coset, when p->classes > 1 */
+    uint64_t pixel;          /* of the tile */
+    uint32_t sample;
+    uint32_t at[3];
+    Pattern pattern;
+    bool fresh;
+    uint32_t lane_pixel[BATCH];
+} Walk;
+
+static void walk_pixel(Walk *k) {
+    const TileRect *t = k->t;
+    k->at[0] = t->lo[0] + (uint32_t)(k->pixel % t->n[0]);
+    k->at[1] = t->lo[1] + (uint32_t)(k->pixel / t->n[0] % t->n[1]);
+    k->at[2] = t->lo[2] + (uint32_t)(k->pixel / t->n[0] / t->n[1]);
+    const Run *r = k->p->run;
+    pattern_init(&k->pattern, r->s, r->j->seed, RNG_PIXEL, k->p->half, grid_index(&r->grid, k->at[0], k->at[1], k->at[2]));
+    k->fresh = true;
+}
+
+/* Fills up to BATCH lanes with the next samples; 0 at the end. */
+static uint32_t walk_fill(Walk *k, Batch *b) {
+    const Interior *p = k->p;
+    const Grid *g = &p->run->grid;
+    uint32_t n = 0;
+    for (; n < BATCH && k->pixel < k->t->pixels; k->sample++) {
+        if (k->sample >= p->count) {
+            k->pixel++, k->sample = UINT32_MAX, k->fresh = false;
+            continue;
+        }
+        if (!k->fresh) walk_pixel(k);
+        if (p->classes > 1 && ((k->at[0] + 2 * k->at[1] + k->at[2] + k->sample) & (COSETS - 1)) != k->cls) continue;
+        for (uint32_t d = 0; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, n, grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
+        batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)k->at[0]);
+        batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(g->n[1] - 1 - k->at[1]));
+        batch_set_int(b, SLT_IN_SAMPLE, n, (int32_t)k->sample);
+        if (p->run->s->uses_rand) batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, g->dim, k->sample));
+        k->lane_pixel[n++] = (uint32_t)k->pixel;
+    }
+    return n;
+}
+
+static uint64_t image_index(const Interior *p, const TileRect *t, uint64_t pixel) {
+    return grid_index(&p->run->grid, t->lo[0] + (uint32_t)(pixel % t->n[0]), t->lo[1] + (uint32_t)(pixel / t->n[0] % t->n[1]),
+                      t->lo[2] + (uint32_t)(pixel / t->n[0] / t->n[1]));
+}
+
+static void count_samples(Worker *w, uint64_t n, uint64_t *samples) {
+    (void)w;
+    *samples += n;
+}
+
+/* ---- value */
+static bool value_work(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    Worker *w = &p->run->worker[worker];
+    Batch *b = &w->batch;
+    TileRect t = rect_of(p, tile);
+    uint32_t channels = p->run->s->channels, n;
+    if (!worker_values(w, t.pixels * channels)) return false;
+    select_cull(p, w, &t);
+    Walk k = {.p = p, .t = &t};
+    while ((n = walk_fill(&k, b))) {
+        batch_call(b, SLT_K_VALUE, n);
+        for (uint32_t c = 0; c < channels; c++)
+            for (uint32_t i = 0; i < n; i++) w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, c, i);
+    }
+    for (uint64_t i = 0; i < t.pixels; i++) {
+        float *o = p->image + image_index(p, &t, i) * channels;
+        for (uint32_t c = 0; c < channels; c++) o[c] = (float)(w->value[i * channels + c] / p->count);
+    }
+    return true;
+}
+
+static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    TileRect t = rect_of(p, tile);
+    count_samples(&p->run->worker[worker], t.pixels * p->count, &p->run->stats.samples);
+    run_collect(p->run, &p->run->worker[worker]);
+}
+
+SltStatus interior_image(Run *r, uint32_t half, float *image) {
+    Interior p = {.image = image, .classes = 1};
+    plan(&p, r, half, 32);
+    SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
+    if (st == SLT_OK) st = run_tiles(r, p.ntiles, value_work, plain_merge, &p);
+    run_free_workers(r);
+    return st;
+}
+
+/* ---- reverse */
+static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    Worker *w = &p->run->worker[worker];
+    Batch *b = &w->batch;
+    TileRect t = rect_of(p, tile);
+    uint32_t channels = p->run->s->channels, n;
+    select_cull(p, w, &t);
+    double factor = p->factor / p->count;
+    for (uint32_t cls = 0; cls < p->classes; cls++) {
+        Walk k = {.p = p, .t = &t, .cls = cls};
+        while ((n = walk_fill(&k, b))) {
+            uint64_t last = UINT64_MAX;
+            const float *a = NULL;
+            bool any = false;
+            for (uint32_t i = 0; i < n; i++) {
+                if (k.lane_pixel[i] != last) last = k.lane_pixel[i], a = p->adjoint + image_index(p, &t, last) * channels;
+                for (uint32_t c = 0; c < channels; c++) {
+                    batch_set(b, SLT_IN_SEED0 + c, i, factor * (double)a[c]);
+                    any |= a[c] != 0;
+                }
+            }
+            if (any) accum_call(&w->acc, b, SLT_K_VJP, n, cls);
+        }
+    }
+    accum_close(&w->acc);
+    return !w->acc.failed;
+}
+
+static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    accum_merge(&p->run->worker[worker].acc, p->targets);
+    plain_merge(user, worker, tile);
+}
+
+SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes, double *const *targets) {
+    if (!r->s->vjp) return SLT_OK;
+    Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets};
+    plan(&p, r, half, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32);
+    SltStatus st = run_workers(r, p.ntiles, classes, SINK_KEEP);
+    if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
+    run_free_workers(r);
+    return st;
+}
+
+/* ---- forward */
+static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    Worker *w = &p->run->worker[worker];
+    Batch *b = &w->batch;
+    TileRect t = rect_of(p, tile);
+    uint32_t channels = p->run->s->channels, n;
+    uint64_t plane = t.pixels * channels;
+    if (!worker_values(w, plane * p->dirs->n)) return false;
+    select_cull(p, w, &t);
+    Walk k = {.p = p, .t = &t};
+    while ((n = walk_fill(&k, b)))
+        for (uint32_t d = 0; d < p->dirs->n; d++) {
+            b->args.dparams = p->dirs->flt[d];
+            batch_call(b, SLT_K_JVP, n);
+            double *v = w->value + d * plane;
+            for (uint32_t c = 0; c < channels; c++)
+                for (uint32_t i = 0; i < n; i++) v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, channels + c, i);
+        }
+    for (uint32_t d = 0; d < p->dirs->n; d++)
+        for (uint64_t i = 0; i < t.pixels; i++) {
+            float *o = p->out[d] + image_index(p, &t, i) * channels;
+            for (uint32_t c = 0; c < channels; c++) o[c] = (float)(w->value[d * plane + i * channels + c] / p->count);
+        }
+    return true;
+}
+
+SltStatus interior_forward(Run *r, const Directions *dirs, float *const *out) {
+    if (!r->s->jvp) return SLT_OK;
+    Interior p = {.dirs = dirs, .out = out, .classes = 1};
+    plan(&p, r, 0, 32);
+    SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
+    if (st == SLT_OK) st = run_tiles(r, p.ntiles, forward_work, plain_merge, &p);
+    run_free_workers(r);
+    return st;
+}
+
+/* ---- integral */
+typedef struct Total {
+    Run *run;
+    Pattern pattern;
+    uint64_t samples;
+    double weight;           /* of a sample: volume / samples */
+    double *value;
+    double *targets[ACCUMS]; /* by channel; NULL: values only */
+    bool gradient;
+} Total;
+
+static bool total_work(void *user, uint32_t worker, uint64_t tile) {
+    Total *p = user;
+    Worker *w = &p->run->worker[worker];
+    Batch *b = &w->batch;
+    const Grid *g = &p->run->grid;
+    const SltScene *s = p->run->s;
+    uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
+    if (!worker_values(w, s->channels)) return false;
+    b->args.cull = NULL;
+    for (uint64_t at = from; at < to;) {
+        uint32_t n = to - at < BATCH ? (uint32_t)(to - at) : BATCH;
+        for (uint32_t i = 0; i < n; i++, at++) {
+            for (uint32_t d = 0; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, i, grid_place(g, d, 0, pattern_at(&p->pattern, d, at)));
+            batch_set_int(b, SLT_IN_SAMPLE, i, (int32_t)at);
+            if (s->uses_rand) batch_set_stream(b, i, pattern_stream(&p->pattern, at), pattern_at(&p->pattern, g->dim, at));
+        }
+        if (!p->gradient) {
+            batch_call(b, SLT_K_VALUE, n);
+            for (uint32_t c = 0; c < s->channels; c++)
+                for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, c, i);
+            continue;
+        }
+        for (uint32_t c = 0; c < s->channels; c++) {
+            for (uint32_t o = 0; o < s->channels; o++)
+                for (uint32_t i = 0; i < n; i++) batch_set(b, SLT_IN_SEED0 + o, i, o == c ? p->weight : 0);
+            accum_call(&w->acc, b, SLT_K_VJP, n, c);
+        }
+    }
+    accum_close(&w->acc);
+    return !w->acc.failed;
+}
+
+static void total_merge(void *user, uint32_t worker, uint64_t tile) {
+    Total *p = user;
+    Worker *w = &p->run->worker[worker];
+    uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
+    if (p->gradient) accum_merge(&w->acc, p->targets);
+    else
+        for (uint32_t c = 0; c < p->run->s->channels; c++) p->value[c] += p->weight * w->value[c];
+    if (!p->gradient) p->run->stats.samples += to - from;
+    run_collect(p->run, w);
+}
+
+SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient) {
+    const SltScene *s = r->s;
+    Total p = {.run = r, .samples = samples ? samples : 1, .value = value};
+    double volume = 1;
+    for (uint32_t d = 0; d < s->dim; d++) volume *= s->hi[d] - s->lo[d];
+    p.weight = volume / (double)p.samples;
+    pattern_init(&p.pattern, s, r->j->seed, RNG_INTEGRAL, 0, replicate);
+    uint64_t tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
+    for (int pass = value ? 0 : 1; pass < (gradient && s->vjp ? 2 : 1); pass++) {
+        p.gradient = pass == 1;
+        for (uint32_t c = 0; c < s->channels && gradient; c++) p.targets[c] = gradient + (uint64_t)c * s->nfloats;
+        SltStatus st = run_workers(r, tiles, p.gradient ? s->channels : 0, SINK_KEEP);
+        if (st == SLT_OK) st = run_tiles(r, tiles, total_work, total_merge, &p);
+        run_free_workers(r);
+        if (st != SLT_OK) return st;
+    }
+    return SLT_OK;
+}

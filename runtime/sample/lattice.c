@@ -1,0 +1,195 @@
+/* The default estimator: one lattice over the domain, shifted at random as a whole; every vertex owns one segment an axis, so an evaluation of the region serves 2 d segments.
+ *
+ * Along an axis the vertices are 0 (the border), 1 .. n (the lattice), n + 1 (the border): lines are clamped, nothing is evaluated outside the domain. A tile owns the segments that start at
+ * its vertices, and evaluates a halo of one vertex (two and one before with the near-miss probe). */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum { SPAN_MAX = 4096 + 8 };
+
+typedef struct Lattice {
+    Boundary *y;
+    uint32_t n[3], tile[3], tiles[3];
+    double h[3], shift[3], base[3];
+} Lattice;
+
+/* Borders lie two units in the last place inside the domain: a jump exactly on the border is no moving boundary inside it. */
+static double inside(const SltScene *s, double x, double other) {
+    double eps = 2 * (s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * fmax(fabs(x), fabs(other));
+    return x < other ? x + eps : x - eps;
+}
+
+static double position(const Lattice *l, uint32_t axis, uint32_t e) {
+    const SltScene *s = l->y->run->s;
+    if (e == 0) return inside(s, s->lo[axis], s->hi[axis]);
+    if (e == l->n[axis] + 1) return inside(s, s->hi[axis], s->lo[axis]);
+    return s->lo[axis] + (e - 1 + l->shift[axis]) * l->h[axis];
+}
+
+/* What a tile covers: origins [e0, e1), vertices [v0, v0 + vn). */
+typedef struct Span {
+    uint32_t e0[3], e1[3], v0[3], vn[3];
+    uint64_t stride[3];
+    double pos[3][SPAN_MAX];
+} Span;
+
+static void span_of(const Lattice *l, uint64_t tile, Span *sp) {
+    const SltScene *s = l->y->run->s;
+    uint32_t before = s->near_miss ? 1 : 0, after = s->near_miss ? 2 : 1;
+    uint64_t stride = 1;
+    for (uint32_t d = 0; d < 3; d++) {
+        sp->e0[d] = sp->e1[d] = sp->v0[d] = 0, sp->vn[d] = 1, sp->pos[d][0] = 0;
+        sp->stride[d] = stride;
+        if (d >= s->dim) continue;
+        uint32_t t = (uint32_t)(tile % l->tiles[d]), last = l->n[d] + 1;
+        tile /= l->tiles[d];
+        sp->e0[d] = t * l->tile[d];
+        sp->e1[d] = sp->e0[d] + l->tile[d] < last ? sp->e0[d] + l->tile[d] : last;
+        sp->v0[d] = sp->e0[d] > before ? sp->e0[d] - before : 0;
+        uint32_t v1 = sp->e1[d] - 1 + after;
+        if (v1 > last) v1 = last;
+        sp->vn[d] = v1 - sp->v0[d] + 1;
+        for (uint32_t v = 0; v < sp->vn[d]; v++) sp->pos[d][v] = position(l, d, sp->v0[d] + v);
+        stride *= sp->vn[d];
+    }
+}
+
+static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
+    Batch *b = &w->batch;
+    const Grid *g = &l->y->run->grid;
+    uint32_t fill = 0;
+    uint64_t at = 0;
+    for (uint32_t z = 0; z < sp->vn[2]; z++)
+        for (uint32_t y = 0; y < sp->vn[1]; y++) {
+            int32_t row = b->pixels && g->dim > 1 ? (int32_t)(g->n[1] - 1 - grid_cell(g, 1, sp->pos[1][y])) : 0;
+            for (uint32_t x = 0; x < sp->vn[0];) {
+                uint32_t run = sp->vn[0] - x < BATCH - fill ? sp->vn[0] - x : BATCH - fill;
+                for (uint32_t i = 0; i < run; i++) batch_set(b, SLT_IN_X0, fill + i, sp->pos[0][x + i]);
+                if (g->dim > 1)
+                    for (uint32_t i = 0; i < run; i++) batch_set(b, SLT_IN_X1, fill + i, sp->pos[1][y]);
+                if (g->dim > 2)
+                    for (uint32_t i = 0; i < run; i++) batch_set(b, SLT_IN_X2, fill + i, sp->pos[2][z]);
+                if (b->pixels)
+                    for (uint32_t i = 0; i < run; i++) {
+                        batch_set_int(b, SLT_IN_PIXEL0, fill + i, (int32_t)grid_cell(g, 0, sp->pos[0][x + i]));
+                        batch_set_int(b, SLT_IN_PIXEL1, fill + i, row);
+                    }
+                x += run, fill += run;
+                if (fill == BATCH) {
+                    vertices_call(w, fill, at);
+                    at += fill, fill = 0;
+                }
+            }
+        }
+    if (fill) vertices_call(w, fill, at);
+}
+
+/* Segments of one line of the tile, along `axis`, through vertex index `first` (its vertex 0). */
+static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, Segment *s) {
+    Boundary *y = l->y;
+    uint64_t stride = sp->stride[axis];
+    const uint32_t *hash = w->hash + first;
+    const double *pos = sp->pos[axis];
+    bool integral = y->run->grid.integral;
+    w->finder.segments += sp->e1[axis] - sp->e0[axis];
+    for (uint32_t e = sp->e0[axis]; e < sp->e1[axis]; e++) {
+        uint32_t v = e - sp->v0[axis];
+        uint32_t ha = hash[v * stride], hb = hash[(v + 1) * stride];
+        if (ha == hb) continue;
+        s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
+        s->ta = 0, s->tb = 1, s->ha = ha, s->hb = hb, s->depth = 0;
+        if (integral) {
+            uint32_t p = (e & ~1u) - sp->v0[axis];
+            s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride];
+        }
+        finder_push(&w->finder, s);
+    }
+    if (y->run->s->near_miss) {
+        if (integral) s->cls = 0;
+        Line line = {.pos = pos, .first = first, .stride = stride, .n = sp->vn[axis], .from = sp->e0[axis] - sp->v0[axis], .to = sp->e1[axis] - sp->v0[axis],
+                     .at_start = sp->v0[axis] == 0, .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2};
+        near_probe(w, &line, s);
+    }
+    finder_run(&w->finder, false);
+}
+
+static uint8_t coset(const Lattice *l, uint32_t dim, uint32_t p, uint32_t q) {
+    (void)l;
+    return (uint8_t)(dim == 2 ? p & 3 : dim == 3 ? (p & 1) | (q & 1) << 1 : 0);
+}
+
+static bool work(void *user, uint32_t worker, uint64_t tile) {
+    Lattice *l = user;
+    Boundary *y = l->y;
+    Worker *w = &y->run->worker[worker];
+    const SltScene *s = y->run->s;
+    Span sp;
+    span_of(l, tile, &sp);
+    uint64_t total = (uint64_t)sp.vn[0] * sp.vn[1] * sp.vn[2];
+    if (!worker_vertices(w, total)) return false;
+    double lo[3], hi[3];
+    for (int d = 0; d < 3; d++) lo[d] = sp.pos[d][0], hi[d] = sp.pos[d][sp.vn[d] - 1];
+    cull_select(&y->run->cull, &w->cull, &w->batch, lo, hi);
+    if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, lo, hi)) return false;
+    evaluate(l, w, &sp);
+    for (uint32_t axis = 0; axis < s->dim; axis++) {
+        /* Every line: fixed coordinates on the lattice proper, not on the borders. */
+        uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
+        for (uint32_t d = 0; d < s->dim; d++) {
+            from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;
+            to[d] = sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1;
+        }
+        for (uint32_t q = from[b]; q < to[b]; q++)
+            for (uint32_t p = from[a]; p < to[a]; p++) {
+                Segment seg = {.base = l->base[axis], .axis = (int8_t)axis, .cls = y->classes > 1 ? coset(l, s->dim, p, q) : 0};
+                seg.a[a] = seg.b[a] = sp.pos[a][p - sp.v0[a]];
+                seg.a[b] = seg.b[b] = sp.pos[b][q - sp.v0[b]];
+                scan(l, w, &sp, axis, (p - sp.v0[a]) * sp.stride[a] + (q - sp.v0[b]) * sp.stride[b], &seg);
+            }
+    }
+    near_flush(w);
+    finder_run(&w->finder, true);
+    accum_close(&w->acc);
+    return !(w->finder.failed || w->sink.failed || w->acc.failed);
+}
+
+static void merge(void *user, uint32_t worker, uint64_t tile) {
+    Lattice *l = user;
+    (void)tile;
+    boundary_merge(l->y, &l->y->run->worker[worker]);
+}
+
+SltStatus lattice_run(Boundary *y) {
+    const SltScene *s = y->run->s;
+    const Grid *g = &y->run->grid;
+    Lattice l = {.y = y};
+    double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
+    uint64_t tiles = 1;
+    uint32_t shift[4];
+    rng_block(y->run->j->seed, RNG_LATTICE, y->replicate, 0, shift);
+    for (uint32_t d = 0; d < s->dim; d++) {
+        double n = round(per_axis * (g->integral ? 1 : g->n[d]));
+        l.n[d] = n < 1 ? 1 : n > 1e9 ? 1000000000u : (uint32_t)n;
+        l.h[d] = (s->hi[d] - s->lo[d]) / l.n[d];
+        l.shift[d] = rng_unit(shift[d]);
+        /* A tile is about 64 pixels a side, so that a tile's crossings touch few pixels; even, for the pairs of the half-resolution lines. */
+        uint32_t most = s->dim == 1 ? 4096 : s->dim == 2 ? 128 : 24, want = s->dim == 1 ? 4096 : s->dim == 2 ? 64 : 16;
+        if (!g->integral && s->dim > 1) {
+            double t = (s->ncull ? 32 : want) * per_axis;
+            want = t < 8 ? 8 : t > most ? most : (uint32_t)t & ~1u;
+        }
+        if (s->nfloats > 1u << 16 && s->dim < 3 && !s->ncull) want = most;
+        l.tile[d] = want;
+        l.tiles[d] = (l.n[d] + 1 + want - 1) / want;
+        tiles *= l.tiles[d];
+    }
+    for (uint32_t d = 0; d < s->dim; d++) {
+        l.base[d] = 1;
+        for (uint32_t o = 0; o < s->dim; o++)
+            if (o != d) l.base[d] *= l.h[o];
+    }
+    return run_tiles(y->run, tiles, work, merge, &l);
+}

@@ -1,0 +1,154 @@
+/* The near-miss probe: an even number of crossings between two vertices leaves their regions equal and is not seen. Where the same event is the nearest on four vertices in a row
+ * and |g| falls towards the middle edge from both sides, steeply enough that the two lines meet below zero, the region is evaluated once where they meet. For convex |g|
+ * that is exact. At the ends of a line, where a fourth vertex is missing, its slope is the gradient's. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum { READY, SLOPE_START, SLOPE_END };
+
+typedef struct Candidate {
+    Segment s;
+    double g0, g1, s0, s1, len, t;
+    int32_t site, k[SLT_MAX_K];
+    uint8_t kind;
+} Candidate;
+
+typedef struct Probes {
+    Candidate c[FIND];
+    uint32_t n;
+} Probes;
+
+bool near_init(Worker *w) {
+    w->scratch = alloc_zero(1, sizeof(Probes));
+    return w->scratch != NULL;
+}
+
+void vertices_call(Worker *w, uint32_t n, uint64_t at) {
+    Batch *b = &w->batch;
+    const SltScene *s = b->s;
+    batch_call(b, SLT_K_REGION, n);
+    memcpy(w->hash + at, b->args.out[0], n * sizeof *w->hash);
+    if (!s->near_miss) return;
+    const int32_t *site = b->args.out[1];
+    uint32_t depth = s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K;
+    memcpy(w->near_event + at, site, n * sizeof *site);
+    for (uint32_t i = 0; i < n; i++) {
+        w->near_g[at + i] = (float)fabs(batch_get(b, 2, i));
+        w->near_key[at + i] = (uint32_t)site[i] * 0x9e3779b9u;
+    }
+    for (uint32_t d = 0; d < depth; d++) {
+        const int32_t *k = b->args.out[3 + d];
+        memcpy(w->near_event + (d + 1) * w->vertex_cap + at, k, n * sizeof *k);
+        for (uint32_t i = 0; i < n; i++) w->near_key[at + i] = (w->near_key[at + i] ^ (uint32_t)k[i]) * 0x85ebca6bu + 0x165667b1u;
+    }
+}
+
+/* The lines through the outer slopes meet inside the edge, below zero. */
+static bool meets(Candidate *c) {
+    if (!(c->s0 < 0 && c->s1 > 0)) return false;
+    double t = (c->g0 - c->g1 + c->s1 * c->len) / (c->s1 - c->s0);
+    if (!(t > 0 && t < c->len) || !(c->g0 + c->s0 * t < 0)) return false;
+    c->t = t / c->len;
+    return true;
+}
+
+static void add(Worker *w, const Candidate *c) {
+    Probes *p = w->scratch;
+    p->c[p->n++] = *c;
+    if (p->n == FIND) near_flush(w);
+}
+
+void near_probe(Worker *w, const Line *l, const Segment *like) {
+    uint32_t depth = w->batch.s->event_depth < SLT_MAX_K ? w->batch.s->event_depth : SLT_MAX_K;
+    for (uint32_t e = l->from; e < l->to && e + 1 < l->n; e++) {
+        uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
+        uint32_t key = w->near_key[v];
+        if (w->near_key[v1] != key || w->hash[v] != w->hash[v1] || w->near_event[v] < 0) continue;
+        bool before = e > 0, after = e + 2 < l->n;
+        if ((!before && !l->at_start) || (!after && !l->at_end) || (!before && !after)) continue;
+        if (before && w->near_key[v - l->stride] != key) continue;
+        if (after && w->near_key[v1 + l->stride] != key) continue;
+        Candidate c;
+        c.g0 = w->near_g[v], c.g1 = w->near_g[v1], c.len = l->pos[e + 1] - l->pos[e], c.kind = READY;
+        c.s0 = before ? (c.g0 - w->near_g[v - l->stride]) / (l->pos[e] - l->pos[e - 1]) : -HUGE_VAL;
+        c.s1 = after ? (w->near_g[v1 + l->stride] - c.g1) / (l->pos[e + 2] - l->pos[e + 1]) : HUGE_VAL;
+        if (!before) {
+            /* The known side alone must reach zero inside the edge. */
+            if (!(c.s1 > 0) || !(c.g1 - c.s1 * c.len < 0)) continue;
+            c.kind = SLOPE_START;
+        } else if (!after) {
+            if (!(c.s0 < 0) || !(c.g0 + c.s0 * c.len < 0)) continue;
+            c.kind = SLOPE_END;
+        } else if (!meets(&c)) {
+            continue;
+        }
+        c.site = w->near_event[v];
+        if (c.kind != READY && (!w->batch.s->site_grad || w->batch.s->site_kind[c.site] != SLT_SITE_COMPARE)) continue;
+        for (uint32_t d = 0; d < SLT_MAX_K; d++) c.k[d] = d < depth ? w->near_event[(d + 1) * w->vertex_cap + v] : 0;
+        c.s = *like;
+        c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
+        c.s.ta = 0, c.s.tb = 1, c.s.ha = c.s.hb = w->hash[v], c.s.depth = 0;
+        add(w, &c);
+    }
+}
+
+/* Gradients at the ends of lines, one site at a time. */
+static void border_slopes(Worker *w, Probes *p) {
+    Batch *b = &w->batch;
+    uint64_t order[FIND];
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < p->n; i++)
+        if (p->c[i].kind != READY) order[n++] = (uint64_t)(uint32_t)p->c[i].site << 32 | i;
+    sort_keys(order, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        for (to = from + 1; to < n && order[to] >> 32 == order[from] >> 32;) to++;
+        for (uint32_t i = from; i < to; i++) {
+            const Candidate *c = &p->c[(uint32_t)order[i]];
+            batch_set_x(b, i - from, c->kind == SLOPE_START ? c->s.a : c->s.b);
+            batch_set_stream(b, i - from, c->s.stream, c->s.rand0);
+            for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, i - from, c->k[d]);
+            batch_set(b, SLT_IN_AUX, i - from, 0);
+        }
+        b->args.site = p->c[(uint32_t)order[from]].site;
+        batch_call(b, SLT_K_SITE_GRAD, to - from);
+        for (uint32_t i = from; i < to; i++) {
+            Candidate *c = &p->c[(uint32_t)order[i]];
+            double g = batch_get(b, 0, i - from), slope = batch_get(b, 1 + (uint32_t)c->s.axis, i - from);
+            if (g < 0) slope = -slope;
+            if (c->kind == SLOPE_START) c->s0 = slope;
+            else c->s1 = slope;
+            if (meets(c)) c->kind = READY;
+        }
+    }
+}
+
+void near_flush(Worker *w) {
+    Probes *p = w->scratch;
+    Batch *b = &w->batch;
+    uint32_t n = 0;
+    if (!p || !p->n) return;
+    border_slopes(w, p);
+    for (uint32_t i = 0; i < p->n; i++)
+        if (p->c[i].kind == READY) p->c[n++] = p->c[i];
+    for (uint32_t i = 0; i < n; i++) {
+        double x[3];
+        segment_at(&p->c[i].s, p->c[i].t, x);
+        batch_set_x(b, i, x);
+        batch_set_stream(b, i, p->c[i].s.stream, p->c[i].s.rand0);
+    }
+    batch_call(b, SLT_K_REGION, n);
+    for (uint32_t i = 0; i < n; i++) {
+        Segment s = p->c[i].s;
+        uint32_t h = (uint32_t)batch_get_int(b, 0, i);
+        if (h == s.ha) continue;
+        s.tb = p->c[i].t, s.hb = h;
+        finder_push(&w->finder, &s);
+        s.ta = s.tb, s.ha = h, s.tb = 1, s.hb = p->c[i].s.hb;
+        finder_push(&w->finder, &s);
+    }
+    p->n = 0;
+}

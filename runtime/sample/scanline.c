@@ -1,0 +1,182 @@
+/* Scanlines: lines parallel to each axis through a box, each with its own phase and, for shaders that call rand(), its own stream: both ends of every segment of a line see the same numbers, and
+ * the first of them goes by the golden ratio from line to line. In image mode the boxes are tiles of pixels, so that pixels far apart do not share a stream. */
+#include <float.h>
+#include <math.h>
+
+#include "runtime/sample/internal.h"
+
+enum { LINE_CHUNK = 8192, LINE_MAX = 4096 };
+#define GOLDEN 0.61803398874989485
+
+typedef struct Scan {
+    Boundary *y;
+    uint32_t box_pixels, boxes[3]; /* image mode */
+    uint32_t m[3], lines_1d;       /* integral mode: lines a side of the cross-section, probes a line */
+    uint64_t chunk[3], chunks[3], lines[3];
+} Scan;
+
+typedef struct Box {
+    double lo[3], hi[3];
+    uint32_t m[3], lines_1d;
+    uint64_t id;
+} Box;
+
+static uint64_t line_count(const Scan *k, const Box *b, uint32_t axis) {
+    uint64_t n = 1;
+    uint32_t dim = k->y->run->s->dim;
+    if (dim == 1) return b->lines_1d;
+    for (uint32_t d = 0; d < dim; d++)
+        if (d != axis) n *= b->m[d];
+    return n;
+}
+
+static double shrink(const SltScene *s, double x, double other) {
+    double eps = 2 * (s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * fmax(fabs(x), fabs(other));
+    return x < other ? x + eps : x - eps;
+}
+
+/* Where line `l` of the axis runs, and its vertices. */
+static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t l, Segment *seg, double *pos) {
+    const SltScene *s = k->y->run->s;
+    uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->m[axis];
+    rng_block(k->y->run->j->seed, RNG_BOX, lane, b->id, shift);
+    rng_block(k->y->run->j->seed, RNG_LINE, lane, b->id << 32 | l, own);
+    uint64_t rest = l;
+    for (uint32_t d = 0, at = 0; d < s->dim; d++) {
+        if (d == axis) continue;
+        uint64_t i = rest % b->m[d];
+        rest /= b->m[d];
+        seg->a[d] = seg->b[d] = b->lo[d] + (i + rng_unit(shift[at++])) / b->m[d] * (b->hi[d] - b->lo[d]);
+    }
+    seg->stream = s->uses_rand ? (int32_t)own[1] : 0;
+    double u = rng_unit(shift[3]) + GOLDEN * (double)l;
+    seg->rand0 = u - floor(u);
+    double h = (b->hi[axis] - b->lo[axis]) / v, phase = rng_unit(own[0]);
+    pos[0] = shrink(s, b->lo[axis], b->hi[axis]);
+    for (uint32_t i = 0; i < v; i++) pos[i + 1] = b->lo[axis] + (i + phase) * h;
+    pos[v + 1] = shrink(s, b->hi[axis], b->lo[axis]);
+    return v + 2;
+}
+
+static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t from, uint64_t to) {
+    Boundary *y = k->y;
+    Batch *batch = &w->batch;
+    const SltScene *s = y->run->s;
+    double pos[LINE_MAX + 2], area = 1;
+    for (uint32_t d = 0; d < s->dim; d++)
+        if (d != axis) area *= b->hi[d] - b->lo[d];
+    Segment seg = {.axis = (int8_t)axis, .base = area / (double)line_count(k, b, axis)};
+    uint32_t fill = 0, n = 0;
+    uint64_t at = 0;
+    for (uint64_t l = from; l < to; l++) {
+        n = line_place(k, b, axis, l, &seg, pos);
+        for (uint32_t i = 0; i < n; i++) {
+            double x[3] = {seg.a[0], seg.a[1], seg.a[2]};
+            x[axis] = pos[i];
+            batch_set_x(batch, fill, x);
+            batch_set_stream(batch, fill, seg.stream, seg.rand0);
+            if (++fill == BATCH) vertices_call(w, fill, at), at += fill, fill = 0;
+        }
+    }
+    if (fill) vertices_call(w, fill, at);
+    for (uint64_t l = from; l < to; l++) {
+        n = line_place(k, b, axis, l, &seg, pos);
+        uint64_t first = (l - from) * n;
+        const uint32_t *hash = w->hash + first;
+        w->finder.segments += n - 1;
+        for (uint32_t e = 0; e + 1 < n; e++) {
+            if (hash[e] == hash[e + 1]) continue;
+            seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
+            seg.ta = 0, seg.tb = 1, seg.ha = hash[e], seg.hb = hash[e + 1], seg.depth = 0;
+            if (y->run->grid.integral) seg.cls = (e | 1u) + 1 < n && hash[e & ~1u] == hash[(e & ~1u) + 2];
+            else seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
+            finder_push(&w->finder, &seg);
+        }
+        if (s->near_miss) {
+            seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);
+            Line line = {.pos = pos, .first = first, .stride = 1, .n = n, .from = 0, .to = n - 1, .at_start = true, .at_end = true};
+            near_probe(w, &line, &seg);
+        }
+        finder_run(&w->finder, false);
+    }
+    near_flush(w);
+    finder_run(&w->finder, true);
+}
+
+static bool work(void *user, uint32_t worker, uint64_t tile) {
+    Scan *k = user;
+    Boundary *y = k->y;
+    Worker *w = &y->run->worker[worker];
+    const SltScene *s = y->run->s;
+    const Grid *g = &y->run->grid;
+    Box box = {.id = tile, .lines_1d = k->lines_1d};
+    uint32_t axis = 0;
+    uint64_t chunk = 0;
+    if (g->integral) {
+        box.id = 0;
+        for (chunk = tile; chunk >= k->chunks[axis]; axis++) chunk -= k->chunks[axis];
+        for (uint32_t d = 0; d < s->dim; d++) box.lo[d] = s->lo[d], box.hi[d] = s->hi[d], box.m[d] = k->m[d];
+    } else {
+        double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
+        for (uint32_t d = 0; d < s->dim; d++) {
+            uint32_t t = (uint32_t)(tile % k->boxes[d]), p0 = t * k->box_pixels;
+            uint32_t p1 = p0 + k->box_pixels < g->n[d] ? p0 + k->box_pixels : g->n[d];
+            tile /= k->boxes[d];
+            box.lo[d] = s->lo[d] + p0 * g->side[d], box.hi[d] = p1 == g->n[d] ? s->hi[d] : s->lo[d] + p1 * g->side[d];
+            double m = round((p1 - p0) * (s->dim == 1 ? 2 : per_axis));
+            box.m[d] = m < 1 ? 1 : m > LINE_MAX ? LINE_MAX : (uint32_t)m;
+        }
+    }
+    cull_select(&y->run->cull, &w->cull, &w->batch, box.lo, box.hi);
+    if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, box.lo, box.hi)) return false;
+    for (uint32_t a = g->integral ? axis : 0; a < (g->integral ? axis + 1 : s->dim); a++) {
+        uint64_t lines = line_count(k, &box, a), per = g->integral ? k->chunk[a] : LINE_CHUNK / (box.m[a] + 2) + 1;
+        uint64_t from = g->integral ? chunk * per : 0, end = g->integral && from + per < lines ? from + per : lines;
+        for (; from < end; from += per) {
+            uint64_t to = from + per < end ? from + per : end;
+            if (!worker_vertices(w, (to - from) * (box.m[a] + 2))) return false;
+            scan_lines(k, w, &box, a, from, to);
+        }
+    }
+    accum_close(&w->acc);
+    return !(w->finder.failed || w->sink.failed || w->acc.failed);
+}
+
+static void merge(void *user, uint32_t worker, uint64_t tile) {
+    Scan *k = user;
+    (void)tile;
+    boundary_merge(k->y, &k->y->run->worker[worker]);
+}
+
+SltStatus scanline_run(Boundary *y) {
+    const SltScene *s = y->run->s;
+    const Grid *g = &y->run->grid;
+    Scan k = {.y = y, .lines_1d = 1};
+    uint64_t tiles = 1;
+    if (s->dim == 1 && !s->uses_rand) return lattice_run(y); /* one line is all there is */
+    if (g->integral) {
+        double m = round(pow(y->segments / s->dim, 1.0 / s->dim));
+        if (s->dim == 1) {
+            /* Lines differ by their random numbers only. */
+            m = fmax(16, round(sqrt(y->segments)));
+            k.lines_1d = (uint32_t)fmin(fmax(1, round(y->segments / m)), 1e9);
+        }
+        tiles = 0;
+        for (uint32_t d = 0; d < s->dim; d++) k.m[d] = m < 1 ? 1 : m > LINE_MAX ? LINE_MAX : (uint32_t)m;
+        Box b = {.m = {k.m[0], k.m[1], k.m[2]}, .lines_1d = k.lines_1d};
+        for (uint32_t d = 0; d < s->dim; d++) {
+            k.lines[d] = line_count(&k, &b, d);
+            k.chunk[d] = LINE_CHUNK / (k.m[d] + 2) + 1;
+            k.chunks[d] = (k.lines[d] + k.chunk[d] - 1) / k.chunk[d];
+            tiles += k.chunks[d];
+        }
+    } else {
+        k.box_pixels = s->dim == 1 ? 64 : s->dim == 2 ? 16 : 8;
+        if (s->dim == 1) k.lines_1d = (uint32_t)fmin(fmax(1, round(y->segments / 2)), 1e6);
+        for (uint32_t d = 0; d < s->dim; d++) {
+            k.boxes[d] = (g->n[d] + k.box_pixels - 1) / k.box_pixels;
+            tiles *= k.boxes[d];
+        }
+    }
+    return run_tiles(y->run, tiles, work, merge, &k);
+}

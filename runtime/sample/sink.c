@@ -1,0 +1,238 @@
+/* What becomes of crossings: weights, then adjoints, tangents or a list. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g) {
+    memset(k, 0, sizeof *k);
+    k->kind = kind, k->b = b, k->acc = acc, k->f = f, k->grid = g, k->classes = 1;
+    for (int d = 0; d < 3; d++) k->scale[d] = g ? g->side[d] : 1;
+    k->order = malloc(BATCH * sizeof *k->order);
+    return k->order != NULL;
+}
+
+void sink_free(Sink *k) {
+    free(k->order), free(k->splat), free(k->count), free(k->kept);
+    memset(k, 0, sizeof *k);
+}
+
+static void put(Sink *k, uint32_t lane, const Crossing *c) {
+    Batch *b = k->b;
+    batch_set_x(b, lane, c->x);
+    batch_set_stream(b, lane, c->stream, c->rand0);
+    for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, c->k[d]);
+    batch_set(b, SLT_IN_AUX, lane, c->aux);
+}
+
+/* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random segment: base / |grad g|, with the
+ * jump turned towards growing g. */
+static bool weigh(Sink *k, Crossing *c) {
+    uint32_t dim = k->b->s->dim;
+    double scaled = 0, plain = 0, along = 0;
+    for (uint32_t d = 0; d < dim; d++) {
+        double v = k->scale[d] * c->dg[d];
+        scaled += v * v, plain += c->dg[d] * c->dg[d];
+        along += c->dg[d] * c->direction[d];
+    }
+    SltDrop reason;
+    if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
+    else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
+    /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. */
+    else if (fabs(c->ga) + fabs(c->gb) > 32 * sqrt(plain) * c->bracket) reason = SLT_DROP_INCONSISTENT;
+    else {
+        if (c->axis >= 0) c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
+        else c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
+        if (isfinite(c->weight)) return true;
+        reason = SLT_DROP_NOT_FINITE;
+    }
+    k->f->dropped[reason]++;
+    return false;
+}
+
+void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
+    Batch *b = k->b;
+    for (uint32_t i = 0; i < n; i++) put(k, i, &c[(uint32_t)order[i]]);
+    batch_call(b, SLT_K_SITE_GRAD, n);
+    for (uint32_t i = 0; i < n; i++) {
+        Crossing *x = &c[(uint32_t)order[i]];
+        x->g = batch_get(b, 0, i);
+        for (uint32_t d = 0; d < b->s->dim; d++) x->dg[d] = batch_get(b, 1 + d, i);
+        keep[i] = weigh(k, x);
+    }
+}
+
+/* ---- the rectangle of pixels that a tile's crossings can reach */
+bool sink_rect(Sink *k, const double lo[3], const double hi[3]) {
+    const Grid *g = k->grid;
+    uint64_t pixels = 1;
+    for (uint32_t d = 0; d < 3; d++) {
+        k->rect_lo[d] = 0, k->rect_n[d] = 1;
+        if (d >= g->dim) continue;
+        double reach = (g->filter == SLT_FILTER_BOX ? 1 : g->radius + 1) * g->side[d];
+        uint32_t a = grid_cell(g, d, lo[d] - reach), b = grid_cell(g, d, hi[d] + reach);
+        k->rect_lo[d] = a, k->rect_n[d] = b - a + 1;
+        pixels *= k->rect_n[d];
+    }
+    uint64_t need = pixels * k->dirs->n * k->b->s->channels;
+    if (need > k->splat_cap) {
+        free(k->splat), free(k->count);
+        k->splat = malloc(need * sizeof *k->splat);
+        k->count = malloc(pixels * sizeof *k->count);
+        k->splat_cap = k->splat && k->count ? need : 0;
+        if (!k->splat_cap) {
+            k->failed = true;
+            return false;
+        }
+    }
+    memset(k->splat, 0, need * sizeof *k->splat);
+    memset(k->count, 0, pixels * sizeof *k->count);
+    return true;
+}
+
+/* Adds value[channels] times the filters' weights at x to direction dir. */
+static void splat(Sink *k, const double x[3], uint32_t dir, const double *value) {
+    const Grid *g = k->grid;
+    uint32_t channels = k->b->s->channels, first[3] = {0}, n[3] = {1, 1, 1};
+    double w[3][GRID_REACH] = {{1}, {1}, {1}};
+    for (uint32_t d = 0; d < g->dim; d++) n[d] = grid_reach(g, d, x[d], &first[d], w[d]);
+    double *base = k->splat + (uint64_t)dir * k->rect_n[0] * k->rect_n[1] * k->rect_n[2] * channels;
+    for (uint32_t z = 0; z < n[2]; z++)
+        for (uint32_t y = 0; y < n[1]; y++)
+            for (uint32_t i = 0; i < n[0]; i++) {
+                uint64_t rx = first[0] + i - k->rect_lo[0], ry = first[1] + y - k->rect_lo[1], rz = first[2] + z - k->rect_lo[2];
+                if (rx >= k->rect_n[0] || ry >= k->rect_n[1] || rz >= k->rect_n[2]) continue;
+                double *to = base + ((rz * k->rect_n[1] + ry) * k->rect_n[0] + rx) * channels, weight = w[0][i] * w[1][y] * w[2][z];
+                for (uint32_t c = 0; c < channels; c++) to[c] += weight * value[c];
+            }
+}
+
+static void count_crossing(Sink *k, const double x[3]) {
+    uint64_t r[3];
+    for (uint32_t d = 0; d < 3; d++) {
+        r[d] = grid_cell(k->grid, d, x[d]) - k->rect_lo[d];
+        if (r[d] >= k->rect_n[d]) return;
+    }
+    k->count[(r[2] * k->rect_n[1] + r[1]) * k->rect_n[0] + r[0]] += 1;
+}
+
+void sink_merge_splat(Sink *k, float *const *out, float *crossings) {
+    const Grid *g = k->grid;
+    uint32_t channels = k->b->s->channels;
+    uint64_t pixels = (uint64_t)k->rect_n[0] * k->rect_n[1] * k->rect_n[2];
+    for (uint32_t z = 0; z < k->rect_n[2]; z++)
+        for (uint32_t y = 0; y < k->rect_n[1]; y++) {
+            uint64_t to = grid_index(g, k->rect_lo[0], k->rect_lo[1] + y, k->rect_lo[2] + z);
+            uint64_t from = ((uint64_t)z * k->rect_n[1] + y) * k->rect_n[0];
+            for (uint32_t d = 0; d < k->dirs->n; d++) {
+                const double *v = k->splat + (d * pixels + from) * channels;
+                float *o = out[d] + to * channels;
+                for (uint64_t i = 0; i < (uint64_t)k->rect_n[0] * channels; i++)
+                    if (v[i] != 0) o[i] = (float)((double)o[i] + v[i]);
+            }
+            if (crossings)
+                for (uint32_t i = 0; i < k->rect_n[0]; i++) crossings[to + i] += k->count[from + i];
+        }
+}
+
+/* ---- one group of one site and class, weights known, order[] packed */
+static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, bool missed) {
+    uint32_t channels = k->b->s->channels;
+    for (uint32_t ch = 0; ch < channels; ch++) {
+        bool any = false;
+        for (uint32_t i = 0; i < n; i++) {
+            const Crossing *x = &c[(uint32_t)order[i]];
+            put(k, i, x);
+            double seed = x->weight * x->jump[ch];
+            any |= seed != 0;
+            batch_set(k->b, SLT_IN_SEED0, i, seed);
+        }
+        if (!any) continue;
+        accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, ch);
+        if (missed) accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, channels + ch);
+    }
+}
+
+static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t cls) {
+    uint32_t channels = k->b->s->channels, used = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        double a[SLT_MAX_CHANNELS], seed = 0;
+        grid_gather(k->grid, k->adjoint, channels, x->x, a);
+        for (uint32_t ch = 0; ch < channels; ch++) seed += a[ch] * x->jump[ch];
+        if (seed == 0) continue; /* no pixel asks for it */
+        put(k, used, x);
+        batch_set(k->b, SLT_IN_SEED0, used++, seed * x->weight);
+    }
+    accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, cls);
+}
+
+static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
+    Batch *b = k->b;
+    uint32_t channels = b->s->channels;
+    for (uint32_t i = 0; i < n; i++) count_crossing(k, c[(uint32_t)order[i]].x);
+    for (uint32_t d = 0; d < k->dirs->n; d++) {
+        for (uint32_t i = 0; i < n; i++) put(k, i, &c[(uint32_t)order[i]]);
+        b->args.dparams = k->dirs->flt[d];
+        batch_call(b, SLT_K_SITE_JVP, n);
+        for (uint32_t i = 0; i < n; i++) {
+            const Crossing *x = &c[(uint32_t)order[i]];
+            double gdot = batch_get(b, 1, i), value[SLT_MAX_CHANNELS];
+            if (gdot == 0) continue;
+            for (uint32_t ch = 0; ch < channels; ch++) value[ch] = x->weight * x->jump[ch] * gdot;
+            splat(k, x->x, d, value);
+        }
+    }
+}
+
+static void keep_all(Sink *k, const Crossing *c, uint32_t n) {
+    if (k->nkept + n > k->kept_cap) {
+        uint64_t cap = 2 * (k->nkept + n);
+        Crossing *more = realloc(k->kept, cap * sizeof *more);
+        if (!more) {
+            k->failed = true;
+            return;
+        }
+        k->kept = more, k->kept_cap = cap;
+    }
+    memcpy(k->kept + k->nkept, c, n * sizeof *c);
+    k->nkept += n;
+}
+
+static uint32_t clip(const Sink *k, Crossing *c, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        bool inside = true;
+        for (uint32_t d = 0; d < k->grid->dim; d++) inside &= c[i].x[d] >= k->grid->lo[d] && c[i].x[d] <= k->grid->hi[d];
+        if (inside) c[kept++] = c[i];
+    }
+    return kept;
+}
+
+void sink_take(void *sink, Crossing *c, uint32_t n) {
+    Sink *k = sink;
+    if (k->clip) n = clip(k, c, n);
+    if (k->kind == SINK_KEEP) {
+        keep_all(k, c, n);
+        return;
+    }
+    for (uint32_t i = 0; i < n; i++) k->order[i] = (uint64_t)(uint32_t)c[i].site << 40 | (uint64_t)c[i].cls << 32 | i;
+    sort_keys(k->order, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        for (to = from + 1; to < n && k->order[to] >> 32 == k->order[from] >> 32;) to++;
+        bool keep[BATCH];
+        k->b->args.site = c[(uint32_t)k->order[from]].site;
+        uint32_t cls = c[(uint32_t)k->order[from]].cls, kept = 0;
+        sink_weigh(k, c, k->order + from, to - from, keep);
+        for (uint32_t i = from; i < to; i++)
+            if (keep[i - from]) k->order[from + kept++] = k->order[i];
+        if (!kept) continue;
+        switch (k->kind) {
+        case SINK_INTEGRAL: emit_integral(k, c, k->order + from, kept, cls != 0); break;
+        case SINK_REVERSE: emit_reverse(k, c, k->order + from, kept, k->classes > 1 ? cls : 0); break;
+        case SINK_FORWARD: emit_forward(k, c, k->order + from, kept); break;
+        case SINK_KEEP: break;
+        }
+    }
+}
