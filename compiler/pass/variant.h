@@ -20,4 +20,7 @@ void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const 
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
+/* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
+Inst *variant_provenance(PassCtx *ctx, Fn *fn);
+
 #endif

@@ -1,6 +1,6 @@
 /* region (the paper's piecewise-constant variant): a hash of the decisions, so that two points with equal hashes see one continuous piece of f.
  *
- * Path hash: the keys of the events whose decision is true, combined by xor; integer-valued sites mix their integer in. All colour arithmetic dies in the
+ * By default the provenance hash of variant_provenance.c. Path hash (programs with local arrays, or on request): the keys of the events whose decision is true, combined by xor; integer-valued sites mix their integer in. All colour arithmetic dies in the
  * slice. With `near_miss` the record also carries the event with the smallest |g| that was executed: the runtime's probe for features
  * thinner than the spacing looks at it on neighbouring samples. */
 #include <string.h>
@@ -25,16 +25,28 @@ static bool hash_at(Thread *t, Inst *i) {
     return true;
 }
 
-Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o) {
-    (void)ctx, (void)o;
-    Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-    Thread t = {.fn = fn, .n = 1, .at = hash_at, .touches = touches_site};
-    t.value[0] = ir_consti(&b, 0);
-    thread_block(&t, fn->body);
-    return t.value[0];
+/* Sites of skipped loops only: their decision is used before them, so no provenance leads through them. */
+static bool touches_skipped(Thread *t, const Inst *i) { return variant_is_site(i) && variant_site_info(t->fn, i)->skip_loop; }
+
+static bool has_skipped(const Fn *fn) {
+    for (uint32_t s = 0; s < fn->nsites; s++)
+        if (fn->sites[s].skip_loop) return true;
+    return false;
 }
 
-/* ---- near miss: value = hash, best |g|, signed g there, site, k0.. */
+Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o) {
+    Inst *origin = o->path_hash ? NULL : variant_provenance(ctx, fn);
+    if (origin && !has_skipped(fn)) return origin;
+    Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
+    Thread t = {.fn = fn, .n = 1, .at = hash_at, .touches = origin ? touches_skipped : touches_site};
+    t.value[0] = ir_consti(&b, 0);
+    thread_block(&t, fn->body);
+    if (!origin) return t.value[0];
+    b = ir_before(fn, fn->body->last);
+    return ir_emit2(&b, OP_ixor, origin, t.value[0]);
+}
+
+/* ---- near miss: best |g|, signed g there, site, k0.. */
 typedef struct Near {
     uint32_t depth;
 } Near;
@@ -53,14 +65,13 @@ static bool near_at(Thread *t, Inst *i) {
     Near *near = t->user;
     Builder b = ir_after(t->fn, i);
     b.fold = true;
-    t->value[0] = ir_emit2(&b, OP_ixor, t->value[0], site_hash(&b, i));
     Inst *g = near_g(&b, t->fn, i), *mag = ir_emit1(&b, OP_fabs, g);
-    Inst *closer = ir_emit2(&b, OP_flt, mag, t->value[1]);
-    t->value[1] = ir_select(&b, closer, mag, t->value[1]);
-    t->value[2] = ir_select(&b, closer, g, t->value[2]);
-    t->value[3] = ir_select(&b, closer, ir_consti(&b, (int32_t)i->imm.i), t->value[3]);
+    Inst *closer = ir_emit2(&b, OP_flt, mag, t->value[0]);
+    t->value[0] = ir_select(&b, closer, mag, t->value[0]);
+    t->value[1] = ir_select(&b, closer, g, t->value[1]);
+    t->value[2] = ir_select(&b, closer, ir_consti(&b, (int32_t)i->imm.i), t->value[2]);
     for (uint32_t d = 0; d < near->depth; d++)
-        t->value[4 + d] = ir_select(&b, closer, d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&b, 0), t->value[4 + d]);
+        t->value[3 + d] = ir_select(&b, closer, d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&b, 0), t->value[3 + d]);
     return true;
 }
 
@@ -81,22 +92,21 @@ static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "nea
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);
     opt_dce(ctx, fn); /* sites that reach no output are no events */
+    Inst *hash = variant_hash(ctx, fn, o);
     if (!o->near_miss) {
-        Inst *hash = variant_hash(ctx, fn, o);
         variant_outputs(fn, 1, &hash, (const char *[]){"hash"});
     } else {
         Near near = {max_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-        Thread t = {.fn = fn, .n = 4 + near.depth, .at = near_at, .touches = touches_site, .user = &near};
-        t.value[0] = ir_consti(&b, 0);
-        t.value[1] = ir_constf(&b, __builtin_inf());
-        t.value[2] = ir_constf(&b, 0);
-        t.value[3] = ir_consti(&b, -1);
-        for (uint32_t d = 0; d < near.depth; d++) t.value[4 + d] = ir_consti(&b, 0);
+        Thread t = {.fn = fn, .n = 3 + near.depth, .at = near_at, .touches = touches_site, .user = &near};
+        t.value[0] = ir_constf(&b, __builtin_inf());
+        t.value[1] = ir_constf(&b, 0);
+        t.value[2] = ir_consti(&b, -1);
+        for (uint32_t d = 0; d < near.depth; d++) t.value[3 + d] = ir_consti(&b, 0);
         thread_block(&t, fn->body);
-        Inst *out[3 + IR_MAX_SITE_DEPTH] = {t.value[0], t.value[3], t.value[2]};
+        Inst *out[3 + IR_MAX_SITE_DEPTH] = {hash, t.value[2], t.value[1]};
         const char *names[3 + IR_MAX_SITE_DEPTH] = {"hash", "near_site", "near_g"};
-        for (uint32_t d = 0; d < near.depth; d++) out[3 + d] = t.value[4 + d], names[3 + d] = near_k[d];
+        for (uint32_t d = 0; d < near.depth; d++) out[3 + d] = t.value[3 + d], names[3 + d] = near_k[d];
         variant_outputs(fn, 3 + near.depth, out, names);
     }
     variant_drop_sites(fn);
