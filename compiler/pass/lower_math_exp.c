@@ -128,8 +128,8 @@ static Inst *odd_sum(Gen *g, Inst *x, Inst *x2, Inst *p) { return mad(g, mul(g, 
 Inst *math_sinh(Gen *g, Inst *x) {
     Inst *a = op1(g, OP_fabs, x), *x2 = mul(g, x, x);
     Inst *h = math_exp(g, a, EXP_CLAMP_HIGH, -1);
-    Inst *far = op2(g, OP_fcopysign, sub(g, h, op2(g, OP_fdiv, num(g, 0.25), h)), x);
-    return sel(g, less(g, a, num(g, 1)), ODD(g, sinh, x), far);
+    Inst *far = sub(g, h, op2(g, OP_fdiv, num(g, 0.25), h));
+    return op2(g, OP_fcopysign, sel(g, less(g, a, num(g, 1)), ODD(g, sinh, a), far), x);
 }
 
 Inst *math_cosh(Gen *g, Inst *x) {
@@ -141,7 +141,8 @@ Inst *math_tanh(Gen *g, Inst *x) {
     Inst *a = op1(g, OP_fabs, x), *x2 = mul(g, x, x);
     Inst *e = math_exp(g, add(g, a, a), EXP_CLAMP_HIGH, 0);
     Inst *far = sub(g, num(g, 1), op2(g, OP_fdiv, num(g, 2), add(g, e, num(g, 1))));
-    return sel(g, less(g, a, num(g, g->f64 ? 0.55 : 0.625)), ODD(g, tanh, x), op2(g, OP_fcopysign, far, x));
+    Inst *near = ODD(g, tanh, a);
+    return op2(g, OP_fcopysign, sel(g, less(g, a, num(g, g->f64 ? 0.55 : 0.625)), near, far), x);
 }
 
 /* erf: odd polynomial near 0, elsewhere 1 - 2^q(|x|), q fitted to log2(erfc). */

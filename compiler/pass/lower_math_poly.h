@@ -5,7 +5,7 @@
 /* pi and ln 2 in parts: for targets with fma full parts, without it parts short enough that multiples stay exact. */
 static const double pi_fma_32[] = {0x1.921fb60000000p+1, -0x1.777a5c0000000p-24, -0x1.ee59da0000000p-49};
 static const double pi_fma_64[] = {0x1.921fb54442d18p+1, 0x1.1a62633145c07p-53, -0x1.f1976b7ed8fbcp-109};
-static const double pi_split_32[] = {0x1.9200000000000p+1, 0x1.fb00000000000p-11, 0x1.5100000000000p-21, 0x1.0b4611a626331p-33};
+static const double pi_split_32[] = {0x1.9200000000000p+1, 0x1.fa00000000000p-11, 0x1.5400000000000p-19, 0x1.1000000000000p-29, 0x1.68c234c4c6629p-38};
 static const double pi_split_64[] = {0x1.921fb54400000p+1, 0x1.0b4611a600000p-33, 0x1.3198a2e000000p-68, 0x1.b839a252049c1p-103};
 static const double ln2_fma_32[] = {0x1.62e4300000000p-1, -0x1.05c6100000000p-29};
 static const double ln2_fma_64[] = {0x1.62e42fefa39efp-1, 0x1.abc9e3b39803fp-56};

@@ -48,8 +48,7 @@ static Inst *log2_two(Gen *g, Inst *x, Inst **low) {
         tail = mad(g, mul(g, s, s2), math_poly(g, pow_32, sizeof pow_32 / sizeof *pow_32, s2, 1), tail);
         sum = fast_two_sum(g, e, lead, &sum_low);
     }
-    *low = add(g, sum_low, tail);
-    return sum;
+    return fast_two_sum(g, sum, add(g, sum_low, tail), low); /* low becomes small: exp2 rounds by the sum alone */
 }
 
 Inst *math_pow(Gen *g, Inst *x, Inst *y) {

@@ -9,7 +9,7 @@ static const double magic_32 = 12582912.0; /* 1.5 * 2^23 */
 
 static Inst *reduce_by_pi(Gen *g, Inst *x, Inst *k, double factor) {
     if (g->f64) return math_reduce(g, x, k, g->fma ? pi_fma_64 : pi_split_64, g->fma ? 3 : 4, factor);
-    return math_reduce(g, x, k, g->fma ? pi_fma_32 : pi_split_32, g->fma ? 3 : 4, factor);
+    return math_reduce(g, x, k, g->fma ? pi_fma_32 : pi_split_32, g->fma ? 3 : 5, factor);
 }
 
 /* r + r^3 P(r^2) */
@@ -103,7 +103,7 @@ Inst *math_acos(Gen *g, Inst *x) {
 
 /* atan(n/d) for 0 <= n <= d. f64 turns ratios above tan(pi/8) by pi/4 within the one division: the polynomial on [0, 1] would need twice
  * the coefficients. */
-static Inst *atan_ratio(Gen *g, Inst *n, Inst *d, Op divide) {
+static Inst *atan_ratio(Gen *g, Inst *n, Inst *d) {
     Inst *turn = NULL;
     if (g->f64) {
         turn = less(g, scale(g, d, 0.41421356237309503), n);
@@ -111,7 +111,7 @@ static Inst *atan_ratio(Gen *g, Inst *n, Inst *d, Op divide) {
         d = sel(g, turn, add(g, n, d), d);
         n = n2;
     }
-    Inst *t = op2(g, divide, n, d);
+    Inst *t = op2(g, OP_fdiv, n, d);
     Inst *t2 = mul(g, t, t);
     Inst *p = odd_sum(g, t, t2, POLY(g, atan, t2));
     return turn ? add(g, p, sel(g, turn, num(g, pi_value / 4), num(g, 0))) : p;
@@ -122,7 +122,7 @@ Inst *math_atan(Gen *g, Inst *x) {
     Inst *swap = less(g, one, a);
     Inst *n = op2(g, OP_fmin, a, one), *d = op2(g, OP_fmax, one, a); /* NaN: n is NaN, d is 1 */
     if (g->f64) d = op2(g, OP_fmin, d, num(g, 1e300)); /* n + d and n - d stay finite */
-    Inst *p = atan_ratio(g, n, d, OP_fdiv);
+    Inst *p = atan_ratio(g, n, d);
     return op2(g, OP_fcopysign, sel(g, swap, sub(g, num(g, pi_value / 2), p), p), x);
 }
 
@@ -132,15 +132,16 @@ Inst *math_atan2(Gen *g, Inst *y, Inst *x) {
     Inst *n = sel(g, swap, ax, ay), *d = sel(g, swap, ay, ax); /* a NaN on either side reaches the ratio */
     Inst *inf = num(g, INFINITY);
     Inst *both_inf = op2(g, OP_feq, n, inf);
-    n = sel(g, both_inf, num(g, 1), n); /* inf/inf counts as 1 */
-    d = sel(g, both_inf, num(g, 1), d);
+    n = sel(g, both_inf, num(g, 1), n); /* inf/inf counts as 1, 0/0 as 0; a NaN in d stays */
+    d = sel(g, both_inf, op2(g, OP_fmin, d, num(g, 1)), d);
+    d = sel(g, op2(g, OP_feq, d, num(g, 0)), num(g, 1), d);
     if (g->f64) {
         Inst *huge = less(g, num(g, 0x1p1000), d);
         Inst *by = sel(g, huge, num(g, 0x1p-100), num(g, 1));
         n = mul(g, n, by);
         d = mul(g, d, by);
     }
-    Inst *p = atan_ratio(g, n, d, OP_zdiv); /* 0/0 counts as 0 */
+    Inst *p = atan_ratio(g, n, d);
     p = sel(g, swap, sub(g, num(g, pi_value / 2), p), p);
     Inst *left = less(g, op2(g, OP_fcopysign, num(g, 1), x), num(g, 0)); /* -0 too */
     p = sel(g, left, sub(g, num(g, pi_value), p), p);

@@ -180,7 +180,7 @@ p32.append(round32(pi - p32[0]))
 p32.append(round32(pi - p32[0] - p32[1]))
 print('static const double pi_fma_32[] = {' + ', '.join(float(p).hex() for p in p32) + '};')
 parts('pi_fma_64', pi, 0, 3)
-parts('pi_split_32', pi, 9, 4)
+parts('pi_split_32', pi, 8, 5)
 parts('pi_split_64', pi, 33, 4)
 l32 = [round32(LN2)]
 l32.append(round32(LN2 - l32[0]))

@@ -212,7 +212,7 @@ static void edges(Precision p, bool fma) {
                 continue;
             }
             if (fabsl(want) < (f32 ? 2e-38L : 4e-308L)) { /* zero, or a subnormal that may be zero: the sign holds */
-                if (fabs(got) < (f32 ? 2e-38 : 4e-308) && (want != 0 || signbit(got) == signbit(want) || c->op == OP_fsin || c->op == OP_ftan)) continue;
+                if (fabs(got) < (f32 ? 2e-38 : 4e-308) && (want != 0 || !signbit(got) == !signbit(want) || c->op == OP_fsin || c->op == OP_ftan)) continue;
                 bad = true;
                 printf("%s %s(%g, %g) = %g, not %Lg\n", f32 ? "f32" : "f64", ir_ops[c->op].name, x, y, got, want);
                 continue;
@@ -240,14 +240,14 @@ static void test_edges(void **state) {
 static void test_overflow(void **state) {
     (void)state;
     Data *d = malloc(sizeof *d);
-    const double f32_points[] = {88.72, 88.73, 89.5, 1e30, -87.0, -90, -1e30};
+    const double f32_points[] = {88.72, 88.73, 89.5, 1e30, -86.9, -90, -1e30};
     d->n = 7;
     memcpy(d->x, f32_points, sizeof f32_points);
     memset(d->y, 0, sizeof d->y);
     evaluate(OP_fexp, PREC_F32, true, d);
     assert_true(isfinite(d->out[0]) && d->out[0] > 3.3e38);
     assert_true(isinf(d->out[1]) && isinf(d->out[2]) && isinf(d->out[3]));
-    assert_true(d->out[4] > 1.6e-38 && d->out[5] == 0 && d->out[6] == 0);
+    assert_true(d->out[4] > 1.8e-38 && d->out[5] == 0 && d->out[6] == 0);
     const double f64_points[] = {709.78, 709.79, 750, 1e300, -708.0, -746, -1e300};
     memcpy(d->x, f64_points, sizeof f64_points);
     evaluate(OP_fexp, PREC_F64, true, d);
