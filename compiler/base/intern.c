@@ -2,6 +2,7 @@
 #include "compiler/base/session.h"
 
 #include <string.h>
+#include <strings.h>
 
 #include "compiler/base/base_internal.h"
 
@@ -89,7 +90,7 @@ const char *suggest_nearest(const char *name, const char *const *names, uint32_t
         if (!names[i]) continue;
         size_t m = strnlen(names[i], SUGGEST_MAX + 1);
         if (m == 0 || m > SUGGEST_MAX) continue;
-        int d = distance(name, (int)len, names[i], (int)m);
+        int d = !strcmp(name, names[i]) ? 0 : !strcasecmp(name, names[i]) ? 1 : distance(name, (int)len, names[i], (int)m);
         /* Two names that share nothing are not near, however short. */
         size_t shorter = len < m ? len : m;
         if (d > limit || d >= 2 * (int)shorter) continue;

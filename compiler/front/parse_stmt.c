@@ -407,7 +407,7 @@ Stmt *parse_statement(Parser *p) {
     Stmt *st;
     if (marked && (starts_file_scope(p->tok.kind) || parse_at(p, TOK_RBRACE) || parse_at(p, TOK_EOF))) {
         /* `[Domain(…)] shader …` behind an unclosed function; the block sees the keyword next. */
-        if (!starts_file_scope(p->tok.kind))
+        if (parse_at(p, TOK_RBRACE))
             parse_complain(p, DIAG_bad_attribute, attrs.data[0].span, "this attribute marks nothing: no statement follows");
         st = new_stmt(p, S_EMPTY, span);
     } else {

@@ -196,7 +196,7 @@ static void deep(void **state) {
     put(f, "m300.salt", "");
     Loaded l = load(f);
     assert_int_equal(l.s->nerrors, 1);
-    assert_non_null(strstr(l.text, "imports are nested deeper than 256 [E0505]"));
+    assert_non_null(strstr(l.text, "imports are nested deeper than 256 [E0524]"));
     unload(&l);
 }
 
