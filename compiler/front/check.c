@@ -127,7 +127,13 @@ const char *suggest(Checker *c, const char *name, bool types_only) {
     return text;
 }
 
+/* The error stands at the later of the two, whatever order the tables are filled in. */
 static void redeclared(Checker *c, Span at, const char *name, Span first) {
+    if (first.pos > at.pos) {
+        Span t = at;
+        at = first;
+        first = t;
+    }
     Diag *d = diag_emit(c->s, DIAG_redeclared, at, name);
     diag_note(c->s, d, first, "the first is here");
 }

@@ -6,6 +6,7 @@
 #include "compiler/front/check_internal.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 typedef struct Range {
     int64_t lo, hi;
@@ -448,6 +449,12 @@ static Trips count_trips(Loops *l, Stmt *st) {
     if (f.op == OPR_NE || f.step == STEP_NONE) t.counter = (Range){least(a.lo, b.lo), most(a.hi, b.hi), t.defer};
     else if (up) t.counter = (Range){a.lo, most(a.lo, b.hi - (f.op == OPR_LT)), t.defer};
     else t.counter = (Range){least(a.hi, b.lo + (f.op == OPR_GT)), a.hi, t.defer};
+    /* [MaxIters] bounds the counter too */
+    int64_t n = st->attrs.max_iters && st->attrs.max_iters->is_const ? st->attrs.max_iters->cval.v[0].i : 0;
+    if (n > 0 && n <= CHECK_MAX_TRIPS && f.step == STEP_ADD && llabs(f.by.lo) < 1 << 24 && llabs(f.by.hi) < 1 << 24) {
+        if (up) t.counter.hi = least(t.counter.hi, a.hi + f.by.hi * (n - 1));
+        else if (f.op != OPR_NE) t.counter.lo = most(t.counter.lo, a.lo + f.by.lo * (n - 1));
+    }
     if (st->kind == S_DO) {
         t.most = t.most < 1 ? 1 : t.most;
         t.sym = NULL; /* its body may run once although the condition never holds */

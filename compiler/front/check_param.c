@@ -127,11 +127,7 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
         diag_emit(c->s, DIAG_void_value, sym->span, "constant");
         t = c->t_error;
     }
-    bool ok = t->kind != T_ERROR;
-    if (ok && !sym->init) {
-        diag_emit(c->s, DIAG_const_value, sym->span);
-        ok = false;
-    }
+    bool ok = t->kind != T_ERROR && sym->init; /* the parser reports a missing value */
     if (ok) apply_override(c, sym, t, scope->module);
     if (ok) ok = constant_value(c, sym, t, "the value of a `const` at file scope");
     sym->type = ok ? t : c->t_error;
@@ -290,7 +286,7 @@ static bool param_value(Checker *c, Symbol *sym) {
     Type *t = sym->type;
     bool open = t->kind == T_ARRAY && !t->n;
     ParamFile *file = file_override(c, sym->doc_name);
-    if (file && (is_resource(t) || open)) {
+    if (file && (is_resource(t) || open || sym->asset_text)) {
         file->used = true;
         sym->asset = file->path;
     } else if (sym->asset_text) {
@@ -312,8 +308,7 @@ static bool param_value(Checker *c, Symbol *sym) {
         if (open) return param_error(c, sym, "`init(f)` needs the size of the array");
         return check_init_func(c, sym);
     }
-    if (!sym->init)
-        return param_error(c, sym, arena_printf(&s->session, "parameter `%s` needs a value", sym->name));
+    if (!sym->init) return false; /* the parser reports a missing value */
     if (open) {
         if (sym->init->kind == E_LIST) {
             if (!sym->init->nargs) return param_error(c, sym, "an array has at least one element");

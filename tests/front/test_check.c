@@ -38,7 +38,7 @@ static const Row names[] = {
     {F("struct A { float a; float a; };"), "E0128@1:27"},
     {F("typedef T T;"), "E0124@1:9"},
     {F("typedef float3 Colour; struct D { Colour c; }; param D d = { float3(1.0) };"), ""},
-    {F("float f(float a) { return a; } const float f = 1.0;"), "E0103@1:12"},
+    {F("float f(float a) { return a; } const float f = 1.0;"), "E0103@1:44"},
     {F("float f(float a) { return a; } float f(float b) { return b; }"), "E0208@1:38"},
     {F("float f(float a) { return a; } float f(int b) { return 1.0; }"), ""},
     {F("vec3 v() { return 1.0; }"), "E0102@1:1"},
