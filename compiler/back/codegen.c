@@ -53,7 +53,7 @@ static bool open_target(Job *j)
         ll->DisposeMessage(text);
         return false;
     }
-    static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault, LLVMCodeGenLevelAggressive};
+    static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault, LLVMCodeGenLevelDefault};
     j->tm = ll->CreateTargetMachine(target, triple, j->o->target.cpu, j->o->target.features, levels[j->o->opt_level > 3 ? 3 : j->o->opt_level],
         LLVMRelocPIC, LLVMCodeModelSmall);
     j->layout = ll->CreateTargetDataLayout(j->tm);
@@ -64,7 +64,7 @@ static bool open_target(Job *j)
 
 static bool run_passes(Job *j)
 {
-    static const char *const lists[] = {"function(mem2reg)", "function(mem2reg,early-cse)", "function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,early-cse)",
+    static const char *const lists[] = {"function(mem2reg)", "function(mem2reg,early-cse)", "function(mem2reg,early-cse)",
         "function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm),instcombine<no-verify-fixpoint>)"};
     const LlvmApi *ll = &j->api;
     LLVMPassBuilderOptionsRef options = ll->CreatePassBuilderOptions();

@@ -273,8 +273,7 @@ static void setup_block(Emit *e, const Block *b)
         case OP_tapemark: case OP_tapepush: case OP_revloop:
             if (!e->tape_top) {
                 pointer_field(e, &e->tape, offsetof(SltKernelArgs, tape));
-                Part bytes = emit_load(e, e->t_i64, emit_field_ptr(e, offsetof(SltKernelArgs, tape_bytes)), 8, true);
-                e->tape_end = LL(BuildMul)(e->b, bytes, emit_int(e, e->t_i64, e->W), "tape_end");
+                e->tape_end = emit_load(e, e->t_i64, emit_field_ptr(e, offsetof(SltKernelArgs, tape_bytes)), 8, true);
                 e->tape_top = emit_alloca(e, e->t_i64, 1, 8);
             }
             break;
@@ -319,31 +318,43 @@ static void setup_culls(Emit *e, uint32_t id)
 }
 
 /* Uniform arithmetic of the top block depends on nothing in the loop over samples: it is done once a call. LLVM cannot know that the outputs do
- * not alias the parameters. */
+ * not alias the parameters. Bounded, since every such value lives through the whole loop; a plain read of a parameter is cheaper where it is used. */
+enum { HOIST_LIMIT = 128 };
+
+static bool is_read(const Inst *i) { return i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam; }
 static bool ready(const Emit *e, const Inst *i) { return ir_is_const(i) || e->val[(size_t)i->id * e->P]; }
+
+/* A read of a parameter at an index that is known or hoisted is emitted when hoisted arithmetic asks for it. */
+static bool available(Emit *e, Inst *i)
+{
+    if (ready(e, i))
+        return true;
+    if (i->flags & BACK_VARYING || i->block != e->fn->body)
+        return false;
+    if (i->op == OP_input)
+        emit_input(e, i);
+    else if (is_read(i) && ready(e, i->args[0]))
+        emit_memory_op(e, i);
+    return ready(e, i);
+}
 
 static void hoist_uniform(Emit *e)
 {
-    for (Inst *i = e->fn->body->first; i; i = i->next) {
-        if (i->flags & BACK_VARYING)
-            continue;
-        const OpInfo *op = &ir_ops[i->op];
-        bool read = i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam;
-        bool uniform_input = i->op == OP_input && i->imm.i >= IN_VARYING_COUNT;
-        if ((op->special && !read && !uniform_input) || op->math)
+    uint32_t hoisted = 0;
+    for (Inst *i = e->fn->body->first; i && hoisted < HOIST_LIMIT; i = i->next) {
+        if ((i->flags & BACK_VARYING) || ir_ops[i->op].special || ir_ops[i->op].math)
             continue;
         bool all = true;
-        for (uint32_t j = 0; j < i->nargs; j++)
-            all &= ready(e, i->args[j]);
+        for (uint32_t j = 0; j < i->nargs && all; j++)
+            all = available(e, i->args[j]);
         if (!all)
             continue;
-        if (uniform_input)
-            emit_input(e, i);
-        else if (read)
-            emit_memory_op(e, i);
-        else
-            emit_value_op(e, i);
+        emit_value_op(e, i);
+        hoisted++;
     }
+    for (Inst *i = e->fn->body->first; i; i = i->next)
+        if (is_read(i))
+            emit_slot(e, i)[0] = NULL; /* other uses read again, close by */
 }
 
 /* ---- blocks */

@@ -130,9 +130,8 @@ void load_free(Loaded *l);
 
 /* ---- cache.c: the disk cache of objects */
 typedef struct CacheKey {
-    uint64_t hi, lo;
-    const char *text; /* full key */
-    size_t len;
+    uint64_t hi, lo; /* XXH3-128 of everything that decides the code */
+    size_t len;      /* how much that was: a second opinion */
 } CacheKey;
 /* NULL if there is no usable private folder; arena string otherwise. */
 const char *cache_folder(Arena *arena, const char *wanted);

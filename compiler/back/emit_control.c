@@ -36,7 +36,7 @@ static const Inst *next_proj(const Inst *s, const Inst *p)
 }
 
 /* ---- if_ */
-enum { SELECT_BUDGET = 10, NOT_CHEAP = 1000 };
+enum { SELECT_BUDGET = 8, NOT_CHEAP = 1000 }; /* a test and a branch cost about this many vector instructions */
 
 /* About how many vector instructions a region costs, NOT_CHEAP if it must not run for lanes that did not ask. */
 static uint32_t region_cost(const Emit *e, const Block *b)
@@ -214,7 +214,7 @@ static void emit_if(Emit *e, Inst *i)
         return;
     }
     const Part *cond = emit_slot(e, i->args[0]);
-    if (region_cost(e, i->region[0]) + region_cost(e, i->region[1]) <= SELECT_BUDGET) {
+    if ((region_cost(e, i->region[0]) + region_cost(e, i->region[1])) * e->P <= SELECT_BUDGET) {
         emit_block(e, i->region[0]);
         emit_block(e, i->region[1]);
         select_results(e, i, cond, NULL);

@@ -83,7 +83,7 @@ static void emit_param(Emit *e, Inst *i)
     base = emit_gep(e, t, base, k64(e, i->imm.slot.base));
     Part *out = emit_slot(e, i);
     if (!emit_is_vector(e, i)) {
-        out[0] = emit_load(e, t, emit_gep(e, t, base, scalar_index(e, i->args[0], i->imm.slot.count)), bytes, true);
+        out[0] = emit_load(e, t, emit_gep(e, t, base, scalar_index(e, i->args[0], i->imm.slot.count)), bytes, false);
         return;
     }
     Part *index = emit_slot(e, i->args[0]);
@@ -339,7 +339,8 @@ static void emit_adjoint(Emit *e, Inst *i)
     }
 }
 
-/* ---- the tape. A frame: whole vectors first, then 8-byte, 4-byte and bit values, then the mask; one size for each signature. */
+/* ---- the tape. A frame: whole vectors first, then 8-byte, 4-byte and bit values, then the mask; one size for each signature. A frame takes at
+ * most the sum of its values' bytes and 4 more for each lane: the mask, an iteration number and the padding fit in those. */
 static uint32_t bits_bytes(const Emit *e) { return e->P * (e->L < 8 ? 1 : e->L / 8); }
 
 void emit_layout_frames(Emit *e)

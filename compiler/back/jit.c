@@ -31,6 +31,51 @@ static const char *emitter_stamp(Arena *a)
     return arena_printf(a, "%lld.%09ld.%lld", (long long)st.st_mtim.tv_sec, st.st_mtim.tv_nsec, (long long)st.st_size);
 }
 
+/* The meaning of a block, without names and places: what the emitter reads, and nothing else. Ids are dense and in program order. */
+static void hash_block(XXH3_state_t *state, const Block *b, size_t *len)
+{
+    for (uint32_t j = 0; j <= b->nparams; j++) {
+        uint32_t w[2] = {j < b->nparams ? b->params[j]->id : UINT32_MAX, j < b->nparams ? b->params[j]->type : b->nparams};
+        XXH3_128bits_update(state, w, sizeof w);
+        *len += sizeof w;
+    }
+    for (const Inst *i = b->first; i; i = i->next) {
+        uint32_t w[8] = {i->op, i->type, i->nargs, i->nregions};
+        const LoopInfo *loop = &i->imm.loop;
+        switch (i->op) {
+        case OP_loop:
+            w[4] = loop->max_iters, w[5] = loop->exact, w[6] = loop->cull, w[7] = loop->cull_id;
+            break;
+        case OP_print:
+            w[4] = i->imm.text.len;
+            XXH3_128bits_update(state, i->imm.text.text, i->imm.text.len);
+            *len += i->imm.text.len;
+            break;
+        case OP_param: case OP_iparam: case OP_dparam: case OP_adj:
+            w[4] = i->imm.slot.base, w[5] = i->imm.slot.count;
+            break;
+        case OP_alloc:
+            w[4] = i->imm.arr.count, w[5] = i->imm.arr.elem;
+            break;
+        case OP_fieldop:
+            w[4] = i->imm.field.field, w[5] = i->imm.field.what;
+            break;
+        case OP_constf: case OP_consti: case OP_constb: case OP_input: case OP_proj: case OP_arg: case OP_count:
+            memcpy(w + 4, &i->imm.i, sizeof i->imm.i);
+            break;
+        default:
+            break;
+        }
+        XXH3_128bits_update(state, w, sizeof w);
+        *len += sizeof w;
+        for (uint32_t j = 0; j < i->nargs; j++)
+            XXH3_128bits_update(state, &i->args[j]->id, sizeof i->args[j]->id);
+        *len += i->nargs * sizeof(uint32_t);
+        for (uint32_t r = 0; r < i->nregions; r++)
+            hash_block(state, i->region[r], len);
+    }
+}
+
 static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width)
 {
     Arena *a = &s->scratch;
@@ -44,11 +89,13 @@ static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const B
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {
-        char *text = ir_print_string(k[j].fn, a);
-        size_t len = strlen(text), name = strlen(k[j].name) + 1;
+        Fn *fn = k[j].fn;
+        size_t name = strlen(k[j].name) + 1;
+        uint32_t facts[4] = {fn->precision, fn->nfloats, fn->nints, ir_number(fn)};
         XXH3_128bits_update(state, k[j].name, name);
-        XXH3_128bits_update(state, text, len + 1);
-        key.len += name + len + 1;
+        XXH3_128bits_update(state, facts, sizeof facts);
+        key.len += name + sizeof facts;
+        hash_block(state, fn->body, &key.len);
     }
     XXH128_hash_t h = XXH3_128bits_digest(state);
     key.hi = h.high64;

@@ -20,7 +20,7 @@ static void mark(Analysis *a, Inst *i, uint8_t flag)
 
 static void mark_if(Analysis *a, Inst *i, bool varying)
 {
-    if (varying)
+    if (varying && i->type != TY_TAPE) /* the tape has one top for all lanes */
         mark(a, i, BACK_VARYING);
 }
 

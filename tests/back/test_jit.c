@@ -138,8 +138,8 @@ static void run_kernel(const Fn *fn, SltKernel *kernel, uint32_t width, AdjLayou
     memset(a.adj, 0, GEN_FLOATS * lanes * 8);
     a.log_cap = 1 << 20;
     a.log = malloc(a.log_cap * sizeof *a.log);
-    a.tape_bytes = 1 << 16;
-    a.tape = aligned_alloc(64, a.tape_bytes * width + 4096);
+    a.tape_bytes = 1 << 21;
+    a.tape = aligned_alloc(64, a.tape_bytes);
     kernel(&a, n);
     memcpy(r->counters, a.counters, sizeof a.counters);
     assert_true(a.log_len <= a.log_cap);
