@@ -4,8 +4,8 @@
 
 #include "compiler/base/session.h"
 
-/* utf8.c: decodes one code point at text[0..len), len > 0; returns its bytes. A byte that starts no valid sequence gives
- * U+FFFD with one byte. */
+/* utf8.c: decodes one code point at text[0..len), len > 0; returns its bytes. A byte that starts no valid sequence
+ * gives U+FFFD with one byte. */
 uint32_t utf8_decode(const char *text, size_t len, uint32_t *code);
 /* Terminal columns of a code point: 0, 1 or 2. */
 int utf8_width(uint32_t code);
@@ -23,7 +23,8 @@ uint32_t source_line_end(const Source *src, uint32_t line);
 typedef struct Place {
     uint32_t pos, line, column, unit;
 } Place;
-/* `before` (or NULL) is an earlier place of the same file: on a line of megabytes with many errors, counting goes on from there. */
+/* `before` (or NULL) is an earlier place of the same file: on a line of megabytes with many errors, counting goes on
+ * from there. */
 Place place_find(const Source *src, uint32_t pos, const Place *before);
 
 /* diag.c: the diagnostics sorted by place in a malloc'ed array (NULL when there are none or memory is out). */

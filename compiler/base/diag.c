@@ -24,7 +24,8 @@ Diag *diag_emit(Session *s, DiagCode code, Span span, ...) {
     uint32_t hash = hash_bytes(key, sizeof key), at = UINT32_MAX;
     if (span.file >= 0) {
         for (const Diag *old; (old = table_next(&s->reported, hash, &at));)
-            if (old->code == code && old->span.file == span.file && old->span.pos == span.pos && old->span.len == span.len) {
+            if (old->code == code && old->span.file == span.file && old->span.pos == span.pos &&
+                old->span.len == span.len) {
                 /* The caller may attach its notes to a copy that nobody prints. */
                 Diag *unseen = ARENA_NEW(&s->session, Diag);
                 *unseen = *old;
@@ -36,7 +37,10 @@ Diag *diag_emit(Session *s, DiagCode code, Span span, ...) {
     Diag *d = ARENA_NEW(&s->session, Diag);
     va_list ap;
     va_start(ap, span);
-    *d = (Diag){.code = code, .severity = rows[code].severity, .span = span, .text = arena_vprintf(&s->session, rows[code].format, ap)};
+    *d = (Diag){.code = code,
+                .severity = rows[code].severity,
+                .span = span,
+                .text = arena_vprintf(&s->session, rows[code].format, ap)};
     va_end(ap);
     if (span.file >= 0) table_insert(s, &s->reported, d, hash);
     *s->diags_end = d;
@@ -57,7 +61,9 @@ void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) {
     *end = note;
 }
 
-const char *diag_code_name(DiagCode code) { return rows[code].code; }
+const char *diag_code_name(DiagCode code) {
+    return rows[code].code;
+}
 
 const char *diag_explain(const char *code, Severity *severity, const char **title) {
     for (int i = 0; i < DIAG_COUNT; i++) {
@@ -75,8 +81,10 @@ uint32_t source_line(const Source *src, uint32_t pos) {
     uint32_t lo = 0, hi = src->nlines;
     while (hi - lo > 1) {
         uint32_t mid = lo + (hi - lo) / 2;
-        if (src->lines[mid] <= pos) lo = mid;
-        else hi = mid;
+        if (src->lines[mid] <= pos)
+            lo = mid;
+        else
+            hi = mid;
     }
     return lo;
 }
@@ -129,7 +137,8 @@ typedef struct Sortable {
 static int by_place(const void *pa, const void *pb) {
     const Sortable *a = pa, *b = pb;
     if (a->diag->span.file != b->diag->span.file) return a->diag->span.file < b->diag->span.file ? -1 : 1;
-    if (a->diag->span.file >= 0 && a->diag->span.pos != b->diag->span.pos) return a->diag->span.pos < b->diag->span.pos ? -1 : 1;
+    if (a->diag->span.file >= 0 && a->diag->span.pos != b->diag->span.pos)
+        return a->diag->span.pos < b->diag->span.pos ? -1 : 1;
     return a->order < b->order ? -1 : a->order > b->order;
 }
 

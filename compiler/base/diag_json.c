@@ -1,5 +1,5 @@
-/* Diagnostics for programs: one Language Server Protocol Diagnostic a line, with `uri`. The output is valid JSON and valid UTF-8
- * whatever bytes the source, its path or a message hold. */
+/* Diagnostics for programs: one Language Server Protocol Diagnostic a line, with `uri`. The output is valid JSON and
+ * valid UTF-8 whatever bytes the source, its path or a message hold. */
 #include "compiler/base/session.h"
 
 #include <limits.h>
@@ -15,10 +15,14 @@ static void put_string(FILE *out, const char *text) {
     for (size_t i = 0; i < len;) {
         uint32_t code;
         i += utf8_decode(text + i, len - i, &code);
-        if (code == '"' || code == '\\') fprintf(out, "\\%c", (int)code);
-        else if (code == '\n') fputs("\\n", out);
-        else if (code == '\t') fputs("\\t", out);
-        else if (code < 0x20 || code == 0x7F) fprintf(out, "\\u%04x", code);
+        if (code == '"' || code == '\\')
+            fprintf(out, "\\%c", (int)code);
+        else if (code == '\n')
+            fputs("\\n", out);
+        else if (code == '\t')
+            fputs("\\t", out);
+        else if (code < 0x20 || code == 0x7F)
+            fprintf(out, "\\u%04x", code);
         else {
             char bytes[4];
             fwrite(bytes, 1, (size_t)utf8_encode(code, bytes), out);
@@ -29,8 +33,10 @@ static void put_string(FILE *out, const char *text) {
 
 static void put_escaped(FILE *out, const char *path) {
     for (; *path; path++) {
-        if (strchr("/-._~", *path) || (*path >= '0' && *path <= '9') || ((*path | 32) >= 'a' && (*path | 32) <= 'z')) fputc(*path, out);
-        else fprintf(out, "%%%02X", (unsigned char)*path);
+        if (strchr("/-._~", *path) || (*path >= '0' && *path <= '9') || ((*path | 32) >= 'a' && (*path | 32) <= 'z'))
+            fputc(*path, out);
+        else
+            fprintf(out, "%%%02X", (unsigned char)*path);
     }
 }
 
@@ -43,7 +49,8 @@ static void put_uri(FILE *out, const char *path) {
         put_escaped(out, path[0] == '-' ? "stdin" : path);
     } else {
         fputs("file://", out);
-        if (realpath(path, full)) path = full;
+        if (realpath(path, full))
+            path = full;
         else if (path[0] != '/' && getcwd(full, sizeof full)) {
             put_escaped(out, full);
             fputc('/', out);
@@ -66,7 +73,8 @@ static Place put_location(const Session *s, FILE *out, Span span, const Place *b
     } else {
         fputs("\"\"", out);
     }
-    fprintf(out, ",\"range\":{\"start\":{\"line\":%u,\"character\":%u},\"end\":{\"line\":%u,\"character\":%u}}", a.line, a.unit, b.line, b.unit);
+    fprintf(out, ",\"range\":{\"start\":{\"line\":%u,\"character\":%u},\"end\":{\"line\":%u,\"character\":%u}}", a.line,
+            a.unit, b.line, b.unit);
     return a;
 }
 
@@ -81,7 +89,8 @@ void diag_print_json(const Session *s, FILE *out) {
         fputc('{', out);
         last = put_location(s, out, d->span, d->span.file == last_file ? &last : NULL);
         last_file = d->span.file;
-        fprintf(out, ",\"severity\":%d,\"code\":\"%s\",\"source\":\"saltus\",\"message\":", severities[d->severity], diag_code_name(d->code));
+        fprintf(out, ",\"severity\":%d,\"code\":\"%s\",\"source\":\"saltus\",\"message\":", severities[d->severity],
+                diag_code_name(d->code));
         put_string(out, d->text);
         if (d->notes) {
             fputs(",\"relatedInformation\":[", out);

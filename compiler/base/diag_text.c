@@ -18,7 +18,8 @@ typedef struct Colours {
     const char *bold, *error, *warning, *perf, *note, *caret, *off;
 } Colours;
 static const Colours plain = {"", "", "", "", "", "", ""};
-static const Colours ansi = {"\033[1m", "\033[1;31m", "\033[1;35m", "\033[1;34m", "\033[1;36m", "\033[1;32m", "\033[0m"};
+static const Colours ansi = {"\033[1m",    "\033[1;31m", "\033[1;35m", "\033[1;34m",
+                             "\033[1;36m", "\033[1;32m", "\033[0m"};
 
 static void put_code(FILE *out, uint32_t code) {
     char bytes[4];
@@ -32,8 +33,10 @@ static void put_text(FILE *out, const char *text) {
     for (size_t i = 0; i < len;) {
         uint32_t code;
         i += utf8_decode(text + i, len - i, &code);
-        if (code == '\n') fputc('\n', out);
-        else put_code(out, code);
+        if (code == '\n')
+            fputc('\n', out);
+        else
+            put_code(out, code);
     }
 }
 
@@ -88,8 +91,10 @@ static void put_excerpt(FILE *out, const Source *src, Span span, const Colours *
             if (caret < 0) caret = col;
             carets = col + w - caret;
         }
-        if (code == '\t') fprintf(out, "%*s", w, "");
-        else put_code(out, code);
+        if (code == '\t')
+            fprintf(out, "%*s", w, "");
+        else
+            put_code(out, code);
         col += w;
         at += n;
     }
@@ -100,8 +105,8 @@ static void put_excerpt(FILE *out, const Source *src, Span span, const Colours *
     fprintf(out, "%s\n", c->off);
 }
 
-static void put_message(const Session *s, FILE *out, Span span, const char *colour, const char *kind, const char *text, const char *code,
-                        const Colours *c) {
+static void put_message(const Session *s, FILE *out, Span span, const char *colour, const char *kind, const char *text,
+                        const char *code, const Colours *c) {
     const Source *src = span.file >= 0 && (uint32_t)span.file < s->nsources ? &s->sources[span.file] : NULL;
     fputs(c->bold, out);
     if (src) {

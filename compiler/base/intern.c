@@ -1,4 +1,5 @@
-/* Interned strings, the hash table beneath them (also used for reported diagnostics), and the search for the nearest name. */
+/* Interned strings, the hash table beneath them (also used for reported diagnostics), and the search for the nearest
+ * name. */
 #include "compiler/base/session.h"
 
 #include <string.h>
@@ -60,9 +61,12 @@ const char *intern(Session *s, const char *text, size_t len) {
 
 enum { SUGGEST_MAX = 48 };
 
-static char lower(char c) { return c >= 'A' && c <= 'Z' ? (char)(c + 32) : c; }
+static char lower(char c) {
+    return c >= 'A' && c <= 'Z' ? (char)(c + 32) : c;
+}
 
-/* Twice the Damerau-Levenshtein distance (adjacent swaps count as one edit); a difference of case costs half an edit. */
+/* Twice the Damerau-Levenshtein distance (adjacent swaps count as one edit); a difference of case costs half an edit.
+ */
 static int distance(const char *a, int n, const char *b, int m) {
     int row[3][SUGGEST_MAX + 1];
     for (int j = 0; j <= m; j++) row[0][j] = 2 * j;
@@ -74,7 +78,8 @@ static int distance(const char *a, int n, const char *b, int m) {
             int best = up[j - 1] + replace;
             if (up[j] + 2 < best) best = up[j] + 2;
             if (now[j - 1] + 2 < best) best = now[j - 1] + 2;
-            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] && up2[j - 2] + 2 < best) best = up2[j - 2] + 2;
+            if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] && up2[j - 2] + 2 < best)
+                best = up2[j - 2] + 2;
             now[j] = best;
         }
     }
@@ -90,7 +95,9 @@ const char *suggest_nearest(const char *name, const char *const *names, uint32_t
         if (!names[i]) continue;
         size_t m = strnlen(names[i], SUGGEST_MAX + 1);
         if (m == 0 || m > SUGGEST_MAX) continue;
-        int d = !strcmp(name, names[i]) ? 0 : !strcasecmp(name, names[i]) ? 1 : distance(name, (int)len, names[i], (int)m);
+        int d = !strcmp(name, names[i])       ? 0
+                : !strcasecmp(name, names[i]) ? 1
+                                              : distance(name, (int)len, names[i], (int)m);
         /* Two names that share nothing are not near, however short. */
         size_t shorter = len < m ? len : m;
         if (d > limit || d >= 2 * (int)shorter) continue;

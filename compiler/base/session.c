@@ -15,7 +15,8 @@ static void budget_spent(void *user) {
 Session *session_create(size_t budget_bytes) {
     Session *s = calloc(1, sizeof *s);
     if (!s) return NULL;
-    s->budget = (ArenaBudget){.limit = budget_bytes ? budget_bytes : (size_t)384 << 20, .fail = budget_spent, .user = s};
+    s->budget =
+        (ArenaBudget){.limit = budget_bytes ? budget_bytes : (size_t)384 << 20, .fail = budget_spent, .user = s};
     arena_init(&s->session, "session", &s->budget);
     arena_init(&s->module, "module", &s->budget);
     arena_init(&s->scratch, "scratch", &s->budget);
@@ -138,11 +139,14 @@ int session_add_text(Session *s, const char *shown_path, const char *dir, const 
 
 static void add_file_body(Session *s, void *arg) {
     AddArgs *a = arg;
-    if (a->error) a->why = arena_printf(&s->session, "%s", strerror(a->error));
-    else a->result = add_source(s, a->path, strcmp(a->path, "-") ? folder_of(s, a->path) : ".", a->text, a->len);
+    if (a->error)
+        a->why = arena_printf(&s->session, "%s", strerror(a->error));
+    else
+        a->result = add_source(s, a->path, strcmp(a->path, "-") ? folder_of(s, a->path) : ".", a->text, a->len);
 }
 
-/* Reads at most SOURCE_MAX + 1 bytes, so that a device or a pipe without an end is a limit and not a hang. Returns an errno value. */
+/* Reads at most SOURCE_MAX + 1 bytes, so that a device or a pipe without an end is a limit and not a hang. Returns an
+ * errno value. */
 static int read_all(FILE *f, char **text, size_t *len) {
     size_t cap = 1 << 16;
     char *buf = malloc(cap);
@@ -166,8 +170,10 @@ int session_add_file(Session *s, const char *path, const char **why) {
     bool standard_input = !strcmp(path, "-");
     errno = 0;
     FILE *f = standard_input ? stdin : fopen(path, "rb");
-    if (f) a.error = read_all(f, &text, &a.len);
-    else a.error = errno ? errno : EIO;
+    if (f)
+        a.error = read_all(f, &text, &a.len);
+    else
+        a.error = errno ? errno : EIO;
     if (f && !standard_input) fclose(f);
     a.text = text;
     int status = session_protect(s, add_file_body, &a);

@@ -13,18 +13,29 @@ static const char *const keyword_text[TOK_COUNT] = {
 #undef KEYWORD
 };
 
-const char *lex_keyword_text(TokenKind k) { return k < TOK_COUNT ? keyword_text[k] : NULL; }
+const char *lex_keyword_text(TokenKind k) {
+    return k < TOK_COUNT ? keyword_text[k] : NULL;
+}
 
-static bool is_digit(char c) { return c >= '0' && c <= '9'; }
-static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
-static bool is_hex(char c) { return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F'); }
+static bool is_digit(char c) {
+    return c >= '0' && c <= '9';
+}
+static bool is_letter(char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
+}
+static bool is_hex(char c) {
+    return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F');
+}
 
-static Span span_at(const Lexer *lx, uint32_t pos, uint32_t len) { return (Span){lx->file, pos, len}; }
+static Span span_at(const Lexer *lx, uint32_t pos, uint32_t len) {
+    return (Span){lx->file, pos, len};
+}
 
 /* Text is built only when it is going to be seen. */
 #define COMPLAIN(lx, code, span, ...)                                                                                  \
     do {                                                                                                               \
-        if (!(lx)->quiet) diag_emit((lx)->session, DIAG_##code, span, arena_printf(&(lx)->session->session, __VA_ARGS__)); \
+        if (!(lx)->quiet)                                                                                              \
+            diag_emit((lx)->session, DIAG_##code, span, arena_printf(&(lx)->session->session, __VA_ARGS__));           \
     } while (0)
 
 Lexer lex_start(Session *s, int file) {
@@ -130,12 +141,14 @@ static void lex_number(Lexer *lx, Token *t) {
     if (s[0] == '0' && n > 1 && (s[1] | 32) == 'x') {
         uint32_t i = 2;
         while (i < n && is_hex(s[i])) i++;
-        if (i == 2) fault = "hexadecimal digits are missing after `0x`";
+        if (i == 2)
+            fault = "hexadecimal digits are missing after `0x`";
         else if (i == n || (i + 1 == n && (s[i] | 32) == 'u')) {
             t->is_unsigned = i < n;
             lex_integer(lx, t, s + 2, i - 2, 16);
             return;
-        } else fault = "this is not a hexadecimal integer";
+        } else
+            fault = "this is not a hexadecimal integer";
     } else {
         uint32_t i = 0, whole, fraction = 0;
         bool dot = false, exponent = false;
@@ -157,16 +170,20 @@ static void lex_number(Lexer *lx, Token *t) {
         uint32_t body = i;
         if (dot || exponent) {
             if (i < n && (s[i] | 32) == 'f') i++;
-            if (!fault && i < n) fault = s[i] == '.' ? "a number has one point only" : "this suffix does not exist; floats may end in `f`";
+            if (!fault && i < n)
+                fault =
+                    s[i] == '.' ? "a number has one point only" : "this suffix does not exist; floats may end in `f`";
             if (!fault) {
                 lex_float(lx, t, s, body);
                 return;
             }
         } else {
             if (i < n && (s[i] | 32) == 'u') t->is_unsigned = true, i++;
-            if (i < n) fault = (s[i] | 32) == 'f' && i + 1 == n ? "an integer has no suffix `f`: write a point, as in `1.0f`"
-                                                              : "this suffix does not exist; integers may end in `u`";
-            else if (whole > 1 && s[0] == '0') fault = "an integer does not start with 0 (there are no octal numbers)";
+            if (i < n)
+                fault = (s[i] | 32) == 'f' && i + 1 == n ? "an integer has no suffix `f`: write a point, as in `1.0f`"
+                                                         : "this suffix does not exist; integers may end in `u`";
+            else if (whole > 1 && s[0] == '0')
+                fault = "an integer does not start with 0 (there are no octal numbers)";
             else {
                 lex_integer(lx, t, s, whole, 10);
                 return;
@@ -187,7 +204,8 @@ static void lex_string(Lexer *lx, Token *t) {
             closed = true;
             break;
         }
-        end += lx->text[end] == '\\' && end + 1 < lx->len && lx->text[end + 1] != '\n' && lx->text[end + 1] != '\r' ? 2 : 1;
+        end += lx->text[end] == '\\' && end + 1 < lx->len && lx->text[end + 1] != '\n' && lx->text[end + 1] != '\r' ? 2
+                                                                                                                    : 1;
     }
     ArenaMark mark = arena_mark(&lx->session->scratch);
     char *buf = arena_alloc(&lx->session->scratch, end - open + 1);
@@ -196,13 +214,22 @@ static void lex_string(Lexer *lx, Token *t) {
         char c = lx->text[i];
         if (c == '\\' && i + 1 < end) {
             switch (lx->text[++i]) {
-            case 'n': c = '\n'; break;
-            case 't': c = '\t'; break;
-            case '"': c = '"'; break;
-            case '\\': c = '\\'; break;
+            case 'n':
+                c = '\n';
+                break;
+            case 't':
+                c = '\t';
+                break;
+            case '"':
+                c = '"';
+                break;
+            case '\\':
+                c = '\\';
+                break;
             default:
                 c = lx->text[i];
-                COMPLAIN(lx, bad_literal, span_at(lx, i - 1, 2), "this escape does not exist; there are \\n \\t \\\" \\\\");
+                COMPLAIN(lx, bad_literal, span_at(lx, i - 1, 2),
+                         "this escape does not exist; there are \\n \\t \\\" \\\\");
             }
         } else if (c == 0) {
             COMPLAIN(lx, bad_literal, span_at(lx, i, 1), "a string cannot hold a NUL byte");
@@ -222,17 +249,41 @@ static void lex_string(Lexer *lx, Token *t) {
 /* What people paste: the character that was meant. */
 static const char *meant(uint32_t code) {
     switch (code) {
-    case 0x2212: case 0x2013: case 0x2014: return "; write `-`";
-    case 0xD7: case 0x22C5: case 0xB7: return "; write `*`";
-    case 0x2018: case 0x2019: case 0x201C: case 0x201D: return "; strings are in `\"`";
-    case 0xA0: case 0x2003: case 0x2009: return "; it is a space that is not ASCII";
-    case 0x37E: case 0xFF1B: return "; write `;`";
-    case 0x2264: return "; write `<=`";
-    case 0x2265: return "; write `>=`";
-    case 0x3C0: return "; write `PI`";
-    case '\'': return "; strings are in `\"`";
-    case '@': case '$': case '`': case '\\': return "";
-    default: return code >= 0x80 ? "; names are made of ASCII letters, digits and `_`" : "";
+    case 0x2212:
+    case 0x2013:
+    case 0x2014:
+        return "; write `-`";
+    case 0xD7:
+    case 0x22C5:
+    case 0xB7:
+        return "; write `*`";
+    case 0x2018:
+    case 0x2019:
+    case 0x201C:
+    case 0x201D:
+        return "; strings are in `\"`";
+    case 0xA0:
+    case 0x2003:
+    case 0x2009:
+        return "; it is a space that is not ASCII";
+    case 0x37E:
+    case 0xFF1B:
+        return "; write `;`";
+    case 0x2264:
+        return "; write `<=`";
+    case 0x2265:
+        return "; write `>=`";
+    case 0x3C0:
+        return "; write `PI`";
+    case '\'':
+        return "; strings are in `\"`";
+    case '@':
+    case '$':
+    case '`':
+    case '\\':
+        return "";
+    default:
+        return code >= 0x80 ? "; names are made of ASCII letters, digits and `_`" : "";
     }
 }
 
@@ -256,8 +307,10 @@ static void skip_bad(Lexer *lx) {
     char shown[8] = "";
     if (!utf8_unprintable(first)) shown[utf8_encode(first, shown)] = 0;
     Span span = span_at(lx, start, lx->pos - start);
-    if (shown[0]) COMPLAIN(lx, bad_character, span, "unexpected character `%s` (U+%04X)%s", shown, first, meant(first));
-    else COMPLAIN(lx, bad_character, span, "unexpected character U+%04X%s", first, meant(first));
+    if (shown[0])
+        COMPLAIN(lx, bad_character, span, "unexpected character `%s` (U+%04X)%s", shown, first, meant(first));
+    else
+        COMPLAIN(lx, bad_character, span, "unexpected character U+%04X%s", first, meant(first));
 }
 
 /* ---- tokens ---- */
@@ -269,18 +322,28 @@ typedef struct Punctuator {
 } Punctuator;
 
 /* Longer ones first. */
-static const Punctuator punctuators[] = {
-    {"<<=", TOK_ASSIGN, OPR_SHL}, {">>=", TOK_ASSIGN, OPR_SHR}, {"<<", TOK_OP, OPR_SHL},      {">>", TOK_OP, OPR_SHR},
-    {"==", TOK_OP, OPR_EQ},       {"!=", TOK_OP, OPR_NE},       {"<=", TOK_OP, OPR_LE},       {">=", TOK_OP, OPR_GE},
-    {"&&", TOK_OP, OPR_LAND},     {"||", TOK_OP, OPR_LOR},      {"++", TOK_OP, OPR_INC},      {"--", TOK_OP, OPR_DEC},
-    {"+=", TOK_ASSIGN, OPR_ADD},  {"-=", TOK_ASSIGN, OPR_SUB},  {"*=", TOK_ASSIGN, OPR_MUL},  {"/=", TOK_ASSIGN, OPR_DIV},
-    {"%=", TOK_ASSIGN, OPR_MOD},  {"&=", TOK_ASSIGN, OPR_AND},  {"|=", TOK_ASSIGN, OPR_OR},   {"^=", TOK_ASSIGN, OPR_XOR},
-    {"=", TOK_ASSIGN, OPR_NONE},  {"+", TOK_OP, OPR_ADD},       {"-", TOK_OP, OPR_SUB},       {"*", TOK_OP, OPR_MUL},
-    {"/", TOK_OP, OPR_DIV},       {"%", TOK_OP, OPR_MOD},       {"&", TOK_OP, OPR_AND},       {"|", TOK_OP, OPR_OR},
-    {"^", TOK_OP, OPR_XOR},       {"<", TOK_OP, OPR_LT},        {">", TOK_OP, OPR_GT},        {"!", TOK_OP, OPR_NOT},
-    {"~", TOK_OP, OPR_COMPL},     {"(", TOK_LPAREN, 0},         {")", TOK_RPAREN, 0},         {"[", TOK_LBRACKET, 0},
-    {"]", TOK_RBRACKET, 0},       {"{", TOK_LBRACE, 0},         {"}", TOK_RBRACE, 0},         {",", TOK_COMMA, 0},
-    {";", TOK_SEMICOLON, 0},      {":", TOK_COLON, 0},          {"?", TOK_QUESTION, 0},       {".", TOK_DOT, 0}};
+static const Punctuator punctuators[] = {{"<<=", TOK_ASSIGN, OPR_SHL}, {">>=", TOK_ASSIGN, OPR_SHR},
+                                         {"<<", TOK_OP, OPR_SHL},      {">>", TOK_OP, OPR_SHR},
+                                         {"==", TOK_OP, OPR_EQ},       {"!=", TOK_OP, OPR_NE},
+                                         {"<=", TOK_OP, OPR_LE},       {">=", TOK_OP, OPR_GE},
+                                         {"&&", TOK_OP, OPR_LAND},     {"||", TOK_OP, OPR_LOR},
+                                         {"++", TOK_OP, OPR_INC},      {"--", TOK_OP, OPR_DEC},
+                                         {"+=", TOK_ASSIGN, OPR_ADD},  {"-=", TOK_ASSIGN, OPR_SUB},
+                                         {"*=", TOK_ASSIGN, OPR_MUL},  {"/=", TOK_ASSIGN, OPR_DIV},
+                                         {"%=", TOK_ASSIGN, OPR_MOD},  {"&=", TOK_ASSIGN, OPR_AND},
+                                         {"|=", TOK_ASSIGN, OPR_OR},   {"^=", TOK_ASSIGN, OPR_XOR},
+                                         {"=", TOK_ASSIGN, OPR_NONE},  {"+", TOK_OP, OPR_ADD},
+                                         {"-", TOK_OP, OPR_SUB},       {"*", TOK_OP, OPR_MUL},
+                                         {"/", TOK_OP, OPR_DIV},       {"%", TOK_OP, OPR_MOD},
+                                         {"&", TOK_OP, OPR_AND},       {"|", TOK_OP, OPR_OR},
+                                         {"^", TOK_OP, OPR_XOR},       {"<", TOK_OP, OPR_LT},
+                                         {">", TOK_OP, OPR_GT},        {"!", TOK_OP, OPR_NOT},
+                                         {"~", TOK_OP, OPR_COMPL},     {"(", TOK_LPAREN, 0},
+                                         {")", TOK_RPAREN, 0},         {"[", TOK_LBRACKET, 0},
+                                         {"]", TOK_RBRACKET, 0},       {"{", TOK_LBRACE, 0},
+                                         {"}", TOK_RBRACE, 0},         {",", TOK_COMMA, 0},
+                                         {";", TOK_SEMICOLON, 0},      {":", TOK_COLON, 0},
+                                         {"?", TOK_QUESTION, 0},       {".", TOK_DOT, 0}};
 
 static void lex_word(Lexer *lx, Token *t) {
     uint32_t start = lx->pos, end = start;
@@ -291,7 +354,8 @@ static void lex_word(Lexer *lx, Token *t) {
     t->span = span_at(lx, start, n);
     t->kind = TOK_IDENT;
     for (TokenKind k = TOK_IMPORT; k < TOK_COUNT; k++)
-        if (keyword_text[k][0] == word[0] && strlen(keyword_text[k]) == n && !memcmp(keyword_text[k], word, n)) t->kind = k;
+        if (keyword_text[k][0] == word[0] && strlen(keyword_text[k]) == n && !memcmp(keyword_text[k], word, n))
+            t->kind = k;
     if (t->kind == TOK_IDENT && n >= 3 && n <= 11 && type_keyword(word, n)) t->kind = TOK_TYPE;
     t->text = intern(lx->session, word, n);
 }

@@ -73,7 +73,8 @@ static void report_missing(Session *s, int file, const Import *im) {
         for (uint32_t k = 0; k < n; k++) vec_push(&s->session, &names, intern(s, found[k], strlen(found[k])));
     }
     const char *near = suggest_nearest(im->name, names.data, names.len);
-    Diag *diag = diag_emit(s, DIAG_import_missing, im->span, im->name, near ? arena_printf(&s->session, "; did you mean `%s`?", near) : "");
+    Diag *diag = diag_emit(s, DIAG_import_missing, im->span, im->name,
+                           near ? arena_printf(&s->session, "; did you mean `%s`?", near) : "");
     for (uint32_t i = 0; (dir = search_dir(s, file, i)); i++)
         diag_note(s, diag, SPAN_NONE, i == 0 ? "searched beside the file, in `%s`" : "searched in `%s`", dir);
     if (!s->stdlib_dir) diag_note(s, diag, SPAN_NONE, "the standard library was not found");
@@ -93,7 +94,8 @@ static void report_cycle(Session *s, const Frame *frame, const Import *im, const
     for (int i = n - 2; i >= 0; i--) text = arena_printf(&s->session, "%s -> %s", text, chain[i]->module->name);
     Diag *d = diag_emit(s, DIAG_import_cycle, im->span, arena_printf(&s->session, "%s -> %s", text, closed->name));
     for (int i = n - 2; i >= 0; i--)
-        diag_note(s, d, chain[i]->import_span, "`%s` imports `%s` here", chain[i + 1]->module->name, chain[i]->module->name);
+        diag_note(s, d, chain[i]->import_span, "`%s` imports `%s` here", chain[i + 1]->module->name,
+                  chain[i]->module->name);
 }
 
 static Module *stand_in(Session *s, const Import *im) {

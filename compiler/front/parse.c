@@ -3,7 +3,9 @@
 
 #include <string.h>
 
-bool parse_at(const Parser *p, TokenKind k) { return p->tok.kind == k; }
+bool parse_at(const Parser *p, TokenKind k) {
+    return p->tok.kind == k;
+}
 
 void parse_stop(Parser *p) {
     p->stopped = p->panic = true;
@@ -76,8 +78,8 @@ bool parse_expect(Parser *p, TokenKind k, const char *what) {
 bool parse_close(Parser *p, TokenKind k, const char *what, Span open) {
     if (parse_accept(p, k)) return true;
     if (p->panic) return false;
-    Diag *d = parse_error(p, parse_at(p, TOK_EOF) ? DIAG_unbalanced : DIAG_syntax, p->tok.span, "expected %s before %s", what,
-                          lex_describe(p->s, &p->tok));
+    Diag *d = parse_error(p, parse_at(p, TOK_EOF) ? DIAG_unbalanced : DIAG_syntax, p->tok.span, "expected %s before %s",
+                          what, lex_describe(p->s, &p->tok));
     if (d) diag_note(p->s, d, open, "to match this");
     return false;
 }
@@ -87,8 +89,10 @@ void parse_semicolon(Parser *p, const char *after) {
     bool carry_on = p->tok.first_on_line || parse_at(p, TOK_RBRACE) || parse_at(p, TOK_EOF);
     /* The place where the `;` belongs, not the innocent token on the next line. */
     Span span = carry_on ? (Span){p->lx.file, p->prev_end, 0} : p->tok.span;
-    if (carry_on) parse_complain(p, DIAG_syntax, span, "expected `;` after %s", after);
-    else parse_error(p, DIAG_syntax, span, "expected `;` after %s, found %s", after, lex_describe(p->s, &p->tok));
+    if (carry_on)
+        parse_complain(p, DIAG_syntax, span, "expected `;` after %s", after);
+    else
+        parse_error(p, DIAG_syntax, span, "expected `;` after %s, found %s", after, lex_describe(p->s, &p->tok));
 }
 
 void parse_reserved(Parser *p, const Token *t) {
@@ -147,23 +151,33 @@ Span parse_span_from(const Parser *p, Span first) {
     return (Span){first.file, first.pos, p->prev_end > first.pos ? p->prev_end - first.pos : first.len};
 }
 
-static bool is_string(const Expr *e) { return e->kind == E_LITERAL && !e->type; }
+static bool is_string(const Expr *e) {
+    return e->kind == E_LITERAL && !e->type;
+}
 
 static Stmt call_instead(Parser *p, const Stmt *st, const char *name) {
     Expr *call = ARENA_NEW(&p->s->module, Expr);
-    *call = (Expr){.kind = E_CALL, .span = st->span, .op_span = st->span, .args = st->args, .nargs = st->nargs, .name = name, .depth = 1};
+    *call = (Expr){.kind = E_CALL,
+                   .span = st->span,
+                   .op_span = st->span,
+                   .args = st->args,
+                   .nargs = st->nargs,
+                   .name = name,
+                   .depth = 1};
     call->op_span.len = (uint32_t)strlen(name);
     for (uint32_t i = 0; i < st->nargs; i++) {
         if (st->args[i]->depth >= call->depth) call->depth = st->args[i]->depth + 1;
         if (!is_string(st->args[i])) continue;
-        diag_emit(p->s, DIAG_syntax, st->args[i]->span,
-                  arena_printf(&p->s->session, "a string cannot be an argument of `%s`, which this file declares", name));
+        diag_emit(
+            p->s, DIAG_syntax, st->args[i]->span,
+            arena_printf(&p->s->session, "a string cannot be an argument of `%s`, which this file declares", name));
         st->args[i]->kind = E_ERROR;
     }
     return (Stmt){.kind = S_EXPR, .span = st->span, .attrs = st->attrs, .expr = call};
 }
 
-/* Only at the end of a file is it known whether it declares its own `print` or `assert`; a user's names win over builtins. */
+/* Only at the end of a file is it known whether it declares its own `print` or `assert`; a user's names win over
+ * builtins. */
 static void finish_prints(Parser *p) {
     const char *print = intern(p->s, "print", 5), *assertion = intern(p->s, "assert", 6);
     bool own_print = false, own_assert = false;
@@ -177,8 +191,10 @@ static void finish_prints(Parser *p) {
             if (own_print) *st = call_instead(p, st, print);
         } else if (own_assert) {
             *st = call_instead(p, st, assertion);
-        } else if (st->nargs < 1 || st->nargs > 2 || is_string(st->args[0]) || (st->nargs == 2 && !is_string(st->args[1]))) {
-            diag_emit(p->s, DIAG_syntax, st->span, "`assert` takes a condition and, if wanted, a text: `assert(x > 0.0, \"x is positive\");`");
+        } else if (st->nargs < 1 || st->nargs > 2 || is_string(st->args[0]) ||
+                   (st->nargs == 2 && !is_string(st->args[1]))) {
+            diag_emit(p->s, DIAG_syntax, st->span,
+                      "`assert` takes a condition and, if wanted, a text: `assert(x > 0.0, \"x is positive\");`");
             *st = (Stmt){.kind = S_EMPTY, .span = st->span};
         } else {
             st->expr = st->args[0];

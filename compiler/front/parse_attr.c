@@ -14,7 +14,21 @@ typedef struct AttrRow {
 } AttrRow;
 
 typedef enum AttrId {
-    A_NODIFF, A_RANGE, A_DOC, A_COLOR, A_LOG, A_EXTENT, A_HEIGHT, A_TANGENT, A_DOMAIN, A_DISC, A_NODISC, A_SKIPLOOP, A_MAXITERS, A_CULL, A_COUNT
+    A_NODIFF,
+    A_RANGE,
+    A_DOC,
+    A_COLOR,
+    A_LOG,
+    A_EXTENT,
+    A_HEIGHT,
+    A_TANGENT,
+    A_DOMAIN,
+    A_DISC,
+    A_NODISC,
+    A_SKIPLOOP,
+    A_MAXITERS,
+    A_CULL,
+    A_COUNT
 } AttrId;
 
 static const AttrRow table[A_COUNT] = {
@@ -59,7 +73,10 @@ bool parse_attributes(Parser *p, AttrVec *out) {
 }
 
 static const char *place_name(int where) {
-    return where & ON_PARAM ? "a parameter" : where & ON_STMT ? "a statement" : where & ON_FUNC ? "a function" : "a shader";
+    return where & ON_PARAM  ? "a parameter"
+           : where & ON_STMT ? "a statement"
+           : where & ON_FUNC ? "a function"
+                             : "a shader";
 }
 
 static bool good_arguments(const Attr *a, const AttrRow *row) {
@@ -91,7 +108,8 @@ static AttrId understand(Parser *p, const Attr *a, int where, const char *what, 
     }
     const AttrRow *row = &table[id];
     if (!(row->where & where)) {
-        parse_complain(p, DIAG_bad_attribute, a->span, "`[%s]` marks %s, not %s", row->name, place_name(row->where), what);
+        parse_complain(p, DIAG_bad_attribute, a->span, "`[%s]` marks %s, not %s", row->name, place_name(row->where),
+                       what);
         return A_COUNT;
     }
     if (*seen & 1u << id) {
@@ -117,10 +135,18 @@ void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym) {
     for (uint32_t i = 0; i < attrs->len; i++) {
         const Attr *a = &attrs->data[i];
         switch (understand(p, a, ON_PARAM, "a parameter", &seen)) {
-        case A_NODIFF: out->nodiff = true, out->nodiff_span = a->span; break;
-        case A_COLOR: out->color = true, out->color_span = a->span; break;
-        case A_LOG: out->log = true, out->log_span = a->span; break;
-        case A_DOC: out->doc = a->args[0]->name; break;
+        case A_NODIFF:
+            out->nodiff = true, out->nodiff_span = a->span;
+            break;
+        case A_COLOR:
+            out->color = true, out->color_span = a->span;
+            break;
+        case A_LOG:
+            out->log = true, out->log_span = a->span;
+            break;
+        case A_DOC:
+            out->doc = a->args[0]->name;
+            break;
         case A_RANGE:
             out->has_range = true, out->range_span = a->span;
             memcpy(out->range_args, a->args, sizeof out->range_args);
@@ -133,7 +159,8 @@ void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym) {
             out->has_height = true, out->height_span = a->span;
             memcpy(out->height_args, a->args, sizeof out->height_args);
             break;
-        default: break;
+        default:
+            break;
         }
     }
 }
@@ -142,15 +169,21 @@ void attrs_to_func(Parser *p, const AttrVec *attrs, Func *f) {
     uint32_t seen = 0;
     for (uint32_t i = 0; i < attrs->len; i++) {
         const Attr *a = &attrs->data[i];
-        switch (understand(p, a, f->is_shader ? ON_FUNC | ON_SHADER : ON_FUNC, f->is_shader ? "a shader" : "a function", &seen)) {
-        case A_NODISC: f->nodisc = true, f->nodisc_span = a->span; break;
-        case A_TANGENT: f->tangent_name = a->args[0]->name, f->tangent_span = a->args[0]->span; break;
+        switch (understand(p, a, f->is_shader ? ON_FUNC | ON_SHADER : ON_FUNC, f->is_shader ? "a shader" : "a function",
+                           &seen)) {
+        case A_NODISC:
+            f->nodisc = true, f->nodisc_span = a->span;
+            break;
+        case A_TANGENT:
+            f->tangent_name = a->args[0]->name, f->tangent_span = a->args[0]->span;
+            break;
         case A_DOMAIN:
             f->has_domain = true, f->domain_span = a->span;
             f->domain_lo = a->args[0];
             f->domain_hi = a->args[1];
             break;
-        default: break;
+        default:
+            break;
         }
     }
 }
@@ -160,12 +193,23 @@ void attrs_to_stmt(Parser *p, const AttrVec *attrs, StmtAttrs *out) {
     for (uint32_t i = 0; i < attrs->len; i++) {
         const Attr *a = &attrs->data[i];
         switch (understand(p, a, ON_STMT, "a statement", &seen)) {
-        case A_DISC: out->disc = true, out->disc_span = a->span; break;
-        case A_NODISC: out->nodisc = true, out->nodisc_span = a->span; break;
-        case A_SKIPLOOP: out->skip_loop = true, out->skip_span = a->span; break;
-        case A_MAXITERS: out->max_iters = a->args[0], out->max_iters_span = a->span; break;
-        case A_CULL: out->cull_name = a->args[0]->name, out->cull_span = a->args[0]->span; break;
-        default: break;
+        case A_DISC:
+            out->disc = true, out->disc_span = a->span;
+            break;
+        case A_NODISC:
+            out->nodisc = true, out->nodisc_span = a->span;
+            break;
+        case A_SKIPLOOP:
+            out->skip_loop = true, out->skip_span = a->span;
+            break;
+        case A_MAXITERS:
+            out->max_iters = a->args[0], out->max_iters_span = a->span;
+            break;
+        case A_CULL:
+            out->cull_name = a->args[0]->name, out->cull_span = a->args[0]->span;
+            break;
+        default:
+            break;
         }
     }
 }

@@ -15,7 +15,8 @@ static bool dimensions(Parser *p, ExprVec *dims) {
         if (!parse_at(p, TOK_RBRACKET)) size = parse_cond_expr(p);
         parse_close(p, TOK_RBRACKET, "`]`", open);
         if (!size && dims->len > 0)
-            parse_complain(p, DIAG_syntax, parse_span_from(p, open), "only the first size of an array can be left open");
+            parse_complain(p, DIAG_syntax, parse_span_from(p, open),
+                           "only the first size of an array can be left open");
         vec_push(&p->s->module, dims, size);
         if (dims->len > MAX_DIMS) {
             parse_error(p, DIAG_chain_limit, open, "an array has at most %d dimensions", MAX_DIMS);
@@ -46,9 +47,11 @@ TypeRef *parse_type(Parser *p, const char *what) {
 void parse_skip_foreign_words(Parser *p) {
     while (parse_at(p, TOK_IDENT) && !p->panic) {
         Token next = parse_peek(p, 1);
-        bool declares = next.kind == TOK_TYPE || next.kind == TOK_CONST || next.kind == TOK_PARAM || next.kind == TOK_SHADER;
+        bool declares =
+            next.kind == TOK_TYPE || next.kind == TOK_CONST || next.kind == TOK_PARAM || next.kind == TOK_SHADER;
         if (!declares || next.first_on_line) return;
-        parse_complain(p, DIAG_syntax, p->tok.span, "`%s` before `%s` is not a word of the language", p->tok.text, next.text);
+        parse_complain(p, DIAG_syntax, p->tok.span, "`%s` before `%s` is not a word of the language", p->tok.text,
+                       next.text);
         parse_advance(p);
     }
 }
@@ -59,9 +62,12 @@ TypeRef *parse_declarator_dims(Parser *p, const TypeRef *base) {
     *t = *base;
     if (!p->panic && dimensions(p, &dims)) {
         for (uint32_t i = 0; i < base->ndims; i++) {
-            if (!base->dims[i]) parse_complain(p, DIAG_syntax, base->span, "only the first size of an array can be left open");
-            if (dims.len < MAX_DIMS) vec_push(&p->s->module, &dims, base->dims[i]);
-            else parse_error(p, DIAG_chain_limit, base->span, "an array has at most %d dimensions", MAX_DIMS);
+            if (!base->dims[i])
+                parse_complain(p, DIAG_syntax, base->span, "only the first size of an array can be left open");
+            if (dims.len < MAX_DIMS)
+                vec_push(&p->s->module, &dims, base->dims[i]);
+            else
+                parse_error(p, DIAG_chain_limit, base->span, "an array has at most %d dimensions", MAX_DIMS);
         }
         t->dims = dims.data;
         t->ndims = dims.len;
@@ -77,8 +83,8 @@ static void need_sizes(Parser *p, const TypeRef *t, Span name, const char *what)
 /* ---- recovery ---- */
 
 static bool starts_declaration(TokenKind k) {
-    return k == TOK_IMPORT || k == TOK_CONST || k == TOK_PARAM || k == TOK_STRUCT || k == TOK_TYPEDEF || k == TOK_SHADER || k == TOK_TYPE ||
-           k == TOK_LBRACKET;
+    return k == TOK_IMPORT || k == TOK_CONST || k == TOK_PARAM || k == TOK_STRUCT || k == TOK_TYPEDEF ||
+           k == TOK_SHADER || k == TOK_TYPE || k == TOK_LBRACKET;
 }
 
 static void synchronise(Parser *p) {
@@ -133,14 +139,18 @@ static void struct_declaration(Parser *p) {
             f.type_ref = parse_declarator_dims(p, base);
             need_sizes(p, f.type_ref, f.span, "a field");
             if (parse_at(p, TOK_ASSIGN))
-                parse_error(p, DIAG_syntax, p->tok.span, "fields have no default values; write them where the struct is made");
-            if (parse_at(p, TOK_LPAREN)) parse_error(p, DIAG_syntax, p->tok.span, "a struct has no methods; write a function that takes it");
+                parse_error(p, DIAG_syntax, p->tok.span,
+                            "fields have no default values; write them where the struct is made");
+            if (parse_at(p, TOK_LPAREN))
+                parse_error(p, DIAG_syntax, p->tok.span, "a struct has no methods; write a function that takes it");
             vec_push(&p->s->module, &fields, f);
             if (!parse_accept(p, TOK_COMMA)) break;
         }
         parse_semicolon(p, "the field");
         if (p->panic && !p->stopped) {
-            while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_RBRACE)) parse_advance(p);
+            while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_LBRACE) &&
+                   !parse_at(p, TOK_RBRACE))
+                parse_advance(p);
             bool body = parse_at(p, TOK_LBRACE);
             if (body || parse_at(p, TOK_SEMICOLON)) parse_advance(p);
             if (body) parse_skip_to_close(p, TOK_RBRACE, true);
@@ -209,7 +219,8 @@ static void param_value(Parser *p, Symbol *sym) {
         sym->zeros = true;
         sym->value_span = parse_span_from(p, t.span);
         if (!p->panic && (sym->nzeros_args < 2 || sym->nzeros_args > 3)) {
-            parse_complain(p, DIAG_syntax, sym->value_span, "`zeros` is written `zeros(width, height)` or `zeros(width, height, channels)`");
+            parse_complain(p, DIAG_syntax, sym->value_span,
+                           "`zeros` is written `zeros(width, height)` or `zeros(width, height, channels)`");
             sym->zeros = false;
         }
     } else {
@@ -238,7 +249,8 @@ static void values(Parser *p, SymbolKind kind, const TypeRef *base, const AttrVe
                 sym->value_span = sym->init->span;
             }
         } else {
-            parse_complain(p, DIAG_no_value, sym->span, "the %s `%s` needs a value", kind == SYM_PARAM ? "parameter" : "constant", sym->name);
+            parse_complain(p, DIAG_no_value, sym->span, "the %s `%s` needs a value",
+                           kind == SYM_PARAM ? "parameter" : "constant", sym->name);
             if (parse_at(p, TOK_LPAREN)) parse_error(p, DIAG_syntax, p->tok.span, "expected `=`");
         }
         Symbol ***end = kind == SYM_PARAM ? &p->params_end : &p->consts_end;
@@ -262,9 +274,12 @@ static Symbol *argument(Parser *p) {
     Symbol *sym = ARENA_NEW(&p->s->module, Symbol);
     sym->kind = SYM_ARG;
     sym->is_const = parse_accept(p, TOK_CONST);
-    if (parse_accept(p, TOK_INOUT)) sym->mode = ARG_INOUT;
-    else if (parse_accept(p, TOK_OUT)) sym->mode = ARG_OUT;
-    else if (parse_accept(p, TOK_IN) && parse_accept(p, TOK_OUT)) sym->mode = ARG_INOUT;
+    if (parse_accept(p, TOK_INOUT))
+        sym->mode = ARG_INOUT;
+    else if (parse_accept(p, TOK_OUT))
+        sym->mode = ARG_OUT;
+    else if (parse_accept(p, TOK_IN) && parse_accept(p, TOK_OUT))
+        sym->mode = ARG_INOUT;
     if (parse_accept(p, TOK_CONST)) sym->is_const = true;
     TypeRef *base = parse_type(p, "the type of an argument");
     if (!base) return NULL;
@@ -272,7 +287,8 @@ static Symbol *argument(Parser *p) {
     if (!sym->name) return NULL;
     sym->type_ref = parse_declarator_dims(p, base);
     need_sizes(p, sym->type_ref, sym->span, "an argument");
-    if (parse_at(p, TOK_ASSIGN)) parse_error(p, DIAG_syntax, p->tok.span, "arguments have no default values; overload the function instead");
+    if (parse_at(p, TOK_ASSIGN))
+        parse_error(p, DIAG_syntax, p->tok.span, "arguments have no default values; overload the function instead");
     return sym;
 }
 
@@ -309,7 +325,8 @@ static void function(Parser *p, Func *f, Span start, const AttrVec *attrs) {
         return;
     }
     if (parse_at(p, TOK_COLON) && !p->panic) {
-        parse_complain(p, DIAG_syntax, p->tok.span, "there are no semantics; the channels of a shader are what it returns");
+        parse_complain(p, DIAG_syntax, p->tok.span,
+                       "there are no semantics; the channels of a shader are what it returns");
         parse_advance(p);
         if (parse_at(p, TOK_IDENT)) parse_advance(p);
     }
@@ -337,7 +354,8 @@ static void shader(Parser *p, const AttrVec *attrs) {
         return;
     }
     /* The head is wrong; the body can still have errors of its own. */
-    while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_RBRACE)) parse_advance(p);
+    while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_RBRACE))
+        parse_advance(p);
     if (!parse_at(p, TOK_LBRACE)) return;
     p->panic = false;
     p->stmt_nest = p->stmt_depth = p->expr_nest = 0;
@@ -357,8 +375,10 @@ static void function_or_variable(Parser *p, const AttrVec *attrs) {
             diag_emit(p->s, DIAG_global_variable, name_tok.span, name_tok.text);
             /* With a value it is known as a constant, so that its uses are not errors too. */
             AttrVec none = {0};
-            if (next == TOK_ASSIGN) values(p, SYM_CONST, ret, &none);
-            else p->panic = true;
+            if (next == TOK_ASSIGN)
+                values(p, SYM_CONST, ret, &none);
+            else
+                p->panic = true;
             return;
         }
     }
@@ -388,8 +408,12 @@ void parse_file_scope(Parser *p) {
             attrs_none(p, &attrs, "an import");
             import(p);
             break;
-        case TOK_CONST: value_declaration(p, SYM_CONST, &attrs); break;
-        case TOK_PARAM: value_declaration(p, SYM_PARAM, &attrs); break;
+        case TOK_CONST:
+            value_declaration(p, SYM_CONST, &attrs);
+            break;
+        case TOK_PARAM:
+            value_declaration(p, SYM_PARAM, &attrs);
+            break;
         case TOK_STRUCT:
             attrs_none(p, &attrs, "a struct");
             struct_declaration(p);
@@ -398,21 +422,30 @@ void parse_file_scope(Parser *p) {
             attrs_none(p, &attrs, "a typedef");
             typedef_declaration(p);
             break;
-        case TOK_SHADER: shader(p, &attrs); break;
+        case TOK_SHADER:
+            shader(p, &attrs);
+            break;
         case TOK_TYPE:
         case TOK_IDENT:
             /* Behind a function that was taken for one at file scope: the rest of the function around it. */
-            if (p->unclosed && !parse_at_function(p)) parse_statement(p);
-            else function_or_variable(p, &attrs);
+            if (p->unclosed && !parse_at_function(p))
+                parse_statement(p);
+            else
+                function_or_variable(p, &attrs);
             break;
-        case TOK_SEMICOLON: parse_advance(p); break;
+        case TOK_SEMICOLON:
+            parse_advance(p);
+            break;
         case TOK_RBRACE:
             if (!p->unclosed) parse_complain(p, DIAG_unbalanced, p->tok.span, "this `}` closes nothing");
             parse_advance(p);
             break;
         default:
-            if (p->unclosed) parse_statement(p);
-            else parse_error(p, DIAG_syntax, p->tok.span, "expected a declaration before %s", lex_describe(p->s, &p->tok));
+            if (p->unclosed)
+                parse_statement(p);
+            else
+                parse_error(p, DIAG_syntax, p->tok.span, "expected a declaration before %s",
+                            lex_describe(p->s, &p->tok));
             break;
         }
         if (p->to_file_scope) {

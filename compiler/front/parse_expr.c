@@ -11,7 +11,9 @@ static Expr *new_expr(Parser *p, ExprKind kind, Span span) {
     return e;
 }
 
-static Expr *error_expr(Parser *p) { return new_expr(p, E_ERROR, p->tok.span); }
+static Expr *error_expr(Parser *p) {
+    return new_expr(p, E_ERROR, p->tok.span);
+}
 
 /* Every tree passes here: the height is what recursion over the tree costs later. */
 static Expr *measured(Parser *p, Expr *e) {
@@ -22,7 +24,8 @@ static Expr *measured(Parser *p, Expr *e) {
         if (e->args[i]->depth > depth) depth = e->args[i]->depth;
     e->depth = depth + 1;
     if (e->depth > MAX_EXPR_DEPTH) {
-        parse_error(p, DIAG_chain_limit, e->op_span, "this expression has more than %d links in a chain", MAX_EXPR_DEPTH);
+        parse_error(p, DIAG_chain_limit, e->op_span, "this expression has more than %d links in a chain",
+                    MAX_EXPR_DEPTH);
         parse_stop(p);
         return new_expr(p, E_ERROR, e->op_span);
     }
@@ -36,7 +39,9 @@ static bool enter(Parser *p) {
     return false;
 }
 
-static void leave(Parser *p) { p->expr_nest--; }
+static void leave(Parser *p) {
+    p->expr_nest--;
+}
 
 /* ---- primary expressions ---- */
 
@@ -92,7 +97,8 @@ static Expr *call(Parser *p, ExprKind kind, const Token *name) {
 
 static Expr *unary(Parser *p);
 
-/* `(float)x` and `(Disc)0` are what an HLSL user writes; a user's type is told from a parenthesised name by what follows. */
+/* `(float)x` and `(Disc)0` are what an HLSL user writes; a user's type is told from a parenthesised name by what
+ * follows. */
 static bool at_cast(const Parser *p) {
     Token type = parse_peek(p, 1);
     if (type.kind != TOK_TYPE && type.kind != TOK_IDENT) return false;
@@ -137,11 +143,15 @@ static Expr *parenthesised(Parser *p) {
 static Expr *primary(Parser *p) {
     const Token t = p->tok;
     switch (t.kind) {
-    case TOK_INT: return integer_literal(p);
-    case TOK_FLOAT: return literal(p, T_FLOAT, (ConstVal){.v = {{.f = t.number}}, .n = 1});
+    case TOK_INT:
+        return integer_literal(p);
+    case TOK_FLOAT:
+        return literal(p, T_FLOAT, (ConstVal){.v = {{.f = t.number}}, .n = 1});
     case TOK_TRUE:
-    case TOK_FALSE: return literal(p, T_BOOL, (ConstVal){.v = {{.i = t.kind == TOK_TRUE}}, .n = 1});
-    case TOK_LPAREN: return parenthesised(p);
+    case TOK_FALSE:
+        return literal(p, T_BOOL, (ConstVal){.v = {{.i = t.kind == TOK_TRUE}}, .n = 1});
+    case TOK_LPAREN:
+        return parenthesised(p);
     case TOK_IDENT: {
         parse_advance(p);
         if (parse_at(p, TOK_LPAREN)) return call(p, E_CALL, &t);
@@ -154,10 +164,13 @@ static Expr *primary(Parser *p) {
             parse_advance(p);
             return call(p, E_CONSTRUCT, &t);
         }
-        parse_error(p, DIAG_syntax, t.span, "expected an expression before the type `%s`; a value of it is written `%s(…)`", t.text, t.text);
+        parse_error(p, DIAG_syntax, t.span,
+                    "expected an expression before the type `%s`; a value of it is written `%s(…)`", t.text, t.text);
         return error_expr(p);
     case TOK_STRING:
-        if (!t.broken) parse_complain(p, DIAG_syntax, t.span, "a string stands only in `print`, `assert`, `[Doc]` and as the file of a parameter");
+        if (!t.broken)
+            parse_complain(p, DIAG_syntax, t.span,
+                           "a string stands only in `print`, `assert`, `[Doc]` and as the file of a parameter");
         parse_advance(p);
         p->panic |= t.broken;
         return new_expr(p, E_ERROR, t.span);
@@ -173,7 +186,9 @@ static Expr *primary(Parser *p) {
         parse_reserved(p, &t);
         parse_advance(p);
         return new_expr(p, E_ERROR, t.span);
-    default: parse_unexpected(p, "an expression"); return error_expr(p);
+    default:
+        parse_unexpected(p, "an expression");
+        return error_expr(p);
     }
 }
 
@@ -210,8 +225,9 @@ static Expr *postfix(Parser *p) {
             if (t.first_on_line && parse_peek(p, 1).kind == TOK_IDENT) {
                 TokenKind after = parse_peek(p, 2).kind;
                 TokenKind last = parse_peek(p, 3).kind;
-                if (after == TOK_RBRACKET && (last == TOK_IF || last == TOK_FOR || last == TOK_WHILE || last == TOK_DO || last == TOK_RETURN ||
-                                              last == TOK_SWITCH || last == TOK_TYPE || last == TOK_LBRACE))
+                if (after == TOK_RBRACKET &&
+                    (last == TOK_IF || last == TOK_FOR || last == TOK_WHILE || last == TOK_DO || last == TOK_RETURN ||
+                     last == TOK_SWITCH || last == TOK_TYPE || last == TOK_LBRACE))
                     break;
             }
             parse_advance(p);
@@ -240,13 +256,17 @@ static Expr *postfix(Parser *p) {
 static Operator unary_operator(const Token *t) {
     if (t->kind != TOK_OP) return OPR_NONE;
     switch ((int)t->op) {
-    case OPR_SUB: return OPR_NEG;
-    case OPR_ADD: return OPR_PLUS;
+    case OPR_SUB:
+        return OPR_NEG;
+    case OPR_ADD:
+        return OPR_PLUS;
     case OPR_NOT:
     case OPR_COMPL:
     case OPR_INC:
-    case OPR_DEC: return t->op;
-    default: return OPR_NONE;
+    case OPR_DEC:
+        return t->op;
+    default:
+        return OPR_NONE;
     }
 }
 
@@ -260,8 +280,8 @@ static Expr *unary(Parser *p) {
     Expr *operand = unary(p);
     leave(p);
     /* -2147483648 is an int, although 2147483648 alone is not. */
-    if (op == OPR_NEG && operand->kind == E_LITERAL && operand_token.kind == TOK_INT && !operand_token.is_unsigned && !operand->parenthesised &&
-        operand->type == type_scalar(T_UINT) && operand->cval.v[0].i == 2147483648) {
+    if (op == OPR_NEG && operand->kind == E_LITERAL && operand_token.kind == TOK_INT && !operand_token.is_unsigned &&
+        !operand->parenthesised && operand->type == type_scalar(T_UINT) && operand->cval.v[0].i == 2147483648) {
         operand->type = type_scalar(T_INT);
         operand->cval.v[0].i = INT32_MIN;
         operand->span = parse_join(t.span, operand->span);
@@ -281,25 +301,36 @@ static Expr *unary(Parser *p) {
 static int precedence(const Token *t) {
     if (t->kind != TOK_OP) return 0;
     switch ((int)t->op) {
-    case OPR_LOR: return 1;
-    case OPR_LAND: return 2;
-    case OPR_OR: return 3;
-    case OPR_XOR: return 4;
-    case OPR_AND: return 5;
+    case OPR_LOR:
+        return 1;
+    case OPR_LAND:
+        return 2;
+    case OPR_OR:
+        return 3;
+    case OPR_XOR:
+        return 4;
+    case OPR_AND:
+        return 5;
     case OPR_EQ:
-    case OPR_NE: return 6;
+    case OPR_NE:
+        return 6;
     case OPR_LT:
     case OPR_LE:
     case OPR_GT:
-    case OPR_GE: return 7;
+    case OPR_GE:
+        return 7;
     case OPR_SHL:
-    case OPR_SHR: return 8;
+    case OPR_SHR:
+        return 8;
     case OPR_ADD:
-    case OPR_SUB: return 9;
+    case OPR_SUB:
+        return 9;
     case OPR_MUL:
     case OPR_DIV:
-    case OPR_MOD: return 10;
-    default: return 0;
+    case OPR_MOD:
+        return 10;
+    default:
+        return 0;
     }
 }
 
@@ -311,7 +342,8 @@ static Expr *binary(Parser *p, int least) {
         const Token t = p->tok;
         parse_advance(p);
         Expr *right = binary(p, prec + 1);
-        Expr *e = new_expr(p, t.op == OPR_LAND || t.op == OPR_LOR ? E_LOGIC : E_BINARY, parse_join(left->span, right->span));
+        Expr *e =
+            new_expr(p, t.op == OPR_LAND || t.op == OPR_LOR ? E_LOGIC : E_BINARY, parse_join(left->span, right->span));
         e->op_span = t.span;
         e->op = t.op;
         e->a[0] = left;
@@ -330,8 +362,10 @@ Expr *parse_cond_expr(Parser *p) {
     Expr *e = new_expr(p, E_COND, op_span);
     e->a[0] = test;
     e->a[1] = parse_expr(p);
-    if (parse_expect(p, TOK_COLON, "`:` of `?:`")) e->a[2] = parse_cond_expr(p);
-    else e->a[2] = error_expr(p);
+    if (parse_expect(p, TOK_COLON, "`:` of `?:`"))
+        e->a[2] = parse_cond_expr(p);
+    else
+        e->a[2] = error_expr(p);
     leave(p);
     e->span = parse_join(test->span, e->a[2]->span);
     return measured(p, e);
@@ -347,7 +381,8 @@ Expr *parse_expr(Parser *p) {
     leave(p);
     Expr *e = new_expr(p, E_ASSIGN, parse_join(place->span, value->span));
     if (value->kind == E_LIST) {
-        parse_complain(p, DIAG_syntax, value->span, "a list in braces initialises a declaration; it cannot be assigned");
+        parse_complain(p, DIAG_syntax, value->span,
+                       "a list in braces initialises a declaration; it cannot be assigned");
         value->kind = E_ERROR;
     }
     e->op_span = t.span;

@@ -1,12 +1,15 @@
-/* The parser's own header, shared by parse.c (tokens, errors, recovery), parse_expr.c, parse_stmt.c, parse_attr.c and parse_decl.c.
+/* The parser's own header, shared by parse.c (tokens, errors, recovery), parse_expr.c, parse_stmt.c, parse_attr.c and
+ * parse_decl.c.
  *
- * Recovery. The first error of a construct sets `panic`; while it is set nothing is reported and `expect` consumes nothing, so the
- * functions of the descent simply return. Four places end the panic by skipping tokens: a parenthesised header (to its `)`), a braced list (to its
- * `}`), a statement (to `;`, `}` or a word that starts a statement on a new line) and a declaration at file scope. A limit sets
- * `stopped`: the token is then the end of the file for ever, and nothing more is reported.
+ * Recovery. The first error of a construct sets `panic`; while it is set nothing is reported and `expect` consumes
+ * nothing, so the functions of the descent simply return. Four places end the panic by skipping tokens: a parenthesised
+ * header (to its `)`), a braced list (to its
+ * `}`), a statement (to `;`, `}` or a word that starts a statement on a new line) and a declaration at file scope. A
+ * limit sets `stopped`: the token is then the end of the file for ever, and nothing more is reported.
  *
- * Depth. `expr_nest` and `stmt_nest` bound the descent itself; Expr.depth and `stmt_depth` bound the height of the tree, which chains built
- * by loops would otherwise grow without limit. Everything that later walks the tree by recursion relies on this. */
+ * Depth. `expr_nest` and `stmt_nest` bound the descent itself; Expr.depth and `stmt_depth` bound the height of the
+ * tree, which chains built by loops would otherwise grow without limit. Everything that later walks the tree by
+ * recursion relies on this. */
 #ifndef SALTUS_FRONT_PARSE_INTERNAL_H
 #define SALTUS_FRONT_PARSE_INTERNAL_H
 
@@ -38,15 +41,16 @@ typedef struct Parser {
     Lexer lx;
     Token tok;
     Module *module;
-    uint32_t prev_end;   /* end of the token before `tok` */
+    uint32_t prev_end; /* end of the token before `tok` */
     bool panic, stopped;
-    bool to_file_scope;  /* with panic: a `}` is missing and a declaration of file scope stands at `tok`; every block ends */
-    bool unclosed;       /* that was reported: a stray `}` at file scope is its consequence */
-    bool end_reported;   /* an error at the end of the file: the others there follow from it */
+    bool to_file_scope;   /* with panic: a `}` is missing and a declaration of file scope stands at `tok`; every block
+                             ends */
+    bool unclosed;        /* that was reported: a stray `}` at file scope is its consequence */
+    bool end_reported;    /* an error at the end of the file: the others there follow from it */
     uint32_t first_error; /* s->nerrors when this file was begun */
     uint32_t expr_nest, stmt_nest, stmt_depth;
     uint64_t reserved_reported; /* a bit a keyword that was used as a name: said once */
-    StmtVec prints;      /* print and assert statements, in case the file declares functions of these names */
+    StmtVec prints;             /* print and assert statements, in case the file declares functions of these names */
     Symbol **consts_end, **params_end;
     Func **funcs_end;
     StructDecl **structs_end;
@@ -76,15 +80,16 @@ void parse_unexpected(Parser *p, const char *what);
 void parse_reserved(Parser *p, const Token *t);
 /* Ends the parse of this file. */
 void parse_stop(Parser *p);
-/* Skips to the token that closes a bracket just opened, and past it; stops before `{`, `}` (and `;`, unless asked). Ends the panic. */
+/* Skips to the token that closes a bracket just opened, and past it; stops before `{`, `}` (and `;`, unless asked).
+ * Ends the panic. */
 void parse_skip_to_close(Parser *p, TokenKind close, bool past_semicolons);
 Span parse_join(Span a, Span b);
 Span parse_span_from(const Parser *p, Span first); /* from `first` to the last token consumed */
 
 /* parse_expr.c. All return an Expr, E_ERROR after an error. */
-Expr *parse_expr(Parser *p);       /* with assignment, without comma */
-Expr *parse_comma_expr(Parser *p); /* with comma: statements and `for` */
-Expr *parse_cond_expr(Parser *p);  /* without assignment: constants, labels, sizes */
+Expr *parse_expr(Parser *p);        /* with assignment, without comma */
+Expr *parse_comma_expr(Parser *p);  /* with comma: statements and `for` */
+Expr *parse_cond_expr(Parser *p);   /* without assignment: constants, labels, sizes */
 Expr *parse_initialiser(Parser *p); /* an expression or a { list } */
 /* After `(`: arguments and the `)`. Strings are allowed where asked. */
 Expr **parse_arguments(Parser *p, Span open, bool strings, uint32_t *n);
@@ -106,7 +111,7 @@ bool parse_at_function(const Parser *p);
 void parse_skip_struct(Parser *p);
 
 /* parse_decl.c */
-TypeRef *parse_type(Parser *p, const char *what);              /* name and [dims] before the declared name */
+TypeRef *parse_type(Parser *p, const char *what);               /* name and [dims] before the declared name */
 TypeRef *parse_declarator_dims(Parser *p, const TypeRef *base); /* [dims] behind it, joined with those of the type */
 /* `static float x`, `uniform const int n`: says that the word means nothing here, and goes on behind it. */
 void parse_skip_foreign_words(Parser *p);

@@ -18,10 +18,22 @@ static bool starts_file_scope(TokenKind k) {
 
 static bool starts_statement(const Parser *p) {
     switch ((int)p->tok.kind) {
-    case TOK_IF: case TOK_FOR: case TOK_WHILE: case TOK_DO: case TOK_SWITCH: case TOK_RETURN: case TOK_BREAK: case TOK_CONTINUE:
-    case TOK_CASE: case TOK_DEFAULT: case TOK_CONST: return true;
-    case TOK_TYPE: return parse_peek(p, 1).kind == TOK_IDENT;
-    default: return starts_file_scope(p->tok.kind);
+    case TOK_IF:
+    case TOK_FOR:
+    case TOK_WHILE:
+    case TOK_DO:
+    case TOK_SWITCH:
+    case TOK_RETURN:
+    case TOK_BREAK:
+    case TOK_CONTINUE:
+    case TOK_CASE:
+    case TOK_DEFAULT:
+    case TOK_CONST:
+        return true;
+    case TOK_TYPE:
+        return parse_peek(p, 1).kind == TOK_IDENT;
+    default:
+        return starts_file_scope(p->tok.kind);
     }
 }
 
@@ -59,7 +71,8 @@ bool parse_at_function(const Parser *p) {
 }
 
 void parse_skip_struct(Parser *p) {
-    while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_RBRACE)) parse_advance(p);
+    while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_RBRACE))
+        parse_advance(p);
     if (parse_at(p, TOK_LBRACE)) {
         parse_advance(p);
         parse_skip_to_close(p, TOK_RBRACE, true);
@@ -83,10 +96,14 @@ static bool starts_declaration(const Parser *p) {
     if (t.kind != TOK_LBRACKET) return false;
     uint32_t depth = 0;
     for (;; t = lex_next(&ahead)) {
-        if (t.kind == TOK_LBRACKET) depth++;
-        else if (t.kind == TOK_RBRACKET) depth--;
-        else if (t.kind == TOK_EOF || t.kind == TOK_SEMICOLON || t.kind == TOK_LBRACE || t.kind == TOK_RBRACE) return false;
-        else if (depth == 0) return t.kind == TOK_IDENT && !t.first_on_line;
+        if (t.kind == TOK_LBRACKET)
+            depth++;
+        else if (t.kind == TOK_RBRACKET)
+            depth--;
+        else if (t.kind == TOK_EOF || t.kind == TOK_SEMICOLON || t.kind == TOK_LBRACE || t.kind == TOK_RBRACE)
+            return false;
+        else if (depth == 0)
+            return t.kind == TOK_IDENT && !t.first_on_line;
     }
 }
 
@@ -103,7 +120,8 @@ static Stmt *declaration(Parser *p) {
         if (!sym->name) break;
         sym->type_ref = parse_declarator_dims(p, base);
         if (parse_at(p, TOK_LPAREN) && !p->panic)
-            parse_error(p, DIAG_syntax, p->tok.span, "a variable is initialised with `=`, as in `%s %s = …`", base->name, sym->name);
+            parse_error(p, DIAG_syntax, p->tok.span, "a variable is initialised with `=`, as in `%s %s = …`",
+                        base->name, sym->name);
         if (parse_at(p, TOK_ASSIGN) && p->tok.op == OPR_NONE && !p->panic) {
             parse_advance(p);
             sym->init = parse_initialiser(p);
@@ -132,7 +150,9 @@ static Expr *header_condition(Parser *p, Stmt *st, Span keyword) {
         if (p->panic && !p->stopped) parse_skip_to_close(p, TOK_RPAREN, false);
     } else if (!p->stopped) {
         /* `if x > 0 {`: on to the body. */
-        while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_SEMICOLON)) parse_advance(p);
+        while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_LBRACE) && !parse_at(p, TOK_RBRACE) &&
+               !parse_at(p, TOK_SEMICOLON))
+            parse_advance(p);
         p->panic = p->stopped;
     }
     st->span = parse_span_from(p, keyword);
@@ -161,7 +181,8 @@ static Stmt *if_chain(Parser *p) {
         if (p->to_file_scope || !parse_accept(p, TOK_ELSE)) break;
         links++;
         if (++p->stmt_depth > MAX_STMT_DEPTH) {
-            parse_error(p, DIAG_chain_limit, p->tok.span, "this `else if` chain has more than %d links", MAX_STMT_DEPTH);
+            parse_error(p, DIAG_chain_limit, p->tok.span, "this `else if` chain has more than %d links",
+                        MAX_STMT_DEPTH);
             parse_stop(p);
             break;
         }
@@ -170,7 +191,8 @@ static Stmt *if_chain(Parser *p) {
         uint32_t before_end = p->prev_end;
         parse_attributes(p, &attrs);
         if (parse_at(p, TOK_IF) && !p->panic) continue;
-        /* The attributes belong to another statement, which reads them again (quietly reported errors are reported once). */
+        /* The attributes belong to another statement, which reads them again (quietly reported errors are reported
+         * once). */
         if (!p->stopped) {
             p->lx = before;
             p->tok = before_tok;
@@ -247,19 +269,22 @@ static Stmt *switch_statement(Parser *p) {
         } else if (parse_accept(p, TOK_CASE)) {
             c.label_expr = parse_cond_expr(p);
         } else {
-            parse_error(p, DIAG_syntax, p->tok.span, "expected `case` or `default` before %s", lex_describe(p->s, &p->tok));
+            parse_error(p, DIAG_syntax, p->tok.span, "expected `case` or `default` before %s",
+                        lex_describe(p->s, &p->tok));
         }
         c.span = parse_span_from(p, c.span);
         parse_expect(p, TOK_COLON, "`:`");
         if (p->panic) {
             /* To the next label, statement or the end of this one. */
-            while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_COLON) && !parse_at(p, TOK_RBRACE) &&
-                   !parse_at(p, TOK_LBRACE) && !(p->tok.first_on_line && p->tok.span.pos != start && starts_statement(p)))
+            while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_COLON) &&
+                   !parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_LBRACE) &&
+                   !(p->tok.first_on_line && p->tok.span.pos != start && starts_statement(p)))
                 parse_advance(p);
             if (!p->stopped) p->panic = false;
             if (parse_at(p, TOK_COLON) || parse_at(p, TOK_SEMICOLON)) parse_advance(p);
         }
-        while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !parse_at(p, TOK_CASE) && !parse_at(p, TOK_DEFAULT) && !p->to_file_scope) {
+        while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !parse_at(p, TOK_CASE) &&
+               !parse_at(p, TOK_DEFAULT) && !p->to_file_scope) {
             uint32_t before = p->tok.span.pos;
             Stmt *inner = parse_statement(p);
             vec_push(&p->s->module, &body, inner);
@@ -324,11 +349,13 @@ static Stmt *print_or_assert(Parser *p, StmtKind kind) {
 static Stmt *jump(Parser *p, StmtKind kind, const char *what) {
     Stmt *st = new_stmt(p, kind, p->tok.span);
     parse_advance(p);
-    bool valueless = parse_at(p, TOK_SEMICOLON) || parse_at(p, TOK_RBRACE) || (p->tok.first_on_line && starts_statement(p));
+    bool valueless =
+        parse_at(p, TOK_SEMICOLON) || parse_at(p, TOK_RBRACE) || (p->tok.first_on_line && starts_statement(p));
     if (kind == S_RETURN && !valueless && !p->panic) {
         st->expr = parse_at(p, TOK_LBRACE) ? parse_initialiser(p) : parse_expr(p);
         if (st->expr->kind == E_LIST) {
-            parse_complain(p, DIAG_syntax, st->expr->span, "a list in braces initialises a declaration; it cannot be returned");
+            parse_complain(p, DIAG_syntax, st->expr->span,
+                           "a list in braces initialises a declaration; it cannot be returned");
             st->expr->kind = E_ERROR;
         }
     }
@@ -363,15 +390,25 @@ static Stmt *simple(Parser *p) {
 static Stmt *unmarked(Parser *p) {
     Span span = p->tok.span;
     switch ((int)p->tok.kind) {
-    case TOK_LBRACE: return parse_block(p);
-    case TOK_IF: return if_chain(p);
-    case TOK_FOR: return for_loop(p);
-    case TOK_DO: return do_loop(p);
-    case TOK_SWITCH: return switch_statement(p);
-    case TOK_BREAK: return jump(p, S_BREAK, "`break`");
-    case TOK_CONTINUE: return jump(p, S_CONTINUE, "`continue`");
-    case TOK_RETURN: return jump(p, S_RETURN, "`return`");
-    case TOK_SEMICOLON: parse_advance(p); return new_stmt(p, S_EMPTY, span);
+    case TOK_LBRACE:
+        return parse_block(p);
+    case TOK_IF:
+        return if_chain(p);
+    case TOK_FOR:
+        return for_loop(p);
+    case TOK_DO:
+        return do_loop(p);
+    case TOK_SWITCH:
+        return switch_statement(p);
+    case TOK_BREAK:
+        return jump(p, S_BREAK, "`break`");
+    case TOK_CONTINUE:
+        return jump(p, S_CONTINUE, "`continue`");
+    case TOK_RETURN:
+        return jump(p, S_RETURN, "`return`");
+    case TOK_SEMICOLON:
+        parse_advance(p);
+        return new_stmt(p, S_EMPTY, span);
     case TOK_WHILE: {
         Stmt *st = new_stmt(p, S_WHILE, span);
         parse_advance(p);
@@ -388,7 +425,8 @@ static Stmt *unmarked(Parser *p) {
         parse_error(p, DIAG_syntax, span, "`%s` stands directly in a `switch` only", p->tok.text);
         parse_advance(p);
         return new_stmt(p, S_EMPTY, span);
-    default: return simple(p);
+    default:
+        return simple(p);
     }
 }
 
@@ -408,7 +446,8 @@ Stmt *parse_statement(Parser *p) {
     if (marked && (starts_file_scope(p->tok.kind) || parse_at(p, TOK_RBRACE) || parse_at(p, TOK_EOF))) {
         /* `[Domain(…)] shader …` behind an unclosed function; the block sees the keyword next. */
         if (parse_at(p, TOK_RBRACE))
-            parse_complain(p, DIAG_bad_attribute, attrs.data[0].span, "this attribute marks nothing: no statement follows");
+            parse_complain(p, DIAG_bad_attribute, attrs.data[0].span,
+                           "this attribute marks nothing: no statement follows");
         st = new_stmt(p, S_EMPTY, span);
     } else {
         st = unmarked(p);

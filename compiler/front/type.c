@@ -1,26 +1,31 @@
-/* Types are interned: equal types are equal pointers. What does not depend on a program is a constant table here; arrays live in the
- * session, found by element type and length. */
+/* Types are interned: equal types are equal pointers. What does not depend on a program is a constant table here;
+ * arrays live in the session, found by element type and length. */
 #include "compiler/front/ast.h"
 
 #include <string.h>
 
 #define SIMPLE(k, text) [k] = {.kind = k, .name = text}
-static const Type simple[] = {SIMPLE(T_ERROR, "<error>"), SIMPLE(T_VOID, "void"),   SIMPLE(T_BOOL, "bool"),
-                              SIMPLE(T_INT, "int"),       SIMPLE(T_UINT, "uint"),   SIMPLE(T_FLOAT, "float"),
+static const Type simple[] = {SIMPLE(T_ERROR, "<error>"),     SIMPLE(T_VOID, "void"),
+                              SIMPLE(T_BOOL, "bool"),         SIMPLE(T_INT, "int"),
+                              SIMPLE(T_UINT, "uint"),         SIMPLE(T_FLOAT, "float"),
                               SIMPLE(T_TEXTURE, "texture2D"), SIMPLE(T_HEIGHTFIELD, "heightfield")};
 
 #define ELEM(k) ((Type *)&simple[k])
 #define VECTOR(k, text, width) {.kind = T_VECTOR, .elem = ELEM(k), .n = width, .name = text #width}
 #define VECTORS(k, text) {VECTOR(k, text, 2), VECTOR(k, text, 3), VECTOR(k, text, 4)}
-static const Type vectors[4][3] = {VECTORS(T_BOOL, "bool"), VECTORS(T_INT, "int"), VECTORS(T_UINT, "uint"), VECTORS(T_FLOAT, "float")};
+static const Type vectors[4][3] = {VECTORS(T_BOOL, "bool"), VECTORS(T_INT, "int"), VECTORS(T_UINT, "uint"),
+                                   VECTORS(T_FLOAT, "float")};
 static const Type matrices[3] = {{.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = 2, .name = "float2x2"},
                                  {.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = 3, .name = "float3x3"},
                                  {.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = 4, .name = "float4x4"}};
 
 _Static_assert(T_FLOAT - T_BOOL == 3, "vectors are indexed by scalar kind");
 
-/* Types are passed around as Type * because struct types are filled in while checking; a write to one of these constants is a fault. */
-Type *type_scalar(TypeKind k) { return (Type *)&simple[k]; }
+/* Types are passed around as Type * because struct types are filled in while checking; a write to one of these
+ * constants is a fault. */
+Type *type_scalar(TypeKind k) {
+    return (Type *)&simple[k];
+}
 
 Type *type_vector(Session *s, TypeKind elem, uint32_t n) {
     if (elem < T_BOOL || elem > T_FLOAT || n < 2 || n > 4) ice(s, "no vector of %u elements of kind %d", n, (int)elem);
@@ -33,7 +38,8 @@ Type *type_matrix(Session *s, uint32_t n) {
 }
 
 Type *type_keyword(const char *name, size_t len) {
-#define TRY(t) if (strlen((t).name) == len && !memcmp((t).name, name, len)) return (Type *)&(t)
+#define TRY(t)                                                                                                         \
+    if (strlen((t).name) == len && !memcmp((t).name, name, len)) return (Type *)&(t)
     for (TypeKind k = T_VOID; k <= T_FLOAT; k++) TRY(simple[k]);
     TRY(simple[T_TEXTURE]);
     TRY(simple[T_HEIGHTFIELD]);
@@ -45,7 +51,10 @@ Type *type_keyword(const char *name, size_t len) {
 }
 
 Type *type_array(Session *s, Type *elem, uint32_t n) {
-    struct { Type *elem; uint64_t n; } key = {elem, n};
+    struct {
+        Type *elem;
+        uint64_t n;
+    } key = {elem, n};
     uint32_t hash = hash_bytes(&key, sizeof key), at = UINT32_MAX;
     for (const Type *t; (t = table_next(&s->array_types, hash, &at));)
         if (t->elem == elem && t->n == n) return (Type *)t;
@@ -54,7 +63,9 @@ Type *type_array(Session *s, Type *elem, uint32_t n) {
     size_t stem = strcspn(elem->name, "[");
     char length[16] = "";
     if (n) snprintf(length, sizeof length, "%u", n);
-    *t = (Type){.kind = T_ARRAY, .elem = elem, .n = n,
+    *t = (Type){.kind = T_ARRAY,
+                .elem = elem,
+                .n = n,
                 .name = arena_printf(&s->session, "%.*s[%s]%s", (int)stem, elem->name, length, elem->name + stem)};
     table_insert(s, &s->array_types, t, hash);
     return t;
@@ -71,19 +82,26 @@ uint32_t type_components(const Type *t) {
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
-    case T_HEIGHTFIELD: return 0;
+    case T_HEIGHTFIELD:
+        return 0;
     case T_BOOL:
     case T_INT:
     case T_UINT:
-    case T_FLOAT: return 1;
-    case T_VECTOR: return t->n;
-    case T_MATRIX: return t->n * t->n;
-    case T_ARRAY: n = (uint64_t)t->n * type_components(t->elem); break;
+    case T_FLOAT:
+        return 1;
+    case T_VECTOR:
+        return t->n;
+    case T_MATRIX:
+        return t->n * t->n;
+    case T_ARRAY:
+        n = (uint64_t)t->n * type_components(t->elem);
+        break;
     case T_STRUCT:
         for (uint32_t i = 0; i < t->nfields && n < UINT32_MAX; i++) n += type_components(t->fields[i].type);
         break;
     }
-    /* Structs of structs of structs double at every level: without the cache the walk would, too. Constants never get here. */
+    /* Structs of structs of structs double at every level: without the cache the walk would, too. Constants never get
+     * here. */
     ((Type *)t)->components = n < UINT32_MAX ? (uint32_t)n : UINT32_MAX;
     return t->components;
 }

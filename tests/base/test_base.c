@@ -10,16 +10,22 @@
 #include "compiler/base/session.h"
 
 static char *captured(const Session *s, void (*print)(const Session *, FILE *)) {
-    char *text = NULL;
-    size_t len;
-    FILE *f = open_memstream(&text, &len);
+    FILE *f = tmpfile();
     print(s, f);
+    size_t len = (size_t)ftell(f);
+    rewind(f);
+    char *text = calloc(len + 1, 1);
+    if (fread(text, 1, len, f) != len) text[0] = 0;
     fclose(f);
     return text;
 }
 
-static void text_form(const Session *s, FILE *f) { diag_print_text(s, f, false); }
-static void colour_form(const Session *s, FILE *f) { diag_print_text(s, f, true); }
+static void text_form(const Session *s, FILE *f) {
+    diag_print_text(s, f, false);
+}
+static void colour_form(const Session *s, FILE *f) {
+    diag_print_text(s, f, true);
+}
 
 /* ---- memory ---- */
 
@@ -61,8 +67,12 @@ static void spend(Session *s, void *arg) {
     (void)arg;
     for (;;) arena_alloc(&s->module, 1000);
 }
-static void ask_too_much(Session *s, void *arg) { arena_alloc(&s->module, *(size_t *)arg); }
-static void fault(Session *s, void *arg) { ice(s, "in %s", (const char *)arg); }
+static void ask_too_much(Session *s, void *arg) {
+    arena_alloc(&s->module, *(size_t *)arg);
+}
+static void fault(Session *s, void *arg) {
+    ice(s, "in %s", (const char *)arg);
+}
 static void nested(Session *s, void *arg) {
     arena_alloc(&s->scratch, 1 << 20);
     *(int *)arg = session_protect(s, fault, "the inner");
@@ -165,11 +175,16 @@ static void excerpts(void **state) {
     check_text("one", 99, 5, "a.salt:1:4: error: here [E0001]\n    1 | one\n      |    ^\n");
     /* Tabs are four columns in the excerpt and one in the number; wide characters two; marks above letters none. */
     check_text("\ta\tb", 3, 1, "a.salt:1:4: error: here [E0001]\n    1 |     a   b\n      |         ^\n");
-    check_text("\xC3\xA9 \xE4\xBD\xA0 x", 7, 1, "a.salt:1:5: error: here [E0001]\n    1 | \xC3\xA9 \xE4\xBD\xA0 x\n      |      ^\n");
+    check_text("\xC3\xA9 \xE4\xBD\xA0 x", 7, 1,
+               "a.salt:1:5: error: here [E0001]\n    1 | \xC3\xA9 \xE4\xBD\xA0 x\n      |      ^\n");
     check_text("e\xCC\x81 x", 4, 1, "a.salt:1:4: error: here [E0001]\n    1 | e\xCC\x81 x\n      |   ^\n");
     check_text("\xEF\xBB\xBFx", 3, 1, "a.salt:1:1: error: here [E0001]\n    1 | x\n      | ^\n");
     /* What a terminal would obey, and what is no UTF-8, is never passed on. */
-    check_text("a\033[31m\xFF" "b", 7, 1, "a.salt:1:8: error: here [E0001]\n    1 | a\xEF\xBF\xBD[31m\xEF\xBF\xBD" "b\n      |        ^\n");
+    check_text("a\033[31m\xFF"
+               "b",
+               7, 1,
+               "a.salt:1:8: error: here [E0001]\n    1 | a\xEF\xBF\xBD[31m\xEF\xBF\xBD"
+               "b\n      |        ^\n");
 }
 
 static void long_lines(void **state) {
@@ -184,9 +199,7 @@ static void long_lines(void **state) {
     assert_non_null(strstr(text, "a.salt:1:500001: error"));
     assert_non_null(strstr(text, "^^^\n"));
     /* The caret is under the first column of the span: LEAD columns and the mark of the cut. */
-    const char *line = strstr(text, "    1 | "), *carets = strstr(text, "      | ");
-    assert_non_null(line);
-    assert_int_equal(strchr(carets, '^') - carets - 8, 61);
+    assert_int_equal(strcspn(strstr(text, "      | ") + 8, "^"), 61);
     free(text);
     /* Two hundred errors on one line of a megabyte are counted on from each other. */
     for (uint32_t i = 0; i < 200; i++) mark(s, i * 5000, 1, "here");
@@ -248,7 +261,9 @@ static void notes(void **state) {
     session_destroy(s);
 }
 
-static json_int_t number(json_t *range, const char *end, const char *key) { return json_integer_value(json_object_get(json_object_get(range, end), key)); }
+static json_int_t number(json_t *range, const char *end, const char *key) {
+    return json_integer_value(json_object_get(json_object_get(range, end), key));
+}
 
 static void json_form(void **state) {
     (void)state;
@@ -266,7 +281,8 @@ static void json_form(void **state) {
     assert_string_equal(json_string_value(json_object_get(o, "uri")), "file:///a%20b/%C3%A9%25.salt");
     assert_string_equal(json_string_value(json_object_get(o, "code")), "E0001");
     assert_string_equal(json_string_value(json_object_get(o, "source")), "saltus");
-    assert_string_equal(json_string_value(json_object_get(o, "message")), "quote \" slash \\ tab \t byte \x01 \xEF\xBF\xBD end");
+    assert_string_equal(json_string_value(json_object_get(o, "message")),
+                        "quote \" slash \\ tab \t byte \x01 \xEF\xBF\xBD end");
     assert_int_equal(json_integer_value(json_object_get(o, "severity")), 1);
     json_t *range = json_object_get(o, "range");
     assert_int_equal(number(range, "start", "line"), 1);
@@ -310,7 +326,8 @@ static void codes(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(arenas), cmocka_unit_test(unwinding), cmocka_unit_test(names), cmocka_unit_test(excerpts), cmocka_unit_test(long_lines),
-        cmocka_unit_test(order_and_count), cmocka_unit_test(notes), cmocka_unit_test(json_form), cmocka_unit_test(codes)};
+        cmocka_unit_test(arenas),   cmocka_unit_test(unwinding),  cmocka_unit_test(names),
+        cmocka_unit_test(excerpts), cmocka_unit_test(long_lines), cmocka_unit_test(order_and_count),
+        cmocka_unit_test(notes),    cmocka_unit_test(json_form),  cmocka_unit_test(codes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -29,15 +29,19 @@ static inline void parse_body(Session *s, void *arg) {
 }
 
 static char *printed(const Session *s, void (*print)(const Session *, FILE *)) {
-    char *text = NULL;
-    size_t len;
-    FILE *f = open_memstream(&text, &len);
+    FILE *f = tmpfile();
     print(s, f);
+    size_t len = (size_t)ftell(f);
+    rewind(f);
+    char *text = calloc(len + 1, 1);
+    if (fread(text, 1, len, f) != len) text[0] = 0;
     fclose(f);
     return text;
 }
 
-static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
+static void print_text(const Session *s, FILE *f) {
+    diag_print_text(s, f, false);
+}
 
 /* From the text form, so that the order printed is the order tested. */
 static inline char *brief_of(const char *text) {
@@ -76,7 +80,9 @@ static inline Parsed parse_bytes(const char *text, size_t len) {
     return out;
 }
 
-static inline Parsed parse_text(const char *text) { return parse_bytes(text, strlen(text)); }
+static inline Parsed parse_text(const char *text) {
+    return parse_bytes(text, strlen(text));
+}
 
 static inline void parsed_free(Parsed *p) {
     session_destroy(p->s);

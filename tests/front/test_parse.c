@@ -56,8 +56,10 @@ static void precedence(void **state) {
     check_expr("a + b * c - d", "(- (+ a (* b c)) d)");
     check_expr("a - b - c", "(- (- a b) c)");
     check_expr("(a - (b - c))", "(- a (- b c))");
-    check_expr("a || b && c | d ^ e & f == g < h << i + j * k", "(|| a (&& b (| c (^ d (& e (== f (< g (<< h (+ i (* j k))))))))))");
-    check_expr("a * b + c << d < e == f & g ^ h | i && j || k", "(|| (&& (| (^ (& (== (< (<< (+ (* a b) c) d) e) f) g) h) i) j) k)");
+    check_expr("a || b && c | d ^ e & f == g < h << i + j * k",
+               "(|| a (&& b (| c (^ d (& e (== f (< g (<< h (+ i (* j k))))))))))");
+    check_expr("a * b + c << d < e == f & g ^ h | i && j || k",
+               "(|| (&& (| (^ (& (== (< (<< (+ (* a b) c) d) e) f) g) h) i) j) k)");
     check_expr("a ? b : c ? d : e", "(?: a b (?: c d e))");
     check_expr("a ? b ? c : d : e", "(?: a (?: b c d) e)");
     check_expr("-a.x[1]++", "(- (_++ ([] (.x a) 1)))");
@@ -95,7 +97,8 @@ static void statements(void **state) {
     check_body("a++, --b;", "(, (_++ a) (--_ b))");
     check_body("if (a) b = 1; else if (c) { } else d();", "(if a (= b 1) else (if c (block) else (call d)))");
     check_body("if (a) if (b) c(); else d();", "(if a (if b (call c) else (call d)))");
-    check_body("for (int i = 0, j = 9; i < j; i++, j--) ;", "(for (decl (int i 0) (int j 9)) (< i j) (, (_++ i) (_-- j)) (empty))");
+    check_body("for (int i = 0, j = 9; i < j; i++, j--) ;",
+               "(for (decl (int i 0) (int j 9)) (< i j) (, (_++ i) (_-- j)) (empty))");
     check_body("for (i = 0; ; ) break;", "(for (= i 0) _ _ (break))");
     check_body("for (;;) { continue; }", "(for _ _ _ (block (continue)))");
     check_body("while (a < b) a++;", "(while (< a b) (_++ a))");
@@ -108,21 +111,25 @@ static void statements(void **state) {
     check_body("[Disc] if (a < b) c();", "@Disc (if (< a b) (call c))");
     check_body("[Disc, SkipLoop] if (a) ;", "@Disc @SkipLoop (if a (empty))");
     check_body("[Disc] [SkipLoop] if (a) ;", "@Disc @SkipLoop (if a (empty))");
-    check_body("[MaxIters(N * 2)] while (a) [NoDisc] b = floor(c);", "@MaxIters:(* N 2) (while a @NoDisc (= b (call floor c)))");
+    check_body("[MaxIters(N * 2)] while (a) [NoDisc] b = floor(c);",
+               "@MaxIters:(* N 2) (while a @NoDisc (= b (call floor c)))");
     check_body("[Cull(box)] for (;;) ;", "@Cull:box (for _ _ _ (empty))");
-    check_body("if (a) ; else [Disc] if (b) ; else [NoDisc] c();", "(if a (empty) else @Disc (if b (empty) else @NoDisc (call c)))");
+    check_body("if (a) ; else [Disc] if (b) ; else [NoDisc] c();",
+               "(if a (empty) else @Disc (if b (empty) else @NoDisc (call c)))");
     check_body("[Disc] Hit v = h.trace(o, d, 0.0, 1e9);", "@Disc (decl (Hit v (method trace h o d 0f 1e+09f)))");
 }
 
 static void file_scope(void **state) {
     (void)state;
     CHECK_DUMP("import sdf; import noise;", "(import sdf)\n(import noise)\n");
-    CHECK_DUMP("struct Disc { float2 centre; float r, w[2]; };", "(struct Disc (float2 centre) (float r) (float[2] w))\n");
+    CHECK_DUMP("struct Disc { float2 centre; float r, w[2]; };",
+               "(struct Disc (float2 centre) (float r) (float[2] w))\n");
     CHECK_DUMP("typedef float3 Ink; typedef float M[2][3]; typedef float[4] Q;",
                "(typedef Ink float3)\n(typedef M float[2][3])\n(typedef Q float[4])\n");
     CHECK_DUMP("const int N = 3, M = N * 2; const float w[3] = { 1, 2, 3 };",
                "(const (int N 3))\n(const (int M (* N 2)))\n(const (float[3] w (list 1 2 3)))\n");
-    CHECK_DUMP("[Range(0.05, 0.9)] [Doc(\"how \\\"wide\\\"\")] param float r = 0.4;", "(param @Doc:how \"wide\" @Range:0.05f 0.9f (float r 0.4f))\n");
+    CHECK_DUMP("[Range(0.05, 0.9)] [Doc(\"how \\\"wide\\\"\")] param float r = 0.4;",
+               "(param @Doc:how \"wide\" @Range:0.05f 0.9f (float r 0.4f))\n");
     CHECK_DUMP("[NoDiff, Color] param float3 c = float3(1.0); [Log] param float s = 1.0;",
                "(param @NoDiff @Color (float3 c (make float3 1f)))\n(param @Log (float s 1f))\n");
     CHECK_DUMP("param Disc discs[N] = init(f);", "(param (Disc[N] discs init f))\n");
@@ -138,10 +145,13 @@ static void file_scope(void **state) {
                "(shader @Domain:(- 1f) (make float2 1f 2f) float3 main (float2 x) (block (return (.xyx x))))\n");
     CHECK_DUMP("float f(float a); float f(float a) { return a; }", "(func float f (float a) (block (return a)))\n");
     /* A file's own print is a function like any other. */
-    CHECK_DUMP("void print(int i) {} void f() { print(3); }", "(func void print (int i) (block))\n(func void f (block (call print 3)))\n");
+    CHECK_DUMP("void print(int i) {} void f() { print(3); }",
+               "(func void print (int i) (block))\n(func void f (block (call print 3)))\n");
     CHECK_DUMP("", "");
     CHECK_DUMP("// nothing\r\n/* at\rall */", "");
-    CHECK_DUMP("\xEF\xBB\xBF""const int N = 1;\r\nconst int M = 2;\rconst int K = 3;", "(const (int N 1))\n(const (int M 2))\n(const (int K 3))\n");
+    CHECK_DUMP("\xEF\xBB\xBF"
+               "const int N = 1;\r\nconst int M = 2;\rconst int K = 3;",
+               "(const (int N 1))\n(const (int M 2))\n(const (int K 3))\n");
 }
 
 /* Spans are what every later error points with. */
@@ -173,7 +183,8 @@ static void spans(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(literals), cmocka_unit_test(precedence), cmocka_unit_test(statements),
-                                       cmocka_unit_test(file_scope), cmocka_unit_test(spans)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(literals), cmocka_unit_test(precedence),
+                                       cmocka_unit_test(statements), cmocka_unit_test(file_scope),
+                                       cmocka_unit_test(spans)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -103,12 +103,15 @@ static void declarations(void **state) {
     check_brief("float x = 1.0;\nconst int N = 2;", "1:7 E0012");
     check_brief("float x;\nconst int N = ;", "1:7 E0012; 2:15 E0001");
     check_brief("param float a;\nconst int N;\nparam float b = ;", "1:13 E0011; 2:11 E0011; 3:17 E0001");
-    check_brief("param float a = init(3);\nparam float b = init(f, g);\nparam texture2D t = zeros(3);", "1:17 E0001; 2:17 E0001; 3:21 E0001");
+    check_brief("param float a = init(3);\nparam float b = init(f, g);\nparam texture2D t = zeros(3);",
+                "1:17 E0001; 2:17 E0001; 3:21 E0001");
     check_brief("struct { float a; };\nconst int N = ;", "1:8 E0001; 2:15 E0001");
     check_brief("struct S { };", "1:8 E0001");
-    check_brief("struct S { float a b; int c = 3; float d[]; float m() { return 1.0; } float e; }", "1:20 E0001; 1:29 E0001; 1:40 E0001; 1:52 E0001; 1:81 E0001");
+    check_brief("struct S { float a b; int c = 3; float d[]; float m() { return 1.0; } float e; }",
+                "1:20 E0001; 1:29 E0001; 1:40 E0001; 1:52 E0001; 1:81 E0001");
     check_brief("typedef struct { float a; } S;\ntypedef float;\nconst int N = ;", "1:9 E0001; 2:14 E0001; 3:15 E0001");
-    check_brief("import \"sdf\";\nimport ;\nimport a b;\nconst int N = ;", "1:8 E0001; 2:8 E0001; 3:10 E0001; 4:15 E0001");
+    check_brief("import \"sdf\";\nimport ;\nimport a b;\nconst int N = ;",
+                "1:8 E0001; 2:8 E0001; 3:10 E0001; 4:15 E0001");
     check_brief("float f(float a float b) { c = ; }", "1:17 E0001; 1:32 E0001");
     check_brief("float f(float) { c = ; }", "1:14 E0001; 1:22 E0001");
     check_brief("float f(float a = 1.0, float b) { c = ; }", "1:17 E0001; 1:39 E0001");
@@ -126,12 +129,16 @@ static void declarations(void **state) {
 static void missing_braces(void **state) {
     (void)state;
     check_brief("void f() {\n  if (a) {\n    b();\n}\nfloat g(float x) { return x + ; }\n", "5:1 E0010; 5:31 E0001");
-    check_brief("void f() {\n  while (a) { b();\n\n[Domain(0, 1)]\nshader float main(float x) { return ; }\nvoid g() { a + ; }", "5:1 E0010; 6:16 E0001");
+    check_brief(
+        "void f() {\n  while (a) { b();\n\n[Domain(0, 1)]\nshader float main(float x) { return ; }\nvoid g() { a + ; }",
+        "5:1 E0010; 6:16 E0001");
     check_brief("void f() {\n  a = 1;\nparam float r = ;\n", "3:1 E0010; 3:17 E0001");
     check_brief("void f() {\n  a = 1;\n", "3:1 E0010");
     check_brief("void f() { a(", "1:14 E0001");
-    check_brief("void f() { float g(float x) { return x; } a = ; }\nvoid h() { a + ; }", "1:12 E0010; 1:47 E0001; 2:16 E0001");
-    message("void f() {\n  if (a) {\n    b();\n}\nfloat g(float x) { return x; }\n", "t.salt:1:10: note: this `{` is not closed");
+    check_brief("void f() { float g(float x) { return x; } a = ; }\nvoid h() { a + ; }",
+                "1:12 E0010; 1:47 E0001; 2:16 E0001");
+    message("void f() {\n  if (a) {\n    b();\n}\nfloat g(float x) { return x; }\n",
+            "t.salt:1:10: note: this `{` is not closed");
 }
 
 static void attributes(void **state) {
@@ -140,11 +147,14 @@ static void attributes(void **state) {
     message("[Rnge(0, 1)] param float a = 1.0;", "unknown attribute `Rnge`; did you mean `Range`? [E0008]");
     message("void f() { [disc] if (a) b(); }", "did you mean `Disc`?");
     message("void f() { [unroll] for (;;) b(); }", "unknown attribute `unroll` [E0008]");
-    check_brief("[Range(1.0)] [Doc] [Doc(3)] [Log(1)] param float a = 1.0;", "1:2 E0009; 1:15 E0009; 1:21 E0009; 1:30 E0009");
+    check_brief("[Range(1.0)] [Doc] [Doc(3)] [Log(1)] param float a = 1.0;",
+                "1:2 E0009; 1:15 E0009; 1:21 E0009; 1:30 E0009");
     check_brief("[NoDiff, NoDiff] param float a = 1.0;", "1:10 E0009");
-    check_brief("[Disc] param float a = 1.0; [Range(0, 1)] const int N = 3; [Log] import x;", "1:2 E0009; 1:30 E0009; 1:61 E0009");
+    check_brief("[Disc] param float a = 1.0; [Range(0, 1)] const int N = 3; [Log] import x;",
+                "1:2 E0009; 1:30 E0009; 1:61 E0009");
     check_brief("[Domain(0, 1)] float f() { [NoDiff] return 1.0; }", "1:2 E0009; 1:29 E0009");
-    check_brief("void f() { [Cull(3)] for (;;) ; [MaxIters] while (a) ; [MaxIters(] while (b) ; [] c = ; }", "1:13 E0009; 1:34 E0009; 1:66 E0001; 1:81 E0001; 1:87 E0001");
+    check_brief("void f() { [Cull(3)] for (;;) ; [MaxIters] while (a) ; [MaxIters(] while (b) ; [] c = ; }",
+                "1:13 E0009; 1:34 E0009; 1:66 E0001; 1:81 E0001; 1:87 E0001");
     message("[Disc] param float a = 1.0;", "`[Disc]` marks a statement, not a parameter");
 }
 
@@ -182,11 +192,15 @@ static void encodings(void **state) {
     p = parse_bytes("const int a\0= 1;", 16);
     assert_string_equal(p.brief, "1:12 E0002");
     parsed_free(&p);
-    p = parse_bytes("\xFF\xFE" "i\0n\0t\0", 8);
+    p = parse_bytes("\xFF\xFE"
+                    "i\0n\0t\0",
+                    8);
     assert_string_equal(p.brief, "1:1 E0005");
     parsed_free(&p);
     /* Columns count code points, and a byte order mark is none. */
-    check_brief("\xEF\xBB\xBF" "const int a = ;", "1:15 E0001");
+    check_brief("\xEF\xBB\xBF"
+                "const int a = ;",
+                "1:15 E0001");
     check_brief("/* \xC3\xA9\xE4\xBD\xA0 */ const int a = ;", "1:24 E0001");
     check_brief("const int a = 1;\r\nconst int b = ;\rconst int c = ;", "2:15 E0001; 3:15 E0001");
 }
@@ -307,9 +321,10 @@ static void sizes(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(single_errors), cmocka_unit_test(literals), cmocka_unit_test(declarations), cmocka_unit_test(missing_braces),
-        cmocka_unit_test(attributes), cmocka_unit_test(many_errors), cmocka_unit_test(encodings), cmocka_unit_test(nesting),
-        cmocka_unit_test(chains), cmocka_unit_test(sizes)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(single_errors), cmocka_unit_test(literals),
+                                       cmocka_unit_test(declarations),  cmocka_unit_test(missing_braces),
+                                       cmocka_unit_test(attributes),    cmocka_unit_test(many_errors),
+                                       cmocka_unit_test(encodings),     cmocka_unit_test(nesting),
+                                       cmocka_unit_test(chains),        cmocka_unit_test(sizes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -213,7 +213,8 @@ static void unreadable(void **state) {
 
 int main(void) {
 #define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, remove_folder)
-    const struct CMUnitTest tests[] = {IN_FOLDER(search_order), IN_FOLDER(once), IN_FOLDER(cycles), IN_FOLDER(missing),
-                                       IN_FOLDER(identity),     IN_FOLDER(deep), cmocka_unit_test(unreadable)};
+    const struct CMUnitTest tests[] = {IN_FOLDER(search_order),     IN_FOLDER(once),     IN_FOLDER(cycles),
+                                       IN_FOLDER(missing),          IN_FOLDER(identity), IN_FOLDER(deep),
+                                       cmocka_unit_test(unreadable)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
