@@ -194,9 +194,9 @@ static inline void compare_modes(const Fn *fn, const Fn *jvp, const Fn *vjp, Run
     assert_int_equal(run_fn(fn, r, 0, LANES, LANES), SLT_OK);
     assert_int_equal(run_fn(jvp, j, 0, LANES, LANES), SLT_OK);
     assert_int_equal(run_fn(vjp, v, 0, LANES, LANES), SLT_OK);
-    double sum[MAX_FLOATS] = {0}, forward = 0, reverse = 0, scale = 0;
+    double sum[MAX_FLOATS] = {0};
     for (uint32_t l = 0; l < LANES; l++) {
-        double lane_forward = 0, lane_reverse = 0;
+        double lane_forward = 0, lane_reverse = 0, scale = 0;
         for (uint32_t o = 0; o < n; o++) {
             assert_true(near(r->out[o][l], j->out[o][l], 0) && near(r->out[o][l], v->out[o][l], 0));
             lane_forward += r->seed[o][l] * j->out[n + o][l];
@@ -209,11 +209,12 @@ static inline void compare_modes(const Fn *fn, const Fn *jvp, const Fn *vjp, Run
         for (uint32_t k = 0; k < fn->nfloats; k++) {
             sum[k] += one->adj[k];
             lane_reverse += one->adj[k] * r->dparams[k];
+            scale += fabs(one->adj[k] * r->dparams[k]);
         }
         for (uint32_t d = 0; d < fn->dim; d++) lane_reverse += v->out[n + d][l] * r->dx[d][l];
-        if (!near(lane_forward, lane_reverse, 1e-9)) print_error("lane %u: <w,Jv> = %.17g, <J'w,v> = %.17g\n", l, lane_forward, lane_reverse);
-        assert_true(near(lane_forward, lane_reverse, 1e-9));
-        forward += lane_forward;
+        bool same = near(lane_forward, lane_reverse, 1e-9) || fabs(lane_forward - lane_reverse) < 1e-10 * scale;
+        if (!same) print_error("lane %u: <w,Jv> = %.17g, <J'w,v> = %.17g\n", l, lane_forward, lane_reverse);
+        assert_true(same);
         for (uint32_t o = 0; differences && o < n; o++) {
             double a = directional(fn, r, l, o, 1e-5), b = directional(fn, r, l, o, 2.5e-6), t = j->out[n + o][l];
             double tol = c->fd_tolerance > 0 ? c->fd_tolerance : 1e-5;
@@ -229,9 +230,7 @@ static inline void compare_modes(const Fn *fn, const Fn *jvp, const Fn *vjp, Run
     for (uint32_t k = 0; k < fn->nfloats; k++) {
         if (!near(sum[k], v->adj[k], 1e-9)) print_error("parameter %u: lanes alone %.17g, together %.17g\n", k, sum[k], v->adj[k]);
         assert_true(near(sum[k], v->adj[k], 1e-9));
-        reverse += v->adj[k] * r->dparams[k];
     }
-    (void)forward, (void)reverse, (void)scale;
     free(j), free(v), free(one);
 }
 
@@ -268,6 +267,7 @@ static inline void check_ad(Prog *p, Check *c) {
     if (c->p_lo == c->p_hi) c->p_lo = -1, c->p_hi = 1;
     assert_sound(p->fn);
     PassCtx ctx = {.session = p->s, .has_fma = true};
+    while (opt_fold(&ctx, p->fn)) {} /* as in the pipeline: conditions that are constants are gone */
     AdOptions o = {.wrt_x = true, .tape_budget = c->tape_budget};
     Fn *jvp = ad_jvp(&ctx, p->fn, &o);
     assert_sound(jvp);
