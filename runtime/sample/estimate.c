@@ -32,6 +32,16 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
     return st;
 }
 
+SltStatus slt_estimate_rgba8(const SltScene *s, const SltJob *j, uint32_t *pixels, SltStats *stats, SltError *err) {
+    SltStatus st = need_image(j, "an 8-bit image", err);
+    if (st != SLT_OK) return st;
+    Run r;
+    st = run_begin(&r, s, j, err);
+    if (st == SLT_OK) st = interior_rgba8(&r, pixels);
+    run_end(&r, stats);
+    return st;
+}
+
 /* ---- forward */
 static void free_directions(Directions *d) {
     for (uint32_t i = 0; i < d->n && d->flt; i++) free(d->flt[i]);
@@ -166,7 +176,7 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
     if (st == SLT_OK) {
         double sum = 0, row = 0;
         for (uint64_t i = 0; i < n; i++) {
-            double m = mask ? (double)mask[i / s->channels] : 1;
+            double m = mask ? (double)mask[i] : 1;
             double a = (double)half[0][i] - (double)target[i], b = halves ? (double)half[1][i] - (double)target[i] : a;
             if (image) image[i] = halves ? (float)(0.5 * ((double)half[0][i] + (double)half[1][i])) : half[0][i];
             row += m * a * b;

@@ -57,6 +57,9 @@ typedef struct SltScene {
  * independent sample halves (for squared losses). */
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
 
+/* The same through a value kernel that writes packed 8-bit pixels (R in the lowest byte): samples of a pixel are averaged as bytes. pixels[(z*h + y)*w + x]. */
+SltStatus slt_estimate_rgba8(const SltScene *s, const SltJob *j, uint32_t *pixels, SltStats *stats, SltError *err);
+
 /* Derivative images along ndir directions of parameter space: dirs[k] is flt-typed double[nfloats] (sparse directions are cheap: unit vectors);
  * out[k] is an image. Image mode. crossings (may be NULL): an image counting crossings. */
 SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err);
@@ -65,7 +68,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
  * does not come from this render: then both halves are used with it). stderr_bound[nfloats] may be NULL: upper bound from interleaved cosets. */
 SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err);
 
-/* Squared loss: mean over pixels and channels of mask * (I - T)^2; each half of the samples takes its adjoint from the other. image (may be NULL) gets the full render. The loss is
+/* Squared loss: mean over pixels and channels of mask * (I - T)^2 (target and mask have the image's shape; mask may be NULL); each half of the samples takes its adjoint from the other. image (may be NULL) gets the full render. The loss is
  * the unbiased product of the two halves' residuals when two_halves, else of the full image. */
 SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 

@@ -11,13 +11,13 @@ enum { LINE_CHUNK = 8192, LINE_MAX = 4096 };
 typedef struct Scan {
     Boundary *y;
     uint32_t box_pixels, boxes[3]; /* image mode */
-    uint32_t m[3], lines_1d;       /* integral mode: lines a side of the cross-section, probes a line */
+    uint32_t m[3], v, lines_1d;    /* integral mode: lines a side of the cross-section, probes a line */
     uint64_t chunk[3], chunks[3], lines[3];
 } Scan;
 
 typedef struct Box {
     double lo[3], hi[3];
-    uint32_t m[3], lines_1d;
+    uint32_t m[3], v[3], lines_1d; /* by axis: lines a side, probes a line */
     uint64_t id;
 } Box;
 
@@ -38,7 +38,7 @@ static double shrink(const SltScene *s, double x, double other) {
 /* Where line `l` of the axis runs, and its vertices. */
 static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t l, Segment *seg, double *pos) {
     const SltScene *s = k->y->run->s;
-    uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->m[axis];
+    uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->v[axis];
     rng_block(k->y->run->j->seed, RNG_BOX, lane, b->id, shift);
     rng_block(k->y->run->j->seed, RNG_LINE, lane, b->id << 32 | l, own);
     uint64_t rest = l;
@@ -115,7 +115,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     if (g->integral) {
         box.id = 0;
         for (chunk = tile; chunk >= k->chunks[axis]; axis++) chunk -= k->chunks[axis];
-        for (uint32_t d = 0; d < s->dim; d++) box.lo[d] = s->lo[d], box.hi[d] = s->hi[d], box.m[d] = k->m[d];
+        for (uint32_t d = 0; d < s->dim; d++) box.lo[d] = s->lo[d], box.hi[d] = s->hi[d], box.m[d] = k->m[d], box.v[d] = k->v;
     } else {
         double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
         for (uint32_t d = 0; d < s->dim; d++) {
@@ -124,17 +124,17 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
             tile /= k->boxes[d];
             box.lo[d] = s->lo[d] + p0 * g->side[d], box.hi[d] = p1 == g->n[d] ? s->hi[d] : s->lo[d] + p1 * g->side[d];
             double m = round((p1 - p0) * (s->dim == 1 ? 2 : per_axis));
-            box.m[d] = m < 1 ? 1 : m > LINE_MAX ? LINE_MAX : (uint32_t)m;
+            box.m[d] = m < 1 ? 1 : m > LINE_MAX ? LINE_MAX : (uint32_t)m, box.v[d] = box.m[d];
         }
     }
     cull_select(&y->run->cull, &w->cull, &w->batch, box.lo, box.hi);
     if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, box.lo, box.hi)) return false;
     for (uint32_t a = g->integral ? axis : 0; a < (g->integral ? axis + 1 : s->dim); a++) {
-        uint64_t lines = line_count(k, &box, a), per = g->integral ? k->chunk[a] : LINE_CHUNK / (box.m[a] + 2) + 1;
+        uint64_t lines = line_count(k, &box, a), per = g->integral ? k->chunk[a] : LINE_CHUNK / (box.v[a] + 2) + 1;
         uint64_t from = g->integral ? chunk * per : 0, end = g->integral && from + per < lines ? from + per : lines;
         for (; from < end; from += per) {
             uint64_t to = from + per < end ? from + per : end;
-            if (!worker_vertices(w, (to - from) * (box.m[a] + 2))) return false;
+            if (!worker_vertices(w, (to - from) * (box.v[a] + 2))) return false;
             scan_lines(k, w, &box, a, from, to);
         }
     }
@@ -155,18 +155,22 @@ SltStatus scanline_run(Boundary *y) {
     uint64_t tiles = 1;
     if (s->dim == 1 && !s->uses_rand) return lattice_run(y); /* one line is all there is */
     if (g->integral) {
-        double m = round(pow(y->segments / s->dim, 1.0 / s->dim));
+        /* Probes resolve features, lines bring the variance down: both grow with the budget, lines faster. */
+        double per_axis = y->segments / s->dim, even = pow(per_axis, 1.0 / s->dim), v = fmin(fmax(round(4 * sqrt(even)), 1), LINE_MAX);
+        if (s->dim > 1) v = fmin(v, fmax(1, round(even)));
+        double m = s->dim == 1 ? 1 : round(pow(per_axis / v, 1.0 / (s->dim - 1)));
         if (s->dim == 1) {
             /* Lines differ by their random numbers only. */
-            m = fmax(16, round(sqrt(y->segments)));
-            k.lines_1d = (uint32_t)fmin(fmax(1, round(y->segments / m)), 1e9);
+            v = fmin(fmax(16, round(sqrt(y->segments))), LINE_MAX);
+            k.lines_1d = (uint32_t)fmin(fmax(1, round(y->segments / v)), 1e9);
         }
         tiles = 0;
-        for (uint32_t d = 0; d < s->dim; d++) k.m[d] = m < 1 ? 1 : m > LINE_MAX ? LINE_MAX : (uint32_t)m;
+        k.v = (uint32_t)v;
+        for (uint32_t d = 0; d < s->dim; d++) k.m[d] = m < 1 ? 1 : m > 1e9 ? 1000000000u : (uint32_t)m;
         Box b = {.m = {k.m[0], k.m[1], k.m[2]}, .lines_1d = k.lines_1d};
         for (uint32_t d = 0; d < s->dim; d++) {
             k.lines[d] = line_count(&k, &b, d);
-            k.chunk[d] = LINE_CHUNK / (k.m[d] + 2) + 1;
+            k.chunk[d] = LINE_CHUNK / (k.v + 2) + 1;
             k.chunks[d] = (k.lines[d] + k.chunk[d] - 1) / k.chunk[d];
             tiles += k.chunks[d];
         }
