@@ -75,6 +75,11 @@ ModuleScope *scope_of(Checker *c, const Module *m) {
 
 FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
 
+static bool is_language_name(Checker *c, const char *name) {
+    return map_get(&c->builtin_funcs, name) || name == c->name_len || name == c->name_pi || name == c->name_tau || name == c->name_infinity ||
+           name == c->name_epsilon || !strcmp(name, "Hit") || !strcmp(name, "Silhouette");
+}
+
 Decl *scope_find(Checker *c, const char *name, Span use) {
     ModuleScope *scope = c->at.scope;
     Decl *d = map_get(&scope->names, name), *other = NULL;
@@ -85,6 +90,7 @@ Decl *scope_find(Checker *c, const char *name, Span use) {
         if (!d) d = found;
         else if (!other) other = found;
     }
+    if (!d && scope->incomplete && !is_language_name(c, name)) return &c->poison; /* it may come from the module that is missing */
     if (!other) return d;
     Diag *diag = diag_emit(c->s, DIAG_ambiguous_import, use, name);
     diag_note(c->s, diag, d->span, "declared in `%s`", d->module->name);
@@ -171,7 +177,10 @@ static void fill_scope(Checker *c, ModuleScope *scope) {
     Module *m = scope->module;
     scope->imports = ARENA_ARRAY(c->arena, ModuleScope *, m->nimports + 1);
     for (uint32_t i = 0; i < m->nimports; i++) {
-        if (!m->imports[i].module || m->imports[i].module == m) continue; /* not found or cyclic, and reported */
+        if (!m->imports[i].module || m->imports[i].module->missing) { /* not found or cyclic, and reported */
+            scope->incomplete = true;
+            continue;
+        }
         ModuleScope *to = scope_of(c, m->imports[i].module);
         bool seen = false;
         for (uint32_t j = 0; j < scope->nimports; j++) seen |= scope->imports[j] == to;

@@ -111,11 +111,9 @@ static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
     if (!check_args(c, e, true)) return fail(c, e);
     Func *best = NULL;
     bool tie = false;
-    uint32_t fits = 0;
     for (uint32_t i = 0; i < d->nfuncs; i++) {
         Func *f = d->funcs[i];
         if (!viable(f, e)) continue;
-        fits++;
         if (!best || better(f, best, e)) best = f;
     }
     for (uint32_t i = 0; best && i < d->nfuncs; i++)

@@ -46,6 +46,7 @@ typedef struct ModuleScope {
     NameMap names; /* -> Decl */
     struct ModuleScope **imports; /* without duplicates */
     uint32_t nimports;
+    bool incomplete; /* an import was not found: an unknown name may be from there */
 } ModuleScope;
 
 /* ---- functions */

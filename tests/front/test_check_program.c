@@ -294,6 +294,8 @@ static void test_modules(void **state) {
         {"import a; import b;\n float f(float v) { return v; } float h() { return f(1.0); }\n" MAIN, ""},
         {"import a;\n float h() { return deep_f(); }\n" MAIN, "E0101"}, /* not transitive */
         {"import b;\n float h() { return saturate(2.0) + saturate(float2(1.0)).x; }\n" MAIN, "E0107"}, /* a user's name wins over the builtin */
+        {"import nothing;\n float h() { bool b = other(1.0); K k; return sin(1.0) + PI + L; }\n" MAIN, "E0020"}, /* what may come from there is not reported */
+        {"import nothing;\n float h() { return sin(true); }\n" MAIN, "E0020 E0119"},
         {"import a; import a;\n float h() { return f(p); }\n" MAIN, ""},
         {"import a;\n const int N = 5; float h() { float w[N]; float v[5]; v = w; return 1.0; }\n" MAIN, ""},
     };
