@@ -16,7 +16,7 @@ typedef struct Gen {
     Vec(Inst *) arrays;
     uint32_t depth, budget, loops;
     bool effects;        /* counters, adjoints */
-    bool fma;
+    bool fma, pairs;
 } Gen;
 
 static uint32_t gen_next(Gen *g)
@@ -256,6 +256,14 @@ static void gen_memory(Gen *g, Builder *b)
     }
 }
 
+/* A value of the other lane of the pair, where that lane is here too. */
+static void gen_pair(Gen *g, Builder *b)
+{
+    Inst *x = gen_pick(g, gen_type(g));
+    Inst *both = ir_special(b, OP_both, TY_BOOL, 0, NULL, (Imm){0}), *other = ir_special(b, OP_partner, (IrType)x->type, 1, &x, (Imm){0});
+    gen_add(g, ir_select(b, both, other, x));
+}
+
 static void gen_body(Gen *g, Builder *b, uint32_t n)
 {
     for (uint32_t k = 0; k < n && g->budget; k++) {
@@ -269,15 +277,17 @@ static void gen_body(Gen *g, Builder *b, uint32_t n)
             gen_tape(g, b);
         else if (r <= 7)
             gen_memory(g, b);
+        else if (r == 8 && g->pairs)
+            gen_pair(g, b);
         else
             gen_value(g, b);
     }
 }
 
 /* A program of about `size` instructions with the outputs of its last values. */
-static Fn *gen_program(Session *s, uint64_t seed, Precision p, uint32_t size, bool fma)
+static Fn *gen_program(Session *s, uint64_t seed, Precision p, uint32_t size, bool fma, bool pairs)
 {
-    Gen g = {.fn = ir_fn(s, &s->module, "f", p), .state = seed * 0x9e3779b97f4a7c15ull + 1, .budget = size, .effects = true, .fma = fma};
+    Gen g = {.fn = ir_fn(s, &s->module, "f", p), .state = seed * 0x9e3779b97f4a7c15ull + 1, .budget = size, .effects = true, .fma = fma, .pairs = pairs};
     g.fn->nfloats = GEN_FLOATS;
     g.fn->nints = GEN_INTS;
     Builder b = ir_at_end(g.fn, g.fn->body);

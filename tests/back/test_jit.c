@@ -338,7 +338,8 @@ static void one_program(Session *s, uint64_t seed, uint32_t size)
 {
     rng = seed * 77 + 5;
     Precision p = seed & 1 ? PREC_F64 : PREC_F32;
-    Fn *fn = gen_program(s, seed, p, size, false);
+    bool pairs = seed % 5 == 0;
+    Fn *fn = gen_program(s, seed, p, size, seed % 4 == 3, pairs);
     const char *text = "";
     if (!ir_verify(fn, &s->module, &text)) {
         fprintf(stderr, "seed %llu: %s\n", (unsigned long long)seed, text);
@@ -352,6 +353,8 @@ static void one_program(Session *s, uint64_t seed, uint32_t size)
         if (!host_runs(target_names[t]))
             continue;
         uint32_t width = 1u << ((seed + 3 * (uint64_t)t + seed / 7) % 7);
+        if (pairs && width == 1)
+            width = 2;
         Result want;
         run_interpreter(fn, &d, &want, 128, n_valid, width);
         assert_int_equal(want.status, 0);

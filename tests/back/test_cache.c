@@ -1,0 +1,229 @@
+/* The disk cache: a hit is the same code without LLVM; anything doubtful is ignored and rewritten. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "compiler/back/back.h"
+#include "compiler/back/emit.h"
+
+enum { N = 64 };
+static const char *names[1] = {"a"};
+static char folder[64];
+
+static Fn *adding(Session *s, double constant)
+{
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *sum = ir_emit2(&b, OP_fadd, ir_input(&b, IN_X0), ir_constf(&b, constant));
+    ir_yield(&b, 1, &sum);
+    fn->outputs = names;
+    return fn;
+}
+
+/* Compiles x + constant, checks that it computes that, and says whether it came from the cache. */
+static bool compiled_from_cache(double constant, uint32_t width, const char *cache, bool no_cache)
+{
+    Session *s = session_create(0);
+    BackOptions o = {.width = width, .opt_level = 2, .cache_dir = cache, .no_cache = no_cache};
+    target_host(&o.target);
+    KernelRequest k = {"kernel", adding(s, constant)};
+    CompiledModule *m = NULL;
+    const char *why = "";
+    assert_int_equal(back_compile(s, &k, 1, &o, &m, &why), 0);
+    _Alignas(64) float x[N], out[N];
+    for (int i = 0; i < N; i++)
+        x[i] = (float)i;
+    SltKernelArgs a = {.in = {[IN_X0] = x}, .out = {out}, .n_valid = N};
+    back_kernel(m, "kernel")(&a, N);
+    for (int i = 0; i < N; i++)
+        assert_true(out[i] == (float)i + (float)constant);
+    double emit, llvm;
+    bool cached;
+    back_times(m, &emit, &llvm, &cached);
+    assert_true(cached == (llvm == 0));
+    assert_true(back_instructions(m, "kernel") > 3);
+    back_free(m);
+    session_destroy(s);
+    return cached;
+}
+
+static int entries(char *path, size_t size)
+{
+    DIR *d = opendir(folder);
+    int n = 0;
+    if (!d)
+        return 0;
+    for (struct dirent *f; (f = readdir(d));)
+        if (f->d_name[0] != '.') {
+            n++;
+            snprintf(path, size, "%s/%s", folder, f->d_name);
+        }
+    closedir(d);
+    return n;
+}
+
+static void clear(void)
+{
+    char path[512];
+    while (entries(path, sizeof path))
+        unlink(path);
+    rmdir(folder);
+}
+
+static int setup(void **state)
+{
+    (void)state;
+    strcpy(folder, "/tmp/saltus-cache-XXXXXX");
+    return mkdtemp(folder) ? 0 : 1;
+}
+
+static int teardown(void **state)
+{
+    (void)state;
+    chmod(folder, 0700);
+    clear();
+    return 0;
+}
+
+static void test_hit(void **state)
+{
+    (void)state;
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_true(compiled_from_cache(1, 8, folder, false));
+    assert_false(compiled_from_cache(1, 8, folder, true));
+    assert_false(compiled_from_cache(2, 8, folder, false));  /* another constant */
+    assert_false(compiled_from_cache(1, 16, folder, false)); /* another width */
+    char path[512];
+    assert_int_equal(entries(path, sizeof path), 3);
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 077, 0);
+}
+
+static void test_damage(void **state)
+{
+    (void)state;
+    char path[512];
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_int_equal(entries(path, sizeof path), 1);
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    for (long at = 0; at < st.st_size; at += st.st_size / 40 + 1) {
+        FILE *f = fopen(path, "r+b");
+        fseek(f, at, SEEK_SET);
+        int c = fgetc(f);
+        fseek(f, at, SEEK_SET);
+        fputc(c ^ 0x40, f);
+        fclose(f);
+        assert_false(compiled_from_cache(1, 8, folder, false)); /* ignored, and made again */
+        assert_true(compiled_from_cache(1, 8, folder, false));
+    }
+    assert_int_equal(truncate(path, st.st_size - 5), 0);
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_int_equal(truncate(path, 10), 0);
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_true(compiled_from_cache(1, 8, folder, false));
+}
+
+static void test_wrong_key(void **state)
+{
+    (void)state;
+    char one[512], two[512];
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    entries(one, sizeof one);
+    char moved[520];
+    snprintf(moved, sizeof moved, "%s.kept", one);
+    assert_int_equal(rename(one, moved), 0);
+    assert_false(compiled_from_cache(2, 8, folder, false));
+    DIR *d = opendir(folder);
+    two[0] = 0;
+    for (struct dirent *f; (f = readdir(d));)
+        if (f->d_name[0] != '.' && !strstr(f->d_name, ".kept"))
+            snprintf(two, sizeof two, "%s/%s", folder, f->d_name);
+    closedir(d);
+    assert_int_equal(rename(moved, two), 0); /* the code of 1 under the name of 2 */
+    assert_false(compiled_from_cache(2, 8, folder, false));
+}
+
+static void test_unusable_folder(void **state)
+{
+    (void)state;
+    chmod(folder, 0777); /* others could plant code */
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_false(compiled_from_cache(1, 8, folder, false));
+    char path[512];
+    assert_int_equal(entries(path, sizeof path), 0);
+    chmod(folder, 0700);
+    assert_false(compiled_from_cache(1, 8, "/proc/nowhere/saltus", false));
+    snprintf(path, sizeof path, "%s/a/b", folder); /* made as needed */
+    assert_false(compiled_from_cache(1, 8, path, false));
+    assert_true(compiled_from_cache(1, 8, path, false));
+    struct stat st;
+    assert_int_equal(stat(path, &st), 0);
+    assert_int_equal(st.st_mode & 0777, 0700);
+    char command[600];
+    snprintf(command, sizeof command, "rm -r '%s/a'", folder);
+    assert_int_equal(system(command), 0);
+}
+
+/* Whatever bytes the loader is given, it refuses or loads them; it never reads outside. (Run under a sanitizer to mean it.) */
+static void test_loader_on_damaged_objects(void **state)
+{
+    (void)state;
+    Session *s = session_create(0);
+    char path[512];
+    snprintf(path, sizeof path, "%s/k.o", folder);
+    BackOptions o = {.width = 8, .opt_level = 2};
+    target_host(&o.target);
+    KernelRequest k = {"kernel", adding(s, 1)};
+    const char *why = NULL;
+    assert_int_equal(back_emit(s, &k, 1, &o, 'o', path, &why), 0);
+    FILE *f = fopen(path, "rb");
+    static unsigned char whole[65536], bytes[65536];
+    size_t size = fread(whole, 1, sizeof whole, f);
+    fclose(f);
+    unsigned char *copy = aligned_alloc(64, 65536);
+    Loaded *l = load_object(memcpy(copy, whole, size), size, &why);
+    assert_non_null(l);
+    assert_non_null(load_symbol(l, "kernel", NULL));
+    assert_null(load_symbol(l, "nothing", NULL));
+    load_free(l);
+    uint32_t x = 1;
+    int refused = 0;
+    for (int round = 0; round < 4000; round++) {
+        memcpy(bytes, whole, size);
+        for (int j = 0; j < 3; j++) {
+            x = x * 1664525u + 1013904223u;
+            size_t at = round & 1 ? (x >> 8) % 64 : (x >> 8) % size;
+            bytes[at] = (unsigned char)(x >> 24);
+        }
+        size_t n = round % 5 ? size : (x >> 4) % size;
+        memcpy(copy, bytes, n);
+        l = load_object(copy, n, &why);
+        refused += !l;
+        load_free(l);
+    }
+    assert_true(refused > 400);
+    free(copy);
+    session_destroy(s);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_hit, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_damage, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_wrong_key, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_unusable_folder, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_loader_on_damaged_objects, setup, teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,291 @@
+/* What leaves a kernel other than its outputs: print, counters, packed pixels, lists of iterations, the tape's limit; and the emitted files. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "compiler/back/back.h"
+
+enum { N = 64 };
+static const char *names[4] = {"a", "b", "c", "d"};
+
+static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, bool rgba8)
+{
+    BackOptions o = {.width = width, .no_cache = true, .opt_level = 2, .output_rgba8 = rgba8};
+    target_host(&o.target);
+    KernelRequest k = {"kernel", fn};
+    CompiledModule *m = NULL;
+    const char *why = "";
+    int status = back_compile(s, &k, 1, &o, &m, &why);
+    if (status)
+        fprintf(stderr, "%s\n", why);
+    assert_int_equal(status, 0);
+    assert_true(back_instructions(m, "kernel") > 0 && back_machine_bytes(m, "kernel") > 0);
+    assert_null(back_kernel(m, "other"));
+    return m;
+}
+
+typedef struct Lines {
+    char text[4096];
+    size_t len;
+} Lines;
+
+static void collect(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane)
+{
+    Lines *l = user;
+    l->len += (size_t)snprintf(l->text + l->len, sizeof l->text - l->len, "%.*s %u:", (int)len, text, lane);
+    for (uint32_t k = 0; k < n; k++)
+        l->len += (size_t)snprintf(l->text + l->len, sizeof l->text - l->len, " %g", values[k]);
+    l->len += (size_t)snprintf(l->text + l->len, sizeof l->text - l->len, "\n");
+}
+
+/* if (x > 40) { print("big", x, k, x > 50); count }; output x */
+static Fn *printing(Session *s)
+{
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *k = ir_input(&b, IN_K0);
+    Inst *i = ir_if(&b, ir_emit2(&b, OP_flt, ir_constf(&b, 40), x));
+    Builder t = ir_at_end(fn, i->region[0]), e = ir_at_end(fn, i->region[1]);
+    Inst *values[3] = {x, k, ir_emit2(&t, OP_flt, ir_constf(&t, 50), x)};
+    ir_special(&t, OP_print, TY_VOID, 3, values, (Imm){.text = {"big and more", 3}});
+    Inst *on = ir_constb(&t, true);
+    ir_special(&t, OP_count, TY_VOID, 1, &on, (Imm){.i = COUNTER_ASSERT});
+    ir_yield(&t, 0, NULL);
+    ir_yield(&e, 0, NULL);
+    ir_yield(&b, 1, &x);
+    fn->outputs = names;
+    return fn;
+}
+
+static void test_print_and_count(void **state)
+{
+    (void)state;
+    _Alignas(64) float x[N], out[N];
+    _Alignas(64) int32_t k[N];
+    for (int i = 0; i < N; i++)
+        x[i] = (float)i, k[i] = -i;
+    for (uint32_t w = 1; w <= 64; w *= 2) {
+        Session *s = session_create(0);
+        CompiledModule *m = compile(s, printing(s), w, false);
+        Lines lines = {{0}, 0};
+        SltKernelArgs a = {.in = {[IN_X0] = x, [IN_K0] = k}, .out = {out}, .n_valid = 52, .print = collect, .user = &lines};
+        back_kernel(m, "kernel")(&a, N);
+        assert_int_equal(a.counters[COUNTER_ASSERT], 11);
+        char want[4096];
+        size_t len = 0;
+        for (int i = 41; i < 52; i++)
+            len += (size_t)snprintf(want + len, sizeof want - len, "big %d: %d %d %d\n", i, i, -i, i > 50);
+        assert_string_equal(lines.text, want);
+        a.print = NULL; /* nobody listens */
+        back_kernel(m, "kernel")(&a, N);
+        back_free(m);
+        session_destroy(s);
+    }
+}
+
+/* red = x, green = y, blue = 0.5 */
+static Fn *colours(Session *s, uint32_t channels)
+{
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *v[3] = {ir_input(&b, IN_X0), ir_input(&b, IN_X1), ir_constf(&b, 0.5)};
+    ir_yield(&b, channels, v);
+    fn->outputs = names;
+    return fn;
+}
+
+static void test_rgba8(void **state)
+{
+    (void)state;
+    _Alignas(64) float x[N], y[N];
+    _Alignas(64) uint32_t out[N];
+    for (int i = 0; i < N; i++)
+        x[i] = (float)i / 32 - 0.5f, y[i] = i == 7 ? __builtin_nanf("") : 1 - (float)i / 63;
+    for (uint32_t w = 1; w <= 32; w *= 4)
+        for (uint32_t channels = 1; channels <= 3; channels += 2) {
+            Session *s = session_create(0);
+            CompiledModule *m = compile(s, colours(s, channels), w, true);
+            SltKernelArgs a = {.in = {[IN_X0] = x, [IN_X1] = y}, .out = {out}, .n_valid = N};
+            back_kernel(m, "kernel")(&a, N);
+            for (int i = 0; i < N; i++) {
+                float cx = x[i] > 0 ? x[i] : 0, cy = y[i] > 0 ? y[i] : 0;
+                uint32_t r = (uint32_t)((cx < 1 ? cx : 1) * 255 + 0.5f), g = (uint32_t)((cy < 1 ? cy : 1) * 255 + 0.5f);
+                assert_int_equal(out[i], channels == 1 ? 0xff000000u | r | r << 8 | r << 16 : 0xff000000u | 128u << 16 | g << 8 | r);
+            }
+            back_free(m);
+            session_destroy(s);
+        }
+}
+
+/* Four trips that push x; then the sum of what is popped. */
+static Fn *taping(Session *s)
+{
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *mark = ir_special(&b, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
+    Inst *loop = ir_loop(&b, 1, &x, (LoopInfo){.max_iters = 4});
+    Block *body = loop->region[0];
+    Builder t = ir_at_end(fn, body);
+    ir_special(&t, OP_tapepush, TY_VOID, 1, &body->params[1], (Imm){0});
+    Inst *y[2] = {ir_emit2(&t, OP_ilt, body->params[0], ir_consti(&t, 3)), ir_emit2(&t, OP_fadd, body->params[1], ir_constf(&t, 1))};
+    ir_yield(&t, 2, y);
+    Inst *init[2] = {mark, ir_constf(&b, 0)};
+    Inst *rev = ir_special(&b, OP_revloop, TY_VOID, 2, init, (Imm){0});
+    Block *rb = ir_block(fn, rev);
+    Inst *frame = ir_block_param(fn, rb, TY_FLT), *sum = ir_block_param(fn, rb, TY_FLT);
+    Builder r = ir_at_end(fn, rb);
+    Inst *next = ir_emit2(&r, OP_fadd, frame, sum);
+    ir_yield(&r, 1, &next);
+    Inst *out = ir_proj(&b, rev, 0);
+    ir_yield(&b, 1, &out);
+    fn->outputs = names;
+    return fn;
+}
+
+static void test_tape_limit(void **state)
+{
+    (void)state;
+    _Alignas(64) float x[N], out[N];
+    _Alignas(64) unsigned char tape[4096 + 64];
+    for (int i = 0; i < N; i++)
+        x[i] = (float)i;
+    for (uint32_t w = 1; w <= 64; w *= 2) {
+        Session *s = session_create(0);
+        CompiledModule *m = compile(s, taping(s), w, false);
+        for (uint32_t frames = 0; frames <= 4; frames++) {
+            memset(tape, 0xa5, sizeof tape);
+            SltKernelArgs a = {.in = {[IN_X0] = x}, .out = {out}, .n_valid = N, .tape = tape, .tape_bytes = frames * 4 * w};
+            back_kernel(m, "kernel")(&a, N);
+            assert_int_equal(a.counters[COUNTER_TAPE_OVERFLOW], (4 - frames) * (N / w));
+            for (uint32_t k = frames * 4 * w; k < sizeof tape; k++)
+                assert_int_equal(tape[k], 0xa5);
+            for (int i = 0; i < N; i++) {
+                float want = 0;
+                for (uint32_t f = 0; f < frames; f++)
+                    want += (float)i + (float)f;
+                assert_true(out[i] == want);
+            }
+        }
+        back_free(m);
+        session_destroy(s);
+    }
+}
+
+static void test_files(void **state)
+{
+    (void)state;
+    Session *s = session_create(0);
+    char folder[] = "/tmp/saltus-back-XXXXXX", path[128];
+    assert_non_null(mkdtemp(folder));
+    BackOptions o = {.width = 8, .opt_level = 2};
+    target_host(&o.target);
+    KernelRequest k = {"kernel", colours(s, 3)};
+    static const char kinds[] = "osl";
+    const char *why = "";
+    for (int j = 0; kinds[j]; j++) {
+        snprintf(path, sizeof path, "%s/k.%c", folder, kinds[j]);
+        assert_int_equal(back_emit(s, &k, 1, &o, kinds[j], path, &why), 0);
+        FILE *f = fopen(path, "rb");
+        char head[4096] = {0};
+        assert_true(fread(head, 1, sizeof head - 1, f) > 100);
+        fclose(f);
+        if (kinds[j] == 'o')
+            assert_memory_equal(head, "\177ELF", 4);
+        else
+            assert_non_null(strstr(head, "kernel"));
+        unlink(path);
+    }
+    snprintf(path, sizeof path, "%s/k.so", folder);
+    int status = back_emit(s, &k, 1, &o, 'S', path, &why);
+    if (status)
+        fprintf(stderr, "%s\n", why);
+    assert_int_equal(status, 0);
+    void *lib = dlopen(path, RTLD_NOW);
+    assert_non_null(lib);
+    SltKernel *f;
+    *(void **)&f = dlsym(lib, "kernel");
+    assert_non_null(f);
+    _Alignas(64) float x[N], out[3][N];
+    for (int i = 0; i < N; i++)
+        x[i] = (float)i;
+    SltKernelArgs a = {.in = {[IN_X0] = x, [IN_X1] = x}, .out = {out[0], out[1], out[2]}, .n_valid = N};
+    f(&a, N);
+    assert_true(out[0][9] == 9 && out[1][63] == 63 && out[2][5] == 0.5f);
+    dlclose(lib);
+    unlink(path);
+    assert_int_equal(rmdir(folder), 0); /* nothing else was left behind */
+    assert_int_equal(back_emit(s, &k, 1, &o, 'o', "/nonexistent/folder/k.o", &why), 5);
+    assert_non_null(strstr(why, "/nonexistent/folder/k.o"));
+    session_destroy(s);
+}
+
+static void test_bad_requests(void **state)
+{
+    (void)state;
+    Session *s = session_create(0);
+    BackOptions o = {.width = 12, .no_cache = true, .opt_level = 2};
+    target_host(&o.target);
+    KernelRequest k = {"kernel", colours(s, 1)};
+    CompiledModule *m = NULL;
+    const char *why = NULL;
+    assert_int_equal(back_compile(s, &k, 1, &o, &m, &why), 2);
+    assert_non_null(why);
+    /* local arrays beyond the stack's share */
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *n = ir_input(&b, IN_K0);
+    Inst *array = ir_special(&b, OP_alloc, TY_ARRAY, 0, NULL, (Imm){.arr = {1 << 20, TY_FLT}}), *store[3] = {array, n, x};
+    ir_special(&b, OP_store, TY_VOID, 3, store, (Imm){0});
+    Inst *load = ir_special(&b, OP_load, TY_FLT, 2, store, (Imm){0});
+    ir_yield(&b, 1, &load);
+    o.width = 16;
+    k.fn = fn;
+    assert_int_equal(back_compile(s, &k, 1, &o, &m, &why), 6);
+    assert_non_null(strstr(why, "local arrays"));
+    session_destroy(s);
+}
+
+/* The width depends on program and target alone: two vectors a value where they fit the registers. */
+static void test_choose_width(void **state)
+{
+    (void)state;
+    Session *s = session_create(0);
+    Target t;
+    KernelRequest few = {"kernel", colours(s, 3)};
+    static const struct {
+        const char *name;
+        uint32_t lanes;
+    } targets[3] = {{"sse2", 4}, {"avx2", 8}, {"avx512", 16}};
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *v[200], *sum = ir_input(&b, IN_X0);
+    for (int i = 0; i < 200; i++)
+        v[i] = ir_emit2(&b, OP_fmul, i ? v[i - 1] : sum, ir_constf(&b, i));
+    for (int i = 0; i < 200; i++)
+        sum = ir_emit2(&b, OP_fadd, sum, v[i]);
+    ir_yield(&b, 1, &sum);
+    KernelRequest many = {"kernel", fn};
+    for (int i = 0; i < 3; i++) {
+        assert_true(target_named(&t, targets[i].name));
+        assert_int_equal(back_choose_width(&few, 1, &t), 2 * targets[i].lanes);
+        assert_int_equal(back_choose_width(&many, 1, &t), targets[i].lanes);
+    }
+    assert_false(target_named(&t, "pdp11"));
+    session_destroy(s);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8), cmocka_unit_test(test_tape_limit), cmocka_unit_test(test_files),
+        cmocka_unit_test(test_bad_requests), cmocka_unit_test(test_choose_width),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
