@@ -154,10 +154,11 @@ static Inst *export_to(Vjp *v, Inst *x, const Scope *s) {
     return x;
 }
 
-static Inst *stored_param(Vjp *v, Scope *s, Inst *x) {
+static Inst *stored_param(Vjp *v, Scope *s, Inst *x, Inst *what) {
     Inst *p = ir_block_param(v->fn, s->rev_block, (IrType)x->type);
     vec_push(v->scratch, &s->stored, x);
     vec_push(v->scratch, &s->params, p);
+    vec_push(v->scratch, &s->what, what);
     return p;
 }
 
@@ -178,7 +179,7 @@ Inst *tape_value(Vjp *v, Inst *i) {
         if (again && cost.ops <= MAX_OPS && (cost.leaves == 0 || (cost.leaves == 1 && cost.ops <= MAX_OPS / 2))) r = recompute(v, i, c);
         else {
             Inst *x = export_to(v, tape_forward(v, i), c->scope);
-            r = c->scope->top ? x : stored_param(v, c->scope, x);
+            r = c->scope->top ? x : stored_param(v, c->scope, x, i);
         }
     }
     v->memo[i->id] = r;
@@ -187,7 +188,7 @@ Inst *tape_value(Vjp *v, Inst *i) {
 
 Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct) {
     Scope *s = vjp_here(v)->scope;
-    return direct || s->top ? mark : stored_param(v, s, mark);
+    return direct || s->top ? mark : stored_param(v, s, mark, mark);
 }
 
 void tape_push_frame(Vjp *v, Scope *s) {
@@ -372,8 +373,8 @@ const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget) {
                             s->frame_bytes, (unsigned long long)s->trips, s->recomputed);
         if (s->k) text = arena_printf(arena, "%s iteration number (uniform);", text);
         for (uint32_t p = 0; p < s->stored.len; p++) {
-            const Inst *x = s->stored.data[p];
             if (s->k && p == 0) continue;
+            const Inst *x = s->what.data[s->k ? p - 1 : p];
             text = arena_printf(arena, "%s %s (%s);", text, describe(x),
                                 x->op == OP_arg || x->op == OP_proj ? "not a function of the iteration alone"
                                 : x->op == OP_tapemark              ? "where its frames end"

@@ -30,6 +30,7 @@ struct Scope {
     Inst *k;               /* placeholder of the iteration number, if asked for */
     Vec(Inst *) stored;    /* values of the forward code, and the parameters of the revloop that they become */
     Vec(Inst *) params;
+    Vec(Inst *) what;      /* the primal value of each, for the report */
     Vec(Guard) guards;
     bool top, segment, framed, sparse;
     uint64_t trips;

@@ -27,6 +27,7 @@ static bool is_root(const Fn *fn, const Inst *i) {
     switch (i->op) {
     case OP_adj:
     case OP_tapepush:
+    case OP_revloop: /* it pops what was pushed, whether or not its results are used */
     case OP_count:
     case OP_print: return true;
     case OP_site: return fn->sites && i->imm.i < (int64_t)fn->nsites && fn->sites[i->imm.i].skip_loop;
