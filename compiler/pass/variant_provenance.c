@@ -218,7 +218,8 @@ static bool prov_loop_try(Prov *p, Inst *loop, uint32_t *group, uint32_t ngroups
 }
 
 static void prov_loop(Prov *p, Inst *loop, uint32_t *next) {
-    uint32_t carried = loop->nargs, ngroups = 0;
+    uint32_t carried = 0, ngroups = 0; /* hashes that an earlier attempt of an outer loop added do not count */
+    while (carried < loop->nargs && is_original(p, loop->region[0]->params[carried + 1])) carried++;
     uint32_t *group = ARENA_ARRAY(p->arena, uint32_t, carried + 1);
     Set **init = ARENA_ARRAY(p->arena, Set *, carried + 1);
     Block *body = loop->region[0];
