@@ -69,4 +69,7 @@ Inst *math_atan2(Gen *g, Inst *y, Inst *x);
 Inst *math_pow(Gen *g, Inst *x, Inst *y);
 Inst *math_cbrt(Gen *g, Inst *x);
 
+/* lower_math_powers.c: for pipeline_primal, before contraction */
+bool opt_powers(PassCtx *ctx, Fn *fn);
+
 #endif

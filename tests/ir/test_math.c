@@ -1,4 +1,5 @@
 /* Accuracy of lower_math: every elementary function, both precisions, with and without fma, against the C library's long double. */
+#include "compiler/pass/lower_math.h"
 #include "tests/ir/ir_test.h"
 
 enum { POINTS = 24000, MAX_POINTS = POINTS + 2000 };
@@ -257,10 +258,37 @@ static void test_overflow(void **state) {
     free(d);
 }
 
+/* pow(x, n) as products: values and the exponents it leaves alone. */
+static void test_powers(void **state) {
+    (void)state;
+    for (int n = -9; n <= 9; n++) {
+        TestFn t = open_fn(PREC_F64);
+        Inst *x = ir_input(&t.b, IN_X0);
+        Inst *v = ir_emit2(&t.b, OP_fpow, x, ir_constf(&t.b, n));
+        Inst *w = ir_emit2(&t.b, OP_fpow, x, ir_constf(&t.b, 2.5));
+        ir_yield(&t.b, 2, (Inst *[]){v, w});
+        PassCtx ctx = {.session = t.s};
+        assert_int_equal(opt_powers(&ctx, t.fn), n != 0 && abs(n) < 9);
+        check_sound(t.fn);
+        assert_true(has_math(t.fn->body)); /* 2.5 stays */
+        const double xs[] = {-3, -1, 0.7, 1, 2, 1e-60, INFINITY, 0, NAN};
+        double out[9], other[9];
+        SltKernelArgs args = {.in = {xs}, .out = {out, other}};
+        assert_int_equal(run(t.fn, &args, 9, 4), SLT_OK);
+        for (int k = 0; k < 9; k++) {
+            double want = pow(xs[k], n);
+            if (isnan(want)) assert_true(isnan(out[k]));
+            else if (isinf(want) || fabs(want) < 1e-300) assert_true(out[k] == want || fabs(out[k] - want) < 1e-300);
+            else assert_true(fabs(out[k] - want) <= 4.5 * 0x1p-52 * fabs(want));
+        }
+        close_fn(&t);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_f32_fma), cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
-        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges), cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges), cmocka_unit_test(test_overflow), cmocka_unit_test(test_powers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
