@@ -67,20 +67,20 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     buf->log_len += len;
 }
 
-/* One block: lanes into sums. False if all were zero. */
-#define SUM_BLOCK(T)                                                                       \
-    do {                                                                                   \
-        const T *v = (const T *)(buf->adj + a->stride * p0);                               \
-        uint64_t total = (uint64_t)(p1 - p0) * lanes;                                      \
-        bool any = false;                                                                  \
-        for (uint64_t i = 0; i < total; i++) any |= v[i] != 0; /* NaN is not 0: it stays */ \
-        if (!any) continue;                                                                \
-        for (uint32_t p = p0; p < p1; p++) {                                               \
-            double sum = 0;                                                                \
-            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)(p - p0) * lanes + l]; \
-            buf->sum[p] = sum;                                                             \
-        }                                                                                  \
-    } while (0)
+/* One block of parameters: lanes into sums. False if all were zero. */
+#define SUM_BLOCK(name, T)                                                                             \
+    static bool name(const T *v, uint32_t lanes, uint32_t n, double *sums) {                           \
+        bool any = false;                                                                              \
+        for (uint64_t i = 0; i < (uint64_t)n * lanes; i++) any |= v[i] != 0; /* NaN is not 0: it stays */ \
+        for (uint32_t p = 0; any && p < n; p++) {                                                      \
+            double sum = 0;                                                                            \
+            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)p * lanes + l];            \
+            sums[p] = sum;                                                                             \
+        }                                                                                              \
+        return any;                                                                                    \
+    }
+SUM_BLOCK(sum_block_f32, float)
+SUM_BLOCK(sum_block_f64, double)
 
 void accum_close(Accum *a) {
     uint32_t lanes = a->s->flat_adj ? 1 : a->s->width;
@@ -90,9 +90,10 @@ void accum_close(Accum *a) {
         if (!buf->dirty) continue;
         for (uint32_t p0 = 0; p0 < a->s->nfloats; p0 += ACCUM_BLOCK) {
             uint32_t p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
-            if (a->s->f64) SUM_BLOCK(double);
-            else SUM_BLOCK(float);
-            memset(buf->adj + a->stride * p0, 0, a->stride * (p1 - p0));
+            void *block = buf->adj + a->stride * p0;
+            bool any = a->s->f64 ? sum_block_f64(block, lanes, p1 - p0, buf->sum + p0) : sum_block_f32(block, lanes, p1 - p0, buf->sum + p0);
+            if (!any) continue;
+            memset(block, 0, a->stride * (p1 - p0));
             buf->touched[buf->ntouched++] = p0;
         }
         buf->dirty = false;
