@@ -525,6 +525,9 @@ static Func *choose_entry(Checker *c) {
         return NULL;
     }
     if (!n) {
+        /* after a syntax error the shader may be there and was only not understood */
+        for (const Diag *d = s->diags; d; d = d->next)
+            if (d->severity == SEV_ERROR && d->span.file == c->main->file && !strncmp(diag_code_name(d->code), "E00", 3)) return NULL;
         diag_emit(s, DIAG_no_entry, top);
         return NULL;
     }

@@ -122,7 +122,8 @@ static Range eval(Loops *l, const Expr *e) {
     case E_SWIZZLE: {
         Symbol *root = place_root((Expr *)e);
         l->unbounded = root;
-        return full(k, root && (root->kind == SYM_LOCAL || root->kind == SYM_ARG));
+        bool size = !root && e->a[0]->kind == E_METHOD && e->a[0]->method == M_SIZE; /* known where the resource is, after inlining */
+        return full(k, size || (root && (root->kind == SYM_LOCAL || root->kind == SYM_ARG)));
     }
     default: return full(k, false);
     }
