@@ -1,8 +1,9 @@
 /* The interpreter: one instruction at a time over all lanes of a vector, under masks, as the SPMD kernels run.
  *
- * Every value has a slot of `lanes` elements, allocated once a call. Value rows compute all lanes, active or not (as vector
- * code does); what persists (carried values, arrays, counters, adjoints, the tape) is written under the mask. Regions are entered when any lane
- * is active in them. Nothing here is clever: this is what compiled kernels are compared with. */
+ * Every value has a slot of `lanes` elements, allocated once a call. Value rows compute all lanes, active or not (as
+ * vector code does); what persists (carried values, arrays, counters, adjoints, the tape) is written under the mask.
+ * Regions are entered when any lane is active in them. Nothing here is clever: this is what compiled kernels are
+ * compared with. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,11 +26,11 @@ typedef struct Interp {
     uint32_t n, lanes, base; /* samples of the call; lanes of a vector; first sample of this vector */
     uint32_t flt;            /* bytes of a float */
     unsigned char *memory;
-    void **slot;             /* by id: lanes elements; arrays: count rows of lanes elements */
-    void **next;             /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
+    void **slot; /* by id: lanes elements; arrays: count rows of lanes elements */
+    void **next; /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
-    int status;              /* anything but SLT_OK unwinds */
+    int status; /* anything but SLT_OK unwinds */
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
 } Interp;
 
@@ -46,7 +47,9 @@ static bool any(const Interp *in, const Mask *m) {
     return false;
 }
 
-static uint32_t type_bytes(const Interp *in, unsigned t) { return t == TY_FLT ? in->flt : t == TY_TAPE ? 8 : 4; }
+static uint32_t type_bytes(const Interp *in, unsigned t) {
+    return t == TY_FLT ? in->flt : t == TY_TAPE ? 8 : 4;
+}
 
 /* ---- lanes of values */
 
@@ -73,8 +76,10 @@ static double get_flt(const Interp *in, const void *p, uint64_t k) {
 }
 
 static void set_flt(const Interp *in, void *p, uint64_t k, double v) {
-    if (in->flt == 4) ((float *)p)[k] = (float)v;
-    else ((double *)p)[k] = v;
+    if (in->flt == 4)
+        ((float *)p)[k] = (float)v;
+    else
+        ((double *)p)[k] = v;
 }
 
 static uint32_t clamp_index(int32_t index, uint32_t count) {
@@ -110,13 +115,18 @@ static bool exec_input(Interp *in, const Inst *i, void *dst) {
 }
 
 static bool exec_param(Interp *in, const Inst *i, void *dst, const int32_t *index, const Mask *m) {
-    const void *from = i->op == OP_param ? in->args->params : i->op == OP_dparam ? in->args->dparams : in->args->iparams;
+    const void *from = i->op == OP_param    ? in->args->params
+                       : i->op == OP_dparam ? in->args->dparams
+                                            : in->args->iparams;
     if (!from) return fail(in, SLT_USAGE);
     for (uint32_t l = 0; l < in->lanes; l++) {
         uint32_t k = i->imm.slot.base + (m->on[l] ? clamp_index(index[l], i->imm.slot.count) : 0);
-        if (i->op == OP_iparam) ((int32_t *)dst)[l] = ((const int32_t *)from)[k];
-        else if (in->flt == 4) ((float *)dst)[l] = ((const float *)from)[k];
-        else ((double *)dst)[l] = ((const double *)from)[k];
+        if (i->op == OP_iparam)
+            ((int32_t *)dst)[l] = ((const int32_t *)from)[k];
+        else if (in->flt == 4)
+            ((float *)dst)[l] = ((const float *)from)[k];
+        else
+            ((double *)dst)[l] = ((const double *)from)[k];
     }
     return true;
 }
@@ -127,8 +137,10 @@ static bool exec_adj(Interp *in, const Inst *i, const int32_t *index, const void
     for (uint32_t l = 0; l < in->lanes; l++) {
         if (!m->on[l] || in->base + l >= in->n) continue;
         uint32_t k = i->imm.slot.base + clamp_index(index[l], i->imm.slot.count);
-        if (in->flt == 4) ((float *)adj)[k] += ((const float *)value)[l];
-        else ((double *)adj)[k] += ((const double *)value)[l];
+        if (in->flt == 4)
+            ((float *)adj)[k] += ((const float *)value)[l];
+        else
+            ((double *)adj)[k] += ((const double *)value)[l];
     }
     return true;
 }
@@ -179,7 +191,9 @@ static void exec_load(Interp *in, const Inst *i, const Mask *m) {
     const int32_t *index = in->slot[i->args[1]->id];
     unsigned char *dst = in->slot[i->id];
     for (uint32_t l = 0; l < in->lanes; l++)
-        if (m->on[l]) memcpy(dst + (size_t)l * bytes, element(in, array, clamp_index(index[l], array->imm.arr.count), l, bytes), bytes);
+        if (m->on[l])
+            memcpy(dst + (size_t)l * bytes, element(in, array, clamp_index(index[l], array->imm.arr.count), l, bytes),
+                   bytes);
 }
 
 static void exec_store(Interp *in, const Inst *i, const Mask *m) {
@@ -188,7 +202,9 @@ static void exec_store(Interp *in, const Inst *i, const Mask *m) {
     const int32_t *index = in->slot[i->args[1]->id];
     const unsigned char *src = in->slot[i->args[2]->id];
     for (uint32_t l = 0; l < in->lanes; l++)
-        if (m->on[l]) memcpy(element(in, array, clamp_index(index[l], array->imm.arr.count), l, bytes), src + (size_t)l * bytes, bytes);
+        if (m->on[l])
+            memcpy(element(in, array, clamp_index(index[l], array->imm.arr.count), l, bytes), src + (size_t)l * bytes,
+                   bytes);
 }
 
 static void exec_acopy(Interp *in, const Inst *i, const Mask *m) {
@@ -206,7 +222,8 @@ static uint64_t frame_bytes(const Interp *in, uint64_t value_bytes) {
 
 static bool exec_tapepush(Interp *in, const Inst *i, const Mask *m) {
     uint64_t bytes = 0;
-    for (uint32_t a = 0; a < i->nargs; a++) bytes += ((uint64_t)in->lanes * type_bytes(in, i->args[a]->type) + 7) & ~7ull;
+    for (uint32_t a = 0; a < i->nargs; a++)
+        bytes += ((uint64_t)in->lanes * type_bytes(in, i->args[a]->type) + 7) & ~7ull;
     uint64_t size = frame_bytes(in, bytes), end = in->tape_top + size;
     if (end > in->tape_limit) {
         in->args->counters[COUNTER_TAPE_OVERFLOW]++;
@@ -245,7 +262,8 @@ static bool exec_revloop(Interp *in, const Inst *i, const Mask *m) {
     for (uint32_t c = 0; c < ncarried; c++)
         copy_all(in, in->slot[body->params[frame + c]->id], in->slot[i->args[1 + c]->id], i->args[1 + c]->type);
     uint64_t bytes = 0;
-    for (uint32_t p = 0; p < frame; p++) bytes += ((uint64_t)in->lanes * type_bytes(in, body->params[p]->type) + 7) & ~7ull;
+    for (uint32_t p = 0; p < frame; p++)
+        bytes += ((uint64_t)in->lanes * type_bytes(in, body->params[p]->type) + 7) & ~7ull;
     while (in->tape_top > mark) {
         uint64_t size;
         memcpy(&size, in->tape + in->tape_top - 8, 8);
@@ -346,24 +364,43 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_constb: /* filled once */
     case OP_proj:   /* written by its operation */
     case OP_arg:
-    case OP_yield: return true;
-    case OP_input: return exec_input(in, i, dst);
+    case OP_yield:
+        return true;
+    case OP_input:
+        return exec_input(in, i, dst);
     case OP_param:
     case OP_iparam:
-    case OP_dparam: return exec_param(in, i, dst, a, m);
-    case OP_adj: return exec_adj(in, i, a, in->slot[i->args[1]->id], m);
-    case OP_rand: return exec_rand(in, dst, a);
+    case OP_dparam:
+        return exec_param(in, i, dst, a, m);
+    case OP_adj:
+        return exec_adj(in, i, a, in->slot[i->args[1]->id], m);
+    case OP_rand:
+        return exec_rand(in, dst, a);
     case OP_detach:
     case OP_site:
-    case OP_siten: copy_all(in, dst, a, i->type); return true;
-    case OP_alloc: exec_alloc(in, i, m); return true;
-    case OP_load: exec_load(in, i, m); return true;
-    case OP_store: exec_store(in, i, m); return true;
-    case OP_acopy: exec_acopy(in, i, m); return true;
-    case OP_if_: return exec_if(in, i, m);
-    case OP_loop: return exec_loop(in, i, m);
-    case OP_revloop: return exec_revloop(in, i, m);
-    case OP_custom: return exec_custom(in, i, m);
+    case OP_siten:
+        copy_all(in, dst, a, i->type);
+        return true;
+    case OP_alloc:
+        exec_alloc(in, i, m);
+        return true;
+    case OP_load:
+        exec_load(in, i, m);
+        return true;
+    case OP_store:
+        exec_store(in, i, m);
+        return true;
+    case OP_acopy:
+        exec_acopy(in, i, m);
+        return true;
+    case OP_if_:
+        return exec_if(in, i, m);
+    case OP_loop:
+        return exec_loop(in, i, m);
+    case OP_revloop:
+        return exec_revloop(in, i, m);
+    case OP_custom:
+        return exec_custom(in, i, m);
     case OP_partner: {
         uint32_t bytes = type_bytes(in, i->type);
         for (uint32_t l = 0; l < in->lanes; l++) {
@@ -373,20 +410,24 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         return true;
     }
     case OP_both:
-        for (uint32_t l = 0; l < in->lanes; l++)
-            ((int32_t *)dst)[l] = m->on[l] && (l ^ 1) < in->lanes && m->on[l ^ 1];
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = m->on[l] && (l ^ 1) < in->lanes && m->on[l ^ 1];
         return true;
     case OP_tapemark:
         for (uint32_t l = 0; l < in->lanes; l++) ((uint64_t *)dst)[l] = in->tape_top;
         return true;
-    case OP_tapepush: return exec_tapepush(in, i, m);
+    case OP_tapepush:
+        return exec_tapepush(in, i, m);
     case OP_count:
         for (uint32_t l = 0; l < in->lanes; l++)
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;
         return true;
-    case OP_print: exec_print(in, i, m); return true;
-    case OP_fieldop: return fail(in, SLT_PROGRAM);
-    default: return fail(in, SLT_INTERNAL);
+    case OP_print:
+        exec_print(in, i, m);
+        return true;
+    case OP_fieldop:
+        return fail(in, SLT_PROGRAM);
+    default:
+        return fail(in, SLT_INTERNAL);
     }
 }
 
@@ -407,15 +448,16 @@ static bool exec_block(Interp *in, const Block *b, const Mask *m) {
 /* ---- one call: memory for all values, then vector after vector */
 
 static uint64_t slot_bytes(const Interp *in, const Inst *i) {
-    uint64_t one = i->type == TY_ARRAY ? (uint64_t)type_bytes(in, i->imm.arr.elem) * i->imm.arr.count
-                   : i->type == TY_VOID ? 0 : type_bytes(in, i->type);
+    uint64_t one = i->type == TY_ARRAY  ? (uint64_t)type_bytes(in, i->imm.arr.elem) * i->imm.arr.count
+                   : i->type == TY_VOID ? 0
+                                        : type_bytes(in, i->type);
     return (one * in->lanes + 63) & ~(uint64_t)63;
 }
 
 typedef struct Layout {
     Interp *in;
-    uint64_t top;   /* bytes so far */
-    bool place;     /* second round: memory is there */
+    uint64_t top; /* bytes so far */
+    bool place;   /* second round: memory is there */
 } Layout;
 
 static void layout_value(Layout *y, const Inst *i) {
@@ -425,8 +467,10 @@ static void layout_value(Layout *y, const Inst *i) {
 
 static void fill_const(const Interp *in, const Inst *i) {
     for (uint32_t l = 0; l < in->lanes; l++) {
-        if (i->op == OP_constf) set_flt(in, in->slot[i->id], l, i->imm.f);
-        else ((int32_t *)in->slot[i->id])[l] = (int32_t)i->imm.i;
+        if (i->op == OP_constf)
+            set_flt(in, in->slot[i->id], l, i->imm.f);
+        else
+            ((int32_t *)in->slot[i->id])[l] = (int32_t)i->imm.i;
     }
 }
 

@@ -50,11 +50,11 @@ _Static_assert(OP_COUNT < 255, "Inst.op is a byte");
 #define SPECIAL_ARGS_fieldop MANY
 
 /* The first letter of a signature is the result; '?' and '.' are TY_VOID here. */
-#define SIGNATURE_TYPE(s)                                                                          \
+#define SIGNATURE_TYPE(s)                                                                                              \
     ((s)[0] == 'f' ? TY_FLT : (s)[0] == 'i' ? TY_INT : (s)[0] == 'b' ? TY_BOOL : (s)[0] == 't' ? TY_TAPE : TY_VOID)
 
-#define HAS_EFFECT(op)                                                                             \
-    ((op) == OP_store || (op) == OP_acopy || (op) == OP_adj || (op) == OP_tapepush || (op) == OP_count ||            \
+#define HAS_EFFECT(op)                                                                                                 \
+    ((op) == OP_store || (op) == OP_acopy || (op) == OP_adj || (op) == OP_tapepush || (op) == OP_count ||              \
      (op) == OP_print || (op) == OP_yield)
 
 const OpInfo ir_ops[OP_COUNT] = {
@@ -69,7 +69,7 @@ const OpInfo ir_ops[OP_COUNT] = {
 #define BOP1(name, ...) {#name, 1, TY_BOOL, TY_BOOL, false, false, false},
 #define BOP2(name, ...) {#name, 2, TY_BOOL, TY_BOOL, false, false, false},
 #define CONV(name, result, argument, ...) {#name, 1, TYPE_##result, TYPE_##argument, false, false, false},
-#define SPECIAL(name, signature, ...)                                                              \
+#define SPECIAL(name, signature, ...)                                                                                  \
     {#name, SPECIAL_ARGS_##name, SIGNATURE_TYPE(signature), TY_VOID, true, false, HAS_EFFECT(OP_##name)},
 #include "compiler/ir/ops.def"
 #include "compiler/ir/ops_undef.h"

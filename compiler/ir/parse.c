@@ -1,5 +1,5 @@
-/* The text form back to a Fn (the form is described in print.c). One pass, no recovery: the first error is reported and ends the parse.
- * What was read is verified, so that a Fn that comes out of here is sound whatever the text was. */
+/* The text form back to a Fn (the form is described in print.c). One pass, no recovery: the first error is reported and
+ * ends the parse. What was read is verified, so that a Fn that comes out of here is sound whatever the text was. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -16,7 +16,7 @@ typedef struct Parser {
     int file;
     const char *text, *end, *at; /* at: the next token's first byte */
     bool failed;
-    Vec(Inst *) values;          /* by printed id */
+    Vec(Inst *) values; /* by printed id */
     Vec(SiteInfo) sites;
     Vec(const char *) outputs;
     uint32_t depth;
@@ -37,7 +37,8 @@ static void skip_space(Parser *p) {
 }
 
 static bool is_word_char(char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '+' || c == '-' || c == '.';
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '+' ||
+           c == '-' || c == '.';
 }
 
 static size_t word_length(const Parser *p) {
@@ -55,8 +56,10 @@ static bool expected(Parser *p, const char *what) {
     if (!n && p->at < p->end) n = 1;
     Span span = {p->file, (uint32_t)(p->at - p->text), (uint32_t)n};
     char message[160];
-    if (p->at >= p->end) snprintf(message, sizeof message, "expected %s, found the end of the text", what);
-    else snprintf(message, sizeof message, "expected %s, found '%.*s'", what, (int)(n < 40 ? n : 40), p->at);
+    if (p->at >= p->end)
+        snprintf(message, sizeof message, "expected %s, found the end of the text", what);
+    else
+        snprintf(message, sizeof message, "expected %s, found '%.*s'", what, (int)(n < 40 ? n : 40), p->at);
     diag_emit(p->s, DIAG_syntax, span, message);
     return false;
 }
@@ -82,7 +85,9 @@ static bool accept_word(Parser *p, const char *word) {
     return true;
 }
 
-static bool want_word(Parser *p, const char *word) { return accept_word(p, word) || expected(p, word); }
+static bool want_word(Parser *p, const char *word) {
+    return accept_word(p, word) || expected(p, word);
+}
 
 /* One word out of a list; its index, or -1. */
 static int want_name(Parser *p, const char *const *names, int n, const char *what) {
@@ -140,7 +145,10 @@ static bool want_double(Parser *p, double *out) {
 }
 
 static int hex_digit(char c) {
-    return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+    return c >= '0' && c <= '9'   ? c - '0'
+           : c >= 'a' && c <= 'f' ? c - 'a' + 10
+           : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                  : -1;
 }
 
 static bool want_string(Parser *p, const char **out, uint32_t *len) {
@@ -208,18 +216,24 @@ static Inst *want_operand(Parser *p) {
 static bool want_imm(Parser *p, Op op, Imm *imm) {
     int64_t v = 0;
     switch (op) {
-    case OP_constf: return want_double(p, &imm->f);
-    case OP_consti: return want_integer(p, INT32_MIN, INT32_MAX, &imm->i);
+    case OP_constf:
+        return want_double(p, &imm->f);
+    case OP_consti:
+        return want_integer(p, INT32_MIN, INT32_MAX, &imm->i);
     case OP_constb:
         imm->i = accept_word(p, "true");
         return imm->i || want_word(p, "false");
-    case OP_input: imm->i = want_name(p, ir_input_names, IN_COUNT, "the name of an input"); return imm->i >= 0;
+    case OP_input:
+        imm->i = want_name(p, ir_input_names, IN_COUNT, "the name of an input");
+        return imm->i >= 0;
     case OP_param:
     case OP_iparam:
     case OP_dparam:
     case OP_adj: {
         uint32_t base, count; /* not straight into imm: its members share bytes with nothing half-read */
-        if (!want_char(p, '[') || !want_u32(p, &base) || !want_char(p, ',') || !want_u32(p, &count) || !want_char(p, ']')) return false;
+        if (!want_char(p, '[') || !want_u32(p, &base) || !want_char(p, ',') || !want_u32(p, &count) ||
+            !want_char(p, ']'))
+            return false;
         imm->slot.base = base;
         imm->slot.count = count;
         return true;
@@ -234,14 +248,19 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_alloc:
         return want_type(p, &imm->arr.elem) && want_char(p, '[') && want_u32(p, &imm->arr.count) && want_char(p, ']');
     case OP_loop:
-        if (!want_word(p, "max") || !want_u32(p, &imm->loop.max_iters) || !want_word(p, "id") || !want_u32(p, &imm->loop.loop_id)) return false;
+        if (!want_word(p, "max") || !want_u32(p, &imm->loop.max_iters) || !want_word(p, "id") ||
+            !want_u32(p, &imm->loop.loop_id))
+            return false;
         imm->loop.exact = accept_word(p, "exact");
         imm->loop.cull = accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);
-    case OP_print: return want_string(p, &imm->text.text, &imm->text.len);
+    case OP_print:
+        return want_string(p, &imm->text.text, &imm->text.len);
     case OP_fieldop:
-        return want_word(p, "field") && want_u32(p, &imm->field.field) && want_word(p, "what") && want_u32(p, &imm->field.what);
-    default: return true;
+        return want_word(p, "field") && want_u32(p, &imm->field.field) && want_word(p, "what") &&
+               want_u32(p, &imm->field.what);
+    default:
+        return true;
     }
 }
 
@@ -276,8 +295,7 @@ static bool want_inst(Parser *p, Builder *b) {
     if (ir_spells_type((Op)op) && (!want_char(p, ':') || !want_type(p, &type))) return false;
     Vec(Inst *) args = {0};
     while (p->at < p->end && *p->at == ' ') p->at++; /* operands stand on the line: a % on the next is another's name */
-    if (p->at < p->end && *p->at == '%')
-        do {
+    if (p->at < p->end && *p->at == '%') do {
             Inst *v = want_operand(p);
             if (!v) return false;
             vec_push(&p->s->scratch, &args, v);
@@ -300,7 +318,8 @@ static bool want_inst(Parser *p, Builder *b) {
         if (i->region[i->nregions - 1] != region) return expected(p, "no further region");
         if (!want_block(p, region)) return false;
     }
-    if (named != (type != TY_VOID || structured)) return expected(p, named ? "no name for what has no value" : "a name for the value");
+    if (named != (type != TY_VOID || structured))
+        return expected(p, named ? "no name for what has no value" : "a name for the value");
     return !named || define(p, id, i);
 }
 
@@ -335,7 +354,9 @@ static bool want_site(Parser *p) {
     site.kind = (SiteKind)kind;
     site.max_events = (uint64_t)events;
     site.skip_loop = accept_word(p, "skip");
-    if (!want_word(p, "path") || !want_string(p, &site.path, NULL) || !want_word(p, "text") || !want_string(p, &site.text, NULL)) return false;
+    if (!want_word(p, "path") || !want_string(p, &site.path, NULL) || !want_word(p, "text") ||
+        !want_string(p, &site.text, NULL))
+        return false;
     vec_push(p->fn->arena, &p->sites, site);
     return true;
 }

@@ -6,7 +6,7 @@
 
 typedef struct Text {
     Arena *arena;
-    char *data;   /* NUL-terminated once anything was added */
+    char *data; /* NUL-terminated once anything was added */
     size_t len, cap;
 } Text;
 

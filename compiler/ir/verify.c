@@ -10,8 +10,8 @@ typedef struct Verify {
     const Fn *fn;
     Text text;
     uint32_t nproblems;
-    Inst **by_id;      /* the instruction that owns each id */
-    bool *visible;     /* by id: defined before, in this block or around it */
+    Inst **by_id;  /* the instruction that owns each id */
+    bool *visible; /* by id: defined before, in this block or around it */
     Vec(const Inst *) pushes, revloops;
 } Verify;
 
@@ -61,8 +61,10 @@ static bool list_is_sound(Verify *v, const Block *b, const Inst *owner, uint32_t
         for (uint32_t a = 0; a < i->nargs; a++)
             if (!i->args[a]) problem(v, i, "operand %u is missing", a);
         for (uint32_t r = 0; r < i->nregions; r++) {
-            if (!i->region[r]) problem(v, i, "region %u is missing", r);
-            else if (!list_is_sound(v, i->region[r], i, depth + 1)) return false;
+            if (!i->region[r])
+                problem(v, i, "region %u is missing", r);
+            else if (!list_is_sound(v, i->region[r], i, depth + 1))
+                return false;
         }
     }
     if (b->last != last) problem(v, last, "the block's last instruction is another");
@@ -180,12 +182,16 @@ static void check_array(Verify *v, const Inst *i, uint32_t a) {
 static void check_special(Verify *v, const Inst *i) {
     const Inst *a = i->nargs ? i->args[0] : NULL;
     switch ((Op)i->op) {
-    case OP_constf: want_result(v, i, TY_FLT); return;
+    case OP_constf:
+        want_result(v, i, TY_FLT);
+        return;
     case OP_consti:
         want_result(v, i, TY_INT);
         if (i->imm.i < INT32_MIN || i->imm.i > INT32_MAX) problem(v, i, "more than 32 bits");
         return;
-    case OP_constb: want_result(v, i, TY_BOOL); return;
+    case OP_constb:
+        want_result(v, i, TY_BOOL);
+        return;
     case OP_input: {
         if (i->imm.i < 0 || i->imm.i >= IN_COUNT) {
             problem(v, i, "no such input");
@@ -220,8 +226,12 @@ static void check_special(Verify *v, const Inst *i) {
         want(v, i, 0, TY_FLT);
         want_result(v, i, TY_FLT);
         return;
-    case OP_site: check_site(v, i, TY_BOOL); return;
-    case OP_siten: check_site(v, i, TY_FLT); return;
+    case OP_site:
+        check_site(v, i, TY_BOOL);
+        return;
+    case OP_siten:
+        check_site(v, i, TY_FLT);
+        return;
     case OP_alloc:
         want_result(v, i, TY_ARRAY);
         if (!i->imm.arr.count) problem(v, i, "an empty array");
@@ -293,8 +303,12 @@ static void check_special(Verify *v, const Inst *i) {
         if (i->next) problem(v, i, "a yield in the middle of a block");
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
-    case OP_proj: check_proj(v, i); return;
-    case OP_arg: problem(v, i, "an arg stands in the list"); return;
+    case OP_proj:
+        check_proj(v, i);
+        return;
+    case OP_arg:
+        problem(v, i, "an arg stands in the list");
+        return;
     case OP_partner:
         want_scalar(v, i, 0);
         want_result(v, i, (IrType)a->type);
@@ -302,7 +316,9 @@ static void check_special(Verify *v, const Inst *i) {
     case OP_both:
         want_result(v, i, TY_BOOL);
         return;
-    case OP_tapemark: want_result(v, i, TY_TAPE); return;
+    case OP_tapemark:
+        want_result(v, i, TY_TAPE);
+        return;
     case OP_tapepush:
         vec_push(v->text.arena, &v->pushes, i);
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
@@ -315,8 +331,11 @@ static void check_special(Verify *v, const Inst *i) {
         if (i->imm.text.len && !i->imm.text.text) problem(v, i, "no text");
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
-    case OP_fieldop: return;
-    default: problem(v, i, "a value row marked special"); return;
+    case OP_fieldop:
+        return;
+    default:
+        problem(v, i, "a value row marked special");
+        return;
     }
 }
 
@@ -349,8 +368,10 @@ static void check_inst(Verify *v, const Inst *i) {
     if (!usable) return;
     bool structured = i->op == OP_if_ || i->op == OP_loop || i->op == OP_revloop || i->op == OP_custom;
     if (i->nregions && !structured) problem(v, i, "has regions");
-    if (info->special) check_special(v, i);
-    else check_value(v, i);
+    if (info->special)
+        check_special(v, i);
+    else
+        check_value(v, i);
     bool void_op = structured || i->op == OP_adj || i->op == OP_store || i->op == OP_acopy || i->op == OP_yield ||
                    i->op == OP_tapepush || i->op == OP_count || i->op == OP_print;
     if (void_op && i->type != TY_VOID) problem(v, i, "has a type");
@@ -372,7 +393,8 @@ static void check_block(Verify *v, const Block *b) {
         if (i->id < lo) lo = i->id;
         if (i->id + 1 > hi) hi = i->id + 1;
     }
-    if (!b->last || b->last->op != OP_yield) problem(v, b->last ? b->last : b->owner, "a block without a yield at its end");
+    if (!b->last || b->last->op != OP_yield)
+        problem(v, b->last ? b->last : b->owner, "a block without a yield at its end");
     if (hi > lo) memset(v->visible + lo, 0, (hi - lo) * sizeof *v->visible); /* out of sight outside the block */
 }
 

@@ -1,4 +1,5 @@
-/* custom ([Tangent] functions) -> its primal region in place. What differentiates runs before; what is left here only needs values. */
+/* custom ([Tangent] functions) -> its primal region in place. What differentiates runs before; what is left here only
+ * needs values. */
 #include "compiler/pass/pass.h"
 
 typedef struct Lower {
@@ -17,8 +18,10 @@ static void move_before(Inst *i, Block *b, Inst *before) {
     i->block = b;
     i->next = before;
     i->prev = before->prev;
-    if (i->prev) i->prev->next = i;
-    else b->first = i;
+    if (i->prev)
+        i->prev->next = i;
+    else
+        b->first = i;
     before->prev = i;
 }
 

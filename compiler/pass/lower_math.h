@@ -1,7 +1,8 @@
 /* Inside lower_math: the expression builder that the generators share.
  *
- * A generator emits the operations of one elementary function at g->b and returns the result. All of them are branch-free and give the
- * same bits at every width; f32 and f64 differ in coefficients and in how exponents are taken apart (bits in f32; fexpo, fmant and ftwoi in f64). */
+ * A generator emits the operations of one elementary function at g->b and returns the result. All of them are
+ * branch-free and give the same bits at every width; f32 and f64 differ in coefficients and in how exponents are taken
+ * apart (bits in f32; fexpo, fmant and ftwoi in f64). */
 #ifndef SALTUS_PASS_LOWER_MATH_H
 #define SALTUS_PASS_LOWER_MATH_H
 
@@ -10,19 +11,39 @@
 typedef struct Gen {
     Builder b;
     bool f64;
-    bool fma;   /* ffma is one instruction of the target */
+    bool fma; /* ffma is one instruction of the target */
 } Gen;
 
-static inline Inst *num(Gen *g, double v) { return ir_constf(&g->b, v); }
-static inline Inst *int_num(Gen *g, int32_t v) { return ir_consti(&g->b, v); }
-static inline Inst *op1(Gen *g, Op op, Inst *a) { return ir_emit1(&g->b, op, a); }
-static inline Inst *op2(Gen *g, Op op, Inst *a, Inst *c) { return ir_emit2(&g->b, op, a, c); }
-static inline Inst *add(Gen *g, Inst *a, Inst *c) { return op2(g, OP_fadd, a, c); }
-static inline Inst *sub(Gen *g, Inst *a, Inst *c) { return op2(g, OP_fsub, a, c); }
-static inline Inst *mul(Gen *g, Inst *a, Inst *c) { return op2(g, OP_fmul, a, c); }
-static inline Inst *scale(Gen *g, Inst *a, double v) { return op2(g, OP_fmul, a, num(g, v)); }
-static inline Inst *sel(Gen *g, Inst *cond, Inst *x, Inst *y) { return ir_emit3(&g->b, OP_fsel, cond, x, y); }
-static inline Inst *less(Gen *g, Inst *a, Inst *c) { return op2(g, OP_flt, a, c); }
+static inline Inst *num(Gen *g, double v) {
+    return ir_constf(&g->b, v);
+}
+static inline Inst *int_num(Gen *g, int32_t v) {
+    return ir_consti(&g->b, v);
+}
+static inline Inst *op1(Gen *g, Op op, Inst *a) {
+    return ir_emit1(&g->b, op, a);
+}
+static inline Inst *op2(Gen *g, Op op, Inst *a, Inst *c) {
+    return ir_emit2(&g->b, op, a, c);
+}
+static inline Inst *add(Gen *g, Inst *a, Inst *c) {
+    return op2(g, OP_fadd, a, c);
+}
+static inline Inst *sub(Gen *g, Inst *a, Inst *c) {
+    return op2(g, OP_fsub, a, c);
+}
+static inline Inst *mul(Gen *g, Inst *a, Inst *c) {
+    return op2(g, OP_fmul, a, c);
+}
+static inline Inst *scale(Gen *g, Inst *a, double v) {
+    return op2(g, OP_fmul, a, num(g, v));
+}
+static inline Inst *sel(Gen *g, Inst *cond, Inst *x, Inst *y) {
+    return ir_emit3(&g->b, OP_fsel, cond, x, y);
+}
+static inline Inst *less(Gen *g, Inst *a, Inst *c) {
+    return op2(g, OP_flt, a, c);
+}
 /* a*b + c, with one rounding where the target has that. */
 static inline Inst *mad(Gen *g, Inst *a, Inst *b, Inst *c) {
     return g->fma ? ir_emit3(&g->b, OP_ffma, a, b, c) : add(g, mul(g, a, b), c);
@@ -35,8 +56,8 @@ static inline Inst *nmad(Gen *g, Inst *a, Inst *b, Inst *c) {
 /* c[0] + c[1] x + ... by Horner's rule, every coefficient times `factor`. */
 Inst *math_poly(Gen *g, const double *c, uint32_t n, Inst *x, double factor);
 #define POLY(g, name, x) MATH_POLY(g, name, x, 1)
-#define MATH_POLY(g, name, x, factor)                                                              \
-    ((g)->f64 ? math_poly(g, name##_64, sizeof name##_64 / sizeof *name##_64, x, factor)                           \
+#define MATH_POLY(g, name, x, factor)                                                                                  \
+    ((g)->f64 ? math_poly(g, name##_64, sizeof name##_64 / sizeof *name##_64, x, factor)                               \
               : math_poly(g, name##_32, sizeof name##_32 / sizeof *name##_32, x, factor))
 /* x - k * (sum of parts) * factor, most significant part first. */
 Inst *math_reduce(Gen *g, Inst *x, Inst *k, const double *parts, uint32_t n, double factor);
@@ -45,8 +66,8 @@ Inst *math_two_product(Gen *g, Inst *a, Inst *b, Inst **low);
 
 /* lower_math_exp.c */
 enum { EXP_CLAMP_HIGH = 1, EXP_CLAMP_LOW = 2, EXP_CLAMP = 3 }; /* what the argument may exceed */
-Inst *math_exp(Gen *g, Inst *x, int clamp, int shift);          /* e^x 2^shift, shift 0 or -1 */
-Inst *math_exp2(Gen *g, Inst *x, Inst *low, int clamp);         /* 2^(x + low); low may be NULL */
+Inst *math_exp(Gen *g, Inst *x, int clamp, int shift);         /* e^x 2^shift, shift 0 or -1 */
+Inst *math_exp2(Gen *g, Inst *x, Inst *low, int clamp);        /* 2^(x + low); low may be NULL */
 Inst *math_log(Gen *g, Inst *x);
 Inst *math_log2(Gen *g, Inst *x);
 Inst *math_sinh(Gen *g, Inst *x);

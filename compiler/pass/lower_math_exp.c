@@ -8,8 +8,9 @@ static const double log2_of_e = 1.44269504088896340736;
 
 /* ---- exponentials: 2^n p(r) with |r| <= half a unit
  *
- * The polynomial is doubled and the power of two halved, so that n reaches one beyond the largest exponent and overflow comes from the
- * last product. In f32 the sum x log2(e) + MAGIC rounds to an integer whose low bits are the exponent field to be. */
+ * The polynomial is doubled and the power of two halved, so that n reaches one beyond the largest exponent and overflow
+ * comes from the last product. In f32 the sum x log2(e) + MAGIC rounds to an integer whose low bits are the exponent
+ * field to be. */
 
 static const double magic_32 = 12582912.0; /* 1.5 * 2^23: sums keep integers in their low bits */
 
@@ -37,8 +38,8 @@ static Inst *clamped(Gen *g, Inst *x, int clamp, double low, double high) {
 }
 
 Inst *math_exp(Gen *g, Inst *x, int clamp, int shift) {
-    /* f32: at the low end the exponent field is 0 and the scale is 0, which is the underflow. f64: the scale stays normal and a select
-     * makes the 0. At the high end the product overflows. */
+    /* f32: at the low end the exponent field is 0 and the scale is 0, which is the underflow. f64: the scale stays
+     * normal and a select makes the 0. At the high end the product overflows. */
     double low = g->f64 ? -708.0 : -87.33, high = (g->f64 ? 709.9 : 88.9) - shift * 0.6931;
     Inst *c = clamped(g, x, clamp, low, high);
     Power p = split_power(g, c, log2_of_e, shift);
@@ -84,7 +85,8 @@ static Inst *log_edges(Gen *g, Inst *x, Inst *y) {
     return sel(g, less(g, num(g, 0), x), y, edge);
 }
 
-/* log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))), s = f/(2 + f); the parts are returned for the caller to add the exponent in. */
+/* log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))), s = f/(2 + f); the parts are returned for the caller to add the
+ * exponent in. */
 static Inst *log1p_tail_64(Gen *g, Inst *f, Inst **half_square) {
     Inst *s = op2(g, OP_fdiv, f, add(g, f, num(g, 2)));
     Inst *s2 = mul(g, s, s), *h = mul(g, scale(g, f, 0.5), f);
@@ -123,7 +125,9 @@ Inst *math_log2(Gen *g, Inst *x) {
 
 /* x + x^3 P(x^2) */
 #define ODD(g, name, x) odd_sum(g, x, x2, POLY(g, name, x2))
-static Inst *odd_sum(Gen *g, Inst *x, Inst *x2, Inst *p) { return mad(g, mul(g, x, x2), p, x); }
+static Inst *odd_sum(Gen *g, Inst *x, Inst *x2, Inst *p) {
+    return mad(g, mul(g, x, x2), p, x);
+}
 
 Inst *math_sinh(Gen *g, Inst *x) {
     Inst *a = op1(g, OP_fabs, x), *x2 = mul(g, x, x);

@@ -13,8 +13,8 @@ static Inst *fast_two_sum(Gen *g, Inst *a, Inst *b, Inst **low) {
     return s;
 }
 
-/* log2 of a positive number: m 2^e, s = (m - 1)/(m + 1), log2 m = 2/ln 2 (s + s^3/3 + ...). Products of the leading term (f64: of the
- * cubic term too) are exact; what is left is small enough for plain arithmetic. */
+/* log2 of a positive number: m 2^e, s = (m - 1)/(m + 1), log2 m = 2/ln 2 (s + s^3/3 + ...). Products of the leading
+ * term (f64: of the cubic term too) are exact; what is left is small enough for plain arithmetic. */
 static Inst *log2_two(Gen *g, Inst *x, Inst **low) {
     Inst *m, *e;
     math_split(g, x, &m, &e);

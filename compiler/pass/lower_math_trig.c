@@ -13,14 +13,17 @@ static Inst *reduce_by_pi(Gen *g, Inst *x, Inst *k, double factor) {
 }
 
 /* r + r^3 P(r^2) */
-static Inst *odd_sum(Gen *g, Inst *r, Inst *r2, Inst *p) { return mad(g, mul(g, r, r2), p, r); }
+static Inst *odd_sum(Gen *g, Inst *r, Inst *r2, Inst *p) {
+    return mad(g, mul(g, r, r2), p, r);
+}
 
 /* k mod 2 of an integer-valued float, 0 or 1. */
 static Inst *parity_64(Gen *g, Inst *k) {
     return mad(g, op1(g, OP_ffloor, scale(g, k, 0.5)), num(g, -2), k);
 }
 
-/* sin of r in [-pi/2, pi/2]. Arguments far beyond the reduction's reach leave garbage in r: the result is kept in [-1, 1] even then. */
+/* sin of r in [-pi/2, pi/2]. Arguments far beyond the reduction's reach leave garbage in r: the result is kept in [-1,
+ * 1] even then. */
 static Inst *sin_core(Gen *g, Inst *r) {
     Inst *r2 = mul(g, r, r);
     Inst *y = odd_sum(g, r, r2, POLY(g, sin_half, r2));
@@ -40,7 +43,8 @@ Inst *math_sin(Gen *g, Inst *x) {
     return sin_core(g, op1(g, OP_iasfloat, op2(g, OP_ixor, op1(g, OP_fasuint, r), sign)));
 }
 
-/* cos(x) = (-1)^(j + 1) sin(x - (j + 1/2) pi): the zeros of cos are the zeros of the polynomial, so they keep their relative accuracy. */
+/* cos(x) = (-1)^(j + 1) sin(x - (j + 1/2) pi): the zeros of cos are the zeros of the polynomial, so they keep their
+ * relative accuracy. */
 Inst *math_cos(Gen *g, Inst *x) {
     Inst *q = mad(g, x, num(g, one_over_pi), num(g, -0.5));
     if (g->f64) {
@@ -76,9 +80,12 @@ Inst *math_tan(Gen *g, Inst *x) {
 /* ---- inverse functions */
 
 /* asin of s in [0, 1/2], s2 = s^2 */
-static Inst *asin_core(Gen *g, Inst *s, Inst *s2) { return odd_sum(g, s, s2, POLY(g, asin, s2)); }
+static Inst *asin_core(Gen *g, Inst *s, Inst *s2) {
+    return odd_sum(g, s, s2, POLY(g, asin, s2));
+}
 
-/* For |x| > 1/2: asin(|x|) = pi/2 - 2 asin(sqrt((1 - |x|)/2)). Gives the core's value p of either case; NaN beyond 1. */
+/* For |x| > 1/2: asin(|x|) = pi/2 - 2 asin(sqrt((1 - |x|)/2)). Gives the core's value p of either case; NaN beyond 1.
+ */
 static Inst *asin_half(Gen *g, Inst *x, Inst **big) {
     Inst *a = op1(g, OP_fabs, x);
     *big = less(g, num(g, 0.5), a);
@@ -101,8 +108,8 @@ Inst *math_acos(Gen *g, Inst *x) {
     return sel(g, big, far, sub(g, num(g, pi_value / 2), op2(g, OP_fcopysign, p, x)));
 }
 
-/* atan(n/d) for 0 <= n <= d. f64 turns ratios above tan(pi/8) by pi/4 within the one division: the polynomial on [0, 1] would need twice
- * the coefficients. */
+/* atan(n/d) for 0 <= n <= d. f64 turns ratios above tan(pi/8) by pi/4 within the one division: the polynomial on [0, 1]
+ * would need twice the coefficients. */
 static Inst *atan_ratio(Gen *g, Inst *n, Inst *d) {
     Inst *turn = NULL;
     if (g->f64) {
@@ -121,7 +128,7 @@ Inst *math_atan(Gen *g, Inst *x) {
     Inst *a = op1(g, OP_fabs, x), *one = num(g, 1);
     Inst *swap = less(g, one, a);
     Inst *n = op2(g, OP_fmin, a, one), *d = op2(g, OP_fmax, one, a); /* NaN: n is NaN, d is 1 */
-    if (g->f64) d = op2(g, OP_fmin, d, num(g, 1e300)); /* n + d and n - d stay finite */
+    if (g->f64) d = op2(g, OP_fmin, d, num(g, 1e300));               /* n + d and n - d stay finite */
     Inst *p = atan_ratio(g, n, d);
     return op2(g, OP_fcopysign, sel(g, swap, sub(g, num(g, pi_value / 2), p), p), x);
 }

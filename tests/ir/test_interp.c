@@ -1,4 +1,5 @@
-/* The interpreter: edge values of the rows, control flow under masks, memory, the tape, counters; and lower_rand against it. */
+/* The interpreter: edge values of the rows, control flow under masks, memory, the tape, counters; and lower_rand
+ * against it. */
 #include "tests/ir/ir_test.h"
 
 enum { N = 100 }; /* not a multiple of the lanes */
@@ -50,7 +51,8 @@ static void check_row_f(Op op, double a, double b, double c, double want) {
             fail_msg("%s(%g, %g, %g) = %g, not %g", ir_ops[op].name, a, b, c, got, want);
         if (!ir_ops[op].math) {
             double v = is_int ? (double)folded.i : folded.f;
-            if (memcmp(&v, &got, sizeof v) != 0 && !isnan(v)) fail_msg("%s folds to %g, runs to %g", ir_ops[op].name, v, got);
+            if (memcmp(&v, &got, sizeof v) != 0 && !isnan(v))
+                fail_msg("%s folds to %g, runs to %g", ir_ops[op].name, v, got);
         }
         close_fn(&t);
     }
@@ -67,7 +69,8 @@ static void check_row_i(Op op, int32_t a, int32_t b, int32_t want) {
     int32_t out = 0;
     call.out[0] = &out;
     assert_int_equal(run(t.fn, &call, 1, 1), SLT_OK);
-    if (out != want || folded.i != want) fail_msg("%s(%d, %d) = %d, folded %d, not %d", ir_ops[op].name, a, b, out, (int)folded.i, want);
+    if (out != want || folded.i != want)
+        fail_msg("%s(%d, %d) = %d, folded %d, not %d", ir_ops[op].name, a, b, out, (int)folded.i, want);
     close_fn(&t);
 }
 
@@ -174,7 +177,8 @@ static Fn *collatz(TestFn *t) {
     ir_yield(&arm, 1, &down);
     Inst *next = ir_proj(&in, cond, 0), *more = ir_emit2(&in, OP_iadd, steps, ir_consti(&in, 1));
     Inst *go_on = ir_emit2(&in, OP_ine, next, ir_consti(&in, 1));
-    ir_yield(&in, 4, (Inst *[]){go_on, next, more, n}); /* n moves into another carried value: read before it is overwritten */
+    ir_yield(&in, 4,
+             (Inst *[]){go_on, next, more, n}); /* n moves into another carried value: read before it is overwritten */
     Inst *r = ir_emit2(b, OP_iadd, ir_emit2(b, OP_imul, ir_proj(b, loop, 1), ir_consti(b, 1000)), ir_proj(b, loop, 2));
     ir_yield(b, 1, &r);
     check_sound(t->fn);
@@ -322,7 +326,8 @@ static void test_effects(void **state) {
     in = ir_at_end(t.fn, cond->region[1]);
     ir_special(&in, OP_print, TY_VOID, 1, &n, (Imm){.text = {"{}", 2}});
     Inst *p = ir_special(&in, OP_param, TY_FLT, 1, &n, (Imm){.slot = {1, 4}}); /* clamped to 4 */
-    ir_special(&in, OP_adj, TY_VOID, 2, (Inst *[]){ir_special(&in, OP_iparam, TY_INT, 1, &n, (Imm){.slot = {0, 1}}), x}, (Imm){.slot = {2, 3}});
+    ir_special(&in, OP_adj, TY_VOID, 2, (Inst *[]){ir_special(&in, OP_iparam, TY_INT, 1, &n, (Imm){.slot = {0, 1}}), x},
+               (Imm){.slot = {2, 3}});
     ir_yield(&in, 1, (Inst *[]){ir_emit1(&in, OP_f2i, p)});
     ir_yield(b, 1, (Inst *[]){ir_proj(b, cond, 0)});
     check_sound(t.fn);
@@ -367,7 +372,8 @@ static void test_tape(void **state) {
     ir_block_param(t.fn, back, TY_BOOL);
     Inst *hash = ir_block_param(t.fn, back, TY_INT), *count = ir_block_param(t.fn, back, TY_INT);
     in = ir_at_end(t.fn, back);
-    Inst *h = ir_emit2(&in, OP_iadd, ir_emit2(&in, OP_imul, hash, ir_consti(&in, 3)), ir_emit2(&in, OP_iadd, k, ir_emit1(&in, OP_f2i, v)));
+    Inst *h = ir_emit2(&in, OP_iadd, ir_emit2(&in, OP_imul, hash, ir_consti(&in, 3)),
+                       ir_emit2(&in, OP_iadd, k, ir_emit1(&in, OP_f2i, v)));
     ir_yield(&in, 2, (Inst *[]){h, ir_emit2(&in, OP_iadd, count, one)});
     ir_yield(b, 2, (Inst *[]){ir_proj(b, rev, 0), ir_proj(b, rev, 1)});
     check_sound(t.fn);
@@ -461,9 +467,9 @@ static void test_rand_quality(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_float_rows), cmocka_unit_test(test_int_rows),     cmocka_unit_test(test_loops),
-        cmocka_unit_test(test_bad_calls),  cmocka_unit_test(test_cull),         cmocka_unit_test(test_arrays),
-        cmocka_unit_test(test_effects),    cmocka_unit_test(test_tape),         cmocka_unit_test(test_rand_and_mix),
+        cmocka_unit_test(test_float_rows),   cmocka_unit_test(test_int_rows), cmocka_unit_test(test_loops),
+        cmocka_unit_test(test_bad_calls),    cmocka_unit_test(test_cull),     cmocka_unit_test(test_arrays),
+        cmocka_unit_test(test_effects),      cmocka_unit_test(test_tape),     cmocka_unit_test(test_rand_and_mix),
         cmocka_unit_test(test_rand_quality),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

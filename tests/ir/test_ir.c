@@ -12,8 +12,10 @@ static Fn *everything(TestFn *t, Precision p) {
     fn->nints = 2;
     fn->sites = ARENA_ARRAY(fn->arena, SiteInfo, 2);
     fn->nsites = 2;
-    fn->sites[0] = (SiteInfo){.kind = SITE_COMPARE, .depth = 1, .max_events = 12, .path = "main > \"f\"", .text = "d < 0"};
-    fn->sites[1] = (SiteInfo){.kind = SITE_FLOOR, .depth = 0, .max_events = 1, .skip_loop = true, .path = "main", .text = "a\\b\n"};
+    fn->sites[0] =
+        (SiteInfo){.kind = SITE_COMPARE, .depth = 1, .max_events = 12, .path = "main > \"f\"", .text = "d < 0"};
+    fn->sites[1] = (SiteInfo){
+        .kind = SITE_FLOOR, .depth = 0, .max_events = 1, .skip_loop = true, .path = "main", .text = "a\\b\n"};
     fn->outputs = ARENA_ARRAY(fn->arena, const char *, 3);
     fn->outputs[0] = "f.0", fn->outputs[1] = "hash", fn->outputs[2] = "flag";
     Inst *x = ir_input(b, IN_X0), *zero = ir_consti(b, 0), *one = ir_consti(b, 1);
@@ -23,7 +25,8 @@ static Fn *everything(TestFn *t, Precision p) {
     ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, one, theta}, (Imm){0});
     ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){copy, array}, (Imm){0});
     Inst *mark = ir_special(b, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
-    Inst *loop = ir_loop(b, 2, (Inst *[]){x, zero}, (LoopInfo){.max_iters = 12, .exact = true, .cull = true, .cull_id = 3, .loop_id = 9});
+    Inst *loop = ir_loop(b, 2, (Inst *[]){x, zero},
+                         (LoopInfo){.max_iters = 12, .exact = true, .cull = true, .cull_id = 3, .loop_id = 9});
     Block *body = loop->region[0];
     Builder in = ir_at_end(fn, body);
     ir_special(&in, OP_tapepush, TY_VOID, 2, (Inst *[]){body->params[1], body->params[0]}, (Imm){0});
@@ -42,7 +45,8 @@ static Fn *everything(TestFn *t, Precision p) {
     Inst *total = ir_proj(b, loop, 1), *last = ir_proj(b, loop, 0);
     Inst *rev = ir_special(b, OP_revloop, TY_VOID, 2, (Inst *[]){mark, last}, (Imm){0});
     Block *back = ir_block(fn, rev);
-    Inst *saved = ir_block_param(fn, back, TY_FLT), *k = ir_block_param(fn, back, TY_INT), *carried = ir_block_param(fn, back, TY_FLT);
+    Inst *saved = ir_block_param(fn, back, TY_FLT), *k = ir_block_param(fn, back, TY_INT),
+         *carried = ir_block_param(fn, back, TY_FLT);
     in = ir_at_end(fn, back);
     ir_special(&in, OP_adj, TY_VOID, 2, (Inst *[]){k, saved}, (Imm){.slot = {0, 7}});
     Inst *sum = ir_emit2(&in, OP_fadd, carried, saved);
@@ -108,9 +112,15 @@ static void test_parse_garbage(void **state) {
             seed = seed * 6364136223846793005u + 1442695040888963407u;
             size_t at = (size_t)(seed >> 33) % n;
             switch ((seed >> 20) % 3) {
-            case 0: damaged[at] = "%{}()0123,:#abfitx\"\\ ;="[(seed >> 40) % 23]; break;
-            case 1: memmove(damaged + at, damaged + at + 1, n-- - at); break;
-            default: n = (seed >> 25) % 40 ? n : at + 1; damaged[n] = 0;
+            case 0:
+                damaged[at] = "%{}()0123,:#abfitx\"\\ ;="[(seed >> 40) % 23];
+                break;
+            case 1:
+                memmove(damaged + at, damaged + at + 1, n-- - at);
+                break;
+            default:
+                n = (seed >> 25) % 40 ? n : at + 1;
+                damaged[n] = 0;
             }
         }
         Session *s = session_create(0);
@@ -140,7 +150,8 @@ static void test_parse_errors(void **state) {
         {"fn \"a\" f32 dim 1 channels 1 floats 0 ints 0 { %0 = nosuch }", "an operation", 51},
         {"fn \"a\" f32 dim 1 channels 1 floats 0 ints 0 { %0 = fneg %1 }", "defined above", 56},
         {"fn \"a\" f32 dim 1 channels 1 floats 0 ints 0 { %0 = consti 3000000000 }", "in range", 58},
-        {"fn \"a\" f32 dim 1 channels 1 floats 0 ints 0 { %0 = consti 3 %1 = fneg %0 yield %1 }", "operand 0 is int", 0},
+        {"fn \"a\" f32 dim 1 channels 1 floats 0 ints 0 { %0 = consti 3 %1 = fneg %0 yield %1 }", "operand 0 is int",
+         0},
         {"fn \"a\" f32 dim 1 channels 1 floats 0 ints 0 { %0 = constb true }", "without a yield", 0},
     };
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
@@ -173,23 +184,25 @@ static Inst *find(Block *b, Op op) {
 /* Each kind of damage to a sound function is found. */
 static void test_verifier(void **state) {
     (void)state;
-#define DAMAGE(says, ...)                                                                          \
-    do {                                                                                                           \
-        TestFn t;                                                                                                  \
-        Fn *fn = everything(&t, PREC_F32);                                                                         \
-        __VA_ARGS__;                                                                                               \
-        expect_problem(fn, says);                                                                                  \
-        close_fn(&t);                                                                                              \
+#define DAMAGE(says, ...)                                                                                              \
+    do {                                                                                                               \
+        TestFn t;                                                                                                      \
+        Fn *fn = everything(&t, PREC_F32);                                                                             \
+        __VA_ARGS__;                                                                                                   \
+        expect_problem(fn, says);                                                                                      \
+        close_fn(&t);                                                                                                  \
     } while (0)
     DAMAGE("operand 0 is bool, not float", find(fn->body, OP_ffloor)->args[0] = find(fn->body, OP_constb));
     DAMAGE("is not defined before this", find(fn->body, OP_ffloor)->args[0] = find(fn->body, OP_siten));
-    DAMAGE("is not defined before this", find(fn->body, OP_siten)->args[1] = find(fn->body, OP_loop)->region[0]->params[1]);
+    DAMAGE("is not defined before this",
+           find(fn->body, OP_siten)->args[1] = find(fn->body, OP_loop)->region[0]->params[1]);
     TestFn stranger;
     everything(&stranger, PREC_F32);
     DAMAGE("is not in the function", find(fn->body, OP_ffloor)->args[0] = find(stranger.fn->body, OP_input));
     close_fn(&stranger);
     DAMAGE("region 1 yields 1 values, not 2", find(fn->body, OP_if_)->region[1]->last->nargs = 1);
-    DAMAGE("yields int as value 0, not float", find(fn->body, OP_if_)->region[1]->last->args[0] = find(fn->body, OP_consti));
+    DAMAGE("yields int as value 0, not float",
+           find(fn->body, OP_if_)->region[1]->last->args[0] = find(fn->body, OP_consti));
     DAMAGE("site outside the 2 sites", find(fn->body, OP_site)->imm.i = 2);
     DAMAGE("1 loop indices at a site of depth 2", fn->sites[0].depth = 2);
     DAMAGE("slot outside the 7 parameters", find(fn->body, OP_param)->imm.slot.count = 6);
@@ -286,8 +299,8 @@ static void test_lower_custom(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_round_trip), cmocka_unit_test(test_parse_garbage), cmocka_unit_test(test_parse_errors),
-        cmocka_unit_test(test_verifier),   cmocka_unit_test(test_proj_order),    cmocka_unit_test(test_builder_fold),
+        cmocka_unit_test(test_round_trip),   cmocka_unit_test(test_parse_garbage), cmocka_unit_test(test_parse_errors),
+        cmocka_unit_test(test_verifier),     cmocka_unit_test(test_proj_order),    cmocka_unit_test(test_builder_fold),
         cmocka_unit_test(test_lower_custom),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

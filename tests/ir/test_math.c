@@ -1,4 +1,5 @@
-/* Accuracy of lower_math: every elementary function, both precisions, with and without fma, against the C library's long double. */
+/* Accuracy of lower_math: every elementary function, both precisions, with and without fma, against the C library's
+ * long double. */
 #include "compiler/pass/lower_math.h"
 #include "tests/ir/ir_test.h"
 
@@ -7,10 +8,10 @@ enum { POINTS = 24000, MAX_POINTS = POINTS + 2000 };
 typedef long double Real;
 typedef Real Reference(Real x, Real y);
 
-#define REF1(name, call)                                                                           \
-    static Real ref_##name(Real x, Real y) {                                                                       \
-        (void)y;                                                                                                   \
-        return call;                                                                                               \
+#define REF1(name, call)                                                                                               \
+    static Real ref_##name(Real x, Real y) {                                                                           \
+        (void)y;                                                                                                       \
+        return call;                                                                                                   \
     }
 REF1(rsqrt, 1 / sqrtl(x))
 REF1(cbrt, cbrtl(x))
@@ -28,45 +29,36 @@ REF1(sinh, sinhl(x))
 REF1(cosh, coshl(x))
 REF1(tanh, tanhl(x))
 REF1(erf, erfl(x))
-static Real ref_atan2(Real y, Real x) { return atan2l(y, x); }
-static Real ref_pow(Real x, Real y) { return powl(x, y); }
+static Real ref_atan2(Real y, Real x) {
+    return atan2l(y, x);
+}
+static Real ref_pow(Real x, Real y) {
+    return powl(x, y);
+}
 
 typedef struct Case {
     Op op;
     Reference *reference;
-    double lo, hi;         /* sampled uniformly; logarithmically over all magnitudes too where `wide` */
+    double lo, hi; /* sampled uniformly; logarithmically over all magnitudes too where `wide` */
     bool wide, positive;
-    double ulp32, ulp64;   /* allowed */
+    double ulp32, ulp64; /* allowed */
 } Case;
 
 /* Trigonometric arguments up to 1e5 are promised; beyond, only that results stay in range (test_far). */
 static const Case cases[] = {
-    {OP_frsqrt, ref_rsqrt, 0, 10, true, true, 2, 2},
-    {OP_fcbrt, ref_cbrt, -10, 10, true, false, 2, 2},
-    {OP_fexp, ref_exp, -87, 88.7, false, false, 3, 3},
-    {OP_fexp, ref_exp, -1, 1, false, false, 3, 3},
-    {OP_fexp2, ref_exp2, -125, 127.9, false, false, 3, 3},
-    {OP_flog, ref_log, 0, 10, true, true, 3, 3},
-    {OP_flog, ref_log, 0.5, 2, false, true, 3, 3},
-    {OP_flog2, ref_log2, 0, 10, true, true, 3, 4},
-    {OP_flog2, ref_log2, 0.5, 2, false, true, 3, 4},
-    {OP_fsin, ref_sin, -10, 10, false, false, 3, 3},
-    {OP_fcos, ref_cos, -10, 10, false, false, 3, 3},
-    {OP_ftan, ref_tan, -10, 10, false, false, 4, 4},
-    {OP_fsin, ref_sin, -1e5, 1e5, false, false, 3, 3},
-    {OP_fcos, ref_cos, -1e5, 1e5, false, false, 3, 3},
-    {OP_ftan, ref_tan, -1e5, 1e5, false, false, 4, 4},
-    {OP_fasin, ref_asin, -1, 1, false, false, 3, 3},
-    {OP_facos, ref_acos, -1, 1, false, false, 3, 3},
-    {OP_fatan, ref_atan, -5, 5, true, false, 3, 3},
-    {OP_fatan2, ref_atan2, -3, 3, true, false, 4, 4},
-    {OP_fsinh, ref_sinh, -5, 5, false, false, 4, 4},
-    {OP_fsinh, ref_sinh, -88, 88, false, false, 4, 4},
-    {OP_fcosh, ref_cosh, -89, 89, false, false, 4, 4},
-    {OP_ftanh, ref_tanh, -3, 3, true, false, 3, 3},
-    {OP_ferf, ref_erf, -4, 4, true, false, 3, 4},
-    {OP_fpow, ref_pow, 0, 10, true, true, 8, 4},
-    {OP_fpow, ref_pow, 0.9, 1.1, false, true, 8, 4},
+    {OP_frsqrt, ref_rsqrt, 0, 10, true, true, 2, 2},       {OP_fcbrt, ref_cbrt, -10, 10, true, false, 2, 2},
+    {OP_fexp, ref_exp, -87, 88.7, false, false, 3, 3},     {OP_fexp, ref_exp, -1, 1, false, false, 3, 3},
+    {OP_fexp2, ref_exp2, -125, 127.9, false, false, 3, 3}, {OP_flog, ref_log, 0, 10, true, true, 3, 3},
+    {OP_flog, ref_log, 0.5, 2, false, true, 3, 3},         {OP_flog2, ref_log2, 0, 10, true, true, 3, 4},
+    {OP_flog2, ref_log2, 0.5, 2, false, true, 3, 4},       {OP_fsin, ref_sin, -10, 10, false, false, 3, 3},
+    {OP_fcos, ref_cos, -10, 10, false, false, 3, 3},       {OP_ftan, ref_tan, -10, 10, false, false, 4, 4},
+    {OP_fsin, ref_sin, -1e5, 1e5, false, false, 3, 3},     {OP_fcos, ref_cos, -1e5, 1e5, false, false, 3, 3},
+    {OP_ftan, ref_tan, -1e5, 1e5, false, false, 4, 4},     {OP_fasin, ref_asin, -1, 1, false, false, 3, 3},
+    {OP_facos, ref_acos, -1, 1, false, false, 3, 3},       {OP_fatan, ref_atan, -5, 5, true, false, 3, 3},
+    {OP_fatan2, ref_atan2, -3, 3, true, false, 4, 4},      {OP_fsinh, ref_sinh, -5, 5, false, false, 4, 4},
+    {OP_fsinh, ref_sinh, -88, 88, false, false, 4, 4},     {OP_fcosh, ref_cosh, -89, 89, false, false, 4, 4},
+    {OP_ftanh, ref_tanh, -3, 3, true, false, 3, 3},        {OP_ferf, ref_erf, -4, 4, true, false, 3, 4},
+    {OP_fpow, ref_pow, 0, 10, true, true, 8, 4},           {OP_fpow, ref_pow, 0.9, 1.1, false, true, 8, 4},
 };
 
 static uint64_t next_random(uint64_t *state) {
@@ -76,7 +68,9 @@ static uint64_t next_random(uint64_t *state) {
     return z ^ (z >> 31);
 }
 
-static double uniform(uint64_t *state) { return (double)(next_random(state) >> 11) * 0x1p-53; }
+static double uniform(uint64_t *state) {
+    return (double)(next_random(state) >> 11) * 0x1p-53;
+}
 
 static double sample(const Case *c, bool f32, uint64_t *state) {
     if (!c->wide || next_random(state) & 1) return c->lo + (c->hi - c->lo) * uniform(state);
@@ -112,7 +106,8 @@ static uint32_t evaluate(Op op, Precision p, bool fma, Data *d) {
     check_sound(t.fn);
     uint32_t count = 0;
     for (const Inst *i = t.fn->body->first; i; i = i->next)
-        count += !ir_is_const(i) && i->op != OP_input && i->op != OP_yield && i->op != OP_fasuint && i->op != OP_iasfloat;
+        count +=
+            !ir_is_const(i) && i->op != OP_input && i->op != OP_yield && i->op != OP_fasuint && i->op != OP_iasfloat;
     SltKernelArgs args_in = {0};
     float *fx = malloc(3 * sizeof *fx * d->n), *fy = fx + d->n, *fo = fy + d->n;
     for (uint32_t k = 0; k < d->n; k++) {
@@ -155,7 +150,8 @@ static void accuracy(Precision p, bool fma) {
         d->n = POINTS;
         for (uint32_t j = 0; j < POINTS; j++) {
             d->x[j] = sample(c, f32, &state);
-            d->y[j] = c->op == OP_fpow ? (uniform(&state) * 2 - 1) * (f32 ? 127 : 1000) / (fabs(log2(d->x[j])) + 0.01) : sample(c, f32, &state);
+            d->y[j] = c->op == OP_fpow ? (uniform(&state) * 2 - 1) * (f32 ? 127 : 1000) / (fabs(log2(d->x[j])) + 0.01)
+                                       : sample(c, f32, &state);
         }
         uint32_t ops = evaluate(c->op, p, fma, d);
         Real worst = 0;
@@ -167,27 +163,37 @@ static void accuracy(Precision p, bool fma) {
             if (u > worst) worst = u, at = j;
         }
         Real allowed = f32 ? c->ulp32 : c->ulp64;
-        printf("  %-6s [%g, %g]%s %.2Lf (%u)%s\n", ir_ops[c->op].name, c->lo, c->hi, c->wide ? " and wide" : "", worst, ops,
-               worst > allowed ? "  <-- too much" : "");
+        printf("  %-6s [%g, %g]%s %.2Lf (%u)%s\n", ir_ops[c->op].name, c->lo, c->hi, c->wide ? " and wide" : "", worst,
+               ops, worst > allowed ? "  <-- too much" : "");
         if (worst > allowed) {
             bad = true;
-            printf("      at %.17g, %.17g: %.17g, not %.17Lg\n", d->x[at], d->y[at], d->out[at], c->reference(d->x[at], d->y[at]));
+            printf("      at %.17g, %.17g: %.17g, not %.17Lg\n", d->x[at], d->y[at], d->out[at],
+                   c->reference(d->x[at], d->y[at]));
         }
     }
     free(d);
     assert_false(bad);
 }
 
-static void test_f32_fma(void **state) { (void)state, accuracy(PREC_F32, true); }
-static void test_f32_plain(void **state) { (void)state, accuracy(PREC_F32, false); }
-static void test_f64_fma(void **state) { (void)state, accuracy(PREC_F64, true); }
-static void test_f64_plain(void **state) { (void)state, accuracy(PREC_F64, false); }
+static void test_f32_fma(void **state) {
+    (void)state, accuracy(PREC_F32, true);
+}
+static void test_f32_plain(void **state) {
+    (void)state, accuracy(PREC_F32, false);
+}
+static void test_f64_fma(void **state) {
+    (void)state, accuracy(PREC_F64, true);
+}
+static void test_f64_plain(void **state) {
+    (void)state, accuracy(PREC_F64, false);
+}
 
 /* Every pair of edge values, for every function: as C's libm, also in the sign of zero. */
 static void edges(Precision p, bool fma) {
     bool f32 = p == PREC_F32;
-    const double list[] = {0.0,  -0.0, 1,   -1,   0.5,      -0.5, 2,    -2,    3,     -3,     2.5,      -2.5,  INFINITY, -INFINITY, NAN,
-                           1e-3, 1e30, -1e30, 1e-30, -1e-30, 100, -100, 1e4, -1e4, 7, 1001, 0.99999, 1.00001, 1e9 + 1, 0x1p-140, -0x1p-140};
+    const double list[] = {0.0,  -0.0,     1,         -1,   0.5,     -0.5,    2,       -2,       3,        -3,  2.5,
+                           -2.5, INFINITY, -INFINITY, NAN,  1e-3,    1e30,    -1e30,   1e-30,    -1e-30,   100, -100,
+                           1e4,  -1e4,     7,         1001, 0.99999, 1.00001, 1e9 + 1, 0x1p-140, -0x1p-140};
     enum { EDGES = sizeof list / sizeof *list };
     Data *d = malloc(sizeof *d);
     bool bad = false;
@@ -204,16 +210,20 @@ static void edges(Precision p, bool fma) {
             Real want = c->reference(x, y);
             bool far = (c->op == OP_fsin || c->op == OP_fcos || c->op == OP_ftan) && fabs(x) > 1e5 && isfinite(x);
             if (far) {
-                if (c->op != OP_ftan && !(fabs(got) <= 1)) bad = true, printf("%s(%g) = %g\n", ir_ops[c->op].name, x, got);
+                if (c->op != OP_ftan && !(fabs(got) <= 1))
+                    bad = true, printf("%s(%g) = %g\n", ir_ops[c->op].name, x, got);
                 continue;
             }
             bool subnormal_in = f32 && x != 0 && fabs(x) < 0x1p-126 && (c->op == OP_flog || c->op == OP_flog2);
             if (subnormal_in) {
-                if (!(got < -80 || (x < 0 && isnan(got)))) bad = true, printf("%s(%g) = %g\n", ir_ops[c->op].name, x, got);
+                if (!(got < -80 || (x < 0 && isnan(got))))
+                    bad = true, printf("%s(%g) = %g\n", ir_ops[c->op].name, x, got);
                 continue;
             }
             if (fabsl(want) < (f32 ? 2e-38L : 4e-308L)) { /* zero, or a subnormal that may be zero: the sign holds */
-                if (fabs(got) < (f32 ? 2e-38 : 4e-308) && (want != 0 || !signbit(got) == !signbit(want) || c->op == OP_fsin || c->op == OP_ftan)) continue;
+                if (fabs(got) < (f32 ? 2e-38 : 4e-308) &&
+                    (want != 0 || !signbit(got) == !signbit(want) || c->op == OP_fsin || c->op == OP_ftan))
+                    continue;
                 bad = true;
                 printf("%s %s(%g, %g) = %g, not %Lg\n", f32 ? "f32" : "f64", ir_ops[c->op].name, x, y, got, want);
                 continue;
@@ -277,9 +287,12 @@ static void test_powers(void **state) {
         assert_int_equal(run(t.fn, &args, 9, 4), SLT_OK);
         for (int k = 0; k < 9; k++) {
             double want = pow(xs[k], n);
-            if (isnan(want)) assert_true(isnan(out[k]));
-            else if (isinf(want) || fabs(want) < 1e-300) assert_true(out[k] == want || fabs(out[k] - want) < 1e-300);
-            else assert_true(fabs(out[k] - want) <= 4.5 * 0x1p-52 * fabs(want));
+            if (isnan(want))
+                assert_true(isnan(out[k]));
+            else if (isinf(want) || fabs(want) < 1e-300)
+                assert_true(out[k] == want || fabs(out[k] - want) < 1e-300);
+            else
+                assert_true(fabs(out[k] - want) <= 4.5 * 0x1p-52 * fabs(want));
         }
         close_fn(&t);
     }
@@ -287,8 +300,9 @@ static void test_powers(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_f32_fma), cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
-        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges), cmocka_unit_test(test_overflow), cmocka_unit_test(test_powers),
+        cmocka_unit_test(test_f32_fma),   cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
+        cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges),     cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_powers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
