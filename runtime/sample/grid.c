@@ -50,8 +50,8 @@ static double inverse(SltFilter f, double p, double radius) {
         if (e > 0) hi = u;
         else lo = u;
         double d = kernel(f, u), next = d > 0 ? u - e / d : lo;
+        if (fabs(next - u) < 1e-9) return u;
         if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
-        if (fabs(next - u) < 1e-12) return next;
         u = next;
     }
     return u;
