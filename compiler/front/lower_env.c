@@ -111,8 +111,8 @@ void if_else(Lower *l, IfCtx *c) {
         Var *v = l->journal.data[i].var;
         if (v->born >= c->born || v->stamp == stamp) continue;
         v->stamp = stamp;
-        v->first = v->value;
         vec_push(l->arena, &c->changed, v);
+        vec_push(l->arena, &c->first, v->value);
     }
     while (l->journal.len > c->mark) {
         Change ch = l->journal.data[--l->journal.len];
@@ -125,10 +125,9 @@ void if_else(Lower *l, IfCtx *c) {
 void if_end(Lower *l, IfCtx *c) {
     /* Values before the if_ are the oldest journal entries of the second branch. */
     uint32_t n = c->changed.len;
-    for (uint32_t i = 0; i < n; i++) c->changed.data[i]->stamp = 0;
     uint32_t stamp = ++l->stamps;
     Inst **firsts = ARENA_ARRAY(l->arena, Inst *, n + (l->journal.len - c->mark) + 1);
-    for (uint32_t i = 0; i < n; i++) firsts[i] = c->changed.data[i]->first, c->changed.data[i]->stamp = stamp;
+    for (uint32_t i = 0; i < n; i++) firsts[i] = c->first.data[i], c->changed.data[i]->stamp = stamp;
     for (uint32_t i = c->mark; i < l->journal.len; i++) {
         Var *v = l->journal.data[i].var;
         if (v->born >= c->born || v->stamp == stamp) continue;

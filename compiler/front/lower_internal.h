@@ -27,7 +27,6 @@ typedef struct Var {
     IrType type;
     uint32_t born; /* Lower.clock when made: an if_ merges only what is older than it */
     uint32_t stamp;
-    Inst *first;   /* if_: the value at the end of the first branch */
 } Var;
 
 typedef struct Change {
@@ -202,6 +201,7 @@ typedef struct IfCtx {
     Builder outer, then_end;
     uint32_t mark, born;
     Vec(Var *) changed;
+    Vec(Inst *) first; /* their values at the end of the first branch */
 } IfCtx;
 void if_begin(Lower *l, IfCtx *c, Inst *cond);
 void if_else(Lower *l, IfCtx *c);
