@@ -43,7 +43,8 @@ void map_put(Arena *a, NameMap *m, const char *key, void *value) {
 }
 
 void enter_depth(Checker *c) {
-    if (++c->depth > CHECK_MAX_DEPTH) session_limit(c->s, "the program nests expressions and declarations deeper than %d", CHECK_MAX_DEPTH);
+    if (++c->depth > CHECK_MAX_DEPTH)
+        session_limit(c->s, "the program nests expressions and declarations deeper than %d", CHECK_MAX_DEPTH);
 }
 
 Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func) {
@@ -51,18 +52,26 @@ Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func) {
     c->at = (Context){.scope = scope, .func = func};
     return old;
 }
-void context_leave(Checker *c, Context old) { c->at = old; }
+void context_leave(Checker *c, Context old) {
+    c->at = old;
+}
 
 /* ---- file scope */
 
 const char *decl_what(const Decl *d) {
     switch (d->kind) {
-    case DECL_ERROR: break;
-    case DECL_CONST: return "constant";
-    case DECL_PARAM: return "parameter";
-    case DECL_FUNC: return d->funcs[0]->is_shader ? "shader" : "function";
-    case DECL_STRUCT: return "struct";
-    case DECL_TYPEDEF: return "type";
+    case DECL_ERROR:
+        break;
+    case DECL_CONST:
+        return "constant";
+    case DECL_PARAM:
+        return "parameter";
+    case DECL_FUNC:
+        return d->funcs[0]->is_shader ? "shader" : "function";
+    case DECL_STRUCT:
+        return "struct";
+    case DECL_TYPEDEF:
+        return "type";
     }
     return "name";
 }
@@ -73,11 +82,13 @@ ModuleScope *scope_of(Checker *c, const Module *m) {
     ice(c->s, "module %s is not loaded", m->name);
 }
 
-FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
+FuncInfo *func_info(Checker *c, const Func *f) {
+    return &c->info[f->check_state - 1];
+}
 
 static bool is_language_name(Checker *c, const char *name) {
-    return map_get(&c->builtin_funcs, name) || name == c->name_len || name == c->name_pi || name == c->name_tau || name == c->name_infinity ||
-           name == c->name_epsilon || !strcmp(name, "Hit") || !strcmp(name, "Silhouette");
+    return map_get(&c->builtin_funcs, name) || name == c->name_len || name == c->name_pi || name == c->name_tau ||
+           name == c->name_infinity || name == c->name_epsilon || !strcmp(name, "Hit") || !strcmp(name, "Silhouette");
 }
 
 Decl *scope_find(Checker *c, const char *name, Span use) {
@@ -87,10 +98,13 @@ Decl *scope_find(Checker *c, const char *name, Span use) {
     for (uint32_t i = 0; i < scope->nimports; i++) {
         Decl *found = map_get(&scope->imports[i]->names, name);
         if (!found) continue;
-        if (!d) d = found;
-        else if (!other) other = found;
+        if (!d)
+            d = found;
+        else if (!other)
+            other = found;
     }
-    if (!d && scope->incomplete && !is_language_name(c, name)) return &c->poison; /* it may come from the module that is missing */
+    if (!d && scope->incomplete && !is_language_name(c, name))
+        return &c->poison; /* it may come from the module that is missing */
     if (!other) return d;
     Diag *diag = diag_emit(c->s, DIAG_ambiguous_import, use, name);
     diag_note(c->s, diag, d->span, "declared in `%s`", d->module->name);
@@ -98,7 +112,8 @@ Decl *scope_find(Checker *c, const char *name, Span use) {
     return &c->poison;
 }
 
-static void collect(const NameMap *m, Checker *c, const char **names, uint32_t *n, uint32_t cap, bool types_only, bool decls) {
+static void collect(const NameMap *m, Checker *c, const char **names, uint32_t *n, uint32_t cap, bool types_only,
+                    bool decls) {
     for (uint32_t i = 0; i < m->cap && *n < cap; i++) {
         if (!m->keys[i]) continue;
         if (decls && types_only) {
@@ -118,7 +133,8 @@ const char *suggest(Checker *c, const char *name, bool types_only) {
     uint32_t n = 0;
     if (!types_only) collect(&c->at.locals, c, names, &n, CAP, false, false);
     collect(&c->at.scope->names, c, names, &n, CAP, types_only, true);
-    for (uint32_t i = 0; i < c->at.scope->nimports; i++) collect(&c->at.scope->imports[i]->names, c, names, &n, CAP, types_only, true);
+    for (uint32_t i = 0; i < c->at.scope->nimports; i++)
+        collect(&c->at.scope->imports[i]->names, c, names, &n, CAP, types_only, true);
     collect(types_only ? &c->builtin_types : &c->builtin_funcs, c, names, &n, CAP, false, false);
     if (!types_only && n + 5 < CAP) {
         names[n++] = c->name_len;
@@ -227,7 +243,8 @@ static Type *predeclared_struct(Checker *c, const char *name, Field *fields, uin
 
 static void fill_language(Checker *c) {
     Session *s = c->s;
-    c->t_error = type_scalar(T_ERROR), c->t_void = type_scalar(T_VOID), c->t_bool = type_scalar(T_BOOL), c->t_int = type_scalar(T_INT);
+    c->t_error = type_scalar(T_ERROR), c->t_void = type_scalar(T_VOID), c->t_bool = type_scalar(T_BOOL),
+    c->t_int = type_scalar(T_INT);
     c->t_uint = type_scalar(T_UINT), c->t_float = type_scalar(T_FLOAT), c->t_texture = type_scalar(T_TEXTURE);
     c->t_heightfield = type_scalar(T_HEIGHTFIELD);
     Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float, c->t_texture, c->t_heightfield};
@@ -236,8 +253,10 @@ static void fill_language(Checker *c) {
         for (TypeKind k = T_BOOL; k <= T_FLOAT; k++) types[n++] = type_vector(s, k, w);
         types[n++] = type_matrix(s, w);
     }
-    for (uint32_t i = 0; i < n; i++) map_put(c->arena, &c->builtin_types, intern(s, types[i]->name, strlen(types[i]->name)), types[i]);
-#define BUILTIN(id, text, sig) map_put(c->arena, &c->builtin_funcs, intern(s, text, strlen(text)), (void *)(uintptr_t)B_##id);
+    for (uint32_t i = 0; i < n; i++)
+        map_put(c->arena, &c->builtin_types, intern(s, types[i]->name, strlen(types[i]->name)), types[i]);
+#define BUILTIN(id, text, sig)                                                                                         \
+    map_put(c->arena, &c->builtin_funcs, intern(s, text, strlen(text)), (void *)(uintptr_t)B_##id);
 #include "compiler/front/builtins.def"
 #undef BUILTIN
     c->name_len = intern(s, "len", 3);
@@ -246,8 +265,10 @@ static void fill_language(Checker *c) {
     c->name_infinity = intern(s, "INFINITY", 8);
     c->name_epsilon = intern(s, "EPSILON", 7);
     Type *f2 = type_vector(s, T_FLOAT, 2), *f3 = type_vector(s, T_FLOAT, 3);
-    Field hit[] = {{"hit", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"p", f2, SPAN_NONE}, {"normal", f3, SPAN_NONE}};
-    Field silhouette[] = {{"found", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"slope", c->t_float, SPAN_NONE}};
+    Field hit[] = {
+        {"hit", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"p", f2, SPAN_NONE}, {"normal", f3, SPAN_NONE}};
+    Field silhouette[] = {
+        {"found", c->t_bool, SPAN_NONE}, {"t", c->t_float, SPAN_NONE}, {"slope", c->t_float, SPAN_NONE}};
     c->t_hit = predeclared_struct(c, "Hit", hit, 4);
     c->t_silhouette = predeclared_struct(c, "Silhouette", silhouette, 3);
 }
@@ -259,7 +280,8 @@ const char *func_text(Checker *c, const Func *f) {
     const char *text = arena_printf(&s->session, "%s %s(", f->ret ? f->ret->name : "?", f->name);
     for (uint32_t i = 0; i < f->nargs && i < 32; i++) {
         static const char *const mode[] = {[ARG_IN] = "", [ARG_OUT] = "out ", [ARG_INOUT] = "inout "};
-        text = arena_printf(&s->session, "%s%s%s%s", text, i ? ", " : "", mode[f->args[i]->mode], f->args[i]->type ? f->args[i]->type->name : "?");
+        text = arena_printf(&s->session, "%s%s%s%s", text, i ? ", " : "", mode[f->args[i]->mode],
+                            f->args[i]->type ? f->args[i]->type->name : "?");
     }
     return arena_printf(&s->session, "%s)", text);
 }
@@ -272,7 +294,8 @@ void func_signature(Checker *c, Func *f) {
     f->ret = c->t_error; /* sizes in the signature cannot depend on the function */
     Type *ret = resolve_type(c, f->ret_ref, false, CHECK_MAX_LOCAL);
     if (is_resource(ret)) {
-        diag_emit(s, DIAG_bad_resource, f->ret_ref->span, arena_printf(&s->session, "a function cannot return a %s", ret->name));
+        diag_emit(s, DIAG_bad_resource, f->ret_ref->span,
+                  arena_printf(&s->session, "a function cannot return a %s", ret->name));
         ret = c->t_error;
     }
     info->signature_ok = ret->kind != T_ERROR;
@@ -284,7 +307,8 @@ void func_signature(Checker *c, Func *f) {
             diag_emit(s, DIAG_void_value, a->span, "argument");
             a->type = c->t_error;
         } else if (is_resource(a->type) && a->mode != ARG_IN) {
-            diag_emit(s, DIAG_bad_resource, a->span, arena_printf(&s->session, "a %s is passed `in` only", a->type->name));
+            diag_emit(s, DIAG_bad_resource, a->span,
+                      arena_printf(&s->session, "a %s is passed `in` only", a->type->name));
             a->type = c->t_error;
         }
         info->signature_ok &= a->type->kind != T_ERROR;
@@ -303,7 +327,8 @@ static bool same_arguments(const Func *a, const Func *b) {
 static void check_overload_set(Checker *c, Decl *d) {
     for (uint32_t i = 0; i < d->nfuncs; i++)
         for (uint32_t j = 0; j < i; j++)
-            if (func_info(c, d->funcs[i])->signature_ok && func_info(c, d->funcs[j])->signature_ok && same_arguments(d->funcs[i], d->funcs[j])) {
+            if (func_info(c, d->funcs[i])->signature_ok && func_info(c, d->funcs[j])->signature_ok &&
+                same_arguments(d->funcs[i], d->funcs[j])) {
                 Diag *diag = diag_emit(c->s, DIAG_same_function, d->funcs[i]->name_span, d->name);
                 diag_note(c->s, diag, d->funcs[j]->name_span, "the first is here");
                 break;
@@ -329,15 +354,19 @@ static void check_shader(Checker *c, Func *f) {
     Session *s = c->s;
     FuncInfo *info = func_info(c, f);
     if (info->signature_ok && (scalar_kind(f->ret) != T_FLOAT || !width_of(f->ret)))
-        diag_emit(s, DIAG_bad_shader, f->ret_ref->span, arena_printf(&s->session, "a shader returns float, float2, float3 or float4, not %s", f->ret->name));
+        diag_emit(s, DIAG_bad_shader, f->ret_ref->span,
+                  arena_printf(&s->session, "a shader returns float, float2, float3 or float4, not %s", f->ret->name));
     if (f->nargs != 1) {
-        diag_emit(s, DIAG_bad_shader, f->name_span, arena_printf(&s->session, "a shader takes one argument, its point x; this takes %u", f->nargs));
+        diag_emit(s, DIAG_bad_shader, f->name_span,
+                  arena_printf(&s->session, "a shader takes one argument, its point x; this takes %u", f->nargs));
         return;
     }
     Symbol *x = f->args[0];
     if (x->type->kind == T_ERROR) return;
     if (scalar_kind(x->type) != T_FLOAT || !width_of(x->type) || width_of(x->type) > 3) {
-        diag_emit(s, DIAG_bad_shader, x->span, arena_printf(&s->session, "the argument of a shader is float, float2 or float3, not %s", x->type->name));
+        diag_emit(
+            s, DIAG_bad_shader, x->span,
+            arena_printf(&s->session, "the argument of a shader is float, float2 or float3, not %s", x->type->name));
         return;
     }
     if (x->mode != ARG_IN) diag_emit(s, DIAG_bad_shader, x->span, "the argument of a shader is `in`");
@@ -349,7 +378,8 @@ static void check_shader(Checker *c, Func *f) {
     ok &= domain_bound(c, f, &f->domain_hi, f->hi);
     for (uint32_t i = 0; ok && i < f->dim; i++)
         if (!(f->lo[i] < f->hi[i]) || !isfinite(f->hi[i] - f->lo[i])) {
-            diag_emit(s, DIAG_attr_args, f->domain_span, "[Domain(lo, hi)] needs lo < hi in every dimension, both finite");
+            diag_emit(s, DIAG_attr_args, f->domain_span,
+                      "[Domain(lo, hi)] needs lo < hi in every dimension, both finite");
             break;
         }
     context_leave(c, old);
@@ -368,12 +398,14 @@ static void check_tangent(Checker *c, Func *f) {
     for (uint32_t i = 0; i < f->nargs; i++) {
         any |= type_is_float(f->args[i]->type);
         if (f->args[i]->mode != ARG_IN) {
-            diag_emit(s, DIAG_bad_tangent, f->tangent_span, arena_printf(&s->session, "[Tangent] needs `in` arguments only, `%s` is not", f->args[i]->name));
+            diag_emit(s, DIAG_bad_tangent, f->tangent_span,
+                      arena_printf(&s->session, "[Tangent] needs `in` arguments only, `%s` is not", f->args[i]->name));
             return;
         }
     }
     if (!type_is_float(f->ret) || !any) {
-        diag_emit(s, DIAG_bad_tangent, f->tangent_span, "[Tangent] needs a float-typed result and a float-typed argument");
+        diag_emit(s, DIAG_bad_tangent, f->tangent_span,
+                  "[Tangent] needs a float-typed result and a float-typed argument");
         return;
     }
     Context old = context_enter(c, info->scope, NULL);
@@ -394,20 +426,24 @@ static void check_tangent(Checker *c, Func *f) {
         for (int pass = 0; pass < 2; pass++)
             for (uint32_t i = 0; i < f->nargs; i++)
                 if (!pass || type_is_float(f->args[i]->type)) {
-                    fits = fits && at < df->nargs && df->args[at]->type == f->args[i]->type && df->args[at]->mode == ARG_IN;
+                    fits = fits && at < df->nargs && df->args[at]->type == f->args[i]->type &&
+                           df->args[at]->mode == ARG_IN;
                     at++;
                 }
         if (!fits || at != df->nargs) continue;
         f->tangent = df;
         return;
     }
-    Diag *diag = diag_emit(s, DIAG_bad_tangent, f->tangent_span, arena_printf(&s->session, "there is no `%s)` for [Tangent(%s)]", want, f->tangent_name));
+    Diag *diag = diag_emit(s, DIAG_bad_tangent, f->tangent_span,
+                           arena_printf(&s->session, "there is no `%s)` for [Tangent(%s)]", want, f->tangent_name));
     if (d) diag_note(s, diag, d->span, "`%s` is declared here", f->tangent_name);
 }
 
 static void check_function(Checker *c, Func *f) {
-    if (f->is_shader) check_shader(c, f);
-    else if (f->has_domain) diag_emit(c->s, DIAG_attr_misplaced, f->domain_span, "Domain", "a function that is no shader");
+    if (f->is_shader)
+        check_shader(c, f);
+    else if (f->has_domain)
+        diag_emit(c->s, DIAG_attr_misplaced, f->domain_span, "Domain", "a function that is no shader");
     if (f->tangent_name) check_tangent(c, f);
     if (!f->body) return;
     FuncInfo *info = func_info(c, f);
@@ -475,7 +511,8 @@ typedef struct FindRand {
 static void find_rand(Expr *e, void *user) {
     FindRand *found = user;
     if (found->span.file >= 0) return;
-    if (e->kind == E_BUILTIN && (e->builtin == B_rand || e->builtin == B_rand2 || e->builtin == B_rand3)) found->span = e->span;
+    if (e->kind == E_BUILTIN && (e->builtin == B_rand || e->builtin == B_rand2 || e->builtin == B_rand3))
+        found->span = e->span;
     if (e->kind == E_CALL && e->func && e->func->uses_rand) found->span = e->op_span;
 }
 
@@ -485,17 +522,21 @@ static void check_culls(Checker *c) {
         FindRand found = {SPAN_NONE};
         visit_stmt(loop, find_rand, &found);
         if (found.span.file >= 0) {
-            Diag *d = diag_emit(c->s, DIAG_bad_cull, found.span, "a loop under [Cull] may not call `rand()`: skipped iterations would shift the numbers");
+            Diag *d =
+                diag_emit(c->s, DIAG_bad_cull, found.span,
+                          "a loop under [Cull] may not call `rand()`: skipped iterations would shift the numbers");
             diag_note(c->s, d, loop->attrs.cull_span, "[Cull] is here");
         }
         if (loop->attrs.cull && loop->attrs.cull->uses_rand)
-            diag_emit(c->s, DIAG_bad_cull, loop->attrs.cull_span, arena_printf(&c->s->session, "`%s` may not call `rand()`", loop->attrs.cull_name));
+            diag_emit(c->s, DIAG_bad_cull, loop->attrs.cull_span,
+                      arena_printf(&c->s->session, "`%s` may not call `rand()`", loop->attrs.cull_name));
     }
     for (uint32_t i = 0; i < c->ninfo; i++) {
         FuncInfo *info = &c->info[i];
         if (info->func->is_shader && info->func->dim && info->func->dim != 2 && info->cull_span.file >= 0) {
             Diag *d = diag_emit(c->s, DIAG_bad_cull, info->cull_span,
-                                arena_printf(&c->s->session, "[Cull] works in 2D, but the entry point `%s` is %uD", info->func->name, info->func->dim));
+                                arena_printf(&c->s->session, "[Cull] works in 2D, but the entry point `%s` is %uD",
+                                             info->func->name, info->func->dim));
             diag_note(c->s, d, info->func->name_span, "`%s` is declared here", info->func->name);
         }
     }
@@ -520,14 +561,17 @@ static Func *choose_entry(Checker *c) {
     if (c->opt && c->opt->entry) {
         if (found) return found;
         const char *near = suggest_nearest(c->opt->entry, names, n < 256 ? n : 256);
-        diag_emit(s, DIAG_unknown_entry, top, c->opt->entry, near ? arena_printf(&s->session, ", did you mean `%s`?", near) : "");
+        diag_emit(s, DIAG_unknown_entry, top, c->opt->entry,
+                  near ? arena_printf(&s->session, ", did you mean `%s`?", near) : "");
         s->bad_usage = true;
         return NULL;
     }
     if (!n) {
         /* after a syntax error the shader may be there and was only not understood */
         for (const Diag *d = s->diags; d; d = d->next)
-            if (d->severity == SEV_ERROR && d->span.file == c->main->file && !strncmp(diag_code_name(d->code), "E00", 3)) return NULL;
+            if (d->severity == SEV_ERROR && d->span.file == c->main->file &&
+                !strncmp(diag_code_name(d->code), "E00", 3))
+                return NULL;
         diag_emit(s, DIAG_no_entry, top);
         return NULL;
     }

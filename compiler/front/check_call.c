@@ -38,7 +38,8 @@ static bool check_args(Checker *c, Expr *e, bool resources) {
 
 static Expr *bad_count(Checker *c, Expr *e, const char *name, uint32_t want) {
     diag_emit(c->s, DIAG_arg_count, e->op_span.file >= 0 ? e->op_span : e->span, name,
-              want ? arena_printf(&c->s->session, "%u argument%s", want, want == 1 ? "" : "s") : "no arguments", e->nargs);
+              want ? arena_printf(&c->s->session, "%u argument%s", want, want == 1 ? "" : "s") : "no arguments",
+              e->nargs);
     return fail(c, e);
 }
 
@@ -80,8 +81,8 @@ static bool better(const Func *a, const Func *b, Expr *e) {
 static void report_single(Checker *c, Expr *e, const Func *f) {
     Diag *d = NULL;
     if (f->nargs != e->nargs) {
-        d = diag_emit(c->s, DIAG_arg_count, e->op_span, f->name, arena_printf(&c->s->session, "%u argument%s", f->nargs, f->nargs == 1 ? "" : "s"),
-                      e->nargs);
+        d = diag_emit(c->s, DIAG_arg_count, e->op_span, f->name,
+                      arena_printf(&c->s->session, "%u argument%s", f->nargs, f->nargs == 1 ? "" : "s"), e->nargs);
     } else {
         for (uint32_t i = 0; i < e->nargs; i++) {
             const Symbol *formal = f->args[i];
@@ -90,12 +91,16 @@ static void report_single(Checker *c, Expr *e, const Func *f) {
             const char *mode = formal->mode == ARG_OUT ? "out" : "inout";
             if (formal->mode != ARG_IN && arg->type == formal->type)
                 d = diag_emit(c->s, DIAG_out_argument, arg->span,
-                              arena_printf(&c->s->session, "`%s` argument `%s` of `%s` must be something that can be assigned", mode, formal->name, f->name));
+                              arena_printf(&c->s->session,
+                                           "`%s` argument `%s` of `%s` must be something that can be assigned", mode,
+                                           formal->name, f->name));
             else if (formal->mode != ARG_IN)
                 d = diag_emit(c->s, DIAG_out_argument, arg->span,
-                              arena_printf(&c->s->session, "`%s` argument `%s` of `%s` must be a %s exactly, this is %s", mode, formal->name, f->name,
-                                           formal->type->name, arg->type->name));
-            else if (is_resource(formal->type) || is_resource(arg->type) || is_aggregate(formal->type) || is_aggregate(arg->type))
+                              arena_printf(&c->s->session,
+                                           "`%s` argument `%s` of `%s` must be a %s exactly, this is %s", mode,
+                                           formal->name, f->name, formal->type->name, arg->type->name));
+            else if (is_resource(formal->type) || is_resource(arg->type) || is_aggregate(formal->type) ||
+                     is_aggregate(arg->type))
                 d = diag_emit(c->s, DIAG_cannot_convert, arg->span, arg->type->name, formal->type->name, "");
             else
                 convert(c, arg, formal->type, CONV_NARROW);
@@ -125,7 +130,8 @@ static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
             report_single(c, e, d->funcs[0]);
             return fail(c, e);
         }
-        Diag *diag = diag_emit(c->s, best ? DIAG_ambiguous_call : DIAG_no_overload, e->op_span, d->name, types_text(c, e->args, e->nargs));
+        Diag *diag = diag_emit(c->s, best ? DIAG_ambiguous_call : DIAG_no_overload, e->op_span, d->name,
+                               types_text(c, e->args, e->nargs));
         uint32_t shown = 0;
         for (uint32_t i = 0; i < d->nfuncs && shown < 8; i++)
             if (!best || viable(d->funcs[i], e)) {
@@ -157,33 +163,52 @@ static Expr *bad_builtin(Checker *c, Expr *e, const char *name, Span at, const c
 
 static Type *fixed_type(Checker *c, char letter) {
     switch (letter) {
-    case 'f': return c->t_float;
-    case 'i': return c->t_int;
-    case 'u': return c->t_uint;
-    case 'b': return c->t_bool;
-    case '2': return type_vector(c->s, T_FLOAT, 2);
-    case '3': return type_vector(c->s, T_FLOAT, 3);
-    case 'w': return type_vector(c->s, T_UINT, 2);
-    case 'W': return type_vector(c->s, T_UINT, 3);
-    case 'x': return type_vector(c->s, T_INT, 2);
-    default: return NULL;
+    case 'f':
+        return c->t_float;
+    case 'i':
+        return c->t_int;
+    case 'u':
+        return c->t_uint;
+    case 'b':
+        return c->t_bool;
+    case '2':
+        return type_vector(c->s, T_FLOAT, 2);
+    case '3':
+        return type_vector(c->s, T_FLOAT, 3);
+    case 'w':
+        return type_vector(c->s, T_UINT, 2);
+    case 'W':
+        return type_vector(c->s, T_UINT, 3);
+    case 'x':
+        return type_vector(c->s, T_INT, 2);
+    default:
+        return NULL;
     }
 }
 
 static const char *letter_text(char letter) {
     switch (letter) {
-    case 'F': return "floats or float vectors of one size";
-    case 'N': return "numbers or vectors of one size";
-    case 'I': return "integers or integer vectors of one size";
-    case 'B': return "bools or a bool vector";
-    case 'v': return "float vectors of one size";
-    case 'm': return "a matrix";
-    case '3': return "float3";
-    default: return "other arguments";
+    case 'F':
+        return "floats or float vectors of one size";
+    case 'N':
+        return "numbers or vectors of one size";
+    case 'I':
+        return "integers or integer vectors of one size";
+    case 'B':
+        return "bools or a bool vector";
+    case 'v':
+        return "float vectors of one size";
+    case 'm':
+        return "a matrix";
+    case '3':
+        return "float3";
+    default:
+        return "other arguments";
     }
 }
 
-/* The common type of the arguments of one generic letter, or NULL. Texture results of four channels follow the others where these are narrower vectors. */
+/* The common type of the arguments of one generic letter, or NULL. Texture results of four channels follow the others
+ * where these are narrower vectors. */
 static Type *generic_type(Checker *c, Expr *e, const char *letters, char letter) {
     Type *t = NULL;
     for (int pass = 0; pass < 2; pass++)
@@ -223,19 +248,23 @@ static Expr *check_builtin_sig(Checker *c, Expr *e, Builtin b) {
     for (uint32_t i = 0; i < want; i++) {
         Type *t = strchr("FNIBvm", letters[i]) ? group : fixed_type(c, letters[i]);
         if (!t) ice(c->s, "builtin %s has signature %s", name, sig);
-        if (conversion_cost(e->args[i], t, CONV_BROADCAST | CONV_NARROW) < 0 || (t != group && width_of(t) > 1 && width_of(e->args[i]->type) == 1))
+        if (conversion_cost(e->args[i], t, CONV_BROADCAST | CONV_NARROW) < 0 ||
+            (t != group && width_of(t) > 1 && width_of(e->args[i]->type) == 1))
             return bad_builtin(c, e, name, e->args[i]->span, t->name);
         e->args[i] = convert(c, e->args[i], t, CONV_BROADCAST | CONV_NARROW);
     }
     e->kind = E_BUILTIN;
     e->builtin = b;
-    Type *t = strchr("FNIvm", sig[0]) ? group : sig[0] == 'B' ? with_width(c, T_BOOL, width_of(group)) : fixed_type(c, sig[0]);
+    Type *t = strchr("FNIvm", sig[0]) ? group
+              : sig[0] == 'B'         ? with_width(c, T_BOOL, width_of(group))
+                                      : fixed_type(c, sig[0]);
     return finish(c, e, t);
 }
 
 static Expr *check_select(Checker *c, Expr *e) {
     Type *cond = e->args[0]->type, *t = unify(c, e->args[1]->type, e->args[2]->type);
-    if (scalar_kind(cond) != T_BOOL || !t || is_aggregate(t)) return bad_builtin(c, e, "select", e->op_span, "a bool or bool vector and two values of one type");
+    if (scalar_kind(cond) != T_BOOL || !t || is_aggregate(t))
+        return bad_builtin(c, e, "select", e->op_span, "a bool or bool vector and two values of one type");
     uint32_t w = width_of(t), wc = width_of(cond);
     if (wc > 1 && w != wc) {
         if (w != 1) return bad_builtin(c, e, "select", e->op_span, "a condition of the size of its values");
@@ -264,7 +293,8 @@ static Expr *check_mul(Checker *c, Expr *e) {
 static Expr *check_bits(Checker *c, Expr *e, Builtin b) {
     Type *t = e->args[0]->type;
     TypeKind k = scalar_kind(t), to = b == B_asuint ? T_UINT : T_FLOAT;
-    if (!width_of(t) || k == T_BOOL) return bad_builtin(c, e, builtin_names[b], e->op_span, "a number or a vector of numbers");
+    if (!width_of(t) || k == T_BOOL)
+        return bad_builtin(c, e, builtin_names[b], e->op_span, "a number or a vector of numbers");
     if (k == to) return e->args[0];
     if (b == B_asuint && k == T_INT) return convert_scalar_kind(c, e->args[0], T_UINT, false);
     if (b == B_asfloat && k == T_INT) e->args[0] = convert_scalar_kind(c, e->args[0], T_UINT, false);
@@ -276,7 +306,8 @@ static Expr *check_bits(Checker *c, Expr *e, Builtin b) {
 static Expr *check_hash(Checker *c, Expr *e) {
     Type *t = e->args[0]->type;
     TypeKind k = scalar_kind(t);
-    if (!width_of(t) || width_of(t) > 3 || (k != T_INT && k != T_UINT)) return bad_builtin(c, e, "hash", e->op_span, "uint, uint2 or uint3");
+    if (!width_of(t) || width_of(t) > 3 || (k != T_INT && k != T_UINT))
+        return bad_builtin(c, e, "hash", e->op_span, "uint, uint2 or uint3");
     e->args[0] = convert_scalar_kind(c, e->args[0], T_UINT, false);
     e->kind = E_BUILTIN;
     e->builtin = B_hash;
@@ -310,17 +341,23 @@ static Expr *check_builtin(Checker *c, Expr *e, Builtin b) {
     uint32_t want = b == B_select ? 3 : b == B_mul ? 2 : 1;
     if (e->nargs != want) return bad_count(c, e, builtin_names[b], want);
     switch (b) {
-    case B_select: return check_select(c, e);
-    case B_mul: return check_mul(c, e);
+    case B_select:
+        return check_select(c, e);
+    case B_mul:
+        return check_mul(c, e);
     case B_asuint:
-    case B_asfloat: return check_bits(c, e, b);
-    case B_hash: return check_hash(c, e);
+    case B_asfloat:
+        return check_bits(c, e, b);
+    case B_hash:
+        return check_hash(c, e);
     case B_detach:
-        if (is_aggregate(e->args[0]->type)) return bad_builtin(c, e, "detach", e->op_span, "a scalar, vector or matrix");
+        if (is_aggregate(e->args[0]->type))
+            return bad_builtin(c, e, "detach", e->op_span, "a scalar, vector or matrix");
         e->kind = E_BUILTIN;
         e->builtin = b;
         return finish(c, e, e->args[0]->type);
-    default: ice(c->s, "builtin %s is special and unknown", builtin_names[b]);
+    default:
+        ice(c->s, "builtin %s is special and unknown", builtin_names[b]);
     }
 }
 
@@ -328,19 +365,23 @@ Expr *check_call(Checker *c, Expr *e) {
     Binding *local = map_get(&c->at.locals, e->name);
     if (local) {
         check_args(c, e, true);
-        Diag *d = diag_emit(c->s, DIAG_not_a_function, e->op_span, e->name, local->sym->kind == SYM_ARG ? "argument" : "local variable");
+        Diag *d = diag_emit(c->s, DIAG_not_a_function, e->op_span, e->name,
+                            local->sym->kind == SYM_ARG ? "argument" : "local variable");
         diag_note(c->s, d, local->sym->span, "`%s` is declared here", e->name);
         return fail(c, e);
     }
     Decl *d = scope_find(c, e->name, e->op_span);
     if (d) switch (d->kind) {
-        case DECL_FUNC: return check_user_call(c, e, d);
+        case DECL_FUNC:
+            return check_user_call(c, e, d);
         case DECL_STRUCT:
         case DECL_TYPEDEF: {
             TypeRef ref = {.name = e->name, .span = e->op_span};
             return check_construct(c, e, resolve_type(c, &ref, false, CHECK_MAX_ARRAY));
         }
-        case DECL_ERROR: check_args(c, e, true); return fail(c, e);
+        case DECL_ERROR:
+            check_args(c, e, true);
+            return fail(c, e);
         case DECL_CONST:
         case DECL_PARAM: {
             check_args(c, e, true);
@@ -401,7 +442,8 @@ Expr *check_method(Checker *c, Expr *e) {
         return fail(c, e);
     }
     if (e->a[0]->kind != E_NAME) {
-        diag_emit(c->s, DIAG_bad_resource, e->a[0]->span, "methods are called on a `param` or an argument, by its name");
+        diag_emit(c->s, DIAG_bad_resource, e->a[0]->span,
+                  "methods are called on a `param` or an argument, by its name");
         return fail(c, e);
     }
     const char *letters = m->sig + 1;
@@ -436,7 +478,8 @@ static Expr *zero_of(Checker *c, const Expr *at, Type *t) {
         e->nargs = t->kind == T_ARRAY ? t->n : t->nfields;
         e->args = ARENA_ARRAY(c->arena, Expr *, e->nargs);
         for (uint32_t i = 0; i < e->nargs; i++)
-            e->args[i] = t->kind == T_ARRAY && i ? e->args[0] : zero_of(c, at, t->kind == T_ARRAY ? t->elem : t->fields[i].type);
+            e->args[i] =
+                t->kind == T_ARRAY && i ? e->args[0] : zero_of(c, at, t->kind == T_ARRAY ? t->elem : t->fields[i].type);
     } else if (!is_scalar(t)) {
         e->kind = E_CONSTRUCT;
         e->nargs = type_components(t);
@@ -449,7 +492,8 @@ static Expr *zero_of(Checker *c, const Expr *at, Type *t) {
 }
 
 static Expr *construct_aggregate(Checker *c, Expr *e, Type *t) {
-    if (e->explicit_cast && e->nargs == 1 && e->args[0]->kind == E_LITERAL && e->args[0]->type == c->t_int && !e->args[0]->cval.v[0].i)
+    if (e->explicit_cast && e->nargs == 1 && e->args[0]->kind == E_LITERAL && e->args[0]->type == c->t_int &&
+        !e->args[0]->cval.v[0].i)
         return zero_of(c, e, t);
     if (t->kind == T_STRUCT && !e->explicit_cast) { /* Disc(a, b) is the list { a, b } */
         e->kind = E_LIST;
@@ -457,7 +501,8 @@ static Expr *construct_aggregate(Checker *c, Expr *e, Type *t) {
     }
     check_args(c, e, false);
     if (e->nargs == 1 && e->args[0]->type == t) return e->args[0];
-    return bad_construct(c, e, e->span, arena_printf(&c->s->session, "there is no constructor of %s: use a list, `{ ... }`", t->name));
+    return bad_construct(c, e, e->span,
+                         arena_printf(&c->s->session, "there is no constructor of %s: use a list, `{ ... }`", t->name));
 }
 
 /* args -> the scalar kind of t, explicitly. */
@@ -485,7 +530,9 @@ Expr *check_construct(Checker *c, Expr *e, Type *t) {
     uint32_t want = type_components(t), given = 0;
     for (uint32_t i = 0; i < e->nargs; i++) {
         Type *a = e->args[i]->type;
-        if (is_aggregate(a)) return bad_construct(c, e, e->args[i]->span, arena_printf(&s->session, "%s is no component of %s", a->name, t->name));
+        if (is_aggregate(a))
+            return bad_construct(c, e, e->args[i]->span,
+                                 arena_printf(&s->session, "%s is no component of %s", a->name, t->name));
         given += type_components(a);
     }
     Expr *only = e->nargs == 1 ? e->args[0] : NULL;
@@ -503,20 +550,29 @@ Expr *check_construct(Checker *c, Expr *e, Type *t) {
             return finish(c, e, t);
         }
         if (is_texture_result(only) && w > width_of(t)) {
-            return convert_scalar_kind(c, convert(c, only, with_width(c, T_FLOAT, width_of(t)), CONV_NARROW), scalar_kind(t), true);
+            return convert_scalar_kind(c, convert(c, only, with_width(c, T_FLOAT, width_of(t)), CONV_NARROW),
+                                       scalar_kind(t), true);
         }
         if (w > width_of(t) && e->explicit_cast) /* a C cast cuts a vector off, as in HLSL: (float2)v3 */
-            return bad_construct(c, e, e->span, arena_printf(&s->session, "%s does not become %s: take components, as `.%.*s`", only->type->name, t->name,
-                                                             (int)width_of(t), "xyzw"));
+            return bad_construct(c, e, e->span,
+                                 arena_printf(&s->session, "%s does not become %s: take components, as `.%.*s`",
+                                              only->type->name, t->name, (int)width_of(t), "xyzw"));
     }
     if (t->kind == T_MATRIX && only && is_scalar(only->type))
-        return bad_construct(c, e, e->span, arena_printf(&s->session, "a matrix does not come from a scalar: %s lists %u components in row order", t->name, want));
+        return bad_construct(c, e, e->span,
+                             arena_printf(&s->session,
+                                          "a matrix does not come from a scalar: %s lists %u components in row order",
+                                          t->name, want));
     if (t->kind == T_MATRIX)
         for (uint32_t i = 0; i < e->nargs; i++)
             if (e->args[i]->type->kind == T_MATRIX)
-                return bad_construct(c, e, e->args[i]->span, arena_printf(&s->session, "%s is no component of %s: list its rows", e->args[i]->type->name, t->name));
+                return bad_construct(c, e, e->args[i]->span,
+                                     arena_printf(&s->session, "%s is no component of %s: list its rows",
+                                                  e->args[i]->type->name, t->name));
     if (given != want)
-        return bad_construct(c, e, e->span, arena_printf(&s->session, "%s has %u component%s, %u given", t->name, want, want == 1 ? "" : "s", given));
+        return bad_construct(
+            c, e, e->span,
+            arena_printf(&s->session, "%s has %u component%s, %u given", t->name, want, want == 1 ? "" : "s", given));
     convert_components(c, e, scalar_kind(t));
     e->kind = E_CONSTRUCT;
     return finish(c, e, t);
@@ -528,7 +584,8 @@ static Expr *list_to_construct(Checker *c, Expr *e, Type *t) {
     uint32_t want = rows ? t->n : type_components(t);
     Type *item = rows ? type_vector(c->s, T_FLOAT, t->n) : type_scalar(scalar_kind(t));
     if (e->nargs != want) {
-        diag_emit(c->s, DIAG_bad_list, e->span, arena_printf(&c->s->session, "%s has %u components, the list has %u", t->name, want, e->nargs));
+        diag_emit(c->s, DIAG_bad_list, e->span,
+                  arena_printf(&c->s->session, "%s has %u components, the list has %u", t->name, want, e->nargs));
         for (uint32_t i = 0; i < e->nargs; i++)
             if (e->args[i]->kind != E_LIST) check_expr(c, e->args[i]);
         return fail(c, e);
@@ -538,7 +595,8 @@ static Expr *list_to_construct(Checker *c, Expr *e, Type *t) {
         Expr *arg = e->args[i];
         bool scalar_row = rows && arg->kind != E_LIST && is_scalar((arg = e->args[i] = check_value(c, arg))->type);
         if (scalar_row) {
-            diag_emit(c->s, DIAG_cannot_convert, arg->span, arg->type->name, item->name, ": a matrix lists its rows or all its components");
+            diag_emit(c->s, DIAG_cannot_convert, arg->span, arg->type->name, item->name,
+                      ": a matrix lists its rows or all its components");
             ok = false;
             continue;
         }
@@ -557,7 +615,9 @@ Expr *check_list(Checker *c, Expr *e, Type *t) {
         r = list_to_construct(c, e, t);
     } else if (!is_aggregate(t)) {
         if (t->kind != T_ERROR)
-            diag_emit(c->s, DIAG_bad_list, e->span, arena_printf(&c->s->session, "a list initialises an array, a struct or a vector, not %s", t->name));
+            diag_emit(
+                c->s, DIAG_bad_list, e->span,
+                arena_printf(&c->s->session, "a list initialises an array, a struct or a vector, not %s", t->name));
         for (uint32_t i = 0; i < e->nargs; i++)
             if (e->args[i]->kind != E_LIST) e->args[i] = check_expr(c, e->args[i]);
         fail(c, e);
@@ -566,8 +626,9 @@ Expr *check_list(Checker *c, Expr *e, Type *t) {
         bool ok = e->nargs == want;
         if (!ok)
             diag_emit(c->s, DIAG_bad_list, e->span,
-                      arena_printf(&c->s->session, "a list names every element: %s has %u %s%s, the list has %u", t->name, want,
-                                   t->kind == T_ARRAY ? "element" : "field", want == 1 ? "" : "s", e->nargs));
+                      arena_printf(&c->s->session, "a list names every element: %s has %u %s%s, the list has %u",
+                                   t->name, want, t->kind == T_ARRAY ? "element" : "field", want == 1 ? "" : "s",
+                                   e->nargs));
         for (uint32_t i = 0; i < e->nargs; i++) {
             Type *item = i >= want ? c->t_error : t->kind == T_ARRAY ? t->elem : t->fields[i].type;
             e->args[i] = check_init(c, e->args[i], item);

@@ -1,16 +1,21 @@
 /* Values known when the program is compiled.
  *
- * Folding runs bottom-up as nodes get their types, so a value is computed once, where it stands. Floats are kept in double whatever the precision of the
- * program: lowering rounds once. Integers wrap to 32 bits at every step, as in the program. Division by zero, shifts and conversions follow the language. */
+ * Folding runs bottom-up as nodes get their types, so a value is computed once, where it stands. Floats are kept in
+ * double whatever the precision of the program: lowering rounds once. Integers wrap to 32 bits at every step, as in the
+ * program. Division by zero, shifts and conversions follow the language. */
 #include "compiler/front/check_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-int64_t const_wrap(TypeKind k, int64_t v) { return k == T_UINT ? (int64_t)(uint32_t)v : k == T_INT ? (int32_t)(uint32_t)v : v; }
+int64_t const_wrap(TypeKind k, int64_t v) {
+    return k == T_UINT ? (int64_t)(uint32_t)v : k == T_INT ? (int32_t)(uint32_t)v : v;
+}
 
-static double as_double(TypeKind k, const ConstVal *v, uint32_t i) { return k == T_FLOAT ? v->v[i].f : (double)v->v[i].i; }
+static double as_double(TypeKind k, const ConstVal *v, uint32_t i) {
+    return k == T_FLOAT ? v->v[i].f : (double)v->v[i].i;
+}
 
 static void convert_component(ConstVal *to, TypeKind kt, const ConstVal *from, TypeKind kf, uint32_t i, uint32_t j) {
     if (kt == kf) {
@@ -29,29 +34,61 @@ static void convert_component(ConstVal *to, TypeKind kt, const ConstVal *from, T
 
 static bool fold_float(Operator op, double a, double b, double *r) {
     switch (op) {
-    case OPR_ADD: *r = a + b; return true;
-    case OPR_SUB: *r = a - b; return true;
-    case OPR_MUL: *r = a * b; return true;
-    case OPR_DIV: *r = a / b; return true;
-    case OPR_MOD: *r = fmod(a, b); return true;
-    default: return false;
+    case OPR_ADD:
+        *r = a + b;
+        return true;
+    case OPR_SUB:
+        *r = a - b;
+        return true;
+    case OPR_MUL:
+        *r = a * b;
+        return true;
+    case OPR_DIV:
+        *r = a / b;
+        return true;
+    case OPR_MOD:
+        *r = fmod(a, b);
+        return true;
+    default:
+        return false;
     }
 }
 
 static bool fold_int(Operator op, TypeKind k, int64_t a, int64_t b, int64_t *out) {
     int64_t r;
     switch (op) {
-    case OPR_ADD: r = a + b; break;
-    case OPR_SUB: r = a - b; break;
-    case OPR_MUL: r = (int64_t)((uint64_t)a * (uint64_t)b); break;
-    case OPR_DIV: r = b ? a / b : 0; break;
-    case OPR_MOD: r = b ? a % b : 0; break;
-    case OPR_AND: r = a & b; break;
-    case OPR_OR: r = a | b; break;
-    case OPR_XOR: r = a ^ b; break;
-    case OPR_SHL: r = (int64_t)((uint64_t)a << (b & 31)); break;
-    case OPR_SHR: r = a >> (b & 31); break;
-    default: return false;
+    case OPR_ADD:
+        r = a + b;
+        break;
+    case OPR_SUB:
+        r = a - b;
+        break;
+    case OPR_MUL:
+        r = (int64_t)((uint64_t)a * (uint64_t)b);
+        break;
+    case OPR_DIV:
+        r = b ? a / b : 0;
+        break;
+    case OPR_MOD:
+        r = b ? a % b : 0;
+        break;
+    case OPR_AND:
+        r = a & b;
+        break;
+    case OPR_OR:
+        r = a | b;
+        break;
+    case OPR_XOR:
+        r = a ^ b;
+        break;
+    case OPR_SHL:
+        r = (int64_t)((uint64_t)a << (b & 31));
+        break;
+    case OPR_SHR:
+        r = a >> (b & 31);
+        break;
+    default:
+        return false;
     }
     *out = const_wrap(k, r);
     return true;
@@ -67,13 +104,26 @@ static bool fold_compare(Operator op, TypeKind k, const ConstVal *a, const Const
         lt = x < y, eq = x == y, gt = x > y;
     }
     switch (op) {
-    case OPR_EQ: *r = eq; return true;
-    case OPR_NE: *r = !eq; return true;
-    case OPR_LT: *r = lt; return true;
-    case OPR_LE: *r = lt || eq; return true;
-    case OPR_GT: *r = gt; return true;
-    case OPR_GE: *r = gt || eq; return true;
-    default: return false;
+    case OPR_EQ:
+        *r = eq;
+        return true;
+    case OPR_NE:
+        *r = !eq;
+        return true;
+    case OPR_LT:
+        *r = lt;
+        return true;
+    case OPR_LE:
+        *r = lt || eq;
+        return true;
+    case OPR_GT:
+        *r = gt;
+        return true;
+    case OPR_GE:
+        *r = gt || eq;
+        return true;
+    default:
+        return false;
     }
 }
 
@@ -101,7 +151,9 @@ static bool fold_binary(Expr *e) {
             return true;
         }
         for (uint32_t i = 0; i < r->n; i++)
-            if (!fold_float(e->op, a->v[ta->kind == T_MATRIX ? i : 0].f, b->v[tb->kind == T_MATRIX ? i : 0].f, &r->v[i].f)) return false;
+            if (!fold_float(e->op, a->v[ta->kind == T_MATRIX ? i : 0].f, b->v[tb->kind == T_MATRIX ? i : 0].f,
+                            &r->v[i].f))
+                return false;
         return true;
     }
     TypeKind k = scalar_kind(ta);
@@ -122,20 +174,31 @@ static bool fold_unary(Expr *e) {
     const ConstVal *a = &e->a[0]->cval;
     for (uint32_t i = 0; i < e->cval.n; i++) {
         switch (e->op) {
-        case OPR_PLUS: e->cval.v[i] = a->v[i]; break;
-        case OPR_NEG:
-            if (k == T_FLOAT) e->cval.v[i].f = -a->v[i].f;
-            else e->cval.v[i].i = const_wrap(k, -a->v[i].i);
+        case OPR_PLUS:
+            e->cval.v[i] = a->v[i];
             break;
-        case OPR_NOT: e->cval.v[i].i = !a->v[i].i; break;
-        case OPR_COMPL: e->cval.v[i].i = const_wrap(k, ~a->v[i].i); break;
-        default: return false;
+        case OPR_NEG:
+            if (k == T_FLOAT)
+                e->cval.v[i].f = -a->v[i].f;
+            else
+                e->cval.v[i].i = const_wrap(k, -a->v[i].i);
+            break;
+        case OPR_NOT:
+            e->cval.v[i].i = !a->v[i].i;
+            break;
+        case OPR_COMPL:
+            e->cval.v[i].i = const_wrap(k, ~a->v[i].i);
+            break;
+        default:
+            return false;
         }
     }
     return true;
 }
 
-static double sign_of(double a) { return (a > 0) - (a < 0); }
+static double sign_of(double a) {
+    return (a > 0) - (a < 0);
+}
 static double smoothstep(double lo, double hi, double v) {
     double t = (v - lo) / (hi - lo);
     t = t < 0 ? 0 : t > 1 ? 1 : t;
@@ -145,53 +208,137 @@ static double smoothstep(double lo, double hi, double v) {
 /* Component-wise builtins of floats. */
 static bool fold_builtin_float(Builtin f, double a, double b, double x, double *r) {
     switch (f) {
-    case B_abs: *r = fabs(a); return true;
-    case B_sign: *r = sign_of(a); return true;
-    case B_floor: *r = floor(a); return true;
-    case B_ceil: *r = ceil(a); return true;
-    case B_round: *r = rint(a); return true;
-    case B_trunc: *r = trunc(a); return true;
-    case B_frac: *r = a - floor(a); return true;
-    case B_fmod: *r = fmod(a, b); return true;
-    case B_min: *r = b < a ? b : a; return true;
-    case B_max: *r = a < b ? b : a; return true;
-    case B_clamp: a = a < b ? b : a; *r = x < a ? x : a; return true;
-    case B_saturate: *r = a < 0 ? 0 : 1 < a ? 1 : a; return true;
-    case B_lerp: *r = a + (b - a) * x; return true;
-    case B_step: *r = b >= a; return true;
-    case B_smoothstep: *r = smoothstep(a, b, x); return true;
-    case B_sqrt: *r = sqrt(a); return true;
-    case B_rsqrt: *r = 1 / sqrt(a); return true;
-    case B_cbrt: *r = cbrt(a); return true;
-    case B_pow: *r = pow(a, b); return true;
-    case B_exp: *r = exp(a); return true;
-    case B_exp2: *r = exp2(a); return true;
-    case B_log: *r = log(a); return true;
-    case B_log2: *r = log2(a); return true;
-    case B_sin: *r = sin(a); return true;
-    case B_cos: *r = cos(a); return true;
-    case B_tan: *r = tan(a); return true;
-    case B_asin: *r = asin(a); return true;
-    case B_acos: *r = acos(a); return true;
-    case B_atan: *r = atan(a); return true;
-    case B_atan2: *r = atan2(a, b); return true;
-    case B_sinh: *r = sinh(a); return true;
-    case B_cosh: *r = cosh(a); return true;
-    case B_tanh: *r = tanh(a); return true;
-    case B_erf: *r = erf(a); return true;
-    case B_fma: *r = fma(a, b, x); return true;
-    default: return false;
+    case B_abs:
+        *r = fabs(a);
+        return true;
+    case B_sign:
+        *r = sign_of(a);
+        return true;
+    case B_floor:
+        *r = floor(a);
+        return true;
+    case B_ceil:
+        *r = ceil(a);
+        return true;
+    case B_round:
+        *r = rint(a);
+        return true;
+    case B_trunc:
+        *r = trunc(a);
+        return true;
+    case B_frac:
+        *r = a - floor(a);
+        return true;
+    case B_fmod:
+        *r = fmod(a, b);
+        return true;
+    case B_min:
+        *r = b < a ? b : a;
+        return true;
+    case B_max:
+        *r = a < b ? b : a;
+        return true;
+    case B_clamp:
+        a = a < b ? b : a;
+        *r = x < a ? x : a;
+        return true;
+    case B_saturate:
+        *r = a < 0 ? 0 : 1 < a ? 1 : a;
+        return true;
+    case B_lerp:
+        *r = a + (b - a) * x;
+        return true;
+    case B_step:
+        *r = b >= a;
+        return true;
+    case B_smoothstep:
+        *r = smoothstep(a, b, x);
+        return true;
+    case B_sqrt:
+        *r = sqrt(a);
+        return true;
+    case B_rsqrt:
+        *r = 1 / sqrt(a);
+        return true;
+    case B_cbrt:
+        *r = cbrt(a);
+        return true;
+    case B_pow:
+        *r = pow(a, b);
+        return true;
+    case B_exp:
+        *r = exp(a);
+        return true;
+    case B_exp2:
+        *r = exp2(a);
+        return true;
+    case B_log:
+        *r = log(a);
+        return true;
+    case B_log2:
+        *r = log2(a);
+        return true;
+    case B_sin:
+        *r = sin(a);
+        return true;
+    case B_cos:
+        *r = cos(a);
+        return true;
+    case B_tan:
+        *r = tan(a);
+        return true;
+    case B_asin:
+        *r = asin(a);
+        return true;
+    case B_acos:
+        *r = acos(a);
+        return true;
+    case B_atan:
+        *r = atan(a);
+        return true;
+    case B_atan2:
+        *r = atan2(a, b);
+        return true;
+    case B_sinh:
+        *r = sinh(a);
+        return true;
+    case B_cosh:
+        *r = cosh(a);
+        return true;
+    case B_tanh:
+        *r = tanh(a);
+        return true;
+    case B_erf:
+        *r = erf(a);
+        return true;
+    case B_fma:
+        *r = fma(a, b, x);
+        return true;
+    default:
+        return false;
     }
 }
 
 static bool fold_builtin_int(Builtin f, TypeKind k, int64_t a, int64_t b, int64_t x, int64_t *r) {
     switch (f) {
-    case B_abs: *r = const_wrap(k, a < 0 ? -a : a); return true;
-    case B_sign: *r = (a > 0) - (a < 0); return true;
-    case B_min: *r = b < a ? b : a; return true;
-    case B_max: *r = a < b ? b : a; return true;
-    case B_clamp: a = a < b ? b : a; *r = x < a ? x : a; return true;
-    default: return false;
+    case B_abs:
+        *r = const_wrap(k, a < 0 ? -a : a);
+        return true;
+    case B_sign:
+        *r = (a > 0) - (a < 0);
+        return true;
+    case B_min:
+        *r = b < a ? b : a;
+        return true;
+    case B_max:
+        *r = a < b ? b : a;
+        return true;
+    case B_clamp:
+        a = a < b ? b : a;
+        *r = x < a ? x : a;
+        return true;
+    default:
+        return false;
     }
 }
 
@@ -242,10 +389,16 @@ static bool fold_special(Expr *e) {
     case B_isinf:
     case B_isfinite:
         for (uint32_t i = 0; i < r->n; i++)
-            r->v[i].i = e->builtin == B_isnan ? isnan(a->v[i].f) : e->builtin == B_isinf ? isinf(a->v[i].f) != 0 : isfinite(a->v[i].f) != 0;
+            r->v[i].i = e->builtin == B_isnan   ? isnan(a->v[i].f)
+                        : e->builtin == B_isinf ? isinf(a->v[i].f) != 0
+                                                : isfinite(a->v[i].f) != 0;
         return true;
-    case B_dot: r->v[0].f = dot(a, b); return true;
-    case B_length: r->v[0].f = sqrt(dot(a, a)); return true;
+    case B_dot:
+        r->v[0].f = dot(a, b);
+        return true;
+    case B_length:
+        r->v[0].f = sqrt(dot(a, a));
+        return true;
     case B_distance: {
         ConstVal d = *a;
         for (uint32_t i = 0; i < d.n; i++) d.v[i].f -= b->v[i].f;
@@ -276,7 +429,8 @@ static bool fold_special(Expr *e) {
     case B_any:
     case B_all:
         r->v[0].i = e->builtin == B_all;
-        for (uint32_t i = 0; i < a->n; i++) r->v[0].i = e->builtin == B_all ? r->v[0].i && a->v[i].i : r->v[0].i || a->v[i].i;
+        for (uint32_t i = 0; i < a->n; i++)
+            r->v[0].i = e->builtin == B_all ? r->v[0].i && a->v[i].i : r->v[0].i || a->v[i].i;
         return true;
     case B_select:
         for (uint32_t i = 0; i < r->n; i++) r->v[i] = a->v[a->n == 1 ? 0 : i].i ? b->v[i] : e->args[2]->cval.v[i];
@@ -285,8 +439,12 @@ static bool fold_special(Expr *e) {
         for (uint32_t i = 0; i < ta->n; i++)
             for (uint32_t j = 0; j < ta->n; j++) r->v[i * ta->n + j] = a->v[j * ta->n + i];
         return true;
-    case B_determinant: r->v[0].f = invert(a, ta->n, NULL); return true;
-    case B_inverse: invert(a, ta->n, r); return true;
+    case B_determinant:
+        r->v[0].f = invert(a, ta->n, NULL);
+        return true;
+    case B_inverse:
+        invert(a, ta->n, r);
+        return true;
     case B_asuint:
         for (uint32_t i = 0; i < r->n; i++) {
             float f = (float)a->v[i].f;
@@ -303,8 +461,11 @@ static bool fold_special(Expr *e) {
             r->v[i].f = f;
         }
         return true;
-    case B_detach: *r = *a; return true;
-    default: return false;
+    case B_detach:
+        *r = *a;
+        return true;
+    default:
+        return false;
     }
 }
 
@@ -313,12 +474,16 @@ static bool fold_builtin(Expr *e) {
     for (uint32_t i = 0; i < e->nargs; i++)
         if (!e->args[i]->is_const || !e->args[i]->cval.n) return false;
     TypeKind k = scalar_kind(e->type);
-    const ConstVal *a = &e->args[0]->cval, *b = e->nargs > 1 ? &e->args[1]->cval : a, *x = e->nargs > 2 ? &e->args[2]->cval : a;
+    const ConstVal *a = &e->args[0]->cval, *b = e->nargs > 1 ? &e->args[1]->cval : a,
+                   *x = e->nargs > 2 ? &e->args[2]->cval : a;
     for (uint32_t i = 0; i < e->cval.n; i++) {
         bool ok;
-        if (e->args[0]->type != e->type) ok = false;
-        else if (k == T_FLOAT) ok = fold_builtin_float(e->builtin, a->v[i].f, b->v[i].f, x->v[i].f, &e->cval.v[i].f);
-        else ok = fold_builtin_int(e->builtin, k, a->v[i].i, b->v[i].i, x->v[i].i, &e->cval.v[i].i);
+        if (e->args[0]->type != e->type)
+            ok = false;
+        else if (k == T_FLOAT)
+            ok = fold_builtin_float(e->builtin, a->v[i].f, b->v[i].f, x->v[i].f, &e->cval.v[i].f);
+        else
+            ok = fold_builtin_int(e->builtin, k, a->v[i].i, b->v[i].i, x->v[i].i, &e->cval.v[i].i);
         if (!ok) return fold_special(e);
     }
     return true;
@@ -347,15 +512,18 @@ static bool fold_pick(Expr *e) {
 static bool fold(Expr *e) {
     switch (e->kind) {
     case E_LITERAL:
-    case E_LEN: return true;
+    case E_LEN:
+        return true;
     case E_NAME:
         if (!e->sym || !(e->sym->kind == SYM_CONST || (e->sym->kind == SYM_LOCAL && e->sym->is_const))) return false;
         if (is_aggregate(e->type)) return e->sym->array_init != NULL;
         if (!e->sym->cval.n) return false;
         e->cval = e->sym->cval;
         return true;
-    case E_UNARY: return e->a[0]->is_const && fold_unary(e);
-    case E_BINARY: return e->a[0]->is_const && e->a[1]->is_const && fold_binary(e);
+    case E_UNARY:
+        return e->a[0]->is_const && fold_unary(e);
+    case E_BINARY:
+        return e->a[0]->is_const && e->a[1]->is_const && fold_binary(e);
     case E_LOGIC:
         if (!e->a[0]->is_const) return false;
         if (e->a[0]->cval.v[0].i == (e->op == OPR_LOR)) {
@@ -370,7 +538,8 @@ static bool fold(Expr *e) {
         e->cval = taken->cval;
         return taken->is_const;
     }
-    case E_BUILTIN: return fold_builtin(e);
+    case E_BUILTIN:
+        return fold_builtin(e);
     case E_CONSTRUCT: {
         uint32_t n = 0;
         for (uint32_t i = 0; i < e->nargs; i++) {
@@ -390,7 +559,8 @@ static bool fold(Expr *e) {
         for (uint32_t i = 0; i < e->cval.n; i++) e->cval.v[i] = e->a[0]->cval.v[0];
         return true;
     case E_INDEX:
-    case E_FIELD: return e->a[0]->is_const && fold_pick(e);
+    case E_FIELD:
+        return e->a[0]->is_const && fold_pick(e);
     case E_SWIZZLE:
         if (!e->a[0]->is_const) return false;
         for (uint32_t i = 0; i < e->nswz; i++) e->cval.v[i] = e->a[0]->cval.v[e->swz[i]];
@@ -404,7 +574,8 @@ static bool fold(Expr *e) {
     case E_INCDEC:
     case E_CALL:
     case E_METHOD:
-    case E_COMMA: return false;
+    case E_COMMA:
+        return false;
     }
     return false;
 }
@@ -434,14 +605,17 @@ Expr *const_list(Expr *e) {
 bool const_int(Checker *c, Expr *e, const char *what, int64_t *out) {
     if (e->type->kind == T_ERROR) return false;
     if (e->type->kind != T_INT && e->type->kind != T_UINT) {
-        diag_emit(c->s, DIAG_cannot_convert, e->span, e->type->name, "int", arena_printf(&c->s->session, ": %s is an integer constant", what));
+        diag_emit(c->s, DIAG_cannot_convert, e->span, e->type->name, "int",
+                  arena_printf(&c->s->session, ": %s is an integer constant", what));
         return false;
     }
     if (!e->is_const) {
         Diag *d = diag_emit(c->s, DIAG_not_constant, e->span, what);
         Symbol *root = place_root(e);
         if (root && root->kind == SYM_PARAM)
-            diag_note(c->s, d, root->span, "`%s` is a `param`, which may change without compiling; a `const` can be set with --set", root->name);
+            diag_note(c->s, d, root->span,
+                      "`%s` is a `param`, which may change without compiling; a `const` can be set with --set",
+                      root->name);
         return false;
     }
     *out = e->cval.v[0].i;

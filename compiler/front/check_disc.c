@@ -1,7 +1,8 @@
 /* What [Disc] covers.
  *
- * [Disc] marks the comparisons of floats and the jumping builtins written in the statement itself. If there are none, the tag is in the wrong place, and the
- * note shows the right one: the comparison that computed the value, in the declaration or assignment of a local that the statement uses, or in a function that it calls. */
+ * [Disc] marks the comparisons of floats and the jumping builtins written in the statement itself. If there are none,
+ * the tag is in the wrong place, and the note shows the right one: the comparison that computed the value, in the
+ * declaration or assignment of a local that the statement uses, or in a function that it calls. */
 #include "compiler/front/check_internal.h"
 
 typedef struct Discs {
@@ -9,7 +10,9 @@ typedef struct Discs {
     Expr **source; /* by Symbol.id: the last comparison that went into it */
 } Discs;
 
-static bool is_float_value(const Type *t) { return t && scalar_kind(t) == T_FLOAT; }
+static bool is_float_value(const Type *t) {
+    return t && scalar_kind(t) == T_FLOAT;
+}
 
 /* A comparison with a boundary or a jumping builtin. */
 static bool is_site(const Expr *e) {
@@ -17,8 +20,11 @@ static bool is_site(const Expr *e) {
     case E_BINARY:
         if (!e->a[0]->type || !is_float_value(e->a[0]->type)) return false;
         return (e->op >= OPR_LT && e->op <= OPR_GE) || e->op == OPR_MOD;
-    case E_ASSIGN: return e->op == OPR_MOD && is_float_value(e->a[0]->type);
-    case E_CONVERT: return e->explicit_cast && is_float_value(e->a[0]->type) && (scalar_kind(e->type) == T_INT || scalar_kind(e->type) == T_UINT);
+    case E_ASSIGN:
+        return e->op == OPR_MOD && is_float_value(e->a[0]->type);
+    case E_CONVERT:
+        return e->explicit_cast && is_float_value(e->a[0]->type) &&
+               (scalar_kind(e->type) == T_INT || scalar_kind(e->type) == T_UINT);
     case E_BUILTIN:
         switch (e->builtin) {
         case B_floor:
@@ -29,12 +35,17 @@ static bool is_site(const Expr *e) {
         case B_fmod:
         case B_step:
         case B_atan2:
-        case B_refract: return true;
-        case B_sign: return is_float_value(e->type);
-        default: return false;
+        case B_refract:
+            return true;
+        case B_sign:
+            return is_float_value(e->type);
+        default:
+            return false;
         }
-    case E_METHOD: return e->method == M_NEAREST || e->method == M_TRACE || e->method == M_OCCLUDED || e->method == M_SILHOUETTE;
-    default: return false;
+    case E_METHOD:
+        return e->method == M_NEAREST || e->method == M_TRACE || e->method == M_OCCLUDED || e->method == M_SILHOUETTE;
+    default:
+        return false;
     }
 }
 
@@ -64,7 +75,8 @@ static void cover(Expr *e, void *user) {
     Cover *k = user;
     if (e->type && e->type->kind == T_ERROR) k->error = true;
     if (is_site(e) && !k->site) k->site = e;
-    if (e->kind == E_BINARY && (e->op == OPR_EQ || e->op == OPR_NE) && is_float_value(e->a[0]->type) && !k->equality) k->equality = e;
+    if (e->kind == E_BINARY && (e->op == OPR_EQ || e->op == OPR_NE) && is_float_value(e->a[0]->type) && !k->equality)
+        k->equality = e;
     if (k->computed) return;
     if (e->kind == E_NAME && e->sym && e->sym->kind == SYM_LOCAL) k->computed = k->d->source[e->sym->id];
     if (e->kind == E_CALL && e->func && e->func->body) {
@@ -80,8 +92,10 @@ static void remember(Discs *d, Symbol *sym, Expr *value) {
     if (!sym || sym->kind != SYM_LOCAL || !value) return;
     Cover k = {.d = d};
     visit_expr(value, cover, &k);
-    if (k.site) d->source[sym->id] = k.site;
-    else if (k.computed) d->source[sym->id] = k.computed;
+    if (k.site)
+        d->source[sym->id] = k.site;
+    else if (k.computed)
+        d->source[sym->id] = k.computed;
 }
 
 static void remember_assign(Expr *e, void *user) {
@@ -99,7 +113,8 @@ static void check_tag(Discs *d, Stmt *st) {
     if (k.site || k.error) return;
     Diag *diag = diag_emit(s, DIAG_disc_empty, st->attrs.disc_span);
     if (k.called)
-        diag_note(s, diag, k.computed->op_span, "the comparison is in `%s`: [Disc] belongs on the statement there", k.called->name);
+        diag_note(s, diag, k.computed->op_span, "the comparison is in `%s`: [Disc] belongs on the statement there",
+                  k.called->name);
     else if (k.computed)
         diag_note(s, diag, k.computed->op_span, "the value was computed here: [Disc] belongs on this statement");
 }

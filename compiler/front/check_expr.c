@@ -6,11 +6,12 @@
 #include <string.h>
 
 static const char *operator_text(Operator op) {
-    static const char *const text[] = {[OPR_NONE] = "=",  [OPR_ADD] = "+",   [OPR_SUB] = "-",   [OPR_MUL] = "*",  [OPR_DIV] = "/",  [OPR_MOD] = "%",
-                                       [OPR_AND] = "&",   [OPR_OR] = "|",    [OPR_XOR] = "^",   [OPR_SHL] = "<<", [OPR_SHR] = ">>", [OPR_EQ] = "==",
-                                       [OPR_NE] = "!=",   [OPR_LT] = "<",    [OPR_LE] = "<=",   [OPR_GT] = ">",   [OPR_GE] = ">=",  [OPR_LAND] = "&&",
-                                       [OPR_LOR] = "||",  [OPR_NOT] = "!",   [OPR_COMPL] = "~", [OPR_NEG] = "-",  [OPR_PLUS] = "+", [OPR_INC] = "++",
-                                       [OPR_DEC] = "--"};
+    static const char *const text[] = {
+        [OPR_NONE] = "=",  [OPR_ADD] = "+", [OPR_SUB] = "-",   [OPR_MUL] = "*",  [OPR_DIV] = "/",
+        [OPR_MOD] = "%",   [OPR_AND] = "&", [OPR_OR] = "|",    [OPR_XOR] = "^",  [OPR_SHL] = "<<",
+        [OPR_SHR] = ">>",  [OPR_EQ] = "==", [OPR_NE] = "!=",   [OPR_LT] = "<",   [OPR_LE] = "<=",
+        [OPR_GT] = ">",    [OPR_GE] = ">=", [OPR_LAND] = "&&", [OPR_LOR] = "||", [OPR_NOT] = "!",
+        [OPR_COMPL] = "~", [OPR_NEG] = "-", [OPR_PLUS] = "+",  [OPR_INC] = "++", [OPR_DEC] = "--"};
     return text[op];
 }
 
@@ -39,7 +40,8 @@ Expr *check_value(Checker *c, Expr *e) {
     }
     if (is_resource(e->type)) {
         diag_emit(c->s, DIAG_bad_resource, e->span,
-                  arena_printf(&c->s->session, "a %s is not a value: call a method of it or pass it to a function", e->type->name));
+                  arena_printf(&c->s->session, "a %s is not a value: call a method of it or pass it to a function",
+                               e->type->name));
         return fail(c, e);
     }
     return e;
@@ -49,11 +51,16 @@ Expr *check_value(Checker *c, Expr *e) {
 
 static Expr *language_constant(Checker *c, Expr *e) {
     double v;
-    if (e->name == c->name_pi) v = 3.14159265358979323846;
-    else if (e->name == c->name_tau) v = 6.28318530717958647692;
-    else if (e->name == c->name_infinity) v = INFINITY;
-    else if (e->name == c->name_epsilon) v = c->opt && c->opt->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
-    else return NULL;
+    if (e->name == c->name_pi)
+        v = 3.14159265358979323846;
+    else if (e->name == c->name_tau)
+        v = 6.28318530717958647692;
+    else if (e->name == c->name_infinity)
+        v = INFINITY;
+    else if (e->name == c->name_epsilon)
+        v = c->opt && c->opt->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
+    else
+        return NULL;
     e->kind = E_LITERAL;
     e->cval.n = 1;
     e->cval.v[0].f = v;
@@ -76,9 +83,14 @@ static Expr *check_name(Checker *c, Expr *e) {
         return fail(c, e);
     }
     switch (d->kind) {
-    case DECL_ERROR: return fail(c, e);
-    case DECL_CONST: check_const_decl(c, d->sym, scope_of(c, d->module)); break;
-    case DECL_PARAM: check_param_decl(c, d->sym, scope_of(c, d->module)); break;
+    case DECL_ERROR:
+        return fail(c, e);
+    case DECL_CONST:
+        check_const_decl(c, d->sym, scope_of(c, d->module));
+        break;
+    case DECL_PARAM:
+        check_param_decl(c, d->sym, scope_of(c, d->module));
+        break;
     case DECL_FUNC:
     case DECL_STRUCT:
     case DECL_TYPEDEF: {
@@ -121,8 +133,10 @@ static Type *matrix_product(Checker *c, Expr *e) {
 static const char *operand_hint(Type *a, Type *b, Operator op) {
     bool ma = a->kind == T_MATRIX, mb = b->kind == T_MATRIX;
     if (ma || mb) return is_scalar(a) || is_scalar(b) ? ": a matrix from a scalar is an error" : "";
-    if (is_aggregate(a) || is_aggregate(b)) return op == OPR_EQ || op == OPR_NE ? ": compare their fields or elements" : "";
-    if (width_of(a) && width_of(b) && (scalar_kind(a) == T_BOOL) != (scalar_kind(b) == T_BOOL)) return ": nothing converts to or from bool";
+    if (is_aggregate(a) || is_aggregate(b))
+        return op == OPR_EQ || op == OPR_NE ? ": compare their fields or elements" : "";
+    if (width_of(a) && width_of(b) && (scalar_kind(a) == T_BOOL) != (scalar_kind(b) == T_BOOL))
+        return ": nothing converts to or from bool";
     if (width_of(a) > 1 && width_of(b) > 1 && width_of(a) != width_of(b)) return ": their sizes differ";
     return "";
 }
@@ -137,19 +151,22 @@ Expr *check_binary_typed(Checker *c, Expr *e) {
         if (!t) return bad_operands(c, e, text, operand_hint(a, b, e->op));
         return typed(c, e, t);
     }
-    bool compare = e->op >= OPR_EQ && e->op <= OPR_GE, bits = e->op >= OPR_AND && e->op <= OPR_XOR, shift = e->op == OPR_SHL || e->op == OPR_SHR;
+    bool compare = e->op >= OPR_EQ && e->op <= OPR_GE, bits = e->op >= OPR_AND && e->op <= OPR_XOR,
+         shift = e->op == OPR_SHL || e->op == OPR_SHR;
     Type *t = unify(c, a, b);
     if (!t || !width_of(t)) return bad_operands(c, e, text, operand_hint(a, b, e->op));
     TypeKind k = scalar_kind(t);
     if (shift) { /* the result has the type of the left operand, the count only loses its upper bits */
-        if (scalar_kind(a) == T_FLOAT || scalar_kind(b) == T_FLOAT || k == T_BOOL) return bad_operands(c, e, text, ": shifts are of integers");
+        if (scalar_kind(a) == T_FLOAT || scalar_kind(b) == T_FLOAT || k == T_BOOL)
+            return bad_operands(c, e, text, ": shifts are of integers");
         t = with_width(c, scalar_kind(a), width_of(t));
         e->a[0] = convert(c, e->a[0], t, CONV_BROADCAST);
         e->a[1] = convert_scalar_kind(c, e->a[1], scalar_kind(t), false);
         e->a[1] = convert(c, e->a[1], t, CONV_BROADCAST);
         return typed(c, e, t);
     }
-    if (k == T_BOOL && !(e->op == OPR_EQ || e->op == OPR_NE || bits)) return bad_operands(c, e, text, ": nothing converts to or from bool");
+    if (k == T_BOOL && !(e->op == OPR_EQ || e->op == OPR_NE || bits))
+        return bad_operands(c, e, text, ": nothing converts to or from bool");
     if (k == T_FLOAT && bits) return bad_operands(c, e, text, ": bit operations are of integers and bools");
     e->a[0] = convert(c, e->a[0], t, CONV_BROADCAST);
     e->a[1] = convert(c, e->a[1], t, CONV_BROADCAST);
@@ -164,10 +181,17 @@ static Expr *check_unary(Checker *c, Expr *e) {
     bool ok = false;
     switch (e->op) {
     case OPR_NEG:
-    case OPR_PLUS: ok = k == T_INT || k == T_UINT || k == T_FLOAT; break;
-    case OPR_NOT: ok = k == T_BOOL; break;
-    case OPR_COMPL: ok = k == T_INT || k == T_UINT; break;
-    default: break;
+    case OPR_PLUS:
+        ok = k == T_INT || k == T_UINT || k == T_FLOAT;
+        break;
+    case OPR_NOT:
+        ok = k == T_BOOL;
+        break;
+    case OPR_COMPL:
+        ok = k == T_INT || k == T_UINT;
+        break;
+    default:
+        break;
     }
     if (!ok) {
         diag_emit(c->s, DIAG_bad_operand, e->op_span, operator_text(e->op), t->name);
@@ -226,9 +250,13 @@ static void report_not_place(Checker *c, Expr *e) {
     Span at = e->span;
     bool named = false;
     if (root && what[0] == 't') {
-        named = root->kind == SYM_CONST || root->kind == SYM_PARAM || (root->kind == SYM_LOCAL && root->is_const) || is_resource(root->type);
+        named = root->kind == SYM_CONST || root->kind == SYM_PARAM || (root->kind == SYM_LOCAL && root->is_const) ||
+                is_resource(root->type);
         if (named)
-            what = arena_printf(&c->s->session, "%s `%s`", root->kind == SYM_PARAM ? "parameter" : is_resource(root->type) ? "resource" : "constant",
+            what = arena_printf(&c->s->session, "%s `%s`",
+                                root->kind == SYM_PARAM   ? "parameter"
+                                : is_resource(root->type) ? "resource"
+                                                          : "constant",
                                 root->name);
     }
     Diag *d = diag_emit(c->s, DIAG_not_assignable, at, what);
@@ -330,7 +358,10 @@ static Expr *check_swizzle(Checker *c, Expr *e) {
     int set = strchr(sets[1], e->name[0]) ? 1 : 0;
     for (size_t i = 0; i < n; i++) {
         const char *at = strchr(sets[set], e->name[i]);
-        if (!at) return bad_swizzle(c, e, strchr(sets[!set], e->name[i]) ? ": `xyzw` and `rgba` do not mix" : ": letters are `xyzw` or `rgba`");
+        if (!at)
+            return bad_swizzle(c, e,
+                               strchr(sets[!set], e->name[i]) ? ": `xyzw` and `rgba` do not mix"
+                                                              : ": letters are `xyzw` or `rgba`");
         if ((uint32_t)(at - sets[set]) >= width)
             return bad_swizzle(c, e, arena_printf(&c->s->session, ": there is no `%c`", e->name[i]));
         e->swz[i] = (uint8_t)(at - sets[set]);
@@ -353,14 +384,16 @@ static Expr *check_field(Checker *c, Expr *e) {
         /* `1.0.xxx` works as in Slang: a scalar is a vector of one, which only repeats */
         if (t->kind == T_VECTOR) return check_swizzle(c, e);
         for (const char *p = e->name; *p; p++)
-            if ((*p != 'x' && *p != 'r') || *p != e->name[0] || p - e->name > 3) return bad_swizzle(c, e, ": a scalar has only `x`");
+            if ((*p != 'x' && *p != 'r') || *p != e->name[0] || p - e->name > 3)
+                return bad_swizzle(c, e, ": a scalar has only `x`");
         uint32_t n = (uint32_t)strlen(e->name);
         if (n == 1) return e->a[0];
         e->kind = E_BROADCAST;
         return typed(c, e, type_vector(c->s, t->kind, n));
     }
     if (t->kind != T_STRUCT) {
-        diag_emit(c->s, DIAG_unknown_field, e->op_span, t->name, e->name, is_resource(t) ? ": its methods are called, as `t.size()`" : "");
+        diag_emit(c->s, DIAG_unknown_field, e->op_span, t->name, e->name,
+                  is_resource(t) ? ": its methods are called, as `t.size()`" : "");
         return fail(c, e);
     }
     for (uint32_t i = 0; i < t->nfields; i++)
@@ -374,13 +407,15 @@ static Expr *check_field(Checker *c, Expr *e) {
     Diag *d = diag_emit(c->s, DIAG_unknown_field, e->op_span, t->name, e->name,
                         near ? arena_printf(&c->s->session, ", did you mean `%s`?", near) : "");
     for (uint32_t i = 0; near && i < t->nfields; i++)
-        if (t->fields[i].name == near && t->fields[i].span.file >= 0) diag_note(c->s, d, t->fields[i].span, "`%s` is declared here", near);
+        if (t->fields[i].name == near && t->fields[i].span.file >= 0)
+            diag_note(c->s, d, t->fields[i].span, "`%s` is declared here", near);
     return fail(c, e);
 }
 
 static Expr *check_literal(Checker *c, Expr *e) {
     if (!e->type) {
-        diag_emit(c->s, DIAG_bad_argument, e->span, "a text stands only in `print`, `assert` and as the file name of a `param`");
+        diag_emit(c->s, DIAG_bad_argument, e->span,
+                  "a text stands only in `print`, `assert` and as the file name of a `param`");
         return fail(c, e);
     }
     return typed(c, e, e->type);
@@ -395,23 +430,36 @@ static Expr *check_type_call(Checker *c, Expr *e) {
 
 static Expr *check_kind(Checker *c, Expr *e) {
     switch (e->kind) {
-    case E_ERROR: return fail(c, e);
-    case E_LITERAL: return check_literal(c, e);
-    case E_NAME: return check_name(c, e);
-    case E_UNARY: return check_unary(c, e);
+    case E_ERROR:
+        return fail(c, e);
+    case E_LITERAL:
+        return check_literal(c, e);
+    case E_NAME:
+        return check_name(c, e);
+    case E_UNARY:
+        return check_unary(c, e);
     case E_BINARY:
         e->a[0] = check_value(c, e->a[0]);
         e->a[1] = check_value(c, e->a[1]);
         return check_binary_typed(c, e);
-    case E_LOGIC: return check_logic(c, e);
-    case E_COND: return check_cond(c, e);
-    case E_ASSIGN: return check_assign(c, e);
-    case E_INCDEC: return check_incdec(c, e);
-    case E_CALL: return check_call(c, e);
-    case E_CONSTRUCT: return check_type_call(c, e);
-    case E_METHOD: return check_method(c, e);
-    case E_INDEX: return check_index(c, e);
-    case E_FIELD: return check_field(c, e);
+    case E_LOGIC:
+        return check_logic(c, e);
+    case E_COND:
+        return check_cond(c, e);
+    case E_ASSIGN:
+        return check_assign(c, e);
+    case E_INCDEC:
+        return check_incdec(c, e);
+    case E_CALL:
+        return check_call(c, e);
+    case E_CONSTRUCT:
+        return check_type_call(c, e);
+    case E_METHOD:
+        return check_method(c, e);
+    case E_INDEX:
+        return check_index(c, e);
+    case E_FIELD:
+        return check_field(c, e);
     case E_LIST:
         diag_emit(c->s, DIAG_bad_list, e->span, "a list stands only as the value of a declaration");
         for (uint32_t i = 0; i < e->nargs; i++)
@@ -426,7 +474,8 @@ static Expr *check_kind(Checker *c, Expr *e) {
     case E_CONVERT:
     case E_BROADCAST:
     case E_SWIZZLE:
-    case E_LEN: break; /* made here, so already typed */
+    case E_LEN:
+        break; /* made here, so already typed */
     }
     ice(c->s, "expression kind %d has no type", (int)e->kind);
 }

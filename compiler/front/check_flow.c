@@ -1,9 +1,10 @@
 /* Definite assignment and returns.
  *
- * The state at a point is one bit for every scalar of every local and argument: set if it was assigned on every path to here. Arrays have no bits (they are zero where
- * not written). Behind a return, break or continue the state is `dead`: nothing arrives, everything holds. Joining paths intersects. Conditions have
- * two results, so that `a && f(b)` tells its branches what f assigned. A loop needs no iteration to a fixed point: states only grow along a path, so the
- * first pass through the body sees the least. */
+ * The state at a point is one bit for every scalar of every local and argument: set if it was assigned on every path to
+ * here. Arrays have no bits (they are zero where not written). Behind a return, break or continue the state is `dead`:
+ * nothing arrives, everything holds. Joining paths intersects. Conditions have two results, so that `a && f(b)` tells
+ * its branches what f assigned. A loop needs no iteration to a fixed point: states only grow along a path, so the first
+ * pass through the body sees the least. */
 #include "compiler/front/check_internal.h"
 
 #include <string.h>
@@ -29,8 +30,10 @@ typedef struct Flow {
 
 static uint32_t bits_of(const Type *t) {
     switch (t->kind) {
-    case T_VECTOR: return t->n;
-    case T_MATRIX: return t->n * t->n;
+    case T_VECTOR:
+        return t->n;
+    case T_MATRIX:
+        return t->n * t->n;
     case T_STRUCT: {
         uint32_t n = 0;
         for (uint32_t i = 0; i < t->nfields; i++) n += bits_of(t->fields[i].type);
@@ -39,12 +42,14 @@ static uint32_t bits_of(const Type *t) {
     case T_BOOL:
     case T_INT:
     case T_UINT:
-    case T_FLOAT: return 1;
+    case T_FLOAT:
+        return 1;
     case T_ERROR:
     case T_VOID:
     case T_ARRAY:
     case T_TEXTURE:
-    case T_HEIGHTFIELD: return 0;
+    case T_HEIGHTFIELD:
+        return 0;
     }
     return 0;
 }
@@ -61,29 +66,36 @@ static State dead_state(Flow *f) {
 
 static void join(Flow *f, State *into, const State *from) {
     if (from->dead) return;
-    if (into->dead) memcpy(into->w, from->w, sizeof *into->w * f->words);
+    if (into->dead)
+        memcpy(into->w, from->w, sizeof *into->w * f->words);
     else
         for (uint32_t i = 0; i < f->words; i++) into->w[i] &= from->w[i];
     into->dead = false;
 }
 
-static bool is_set(const State *s, uint32_t bit) { return s->dead || (s->w[bit / 64] >> (bit % 64) & 1); }
+static bool is_set(const State *s, uint32_t bit) {
+    return s->dead || (s->w[bit / 64] >> (bit % 64) & 1);
+}
 static void set_bits(State *s, uint32_t at, uint32_t n, bool value) {
     for (uint32_t i = at; i < at + n; i++) {
-        if (value) s->w[i / 64] |= (uint64_t)1 << (i % 64);
-        else s->w[i / 64] &= ~((uint64_t)1 << (i % 64));
+        if (value)
+            s->w[i / 64] |= (uint64_t)1 << (i % 64);
+        else
+            s->w[i / 64] &= ~((uint64_t)1 << (i % 64));
     }
 }
 
 /* The bits that a place stands for. */
 typedef struct Part {
-    Symbol *sym;     /* NULL: no variable of this function */
+    Symbol *sym; /* NULL: no variable of this function */
     uint32_t at, n;
     uint8_t swz[4], nswz; /* when nswz: components at + swz[i] instead */
-    bool some;       /* a computed index: which of the n is not known */
+    bool some;            /* a computed index: which of the n is not known */
 } Part;
 
-static bool is_variable(const Symbol *s) { return s && (s->kind == SYM_LOCAL || s->kind == SYM_ARG); }
+static bool is_variable(const Symbol *s) {
+    return s && (s->kind == SYM_LOCAL || s->kind == SYM_ARG);
+}
 
 static Part part_of(Flow *f, const Expr *e) {
     if (e->kind == E_NAME) {
@@ -130,7 +142,9 @@ static void read_part(Flow *f, State *s, const Part *p, Span at) {
     bool any = false;
     for (uint32_t i = 0; i < n; i++) any |= is_set(s, first + i);
     Diag *d = diag_emit(f->c->s, DIAG_uninitialised, at, p->sym->name,
-                        n == 1 ? "it is assigned on every path" : any ? "every component of it is assigned" : "it is assigned on every path");
+                        n == 1 ? "it is assigned on every path"
+                        : any  ? "every component of it is assigned"
+                               : "it is assigned on every path");
     diag_note(f->c->s, d, p->sym->span, "`%s` is declared here", p->sym->name);
     set_bits(s, first, n, true); /* once is enough */
 }
@@ -185,9 +199,12 @@ static void flow_call(Flow *f, State *s, Expr *e) {
     for (uint32_t i = 0; i < e->nargs; i++) {
         Expr *arg = e->args[i];
         bool place = is_variable(place_root(arg));
-        if (e->func && e->func->args[i]->mode == ARG_OUT) flow_indices(f, s, arg);
-        else if (!e->func && place && e->kind == E_CALL) flow_indices(f, s, arg); /* the call was reported: it may have been an `out` */
-        else flow_expr(f, s, arg);
+        if (e->func && e->func->args[i]->mode == ARG_OUT)
+            flow_indices(f, s, arg);
+        else if (!e->func && place && e->kind == E_CALL)
+            flow_indices(f, s, arg); /* the call was reported: it may have been an `out` */
+        else
+            flow_expr(f, s, arg);
     }
     for (uint32_t i = 0; i < e->nargs; i++)
         if (e->func ? e->func->args[i]->mode != ARG_IN : e->kind == E_CALL) assign_place(f, s, e->args[i]);
@@ -196,7 +213,9 @@ static void flow_call(Flow *f, State *s, Expr *e) {
 static void flow_expr(Flow *f, State *s, Expr *e) {
     if (!e) return;
     switch (e->kind) {
-    case E_NAME: read_place(f, s, e); return;
+    case E_NAME:
+        read_place(f, s, e);
+        return;
     case E_INDEX:
     case E_FIELD:
     case E_SWIZZLE:
@@ -208,8 +227,10 @@ static void flow_expr(Flow *f, State *s, Expr *e) {
         }
         return;
     case E_ASSIGN:
-        if (e->op == OPR_NONE) flow_indices(f, s, e->a[0]);
-        else flow_expr(f, s, e->a[0]);
+        if (e->op == OPR_NONE)
+            flow_indices(f, s, e->a[0]);
+        else
+            flow_expr(f, s, e->a[0]);
         flow_expr(f, s, e->a[1]);
         assign_place(f, s, e->a[0]);
         return;
@@ -227,8 +248,11 @@ static void flow_expr(Flow *f, State *s, Expr *e) {
         join(f, s, &no);
         return;
     }
-    case E_CALL: flow_call(f, s, e); return;
-    case E_LEN: return; /* asks for the type only */
+    case E_CALL:
+        flow_call(f, s, e);
+        return;
+    case E_LEN:
+        return; /* asks for the type only */
     case E_ERROR:
     case E_LITERAL:
     case E_UNARY:
@@ -250,7 +274,9 @@ static void flow_expr(Flow *f, State *s, Expr *e) {
 
 static void flow_stmt(Flow *f, State *s, Stmt *st);
 
-static void kill_state(State *s) { s->dead = true; }
+static void kill_state(State *s) {
+    s->dead = true;
+}
 
 static void check_outs(Flow *f, const State *s, Span at) {
     if (s->dead) return;
@@ -314,7 +340,9 @@ static void flow_stmt(Flow *f, State *s, Stmt *st) {
     if (!st) return;
     switch (st->kind) {
     case S_EXPR:
-    case S_ASSERT: flow_expr(f, s, st->expr); break;
+    case S_ASSERT:
+        flow_expr(f, s, st->expr);
+        break;
     case S_PRINT:
         for (uint32_t i = 0; i < st->nargs; i++) flow_expr(f, s, st->args[i]);
         break;
@@ -337,8 +365,12 @@ static void flow_stmt(Flow *f, State *s, Stmt *st) {
     }
     case S_FOR:
     case S_WHILE:
-    case S_DO: flow_loop(f, s, st); break;
-    case S_SWITCH: flow_switch(f, s, st); break;
+    case S_DO:
+        flow_loop(f, s, st);
+        break;
+    case S_SWITCH:
+        flow_switch(f, s, st);
+        break;
     case S_BREAK:
         if (f->jumps) join(f, &f->jumps->brk, s);
         kill_state(s);
@@ -359,7 +391,8 @@ static void flow_stmt(Flow *f, State *s, Stmt *st) {
     case S_BLOCK:
         for (uint32_t i = 0; i < st->nstmts; i++) flow_stmt(f, s, st->stmts[i]);
         break;
-    case S_EMPTY: break;
+    case S_EMPTY:
+        break;
     }
 }
 
@@ -395,8 +428,10 @@ void check_flow(Checker *c, Func *func) {
         if (func->args[i]->mode != ARG_OUT) set_bits(&s, f.at[func->args[i]->id], f.count[func->args[i]->id], true);
     flow_stmt(&f, &s, func->body);
     if (!s.dead) {
-        if (func->ret->kind != T_VOID && func->ret->kind != T_ERROR) diag_emit(c->s, DIAG_missing_return, func->name_span, func->name);
-        else check_outs(&f, &s, func->end_span.len ? func->end_span : func->name_span);
+        if (func->ret->kind != T_VOID && func->ret->kind != T_ERROR)
+            diag_emit(c->s, DIAG_missing_return, func->name_span, func->name);
+        else
+            check_outs(&f, &s, func->end_span.len ? func->end_span : func->name_span);
     }
     arena_reset(scratch, mark);
 }

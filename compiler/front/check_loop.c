@@ -1,8 +1,9 @@
 /* Trip counts.
  *
- * A loop is bounded if some counter of it moves by a constant towards a bound, and start, step and bound are known as intervals from constants, len() and
- * the counters of the loops around. Where an interval hangs on an argument of the function (or on a local that is assigned more than once) the answer comes only after
- * inlining: such a loop is left with trip_bound 0, and lowering decides and reports. Everything else needs [MaxIters]. */
+ * A loop is bounded if some counter of it moves by a constant towards a bound, and start, step and bound are known as
+ * intervals from constants, len() and the counters of the loops around. Where an interval hangs on an argument of the
+ * function (or on a local that is assigned more than once) the answer comes only after inlining: such a loop is left
+ * with trip_bound 0, and lowering decides and reports. Everything else needs [MaxIters]. */
 #include "compiler/front/check_internal.h"
 
 #include <math.h>
@@ -16,19 +17,25 @@ typedef struct Range {
 typedef struct Loops {
     Checker *c;
     Func *func;
-    Range *range;     /* by Symbol.id */
+    Range *range; /* by Symbol.id */
     bool *known;
-    uint32_t *writes; /* assignments beyond the initialiser */
-    Symbol **first;   /* declarations, for the initial value of a counter that the loop does not initialise */
+    uint32_t *writes;  /* assignments beyond the initialiser */
+    Symbol **first;    /* declarations, for the initial value of a counter that the loop does not initialise */
     Symbol *unbounded; /* the last name that was found to have no bound, for the message */
 } Loops;
 
 static Range full(TypeKind k, bool defer) {
-    return k == T_UINT ? (Range){0, UINT32_MAX, defer} : k == T_BOOL ? (Range){0, 1, defer} : (Range){INT32_MIN, INT32_MAX, defer};
+    return k == T_UINT   ? (Range){0, UINT32_MAX, defer}
+           : k == T_BOOL ? (Range){0, 1, defer}
+                         : (Range){INT32_MIN, INT32_MAX, defer};
 }
 
-static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
-static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
+static int64_t least(int64_t a, int64_t b) {
+    return a < b ? a : b;
+}
+static int64_t most(int64_t a, int64_t b) {
+    return a > b ? a : b;
+}
 
 /* Interval arithmetic; what may wrap is the whole type. */
 static Range fit(TypeKind k, int64_t lo, int64_t hi, bool defer) {
@@ -41,8 +48,10 @@ static Range eval(Loops *l, const Expr *e);
 static Range eval_binary(Operator op, TypeKind k, Range a, Range b) {
     bool d = a.defer || b.defer;
     switch (op) {
-    case OPR_ADD: return fit(k, a.lo + b.lo, a.hi + b.hi, d);
-    case OPR_SUB: return fit(k, a.lo - b.hi, a.hi - b.lo, d);
+    case OPR_ADD:
+        return fit(k, a.lo + b.lo, a.hi + b.hi, d);
+    case OPR_SUB:
+        return fit(k, a.lo - b.hi, a.hi - b.lo, d);
     case OPR_MUL: {
         int64_t p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
         return fit(k, least(least(p, q), least(r, s)), most(most(p, q), most(r, s)), d);
@@ -64,7 +73,8 @@ static Range eval_binary(Operator op, TypeKind k, Range a, Range b) {
     case OPR_SHL:
         if (b.lo != b.hi || a.lo < 0) return full(k, d);
         return fit(k, a.lo << (b.lo & 31), a.hi << (b.lo & 31), d);
-    default: return full(k, d);
+    default:
+        return full(k, d);
     }
 }
 
@@ -84,7 +94,8 @@ static Range eval(Loops *l, const Expr *e) {
     if (e->is_const && is_scalar(e->type) && k != T_FLOAT) return (Range){e->cval.v[0].i, e->cval.v[0].i, false};
     if (!is_scalar(e->type)) return full(T_INT, false);
     switch (e->kind) {
-    case E_NAME: return eval_name(l, e, k);
+    case E_NAME:
+        return eval_name(l, e, k);
     case E_BINARY: {
         if (width_of(e->a[0]->type) != 1 || scalar_kind(e->a[0]->type) != k) return full(k, false);
         Range a = eval(l, e->a[0]), b = eval(l, e->a[1]);
@@ -106,7 +117,9 @@ static Range eval(Loops *l, const Expr *e) {
         return fit(k, a.lo, a.hi, a.defer);
     }
     case E_BUILTIN: {
-        if ((e->builtin != B_min && e->builtin != B_max && e->builtin != B_clamp && e->builtin != B_abs) || k == T_FLOAT) return full(k, false);
+        if ((e->builtin != B_min && e->builtin != B_max && e->builtin != B_clamp && e->builtin != B_abs) ||
+            k == T_FLOAT)
+            return full(k, false);
         Range a = eval(l, e->args[0]), b = e->nargs > 1 ? eval(l, e->args[1]) : a;
         if (e->builtin == B_min) return (Range){least(a.lo, b.lo), least(a.hi, b.hi), a.defer || b.defer};
         if (e->builtin == B_abs) return a.lo >= 0 ? a : fit(k, 0, most(-a.lo, a.hi), a.defer);
@@ -115,17 +128,21 @@ static Range eval(Loops *l, const Expr *e) {
         Range x = eval(l, e->args[2]);
         return (Range){least(r.lo, x.lo), least(r.hi, x.hi), r.defer || x.defer};
     }
-    case E_CALL: return full(k, true); /* after inlining its value may be a constant */
-    case E_ASSIGN: return eval(l, e->a[1]);
+    case E_CALL:
+        return full(k, true); /* after inlining its value may be a constant */
+    case E_ASSIGN:
+        return eval(l, e->a[1]);
     case E_INDEX:
     case E_FIELD:
     case E_SWIZZLE: {
         Symbol *root = place_root((Expr *)e);
         l->unbounded = root;
-        bool size = !root && e->a[0]->kind == E_METHOD && e->a[0]->method == M_SIZE; /* known where the resource is, after inlining */
+        bool size = !root && e->a[0]->kind == E_METHOD &&
+                    e->a[0]->method == M_SIZE; /* known where the resource is, after inlining */
         return full(k, size || (root && (root->kind == SYM_LOCAL || root->kind == SYM_ARG)));
     }
-    default: return full(k, false);
+    default:
+        return full(k, false);
     }
 }
 
@@ -153,7 +170,8 @@ static void count_sym(Expr *e, void *user) {
     WriteCount *w = user;
     if ((e->kind == E_ASSIGN || e->kind == E_INCDEC) && place_root(e->a[0]) == w->sym) w->n++;
     if (e->kind == E_CALL && e->func)
-        for (uint32_t i = 0; i < e->nargs; i++) w->n += e->func->args[i]->mode != ARG_IN && place_root(e->args[i]) == w->sym;
+        for (uint32_t i = 0; i < e->nargs; i++)
+            w->n += e->func->args[i]->mode != ARG_IN && place_root(e->args[i]) == w->sym;
 }
 static uint32_t writes_in_expr(Expr *e, const Symbol *sym) {
     WriteCount w = {sym, 0};
@@ -172,14 +190,14 @@ typedef enum StepKind { STEP_NONE, STEP_ADD, STEP_MUL, STEP_DIV } StepKind;
 
 typedef struct Form {
     Symbol *counter;
-    Operator op;     /* counter op bound */
+    Operator op; /* counter op bound */
     const Expr *bound;
     StepKind step;
-    Range by;        /* ADD: signed; MUL, DIV: the factor */
-    double fby;      /* float counters */
+    Range by;   /* ADD: signed; MUL, DIV: the factor */
+    double fby; /* float counters */
     const Expr *start;
     bool conjunction; /* other conditions may end it earlier: a bound, not a count */
-    const char *why; /* it is none */
+    const char *why;  /* it is none */
 } Form;
 
 static const Expr *strip(const Expr *e) {
@@ -208,9 +226,12 @@ static bool step_of(Loops *l, const Expr *e, Form *f) {
     if (op == OPR_NONE) { /* i = i + c */
         if (v->kind != E_BINARY) return false;
         op = v->op;
-        if (v->a[0]->kind == E_NAME && v->a[0]->sym == sym) v = v->a[1];
-        else if ((op == OPR_ADD || op == OPR_MUL) && v->a[1]->kind == E_NAME && v->a[1]->sym == sym) v = v->a[0];
-        else return false;
+        if (v->a[0]->kind == E_NAME && v->a[0]->sym == sym)
+            v = v->a[1];
+        else if ((op == OPR_ADD || op == OPR_MUL) && v->a[1]->kind == E_NAME && v->a[1]->sym == sym)
+            v = v->a[0];
+        else
+            return false;
     }
     if (writes_in_expr((Expr *)v, sym)) return false;
     if (flt) {
@@ -221,20 +242,27 @@ static bool step_of(Loops *l, const Expr *e, Form *f) {
     }
     f->by = eval(l, v);
     switch (op) {
-    case OPR_ADD: f->step = STEP_ADD; break;
+    case OPR_ADD:
+        f->step = STEP_ADD;
+        break;
     case OPR_SUB:
         f->step = STEP_ADD;
         f->by = (Range){-f->by.hi, -f->by.lo, f->by.defer};
         break;
-    case OPR_MUL: f->step = STEP_MUL; break;
-    case OPR_DIV: f->step = STEP_DIV; break;
+    case OPR_MUL:
+        f->step = STEP_MUL;
+        break;
+    case OPR_DIV:
+        f->step = STEP_DIV;
+        break;
     case OPR_SHL:
     case OPR_SHR:
         f->step = op == OPR_SHL ? STEP_MUL : STEP_DIV;
         if (f->by.lo < 1 || f->by.hi > 30) return false;
         f->by = (Range){(int64_t)1 << f->by.lo, (int64_t)1 << f->by.hi, f->by.defer};
         break;
-    default: return false;
+    default:
+        return false;
     }
     return true;
 }
@@ -250,7 +278,8 @@ static bool has_continue(const Stmt *st) {
     return false;
 }
 
-/* Of `while` and `for (;;)` bodies: the one statement of the body that steps the counter and runs in every iteration. */
+/* Of `while` and `for (;;)` bodies: the one statement of the body that steps the counter and runs in every iteration.
+ */
 static const Expr *step_in_body(const Stmt *body, const Symbol *sym) {
     if (body->kind == S_EXPR) return body->expr;
     if (body->kind != S_BLOCK) return NULL;
@@ -270,20 +299,28 @@ static const Expr *start_in(const Stmt *init, const Symbol *sym) {
     if (init->kind == S_EXPR)
         for (const Expr *e = init->expr; e; e = e->kind == E_COMMA ? e->a[0] : NULL) {
             const Expr *last = e->kind == E_COMMA ? e->a[1] : e;
-            if (last->kind == E_ASSIGN && last->op == OPR_NONE && last->a[0]->kind == E_NAME && last->a[0]->sym == sym) return last->a[1];
+            if (last->kind == E_ASSIGN && last->op == OPR_NONE && last->a[0]->kind == E_NAME && last->a[0]->sym == sym)
+                return last->a[1];
         }
     return NULL;
 }
 
 /* Tries the comparison `e` as the one that bounds the loop. */
 static bool try_form(Loops *l, Stmt *st, Expr *e, bool flip, Form *f) {
-    static const Operator mirror[] = {[OPR_LT] = OPR_GT, [OPR_LE] = OPR_GE, [OPR_GT] = OPR_LT, [OPR_GE] = OPR_LE, [OPR_NE] = OPR_NE};
+    static const Operator mirror[] = {
+        [OPR_LT] = OPR_GT, [OPR_LE] = OPR_GE, [OPR_GT] = OPR_LT, [OPR_GE] = OPR_LE, [OPR_NE] = OPR_NE};
     const Expr *i = strip(e->a[flip]);
-    if (i->kind != E_NAME || !i->sym || (i->sym->kind != SYM_LOCAL && i->sym->kind != SYM_ARG) || !is_scalar(i->type)) return false;
+    if (i->kind != E_NAME || !i->sym || (i->sym->kind != SYM_LOCAL && i->sym->kind != SYM_ARG) || !is_scalar(i->type))
+        return false;
     if (e->a[flip]->type->kind == T_UINT && i->type->kind == T_INT) f->why = "it compares an int counter as a uint";
     Symbol *sym = i->sym;
-    Form g = {.counter = sym, .op = flip ? mirror[e->op] : e->op, .bound = e->a[!flip], .why = f->why, .conjunction = f->conjunction};
-    uint32_t in_body = writes_in_stmt(st->body, sym), in_cond = writes_in_expr(st->expr, sym), in_step = st->step ? writes_in_expr(st->step, sym) : 0;
+    Form g = {.counter = sym,
+              .op = flip ? mirror[e->op] : e->op,
+              .bound = e->a[!flip],
+              .why = f->why,
+              .conjunction = f->conjunction};
+    uint32_t in_body = writes_in_stmt(st->body, sym), in_cond = writes_in_expr(st->expr, sym),
+             in_step = st->step ? writes_in_expr(st->step, sym) : 0;
     const char *name = sym->name;
     Session *s = l->c->s;
     if (!in_body && !in_cond && !in_step) return false; /* the other side may be the counter */
@@ -297,7 +334,8 @@ static bool try_form(Loops *l, Stmt *st, Expr *e, bool flip, Form *f) {
         return false;
     }
     g.start = start_in(st->init, sym);
-    if (!g.start && sym->kind == SYM_LOCAL && l->writes[sym->id] == 1 && l->first[sym->id]) g.start = l->first[sym->id]->init; /* only this loop moves it */
+    if (!g.start && sym->kind == SYM_LOCAL && l->writes[sym->id] == 1 && l->first[sym->id])
+        g.start = l->first[sym->id]->init; /* only this loop moves it */
     *f = g;
     return true;
 }
@@ -331,7 +369,8 @@ static int64_t int_trips(const Form *f, Range a, Range b, Range type) {
         }
         if (f->step != STEP_ADD || f->by.lo != f->by.hi || !f->by.lo) return UNKNOWN;
         int64_t c = f->by.lo;
-        if (a.lo == a.hi && b.lo == b.hi) return (b.lo - a.lo) % c == 0 && (b.lo - a.lo) / c >= 0 ? (b.lo - a.lo) / c : ENDLESS;
+        if (a.lo == a.hi && b.lo == b.hi)
+            return (b.lo - a.lo) % c == 0 && (b.lo - a.lo) / c >= 0 ? (b.lo - a.lo) / c : ENDLESS;
         if (c == 1 && a.hi <= b.lo) return b.hi - a.lo;
         if (c == -1 && b.hi <= a.lo) return a.hi - b.lo;
         return UNKNOWN;
@@ -341,7 +380,8 @@ static int64_t int_trips(const Form *f, Range a, Range b, Range type) {
     if (up ? a.lo >= limit : a.hi <= limit) return 0;
     if (f->step == STEP_ADD) {
         if (up ? f->by.lo < 1 : f->by.hi > -1) return f->by.defer ? UNKNOWN : ENDLESS;
-        if (up ? limit - 1 + f->by.hi > type.hi : limit + 1 + f->by.lo < type.lo) return b.lo == b.hi ? ENDLESS : UNKNOWN; /* wraps around before it ends */
+        if (up ? limit - 1 + f->by.hi > type.hi : limit + 1 + f->by.lo < type.lo)
+            return b.lo == b.hi ? ENDLESS : UNKNOWN; /* wraps around before it ends */
         return up ? (limit - a.lo + f->by.lo - 1) / f->by.lo : (a.hi - limit - f->by.hi - 1) / -f->by.hi;
     }
     if (f->by.lo < 2) return UNKNOWN;
@@ -357,8 +397,9 @@ static int64_t int_trips(const Form *f, Range a, Range b, Range type) {
     return n;
 }
 
-/* Trips of a float counter with constant start, bound and step. Each sum is rounded, so the bound allows steps to be 1/16 shorter, which holds while the
- * step is above 2^-20 of the largest value (in binary32; binary64 is far inside). */
+/* Trips of a float counter with constant start, bound and step. Each sum is rounded, so the bound allows steps to be
+ * 1/16 shorter, which holds while the step is above 2^-20 of the largest value (in binary32; binary64 is far inside).
+ */
 static int64_t float_trips(const Form *f, double a, double b) {
     double c = f->fby;
     bool up = f->op == OPR_LT || f->op == OPR_LE;
@@ -372,8 +413,8 @@ static int64_t float_trips(const Form *f, double a, double b) {
 }
 
 typedef struct Trips {
-    int64_t most;  /* or ENDLESS, UNKNOWN */
-    bool exact;    /* always exactly `most`, unless it breaks */
+    int64_t most; /* or ENDLESS, UNKNOWN */
+    bool exact;   /* always exactly `most`, unless it breaks */
     bool defer;
     Range counter; /* values inside the body */
     Symbol *sym;
@@ -383,7 +424,8 @@ typedef struct Trips {
 static const char *unbounded_text(Loops *l) {
     const Symbol *sym = l->unbounded;
     Session *s = l->c->s;
-    if (sym && sym->kind == SYM_PARAM) return arena_printf(&s->session, "`%s` is a parameter, which has no bound", sym->name);
+    if (sym && sym->kind == SYM_PARAM)
+        return arena_printf(&s->session, "`%s` is a parameter, which has no bound", sym->name);
     if (sym) return arena_printf(&s->session, "`%s` has no constant bound", sym->name);
     return "its trip count is not bounded by constants";
 }
@@ -421,14 +463,17 @@ static Trips count_trips(Loops *l, Stmt *st) {
             return t;
         }
         t.most = float_trips(&f, f.start->cval.v[0].f, f.bound->cval.v[0].f);
-        t.why = t.most == ENDLESS ? "its counter moves away from the bound" : "its trip count is not bounded by constants";
+        t.why =
+            t.most == ENDLESS ? "its counter moves away from the bound" : "its trip count is not bounded by constants";
         return t;
     }
     Range type = full(k, false), a = f.start ? eval(l, f.start) : full(k, true), b;
     if (f.bound->type->kind == T_FLOAT) { /* an int counter against a float: only a constant helps */
         if (!f.bound->is_const) {
             const Expr *bound = strip(f.bound);
-            b = bound->type->kind == T_FLOAT ? full(T_INT, bound->kind == E_NAME && bound->sym && bound->sym->kind == SYM_ARG) : eval(l, bound);
+            b = bound->type->kind == T_FLOAT
+                    ? full(T_INT, bound->kind == E_NAME && bound->sym && bound->sym->kind == SYM_ARG)
+                    : eval(l, bound);
             if (bound->kind == E_NAME) l->unbounded = bound->sym;
         } else {
             double v = f.bound->cval.v[0].f;
@@ -441,28 +486,36 @@ static Trips count_trips(Loops *l, Stmt *st) {
         b = eval(l, strip(f.bound));
     }
     t.most = f.why ? UNKNOWN : int_trips(&f, a, b, type);
-    if (f.why && a.lo >= 0 && f.step == STEP_ADD && f.by.lo > 0) t.most = int_trips(&f, a, b, type); /* never negative: the comparison is the same */
+    if (f.why && a.lo >= 0 && f.step == STEP_ADD && f.by.lo > 0)
+        t.most = int_trips(&f, a, b, type); /* never negative: the comparison is the same */
     t.exact = !f.conjunction && a.lo == a.hi && b.lo == b.hi && f.by.lo == f.by.hi && t.most < UNKNOWN;
     t.defer = a.defer || b.defer || f.by.defer;
     t.sym = sym;
     /* Inside the body the condition held when the iteration began (conjunctions too). */
     bool up = f.op == OPR_LT || f.op == OPR_LE;
-    if (f.op == OPR_NE || f.step == STEP_NONE) t.counter = (Range){least(a.lo, b.lo), most(a.hi, b.hi), t.defer};
-    else if (up) t.counter = (Range){a.lo, most(a.lo, b.hi - (f.op == OPR_LT)), t.defer};
-    else t.counter = (Range){least(a.hi, b.lo + (f.op == OPR_GT)), a.hi, t.defer};
+    if (f.op == OPR_NE || f.step == STEP_NONE)
+        t.counter = (Range){least(a.lo, b.lo), most(a.hi, b.hi), t.defer};
+    else if (up)
+        t.counter = (Range){a.lo, most(a.lo, b.hi - (f.op == OPR_LT)), t.defer};
+    else
+        t.counter = (Range){least(a.hi, b.lo + (f.op == OPR_GT)), a.hi, t.defer};
     /* [MaxIters] bounds the counter too */
     int64_t n = st->attrs.max_iters && st->attrs.max_iters->is_const ? st->attrs.max_iters->cval.v[0].i : 0;
     if (n > 0 && n <= CHECK_MAX_TRIPS && f.step == STEP_ADD && llabs(f.by.lo) < 1 << 24 && llabs(f.by.hi) < 1 << 24) {
-        if (up) t.counter.hi = least(t.counter.hi, a.hi + f.by.hi * (n - 1));
-        else if (f.op != OPR_NE) t.counter.lo = most(t.counter.lo, a.lo + f.by.lo * (n - 1));
+        if (up)
+            t.counter.hi = least(t.counter.hi, a.hi + f.by.hi * (n - 1));
+        else if (f.op != OPR_NE)
+            t.counter.lo = most(t.counter.lo, a.lo + f.by.lo * (n - 1));
     }
     if (st->kind == S_DO) {
         t.most = t.most < 1 ? 1 : t.most;
         t.sym = NULL; /* its body may run once although the condition never holds */
     }
     if (!st->step) t.sym = NULL; /* stepped in the body: its range there is one step wider */
-    if (t.most == ENDLESS) t.why = arena_printf(&l->c->s->session, "`%s` never reaches the bound", sym->name);
-    else if (t.most > CHECK_MAX_TRIPS) t.why = unbounded_text(l);
+    if (t.most == ENDLESS)
+        t.why = arena_printf(&l->c->s->session, "`%s` never reaches the bound", sym->name);
+    else if (t.most > CHECK_MAX_TRIPS)
+        t.why = unbounded_text(l);
     return t;
 }
 
@@ -480,7 +533,9 @@ static void walk_loop(Loops *l, Stmt *st) {
     Trips t = count_trips(l, st);
     const Expr *mi = st->attrs.max_iters;
     int64_t n = 0;
-    if (mi) n = mi->is_const && (mi->type->kind == T_INT || mi->type->kind == T_UINT) ? mi->cval.v[0].i : 1; /* a bad n was reported */
+    if (mi)
+        n = mi->is_const && (mi->type->kind == T_INT || mi->type->kind == T_UINT) ? mi->cval.v[0].i
+                                                                                  : 1; /* a bad n was reported */
     if (mi && (n < 1 || n > CHECK_MAX_TRIPS)) n = 1;
     bool proven = t.most <= CHECK_MAX_TRIPS;
     if (proven) {
@@ -531,12 +586,16 @@ static void walk(Loops *l, Stmt *st) {
         break;
     case S_FOR:
     case S_WHILE:
-    case S_DO: walk_loop(l, st); break;
+    case S_DO:
+        walk_loop(l, st);
+        break;
     case S_IF:
         walk(l, st->body);
         walk(l, st->orelse);
         break;
-    case S_BLOCK: walk_list(l, st->stmts, st->nstmts); break;
+    case S_BLOCK:
+        walk_list(l, st->stmts, st->nstmts);
+        break;
     case S_SWITCH:
         for (uint32_t i = 0; i < st->ncases; i++) walk_list(l, st->cases[i].body, st->cases[i].nbody);
         break;
@@ -546,7 +605,8 @@ static void walk(Loops *l, Stmt *st) {
     case S_RETURN:
     case S_EMPTY:
     case S_PRINT:
-    case S_ASSERT: break;
+    case S_ASSERT:
+        break;
     }
 }
 

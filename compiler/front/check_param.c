@@ -9,7 +9,9 @@
 /* Symbol.id of file-scope symbols is the state of their check. */
 enum { FRESH, BUSY, DONE };
 
-bool same_text(const char *a, const char *b) { return a == b || (a && b && !strcmp(a, b)); }
+bool same_text(const char *a, const char *b) {
+    return a == b || (a && b && !strcmp(a, b));
+}
 
 static const char *qualified(Checker *c, const Symbol *sym, const Module *m) {
     return m->is_main ? sym->name : arena_printf(&c->s->session, "%s.%s", m->name, sym->name);
@@ -43,7 +45,8 @@ static const char *parse_override(const char *text, TypeKind k, ConstVal *out) {
     if (k == T_UINT && (*end == 'u' || *end == 'U') && !end[1]) end++;
     if (*end || errno) return k == T_INT ? "this is no int" : "this is no uint";
     if (k == T_UINT && (negative || v > UINT32_MAX)) return "this is outside of uint";
-    if (k == T_INT && v > (negative ? 2147483648ull : hex ? UINT32_MAX : 2147483647ull)) return "this is outside of int";
+    if (k == T_INT && v > (negative ? 2147483648ull : hex ? UINT32_MAX : 2147483647ull))
+        return "this is outside of int";
     out->v[0].i = const_wrap(k, negative ? -(int64_t)v : (int64_t)v);
     return NULL;
 }
@@ -78,7 +81,8 @@ typedef struct Culprit {
 static void find_culprit(Expr *e, void *user) {
     Culprit *found = user;
     if (!found->e && !e->is_const &&
-        ((e->kind == E_NAME && e->sym) || e->kind == E_CALL || e->kind == E_METHOD || (e->kind == E_BUILTIN && !e->nargs)))
+        ((e->kind == E_NAME && e->sym) || e->kind == E_CALL || e->kind == E_METHOD ||
+         (e->kind == E_BUILTIN && !e->nargs)))
         found->e = e;
 }
 
@@ -88,7 +92,8 @@ static void report_not_constant(Checker *c, Expr *e, const char *what) {
     Span at = found.e ? found.e->span : e->span;
     Diag *d = diag_emit(c->s, DIAG_not_constant, at, what);
     if (found.e && found.e->kind == E_NAME)
-        diag_note(c->s, d, found.e->sym->span, "`%s` is a %s", found.e->sym->name, found.e->sym->kind == SYM_PARAM ? "param" : "variable");
+        diag_note(c->s, d, found.e->sym->span, "`%s` is a %s", found.e->sym->name,
+                  found.e->sym->kind == SYM_PARAM ? "param" : "variable");
     else if (found.e && found.e->kind == E_CALL && found.e->func)
         diag_note(c->s, d, found.e->func->name_span, "functions are not evaluated at compile time");
 }
@@ -112,7 +117,8 @@ static bool constant_value(Checker *c, Symbol *sym, Type *t, const char *what) {
 }
 
 void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
-    if (sym->id != FRESH) return; /* BUSY: the symbol has no type yet, so the name that led here is reported as a cycle */
+    if (sym->id != FRESH)
+        return; /* BUSY: the symbol has no type yet, so the name that led here is reported as a cycle */
     sym->id = BUSY;
     enter_depth(c);
     Context old = context_enter(c, scope, NULL);
@@ -121,7 +127,8 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
     Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_ARRAY);
     if (open && t->kind == T_ARRAY) t = type_array(c->s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
     if (is_resource(t)) {
-        diag_emit(c->s, DIAG_bad_resource, sym->span, arena_printf(&c->s->session, "a %s is declared with `param`", t->name));
+        diag_emit(c->s, DIAG_bad_resource, sym->span,
+                  arena_printf(&c->s->session, "a %s is declared with `param`", t->name));
         t = c->t_error;
     } else if (t->kind == T_VOID) {
         diag_emit(c->s, DIAG_void_value, sym->span, "constant");
@@ -149,10 +156,13 @@ static bool probe_asset(Checker *c, Symbol *sym, char kind, uint32_t dims[4], ui
     const char *why = NULL;
     bool ok = false;
     *ndims = 0;
-    if (!c->opt || !c->opt->probe) why = "files cannot be read here";
-    else ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
+    if (!c->opt || !c->opt->probe)
+        why = "files cannot be read here";
+    else
+        ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
     if (ok) return true;
-    diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset, why ? why : "unknown reason");
+    diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
+              why ? why : "unknown reason");
     c->s->bad_input = true;
     return false;
 }
@@ -163,7 +173,8 @@ static Type *shape_error(Checker *c, const Symbol *sym, const char *text) {
     return c->t_error;
 }
 
-/* The sizes of the file against those of the array: elements along the first, the numbers of one element along the rest. */
+/* The sizes of the file against those of the array: elements along the first, the numbers of one element along the
+ * rest. */
 static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
     Session *s = c->s;
     uint32_t dims[4] = {0}, nd = 0;
@@ -177,12 +188,17 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
     uint64_t per = type_components(t->elem), first = nd ? dims[0] : 0;
     if (nd == 2 && per == 1 && dims[0] == 1) first = dims[1]; /* one line of numbers */
     if (!first || total != first * per)
-        return shape_error(c, sym, arena_printf(&s->session, "`%s` has %s numbers, `%s` has %llu in an element of type %s", sym->asset, nd ? shape : "no",
-                                                sym->name, (unsigned long long)per, t->elem->name));
+        return shape_error(c, sym,
+                           arena_printf(&s->session, "`%s` has %s numbers, `%s` has %llu in an element of type %s",
+                                        sym->asset, nd ? shape : "no", sym->name, (unsigned long long)per,
+                                        t->elem->name));
     if (t->n && first != t->n)
-        return shape_error(c, sym, arena_printf(&s->session, "`%s` has %llu rows, `%s` has %u elements", sym->asset, (unsigned long long)first, sym->name, t->n));
+        return shape_error(c, sym,
+                           arena_printf(&s->session, "`%s` has %llu rows, `%s` has %u elements", sym->asset,
+                                        (unsigned long long)first, sym->name, t->n));
     if (total > CHECK_MAX_ARRAY) {
-        diag_emit(s, DIAG_array_limit, sym->span, arena_printf(&s->session, "%llu scalars", (unsigned long long)total), "4194304 (2^22)");
+        diag_emit(s, DIAG_array_limit, sym->span, arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
+                  "4194304 (2^22)");
         return c->t_error;
     }
     return t->n ? t : type_array(s, t->elem, (uint32_t)first);
@@ -197,8 +213,9 @@ static bool texture_from_asset(Checker *c, Symbol *sym, bool height) {
     uint32_t least = height ? 2 : 1;
     if (sym->tex_w < least || sym->tex_h < least || sym->tex_c < 1 || sym->tex_c > 4 ||
         (uint64_t)sym->tex_w * sym->tex_h * sym->tex_c > CHECK_MAX_TEXELS) {
-        shape_error(c, sym, arena_printf(&c->s->session, "`%s` is %u x %u with %u channels, which is no %s", sym->asset, sym->tex_w, sym->tex_h, sym->tex_c,
-                                         sym->type->name));
+        shape_error(c, sym,
+                    arena_printf(&c->s->session, "`%s` is %u x %u with %u channels, which is no %s", sym->asset,
+                                 sym->tex_w, sym->tex_h, sym->tex_c, sym->type->name));
         return false;
     }
     return true;
@@ -215,10 +232,14 @@ static bool texture_zeros(Checker *c, Symbol *sym, bool height) {
     Span at = sym->value_span.file >= 0 ? sym->value_span : sym->span;
     int64_t least = height ? 2 : 1;
     const char *why = NULL;
-    if (height && sym->nzeros_args == 3 && v[2] != 1) why = "a heightfield has one channel";
-    else if (v[2] < 1 || v[2] > 4) why = "a texture has 1 to 4 channels";
-    else if (v[0] < least || v[1] < least) why = height ? "a heightfield is at least 2 x 2" : "a texture is at least 1 x 1";
-    else if (v[0] > 1 << 24 || v[1] > 1 << 24 || (uint64_t)(v[0] * v[1]) * (uint64_t)v[2] > CHECK_MAX_TEXELS) why = "more than 2^28 numbers";
+    if (height && sym->nzeros_args == 3 && v[2] != 1)
+        why = "a heightfield has one channel";
+    else if (v[2] < 1 || v[2] > 4)
+        why = "a texture has 1 to 4 channels";
+    else if (v[0] < least || v[1] < least)
+        why = height ? "a heightfield is at least 2 x 2" : "a texture is at least 1 x 1";
+    else if (v[0] > 1 << 24 || v[1] > 1 << 24 || (uint64_t)(v[0] * v[1]) * (uint64_t)v[2] > CHECK_MAX_TEXELS)
+        why = "more than 2^28 numbers";
     if (why) {
         diag_emit(c->s, DIAG_bad_zeros, at, why);
         return false;
@@ -244,7 +265,9 @@ static bool check_init_func(Checker *c, Symbol *sym) {
     if (d && d->kind == DECL_ERROR) return false;
     if (!d || d->kind != DECL_FUNC) {
         diag_emit(s, DIAG_bad_init, at,
-                  arena_printf(&s->session, "`%s` is %s", sym->init_name, d ? "not a function" : arena_printf(&s->session, "unknown%s", suggest(c, sym->init_name, false))));
+                  arena_printf(&s->session, "`%s` is %s", sym->init_name,
+                               d ? "not a function"
+                                 : arena_printf(&s->session, "unknown%s", suggest(c, sym->init_name, false))));
         return false;
     }
     for (uint32_t i = 0; i < d->nfuncs; i++) {
@@ -255,7 +278,9 @@ static bool check_init_func(Checker *c, Symbol *sym) {
         for (uint32_t j = 0; fits && j < nd; j++) fits = f->args[j]->type == c->t_int && f->args[j]->mode == ARG_IN;
         if (!fits) continue;
         if (f->ret != elem) {
-            Diag *diag = diag_emit(s, DIAG_bad_init, at, arena_printf(&s->session, "`%s` returns %s, an element of `%s` is %s", f->name, f->ret->name, sym->name, elem->name));
+            Diag *diag = diag_emit(s, DIAG_bad_init, at,
+                                   arena_printf(&s->session, "`%s` returns %s, an element of `%s` is %s", f->name,
+                                                f->ret->name, sym->name, elem->name));
             diag_note(s, diag, f->name_span, "`%s` is declared here", func_text(c, f));
             return false;
         }
@@ -263,9 +288,13 @@ static bool check_init_func(Checker *c, Symbol *sym) {
         return true;
     }
     Diag *diag = diag_emit(s, DIAG_bad_init, at,
-                           arena_printf(&s->session, "`init` needs `%s %s(int%s)`: one int for each dimension", elem->name, sym->init_name,
-                                        nd == 1 ? "" : nd == 2 ? ", int" : ", int, ..."));
-    for (uint32_t i = 0; i < d->nfuncs && i < 8; i++) diag_note(s, diag, d->funcs[i]->name_span, "candidate: `%s`", func_text(c, d->funcs[i]));
+                           arena_printf(&s->session, "`init` needs `%s %s(int%s)`: one int for each dimension",
+                                        elem->name, sym->init_name,
+                                        nd == 1   ? ""
+                                        : nd == 2 ? ", int"
+                                                  : ", int, ..."));
+    for (uint32_t i = 0; i < d->nfuncs && i < 8; i++)
+        diag_note(s, diag, d->funcs[i]->name_span, "candidate: `%s`", func_text(c, d->funcs[i]));
     return false;
 }
 
@@ -276,7 +305,8 @@ static ParamFile *file_override(Checker *c, const char *name) {
 }
 
 static bool param_error(Checker *c, const Symbol *sym, const char *text) {
-    diag_emit(c->s, DIAG_param_value, sym->value_span.file >= 0 && sym->value_span.len ? sym->value_span : sym->span, text);
+    diag_emit(c->s, DIAG_param_value, sym->value_span.file >= 0 && sym->value_span.len ? sym->value_span : sym->span,
+              text);
     return false;
 }
 
@@ -296,11 +326,18 @@ static bool param_value(Checker *c, Symbol *sym) {
         bool height = t->kind == T_HEIGHTFIELD;
         if (sym->asset) return texture_from_asset(c, sym, height);
         if (sym->zeros) return texture_zeros(c, sym, height);
-        return param_error(c, sym, arena_printf(&s->session, "the value of a %s is a file (`\"a.exr\"`) or `zeros(w, h)`", t->name));
+        return param_error(
+            c, sym, arena_printf(&s->session, "the value of a %s is a file (`\"a.exr\"`) or `zeros(w, h)`", t->name));
     }
-    if (sym->zeros) return param_error(c, sym, arena_printf(&s->session, "`zeros` is a value of textures and heightfields, not of %s", t->name));
+    if (sym->zeros)
+        return param_error(
+            c, sym, arena_printf(&s->session, "`zeros` is a value of textures and heightfields, not of %s", t->name));
     if (sym->asset) {
-        if (t->kind != T_ARRAY) return param_error(c, sym, arena_printf(&s->session, "a file is a value of arrays, textures and heightfields, not of %s", t->name));
+        if (t->kind != T_ARRAY)
+            return param_error(c, sym,
+                               arena_printf(&s->session,
+                                            "a file is a value of arrays, textures and heightfields, not of %s",
+                                            t->name));
         sym->type = array_from_asset(c, sym, t);
         return sym->type->kind != T_ERROR;
     }
@@ -321,7 +358,8 @@ static bool param_value(Checker *c, Symbol *sym) {
             sym->init = check_value(c, sym->init);
             Type *ti = sym->init->type;
             if (ti->kind == T_ERROR) return false;
-            if (ti->kind != T_ARRAY || ti->elem != t->elem) return param_error(c, sym, "an open size comes from a list or a file");
+            if (ti->kind != T_ARRAY || ti->elem != t->elem)
+                return param_error(c, sym, "an open size comes from a list or a file");
             sym->type = ti;
         }
     }
@@ -363,7 +401,8 @@ static bool attr_number(Checker *c, Expr **e, const char *what, double *out) {
 }
 
 static void misplaced(Checker *c, Span at, const Symbol *sym, const char *name, const Type *t) {
-    diag_emit(c->s, DIAG_attr_misplaced, at.file >= 0 ? at : sym->span, name, arena_printf(&c->s->session, "a parameter of type %s", t->name));
+    diag_emit(c->s, DIAG_attr_misplaced, at.file >= 0 ? at : sym->span, name,
+              arena_printf(&c->s->session, "a parameter of type %s", t->name));
 }
 
 static void param_attrs(Checker *c, Symbol *sym) {
@@ -374,26 +413,34 @@ static void param_attrs(Checker *c, Symbol *sym) {
     if (a->has_range) {
         bool ok = attr_number(c, &a->range_args[0], "an argument of [Range]", &a->lo);
         ok &= attr_number(c, &a->range_args[1], "an argument of [Range]", &a->hi);
-        if (!has_scalars(t, false)) misplaced(c, a->range_span, sym, "Range", t);
+        if (!has_scalars(t, false))
+            misplaced(c, a->range_span, sym, "Range", t);
         else if (ok && a->lo > a->hi)
-            diag_emit(c->s, DIAG_attr_args, a->range_span, arena_printf(&c->s->session, "[Range(lo, hi)] needs lo <= hi, these are %g and %g", a->lo, a->hi));
+            diag_emit(
+                c->s, DIAG_attr_args, a->range_span,
+                arena_printf(&c->s->session, "[Range(lo, hi)] needs lo <= hi, these are %g and %g", a->lo, a->hi));
     }
     if (a->has_extent) {
         bool ok = true;
         for (int i = 0; i < 4; i++) ok &= attr_number(c, &a->extent_args[i], "an argument of [Extent]", &a->extent[i]);
-        if (t->kind != T_HEIGHTFIELD) misplaced(c, a->extent_span, sym, "Extent", t);
-        else if (ok && !(a->extent[0] < a->extent[2] && a->extent[1] < a->extent[3] && isfinite(a->extent[0] - a->extent[2]) && isfinite(a->extent[1] - a->extent[3])))
-            diag_emit(c->s, DIAG_attr_args, a->extent_span, "[Extent(x0, y0, x1, y1)] needs x0 < x1 and y0 < y1, all finite");
+        if (t->kind != T_HEIGHTFIELD)
+            misplaced(c, a->extent_span, sym, "Extent", t);
+        else if (ok && !(a->extent[0] < a->extent[2] && a->extent[1] < a->extent[3] &&
+                         isfinite(a->extent[0] - a->extent[2]) && isfinite(a->extent[1] - a->extent[3])))
+            diag_emit(c->s, DIAG_attr_args, a->extent_span,
+                      "[Extent(x0, y0, x1, y1)] needs x0 < x1 and y0 < y1, all finite");
     }
     if (a->has_height) {
         bool ok = attr_number(c, &a->height_args[0], "an argument of [Height]", &a->height_scale);
         ok &= attr_number(c, &a->height_args[1], "an argument of [Height]", &a->height_offset);
-        if (t->kind != T_HEIGHTFIELD) misplaced(c, a->height_span, sym, "Height", t);
+        if (t->kind != T_HEIGHTFIELD)
+            misplaced(c, a->height_span, sym, "Height", t);
         else if (ok && (!isfinite(a->height_scale) || !isfinite(a->height_offset)))
             diag_emit(c->s, DIAG_attr_args, a->height_span, "[Height(scale, offset)] needs finite numbers");
     }
     if (a->log && !has_scalars(t, true)) misplaced(c, a->log_span, sym, "Log", t);
-    if (a->color && elem->kind != T_TEXTURE && !(elem->kind == T_VECTOR && elem->n >= 3 && scalar_kind(elem) == T_FLOAT))
+    if (a->color && elem->kind != T_TEXTURE &&
+        !(elem->kind == T_VECTOR && elem->n >= 3 && scalar_kind(elem) == T_FLOAT))
         misplaced(c, a->color_span, sym, "Color", t);
 }
 

@@ -28,7 +28,9 @@ void visit_stmt(Stmt *s, void (*f)(Expr *, void *), void *user) {
 
 /* ---- scopes */
 
-static void scope_open(Checker *c) { c->at.depth++; }
+static void scope_open(Checker *c) {
+    c->at.depth++;
+}
 
 static void scope_close(Checker *c) {
     while (c->at.stack && c->at.stack->depth == c->at.depth) {
@@ -57,7 +59,8 @@ static void declare_local(Checker *c, Func *f, Symbol *sym) {
     Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_LOCAL);
     if (open && t->kind == T_ARRAY) t = type_array(s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
     if (is_resource(t)) {
-        diag_emit(s, DIAG_bad_resource, sym->span, arena_printf(&s->session, "a %s cannot be a local variable", t->name));
+        diag_emit(s, DIAG_bad_resource, sym->span,
+                  arena_printf(&s->session, "a %s cannot be a local variable", t->name));
         t = c->t_error;
     } else if (t->kind == T_VOID) {
         diag_emit(s, DIAG_void_value, sym->span, "variable");
@@ -71,28 +74,44 @@ static void declare_local(Checker *c, Func *f, Symbol *sym) {
     /* a `const` is no constant in its own value: `cval` and `array_init` are still empty */
     sym->init = check_init(c, sym->init, t);
     if (!sym->is_const || sym->init->type->kind == T_ERROR || !sym->init->is_const) return;
-    if (is_aggregate(t)) sym->array_init = const_list(sym->init);
-    else sym->cval = sym->init->cval;
+    if (is_aggregate(t))
+        sym->array_init = const_list(sym->init);
+    else
+        sym->cval = sym->init->cval;
 }
 
 /* ---- attributes */
 
 static const char *stmt_what(const Stmt *st) {
     switch (st->kind) {
-    case S_EXPR: return "an expression";
-    case S_DECL: return "a declaration";
-    case S_IF: return "`if`";
-    case S_FOR: return "`for`";
-    case S_WHILE: return "`while`";
-    case S_DO: return "`do`";
-    case S_SWITCH: return "`switch`";
-    case S_BREAK: return "`break`";
-    case S_CONTINUE: return "`continue`";
-    case S_RETURN: return "`return`";
-    case S_BLOCK: return "a block";
-    case S_EMPTY: return "an empty statement";
-    case S_PRINT: return "`print`";
-    case S_ASSERT: return "`assert`";
+    case S_EXPR:
+        return "an expression";
+    case S_DECL:
+        return "a declaration";
+    case S_IF:
+        return "`if`";
+    case S_FOR:
+        return "`for`";
+    case S_WHILE:
+        return "`while`";
+    case S_DO:
+        return "`do`";
+    case S_SWITCH:
+        return "`switch`";
+    case S_BREAK:
+        return "`break`";
+    case S_CONTINUE:
+        return "`continue`";
+    case S_RETURN:
+        return "`return`";
+    case S_BLOCK:
+        return "a block";
+    case S_EMPTY:
+        return "an empty statement";
+    case S_PRINT:
+        return "`print`";
+    case S_ASSERT:
+        return "`assert`";
     }
     return "this statement";
 }
@@ -103,7 +122,8 @@ static bool counted_from_zero(const Stmt *st) {
     const Symbol *i = st->init->decls[0];
     if (!i->type || i->type->kind != T_INT || !i->init || !i->init->is_const || i->init->cval.v[0].i) return false;
     const Expr *cond = st->expr, *step = st->step;
-    if (!cond || cond->kind != E_BINARY || cond->op != OPR_LT || cond->a[0]->kind != E_NAME || cond->a[0]->sym != i) return false;
+    if (!cond || cond->kind != E_BINARY || cond->op != OPR_LT || cond->a[0]->kind != E_NAME || cond->a[0]->sym != i)
+        return false;
     if (!step || !step->a[0] || step->a[0]->kind != E_NAME || step->a[0]->sym != i) return false;
     if (step->kind == E_INCDEC) return step->op == OPR_INC;
     return step->kind == E_ASSIGN && step->op == OPR_ADD && step->a[1]->is_const && step->a[1]->cval.v[0].i == 1;
@@ -117,7 +137,8 @@ static void check_cull(Checker *c, Stmt *st) {
         return;
     }
     if (!counted_from_zero(st))
-        diag_emit(s, DIAG_bad_cull, a->cull_span, "[Cull] stands before a loop of the form `for (int i = 0; i < n; i++)`");
+        diag_emit(s, DIAG_bad_cull, a->cull_span,
+                  "[Cull] stands before a loop of the form `for (int i = 0; i < n; i++)`");
     if (c->at.func && c->at.func->cull_span.file < 0) c->at.func->cull_span = a->cull_span;
     vec_push(c->arena, &c->culls, ((CullLoop){st, c->at.func ? c->at.func->func : NULL}));
     Decl *d = scope_find(c, a->cull_name, a->cull_span);
@@ -126,12 +147,16 @@ static void check_cull(Checker *c, Stmt *st) {
         Func *f = d->funcs[i];
         func_signature(c, f);
         if (!func_info(c, f)->signature_ok) return;
-        if (f->is_shader || f->ret != type_vector(s, T_FLOAT, 4) || f->nargs != 1 || f->args[0]->type != c->t_int || f->args[0]->mode != ARG_IN) continue;
+        if (f->is_shader || f->ret != type_vector(s, T_FLOAT, 4) || f->nargs != 1 || f->args[0]->type != c->t_int ||
+            f->args[0]->mode != ARG_IN)
+            continue;
         a->cull = f;
         if (c->at.func) vec_push(c->arena, &c->at.func->calls, ((CallEdge){f, a->cull_span}));
         return;
     }
-    Diag *diag = diag_emit(s, DIAG_bad_cull, a->cull_span, arena_printf(&s->session, "[Cull(%s)] needs a function `float4 %s(int i)`", a->cull_name, a->cull_name));
+    Diag *diag = diag_emit(
+        s, DIAG_bad_cull, a->cull_span,
+        arena_printf(&s->session, "[Cull(%s)] needs a function `float4 %s(int i)`", a->cull_name, a->cull_name));
     if (d) diag_note(s, diag, d->span, "`%s` is declared here", d->name);
 }
 
@@ -148,8 +173,10 @@ static void check_attrs_before(Checker *c, Stmt *st) {
         } else if (n->type->kind != T_ERROR) {
             bool ok = (n->type->kind == T_INT || n->type->kind == T_UINT) && n->is_const;
             int64_t v = ok ? n->cval.v[0].i : 0;
-            if (ok && v > CHECK_MAX_TRIPS) diag_emit(s, DIAG_loop_too_long, n->span, arena_printf(&s->session, "%lld", (long long)v));
-            else if (!ok || v < 1) diag_emit(s, DIAG_max_iters_value, n->span);
+            if (ok && v > CHECK_MAX_TRIPS)
+                diag_emit(s, DIAG_loop_too_long, n->span, arena_printf(&s->session, "%lld", (long long)v));
+            else if (!ok || v < 1)
+                diag_emit(s, DIAG_max_iters_value, n->span);
         }
     }
     if (a->disc && a->nodisc) {
@@ -225,7 +252,8 @@ static void check_switch(Checker *c, Func *f, Stmt *st) {
             Label **slot = &labels[((uint64_t)k->label * 0x9E3779B97F4A7C15ull >> 32) & (cap - 1)];
             for (Label *l = ok ? *slot : NULL; l; l = l->next)
                 if (l->value == k->label) {
-                    Diag *d = diag_emit(s, DIAG_bad_case, k->label_expr->span, arena_printf(&s->session, "a second `case %lld`", (long long)k->label));
+                    Diag *d = diag_emit(s, DIAG_bad_case, k->label_expr->span,
+                                        arena_printf(&s->session, "a second `case %lld`", (long long)k->label));
                     diag_note(s, d, l->span, "the first is here");
                     ok = false;
                     break;
@@ -246,13 +274,15 @@ static void check_return(Checker *c, Func *f, Stmt *st) {
     Session *s = c->s;
     if (!st->expr) {
         if (f->ret->kind != T_VOID && f->ret->kind != T_ERROR)
-            diag_emit(s, DIAG_bad_return, st->span, arena_printf(&s->session, "`%s` returns a value of type %s", f->name, f->ret->name));
+            diag_emit(s, DIAG_bad_return, st->span,
+                      arena_printf(&s->session, "`%s` returns a value of type %s", f->name, f->ret->name));
         return;
     }
     if (f->ret->kind == T_VOID) {
         st->expr = check_expr(c, st->expr);
         if (st->expr->type->kind != T_ERROR)
-            diag_emit(s, DIAG_bad_return, st->expr->span, arena_printf(&s->session, "`%s` is void and returns no value", f->name));
+            diag_emit(s, DIAG_bad_return, st->expr->span,
+                      arena_printf(&s->session, "`%s` is void and returns no value", f->name));
         return;
     }
     st->expr = check_init(c, st->expr, f->ret);
@@ -288,32 +318,40 @@ static void check_stmt_kind(Checker *c, Func *f, Stmt *st) {
         check_loop_body(c, f, st->body);
         st->expr = check_condition(c, st->expr, "the condition of `do`");
         break;
-    case S_SWITCH: check_switch(c, f, st); break;
+    case S_SWITCH:
+        check_switch(c, f, st);
+        break;
     case S_BREAK:
         if (!c->at.loops && !c->at.switches) diag_emit(s, DIAG_bad_break, st->span, "break", "a loop or switch");
         break;
     case S_CONTINUE:
         if (!c->at.loops) diag_emit(s, DIAG_bad_break, st->span, "continue", "a loop");
         break;
-    case S_RETURN: check_return(c, f, st); break;
+    case S_RETURN:
+        check_return(c, f, st);
+        break;
     case S_BLOCK:
         scope_open(c);
         check_stmts(c, f, st->stmts, st->nstmts);
         scope_close(c);
         break;
-    case S_EMPTY: break;
+    case S_EMPTY:
+        break;
     case S_PRINT:
         for (uint32_t i = 0; i < st->nargs; i++) {
             if (st->args[i]->kind == E_LITERAL && !st->args[i]->type) continue;
             st->args[i] = check_value(c, st->args[i]);
             if (is_aggregate(st->args[i]->type)) {
                 diag_emit(s, DIAG_bad_argument, st->args[i]->span,
-                          arena_printf(&s->session, "`print` takes scalars, vectors, matrices and texts, not %s", st->args[i]->type->name));
+                          arena_printf(&s->session, "`print` takes scalars, vectors, matrices and texts, not %s",
+                                       st->args[i]->type->name));
                 fail(c, st->args[i]);
             }
         }
         break;
-    case S_ASSERT: st->expr = check_condition(c, st->expr, "the condition of `assert`"); break;
+    case S_ASSERT:
+        st->expr = check_condition(c, st->expr, "the condition of `assert`");
+        break;
     }
 }
 

@@ -8,11 +8,21 @@ TypeKind scalar_kind(const Type *t) {
     return t->kind == T_VECTOR || t->kind == T_MATRIX ? t->elem->kind : T_ERROR;
 }
 
-uint32_t width_of(const Type *t) { return is_scalar(t) ? 1 : t->kind == T_VECTOR ? t->n : 0; }
-bool is_scalar(const Type *t) { return t->kind >= T_BOOL && t->kind <= T_FLOAT; }
-bool is_numeric(const Type *t) { return width_of(t) && scalar_kind(t) != T_BOOL; }
-bool is_resource(const Type *t) { return t->kind == T_TEXTURE || t->kind == T_HEIGHTFIELD; }
-bool is_aggregate(const Type *t) { return t->kind == T_ARRAY || t->kind == T_STRUCT; }
+uint32_t width_of(const Type *t) {
+    return is_scalar(t) ? 1 : t->kind == T_VECTOR ? t->n : 0;
+}
+bool is_scalar(const Type *t) {
+    return t->kind >= T_BOOL && t->kind <= T_FLOAT;
+}
+bool is_numeric(const Type *t) {
+    return width_of(t) && scalar_kind(t) != T_BOOL;
+}
+bool is_resource(const Type *t) {
+    return t->kind == T_TEXTURE || t->kind == T_HEIGHTFIELD;
+}
+bool is_aggregate(const Type *t) {
+    return t->kind == T_ARRAY || t->kind == T_STRUCT;
+}
 
 Type *with_width(Checker *c, TypeKind kind, uint32_t width) {
     return width == 1 ? type_scalar(kind) : type_vector(c->s, kind, width);
@@ -38,7 +48,8 @@ Expr *fail(Checker *c, Expr *e) {
 static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
     if (d->check_state == 2) return d->type;
     if (d->check_state == 1) {
-        Diag *diag = diag_emit(c->s, DIAG_bad_struct, use, arena_printf(&c->s->session, "struct `%s` contains itself", d->name));
+        Diag *diag =
+            diag_emit(c->s, DIAG_bad_struct, use, arena_printf(&c->s->session, "struct `%s` contains itself", d->name));
         diag_note(c->s, diag, d->span, "`%s` is declared here", d->name);
         return c->t_error;
     }
@@ -60,7 +71,8 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
         FieldDecl *f = &d->fields[i];
         Type *ft = resolve_type(c, f->type_ref, false, CHECK_MAX_LOCAL);
         if (is_resource(ft)) {
-            diag_emit(c->s, DIAG_bad_resource, f->type_ref->span, arena_printf(&c->s->session, "a struct cannot hold a %s", ft->name));
+            diag_emit(c->s, DIAG_bad_resource, f->type_ref->span,
+                      arena_printf(&c->s->session, "a struct cannot hold a %s", ft->name));
             ft = c->t_error;
         } else if (ft->kind == T_VOID) {
             diag_emit(c->s, DIAG_void_value, f->type_ref->span, "field");
@@ -82,7 +94,8 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
     /* The bound also keeps type_components cheap: structs that double each other would take exponential time. */
     if (ok && total > CHECK_MAX_LOCAL) {
         diag_emit(c->s, DIAG_bad_struct, d->span,
-                  arena_printf(&c->s->session, "struct `%s` has %llu scalars, the limit is 65536", d->name, (unsigned long long)total));
+                  arena_printf(&c->s->session, "struct `%s` has %llu scalars, the limit is 65536", d->name,
+                               (unsigned long long)total));
         ok = false;
     }
     context_leave(c, old);
@@ -119,9 +132,12 @@ static Type *resolve_name(Checker *c, const char *name, Span span) {
         return c->t_error;
     }
     switch (d->kind) {
-    case DECL_ERROR: return c->t_error;
-    case DECL_STRUCT: return resolve_struct(c, d->structure, span);
-    case DECL_TYPEDEF: return resolve_typedef(c, d->type_def, span);
+    case DECL_ERROR:
+        return c->t_error;
+    case DECL_STRUCT:
+        return resolve_struct(c, d->structure, span);
+    case DECL_TYPEDEF:
+        return resolve_typedef(c, d->type_def, span);
     case DECL_CONST:
     case DECL_PARAM:
     case DECL_FUNC: {
@@ -150,8 +166,9 @@ Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit) {
         dims[i] = 0;
         if (!ref->dims[i]) {
             if (!(allow_open && i == 0)) {
-                diag_emit(s, DIAG_array_size, ref->span, i ? "only the first size of an array may be left open"
-                                                           : "only the first size of a `param` array may be left open; write the size");
+                diag_emit(s, DIAG_array_size, ref->span,
+                          i ? "only the first size of an array may be left open"
+                            : "only the first size of a `param` array may be left open; write the size");
                 ok = false;
             }
             continue;
@@ -176,7 +193,8 @@ Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit) {
         total *= dims[i] ? (uint64_t)dims[i] : 1;
         if (total > limit) {
             diag_emit(s, DIAG_array_limit, ref->dims[i] ? ref->dims[i]->span : ref->span,
-                      total > CHECK_MAX_ARRAY ? "more than 4194304 scalars" : arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
+                      total > CHECK_MAX_ARRAY ? "more than 4194304 scalars"
+                                              : arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
                       limit == CHECK_MAX_LOCAL ? "65536 (2^16)" : "4194304 (2^22)");
             return c->t_error;
         }
@@ -233,7 +251,9 @@ static const char *conversion_hint(Checker *c, const Expr *e, const Type *to) {
     if (wf == wt && kt == T_BOOL) return ": compare, as in `v != 0`";
     if (wf == wt && kf == T_BOOL) return ": use `?:` or `select`";
     if (wf == wt && kf > kt) return arena_printf(&c->s->session, ": write `%s(...)`", to->name);
-    if (wf > wt) return wt == 1 ? ": take one component, as `.x`" : arena_printf(&c->s->session, ": take components, as `.%.*s`", (int)wt, "xyzw");
+    if (wf > wt)
+        return wt == 1 ? ": take one component, as `.x`"
+                       : arena_printf(&c->s->session, ": take components, as `.%.*s`", (int)wt, "xyzw");
     if (wf == 1) return arena_printf(&c->s->session, ": a scalar does not broadcast here, write `%s(...)`", to->name);
     return "";
 }
@@ -271,15 +291,18 @@ Expr *convert(Checker *c, Expr *e, Type *to, unsigned flags) {
 bool is_place(Expr *e) {
     switch (e->kind) {
     case E_NAME:
-        return e->sym && (e->sym->kind == SYM_ARG || (e->sym->kind == SYM_LOCAL && !e->sym->is_const)) && !is_resource(e->type);
+        return e->sym && (e->sym->kind == SYM_ARG || (e->sym->kind == SYM_LOCAL && !e->sym->is_const)) &&
+               !is_resource(e->type);
     case E_INDEX:
-    case E_FIELD: return is_place(e->a[0]);
+    case E_FIELD:
+        return is_place(e->a[0]);
     case E_SWIZZLE:
         for (int i = 0; i < e->nswz; i++)
             for (int j = 0; j < i; j++)
                 if (e->swz[i] == e->swz[j]) return false;
         return is_place(e->a[0]);
-    default: return false;
+    default:
+        return false;
     }
 }
 
