@@ -535,9 +535,7 @@ static void emit_both(Emit *e, Inst *i)
         out[0] = emit_int(e, e->t_i1, 1);
         return;
     }
-    emit_partner(e, e->mask, out);
-    for (uint32_t p = 0; p < e->P; p++)
-        out[p] = LL(BuildAnd)(e->b, out[p], e->mask[p], "");
+    emit_partner(e, e->mask, out); /* this lane is on wherever the answer is used */
 }
 
 /* ---- counters and print */

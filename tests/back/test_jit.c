@@ -369,7 +369,7 @@ static void one_program(Session *s, uint64_t seed, uint32_t size)
 static void test_random_programs(void **state)
 {
     (void)state;
-    uint64_t first = getenv("SEED") ? strtoull(getenv("SEED"), NULL, 10) : 1, count = getenv("COUNT") ? strtoull(getenv("COUNT"), NULL, 10) : 60;
+    uint64_t first = getenv("SEED") ? strtoull(getenv("SEED"), NULL, 10) : 1, count = getenv("COUNT") ? strtoull(getenv("COUNT"), NULL, 10) : 40;
     for (uint64_t k = 0; k < count; k++) {
         Session *s = session_create(0);
         one_program(s, first + k, 20 + (uint32_t)(k % 9) * 15);
@@ -377,10 +377,94 @@ static void test_random_programs(void **state)
     }
 }
 
+/* ---- shapes that random programs meet too rarely */
+static Inst *flt_param(Builder *b, Inst *index, uint32_t base, uint32_t count)
+{
+    return ir_special(b, OP_param, TY_FLT, 1, &index, (Imm){.slot = {base, count}});
+}
+
+/* A uniform value stored at a uniform place, but only by some lanes; then the array copied, by other lanes, over another. */
+static Fn *array_shapes(Session *s)
+{
+    Fn *fn = ir_fn(s, &s->module, "f", PREC_F32);
+    fn->nfloats = GEN_FLOATS, fn->nints = GEN_INTS;
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *zero = ir_consti(&b, 0), *one = ir_consti(&b, 1);
+    Inst *a = ir_special(&b, OP_alloc, TY_ARRAY, 0, NULL, (Imm){.arr = {3, TY_FLT}}), *c = ir_special(&b, OP_alloc, TY_ARRAY, 0, NULL, (Imm){.arr = {3, TY_FLT}});
+    Inst *base[3] = {c, one, ir_constf(&b, 9)};
+    ir_special(&b, OP_store, TY_VOID, 3, base, (Imm){0});
+    Inst *side = ir_if(&b, ir_emit2(&b, OP_flt, x, ir_constf(&b, 0.25)));
+    Builder t = ir_at_end(fn, side->region[0]), e = ir_at_end(fn, side->region[1]);
+    Inst *store[3] = {a, one, ir_constf(&t, 5)}, *copy[2] = {c, a};
+    ir_special(&t, OP_store, TY_VOID, 3, store, (Imm){0});
+    ir_yield(&t, 0, NULL);
+    ir_special(&e, OP_acopy, TY_VOID, 2, copy, (Imm){0});
+    ir_yield(&e, 0, NULL);
+    Inst *outs[4];
+    for (int k = 0; k < 4; k++) {
+        Inst *load[2] = {k & 1 ? a : c, k & 2 ? zero : one};
+        outs[k] = ir_special(&b, OP_load, TY_FLT, 2, load, (Imm){0});
+    }
+    static const char *names[4] = {"a", "b", "c", "d"};
+    fn->outputs = names;
+    ir_yield(&b, 4, outs);
+    return fn;
+}
+
+/* Parameters read at the edge of their range by the number of the iteration. */
+static Fn *range_shapes(Session *s)
+{
+    Fn *fn = ir_fn(s, &s->module, "f", PREC_F32);
+    fn->nfloats = GEN_FLOATS, fn->nints = GEN_INTS;
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *init[2] = {ir_input(&b, IN_X0), ir_constf(&b, 0)};
+    Inst *loop = ir_loop(&b, 2, init, (LoopInfo){.max_iters = 5, .exact = true});
+    Block *body = loop->region[0];
+    Builder t = ir_at_end(fn, body);
+    Inst *k = body->params[0], *twice = ir_emit2(&t, OP_iadd, ir_emit2(&t, OP_imul, k, ir_consti(&t, 2)), ir_consti(&t, -1));
+    Inst *sum = body->params[2];
+    static const uint32_t counts[3] = {4, 5, 6};
+    for (int j = 0; j < 3; j++)
+        sum = ir_emit2(&t, OP_fadd, sum, ir_emit2(&t, OP_fadd, flt_param(&t, k, 3, counts[j]), flt_param(&t, twice, 2, counts[j] + 2)));
+    Inst *y[3] = {ir_emit2(&t, OP_ilt, k, ir_consti(&t, 4)), ir_emit2(&t, OP_fadd, body->params[1], sum), sum};
+    ir_yield(&t, 3, y);
+    Inst *outs[2] = {ir_proj(&b, loop, 0), ir_proj(&b, loop, 1)};
+    static const char *names[2] = {"a", "b"};
+    fn->outputs = names;
+    ir_yield(&b, 2, outs);
+    return fn;
+}
+
+static void test_shapes(void **state)
+{
+    (void)state;
+    Session *s = session_create(0);
+    Fn *fns[2] = {array_shapes(s), range_shapes(s)};
+    static const char *const what[2] = {"arrays", "ranges"};
+    for (int f = 0; f < 2; f++) {
+        Data d;
+        make_data(&d, PREC_F32);
+        for (int k = 0; k < GEN_FLOATS; k++)
+            d.fparams[k] = (float)(k * k);
+        for (int k = 0; k < PAD; k++) /* all of a vector on, all off, mixed */
+            ((float *)d.in[IN_X0])[k] = k < 64 ? 0 : k < 128 ? 1 : (float)(k % 3) / 2;
+        for (int t = 0; t < 3; t++)
+            for (uint32_t w = 1; w <= 64 && host_runs(target_names[t]); w *= 2) {
+                Result want;
+                run_interpreter(fns[f], &d, &want, N, N, w);
+                check(s, fns[f], &d, target_names[t], w, ADJ_LANES, 2, &want, N, N, what[f]);
+                free_result(&want);
+            }
+        free_data(&d);
+    }
+    session_destroy(s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_shapes),
         cmocka_unit_test(test_random_programs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
