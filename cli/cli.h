@@ -28,7 +28,8 @@ typedef struct Cli {
     const char *import_dirs[CLI_MAX_LIST];
     uint32_t nimport_dirs;
     Assign params[CLI_MAX_LIST];
-    uint32_t nparams;
+    SltSet param_files[CLI_MAX_LIST]; /* those that are @file: they may decide sizes */
+    uint32_t nparams, nparam_files;
     const char *params_file, *output;
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;

@@ -60,7 +60,7 @@ static const Option options[] = {
     {O_BOUNDARY, "--boundary-only", NULL, ALL, "only the moving jumps"},
     {O_ESTIMATOR, "--estimator", "NAME", ALL, "lattice, scanline, snap-knn, snap-crofton or fd"},
     {O_NEAR_MISS, "--near-miss", "on|off|auto", ALL, "look for features between the samples"},
-    {O_VARIANT, "--variant", "argmin|forced", ALL, "the paper's branch index or two-sided variant, for comparison"},
+    {O_VARIANT, "--variant", "argmin|forced|path", ALL, "the paper's branch index or two-sided variant, or regions by path, for comparison"},
     {O_WIDTH, "--width", "W", ALL, "SIMD lanes; 1 is scalar"},
     {O_TARGET_CPU, "--target-cpu", "NAME", ALL, "native, avx512, avx2 or sse2"},
     {O_INTERPRET, "--interpret", NULL, RUN, "run in the interpreter (slow, the oracle)"},
@@ -244,6 +244,7 @@ static int apply(Cli *c, const Option *o, const char *v) {
         if (!split_assign(c, v, &assign)) return cli_usage(c, "--param wants NAME=VALUE, not `%s`", v);
         if (c->nparams >= CLI_MAX_LIST) return cli_usage(c, "more than %d --param", CLI_MAX_LIST);
         c->params[c->nparams++] = assign;
+        if (assign.value[0] == '@') c->param_files[c->nparam_files++] = (SltSet){assign.name, assign.value + 1};
         break;
     case O_PARAMS: c->params_file = v; break;
     case O_SIZE:
@@ -351,7 +352,8 @@ static int apply(Cli *c, const Option *o, const char *v) {
     case O_VARIANT:
         if (!strcmp(v, "argmin")) c->opt.paper_argmin = true;
         else if (!strcmp(v, "forced")) c->opt.paper_forced = true;
-        else return cli_usage(c, "--variant is argmin or forced, not `%s`", v);
+        else if (!strcmp(v, "path")) c->opt.path_hash = true;
+        else return cli_usage(c, "--variant is argmin, forced or path, not `%s`", v);
         break;
     case O_HELP: break;
     }
@@ -446,6 +448,7 @@ int cli_parse(int argc, char **argv, Cli *c) {
     if (c->file && c->expr) return cli_usage(c, "FILE and --expr were both given");
     if (c->job.no_interior && c->job.no_boundary) return cli_usage(c, "--interior-only and --boundary-only leave nothing");
     c->opt.set = c->sets, c->opt.nset = c->nsets;
+    c->opt.param_files = c->param_files, c->opt.nparam_files = c->nparam_files;
     c->opt.import_dirs = c->import_dirs, c->opt.nimport_dirs = c->nimport_dirs;
     return SLT_OK;
 }

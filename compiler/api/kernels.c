@@ -91,7 +91,7 @@ static void build_body(Session *s, void *arg) {
     Request *q = arg;
     SltProgram *p = q->p;
     if (!p->site_kind) site_tables(p);
-    VariantOptions vo = {.near_miss = near_miss(p), .paper_argmin = p->opt.paper_argmin, .paper_forced = p->opt.paper_forced};
+    VariantOptions vo = {.near_miss = near_miss(p), .paper_argmin = p->opt.paper_argmin, .paper_forced = p->opt.paper_forced, .path_hash = p->opt.path_hash};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();

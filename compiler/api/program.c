@@ -51,7 +51,12 @@ static void compile_body(Session *s, void *arg) {
     }
     ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
     for (uint32_t i = 0; i < p->opt.nset; i++) overrides[i] = (ConstOverride){p->opt.set[i].name, p->opt.set[i].value, false};
+    ParamFile *files = ARENA_ARRAY(&s->session, ParamFile, p->opt.nparam_files + 1);
+    for (uint32_t i = 0; i < p->opt.nparam_files; i++) files[i] = (ParamFile){.name = p->opt.param_files[i].name, .path = p->opt.param_files[i].value};
     ProgramOptions po = {.front = {.entry = p->opt.entry,
+                                   .f64 = p->opt.f64,
+                                   .files = files,
+                                   .nfiles = p->opt.nparam_files,
                                    .overrides = overrides,
                                    .noverrides = p->opt.nset,
                                    .disc_auto = p->opt.disc_auto,

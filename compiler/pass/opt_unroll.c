@@ -1,4 +1,5 @@
-/* Tiny loops with a constant trip count are written out: at most 8 iterations and 96 instructions in all. */
+/* Tiny loops with a constant trip count are written out: at most 8 iterations and 96 instructions in all. Not those with sites: an event is a site and
+ * its loop indices, and a site stands in one place. */
 #include "compiler/pass/walk.h"
 
 enum { MAX_ITERS = 8, MAX_INSTS = 96 };
@@ -32,6 +33,15 @@ static void unroll(Fn *fn, Inst *loop) {
     arena_reset(scratch, m);
 }
 
+static bool has_site(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_site || i->op == OP_siten) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_site(i->region[r])) return true;
+    }
+    return false;
+}
+
 static bool unroll_block(Fn *fn, Block *b) {
     bool changed = false;
     for (Inst *i = b->first, *next; i; i = next) {
@@ -39,7 +49,7 @@ static bool unroll_block(Fn *fn, Block *b) {
         next = i->next;
         if (i->op != OP_loop || !i->imm.loop.exact || i->imm.loop.cull) continue;
         uint32_t n = i->imm.loop.max_iters;
-        if (n > MAX_ITERS || n * walk_size(i->region[0]) > MAX_INSTS) continue;
+        if (n > MAX_ITERS || n * walk_size(i->region[0]) > MAX_INSTS || has_site(i->region[0])) continue;
         while (next && next->op == OP_proj && next->args[0] == i) next = next->next;
         walk_resolve_forwards(fn->body); /* ids of forwarded values are stale */
         unroll(fn, i);

@@ -1,6 +1,7 @@
 /* The order of everything between the front end and the back end. */
 #include <string.h>
 
+#include "compiler/pass/lower_math.h"
 #include "compiler/pass/variant.h"
 
 const char *const kernel_names[K_KINDS] = {"value", "region", "event", "sides", "site", "site_grad", "site_jvp", "site_vjp", "jvp", "vjp"};
@@ -28,7 +29,8 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     if (RUN(opt_unroll)) RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_licm);
-    RUN(opt_contract); /* from here on no pass changes a float */
+    RUN(opt_powers);
+    RUN(opt_contract); /* with powers, the passes that change floats: none does from here on */
     RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_dce);

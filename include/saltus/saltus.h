@@ -54,6 +54,7 @@ typedef struct SltOptions {
     int near_miss;                  /* -1: by the program's number of events; 0 off; 1 on */
     bool rgba8;                     /* the value kernel writes 8-bit pixels (slt_render_rgba8) */
     bool paper_argmin, paper_forced; /* the paper's branch index and two-sided variants, for comparison */
+    bool path_hash;                 /* regions told apart by the path taken, not by where the output came from, for comparison */
     const char *dump;               /* name of a pass whose IR is printed to standard error, or "all" */
     bool verify;                    /* verify the IR after every pass */
 } SltOptions;
