@@ -365,7 +365,7 @@ void emit_layout_frames(Emit *e)
         c->mask_offset = at;
         at += c->masked ? bits_bytes(e) : 0;
         uint32_t align = e->W * 4 < 64 ? e->W * 4 : 64;
-        c->bytes = (at + align - 1) / align * align;
+        c->bytes = at ? (at + align - 1) / align * align : align; /* an empty frame still counts an iteration */
     }
 }
 
