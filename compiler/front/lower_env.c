@@ -96,7 +96,16 @@ static void enter_region(Lower *l, Inst *op, uint32_t r) {
     l->b.span = span;
 }
 
+enum { MAX_DEPTH = 400 }; /* of regions: what the verifier and the passes recurse over */
+
+static void deeper(Lower *l) {
+    if (++l->depth <= MAX_DEPTH) return;
+    diag_emit(l->s, DIAG_region_depth, l->b.span, (unsigned)MAX_DEPTH);
+    lower_giveup(l);
+}
+
 void if_begin(Lower *l, IfCtx *c, Inst *cond) {
+    deeper(l);
     memset(c, 0, sizeof *c);
     c->op = counted(l, ir_if(&l->b, cond));
     c->outer = l->b;
@@ -123,6 +132,7 @@ void if_else(Lower *l, IfCtx *c) {
 }
 
 void if_end(Lower *l, IfCtx *c) {
+    l->depth--;
     /* Values before the if_ are the oldest journal entries of the second branch. */
     uint32_t n = c->changed.len;
     uint32_t stamp = ++l->stamps;
@@ -176,6 +186,7 @@ void if_end(Lower *l, IfCtx *c) {
 /* ---- loops */
 
 void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info) {
+    deeper(l);
     Inst **init = ARENA_ARRAY(l->arena, Inst *, carried->len + 1);
     for (uint32_t i = 0; i < carried->len; i++) init[i] = var_get(l, carried->data[i]);
     info.loop_id = l->nloops++;
@@ -197,6 +208,7 @@ void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info) {
 }
 
 void loop_end(Lower *l, LoopCtx *c, Inst *go_on) {
+    l->depth--;
     uint32_t n = c->carried.len;
     Inst **values = ARENA_ARRAY(l->arena, Inst *, n + 1);
     values[0] = go_on;

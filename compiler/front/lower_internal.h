@@ -67,6 +67,8 @@ typedef struct Place {
     uint8_t comp[16], ncomp;
     Inst *dyn;             /* in [0, dyn_count) */
     uint32_t dyn_step, dyn_count;
+    bool permuted;         /* dyn chooses among perm[] instead: v.wzyx[i] = ... */
+    uint8_t perm[4];
 } Place;
 
 typedef enum BindKind { BIND_NONE, BIND_VARS, BIND_PLACE, BIND_RESOURCE } BindKind;
@@ -75,6 +77,7 @@ typedef struct Bind {
     Var *vars;
     Place place;
     Symbol *resource;
+    bool ready;    /* the variable exists before its declaration is reached (lower_flat) */
 } Bind;
 
 typedef struct Frame Frame;
@@ -163,7 +166,7 @@ typedef struct Lower {
     FuncFacts **fact_table; /* by hash of the Func */
     uint32_t fact_cap;
     Vec(Fn *) culls;
-    uint32_t nops, nloops;
+    uint32_t nops, nloops, depth; /* depth: regions around this place */
     bool in_tangent, quiet; /* quiet: not the shader itself (initialisers, bounds): no sites, no records */
     Layout *layout_cache[256];
     jmp_buf *giveup;

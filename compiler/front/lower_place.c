@@ -86,6 +86,15 @@ static void index_components(Lower *l, Place *p, Type *t, Inst *index, bool is_u
         return;
     }
     index = clamp_index(l, index, is_unsigned, n);
+    if (p->selected && from->kind == T_VECTOR) {
+        if (p->dyn) {
+            for (uint32_t j = 1; j < n; j++) /* a row of a matrix is in order unless it was swizzled */
+                if (p->comp[j] != p->comp[0] + j) session_limit(l->s, "a swizzle of a matrix row that is chosen at run time cannot be indexed at run time");
+        } else {
+            p->permuted = true;
+            memcpy(p->perm, p->comp, n);
+        }
+    }
     uint8_t comp[4];
     for (uint32_t j = 0; j < rows; j++) comp[j] = (uint8_t)j;
     if (p->dyn) { /* a row was chosen already: rows lie dyn_step apart */
@@ -252,6 +261,9 @@ static Inst *load_leaf(Lower *l, const Place *p, uint32_t leaf) {
     return special(l, OP_load, (IrType)v->value->imm.arr.elem, 2, args, (Imm){0});
 }
 
+/* The leaf of result component j when dyn is i. */
+static uint32_t dyn_leaf(const Place *p, uint32_t j, uint32_t i) { return p->permuted ? p->perm[i] : p->comp[j] + i * p->dyn_step; }
+
 static Val load_components(Lower *l, const Place *p) {
     Val out = val_new(l, p->type);
     for (uint32_t j = 0; j < p->ncomp; j++) {
@@ -268,7 +280,7 @@ static Val load_components(Lower *l, const Place *p) {
             out.c[j] = read_param(l, &r, t);
         } else if (p->dyn) {
             Inst *options[16];
-            for (uint32_t i = 0; i < p->dyn_count; i++) options[i] = load_leaf(l, p, p->comp[j] + i * p->dyn_step);
+            for (uint32_t i = 0; i < p->dyn_count; i++) options[i] = load_leaf(l, p, dyn_leaf(p, j, i));
             out.c[j] = choose(l, p->dyn, options, p->dyn_count);
         } else {
             out.c[j] = load_leaf(l, p, p->comp[j]);
@@ -357,7 +369,7 @@ void place_store(Lower *l, const Place *p, Val v) {
                 continue;
             }
             for (uint32_t i = 0; i < p->dyn_count; i++) {
-                uint32_t leaf = p->comp[j] + i * p->dyn_step;
+                uint32_t leaf = dyn_leaf(p, j, i);
                 store_leaf(l, p, leaf, sel(l, op2(l, OP_ieq, p->dyn, ki(l, i)), v.c[j], load_leaf(l, p, leaf)));
             }
         }

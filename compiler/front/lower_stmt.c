@@ -117,7 +117,44 @@ static void lower_guarded(Lower *l, Jumps j, Stmt **rest, uint32_t n) {
     }
 }
 
+/* Many jumps in one list: instead of nesting the rest in each, every piece between two of them is guarded by itself. */
+enum { MANY_JUMPS = 24 };
+
+/* What is declared in one piece is used in later ones, so it must exist outside of the guards. */
+static void declare_outside(Lower *l, Stmt **stmts, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t k = 0; stmts[i]->kind == S_DECL && k < stmts[i]->ndecls; k++) {
+            Symbol *sym = stmts[i]->decls[k];
+            *lower_bind(l, sym) = (Bind){.kind = BIND_VARS, .vars = vars_for(l, sym->type), .ready = true};
+        }
+}
+
+static void lower_flat(Lower *l, Stmt **stmts, uint32_t n) {
+    Jumps so_far = {.falls = true};
+    for (uint32_t i = 0; i < n && so_far.falls;) {
+        uint32_t end = i;
+        Jumps j = {.falls = true};
+        while (end < n && !j.brk && !j.cnt && !j.ret) j = then_jumps(j, stmt_jumps(stmts[end++]));
+        if (end - i > 1 && (j.brk || j.cnt || j.ret)) end--, j = (Jumps){.falls = true};
+        declare_outside(l, stmts + i, end - i);
+        lower_guarded(l, so_far, stmts + i, end - i);
+        so_far = then_jumps(so_far, j);
+        i = end;
+    }
+}
+
 void lower_list(Lower *l, Stmt **stmts, uint32_t n) {
+    if (n > MANY_JUMPS) {
+        uint32_t jumping = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Jumps j = stmt_jumps(stmts[i]);
+            jumping += j.brk || j.cnt || j.ret;
+        }
+        if (jumping > MANY_JUMPS) {
+            lower_flat(l, stmts, n);
+            return;
+        }
+    }
     for (uint32_t i = 0; i < n; i++) {
         Stmt *s = stmts[i];
         if (!s) continue;
@@ -322,6 +359,11 @@ static void lower_print(Lower *l, Stmt *s) {
 static void lower_decl(Lower *l, Symbol *sym) {
     Bind *b = lower_bind(l, sym);
     const Layout *layout = lower_layout(l, sym->type);
+    if (b->ready) {
+        b->ready = false;
+        if (sym->init) vars_store(l, sym->type, b->vars, lower_expr(l, sym->init), false);
+        return;
+    }
     if (!sym->init) {
         *b = (Bind){.kind = BIND_VARS, .vars = vars_for(l, sym->type)};
         return;

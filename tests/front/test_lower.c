@@ -289,6 +289,7 @@ static const Case cases[] = {
     {"float df(float a, float b, float da, float db) { return 2.0 * a * b * da + a * a * db; } [Tangent(df)] float f(float a, float b) { return a * a * b; }" MAIN("return f(x.x, x.y);"), e_tangent, 0},
     {"const float T[4] = { 1.0, 3.0, 9.0, 27.0 }; const int U[12] = { 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 };"
      MAIN("int i = int(x.x * 3.0); return T[i] + 2 * U[i + 2];"), e_const_table, 0},
+    {MAIN("float3 v = float3(5.0, x.yx); int i = int(x.x * 2.0); float r = v.zyx[i]; v.zyx[i] = 100.0; return r + v.z + v.y * 2.0 + v.x * 4.0;"), e_dynamic, 1e-4},
     {MAIN("float3 v = float3(x, 5.0); int i = int(x.x * 2.0); float r = v[i]; v[i] = 100.0; return r + v.x + v.y * 2.0 + v.z * 4.0;"), e_dynamic, 1e-4},
     {"float f(float2 x) { float acc = 0.0; for (int i = 0; i < 5; i++) { for (int j = 0; j < 5; j++) { acc += 0.25; if (acc > x.x + 2.0) return acc * 10.0 + i; } } return acc; }" MAIN("return f(x);"),
      e_ret_loop, 0},
@@ -300,6 +301,25 @@ static const Case cases[] = {
 static void test_programs(void **state) {
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) check_case(&cases[i]);
+}
+
+/* Many early returns with declarations between them: the flat form. */
+static double e_flat(double x, double y) {
+    double s = y;
+    for (int i = 0; i < 40; i++) {
+        s += i * x;
+        if (x * i > 20 + i % 3) return s;
+    }
+    return -1;
+}
+static void test_flat(void **state) {
+    (void)state;
+    static char source[16384];
+    size_t at = (size_t)snprintf(source, sizeof source, "float f(float2 x) { float s = x.y;");
+    for (int i = 0; i < 40; i++) at += (size_t)snprintf(source + at, sizeof source - at, "float t%d = %d.0 * x.x; s += t%d; if (t%d > %d.0) return s;", i, i, i, i, 20 + i % 3);
+    snprintf(source + at, sizeof source - at, "return t0 - 1.0; } shader float main(float2 x) { return f(x); }");
+    Case c = {source, e_flat, 1e-3};
+    check_case(&c);
 }
 
 /* ---- textures, values */
@@ -431,7 +451,7 @@ static void test_init(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_programs), cmocka_unit_test(test_texture_values), cmocka_unit_test(test_heights), cmocka_unit_test(test_counters),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_programs), cmocka_unit_test(test_flat), cmocka_unit_test(test_texture_values), cmocka_unit_test(test_heights), cmocka_unit_test(test_counters),
                                        cmocka_unit_test(test_init)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
