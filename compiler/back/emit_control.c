@@ -35,6 +35,24 @@ static const Inst *next_proj(const Inst *s, const Inst *p)
     return p && p->op == OP_proj && p->args[0] == s ? p : NULL;
 }
 
+/* A mask that crosses blocks: before AVX-512 vectors of i1 are kept as narrow integers there, with a pack and an unpack at every
+ * use, so such a mask travels as integers of the width of its floats, whose signs blend directly. */
+static LLVMTypeRef wide_type(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
+static bool masks_are_vectors(const Emit *e) { return e->W > 1 && e->opt->target.vector_bytes < 64; }
+static LLVMTypeRef travelling_type(Emit *e) { return emit_vector_type(e, masks_are_vectors(e) ? wide_type(e) : e->t_i1); }
+
+static void widen(Emit *e, const Part *mask, Part *wide)
+{
+    for (uint32_t p = 0; p < e->P; p++)
+        wide[p] = masks_are_vectors(e) ? LL(BuildSExt)(e->b, mask[p], travelling_type(e), "") : mask[p];
+}
+
+static void narrow(Emit *e, const Part *wide, Part *mask)
+{
+    for (uint32_t p = 0; p < e->P; p++)
+        mask[p] = masks_are_vectors(e) ? LL(BuildICmp)(e->b, LLVMIntSLT, wide[p], LL(ConstNull)(travelling_type(e)), "") : wide[p];
+}
+
 /* ---- if_ */
 enum { SELECT_BUDGET = 8, NOT_CHEAP = 1000 }; /* a test and a branch cost about this many vector instructions */
 
@@ -133,9 +151,12 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
     Part *skipped = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1), *at = skipped;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
         result_parts(e, ir_yield_of(i->region[!full])->args[p->imm.i], emit_is_vector(e, p), at);
+    Part wide[BACK_MAX_PARTS];
+    widen(e, mask, wide);
     LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, full ? "else" : "then"), join = emit_new_block(e, "join");
     LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
     emit_at(e, region);
+    narrow(e, wide, mask);
     e->mask = mask;
     emit_block(e, i->region[full]);
     e->mask = outer;
@@ -147,7 +168,7 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
         result_parts(e, ir_yield_of(i->region[full])->args[p->imm.i], vector, to);
         for (uint32_t k = 0; vector && k < e->P; k++)
             if (to[k] != at[k])
-                to[k] = LL(BuildSelect)(e->b, cond[k], full ? at[k] : to[k], full ? to[k] : at[k], "");
+                to[k] = LL(BuildSelect)(e->b, mask[k], to[k], at[k], "");
     }
     LLVMBasicBlockRef end = emit_here(e);
     LL(BuildBr)(e->b, join);
@@ -169,16 +190,21 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond)
     uint32_t nproj = 0;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p))
         nproj++;
-    Part *x[2];
+    Part *x[2], wide_cond[BACK_MAX_PARTS], again[BACK_MAX_PARTS];
+    widen(e, cond, wide_cond);
     for (uint32_t s = 0; s < 2; s++) {
         x[s] = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1);
-        Part *mask = new_parts(e);
+        Part *mask = new_parts(e), wide[BACK_MAX_PARTS];
+        if (s)
+            narrow(e, wide_cond, again);
         for (uint32_t p = 0; p < e->P; p++)
-            mask[p] = s ? LL(BuildNot)(e->b, cond[p], "") : cond[p];
+            mask[p] = s ? LL(BuildNot)(e->b, again[p], "") : cond[p];
         emit_and_mask(e, mask, mask);
+        widen(e, mask, wide);
         LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, s ? "else" : "then"), join = emit_new_block(e, "join");
         LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
         emit_at(e, region);
+        narrow(e, wide, mask);
         e->mask = mask;
         emit_block(e, i->region[s]);
         e->mask = outer;
@@ -199,11 +225,12 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond)
             }
     }
     const Part *a = x[0], *b = x[1];
+    narrow(e, wide_cond, again);
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), a += e->P, b += e->P) {
         if (!emit_is_vector(e, p)) /* the same uniform value on both sides, from outside */
             emit_slot(e, p)[0] = emit_scalar(e, ir_yield_of(i->region[0])->args[p->imm.i]);
         for (uint32_t k = 0; emit_is_vector(e, p) && k < e->P; k++)
-            emit_slot(e, p)[k] = LL(BuildSelect)(e->b, cond[k], a[k], b[k], "");
+            emit_slot(e, p)[k] = LL(BuildSelect)(e->b, again[k], a[k], b[k], "");
     }
 }
 
@@ -251,7 +278,8 @@ typedef struct LoopState {
     Inst *i;
     bool diverges;
     Part j;                  /* iterations done */
-    Part *live, **result;    /* phis: the lanes still inside; results that are not carried as vectors */
+    Part *live, *wide;       /* the lanes still inside; the phis that carry them */
+    Part **result;           /* phis: results that are not carried as vectors */
     bool *blend;             /* carried value r is blended in place */
     LLVMBasicBlockRef head;
 } LoopState;
@@ -288,6 +316,8 @@ static void loop_head(Emit *e, LoopState *s)
     Part on[BACK_MAX_PARTS];
     for (uint32_t p = 0; p < e->P; p++)
         on[p] = e->mask ? e->mask[p] : LL(ConstAllOnes)(emit_vector_type(e, e->t_i1));
+    if (s->diverges)
+        widen(e, on, on);
     s->blend = ARENA_ARRAY(e->arena, bool, nc + 1);
     s->result = ARENA_ARRAY(e->arena, Part *, nc + 1);
     LLVMBasicBlockRef from = emit_here(e);
@@ -302,7 +332,7 @@ static void loop_head(Emit *e, LoopState *s)
         memcpy(emit_slot(e, c), new_phis(e, value_type(e, c), n, init[r], from), n * sizeof(Part));
     }
     if (s->diverges)
-        s->live = new_phis(e, emit_vector_type(e, e->t_i1), e->P, on, from);
+        s->wide = new_phis(e, travelling_type(e), e->P, on, from);
     for (const Inst *p = next_proj(i, NULL); s->diverges && p; p = next_proj(i, p)) {
         uint32_t r = (uint32_t)p->imm.i;
         s->blend[r] = emit_is_vector(e, body->params[r + 1]);
@@ -314,6 +344,8 @@ static void loop_head(Emit *e, LoopState *s)
             s->result[r] = new_phis(e, t, e->P, zero, from);
         }
     }
+    if (s->diverges)
+        narrow(e, s->wide, s->live = new_parts(e));
     emit_slot(e, body->params[0])[0] = iteration_number(e, i, s->j);
 }
 
@@ -324,11 +356,13 @@ static Part loop_condition(Emit *e, LoopState *s, Part j_next, Part *live_next)
     split_flag(e, ir_yield_of(s->i->region[0])->args[0], &c);
     Part go = NULL;
     if (s->diverges) {
+        narrow(e, s->wide, s->live); /* the body may have many blocks */
         memcpy(live_next, s->live, e->P * sizeof(Part));
         for (uint32_t v = 0; v < c.nvarying; v++)
             for (uint32_t p = 0; p < e->P; p++)
                 live_next[p] = LL(BuildAnd)(e->b, live_next[p], emit_slot(e, c.varying[v])[p], "");
         go = emit_any(e, live_next);
+        widen(e, live_next, live_next);
     }
     for (uint32_t u = 0; u < c.nuniform; u++) {
         Part f = emit_scalar(e, c.uniform[u]);
@@ -397,7 +431,7 @@ static void emit_loop(Emit *e, Inst *i)
         for (uint32_t k = 0; k < (emit_is_vector(e, body->params[r + 1]) ? e->P : 1); k++)
             emit_incoming(e, emit_slot(e, body->params[r + 1])[k], next[r][k], latch);
     for (uint32_t k = 0; s.diverges && k < e->P; k++)
-        emit_incoming(e, s.live[k], live_next[k], latch);
+        emit_incoming(e, s.wide[k], live_next[k], latch);
     for (uint32_t r = 0; r < nc; r++)
         for (uint32_t k = 0; s.result[r] && k < e->P; k++)
             emit_incoming(e, s.result[r][k], result[r][k], latch);
