@@ -60,6 +60,16 @@ typedef struct Explain {
     uint8_t *facts, *alive, *reach;
 } Explain;
 
+/* ad_activity has one bit a float; reach one byte, over the kernels that were asked. */
+static void add_reach(Explain *e, const Fn *kernel) {
+    uint32_t n = e->p->prog->nfloats;
+    uint8_t *bits = calloc(n / 8 + 1, 1);
+    if (!bits) return;
+    ad_activity(kernel, bits);
+    for (uint32_t i = 0; i < n; i++) e->reach[i] |= bits[i >> 3] >> (i & 7) & 1;
+    free(bits);
+}
+
 static const char *why_no_gradient(const Explain *e, const Param *q) {
     if (!q->fcount) return "integer or bool";
     if (!q->differentiable) return "marked [NoDiff]";
@@ -380,8 +390,8 @@ static int explain(Cli *c, SltProgram *p) {
     if (status == SLT_OK) {
         site_facts(&p->passes, p->prog->primal, NULL, e.facts);
         mark_sites(primal->body, e.alive);
-        ad_activity(p->fn[K_VALUE], e.reach);
-        if (p->fn[K_SITE]) ad_activity(p->fn[K_SITE], e.reach);
+        add_reach(&e, p->fn[K_VALUE]);
+        if (p->fn[K_SITE]) add_reach(&e, p->fn[K_SITE]);
         if (c->json) explain_json(&e);
         else explain_text(&e, needs);
     } else {
