@@ -231,7 +231,12 @@ static Val vectors(Lower *l, Expr *e, Val *a) {
         for (uint32_t i = 0; i < v.n; i++)
             v.c[i] = sel(l, a[0].c[n == 1 ? 0 : i], a[1].c[a[1].n == 1 ? 0 : i], a[2].c[a[2].n == 1 ? 0 : i]);
         break;
-    case B_mul: return a[0].type->kind == T_MATRIX || a[1].type->kind == T_MATRIX ? lower_matmul(l, a[0], a[1], e->type)
+    case B_mul:
+        if (a[0].type->kind == T_VECTOR && a[1].type->kind == T_VECTOR && v.n == 1) { /* a row times a column */
+            v.c[0] = dot_n(l, a[0].c, a[1].c, n);
+            break;
+        }
+        return a[0].type->kind == T_MATRIX || a[1].type->kind == T_MATRIX ? lower_matmul(l, a[0], a[1], e->type)
                                                                                : lower_binary(l, OPR_MUL, a[0], a[1], e->type, e->span);
     case B_transpose: {
         uint32_t m = e->type->n;

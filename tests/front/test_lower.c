@@ -188,6 +188,30 @@ static uint32_t mix32(uint32_t h) {
     h ^= h >> 16, h *= 0x7feb352du, h ^= h >> 15, h *= 0x846ca68bu;
     return h ^ (h >> 16);
 }
+static double e_misc(double x, double y) {
+    double s = 0;
+    for (int i = 0, j = 10; i < j; i++, j--) s += i * j * x;
+    int n = 0;
+    for (int i = 1; i < 100; i *= 3) n++;
+    return s + n + x * y + y * x + (3 * x + 4 * y) + 1 + 5 + (x > 0);
+}
+static double e_overload(double x, double y) { return 1 + 20 + 300 + x * y * 0; }
+static double e_switch_fall(double x, double y) {
+    int k = (int)floor((x + 2) * 3), n = 0;
+    double r = 0;
+    for (int i = 0; i < 3; i++) {
+        switch (k - i) {
+        default: r += 1; /* fall through */
+        case 4:
+            if (y > 0.5) continue;
+            r += 10;
+            break;
+        case 5: r += 100;
+        }
+        n++;
+    }
+    return r + n * 0.5;
+}
 static double e_hash(double x, double y) {
     uint32_t k = (uint32_t)trunc((x + 2) * 50) + 0 * (uint32_t)y;
     uint32_t h = mix32(mix32(k + 0x9e3779b9u) + 5);
@@ -276,6 +300,12 @@ static const Case cases[] = {
     {MAIN("return abs(x.x) + sign(x.x) + floor(x.x) + ceil(x.y) + frac(x.x) + min(x.x, x.y) + max(x.x, x.y) + saturate(x.x) + lerp(x.x, x.y, 0.25) + step(x.x, x.y)"
           " + smoothstep(-1.0, 1.0, x.x) + length(x) + trunc(x.x) + round(x.x) + fmod(x.x, 0.7) + atan2(x.y, x.x);"), e_builtins, 2e-5},
     {MAIN("float3 a = float3(x, 3.0), b = float3(3.0, 2.0, 1.0); return dot(a, b) + length(a) + normalize(a).x + cross(a, b).x + distance(a, b);"), e_vectors, 0},
+    {"struct S { float a; float2 b; int k; };"
+     MAIN("float s = 0.0; for (int i = 0, j = 10; i < 5; i++, j--) s += i * j * x.x; int n = 0; for (int i = 1; i < 100; i *= 3) n++; S z = (S)0; S w = S(1.0, float2(2.0), 3);"
+          " float2x2 m = { { 1.0, 2.0 }, { 3.0, 4.0 } }; return s + n + mul(x, x.yx) + mul(m, x)[1] + w.a + (z.k + w.k + w.b.y) + z.a + z.b.x + float(x.x > 0.0);"), e_misc, 2e-4},
+    {"float f(float a) { return 1.0; } float f(int a) { return 20.0; } float f(float2 a) { return 300.0; }" MAIN("return f(x.x) + f(3) + f(x);"), e_overload, 0},
+    {MAIN("int k = int(floor((x.x + 2.0) * 3.0)); int n = 0; float r = 0.0; for (int i = 0; i < 3; i++) { switch (k - i) { default: r += 1.0; case 4: if (x.y > 0.5) continue; r += 10.0; break;"
+          " case 5: r += 100.0; } n++; } return r + n * 0.5;"), e_switch_fall, 0},
     {MAIN("uint k = uint((x.x + 2.0) * 50.0); return (hash(uint2(k, 5u)) >> 8u) / 16777216.0;"), e_hash, 0},
     {MAIN("int n = 0; bool a = x.x > 0.0 && x.y > 0.0; bool b = x.x > 1.0 || x.y < -0.5; bool c = x.x > 0.0 && n++ == 0; float r = 0.0; if (a) r += 1.0; if (b) r += 2.0; if (!a) r += 4.0;"
           " if (x.x != x.y) r += 1.0; return r + 10.0 * n;"), e_logic, 0},
