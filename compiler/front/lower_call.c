@@ -185,7 +185,8 @@ static bool degrees(Linear *c, Block *b) {
         case OP_yield: break;
         case OP_if_:
             if (degree(i->args[0])) bad(c, i, "a branch that depends on a tangent");
-            changed |= degrees(c, i->region[0]) | degrees(c, i->region[1]);
+            changed |= degrees(c, i->region[0]);
+            changed |= degrees(c, i->region[1]);
             break;
         case OP_loop: changed |= degree_loop(c, i); break;
         case OP_custom:
