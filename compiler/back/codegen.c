@@ -1,7 +1,8 @@
 /* From kernels to bytes: builds the LLVM module, runs a short list of passes, and emits an object, assembly or IR text.
  *
- * Nearly all optimisation is done on our own IR; LLVM gets values in SSA form already and is asked for what only it sees: common
- * addresses and splats, dead masks, machine code. The list was measured: a longer one costs more than it gains. */
+ * Nearly all optimisation is done on our own IR; LLVM gets values in SSA form already and is asked for what only it
+ * sees: common addresses and splats, dead masks, machine code. The list was measured: a longer one costs more than it
+ * gains. */
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -25,21 +26,18 @@ typedef struct Job {
     LLVMTargetDataRef layout;
 } Job;
 
-static double now_ms(void)
-{
+static double now_ms(void) {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-static void fail(Job *j, int status, const char *why)
-{
+static void fail(Job *j, int status, const char *why) {
     j->status = status;
     j->why = arena_printf(&j->session->session, "%s", why);
 }
 
-static bool open_target(Job *j)
-{
+static bool open_target(Job *j) {
     static const char triple[] = "x86_64-unknown-linux-gnu";
     const LlvmApi *ll = &j->api;
     ll->InitializeX86TargetInfo();
@@ -53,19 +51,22 @@ static bool open_target(Job *j)
         ll->DisposeMessage(text);
         return false;
     }
-    static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault, LLVMCodeGenLevelDefault};
-    j->tm = ll->CreateTargetMachine(target, triple, j->o->target.cpu, j->o->target.features, levels[j->o->opt_level > 3 ? 3 : j->o->opt_level],
-        LLVMRelocPIC, LLVMCodeModelSmall);
+    static const LLVMCodeGenOptLevel levels[] = {LLVMCodeGenLevelNone, LLVMCodeGenLevelLess, LLVMCodeGenLevelDefault,
+                                                 LLVMCodeGenLevelDefault};
+    j->tm =
+        ll->CreateTargetMachine(target, triple, j->o->target.cpu, j->o->target.features,
+                                levels[j->o->opt_level > 3 ? 3 : j->o->opt_level], LLVMRelocPIC, LLVMCodeModelSmall);
     j->layout = ll->CreateTargetDataLayout(j->tm);
     ll->SetTarget(j->mod, triple);
     ll->SetModuleDataLayout(j->mod, j->layout);
     return true;
 }
 
-static bool run_passes(Job *j)
-{
-    static const char *const lists[] = {"function(mem2reg)", "function(mem2reg,early-cse)", "function(mem2reg,early-cse)",
-        "function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm),instcombine<no-verify-fixpoint>)"};
+static bool run_passes(Job *j) {
+    static const char *const lists[] = {"function(mem2reg)", "function(mem2reg,early-cse)",
+                                        "function(mem2reg,early-cse)",
+                                        "function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
+                                        ",instcombine<no-verify-fixpoint>)"};
     const LlvmApi *ll = &j->api;
     LLVMPassBuilderOptionsRef options = ll->CreatePassBuilderOptions();
     LLVMErrorRef err = ll->RunPasses(j->mod, lists[j->o->opt_level > 3 ? 3 : j->o->opt_level], j->tm, options);
@@ -79,17 +80,14 @@ static bool run_passes(Job *j)
     return true;
 }
 
-static uint32_t count_instructions(const LlvmApi *ll, LLVMValueRef f)
-{
+static uint32_t count_instructions(const LlvmApi *ll, LLVMValueRef f) {
     uint32_t n = 0;
     for (LLVMBasicBlockRef b = ll->GetFirstBasicBlock(f); b; b = ll->GetNextBasicBlock(b))
-        for (LLVMValueRef i = ll->GetFirstInstruction(b); i; i = ll->GetNextInstruction(i))
-            n++;
+        for (LLVMValueRef i = ll->GetFirstInstruction(b); i; i = ll->GetNextInstruction(i)) n++;
     return n;
 }
 
-static void keep_bytes(Job *j, const void *bytes, size_t size)
-{
+static void keep_bytes(Job *j, const void *bytes, size_t size) {
     j->out->bytes = malloc(size ? size : 1);
     if (!j->out->bytes) {
         fail(j, SLT_LIMIT, "out of memory");
@@ -99,8 +97,7 @@ static void keep_bytes(Job *j, const void *bytes, size_t size)
     j->out->size = size;
 }
 
-static void write_module(Job *j)
-{
+static void write_module(Job *j) {
     const LlvmApi *ll = &j->api;
     char *text = NULL;
     if (j->kind == 'l') {
@@ -110,7 +107,8 @@ static void write_module(Job *j)
         return;
     }
     LLVMMemoryBufferRef buffer = NULL;
-    if (ll->TargetMachineEmitToMemoryBuffer(j->tm, j->mod, j->kind == 's' ? LLVMAssemblyFile : LLVMObjectFile, &text, &buffer)) {
+    if (ll->TargetMachineEmitToMemoryBuffer(j->tm, j->mod, j->kind == 's' ? LLVMAssemblyFile : LLVMObjectFile, &text,
+                                            &buffer)) {
         fail(j, SLT_INTERNAL, text ? text : "LLVM could not emit the module");
         ll->DisposeMessage(text);
         return;
@@ -119,23 +117,19 @@ static void write_module(Job *j)
     ll->DisposeMemoryBuffer(buffer);
 }
 
-static void generate(Session *s, void *arg)
-{
+static void generate(Session *s, void *arg) {
     Job *j = arg;
     const LlvmApi *ll = &j->api;
     double start = now_ms();
     j->ctx = ll->ContextCreate();
     j->mod = ll->ModuleCreateWithNameInContext("saltus", j->ctx);
-    if (!open_target(j))
-        return;
+    if (!open_target(j)) return;
     for (uint32_t k = 0; k < j->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
         const char *why = back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, j->width);
-        if (why)
-            fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
+        if (why) fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
         arena_reset(&s->scratch, mark);
-        if (why)
-            return;
+        if (why) return;
     }
 #ifndef NDEBUG
     char *text = NULL;
@@ -148,8 +142,7 @@ static void generate(Session *s, void *arg)
 #endif
     j->out->emit_ms = now_ms() - start;
     start = now_ms();
-    if (!run_passes(j))
-        return;
+    if (!run_passes(j)) return;
     j->out->instructions = ARENA_ARRAY(&s->session, uint32_t, j->n + 1);
     for (uint32_t k = 0; k < j->n; k++)
         j->out->instructions[k] = count_instructions(ll, ll->GetNamedFunction(j->mod, j->k[k].name));
@@ -157,8 +150,8 @@ static void generate(Session *s, void *arg)
     j->out->llvm_ms = now_ms() - start;
 }
 
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind, Codegen *out, const char **why)
-{
+int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind,
+                 Codegen *out, const char **why) {
     Job j = {.session = s, .k = k, .n = n, .o = o, .width = width, .kind = kind, .out = out};
     *out = (Codegen){0};
     const char *missing = llvm_open(&j.api);
@@ -171,14 +164,10 @@ int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
         j.status = status;
         j.why = arena_printf(&s->session, "%s", s->unwind_text);
     }
-    if (j.tm)
-        j.api.DisposeTargetMachine(j.tm);
-    if (j.layout)
-        j.api.DisposeTargetData(j.layout);
-    if (j.mod)
-        j.api.DisposeModule(j.mod);
-    if (j.ctx)
-        j.api.ContextDispose(j.ctx);
+    if (j.tm) j.api.DisposeTargetMachine(j.tm);
+    if (j.layout) j.api.DisposeTargetData(j.layout);
+    if (j.mod) j.api.DisposeModule(j.mod);
+    if (j.ctx) j.api.ContextDispose(j.ctx);
     if (j.status) {
         free(out->bytes);
         out->bytes = NULL;

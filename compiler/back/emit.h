@@ -1,8 +1,10 @@
-/* Inside of the back end: the emitter's state and the seams between its files. Nobody outside compiler/back includes this.
+/* Inside of the back end: the emitter's state and the seams between its files. Nobody outside compiler/back includes
+ * this.
  *
- * A value of the IR is P LLVM values, its parts: the W lanes of a varying value are cut into P vectors of L lanes that fit one register, so LLVM
- * sees only legal types and never has to split a mask; a uniform value is one scalar in part 0. With W = 1 everything is a scalar.
- * Masks are P parts of <L x i1>; the mask "all lanes" is NULL and costs nothing. */
+ * A value of the IR is P LLVM values, its parts: the W lanes of a varying value are cut into P vectors of L lanes that
+ * fit one register, so LLVM sees only legal types and never has to split a mask; a uniform value is one scalar in part
+ * 0. With W = 1 everything is a scalar. Masks are P parts of <L x i1>; the mask "all lanes" is NULL and costs nothing.
+ */
 #ifndef SALTUS_BACK_EMIT_H
 #define SALTUS_BACK_EMIT_H
 
@@ -16,12 +18,13 @@ enum { BACK_MAX_WIDTH = 64, BACK_MAX_PARTS = 32, BACK_MAX_CULL = 64 };
 #define BACK_MAX_FRAME (4u << 20) /* bytes of local arrays one kernel may keep on the stack */
 
 /* ---- uniform.c */
-/* How the frames of one tape signature lie in memory: offsets in bytes from the frame's start; filled by the emitter. */
+/* How the frames of one tape signature lie in memory: offsets in bytes from the frame's start; filled by the emitter.
+ */
 typedef struct FrameClass {
     uint32_t n;
-    uint8_t *types;     /* IrType of each value */
+    uint8_t *types; /* IrType of each value */
     bool *varying;
-    bool masked;        /* a mask is stored with the frame */
+    bool masked; /* a mask is stored with the frame */
     uint32_t *offset, mask_offset, bytes;
 } FrameClass;
 typedef Vec(FrameClass *) FrameTable;
@@ -44,35 +47,36 @@ typedef struct Emit {
     const LlvmApi *ll;
     const BackOptions *opt;
     Session *session;
-    Arena *arena;             /* scratch */
+    Arena *arena; /* scratch */
     Fn *fn;
     LLVMContextRef ctx;
     LLVMModuleRef mod;
     LLVMBuilderRef b;
     LLVMValueRef func;
     LLVMBasicBlockRef entry, sample_head, exit;
-    uint32_t W, P, L;         /* lanes, parts, lanes of a part: W = P * L */
+    uint32_t W, P, L; /* lanes, parts, lanes of a part: W = P * L */
     LLVMTypeRef t_void, t_i1, t_i8, t_i16, t_i32, t_i64, t_ptr, t_f32, t_f64, t_flt;
-    LLVMTypeRef t_args;       /* SltKernelArgs as an array of bytes is enough: fields are reached by offset */
-    Part args, n, i;          /* the arguments and the first lane's sample index (i64) */
+    LLVMTypeRef t_args; /* SltKernelArgs as an array of bytes is enough: fields are reached by offset */
+    Part args, n, i;    /* the arguments and the first lane's sample index (i64) */
     Part in[IN_COUNT], out[SLT_OUT_MAX], params, iparams, dparams, adj, tape, tape_end, tape_top /* i64 in memory */;
     CullSlot cull[BACK_MAX_CULL];
-    Part *mask;               /* P parts, or NULL: all lanes */
-    Part *val;                /* by id * P + part */
+    Part *mask; /* P parts, or NULL: all lanes */
+    Part *val;  /* by id * P + part */
     FrameTable frames;
-    uint64_t frame_bytes;     /* of local arrays so far */
-    uint32_t since_split;     /* instructions since the current block began */
+    uint64_t frame_bytes; /* of local arrays so far */
+    uint32_t since_split; /* instructions since the current block began */
     uint32_t nsplits;
     unsigned md_invariant;
-    bool sse2_only;           /* no roundps: floor and friends are spelled out */
-    const char *error;        /* set when the kernel cannot be compiled */
+    bool sse2_only;    /* no roundps: floor and friends are spelled out */
+    const char *error; /* set when the kernel cannot be compiled */
 } Emit;
 
 #define LL(name) (e->ll->name)
 
 /* ---- emit.c */
 /* Emits one kernel into the module. Returns an error text (scratch arena) or NULL. */
-const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRef mod, const KernelRequest *k, const BackOptions *o, uint32_t width);
+const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRef mod, const KernelRequest *k,
+                             const BackOptions *o, uint32_t width);
 void emit_fail(Emit *e, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 bool emit_is_vector(const Emit *e, const Inst *i);
 LLVMTypeRef emit_scalar_type(Emit *e, IrType t);
@@ -96,10 +100,10 @@ void emit_at(Emit *e, LLVMBasicBlockRef bb);
 LLVMBasicBlockRef emit_here(Emit *e);
 Part emit_phi(Emit *e, LLVMTypeRef t, const char *name);
 void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from);
-Part emit_any(Emit *e, const Part *mask);                  /* i1: some lane is on */
+Part emit_any(Emit *e, const Part *mask); /* i1: some lane is on */
 /* mask & m for the current mask; the result may be m itself. */
 void emit_and_mask(Emit *e, const Part *m, Part *out);
-void emit_block(Emit *e, Block *b);                        /* instructions of a block without its yield */
+void emit_block(Emit *e, Block *b); /* instructions of a block without its yield */
 
 /* ---- emit_ops.c: value rows */
 void emit_value_op(Emit *e, Inst *i);
@@ -118,12 +122,13 @@ typedef struct Codegen {
     double emit_ms, llvm_ms;
     uint32_t *instructions; /* scratch arena: LLVM instructions of each kernel after optimisation */
 } Codegen;
-int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind, Codegen *out, const char **why);
+int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind,
+                 Codegen *out, const char **why);
 
 /* ---- load.c: a small loader for ELF64 x86-64 relocatable objects */
 typedef struct Loaded Loaded;
-/* Maps the object's sections, resolves relocations (externals: fma, fmaf, memcpy, memmove, memset only) and makes the code executable.
- * Never trusts a field of the object: a bad one gives NULL and a text. */
+/* Maps the object's sections, resolves relocations (externals: fma, fmaf, memcpy, memmove, memset only) and makes the
+ * code executable. Never trusts a field of the object: a bad one gives NULL and a text. */
 Loaded *load_object(const unsigned char *bytes, size_t size, const char **why);
 void *load_symbol(const Loaded *l, const char *name, uint64_t *size);
 void load_free(Loaded *l);

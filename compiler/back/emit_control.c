@@ -1,7 +1,8 @@
 /* Structured control flow: if_ and loop, uniform as real branches, varying under masks.
  *
- * Dead lanes run along and compute garbage: nothing traps (integer operations are total, indices are clamped), stores and effects look at
- * the mask, and values are blended only where lanes with different histories meet. A region is entered only if some lane wants it. */
+ * Dead lanes run along and compute garbage: nothing traps (integer operations are total, indices are clamped), stores
+ * and effects look at the mask, and values are blended only where lanes with different histories meet. A region is
+ * entered only if some lane wants it. */
 #include "compiler/back/emit.h"
 
 #include <string.h>
@@ -9,8 +10,7 @@
 void emit_control(Emit *e, Inst *i);
 
 /* The parts of a value as result r of a structured operation: vector if the result varies. */
-static uint32_t result_parts(Emit *e, const Inst *value, bool vector, Part *out)
-{
+static uint32_t result_parts(Emit *e, const Inst *value, bool vector, Part *out) {
     if (vector) {
         emit_parts(e, value, out);
         return e->P;
@@ -19,58 +19,81 @@ static uint32_t result_parts(Emit *e, const Inst *value, bool vector, Part *out)
     return 1;
 }
 
-static uint32_t result_count(const Emit *e, const Inst *proj) { return emit_is_vector(e, proj) ? e->P : 1; }
+static uint32_t result_count(const Emit *e, const Inst *proj) {
+    return emit_is_vector(e, proj) ? e->P : 1;
+}
 
-static LLVMTypeRef value_type(Emit *e, const Inst *i)
-{
+static LLVMTypeRef value_type(Emit *e, const Inst *i) {
     LLVMTypeRef t = emit_scalar_type(e, i->type);
     return emit_is_vector(e, i) ? emit_vector_type(e, t) : t;
 }
 
-static Part *new_parts(Emit *e) { return ARENA_ARRAY(e->arena, Part, e->P); }
+static Part *new_parts(Emit *e) {
+    return ARENA_ARRAY(e->arena, Part, e->P);
+}
 
-static const Inst *next_proj(const Inst *s, const Inst *p)
-{
+static const Inst *next_proj(const Inst *s, const Inst *p) {
     p = p ? p->next : s->next;
     return p && p->op == OP_proj && p->args[0] == s ? p : NULL;
 }
 
-/* A mask that crosses blocks: before AVX-512 vectors of i1 are kept as narrow integers there, with a pack and an unpack at every
- * use, so such a mask travels as integers of the width of its floats, whose signs blend directly. */
-static LLVMTypeRef wide_type(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
-static bool masks_are_vectors(const Emit *e) { return e->W > 1 && e->opt->target.vector_bytes < 64; }
-static LLVMTypeRef travelling_type(Emit *e) { return emit_vector_type(e, masks_are_vectors(e) ? wide_type(e) : e->t_i1); }
+/* A mask that crosses blocks: before AVX-512 vectors of i1 are kept as narrow integers there, with a pack and an unpack
+ * at every use, so such a mask travels as integers of the width of its floats, whose signs blend directly. */
+static LLVMTypeRef wide_type(Emit *e) {
+    return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32;
+}
+static bool masks_are_vectors(const Emit *e) {
+    return e->W > 1 && e->opt->target.vector_bytes < 64;
+}
+static LLVMTypeRef travelling_type(Emit *e) {
+    return emit_vector_type(e, masks_are_vectors(e) ? wide_type(e) : e->t_i1);
+}
 
-static void widen(Emit *e, const Part *mask, Part *wide)
-{
+static void widen(Emit *e, const Part *mask, Part *wide) {
     for (uint32_t p = 0; p < e->P; p++)
         wide[p] = masks_are_vectors(e) ? LL(BuildSExt)(e->b, mask[p], travelling_type(e), "") : mask[p];
 }
 
-static void narrow(Emit *e, const Part *wide, Part *mask)
-{
+static void narrow(Emit *e, const Part *wide, Part *mask) {
     for (uint32_t p = 0; p < e->P; p++)
-        mask[p] = masks_are_vectors(e) ? LL(BuildICmp)(e->b, LLVMIntSLT, wide[p], LL(ConstNull)(travelling_type(e)), "") : wide[p];
+        mask[p] = masks_are_vectors(e) ? LL(BuildICmp)(e->b, LLVMIntSLT, wide[p], LL(ConstNull)(travelling_type(e)), "")
+                                       : wide[p];
 }
 
 /* ---- if_ */
 enum { SELECT_BUDGET = 8, NOT_CHEAP = 1000 }; /* a test and a branch cost about this many vector instructions */
 
 /* About how many vector instructions a region costs, NOT_CHEAP if it must not run for lanes that did not ask. */
-static uint32_t region_cost(const Emit *e, const Block *b)
-{
+static uint32_t region_cost(const Emit *e, const Block *b) {
     uint32_t cost = 0;
     for (const Inst *i = b->first; i && cost < NOT_CHEAP; i = i->next) {
         switch (i->op) {
-        case OP_constf: case OP_consti: case OP_constb: case OP_proj: case OP_arg: case OP_yield: case OP_detach: case OP_site: case OP_siten:
+        case OP_constf:
+        case OP_consti:
+        case OP_constb:
+        case OP_proj:
+        case OP_arg:
+        case OP_yield:
+        case OP_detach:
+        case OP_site:
+        case OP_siten:
             break;
-        case OP_fdiv: case OP_zdiv: case OP_fsqrt: case OP_ffma:
+        case OP_fdiv:
+        case OP_zdiv:
+        case OP_fsqrt:
+        case OP_ffma:
             cost += i->op != OP_ffma ? 5 : e->opt->target.has_fma ? 1 : 100;
             break;
-        case OP_idiv: case OP_irem: case OP_udiv: case OP_urem:
+        case OP_idiv:
+        case OP_irem:
+        case OP_udiv:
+        case OP_urem:
             cost += 8;
             break;
-        case OP_param: case OP_iparam: case OP_dparam: case OP_load:
+        case OP_param:
+        case OP_iparam:
+        case OP_dparam:
+        case OP_load:
             cost += emit_is_vector(e, i) ? 8 : 1;
             break;
         case OP_if_:
@@ -83,28 +106,25 @@ static uint32_t region_cost(const Emit *e, const Block *b)
     return cost;
 }
 
-static bool is_empty(const Block *b)
-{
+static bool is_empty(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next)
-        if (i->op != OP_yield && !ir_is_const(i))
-            return false;
+        if (i->op != OP_yield && !ir_is_const(i)) return false;
     return true;
 }
 
-static void select_results(Emit *e, Inst *i, const Part *cond, Part scalar_cond)
-{
+static void select_results(Emit *e, Inst *i, const Part *cond, Part scalar_cond) {
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) {
         uint32_t r = (uint32_t)p->imm.i;
         Part x[BACK_MAX_PARTS], y[BACK_MAX_PARTS];
         result_parts(e, ir_yield_of(i->region[0])->args[r], emit_is_vector(e, p), x);
         result_parts(e, ir_yield_of(i->region[1])->args[r], emit_is_vector(e, p), y);
         for (uint32_t k = 0; k < result_count(e, p); k++)
-            emit_slot(e, p)[k] = x[k] == y[k] ? x[k] : LL(BuildSelect)(e->b, cond ? cond[k] : scalar_cond, x[k], y[k], "");
+            emit_slot(e, p)[k] =
+                x[k] == y[k] ? x[k] : LL(BuildSelect)(e->b, cond ? cond[k] : scalar_cond, x[k], y[k], "");
     }
 }
 
-static void emit_if_uniform(Emit *e, Inst *i)
-{
+static void emit_if_uniform(Emit *e, Inst *i) {
     Part cond = emit_scalar(e, i->args[0]);
     if (region_cost(e, i->region[0]) + region_cost(e, i->region[1]) <= 4) {
         emit_block(e, i->region[0]);
@@ -112,10 +132,10 @@ static void emit_if_uniform(Emit *e, Inst *i)
         select_results(e, i, NULL, cond);
         return;
     }
-    LLVMBasicBlockRef side[2] = {emit_new_block(e, "then"), emit_new_block(e, "else")}, end[2], join = emit_new_block(e, "join");
+    LLVMBasicBlockRef side[2] = {emit_new_block(e, "then"), emit_new_block(e, "else")}, end[2],
+                      join = emit_new_block(e, "join");
     uint32_t nproj = 0;
-    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p))
-        nproj++;
+    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) nproj++;
     Part *x = ARENA_ARRAY(e->arena, Part, 2 * (size_t)nproj * e->P + 1);
     LL(BuildCondBr)(e->b, cond, side[0], side[1]);
     for (uint32_t s = 0; s < 2; s++) {
@@ -138,22 +158,21 @@ static void emit_if_uniform(Emit *e, Inst *i)
         }
 }
 
-/* One side is empty: its values are known before, the blend is inside the branch, and lanes that never want the other side pay one test. */
-static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
-{
+/* One side is empty: its values are known before, the blend is inside the branch, and lanes that never want the other
+ * side pay one test. */
+static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full) {
     Part *outer = e->mask, *mask = new_parts(e);
-    for (uint32_t p = 0; p < e->P; p++)
-        mask[p] = full ? LL(BuildNot)(e->b, cond[p], "") : cond[p];
+    for (uint32_t p = 0; p < e->P; p++) mask[p] = full ? LL(BuildNot)(e->b, cond[p], "") : cond[p];
     emit_and_mask(e, mask, mask);
     uint32_t nproj = 0;
-    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p))
-        nproj++;
+    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) nproj++;
     Part *skipped = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1), *at = skipped;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
         result_parts(e, ir_yield_of(i->region[!full])->args[p->imm.i], emit_is_vector(e, p), at);
     Part wide[BACK_MAX_PARTS];
     widen(e, mask, wide);
-    LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, full ? "else" : "then"), join = emit_new_block(e, "join");
+    LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, full ? "else" : "then"),
+                      join = emit_new_block(e, "join");
     LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
     emit_at(e, region);
     narrow(e, wide, mask);
@@ -167,8 +186,7 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
         bool vector = emit_is_vector(e, p);
         result_parts(e, ir_yield_of(i->region[full])->args[p->imm.i], vector, to);
         for (uint32_t k = 0; vector && k < e->P; k++)
-            if (to[k] != at[k])
-                to[k] = LL(BuildSelect)(e->b, mask[k], to[k], at[k], "");
+            if (to[k] != at[k]) to[k] = LL(BuildSelect)(e->b, mask[k], to[k], at[k], "");
     }
     LLVMBasicBlockRef end = emit_here(e);
     LL(BuildBr)(e->b, join);
@@ -184,24 +202,21 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
 }
 
 /* Both sides do work: each behind its own test; where a side was skipped its value is never selected. */
-static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond)
-{
+static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
     Part *outer = e->mask;
     uint32_t nproj = 0;
-    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p))
-        nproj++;
+    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) nproj++;
     Part *x[2], wide_cond[BACK_MAX_PARTS], again[BACK_MAX_PARTS];
     widen(e, cond, wide_cond);
     for (uint32_t s = 0; s < 2; s++) {
         x[s] = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1);
         Part *mask = new_parts(e), wide[BACK_MAX_PARTS];
-        if (s)
-            narrow(e, wide_cond, again);
-        for (uint32_t p = 0; p < e->P; p++)
-            mask[p] = s ? LL(BuildNot)(e->b, again[p], "") : cond[p];
+        if (s) narrow(e, wide_cond, again);
+        for (uint32_t p = 0; p < e->P; p++) mask[p] = s ? LL(BuildNot)(e->b, again[p], "") : cond[p];
         emit_and_mask(e, mask, mask);
         widen(e, mask, wide);
-        LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, s ? "else" : "then"), join = emit_new_block(e, "join");
+        LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, s ? "else" : "then"),
+                          join = emit_new_block(e, "join");
         LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
         emit_at(e, region);
         narrow(e, wide, mask);
@@ -234,8 +249,7 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond)
     }
 }
 
-static void emit_if(Emit *e, Inst *i)
-{
+static void emit_if(Emit *e, Inst *i) {
     if (!emit_is_vector(e, i->args[0])) {
         emit_if_uniform(e, i);
         return;
@@ -255,14 +269,14 @@ static void emit_if(Emit *e, Inst *i)
 }
 
 /* ---- loop */
-/* The continue flag as a conjunction: uniform factors stay scalar tests, so a varying break does not push the trip count through a mask. */
+/* The continue flag as a conjunction: uniform factors stay scalar tests, so a varying break does not push the trip
+ * count through a mask. */
 typedef struct Conjuncts {
     const Inst *uniform[16], *varying[16];
     uint32_t nuniform, nvarying;
 } Conjuncts;
 
-static void split_flag(const Emit *e, const Inst *i, Conjuncts *c)
-{
+static void split_flag(const Emit *e, const Inst *i, Conjuncts *c) {
     bool room = c->nuniform + c->nvarying < 14;
     if (i->op == OP_band && room) {
         split_flag(e, i->args[0], c);
@@ -277,15 +291,14 @@ static void split_flag(const Emit *e, const Inst *i, Conjuncts *c)
 typedef struct LoopState {
     Inst *i;
     bool diverges;
-    Part j;                  /* iterations done */
-    Part *live, *wide;       /* the lanes still inside; the phis that carry them */
-    Part **result;           /* phis: results that are not carried as vectors */
-    bool *blend;             /* carried value r is blended in place */
+    Part j;            /* iterations done */
+    Part *live, *wide; /* the lanes still inside; the phis that carry them */
+    Part **result;     /* phis: results that are not carried as vectors */
+    bool *blend;       /* carried value r is blended in place */
     LLVMBasicBlockRef head;
 } LoopState;
 
-static Part *new_phis(Emit *e, LLVMTypeRef t, uint32_t n, const Part *init, LLVMBasicBlockRef from)
-{
+static Part *new_phis(Emit *e, LLVMTypeRef t, uint32_t n, const Part *init, LLVMBasicBlockRef from) {
     Part *phi = new_parts(e);
     for (uint32_t k = 0; k < n; k++) {
         phi[k] = emit_phi(e, t, "");
@@ -294,10 +307,8 @@ static Part *new_phis(Emit *e, LLVMTypeRef t, uint32_t n, const Part *init, LLVM
     return phi;
 }
 
-static Part iteration_number(Emit *e, const Inst *i, Part j)
-{
-    if (!i->imm.loop.cull)
-        return j;
+static Part iteration_number(Emit *e, const Inst *i, Part j) {
+    if (!i->imm.loop.cull) return j;
     const CullSlot *c = &e->cull[i->imm.loop.cull_id];
     Part none = LL(BuildICmp)(e->b, LLVMIntSLT, c->count, emit_int(e, e->t_i32, 0), "");
     Part at = LL(BuildZExt)(e->b, LL(BuildSelect)(e->b, none, emit_int(e, e->t_i32, 0), j, ""), e->t_i64, "");
@@ -305,19 +316,15 @@ static Part iteration_number(Emit *e, const Inst *i, Part j)
     return LL(BuildSelect)(e->b, none, j, item, "k");
 }
 
-static void loop_head(Emit *e, LoopState *s)
-{
+static void loop_head(Emit *e, LoopState *s) {
     Inst *i = s->i;
     Block *body = i->region[0];
     uint32_t nc = body->nparams - 1;
     Part(*init)[BACK_MAX_PARTS] = arena_alloc(e->arena, (nc + 1) * sizeof *init);
-    for (uint32_t r = 0; r < nc; r++)
-        result_parts(e, i->args[r], emit_is_vector(e, body->params[r + 1]), init[r]);
+    for (uint32_t r = 0; r < nc; r++) result_parts(e, i->args[r], emit_is_vector(e, body->params[r + 1]), init[r]);
     Part on[BACK_MAX_PARTS];
-    for (uint32_t p = 0; p < e->P; p++)
-        on[p] = e->mask ? e->mask[p] : LL(ConstAllOnes)(emit_vector_type(e, e->t_i1));
-    if (s->diverges)
-        widen(e, on, on);
+    for (uint32_t p = 0; p < e->P; p++) on[p] = e->mask ? e->mask[p] : LL(ConstAllOnes)(emit_vector_type(e, e->t_i1));
+    if (s->diverges) widen(e, on, on);
     s->blend = ARENA_ARRAY(e->arena, bool, nc + 1);
     s->result = ARENA_ARRAY(e->arena, Part *, nc + 1);
     LLVMBasicBlockRef from = emit_here(e);
@@ -331,27 +338,23 @@ static void loop_head(Emit *e, LoopState *s)
         uint32_t n = emit_is_vector(e, c) ? e->P : 1;
         memcpy(emit_slot(e, c), new_phis(e, value_type(e, c), n, init[r], from), n * sizeof(Part));
     }
-    if (s->diverges)
-        s->wide = new_phis(e, travelling_type(e), e->P, on, from);
+    if (s->diverges) s->wide = new_phis(e, travelling_type(e), e->P, on, from);
     for (const Inst *p = next_proj(i, NULL); s->diverges && p; p = next_proj(i, p)) {
         uint32_t r = (uint32_t)p->imm.i;
         s->blend[r] = emit_is_vector(e, body->params[r + 1]);
         if (!s->blend[r]) {
             LLVMTypeRef t = emit_vector_type(e, emit_scalar_type(e, p->type));
             Part zero[BACK_MAX_PARTS];
-            for (uint32_t k = 0; k < e->P; k++)
-                zero[k] = LL(ConstNull)(t);
+            for (uint32_t k = 0; k < e->P; k++) zero[k] = LL(ConstNull)(t);
             s->result[r] = new_phis(e, t, e->P, zero, from);
         }
     }
-    if (s->diverges)
-        narrow(e, s->wide, s->live = new_parts(e));
+    if (s->diverges) narrow(e, s->wide, s->live = new_parts(e));
     emit_slot(e, body->params[0])[0] = iteration_number(e, i, s->j);
 }
 
 /* Whether to go round again; fills the lanes that will. */
-static Part loop_condition(Emit *e, LoopState *s, Part j_next, Part *live_next)
-{
+static Part loop_condition(Emit *e, LoopState *s, Part j_next, Part *live_next) {
     Conjuncts c = {0};
     split_flag(e, ir_yield_of(s->i->region[0])->args[0], &c);
     Part go = NULL;
@@ -375,8 +378,7 @@ static Part loop_condition(Emit *e, LoopState *s, Part j_next, Part *live_next)
     return go;
 }
 
-static void emit_loop(Emit *e, Inst *i)
-{
+static void emit_loop(Emit *e, Inst *i) {
     Block *body = i->region[0];
     LoopState s = {.i = i, .diverges = e->W > 1 && (i->flags & BACK_DIVERGES)};
     uint32_t nc = body->nparams - 1;
@@ -394,12 +396,10 @@ static void emit_loop(Emit *e, Inst *i)
     }
     loop_head(e, &s);
     Part *outer = e->mask;
-    if (s.diverges)
-        e->mask = s.live;
+    if (s.diverges) e->mask = s.live;
     emit_block(e, body);
     e->mask = outer;
-    if (e->error)
-        return;
+    if (e->error) return;
 
     const Inst *y = ir_yield_of(body);
     Part live_next[BACK_MAX_PARTS];
@@ -430,11 +430,9 @@ static void emit_loop(Emit *e, Inst *i)
     for (uint32_t r = 0; r < nc; r++)
         for (uint32_t k = 0; k < (emit_is_vector(e, body->params[r + 1]) ? e->P : 1); k++)
             emit_incoming(e, emit_slot(e, body->params[r + 1])[k], next[r][k], latch);
-    for (uint32_t k = 0; s.diverges && k < e->P; k++)
-        emit_incoming(e, s.wide[k], live_next[k], latch);
+    for (uint32_t k = 0; s.diverges && k < e->P; k++) emit_incoming(e, s.wide[k], live_next[k], latch);
     for (uint32_t r = 0; r < nc; r++)
-        for (uint32_t k = 0; s.result[r] && k < e->P; k++)
-            emit_incoming(e, s.result[r][k], result[r][k], latch);
+        for (uint32_t k = 0; s.result[r] && k < e->P; k++) emit_incoming(e, s.result[r][k], result[r][k], latch);
     emit_at(e, done);
     if (skip_join) {
         LL(BuildBr)(e->b, skip_join);
@@ -453,8 +451,7 @@ static void emit_loop(Emit *e, Inst *i)
         }
 }
 
-void emit_control(Emit *e, Inst *i)
-{
+void emit_control(Emit *e, Inst *i) {
     if (i->op == OP_if_)
         emit_if(e, i);
     else

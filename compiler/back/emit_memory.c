@@ -1,18 +1,30 @@
-/* Everything that touches memory or leaves the kernel: parameters, local arrays, adjoints, the tape, counters, print, pairs of lanes. */
+/* Everything that touches memory or leaves the kernel: parameters, local arrays, adjoints, the tape, counters, print,
+ * pairs of lanes. */
 #include "compiler/back/emit.h"
 
 #include <string.h>
 
 /* ---- shared helpers */
-static unsigned flt_bytes(const Emit *e) { return e->fn->precision == PREC_F64 ? 8 : 4; }
-static unsigned type_bytes(const Emit *e, uint8_t type) { return type == TY_FLT ? flt_bytes(e) : type == TY_TAPE ? 8 : 4; }
-static unsigned part_align(const Emit *e, unsigned element) { return e->L * element > 64 ? 64 : e->L * element; }
-static Part k64(Emit *e, uint64_t v) { return emit_int(e, e->t_i64, v); }
-static Part at_byte(Emit *e, Part base, uint64_t offset) { return emit_gep(e, e->t_i8, base, k64(e, offset)); }
-static Part all_on(Emit *e) { return LL(ConstAllOnes)(emit_vector_type(e, e->t_i1)); }
+static unsigned flt_bytes(const Emit *e) {
+    return e->fn->precision == PREC_F64 ? 8 : 4;
+}
+static unsigned type_bytes(const Emit *e, uint8_t type) {
+    return type == TY_FLT ? flt_bytes(e) : type == TY_TAPE ? 8 : 4;
+}
+static unsigned part_align(const Emit *e, unsigned element) {
+    return e->L * element > 64 ? 64 : e->L * element;
+}
+static Part k64(Emit *e, uint64_t v) {
+    return emit_int(e, e->t_i64, v);
+}
+static Part at_byte(Emit *e, Part base, uint64_t offset) {
+    return emit_gep(e, e->t_i8, base, k64(e, offset));
+}
+static Part all_on(Emit *e) {
+    return LL(ConstAllOnes)(emit_vector_type(e, e->t_i1));
+}
 
-static Part gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align)
-{
+static Part gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align) {
     LLVMTypeRef v = emit_vector_type(e, scalar), types[2] = {v, LL(TypeOf)(pointers)};
     unsigned id = LL(LookupIntrinsicID)("llvm.masked.gather", 18);
     Part f = LL(GetIntrinsicDeclaration)(e->mod, id, types, 2);
@@ -20,8 +32,7 @@ static Part gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align)
     return LL(BuildCall2)(e->b, LL(IntrinsicGetType)(e->ctx, id, types, 2), f, args, 4, "");
 }
 
-static void scatter(Emit *e, Part value, Part pointers, unsigned align, Part mask)
-{
+static void scatter(Emit *e, Part value, Part pointers, unsigned align, Part mask) {
     LLVMTypeRef types[2] = {LL(TypeOf)(value), LL(TypeOf)(pointers)};
     unsigned id = LL(LookupIntrinsicID)("llvm.masked.scatter", 19);
     Part f = LL(GetIntrinsicDeclaration)(e->mod, id, types, 2);
@@ -30,8 +41,7 @@ static void scatter(Emit *e, Part value, Part pointers, unsigned align, Part mas
 }
 
 /* index clamped to [0, count - 1], as cheaply as what is known about it allows. */
-static Part clamped(Emit *e, const Inst *index, Part v, uint32_t count)
-{
+static Part clamped(Emit *e, const Inst *index, Part v, uint32_t count) {
     int64_t lo = INT32_MIN, hi = INT32_MAX;
     back_int_range(index, &lo, &hi);
     LLVMTypeRef t = LL(TypeOf)(v);
@@ -46,37 +56,30 @@ static Part clamped(Emit *e, const Inst *index, Part v, uint32_t count)
     return v;
 }
 
-static Part scalar_index(Emit *e, const Inst *index, uint32_t count)
-{
+static Part scalar_index(Emit *e, const Inst *index, uint32_t count) {
     return LL(BuildZExt)(e->b, clamped(e, index, emit_scalar(e, index), count), e->t_i64, "");
 }
 
 /* Lanes of part p whose sample is one the caller asked for. */
-static Part valid_lanes(Emit *e, uint32_t p)
-{
+static Part valid_lanes(Emit *e, uint32_t p) {
     Part n = emit_load(e, e->t_i32, emit_field_ptr(e, offsetof(SltKernelArgs, n_valid)), 4, true);
     Part i = LL(BuildTrunc)(e->b, e->i, e->t_i32, "");
-    if (e->W == 1)
-        return LL(BuildICmp)(e->b, LLVMIntULT, i, n, "");
+    if (e->W == 1) return LL(BuildICmp)(e->b, LLVMIntULT, i, n, "");
     Part lanes[BACK_MAX_WIDTH];
-    for (uint32_t l = 0; l < e->L; l++)
-        lanes[l] = emit_int(e, e->t_i32, p * e->L + l);
+    for (uint32_t l = 0; l < e->L; l++) lanes[l] = emit_int(e, e->t_i32, p * e->L + l);
     Part index = LL(BuildAdd)(e->b, emit_splat(e, i), LL(ConstVector)(lanes, e->L), "");
     return LL(BuildICmp)(e->b, LLVMIntULT, index, emit_splat(e, n), "");
 }
 
 /* The executing lanes of part p that count, further narrowed by `cond` (may be NULL). */
-static Part counting_lanes(Emit *e, uint32_t p, Part cond)
-{
+static Part counting_lanes(Emit *e, uint32_t p, Part cond) {
     Part m = valid_lanes(e, p);
-    if (e->mask)
-        m = LL(BuildAnd)(e->b, m, e->mask[p], "");
+    if (e->mask) m = LL(BuildAnd)(e->b, m, e->mask[p], "");
     return cond ? LL(BuildAnd)(e->b, m, cond, "") : m;
 }
 
 /* ---- parameters */
-static void emit_param(Emit *e, Inst *i)
-{
+static void emit_param(Emit *e, Inst *i) {
     Part base = i->op == OP_param ? e->params : i->op == OP_iparam ? e->iparams : e->dparams;
     LLVMTypeRef t = emit_scalar_type(e, i->type);
     unsigned bytes = type_bytes(e, i->type);
@@ -91,15 +94,16 @@ static void emit_param(Emit *e, Inst *i)
         out[p] = gather(e, t, emit_gep(e, t, base, clamped(e, i->args[0], index[p], i->imm.slot.count)), bytes);
 }
 
-/* ---- local arrays: [count][W] of T, or [count] where every lane has the same contents. Booleans are kept as 32-bit integers. */
-static LLVMTypeRef element_type(Emit *e, const Inst *array) { return array->imm.arr.elem == TY_BOOL ? e->t_i32 : emit_scalar_type(e, array->imm.arr.elem); }
-static uint64_t array_bytes(const Emit *e, const Inst *array)
-{
+/* ---- local arrays: [count][W] of T, or [count] where every lane has the same contents. Booleans are kept as 32-bit
+ * integers. */
+static LLVMTypeRef element_type(Emit *e, const Inst *array) {
+    return array->imm.arr.elem == TY_BOOL ? e->t_i32 : emit_scalar_type(e, array->imm.arr.elem);
+}
+static uint64_t array_bytes(const Emit *e, const Inst *array) {
     return (uint64_t)array->imm.arr.count * type_bytes(e, array->imm.arr.elem) * (emit_is_vector(e, array) ? e->W : 1);
 }
 
-static void emit_alloc(Emit *e, Inst *i)
-{
+static void emit_alloc(Emit *e, Inst *i) {
     uint64_t bytes = array_bytes(e, i);
     e->frame_bytes += bytes;
     if (e->frame_bytes > BACK_MAX_FRAME) {
@@ -111,25 +115,28 @@ static void emit_alloc(Emit *e, Inst *i)
     emit_slot(e, i)[0] = p;
 }
 
-static Part from_element(Emit *e, const Inst *array, Part v)
-{
-    return array->imm.arr.elem == TY_BOOL ? LL(BuildTrunc)(e->b, v, emit_is_vector(e, array) || LL(GetTypeKind)(LL(TypeOf)(v)) == LLVMVectorTypeKind
-                                                                        ? emit_vector_type(e, e->t_i1) : e->t_i1, "") : v;
+static Part from_element(Emit *e, const Inst *array, Part v) {
+    return array->imm.arr.elem == TY_BOOL
+               ? LL(BuildTrunc)(e->b, v,
+                                emit_is_vector(e, array) || LL(GetTypeKind)(LL(TypeOf)(v)) == LLVMVectorTypeKind
+                                    ? emit_vector_type(e, e->t_i1)
+                                    : e->t_i1,
+                                "")
+               : v;
 }
 
-static Part to_element(Emit *e, const Inst *array, Part v, bool vector)
-{
-    return array->imm.arr.elem == TY_BOOL ? LL(BuildZExt)(e->b, v, vector ? emit_vector_type(e, e->t_i32) : e->t_i32, "") : v;
+static Part to_element(Emit *e, const Inst *array, Part v, bool vector) {
+    return array->imm.arr.elem == TY_BOOL
+               ? LL(BuildZExt)(e->b, v, vector ? emit_vector_type(e, e->t_i32) : e->t_i32, "")
+               : v;
 }
 
 /* Pointers to the elements at varying indices, for part p. */
-static Part element_pointers(Emit *e, const Inst *array, const Inst *index, Part v, uint32_t p)
-{
+static Part element_pointers(Emit *e, const Inst *array, const Inst *index, Part v, uint32_t p) {
     Part at = clamped(e, index, v, array->imm.arr.count);
     if (emit_is_vector(e, array)) {
         Part lanes[BACK_MAX_WIDTH];
-        for (uint32_t l = 0; l < e->L; l++)
-            lanes[l] = emit_int(e, e->t_i32, p * e->L + l);
+        for (uint32_t l = 0; l < e->L; l++) lanes[l] = emit_int(e, e->t_i32, p * e->L + l);
         Part width = emit_const_like(e, LL(TypeOf)(at), e->t_i32, 0, e->W, false);
         at = LL(BuildAdd)(e->b, LL(BuildMul)(e->b, at, width, ""), LL(ConstVector)(lanes, e->L), "");
     }
@@ -137,8 +144,7 @@ static Part element_pointers(Emit *e, const Inst *array, const Inst *index, Part
 }
 
 /* Pointer to part p of the element at a uniform index (already 64-bit). */
-static Part element_pointer(Emit *e, const Inst *array, Part index, uint32_t p)
-{
+static Part element_pointer(Emit *e, const Inst *array, Part index, uint32_t p) {
     if (emit_is_vector(e, array)) {
         index = LL(BuildMul)(e->b, index, k64(e, e->W), "");
         index = LL(BuildAdd)(e->b, index, k64(e, (uint64_t)p * e->L), "");
@@ -146,25 +152,26 @@ static Part element_pointer(Emit *e, const Inst *array, Part index, uint32_t p)
     return emit_gep(e, element_type(e, array), emit_slot(e, array)[0], index);
 }
 
-static void emit_array_load(Emit *e, Inst *i)
-{
+static void emit_array_load(Emit *e, Inst *i) {
     const Inst *array = i->args[0], *index = i->args[1];
     LLVMTypeRef t = element_type(e, array);
     unsigned bytes = type_bytes(e, array->imm.arr.elem);
     Part *out = emit_slot(e, i);
     if (emit_is_vector(e, index)) {
         for (uint32_t p = 0; p < e->P; p++)
-            out[p] = from_element(e, array, gather(e, t, element_pointers(e, array, index, emit_slot(e, index)[p], p), bytes));
+            out[p] = from_element(e, array,
+                                  gather(e, t, element_pointers(e, array, index, emit_slot(e, index)[p], p), bytes));
         return;
     }
     Part at = scalar_index(e, index, array->imm.arr.count);
     bool vector = emit_is_vector(e, array);
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++)
-        out[p] = from_element(e, array, emit_load(e, vector ? emit_vector_type(e, t) : t, element_pointer(e, array, at, p), vector ? part_align(e, bytes) : bytes, false));
+        out[p] = from_element(e, array,
+                              emit_load(e, vector ? emit_vector_type(e, t) : t, element_pointer(e, array, at, p),
+                                        vector ? part_align(e, bytes) : bytes, false));
 }
 
-static void emit_array_store(Emit *e, Inst *i)
-{
+static void emit_array_store(Emit *e, Inst *i) {
     const Inst *array = i->args[0], *index = i->args[1];
     LLVMTypeRef t = element_type(e, array);
     unsigned bytes = type_bytes(e, array->imm.arr.elem);
@@ -179,20 +186,21 @@ static void emit_array_store(Emit *e, Inst *i)
     bool masked = e->mask && back_diverges_between(i->block, array->block);
     if (emit_is_vector(e, index)) {
         for (uint32_t p = 0; p < e->P; p++)
-            scatter(e, to_element(e, array, value[p], true), element_pointers(e, array, index, emit_slot(e, index)[p], p), bytes, masked ? e->mask[p] : NULL);
+            scatter(e, to_element(e, array, value[p], true),
+                    element_pointers(e, array, index, emit_slot(e, index)[p], p), bytes, masked ? e->mask[p] : NULL);
         return;
     }
     Part at = scalar_index(e, index, array->imm.arr.count);
     for (uint32_t p = 0; p < e->P; p++) {
         Part to = element_pointer(e, array, at, p), v = to_element(e, array, value[p], true);
         if (masked)
-            v = LL(BuildSelect)(e->b, e->mask[p], v, emit_load(e, emit_vector_type(e, t), to, part_align(e, bytes), false), "");
+            v = LL(BuildSelect)(e->b, e->mask[p], v,
+                                emit_load(e, emit_vector_type(e, t), to, part_align(e, bytes), false), "");
         emit_store(e, v, to, part_align(e, bytes));
     }
 }
 
-static void emit_array_copy(Emit *e, Inst *i)
-{
+static void emit_array_copy(Emit *e, Inst *i) {
     const Inst *to = i->args[0], *from = i->args[1];
     bool masked = emit_is_vector(e, to) && e->mask && back_diverges_between(i->block, to->block);
     if (!masked && emit_is_vector(e, to) == emit_is_vector(e, from)) {
@@ -206,11 +214,12 @@ static void emit_array_copy(Emit *e, Inst *i)
     emit_at(e, body);
     Part k = emit_phi(e, e->t_i64, "k");
     emit_incoming(e, k, k64(e, 0), before);
-    Part scalar = emit_is_vector(e, from) ? NULL : emit_splat(e, emit_load(e, t, element_pointer(e, from, k, 0), bytes, false));
+    Part scalar =
+        emit_is_vector(e, from) ? NULL : emit_splat(e, emit_load(e, t, element_pointer(e, from, k, 0), bytes, false));
     for (uint32_t p = 0; p < e->P; p++) {
-        Part x = scalar ? scalar : emit_load(e, v, element_pointer(e, from, k, p), part_align(e, bytes), false), at = element_pointer(e, to, k, p);
-        if (masked)
-            x = LL(BuildSelect)(e->b, e->mask[p], x, emit_load(e, v, at, part_align(e, bytes), false), "");
+        Part x = scalar ? scalar : emit_load(e, v, element_pointer(e, from, k, p), part_align(e, bytes), false),
+             at = element_pointer(e, to, k, p);
+        if (masked) x = LL(BuildSelect)(e->b, e->mask[p], x, emit_load(e, v, at, part_align(e, bytes), false), "");
         emit_store(e, x, at, part_align(e, bytes));
     }
     Part next = LL(BuildAdd)(e->b, k, k64(e, 1), "");
@@ -226,12 +235,13 @@ typedef struct LaneLoop {
 } LaneLoop;
 
 /* Runs what follows, up to lane_loop_end, for every lane that is on in `mask` (P parts), in lane order. */
-static LaneLoop lane_loop_begin(Emit *e, const Part *mask)
-{
+static LaneLoop lane_loop_begin(Emit *e, const Part *mask) {
     Part bytes = emit_alloca(e, LL(ArrayType2)(e->t_i8, e->W), 1, 64);
     for (uint32_t p = 0; p < e->P; p++)
-        emit_store(e, LL(BuildZExt)(e->b, mask[p], emit_vector_type(e, e->t_i8), ""), at_byte(e, bytes, (uint64_t)p * e->L), 1);
-    LaneLoop l = {.head = emit_new_block(e, "lane"), .skip = emit_new_block(e, "next"), .done = emit_new_block(e, "lanes")};
+        emit_store(e, LL(BuildZExt)(e->b, mask[p], emit_vector_type(e, e->t_i8), ""),
+                   at_byte(e, bytes, (uint64_t)p * e->L), 1);
+    LaneLoop l = {
+        .head = emit_new_block(e, "lane"), .skip = emit_new_block(e, "next"), .done = emit_new_block(e, "lanes")};
     LLVMBasicBlockRef from = emit_here(e), on = emit_new_block(e, "on");
     LL(BuildBr)(e->b, l.head);
     emit_at(e, l.head);
@@ -243,8 +253,7 @@ static LaneLoop lane_loop_begin(Emit *e, const Part *mask)
     return l;
 }
 
-static void lane_loop_end(Emit *e, LaneLoop *l)
-{
+static void lane_loop_end(Emit *e, LaneLoop *l) {
     LL(BuildBr)(e->b, l->skip);
     emit_at(e, l->skip);
     Part next = LL(BuildAdd)(e->b, l->lane, k64(e, 1), "");
@@ -254,8 +263,7 @@ static void lane_loop_end(Emit *e, LaneLoop *l)
 }
 
 /* Spills the parts of a value so that lanes can be picked at run time; elements of type t. */
-static Part spill_lanes(Emit *e, const Part *parts, LLVMTypeRef t, unsigned bytes)
-{
+static Part spill_lanes(Emit *e, const Part *parts, LLVMTypeRef t, unsigned bytes) {
     Part mem = emit_alloca(e, LL(ArrayType2)(t, e->W), 1, 64);
     for (uint32_t p = 0; p < e->P; p++)
         emit_store(e, parts[p], emit_gep(e, t, mem, k64(e, (uint64_t)p * e->L)), part_align(e, bytes));
@@ -263,14 +271,14 @@ static Part spill_lanes(Emit *e, const Part *parts, LLVMTypeRef t, unsigned byte
 }
 
 /* ---- adjoints of parameters */
-static void log_adjoint(Emit *e, Inst *i)
-{
+static void log_adjoint(Emit *e, Inst *i) {
     Part index[BACK_MAX_PARTS], value[BACK_MAX_PARTS], mask[BACK_MAX_PARTS];
     emit_parts(e, i->args[0], index);
     emit_parts(e, i->args[1], value);
     for (uint32_t p = 0; p < e->P; p++) {
         index[p] = clamped(e, i->args[0], index[p], i->imm.slot.count);
-        index[p] = LL(BuildAdd)(e->b, index[p], emit_const_like(e, LL(TypeOf)(index[p]), e->t_i32, 0, i->imm.slot.base, false), "");
+        index[p] = LL(BuildAdd)(e->b, index[p],
+                                emit_const_like(e, LL(TypeOf)(index[p]), e->t_i32, 0, i->imm.slot.base, false), "");
         mask[p] = counting_lanes(e, p, NULL);
     }
     Part indices = spill_lanes(e, index, e->t_i32, 4), values = spill_lanes(e, value, e->t_flt, flt_bytes(e));
@@ -285,8 +293,7 @@ static void log_adjoint(Emit *e, Inst *i)
     Part at = emit_gep(e, e->t_i8, log, LL(BuildMul)(e->b, len, k64(e, sizeof(SltAdjEntry)), ""));
     emit_store(e, emit_load(e, e->t_i32, emit_gep(e, e->t_i32, indices, l.lane), 4, false), at, 4);
     Part v = emit_load(e, e->t_flt, emit_gep(e, e->t_flt, values, l.lane), flt_bytes(e), false);
-    if (e->t_flt == e->t_f32)
-        v = LL(BuildFPExt)(e->b, v, e->t_f64, "");
+    if (e->t_flt == e->t_f32) v = LL(BuildFPExt)(e->b, v, e->t_f64, "");
     emit_store(e, emit_int(e, e->t_i32, 0), at_byte(e, at, offsetof(SltAdjEntry, pad)), 4);
     emit_store(e, v, at_byte(e, at, offsetof(SltAdjEntry, value)), 8);
     LL(BuildBr)(e->b, full);
@@ -295,26 +302,23 @@ static void log_adjoint(Emit *e, Inst *i)
 }
 
 /* Sum over all lanes, halving: the order does not depend on how lanes are cut into parts. */
-static Part horizontal_sum(Emit *e, Part *v)
-{
+static Part horizontal_sum(Emit *e, Part *v) {
     uint32_t p = e->P;
     for (; p > 1; p /= 2)
-        for (uint32_t k = 0; k < p / 2; k++)
-            v[k] = LL(BuildFAdd)(e->b, v[k], v[k + p / 2], "");
-    if (e->W == 1)
-        return v[0];
+        for (uint32_t k = 0; k < p / 2; k++) v[k] = LL(BuildFAdd)(e->b, v[k], v[k + p / 2], "");
+    if (e->W == 1) return v[0];
     Part x = v[0];
     for (uint32_t half = e->L / 2; half; half /= 2) {
         Part pick[BACK_MAX_WIDTH];
-        for (uint32_t l = 0; l < e->L; l++)
-            pick[l] = emit_int(e, e->t_i32, l < half ? l + half : l);
-        x = LL(BuildFAdd)(e->b, x, LL(BuildShuffleVector)(e->b, x, LL(GetPoison)(LL(TypeOf)(x)), LL(ConstVector)(pick, e->L), ""), "");
+        for (uint32_t l = 0; l < e->L; l++) pick[l] = emit_int(e, e->t_i32, l < half ? l + half : l);
+        x = LL(BuildFAdd)(
+            e->b, x, LL(BuildShuffleVector)(e->b, x, LL(GetPoison)(LL(TypeOf)(x)), LL(ConstVector)(pick, e->L), ""),
+            "");
     }
     return LL(BuildExtractElement)(e->b, x, emit_int(e, e->t_i32, 0), "");
 }
 
-static void emit_adjoint(Emit *e, Inst *i)
-{
+static void emit_adjoint(Emit *e, Inst *i) {
     if (i->args[0]->flags & BACK_VARYING) {
         log_adjoint(e, i);
         return;
@@ -339,12 +343,14 @@ static void emit_adjoint(Emit *e, Inst *i)
     }
 }
 
-/* ---- the tape. A frame: whole vectors first, then 8-byte, 4-byte and bit values, then the mask; one size for each signature. A frame takes at
- * most the sum of its values' bytes and 4 more for each lane: the mask, an iteration number and the padding fit in those. */
-static uint32_t bits_bytes(const Emit *e) { return e->P * (e->L < 8 ? 1 : e->L / 8); }
+/* ---- the tape. A frame: whole vectors first, then 8-byte, 4-byte and bit values, then the mask; one size for each
+ * signature. A frame takes at most the sum of its values' bytes and 4 more for each lane: the mask, an iteration number
+ * and the padding fit in those. */
+static uint32_t bits_bytes(const Emit *e) {
+    return e->P * (e->L < 8 ? 1 : e->L / 8);
+}
 
-void emit_layout_frames(Emit *e)
-{
+void emit_layout_frames(Emit *e) {
     for (uint32_t k = 0; k < e->frames.len; k++) {
         FrameClass *c = e->frames.data[k];
         uint32_t at = 0;
@@ -357,8 +363,7 @@ void emit_layout_frames(Emit *e)
                 unsigned bytes = c->types[j] == TY_BOOL ? 1 : type_bytes(e, c->types[j]);
                 bool bits = c->types[j] == TY_BOOL, vector = c->varying[j] && !bits;
                 int when = vector ? 0 : bits ? 3 : bytes == 8 ? 1 : 2;
-                if (when != pass)
-                    continue;
+                if (when != pass) continue;
                 c->offset[j] = at;
                 at += vector ? bytes * e->W : bits && c->varying[j] ? bits_bytes(e) : bytes;
             }
@@ -369,33 +374,30 @@ void emit_layout_frames(Emit *e)
     }
 }
 
-static void store_bits(Emit *e, const Part *bits, Part at)
-{
+static void store_bits(Emit *e, const Part *bits, Part at) {
     LLVMTypeRef t = LL(IntTypeInContext)(e->ctx, e->L);
     for (uint32_t p = 0; p < e->P; p++) {
         Part v = LL(BuildBitCast)(e->b, bits[p], t, "");
-        if (e->L < 8)
-            v = LL(BuildZExt)(e->b, v, e->t_i8, "");
+        if (e->L < 8) v = LL(BuildZExt)(e->b, v, e->t_i8, "");
         emit_store(e, v, at_byte(e, at, (uint64_t)p * (e->L < 8 ? 1 : e->L / 8)), 1);
     }
 }
 
-static void load_bits(Emit *e, Part *bits, Part at)
-{
+static void load_bits(Emit *e, Part *bits, Part at) {
     LLVMTypeRef t = LL(IntTypeInContext)(e->ctx, e->L), v = emit_vector_type(e, e->t_i1);
     for (uint32_t p = 0; p < e->P; p++) {
-        Part x = emit_load(e, e->L < 8 ? e->t_i8 : t, at_byte(e, at, (uint64_t)p * (e->L < 8 ? 1 : e->L / 8)), 1, false);
-        if (e->L < 8)
-            x = LL(BuildTrunc)(e->b, x, t, "");
+        Part x =
+            emit_load(e, e->L < 8 ? e->t_i8 : t, at_byte(e, at, (uint64_t)p * (e->L < 8 ? 1 : e->L / 8)), 1, false);
+        if (e->L < 8) x = LL(BuildTrunc)(e->b, x, t, "");
         bits[p] = LL(BuildBitCast)(e->b, x, v, "");
     }
 }
 
-static void emit_tapepush(Emit *e, Inst *i)
-{
+static void emit_tapepush(Emit *e, Inst *i) {
     FrameClass *c = back_frame_class(&e->frames, e->arena, i->nargs, i->args);
     Part top = emit_load(e, e->t_i64, e->tape_top, 8, false), next = LL(BuildAdd)(e->b, top, k64(e, c->bytes), "");
-    LLVMBasicBlockRef push = emit_new_block(e, "push"), full = emit_new_block(e, "full"), done = emit_new_block(e, "pushed");
+    LLVMBasicBlockRef push = emit_new_block(e, "push"), full = emit_new_block(e, "full"),
+                      done = emit_new_block(e, "pushed");
     LL(BuildCondBr)(e->b, LL(BuildICmp)(e->b, LLVMIntULE, next, e->tape_end, ""), push, full);
     emit_at(e, full);
     Part counter = emit_field_ptr(e, offsetof(SltKernelArgs, counters) + COUNTER_TAPE_OVERFLOW * sizeof(uint64_t));
@@ -419,12 +421,12 @@ static void emit_tapepush(Emit *e, Inst *i)
         }
         unsigned bytes = type_bytes(e, x->type), align = e->W * 4 < 64 ? e->L * 4 : part_align(e, bytes);
         for (uint32_t p = 0; p < e->P; p++)
-            emit_store(e, v[p], at_byte(e, at, (uint64_t)p * e->L * bytes), align < part_align(e, bytes) ? align : part_align(e, bytes));
+            emit_store(e, v[p], at_byte(e, at, (uint64_t)p * e->L * bytes),
+                       align < part_align(e, bytes) ? align : part_align(e, bytes));
     }
     if (c->masked) {
         Part on[BACK_MAX_PARTS];
-        for (uint32_t p = 0; p < e->P; p++)
-            on[p] = e->mask ? e->mask[p] : all_on(e);
+        for (uint32_t p = 0; p < e->P; p++) on[p] = e->mask ? e->mask[p] : all_on(e);
         store_bits(e, on, at_byte(e, frame, c->mask_offset));
     }
     emit_store(e, next, e->tape_top, 8);
@@ -432,15 +434,14 @@ static void emit_tapepush(Emit *e, Inst *i)
     emit_at(e, done);
 }
 
-static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame)
-{
+static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame) {
     for (uint32_t j = 0; j < c->n; j++) {
         const Inst *x = body->params[j];
         Part *out = emit_slot(e, x), at = at_byte(e, frame, c->offset[j]);
         if (!c->varying[j]) {
-            out[0] = emit_load(e, x->type == TY_BOOL ? e->t_i8 : emit_scalar_type(e, x->type), at, x->type == TY_BOOL ? 1 : 4, false);
-            if (x->type == TY_BOOL)
-                out[0] = LL(BuildTrunc)(e->b, out[0], e->t_i1, "");
+            out[0] = emit_load(e, x->type == TY_BOOL ? e->t_i8 : emit_scalar_type(e, x->type), at,
+                               x->type == TY_BOOL ? 1 : 4, false);
+            if (x->type == TY_BOOL) out[0] = LL(BuildTrunc)(e->b, out[0], e->t_i1, "");
             continue;
         }
         if (x->type == TY_BOOL) {
@@ -449,14 +450,14 @@ static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame)
         }
         unsigned bytes = type_bytes(e, x->type), align = e->W * 4 < 64 ? e->L * 4 : part_align(e, bytes);
         for (uint32_t p = 0; p < e->P; p++)
-            out[p] = emit_load(e, emit_vector_type(e, emit_scalar_type(e, x->type)), at_byte(e, at, (uint64_t)p * e->L * bytes),
-                align < part_align(e, bytes) ? align : part_align(e, bytes), false);
+            out[p] = emit_load(e, emit_vector_type(e, emit_scalar_type(e, x->type)),
+                               at_byte(e, at, (uint64_t)p * e->L * bytes),
+                               align < part_align(e, bytes) ? align : part_align(e, bytes), false);
     }
 }
 
 /* Pops frames until the mark. Lanes that were not there when a frame was pushed keep their carried values. */
-void emit_revloop(Emit *e, Inst *i)
-{
+void emit_revloop(Emit *e, Inst *i) {
     Block *body = i->region[0];
     uint32_t carried = i->nargs - 1, nframe = body->nparams - carried;
     FrameClass *c = back_frame_class(&e->frames, e->arena, nframe, body->params);
@@ -471,7 +472,8 @@ void emit_revloop(Emit *e, Inst *i)
             init[r][0] = emit_scalar(e, i->args[1 + r]);
     }
     Part mark = emit_scalar(e, i->args[0]);
-    LLVMBasicBlockRef from = emit_here(e), head = emit_new_block(e, "unwind"), pop = emit_new_block(e, "pop"), done = emit_new_block(e, "unwound");
+    LLVMBasicBlockRef from = emit_here(e), head = emit_new_block(e, "unwind"), pop = emit_new_block(e, "pop"),
+                      done = emit_new_block(e, "unwound");
     LL(BuildBr)(e->b, head);
     emit_at(e, head);
     for (uint32_t r = 0; r < carried; r++)
@@ -495,8 +497,7 @@ void emit_revloop(Emit *e, Inst *i)
     }
     emit_block(e, body);
     e->mask = outer;
-    if (e->error)
-        return;
+    if (e->error) return;
     const Inst *y = ir_yield_of(body);
     Part(*next)[BACK_MAX_PARTS] = arena_alloc(e->arena, (carried + 1) * sizeof *next);
     for (uint32_t r = 0; r < carried; r++) {
@@ -511,25 +512,21 @@ void emit_revloop(Emit *e, Inst *i)
     LLVMBasicBlockRef latch = emit_here(e);
     LL(BuildBr)(e->b, head);
     for (uint32_t r = 0; r < carried; r++)
-        for (uint32_t k = 0; k < n[r]; k++)
-            emit_incoming(e, emit_slot(e, params[r])[k], next[r][k], latch);
+        for (uint32_t k = 0; k < n[r]; k++) emit_incoming(e, emit_slot(e, params[r])[k], next[r][k], latch);
     emit_at(e, done);
     for (const Inst *p = i->next; p && p->op == OP_proj && p->args[0] == i; p = p->next)
         memcpy(emit_slot(e, p), emit_slot(e, params[p->imm.i]), n[p->imm.i] * sizeof(Part));
 }
 
 /* ---- pairs of lanes */
-static void emit_partner(Emit *e, const Part *in, Part *out)
-{
+static void emit_partner(Emit *e, const Part *in, Part *out) {
     Part pick[BACK_MAX_WIDTH];
-    for (uint32_t l = 0; l < e->L; l++)
-        pick[l] = emit_int(e, e->t_i32, l ^ 1);
+    for (uint32_t l = 0; l < e->L; l++) pick[l] = emit_int(e, e->t_i32, l ^ 1);
     for (uint32_t p = 0; p < e->P; p++)
         out[p] = LL(BuildShuffleVector)(e->b, in[p], LL(GetPoison)(LL(TypeOf)(in[p])), LL(ConstVector)(pick, e->L), "");
 }
 
-static void emit_both(Emit *e, Inst *i)
-{
+static void emit_both(Emit *e, Inst *i) {
     Part *out = emit_slot(e, i);
     if (!emit_is_vector(e, i)) {
         out[0] = emit_int(e, e->t_i1, 1);
@@ -539,8 +536,7 @@ static void emit_both(Emit *e, Inst *i)
 }
 
 /* ---- counters and print */
-static void emit_count(Emit *e, Inst *i)
-{
+static void emit_count(Emit *e, Inst *i) {
     Part cond[BACK_MAX_PARTS];
     emit_parts(e, i->args[0], cond);
     LLVMBasicBlockRef some = emit_new_block(e, "count"), done = emit_new_block(e, "counted");
@@ -559,18 +555,14 @@ static void emit_count(Emit *e, Inst *i)
     emit_at(e, done);
 }
 
-static Part as_double(Emit *e, const Inst *x, Part v)
-{
+static Part as_double(Emit *e, const Inst *x, Part v) {
     LLVMTypeRef d = emit_vector_type(e, e->t_f64);
-    if (x->type == TY_BOOL)
-        return LL(BuildUIToFP)(e->b, v, d, "");
-    if (x->type == TY_INT)
-        return LL(BuildSIToFP)(e->b, v, d, "");
+    if (x->type == TY_BOOL) return LL(BuildUIToFP)(e->b, v, d, "");
+    if (x->type == TY_INT) return LL(BuildSIToFP)(e->b, v, d, "");
     return e->t_flt == e->t_f32 ? LL(BuildFPExt)(e->b, v, d, "") : v;
 }
 
-static void emit_print(Emit *e, Inst *i)
-{
+static void emit_print(Emit *e, Inst *i) {
     LLVMBasicBlockRef on = emit_new_block(e, "print"), done = emit_new_block(e, "printed");
     Part f = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, print)), 8, true);
     LL(BuildCondBr)(e->b, LL(BuildICmp)(e->b, LLVMIntNE, f, LL(ConstNull)(e->t_ptr), ""), on, done);
@@ -579,18 +571,17 @@ static void emit_print(Emit *e, Inst *i)
     for (uint32_t j = 0; j < i->nargs; j++) {
         Part v[BACK_MAX_PARTS];
         emit_parts(e, i->args[j], v);
-        for (uint32_t p = 0; p < e->P; p++)
-            v[p] = as_double(e, i->args[j], v[p]);
+        for (uint32_t p = 0; p < e->P; p++) v[p] = as_double(e, i->args[j], v[p]);
         spilled[j] = spill_lanes(e, v, e->t_f64, 8);
     }
-    for (uint32_t p = 0; p < e->P; p++)
-        mask[p] = counting_lanes(e, p, NULL);
+    for (uint32_t p = 0; p < e->P; p++) mask[p] = counting_lanes(e, p, NULL);
     char *text = arena_strndup(e->arena, i->imm.text.text, i->imm.text.len);
     Part name = LL(BuildGlobalStringPtr)(e->b, text, "text");
     Part values = emit_alloca(e, LL(ArrayType2)(e->t_f64, i->nargs + 1), 1, 8);
     LaneLoop l = lane_loop_begin(e, mask);
     for (uint32_t j = 0; j < i->nargs; j++)
-        emit_store(e, emit_load(e, e->t_f64, emit_gep(e, e->t_f64, spilled[j], l.lane), 8, false), emit_gep(e, e->t_f64, values, k64(e, j)), 8);
+        emit_store(e, emit_load(e, e->t_f64, emit_gep(e, e->t_f64, spilled[j], l.lane), 8, false),
+                   emit_gep(e, e->t_f64, values, k64(e, j)), 8);
     Part lane = LL(BuildTrunc)(e->b, LL(BuildAdd)(e->b, e->i, l.lane, ""), e->t_i32, "");
     Part user = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, user)), 8, true);
     LLVMTypeRef types[6] = {e->t_ptr, e->t_ptr, e->t_i32, e->t_ptr, e->t_i32, e->t_i32};
@@ -601,10 +592,11 @@ static void emit_print(Emit *e, Inst *i)
     emit_at(e, done);
 }
 
-void emit_memory_op(Emit *e, Inst *i)
-{
+void emit_memory_op(Emit *e, Inst *i) {
     switch (i->op) {
-    case OP_param: case OP_iparam: case OP_dparam:
+    case OP_param:
+    case OP_iparam:
+    case OP_dparam:
         emit_param(e, i);
         break;
     case OP_adj:

@@ -1,5 +1,5 @@
-/* Value rows of ops.def: one part at a time, scalars and vectors alike. The lowering column drives the switch; rows that say EMIT have a function
- * here. Every operation is total: nothing a dead lane can hold traps or is undefined. */
+/* Value rows of ops.def: one part at a time, scalars and vectors alike. The lowering column drives the switch; rows
+ * that say EMIT have a function here. Every operation is total: nothing a dead lane can hold traps or is undefined. */
 #include "compiler/back/emit.h"
 
 #include <float.h>
@@ -10,24 +10,37 @@ typedef struct Shape {
     LLVMTypeRef f, i; /* float and int of the same shape as the operands */
 } Shape;
 
-static bool is_vector_type(Emit *e, LLVMTypeRef t) { return LL(GetTypeKind)(t) == LLVMVectorTypeKind; }
+static bool is_vector_type(Emit *e, LLVMTypeRef t) {
+    return LL(GetTypeKind)(t) == LLVMVectorTypeKind;
+}
 
-static LLVMTypeRef like(Emit *e, Part a, LLVMTypeRef scalar)
-{
+static LLVMTypeRef like(Emit *e, Part a, LLVMTypeRef scalar) {
     return is_vector_type(e, LL(TypeOf)(a)) ? LL(VectorType)(scalar, e->L) : scalar;
 }
 
-static Part kf(Emit *e, Part shape, double v) { return emit_const_like(e, LL(TypeOf)(shape), e->t_flt, v, 0, true); }
-static Part ki(Emit *e, Part shape, uint32_t v) { return emit_const_like(e, LL(TypeOf)(shape), e->t_i32, 0, v, false); }
-static Part sel(Emit *e, Part c, Part x, Part y) { return LL(BuildSelect)(e->b, c, x, y, ""); }
-static Part fcmp(Emit *e, LLVMRealPredicate p, Part a, Part b) { return LL(BuildFCmp)(e->b, p, a, b, ""); }
-static Part icmp(Emit *e, LLVMIntPredicate p, Part a, Part b) { return LL(BuildICmp)(e->b, p, a, b, ""); }
+static Part kf(Emit *e, Part shape, double v) {
+    return emit_const_like(e, LL(TypeOf)(shape), e->t_flt, v, 0, true);
+}
+static Part ki(Emit *e, Part shape, uint32_t v) {
+    return emit_const_like(e, LL(TypeOf)(shape), e->t_i32, 0, v, false);
+}
+static Part sel(Emit *e, Part c, Part x, Part y) {
+    return LL(BuildSelect)(e->b, c, x, y, "");
+}
+static Part fcmp(Emit *e, LLVMRealPredicate p, Part a, Part b) {
+    return LL(BuildFCmp)(e->b, p, a, b, "");
+}
+static Part icmp(Emit *e, LLVMIntPredicate p, Part a, Part b) {
+    return LL(BuildICmp)(e->b, p, a, b, "");
+}
 
-static Part intrin1(Emit *e, const char *name, Part a) { return emit_intrinsic(e, name, LL(TypeOf)(a), &a, 1); }
+static Part intrin1(Emit *e, const char *name, Part a) {
+    return emit_intrinsic(e, name, LL(TypeOf)(a), &a, 1);
+}
 
-/* ---- rounding without roundps: adding and subtracting 2^(mantissa bits) rounds to even where |a| is below it; larger values are integers. */
-static Part rounded(Emit *e, Op op, Part a)
-{
+/* ---- rounding without roundps: adding and subtracting 2^(mantissa bits) rounds to even where |a| is below it; larger
+ * values are integers. */
+static Part rounded(Emit *e, Op op, Part a) {
     double big = e->fn->precision == PREC_F64 ? 4503599627370496.0 : 8388608.0;
     Part magnitude = intrin1(e, "llvm.fabs", a), one = kf(e, a, 1), r;
     Part even = LL(BuildFSub)(e->b, LL(BuildFAdd)(e->b, magnitude, kf(e, a, big), ""), kf(e, a, big), "");
@@ -47,43 +60,36 @@ static Part rounded(Emit *e, Op op, Part a)
 }
 
 /* fma on a target without it: libm's, lane by lane; slow and exact. */
-static Part emulated_fma(Emit *e, Part *args)
-{
+static Part emulated_fma(Emit *e, Part *args) {
     const char *name = e->fn->precision == PREC_F64 ? "fma" : "fmaf";
     LLVMTypeRef params[3] = {e->t_flt, e->t_flt, e->t_flt}, type = LL(FunctionType)(e->t_flt, params, 3, false);
     Part f = LL(GetNamedFunction)(e->mod, name);
-    if (!f)
-        f = LL(AddFunction)(e->mod, name, type);
+    if (!f) f = LL(AddFunction)(e->mod, name, type);
     LLVMTypeRef shape = LL(TypeOf)(args[0]);
-    if (!is_vector_type(e, shape))
-        return LL(BuildCall2)(e->b, type, f, args, 3, "");
+    if (!is_vector_type(e, shape)) return LL(BuildCall2)(e->b, type, f, args, 3, "");
     Part v = LL(ConstNull)(shape);
     for (uint32_t l = 0; l < e->L; l++) {
         Part lane = emit_int(e, e->t_i32, l), x[3];
-        for (uint32_t j = 0; j < 3; j++)
-            x[j] = LL(BuildExtractElement)(e->b, args[j], lane, "");
+        for (uint32_t j = 0; j < 3; j++) x[j] = LL(BuildExtractElement)(e->b, args[j], lane, "");
         v = LL(BuildInsertElement)(e->b, v, LL(BuildCall2)(e->b, type, f, x, 3, ""), lane, "");
     }
     return v;
 }
 
-static Part intrinsic(Emit *e, Op op, const char *name, Part *args, unsigned n)
-{
-    if (op == OP_ffma && !e->opt->target.has_fma)
-        return emulated_fma(e, args);
+static Part intrinsic(Emit *e, Op op, const char *name, Part *args, unsigned n) {
+    if (op == OP_ffma && !e->opt->target.has_fma) return emulated_fma(e, args);
     if (e->sse2_only && (op == OP_ffloor || op == OP_fceil || op == OP_ftrunc || op == OP_fround))
         return rounded(e, op, args[0]);
     return emit_intrinsic(e, name, LL(TypeOf)(args[0]), args, n);
 }
 
 /* ---- integers */
-/* Quotient of 32-bit integers through double, exact: the quotient's distance from the next integer is at least 1/|b|, far above half an ulp. The
- * vector units divide doubles and not integers. The divisor is not 0; INT_MIN / -1 is the caller's. */
-static Part quotient(Emit *e, Part a, Part b, bool is_signed)
-{
+/* Quotient of 32-bit integers through double, exact: the quotient's distance from the next integer is at least 1/|b|,
+ * far above half an ulp. The vector units divide doubles and not integers. The divisor is not 0; INT_MIN / -1 is the
+ * caller's. */
+static Part quotient(Emit *e, Part a, Part b, bool is_signed) {
     LLVMTypeRef d = like(e, a, e->t_f64), i = LL(TypeOf)(a);
-    if (!is_vector_type(e, i))
-        return is_signed ? LL(BuildSDiv)(e->b, a, b, "") : LL(BuildUDiv)(e->b, a, b, "");
+    if (!is_vector_type(e, i)) return is_signed ? LL(BuildSDiv)(e->b, a, b, "") : LL(BuildUDiv)(e->b, a, b, "");
     if (is_signed) {
         Part q = LL(BuildFDiv)(e->b, LL(BuildSIToFP)(e->b, a, d, ""), LL(BuildSIToFP)(e->b, b, d, ""), "");
         return LL(BuildFPToSI)(e->b, q, i, "");
@@ -92,12 +98,10 @@ static Part quotient(Emit *e, Part a, Part b, bool is_signed)
     return LL(BuildFPToUI)(e->b, q, i, "");
 }
 
-static Part divided(Emit *e, Op op, Part a, Part b, const Inst *divisor)
-{
+static Part divided(Emit *e, Op op, Part a, Part b, const Inst *divisor) {
     bool rem = op == OP_irem || op == OP_urem, is_signed = op == OP_idiv || op == OP_irem;
     if (divisor->op == OP_consti && divisor->imm.i != 0 && divisor->imm.i != -1) { /* LLVM multiplies */
-        if (rem)
-            return is_signed ? LL(BuildSRem)(e->b, a, b, "") : LL(BuildURem)(e->b, a, b, "");
+        if (rem) return is_signed ? LL(BuildSRem)(e->b, a, b, "") : LL(BuildURem)(e->b, a, b, "");
         return is_signed ? LL(BuildSDiv)(e->b, a, b, "") : LL(BuildUDiv)(e->b, a, b, "");
     }
     Part zero = ki(e, a, 0), one = ki(e, a, 1), none = icmp(e, LLVMIntEQ, b, zero);
@@ -114,8 +118,7 @@ static Part divided(Emit *e, Op op, Part a, Part b, const Inst *divisor)
     return sel(e, none, zero, q);
 }
 
-static Part high_product(Emit *e, Part a, Part b)
-{
+static Part high_product(Emit *e, Part a, Part b) {
     LLVMTypeRef wide = like(e, a, e->t_i64);
     Part p = LL(BuildMul)(e->b, LL(BuildZExt)(e->b, a, wide, ""), LL(BuildZExt)(e->b, b, wide, ""), "");
     p = LL(BuildLShr)(e->b, p, emit_const_like(e, wide, e->t_i64, 0, 32, false), "");
@@ -123,8 +126,7 @@ static Part high_product(Emit *e, Part a, Part b)
 }
 
 /* ---- conversions */
-static Part float_to_int(Emit *e, Part a, bool is_signed)
-{
+static Part float_to_int(Emit *e, Part a, bool is_signed) {
     LLVMTypeRef i = like(e, a, e->t_i32);
     Part top = kf(e, a, is_signed ? 2147483648.0 : 4294967296.0), bottom = kf(e, a, is_signed ? -2147483648.0 : 0);
     Part low = fcmp(e, LLVMRealOGE, a, bottom), high = fcmp(e, LLVMRealOLT, a, top);
@@ -138,40 +140,42 @@ static Part float_to_int(Emit *e, Part a, bool is_signed)
 }
 
 /* The bits of a float as an integer of its own width, and back. */
-static LLVMTypeRef bits_scalar(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
-static Part to_bits(Emit *e, Part a) { return LL(BuildBitCast)(e->b, a, like(e, a, bits_scalar(e)), ""); }
-static Part from_bits(Emit *e, Part a) { return LL(BuildBitCast)(e->b, a, like(e, a, e->t_flt), ""); }
-static Part kb(Emit *e, Part shape, uint64_t v) { return emit_const_like(e, LL(TypeOf)(shape), bits_scalar(e), 0, v, false); }
+static LLVMTypeRef bits_scalar(Emit *e) {
+    return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32;
+}
+static Part to_bits(Emit *e, Part a) {
+    return LL(BuildBitCast)(e->b, a, like(e, a, bits_scalar(e)), "");
+}
+static Part from_bits(Emit *e, Part a) {
+    return LL(BuildBitCast)(e->b, a, like(e, a, e->t_flt), "");
+}
+static Part kb(Emit *e, Part shape, uint64_t v) {
+    return emit_const_like(e, LL(TypeOf)(shape), bits_scalar(e), 0, v, false);
+}
 
-static Part mantissa(Emit *e, Part a)
-{
+static Part mantissa(Emit *e, Part a) {
     bool wide = e->fn->precision == PREC_F64;
     Part bits = LL(BuildAnd)(e->b, to_bits(e, a), kb(e, to_bits(e, a), wide ? 0x800fffffffffffffull : 0x807fffffu), "");
     return from_bits(e, LL(BuildOr)(e->b, bits, kb(e, bits, wide ? 0x3ff0000000000000ull : 0x3f800000u), ""));
 }
 
-static Part exponent(Emit *e, Part a)
-{
+static Part exponent(Emit *e, Part a) {
     bool wide = e->fn->precision == PREC_F64;
     Part bits = to_bits(e, a);
     bits = LL(BuildLShr)(e->b, bits, kb(e, bits, wide ? 52 : 23), "");
     bits = LL(BuildAnd)(e->b, bits, kb(e, bits, wide ? 2047 : 255), "");
-    if (wide)
-        bits = LL(BuildTrunc)(e->b, bits, like(e, a, e->t_i32), "");
+    if (wide) bits = LL(BuildTrunc)(e->b, bits, like(e, a, e->t_i32), "");
     return LL(BuildSub)(e->b, bits, ki(e, bits, wide ? 1023 : 127), "");
 }
 
-static Part two_to(Emit *e, Part a)
-{
+static Part two_to(Emit *e, Part a) {
     bool wide = e->fn->precision == PREC_F64;
     Part biased = LL(BuildAdd)(e->b, a, ki(e, a, wide ? 1023 : 127), "");
-    if (wide)
-        biased = LL(BuildZExt)(e->b, biased, like(e, a, e->t_i64), "");
+    if (wide) biased = LL(BuildZExt)(e->b, biased, like(e, a, e->t_i64), "");
     return from_bits(e, LL(BuildShl)(e->b, biased, kb(e, biased, wide ? 52 : 23), ""));
 }
 
-static Part emit_row(Emit *e, const Inst *i, Part *x)
-{
+static Part emit_row(Emit *e, const Inst *i, Part *x) {
     Part a = x[0], b = x[1];
     switch ((Op)i->op) {
     case OP_zmul:
@@ -182,7 +186,10 @@ static Part emit_row(Emit *e, const Inst *i, Part *x)
         return sel(e, fcmp(e, LLVMRealOLT, b, a), b, a);
     case OP_fmax:
         return sel(e, fcmp(e, LLVMRealOLT, a, b), b, a);
-    case OP_idiv: case OP_irem: case OP_udiv: case OP_urem:
+    case OP_idiv:
+    case OP_irem:
+    case OP_udiv:
+    case OP_urem:
         return divided(e, i->op, a, b, i->args[1]);
     case OP_umulh:
         return high_product(e, a, b);
@@ -196,11 +203,11 @@ static Part emit_row(Emit *e, const Inst *i, Part *x)
         return LL(BuildSIToFP)(e->b, a, like(e, a, e->t_flt), "");
     case OP_u2f:
         return LL(BuildUIToFP)(e->b, a, like(e, a, e->t_flt), "");
-    case OP_f2i: case OP_f2u:
+    case OP_f2i:
+    case OP_f2u:
         return float_to_int(e, a, i->op == OP_f2i);
     case OP_fasuint:
-        if (e->fn->precision == PREC_F64)
-            a = LL(BuildFPTrunc)(e->b, a, like(e, a, e->t_f32), "");
+        if (e->fn->precision == PREC_F64) a = LL(BuildFPTrunc)(e->b, a, like(e, a, e->t_f32), "");
         return LL(BuildBitCast)(e->b, a, like(e, a, e->t_i32), "");
     case OP_iasfloat:
         a = LL(BuildBitCast)(e->b, a, like(e, a, e->t_f32), "");
@@ -222,8 +229,7 @@ static Part emit_row(Emit *e, const Inst *i, Part *x)
 }
 
 /* One part of a value row, by the table's lowering column. */
-static Part value_part(Emit *e, const Inst *i, Part *x)
-{
+static Part value_part(Emit *e, const Inst *i, Part *x) {
     switch ((Op)i->op) {
 #define U_BIN(name) LL(Build##name)(e->b, x[0], "")
 #define B_BIN(name) LL(Build##name)(e->b, x[0], x[1], "")
@@ -236,17 +242,39 @@ static Part value_part(Emit *e, const Inst *i, Part *x)
 #define B_MATH emit_row(e, i, x)
 #define B_FCMP(p) fcmp(e, LLVMReal##p, x[0], x[1])
 #define B_ICMP(p) icmp(e, LLVMInt##p, x[0], x[1])
-#define FOP1(name, value, partials, domain, lowering, ...) case OP_##name: return U_##lowering;
-#define FOP2(name, value, partials, domain, lowering, ...) case OP_##name: return B_##lowering;
-#define FOP3(name, value, partials, domain, lowering, ...) case OP_##name: return T_##lowering;
-#define FCMP2(name, value, lowering) case OP_##name: return B_##lowering;
-#define FSEL(name, value) case OP_##name: return sel(e, x[0], x[1], x[2]);
-#define IOP1(name, value, lowering) case OP_##name: return U_##lowering;
-#define IOP2(name, value, lowering) case OP_##name: return B_##lowering;
-#define ICMP2(name, value, lowering) case OP_##name: return B_##lowering;
-#define BOP1(name, value, lowering) case OP_##name: return U_##lowering;
-#define BOP2(name, value, lowering) case OP_##name: return B_##lowering;
-#define CONV(name, result, argument, value, lowering) case OP_##name: return U_##lowering;
+#define FOP1(name, value, partials, domain, lowering, ...)                                                             \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define FOP2(name, value, partials, domain, lowering, ...)                                                             \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define FOP3(name, value, partials, domain, lowering, ...)                                                             \
+    case OP_##name:                                                                                                    \
+        return T_##lowering;
+#define FCMP2(name, value, lowering)                                                                                   \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define FSEL(name, value)                                                                                              \
+    case OP_##name:                                                                                                    \
+        return sel(e, x[0], x[1], x[2]);
+#define IOP1(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define IOP2(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define ICMP2(name, value, lowering)                                                                                   \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define BOP1(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define BOP2(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define CONV(name, result, argument, value, lowering)                                                                  \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
 #define SPECIAL(name, ...) case OP_##name:
 #include "compiler/ir/ops.def"
 #include "compiler/ir/ops_undef.h"
@@ -257,50 +285,47 @@ static Part value_part(Emit *e, const Inst *i, Part *x)
     return LL(ConstNull)(e->t_i32);
 }
 
-void emit_value_op(Emit *e, Inst *i)
-{
+void emit_value_op(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
     Part x[3][BACK_MAX_PARTS], *out = emit_slot(e, i);
     bool pick = i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel;
     for (uint32_t j = 0; j < i->nargs; j++) {
         /* a uniform condition selects whole vectors */
         if (!vector || (pick && j == 0 && !emit_is_vector(e, i->args[0]))) {
-            for (uint32_t p = 0; p < (vector ? e->P : 1); p++)
-                x[j][p] = emit_scalar(e, i->args[j]);
+            for (uint32_t p = 0; p < (vector ? e->P : 1); p++) x[j][p] = emit_scalar(e, i->args[j]);
         } else {
             emit_parts(e, i->args[j], x[j]);
         }
     }
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
         Part args[3] = {NULL, NULL, NULL};
-        for (uint32_t j = 0; j < i->nargs; j++)
-            args[j] = x[j][p];
+        for (uint32_t j = 0; j < i->nargs; j++) args[j] = x[j][p];
         out[p] = value_part(e, i, args);
     }
 }
 
 /* ---- ranges of integers, to leave out clamps */
-static bool in_int(int64_t lo, int64_t hi) { return lo >= INT32_MIN && hi <= INT32_MAX; }
+static bool in_int(int64_t lo, int64_t hi) {
+    return lo >= INT32_MIN && hi <= INT32_MAX;
+}
 
-static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth)
-{
+static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth) {
     int64_t a, b, c, d;
-    if (depth > 6)
-        return false;
+    if (depth > 6) return false;
     switch (i->op) {
     case OP_consti:
         *lo = *hi = (int32_t)i->imm.i;
         return true;
     case OP_arg: {
         const Inst *loop = i->block ? i->block->owner : NULL;
-        if (!loop || loop->op != OP_loop || i->imm.i != 0)
-            return false;
+        if (!loop || loop->op != OP_loop || i->imm.i != 0) return false;
         *lo = 0, *hi = (int64_t)loop->imm.loop.max_iters - 1;
         return true;
     }
-    case OP_iadd: case OP_isub: case OP_imul: {
-        if (!range(i->args[0], &a, &b, depth + 1) || !range(i->args[1], &c, &d, depth + 1))
-            return false;
+    case OP_iadd:
+    case OP_isub:
+    case OP_imul: {
+        if (!range(i->args[0], &a, &b, depth + 1) || !range(i->args[1], &c, &d, depth + 1)) return false;
         if (i->op == OP_iadd) {
             *lo = a + c, *hi = b + d;
         } else if (i->op == OP_isub) {
@@ -316,28 +341,24 @@ static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth)
         return in_int(*lo, *hi);
     }
     case OP_ishl:
-        if (i->args[1]->op != OP_consti || !range(i->args[0], &a, &b, depth + 1))
-            return false;
+        if (i->args[1]->op != OP_consti || !range(i->args[0], &a, &b, depth + 1)) return false;
         *lo = a * ((int64_t)1 << (i->args[1]->imm.i & 31)), *hi = b * ((int64_t)1 << (i->args[1]->imm.i & 31));
         return in_int(*lo, *hi);
-    case OP_imin: case OP_imax:
-        if (!range(i->args[0], &a, &b, depth + 1))
-            a = INT32_MIN, b = INT32_MAX;
-        if (!range(i->args[1], &c, &d, depth + 1))
-            c = INT32_MIN, d = INT32_MAX;
+    case OP_imin:
+    case OP_imax:
+        if (!range(i->args[0], &a, &b, depth + 1)) a = INT32_MIN, b = INT32_MAX;
+        if (!range(i->args[1], &c, &d, depth + 1)) c = INT32_MIN, d = INT32_MAX;
         if (i->op == OP_imin)
             *lo = a < c ? a : c, *hi = b < d ? b : d;
         else
             *lo = a > c ? a : c, *hi = b > d ? b : d;
         return true;
     case OP_iand:
-        if (!range(i->args[1], &c, &d, depth + 1) || c != d || c < 0)
-            return false;
+        if (!range(i->args[1], &c, &d, depth + 1) || c != d || c < 0) return false;
         *lo = 0, *hi = c;
         return true;
     case OP_urem:
-        if (i->args[1]->op != OP_consti || (int32_t)i->args[1]->imm.i <= 0)
-            return false;
+        if (i->args[1]->op != OP_consti || (int32_t)i->args[1]->imm.i <= 0) return false;
         *lo = 0, *hi = (int32_t)i->args[1]->imm.i - 1;
         return true;
     default:
@@ -345,4 +366,6 @@ static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth)
     }
 }
 
-bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi) { return range(i, lo, hi, 0); }
+bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi) {
+    return range(i, lo, hi, 0);
+}

@@ -18,24 +18,24 @@ struct CompiledModule {
     bool cached;
 };
 
-/* A new build of the compiler may emit other code for the same IR: the file that holds this function names the emitter. */
-static const char *emitter_stamp(Arena *a)
-{
+/* A new build of the compiler may emit other code for the same IR: the file that holds this function names the emitter.
+ */
+static const char *emitter_stamp(Arena *a) {
     Dl_info info;
     struct stat st;
     void *self;
     const char *(*f)(Arena *) = emitter_stamp;
     memcpy(&self, &f, sizeof self);
-    if (!dladdr(self, &info) || !info.dli_fname || stat(info.dli_fname, &st))
-        return "unknown";
+    if (!dladdr(self, &info) || !info.dli_fname || stat(info.dli_fname, &st)) return "unknown";
     return arena_printf(a, "%lld.%09ld.%lld", (long long)st.st_mtim.tv_sec, st.st_mtim.tv_nsec, (long long)st.st_size);
 }
 
-/* The meaning of a block, without names and places: what the emitter reads, and nothing else. Ids are dense and in program order. */
-static void hash_block(XXH3_state_t *state, const Block *b, size_t *len)
-{
+/* The meaning of a block, without names and places: what the emitter reads, and nothing else. Ids are dense and in
+ * program order. */
+static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
     for (uint32_t j = 0; j <= b->nparams; j++) {
-        uint32_t w[2] = {j < b->nparams ? b->params[j]->id : UINT32_MAX, j < b->nparams ? b->params[j]->type : b->nparams};
+        uint32_t w[2] = {j < b->nparams ? b->params[j]->id : UINT32_MAX,
+                         j < b->nparams ? b->params[j]->type : b->nparams};
         XXH3_128bits_update(state, w, sizeof w);
         *len += sizeof w;
     }
@@ -51,7 +51,10 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len)
             XXH3_128bits_update(state, i->imm.text.text, i->imm.text.len);
             *len += i->imm.text.len;
             break;
-        case OP_param: case OP_iparam: case OP_dparam: case OP_adj:
+        case OP_param:
+        case OP_iparam:
+        case OP_dparam:
+        case OP_adj:
             w[4] = i->imm.slot.base, w[5] = i->imm.slot.count;
             break;
         case OP_alloc:
@@ -60,7 +63,13 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len)
         case OP_fieldop:
             w[4] = i->imm.field.field, w[5] = i->imm.field.what;
             break;
-        case OP_constf: case OP_consti: case OP_constb: case OP_input: case OP_proj: case OP_arg: case OP_count:
+        case OP_constf:
+        case OP_consti:
+        case OP_constb:
+        case OP_input:
+        case OP_proj:
+        case OP_arg:
+        case OP_count:
             memcpy(w + 4, &i->imm.i, sizeof i->imm.i);
             break;
         default:
@@ -68,24 +77,23 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len)
         }
         XXH3_128bits_update(state, w, sizeof w);
         *len += sizeof w;
-        for (uint32_t j = 0; j < i->nargs; j++)
-            XXH3_128bits_update(state, &i->args[j]->id, sizeof i->args[j]->id);
+        for (uint32_t j = 0; j < i->nargs; j++) XXH3_128bits_update(state, &i->args[j]->id, sizeof i->args[j]->id);
         *len += i->nargs * sizeof(uint32_t);
-        for (uint32_t r = 0; r < i->nregions; r++)
-            hash_block(state, i->region[r], len);
+        for (uint32_t r = 0; r < i->nregions; r++) hash_block(state, i->region[r], len);
     }
 }
 
-static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width)
-{
+static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width) {
     Arena *a = &s->scratch;
     XXH3_state_t *state = XXH3_createState();
     CacheKey key = {0};
-    if (!state)
-        return key;
+    if (!state) return key;
     XXH3_128bits_reset(state);
-    char *head = arena_printf(a, "saltus %s llvm " LLVM_VERSION_STRING " cpu %s features %s vector %u fma %d width %u adj %d opt %u rgba8 %d kernels %u\n",
-        emitter_stamp(a), o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma, width, (int)o->adj, o->opt_level, o->output_rgba8, n);
+    char *head = arena_printf(a,
+                              "saltus %s llvm " LLVM_VERSION_STRING
+                              " cpu %s features %s vector %u fma %d width %u adj %d opt %u rgba8 %d kernels %u\n",
+                              emitter_stamp(a), o->target.cpu, o->target.features, o->target.vector_bytes,
+                              o->target.has_fma, width, (int)o->adj, o->opt_level, o->output_rgba8, n);
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {
@@ -104,11 +112,9 @@ static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const B
     return key;
 }
 
-static CompiledModule *new_module(const KernelRequest *k, uint32_t n, uint32_t width)
-{
+static CompiledModule *new_module(const KernelRequest *k, uint32_t n, uint32_t width) {
     CompiledModule *m = calloc(1, sizeof *m);
-    if (!m)
-        return NULL;
+    if (!m) return NULL;
     m->n = n;
     m->width = width;
     m->names = calloc(n + 1, sizeof *m->names);
@@ -118,16 +124,16 @@ static CompiledModule *new_module(const KernelRequest *k, uint32_t n, uint32_t w
         back_free(m);
         return NULL;
     }
-    for (uint32_t j = 0; j < n; j++)
-        strcpy(m->names[j], k[j].name);
+    for (uint32_t j = 0; j < n; j++) strcpy(m->names[j], k[j].name);
     return m;
 }
 
 /* The payload of a cache entry: one instruction count a kernel, padding to 8 bytes, the object. */
-static size_t object_offset(uint32_t n) { return ((size_t)n * 4 + 7) & ~(size_t)7; }
+static size_t object_offset(uint32_t n) {
+    return ((size_t)n * 4 + 7) & ~(size_t)7;
+}
 
-static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, const char **why)
-{
+static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, const char **why) {
     size_t at = object_offset(m->n);
     if (size < at) {
         *why = "entry too short";
@@ -135,8 +141,7 @@ static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, 
     }
     memcpy(m->instructions, payload, m->n * sizeof(uint32_t));
     m->code = load_object(payload + at, size - at, why);
-    if (!m->code)
-        return false;
+    if (!m->code) return false;
     for (uint32_t j = 0; j < m->n; j++) {
         void *f = load_symbol(m->code, m->names[j], NULL);
         if (!f) {
@@ -150,20 +155,17 @@ static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, 
     return true;
 }
 
-static unsigned char *make_payload(const Codegen *g, uint32_t n, size_t *size)
-{
+static unsigned char *make_payload(const Codegen *g, uint32_t n, size_t *size) {
     size_t at = object_offset(n);
     unsigned char *p = calloc(1, at + g->size);
-    if (!p)
-        return NULL;
+    if (!p) return NULL;
     memcpy(p, g->instructions, n * sizeof(uint32_t));
     memcpy(p + at, g->bytes, g->size);
     *size = at + g->size;
     return p;
 }
 
-static int check_request(Session *s, const KernelRequest *k, uint32_t n, uint32_t width, const char **why)
-{
+static int check_request(Session *s, const KernelRequest *k, uint32_t n, uint32_t width, const char **why) {
     for (uint32_t j = 0; j < n; j++)
         if (strlen(k[j].name) >= 64) {
             *why = arena_printf(&s->session, "kernel name %s is too long", k[j].name);
@@ -176,8 +178,8 @@ static int check_request(Session *s, const KernelRequest *k, uint32_t n, uint32_
     return SLT_OK;
 }
 
-static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, CompiledModule *m, const char **why)
-{
+static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width,
+                   CompiledModule *m, const char **why) {
     const char *folder = o->no_cache ? NULL : cache_folder(&s->scratch, o->cache_dir), *bad = NULL;
     CacheKey key = {0};
     size_t size = 0;
@@ -186,13 +188,11 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
         unsigned char *payload = cache_read(&s->scratch, folder, &key, &size);
         m->cached = payload && adopt(m, payload, size, &bad);
         free(payload);
-        if (m->cached)
-            return SLT_OK;
+        if (m->cached) return SLT_OK;
     }
     Codegen g;
     int status = back_codegen(s, k, n, o, width, 'o', &g, why);
-    if (status)
-        return status;
+    if (status) return status;
     m->emit_ms = g.emit_ms;
     m->llvm_ms = g.llvm_ms;
     unsigned char *payload = make_payload(&g, n, &size);
@@ -203,18 +203,18 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
         return SLT_INTERNAL;
     }
     if (folder)
-        (void)cache_write(&s->scratch, folder, &key, payload, size); /* a cache that cannot be written costs time only */
+        (void)cache_write(&s->scratch, folder, &key, payload,
+                          size); /* a cache that cannot be written costs time only */
     free(payload);
     return SLT_OK;
 }
 
-int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out, const char **why)
-{
+int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
+                 const char **why) {
     *out = NULL;
     uint32_t width = o->width ? o->width : back_choose_width(k, n, &o->target);
     int status = check_request(s, k, n, width, why);
-    if (status)
-        return status;
+    if (status) return status;
     CompiledModule *m = new_module(k, n, width);
     if (!m) {
         *why = "out of memory";
@@ -231,45 +231,39 @@ int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
     return SLT_OK;
 }
 
-static int find(const CompiledModule *m, const char *name)
-{
+static int find(const CompiledModule *m, const char *name) {
     for (uint32_t j = 0; j < m->n; j++)
-        if (!strcmp(m->names[j], name))
-            return (int)j;
+        if (!strcmp(m->names[j], name)) return (int)j;
     return -1;
 }
 
-SltKernel *back_kernel(const CompiledModule *m, const char *name)
-{
+SltKernel *back_kernel(const CompiledModule *m, const char *name) {
     int j = find(m, name);
     return j < 0 ? NULL : m->kernels[j];
 }
 
-uint32_t back_width(const CompiledModule *m) { return m->width; }
+uint32_t back_width(const CompiledModule *m) {
+    return m->width;
+}
 
-uint32_t back_instructions(const CompiledModule *m, const char *name)
-{
+uint32_t back_instructions(const CompiledModule *m, const char *name) {
     int j = find(m, name);
     return j < 0 ? 0 : m->instructions[j];
 }
 
-uint32_t back_machine_bytes(const CompiledModule *m, const char *name)
-{
+uint32_t back_machine_bytes(const CompiledModule *m, const char *name) {
     uint64_t size = 0;
     return load_symbol(m->code, name, &size) ? (uint32_t)size : 0;
 }
 
-void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached)
-{
+void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached) {
     *emit_ms = m->emit_ms;
     *llvm_ms = m->llvm_ms;
     *cached = m->cached;
 }
 
-void back_free(CompiledModule *m)
-{
-    if (!m)
-        return;
+void back_free(CompiledModule *m) {
+    if (!m) return;
     load_free(m->code);
     free(m->names);
     free(m->instructions);

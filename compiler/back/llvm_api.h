@@ -1,7 +1,8 @@
 /* LLVM, loaded when it is first needed.
  *
- * libLLVM costs 15-30 ms of relocation at process start; a run whose kernels come from the disk cache must not pay for that, so nothing links
- * against it: its C API is a table of functions filled by dlopen and dlsym. The types come from LLVM's own headers. */
+ * libLLVM costs 15-30 ms of relocation at process start; a run whose kernels come from the disk cache must not pay for
+ * that, so nothing links against it: its C API is a table of functions filled by dlopen and dlsym. The types come from
+ * LLVM's own headers. */
 #ifndef SALTUS_BACK_LLVM_API_H
 #define SALTUS_BACK_LLVM_API_H
 
@@ -20,7 +21,8 @@ typedef struct LlvmApi {
 #undef FN
 } LlvmApi;
 
-/* Fills the table; returns NULL, or why LLVM cannot be used (static text or dlerror's). Thread-safe. The library stays loaded. */
+/* Fills the table; returns NULL, or why LLVM cannot be used (static text or dlerror's). Thread-safe. The library stays
+ * loaded. */
 const char *llvm_open(LlvmApi *api);
 
 #endif

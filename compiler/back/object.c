@@ -10,26 +10,22 @@
 #include "compiler/back/emit.h"
 #include "saltus/status.h"
 
-static bool write_file(int fd, const unsigned char *bytes, size_t size)
-{
+static bool write_file(int fd, const unsigned char *bytes, size_t size) {
     for (size_t done = 0; done < size;) {
         ssize_t r = write(fd, bytes + done, size - done);
-        if (r < 0 && errno != EINTR)
-            return false;
+        if (r < 0 && errno != EINTR) return false;
         done += r > 0 ? (size_t)r : 0;
     }
     return true;
 }
 
 /* Links `object` into the shared library `to` with the system's compiler driver; no shell sees the names. */
-static bool link_shared(const char *object, const char *to)
-{
+static bool link_shared(const char *object, const char *to) {
     const char *cc = getenv("CC");
     char driver[256];
     snprintf(driver, sizeof driver, "%s", cc && *cc && !strchr(cc, ' ') ? cc : "cc");
     pid_t pid = fork();
-    if (pid < 0)
-        return false;
+    if (pid < 0) return false;
     if (pid == 0) {
         char *argv[] = {driver, (char *)"-shared", (char *)"-o", (char *)to, (char *)object, (char *)"-lm", NULL};
         execvp(driver, argv);
@@ -37,13 +33,11 @@ static bool link_shared(const char *object, const char *to)
     }
     int status = 0;
     while (waitpid(pid, &status, 0) < 0)
-        if (errno != EINTR)
-            return false;
+        if (errno != EINTR) return false;
     return WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-static int write_output(Session *s, const Codegen *g, char kind, const char *path, const char **why)
-{
+static int write_output(Session *s, const Codegen *g, char kind, const char *path, const char **why) {
     char *temp = arena_printf(&s->scratch, "%s.XXXXXX", path), *linked = NULL;
     int fd = mkostemp(temp, O_CLOEXEC);
     if (fd < 0) {
@@ -76,8 +70,8 @@ static int write_output(Session *s, const Codegen *g, char kind, const char *pat
     return SLT_OK;
 }
 
-int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path, const char **why)
-{
+int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path,
+              const char **why) {
     uint32_t width = o->width ? o->width : back_choose_width(k, n, &o->target);
     if (width > BACK_MAX_WIDTH || (width & (width - 1))) {
         *why = arena_printf(&s->session, "width %u is not a power of two from 1 to %d", width, BACK_MAX_WIDTH);
@@ -85,8 +79,7 @@ int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions 
     }
     Codegen g;
     int status = back_codegen(s, k, n, o, width, kind == 'S' ? 'o' : kind, &g, why);
-    if (status)
-        return status;
+    if (status) return status;
     ArenaMark mark = arena_mark(&s->scratch);
     status = write_output(s, &g, kind, path, why);
     arena_reset(&s->scratch, mark);

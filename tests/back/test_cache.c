@@ -18,8 +18,7 @@ enum { N = 64 };
 static const char *names[1] = {"a"};
 static char folder[64];
 
-static Fn *adding(Session *s, double constant)
-{
+static Fn *adding(Session *s, double constant) {
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
     Inst *sum = ir_emit2(&b, OP_fadd, ir_input(&b, IN_X0), ir_constf(&b, constant));
@@ -29,8 +28,7 @@ static Fn *adding(Session *s, double constant)
 }
 
 /* Compiles x + constant, checks that it computes that, and says whether it came from the cache. */
-static bool compiled_from_cache(double constant, uint32_t width, const char *cache, bool no_cache)
-{
+static bool compiled_from_cache(double constant, uint32_t width, const char *cache, bool no_cache) {
     Session *s = session_create(0);
     BackOptions o = {.width = width, .opt_level = 2, .cache_dir = cache, .no_cache = no_cache};
     target_host(&o.target);
@@ -39,12 +37,10 @@ static bool compiled_from_cache(double constant, uint32_t width, const char *cac
     const char *why = "";
     assert_int_equal(back_compile(s, &k, 1, &o, &m, &why), 0);
     _Alignas(64) float x[N], out[N];
-    for (int i = 0; i < N; i++)
-        x[i] = (float)i;
+    for (int i = 0; i < N; i++) x[i] = (float)i;
     SltKernelArgs a = {.in = {[IN_X0] = x}, .out = {out}, .n_valid = N};
     back_kernel(m, "kernel")(&a, N);
-    for (int i = 0; i < N; i++)
-        assert_true(out[i] == (float)i + (float)constant);
+    for (int i = 0; i < N; i++) assert_true(out[i] == (float)i + (float)constant);
     double emit, llvm;
     bool cached;
     back_times(m, &emit, &llvm, &cached);
@@ -55,12 +51,10 @@ static bool compiled_from_cache(double constant, uint32_t width, const char *cac
     return cached;
 }
 
-static int entries(char *path, size_t size)
-{
+static int entries(char *path, size_t size) {
     DIR *d = opendir(folder);
     int n = 0;
-    if (!d)
-        return 0;
+    if (!d) return 0;
     for (struct dirent *f; (f = readdir(d));)
         if (f->d_name[0] != '.') {
             n++;
@@ -70,31 +64,26 @@ static int entries(char *path, size_t size)
     return n;
 }
 
-static void clear(void)
-{
+static void clear(void) {
     char path[512];
-    while (entries(path, sizeof path))
-        unlink(path);
+    while (entries(path, sizeof path)) unlink(path);
     rmdir(folder);
 }
 
-static int setup(void **state)
-{
+static int setup(void **state) {
     (void)state;
     strcpy(folder, "/tmp/saltus-cache-XXXXXX");
     return mkdtemp(folder) ? 0 : 1;
 }
 
-static int teardown(void **state)
-{
+static int teardown(void **state) {
     (void)state;
     chmod(folder, 0700);
     clear();
     return 0;
 }
 
-static void test_hit(void **state)
-{
+static void test_hit(void **state) {
     (void)state;
     assert_false(compiled_from_cache(1, 8, folder, false));
     assert_true(compiled_from_cache(1, 8, folder, false));
@@ -108,8 +97,7 @@ static void test_hit(void **state)
     assert_int_equal(st.st_mode & 077, 0);
 }
 
-static void test_damage(void **state)
-{
+static void test_damage(void **state) {
     (void)state;
     char path[512];
     assert_false(compiled_from_cache(1, 8, folder, false));
@@ -133,8 +121,7 @@ static void test_damage(void **state)
     assert_true(compiled_from_cache(1, 8, folder, false));
 }
 
-static void test_wrong_key(void **state)
-{
+static void test_wrong_key(void **state) {
     (void)state;
     char one[512], two[512];
     assert_false(compiled_from_cache(1, 8, folder, false));
@@ -146,15 +133,13 @@ static void test_wrong_key(void **state)
     DIR *d = opendir(folder);
     two[0] = 0;
     for (struct dirent *f; (f = readdir(d));)
-        if (f->d_name[0] != '.' && !strstr(f->d_name, ".kept"))
-            snprintf(two, sizeof two, "%s/%s", folder, f->d_name);
+        if (f->d_name[0] != '.' && !strstr(f->d_name, ".kept")) snprintf(two, sizeof two, "%s/%s", folder, f->d_name);
     closedir(d);
     assert_int_equal(rename(moved, two), 0); /* the code of 1 under the name of 2 */
     assert_false(compiled_from_cache(2, 8, folder, false));
 }
 
-static void test_unusable_folder(void **state)
-{
+static void test_unusable_folder(void **state) {
     (void)state;
     chmod(folder, 0777); /* others could plant code */
     assert_false(compiled_from_cache(1, 8, folder, false));
@@ -174,9 +159,9 @@ static void test_unusable_folder(void **state)
     assert_int_equal(system(command), 0);
 }
 
-/* Whatever bytes the loader is given, it refuses or loads them; it never reads outside. (Run under a sanitizer to mean it.) */
-static void test_loader_on_damaged_objects(void **state)
-{
+/* Whatever bytes the loader is given, it refuses or loads them; it never reads outside. (Run under a sanitizer to mean
+ * it.) */
+static void test_loader_on_damaged_objects(void **state) {
     (void)state;
     Session *s = session_create(0);
     char path[512];
@@ -216,8 +201,7 @@ static void test_loader_on_damaged_objects(void **state)
     session_destroy(s);
 }
 
-int main(void)
-{
+int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_hit, setup, teardown),
         cmocka_unit_test_setup_teardown(test_damage, setup, teardown),

@@ -1,4 +1,5 @@
-/* What leaves a kernel other than its outputs: print, counters, packed pixels, lists of iterations, the tape's limit; and the emitted files. */
+/* What leaves a kernel other than its outputs: print, counters, packed pixels, lists of iterations, the tape's limit;
+ * and the emitted files. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,16 +16,14 @@
 enum { N = 64 };
 static const char *names[4] = {"a", "b", "c", "d"};
 
-static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, bool rgba8)
-{
+static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, bool rgba8) {
     BackOptions o = {.width = width, .no_cache = true, .opt_level = 2, .output_rgba8 = rgba8};
     target_host(&o.target);
     KernelRequest k = {"kernel", fn};
     CompiledModule *m = NULL;
     const char *why = "";
     int status = back_compile(s, &k, 1, &o, &m, &why);
-    if (status)
-        fprintf(stderr, "%s\n", why);
+    if (status) fprintf(stderr, "%s\n", why);
     assert_int_equal(status, 0);
     assert_true(back_instructions(m, "kernel") > 0 && back_machine_bytes(m, "kernel") > 0);
     assert_null(back_kernel(m, "other"));
@@ -36,8 +35,7 @@ typedef struct Lines {
     size_t len;
 } Lines;
 
-static void collect(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane)
-{
+static void collect(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane) {
     Lines *l = user;
     l->len += (size_t)snprintf(l->text + l->len, sizeof l->text - l->len, "%.*s %u:", (int)len, text, lane);
     for (uint32_t k = 0; k < n; k++)
@@ -46,8 +44,7 @@ static void collect(void *user, const char *text, uint32_t len, const double *va
 }
 
 /* if (x > 40) { print("big", x, k, x > 50); count }; output x */
-static Fn *printing(Session *s)
-{
+static Fn *printing(Session *s) {
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
     Inst *x = ir_input(&b, IN_X0), *k = ir_input(&b, IN_K0);
@@ -64,18 +61,17 @@ static Fn *printing(Session *s)
     return fn;
 }
 
-static void test_print_and_count(void **state)
-{
+static void test_print_and_count(void **state) {
     (void)state;
     _Alignas(64) float x[N], out[N];
     _Alignas(64) int32_t k[N];
-    for (int i = 0; i < N; i++)
-        x[i] = (float)i, k[i] = -i;
+    for (int i = 0; i < N; i++) x[i] = (float)i, k[i] = -i;
     for (uint32_t w = 1; w <= 64; w *= 2) {
         Session *s = session_create(0);
         CompiledModule *m = compile(s, printing(s), w, false);
         Lines lines = {{0}, 0};
-        SltKernelArgs a = {.in = {[IN_X0] = x, [IN_K0] = k}, .out = {out}, .n_valid = 52, .print = collect, .user = &lines};
+        SltKernelArgs a = {
+            .in = {[IN_X0] = x, [IN_K0] = k}, .out = {out}, .n_valid = 52, .print = collect, .user = &lines};
         back_kernel(m, "kernel")(&a, N);
         assert_int_equal(a.counters[COUNTER_ASSERT], 11);
         char want[4096];
@@ -91,8 +87,7 @@ static void test_print_and_count(void **state)
 }
 
 /* red = x, green = y, blue = 0.5 */
-static Fn *colours(Session *s, uint32_t channels)
-{
+static Fn *colours(Session *s, uint32_t channels) {
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
     Inst *v[3] = {ir_input(&b, IN_X0), ir_input(&b, IN_X1), ir_constf(&b, 0.5)};
@@ -101,13 +96,11 @@ static Fn *colours(Session *s, uint32_t channels)
     return fn;
 }
 
-static void test_rgba8(void **state)
-{
+static void test_rgba8(void **state) {
     (void)state;
     _Alignas(64) float x[N], y[N];
     _Alignas(64) uint32_t out[N];
-    for (int i = 0; i < N; i++)
-        x[i] = (float)i / 32 - 0.5f, y[i] = i == 7 ? __builtin_nanf("") : 1 - (float)i / 63;
+    for (int i = 0; i < N; i++) x[i] = (float)i / 32 - 0.5f, y[i] = i == 7 ? __builtin_nanf("") : 1 - (float)i / 63;
     for (uint32_t w = 1; w <= 32; w *= 4)
         for (uint32_t channels = 1; channels <= 3; channels += 2) {
             Session *s = session_create(0);
@@ -117,7 +110,8 @@ static void test_rgba8(void **state)
             for (int i = 0; i < N; i++) {
                 float cx = x[i] > 0 ? x[i] : 0, cy = y[i] > 0 ? y[i] : 0;
                 uint32_t r = (uint32_t)((cx < 1 ? cx : 1) * 255 + 0.5f), g = (uint32_t)((cy < 1 ? cy : 1) * 255 + 0.5f);
-                assert_int_equal(out[i], channels == 1 ? 0xff000000u | r | r << 8 | r << 16 : 0xff000000u | 128u << 16 | g << 8 | r);
+                assert_int_equal(out[i], channels == 1 ? 0xff000000u | r | r << 8 | r << 16
+                                                       : 0xff000000u | 128u << 16 | g << 8 | r);
             }
             back_free(m);
             session_destroy(s);
@@ -125,8 +119,7 @@ static void test_rgba8(void **state)
 }
 
 /* Four trips that push x; then the sum of what is popped. */
-static Fn *taping(Session *s)
-{
+static Fn *taping(Session *s) {
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
     Inst *x = ir_input(&b, IN_X0), *mark = ir_special(&b, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
@@ -134,7 +127,8 @@ static Fn *taping(Session *s)
     Block *body = loop->region[0];
     Builder t = ir_at_end(fn, body);
     ir_special(&t, OP_tapepush, TY_VOID, 1, &body->params[1], (Imm){0});
-    Inst *y[2] = {ir_emit2(&t, OP_ilt, body->params[0], ir_consti(&t, 3)), ir_emit2(&t, OP_fadd, body->params[1], ir_constf(&t, 1))};
+    Inst *y[2] = {ir_emit2(&t, OP_ilt, body->params[0], ir_consti(&t, 3)),
+                  ir_emit2(&t, OP_fadd, body->params[1], ir_constf(&t, 1))};
     ir_yield(&t, 2, y);
     Inst *init[2] = {mark, ir_constf(&b, 0)};
     Inst *rev = ir_special(&b, OP_revloop, TY_VOID, 2, init, (Imm){0});
@@ -149,27 +143,24 @@ static Fn *taping(Session *s)
     return fn;
 }
 
-static void test_tape_limit(void **state)
-{
+static void test_tape_limit(void **state) {
     (void)state;
     _Alignas(64) float x[N], out[N];
     _Alignas(64) unsigned char tape[4096 + 64];
-    for (int i = 0; i < N; i++)
-        x[i] = (float)i;
+    for (int i = 0; i < N; i++) x[i] = (float)i;
     for (uint32_t w = 1; w <= 64; w *= 2) {
         Session *s = session_create(0);
         CompiledModule *m = compile(s, taping(s), w, false);
         for (uint32_t frames = 0; frames <= 4; frames++) {
             memset(tape, 0xa5, sizeof tape);
-            SltKernelArgs a = {.in = {[IN_X0] = x}, .out = {out}, .n_valid = N, .tape = tape, .tape_bytes = frames * 4 * w};
+            SltKernelArgs a = {
+                .in = {[IN_X0] = x}, .out = {out}, .n_valid = N, .tape = tape, .tape_bytes = frames * 4 * w};
             back_kernel(m, "kernel")(&a, N);
             assert_int_equal(a.counters[COUNTER_TAPE_OVERFLOW], (4 - frames) * (N / w));
-            for (uint32_t k = frames * 4 * w; k < sizeof tape; k++)
-                assert_int_equal(tape[k], 0xa5);
+            for (uint32_t k = frames * 4 * w; k < sizeof tape; k++) assert_int_equal(tape[k], 0xa5);
             for (int i = 0; i < N; i++) {
                 float want = 0;
-                for (uint32_t f = 0; f < frames; f++)
-                    want += (float)i + (float)f;
+                for (uint32_t f = 0; f < frames; f++) want += (float)i + (float)f;
                 assert_true(out[i] == want);
             }
         }
@@ -178,8 +169,7 @@ static void test_tape_limit(void **state)
     }
 }
 
-static void test_files(void **state)
-{
+static void test_files(void **state) {
     (void)state;
     Session *s = session_create(0);
     char folder[] = "/tmp/saltus-back-XXXXXX", path[128];
@@ -204,8 +194,7 @@ static void test_files(void **state)
     }
     snprintf(path, sizeof path, "%s/k.so", folder);
     int status = back_emit(s, &k, 1, &o, 'S', path, &why);
-    if (status)
-        fprintf(stderr, "%s\n", why);
+    if (status) fprintf(stderr, "%s\n", why);
     assert_int_equal(status, 0);
     void *lib = dlopen(path, RTLD_NOW);
     assert_non_null(lib);
@@ -213,8 +202,7 @@ static void test_files(void **state)
     *(void **)&f = dlsym(lib, "kernel");
     assert_non_null(f);
     _Alignas(64) float x[N], out[3][N];
-    for (int i = 0; i < N; i++)
-        x[i] = (float)i;
+    for (int i = 0; i < N; i++) x[i] = (float)i;
     SltKernelArgs a = {.in = {[IN_X0] = x, [IN_X1] = x}, .out = {out[0], out[1], out[2]}, .n_valid = N};
     f(&a, N);
     assert_true(out[0][9] == 9 && out[1][63] == 63 && out[2][5] == 0.5f);
@@ -226,8 +214,7 @@ static void test_files(void **state)
     session_destroy(s);
 }
 
-static void test_bad_requests(void **state)
-{
+static void test_bad_requests(void **state) {
     (void)state;
     Session *s = session_create(0);
     BackOptions o = {.width = 12, .no_cache = true, .opt_level = 2};
@@ -241,7 +228,8 @@ static void test_bad_requests(void **state)
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
     Inst *x = ir_input(&b, IN_X0), *n = ir_input(&b, IN_K0);
-    Inst *array = ir_special(&b, OP_alloc, TY_ARRAY, 0, NULL, (Imm){.arr = {1 << 20, TY_FLT}}), *store[3] = {array, n, x};
+    Inst *array = ir_special(&b, OP_alloc, TY_ARRAY, 0, NULL, (Imm){.arr = {1 << 20, TY_FLT}}),
+         *store[3] = {array, n, x};
     ir_special(&b, OP_store, TY_VOID, 3, store, (Imm){0});
     Inst *load = ir_special(&b, OP_load, TY_FLT, 2, store, (Imm){0});
     ir_yield(&b, 1, &load);
@@ -253,8 +241,7 @@ static void test_bad_requests(void **state)
 }
 
 /* The width depends on program and target alone: two vectors a value where they fit the registers. */
-static void test_choose_width(void **state)
-{
+static void test_choose_width(void **state) {
     (void)state;
     Session *s = session_create(0);
     Target t;
@@ -266,10 +253,8 @@ static void test_choose_width(void **state)
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
     Inst *v[200], *sum = ir_input(&b, IN_X0);
-    for (int i = 0; i < 200; i++)
-        v[i] = ir_emit2(&b, OP_fmul, i ? v[i - 1] : sum, ir_constf(&b, i));
-    for (int i = 0; i < 200; i++)
-        sum = ir_emit2(&b, OP_fadd, sum, v[i]);
+    for (int i = 0; i < 200; i++) v[i] = ir_emit2(&b, OP_fmul, i ? v[i - 1] : sum, ir_constf(&b, i));
+    for (int i = 0; i < 200; i++) sum = ir_emit2(&b, OP_fadd, sum, v[i]);
     ir_yield(&b, 1, &sum);
     KernelRequest many = {"kernel", fn};
     for (int i = 0; i < 3; i++) {
@@ -281,11 +266,11 @@ static void test_choose_width(void **state)
     session_destroy(s);
 }
 
-int main(void)
-{
+int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8), cmocka_unit_test(test_tape_limit), cmocka_unit_test(test_files),
-        cmocka_unit_test(test_bad_requests), cmocka_unit_test(test_choose_width),
+        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),
+        cmocka_unit_test(test_tape_limit),      cmocka_unit_test(test_files),
+        cmocka_unit_test(test_bad_requests),    cmocka_unit_test(test_choose_width),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
