@@ -33,7 +33,7 @@ static Scope *new_scope(Vjp *v, Inst *owner, uint32_t region) {
 }
 
 static uint32_t type_bytes(const Vjp *v, const Inst *x) {
-    return x->type == TY_FLT ? (v->fn->precision == PREC_F64 ? 8 : 4) : x->type == TY_TAPE ? 0 : 4; /* marks and k are uniform */
+    return x->type == TY_TAPE || (x->type == TY_FLT && v->fn->precision == PREC_F64) ? 8 : 4;
 }
 
 /* Puts the parameters of a finished revloop in order: the frame's, then the carried. */
@@ -162,7 +162,7 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
         }
         order_params(v, s, params, kept);
         for (uint32_t p = 0; p < s->stored.len; p++) s->frame_bytes += s->k && p == 0 ? 0 : type_bytes(v, s->stored.data[p]);
-        s->frame_bytes += 1; /* the mask */
+        s->frame_bytes += 4; /* the mask, the iteration number and the padding, at any width */
         Builder before = ir_before(v->fn, tape_forward(v, s->owner));
         Inst *mark = ir_special(&before, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
         rev->args[0] = tape_mark_value(v, mark, s->segment);
