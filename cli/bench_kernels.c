@@ -60,7 +60,7 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
     b->args.params = p->flt, b->args.iparams = p->ints;
     b->args.adj = b->adj;
     b->args.log = b->log, b->args.log_cap = 1u << 20;
-    b->args.tape = b->tape, b->args.tape_bytes = p->scene.tape_bytes;
+    b->args.tape = b->tape, b->args.tape_bytes = tape;
     b->args.resolution[0] = b->args.resolution[1] = 64;
     b->args.n_valid = N;
     return true;
