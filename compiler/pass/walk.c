@@ -125,7 +125,7 @@ static void thread_structured(Thread *t, Inst *i) {
         if (t->cont) {
             Builder b = ir_before(t->fn, body->last);
             Inst *flag = t->cont(t, &b, body->last->args[0]);
-            if (flag) ir_replace_arg(body->last, 0, flag);
+            if (flag) ir_replace_arg(body->last, 0, flag), i->imm.loop.exact = false;
         }
     } else {
         ice(t->fn->session, "thread: unexpected region operation");

@@ -98,12 +98,13 @@ static void push_part(Finder *f, const Segment *s, double ta, double tb, uint32_
     finder_push(f, &part);
 }
 
-static Crossing *found_slot(Finder *f) {
-    if (f->nfound == BATCH) {
-        f->full(f->full_user, f->found, f->nfound);
-        f->nfound = 0;
-    }
-    return &f->found[f->nfound++];
+static Crossing *found_slot(Finder *f) { return &f->found[f->nfound++]; }
+
+/* Room for n more crossings. Whoever takes them runs kernels in the same batch, so never while its outputs are still being read. */
+static void found_reserve(Finder *f, uint32_t n) {
+    if (f->nfound + n <= BATCH) return;
+    f->full(f->full_user, f->found, f->nfound);
+    f->nfound = 0;
 }
 
 /* ---- bisection on the region */
@@ -305,6 +306,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
 /* Both sides of each final bracket, with their regions. */
 static void verify(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
+    found_reserve(f, n);
     for (uint32_t i = 0; i < n; i++) {
         double lo, hi;
         bracket_of(&items[i], &lo, &hi);
