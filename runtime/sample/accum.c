@@ -7,7 +7,7 @@
 
 #include "runtime/sample/internal.h"
 
-enum { ACCUM_BLOCK = 64 };
+enum { ACCUM_BLOCK = 16 };
 
 bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     memset(a, 0, sizeof *a);
@@ -67,20 +67,29 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     buf->log_len += len;
 }
 
-/* One block of parameters: lanes into sums. False if all were zero. */
-#define SUM_BLOCK(name, T)                                                                             \
-    static bool name(const T *v, uint32_t lanes, uint32_t n, double *sums) {                           \
-        bool any = false;                                                                              \
-        for (uint64_t i = 0; i < (uint64_t)n * lanes; i++) any |= v[i] != 0; /* NaN is not 0: it stays */ \
-        for (uint32_t p = 0; any && p < n; p++) {                                                      \
-            double sum = 0;                                                                            \
-            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)p * lanes + l];            \
-            sums[p] = sum;                                                                             \
-        }                                                                                              \
-        return any;                                                                                    \
+/* All bits zero? Integers, so that the compiler may reorder: most blocks of most tiles are zero, and this loop is what they cost. */
+static bool untouched(const void *block, uint64_t bytes) {
+    const uint64_t *v = block;
+    uint64_t any = 0, words = bytes / 8;
+    for (uint64_t from = 0; from < words; from += 512) {
+        uint64_t to = from + 512 < words ? from + 512 : words;
+        for (uint64_t i = from; i < to; i++) any |= v[i];
+        if (any) return false;
     }
-SUM_BLOCK(sum_block_f32, float)
-SUM_BLOCK(sum_block_f64, double)
+    for (uint64_t i = words * 8; i < bytes; i++) any |= ((const unsigned char *)block)[i];
+    return !any;
+}
+
+#define SUM_LANES(name, T)                                                      \
+    static void name(const T *v, uint32_t lanes, uint32_t n, double *sums) {    \
+        for (uint32_t p = 0; p < n; p++) {                                      \
+            double sum = 0;                                                     \
+            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)p * lanes + l]; \
+            sums[p] = sum;                                                      \
+        }                                                                       \
+    }
+SUM_LANES(sum_f32, float)
+SUM_LANES(sum_f64, double)
 
 void accum_close(Accum *a) {
     uint32_t lanes = a->s->flat_adj ? 1 : a->s->width;
@@ -91,8 +100,9 @@ void accum_close(Accum *a) {
         for (uint32_t p0 = 0; p0 < a->s->nfloats; p0 += ACCUM_BLOCK) {
             uint32_t p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             void *block = buf->adj + a->stride * p0;
-            bool any = a->s->f64 ? sum_block_f64(block, lanes, p1 - p0, buf->sum + p0) : sum_block_f32(block, lanes, p1 - p0, buf->sum + p0);
-            if (!any) continue;
+            if (untouched(block, a->stride * (p1 - p0))) continue;
+            if (a->s->f64) sum_f64(block, lanes, p1 - p0, buf->sum + p0);
+            else sum_f32(block, lanes, p1 - p0, buf->sum + p0);
             memset(block, 0, a->stride * (p1 - p0));
             buf->touched[buf->ntouched++] = p0;
         }

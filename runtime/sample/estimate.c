@@ -32,16 +32,6 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
     return st;
 }
 
-SltStatus slt_estimate_rgba8(const SltScene *s, const SltJob *j, uint32_t *pixels, SltStats *stats, SltError *err) {
-    SltStatus st = need_image(j, "an 8-bit image", err);
-    if (st != SLT_OK) return st;
-    Run r;
-    st = run_begin(&r, s, j, err);
-    if (st == SLT_OK) st = interior_rgba8(&r, pixels);
-    run_end(&r, stats);
-    return st;
-}
-
 /* ---- forward */
 static void free_directions(Directions *d) {
     for (uint32_t i = 0; i < d->n && d->flt; i++) free(d->flt[i]);

@@ -53,14 +53,11 @@ typedef struct SltScene {
     void *print_user;
 } SltScene;
 
-/* Image: out is flt-independent double or float? float: out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all samples; 1, 2: one of the two
+/* Image (one pixel in integral mode: the integral): out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all samples; 1, 2: one of the two
  * independent sample halves (for squared losses). */
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
 
-/* The same through a value kernel that writes packed 8-bit pixels (R in the lowest byte): samples of a pixel are averaged as bytes. pixels[(z*h + y)*w + x]. */
-SltStatus slt_estimate_rgba8(const SltScene *s, const SltJob *j, uint32_t *pixels, SltStats *stats, SltError *err);
-
-/* Derivative images along ndir directions of parameter space: dirs[k] is flt-typed double[nfloats] (sparse directions are cheap: unit vectors);
+/* Derivative images along ndir directions of parameter space: dirs[k] is double[nfloats];
  * out[k] is an image. Image mode. crossings (may be NULL): an image counting crossings. */
 SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err);
 

@@ -143,39 +143,6 @@ SltStatus interior_image(Run *r, uint32_t half, float *image) {
     return st;
 }
 
-/* The kernel packs its pixels: bytes are averaged, rounded to nearest. */
-static bool rgba8_work(void *user, uint32_t worker, uint64_t tile) {
-    Interior *p = user;
-    Worker *w = &p->run->worker[worker];
-    Batch *b = &w->batch;
-    TileRect t = rect_of(p, tile);
-    uint32_t n;
-    if (!worker_values(w, t.pixels * 4)) return false;
-    select_cull(p, w, &t);
-    Walk k = {.p = p, .t = &t};
-    while ((n = walk_fill(&k, b))) {
-        batch_call(b, SLT_K_VALUE, n);
-        const uint32_t *packed = b->args.out[0];
-        for (uint32_t i = 0; i < n; i++)
-            for (uint32_t c = 0; c < 4; c++) w->value[(uint64_t)k.lane_pixel[i] * 4 + c] += packed[i] >> (8 * c) & 0xff;
-    }
-    for (uint64_t i = 0; i < t.pixels; i++) {
-        uint32_t v = 0;
-        for (uint32_t c = 0; c < 4; c++) v |= (uint32_t)(w->value[i * 4 + c] / p->count + 0.5) << (8 * c);
-        p->rgba8[image_index(p, &t, i)] = v;
-    }
-    return true;
-}
-
-SltStatus interior_rgba8(Run *r, uint32_t *pixels) {
-    Interior p = {.rgba8 = pixels, .classes = 1};
-    plan(&p, r, 0, 32);
-    SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
-    if (st == SLT_OK) st = run_tiles(r, p.ntiles, rgba8_work, plain_merge, &p);
-    run_free_workers(r);
-    return st;
-}
-
 /* ---- reverse */
 static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;

@@ -274,7 +274,6 @@ typedef struct Interior {
     uint64_t ntiles;
     /* value: one of */
     float *image;
-    uint32_t *rgba8;
     /* reverse */
     const float *adjoint;
     double factor;            /* of every seed */
@@ -285,7 +284,6 @@ typedef struct Interior {
     float *const *out;
 } Interior;
 SltStatus interior_image(Run *r, uint32_t half, float *image);
-SltStatus interior_rgba8(Run *r, uint32_t *pixels);
 SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes, double *const *targets);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* Integral over the domain of every channel, replicate r of n: value[channels]; gradient [channels][nfloats] when not NULL. */
