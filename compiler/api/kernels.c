@@ -9,7 +9,7 @@
 /* Events of a sample up to which the near-miss probe is on by default; see docs/estimators.md for the measurement. */
 enum { NEAR_MISS_EVENTS = 64 };
 /* Above this many bytes of per-lane accumulators the adjoints are added horizontally instead. */
-enum { LANE_ADJOINT_BYTES = 1 << 20 };
+enum { LANE_ADJOINT_BYTES = 1 << 17 };
 
 static double now_ms(void) {
     struct timespec t;

@@ -249,13 +249,29 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
     }
 }
 
+/* Cheap enough to run both sides; a condition that is known to be rare is always a branch. */
+static bool selects(const Emit *e, const Inst *i) {
+    return i->imm.i != IR_IF_RARE && (region_cost(e, i->region[0]) + region_cost(e, i->region[1])) * e->P <= SELECT_BUDGET;
+}
+
+/* Is v, the next value of carried parameter c, still c in lanes that have left the loop? So it is where it comes through
+ * one-sided branches whose empty side yields c: they blend under the mask already. */
+static bool keeps_itself(const Emit *e, const Inst *v, const Inst *c) {
+    if (v == c) return true;
+    if (v->op != OP_proj || v->args[0]->op != OP_if_) return false;
+    const Inst *i = v->args[0];
+    if (!emit_is_vector(e, i->args[0]) || selects(e, i)) return false;
+    int empty = is_empty(i->region[1]) ? 1 : is_empty(i->region[0]) ? 0 : -1;
+    return empty >= 0 && keeps_itself(e, ir_yield_of(i->region[empty])->args[v->imm.i], c);
+}
+
 static void emit_if(Emit *e, Inst *i) {
     if (!emit_is_vector(e, i->args[0])) {
         emit_if_uniform(e, i);
         return;
     }
     const Part *cond = emit_slot(e, i->args[0]);
-    if ((region_cost(e, i->region[0]) + region_cost(e, i->region[1])) * e->P <= SELECT_BUDGET) {
+    if (selects(e, i)) {
         emit_block(e, i->region[0]);
         emit_block(e, i->region[1]);
         select_results(e, i, cond, NULL);
@@ -410,7 +426,7 @@ static void emit_loop(Emit *e, Inst *i) {
     for (uint32_t r = 0; r < nc; r++) {
         Inst *c = body->params[r + 1];
         result_parts(e, y->args[r + 1], emit_is_vector(e, c), next[r]);
-        if (s.blend[r])
+        if (s.blend[r] && !keeps_itself(e, y->args[r + 1], c))
             for (uint32_t k = 0; k < e->P; k++)
                 next[r][k] = LL(BuildSelect)(e->b, s.live[k], next[r][k], emit_slot(e, c)[k], "");
     }

@@ -520,6 +520,19 @@ void emit_revloop(Emit *e, Inst *i) {
 
 /* ---- pairs of lanes */
 static void emit_partner(Emit *e, const Part *in, Part *out) {
+    bool bits = LL(GetElementType)(LL(TypeOf)(in[0])) == e->t_i1;
+    if (bits && e->opt->target.vector_bytes == 64 && e->L >= 8) {
+        /* Mask registers have no shuffle: swap neighbouring bits as an integer. */
+        LLVMTypeRef word = LL(IntTypeInContext)(e->ctx, e->L);
+        Part even = LL(ConstInt)(word, 0x5555555555555555ull, 0), one = LL(ConstInt)(word, 1, 0);
+        for (uint32_t p = 0; p < e->P; p++) {
+            Part m = LL(BuildBitCast)(e->b, in[p], word, "");
+            Part up = LL(BuildShl)(e->b, LL(BuildAnd)(e->b, m, even, ""), one, "");
+            Part down = LL(BuildAnd)(e->b, LL(BuildLShr)(e->b, m, one, ""), even, "");
+            out[p] = LL(BuildBitCast)(e->b, LL(BuildOr)(e->b, up, down, ""), LL(TypeOf)(in[p]), "");
+        }
+        return;
+    }
     Part pick[BACK_MAX_WIDTH];
     for (uint32_t l = 0; l < e->L; l++) pick[l] = emit_int(e, e->t_i32, l ^ 1);
     for (uint32_t p = 0; p < e->P; p++)

@@ -66,6 +66,7 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_constf:
         case OP_consti:
         case OP_constb:
+        case OP_if_:
         case OP_input:
         case OP_proj:
         case OP_arg:

@@ -57,6 +57,7 @@ typedef enum InputSlot {
 
 typedef enum CounterSlot { COUNTER_TRUNCATED, COUNTER_ASSERT, COUNTER_TAPE_OVERFLOW, COUNTER_NONFINITE, COUNTER_SLOTS } CounterSlot;
 
+#define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
 #define IR_MAX_SITE_DEPTH 8 /* loops around a site that tell its events apart */
 #define IR_MAX_OPS (1u << 18)
 

@@ -47,6 +47,7 @@ static bool event_at(Thread *t, Inst *i) {
     }
     /* Rare, so a real branch: g and the indices cost nothing elsewhere. */
     Inst *br = ir_if(&b, hit);
+    br->imm.i = IR_IF_RARE;
     Builder in = ir_at_end(t->fn, br->region[0]), out = ir_at_end(t->fn, br->region[1]);
     Inst *yes[V_K + IR_MAX_SITE_DEPTH];
     in.fold = true;
