@@ -9,7 +9,8 @@ void rng_block(uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t counte
     for (int i = 0; i < 4; i++) out[i] = r.v[i];
 }
 
-/* Powers of 1/phi_d, phi_d the positive root of x^(d+1) = x + 1, as fractions of 2^64. Integer arithmetic keeps index 10^9 as exact as index 1. */
+/* Powers of 1/phi_d, phi_d the positive root of x^(d+1) = x + 1, as fractions of 2^64. Integer arithmetic keeps index
+ * 10^9 as exact as index 1. */
 static const uint64_t ratio[4][4] = {
     {0x9e3779b97f4a7c15u, 0, 0, 0},
     {0xc13fa9a902a6328fu, 0x91e10da5c79e7b1cu, 0, 0},

@@ -67,7 +67,8 @@ static void *run(void *arg) {
         pthread_mutex_lock(&p->lock);
         p->merged = tile + 1;
         if (p->o->progress)
-            p->o->progress(p->o->progress_user, p->o->from + (p->o->to - p->o->from) * (double)p->merged / (double)p->tiles);
+            p->o->progress(p->o->progress_user,
+                           p->o->from + (p->o->to - p->o->from) * (double)p->merged / (double)p->tiles);
         pthread_cond_broadcast(&p->turn);
     }
     pthread_mutex_unlock(&p->lock);
@@ -92,6 +93,8 @@ SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMer
     pthread_mutex_destroy(&p.lock);
     if (p.status == SLT_INTERRUPTED) return status_fail(err, p.status, "interrupted");
     if (p.status == SLT_LIMIT)
-        return status_fail(err, p.status, o->deadline > 0 && pool_now() > o->deadline ? "the time limit was reached" : "out of memory");
+        return status_fail(err, p.status,
+                           o->deadline > 0 && pool_now() > o->deadline ? "the time limit was reached"
+                                                                       : "out of memory");
     return SLT_OK;
 }

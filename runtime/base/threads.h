@@ -1,8 +1,9 @@
 /* Tiles on threads.
  *
- * A call runs tiles 0 .. n-1: `work` on any thread, `merge` one at a time in the order of the tiles, so what is added up in `merge` has the same bits for any
- * number of threads. Results live in the worker between the two: memory is bounded by the number of threads, not of tiles. A thread that is ahead waits
- * for its turn; tiles are handed out in order, so the wait is at most the spread of their times. */
+ * A call runs tiles 0 .. n-1: `work` on any thread, `merge` one at a time in the order of the tiles, so what is added
+ * up in `merge` has the same bits for any number of threads. Results live in the worker between the two: memory is
+ * bounded by the number of threads, not of tiles. A thread that is ahead waits for its turn; tiles are handed out in
+ * order, so the wait is at most the spread of their times. */
 #ifndef SALTUS_RUNTIME_BASE_THREADS_H
 #define SALTUS_RUNTIME_BASE_THREADS_H
 
@@ -12,12 +13,12 @@
 #include "runtime/base/status.h"
 
 typedef struct PoolOptions {
-    uint32_t threads;             /* 1 or more: worker indices are 0 .. threads-1 */
-    double deadline;              /* by pool_now(); 0: none. Status SLT_LIMIT */
-    volatile const int *cancel;   /* may be NULL; non-zero: stop before the next tile. Status SLT_INTERRUPTED */
+    uint32_t threads;           /* 1 or more: worker indices are 0 .. threads-1 */
+    double deadline;            /* by pool_now(); 0: none. Status SLT_LIMIT */
+    volatile const int *cancel; /* may be NULL; non-zero: stop before the next tile. Status SLT_INTERRUPTED */
     void (*progress)(void *user, double fraction);
     void *progress_user;
-    double from, to;              /* the part of the whole job that this call is, for `progress` */
+    double from, to; /* the part of the whole job that this call is, for `progress` */
 } PoolOptions;
 
 /* false: memory ran out; the call ends with SLT_LIMIT. */

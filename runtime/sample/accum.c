@@ -1,7 +1,8 @@
 /* Adjoints of the parameters.
  *
- * Within a tile a kernel adds in its own precision, one sum a lane (or one a parameter where they are many); at the end of the tile the lanes are added into
- * doubles, and tiles are added in order. Blocks of parameters that a tile left at zero cost a look, not an addition. */
+ * Within a tile a kernel adds in its own precision, one sum a lane (or one a parameter where they are many); at the end
+ * of the tile the lanes are added into doubles, and tiles are added in order. Blocks of parameters that a tile left at
+ * zero cost a look, not an addition. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,7 +28,8 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 }
 
 void accum_free(Accum *a) {
-    for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].adj), free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
+    for (uint32_t i = 0; i < a->n; i++)
+        free(a->buf[i].adj), free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
     free(a->scratch);
     memset(a, 0, sizeof *a);
 }
@@ -67,7 +69,8 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     buf->log_len += len;
 }
 
-/* All bits zero? Integers, so that the compiler may reorder: most blocks of most tiles are zero, and this loop is what they cost. */
+/* All bits zero? Integers, so that the compiler may reorder: most blocks of most tiles are zero, and this loop is what
+ * they cost. */
 static bool untouched(const void *block, uint64_t bytes) {
     const uint64_t *v = block;
     uint64_t any = 0, words = bytes / 8;
@@ -80,13 +83,13 @@ static bool untouched(const void *block, uint64_t bytes) {
     return !any;
 }
 
-#define SUM_LANES(name, T)                                                      \
-    static void name(const T *v, uint32_t lanes, uint32_t n, double *sums) {    \
-        for (uint32_t p = 0; p < n; p++) {                                      \
-            double sum = 0;                                                     \
-            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)p * lanes + l]; \
-            sums[p] = sum;                                                      \
-        }                                                                       \
+#define SUM_LANES(name, T)                                                                                             \
+    static void name(const T *v, uint32_t lanes, uint32_t n, double *sums) {                                           \
+        for (uint32_t p = 0; p < n; p++) {                                                                             \
+            double sum = 0;                                                                                            \
+            for (uint32_t l = 0; l < lanes; l++) sum += (double)v[(uint64_t)p * lanes + l];                            \
+            sums[p] = sum;                                                                                             \
+        }                                                                                                              \
     }
 SUM_LANES(sum_f32, float)
 SUM_LANES(sum_f64, double)
@@ -101,8 +104,10 @@ void accum_close(Accum *a) {
             uint32_t p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             void *block = buf->adj + a->stride * p0;
             if (untouched(block, a->stride * (p1 - p0))) continue;
-            if (a->s->f64) sum_f64(block, lanes, p1 - p0, buf->sum + p0);
-            else sum_f32(block, lanes, p1 - p0, buf->sum + p0);
+            if (a->s->f64)
+                sum_f64(block, lanes, p1 - p0, buf->sum + p0);
+            else
+                sum_f32(block, lanes, p1 - p0, buf->sum + p0);
             memset(block, 0, a->stride * (p1 - p0));
             buf->touched[buf->ntouched++] = p0;
         }

@@ -1,4 +1,5 @@
-/* Lists of [Cull] iterations that may do something in a rectangle. The boxes come from the program's own bounds function, once a call. */
+/* Lists of [Cull] iterations that may do something in a rectangle. The boxes come from the program's own bounds
+ * function, once a call. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -26,7 +27,8 @@ SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err) {
         if (!box) goto memory;
         for (uint32_t from = 0; from < count; from += BATCH) {
             uint32_t n = count - from < BATCH ? count - from : BATCH;
-            for (uint32_t l = 0; l < (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD; l++) batch_set_int(&b, SLT_IN_K0, l, (int32_t)(from + (l < n ? l : n - 1)));
+            for (uint32_t l = 0; l < (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD; l++)
+                batch_set_int(&b, SLT_IN_K0, l, (int32_t)(from + (l < n ? l : n - 1)));
             b.args.n_valid = n;
             s->cull_bounds[i](&b.args, n);
             for (uint32_t l = 0; l < n; l++)
@@ -68,7 +70,8 @@ void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3],
         const double *box = c->box[i];
         for (uint32_t k = 0; k < c->count[i]; k++, box += 4) {
             /* Written so that a box of NaN is kept. */
-            bool out = box[0] > hi[0] + slack[0] || box[2] < lo[0] - slack[0] || box[1] > hi[1] + slack[1] || box[3] < lo[1] - slack[1];
+            bool out = box[0] > hi[0] + slack[0] || box[2] < lo[0] - slack[0] || box[1] > hi[1] + slack[1] ||
+                       box[3] < lo[1] - slack[1];
             l->items[i][n] = (int32_t)k;
             n += !out;
         }

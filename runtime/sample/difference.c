@@ -1,14 +1,20 @@
-/* Central differences with common random numbers: the estimator of the tests, and the baseline of `bench`. Two renders a parameter. */
+/* Central differences with common random numbers: the estimator of the tests, and the baseline of `bench`. Two renders
+ * a parameter. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "runtime/sample/internal.h"
 
-/* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a compromise that both survive. */
-static double step_of(const SltJob *j, double value) { return j->fd_step > 0 ? j->fd_step : 0.01 * fmax(0.1, fabs(value)); }
+/* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a
+ * compromise that both survive. */
+static double step_of(const SltJob *j, double value) {
+    return j->fd_step > 0 ? j->fd_step : 0.01 * fmax(0.1, fabs(value));
+}
 
-static double param_get(const SltScene *s, uint32_t p) { return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p]; }
+static double param_get(const SltScene *s, uint32_t p) {
+    return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
+}
 
 /* A scene whose parameters are those of s moved by h along dir (NULL: along axis p). Returns the memory to free. */
 static void *moved(SltScene *out, const SltScene *s, const double *dir, uint32_t axis, double h) {
@@ -19,22 +25,26 @@ static void *moved(SltScene *out, const SltScene *s, const double *dir, uint32_t
     memcpy(v, s->params, s->nfloats * size);
     for (uint32_t p = dir ? 0 : axis; p < (dir ? s->nfloats : axis + 1); p++) {
         double x = param_get(s, p) + h * (dir ? dir[p] : 1);
-        if (s->f64) ((double *)v)[p] = x;
-        else ((float *)v)[p] = (float)x;
+        if (s->f64)
+            ((double *)v)[p] = x;
+        else
+            ((float *)v)[p] = (float)x;
     }
     out->params = v;
     return v;
 }
 
 /* (image at +h - image at -h) / 2h into out. `half` as slt_estimate_render. */
-static SltStatus image_difference(const SltScene *s, const SltJob *j, const double *dir, uint32_t axis, double h, float *out, float *scratch, SltStats *stats, SltError *err) {
+static SltStatus image_difference(const SltScene *s, const SltJob *j, const double *dir, uint32_t axis, double h,
+                                  float *out, float *scratch, SltStats *stats, SltError *err) {
     SltStatus st = SLT_OK;
     uint64_t n = s->channels;
     for (uint32_t d = 0; d < s->dim; d++) n *= j->size[d];
     for (int side = 0; side < 2 && st == SLT_OK; side++) {
         SltScene t;
         void *v = moved(&t, s, dir, axis, side ? -h : h);
-        st = v ? slt_estimate_render(&t, j, 0, side ? scratch : out, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
+        st = v ? slt_estimate_render(&t, j, 0, side ? scratch : out, stats, err)
+               : status_fail(err, SLT_LIMIT, "out of memory");
         free(v);
     }
     for (uint64_t i = 0; i < n && st == SLT_OK; i++) out[i] = (float)(((double)out[i] - (double)scratch[i]) / (2 * h));
@@ -47,21 +57,25 @@ static uint64_t image_size(const SltScene *s, const SltJob *j) {
     return n;
 }
 
-SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, SltStats *stats, SltError *err) {
+SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
+                             float *const *out, SltStats *stats, SltError *err) {
     float *scratch = malloc(image_size(s, j) * sizeof *scratch + 1);
     SltStatus st = scratch ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
     for (uint32_t d = 0; d < ndir && st == SLT_OK; d++) {
         double size = 0, value = 0;
         for (uint32_t p = 0; p < s->nfloats; p++)
             if (dirs[d][p] != 0) size = fmax(size, fabs(dirs[d][p])), value = fmax(value, fabs(param_get(s, p)));
-        if (size > 0) st = image_difference(s, j, dirs[d], 0, step_of(j, value) / size, out[d], scratch, stats, err);
-        else memset(out[d], 0, image_size(s, j) * sizeof *out[d]);
+        if (size > 0)
+            st = image_difference(s, j, dirs[d], 0, step_of(j, value) / size, out[d], scratch, stats, err);
+        else
+            memset(out[d], 0, image_size(s, j) * sizeof *out[d]);
     }
     free(scratch);
     return st;
 }
 
-SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
+SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
+                             double *stderr_bound, SltStats *stats, SltError *err) {
     uint64_t n = image_size(s, j);
     float *image = malloc(n * sizeof *image + 1), *scratch = malloc(n * sizeof *scratch + 1);
     SltStatus st = image && scratch ? SLT_OK : status_fail(err, SLT_LIMIT, "out of memory");
@@ -83,11 +97,13 @@ SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *co
 }
 
 /* Integrals of all replicates at moved parameters: value[n][channels]. */
-static SltStatus integrals(const SltScene *s, const SltJob *j, uint32_t n, double *value, SltStats *stats, SltError *err) {
+static SltStatus integrals(const SltScene *s, const SltJob *j, uint32_t n, double *value, SltStats *stats,
+                           SltError *err) {
     Run r;
     SltStatus st = run_begin(&r, s, j, err);
     memset(value, 0, (size_t)n * s->channels * sizeof *value);
-    for (uint32_t i = 0; i < n && st == SLT_OK; i++) st = interior_integral(&r, i, (j->samples + n - 1) / n, value + (size_t)i * s->channels, NULL);
+    for (uint32_t i = 0; i < n && st == SLT_OK; i++)
+        st = interior_integral(&r, i, (j->samples + n - 1) / n, value + (size_t)i * s->channels, NULL);
     run_end(&r, stats);
     return st;
 }
@@ -103,7 +119,8 @@ static void spread(const double *v, uint32_t n, uint32_t channels, uint32_t c, d
 SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     uint32_t n = j->replicates ? j->replicates : 4, channels = s->channels;
     uint64_t size = (uint64_t)channels * s->nfloats;
-    double *up = alloc_zero((size_t)n * channels, sizeof *up), *down = alloc_zero((size_t)n * channels, sizeof *down), *arrays[] = {out->gradient, out->gradient_stderr, out->interior, out->boundary, out->missed_estimate};
+    double *up = alloc_zero((size_t)n * channels, sizeof *up), *down = alloc_zero((size_t)n * channels, sizeof *down),
+           *arrays[] = {out->gradient, out->gradient_stderr, out->interior, out->boundary, out->missed_estimate};
     SltStatus st = up && down ? integrals(s, j, n, up, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         if (arrays[i]) memset(arrays[i], 0, size * sizeof **arrays);

@@ -5,7 +5,8 @@
 
 #include "runtime/sample/internal.h"
 
-const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event", "no_root", "static", "depth", "coincident"};
+const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
+                                                      "no_root",       "static",     "depth",        "coincident"};
 
 static double segments_of(const SltJob *j) {
     if (j->segments) return (double)j->segments;
@@ -17,7 +18,8 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
-SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err) {
+SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats,
+                              SltError *err) {
     Run r;
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && half == 0 && j->integral) {
@@ -45,14 +47,17 @@ static bool make_directions(Directions *d, const SltScene *s, uint32_t n, const 
         size_t size = s->f64 ? sizeof(double) : sizeof(float);
         if (!(d->flt[i] = aligned_alloc(64, (s->nfloats * size + 64) / 64 * 64))) return false;
         for (uint32_t p = 0; p < s->nfloats; p++) {
-            if (s->f64) ((double *)d->flt[i])[p] = dirs[i][p];
-            else ((float *)d->flt[i])[p] = (float)dirs[i][p];
+            if (s->f64)
+                ((double *)d->flt[i])[p] = dirs[i][p];
+            else
+                ((float *)d->flt[i])[p] = (float)dirs[i][p];
         }
     }
     return true;
 }
 
-SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err) {
+SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
+                               float *const *out, float *crossings, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a derivative image", err);
     if (st != SLT_OK || !ndir) return st;
     if (j->estimator == SLT_EST_FD) return difference_forward(s, j, ndir, dirs, out, stats, err);
@@ -69,7 +74,8 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         if (!j->no_interior) st = interior_forward(&r, &d, out);
         r.stats.seconds_interior = pool_now() - t, t = pool_now();
         r.pool.from = split, r.pool.to = 1;
-        Boundary y = {.run = &r, .segments = segments_of(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
+        Boundary y = {
+            .run = &r, .segments = segments_of(j), .out = out, .crossings = crossings, .dirs = &d, .classes = 1};
         if (st == SLT_OK && !j->no_boundary) st = boundary_run(&y, SINK_FORWARD);
         r.stats.seconds_boundary = pool_now() - t;
     }
@@ -79,7 +85,8 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
 }
 
 /* ---- reverse */
-/* The sums of COSETS interleaved parts -> total, and the standard error as if the parts were independent: they repel each other, so it is an upper bound. */
+/* The sums of COSETS interleaved parts -> total, and the standard error as if the parts were independent: they repel
+ * each other, so it is an upper bound. */
 static void combine(double *const *part, uint32_t n, double *total, double *variance, uint32_t nfloats) {
     for (uint32_t p = 0; p < nfloats; p++) {
         double sum = 0;
@@ -101,7 +108,8 @@ static void mask_inactive(const SltScene *s, double *v) {
         if (!s->active[p]) v[p] = 0;
 }
 
-SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
+SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
+                               double *stderr_bound, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "the gradient of a weighted image", err);
     if (st != SLT_OK) return st;
     if (j->estimator == SLT_EST_FD) return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
@@ -135,7 +143,11 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         /* On one line every crossing is exact: there is no spread to measure. */
         uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
         clear_parts(part, classes, s->nfloats);
-        Boundary y = {.run = &r, .segments = segments_of(j), .adjoint = halves ? mean : adjoint[0], .classes = own, .targets = part};
+        Boundary y = {.run = &r,
+                      .segments = segments_of(j),
+                      .adjoint = halves ? mean : adjoint[0],
+                      .classes = own,
+                      .targets = part};
         st = boundary_run(&y, SINK_REVERSE);
         if (st == SLT_OK) combine(part, own, gradient, stderr_bound, s->nfloats);
     }
@@ -148,10 +160,12 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     return st;
 }
 
-SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
+SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
+                            double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a loss", err);
     if (st != SLT_OK) return st;
-    /* One sample a pixel has no second half: its adjoint is its own, and the loss is biased by the variance of the image. */
+    /* One sample a pixel has no second half: its adjoint is its own, and the loss is biased by the variance of the
+     * image. */
     bool halves = j->spp > 1;
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
@@ -186,13 +200,15 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
 /* ---- integral */
 typedef struct Replicates {
     uint32_t n;
-    uint64_t size;           /* channels * nfloats */
-    double *value;           /* [n][channels] */
+    uint64_t size;                        /* channels * nfloats */
+    double *value;                        /* [n][channels] */
     double *interior, *boundary, *missed; /* [n][size] */
 } Replicates;
 
-/* Mean of n rows into `mean`, standard error of the mean into `error`; either may be NULL. `other` is added to the rows when not NULL. */
-static void statistics(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error) {
+/* Mean of n rows into `mean`, standard error of the mean into `error`; either may be NULL. `other` is added to the rows
+ * when not NULL. */
+static void statistics(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean,
+                       double *error) {
     for (uint64_t i = 0; i < size; i++) {
         double sum = 0, v = 0;
         for (uint32_t k = 0; k < n; k++) sum += rows[k * size + i] + (other ? other[k * size + i] : 0);
@@ -206,7 +222,8 @@ static void statistics(const double *rows, const double *other, uint32_t n, uint
     }
 }
 
-SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
+                                SltError *err) {
     SltJob copy = *job;
     copy.integral = true;
     const SltJob *j = &copy;
@@ -225,7 +242,8 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
         double t = pool_now(), step = 1.0 / k.n;
         uint64_t samples = (j->samples + k.n - 1) / k.n;
         r.pool.from = i * step, r.pool.to = (i + 0.7) * step;
-        st = interior_integral(&r, i, samples, k.value + i * (size_t)s->channels, gradient && !j->no_interior ? k.interior + i * k.size : NULL);
+        st = interior_integral(&r, i, samples, k.value + i * (size_t)s->channels,
+                               gradient && !j->no_interior ? k.interior + i * k.size : NULL);
         r.stats.seconds_interior += pool_now() - t, t = pool_now();
         r.pool.from = r.pool.to, r.pool.to = (i + 1) * step;
         if (st != SLT_OK || j->no_boundary || !gradient) continue;
@@ -256,7 +274,8 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
 }
 
 /* ---- one segment */
-SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err) {
+SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream,
+                                SltCrossing *out, SltError *err) {
     SltJob j = {.integral = true};
     Run r;
     memset(out, 0, sizeof *out);
@@ -271,7 +290,8 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
         Worker *w = &r.worker[0];
         Segment seg = {.tb = 1, .base = 1, .axis = -1, .stream = (int32_t)stream, .rand0 = 0.5};
         for (uint32_t d = 0; d < s->dim; d++) seg.a[d] = a[d], seg.b[d] = b[d];
-        for (uint32_t i = 0; i < 2; i++) batch_set_x(&w->batch, i, i ? seg.b : seg.a), batch_set_stream(&w->batch, i, seg.stream, seg.rand0);
+        for (uint32_t i = 0; i < 2; i++)
+            batch_set_x(&w->batch, i, i ? seg.b : seg.a), batch_set_stream(&w->batch, i, seg.stream, seg.rand0);
         batch_call(&w->batch, SLT_K_REGION, 2);
         seg.ha = (uint32_t)batch_get_int(&w->batch, 0, 0), seg.hb = (uint32_t)batch_get_int(&w->batch, 0, 1);
         if (seg.ha != seg.hb) finder_push(&w->finder, &seg);
@@ -287,8 +307,10 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
             w->batch.args.site = first->site;
             sink_weigh(&w->sink, first, &order, 1, &keep);
             out->found = true, out->t = first->t, out->g = first->g, out->site = first->site;
-            memcpy(out->x, first->x, sizeof out->x), memcpy(out->dg, first->dg, sizeof out->dg), memcpy(out->k, first->k, sizeof out->k);
-            for (uint32_t c = 0; c < s->channels; c++) out->f_before[c] = first->before[c], out->f_after[c] = first->before[c] + first->jump[c];
+            memcpy(out->x, first->x, sizeof out->x), memcpy(out->dg, first->dg, sizeof out->dg),
+                memcpy(out->k, first->k, sizeof out->k);
+            for (uint32_t c = 0; c < s->channels; c++)
+                out->f_before[c] = first->before[c], out->f_after[c] = first->before[c] + first->jump[c];
             for (int d = 0; d < SLT_DROP_REASONS && !keep; d++)
                 if (w->finder.dropped[d]) out->drop = d;
         }

@@ -1,8 +1,10 @@
 /* From segments whose ends lie in different regions to verified crossings.
  *
- * A batch of segments at a time: `event` says for each which event separates its ends and g there; the root of that g is bracketed with `site` (Chandrupatla's method,
- * never more than two steps behind bisection); `sides` gives f and the region at the two ends of the final bracket. If those are the regions of the segment's ends, that was
- * the only crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign, the region itself is bisected. */
+ * A batch of segments at a time: `event` says for each which event separates its ends and g there; the root of that g
+ * is bracketed with `site` (Chandrupatla's method, never more than two steps behind bisection); `sides` gives f and the
+ * region at the two ends of the final bracket. If those are the regions of the segment's ends, that was the only
+ * crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign,
+ * the region itself is bisected. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -12,7 +14,8 @@
 
 enum { MAX_DEPTH = 60 };
 
-/* One segment of the batch, during its root search. x1 is the newest point, [x1, x2] the bracket, x3 the point before. */
+/* One segment of the batch, during its root search. x1 is the newest point, [x1, x2] the bracket, x3 the point before.
+ */
 typedef struct Item {
     Segment s;
     double tol, ga, gb, aux;
@@ -98,9 +101,12 @@ static void push_part(Finder *f, const Segment *s, double ta, double tb, uint32_
     finder_push(f, &part);
 }
 
-static Crossing *found_slot(Finder *f) { return &f->found[f->nfound++]; }
+static Crossing *found_slot(Finder *f) {
+    return &f->found[f->nfound++];
+}
 
-/* Room for n more crossings. Whoever takes them runs kernels in the same batch, so never while its outputs are still being read. */
+/* Room for n more crossings. Whoever takes them runs kernels in the same batch, so never while its outputs are still
+ * being read. */
 static void found_reserve(Finder *f, uint32_t n) {
     if (f->nfound + n <= BATCH) return;
     f->full(f->full_user, f->found, f->nfound);
@@ -132,9 +138,13 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
 }
 
 /* ---- root of g on the bracket */
-static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
+static bool same_sign(double a, double b) {
+    return (a < 0) == (b < 0);
+}
 
-static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
+static double clamp(double v, double lo, double hi) {
+    return v < lo ? lo : v > hi ? hi : v;
+}
 
 /* Where to look next in [x1, x2], as a fraction of it from x1. */
 static double chandrupatla(const Item *it, double width) {
@@ -170,9 +180,12 @@ static void root_take(Item *it, double g) {
         it->x1 = it->next, it->f1 = 0, it->exact = true;
         return;
     }
-    /* A g that is not a number says nothing: treat it as the sign of the older end, so that the bracket still shrinks. */
-    if (same_sign(g, it->f1)) it->x3 = it->x1, it->f3 = it->f1;
-    else it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
+    /* A g that is not a number says nothing: treat it as the sign of the older end, so that the bracket still shrinks.
+     */
+    if (same_sign(g, it->f1))
+        it->x3 = it->x1, it->f3 = it->f1;
+    else
+        it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
     it->x1 = it->next, it->f1 = g;
 }
 
@@ -330,8 +343,10 @@ static void verify(Finder *f, Item *items, uint32_t n) {
 static uint32_t halve(Finder *f, Item *items, uint32_t n) {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (items[i].s.tb - items[i].s.ta > 1.01 * items[i].tol) f->split[f->nsplit++] = items[i].s;
-        else items[kept++] = items[i];
+        if (items[i].s.tb - items[i].s.ta > 1.01 * items[i].tol)
+            f->split[f->nsplit++] = items[i].s;
+        else
+            items[kept++] = items[i];
     }
     flush_split(f);
     kept = kept ? ask_events(f, items, kept) : 0;

@@ -1,7 +1,8 @@
 /* Pixels, filters and where samples lie.
  *
- * A pixel is the mean of f under its filter over the part of the domain that the filter covers: samples are drawn from the filter (so every
- * sample belongs to one pixel and weighs the same), and crossings use the same normalised filter as a weight. */
+ * A pixel is the mean of f under its filter over the part of the domain that the filter covers: samples are drawn from
+ * the filter (so every sample belongs to one pixel and weighs the same), and crossings use the same normalised filter
+ * as a weight. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,9 +18,12 @@
 static double kernel(SltFilter f, double u) {
     double a = fabs(u);
     switch (f) {
-    case SLT_FILTER_BOX: return a <= 0.5;
-    case SLT_FILTER_TENT: return a < 1 ? 1 - a : 0;
-    case SLT_FILTER_GAUSSIAN: return a < GAUSS_RADIUS ? exp(-2 * u * u) * (GAUSS_PEAK / GAUSS_MASS) : 0;
+    case SLT_FILTER_BOX:
+        return a <= 0.5;
+    case SLT_FILTER_TENT:
+        return a < 1 ? 1 - a : 0;
+    case SLT_FILTER_GAUSSIAN:
+        return a < GAUSS_RADIUS ? exp(-2 * u * u) * (GAUSS_PEAK / GAUSS_MASS) : 0;
     }
     return 0;
 }
@@ -28,9 +32,12 @@ static double cumulative(SltFilter f, double u, double radius) {
     if (u <= -radius) return 0;
     if (u >= radius) return 1;
     switch (f) {
-    case SLT_FILTER_BOX: return u + 0.5;
-    case SLT_FILTER_TENT: return u < 0 ? 0.5 * (1 + u) * (1 + u) : 1 - 0.5 * (1 - u) * (1 - u);
-    case SLT_FILTER_GAUSSIAN: return 0.5 * (1 + erf(u * SQRT2) / GAUSS_MASS);
+    case SLT_FILTER_BOX:
+        return u + 0.5;
+    case SLT_FILTER_TENT:
+        return u < 0 ? 0.5 * (1 + u) * (1 + u) : 1 - 0.5 * (1 - u) * (1 - u);
+    case SLT_FILTER_GAUSSIAN:
+        return 0.5 * (1 + erf(u * SQRT2) / GAUSS_MASS);
     }
     return 0;
 }
@@ -38,17 +45,22 @@ static double cumulative(SltFilter f, double u, double radius) {
 static double inverse(SltFilter f, double p, double radius) {
     double lo = -radius, hi = radius, u;
     switch (f) {
-    case SLT_FILTER_BOX: return p - 0.5;
-    case SLT_FILTER_TENT: return p < 0.5 ? sqrt(2 * p) - 1 : 1 - sqrt(2 * (1 - p));
-    case SLT_FILTER_GAUSSIAN: break;
+    case SLT_FILTER_BOX:
+        return p - 0.5;
+    case SLT_FILTER_TENT:
+        return p < 0.5 ? sqrt(2 * p) - 1 : 1 - sqrt(2 * (1 - p));
+    case SLT_FILTER_GAUSSIAN:
+        break;
     }
     /* Newton from the logistic approximation, kept in its bracket. */
     u = 0.5 * log(p / (1 - p)) / 1.702;
     if (!(u > lo && u < hi)) u = 0;
     for (int i = 0; i < 6; i++) {
         double e = cumulative(f, u, radius) - p;
-        if (e > 0) hi = u;
-        else lo = u;
+        if (e > 0)
+            hi = u;
+        else
+            lo = u;
         double d = kernel(f, u), next = d > 0 ? u - e / d : lo;
         if (fabs(next - u) < 1e-9) return u;
         if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
@@ -75,7 +87,8 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
         g->lo[d] = d < s->dim ? s->lo[d] : 0, g->hi[d] = d < s->dim ? s->hi[d] : 1;
         if (!(g->hi[d] > g->lo[d]) || !isfinite(g->hi[d] - g->lo[d]))
             return status_fail(err, SLT_USAGE, "the domain is empty or not finite along axis %u", d);
-        if (!g->n[d] || g->n[d] > 1u << 24) return status_fail(err, SLT_USAGE, "%u pixels along axis %u: 1 to 16777216 are possible", g->n[d], d);
+        if (!g->n[d] || g->n[d] > 1u << 24)
+            return status_fail(err, SLT_USAGE, "%u pixels along axis %u: 1 to 16777216 are possible", g->n[d], d);
         g->side[d] = (g->hi[d] - g->lo[d]) / g->n[d];
         if (g->pixels > (1ull << 40) / g->n[d]) return status_fail(err, SLT_LIMIT, "the image has too many pixels");
         g->pixels *= g->n[d];
@@ -150,9 +163,11 @@ void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpo
     rng_block(seed, purpose, lane, owner, p->shift);
 }
 
-/* A stream is named by 32 bits. Samples of a pixel come from the pixel's block, so that neighbours in memory are not neighbours in number. */
+/* A stream is named by 32 bits. Samples of a pixel come from the pixel's block, so that neighbours in memory are not
+ * neighbours in number. */
 int32_t pattern_stream(const Pattern *p, uint64_t index) {
     uint32_t v[4];
-    rng_block(p->seed ^ (uint32_t)p->purpose * 0x85ebca6bu, RNG_STREAM, p->lane ^ (uint32_t)(index >> 2) * 0x9e3779b9u, p->owner << 24 ^ index >> 2, v);
+    rng_block(p->seed ^ (uint32_t)p->purpose * 0x85ebca6bu, RNG_STREAM, p->lane ^ (uint32_t)(index >> 2) * 0x9e3779b9u,
+              p->owner << 24 ^ index >> 2, v);
     return (int32_t)v[index & 3];
 }

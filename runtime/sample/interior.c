@@ -1,7 +1,7 @@
 /* The smooth part: f and its derivatives at samples.
  *
- * A tile is a block of pixels (or, for an integral, a run of samples); its samples go through the kernels pixel by pixel, so neighbouring lanes are neighbouring
- * points. The derivatives use the very samples of the primal. */
+ * A tile is a block of pixels (or, for an integral, a run of samples); its samples go through the kernels pixel by
+ * pixel, so neighbouring lanes are neighbouring points. The derivatives use the very samples of the primal. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -59,8 +59,8 @@ static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
 typedef struct Walk {
     const Interior *p;
     const TileRect *t;
-    uint32_t cls;            /* coset, when p->classes > 1 */
-    uint64_t pixel;          /* of the tile */
+    uint32_t cls;   /* coset, when p->classes > 1 */
+    uint64_t pixel; /* of the tile */
     uint32_t sample;
     uint32_t at[3];
     Pattern pattern;
@@ -74,7 +74,8 @@ static void walk_pixel(Walk *k) {
     k->at[1] = t->lo[1] + (uint32_t)(k->pixel / t->n[0] % t->n[1]);
     k->at[2] = t->lo[2] + (uint32_t)(k->pixel / t->n[0] / t->n[1]);
     const Run *r = k->p->run;
-    pattern_init(&k->pattern, r->s, r->j->seed, RNG_PIXEL, k->p->half, grid_index(&r->grid, k->at[0], k->at[1], k->at[2]));
+    pattern_init(&k->pattern, r->s, r->j->seed, RNG_PIXEL, k->p->half,
+                 grid_index(&r->grid, k->at[0], k->at[1], k->at[2]));
     k->fresh = true;
 }
 
@@ -90,18 +91,21 @@ static uint32_t walk_fill(Walk *k, Batch *b) {
         }
         if (!k->fresh) walk_pixel(k);
         if (p->classes > 1 && ((k->at[0] + 2 * k->at[1] + k->at[2] + k->sample) & (COSETS - 1)) != k->cls) continue;
-        for (uint32_t d = 0; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, n, grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
+        for (uint32_t d = 0; d < g->dim; d++)
+            batch_set(b, SLT_IN_X0 + d, n, grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
         batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)k->at[0]);
         batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(g->n[1] - 1 - k->at[1]));
         batch_set_int(b, SLT_IN_SAMPLE, n, (int32_t)k->sample);
-        if (p->run->s->uses_rand) batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, g->dim, k->sample));
+        if (p->run->s->uses_rand)
+            batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, g->dim, k->sample));
         k->lane_pixel[n++] = (uint32_t)k->pixel;
     }
     return n;
 }
 
 static uint64_t image_index(const Interior *p, const TileRect *t, uint64_t pixel) {
-    return grid_index(&p->run->grid, t->lo[0] + (uint32_t)(pixel % t->n[0]), t->lo[1] + (uint32_t)(pixel / t->n[0] % t->n[1]),
+    return grid_index(&p->run->grid, t->lo[0] + (uint32_t)(pixel % t->n[0]),
+                      t->lo[1] + (uint32_t)(pixel / t->n[0] % t->n[1]),
                       t->lo[2] + (uint32_t)(pixel / t->n[0] / t->n[1]));
 }
 
@@ -159,7 +163,8 @@ static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
             const float *a = NULL;
             bool any = false;
             for (uint32_t i = 0; i < n; i++) {
-                if (k.lane_pixel[i] != last) last = k.lane_pixel[i], a = p->adjoint + image_index(p, &t, last) * channels;
+                if (k.lane_pixel[i] != last)
+                    last = k.lane_pixel[i], a = p->adjoint + image_index(p, &t, last) * channels;
                 for (uint32_t c = 0; c < channels; c++) {
                     batch_set(b, SLT_IN_SEED0 + c, i, factor * (double)a[c]);
                     any |= a[c] != 0;
@@ -178,7 +183,8 @@ static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
     plain_merge(user, worker, tile);
 }
 
-SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes, double *const *targets) {
+SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
+                           double *const *targets) {
     if (!r->s->vjp) return SLT_OK;
     Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets};
     plan(&p, r, half, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32);
@@ -205,7 +211,8 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
             batch_call(b, SLT_K_JVP, n);
             double *v = w->value + d * plane;
             for (uint32_t c = 0; c < channels; c++)
-                for (uint32_t i = 0; i < n; i++) v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, channels + c, i);
+                for (uint32_t i = 0; i < n; i++)
+                    v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, channels + c, i);
         }
     for (uint32_t d = 0; d < p->dirs->n; d++)
         for (uint64_t i = 0; i < t.pixels; i++) {
@@ -230,7 +237,7 @@ typedef struct Total {
     Run *run;
     Pattern pattern;
     uint64_t samples;
-    double weight;           /* of a sample: volume / samples */
+    double weight; /* of a sample: volume / samples */
     double *value;
     double *targets[ACCUMS]; /* by channel; NULL: values only */
     bool gradient;
@@ -248,9 +255,11 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     for (uint64_t at = from; at < to;) {
         uint32_t n = to - at < BATCH ? (uint32_t)(to - at) : BATCH;
         for (uint32_t i = 0; i < n; i++, at++) {
-            for (uint32_t d = 0; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, i, grid_place(g, d, 0, pattern_at(&p->pattern, d, at)));
+            for (uint32_t d = 0; d < g->dim; d++)
+                batch_set(b, SLT_IN_X0 + d, i, grid_place(g, d, 0, pattern_at(&p->pattern, d, at)));
             batch_set_int(b, SLT_IN_SAMPLE, i, (int32_t)at);
-            if (s->uses_rand) batch_set_stream(b, i, pattern_stream(&p->pattern, at), pattern_at(&p->pattern, g->dim, at));
+            if (s->uses_rand)
+                batch_set_stream(b, i, pattern_stream(&p->pattern, at), pattern_at(&p->pattern, g->dim, at));
         }
         if (!p->gradient) {
             batch_call(b, SLT_K_VALUE, n);
@@ -272,7 +281,8 @@ static void total_merge(void *user, uint32_t worker, uint64_t tile) {
     Total *p = user;
     Worker *w = &p->run->worker[worker];
     uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
-    if (p->gradient) accum_merge(&w->acc, p->targets);
+    if (p->gradient)
+        accum_merge(&w->acc, p->targets);
     else
         for (uint32_t c = 0; c < p->run->s->channels; c++) p->value[c] += p->weight * w->value[c];
     if (!p->gradient) p->run->stats.samples += to - from;

@@ -8,8 +8,8 @@
  *   lattice.c, scanline.c, segments.c make the segments; interior.c does the smooth part; near.c the near-miss probe
  *   estimate.c puts them together; difference.c is the finite-difference estimator
  *
- * One Worker per thread owns a Batch, a Finder, a Sink and an Accum. Nothing here is shared but read-only Run and Scene;
- * results are added in `merge`, in tile order. */
+ * One Worker per thread owns a Batch, a Finder, a Sink and an Accum. Nothing here is shared but read-only Run and
+ * Scene; results are added in `merge`, in tile order. */
 #ifndef SALTUS_SAMPLE_INTERNAL_H
 #define SALTUS_SAMPLE_INTERNAL_H
 
@@ -22,12 +22,12 @@ enum { BATCH = 1024, FIND = BATCH / 2, ACCUMS = 8, COSETS = 4 };
 
 /* ---- grid.c: the pixels of an image, or the domain as one. Axis 1 of a position goes up, rows of images go down. */
 typedef struct Grid {
-    bool integral;       /* one "pixel" with the constant filter 1: an integral, not a mean */
-    uint32_t dim, n[3];  /* n is 1 beyond dim */
+    bool integral;      /* one "pixel" with the constant filter 1: an integral, not a mean */
+    uint32_t dim, n[3]; /* n is 1 beyond dim */
     double lo[3], hi[3], side[3];
     SltFilter filter;
-    double radius;       /* of the filter, in pixels */
-    double *mass[3];     /* by pixel of the axis: the part of the filter inside the domain; NULL when integral */
+    double radius;   /* of the filter, in pixels */
+    double *mass[3]; /* by pixel of the axis: the part of the filter inside the domain; NULL when integral */
     uint64_t pixels;
 } Grid;
 SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err);
@@ -45,28 +45,31 @@ static inline uint32_t grid_cell(const Grid *g, uint32_t axis, double x) {
 /* Pixels whose filter reaches x along an axis, and their normalised weights (1/length). At most GRID_REACH of them. */
 enum { GRID_REACH = 6 };
 uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, double weight[GRID_REACH]);
-/* Position inside pixel p of the axis for u in (0,1), distributed as the filter over the part of the domain it covers. */
+/* Position inside pixel p of the axis for u in (0,1), distributed as the filter over the part of the domain it covers.
+ */
 double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u);
 /* sum over pixels of adjoint * filter at x, per channel. */
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out);
 
 /* A pattern of samples of a pixel, or of the whole domain: additive recurrence with a random shift each. */
 typedef struct Pattern {
-    uint32_t dims;       /* of the recurrence: position, and number 0 of the stream */
+    uint32_t dims; /* of the recurrence: position, and number 0 of the stream */
     uint32_t shift[4];
     uint32_t seed, lane;
-    uint64_t owner;      /* pixel or replicate, for the streams */
+    uint64_t owner; /* pixel or replicate, for the streams */
     RngPurpose purpose;
 } Pattern;
 void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t owner);
-static inline double pattern_at(const Pattern *p, uint32_t dim, uint64_t index) { return rng_recurrence(p->dims, dim, index, p->shift[dim]); }
+static inline double pattern_at(const Pattern *p, uint32_t dim, uint64_t index) {
+    return rng_recurrence(p->dims, dim, index, p->shift[dim]);
+}
 int32_t pattern_stream(const Pattern *p, uint64_t index);
 
 /* ---- batch.c */
 typedef struct Batch {
     const SltScene *s;
     SltKernelArgs args;
-    bool f64, pixels;     /* fill the pixel() inputs */
+    bool f64, pixels; /* fill the pixel() inputs */
     const Grid *grid;
     void *memory;
     unsigned char *tape;
@@ -75,27 +78,34 @@ typedef struct Batch {
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
-    if (b->f64) ((double *)b->args.in[slot])[i] = v;
-    else ((float *)b->args.in[slot])[i] = (float)v;
+    if (b->f64)
+        ((double *)b->args.in[slot])[i] = v;
+    else
+        ((float *)b->args.in[slot])[i] = (float)v;
 }
-static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v) { ((int32_t *)b->args.in[slot])[i] = v; }
+static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v) {
+    ((int32_t *)b->args.in[slot])[i] = v;
+}
 static inline double batch_get(const Batch *b, uint32_t out, uint32_t i) {
     return b->f64 ? ((const double *)b->args.out[out])[i] : (double)((const float *)b->args.out[out])[i];
 }
-static inline int32_t batch_get_int(const Batch *b, uint32_t out, uint32_t i) { return ((const int32_t *)b->args.out[out])[i]; }
+static inline int32_t batch_get_int(const Batch *b, uint32_t out, uint32_t i) {
+    return ((const int32_t *)b->args.out[out])[i];
+}
 /* Position, and the pixel it lies in when the shader's image has pixels. */
 void batch_set_x(Batch *b, uint32_t i, const double x[3]);
 /* Number 0 of a stream: kept below 1 in the program's precision. */
 void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0);
 SltKernel *scene_kernel(const SltScene *s, SltKernelKind kind);
-/* Calls a kernel on lanes 0..n-1 of the inputs; the tail up to the next multiple of SLT_PAD becomes copies of lane n-1 (with zero seeds). */
+/* Calls a kernel on lanes 0..n-1 of the inputs; the tail up to the next multiple of SLT_PAD becomes copies of lane n-1
+ * (with zero seeds). */
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n);
 
 /* ---- accum.c */
 typedef struct AdjointBuffer {
-    unsigned char *adj;   /* flt[nfloats][width] or flt[nfloats] */
-    double *sum;          /* [nfloats]: of the tile */
-    uint32_t *touched;    /* blocks of ACCUM_BLOCK parameters with a sum */
+    unsigned char *adj; /* flt[nfloats][width] or flt[nfloats] */
+    double *sum;        /* [nfloats]: of the tile */
+    uint32_t *touched;  /* blocks of ACCUM_BLOCK parameters with a sum */
     uint32_t ntouched;
     bool dirty;
     SltAdjEntry *log;
@@ -113,20 +123,21 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n);
 void accum_free(Accum *a);
 /* Runs a reverse kernel that adds into buffer `which`. */
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which);
-/* End of a tile: lanes into doubles (in `work`); then in `merge` into targets[which][nfloats], which also empties the buffers. */
+/* End of a tile: lanes into doubles (in `work`); then in `merge` into targets[which][nfloats], which also empties the
+ * buffers. */
 void accum_close(Accum *a);
 void accum_merge(Accum *a, double *const *targets);
 
 /* ---- cull.c: lists of [Cull] iterations for a rectangle of the domain */
 typedef struct CullBoxes {
     uint32_t n;
-    double **box;         /* by cull_id: [count][4] lo.x lo.y hi.x hi.y */
+    double **box; /* by cull_id: [count][4] lo.x lo.y hi.x hi.y */
     const uint32_t *count;
 } CullBoxes;
 SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err);
 void cull_free(CullBoxes *c);
 typedef struct CullLists {
-    SltCullList *list;    /* by cull_id */
+    SltCullList *list; /* by cull_id */
     int32_t **items;
 } CullLists;
 bool cull_lists_init(CullLists *l, const CullBoxes *c);
@@ -136,25 +147,25 @@ void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3],
 
 /* ---- finder.c */
 typedef struct Segment {
-    double a[3], b[3];    /* ends of the whole segment; x(t) = a + t (b - a) */
-    double ta, tb;        /* the part still to be searched */
-    double base;          /* A_i / N_i of a line, or the weight of a random segment */
-    uint32_t ha, hb;      /* hashes at ta and tb */
+    double a[3], b[3]; /* ends of the whole segment; x(t) = a + t (b - a) */
+    double ta, tb;     /* the part still to be searched */
+    double base;       /* A_i / N_i of a line, or the weight of a random segment */
+    uint32_t ha, hb;   /* hashes at ta and tb */
     double rand0;
     int32_t stream;
-    int8_t axis;          /* of the line; -1: a random direction */
-    uint8_t depth, cls;   /* cls: which adjoint buffer, see Sink */
+    int8_t axis;        /* of the line; -1: a random direction */
+    uint8_t depth, cls; /* cls: which adjoint buffer, see Sink */
 } Segment;
 
 typedef struct Crossing {
     double x[3], t, base, rand0, aux;
     double jump[SLT_MAX_CHANNELS], before[SLT_MAX_CHANNELS];
-    double ga, gb, bracket;   /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
-    double direction[3];      /* b - a of random segments */
+    double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
+    double direction[3];    /* b - a of random segments */
     int32_t site, k[SLT_MAX_K], stream;
-    int8_t axis, rising;      /* sign of g after - g before */
+    int8_t axis, rising; /* sign of g after - g before */
     uint8_t cls;
-    double weight, g, dg[3];  /* by sink.c */
+    double weight, g, dg[3]; /* by sink.c */
 } Crossing;
 
 typedef struct Finder Finder;
@@ -164,16 +175,16 @@ struct Finder {
     const SltScene *s;
     Segment *stack;
     uint32_t n, cap;
-    Segment *split;          /* to be bisected on the hash */
+    Segment *split; /* to be bisected on the hash */
     uint32_t nsplit;
     Crossing *found;
     uint32_t nfound;
     void (*full)(void *user, Crossing *c, uint32_t n); /* called with at most BATCH crossings */
     void *full_user;
-    void *items;             /* of the batch in hand */
+    void *items; /* of the batch in hand */
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS];
-    bool halve_only;         /* the paper's search: bisection on the hash down to 2^-15 */
+    bool halve_only; /* the paper's search: bisection on the hash down to 2^-15 */
     bool failed;
 };
 bool finder_init(Finder *f, Batch *b);
@@ -190,32 +201,33 @@ void sort_keys(uint64_t *order, uint32_t n);
 typedef enum SinkKind { SINK_INTEGRAL, SINK_REVERSE, SINK_FORWARD, SINK_KEEP } SinkKind;
 typedef struct Directions {
     uint32_t n;
-    void **flt;               /* [n]: flt[nfloats] */
+    void **flt; /* [n]: flt[nfloats] */
 } Directions;
 struct Sink {
     SinkKind kind;
     Batch *b;
     Accum *acc;
-    Finder *f;                /* counters of dropped crossings */
+    Finder *f; /* counters of dropped crossings */
     const Grid *grid;
-    double scale[3];          /* s_j of the weights */
-    const float *adjoint;     /* SINK_REVERSE */
-    uint32_t classes;         /* adjoint buffers of SINK_REVERSE: 1, or COSETS */
-    const Directions *dirs;   /* SINK_FORWARD: into splat, double[dir][pixel of the rectangle][channel] */
+    double scale[3];        /* s_j of the weights */
+    const float *adjoint;   /* SINK_REVERSE */
+    uint32_t classes;       /* adjoint buffers of SINK_REVERSE: 1, or COSETS */
+    const Directions *dirs; /* SINK_FORWARD: into splat, double[dir][pixel of the rectangle][channel] */
     double *splat;
-    float *count;             /* crossings, same rectangle, may be NULL */
-    uint64_t splat_cap;       /* doubles of splat: it grows with the largest rectangle */
+    float *count;       /* crossings, same rectangle, may be NULL */
+    uint64_t splat_cap; /* doubles of splat: it grows with the largest rectangle */
     uint32_t rect_lo[3], rect_n[3];
-    Crossing *kept;           /* SINK_KEEP */
+    Crossing *kept; /* SINK_KEEP */
     uint64_t nkept, kept_cap;
     uint64_t *order;
-    bool clip;                /* drop crossings outside the domain */
+    bool clip; /* drop crossings outside the domain */
     bool failed;
 };
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g);
 void sink_free(Sink *k);
 void sink_take(void *sink, Crossing *c, uint32_t n);
-/* g and its gradient at each crossing, then the weight; false in keep[] where nothing can be integrated. reason may be NULL. */
+/* g and its gradient at each crossing, then the weight; false in keep[] where nothing can be integrated. reason may be
+ * NULL. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);
 bool sink_rect(Sink *k, const double lo[3], const double hi[3]);
 /* Adds the rectangle to the images, in tile order. */
@@ -228,14 +240,14 @@ typedef struct Worker {
     Finder finder;
     Sink sink;
     CullLists cull;
-    uint32_t *hash;           /* of a tile of vertices, or of lines */
-    float *near_g;            /* |g| of the nearest event, its key */
+    uint32_t *hash; /* of a tile of vertices, or of lines */
+    float *near_g;  /* |g| of the nearest event, its key */
     uint32_t *near_key;
-    int32_t *near_event;      /* site, k0.. of it, SoA by vertex */
+    int32_t *near_event; /* site, k0.. of it, SoA by vertex */
     uint64_t vertex_cap;
-    double *value;            /* of the tile: pixels or sums */
+    double *value; /* of the tile: pixels or sums */
     uint64_t value_cap;
-    void *scratch;            /* near.c's candidates */
+    void *scratch; /* near.c's candidates */
     uint64_t counters[SLT_COUNTERS];
     bool failed;
 } Worker;
@@ -248,7 +260,7 @@ typedef struct Run {
     Worker *worker;
     uint32_t nworkers;
     PoolOptions pool;
-    SltStats stats;           /* added to by merge */
+    SltStats stats; /* added to by merge */
     SltError *err;
     double start;
 } Run;
@@ -268,15 +280,15 @@ void *alloc_zero(size_t n, size_t size);
 /* ---- interior.c: the samples of f */
 typedef struct Interior {
     Run *run;
-    uint32_t half;            /* 0: all samples; 1, 2 */
-    uint32_t count;           /* samples of a pixel */
+    uint32_t half;  /* 0: all samples; 1, 2 */
+    uint32_t count; /* samples of a pixel */
     uint32_t tile[3], tiles[3];
     uint64_t ntiles;
     /* value: one of */
     float *image;
     /* reverse */
     const float *adjoint;
-    double factor;            /* of every seed */
+    double factor; /* of every seed */
     uint32_t classes;
     double *const *targets;
     /* forward */
@@ -284,18 +296,21 @@ typedef struct Interior {
     float *const *out;
 } Interior;
 SltStatus interior_image(Run *r, uint32_t half, float *image);
-SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes, double *const *targets);
+SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
+                           double *const *targets);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
-/* Integral over the domain of every channel, replicate r of n: value[channels]; gradient [channels][nfloats] when not NULL. */
+/* Integral over the domain of every channel, replicate r of n: value[channels]; gradient [channels][nfloats] when not
+ * NULL. */
 SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient);
 
-/* ---- boundary: segments of one estimator into the run's sinks. In integral mode of replicate `rep` with `segments` of them; targets as the sink wants. */
+/* ---- boundary: segments of one estimator into the run's sinks. In integral mode of replicate `rep` with `segments` of
+ * them; targets as the sink wants. */
 typedef struct Boundary {
     Run *run;
     uint32_t replicate;
-    double segments;          /* a pixel, or in all */
-    double *const *targets;   /* SINK_INTEGRAL: [channels], then [channels] of missed; SINK_REVERSE: [classes] */
-    float *const *out;        /* SINK_FORWARD */
+    double segments;        /* a pixel, or in all */
+    double *const *targets; /* SINK_INTEGRAL: [channels], then [channels] of missed; SINK_REVERSE: [classes] */
+    float *const *out;      /* SINK_FORWARD */
     float *crossings;
     const float *adjoint;
     const Directions *dirs;
@@ -311,11 +326,11 @@ void boundary_merge(Boundary *y, Worker *w);
 
 /* ---- near.c: near-miss probe on a line of vertices already evaluated */
 typedef struct Line {
-    const double *pos;        /* positions along the axis, by vertex */
-    uint64_t first, stride;   /* into the worker's vertex arrays */
-    uint32_t n;               /* vertices */
-    uint32_t from, to;        /* edges [from, to) to be probed: edge e joins vertices e and e+1 */
-    bool at_start, at_end;    /* vertex 0 / n-1 ends the line: one-sided gradients there */
+    const double *pos;      /* positions along the axis, by vertex */
+    uint64_t first, stride; /* into the worker's vertex arrays */
+    uint32_t n;             /* vertices */
+    uint32_t from, to;      /* edges [from, to) to be probed: edge e joins vertices e and e+1 */
+    bool at_start, at_end;  /* vertex 0 / n-1 ends the line: one-sided gradients there */
 } Line;
 /* `like` is a segment with everything but ends and hashes; its a and b hold the other coordinates. */
 void near_probe(Worker *w, const Line *l, const Segment *like);
@@ -325,8 +340,10 @@ bool near_init(Worker *w);
 void vertices_call(Worker *w, uint32_t n, uint64_t at);
 
 /* ---- difference.c */
-SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs, float *const *out, SltStats *stats, SltError *err);
-SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient, double *stderr_bound, SltStats *stats, SltError *err);
+SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
+                             float *const *out, SltStats *stats, SltError *err);
+SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
+                             double *stderr_bound, SltStats *stats, SltError *err);
 SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
 #endif

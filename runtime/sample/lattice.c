@@ -1,7 +1,9 @@
-/* The default estimator: one lattice over the domain, shifted at random as a whole; every vertex owns one segment an axis, so an evaluation of the region serves 2 d segments.
+/* The default estimator: one lattice over the domain, shifted at random as a whole; every vertex owns one segment an
+ * axis, so an evaluation of the region serves 2 d segments.
  *
- * Along an axis the vertices are 0 (the border), 1 .. n (the lattice), n + 1 (the border): lines are clamped, nothing is evaluated outside the domain. A tile owns the segments that start at
- * its vertices, and evaluates a halo of one vertex (two and one before with the near-miss probe). */
+ * Along an axis the vertices are 0 (the border), 1 .. n (the lattice), n + 1 (the border): lines are clamped, nothing
+ * is evaluated outside the domain. A tile owns the segments that start at its vertices, and evaluates a halo of one
+ * vertex (two and one before with the near-miss probe). */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -16,7 +18,8 @@ typedef struct Lattice {
     double h[3], shift[3], base[3];
 } Lattice;
 
-/* Borders lie two units in the last place inside the domain: a jump exactly on the border is no moving boundary inside it. */
+/* Borders lie two units in the last place inside the domain: a jump exactly on the border is no moving boundary inside
+ * it. */
 static double inside(const SltScene *s, double x, double other) {
     double eps = 2 * (s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * fmax(fabs(x), fabs(other));
     return x < other ? x + eps : x - eps;
@@ -109,8 +112,14 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     }
     if (y->run->s->near_miss) {
         if (integral) s->cls = 0;
-        Line line = {.pos = pos, .first = first, .stride = stride, .n = sp->vn[axis], .from = sp->e0[axis] - sp->v0[axis], .to = sp->e1[axis] - sp->v0[axis],
-                     .at_start = sp->v0[axis] == 0, .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2};
+        Line line = {.pos = pos,
+                     .first = first,
+                     .stride = stride,
+                     .n = sp->vn[axis],
+                     .from = sp->e0[axis] - sp->v0[axis],
+                     .to = sp->e1[axis] - sp->v0[axis],
+                     .at_start = sp->v0[axis] == 0,
+                     .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2};
         near_probe(w, &line, s);
     }
     finder_run(&w->finder, false);
@@ -144,7 +153,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         }
         for (uint32_t q = from[b]; q < to[b]; q++)
             for (uint32_t p = from[a]; p < to[a]; p++) {
-                Segment seg = {.base = l->base[axis], .axis = (int8_t)axis, .cls = y->classes > 1 ? coset(l, s->dim, p, q) : 0};
+                Segment seg = {
+                    .base = l->base[axis], .axis = (int8_t)axis, .cls = y->classes > 1 ? coset(l, s->dim, p, q) : 0};
                 seg.a[a] = seg.b[a] = sp.pos[a][p - sp.v0[a]];
                 seg.a[b] = seg.b[b] = sp.pos[b][q - sp.v0[b]];
                 scan(l, w, &sp, axis, (p - sp.v0[a]) * sp.stride[a] + (q - sp.v0[b]) * sp.stride[b], &seg);
@@ -175,7 +185,8 @@ SltStatus lattice_run(Boundary *y) {
         l.n[d] = n < 1 ? 1 : n > 1e9 ? 1000000000u : (uint32_t)n;
         l.h[d] = (s->hi[d] - s->lo[d]) / l.n[d];
         l.shift[d] = rng_unit(shift[d]);
-        /* A tile is about 64 pixels a side, so that a tile's crossings touch few pixels; even, for the pairs of the half-resolution lines. */
+        /* A tile is about 64 pixels a side, so that a tile's crossings touch few pixels; even, for the pairs of the
+         * half-resolution lines. */
         uint32_t most = s->dim == 1 ? 4096 : s->dim == 2 ? 128 : 24, want = s->dim == 1 ? 4096 : s->dim == 2 ? 64 : 16;
         if (!g->integral && s->dim > 1) {
             double t = (s->ncull ? 32 : want) * per_axis;

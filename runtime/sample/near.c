@@ -1,6 +1,7 @@
-/* The near-miss probe: an even number of crossings between two vertices leaves their regions equal and is not seen. Where the same event is the nearest on four vertices in a row
- * and |g| falls towards the middle edge from both sides, steeply enough that the two lines meet below zero, the region is evaluated once where they meet. For convex |g|
- * that is exact. At the ends of a line, where a fourth vertex is missing, its slope is the gradient's. */
+/* The near-miss probe: an even number of crossings between two vertices leaves their regions equal and is not seen.
+ * Where the same event is the nearest on four vertices in a row and |g| falls towards the middle edge from both sides,
+ * steeply enough that the two lines meet below zero, the region is evaluated once where they meet. For convex |g| that
+ * is exact. At the ends of a line, where a fourth vertex is missing, its slope is the gradient's. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -43,7 +44,8 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     for (uint32_t d = 0; d < depth; d++) {
         const int32_t *k = b->args.out[3 + d];
         memcpy(w->near_event + (d + 1) * w->vertex_cap + at, k, n * sizeof *k);
-        for (uint32_t i = 0; i < n; i++) w->near_key[at + i] = (w->near_key[at + i] ^ (uint32_t)k[i]) * 0x85ebca6bu + 0x165667b1u;
+        for (uint32_t i = 0; i < n; i++)
+            w->near_key[at + i] = (w->near_key[at + i] ^ (uint32_t)k[i]) * 0x85ebca6bu + 0x165667b1u;
     }
 }
 
@@ -119,8 +121,10 @@ static void border_slopes(Worker *w, Probes *p) {
             Candidate *c = &p->c[(uint32_t)order[i]];
             double g = batch_get(b, 0, i - from), slope = batch_get(b, 1 + (uint32_t)c->s.axis, i - from);
             if (g < 0) slope = -slope;
-            if (c->kind == SLOPE_START) c->s0 = slope;
-            else c->s1 = slope;
+            if (c->kind == SLOPE_START)
+                c->s0 = slope;
+            else
+                c->s1 = slope;
             if (meets(c)) c->kind = READY;
         }
     }

@@ -44,7 +44,8 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
 void run_free_workers(Run *r) {
     for (uint32_t i = 0; i < r->nworkers; i++) {
         Worker *w = &r->worker[i];
-        batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink), cull_lists_free(&w->cull, &r->cull);
+        batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
+            cull_lists_free(&w->cull, &r->cull);
         free(w->hash), free(w->near_g), free(w->near_key), free(w->near_event), free(w->value), free(w->scratch);
     }
     free(r->worker);
@@ -107,8 +108,10 @@ bool worker_values(Worker *w, uint64_t n) {
 }
 
 void boundary_merge(Boundary *y, Worker *w) {
-    if (w->sink.kind == SINK_FORWARD) sink_merge_splat(&w->sink, y->out, y->crossings);
-    else accum_merge(&w->acc, y->targets);
+    if (w->sink.kind == SINK_FORWARD)
+        sink_merge_splat(&w->sink, y->out, y->crossings);
+    else
+        accum_merge(&w->acc, y->targets);
     run_collect(y->run, w);
 }
 
@@ -119,18 +122,27 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
     Run *r = y->run;
     const SltScene *s = r->s;
-    bool can = s->region && s->event && s->sides && s->site && s->site_grad && (kind == SINK_FORWARD ? s->site_jvp : s->site_vjp);
+    bool can = s->region && s->event && s->sides && s->site && s->site_grad &&
+               (kind == SINK_FORWARD ? s->site_jvp : s->site_vjp);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
     uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
         switch (r->j->estimator) {
-        case SLT_EST_LATTICE: st = s->uses_rand ? scanline_run(y) : lattice_run(y); break;
-        case SLT_EST_SCANLINE: st = scanline_run(y); break;
+        case SLT_EST_LATTICE:
+            st = s->uses_rand ? scanline_run(y) : lattice_run(y);
+            break;
+        case SLT_EST_SCANLINE:
+            st = scanline_run(y);
+            break;
         case SLT_EST_SNAP_KNN:
-        case SLT_EST_SNAP_CROFTON: st = segments_run(y, kind); break;
-        case SLT_EST_FD: st = status_fail(r->err, SLT_INTERNAL, "finite differences have no boundary term"); break;
+        case SLT_EST_SNAP_CROFTON:
+            st = segments_run(y, kind);
+            break;
+        case SLT_EST_FD:
+            st = status_fail(r->err, SLT_INTERNAL, "finite differences have no boundary term");
+            break;
         }
     }
     run_free_workers(r);

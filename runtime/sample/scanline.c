@@ -1,5 +1,6 @@
-/* Scanlines: lines parallel to each axis through a box, each with its own phase and, for shaders that call rand(), its own stream: both ends of every segment of a line see the same numbers, and
- * the first of them goes by the golden ratio from line to line. In image mode the boxes are tiles of pixels, so that pixels far apart do not share a stream. */
+/* Scanlines: lines parallel to each axis through a box, each with its own phase and, for shaders that call rand(), its
+ * own stream: both ends of every segment of a line see the same numbers, and the first of them goes by the golden ratio
+ * from line to line. In image mode the boxes are tiles of pixels, so that pixels far apart do not share a stream. */
 #include <float.h>
 #include <math.h>
 
@@ -88,13 +89,22 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
             if (hash[e] == hash[e + 1]) continue;
             seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
             seg.ta = 0, seg.tb = 1, seg.ha = hash[e], seg.hb = hash[e + 1], seg.depth = 0;
-            if (y->run->grid.integral) seg.cls = (e | 1u) + 1 < n && hash[e & ~1u] == hash[(e & ~1u) + 2];
-            else seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
+            if (y->run->grid.integral)
+                seg.cls = (e | 1u) + 1 < n && hash[e & ~1u] == hash[(e & ~1u) + 2];
+            else
+                seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
             finder_push(&w->finder, &seg);
         }
         if (s->near_miss) {
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);
-            Line line = {.pos = pos, .first = first, .stride = 1, .n = n, .from = 0, .to = n - 1, .at_start = true, .at_end = true};
+            Line line = {.pos = pos,
+                         .first = first,
+                         .stride = 1,
+                         .n = n,
+                         .from = 0,
+                         .to = n - 1,
+                         .at_start = true,
+                         .at_end = true};
             near_probe(w, &line, &seg);
         }
         finder_run(&w->finder, false);
@@ -115,7 +125,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     if (g->integral) {
         box.id = 0;
         for (chunk = tile; chunk >= k->chunks[axis]; axis++) chunk -= k->chunks[axis];
-        for (uint32_t d = 0; d < s->dim; d++) box.lo[d] = s->lo[d], box.hi[d] = s->hi[d], box.m[d] = k->m[d], box.v[d] = k->v;
+        for (uint32_t d = 0; d < s->dim; d++)
+            box.lo[d] = s->lo[d], box.hi[d] = s->hi[d], box.m[d] = k->m[d], box.v[d] = k->v;
     } else {
         double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
         for (uint32_t d = 0; d < s->dim; d++) {
@@ -156,7 +167,8 @@ SltStatus scanline_run(Boundary *y) {
     if (s->dim == 1 && !s->uses_rand) return lattice_run(y); /* one line is all there is */
     if (g->integral) {
         /* Probes resolve features, lines bring the variance down: both grow with the budget, lines faster. */
-        double per_axis = y->segments / s->dim, even = pow(per_axis, 1.0 / s->dim), v = fmin(fmax(round(4 * sqrt(even)), 1), LINE_MAX);
+        double per_axis = y->segments / s->dim, even = pow(per_axis, 1.0 / s->dim),
+               v = fmin(fmax(round(4 * sqrt(even)), 1), LINE_MAX);
         if (s->dim > 1) v = fmin(v, fmax(1, round(even)));
         double m = s->dim == 1 ? 1 : round(pow(per_axis / v, 1.0 / (s->dim - 1)));
         if (s->dim == 1) {

@@ -1,8 +1,10 @@
-/* Random segments: snap-crofton (a constant weight by Cauchy and Crofton) and snap-knn (the weights of Belhe et al.: nearest-neighbour densities). For comparison, and as the unstructured
- * fallback: their error falls with the square root of the number of crossings.
+/* Random segments: snap-crofton (a constant weight by Cauchy and Crofton) and snap-knn (the weights of Belhe et al.:
+ * nearest-neighbour densities). For comparison, and as the unstructured fallback: their error falls with the square
+ * root of the number of crossings.
  *
- * Crofton: centres stratified over the domain padded by half a length, uniform directions, weight |padded| / (n L c_d): unbiased. The densities of snap-knn
- * are consistent only for k growing with n: about one per cent of bias stays on a circle, more near borders. */
+ * Crofton: centres stratified over the domain padded by half a length, uniform directions, weight |padded| / (n L c_d):
+ * unbiased. The densities of snap-knn are consistent only for k growing with n: about one per cent of bias stays on a
+ * circle, more near borders. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -65,7 +67,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         for (uint32_t l = 0; l < n; l++, i++) {
             draw(k, i, &seg[l]);
             batch_set_x(b, 2 * l, seg[l].a), batch_set_x(b, 2 * l + 1, seg[l].b);
-            batch_set_stream(b, 2 * l, seg[l].stream, seg[l].rand0), batch_set_stream(b, 2 * l + 1, seg[l].stream, seg[l].rand0);
+            batch_set_stream(b, 2 * l, seg[l].stream, seg[l].rand0),
+                batch_set_stream(b, 2 * l + 1, seg[l].stream, seg[l].rand0);
         }
         batch_call(b, SLT_K_REGION, 2 * n);
         for (uint32_t l = 0; l < n; l++) {
@@ -88,8 +91,10 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
         if (k->nall + w->sink.nkept > k->cap) {
             uint64_t cap = 2 * (k->nall + w->sink.nkept);
             Crossing *more = realloc(k->all, cap * sizeof *more);
-            if (!more) k->failed = true;
-            else k->all = more, k->cap = cap;
+            if (!more)
+                k->failed = true;
+            else
+                k->all = more, k->cap = cap;
         }
         if (!k->failed) {
             if (w->sink.nkept) memcpy(k->all + k->nall, w->sink.kept, w->sink.nkept * sizeof *k->all);
@@ -102,7 +107,8 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
     boundary_merge(k->y, w);
 }
 
-/* ---- nearest neighbours among the crossings of the same site: sorted by site and x, scanned outwards until x alone is too far */
+/* ---- nearest neighbours among the crossings of the same site: sorted by site and x, scanned outwards until x alone is
+ * too far */
 static int by_place(const void *pa, const void *pb) {
     const Crossing *a = pa, *b = pb;
     if (a->site != b->site) return a->site < b->site ? -1 : 1;

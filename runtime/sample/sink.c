@@ -26,8 +26,8 @@ static void put(Sink *k, uint32_t lane, const Crossing *c) {
     batch_set(b, SLT_IN_AUX, lane, c->aux);
 }
 
-/* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random segment: base / |grad g|, with the
- * jump turned towards growing g. */
+/* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random
+ * segment: base / |grad g|, with the jump turned towards growing g. */
 static bool weigh(Sink *k, Crossing *c) {
     uint32_t dim = k->b->s->dim;
     double scaled = 0, plain = 0, along = 0;
@@ -37,13 +37,18 @@ static bool weigh(Sink *k, Crossing *c) {
         along += c->dg[d] * c->direction[d];
     }
     SltDrop reason;
-    if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
-    else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
+    if (!isfinite(scaled) || !isfinite(plain))
+        reason = SLT_DROP_NOT_FINITE;
+    else if (!(scaled > 0) || !(plain > 0))
+        reason = SLT_DROP_ZERO_GRADIENT;
     /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. */
-    else if (fabs(c->ga) + fabs(c->gb) > 32 * sqrt(plain) * c->bracket) reason = SLT_DROP_INCONSISTENT;
+    else if (fabs(c->ga) + fabs(c->gb) > 32 * sqrt(plain) * c->bracket)
+        reason = SLT_DROP_INCONSISTENT;
     else {
-        if (c->axis >= 0) c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
-        else c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
+        if (c->axis >= 0)
+            c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
+        else
+            c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
         if (isfinite(c->weight)) return true;
         reason = SLT_DROP_NOT_FINITE;
     }
@@ -101,9 +106,11 @@ static void splat(Sink *k, const double x[3], uint32_t dir, const double *value)
     for (uint32_t z = 0; z < n[2]; z++)
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t i = 0; i < n[0]; i++) {
-                uint64_t rx = first[0] + i - k->rect_lo[0], ry = first[1] + y - k->rect_lo[1], rz = first[2] + z - k->rect_lo[2];
+                uint64_t rx = first[0] + i - k->rect_lo[0], ry = first[1] + y - k->rect_lo[1],
+                         rz = first[2] + z - k->rect_lo[2];
                 if (rx >= k->rect_n[0] || ry >= k->rect_n[1] || rz >= k->rect_n[2]) continue;
-                double *to = base + ((rz * k->rect_n[1] + ry) * k->rect_n[0] + rx) * channels, weight = w[0][i] * w[1][y] * w[2][z];
+                double *to = base + ((rz * k->rect_n[1] + ry) * k->rect_n[0] + rx) * channels,
+                       weight = w[0][i] * w[1][y] * w[2][z];
                 for (uint32_t c = 0; c < channels; c++) to[c] += weight * value[c];
             }
 }
@@ -204,7 +211,8 @@ static uint32_t clip(const Sink *k, Crossing *c, uint32_t n) {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++) {
         bool inside = true;
-        for (uint32_t d = 0; d < k->grid->dim; d++) inside &= c[i].x[d] >= k->grid->lo[d] && c[i].x[d] <= k->grid->hi[d];
+        for (uint32_t d = 0; d < k->grid->dim; d++)
+            inside &= c[i].x[d] >= k->grid->lo[d] && c[i].x[d] <= k->grid->hi[d];
         if (inside) c[kept++] = c[i];
     }
     return kept;
@@ -229,10 +237,17 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
             if (keep[i - from]) k->order[from + kept++] = k->order[i];
         if (!kept) continue;
         switch (k->kind) {
-        case SINK_INTEGRAL: emit_integral(k, c, k->order + from, kept, cls != 0); break;
-        case SINK_REVERSE: emit_reverse(k, c, k->order + from, kept, k->classes > 1 ? cls : 0); break;
-        case SINK_FORWARD: emit_forward(k, c, k->order + from, kept); break;
-        case SINK_KEEP: break;
+        case SINK_INTEGRAL:
+            emit_integral(k, c, k->order + from, kept, cls != 0);
+            break;
+        case SINK_REVERSE:
+            emit_reverse(k, c, k->order + from, kept, k->classes > 1 ? cls : 0);
+            break;
+        case SINK_FORWARD:
+            emit_forward(k, c, k->order + from, kept);
+            break;
+        case SINK_KEEP:
+            break;
         }
     }
 }

@@ -1,6 +1,7 @@
-/* Shaders in C, seen through the kernel contract, without a compiler: each is a function of x that calls `disc` at its sites, and a function that gives g of a site anywhere. All kernels
- * are derived from the two, in double: hashes from the log of decisions, events from two logs side by side, derivatives by central differences
- * (of f with its decisions replayed). Slow and simple: an independent oracle of what kernels should say. */
+/* Shaders in C, seen through the kernel contract, without a compiler: each is a function of x that calls `disc` at its
+ * sites, and a function that gives g of a site anywhere. All kernels are derived from the two, in double: hashes from
+ * the log of decisions, events from two logs side by side, derivatives by central differences (of f with its decisions
+ * replayed). Slow and simple: an independent oracle of what kernels should say. */
 #ifndef SALTUS_TESTS_SAMPLE_ORACLE_H
 #define SALTUS_TESTS_SAMPLE_ORACLE_H
 
@@ -15,14 +16,14 @@ enum { ORACLE_EVENTS = 64, ORACLE_PARAMS = 16 };
 
 typedef struct Point {
     double x[3];
-    const double *p;       /* parameters */
+    const double *p; /* parameters */
     int32_t stream;
     double rand0;
 } Point;
 
 typedef struct Event {
     int site, k;
-    double decision, g;    /* 0/1, or the integer; g = a - b, or v */
+    double decision, g; /* 0/1, or the integer; g = a - b, or v */
     bool integer;
 } Event;
 
@@ -32,7 +33,7 @@ typedef struct Ctx {
     Point at;
     Event log[ORACLE_EVENTS];
     int n;
-    const Event *replay;   /* decisions to take instead */
+    const Event *replay; /* decisions to take instead */
 } Ctx;
 
 struct Oracle {
@@ -42,7 +43,7 @@ struct Oracle {
     double params[ORACLE_PARAMS];
     float params32[ORACLE_PARAMS];
     uint8_t active[ORACLE_PARAMS], kind[8], is_static[8];
-    double step;           /* of the differences in x */
+    double step; /* of the differences in x */
 };
 
 static inline double oracle_note(Ctx *c, int site, int k, bool integer) {
@@ -56,9 +57,13 @@ static inline double oracle_note(Ctx *c, int site, int k, bool integer) {
     return e->decision;
 }
 /* [Disc] g < 0 */
-static inline bool disc(Ctx *c, int site, int k) { return oracle_note(c, site, k, false) != 0; }
+static inline bool disc(Ctx *c, int site, int k) {
+    return oracle_note(c, site, k, false) != 0;
+}
 /* [Disc] floor(v) */
-static inline double disc_floor(Ctx *c, int site, int k) { return oracle_note(c, site, k, true); }
+static inline double disc_floor(Ctx *c, int site, int k) {
+    return oracle_note(c, site, k, true);
+}
 
 static inline uint32_t oracle_mix(uint32_t h, uint32_t v) {
     h = (h ^ v) * 0x9e3779b1u;
@@ -71,16 +76,22 @@ static inline uint32_t oracle_hash(const Ctx *c) {
     uint32_t h = 0;
     for (int i = 0; i < c->n; i++) {
         uint32_t key = oracle_mix(oracle_mix(0x1234567u, (uint32_t)c->log[i].site), (uint32_t)c->log[i].k);
-        if (c->log[i].integer) h ^= oracle_mix(key, (uint32_t)(int32_t)c->log[i].decision);
-        else if (c->log[i].decision != 0) h ^= key;
+        if (c->log[i].integer)
+            h ^= oracle_mix(key, (uint32_t)(int32_t)c->log[i].decision);
+        else if (c->log[i].decision != 0)
+            h ^= key;
     }
     return h;
 }
 
-static inline double oracle_read(const Oracle *o, const void *v, uint32_t i) { return o->scene.f64 ? ((const double *)v)[i] : (double)((const float *)v)[i]; }
+static inline double oracle_read(const Oracle *o, const void *v, uint32_t i) {
+    return o->scene.f64 ? ((const double *)v)[i] : (double)((const float *)v)[i];
+}
 static inline void oracle_write(const Oracle *o, void *v, uint32_t i, double x) {
-    if (o->scene.f64) ((double *)v)[i] = x;
-    else ((float *)v)[i] = (float)x;
+    if (o->scene.f64)
+        ((double *)v)[i] = x;
+    else
+        ((float *)v)[i] = (float)x;
 }
 
 static inline double oracle_g(const Oracle *o, const Point *p, int site, int k, double aux) {
@@ -151,13 +162,16 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             for (uint32_t ch = 0; ch < s->channels; ch++) oracle_write(o, a->out[ch], i, f[ch]);
             ((uint32_t *)a->out[s->channels])[i] = oracle_hash(c);
             break;
-        case SLT_K_SITE: oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux)); break;
+        case SLT_K_SITE:
+            oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux));
+            break;
         case SLT_K_SITE_GRAD:
             oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux));
             for (uint32_t d = 0; d < s->dim; d++) {
                 Point lo = *at, hi = *at;
                 lo.x[d] -= o->step, hi.x[d] += o->step;
-                oracle_write(o, a->out[1 + d], i, (oracle_g(o, &hi, a->site, k, aux) - oracle_g(o, &lo, a->site, k, aux)) / (2 * o->step));
+                oracle_write(o, a->out[1 + d], i,
+                             (oracle_g(o, &hi, a->site, k, aux) - oracle_g(o, &lo, a->site, k, aux)) / (2 * o->step));
             }
             break;
         case SLT_K_SITE_JVP:
@@ -169,7 +183,8 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 theta[p] = keep - 1e-6, lo = oracle_g(o, at, a->site, k, aux);
                 theta[p] = keep;
                 double d = (hi - lo) / 2e-6;
-                if (kind == SLT_K_SITE_JVP) dot += d * oracle_read(o, a->dparams, p);
+                if (kind == SLT_K_SITE_JVP)
+                    dot += d * oracle_read(o, a->dparams, p);
                 else if (seed != 0) {
                     uint64_t slot = (uint64_t)p * width + (s->flat_adj ? 0 : i % width);
                     oracle_write(o, a->adj, (uint32_t)slot, oracle_read(o, a->adj, (uint32_t)slot) + seed * d);
@@ -193,8 +208,10 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 double seeded = 0;
                 for (uint32_t ch = 0; ch < s->channels; ch++) {
                     double d = (out[1][ch] - out[0][ch]) / 2e-6;
-                    if (kind == SLT_K_JVP) dot[ch] += d * oracle_read(o, a->dparams, p);
-                    else seeded += d * oracle_read(o, a->in[SLT_IN_SEED0 + ch], i);
+                    if (kind == SLT_K_JVP)
+                        dot[ch] += d * oracle_read(o, a->dparams, p);
+                    else
+                        seeded += d * oracle_read(o, a->in[SLT_IN_SEED0 + ch], i);
                 }
                 if (kind == SLT_K_VJP && seeded != 0 && i < a->n_valid) {
                     if (p % 2) { /* every second parameter as if it were read at a varying index */
@@ -212,26 +229,35 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             }
             break;
         }
-        default: break;
+        default:
+            break;
         }
     }
 }
 
-static inline void oracle_present(SltKernelArgs *a, uint32_t n) { (void)a, (void)n; }
+static inline void oracle_present(SltKernelArgs *a, uint32_t n) {
+    (void)a, (void)n;
+}
 
 /* Domain [0,1]^dim; every kernel present. */
-static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g)(const Point *, int, int), uint32_t dim, uint32_t channels, uint32_t nsites, uint32_t nparams, const double *params) {
+static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g)(const Point *, int, int),
+                               uint32_t dim, uint32_t channels, uint32_t nsites, uint32_t nparams,
+                               const double *params) {
     memset(o, 0, sizeof *o);
     o->f = f, o->g = g, o->step = 1e-6;
     SltScene *s = &o->scene;
     s->call = oracle_call, s->call_user = o;
-    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp = oracle_present;
+    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp =
+        oracle_present;
     s->f64 = true, s->width = 8, s->dim = dim, s->channels = channels;
     for (int d = 0; d < 3; d++) s->lo[d] = 0, s->hi[d] = 1;
     s->nfloats = nparams, s->nsites = nsites, s->event_depth = 1;
-    for (uint32_t p = 0; p < nparams; p++) o->params[p] = params[p], o->params32[p] = (float)params[p], o->active[p] = 1;
+    for (uint32_t p = 0; p < nparams; p++)
+        o->params[p] = params[p], o->params32[p] = (float)params[p], o->active[p] = 1;
     s->params = o->params, s->active = o->active, s->site_kind = o->kind, s->site_static = o->is_static;
 }
-static inline void oracle_use_f32(Oracle *o) { o->scene.f64 = false, o->scene.params = o->params32; }
+static inline void oracle_use_f32(Oracle *o) {
+    o->scene.f64 = false, o->scene.params = o->params32;
+}
 
 #endif

@@ -133,7 +133,8 @@ static void test_random_radius(void **state) {
     Result r = integrate(&o, 100, 40000);
     close_to(r.grad[0], exact, 0.01 * exact, "lattice falls back to scanlines");
     close_to(r.grad[0], exact, 6 * r.gerr[0] + 1e-4, "within its error");
-    close_to(integrate_as(&o, (SltJob){.samples = 100, .segments = 40000, .estimator = SLT_EST_SNAP_CROFTON}).grad[0], exact, 0.2 * exact, "crofton");
+    close_to(integrate_as(&o, (SltJob){.samples = 100, .segments = 40000, .estimator = SLT_EST_SNAP_CROFTON}).grad[0],
+             exact, 0.2 * exact, "crofton");
 }
 
 static void test_border_and_flower(void **state) {
@@ -190,8 +191,14 @@ static void test_estimators_agree(void **state) {
     Oracle o;
     oracle_init(&o, circle_f, circle_g, 2, 2, 1, 3, (double[]){0.3, 0.45, 0.52});
     double exact = 2 * PI * 0.3;
-    struct { SltEstimator e; double tolerance; } row[] = {
-        {SLT_EST_LATTICE, 2e-3}, {SLT_EST_SCANLINE, 1e-2}, {SLT_EST_SNAP_CROFTON, 0.1}, {SLT_EST_SNAP_KNN, 0.08}, {SLT_EST_FD, 0.03}};
+    struct {
+        SltEstimator e;
+        double tolerance;
+    } row[] = {{SLT_EST_LATTICE, 2e-3},
+               {SLT_EST_SCANLINE, 1e-2},
+               {SLT_EST_SNAP_CROFTON, 0.1},
+               {SLT_EST_SNAP_KNN, 0.08},
+               {SLT_EST_FD, 0.03}};
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
         Result r = integrate_as(&o, (SltJob){.samples = 60000, .segments = 60000, .seed = 3, .estimator = row[i].e});
         char name[32];
@@ -211,14 +218,19 @@ static void test_lattice_beats_snapping(void **state) {
     enum { SEEDS = 40 };
     for (int e = 0; e < 2; e++)
         for (uint32_t seed = 0; seed < SEEDS; seed++) {
-            SltJob j = {.samples = 1, .segments = e ? 16384 : 60000, .seed = seed, .replicates = 1, .estimator = e ? SLT_EST_SNAP_KNN : SLT_EST_LATTICE};
+            SltJob j = {.samples = 1,
+                        .segments = e ? 16384 : 60000,
+                        .seed = seed,
+                        .replicates = 1,
+                        .estimator = e ? SLT_EST_SNAP_KNN : SLT_EST_LATTICE};
             Result r = integrate_as(&o, j);
             sum[e] += pow(r.grad[0] / exact - 1, 2);
             evaluations[e] += r.stats.evaluations;
         }
     double lattice = sqrt(sum[0] / SEEDS), knn = sqrt(sum[1] / SEEDS);
-    print_message("circle: lattice %.4f %% at %llu evaluations, snap-knn %.4f %% at %llu: ratio %.0f\n", 100 * lattice, (unsigned long long)evaluations[0] / SEEDS,
-                  100 * knn, (unsigned long long)evaluations[1] / SEEDS, knn / lattice);
+    print_message("circle: lattice %.4f %% at %llu evaluations, snap-knn %.4f %% at %llu: ratio %.0f\n", 100 * lattice,
+                  (unsigned long long)evaluations[0] / SEEDS, 100 * knn, (unsigned long long)evaluations[1] / SEEDS,
+                  knn / lattice);
     assert_true(evaluations[0] <= 1.05 * evaluations[1]);
     assert_true(knn > 30 * lattice);
 }
@@ -274,24 +286,37 @@ static void test_crossing(void **state) {
     oracle_init(&o, circle_f, circle_g, 2, 2, 1, 3, (double[]){0.3, 0.5, 0.5});
     SltCrossing c;
     SltError err;
-    assert_int_equal(slt_estimate_crossing(&o.scene, (double[]){0.5, 0.5, 0}, (double[]){1, 0.5, 0}, 0, &c, &err), SLT_OK);
+    assert_int_equal(slt_estimate_crossing(&o.scene, (double[]){0.5, 0.5, 0}, (double[]){1, 0.5, 0}, 0, &c, &err),
+                     SLT_OK);
     assert_true(c.found && c.site == 0 && c.drop == -1);
     close_to(c.x[0], 0.8, 1e-6, "x");
     close_to(c.t, 0.6, 1e-6, "t");
     close_to(c.dg[0], 1, 1e-6, "dg");
     close_to(c.f_before[1], 1.8, 1e-4, "f before");
     close_to(c.f_after[1], 0, 0, "f after");
-    assert_int_equal(slt_estimate_crossing(&o.scene, (double[]){0.5, 0.5, 0}, (double[]){0.6, 0.5, 0}, 0, &c, &err), SLT_OK);
+    assert_int_equal(slt_estimate_crossing(&o.scene, (double[]){0.5, 0.5, 0}, (double[]){0.6, 0.5, 0}, 0, &c, &err),
+                     SLT_OK);
     assert_false(c.found);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_circle), cmocka_unit_test(test_twice_tested), cmocka_unit_test(test_overlapping_discs),
-        cmocka_unit_test(test_thin_ring_needs_the_probe), cmocka_unit_test(test_stairs), cmocka_unit_test(test_one_dimension), cmocka_unit_test(test_ball),
-        cmocka_unit_test(test_random_radius), cmocka_unit_test(test_border_and_flower), cmocka_unit_test(test_guarded),
-        cmocka_unit_test(test_broken_boundary_is_counted), cmocka_unit_test(test_empty), cmocka_unit_test(test_estimators_agree),
-        cmocka_unit_test(test_lattice_beats_snapping), cmocka_unit_test(test_unbiased), cmocka_unit_test(test_domain_of_other_shape),
-        cmocka_unit_test(test_limits), cmocka_unit_test(test_crossing)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_circle),
+                                       cmocka_unit_test(test_twice_tested),
+                                       cmocka_unit_test(test_overlapping_discs),
+                                       cmocka_unit_test(test_thin_ring_needs_the_probe),
+                                       cmocka_unit_test(test_stairs),
+                                       cmocka_unit_test(test_one_dimension),
+                                       cmocka_unit_test(test_ball),
+                                       cmocka_unit_test(test_random_radius),
+                                       cmocka_unit_test(test_border_and_flower),
+                                       cmocka_unit_test(test_guarded),
+                                       cmocka_unit_test(test_broken_boundary_is_counted),
+                                       cmocka_unit_test(test_empty),
+                                       cmocka_unit_test(test_estimators_agree),
+                                       cmocka_unit_test(test_lattice_beats_snapping),
+                                       cmocka_unit_test(test_unbiased),
+                                       cmocka_unit_test(test_domain_of_other_shape),
+                                       cmocka_unit_test(test_limits),
+                                       cmocka_unit_test(test_crossing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -41,7 +41,8 @@ static void test_render(void **state) {
         close_to(sum_image(image, SIDE * SIDE, 2, 0), PI * 0.04, 1e-3, "area");
         close_to(sum_image(image, SIDE * SIDE, 2, 1), PI * 0.04 * 1.7, 2e-3, "moment");
         /* y up, row 0 on top: the disc is in the upper right. */
-        assert_true(image[(10 * SIDE + 28) * 2] == 1 && image[(30 * SIDE + 28) * 2] == 0 && image[(10 * SIDE + 5) * 2] == 0);
+        assert_true(image[(10 * SIDE + 28) * 2] == 1 && image[(30 * SIDE + 28) * 2] == 0 &&
+                    image[(10 * SIDE + 5) * 2] == 0);
         close_to((double)image[(10 * SIDE + 28) * 2 + 1], 1 + 28.5 / SIDE, 0.01, "value at a pixel");
         float half[SIDE * SIDE * 2];
         ok(slt_estimate_render(&o.scene, &j, 1, half, NULL, &err), &err);
@@ -51,7 +52,9 @@ static void test_render(void **state) {
 }
 
 /* f = a x (no jump in the middle of the image): every filter keeps a mean of 1 on a constant, at the border too. */
-static void constant_f(Ctx *c, double *f) { f[0] = c->at.p[0]; }
+static void constant_f(Ctx *c, double *f) {
+    f[0] = c->at.p[0];
+}
 static void test_filters_are_normalised(void **state) {
     (void)state;
     Oracle o;
@@ -109,7 +112,8 @@ static void setup(Oracle *o, const Case *c) {
 static const Case cases[] = {
     {"circle", circle_f, circle_g, 2, 3, 1, .estimator = SLT_EST_LATTICE},
     {"shaded tent f32", shaded_f, circle_g, 1, 4, 1, .f32 = true, .filter = SLT_FILTER_TENT},
-    {"shaded gaussian flat probe", shaded_f, circle_g, 1, 4, 1, .flat = true, .near = true, .filter = SLT_FILTER_GAUSSIAN},
+    {"shaded gaussian flat probe", shaded_f, circle_g, 1, 4, 1, .flat = true, .near = true,
+     .filter = SLT_FILTER_GAUSSIAN},
     {"random", one_f, random_g, 1, 1, 1, .rand = true},
     {"scanline probe", shaded_f, circle_g, 1, 4, 1, .near = true, .estimator = SLT_EST_SCANLINE},
     {"crofton tent", shaded_f, circle_g, 1, 4, 1, .estimator = SLT_EST_SNAP_CROFTON, .filter = SLT_FILTER_TENT},
@@ -130,7 +134,8 @@ static void test_forward_is_reverse(void **state) {
         float *out[4];
         for (uint32_t i = 0; i < SIDE * SIDE * c->channels; i++) adjoint[i] = (float)sin(0.7 * i) + 0.3f;
         for (uint32_t p = 0; p < c->nparams; p++) dirs[p][p] = 1, dir[p] = dirs[p], out[p] = derivative[p];
-        SltJob j = {.size = {SIDE, SIDE, 1}, .spp = 3, .filter = c->filter, .seed = 5, .threads = 2, .estimator = c->estimator};
+        SltJob j = {
+            .size = {SIDE, SIDE, 1}, .spp = 3, .filter = c->filter, .seed = 5, .threads = 2, .estimator = c->estimator};
         SltError err;
         SltStats stats = {0};
         ok(slt_estimate_forward(&o.scene, &j, c->nparams, dir, out, crossings, &stats, &err), &err);
@@ -139,7 +144,8 @@ static void test_forward_is_reverse(void **state) {
         for (int i = 0; i < SIDE * SIDE; i++) found += (double)crossings[i];
         assert_true(found > 50 && found <= stats.crossings);
         double with_bound[4];
-        ok(slt_estimate_reverse(&o.scene, &j, (const float *[]){adjoint, adjoint}, with_bound, bound, NULL, &err), &err);
+        ok(slt_estimate_reverse(&o.scene, &j, (const float *[]){adjoint, adjoint}, with_bound, bound, NULL, &err),
+           &err);
         for (uint32_t p = 0; p < c->nparams; p++) {
             double sum = 0, scale = 0;
             for (uint32_t i = 0; i < SIDE * SIDE * c->channels; i++) {
@@ -159,20 +165,31 @@ static void test_threads_do_not_matter(void **state) {
         const Case *c = &cases[t];
         Oracle o;
         setup(&o, c);
-        static float image[3][SIDE * 3 * SIDE * 2 * 2], derivative[3][SIDE * 3 * SIDE * 2 * 2], adjoint[SIDE * 3 * SIDE * 2 * 2];
+        static float image[3][SIDE * 3 * SIDE * 2 * 2], derivative[3][SIDE * 3 * SIDE * 2 * 2],
+            adjoint[SIDE * 3 * SIDE * 2 * 2];
         double gradient[3][4] = {{0}}, bound[3][4] = {{0}}, total[3][16] = {{0}}, dir[4] = {1, 0.5, -0.25, 0.125};
         uint32_t threads[3] = {1, 2, 5}, n = SIDE * 3 * SIDE * 2 * c->channels;
         SltStats stats[3] = {{0}};
         SltError err;
         for (uint32_t i = 0; i < n; i++) adjoint[i] = (float)cos(0.3 * i);
         for (int r = 0; r < 3; r++) {
-            SltJob j = {.size = {SIDE * 3, SIDE * 2, 1}, .spp = 2, .filter = c->filter, .seed = 9, .threads = threads[r], .estimator = c->estimator};
+            SltJob j = {.size = {SIDE * 3, SIDE * 2, 1},
+                        .spp = 2,
+                        .filter = c->filter,
+                        .seed = 9,
+                        .threads = threads[r],
+                        .estimator = c->estimator};
             SltJob whole = {.samples = 30000, .seed = 9, .threads = threads[r], .estimator = c->estimator};
             float *out[1] = {derivative[r]};
             ok(slt_estimate_render(&o.scene, &j, 0, image[r], &stats[r], &err), &err);
             ok(slt_estimate_forward(&o.scene, &j, 1, (const double *[]){dir}, out, NULL, &stats[r], &err), &err);
-            ok(slt_estimate_reverse(&o.scene, &j, (const float *[]){adjoint, adjoint}, gradient[r], bound[r], &stats[r], &err), &err);
-            ok(slt_estimate_integral(&o.scene, &whole, &(SltIntegral){.gradient = total[r], .gradient_stderr = total[r] + 8}, &stats[r], &err), &err);
+            ok(slt_estimate_reverse(&o.scene, &j, (const float *[]){adjoint, adjoint}, gradient[r], bound[r], &stats[r],
+                                    &err),
+               &err);
+            ok(slt_estimate_integral(&o.scene, &whole,
+                                     &(SltIntegral){.gradient = total[r], .gradient_stderr = total[r] + 8}, &stats[r],
+                                     &err),
+               &err);
             stats[r].seconds = stats[r].seconds_interior = stats[r].seconds_boundary = 0;
             assert_memory_equal(image[0], image[r], n * sizeof(float));
             assert_memory_equal(derivative[0], derivative[r], n * sizeof(float));
@@ -213,7 +230,8 @@ static void test_derivative_image(void **state) {
     SltJob many = {.size = {SIDE, SIDE, 1}, .spp = 2000, .threads = 2};
     many.no_interior = true;
     ok(slt_estimate_forward(&o.scene, &many, 1, (const double *[]){dir}, out, NULL, NULL, &err), &err);
-    for (int i = 0; i < SIDE * SIDE; i++) close_to((double)mean[2 * i], (double)d[2 * i], 6, "pixel"); /* values reach 50, one seed spreads by 30 */
+    for (int i = 0; i < SIDE * SIDE; i++)
+        close_to((double)mean[2 * i], (double)d[2 * i], 6, "pixel"); /* values reach 50, one seed spreads by 30 */
 }
 
 /* The gradient of the loss against differences of the loss of the same samples at large spp. */
@@ -339,9 +357,15 @@ static void test_rng(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_render), cmocka_unit_test(test_filters_are_normalised), cmocka_unit_test(test_forward_is_reverse),
-        cmocka_unit_test(test_threads_do_not_matter), cmocka_unit_test(test_derivative_image), cmocka_unit_test(test_loss),
-        cmocka_unit_test(test_other_dimensions), cmocka_unit_test(test_bound), cmocka_unit_test(test_pool), cmocka_unit_test(test_rng)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_render),
+                                       cmocka_unit_test(test_filters_are_normalised),
+                                       cmocka_unit_test(test_forward_is_reverse),
+                                       cmocka_unit_test(test_threads_do_not_matter),
+                                       cmocka_unit_test(test_derivative_image),
+                                       cmocka_unit_test(test_loss),
+                                       cmocka_unit_test(test_other_dimensions),
+                                       cmocka_unit_test(test_bound),
+                                       cmocka_unit_test(test_pool),
+                                       cmocka_unit_test(test_rng)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
