@@ -86,6 +86,7 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     case B_frac: return diff(l, x, site_integer(l, SITE_FLOOR, op1(l, OP_ffloor, x), x, span));
     case B_fmod: {
         Inst *q = op2(l, OP_fdiv, x, y);
+        if (!ir_is_const(y)) y = sel(l, op1(l, OP_fisinf, y), kf(l, 0), y); /* fmod(x, inf) is x, and inf * 0 would be NaN */
         return diff(l, x, prod(l, y, site_integer(l, SITE_FMOD, op1(l, OP_ftrunc, q), q, span)));
     }
     case B_min: return min_max(l, false, x, y, k);

@@ -89,15 +89,23 @@ enum { DEG_NONE, DEG_LINEAR, DEG_BAD }; /* in Inst.flags: how a value depends on
 
 static bool is_zero(const Inst *i) { return i->op == OP_constf && i->imm.f == 0; }
 static uint8_t degree(const Inst *i) { return i->flags; }
+/* Written as a sum or a product of zeros; the folder keeps those, for the sake of NaN. */
+static bool null_within(const Inst *i, int depth) {
+    if (is_zero(i)) return true;
+    if (depth == 0) return false;
+    if (i->op == OP_fmul || i->op == OP_zmul) return null_within(i->args[0], depth - 1) || null_within(i->args[1], depth - 1);
+    return (i->op == OP_fadd || i->op == OP_fsub) && null_within(i->args[0], depth - 1) && null_within(i->args[1], depth - 1);
+}
+static bool is_null(const Inst *i) { return null_within(i, 6); }
 
 static uint8_t join(const Inst *a, const Inst *b) {
-    if (is_zero(a)) return degree(b);
-    if (is_zero(b)) return degree(a);
+    if (is_null(a)) return degree(b);
+    if (is_null(b)) return degree(a);
     return degree(a) == degree(b) ? degree(a) : DEG_BAD;
 }
 
 static uint8_t product(const Inst *a, const Inst *b) {
-    if (is_zero(a) || is_zero(b)) return DEG_NONE;
+    if (is_null(a) || is_null(b)) return DEG_NONE;
     uint8_t d = (uint8_t)(degree(a) + degree(b));
     return d > DEG_LINEAR ? DEG_BAD : d;
 }
@@ -273,7 +281,7 @@ static Val call_with_tangent(Lower *l, Expr *e) {
     degrees(&check, tangent);
     for (uint32_t i = 0; i < tangent->last->nargs && !check.why; i++) {
         Inst *r = tangent->last->args[i];
-        if (degree(r) == DEG_NONE && !is_zero(r)) check.where = r->span, check.why = "its result has a part without a tangent";
+        if (degree(r) == DEG_NONE && !is_null(r)) check.where = r->span, check.why = "its result has a part without a tangent";
     }
     if (check.why) {
         Diag *d = diag_emit(l->s, DIAG_tangent_not_linear, check.where.file >= 0 ? check.where : df->name_span, df->name, check.why);

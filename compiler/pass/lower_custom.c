@@ -3,7 +3,8 @@
 #include "compiler/pass/pass.h"
 
 typedef struct Lower {
-    Inst **map; /* by id: the value that stands for a region's parameter or a projection */
+    Inst **map;      /* by id: the value that stands for a region's parameter or a projection */
+    bool only_sites; /* the others keep their derivative */
     bool changed;
 } Lower;
 
@@ -48,11 +49,20 @@ static Inst *inline_region(Lower *lo, Inst *c) {
     return behind;
 }
 
+static bool holds_site(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_site || i->op == OP_siten) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (holds_site(i->region[r])) return true;
+    }
+    return false;
+}
+
 static void lower_block(Lower *lo, Block *b) {
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
         remap(lo, i);
-        if (i->op == OP_custom) {
+        if (i->op == OP_custom && (!lo->only_sites || holds_site(i->region[0]))) {
             next = inline_region(lo, i);
             continue;
         }
@@ -60,12 +70,16 @@ static void lower_block(Lower *lo, Block *b) {
     }
 }
 
-bool lower_custom(PassCtx *ctx, Fn *fn) {
+static bool lower(PassCtx *ctx, Fn *fn, bool only_sites) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark m = arena_mark(scratch);
     uint32_t n = ir_number(fn);
-    Lower lo = {.map = ARENA_ARRAY(scratch, Inst *, n + 1)};
+    Lower lo = {.map = ARENA_ARRAY(scratch, Inst *, n + 1), .only_sites = only_sites};
     lower_block(&lo, fn->body);
     arena_reset(scratch, m);
     return lo.changed;
 }
+
+bool lower_custom(PassCtx *ctx, Fn *fn) { return lower(ctx, fn, false); }
+
+bool lower_custom_sites(PassCtx *ctx, Fn *fn) { return lower(ctx, fn, true); }

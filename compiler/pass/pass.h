@@ -24,6 +24,7 @@ bool opt_induction(PassCtx *ctx, Fn *fn); /* carried i += step becomes init + k*
 bool opt_unroll(PassCtx *ctx, Fn *fn);    /* tiny exact loops */
 bool opt_contract(PassCtx *ctx, Fn *fn);  /* a*b + c -> ffma: the only pass that changes floats */
 bool lower_custom(PassCtx *ctx, Fn *fn);  /* [Tangent] regions: keep the primal */
+bool lower_custom_sites(PassCtx *ctx, Fn *fn); /* the same for those that hold sites; the others keep their derivative */
 bool lower_rand(PassCtx *ctx, Fn *fn);
 bool lower_math(PassCtx *ctx, Fn *fn);    /* elementary functions to polynomials: the one arithmetic */
 

@@ -6,6 +6,8 @@
 
 /* A clone of the primal with [Tangent] regions inlined; without prints and counters when `silent`. */
 Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent);
+/* Silent; [Tangent] regions stay for the derivative, except those with sites inside. */
+Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *name);
 /* Sites become their decision (or integer) again. */
 void variant_drop_sites(Fn *fn);
 static inline bool variant_is_site(const Inst *i) { return i->op == OP_site || i->op == OP_siten; }

@@ -247,10 +247,10 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
     if (!ncaptured) {
         g = tree(&s, &b, leaves, nleaves);
     } else if (!nleaves) {
-        Fn *silent = variant_clone(ctx, primal, "capture", true);
+        Fn *silent = variant_differentiable_clone(ctx, primal, "capture");
         g = emit_capture(ctx, fn, &b, silent, captured);
     } else {
-        Fn *silent = variant_clone(ctx, primal, "capture", true);
+        Fn *silent = variant_differentiable_clone(ctx, primal, "capture");
         /* Which of the two: a small search over the captured numbers. */
         Inst *is_captured = ir_constb(&b, false);
         for (uint32_t i = 0; i < primal->nsites; i++)

@@ -59,8 +59,16 @@ void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const 
     fn->outputs = kept;
 }
 
+Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *name) {
+    Fn *fn = ir_clone(primal, primal->arena, name);
+    lower_custom_sites(ctx, fn);
+    drop_silent(fn->body);
+    return fn;
+}
+
+/* What is differentiated is made from this: [Tangent] regions stay until pipeline_kernel. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal) {
-    Fn *fn = variant_clone(ctx, primal, "value", false);
+    Fn *fn = ir_clone(primal, primal->arena, "value");
     variant_drop_sites(fn);
     opt_dce(ctx, fn);
     return fn;
