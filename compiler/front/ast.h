@@ -299,6 +299,9 @@ struct Module {
     bool missing;             /* stands for a module that could not be loaded: unknown names may come from it */
     const char *real_path;    /* what identifies the module */
     uint32_t load_state;      /* of module.c */
+    const char **lost;        /* names in what the parser skipped after syntax errors: nothing is said about their being unknown */
+    uint32_t nlost;
+    bool unusable;            /* so broken that checking the rest would say nothing */
     Module *next;             /* every loaded module, in order of loading */
 };
 

@@ -91,6 +91,13 @@ static bool is_language_name(Checker *c, const char *name) {
            name == c->name_infinity || name == c->name_epsilon || !strcmp(name, "Hit") || !strcmp(name, "Silhouette");
 }
 
+bool name_lost(const Checker *c, const char *name) {
+    for (const Module *m = c->main; m; m = m->next)
+        for (uint32_t i = 0; i < m->nlost; i++)
+            if (m->lost[i] == name) return true;
+    return false;
+}
+
 Decl *scope_find(Checker *c, const char *name, Span use) {
     ModuleScope *scope = c->at.scope;
     Decl *d = map_get(&scope->names, name), *other = NULL;
@@ -103,6 +110,7 @@ Decl *scope_find(Checker *c, const char *name, Span use) {
         else if (!other)
             other = found;
     }
+    if (!d && name_lost(c, name) && !is_language_name(c, name)) return &c->poison;
     if (!d && scope->incomplete && !is_language_name(c, name))
         return &c->poison; /* it may come from the module that is missing */
     if (!other) return d;
@@ -331,8 +339,14 @@ static void check_overload_set(Checker *c, Decl *d) {
                 same_arguments(d->funcs[i], d->funcs[j])) {
                 Diag *diag = diag_emit(c->s, DIAG_same_function, d->funcs[i]->name_span, d->name);
                 diag_note(c->s, diag, d->funcs[j]->name_span, "the first is here");
+                func_info(c, d->funcs[i])->duplicate = true;
                 break;
             }
+    /* Calls see the first one: nothing is said about them because of this. */
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < d->nfuncs; i++)
+        if (!func_info(c, d->funcs[i])->duplicate) d->funcs[kept++] = d->funcs[i];
+    d->nfuncs = kept;
 }
 
 /* A bound of [Domain]: a scalar or one number a dimension. */
@@ -439,6 +453,17 @@ static void check_tangent(Checker *c, Func *f) {
     if (d) diag_note(s, diag, d->span, "`%s` is declared here", f->tangent_name);
 }
 
+/* What was skipped may have been a `return` or an assignment. */
+static bool syntax_error_in(const Checker *c, const Func *f) {
+    uint32_t end = f->end_span.len ? f->end_span.pos + f->end_span.len : UINT32_MAX;
+    for (const Diag *d = c->s->diags; d; d = d->next)
+        if (d->severity == SEV_ERROR && d->span.file == f->name_span.file) {
+            bool inside = d->span.pos >= f->name_span.pos && d->span.pos <= end;
+            if (d->code == DIAG_unbalanced || (inside && (d->code == DIAG_unknown_type || !strncmp(diag_code_name(d->code), "E00", 3)))) return true;
+        }
+    return false;
+}
+
 static void check_function(Checker *c, Func *f) {
     if (f->is_shader)
         check_shader(c, f);
@@ -451,7 +476,7 @@ static void check_function(Checker *c, Func *f) {
     check_body(c, f);
     context_leave(c, old);
     check_loops(c, f);
-    check_flow(c, f);
+    if (!syntax_error_in(c, f)) check_flow(c, f);
     check_discs(c, f);
 }
 

@@ -125,7 +125,7 @@ static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
         if (d->funcs[i] != best && viable(d->funcs[i], e) && !better(best, d->funcs[i], e)) tie = true;
     if (!best || tie) {
         for (uint32_t i = 0; i < d->nfuncs; i++) /* a broken signature may have been the one */
-            if (!func_info(c, d->funcs[i])->signature_ok) return fail(c, e);
+            if (!func_info(c, d->funcs[i])->signature_ok || name_lost(c, d->funcs[i]->name)) return fail(c, e);
         if (!best && d->nfuncs == 1) {
             report_single(c, e, d->funcs[0]);
             return fail(c, e);

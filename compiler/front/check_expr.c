@@ -401,6 +401,7 @@ static Expr *check_field(Checker *c, Expr *e) {
             e->field = i;
             return typed(c, e, t->fields[i].type);
         }
+    if (name_lost(c, e->name)) return fail(c, e);
     const char **names = ARENA_ARRAY(c->arena, const char *, t->nfields);
     for (uint32_t i = 0; i < t->nfields; i++) names[i] = t->fields[i].name;
     const char *near = suggest_nearest(e->name, names, t->nfields);

@@ -68,7 +68,7 @@ typedef struct FuncInfo {
     Span rand_span; /* first direct call of rand(); file < 0: none */
     Span cull_span; /* first [Cull] in it or in what it calls */
     uint8_t color;  /* call graph: 0 new, 1 on the stack, 2 done */
-    bool signature_ok;
+    bool signature_ok, duplicate;
     bool looked_for_site; /* first_site: the first jump written in its body, for notes */
     Expr *first_site;
 } FuncInfo;
@@ -120,6 +120,7 @@ typedef struct Checker {
 /* check.c */
 Decl *scope_find(Checker *c, const char *name,
                  Span use); /* own, then imported; reports ambiguity (then &c->poison); NULL: none */
+bool name_lost(const Checker *c, const char *name); /* it stands in what the parser skipped */
 ModuleScope *scope_of(Checker *c, const Module *m);
 FuncInfo *func_info(Checker *c, const Func *f);
 Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func); /* returns the old one */

@@ -43,7 +43,7 @@ static void scope_close(Checker *c) {
 
 static void bind(Checker *c, Symbol *sym) {
     Binding *old = map_get(&c->at.locals, sym->name);
-    if (old && old->depth == c->at.depth) {
+    if (old && old->depth == c->at.depth && sym->type->kind != T_ERROR) { /* `retrun a;` looks like a declaration */
         Diag *d = diag_emit(c->s, DIAG_redeclared, sym->span, sym->name);
         diag_note(c->s, d, old->sym->span, "the first is here");
     }

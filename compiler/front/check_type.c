@@ -62,7 +62,9 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
     t->fields = ARENA_ARRAY(&c->s->session, Field, d->nfields ? d->nfields : 1);
     bool ok = true;
     uint64_t total = 0;
-    if (!d->nfields) {
+    if (!d->nfields && c->s->nerrors) {
+        ok = false; /* the parser has said so, or has skipped them */
+    } else if (!d->nfields) {
         diag_emit(c->s, DIAG_bad_struct, d->span, arena_printf(&c->s->session, "struct `%s` has no fields", d->name));
         ok = false;
     }

@@ -3,7 +3,10 @@
 
 Program *front_compile(Session *s, int file, const ProgramOptions *opt) {
     Module *main = load_modules(s, file);
-    if (!main || s->nerrors) return NULL;
+    if (!main) return NULL;
+    for (const Module *m = main; m; m = m->next)
+        if (m->unusable) return NULL;
+    /* After syntax errors the rest is checked all the same: all errors of a file in one run. */
     Func *entry = check_program(s, main, &opt->front);
     if (!entry || s->nerrors) return NULL;
     Program *p = lower_program(s, main, entry, opt);

@@ -75,6 +75,7 @@ static Val lower_convert(Lower *l, Expr *e) {
 static Inst *fmod_scalar(Lower *l, Inst *a, Inst *b, Span span) {
     Inst *q = op2(l, OP_fdiv, a, b);
     Inst *n = site_integer(l, SITE_FMOD, op1(l, OP_ftrunc, q), q, span);
+    if (!ir_is_const(b)) b = sel(l, op1(l, OP_fisinf, b), kf(l, 0), b); /* x % inf is x, and inf * 0 would be NaN */
     return op2(l, OP_fsub, a, op2(l, OP_fmul, b, n));
 }
 
@@ -83,8 +84,10 @@ static Inst *compare(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, Span s
     Inst *x = swap ? b : a, *y = swap ? a : b;
     if (k == T_FLOAT) {
         if (op == OPR_EQ || op == OPR_NE) {
-            /* Equality holds on a curve at most: the values on both sides of it are the same branch's. */
-            return op2(l, op == OPR_EQ ? OP_feq : OP_fne, a, b);
+            /* Mostly it holds on a curve at most, with the same branch on both sides; warn.c knows when not. */
+            Inst *d = op2(l, op == OPR_EQ ? OP_feq : OP_fne, a, b);
+            site_untracked(l, d, a, b, span, JUMP_EQUALITY);
+            return d;
         }
         return site_compare(l, op2(l, or_equal ? OP_fle : OP_flt, x, y), a, b, span);
     }

@@ -118,7 +118,7 @@ typedef struct Tag {
     LoopCtx *skip;         /* sites go to this loop's records */
 } Tag;
 
-typedef enum JumpKind { JUMP_COMPARE, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
+typedef enum JumpKind { JUMP_COMPARE, JUMP_EQUALITY, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
 /* An untagged place that may jump. */
 typedef struct Untracked {
     Inst *at;              /* the comparison, or the value that jumps */

@@ -16,6 +16,10 @@ void parse_stop(Parser *p) {
 void parse_advance(Parser *p) {
     if (p->stopped) return;
     p->prev_end = p->tok.span.pos + p->tok.span.len;
+    if (p->panic && p->skipped.len) {
+        Span *last = &p->skipped.data[p->skipped.len - 1];
+        if (p->prev_end > last->pos) last->len = p->prev_end - last->pos;
+    }
     p->tok = lex_next(&p->lx);
     p->end_reported |= p->lx.cut;
     if (p->s->nerrors - p->first_error > MAX_FILE_ERRORS) {
@@ -53,6 +57,12 @@ Diag *parse_error(Parser *p, DiagCode code, Span span, const char *fmt, ...) {
     va_start(ap, fmt);
     Diag *d = report(p, code, span, fmt, ap);
     va_end(ap);
+    if (!p->panic) {
+        uint32_t pos = span.pos < p->lx.len ? span.pos : p->lx.len, end = pos + span.len;
+        const char *text = p->s->sources[p->lx.file].text;
+        while (pos > 0 && text[pos - 1] != '\n') pos--;
+        vec_push(&p->s->module, &p->skipped, ((Span){p->lx.file, pos, end - pos}));
+    }
     p->panic = true;
     return d;
 }
@@ -204,6 +214,28 @@ static void finish_prints(Parser *p) {
     }
 }
 
+static bool word_char(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
+
+/* The names in what was skipped: declarations among them are lost. */
+static void collect_lost(Parser *p) {
+    Vec(const char *) names = {0};
+    const Source *src = &p->s->sources[p->lx.file];
+    enum { MOST = 4096 };
+    for (uint32_t i = 0; i < p->skipped.len; i++) {
+        uint32_t end = p->skipped.data[i].pos + p->skipped.data[i].len;
+        if (end > src->len) end = src->len;
+        for (uint32_t at = p->skipped.data[i].pos; at < end;) {
+            uint32_t from = at;
+            while (at < end && word_char(src->text[at])) at++;
+            if (at > from && names.len < MOST) vec_push(&p->s->module, &names, intern(p->s, src->text + from, at - from));
+            if (at == from) at++;
+        }
+    }
+    p->module->lost = names.data;
+    p->module->nlost = names.len;
+    p->module->unusable = p->stopped || names.len == MOST;
+}
+
 Module *parse_module(Session *s, int file, const char *name) {
     Module *m = ARENA_NEW(&s->module, Module);
     m->name = intern(s, name, strlen(name));
@@ -216,6 +248,7 @@ Module *parse_module(Session *s, int file, const char *name) {
     p.typedefs_end = &m->typedefs;
     if (s->sources[file].too_large) {
         diag_emit(s, DIAG_source_limit, (Span){file, 0, 0}, SOURCE_MAX >> 20);
+        m->unusable = true;
         return m;
     }
     p.lx = lex_start(s, file);
@@ -225,5 +258,6 @@ Module *parse_module(Session *s, int file, const char *name) {
     m->imports = p.imports.data;
     m->nimports = p.imports.len;
     finish_prints(&p);
+    collect_lost(&p);
     return m;
 }

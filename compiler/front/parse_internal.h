@@ -56,6 +56,7 @@ typedef struct Parser {
     StructDecl **structs_end;
     TypedefDecl **typedefs_end;
     Vec(Import) imports;
+    Vec(Span) skipped;          /* from the line of an error to where the panic ended */
 } Parser;
 
 /* parse.c */

@@ -12,6 +12,7 @@ enum { DEP_PARAMS = 3, PROOF_BUDGET = 600 };
 
 typedef struct Dep {
     bool x, rand;
+    bool pieces;            /* chosen from several values, where the choice depends on the position: may be constant, or equal to another, on an area */
     uint8_t n;
     uint32_t p[DEP_PARAMS]; /* indices into Program.params, the first few found */
 } Dep;
@@ -29,8 +30,8 @@ typedef struct Warn {
 /* ---- dependences: a monotone walk repeated until nothing changes */
 
 static bool merge(Dep *to, const Dep *from) {
-    bool changed = (from->x && !to->x) || (from->rand && !to->rand);
-    to->x |= from->x, to->rand |= from->rand;
+    bool changed = (from->x && !to->x) || (from->rand && !to->rand) || (from->pieces && !to->pieces);
+    to->x |= from->x, to->rand |= from->rand, to->pieces |= from->pieces;
     for (uint32_t i = 0; i < from->n && to->n < DEP_PARAMS; i++) {
         bool known = false;
         for (uint32_t j = 0; j < to->n; j++) known |= to->p[j] == from->p[i];
@@ -66,6 +67,13 @@ static void depend_loop(Warn *w, Inst *i, Dep control) {
     }
     merge(&control, &w->dep[flag->id]);
     depend(w, body, control);
+}
+
+static bool chooses(const Inst *i) {
+    Op op = (Op)i->op;
+    if (op == OP_fsel) return i->args[0]->op != OP_feq && i->args[0]->op != OP_fne; /* not on an area, as in `length` */
+    return op == OP_fmin || op == OP_fmax || op == OP_proj || op == OP_load || op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f ||
+           op == OP_iasfloat;
 }
 
 static void depend(Warn *w, Block *b, Dep control) {
@@ -121,6 +129,7 @@ static void depend(Warn *w, Block *b, Dep control) {
         default:
             for (uint32_t a = 0; a < i->nargs; a++) add(w, i, &w->dep[i->args[a]->id]);
         }
+        if (chooses(i) && w->dep[i->id].x) add(w, i, &(Dep){.pieces = true});
     }
 }
 
@@ -438,8 +447,9 @@ static void report_untracked(Warn *w) {
         if (t->g0) merge(&d, &w->dep[t->g0->id]);
         if (t->g1) merge(&d, &w->dep[t->g1->id]);
         if (t->kind == JUMP_ALWAYS) merge(&d, &w->dep[t->at->id]);
+        if (t->kind == JUMP_EQUALITY && !d.pieces) continue; /* holds nowhere but on a curve */
         if (!d.x || !d.n || both_sides_equal(w, t, &uses[i])) continue;
-        const char *what = t->kind == JUMP_COMPARE ? "this comparison" : t->kind == JUMP_BUILTIN ? "the argument of this jumping function" : "this value, which cannot be a site,";
+        const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison" : t->kind == JUMP_BUILTIN ? "the argument of this jumping function" : "this value, which cannot be a site,";
         diag_emit(l->s, DIAG_untracked, t->span, what, param_list(w, &d));
     }
 }

@@ -126,7 +126,7 @@ static void read_message(Case *c, const char *s, int severity, int line, const c
         if (*s == ':') m->column = (uint32_t)strtoul(s + 1, &end, 10), s = end;
     }
     while (*s == ' ' || *s == ':') s++;
-    const char *next = strstr(s, " // ");
+    const char *next = !strncmp(s, "// ", 3) ? s : strstr(s, " // ");
     copy(m->text, sizeof m->text, s, next ? (size_t)(next - s) : strcspn(s, "\n"));
 }
 
