@@ -86,6 +86,25 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
     return first_status;
 }
 
+/* print(): a line on standard error, in one piece whatever the threads do. `{}` in the text is the next value. */
+static void on_print(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane) {
+    const SltProgram *p = user;
+    char line[1024];
+    size_t at = 0;
+    uint32_t used = 0;
+    (void)lane;
+    for (uint32_t i = 0; i < len && at + 40 < sizeof line; i++) {
+        if (text[i] == '{' && i + 1 < len && text[i + 1] == '}' && used < n) {
+            at += (size_t)snprintf(line + at, sizeof line - at, p->opt.f64 ? "%.17g" : "%.9g", values[used++]);
+            i++;
+        } else {
+            line[at++] = text[i];
+        }
+    }
+    line[at++] = '\n';
+    fwrite(line, 1, at, stderr);
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
@@ -102,6 +121,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     }
     *out = p;
     if (!p) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    p->print = on_print, p->print_user = p;
     bool told = slt_diagnostic_count(p) > 0;
     if (told && !(c->quiet && status == SLT_OK)) {
         if (c->json) diag_print_json(p->session, stderr);

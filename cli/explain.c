@@ -60,14 +60,17 @@ typedef struct Explain {
     uint8_t *facts, *alive, *reach;
 } Explain;
 
-/* ad_activity has one bit a float; reach one byte, over the kernels that were asked. */
-static void add_reach(Explain *e, const Fn *kernel) {
-    uint32_t n = e->p->prog->nfloats;
-    uint8_t *bits = calloc(n / 8 + 1, 1);
-    if (!bits) return;
-    ad_activity(kernel, bits);
-    for (uint32_t i = 0; i < n; i++) e->reach[i] |= bits[i >> 3] >> (i & 7) & 1;
-    free(bits);
+/* What a reverse kernel adds to an adjoint has a derivative. Read off the finished code: the value kernel's own dependences are hidden by the bit tricks of its sines
+ * and exponentials. */
+static void add_reach(Explain *e, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) add_reach(e, i->region[r]);
+        if (i->op != OP_adj) continue;
+        bool fixed = i->args[0]->op == OP_consti;
+        uint32_t base = i->imm.slot.base, count = i->imm.slot.count, at = fixed ? (uint32_t)i->args[0]->imm.i : 0;
+        for (uint32_t k = 0; k < count; k++)
+            if ((!fixed || k == at) && base + k < e->p->prog->nfloats) e->reach[base + k] = 1;
+    }
 }
 
 static const char *why_no_gradient(const Explain *e, const Param *q) {
@@ -111,7 +114,7 @@ static void print_kernels(const Explain *e, const bool needs[K_KINDS]) {
     printf("\nkernels (%u lanes of %s)\n  %-10s %10s %14s\n", p->scene.width, p->opt.f64 ? "f64" : "f32", "", "IR", "LLVM");
     for (int k = 0; k < K_KINDS; k++) {
         if (!p->fn[k]) continue;
-        printf("  %-10s %10u %14u\n", kernel_names[k], walk_size(p->fn[k]->body), p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0);
+        printf("  %-10s %10u %14u\n", kernel_names[k], walk_fn_size(p->fn[k]), p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0);
     }
     for (int k = 0; k < K_KINDS; k++)
         if (p->fn[k] && p->tape[k].text && p->tape[k].text[0])
@@ -172,7 +175,7 @@ static void explain_json(const Explain *e) {
     bool first = true;
     for (int k = 0; k < K_KINDS; k++) {
         if (!p->fn[k]) continue;
-        printf("%s\"%s\": {\"ops\": %u, \"instructions\": %u, \"tape_bytes\": %llu}", first ? "" : ", ", kernel_names[k], walk_size(p->fn[k]->body),
+        printf("%s\"%s\": {\"ops\": %u, \"instructions\": %u, \"tape_bytes\": %llu}", first ? "" : ", ", kernel_names[k], walk_fn_size(p->fn[k]),
                p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0, (unsigned long long)p->tape[k].bytes_per_lane);
         first = false;
     }
@@ -390,8 +393,8 @@ static int explain(Cli *c, SltProgram *p) {
     if (status == SLT_OK) {
         site_facts(&p->passes, p->prog->primal, NULL, e.facts);
         mark_sites(primal->body, e.alive);
-        add_reach(&e, p->fn[K_VALUE]);
-        if (p->fn[K_SITE]) add_reach(&e, p->fn[K_SITE]);
+        if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
+        for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);
         if (c->json) explain_json(&e);
         else explain_text(&e, needs);
     } else {

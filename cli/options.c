@@ -201,7 +201,7 @@ static bool parse_size(Cli *c, const char *text) {
         if (v < 1 || v > 1u << 20) return false;
         c->job.size[n++] = (uint32_t)v;
         if (!*end) break;
-        if (*end != 'x') return false;
+        if (*end != 'x' || n == 3) return false;
         s = end + 1;
     }
     for (uint32_t d = n; d < 3; d++) c->job.size[d] = n == 1 ? c->job.size[0] : 1;

@@ -32,6 +32,8 @@ struct SltProgram {
     SltKernel **cull_kernels;
     uint32_t *cull_counts;
     uint8_t *site_kind, *site_static;
+    void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane); /* print(); NULL: silent */
+    void *print_user;
     double ms_front, ms_passes, ms_llvm;
     bool cached;            /* every module so far came from the cache */
 

@@ -59,6 +59,7 @@ static void fill_scene(SltProgram *p) {
     s->site_kind = p->site_kind, s->site_static = p->site_static;
     s->near_miss = near_miss(p);
     s->uses_rand = g->uses_rand;
+    s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
     if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
