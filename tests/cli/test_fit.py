@@ -1,0 +1,255 @@
+"""saltus fit: optimisers, checkpoints, interrupts, scenes; and build: the object linked into a C program."""
+import math
+
+from harness import *
+
+EDGE = """
+param float r = 0.3;
+param float2 c = float2(0.45, 0.55);
+shader float main(float2 x) {
+    float f = 0.0;
+    [Disc] if (length(x - c) < r) f = 1.0;
+    return f;
+}
+"""
+BOWL = "param float a = 0.1;\n[Range(0.0, 0.6)] param float b = 0.2;\nshader float main(float2 x) { return (a - 0.75) * (a - 0.75) + (b - 0.9) * (b - 0.9) + 0.0 * x.x; }\n"
+KEYS = {"initial_loss", "loss", "losses", "iterations", "seconds", "stopped", "params", "outputs"}
+
+
+class Fit(Case):
+    def setUp(self):
+        super().setUp()
+        self.put("e.salt", EDGE)
+        self.run_cli("render", "e.salt", "--size", 32, "--spp", 64, "--param", "r=0.2", "--param", "c=0.5,0.5", "-o", "t.exr")
+
+    def test_optimisers(self):
+        for name, iters, lr in (("adam", 40, "0.01"), ("sgd", 40, "0.05"), ("lbfgs", 15, None)):
+            j = self.json_cli("fit", "e.salt", "--target", "t.exr", "--optimizer", name, "--iters", iters, *(["--lr", lr] if lr else []), "--spp", 16)
+            self.assertLessEqual(KEYS, set(j))
+            self.assertLess(j["loss"], 0.3 * j["initial_loss"], name)
+            self.assertEqual(j["iterations"], len(j["losses"]))
+            self.assertEqual(j["losses"][0], j["initial_loss"])
+            self.assertIn(j["stopped"], ("iters", "converged"))
+            self.assertEqual(j["outputs"], [])
+            self.assertAlmostEqual(j["params"]["r"], 0.2, delta=0.05)
+
+    def test_minimize_and_ranges(self):
+        self.put("b.salt", BOWL)
+        for name in ("adam", "lbfgs"):
+            j = self.json_cli("fit", "b.salt", "--minimize", "--optimizer", name, "--iters", 200, "--lr", "0.05", "--samples", 1024)
+            self.assertAlmostEqual(j["params"]["a"], 0.75, delta=0.02)
+            self.assertAlmostEqual(j["params"]["b"], 0.6, delta=1e-6)  # the edge of its range
+            self.assertAlmostEqual(j["loss"], 0.09, delta=2e-3)
+        j = self.json_cli("fit", "b.salt", "--minimize", "--iters", 5, "--lr", "a=0.1,b=0", "--samples", 256)
+        self.assertEqual(f32(j["params"]["b"]), f32(0.2))
+        j = self.json_cli("fit", "b.salt", "--minimize", "--iters", 5, "--wrt", "b", "--samples", 256)
+        self.assertEqual(f32(j["params"]["a"]), f32(0.1))
+        self.run_cli("fit", "b.salt", code=2)
+        self.run_cli("fit", "b.salt", "--minimize", "--target", "t.exr", code=2)
+        self.run_cli("fit", "b.salt", "--minimize", "--lr", "q=1", code=2)
+
+    def test_same_bits_again(self):
+        args = ["fit", "e.salt", "--target", "t.exr", "--iters", 6, "--seed", 4]
+        runs = []
+        for t in (1, 2, 5):
+            j = self.json_cli(*args, "--threads", t)
+            j.pop("seconds")
+            runs.append(json.dumps(j))
+        self.assertEqual(len(set(runs)), 1)
+
+    def test_parameters_round_trip(self):
+        """What fit writes, --params reads to the same bits."""
+        j = self.json_cli("fit", "e.salt", "--target", "t.exr", "--iters", 3, "-o", "p.json")
+        self.assertEqual(j["outputs"], ["p.json"])
+        self.assertEqual(json.loads(self.get("p.json")), j["params"])
+        again = self.json_cli("fit", "e.salt", "--params", "p.json", "--target", "t.exr", "--iters", 0)
+        self.assertEqual(again["params"], j["params"])
+        self.run_cli("fit", "e.salt", "--params", "p.json", "--target", "t.exr", "--iters", 0, "-o", "q.json")
+        self.assertEqual(self.get("p.json"), self.get("q.json"))
+        j = self.json_cli("fit", "e.salt", "--precision", "f64", "--target", "t.exr", "--iters", 3, "-o", "p.json")
+        self.run_cli("fit", "e.salt", "--precision", "f64", "--params", "p.json", "--target", "t.exr", "--iters", 0, "-o", "q.json")
+        self.assertEqual(self.get("p.json"), self.get("q.json"))
+
+    def test_folder(self):
+        self.json_cli("fit", "e.salt", "--target", "t.exr", "--iters", 4, "-o", "out")
+        files = os.listdir(self.path("out"))
+        self.assertIn("fitted.json", files)
+        self.assertIn("image.exr", files)
+        self.assertTrue(any("loss" in f for f in files) and any("strip" in f for f in files))
+        self.assertEqual(len(self.get("out/loss.csv").splitlines()), 5)
+        self.run_cli("fit", "e.salt", "--target", "t.exr", "--iters", 1, "-o", "e.salt/x", code=5)
+        self.run_cli("fit", "e.salt", "--target", "t.exr", "--iters", 1, "-o", "no/p.json", code=5)
+        self.run_cli("fit", "e.salt", "--target", "none.exr", code=4)
+
+    def strip(self, j):
+        j.pop("seconds")
+        j.pop("outputs")
+        return j
+
+    def test_resume(self):
+        for name in ("adam", "sgd", "lbfgs"):
+            args = ["fit", "e.salt", "--target", "t.exr", "--optimizer", name, "--seed", 3]
+            whole = self.strip(self.json_cli(*args, "--iters", 12))
+            self.json_cli(*args, "--iters", 5, "--checkpoint", "c.bin", "--every", 2)
+            broken = self.strip(self.json_cli(*args, "--iters", 12, "--resume", "c.bin"))
+            self.assertEqual(broken, whole, name)
+        self.put("c.bin", self.get("c.bin")[:50])
+        self.run_cli("fit", "e.salt", "--target", "t.exr", "--optimizer", "lbfgs", "--resume", "c.bin", code=4)
+        self.run_cli("fit", "e.salt", "--target", "t.exr", "--resume", "none.bin", code=4)
+
+    def test_killed(self):
+        args = ["fit", "e.salt", "--target", "t.exr", "--size", 64, "--spp", 64, "--seed", 3, "--threads", 1, "--iters", 60]
+        whole = self.strip(self.json_cli(*args))
+        p = self.start_cli(*args, "--checkpoint", "c.bin", "--every", 1)
+        start = time.time()
+        while not os.path.exists(self.path("c.bin")) and time.time() - start < 30:
+            time.sleep(0.005)
+        p.kill()
+        p.communicate()
+        self.assertEqual(p.returncode, -signal.SIGKILL, "it was over before it could be killed")
+        self.assertEqual(self.strip(self.json_cli(*args, "--resume", "c.bin")), whole)
+
+    def test_interrupted(self):
+        p = self.start_cli("fit", "e.salt", "--target", "t.exr", "--size", 128, "--iters", 100000, "-o", "p.json", "--json", "--lr", "0.003")
+        time.sleep(2)
+        p.send_signal(signal.SIGINT)
+        out, err = p.communicate(timeout=30)
+        self.assertEqual(p.returncode, 130, err)
+        j = json.loads(out)
+        self.assertEqual(j["stopped"], "interrupted")
+        self.assertEqual(j["iterations"], len(j["losses"]))
+        self.assertEqual(json.loads(self.get("p.json")), j["params"])
+        self.assertLess(j["loss"], j["initial_loss"])
+
+    def test_smooth(self):
+        self.put("g.salt", "param texture2D t = zeros(8, 8, 1);\nshader float main(float2 x) { return t.sample(x); }")
+        self.put("g.npy", write_npy((16, 16, 1), [0.5 + 0.4 * math.sin(i / 16) for i in range(256)]))
+        j = self.json_cli("fit", "g.salt", "--target", "g.npy", "--iters", 40, "--lr", "0.05", "--smooth", "t=2")
+        self.assertLess(j["loss"], 0.2 * j["initial_loss"])
+        self.assertEqual((len(j["params"]["t"]), len(j["params"]["t"][0])), (8, 8))
+        self.run_cli("fit", "e.salt", "--target", "t.exr", "--smooth", "r=2", code=2)
+
+    def test_failed(self):
+        self.put("n.salt", "param float a = 1.0;\nshader float main(float2 x) { return sqrt(a - 2.0); }")
+        r = self.run_cli("fit", "n.salt", "--minimize", "--iters", 3, "--samples", 64, "--json", code=None)
+        self.assertIn(r.code, (0, 1))
+        json.loads(r.out, parse_constant=lambda n: self.fail(n))
+
+
+class Scene(Case):
+    def setUp(self):
+        super().setUp()
+        self.put("s/e.salt", EDGE + "const int N = 1;\nparam float gain = 1.0;\nparam texture2D h = zeros(2, 2, 1);\nshader float other(float2 x) { return main2(x) + h.sample(x).x; }\n"
+                 "float main2(float2 x) { float f = 0.0; [Disc] if (length(x - c) < r) f = gain * N; return f; }\n")
+        self.run_cli("render", "s/e.salt", "--entry", "other", "--size", 16, "--spp", 64, "--param", "r=0.2", "-o", "s/a.exr")
+        self.put("s/m.npy", write_npy((16, 16, 1), [1.0] * 256))
+        self.put("s/init.npy", write_npy((2, 2, 1), [0.0] * 4))
+        self.scene = {"shader": "e.salt", "entry": "other", "set": {"N": 1}, "size": [16, 16], "spp": 8,
+                      "params": {"r": {"value": 0.28, "grad": True, "lr": 0.01}, "c": {"value": [0.45, 0.55], "grad": False}, "h": {"file": "init.npy", "grad": True, "smooth": 20}},
+                      "views": [{"target": "a.exr", "mask": "m.npy", "params": {"gain": 1}}, {"target": "a.exr"}],
+                      "optimizer": {"type": "adam", "iters": 20}, "output": "out/"}
+
+    def fit(self, code=0, *args):
+        self.put("s/scene.json", json.dumps(self.scene))
+        return self.run_cli("fit", "s/scene.json", "--json", *args, code=code)
+
+    def test_scene(self):
+        j = self.fit().json
+        self.assertLess(j["loss"], 0.7 * j["initial_loss"])
+        self.assertEqual(j["iterations"], 20)
+        self.assertEqual([f32(v) for v in j["params"]["c"]], [f32(0.45), f32(0.55)])
+        self.assertNotEqual(f32(j["params"]["r"]), f32(0.28))
+        self.assertEqual(j["params"]["gain"], 1)
+        self.assertTrue(os.path.exists(self.path("s/out/fitted.json")))
+        self.assertEqual(self.fit(0, "--iters", 3).json["iterations"], 3)
+
+    def test_unknown_keys(self):
+        for where, key, near in ((self.scene, "shadr", "shader"), (self.scene["views"][0], "taget", "target"), (self.scene["optimizer"], "iter", "iters"), (self.scene["params"]["r"], "smoth", "smooth")):
+            where[key] = 1
+            r = self.fit(4)
+            self.assertIn("`%s`" % near, r.err)
+            self.assertIn("scene.json", r.err)
+            del where[key]
+        for key, bad in (("size", "big"), ("spp", -1), ("params", []), ("views", []), ("optimizer", {"type": "magic"}), ("shader", 3)):
+            old, self.scene[key] = self.scene[key], bad
+            self.fit(4)
+            self.scene[key] = old
+        self.scene["params"]["zz"] = 1
+        self.fit(4)
+        del self.scene["params"]["zz"]
+        self.scene["set"] = {"ZZ": 1}
+        self.assertIn(self.fit(None).code, (2, 4))
+        self.scene["set"] = {}
+        self.scene["views"][1]["target"] = "none.exr"
+        self.assertIn("s/none.exr", self.fit(4).err)
+        self.put("s/scene.json", "{")
+        self.assertRegex(self.run_cli("fit", "s/scene.json", code=4).err, r"scene\.json:\d+:\d+")
+        self.run_cli("fit", "none.json", code=4)
+
+
+class Build(Case):
+    MAIN = r"""
+#include "out.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+int main(void) {
+    /* Inputs in the order of the contract's slots; 64 points of a row. */
+    enum { N = 64 };
+    static _Alignas(64) float x[4][N + 64], zero[N + 64], out[4][N + 64];
+    static float params[64];
+    FILE *f = fopen("params.txt", "r");
+    for (int i = 0; f && i < 64; i++) if (fscanf(f, "%f", &params[i]) != 1) break;
+    SltKernelArgs args;
+    memset(&args, 0, sizeof args);
+    for (int i = 0; i < SLT_IN_VARYING; i++) args.in[i] = zero;
+    for (int i = 0; i < N + 64; i++) x[0][i] = ((i & 7) + 0.5f) / 8.0f, x[1][i] = ((i / 8 & 7) + 0.5f) / 8.0f;
+    args.in[0] = x[0], args.in[1] = x[1];
+    for (int k = 0; k < 4; k++) args.out[k] = out[k];
+    args.params = params;
+    args.resolution[0] = args.resolution[1] = 8;
+    args.n_valid = N;
+    VALUE(&args, N);
+    for (int i = 0; i < N; i++) printf("%.9g\n", (double)out[0][i]);
+    return 0;
+}
+"""
+
+    def test_kinds(self):
+        self.put("c.salt", CIRCLE)
+        for ext, magic in (("o", b"\x7fELF"), ("so", b"\x7fELF"), ("s", b""), ("ll", b""), ("h", b"")):
+            self.run_cli("build", "c.salt", "-o", "out." + ext)
+            self.assertEqual(self.get("out." + ext)[:len(magic)], magic)
+        self.assertIn(b".text", self.get("out.s"))
+        self.assertIn(b"define", self.get("out.ll"))
+        self.assertIn(b"SltKernelArgs", self.get("out.h"))
+        self.run_cli("build", "c.salt", "-o", "out.xyz", code=2)
+        self.run_cli("build", "c.salt", code=2)
+        self.run_cli("build", "c.salt", "-o", "no/out.o", code=5)
+        if shutil.which("cc"):
+            for std in ("-std=c99", "-std=c17"):
+                subprocess.run(["cc", std, "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "-x", "c", "out.h"], cwd=self.dir, check=True)
+
+    @unittest.skipUnless(shutil.which("cc"), "no C compiler")
+    def test_linked(self):
+        """The kernel in another program gives the values of `render`."""
+        self.put("k.salt", "param float a = 0.5;\nparam float2 c = float2(0.25, 2.0);\nshader float main(float2 x) { float f = a * sin(c.y * x.x); [Disc] if (x.y > c.x) f += x.x; return f; }")
+        self.put("params.txt", "0.5 0.25 2.0")
+        self.put("main.c", self.MAIN)
+        for kind in ("o", "so"):
+            j = self.json_cli("build", "k.salt", "-o", "out." + kind)
+            self.assertIn("out." + kind, j["outputs"])
+            self.run_cli("build", "k.salt", "-o", "out.h")
+            header = self.get("out.h").decode()
+            import re
+            value = re.findall(r"\b(\w*value\w*)\s*\(SltKernelArgs", header)
+            self.assertTrue(value, header[-2000:])
+            subprocess.run(["cc", "-std=c17", "-Wall", "-Wextra", "-Werror", "-DVALUE=" + value[0], "main.c", "out." + kind, "-o", "prog", "-lm", "-Wl,-rpath,."], cwd=self.dir, check=True)
+            got = [float(v) for v in subprocess.run(["./prog"], cwd=self.dir, check=True, capture_output=True).stdout.split()]
+            for i, v in enumerate(got):
+                x, y = (i % 8 + 0.5) / 8, (i // 8 + 0.5) / 8
+                self.assertAlmostEqual(v, 0.5 * math.sin(2 * x) + (x if y > 0.25 else 0), delta=2e-7)
+
+
+if __name__ == "__main__":
+    unittest.main()

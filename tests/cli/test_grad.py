@@ -1,0 +1,375 @@
+"""saltus grad: JSON shapes, layers, losses; the same bits whatever the threads; check, explain and bench."""
+import math
+
+from harness import *
+
+TAU = 2 * math.pi
+KEYS = {"gradient", "stderr", "stderr_kind", "samples", "segments", "crossings", "dropped", "truncated", "seconds", "warnings"}
+
+
+class Integral(Case):
+    def test_circle(self):
+        self.put("c.salt", CIRCLE)
+        j = self.json_cli("grad", "c.salt", "--integral", "--samples", "2^16")
+        self.assertLessEqual(KEYS | {"integral", "integral_stderr", "interior", "boundary", "missed_estimate"}, set(j))
+        self.assertAlmostEqual(j["integral"][0], 1 + 0.75 * math.pi * 0.16, delta=2e-3)
+        g = j["gradient"]
+        self.assertEqual(list(g), ["radius", "centre", "ink"])
+        self.assertAlmostEqual(g["radius"], 0.75 * TAU * 0.4, delta=5e-3)
+        self.assertAlmostEqual(g["ink"], math.pi * 0.16, delta=2e-3)
+        for v in g["centre"]:
+            self.assertAlmostEqual(v, 0, delta=5e-3)
+        for shape in ("stderr", "interior", "boundary", "missed_estimate"):
+            self.assertEqual([isinstance(v, list) and len(v) for v in j[shape].values()], [isinstance(v, list) and len(v) for v in g.values()], shape)
+        self.assertIn(j["stderr_kind"], ("replicates", "bound"))
+        self.assertEqual(j["samples"], 65536)
+        self.assertTrue(all(isinstance(v, int) for v in j["dropped"].values()))
+        self.assertEqual(j["interior"]["radius"], 0)
+        self.assertLess(abs(g["radius"] - 0.75 * TAU * 0.4), 6 * j["stderr"]["radius"] + 1e-4)
+
+    def test_shapes(self):
+        self.put("s.salt", """
+import m;
+struct In { float q; int tag; };
+struct S { float2 c; In in; };
+param float a = 1.0;
+param float2 v = float2(1.0, 2.0);
+param float2x2 mat = float2x2(1.0, 2.0, 3.0, 4.0);
+param S s[2] = { { float2(1.0, 2.0), { 3.0, 1 } }, { float2(1.0, 2.0), { 3.0, 1 } } };
+param float w[2][3] = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };
+param texture2D t = zeros(3, 2, 2);
+param heightfield h = zeros(2, 3);
+param int n = 1;
+[NoDiff] param float fixed = 1.0;
+shader float2 main(float2 x) {
+    float f = a + v.y + mat[0][1] * 2.0 + s[1].c.y * 3.0 + s[0].in.q * 4.0 + w[1][2] * 5.0 + t.load(int2(2, 0)).y * 6.0 + h.height(float2(0.0, 1.0)) * 7.0 + k * 8.0;
+    return float2(f, 10.0 * f) * fixed;
+}""".replace("In in;", "In q;").replace("s[0].in.q", "s[0].q.q"))
+        self.put("m.salt", "param float k = 1.0;")
+        g = self.json_cli("grad", "s.salt", "--samples", 1024, "--precision", "f64")["gradient"]
+        self.assertEqual(set(g), {"a", "v", "mat", "s", "w", "t", "h", "m.k"})
+        def near(x, y):
+            if isinstance(x, list):
+                self.assertEqual(len(x), len(y))
+                for p, q in zip(x, y):
+                    near(p, q)
+            else:
+                self.assertAlmostEqual(x, y, delta=1e-9)
+        one, z = lambda k: [k, 10.0 * k], [0, 0]
+        near(g["a"], one(1))
+        near(g["v"], [z, one(1)])
+        near(g["mat"], [[z, one(2)], [z, z]])
+        self.assertEqual(list(g["s"][1]), ["c", "q"])
+        self.assertEqual(list(g["s"][1]["q"]), ["q"])  # the integer has no place
+        near(g["s"][1]["c"], [z, one(3)])
+        near(g["s"][0]["q"]["q"], one(4))
+        near(g["w"], [[z, z, z], [z, z, one(5)]])
+        near(g["t"], [[[z, z], [z, z], [z, one(6)]], [[z, z]] * 3])
+        near(g["h"], [[one(7), z], [z, z], [z, z]])
+        near(g["m.k"], one(8))
+        g = self.json_cli("grad", "s.salt", "--samples", 1024, "--wrt", "s[1].c,mat[0][1],a,w[1]")["gradient"]
+        self.assertEqual(list(g), ["s[1].c", "mat[0][1]", "a", "w[1]"])
+        near(g["s[1].c"], [z, one(3)])
+        near(g["mat[0][1]"], one(2))
+        near(g["w[1]"], [z, z, one(5)])
+        for bad in ("nope", "n", "fixed", "s[9].c", "s[1].c.z", "a.x"):
+            self.run_cli("grad", "s.salt", "--wrt", bad, code=2)
+
+    def test_parts_add_up(self):
+        self.put("c.salt", CIRCLE)
+        args = ["grad", "c.salt", "--samples", 8192, "--seed", 3]
+        whole, inner, edge = self.json_cli(*args), self.json_cli(*args, "--interior-only"), self.json_cli(*args, "--boundary-only")
+        for p in ("radius", "ink"):
+            self.assertAlmostEqual(inner["gradient"][p] + edge["gradient"][p], whole["gradient"][p], delta=1e-12)
+        self.assertEqual(inner["gradient"]["radius"], 0)
+        self.assertEqual(edge["gradient"]["ink"], 0)
+
+    def test_estimators(self):
+        self.put("c.salt", CIRCLE)
+        for e in ("lattice", "scanline", "snap-knn", "snap-crofton", "fd"):
+            j = self.json_cli("grad", "c.salt", "--samples", 65536, "--estimator", e)
+            self.assertAlmostEqual(j["gradient"]["radius"], 0.75 * TAU * 0.4, delta=0.12, msg=e)
+            self.assertAlmostEqual(j["gradient"]["ink"], math.pi * 0.16, delta=0.05, msg=e)
+
+    def test_precision(self):
+        self.put("c.salt", CIRCLE)
+        a, b = (self.json_cli("grad", "c.salt", "--samples", 16384, "--precision", p)["gradient"]["radius"] for p in ("f32", "f64"))
+        self.assertNotEqual(a, b)
+        self.assertAlmostEqual(a, b, delta=1e-2)
+
+    def test_widths_and_targets(self):
+        self.put("c.salt", CIRCLE)
+        want = self.json_cli("grad", "c.salt", "--samples", 16384, "--width", 16)["gradient"]
+        runs = [(["--width", w], {}) for w in (1, 4, 8)] + [([], {"SALTUS_TARGET": t}) for t in ("sse2", "avx2")] + [(["--target-cpu", "sse2"], {}), (["--no-cache"], {}), (["--interpret"], {})]
+        for args, env in runs:
+            g = self.json_cli("grad", "c.salt", "--samples", 16384, *args, env=env)["gradient"]
+            for p in ("radius", "ink"):
+                self.assertAlmostEqual(g[p], want[p], delta=2e-5 if args != ["--interpret"] else 1e-4, msg=str((args, env)))
+        self.run_cli("grad", "c.salt", "--target-cpu", "z80", code=2)
+
+    def test_human_table(self):
+        self.put("c.salt", CIRCLE)
+        r = self.run_cli("grad", "c.salt", "--samples", 1024)
+        self.assertRegex(r.out, r"radius +1\.\d+ \+- ")
+        self.assertRegex(r.out, r"centre\.y")
+
+    def test_static(self):
+        self.put("s.salt", "param float p = 0.5;\nshader float main(float2 x) { float f = 0.0; [Disc] if (rand() < p) f = 1.0; return f; }")
+        j = self.json_cli("grad", "s.salt", "--samples", 4096)
+        self.assertTrue(any("static discontinuity" in w["message"] for w in j["warnings"]))
+        self.assertEqual(j["gradient"]["p"], 0)
+
+    def test_truncated(self):
+        self.put("t.salt", "shader float main(float2 x) { float s = 0.0; [MaxIters(3)] while (s < 10.0) s += 1.0; return s; }")
+        self.assertGreater(self.json_cli("grad", "t.salt", "--samples", 1024)["truncated"], 0)
+
+
+class Bits(Case):
+    """The same seed gives the same bits on any number of threads."""
+
+    def strip(self, text):
+        j = json.loads(text)
+        j.pop("seconds")
+        return j
+
+    def test_threads(self):
+        self.put("c.salt", COLOUR)
+        self.put("r.salt", "param float r = 0.4; shader float main(float2 x) { float f = rand(); [Disc] if (length(x - rand2()) < r) f = 1.0; return f; }")
+        self.put("t.npy", write_npy((24, 24, 3), [0.5] * 1728))
+        self.put("t1.npy", write_npy((24, 24, 1), [0.5] * 576))
+        jobs = [["render", "-o", "a.npy"], ["grad", "-o", "a.exr"], ["grad", "--integral", "--samples", 20000], ["grad", "--target"], ["grad", "--adjoint"]]
+        for shader in ("c.salt", "r.salt"):
+            for job in jobs:
+                args = [job[0], shader, "--json", "--size", 24, "--seed", 5, *job[1:]]
+                if job[-1] in ("--target", "--adjoint"):
+                    args.append("t.npy" if shader == "c.salt" else "t1.npy")
+                seen = set()
+                for t in (1, 2, 5):
+                    out = json.dumps(self.strip(self.run_cli(*args, "--threads", t).out))
+                    if "-o" in job:
+                        out += str(hash(self.get(job[-1])))
+                    seen.add(out)
+                self.assertEqual(len(seen), 1, args)
+                args[args.index("--seed") + 1] = 6
+                out = json.dumps(self.strip(self.run_cli(*args).out)) + (str(hash(self.get(job[-1]))) if "-o" in job else "")
+                self.assertNotIn(out, seen, "another seed, other bits: %s" % args)
+
+    def test_estimators(self):
+        self.put("c.salt", CIRCLE)
+        for e in ("lattice", "scanline", "snap-knn", "snap-crofton", "fd"):
+            seen = {json.dumps(self.strip(self.run_cli("grad", "c.salt", "--json", "--samples", 5000, "--estimator", e, "--threads", t).out)) for t in (1, 2, 5)}
+            self.assertEqual(len(seen), 1, e)
+
+
+class Images(Case):
+    def test_layers(self):
+        self.put("c.salt", COLOUR)
+        j = self.json_cli("grad", "c.salt", "--size", "24x16", "--spp", 16, "-o", "g.exr")
+        self.assertEqual(j["outputs"], ["g.exr"])
+        h, planes, types = read_exr(self.get("g.exr"))
+        want = {"R", "G", "B", "crossings.Y"} | {"d.%s.%s" % (p, c) for p in ("radius", "ink.0", "ink.1", "ink.2") for c in "RGB"}
+        self.assertEqual(set(planes), want)
+        total = sum(sum(r) for r in planes["d.radius.G"]) / (24 * 16) * 4
+        self.assertAlmostEqual(total, (0.3 - 1) * TAU * 0.4, delta=0.12)
+        total = sum(sum(r) for r in planes["d.ink.1.G"]) / (24 * 16) * 4
+        self.assertAlmostEqual(total, math.pi * 0.16, delta=0.03)
+        self.assertEqual(sum(sum(map(abs, r)) for r in planes["d.ink.1.R"]), 0)
+        self.assertGreater(sum(map(sum, planes["crossings.Y"])), 0)
+        self.run_cli("render", "c.salt", "--size", "24x16", "--spp", 16, "-o", "p.exr")
+        self.assertEqual(read_exr(self.get("p.exr"))[1]["R"], planes["R"])
+
+    def test_wrt_component(self):
+        self.put("d.salt", """struct D { float2 centre; float radius; };
+D f(int i) { D d = { float2(0.2 * i, 0.5), 0.1 }; return d; }
+param D discs[40] = init(f);
+shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 40; i++) { [Disc] if (length(x - discs[i].centre) < discs[i].radius) s += 1.0; } return s; }""")
+        r = self.run_cli("grad", "d.salt", "--size", 8, "-o", "g.exr", code=6)
+        self.assertIn("--wrt", r.err)
+        self.no_leftovers()
+        self.run_cli("grad", "d.salt", "--size", 32, "--wrt", "discs[3].centre.x,discs[2].radius", "-o", "g.exr")
+        planes = read_exr(self.get("g.exr"))[1]
+        self.assertEqual(len([p for p in planes if p.startswith("d.")]), 2)
+        self.assertIn("d.discs[3].centre.x.Y", planes)
+        self.run_cli("grad", "d.salt", "--size", 8, "--wrt", "discs[1],discs[2].centre", "-o", "g.exr")
+        names = {p for p in read_exr(self.get("g.exr"))[1] if p.startswith("d.")}
+        self.assertEqual(names, {"d.discs[1].%d.Y" % i for i in range(3)} | {"d.discs[2].centre.%d.Y" % i for i in range(2)})
+
+    def test_png(self):
+        self.put("c.salt", CIRCLE)
+        self.run_cli("grad", "c.salt", "--size", 32, "--spp", 16, "--wrt", "radius", "-o", "g.png")
+        shape, v = read_png(self.get("g.png"))
+        self.assertGreaterEqual(shape[0], 32)
+        self.assertEqual(shape[2], 3)
+        self.run_cli("grad", "c.salt", "--size", 32, "-o", "all.png")
+        self.assertGreater(read_png(self.get("all.png"))[0][1], 3 * 32)
+
+    def test_other_formats(self):
+        self.put("c.salt", CIRCLE)
+        self.run_cli("grad", "c.salt", "--size", "8x4", "--wrt", "radius", "-o", "g.npy")
+        self.assertEqual(read_npy(self.get("g.npy"))[0][:2], (4, 8))
+        self.run_cli("grad", "c.salt", "--size", 8, "-o", "no/g.exr", code=5)
+        self.run_cli("grad", "c.salt", "--size", 8, "-o", "g.gif", code=2)
+
+
+class Losses(Case):
+    def test_target(self):
+        self.put("s.salt", SMOOTH)
+        self.put("t.npy", write_npy((4, 4, 1), [0.5] * 16))
+        j = self.json_cli("grad", "s.salt", "--size", 4, "--spp", 64, "--target", "t.npy")
+        self.assertLessEqual(KEYS | {"loss"}, set(j))
+        self.run_cli("render", "s.salt", "--size", 4, "--spp", 4096, "-o", "i.npy")
+        img = read_npy(self.get("i.npy"))[1]
+        self.assertAlmostEqual(j["loss"], sum((v - 0.5) ** 2 for v in img) / 16, delta=2e-3)
+        want = sum(2 * (v - 0.5) * ((i % 4) + 0.5) / 4 for i, v in enumerate(img)) / 16
+        self.assertAlmostEqual(j["gradient"]["a"], want, delta=1e-2)
+
+    def test_adjoint(self):
+        """The sum of adjoint times image is linear in the adjoint, and agrees with the derivative image."""
+        self.put("c.salt", COLOUR)
+        size = ["--size", "8x6", "--spp", 16, "--seed", 2]
+        self.put("a.exr", write_exr(8, 6, {c: [[1.0 * (k + 1)] * 8 for _ in range(6)] for k, c in enumerate("RGB")}))
+        j = self.json_cli("grad", "c.salt", *size, "--adjoint", "a.exr")
+        self.run_cli("grad", "c.salt", *size, "-o", "g.exr")
+        planes = read_exr(self.get("g.exr"))[1]
+        for p, layer in (("radius", "d.radius"),):
+            want = sum((k + 1) * sum(map(sum, planes["%s.%s" % (layer, c)])) for k, c in enumerate("RGB"))
+            self.assertAlmostEqual(j["gradient"][p], want, delta=0.15 * abs(want))
+        self.assertAlmostEqual(j["gradient"]["ink"][2], 3 * sum(map(sum, planes["d.ink.2.B"])), delta=1e-3)
+        total = sum((k + 1) * sum(map(sum, planes[c])) for k, c in enumerate("RGB"))
+        self.assertAlmostEqual(j["loss"], total, delta=1e-3 * abs(total))
+        self.run_cli("grad", "c.salt", "--size", 5, "--adjoint", "a.exr", code=4)
+
+    def test_files(self):
+        self.put("c.salt", COLOUR)
+        self.assertIn("none.exr", self.run_cli("grad", "c.salt", "--size", 4, "--target", "none.exr", code=4).err)
+        self.put("bad.exr", b"\x76\x2f\x31\x01junk")
+        self.put("bad.png", b"\x89PNG\r\n\x1a\nxx")
+        self.put("bad.npy", b"\x93NUMPY\x01\x00\xff\xff{}")
+        self.put("bad.pfm", b"PF\n1000000 1000000\n-1\n")
+        for n in ("bad.exr", "bad.png", "bad.npy", "c.salt"):
+            self.run_cli("grad", "c.salt", "--size", 4, "--target", n, code=4)
+        self.run_cli("grad", "c.salt", "--size", 4, "--target", "bad.pfm", code=6)  # a size beyond the limit
+        # A PNG target is sRGB: 188 is 0.5.
+        rows = b"".join(b"\0" + bytes([188] * 12) for _ in range(4))
+        def chunk(k, b):
+            return struct.pack(">I", len(b)) + k + b + struct.pack(">I", zlib.crc32(k + b))
+        self.put("t.png", b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 4, 4, 8, 2, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+        self.put("k.salt", "param float a = 0.0; shader float3 main(float2 x) { return float3(a); }")
+        j = self.json_cli("grad", "k.salt", "--size", 4, "--target", "t.png")
+        self.assertAlmostEqual(j["loss"], 0.2510, delta=3e-3)
+        r = self.run_cli("grad", "k.salt", "--size", 8, "--target", "t.png")
+        self.assertIn("resized", r.err)
+
+
+class Check(Case):
+    def test_pass(self):
+        self.put("c.salt", CIRCLE)
+        r = self.run_cli("check", "c.salt", "--samples", 65536)
+        self.assertRegex(r.out, r"radius .*PASS")
+        j = self.json_cli("check", "c.salt", "--samples", 65536)
+        self.assertTrue(j["pass"])
+        self.assertEqual([row["param"] for row in j["rows"]], ["radius", "centre.x", "centre.y", "ink"])
+        for row in j["rows"]:
+            self.assertLessEqual({"ad", "fd", "fd_stderr", "step", "slope", "z", "pass"}, set(row))
+        self.put("s.salt", SMOOTH)
+        for row in self.json_cli("check", "s.salt", "--precision", "f64", "--wrt", "b")["rows"]:
+            self.assertAlmostEqual(row["slope"], 2, delta=0.1)
+
+    def test_fail(self):
+        self.put("w.salt", "param float r = 0.4;\nshader float main(float2 x) { float f = 0.0; [NoDisc] if (length(x - 0.5) < r) f = 1.0; return f; }")
+        r = self.run_cli("check", "w.salt", "--samples", 65536, code=1)
+        self.assertRegex(r.out, r"r .*FAIL")
+        self.assertFalse(self.json_cli("check", "w.salt", "--samples", 65536, code=1)["pass"])
+        self.put("t.salt", "float df(float a, float da) { return 3.0 * da; }\n[Tangent(df)] float f(float a) { return a * a; }\nparam float p = 0.7;\nshader float main(float2 x) { return f(p) * x.x; }")
+        self.run_cli("check", "t.salt", "--samples", 4096, code=1)
+
+
+class Explain(Case):
+    def test_sections(self):
+        self.put("c.salt", CIRCLE + "[NoDiff] param float off = 1.0; param float unused = 2.0;\n")
+        r = self.run_cli("explain", "c.salt")
+        for s in ("sites", "events bound", "kernels", "without a gradient", "structures built", "left out", "time to compile"):
+            self.assertIn(s, r.out)
+        self.assertIn("c.salt:8:", r.out)
+        j = self.json_cli("explain", "c.salt")
+        self.assertEqual(len(j["sites"]), 1)
+        self.assertEqual((j["sites"][0]["line"], j["sites"][0]["kind"]), (8, "comparison"))
+        self.assertEqual(j["events_bound"], 1)
+        self.assertIn("value", j["kernels"])
+        self.assertIn("off", j["no_gradient"])
+        self.assertIn("left_out", j)
+
+    def test_codes(self):
+        r = self.run_cli("explain", "E0101")
+        self.assertIn("E0101", r.out)
+        self.assertGreater(len(r.out), 100)
+        self.run_cli("explain", "E9999", code=2)
+        self.json_cli("explain", "E0101")
+
+    def test_point(self):
+        self.put("c.salt", CIRCLE)
+        r = self.run_cli("explain", "c.salt", "--at", "0.3,0.3")
+        self.assertIn("g = ", r.out)
+        self.assertIn("crossing", r.out)
+        j = self.json_cli("explain", "c.salt", "--at", "0.3,0.3")
+        self.assertTrue(j)
+        self.run_cli("explain", "c.salt", "--at", "zero", code=2)
+
+    def kernels(self, *args):
+        return self.json_cli("explain", *args)["kernels"]
+
+    def test_pay_for_what_you_use(self):
+        """No boundary kernels without a site; what --wrt leaves out has no code."""
+        self.put("s.salt", SMOOTH)
+        self.assertEqual(set(self.kernels("s.salt")), {"value", "vjp"})
+        self.put("c.salt", CIRCLE)
+        whole, ink, radius = (self.kernels("c.salt", *w) for w in ([], ["--wrt", "ink"], ["--wrt", "radius"]))
+        self.assertLess(radius["site_vjp"]["ops"], whole["site_vjp"]["ops"])
+        self.assertLess(radius["vjp"]["ops"] if "vjp" in radius else 0, whole["vjp"]["ops"])
+        self.assertLess(ink["vjp"]["ops"], whole["vjp"]["ops"] + 1)
+        self.assertLess(ink.get("site_vjp", {"ops": 0})["ops"], radius["site_vjp"]["ops"])
+        for k in whole:
+            self.assertLessEqual(radius.get(k, {"ops": 0})["ops"], whole[k]["ops"])
+        self.put("n.salt", CIRCLE.replace("float f = 0.25;", "float f = 0.25; float unused = sin(x.x) * exp(x.y) + radius; "))
+        self.assertEqual(self.kernels("n.salt")["value"]["ops"], whole["value"]["ops"])
+        many = "".join("param float p%d = 0.5;\n" % i for i in range(20)) + "shader float main(float2 x) { float s = 0.0; %s return s; }" % "".join("s += sin(p%d * x.x);" % i for i in range(20))
+        self.put("m.salt", many)
+        one, all_of_them = self.kernels("m.salt", "--wrt", "p3"), self.kernels("m.salt")
+        primal = one["value"]["ops"]  # the reverse kernel gives the value too
+        self.assertLess(10 * (one["vjp"]["ops"] - primal), all_of_them["vjp"]["ops"] - primal)
+        self.assertNotIn("p3", self.json_cli("explain", "m.salt", "--wrt", "p3")["no_gradient"])
+
+
+class Bench(Case):
+    def test_outputs(self):
+        self.put("c.salt", CIRCLE)
+        r = self.run_cli("bench", "c.salt", "--samples", 4096, "--repeats", 2, "-o", "out")
+        self.assertRegex(r.out, r"lattice +\d+")
+        self.assertEqual(sorted(os.listdir(self.path("out"))), ["bench.csv", "bench.json", "bench.svg"])
+        lines = self.get("out/bench.csv").decode().splitlines()
+        self.assertIn("seconds", lines[0])
+        self.assertTrue({"lattice", "fd"} <= {l.split(",")[0] for l in lines[1:]})
+        json.loads(self.get("out/bench.json"))
+        import xml.dom.minidom
+        self.assertEqual(xml.dom.minidom.parseString(self.get("out/bench.svg")).documentElement.tagName, "svg")
+        j = self.json_cli("bench", "c.salt", "--samples", 2048, "--repeats", 2, "--estimators", "lattice,fd")
+        self.assertEqual(set(j["curves"]), {"lattice", "fd"})
+        for p in j["curves"]["lattice"]:
+            self.assertEqual(set(p), {"samples", "evaluations", "seconds", "error"})
+        self.run_cli("bench", "c.salt", "--samples", 512, "--repeats", 1, "-o", "c.salt", code=5)
+
+    def test_kernels(self):
+        self.put("c.salt", CIRCLE)
+        j = self.json_cli("bench", "c.salt", "--kernels")
+        self.assertEqual(set(j), {"kernels", "compile_ms"})
+        self.assertEqual(set(j["compile_ms"]), {"front", "passes", "llvm", "total"})
+        self.assertLessEqual({"value", "region", "event", "sides", "vjp", "site_vjp"}, set(j["kernels"]))
+        for k in j["kernels"].values():
+            self.assertLessEqual({"ns", "width", "ops", "tape_bytes"}, set(k))
+            self.assertGreater(k["ns"], 0)
+        self.put("s.salt", SMOOTH)
+        self.assertEqual(set(self.json_cli("bench", "s.salt", "--kernels")["kernels"]), {"value", "vjp"})
+
+
+if __name__ == "__main__":
+    unittest.main()

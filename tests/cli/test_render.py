@@ -1,0 +1,379 @@
+"""saltus render, parameters, sizes, diagnostics and exit statuses."""
+from harness import *
+
+
+class Basics(Case):
+    def test_version(self):
+        r = self.run_cli("--version")
+        for word in ("saltus", "LLVM 19", "targets", "avx2", "sse2", "SIMD"):
+            self.assertIn(word, r.out)
+
+    def test_help(self):
+        r = self.run_cli("--help")
+        verbs = ("render", "grad", "fit", "check", "bench", "explain", "build")
+        for v in verbs:
+            self.assertIn("saltus " + v, r.out)
+            h = self.run_cli(v, "--help").out
+            self.assertIn("Exit status", h)
+            self.assertIn("--entry", h)
+            for line in r.out.splitlines() + h.splitlines():
+                self.assertLessEqual(len(line), 160)
+        common = ("--entry --set --param --params --size --spp --segments --samples --seed --threads --precision --disc --interior-only --boundary-only "
+                  "--estimator --width -I --json --quiet --no-cache").split()
+        h = self.run_cli("grad", "--help").out
+        for o in common + ["--filter", "--wrt", "--integral", "--target", "--adjoint"]:
+            self.assertIn("  " + o, h)
+        h = self.run_cli("fit", "--help").out
+        for o in "--iters --optimizer --lr --smooth --target --minimize -o --checkpoint --every --resume".split():
+            self.assertIn("  " + o, h)
+
+    def test_usage(self):
+        self.assertIn("render", self.run_cli(code=2).err)
+        self.assertIn("did you mean `render`", self.run_cli("rendr", "x.salt", code=2).err)
+        self.assertIn("did you mean `--samples`", self.run_cli("grad", "x.salt", "--sample", "4", code=2).err)
+        self.assertIn("not an option of `render`", self.run_cli("render", "x.salt", "--wrt", "a", code=2).err)
+        for bad in (["--size", "0"], ["--size", "4x"], ["--size", "4x4x4x4"], ["--spp", "0"], ["--spp", "-1"], ["--seed", "x"], ["--width", "3"], ["--precision", "f16"],
+                    ["--filter", "sinc"], ["--estimator", "magic"], ["--disc", "never"], ["--threads", "-2"], ["--samples", "1.5"], ["--set", "N"], ["--param", "=3"], ["--spp"]):
+            r = self.run_cli("grad", "x.salt", *bad, code=2)
+            self.assertIn(bad[0], r.err)
+            self.assertEqual(r.out, "")
+        self.run_cli("render", code=2)
+        self.run_cli("render", "a", "b", code=2)
+        self.run_cli("render", "a", "--expr", "1.0", code=2)
+        self.put("c.salt", CIRCLE)
+        self.run_cli("grad", "c.salt", "--interior-only", "--boundary-only", code=2)
+        self.run_cli("grad", "c.salt", "--integral", "--target", "t.exr", code=2)
+        self.run_cli("render", "c.salt", "-o", "x.tiff", "--size", 4, code=2)
+
+    def test_standard_input_and_expression(self):
+        a = self.run_cli("render", "-", "--size", 8, "-o", "a.npy", stdin=CIRCLE.encode())
+        self.put("c.salt", CIRCLE)
+        self.run_cli("render", "c.salt", "--size", 8, "-o", "b.npy")
+        self.assertEqual(self.get("a.npy"), self.get("b.npy"))
+        self.assertEqual(a.out, "")
+        g = self.json_cli("grad", "--expr", "length(x - 0.5) < 0.25 ? 1.0 : 0.0", "--samples", 4096)
+        self.assertAlmostEqual(g["integral"][0], 0.19635, delta=0.01)
+        self.assertEqual(g["gradient"], {})
+        self.json_cli("render", "--expr", "float3(x, 1.0)", "--size", 4)
+        self.assertIn("<expr>", self.run_cli("render", "--expr", "lenght(x)", code=3).err)
+
+    def test_json_is_alone_on_standard_output(self):
+        self.put("p.salt", "shader float main(float2 x) { print(x.x); return 1.0; }")
+        r = self.run_cli("render", "p.salt", "--size", 2, "--json", "-o", "a.png")
+        json.loads(r.out)
+        self.assertEqual(sorted(float(l) for l in r.err.splitlines())[0] < 0.5, True)
+        r = self.run_cli("render", "p.salt", "--size", 2, "-o", "a.png")
+        self.assertEqual(r.out, "")
+
+
+class Render(Case):
+    RAMP = "shader float3 main(float2 x) { return float3(x.x, x.y, 0.25); }"
+
+    def rows(self):
+        """x to the right, y up, row 0 on top: 4 x 3 pixels, one sample each in the lattice's place; the pixel mean of a ramp is its centre only
+        with many samples, so that 64 are taken."""
+        return [((i + 0.5) / 4, 1 - (j + 0.5) / 3, 0.25) for j in range(3) for i in range(4)]
+
+    def test_formats(self):
+        self.put("r.salt", self.RAMP)
+        for ext in ("exr", "png", "pfm", "npy"):
+            self.run_cli("render", "r.salt", "--size", "4x3", "--spp", 256, "-o", "a." + ext)
+        shape, v = read_npy(self.get("a.npy"))
+        self.assertEqual(shape, (3, 4, 3))
+        for a, b in zip(v, [c for p in self.rows() for c in p]):
+            self.assertAlmostEqual(a, b, delta=0.02)
+        self.assertGreater(v[1], v[-2])
+        h, planes, types = read_exr(self.get("a.exr"))
+        self.assertEqual((h["width"], h["height"]), (4, 3))
+        self.assertEqual(types, {"R": 2, "G": 2, "B": 2})
+        for j in range(3):
+            for i in range(4):
+                for k, c in enumerate("RGB"):
+                    self.assertEqual(planes[c][j][i], v[(j * 4 + i) * 3 + k])
+        shape, w = read_pfm(self.get("a.pfm"))
+        self.assertEqual((shape, tuple(w)), ((3, 4, 3), v))
+        shape, b = read_png(self.get("a.png"))
+        self.assertEqual(shape[:2], (3, 4))
+        for i in range(12):
+            for k in range(3):
+                self.assertAlmostEqual(b[i * shape[2] + k], 255 * to_srgb(v[i * 3 + k]), delta=0.51)
+
+    def test_exr_header(self):
+        self.put("c.salt", CIRCLE)
+        self.run_cli("render", "c.salt", "--size", 8, "--spp", 7, "--seed", 9, "--param", "radius=0.25", "-o", "a.exr")
+        h, planes, types = read_exr(self.get("a.exr"))
+        self.assertEqual(list(planes), ["Y"])
+        everything = " ".join(h["text"].values())
+        self.assertIn("c.salt", everything)
+        self.assertIn("saltus 0.", everything)
+        params = [v for k, v in h["text"].items() if "param" in k]
+        self.assertEqual(json.loads(params[0])["radius"], 0.25)
+        numbers = {k.split(":")[-1]: v for k, v in h["number"].items()}
+        self.assertEqual((numbers["seed"], numbers["spp"]), (9, 7))
+
+    def test_channels(self):
+        for n, names in ((1, "Y"), (2, "RG"), (3, "RGB"), (4, "RGBA")):
+            t = "float" if n == 1 else "float%d" % n
+            self.put("s.salt", "shader %s main(float2 x) { return %s; }" % (t, "0.5" if n == 1 else t + "(0.5)"))
+            self.run_cli("render", "s.salt", "--size", 3, "-o", "a.exr")
+            self.assertEqual(sorted(read_exr(self.get("a.exr"))[1]), sorted(names))
+            self.run_cli("render", "s.salt", "--size", 3, "-o", "a.png")
+            self.run_cli("render", "s.salt", "--size", 3, "-o", "a.npy")
+            self.assertEqual(read_npy(self.get("a.npy"))[0], (3, 3, n))
+
+    def test_sizes(self):
+        self.put("one.salt", "shader float main(float x) { return x; }")
+        self.put("two.salt", SMOOTH)
+        self.put("three.salt", "shader float main(float3 x) { return x.x + 10.0 * x.y + 100.0 * x.z; }")
+        for args, shape in ((["one.salt", "--size", "5"], (1, 5, 1)), (["two.salt", "--size", "5"], (5, 5, 1)), (["two.salt", "--size", "5x3"], (3, 5, 1)),
+                            (["three.salt", "--size", "4"], (4, 4, 4, 1)), (["three.salt", "--size", "4x3x2"], (2, 3, 4, 1))):
+            self.run_cli("render", *args, "-o", "a.npy")
+            self.assertEqual(read_npy(self.get("a.npy"))[0], shape)
+        j = self.json_cli("render", "two.salt")
+        self.assertEqual(j["size"][:2], [512, 512])
+        self.run_cli("render", "two.salt", "--size", "4x4x2", code=2)
+        self.assertIn("limit", self.run_cli("render", "two.salt", "--size", "1048576x1048576", code=6).err)
+        self.run_cli("render", "one.salt", "--size", 16, "-o", "c.npy", "--spp", 64)
+        v = read_npy(self.get("c.npy"))[1]
+        for i in range(16):
+            self.assertAlmostEqual(v[i], (i + 0.5) / 16, delta=0.01)
+
+    def test_rgba8(self):
+        self.put("r.salt", self.RAMP)
+        self.run_cli("render", "r.salt", "--size", "33x7", "--format", "rgba8", "-o", "a.png")
+        shape, v = read_png(self.get("a.png"))
+        self.assertEqual(shape, (7, 33, 4))
+        self.assertGreater(v[1], v[-3])
+        self.assertEqual(set(v[3::4]), {255})
+        for w in (1, 4, 8, 16):
+            self.run_cli("render", "r.salt", "--size", "33x7", "--format", "rgba8", "-o", "b.png", "--width", w)
+            self.assertEqual(read_png(self.get("b.png"))[1], v)
+
+    def test_filters(self):
+        self.put("c.salt", CIRCLE)
+        seen = set()
+        for f in ("box", "tent", "gaussian"):
+            j = self.json_cli("render", "c.salt", "--size", 16, "--spp", 16, "--filter", f, "-o", f + ".npy")
+            self.assertAlmostEqual(j["mean"][0], 0.25 + 0.75 * 3.14159 * 0.16 / 4, delta=0.02)
+            seen.add(self.get(f + ".npy"))
+        self.assertEqual(len(seen), 3)
+
+    def test_entries(self):
+        self.put("e.salt", "shader float a(float2 x) { return 0.25; } shader float b(float2 x) { return 0.75; }")
+        self.assertEqual(self.json_cli("render", "e.salt", "--entry", "b", "--size", 2)["mean"], [0.75])
+        self.run_cli("render", "e.salt", "--entry", "c", code=2)
+        self.assertRegex(self.run_cli("render", "e.salt", code=3).err, r"e\.salt:\d+:\d+: error")
+
+    def test_disk(self):
+        self.put("c.salt", CIRCLE)
+        for name in ("no/such/a.exr", "no/such/a.png", "no/a.npy", "no/a.pfm", "/dev/full/a.exr"):
+            self.run_cli("render", "c.salt", "--size", 4, "-o", name, code=5)
+        self.no_leftovers()
+        if os.path.exists("/dev/full"):
+            with open("/dev/full", "w") as full:
+                p = subprocess.run([BIN, "render", "c.salt", "--size", "4", "--json"], cwd=self.dir, stdout=full, stderr=subprocess.PIPE, env=self.environment())
+            self.assertEqual(p.returncode, 5)
+        # A file size limit stands for the full disk: the temporary file must go again, an old file must stay.
+        self.put("old.exr", b"old")
+        import resource
+        def limit():
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        for name in ("old.exr", "new.exr", "new.npy", "new.pfm", "new.png"):
+            p = subprocess.run([BIN, "render", "-", "--size", "256", "--no-cache", "-o", name], input=b"shader float main(float2 x) { return rand(); }", cwd=self.dir, capture_output=True,
+                               env=self.environment(), preexec_fn=limit)
+            self.assertEqual(p.returncode, 5, p.stderr)
+        self.assertEqual(self.get("old.exr"), b"old")
+        self.no_leftovers("old.exr")
+
+    def test_time_limit(self):
+        self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
+        start = time.time()
+        self.run_cli("render", "slow.salt", "--size", 512, "--spp", 64, "--max-seconds", "0.5", "-o", "a.exr", code=6)
+        self.assertLess(time.time() - start, 10)
+        self.no_leftovers()
+
+    def test_interrupt(self):
+        self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
+        p = self.start_cli("render", "slow.salt", "--size", 512, "--spp", 64, "-o", "a.exr")
+        time.sleep(1.0)
+        p.send_signal(signal.SIGINT)
+        out, err = p.communicate(timeout=20)
+        self.assertEqual(p.returncode, 130, err)
+        self.no_leftovers()
+
+
+class Parameters(Case):
+    def setUp(self):
+        super().setUp()
+        self.put("mod.salt", "const int Q = 1;\nparam float k = 0.125;\nfloat use(float z) { return z * k * Q; }\n")
+        self.put("p.salt", """
+import mod;
+const int N = 3;
+const int M = N * 2;
+struct Disc { float2 centre; float radius; int tag; };
+Disc make(int i) { Disc d = { float2(0.1 * i, 0.2), 0.25, i }; return d; }
+param Disc discs[N] = init(make);
+param float a = 0.5;
+param float3 v = float3(1.0, 2.0, 3.0);
+param float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0);
+param float w[2][3] = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };
+param int n = 4;
+param bool on = true;
+param uint u = 7u;
+[NoDiff] param float fixed = 1.0;
+param texture2D t = zeros(3, 2, 2);
+param heightfield h = zeros(2, 2);
+shader float main(float2 x) {
+    float s = a * fixed + v.x * x.x + v.y * 2.0 + v.z + m[0][1] + m[1][0] * x.y + w[1][2] + n + float(u) + use(1.0) + M;
+    for (int i = 0; i < N; i++) s += discs[i].centre.x * discs[i].radius + discs[i].tag;
+    s += t.sample(x).x + 2.0 * t.sample(x).y + h.height(x);
+    return on ? s : -s;
+}
+""")
+
+    def mean(self, *args, **kw):
+        return self.json_cli("render", "p.salt", "--integral", "--samples", 4096, "--precision", "f64", *args, **kw)["integral"][0]
+
+    def test_forms(self):
+        base = self.mean()
+        def moved(by, *args):
+            self.assertAlmostEqual(self.mean(*args) - base, by, delta=1e-6, msg=str(args))
+        moved(0.5, "--param", "a=1.0")
+        moved(0.5, "--param", "a=1.")
+        moved(0.0, "--param", "a=.5")
+        moved(-0.4, "--param", "a=1e-1")
+        moved(8.0, "--param", "v=[1, 6, 3]")
+        moved(8.0, "--param", "v=1,6,3")
+        moved(8.0, "--param", "v.y=6")
+        moved(1.0, "--param", "m[0][1]=3")
+        moved(1.0, "--param", "m=[[1,3],[3,4]]")
+        moved(4.0, "--param", "w[1][2]=10")
+        moved(4.0, "--param", "w=[[1,2,3],[4,5,10]]")
+        moved(0.25, "--param", "discs[1].centre.x=1.1")
+        moved(5.0, "--param", "n=9")
+        moved(2.0, "--param", "u=9")
+        moved(0.875, "--param", "mod.k=1")
+        moved(0.5, "--param", "fixed=2")
+        moved(2.0, "--param", "h=[[2,2],[2,2]]")
+        moved(5.0, "--param", "t=[[[1,2],[1,2],[1,2]],[[1,2],[1,2],[1,2]]]")
+        moved(2.0, "--set", "M=8")
+        moved(0.125, "--set", "mod.Q=2")
+        self.assertAlmostEqual(self.mean("--param", "on=false"), -base, delta=1e-6)
+        # N = 5: two more discs at x = 0.3 and 0.4, tags 3 and 4, M = 10
+        moved(0.25 * 0.7 + 7 + 4, "--set", "N=5")
+
+    def test_files(self):
+        base = self.mean()
+        def moved(by, *args):
+            self.assertAlmostEqual(self.mean(*args) - base, by, delta=1e-6, msg=str(args))
+        self.put("w.csv", "1,2,3\n4,5,10\n")
+        self.put("w.json", "[[1,2,3],[4,5,10]]")
+        self.put("w.npy", write_npy((2, 3), [1, 2, 3, 4, 5, 10]))
+        self.put("w.exr", write_exr(3, 2, {"Y": [(1, 2, 3), (4, 5, 10)]}))
+        self.put("d.csv", "# discs\n0.5,0,1,0\n0.5,0,1,0\n0.5,0,1,0\n")
+        for ext in ("csv", "json", "npy", "exr"):
+            moved(4.0, "--param", "w=@w." + ext)
+        moved(1.5 - 0.075 - 3, "--param", "discs=@d.csv")
+        self.put("t.exr", write_exr(3, 2, {"R": [(1, 1, 1), (1, 1, 1)], "G": [(2, 2, 2), (2, 2, 2)]}))
+        moved(5.0, "--param", "t=@t.exr")
+        self.put("h.npy", write_npy((2, 2), [2, 2, 2, 2]))
+        moved(2.0, "--param", "h=@h.npy")
+        self.put("all.json", '{"a": 1.0, "v": [1, 6, 3], "mod.k": 1}')
+        moved(0.5 + 8 + 0.875, "--params", "all.json")
+        moved(0.25 + 8 + 0.875, "--params", "all.json", "--param", "a=0.75")
+
+    def test_bad(self):
+        for p in ("b=1", "a=x", "a=[1,2]", "v=[1,2]", "v=1", "v.q=1", "discs[7].radius=1", "n=1.5", "on=2", "k=1", "main=3", "discs[0].centre=5", "u=-1"):
+            r = self.run_cli("render", "p.salt", "--size", 2, "--param", p, code=2)
+            self.assertTrue(p.split("=")[0].split(".")[0].split("[")[0] in r.err, (p, r.err))
+        self.assertIn("radius", self.run_cli("render", "p.salt", "--param", "discs[0].radus=1", code=2).err)
+        for s in ("Z=1", "N=x", "N=1.5", "a=1"):
+            self.assertTrue(self.run_cli("render", "p.salt", "--size", 2, "--set", s, code=2).err)
+        self.put("w.csv", "1,2\n")
+        self.put("bad.json", '{"a": ')
+        self.put("unknown.json", '{"aa": 1}')
+        self.put("shape.json", '{"v": [1, 2]}')
+        for args in (["--param", "w=@missing.csv"], ["--param", "w=@w.csv"], ["--params", "missing.json"], ["--params", "bad.json"], ["--params", "unknown.json"], ["--params", "shape.json"],
+                     ["--param", "t=@missing.exr"], ["--param", "h=@w.csv"]):
+            r = self.run_cli("render", "p.salt", "--size", 2, *args, code=4)
+            self.assertIn(args[1].split("@")[-1], r.err)
+
+    def test_open_size(self):
+        self.put("o.salt", 'param float pts[][2] = "pts.npy";\nshader float main(float2 x) { float s = 0.0; for (int i = 0; i < len(pts); i++) s += pts[i].y; return s; }'.replace("pts[i].y", "pts[i][1]"))
+        self.put("pts.npy", write_npy((3, 2), [0, 1, 0, 2, 0, 3]))
+        self.assertEqual(self.json_cli("render", "o.salt", "--size", 2)["mean"], [6])
+        self.put("five.npy", write_npy((5, 2), [0, 1] * 5))
+        self.assertEqual(self.json_cli("render", "o.salt", "--size", 2, "--param", "pts=@five.npy")["mean"], [5])
+        os.remove(self.path("pts.npy"))
+        self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
+
+    def test_not_a_number(self):
+        for v in ("nan", "inf", "-inf", "1e308", "1e-320"):
+            for verb in ("render", "grad"):
+                extra = ["--size", 4] if verb == "render" else ["--samples", 1024]
+                self.assertIn(self.run_cli(verb, "p.salt", "--json", "--param", "a=" + v, *extra, code=None).code, (0, 2, 4))
+        self.put("c.salt", CIRCLE)
+        for v in ("nan", "inf", "0", "-1", "1e30"):
+            r = self.run_cli("grad", "c.salt", "--json", "--samples", 1024, "--param", "radius=" + v)
+            json.loads(r.out, parse_constant=lambda n: self.fail(n))
+
+
+class Errors(Case):
+    def test_program(self):
+        self.put("bad.salt", "shader float main(float2 x) {\n    float y = lenght(x);\n    return z;\n}\n")
+        r = self.run_cli("render", "bad.salt", code=3)
+        self.assertRegex(r.err, r"bad\.salt:2:15: error: .*E0101|bad\.salt:2:15: error")
+        self.assertRegex(r.err, r"bad\.salt:3:12: error")
+        self.assertIn("length", r.err)
+        self.assertIn("^", r.err)
+        self.assertEqual(r.out, "")
+        r = self.run_cli("render", "bad.salt", "--json", code=3)
+        d = self.lsp(r.err)
+        self.assertEqual(len(d), 2)
+        self.assertEqual(d[0]["range"]["start"], {"line": 1, "character": 14})
+        self.assertTrue(d[0]["uri"].endswith("bad.salt"))
+        self.assertEqual(d[0]["severity"], 1)
+        self.assertEqual([l for l in r.err.splitlines() if not l.startswith("{")], [])
+
+    def test_missing(self):
+        self.put("i.salt", "import nosuch;\nshader float main(float2 x) { return 1.0; }")
+        self.assertRegex(self.run_cli("render", "i.salt", code=3).err, r"i\.salt:1:\d+: error")
+        self.put("e.salt", "float f(float x) { return x; }\n")
+        self.assertRegex(self.run_cli("render", "e.salt", code=3).err, r"e\.salt:\d+:\d+: error")
+        self.put("empty.salt", "")
+        self.assertRegex(self.run_cli("render", "empty.salt", code=3).err, r"empty\.salt:\d+:\d+: error")
+        self.put("a.salt", 'param texture2D t = "none.exr";\nshader float main(float2 x) { return t.sample(x); }')
+        self.assertIn("none.exr", self.run_cli("render", "a.salt", code=4).err)
+        self.assertIn("nothere.salt", self.run_cli("render", "nothere.salt", code=4).err)
+        self.assertTrue(self.run_cli("render", ".", code=4).err)
+        self.put("bin.salt", bytes(range(256)) * 8)
+        self.run_cli("render", "bin.salt", code=3)
+
+    def test_assert(self):
+        self.put("a.salt", "shader float main(float2 x) { assert(x.x < 0.5); return 1.0; }")
+        for args in (["render", "a.salt", "--size", 4], ["grad", "a.salt", "--samples", 1024]):
+            r = self.run_cli(*args, "--json", code=1)
+            self.assertGreater(r.json["asserts_failed"], 0)
+            self.assertIn("assert", r.err)
+
+    def test_import_folders(self):
+        self.put("lib/m.salt", "float twice(float x) { return 2.0 * x; }")
+        self.put("s.salt", "import m;\nshader float main(float2 x) { return twice(0.25); }")
+        self.run_cli("render", "s.salt", "--size", 2, code=3)
+        self.assertEqual(self.json_cli("render", "s.salt", "--size", 2, "-I", "lib")["mean"], [0.5])
+        self.assertEqual(self.json_cli("render", "s.salt", "--size", 2, "-Ilib")["mean"], [0.5])
+
+    def test_warnings(self):
+        self.put("w.salt", "param float r = 0.5;\nshader float main(float2 x) { if (x.x < r) return 1.0; return 0.0; }")
+        j = self.json_cli("grad", "w.salt", "--samples", 1024)
+        self.assertEqual(len(j["warnings"]), 1)
+        self.assertEqual(j["warnings"][0]["severity"], 2)
+        self.assertIn("untracked discontinuity", j["warnings"][0]["message"])
+        auto = self.json_cli("grad", "w.salt", "--samples", 4096, "--disc", "auto")
+        self.assertEqual(auto["warnings"], [])
+        self.assertAlmostEqual(auto["gradient"]["r"], 1.0, delta=1e-3)
+
+
+if __name__ == "__main__":
+    unittest.main()
