@@ -116,7 +116,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
         qsort(ns[k], ROUNDS, sizeof **ns, compare);
         double median = ns[k][ROUNDS / 2];
         if (shown[k] == K_VALUE) base = median;
-        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]]) : p->scene.width, ops = walk_size(p->fn[shown[k]]->body);
+        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]]) : p->scene.width, ops = walk_fn_size(p->fn[shown[k]]);
         unsigned long long tape = p->tape[shown[k]].bytes_per_lane;
         if (c->json) {
             printf("%s\"%s\": {\"ns\": ", first ? "" : ", ", kernel_names[shown[k]]);

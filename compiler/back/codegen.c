@@ -3,6 +3,7 @@
  * Nearly all optimisation is done on our own IR; LLVM gets values in SSA form already and is asked for what only it
  * sees: common addresses and splats, dead masks, machine code. The list was measured: a longer one costs more than it
  * gains. */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -117,6 +118,44 @@ static void write_module(Job *j) {
     ll->DisposeMemoryBuffer(buffer);
 }
 
+/* The name of a part: an internal function. */
+static const char *part_name(Job *j, const char *name, uint32_t part) { return arena_printf(&j->session->session, "%s.part%u", name, part); }
+
+/* A kernel over many sites is one function a part, and one that switches on the uniform site number: LLVM's time stays linear. */
+static const char *emit_in_parts(Job *j, const KernelRequest *k) {
+    const LlvmApi *ll = &j->api;
+    uint32_t part = 0;
+    for (Fn *fn = k->fn; fn; fn = fn->next_part) {
+        KernelRequest one = {part_name(j, k->name, part++), fn};
+        const char *why = back_emit_kernel(ll, j->ctx, j->mod, &one, j->o, j->width);
+        if (why) return why;
+        ll->SetLinkage(ll->GetNamedFunction(j->mod, one.name), LLVMInternalLinkage);
+    }
+    LLVMTypeRef i32 = ll->Int32TypeInContext(j->ctx), i64 = ll->Int64TypeInContext(j->ctx), i8 = ll->Int8TypeInContext(j->ctx);
+    LLVMTypeRef types[2] = {ll->PointerTypeInContext(j->ctx, 0), i32};
+    LLVMTypeRef type = ll->FunctionType(ll->VoidTypeInContext(j->ctx), types, 2, false);
+    LLVMValueRef f = ll->AddFunction(j->mod, k->name, type);
+    LLVMBuilderRef b = ll->CreateBuilderInContext(j->ctx);
+    LLVMBasicBlockRef entry = ll->AppendBasicBlockInContext(j->ctx, f, "entry"), done = ll->AppendBasicBlockInContext(j->ctx, f, "done");
+    ll->PositionBuilderAtEnd(b, done);
+    ll->BuildRetVoid(b);
+    ll->PositionBuilderAtEnd(b, entry);
+    LLVMValueRef args[2] = {ll->GetParam(f, 0), ll->GetParam(f, 1)}, offset = ll->ConstInt(i64, offsetof(SltKernelArgs, site), false);
+    LLVMValueRef site = ll->BuildLoad2(b, i32, ll->BuildGEP2(b, i8, args[0], &offset, 1, ""), "site");
+    LLVMValueRef pick = ll->BuildSwitch(b, site, done, k->fn->nsites);
+    part = 0;
+    for (Fn *fn = k->fn; fn; fn = fn->next_part) {
+        LLVMBasicBlockRef at = ll->AppendBasicBlockInContext(j->ctx, f, "part");
+        ll->PositionBuilderAtEnd(b, at);
+        ll->BuildCall2(b, type, ll->GetNamedFunction(j->mod, part_name(j, k->name, part++)), args, 2, "");
+        ll->BuildBr(b, done);
+        for (uint32_t s = 0; s < fn->nsites; s++)
+            if (fn->serves[s]) ll->AddCase(pick, ll->ConstInt(i32, s, false), at);
+    }
+    ll->DisposeBuilder(b);
+    return NULL;
+}
+
 static void generate(Session *s, void *arg) {
     Job *j = arg;
     const LlvmApi *ll = &j->api;
@@ -126,7 +165,7 @@ static void generate(Session *s, void *arg) {
     if (!open_target(j)) return;
     for (uint32_t k = 0; k < j->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
-        const char *why = back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, j->width);
+        const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k]) : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, j->width);
         if (why) fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
         arena_reset(&s->scratch, mark);
         if (why) return;
@@ -144,8 +183,12 @@ static void generate(Session *s, void *arg) {
     start = now_ms();
     if (!run_passes(j)) return;
     j->out->instructions = ARENA_ARRAY(&s->session, uint32_t, j->n + 1);
-    for (uint32_t k = 0; k < j->n; k++)
+    for (uint32_t k = 0; k < j->n; k++) {
         j->out->instructions[k] = count_instructions(ll, ll->GetNamedFunction(j->mod, j->k[k].name));
+        uint32_t part = 0;
+        for (Fn *fn = j->k[k].fn->next_part ? j->k[k].fn : NULL; fn; fn = fn->next_part)
+            j->out->instructions[k] += count_instructions(ll, ll->GetNamedFunction(j->mod, part_name(j, j->k[k].name, part++)));
+    }
     write_module(j);
     j->out->llvm_ms = now_ms() - start;
 }

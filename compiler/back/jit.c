@@ -98,13 +98,15 @@ static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const B
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {
-        Fn *fn = k[j].fn;
         size_t name = strlen(k[j].name) + 1;
-        uint32_t facts[4] = {fn->precision, fn->nfloats, fn->nints, ir_number(fn)};
-        XXH3_128bits_update(state, k[j].name, name);
-        XXH3_128bits_update(state, facts, sizeof facts);
-        key.len += name + sizeof facts;
-        hash_block(state, fn->body, &key.len);
+        for (Fn *fn = k[j].fn; fn; fn = fn->next_part) {
+            uint32_t facts[4] = {fn->precision, fn->nfloats, fn->nints, ir_number(fn)};
+            XXH3_128bits_update(state, k[j].name, name);
+            XXH3_128bits_update(state, facts, sizeof facts);
+            if (fn->serves) XXH3_128bits_update(state, fn->serves, fn->nsites);
+            key.len += name + sizeof facts + (fn->serves ? fn->nsites : 0);
+            hash_block(state, fn->body, &key.len);
+        }
     }
     XXH128_hash_t h = XXH3_128bits_digest(state);
     key.hi = h.high64;

@@ -518,6 +518,7 @@ static bool write_outputs(Interp *in) {
 int ir_interpret(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes) {
     if (!lanes || lanes > MAX_LANES || (lanes & (lanes - 1))) return SLT_USAGE;
     if (!n) return SLT_OK;
+    while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site])) fn = fn->next_part;
     bool f32 = fn->precision == PREC_F32;
     Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK};
     in.eval = f32 ? rows_eval_f32 : rows_eval_f64;

@@ -136,6 +136,8 @@ struct Fn {
     uint32_t nfloats, nints;   /* sizes of the parameter vectors */
     SiteInfo *sites;
     uint32_t nsites;
+    Fn *next_part;             /* a kernel over sites in several parts: each serves the sites it lists; NULL: the last, or the only one */
+    const uint8_t *serves;     /* [nsites], NULL: all */
     const char **outputs;      /* a name for each output of the top yield: "f.0", "hash", "g" */
     uint32_t ninsts;           /* after ir_number */
 };

@@ -58,6 +58,14 @@ static uint32_t count_sites(const Block *b) {
     return n;
 }
 
+/* Appends what was made from a part of the site kernel; returns where the next one goes. */
+static Fn **add_part(Fn **end, const Fn *part, Fn *made) {
+    made->serves = part->serves;
+    made->next_part = NULL;
+    *end = made;
+    return &made->next_part;
+}
+
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made. */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo, const AdOptions *ad, KernelSet *out) {
     const Fn *primal = p->primal;
@@ -76,17 +84,27 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
         Fn *site = variant_site(ctx, primal);
-        if (site && needs[K_SITE]) out->fn[K_SITE] = site;
-        if (site && needs[K_SITE_GRAD]) out->fn[K_SITE_GRAD] = ad_grad_x(ctx, site);
-        if (site && needs[K_SITE_JVP]) out->fn[K_SITE_JVP] = ad_jvp(ctx, site, &wrt);
-        if (site && needs[K_SITE_VJP]) out->fn[K_SITE_VJP] = ad_vjp(ctx, site, &wrt, &out->tape[K_SITE_VJP]);
+        Fn **end[K_KINDS];
+        for (int k = 0; k < K_KINDS; k++) end[k] = &out->fn[k];
+        for (Fn *part = site; part; part = part->next_part) {
+            if (needs[K_SITE]) end[K_SITE] = add_part(end[K_SITE], part, ir_clone(part, part->arena, "site"));
+            if (needs[K_SITE_GRAD]) end[K_SITE_GRAD] = add_part(end[K_SITE_GRAD], part, ad_grad_x(ctx, part));
+            if (needs[K_SITE_JVP]) end[K_SITE_JVP] = add_part(end[K_SITE_JVP], part, ad_jvp(ctx, part, &wrt));
+            if (needs[K_SITE_VJP]) {
+                TapeReport tape = {0}, *all = &out->tape[K_SITE_VJP];
+                end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &wrt, &tape));
+                if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
+            }
+        }
         if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3;
     }
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
         /* AD may have been given the same Fn that is a kernel of its own: each is finished once. */
-        if (k == K_VALUE || k == K_SITE) out->fn[k] = ir_clone(out->fn[k], out->fn[k]->arena, kernel_names[k]);
-        out->fn[k]->name = kernel_names[k];
-        pipeline_kernel(ctx, out->fn[k]);
+        if (k == K_VALUE) out->fn[k] = ir_clone(out->fn[k], out->fn[k]->arena, kernel_names[k]);
+        for (Fn *part = out->fn[k]; part; part = part->next_part) {
+            part->name = kernel_names[k];
+            pipeline_kernel(ctx, part);
+        }
     }
 }

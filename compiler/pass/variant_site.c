@@ -4,7 +4,8 @@
  * Each site gets the slice of the primal that its g needs. The ifs around it are dropped (g is asked for only where it was executed), and a loop around it
  * that carries nothing into g is replaced by its index, so a disc in a loop of 2000 costs one disc. A g that needs carried values or local arrays comes
  * from one shared copy of the whole program that captures g when its event is reached (`capture`); so do slices that would make the kernel grow faster than the
- * program. Slices are leaves of a binary tree over the uniform site number: linear in the number of sites, in time and in code. */
+ * program. Slices are leaves of a binary tree over the uniform site number, at most 16 a part, and a part is one Fn: linear in the number of sites, in time and in
+ * code, through AD and LLVM as well. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -153,7 +154,7 @@ static Inst *stop_when_captured(Thread *t, Builder *b, Inst *flag) {
 }
 
 /* The captured g, emitted at the end of `into`. */
-static Inst *emit_capture(PassCtx *ctx, Fn *fn, Builder *into, const Fn *primal, const uint8_t *wanted) {
+static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const uint8_t *wanted) {
     Fn *copy = ir_clone(primal, primal->arena, "capture");
     Builder b = copy->body->first ? ir_before(copy, copy->body->first) : ir_at_end(copy, copy->body);
     Thread t = {.fn = copy, .n = 2, .at = capture_at, .touches = touches_capture, .cont = stop_when_captured, .user = (void *)wanted};
@@ -165,7 +166,6 @@ static Inst *emit_capture(PassCtx *ctx, Fn *fn, Builder *into, const Fn *primal,
     opt_dce(ctx, copy);
     uint32_t n = ir_number(copy);
     Inst **map = ARENA_ARRAY(&ctx->session->scratch, Inst *, n + 1);
-    (void)fn;
     ir_clone_insts(into, copy->body, copy->body->first, copy->body->last, map);
     Inst *out = copy->body->last->args[0];
     return map[out->id] ? map[out->id] : out;
@@ -197,6 +197,24 @@ static Inst *tree(Slicer *s, Builder *b, const Leaf *leaves, uint32_t n) {
     return ir_proj(b, br, 0);
 }
 
+enum { PART = 16 };
+
+static Fn *new_part(PassCtx *ctx, const Fn *primal) {
+    Fn *fn = ir_fn(ctx->session, primal->arena, "site", primal->precision);
+    fn->dim = primal->dim, fn->channels = primal->channels;
+    fn->nfloats = primal->nfloats, fn->nints = primal->nints;
+    fn->sites = primal->sites, fn->nsites = primal->nsites;
+    return fn;
+}
+
+static void finish_part(Fn *fn, Builder *b, Inst *g, const uint8_t *serves) {
+    ir_yield(b, 1, &g);
+    fn->outputs = ARENA_ARRAY(fn->arena, const char *, 1);
+    fn->outputs[0] = "g";
+    fn->serves = serves;
+    variant_drop_sites(fn);
+}
+
 Fn *variant_site(PassCtx *ctx, const Fn *primal) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);
@@ -210,11 +228,7 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
         arena_reset(scratch, mark);
         return NULL;
     }
-    Fn *fn = ir_fn(ctx->session, primal->arena, "site", primal->precision);
-    fn->dim = primal->dim, fn->channels = primal->channels;
-    fn->nfloats = primal->nfloats, fn->nints = primal->nints;
-    fn->sites = primal->sites, fn->nsites = primal->nsites;
-    Slicer s = {.fn = fn, .from = from, .arena = scratch};
+    Slicer s = {.from = from, .arena = scratch};
     s.map = ARENA_ARRAY(scratch, Inst *, n + 1);
     uint8_t *captured = ARENA_ARRAY(scratch, uint8_t, primal->nsites + 1);
     Leaf *leaves = ARENA_ARRAY(scratch, Leaf, sites.len);
@@ -240,41 +254,30 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
             Leaf l = leaves[j];
             leaves[j] = leaves[j - 1], leaves[j - 1] = l;
         }
-    s.fn = fn, s.limit = UINT32_MAX;
-    Builder b = ir_at_end(fn, fn->body);
-    b.fold = true;
-    Inst *g;
-    if (!ncaptured) {
-        g = tree(&s, &b, leaves, nleaves);
-    } else if (!nleaves) {
-        Fn *silent = variant_differentiable_clone(ctx, primal, "capture");
-        g = emit_capture(ctx, fn, &b, silent, captured);
-    } else {
-        Fn *silent = variant_differentiable_clone(ctx, primal, "capture");
-        /* Which of the two: a small search over the captured numbers. */
-        Inst *is_captured = ir_constb(&b, false);
-        for (uint32_t i = 0; i < primal->nsites; i++)
-            if (captured[i]) {
-                uint32_t last = i;
-                while (last + 1 < primal->nsites && captured[last + 1]) last++;
-                Inst *in = ir_emit2(&b, OP_ule, ir_emit2(&b, OP_isub, ir_input(&b, IN_SITE), ir_consti(&b, (int32_t)i)), ir_consti(&b, (int32_t)(last - i)));
-                is_captured = ir_emit2(&b, OP_bor, is_captured, in);
-                i = last;
-            }
-        Inst *br = ir_if(&b, is_captured);
-        Builder x = ir_at_end(fn, br->region[0]), y = ir_at_end(fn, br->region[1]);
-        x.fold = y.fold = true;
-        Inst *gx = emit_capture(ctx, fn, &x, silent, captured);
-        ir_yield(&x, 1, &gx);
-        Inst *gy = tree(&s, &y, leaves, nleaves);
-        ir_yield(&y, 1, &gy);
-        g = ir_proj(&b, br, 0);
+    s.limit = UINT32_MAX;
+    /* Parts of at most PART slices; the captured sites share one more. */
+    Fn *first = NULL, **end = &first;
+    for (uint32_t from = 0; from < nleaves; from += PART) {
+        uint32_t count = nleaves - from < PART ? nleaves - from : PART;
+        Fn *fn = new_part(ctx, primal);
+        s.fn = fn;
+        Builder b = ir_at_end(fn, fn->body);
+        b.fold = true;
+        Inst *g = tree(&s, &b, leaves + from, count);
+        uint8_t *serves = ARENA_ARRAY(fn->arena, uint8_t, primal->nsites + 1);
+        for (uint32_t i = 0; i < count; i++) serves[leaves[from + i].site] = 1;
+        finish_part(fn, &b, g, serves);
+        *end = fn, end = &fn->next_part;
     }
-    ir_yield(&b, 1, &g);
-    fn->outputs = ARENA_ARRAY(fn->arena, const char *, 1);
-    fn->outputs[0] = "g";
-    variant_drop_sites(fn);
+    if (ncaptured) {
+        Fn *fn = new_part(ctx, primal);
+        Builder b = ir_at_end(fn, fn->body);
+        b.fold = true;
+        Inst *g = emit_capture(ctx, &b, variant_clone(ctx, primal, "capture", true), captured);
+        finish_part(fn, &b, g, arena_copy(fn->arena, captured, primal->nsites + 1));
+        *end = fn;
+    }
     arena_reset(scratch, mark);
-    opt_dce(ctx, fn);
-    return fn;
+    for (Fn *fn = first; fn; fn = fn->next_part) opt_dce(ctx, fn);
+    return first;
 }

@@ -39,6 +39,12 @@ uint32_t walk_size(const Block *b) {
     return n;
 }
 
+uint32_t walk_fn_size(const Fn *fn) {
+    uint32_t n = 0;
+    for (; fn; fn = fn->next_part) n += walk_size(fn->body);
+    return n;
+}
+
 bool walk_inside(const Block *inner, const Block *outer) {
     for (const Block *b = inner; b; b = b->owner ? b->owner->block : NULL)
         if (b == outer) return true;

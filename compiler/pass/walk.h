@@ -13,6 +13,7 @@ void walk_insts(Block *b, WalkFn *fn, void *user);
 bool walk_is_pure(const Inst *i);
 /* Number of instructions in a block and all regions below (constants do not count). */
 uint32_t walk_size(const Block *b);
+uint32_t walk_fn_size(const Fn *fn); /* over all parts */
 /* Is block `inner` equal to `outer` or somewhere inside one of its regions? */
 bool walk_inside(const Block *inner, const Block *outer);
 
