@@ -1,5 +1,6 @@
-/* What the tests of the standard library share: a program made of one module and an expression, evaluated and differentiated at points that are parameters, so that a
- * value is exactly f(p) and not a mean over a pixel. */
+/* What the tests of the standard library share: a program made of one module and an expression,
+ * evaluated and differentiated at points that are parameters, so that a value is exactly f(p) and
+ * not a mean over a pixel. */
 #ifndef TESTS_STDLIB_FIXTURE_H
 #define TESTS_STDLIB_FIXTURE_H
 
@@ -16,7 +17,8 @@
 
 #include "saltus/saltus.h"
 
-/* Compiles in binary64 against the source tree's library; fails the test with the diagnostics. The caller frees. */
+/* Compiles in binary64 against the source tree's library; fails the test with the diagnostics. The
+ * caller frees. */
 static inline SltProgram *compile(const char *source, const char *entry) {
     SltOptions opt = SLT_OPTIONS_INIT;
     opt.stdlib_dir = SALTUS_STDLIB_BUILD;
@@ -25,10 +27,12 @@ static inline SltProgram *compile(const char *source, const char *entry) {
     SltProgram *p = NULL;
     SltStatus s = slt_compile_string(source, "test.salt", &opt, &p);
     if (s != SLT_OK) fail_msg("%s\n%s%s", source, slt_diagnostics_text(p), slt_last_error(p));
-    /* The library must not warn; that a site depends on parameters only is these programs' own doing. */
+    /* The library must not warn; that a site depends on parameters only is these programs' own
+     * doing. */
     for (uint32_t i = 0; i < slt_diagnostic_count(p); i++) {
         SltDiagnostic d;
-        if (slt_diagnostic(p, i, &d) && strcmp(d.code, "W0402") != 0) fail_msg("%s\n%s", source, slt_diagnostics_text(p));
+        if (slt_diagnostic(p, i, &d) && strcmp(d.code, "W0402") != 0)
+            fail_msg("%s\n%s", source, slt_diagnostics_text(p));
     }
     return p;
 }
@@ -51,7 +55,9 @@ static inline double uniform(uint32_t *state) {
 static inline void set(SltProgram *p, const char *name, const double *v) {
     SltParam q;
     SltError err = {0};
-    if (slt_param_find(p, name, &q, &err) != SLT_OK || slt_set_floats(p, q.fbase, q.fcount, v, &err) != SLT_OK) fail_msg("%s", err.text);
+    if (slt_param_find(p, name, &q, &err) != SLT_OK ||
+        slt_set_floats(p, q.fbase, q.fcount, v, &err) != SLT_OK)
+        fail_msg("%s", err.text);
 }
 
 static inline uint32_t base_of(SltProgram *p, const char *name) {

@@ -1,7 +1,9 @@
 /* color.salt and glsl.salt against the same formulas in C. */
 #include "tests/stdlib/fixture.h"
 
-static double to_linear(double c) { return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4); }
+static double to_linear(double c) {
+    return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
+}
 
 static void hsv(const double *h, double *rgb) {
     double n[3] = {5, 3, 1};
@@ -13,7 +15,10 @@ static void hsv(const double *h, double *rgb) {
 
 static SltProgram *colour(const char *expression) {
     char source[512];
-    snprintf(source, sizeof source, "import color;\nparam float3 c = float3(0.0);\nparam float3 d = float3(0.25, 0.5, 0.75);\nshader float3 main(float2 x) { return %s; }\n", expression);
+    snprintf(source, sizeof source,
+             "import color;\nparam float3 c = float3(0.0);\nparam float3 d = float3(0.25, 0.5, "
+             "0.75);\nshader float3 main(float2 x) { return %s; }\n",
+             expression);
     return compile(source, NULL);
 }
 
@@ -25,7 +30,8 @@ static void get(SltProgram *p, const double *c, double *v) {
 
 static void test_round_trips(void **state) {
     (void)state;
-    const char *back[] = {"linear_to_srgb(srgb_to_linear(c))", "srgb_to_linear(linear_to_srgb(c))", "hsv_to_rgb(rgb_to_hsv(c))", "oklab_to_linear(linear_to_oklab(c))"};
+    const char *back[] = {"linear_to_srgb(srgb_to_linear(c))", "srgb_to_linear(linear_to_srgb(c))",
+                          "hsv_to_rgb(rgb_to_hsv(c))", "oklab_to_linear(linear_to_oklab(c))"};
     for (int k = 0; k < 4; k++) {
         SltProgram *p = colour(back[k]);
         uint32_t seed = 4;
@@ -34,7 +40,8 @@ static void test_round_trips(void **state) {
             if (i % 10 == 0) c[1] = c[0], c[2] = i % 20 ? c[0] : 0;
             get(p, c, v);
             for (int a = 0; a < 3; a++)
-                if (fabs(v[a] - c[a]) > (k == 3 ? 1e-6 : 1e-7)) fail_msg("%s: %.9g became %.9g", back[k], c[a], v[a]);
+                if (fabs(v[a] - c[a]) > (k == 3 ? 1e-6 : 1e-7))
+                    fail_msg("%s: %.9g became %.9g", back[k], c[a], v[a]);
         }
         slt_program_free(p);
     }
@@ -42,7 +49,8 @@ static void test_round_trips(void **state) {
 
 static void test_values(void **state) {
     (void)state;
-    SltProgram *lin = colour("srgb_to_linear(c)"), *rgb = colour("hsv_to_rgb(c)"), *grey = colour("linear_to_oklab(c)");
+    SltProgram *lin = colour("srgb_to_linear(c)"), *rgb = colour("hsv_to_rgb(c)"),
+               *grey = colour("linear_to_oklab(c)");
     uint32_t seed = 9;
     for (int i = 0; i < 60; i++) {
         double c[3] = {1.5 * uniform(&seed) - 0.25, uniform(&seed), uniform(&seed)}, v[3], want[3];
@@ -60,13 +68,33 @@ static void test_values(void **state) {
     slt_program_free(grey);
 }
 
-/* Continuous: a step of 1e-7 anywhere, also on the seams, moves the result by little; and the derivative is its slope. */
+/* Continuous: a step of 1e-7 anywhere, also on the seams, moves the result by little; and the
+ * derivative is its slope. */
 static void test_continuity(void **state) {
     (void)state;
-    const char *list[] = {"srgb_to_linear(c)", "linear_to_srgb(c)", "hsv_to_rgb(c)", "linear_to_oklab(c + 0.01)", "palette(c.x)", "heat(c.x)", "diverging(2.0 * c.x - 1.0)", "over(c, d, c.x)",
-                          "over(float4(c, 0.5), float4(d, 0.25)).xyz", "blend_multiply(c, d)", "blend_screen(c, d)", "blend_add(c, d)", "blend_darken(c, d)", "blend_lighten(c, d)", "blend_difference(c, d)",
-                          "blend_exclusion(c, d)", "blend_overlay(c, d)", "blend_soft_light(c, d)", "tonemap_reinhard(c)", "tonemap_exp(c, 1.3)", "float3(luminance(c))"};
-    const double seams[] = {0.04045, 0.0031308, 1.0 / 6, 1.0 / 3, 0.5, 2.0 / 3, 0.25, 0.75, 5.0 / 6};
+    const char *list[] = {"srgb_to_linear(c)",
+                          "linear_to_srgb(c)",
+                          "hsv_to_rgb(c)",
+                          "linear_to_oklab(c + 0.01)",
+                          "palette(c.x)",
+                          "heat(c.x)",
+                          "diverging(2.0 * c.x - 1.0)",
+                          "over(c, d, c.x)",
+                          "over(float4(c, 0.5), float4(d, 0.25)).xyz",
+                          "blend_multiply(c, d)",
+                          "blend_screen(c, d)",
+                          "blend_add(c, d)",
+                          "blend_darken(c, d)",
+                          "blend_lighten(c, d)",
+                          "blend_difference(c, d)",
+                          "blend_exclusion(c, d)",
+                          "blend_overlay(c, d)",
+                          "blend_soft_light(c, d)",
+                          "tonemap_reinhard(c)",
+                          "tonemap_exp(c, 1.3)",
+                          "float3(luminance(c))"};
+    const double seams[] = {0.04045, 0.0031308, 1.0 / 6, 1.0 / 3, 0.5,
+                            2.0 / 3, 0.25,      0.75,    5.0 / 6};
     for (size_t k = 0; k < sizeof list / sizeof *list; k++) {
         SltProgram *p = colour(list[k]);
         uint32_t seed = 12;
@@ -80,8 +108,11 @@ static void test_continuity(void **state) {
                 q[a] = c[a] - 1e-6, set(p, "c", q), evaluate(p, down, ignored);
                 for (int o = 0; o < 3; o++) {
                     double fd = (up[o] - down[o]) / 2e-6;
-                    if (fabs(up[o] - v[o]) > 3e-5 || fabs(down[o] - v[o]) > 3e-5) fail_msg("%s jumps at (%.9g, %.9g, %.9g)", list[k], c[0], c[1], c[2]);
-                    if (fabs(up[o] + down[o] - 2 * v[o]) < 1e-9 && fabs(fd - g[o * 6 + a]) > 1e-3) fail_msg("%s: derivative %.9g, differences %.9g", list[k], g[o * 6 + a], fd);
+                    if (fabs(up[o] - v[o]) > 3e-5 || fabs(down[o] - v[o]) > 3e-5)
+                        fail_msg("%s jumps at (%.9g, %.9g, %.9g)", list[k], c[0], c[1], c[2]);
+                    if (fabs(up[o] + down[o] - 2 * v[o]) < 1e-9 && fabs(fd - g[o * 6 + a]) > 1e-3)
+                        fail_msg("%s: derivative %.9g, differences %.9g", list[k], g[o * 6 + a],
+                                 fd);
                 }
             }
         }
@@ -93,24 +124,38 @@ static void test_glsl(void **state) {
     (void)state;
     const char *entries[] = {"a", "b", "c", "d"};
     for (int e = 0; e < 4; e++) {
-        SltProgram *p = compile("import glsl;\nparam vec2 p = vec2(0.5, 0.25);\n"
-                                "float pack(bvec3 b) { return (b.x ? 1.0 : 0.0) + (b.y ? 2.0 : 0.0) + (b.z ? 4.0 : 0.0); }\n"
-                                "shader vec4 a(vec2 x) { return vec4(mod(p.x, p.y), fract(p.x), atan(p.y, p.x), atan(p.x)); }\n"
-                                "shader vec4 b(vec2 x) { return vec4(mix(p, vec2(1.0, 2.0), 0.25), inversesqrt(abs(p.x)), mod(vec2(p.x, -p.x), 0.7).y); }\n"
-                                "shader vec4 c(vec2 x) { mat2 m = outerProduct(p, vec2(1.0, -1.0)); return vec4(m * vec2(2.0, 1.0), degrees(p.x), asinh(p.x)); }\n"
-                                "shader float d(vec2 x) { return pack(lessThan(vec3(p, 0.5), vec3(0.0, 0.5, 1.0))); }\n",
-                                entries[e]);
+        SltProgram *p =
+            compile("import glsl;\nparam vec2 p = vec2(0.5, 0.25);\n"
+                    "float pack(bvec3 b) { return (b.x ? 1.0 : 0.0) + (b.y ? 2.0 : 0.0) + (b.z ? "
+                    "4.0 : 0.0); }\n"
+                    "shader vec4 a(vec2 x) { return vec4(mod(p.x, p.y), fract(p.x), atan(p.y, "
+                    "p.x), atan(p.x)); }\n"
+                    "shader vec4 b(vec2 x) { return vec4(mix(p, vec2(1.0, 2.0), 0.25), "
+                    "inversesqrt(abs(p.x)), mod(vec2(p.x, -p.x), 0.7).y); }\n"
+                    "shader vec4 c(vec2 x) { mat2 m = outerProduct(p, vec2(1.0, -1.0)); return "
+                    "vec4(m * vec2(2.0, 1.0), degrees(p.x), asinh(p.x)); }\n"
+                    "shader float d(vec2 x) { return pack(lessThan(vec3(p, 0.5), vec3(0.0, 0.5, "
+                    "1.0))); }\n",
+                    entries[e]);
         uint32_t seed = 31;
         for (int i = 0; i < 40; i++) {
-            double q[2] = {4 * uniform(&seed) - 2, 4 * uniform(&seed) - 2}, v[4], g[8], want[4] = {0};
+            double q[2] = {4 * uniform(&seed) - 2, 4 * uniform(&seed) - 2}, v[4], g[8],
+                   want[4] = {0};
             int n = e == 3 ? 1 : 4;
             set(p, "p", q), evaluate(p, v, g);
-            if (e == 0) want[0] = q[0] - q[1] * floor(q[0] / q[1]), want[1] = q[0] - floor(q[0]), want[2] = atan2(q[1], q[0]), want[3] = atan(q[0]);
-            if (e == 1) want[0] = 0.75 * q[0] + 0.25, want[1] = 0.75 * q[1] + 0.5, want[2] = 1 / sqrt(fabs(q[0])), want[3] = -q[0] - 0.7 * floor(-q[0] / 0.7);
-            if (e == 2) want[0] = q[0], want[1] = q[1], want[2] = q[0] * 180 / M_PI, want[3] = asinh(q[0]);
+            if (e == 0)
+                want[0] = q[0] - q[1] * floor(q[0] / q[1]), want[1] = q[0] - floor(q[0]),
+                want[2] = atan2(q[1], q[0]), want[3] = atan(q[0]);
+            if (e == 1)
+                want[0] = 0.75 * q[0] + 0.25, want[1] = 0.75 * q[1] + 0.5,
+                want[2] = 1 / sqrt(fabs(q[0])), want[3] = -q[0] - 0.7 * floor(-q[0] / 0.7);
+            if (e == 2)
+                want[0] = q[0], want[1] = q[1], want[2] = q[0] * 180 / M_PI, want[3] = asinh(q[0]);
             if (e == 3) want[0] = (q[0] < 0) + 2 * (q[1] < 0.5) + 4;
             for (int k = 0; k < n; k++)
-                if (fabs(v[k] - want[k]) > 1e-11 * (1 + fabs(want[k]))) fail_msg("%s[%d] = %.17g, wanted %.17g at (%.9g, %.9g)", entries[e], k, v[k], want[k], q[0], q[1]);
+                if (fabs(v[k] - want[k]) > 1e-11 * (1 + fabs(want[k])))
+                    fail_msg("%s[%d] = %.17g, wanted %.17g at (%.9g, %.9g)", entries[e], k, v[k],
+                             want[k], q[0], q[1]);
         }
         slt_program_free(p);
     }
@@ -119,7 +164,9 @@ static void test_glsl(void **state) {
 /* A pasted saw tooth: the wrap of mod moves with the phase, and the derivative says so. */
 static void test_glsl_mod_is_a_site(void **state) {
     (void)state;
-    SltProgram *p = compile("import glsl;\nparam float phase = 0.13;\nshader float main(vec2 x) { return mod(3.3 * x.x + phase, 1.0); }\n", NULL);
+    SltProgram *p = compile("import glsl;\nparam float phase = 0.13;\nshader float main(vec2 x) { "
+                            "return mod(3.3 * x.x + phase, 1.0); }\n",
+                            NULL);
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double v, g, interior;
@@ -135,10 +182,8 @@ static void test_glsl_mod_is_a_site(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_round_trips),
-        cmocka_unit_test(test_values),
-        cmocka_unit_test(test_continuity),
-        cmocka_unit_test(test_glsl),
+        cmocka_unit_test(test_round_trips),        cmocka_unit_test(test_values),
+        cmocka_unit_test(test_continuity),         cmocka_unit_test(test_glsl),
         cmocka_unit_test(test_glsl_mod_is_a_site),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
