@@ -50,6 +50,7 @@ struct AdRule {
     Inst *(*value)(void *user, Inst *v);
     void *user;
     const AdRange *range;  /* by id; may be NULL */
+    const uint8_t *varied; /* by id; NULL: all but constants */
     /* of the partial at hand */
     const Inst *inst;
     Inst *have[4];

@@ -192,7 +192,7 @@ static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t 
     j.any_inf = ad_makes_infinite(&j.facts, fn->body);
     j.tangent = ARENA_ARRAY(scratch, Inst *, (size_t)j.facts.n * n + 1);
     j.inf = ARENA_ARRAY(scratch, bool, j.facts.n + 1);
-    j.rule = (AdRule){.fma = ctx->has_fma, .value = same_value, .range = j.facts.range};
+    j.rule = (AdRule){.fma = ctx->has_fma, .value = same_value, .range = j.facts.range, .varied = j.facts.varied};
     jvp_block(&j, fn->body);
 
     Inst *yield = fn->body->last;

@@ -118,6 +118,11 @@ static E e_select(AdRule *R, Inst *cond, E x, E y) {
     return e;
 }
 
+static bool fixed(const AdRule *R, uint32_t which) {
+    const Inst *v = R->inst->args[which];
+    return ir_is_const(v) || (R->varied && v->id != UINT32_MAX && !R->varied[v->id]);
+}
+
 static Inst *e_compare(AdRule *R, Op op, E x, E y) { return R->emit ? emit2(R, op, ad_term_value(R, x), ad_term_value(R, y)) : NULL; }
 
 static E e_row1(AdRule *R, Op op, E x) {
@@ -140,6 +145,8 @@ static E e_row2(AdRule *R, Op op, E x, E y) {
 #define SEL(cond, x, y) e_select(R, cond, x, y)
 #define LT(x, y) e_compare(R, OP_flt, x, y)
 #define LE(x, y) e_compare(R, OP_fle, x, y)
+/* The other argument has it: also where they are equal, if that one is a constant, so that the slope at the kink is 0. */
+#define TAKES(other, x, y) e_compare(R, fixed(R, other) ? OP_fle : OP_flt, x, y)
 #define EQ(x, y) e_compare(R, OP_feq, x, y)
 #define K(v) e_const(R, v)
 #define F1(op, x) e_row1(R, OP_##op, x)

@@ -194,7 +194,7 @@ static void sweep(Vjp *v, const Fn *primal) {
     v->stable = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->stamp = ARENA_ARRAY(v->scratch, uint32_t, v->f.n + 1);
     v->any_inf = ad_makes_infinite(&v->f, fn->body);
-    v->rule = (AdRule){.fma = v->ctx->has_fma, .value = value_in_sweep, .user = v, .range = v->f.range};
+    v->rule = (AdRule){.fma = v->ctx->has_fma, .value = value_in_sweep, .user = v, .range = v->f.range, .varied = v->f.varied};
     tape_prepare(v);
 
     Inst *yield = fn->body->last;
