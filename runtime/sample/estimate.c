@@ -252,7 +252,7 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
             targets[c] = k.boundary + i * k.size + (uint64_t)c * s->nfloats;
             targets[s->channels + c] = k.missed + i * k.size + (uint64_t)c * s->nfloats;
         }
-        Boundary y = {.run = &r, .replicate = i, .segments = segments_of(j) / k.n, .targets = targets, .classes = 1};
+        Boundary y = {.run = &r, .replicate = i, .replicates = k.n, .segments = segments_of(j) / k.n, .targets = targets, .classes = 1};
         st = boundary_run(&y, SINK_INTEGRAL);
         r.stats.seconds_boundary += pool_now() - t;
     }

@@ -301,13 +301,17 @@ SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double f
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* Integral over the domain of every channel, replicate r of n: value[channels]; gradient [channels][nfloats] when not
  * NULL. */
+/* Shift of replicate r of n along dimension d: one random number for all, and a stratum each, in another order for each dimension. So the mean over
+ * replicates is as good as lines n times denser, and their spread is an upper estimate of its error. */
+double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d);
+
 SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient);
 
 /* ---- boundary: segments of one estimator into the run's sinks. In integral mode of replicate `rep` with `segments` of
  * them; targets as the sink wants. */
 typedef struct Boundary {
     Run *run;
-    uint32_t replicate;
+    uint32_t replicate, replicates; /* of how many; their shifts are strata of one another */
     double segments;        /* a pixel, or in all */
     double *const *targets; /* SINK_INTEGRAL: [channels], then [channels] of missed; SINK_REVERSE: [classes] */
     float *const *out;      /* SINK_FORWARD */

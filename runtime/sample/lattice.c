@@ -130,6 +130,29 @@ static uint8_t coset(const Lattice *l, uint32_t dim, uint32_t p, uint32_t q) {
     return (uint8_t)(dim == 2 ? p & 3 : dim == 3 ? (p & 1) | (q & 1) << 1 : 0);
 }
 
+double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
+    if (n < 2) return u;
+    uint32_t place = r;
+    if (d == 1) { /* bits reversed; where n is no power of two, a step that has no factor in common with it */
+        uint32_t bits = 0, step = (uint32_t)(0.618 * n) | 1;
+        while (1u << bits < n) bits++;
+        place = 0;
+        for (uint32_t b = 0; b < bits; b++) place |= (r >> b & 1) << (bits - 1 - b);
+        if (1u << bits != n) {
+            for (uint32_t a = step, b = n; b; ) {
+                uint32_t t = a % b;
+                a = b, b = t;
+                if (!b && a != 1) step++, a = step, b = n;
+            }
+            place = (uint32_t)((uint64_t)r * step % n);
+        }
+    } else if (d == 2) {
+        place = n - 1 - r;
+    }
+    double s = u + (double)place / n;
+    return s - floor(s);
+}
+
 static bool work(void *user, uint32_t worker, uint64_t tile) {
     Lattice *l = user;
     Boundary *y = l->y;
@@ -179,12 +202,12 @@ SltStatus lattice_run(Boundary *y) {
     double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
     uint64_t tiles = 1;
     uint32_t shift[4];
-    rng_block(y->run->j->seed, RNG_LATTICE, y->replicate, 0, shift);
+    rng_block(y->run->j->seed, RNG_LATTICE, 0, 0, shift);
     for (uint32_t d = 0; d < s->dim; d++) {
         double n = round(per_axis * (g->integral ? 1 : g->n[d]));
         l.n[d] = n < 1 ? 1 : n > 1e9 ? 1000000000u : (uint32_t)n;
         l.h[d] = (s->hi[d] - s->lo[d]) / l.n[d];
-        l.shift[d] = rng_unit(shift[d]);
+        l.shift[d] = stratified_shift(rng_unit(shift[d]), y->replicate, y->replicates, d);
         /* A tile is about 64 pixels a side, so that a tile's crossings touch few pixels; even, for the pairs of the
          * half-resolution lines. */
         uint32_t most = s->dim == 1 ? 4096 : s->dim == 2 ? 128 : 24, want = s->dim == 1 ? 4096 : s->dim == 2 ? 64 : 16;

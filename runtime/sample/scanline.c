@@ -40,14 +40,25 @@ static double shrink(const SltScene *s, double x, double other) {
 static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t l, Segment *seg, double *pos) {
     const SltScene *s = k->y->run->s;
     uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->v[axis];
-    rng_block(k->y->run->j->seed, RNG_BOX, lane, b->id, shift);
+    bool strata = k->y->replicates > 1, spread = s->dim == 3 && k->y->run->grid.integral;
+    rng_block(k->y->run->j->seed, RNG_BOX, strata ? axis : lane, b->id, shift);
     rng_block(k->y->run->j->seed, RNG_LINE, lane, b->id << 32 | l, own);
     uint64_t rest = l;
     for (uint32_t d = 0, at = 0; d < s->dim; d++) {
         if (d == axis) continue;
+        if (spread) {
+            /* The R2 sequence (Roberts 2018): evenly spread over the cross-section for any number of lines, replicates interleaved. */
+            static const double alpha[2] = {0.75487766624669276, 0.56984029099805327};
+            double t = rng_unit(shift[at]) + alpha[at] * (double)(l * (strata ? k->y->replicates : 1) + (strata ? k->y->replicate : 0));
+            seg->a[d] = seg->b[d] = b->lo[d] + (t - floor(t)) * (b->hi[d] - b->lo[d]);
+            at++;
+            continue;
+        }
         uint64_t i = rest % b->m[d];
         rest /= b->m[d];
-        seg->a[d] = seg->b[d] = b->lo[d] + (i + rng_unit(shift[at++])) / b->m[d] * (b->hi[d] - b->lo[d]);
+        double t = stratified_shift(rng_unit(shift[at]), k->y->replicate, k->y->replicates, at);
+        at++;
+        seg->a[d] = seg->b[d] = b->lo[d] + (i + t) / b->m[d] * (b->hi[d] - b->lo[d]);
     }
     seg->stream = s->uses_rand ? (int32_t)own[1] : 0;
     double u = rng_unit(shift[3]) + GOLDEN * (double)l;
@@ -170,6 +181,7 @@ SltStatus scanline_run(Boundary *y) {
         double per_axis = y->segments / s->dim, even = pow(per_axis, 1.0 / s->dim),
                v = fmin(fmax(round(4 * sqrt(even)), 1), LINE_MAX);
         if (s->dim > 1) v = fmin(v, fmax(1, round(even)));
+        if (s->dim == 3) v = fmin(fmax(round(even), 1), LINE_MAX); /* few enough already: what is thinner is missed */
         double m = s->dim == 1 ? 1 : round(pow(per_axis / v, 1.0 / (s->dim - 1)));
         if (s->dim == 1) {
             /* Lines differ by their random numbers only. */
