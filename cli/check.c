@@ -257,6 +257,11 @@ static int check(Check *k) {
         row->ad = along(k, row, g, false);
         row->ad_se = along(k, row, g + size, true);
         s = difference(k, row, base);
+        /* A difference that moved no sample across a jump, in any replicate, has seen nothing: a wider step. */
+        for (int wider = 0; wider < 4 && s == SLT_OK && row->fd == 0 && row->fd_se == 0 && row->ad != 0; wider++) {
+            row->step *= 8;
+            s = difference(k, row, base);
+        }
         largest = fmax(largest, fmax(fabs(row->ad), fabs(row->fd)));
         progress_update(&pr, (double)(i + 1) / k->n, row->name);
     }
