@@ -1,0 +1,163 @@
+/* Forward shading: seven kernels in Saltus against the same kernels in scalar C, interleaved in one run, on one thread.
+ *
+ *     bench_shade FOLDER_OF_SALT_FILES scalar.so:suffix [more.so:suffix ...]
+ *
+ * The C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d). Prints Mpixel/s, the ratio to the first library (median over rounds of the ratio in
+ * each round), the share of pixels that differ by more than 2/255, and the geometric mean. */
+#include <dlfcn.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "saltus/saltus.h"
+
+typedef void Kernel(uint32_t *, int, int, const float *);
+static const char *const names[] = {"circle", "voronoi", "painterly", "fbm", "raymarch", "mlp", "mandel"};
+enum { NK = 7, SIZE = 1024, ROUNDS = 9, MAX_LIBS = 8 };
+
+static uint32_t rng;
+static float rnd(void) {
+    rng = rng * 1664525u + 1013904223u;
+    return (float)(rng >> 8) * (1.0f / 16777216.0f);
+}
+
+/* The same data for every implementation. Returns how many floats. */
+static int make_data(int k, float *d) {
+    rng = 12345u + (uint32_t)k * 777u;
+    memset(d, 0, 8192 * sizeof *d);
+    switch (k) {
+    case 0: d[0] = 0.5f, d[1] = 0.45f, d[2] = 0.3f, d[3] = 40.0f; return 4;
+    case 1:
+        for (int i = 0; i < 64; i++)
+            for (int c = 0; c < 5; c++) d[64 * c + i] = rnd();
+        return 320;
+    case 2:
+        for (int i = 0; i < 200; i++) {
+            float *q = d + 8 * i;
+            q[0] = rnd(), q[1] = rnd();
+            float r = 0.03f + 0.17f * rnd();
+            q[2] = r * r, q[3] = 1.0f / (r * r), q[4] = rnd(), q[5] = rnd(), q[6] = rnd(), q[7] = 0.3f + 0.6f * rnd();
+        }
+        return 1600;
+    case 3: d[0] = 8.0f, d[1] = -3.7f, d[2] = 2.1f; return 3;
+    case 4: {
+        float l[3] = {0.5f, 0.7f, -0.6f}, n = sqrtf(l[0] * l[0] + l[1] * l[1] + l[2] * l[2]);
+        d[0] = 0.0f, d[1] = 1.6f, d[2] = -4.2f, d[3] = 1.2f, d[4] = l[0] / n, d[5] = l[1] / n, d[6] = l[2] / n;
+        return 7;
+    }
+    case 5:
+        for (int i = 0; i < 64; i++) d[i] = (2 * rnd() - 1) * 6.0f;
+        for (int i = 0; i < 32; i++) d[64 + i] = (2 * rnd() - 1) * 3.0f;
+        for (int i = 0; i < 1024; i++) d[96 + i] = (2 * rnd() - 1) * 0.6f;
+        for (int i = 0; i < 32; i++) d[1120 + i] = 2 * rnd() - 1;
+        for (int i = 0; i < 32; i++) d[1152 + i] = (2 * rnd() - 1) * 0.25f;
+        d[1184] = 0.05f;
+        return 1185;
+    default: d[0] = -2.2f, d[1] = -1.3f, d[2] = 3.2f, d[3] = 2.6f; return 4;
+    }
+}
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+static int compare(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+typedef struct Runner {
+    Kernel *c;
+    SltProgram *p;
+    const float *d;
+    uint32_t *out;
+    int times;
+    double mpix[ROUNDS], ratio[ROUNDS];
+} Runner;
+
+static double run(Runner *r) {
+    double start = now();
+    for (int i = 0; i < r->times; i++) {
+        if (r->c) {
+            r->c(r->out, SIZE, SIZE, r->d);
+        } else {
+            SltJob job = SLT_JOB_INIT;
+            job.size[0] = job.size[1] = SIZE, job.spp = 1, job.threads = 1;
+            SltError err = {0};
+            if (slt_render_rgba8(r->p, &job, r->out, NULL, &err) != SLT_OK) fprintf(stderr, "%s\n", err.text), exit(1);
+        }
+    }
+    return (now() - start) / r->times;
+}
+
+static double differing(const uint32_t *a, const uint32_t *b) {
+    long bad = 0;
+    for (long i = 0; i < (long)SIZE * SIZE; i++)
+        for (int s = 0; s < 24; s += 8)
+            if (abs((int)(a[i] >> s & 255) - (int)(b[i] >> s & 255)) > 2) {
+                bad++;
+                break;
+            }
+    return 100.0 * (double)bad / ((double)SIZE * SIZE);
+}
+
+int main(int argc, char **argv) {
+    if (argc < 3) return fprintf(stderr, "usage: bench_shade FOLDER scalar.so:suffix [more.so:suffix ...]\n"), 2;
+    void *lib[MAX_LIBS];
+    char *suffix[MAX_LIBS];
+    int nlibs = 0;
+    for (int i = 2; i < argc && nlibs < MAX_LIBS; i++) {
+        char *colon = strrchr(argv[i], ':');
+        if (!colon) return fprintf(stderr, "%s: LIB:SUFFIX is wanted\n", argv[i]), 2;
+        *colon = 0;
+        suffix[nlibs] = colon + 1;
+        if (!(lib[nlibs++] = dlopen(argv[i], RTLD_NOW))) return fprintf(stderr, "%s\n", dlerror()), 2;
+    }
+    uint32_t *out[MAX_LIBS + 1];
+    for (int j = 0; j <= nlibs; j++) out[j] = aligned_alloc(64, 4ul * SIZE * SIZE);
+    static float d[8192];
+    double log_sum = 0;
+    for (int k = 0; k < NK; k++) {
+        int n = make_data(k, d);
+        Runner r[MAX_LIBS + 1] = {{0}};
+        for (int j = 0; j < nlibs; j++) {
+            char name[128];
+            snprintf(name, sizeof name, "%s_%s", names[k], suffix[j]);
+            r[j] = (Runner){.c = (Kernel *)dlsym(lib[j], name), .d = d, .out = out[j], .times = 1};
+            if (!r[j].c) return fprintf(stderr, "no %s\n", name), 2;
+        }
+        char path[1024];
+        snprintf(path, sizeof path, "%s/shade_%s.salt", argv[1], names[k]);
+        SltOptions o = SLT_OPTIONS_INIT;
+        o.rgba8 = true;
+        SltProgram *p;
+        if (slt_compile_file(path, &o, &p) != SLT_OK) return fprintf(stderr, "%s: %s\n%s", path, slt_last_error(p), slt_diagnostics_text(p)), 1;
+        static double wide[8192];
+        for (int i = 0; i < n; i++) wide[i] = (double)d[i];
+        slt_set_floats(p, 0, (uint32_t)n, wide, NULL);
+        r[nlibs] = (Runner){.p = p, .d = d, .out = out[nlibs], .times = 1};
+        for (int j = 0; j <= nlibs; j++) {
+            run(&r[j]);
+            double t = run(&r[j]);
+            r[j].times = t < 0.05 ? (int)ceil(0.05 / t) : 1;
+        }
+        for (int round = 0; round < ROUNDS; round++)
+            for (int j = 0; j <= nlibs; j++) {
+                r[j].mpix[round] = (double)SIZE * SIZE / run(&r[j]) * 1e-6;
+                r[j].ratio[round] = r[j].mpix[round] / r[0].mpix[round];
+            }
+        for (int j = 0; j <= nlibs; j++) {
+            qsort(r[j].mpix, ROUNDS, sizeof(double), compare);
+            qsort(r[j].ratio, ROUNDS, sizeof(double), compare);
+            printf("%-10s %-10s %9.1f Mpixel/s  x%.2f  differ %.4f %%\n", names[k], j < nlibs ? suffix[j] : "saltus", r[j].mpix[ROUNDS / 2], r[j].ratio[ROUNDS / 2], differing(out[0], out[j]));
+        }
+        fflush(stdout);
+        log_sum += log(r[nlibs].ratio[ROUNDS / 2]);
+        slt_program_free(p);
+    }
+    printf("geometric mean of saltus: x%.2f\n", exp(log_sum / NK));
+    return 0;
+}
