@@ -135,6 +135,8 @@ static void collect(const NameMap *m, Checker *c, const char **names, uint32_t *
 }
 
 const char *suggest(Checker *c, const char *name, bool types_only) {
+    enum { ENOUGH = 100 };
+    if (c->s->nerrors > ENOUGH) return ""; /* thousands of errors with thousands of names would take seconds */
     ArenaMark mark = arena_mark(&c->s->scratch);
     enum { CAP = 4096 };
     const char **names = ARENA_ARRAY(&c->s->scratch, const char *, CAP);

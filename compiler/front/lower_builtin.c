@@ -50,7 +50,17 @@ static Inst *sign_scalar(Lower *l, Inst *v, TypeKind k, Span span) {
     return sel(l, up, kf(l, 1), sel(l, op2(l, OP_flt, v, zero), kf(l, -1), zero));
 }
 
+/* The same value; a scalar parameter is read anew at each mention. */
+static bool same_value(const Inst *a, const Inst *b) {
+    return a == b || (a->op == OP_param && b->op == OP_param && a->imm.slot.base == b->imm.slot.base && a->args[0]->op == OP_consti && b->args[0]->op == OP_consti && a->args[0]->imm.i == b->args[0]->imm.i);
+}
+
 static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
+    /* max(x, -x) is abs(x): its slope at 0 is 0. */
+    if (k == T_FLOAT && ((b->op == OP_fneg && same_value(a, b->args[0])) || (a->op == OP_fneg && same_value(a->args[0], b)))) {
+        Inst *size = op1(l, OP_fabs, b->op == OP_fneg ? a : b);
+        return max ? size : op1(l, OP_fneg, size);
+    }
     static const Op table[2][3] = {{OP_fmin, OP_imin, OP_umin}, {OP_fmax, OP_imax, OP_umax}};
     return op2(l, table[max][k == T_FLOAT ? 0 : k == T_UINT ? 2 : 1], a, b);
 }
