@@ -102,8 +102,11 @@ void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     if (end != n) pad(b, n, end);
     b->args.n_valid = n;
     b->evaluations += n;
+    uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
+    b->args.print = kind == SLT_K_VALUE ? b->s->print : NULL; /* derivatives run at the same samples as the value */
     if (b->s->call)
         b->s->call(b->s->call_user, (int)kind, &b->args, n);
     else
         scene_kernel(b->s, kind)(&b->args, n);
+    if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
 }

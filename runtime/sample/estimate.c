@@ -192,7 +192,11 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
         if (loss) *loss = (sum + row) / (double)n;
     }
     const float *adjoint[2] = {half[0], halves ? half[1] : half[0]};
-    if (st == SLT_OK && gradient) st = slt_estimate_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+    if (st == SLT_OK && gradient) {
+        SltStats seen = stats ? *stats : (SltStats){0};
+        st = slt_estimate_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+        if (stats) stats->truncated = seen.truncated, stats->asserts = seen.asserts; /* the same samples again */
+    }
     free(half[0]), free(half[1]);
     return st;
 }

@@ -208,6 +208,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
     while ((n = walk_fill(&k, b)))
         for (uint32_t d = 0; d < p->dirs->n; d++) {
             b->args.dparams = p->dirs->flt[d];
+            b->again = d > 0;
             batch_call(b, SLT_K_JVP, n);
             double *v = w->value + d * plane;
             for (uint32_t c = 0; c < channels; c++)
@@ -240,7 +241,7 @@ typedef struct Total {
     double weight; /* of a sample: volume / samples */
     double *value;
     double *targets[ACCUMS]; /* by channel; NULL: values only */
-    bool gradient;
+    bool gradient, both; /* both: values come from the reverse kernel */
 } Total;
 
 static bool total_work(void *user, uint32_t worker, uint64_t tile) {
@@ -270,7 +271,10 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
         for (uint32_t c = 0; c < s->channels; c++) {
             for (uint32_t o = 0; o < s->channels; o++)
                 for (uint32_t i = 0; i < n; i++) batch_set(b, SLT_IN_SEED0 + o, i, o == c ? p->weight : 0);
+            b->again = !p->both || c > 0;
             accum_call(&w->acc, b, SLT_K_VJP, n, c);
+            for (uint32_t o = 0; p->both && c == 0 && o < s->channels; o++) /* the reverse kernel gives f as well */
+                for (uint32_t i = 0; i < n; i++) w->value[o] += batch_get(b, o, i);
         }
     }
     accum_close(&w->acc);
@@ -281,11 +285,10 @@ static void total_merge(void *user, uint32_t worker, uint64_t tile) {
     Total *p = user;
     Worker *w = &p->run->worker[worker];
     uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
-    if (p->gradient)
-        accum_merge(&w->acc, p->targets);
-    else
+    if (p->gradient) accum_merge(&w->acc, p->targets);
+    if (!p->gradient || p->both)
         for (uint32_t c = 0; c < p->run->s->channels; c++) p->value[c] += p->weight * w->value[c];
-    if (!p->gradient) p->run->stats.samples += to - from;
+    if (!p->gradient || p->both) p->run->stats.samples += to - from;
     run_collect(p->run, w);
 }
 
@@ -297,7 +300,9 @@ SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double
     p.weight = volume / (double)p.samples;
     pattern_init(&p.pattern, s, r->j->seed, RNG_INTEGRAL, 0, replicate);
     uint64_t tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
-    for (int pass = value ? 0 : 1; pass < (gradient && s->vjp ? 2 : 1); pass++) {
+    /* What a shader prints comes from the value kernel. */
+    p.both = value && gradient && s->vjp && !s->print;
+    for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->vjp ? 2 : 1); pass++) {
         p.gradient = pass == 1;
         for (uint32_t c = 0; c < s->channels && gradient; c++) p.targets[c] = gradient + (uint64_t)c * s->nfloats;
         SltStatus st = run_workers(r, tiles, p.gradient ? s->channels : 0, SINK_KEEP);

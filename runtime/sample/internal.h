@@ -74,6 +74,7 @@ typedef struct Batch {
     void *memory;
     unsigned char *tape;
     uint64_t evaluations;
+    bool again; /* these samples have been through a kernel that counts: cuts and failed asserts are not counted twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
