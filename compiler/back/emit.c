@@ -373,7 +373,7 @@ void emit_block(Emit *e, Block *b) {
     for (Inst *i = b->first; i && !e->error; i = i->next) {
         if (!ir_ops[i->op].special) {
             if (!emit_slot(e, i)[0]) {
-                emit_value_op(e, i);
+                if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);
                 e->since_split++;
                 split_long_block(e);
             }

@@ -110,6 +110,7 @@ void emit_value_op(Emit *e, Inst *i);
 
 /* ---- emit_memory.c: parameters, arrays, adjoints, tape, effects */
 void emit_memory_op(Emit *e, Inst *i);
+bool emit_pairs_apart(Emit *e, Inst *i); /* a band that asks for pairs that disagree: emitted as one, if it is one */
 void emit_revloop(Emit *e, Inst *i);
 void emit_layout_frames(Emit *e);
 /* Stores the outputs of the top yield. */

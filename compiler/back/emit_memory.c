@@ -539,6 +539,28 @@ static void emit_partner(Emit *e, const Part *in, Part *out) {
         out[p] = LL(BuildShuffleVector)(e->b, in[p], LL(GetPoison)(LL(TypeOf)(in[p])), LL(ConstVector)(pick, e->L), "");
 }
 
+/* differ & both, the heart of the event kernel: pairs whose lanes are on and disagree. On mask registers the whole of it is done on one bit a pair, as
+ * integers, and spread to both lanes at the end. False where i is something else. */
+bool emit_pairs_apart(Emit *e, Inst *i) {
+    const Inst *differ = i->args[0], *both = i->args[1];
+    if (i->op != OP_band || both->op != OP_both || differ->op != OP_bxor || differ->args[1]->op != OP_partner || differ->args[1]->args[0] != differ->args[0]) return false;
+    if (e->opt->target.vector_bytes != 64 || e->L < 8 || !emit_is_vector(e, i) || !emit_is_vector(e, differ->args[0])) return false;
+    LLVMTypeRef word = LL(IntTypeInContext)(e->ctx, e->L);
+    Part even = LL(ConstInt)(word, 0x5555555555555555ull, 0), one = LL(ConstInt)(word, 1, 0);
+    Part *decision = emit_slot(e, differ->args[0]), *out = emit_slot(e, i);
+    for (uint32_t p = 0; p < e->P; p++) {
+        Part d = LL(BuildBitCast)(e->b, decision[p], word, "");
+        Part apart = LL(BuildAnd)(e->b, LL(BuildXor)(e->b, d, LL(BuildLShr)(e->b, d, one, ""), ""), even, "");
+        if (e->mask) {
+            Part m = LL(BuildBitCast)(e->b, e->mask[p], word, "");
+            apart = LL(BuildAnd)(e->b, apart, LL(BuildAnd)(e->b, m, LL(BuildLShr)(e->b, m, one, ""), ""), "");
+        }
+        apart = LL(BuildOr)(e->b, apart, LL(BuildShl)(e->b, apart, one, ""), "");
+        out[p] = LL(BuildBitCast)(e->b, apart, LL(TypeOf)(decision[p]), "");
+    }
+    return true;
+}
+
 static void emit_both(Emit *e, Inst *i) {
     Part *out = emit_slot(e, i);
     if (!emit_is_vector(e, i)) {
