@@ -273,7 +273,7 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
         Fn *fn = new_part(ctx, primal);
         Builder b = ir_at_end(fn, fn->body);
         b.fold = true;
-        Inst *g = emit_capture(ctx, &b, variant_clone(ctx, primal, "capture", true), captured);
+        Inst *g = emit_capture(ctx, &b, variant_differentiable_clone(ctx, primal, "capture"), captured);
         finish_part(fn, &b, g, arena_copy(fn->arena, captured, primal->nsites + 1));
         *end = fn;
     }
