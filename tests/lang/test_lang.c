@@ -17,7 +17,7 @@
 
 #include "compiler/api/api.h"
 
-enum { MAX_POINTS = 64, MAX_EXPECT = 128, MAX_FILES = 600, SECONDS_PER_FILE = 60 };
+enum { MAX_POINTS = 64, MAX_EXPECT = 128, MAX_FILES = 2000, SECONDS_PER_FILE = 60 };
 
 typedef struct Point {
     double x[3], v[4];
@@ -46,7 +46,7 @@ typedef struct Case {
     char texts[16][160], params[16][160], set_names[16][64], set_values[16][64];
     char entry[64];
     int npoints, nmessages, ntotals, ntexts, nparams, nsets, status, precision;
-    long asserts, truncated, prints, sites, samples;
+    long asserts, truncated, prints, sites, samples, samples_truncated, samples_failed;
     double tol[2], total_tol;
     bool ok, disc_auto;
 } Case;
@@ -164,6 +164,8 @@ static void read_comment(Case *c, const char *s, int line, const char *file) {
     else if ((a = directive(s, "truncated: "))) c->truncated = atol(a);
     else if ((a = directive(s, "prints: "))) c->prints = atol(a);
     else if ((a = directive(s, "sites: "))) c->sites = atol(a);
+    else if ((a = directive(s, "samples-truncated: "))) c->samples_truncated = atol(a);
+    else if ((a = directive(s, "samples-failed: "))) c->samples_failed = atol(a);
     else if ((a = directive(s, "samples: "))) c->samples = atol(a);
     else if ((a = directive(s, "precision: f"))) c->precision = atoi(a);
     else if (directive(s, "disc: auto")) c->disc_auto = true;
@@ -332,6 +334,8 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
     double *memory = calloc((size_t)n * (nf + 1) + 1, sizeof *memory);
     SltIntegral r = {.value = memory, .gradient = memory + n};
     if (slt_grad_integral(p, &job, &r, &stats, &err) != SLT_OK) wrong(c, "%s: no integral: %s", f64 ? "f64" : "f32", err.text);
+    if (c->samples_truncated >= 0 && (long)stats.truncated != c->samples_truncated) wrong(c, "%ld samples cut short in the integral, not %ld", (long)stats.truncated, c->samples_truncated);
+    if (c->samples_failed >= 0 && (long)stats.asserts != c->samples_failed) wrong(c, "%ld failed asserts in the integral, not %ld", (long)stats.asserts, c->samples_failed);
     for (int i = 0; i < c->ntotals && !failures; i++) {
         const Total *t = &c->totals[i];
         SltParam q = {.fcount = 1};
@@ -350,7 +354,7 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
 
 static void run_case(Case *c, const char *path) {
     char dir[512];
-    *c = (Case){.path = path, .status = -1, .asserts = -1, .truncated = -1, .prints = -1, .sites = -1, .samples = 65536, .tol = {1e-6, 1e-13}, .total_tol = 2e-3};
+    *c = (Case){.path = path, .status = -1, .asserts = -1, .truncated = -1, .prints = -1, .sites = -1, .samples_truncated = -1, .samples_failed = -1, .samples = 65536, .tol = {1e-6, 1e-13}, .total_tol = 2e-3};
     size_t n = strlen(path);
     if (n > 10 && !strcmp(path + n - 10, "/main.salt")) { /* imported files say what is expected in them */
         copy(dir, sizeof dir, path, n - 10);

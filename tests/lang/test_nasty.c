@@ -162,8 +162,8 @@ static void long_things(void **state) {
     repeat(&t, 200000, "@#$ ");
     compile("no program at all", t.s, SLT_PROGRAM, NULL);
     t.len = 0;
-    for (int i = 0; i < 2000; i++) add(&t, "const int C%d = C%d + 1;\n", i, i + 1);
-    add(&t, "const int C2000 = 0;\nshader float main(float x) { return float(C0); }\n");
+    for (int i = 0; i < 1500; i++) add(&t, "const int C%d = C%d + 1;\n", i, i + 1);
+    add(&t, "const int C1500 = 0;\nshader float main(float x) { return float(C0); }\n");
     compile("long chain of constants", t.s, -1, NULL);
     t.len = 0;
     for (int i = 0; i < 3000; i++) add(&t, "float f%d(float x) { return f%d(x); }\n", i, i + 1);
