@@ -13,7 +13,12 @@ void variant_drop_sites(Fn *fn);
 static inline bool variant_is_site(const Inst *i) { return i->op == OP_site || i->op == OP_siten; }
 static inline const SiteInfo *variant_site_info(const Fn *fn, const Inst *i) { return &fn->sites[i->imm.i]; }
 
-/* Key of the event: site number and loop indices, mixed; never 0 by construction of ir_mix's last step is not needed: only equality counts. */
+/* Loop indices of the deepest site. */
+uint32_t variant_site_depth(const Block *b);
+/* Thread.touches: every site. */
+bool variant_touches_site(Thread *t, const Inst *i);
+
+/* Key of the event: site number and loop indices, mixed: only equality counts. */
 Inst *variant_event_key(Builder *b, const Inst *site);
 /* The boundary of an integer-valued site between n and n + 1. */
 Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n);

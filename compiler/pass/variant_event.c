@@ -15,11 +15,6 @@ typedef struct Event {
     bool argmin;
 } Event;
 
-static bool touches_site(Thread *t, const Inst *i) {
-    (void)t;
-    return variant_is_site(i);
-}
-
 /* g of the lane's own end at site i, and the boundary: shared by both lanes, that of the lower integer. */
 static Inst *own_g(Builder *b, const Fn *fn, Inst *i, Inst **aux) {
     if (i->op == OP_site) {
@@ -67,26 +62,14 @@ static Inst *stop_when_found(Thread *t, Builder *b, Inst *flag) {
     return ir_emit2(b, OP_band, flag, ir_emit1(b, OP_bnot, t->value[V_FOUND]));
 }
 
-static uint32_t max_depth(const Fn *fn, const Block *b) {
-    uint32_t depth = 0;
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (variant_is_site(i) && i->nargs - 2 > depth) depth = i->nargs - 2;
-        for (uint32_t r = 0; r < i->nregions; r++) {
-            uint32_t below = max_depth(fn, i->region[r]);
-            depth = below > depth ? below : depth;
-        }
-    }
-    return depth;
-}
-
 static const char *const k_names[IR_MAX_SITE_DEPTH] = {"k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"};
 
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "event", true);
     opt_dce(ctx, fn);
-    Event e = {max_depth(fn, fn->body), o->paper_argmin};
+    Event e = {variant_site_depth(fn->body), o->paper_argmin};
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-    Thread t = {.fn = fn, .n = V_K + e.depth, .at = event_at, .touches = touches_site, .cont = stop_when_found, .user = &e};
+    Thread t = {.fn = fn, .n = V_K + e.depth, .at = event_at, .touches = variant_touches_site, .cont = stop_when_found, .user = &e};
     t.value[V_FOUND] = ir_constb(&b, false);
     t.value[V_SITE] = ir_consti(&b, -1);
     t.value[V_G] = ir_constf(&b, e.argmin ? __builtin_inf() : 0);

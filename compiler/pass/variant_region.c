@@ -7,11 +7,6 @@
 
 #include "compiler/pass/variant.h"
 
-static bool touches_site(Thread *t, const Inst *i) {
-    (void)t;
-    return variant_is_site(i);
-}
-
 static Inst *site_hash(Builder *b, Inst *site) {
     Inst *key = variant_event_key(b, site);
     if (site->op == OP_site) return ir_select(b, site, key, ir_consti(b, 0));
@@ -38,7 +33,7 @@ Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o) {
     Inst *origin = o->path_hash ? NULL : variant_provenance(ctx, fn);
     if (origin && !has_skipped(fn)) return origin;
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-    Thread t = {.fn = fn, .n = 1, .at = hash_at, .touches = origin ? touches_skipped : touches_site};
+    Thread t = {.fn = fn, .n = 1, .at = hash_at, .touches = origin ? touches_skipped : variant_touches_site};
     t.value[0] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
     if (!origin) return t.value[0];
@@ -75,18 +70,6 @@ static bool near_at(Thread *t, Inst *i) {
     return true;
 }
 
-static uint32_t max_depth(const Block *b) {
-    uint32_t depth = 0;
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (variant_is_site(i) && i->nargs - 2 > depth) depth = i->nargs - 2;
-        for (uint32_t r = 0; r < i->nregions; r++) {
-            uint32_t below = max_depth(i->region[r]);
-            depth = below > depth ? below : depth;
-        }
-    }
-    return depth;
-}
-
 static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "near_k2", "near_k3", "near_k4", "near_k5", "near_k6", "near_k7"};
 
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
@@ -96,9 +79,9 @@ Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     if (!o->near_miss) {
         variant_outputs(fn, 1, &hash, (const char *[]){"hash"});
     } else {
-        Near near = {max_depth(fn->body)};
+        Near near = {variant_site_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-        Thread t = {.fn = fn, .n = 3 + near.depth, .at = near_at, .touches = touches_site, .user = &near};
+        Thread t = {.fn = fn, .n = 3 + near.depth, .at = near_at, .touches = variant_touches_site, .user = &near};
         t.value[0] = ir_constf(&b, __builtin_inf());
         t.value[1] = ir_constf(&b, 0);
         t.value[2] = ir_consti(&b, -1);

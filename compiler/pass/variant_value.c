@@ -31,6 +31,23 @@ void variant_drop_sites(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
+uint32_t variant_site_depth(const Block *b) {
+    uint32_t depth = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (variant_is_site(i) && i->nargs - 2 > depth) depth = i->nargs - 2;
+        for (uint32_t r = 0; r < i->nregions; r++) {
+            uint32_t below = variant_site_depth(i->region[r]);
+            depth = below > depth ? below : depth;
+        }
+    }
+    return depth;
+}
+
+bool variant_touches_site(Thread *t, const Inst *i) {
+    (void)t;
+    return variant_is_site(i);
+}
+
 Inst *variant_event_key(Builder *b, const Inst *site) {
     Inst *key = ir_consti(b, (int32_t)ir_mix(0x9e3779b9u, (uint32_t)site->imm.i + 1u));
     for (uint32_t a = 2; a < site->nargs; a++) key = ir_mix_inst(b, key, site->args[a]);
