@@ -1,5 +1,5 @@
 /* What the documentation shows is true: every ```salt block of README.md and docs/ compiles, every ```c block with a main passes the C compiler, every relative link leads to
- * a file.
+ * a file, every option of the command is described.
  *
  * A block that is meant to fail or to warn says so in a comment: `// E0401` or `// W0401` somewhere in it demands exactly this diagnostic; any other block must compile
  * without one. A ```salt block without a shader is a module or an excerpt: it gets an empty shader. */
@@ -186,7 +186,34 @@ static void links_lead_somewhere(void **state) {
     assert_int_equal(v.failures, 0);
 }
 
+/* ---- every option that --help lists is on the page of the command */
+static void options_are_documented(void **state) {
+    (void)state;
+    static const char *const verbs[] = {"render", "grad", "fit", "check", "bench", "explain", "build"};
+    if (access(SALTUS_BIN, X_OK) != 0) skip();
+    char *page = read_text(ROOT "/docs/command.md"), line[1024];
+    int seen = 0, missing = 0;
+    for (size_t v = 0; v < sizeof verbs / sizeof *verbs; v++) {
+        snprintf(line, sizeof line, "'%s' %s --help", SALTUS_BIN, verbs[v]);
+        FILE *help = popen(line, "r");
+        assert_non_null(help);
+        while (fgets(line, sizeof line, help)) {
+            if (strncmp(line, "  -", 3)) continue;
+            line[2 + strcspn(line + 2, " ")] = 0;
+            seen++;
+            if (strstr(page, line + 2)) continue;
+            print_error("docs/command.md does not mention %s of `%s`\n", line + 2, verbs[v]);
+            missing++;
+        }
+        assert_int_equal(pclose(help), 0);
+    }
+    free(page);
+    assert_true(seen > 100);
+    assert_int_equal(missing, 0);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(shaders_compile), cmocka_unit_test(c_compiles), cmocka_unit_test(links_lead_somewhere)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(shaders_compile), cmocka_unit_test(c_compiles), cmocka_unit_test(links_lead_somewhere),
+                                       cmocka_unit_test(options_are_documented)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
