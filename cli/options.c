@@ -398,7 +398,7 @@ int cli_parse(int argc, char **argv, Cli *c) {
     if (!strcmp(argv[1], "--version")) {
         Target t;
         target_host(&t);
-        printf("saltus %s, LLVM %s, targets native avx512 avx2 sse2, SIMD %u bytes (%u lanes of f32), cpu %s\n", slt_version(), back_llvm_version(), t.vector_bytes, t.vector_bytes / 4, t.cpu);
+        printf("saltus %s, LLVM %s (%s), targets native avx512 avx2 sse2, SIMD %u bytes (%u lanes of f32), cpu %s\n", slt_version(), back_llvm_version(), back_llvm_file(), t.vector_bytes, t.vector_bytes / 4, t.cpu);
         return -1;
     }
     if (!find_verb(argv[1])) {

@@ -1,4 +1,5 @@
 /* Compiling: from a file or a string to a program object. */
+#include <dlfcn.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -14,10 +15,40 @@ static double now_ms(void) {
 
 static const char *copy_string(Session *s, const char *text) { return text ? arena_strndup(&s->session, text, strlen(text)) : NULL; }
 
-static const char *find_stdlib(const SltOptions *opt) {
+/* Where the library's code was loaded from: libsaltus.so, or the program that links the archive. NULL if that cannot be told. */
+static char *own_file(void) {
+    Dl_info info;
+    char *exe = realpath("/proc/self/exe", NULL);
+    if (dladdr((const void *)own_file, &info) && info.dli_fname && info.dli_fname[0] == '/') {
+        char *file = realpath(info.dli_fname, NULL); /* for the program itself this is argv[0], which means little */
+        if (file) {
+            free(exe);
+            return file;
+        }
+    }
+    return exe;
+}
+
+/* ../share/saltus/stdlib of the folder of `file`, and of the one above it (lib/x86_64-linux-gnu/libsaltus.so). */
+static const char *stdlib_beside(Session *s, const char *file) {
+    const char *slash = strrchr(file, '/');
+    int n = slash ? (int)(slash - file) : 0;
+    for (int up = 0; slash && up < 2; up++) {
+        const char *dir = arena_printf(&s->session, "%.*s/%s../share/saltus/stdlib", n, file, up ? "../" : "");
+        if (access(dir, R_OK) == 0) return dir;
+    }
+    return NULL;
+}
+
+/* What the caller says, what the environment says, what was installed along, the tree it was built from, where it was meant to be installed. */
+static const char *find_stdlib(Session *s, const SltOptions *opt) {
     if (opt->stdlib_dir) return opt->stdlib_dir;
     const char *env = getenv("SALTUS_STDLIB");
     if (env && *env) return env;
+    char *file = own_file();
+    const char *beside = file ? stdlib_beside(s, file) : NULL;
+    free(file);
+    if (beside) return beside;
 #ifdef SALTUS_STDLIB_SOURCE
     if (access(SALTUS_STDLIB_SOURCE, R_OK) == 0) return SALTUS_STDLIB_SOURCE;
 #endif
@@ -115,7 +146,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     p->opt = o;
     p->cached = true;
     Session *s = p->session;
-    s->stdlib_dir = copy_string(s, find_stdlib(&o));
+    s->stdlib_dir = copy_string(s, find_stdlib(s, &o));
     s->import_dirs = o.import_dirs;
     s->nimport_dirs = o.nimport_dirs;
     if (o.target) {

@@ -48,7 +48,8 @@ void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool 
 void back_free(CompiledModule *m);
 /* Ahead of time: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (written to path through the system's linker: cc). */
 int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path, const char **why);
-const char *back_llvm_version(void);
+const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */
+const char *back_llvm_file(void);    /* the library tried first, or the name the loader is asked for; loads nothing */
 
 /* uniform.c: which instructions have the same value in all lanes (flag in inst->flags bit 0: varying). */
 void back_analyse_uniform(Fn *fn);

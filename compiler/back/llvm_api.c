@@ -1,20 +1,33 @@
 #include "compiler/back/llvm_api.h"
+#include "compiler/back/back.h"
 
 #include <dlfcn.h>
+#include <stdbool.h>
 #include <stddef.h>
+#include <unistd.h>
 
-#ifndef SALTUS_LLVM_SONAME
-#define SALTUS_LLVM_SONAME "libLLVM.so." LLVM_VERSION_SHORT
-#endif
 #define STRING_(x) #x
 #define STRING(x) STRING_(x)
-#define LLVM_VERSION_SHORT STRING(LLVM_VERSION_MAJOR) "." STRING(LLVM_VERSION_MINOR)
+#define MAJOR STRING(LLVM_VERSION_MAJOR)
+
+/* The file that was there when this was built, then whatever the loader knows by its names. */
+static const char *const files[] = {
+#ifdef SALTUS_LLVM_LIBRARY
+    SALTUS_LLVM_LIBRARY,
+#endif
+    "libLLVM.so." MAJOR "." STRING(LLVM_VERSION_MINOR), "libLLVM-" MAJOR ".so", "libLLVM-" MAJOR ".so.1"};
+
+const char *back_llvm_file(void) {
+    bool absolute = files[0][0] == '/';
+    return absolute && access(files[0], R_OK) == 0 ? files[0] : files[absolute];
+}
 
 const char *llvm_open(LlvmApi *api) {
-    static const char *const names[] = {SALTUS_LLVM_SONAME, "libLLVM-" STRING(LLVM_VERSION_MAJOR) ".so",
-                                        "/usr/lib/llvm-" STRING(LLVM_VERSION_MAJOR) "/lib/" SALTUS_LLVM_SONAME};
     void *h = NULL;
-    for (unsigned i = 0; !h && i < sizeof names / sizeof *names; i++) h = dlopen(names[i], RTLD_NOW | RTLD_LOCAL);
+    for (unsigned i = 0; !h && i < sizeof files / sizeof *files; i++) {
+        if (files[i][0] == '/' && access(files[i], R_OK) != 0) continue;
+        h = dlopen(files[i], RTLD_NOW | RTLD_LOCAL);
+    }
     if (!h) return dlerror();
     api->handle = h;
 #define FN(name)                                                                                                       \

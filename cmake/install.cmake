@@ -1,0 +1,24 @@
+# What `cmake --install` puts where. The result may be moved: the command, libsaltus.so, the CMake package and saltus.pc
+# find everything relative to themselves.
+include(CMakePackageConfigHelpers)
+
+if(TARGET saltus-cli)
+  install(TARGETS saltus-cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endif()
+install(TARGETS saltus saltus-shared EXPORT saltus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
+  INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(DIRECTORY include/saltus DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h")
+install(DIRECTORY stdlib/ DESTINATION ${CMAKE_INSTALL_DATADIR}/saltus/stdlib FILES_MATCHING PATTERN "*.salt")
+install(FILES docs/saltus.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
+
+set(PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/saltus)
+install(EXPORT saltus NAMESPACE saltus:: FILE saltusTargets.cmake DESTINATION ${PACKAGE_DIR})
+configure_package_config_file(${CMAKE_SOURCE_DIR}/cmake/saltusConfig.cmake.in ${CMAKE_BINARY_DIR}/saltusConfig.cmake
+  INSTALL_DESTINATION ${PACKAGE_DIR})
+write_basic_package_version_file(${CMAKE_BINARY_DIR}/saltusConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${CMAKE_BINARY_DIR}/saltusConfig.cmake ${CMAKE_BINARY_DIR}/saltusConfigVersion.cmake DESTINATION ${PACKAGE_DIR})
+
+file(RELATIVE_PATH PC_TO_PREFIX /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
+configure_file(${CMAKE_SOURCE_DIR}/cmake/saltus.pc.in ${CMAKE_BINARY_DIR}/saltus.pc @ONLY)
+install(FILES ${CMAKE_BINARY_DIR}/saltus.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

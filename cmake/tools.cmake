@@ -1,0 +1,10 @@
+# `format` and `tidy`: only where the tools are, and never part of a build.
+find_program(CLANG_TIDY NAMES clang-tidy-${SALTUS_LLVM} clang-tidy)
+find_program(CLANG_FORMAT NAMES clang-format-${SALTUS_LLVM} clang-format)
+file(GLOB_RECURSE TOOL_SOURCES ${CMAKE_SOURCE_DIR}/compiler/*.c ${CMAKE_SOURCE_DIR}/runtime/*.c ${CMAKE_SOURCE_DIR}/cli/*.c)
+if(CLANG_TIDY)
+  add_custom_target(tidy COMMAND ${CLANG_TIDY} --quiet -p ${CMAKE_BINARY_DIR} ${TOOL_SOURCES} WORKING_DIRECTORY ${CMAKE_SOURCE_DIR} USES_TERMINAL)
+endif()
+if(CLANG_FORMAT AND EXISTS ${CMAKE_SOURCE_DIR}/.clang-format)
+  add_custom_target(format COMMAND ${CLANG_FORMAT} -i ${TOOL_SOURCES} WORKING_DIRECTORY ${CMAKE_SOURCE_DIR} USES_TERMINAL)
+endif()

@@ -1,0 +1,67 @@
+#!/usr/bin/env bash
+# run.sh BUILD CC: installs, moves what was installed, and uses it as somebody else's project would.
+#
+# The installed standard library gets one module that the source tree lacks, so that a shader which imports it compiles
+# only if the installed copy is found, whether or not the source tree is still there.
+set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
+build=$1
+export CC=$2
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+fail() { echo "install: $*" >&2; exit 1; }
+
+cmake --install "$build" --prefix "$scratch/first" >/dev/null
+mv "$scratch/first" "$scratch/moved"
+prefix=$scratch/moved
+unset SALTUS_STDLIB LD_LIBRARY_PATH
+export XDG_CACHE_HOME=$scratch/cache
+cat >"$prefix/share/saltus/stdlib/only_installed.salt" <<'SALT'
+// The stand-in for a module of an installation.
+float disc_of_the_installed(float2 x, float r) { return length(x) - r; }
+SALT
+[ -s "$prefix/share/man/man1/saltus.1" ] || fail "no manual page"
+
+# The command, by its path, through PATH and through a link.
+cat >"$scratch/disc.salt" <<'SALT'
+import only_installed;
+param float radius = 0.5;
+[Domain(-1.0, 1.0)] shader float main(float2 x) {
+    float f = 0.0;
+    [Disc] if (disc_of_the_installed(x, radius) < 0.0) f = 1.0;
+    return f;
+}
+SALT
+cd "$scratch"
+grad=(grad disc.salt --integral --samples 4096 --json)
+"$prefix/bin/saltus" "${grad[@]}" | grep -q '"gradient"' || fail "the command by its path"
+PATH="$prefix/bin:$PATH" saltus "${grad[@]}" | grep -q '"gradient"' || fail "the command through PATH"
+ln -s "$prefix/bin/saltus" linked
+./linked "${grad[@]}" | grep -q '"gradient"' || fail "the command through a link"
+
+# LLVM is loaded to compile, and not when everything comes from the cache.
+loads() { LD_DEBUG=files "$@" 2>&1 >/dev/null | grep -c 'calling init: .*libLLVM' || true; }
+[ "$(loads "$prefix/bin/saltus" "${grad[@]}")" -eq 0 ] || fail "a cached run loads LLVM"
+[ "$(loads "$prefix/bin/saltus" --version)" -eq 0 ] || fail "--version loads LLVM"
+[ "$(loads "$prefix/bin/saltus" "${grad[@]}" --no-cache)" -eq 1 ] || fail "a compiling run does not load LLVM, so the two checks above show nothing"
+
+# libsaltus.so exports the public functions, all of them, and nothing else.
+library=$(find "$prefix" -name libsaltus.so)
+nm -D --defined-only "$library" | awk '{print $3}' | sort >exported
+grep -v '^slt_' exported && fail "exported beside slt_*"
+grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/saltus.h | tr -d '(' | sort -u >declared
+[ -s declared ] || fail "no declarations found"
+comm -23 declared exported | grep . && fail "declared and not exported"
+
+# find_package, shared and static.
+cmake -S "$here/consumer" -B consumer -DCMAKE_PREFIX_PATH="$prefix" >cmake.log || { cat cmake.log; fail "find_package"; }
+cmake --build consumer >build.log 2>&1 || { cat build.log; fail "building against the package"; }
+consumer/shared || fail "the shared consumer"
+consumer/cxx || fail "the C++ consumer"
+# A program that holds the archive may lie anywhere, so it is told where the standard library is.
+SALTUS_STDLIB=$prefix/share/saltus/stdlib consumer/static || fail "the static consumer"
+
+# pkg-config.
+export PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name saltus.pc)")
+$CC "$here/consumer/consumer.c" -o by_pkg_config $(pkg-config --cflags --libs saltus) -lm
+LD_LIBRARY_PATH=$(dirname "$library") ./by_pkg_config || fail "the pkg-config consumer"
