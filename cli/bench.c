@@ -36,6 +36,7 @@ typedef struct Bench {
     Curve curves[NESTIMATORS];
     SltError err;
     double budget; /* seconds a point */
+    Curve other;   /* the lattice in the other precision, at the largest number of samples */
 } Bench;
 
 static SltStatus gradient(Bench *b, SltEstimator e, uint64_t samples, uint32_t seed, SltStats *stats) {
@@ -94,6 +95,23 @@ static SltStatus measure(Bench *b, Curve *k, uint64_t samples) {
     return SLT_OK;
 }
 
+/* What the other precision makes of the same lattice: where f32 stops gaining. */
+static SltStatus measure_other(Bench *b, uint64_t samples) {
+    SltProgram *own = b->p, *other = NULL;
+    bool quiet = b->c->quiet;
+    b->c->opt.f64 = !b->c->opt.f64, b->c->quiet = true;
+    int status = cli_compile(b->c, &other);
+    b->c->opt.f64 = !b->c->opt.f64, b->c->quiet = quiet;
+    b->other = (Curve){.name = b->c->opt.f64 ? "lattice, f32" : "lattice, f64", .estimator = SLT_EST_LATTICE};
+    if (status == SLT_OK) {
+        b->p = other;
+        status = measure(b, &b->other, samples);
+        b->p = own;
+    }
+    slt_program_free(other);
+    return (SltStatus)status;
+}
+
 static bool wanted(const Bench *b, const char *name) {
     if (!b->c->estimators) return true;
     const char *at = b->c->estimators;
@@ -149,7 +167,15 @@ static char *make_json(const Bench *b) {
         }
         fputs("]", out);
     }
-    fputs("}, \"skipped\": {", out);
+    fputs("}", out);
+    if (b->other.n) {
+        fprintf(out, ", \"other_precision\": {\"precision\": \"%s\", \"samples\": %llu, \"seconds\": ", b->c->opt.f64 ? "f32" : "f64", (unsigned long long)b->other.at[0].samples);
+        json_number(out, b->other.at[0].seconds);
+        fputs(", \"error\": ", out);
+        json_number(out, b->other.at[0].error);
+        fputs("}", out);
+    }
+    fputs(", \"skipped\": {", out);
     first = true;
     for (int e = 0; e < NESTIMATORS; e++) {
         if (!b->curves[e].skipped) continue;
@@ -202,6 +228,7 @@ static void print_table(const Bench *b) {
         }
         if (b->curves[e].skipped) printf("%-14s left out: %s\n", b->curves[e].name, b->curves[e].skipped);
     }
+    if (b->other.n) printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->other.name, (unsigned long long)b->other.at[0].samples, b->other.at[0].evaluations, b->other.at[0].seconds, b->other.at[0].error);
 }
 
 static int bench(Bench *b) {
@@ -236,6 +263,7 @@ static int bench(Bench *b) {
             if (k->n && k->at[k->n - 1].seconds > b->budget) break;
         }
     }
+    if (s == SLT_OK && wanted(b, "lattice") && strcmp(c->file ? c->file : "", "-")) s = measure_other(b, largest);
     progress_end(&pr);
     if (s == SLT_OK && c->output) s = write_folder(b);
     if (s == SLT_OK && c->json) {

@@ -91,6 +91,7 @@ static const char *left_out(const Explain *e, int kind) {
     for (uint32_t s = 0; s < e->p->prog->primal->nsites; s++) jumps |= e->alive[s] != 0;
     bool boundary = kind == K_REGION || kind == K_EVENT || kind == K_SIDES || kind == K_SITE || kind == K_SITE_GRAD || kind == K_SITE_JVP || kind == K_SITE_VJP;
     if (boundary && !jumps) return "no discontinuity reaches the output";
+    if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary) return "no boundary moves with what is differentiated";
     if (boundary && e->c->job.no_boundary) return "--interior-only";
     if (!boundary && kind != K_VALUE && e->c->job.no_interior) return "--boundary-only";
     return "not needed";

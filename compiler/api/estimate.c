@@ -1,4 +1,6 @@
 /* Estimating: each call makes sure of its kernels and hands the scene to the runtime. */
+#include <math.h>
+
 #include "compiler/api/api.h"
 
 static const bool needs_render[K_KINDS] = {[K_VALUE] = true};
@@ -25,6 +27,11 @@ static SltStatus finish(SltProgram *p, SltStatus status, SltError *err) {
     return status;
 }
 
+/* What is truly infinite is infinite, and counted. */
+static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
+    for (size_t i = 0; v && stats && i < n; i++) stats->nonfinite += !isfinite(v[i]);
+}
+
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err) {
     SltStatus s = prepare(p, job, false, false, err);
     return s != SLT_OK ? s : finish(p, slt_estimate_render(&p->scene, job, 0, image, stats, err), err);
@@ -38,17 +45,23 @@ SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const
 SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
     const float *both[2] = {adjoint, adjoint};
     SltStatus s = prepare(p, job, true, false, err);
-    return s != SLT_OK ? s : finish(p, slt_estimate_reverse(&p->scene, job, both, gradient, stderr_bound, stats, err), err);
+    if (s == SLT_OK) s = finish(p, slt_estimate_reverse(&p->scene, job, both, gradient, stderr_bound, stats, err), err);
+    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, stats);
+    return s;
 }
 
 SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     SltStatus s = prepare(p, job, true, false, err);
-    return s != SLT_OK ? s : finish(p, slt_estimate_loss(&p->scene, job, target, mask, loss, gradient, stderr_bound, image, stats, err), err);
+    if (s == SLT_OK) s = finish(p, slt_estimate_loss(&p->scene, job, target, mask, loss, gradient, stderr_bound, image, stats, err), err);
+    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, stats);
+    return s;
 }
 
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltStatus s = prepare(p, job, true, false, err);
-    return s != SLT_OK ? s : finish(p, slt_estimate_integral(&p->scene, job, out, stats, err), err);
+    if (s == SLT_OK) s = finish(p, slt_estimate_integral(&p->scene, job, out, stats, err), err);
+    if (s == SLT_OK) count_nonfinite(out->gradient, (size_t)p->prog->channels * p->prog->nfloats, stats);
+    return s;
 }
 
 SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err) {

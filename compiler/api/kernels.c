@@ -6,7 +6,8 @@
 #include "compiler/api/api.h"
 #include "compiler/pass/site_facts.h"
 
-/* Events of a sample up to which the near-miss probe is on by default; see docs/estimators.md for the measurement. */
+/* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band between two comparisons that is thinner than
+ * the spacing shows in the hash, though both its outsides look alike. Above it, speed wins; see docs/estimators.md for the measurement. */
 enum { NEAR_MISS_EVENTS = 64 };
 /* Above this many bytes of per-lane accumulators the adjoints are added horizontally instead. */
 enum { LANE_ADJOINT_BYTES = 1 << 17 };
@@ -92,7 +93,7 @@ static void build_body(Session *s, void *arg) {
     Request *q = arg;
     SltProgram *p = q->p;
     if (!p->site_kind) site_tables(p);
-    VariantOptions vo = {.near_miss = near_miss(p), .paper_argmin = p->opt.paper_argmin, .paper_forced = p->opt.paper_forced, .path_hash = p->opt.path_hash};
+    VariantOptions vo = {.near_miss = near_miss(p), .paper_argmin = p->opt.paper_argmin, .paper_forced = p->opt.paper_forced, .path_hash = p->opt.path_hash || near_miss(p)};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();
@@ -172,6 +173,7 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
 
 void api_forget_gradients(SltProgram *p) {
     static const int kinds[] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP};
+    for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->fn[k] != NULL; /* what was left out may be needed now */
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         p->fn[kinds[i]] = NULL;
         p->tried[kinds[i]] = false;

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "compiler/pass/lower_math.h"
+#include "compiler/pass/site_facts.h"
 #include "compiler/pass/variant.h"
 
 const char *const kernel_names[K_KINDS] = {"value", "region", "event", "sides", "site", "site_grad", "site_jvp", "site_vjp", "jvp", "vjp"};
@@ -49,13 +50,16 @@ void pipeline_kernel(PassCtx *ctx, Fn *fn) {
     RUN(opt_dce);
 }
 
-static uint32_t count_sites(const Block *b) {
-    uint32_t n = 0;
-    for (const Inst *i = b->first; i; i = i->next) {
-        n += variant_is_site(i);
-        for (uint32_t r = 0; r < i->nregions; r++) n += count_sites(i->region[r]);
-    }
-    return n;
+/* Is there a site whose boundary moves with what is differentiated? */
+static bool boundary_moves(PassCtx *ctx, Program *p, const uint8_t *wrt) {
+    const Fn *primal = p->primal;
+    ArenaMark m = arena_mark(&ctx->session->scratch);
+    uint8_t *facts = ARENA_ARRAY(&ctx->session->scratch, uint8_t, primal->nsites + 1);
+    bool moves = false;
+    site_facts(ctx, p->primal, wrt, facts);
+    for (uint32_t s = 0; s < primal->nsites; s++) moves |= (facts[s] & DEPENDS_PARAM) != 0;
+    arena_reset(&ctx->session->scratch, m);
+    return moves;
 }
 
 /* Appends what was made from a part of the site kernel; returns where the next one goes. */
@@ -71,7 +75,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     const Fn *primal = p->primal;
     VariantOptions variant = vo ? *vo : (VariantOptions){0};
     AdOptions wrt = ad ? *ad : (AdOptions){0};
-    bool jumps = count_sites(primal->body) > 0;
+    bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
     out->near_miss = variant.near_miss;
 

@@ -189,6 +189,8 @@ static void make_cases(void) {
          SHADER2("param float r = 0.6;", UNIT,
                  "float k = r * r - dot(x, x); [Disc] if (k > 0.0) return sqrt(k); return 0.0;"),
          .want = {{"r", 2 * PI * 0.36}});
+    CASE("thin band between two comparisons", SHADER2("param float w = 0.0005;", "", "float d = x.y - 0.5123 - 0.1 * x.x; [Disc] return d > 0.0 && d < w ? 1.0 : 0.0;"), .want = {{"w", 1}});
+    CASE("thin band by nested ifs", SHADER1("param float w = 0.00001;", "float f = 0.0; [Disc] if (x > 0.37) { [Disc] if (x < 0.37 + w) f = 1.0; } return f;"), .want = {{"w", 1}});
     /* ---- 3D */
     CASE("sphere", SHADER3("param float r = 0.6;", UNIT, "[Disc] return length(x) < r ? 1.0 : 0.0;"),
          .want = {{"r", 4 * PI * 0.36}});
