@@ -92,6 +92,7 @@ static const char *left_out(const Explain *e, int kind) {
     bool boundary = kind == K_REGION || kind == K_EVENT || kind == K_SIDES || kind == K_SITE || kind == K_SITE_GRAD || kind == K_SITE_JVP || kind == K_SITE_VJP;
     if (boundary && !jumps) return "no discontinuity reaches the output";
     if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary) return "no boundary moves with what is differentiated";
+    if (kind == K_SITE && e->p->fn[K_SITE_GRAD]) return "served by site_grad: there are many sites";
     if (boundary && e->c->job.no_boundary) return "--interior-only";
     if (!boundary && kind != K_VALUE && e->c->job.no_interior) return "--boundary-only";
     return "not needed";
@@ -144,8 +145,8 @@ static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
     any = false;
     for (int k = 0; k < K_KINDS; k++)
         if (!p->fn[k]) printf("  kernel %s: %s\n", kernel_names[k], left_out(e, k)), any = true;
-    bool textures = false, fields = false;
-    for (uint32_t i = 0; i < g->nparams; i++) textures |= g->params[i].is_texture, fields |= g->params[i].is_heightfield;
+    bool fields = false;
+    for (uint32_t i = 0; i < g->nparams; i++) fields |= g->params[i].is_heightfield;
     if (!fields) puts("  heightfield mipmap, safety shapes: no heightfield is queried");
     if (!g->ncull) puts("  cull grid: no [Cull] loop");
     if (!g->uses_rand) puts("  random streams: rand() is not called");

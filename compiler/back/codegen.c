@@ -66,8 +66,8 @@ static bool open_target(Job *j) {
 static bool run_passes(Job *j) {
     static const char *const lists[] = {"function(mem2reg)", "function(mem2reg,early-cse)",
                                         "function(mem2reg,early-cse)",
-                                        "function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
-                                        ",instcombine<no-verify-fixpoint>)"};
+                                        ("function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
+                                         ",instcombine<no-verify-fixpoint>)")};
     const LlvmApi *ll = &j->api;
     LLVMPassBuilderOptionsRef options = ll->CreatePassBuilderOptions();
     LLVMErrorRef err = ll->RunPasses(j->mod, lists[j->o->opt_level > 3 ? 3 : j->o->opt_level], j->tm, options);
