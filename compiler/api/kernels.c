@@ -9,6 +9,8 @@
 /* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band between two comparisons that is thinner than
  * the spacing shows in the hash, though both its outsides look alike. Above it, speed wins; see docs/estimators.md for the measurement. */
 enum { NEAR_MISS_EVENTS = 64 };
+/* Above this many sites the kernel of g alone is left out: the one with its gradient gives g as well, a little slower, and compiling dominates. */
+enum { LONE_SITE_KERNEL = 128 };
 /* Above this many bytes of per-lane accumulators the adjoints are added horizontally instead. */
 enum { LANE_ADJOINT_BYTES = 1 << 17 };
 
@@ -30,7 +32,8 @@ static bool near_miss(const SltProgram *p) {
 
 static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
     SltProgram *p = user;
-    int status = ir_interpret(p->fn[kind], args, n, 16);
+    const Fn *fn = kind == K_SITE && !p->fn[K_SITE] ? p->fn[K_SITE_GRAD] : p->fn[kind];
+    int status = ir_interpret(fn, args, n, 16);
     if (status != SLT_OK && p->error.status == SLT_OK) status_fail(&p->error, (SltStatus)status, "the interpreter stopped in kernel %s", kernel_names[kind]);
 }
 
@@ -52,6 +55,7 @@ static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
     s->f64 = g->primal->precision == PREC_F64;
+    if (!s->site) s->site = s->site_grad;
     s->dim = g->dim, s->channels = g->channels;
     for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
     s->nfloats = g->nfloats, s->nints = g->nints;
@@ -155,6 +159,7 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
     bool any = false;
     for (int k = 0; k < K_KINDS; k++) {
         q.needs[k] = needs[k] && !p->tried[k];
+        if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
         any |= q.needs[k];
     }
     /* The two adjoint kernels share a layout: they are compiled together. */
