@@ -3,13 +3,16 @@
 #include <string.h>
 
 #include "cli/cli.h"
+#include "compiler/api/shape.h"
 
 const char *report_channel(uint32_t channels, uint32_t c) {
     static const char *const rgba[] = {"R", "G", "B", "A"};
     return channels == 1 ? "Y" : rgba[c];
 }
 
-static void leaf(FILE *out, const ShapeValues *v, uint32_t index) {
+static void leaf(void *user, FILE *out, TypeKind kind, uint32_t index) {
+    const ShapeValues *v = user;
+    (void)kind;
     if (v->channels == 1) {
         json_number(out, v->data[index]);
         return;
@@ -18,77 +21,6 @@ static void leaf(FILE *out, const ShapeValues *v, uint32_t index) {
     for (uint32_t c = 0; c < v->channels; c++) {
         if (c) fputs(", ", out);
         json_number(out, v->data[(size_t)c * v->nfloats + index]);
-    }
-    fputc(']', out);
-}
-
-static bool has_floats(const Type *t) {
-    if (t->kind == T_STRUCT) {
-        for (uint32_t k = 0; k < t->nfields; k++)
-            if (has_floats(t->fields[k].type)) return true;
-        return false;
-    }
-    if (t->kind == T_ARRAY || t->kind == T_VECTOR) return has_floats(t->elem);
-    return t->kind == T_FLOAT || t->kind == T_MATRIX;
-}
-
-/* Integer components have no key and no place: they have no gradient. */
-static void shape(FILE *out, const ShapeValues *v, const Type *t, uint32_t *at) {
-    bool first = true;
-    switch (t->kind) {
-    case T_FLOAT: leaf(out, v, (*at)++); return;
-    case T_VECTOR:
-    case T_ARRAY:
-        fputc('[', out);
-        for (uint32_t k = 0; k < t->n; k++) {
-            if (k) fputs(", ", out);
-            shape(out, v, t->elem, at);
-        }
-        fputc(']', out);
-        return;
-    case T_MATRIX:
-        fputc('[', out);
-        for (uint32_t r = 0; r < t->n; r++) {
-            fputs(r ? ", [" : "[", out);
-            for (uint32_t k = 0; k < t->n; k++) {
-                if (k) fputs(", ", out);
-                leaf(out, v, (*at)++);
-            }
-            fputc(']', out);
-        }
-        fputc(']', out);
-        return;
-    case T_STRUCT:
-        fputc('{', out);
-        for (uint32_t k = 0; k < t->nfields; k++) {
-            if (!has_floats(t->fields[k].type)) continue;
-            if (!first) fputs(", ", out);
-            first = false;
-            json_text(out, t->fields[k].name);
-            fputs(": ", out);
-            shape(out, v, t->fields[k].type, at);
-        }
-        fputc('}', out);
-        return;
-    default: fputs("null", out);
-    }
-}
-
-static void texels(FILE *out, const ShapeValues *v, const Param *q) {
-    uint32_t at = q->fbase;
-    fputc('[', out);
-    for (uint32_t y = 0; y < q->tex_h; y++) {
-        fputs(y ? ", [" : "[", out);
-        for (uint32_t x = 0; x < q->tex_w; x++) {
-            if (x) fputs(", ", out);
-            if (q->tex_c > 1) fputc('[', out);
-            for (uint32_t k = 0; k < q->tex_c; k++) {
-                if (k) fputs(", ", out);
-                leaf(out, v, at++);
-            }
-            if (q->tex_c > 1) fputc(']', out);
-        }
-        fputc(']', out);
     }
     fputc(']', out);
 }
@@ -114,9 +46,9 @@ void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const Sh
         json_text(out, name);
         fputs(": ", out);
         bool whole = !strcmp(name, ref.param->name);
-        uint32_t at = ref.fbase;
-        if (whole && (ref.param->is_texture || ref.param->is_heightfield)) texels(out, v, ref.param);
-        else shape(out, v, ref.type, &at);
+        ShapeCursor at = {ref.fbase, ref.ibase};
+        if (whole && (ref.param->is_texture || ref.param->is_heightfield)) shape_write_texels(out, ref.param, leaf, (void *)v);
+        else shape_write(out, ref.type, &at, true, leaf, (void *)v);
     }
     fputc('}', out);
 }

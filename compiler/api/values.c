@@ -6,6 +6,7 @@
 #include <jansson.h>
 
 #include "compiler/api/api.h"
+#include "compiler/api/shape.h"
 #include "runtime/base/json.h"
 #include "runtime/image/image.h"
 
@@ -85,76 +86,19 @@ SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
     return SLT_OK;
 }
 
-/* ---- scalars of a value in order of declaration */
-typedef struct Cursor {
-    uint32_t f, i; /* next float and int */
-} Cursor;
-
 static bool scalar_is_float(const Type *t) { return t->kind == T_FLOAT; }
 
 /* ---- JSON out */
-static void write_value(FILE *out, const SltProgram *p, const Type *t, Cursor *c) {
-    switch (t->kind) {
-    case T_FLOAT:
-        if (p->opt.f64) json_number(out, p->floats[c->f]);
-        else json_number_f32(out, (float)p->floats[c->f]);
-        c->f++;
-        return;
-    case T_BOOL: fputs(p->ints[c->i++] ? "true" : "false", out); return;
-    case T_UINT: fprintf(out, "%u", (uint32_t)p->ints[c->i++]); return;
-    case T_INT: fprintf(out, "%d", p->ints[c->i++]); return;
-    case T_VECTOR:
-    case T_ARRAY:
-        fputc('[', out);
-        for (uint32_t k = 0; k < t->n; k++) {
-            if (k) fputs(", ", out);
-            write_value(out, p, t->elem, c);
-        }
-        fputc(']', out);
-        return;
-    case T_MATRIX:
-        fputc('[', out);
-        for (uint32_t r = 0; r < t->n; r++) {
-            fputs(r ? ", [" : "[", out);
-            for (uint32_t k = 0; k < t->n; k++) {
-                if (k) fputs(", ", out);
-                write_value(out, p, type_scalar(T_FLOAT), c);
-            }
-            fputc(']', out);
-        }
-        fputc(']', out);
-        return;
-    case T_STRUCT:
-        fputc('{', out);
-        for (uint32_t k = 0; k < t->nfields; k++) {
-            if (k) fputs(", ", out);
-            json_text(out, t->fields[k].name);
-            fputs(": ", out);
-            write_value(out, p, t->fields[k].type, c);
-        }
-        fputc('}', out);
-        return;
-    default: fputs("null", out);
+static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
+    const SltProgram *p = user;
+    switch (kind) {
+    case T_BOOL: fputs(p->ints[index] ? "true" : "false", out); return;
+    case T_UINT: fprintf(out, "%u", (uint32_t)p->ints[index]); return;
+    case T_INT: fprintf(out, "%d", p->ints[index]); return;
+    default:
+        if (p->opt.f64) json_number(out, p->floats[index]);
+        else json_number_f32(out, (float)p->floats[index]);
     }
-}
-
-static void write_texels(FILE *out, const SltProgram *p, const Param *q) {
-    Cursor c = {q->fbase, 0};
-    fputc('[', out);
-    for (uint32_t y = 0; y < q->tex_h; y++) {
-        fputs(y ? ", [" : "[", out);
-        for (uint32_t x = 0; x < q->tex_w; x++) {
-            if (x) fputs(", ", out);
-            if (q->tex_c > 1) fputc('[', out);
-            for (uint32_t k = 0; k < q->tex_c; k++) {
-                if (k) fputs(", ", out);
-                write_value(out, p, type_scalar(T_FLOAT), &c);
-            }
-            if (q->tex_c > 1) fputc(']', out);
-        }
-        fputc(']', out);
-    }
-    fputc(']', out);
 }
 
 char *slt_params_json(const SltProgram *p) {
@@ -165,12 +109,12 @@ char *slt_params_json(const SltProgram *p) {
     fputs("{\n", out);
     for (uint32_t i = 0; i < p->prog->nparams; i++) {
         const Param *q = &p->prog->params[i];
-        Cursor c = {q->fbase, q->ibase};
+        ShapeCursor c = {q->fbase, q->ibase};
         fputs("  ", out);
         json_text(out, q->name);
         fputs(": ", out);
-        if (q->is_texture || q->is_heightfield) write_texels(out, p, q);
-        else write_value(out, p, q->type, &c);
+        if (q->is_texture || q->is_heightfield) shape_write_texels(out, q, write_scalar, (void *)p);
+        else shape_write(out, q->type, &c, false, write_scalar, (void *)p);
         fputs(i + 1 < p->prog->nparams ? ",\n" : "\n", out);
     }
     fputs("}\n", out);
@@ -191,7 +135,7 @@ static SltStatus bad_value(Stage *s, const char *path, const char *wanted) {
     return status_fail(s->err, SLT_INPUT, "%s: `%s` should be %s", s->shown, path, wanted);
 }
 
-static SltStatus read_value(Stage *s, json_t *j, const Type *t, Cursor *c, const char *path) {
+static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, const char *path) {
     char below[256];
     switch (t->kind) {
     case T_FLOAT:
@@ -255,7 +199,7 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, Cursor *c, const
     }
 }
 
-static SltStatus read_texels(Stage *s, json_t *j, const Param *q, Cursor *c) {
+static SltStatus read_texels(Stage *s, json_t *j, const Param *q, ShapeCursor *c) {
     char wanted[96];
     snprintf(wanted, sizeof wanted, "%u rows of %u texels", q->tex_h, q->tex_w);
     if (!json_is_array(j) || json_array_size(j) != q->tex_h) return bad_value(s, q->name, wanted);
@@ -301,7 +245,7 @@ static json_t *parse_json(const char *text, const char *shown, SltError *err) {
 }
 
 static SltStatus read_param(Stage *s, const Param *q, json_t *j) {
-    Cursor c = {q->fbase, q->ibase};
+    ShapeCursor c = {q->fbase, q->ibase};
     return q->is_texture || q->is_heightfield ? read_texels(s, j, q, &c) : read_value(s, j, q->type, &c, q->name);
 }
 
@@ -319,7 +263,7 @@ SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown
         if (!program_find(p->prog, key, &ref, &why)) status = status_fail(err, SLT_INPUT, "%s: %s", shown_name, why ? why : "unknown parameter");
         else if (!strcmp(key, ref.param->name)) status = read_param(&s, ref.param, j);
         else {
-            Cursor c = {ref.fbase, ref.ibase};
+            ShapeCursor c = {ref.fbase, ref.ibase};
             status = read_value(&s, j, ref.type, &c, key);
         }
         if (status != SLT_OK) break;
@@ -336,7 +280,7 @@ static bool ends_with(const char *s, const char *end) {
 }
 
 /* Numbers in order of declaration, from a table or an array file. */
-static SltStatus fill_numbers(Stage *s, const Type *t, Cursor *c, const double *v, size_t n, size_t *at) {
+static SltStatus fill_numbers(Stage *s, const Type *t, ShapeCursor *c, const double *v, size_t n, size_t *at) {
     if (t->kind <= T_FLOAT) {
         if (*at >= n) return SLT_INPUT;
         double x = v[(*at)++];
@@ -395,7 +339,7 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         size_t n = (size_t)im.width * (size_t)im.height * (size_t)im.channels, at = 0;
         double *v = malloc((n + 1) * sizeof *v);
         for (size_t k = 0; v && k < n; k++) v[k] = (double)im.data[k];
-        Cursor c = {q->fbase, q->ibase};
+        ShapeCursor c = {q->fbase, q->ibase};
         if (!v) status = status_fail(s->err, SLT_LIMIT, "out of memory for %s", path);
         else if (fill_numbers(s, q->type, &c, v, n, &at) != SLT_OK || at != n)
             status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name, q->type->name, q->fcount + q->icount);
@@ -406,7 +350,7 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
     Table t;
     SltStatus status = table_read(path, &t, s->err);
     if (status != SLT_OK) return status;
-    Cursor c = {q->fbase, q->ibase};
+    ShapeCursor c = {q->fbase, q->ibase};
     size_t at = 0, n = t.rows * t.cols;
     if (fill_numbers(s, q->type, &c, t.data, n, &at) != SLT_OK || at != n)
         status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name, q->type->name, q->fcount + q->icount);
@@ -440,7 +384,7 @@ SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltEr
         }
         if (!j) status = status_fail(err, SLT_USAGE, "`%s=%s`: a number, a list like [1, 2] or @file is wanted", name, value);
         else {
-            Cursor c = {ref.fbase, ref.ibase};
+            ShapeCursor c = {ref.fbase, ref.ibase};
             status = !strcmp(name, ref.param->name) ? read_param(&s, ref.param, j) : read_value(&s, j, ref.type, &c, name);
             if (status == SLT_INPUT) status = SLT_USAGE, err ? (void)(err->status = SLT_USAGE) : (void)0;
         }
