@@ -74,6 +74,7 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
 /* Ctrl-C sets the job's cancel flag; a second one ends the process. */
 void cli_catch_interrupt(Cli *c);
 bool cli_interrupted(void);
+void cli_watch_time(const Cli *c); /* ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step */
 double cli_now(void); /* seconds, monotonic */
 
 /* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */

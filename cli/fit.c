@@ -270,10 +270,20 @@ static int run(Fit *f, SltStats *total) {
     int status = SLT_OK;
     while (f->iteration < c->iters) {
         double loss;
+        if (c->max_seconds > 0 && cli_now() - f->start > c->max_seconds) {
+            f->stopped = "interrupted";
+            status = SLT_LIMIT;
+            break;
+        }
         SltStatus s = evaluate(f, &loss, total, &err);
         if (s == SLT_INTERRUPTED || cli_interrupted()) {
             f->stopped = "interrupted";
             status = SLT_INTERRUPTED;
+            break;
+        }
+        if (s == SLT_LIMIT && c->max_seconds > 0 && f->nlosses) {
+            f->stopped = "interrupted";
+            status = SLT_LIMIT;
             break;
         }
         if (s != SLT_OK) {
@@ -428,7 +438,7 @@ static int fit(Fit *f) {
     f->start = cli_now();
     SltStats total = {0};
     int ran = run(f, &total);
-    if (ran != SLT_OK && ran != SLT_INTERRUPTED && ran != SLT_CHECK_FAILED) return ran;
+    if (ran != SLT_OK && ran != SLT_INTERRUPTED && ran != SLT_CHECK_FAILED && ran != SLT_LIMIT) return ran;
     double best;
     const double *x = optimise_best(f->o, &best);
     for (uint32_t i = 0; i < f->n && isfinite(best); i++) slt_set_floats(f->p, f->index[i], 1, &x[i], &err);

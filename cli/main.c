@@ -12,6 +12,7 @@ int main(int argc, char **argv) {
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, reported as such */
     static Cli c;
     int status = cli_parse(argc, argv, &c);
+    if (status == SLT_OK) cli_watch_time(&c);
     if (status == SLT_OK)
         for (size_t v = 0; v < sizeof verbs / sizeof *verbs; v++)
             if (!strcmp(c.verb, verbs[v].name)) status = verbs[v].run(&c);

@@ -31,6 +31,7 @@ typedef struct Program {
     double *init_floats;         /* values from the source (not of assets) */
     int32_t *init_ints;
     Fn *primal;                  /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
+    uint64_t init_fuel;          /* instructions left for all initialiser functions: a compilation ends */
     bool uses_rand, uses_pixel, uses_prints;
     uint32_t ncull;              /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input k0 */
     Fn **cull_bounds;

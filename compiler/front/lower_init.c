@@ -3,6 +3,11 @@
 
 #include "compiler/front/lower_internal.h"
 #include "include/saltus/kernel.h"
+#include "include/saltus/status.h"
+#include "include/saltus/status.h"
+
+/* About two seconds in the interpreter. */
+enum { INIT_INSTRUCTIONS = 1 << 25 };
 
 typedef struct Filler {
     Lower *l;
@@ -41,7 +46,7 @@ static int run(Lower *l, Fn *fn, uint32_t n, const int32_t *const *k, uint32_t n
     uint32_t nout = fn->body->last->nargs;
     for (uint32_t i = 0; i < nout; i++) args.out[i] = out[i];
     ir_number(fn);
-    return ir_interpret(fn, &args, n, n > 1 ? 16 : 1);
+    return ir_interpret_within(fn, &args, n, n > 1 ? 16 : 1, &p->init_fuel);
 }
 
 static Val expression_value(Lower *l, Expr *e) {
@@ -67,6 +72,10 @@ static void put_evaluated(Filler *f, Expr *e) {
     for (uint32_t i = 0; i < v.n; i++) out[i] = arena_alloc(&l->s->scratch, sizeof(double) * (1 + SLT_PAD));
     int32_t stream[1 + SLT_PAD] = {0};
     int status = run(l, l->fn, 1, NULL, 0, stream, out);
+    if (status == SLT_LIMIT) {
+        diag_emit(l->s, DIAG_init_failed, e->span, f->p->name, "the program exceeds a limit of the interpreter");
+        lower_giveup(f->l);
+    }
     if (status) ice(l->s, "evaluating a constant: status %d", status);
     for (uint32_t i = 0; i < v.n; i++) {
         if (v.c[i]->type == TY_FLT) *f->floats++ = single ? (double)*(float *)out[i] : *(double *)out[i];
@@ -145,6 +154,7 @@ void lower_initial_values(Lower *l) {
     Program *p = l->program;
     p->init_floats = ARENA_ARRAY(l->arena, double, p->nfloats + 1);
     p->init_ints = ARENA_ARRAY(l->arena, int32_t, p->nints + 1);
+    p->init_fuel = INIT_INSTRUCTIONS;
     for (uint32_t i = 0; i < p->nparams; i++) {
         Param *q = &p->params[i];
         Symbol *sym = q->sym;

@@ -31,6 +31,7 @@ typedef struct Interp {
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
     int status; /* anything but SLT_OK unwinds */
+    uint64_t fuel; /* instructions left */
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
 } Interp;
 
@@ -434,6 +435,7 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
 static bool exec_block(Interp *in, const Block *b, const Mask *m) {
     void **slot = in->slot;
     for (const Inst *i = b->first; i; i = i->next) {
+        if (in->fuel-- == 0) return fail(in, SLT_LIMIT);
         if (ir_ops[i->op].special) {
             if (!exec_special(in, i, m)) return false;
             continue;
@@ -516,11 +518,16 @@ static bool write_outputs(Interp *in) {
 }
 
 int ir_interpret(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes) {
+    uint64_t fuel = UINT64_MAX;
+    return ir_interpret_within(fn, args, n, lanes, &fuel);
+}
+
+int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel) {
     if (!lanes || lanes > MAX_LANES || (lanes & (lanes - 1))) return SLT_USAGE;
     if (!n) return SLT_OK;
     while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site])) fn = fn->next_part;
     bool f32 = fn->precision == PREC_F32;
-    Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK};
+    Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK, .fuel = *fuel};
     in.eval = f32 ? rows_eval_f32 : rows_eval_f64;
     in.tape_limit = args->tape_bytes ? args->tape_bytes : default_tape_bytes;
     if (set_up(&in)) {
@@ -536,5 +543,6 @@ int ir_interpret(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes) 
     free(in.memory);
     free(in.next);
     free(in.slot);
+    *fuel = in.status == SLT_LIMIT ? 0 : in.fuel;
     return in.status;
 }

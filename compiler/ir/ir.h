@@ -231,5 +231,7 @@ bool ir_verify(const Fn *fn, Arena *arena, const char **text);
  * SLT_USAGE (an input that the Fn reads is NULL, bad lanes), SLT_PROGRAM (a fieldop, which only compiled kernels know), SLT_INTERNAL (broken IR). */
 struct SltKernelArgs;
 int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
+/* At most *fuel instructions, each for a whole vector; what is left comes back. SLT_LIMIT when it runs out. */
+int ir_interpret_within(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel);
 
 #endif
