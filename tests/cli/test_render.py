@@ -190,7 +190,7 @@ class Render(Case):
         self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
         start = time.time()
         self.run_cli("render", "slow.salt", "--size", 512, "--spp", 64, "--max-seconds", "0.5", "-o", "a.exr", code=6)
-        self.assertLess(time.time() - start, 10)
+        self.assertLess(time.time() - start, 60)  # to the end it would take minutes; a busy machine may be slow to stop
         self.no_leftovers()
 
     def test_interrupt(self):
