@@ -96,7 +96,9 @@ static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
     case T_UINT: fprintf(out, "%u", (uint32_t)p->ints[index]); return;
     case T_INT: fprintf(out, "%d", p->ints[index]); return;
     default:
-        if (p->opt.f64) json_number(out, p->floats[index]);
+        /* JSON has no infinities, and readers refuse what overflows: parameters say it in words. */
+        if (isinf(p->opt.f64 ? p->floats[index] : (double)(float)p->floats[index])) fputs(p->floats[index] > 0 ? "\"inf\"" : "\"-inf\"", out);
+        else if (p->opt.f64) json_number(out, p->floats[index]);
         else json_number_f32(out, (float)p->floats[index]);
     }
 }
@@ -141,6 +143,8 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, 
     case T_FLOAT:
         if (json_is_null(j)) s->floats[c->f++] = NAN;
         else if (json_is_number(j)) s->floats[c->f++] = json_number_value(j);
+        else if (json_is_string(j) && !strcmp(json_string_value(j), "inf")) s->floats[c->f++] = INFINITY;
+        else if (json_is_string(j) && !strcmp(json_string_value(j), "-inf")) s->floats[c->f++] = -INFINITY;
         else return bad_value(s, path, "a number");
         return SLT_OK;
     case T_BOOL:
