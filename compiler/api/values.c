@@ -145,6 +145,8 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, 
         else if (json_is_number(j)) s->floats[c->f++] = json_number_value(j);
         else if (json_is_string(j) && !strcmp(json_string_value(j), "inf")) s->floats[c->f++] = INFINITY;
         else if (json_is_string(j) && !strcmp(json_string_value(j), "-inf")) s->floats[c->f++] = -INFINITY;
+        else if (json_is_string(j) && !strcmp(json_string_value(j), "inf")) s->floats[c->f++] = INFINITY;
+        else if (json_is_string(j) && !strcmp(json_string_value(j), "-inf")) s->floats[c->f++] = -INFINITY;
         else return bad_value(s, path, "a number");
         return SLT_OK;
     case T_BOOL:
@@ -241,9 +243,27 @@ static void stage_end(Stage *s, bool take) {
     free(s->ints);
 }
 
+/* Infinities are written as 1e999, which the JSON reader refuses: in place, "inf" and "-inf" are exactly as long. */
+static void quote_infinities(char *text) {
+    bool quoted = false;
+    for (char *c = text; *c; c++) {
+        if (quoted && *c == '\\' && c[1]) c++;
+        else if (*c == '"') quoted = !quoted;
+        else if (!quoted && !strncmp(c, "1e999", 5) && !strchr("0123456789.eE+-", c[5] ? c[5] : ' ')) {
+            bool minus = c > text && c[-1] == '-';
+            memcpy(minus ? c - 1 : c, minus ? "\"-inf\"" : "\"inf\"", minus ? 6 : 5);
+            c += 4;
+        }
+    }
+}
+
 static json_t *parse_json(const char *text, const char *shown, SltError *err) {
     json_error_t e;
-    json_t *j = json_loads(text, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &e);
+    char *copy = strdup(text);
+    if (!copy) return status_fail(err, SLT_LIMIT, "out of memory for %s", shown), NULL;
+    quote_infinities(copy);
+    json_t *j = json_loads(copy, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &e);
+    free(copy);
     if (!j) status_fail(err, SLT_INPUT, "%s:%d:%d: %s", shown, e.line, e.column, e.text);
     return j;
 }
