@@ -33,7 +33,8 @@ static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t wid
     double params[PARAMS], *memory = aligned_alloc(64, 16 * N * sizeof *memory);
     uint64_t state = seed;
     for (int k = 0; k < PARAMS; k++) params[k] = 2 * uniform(&state) - 1;
-    Sums *want = aligned_alloc(64, sizeof *want), *got = aligned_alloc(64, sizeof *got);
+    size_t sums = (sizeof(Sums) + 63) / 64 * 64;
+    Sums *want = aligned_alloc(64, sums), *got = aligned_alloc(64, sums);
     memset(want, 0, sizeof *want);
     memset(got, 0, sizeof *got);
     SltKernelArgs a;
@@ -49,7 +50,7 @@ static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t wid
     assert_int_equal(status, SLT_OK);
     set_up(&a, memory, params, got);
     uint64_t tape_bytes = (tape.bytes_per_lane * width + 63) & ~(uint64_t)63; /* the report is a bound for any width */
-    a.tape = aligned_alloc(64, tape_bytes + 64);
+    a.tape = aligned_alloc(64, (tape_bytes + 127) / 64 * 64);
     a.tape_bytes = tape_bytes;
     a.log_cap = 1u << 18;
     a.log = malloc(a.log_cap * sizeof *a.log);
