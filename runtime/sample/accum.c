@@ -48,7 +48,7 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     if (!n || a->failed) return;
     buf->dirty = true;
     b->args.adj = buf->adj;
-    b->args.log = buf->log + buf->log_len, b->args.log_cap = buf->log_cap - buf->log_len, b->args.log_len = 0;
+    b->args.log = buf->log ? buf->log + buf->log_len : NULL, b->args.log_cap = buf->log_cap - buf->log_len, b->args.log_len = 0;
     uint64_t counters[SLT_COUNTERS];
     memcpy(counters, b->args.counters, sizeof counters);
     batch_call(b, kind, n);
