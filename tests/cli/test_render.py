@@ -350,6 +350,20 @@ class Errors(Case):
         self.put("bin.salt", bytes(range(256)) * 8)
         self.run_cli("render", "bin.salt", code=3)
 
+    def test_limits(self):
+        """What would compile or run for ever ends soon, with a place or a status."""
+        self.put("init.salt", "float f(int i) { float s = 0.0; for (int k = 0; k < 16000000; k++) for (int q = 0; q < 1000; q++) s += sin(float(k)); return s; }\n"
+                 "param float a[100] = init(f);\nshader float main(float2 x) { return a[0]; }")
+        self.assertRegex(self.run_cli("render", "init.salt", code=3).err, r"init\.salt:2:\d+: error")
+        loops = "".join("for (int i%d = 0; i%d < 16777216; i%d++) " % (k, k, k) for k in range(6))
+        self.put("loops.salt", "shader float main(float2 x) { float s = 0.0; %s s += x.x; return s; }" % loops)
+        self.run_cli("render", "loops.salt", "--size", 2, "--max-seconds", 1, code=6)
+        twice = "float f0(float x) { return sin(x); }" + "".join("float f%d(float x) { return f%d(x) + f%d(x + 1.0); }" % (i, i - 1, i - 1) for i in range(1, 26))
+        self.put("twice.salt", twice + "shader float main(float2 x) { return f25(x.x); }")
+        self.run_cli("render", "twice.salt", code=3)
+        self.put("deep.salt", "shader float main(float2 x) { return " + "(" * 10000 + "x.x" + ")" * 10000 + "; }")
+        self.run_cli("render", "deep.salt", code=3)
+
     def test_assert(self):
         self.put("a.salt", "shader float main(float2 x) { assert(x.x < 0.5); return 1.0; }")
         for args in (["render", "a.salt", "--size", 4], ["grad", "a.salt", "--samples", 1024]):
