@@ -240,7 +240,7 @@ static void test_bad_requests(void **state) {
     session_destroy(s);
 }
 
-/* The width depends on program and target alone: two vectors a value where they fit the registers. */
+/* The width depends on program and target alone: two vectors a value, one in very large kernels. */
 static void test_choose_width(void **state) {
     (void)state;
     Session *s = session_create(0);
@@ -252,9 +252,10 @@ static void test_choose_width(void **state) {
     } targets[3] = {{"sse2", 4}, {"avx2", 8}, {"avx512", 16}};
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
     Builder b = ir_at_end(fn, fn->body);
-    Inst *v[200], *sum = ir_input(&b, IN_X0);
-    for (int i = 0; i < 200; i++) v[i] = ir_emit2(&b, OP_fmul, i ? v[i - 1] : sum, ir_constf(&b, i));
-    for (int i = 0; i < 200; i++) sum = ir_emit2(&b, OP_fadd, sum, v[i]);
+    static Inst *v[2200];
+    Inst *sum = ir_input(&b, IN_X0);
+    for (int i = 0; i < 2200; i++) v[i] = ir_emit2(&b, OP_fmul, i ? v[i - 1] : sum, ir_constf(&b, i));
+    for (int i = 0; i < 2200; i++) sum = ir_emit2(&b, OP_fadd, sum, v[i]);
     ir_yield(&b, 1, &sum);
     KernelRequest many = {"kernel", fn};
     for (int i = 0; i < 3; i++) {
