@@ -16,7 +16,7 @@
 
 enum { N = 64 };
 static const char *names[1] = {"a"};
-static char folder[64];
+static char folder[256];
 
 static Fn *adding(Session *s, double constant) {
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
@@ -72,7 +72,7 @@ static void clear(void) {
 
 static int setup(void **state) {
     (void)state;
-    strcpy(folder, "/tmp/saltus-cache-XXXXXX");
+    snprintf(folder, sizeof folder, "%s/saltus-cache-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
     return mkdtemp(folder) ? 0 : 1;
 }
 

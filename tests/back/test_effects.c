@@ -172,7 +172,8 @@ static void test_tape_limit(void **state) {
 static void test_files(void **state) {
     (void)state;
     Session *s = session_create(0);
-    char folder[] = "/tmp/saltus-back-XXXXXX", path[128];
+    char folder[256], path[512];
+    snprintf(folder, sizeof folder, "%s/saltus-back-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
     assert_non_null(mkdtemp(folder));
     BackOptions o = {.width = 8, .opt_level = 2};
     target_host(&o.target);

@@ -51,16 +51,17 @@ static int run(char *out, size_t size, const char *arguments) {
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
-static char scratch[] = "/tmp/saltus-examples-XXXXXX";
+static char scratch[256];
 
 static int set_up(void **state) {
     (void)state;
+    snprintf(scratch, sizeof scratch, "%s/saltus-examples-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
     return access(SALTUS_BIN, X_OK) == 0 && mkdtemp(scratch) ? 0 : -1;
 }
 
 static int tear_down(void **state) {
     (void)state;
-    char line[256];
+    char line[512];
     snprintf(line, sizeof line, "rm -rf '%s'", scratch);
     return system(line);
 }

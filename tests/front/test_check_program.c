@@ -266,10 +266,10 @@ static void test_bounds(void **state) {
 
 /* ---- modules */
 
-static char folder[64];
+static char folder[256];
 
 static void write_file(const char *name, const char *text) {
-    char path[128];
+    char path[512];
     snprintf(path, sizeof path, "%s/%s", folder, name);
     FILE *f = fopen(path, "w");
     assert_non_null(f);
@@ -279,7 +279,7 @@ static void write_file(const char *name, const char *text) {
 
 static void test_modules(void **state) {
     (void)state;
-    strcpy(folder, "/tmp/saltus-check-XXXXXX");
+    snprintf(folder, sizeof folder, "%s/saltus-check-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
     assert_non_null(mkdtemp(folder));
     write_file("a.salt", "import deep;\nconst int N = 2; param float p = 1.0; float f(float v) { return v * deep_f(); } float g(int v) { return 1.0; } struct S { float s; };\n");
     write_file("b.salt", "float f(float v) { return v; } float g(float v) { return v; } float saturate(float v) { return v; } const int K = 1;\n");
@@ -301,7 +301,7 @@ static void test_modules(void **state) {
     };
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         write_file("main.salt", rows[i].source);
-        char path[128];
+        char path[512];
         snprintf(path, sizeof path, "%s/main.salt", folder);
         Job j = {.path = path};
         Session *s = check(&j);
@@ -310,7 +310,7 @@ static void test_modules(void **state) {
         session_destroy(s);
     }
     write_file("main.salt", rows[0].source);
-    char path[128];
+    char path[512];
     snprintf(path, sizeof path, "%s/main.salt", folder);
     ConstOverride o[2] = {{.name = "a.N", .text = "4"}, {.name = "N", .text = "4"}};
     Job j = {.path = path, .opt = {.overrides = o, .noverrides = 2}};

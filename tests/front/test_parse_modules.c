@@ -10,7 +10,7 @@
 #include "tests/front/parse_fixture.h"
 
 typedef struct Folder {
-    char path[64];
+    char path[256];
 } Folder;
 
 static void put(const Folder *f, const char *name, const char *text) {
@@ -28,7 +28,7 @@ static void put(const Folder *f, const char *name, const char *text) {
 
 static int make_folder(void **state) {
     Folder *f = calloc(1, sizeof *f);
-    strcpy(f->path, "/tmp/saltus-modules-XXXXXX");
+    snprintf(f->path, sizeof f->path, "%s/saltus-modules-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
     if (!mkdtemp(f->path)) return 1;
     *state = f;
     return 0;
@@ -36,7 +36,7 @@ static int make_folder(void **state) {
 
 static int remove_folder(void **state) {
     Folder *f = *state;
-    char command[128];
+    char command[512];
     snprintf(command, sizeof command, "rm -rf '%s'", f->path);
     int failed = system(command);
     free(f);
@@ -159,7 +159,7 @@ static void missing(void **state) {
     assert_non_null(strstr(l.text, "/main.salt:1:8: error: no module `nois`; did you mean `noise`? [E0020]"));
     assert_non_null(strstr(l.text, "/main.salt:3:8: error: no module `zzzzzz` [E0020]"));
     assert_non_null(strstr(l.text, "/a.salt:1:8: error: no module `gone` [E0020]"));
-    char note[128];
+    char note[512];
     snprintf(note, sizeof note, "note: searched in `%s/inc`", f->path);
     assert_non_null(strstr(l.text, note));
     snprintf(note, sizeof note, "note: searched in `%s/std`", f->path);
