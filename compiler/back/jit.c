@@ -61,7 +61,7 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
             w[4] = i->imm.arr.count, w[5] = i->imm.arr.elem;
             break;
         case OP_fieldop:
-            w[4] = i->imm.field.field, w[5] = i->imm.field.what;
+            w[4] = i->imm.field.field, w[5] = i->imm.field.what, w[6] = i->imm.field.base;
             break;
         case OP_constf:
         case OP_consti:
@@ -69,6 +69,7 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_if_:
         case OP_input:
         case OP_proj:
+        case OP_window:
         case OP_arg:
         case OP_count:
             memcpy(w + 4, &i->imm.i, sizeof i->imm.i);

@@ -20,6 +20,16 @@ typedef struct Param {
     const char *asset;       /* initial value comes from this file (the caller loads it into floats); NULL: in init_* */
 } Param;
 
+/* One heightfield that some query searches, by the number that fieldops name. */
+typedef struct FieldInfo {
+    uint32_t param;              /* index in Program.params */
+    uint32_t base, w, h;         /* first height in the float vector, vertices */
+    double x0, y0, dx, dy;       /* corner (0, 0) and the size of a cell, in the shader's units */
+    double scale, offset;        /* of [Height] */
+    double band;                 /* raw height of one cell's size: SltField.band */
+    uint32_t queries;            /* bit (1 << SltFieldWhat): asked for somewhere in the primal */
+} FieldInfo;
+
 typedef struct Program {
     Session *session;
     const char *entry;
@@ -33,6 +43,8 @@ typedef struct Program {
     Fn *primal;                  /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
     uint64_t init_fuel;          /* instructions left for all initialiser functions: a compilation ends */
     bool uses_rand, uses_pixel, uses_prints;
+    FieldInfo *fields;           /* heightfields with queries only: no query, no structure */
+    uint32_t nfields;
     uint32_t ncull;              /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input k0 */
     Fn **cull_bounds;
     Func *entry_func;

@@ -49,6 +49,7 @@ typedef enum InputSlot {
     IN_K0, IN_K1, IN_K2, IN_K3, IN_K4, IN_K5, IN_K6, IN_K7, /* int: the loop indices of an event */
     IN_AUX,                       /* float: boundary of an integer-valued site */
     IN_DX0, IN_DX1, IN_DX2,       /* float: tangent of x (forward mode) */
+    IN_AUX1,                      /* float: the far end of a heightfield site's window (IN_AUX: the near one) */
     IN_VARYING_COUNT,
     IN_RES0 = IN_VARYING_COUNT, IN_RES1, /* int, uniform: resolution() */
     IN_SITE,                      /* int, uniform: which site */
@@ -80,7 +81,7 @@ typedef union Imm {
     struct { uint32_t count; IrType elem; } arr;       /* alloc */
     LoopInfo loop;
     struct { const char *text; uint32_t len; } text;   /* print */
-    struct { uint32_t field, what; } field;
+    struct { uint32_t field, what, base; } field;      /* SltFieldWhat; base: float parameter 0 of its heights */
 } Imm;
 
 struct Inst {
@@ -112,7 +113,8 @@ typedef enum SiteKind {
     SITE_ROUND,          /* at n + 1/2 */
     SITE_TRUNC,          /* at n + 1 for n >= 0, at n for n < 0; none at 0 */
     SITE_FMOD,           /* as TRUNC; v is the quotient */
-    SITE_FIELD           /* heightfield silhouette or shadow edge */
+    SITE_FIELD,          /* h.trace: silhouettes; ends also differ where both hit, at depths with a ridge between */
+    SITE_SHADOW          /* h.occluded */
 } SiteKind;
 
 /* One static site: one place in the source inlined through one chain of calls. */

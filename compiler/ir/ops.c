@@ -47,7 +47,8 @@ _Static_assert(OP_COUNT < 255, "Inst.op is a byte");
 #define SPECIAL_ARGS_tapepush MANY
 #define SPECIAL_ARGS_count 1
 #define SPECIAL_ARGS_print MANY
-#define SPECIAL_ARGS_fieldop MANY
+#define SPECIAL_ARGS_fieldop 8
+#define SPECIAL_ARGS_window 3
 
 /* The first letter of a signature is the result; '?' and '.' are TY_VOID here. */
 #define SIGNATURE_TYPE(s)                                                                                              \

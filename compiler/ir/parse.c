@@ -240,6 +240,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     }
     case OP_site:
     case OP_siten:
+    case OP_window:
     case OP_proj:
     case OP_count:
         if (!want_char(p, '#') || !want_integer(p, 0, UINT32_MAX, &v)) return false;
@@ -258,7 +259,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         return want_string(p, &imm->text.text, &imm->text.len);
     case OP_fieldop:
         return want_word(p, "field") && want_u32(p, &imm->field.field) && want_word(p, "what") &&
-               want_u32(p, &imm->field.what);
+               want_u32(p, &imm->field.what) && want_word(p, "base") && want_u32(p, &imm->field.base);
     default:
         return true;
     }

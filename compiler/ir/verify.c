@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "compiler/ir/text.h"
+#include "saltus/field.h"
 
 enum { MAX_DEPTH = 512, MAX_REPORTS = 50 };
 
@@ -332,6 +333,12 @@ static void check_special(Verify *v, const Inst *i) {
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
     case OP_fieldop:
+        for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
+        if (i->imm.field.what >= SLT_FIELD_WHATS) problem(v, i, "no such query");
+        return;
+    case OP_window:
+        for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
+        if (i->imm.i < 0 || i->imm.i / 2 >= (int64_t)v->fn->nsites) problem(v, i, "no such site");
         return;
     default:
         problem(v, i, "a value row marked special");

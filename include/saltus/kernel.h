@@ -13,7 +13,7 @@
 extern "C" {
 #endif
 
-enum { SLT_IN_VARYING = 24, SLT_OUT_MAX = 24, SLT_PAD = 64 };
+enum { SLT_IN_VARYING = 25, SLT_OUT_MAX = 24, SLT_PAD = 64 };
 enum { SLT_COUNT_TRUNCATED, SLT_COUNT_ASSERT, SLT_COUNT_TAPE_OVERFLOW, SLT_COUNT_NONFINITE, SLT_COUNTERS };
 
 /* One (parameter index, value) pair of a varying-index adjoint; the runtime adds them in tile order. */
@@ -49,7 +49,7 @@ typedef struct SltKernelArgs {
     /* print(): values already as doubles; may be NULL (then nothing is printed) */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *user;
-    const struct SltField *const *fields; /* heightfields, by field index */
+    const struct SltField *const *fields; /* heightfields, by field index (saltus/field.h); NULL where no kernel asks a query */
     uint32_t n_valid;               /* lanes beyond it do not count in counters, prints and log (n of the call without padding) */
 } SltKernelArgs;
 

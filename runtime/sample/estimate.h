@@ -29,7 +29,8 @@ typedef enum SltSiteKind {
     SLT_SITE_ROUND,
     SLT_SITE_TRUNC,
     SLT_SITE_FMOD,
-    SLT_SITE_FIELD
+    SLT_SITE_FIELD,
+    SLT_SITE_SHADOW
 } SltSiteKind;
 
 /* Compiled (or interpreted) kernels and what the runtime must know of the program. A NULL kernel is one that the

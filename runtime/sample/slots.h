@@ -23,6 +23,7 @@ enum {
     SLT_IN_DX0,
     SLT_IN_DX1,
     SLT_IN_DX2,
+    SLT_IN_AUX1,
     SLT_IN_COUNT
 };
 
