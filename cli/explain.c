@@ -41,7 +41,8 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_ROUND: return "round";
     case SITE_TRUNC: return "trunc";
     case SITE_FMOD: return "fmod";
-    case SITE_FIELD: return "heightfield";
+    case SITE_FIELD: return "silhouette";
+    case SITE_SHADOW: return "shadow";
     }
     return "?";
 }

@@ -347,7 +347,7 @@ static bool want_block(Parser *p, Block *b) {
 
 static bool want_site(Parser *p) {
     SiteInfo site = {.span = SPAN_NONE};
-    int kind = want_name(p, ir_site_kinds, SITE_FIELD + 1, "a kind of site");
+    int kind = want_name(p, ir_site_kinds, SITE_SHADOW + 1, "a kind of site");
     int64_t events = 0;
     if (kind < 0 || !want_word(p, "depth") || !want_u32(p, &site.depth) || !want_word(p, "events") ||
         !want_integer(p, 0, INT64_MAX, &events))

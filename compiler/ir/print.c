@@ -25,7 +25,7 @@
 const char *const ir_input_names[IN_COUNT] = {
     "x0", "x1", "x2", "stream", "rand0", "pixel0", "pixel1", "sample", "seed0", "seed1", "seed2", "seed3", "k0",  "k1",
     "k2", "k3", "k4", "k5",     "k6",    "k7",     "aux",    "dx0",    "dx1",   "dx2",   "aux1",  "res0",  "res1",  "site"};
-const char *const ir_site_kinds[SITE_FIELD + 1] = {"compare", "floor", "ceil", "round", "trunc", "fmod", "field"};
+const char *const ir_site_kinds[SITE_SHADOW + 1] = {"compare", "floor", "ceil", "round", "trunc", "fmod", "field", "shadow"};
 const char *const ir_counter_names[COUNTER_SLOTS] = {"truncated", "assert", "tape_overflow", "nonfinite"};
 const char ir_type_letters[TY_TAPE + 1] = {'.', 'b', 'i', 'f', 'a', 't'};
 
