@@ -454,8 +454,12 @@ SltStatus image_decode(const char *name, const void *bytes, size_t size,
     if (strcmp(ext, "f32") == 0) {
         return image_decode_f32(name, bytes, size, out, err);
     }
+    if (strcmp(ext, "hgt") == 0) {
+        return image_decode_hgt(name, bytes, size, out, err);
+    }
     return status_fail(err, SLT_INPUT,
-                       "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32", name);
+                       "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
+                       name);
 }
 
 SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, SltError *err) {

@@ -101,7 +101,8 @@ uint8_t image_encode_srgb8(float linear);
 float image_luminance(float r, float g, float b);
 
 /* Reading, by extension: .exr .png .pfm .npy .f32 (NAME_WxH.f32 or NAME_WxHxC.f32; little-endian,
- * top row first). */
+ * top row first) .hgt (a square of big-endian int16, top row first; voids, -32768, are filled from
+ * their surroundings, and refused beyond a quarter). */
 typedef struct ImageReadOptions {
     bool raw; /* PNG: samples are data (heights), value / maximum, not sRGB colour */
 } ImageReadOptions;

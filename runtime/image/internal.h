@@ -39,6 +39,8 @@ SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, 
                            SltError *err);
 SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, Image *out,
                            SltError *err);
+SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, Image *out,
+                           SltError *err);
 SltStatus image_encode_pfm(const char *name, const Image *im, Bytes *out, SltError *err);
 SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, const double *wide,
                            bool as_double, Bytes *out, SltError *err);

@@ -485,6 +485,69 @@ static void damaged_flat(void **state) {
     image_free(&im);
 }
 
+/* Height of the ramp of the tile below, in metres. */
+static int ramp(int x, int y) {
+    return 4 * x - 2 * y - 100;
+}
+
+static void tile(uint8_t *to, int side, int x0, int x1, int y0, int y1) {
+    for (int y = 0; y < side; y++) {
+        for (int x = 0; x < side; x++) {
+            bool hole = x >= x0 && x < x1 && y >= y0 && y < y1;
+            unsigned v = (uint16_t)(int16_t)(hole ? -32768 : ramp(x, y));
+            *to++ = (uint8_t)(v >> 8);
+            *to++ = (uint8_t)v;
+        }
+    }
+}
+
+/* SRTM: big-endian, negative heights, the first row on top; voids become what is around them. */
+static void hgt_tiles(void **state) {
+    (void)state;
+    enum { SIDE = 33 };
+    static uint8_t bytes[SIDE * SIDE * 2];
+    SltError err = {0};
+    Image im;
+    tile(bytes, SIDE, 0, 0, 0, 0);
+    must(image_decode("N36W085.HGT", bytes, sizeof bytes, NULL, &im, &err), &err);
+    assert_int_equal(im.width, SIDE);
+    assert_int_equal(im.height, SIDE);
+    assert_int_equal(im.channels, 1);
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        assert_int_equal((int)im.data[i], ramp(i % SIDE, i / SIDE));
+    }
+    image_free(&im);
+    /* A hole of 6 x 5, and one at the corner: known heights stay, filled ones lie between those around. */
+    tile(bytes, SIDE, 10, 16, 20, 25);
+    bytes[0] = 0x80, bytes[1] = 0;
+    must(image_decode("a.hgt", bytes, sizeof bytes, NULL, &im, &err), &err);
+    double worst = 0;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        int x = i % SIDE, y = i / SIDE;
+        bool hole = (x >= 10 && x < 16 && y >= 20 && y < 25) || i == 0;
+        if (!hole) {
+            assert_int_equal((int)im.data[i], ramp(x, y));
+        }
+        worst = fmax(worst, fabs((double)im.data[i] - ramp(x, y)));
+    }
+    assert_true(worst > 0 && worst < 16); /* four cells' slope */
+    image_free(&im);
+    /* More than a quarter, all of them, no square, and every truncation. */
+    tile(bytes, SIDE, 0, 20, 0, 20);
+    assert_int_equal(image_decode("a.hgt", bytes, sizeof bytes, NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "400 of its 1089"));
+    tile(bytes, SIDE, 0, SIDE, 0, SIDE);
+    assert_int_equal(image_decode("a.hgt", bytes, sizeof bytes, NULL, &im, &err), SLT_INPUT);
+    tile(bytes, SIDE, 3, 5, 3, 5);
+    for (size_t n = 0; n < sizeof bytes; n++) {
+        SltStatus status = image_decode("a.hgt", bytes, n, NULL, &im, &err);
+        size_t side = (size_t)lround(sqrt((double)n / 2));
+        bool square = side >= 2 && side * side * 2 == n;
+        assert_int_equal(status, square ? SLT_OK : SLT_INPUT);
+        image_free(&im);
+    }
+}
+
 static void huge_claims(void **state) {
     (void)state;
     SltError err = {0};
@@ -614,8 +677,9 @@ int main(void) {
         cmocka_unit_test(exr_layouts),   cmocka_unit_test(png_layouts),
         cmocka_unit_test(exr_windows),   cmocka_unit_test(exr_parts_and_refusals),
         cmocka_unit_test(damaged_exr),   cmocka_unit_test(damaged_png),
-        cmocka_unit_test(damaged_flat),  cmocka_unit_test(huge_claims),
-        cmocka_unit_test(missing_files), cmocka_unit_test(atomic_write),
+        cmocka_unit_test(damaged_flat),  cmocka_unit_test(hgt_tiles),
+        cmocka_unit_test(huge_claims),   cmocka_unit_test(missing_files),
+        cmocka_unit_test(atomic_write),
     };
     return cmocka_run_group_tests(tests, make_folder, drop_folder);
 }
