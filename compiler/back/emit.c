@@ -406,11 +406,9 @@ void emit_block(Emit *e, Block *b) {
             emit_revloop(e, i);
             break;
         case OP_rand:
+        case OP_window:
         case OP_custom:
             emit_fail(e, "%s was not lowered", ir_ops[i->op].name);
-            break;
-        case OP_fieldop:
-            emit_fail(e, "heightfield queries are not supported by this back end");
             break;
         default:
             if (!emit_slot(e, i)[0]) emit_memory_op(e, i);

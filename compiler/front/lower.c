@@ -281,6 +281,9 @@ static void lower_entry(Lower *l, Func *entry) {
     name_outputs(l, v.n);
     l->fn->sites = l->sites.data;
     l->fn->nsites = l->sites.len;
+    lower_field_finish(l);
+    p->fields = l->fields.data;
+    p->nfields = l->fields.len;
     lower_prune_loops(l);
     warn_discontinuities(l);
     const char *text = NULL;

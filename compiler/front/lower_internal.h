@@ -8,7 +8,8 @@
  * lower_expr.c     expressions
  * lower_place.c    what can be indexed and assigned: variables, arrays, parameters
  * lower_builtin.c  builtin functions
- * lower_texture.c  textures and heightfields
+ * lower_texture.c  textures
+ * lower_field.c    heightfields
  * lower_site.c     sites, [SkipLoop], the record of what is untagged
  * lower_init.c     first values of parameters
  * warn.c           untracked and static discontinuities
@@ -127,6 +128,11 @@ typedef struct Untracked {
     JumpKind kind;
 } Untracked;
 
+/* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
+typedef struct Clearance {
+    Inst *value, *search;
+} Clearance;
+
 typedef struct Range {
     int64_t lo, hi;
 } Range;
@@ -166,6 +172,8 @@ typedef struct Lower {
     FuncFacts **fact_table; /* by hash of the Func */
     uint32_t fact_cap;
     Vec(Fn *) culls;
+    Vec(FieldInfo) fields;
+    Vec(Clearance) clearances;
     uint32_t nops, nloops, depth; /* depth: regions around this place */
     bool in_tangent, quiet; /* quiet: not the shader itself (initialisers, bounds): no sites, no records */
     Layout *layout_cache[256];
@@ -262,15 +270,20 @@ void scan_assigned_expr(Lower *l, const Expr *e, VarList *out);
 bool stmt_uses_rand(Lower *l, const Stmt *s);
 bool expr_uses_rand(Lower *l, const Expr *e);
 
-/* lower_builtin.c, lower_texture.c */
+/* lower_builtin.c, lower_texture.c, lower_field.c */
 Val lower_builtin(Lower *l, Expr *e);
 Val lower_method(Lower *l, Expr *e);
+Val lower_field_method(Lower *l, Expr *e, const Symbol *sym);
+void lower_field_finish(Lower *l); /* of the whole entry: cheaper searches, the table of what is asked */
 Val lower_matmul(Lower *l, Val a, Val b, Type *type);
 Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n);
 
 /* lower_site.c: the decision (or integer) to use; a site if the statement is tagged, else a record for the warning */
 Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span);
 Inst *site_integer(Lower *l, SiteKind kind, Inst *n, Inst *v, Span span);
+/* Is this place a site? Then its number is the next one, which site_field takes. Else it is recorded for the warning, with t as what the jump depends on. */
+bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span);
+Inst *site_field(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind);
 Inst *lower_skip_condition(Lower *l, Expr *cond, LoopCtx *root);
 void site_flush_skips(Lower *l, LoopCtx *root);

@@ -169,6 +169,17 @@ Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span) {
     return emit_site(l, OP_site, SITE_COMPARE, decision, g, l->loop, span, false);
 }
 
+bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span) {
+    /* A skipped loop keeps one g for all its iterations; a window along a ray has no such sum. */
+    if (l->tag.disc && !l->quiet && !l->in_tangent && !l->tag.skip) return true;
+    site_untracked(l, hit, t, NULL, span, JUMP_BUILTIN);
+    return false;
+}
+
+Inst *site_field(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span) {
+    return emit_site(l, OP_site, kind, hit, g, l->loop, span, false);
+}
+
 Inst *site_integer(Lower *l, SiteKind kind, Inst *n, Inst *v, Span span) {
     if (ir_is_const(n)) return n;
     if (!l->tag.disc || l->quiet || l->in_tangent) {

@@ -9,6 +9,7 @@
 
 #include "compiler/ir/ir.h"
 #include "compiler/ir/rows.h"
+#include "saltus/field.h"
 #include "saltus/kernel.h"
 #include "saltus/status.h"
 
@@ -356,6 +357,20 @@ static bool exec_custom(Interp *in, const Inst *i, const Mask *m) {
     return true;
 }
 
+/* Rays of all lanes, one call, as the compiled kernels do. */
+static bool exec_field(Interp *in, const Inst *i, const Mask *m, void *dst) {
+    const SltKernelArgs *args = in->args;
+    if (!args->fields || !args->fields[i->imm.field.field] || !args->params) return fail(in, SLT_USAGE);
+    const SltField *f = args->fields[i->imm.field.field];
+    _Alignas(64) unsigned char rays[SLT_FIELD_RAY_ROWS * 64 * sizeof(double)];
+    uint64_t on = 0;
+    for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
+    size_t row = (size_t)in->lanes * in->flt;
+    for (uint32_t a = 0; a < i->nargs; a++) memcpy(rays + a * row, in->slot[i->args[a]->id], row);
+    f->query[i->imm.field.what](f, (const char *)args->params + (size_t)i->imm.field.base * in->flt, rays, on, in->lanes, dst);
+    return true;
+}
+
 static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     void *dst = in->slot[i->id];
     void *a = i->nargs ? in->slot[i->args[0]->id] : NULL;
@@ -426,7 +441,12 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         exec_print(in, i, m);
         return true;
     case OP_fieldop:
-        return fail(in, SLT_PROGRAM);
+        return exec_field(in, i, m, dst);
+    case OP_window: { /* nothing to pair with: the ray's own */
+        for (uint32_t l = 0; l < in->lanes; l++)
+            set_flt(in, dst, l, i->imm.i & 1 ? get_flt(in, in->slot[i->args[1]->id], l) + get_flt(in, in->slot[i->args[2]->id], l) : get_flt(in, a, l) - get_flt(in, in->slot[i->args[2]->id], l));
+        return true;
+    }
     default:
         return fail(in, SLT_INTERNAL);
     }

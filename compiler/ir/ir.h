@@ -230,7 +230,7 @@ bool ir_verify(const Fn *fn, Arena *arena, const char **text);
  * partner is used). Same arguments as a compiled kernel, except that adjoints always have the FLAT layout (varying indices too, never the log), arrays need no
  * padding beyond n, and tape_bytes is a limit (0: 256 MiB) on memory that the call allocates itself. MATH rows that are still there use the C library; rand is
  * exact. Several threads may run the same Fn if its ids are dense (ir_number). lanes: a power of two up to 64. Returns an SltStatus: SLT_LIMIT (tape, memory),
- * SLT_USAGE (an input that the Fn reads is NULL, bad lanes), SLT_PROGRAM (a fieldop, which only compiled kernels know), SLT_INTERNAL (broken IR). */
+ * SLT_USAGE (an input or a field that the Fn reads is NULL, bad lanes), SLT_INTERNAL (broken IR). */
 struct SltKernelArgs;
 int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
 /* At most *fuel instructions, each for a whole vector; what is left comes back. SLT_LIMIT when it runs out. */

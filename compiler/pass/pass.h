@@ -37,9 +37,9 @@ typedef struct VariantOptions {
 } VariantOptions;
 /* Outputs of each, in order: */
 Fn *variant_value(PassCtx *ctx, const Fn *primal);                            /* f.0 .. f.C-1 */
-Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* hash:int [, near_site:int, near_g:flt, near_k0.. :int] */
-Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);   /* site:int (-1 none), g:flt (own end), aux:flt, k0..kD-1:int */
-Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);   /* f.0.., hash:int (the same hash as region's) */
+Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* hash:int [, near_site:int, near_g:flt, near_k0.. :int] [, depth:flt] */
+Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);   /* site:int (-1 none), g:flt (own end), aux:flt, k0..kD-1:int [, aux1:flt] */
+Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);   /* f.0.., hash:int (the same hash as region's) [, depth:flt] */
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                             /* g:flt; inputs site (uniform), k0.., aux, x, stream */
 
 /* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
@@ -78,6 +78,8 @@ typedef struct KernelSet {
     TapeReport tape[K_KINDS];
     uint32_t event_depth;   /* D: number of k outputs of event */
     bool near_miss;
+    bool has_depth;         /* region and sides end with one more output, depth: h.trace is a site */
+    bool has_window;        /* event ends with one more output, aux1, and reads IN_SEED0; site kernels read IN_AUX1: h.trace or h.occluded is a site */
 } KernelSet;
 /* The whole middle: needs[kind] says which kernels are wanted; those that the program has no use for stay NULL (no site: no boundary kernel). */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo, const AdOptions *ad, KernelSet *out);

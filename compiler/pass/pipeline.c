@@ -100,7 +100,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
                 if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
             }
         }
-        if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3;
+        out->has_depth = variant_has_depth(primal), out->has_window = variant_has_windows(primal);
+        if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3 - out->has_window;
     }
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;

@@ -27,6 +27,16 @@ void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const 
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
+/* variant_field.c: heightfield sites. */
+Inst *variant_window_of(Fn *fn, Inst *site); /* args: t (INFINITY: free), top, margin */
+void variant_windows_of_pairs(Fn *fn);       /* event: of the two lanes */
+void variant_windows_of_inputs(Fn *fn);      /* site: what event found */
+bool variant_has_windows(const Fn *fn);
+bool variant_has_depth(const Fn *fn);        /* silhouettes, which need the signature */
+Inst *variant_depth(Fn *fn);                 /* the signature, threaded through a clone; sites stay */
+/* Do the two lanes of a pair that both hit see ground with a ridge between them? IN_SEED0: the least jump of the signature. */
+Inst *variant_ridge_between(Builder *b, Inst *site, Inst *window);
+
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
 

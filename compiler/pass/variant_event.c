@@ -2,25 +2,35 @@
  *
  * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions; the first that differs is the event:
  * before it both ran the same code, so its g is one continuous function on the segment and changes sign. After it nothing matters, and loops end.
- * Output, per lane: site (-1: none), the lane's own g, the boundary of an integer-valued site, the loop indices. With paper_argmin instead the executed event with the
+ * Output, per lane: site (-1: none), the lane's own g, the boundary of an integer-valued site (or the near end of a heightfield site's window), the loop indices, and in programs
+ * with heightfield sites the far end of the window. With paper_argmin instead the executed event with the
  * smallest |g| of the lane's own end, as in the paper: wrong up to 83 % of the time where scales differ. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
 
-enum { V_FOUND, V_SITE, V_G, V_AUX, V_K };
+enum { V_FOUND, V_SITE, V_G, V_AUX, V_AUX1, V_K };
 
 typedef struct Event {
     uint32_t depth;
     bool argmin;
 } Event;
 
-/* g of the lane's own end at site i, and the boundary: shared by both lanes, that of the lower integer. */
-static Inst *own_g(Builder *b, const Fn *fn, Inst *i, Inst **aux) {
-    if (i->op == OP_site) {
-        *aux = ir_constf(b, 0);
-        return i->args[1];
+/* The window of a heightfield site, or NULL. */
+static Inst *window_of(Fn *fn, Inst *i) {
+    SiteKind kind = variant_site_info(fn, i)->kind;
+    return kind == SITE_FIELD || kind == SITE_SHADOW ? variant_window_of(fn, i) : NULL;
+}
+
+/* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the lower integer, or the window. */
+static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
+    *aux = *aux1 = ir_constf(b, 0);
+    Inst *w = window_of(fn, i);
+    if (w) {
+        *aux = ir_special(b, OP_window, TY_FLT, 3, w->args, (Imm){.i = 2 * i->imm.i});
+        *aux1 = ir_special(b, OP_window, TY_FLT, 3, w->args, (Imm){.i = 2 * i->imm.i + 1});
     }
+    if (i->op == OP_site) return i->args[1];
     Inst *other = ir_special(b, OP_partner, TY_FLT, 1, &i, (Imm){0});
     *aux = variant_boundary(b, variant_site_info(fn, i)->kind, ir_emit2(b, OP_fmin, i, other));
     return ir_emit2(b, OP_fsub, i->args[1], *aux);
@@ -32,11 +42,12 @@ static bool event_at(Thread *t, Inst *i) {
     b.fold = true;
     Inst *hit;
     if (e->argmin) {
-        Inst *aux, *g = own_g(&b, t->fn, i, &aux);
+        Inst *aux, *aux1, *g = own_g(&b, t->fn, i, &aux, &aux1);
         hit = ir_emit2(&b, OP_flt, ir_emit1(&b, OP_fabs, g), ir_emit1(&b, OP_fabs, t->value[V_G]));
     } else {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
         Inst *differ = ir_emit2(&b, i->op == OP_site ? OP_bxor : OP_fne, i, other);
+        if (variant_site_info(t->fn, i)->kind == SITE_FIELD) differ = ir_emit2(&b, OP_bor, differ, variant_ridge_between(&b, i, variant_window_of(t->fn, i)));
         Inst *both = ir_special(&b, OP_both, TY_BOOL, 0, NULL, (Imm){0});
         hit = ir_emit2(&b, OP_band, ir_emit2(&b, OP_band, differ, both), ir_emit1(&b, OP_bnot, t->value[V_FOUND]));
     }
@@ -48,7 +59,7 @@ static bool event_at(Thread *t, Inst *i) {
     in.fold = true;
     yes[V_FOUND] = ir_constb(&in, true);
     yes[V_SITE] = ir_consti(&in, (int32_t)i->imm.i);
-    yes[V_G] = own_g(&in, t->fn, i, &yes[V_AUX]);
+    yes[V_G] = own_g(&in, t->fn, i, &yes[V_AUX], &yes[V_AUX1]);
     for (uint32_t d = 0; d < e->depth; d++) yes[V_K + d] = d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&in, 0);
     ir_yield(&in, t->n, yes);
     ir_yield(&out, t->n, t->value);
@@ -74,12 +85,16 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     t.value[V_SITE] = ir_consti(&b, -1);
     t.value[V_G] = ir_constf(&b, e.argmin ? __builtin_inf() : 0);
     t.value[V_AUX] = ir_constf(&b, 0);
+    t.value[V_AUX1] = ir_constf(&b, 0);
     for (uint32_t d = 0; d < e.depth; d++) t.value[V_K + d] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
-    Inst *out[3 + IR_MAX_SITE_DEPTH] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
-    const char *names[3 + IR_MAX_SITE_DEPTH] = {"site", "g", "aux"};
+    Inst *out[4 + IR_MAX_SITE_DEPTH] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
+    const char *names[4 + IR_MAX_SITE_DEPTH] = {"site", "g", "aux"};
     for (uint32_t d = 0; d < e.depth; d++) out[3 + d] = t.value[V_K + d], names[3 + d] = k_names[d];
-    variant_outputs(fn, 3 + e.depth, out, names);
+    uint32_t n = 3 + e.depth;
+    if (variant_has_windows(fn)) out[n] = t.value[V_AUX1], names[n++] = "aux1";
+    variant_outputs(fn, n, out, names);
+    variant_windows_of_pairs(fn);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);
     return fn;

@@ -56,7 +56,13 @@ static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
     return ir_select(b, ir_emit2(b, OP_flt, ir_emit1(b, OP_fabs, up), ir_emit1(b, OP_fabs, down)), up, down);
 }
 
+/* A heightfield site's g is that of a pair: it is never near. */
+static bool touches_near(Thread *t, const Inst *i) {
+    return variant_is_site(i) && variant_site_info(t->fn, i)->kind != SITE_FIELD && variant_site_info(t->fn, i)->kind != SITE_SHADOW;
+}
+
 static bool near_at(Thread *t, Inst *i) {
+    if (!touches_near(t, i)) return false;
     Near *near = t->user;
     Builder b = ir_after(t->fn, i);
     b.fold = true;
@@ -75,22 +81,24 @@ static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "nea
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);
     opt_dce(ctx, fn); /* sites that reach no output are no events */
-    Inst *hash = variant_hash(ctx, fn, o);
+    Inst *hash = variant_hash(ctx, fn, o), *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
     if (!o->near_miss) {
-        variant_outputs(fn, 1, &hash, (const char *[]){"hash"});
+        variant_outputs(fn, depth ? 2 : 1, (Inst *[]){hash, depth}, (const char *[]){"hash", "depth"});
     } else {
         Near near = {variant_site_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-        Thread t = {.fn = fn, .n = 3 + near.depth, .at = near_at, .touches = variant_touches_site, .user = &near};
+        Thread t = {.fn = fn, .n = 3 + near.depth, .at = near_at, .touches = touches_near, .user = &near};
         t.value[0] = ir_constf(&b, __builtin_inf());
         t.value[1] = ir_constf(&b, 0);
         t.value[2] = ir_consti(&b, -1);
         for (uint32_t d = 0; d < near.depth; d++) t.value[3 + d] = ir_consti(&b, 0);
         thread_block(&t, fn->body);
-        Inst *out[3 + IR_MAX_SITE_DEPTH] = {hash, t.value[2], t.value[1]};
-        const char *names[3 + IR_MAX_SITE_DEPTH] = {"hash", "near_site", "near_g"};
+        Inst *out[4 + IR_MAX_SITE_DEPTH] = {hash, t.value[2], t.value[1]};
+        const char *names[4 + IR_MAX_SITE_DEPTH] = {"hash", "near_site", "near_g"};
         for (uint32_t d = 0; d < near.depth; d++) out[3 + d] = t.value[3 + d], names[3 + d] = near_k[d];
-        variant_outputs(fn, 3 + near.depth, out, names);
+        uint32_t n = 3 + near.depth;
+        if (depth) out[n] = depth, names[n++] = "depth";
+        variant_outputs(fn, n, out, names);
     }
     variant_drop_sites(fn);
     opt_dce(ctx, fn);

@@ -29,7 +29,9 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     const char *names[8];
     for (uint32_t c = 0; c < channels; c++) out[c] = fn->body->last->args[c], names[c] = fn->outputs[c];
     out[channels] = hash, names[channels] = "hash";
-    variant_outputs(fn, channels + 1, out, names);
+    uint32_t n = channels + 1;
+    if (variant_has_depth(fn)) out[n] = variant_depth(fn), names[n++] = "depth";
+    variant_outputs(fn, n, out, names);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);
     return fn;

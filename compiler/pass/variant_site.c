@@ -93,6 +93,7 @@ static Inst *slice(Slicer *s, Builder *b, Inst *v) {
         s->failed = true;
         return NULL;
     }
+    if (v->op == OP_window) return remember(s, v, ir_input(b, v->imm.i & 1 ? IN_AUX1 : IN_AUX));
     s->nesting++;
     Inst *copy = NULL;
     if (v->op == OP_proj) {
@@ -162,6 +163,7 @@ static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const u
     t.value[1] = ir_constb(&b, false);
     thread_block(&t, copy->body);
     variant_outputs(copy, 1, t.value, (const char *[]){"g"});
+    variant_windows_of_inputs(copy);
     variant_drop_sites(copy);
     opt_dce(ctx, copy);
     uint32_t n = ir_number(copy);

@@ -24,7 +24,9 @@ bool walk_is_pure(const Inst *i) {
     case OP_rand:
     case OP_detach:
     case OP_site:
-    case OP_siten: return true;
+    case OP_siten:
+    case OP_fieldop:
+    case OP_window: return true;
     default: return false;
     }
 }

@@ -30,6 +30,8 @@ typedef enum SltFieldWhat {
     SLT_FIELD_WHATS
 } SltFieldWhat;
 
+enum { SLT_FIELD_RAY_ROWS = 8 };
+
 enum {
     SLT_FIELD_NONE = -1,  /* nothing: a miss, no part of [t0, t1] in the box, or a ray with a NaN */
     SLT_FIELD_AT_T0 = -2,

@@ -236,7 +236,7 @@ static const ErrorCase error_cases[] = {
     {"float df(float a, float da) { return abs(da); } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "not linear"},
     {"float df(float a, float da) { if (da > 0.0) return da; return 0.0; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", NULL},
     {"float df(float a, float da) { return a / da; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "division"},
-    {"param heightfield h = zeros(4, 4); shader float main(float2 x) { Hit v = h.trace(float3(x, 1.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return v.t; }", "E0503", "trace"},
+    {"[Height(-1.0, 0.0)] param heightfield h = zeros(4, 4); shader float main(float2 x) { Hit v = h.trace(float3(x, 1.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return v.t; }", "E0503", "trace"},
     {MAIN("float s = 0.0; for (int a = 0; a < 2; a++) for (int b = 0; b < 2; b++) for (int c = 0; c < 2; c++) for (int d = 0; d < 2; d++) for (int e = 0; e < 2; e++) for (int f = 0; f < 2; f++)"
           " for (int g = 0; g < 2; g++) for (int h = 0; h < 2; h++) for (int i = 0; i < 2; i++) { [Disc] s += x.x < p ? 1.0 : 0.0; } return s;"), "E0502", "9 loops"},
 };

@@ -1,0 +1,125 @@
+/* What heightfield sites add to the variants: the window of a pair, and the signature that tells near hits from far ones.
+ *
+ * No number per point tells which piece of the terrain a ray sees: around the end of a ridge the two sides are connected. So pairs are compared. `region` and `sides` carry
+ * a signature of the depths at which rays hit, continuous as long as no silhouette is passed; where it jumps, `event` decides: of two hits the nearer one must run
+ * into something that rises and falls again (its top) before the farther one. The boundary function of such a pair is the clearance over the stretch of the ray around that
+ * top: below 0 for the near ray, above 0 for the far one, which passes over everything in front of its hit. Shadow edges are the same, between a blocked and a free
+ * ray. See docs/estimators.md. */
+#include "compiler/pass/variant.h"
+
+static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
+    if (v->op == OP_window) return v->imm.i / 2 == site ? v : NULL;
+    if (v->tag == stamp) return NULL;
+    v->tag = stamp;
+    for (uint32_t a = v->nargs; a-- > 0;) {
+        if (variant_is_site(v) && a == 1) continue; /* its own g looks through its own window */
+        Inst *w = find_window(v->args[a], site, stamp);
+        if (w) return w;
+    }
+    return NULL;
+}
+
+static void clear_tags(Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        i->tag = 0;
+        for (uint32_t r = 0; r < i->nregions; r++) clear_tags(i->region[r]);
+    }
+    for (uint32_t p = 0; p < b->nparams; p++) b->params[p]->tag = 0;
+}
+
+Inst *variant_window_of(Fn *fn, Inst *site) {
+    clear_tags(fn->body);
+    Inst *w = find_window(site->args[1], site->imm.i, 1);
+    if (!w) ice(fn->session, "a heightfield site without a window");
+    return w;
+}
+
+static void windows(Fn *fn, Block *b, Inst *(*make)(Builder *, Inst *)) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) windows(fn, i->region[r], make);
+        if (i->op != OP_window) continue;
+        Builder at = ir_before(fn, i);
+        at.fold = true;
+        walk_forward(fn, i, make(&at, i));
+    }
+}
+
+static Inst *partner(Builder *b, Inst *v) { return ir_special(b, OP_partner, (IrType)v->type, 1, &v, (Imm){0}); }
+
+typedef struct Pair {
+    Inst *near_t, *far_t, *top, *margin; /* top: of the nearer one */
+} Pair;
+
+static Pair pair_of(Builder *b, Inst *w) {
+    Inst *t = w->args[0], *other = partner(b, t);
+    Inst *nearer = ir_emit2(b, OP_flt, t, other);
+    return (Pair){ir_emit2(b, OP_fmin, t, other), ir_emit2(b, OP_fmax, t, other), ir_select(b, nearer, w->args[1], partner(b, w->args[1])),
+                  ir_emit2(b, OP_fmax, w->args[2], partner(b, w->args[2]))};
+}
+
+/* lo = near - margin; hi = top + margin, but well before the far hit, where the far ray touches ground. */
+static Inst *of_pair(Builder *b, Inst *w) {
+    Pair p = pair_of(b, w);
+    if (!(w->imm.i & 1)) return ir_emit2(b, OP_fsub, p.near_t, p.margin);
+    return ir_emit2(b, OP_fmin, ir_emit2(b, OP_fadd, p.top, p.margin), ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.top, p.far_t)));
+}
+
+static Inst *of_input(Builder *b, Inst *w) { return ir_input(b, w->imm.i & 1 ? IN_AUX1 : IN_AUX); }
+
+void variant_windows_of_pairs(Fn *fn) {
+    windows(fn, fn->body, of_pair);
+    walk_resolve_forwards(fn->body);
+}
+
+void variant_windows_of_inputs(Fn *fn) {
+    windows(fn, fn->body, of_input);
+    walk_resolve_forwards(fn->body);
+}
+
+bool variant_has_windows(const Fn *fn) {
+    for (uint32_t s = 0; s < fn->nsites; s++)
+        if (fn->sites[s].kind == SITE_FIELD || fn->sites[s].kind == SITE_SHADOW) return true;
+    return false;
+}
+
+bool variant_has_depth(const Fn *fn) {
+    for (uint32_t s = 0; s < fn->nsites; s++)
+        if (fn->sites[s].kind == SITE_FIELD) return true;
+    return false;
+}
+
+/* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that two that change do not cancel. */
+static Inst *depth_of(Builder *b, Inst *site, Inst *t) {
+    Inst *bits = ir_emit2(b, OP_isub, ir_emit1(b, OP_fasuint, t), ir_consti(b, 0x3f800000));
+    Inst *weight = ir_emit2(b, OP_fadd, ir_constf(b, 0.5), ir_emit2(b, OP_fmul, ir_emit1(b, OP_u2f, variant_event_key(b, site)), ir_constf(b, 0x1p-33)));
+    return ir_emit2(b, OP_fmul, ir_emit1(b, OP_i2f, bits), ir_emit2(b, OP_fmul, weight, ir_constf(b, 0x1p-23)));
+}
+
+static bool touches_silhouette(Thread *t, const Inst *i) { return i->op == OP_site && variant_site_info(t->fn, i)->kind == SITE_FIELD; }
+
+static bool depth_at(Thread *t, Inst *i) {
+    Inst *w = variant_window_of(t->fn, i);
+    Builder b = ir_after(t->fn, i);
+    b.fold = true;
+    Inst *sum = ir_emit2(&b, OP_fadd, t->value[0], depth_of(&b, i, w->args[0]));
+    t->value[0] = ir_select(&b, i, sum, t->value[0]);
+    return true;
+}
+
+Inst *variant_depth(Fn *fn) {
+    Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
+    Thread t = {.fn = fn, .n = 1, .at = depth_at, .touches = touches_silhouette};
+    t.value[0] = ir_constf(&b, 0);
+    thread_block(&t, fn->body);
+    return t.value[0];
+}
+
+Inst *variant_ridge_between(Builder *b, Inst *site, Inst *w) {
+    Pair p = pair_of(b, w);
+    Inst *mine = depth_of(b, site, w->args[0]);
+    Inst *jump = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, mine, partner(b, mine)));
+    Inst *hits = ir_emit2(b, OP_band, site, partner(b, site));
+    Inst *apart = ir_emit2(b, OP_band, ir_emit2(b, OP_flt, p.top, p.far_t), ir_emit2(b, OP_flt, ir_input(b, IN_SEED0), jump));
+    return ir_emit2(b, OP_band, hits, apart);
+}
