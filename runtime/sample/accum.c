@@ -2,13 +2,20 @@
  *
  * Within a tile a kernel adds in its own precision, one sum a lane (or one a parameter where they are many); at the end
  * of the tile the lanes are added into doubles, and tiles are added in order. Blocks of parameters that a tile left at
- * zero cost a look, not an addition. */
+ * zero cost a look, not an addition, and texels and heights, which have the log, not even that. */
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "runtime/sample/internal.h"
 
 enum { ACCUM_BLOCK = 16 };
+
+/* 64-byte aligned zeros, taken from the system only where they are touched: a field of a million heights has adjoints in a few thousand. */
+static void *zero_pages(uint64_t bytes) {
+    void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    return p == MAP_FAILED ? NULL : p;
+}
 
 bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     memset(a, 0, sizeof *a);
@@ -18,19 +25,28 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     uint32_t blocks = s->nfloats / ACCUM_BLOCK + 1;
     for (uint32_t i = 0; i < n; i++) {
         AdjointBuffer *b = &a->buf[i];
-        b->adj = aligned_alloc(64, a->bytes + 64);
+        b->adj = zero_pages(a->bytes + 64);
         b->sum = alloc_zero(s->nfloats, sizeof *b->sum);
         b->touched = alloc_zero(blocks, sizeof *b->touched);
         if (!b->adj || !b->sum || !b->touched) return false;
-        memset(b->adj, 0, a->bytes + 64);
+    }
+    a->blocks = alloc_zero(blocks, sizeof *a->blocks);
+    if (!a->blocks) return false;
+    for (uint32_t p0 = 0; p0 < s->nfloats; p0 += ACCUM_BLOCK) {
+        bool dense = !s->dense;
+        for (uint32_t p = p0; p < p0 + ACCUM_BLOCK && p < s->nfloats && !dense; p++) dense = s->dense[p];
+        if (dense) a->blocks[a->nblocks++] = p0;
     }
     return true;
 }
 
 void accum_free(Accum *a) {
-    for (uint32_t i = 0; i < a->n; i++)
-        free(a->buf[i].adj), free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
-    free(a->scratch);
+    for (uint32_t i = 0; i < a->n; i++) {
+        if (a->buf[i].adj) munmap(a->buf[i].adj, a->bytes + 64);
+        free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
+    }
+    if (a->scratch) munmap(a->scratch, a->bytes + 64);
+    free(a->blocks);
     memset(a, 0, sizeof *a);
 }
 
@@ -55,7 +71,7 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     uint64_t len = b->args.log_len;
     if (len > b->args.log_cap) {
         /* The dense adjoints of this call are in already: the second run is for the log alone. */
-        if (!a->scratch && (a->scratch = aligned_alloc(64, a->bytes + 64))) memset(a->scratch, 0, a->bytes + 64);
+        if (!a->scratch) a->scratch = zero_pages(a->bytes + 64);
         if (!a->scratch || !grow_log(buf, buf->log_len + len)) {
             a->failed = true;
             return;
@@ -100,8 +116,8 @@ void accum_close(Accum *a) {
         AdjointBuffer *buf = &a->buf[i];
         buf->ntouched = 0;
         if (!buf->dirty) continue;
-        for (uint32_t p0 = 0; p0 < a->s->nfloats; p0 += ACCUM_BLOCK) {
-            uint32_t p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
+        for (uint32_t k = 0; k < a->nblocks; k++) {
+            uint32_t p0 = a->blocks[k], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             void *block = buf->adj + a->stride * p0;
             if (untouched(block, a->stride * (p1 - p0))) continue;
             if (a->s->f64)

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "runtime/sample/internal.h"
+#include "saltus/field.h"
 
 /* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a
  * compromise that both survive. */
@@ -16,12 +17,49 @@ static double param_get(const SltScene *s, uint32_t p) {
     return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
 }
 
-/* A scene whose parameters are those of s moved by h along dir (NULL: along axis p). Returns the memory to free. */
-static void *moved(SltScene *out, const SltScene *s, const double *dir, uint32_t axis, double h) {
+/* A scene whose parameters are those of s moved by h. Heightfields are not built again: copies of them know by how much their heights have grown. */
+typedef struct Moved {
+    SltScene scene;
+    void *params;
+    SltField *field;
+    const SltField **fields;
+} Moved;
+
+static void moved_free(Moved *m) {
+    free(m->params), free(m->field), free(m->fields);
+}
+
+/* The largest increase of a height of the field. */
+static double growth(const SltScene *from, const SltScene *to, uint32_t field) {
+    double most = 0;
+    for (uint32_t i = 0; i < from->field_count[field]; i++) {
+        uint32_t p = from->field_base[field] + i;
+        most = fmax(most, param_get(to, p) - param_get(from, p));
+    }
+    return most;
+}
+
+static bool move_fields(Moved *m, const SltScene *s) {
+    m->field = alloc_zero(s->nfields, sizeof *m->field), m->fields = alloc_zero(s->nfields, sizeof *m->fields);
+    if (!m->field || !m->fields) return false;
+    for (uint32_t i = 0; i < s->nfields; i++) {
+        if (!s->fields[i]) continue; /* nobody asks it anything */
+        m->field[i] = *s->fields[i];
+        double slack = (double)m->field[i].slack + growth(s, &m->scene, i);
+        m->field[i].slack = slack > (double)m->field[i].slack ? nextafterf((float)slack, HUGE_VALF) : m->field[i].slack;
+        m->fields[i] = &m->field[i];
+    }
+    m->scene.fields = m->fields;
+    return true;
+}
+
+/* Along dir (NULL: along axis p). */
+static bool moved(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h) {
     size_t size = s->f64 ? sizeof(double) : sizeof(float);
-    void *v = aligned_alloc(64, (s->nfloats * size + 128) / 64 * 64);
-    *out = *s;
-    if (!v) return NULL;
+    memset(m, 0, sizeof *m);
+    m->scene = *s;
+    void *v = m->params = aligned_alloc(64, (s->nfloats * size + 128) / 64 * 64);
+    if (!v) return false;
     memcpy(v, s->params, s->nfloats * size);
     for (uint32_t p = dir ? 0 : axis; p < (dir ? s->nfloats : axis + 1); p++) {
         double x = param_get(s, p) + h * (dir ? dir[p] : 1);
@@ -30,8 +68,8 @@ static void *moved(SltScene *out, const SltScene *s, const double *dir, uint32_t
         else
             ((float *)v)[p] = (float)x;
     }
-    out->params = v;
-    return v;
+    m->scene.params = v;
+    return !s->nfields || !s->fields || move_fields(m, s);
 }
 
 /* (image at +h - image at -h) / 2h into out. `half` as slt_estimate_render. */
@@ -41,11 +79,11 @@ static SltStatus image_difference(const SltScene *s, const SltJob *j, const doub
     uint64_t n = s->channels;
     for (uint32_t d = 0; d < s->dim; d++) n *= j->size[d];
     for (int side = 0; side < 2 && st == SLT_OK; side++) {
-        SltScene t;
-        void *v = moved(&t, s, dir, axis, side ? -h : h);
-        st = v ? slt_estimate_render(&t, j, 0, side ? scratch : out, stats, err)
-               : status_fail(err, SLT_LIMIT, "out of memory");
-        free(v);
+        Moved m;
+        st = moved(&m, s, dir, axis, side ? -h : h)
+                 ? slt_estimate_render(&m.scene, j, 0, side ? scratch : out, stats, err)
+                 : status_fail(err, SLT_LIMIT, "out of memory");
+        moved_free(&m);
     }
     for (uint64_t i = 0; i < n && st == SLT_OK; i++) out[i] = (float)(((double)out[i] - (double)scratch[i]) / (2 * h));
     return st;
@@ -134,10 +172,10 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
         if (s->active && !s->active[p]) continue;
         double h = step_of(j, param_get(s, p));
         for (int side = 0; side < 2 && st == SLT_OK; side++) {
-            SltScene t;
-            void *v = moved(&t, s, NULL, p, side ? -h : h);
-            st = v ? integrals(&t, j, n, side ? down : up, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
-            free(v);
+            Moved m;
+            st = moved(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
+                                                      : status_fail(err, SLT_LIMIT, "out of memory");
+            moved_free(&m);
         }
         for (uint32_t i = 0; i < n * channels; i++) up[i] = (up[i] - down[i]) / (2 * h);
         for (uint32_t c = 0; c < channels && st == SLT_OK; c++) {

@@ -4,7 +4,13 @@
  * is bracketed with `site` (Chandrupatla's method, never more than two steps behind bisection); `sides` gives f and the
  * region at the two ends of the final bracket. If those are the regions of the segment's ends, that was the only
  * crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign,
- * the region itself is bisected. */
+ * the region itself is bisected.
+ *
+ * Heightfield sites differ in two ways. Two ends with equal hashes may lie on two sides of a silhouette, if their depths
+ * are more than J apart: or on one steep slope. One bisection tells most slopes from jumps before `event` is asked, and
+ * where it knows of none the search goes on only while one half keeps most of the difference. And g is that of a window
+ * chosen from the segment's ends: its root need not be the jump. Parts ask for fresh windows, at most MAX_TRIES times
+ * before a bisection, so every search ends. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -12,13 +18,26 @@
 
 #include "runtime/sample/internal.h"
 
-enum { MAX_DEPTH = 60 };
+enum { MAX_DEPTH = 60, MAX_TRIES = 2 };
+
+/* Segment.field: 0 .. MAX_TRIES - 1 roots of windows have been looked for since the last halving. */
+enum {
+    FIELD_HALVE = MAX_TRIES, /* bisect before asking for an event */
+    FIELD_FRESH,             /* a bracket that wants the window of its own ends */
+    FIELD_DOUBT              /* no event: is it a slope? */
+};
+/* Across a bracket of 2^-15, slopes are this much flatter than across the segment, and more. */
+#define BRACKET_JUMP 0x1p-6
+/* ... and a bisection leaves a jump this part of it. */
+#define KEEPS 0.75
+/* g changes this many times faster on the bracket than on the segment: its window does not fit. */
+#define MISFIT 64.0
 
 /* One segment of the batch, during its root search. x1 is the newest point, [x1, x2] the bracket, x3 the point before.
  */
 typedef struct Item {
     Segment s;
-    double tol, ga, gb, aux;
+    double tol, ga, gb, aux, aux1;
     double x1, x2, x3, f1, f2, f3, next;
     int32_t site, k[SLT_MAX_K];
     uint32_t left; /* evaluations before bisection takes over for good */
@@ -90,14 +109,39 @@ void finder_push(Finder *f, const Segment *s) {
     f->stack[f->n++] = *s;
 }
 
-static void push_part(Finder *f, const Segment *s, double ta, double tb, uint32_t ha, uint32_t hb, SltDrop reason) {
-    if (ha == hb) return;
+void finder_add(Finder *f, Segment *s, uint32_t ha, uint32_t hb, double da, double db, double jump) {
+    s->ta = 0, s->tb = 1, s->ha = ha, s->hb = hb, s->da = da, s->db = db, s->jump = jump, s->depth = 0;
+    s->field = ha == hb ? FIELD_HALVE : 0;
+    finder_push(f, s);
+}
+
+/* What is known of a point: its region, and its depth where the scene has one. */
+typedef struct Mark {
+    uint32_t hash;
+    double depth;
+} Mark;
+
+static Mark mark_a(const Segment *s) {
+    return (Mark){s->ha, s->da};
+}
+
+static Mark mark_b(const Segment *s) {
+    return (Mark){s->hb, s->db};
+}
+
+static bool differ(Mark a, Mark b, double jump) {
+    return a.hash != b.hash || depth_differs(a.depth, b.depth, jump);
+}
+
+static void push_part(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field) {
+    if (!differ(a, b, s->jump)) return;
     if (!(tb > ta) || s->depth >= MAX_DEPTH) {
-        f->dropped[reason]++;
+        f->dropped[SLT_DROP_DEPTH]++;
         return;
     }
     Segment part = *s;
-    part.ta = ta, part.tb = tb, part.ha = ha, part.hb = hb, part.depth++;
+    part.ta = ta, part.tb = tb, part.ha = a.hash, part.hb = b.hash, part.da = a.depth, part.db = b.depth;
+    part.depth++, part.field = field;
     finder_push(f, &part);
 }
 
@@ -122,9 +166,17 @@ static void flush_split(Finder *f) {
     for (uint32_t i = 0; i < f->nsplit; i++) {
         const Segment *s = &f->split[i];
         double mid = 0.5 * (s->ta + s->tb);
-        uint32_t h = (uint32_t)batch_get_int(b, 0, i);
-        push_part(f, s, mid, s->tb, h, s->hb, SLT_DROP_DEPTH);
-        push_part(f, s, s->ta, mid, s->ha, h, SLT_DROP_DEPTH);
+        Mark m = {(uint32_t)batch_get_int(b, 0, i), f->s->has_depth ? batch_get(b, depth_output(f->s), i) : 0};
+        Mark a = mark_a(s), e = mark_b(s);
+        if (s->field == FIELD_DOUBT && m.hash == a.hash) {
+            /* A slope falls into two; of a jump one half keeps nearly all. */
+            double most = KEEPS * fabs(a.depth - e.depth);
+            if (depth_differs(m.depth, e.depth, most)) push_part(f, s, mid, s->tb, m, e, 0);
+            if (depth_differs(a.depth, m.depth, most)) push_part(f, s, s->ta, mid, a, m, 0);
+            continue;
+        }
+        push_part(f, s, mid, s->tb, m, e, 0);
+        push_part(f, s, s->ta, mid, a, m, 0);
     }
     f->nsplit = 0;
 }
@@ -153,6 +205,8 @@ static double chandrupatla(const Item *it, double width) {
     /* Once only bisection can still arrive in time, bisect. */
     if (ldexp(width, -(int)it->left) > it->tol) return 0.5;
     double t = 0.5;
+    /* Nothing in the window: a sign, but not a number to draw lines through. */
+    if (isinf(it->f1) || isinf(it->f2)) return t;
     if (it->x3 == it->x2 || it->f3 == it->f2) {
         t = it->f1 / (it->f1 - it->f2);
     } else {
@@ -202,9 +256,10 @@ static void root_begin(Item *it) {
     }
 }
 
-static void set_event(Batch *b, uint32_t lane, const int32_t *k, double aux) {
-    for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, k[d]);
-    batch_set(b, SLT_IN_AUX, lane, aux);
+static void set_event(Batch *b, uint32_t lane, const Item *it) {
+    for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, it->k[d]);
+    batch_set(b, SLT_IN_AUX, lane, it->aux);
+    if (b->s->has_window) batch_set(b, SLT_IN_AUX1, lane, it->aux1);
 }
 
 /* Roots of the items in order[0..n), all of one site. */
@@ -217,7 +272,7 @@ static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
             Item *it = &items[(uint32_t)order[i]];
             if (!root_step(it)) continue;
             put(f, active, &it->s, it->next);
-            set_event(b, active, it->k, it->aux);
+            set_event(b, active, it);
             order[active++] = order[i];
         }
         if (!active) return;
@@ -238,12 +293,24 @@ static void solve(Finder *f, Item *items, uint32_t n) {
 }
 
 /* ---- one batch */
+static bool is_field(const SltScene *s, int32_t site) {
+    return s->has_window && (s->site_kind[site] == SLT_SITE_FIELD || s->site_kind[site] == SLT_SITE_SHADOW);
+}
+
+/* Infinite where the window of a heightfield site is empty: still a side. */
+static bool usable(const Finder *f, const Item *it) {
+    if (isfinite(it->ga) && isfinite(it->gb)) return true;
+    return is_field(f->s, it->site) && !isnan(it->ga) && !isnan(it->gb);
+}
+
 /* Which event separates the ends, and g there. Items with a root to look for move to the front. */
 static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
     for (uint32_t i = 0; i < n; i++) {
         put(f, 2 * i, &items[i].s, items[i].s.ta);
         put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
+        if (!f->s->has_window) continue;
+        batch_set(b, SLT_IN_SEED0, 2 * i, items[i].s.jump), batch_set(b, SLT_IN_SEED0, 2 * i + 1, items[i].s.jump);
     }
     batch_call(b, SLT_K_EVENT, 2 * n);
     uint32_t kept = 0, depth = f->s->event_depth < SLT_MAX_K ? f->s->event_depth : SLT_MAX_K;
@@ -253,11 +320,13 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         it.ga = batch_get(b, 1, 2 * i), it.gb = batch_get(b, 1, 2 * i + 1);
         it.aux = batch_get(b, 2, 2 * i);
         for (uint32_t d = 0; d < SLT_MAX_K; d++) it.k[d] = d < depth ? batch_get_int(b, 3 + d, 2 * i) : 0;
+        it.aux1 = f->s->has_window ? batch_get(b, 3 + depth, 2 * i) : 0;
+        if (it.site < 0 && it.s.ha == it.s.hb) it.s.field = FIELD_DOUBT;
         if (it.site < 0 || (uint32_t)it.site >= f->s->nsites) {
             split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
         } else if (f->s->site_static && f->s->site_static[it.site]) {
             f->dropped[SLT_DROP_STATIC]++;
-        } else if (!isfinite(it.ga) || !isfinite(it.gb)) {
+        } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
             split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
@@ -299,7 +368,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
     if (!it->exact) {
         /* The secant inside the final bracket: much closer than its ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
-        c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi);
+        c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi); /* also where an end of g is infinite */
         c.ga = it->f1, c.gb = it->f2;
     }
     segment_at(&it->s, c.t, c.x);
@@ -311,9 +380,23 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
     c.bracket = sqrt(len) * (hi - lo);
     c.rising = it->ga < it->gb ? 1 : -1;
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
-    c.site = it->site, c.aux = it->aux;
+    c.site = it->site, c.aux = it->aux, c.aux1 = it->aux1;
     memcpy(c.k, it->k, sizeof c.k);
     *found_slot(f) = c;
+}
+
+/* The root of a window's g at which f jumps, but not because of this g: another window would show why. */
+static bool misfit(const Item *it, double lo, double hi) {
+    if (it->exact || it->s.field == FIELD_FRESH || !(hi > lo)) return false;
+    if (isinf(it->f1) || isinf(it->f2)) return true;
+    return !(fabs(it->f1 - it->f2) * (it->s.tb - it->s.ta) <= MISFIT * fabs(it->gb - it->ga) * (hi - lo));
+}
+
+/* What a part of a heightfield's segment should try next. */
+static uint8_t part_field(const Item *it, double length, bool jumped) {
+    if (length <= 0.5 * (it->s.tb - it->s.ta)) return 0;
+    if (!jumped || it->s.field >= MAX_TRIES) return FIELD_HALVE;
+    return it->s.field + 1;
 }
 
 /* Both sides of each final bracket, with their regions. */
@@ -332,10 +415,22 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         const Item *it = &items[i];
         double lo, hi;
         bracket_of(it, &lo, &hi);
-        uint32_t before = (uint32_t)batch_get_int(b, hash, 2 * i), after = (uint32_t)batch_get_int(b, hash, 2 * i + 1);
-        if (before != after) accept(f, it, lo, hi, 2 * i);
-        push_part(f, &it->s, hi, it->s.tb, after, it->s.hb, SLT_DROP_DEPTH);
-        push_part(f, &it->s, it->s.ta, lo, it->s.ha, before, SLT_DROP_DEPTH);
+        Mark before = {(uint32_t)batch_get_int(b, hash, 2 * i), 0}, after = {(uint32_t)batch_get_int(b, hash, 2 * i + 1), 0};
+        if (f->s->has_depth) {
+            before.depth = batch_get(b, hash + 1, 2 * i), after.depth = batch_get(b, hash + 1, 2 * i + 1);
+        }
+        bool field = is_field(f->s, it->site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
+        if (jumped && field && misfit(it, lo, hi)) {
+            Segment s = it->s;
+            s.ta = lo, s.tb = hi, s.ha = before.hash, s.hb = after.hash, s.da = before.depth, s.db = after.depth;
+            s.field = FIELD_FRESH;
+            finder_push(f, &s);
+        } else if (jumped) {
+            accept(f, it, lo, hi, 2 * i);
+        }
+        push_part(f, &it->s, hi, it->s.tb, after, mark_b(&it->s),
+                  field ? part_field(it, it->s.tb - hi, jumped) : 0);
+        push_part(f, &it->s, it->s.ta, lo, mark_a(&it->s), before, field ? part_field(it, lo - it->s.ta, jumped) : 0);
     }
 }
 
@@ -354,6 +449,18 @@ static uint32_t halve(Finder *f, Item *items, uint32_t n) {
     return kept;
 }
 
+/* Segments to be bisected first leave the batch. */
+static uint32_t take_halves(Finder *f, Item *items, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        if (items[i].s.field == FIELD_HALVE && items[i].s.tb - items[i].s.ta > items[i].tol)
+            f->split[f->nsplit++] = items[i].s;
+        else
+            items[kept++] = items[i];
+    }
+    return kept;
+}
+
 void finder_run(Finder *f, bool all) {
     Item *items = f->items;
     while (f->n && !f->failed && (all || f->n >= FIND)) {
@@ -366,7 +473,7 @@ void finder_run(Finder *f, bool all) {
         if (f->halve_only) {
             n = halve(f, items, n);
         } else {
-            n = ask_events(f, items, n);
+            n = ask_events(f, items, f->s->has_depth || f->s->has_window ? take_halves(f, items, n) : n);
             flush_split(f);
             if (n) solve(f, items, n);
         }

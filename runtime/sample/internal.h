@@ -3,6 +3,7 @@
  *   grid       pixels, filters, positions of samples                          grid.c
  *   Batch      the arrays of one thread's kernel calls                        batch.c
  *   Accum      adjoints of one tile in the kernels' layout, summed in double  accum.c
+ *   Spread     how far apart the depths of neighbours usually are            depth.c
  *   Finder     segments whose ends differ -> verified crossings               finder.c
  *   Sink       crossings -> weights -> gradients or splats                    sink.c
  *   lattice.c, scanline.c, segments.c make the segments; interior.c does the smooth part; near.c the near-miss probe
@@ -12,6 +13,8 @@
  * Scene; results are added in `merge`, in tile order. */
 #ifndef SALTUS_SAMPLE_INTERNAL_H
 #define SALTUS_SAMPLE_INTERNAL_H
+
+#include <math.h>
 
 #include "runtime/base/rng.h"
 #include "runtime/base/threads.h"
@@ -146,20 +149,47 @@ void cull_lists_free(CullLists *l, const CullBoxes *c);
 /* Lists for the rectangle [lo, hi]; `args.cull` of the batch points at them afterwards. */
 void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3], const double hi[3]);
 
+/* ---- depth.c: scenes with has_depth. A histogram of the differences between neighbours with equal hashes */
+enum { SPREAD_BUCKETS = 160 };
+typedef struct Spread {
+    uint64_t n;
+    uint32_t count[SPREAD_BUCKETS];
+} Spread;
+void spread_clear(Spread *s);
+void spread_add(Spread *s, double difference);
+/* The edges of a line of n vertices. */
+void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n);
+/* J: the difference beyond which two neighbours are worth a search. */
+double spread_jump(const Spread *s);
+/* J of edge e of a line of n vertices, from that of its tile and from the edges beside it. */
+double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump);
+/* Where the region kernel puts it. */
+static inline uint32_t depth_output(const SltScene *s) {
+    return s->near_miss ? 3 + (s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K) : 1;
+}
+/* An infinite depth (a ray that starts in the ground) is no jump. */
+static inline bool depth_differs(double a, double b, double jump) {
+    double d = a < b ? b - a : a - b;
+    return d > jump && d < HUGE_VAL;
+}
+
 /* ---- finder.c */
 typedef struct Segment {
     double a[3], b[3]; /* ends of the whole segment; x(t) = a + t (b - a) */
     double ta, tb;     /* the part still to be searched */
     double base;       /* A_i / N_i of a line, or the weight of a random segment */
     uint32_t ha, hb;   /* hashes at ta and tb */
+    double da, db;     /* depths there, and by how much they differ across a silhouette; 0, 0, HUGE_VAL without has_depth */
+    double jump;
     double rand0;
     int32_t stream;
     int8_t axis;        /* of the line; -1: a random direction */
     uint8_t depth, cls; /* cls: which adjoint buffer, see Sink */
+    uint8_t field;      /* FieldState of finder.c */
 } Segment;
 
 typedef struct Crossing {
-    double x[3], t, base, rand0, aux;
+    double x[3], t, base, rand0, aux, aux1;
     double jump[SLT_MAX_CHANNELS], before[SLT_MAX_CHANNELS];
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a of random segments */
@@ -190,7 +220,9 @@ struct Finder {
 };
 bool finder_init(Finder *f, Batch *b);
 void finder_free(Finder *f);
-/* A segment whose end hashes differ. */
+/* A segment from x(0) to x(1) whose ends differ, with the rest filled in. */
+void finder_add(Finder *f, Segment *s, uint32_t ha, uint32_t hb, double da, double db, double jump);
+/* A segment whose ends differ. */
 void finder_push(Finder *f, const Segment *s);
 /* Works off full batches; everything when `all`. */
 void finder_run(Finder *f, bool all);
@@ -242,6 +274,7 @@ typedef struct Worker {
     Sink sink;
     CullLists cull;
     uint32_t *hash; /* of a tile of vertices, or of lines */
+    double *depth;  /* NULL without has_depth */
     float *near_g;  /* |g| of the nearest event, its key */
     uint32_t *near_key;
     int32_t *near_event; /* site, k0.. of it, SoA by vertex */
@@ -336,6 +369,7 @@ typedef struct Line {
     uint32_t n;             /* vertices */
     uint32_t from, to;      /* edges [from, to) to be probed: edge e joins vertices e and e+1 */
     bool at_start, at_end;  /* vertex 0 / n-1 ends the line: one-sided gradients there */
+    double jump;            /* edges whose depths differ by more are searched already */
 } Line;
 /* `like` is a segment with everything but ends and hashes; its a and b hold the other coordinates. */
 void near_probe(Worker *w, const Line *l, const Segment *like);

@@ -90,25 +90,44 @@ static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
     if (fill) vertices_call(w, fill, at);
 }
 
+/* J of the tile's lines along an axis, from all of its vertices. */
+static double tile_jump(const Worker *w, const Span *sp, uint32_t axis) {
+    Spread spread;
+    spread_clear(&spread);
+    uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2;
+    for (uint32_t q = 0; q < sp->vn[b]; q++)
+        for (uint32_t p = 0; p < sp->vn[a]; p++) {
+            uint64_t first = p * sp->stride[a] + q * sp->stride[b];
+            spread_line(&spread, w->hash + first, w->depth + first, sp->stride[axis], sp->vn[axis]);
+        }
+    return spread_jump(&spread);
+}
+
 /* Segments of one line of the tile, along `axis`, through vertex index `first` (its vertex 0). */
-static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, Segment *s) {
+static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, double jump, Segment *s) {
     Boundary *y = l->y;
     uint64_t stride = sp->stride[axis];
     const uint32_t *hash = w->hash + first;
+    const double *depth = w->depth ? w->depth + first : NULL;
     const double *pos = sp->pos[axis];
     bool integral = y->run->grid.integral;
     w->finder.segments += sp->e1[axis] - sp->e0[axis];
     for (uint32_t e = sp->e0[axis]; e < sp->e1[axis]; e++) {
         uint32_t v = e - sp->v0[axis];
         uint32_t ha = hash[v * stride], hb = hash[(v + 1) * stride];
-        if (ha == hb) continue;
+        double da = 0, db = 0, own = jump;
+        if (depth) {
+            da = depth[v * stride], db = depth[(v + 1) * stride];
+            if (ha != hb || depth_differs(da, db, jump)) own = depth_jump(hash, depth, stride, v, sp->vn[axis], jump);
+        }
+        if (ha == hb && !depth_differs(da, db, own)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
-        s->ta = 0, s->tb = 1, s->ha = ha, s->hb = hb, s->depth = 0;
         if (integral) {
             uint32_t p = (e & ~1u) - sp->v0[axis];
-            s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride];
+            s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride] &&
+                     !(depth && depth_differs(depth[p * stride], depth[(p + 2) * stride], own));
         }
-        finder_push(&w->finder, s);
+        finder_add(&w->finder, s, ha, hb, da, db, own);
     }
     if (y->run->s->near_miss) {
         if (integral) s->cls = 0;
@@ -119,7 +138,8 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
                      .from = sp->e0[axis] - sp->v0[axis],
                      .to = sp->e1[axis] - sp->v0[axis],
                      .at_start = sp->v0[axis] == 0,
-                     .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2};
+                     .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2,
+                     .jump = jump};
         near_probe(w, &line, s);
     }
     finder_run(&w->finder, false);
@@ -170,6 +190,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     for (uint32_t axis = 0; axis < s->dim; axis++) {
         /* Every line: fixed coordinates on the lattice proper, not on the borders. */
         uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
+        double jump = s->has_depth ? tile_jump(w, &sp, axis) : HUGE_VAL;
         for (uint32_t d = 0; d < s->dim; d++) {
             from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;
             to[d] = sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1;
@@ -180,7 +201,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
                     .base = l->base[axis], .axis = (int8_t)axis, .cls = y->classes > 1 ? coset(l, s->dim, p, q) : 0};
                 seg.a[a] = seg.b[a] = sp.pos[a][p - sp.v0[a]];
                 seg.a[b] = seg.b[b] = sp.pos[b][q - sp.v0[b]];
-                scan(l, w, &sp, axis, (p - sp.v0[a]) * sp.stride[a] + (q - sp.v0[b]) * sp.stride[b], &seg);
+                scan(l, w, &sp, axis, (p - sp.v0[a]) * sp.stride[a] + (q - sp.v0[b]) * sp.stride[b], jump, &seg);
             }
     }
     near_flush(w);

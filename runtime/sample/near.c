@@ -33,6 +33,8 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     const SltScene *s = b->s;
     batch_call(b, SLT_K_REGION, n);
     memcpy(w->hash + at, b->args.out[0], n * sizeof *w->hash);
+    if (s->has_depth)
+        for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, depth_output(s), i);
     if (!s->near_miss) return;
     const int32_t *site = b->args.out[1];
     uint32_t depth = s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K;
@@ -70,6 +72,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
         uint32_t key = w->near_key[v];
         if (w->near_key[v1] != key || w->hash[v] != w->hash[v1] || w->near_event[v] < 0) continue;
+        if (w->depth && depth_differs(w->depth[v], w->depth[v1], l->jump)) continue;
         bool before = e > 0, after = e + 2 < l->n;
         if ((!before && !l->at_start) || (!after && !l->at_end) || (!before && !after)) continue;
         if (before && w->near_key[v - l->stride] != key) continue;
@@ -94,6 +97,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         c.s = *like;
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
         c.s.ta = 0, c.s.tb = 1, c.s.ha = c.s.hb = w->hash[v], c.s.depth = 0;
+        c.s.da = w->depth ? w->depth[v] : 0, c.s.db = w->depth ? w->depth[v1] : 0, c.s.jump = l->jump, c.s.field = 0;
         add(w, &c);
     }
 }
@@ -149,9 +153,10 @@ void near_flush(Worker *w) {
         Segment s = p->c[i].s;
         uint32_t h = (uint32_t)batch_get_int(b, 0, i);
         if (h == s.ha) continue;
-        s.tb = p->c[i].t, s.hb = h;
+        double d = b->s->has_depth ? batch_get(b, depth_output(b->s), i) : 0;
+        s.tb = p->c[i].t, s.hb = h, s.db = d;
         finder_push(&w->finder, &s);
-        s.ta = s.tb, s.ha = h, s.tb = 1, s.hb = p->c[i].s.hb;
+        s.ta = s.tb, s.ha = h, s.da = d, s.tb = 1, s.hb = p->c[i].s.hb, s.db = p->c[i].s.db;
         finder_push(&w->finder, &s);
     }
     p->n = 0;

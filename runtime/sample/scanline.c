@@ -91,20 +91,34 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
         }
     }
     if (fill) vertices_call(w, fill, at);
+    double jump = HUGE_VAL;
+    if (s->has_depth) {
+        Spread spread;
+        spread_clear(&spread);
+        for (uint64_t l = 0; l < to - from; l++) spread_line(&spread, w->hash + l * n, w->depth + l * n, 1, n);
+        jump = spread_jump(&spread);
+    }
     for (uint64_t l = from; l < to; l++) {
         n = line_place(k, b, axis, l, &seg, pos);
         uint64_t first = (l - from) * n;
         const uint32_t *hash = w->hash + first;
+        const double *depth = w->depth ? w->depth + first : NULL;
         w->finder.segments += n - 1;
         for (uint32_t e = 0; e + 1 < n; e++) {
-            if (hash[e] == hash[e + 1]) continue;
+            double da = 0, db = 0, own = jump;
+            if (depth) {
+                da = depth[e], db = depth[e + 1];
+                if (hash[e] != hash[e + 1] || depth_differs(da, db, jump)) own = depth_jump(hash, depth, 1, e, n, jump);
+            }
+            if (hash[e] == hash[e + 1] && !depth_differs(da, db, own)) continue;
             seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
-            seg.ta = 0, seg.tb = 1, seg.ha = hash[e], seg.hb = hash[e + 1], seg.depth = 0;
+            uint32_t pair = e & ~1u;
             if (y->run->grid.integral)
-                seg.cls = (e | 1u) + 1 < n && hash[e & ~1u] == hash[(e & ~1u) + 2];
+                seg.cls = pair + 2 < n && hash[pair] == hash[pair + 2] &&
+                          !(depth && depth_differs(depth[pair], depth[pair + 2], own));
             else
                 seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
-            finder_push(&w->finder, &seg);
+            finder_add(&w->finder, &seg, hash[e], hash[e + 1], da, db, own);
         }
         if (s->near_miss) {
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);
@@ -115,7 +129,8 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
                          .from = 0,
                          .to = n - 1,
                          .at_start = true,
-                         .at_end = true};
+                         .at_end = true,
+                         .jump = jump};
             near_probe(w, &line, &seg);
         }
         finder_run(&w->finder, false);

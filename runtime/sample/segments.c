@@ -71,9 +71,20 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
                 batch_set_stream(b, 2 * l + 1, seg[l].stream, seg[l].rand0);
         }
         batch_call(b, SLT_K_REGION, 2 * n);
+        const uint32_t *hash = b->args.out[0];
+        double jump = HUGE_VAL, da = 0, db = 0;
+        uint32_t out = depth_output(b->s);
+        if (b->s->has_depth) {
+            Spread spread;
+            spread_clear(&spread);
+            for (uint32_t l = 0; l < 2 * n; l += 2)
+                if (hash[l] == hash[l + 1]) spread_add(&spread, batch_get(b, out, l) - batch_get(b, out, l + 1));
+            jump = spread_jump(&spread);
+        }
         for (uint32_t l = 0; l < n; l++) {
-            seg[l].ha = (uint32_t)batch_get_int(b, 0, 2 * l), seg[l].hb = (uint32_t)batch_get_int(b, 0, 2 * l + 1);
-            if (seg[l].ha != seg[l].hb) finder_push(&w->finder, &seg[l]);
+            if (b->s->has_depth) da = batch_get(b, out, 2 * l), db = batch_get(b, out, 2 * l + 1);
+            if (hash[2 * l] != hash[2 * l + 1] || depth_differs(da, db, jump))
+                finder_add(&w->finder, &seg[l], hash[2 * l], hash[2 * l + 1], da, db, jump);
         }
         w->finder.segments += n;
         finder_run(&w->finder, false);

@@ -24,6 +24,7 @@ static void put(Sink *k, uint32_t lane, const Crossing *c) {
     batch_set_stream(b, lane, c->stream, c->rand0);
     for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, c->k[d]);
     batch_set(b, SLT_IN_AUX, lane, c->aux);
+    if (b->s->has_window) batch_set(b, SLT_IN_AUX1, lane, c->aux1);
 }
 
 /* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random

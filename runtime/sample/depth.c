@@ -1,0 +1,61 @@
+/* Telling apart vertices that hit the same terrain at different depths.
+ *
+ * Where a near ridge stands before far ground both rays hit, so no hash can differ: silhouettes end in cusps, and the image minus its silhouettes is connected around
+ * them. What differs is the depth. The region kernel gives a signature of it, continuous between silhouettes; two neighbours are candidates if their signatures are
+ * further apart than smooth ground puts neighbours here. That is only a gate: a small J costs evaluations, a large one loses the small jumps. `event` decides. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum {
+    OCTAVE_STEPS = 4,  /* buckets an octave: the median is good to a fifth, and needs no memory and no sorting */
+    LOWEST = -24,      /* differences below 2^-24 are rounding */
+    FEW = 16           /* fewer say nothing of what is usual here */
+};
+#define TIMES_MEDIAN 8.0
+#define TIMES_NEIGHBOUR 4.0
+#define FLOOR 0x1p-14 /* log2 t of single precision, with room for a sum of a few */
+
+void spread_clear(Spread *s) {
+    memset(s, 0, sizeof *s);
+}
+
+void spread_add(Spread *s, double difference) {
+    double a = fabs(difference);
+    if (!(a >= ldexp(1, LOWEST)) || isinf(a)) return; /* both in the sky, or nothing to be learnt */
+    int e;
+    double m = frexp(a, &e); /* a = m 2^e, m in [1/2, 1) */
+    int bucket = (e - 1 - LOWEST) * OCTAVE_STEPS + (int)((2 * m - 1) * OCTAVE_STEPS);
+    s->count[bucket < SPREAD_BUCKETS ? bucket : SPREAD_BUCKETS - 1]++;
+    s->n++;
+}
+
+double spread_jump(const Spread *s) {
+    if (s->n < FEW) return FLOOR;
+    uint64_t below = 0;
+    int bucket = 0;
+    for (; bucket < SPREAD_BUCKETS - 1; bucket++) {
+        below += s->count[bucket];
+        if (2 * below >= s->n) break;
+    }
+    double median = ldexp(1 + (bucket % OCTAVE_STEPS + 0.5) / OCTAVE_STEPS, bucket / OCTAVE_STEPS + LOWEST);
+    return fmax(FLOOR, TIMES_MEDIAN * median);
+}
+
+void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n) {
+    for (uint32_t v = 0; v + 1 < n; v++)
+        if (hash[v * stride] == hash[(v + 1) * stride]) spread_add(s, depth[v * stride] - depth[(v + 1) * stride]);
+}
+
+/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the smaller step beside the edge. Three steps of one
+ * size in a row are taken for a slope; a finer lattice tells them apart. */
+double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump) {
+    if (e == 0 || e + 2 >= n) return jump;
+    const uint32_t *h = hash + (e - 1) * stride;
+    const double *d = depth + (e - 1) * stride;
+    if (h[0] != h[stride] || h[2 * stride] != h[3 * stride]) return jump;
+    double before = fabs(d[0] - d[stride]), after = fabs(d[2 * stride] - d[3 * stride]);
+    double beside = TIMES_NEIGHBOUR * fmin(before, after);
+    return beside > jump && !isinf(beside) ? beside : jump;
+}
