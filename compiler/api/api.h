@@ -32,6 +32,7 @@ struct SltProgram {
     SltKernel **cull_kernels;
     uint32_t *cull_counts;
     uint8_t *site_kind, *site_static;
+    uint8_t *dense;         /* per float: some reverse kernel adds to its adjoint in place */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane); /* print(); NULL: silent */
     void *print_user;
     double ms_front, ms_passes, ms_llvm;

@@ -60,6 +60,7 @@ static void fill_scene(SltProgram *p) {
     for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
     s->nfloats = g->nfloats, s->nints = g->nints;
     s->params = p->flt, s->iparams = p->ints, s->active = p->wrt;
+    s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static;
     s->near_miss = near_miss(p);
@@ -114,6 +115,10 @@ static void build_body(Session *s, void *arg) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
         p->tape[k] = set.tape[k];
+        if (k == K_VJP || k == K_SITE_VJP) {
+            if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
+            back_dense_adjoints(set.fn[k], p->dense);
+        }
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         if (p->opt.interpret) *scene_slot(&p->scene, k) = interpreted;
         else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};

@@ -35,6 +35,9 @@ typedef struct KernelRequest {
     Fn *fn;
 } KernelRequest;
 
+/* Marks the float parameters whose adjoints a reverse kernel (all its parts) adds in place; those that it reads at varying indices alone go to the log. */
+void back_dense_adjoints(Fn *fn, uint8_t *dense);
+
 typedef struct CompiledModule CompiledModule;
 /* Default width for these kernels: enough independent work to hide latency, bounded by registers. Deterministic. */
 uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t);
