@@ -13,7 +13,7 @@ enum { ACCUM_BLOCK = 16 };
 
 /* 64-byte aligned zeros, taken from the system only where they are touched: a field of a million heights has adjoints in a few thousand. */
 static void *zero_pages(uint64_t bytes) {
-    void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     return p == MAP_FAILED ? NULL : p;
 }
 

@@ -120,6 +120,7 @@ typedef struct Accum {
     uint32_t n;
     uint64_t stride, bytes; /* bytes a parameter, bytes of adj */
     AdjointBuffer buf[ACCUMS];
+    uint32_t *blocks, nblocks; /* first parameter of each block that kernels may add to */
     unsigned char *scratch; /* where a repeated call adds what must not count twice */
     bool failed;
 } Accum;
