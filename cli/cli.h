@@ -45,6 +45,8 @@ typedef struct Cli {
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all */
     uint32_t nlr, nsmooth;
     const char *loss_command;
+    double loss_timeout;
+    bool loss_timeout_given;
     /* bench */
     bool kernels;
     const char *estimators;

@@ -9,9 +9,12 @@
 #include <sys/stat.h>
 
 #include "cli/fit.h"
+#include "cli/loss.h"
 #include "runtime/optimise/optimise.h"
 
 enum { FRAMES = 6 };
+/* Flipped in the seed of the derivative behind an external loss: its samples are others than those of the image that the adjoint came from. */
+enum { OTHER_SAMPLES = 0x40000000 };
 
 typedef struct Fit {
     Cli *c;
@@ -24,6 +27,8 @@ typedef struct Fit {
     uint32_t iteration, nlosses;
     bool keep_seed;
     float *image;             /* of the first view, the latest */
+    LossProgram *loss;        /* external; NULL: squared differences */
+    float *handed, *adjoint;  /* the image given to it, and its answer */
     Image frames[FRAMES];
     uint32_t nframes;
     uint32_t seed;
@@ -72,6 +77,34 @@ static int set_rate(Fit *f, double *rate, const char *name, double value) {
     return SLT_OK;
 }
 
+/* The learning rates of a parameter times its mask: 0 holds, 1 moves, between is slower. */
+static int apply_mask(Fit *f, double *rate, const FitParam *q) {
+    Cli *c = f->c;
+    SltParam at;
+    SltError err = {0};
+    Image im;
+    ImageReadOptions raw = {.raw = true};
+    if (slt_param_find(f->p, q->name, &at, &err) != SLT_OK || image_read(q->mask, &raw, &im, &err) != SLT_OK) return cli_fail(c, &err);
+    /* Arrays have the shape of a picture too: rows of columns. */
+    uint64_t cells = (uint64_t)im.width * (uint64_t)im.height;
+    uint64_t w = at.tex_w, h = at.tex_h;
+    SltStatus status = SLT_OK;
+    bool resource = at.is_texture || at.is_heightfield;
+    if (resource ? (uint64_t)im.width != w || (uint64_t)im.height != h : cells == 0 || at.fcount % cells)
+        status = status_fail(&err, SLT_INPUT, "%s is %d x %d, but `%s` has %u number%s%s", q->mask, im.width, im.height, q->name, at.fcount, at.fcount == 1 ? "" : "s", resource ? " in another shape" : "");
+    uint64_t each = cells ? at.fcount / cells : 1;
+    for (uint32_t i = 0; status == SLT_OK && i < f->n; i++) {
+        if (f->index[i] < at.fbase || f->index[i] >= at.fbase + at.fcount) continue;
+        uint64_t cell = (f->index[i] - at.fbase) / each;
+        double m = (double)im.data[cell * (uint64_t)im.channels];
+        if (!(m >= 0) || isinf(m)) status = status_fail(&err, SLT_INPUT, "%s: the mask of `%s` is %g in row %llu, column %llu; numbers from 0 (held) are wanted", q->mask, q->name, m,
+                                                        (unsigned long long)(cell / (uint64_t)im.width), (unsigned long long)(cell % (uint64_t)im.width));
+        rate[i] *= m;
+    }
+    image_free(&im);
+    return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
+}
+
 static int make_optimiser(Fit *f) {
     Cli *c = f->c;
     uint32_t n = f->n;
@@ -96,6 +129,8 @@ static int make_optimiser(Fit *f) {
         if (f->scene.params[k].lr >= 0) status = set_rate(f, rate, f->scene.params[k].name, f->scene.params[k].lr);
         if (status == SLT_OK && f->scene.params[k].smooth > 0) status = find_grid(f, f->scene.params[k].name, f->scene.params[k].smooth, &grids[ngrids++]);
     }
+    for (uint32_t k = 0; status == SLT_OK && k < f->scene.nparams; k++)
+        if (f->scene.params[k].mask) status = apply_mask(f, rate, &f->scene.params[k]);
     for (uint32_t k = 0; status == SLT_OK && k < c->nsmooth; k++) {
         if (!c->smooth[k].name) status = cli_usage(c, "--smooth wants P=LAMBDA");
         else status = find_grid(f, c->smooth[k].name, strtod(c->smooth[k].value, NULL), &grids[ngrids++]);
@@ -113,6 +148,12 @@ static int make_optimiser(Fit *f) {
     return status;
 }
 
+static bool on_command_line(const Cli *c, const char *name) {
+    for (uint32_t k = 0; k < c->nparams; k++)
+        if (!strcmp(c->params[k].name, name)) return true;
+    return false;
+}
+
 static int apply_scene_params(Fit *f) {
     SltError err = {0};
     const char *names[CLI_MAX_LIST];
@@ -123,8 +164,9 @@ static int apply_scene_params(Fit *f) {
         FitParam *q = &f->scene.params[k];
         SltParam found;
         if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
-        if (q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
-        if (q->file) {
+        bool set = !on_command_line(f->c, q->name);
+        if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
+        if (set && q->file) {
             char *at = malloc(strlen(q->file) + 2);
             if (!at) return SLT_LIMIT;
             sprintf(at, "@%s", q->file);
@@ -147,18 +189,64 @@ static int apply_scene_params(Fit *f) {
     return SLT_OK;
 }
 
+static void *copy_of(const void *from, size_t count, size_t size) {
+    void *to = malloc(2 * (count + 1) * size);
+    if (to) memcpy(to, from, count * size), memcpy((char *)to + (count + 1) * size, from, count * size);
+    return to;
+}
+
+/* Reads the values of a view's own parameters, once, and puts the common ones back. */
+static int read_view_values(Fit *f, View *v) {
+    SltProgram *p = f->p;
+    SltError err = {0};
+    v->values = calloc(v->nparams + 1, sizeof *v->values);
+    if (!v->values) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    for (uint32_t k = 0; k < v->nparams; k++) {
+        ViewValue *o = &v->values[k];
+        const char *name = v->params[k].name;
+        if (slt_param_find(p, name, &o->at, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
+        for (uint32_t i = 0; i < o->at.fcount; i++)
+            if (slt_wrt_mask(p)[o->at.fbase + i]) {
+                fprintf(stderr, "saltus: `%s` is optimised; a view cannot give it a value of its own\n", name);
+                return SLT_INPUT;
+            }
+        o->floats = copy_of(slt_floats(p) + o->at.fbase, o->at.fcount, sizeof(double));
+        o->ints = copy_of(slt_ints(p) + o->at.ibase, o->at.icount, sizeof(int32_t));
+        if (!o->floats || !o->ints) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+        o->base_floats = o->floats + o->at.fcount + 1, o->base_ints = o->ints + o->at.icount + 1;
+        if (slt_set_text(p, name, v->params[k].value, &err) != SLT_OK) return err.status = err.status == SLT_USAGE ? SLT_INPUT : err.status, cli_fail(f->c, &err);
+        memcpy(o->floats, slt_floats(p) + o->at.fbase, o->at.fcount * sizeof(double));
+        if (o->at.icount) memcpy(o->ints, slt_ints(p) + o->at.ibase, o->at.icount * sizeof(int32_t));
+        slt_set_floats(p, o->at.fbase, o->at.fcount, o->base_floats, &err);
+        slt_set_ints(p, o->at.ibase, o->at.icount, o->base_ints, &err);
+    }
+    return SLT_OK;
+}
+
+static void use_view(Fit *f, const View *v, bool own) {
+    for (uint32_t k = 0; k < v->nparams; k++) {
+        const ViewValue *o = &v->values[k];
+        slt_set_floats(f->p, o->at.fbase, o->at.fcount, own ? o->floats : o->base_floats, NULL);
+        slt_set_ints(f->p, o->at.ibase, o->at.icount, own ? o->ints : o->base_ints, NULL);
+    }
+}
+
 static int read_targets(Fit *f) {
     Cli *c = f->c;
-    if (c->target) {
-        if (f->scene.nviews) return cli_usage(c, "--target and the scene's views were both given");
+    int status = SLT_OK;
+    if (c->target && f->scene.nviews) return cli_usage(c, "--target and the scene's views were both given");
+    if (c->minimize && c->loss_command) return cli_usage(c, "--minimize and --loss-command are two losses");
+    if (c->target || (c->loss_command && !f->scene.nviews)) {
         f->scene.views = calloc(1, sizeof *f->scene.views);
         if (!f->scene.views) return SLT_LIMIT;
         f->scene.nviews = 1;
         f->scene.views[0].target_path = (char *)c->target;
     }
-    if (!f->scene.nviews && !c->minimize) return cli_usage(c, "fit wants --target IMAGE, --minimize, or a scene with views");
+    if (!f->scene.nviews && !c->minimize) return cli_usage(c, "fit wants --target IMAGE, --minimize, --loss-command PROGRAM, or a scene with views");
     if (f->scene.nviews && c->minimize) return cli_usage(c, "--minimize has no target");
     if (c->minimize) return SLT_OK;
+    for (uint32_t v = 0; status == SLT_OK && v < f->scene.nviews; v++) status = read_view_values(f, &f->scene.views[v]);
+    if (status != SLT_OK || c->loss_command) return status;
     /* Without --size the first target decides. */
     if (!c->size_given) {
         SltError err = {0};
@@ -168,7 +256,7 @@ static int read_targets(Fit *f) {
         image_free(&im);
     }
     for (uint32_t v = 0; v < f->scene.nviews; v++) {
-        int status = cli_read_image(c, f->p, f->scene.views[v].target_path, true, &f->scene.views[v].target);
+        status = cli_read_image(c, f->p, f->scene.views[v].target_path, true, &f->scene.views[v].target);
         if (status == SLT_OK && f->scene.views[v].mask_path) {
             float *mask = NULL;
             status = cli_read_image(c, f->p, f->scene.views[v].mask_path, true, &mask);
@@ -180,11 +268,35 @@ static int read_targets(Fit *f) {
 }
 
 /* ---- one evaluation */
+/* The optimised floats lie in runs: whole parameters, mostly. */
+static void set_active(Fit *f, const double *x) {
+    for (uint32_t i = 0, n; i < f->n; i += n) {
+        for (n = 1; i + n < f->n && f->index[i + n] == f->index[i] + n; n++) {}
+        slt_set_floats(f->p, f->index[i], n, x + i, NULL);
+    }
+}
+
+/* The image goes out, the loss and its adjoint image come back; the derivative of the image is then taken with other samples, so that what noise did to the adjoint is
+ * independent of what it does to the derivative. */
+static SltStatus external_loss(Fit *f, const SltJob *job, uint32_t view, double *loss, SltStats *stats, SltError *err) {
+    Cli *c = f->c;
+    const View *v = &f->scene.views[view];
+    LossRequest q = {.iteration = f->iteration, .view = view, .views = f->scene.nviews, .width = job->size[0], .height = job->size[1], .channels = slt_channels(f->p),
+                     .target = v->target_path, .mask = v->mask_path, .deadline = c->max_seconds > 0 ? f->start + c->max_seconds : 0};
+    float *image = view == 0 ? f->image : f->handed;
+    SltStatus s = slt_render(f->p, job, image, stats, err);
+    if (s == SLT_OK) s = loss_exchange(f->loss, &q, image, loss, f->adjoint, err);
+    if (s != SLT_OK || isnan(*loss)) return s; /* the optimiser steps back from what is no number: it wants no gradient there */
+    SltJob other = *job;
+    other.seed ^= OTHER_SAMPLES;
+    return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, stats, err);
+}
+
 static SltStatus evaluate(Fit *f, double *loss, SltStats *total, SltError *err) {
     Cli *c = f->c;
     uint32_t nf = slt_float_count(f->p), ch = slt_channels(f->p);
     const double *x = optimise_parameters(f->o);
-    for (uint32_t i = 0; i < f->n; i++) slt_set_floats(f->p, f->index[i], 1, &x[i], err);
+    set_active(f, x);
     SltJob job = c->job;
     job.seed = f->keep_seed ? f->seed : f->seed + 0x9e3779b9u * (f->iteration + 1);
     for (uint32_t i = 0; i < f->n; i++) f->gradient[i] = 0;
@@ -206,10 +318,12 @@ static SltStatus evaluate(Fit *f, double *loss, SltStats *total, SltError *err) 
     }
     for (uint32_t v = 0; v < f->scene.nviews && status == SLT_OK; v++) {
         View *view = &f->scene.views[v];
-        for (uint32_t k = 0; k < view->nparams && status == SLT_OK; k++) status = slt_set_text(f->p, view->params[k].name, view->params[k].value, err);
         double one = 0;
         job.seed += v;
-        if (status == SLT_OK) status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL, &stats, err);
+        use_view(f, view, true);
+        if (f->loss) status = external_loss(f, &job, v, &one, &stats, err);
+        else status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL, &stats, err);
+        use_view(f, view, false);
         if (status != SLT_OK) break;
         *loss += one / f->scene.nviews;
         for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->scene.nviews;
@@ -237,8 +351,15 @@ static void make_key(Fit *f) {
     for (uint32_t v = 0; v < f->scene.nviews; v++) {
         size_t values = (size_t)f->c->job.size[0] * f->c->job.size[1] * slt_channels(f->p);
         const uint32_t *bits = (const uint32_t *)f->scene.views[v].target;
-        for (size_t i = 0; i < values; i++) h = ir_mix(h, bits[i]);
+        for (size_t i = 0; bits && i < values; i++) h = ir_mix(h, bits[i]);
+        for (uint32_t k = 0; k < f->scene.views[v].nparams; k++) {
+            const ViewValue *o = &f->scene.views[v].values[k];
+            const uint32_t *words = (const uint32_t *)o->floats;
+            for (size_t i = 0; i < 2 * (size_t)o->at.fcount; i++) h = ir_mix(h, words[i]);
+            for (size_t i = 0; i < o->at.icount; i++) h = ir_mix(h, (uint32_t)o->ints[i]);
+        }
     }
+    for (const char *s = f->c->loss_command; s && *s; s++) h = ir_mix(h, (uint8_t)*s);
     snprintf(f->key, sizeof f->key, "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h, f->c->job.size[0], f->c->job.size[1], f->c->job.spp,
              (unsigned long long)f->c->job.samples, (unsigned long long)f->c->job.segments, f->seed, (int)f->c->job.filter, (int)f->c->job.estimator, f->c->optimizer);
 }
@@ -286,6 +407,14 @@ static int run(Fit *f, SltStats *total) {
             status = SLT_LIMIT;
             break;
         }
+        /* The loss program failed: what is best so far is kept, as after an interrupt. */
+        if (s == SLT_CHECK_FAILED || (s == SLT_LIMIT && f->loss)) {
+            progress_end(&pr);
+            if (!f->nlosses) return cli_fail(c, &err);
+            status = cli_fail(c, &err);
+            f->stopped = "failed";
+            break;
+        }
         if (s != SLT_OK) {
             progress_end(&pr);
             return cli_fail(c, &err);
@@ -324,6 +453,53 @@ static SltStatus join(char *out, size_t size, const char *dir, const char *name,
     return SLT_OK;
 }
 
+/* A height map as a person reads one: its relief under a sun in the north west, tinted by height. */
+static SltStatus write_relief(const char *path, const Param *q, const Image *h, SltError *err) {
+    int w = h->width, n = h->height;
+    double wide = q->attrs.has_extent ? q->attrs.extent[2] - q->attrs.extent[0] : 1, high = q->attrs.has_extent ? q->attrs.extent[3] - q->attrs.extent[1] : 1;
+    double scale = q->attrs.has_height ? q->attrs.height_scale : 1, lo = INFINITY, hi = -INFINITY;
+    uint8_t *rgb = malloc((size_t)w * (size_t)n * 3);
+    if (!rgb) return status_fail(err, SLT_LIMIT, "out of memory");
+    for (size_t i = 0; i < (size_t)w * (size_t)n; i++) lo = fmin(lo, (double)h->data[i]), hi = fmax(hi, (double)h->data[i]);
+    for (int y = 0; y < n; y++)
+        for (int x = 0; x < w; x++) {
+            int x0 = x > 0 ? x - 1 : 0, x1 = x + 1 < w ? x + 1 : x, y0 = y > 0 ? y - 1 : 0, y1 = y + 1 < n ? y + 1 : y;
+            const float *v = h->data;
+            double at = (double)v[(size_t)y * (size_t)w + (size_t)x];
+            double gx = scale * ((double)v[(size_t)y * (size_t)w + (size_t)x1] - (double)v[(size_t)y * (size_t)w + (size_t)x0]) / (x1 - x0) * (w - 1) / wide;
+            double gy = scale * ((double)v[(size_t)y0 * (size_t)w + (size_t)x] - (double)v[(size_t)y1 * (size_t)w + (size_t)x]) / (y1 - y0) * (n - 1) / high;
+            double light = (gx * 0.5 - gy * 0.5 + 0.7071) / sqrt(gx * gx + gy * gy + 1);
+            uint8_t tint[3];
+            colormap_sequential(hi > lo ? (at - lo) / (hi - lo) : 0.5, tint);
+            for (int k = 0; k < 3; k++) rgb[((size_t)y * (size_t)w + (size_t)x) * 3 + (size_t)k] = (uint8_t)(fmin(fmax(light, 0) + 0.15, 1) * tint[k] + 0.5);
+        }
+    SltStatus s = image_write_png8(path, w, n, 3, rgb, err);
+    free(rgb);
+    return s;
+}
+
+/* Every texture and heightfield that was optimised: NAME.exr to go on with, NAME.png to look at. */
+static SltStatus write_grids(Fit *f, SltError *err) {
+    char path[4096], name[512];
+    for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
+        const Param *q = &f->p->prog->params[k];
+        if ((!q->is_texture && !q->is_heightfield) || !q->fcount || !slt_wrt_mask(f->p)[q->fbase]) continue;
+        Image im;
+        SltStatus s = image_create(&im, (int)q->tex_w, (int)q->tex_h, (int)q->tex_c, err);
+        if (s != SLT_OK) return s;
+        for (uint32_t i = 0; i < q->fcount; i++) im.data[i] = (float)slt_floats(f->p)[q->fbase + i];
+        snprintf(name, sizeof name, "%.500s.exr", q->name);
+        s = join(path, sizeof path, f->c->output, name, err);
+        if (s == SLT_OK) s = image_write(path, &im, NULL, err);
+        snprintf(name, sizeof name, "%.500s.png", q->name);
+        if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
+        if (s == SLT_OK) s = q->is_heightfield ? write_relief(path, q, &im, err) : image_write(path, &im, NULL, err);
+        image_free(&im);
+        if (s != SLT_OK) return s;
+    }
+    return SLT_OK;
+}
+
 static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     char path[4096];
     const char *dir = f->c->output;
@@ -349,13 +525,16 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
         if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK) s = file_write_atomic(path, csv, size, err);
         free(csv);
     }
+    if (s == SLT_OK) s = write_grids(f, err);
     if (s != SLT_OK || f->c->minimize) return s;
     /* The image of the best parameters. */
     Image im;
     if ((s = image_create(&im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, err)) != SLT_OK) return s;
     SltJob job = f->c->job;
     job.cancel = NULL;
+    use_view(f, &f->scene.views[0], true);
     s = slt_render(f->p, &job, im.data, NULL, err);
+    use_view(f, &f->scene.views[0], false);
     for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
     report_metadata(&im, f->c, f->p);
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK) s = image_write(path, &im, NULL, err);
@@ -365,7 +544,7 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     for (uint32_t k = 0; k < f->nframes; k++) strip[n++] = &f->frames[k];
     strip[n++] = &im;
     Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target}, film;
-    strip[n++] = &target;
+    if (target.data) strip[n++] = &target;
     if (s == SLT_OK && image_film_strip(strip, n, 4, &film, err) == SLT_OK) {
         if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, NULL, err);
         image_free(&film);
@@ -424,6 +603,9 @@ static int fit(Fit *f) {
     f->all = calloc((size_t)nf * 4 + 1, sizeof *f->all);
     f->losses = calloc((size_t)c->iters + 1, sizeof *f->losses);
     if (!c->minimize) f->image = calloc((size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p) + 1, sizeof *f->image);
+    size_t pixels = (size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p);
+    if (c->loss_command) f->handed = calloc(pixels + 1, sizeof *f->handed), f->adjoint = calloc(pixels + 1, sizeof *f->adjoint);
+    if (c->loss_command && (!f->handed || !f->adjoint)) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     if (!f->index || !f->gradient || !f->all || !f->losses || (!c->minimize && !f->image)) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     for (uint32_t i = 0; i < nf; i++)
         if (slt_wrt_mask(f->p)[i]) f->index[f->n++] = i;
@@ -436,12 +618,15 @@ static int fit(Fit *f) {
         if (resume(f, &err) != SLT_OK) return cli_fail(c, &err);
     }
     f->start = cli_now();
+    if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err))) return cli_fail(c, &err);
     SltStats total = {0};
     int ran = run(f, &total);
+    loss_stop(f->loss);
+    f->loss = NULL;
     if (ran != SLT_OK && ran != SLT_INTERRUPTED && ran != SLT_CHECK_FAILED && ran != SLT_LIMIT) return ran;
     double best;
     const double *x = optimise_best(f->o, &best);
-    for (uint32_t i = 0; i < f->n && isfinite(best); i++) slt_set_floats(f->p, f->index[i], 1, &x[i], &err);
+    if (isfinite(best)) set_active(f, x);
     report_dropped(c, &total);
     status = write_outputs(f);
     if (status == SLT_OK) status = ran;
@@ -459,7 +644,10 @@ int verb_fit(Cli *c) {
     }
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
+    loss_stop(f.loss);
     if (f.o) optimise_free(f.o);
+    free(f.handed);
+    free(f.adjoint);
     for (uint32_t k = 0; k < f.nframes; k++) image_free(&f.frames[k]);
     free(f.index);
     free(f.gradient);

@@ -4,23 +4,32 @@
 
 #include "cli/cli.h"
 
-/* One view: a target with a mask and parameter values of its own. */
+/* A parameter that one view sees with another value: where it lies, and both values. */
+typedef struct ViewValue {
+    SltParam at;
+    double *floats, *base_floats; /* malloc'd together: floats */
+    int32_t *ints, *base_ints;    /* malloc'd together: ints */
+} ViewValue;
+
+/* One view: a target with a mask and parameter values of its own. With an external loss both images are the loss program's to read. */
 typedef struct View {
     char *target_path, *mask_path;
     float *target, *mask;      /* at the job's size; mask may be NULL */
-    Assign *params;            /* set before the view is evaluated: name, JSON text (malloc'd) */
+    Assign *params;            /* name, JSON text or @file (malloc'd) */
+    ViewValue *values;         /* the same, read once */
     uint32_t nparams;
 } View;
 
 typedef struct FitParam {
     char *name, *value, *file; /* value: JSON text */
     int grad;                  /* -1: not said */
+    char *mask;                /* an image of the parameter's shape: factors of the learning rate, 0 holds */
     double lr, smooth;         /* < 0: not said */
 } FitParam;
 
 /* A scene file: everything malloc'd; strings that Cli points to live here. */
 typedef struct Scene {
-    char *dir, *shader, *entry, *output, *optimizer;
+    char *dir, *shader, *entry, *output, *optimizer, *loss_dir;
     FitParam *params;
     uint32_t nparams;
     View *views;

@@ -10,7 +10,7 @@ typedef enum OptionId {
     O_ENTRY, O_SET, O_PARAM, O_PARAMS, O_SIZE, O_SPP, O_SEGMENTS, O_SAMPLES, O_FILTER, O_SEED, O_THREADS, O_PRECISION, O_DISC, O_INTERIOR, O_BOUNDARY,
     O_ESTIMATOR, O_WIDTH, O_INCLUDE, O_JSON, O_QUIET, O_NO_CACHE, O_OUTPUT, O_WRT, O_FORMAT, O_INTEGRAL, O_TARGET, O_ADJOINT, O_ITERS, O_OPTIMIZER, O_LR, O_SMOOTH,
     O_MINIMIZE, O_CHECKPOINT, O_EVERY, O_RESUME, O_KERNELS, O_ESTIMATORS, O_REPEATS, O_MAX_SECONDS, O_AT, O_EXPR, O_DUMP, O_TARGET_CPU, O_INTERPRET, O_NEAR_MISS,
-    O_VARIANT, O_TOLERANCE, O_VERIFY, O_HELP
+    O_VARIANT, O_TOLERANCE, O_VERIFY, O_LOSS_COMMAND, O_LOSS_TIMEOUT, O_HELP
 } OptionId;
 
 enum { RENDER = 1, GRAD = 2, FIT = 4, CHECK = 8, BENCH = 16, EXPLAIN = 32, BUILD = 64, ALL = 127, RUN = RENDER | GRAD | FIT | CHECK | BENCH };
@@ -33,6 +33,8 @@ static const Option options[] = {
     {O_OPTIMIZER, "--optimizer", "adam|sgd|lbfgs", FIT, "default adam"},
     {O_LR, "--lr", "R or P=R,..", FIT, "learning rate, also for single parameters"},
     {O_SMOOTH, "--smooth", "P=LAMBDA", FIT, "Laplacian preconditioning of a grid-shaped parameter"},
+    {O_LOSS_COMMAND, "--loss-command", "COMMAND", FIT, "a program that gets every image through a pipe and answers with the loss and its adjoint image"},
+    {O_LOSS_TIMEOUT, "--loss-timeout", "S", FIT, "seconds to wait for an answer of it (default 600)"},
     {O_CHECKPOINT, "--checkpoint", "FILE", FIT, "save the state of the fit here"},
     {O_EVERY, "--every", "N", FIT, "iterations between checkpoints (default 10)"},
     {O_RESUME, "--resume", "FILE", FIT, "go on from a checkpoint, to the same bits as an unbroken run"},
@@ -45,7 +47,7 @@ static const Option options[] = {
     {O_FORMAT, "--format", "rgba8", RENDER, "the kernel itself writes 8-bit pixels"},
     {O_ENTRY, "--entry", "NAME", ALL, "which shader (default main, or the only one)"},
     {O_SET, "--set", "[M.]N=5", ALL, "value of a const at file scope"},
-    {O_PARAM, "--param", "P=V", ALL, "value of a parameter: a number, [1,2], or @file (.csv .json .exr .npy)"},
+    {O_PARAM, "--param", "P=V", ALL, "value of a parameter: a number, [1,2], or @file (.csv .json .exr .npy .png .f32 .hgt)"},
     {O_PARAMS, "--params", "FILE", ALL, "values from a JSON file, as `fit` writes it"},
     {O_SIZE, "--size", "N|WxH|WxHxD", ALL, "pixels (default 512x512)"},
     {O_SPP, "--spp", "N", ALL, "samples a pixel"},
@@ -339,6 +341,11 @@ static int apply(Cli *c, const Option *o, const char *v) {
         if (!parse_number(v, 0.1, 100, &number)) return cli_usage(c, "--tolerance: `%s` is not a number from 0.1 to 100", v);
         c->tolerance = number;
         break;
+    case O_LOSS_COMMAND: c->loss_command = v; break;
+    case O_LOSS_TIMEOUT:
+        if (!parse_number(v, 1e-3, 1e9, &number)) return cli_usage(c, "--loss-timeout: `%s` is not a time in seconds", v);
+        c->loss_timeout = number, c->loss_timeout_given = true;
+        break;
     case O_AT: c->at = v; break;
     case O_EXPR: c->expr = v; break;
     case O_DUMP: c->opt.dump = v; break;
@@ -385,7 +392,7 @@ int cli_parse(int argc, char **argv, Cli *c) {
     memset(c, 0, sizeof *c);
     c->opt = SLT_OPTIONS_INIT;
     c->job = SLT_JOB_INIT;
-    c->iters = 200, c->every = 10, c->repeats = 8, c->tolerance = 4;
+    c->iters = 200, c->every = 10, c->repeats = 8, c->tolerance = 4, c->loss_timeout = 600;
     c->optimizer = "adam";
     if (argc < 2) {
         cli_help(stderr, NULL);

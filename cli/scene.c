@@ -111,7 +111,8 @@ static int read_size(Reader *r, json_t *root) {
 }
 
 static bool is_spec(json_t *j) {
-    return json_is_object(j) && (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") || json_object_get(j, "lr") || json_object_get(j, "smooth"));
+    return json_is_object(j) && (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") || json_object_get(j, "lr") || json_object_get(j, "smooth") ||
+                                json_object_get(j, "mask"));
 }
 
 static int read_params(Reader *r, json_t *root) {
@@ -124,10 +125,12 @@ static int read_params(Reader *r, json_t *root) {
     json_object_foreach(params, key, j) {
         FitParam *p = &r->s->params[r->s->nparams++];
         *p = (FitParam){.name = keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
+        if (!p->name) return SLT_LIMIT;
         json_t *value = j;
         if (is_spec(j)) {
-            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth"));
+            int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth", "mask"));
             if (status == SLT_OK) status = text_of(r, j, "file", &p->file, true);
+            if (status == SLT_OK) status = text_of(r, j, "mask", &p->mask, true);
             if (status == SLT_OK) status = number_of(r, j, "lr", 0, 1e30, &p->lr);
             if (status == SLT_OK) status = number_of(r, j, "smooth", 0, 1e30, &p->smooth);
             if (status != SLT_OK) return status;
@@ -135,6 +138,11 @@ static int read_params(Reader *r, json_t *root) {
             if (grad && !json_is_boolean(grad)) return bad(r, key, "`grad` is true or false");
             if (grad) p->grad = json_is_true(grad);
             value = json_object_get(j, "value");
+            if (value && p->file) return bad(r, key, "`value` and `file` were both given");
+            /* As --param NAME=@FILE: the file may decide the size. The command line wins. */
+            bool given = false;
+            for (uint32_t k = 0; k < r->c->nparam_files; k++) given |= !strcmp(r->c->param_files[k].name, key);
+            if (p->file && !given && r->c->nparam_files < CLI_MAX_LIST) r->c->param_files[r->c->nparam_files++] = (SltSet){p->name, p->file};
         }
         if (value) p->value = keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
     }
@@ -147,7 +155,7 @@ static int read_view(Reader *r, json_t *j, View *v) {
     if (status == SLT_OK) status = text_of(r, j, "target", &v->target_path, true);
     if (status == SLT_OK) status = text_of(r, j, "mask", &v->mask_path, true);
     if (status != SLT_OK) return status;
-    if (!v->target_path) return bad(r, "views", "every view needs a `target`");
+    if (!v->target_path && !r->c->loss_command) return bad(r, "views", "every view needs a `target`");
     json_t *params = json_object_get(j, "params"), *value;
     const char *key;
     if (!params) return SLT_OK;
@@ -155,7 +163,17 @@ static int read_view(Reader *r, json_t *j, View *v) {
     v->params = calloc(json_object_size(params) + 1, sizeof *v->params);
     if (!v->params) return SLT_LIMIT;
     json_object_foreach(params, key, value) {
-        v->params[v->nparams++] = (Assign){keep(r->s, strdup(key)), keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)))};
+        char *text = NULL, *file = NULL;
+        if (json_is_object(value) && json_object_size(value) == 1 && json_object_get(value, "file")) {
+            status = text_of(r, value, "file", &file, true);
+            if (status != SLT_OK) return status;
+            text = malloc(strlen(file) + 2);
+            if (text) sprintf(text, "@%s", file);
+        } else {
+            text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
+        }
+        if (!text) return SLT_LIMIT;
+        v->params[v->nparams++] = (Assign){keep(r->s, strdup(key)), keep(r->s, text)};
     }
     return SLT_OK;
 }
@@ -176,6 +194,23 @@ static int read_views(Reader *r, json_t *root) {
         int status = read_view(r, json_array_get(views, i), &r->s->views[r->s->nviews++]);
         if (status != SLT_OK) return status;
     }
+    return SLT_OK;
+}
+
+/* "loss": {"command": "...", "timeout": S}; the command runs in the scene's folder. */
+static int read_loss(Reader *r, json_t *root) {
+    json_t *loss = json_object_get(root, "loss");
+    if (!loss) return SLT_OK;
+    if (!json_is_object(loss)) return bad(r, "loss", "an object is wanted");
+    char *command = NULL;
+    double timeout = -1;
+    int status = known_keys(r, loss, "loss", KEYS("command", "timeout"));
+    if (status == SLT_OK) status = text_of(r, loss, "command", &command, false);
+    if (status == SLT_OK) status = number_of(r, loss, "timeout", 1e-3, 1e9, &timeout);
+    if (status != SLT_OK) return status;
+    if (!command || !*command) return bad(r, "loss", "`command` is missing");
+    if (timeout > 0 && !r->c->loss_timeout_given) r->c->loss_timeout = timeout;
+    if (!r->c->loss_command) r->c->loss_command = command, r->s->loss_dir = r->s->dir;
     return SLT_OK;
 }
 
@@ -205,7 +240,7 @@ static int read_optimizer(Reader *r, json_t *root) {
 
 static int read_root(Reader *r, json_t *root) {
     if (!json_is_object(root)) return bad(r, "", "an object is wanted");
-    int status = known_keys(r, root, "", KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views", "target", "mask", "optimizer", "output", "filter", "minimize", "precision"));
+    int status = known_keys(r, root, "", KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views", "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss"));
     double spp = -1, segments = -1, samples = -1, seed = -1;
     char *filter = NULL, *precision = NULL;
     if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
@@ -221,6 +256,7 @@ static int read_root(Reader *r, json_t *root) {
     if (status == SLT_OK) status = read_set(r, root);
     if (status == SLT_OK) status = read_size(r, root);
     if (status == SLT_OK) status = read_params(r, root);
+    if (status == SLT_OK) status = read_loss(r, root);
     if (status == SLT_OK) status = read_views(r, root);
     if (status == SLT_OK) status = read_optimizer(r, root);
     if (status != SLT_OK) return status;
@@ -263,6 +299,7 @@ int scene_read(Cli *c, const char *path, Scene *scene) {
     }
     int status = read_root(&r, root);
     json_decref(root);
+    c->opt.param_files = c->param_files, c->opt.nparam_files = c->nparam_files;
     return status;
 }
 
@@ -270,6 +307,8 @@ void scene_free(Scene *s) {
     for (uint32_t v = 0; v < s->nviews; v++) {
         free(s->views[v].target);
         free(s->views[v].mask);
+        for (uint32_t k = 0; s->views[v].values && k < s->views[v].nparams; k++) free(s->views[v].values[k].floats), free(s->views[v].values[k].ints);
+        free(s->views[v].values);
         free(s->views[v].params);
     }
     free(s->views);
