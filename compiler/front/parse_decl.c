@@ -117,7 +117,13 @@ static void import(Parser *p) {
         parse_semicolon(p, "the import");
         return;
     }
-    im.name = parse_name(p, "the name of a module", &im.span);
+    /* A module is a file: one named as a type is, `heightfield`, clashes with nothing. */
+    if (parse_at(p, TOK_TYPE) && !p->tok.first_on_line) {
+        im.name = p->tok.text, im.span = p->tok.span;
+        parse_advance(p);
+    } else {
+        im.name = parse_name(p, "the name of a module", &im.span);
+    }
     if (im.name) vec_push(&p->s->module, &p->imports, im);
     parse_semicolon(p, "the import");
 }
