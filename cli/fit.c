@@ -34,7 +34,7 @@ typedef struct Fit {
     uint32_t seed;
     double start;
     char key[256];
-    const char *stopped;
+    const char *stopped;      /* NULL: before there was anything to keep */
 } Fit;
 
 /* ---- set-up */
@@ -409,10 +409,8 @@ static int run(Fit *f, SltStats *total) {
         }
         /* The loss program failed: what is best so far is kept, as after an interrupt. */
         if (s == SLT_CHECK_FAILED || (s == SLT_LIMIT && f->loss)) {
-            progress_end(&pr);
-            if (!f->nlosses) return cli_fail(c, &err);
             status = cli_fail(c, &err);
-            f->stopped = "failed";
+            f->stopped = f->nlosses ? "failed" : NULL;
             break;
         }
         if (s != SLT_OK) {
@@ -588,6 +586,11 @@ static int write_outputs(Fit *f) {
     return s == SLT_OK ? SLT_OK : cli_fail(f->c, &err);
 }
 
+static void absolute(Scene *s, char **path) {
+    char *full = *path ? realpath(*path, NULL) : NULL;
+    if (full) *path = scene_keep(s, full);
+}
+
 static int fit(Fit *f) {
     Cli *c = f->c;
     SltError err = {0};
@@ -618,11 +621,14 @@ static int fit(Fit *f) {
         if (resume(f, &err) != SLT_OK) return cli_fail(c, &err);
     }
     f->start = cli_now();
+    /* The program may run in another folder than we do. */
+    for (uint32_t v = 0; c->loss_command && f->scene.loss_dir && v < f->scene.nviews; v++) absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
     if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err))) return cli_fail(c, &err);
     SltStats total = {0};
     int ran = run(f, &total);
     loss_stop(f->loss);
     f->loss = NULL;
+    if (!f->stopped) return ran;
     if (ran != SLT_OK && ran != SLT_INTERRUPTED && ran != SLT_CHECK_FAILED && ran != SLT_LIMIT) return ran;
     double best;
     const double *x = optimise_best(f->o, &best);

@@ -41,6 +41,7 @@ typedef struct Scene {
 /* Reads SCENE.json into scene and, where the command line says nothing else, into the options. An SltStatus, reported. */
 int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
+char *scene_keep(Scene *s, char *text); /* freed with the scene; returns text */
 bool scene_is(const char *file); /* by its extension */
 
 #endif

@@ -39,7 +39,7 @@ static int known_keys(Reader *r, json_t *object, const char *where, const char *
 }
 #define KEYS(...) (const char *const[]){__VA_ARGS__}, sizeof((const char *const[]){__VA_ARGS__}) / sizeof(const char *)
 
-static char *keep(Scene *s, char *text) {
+char *scene_keep(Scene *s, char *text) {
     char **more = realloc(s->strings, (s->nstrings + 1) * sizeof *more);
     if (!more) return text;
     s->strings = more;
@@ -53,14 +53,14 @@ static char *relative(Reader *r, const char *path) {
     if (!out) return NULL;
     if (path[0] == '/') snprintf(out, n, "%s", path);
     else snprintf(out, n, "%s%s", r->s->dir, path);
-    return keep(r->s, out);
+    return scene_keep(r->s, out);
 }
 
 static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {
     json_t *j = json_object_get(root, key);
     if (!j) return SLT_OK;
     if (!json_is_string(j)) return bad(r, key, "a string is wanted");
-    *out = path ? relative(r, json_string_value(j)) : keep(r->s, strdup(json_string_value(j)));
+    *out = path ? relative(r, json_string_value(j)) : scene_keep(r->s, strdup(json_string_value(j)));
     return SLT_OK;
 }
 
@@ -89,7 +89,7 @@ static int read_set(Reader *r, json_t *root) {
         }
         /* The command line comes after and wins. */
         memmove(r->c->sets + 1, r->c->sets, r->c->nsets++ * sizeof *r->c->sets);
-        r->c->sets[0] = (SltSet){keep(r->s, strdup(key)), keep(r->s, text)};
+        r->c->sets[0] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
     }
     r->c->opt.nset = r->c->nsets;
     return SLT_OK;
@@ -124,7 +124,7 @@ static int read_params(Reader *r, json_t *root) {
     if (!r->s->params) return SLT_LIMIT;
     json_object_foreach(params, key, j) {
         FitParam *p = &r->s->params[r->s->nparams++];
-        *p = (FitParam){.name = keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
+        *p = (FitParam){.name = scene_keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
         if (!p->name) return SLT_LIMIT;
         json_t *value = j;
         if (is_spec(j)) {
@@ -144,7 +144,7 @@ static int read_params(Reader *r, json_t *root) {
             for (uint32_t k = 0; k < r->c->nparam_files; k++) given |= !strcmp(r->c->param_files[k].name, key);
             if (p->file && !given && r->c->nparam_files < CLI_MAX_LIST) r->c->param_files[r->c->nparam_files++] = (SltSet){p->name, p->file};
         }
-        if (value) p->value = keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
+        if (value) p->value = scene_keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
     }
     return SLT_OK;
 }
@@ -173,7 +173,7 @@ static int read_view(Reader *r, json_t *j, View *v) {
             text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
         }
         if (!text) return SLT_LIMIT;
-        v->params[v->nparams++] = (Assign){keep(r->s, strdup(key)), keep(r->s, text)};
+        v->params[v->nparams++] = (Assign){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
     }
     return SLT_OK;
 }
@@ -233,7 +233,7 @@ static int read_optimizer(Reader *r, json_t *root) {
         char text[40];
         snprintf(text, sizeof text, "%.17g", lr);
         memmove(r->c->lr + 1, r->c->lr, r->c->nlr++ * sizeof *r->c->lr);
-        r->c->lr[0] = (Assign){NULL, keep(r->s, strdup(text))};
+        r->c->lr[0] = (Assign){NULL, scene_keep(r->s, strdup(text))};
     }
     return SLT_OK;
 }
@@ -289,7 +289,7 @@ int scene_read(Cli *c, const char *path, Scene *scene) {
     size_t size;
     if (file_read_all(path, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
     const char *slash = strrchr(path, '/');
-    scene->dir = keep(scene, strndup(path, slash ? (size_t)(slash + 1 - path) : 0));
+    scene->dir = scene_keep(scene, strndup(path, slash ? (size_t)(slash + 1 - path) : 0));
     json_error_t e;
     json_t *root = json_loadb((const char *)bytes, size, JSON_REJECT_DUPLICATES, &e);
     free(bytes);

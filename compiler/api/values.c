@@ -333,7 +333,11 @@ static SltStatus read_image_param(Stage *s, const Param *q, const char *path) {
     if ((uint32_t)im.width != q->tex_w || (uint32_t)im.height != q->tex_h || (uint32_t)im.channels < q->tex_c)
         status = status_fail(s->err, SLT_INPUT, "%s is %dx%d with %d channels, but `%s` is %ux%u with %u", path, im.width, im.height, im.channels, q->name, q->tex_w, q->tex_h, q->tex_c);
     for (size_t t = 0; status == SLT_OK && t < (size_t)q->tex_w * q->tex_h; t++)
-        for (uint32_t c = 0; c < q->tex_c; c++) s->floats[q->fbase + t * q->tex_c + c] = (double)im.data[t * (size_t)im.channels + c];
+        for (uint32_t c = 0; status == SLT_OK && c < q->tex_c; c++) {
+            double v = (double)im.data[t * (size_t)im.channels + c];
+            if (q->is_heightfield && !isfinite(v)) status = status_fail(s->err, SLT_INPUT, "%s: the height in row %zu, column %zu is not finite", path, t / q->tex_w, t % q->tex_w);
+            s->floats[q->fbase + t * q->tex_c + c] = v;
+        }
     image_free(&im);
     return status;
 }

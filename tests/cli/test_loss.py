@@ -1,0 +1,317 @@
+"""saltus fit with a loss from another program: the framing, the derivative, and every way in which the program can fail."""
+from harness import *
+
+EDGE = """
+param float r = 0.3;
+param float2 c = float2(0.45, 0.55);
+[NoDiff] param float gain = 1.0;
+shader float main(float2 x) {
+    float f = 0.0;
+    [Disc] if (length(x - c) < r) f = gain;
+    return f;
+}
+"""
+NOISE = "param float a = 0.8;\nshader float main(float2 x) { return a * rand(); }\n"
+
+# The squared difference from a target of .pfm, or from zero. MODE is what it does wrong, WHEN in which request.
+PROGRAM = """
+import json, os, sys, time
+from array import array
+mode, when, n = sys.argv[1], int(sys.argv[2]), 0
+log = open(sys.argv[3], "a") if len(sys.argv) > 3 else None
+out = sys.stdout.buffer
+def target(path, size):
+    if path is None:
+        return [0.0] * size
+    head, data = open(path, "rb").read().split(b"\\n-1.0\\n", 1)
+    w, h = map(int, head.split(b"\\n")[1].split())
+    v = array("f", data)
+    return [x for y in reversed(range(h)) for x in v[y * w:(y + 1) * w]]
+for line in sys.stdin.buffer:
+    q = json.loads(line)
+    size = q["width"] * q["height"] * q["channels"]
+    data = sys.stdin.buffer.read(4 * size)
+    assert len(data) == 4 * size
+    image = array("f", data)
+    if log:
+        q["sum"] = sum(image)
+        log.write(json.dumps(q) + "\\n")
+        log.flush()
+    bad = n == when
+    n += 1
+    d = [a - b for a, b in zip(image, target(q["target"], size))]
+    loss, adjoint = sum(x * x for x in d) / size, array("f", [2 * x / size for x in d])
+    if bad and mode == "die": sys.exit(7)
+    if bad and mode == "kill": os.kill(os.getpid(), 9)
+    if bad and mode == "hang": time.sleep(60)
+    if bad and mode == "noise": print("hello"); sys.stdout.flush()
+    if bad and mode == "nan": adjoint[5] = float("nan")
+    if bad and mode == "tell": out.write(json.dumps({"error": "no GPU here"}).encode() + b"\\n"); out.flush(); sys.exit(1)
+    if bad and mode == "text": out.write(b'{"loss": "low"}\\n'); out.flush(); continue
+    if bad and mode == "step": out.write(b'{"loss": null}\\n' + bytes(4 * size)); out.flush(); continue
+    out.write(json.dumps({"loss": loss}).encode() + b"\\n")
+    if bad and mode == "long": out.write(b"x" * 4)
+    if bad and mode == "short":
+        out.write(adjoint.tobytes()[:100]); out.flush(); sys.exit(0)
+    out.write(adjoint.tobytes())
+    out.flush()
+"""
+
+
+class Loss(Case):
+    def setUp(self):
+        super().setUp()
+        self.put("e.salt", EDGE)
+        self.put("loss.py", PROGRAM)
+        self.run_cli("render", "e.salt", "--size", 16, "--spp", 64, "--param", "r=0.2", "--param", "c=0.5,0.5", "-o", "t.pfm")
+
+    def command(self, mode="none", when=-1, log=""):
+        return "exec %s loss.py %s %d %s" % (sys.executable, mode, when, log)
+
+    def fit(self, *args, mode="none", when=-1, log="", **kw):
+        return self.run_cli("fit", "e.salt", "--loss-command", self.command(mode, when, log), "--target", "t.pfm", "--size", 16, "--spp", 8, *args, **kw)
+
+    def requests(self, name="log"):
+        return [json.loads(line) for line in self.get(name).splitlines()]
+
+    def test_fits(self):
+        for name, lr in (("adam", "0.01"), ("sgd", "0.05"), ("lbfgs", None)):
+            j = self.fit("--iters", 30, "--optimizer", name, *(["--lr", lr] if lr else []), "--json").json
+            self.assertLess(j["loss"], 0.3 * j["initial_loss"], name)
+            self.assertAlmostEqual(j["params"]["r"], 0.2, delta=0.05)
+        self.assertEqual(len(j["losses"]), j["iterations"])
+
+    def test_requests(self):
+        self.fit("--iters", 3, log="log")
+        q = self.requests()
+        self.assertEqual([r["iteration"] for r in q], [0, 1, 2])
+        for r in q:
+            self.assertEqual((r["width"], r["height"], r["channels"], r["view"], r["views"], r["target"], r["mask"]), (16, 16, 1, 0, 1, "t.pfm", None))
+            self.assertAlmostEqual(r["sum"] / 256, 3.14159 * 0.09, delta=0.05)
+
+    def test_same_bits_and_resume(self):
+        runs = []
+        for t in (1, 3):
+            j = self.fit("--iters", 8, "--threads", t, "--json").json
+            j.pop("seconds")
+            runs.append(json.dumps(j))
+        self.assertEqual(runs[0], runs[1])
+        self.fit("--iters", 3, "--checkpoint", "c.bin", "--every", 1)
+        j = self.fit("--iters", 8, "--resume", "c.bin", "--json").json
+        j.pop("seconds")
+        self.assertEqual(json.dumps(j), runs[0])
+        self.fit("--iters", 8, "--resume", "c.bin", mode="nan", code=4)  # another loss is another fit
+
+    def test_independent_samples(self):
+        """f = a u with u uniform: the gradient of a squared loss is E[2 f] E[u] / n; with the same samples on both sides it would be E[2 f u] / n, a third more."""
+        self.put("e.salt", NOISE)
+        j = self.run_cli("fit", "e.salt", "--loss-command", self.command(), "--size", 128, "--spp", 1, "--optimizer", "sgd", "--lr", "1", "--iters", 2, "--seed", 5, "--json").json
+        # losses: of the first iteration at 0.8, of the second at 0.8 - gradient; E[f^2] = a^2 / 3
+        n = 128 * 128
+        self.assertAlmostEqual(j["losses"][0], 0.64 / 3, delta=4 * 0.64 * (4 / 45) ** 0.5 / n ** 0.5)
+        gradient = 0.8 - (3 * j["losses"][1]) ** 0.5  # the loss of the next iteration tells where the step went
+        expected, other = 2 * 0.8 * 0.25, 2 * 0.8 / 3
+        # standard error of the mean of 2 a u v, and of the root of the loss
+        se = ((2 * 0.8) ** 2 * (1 / 9 - 1 / 16) / n + (0.4 * 3 * (4 / 45) ** 0.5 / 2 / n ** 0.5) ** 2) ** 0.5
+        self.assertLess(4 * se, 0.5 * (other - expected))
+        self.assertAlmostEqual(gradient, expected, delta=4 * se)
+
+    def test_views(self):
+        self.put("s/t.pfm", self.get("t.pfm"))
+        self.put("s/loss.py", PROGRAM)
+        self.put("s/e.salt", EDGE)
+        scene = {"shader": "e.salt", "size": [16, 16], "spp": 8, "params": {"r": {"value": 0.28, "grad": True}}, "loss": {"command": self.command(log="log"), "timeout": 30},
+                 "views": [{"target": "t.pfm"}, {"params": {"gain": 0.5}}], "optimizer": {"iters": 2}, "output": "out"}
+        self.put("s/scene.json", json.dumps(scene))
+        j = self.run_cli("fit", "s/scene.json", "--json").json
+        q = self.requests("s/log")  # the command runs in the scene's folder
+        self.assertEqual([(r["iteration"], r["view"], r["views"]) for r in q], [(0, 0, 2), (0, 1, 2), (1, 0, 2), (1, 1, 2)])
+        self.assertTrue(q[0]["target"].endswith("t.pfm"))
+        self.assertIsNone(q[1]["target"])
+        self.assertAlmostEqual(q[1]["sum"], 0.5 * q[0]["sum"], delta=2)  # the second view's own value, and only there
+        self.assertEqual(j["params"]["gain"], 1)
+        self.assertIn("image.exr", os.listdir(self.path("s/out")))
+        for key, bad in (("command", 3), ("command", ""), ("timeout", -1), ("comand", "x")):
+            scene["loss"] = {"command": "true", key: bad}
+            self.put("s/scene.json", json.dumps(scene))
+            self.run_cli("fit", "s/scene.json", code=4)
+
+    def test_failures(self):
+        """Every one of them at once and late: status, text, and what is written."""
+        for mode, code, text in (("die", 1, "ended with status 7"), ("kill", 1, "signal 9"), ("noise", 1, "hello"), ("nan", 1, "row 0, column 5"), ("tell", 1, "no GPU here"), ("text", 1, "NUMBER"),
+                                 ("short", 1, "of 1024 bytes"), ("hang", 6, "0.5 s")):
+            for when in (0, 2):
+                start = time.time()
+                r = self.fit("--iters", 5, "--loss-timeout", 0.5, "-o", "p.json", mode=mode, when=when, code=code)
+                self.assertIn(text, r.err)
+                self.assertLess(time.time() - start, 20)
+                self.assertEqual(os.path.exists(self.path("p.json")), when > 0, mode)  # the best so far, where there is one
+                if when:
+                    self.assertIn("(failed)", r.out)
+                    self.assertEqual(set(json.loads(self.get("p.json"))), {"r", "c", "gain"})
+                    os.remove(self.path("p.json"))
+        self.assertIn("more than", self.fit("--iters", 5, mode="long", when=0, code=1).err)
+        for command, text in (("exit 3", "status 3"), ("no-such-program", "status 127"), ("cat /dev/zero", "64 KiB"), ("exec <&-; sleep 60", "pipe")):
+            r = self.run_cli("fit", "e.salt", "--loss-command", command, "--size", 16, "--loss-timeout", 2, "-o", "p.json", code=None)
+            self.assertIn(r.code, (1, 6))
+            self.assertTrue(text in r.err or "did not answer" in r.err, r.err)
+        self.no_leftovers("loss.py", "t.pfm")
+
+    def test_step_back(self):
+        """null: no number there. The optimiser takes the step back, and goes on."""
+        j = self.fit("--iters", 12, "--json", mode="step", when=3).json
+        self.assertIsNone(j["losses"][3])
+        self.assertLess(j["loss"], j["initial_loss"])
+        self.fit("--iters", 12, mode="step", when=0, code=1)
+
+    def test_usage(self):
+        self.run_cli("fit", "e.salt", "--loss-command", "true", "--minimize", code=2)
+        self.run_cli("fit", "e.salt", "--loss-command", "true", "--loss-timeout", "soon", code=2)
+        self.run_cli("render", "e.salt", "--loss-command", "true", code=2)
+
+    def test_interrupt(self):
+        """Ctrl-C while the program thinks: 130, what is best is kept, and nobody is left behind."""
+        p = self.start_cli("fit", "e.salt", "--loss-command", "echo $$ > pid; " + self.command("hang", 2), "--target", "t.pfm", "--size", 16, "--iters", 9, "-o", "p.json")
+        for _ in range(200):
+            time.sleep(0.05)
+            if os.path.exists(self.path("pid")) and self.get("pid"):
+                break
+        time.sleep(1.5)
+        p.send_signal(signal.SIGINT)
+        out, err = p.communicate(timeout=20)
+        self.assertEqual(p.returncode, 130, err)
+        self.assertIn(b"(interrupted)", out)
+        self.assertTrue(os.path.exists(self.path("p.json")))
+        with self.assertRaises(ProcessLookupError):
+            os.kill(int(self.get("pid")), 0)
+
+    def test_time_limit(self):
+        r = self.fit("--iters", 9, "--max-seconds", 1.5, "-o", "p.json", mode="hang", when=2, code=6)
+        self.assertTrue(os.path.exists(self.path("p.json")), r.err)
+
+
+class Grids(Case):
+    """Textures and heights as what is fitted: masks, smoothing, rates of their own, files in views, what the folder holds."""
+    SHADER = """
+param texture2D t = zeros(8, 8, 1);
+[Extent(-1.0, -1.0, 1.0, 1.0)] param heightfield h = zeros(9, 9);
+[NoDiff] param texture2D light = zeros(2, 2, 1);
+shader float main(float2 x) { return t.sample(x).x + h.height(2.0 * x - 1.0) + light.sample(x).x; }
+"""
+
+    def setUp(self):
+        super().setUp()
+        self.put("g.salt", self.SHADER)
+        self.put("one.npy", write_npy((16, 16, 1), [1.0] * 256))
+        self.put("two.npy", write_npy((16, 16, 1), [2.0] * 256))
+
+    def scene(self, **change):
+        s = {"shader": "g.salt", "size": [16, 16], "spp": 4, "params": {"t": {"grad": True, "lr": 0.02}, "h": {"grad": True, "lr": 0.05, "smooth": 2}}, "views": [{"target": "one.npy"}],
+             "optimizer": {"iters": 60}, "output": "out"}
+        s.update(change)
+        self.put("scene.json", json.dumps(s))
+        return self.run_cli("fit", "scene.json", "--json", code=None)
+
+    def test_jointly(self):
+        r = self.scene()
+        self.assertEqual(r.code, 0, r.err)
+        j = r.json
+        self.assertLess(j["loss"], 1e-3)
+        t, h = [sum(map(sum, j["params"][k])) / (len(j["params"][k]) ** 2) for k in "th"]
+        self.assertAlmostEqual(t + h, 1, delta=0.1)
+        self.assertGreater(h, 1.5 * t)  # the higher rate
+        head, planes, _ = read_exr(self.get("out/h.exr"))
+        self.assertEqual((head["width"], head["height"]), (9, 9))
+        rows = list(planes.values())[0]
+        for y in range(9):
+            for x in range(9):
+                self.assertEqual(rows[y][x], f32(j["params"]["h"][y][x]))
+        self.assertEqual(read_png(self.get("out/h.png"))[0], (9, 9, 3))
+        self.assertEqual(read_exr(self.get("out/t.exr"))[0]["width"], 8)
+        self.assertFalse(os.path.exists(self.path("out/light.exr")))
+        # and the file goes back in
+        again = self.json_cli("fit", "scene.json", "--param", "h=@out/h.exr", "--param", "t=@out/t.exr", "--iters", 0)
+        self.assertEqual(again["params"]["h"], j["params"]["h"])
+
+    def test_mask(self):
+        """0 holds to the bit, also under a Laplacian; 0.5 is slower."""
+        mask = [0.0 if x < 4 else 1.0 for y in range(9) for x in range(9)]
+        self.put("m.npy", write_npy((9, 9, 1), mask))
+        self.put("h0.npy", write_npy((9, 9, 1), [0.125 * i for i in range(81)]))
+        params = {"t": {"grad": False}, "h": {"file": "h0.npy", "mask": "m.npy", "smooth": 3, "grad": True}}
+        r = self.scene(params=params)
+        self.assertEqual(r.code, 0, r.err)
+        h = r.json["params"]["h"]
+        for y in range(9):
+            for x in range(9):
+                (self.assertEqual if x < 4 else self.assertNotEqual)(h[y][x], 0.125 * (9 * y + x))
+        self.put("m.npy", write_npy((9, 9, 1), [0.5 if x < 4 else 1.0 for y in range(9) for x in range(9)]))
+        h = self.scene(params={"t": {"grad": False}, "h": {"mask": "m.npy", "grad": True, "lr": 0.01}}, optimizer={"iters": 2}).json["params"]["h"]
+        self.assertAlmostEqual(h[4][1], 0.005, delta=1e-6)
+        self.assertAlmostEqual(h[4][6], 0.01, delta=1e-6)
+        for shape, value, code in (((8, 9, 1), 1.0, 4), ((9, 9, 1), -1.0, 4), ((9, 9, 1), float("nan"), 4)):
+            self.put("m.npy", write_npy(shape, [value] * (shape[0] * shape[1])))
+            self.assertEqual(self.scene(params=params).code, code)
+        self.assertEqual(self.scene(params={"h": {"mask": "none.npy"}}).code, 4)
+
+    def test_views_with_files(self):
+        """A view's texture from a file, seen by that view alone; a mask on a target."""
+        self.put("l.npy", write_npy((2, 2, 1), [1.0] * 4))
+        self.put("m.npy", write_npy((16, 16, 1), [1.0] * 128 + [0.0] * 128))
+        views = [{"target": "one.npy"}, {"target": "two.npy", "params": {"light": {"file": "l.npy"}}}]
+        r = self.scene(views=views)
+        self.assertEqual(r.code, 0, r.err)
+        self.assertLess(r.json["loss"], 1e-3)
+        self.assertEqual(r.json["params"]["light"], [[0, 0], [0, 0]])
+        r = self.scene(views=[{"target": "one.npy", "mask": "m.npy"}], params={"t": {"grad": True, "lr": 0.05}})
+        self.assertEqual(r.code, 0, r.err)
+        t = r.json["params"]["t"]
+        self.assertTrue(all(abs(v - 1) < 0.1 for row in t[:3] for v in row), t)
+        self.assertTrue(all(v == 0 for row in t[5:] for v in row), t)
+        self.assertEqual(self.scene(views=[{"target": "one.npy", "params": {"h": {"file": "l.npy"}}}]).code, 4)  # optimised, and of another size
+        self.assertEqual(self.scene(views=[{"target": "one.npy", "params": {"light": {"file": "none.npy"}}}]).code, 4)
+
+    def test_file_decides_the_size(self):
+        self.put("big.npy", write_npy((5, 7, 1), [0.25] * 35))
+        j = self.scene(params={"h": {"file": "big.npy", "grad": True}}, optimizer={"iters": 1}).json
+        self.assertEqual((len(j["params"]["h"]), len(j["params"]["h"][0])), (5, 7))
+
+    def test_heights_from_files(self):
+        """Every format, in the source and on the command line: linear, raw, row 0 at the top."""
+        w, rows = 3, [[0, 1000, 65535], [17, 300, 40000], [5, 6, 7]]
+        def png(depth):
+            raw = b"".join(b"\0" + b"".join(struct.pack(">H" if depth == 16 else "B", v if depth == 16 else v >> 8) for v in r) for r in rows)
+            def chunk(k, b):
+                return struct.pack(">I", len(b)) + k + b + struct.pack(">I", zlib.crc32(k + b))
+            return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 3, 3, depth, 0, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
+        flat = [float(v) for r in rows for v in r]
+        signed = [[v if v < 32768 else v - 65536 for v in r] for r in rows]
+        files = {"a.png": (png(16), lambda v: v / 65535), "b.png": (png(8), lambda v: (v >> 8) / 255), "a.npy": (write_npy((3, 3), flat, "<f4"), float), "a_3x3.f32": (struct.pack("<9f", *flat), float),
+                 "a.exr": (write_exr(3, 3, {"Y": [[float(v) for v in r] for r in rows]}), float), "N01W002.hgt": (b"".join(struct.pack(">3h", *r) for r in signed), lambda v: v if v < 32768 else v - 65536),
+                 "a.pfm": (write_pfm(3, 3, 1, flat), float)}
+        for name, (data, value) in files.items():
+            self.put(name, data)
+            for source, args in (('"%s"' % name, []), ("zeros(2, 2)", ["--param", "h=@" + name])):
+                self.put("f.salt", "param heightfield h = %s;\nshader float main(float2 x) { return h.height(x); }\n" % source)
+                j = self.json_cli("fit", "f.salt", "--minimize", "--iters", 0, *args)
+                for y in range(w):
+                    for x in range(w):
+                        self.assertEqual(f32(j["params"]["h"][y][x]), f32(value(rows[y][x])), (name, source, x, y))
+            j = self.json_cli("render", "f.salt", "--param", "h=@" + name, "--size", 64, "--spp", 1)
+            self.assertEqual(j["channels"], 1)
+        for name, data in (("bad.hgt", b"xxx"), ("void.hgt", b"\x80\0" * 9), ("bad_4x4.f32", b"1234"), ("noname.f32", b"1234"), ("bad.png", b"\x89PNG"), ("nan.npy", write_npy((3, 3), [float("nan")] * 9)),
+                           ("inf_3x3.f32", struct.pack("<9f", *([1.0] * 8 + [float("inf")]))), ("line.npy", write_npy((1, 9), flat)), ("none.exr", None)):
+            if data is not None:
+                self.put(name, data)
+            self.put("f.salt", "param heightfield h = zeros(3, 3);\nshader float main(float2 x) { return h.height(x); }\n")
+            self.assertIn(name, self.run_cli("render", "f.salt", "--param", "h=@" + name, "--size", 4, code=4).err)
+            self.put("f.salt", 'param heightfield h = "%s";\nshader float main(float2 x) { return h.height(x); }\n' % name)
+            self.assertIn(name, self.run_cli("render", "f.salt", "--size", 4, code=4).err)
+        self.put("p.json", json.dumps({"h": [[0.5, 1], [2, 3]]}))
+        self.put("f.salt", "param heightfield h = zeros(2, 2);\nshader float main(float2 x) { return h.height(x); }\n")
+        j = self.json_cli("fit", "f.salt", "--params", "p.json", "--minimize", "--iters", 0)
+        self.assertEqual(j["params"]["h"], [[0.5, 1], [2, 3]])
+
+
+if __name__ == "__main__":
+    unittest.main()
