@@ -391,7 +391,7 @@ static bool make_block(Optimiser *o) {
         cells = count > cells ? count : cells;
     }
     o->persistent = 6 * n + moments + squares + 2 * history * n;
-    o->block = calloc(o->persistent + 2 * n + 2 * cells + history + 1, sizeof *o->block);
+    o->block = calloc(o->persistent + 2 * n + cells + history + 1, sizeof *o->block);
     o->is_free = calloc(n, 1);
     if (!o->block || !o->is_free) {
         return false;
@@ -412,7 +412,7 @@ static bool make_block(Optimiser *o) {
                        {&o->y, history * n},
                        {&o->fresh, n},
                        {&o->work, n},
-                       {&o->grid_scratch, 2 * cells},
+                       {&o->grid_scratch, cells},
                        {&o->alpha, history}};
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
         *parts[i].to = p;

@@ -119,15 +119,15 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
 
 /* laplacian.c --------------------------------------------------------------------------------- */
 
-typedef struct Laplacian Laplacian; /* a factorised I + lambda L of a width x height grid */
+typedef struct Laplacian Laplacian; /* I + lambda L of a width x height grid, L the Laplacian of its four-neighbourhood, ready to be solved; for one thread at a time */
 
 /* 1 <= width * height <= 2^22, lambda >= 0 and finite. NULL with err set. */
 Laplacian *laplacian_create(int width, int height, double lambda, SltError *err);
 void laplacian_free(Laplacian *l);
 
 /* Solves (I + lambda L) x = b in place, for element i = y * width + x at data[x * stride_x + y *
- * stride_y]. `scratch` has 2 * width * height entries. Constants are kept, sums too. */
-void laplacian_solve(const Laplacian *l, double *data, size_t stride_x, size_t stride_y,
+ * stride_y]. `scratch` has width * height entries. Constants are kept, sums too. */
+void laplacian_solve(Laplacian *l, double *data, size_t stride_x, size_t stride_y,
                      double *scratch);
 
 #ifdef __cplusplus
