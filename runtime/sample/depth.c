@@ -13,8 +13,8 @@ enum {
     LOWEST = -24,      /* differences below 2^-24 are rounding */
     FEW = 16           /* fewer say nothing of what is usual here */
 };
-#define TIMES_MEDIAN 8.0
-#define TIMES_NEIGHBOUR 4.0
+#define TIMES_MEDIAN 2.0
+#define TIMES_NEIGHBOUR 1.5
 #define FLOOR 0x1p-14 /* log2 t of single precision, with room for a sum of a few */
 
 void spread_clear(Spread *s) {
@@ -48,8 +48,8 @@ void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t 
         if (hash[v * stride] == hash[(v + 1) * stride]) spread_add(s, depth[v * stride] - depth[(v + 1) * stride]);
 }
 
-/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the smaller step beside the edge. Three steps of one
- * size in a row are taken for a slope; a finer lattice tells them apart. */
+/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the smaller step beside the edge. Jumps of about one
+ * size in three edges in a row are taken for a slope; a finer lattice tells them apart. */
 double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump) {
     if (e == 0 || e + 2 >= n) return jump;
     const uint32_t *h = hash + (e - 1) * stride;

@@ -30,6 +30,8 @@ enum {
 #define BRACKET_JUMP 0x1p-6
 /* ... and a bisection leaves a jump this part of it. */
 #define KEEPS 0.75
+/* Whether a ray is blocked is decided by other arithmetic than its clearance: brackets are wider than the difference. */
+#define PAD_ULPS 8
 /* g changes this many times faster on the bracket than on the segment: its window does not fit. */
 #define MISFIT 64.0
 
@@ -37,7 +39,7 @@ enum {
  */
 typedef struct Item {
     Segment s;
-    double tol, ga, gb, aux, aux1;
+    double tol, pad, ga, gb, aux, aux1;
     double x1, x2, x3, f1, f2, f3, next;
     int32_t site, k[SLT_MAX_K];
     uint32_t left; /* evaluations before bisection takes over for good */
@@ -87,14 +89,19 @@ static void put(Finder *f, uint32_t lane, const Segment *s, double t) {
     batch_set_stream(f->b, lane, s->stream, s->rand0);
 }
 
-/* 2^-15 of the whole segment, or two units in the last place of the position. */
-static double tolerance(const Finder *f, const Segment *s) {
+/* A unit in the last place of the position, as a part of the whole segment. */
+static double ulp(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(0x1p-15, 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    return (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len;
+}
+
+/* 2^-15 of the whole segment, or two units in the last place. */
+static double tolerance(const Finder *f, const Segment *s) {
+    return fmax(0x1p-15, 2 * ulp(f, s));
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -331,6 +338,7 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
             split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
         } else {
+            if (is_field(f->s, it.site)) it.pad = fmax(0.5 * it.tol, PAD_ULPS * ulp(f, &it.s));
             root_begin(&it);
             items[kept++] = it;
         }
@@ -344,6 +352,8 @@ static void bracket_of(const Item *it, double *lo, double *hi) {
         /* An exact zero: a bracket of the tolerance around it, inside the old one. */
         double from = fmax(it->s.ta, it->x1 - 0.5 * it->tol), to = fmin(it->s.tb, it->x1 + 0.5 * it->tol);
         *lo = from, *hi = to;
+    } else if (it->pad > 0) {
+        *lo = fmax(it->s.ta, *lo - it->pad), *hi = fmin(it->s.tb, *hi + it->pad);
     }
 }
 
@@ -468,6 +478,7 @@ void finder_run(Finder *f, bool all) {
         for (uint32_t i = 0; i < n; i++) {
             items[i].s = f->stack[f->n - n + i];
             items[i].tol = tolerance(f, &items[i].s);
+            items[i].pad = 0;
         }
         f->n -= n;
         if (f->halve_only) {
