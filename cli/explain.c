@@ -99,6 +99,106 @@ static const char *left_out(const Explain *e, int kind) {
     return "not needed";
 }
 
+/* ---- heightfields: what is searched, by which kernels, and what for */
+static const char *const query_names[SLT_FIELD_WHATS] = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise"};
+static const char *const query_needs[SLT_FIELD_WHATS] = {"h.trace", "h.occluded", "h.clearance or a [Disc] site", "h.clearance asked for its sign", "h.silhouette", "[Disc] on h.trace or h.occluded"};
+
+static uint32_t field_queries(const SltProgram *p, uint32_t f) {
+    uint32_t queries = 0;
+    for (int k = 0; k < K_KINDS; k++) queries |= api_field_queries(p->fn[k], f);
+    for (uint32_t c = 0; c < p->prog->ncull; c++) queries |= api_field_queries(p->prog->cull_bounds[c], f);
+    return queries;
+}
+
+static void list_queries(uint32_t queries, bool json) {
+    bool first = true;
+    for (int w = 0; w < SLT_FIELD_WHATS; w++) {
+        if (!(queries >> w & 1)) continue;
+        printf(json ? "%s\"%s\"" : "%s%s", first ? "" : ", ", query_names[w]);
+        first = false;
+    }
+}
+
+static const FieldInfo *find_field(const Program *g, uint32_t param, uint32_t *index) {
+    for (uint32_t f = 0; f < g->nfields; f++)
+        if (g->fields[f].param == param) return *index = f, &g->fields[f];
+    return NULL;
+}
+
+static const char *no_structure(const SltProgram *p, uint32_t param) {
+    uint32_t f;
+    if (!p->prog->params[param].is_heightfield) return NULL;
+    if (!find_field(p->prog, param, &f)) return "nothing searches it: its heights are ordinary parameters";
+    return field_queries(p, f) ? NULL : "no kernel searches it";
+}
+
+static void print_fields(const SltProgram *p) {
+    const Program *g = p->prog;
+    for (uint32_t f = 0; f < g->nfields; f++) {
+        const FieldInfo *info = &g->fields[f];
+        if (!field_queries(p, f) || !p->fields[f]) continue;
+        size_t bytes = field_bytes(p->fields[f]);
+        printf("  %s, %u x %u heights: %s\n    %zu bytes, %.2f a height; asked: ", g->params[info->param].name, info->w, info->h, field_describe(p->fields[f]), bytes, (double)bytes / info->w / info->h);
+        list_queries(field_queries(p, f), false);
+        putchar('\n');
+        for (int k = 0; k < K_KINDS; k++) {
+            uint32_t queries = api_field_queries(p->fn[k], f);
+            if (!queries) continue;
+            printf("      %-10s ", kernel_names[k]);
+            list_queries(queries, false);
+            putchar('\n');
+        }
+    }
+}
+
+static void print_fields_left_out(const SltProgram *p) {
+    const Program *g = p->prog;
+    bool any = false;
+    for (uint32_t i = 0; i < g->nparams; i++) {
+        const char *why = no_structure(p, i);
+        if (why) printf("  structure of %s: %s\n", g->params[i].name, why);
+        any |= g->params[i].is_heightfield;
+    }
+    if (!any) puts("  heightfield mipmap, safety shapes: there is no heightfield");
+    for (uint32_t f = 0; f < g->nfields; f++) {
+        uint32_t queries = field_queries(p, f);
+        for (int w = 0; queries && w < SLT_FIELD_WHATS; w++)
+            if (!(queries >> w & 1)) printf("  %s of %s: no kernel asks (%s would)\n", query_names[w], g->params[g->fields[f].param].name, query_needs[w]);
+    }
+}
+
+static void json_fields(const SltProgram *p) {
+    const Program *g = p->prog;
+    static const char *const structures[] = {"mipmap", "mipmap", "cone", "naive"};
+    bool first = true;
+    fputs(", \"fields\": [", stdout);
+    for (uint32_t f = 0; f < g->nfields; f++) {
+        const FieldInfo *info = &g->fields[f];
+        uint32_t queries = field_queries(p, f);
+        if (!queries || !p->fields[f]) continue;
+        printf("%s{\"name\": ", first ? "" : ", ");
+        json_text(stdout, g->params[info->param].name);
+        printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", info->w, info->h, structures[p->opt.field]);
+        json_text(stdout, field_describe(p->fields[f]));
+        printf(", \"bytes\": %zu, \"queries\": [", field_bytes(p->fields[f]));
+        list_queries(queries, true);
+        fputs("], \"left_out\": [", stdout);
+        list_queries(~queries & ((1u << SLT_FIELD_WHATS) - 1), true);
+        fputs("], \"kernels\": {", stdout);
+        first = true;
+        for (int k = 0; k < K_KINDS; k++) {
+            if (!api_field_queries(p->fn[k], f)) continue;
+            printf("%s\"%s\": [", first ? "" : ", ", kernel_names[k]);
+            list_queries(api_field_queries(p->fn[k], f), true);
+            fputs("]", stdout);
+            first = false;
+        }
+        fputs("}}", stdout);
+        first = false;
+    }
+    fputs("]", stdout);
+}
+
 static void print_sites(const Explain *e) {
     const Fn *primal = e->p->prog->primal;
     printf("sites (%u)\n", primal->nsites);
@@ -140,15 +240,16 @@ static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
     }
     if (!any) puts("  none");
     printf("\nstructures built\n");
+    uint32_t built = g->ncull;
+    for (uint32_t f = 0; f < g->nfields; f++) built += p->fields[f] && field_queries(p, f);
     if (g->ncull) printf("  cull lists of %u loop%s: [Cull]\n", g->ncull, g->ncull == 1 ? "" : "s");
-    else puts("  none");
+    print_fields(p);
+    if (!built) puts("  none");
     printf("\nleft out\n");
     any = false;
     for (int k = 0; k < K_KINDS; k++)
         if (!p->fn[k]) printf("  kernel %s: %s\n", kernel_names[k], left_out(e, k)), any = true;
-    bool fields = false;
-    for (uint32_t i = 0; i < g->nparams; i++) fields |= g->params[i].is_heightfield;
-    if (!fields) puts("  heightfield mipmap, safety shapes: no heightfield is queried");
+    print_fields_left_out(p);
     if (!g->ncull) puts("  cull grid: no [Cull] loop");
     if (!g->uses_rand) puts("  random streams: rand() is not called");
     printf("\ntime to compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms%s\n", p->ms_front, p->ms_passes, p->ms_llvm, p->cached ? " (cached)" : "");
@@ -193,8 +294,21 @@ static void explain_json(const Explain *e) {
         fputs(": ", stdout);
         json_text(stdout, why);
     }
-    printf("}, \"structures\": {\"cull_lists\": %u}, \"left_out\": {", g->ncull);
+    printf("}, \"structures\": {\"cull_lists\": %u", g->ncull);
+    json_fields(p);
+    fputs("}, \"left_out\": {", stdout);
     first = true;
+    for (uint32_t i = 0; i < g->nparams; i++) {
+        const char *why = no_structure(p, i);
+        if (!why) continue;
+        char key[300];
+        snprintf(key, sizeof key, "structure of %.280s", g->params[i].name);
+        if (!first) fputs(", ", stdout);
+        first = false;
+        json_text(stdout, key);
+        fputs(": ", stdout);
+        json_text(stdout, why);
+    }
     for (int k = 0; k < K_KINDS; k++) {
         if (p->fn[k]) continue;
         printf("%s\"%s\": ", first ? "" : ", ", kernel_names[k]);
@@ -265,7 +379,11 @@ static int trace(SltProgram *p, const double x[3], TraceLog *log, double f[4]) {
     static _Alignas(64) double flt[4][N];
     static _Alignas(64) double outs[4][N];
     static _Alignas(64) int32_t zero[N];
-    SltKernelArgs args = {.params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1};
+    SltError err = {0};
+    api_fields_want(p, fn);
+    SltStatus fields = api_fields(p, &err);
+    if (fields != SLT_OK) return fields;
+    SltKernelArgs args = {.params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
     memset(flt, 0, sizeof flt);
     for (int i = 0; i < N; i++)
         for (int d = 0; d < 3; d++) {

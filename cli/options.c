@@ -10,7 +10,7 @@ typedef enum OptionId {
     O_ENTRY, O_SET, O_PARAM, O_PARAMS, O_SIZE, O_SPP, O_SEGMENTS, O_SAMPLES, O_FILTER, O_SEED, O_THREADS, O_PRECISION, O_DISC, O_INTERIOR, O_BOUNDARY,
     O_ESTIMATOR, O_WIDTH, O_INCLUDE, O_JSON, O_QUIET, O_NO_CACHE, O_OUTPUT, O_WRT, O_FORMAT, O_INTEGRAL, O_TARGET, O_ADJOINT, O_ITERS, O_OPTIMIZER, O_LR, O_SMOOTH,
     O_MINIMIZE, O_CHECKPOINT, O_EVERY, O_RESUME, O_KERNELS, O_ESTIMATORS, O_REPEATS, O_MAX_SECONDS, O_AT, O_EXPR, O_DUMP, O_TARGET_CPU, O_INTERPRET, O_NEAR_MISS,
-    O_VARIANT, O_TOLERANCE, O_VERIFY, O_LOSS_COMMAND, O_LOSS_TIMEOUT, O_HELP
+    O_VARIANT, O_TOLERANCE, O_VERIFY, O_LOSS_COMMAND, O_LOSS_TIMEOUT, O_FIELD, O_HELP
 } OptionId;
 
 enum { RENDER = 1, GRAD = 2, FIT = 4, CHECK = 8, BENCH = 16, EXPLAIN = 32, BUILD = 64, ALL = 127, RUN = RENDER | GRAD | FIT | CHECK | BENCH };
@@ -63,6 +63,7 @@ static const Option options[] = {
     {O_ESTIMATOR, "--estimator", "NAME", ALL, "lattice, scanline, snap-knn, snap-crofton or fd"},
     {O_NEAR_MISS, "--near-miss", "on|off|auto", ALL, "look for features between the samples"},
     {O_VARIANT, "--variant", "argmin|forced|path", ALL, "the paper's branch index or two-sided variant, or regions by path, for comparison"},
+    {O_FIELD, "--field", "mipmap|cone|naive", ALL, "what finds where rays meet a heightfield (default mipmap); the answers are the same"},
     {O_WIDTH, "--width", "W", ALL, "SIMD lanes; 1 is scalar"},
     {O_TARGET_CPU, "--target-cpu", "NAME", ALL, "native, avx512, avx2 or sse2"},
     {O_INTERPRET, "--interpret", NULL, RUN, "run in the interpreter (slow, the oracle)"},
@@ -227,7 +228,7 @@ static int apply_rates(Cli *c, const char *name, const char *v, Assign *list, ui
 
 static int apply(Cli *c, const Option *o, const char *v) {
     static const char *const filters[] = {"box", "tent", "gaussian"}, *const estimators[] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"},
-                             *const optimizers[] = {"adam", "sgd", "lbfgs"};
+                             *const optimizers[] = {"adam", "sgd", "lbfgs"}, *const structures[] = {"mipmap", "cone", "naive"};
     uint64_t whole = 0;
     double number = 0;
     int pick;
@@ -345,6 +346,10 @@ static int apply(Cli *c, const Option *o, const char *v) {
     case O_LOSS_TIMEOUT:
         if (!parse_number(v, 1e-3, 1e9, &number)) return cli_usage(c, "--loss-timeout: `%s` is not a time in seconds", v);
         c->loss_timeout = number, c->loss_timeout_given = true;
+        break;
+    case O_FIELD:
+        CHOICE(structures);
+        c->opt.field = (SltStructure)(SLT_STRUCTURE_MIPMAP + pick);
         break;
     case O_AT: c->at = v; break;
     case O_EXPR: c->expr = v; break;

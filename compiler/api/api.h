@@ -5,8 +5,17 @@
 #include "compiler/back/back.h"
 #include "compiler/pass/pass.h"
 #include "runtime/base/status.h"
+#include "runtime/field/field.h"
 #include "runtime/sample/estimate.h"
 #include "saltus/saltus.h"
+
+/* What a heightfield's structure knows, and which of its heights have changed since (x0 >= x1: none). */
+typedef struct FieldState {
+    uint32_t wanted, built;      /* bit (1 << SltFieldWhat): in compiled kernels; in the structure */
+    uint32_t x0, y0, x1, y1;     /* vertices, y upwards */
+    uint32_t made, refreshed;    /* how often; tests look */
+    uint64_t refreshed_heights;
+} FieldState;
 
 struct SltProgram {
     Session *session;
@@ -33,6 +42,9 @@ struct SltProgram {
     uint32_t *cull_counts;
     uint8_t *site_kind, *site_static;
     uint8_t *dense;         /* per float: some reverse kernel adds to its adjoint in place */
+    const SltField **fields;     /* [prog->nfields]; NULL: no compiled kernel asks it anything */
+    uint32_t *field_base, *field_count;
+    FieldState *field_state;
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane); /* print(); NULL: silent */
     void *print_user;
     double ms_front, ms_passes, ms_llvm;
@@ -46,6 +58,13 @@ struct SltProgram {
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
 void api_forget_gradients(SltProgram *p); /* the kernels that depend on what is differentiated */
 void api_free_kernels(SltProgram *p);
+/* fields.c */
+bool api_fields_init(SltProgram *p);
+void api_fields_free(SltProgram *p);
+void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new, flt[base..] still old */
+uint32_t api_field_queries(const Fn *fn, uint32_t field);            /* bit (1 << SltFieldWhat) for every fieldop on it */
+void api_fields_want(SltProgram *p, const Fn *fn);                   /* fn will run: what it asks is made by the next api_fields */
+SltStatus api_fields(SltProgram *p, SltError *err);                  /* makes and refreshes what compiled kernels ask */
 /* values.c */
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count);
 SltStatus api_load_assets(SltProgram *p, SltError *err);

@@ -65,6 +65,7 @@ static void fill_scene(SltProgram *p) {
     s->site_kind = p->site_kind, s->site_static = p->site_static;
     s->near_miss = near_miss(p);
     s->uses_rand = g->uses_rand;
+    s->fields = p->fields, s->nfields = g->nfields, s->field_base = p->field_base, s->field_count = p->field_count;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
@@ -104,9 +105,11 @@ static void build_body(Session *s, void *arg) {
     double start = now_ms();
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull; c++) pipeline_kernel(&p->passes, p->prog->cull_bounds[c]);
+        for (uint32_t c = 0; c < p->prog->ncull; c++) pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_fields_want(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;
     if (set.fn[K_EVENT]) p->scene.event_depth = set.event_depth;
+    if (set.fn[K_REGION] || set.fn[K_SIDES]) p->scene.has_depth = set.has_depth;
+    if (set.fn[K_EVENT] || set.fn[K_SITE] || set.fn[K_SITE_GRAD]) p->scene.has_window = set.has_window;
 
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + 64];
@@ -115,6 +118,7 @@ static void build_body(Session *s, void *arg) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
         p->tape[k] = set.tape[k];
+        api_fields_want(p, set.fn[k]);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
             back_dense_adjoints(set.fn[k], p->dense);
@@ -176,6 +180,8 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
+    SltStatus fields = api_fields(p, err);
+    if (fields != SLT_OK) return fields;
     fill_scene(p);
     if (!p->scene.width) p->scene.width = 16;
     return SLT_OK;

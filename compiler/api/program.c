@@ -122,7 +122,7 @@ static SltStatus fill_program(SltProgram *p) {
     p->ints = calloc(ni, sizeof(int32_t));
     p->wrt = calloc(nf, 1);
     p->asset_loaded = calloc(prog->nparams + 1, sizeof(bool));
-    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded) return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
+    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded || !api_fields_init(p)) return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
     if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
     if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
     api_params_changed(p, 0, prog->nfloats);
@@ -154,6 +154,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     } else {
         target_host(&p->target);
     }
+    if ((unsigned)o.field > SLT_STRUCTURE_NAIVE) return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o.field);
     Compile c = {.p = p, .path = path, .text = text, .shown = shown};
     int unwound = session_protect(s, compile_body, &c);
     if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
@@ -170,6 +171,7 @@ SltStatus slt_compile_string(const char *source, const char *shown_name, const S
 void slt_program_free(SltProgram *p) {
     if (!p) return;
     api_free_kernels(p);
+    api_fields_free(p);
     free(p->floats);
     free(p->flt);
     free(p->ints);

@@ -34,6 +34,14 @@ typedef struct SltSet {
     const char *value; /* a literal of the constant's type */
 } SltSet;
 
+/* What finds where a ray meets a heightfield. All give the same answers, bit for bit. */
+typedef enum SltStructure {
+    SLT_STRUCTURE_AUTO,   /* the maximum mipmap: docs/command.md has the measurement */
+    SLT_STRUCTURE_MIPMAP, /* maxima of blocks of cells; follows changing heights in milliseconds */
+    SLT_STRUCTURE_CONE,   /* safety shapes: slow to make, for heights that stay */
+    SLT_STRUCTURE_NAIVE   /* cell by cell: the oracle */
+} SltStructure;
+
 /* Size-tagged: a later version of the library adds members behind these. Start from SLT_OPTIONS_INIT. */
 typedef struct SltOptions {
     size_t size;
@@ -57,6 +65,7 @@ typedef struct SltOptions {
     bool path_hash;                 /* regions told apart by the path taken, not by where the output came from, for comparison */
     const char *dump;               /* name of a pass whose IR is printed to standard error, or "all" */
     bool verify;                    /* verify the IR after every pass */
+    SltStructure field;             /* of heightfields that are searched */
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.size = sizeof(SltOptions), .near_miss = -1})
 #define SLT_JOB_INIT ((SltJob){.size = {512, 512, 1}, .spp = 4})

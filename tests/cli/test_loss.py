@@ -164,6 +164,20 @@ class Loss(Case):
         self.assertLess(j["loss"], j["initial_loss"])
         self.fit("--iters", 12, mode="step", when=0, code=1)
 
+    def test_example(self):
+        """examples/external_loss: discs find their way to a target that they do not touch, which squared differences do not show them."""
+        here = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../examples/external_loss")
+        for name in ("discs.salt", "mover.py"):
+            shutil.copy(os.path.join(here, name), self.path(name))
+        self.run_cli("render", "discs.salt", "--size", 32, "--spp", 64, "--param", "discs[0].centre=0.7,0.7", "--param", "discs[0].radius=0.16", "--param", "discs[1].centre=0.35,0.3", "-o", "target.pfm")
+        common = ["fit", "discs.salt", "--target", "target.pfm", "--size", 32, "--iters", 150, "--lr", "0.01"]
+        d = self.json_cli(*common, "--loss-command", sys.executable + " mover.py")["params"]["discs"]
+        for got, want in ((d[0]["centre"], (0.7, 0.7)), (d[1]["centre"], (0.35, 0.3))):
+            for a, b in zip(got, want):
+                self.assertAlmostEqual(a, b, delta=0.02)
+        self.assertAlmostEqual(d[0]["radius"], 0.16, delta=0.01)
+        self.assertLess(self.json_cli(*common)["params"]["discs"][0]["radius"], 0.06)
+
     def test_usage(self):
         self.run_cli("fit", "e.salt", "--loss-command", "true", "--minimize", code=2)
         self.run_cli("fit", "e.salt", "--loss-command", "true", "--loss-timeout", "soon", code=2)

@@ -35,6 +35,7 @@ static const Example examples[] = {
     {"checkerboard_tree/tree.salt", "--set DEPTH=12", "48x48", NULL},
     {"csg/csg.salt", "", "24x24x24", NULL},
     {"raymarch/raymarch.salt", "", "48x40", NULL},
+    {"external_loss/discs.salt", "", "48x48", NULL},
 };
 enum { EXAMPLES_N = sizeof examples / sizeof *examples };
 

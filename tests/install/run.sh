@@ -65,3 +65,13 @@ SALTUS_STDLIB=$prefix/share/saltus/stdlib consumer/static || fail "the static co
 export PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name saltus.pc)")
 $CC "$here/consumer/consumer.c" -o by_pkg_config $(pkg-config --cflags --libs saltus) -lm
 LD_LIBRARY_PATH=$(dirname "$library") ./by_pkg_config || fail "the pkg-config consumer"
+
+# The program with a loss of its own in docs/library.md does what the page says it prints.
+root=$here/../..
+awk '/^```c$/ { n++; on = n == 2; next } /^```$/ { on = 0 } on' "$root/docs/library.md" >own_loss.c
+awk '/^```salt$/ && !done { on = 1; next } /^```$/ { if (on) done = 1; on = 0 } on' "$root/README.md" >disc_of_readme.salt
+$CC -std=c17 -Wall -Wextra -Werror own_loss.c -o own_loss $(pkg-config --cflags --libs saltus)
+said=$(LD_LIBRARY_PATH=$(dirname "$library") ./own_loss disc_of_readme.salt) || fail "the loss of its own"
+radius() { sed -n 's/.*loss .* at radius \([0-9.]*\).*/\1/p'; }
+shown=$(grep '^    loss .* at radius' "$root/docs/library.md" | radius)
+awk -v a="$(echo "$said" | radius)" -v b="$shown" 'BEGIN { exit !(a > 0.5 && a - b < 0.01 && b - a < 0.01) }' || fail "a loss of its own: \`$said\`, the page shows $shown"
