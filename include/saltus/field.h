@@ -22,11 +22,13 @@ extern "C" {
 typedef enum SltFieldWhat {
     SLT_FIELD_TRACE,      /* the first point of [t0, t1] that is blocked: its triangle, AT_T0 (blocked at the start already), or WALL (entering the box below its rim) */
     SLT_FIELD_OCCLUDED,   /* as TRACE, but any blocked point will do */
-    SLT_FIELD_CLEARANCE,  /* where (ray - terrain) / t is least over the part of [t0, t1] inside the box, t0 > 0: an edge, AT_T0 or AT_T1 */
+    SLT_FIELD_CLEARANCE,  /* where (ray - terrain) / t is least over the part of [t0, t1] inside the box, t0 > 0: an edge, AT_T0 or AT_T1. The earliest of equals */
     SLT_FIELD_SHADOW,     /* CLEARANCE for its sign and zero set only: exact where |ray - terrain| < band, else any blocked point, or NONE. Cheaper */
     SLT_FIELD_SILHOUETTE, /* rays: ox oy oz dx dy - kmin kmax. The first local maximum of k(t) = (terrain - oz) / t along (dx, dy), t > 0, above all before it, with
-                             kmin < k < kmax: an edge (a border edge where the terrain ends while k rises) */
-    SLT_FIELD_RISE,       /* the first local maximum of k after t0, before t1: an edge, or AT_T0 if k falls from t0 on. The top of what a ray blocked at t0 runs into */
+                             kmin < k < kmax: an edge (a border edge where the terrain ends while k rises). k is looked at where the ray crosses edges, so an
+                             origin on the surface, up to rounding, is well defined; one below it is taken for one on it */
+    SLT_FIELD_RISE,       /* the first local maximum of k after t0, before t1: an edge, AT_T0 if k falls from t0 on, or AT_T1 if it rises up to t1. The top of what a ray
+                             blocked at t0 runs into */
     SLT_FIELD_WHATS
 } SltFieldWhat;
 
@@ -36,6 +38,7 @@ enum {
     SLT_FIELD_NONE = -1,  /* nothing: a miss, no part of [t0, t1] in the box, or a ray with a NaN */
     SLT_FIELD_AT_T0 = -2,
     SLT_FIELD_AT_T1 = -3,
+    /* A direction so small that 1 / dx overflows counts as 0; an infinite t as 1e30 (f64: 1e300); t0 of CLEARANCE, SHADOW and RISE is raised to 1e-30 (1e-300). */
     SLT_FIELD_WALL = -4   /* -4: x = 0, -5: x = w-1, -6: y = 0, -7: y = h-1 */
 };
 

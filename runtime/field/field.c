@@ -1,0 +1,134 @@
+/* Making, refreshing and freeing fields; which kernels serve which structure. */
+#include "internal.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static FieldIsa best_isa(void) {
+#if defined(__x86_64__)
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw")) return FIELD_ISA_AVX512;
+    if (__builtin_cpu_supports("avx2")) return FIELD_ISA_AVX2;
+    return FIELD_ISA_SSE2;
+#else
+    return FIELD_ISA_SCALAR;
+#endif
+}
+
+const FieldKernels *field_kernels(FieldIsa isa) {
+#if defined(__x86_64__)
+    switch (isa) {
+    case FIELD_ISA_AVX512: return &field_avx512;
+    case FIELD_ISA_AVX2: return &field_avx2;
+    case FIELD_ISA_SSE2: return &field_sse2;
+    case FIELD_ISA_SCALAR:
+    case FIELD_ISA_BEST:
+    case FIELD_ISAS: break;
+    }
+#else
+    (void)isa;
+#endif
+    return &field_scalar;
+}
+
+static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", "AVX-512"};
+
+/* RISE walks from where a ray is blocked to the next ridge, a few cells: no structure helps it. */
+static const uint32_t all_queries = (1u << SLT_FIELD_WHATS) - 1, searching = all_queries & ~(1u << SLT_FIELD_RISE);
+
+static void set_queries(Field *f) {
+    const FieldKernels *k = field_kernels(f->isa);
+    for (int what = 0; what < SLT_FIELD_WHATS; what++) {
+        SltFieldQuery *q = f->mip.data ? k->query[f->f64][what] : NULL;
+        f->shared.query[what] = q ? q : field_naive[f->f64][what];
+    }
+}
+
+static SltStatus check(const Field *f, SltError *err) {
+    const FieldOptions *o = &f->options;
+    const uint32_t w = f->shared.w, h = f->shared.h;
+    if (w < 2 || h < 2) return status_fail(err, SLT_USAGE, "a heightfield needs at least 2 x 2 heights, not %u x %u", w, h);
+    /* Edges are numbered in an int32. */
+    if (w > MIP_MAX_SIDE || h > MIP_MAX_SIDE || (uint64_t)w * h > INT32_MAX / 4) return status_fail(err, SLT_LIMIT, "a heightfield of %u x %u heights is too large", w, h);
+    if (!(o->band >= 0) || !(o->slack >= 0)) return status_fail(err, SLT_USAGE, "band and slack of a heightfield must not be negative");
+    if (o->isa < 0 || o->isa >= FIELD_ISAS || o->isa > best_isa()) return status_fail(err, SLT_USAGE, "this machine has no such instruction set");
+    if (o->structure == FIELD_CONE) return status_fail(err, SLT_USAGE, "safety shapes are not in this build");
+    return SLT_OK;
+}
+
+SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o, SltError *err) {
+    *out = NULL;
+    Field *f = calloc(1, sizeof *f);
+    if (!f) return status_fail(err, SLT_LIMIT, "out of memory for a heightfield");
+    if (o) f->options = *o;
+    if (!f->options.queries) f->options.queries = all_queries;
+    f->f64 = f64;
+    f->shared.w = w;
+    f->shared.h = h;
+    f->shared.band = f->options.band;
+    f->shared.slack = f->options.slack;
+    f->shared.structure = f;
+    SltStatus status = check(f, err);
+    if (status != SLT_OK) {
+        free(f);
+        return status;
+    }
+    f->isa = f->options.isa ? f->options.isa : best_isa();
+    if (f->options.structure == FIELD_MIPMAP && f->options.queries & searching && !mipmap_make(f, heights)) {
+        field_free(&f->shared);
+        return status_fail(err, SLT_LIMIT, "out of memory for the levels of a heightfield of %u x %u", w, h);
+    }
+    if (f->mip.data) snprintf(f->text, sizeof f->text, "maximum mipmap, %d levels, %s", (int)f->mip.top, isa_names[f->isa]);
+    else snprintf(f->text, sizeof f->text, "cell by cell");
+    set_queries(f);
+    *out = &f->shared;
+    return SLT_OK;
+}
+
+void field_refresh(SltField *field, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) {
+    Field *f = (Field *)field;
+    x1 = x1 < field->w ? x1 : field->w;
+    y1 = y1 < field->h ? y1 : field->h;
+    if (x0 < x1 && y0 < y1 && f->mip.data) mipmap_refresh(f, heights, x0, y0, x1, y1);
+}
+
+void field_free(SltField *field) {
+    if (!field) return;
+    Field *f = (Field *)field;
+    mipmap_free(&f->mip);
+    free(f);
+}
+
+size_t field_bytes(const SltField *field) { return field_impl(field)->mip.data ? field_impl(field)->mip.count * sizeof(float) : 0; }
+
+const char *field_describe(const SltField *field) { return field_impl(field)->text; }
+
+void field_count(const SltField *field, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+    const Field *f = field_impl(field);
+    if (f->mip.data) field_scalar_count(f, what, heights, rays, mask, width, id, counts);
+    else field_naive_count(f, what, heights, rays, mask, width, id, counts);
+}
+
+uint32_t field_silhouettes(const SltField *field, const void *heights, const void *o, const void *d, double kmin, double kmax, int32_t *id, uint32_t cap, FieldCounts *counts) {
+    const Field *f = field_impl(field);
+    Slice slice = {id, cap, 0};
+    float ray32[8] = {0};
+    double ray64[8] = {0};
+    const void *ray;
+    if (f->f64) {
+        memcpy(ray64, o, 3 * sizeof *ray64);
+        memcpy(ray64 + 3, d, 2 * sizeof *ray64);
+        ray64[6] = kmin, ray64[7] = kmax;
+        ray = ray64;
+    } else {
+        memcpy(ray32, o, 3 * sizeof *ray32);
+        memcpy(ray32 + 3, d, 2 * sizeof *ray32);
+        ray32[6] = (float)kmin, ray32[7] = (float)kmax;
+        ray = ray32;
+    }
+    if (f->mip.data) field_scalar_slice(f, heights, ray, &slice, counts);
+    else field_naive_slice(f, heights, ray, &slice, counts);
+    if (counts) counts->rays++;
+    return slice.count;
+}

@@ -1,0 +1,47 @@
+/* The packets of packet.inc.h for any machine: one ray at a time. The counting entries are here too; CMakeLists.txt gives this file its -m flags. */
+#include "internal.h"
+
+#include <math.h>
+
+#define LANES 1
+#define F64 0
+#include "simd.h"
+#include "leaf.h"
+#include "packet.inc.h"
+#undef LANES
+#undef F64
+#define LANES 1
+#define F64 1
+#include "simd.h"
+#include "leaf.h"
+#include "packet.inc.h"
+#include "rows.inc.h"
+
+const FieldKernels field_scalar = {
+    .query = {{trace_f32x1, trace_f32x1, clearance_f32x1, shadow_f32x1, silhouette_f32x1, NULL},
+              {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, NULL}},
+    .first_level32 = first_level32,
+    .first_level64 = first_level64,
+    .next_level = next_level,
+};
+
+void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+#define COUNT(run)                                                                                                                                                          \
+    switch (what) {                                                                                                                                                         \
+    case SLT_FIELD_TRACE:                                                                                                                                                   \
+    case SLT_FIELD_OCCLUDED: run(f, SLT_FIELD_TRACE, heights, rays, mask, width, id, counts); break;                                                                        \
+    case SLT_FIELD_CLEARANCE: run(f, SLT_FIELD_CLEARANCE, heights, rays, mask, width, id, counts); break;                                                                   \
+    case SLT_FIELD_SHADOW: run(f, SLT_FIELD_SHADOW, heights, rays, mask, width, id, counts); break;                                                                         \
+    case SLT_FIELD_SILHOUETTE: run(f, SLT_FIELD_SILHOUETTE, heights, rays, mask, width, id, counts); break;                                                                 \
+    case SLT_FIELD_RISE:                                                                                                                                                    \
+    case SLT_FIELD_WHATS: field_naive_count(f, what, heights, rays, mask, width, id, counts); break;                                                                        \
+    }
+    if (f->f64) COUNT(packet_run_f64x1)
+    else COUNT(packet_run_f32x1)
+#undef COUNT
+}
+
+void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts) {
+    int32_t last = f->f64 ? packet_walk_f64x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts) : packet_walk_f32x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts);
+    if (last != SLT_FIELD_NONE) slice_add(slice, last);
+}
