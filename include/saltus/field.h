@@ -47,7 +47,7 @@ struct SltField;
  * answer at every width, in every lane, and from every structure. width <= 64. Never allocates or fails; thread-safe while nobody refreshes the field. */
 typedef void SltFieldQuery(const struct SltField *field, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id);
 
-/* What a kernel sees of a field; the runtime's own part lies behind it. */
+/* What a kernel sees of a field; the runtime's own part lies behind it. A copy with another slack may be queried too, as long as the original lives. */
 typedef struct SltField {
     SltFieldQuery *query[SLT_FIELD_WHATS];
     uint32_t w, h;       /* vertices, each at least 2 */

@@ -30,7 +30,16 @@ typedef struct Field {
     char text[96];
 } Field;
 
-static inline const Field *field_impl(const SltField *field) { return (const Field *)field; }
+static inline const Field *field_impl(const SltField *field) { return field->structure; }
+
+/* Of a query: the field may be a copy of ours with another slack (finite differences); then a copy of the whole is made in `room`. */
+static inline const Field *field_asked(const SltField *field, Field *room) {
+    const Field *f = field->structure;
+    if (field == &f->shared) return f;
+    *room = *f;
+    room->shared = *field;
+    return room;
+}
 
 /* Where field_silhouettes collects. */
 typedef struct Slice {

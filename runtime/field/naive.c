@@ -16,7 +16,8 @@
 
 #define QUERY(name, what, bits)                                                                                                                                             \
     static void name##_##bits(const SltField *field, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id) {                                  \
-        naive_run_f##bits##x1(field_impl(field), what, heights, rays, mask, width, id, NULL);                                                                              \
+        Field room;                                                                                                                                                        \
+        naive_run_f##bits##x1(field_asked(field, &room), what, heights, rays, mask, width, id, NULL);                                                                      \
     }
 #define QUERIES(bits)                                                                                                                                                       \
     QUERY(trace, SLT_FIELD_TRACE, bits)                                                                                                                                     \

@@ -154,7 +154,8 @@ INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, c
 
 #define PACKET_QUERY(name, what)                                                                                                                                            \
     static void FN(name)(const SltField *field, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id) {                                       \
-        packet_run(field_impl(field), what, heights, rays, mask, width, id, NULL);                                                                                         \
+        Field room;                                                                                                                                                        \
+        packet_run(field_asked(field, &room), what, heights, rays, mask, width, id, NULL);                                                                                 \
     }
 PACKET_QUERY(trace, SLT_FIELD_TRACE)
 PACKET_QUERY(clearance, SLT_FIELD_CLEARANCE)
