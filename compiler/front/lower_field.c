@@ -229,14 +229,25 @@ static Inst *clearance(Lower *l, const Terrain *t, const Ray *ray, Inst **search
     return sel(l, none, kf(l, __builtin_inf()), op2(l, OP_fdiv, over, sel(l, none, kf(l, 1), c.t)));
 }
 
+/* How much of t the ray lacks to touch the box: negative inside. The walls below the rim end at the corners of the box, where nothing else is 0. */
+static Inst *box_gap(Lower *l, const Terrain *t, const Ray *r) {
+    Inst *from = r->t0, *to = r->t1, *o[2] = {r->x, r->y}, *d[2] = {r->dx, r->dy};
+    for (int i = 0; i < 2; i++) {
+        Inst *a = op2(l, OP_fdiv, op1(l, OP_fneg, o[i]), d[i]), *b = op2(l, OP_fdiv, sub(l, kf(l, (i ? t->h : t->w) - 1.0), o[i]), d[i]);
+        from = op2(l, OP_fmax, from, op2(l, OP_fmin, a, b));
+        to = op2(l, OP_fmin, to, op2(l, OP_fmax, a, b));
+    }
+    return sub(l, from, to);
+}
+
 /* The site of a ray that is blocked at t: hit, with the clearance of the pair's window as g. */
 static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, Inst *hit, Inst *at, Span span) {
     Inst *far = kf(l, __builtin_inf());
     Ray behind = *r;
     behind.t0 = sel(l, hit, at, far);
     Inst *id = query(l, t, SLT_FIELD_RISE, &behind);
-    Contact c = contact(l, t, &behind, id, false);
-    Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), c.t, sel(l, is(l, id, SLT_FIELD_AT_T0), behind.t0, far));
+    Contact peak = contact(l, t, &behind, id, false);
+    Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), peak.t, sel(l, is(l, id, SLT_FIELD_AT_T0), behind.t0, far));
     /* One cell of the ray's way. */
     Inst *margin = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy))));
     Inst *pair[3] = {behind.t0, top, margin};
@@ -245,8 +256,10 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
     Ray window = *r;
     window.t0 = op2(l, OP_fmax, op2(l, OP_fmax, r->t0, lo), mul(l, margin, kf(l, 0x1p-10)));
     window.t1 = op2(l, OP_fmin, r->t1, hi);
-    Inst *search;
-    return site_field(l, kind, hit, clearance(l, t, &window, &search), span);
+    Inst *search, *c = clearance(l, t, &window, &search), *gap = box_gap(l, t, r);
+    Inst *none = is(l, search, SLT_FIELD_NONE), *outside = op2(l, OP_flt, kf(l, 0), gap);
+    Inst *g = sel(l, none, sel(l, outside, gap, far), op2(l, OP_fmax, c, gap));
+    return site_field(l, kind, hit, g, span);
 }
 
 static Val trace(Lower *l, Expr *e, const Terrain *t, const Ray *r, const Val *o, const Val *d) {
