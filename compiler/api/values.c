@@ -146,8 +146,6 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, 
         else if (json_is_number(j)) s->floats[c->f++] = json_number_value(j);
         else if (json_is_string(j) && !strcmp(json_string_value(j), "inf")) s->floats[c->f++] = INFINITY;
         else if (json_is_string(j) && !strcmp(json_string_value(j), "-inf")) s->floats[c->f++] = -INFINITY;
-        else if (json_is_string(j) && !strcmp(json_string_value(j), "inf")) s->floats[c->f++] = INFINITY;
-        else if (json_is_string(j) && !strcmp(json_string_value(j), "-inf")) s->floats[c->f++] = -INFINITY;
         else return bad_value(s, path, "a number");
         return SLT_OK;
     case T_BOOL:
@@ -269,8 +267,20 @@ static json_t *parse_json(const char *text, const char *shown, SltError *err) {
     return j;
 }
 
+static SltStatus read_image_param(Stage *s, const Param *q, const char *path);
+
+/* {"file": "dem.exr"}: of a texture or a heightfield, relative to the folder of the text. */
+static SltStatus read_named_file(Stage *s, const Param *q, const char *file) {
+    char path[4096];
+    const char *slash = strrchr(s->shown, '/');
+    if (snprintf(path, sizeof path, "%.*s%s", slash && file[0] != '/' ? (int)(slash + 1 - s->shown) : 0, s->shown, file) >= (int)sizeof path) return status_fail(s->err, SLT_INPUT, "%s: the path is too long", s->shown);
+    return read_image_param(s, q, path);
+}
+
 static SltStatus read_param(Stage *s, const Param *q, json_t *j) {
     ShapeCursor c = {q->fbase, q->ibase};
+    json_t *file = q->is_texture || q->is_heightfield ? json_object_get(j, "file") : NULL;
+    if (json_is_string(file) && json_object_size(j) == 1) return read_named_file(s, q, json_string_value(file));
     return q->is_texture || q->is_heightfield ? read_texels(s, j, q, &c) : read_value(s, j, q->type, &c, q->name);
 }
 
@@ -439,10 +449,38 @@ SltStatus api_load_assets(SltProgram *p, SltError *err) {
     return SLT_OK;
 }
 
+/* Rows of texels, or an object (a file of `fit`) that holds them under the name of the parameter that `path` was given for. */
+static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint32_t *ndims, const char **why) {
+    SltError err = {0};
+    uint8_t *bytes = NULL;
+    size_t size;
+    json_t *root = NULL, *rows;
+    if (file_read_all(path, &bytes, &size, &err) == SLT_OK) root = parse_json((const char *)bytes, path, &err);
+    free(bytes);
+    if (!root) {
+        *why = arena_printf(&p->session->session, "%s", err.text);
+        return false;
+    }
+    rows = root;
+    for (uint32_t k = 0; k < p->opt.nparam_files && json_is_object(root); k++)
+        if (!strcmp(p->opt.param_files[k].value, path)) rows = json_object_get(root, p->opt.param_files[k].name);
+    json_t *texel = json_array_get(json_array_get(rows, 0), 0);
+    bool ok = json_is_number(texel) || (json_is_array(texel) && json_array_size(texel));
+    if (ok) {
+        dims[0] = (uint32_t)json_array_size(json_array_get(rows, 0)), dims[1] = (uint32_t)json_array_size(rows), dims[2] = json_is_array(texel) ? (uint32_t)json_array_size(texel) : 1;
+        *ndims = 3;
+    } else {
+        *why = "rows of texels are wanted";
+    }
+    json_decref(root);
+    return ok;
+}
+
 /* Dimensions of an asset, for the front end. */
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
     SltProgram *p = user;
     SltError err = {0};
+    if ((kind == 't' || kind == 'h') && ends_with(path, ".json")) return probe_texels(p, path, dims, ndims, why);
     if (kind == 't' || kind == 'h') {
         Image im;
         ImageReadOptions raw = {.raw = kind == 'h'};

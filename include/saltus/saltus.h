@@ -120,7 +120,7 @@ SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const dou
 SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err);
 /* "0.3", "[0.1, 0.2]", JSON of the parameter's shape, or "@file" (.csv .json .exr .npy .png ...). */
 SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err);
-/* All parameters as the JSON that `fit` writes, and back. The string is malloc'd. */
+/* All parameters as the JSON that `fit` writes, and back. The string is malloc'd. A texture or heightfield may also be {"file": "dem.exr"}, relative to the folder in shown_name. */
 char *slt_params_json(const SltProgram *p);
 SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err);
 

@@ -325,6 +325,18 @@ shader float main(float2 x) { return t.sample(x).x + h.height(2.0 * x - 1.0) + l
         self.put("f.salt", "param heightfield h = zeros(2, 2);\nshader float main(float2 x) { return h.height(x); }\n")
         j = self.json_cli("fit", "f.salt", "--params", "p.json", "--minimize", "--iters", 0)
         self.assertEqual(j["params"]["h"], [[0.5, 1], [2, 3]])
+        # rows as JSON, bare or in a file of fit, also of another size; a file named in JSON
+        for text in ([[1, 2, 3], [4, 5, 6]], {"h": [[1, 2, 3], [4, 5, 6]], "other": 3}):
+            self.put("r.json", json.dumps(text))
+            j = self.json_cli("fit", "f.salt", "--param", "h=@r.json", "--minimize", "--iters", 0)
+            self.assertEqual(j["params"]["h"], [[1, 2, 3], [4, 5, 6]])
+        self.put("d/p.json", json.dumps({"h": {"file": "two.npy"}}))
+        self.put("d/two.npy", write_npy((2, 2), [1.0, 2.0, 3.0, 4.0]))
+        self.assertEqual(self.json_cli("fit", "f.salt", "--params", "d/p.json", "--minimize", "--iters", 0)["params"]["h"], [[1, 2], [3, 4]])
+        for bad in ([1, 2], [], {"k": [[1]]}, [["a"]], [[1, 2], [3]], {"h": {"file": "none.npy"}}):
+            self.put("r.json", json.dumps(bad))
+            self.assertIn("r.json", self.run_cli("render", "f.salt", "--param", "h=@r.json", "--size", 4, code=4).err)
+            self.run_cli("render", "f.salt", "--params", "r.json", "--size", 4, code=4)
 
 
 if __name__ == "__main__":
