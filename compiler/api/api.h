@@ -61,7 +61,7 @@ void api_free_kernels(SltProgram *p);
 /* fields.c */
 bool api_fields_init(SltProgram *p);
 void api_fields_free(SltProgram *p);
-void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new, flt[base..] still old */
+void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new, flt[base..] still old: marks the heights that become others */
 uint32_t api_field_queries(const Fn *fn, uint32_t field);            /* bit (1 << SltFieldWhat) for every fieldop on it */
 void api_fields_want(SltProgram *p, const Fn *fn);                   /* fn will run: what it asks is made by the next api_fields */
 SltStatus api_fields(SltProgram *p, SltError *err);                  /* makes and refreshes what compiled kernels ask */

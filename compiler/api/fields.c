@@ -46,28 +46,33 @@ void api_fields_free(SltProgram *p) {
     free(p->field_state);
 }
 
-/* The float vector is about to take `values` at base: which heights become others? Rows of the data run downwards, those of the field upwards. */
+static bool same_bits(const SltProgram *p, uint64_t i) {
+    if (p->opt.f64) return !memcmp(&((const double *)p->flt)[i], &p->floats[i], sizeof(double));
+    float v = (float)p->floats[i];
+    return !memcmp(&((const float *)p->flt)[i], &v, sizeof v);
+}
+
+static void mark(FieldState *s, uint32_t x0, uint32_t x1, uint32_t y) {
+    if (s->x0 >= s->x1) s->x0 = x0, s->x1 = x1, s->y0 = y, s->y1 = y + 1; /* the first */
+    if (x0 < s->x0) s->x0 = x0;
+    if (x1 > s->x1) s->x1 = x1;
+    if (y < s->y0) s->y0 = y;
+    if (y >= s->y1) s->y1 = y + 1;
+}
+
 void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count) {
     for (uint32_t f = 0; p->field_state && f < p->prog->nfields; f++) {
-        FieldState *s = &p->field_state[f];
         const FieldInfo *info = &p->prog->fields[f];
         uint64_t first = info->base, end = first + (uint64_t)info->w * info->h, from = base > first ? base : first, to = (uint64_t)base + count < end ? (uint64_t)base + count : end;
-        if (!p->fields[f]) continue; /* made from whatever the heights are then */
-        for (uint64_t i = from; i < to; i++) {
-            bool same;
-            if (p->opt.f64) {
-                same = !memcmp(&((const double *)p->flt)[i], &p->floats[i], sizeof(double));
-            } else {
-                float v = (float)p->floats[i];
-                same = !memcmp(&((const float *)p->flt)[i], &v, sizeof v);
-            }
-            if (same) continue;
-            uint32_t x = (uint32_t)((i - first) % info->w), y = info->h - 1 - (uint32_t)((i - first) / info->w);
-            if (s->x0 >= s->x1) s->x0 = x, s->x1 = x + 1, s->y0 = y, s->y1 = y + 1;
-            if (x < s->x0) s->x0 = x;
-            if (x >= s->x1) s->x1 = x + 1;
-            if (y < s->y0) s->y0 = y;
-            if (y >= s->y1) s->y1 = y + 1;
+        if (!p->fields[f]) continue; /* it will be made from whatever the heights are then */
+        /* Row by row, from both sides to what differs. Rows of the data run downwards, those of the field upwards. */
+        for (uint64_t i = from, next; i < to; i = next) {
+            uint64_t row = (i - first) / info->w, start = first + row * info->w, last = start + info->w;
+            next = last < to ? last : to;
+            uint64_t a = i, b = next;
+            while (a < b && same_bits(p, a)) a++;
+            while (b > a && same_bits(p, b - 1)) b--;
+            if (a < b) mark(&p->field_state[f], (uint32_t)(a - start), (uint32_t)(b - start), info->h - 1 - (uint32_t)row);
         }
     }
 }

@@ -79,7 +79,7 @@ typedef struct Optimiser Optimiser;
 /* optimise.c ---------------------------------------------------------------------------------- */
 
 /* NULL with err set: SLT_USAGE for a bad config (the text names the parameter's index), SLT_LIMIT
- * for memory or a grid beyond 2^22 cells. Factorises the Laplacians: 2 s for 512 x 512. */
+ * for memory or a grid beyond 2^22 cells. */
 Optimiser *optimise_create(const OptimiseConfig *config, SltError *err);
 void optimise_free(Optimiser *o);
 

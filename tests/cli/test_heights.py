@@ -14,6 +14,7 @@ SCENES = {
     "shadow": "float f = 1.0; [Disc] if (h.clearance(float3(x, h.height(x)), float3(0.4, 0.2, sun), 0.05, 1e9) < 0.0) f = 0.1; return f;",
     "clearance": "return h.clearance(float3(x, h.height(x)), float3(0.4, 0.2, sun), 0.05, 1e9);",
     "view": "[Disc] Hit v = h.trace(float3(x, 1.0), float3(0.1, 0.9, -sun), 0.0, 1e9); return v.hit ? 1.0 : 0.0;",
+    "cast": "[Disc] bool b = h.occluded(float3(x, 0.5), float3(0.4, 0.2, -sun), 0.0, 1e9); return b ? 0.0 : 1.0;",
     "silhouette": "Silhouette s = h.silhouette(float3(x, 1.0), float2(1.0, 0.1), -sun, 1.0); return s.found ? s.slope : 0.0;",
 }
 ALL = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise"}
@@ -54,6 +55,8 @@ class Structures(Case):
         self.assertIn("silhouette of h: no kernel asks", text)
         self.explain("view")
         self.assertRegex(self.run_cli("explain", "view.salt").out, r"view\.salt:\d+:\d+  silhouette")
+        self.assertEqual([s["kind"] for s in self.explain("view")["sites"]], ["silhouette"])
+        self.assertEqual([s["kind"] for s in self.explain("cast")["sites"]], ["shadow"])
         self.explain("plain")
         text = self.run_cli("explain", "plain.salt").out
         self.assertIn("structures built\n  none", text)
@@ -83,6 +86,24 @@ class Structures(Case):
                     seen.add(json.dumps([j["integral"], j["gradient"], j["crossings"]]))
                 self.assertEqual(len(seen), 1, name)
         self.run_cli("render", "trace.salt", "--field", "tree", code=2)
+
+    def test_views_of_their_own(self):
+        """Two views, each with a heightfield of its own: each is seen with its own, iteration after iteration."""
+        self.put("v.salt", "[NoDiff] [Height(0.3, 0.0)] param heightfield h = zeros(9, 9);\nparam float albedo = 0.5;\nshader float main(float2 x) {\n"
+                 "    [NoDisc] Hit v = h.trace(float3(x, 1.0), float3(0.0, 0.0, -1.0), 0.0, 1e9);\n    return albedo * v.t;\n}\n")
+        for name, height, albedo in (("a", 1.0, 0.8), ("b", 2.0, 0.8)):
+            self.put(name + ".npy", write_npy((9, 9), [height] * 81))
+            self.run_cli("render", "v.salt", "--param", "h=@%s.npy" % name, "--param", "albedo=%g" % albedo, "--size", 8, "-o", name + ".exr")
+        scene = {"shader": "v.salt", "size": [8, 8], "spp": 2, "params": {"albedo": {"grad": True, "lr": 0.02}},
+                 "views": [{"target": n + ".exr", "params": {"h": {"file": n + ".npy"}}} for n in "ab"], "optimizer": {"iters": 80}}
+        self.put("scene.json", json.dumps(scene))
+        j = self.json_cli("fit", "scene.json")
+        self.assertAlmostEqual(j["params"]["albedo"], 0.8, delta=0.01)
+        self.assertLess(j["loss"], 1e-4)
+        self.assertEqual(j["params"]["h"][0][0], 0)
+        del scene["views"][1]["params"]  # seen with zeros, the second target cannot be met
+        self.put("scene.json", json.dumps(scene))
+        self.assertGreater(self.json_cli("fit", "scene.json")["loss"], 0.01)
 
     def test_explain_at(self):
         self.put("h_17x17.f32", struct.pack("<289f", *[(x * 7 + y * 13) % 11 / 11 for y in range(17) for x in range(17)]))
