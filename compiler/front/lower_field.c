@@ -202,18 +202,23 @@ static Contact contact(Lower *l, const Terrain *t, const Ray *r, Inst *id, bool 
     Inst *diagonal = sub(l, add(l, add(l, fi, fj), kf(l, 1)), add(l, r->x, r->y));
     Inst *num = sel(l, k0, sub(l, fj, r->y), sel(l, k1, sub(l, fi, r->x), diagonal));
     Inst *den = sel(l, k0, r->dy, sel(l, k1, r->dx, add(l, r->dx, r->dy)));
-    Inst *at = op2(l, OP_fdiv, num, sel(l, op2(l, OP_ile, ki(l, 0), id), den, kf(l, 1)));
-    Inst *upper = kb(l, false);
-    if (ends) {
-        Inst *end = op2(l, OP_ilt, id, ki(l, 0));
-        at = sel(l, end, sel(l, is(l, id, SLT_FIELD_AT_T1), r->t1, r->t0), at);
-        Cell c = cell_at(l, t, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)));
-        i = sel(l, end, c.i0, i);
-        j = sel(l, end, c.j0, j);
-        range_set(l, i, 0, (int64_t)t->w - 1);
-        range_set(l, j, 0, (int64_t)t->h - 1);
-        upper = op2(l, OP_band, end, op1(l, OP_bnot, c.lower));
+    Inst *at = mul(l, num, op2(l, OP_fdiv, kf(l, 1), sel(l, op2(l, OP_ile, ki(l, 0), id), den, kf(l, 1))));
+    if (!ends) {
+        /* On the edge itself, in the order of operations of the search (runtime/field/leaf.h): a walk from silhouette to silhouette asks above the slope it was given, and must not find the
+         * same one again. */
+        Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)), *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
+        Inst *x = add(l, r->x, mul(l, at, r->dx)), *y = add(l, r->y, mul(l, at, r->dy));
+        Inst *a = raw_at(l, t, i, sel(l, op2(l, OP_bor, k0, k1), j, j1)), *b = raw_at(l, t, sel(l, k1, i, i1), sel(l, k1, j1, j));
+        return (Contact){at, add(l, a, mul(l, sel(l, k1, sub(l, y, fj), sub(l, x, fi)), sub(l, b, a)))};
     }
+    Inst *end = op2(l, OP_ilt, id, ki(l, 0));
+    at = sel(l, end, sel(l, is(l, id, SLT_FIELD_AT_T1), r->t1, r->t0), at);
+    Cell c = cell_at(l, t, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)));
+    i = sel(l, end, c.i0, i);
+    j = sel(l, end, c.j0, j);
+    range_set(l, i, 0, (int64_t)t->w - 1);
+    range_set(l, j, 0, (int64_t)t->h - 1);
+    Inst *upper = op2(l, OP_band, end, op1(l, OP_bnot, c.lower));
     Plane p = plane(l, t, i, j, upper);
     return (Contact){at, plane_height(l, &p, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)))};
 }
