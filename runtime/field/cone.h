@@ -33,6 +33,7 @@ typedef struct FieldCones {
     bool relaxed;     /* a step may cross the surface once */
     FieldConeOptions options;
     float lowest, step; /* base = lowest + step * (packed & 0xffff); slope: the float of packed & 0xffff0000, >= 0. Both rounded up */
+    double magnitude;   /* the largest finite |height| */
     uint32_t *packed;
     uint8_t *radius; /* NULL: 0 everywhere */
 } FieldCones;

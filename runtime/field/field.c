@@ -37,12 +37,32 @@ static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", 
 /* RISE walks from where a ray is blocked to the next ridge, a few cells: no structure helps it. */
 static const uint32_t all_queries = (1u << SLT_FIELD_WHATS) - 1, searching = all_queries & ~(1u << SLT_FIELD_RISE);
 
+static const uint32_t hits = 1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
+
+static bool make_cones(Field *f, const void *heights) {
+    const FieldOptions *o = &f->options;
+    const FieldConeOptions options = {.directional = o->cone_directional, .exact = o->cone_exact, .bounded = o->max_slope != 0, .max_slope = o->max_slope};
+    if (!cone_build(&f->cones, heights, f->f64, f->shared.w, f->shared.h, &options)) return false;
+    if (f->cones.magnitude > f->magnitude) f->magnitude = f->cones.magnitude;
+    return true;
+}
+
+static void describe(Field *f) {
+    char cones[64] = "", levels[64] = "";
+    const FieldCones *c = &f->cones;
+    if (c->packed) snprintf(cones, sizeof cones, "%s%s safety shapes, ", c->classes > 1 ? "directional " : "", c->relaxed ? "cylinder-cone" : "cone");
+    if (f->mip.data) snprintf(levels, sizeof levels, "maximum mipmap, %d levels, ", (int)f->mip.top);
+    if (c->packed || f->mip.data) snprintf(f->text, sizeof f->text, "%s%s%s", cones, levels, isa_names[f->isa]);
+    else snprintf(f->text, sizeof f->text, "cell by cell");
+}
+
 static void set_queries(Field *f) {
     const FieldKernels *k = field_kernels(f->isa);
     for (int what = 0; what < SLT_FIELD_WHATS; what++) {
         SltFieldQuery *q = f->mip.data ? k->query[f->f64][what] : NULL;
         f->shared.query[what] = q ? q : field_naive[f->f64][what];
     }
+    if (f->cones.packed) f->shared.query[SLT_FIELD_TRACE] = f->shared.query[SLT_FIELD_OCCLUDED] = k->cone[f->f64];
 }
 
 static SltStatus check(const Field *f, SltError *err) {
@@ -53,7 +73,6 @@ static SltStatus check(const Field *f, SltError *err) {
     if (w > MIP_MAX_SIDE || h > MIP_MAX_SIDE || (uint64_t)w * h > INT32_MAX / 4) return status_fail(err, SLT_LIMIT, "a heightfield of %u x %u heights is too large", w, h);
     if (!(o->band >= 0) || !(o->slack >= 0)) return status_fail(err, SLT_USAGE, "band and slack of a heightfield must not be negative");
     if (o->isa < 0 || o->isa >= FIELD_ISAS || o->isa > best_isa()) return status_fail(err, SLT_USAGE, "this machine has no such instruction set");
-    if (o->structure == FIELD_CONE) return status_fail(err, SLT_USAGE, "safety shapes are not in this build");
     return SLT_OK;
 }
 
@@ -75,12 +94,12 @@ SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t
         return status;
     }
     f->isa = f->options.isa ? f->options.isa : best_isa();
-    if (f->options.structure == FIELD_MIPMAP && f->options.queries & searching && !mipmap_make(f, heights)) {
+    const uint32_t cones = f->options.structure == FIELD_CONE ? f->options.queries & hits : 0, levels = f->options.structure == FIELD_NAIVE ? 0 : f->options.queries & searching & ~cones;
+    if ((levels && !mipmap_make(f, heights)) || (cones && !make_cones(f, heights))) {
         field_free(&f->shared);
-        return status_fail(err, SLT_LIMIT, "out of memory for the levels of a heightfield of %u x %u", w, h);
+        return status_fail(err, SLT_LIMIT, "out of memory for the structure of a heightfield of %u x %u", w, h);
     }
-    if (f->mip.data) snprintf(f->text, sizeof f->text, "maximum mipmap, %d levels, %s", (int)f->mip.top, isa_names[f->isa]);
-    else snprintf(f->text, sizeof f->text, "cell by cell");
+    describe(f);
     set_queries(f);
     *out = &f->shared;
     return SLT_OK;
@@ -90,23 +109,34 @@ void field_refresh(SltField *field, const void *heights, uint32_t x0, uint32_t y
     Field *f = (Field *)field;
     x1 = x1 < field->w ? x1 : field->w;
     y1 = y1 < field->h ? y1 : field->h;
-    if (x0 < x1 && y0 < y1 && f->mip.data) mipmap_refresh(f, heights, x0, y0, x1, y1);
+    if (x0 >= x1 || y0 >= y1) return;
+    if (f->mip.data) mipmap_refresh(f, heights, x0, y0, x1, y1);
+    if (!f->cones.packed) return;
+    /* A height limits shapes all over the field, so all are made again; without memory for that, cell by cell it is. */
+    cone_free(&f->cones);
+    if (!make_cones(f, heights)) describe(f);
+    set_queries(f);
 }
 
 void field_free(SltField *field) {
     if (!field) return;
     Field *f = (Field *)field;
     mipmap_free(&f->mip);
+    cone_free(&f->cones);
     free(f);
 }
 
-size_t field_bytes(const SltField *field) { return field_impl(field)->mip.data ? field_impl(field)->mip.count * sizeof(float) : 0; }
+size_t field_bytes(const SltField *field) {
+    const Field *f = field_impl(field);
+    return (f->mip.data ? f->mip.count * sizeof(float) : 0) + (f->cones.packed ? cone_bytes(&f->cones) : 0);
+}
 
 const char *field_describe(const SltField *field) { return field_impl(field)->text; }
 
 void field_count(const SltField *field, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
     const Field *f = field_impl(field);
-    if (f->mip.data) field_scalar_count(f, what, heights, rays, mask, width, id, counts);
+    if (f->cones.packed && hits >> what & 1 && !(f->cones.relaxed && field->slack > 0)) field_scalar_cone_count(f, heights, rays, mask, width, id, counts);
+    else if (f->mip.data) field_scalar_count(f, what, heights, rays, mask, width, id, counts);
     else field_naive_count(f, what, heights, rays, mask, width, id, counts);
 }
 

@@ -34,7 +34,9 @@ typedef struct FieldOptions {
     uint32_t queries; /* bit 1 << SltFieldWhat; 0: all */
     float band;       /* SLT_FIELD_SHADOW, raw height units; infinity makes it CLEARANCE */
     float slack;      /* see SltField */
-    float max_slope;  /* cones: no ray is steeper than this in grid space; 0: no bound */
+    bool cone_exact;       /* cones: from the triangles that limit instead of from all terrain in rings: slower to make */
+    bool cone_directional; /* cones: four a cell, by the main direction of a ray */
+    float max_slope;       /* cones: made for rays that rise at most so much a unit of horizontal length in grid space, others go cell by cell; 0: no bound */
     FieldIsa isa;     /* for tests; a wider one than the machine has is SLT_USAGE */
 } FieldOptions;
 

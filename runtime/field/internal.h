@@ -2,6 +2,7 @@
 #ifndef SALTUS_RUNTIME_FIELD_INTERNAL_H
 #define SALTUS_RUNTIME_FIELD_INTERNAL_H
 
+#include "cone.h"
 #include "field.h"
 
 enum {
@@ -16,6 +17,7 @@ typedef struct Mipmap {
     int32_t base[MIP_LEVELS], stride[MIP_LEVELS]; /* entry 0 is that of level 1, so that a lane that is at a cell looks up something valid */
     int32_t rows[MIP_LEVELS];
     int32_t top;  /* the last level */
+    int32_t sidex, sidey; /* powers of two, at least the cells in x and y and 2^top: mirrored indices (packet.inc.h) */
     float max;    /* over all heights */
     size_t count; /* of data */
 } Mipmap;
@@ -27,6 +29,7 @@ typedef struct Field {
     bool f64;
     double magnitude; /* at least the largest finite |height| seen since the field was made: what rounding errors are measured with */
     Mipmap mip;       /* data NULL where no query needs it */
+    FieldCones cones; /* packed NULL likewise */
     char text[96];
 } Field;
 
@@ -55,6 +58,7 @@ static inline void slice_add(Slice *s, int32_t id) {
 /* One line of level 1 from the three (or two: c == b) rows of vertices that its cells touch; returns the largest finite |height|. Compiled for each instruction set. */
 typedef struct FieldKernels {
     SltFieldQuery *query[2][SLT_FIELD_WHATS]; /* [f64] */
+    SltFieldQuery *cone[2];                   /* trace and occluded by safety shapes (cone.inc.h) */
     float (*first_level32)(const float *a, const float *b, const float *c, uint32_t w, float *out, float *scratch);
     double (*first_level64)(const double *a, const double *b, const double *c, uint32_t w, float *out, float *scratch);
     void (*next_level)(const float *a, const float *b, uint32_t w, float *out);
@@ -68,6 +72,7 @@ void field_naive_slice(const Field *f, const void *heights, const void *ray, Sli
 /* packet_*.c */
 extern const FieldKernels field_scalar, field_sse2, field_avx2, field_avx512;
 void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts);
+void field_scalar_cone_count(const Field *f, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts);
 void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts); /* ray: width 1 */
 
 /* mipmap.c */

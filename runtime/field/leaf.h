@@ -160,10 +160,11 @@ typedef struct Leaf {
     vm last_lower; /* the triangle before the exit */
 } Leaf;
 
-INLINE void leaf_test(Leaf *l, const Ray *r, const flt *heights, int w, int h, vi i, vi j, vf t, vm on) {
+/* tx, ty: where the ray leaves the cell's column and its row, line_x(i + sx) and line_y(j + sy). */
+INLINE void leaf_test(Leaf *l, const Ray *r, const flt *heights, int w, int h, vi i, vi j, vf t, vf tx, vf ty, vm on) {
     const vi one = i_all(1);
     vf x0 = i_flt(i), y0 = i_flt(j);
-    vf tx = line_x(r, i + r->sx), ty = line_y(r, j + r->sy), tout = f_min(tx, ty);
+    vf tout = f_min(tx, ty);
     l->xexit = m_le(tx, ty);
     l->end = m_lt(r->t1, tout);
     l->te = f_min(r->t1, tout);

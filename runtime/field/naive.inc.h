@@ -33,7 +33,7 @@ static int32_t naive_ray(const Field *f, SltFieldWhat what, const flt *heights, 
     search_start(&s, what, &r, start, id, -1);
     flt t = r.te;
     for (int n = 0; n < w + h && !s.done; n++) {
-        leaf_test(&l, &r, heights, w, h, i, j, t, -1);
+        leaf_test(&l, &r, heights, w, h, i, j, t, line_x(&r, i + r.sx), line_y(&r, j + r.sy), -1);
         search_leaf(&s, what, &r, &l, w, i, j, -1);
         if (counts) counts->cells++;
         if (slice && s.done && s.id != SLT_FIELD_NONE) { /* a peak: the same cell again, now above it */

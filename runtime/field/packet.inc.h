@@ -4,14 +4,33 @@
  * That a node may be skipped is always one inequality, z + slope * t > maximum at the worse end of the node: slope is dz for TRACE, dz minus the best F / t so far for CLEARANCE (is there a point
  * with a smaller one?), the best slope so far for SILHOUETTE. z is lowered by `slack` and by more than all rounding errors of the test and of leaf.h, so no decision of leaf.h is lost. */
 #define packet_load FN(packet_load)
+#define packet_begin FN(packet_begin)
+#define packet_move FN(packet_move)
+#define packet_node FN(packet_node)
+#define packet_cell FN(packet_cell)
+#define packet_line_x FN(packet_line_x)
+#define packet_line_y FN(packet_line_y)
 #define packet_walk FN(packet_walk)
 #define packet_run FN(packet_run)
-#define Bound FN(Bound)
+#define Packet FN(Packet)
 
-/* z of the skipping test, and how it follows `best`. */
-typedef struct Bound {
-    vf z, zband, reach; /* reach: longest |t|, times the rounding unit */
-} Bound;
+/* Where a walk begins: at a point of the terrain, high above it. */
+#ifndef START_NEAR
+#define START_NEAR 1
+#define START_FAR 4
+#endif
+
+/* i and j are mirrored where the direction is negative, i' = N - 1 - i with N a power of two: every ray then walks towards larger i', j', and a mirrored index is one xor away from the real one. The line after cell i' is the real
+ * line (i' ^ flip) + s, s as in Ray. */
+typedef struct Packet {
+    Ray r;
+    Search s;
+    vf t, tx, ty;        /* where the lane is; where it leaves its node in x and in y */
+    vi i, j, level;
+    vi flipx, flipy;
+    vf z, zband, reach;  /* z of the skipping test; reach: the longest |t| times the rounding unit, how z follows `best` */
+    vm on, falling;      /* falling: dz < 0 */
+} Packet;
 
 INLINE vm packet_load(Ray *r, Search *s, SltFieldWhat what, const Field *f, const flt *rays, uint32_t width, vm on) {
     r->ox = f_load(rays), r->oy = f_load(rays + width), r->oz = f_load(rays + 2 * width);
@@ -27,110 +46,143 @@ INLINE vm packet_load(Ray *r, Search *s, SltFieldWhat what, const Field *f, cons
     return on;
 }
 
-INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on, Slice *slice, FieldCounts *counts) {
+/* `last` is the last cell of a node: its exit line. */
+INLINE vf packet_line_x(const Packet *p, vi last) { return line_x(&p->r, (last ^ p->flipx) + p->r.sx); }
+INLINE vf packet_line_y(const Packet *p, vi last) { return line_y(&p->r, (last ^ p->flipy) + p->r.sy); }
+
+INLINE void packet_begin(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on) {
     const int w = (int)f->shared.w, h = (int)f->shared.h;
     const Mipmap *m = &f->mip;
-    const vi one = i_all(1), zero = i_all(0);
-    Ray r;
-    Search s;
-    Bound b;
-    Leaf leaf;
-    vi i, j, start_id;
-    on = packet_load(&r, &s, what, f, rays, width, on);
-    on = ray_setup(&r, w, h, on);
-    if (!m_any(on)) return s.id;
+    const vi zero = i_all(0), one = i_all(1);
+    Ray *r = &p->r;
+    vi i, j;
+    on = packet_load(r, &p->s, what, f, rays, width, on);
+    on = ray_setup(r, w, h, on);
 
     const flt unit = F64 ? (flt)0x1p-48 : (flt)0x1p-19; /* 32 units in the last place: twice the sum of all errors */
     const flt magnitude = (flt)f->magnitude + (flt)f->shared.slack;
-    b.reach = f_max(f_abs(r.te), f_abs(r.tl)) * f_all(unit);
-    vf error = f_abs(r.oz) * f_all(unit) + (f_abs(r.dz) * b.reach + f_all(magnitude * unit + FLT_TINY));
-    b.z = r.oz - (error + f_all((flt)f->shared.slack));
-    b.zband = b.z - s.limit;
-    ray_locate(&r, r.te, on, w, h, &i, &j);
-    vf start = ray_start(&r, heights, w, h, i, j, on, &start_id);
-    search_start(&s, what, &r, start, start_id, on);
+    p->reach = f_max(f_abs(r->te), f_abs(r->tl)) * f_all(unit);
+    vf error = f_abs(r->oz) * f_all(unit) + (f_abs(r->dz) * p->reach + f_all(magnitude * unit + FLT_TINY));
+    p->z = r->oz - (error + f_all((flt)f->shared.slack));
+    p->zband = p->z - p->s.limit;
+    p->falling = m_lt(r->dz, f_all(0));
 
-    vi level = i_all(m->top < 4 ? m->top : 4);
-    i &= zero - (one << level);
-    j &= zero - (one << level);
-    vf t = r.te;
-    on &= m_not(s.done) & m_lt(r.te, r.tl); /* a ray that only touches the box has no cells */
-    while (m_any(on)) {
-        vi size = one << level;
-        vm at_cell = on & mi_eq(level, zero), at_node = on & m_not(at_cell);
-        vm xexit = m_make(0), leave = m_make(0);
-        vf tout = t;
-        if (m_any(at_node)) {
-            vf tx = line_x(&r, i + (size & (zero - r.sx))), ty = line_y(&r, j + (size & (zero - r.sy)));
-            tout = f_min(tx, ty);
-            xexit = m_le(tx, ty);
-            vf tend = f_min(tout, r.tl);
-            vf slope, z = b.z;
-            if (what == SLT_FIELD_TRACE) slope = r.dz;
-            else if (what == SLT_FIELD_SILHOUETTE) slope = s.best, z = z - f_abs(s.best) * b.reach;
-            else slope = r.dz - s.best, z = z - f_abs(s.best) * b.reach;
-            vf low = z + slope * f_sel(m_lt(slope, f_all(0)), tend, t);
-            if (what == SLT_FIELD_SHADOW) {
-                vf band = b.zband + r.dz * f_sel(m_lt(r.dz, f_all(0)), tend, t);
-                low = f_sel(m_lt(low, band), band, low);
-                low = f_sel(m_eq(low, low), low, band);
-            }
-            vi at = i_lookup(m->base, level) + (j >> level) * i_lookup(m->stride, level) + (i >> level);
-            vf most = mip_gather(m->data, at, at_node);
-            leave = at_node & m_lt(most, low);
-            if (counts) counts->nodes++;
-            vm down = at_node & m_not(leave);
-            vi half = size >> one;
-            /* The child that the ray is in after t: on the far side of the middle line if that is crossed already. */
-            vm crossx = m_not(m_lt(t, line_x(&r, i + half))), crossy = m_not(m_lt(t, line_y(&r, j + half)));
-            vm upx = (crossx & r.xpos) | (m_not(crossx) & m_not(r.xpos)), upy = (crossy & r.ypos) | (m_not(crossy) & m_not(r.ypos));
-            i = i_sel(down & upx, i + half, i);
-            j = i_sel(down & upy, j + half, j);
-            level = i_sel(down, level - one, level);
-        }
-        if (m_any(at_cell)) {
-            leaf_test(&leaf, &r, heights, w, h, i, j, t, at_cell);
-            search_leaf(&s, what, &r, &leaf, w, i, j, at_cell);
-            if (counts) counts->cells++;
-            if (slice && m_any(s.done) && m_any(m_not(mi_eq(s.id, i_all(SLT_FIELD_NONE))))) { /* one lane: a peak; the same cell again, now above it */
-                int32_t peak[LANES];
-                i_store(peak, s.id);
-                slice_add(slice, peak[0]);
-                s.id = i_all(SLT_FIELD_NONE), s.done = m_make(0);
-                search_leaf(&s, what, &r, &leaf, w, i, j, at_cell);
-            }
-            tout = f_sel(at_cell, leaf.te, tout);
-            xexit = (at_cell & leaf.xexit) | (m_not(at_cell) & xexit);
-            leave |= at_cell;
-            on &= m_not(s.done & at_cell);
-        }
-        if (what == SLT_FIELD_SILHOUETTE) { /* all in the node is lower: what was found is a peak */
-            vm peaks = leave & m_not(at_cell) & m_lt(t, tout) & m_not(mi_eq(s.id, i_all(SLT_FIELD_NONE)));
-            if (!slice) {
-                on &= m_not(peaks);
-            } else if (m_any(peaks)) {
-                int32_t peak[LANES];
-                i_store(peak, s.id);
-                slice_add(slice, peak[0]);
-                s.id = i_all(SLT_FIELD_NONE);
-            }
-        }
-        leave &= on;
-        t = f_sel(leave, tout, t);
-        on &= m_not(leave & m_le(r.tl, t));
-        /* To the neighbour, and up a level where it has another parent. */
-        vi stepx = i_sel(r.xpos, size, zero - size), stepy = i_sel(r.ypos, size, zero - size);
-        vm lx = leave & xexit, ly = leave & m_not(xexit);
-        i = i_sel(lx, i + stepx, i);
-        j = i_sel(ly, j + stepy, j);
-        vi side = i_sel(xexit, i_sel(r.xpos, i, i + size), i_sel(r.ypos, j, j + size)) & size;
-        vm up = leave & mi_eq(side, zero) & mi_gt(i_all(m->top), level);
-        level = i_sel(up, level + one, level);
-        vi keep = zero - (one << level);
-        i = i_sel(up, i & keep, i);
-        j = i_sel(up, j & keep, j);
+    /* Above the highest point of all nothing happens. */
+    vf from = r->te;
+    if (what == SLT_FIELD_TRACE || what == SLT_FIELD_SHADOW) {
+        vf z = p->z;
+        if (what == SLT_FIELD_SHADOW) z = p->zband;
+        vf cross = (f_all((flt)m->max) - z) / r->dz, less = f_abs(cross) * f_all(F64 ? (flt)0x1p-48 : (flt)0x1p-20);
+        vm above = m_lt(f_all((flt)m->max), z + r->dz * r->te);
+        from = f_sel(p->falling & above, f_max(cross - less, r->te), r->te);
+        on &= p->falling | m_not(above);
+        r->tl = f_sel(m_lt(f_all(0), r->dz), f_min(cross + less, r->tl), r->tl);
     }
-    return s.id;
+    ray_locate(r, from, on, w, h, &i, &j);
+    vm start = on & m_eq(from, r->te);
+    if (m_any(start)) {
+        vi id;
+        vf terrain = ray_start(r, heights, w, h, i, j, start, &id);
+        search_start(&p->s, what, r, terrain, id, start);
+    }
+    on &= m_not(p->s.done) & m_lt(from, r->tl); /* a ray that only touches the box has no cells */
+    p->on = on;
+    p->t = from;
+    p->flipx = i_sel(r->xpos, zero, i_all(m->sidex - 1)), p->flipy = i_sel(r->ypos, zero, i_all(m->sidey - 1));
+    p->level = i_sel(start, i_all(START_NEAR < m->top ? START_NEAR : m->top), i_all(START_FAR < m->top ? START_FAR : m->top));
+    vi size = one << p->level;
+    p->i = (i ^ p->flipx) & (zero - size);
+    p->j = (j ^ p->flipy) & (zero - size);
+    p->tx = packet_line_x(p, p->i + (size - one));
+    p->ty = packet_line_y(p, p->j + (size - one));
+}
+
+/* The lanes `leave` go to the neighbour of their node, and up a level where that has another parent; the lanes `down` to the child that they are in after t: on the far side of the middle line if that is crossed
+ * already. Either way one new line is needed in each direction: `size` of the new level after the corner. */
+INLINE void packet_move(Packet *p, int top, vm leave, vm down) {
+    const vi zero = i_all(0), one = i_all(1);
+    vi size = one << p->level;
+    vm xexit = m_le(p->tx, p->ty), lx = leave & xexit, ly = leave & m_not(xexit);
+    vi i = i_sel(lx, p->i + size, p->i), j = i_sel(ly, p->j + size, p->j);
+    vm up = leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(top), p->level);
+    p->level = i_sel(down, p->level - one, i_sel(up, p->level + one, p->level));
+    size = one << p->level;
+    vi keep = zero - size, last = size - one;
+    i = i_sel(up, i & keep, i), j = i_sel(up, j & keep, j);
+    vf tx = packet_line_x(p, i + last), ty = packet_line_y(p, j + last);
+    vm farx = down & m_not(m_lt(p->t, tx)), fary = down & m_not(m_lt(p->t, ty));
+    p->i = i_sel(farx, i + size, i);
+    p->j = i_sel(fary, j + size, j);
+    vm move = leave | down;
+    p->tx = f_sel(move & m_not(farx), tx, p->tx);
+    p->ty = f_sel(move & m_not(fary), ty, p->ty);
+}
+
+/* All lanes above level 0 look at their node. */
+INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *slice) {
+    vm look = p->on & m_not(mi_eq(p->level, i_all(0)));
+    vf tout = f_min(p->tx, p->ty), tend = f_min(tout, p->r.tl), slope, z = p->z, low;
+    if (what == SLT_FIELD_TRACE) {
+        low = z + p->r.dz * f_sel(p->falling, tend, p->t);
+    } else {
+        if (what == SLT_FIELD_SILHOUETTE) slope = p->s.best;
+        else slope = p->r.dz - p->s.best;
+        z = z - f_abs(p->s.best) * p->reach;
+        low = z + slope * f_sel(m_lt(slope, f_all(0)), tend, p->t);
+        if (what == SLT_FIELD_SHADOW) low = f_max(low, p->zband + p->r.dz * f_sel(p->falling, tend, p->t)); /* the second where the first is NaN */
+    }
+    vi at = i_lookup(m->base, p->level) + ((p->j ^ p->flipy) >> p->level) * i_lookup(m->stride, p->level) + ((p->i ^ p->flipx) >> p->level);
+    vm leave = look & m_lt(mip_gather(m->data, at, look), low), down = look & m_not(leave);
+    if (what == SLT_FIELD_SILHOUETTE) { /* all in the node is lower: what was found is a peak */
+        vm peaks = leave & m_lt(p->t, tout) & m_not(mi_eq(p->s.id, i_all(SLT_FIELD_NONE)));
+        if (!slice) {
+            p->on &= m_not(peaks);
+        } else if (m_any(peaks)) {
+            int32_t peak[LANES];
+            i_store(peak, p->s.id);
+            slice_add(slice, peak[0]);
+            p->s.id = i_all(SLT_FIELD_NONE);
+        }
+    }
+    p->t = f_sel(leave, tout, p->t);
+    p->on &= m_not(leave & m_le(p->r.tl, p->t));
+    packet_move(p, m->top, leave & p->on, down);
+}
+
+/* All lanes at level 0 test their cell. */
+INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, vm look, Slice *slice) {
+    const int w = (int)f->shared.w, h = (int)f->shared.h;
+    Leaf leaf;
+    vi i = p->i ^ p->flipx, j = p->j ^ p->flipy;
+    leaf_test(&leaf, &p->r, heights, w, h, i, j, p->t, p->tx, p->ty, look);
+    search_leaf(&p->s, what, &p->r, &leaf, w, i, j, look);
+    if (slice && m_any(p->s.done) && m_any(m_not(mi_eq(p->s.id, i_all(SLT_FIELD_NONE))))) { /* one lane: a peak; the same cell again, now above it */
+        int32_t peak[LANES];
+        i_store(peak, p->s.id);
+        slice_add(slice, peak[0]);
+        p->s.id = i_all(SLT_FIELD_NONE), p->s.done = m_make(0);
+        search_leaf(&p->s, what, &p->r, &leaf, w, i, j, look);
+    }
+    p->t = f_sel(look, leaf.te, p->t);
+    p->on &= m_not(look & (p->s.done | m_le(p->r.tl, p->t)));
+    packet_move(p, f->mip.top, look & p->on, m_make(0));
+}
+
+INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on, Slice *slice, FieldCounts *counts) {
+    Packet p;
+    packet_begin(&p, f, what, heights, rays, width, on);
+    while (m_any(p.on)) {
+        vm cells = p.on & mi_eq(p.level, i_all(0));
+        if (m_any(p.on & m_not(cells))) {
+            if (counts) counts->nodes++;
+            packet_node(&p, &f->mip, what, slice);
+        }
+        if (m_any(cells)) {
+            if (counts) counts->cells++;
+            packet_cell(&p, f, what, heights, cells, slice);
+        }
+    }
+    return p.s.id;
 }
 
 INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {

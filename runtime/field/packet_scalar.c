@@ -8,6 +8,7 @@
 #include "simd.h"
 #include "leaf.h"
 #include "packet.inc.h"
+#include "cone.inc.h"
 #undef LANES
 #undef F64
 #define LANES 1
@@ -15,11 +16,13 @@
 #include "simd.h"
 #include "leaf.h"
 #include "packet.inc.h"
+#include "cone.inc.h"
 #include "rows.inc.h"
 
 const FieldKernels field_scalar = {
     .query = {{trace_f32x1, trace_f32x1, clearance_f32x1, shadow_f32x1, silhouette_f32x1, NULL},
               {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, NULL}},
+    .cone = {cone_trace_f32x1, cone_trace_f64x1},
     .first_level32 = first_level32,
     .first_level64 = first_level64,
     .next_level = next_level,
@@ -39,6 +42,11 @@ void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, 
     if (f->f64) COUNT(packet_run_f64x1)
     else COUNT(packet_run_f32x1)
 #undef COUNT
+}
+
+void field_scalar_cone_count(const Field *f, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+    if (f->f64) cone_run_f64x1(f, heights, rays, mask, width, id, counts);
+    else cone_run_f32x1(f, heights, rays, mask, width, id, counts);
 }
 
 void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts) {

@@ -9,6 +9,7 @@
 #include "simd.h"
 #include "leaf.h"
 #include "packet.inc.h"
+#include "cone.inc.h"
 #undef LANES
 #undef F64
 #define LANES 1
@@ -16,11 +17,13 @@
 #include "simd.h"
 #include "leaf.h"
 #include "packet.inc.h"
+#include "cone.inc.h"
 #include "rows.inc.h"
 
 const FieldKernels field_sse2 = {
     .query = {{trace_f32x4, trace_f32x4, clearance_f32x4, shadow_f32x4, silhouette_f32x4, NULL},
               {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, NULL}},
+    .cone = {cone_trace_f32x4, cone_trace_f64x1},
     .first_level32 = first_level32,
     .first_level64 = first_level64,
     .next_level = next_level,
