@@ -30,8 +30,7 @@ enum {
 #define BRACKET_JUMP 0x1p-6
 /* ... and a bisection leaves a jump this part of it. */
 #define KEEPS 0.75
-/* Whether a ray is blocked is decided by other arithmetic than its clearance: brackets are wider than the difference. */
-#define PAD_ULPS 8
+#define PAD_ULPS 8 /* of the domain, see padding */
 /* g changes this many times faster on the bracket than on the segment: its window does not fit. */
 #define MISFIT 64.0
 
@@ -89,19 +88,29 @@ static void put(Finder *f, uint32_t lane, const Segment *s, double t) {
     batch_set_stream(f->b, lane, s->stream, s->rand0);
 }
 
-/* A unit in the last place of the position, as a part of the whole segment. */
-static double ulp(const Finder *f, const Segment *s) {
+/* 2^-15 of the whole segment, or two units in the last place of the position. */
+static double tolerance(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len;
+    return fmax(0x1p-15, 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
-/* 2^-15 of the whole segment, or two units in the last place. */
-static double tolerance(const Finder *f, const Segment *s) {
-    return fmax(0x1p-15, 2 * ulp(f, s));
+static bool is_field(const SltScene *s, int32_t site) {
+    return s->has_window && (s->site_kind[site] == SLT_SITE_FIELD || s->site_kind[site] == SLT_SITE_SHADOW);
+}
+
+/* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the
+ * position is: brackets of their roots are wider than what may lie between, by the ulps of the domain. */
+static double padding(const Finder *f, const Segment *s) {
+    double len = 0, mag = 0;
+    for (uint32_t d = 0; d < f->s->dim; d++) {
+        len = fmax(len, fabs(s->b[d] - s->a[d]));
+        mag = fmax(mag, fmax(fabs(f->s->lo[d]), fabs(f->s->hi[d])));
+    }
+    return PAD_ULPS * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len;
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -300,10 +309,6 @@ static void solve(Finder *f, Item *items, uint32_t n) {
 }
 
 /* ---- one batch */
-static bool is_field(const SltScene *s, int32_t site) {
-    return s->has_window && (s->site_kind[site] == SLT_SITE_FIELD || s->site_kind[site] == SLT_SITE_SHADOW);
-}
-
 /* Infinite where the window of a heightfield site is empty: still a side. */
 static bool usable(const Finder *f, const Item *it) {
     if (isfinite(it->ga) && isfinite(it->gb)) return true;
@@ -335,10 +340,14 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             f->dropped[SLT_DROP_STATIC]++;
         } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
+        } else if (it.s.tb - it.s.ta <= it.tol && is_field(f->s, it.site)) {
+            /* As near to the jump as can be: g is zero here but for rounding, or else its gradient will tell. */
+            it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
+            items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
             split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
         } else {
-            if (is_field(f->s, it.site)) it.pad = fmax(0.5 * it.tol, PAD_ULPS * ulp(f, &it.s));
+            if (is_field(f->s, it.site)) it.pad = fmax(0.5 * it.tol, padding(f, &it.s));
             root_begin(&it);
             items[kept++] = it;
         }
@@ -375,7 +384,9 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
     }
     if (!jumps) return;
     c.t = it->x1;
-    if (!it->exact) {
+    if (it->exact && it->s.tb - it->s.ta <= it->tol && is_field(f->s, it->site)) {
+        c.ga = it->ga, c.gb = it->gb;
+    } else if (!it->exact) {
         /* The secant inside the final bracket: much closer than its ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
         c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi); /* also where an end of g is infinite */
