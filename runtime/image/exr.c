@@ -558,8 +558,25 @@ static exr_result_t write_header(exr_context_t ctx, const Image *im) {
     return rc ? rc : exr_write_header(ctx);
 }
 
+/* A block that compression does not make smaller is stored as it is, and known by its size. 3.1.5
+ * keeps the compressed bytes of a block that comes out exactly as long, and reads them back as
+ * pixels: about one noisy block in a thousand. */
+typedef struct Compressor {
+    exr_result_t (*run)(exr_encode_pipeline_t *);
+} Compressor;
+
+static exr_result_t compress_or_store(exr_encode_pipeline_t *pipe) {
+    const Compressor *core = pipe->encoding_user_data;
+    exr_result_t rc = core->run(pipe);
+    if (!rc && pipe->compressed_bytes == pipe->packed_bytes) {
+        memcpy(pipe->compressed_buffer, pipe->packed_buffer, pipe->packed_bytes);
+    }
+    return rc;
+}
+
 static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *slots) {
     exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
+    Compressor core = {0};
     exr_chunk_info_t info;
     bool started = false;
     int32_t lines = 0;
@@ -582,6 +599,9 @@ static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *s
         }
         if (!rc && !started) {
             rc = exr_encoding_choose_default_routines(ctx, 0, &pipe);
+            core.run = pipe.compress_fn;
+            pipe.compress_fn = core.run ? compress_or_store : NULL;
+            pipe.encoding_user_data = &core;
         }
         started = true;
         rc = rc ? rc : exr_encoding_run(ctx, 0, &pipe);

@@ -97,6 +97,32 @@ static void exr_round_trip(void **state) {
     }
 }
 
+/* Noise with less and less of it, so that some block compresses to exactly its own size. */
+static void exr_noise(void **state) {
+    (void)state;
+    uint32_t seed = 1;
+    for (int trial = 0; trial < 400; trial++) {
+        Image im, back;
+        SltError err;
+        uint8_t *bytes;
+        size_t size;
+        must(image_create(&im, 16, 16, 1, &err), &err);
+        for (int i = 0; i < 256 - trial / 16; i++) {
+            seed = seed * 1664525u + 1013904223u;
+            uint32_t bits = seed ^ seed >> 15;
+            if ((bits >> 23 & 255) != 255) {
+                memcpy(&im.data[i], &bits, sizeof bits);
+            }
+        }
+        must(image_encode_exr("noise.exr", &im, &bytes, &size, &err), &err);
+        must(image_decode("noise.exr", bytes, size, NULL, &back, &err), &err);
+        assert_memory_equal(im.data, back.data, 256 * sizeof *im.data);
+        free(bytes);
+        image_free(&im);
+        image_free(&back);
+    }
+}
+
 static void exr_layers_and_attributes(void **state) {
     (void)state;
     static const char *const names[] = {"R",
@@ -559,6 +585,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exr_round_trip),
         cmocka_unit_test(exr_layers_and_attributes),
+        cmocka_unit_test(exr_noise),
         cmocka_unit_test(pfm_and_npy_round_trip),
         cmocka_unit_test(png_round_trip),
         cmocka_unit_test(png8_keeps_encoded_bytes),
