@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <strings.h>
 
 SltStatus image_create(Image *out, int width, int height, int channels, SltError *err) {
@@ -434,6 +435,20 @@ const char *image_path_extension(const char *path, char buf[16]) {
     return buf;
 }
 
+static SltStatus check_extension(const char *name, SltError *err) {
+    static const char *const known[] = {"exr", "png", "pfm", "npy", "f32", "hgt"};
+    char ext[16];
+    image_path_extension(name, ext);
+    for (size_t k = 0; k < sizeof known / sizeof *known; k++) {
+        if (strcmp(ext, known[k]) == 0) {
+            return SLT_OK;
+        }
+    }
+    return status_fail(err, SLT_INPUT,
+                       "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
+                       name);
+}
+
 SltStatus image_decode(const char *name, const void *bytes, size_t size,
                        const ImageReadOptions *opt, Image *out, SltError *err) {
     char ext[16];
@@ -457,15 +472,21 @@ SltStatus image_decode(const char *name, const void *bytes, size_t size,
     if (strcmp(ext, "hgt") == 0) {
         return image_decode_hgt(name, bytes, size, out, err);
     }
-    return status_fail(err, SLT_INPUT,
-                       "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
-                       name);
+    return check_extension(name, err);
 }
 
 SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, SltError *err) {
     uint8_t *bytes;
     size_t size;
     *out = (Image){0};
+    struct stat st;
+    if (stat(path, &st) == 0 && !S_ISREG(st.st_mode) && !S_ISDIR(st.st_mode)) {
+        /* a device may have no end: not a byte is read of what could not be decoded */
+        SltStatus known = check_extension(path, err);
+        if (known != SLT_OK) {
+            return known;
+        }
+    }
     SltStatus status = file_read_all(path, &bytes, &size, err);
     if (status == SLT_OK) {
         status = image_decode(path, bytes, size, opt, out, err);

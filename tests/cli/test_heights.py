@@ -138,6 +138,15 @@ class Structures(Case):
         rows = j["params"]["h"]
         self.assertAlmostEqual(sum(rows[y][7] for y in range(6, 11)) / 5, 0.35, delta=0.03)  # of the ridge, what the sun sees last
         self.assertTrue(all(rows[y][x] == 0 for y in range(17) for x in range(17) if not bump[17 * y + x]))
+        # A structure made anew in the middle answers as one that followed: the same bits on any number of threads, killed and resumed.
+        def strip(r):
+            r.pop("seconds")
+            return json.dumps(r)
+        args = ["fit", "scene.json", "--smooth", "h=2", "--seed", 3]
+        whole = strip(self.json_cli(*args, "--iters", 9, "--threads", 1))
+        self.assertEqual(strip(self.json_cli(*args, "--iters", 9, "--threads", 3)), whole)
+        self.json_cli(*args, "--iters", 4, "--checkpoint", "c.bin", "--every", 1)
+        self.assertEqual(strip(self.json_cli(*args, "--iters", 9, "--resume", "c.bin")), whole)
 
 
 if __name__ == "__main__":

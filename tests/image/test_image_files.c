@@ -612,6 +612,8 @@ static void missing_files(void **state) {
     assert_non_null(strstr(err.text, "No such file"));
     assert_int_equal(image_read(folder, NULL, &im, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "folder"));
+    assert_int_equal(image_read("/dev/zero", NULL, &im, &err), SLT_INPUT); /* and at once */
+    assert_non_null(strstr(err.text, "extension"));
     assert_int_equal(table_read(in_folder("a.xyz"), &t, &err), SLT_INPUT);
     must(image_create(&im, 2, 2, 1, &err), &err);
     assert_int_equal(image_write(in_folder("a.bmp"), &im, NULL, &err), SLT_USAGE);
