@@ -57,7 +57,7 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
         for (int s = 0; s < 4; s++) set_flt(p, b->in[IN_SEED0 + s], i, 1);
     }
     for (int i = 0; i < SLT_OUT_MAX; i++) b->args.out[i] = b->out[i];
-    b->args.params = p->flt, b->args.iparams = p->ints;
+    b->args.params = p->flt, b->args.iparams = p->ints, b->args.fields = p->fields;
     b->args.adj = b->adj;
     b->args.log = b->log, b->args.log_cap = 1u << 20;
     b->args.tape = b->tape, b->args.tape_bytes = tape;
@@ -82,6 +82,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     bool needs[K_KINDS] = {false};
     for (int k = 0; k < NSHOWN; k++) needs[shown[k]] = true;
     SltStatus status = api_kernels(p, needs, &err);
+    if (status == SLT_OK) status = api_fields(p, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     Buffers b = {0};
     if (!make_buffers(p, &b)) return free_buffers(&b), fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
