@@ -81,7 +81,7 @@ class Structures(Case):
             self.put(name + ".salt", HEAD + MAIN % SCENES[name])
             for width in (1, 16):  # sums over lanes depend on the width
                 seen = set()
-                for s in ("mipmap", "naive"):
+                for s in ("mipmap", "cone", "naive"):
                     j = self.json_cli("grad", name + ".salt", "--param", "h=@h_17x17.f32", "--wrt", "sun", "--samples", 2048, "--field", s, "--width", width)
                     seen.add(json.dumps([j["integral"], j["gradient"], j["crossings"]]))
                 self.assertEqual(len(seen), 1, name)
