@@ -13,7 +13,7 @@ enum {
     LOWEST = -24,      /* differences below 2^-24 are rounding */
     FEW = 16           /* fewer say nothing of what is usual here */
 };
-#define TIMES_MEDIAN 2.0
+#define TIMES_MEDIAN 1.0
 #define TIMES_NEIGHBOUR 1.5
 #define FLOOR 0x1p-14 /* log2 t of single precision, with room for a sum of a few */
 

@@ -19,6 +19,8 @@
 #include "runtime/sample/internal.h"
 
 enum { MAX_DEPTH = 60, MAX_TRIES = 2 };
+/* Between two halvings of a heightfield's segment there may be tries, and a cut beside a root. */
+#define DEPTH_OF(scene) ((scene)->has_window ? 2 * MAX_DEPTH : MAX_DEPTH)
 
 /* Segment.field: 0 .. MAX_TRIES - 1 roots of windows have been looked for since the last halving. */
 enum {
@@ -31,6 +33,9 @@ enum {
 /* ... and a bisection leaves a jump this part of it. */
 #define KEEPS 0.75
 #define PAD_ULPS 8 /* of the domain, see padding */
+/* Where the jump is beside the bracket all the same, it is near: parts are cut this many paddings from it. */
+#define NEAR_PADS 16
+#define NEAR_ZERO 0x1p-5
 /* g changes this many times faster on the bracket than on the segment: its window does not fit. */
 #define MISFIT 64.0
 
@@ -104,13 +109,13 @@ static bool is_field(const SltScene *s, int32_t site) {
 
 /* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the
  * position is: brackets of their roots are wider than what may lie between, by the ulps of the domain. */
-static double padding(const Finder *f, const Segment *s) {
+static double padding(const Finder *f, const Segment *s, double tol) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(f->s->lo[d]), fabs(f->s->hi[d])));
     }
-    return PAD_ULPS * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len;
+    return fmax(2 * tol, PAD_ULPS * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -126,7 +131,7 @@ void finder_push(Finder *f, const Segment *s) {
 }
 
 void finder_add(Finder *f, Segment *s, uint32_t ha, uint32_t hb, double da, double db, double jump) {
-    s->ta = 0, s->tb = 1, s->ha = ha, s->hb = hb, s->da = da, s->db = db, s->jump = jump, s->depth = 0;
+    s->ta = 0, s->tb = 1, s->ha = ha, s->hb = hb, s->da = da, s->db = db, s->jump = jump, s->depth = 0, s->cut = 0;
     s->field = ha == hb ? FIELD_HALVE : 0;
     finder_push(f, s);
 }
@@ -149,16 +154,20 @@ static bool differ(Mark a, Mark b, double jump) {
     return a.hash != b.hash || depth_differs(a.depth, b.depth, jump);
 }
 
-static void push_part(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field) {
+static void push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field, double cut) {
     if (!differ(a, b, s->jump)) return;
-    if (!(tb > ta) || s->depth >= MAX_DEPTH) {
+    if (!(tb > ta) || s->depth >= DEPTH_OF(f->s)) {
         f->dropped[SLT_DROP_DEPTH]++;
         return;
     }
     Segment part = *s;
     part.ta = ta, part.tb = tb, part.ha = a.hash, part.hb = b.hash, part.da = a.depth, part.db = b.depth;
-    part.depth++, part.field = field;
+    part.depth++, part.field = field, part.cut = cut;
     finder_push(f, &part);
+}
+
+static void push_part(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field) {
+    push_cut(f, s, ta, tb, a, b, field, 0);
 }
 
 static Crossing *found_slot(Finder *f) {
@@ -174,14 +183,18 @@ static void found_reserve(Finder *f, uint32_t n) {
 }
 
 /* ---- bisection on the region */
+static double middle(const Segment *s) {
+    return s->cut > s->ta && s->cut < s->tb ? s->cut : 0.5 * (s->ta + s->tb);
+}
+
 static void flush_split(Finder *f) {
     Batch *b = f->b;
     if (!f->nsplit) return;
-    for (uint32_t i = 0; i < f->nsplit; i++) put(f, i, &f->split[i], 0.5 * (f->split[i].ta + f->split[i].tb));
+    for (uint32_t i = 0; i < f->nsplit; i++) put(f, i, &f->split[i], middle(&f->split[i]));
     batch_call(b, SLT_K_REGION, f->nsplit);
     for (uint32_t i = 0; i < f->nsplit; i++) {
         const Segment *s = &f->split[i];
-        double mid = 0.5 * (s->ta + s->tb);
+        double mid = middle(s);
         Mark m = {(uint32_t)batch_get_int(b, 0, i), f->s->has_depth ? batch_get(b, depth_output(f->s), i) : 0};
         Mark a = mark_a(s), e = mark_b(s);
         if (s->field == FIELD_DOUBT && m.hash == a.hash) {
@@ -191,8 +204,9 @@ static void flush_split(Finder *f) {
             if (depth_differs(a.depth, m.depth, most)) push_part(f, s, s->ta, mid, a, m, 0);
             continue;
         }
-        push_part(f, s, mid, s->tb, m, e, 0);
-        push_part(f, s, s->ta, mid, a, m, 0);
+        uint8_t field = s->cut != 0; /* a cut is no halving: a try */
+        push_part(f, s, mid, s->tb, m, e, field);
+        push_part(f, s, s->ta, mid, a, m, field);
     }
     f->nsplit = 0;
 }
@@ -315,6 +329,14 @@ static bool usable(const Finder *f, const Item *it) {
     return is_field(f->s, it->site) && !isnan(it->ga) && !isnan(it->gb);
 }
 
+/* No change of sign, but nearly: the jump is where g almost vanishes, and rounding hides the sign. */
+static void cut_near_zero(const Finder *f, Item *it) {
+    if (it->s.field != 0) return;
+    double a = fabs(it->ga), b = fabs(it->gb), pad = NEAR_PADS * padding(f, &it->s, it->tol);
+    if (b < NEAR_ZERO * a) it->s.cut = it->s.tb - pad;
+    if (a < NEAR_ZERO * b) it->s.cut = it->s.ta + pad;
+}
+
 /* Which event separates the ends, and g there. Items with a root to look for move to the front. */
 static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
@@ -345,9 +367,10 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
             items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
+            if (is_field(f->s, it.site)) cut_near_zero(f, &it);
             split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
         } else {
-            if (is_field(f->s, it.site)) it.pad = fmax(0.5 * it.tol, padding(f, &it.s));
+            if (is_field(f->s, it.site)) it.pad = padding(f, &it.s, it.tol);
             root_begin(&it);
             items[kept++] = it;
         }
@@ -356,13 +379,14 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
 }
 
 static void bracket_of(const Item *it, double *lo, double *hi) {
-    *lo = fmin(it->x1, it->x2), *hi = fmax(it->x1, it->x2);
-    if (it->exact) {
+    double other = it->exact ? it->x1 : it->x2;
+    *lo = fmin(it->x1, other), *hi = fmax(it->x1, other);
+    if (it->pad > 0) {
+        *lo = fmax(it->s.ta, *lo - it->pad), *hi = fmin(it->s.tb, *hi + it->pad);
+    } else if (it->exact) {
         /* An exact zero: a bracket of the tolerance around it, inside the old one. */
         double from = fmax(it->s.ta, it->x1 - 0.5 * it->tol), to = fmin(it->s.tb, it->x1 + 0.5 * it->tol);
         *lo = from, *hi = to;
-    } else if (it->pad > 0) {
-        *lo = fmax(it->s.ta, *lo - it->pad), *hi = fmin(it->s.tb, *hi + it->pad);
     }
 }
 
@@ -449,9 +473,11 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         } else if (jumped) {
             accept(f, it, lo, hi, 2 * i);
         }
-        push_part(f, &it->s, hi, it->s.tb, after, mark_b(&it->s),
-                  field ? part_field(it, it->s.tb - hi, jumped) : 0);
-        push_part(f, &it->s, it->s.ta, lo, mark_a(&it->s), before, field ? part_field(it, lo - it->s.ta, jumped) : 0);
+        uint8_t behind = field ? part_field(it, it->s.tb - hi, jumped) : 0,
+                front = field ? part_field(it, lo - it->s.ta, jumped) : 0;
+        double near = field && !jumped && it->s.field == 0 ? NEAR_PADS * it->pad : 0;
+        push_cut(f, &it->s, hi, it->s.tb, after, mark_b(&it->s), behind, near > 0 ? hi + near : 0);
+        push_cut(f, &it->s, it->s.ta, lo, mark_a(&it->s), before, front, near > 0 ? lo - near : 0);
     }
 }
 

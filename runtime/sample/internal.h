@@ -186,7 +186,8 @@ typedef struct Segment {
     int32_t stream;
     int8_t axis;        /* of the line; -1: a random direction */
     uint8_t depth, cls; /* cls: which adjoint buffer, see Sink */
-    uint8_t field;      /* FieldState of finder.c */
+    uint8_t field;      /* see finder.c */
+    double cut;         /* where to bisect; 0: in the middle */
 } Segment;
 
 typedef struct Crossing {
