@@ -105,6 +105,30 @@ class Structures(Case):
         self.put("scene.json", json.dumps(scene))
         self.assertGreater(self.json_cli("fit", "scene.json")["loss"], 0.01)
 
+    def test_every_verb(self):
+        """Searched heights wherever kernels run: 8-bit pixels, the interpreter, derivative images, losses, finite differences, check, bench."""
+        self.put("h_17x17.f32", struct.pack("<289f", *[(x * 7 + y * 13) % 11 / 11 for y in range(17) for x in range(17)]))
+        for name in ("view", "shadow"):
+            self.put(name + ".salt", HEAD + MAIN % SCENES[name])
+            args = [name + ".salt", "--param", "h=@h_17x17.f32"]
+            self.run_cli("render", *args, "--size", 24, "--format", "rgba8", "-o", "a.png")
+            self.run_cli("render", *args, "--size", 24, "--spp", 64, "-o", "b.npy")
+            bytes8, floats = read_png(self.get("a.png"))[1][0::4], read_npy(self.get("b.npy"))[1]
+            self.assertGreater(len(set(bytes8)), 1)
+            self.assertAlmostEqual(sum(bytes8) / 576 / 255, sum(floats) / 576, delta=4 * 0.5 / 24)  # one sample in each pixel
+            self.run_cli("render", *args, "--size", 8, "--spp", 1, "--interpret", "-o", "i.npy")
+            self.run_cli("render", *args, "--size", 8, "--spp", 1, "-o", "j.npy")
+            self.assertEqual(self.get("i.npy"), self.get("j.npy"))
+            self.run_cli("grad", *args, "--wrt", "sun", "--size", 16, "-o", "g.exr")
+            self.json_cli("grad", *args, "--target", "b.npy", "--size", 16)
+            a = self.json_cli("grad", *args, "--wrt", "sun", "--samples", 65536)
+            b = self.json_cli("grad", *args, "--wrt", "sun", "--samples", 262144, "--estimator", "fd")
+            se = (a["stderr"]["sun"] ** 2 + b["stderr"]["sun"] ** 2) ** 0.5
+            self.assertAlmostEqual(a["gradient"]["sun"], b["gradient"]["sun"], delta=5 * se + 0.02 * abs(b["gradient"]["sun"]))
+            self.json_cli("bench", *args, "--kernels", "--samples", 4096)
+            self.json_cli("bench", *args, "--wrt", "sun", "--samples", 1024, "--repeats", 2, "--estimators", "lattice,fd")
+            self.json_cli("check", *args, "--wrt", "sun", "--samples", 65536, code=None)
+
     def test_explain_at(self):
         self.put("h_17x17.f32", struct.pack("<289f", *[(x * 7 + y * 13) % 11 / 11 for y in range(17) for x in range(17)]))
         self.put("shadow.salt", HEAD + MAIN % SCENES["shadow"])

@@ -139,12 +139,12 @@ class Loss(Case):
     def test_failures(self):
         """Every one of them at once and late: status, text, and what is written."""
         for mode, code, text in (("die", 1, "ended with status 7"), ("kill", 1, "signal 9"), ("noise", 1, "hello"), ("nan", 1, "row 0, column 5"), ("tell", 1, "no GPU here"), ("text", 1, "NUMBER"),
-                                 ("short", 1, "of 1024 bytes"), ("hang", 6, "0.5 s")):
+                                 ("short", 1, "of 1024 bytes"), ("hang", 6, "3 s")):
             for when in (0, 2):
                 start = time.time()
-                r = self.fit("--iters", 5, "--loss-timeout", 0.5, "-o", "p.json", mode=mode, when=when, code=code)
+                r = self.fit("--iters", 5, "--loss-timeout", 3 if mode == "hang" else 100, "-o", "p.json", mode=mode, when=when, code=code)
                 self.assertIn(text, r.err)
-                self.assertLess(time.time() - start, 20)
+                self.assertLess(time.time() - start, 30)
                 self.assertEqual(os.path.exists(self.path("p.json")), when > 0, mode)  # the best so far, where there is one
                 if when:
                     self.assertIn("(failed)", r.out)
@@ -200,7 +200,7 @@ class Loss(Case):
             os.kill(int(self.get("pid")), 0)
 
     def test_time_limit(self):
-        r = self.fit("--iters", 9, "--max-seconds", 1.5, "-o", "p.json", mode="hang", when=2, code=6)
+        r = self.fit("--iters", 9, "--max-seconds", 6, "-o", "p.json", mode="hang", when=2, code=6)
         self.assertTrue(os.path.exists(self.path("p.json")), r.err)
 
 
