@@ -124,11 +124,18 @@ static int make_optimiser(Fit *f) {
             log[i] = q->attrs.log;
         }
     }
-    for (uint32_t k = 0; status == SLT_OK && k < c->nlr; k++) status = set_rate(f, rate, c->lr[k].name, strtod(c->lr[k].value, NULL));
+    /* From the general to the particular: a rate for all, the scene's, the command line's by name. */
+    for (uint32_t k = 0; status == SLT_OK && k < c->nlr; k++)
+        if (!c->lr[k].name) status = set_rate(f, rate, NULL, strtod(c->lr[k].value, NULL));
     for (uint32_t k = 0; status == SLT_OK && k < f->scene.nparams; k++) {
-        if (f->scene.params[k].lr >= 0) status = set_rate(f, rate, f->scene.params[k].name, f->scene.params[k].lr);
-        if (status == SLT_OK && f->scene.params[k].smooth > 0) status = find_grid(f, f->scene.params[k].name, f->scene.params[k].smooth, &grids[ngrids++]);
+        const FitParam *q = &f->scene.params[k];
+        bool given = false;
+        for (uint32_t s = 0; s < c->nsmooth; s++) given |= c->smooth[s].name && !strcmp(c->smooth[s].name, q->name);
+        if (q->lr >= 0) status = set_rate(f, rate, q->name, q->lr);
+        if (status == SLT_OK && q->smooth > 0 && !given) status = find_grid(f, q->name, q->smooth, &grids[ngrids++]);
     }
+    for (uint32_t k = 0; status == SLT_OK && k < c->nlr; k++)
+        if (c->lr[k].name) status = set_rate(f, rate, c->lr[k].name, strtod(c->lr[k].value, NULL));
     for (uint32_t k = 0; status == SLT_OK && k < f->scene.nparams; k++)
         if (f->scene.params[k].mask) status = apply_mask(f, rate, &f->scene.params[k]);
     for (uint32_t k = 0; status == SLT_OK && k < c->nsmooth; k++) {

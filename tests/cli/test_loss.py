@@ -247,6 +247,17 @@ shader float main(float2 x) { return t.sample(x).x + h.height(2.0 * x - 1.0) + l
         again = self.json_cli("fit", "scene.json", "--param", "h=@out/h.exr", "--param", "t=@out/t.exr", "--iters", 0)
         self.assertEqual(again["params"]["h"], j["params"]["h"])
 
+    def test_command_line_wins(self):
+        """Over rates and smoothing of the scene, not on top of them."""
+        def fitted(h, *options):
+            self.scene(params={"t": {"grad": True, "lr": 0.02}, "h": {"grad": True, **h}}, optimizer={"iters": 5})
+            return self.json_cli("fit", "scene.json", *options)["params"]
+
+        want = fitted({"lr": 0.01, "smooth": 3})
+        self.assertEqual(fitted({"lr": 0.05, "smooth": 2}, "--lr", "h=0.01", "--smooth", "h=3"), want)
+        self.assertEqual(fitted({"lr": 0.01, "smooth": 2}, "--lr", "0.5", "--smooth", "h=3"), want)  # t and h have their own
+        self.assertNotEqual(fitted({"lr": 0.01, "smooth": 2}), want)
+
     def test_mask(self):
         """0 holds to the bit, also under a Laplacian; 0.5 is slower."""
         mask = [0.0 if x < 4 else 1.0 for y in range(9) for x in range(9)]
