@@ -408,8 +408,9 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
     }
     if (!jumps) return;
     c.t = it->x1;
+    double slack = 0; /* of g at the tolerance: rounding */
     if (it->exact && it->s.tb - it->s.ta <= it->tol && is_field(f->s, it->site)) {
-        c.ga = it->ga, c.gb = it->gb;
+        c.ga = it->ga, c.gb = it->gb, slack = 2 * padding(f, &it->s, it->tol);
     } else if (!it->exact) {
         /* The secant inside the final bracket: much closer than its ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
@@ -422,7 +423,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
         c.direction[d] = it->s.b[d] - it->s.a[d];
         len += c.direction[d] * c.direction[d];
     }
-    c.bracket = sqrt(len) * (hi - lo);
+    c.bracket = sqrt(len) * (hi - lo + slack);
     c.rising = it->ga < it->gb ? 1 : -1;
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
     c.site = it->site, c.aux = it->aux, c.aux1 = it->aux1;
