@@ -30,7 +30,7 @@ typedef struct Field {
     double magnitude; /* at least the largest finite |height| seen since the field was made: what rounding errors are measured with */
     Mipmap mip;       /* data NULL where no query needs it */
     FieldCones cones; /* packed NULL likewise */
-    char text[96];
+    char text[160];
 } Field;
 
 static inline const Field *field_impl(const SltField *field) { return field->structure; }
