@@ -117,6 +117,28 @@ static Inst *join_key(Prov *p, Builder *b, const Inst *at, const Inst *cond) {
     return key;
 }
 
+/* An untagged comparison of values that depend on jumps (which triangle, which texel) decides nothing that `event` could name: a join under it is no jump of its own, and has
+ * the origins of its condition and of both sides. */
+static bool compares(const Inst *c) {
+    switch ((Op)c->op) {
+    case OP_flt:
+    case OP_fle:
+    case OP_feq:
+    case OP_fne:
+    case OP_ieq:
+    case OP_ine:
+    case OP_ilt:
+    case OP_ile:
+    case OP_ult:
+    case OP_ule: return true;
+    case OP_band:
+    case OP_bor:
+    case OP_bxor: return compares(c->args[0]) || compares(c->args[1]);
+    case OP_bnot: return compares(c->args[0]);
+    default: return false;
+    }
+}
+
 static Inst *mark_atom(Inst *i, uint32_t *next) {
     i->id = UINT32_MAX;
     i->tag = ++*next;
@@ -148,7 +170,7 @@ static void prov_if(Prov *p, Inst *i, uint32_t *next) {
             Builder bx = ir_before(p->fn, i->region[0]->last), by = ir_before(p->fn, i->region[1]->last);
             bx.fold = by.fold = true;
             Inst *hx = set_hash(p, &bx, sx), *hy = set_hash(p, &by, sy);
-            if (sc) hx = ir_emit2(&bx, OP_ixor, hx, join_key(p, &bx, i, i->args[0]));
+            if (sc && !compares(i->args[0])) hx = ir_emit2(&bx, OP_ixor, hx, join_key(p, &bx, i, i->args[0]));
             ir_append_arg(p->fn, i->region[0]->last, hx);
             ir_append_arg(p->fn, i->region[1]->last, hy);
             x = i->region[0]->last->args, y = i->region[1]->last->args;
@@ -157,6 +179,7 @@ static void prov_if(Prov *p, Inst *i, uint32_t *next) {
             last = atom;
             j = ARENA_NEW(p->arena, Join);
             *j = (Join){i, sx, sy, set_single(p, atom), joins};
+            if (sc && compares(i->args[0])) j->result = set_union(p, sc, j->result);
             joins = j;
         }
         p->of[q->id] = j->result;
@@ -242,6 +265,10 @@ static void prov_select(Prov *p, Inst *i, uint32_t *next) {
     Set *sc = set_of(p, i->args[0]), *sx = set_of(p, i->args[1]), *sy = set_of(p, i->args[2]);
     if (!sc && sx == sy) {
         p->of[i->id] = sx;
+        return;
+    }
+    if (compares(i->args[0])) {
+        p->of[i->id] = set_union(p, sc, set_union(p, sx, sy));
         return;
     }
     Builder b = ir_after(p->fn, i);
