@@ -1,0 +1,105 @@
+/* The commands of a README, run as they stand there, in a copy of the example's folder: fewer samples and iterations, nothing else. The fit must get somewhere, and the
+ * derivatives at what it read must agree with finite differences. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#define EXAMPLES SALTUS_TEST_DIR "/../examples"
+
+typedef struct Recipe {
+    const char *folder;
+    int iters;
+    double factor;     /* of the first loss, which the best must be below after so many iterations */
+    const char *check; /* arguments of `saltus check` after the commands */
+} Recipe;
+
+static const Recipe recipes[] = {
+    {"shadow_art", 60, 0.1, "shadow.salt --param h=@rocks.exr --wrt h --samples 65536"},
+    {"two_suns", 40, 0.75, "sign.salt --param h=@rough.exr --wrt h,skylight --samples 65536"},
+    {"shadow_edit", 25, 0.4, "edit.salt --param h=@land.exr --wrt h,skylight --samples 65536"},
+    {"glossy_edit", 20, 0.3, "lake.salt --param h=@land.exr --wrt h,rock --samples 65536"},
+};
+enum { RECIPES_N = sizeof recipes / sizeof *recipes };
+
+static char scratch[256];
+
+/* Runs `saltus ARGS` in the folder; what it printed on both outputs is put into out. Returns the exit status. */
+static int run(char *out, size_t size, const char *folder, const char *arguments) {
+    char line[4096];
+    assert_true(snprintf(line, sizeof line, "cd '%s/%s' && '%s' %s 2>&1", scratch, folder, SALTUS_BIN, arguments) < (int)sizeof line);
+    FILE *f = popen(line, "r");
+    assert_non_null(f);
+    size_t n = fread(out, 1, size - 1, f);
+    out[n] = 0;
+    while (fgetc(f) != EOF) continue;
+    int status = pclose(f);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+static int set_up(void **state) {
+    (void)state;
+    snprintf(scratch, sizeof scratch, "%s/saltus-recipes-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
+    return access(SALTUS_BIN, X_OK) == 0 && mkdtemp(scratch) ? 0 : -1;
+}
+
+static int tear_down(void **state) {
+    (void)state;
+    char line[512];
+    snprintf(line, sizeof line, "rm -rf '%s'", scratch);
+    return system(line);
+}
+
+/* One command of the README. Later options win, so that the cheaper ones go last. */
+static void step(const Recipe *r, const char *arguments, bool *fitted) {
+    char cheap[2048], out[16384];
+    bool fit = !strncmp(arguments, "fit ", 4);
+    int samples = strstr(arguments, ".png") ? 1 : 8;
+    int n = snprintf(cheap, sizeof cheap, "%s %s %d", arguments, fit ? "--iters" : "--spp", fit ? r->iters : samples);
+    assert_true(n > 0 && n < (int)sizeof cheap);
+    if (run(out, sizeof out, r->folder, cheap) != 0 || strstr(out, ": warning:")) fail_msg("%s: saltus %s: %s", r->folder, cheap, out);
+    if (!fit) return;
+    double before = 0, after = 0;
+    const char *at = strstr(out, "loss ");
+    while (at && sscanf(at, "loss %lg -> %lg", &before, &after) != 2) at = strstr(at + 1, "loss ");
+    if (!at || !(after < r->factor * before) || !(before > 0)) fail_msg("%s: %s", r->folder, out);
+    *fitted = true;
+}
+
+static void test_recipes(void **state) {
+    (void)state;
+    for (int i = 0; i < RECIPES_N; i++) {
+        const Recipe *r = &recipes[i];
+        char line[4096], out[16384];
+        snprintf(line, sizeof line, "mkdir '%s/%s' && cp " EXAMPLES "/%s/*.salt " EXAMPLES "/%s/*.json '%s/%s'", scratch, r->folder, r->folder, r->folder, scratch, r->folder);
+        assert_int_equal(system(line), 0);
+        snprintf(line, sizeof line, EXAMPLES "/%s/README.md", r->folder);
+        FILE *f = fopen(line, "r");
+        assert_non_null(f);
+        bool fitted = false;
+        while (fgets(line, sizeof line, f)) {
+            line[strcspn(line, "\n")] = 0;
+            if (!strncmp(line, "saltus ", 7)) step(r, line + 7, &fitted);
+        }
+        fclose(f);
+        assert_true(fitted);
+        char check[1024];
+        snprintf(check, sizeof check, "check %s", r->check);
+        if (run(out, sizeof out, r->folder, check) != 0 || !strstr(out, "PASS")) fail_msg("%s: saltus %s: %s", r->folder, check, out);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_recipes),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
