@@ -25,7 +25,7 @@ typedef struct FieldConeOptions {
     float max_slope;
 } FieldConeOptions;
 
-enum { FIELD_CONE_MAX_RADIUS = 32 };
+enum { FIELD_CONE_MAX_RADIUS = 16 };
 
 typedef struct FieldCones {
     uint32_t w, h;    /* vertices; the shape of cell (i, j) and class c is number (c * h + j) * w + i */

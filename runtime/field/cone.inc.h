@@ -1,6 +1,6 @@
 /* Marching by safety shapes (cone.h), LANES rays at a time: each lane either steps to where the shape of its cell ends, or, where that is near, runs the test of leaf.h on the cell and goes to the
  * next. A step that may hold one crossing (relaxed) is bisected when it ends at or below the surface: at points, not on grid lines, down to less than a cell; leaf.h decides from there on.
- * Points within `close` of the surface count as not above it: between two points that are clearly above, inside one shape, no test of leaf.h finds a hit. */
+ * The ray that lies lower by `close` (more than all rounding errors) is what is followed: it starts above the surface, so it crosses once; until then no test of leaf.h finds a hit. */
 #define cone_gather FN(cone_gather)
 #define cone_walk FN(cone_walk)
 #define cone_run FN(cone_run)
@@ -59,7 +59,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
     on = ray_setup(&r, w, h, on);
     if (!m_any(on)) return s.id;
 
-    const flt unit = F64 ? (flt)0x1p-48 : (flt)0x1p-19;
+    const flt unit = !F64 ? (flt)0x1p-19 : relaxed ? (flt)0x1p-30 : (flt)0x1p-48; /* many units in the last place; of relaxed shapes also more than what cone_build.c neglects */
     vf adx = f_abs(r.dx), ady = f_abs(r.dy), rspeed = f_min(f_abs(r.rdx), f_abs(r.rdy)); /* t a cell of the main axis; infinite for a vertical ray */
     vf rise = r.dz * rspeed;
     vf close = f_abs(r.oz) * f_all(unit) + f_abs(r.dz) * f_max(f_abs(r.te), f_abs(r.tl)) * f_all(unit) + f_all((flt)((f->magnitude + (double)f->shared.slack) * unit + FLT_TINY));
@@ -70,6 +70,8 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
         class = i_sel(alongx, i_sel(r.xpos, zero, one), i_sel(r.ypos, i_all(2), i_all(3))) * i_all(w * h);
     }
     vm steps = m_lt(rspeed, f_all(FLT_MAXIMUM));
+    /* Where a ray is in its cell is known only up to rounding: so many cells. */
+    vf blur = f_all((flt)0.01) + f_all(unit) * (f_abs(r.ox) + f_abs(r.oy) + f_max(f_abs(r.te), f_abs(r.tl)) * f_max(adx, ady));
     if (c->relaxed && c->options.bounded) {
         vf m = f_all((flt)c->options.max_slope);
         steps &= m_le(r.dz * f_abs(r.dz), m * f_abs(m) * (r.dx * r.dx + r.dy * r.dy));
@@ -84,7 +86,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
         vf base, slope;
         vi cell = j * i_all(w) + i, at = class + cell;
         vm may = on & steps;
-        if (relaxed) may &= m_lt(close, above);
+        if (relaxed) may &= m_lt(close + close, above);
         cone_gather(c, at, may, &base, &slope);
         if (counts) counts->nodes++;
         vf room = (z + t * r.dz) - base, opening = slope - rise;
@@ -98,7 +100,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
             for (int n = 0; n < LANES; n++) radius[n] = bits >> n & 1 ? (flt)c->radius[where[n]] : 0;
             u = f_max(u, f_load(radius));
         }
-        u = u * f_all((flt)0.9999) - f_all((flt)0.01); /* the cell is known from lines crossed; where in it the ray is, only up to rounding */
+        u = u * f_all((flt)0.9999) - blur;
         vm step = may & m_lt(f_all((flt)CONE_LEAST), u), stay = on & m_not(step);
         if (m_any(step)) {
             vf to = t + u * rspeed;

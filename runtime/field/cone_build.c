@@ -14,12 +14,19 @@ typedef struct Builder {
     float *height; /* rows upwards; NaN, which blocks nothing, is -FLT_MAX */
     int32_t w, h;
     const FieldConeOptions *o;
+    const void *heights; /* as they came, rows downwards */
+    bool f64;
+    double touch; /* planes must pass higher than this above a surface to count: less than a step's distance from it (cone.inc.h) */
     float *level[32]; /* level[0][j * lw + i]: the maximum over cell (i, j); above it over blocks of 2 x 2 */
     int32_t levels, lw[32], lh[32];
 } Builder;
 
 static float at(const Builder *b, int32_t i, int32_t j) {
     return b->height[(size_t)j * (size_t)b->w + (size_t)i];
+}
+static double exactly(const Builder *b, int32_t i, int32_t j) {
+    size_t at_data = (size_t)(b->h - 1 - j) * (size_t)b->w + (size_t)i;
+    return b->f64 ? ((const double *)b->heights)[at_data] : (double)((const float *)b->heights)[at_data];
 }
 static inline float larger(float a, float b) { /* as the instruction has it, so loops vectorise; nothing here is NaN */
     return b > a ? b : a;
@@ -130,14 +137,15 @@ static int32_t way(int32_t k, int32_t i, int32_t j, int32_t x0, int32_t y0, int3
     }
 }
 
-/* Can a ray of the kinds that count start strictly above cell (i, j) and hit the back of the triangle? Its plane must pass above the surface of the cell somewhere, and not steeper than the
- * bound along all directions from the cell to it. What rounding leaves open counts as yes. */
+/* Can a ray of the kinds that count start above cell (i, j) and hit the back of the triangle? Its plane must pass above the surface of the cell somewhere, and not steeper than the bound
+ * along all directions from the cell to it. Only a start that is clearly above (cone.inc.h: by 2^-19, in doubles 2^-30, of the heights' size) makes a step, so a plane that merely touches the surface does
+ * not count: or a cell would limit itself. */
 static bool limiting(const Builder *b, int32_t i, int32_t j, int32_t x, int32_t y, int32_t upper) {
-    float h10 = at(b, x + 1, y), h01 = at(b, x, y + 1), corner = upper ? at(b, x + 1, y + 1) : at(b, x, y);
-    float gx = upper ? corner - h01 : h10 - corner, gy = upper ? corner - h10 : h01 - corner;
-    float px = (float)(i - x - upper), py = (float)(j - y - upper), tolerance = 1e-5f * (fabsf(corner) + fabsf(gx * px) + fabsf(gy * py) + 1.0f);
-    float plane = corner + gx * px + gy * py + tolerance;
-    if (!(plane > at(b, i, j)) && !(plane + gx > at(b, i + 1, j)) && !(plane + gy > at(b, i, j + 1)) && !(plane + gx + gy > at(b, i + 1, j + 1))) return false;
+    double h10 = exactly(b, x + 1, y), h01 = exactly(b, x, y + 1), corner = upper ? exactly(b, x + 1, y + 1) : exactly(b, x, y);
+    double dx = upper ? corner - h01 : h10 - corner, dy = upper ? corner - h10 : h01 - corner;
+    double plane = corner + dx * (i - x - upper) + dy * (j - y - upper) - b->touch;
+    if (plane <= exactly(b, i, j) && plane + dx <= exactly(b, i + 1, j) && plane + dy <= exactly(b, i, j + 1) && plane + dx + dy <= exactly(b, i + 1, j + 1)) return false;
+    float gx = (float)dx, gy = (float)dy;
     if (!b->o->bounded) return true;
     /* directions: from [i, i+1] x [j, j+1] to [x, x+1] x [y, y+1]; the least slope along any */
     float vx0 = (float)(x - i - 1), vx1 = (float)(x - i + 1), vy0 = (float)(y - j - 1), vy1 = (float)(y - j + 1);
@@ -223,7 +231,7 @@ static uint32_t pack(const FieldCones *c, const float shape[2]) {
 bool cone_build(FieldCones *c, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldConeOptions *options) {
     size_t count = (size_t)w * h;
     *c = (FieldCones){.w = w, .h = h, .classes = options->directional ? 4 : 1, .options = *options};
-    Builder b = {.height = malloc(sizeof *b.height * count), .w = (int32_t)w, .h = (int32_t)h, .o = options};
+    Builder b = {.height = malloc(sizeof *b.height * count), .w = (int32_t)w, .h = (int32_t)h, .o = options, .heights = heights, .f64 = f64};
     float(*shape)[2] = calloc(count, sizeof *shape);
     bool finite = true, ok = b.height && shape;
     c->packed = calloc(count * c->classes, sizeof *c->packed);
@@ -240,6 +248,7 @@ bool cone_build(FieldCones *c, const void *heights, bool f64, uint32_t w, uint32
     }
     if (!(low <= high)) low = high = 0.0;
     c->magnitude = fmax(fabs(low), fabs(high));
+    b.touch = c->magnitude * 0x1p-32;
     for (size_t k = 0; ok && k < count; k++) /* NaN blocks nothing */
         if (!isfinite(b.height[k])) b.height[k] = b.height[k] > 0.0f ? FLT_MAX : (float)low;
     c->lowest = (float)low;

@@ -4,7 +4,7 @@
  *     bench-field --exact COUNT [options]   COUNT rays a terrain: every structure and width against naive stepping
  *     bench-field --silhouettes [options]   nodes and cells of a silhouette search against stepping
  *
- *     --terrain dem|fbm   --size N   --rounds N   --pixels N   --structures LIST (naive,mipmap,cone...)   --json FILE
+ *     --terrain dem|fbm   --size N   --rounds N   --pixels N   --structures LIST (naive, mipmap, cone and its variants)   --json FILE
  *
  * A round runs every method once; the best of the rounds counts. What is timed: of ours, the queries over blocks of rays that lie ready, as a kernel has them; of Embree, the
  * calls. `trace+t` also computes the distance from the witness, as a kernel does. */
@@ -118,7 +118,7 @@ static void list_methods(Bench *b) {
             };
             for (size_t k = 0; k < sizeof list / sizeof *list; k++) {
                 bool naive = !strcmp(b->structure_name[s], "naive");
-                if ((list[k].group == CLEAR && s != 1) || !b->field[s]->query[list[k].what]) continue;
+                if ((list[k].group == CLEAR && strcmp(b->structure_name[s], "mipmap")) || !b->field[s]->query[list[k].what]) continue;
                 if (naive && (w != 0 || list[k].kind == OURS_T)) continue;
                 m = (Method){.kind = list[k].kind, .group = list[k].group, .structure = s, .what = list[k].what, .width = w, .window = list[k].window, .every = naive ? 1000 : list[k].every};
                 snprintf(m.name, sizeof m.name, "%s %s %u", b->structure_name[s], list[k].name, widths[w]);
@@ -282,11 +282,17 @@ static const StructureSpec specs[] = {
     {"naive", {.structure = FIELD_NAIVE, .band = 1.0f}},
     {"mipmap", {.structure = FIELD_MIPMAP, .band = 1.0f}},
     {"cone", {.structure = FIELD_CONE, .band = 1.0f}},
+    {"cone-directional", {.structure = FIELD_CONE, .band = 1.0f, .cone_directional = true}},
+    {"cone-exact", {.structure = FIELD_CONE, .band = 1.0f, .cone_exact = true}},
+    {"cone-exact-directional", {.structure = FIELD_CONE, .band = 1.0f, .cone_exact = true, .cone_directional = true}},
+    {"cone-bounded", {.structure = FIELD_CONE, .band = 1.0f, .cone_exact = true, .max_slope = -0.5f}},
 };
 static SltField *make_field(const Terrain *t, const StructureSpec *s) {
     SltField *f;
     SltError err;
-    if (slt_field_make(&f, t->h, false, t->n, t->n, &s->options, &err) == SLT_OK) return f;
+    FieldOptions options = s->options;
+    if (options.structure == FIELD_CONE) options.queries = 1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* the others have the mipmap there too */
+    if (slt_field_make(&f, t->h, false, t->n, t->n, &options, &err) == SLT_OK) return f;
     fprintf(stderr, "%s: %s\n", s->name, err.text);
     exit(1);
 }
