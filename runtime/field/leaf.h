@@ -75,12 +75,12 @@ INLINE vm ray_setup(Ray *r, int w, int h, vm on) {
     const flt below = F64 ? (flt)0x1.fffffffffffffp-1 : (flt)0x1.fffffep-1;
     r->ox = f_sel(flat_x & m_eq(r->ox, w1), w1 * f_all(below), r->ox);
     r->oy = f_sel(flat_y & m_eq(r->oy, h1), h1 * f_all(below), r->oy);
-    r->xpos = m_lt(zero, r->rdx);
-    r->ypos = m_lt(zero, r->rdy);
+    r->xpos = m_opaque(m_lt(zero, r->rdx));
+    r->ypos = m_opaque(m_lt(zero, r->rdy));
     r->sx = i_sel(r->xpos, i_all(1), i_all(0));
     r->sy = i_sel(r->ypos, i_all(1), i_all(0));
     vf ds = r->dx + r->dy;
-    r->dsneg = m_lt(ds, zero);
+    r->dsneg = m_opaque(m_lt(ds, zero));
     r->rds = f_all(1) / (ds + zero); /* -0 + 0 = 0: along a diagonal, +infinity */
     r->so = r->ox + r->oy;
     vf near_x = (f_sel(r->xpos, zero, w1) - r->ox) * r->rdx, far_x = (f_sel(r->xpos, w1, zero) - r->ox) * r->rdx;
@@ -165,15 +165,16 @@ INLINE void leaf_test(Leaf *l, const Ray *r, const flt *heights, int w, int h, v
     const vi one = i_all(1);
     vf x0 = i_flt(i), y0 = i_flt(j);
     vf tout = f_min(tx, ty);
-    l->xexit = m_le(tx, ty);
-    l->end = m_lt(r->t1, tout);
+    l->xexit = m_opaque(m_le(tx, ty));
+    l->end = m_opaque(m_lt(r->t1, tout));
     l->te = f_min(r->t1, tout);
     l->td = (i_flt(i + j + one) - r->so) * r->rds;
-    l->some = m_lt(t, l->te);
-    l->diag = m_lt(t, l->td) & m_lt(l->td, l->te);
-    l->last_lower = (m_le(l->te, l->td) & m_not(r->dsneg)) | (m_not(m_le(l->te, l->td)) & r->dsneg);
+    l->some = m_opaque(m_lt(t, l->te));
+    l->diag = m_opaque(m_lt(t, l->td) & m_lt(l->td, l->te));
+    vm before = m_opaque(m_le(l->te, l->td));
+    l->last_lower = m_opaque((before & m_not(r->dsneg)) | (m_not(before) & r->dsneg));
     vi at = VERTEX(w, h, i, j);
-    vm pos = (l->xexit & r->xpos) | (m_not(l->xexit) & r->ypos);
+    vm pos = m_opaque((l->xexit & r->xpos) | (m_not(l->xexit) & r->ypos));
     vf h10 = f_gather(heights, at + one, on), h01 = f_gather(heights, at - i_all(w), on);
     vf corner = f_gather(heights, at + i_sel(pos, i_all(1 - w), i_all(0)), on); /* the exit edge has one end on the diagonal; this is the other */
     vf ud = clamp01((r->ox + l->td * r->dx) - x0);
@@ -195,11 +196,11 @@ typedef struct Search {
 
 /* Event at t over terrain of height `terrain`; the lanes `on` have it. `tri` is the triangle before it, `edge` the witness of the point itself. */
 INLINE void search_event(Search *s, SltFieldWhat what, const Ray *r, vf t, vf terrain, vi tri, vi edge, vm on) {
-    on &= m_not(s->done);
+    on = m_opaque(on & m_not(s->done));
     if (what == SLT_FIELD_TRACE || what == SLT_FIELD_OCCLUDED) {
         vm hit = on & m_lt((r->oz + t * r->dz) - terrain, f_all(0));
         s->id = i_sel(hit, tri, s->id);
-        s->done |= hit;
+        s->done = m_opaque(s->done | hit);
     } else if (what == SLT_FIELD_CLEARANCE || what == SLT_FIELD_SHADOW) {
         vf gap = (r->oz + t * r->dz) - terrain, c = gap / t;
         vm less = on & m_lt(c, s->best);

@@ -10,6 +10,8 @@
 #define packet_cell FN(packet_cell)
 #define packet_line_x FN(packet_line_x)
 #define packet_line_y FN(packet_line_y)
+#define packet_step FN(packet_step)
+#define packet_walk2 FN(packet_walk2)
 #define packet_walk FN(packet_walk)
 #define packet_run FN(packet_run)
 #define Packet FN(Packet)
@@ -102,15 +104,16 @@ INLINE void packet_begin(Packet *p, const Field *f, SltFieldWhat what, const flt
 INLINE void packet_move(Packet *p, int top, vm leave, vm down) {
     const vi zero = i_all(0), one = i_all(1);
     vi size = one << p->level;
-    vm xexit = m_le(p->tx, p->ty), lx = leave & xexit, ly = leave & m_not(xexit);
+    leave = m_opaque(leave), down = m_opaque(down);
+    vm xexit = m_opaque(m_le(p->tx, p->ty)), lx = leave & xexit, ly = leave & m_not(xexit);
     vi i = i_sel(lx, p->i + size, p->i), j = i_sel(ly, p->j + size, p->j);
-    vm up = leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(top), p->level);
+    vm up = m_opaque(leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(top), p->level));
     p->level = i_sel(down, p->level - one, i_sel(up, p->level + one, p->level));
     size = one << p->level;
     vi keep = zero - size, last = size - one;
     i = i_sel(up, i & keep, i), j = i_sel(up, j & keep, j);
     vf tx = packet_line_x(p, i + last), ty = packet_line_y(p, j + last);
-    vm farx = down & m_not(m_lt(p->t, tx)), fary = down & m_not(m_lt(p->t, ty));
+    vm farx = m_opaque(down & m_not(m_lt(p->t, tx))), fary = m_opaque(down & m_not(m_lt(p->t, ty)));
     p->i = i_sel(farx, i + size, i);
     p->j = i_sel(fary, j + size, j);
     vm move = leave | down;
@@ -132,7 +135,7 @@ INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *sl
         if (what == SLT_FIELD_SHADOW) low = f_max(low, p->zband + p->r.dz * f_sel(p->falling, tend, p->t)); /* the second where the first is NaN */
     }
     vi at = i_lookup(m->base, p->level) + ((p->j ^ p->flipy) >> p->level) * i_lookup(m->stride, p->level) + ((p->i ^ p->flipx) >> p->level);
-    vm leave = look & m_lt(mip_gather(m->data, at, look), low), down = look & m_not(leave);
+    vm leave = m_opaque(look & m_lt(mip_gather(m->data, at, look), low)), down = look & m_not(leave);
     if (what == SLT_FIELD_SILHOUETTE) { /* all in the node is lower: what was found is a peak */
         vm peaks = leave & m_lt(p->t, tout) & m_not(mi_eq(p->s.id, i_all(SLT_FIELD_NONE)));
         if (!slice) {
@@ -145,7 +148,7 @@ INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *sl
         }
     }
     p->t = f_sel(leave, tout, p->t);
-    p->on &= m_not(leave & m_le(p->r.tl, p->t));
+    p->on = m_opaque(p->on & m_not(leave & m_le(p->r.tl, p->t)));
     packet_move(p, m->top, leave & p->on, down);
 }
 
@@ -164,30 +167,57 @@ INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt 
         search_leaf(&p->s, what, &p->r, &leaf, w, i, j, look);
     }
     p->t = f_sel(look, leaf.te, p->t);
-    p->on &= m_not(look & (p->s.done | m_le(p->r.tl, p->t)));
+    p->on = m_opaque(p->on & m_not(look & (p->s.done | m_le(p->r.tl, p->t))));
     packet_move(p, f->mip.top, look & p->on, m_make(0));
+}
+
+/* One step of a packet that still has rays. */
+INLINE void packet_step(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, Slice *slice, FieldCounts *counts) {
+    vm cells = p->on & mi_eq(p->level, i_all(0));
+    if (m_any(p->on & m_not(cells))) {
+        if (counts) counts->nodes++;
+        packet_node(p, &f->mip, what, slice);
+    }
+    if (m_any(cells)) {
+        if (counts) counts->cells++;
+        packet_cell(p, f, what, heights, cells, slice);
+    }
 }
 
 INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on, Slice *slice, FieldCounts *counts) {
     Packet p;
     packet_begin(&p, f, what, heights, rays, width, on);
-    while (m_any(p.on)) {
-        vm cells = p.on & mi_eq(p.level, i_all(0));
-        if (m_any(p.on & m_not(cells))) {
-            if (counts) counts->nodes++;
-            packet_node(&p, &f->mip, what, slice);
-        }
-        if (m_any(cells)) {
-            if (counts) counts->cells++;
-            packet_cell(&p, f, what, heights, cells, slice);
-        }
-    }
+    while (m_any(p.on)) packet_step(&p, f, what, heights, slice, counts);
     return p.s.id;
+}
+
+/* Two at once: while one waits for memory the other computes. */
+INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, uint32_t bits0, uint32_t bits1, int32_t *id) {
+    Packet p, q;
+    packet_begin(&p, f, what, heights, rays, width, m_make(bits0));
+    packet_begin(&q, f, what, heights, rays + LANES, width, m_make(bits1));
+    while (m_any(p.on) && m_any(q.on)) {
+        vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
+        packet_node(&p, &f->mip, what, NULL);
+        packet_node(&q, &f->mip, what, NULL);
+        if (m_any(cp)) packet_cell(&p, f, what, heights, cp, NULL);
+        if (m_any(cq)) packet_cell(&q, f, what, heights, cq, NULL);
+    }
+    while (m_any(p.on)) packet_step(&p, f, what, heights, NULL, NULL);
+    while (m_any(q.on)) packet_step(&q, f, what, heights, NULL, NULL);
+    i_store(id, p.s.id);
+    i_store(id + LANES, q.s.id);
 }
 
 INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
     const flt *p = rays;
     for (uint32_t at = 0; at < width; at += LANES) {
+        if (LANES > 1 && width - at >= 2 * LANES) {
+            const uint32_t all = (1u << (LANES & 31)) - 1;
+            packet_walk2(f, what, heights, p + at, width, (uint32_t)(mask >> at) & all, (uint32_t)(mask >> (at + LANES)) & all, id + at);
+            at += LANES;
+            continue;
+        }
         uint32_t bits = (uint32_t)(mask >> at), rest = width - at;
         if (LANES < 32) bits &= (1u << LANES) - 1;
         if (rest >= LANES) {

@@ -49,6 +49,7 @@
 #define m_bits FN(m_bits)
 #define m_make FN(m_make)
 #define m_any FN(m_any)
+#define m_opaque FN(m_opaque)
 #define f_load FN(f_load)
 #define f_store FN(f_store)
 #define i_load FN(i_load)
@@ -255,5 +256,13 @@ INLINE vf f_gather(const flt *p, vi at, vm m) { return m ? p[at] : 0; }
 INLINE vf mip_gather(const float *p, vi at, vm m) { return m ? (vf)p[at] : 0; }
 INLINE vi i_lookup(const int32_t table[16], vi at) { return table[at]; }
 #endif
+
+/* clang's optimiser takes minutes over long chains of mask logic unless some links are opaque to it. Costs nothing. */
+INLINE vm m_opaque(vm m) {
+#if defined(__clang__) && ((LANES == 16 && !F64) || (LANES == 8 && F64))
+    __asm__("" : "+k"(m));
+#endif
+    return m;
+}
 
 INLINE int m_any(vm m) { return m_bits(m) != 0; }
