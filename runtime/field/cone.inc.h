@@ -74,18 +74,18 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
     vf blur = f_all((flt)0.01) + f_all(unit) * (f_abs(r.ox) + f_abs(r.oy) + f_max(f_abs(r.te), f_abs(r.tl)) * f_max(adx, ady));
     if (c->relaxed && c->options.bounded) {
         vf m = f_all((flt)c->options.max_slope);
-        steps &= m_le(r.dz * f_abs(r.dz), m * f_abs(m) * (r.dx * r.dx + r.dy * r.dy));
+        steps = m_opaque(steps & (m_le(r.dz * f_abs(r.dz), m * f_abs(m) * (r.dx * r.dx + r.dy * r.dy))));
     }
 
     ray_locate(&r, r.te, on, w, h, &i, &j);
     vf start = ray_start(&r, heights, w, h, i, j, on, &start_id);
     search_start(&s, SLT_FIELD_TRACE, &r, start, start_id, on);
     vf t = r.te, above = (r.oz + t * r.dz) - start; /* above: at t; kept where relaxed */
-    on &= m_not(s.done);
+    on = m_opaque(on & (m_not(s.done)));
     while (m_any(on)) {
         vf base, slope;
         vi cell = j * i_all(w) + i, at = class + cell;
-        vm may = on & steps;
+        vm may = m_opaque(on & steps);
         if (relaxed) may &= m_lt(close + close, above);
         cone_gather(c, at, may, &base, &slope);
         if (counts) counts->nodes++;
@@ -104,13 +104,13 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
         vm step = may & m_lt(f_all((flt)CONE_LEAST), u), stay = on & m_not(step);
         if (m_any(step)) {
             vf to = t + u * rspeed;
-            step &= m_lt(t, to); /* rounding may leave no way at all */
-            stay = on & m_not(step);
+            step = m_opaque(step & (m_lt(t, to))); /* rounding may leave no way at all */
+            stay = m_opaque(on & m_not(step));
             vm last = step & m_le(r.tl, to);
             to = f_min(to, r.tl);
-            vm move = step & m_not(last);
+            vm move = m_opaque(step & m_not(last));
             if (!relaxed) {
-                on &= m_not(last); /* nothing of the terrain up to the end */
+                on = m_opaque(on & (m_not(last))); /* nothing of the terrain up to the end */
                 if (m_any(move)) {
                     vi ni, nj;
                     ray_locate(&r, to, move, w, h, &ni, &nj);
@@ -120,13 +120,13 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
                 vi ni, nj;
                 vf there = cone_height(&r, heights, w, h, to, step, &ni, &nj);
                 vm clear = step & m_lt(close, there);
-                on &= m_not(last & clear);
-                vm cross = step & m_not(clear);
+                on = m_opaque(on & (m_not(last & clear)));
+                vm cross = m_opaque(step & m_not(clear));
                 i = i_sel(clear, ni, i), j = i_sel(clear, nj, j), t = f_sel(clear, to, t), above = f_sel(clear, there, above);
                 /* [t, to] has the only place where the height falls to `close`: halve it, keeping t above. */
                 vf cellt = rspeed * f_all((flt)0.5);
                 vm wide = cross & m_lt(cellt, to - t);
-                for (int n = 0; n < 24 && m_any(wide); n++, wide &= m_lt(cellt, to - t)) {
+                for (int n = 0; n < 24 && m_any(wide); n++, wide = m_opaque(wide & m_lt(cellt, to - t))) {
                     vf mid = t + (to - t) * f_all((flt)0.5);
                     there = cone_height(&r, heights, w, h, mid, wide, &ni, &nj);
                     vm high = wide & m_lt(close, there);
@@ -134,17 +134,17 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
                     to = f_sel(wide & m_not(high), mid, to);
                     if (counts) counts->nodes++;
                 }
-                stay |= cross; /* on by cells, from a point above */
+                stay |= m_opaque(cross); /* on by cells, from a point above */
             }
         }
-        stay &= on;
+        stay = m_opaque(stay & (on));
         if (m_any(stay)) {
             leaf_test(&leaf, &r, heights, w, h, i, j, t, line_x(&r, i + r.sx), line_y(&r, j + r.sy), stay);
             search_leaf(&s, SLT_FIELD_TRACE, &r, &leaf, w, i, j, stay);
             if (counts) counts->cells++;
             t = f_sel(stay, leaf.te, t);
             if (relaxed) above = f_sel(stay, (r.oz + t * r.dz) - leaf.he, above);
-            on &= m_not(s.done) & m_not(stay & m_le(r.tl, t));
+            on = m_opaque(on & (m_not(s.done) & m_not(stay & m_le(r.tl, t))));
             vm lx = stay & leaf.xexit, ly = stay & m_not(leaf.xexit);
             i = i_sel(lx, i + (r.sx + r.sx - one), i);
             j = i_sel(ly, j + (r.sy + r.sy - one), j);
