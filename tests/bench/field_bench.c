@@ -417,6 +417,36 @@ static uint64_t exact_terrain(const Options *o, Terrain *t) {
     return differ;
 }
 
+/* What one slice costs: from points of the surface over all slopes, and from a viewpoint a tenth of the side above the ground over the window of one pixel (0.00077 rad). */
+static void silhouettes_terrain(Terrain *t) {
+    StructureSpec naive = {"naive", {.structure = FIELD_NAIVE}}, mipmap = {"mipmap", {.structure = FIELD_MIPMAP}};
+    SltField *brute = make_field(t, &naive), *mip = make_field(t, &mipmap);
+    enum { SLICES = 4000, CAP = 4096 };
+    static int32_t id[2][CAP];
+    for (int window = 0; window < 2; window++) {
+        FieldCounts counts[2] = {0};
+        uint64_t state = 99, peaks = 0, differ = 0;
+        double seconds[2] = {0};
+        for (int n = 0; n < SLICES; n++) {
+            double side = t->n - 1.0, x = side * bench_unit(&state), y = side * bench_unit(&state), phi = 2.0 * 3.141592653589793 * bench_unit(&state), k = tan(-0.6 * bench_unit(&state) - 0.02);
+            float o[3] = {(float)x, (float)y, (float)(terrain_height(t, x, y, NULL) + (window ? 0.1 * t->n : 0.01))}, d[2] = {(float)cos(phi), (float)sin(phi)};
+            double low = window ? k : -1e9, high = window ? k + 0.00077 * (1.0 + k * k) : 1e9;
+            uint32_t found[2];
+            for (int s = 0; s < 2; s++) {
+                double start = bench_now();
+                found[s] = field_silhouettes(s ? mip : brute, t->h, o, d, low, high, id[s], CAP, &counts[s]);
+                seconds[s] += bench_now() - start;
+            }
+            peaks += found[0];
+            differ += found[0] != found[1] || memcmp(id[0], id[1], sizeof **id * found[0]);
+        }
+        double steps[2] = {(double)counts[0].cells / SLICES, (double)(counts[1].nodes + counts[1].cells) / SLICES};
+        printf("| %s %u | %s | %.2f | %.1f, %.2f us | %.1f, %.2f us | %.1f | %llu |\n", t->name, t->n, window ? "viewpoint, a pixel's window" : "surface, all slopes", (double)peaks / SLICES, steps[0],
+               1e6 * seconds[0] / SLICES, steps[1], 1e6 * seconds[1] / SLICES, steps[0] / steps[1], (unsigned long long)differ);
+    }
+    field_free(brute), field_free(mip);
+}
+
 int main(int argc, char **argv) {
     Options o = {.structures = "naive,mipmap,cone", .rounds = 9, .pixels = 512};
     for (int i = 1; i < argc; i++) {
@@ -438,6 +468,7 @@ int main(int argc, char **argv) {
     bool first = true;
     printf("Embree %s\n", embree_config());
     if (json) fprintf(json, "[");
+    if (o.silhouettes) printf("| terrain | slices | peaks | stepping: cells, time | mipmap: nodes and cells, time | ratio of steps | slices that differ |\n|---|---|---|---|---|---|---|\n");
     for (int k = 0; k < 2; k++)
         for (int s = 0; s < 3; s++) {
             if ((o.terrain && strcmp(o.terrain, names[k])) || (o.size && o.size != sizes[s])) continue;
@@ -446,7 +477,8 @@ int main(int argc, char **argv) {
                 printf("%s %u: SALTUS_DATA has no elevations; skipped\n", names[k], sizes[s]);
                 continue;
             }
-            if (o.exact) wrong += exact_terrain(&o, &t);
+            if (o.silhouettes) silhouettes_terrain(&t);
+            else if (o.exact) wrong += exact_terrain(&o, &t);
             else bench_terrain(&o, &t, json, first);
             first = false;
             terrain_free(&t);
