@@ -110,6 +110,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         for (Fn *part = out->fn[k]; part; part = part->next_part) {
             part->name = kernel_names[k];
             pipeline_kernel(ctx, part);
+            if (k == K_EVENT && out->has_window) run(ctx, part, "opt_sink", opt_sink); /* the searches behind g, for pairs that have an event */
         }
     }
 }

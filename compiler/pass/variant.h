@@ -34,8 +34,10 @@ void variant_windows_of_inputs(Fn *fn);      /* site: what event found */
 bool variant_has_windows(const Fn *fn);
 bool variant_has_depth(const Fn *fn);        /* silhouettes, which need the signature */
 Inst *variant_depth(Fn *fn);                 /* the signature, threaded through a clone; sites stay */
-/* Do the two lanes of a pair that both hit see ground with a ridge between them? IN_SEED0: the least jump of the signature. */
-Inst *variant_ridge_between(Builder *b, Inst *site, Inst *window);
+/* Do the two lanes of a pair both hit, at depths whose signatures differ by more than IN_SEED0? */
+Inst *variant_depths_apart(Builder *b, Inst *site, Inst *window);
+/* And if so, is there a ridge between the two? */
+Inst *variant_ridge_between(Builder *b, Inst *window);
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);

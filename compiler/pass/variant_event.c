@@ -40,14 +40,18 @@ static bool event_at(Thread *t, Inst *i) {
     Event *e = t->user;
     Builder b = ir_after(t->fn, i);
     b.fold = true;
-    Inst *hit;
+    Inst *hit, *certain = NULL;
     if (e->argmin) {
         Inst *aux, *aux1, *g = own_g(&b, t->fn, i, &aux, &aux1);
         hit = ir_emit2(&b, OP_flt, ir_emit1(&b, OP_fabs, g), ir_emit1(&b, OP_fabs, t->value[V_G]));
     } else {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
         Inst *differ = ir_emit2(&b, i->op == OP_site ? OP_bxor : OP_fne, i, other);
-        if (variant_site_info(t->fn, i)->kind == SITE_FIELD) differ = ir_emit2(&b, OP_bor, differ, variant_ridge_between(&b, i, variant_window_of(t->fn, i)));
+        if (variant_site_info(t->fn, i)->kind == SITE_FIELD) {
+            /* Depths that differ are looked at more closely inside the branch. */
+            certain = differ;
+            differ = ir_emit2(&b, OP_bor, differ, variant_depths_apart(&b, i, variant_window_of(t->fn, i)));
+        }
         Inst *both = ir_special(&b, OP_both, TY_BOOL, 0, NULL, (Imm){0});
         hit = ir_emit2(&b, OP_band, ir_emit2(&b, OP_band, differ, both), ir_emit1(&b, OP_bnot, t->value[V_FOUND]));
     }
@@ -61,6 +65,10 @@ static bool event_at(Thread *t, Inst *i) {
     yes[V_SITE] = ir_consti(&in, (int32_t)i->imm.i);
     yes[V_G] = own_g(&in, t->fn, i, &yes[V_AUX], &yes[V_AUX1]);
     for (uint32_t d = 0; d < e->depth; d++) yes[V_K + d] = d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&in, 0);
+    if (certain) {
+        Inst *sure = ir_emit2(&in, OP_bor, certain, variant_ridge_between(&in, variant_window_of(t->fn, i)));
+        for (uint32_t v = 0; v < t->n; v++) yes[v] = ir_select(&in, sure, yes[v], t->value[v]);
+    }
     ir_yield(&in, t->n, yes);
     ir_yield(&out, t->n, t->value);
     for (uint32_t v = 0; v < t->n; v++) t->value[v] = ir_proj(&b, br, v);

@@ -115,11 +115,14 @@ Inst *variant_depth(Fn *fn) {
     return t.value[0];
 }
 
-Inst *variant_ridge_between(Builder *b, Inst *site, Inst *w) {
-    Pair p = pair_of(b, w);
+Inst *variant_depths_apart(Builder *b, Inst *site, Inst *w) {
     Inst *mine = depth_of(b, site, w->args[0]);
     Inst *jump = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, mine, partner(b, mine)));
     Inst *hits = ir_emit2(b, OP_band, site, partner(b, site));
-    Inst *apart = ir_emit2(b, OP_band, ir_emit2(b, OP_flt, p.top, p.far_t), ir_emit2(b, OP_flt, ir_input(b, IN_SEED0), jump));
-    return ir_emit2(b, OP_band, hits, apart);
+    return ir_emit2(b, OP_band, hits, ir_emit2(b, OP_flt, ir_input(b, IN_SEED0), jump));
+}
+
+Inst *variant_ridge_between(Builder *b, Inst *w) {
+    Pair p = pair_of(b, w);
+    return ir_emit2(b, OP_flt, p.top, p.far_t);
 }
