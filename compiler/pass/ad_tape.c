@@ -88,13 +88,13 @@ static bool cheap(const Vjp *v, const Inst *i) {
     case OP_site:
     case OP_siten: return true;
     case OP_load: return v->stable[i->id];
-    case OP_fdiv:
-    case OP_zdiv:
-    case OP_fsqrt:
     case OP_idiv:
     case OP_irem:
     case OP_udiv:
-    case OP_urem: return false;
+    case OP_urem: return ir_is_const(i->args[1]); /* a product: rows and columns of a witness */
+    case OP_fdiv:
+    case OP_zdiv:
+    case OP_fsqrt: return false;
     default: return !ir_ops[i->op].special && !ir_ops[i->op].math;
     }
 }

@@ -36,6 +36,9 @@ static const Example examples[] = {
     {"csg/csg.salt", "", "24x24x24", NULL},
     {"raymarch/raymarch.salt", "", "48x40", NULL},
     {"external_loss/discs.salt", "", "48x48", NULL},
+    {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
+    {"cone_light/boundary.salt", "", "24x24", NULL},
+    {"cone_light/slices.salt", "", "24x24", NULL},
 };
 enum { EXAMPLES_N = sizeof examples / sizeof *examples };
 
