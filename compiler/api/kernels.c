@@ -27,6 +27,10 @@ uint64_t api_event_bound(const SltProgram *p) {
 }
 
 static bool near_miss(const SltProgram *p) {
+    const Fn *primal = p->prog->primal;
+    bool any = false; /* a heightfield site has no g at a single point to be near 0 */
+    for (uint32_t s = 0; s < primal->nsites; s++) any |= primal->sites[s].kind != SITE_FIELD && primal->sites[s].kind != SITE_SHADOW;
+    if (!any) return false;
     return p->opt.near_miss < 0 ? api_event_bound(p) <= NEAR_MISS_EVENTS : p->opt.near_miss > 0;
 }
 

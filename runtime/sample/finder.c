@@ -100,7 +100,7 @@ static double tolerance(const Finder *f, const Segment *s) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(0x1p-15, 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    return fmax(f->coarse ? 0x1p-9 : 0x1p-15, 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
@@ -509,8 +509,44 @@ static uint32_t take_halves(Finder *f, Item *items, uint32_t n) {
     return kept;
 }
 
+/* Bits of v two apart. */
+static uint32_t spread_bits(uint32_t v) {
+    v = (v | v << 8) & 0x00ff00ffu;
+    v = (v | v << 4) & 0x0f0f0f0fu;
+    v = (v | v << 2) & 0x33333333u;
+    return (v | v << 1) & 0x55555555u;
+}
+
+/* Rays of one vector should go the same way: segments along a Z curve through the domain. */
+static void order_by_place(Finder *f) {
+    uint64_t *keys = malloc(f->n * sizeof *keys);
+    Segment *sorted = malloc(f->cap * sizeof *sorted);
+    if (keys && sorted) {
+        for (uint32_t i = 0; i < f->n; i++) {
+            uint32_t at[2] = {0, 0};
+            for (uint32_t d = 0; d < 2 && d < f->s->dim; d++) {
+                double x = (f->stack[i].a[d] - f->s->lo[d]) / (f->s->hi[d] - f->s->lo[d]);
+                at[d] = (uint32_t)(65535 * clamp(x, 0, 1));
+            }
+            keys[i] = (uint64_t)(spread_bits(at[0]) | spread_bits(at[1]) << 1) << 32 | i;
+        }
+        sort_keys(keys, f->n);
+        for (uint32_t i = 0; i < f->n; i++) sorted[i] = f->stack[(uint32_t)keys[i]];
+        Segment *old = f->stack;
+        f->stack = sorted, sorted = old;
+    }
+    free(keys), free(sorted); /* without memory the order is as it came */
+}
+
+/* Segments of a scene with rays wait for this many, so that neighbours meet. */
+enum { TOGETHER = 16 * FIND };
+
 void finder_run(Finder *f, bool all) {
     Item *items = f->items;
+    if (f->s->has_window) {
+        if (!all && f->n < TOGETHER) return;
+        if (f->n > 1) order_by_place(f);
+    }
     while (f->n && !f->failed && (all || f->n >= FIND)) {
         uint32_t n = f->n < FIND ? f->n : FIND;
         for (uint32_t i = 0; i < n; i++) {

@@ -161,6 +161,8 @@ void spread_add(Spread *s, double difference);
 /* The edges of a line of n vertices. */
 void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n);
 /* J: the difference beyond which two neighbours are worth a search. */
+/* In an image J is this many times larger: edges asked in vain are what the boundary term of a terrain costs, and what is lost are jumps of a few ordinary steps. */
+#define DEPTH_COARSE 3.0
 double spread_jump(const Spread *s);
 /* J of edge e of a line of n vertices, from that of its tile and from the edges beside it. */
 double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump);
@@ -217,6 +219,7 @@ struct Finder {
     void *items; /* of the batch in hand */
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS];
+    bool coarse;     /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
     bool halve_only; /* the paper's search: bisection on the hash down to 2^-15 */
     bool failed;
 };

@@ -100,7 +100,7 @@ static double tile_jump(const Worker *w, const Span *sp, uint32_t axis) {
             uint64_t first = p * sp->stride[a] + q * sp->stride[b];
             spread_line(&spread, w->hash + first, w->depth + first, sp->stride[axis], sp->vn[axis]);
         }
-    return spread_jump(&spread);
+    return spread_jump(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
 }
 
 /* Segments of one line of the tile, along `axis`, through vertex index `first` (its vertex 0). */

@@ -118,6 +118,7 @@ void boundary_merge(Boundary *y, Worker *w) {
 }
 
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
+    w->finder.coarse = y->run->s->has_window && !y->run->grid.integral;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
 }
 

@@ -96,7 +96,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
         Spread spread;
         spread_clear(&spread);
         for (uint64_t l = 0; l < to - from; l++) spread_line(&spread, w->hash + l * n, w->depth + l * n, 1, n);
-        jump = spread_jump(&spread);
+        jump = spread_jump(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
     }
     for (uint64_t l = from; l < to; l++) {
         n = line_place(k, b, axis, l, &seg, pos);
