@@ -5,6 +5,7 @@
 
 For the light's and the terrain's movement: a converged reference by slices, in independent runs whose spread is its standard error; every estimator at --spp samples, --runs seeds; its mean squared
 error over all pixels, its seconds (of the estimate, one thread, without compiling), and error x seconds against that of slices: the ratio of errors at equal time, as variance falls with samples.
+With --plot FILE.svg, root mean squared error against seconds, at 1 to 64 samples, instead.
 Last: how far slices' mean over the runs, and that of sites, is from the reference, in standard errors of a pixel (3 % of all pixels, about, lie beyond 3 of them with 8 runs, as t has 7 degrees of
 freedom) and of the whole image."""
 import argparse
@@ -44,6 +45,57 @@ def gradient(o, shader, parameter, spp, seed, *more):
 CHANNEL = 1  # of the array: the picture itself comes first
 
 
+ESTIMATORS = (("slices", "slices.salt", ()), ("sites", "boundary.salt", ()), ("sites, snap-knn", "boundary.salt", ("--estimator", "snap-knn")),
+              ("sites, snap-crofton", "boundary.salt", ("--estimator", "snap-crofton")), ("differences", "boundary.salt", ("--estimator", "fd")))
+COLOURS = ("#c0392b", "#2c6fbb", "#7aa7d6", "#a8c8e8", "#444444")
+
+
+def reference(o, parameter):
+    """Means of 8 independent runs, and the variance of each mean."""
+    parts = [gradient(o, "slices.salt", parameter, o.reference // 8, 1000 + k)[0] for k in range(8)]
+    n = len(parts[0])
+    mean = [sum(p[i] for p in parts) / 8 for i in range(n)]
+    return mean, [sum((p[i] - mean[i]) ** 2 for p in parts) / 56 for i in range(n)]
+
+
+def plot(o):
+    """Both parameters side by side; logarithmic axes, a grid line a decade."""
+    width, height, left, top = 330, 260, 60, 30
+    out = ['<svg xmlns="http://www.w3.org/2000/svg" width="%d" height="%d" font-family="sans-serif" font-size="11">' % (2 * (width + left) + 20, height + 110),
+           '<rect width="100%" height="100%" fill="white"/>']
+    for column, parameter in enumerate(("scene.light", "scene.rise")):
+        mean, var = reference(o, parameter)
+        signal = math.sqrt(sum(m * m for m in mean) / len(mean))
+        curves = []
+        for _, shader, more in ESTIMATORS:
+            points = []
+            for spp in (1, 2, 4, 8, 16, 32, 64):
+                images, seconds = zip(*(gradient(o, shader, parameter, spp, 1 + k, *more) for k in range(o.runs)))
+                mse = sum((v[i] - mean[i]) ** 2 - var[i] for v in images for i in range(len(mean))) / (o.runs * len(mean))
+                points.append((min(seconds), math.sqrt(max(mse, 1e-12)) / signal))
+            curves.append(points)
+        xs, ys = [[math.log10(p[a]) for c in curves for p in c] for a in (0, 1)]
+        x0, x1, y0, y1 = min(xs) - 0.1, max(xs) + 0.1, min(ys) - 0.1, max(ys) + 0.1
+        at_x = lambda v: left + column * (width + left) + width * (v - x0) / (x1 - x0)
+        at_y = lambda v: top + height * (y1 - v) / (y1 - y0)
+        out.append('<text x="%g" y="18">d/d(%s): relative RMS error against seconds</text>' % (at_x(x0), parameter))
+        for e in range(-6, 6):
+            if x0 < e < x1:
+                out.append('<path d="M%g %gV%g" stroke="#ddd"/><text x="%g" y="%g" text-anchor="middle">1e%d</text>' % (at_x(e), top, top + height, at_x(e), top + height + 14, e))
+            if y0 < e < y1:
+                out.append('<path d="M%g %gH%g" stroke="#ddd"/><text x="%g" y="%g" text-anchor="end">1e%d</text>' % (at_x(x0), at_y(e), at_x(x1), at_x(x0) - 4, at_y(e) + 4, e))
+        out.append('<rect x="%g" y="%g" width="%g" height="%g" fill="none" stroke="#888"/>' % (at_x(x0), top, width, height))
+        for k, points in enumerate(curves):
+            where = ["%.1f,%.1f" % (at_x(math.log10(x)), at_y(math.log10(y))) for x, y in points]
+            out.append('<polyline points="%s" fill="none" stroke="%s" stroke-width="1.6"/>' % (" ".join(where), COLOURS[k]))
+            out.extend('<circle cx="%s" cy="%s" r="2.4" fill="%s"/>' % (*w.split(","), COLOURS[k]) for w in where)
+    for k, (name, _, _) in enumerate(ESTIMATORS):
+        x, y = left + 250 * (k % 3), top + height + 40 + 20 * (k // 3)
+        out.append('<path d="M%d %dh24" stroke="%s" stroke-width="2"/><text x="%d" y="%d">%s</text>' % (x, y, COLOURS[k], x + 30, y + 4, name))
+    with open(o.plot, "w") as f:
+        f.write("\n".join(out) + "\n</svg>\n")
+
+
 def main():
     a = argparse.ArgumentParser()
     a.add_argument("--saltus", default=os.environ.get("SALTUS_BIN", "saltus"))
@@ -53,17 +105,17 @@ def main():
     a.add_argument("--reference", type=int, default=4096)
     a.add_argument("--threads", type=int, default=1)
     a.add_argument("--json", action="store_true")
+    a.add_argument("--plot")
     o = a.parse_args()
+    if o.plot:
+        return plot(o)
     pixels = o.size * o.size
     result = {}
     for parameter in ("scene.light", "scene.rise"):
-        parts = [gradient(o, "slices.salt", parameter, o.reference // 8, 1000 + k)[0] for k in range(8)]
-        mean = [sum(p[i] for p in parts) / 8 for i in range(pixels)]
-        var = [sum((p[i] - mean[i]) ** 2 for p in parts) / 56 for i in range(pixels)]
+        mean, var = reference(o, parameter)
         signal = sum(m * m for m in mean) / pixels
         rows = []
-        for name, shader, more in (("slices", "slices.salt", ()), ("sites", "boundary.salt", ()), ("sites, snap-knn", "boundary.salt", ("--estimator", "snap-knn")),
-                                   ("sites, snap-crofton", "boundary.salt", ("--estimator", "snap-crofton")), ("differences", "boundary.salt", ("--estimator", "fd"))):
+        for name, shader, more in ESTIMATORS:
             images, seconds = zip(*(gradient(o, shader, parameter, o.spp, 1 + k, *more) for k in range(o.runs)))
             mse = sum((v[i] - mean[i]) ** 2 - var[i] for v in images for i in range(pixels)) / (o.runs * pixels)
             average = [sum(v[i] for v in images) / o.runs for i in range(pixels)]
