@@ -24,7 +24,7 @@ typedef struct Recipe {
 
 static const Recipe recipes[] = {
     {"shadow_art", 60, 0.1, "shadow.salt --param h=@rocks.exr --wrt h --samples 65536"},
-    {"two_suns", 40, 0.75, "sign.salt --param h=@rough.exr --wrt h,skylight --samples 65536"},
+    {"two_suns", 25, 0.75, "sign.salt --param h=@rough.exr --wrt h,skylight --samples 65536"},
     {"shadow_edit", 25, 0.4, "edit.salt --param h=@land.exr --wrt h,skylight --samples 65536"},
     {"glossy_edit", 20, 0.3, "lake.salt --param h=@land.exr --wrt h,rock --samples 65536"},
 };
