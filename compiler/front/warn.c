@@ -455,21 +455,38 @@ static void report_untracked(Warn *w) {
 }
 
 /* Sites without a curve: out, with a warning where it depends on something that can change. */
-static void drop_static(Warn *w, Block *b, Inst **map, uint32_t *kept, SiteInfo *infos) {
+static void drop_static(Warn *w, Block *b, Inst **map, uint32_t *kept, SiteInfo *infos, int32_t *number) {
     Lower *l = w->l;
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
-        for (uint32_t r = 0; r < i->nregions; r++) drop_static(w, i->region[r], map, kept, infos);
+        for (uint32_t r = 0; r < i->nregions; r++) drop_static(w, i->region[r], map, kept, infos, number);
         if (i->op != OP_site && i->op != OP_siten) continue;
         SiteInfo *info = &l->sites.data[i->imm.i];
         const Dep *d = &w->dep[i->args[1]->id];
         if (d->x) {
             infos[*kept] = *info;
+            number[i->imm.i] = (int32_t)*kept;
             i->imm.i = (*kept)++;
             continue;
         }
         if (w->live[i->id] && d->n) diag_emit(l->s, DIAG_static_disc, info->span, param_list(w, d));
         else if (w->live[i->id] && d->rand) diag_emit(l->s, DIAG_static_disc, info->span, "random numbers");
+        map[i->id] = i->args[0];
+        ir_unlink(i);
+    }
+}
+
+/* Windows go by the number of their site; those of a dropped one are dead. */
+static void number_windows(Block *b, Inst **map, const int32_t *number) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) number_windows(i->region[r], map, number);
+        if (i->op != OP_window) continue;
+        int32_t site = number[i->imm.i / 2];
+        if (site >= 0) {
+            i->imm.i = 2 * site + (i->imm.i & 1);
+            continue;
+        }
         map[i->id] = i->args[0];
         ir_unlink(i);
     }
@@ -496,8 +513,11 @@ void warn_discontinuities(Lower *l) {
     Inst **map = ARENA_ARRAY(scratch, Inst *, n + 1);
     SiteInfo *infos = ARENA_ARRAY(l->arena, SiteInfo, l->sites.len + 1);
     uint32_t kept = 0;
-    drop_static(&w, l->fn->body, map, &kept, infos);
+    int32_t *number = ARENA_ARRAY(scratch, int32_t, l->sites.len + 1);
+    for (uint32_t i = 0; i < l->sites.len; i++) number[i] = -1;
+    drop_static(&w, l->fn->body, map, &kept, infos, number);
     if (kept != l->sites.len) {
+        number_windows(l->fn->body, map, number);
         for (uint32_t i = 0; i < n; i++) /* a decision may be that of another dropped site */
             while (map[i] && map[i]->id < n && map[map[i]->id]) map[i] = map[map[i]->id];
         ir_replace_all(l->fn, map);
