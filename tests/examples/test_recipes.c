@@ -18,13 +18,13 @@
 typedef struct Recipe {
     const char *folder;
     int iters;
-    double factor;     /* of the first loss, which the best must be below after so many iterations */
+    double factor;     /* of the first loss: what the best must be below after so many iterations, and never is with --interior-only */
     const char *check; /* arguments of `saltus check` after the commands */
 } Recipe;
 
 static const Recipe recipes[] = {
     {"shadow_art", 60, 0.1, "shadow.salt --param h=@rocks.exr --wrt h --samples 65536"},
-    {"two_suns", 25, 0.75, "sign.salt --param h=@rough.exr --wrt h,skylight --samples 65536"},
+    {"two_suns", 60, 0.33, "sign.salt --param h=@rough.exr --wrt h,skylight --samples 65536"},
     {"shadow_edit", 25, 0.4, "edit.salt --param h=@land.exr --wrt h,skylight --samples 65536"},
     {"glossy_edit", 20, 0.3, "lake.salt --param h=@land.exr --wrt h,rock --samples 65536"},
 };
@@ -60,10 +60,11 @@ static int tear_down(void **state) {
 
 /* One command of the README. Later options win, so that the cheaper ones go last. */
 static void step(const Recipe *r, const char *arguments, bool *fitted) {
-    char cheap[2048], out[16384];
+    char cheap[2048], iters[32], out[16384];
     bool fit = !strncmp(arguments, "fit ", 4);
-    int samples = strstr(arguments, ".png") ? 1 : 8;
-    int n = snprintf(cheap, sizeof cheap, "%s %s %d", arguments, fit ? "--iters" : "--spp", fit ? r->iters : samples);
+    snprintf(iters, sizeof iters, "--iters %d", r->iters);
+    /* What is only looked at needs one sample a pixel; what is read again keeps its own, within reason. */
+    int n = snprintf(cheap, sizeof cheap, "%s %s", arguments, fit ? iters : strstr(arguments, ".png") ? "--spp 1" : strstr(arguments, "--spp 256") ? "--spp 16" : "");
     assert_true(n > 0 && n < (int)sizeof cheap);
     if (run(out, sizeof out, r->folder, cheap) != 0 || strstr(out, ": warning:")) fail_msg("%s: saltus %s: %s", r->folder, cheap, out);
     if (!fit) return;
