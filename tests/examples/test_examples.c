@@ -37,6 +37,8 @@ static const Example examples[] = {
     {"raymarch/raymarch.salt", "", "48x40", NULL},
     {"external_loss/discs.salt", "", "48x48", NULL},
     {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
+    {"pathtrace/soft_sun.salt", "--entry sites --set BOUNCES=0", "24x16", NULL},
+    {"pathtrace/soft_sun.salt", "--entry slices --set BOUNCES=0", "24x16", NULL},
     {"cone_light/boundary.salt", "", "24x24", NULL},
     {"cone_light/slices.salt", "", "24x24", NULL},
 };
