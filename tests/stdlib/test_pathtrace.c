@@ -159,11 +159,52 @@ static void test_two_ways(void **state) {
     }
 }
 
+/* A lit slope colours the flat ground before it. What comes from the slope is linear in its colour, so its derivative tells it exactly: nothing else changes, with the same random numbers. */
+static void test_bleeding(void **state) {
+    (void)state;
+    double light[2][2], slope[2][2];
+    for (int bounces = 0; bounces < 2; bounces++) {
+        char source[1024];
+        snprintf(source, sizeof source,
+                 SCENE "param texture2D colour = zeros(8, 1, 3);\nshader float2 main(float2 x) {\n"
+                       "    Sun s = { normalize(float3(0.8, 0.1, 0.5)), float3(2.0), 0.05 };\n"
+                       "    return path_radiance(h, colour, float4(0.0, 0.0, 1.0, 1.0), s, float3(0.0), float3(0.0), float3(0.65 + 0.2 * x.x, 0.3 + 0.4 * x.y, 1.0), float3(0.0, 0.0, -1.0), %d).xy;\n}\n",
+                 bounces);
+        SltProgram *p = compile(source, NULL);
+        double v[13 * 13], texel[24];
+        for (int i = 0; i < 169; i++) v[i] = fmax(0, 0.6 - 1.2 * (i % 13) / 12.0);
+        set(p, "h", v);
+        for (int red = 0; red < 2; red++) {
+            for (int i = 0; i < 24; i++) texel[i] = i < 12 && i % 3 == 0 ? 0.9 * red : i < 12 ? 0.1 : 0.5;
+            set(p, "colour", texel);
+            double value[2], g[2 * 512];
+            SltJob job = SLT_JOB_INIT;
+            SltError err = {0};
+            SltIntegral out = {.value = value, .gradient = g};
+            uint32_t n = slt_float_count(p), base = base_of(p, "colour");
+            assert_true(n <= 512);
+            job.integral = true, job.samples = 1 << 14, job.threads = 1, job.seed = 7;
+            if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+            light[bounces][red] = value[0];
+            slope[bounces][red] = 0;
+            for (int i = 0; i < 12; i += 3) slope[bounces][red] += 0.9 * g[base + i];
+            for (int i = 0; i < 12; i += 3) assert_true(g[n + base + i] == 0); /* red does not make green */
+        }
+        slt_program_free(p);
+    }
+    assert_true(slope[0][0] == 0 && slope[0][1] == 0);
+    near_to("no reflection", light[0][1], light[0][0], 1e-12);
+    if (!(light[1][1] > 1.02 * light[1][0])) fail_msg("red %g, without %g", light[1][1], light[1][0]);
+    near_to("reflected red", slope[1][1], light[1][1] - light[1][0], 1e-9);
+    near_to("reflected red, from none", slope[1][0], light[1][1] - light[1][0], 1e-9);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_furnace),
         cmocka_unit_test(test_lights),
         cmocka_unit_test(test_two_ways),
+        cmocka_unit_test(test_bleeding),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
