@@ -126,12 +126,40 @@ static void adam_denominators(Optimiser *o, double correction) {
     }
 }
 
+/* Sampled gradients have heavy tails: where a silhouette ends, one crossing may weigh ten times what others do. Under one second moment for the grid such an entry
+ * would move its own parameter by as many steps, and hold back all others for as long as Adam remembers: it is cut to three times the largest so far. */
+static void limit_outliers(Optimiser *o, double correction) {
+    for (int k = 0; k < o->config.grid_count; k++) {
+        const OptimiseGrid *g = &o->config.grids[k];
+        double largest = 0;
+        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
+            double limit = 3 * sqrt(largest / correction);
+            for (int c = 0; c < g->channels; c++) {
+                for (int y = 0; y < g->height; y++) {
+                    for (int x = 0; x < g->width; x++) {
+                        size_t i = grid_index(g, x, y, c);
+                        if (pass == 0) {
+                            largest = fmax(largest, o->square[i]);
+                        } else if (limit > 0) {
+                            o->step[i] = clamp(o->step[i], -limit, limit);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 static void adam(Optimiser *o) {
     const OptimiseConfig *c = &o->config;
+    double before = 1 - pow(c->beta2, (double)o->now.age);
     double t = (double)++o->now.age;
     double first = 1 - pow(c->beta1, t), second = 1 - pow(c->beta2, t);
     memcpy(o->step, o->g, c->n * sizeof *o->step);
     smooth_grids(o, o->step, 1);
+    if (t > 1) {
+        limit_outliers(o, before);
+    }
     for (size_t i = 0; i < c->n; i++) {
         double g = o->step[i];
         o->moment[i] = c->beta1 * o->moment[i] + (1 - c->beta1) * g;

@@ -426,6 +426,46 @@ static void smooth_steps(void **state) {
     }
 }
 
+/* A gradient with one wild entry, once: it neither moves its own parameter far nor slows the others down. */
+static void outliers_on_grids(void **state) {
+    (void)state;
+    double start[SIDE * SIDE] = {0}, g[SIDE * SIDE], worst = 0;
+    OptimiseGrid grid = {.width = SIDE,
+                         .height = SIDE,
+                         .channels = 1,
+                         .stride_x = 1,
+                         .stride_y = SIDE,
+                         .lambda = 2};
+    OptimiseConfig c = {.n = SIDE * SIDE,
+                        .method = OPTIMISE_ADAM,
+                        .start = start,
+                        .default_rate = 0.02,
+                        .grids = &grid,
+                        .grid_count = 1};
+    Optimiser *o = make(&c);
+    for (int step = 0; step < 200; step++) {
+        const double *p = optimise_parameters(o);
+        double loss = 0;
+        for (int i = 0; i < SIDE * SIDE; i++) {
+            g[i] = p[i] - 1;
+            loss += 0.5 * g[i] * g[i];
+            if (step > 10) {
+                worst = fmax(worst, fabs(p[i] - p[0]));
+            }
+        }
+        if (step == 10) {
+            g[SIDE * SIDE / 2] = 1e4;
+        }
+        optimise_step(o, loss, g);
+    }
+    double loss;
+    optimise_best(o, &loss);
+    print_message("worst bump %.3g, loss %.3g\n", worst, loss);
+    assert_true(worst < 0.2);
+    assert_true(loss < 1e-3);
+    optimise_free(o);
+}
+
 static char folder[64];
 
 static int make_folder(void **state) {
@@ -612,7 +652,7 @@ int main(void) {
         cmocka_unit_test(non_finite),
         cmocka_unit_test(stopping),
         cmocka_unit_test(laplacian_is_right),
-        cmocka_unit_test(smooth_steps),
+        cmocka_unit_test(smooth_steps), cmocka_unit_test(outliers_on_grids),
         cmocka_unit_test(resume_is_bit_identical),
         cmocka_unit_test(damaged_checkpoints),
         cmocka_unit_test(bad_configs),
