@@ -258,11 +258,15 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
     Inst *pair[3] = {behind.t0, top, margin};
     int64_t site = l->sites.len;
     Inst *lo = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site}), *hi = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site + 1});
-    Ray window = *r;
-    window.t0 = op2(l, OP_fmax, op2(l, OP_fmax, r->t0, lo), mul(l, margin, kf(l, 0x1p-10)));
-    window.t1 = op2(l, OP_fmin, r->t1, hi);
+    /* t is counted from a cell's length (in three dimensions) behind the origin: (ray - terrain) / t has the same sign there, and t0 may be 0. */
+    double band = l->fields.data[field_number(l, t)].band;
+    Inst *steep = mul(l, r->dz, kf(l, 1 / band)), *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
+    Inst *back = op1(l, OP_detach, op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, length)));
+    Ray window = {.x = sub(l, r->x, mul(l, back, r->dx)), .y = sub(l, r->y, mul(l, back, r->dy)), .z = sub(l, r->z, mul(l, back, r->dz)),
+                  .dx = r->dx, .dy = r->dy, .dz = r->dz,
+                  .t0 = add(l, op2(l, OP_fmax, r->t0, lo), back), .t1 = add(l, op2(l, OP_fmin, r->t1, hi), back)};
     Inst *search, *c = clearance(l, t, &window, &search), *gap = box_gap(l, t, r);
-    Inst *none = is(l, search, SLT_FIELD_NONE), *outside = op2(l, OP_flt, kf(l, 0), gap);
+    Inst *none = is(l, search, SLT_FIELD_NONE), *outside = op2(l, OP_flt, mul(l, back, kf(l, -0x1p-10)), gap); /* or so little inside that the search did not see it */
     Inst *g = sel(l, none, sel(l, outside, gap, far), op2(l, OP_fmax, c, gap));
     return site_field(l, kind, hit, g, span);
 }

@@ -180,9 +180,37 @@ static int compare(const Scene *s, bool print) {
 
 static void test_scene(void **state) { assert_int_equal(compare(*state, getenv("SALTUS_PRINT") != NULL), 0); }
 
+/* Points below the ground, asked with upright rays from t = 0 on: the volume under the terrain, whose derivative in each height is the integral of its hat function. */
+static void test_volume(void **state) {
+    (void)state;
+    static const char *const source = "param heightfield h = zeros(5, 5);\n"
+                                      "shader float main(float3 x) {\n"
+                                      "    [Disc] if (h.occluded(x, float3(0.0, 0.0, 1.0), 0.0, 5.0)) return 1.0;\n"
+                                      "    return 0.0;\n"
+                                      "}\n";
+    SltOptions o = SLT_OPTIONS_INIT;
+    SltProgram *p = NULL;
+    if (slt_compile_string(source, "volume", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    double v[25], g[25], volume;
+    for (int i = 0; i < 25; i++) v[i] = 0.3 + 0.03 * (i * 7 % 5);
+    slt_set_floats(p, 0, 25, v, NULL);
+    SltJob j = SLT_JOB_INIT;
+    j.integral = true, j.samples = 1 << 16;
+    SltIntegral r = {.value = &volume, .gradient = g};
+    SltStats stats = {0};
+    assert_int_equal(slt_grad_integral(p, &j, &r, &stats, NULL), SLT_OK);
+    double sum = 0;
+    for (int i = 0; i < 25; i++) sum += g[i];
+    assert_true(fabs(sum - 1) < 0.01);
+    assert_true(fabs(g[12] - 1.0 / 16) < 0.01 / 16 * 4); /* two triangles of each of six around it: a cell in all */
+    for (int d = 0; d < SLT_DROP_REASONS; d++) assert_true(stats.dropped[d] * 100 < stats.crossings);
+    slt_program_free(p);
+}
+
 int main(void) {
     enum { SCENES = sizeof scenes / sizeof *scenes };
-    struct CMUnitTest tests[SCENES];
+    struct CMUnitTest tests[SCENES + 1];
     for (int i = 0; i < SCENES; i++) tests[i] = (struct CMUnitTest){scenes[i].name, test_scene, NULL, NULL, (void *)&scenes[i]};
+    tests[SCENES] = (struct CMUnitTest){"volume", test_volume, NULL, NULL, NULL};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
