@@ -281,7 +281,9 @@ static void log_adjoint(Emit *e, Inst *i) {
         index[p] = clamped(e, i->args[0], index[p], i->imm.slot.count);
         index[p] = LL(BuildAdd)(e->b, index[p],
                                 emit_const_like(e, LL(TypeOf)(index[p]), e->t_i32, 0, i->imm.slot.base, false), "");
-        mask[p] = counting_lanes(e, p, NULL);
+        /* Zeros add nothing: texels of what is in shadow, heights that a query did not meet. */
+        Part some = LL(BuildFCmp)(e->b, LLVMRealUNE, value[p], LL(ConstNull)(LL(TypeOf)(value[p])), "");
+        mask[p] = counting_lanes(e, p, some);
     }
     Part indices = spill_lanes(e, index, e->t_i32, 4), values = spill_lanes(e, value, e->t_flt, flt_bytes(e));
     LaneLoop l = lane_loop_begin(e, mask);
