@@ -34,7 +34,7 @@ const FieldKernels *field_kernels(FieldIsa isa) {
 
 static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", "AVX-512"};
 
-/* RISE walks from where a ray is blocked to the next ridge, a few cells: no structure helps it. */
+/* RISE walks from where a ray is blocked to the next ridge, a few cells: packets, but no structure. */
 static const uint32_t all_queries = (1u << SLT_FIELD_WHATS) - 1, searching = all_queries & ~(1u << SLT_FIELD_RISE);
 
 static const uint32_t hits = 1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
@@ -59,7 +59,8 @@ static void describe(Field *f) {
 static void set_queries(Field *f) {
     const FieldKernels *k = field_kernels(f->isa);
     for (int what = 0; what < SLT_FIELD_WHATS; what++) {
-        SltFieldQuery *q = f->mip.data ? k->query[f->f64][what] : NULL;
+        bool packets = f->mip.data || (what == SLT_FIELD_RISE && f->options.structure != FIELD_NAIVE);
+        SltFieldQuery *q = packets ? k->query[f->f64][what] : NULL;
         f->shared.query[what] = q ? q : field_naive[f->f64][what];
     }
     if (f->cones.packed) f->shared.query[SLT_FIELD_TRACE] = f->shared.query[SLT_FIELD_OCCLUDED] = k->cone[f->f64];

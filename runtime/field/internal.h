@@ -17,7 +17,6 @@ typedef struct Mipmap {
     int32_t base[MIP_LEVELS], stride[MIP_LEVELS]; /* entry 0 is that of level 1, so that a lane that is at a cell looks up something valid */
     int32_t rows[MIP_LEVELS];
     int32_t top;  /* the last level */
-    int32_t sidex, sidey; /* powers of two, at least the cells in x and y and 2^top: mirrored indices (packet.inc.h) */
     float max;    /* over all heights */
     size_t count; /* of data */
 } Mipmap;

@@ -53,9 +53,6 @@ bool mipmap_make(Field *f, const void *heights) {
     const uint32_t w = f->shared.w, h = f->shared.h, side = (w > h ? w : h) - 1;
     m->top = 1;
     while (m->top < MIP_LEVELS - 1 && side > 1u << m->top) m->top++;
-    m->sidex = m->sidey = 1 << m->top;
-    while ((uint32_t)m->sidex < w - 1) m->sidex *= 2;
-    while ((uint32_t)m->sidey < h - 1) m->sidey *= 2;
     size_t count = 0;
     for (int32_t l = 1; l < MIP_LEVELS; l++) {
         int32_t from = l < m->top ? l : m->top;

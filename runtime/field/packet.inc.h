@@ -4,7 +4,8 @@
  * That a node may be skipped is always one inequality, z + slope * t > maximum at the worse end of the node: slope is dz for TRACE, dz minus the best F / t so far for CLEARANCE (is there a point
  * with a smaller one?), the best slope so far for SILHOUETTE. z is lowered by `slack` and by more than all rounding errors of the test and of leaf.h, so no decision of leaf.h is lost. */
 #define packet_load FN(packet_load)
-#define packet_begin FN(packet_begin)
+#define packet_locate FN(packet_locate)
+#define packet_start FN(packet_start)
 #define packet_move FN(packet_move)
 #define packet_node FN(packet_node)
 #define packet_cell FN(packet_cell)
@@ -22,14 +23,15 @@
 #define START_FAR 4
 #endif
 
-/* i and j are mirrored where the direction is negative, i' = N - 1 - i with N a power of two: every ray then walks towards larger i', j', and a mirrored index is one xor away from the real one. The line after cell i' is the real
- * line (i' ^ flip) + s, s as in Ray. */
+/* Where a direction is negative, the packet's coordinate is minus the real one: every ray then walks towards larger i, j, cell i is the real ~i, line n the real -n, and (n - ox) / dx is the same with both
+ * signs turned, bit for bit. Blocks of 2^l cells are the same blocks. */
 typedef struct Packet {
     Ray r;
     Search s;
     vf t, tx, ty;        /* where the lane is; where it leaves its node in x and in y */
-    vi i, j, level;
-    vi flipx, flipy;
+    vf ox, oy, rdx, rdy; /* of the ray in the packet's coordinates: rdx, rdy positive */
+    vi i, j, level, size; /* the low corner of the node; size = 1 << level cells */
+    vi flipx, flipy;     /* -1 where turned */
     vf z, zband, reach;  /* z of the skipping test; reach: the longest |t| times the rounding unit, how z follows `best` */
     vm on, falling;      /* falling: dz < 0 */
 } Packet;
@@ -43,21 +45,20 @@ INLINE vm packet_load(Ray *r, Search *s, SltFieldWhat what, const Field *f, cons
         s->best = r->te, s->limit = r->t1, on &= m_lt(s->best, s->limit);
         r->dz = f_all(0), r->te = f_all(0), r->t1 = f_all(FLT_BIG);
     } else if (what != SLT_FIELD_TRACE) {
+        if (what == SLT_FIELD_RISE) s->best = f_all((flt)-INFINITY);
         r->te = f_max(f_all(FLT_TINY), r->te); /* keeps a NaN */
     }
     return on;
 }
 
-/* `last` is the last cell of a node: its exit line. */
-INLINE vf packet_line_x(const Packet *p, vi last) { return line_x(&p->r, (last ^ p->flipx) + p->r.sx); }
-INLINE vf packet_line_y(const Packet *p, vi last) { return line_y(&p->r, (last ^ p->flipy) + p->r.sy); }
+INLINE vf packet_line_x(const Packet *p, vi line) { return (i_flt(line) - p->ox) * p->rdx; }
+INLINE vf packet_line_y(const Packet *p, vi line) { return (i_flt(line) - p->oy) * p->rdy; }
 
-INLINE void packet_begin(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on) {
+/* Where the walk begins: at p->t in the real cell p->i, p->j. */
+INLINE void packet_locate(Packet *p, const Field *f, SltFieldWhat what, const flt *rays, uint32_t width, vm on) {
     const int w = (int)f->shared.w, h = (int)f->shared.h;
     const Mipmap *m = &f->mip;
-    const vi zero = i_all(0), one = i_all(1);
     Ray *r = &p->r;
-    vi i, j;
     on = packet_load(r, &p->s, what, f, rays, width, on);
     on = ray_setup(r, w, h, on);
 
@@ -80,39 +81,51 @@ INLINE void packet_begin(Packet *p, const Field *f, SltFieldWhat what, const flt
         on &= p->falling | m_not(above);
         r->tl = f_sel(m_lt(f_all(0), r->dz), f_min(cross + less, r->tl), r->tl);
     }
-    ray_locate(r, from, on, w, h, &i, &j);
-    vm start = on & m_eq(from, r->te);
-    if (m_any(start)) {
-        vi id;
-        vf terrain = ray_start(r, heights, w, h, i, j, start, &id);
-        search_start(&p->s, what, r, terrain, id, start);
-    }
-    on &= m_not(p->s.done) & m_lt(from, r->tl); /* a ray that only touches the box has no cells */
+    ray_locate(r, from, on, w, h, &p->i, &p->j);
     p->on = on;
     p->t = from;
-    p->flipx = i_sel(r->xpos, zero, i_all(m->sidex - 1)), p->flipy = i_sel(r->ypos, zero, i_all(m->sidey - 1));
-    p->level = i_sel(start, i_all(START_NEAR < m->top ? START_NEAR : m->top), i_all(START_FAR < m->top ? START_FAR : m->top));
-    vi size = one << p->level;
-    p->i = (i ^ p->flipx) & (zero - size);
-    p->j = (j ^ p->flipy) & (zero - size);
-    p->tx = packet_line_x(p, p->i + (size - one));
-    p->ty = packet_line_y(p, p->j + (size - one));
+}
+
+/* The event at the start, and the first node. */
+INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt *heights) {
+    const int w = (int)f->shared.w, h = (int)f->shared.h, top = f->mip.top;
+    const vi zero = i_all(0);
+    const vf none = f_all(0);
+    Ray *r = &p->r;
+    vm start = p->on & m_eq(p->t, r->te);
+    if (m_any(start)) {
+        vi id;
+        vf terrain = ray_start(r, heights, w, h, p->i, p->j, start, &id);
+        search_start(&p->s, what, r, terrain, id, start);
+    }
+    p->on &= m_not(p->s.done) & m_lt(p->t, r->tl); /* a ray that only touches the box has no cells */
+    p->flipx = i_sel(r->xpos, zero, i_all(-1)), p->flipy = i_sel(r->ypos, zero, i_all(-1));
+    p->ox = f_sel(r->xpos, r->ox, none - r->ox), p->oy = f_sel(r->ypos, r->oy, none - r->oy);
+    p->rdx = f_abs(r->rdx), p->rdy = f_abs(r->rdy);
+    p->level = zero;
+    if (what != SLT_FIELD_RISE) p->level = i_sel(start, i_all(START_NEAR < top ? START_NEAR : top), i_all(START_FAR < top ? START_FAR : top));
+    p->size = i_all(1) << p->level;
+    p->i = (p->i ^ p->flipx) & (zero - p->size);
+    p->j = (p->j ^ p->flipy) & (zero - p->size);
+    p->tx = packet_line_x(p, p->i + p->size);
+    p->ty = packet_line_y(p, p->j + p->size);
 }
 
 /* The lanes `leave` go to the neighbour of their node, and up a level where that has another parent; the lanes `down` to the child that they are in after t: on the far side of the middle line if that is crossed
  * already. Either way one new line is needed in each direction: `size` of the new level after the corner. */
 INLINE void packet_move(Packet *p, int top, vm leave, vm down) {
     const vi zero = i_all(0), one = i_all(1);
-    vi size = one << p->level;
+    vi size = p->size;
     leave = m_opaque(leave), down = m_opaque(down);
     vm xexit = m_opaque(m_le(p->tx, p->ty)), lx = leave & xexit, ly = leave & m_not(xexit);
     vi i = i_sel(lx, p->i + size, p->i), j = i_sel(ly, p->j + size, p->j);
     vm up = m_opaque(leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(top), p->level));
     p->level = i_sel(down, p->level - one, i_sel(up, p->level + one, p->level));
-    size = one << p->level;
-    vi keep = zero - size, last = size - one;
+    size = i_sel(down, size >> 1, i_sel(up, size + size, size));
+    p->size = size;
+    vi keep = zero - size;
     i = i_sel(up, i & keep, i), j = i_sel(up, j & keep, j);
-    vf tx = packet_line_x(p, i + last), ty = packet_line_y(p, j + last);
+    vf tx = packet_line_x(p, i + size), ty = packet_line_y(p, j + size);
     vm farx = m_opaque(down & m_not(m_lt(p->t, tx))), fary = m_opaque(down & m_not(m_lt(p->t, ty)));
     p->i = i_sel(farx, i + size, i);
     p->j = i_sel(fary, j + size, j);
@@ -168,13 +181,13 @@ INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt 
     }
     p->t = f_sel(look, leaf.te, p->t);
     p->on = m_opaque(p->on & m_not(look & (p->s.done | m_le(p->r.tl, p->t))));
-    packet_move(p, f->mip.top, look & p->on, m_make(0));
+    packet_move(p, what == SLT_FIELD_RISE ? 0 : f->mip.top, look & p->on, m_make(0)); /* RISE: a few cells to the next ridge, and every one of them counts: no level helps */
 }
 
 /* One step of a packet that still has rays. */
 INLINE void packet_step(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, Slice *slice, FieldCounts *counts) {
     vm cells = p->on & mi_eq(p->level, i_all(0));
-    if (m_any(p->on & m_not(cells))) {
+    if (what != SLT_FIELD_RISE && m_any(p->on & m_not(cells))) {
         if (counts) counts->nodes++;
         packet_node(p, &f->mip, what, slice);
     }
@@ -186,7 +199,8 @@ INLINE void packet_step(Packet *p, const Field *f, SltFieldWhat what, const flt 
 
 INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on, Slice *slice, FieldCounts *counts) {
     Packet p;
-    packet_begin(&p, f, what, heights, rays, width, on);
+    packet_locate(&p, f, what, rays, width, on);
+    packet_start(&p, f, what, heights);
     while (m_any(p.on)) packet_step(&p, f, what, heights, slice, counts);
     return p.s.id;
 }
@@ -194,12 +208,16 @@ INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, con
 /* Two at once: while one waits for memory the other computes. */
 INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, uint32_t bits0, uint32_t bits1, int32_t *id) {
     Packet p, q;
-    packet_begin(&p, f, what, heights, rays, width, m_make(bits0));
-    packet_begin(&q, f, what, heights, rays + LANES, width, m_make(bits1));
+    packet_locate(&p, f, what, rays, width, m_make(bits0));
+    packet_locate(&q, f, what, rays + LANES, width, m_make(bits1));
+    packet_start(&p, f, what, heights);
+    packet_start(&q, f, what, heights);
     while (m_any(p.on) && m_any(q.on)) {
         vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
-        packet_node(&p, &f->mip, what, NULL);
-        packet_node(&q, &f->mip, what, NULL);
+        if (what != SLT_FIELD_RISE) {
+            packet_node(&p, &f->mip, what, NULL);
+            packet_node(&q, &f->mip, what, NULL);
+        }
         if (m_any(cp)) packet_cell(&p, f, what, heights, cp, NULL);
         if (m_any(cq)) packet_cell(&q, f, what, heights, cq, NULL);
     }
@@ -243,3 +261,4 @@ PACKET_QUERY(trace, SLT_FIELD_TRACE)
 PACKET_QUERY(clearance, SLT_FIELD_CLEARANCE)
 PACKET_QUERY(shadow, SLT_FIELD_SHADOW)
 PACKET_QUERY(silhouette, SLT_FIELD_SILHOUETTE)
+PACKET_QUERY(rise, SLT_FIELD_RISE)

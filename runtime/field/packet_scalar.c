@@ -20,8 +20,8 @@
 #include "rows.inc.h"
 
 const FieldKernels field_scalar = {
-    .query = {{trace_f32x1, trace_f32x1, clearance_f32x1, shadow_f32x1, silhouette_f32x1, NULL},
-              {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, NULL}},
+    .query = {{trace_f32x1, trace_f32x1, clearance_f32x1, shadow_f32x1, silhouette_f32x1, rise_f32x1},
+              {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, rise_f64x1}},
     .cone = {cone_trace_f32x1, cone_trace_f64x1},
     .first_level32 = first_level32,
     .first_level64 = first_level64,
@@ -36,8 +36,8 @@ void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, 
     case SLT_FIELD_CLEARANCE: run(f, SLT_FIELD_CLEARANCE, heights, rays, mask, width, id, counts); break;                                                                   \
     case SLT_FIELD_SHADOW: run(f, SLT_FIELD_SHADOW, heights, rays, mask, width, id, counts); break;                                                                         \
     case SLT_FIELD_SILHOUETTE: run(f, SLT_FIELD_SILHOUETTE, heights, rays, mask, width, id, counts); break;                                                                 \
-    case SLT_FIELD_RISE:                                                                                                                                                    \
-    case SLT_FIELD_WHATS: field_naive_count(f, what, heights, rays, mask, width, id, counts); break;                                                                        \
+    case SLT_FIELD_RISE: run(f, SLT_FIELD_RISE, heights, rays, mask, width, id, counts); break;                                                                             \
+    case SLT_FIELD_WHATS: break;                                                                                                                                           \
     }
     if (f->f64) COUNT(packet_run_f64x1)
     else COUNT(packet_run_f32x1)
