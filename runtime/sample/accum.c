@@ -11,10 +11,22 @@
 
 enum { ACCUM_BLOCK = 16 };
 
-/* 64-byte aligned zeros, taken from the system only where they are touched: a field of a million heights has adjoints in a few thousand. */
+/* 64-byte aligned zeros. Many are taken from the system only where they are touched: a field of a million heights has dense adjoints nowhere. Few come from the heap, whose pages are there
+ * already in the next call. */
+enum { FEW_BYTES = 1 << 20 };
+
 static void *zero_pages(uint64_t bytes) {
+    if (bytes <= FEW_BYTES) {
+        void *few = aligned_alloc(64, (bytes + 63) & ~(uint64_t)63);
+        return few ? memset(few, 0, bytes) : NULL;
+    }
     void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     return p == MAP_FAILED ? NULL : p;
+}
+
+static void free_pages(void *p, uint64_t bytes) {
+    if (bytes <= FEW_BYTES) free(p);
+    else if (p) munmap(p, bytes);
 }
 
 bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
@@ -42,10 +54,10 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 
 void accum_free(Accum *a) {
     for (uint32_t i = 0; i < a->n; i++) {
-        if (a->buf[i].adj) munmap(a->buf[i].adj, a->bytes + 64);
+        free_pages(a->buf[i].adj, a->bytes + 64);
         free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
     }
-    if (a->scratch) munmap(a->scratch, a->bytes + 64);
+    free_pages(a->scratch, a->bytes + 64);
     free(a->blocks);
     memset(a, 0, sizeof *a);
 }
