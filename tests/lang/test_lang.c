@@ -260,7 +260,7 @@ static void put(bool f64, void *a, int i, double v) {
 
 /* Every vector holds all points, repeated, so that lanes diverge. */
 static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Values *out) {
-    SltKernelArgs args = {.params = p->flt, .iparams = p->ints, .resolution = {16, 8}, .print = count_print, .user = &out->prints};
+    SltKernelArgs args = {.params = p->flt, .iparams = p->ints, .resolution = {16, 8}, .print = count_print, .user = &out->prints, .fields = p->scene.fields};
     enum { CAPACITY = MAX_POINTS + SLT_PAD };
     char *memory = aligned_alloc(64, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
     memset(memory, 0, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
