@@ -12,6 +12,13 @@
 #define packet_line_x FN(packet_line_x)
 #define packet_line_y FN(packet_line_y)
 #define packet_step FN(packet_step)
+#define packet_turn FN(packet_turn)
+#define packet_store FN(packet_store)
+#define packet_join FN(packet_join)
+#define packet_pair FN(packet_pair)
+#define packet_two FN(packet_two)
+#define packet_trace2 FN(packet_trace2)
+#define packet_trace4 FN(packet_trace4)
 #define packet_walk2 FN(packet_walk2)
 #define packet_walk FN(packet_walk)
 #define packet_run FN(packet_run)
@@ -34,6 +41,8 @@ typedef struct Packet {
     vi flipx, flipy;     /* -1 where turned */
     vf z, zband, reach;  /* z of the skipping test; reach: the longest |t| times the rounding unit, how z follows `best` */
     vm on, falling;      /* falling: dz < 0 */
+    vi lane;             /* TRACE: whose answer it is, of the first `count` lanes */
+    uint32_t count;
 } Packet;
 
 INLINE vm packet_load(Ray *r, Search *s, SltFieldWhat what, const Field *f, const flt *rays, uint32_t width, vm on) {
@@ -86,11 +95,19 @@ INLINE void packet_locate(Packet *p, const Field *f, SltFieldWhat what, const fl
     p->t = from;
 }
 
+INLINE void packet_turn(Packet *p) {
+    const Ray *r = &p->r;
+    const vi zero = i_all(0);
+    const vf none = f_all(0);
+    p->flipx = i_sel(r->xpos, zero, i_all(-1)), p->flipy = i_sel(r->ypos, zero, i_all(-1));
+    p->ox = f_sel(r->xpos, r->ox, none - r->ox), p->oy = f_sel(r->ypos, r->oy, none - r->oy);
+    p->rdx = f_abs(r->rdx), p->rdy = f_abs(r->rdy);
+}
+
 /* The event at the start, and the first node. */
 INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt *heights) {
     const int w = (int)f->shared.w, h = (int)f->shared.h, top = f->mip.top;
     const vi zero = i_all(0);
-    const vf none = f_all(0);
     Ray *r = &p->r;
     vm start = p->on & m_eq(p->t, r->te);
     if (m_any(start)) {
@@ -99,9 +116,7 @@ INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt
         search_start(&p->s, what, r, terrain, id, start);
     }
     p->on &= m_not(p->s.done) & m_lt(p->t, r->tl); /* a ray that only touches the box has no cells */
-    p->flipx = i_sel(r->xpos, zero, i_all(-1)), p->flipy = i_sel(r->ypos, zero, i_all(-1));
-    p->ox = f_sel(r->xpos, r->ox, none - r->ox), p->oy = f_sel(r->ypos, r->oy, none - r->oy);
-    p->rdx = f_abs(r->rdx), p->rdy = f_abs(r->rdy);
+    packet_turn(p);
     p->level = zero;
     if (what != SLT_FIELD_RISE) p->level = i_sel(start, i_all(START_NEAR < top ? START_NEAR : top), i_all(START_FAR < top ? START_FAR : top));
     p->size = i_all(1) << p->level;
@@ -227,9 +242,96 @@ INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, 
     i_store(id + LANES, q.s.id);
 }
 
+#if PACKS
+/* Answers so far. */
+INLINE void packet_store(const Packet *p, int32_t *id) {
+    int32_t lane[LANES], found[LANES];
+    i_store(lane, p->lane);
+    i_store(found, p->s.id);
+    for (uint32_t n = 0; n < p->count; n++) id[lane[n]] = found[n];
+}
+
+/* The rays of q that go on join those of p that do: together no more than one packet holds. TRACE only: other searches carry more. */
+INLINE void packet_join(Packet *p, const Packet *q) {
+    const vi one = i_all(1);
+    const vf none = f_all(0);
+    const vm mp = p->on, mq = q->on;
+    const uint32_t np = (uint32_t)__builtin_popcount(m_bits(mp));
+    const vm after = m_make(~0u << np);
+    Ray *r = &p->r;
+    p->count = np + (uint32_t)__builtin_popcount(m_bits(mq));
+#define JOIN(a) p->a = f_pack(p->a, mp, q->a, mq, after)
+    JOIN(r.ox), JOIN(r.oy), JOIN(r.oz), JOIN(r.dx), JOIN(r.dy), JOIN(r.dz), JOIN(r.t1), JOIN(r.tl), JOIN(r.rdx), JOIN(r.rdy), JOIN(r.rds), JOIN(t), JOIN(tx), JOIN(ty), JOIN(z);
+#undef JOIN
+#define JOIN(a) p->a = i_pack(p->a, mp, q->a, mq, after)
+    JOIN(i), JOIN(j), JOIN(level), JOIN(lane);
+#undef JOIN
+    r->xpos = m_opaque(m_lt(none, r->rdx)), r->ypos = m_opaque(m_lt(none, r->rdy)), r->dsneg = m_opaque(m_lt(r->dx + r->dy, none));
+    r->so = r->ox + r->oy;
+    packet_turn(p);
+    p->size = one << p->level;
+    p->falling = m_lt(r->dz, none);
+    p->s.id = i_all(SLT_FIELD_NONE), p->s.done = m_make(0);
+    p->on = m_make((1u << p->count) - 1);
+}
+
+/* Two packets until one holds all rays that go on: p. */
+INLINE void packet_pair(Packet *p, Packet *q, const Field *f, const flt *heights, int32_t *id) {
+    while (__builtin_popcount(m_bits(p->on)) + __builtin_popcount(m_bits(q->on)) > LANES) {
+        vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
+        packet_node(p, &f->mip, SLT_FIELD_TRACE, NULL);
+        packet_node(q, &f->mip, SLT_FIELD_TRACE, NULL);
+        if (m_any(cp)) packet_cell(p, f, SLT_FIELD_TRACE, heights, cp, NULL);
+        if (m_any(cq)) packet_cell(q, f, SLT_FIELD_TRACE, heights, cq, NULL);
+    }
+    packet_store(p, id);
+    packet_store(q, id);
+    packet_join(p, q);
+}
+
+/* 2 * LANES rays from lane `at`, until they fit one packet. */
+INLINE void packet_two(Packet *p, const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
+    const uint32_t all = (1u << LANES) - 1;
+    Packet q;
+    int32_t order[2 * LANES];
+    for (uint32_t n = 0; n < 2 * LANES; n++) order[n] = (int32_t)(at + n);
+    packet_locate(p, f, SLT_FIELD_TRACE, rays + at, width, m_make((uint32_t)(mask >> at) & all));
+    packet_locate(&q, f, SLT_FIELD_TRACE, rays + at + LANES, width, m_make((uint32_t)(mask >> (at + LANES)) & all));
+    packet_start(p, f, SLT_FIELD_TRACE, heights);
+    packet_start(&q, f, SLT_FIELD_TRACE, heights);
+    p->lane = i_load(order), q.lane = i_load(order + LANES);
+    p->count = q.count = LANES;
+    packet_pair(p, &q, f, heights, id);
+}
+
+static __attribute__((noinline)) void packet_trace2(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
+    Packet p;
+    packet_two(&p, f, heights, rays, width, mask, at, id);
+    while (m_any(p.on)) packet_step(&p, f, SLT_FIELD_TRACE, heights, NULL, NULL);
+    packet_store(&p, id);
+}
+
+static __attribute__((noinline)) void packet_trace4(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
+    Packet p, q;
+    packet_two(&q, f, heights, rays, width, mask, at, id);
+    packet_two(&p, f, heights, rays, width, mask, at + 2 * LANES, id);
+    packet_pair(&p, &q, f, heights, id);
+    while (m_any(p.on)) packet_step(&p, f, SLT_FIELD_TRACE, heights, NULL, NULL);
+    packet_store(&p, id);
+}
+#endif
+
 INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
     const flt *p = rays;
     for (uint32_t at = 0; at < width; at += LANES) {
+#if PACKS
+        if (what == SLT_FIELD_TRACE && width - at >= 2 * LANES) {
+            const bool four = width - at >= 4 * LANES;
+            (four ? packet_trace4 : packet_trace2)(f, heights, p, width, mask, at, id);
+            at += (four ? 3 : 1) * LANES;
+            continue;
+        }
+#endif
         if (LANES > 1 && width - at >= 2 * LANES) {
             const uint32_t all = (1u << (LANES & 31)) - 1;
             packet_walk2(f, what, heights, p + at, width, (uint32_t)(mask >> at) & all, (uint32_t)(mask >> (at + LANES)) & all, id + at);

@@ -57,6 +57,10 @@
 #define f_gather FN(f_gather)
 #define mip_gather FN(mip_gather)
 #define i_lookup FN(i_lookup)
+#define f_pack FN(f_pack)
+#define i_pack FN(i_pack)
+#undef PACKS
+#define PACKS (LANES == 16 || (LANES == 8 && F64)) /* has f_pack, i_pack: the lanes ma of a, then the lanes mb of b, from lane `after` on */
 
 #if LANES == 16 && !F64
 typedef __m512 vf;
@@ -86,6 +90,10 @@ INLINE void i_store(int32_t *p, vi a) { _mm512_storeu_si512(p, (__m512i)a); }
 INLINE vf f_gather(const flt *p, vi at, vm m) { return _mm512_mask_i32gather_ps(_mm512_setzero_ps(), m, (__m512i)at, p, 4); }
 INLINE vf mip_gather(const float *p, vi at, vm m) { return f_gather(p, at, m); }
 INLINE vi i_lookup(const int32_t table[16], vi at) { return (vi)_mm512_permutexvar_epi32((__m512i)at, _mm512_loadu_si512(table)); }
+INLINE vf f_pack(vf a, vm ma, vf b, vm mb, vm after) { return _mm512_mask_expand_ps(_mm512_maskz_compress_ps(ma, a), after, _mm512_maskz_compress_ps(mb, b)); }
+INLINE vi i_pack(vi a, vm ma, vi b, vm mb, vm after) {
+    return (vi)_mm512_mask_expand_epi32(_mm512_maskz_compress_epi32(ma, (__m512i)a), after, _mm512_maskz_compress_epi32(mb, (__m512i)b));
+}
 
 #elif LANES == 8 && F64
 typedef __m512d vf;
@@ -116,6 +124,10 @@ INLINE vf f_gather(const flt *p, vi at, vm m) { return _mm512_mask_i32gather_pd(
 INLINE vf mip_gather(const float *p, vi at, vm m) { return _mm512_cvtps_pd(_mm256_mmask_i32gather_ps(_mm256_setzero_ps(), m, (__m256i)at, p, 4)); }
 INLINE vi i_lookup(const int32_t table[16], vi at) {
     return (vi)_mm256_permutex2var_epi32(_mm256_loadu_si256((const __m256i *)table), (__m256i)at, _mm256_loadu_si256((const __m256i *)(table + 8)));
+}
+INLINE vf f_pack(vf a, vm ma, vf b, vm mb, vm after) { return _mm512_mask_expand_pd(_mm512_maskz_compress_pd(ma, a), after, _mm512_maskz_compress_pd(mb, b)); }
+INLINE vi i_pack(vi a, vm ma, vi b, vm mb, vm after) {
+    return (vi)_mm256_mask_expand_epi32(_mm256_maskz_compress_epi32(ma, (__m256i)a), after, _mm256_maskz_compress_epi32(mb, (__m256i)b));
 }
 
 #elif LANES == 8
