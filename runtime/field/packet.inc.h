@@ -24,9 +24,8 @@
 #define packet_run FN(packet_run)
 #define Packet FN(Packet)
 
-/* Where a walk begins: at a point of the terrain, high above it. */
-#ifndef START_NEAR
-#define START_NEAR 1
+/* The level where a walk begins that begins high above the terrain. Others begin at their cell: it is read for the start anyway, and a ray from the ground seldom skips anything there. */
+#ifndef START_FAR
 #define START_FAR 4
 #endif
 
@@ -39,6 +38,7 @@ typedef struct Packet {
     vf ox, oy, rdx, rdy; /* of the ray in the packet's coordinates: rdx, rdy positive */
     vi i, j, level, size; /* the low corner of the node; size = 1 << level cells */
     vi flipx, flipy;     /* -1 where turned */
+    int top;             /* the highest level to go to */
     vf z, zband, reach;  /* z of the skipping test; reach: the longest |t| times the rounding unit, how z follows `best` */
     vm on, falling;      /* falling: dz < 0 */
     vi lane;             /* TRACE: whose answer it is, of the first `count` lanes */
@@ -93,6 +93,12 @@ INLINE void packet_locate(Packet *p, const Field *f, SltFieldWhat what, const fl
     ray_locate(r, from, on, w, h, &p->i, &p->j);
     p->on = on;
     p->t = from;
+    p->top = m->top;
+    if (what == SLT_FIELD_RISE) p->top = 0; /* a few cells to the next ridge, and every one of them counts: no level helps */
+    if (what == SLT_FIELD_CLEARANCE) { /* the g of a site is asked for windows of some cells */
+        vf way = f_max(f_abs(r->dx), f_abs(r->dy)) * (r->tl - r->te);
+        if (!m_any(on & m_lt(f_all(8), way))) p->top = 1;
+    }
 }
 
 INLINE void packet_turn(Packet *p) {
@@ -106,7 +112,7 @@ INLINE void packet_turn(Packet *p) {
 
 /* The event at the start, and the first node. */
 INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt *heights) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h, top = f->mip.top;
+    const int w = (int)f->shared.w, h = (int)f->shared.h;
     const vi zero = i_all(0);
     Ray *r = &p->r;
     vm start = p->on & m_eq(p->t, r->te);
@@ -117,8 +123,7 @@ INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt
     }
     p->on &= m_not(p->s.done) & m_lt(p->t, r->tl); /* a ray that only touches the box has no cells */
     packet_turn(p);
-    p->level = zero;
-    if (what != SLT_FIELD_RISE) p->level = i_sel(start, i_all(START_NEAR < top ? START_NEAR : top), i_all(START_FAR < top ? START_FAR : top));
+    p->level = i_sel(start, zero, i_all(START_FAR < p->top ? START_FAR : p->top));
     p->size = i_all(1) << p->level;
     p->i = (p->i ^ p->flipx) & (zero - p->size);
     p->j = (p->j ^ p->flipy) & (zero - p->size);
@@ -128,13 +133,13 @@ INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt
 
 /* The lanes `leave` go to the neighbour of their node, and up a level where that has another parent; the lanes `down` to the child that they are in after t: on the far side of the middle line if that is crossed
  * already. Either way one new line is needed in each direction: `size` of the new level after the corner. */
-INLINE void packet_move(Packet *p, int top, vm leave, vm down) {
+INLINE void packet_move(Packet *p, vm leave, vm down) {
     const vi zero = i_all(0), one = i_all(1);
     vi size = p->size;
     leave = m_opaque(leave), down = m_opaque(down);
     vm xexit = m_opaque(m_le(p->tx, p->ty)), lx = leave & xexit, ly = leave & m_not(xexit);
     vi i = i_sel(lx, p->i + size, p->i), j = i_sel(ly, p->j + size, p->j);
-    vm up = m_opaque(leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(top), p->level));
+    vm up = m_opaque(leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(p->top), p->level));
     p->level = i_sel(down, p->level - one, i_sel(up, p->level + one, p->level));
     size = i_sel(down, size >> 1, i_sel(up, size + size, size));
     p->size = size;
@@ -177,7 +182,7 @@ INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *sl
     }
     p->t = f_sel(leave, tout, p->t);
     p->on = m_opaque(p->on & m_not(leave & m_le(p->r.tl, p->t)));
-    packet_move(p, m->top, leave & p->on, down);
+    packet_move(p, leave & p->on, down);
 }
 
 /* All lanes at level 0 test their cell. */
@@ -196,7 +201,7 @@ INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt 
     }
     p->t = f_sel(look, leaf.te, p->t);
     p->on = m_opaque(p->on & m_not(look & (p->s.done | m_le(p->r.tl, p->t))));
-    packet_move(p, what == SLT_FIELD_RISE ? 0 : f->mip.top, look & p->on, m_make(0)); /* RISE: a few cells to the next ridge, and every one of them counts: no level helps */
+    packet_move(p, look & p->on, m_make(0));
 }
 
 /* One step of a packet that still has rays. */
