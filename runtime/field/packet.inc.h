@@ -24,7 +24,8 @@
 #define packet_run FN(packet_run)
 #define Packet FN(Packet)
 
-/* The level where a walk begins that begins high above the terrain. Others begin at their cell: it is read for the start anyway, and a ray from the ground seldom skips anything there. */
+/* The level where a walk begins that begins high above the terrain. Others begin at their cell: it is read for the start anyway, and a ray from the ground seldom skips anything there;
+ * slices of silhouettes, often seen from above, at level 1. */
 #ifndef START_FAR
 #define START_FAR 4
 #endif
@@ -123,7 +124,7 @@ INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt
     }
     p->on &= m_not(p->s.done) & m_lt(p->t, r->tl); /* a ray that only touches the box has no cells */
     packet_turn(p);
-    p->level = i_sel(start, zero, i_all(START_FAR < p->top ? START_FAR : p->top));
+    p->level = i_sel(start, i_all(what == SLT_FIELD_SILHOUETTE), i_all(START_FAR < p->top ? START_FAR : p->top));
     p->size = i_all(1) << p->level;
     p->i = (p->i ^ p->flipx) & (zero - p->size);
     p->j = (p->j ^ p->flipy) & (zero - p->size);
