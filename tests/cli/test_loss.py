@@ -154,7 +154,8 @@ class Loss(Case):
         for command, text in (("exit 3", "status 3"), ("no-such-program", "status 127"), ("cat /dev/zero", "64 KiB"), ("exec <&-; sleep 60", "pipe")):
             r = self.run_cli("fit", "e.salt", "--loss-command", command, "--size", 16, "--loss-timeout", 2, "-o", "p.json", code=None)
             self.assertIn(r.code, (1, 6))
-            self.assertTrue(text in r.err or "did not answer" in r.err, r.err)
+            # Which of them it sees first is a matter of time.
+            self.assertTrue(any(t in r.err for t in (text, "did not answer", "more than its answer")), r.err)
         self.no_leftovers("loss.py", "t.pfm")
 
     def test_step_back(self):
