@@ -170,7 +170,7 @@ static int compare(const Scene *s, bool print) {
         uint32_t stride = param.fcount > 8 && !thorough ? 9 : 1;
         for (uint32_t k = 0; k < param.fcount; k += stride) {
             double own = g[param.fbase + k], own_se = se[param.fbase + k];
-            uint64_t samples = thorough ? 1 << 18 : 1 << 14;
+            uint64_t samples = thorough ? 1 << 16 : 1 << 14;
             Slopes fd = slopes(p, param.fbase + k, samples);
             /* A difference is a multiple of one sample's weight: boundaries that cross few samples are seen in steps of this, and a standard error may miss them. */
             double grain = 4.0 / samples / STEP / REPLICATES, lo = INFINITY, hi = -INFINITY;
