@@ -36,8 +36,23 @@ static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
     return ir_emit2(b, OP_fsub, i->args[1], *aux);
 }
 
+/* Once the pair's event is found, its rays go nowhere: t0 behind t1. */
+static bool stop_search(Thread *t, Inst *i) {
+    const Event *e = t->user;
+    if (e->argmin || ir_is_const(t->value[V_FOUND])) return false;
+    Builder b = ir_before(t->fn, i);
+    ir_replace_arg(i, 6, ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[6]));
+    return false;
+}
+
+static bool touches_event(Thread *t, const Inst *i) {
+    (void)t;
+    return variant_is_site(i) || i->op == OP_fieldop;
+}
+
 static bool event_at(Thread *t, Inst *i) {
     Event *e = t->user;
+    if (i->op == OP_fieldop) return stop_search(t, i);
     Builder b = ir_after(t->fn, i);
     b.fold = true;
     Inst *hit, *certain = NULL;
@@ -88,7 +103,7 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     opt_dce(ctx, fn);
     Event e = {variant_site_depth(fn->body), o->paper_argmin};
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-    Thread t = {.fn = fn, .n = V_K + e.depth, .at = event_at, .touches = variant_touches_site, .cont = stop_when_found, .user = &e};
+    Thread t = {.fn = fn, .n = V_K + e.depth, .at = event_at, .touches = touches_event, .cont = stop_when_found, .user = &e};
     t.value[V_FOUND] = ir_constb(&b, false);
     t.value[V_SITE] = ir_consti(&b, -1);
     t.value[V_G] = ir_constf(&b, e.argmin ? __builtin_inf() : 0);
