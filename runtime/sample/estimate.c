@@ -125,7 +125,9 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     }
     uint64_t size = r.grid.pixels * s->channels;
     bool memory = true;
-    for (uint32_t c = 0; c < classes; c++) memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
+    /* One class needs no sums of its own. */
+    if (classes == 1) part[0] = gradient;
+    for (uint32_t c = 0; c < classes && classes > 1; c++) memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
@@ -135,26 +137,26 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         r.pool.from = halves ? 0.5 * split * h : 0, r.pool.to = halves ? 0.5 * split * (h + 1) : split;
         st = interior_reverse(&r, halves ? h + 1 : 0, adjoint[h], halves ? 0.5 : 1, classes, part);
     }
-    if (st == SLT_OK) combine(part, classes, gradient, stderr_bound, s->nfloats);
+    if (st == SLT_OK && classes > 1) combine(part, classes, gradient, stderr_bound, s->nfloats);
     r.stats.seconds_interior = pool_now() - t, t = pool_now();
     r.pool.from = split, r.pool.to = 1;
     if (st == SLT_OK && !j->no_boundary) {
         for (uint64_t i = 0; i < size && halves; i++) mean[i] = 0.5f * (adjoint[0][i] + adjoint[1][i]);
         /* On one line every crossing is exact: there is no spread to measure. */
         uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
-        clear_parts(part, classes, s->nfloats);
+        if (classes > 1) clear_parts(part, classes, s->nfloats);
         Boundary y = {.run = &r,
                       .segments = segments_of(j),
                       .adjoint = halves ? mean : adjoint[0],
                       .classes = own,
                       .targets = part};
         st = boundary_run(&y, SINK_REVERSE);
-        if (st == SLT_OK) combine(part, own, gradient, stderr_bound, s->nfloats);
+        if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
     }
     r.stats.seconds_boundary = pool_now() - t;
     for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]);
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
-    for (uint32_t c = 0; c < classes; c++) free(part[c]);
+    for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
     free(mean);
     run_end(&r, stats);
     return st;
