@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "compiler/pass/variant.h"
+#include "saltus/field.h"
 
 enum { V_FOUND, V_SITE, V_G, V_AUX, V_AUX1, V_K };
 
@@ -36,12 +37,25 @@ static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
     return ir_emit2(b, OP_fsub, i->args[1], *aux);
 }
 
+enum { RAY_T0 = 6, RAY_T1 = 7 };
+
+/* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see variant_ridge_between. */
+static void climb_to_partner(Thread *t, Inst *i) {
+    Builder b = ir_before(t->fn, i);
+    Inst *hit = i->args[RAY_T0], *other = ir_special(&b, OP_partner, TY_FLT, 1, &hit, (Imm){0});
+    Inst *farther = ir_emit2(&b, OP_flt, other, hit);
+    ir_replace_arg(i, RAY_T0, ir_select(&b, farther, ir_constf(&b, __builtin_inf()), hit));
+    ir_replace_arg(i, RAY_T1, ir_emit2(&b, OP_fmin, i->args[RAY_T1], other));
+}
+
 /* Once the pair's event is found, its rays go nowhere: t0 behind t1. */
 static bool stop_search(Thread *t, Inst *i) {
     const Event *e = t->user;
-    if (e->argmin || ir_is_const(t->value[V_FOUND])) return false;
+    if (e->argmin) return false;
+    if (i->imm.field.what == SLT_FIELD_RISE) climb_to_partner(t, i);
+    if (ir_is_const(t->value[V_FOUND])) return false;
     Builder b = ir_before(t->fn, i);
-    ir_replace_arg(i, 6, ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[6]));
+    ir_replace_arg(i, RAY_T0, ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[6]));
     return false;
 }
 

@@ -58,10 +58,10 @@ static Pair pair_of(Builder *b, Inst *w) {
                   ir_emit2(b, OP_fmax, w->args[2], partner(b, w->args[2]))};
 }
 
-/* lo = near - margin; hi = top + margin, but well before the far hit, where the far ray touches ground. */
+/* lo = near - margin; hi = top + margin, but well before the far hit, where the far ray touches ground. Without a top before the far hit there is nothing to look through. */
 static Inst *of_pair(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
-    if (!(w->imm.i & 1)) return ir_emit2(b, OP_fsub, p.near_t, p.margin);
+    if (!(w->imm.i & 1)) return ir_select(b, ir_emit2(b, OP_fle, p.top, p.far_t), ir_emit2(b, OP_fsub, p.near_t, p.margin), ir_constf(b, __builtin_inf()));
     return ir_emit2(b, OP_fmin, ir_emit2(b, OP_fadd, p.top, p.margin), ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.top, p.far_t)));
 }
 
