@@ -6,14 +6,13 @@
 #include "cli/bench.h"
 #include "compiler/pass/walk.h"
 
-enum { N = 4096, ROUNDS = 9 };
+enum { N = 4096, ROUNDS = 9, LOG = 1 << 20 };
 
 static const int shown[] = {K_VALUE, K_REGION, K_EVENT, K_SIDES, K_SITE, K_SITE_GRAD, K_VJP, K_SITE_VJP};
 enum { NSHOWN = sizeof shown / sizeof *shown };
 
 typedef struct Buffers {
-    void *in[SLT_IN_VARYING], *out[SLT_OUT_MAX], *adj, *tape;
-    SltAdjEntry *log;
+    void *in[SLT_IN_VARYING], *out[SLT_OUT_MAX], *adj, *tape, *log_index, *log_value;
     SltKernelArgs args;
 } Buffers;
 
@@ -27,7 +26,8 @@ static void free_buffers(Buffers *b) {
     for (int i = 0; i < SLT_OUT_MAX; i++) free(b->out[i]);
     free(b->adj);
     free(b->tape);
-    free(b->log);
+    free(b->log_index);
+    free(b->log_value);
 }
 
 /* Samples: a 64 x 64 raster of the domain; pairs of ends are neighbours in x. */
@@ -40,8 +40,9 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
     size_t tape = (((size_t)p->scene.tape_bytes + 64) * p->scene.width + 4096 + 63) & ~(size_t)63;
     b->adj = aligned_alloc(64, adj);
     b->tape = aligned_alloc(64, tape);
-    b->log = malloc((1u << 20) * sizeof *b->log);
-    if (!ok || !b->adj || !b->tape || !b->log) return false;
+    b->log_index = malloc((LOG + SLT_PAD) * sizeof(uint32_t));
+    b->log_value = malloc((LOG + SLT_PAD) * sizeof(double));
+    if (!ok || !b->adj || !b->tape || !b->log_index || !b->log_value) return false;
     memset(b->adj, 0, adj);
     double lo[3], hi[3];
     slt_domain(p, lo, hi);
@@ -59,7 +60,7 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
     for (int i = 0; i < SLT_OUT_MAX; i++) b->args.out[i] = b->out[i];
     b->args.params = p->flt, b->args.iparams = p->ints, b->args.fields = p->fields;
     b->args.adj = b->adj;
-    b->args.log = b->log, b->args.log_cap = 1u << 20;
+    b->args.log_index = b->log_index, b->args.log_value = b->log_value, b->args.log_cap = LOG;
     b->args.tape = b->tape, b->args.tape_bytes = tape;
     b->args.resolution[0] = b->args.resolution[1] = 64;
     b->args.n_valid = N;

@@ -273,6 +273,52 @@ static Part spill_lanes(Emit *e, const Part *parts, LLVMTypeRef t, unsigned byte
 }
 
 /* ---- adjoints of parameters */
+typedef struct Log {
+    Part index, value; /* where it begins */
+    Part cap, len;     /* i64 */
+} Log;
+
+/* One instruction a vector where the processor moves the lanes of a mask together. */
+static Part compressed(Emit *e, Part v, Part mask) {
+    LLVMTypeRef t = LL(TypeOf)(v);
+    unsigned id = LL(LookupIntrinsicID)("llvm.x86.avx512.mask.compress", 29);
+    Part f = LL(GetIntrinsicDeclaration)(e->mod, id, &t, 1), args[3] = {v, LL(ConstNull)(t), mask};
+    return LL(BuildCall2)(e->b, LL(IntrinsicGetType)(e->ctx, id, &t, 1), f, args, 3, "");
+}
+
+static void append_vector(Emit *e, Part index, Part value, Part mask, const Log *log) {
+    emit_store(e, compressed(e, index, mask), emit_gep(e, e->t_i32, log->index, log->len), 4);
+    emit_store(e, compressed(e, value, mask), emit_gep(e, e->t_flt, log->value, log->len), flt_bytes(e));
+}
+
+/* Elsewhere lane by lane; a lane that is off is overwritten by the next. */
+static void append_lanes(Emit *e, Part index, Part value, Part bits, const Log *log) {
+    Part at = log->len;
+    for (uint32_t l = 0; l < e->L; l++) {
+        Part lane = emit_int(e, e->t_i32, l);
+        emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, index, lane, "") : index, emit_gep(e, e->t_i32, log->index, at), 4);
+        emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, value, lane, "") : value, emit_gep(e, e->t_flt, log->value, at), flt_bytes(e));
+        Part bit = LL(BuildAnd)(e->b, LL(BuildLShr)(e->b, bits, k64(e, l), ""), k64(e, 1), "");
+        at = LL(BuildAdd)(e->b, at, bit, "");
+    }
+}
+
+/* Appends the lanes of one part that are on in `mask`, in lane order; returns the new length. */
+static Part append(Emit *e, Part index, Part value, Part mask, Log log) {
+    LLVMTypeRef t = LL(IntTypeInContext)(e->ctx, e->L);
+    Part bits = e->W > 1 ? LL(BuildBitCast)(e->b, mask, t, "") : mask;
+    if (e->L < 64) bits = LL(BuildZExt)(e->b, bits, e->t_i64, "");
+    Part some = LL(BuildICmp)(e->b, LLVMIntNE, bits, k64(e, 0), ""), room = LL(BuildICmp)(e->b, LLVMIntULE, log.len, log.cap, "");
+    LLVMBasicBlockRef write = emit_new_block(e, "log"), done = emit_new_block(e, "logged");
+    LL(BuildCondBr)(e->b, LL(BuildAnd)(e->b, some, room, ""), write, done);
+    emit_at(e, write);
+    if (e->opt->target.vector_bytes == 64 && e->L >= 4 && e->L * flt_bytes(e) <= 64) append_vector(e, index, value, mask, &log);
+    else append_lanes(e, index, value, bits, &log);
+    LL(BuildBr)(e->b, done);
+    emit_at(e, done);
+    return LL(BuildAdd)(e->b, log.len, emit_intrinsic(e, "llvm.ctpop", e->t_i64, &bits, 1), "");
+}
+
 static void log_adjoint(Emit *e, Inst *i) {
     Part index[BACK_MAX_PARTS], value[BACK_MAX_PARTS], mask[BACK_MAX_PARTS];
     emit_parts(e, i->args[0], index);
@@ -285,24 +331,12 @@ static void log_adjoint(Emit *e, Inst *i) {
         Part some = LL(BuildFCmp)(e->b, LLVMRealUNE, value[p], LL(ConstNull)(LL(TypeOf)(value[p])), "");
         mask[p] = counting_lanes(e, p, some);
     }
-    Part indices = spill_lanes(e, index, e->t_i32, 4), values = spill_lanes(e, value, e->t_flt, flt_bytes(e));
-    LaneLoop l = lane_loop_begin(e, mask);
     Part len_at = emit_field_ptr(e, offsetof(SltKernelArgs, log_len)), len = emit_load(e, e->t_i64, len_at, 8, false);
     Part cap = emit_load(e, e->t_i64, emit_field_ptr(e, offsetof(SltKernelArgs, log_cap)), 8, true);
-    emit_store(e, LL(BuildAdd)(e->b, len, k64(e, 1), ""), len_at, 8);
-    LLVMBasicBlockRef write = emit_new_block(e, "log"), full = emit_new_block(e, "logged");
-    LL(BuildCondBr)(e->b, LL(BuildICmp)(e->b, LLVMIntULT, len, cap, ""), write, full);
-    emit_at(e, write);
-    Part log = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, log)), 8, true);
-    Part at = emit_gep(e, e->t_i8, log, LL(BuildMul)(e->b, len, k64(e, sizeof(SltAdjEntry)), ""));
-    emit_store(e, emit_load(e, e->t_i32, emit_gep(e, e->t_i32, indices, l.lane), 4, false), at, 4);
-    Part v = emit_load(e, e->t_flt, emit_gep(e, e->t_flt, values, l.lane), flt_bytes(e), false);
-    if (e->t_flt == e->t_f32) v = LL(BuildFPExt)(e->b, v, e->t_f64, "");
-    emit_store(e, emit_int(e, e->t_i32, 0), at_byte(e, at, offsetof(SltAdjEntry, pad)), 4);
-    emit_store(e, v, at_byte(e, at, offsetof(SltAdjEntry, value)), 8);
-    LL(BuildBr)(e->b, full);
-    emit_at(e, full);
-    lane_loop_end(e, &l);
+    Part indices = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, log_index)), 8, true);
+    Part values = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, log_value)), 8, true);
+    for (uint32_t p = 0; p < e->P; p++) len = append(e, index[p], value[p], mask[p], (Log){indices, values, cap, len});
+    emit_store(e, len, len_at, 8);
 }
 
 /* Sum over all lanes, halving: the order does not depend on how lanes are cut into parts. */

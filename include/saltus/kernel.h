@@ -16,13 +16,6 @@ extern "C" {
 enum { SLT_IN_VARYING = 25, SLT_OUT_MAX = 24, SLT_PAD = 64 };
 enum { SLT_COUNT_TRUNCATED, SLT_COUNT_ASSERT, SLT_COUNT_TAPE_OVERFLOW, SLT_COUNT_NONFINITE, SLT_COUNTERS };
 
-/* One (parameter index, value) pair of a varying-index adjoint; the runtime adds them in tile order. */
-typedef struct SltAdjEntry {
-    uint32_t index;
-    float pad;
-    double value;
-} SltAdjEntry;
-
 /* Iterations of a [Cull] loop that may do something in this tile, ascending. */
 typedef struct SltCullList {
     const int32_t *items;
@@ -36,9 +29,10 @@ typedef struct SltKernelArgs {
     const int32_t *iparams;         /* int32_t[nints] */
     const void *dparams;            /* flt[nfloats], forward mode */
     /* Reverse mode. Layout by the kernel's AdjLayout: LANES: flt[nfloats][adj_width], summed over lanes by the caller once a tile;
-     * FLAT: flt[nfloats]. Parameters read at varying indices append to the log instead. */
+     * FLAT: flt[nfloats]. Parameters read at varying indices append pairs of index and value to the log instead, which the caller adds up in this order. */
     void *adj;
-    SltAdjEntry *log;
+    uint32_t *log_index;            /* both with room for log_cap + SLT_PAD: kernels write whole vectors */
+    void *log_value;                /* flt */
     uint64_t log_len, log_cap;      /* the kernel stops writing at log_cap and keeps counting in log_len: the caller grows and re-runs */
     unsigned char *tape;            /* scratch of the reverse kernels, 64-byte aligned */
     uint64_t tape_bytes;

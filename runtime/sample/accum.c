@@ -55,20 +55,34 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 void accum_free(Accum *a) {
     for (uint32_t i = 0; i < a->n; i++) {
         free_pages(a->buf[i].adj, a->bytes + 64);
-        free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log);
+        free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     }
     free_pages(a->scratch, a->bytes + 64);
     free(a->blocks);
     memset(a, 0, sizeof *a);
 }
 
-static bool grow_log(AdjointBuffer *buf, uint64_t need) {
+static uint64_t flt_bytes(const Accum *a) {
+    return a->s->f64 ? 8 : 4;
+}
+
+static bool grow_log(const Accum *a, AdjointBuffer *buf, uint64_t need) {
     uint64_t cap = buf->log_cap ? buf->log_cap : 4096;
     while (cap < need) cap *= 2;
-    SltAdjEntry *log = realloc(buf->log, cap * sizeof *log);
-    if (!log) return false;
-    buf->log = log, buf->log_cap = cap;
+    uint32_t *index = realloc(buf->log_index, (cap + SLT_PAD) * sizeof *index);
+    if (index) buf->log_index = index;
+    unsigned char *value = realloc(buf->log_value, (cap + SLT_PAD) * flt_bytes(a));
+    if (value) buf->log_value = value;
+    if (!index || !value) return false;
+    buf->log_cap = cap;
     return true;
+}
+
+/* The kernel appends behind what is there. */
+static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *args) {
+    args->log_index = buf->log_index ? buf->log_index + buf->log_len : NULL;
+    args->log_value = buf->log_value ? buf->log_value + buf->log_len * flt_bytes(a) : NULL;
+    args->log_cap = buf->log_cap - buf->log_len, args->log_len = 0;
 }
 
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
@@ -76,7 +90,11 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     if (!n || a->failed) return;
     buf->dirty = true;
     b->args.adj = buf->adj;
-    b->args.log = buf->log ? buf->log + buf->log_len : NULL, b->args.log_cap = buf->log_cap - buf->log_len, b->args.log_len = 0;
+    if (!buf->log_cap && !grow_log(a, buf, 0)) {
+        a->failed = true;
+        return;
+    }
+    lend_log(a, buf, &b->args);
     uint64_t counters[SLT_COUNTERS];
     memcpy(counters, b->args.counters, sizeof counters);
     batch_call(b, kind, n);
@@ -84,13 +102,13 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     if (len > b->args.log_cap) {
         /* The dense adjoints of this call are in already: the second run is for the log alone. */
         if (!a->scratch) a->scratch = zero_pages(a->bytes + 64);
-        if (!a->scratch || !grow_log(buf, buf->log_len + len)) {
+        if (!a->scratch || !grow_log(a, buf, buf->log_len + len)) {
             a->failed = true;
             return;
         }
         memcpy(b->args.counters, counters, sizeof counters);
         b->args.adj = a->scratch;
-        b->args.log = buf->log + buf->log_len, b->args.log_cap = buf->log_cap - buf->log_len, b->args.log_len = 0;
+        lend_log(a, buf, &b->args);
         batch_call(b, kind, n);
         b->evaluations -= n;
     }
@@ -143,6 +161,13 @@ void accum_close(Accum *a) {
     }
 }
 
+static void add_log(const AdjointBuffer *buf, bool f64, uint32_t nfloats, double *to) {
+    for (uint64_t e = 0; e < buf->log_len; e++) {
+        uint32_t p = buf->log_index[e];
+        if (p < nfloats) to[p] += f64 ? ((const double *)buf->log_value)[e] : (double)((const float *)buf->log_value)[e];
+    }
+}
+
 void accum_merge(Accum *a, double *const *targets) {
     for (uint32_t i = 0; i < a->n; i++) {
         AdjointBuffer *buf = &a->buf[i];
@@ -151,8 +176,7 @@ void accum_merge(Accum *a, double *const *targets) {
             uint32_t p0 = buf->touched[t], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             for (uint32_t p = p0; p < p1; p++) to[p] += buf->sum[p];
         }
-        for (uint64_t e = 0; e < buf->log_len; e++)
-            if (buf->log[e].index < a->s->nfloats) to[buf->log[e].index] += buf->log[e].value;
+        add_log(buf, a->s->f64, a->s->nfloats, to);
         buf->ntouched = 0, buf->log_len = 0;
     }
 }

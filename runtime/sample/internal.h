@@ -112,7 +112,8 @@ typedef struct AdjointBuffer {
     uint32_t *touched;  /* blocks of ACCUM_BLOCK parameters with a sum */
     uint32_t ntouched;
     bool dirty;
-    SltAdjEntry *log;
+    uint32_t *log_index;
+    unsigned char *log_value; /* flt */
     uint64_t log_len, log_cap;
 } AdjointBuffer;
 typedef struct Accum {

@@ -158,7 +158,8 @@ static void run_kernel(const Fn *fn, SltKernel *kernel, uint32_t width, AdjLayou
     a.adj = aligned_alloc(64, (GEN_FLOATS * lanes * 8 + 63) / 64 * 64);
     memset(a.adj, 0, GEN_FLOATS * lanes * 8);
     a.log_cap = 1 << 20;
-    a.log = malloc(a.log_cap * sizeof *a.log);
+    a.log_index = malloc((a.log_cap + SLT_PAD) * sizeof *a.log_index);
+    a.log_value = malloc((a.log_cap + SLT_PAD) * sizeof(double));
     a.tape_bytes = 1 << 21;
     a.tape = aligned_alloc(64, a.tape_bytes);
     kernel(&a, n);
@@ -167,11 +168,12 @@ static void run_kernel(const Fn *fn, SltKernel *kernel, uint32_t width, AdjLayou
     for (uint32_t k = 0; k < GEN_FLOATS * lanes; k++)
         r->adj[k / lanes] += f32 ? (double)((float *)a.adj)[k] : ((double *)a.adj)[k];
     for (uint64_t k = 0; k < a.log_len; k++) {
-        assert_true(a.log[k].index < GEN_FLOATS);
-        r->adj[a.log[k].index] += a.log[k].value;
+        assert_true(a.log_index[k] < GEN_FLOATS);
+        r->adj[a.log_index[k]] += f32 ? (double)((float *)a.log_value)[k] : ((double *)a.log_value)[k];
     }
     free(a.adj);
-    free(a.log);
+    free(a.log_index);
+    free(a.log_value);
     free(a.tape);
 }
 

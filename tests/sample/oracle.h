@@ -215,7 +215,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 }
                 if (kind == SLT_K_VJP && seeded != 0 && i < a->n_valid) {
                     if (p % 2) { /* every second parameter as if it were read at a varying index */
-                        if (a->log_len < a->log_cap) a->log[a->log_len] = (SltAdjEntry){.index = p, .value = seeded};
+                        if (a->log_len < a->log_cap) a->log_index[a->log_len] = p, oracle_write(o, a->log_value, (uint32_t)a->log_len, seeded);
                         a->log_len++;
                     } else {
                         uint64_t slot = (uint64_t)p * width + (s->flat_adj ? 0 : i % width);
