@@ -1,7 +1,8 @@
 /* saltus bench: error against run time of every estimator, or with --kernels nanoseconds a sample of every kernel.
  *
- * The error is the root mean square over independent seeds of ||gradient - reference|| / ||reference||, the reference being a lattice of 64 times the
- * largest number of samples (averaged over seeds). Seconds are the median of the runs; evaluations count every kernel call on a sample. */
+ * The error is the root mean square over independent seeds of ||gradient - reference|| / ||reference||, the reference
+ * being a lattice of 64 times the largest number of samples (averaged over seeds). Seconds are the median of the runs;
+ * evaluations count every kernel call on a sample. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -134,7 +135,8 @@ static char *make_csv(const Bench *b) {
     for (int e = 0; e < NESTIMATORS; e++)
         for (int i = 0; i < b->curves[e].n; i++) {
             const Point *q = &b->curves[e].at[i];
-            fprintf(out, "%s,%llu,%.0f,%.9g,%.9g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations, q->seconds, q->error);
+            fprintf(out, "%s,%llu,%.0f,%.9g,%.9g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations,
+                    q->seconds, q->error);
         }
     fclose(out);
     return text;
@@ -147,7 +149,8 @@ static char *make_json(const Bench *b) {
     if (!out) return NULL;
     fputs("{\"shader\": ", out);
     json_text(out, b->c->expr ? b->c->expr : b->c->file);
-    fprintf(out, ", \"precision\": \"%s\", \"threads\": %u, \"reference_norm\": ", b->c->opt.f64 ? "f64" : "f32", b->c->job.threads);
+    fprintf(out, ", \"precision\": \"%s\", \"threads\": %u, \"reference_norm\": ", b->c->opt.f64 ? "f64" : "f32",
+            b->c->job.threads);
     json_number(out, b->norm);
     fputs(", \"curves\": {", out);
     bool first = true;
@@ -169,7 +172,8 @@ static char *make_json(const Bench *b) {
     }
     fputs("}", out);
     if (b->other.n) {
-        fprintf(out, ", \"other_precision\": {\"precision\": \"%s\", \"samples\": %llu, \"seconds\": ", b->c->opt.f64 ? "f32" : "f64", (unsigned long long)b->other.at[0].samples);
+        fprintf(out, ", \"other_precision\": {\"precision\": \"%s\", \"samples\": %llu, \"seconds\": ",
+                b->c->opt.f64 ? "f32" : "f64", (unsigned long long)b->other.at[0].samples);
         json_number(out, b->other.at[0].seconds);
         fputs(", \"error\": ", out);
         json_number(out, b->other.at[0].error);
@@ -198,13 +202,18 @@ static char *make_svg(Bench *b) {
         for (int i = 0; i < k->n; i++) x[e][i] = k->at[i].seconds, y[e][i] = k->at[i].error;
         series[n++] = (PlotSeries){.name = k->name, .x = x[e], .y = y[e], .count = k->n};
     }
-    PlotOptions plot = {.title = "Error of the gradient against run time", .x_label = "seconds", .y_label = "relative RMSE", .log_x = true, .log_y = true};
+    PlotOptions plot = {.title = "Error of the gradient against run time",
+                        .x_label = "seconds",
+                        .y_label = "relative RMSE",
+                        .log_x = true,
+                        .log_y = true};
     return plot_svg(&plot, series, n, &b->err);
 }
 
 static SltStatus write_folder(Bench *b) {
     const char *dir = b->c->output;
-    if (mkdir(dir, 0777) != 0 && errno != EEXIST) return status_fail_errno(&b->err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
+    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
+        return status_fail_errno(&b->err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
     struct {
         const char *name;
         char *text;
@@ -212,7 +221,9 @@ static SltStatus write_folder(Bench *b) {
     SltStatus s = SLT_OK;
     for (size_t i = 0; i < 3; i++) {
         char path[4096];
-        if (s == SLT_OK && (!files[i].text || snprintf(path, sizeof path, "%s/%s", dir, files[i].name) >= (int)sizeof path)) s = status_fail(&b->err, SLT_OUTPUT, "%s/%s cannot be made", dir, files[i].name);
+        if (s == SLT_OK &&
+            (!files[i].text || snprintf(path, sizeof path, "%s/%s", dir, files[i].name) >= (int)sizeof path))
+            s = status_fail(&b->err, SLT_OUTPUT, "%s/%s cannot be made", dir, files[i].name);
         if (s == SLT_OK) s = file_write_atomic(path, files[i].text, strlen(files[i].text), &b->err);
         free(files[i].text);
     }
@@ -224,11 +235,14 @@ static void print_table(const Bench *b) {
     for (int e = 0; e < NESTIMATORS; e++) {
         for (int i = 0; i < b->curves[e].n; i++) {
             const Point *q = &b->curves[e].at[i];
-            printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations, q->seconds, q->error);
+            printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->curves[e].name, (unsigned long long)q->samples,
+                   q->evaluations, q->seconds, q->error);
         }
         if (b->curves[e].skipped) printf("%-14s left out: %s\n", b->curves[e].name, b->curves[e].skipped);
     }
-    if (b->other.n) printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->other.name, (unsigned long long)b->other.at[0].samples, b->other.at[0].evaluations, b->other.at[0].seconds, b->other.at[0].error);
+    if (b->other.n)
+        printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->other.name, (unsigned long long)b->other.at[0].samples,
+               b->other.at[0].evaluations, b->other.at[0].seconds, b->other.at[0].error);
 }
 
 static int bench(Bench *b) {
@@ -256,7 +270,8 @@ static int bench(Bench *b) {
             k->skipped = "more than 64 parameter components; name it with --estimators to run it all the same";
             continue;
         }
-        if (slt_uses_rand(b->p) && e == SLT_EST_LATTICE) k->skipped = "rand() is called: the lattice is cut into scanlines";
+        if (slt_uses_rand(b->p) && e == SLT_EST_LATTICE)
+            k->skipped = "rand() is called: the lattice is cut into scanlines";
         for (uint64_t n = smallest; n <= largest && k->n < MAX_POINTS && s == SLT_OK; n *= 2) {
             s = measure(b, k, n);
             progress_update(&pr, (++done) / (NESTIMATORS * 11.0), names[e]);

@@ -1,4 +1,5 @@
-/* Nanoseconds a sample of every kernel, on one thread: batches of samples in rows of an image, as the runtime runs them; the median of interleaved rounds. */
+/* Nanoseconds a sample of every kernel, on one thread: batches of samples in rows of an image, as the runtime runs
+ * them; the median of interleaved rounds. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -69,7 +70,8 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
 
 static SltKernel *kernel_of(const SltProgram *p, int k) {
     const SltScene *s = &p->scene;
-    SltKernel *const list[K_KINDS] = {s->value, s->region, s->event, s->sides, s->site, s->site_grad, s->site_jvp, s->site_vjp, s->jvp, s->vjp};
+    SltKernel *const list[K_KINDS] = {s->value,     s->region,   s->event,    s->sides, s->site,
+                                      s->site_grad, s->site_jvp, s->site_vjp, s->jvp,   s->vjp};
     return list[k];
 }
 
@@ -118,7 +120,8 @@ int bench_kernels(Cli *c, SltProgram *p) {
         qsort(ns[k], ROUNDS, sizeof **ns, compare);
         double median = ns[k][ROUNDS / 2];
         if (shown[k] == K_VALUE) base = median;
-        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]]) : p->scene.width, ops = walk_fn_size(p->fn[shown[k]]);
+        uint32_t width = p->module_of[shown[k]] ? back_width(p->module_of[shown[k]]) : p->scene.width,
+                 ops = walk_fn_size(p->fn[shown[k]]);
         unsigned long long tape = p->tape[shown[k]].bytes_per_lane;
         if (c->json) {
             printf("%s\"%s\": {\"ns\": ", first ? "" : ", ", kernel_names[shown[k]]);
@@ -127,13 +130,18 @@ int bench_kernels(Cli *c, SltProgram *p) {
             json_number(stdout, median / base);
             printf(", \"width\": %u, \"ops\": %u, \"tape_bytes\": %llu}", width, ops, tape);
         } else {
-            printf("%-10s %10.3f %8.2f %6u %8u %10llu\n", kernel_names[shown[k]], median, median / base, width, ops, tape);
+            printf("%-10s %10.3f %8.2f %6u %8u %10llu\n", kernel_names[shown[k]], median, median / base, width, ops,
+                   tape);
         }
         first = false;
     }
     double total = p->ms_front + p->ms_passes + p->ms_llvm;
-    if (c->json) printf("}, \"compile_ms\": {\"front\": %.4f, \"passes\": %.4f, \"llvm\": %.4f, \"total\": %.4f}}\n", p->ms_front, p->ms_passes, p->ms_llvm, total);
-    else printf("compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms, total %.1f ms\n", p->ms_front, p->ms_passes, p->ms_llvm, total);
+    if (c->json)
+        printf("}, \"compile_ms\": {\"front\": %.4f, \"passes\": %.4f, \"llvm\": %.4f, \"total\": %.4f}}\n",
+               p->ms_front, p->ms_passes, p->ms_llvm, total);
+    else
+        printf("compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms, total %.1f ms\n", p->ms_front, p->ms_passes,
+               p->ms_llvm, total);
     free_buffers(&b);
     return SLT_OK;
 }

@@ -45,21 +45,27 @@ static char *make_header(const SltProgram *p, const char *stem) {
     FILE *h = open_memstream(&text, &size);
     if (!h) return NULL;
     const char *flt = p->opt.f64 ? "double" : "float";
-    fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n", stem, p->prog->entry, slt_version(), stem, stem);
+    fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n",
+            stem, p->prog->entry, slt_version(), stem, stem);
     fputs(kernel_text, h);
     fprintf(h, "\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt, stem);
-    fprintf(h, "enum { %s_DIM = %u, %s_CHANNELS = %u, %s_FLOATS = %u, %s_INTS = %u };\n\n", stem, p->prog->dim, stem, p->prog->channels, stem, p->prog->nfloats, stem, p->prog->nints);
-    fprintf(h, "/* Where parameters lie in SltKernelArgs.params (floats) and .iparams (integers and bools). */\nenum {\n");
+    fprintf(h, "enum { %s_DIM = %u, %s_CHANNELS = %u, %s_FLOATS = %u, %s_INTS = %u };\n\n", stem, p->prog->dim, stem,
+            p->prog->channels, stem, p->prog->nfloats, stem, p->prog->nints);
+    fprintf(h,
+            "/* Where parameters lie in SltKernelArgs.params (floats) and .iparams (integers and bools). */\nenum {\n");
     for (uint32_t i = 0; i < p->prog->nparams; i++) {
         const Param *q = &p->prog->params[i];
         identifier(q->name, id, sizeof id);
-        if (q->fcount) fprintf(h, "    %s_%s = %u, /* %s, %u floats */\n", stem, id, q->fbase, q->type ? q->type->name : "", q->fcount);
+        if (q->fcount)
+            fprintf(h, "    %s_%s = %u, /* %s, %u floats */\n", stem, id, q->fbase, q->type ? q->type->name : "",
+                    q->fcount);
         if (q->icount) fprintf(h, "    %s_%s_int = %u, /* %u integers */\n", stem, id, q->ibase, q->icount);
     }
     fprintf(h, "    %s_NONE_\n};\n\n", stem);
     if (p->prog->nfloats <= 65536) {
         fprintf(h, "static const %s_flt %s_params[%u] = {", stem, stem, p->prog->nfloats ? p->prog->nfloats : 1);
-        for (uint32_t i = 0; i < p->prog->nfloats; i++) fprintf(h, "%s%a", i % 8 ? ", " : i ? ",\n    " : "\n    ", p->floats[i]);
+        for (uint32_t i = 0; i < p->prog->nfloats; i++)
+            fprintf(h, "%s%a", i % 8 ? ", " : i ? ",\n    " : "\n    ", p->floats[i]);
         fprintf(h, "%s};\n", p->prog->nfloats ? "\n" : "0");
         fprintf(h, "static const int32_t %s_iparams[%u] = {", stem, p->prog->nints ? p->prog->nints : 1);
         for (uint32_t i = 0; i < p->prog->nints; i++) fprintf(h, "%s%d", i ? ", " : "", p->ints[i]);
@@ -67,17 +73,19 @@ static char *make_header(const SltProgram *p, const char *stem) {
     }
     for (int k = 0; k < K_KINDS; k++)
         if (p->fn[k]) write_kernel(h, p, stem, k);
-    fprintf(h, "\n/* f at n points: x[axis] and out[channel] are arrays readable and writable up to n rounded up to 64, 64-byte aligned. */\n"
-               "static inline void %s_eval(const %s_flt *params, const int32_t *iparams, const %s_flt *const *x, %s_flt *const *out, uint32_t n) {\n"
-               "    static const int32_t zero[64];\n"
-               "    SltKernelArgs args = {0};\n"
-               "    int i;\n"
-               "    for (i = 0; i < SLT_IN_VARYING; i++) args.in[i] = n <= 64 ? (const void *)zero : (const void *)x[0];\n"
-               "    for (i = 0; i < %s_DIM; i++) args.in[i] = x[i];\n"
-               "    for (i = 0; i < %s_CHANNELS; i++) args.out[i] = out[i];\n"
-               "    args.params = params;\n    args.iparams = iparams;\n    args.n_valid = n;\n    args.resolution[0] = args.resolution[1] = 1;\n"
-               "    %s_value(&args, n);\n}\n",
-            stem, stem, stem, stem, stem, stem, stem);
+    fprintf(
+        h,
+        "\n/* f at n points: x[axis] and out[channel] are arrays readable and writable up to n rounded up to 64, 64-byte aligned. */\n"
+        "static inline void %s_eval(const %s_flt *params, const int32_t *iparams, const %s_flt *const *x, %s_flt *const *out, uint32_t n) {\n"
+        "    static const int32_t zero[64];\n"
+        "    SltKernelArgs args = {0};\n"
+        "    int i;\n"
+        "    for (i = 0; i < SLT_IN_VARYING; i++) args.in[i] = n <= 64 ? (const void *)zero : (const void *)x[0];\n"
+        "    for (i = 0; i < %s_DIM; i++) args.in[i] = x[i];\n"
+        "    for (i = 0; i < %s_CHANNELS; i++) args.out[i] = out[i];\n"
+        "    args.params = params;\n    args.iparams = iparams;\n    args.n_valid = n;\n    args.resolution[0] = args.resolution[1] = 1;\n"
+        "    %s_value(&args, n);\n}\n",
+        stem, stem, stem, stem, stem, stem, stem);
     fprintf(h, "\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
     fclose(h);
     return text;
@@ -91,15 +99,19 @@ static int build(Cli *c, SltProgram *p) {
     SltError err = {0};
     bool needs[K_KINDS];
     for (int k = 0; k < K_KINDS; k++) needs[k] = true;
-    if (c->job.no_boundary) needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_JVP] = needs[K_SITE_VJP] = false;
+    if (c->job.no_boundary)
+        needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_JVP] =
+            needs[K_SITE_VJP] = false;
     if (c->job.no_interior) needs[K_JVP] = needs[K_VJP] = false;
     SltStatus status = api_kernels(p, needs, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     for (uint32_t f = 0; f < p->prog->nfields; f++)
         for (int k = 0; k < K_KINDS; k++)
             if (api_field_queries(p->fn[k], f))
-                return cli_usage(c, "kernel %s searches the heightfield `%s`, which needs the library's structures: what `build` makes stands alone", kernel_names[k],
-                                 p->prog->params[p->prog->fields[f].param].name);
+                return cli_usage(
+                    c,
+                    "kernel %s searches the heightfield `%s`, which needs the library's structures: what `build` makes stands alone",
+                    kernel_names[k], p->prog->params[p->prog->fields[f].param].name);
     char *header = make_header(p, stem);
     if (!header) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     char *header_path = malloc(strlen(c->output) + 4);
@@ -110,8 +122,13 @@ static int build(Cli *c, SltProgram *p) {
         KernelRequest req[K_KINDS];
         uint32_t n = 0;
         for (int k = 0; k < K_KINDS; k++)
-            if (p->fn[k]) req[n++] = (KernelRequest){arena_printf(&p->session->module, "%s_%s", stem, kernel_names[k]), p->fn[k]};
-        BackOptions bo = {.target = p->target, .width = c->opt.width, .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES, .opt_level = 2, .output_rgba8 = c->opt.rgba8};
+            if (p->fn[k])
+                req[n++] = (KernelRequest){arena_printf(&p->session->module, "%s_%s", stem, kernel_names[k]), p->fn[k]};
+        BackOptions bo = {.target = p->target,
+                          .width = c->opt.width,
+                          .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
+                          .opt_level = 2,
+                          .output_rgba8 = c->opt.rgba8};
         const char *why = NULL;
         status = (SltStatus)back_emit(p->session, req, n, &bo, kind, c->output, &why);
         if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");

@@ -1,9 +1,9 @@
 /* saltus check: the gradient of the integral against finite differences with common random numbers.
  *
- * For every parameter (the largest components of long ones, and a random direction through the rest) the derivative of L = sum_c w_c I_c with fixed weights w is compared with
- * central differences of L over independent replicates. A row passes when
- *     |AD - FD| <= z sqrt(se_AD^2 + se_FD^2 + truncation^2 + floor^2),
- * with the truncation taken from a second, doubled step. The slope of the Taylor remainder is 2 where L is smooth. */
+ * For every parameter (the largest components of long ones, and a random direction through the rest) the derivative of
+ * L = sum_c w_c I_c with fixed weights w is compared with central differences of L over independent replicates. A row
+ * passes when |AD - FD| <= z sqrt(se_AD^2 + se_FD^2 + truncation^2 + floor^2), with the truncation taken from a second,
+ * doubled step. The slope of the Taylor remainder is 2 where L is smooth. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -116,12 +116,15 @@ static void add_row(Check *k, const char *name, uint32_t index, double *dir, con
         const Param *q = &k->p->prog->params[i];
         bool inside = index >= q->fbase && index < q->fbase + q->fcount;
         /* Extreme scales: a tiny but non-zero parameter moves in its own units. */
-        if (inside && base[index] != 0 && fabs(base[index]) < 0.05) scale = fabs(base[index]) > 1e-3 ? fabs(base[index]) : (fabs(base[index]) < 1e-6 ? fabs(base[index]) : 1e-3);
+        if (inside && base[index] != 0 && fabs(base[index]) < 0.05)
+            scale =
+                fabs(base[index]) > 1e-3 ? fabs(base[index]) : (fabs(base[index]) < 1e-6 ? fabs(base[index]) : 1e-3);
     }
     row->step = scale * (k->p->opt.f64 ? 2e-3 : 5e-3);
 }
 
-/* Which rows: every component of small parameters, the largest of long ones and one random direction through the rest. */
+/* Which rows: every component of small parameters, the largest of long ones and one random direction through the rest.
+ */
 static SltStatus choose_rows(Check *k, const double *g, const double *base) {
     uint32_t nf = slt_float_count(k->p);
     const uint8_t *mask = slt_wrt_mask(k->p);
@@ -165,7 +168,8 @@ static SltStatus choose_rows(Check *k, const double *g, const double *base) {
     return SLT_OK;
 }
 
-/* The normal deviate as improbable as t with nu degrees of freedom (Wallace 1959): a standard error from few replicates is itself uncertain. */
+/* The normal deviate as improbable as t with nu degrees of freedom (Wallace 1959): a standard error from few replicates
+ * is itself uncertain. */
 static double normal_deviate(double t, double nu) {
     double z = (8 * nu + 1) / (8 * nu + 3) * sqrt(nu * log1p(t * t / nu));
     return t < 0 ? -z : z;
@@ -200,7 +204,8 @@ static void print_rows(const Check *k, bool all_pass) {
             const struct {
                 const char *key;
                 double v;
-            } list[] = {{"ad", r->ad}, {"ad_stderr", r->ad_se}, {"fd", r->fd}, {"fd_stderr", r->fd_se}, {"step", r->step}, {"truncation", r->truncation}, {"slope", r->slope}, {"z", r->z}};
+            } list[] = {{"ad", r->ad},     {"ad_stderr", r->ad_se},       {"fd", r->fd},       {"fd_stderr", r->fd_se},
+                        {"step", r->step}, {"truncation", r->truncation}, {"slope", r->slope}, {"z", r->z}};
             printf("%s{\"param\": ", i ? ", " : "");
             json_text(stdout, r->name);
             for (size_t f = 0; f < sizeof list / sizeof *list; f++) {
@@ -219,7 +224,9 @@ static void print_rows(const Check *k, bool all_pass) {
     printf("%-34s %14s %14s %9s %9s %6s %7s\n", "parameter", "AD", "FD", "+-", "step", "slope", "z");
     for (uint32_t i = 0; i < k->n; i++) {
         const Row *r = &k->rows[i];
-        printf("%-34s %14.7g %14.7g %9.2g %9.2g %6.2f %7.2f  %s\n", r->name, r->ad, r->fd, sqrt(r->fd_se * r->fd_se + r->truncation * r->truncation), r->step, r->slope, r->z, r->pass ? "PASS" : "FAIL");
+        printf("%-34s %14.7g %14.7g %9.2g %9.2g %6.2f %7.2f  %s\n", r->name, r->ad, r->fd,
+               sqrt(r->fd_se * r->fd_se + r->truncation * r->truncation), r->step, r->slope, r->z,
+               r->pass ? "PASS" : "FAIL");
     }
     printf("%s\n", all_pass ? "PASS" : "FAIL");
 }
@@ -231,7 +238,8 @@ static int check(Check *k) {
     if (status != SLT_OK) return status;
     uint32_t nf = slt_float_count(k->p), ch = slt_channels(k->p);
     size_t size = (size_t)ch * nf + 1;
-    double *g = calloc(2 * size, sizeof *g), *base = malloc((nf + 1) * sizeof *base), *total = calloc(nf + 1, sizeof *total);
+    double *g = calloc(2 * size, sizeof *g), *base = malloc((nf + 1) * sizeof *base),
+           *total = calloc(nf + 1, sizeof *total);
     k->rows = calloc(MAX_ROWS, sizeof *k->rows);
     if (!g || !base || !total || !k->rows) return free(g), free(base), free(total), SLT_LIMIT;
     memcpy(base, slt_floats(k->p), nf * sizeof *base);
@@ -269,9 +277,13 @@ static int check(Check *k) {
     for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
         Row *row = &k->rows[i];
         /* Rounding: the difference of two sums, each good to a few ulp of the precision. */
-        double eps = c->opt.f64 ? 1e-13 : 3e-6, floor = eps * fmax(1, largest) / fmax(row->step, 1e-300) * (c->opt.f64 ? 1 : 0.02) + 1e-4 * fabs(row->fd) + 1e-6 * largest;
-        double bar = sqrt(row->ad_se * row->ad_se + row->fd_se * row->fd_se + row->truncation * row->truncation + floor * floor);
-        double ad2 = row->ad_se * row->ad_se, fd2 = row->fd_se * row->fd_se, spread = ad2 * ad2 / (AD_REPLICATES - 1) + fd2 * fd2 / (REPLICATES - 1);
+        double eps = c->opt.f64 ? 1e-13 : 3e-6,
+               floor = eps * fmax(1, largest) / fmax(row->step, 1e-300) * (c->opt.f64 ? 1 : 0.02) +
+                       1e-4 * fabs(row->fd) + 1e-6 * largest;
+        double bar =
+            sqrt(row->ad_se * row->ad_se + row->fd_se * row->fd_se + row->truncation * row->truncation + floor * floor);
+        double ad2 = row->ad_se * row->ad_se, fd2 = row->fd_se * row->fd_se,
+               spread = ad2 * ad2 / (AD_REPLICATES - 1) + fd2 * fd2 / (REPLICATES - 1);
         double nu = spread > 0 ? fmin(bar * bar * bar * bar / spread, 1e6) : 1e6; /* Welch and Satterthwaite */
         row->z = bar > 0 ? normal_deviate((row->ad - row->fd) / bar, nu) : row->ad == row->fd ? 0 : INFINITY;
         row->pass = fabs(row->z) <= c->tolerance; /* false for NaN */

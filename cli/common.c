@@ -33,8 +33,8 @@ void cli_catch_interrupt(Cli *c) {
     c->job.cancel = &cancel_flag;
 }
 
-/* The runtime looks at the time between kernels. One kernel or one compilation that runs on far beyond the limit is ended here; nothing is half-written, for files
- * appear whole. */
+/* The runtime looks at the time between kernels. One kernel or one compilation that runs on far beyond the limit is
+ * ended here; nothing is half-written, for files appear whole. */
 static void on_alarm(int sig) {
     static const char text[] = "saltus: the time limit was reached within one step\n";
     (void)sig;
@@ -46,7 +46,8 @@ static void on_alarm(int sig) {
 void cli_watch_time(const Cli *c) {
     if (c->max_seconds <= 0) return;
     double grace = c->max_seconds * 1.25 + 2;
-    struct itimerval t = {.it_value = {.tv_sec = (time_t)grace, .tv_usec = (suseconds_t)((grace - floor(grace)) * 1e6)}};
+    struct itimerval t = {
+        .it_value = {.tv_sec = (time_t)grace, .tv_usec = (suseconds_t)((grace - floor(grace)) * 1e6)}};
     struct sigaction sa = {.sa_handler = on_alarm};
     sigaction(SIGALRM, &sa, NULL);
     setitimer(ITIMER_REAL, &t, NULL);
@@ -91,7 +92,8 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
         size_t size = strlen(c->expr) + 256;
         char *source = malloc(size);
         if (!source) return SLT_LIMIT;
-        snprintf(source, size, "import sdf; import color; import noise;\nshader %s main(float2 x) { return\n%s\n; }\n", types[t], c->expr);
+        snprintf(source, size, "import sdf; import color; import noise;\nshader %s main(float2 x) { return\n%s\n; }\n",
+                 types[t], c->expr);
         SltProgram *p = NULL;
         status = slt_compile_string(source, "<expr>", &c->opt, &p);
         free(source);
@@ -182,7 +184,8 @@ int cli_prepare_job(Cli *c, SltProgram *p) {
     }
     double values = (double)c->job.size[0] * c->job.size[1] * c->job.size[2] * slt_channels(p);
     if (values > (double)(1u << 28)) {
-        fprintf(stderr, "saltus: an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values\n", c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
+        fprintf(stderr, "saltus: an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values\n",
+                c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
         return SLT_LIMIT;
     }
     return SLT_OK;
@@ -202,11 +205,13 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
     int w = (int)c->job.size[0], h = (int)c->job.size[1];
     if (root.width != w || root.height != h) {
         if (!resize) {
-            fprintf(stderr, "saltus: %s is %dx%d, but the image is %dx%d; give --size %dx%d\n", path, root.width, root.height, w, h, root.width, root.height);
+            fprintf(stderr, "saltus: %s is %dx%d, but the image is %dx%d; give --size %dx%d\n", path, root.width,
+                    root.height, w, h, root.width, root.height);
             image_free(&root);
             return SLT_INPUT;
         }
-        if (!c->quiet) fprintf(stderr, "saltus: note: %s is resized from %dx%d to %dx%d\n", path, root.width, root.height, w, h);
+        if (!c->quiet)
+            fprintf(stderr, "saltus: note: %s is resized from %dx%d to %dx%d\n", path, root.width, root.height, w, h);
         status = image_resize(&root, w, h, &sized, &err);
         image_free(&root);
         if (status != SLT_OK) return cli_fail(c, &err);

@@ -1,4 +1,5 @@
-/* saltus explain: what a program is made of, what was compiled, what was left out and why; or the story of one point; or of one code. */
+/* saltus explain: what a program is made of, what was compiled, what was left out and why; or the story of one point;
+ * or of one code. */
 #include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
@@ -61,8 +62,8 @@ typedef struct Explain {
     uint8_t *facts, *alive, *reach;
 } Explain;
 
-/* What a reverse kernel adds to an adjoint has a derivative. Read off the finished code: the value kernel's own dependences are hidden by the bit tricks of its sines
- * and exponentials. */
+/* What a reverse kernel adds to an adjoint has a derivative. Read off the finished code: the value kernel's own
+ * dependences are hidden by the bit tricks of its sines and exponentials. */
 static void add_reach(Explain *e, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) add_reach(e, i->region[r]);
@@ -90,9 +91,11 @@ static const char *why_no_gradient(const Explain *e, const Param *q) {
 static const char *left_out(const Explain *e, int kind) {
     bool jumps = false;
     for (uint32_t s = 0; s < e->p->prog->primal->nsites; s++) jumps |= e->alive[s] != 0;
-    bool boundary = kind == K_REGION || kind == K_EVENT || kind == K_SIDES || kind == K_SITE || kind == K_SITE_GRAD || kind == K_SITE_JVP || kind == K_SITE_VJP;
+    bool boundary = kind == K_REGION || kind == K_EVENT || kind == K_SIDES || kind == K_SITE || kind == K_SITE_GRAD ||
+                    kind == K_SITE_JVP || kind == K_SITE_VJP;
     if (boundary && !jumps) return "no discontinuity reaches the output";
-    if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary) return "no boundary moves with what is differentiated";
+    if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary)
+        return "no boundary moves with what is differentiated";
     if (kind == K_SITE && e->p->fn[K_SITE_GRAD]) return "served by site_grad: there are many sites";
     if (boundary && e->c->job.no_boundary) return "--interior-only";
     if (!boundary && kind != K_VALUE && e->c->job.no_interior) return "--boundary-only";
@@ -100,8 +103,14 @@ static const char *left_out(const Explain *e, int kind) {
 }
 
 /* ---- heightfields: what is searched, by which kernels, and what for */
-static const char *const query_names[SLT_FIELD_WHATS] = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise"};
-static const char *const query_needs[SLT_FIELD_WHATS] = {"h.trace", "h.occluded", "h.clearance or a [Disc] site", "h.clearance asked for its sign", "h.silhouette", "[Disc] on h.trace or h.occluded"};
+static const char *const query_names[SLT_FIELD_WHATS] = {"trace",  "occluded",   "clearance",
+                                                         "shadow", "silhouette", "rise"};
+static const char *const query_needs[SLT_FIELD_WHATS] = {"h.trace",
+                                                         "h.occluded",
+                                                         "h.clearance or a [Disc] site",
+                                                         "h.clearance asked for its sign",
+                                                         "h.silhouette",
+                                                         "[Disc] on h.trace or h.occluded"};
 
 static uint32_t field_queries(const SltProgram *p, uint32_t f) {
     uint32_t queries = 0;
@@ -138,7 +147,8 @@ static void print_fields(const SltProgram *p) {
         const FieldInfo *info = &g->fields[f];
         if (!field_queries(p, f) || !p->fields[f]) continue;
         size_t bytes = field_bytes(p->fields[f]);
-        printf("  %s, %u x %u heights: %s\n    %zu bytes, %.2f a height; asked: ", g->params[info->param].name, info->w, info->h, field_describe(p->fields[f]), bytes, (double)bytes / info->w / info->h);
+        printf("  %s, %u x %u heights: %s\n    %zu bytes, %.2f a height; asked: ", g->params[info->param].name, info->w,
+               info->h, field_describe(p->fields[f]), bytes, (double)bytes / info->w / info->h);
         list_queries(field_queries(p, f), false);
         putchar('\n');
         for (int k = 0; k < K_KINDS; k++) {
@@ -163,7 +173,9 @@ static void print_fields_left_out(const SltProgram *p) {
     for (uint32_t f = 0; f < g->nfields; f++) {
         uint32_t queries = field_queries(p, f);
         for (int w = 0; queries && w < SLT_FIELD_WHATS; w++)
-            if (!(queries >> w & 1)) printf("  %s of %s: no kernel asks (%s would)\n", query_names[w], g->params[g->fields[f].param].name, query_needs[w]);
+            if (!(queries >> w & 1))
+                printf("  %s of %s: no kernel asks (%s would)\n", query_names[w], g->params[g->fields[f].param].name,
+                       query_needs[w]);
     }
 }
 
@@ -178,7 +190,8 @@ static void json_fields(const SltProgram *p) {
         if (!queries || !p->fields[f]) continue;
         printf("%s{\"name\": ", first ? "" : ", ");
         json_text(stdout, g->params[info->param].name);
-        printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", info->w, info->h, structures[p->opt.field]);
+        printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", info->w, info->h,
+               structures[p->opt.field]);
         json_text(stdout, field_describe(p->fields[f]));
         printf(", \"bytes\": %zu, \"queries\": [", field_bytes(p->fields[f]));
         list_queries(queries, true);
@@ -206,31 +219,39 @@ static void print_sites(const Explain *e) {
         const SiteInfo *i = &primal->sites[s];
         uint32_t line = 0, column = 0;
         span_position(e->p->session, i->span, &line, &column);
-        printf("  %3u  %s:%u:%u  %-11s %s  in %s, at most %llu event%s%s%s%s\n", s, i->span.file >= 0 ? e->p->session->sources[i->span.file].path : "?", line, column, site_kind_name(i->kind),
-               i->text ? i->text : "", i->path ? i->path : "", (unsigned long long)i->max_events, i->max_events == 1 ? "" : "s", i->skip_loop ? ", [SkipLoop]" : "",
-               e->alive[s] ? "" : ", reaches no output: left out", e->facts[s] & DEPENDS_X ? "" : ", static: does not depend on x");
+        printf("  %3u  %s:%u:%u  %-11s %s  in %s, at most %llu event%s%s%s%s\n", s,
+               i->span.file >= 0 ? e->p->session->sources[i->span.file].path : "?", line, column,
+               site_kind_name(i->kind), i->text ? i->text : "", i->path ? i->path : "",
+               (unsigned long long)i->max_events, i->max_events == 1 ? "" : "s", i->skip_loop ? ", [SkipLoop]" : "",
+               e->alive[s] ? "" : ", reaches no output: left out",
+               e->facts[s] & DEPENDS_X ? "" : ", static: does not depend on x");
     }
 }
 
 static void print_kernels(const Explain *e, const bool needs[K_KINDS]) {
     SltProgram *p = e->p;
-    printf("\nkernels (%u lanes of %s)\n  %-10s %10s %14s\n", p->scene.width, p->opt.f64 ? "f64" : "f32", "", "IR", "LLVM");
+    printf("\nkernels (%u lanes of %s)\n  %-10s %10s %14s\n", p->scene.width, p->opt.f64 ? "f64" : "f32", "", "IR",
+           "LLVM");
     for (int k = 0; k < K_KINDS; k++) {
         if (!p->fn[k]) continue;
-        printf("  %-10s %10u %14u\n", kernel_names[k], walk_fn_size(p->fn[k]), p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0);
+        printf("  %-10s %10u %14u\n", kernel_names[k], walk_fn_size(p->fn[k]),
+               p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0);
     }
     for (int k = 0; k < K_KINDS; k++)
         if (p->fn[k] && p->tape[k].text && p->tape[k].text[0])
-            printf("\ntape of %s: at most %llu bytes a lane\n%s\n", kernel_names[k], (unsigned long long)p->tape[k].bytes_per_lane, p->tape[k].text);
+            printf("\ntape of %s: at most %llu bytes a lane\n%s\n", kernel_names[k],
+                   (unsigned long long)p->tape[k].bytes_per_lane, p->tape[k].text);
     (void)needs;
 }
 
 static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
     SltProgram *p = e->p;
     Program *g = p->prog;
-    printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n\n", g->entry, g->dim, g->channels, g->channels == 1 ? "" : "s", g->nfloats, g->nints);
+    printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n\n", g->entry, g->dim, g->channels,
+           g->channels == 1 ? "" : "s", g->nfloats, g->nints);
     print_sites(e);
-    printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)api_event_bound(p), p->scene.near_miss ? "on" : "off");
+    printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)api_event_bound(p),
+           p->scene.near_miss ? "on" : "off");
     print_kernels(e, needs);
     printf("\nparameters without a gradient\n");
     bool any = false;
@@ -252,7 +273,8 @@ static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
     print_fields_left_out(p);
     if (!g->ncull) puts("  cull grid: no [Cull] loop");
     if (!g->uses_rand) puts("  random streams: rand() is not called");
-    printf("\ntime to compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms%s\n", p->ms_front, p->ms_passes, p->ms_llvm, p->cached ? " (cached)" : "");
+    printf("\ntime to compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms%s\n", p->ms_front, p->ms_passes,
+           p->ms_llvm, p->cached ? " (cached)" : "");
 }
 
 static void explain_json(const Explain *e) {
@@ -272,15 +294,19 @@ static void explain_json(const Explain *e) {
         json_text(stdout, i->path);
         printf(", \"text\": ");
         json_text(stdout, i->text);
-        printf(", \"max_events\": %llu, \"skip_loop\": %s, \"live\": %s, \"static\": %s}", (unsigned long long)i->max_events, i->skip_loop ? "true" : "false", e->alive[s] ? "true" : "false",
+        printf(", \"max_events\": %llu, \"skip_loop\": %s, \"live\": %s, \"static\": %s}",
+               (unsigned long long)i->max_events, i->skip_loop ? "true" : "false", e->alive[s] ? "true" : "false",
                e->facts[s] & DEPENDS_X ? "false" : "true");
     }
-    printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)api_event_bound(p), p->scene.near_miss ? "true" : "false");
+    printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)api_event_bound(p),
+           p->scene.near_miss ? "true" : "false");
     bool first = true;
     for (int k = 0; k < K_KINDS; k++) {
         if (!p->fn[k]) continue;
-        printf("%s\"%s\": {\"ops\": %u, \"instructions\": %u, \"tape_bytes\": %llu}", first ? "" : ", ", kernel_names[k], walk_fn_size(p->fn[k]),
-               p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0, (unsigned long long)p->tape[k].bytes_per_lane);
+        printf("%s\"%s\": {\"ops\": %u, \"instructions\": %u, \"tape_bytes\": %llu}", first ? "" : ", ",
+               kernel_names[k], walk_fn_size(p->fn[k]),
+               p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0,
+               (unsigned long long)p->tape[k].bytes_per_lane);
         first = false;
     }
     fputs("}, \"no_gradient\": {", stdout);
@@ -315,7 +341,8 @@ static void explain_json(const Explain *e) {
         json_text(stdout, left_out(e, k));
         first = false;
     }
-    printf("}, \"width\": %u, \"compile_ms\": {\"front\": %.3f, \"passes\": %.3f, \"llvm\": %.3f}, \"cached\": %s, ", p->scene.width, p->ms_front, p->ms_passes, p->ms_llvm, p->cached ? "true" : "false");
+    printf("}, \"width\": %u, \"compile_ms\": {\"front\": %.3f, \"passes\": %.3f, \"llvm\": %.3f}, \"cached\": %s, ",
+           p->scene.width, p->ms_front, p->ms_passes, p->ms_llvm, p->cached ? "true" : "false");
     report_warnings_json(stdout, p);
     fputs("}\n", stdout);
 }
@@ -351,7 +378,8 @@ static void on_trace(void *user, const char *text, uint32_t len, const double *v
         log->at = more, log->cap = cap;
     }
     SiteLog *s = &log->at[log->n++];
-    *s = (SiteLog){.site = (int32_t)v[0], .g = v[2], .decision = v[1] != 0, .integer = text[0] == 'n', .n = v[1], .depth = n - 3};
+    *s = (SiteLog){
+        .site = (int32_t)v[0], .g = v[2], .decision = v[1] != 0, .integer = text[0] == 'n', .n = v[1], .depth = n - 3};
     for (uint32_t k = 0; k + 3 < n && k < IR_MAX_SITE_DEPTH; k++) s->k[k] = (int32_t)v[3 + k];
 }
 
@@ -383,7 +411,8 @@ static int trace(SltProgram *p, const double x[3], TraceLog *log, double f[4]) {
     api_fields_want(p, fn);
     SltStatus fields = api_fields(p, &err);
     if (fields != SLT_OK) return fields;
-    SltKernelArgs args = {.params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
+    SltKernelArgs args = {
+        .params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
     memset(flt, 0, sizeof flt);
     for (int i = 0; i < N; i++)
         for (int d = 0; d < 3; d++) {
@@ -509,7 +538,9 @@ static int explain(Cli *c, SltProgram *p) {
     e.alive = calloc(primal->nsites + 1, 1);
     e.reach = calloc(p->prog->nfloats + 1, 1);
     bool needs[K_KINDS] = {[K_VALUE] = true, [K_VJP] = !c->job.no_interior};
-    if (!c->job.no_boundary) needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] = true;
+    if (!c->job.no_boundary)
+        needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] =
+            true;
     int status = e.facts && e.alive && e.reach ? (int)api_kernels(p, needs, &err) : SLT_LIMIT;
     if (status == SLT_OK) {
         site_facts(&p->passes, p->prog->primal, NULL, e.facts);

@@ -1,7 +1,8 @@
 /* saltus fit: parameters that make the image match its targets, or that minimise the integral.
  *
- * Only the floats that are differentiated form the optimiser's vector. Adam and SGD take a new seed each iteration, L-BFGS keeps one: its line
- * search needs a fixed function. Everything that decides the result is in the checkpoint, so a resumed run gives the same bits. */
+ * Only the floats that are differentiated form the optimiser's vector. Adam and SGD take a new seed each iteration,
+ * L-BFGS keeps one: its line search needs a fixed function. Everything that decides the result is in the checkpoint, so
+ * a resumed run gives the same bits. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -13,7 +14,8 @@
 #include "runtime/optimise/optimise.h"
 
 enum { FRAMES = 6 };
-/* Flipped in the seed of the derivative behind an external loss: its samples are others than those of the image that the adjoint came from. */
+/* Flipped in the seed of the derivative behind an external loss: its samples are others than those of the image that
+ * the adjoint came from. */
 enum { OTHER_SAMPLES = 0x40000000 };
 
 typedef struct Fit {
@@ -21,20 +23,20 @@ typedef struct Fit {
     SltProgram *p;
     Scene scene;
     Optimiser *o;
-    uint32_t n, *index;       /* active floats */
-    double *gradient, *all;   /* [n], [nfloats] */
+    uint32_t n, *index;     /* active floats */
+    double *gradient, *all; /* [n], [nfloats] */
     double *losses;
     uint32_t iteration, nlosses;
     bool keep_seed;
-    float *image;             /* of the first view, the latest */
-    LossProgram *loss;        /* external; NULL: squared differences */
-    float *handed, *adjoint;  /* the image given to it, and its answer */
+    float *image;            /* of the first view, the latest */
+    LossProgram *loss;       /* external; NULL: squared differences */
+    float *handed, *adjoint; /* the image given to it, and its answer */
     Image frames[FRAMES];
     uint32_t nframes;
     uint32_t seed;
     double start;
     char key[256];
-    const char *stopped;      /* NULL: before there was anything to keep */
+    const char *stopped; /* NULL: before there was anything to keep */
 } Fit;
 
 /* ---- set-up */
@@ -58,9 +60,17 @@ static int find_grid(Fit *f, const char *name, double lambda, OptimiseGrid *g) {
     uint32_t first = UINT32_MAX;
     for (uint32_t i = 0; i < f->n; i++)
         if (f->index[i] == ref.fbase) first = i;
-    if (first == UINT32_MAX || first + ref.fcount > f->n || f->index[first + ref.fcount - 1] != ref.fbase + ref.fcount - 1)
+    if (first == UINT32_MAX || first + ref.fcount > f->n ||
+        f->index[first + ref.fcount - 1] != ref.fbase + ref.fcount - 1)
         return cli_usage(f->c, "--smooth %s: it is not optimised", name);
-    *g = (OptimiseGrid){.offset = first, .width = (int)w, .height = (int)h, .channels = (int)channels, .stride_x = channels, .stride_y = (size_t)w * channels, .stride_c = 1, .lambda = lambda};
+    *g = (OptimiseGrid){.offset = first,
+                        .width = (int)w,
+                        .height = (int)h,
+                        .channels = (int)channels,
+                        .stride_x = channels,
+                        .stride_y = (size_t)w * channels,
+                        .stride_c = 1,
+                        .lambda = lambda};
     return SLT_OK;
 }
 
@@ -84,21 +94,27 @@ static int apply_mask(Fit *f, double *rate, const FitParam *q) {
     SltError err = {0};
     Image im;
     ImageReadOptions raw = {.raw = true};
-    if (slt_param_find(f->p, q->name, &at, &err) != SLT_OK || image_read(q->mask, &raw, &im, &err) != SLT_OK) return cli_fail(c, &err);
+    if (slt_param_find(f->p, q->name, &at, &err) != SLT_OK || image_read(q->mask, &raw, &im, &err) != SLT_OK)
+        return cli_fail(c, &err);
     /* Arrays have the shape of a picture too: rows of columns. */
     uint64_t cells = (uint64_t)im.width * (uint64_t)im.height;
     uint64_t w = at.tex_w, h = at.tex_h;
     SltStatus status = SLT_OK;
     bool resource = at.is_texture || at.is_heightfield;
     if (resource ? (uint64_t)im.width != w || (uint64_t)im.height != h : cells == 0 || at.fcount % cells)
-        status = status_fail(&err, SLT_INPUT, "%s is %d x %d, but `%s` has %u number%s%s", q->mask, im.width, im.height, q->name, at.fcount, at.fcount == 1 ? "" : "s", resource ? " in another shape" : "");
+        status = status_fail(&err, SLT_INPUT, "%s is %d x %d, but `%s` has %u number%s%s", q->mask, im.width, im.height,
+                             q->name, at.fcount, at.fcount == 1 ? "" : "s", resource ? " in another shape" : "");
     uint64_t each = cells ? at.fcount / cells : 1;
     for (uint32_t i = 0; status == SLT_OK && i < f->n; i++) {
         if (f->index[i] < at.fbase || f->index[i] >= at.fbase + at.fcount) continue;
         uint64_t cell = (f->index[i] - at.fbase) / each;
         double m = (double)im.data[cell * (uint64_t)im.channels];
-        if (!(m >= 0) || isinf(m)) status = status_fail(&err, SLT_INPUT, "%s: the mask of `%s` is %g in row %llu, column %llu; numbers from 0 (held) are wanted", q->mask, q->name, m,
-                                                        (unsigned long long)(cell / (uint64_t)im.width), (unsigned long long)(cell % (uint64_t)im.width));
+        if (!(m >= 0) || isinf(m))
+            status =
+                status_fail(&err, SLT_INPUT,
+                            "%s: the mask of `%s` is %g in row %llu, column %llu; numbers from 0 (held) are wanted",
+                            q->mask, q->name, m, (unsigned long long)(cell / (uint64_t)im.width),
+                            (unsigned long long)(cell % (uint64_t)im.width));
         rate[i] *= m;
     }
     image_free(&im);
@@ -143,8 +159,18 @@ static int make_optimiser(Fit *f) {
         else status = find_grid(f, c->smooth[k].name, strtod(c->smooth[k].value, NULL), &grids[ngrids++]);
     }
     if (status == SLT_OK) {
-        OptimiseMethod method = !strcmp(c->optimizer, "sgd") ? OPTIMISE_SGD : !strcmp(c->optimizer, "lbfgs") ? OPTIMISE_LBFGS : OPTIMISE_ADAM;
-        OptimiseConfig config = {.n = n, .method = method, .start = start, .learning_rate = rate, .lo = lo, .hi = hi, .log = log, .grids = grids, .grid_count = ngrids};
+        OptimiseMethod method = !strcmp(c->optimizer, "sgd")     ? OPTIMISE_SGD
+                                : !strcmp(c->optimizer, "lbfgs") ? OPTIMISE_LBFGS
+                                                                 : OPTIMISE_ADAM;
+        OptimiseConfig config = {.n = n,
+                                 .method = method,
+                                 .start = start,
+                                 .learning_rate = rate,
+                                 .lo = lo,
+                                 .hi = hi,
+                                 .log = log,
+                                 .grids = grids,
+                                 .grid_count = ngrids};
         SltError err = {0};
         f->keep_seed = method == OPTIMISE_LBFGS;
         f->o = optimise_create(&config, &err);
@@ -172,7 +198,8 @@ static int apply_scene_params(Fit *f) {
         SltParam found;
         if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
         bool set = !on_command_line(f->c, q->name);
-        if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
+        if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK)
+            return err.status = SLT_INPUT, cli_fail(f->c, &err);
         if (set && q->file) {
             char *at = malloc(strlen(q->file) + 2);
             if (!at) return SLT_LIMIT;
@@ -189,10 +216,12 @@ static int apply_scene_params(Fit *f) {
         for (uint32_t i = 0; i < f->p->prog->nparams; i++) {
             const Param *q = &f->p->prog->params[i];
             bool off = !q->differentiable || !q->fcount;
-            for (uint32_t k = 0; k < f->scene.nparams; k++) off |= f->scene.params[k].grad == 0 && !strcmp(f->scene.params[k].name, q->name);
+            for (uint32_t k = 0; k < f->scene.nparams; k++)
+                off |= f->scene.params[k].grad == 0 && !strcmp(f->scene.params[k].name, q->name);
             if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q->name;
         }
-    if (f->scene.nparams && nnames && slt_wrt(f->p, names, nnames, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
+    if (f->scene.nparams && nnames && slt_wrt(f->p, names, nnames, &err) != SLT_OK)
+        return err.status = SLT_INPUT, cli_fail(f->c, &err);
     return SLT_OK;
 }
 
@@ -221,7 +250,8 @@ static int read_view_values(Fit *f, View *v) {
         o->ints = copy_of(slt_ints(p) + o->at.ibase, o->at.icount, sizeof(int32_t));
         if (!o->floats || !o->ints) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
         o->base_floats = o->floats + o->at.fcount + 1, o->base_ints = o->ints + o->at.icount + 1;
-        if (slt_set_text(p, name, v->params[k].value, &err) != SLT_OK) return err.status = err.status == SLT_USAGE ? SLT_INPUT : err.status, cli_fail(f->c, &err);
+        if (slt_set_text(p, name, v->params[k].value, &err) != SLT_OK)
+            return err.status = err.status == SLT_USAGE ? SLT_INPUT : err.status, cli_fail(f->c, &err);
         memcpy(o->floats, slt_floats(p) + o->at.fbase, o->at.fcount * sizeof(double));
         if (o->at.icount) memcpy(o->ints, slt_ints(p) + o->at.ibase, o->at.icount * sizeof(int32_t));
         slt_set_floats(p, o->at.fbase, o->at.fcount, o->base_floats, &err);
@@ -249,7 +279,8 @@ static int read_targets(Fit *f) {
         f->scene.nviews = 1;
         f->scene.views[0].target_path = (char *)c->target;
     }
-    if (!f->scene.nviews && !c->minimize) return cli_usage(c, "fit wants --target IMAGE, --minimize, --loss-command PROGRAM, or a scene with views");
+    if (!f->scene.nviews && !c->minimize)
+        return cli_usage(c, "fit wants --target IMAGE, --minimize, --loss-command PROGRAM, or a scene with views");
     if (f->scene.nviews && c->minimize) return cli_usage(c, "--minimize has no target");
     if (c->minimize) return SLT_OK;
     for (uint32_t v = 0; status == SLT_OK && v < f->scene.nviews; v++) status = read_view_values(f, &f->scene.views[v]);
@@ -278,22 +309,31 @@ static int read_targets(Fit *f) {
 /* The optimised floats lie in runs: whole parameters, mostly. */
 static void set_active(Fit *f, const double *x) {
     for (uint32_t i = 0, n; i < f->n; i += n) {
-        for (n = 1; i + n < f->n && f->index[i + n] == f->index[i] + n; n++) {}
+        for (n = 1; i + n < f->n && f->index[i + n] == f->index[i] + n; n++) {
+        }
         slt_set_floats(f->p, f->index[i], n, x + i, NULL);
     }
 }
 
-/* The image goes out, the loss and its adjoint image come back; the derivative of the image is then taken with other samples, so that what noise did to the adjoint is
- * independent of what it does to the derivative. */
+/* The image goes out, the loss and its adjoint image come back; the derivative of the image is then taken with other
+ * samples, so that what noise did to the adjoint is independent of what it does to the derivative. */
 static SltStatus external_loss(Fit *f, const SltJob *job, uint32_t view, double *loss, SltStats *stats, SltError *err) {
     Cli *c = f->c;
     const View *v = &f->scene.views[view];
-    LossRequest q = {.iteration = f->iteration, .view = view, .views = f->scene.nviews, .width = job->size[0], .height = job->size[1], .channels = slt_channels(f->p),
-                     .target = v->target_path, .mask = v->mask_path, .deadline = c->max_seconds > 0 ? f->start + c->max_seconds : 0};
+    LossRequest q = {.iteration = f->iteration,
+                     .view = view,
+                     .views = f->scene.nviews,
+                     .width = job->size[0],
+                     .height = job->size[1],
+                     .channels = slt_channels(f->p),
+                     .target = v->target_path,
+                     .mask = v->mask_path,
+                     .deadline = c->max_seconds > 0 ? f->start + c->max_seconds : 0};
     float *image = view == 0 ? f->image : f->handed;
     SltStatus s = slt_render(f->p, job, image, stats, err);
     if (s == SLT_OK) s = loss_exchange(f->loss, &q, image, loss, f->adjoint, err);
-    if (s != SLT_OK || isnan(*loss)) return s; /* the optimiser steps back from what is no number: it wants no gradient there */
+    if (s != SLT_OK || isnan(*loss))
+        return s; /* the optimiser steps back from what is no number: it wants no gradient there */
     SltJob other = *job;
     other.seed ^= OTHER_SAMPLES;
     return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, stats, err);
@@ -329,12 +369,15 @@ static SltStatus evaluate(Fit *f, double *loss, SltStats *total, SltError *err) 
         job.seed += v;
         use_view(f, view, true);
         if (f->loss) status = external_loss(f, &job, v, &one, &stats, err);
-        else status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL, &stats, err);
+        else
+            status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
+                                   &stats, err);
         use_view(f, view, false);
         if (status != SLT_OK) break;
         *loss += one / f->scene.nviews;
         for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->scene.nviews;
-        total->samples += stats.samples, total->crossings += stats.crossings, total->truncated += stats.truncated, total->asserts += stats.asserts;
+        total->samples += stats.samples, total->crossings += stats.crossings, total->truncated += stats.truncated,
+            total->asserts += stats.asserts;
         for (int r = 0; r < SLT_DROP_REASONS; r++) total->dropped[r] += stats.dropped[r];
     }
     return status;
@@ -367,12 +410,17 @@ static void make_key(Fit *f) {
         }
     }
     for (const char *s = f->c->loss_command; s && *s; s++) h = ir_mix(h, (uint8_t)*s);
-    snprintf(f->key, sizeof f->key, "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h, f->c->job.size[0], f->c->job.size[1], f->c->job.spp,
-             (unsigned long long)f->c->job.samples, (unsigned long long)f->c->job.segments, f->seed, (int)f->c->job.filter, (int)f->c->job.estimator, f->c->optimizer);
+    snprintf(f->key, sizeof f->key,
+             "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h,
+             f->c->job.size[0], f->c->job.size[1], f->c->job.spp, (unsigned long long)f->c->job.samples,
+             (unsigned long long)f->c->job.segments, f->seed, (int)f->c->job.filter, (int)f->c->job.estimator,
+             f->c->optimizer);
 }
 
 static SltStatus save(Fit *f, SltError *err) {
-    return f->c->checkpoint ? optimise_save(f->o, f->c->checkpoint, f->key, f->losses, f->nlosses * sizeof *f->losses, err) : SLT_OK;
+    return f->c->checkpoint
+               ? optimise_save(f->o, f->c->checkpoint, f->key, f->losses, f->nlosses * sizeof *f->losses, err)
+               : SLT_OK;
 }
 
 static SltStatus resume(Fit *f, SltError *err) {
@@ -426,7 +474,8 @@ static int run(Fit *f, SltStats *total) {
         }
         f->losses[f->nlosses++] = loss;
         f->iteration++;
-        if (f->nframes < FRAMES - 1 && (f->iteration - 1) * (uint64_t)(FRAMES - 1) >= (uint64_t)f->nframes * c->iters) keep_frame(f);
+        if (f->nframes < FRAMES - 1 && (f->iteration - 1) * (uint64_t)(FRAMES - 1) >= (uint64_t)f->nframes * c->iters)
+            keep_frame(f);
         OptimiseState state = optimise_step(f->o, loss, f->gradient);
         char detail[96];
         snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", f->iteration, c->iters, loss);
@@ -454,29 +503,40 @@ static int run(Fit *f, SltStats *total) {
 
 /* ---- outputs */
 static SltStatus join(char *out, size_t size, const char *dir, const char *name, SltError *err) {
-    if (snprintf(out, size, "%s/%s", dir, name) >= (int)size) return status_fail(err, SLT_OUTPUT, "%s/%s: the path is too long", dir, name);
+    if (snprintf(out, size, "%s/%s", dir, name) >= (int)size)
+        return status_fail(err, SLT_OUTPUT, "%s/%s: the path is too long", dir, name);
     return SLT_OK;
 }
 
 /* A height map as a person reads one: its relief under a sun in the north west, tinted by height. */
 static SltStatus write_relief(const char *path, const Param *q, const Image *h, SltError *err) {
     int w = h->width, n = h->height;
-    double wide = q->attrs.has_extent ? q->attrs.extent[2] - q->attrs.extent[0] : 1, high = q->attrs.has_extent ? q->attrs.extent[3] - q->attrs.extent[1] : 1;
+    double wide = q->attrs.has_extent ? q->attrs.extent[2] - q->attrs.extent[0] : 1,
+           high = q->attrs.has_extent ? q->attrs.extent[3] - q->attrs.extent[1] : 1;
     double scale = q->attrs.has_height ? q->attrs.height_scale : 1, lo = INFINITY, hi = -INFINITY;
     uint8_t *rgb = malloc((size_t)w * (size_t)n * 3);
     if (!rgb) return status_fail(err, SLT_LIMIT, "out of memory");
-    for (size_t i = 0; i < (size_t)w * (size_t)n; i++) lo = fmin(lo, (double)h->data[i]), hi = fmax(hi, (double)h->data[i]);
+    for (size_t i = 0; i < (size_t)w * (size_t)n; i++)
+        lo = fmin(lo, (double)h->data[i]), hi = fmax(hi, (double)h->data[i]);
     for (int y = 0; y < n; y++)
         for (int x = 0; x < w; x++) {
             int x0 = x > 0 ? x - 1 : 0, x1 = x + 1 < w ? x + 1 : x, y0 = y > 0 ? y - 1 : 0, y1 = y + 1 < n ? y + 1 : y;
             const float *v = h->data;
             double at = (double)v[(size_t)y * (size_t)w + (size_t)x];
-            double gx = scale * ((double)v[(size_t)y * (size_t)w + (size_t)x1] - (double)v[(size_t)y * (size_t)w + (size_t)x0]) / (x1 - x0) * (w - 1) / wide;
-            double gy = scale * ((double)v[(size_t)y0 * (size_t)w + (size_t)x] - (double)v[(size_t)y1 * (size_t)w + (size_t)x]) / (y1 - y0) * (n - 1) / high;
+            double gx =
+                scale *
+                ((double)v[(size_t)y * (size_t)w + (size_t)x1] - (double)v[(size_t)y * (size_t)w + (size_t)x0]) /
+                (x1 - x0) * (w - 1) / wide;
+            double gy =
+                scale *
+                ((double)v[(size_t)y0 * (size_t)w + (size_t)x] - (double)v[(size_t)y1 * (size_t)w + (size_t)x]) /
+                (y1 - y0) * (n - 1) / high;
             double light = (gx * 0.5 - gy * 0.5 + 0.7071) / sqrt(gx * gx + gy * gy + 1);
             uint8_t tint[3];
             colormap_sequential(hi > lo ? (at - lo) / (hi - lo) : 0.5, tint);
-            for (int k = 0; k < 3; k++) rgb[((size_t)y * (size_t)w + (size_t)x) * 3 + (size_t)k] = (uint8_t)(fmin(fmax(light, 0) + 0.15, 1) * tint[k] + 0.5);
+            for (int k = 0; k < 3; k++)
+                rgb[((size_t)y * (size_t)w + (size_t)x) * 3 + (size_t)k] =
+                    (uint8_t)(fmin(fmax(light, 0) + 0.15, 1) * tint[k] + 0.5);
         }
     SltStatus s = image_write_png8(path, w, n, 3, rgb, err);
     free(rgb);
@@ -509,7 +569,8 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     char path[4096];
     const char *dir = f->c->output;
     uint32_t ch = slt_channels(f->p);
-    if (mkdir(dir, 0777) != 0 && errno != EEXIST) return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
+    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
+        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
     SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
     if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
     double *x = malloc((f->nlosses + 1) * sizeof *x);
@@ -517,7 +578,8 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     PlotSeries series = {.name = "loss", .x = x, .y = f->losses, .count = (int)f->nlosses};
     PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
     char *svg = s == SLT_OK && x && f->nlosses ? plot_svg(&plot, &series, 1, err) : NULL;
-    if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK) s = file_write_atomic(path, svg, strlen(svg), err);
+    if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
+        s = file_write_atomic(path, svg, strlen(svg), err);
     free(svg);
     free(x);
     char *csv = NULL;
@@ -527,7 +589,8 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
         fputs("iteration,loss\n", out);
         for (uint32_t i = 0; i < f->nlosses; i++) fprintf(out, "%u,%.17g\n", i + 1, f->losses[i]);
         fclose(out);
-        if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK) s = file_write_atomic(path, csv, size, err);
+        if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
+            s = file_write_atomic(path, csv, size, err);
         free(csv);
     }
     if (s == SLT_OK) s = write_grids(f, err);
@@ -542,13 +605,16 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     use_view(f, &f->scene.views[0], false);
     for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
     report_metadata(&im, f->c, f->p);
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK) s = image_write(path, &im, NULL, err);
-    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK) s = image_write(path, &im, NULL, err);
+    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
+        s = image_write(path, &im, NULL, err);
+    if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
+        s = image_write(path, &im, NULL, err);
     const Image *strip[FRAMES + 2];
     int n = 0;
     for (uint32_t k = 0; k < f->nframes; k++) strip[n++] = &f->frames[k];
     strip[n++] = &im;
-    Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target}, film;
+    Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target},
+          film;
     if (target.data) strip[n++] = &target;
     if (s == SLT_OK && image_film_strip(strip, n, 4, &film, err) == SLT_OK) {
         if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, NULL, err);
@@ -564,7 +630,8 @@ static int write_outputs(Fit *f) {
     SltStatus s = json ? SLT_OK : status_fail(&err, SLT_LIMIT, "out of memory");
     if (s == SLT_OK && f->c->output) {
         size_t n = strlen(f->c->output);
-        if (n > 5 && !strcmp(f->c->output + n - 5, ".json")) s = file_write_atomic(f->c->output, json, strlen(json), &err);
+        if (n > 5 && !strcmp(f->c->output + n - 5, ".json"))
+            s = file_write_atomic(f->c->output, json, strlen(json), &err);
         else s = write_folder(f, json, &err);
     }
     if (s == SLT_OK && f->c->json) {
@@ -586,7 +653,8 @@ static int write_outputs(Fit *f) {
     } else if (s == SLT_OK) {
         double best = NAN;
         optimise_best(f->o, &best);
-        printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->nlosses ? f->losses[0] : NAN, best, f->nlosses, cli_now() - f->start, f->stopped);
+        printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->nlosses ? f->losses[0] : NAN, best, f->nlosses,
+               cli_now() - f->start, f->stopped);
         if (!f->c->output) fputs(json, stdout);
     }
     free(json);
@@ -612,11 +680,14 @@ static int fit(Fit *f) {
     f->gradient = calloc(nf + 1, sizeof *f->gradient);
     f->all = calloc((size_t)nf * 4 + 1, sizeof *f->all);
     f->losses = calloc((size_t)c->iters + 1, sizeof *f->losses);
-    if (!c->minimize) f->image = calloc((size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p) + 1, sizeof *f->image);
+    if (!c->minimize)
+        f->image = calloc((size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p) + 1, sizeof *f->image);
     size_t pixels = (size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p);
-    if (c->loss_command) f->handed = calloc(pixels + 1, sizeof *f->handed), f->adjoint = calloc(pixels + 1, sizeof *f->adjoint);
+    if (c->loss_command)
+        f->handed = calloc(pixels + 1, sizeof *f->handed), f->adjoint = calloc(pixels + 1, sizeof *f->adjoint);
     if (c->loss_command && (!f->handed || !f->adjoint)) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    if (!f->index || !f->gradient || !f->all || !f->losses || (!c->minimize && !f->image)) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    if (!f->index || !f->gradient || !f->all || !f->losses || (!c->minimize && !f->image))
+        return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     for (uint32_t i = 0; i < nf; i++)
         if (slt_wrt_mask(f->p)[i]) f->index[f->n++] = i;
     if (!f->n) return cli_usage(c, "there is nothing to optimise: no differentiable parameter");
@@ -629,8 +700,10 @@ static int fit(Fit *f) {
     }
     f->start = cli_now();
     /* The program may run in another folder than we do. */
-    for (uint32_t v = 0; c->loss_command && f->scene.loss_dir && v < f->scene.nviews; v++) absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
-    if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err))) return cli_fail(c, &err);
+    for (uint32_t v = 0; c->loss_command && f->scene.loss_dir && v < f->scene.nviews; v++)
+        absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
+    if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err)))
+        return cli_fail(c, &err);
     SltStats total = {0};
     int ran = run(f, &total);
     loss_stop(f->loss);

@@ -1,4 +1,5 @@
-/* saltus grad: derivative images (-o), totals (--integral, or without an output), or of a loss (--target, --adjoint). */
+/* saltus grad: derivative images (-o), totals (--integral, or without an output), or of a loss (--target, --adjoint).
+ */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +26,8 @@ static void print_table(Cli *c, SltProgram *p, const double *g, const double *se
     uint32_t n = report_components(c, p, &names, &index), shown = n < CLI_MAX_COMPONENTS ? n : CLI_MAX_COMPONENTS;
     for (uint32_t i = 0; i < shown; i++) {
         printf("%-28s", names[i]);
-        for (uint32_t k = 0; k < channels; k++) printf(" %16.9g +- %-9.2g", g[(size_t)k * nf + index[i]], se ? se[(size_t)k * nf + index[i]] : 0.0);
+        for (uint32_t k = 0; k < channels; k++)
+            printf(" %16.9g +- %-9.2g", g[(size_t)k * nf + index[i]], se ? se[(size_t)k * nf + index[i]] : 0.0);
         putchar('\n');
     }
     if (n > shown) printf("... and %u more components (--json prints all)\n", n - shown);
@@ -69,7 +71,8 @@ static int grad_integral(Cli *c, SltProgram *p) {
         putchar('\n');
         print_table(c, p, out.gradient, out.gradient_stderr, ch);
         if (!c->quiet)
-            fprintf(stderr, "saltus: %llu samples, %llu crossings, %.3f s\n", (unsigned long long)stats.samples, (unsigned long long)stats.crossings, stats.seconds);
+            fprintf(stderr, "saltus: %llu samples, %llu crossings, %.3f s\n", (unsigned long long)stats.samples,
+                    (unsigned long long)stats.crossings, stats.seconds);
     }
     report_dropped(c, &stats);
     free(all);
@@ -130,7 +133,8 @@ static int grad_loss(Cli *c, SltProgram *p) {
 }
 
 /* Signed maps of every component side by side. */
-static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncomp, uint32_t channels, char **names, SltError *err) {
+static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncomp, uint32_t channels, char **names,
+                            SltError *err) {
     if (ncomp == 1) {
         Image one;
         SltStatus status = image_extract_layer(layers, names[0], &one, err);
@@ -159,7 +163,9 @@ static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncom
         memset(out, 255, (size_t)width * (size_t)height * 3);
         size_t x = 0;
         for (uint32_t k = 0; k < ncomp; k++) {
-            for (int y = 0; y < h[k]; y++) memcpy(out + ((size_t)y * (size_t)width + x) * 3, maps[k] + (size_t)y * (size_t)w[k] * 3, (size_t)w[k] * 3);
+            for (int y = 0; y < h[k]; y++)
+                memcpy(out + ((size_t)y * (size_t)width + x) * 3, maps[k] + (size_t)y * (size_t)w[k] * 3,
+                       (size_t)w[k] * 3);
             x += (size_t)w[k];
         }
         status = image_write_png8(path, width, height, 3, out, err);
@@ -183,7 +189,10 @@ static int grad_images(Cli *c, SltProgram *p) {
         return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
     }
     if (n > CLI_MAX_COMPONENTS) {
-        fprintf(stderr, "saltus: %u components are more than %d derivative images; choose some with --wrt, or use --integral, --target or --adjoint for all at once\n", n, CLI_MAX_COMPONENTS);
+        fprintf(
+            stderr,
+            "saltus: %u components are more than %d derivative images; choose some with --wrt, or use --integral, --target or --adjoint for all at once\n",
+            n, CLI_MAX_COMPONENTS);
         report_free_components(names, index, n);
         return SLT_LIMIT;
     }
@@ -194,8 +203,10 @@ static int grad_images(Cli *c, SltProgram *p) {
     double *dirs = calloc((size_t)n * nf + 1, sizeof *dirs);
     const double **dir = calloc(n + 1, sizeof *dir);
     float *block = malloc(((size_t)(n + 1) * ch + 1) * pixels * sizeof *block);
-    if (!out || !dirs || !dir || !block) status = status_fail(&err, SLT_LIMIT, "out of memory for %u derivative images", n);
-    if (status == SLT_OK) status = image_create(&im, (int)c->job.size[0], (int)(c->job.size[1] * c->job.size[2]), (int)planes, &err);
+    if (!out || !dirs || !dir || !block)
+        status = status_fail(&err, SLT_LIMIT, "out of memory for %u derivative images", n);
+    if (status == SLT_OK)
+        status = image_create(&im, (int)c->job.size[0], (int)(c->job.size[1] * c->job.size[2]), (int)planes, &err);
     if (status == SLT_OK) {
         for (uint32_t k = 0; k < n; k++) {
             dirs[(size_t)k * nf + index[k]] = 1;
@@ -233,7 +244,8 @@ static int grad_images(Cli *c, SltProgram *p) {
             report_layer_name(c, p, index[d], layer, sizeof layer);
             layers[d] = strdup(layer);
         }
-        if (status == SLT_OK && dot && !strcmp(dot, ".png") && layers) status = write_maps(c->output, &im, n, ch, layers, &err);
+        if (status == SLT_OK && dot && !strcmp(dot, ".png") && layers)
+            status = write_maps(c->output, &im, n, ch, layers, &err);
         else if (status == SLT_OK) status = image_write(c->output, &im, NULL, &err);
         for (uint32_t d = 0; layers && d < n; d++) free(layers[d]);
         free(layers);
@@ -250,7 +262,8 @@ static int grad_images(Cli *c, SltProgram *p) {
         report_warnings_json(stdout, p);
         fputs("}\n", stdout);
     } else if (status == SLT_OK && !c->quiet) {
-        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n", c->output, n, n == 1 ? "" : "s", (unsigned long long)stats.crossings, stats.seconds);
+        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n", c->output, n, n == 1 ? "" : "s",
+                (unsigned long long)stats.crossings, stats.seconds);
     }
     if (status == SLT_OK) {
         report_dropped(c, &stats);
@@ -270,7 +283,8 @@ int verb_grad(Cli *c) {
     cli_catch_interrupt(c);
     int status = cli_compile(c, &p);
     if (status == SLT_OK && c->target && c->adjoint) status = cli_usage(c, "--target and --adjoint were both given");
-    if (status == SLT_OK && c->job.integral && (c->target || c->adjoint)) status = cli_usage(c, "--integral has no image to compare with");
+    if (status == SLT_OK && c->job.integral && (c->target || c->adjoint))
+        status = cli_usage(c, "--integral has no image to compare with");
     bool image = c->output && !c->target && !c->adjoint && !c->job.integral;
     if (!image && !c->target && !c->adjoint) c->job.integral = true;
     if (status == SLT_OK) status = cli_prepare_job(c, p);

@@ -20,11 +20,11 @@ enum { HEAD_MAX = 1 << 16, SLICE_MS = 100 };
 
 struct LossProgram {
     pid_t pid;
-    int to, from;         /* our ends of the pipes, not blocking */
+    int to, from; /* our ends of the pipes, not blocking */
     double timeout;
-    bool ended;           /* and was waited for */
+    bool ended; /* and was waited for */
     int wait_status;
-    char head[HEAD_MAX];  /* of the answer: up to the end of its line, and what came along behind it */
+    char head[HEAD_MAX]; /* of the answer: up to the end of its line, and what came along behind it */
     size_t nhead;
 };
 
@@ -93,8 +93,11 @@ void loss_stop(LossProgram *l) {
 /* Its input or output was closed: how did it end? */
 static SltStatus fail_ended(LossProgram *l, const char *when, SltError *err) {
     if (!reap(l, 1)) return status_fail(err, SLT_CHECK_FAILED, "the loss program closed its pipe %s", when);
-    if (WIFSIGNALED(l->wait_status)) return status_fail(err, SLT_CHECK_FAILED, "the loss program was ended by signal %d %s", WTERMSIG(l->wait_status), when);
-    return status_fail(err, SLT_CHECK_FAILED, "the loss program ended with status %d %s", WEXITSTATUS(l->wait_status), when);
+    if (WIFSIGNALED(l->wait_status))
+        return status_fail(err, SLT_CHECK_FAILED, "the loss program was ended by signal %d %s",
+                           WTERMSIG(l->wait_status), when);
+    return status_fail(err, SLT_CHECK_FAILED, "the loss program ended with status %d %s", WEXITSTATUS(l->wait_status),
+                       when);
 }
 
 static SltStatus fail_line(const char *line, size_t n, const char *what, SltError *err) {
@@ -102,7 +105,10 @@ static SltStatus fail_line(const char *line, size_t n, const char *what, SltErro
     size_t m = n < 80 ? n : 80;
     for (size_t i = 0; i < m; i++) shown[i] = line[i] >= 32 && line[i] < 127 ? line[i] : '?';
     shown[m] = 0;
-    return status_fail(err, SLT_CHECK_FAILED, "the loss program answered `%s`: %s (its standard output is the answer; messages go to standard error)", shown, what);
+    return status_fail(
+        err, SLT_CHECK_FAILED,
+        "the loss program answered `%s`: %s (its standard output is the answer; messages go to standard error)", shown,
+        what);
 }
 
 static SltStatus read_head(const char *line, size_t n, double *loss, SltError *err) {
@@ -112,7 +118,8 @@ static SltStatus read_head(const char *line, size_t n, double *loss, SltError *e
     value = json_object_get(j, "loss");
     error = json_object_get(j, "error");
     SltStatus status = SLT_OK;
-    if (json_is_string(error)) status = status_fail(err, SLT_CHECK_FAILED, "the loss program says: %s", json_string_value(error));
+    if (json_is_string(error))
+        status = status_fail(err, SLT_CHECK_FAILED, "the loss program says: %s", json_string_value(error));
     else if (json_is_null(value)) *loss = NAN;
     else if (!json_is_number(value)) status = fail_line(line, n, "{\"loss\": NUMBER} is wanted", err);
     else *loss = json_number_value(value);
@@ -120,11 +127,12 @@ static SltStatus read_head(const char *line, size_t n, double *loss, SltError *e
     return status;
 }
 
-/* What is being sent and received: both at once, so that a program which answers while it still reads cannot block us. */
+/* What is being sent and received: both at once, so that a program which answers while it still reads cannot block us.
+ */
 typedef struct Exchange {
     const char *part[2]; /* request: its line, the image */
     size_t size[2], sent[2];
-    size_t line;         /* bytes of the answer's line with its end; 0: not there yet */
+    size_t line; /* bytes of the answer's line with its end; 0: not there yet */
     char *body;
     size_t want, got;
 } Exchange;
@@ -148,7 +156,9 @@ static SltStatus take_head(LossProgram *l, Exchange *x, double *loss, SltError *
     x->line = (size_t)(end - l->head) + 1;
     SltStatus status = read_head(l->head, x->line - 1, loss, err);
     size_t rest = l->nhead - x->line;
-    if (status == SLT_OK && rest > x->want) return status_fail(err, SLT_CHECK_FAILED, "the loss program wrote more than the %zu bytes of its adjoint image", x->want);
+    if (status == SLT_OK && rest > x->want)
+        return status_fail(err, SLT_CHECK_FAILED, "the loss program wrote more than the %zu bytes of its adjoint image",
+                           x->want);
     if (status == SLT_OK) memcpy(x->body, end + 1, rest), x->got = rest;
     return status;
 }
@@ -162,7 +172,8 @@ static SltStatus receive_some(LossProgram *l, Exchange *x, double *loss, SltErro
         if (n < 0) return status_fail_errno(err, SLT_CHECK_FAILED, errno, "cannot read from the loss program");
         if (n == 0) {
             char when[96];
-            snprintf(when, sizeof when, x->line ? "after %zu of %zu bytes of its adjoint image" : "before it answered", x->got, x->want);
+            snprintf(when, sizeof when, x->line ? "after %zu of %zu bytes of its adjoint image" : "before it answered",
+                     x->got, x->want);
             return fail_ended(l, when, err);
         }
         if (x->line) {
@@ -177,7 +188,8 @@ static SltStatus receive_some(LossProgram *l, Exchange *x, double *loss, SltErro
 }
 
 static char *request_line(const LossRequest *q) {
-    json_t *j = json_pack("{s:i,s:i,s:i,s:i,s:i,s:i,s:s?,s:s?}", "iteration", (int)q->iteration, "view", (int)q->view, "views", (int)q->views, "width", (int)q->width, "height", (int)q->height, "channels",
+    json_t *j = json_pack("{s:i,s:i,s:i,s:i,s:i,s:i,s:s?,s:s?}", "iteration", (int)q->iteration, "view", (int)q->view,
+                          "views", (int)q->views, "width", (int)q->width, "height", (int)q->height, "channels",
                           (int)q->channels, "target", q->target, "mask", q->mask);
     char *text = j ? json_dumps(j, JSON_COMPACT) : NULL, *line = text ? malloc(strlen(text) + 2) : NULL;
     if (line) sprintf(line, "%s\n", text);
@@ -193,9 +205,11 @@ static SltStatus converse(LossProgram *l, Exchange *x, double deadline, double *
         if (!sending && x->line && x->got == x->want) return SLT_OK;
         if (cli_interrupted()) return status_fail(err, SLT_INTERRUPTED, "interrupted");
         double now = cli_now();
-        if (deadline > 0 && now > deadline) return status_fail(err, SLT_LIMIT, "the time limit was reached while the loss program worked");
+        if (deadline > 0 && now > deadline)
+            return status_fail(err, SLT_LIMIT, "the time limit was reached while the loss program worked");
         if (now > limit) return status_fail(err, SLT_LIMIT, "the loss program did not answer within %g s", l->timeout);
-        struct pollfd fd[2] = {{.fd = x->line && x->got == x->want ? -1 : l->from, .events = POLLIN}, {.fd = sending ? l->to : -1, .events = POLLOUT}};
+        struct pollfd fd[2] = {{.fd = x->line && x->got == x->want ? -1 : l->from, .events = POLLIN},
+                               {.fd = sending ? l->to : -1, .events = POLLOUT}};
         if (poll(fd, 2, SLICE_MS) < 0) {
             if (errno == EINTR) continue;
             return status_fail_errno(err, SLT_CHECK_FAILED, errno, "cannot wait for the loss program");
@@ -207,20 +221,27 @@ static SltStatus converse(LossProgram *l, Exchange *x, double deadline, double *
     }
 }
 
-SltStatus loss_exchange(LossProgram *l, const LossRequest *q, const float *image, double *loss, float *adjoint, SltError *err) {
+SltStatus loss_exchange(LossProgram *l, const LossRequest *q, const float *image, double *loss, float *adjoint,
+                        SltError *err) {
     size_t n = (size_t)q->width * q->height * q->channels;
     char extra;
     l->nhead = 0;
     if (read(l->from, &extra, 1) > 0)
-        return status_fail(err, SLT_CHECK_FAILED, "the loss program wrote more than its answer: %zu values of 4 bytes behind one line are wanted", n);
+        return status_fail(
+            err, SLT_CHECK_FAILED,
+            "the loss program wrote more than its answer: %zu values of 4 bytes behind one line are wanted", n);
     char *line = request_line(q);
     if (!line) return status_fail(err, SLT_LIMIT, "out of memory");
-    Exchange x = {.part = {line, (const char *)image}, .size = {strlen(line), n * sizeof *image}, .body = (char *)adjoint, .want = n * sizeof *adjoint};
+    Exchange x = {.part = {line, (const char *)image},
+                  .size = {strlen(line), n * sizeof *image},
+                  .body = (char *)adjoint,
+                  .want = n * sizeof *adjoint};
     SltStatus status = converse(l, &x, q->deadline, loss, err);
     free(line);
     for (size_t i = 0; status == SLT_OK && !isnan(*loss) && i < n; i++)
         if (!isfinite(adjoint[i]))
-            status = status_fail(err, SLT_CHECK_FAILED, "the loss program's adjoint image is not finite in row %zu, column %zu, channel %zu", i / q->channels / q->width, i / q->channels % q->width,
-                                 i % q->channels);
+            status = status_fail(err, SLT_CHECK_FAILED,
+                                 "the loss program's adjoint image is not finite in row %zu, column %zu, channel %zu",
+                                 i / q->channels / q->width, i / q->channels % q->width, i % q->channels);
     return status;
 }

@@ -8,7 +8,8 @@ int main(int argc, char **argv) {
     static const struct {
         const char *name;
         int (*run)(Cli *);
-    } verbs[] = {{"render", verb_render}, {"grad", verb_grad}, {"fit", verb_fit}, {"check", verb_check}, {"bench", verb_bench}, {"explain", verb_explain}, {"build", verb_build}};
+    } verbs[] = {{"render", verb_render}, {"grad", verb_grad},       {"fit", verb_fit},    {"check", verb_check},
+                 {"bench", verb_bench},   {"explain", verb_explain}, {"build", verb_build}};
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, reported as such */
     static Cli c;
     int status = cli_parse(argc, argv, &c);

@@ -6,6 +6,7 @@
 
 #include "cli/cli.h"
 
+/* clang-format off */
 typedef enum OptionId {
     O_ENTRY, O_SET, O_PARAM, O_PARAMS, O_SIZE, O_SPP, O_SEGMENTS, O_SAMPLES, O_FILTER, O_SEED, O_THREADS, O_PRECISION, O_DISC, O_INTERIOR, O_BOUNDARY,
     O_ESTIMATOR, O_WIDTH, O_INCLUDE, O_JSON, O_QUIET, O_NO_CACHE, O_OUTPUT, O_WRT, O_FORMAT, O_INTEGRAL, O_TARGET, O_ADJOINT, O_ITERS, O_OPTIMIZER, O_LR, O_SMOOTH,
@@ -14,6 +15,7 @@ typedef enum OptionId {
 } OptionId;
 
 enum { RENDER = 1, GRAD = 2, FIT = 4, CHECK = 8, BENCH = 16, EXPLAIN = 32, BUILD = 64, ALL = 127, RUN = RENDER | GRAD | FIT | CHECK | BENCH };
+/* clang-format on */
 
 typedef struct Option {
     OptionId id;
@@ -24,8 +26,10 @@ typedef struct Option {
 
 static const Option options[] = {
     {O_OUTPUT, "-o", "FILE", ALL, "where the result goes; the extension says what it is"},
-    {O_WRT, "--wrt", "P,Q", GRAD | FIT | CHECK | BENCH | EXPLAIN | BUILD, "differentiate with respect to these parameters or components only"},
-    {O_INTEGRAL, "--integral", NULL, RENDER | GRAD | CHECK | BENCH | EXPLAIN, "the integral over the whole domain instead of an image"},
+    {O_WRT, "--wrt", "P,Q", GRAD | FIT | CHECK | BENCH | EXPLAIN | BUILD,
+     "differentiate with respect to these parameters or components only"},
+    {O_INTEGRAL, "--integral", NULL, RENDER | GRAD | CHECK | BENCH | EXPLAIN,
+     "the integral over the whole domain instead of an image"},
     {O_TARGET, "--target", "IMAGE", GRAD | FIT, "the loss is the mean of (image - target)^2"},
     {O_ADJOINT, "--adjoint", "IMAGE", GRAD, "gradient of the sum of adjoint * image"},
     {O_MINIMIZE, "--minimize", NULL, FIT, "the integral of the entry itself is the loss"},
@@ -33,7 +37,8 @@ static const Option options[] = {
     {O_OPTIMIZER, "--optimizer", "adam|sgd|lbfgs", FIT, "default adam"},
     {O_LR, "--lr", "R or P=R,..", FIT, "learning rate, also for single parameters"},
     {O_SMOOTH, "--smooth", "P=LAMBDA", FIT, "Laplacian preconditioning of a grid-shaped parameter"},
-    {O_LOSS_COMMAND, "--loss-command", "COMMAND", FIT, "a program that gets every image through a pipe and answers with the loss and its adjoint image"},
+    {O_LOSS_COMMAND, "--loss-command", "COMMAND", FIT,
+     "a program that gets every image through a pipe and answers with the loss and its adjoint image"},
     {O_LOSS_TIMEOUT, "--loss-timeout", "S", FIT, "seconds to wait for an answer of it (default 600)"},
     {O_CHECKPOINT, "--checkpoint", "FILE", FIT, "save the state of the fit here"},
     {O_EVERY, "--every", "N", FIT, "iterations between checkpoints (default 10)"},
@@ -47,7 +52,8 @@ static const Option options[] = {
     {O_FORMAT, "--format", "rgba8", RENDER, "the kernel itself writes 8-bit pixels"},
     {O_ENTRY, "--entry", "NAME", ALL, "which shader (default main, or the only one)"},
     {O_SET, "--set", "[M.]N=5", ALL, "value of a const at file scope"},
-    {O_PARAM, "--param", "P=V", ALL, "value of a parameter: a number, [1,2], or @file (.csv .json .exr .npy .png .f32 .hgt)"},
+    {O_PARAM, "--param", "P=V", ALL,
+     "value of a parameter: a number, [1,2], or @file (.csv .json .exr .npy .png .f32 .hgt)"},
     {O_PARAMS, "--params", "FILE", ALL, "values from a JSON file, as `fit` writes it"},
     {O_SIZE, "--size", "N|WxH|WxHxD", ALL, "pixels (default 512x512)"},
     {O_SPP, "--spp", "N", ALL, "samples a pixel"},
@@ -62,8 +68,10 @@ static const Option options[] = {
     {O_BOUNDARY, "--boundary-only", NULL, ALL, "only the moving jumps"},
     {O_ESTIMATOR, "--estimator", "NAME", ALL, "lattice, scanline, snap-knn, snap-crofton or fd"},
     {O_NEAR_MISS, "--near-miss", "on|off|auto", ALL, "look for features between the samples"},
-    {O_VARIANT, "--variant", "argmin|forced|path", ALL, "the paper's branch index or two-sided variant, or regions by path, for comparison"},
-    {O_FIELD, "--field", "mipmap|cone|naive", ALL, "what finds where rays meet a heightfield (default mipmap); the answers are the same"},
+    {O_VARIANT, "--variant", "argmin|forced|path", ALL,
+     "the paper's branch index or two-sided variant, or regions by path, for comparison"},
+    {O_FIELD, "--field", "mipmap|cone|naive", ALL,
+     "what finds where rays meet a heightfield (default mipmap); the answers are the same"},
     {O_WIDTH, "--width", "W", ALL, "SIMD lanes; 1 is scalar"},
     {O_TARGET_CPU, "--target-cpu", "NAME", ALL, "native, avx512, avx2 or sse2"},
     {O_INTERPRET, "--interpret", NULL, RUN, "run in the interpreter (slow, the oracle)"},
@@ -85,13 +93,20 @@ typedef struct Verb {
 } Verb;
 
 static const Verb verbs[] = {
-    {"render", RENDER, "render FILE [-o out.exr]", "the image (or volume, or curve) of a shader", "saltus render examples/circle/circle.salt -o circle.png"},
-    {"grad", GRAD, "grad FILE [--wrt p,q]", "derivatives: images, totals, or of a loss", "saltus grad examples/circle/circle.salt --integral --wrt radius"},
-    {"fit", FIT, "fit FILE|SCENE.json [--target t.exr]", "optimise parameters", "saltus fit examples/painterly_discs/discs.salt --target photo.png -o fitted/"},
-    {"check", CHECK, "check FILE [--wrt p,q]", "certify the derivatives against finite differences", "saltus check examples/circle/circle.salt"},
-    {"bench", BENCH, "bench FILE", "error against run time, as a table, JSON and a plot", "saltus bench examples/circle/circle.salt --integral -o bench/"},
-    {"explain", EXPLAIN, "explain FILE|E0123", "sites, variants, what was left out, what it will cost", "saltus explain examples/circle/circle.salt"},
-    {"build", BUILD, "build FILE -o out.(o|s|ll|so|h)", "ahead-of-time code with a C header", "saltus build shader.salt -o shader.o"},
+    {"render", RENDER, "render FILE [-o out.exr]", "the image (or volume, or curve) of a shader",
+     "saltus render examples/circle/circle.salt -o circle.png"},
+    {"grad", GRAD, "grad FILE [--wrt p,q]", "derivatives: images, totals, or of a loss",
+     "saltus grad examples/circle/circle.salt --integral --wrt radius"},
+    {"fit", FIT, "fit FILE|SCENE.json [--target t.exr]", "optimise parameters",
+     "saltus fit examples/painterly_discs/discs.salt --target photo.png -o fitted/"},
+    {"check", CHECK, "check FILE [--wrt p,q]", "certify the derivatives against finite differences",
+     "saltus check examples/circle/circle.salt"},
+    {"bench", BENCH, "bench FILE", "error against run time, as a table, JSON and a plot",
+     "saltus bench examples/circle/circle.salt --integral -o bench/"},
+    {"explain", EXPLAIN, "explain FILE|E0123", "sites, variants, what was left out, what it will cost",
+     "saltus explain examples/circle/circle.salt"},
+    {"build", BUILD, "build FILE -o out.(o|s|ll|so|h)", "ahead-of-time code with a C header",
+     "saltus build shader.salt -o shader.o"},
 };
 enum { NVERBS = sizeof verbs / sizeof *verbs };
 
@@ -104,23 +119,28 @@ static const Verb *find_verb(const char *name) {
 void cli_help(FILE *out, const char *name) {
     const Verb *verb = find_verb(name);
     if (!verb) {
-        fputs("Example:\n  saltus render --expr 'length(x - 0.5) < 0.4 ? 1.0 : 0.1' -o disc.png\n"
-              "  saltus grad examples/circle/circle.salt --integral\n\n"
-              "Saltus compiles shaders whose branches may jump, and differentiates their integrals, the moving jumps included.\n\n",
-              out);
+        fputs(
+            "Example:\n  saltus render --expr 'length(x - 0.5) < 0.4 ? 1.0 : 0.1' -o disc.png\n"
+            "  saltus grad examples/circle/circle.salt --integral\n\n"
+            "Saltus compiles shaders whose branches may jump, and differentiates their integrals, the moving jumps included.\n\n",
+            out);
         for (int v = 0; v < NVERBS; v++) fprintf(out, "  saltus %-38s %s\n", verbs[v].usage, verbs[v].what);
-        fputs("  saltus --version | --help | COMMAND --help\n\nFILE may be - (standard input) or --expr 'EXPRESSION in x'.\n", out);
+        fputs(
+            "  saltus --version | --help | COMMAND --help\n\nFILE may be - (standard input) or --expr 'EXPRESSION in x'.\n",
+            out);
         return;
     }
     fprintf(out, "Example:\n  %s\n\nUsage: saltus %s\n%s.\n\n", verb->example, verb->usage, verb->what);
     for (int i = 0; i < NOPTIONS; i++) {
         if (!(options[i].verbs & verb->bit)) continue;
         char left[64];
-        snprintf(left, sizeof left, "%s%s%s", options[i].name, options[i].arg ? " " : "", options[i].arg ? options[i].arg : "");
+        snprintf(left, sizeof left, "%s%s%s", options[i].name, options[i].arg ? " " : "",
+                 options[i].arg ? options[i].arg : "");
         fprintf(out, "  %-30s %s\n", left, options[i].help);
     }
     fputs("\nExit status: 0 done, 1 a check, fit or assert failed, 2 usage, 3 error in the program, 4 bad input file,\n"
-          "5 output not written, 6 a limit was reached, 70 a fault of ours, 130 interrupted.\n", out);
+          "5 output not written, 6 a limit was reached, 70 a fault of ours, 130 interrupted.\n",
+          out);
 }
 
 int cli_usage(const Cli *c, const char *fmt, ...) {
@@ -227,8 +247,10 @@ static int apply_rates(Cli *c, const char *name, const char *v, Assign *list, ui
 }
 
 static int apply(Cli *c, const Option *o, const char *v) {
-    static const char *const filters[] = {"box", "tent", "gaussian"}, *const estimators[] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"},
-                             *const optimizers[] = {"adam", "sgd", "lbfgs"}, *const structures[] = {"mipmap", "cone", "naive"};
+    static const char *const filters[] = {"box", "tent", "gaussian"},
+                             *const estimators[] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"},
+                             *const optimizers[] = {"adam", "sgd", "lbfgs"},
+                             *const structures[] = {"mipmap", "cone", "naive"};
     uint64_t whole = 0;
     double number = 0;
     int pick;
@@ -335,16 +357,19 @@ static int apply(Cli *c, const Option *o, const char *v) {
         c->repeats = (uint32_t)whole;
         break;
     case O_MAX_SECONDS:
-        if (!parse_number(v, 1e-3, 1e9, &number)) return cli_usage(c, "--max-seconds: `%s` is not a time in seconds", v);
+        if (!parse_number(v, 1e-3, 1e9, &number))
+            return cli_usage(c, "--max-seconds: `%s` is not a time in seconds", v);
         c->max_seconds = c->job.time_limit = number;
         break;
     case O_TOLERANCE:
-        if (!parse_number(v, 0.1, 100, &number)) return cli_usage(c, "--tolerance: `%s` is not a number from 0.1 to 100", v);
+        if (!parse_number(v, 0.1, 100, &number))
+            return cli_usage(c, "--tolerance: `%s` is not a number from 0.1 to 100", v);
         c->tolerance = number;
         break;
     case O_LOSS_COMMAND: c->loss_command = v; break;
     case O_LOSS_TIMEOUT:
-        if (!parse_number(v, 1e-3, 1e9, &number)) return cli_usage(c, "--loss-timeout: `%s` is not a time in seconds", v);
+        if (!parse_number(v, 1e-3, 1e9, &number))
+            return cli_usage(c, "--loss-timeout: `%s` is not a time in seconds", v);
         c->loss_timeout = number, c->loss_timeout_given = true;
         break;
     case O_FIELD:
@@ -358,7 +383,8 @@ static int apply(Cli *c, const Option *o, const char *v) {
     case O_TARGET_CPU: c->opt.target = v; break;
     case O_INTERPRET: c->opt.interpret = true; break;
     case O_NEAR_MISS:
-        if (strcmp(v, "on") && strcmp(v, "off") && strcmp(v, "auto")) return cli_usage(c, "--near-miss is on, off or auto, not `%s`", v);
+        if (strcmp(v, "on") && strcmp(v, "off") && strcmp(v, "auto"))
+            return cli_usage(c, "--near-miss is on, off or auto, not `%s`", v);
         c->opt.near_miss = !strcmp(v, "on") ? 1 : !strcmp(v, "off") ? 0 : -1;
         break;
     case O_VARIANT:
@@ -389,7 +415,8 @@ static const Option *find_option(const Cli *c, const char *text, size_t len, int
             return NULL;
         }
     const char *near = suggest_nearest(wanted, names, n);
-    *status = near ? cli_usage(c, "unknown option `%s`; did you mean `%s`?", wanted, near) : cli_usage(c, "unknown option `%s`", wanted);
+    *status = near ? cli_usage(c, "unknown option `%s`; did you mean `%s`?", wanted, near)
+                   : cli_usage(c, "unknown option `%s`", wanted);
     return NULL;
 }
 
@@ -410,14 +437,16 @@ int cli_parse(int argc, char **argv, Cli *c) {
     if (!strcmp(argv[1], "--version")) {
         Target t;
         target_host(&t);
-        printf("saltus %s, LLVM %s (%s), targets native avx512 avx2 sse2, SIMD %u bytes (%u lanes of f32), cpu %s\n", slt_version(), back_llvm_version(), back_llvm_file(), t.vector_bytes, t.vector_bytes / 4, t.cpu);
+        printf("saltus %s, LLVM %s (%s), targets native avx512 avx2 sse2, SIMD %u bytes (%u lanes of f32), cpu %s\n",
+               slt_version(), back_llvm_version(), back_llvm_file(), t.vector_bytes, t.vector_bytes / 4, t.cpu);
         return -1;
     }
     if (!find_verb(argv[1])) {
         const char *names[NVERBS];
         for (int v = 0; v < NVERBS; v++) names[v] = verbs[v].name;
         const char *near = suggest_nearest(argv[1], names, NVERBS);
-        return near ? cli_usage(c, "unknown command `%s`; did you mean `%s`?", argv[1], near) : cli_usage(c, "unknown command `%s`", argv[1]);
+        return near ? cli_usage(c, "unknown command `%s`; did you mean `%s`?", argv[1], near)
+                    : cli_usage(c, "unknown command `%s`", argv[1]);
     }
     c->verb = argv[1];
     bool options_end = false;
@@ -458,7 +487,8 @@ int cli_parse(int argc, char **argv, Cli *c) {
     }
     if (!c->file && !c->expr) return cli_usage(c, "a FILE (or - or --expr) is wanted");
     if (c->file && c->expr) return cli_usage(c, "FILE and --expr were both given");
-    if (c->job.no_interior && c->job.no_boundary) return cli_usage(c, "--interior-only and --boundary-only leave nothing");
+    if (c->job.no_interior && c->job.no_boundary)
+        return cli_usage(c, "--interior-only and --boundary-only leave nothing");
     c->opt.set = c->sets, c->opt.nset = c->nsets;
     c->opt.param_files = c->param_files, c->opt.nparam_files = c->nparam_files;
     c->opt.import_dirs = c->import_dirs, c->opt.nimport_dirs = c->nimport_dirs;

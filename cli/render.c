@@ -12,7 +12,8 @@ static int write_rgba8(Cli *c, SltProgram *p, SltStats *stats) {
     SltStatus status = slt_render_rgba8(p, &c->job, pixels, stats, &err);
     if (status == SLT_OK && c->output) {
         const char *dot = strrchr(c->output, '.');
-        if (dot && !strcmp(dot, ".png")) status = image_write_png8(c->output, (int)w, (int)h, 4, (const uint8_t *)pixels, &err);
+        if (dot && !strcmp(dot, ".png"))
+            status = image_write_png8(c->output, (int)w, (int)h, 4, (const uint8_t *)pixels, &err);
         else status = file_write_atomic(c->output, pixels, (size_t)w * h * 4, &err);
     }
     free(pixels);
@@ -25,7 +26,8 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
     for (size_t i = 0; data && i < n; i++)
         for (uint32_t k = 0; k < channels; k++) mean[k] += (double)data[i * channels + k] / (double)n;
     if (!c->json) {
-        if (!c->quiet && c->output) fprintf(stderr, "saltus: %s, %ux%u, %.3f s\n", c->output, c->job.size[0], c->job.size[1], stats->seconds);
+        if (!c->quiet && c->output)
+            fprintf(stderr, "saltus: %s, %ux%u, %.3f s\n", c->output, c->job.size[0], c->job.size[1], stats->seconds);
         if (data && !c->output) {
             printf("%s", c->job.integral ? "integral" : "mean");
             for (uint32_t k = 0; k < channels; k++) printf(" %.9g", mean[k]);
@@ -42,7 +44,8 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
         }
         fputs("], ", stdout);
     }
-    printf("\"size\": [%u, %u, %u], \"channels\": %u, \"output\": ", c->job.size[0], c->job.size[1], c->job.size[2], channels);
+    printf("\"size\": [%u, %u, %u], \"channels\": %u, \"output\": ", c->job.size[0], c->job.size[1], c->job.size[2],
+           channels);
     if (c->output) json_text(stdout, c->output);
     else fputs("null", stdout);
     fputs(", ", stdout);
@@ -72,7 +75,8 @@ static int render_integral(Cli *c, SltProgram *p) {
         report_warnings_json(stdout, p);
         fputs("}\n", stdout);
     } else {
-        for (uint32_t k = 0; k < slt_channels(p); k++) printf("%s%.9g +- %.2g", k ? "  " : "integral ", value[k], error[k]);
+        for (uint32_t k = 0; k < slt_channels(p); k++)
+            printf("%s%.9g +- %.2g", k ? "  " : "integral ", value[k], error[k]);
         putchar('\n');
     }
     report_dropped(c, &stats);
@@ -82,7 +86,8 @@ static int render_integral(Cli *c, SltProgram *p) {
 static int render(Cli *c, SltProgram *p) {
     int status = cli_prepare_job(c, p);
     if (status != SLT_OK) return status;
-    if (c->output && !image_can_write(c->output) && !c->rgba8) return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+    if (c->output && !image_can_write(c->output) && !c->rgba8)
+        return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
     if (c->job.integral) return render_integral(c, p);
     SltStats stats = {0};
     uint32_t channels = slt_channels(p), w = c->job.size[0], h = c->job.size[1], d = c->job.size[2];
@@ -108,7 +113,8 @@ static int render(Cli *c, SltProgram *p) {
             size_t shape[4] = {d, h, w, channels}, n = (size_t)w * h * d * channels;
             double *wide = malloc(n * sizeof *wide);
             for (size_t i = 0; wide && i < n; i++) wide[i] = (double)im.data[i];
-            status = wide ? npy_write(c->output, 4, shape, wide, false, &err) : status_fail(&err, SLT_LIMIT, "out of memory");
+            status = wide ? npy_write(c->output, 4, shape, wide, false, &err)
+                          : status_fail(&err, SLT_LIMIT, "out of memory");
             free(wide);
         } else {
             status = image_write(c->output, &im, NULL, &err);

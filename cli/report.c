@@ -47,17 +47,21 @@ void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const Sh
         fputs(": ", out);
         bool whole = !strcmp(name, ref.param->name);
         ShapeCursor at = {ref.fbase, ref.ibase};
-        if (whole && (ref.param->is_texture || ref.param->is_heightfield)) shape_write_texels(out, ref.param, leaf, (void *)v);
+        if (whole && (ref.param->is_texture || ref.param->is_heightfield))
+            shape_write_texels(out, ref.param, leaf, (void *)v);
         else shape_write(out, ref.type, &at, true, leaf, (void *)v);
     }
     fputc('}', out);
 }
 
 void report_stats_json(FILE *out, const SltStats *s) {
-    fprintf(out, "\"samples\": %llu, \"segments\": %llu, \"crossings\": %llu, \"evaluations\": %llu, \"dropped\": {", (unsigned long long)s->samples, (unsigned long long)s->segments,
-            (unsigned long long)s->crossings, (unsigned long long)s->evaluations);
-    for (int r = 0; r < SLT_DROP_REASONS; r++) fprintf(out, "%s\"%s\": %llu", r ? ", " : "", slt_drop_names[r], (unsigned long long)s->dropped[r]);
-    fprintf(out, "}, \"truncated\": %llu, \"asserts_failed\": %llu, \"nonfinite\": %llu, \"seconds\": ", (unsigned long long)s->truncated, (unsigned long long)s->asserts, (unsigned long long)s->nonfinite);
+    fprintf(out, "\"samples\": %llu, \"segments\": %llu, \"crossings\": %llu, \"evaluations\": %llu, \"dropped\": {",
+            (unsigned long long)s->samples, (unsigned long long)s->segments, (unsigned long long)s->crossings,
+            (unsigned long long)s->evaluations);
+    for (int r = 0; r < SLT_DROP_REASONS; r++)
+        fprintf(out, "%s\"%s\": %llu", r ? ", " : "", slt_drop_names[r], (unsigned long long)s->dropped[r]);
+    fprintf(out, "}, \"truncated\": %llu, \"asserts_failed\": %llu, \"nonfinite\": %llu, \"seconds\": ",
+            (unsigned long long)s->truncated, (unsigned long long)s->asserts, (unsigned long long)s->nonfinite);
     json_number(out, s->seconds);
 }
 
@@ -79,13 +83,16 @@ void report_dropped(const Cli *c, const SltStats *s) {
     uint64_t dropped = 0;
     for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += s->dropped[r];
     if (!c->quiet && dropped * 1000 > s->crossings + dropped) {
-        fprintf(stderr, "saltus: warning: %llu of %llu crossings were dropped:", (unsigned long long)dropped, (unsigned long long)(s->crossings + dropped));
+        fprintf(stderr, "saltus: warning: %llu of %llu crossings were dropped:", (unsigned long long)dropped,
+                (unsigned long long)(s->crossings + dropped));
         for (int r = 0; r < SLT_DROP_REASONS; r++)
             if (s->dropped[r]) fprintf(stderr, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
         fputc('\n', stderr);
     }
-    if (s->truncated && !c->quiet) fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
-    if (s->nonfinite && !c->quiet) fprintf(stderr, "saltus: warning: %llu derivative values were not finite\n", (unsigned long long)s->nonfinite);
+    if (s->truncated && !c->quiet)
+        fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
+    if (s->nonfinite && !c->quiet)
+        fprintf(stderr, "saltus: warning: %llu derivative values were not finite\n", (unsigned long long)s->nonfinite);
     if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
 }
 

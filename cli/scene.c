@@ -102,7 +102,8 @@ static int read_size(Reader *r, json_t *root) {
     if (n < 1 || n > 3) return bad(r, "size", "a list of one to three whole numbers is wanted");
     for (size_t d = 0; d < n; d++) {
         json_t *j = json_array_get(size, d);
-        if (!json_is_integer(j) || json_integer_value(j) < 1 || json_integer_value(j) > 1 << 20) return bad(r, "size", "whole numbers from 1 to 1048576 are wanted");
+        if (!json_is_integer(j) || json_integer_value(j) < 1 || json_integer_value(j) > 1 << 20)
+            return bad(r, "size", "whole numbers from 1 to 1048576 are wanted");
         r->c->job.size[d] = (uint32_t)json_integer_value(j);
     }
     for (size_t d = n; d < 3; d++) r->c->job.size[d] = 1;
@@ -111,8 +112,9 @@ static int read_size(Reader *r, json_t *root) {
 }
 
 static bool is_spec(json_t *j) {
-    return json_is_object(j) && (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") || json_object_get(j, "lr") || json_object_get(j, "smooth") ||
-                                json_object_get(j, "mask"));
+    return json_is_object(j) &&
+           (json_object_get(j, "value") || json_object_get(j, "file") || json_object_get(j, "grad") ||
+            json_object_get(j, "lr") || json_object_get(j, "smooth") || json_object_get(j, "mask"));
 }
 
 static int read_params(Reader *r, json_t *root) {
@@ -142,7 +144,8 @@ static int read_params(Reader *r, json_t *root) {
             /* As --param NAME=@FILE: the file may decide the size. The command line wins. */
             bool given = false;
             for (uint32_t k = 0; k < r->c->nparam_files; k++) given |= !strcmp(r->c->param_files[k].name, key);
-            if (p->file && !given && r->c->nparam_files < CLI_MAX_LIST) r->c->param_files[r->c->nparam_files++] = (SltSet){p->name, p->file};
+            if (p->file && !given && r->c->nparam_files < CLI_MAX_LIST)
+                r->c->param_files[r->c->nparam_files++] = (SltSet){p->name, p->file};
         }
         if (value) p->value = scene_keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
     }
@@ -225,7 +228,8 @@ static int read_optimizer(Reader *r, json_t *root) {
     if (status == SLT_OK) status = number_of(r, o, "lr", 0, 1e30, &lr);
     if (status != SLT_OK) return status;
     if (r->s->optimizer) {
-        if (strcmp(r->s->optimizer, "adam") && strcmp(r->s->optimizer, "sgd") && strcmp(r->s->optimizer, "lbfgs")) return bad(r, "optimizer.type", "adam, sgd or lbfgs is wanted");
+        if (strcmp(r->s->optimizer, "adam") && strcmp(r->s->optimizer, "sgd") && strcmp(r->s->optimizer, "lbfgs"))
+            return bad(r, "optimizer.type", "adam, sgd or lbfgs is wanted");
         if (!r->c->optimizer_given) r->c->optimizer = r->s->optimizer;
     }
     if (iters >= 0 && !r->c->iters_given) r->c->iters = (uint32_t)iters;
@@ -240,7 +244,10 @@ static int read_optimizer(Reader *r, json_t *root) {
 
 static int read_root(Reader *r, json_t *root) {
     if (!json_is_object(root)) return bad(r, "", "an object is wanted");
-    int status = known_keys(r, root, "", KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views", "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss"));
+    int status =
+        known_keys(r, root, "",
+                   KEYS("shader", "entry", "set", "size", "spp", "segments", "samples", "seed", "params", "views",
+                        "target", "mask", "optimizer", "output", "filter", "minimize", "precision", "loss"));
     double spp = -1, segments = -1, samples = -1, seed = -1;
     char *filter = NULL, *precision = NULL;
     if (status == SLT_OK) status = text_of(r, root, "shader", &r->s->shader, true);
@@ -307,7 +314,8 @@ void scene_free(Scene *s) {
     for (uint32_t v = 0; v < s->nviews; v++) {
         free(s->views[v].target);
         free(s->views[v].mask);
-        for (uint32_t k = 0; s->views[v].values && k < s->views[v].nparams; k++) free(s->views[v].values[k].floats), free(s->views[v].values[k].ints);
+        for (uint32_t k = 0; s->views[v].values && k < s->views[v].nparams; k++)
+            free(s->views[v].values[k].floats), free(s->views[v].values[k].ints);
         free(s->views[v].values);
         free(s->views[v].params);
     }
