@@ -29,7 +29,10 @@ static SltStatus finish(SltProgram *p, SltStatus status, SltError *err) {
 
 /* What is truly infinite is infinite, and counted. */
 static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
-    for (size_t i = 0; v && stats && i < n; i++) stats->nonfinite += !isfinite(v[i]);
+    if (!v || !stats) return;
+    uint64_t bad = 0;
+    for (size_t i = 0; i < n; i++) bad += !isfinite(v[i]);
+    stats->nonfinite += bad;
 }
 
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err) {
@@ -37,12 +40,15 @@ SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *s
     return s != SLT_OK ? s : finish(p, slt_estimate_render(&p->scene, job, 0, image, stats, err), err);
 }
 
-SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err) {
+SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out,
+                          float *crossings, SltStats *stats, SltError *err) {
     SltStatus s = prepare(p, job, true, true, err);
-    return s != SLT_OK ? s : finish(p, slt_estimate_forward(&p->scene, job, ndir, dirs, out, crossings, stats, err), err);
+    return s != SLT_OK ? s
+                       : finish(p, slt_estimate_forward(&p->scene, job, ndir, dirs, out, crossings, stats, err), err);
 }
 
-SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient, double *stderr_bound, SltStats *stats, SltError *err) {
+SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient,
+                           double *stderr_bound, SltStats *stats, SltError *err) {
     const float *both[2] = {adjoint, adjoint};
     SltStatus s = prepare(p, job, true, false, err);
     if (s == SLT_OK) s = finish(p, slt_estimate_reverse(&p->scene, job, both, gradient, stderr_bound, stats, err), err);
@@ -50,9 +56,12 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     return s;
 }
 
-SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
+SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss,
+                        double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     SltStatus s = prepare(p, job, true, false, err);
-    if (s == SLT_OK) s = finish(p, slt_estimate_loss(&p->scene, job, target, mask, loss, gradient, stderr_bound, image, stats, err), err);
+    if (s == SLT_OK)
+        s = finish(p, slt_estimate_loss(&p->scene, job, target, mask, loss, gradient, stderr_bound, image, stats, err),
+                   err);
     if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, stats);
     return s;
 }
@@ -64,7 +73,8 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     return s;
 }
 
-SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err) {
+SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out,
+                       SltError *err) {
     SltJob job = SLT_JOB_INIT;
     SltStatus s = prepare(p, &job, true, false, err);
     return s != SLT_OK ? s : finish(p, slt_estimate_crossing(&p->scene, a, b, stream, out, err), err);

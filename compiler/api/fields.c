@@ -1,7 +1,9 @@
-/* Heightfields that kernels search: their acceleration structures, from the first kernel that asks to the end of the program.
+/* Heightfields that kernels search: their acceleration structures, from the first kernel that asks to the end of the
+ * program.
  *
- * A structure is made when compiled kernels hold a query on it, and only for the queries that they hold: no query, nothing is built. It follows the heights: a new value that is
- * really another one marks the rectangle around it, and the next estimate refreshes that rectangle first. */
+ * A structure is made when compiled kernels hold a query on it, and only for the queries that they hold: no query,
+ * nothing is built. It follows the heights: a new value that is really another one marks the rectangle around it, and
+ * the next estimate refreshes that rectangle first. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,7 +36,8 @@ bool api_fields_init(SltProgram *p) {
     p->field_count = calloc(n + 1, sizeof *p->field_count);
     p->field_state = calloc(n + 1, sizeof *p->field_state);
     if (!p->fields || !p->field_base || !p->field_count || !p->field_state) return false;
-    for (uint32_t i = 0; i < n; i++) p->field_base[i] = p->prog->fields[i].base, p->field_count[i] = p->prog->fields[i].w * p->prog->fields[i].h;
+    for (uint32_t i = 0; i < n; i++)
+        p->field_base[i] = p->prog->fields[i].base, p->field_count[i] = p->prog->fields[i].w * p->prog->fields[i].h;
     return true;
 }
 
@@ -63,7 +66,8 @@ static void mark(FieldState *s, uint32_t x0, uint32_t x1, uint32_t y) {
 void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count) {
     for (uint32_t f = 0; p->field_state && f < p->prog->nfields; f++) {
         const FieldInfo *info = &p->prog->fields[f];
-        uint64_t first = info->base, end = first + (uint64_t)info->w * info->h, from = base > first ? base : first, to = (uint64_t)base + count < end ? (uint64_t)base + count : end;
+        uint64_t first = info->base, end = first + (uint64_t)info->w * info->h, from = base > first ? base : first,
+                 to = (uint64_t)base + count < end ? (uint64_t)base + count : end;
         if (!p->fields[f]) continue; /* it will be made from whatever the heights are then */
         /* Row by row, from both sides to what differs. Rows of the data run downwards, those of the field upwards. */
         for (uint64_t i = from, next; i < to; i = next) {
@@ -72,7 +76,8 @@ void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count) {
             uint64_t a = i, b = next;
             while (a < b && same_bits(p, a)) a++;
             while (b > a && same_bits(p, b - 1)) b--;
-            if (a < b) mark(&p->field_state[f], (uint32_t)(a - start), (uint32_t)(b - start), info->h - 1 - (uint32_t)row);
+            if (a < b)
+                mark(&p->field_state[f], (uint32_t)(a - start), (uint32_t)(b - start), info->h - 1 - (uint32_t)row);
         }
     }
 }
@@ -82,7 +87,10 @@ static const void *heights_of(const SltProgram *p, uint32_t f) {
 }
 
 SltStatus api_fields(SltProgram *p, SltError *err) {
-    static const FieldStructure structures[] = {[SLT_STRUCTURE_AUTO] = FIELD_MIPMAP, [SLT_STRUCTURE_MIPMAP] = FIELD_MIPMAP, [SLT_STRUCTURE_CONE] = FIELD_CONE, [SLT_STRUCTURE_NAIVE] = FIELD_NAIVE};
+    static const FieldStructure structures[] = {[SLT_STRUCTURE_AUTO] = FIELD_MIPMAP,
+                                                [SLT_STRUCTURE_MIPMAP] = FIELD_MIPMAP,
+                                                [SLT_STRUCTURE_CONE] = FIELD_CONE,
+                                                [SLT_STRUCTURE_NAIVE] = FIELD_NAIVE};
     for (uint32_t f = 0; f < p->prog->nfields; f++) {
         FieldState *s = &p->field_state[f];
         const FieldInfo *info = &p->prog->fields[f];

@@ -6,10 +6,12 @@
 #include "compiler/api/api.h"
 #include "compiler/pass/site_facts.h"
 
-/* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band between two comparisons that is thinner than
- * the spacing shows in the hash, though both its outsides look alike. Above it, speed wins; see docs/estimators.md for the measurement. */
+/* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band
+ * between two comparisons that is thinner than the spacing shows in the hash, though both its outsides look alike.
+ * Above it, speed wins; see docs/estimators.md for the measurement. */
 enum { NEAR_MISS_EVENTS = 64 };
-/* Above this many sites the kernel of g alone is left out: the one with its gradient gives g as well, a little slower, and compiling dominates. */
+/* Above this many sites the kernel of g alone is left out: the one with its gradient gives g as well, a little slower,
+ * and compiling dominates. */
 enum { LONE_SITE_KERNEL = 128 };
 /* Above this many bytes of per-lane accumulators the adjoints are added horizontally instead. */
 enum { LANE_ADJOINT_BYTES = 1 << 17 };
@@ -29,7 +31,8 @@ uint64_t api_event_bound(const SltProgram *p) {
 static bool near_miss(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
     bool any = false; /* a heightfield site has no g at a single point to be near 0 */
-    for (uint32_t s = 0; s < primal->nsites; s++) any |= primal->sites[s].kind != SITE_FIELD && primal->sites[s].kind != SITE_SHADOW;
+    for (uint32_t s = 0; s < primal->nsites; s++)
+        any |= primal->sites[s].kind != SITE_FIELD && primal->sites[s].kind != SITE_SHADOW;
     if (!any) return false;
     return p->opt.near_miss < 0 ? api_event_bound(p) <= NEAR_MISS_EVENTS : p->opt.near_miss > 0;
 }
@@ -38,13 +41,15 @@ static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
     SltProgram *p = user;
     const Fn *fn = kind == K_SITE && !p->fn[K_SITE] ? p->fn[K_SITE_GRAD] : p->fn[kind];
     int status = ir_interpret(fn, args, n, 16);
-    if (status != SLT_OK && p->error.status == SLT_OK) status_fail(&p->error, (SltStatus)status, "the interpreter stopped in kernel %s", kernel_names[kind]);
+    if (status != SLT_OK && p->error.status == SLT_OK)
+        status_fail(&p->error, (SltStatus)status, "the interpreter stopped in kernel %s", kernel_names[kind]);
 }
 
 static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
 
 static SltKernel **scene_slot(SltScene *s, int kind) {
-    SltKernel **slots[K_KINDS] = {&s->value, &s->region, &s->event, &s->sides, &s->site, &s->site_grad, &s->site_jvp, &s->site_vjp, &s->jvp, &s->vjp};
+    SltKernel **slots[K_KINDS] = {&s->value,     &s->region,   &s->event,    &s->sides, &s->site,
+                                  &s->site_grad, &s->site_jvp, &s->site_vjp, &s->jvp,   &s->vjp};
     return slots[kind];
 }
 
@@ -103,13 +108,17 @@ static void build_body(Session *s, void *arg) {
     Request *q = arg;
     SltProgram *p = q->p;
     if (!p->site_kind) site_tables(p);
-    VariantOptions vo = {.near_miss = near_miss(p), .paper_argmin = p->opt.paper_argmin, .paper_forced = p->opt.paper_forced, .path_hash = p->opt.path_hash || near_miss(p)};
+    VariantOptions vo = {.near_miss = near_miss(p),
+                         .paper_argmin = p->opt.paper_argmin,
+                         .paper_forced = p->opt.paper_forced,
+                         .path_hash = p->opt.path_hash || near_miss(p)};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull; c++) pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_fields_want(p, p->prog->cull_bounds[c]);
+        for (uint32_t c = 0; c < p->prog->ncull; c++)
+            pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_fields_want(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;
     if (set.fn[K_EVENT]) p->scene.event_depth = set.event_depth;
     if (set.fn[K_REGION] || set.fn[K_SIDES]) p->scene.has_depth = set.has_depth;
@@ -132,7 +141,8 @@ static void build_body(Session *s, void *arg) {
         else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
     }
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++) req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
+        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++)
+            req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
     if (!n) return;
     size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
     if (q->needs[K_VJP] || q->needs[K_SITE_VJP]) p->scene.flat_adj = lane_bytes > LANE_ADJOINT_BYTES;
@@ -163,7 +173,8 @@ static void build_body(Session *s, void *arg) {
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
     }
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++) p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
+        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++)
+            p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
 }
 
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
@@ -176,8 +187,10 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
         any |= q.needs[k];
     }
     /* The two adjoint kernels share a layout: they are compiled together. */
-    if (q.needs[K_VJP] != q.needs[K_SITE_VJP] && needs[K_VJP] && needs[K_SITE_VJP]) q.needs[K_VJP] = q.needs[K_SITE_VJP] = true;
-    if (any && p->nmodules + 1 >= sizeof p->modules / sizeof *p->modules) api_free_kernels(p), memcpy(q.needs, needs, sizeof q.needs);
+    if (q.needs[K_VJP] != q.needs[K_SITE_VJP] && needs[K_VJP] && needs[K_SITE_VJP])
+        q.needs[K_VJP] = q.needs[K_SITE_VJP] = true;
+    if (any && p->nmodules + 1 >= sizeof p->modules / sizeof *p->modules)
+        api_free_kernels(p), memcpy(q.needs, needs, sizeof q.needs);
     if (any) {
         q.cull = p->prog->ncull > 0 && (!p->cull_kernels || !p->cull_kernels[0]) && !p->opt.interpret;
         int unwound = session_protect(p->session, build_body, &q);

@@ -82,8 +82,10 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
 static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (void)worker, (void)tile; }
 
 SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    if (p->opt.interpret || !p->opt.rgba8) return status_fail(err, SLT_USAGE, "8-bit pixels need a program compiled with rgba8, and no interpreter");
-    if (slt_dim(p) == 3 || p->prog->uses_rand) return status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
+    if (p->opt.interpret || !p->opt.rgba8)
+        return status_fail(err, SLT_USAGE, "8-bit pixels need a program compiled with rgba8, and no interpreter");
+    if (slt_dim(p) == 3 || p->prog->uses_rand)
+        return status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
     bool needs[K_KINDS] = {[K_VALUE] = true};
     SltStatus s = api_kernels(p, needs, err);
     if (s != SLT_OK) return s;
@@ -94,7 +96,12 @@ SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, S
     bool ok = q.worker != NULL;
     for (uint32_t t = 0; ok && t < threads; t++) ok = worker_init(&q, &q.worker[t]);
     double start = pool_now();
-    PoolOptions o = {.threads = threads, .cancel = job->cancel, .progress = job->progress, .progress_user = job->progress_user, .to = 1, .deadline = job->time_limit > 0 ? start + job->time_limit : 0};
+    PoolOptions o = {.threads = threads,
+                     .cancel = job->cancel,
+                     .progress = job->progress,
+                     .progress_user = job->progress_user,
+                     .to = 1,
+                     .deadline = job->time_limit > 0 ? start + job->time_limit : 0};
     s = ok ? pool_run(&o, tiles, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
     if (stats) *stats = (SltStats){.samples = (uint64_t)job->size[0] * job->size[1], .seconds = pool_now() - start};
     for (uint32_t t = 0; q.worker && t < threads; t++) worker_free(&q.worker[t]);

@@ -13,9 +13,12 @@ static double now_ms(void) {
     return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
 }
 
-static const char *copy_string(Session *s, const char *text) { return text ? arena_strndup(&s->session, text, strlen(text)) : NULL; }
+static const char *copy_string(Session *s, const char *text) {
+    return text ? arena_strndup(&s->session, text, strlen(text)) : NULL;
+}
 
-/* Where the library's code was loaded from: libsaltus.so, or the program that links the archive. NULL if that cannot be told. */
+/* Where the library's code was loaded from: libsaltus.so, or the program that links the archive. NULL if that cannot be
+ * told. */
 static char *own_file(void) {
     Dl_info info;
     char *exe = realpath("/proc/self/exe", NULL);
@@ -40,7 +43,8 @@ static const char *stdlib_beside(Session *s, const char *file) {
     return NULL;
 }
 
-/* What the caller says, what the environment says, what was installed along, the tree it was built from, where it was meant to be installed. */
+/* What the caller says, what the environment says, what was installed along, the tree it was built from, where it was
+ * meant to be installed. */
 static const char *find_stdlib(Session *s, const SltOptions *opt) {
     if (opt->stdlib_dir) return opt->stdlib_dir;
     const char *env = getenv("SALTUS_STDLIB");
@@ -81,9 +85,11 @@ static void compile_body(Session *s, void *arg) {
         file = session_add_text(s, c->shown, ".", c->text, strlen(c->text));
     }
     ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
-    for (uint32_t i = 0; i < p->opt.nset; i++) overrides[i] = (ConstOverride){p->opt.set[i].name, p->opt.set[i].value, false};
+    for (uint32_t i = 0; i < p->opt.nset; i++)
+        overrides[i] = (ConstOverride){p->opt.set[i].name, p->opt.set[i].value, false};
     ParamFile *files = ARENA_ARRAY(&s->session, ParamFile, p->opt.nparam_files + 1);
-    for (uint32_t i = 0; i < p->opt.nparam_files; i++) files[i] = (ParamFile){.name = p->opt.param_files[i].name, .path = p->opt.param_files[i].value};
+    for (uint32_t i = 0; i < p->opt.nparam_files; i++)
+        files[i] = (ParamFile){.name = p->opt.param_files[i].name, .path = p->opt.param_files[i].value};
     ProgramOptions po = {.front = {.entry = p->opt.entry,
                                    .f64 = p->opt.f64,
                                    .files = files,
@@ -104,11 +110,13 @@ static void compile_body(Session *s, void *arg) {
     }
     for (uint32_t i = 0; i < p->opt.nset; i++)
         if (!overrides[i].used) {
-            c->status = status_fail(&p->error, SLT_USAGE, "--set %s: there is no constant of this name at file scope", overrides[i].name);
+            c->status = status_fail(&p->error, SLT_USAGE, "--set %s: there is no constant of this name at file scope",
+                                    overrides[i].name);
             return;
         }
     p->prog = prog;
-    p->passes = (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
+    p->passes =
+        (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
     p->ms_passes = now_ms() - start;
@@ -122,7 +130,8 @@ static SltStatus fill_program(SltProgram *p) {
     p->ints = calloc(ni, sizeof(int32_t));
     p->wrt = calloc(nf, 1);
     p->asset_loaded = calloc(prog->nparams + 1, sizeof(bool));
-    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded || !api_fields_init(p)) return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
+    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded || !api_fields_init(p))
+        return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
     if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
     if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
     api_params_changed(p, 0, prog->nfloats);
@@ -131,7 +140,8 @@ static SltStatus fill_program(SltProgram *p) {
     return slt_wrt(p, NULL, 0, &p->error);
 }
 
-static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt, SltProgram **out) {
+static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt,
+                         SltProgram **out) {
     *out = NULL;
     SltProgram *p = calloc(1, sizeof *p);
     if (!p) return SLT_LIMIT;
@@ -150,11 +160,13 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     s->import_dirs = o.import_dirs;
     s->nimport_dirs = o.nimport_dirs;
     if (o.target) {
-        if (!target_named(&p->target, o.target)) return status_fail(&p->error, SLT_USAGE, "unknown target `%s`: native, avx512, avx2 or sse2", o.target);
+        if (!target_named(&p->target, o.target))
+            return status_fail(&p->error, SLT_USAGE, "unknown target `%s`: native, avx512, avx2 or sse2", o.target);
     } else {
         target_host(&p->target);
     }
-    if ((unsigned)o.field > SLT_STRUCTURE_NAIVE) return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o.field);
+    if ((unsigned)o.field > SLT_STRUCTURE_NAIVE)
+        return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o.field);
     Compile c = {.p = p, .path = path, .text = text, .shown = shown};
     int unwound = session_protect(s, compile_body, &c);
     if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
@@ -162,7 +174,9 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     return fill_program(p);
 }
 
-SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out) { return compile(path, NULL, path, opt, out); }
+SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out) {
+    return compile(path, NULL, path, opt, out);
+}
 
 SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out) {
     return compile(NULL, source, shown_name ? shown_name : "<string>", opt, out);
@@ -196,7 +210,12 @@ bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
     const Session *s = p->session;
     for (const Diag *d = s->diags; d; d = d->next) {
         if (index--) continue;
-        *out = (SltDiagnostic){.severity = d->severity == SEV_ERROR ? 1 : d->severity == SEV_WARNING ? 2 : 3, .code = diag_code_name(d->code), .message = d->text, .file = ""};
+        *out = (SltDiagnostic){.severity = d->severity == SEV_ERROR     ? 1
+                                           : d->severity == SEV_WARNING ? 2
+                                                                        : 3,
+                               .code = diag_code_name(d->code),
+                               .message = d->text,
+                               .file = ""};
         if (d->span.file >= 0) {
             out->file = s->sources[d->span.file].path;
             span_position(s, d->span, &out->line, &out->column);

@@ -12,7 +12,8 @@ static bool has_floats(const Type *t) {
     return t->kind == T_FLOAT || t->kind == T_MATRIX;
 }
 
-static void write_list(FILE *out, const Type *elem, uint32_t n, ShapeCursor *at, bool floats_only, ShapeLeaf *leaf, void *user) {
+static void write_list(FILE *out, const Type *elem, uint32_t n, ShapeCursor *at, bool floats_only, ShapeLeaf *leaf,
+                       void *user) {
     fputc('[', out);
     for (uint32_t k = 0; k < n; k++) {
         if (k) fputs(", ", out);

@@ -27,10 +27,24 @@ uint32_t slt_param_count(const SltProgram *p) { return p->prog->nparams; }
 const uint8_t *slt_wrt_mask(const SltProgram *p) { return p->wrt; }
 
 static void describe(const Param *q, SltParam *out) {
-    *out = (SltParam){.name = q->name, .type = q->type ? q->type->name : "", .fbase = q->fbase, .fcount = q->fcount, .ibase = q->ibase, .icount = q->icount,
-                      .differentiable = q->differentiable, .is_texture = q->is_texture, .is_heightfield = q->is_heightfield,
-                      .has_range = q->attrs.has_range, .log = q->attrs.log, .color = q->attrs.color, .lo = q->attrs.lo, .hi = q->attrs.hi,
-                      .doc = q->attrs.doc, .tex_w = q->tex_w, .tex_h = q->tex_h, .tex_c = q->tex_c};
+    *out = (SltParam){.name = q->name,
+                      .type = q->type ? q->type->name : "",
+                      .fbase = q->fbase,
+                      .fcount = q->fcount,
+                      .ibase = q->ibase,
+                      .icount = q->icount,
+                      .differentiable = q->differentiable,
+                      .is_texture = q->is_texture,
+                      .is_heightfield = q->is_heightfield,
+                      .has_range = q->attrs.has_range,
+                      .log = q->attrs.log,
+                      .color = q->attrs.color,
+                      .lo = q->attrs.lo,
+                      .hi = q->attrs.hi,
+                      .doc = q->attrs.doc,
+                      .tex_w = q->tex_w,
+                      .tex_h = q->tex_h,
+                      .tex_c = q->tex_c};
 }
 
 bool slt_param(const SltProgram *p, uint32_t index, SltParam *out) {
@@ -42,7 +56,8 @@ bool slt_param(const SltProgram *p, uint32_t index, SltParam *out) {
 SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, SltError *err) {
     ParamRef ref;
     const char *why = NULL;
-    if (!program_find(p->prog, name, &ref, &why)) return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
+    if (!program_find(p->prog, name, &ref, &why))
+        return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
     describe(ref.param, out);
     out->name = name;
     out->type = ref.type ? ref.type->name : out->type;
@@ -51,14 +66,18 @@ SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, S
 }
 
 SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const double *values, SltError *err) {
-    if (count > p->prog->nfloats || base > p->prog->nfloats - count) return status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count, p->prog->nfloats);
+    if (count > p->prog->nfloats || base > p->prog->nfloats - count)
+        return status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count,
+                           p->prog->nfloats);
     if (count) memcpy(p->floats + base, values, count * sizeof *values);
     api_params_changed(p, base, count);
     return SLT_OK;
 }
 
 SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err) {
-    if (count > p->prog->nints || base > p->prog->nints - count) return status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count, p->prog->nints);
+    if (count > p->prog->nints || base > p->prog->nints - count)
+        return status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count,
+                           p->prog->nints);
     if (count) memcpy(p->ints + base, values, count * sizeof *values);
     return SLT_OK;
 }
@@ -74,7 +93,8 @@ SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
         SltParam q;
         SltStatus status = slt_param_find(p, names[i], &q, err);
         if (status == SLT_OK && (!q.differentiable || !q.fcount))
-            status = status_fail(err, SLT_USAGE, "`%s` has no gradient: it is %s", names[i], q.fcount ? "marked [NoDiff]" : "an integer");
+            status = status_fail(err, SLT_USAGE, "`%s` has no gradient: it is %s", names[i],
+                                 q.fcount ? "marked [NoDiff]" : "an integer");
         if (status != SLT_OK) {
             free(mask);
             return status;
@@ -98,7 +118,8 @@ static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
     case T_INT: fprintf(out, "%d", p->ints[index]); return;
     default:
         /* JSON has no infinities, and readers refuse what overflows: parameters say it in words. */
-        if (isinf(p->opt.f64 ? p->floats[index] : (double)(float)p->floats[index])) fputs(p->floats[index] > 0 ? "\"inf\"" : "\"-inf\"", out);
+        if (isinf(p->opt.f64 ? p->floats[index] : (double)(float)p->floats[index]))
+            fputs(p->floats[index] > 0 ? "\"inf\"" : "\"-inf\"", out);
         else if (p->opt.f64) json_number(out, p->floats[index]);
         else json_number_f32(out, (float)p->floats[index]);
     }
@@ -156,7 +177,8 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, 
     case T_UINT: {
         json_int_t v = json_integer_value(j);
         if (!json_is_integer(j)) return bad_value(s, path, "a whole number");
-        if (t->kind == T_INT ? v < INT32_MIN || v > INT32_MAX : v < 0 || v > UINT32_MAX) return bad_value(s, path, "a 32-bit integer");
+        if (t->kind == T_INT ? v < INT32_MIN || v > INT32_MAX : v < 0 || v > UINT32_MAX)
+            return bad_value(s, path, "a 32-bit integer");
         s->ints[c->i++] = (int32_t)(uint32_t)v;
         return SLT_OK;
     }
@@ -213,9 +235,11 @@ static SltStatus read_texels(Stage *s, json_t *j, const Param *q, ShapeCursor *c
         if (!json_is_array(row) || json_array_size(row) != q->tex_w) return bad_value(s, q->name, wanted);
         for (uint32_t x = 0; x < q->tex_w; x++) {
             json_t *texel = json_array_get(row, x);
-            if (q->tex_c > 1 && (!json_is_array(texel) || json_array_size(texel) != q->tex_c)) return bad_value(s, q->name, wanted);
+            if (q->tex_c > 1 && (!json_is_array(texel) || json_array_size(texel) != q->tex_c))
+                return bad_value(s, q->name, wanted);
             for (uint32_t k = 0; k < q->tex_c; k++) {
-                SltStatus status = read_value(s, q->tex_c > 1 ? json_array_get(texel, k) : texel, type_scalar(T_FLOAT), c, q->name);
+                SltStatus status =
+                    read_value(s, q->tex_c > 1 ? json_array_get(texel, k) : texel, type_scalar(T_FLOAT), c, q->name);
                 if (status != SLT_OK) return status;
             }
         }
@@ -273,7 +297,9 @@ static SltStatus read_image_param(Stage *s, const Param *q, const char *path);
 static SltStatus read_named_file(Stage *s, const Param *q, const char *file) {
     char path[4096];
     const char *slash = strrchr(s->shown, '/');
-    if (snprintf(path, sizeof path, "%.*s%s", slash && file[0] != '/' ? (int)(slash + 1 - s->shown) : 0, s->shown, file) >= (int)sizeof path) return status_fail(s->err, SLT_INPUT, "%s: the path is too long", s->shown);
+    if (snprintf(path, sizeof path, "%.*s%s", slash && file[0] != '/' ? (int)(slash + 1 - s->shown) : 0, s->shown,
+                 file) >= (int)sizeof path)
+        return status_fail(s->err, SLT_INPUT, "%s: the path is too long", s->shown);
     return read_image_param(s, q, path);
 }
 
@@ -289,20 +315,22 @@ SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown
     if (!root) return SLT_INPUT;
     Stage s = {.p = p, .err = err, .shown = shown_name};
     SltStatus status = stage_begin(&s);
-    if (status == SLT_OK && !json_is_object(root)) status = status_fail(err, SLT_INPUT, "%s: an object of parameter names to values is wanted", shown_name);
+    if (status == SLT_OK && !json_is_object(root))
+        status = status_fail(err, SLT_INPUT, "%s: an object of parameter names to values is wanted", shown_name);
     const char *key;
     json_t *j;
     if (status == SLT_OK) json_object_foreach(root, key, j) {
-        ParamRef ref;
-        const char *why = NULL;
-        if (!program_find(p->prog, key, &ref, &why)) status = status_fail(err, SLT_INPUT, "%s: %s", shown_name, why ? why : "unknown parameter");
-        else if (!strcmp(key, ref.param->name)) status = read_param(&s, ref.param, j);
-        else {
-            ShapeCursor c = {ref.fbase, ref.ibase};
-            status = read_value(&s, j, ref.type, &c, key);
+            ParamRef ref;
+            const char *why = NULL;
+            if (!program_find(p->prog, key, &ref, &why))
+                status = status_fail(err, SLT_INPUT, "%s: %s", shown_name, why ? why : "unknown parameter");
+            else if (!strcmp(key, ref.param->name)) status = read_param(&s, ref.param, j);
+            else {
+                ShapeCursor c = {ref.fbase, ref.ibase};
+                status = read_value(&s, j, ref.type, &c, key);
+            }
+            if (status != SLT_OK) break;
         }
-        if (status != SLT_OK) break;
-    }
     stage_end(&s, status == SLT_OK);
     json_decref(root);
     return status;
@@ -342,11 +370,14 @@ static SltStatus read_image_param(Stage *s, const Param *q, const char *path) {
     SltStatus status = image_read(path, &raw, &im, s->err);
     if (status != SLT_OK) return status;
     if ((uint32_t)im.width != q->tex_w || (uint32_t)im.height != q->tex_h || (uint32_t)im.channels < q->tex_c)
-        status = status_fail(s->err, SLT_INPUT, "%s is %dx%d with %d channels, but `%s` is %ux%u with %u", path, im.width, im.height, im.channels, q->name, q->tex_w, q->tex_h, q->tex_c);
+        status = status_fail(s->err, SLT_INPUT, "%s is %dx%d with %d channels, but `%s` is %ux%u with %u", path,
+                             im.width, im.height, im.channels, q->name, q->tex_w, q->tex_h, q->tex_c);
     for (size_t t = 0; status == SLT_OK && t < (size_t)q->tex_w * q->tex_h; t++)
         for (uint32_t c = 0; status == SLT_OK && c < q->tex_c; c++) {
             double v = (double)im.data[t * (size_t)im.channels + c];
-            if (q->is_heightfield && !isfinite(v)) status = status_fail(s->err, SLT_INPUT, "%s: the height in row %zu, column %zu is not finite", path, t / q->tex_w, t % q->tex_w);
+            if (q->is_heightfield && !isfinite(v))
+                status = status_fail(s->err, SLT_INPUT, "%s: the height in row %zu, column %zu is not finite", path,
+                                     t / q->tex_w, t % q->tex_w);
             s->floats[q->fbase + t * q->tex_c + c] = v;
         }
     image_free(&im);
@@ -364,7 +395,8 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         if (!j) return SLT_INPUT;
         s->shown = path;
         /* A file of `fit` works too: take this parameter out of it. */
-        json_t *own = json_is_object(j) && (q->is_texture || q->type->kind != T_STRUCT) ? json_object_get(j, q->name) : NULL;
+        json_t *own =
+            json_is_object(j) && (q->is_texture || q->type->kind != T_STRUCT) ? json_object_get(j, q->name) : NULL;
         status = read_param(s, q, own ? own : j);
         json_decref(j);
         return status;
@@ -381,7 +413,8 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         ShapeCursor c = {q->fbase, q->ibase};
         if (!v) status = status_fail(s->err, SLT_LIMIT, "out of memory for %s", path);
         else if (fill_numbers(s, q->type, &c, v, n, &at) != SLT_OK || at != n)
-            status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name, q->type->name, q->fcount + q->icount);
+            status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
+                                 q->type->name, q->fcount + q->icount);
         free(v);
         image_free(&im);
         return status;
@@ -392,7 +425,8 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
     ShapeCursor c = {q->fbase, q->ibase};
     size_t at = 0, n = t.rows * t.cols;
     if (fill_numbers(s, q->type, &c, t.data, n, &at) != SLT_OK || at != n)
-        status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name, q->type->name, q->fcount + q->icount);
+        status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
+                             q->type->name, q->fcount + q->icount);
     table_free(&t);
     return status;
 }
@@ -400,17 +434,20 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
 SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
     ParamRef ref;
     const char *why = NULL;
-    if (!program_find(p->prog, name, &ref, &why)) return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
+    if (!program_find(p->prog, name, &ref, &why))
+        return status_fail(err, SLT_USAGE, "%s", why ? why : "there is no such parameter");
     Stage s = {.p = p, .err = err, .shown = name};
     SltStatus status = stage_begin(&s);
     if (status == SLT_OK && value[0] == '@') {
-        if (strcmp(name, ref.param->name) != 0) status = status_fail(err, SLT_USAGE, "`%s`: a file gives a whole parameter", name);
+        if (strcmp(name, ref.param->name) != 0)
+            status = status_fail(err, SLT_USAGE, "`%s`: a file gives a whole parameter", name);
         else status = read_param_file(&s, ref.param, value + 1);
     } else if (status == SLT_OK) {
         json_error_t e;
         json_t *j = json_loads(value, JSON_DECODE_ANY, &e);
         char listed[256];
-        if (!j && strchr(value, ',') && snprintf(listed, sizeof listed, "[%s]", value) < (int)sizeof listed) j = json_loads(listed, JSON_DECODE_ANY, &e);
+        if (!j && strchr(value, ',') && snprintf(listed, sizeof listed, "[%s]", value) < (int)sizeof listed)
+            j = json_loads(listed, JSON_DECODE_ANY, &e);
         if (!j) { /* 1., .5, 1e-3, inf: what strtod reads and JSON does not */
             char *end;
             double v = strtod(value, &end);
@@ -421,10 +458,13 @@ SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltEr
                 return SLT_OK;
             }
         }
-        if (!j) status = status_fail(err, SLT_USAGE, "`%s=%s`: a number, a list like [1, 2] or @file is wanted", name, value);
+        if (!j)
+            status =
+                status_fail(err, SLT_USAGE, "`%s=%s`: a number, a list like [1, 2] or @file is wanted", name, value);
         else {
             ShapeCursor c = {ref.fbase, ref.ibase};
-            status = !strcmp(name, ref.param->name) ? read_param(&s, ref.param, j) : read_value(&s, j, ref.type, &c, name);
+            status =
+                !strcmp(name, ref.param->name) ? read_param(&s, ref.param, j) : read_value(&s, j, ref.type, &c, name);
             if (status == SLT_INPUT) status = SLT_USAGE, err ? (void)(err->status = SLT_USAGE) : (void)0;
         }
         json_decref(j);
@@ -449,7 +489,8 @@ SltStatus api_load_assets(SltProgram *p, SltError *err) {
     return SLT_OK;
 }
 
-/* Rows of texels, or an object (a file of `fit`) that holds them under the name of the parameter that `path` was given for. */
+/* Rows of texels, or an object (a file of `fit`) that holds them under the name of the parameter that `path` was given
+ * for. */
 static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint32_t *ndims, const char **why) {
     SltError err = {0};
     uint8_t *bytes = NULL;
@@ -467,7 +508,8 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
     json_t *texel = json_array_get(json_array_get(rows, 0), 0);
     bool ok = json_is_number(texel) || (json_is_array(texel) && json_array_size(texel));
     if (ok) {
-        dims[0] = (uint32_t)json_array_size(json_array_get(rows, 0)), dims[1] = (uint32_t)json_array_size(rows), dims[2] = json_is_array(texel) ? (uint32_t)json_array_size(texel) : 1;
+        dims[0] = (uint32_t)json_array_size(json_array_get(rows, 0)), dims[1] = (uint32_t)json_array_size(rows),
+        dims[2] = json_is_array(texel) ? (uint32_t)json_array_size(texel) : 1;
         *ndims = 3;
     } else {
         *why = "rows of texels are wanted";
@@ -488,7 +530,8 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
             *why = arena_printf(&p->session->session, "%s", err.text);
             return false;
         }
-        dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)im.height, dims[2] = kind == 'h' ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
+        dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)im.height,
+        dims[2] = kind == 'h' ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
         *ndims = 3;
         image_free(&im);
         return true;
