@@ -38,14 +38,10 @@ static bool make_folder(char *path) {
 const char *cache_folder(Arena *arena, const char *wanted) {
     const char *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
     char *path;
-    if (wanted && *wanted)
-        path = arena_printf(arena, "%s", wanted);
-    else if (xdg && *xdg == '/')
-        path = arena_printf(arena, "%s/saltus", xdg);
-    else if (home && *home == '/')
-        path = arena_printf(arena, "%s/.cache/saltus", home);
-    else
-        return NULL;
+    if (wanted && *wanted) path = arena_printf(arena, "%s", wanted);
+    else if (xdg && *xdg == '/') path = arena_printf(arena, "%s/saltus", xdg);
+    else if (home && *home == '/') path = arena_printf(arena, "%s/.cache/saltus", home);
+    else return NULL;
     struct stat st;
     if (lstat(path, &st) && !make_folder(path)) return NULL;
     /* somebody else who can write here could run code as us */
@@ -159,9 +155,7 @@ bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const un
     bool ok = write_all(fd, &h, sizeof h) && write_all(fd, bytes, size);
     ok = !close(fd) && ok;
     ok = ok && !rename(temp, entry_path(arena, folder, key));
-    if (!ok)
-        unlink(temp);
-    else
-        trim(folder);
+    if (!ok) unlink(temp);
+    else trim(folder);
     return ok;
 }

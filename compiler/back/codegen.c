@@ -64,10 +64,10 @@ static bool open_target(Job *j) {
 }
 
 static bool run_passes(Job *j) {
-    static const char *const lists[] = {"function(mem2reg)", "function(mem2reg,early-cse)",
-                                        "function(mem2reg,early-cse)",
-                                        ("function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
-                                         ",instcombine<no-verify-fixpoint>)")};
+    static const char *const lists[] = {
+        "function(mem2reg)", "function(mem2reg,early-cse)", "function(mem2reg,early-cse)",
+        ("function(mem2reg,early-cse,instcombine<no-verify-fixpoint>,gvn,loop-mssa(licm)"
+         ",instcombine<no-verify-fixpoint>)")};
     const LlvmApi *ll = &j->api;
     LLVMPassBuilderOptionsRef options = ll->CreatePassBuilderOptions();
     LLVMErrorRef err = ll->RunPasses(j->mod, lists[j->o->opt_level > 3 ? 3 : j->o->opt_level], j->tm, options);
@@ -119,9 +119,12 @@ static void write_module(Job *j) {
 }
 
 /* The name of a part: an internal function. */
-static const char *part_name(Job *j, const char *name, uint32_t part) { return arena_printf(&j->session->session, "%s.part%u", name, part); }
+static const char *part_name(Job *j, const char *name, uint32_t part) {
+    return arena_printf(&j->session->session, "%s.part%u", name, part);
+}
 
-/* A kernel over many sites is one function a part, and one that switches on the uniform site number: LLVM's time stays linear. */
+/* A kernel over many sites is one function a part, and one that switches on the uniform site number: LLVM's time stays
+ * linear. */
 static const char *emit_in_parts(Job *j, const KernelRequest *k) {
     const LlvmApi *ll = &j->api;
     uint32_t part = 0;
@@ -131,16 +134,19 @@ static const char *emit_in_parts(Job *j, const KernelRequest *k) {
         if (why) return why;
         ll->SetLinkage(ll->GetNamedFunction(j->mod, one.name), LLVMInternalLinkage);
     }
-    LLVMTypeRef i32 = ll->Int32TypeInContext(j->ctx), i64 = ll->Int64TypeInContext(j->ctx), i8 = ll->Int8TypeInContext(j->ctx);
+    LLVMTypeRef i32 = ll->Int32TypeInContext(j->ctx), i64 = ll->Int64TypeInContext(j->ctx),
+                i8 = ll->Int8TypeInContext(j->ctx);
     LLVMTypeRef types[2] = {ll->PointerTypeInContext(j->ctx, 0), i32};
     LLVMTypeRef type = ll->FunctionType(ll->VoidTypeInContext(j->ctx), types, 2, false);
     LLVMValueRef f = ll->AddFunction(j->mod, k->name, type);
     LLVMBuilderRef b = ll->CreateBuilderInContext(j->ctx);
-    LLVMBasicBlockRef entry = ll->AppendBasicBlockInContext(j->ctx, f, "entry"), done = ll->AppendBasicBlockInContext(j->ctx, f, "done");
+    LLVMBasicBlockRef entry = ll->AppendBasicBlockInContext(j->ctx, f, "entry"),
+                      done = ll->AppendBasicBlockInContext(j->ctx, f, "done");
     ll->PositionBuilderAtEnd(b, done);
     ll->BuildRetVoid(b);
     ll->PositionBuilderAtEnd(b, entry);
-    LLVMValueRef args[2] = {ll->GetParam(f, 0), ll->GetParam(f, 1)}, offset = ll->ConstInt(i64, offsetof(SltKernelArgs, site), false);
+    LLVMValueRef args[2] = {ll->GetParam(f, 0), ll->GetParam(f, 1)},
+                 offset = ll->ConstInt(i64, offsetof(SltKernelArgs, site), false);
     LLVMValueRef site = ll->BuildLoad2(b, i32, ll->BuildGEP2(b, i8, args[0], &offset, 1, ""), "site");
     LLVMValueRef pick = ll->BuildSwitch(b, site, done, k->fn->nsites);
     part = 0;
@@ -165,7 +171,8 @@ static void generate(Session *s, void *arg) {
     if (!open_target(j)) return;
     for (uint32_t k = 0; k < j->n; k++) {
         ArenaMark mark = arena_mark(&s->scratch);
-        const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k]) : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, j->width);
+        const char *why = j->k[k].fn->next_part ? emit_in_parts(j, &j->k[k])
+                                                : back_emit_kernel(ll, j->ctx, j->mod, &j->k[k], j->o, j->width);
         if (why) fail(j, SLT_LIMIT, arena_printf(&s->session, "kernel %s: %s", j->k[k].name, why));
         arena_reset(&s->scratch, mark);
         if (why) return;
@@ -187,7 +194,8 @@ static void generate(Session *s, void *arg) {
         j->out->instructions[k] = count_instructions(ll, ll->GetNamedFunction(j->mod, j->k[k].name));
         uint32_t part = 0;
         for (Fn *fn = j->k[k].fn->next_part ? j->k[k].fn : NULL; fn; fn = fn->next_part)
-            j->out->instructions[k] += count_instructions(ll, ll->GetNamedFunction(j->mod, part_name(j, j->k[k].name, part++)));
+            j->out->instructions[k] +=
+                count_instructions(ll, ll->GetNamedFunction(j->mod, part_name(j, j->k[k].name, part++)));
     }
     write_module(j);
     j->out->llvm_ms = now_ms() - start;

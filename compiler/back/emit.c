@@ -18,38 +18,25 @@ void emit_fail(Emit *e, const char *fmt, ...) {
     e->error = arena_printf(e->arena, "%s", text);
 }
 
-bool emit_is_vector(const Emit *e, const Inst *i) {
-    return e->W > 1 && (i->flags & BACK_VARYING);
-}
+bool emit_is_vector(const Emit *e, const Inst *i) { return e->W > 1 && (i->flags & BACK_VARYING); }
 
 LLVMTypeRef emit_scalar_type(Emit *e, IrType t) {
     switch (t) {
-    case TY_BOOL:
-        return e->t_i1;
-    case TY_INT:
-        return e->t_i32;
-    case TY_FLT:
-        return e->t_flt;
-    case TY_TAPE:
-        return e->t_i64;
+    case TY_BOOL: return e->t_i1;
+    case TY_INT: return e->t_i32;
+    case TY_FLT: return e->t_flt;
+    case TY_TAPE: return e->t_i64;
     case TY_VOID:
-    case TY_ARRAY:
-        break;
+    case TY_ARRAY: break;
     }
     return e->t_ptr;
 }
 
-LLVMTypeRef emit_vector_type(Emit *e, LLVMTypeRef scalar) {
-    return e->W == 1 ? scalar : LL(VectorType)(scalar, e->L);
-}
+LLVMTypeRef emit_vector_type(Emit *e, LLVMTypeRef scalar) { return e->W == 1 ? scalar : LL(VectorType)(scalar, e->L); }
 
-Part *emit_slot(Emit *e, const Inst *i) {
-    return e->val + (size_t)i->id * e->P;
-}
+Part *emit_slot(Emit *e, const Inst *i) { return e->val + (size_t)i->id * e->P; }
 
-Part emit_int(Emit *e, LLVMTypeRef t, uint64_t v) {
-    return LL(ConstInt)(t, v, false);
-}
+Part emit_int(Emit *e, LLVMTypeRef t, uint64_t v) { return LL(ConstInt)(t, v, false); }
 
 static Part constant(Emit *e, const Inst *i) {
     if (i->op == OP_constf)
@@ -57,9 +44,7 @@ static Part constant(Emit *e, const Inst *i) {
     return i->op == OP_consti ? emit_int(e, e->t_i32, (uint32_t)i->imm.i) : emit_int(e, e->t_i1, i->imm.i != 0);
 }
 
-Part emit_scalar(Emit *e, const Inst *i) {
-    return ir_is_const(i) ? constant(e, i) : emit_slot(e, i)[0];
-}
+Part emit_scalar(Emit *e, const Inst *i) { return ir_is_const(i) ? constant(e, i) : emit_slot(e, i)[0]; }
 
 Part emit_splat(Emit *e, Part scalar) {
     if (e->W == 1) return scalar;
@@ -100,9 +85,7 @@ Part emit_intrinsic(Emit *e, const char *name, LLVMTypeRef overload, Part *args,
 Part emit_gep(Emit *e, LLVMTypeRef elem, Part base, Part index) {
     return LL(BuildGEP2)(e->b, elem, base, &index, 1, "");
 }
-Part emit_field_ptr(Emit *e, size_t offset) {
-    return emit_gep(e, e->t_i8, e->args, emit_int(e, e->t_i64, offset));
-}
+Part emit_field_ptr(Emit *e, size_t offset) { return emit_gep(e, e->t_i8, e->args, emit_int(e, e->t_i64, offset)); }
 
 Part emit_load(Emit *e, LLVMTypeRef t, Part ptr, unsigned align, bool invariant) {
     Part v = LL(BuildLoad2)(e->b, t, ptr, "");
@@ -116,9 +99,7 @@ void emit_store(Emit *e, Part value, Part ptr, unsigned align) {
     LL(SetAlignment)(LL(BuildStore)(e->b, value, ptr), align);
 }
 
-LLVMBasicBlockRef emit_here(Emit *e) {
-    return LL(GetInsertBlock)(e->b);
-}
+LLVMBasicBlockRef emit_here(Emit *e) { return LL(GetInsertBlock)(e->b); }
 LLVMBasicBlockRef emit_new_block(Emit *e, const char *name) {
     return LL(AppendBasicBlockInContext)(e->ctx, e->func, name);
 }
@@ -138,12 +119,8 @@ Part emit_alloca(Emit *e, LLVMTypeRef t, uint64_t count, unsigned align) {
     return p;
 }
 
-Part emit_phi(Emit *e, LLVMTypeRef t, const char *name) {
-    return LL(BuildPhi)(e->b, t, name);
-}
-void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from) {
-    LL(AddIncoming)(phi, &v, &from, 1);
-}
+Part emit_phi(Emit *e, LLVMTypeRef t, const char *name) { return LL(BuildPhi)(e->b, t, name); }
+void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from) { LL(AddIncoming)(phi, &v, &from, 1); }
 
 Part emit_any(Emit *e, const Part *mask) {
     if (e->W == 1) return mask[0];
@@ -250,8 +227,7 @@ static void setup_block(Emit *e, const Block *b) {
         switch (i->op) {
         case OP_input: {
             uint32_t s = (uint32_t)i->imm.i;
-            if (s < IN_VARYING_COUNT)
-                pointer_field(e, &e->in[s], offsetof(SltKernelArgs, in) + s * sizeof(void *));
+            if (s < IN_VARYING_COUNT) pointer_field(e, &e->in[s], offsetof(SltKernelArgs, in) + s * sizeof(void *));
             else if (!e->in[s])
                 e->in[s] =
                     emit_load(e, e->t_i32,
@@ -264,15 +240,9 @@ static void setup_block(Emit *e, const Block *b) {
         case OP_fieldop: /* the heights are parameters, read or not by the kernel itself */
             pointer_field(e, &e->params, offsetof(SltKernelArgs, params));
             break;
-        case OP_iparam:
-            pointer_field(e, &e->iparams, offsetof(SltKernelArgs, iparams));
-            break;
-        case OP_dparam:
-            pointer_field(e, &e->dparams, offsetof(SltKernelArgs, dparams));
-            break;
-        case OP_adj:
-            pointer_field(e, &e->adj, offsetof(SltKernelArgs, adj));
-            break;
+        case OP_iparam: pointer_field(e, &e->iparams, offsetof(SltKernelArgs, iparams)); break;
+        case OP_dparam: pointer_field(e, &e->dparams, offsetof(SltKernelArgs, dparams)); break;
+        case OP_adj: pointer_field(e, &e->adj, offsetof(SltKernelArgs, adj)); break;
         case OP_tapemark:
         case OP_tapepush:
         case OP_revloop:
@@ -285,8 +255,7 @@ static void setup_block(Emit *e, const Block *b) {
         case OP_loop:
             if (i->imm.loop.cull) setup_culls(e, i->imm.loop.cull_id);
             break;
-        default:
-            break;
+        default: break;
         }
         for (uint32_t r = 0; r < i->nregions; r++) setup_block(e, i->region[r]);
     }
@@ -324,21 +293,15 @@ static void setup_culls(Emit *e, uint32_t id) {
  * plain read of a parameter is cheaper where it is used. */
 enum { HOIST_LIMIT = 128 };
 
-static bool is_read(const Inst *i) {
-    return i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam;
-}
-static bool ready(const Emit *e, const Inst *i) {
-    return ir_is_const(i) || e->val[(size_t)i->id * e->P];
-}
+static bool is_read(const Inst *i) { return i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam; }
+static bool ready(const Emit *e, const Inst *i) { return ir_is_const(i) || e->val[(size_t)i->id * e->P]; }
 
 /* A read of a parameter at an index that is known or hoisted is emitted when hoisted arithmetic asks for it. */
 static bool available(Emit *e, Inst *i) {
     if (ready(e, i)) return true;
     if (i->flags & BACK_VARYING || i->block != e->fn->body) return false;
-    if (i->op == OP_input)
-        emit_input(e, i);
-    else if (is_read(i) && ready(e, i->args[0]))
-        emit_memory_op(e, i);
+    if (i->op == OP_input) emit_input(e, i);
+    else if (is_read(i) && ready(e, i->args[0])) emit_memory_op(e, i);
     return ready(e, i);
 }
 
@@ -386,31 +349,22 @@ void emit_block(Emit *e, Block *b) {
         case OP_constb:
         case OP_proj:
         case OP_arg:
-        case OP_yield:
-            break;
+        case OP_yield: break;
         case OP_input:
             if (!emit_slot(e, i)[0]) emit_input(e, i);
             break;
         case OP_detach:
         case OP_site:
         case OP_siten:
-            if (emit_is_vector(e, i))
-                emit_parts(e, i->args[0], emit_slot(e, i));
-            else
-                emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
+            if (emit_is_vector(e, i)) emit_parts(e, i->args[0], emit_slot(e, i));
+            else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
             break;
         case OP_if_:
-        case OP_loop:
-            emit_control(e, i);
-            break;
-        case OP_revloop:
-            emit_revloop(e, i);
-            break;
+        case OP_loop: emit_control(e, i); break;
+        case OP_revloop: emit_revloop(e, i); break;
         case OP_rand:
         case OP_window:
-        case OP_custom:
-            emit_fail(e, "%s was not lowered", ir_ops[i->op].name);
-            break;
+        case OP_custom: emit_fail(e, "%s was not lowered", ir_ops[i->op].name); break;
         default:
             if (!emit_slot(e, i)[0]) emit_memory_op(e, i);
             e->since_split += 4;

@@ -19,18 +19,14 @@ static uint32_t result_parts(Emit *e, const Inst *value, bool vector, Part *out)
     return 1;
 }
 
-static uint32_t result_count(const Emit *e, const Inst *proj) {
-    return emit_is_vector(e, proj) ? e->P : 1;
-}
+static uint32_t result_count(const Emit *e, const Inst *proj) { return emit_is_vector(e, proj) ? e->P : 1; }
 
 static LLVMTypeRef value_type(Emit *e, const Inst *i) {
     LLVMTypeRef t = emit_scalar_type(e, i->type);
     return emit_is_vector(e, i) ? emit_vector_type(e, t) : t;
 }
 
-static Part *new_parts(Emit *e) {
-    return ARENA_ARRAY(e->arena, Part, e->P);
-}
+static Part *new_parts(Emit *e) { return ARENA_ARRAY(e->arena, Part, e->P); }
 
 static const Inst *next_proj(const Inst *s, const Inst *p) {
     p = p ? p->next : s->next;
@@ -39,12 +35,8 @@ static const Inst *next_proj(const Inst *s, const Inst *p) {
 
 /* A mask that crosses blocks: before AVX-512 vectors of i1 are kept as narrow integers there, with a pack and an unpack
  * at every use, so such a mask travels as integers of the width of its floats, whose signs blend directly. */
-static LLVMTypeRef wide_type(Emit *e) {
-    return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32;
-}
-static bool masks_are_vectors(const Emit *e) {
-    return e->W > 1 && e->opt->target.vector_bytes < 64;
-}
+static LLVMTypeRef wide_type(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
+static bool masks_are_vectors(const Emit *e) { return e->W > 1 && e->opt->target.vector_bytes < 64; }
 static LLVMTypeRef travelling_type(Emit *e) {
     return emit_vector_type(e, masks_are_vectors(e) ? wide_type(e) : e->t_i1);
 }
@@ -76,31 +68,21 @@ static uint32_t region_cost(const Emit *e, const Block *b) {
         case OP_yield:
         case OP_detach:
         case OP_site:
-        case OP_siten:
-            break;
+        case OP_siten: break;
         case OP_fdiv:
         case OP_zdiv:
         case OP_fsqrt:
-        case OP_ffma:
-            cost += i->op != OP_ffma ? 5 : e->opt->target.has_fma ? 1 : 100;
-            break;
+        case OP_ffma: cost += i->op != OP_ffma ? 5 : e->opt->target.has_fma ? 1 : 100; break;
         case OP_idiv:
         case OP_irem:
         case OP_udiv:
-        case OP_urem:
-            cost += 8;
-            break;
+        case OP_urem: cost += 8; break;
         case OP_param:
         case OP_iparam:
         case OP_dparam:
-        case OP_load:
-            cost += emit_is_vector(e, i) ? 8 : 1;
-            break;
-        case OP_if_:
-            cost += 1 + region_cost(e, i->region[0]) + region_cost(e, i->region[1]);
-            break;
-        default:
-            cost += ir_ops[i->op].special && i->op != OP_input ? NOT_CHEAP : 1;
+        case OP_load: cost += emit_is_vector(e, i) ? 8 : 1; break;
+        case OP_if_: cost += 1 + region_cost(e, i->region[0]) + region_cost(e, i->region[1]); break;
+        default: cost += ir_ops[i->op].special && i->op != OP_input ? NOT_CHEAP : 1;
         }
     }
     return cost;
@@ -251,11 +233,12 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
 
 /* Cheap enough to run both sides; a condition that is known to be rare is always a branch. */
 static bool selects(const Emit *e, const Inst *i) {
-    return i->imm.i != IR_IF_RARE && (region_cost(e, i->region[0]) + region_cost(e, i->region[1])) * e->P <= SELECT_BUDGET;
+    return i->imm.i != IR_IF_RARE &&
+           (region_cost(e, i->region[0]) + region_cost(e, i->region[1])) * e->P <= SELECT_BUDGET;
 }
 
-/* Is v, the next value of carried parameter c, still c in lanes that have left the loop? So it is where it comes through
- * one-sided branches whose empty side yields c: they blend under the mask already. */
+/* Is v, the next value of carried parameter c, still c in lanes that have left the loop? So it is where it comes
+ * through one-sided branches whose empty side yields c: they blend under the mask already. */
 static bool keeps_itself(const Emit *e, const Inst *v, const Inst *c) {
     if (v == c) return true;
     if (v->op != OP_proj || v->args[0]->op != OP_if_) return false;
@@ -468,8 +451,6 @@ static void emit_loop(Emit *e, Inst *i) {
 }
 
 void emit_control(Emit *e, Inst *i) {
-    if (i->op == OP_if_)
-        emit_if(e, i);
-    else
-        emit_loop(e, i);
+    if (i->op == OP_if_) emit_if(e, i);
+    else emit_loop(e, i);
 }

@@ -10,33 +10,19 @@ typedef struct Shape {
     LLVMTypeRef f, i; /* float and int of the same shape as the operands */
 } Shape;
 
-static bool is_vector_type(Emit *e, LLVMTypeRef t) {
-    return LL(GetTypeKind)(t) == LLVMVectorTypeKind;
-}
+static bool is_vector_type(Emit *e, LLVMTypeRef t) { return LL(GetTypeKind)(t) == LLVMVectorTypeKind; }
 
 static LLVMTypeRef like(Emit *e, Part a, LLVMTypeRef scalar) {
     return is_vector_type(e, LL(TypeOf)(a)) ? LL(VectorType)(scalar, e->L) : scalar;
 }
 
-static Part kf(Emit *e, Part shape, double v) {
-    return emit_const_like(e, LL(TypeOf)(shape), e->t_flt, v, 0, true);
-}
-static Part ki(Emit *e, Part shape, uint32_t v) {
-    return emit_const_like(e, LL(TypeOf)(shape), e->t_i32, 0, v, false);
-}
-static Part sel(Emit *e, Part c, Part x, Part y) {
-    return LL(BuildSelect)(e->b, c, x, y, "");
-}
-static Part fcmp(Emit *e, LLVMRealPredicate p, Part a, Part b) {
-    return LL(BuildFCmp)(e->b, p, a, b, "");
-}
-static Part icmp(Emit *e, LLVMIntPredicate p, Part a, Part b) {
-    return LL(BuildICmp)(e->b, p, a, b, "");
-}
+static Part kf(Emit *e, Part shape, double v) { return emit_const_like(e, LL(TypeOf)(shape), e->t_flt, v, 0, true); }
+static Part ki(Emit *e, Part shape, uint32_t v) { return emit_const_like(e, LL(TypeOf)(shape), e->t_i32, 0, v, false); }
+static Part sel(Emit *e, Part c, Part x, Part y) { return LL(BuildSelect)(e->b, c, x, y, ""); }
+static Part fcmp(Emit *e, LLVMRealPredicate p, Part a, Part b) { return LL(BuildFCmp)(e->b, p, a, b, ""); }
+static Part icmp(Emit *e, LLVMIntPredicate p, Part a, Part b) { return LL(BuildICmp)(e->b, p, a, b, ""); }
 
-static Part intrin1(Emit *e, const char *name, Part a) {
-    return emit_intrinsic(e, name, LL(TypeOf)(a), &a, 1);
-}
+static Part intrin1(Emit *e, const char *name, Part a) { return emit_intrinsic(e, name, LL(TypeOf)(a), &a, 1); }
 
 /* ---- rounding without roundps: adding and subtracting 2^(mantissa bits) rounds to even where |a| is below it; larger
  * values are integers. */
@@ -49,10 +35,8 @@ static Part rounded(Emit *e, Op op, Part a) {
     } else {
         Part pair[2] = {even, a};
         r = emit_intrinsic(e, "llvm.copysign", LL(TypeOf)(a), pair, 2);
-        if (op == OP_ffloor)
-            r = sel(e, fcmp(e, LLVMRealOGT, r, a), LL(BuildFSub)(e->b, r, one, ""), r);
-        else if (op == OP_fceil)
-            r = sel(e, fcmp(e, LLVMRealOLT, r, a), LL(BuildFAdd)(e->b, r, one, ""), r);
+        if (op == OP_ffloor) r = sel(e, fcmp(e, LLVMRealOGT, r, a), LL(BuildFSub)(e->b, r, one, ""), r);
+        else if (op == OP_fceil) r = sel(e, fcmp(e, LLVMRealOLT, r, a), LL(BuildFAdd)(e->b, r, one, ""), r);
     }
     Part pair[2] = {r, a};
     r = emit_intrinsic(e, "llvm.copysign", LL(TypeOf)(a), pair, 2);
@@ -140,15 +124,9 @@ static Part float_to_int(Emit *e, Part a, bool is_signed) {
 }
 
 /* The bits of a float as an integer of its own width, and back. */
-static LLVMTypeRef bits_scalar(Emit *e) {
-    return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32;
-}
-static Part to_bits(Emit *e, Part a) {
-    return LL(BuildBitCast)(e->b, a, like(e, a, bits_scalar(e)), "");
-}
-static Part from_bits(Emit *e, Part a) {
-    return LL(BuildBitCast)(e->b, a, like(e, a, e->t_flt), "");
-}
+static LLVMTypeRef bits_scalar(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
+static Part to_bits(Emit *e, Part a) { return LL(BuildBitCast)(e->b, a, like(e, a, bits_scalar(e)), ""); }
+static Part from_bits(Emit *e, Part a) { return LL(BuildBitCast)(e->b, a, like(e, a, e->t_flt), ""); }
 static Part kb(Emit *e, Part shape, uint64_t v) {
     return emit_const_like(e, LL(TypeOf)(shape), bits_scalar(e), 0, v, false);
 }
@@ -178,53 +156,34 @@ static Part two_to(Emit *e, Part a) {
 static Part emit_row(Emit *e, const Inst *i, Part *x) {
     Part a = x[0], b = x[1];
     switch ((Op)i->op) {
-    case OP_zmul:
-        return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFMul)(e->b, a, b, ""));
-    case OP_zdiv:
-        return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFDiv)(e->b, a, b, ""));
-    case OP_fmin:
-        return sel(e, fcmp(e, LLVMRealOLT, b, a), b, a);
-    case OP_fmax:
-        return sel(e, fcmp(e, LLVMRealOLT, a, b), b, a);
+    case OP_zmul: return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFMul)(e->b, a, b, ""));
+    case OP_zdiv: return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFDiv)(e->b, a, b, ""));
+    case OP_fmin: return sel(e, fcmp(e, LLVMRealOLT, b, a), b, a);
+    case OP_fmax: return sel(e, fcmp(e, LLVMRealOLT, a, b), b, a);
     case OP_idiv:
     case OP_irem:
     case OP_udiv:
-    case OP_urem:
-        return divided(e, i->op, a, b, i->args[1]);
-    case OP_umulh:
-        return high_product(e, a, b);
-    case OP_ishl:
-        return LL(BuildShl)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
-    case OP_ishr:
-        return LL(BuildAShr)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
-    case OP_ushr:
-        return LL(BuildLShr)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
-    case OP_i2f:
-        return LL(BuildSIToFP)(e->b, a, like(e, a, e->t_flt), "");
-    case OP_u2f:
-        return LL(BuildUIToFP)(e->b, a, like(e, a, e->t_flt), "");
+    case OP_urem: return divided(e, i->op, a, b, i->args[1]);
+    case OP_umulh: return high_product(e, a, b);
+    case OP_ishl: return LL(BuildShl)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
+    case OP_ishr: return LL(BuildAShr)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
+    case OP_ushr: return LL(BuildLShr)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
+    case OP_i2f: return LL(BuildSIToFP)(e->b, a, like(e, a, e->t_flt), "");
+    case OP_u2f: return LL(BuildUIToFP)(e->b, a, like(e, a, e->t_flt), "");
     case OP_f2i:
-    case OP_f2u:
-        return float_to_int(e, a, i->op == OP_f2i);
+    case OP_f2u: return float_to_int(e, a, i->op == OP_f2i);
     case OP_fasuint:
         if (e->fn->precision == PREC_F64) a = LL(BuildFPTrunc)(e->b, a, like(e, a, e->t_f32), "");
         return LL(BuildBitCast)(e->b, a, like(e, a, e->t_i32), "");
     case OP_iasfloat:
         a = LL(BuildBitCast)(e->b, a, like(e, a, e->t_f32), "");
         return e->fn->precision == PREC_F64 ? LL(BuildFPExt)(e->b, a, like(e, a, e->t_f64), "") : a;
-    case OP_fmant:
-        return mantissa(e, a);
-    case OP_fexpo:
-        return exponent(e, a);
-    case OP_ftwoi:
-        return two_to(e, a);
-    case OP_fisnan:
-        return fcmp(e, LLVMRealUNO, a, a);
-    case OP_fisinf:
-        return fcmp(e, LLVMRealOEQ, intrin1(e, "llvm.fabs", a), kf(e, a, (double)INFINITY));
-    default:
-        emit_fail(e, "%s was not lowered", ir_ops[i->op].name);
-        return LL(ConstNull)(emit_scalar_type(e, i->type));
+    case OP_fmant: return mantissa(e, a);
+    case OP_fexpo: return exponent(e, a);
+    case OP_ftwoi: return two_to(e, a);
+    case OP_fisnan: return fcmp(e, LLVMRealUNO, a, a);
+    case OP_fisinf: return fcmp(e, LLVMRealOEQ, intrin1(e, "llvm.fabs", a), kf(e, a, (double)INFINITY));
+    default: emit_fail(e, "%s was not lowered", ir_ops[i->op].name); return LL(ConstNull)(emit_scalar_type(e, i->type));
     }
 }
 
@@ -278,8 +237,7 @@ static Part value_part(Emit *e, const Inst *i, Part *x) {
 #define SPECIAL(name, ...) case OP_##name:
 #include "compiler/ir/ops.def"
 #include "compiler/ir/ops_undef.h"
-    case OP_COUNT:
-        break;
+    case OP_COUNT: break;
     }
     emit_fail(e, "%s is not a value", ir_ops[i->op].name);
     return LL(ConstNull)(e->t_i32);
@@ -305,17 +263,13 @@ void emit_value_op(Emit *e, Inst *i) {
 }
 
 /* ---- ranges of integers, to leave out clamps */
-static bool in_int(int64_t lo, int64_t hi) {
-    return lo >= INT32_MIN && hi <= INT32_MAX;
-}
+static bool in_int(int64_t lo, int64_t hi) { return lo >= INT32_MIN && hi <= INT32_MAX; }
 
 static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth) {
     int64_t a, b, c, d;
     if (depth > 6) return false;
     switch (i->op) {
-    case OP_consti:
-        *lo = *hi = (int32_t)i->imm.i;
-        return true;
+    case OP_consti: *lo = *hi = (int32_t)i->imm.i; return true;
     case OP_arg: {
         const Inst *loop = i->block ? i->block->owner : NULL;
         if (!loop || loop->op != OP_loop || i->imm.i != 0) return false;
@@ -348,10 +302,8 @@ static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth) {
     case OP_imax:
         if (!range(i->args[0], &a, &b, depth + 1)) a = INT32_MIN, b = INT32_MAX;
         if (!range(i->args[1], &c, &d, depth + 1)) c = INT32_MIN, d = INT32_MAX;
-        if (i->op == OP_imin)
-            *lo = a < c ? a : c, *hi = b < d ? b : d;
-        else
-            *lo = a > c ? a : c, *hi = b > d ? b : d;
+        if (i->op == OP_imin) *lo = a < c ? a : c, *hi = b < d ? b : d;
+        else *lo = a > c ? a : c, *hi = b > d ? b : d;
         return true;
     case OP_iand:
         if (!range(i->args[1], &c, &d, depth + 1) || c != d || c < 0) return false;
@@ -361,11 +313,8 @@ static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth) {
         if (i->args[1]->op != OP_consti || (int32_t)i->args[1]->imm.i <= 0) return false;
         *lo = 0, *hi = (int32_t)i->args[1]->imm.i - 1;
         return true;
-    default:
-        return false;
+    default: return false;
     }
 }
 
-bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi) {
-    return range(i, lo, hi, 0);
-}
+bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi) { return range(i, lo, hi, 0); }

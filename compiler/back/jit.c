@@ -43,9 +43,7 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         uint32_t w[8] = {i->op, i->type, i->nargs, i->nregions};
         const LoopInfo *loop = &i->imm.loop;
         switch (i->op) {
-        case OP_loop:
-            w[4] = loop->max_iters, w[5] = loop->exact, w[6] = loop->cull, w[7] = loop->cull_id;
-            break;
+        case OP_loop: w[4] = loop->max_iters, w[5] = loop->exact, w[6] = loop->cull, w[7] = loop->cull_id; break;
         case OP_print:
             w[4] = i->imm.text.len;
             XXH3_128bits_update(state, i->imm.text.text, i->imm.text.len);
@@ -54,15 +52,9 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_param:
         case OP_iparam:
         case OP_dparam:
-        case OP_adj:
-            w[4] = i->imm.slot.base, w[5] = i->imm.slot.count;
-            break;
-        case OP_alloc:
-            w[4] = i->imm.arr.count, w[5] = i->imm.arr.elem;
-            break;
-        case OP_fieldop:
-            w[4] = i->imm.field.field, w[5] = i->imm.field.what, w[6] = i->imm.field.base;
-            break;
+        case OP_adj: w[4] = i->imm.slot.base, w[5] = i->imm.slot.count; break;
+        case OP_alloc: w[4] = i->imm.arr.count, w[5] = i->imm.arr.elem; break;
+        case OP_fieldop: w[4] = i->imm.field.field, w[5] = i->imm.field.what, w[6] = i->imm.field.base; break;
         case OP_constf:
         case OP_consti:
         case OP_constb:
@@ -71,11 +63,8 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_proj:
         case OP_window:
         case OP_arg:
-        case OP_count:
-            memcpy(w + 4, &i->imm.i, sizeof i->imm.i);
-            break;
-        default:
-            break;
+        case OP_count: memcpy(w + 4, &i->imm.i, sizeof i->imm.i); break;
+        default: break;
         }
         XXH3_128bits_update(state, w, sizeof w);
         *len += sizeof w;
@@ -133,9 +122,7 @@ static CompiledModule *new_module(const KernelRequest *k, uint32_t n, uint32_t w
 }
 
 /* The payload of a cache entry: one instruction count a kernel, padding to 8 bytes, the object. */
-static size_t object_offset(uint32_t n) {
-    return ((size_t)n * 4 + 7) & ~(size_t)7;
-}
+static size_t object_offset(uint32_t n) { return ((size_t)n * 4 + 7) & ~(size_t)7; }
 
 static bool adopt(CompiledModule *m, const unsigned char *payload, size_t size, const char **why) {
     size_t at = object_offset(m->n);
@@ -246,9 +233,7 @@ SltKernel *back_kernel(const CompiledModule *m, const char *name) {
     return j < 0 ? NULL : m->kernels[j];
 }
 
-uint32_t back_width(const CompiledModule *m) {
-    return m->width;
-}
+uint32_t back_width(const CompiledModule *m) { return m->width; }
 
 uint32_t back_instructions(const CompiledModule *m, const char *name) {
     int j = find(m, name);

@@ -98,9 +98,7 @@ static bool read_headers(Loading *l) {
     return l->sym ? true : bad(l, "no symbols");
 }
 
-static bool loads(const Elf64_Shdr *s) {
-    return (s->sh_flags & SHF_ALLOC) && s->sh_type != SHT_NULL && s->sh_size;
-}
+static bool loads(const Elf64_Shdr *s) { return (s->sh_flags & SHF_ALLOC) && s->sh_type != SHT_NULL && s->sh_size; }
 
 static bool place_sections(Loading *l) {
     uint64_t page = (uint64_t)sysconf(_SC_PAGESIZE), at = 0;
@@ -175,22 +173,17 @@ static bool relocate_one(Loading *l, const Elf64_Rela *r, uint32_t section) {
     uint64_t to = (uintptr_t)target + (uint64_t)r->r_addend, here = (uintptr_t)where;
     int64_t value;
     switch (type) {
-    case R_X86_64_64:
-        value = (int64_t)to;
-        break;
+    case R_X86_64_64: value = (int64_t)to; break;
     case R_X86_64_PC32:
     case R_X86_64_PLT32:
-    case R_X86_64_PC64:
-        value = (int64_t)(to - here);
-        break;
+    case R_X86_64_PC64: value = (int64_t)(to - here); break;
     case R_X86_64_GOTPCREL:
     case R_X86_64_GOTPCRELX:
     case R_X86_64_REX_GOTPCRELX:
         if (!is_external) return bad(l, "unexpected relocation");
         value = (int64_t)(to + 8 - here);
         break;
-    default:
-        return bad(l, "unsupported relocation");
+    default: return bad(l, "unsupported relocation");
     }
     if (bytes == 4 && value != (int32_t)value) return bad(l, "relocation out of range");
     memcpy(where, &value, bytes);

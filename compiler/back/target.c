@@ -21,25 +21,17 @@ static void set(Target *t, const char *cpu, uint32_t bytes, bool fma) {
 }
 
 static void set_host(Target *t) {
-    if (host_has(4))
-        set(t, "x86-64-v4", 64, true);
-    else if (host_has(3))
-        set(t, "x86-64-v3", 32, true);
-    else
-        set(t, "x86-64", 16, false);
+    if (host_has(4)) set(t, "x86-64-v4", 64, true);
+    else if (host_has(3)) set(t, "x86-64-v3", 32, true);
+    else set(t, "x86-64", 16, false);
 }
 
 bool target_named(Target *t, const char *name) {
-    if (!strcmp(name, "sse2"))
-        set(t, "x86-64", 16, false);
-    else if (!strcmp(name, "avx2"))
-        set(t, "x86-64-v3", 32, true);
-    else if (!strcmp(name, "avx512"))
-        set(t, "x86-64-v4", 64, true);
-    else if (!strcmp(name, "native"))
-        set_host(t);
-    else
-        return false;
+    if (!strcmp(name, "sse2")) set(t, "x86-64", 16, false);
+    else if (!strcmp(name, "avx2")) set(t, "x86-64-v3", 32, true);
+    else if (!strcmp(name, "avx512")) set(t, "x86-64-v4", 64, true);
+    else if (!strcmp(name, "native")) set_host(t);
+    else return false;
     return true;
 }
 
@@ -51,9 +43,7 @@ void target_host(Target *t) {
     if (wanted && target_named(&narrow, wanted) && narrow.vector_bytes <= t->vector_bytes) *t = narrow;
 }
 
-const char *back_llvm_version(void) {
-    return LLVM_VERSION_STRING;
-}
+const char *back_llvm_version(void) { return LLVM_VERSION_STRING; }
 
 /* ---- the default width */
 static uint32_t count_insts(const Block *b) {
@@ -65,8 +55,9 @@ static uint32_t count_insts(const Block *b) {
     return n;
 }
 
-/* Two vectors a value hide the latency of one: 1.1 to 1.9 times faster on every kernel measured, also where half of the values spill (ray
- * marchers, their reverse sweeps), on all three targets. Not where compiling twice the code would cost more than it gains. */
+/* Two vectors a value hide the latency of one: 1.1 to 1.9 times faster on every kernel measured, also where half of the
+ * values spill (ray marchers, their reverse sweeps), on all three targets. Not where compiling twice the code would
+ * cost more than it gains. */
 uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t) {
     enum { LARGE = 4096 };
     uint32_t bytes = 4, most = 0;

@@ -23,9 +23,7 @@ static void mark_if(Analysis *a, Inst *i, bool varying) {
         mark(a, i, BACK_VARYING);
 }
 
-static bool varies(const Inst *i) {
-    return i->flags & BACK_VARYING;
-}
+static bool varies(const Inst *i) { return i->flags & BACK_VARYING; }
 
 bool back_diverges_between(const Block *inner, const Block *outer) {
     for (const Block *b = inner; b != outer && b->owner; b = b->owner->block)
@@ -100,11 +98,8 @@ static void visit_proj(Analysis *a, Inst *i) {
         mark_if(a, i,
                 parts || varies(ir_yield_of(s->region[0])->args[r + 1]) || (s->imm.loop.cull && varies(s->args[r])));
         break;
-    case OP_revloop:
-        mark_if(a, i, varies(s->region[0]->params[s->region[0]->nparams - (s->nargs - 1) + r]));
-        break;
-    default:
-        mark(a, i, BACK_VARYING);
+    case OP_revloop: mark_if(a, i, varies(s->region[0]->params[s->region[0]->nparams - (s->nargs - 1) + r])); break;
+    default: mark(a, i, BACK_VARYING);
     }
 }
 
@@ -120,44 +115,27 @@ static void visit(Analysis *a, Fn *fn, Block *b, bool masked) {
         case OP_arg:
         case OP_count:
         case OP_print:
-        case OP_adj:
-            break;
-        case OP_input:
-            mark_if(a, i, i->imm.i < IN_VARYING_COUNT);
-            break;
+        case OP_adj: break;
+        case OP_input: mark_if(a, i, i->imm.i < IN_VARYING_COUNT); break;
         case OP_store:
             mark_if(a, i->args[0],
                     varies(i->args[1]) || varies(i->args[2]) || back_diverges_between(b, i->args[0]->block));
             break;
-        case OP_acopy:
-            mark_if(a, i->args[0], varies(i->args[1]) || back_diverges_between(b, i->args[0]->block));
-            break;
+        case OP_acopy: mark_if(a, i->args[0], varies(i->args[1]) || back_diverges_between(b, i->args[0]->block)); break;
         case OP_detach:
         case OP_site:
         case OP_siten:
-        case OP_partner:
-            mark_if(a, i, varies(i->args[0]));
-            break;
-        case OP_both:
-            mark_if(a, i, masked);
-            break;
-        case OP_tapepush:
-            note_push(a, fn, i, masked);
-            break;
+        case OP_partner: mark_if(a, i, varies(i->args[0])); break;
+        case OP_both: mark_if(a, i, masked); break;
+        case OP_tapepush: note_push(a, fn, i, masked); break;
         case OP_if_:
             if (varies(i->args[0])) mark(a, i, BACK_DIVERGES);
             visit(a, fn, i->region[0], masked || (i->flags & BACK_DIVERGES));
             visit(a, fn, i->region[1], masked || (i->flags & BACK_DIVERGES));
             break;
-        case OP_loop:
-            visit_loop(a, fn, i, masked);
-            break;
-        case OP_revloop:
-            visit_revloop(a, fn, i, masked);
-            break;
-        case OP_proj:
-            visit_proj(a, i);
-            break;
+        case OP_loop: visit_loop(a, fn, i, masked); break;
+        case OP_revloop: visit_revloop(a, fn, i, masked); break;
+        case OP_proj: visit_proj(a, i); break;
         default:
             for (uint32_t j = 0; j < i->nargs; j++) mark_if(a, i, varies(i->args[j]));
         }
