@@ -14,13 +14,9 @@ enum { CHUNK_MIN = 1 << 16, CHUNK_MAX = 1 << 20, ALIGN = 16 };
 
 _Static_assert(sizeof(ArenaChunk) % ALIGN == 0, "chunk data must be aligned");
 
-static char *chunk_data(ArenaChunk *c) {
-    return (char *)(c + 1);
-}
+static char *chunk_data(ArenaChunk *c) { return (char *)(c + 1); }
 
-void arena_init(Arena *a, const char *name, ArenaBudget *budget) {
-    *a = (Arena){.name = name, .budget = budget};
-}
+void arena_init(Arena *a, const char *name, ArenaBudget *budget) { *a = (Arena){.name = name, .budget = budget}; }
 
 static void free_chunk(Arena *a, ArenaChunk *c) {
     a->budget->used -= c->size + sizeof *c;
@@ -98,9 +94,7 @@ char *arena_printf(Arena *a, const char *fmt, ...) {
     return p;
 }
 
-ArenaMark arena_mark(Arena *a) {
-    return (ArenaMark){a->head, a->head ? a->head->used : 0};
-}
+ArenaMark arena_mark(Arena *a) { return (ArenaMark){a->head, a->head ? a->head->used : 0}; }
 
 void arena_reset(Arena *a, ArenaMark mark) {
     while (a->head != mark.head) {

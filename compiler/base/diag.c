@@ -61,9 +61,7 @@ void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) {
     *end = note;
 }
 
-const char *diag_code_name(DiagCode code) {
-    return rows[code].code;
-}
+const char *diag_code_name(DiagCode code) { return rows[code].code; }
 
 const char *diag_explain(const char *code, Severity *severity, const char **title) {
     for (int i = 0; i < DIAG_COUNT; i++) {
@@ -81,10 +79,8 @@ uint32_t source_line(const Source *src, uint32_t pos) {
     uint32_t lo = 0, hi = src->nlines;
     while (hi - lo > 1) {
         uint32_t mid = lo + (hi - lo) / 2;
-        if (src->lines[mid] <= pos)
-            lo = mid;
-        else
-            hi = mid;
+        if (src->lines[mid] <= pos) lo = mid;
+        else hi = mid;
     }
     return lo;
 }

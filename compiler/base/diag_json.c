@@ -15,14 +15,10 @@ static void put_string(FILE *out, const char *text) {
     for (size_t i = 0; i < len;) {
         uint32_t code;
         i += utf8_decode(text + i, len - i, &code);
-        if (code == '"' || code == '\\')
-            fprintf(out, "\\%c", (int)code);
-        else if (code == '\n')
-            fputs("\\n", out);
-        else if (code == '\t')
-            fputs("\\t", out);
-        else if (code < 0x20 || code == 0x7F)
-            fprintf(out, "\\u%04x", code);
+        if (code == '"' || code == '\\') fprintf(out, "\\%c", (int)code);
+        else if (code == '\n') fputs("\\n", out);
+        else if (code == '\t') fputs("\\t", out);
+        else if (code < 0x20 || code == 0x7F) fprintf(out, "\\u%04x", code);
         else {
             char bytes[4];
             fwrite(bytes, 1, (size_t)utf8_encode(code, bytes), out);
@@ -35,8 +31,7 @@ static void put_escaped(FILE *out, const char *path) {
     for (; *path; path++) {
         if (strchr("/-._~", *path) || (*path >= '0' && *path <= '9') || ((*path | 32) >= 'a' && (*path | 32) <= 'z'))
             fputc(*path, out);
-        else
-            fprintf(out, "%%%02X", (unsigned char)*path);
+        else fprintf(out, "%%%02X", (unsigned char)*path);
     }
 }
 
@@ -49,8 +44,7 @@ static void put_uri(FILE *out, const char *path) {
         put_escaped(out, path[0] == '-' ? "stdin" : path);
     } else {
         fputs("file://", out);
-        if (realpath(path, full))
-            path = full;
+        if (realpath(path, full)) path = full;
         else if (path[0] != '/' && getcwd(full, sizeof full)) {
             put_escaped(out, full);
             fputc('/', out);

@@ -33,10 +33,8 @@ static void put_text(FILE *out, const char *text) {
     for (size_t i = 0; i < len;) {
         uint32_t code;
         i += utf8_decode(text + i, len - i, &code);
-        if (code == '\n')
-            fputc('\n', out);
-        else
-            put_code(out, code);
+        if (code == '\n') fputc('\n', out);
+        else put_code(out, code);
     }
 }
 
@@ -91,10 +89,8 @@ static void put_excerpt(FILE *out, const Source *src, Span span, const Colours *
             if (caret < 0) caret = col;
             carets = col + w - caret;
         }
-        if (code == '\t')
-            fprintf(out, "%*s", w, "");
-        else
-            put_code(out, code);
+        if (code == '\t') fprintf(out, "%*s", w, "");
+        else put_code(out, code);
         col += w;
         at += n;
     }

@@ -61,9 +61,7 @@ const char *intern(Session *s, const char *text, size_t len) {
 
 enum { SUGGEST_MAX = 48 };
 
-static char lower(char c) {
-    return c >= 'A' && c <= 'Z' ? (char)(c + 32) : c;
-}
+static char lower(char c) { return c >= 'A' && c <= 'Z' ? (char)(c + 32) : c; }
 
 /* Twice the Damerau-Levenshtein distance (adjacent swaps count as one edit); a difference of case costs half an edit.
  */

@@ -139,10 +139,8 @@ int session_add_text(Session *s, const char *shown_path, const char *dir, const 
 
 static void add_file_body(Session *s, void *arg) {
     AddArgs *a = arg;
-    if (a->error)
-        a->why = arena_printf(&s->session, "%s", strerror(a->error));
-    else
-        a->result = add_source(s, a->path, strcmp(a->path, "-") ? folder_of(s, a->path) : ".", a->text, a->len);
+    if (a->error) a->why = arena_printf(&s->session, "%s", strerror(a->error));
+    else a->result = add_source(s, a->path, strcmp(a->path, "-") ? folder_of(s, a->path) : ".", a->text, a->len);
 }
 
 /* Reads at most SOURCE_MAX + 1 bytes, so that a device or a pipe without an end is a limit and not a hang. Returns an
@@ -170,10 +168,8 @@ int session_add_file(Session *s, const char *path, const char **why) {
     bool standard_input = !strcmp(path, "-");
     errno = 0;
     FILE *f = standard_input ? stdin : fopen(path, "rb");
-    if (f)
-        a.error = read_all(f, &text, &a.len);
-    else
-        a.error = errno ? errno : EIO;
+    if (f) a.error = read_all(f, &text, &a.len);
+    else a.error = errno ? errno : EIO;
     if (f && !standard_input) fclose(f);
     a.text = text;
     int status = session_protect(s, add_file_body, &a);
