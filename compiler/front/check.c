@@ -52,26 +52,18 @@ Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func) {
     c->at = (Context){.scope = scope, .func = func};
     return old;
 }
-void context_leave(Checker *c, Context old) {
-    c->at = old;
-}
+void context_leave(Checker *c, Context old) { c->at = old; }
 
 /* ---- file scope */
 
 const char *decl_what(const Decl *d) {
     switch (d->kind) {
-    case DECL_ERROR:
-        break;
-    case DECL_CONST:
-        return "constant";
-    case DECL_PARAM:
-        return "parameter";
-    case DECL_FUNC:
-        return d->funcs[0]->is_shader ? "shader" : "function";
-    case DECL_STRUCT:
-        return "struct";
-    case DECL_TYPEDEF:
-        return "type";
+    case DECL_ERROR: break;
+    case DECL_CONST: return "constant";
+    case DECL_PARAM: return "parameter";
+    case DECL_FUNC: return d->funcs[0]->is_shader ? "shader" : "function";
+    case DECL_STRUCT: return "struct";
+    case DECL_TYPEDEF: return "type";
     }
     return "name";
 }
@@ -82,9 +74,7 @@ ModuleScope *scope_of(Checker *c, const Module *m) {
     ice(c->s, "module %s is not loaded", m->name);
 }
 
-FuncInfo *func_info(Checker *c, const Func *f) {
-    return &c->info[f->check_state - 1];
-}
+FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
 
 static bool is_language_name(Checker *c, const char *name) {
     return map_get(&c->builtin_funcs, name) || name == c->name_len || name == c->name_pi || name == c->name_tau ||
@@ -105,10 +95,8 @@ Decl *scope_find(Checker *c, const char *name, Span use) {
     for (uint32_t i = 0; i < scope->nimports; i++) {
         Decl *found = map_get(&scope->imports[i]->names, name);
         if (!found) continue;
-        if (!d)
-            d = found;
-        else if (!other)
-            other = found;
+        if (!d) d = found;
+        else if (!other) other = found;
     }
     if (!d && name_lost(c, name) && !is_language_name(c, name)) return &c->poison;
     if (!d && scope->incomplete && !is_language_name(c, name))
@@ -461,14 +449,15 @@ static bool syntax_error_in(const Checker *c, const Func *f) {
     for (const Diag *d = c->s->diags; d; d = d->next)
         if (d->severity == SEV_ERROR && d->span.file == f->name_span.file) {
             bool inside = d->span.pos >= f->name_span.pos && d->span.pos <= end;
-            if (d->code == DIAG_unbalanced || (inside && (d->code == DIAG_unknown_type || !strncmp(diag_code_name(d->code), "E00", 3)))) return true;
+            if (d->code == DIAG_unbalanced ||
+                (inside && (d->code == DIAG_unknown_type || !strncmp(diag_code_name(d->code), "E00", 3))))
+                return true;
         }
     return false;
 }
 
 static void check_function(Checker *c, Func *f) {
-    if (f->is_shader)
-        check_shader(c, f);
+    if (f->is_shader) check_shader(c, f);
     else if (f->has_domain)
         diag_emit(c->s, DIAG_attr_misplaced, f->domain_span, "Domain", "a function that is no shader");
     if (f->tangent_name) check_tangent(c, f);

@@ -102,8 +102,7 @@ static void report_single(Checker *c, Expr *e, const Func *f) {
             else if (is_resource(formal->type) || is_resource(arg->type) || is_aggregate(formal->type) ||
                      is_aggregate(arg->type))
                 d = diag_emit(c->s, DIAG_cannot_convert, arg->span, arg->type->name, formal->type->name, "");
-            else
-                convert(c, arg, formal->type, CONV_NARROW);
+            else convert(c, arg, formal->type, CONV_NARROW);
             if (d) diag_note(c->s, d, f->name_span, "`%s` is declared here", func_text(c, f));
         }
         return;
@@ -163,47 +162,29 @@ static Expr *bad_builtin(Checker *c, Expr *e, const char *name, Span at, const c
 
 static Type *fixed_type(Checker *c, char letter) {
     switch (letter) {
-    case 'f':
-        return c->t_float;
-    case 'i':
-        return c->t_int;
-    case 'u':
-        return c->t_uint;
-    case 'b':
-        return c->t_bool;
-    case '2':
-        return type_vector(c->s, T_FLOAT, 2);
-    case '3':
-        return type_vector(c->s, T_FLOAT, 3);
-    case 'w':
-        return type_vector(c->s, T_UINT, 2);
-    case 'W':
-        return type_vector(c->s, T_UINT, 3);
-    case 'x':
-        return type_vector(c->s, T_INT, 2);
-    default:
-        return NULL;
+    case 'f': return c->t_float;
+    case 'i': return c->t_int;
+    case 'u': return c->t_uint;
+    case 'b': return c->t_bool;
+    case '2': return type_vector(c->s, T_FLOAT, 2);
+    case '3': return type_vector(c->s, T_FLOAT, 3);
+    case 'w': return type_vector(c->s, T_UINT, 2);
+    case 'W': return type_vector(c->s, T_UINT, 3);
+    case 'x': return type_vector(c->s, T_INT, 2);
+    default: return NULL;
     }
 }
 
 static const char *letter_text(char letter) {
     switch (letter) {
-    case 'F':
-        return "floats or float vectors of one size";
-    case 'N':
-        return "numbers or vectors of one size";
-    case 'I':
-        return "integers or integer vectors of one size";
-    case 'B':
-        return "bools or a bool vector";
-    case 'v':
-        return "float vectors of one size";
-    case 'm':
-        return "a matrix";
-    case '3':
-        return "float3";
-    default:
-        return "other arguments";
+    case 'F': return "floats or float vectors of one size";
+    case 'N': return "numbers or vectors of one size";
+    case 'I': return "integers or integer vectors of one size";
+    case 'B': return "bools or a bool vector";
+    case 'v': return "float vectors of one size";
+    case 'm': return "a matrix";
+    case '3': return "float3";
+    default: return "other arguments";
     }
 }
 
@@ -341,23 +322,18 @@ static Expr *check_builtin(Checker *c, Expr *e, Builtin b) {
     uint32_t want = b == B_select ? 3 : b == B_mul ? 2 : 1;
     if (e->nargs != want) return bad_count(c, e, builtin_names[b], want);
     switch (b) {
-    case B_select:
-        return check_select(c, e);
-    case B_mul:
-        return check_mul(c, e);
+    case B_select: return check_select(c, e);
+    case B_mul: return check_mul(c, e);
     case B_asuint:
-    case B_asfloat:
-        return check_bits(c, e, b);
-    case B_hash:
-        return check_hash(c, e);
+    case B_asfloat: return check_bits(c, e, b);
+    case B_hash: return check_hash(c, e);
     case B_detach:
         if (is_aggregate(e->args[0]->type))
             return bad_builtin(c, e, "detach", e->op_span, "a scalar, vector or matrix");
         e->kind = E_BUILTIN;
         e->builtin = b;
         return finish(c, e, e->args[0]->type);
-    default:
-        ice(c->s, "builtin %s is special and unknown", builtin_names[b]);
+    default: ice(c->s, "builtin %s is special and unknown", builtin_names[b]);
     }
 }
 
@@ -372,16 +348,13 @@ Expr *check_call(Checker *c, Expr *e) {
     }
     Decl *d = scope_find(c, e->name, e->op_span);
     if (d) switch (d->kind) {
-        case DECL_FUNC:
-            return check_user_call(c, e, d);
+        case DECL_FUNC: return check_user_call(c, e, d);
         case DECL_STRUCT:
         case DECL_TYPEDEF: {
             TypeRef ref = {.name = e->name, .span = e->op_span};
             return check_construct(c, e, resolve_type(c, &ref, false, CHECK_MAX_ARRAY));
         }
-        case DECL_ERROR:
-            check_args(c, e, true);
-            return fail(c, e);
+        case DECL_ERROR: check_args(c, e, true); return fail(c, e);
         case DECL_CONST:
         case DECL_PARAM: {
             check_args(c, e, true);

@@ -34,61 +34,29 @@ static void convert_component(ConstVal *to, TypeKind kt, const ConstVal *from, T
 
 static bool fold_float(Operator op, double a, double b, double *r) {
     switch (op) {
-    case OPR_ADD:
-        *r = a + b;
-        return true;
-    case OPR_SUB:
-        *r = a - b;
-        return true;
-    case OPR_MUL:
-        *r = a * b;
-        return true;
-    case OPR_DIV:
-        *r = a / b;
-        return true;
-    case OPR_MOD:
-        *r = fmod(a, b);
-        return true;
-    default:
-        return false;
+    case OPR_ADD: *r = a + b; return true;
+    case OPR_SUB: *r = a - b; return true;
+    case OPR_MUL: *r = a * b; return true;
+    case OPR_DIV: *r = a / b; return true;
+    case OPR_MOD: *r = fmod(a, b); return true;
+    default: return false;
     }
 }
 
 static bool fold_int(Operator op, TypeKind k, int64_t a, int64_t b, int64_t *out) {
     int64_t r;
     switch (op) {
-    case OPR_ADD:
-        r = a + b;
-        break;
-    case OPR_SUB:
-        r = a - b;
-        break;
-    case OPR_MUL:
-        r = (int64_t)((uint64_t)a * (uint64_t)b);
-        break;
-    case OPR_DIV:
-        r = b ? a / b : 0;
-        break;
-    case OPR_MOD:
-        r = b ? a % b : 0;
-        break;
-    case OPR_AND:
-        r = a & b;
-        break;
-    case OPR_OR:
-        r = a | b;
-        break;
-    case OPR_XOR:
-        r = a ^ b;
-        break;
-    case OPR_SHL:
-        r = (int64_t)((uint64_t)a << (b & 31));
-        break;
-    case OPR_SHR:
-        r = a >> (b & 31);
-        break;
-    default:
-        return false;
+    case OPR_ADD: r = a + b; break;
+    case OPR_SUB: r = a - b; break;
+    case OPR_MUL: r = (int64_t)((uint64_t)a * (uint64_t)b); break;
+    case OPR_DIV: r = b ? a / b : 0; break;
+    case OPR_MOD: r = b ? a % b : 0; break;
+    case OPR_AND: r = a & b; break;
+    case OPR_OR: r = a | b; break;
+    case OPR_XOR: r = a ^ b; break;
+    case OPR_SHL: r = (int64_t)((uint64_t)a << (b & 31)); break;
+    case OPR_SHR: r = a >> (b & 31); break;
+    default: return false;
     }
     *out = const_wrap(k, r);
     return true;
@@ -104,26 +72,13 @@ static bool fold_compare(Operator op, TypeKind k, const ConstVal *a, const Const
         lt = x < y, eq = x == y, gt = x > y;
     }
     switch (op) {
-    case OPR_EQ:
-        *r = eq;
-        return true;
-    case OPR_NE:
-        *r = !eq;
-        return true;
-    case OPR_LT:
-        *r = lt;
-        return true;
-    case OPR_LE:
-        *r = lt || eq;
-        return true;
-    case OPR_GT:
-        *r = gt;
-        return true;
-    case OPR_GE:
-        *r = gt || eq;
-        return true;
-    default:
-        return false;
+    case OPR_EQ: *r = eq; return true;
+    case OPR_NE: *r = !eq; return true;
+    case OPR_LT: *r = lt; return true;
+    case OPR_LE: *r = lt || eq; return true;
+    case OPR_GT: *r = gt; return true;
+    case OPR_GE: *r = gt || eq; return true;
+    default: return false;
     }
 }
 
@@ -174,31 +129,20 @@ static bool fold_unary(Expr *e) {
     const ConstVal *a = &e->a[0]->cval;
     for (uint32_t i = 0; i < e->cval.n; i++) {
         switch (e->op) {
-        case OPR_PLUS:
-            e->cval.v[i] = a->v[i];
-            break;
+        case OPR_PLUS: e->cval.v[i] = a->v[i]; break;
         case OPR_NEG:
-            if (k == T_FLOAT)
-                e->cval.v[i].f = -a->v[i].f;
-            else
-                e->cval.v[i].i = const_wrap(k, -a->v[i].i);
+            if (k == T_FLOAT) e->cval.v[i].f = -a->v[i].f;
+            else e->cval.v[i].i = const_wrap(k, -a->v[i].i);
             break;
-        case OPR_NOT:
-            e->cval.v[i].i = !a->v[i].i;
-            break;
-        case OPR_COMPL:
-            e->cval.v[i].i = const_wrap(k, ~a->v[i].i);
-            break;
-        default:
-            return false;
+        case OPR_NOT: e->cval.v[i].i = !a->v[i].i; break;
+        case OPR_COMPL: e->cval.v[i].i = const_wrap(k, ~a->v[i].i); break;
+        default: return false;
         }
     }
     return true;
 }
 
-static double sign_of(double a) {
-    return (a > 0) - (a < 0);
-}
+static double sign_of(double a) { return (a > 0) - (a < 0); }
 static double smoothstep(double lo, double hi, double v) {
     double t = (v - lo) / (hi - lo);
     t = t < 0 ? 0 : t > 1 ? 1 : t;
@@ -208,137 +152,59 @@ static double smoothstep(double lo, double hi, double v) {
 /* Component-wise builtins of floats. */
 static bool fold_builtin_float(Builtin f, double a, double b, double x, double *r) {
     switch (f) {
-    case B_abs:
-        *r = fabs(a);
-        return true;
-    case B_sign:
-        *r = sign_of(a);
-        return true;
-    case B_floor:
-        *r = floor(a);
-        return true;
-    case B_ceil:
-        *r = ceil(a);
-        return true;
-    case B_round:
-        *r = rint(a);
-        return true;
-    case B_trunc:
-        *r = trunc(a);
-        return true;
-    case B_frac:
-        *r = a - floor(a);
-        return true;
-    case B_fmod:
-        *r = fmod(a, b);
-        return true;
-    case B_min:
-        *r = b < a ? b : a;
-        return true;
-    case B_max:
-        *r = a < b ? b : a;
-        return true;
+    case B_abs: *r = fabs(a); return true;
+    case B_sign: *r = sign_of(a); return true;
+    case B_floor: *r = floor(a); return true;
+    case B_ceil: *r = ceil(a); return true;
+    case B_round: *r = rint(a); return true;
+    case B_trunc: *r = trunc(a); return true;
+    case B_frac: *r = a - floor(a); return true;
+    case B_fmod: *r = fmod(a, b); return true;
+    case B_min: *r = b < a ? b : a; return true;
+    case B_max: *r = a < b ? b : a; return true;
     case B_clamp:
         a = a < b ? b : a;
         *r = x < a ? x : a;
         return true;
-    case B_saturate:
-        *r = a < 0 ? 0 : 1 < a ? 1 : a;
-        return true;
-    case B_lerp:
-        *r = a + (b - a) * x;
-        return true;
-    case B_step:
-        *r = b >= a;
-        return true;
-    case B_smoothstep:
-        *r = smoothstep(a, b, x);
-        return true;
-    case B_sqrt:
-        *r = sqrt(a);
-        return true;
-    case B_rsqrt:
-        *r = 1 / sqrt(a);
-        return true;
-    case B_cbrt:
-        *r = cbrt(a);
-        return true;
-    case B_pow:
-        *r = pow(a, b);
-        return true;
-    case B_exp:
-        *r = exp(a);
-        return true;
-    case B_exp2:
-        *r = exp2(a);
-        return true;
-    case B_log:
-        *r = log(a);
-        return true;
-    case B_log2:
-        *r = log2(a);
-        return true;
-    case B_sin:
-        *r = sin(a);
-        return true;
-    case B_cos:
-        *r = cos(a);
-        return true;
-    case B_tan:
-        *r = tan(a);
-        return true;
-    case B_asin:
-        *r = asin(a);
-        return true;
-    case B_acos:
-        *r = acos(a);
-        return true;
-    case B_atan:
-        *r = atan(a);
-        return true;
-    case B_atan2:
-        *r = atan2(a, b);
-        return true;
-    case B_sinh:
-        *r = sinh(a);
-        return true;
-    case B_cosh:
-        *r = cosh(a);
-        return true;
-    case B_tanh:
-        *r = tanh(a);
-        return true;
-    case B_erf:
-        *r = erf(a);
-        return true;
-    case B_fma:
-        *r = fma(a, b, x);
-        return true;
-    default:
-        return false;
+    case B_saturate: *r = a < 0 ? 0 : 1 < a ? 1 : a; return true;
+    case B_lerp: *r = a + (b - a) * x; return true;
+    case B_step: *r = b >= a; return true;
+    case B_smoothstep: *r = smoothstep(a, b, x); return true;
+    case B_sqrt: *r = sqrt(a); return true;
+    case B_rsqrt: *r = 1 / sqrt(a); return true;
+    case B_cbrt: *r = cbrt(a); return true;
+    case B_pow: *r = pow(a, b); return true;
+    case B_exp: *r = exp(a); return true;
+    case B_exp2: *r = exp2(a); return true;
+    case B_log: *r = log(a); return true;
+    case B_log2: *r = log2(a); return true;
+    case B_sin: *r = sin(a); return true;
+    case B_cos: *r = cos(a); return true;
+    case B_tan: *r = tan(a); return true;
+    case B_asin: *r = asin(a); return true;
+    case B_acos: *r = acos(a); return true;
+    case B_atan: *r = atan(a); return true;
+    case B_atan2: *r = atan2(a, b); return true;
+    case B_sinh: *r = sinh(a); return true;
+    case B_cosh: *r = cosh(a); return true;
+    case B_tanh: *r = tanh(a); return true;
+    case B_erf: *r = erf(a); return true;
+    case B_fma: *r = fma(a, b, x); return true;
+    default: return false;
     }
 }
 
 static bool fold_builtin_int(Builtin f, TypeKind k, int64_t a, int64_t b, int64_t x, int64_t *r) {
     switch (f) {
-    case B_abs:
-        *r = const_wrap(k, a < 0 ? -a : a);
-        return true;
-    case B_sign:
-        *r = (a > 0) - (a < 0);
-        return true;
-    case B_min:
-        *r = b < a ? b : a;
-        return true;
-    case B_max:
-        *r = a < b ? b : a;
-        return true;
+    case B_abs: *r = const_wrap(k, a < 0 ? -a : a); return true;
+    case B_sign: *r = (a > 0) - (a < 0); return true;
+    case B_min: *r = b < a ? b : a; return true;
+    case B_max: *r = a < b ? b : a; return true;
     case B_clamp:
         a = a < b ? b : a;
         *r = x < a ? x : a;
         return true;
-    default:
-        return false;
+    default: return false;
     }
 }
 
@@ -393,12 +259,8 @@ static bool fold_special(Expr *e) {
                         : e->builtin == B_isinf ? isinf(a->v[i].f) != 0
                                                 : isfinite(a->v[i].f) != 0;
         return true;
-    case B_dot:
-        r->v[0].f = dot(a, b);
-        return true;
-    case B_length:
-        r->v[0].f = sqrt(dot(a, a));
-        return true;
+    case B_dot: r->v[0].f = dot(a, b); return true;
+    case B_length: r->v[0].f = sqrt(dot(a, a)); return true;
     case B_distance: {
         ConstVal d = *a;
         for (uint32_t i = 0; i < d.n; i++) d.v[i].f -= b->v[i].f;
@@ -439,12 +301,8 @@ static bool fold_special(Expr *e) {
         for (uint32_t i = 0; i < ta->n; i++)
             for (uint32_t j = 0; j < ta->n; j++) r->v[i * ta->n + j] = a->v[j * ta->n + i];
         return true;
-    case B_determinant:
-        r->v[0].f = invert(a, ta->n, NULL);
-        return true;
-    case B_inverse:
-        invert(a, ta->n, r);
-        return true;
+    case B_determinant: r->v[0].f = invert(a, ta->n, NULL); return true;
+    case B_inverse: invert(a, ta->n, r); return true;
     case B_asuint:
         for (uint32_t i = 0; i < r->n; i++) {
             float f = (float)a->v[i].f;
@@ -461,11 +319,8 @@ static bool fold_special(Expr *e) {
             r->v[i].f = f;
         }
         return true;
-    case B_detach:
-        *r = *a;
-        return true;
-    default:
-        return false;
+    case B_detach: *r = *a; return true;
+    default: return false;
     }
 }
 
@@ -478,12 +333,9 @@ static bool fold_builtin(Expr *e) {
                    *x = e->nargs > 2 ? &e->args[2]->cval : a;
     for (uint32_t i = 0; i < e->cval.n; i++) {
         bool ok;
-        if (e->args[0]->type != e->type)
-            ok = false;
-        else if (k == T_FLOAT)
-            ok = fold_builtin_float(e->builtin, a->v[i].f, b->v[i].f, x->v[i].f, &e->cval.v[i].f);
-        else
-            ok = fold_builtin_int(e->builtin, k, a->v[i].i, b->v[i].i, x->v[i].i, &e->cval.v[i].i);
+        if (e->args[0]->type != e->type) ok = false;
+        else if (k == T_FLOAT) ok = fold_builtin_float(e->builtin, a->v[i].f, b->v[i].f, x->v[i].f, &e->cval.v[i].f);
+        else ok = fold_builtin_int(e->builtin, k, a->v[i].i, b->v[i].i, x->v[i].i, &e->cval.v[i].i);
         if (!ok) return fold_special(e);
     }
     return true;
@@ -512,18 +364,15 @@ static bool fold_pick(Expr *e) {
 static bool fold(Expr *e) {
     switch (e->kind) {
     case E_LITERAL:
-    case E_LEN:
-        return true;
+    case E_LEN: return true;
     case E_NAME:
         if (!e->sym || !(e->sym->kind == SYM_CONST || (e->sym->kind == SYM_LOCAL && e->sym->is_const))) return false;
         if (is_aggregate(e->type)) return e->sym->array_init != NULL;
         if (!e->sym->cval.n) return false;
         e->cval = e->sym->cval;
         return true;
-    case E_UNARY:
-        return e->a[0]->is_const && fold_unary(e);
-    case E_BINARY:
-        return e->a[0]->is_const && e->a[1]->is_const && fold_binary(e);
+    case E_UNARY: return e->a[0]->is_const && fold_unary(e);
+    case E_BINARY: return e->a[0]->is_const && e->a[1]->is_const && fold_binary(e);
     case E_LOGIC:
         if (!e->a[0]->is_const) return false;
         if (e->a[0]->cval.v[0].i == (e->op == OPR_LOR)) {
@@ -538,8 +387,7 @@ static bool fold(Expr *e) {
         e->cval = taken->cval;
         return taken->is_const;
     }
-    case E_BUILTIN:
-        return fold_builtin(e);
+    case E_BUILTIN: return fold_builtin(e);
     case E_CONSTRUCT: {
         uint32_t n = 0;
         for (uint32_t i = 0; i < e->nargs; i++) {
@@ -559,8 +407,7 @@ static bool fold(Expr *e) {
         for (uint32_t i = 0; i < e->cval.n; i++) e->cval.v[i] = e->a[0]->cval.v[0];
         return true;
     case E_INDEX:
-    case E_FIELD:
-        return e->a[0]->is_const && fold_pick(e);
+    case E_FIELD: return e->a[0]->is_const && fold_pick(e);
     case E_SWIZZLE:
         if (!e->a[0]->is_const) return false;
         for (uint32_t i = 0; i < e->nswz; i++) e->cval.v[i] = e->a[0]->cval.v[e->swz[i]];
@@ -574,8 +421,7 @@ static bool fold(Expr *e) {
     case E_INCDEC:
     case E_CALL:
     case E_METHOD:
-    case E_COMMA:
-        return false;
+    case E_COMMA: return false;
     }
     return false;
 }

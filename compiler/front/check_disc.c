@@ -10,9 +10,7 @@ typedef struct Discs {
     Expr **source; /* by Symbol.id: the last comparison that went into it */
 } Discs;
 
-static bool is_float_value(const Type *t) {
-    return t && scalar_kind(t) == T_FLOAT;
-}
+static bool is_float_value(const Type *t) { return t && scalar_kind(t) == T_FLOAT; }
 
 /* A comparison with a boundary or a jumping builtin. */
 static bool is_site(const Expr *e) {
@@ -20,8 +18,7 @@ static bool is_site(const Expr *e) {
     case E_BINARY:
         if (!e->a[0]->type || !is_float_value(e->a[0]->type)) return false;
         return (e->op >= OPR_LT && e->op <= OPR_GE) || e->op == OPR_MOD;
-    case E_ASSIGN:
-        return e->op == OPR_MOD && is_float_value(e->a[0]->type);
+    case E_ASSIGN: return e->op == OPR_MOD && is_float_value(e->a[0]->type);
     case E_CONVERT:
         return e->explicit_cast && is_float_value(e->a[0]->type) &&
                (scalar_kind(e->type) == T_INT || scalar_kind(e->type) == T_UINT);
@@ -35,17 +32,13 @@ static bool is_site(const Expr *e) {
         case B_fmod:
         case B_step:
         case B_atan2:
-        case B_refract:
-            return true;
-        case B_sign:
-            return is_float_value(e->type);
-        default:
-            return false;
+        case B_refract: return true;
+        case B_sign: return is_float_value(e->type);
+        default: return false;
         }
     case E_METHOD:
         return e->method == M_NEAREST || e->method == M_TRACE || e->method == M_OCCLUDED || e->method == M_SILHOUETTE;
-    default:
-        return false;
+    default: return false;
     }
 }
 
@@ -92,10 +85,8 @@ static void remember(Discs *d, Symbol *sym, Expr *value) {
     if (!sym || sym->kind != SYM_LOCAL || !value) return;
     Cover k = {.d = d};
     visit_expr(value, cover, &k);
-    if (k.site)
-        d->source[sym->id] = k.site;
-    else if (k.computed)
-        d->source[sym->id] = k.computed;
+    if (k.site) d->source[sym->id] = k.site;
+    else if (k.computed) d->source[sym->id] = k.computed;
 }
 
 static void remember_assign(Expr *e, void *user) {

@@ -51,16 +51,11 @@ Expr *check_value(Checker *c, Expr *e) {
 
 static Expr *language_constant(Checker *c, Expr *e) {
     double v;
-    if (e->name == c->name_pi)
-        v = 3.14159265358979323846;
-    else if (e->name == c->name_tau)
-        v = 6.28318530717958647692;
-    else if (e->name == c->name_infinity)
-        v = INFINITY;
-    else if (e->name == c->name_epsilon)
-        v = c->opt && c->opt->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
-    else
-        return NULL;
+    if (e->name == c->name_pi) v = 3.14159265358979323846;
+    else if (e->name == c->name_tau) v = 6.28318530717958647692;
+    else if (e->name == c->name_infinity) v = INFINITY;
+    else if (e->name == c->name_epsilon) v = c->opt && c->opt->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
+    else return NULL;
     e->kind = E_LITERAL;
     e->cval.n = 1;
     e->cval.v[0].f = v;
@@ -78,19 +73,13 @@ static Expr *check_name(Checker *c, Expr *e) {
         if (language_constant(c, e)) return e;
         if (map_get(&c->builtin_funcs, e->name) || e->name == c->name_len)
             diag_emit(c->s, DIAG_not_a_value, e->span, e->name, "builtin function");
-        else
-            diag_emit(c->s, DIAG_unknown_name, e->span, e->name, suggest(c, e->name, false));
+        else diag_emit(c->s, DIAG_unknown_name, e->span, e->name, suggest(c, e->name, false));
         return fail(c, e);
     }
     switch (d->kind) {
-    case DECL_ERROR:
-        return fail(c, e);
-    case DECL_CONST:
-        check_const_decl(c, d->sym, scope_of(c, d->module));
-        break;
-    case DECL_PARAM:
-        check_param_decl(c, d->sym, scope_of(c, d->module));
-        break;
+    case DECL_ERROR: return fail(c, e);
+    case DECL_CONST: check_const_decl(c, d->sym, scope_of(c, d->module)); break;
+    case DECL_PARAM: check_param_decl(c, d->sym, scope_of(c, d->module)); break;
     case DECL_FUNC:
     case DECL_STRUCT:
     case DECL_TYPEDEF: {
@@ -181,17 +170,10 @@ static Expr *check_unary(Checker *c, Expr *e) {
     bool ok = false;
     switch (e->op) {
     case OPR_NEG:
-    case OPR_PLUS:
-        ok = k == T_INT || k == T_UINT || k == T_FLOAT;
-        break;
-    case OPR_NOT:
-        ok = k == T_BOOL;
-        break;
-    case OPR_COMPL:
-        ok = k == T_INT || k == T_UINT;
-        break;
-    default:
-        break;
+    case OPR_PLUS: ok = k == T_INT || k == T_UINT || k == T_FLOAT; break;
+    case OPR_NOT: ok = k == T_BOOL; break;
+    case OPR_COMPL: ok = k == T_INT || k == T_UINT; break;
+    default: break;
     }
     if (!ok) {
         diag_emit(c->s, DIAG_bad_operand, e->op_span, operator_text(e->op), t->name);
@@ -431,36 +413,23 @@ static Expr *check_type_call(Checker *c, Expr *e) {
 
 static Expr *check_kind(Checker *c, Expr *e) {
     switch (e->kind) {
-    case E_ERROR:
-        return fail(c, e);
-    case E_LITERAL:
-        return check_literal(c, e);
-    case E_NAME:
-        return check_name(c, e);
-    case E_UNARY:
-        return check_unary(c, e);
+    case E_ERROR: return fail(c, e);
+    case E_LITERAL: return check_literal(c, e);
+    case E_NAME: return check_name(c, e);
+    case E_UNARY: return check_unary(c, e);
     case E_BINARY:
         e->a[0] = check_value(c, e->a[0]);
         e->a[1] = check_value(c, e->a[1]);
         return check_binary_typed(c, e);
-    case E_LOGIC:
-        return check_logic(c, e);
-    case E_COND:
-        return check_cond(c, e);
-    case E_ASSIGN:
-        return check_assign(c, e);
-    case E_INCDEC:
-        return check_incdec(c, e);
-    case E_CALL:
-        return check_call(c, e);
-    case E_CONSTRUCT:
-        return check_type_call(c, e);
-    case E_METHOD:
-        return check_method(c, e);
-    case E_INDEX:
-        return check_index(c, e);
-    case E_FIELD:
-        return check_field(c, e);
+    case E_LOGIC: return check_logic(c, e);
+    case E_COND: return check_cond(c, e);
+    case E_ASSIGN: return check_assign(c, e);
+    case E_INCDEC: return check_incdec(c, e);
+    case E_CALL: return check_call(c, e);
+    case E_CONSTRUCT: return check_type_call(c, e);
+    case E_METHOD: return check_method(c, e);
+    case E_INDEX: return check_index(c, e);
+    case E_FIELD: return check_field(c, e);
     case E_LIST:
         diag_emit(c->s, DIAG_bad_list, e->span, "a list stands only as the value of a declaration");
         for (uint32_t i = 0; i < e->nargs; i++)
@@ -475,8 +444,7 @@ static Expr *check_kind(Checker *c, Expr *e) {
     case E_CONVERT:
     case E_BROADCAST:
     case E_SWIZZLE:
-    case E_LEN:
-        break; /* made here, so already typed */
+    case E_LEN: break; /* made here, so already typed */
     }
     ice(c->s, "expression kind %d has no type", (int)e->kind);
 }

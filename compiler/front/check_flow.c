@@ -30,10 +30,8 @@ typedef struct Flow {
 
 static uint32_t bits_of(const Type *t) {
     switch (t->kind) {
-    case T_VECTOR:
-        return t->n;
-    case T_MATRIX:
-        return t->n * t->n;
+    case T_VECTOR: return t->n;
+    case T_MATRIX: return t->n * t->n;
     case T_STRUCT: {
         uint32_t n = 0;
         for (uint32_t i = 0; i < t->nfields; i++) n += bits_of(t->fields[i].type);
@@ -42,14 +40,12 @@ static uint32_t bits_of(const Type *t) {
     case T_BOOL:
     case T_INT:
     case T_UINT:
-    case T_FLOAT:
-        return 1;
+    case T_FLOAT: return 1;
     case T_ERROR:
     case T_VOID:
     case T_ARRAY:
     case T_TEXTURE:
-    case T_HEIGHTFIELD:
-        return 0;
+    case T_HEIGHTFIELD: return 0;
     }
     return 0;
 }
@@ -60,28 +56,21 @@ static State copy(Flow *f, const State *s) {
     return r;
 }
 
-static State dead_state(Flow *f) {
-    return (State){ARENA_ARRAY(&f->c->s->scratch, uint64_t, f->words), true};
-}
+static State dead_state(Flow *f) { return (State){ARENA_ARRAY(&f->c->s->scratch, uint64_t, f->words), true}; }
 
 static void join(Flow *f, State *into, const State *from) {
     if (from->dead) return;
-    if (into->dead)
-        memcpy(into->w, from->w, sizeof *into->w * f->words);
+    if (into->dead) memcpy(into->w, from->w, sizeof *into->w * f->words);
     else
         for (uint32_t i = 0; i < f->words; i++) into->w[i] &= from->w[i];
     into->dead = false;
 }
 
-static bool is_set(const State *s, uint32_t bit) {
-    return s->dead || (s->w[bit / 64] >> (bit % 64) & 1);
-}
+static bool is_set(const State *s, uint32_t bit) { return s->dead || (s->w[bit / 64] >> (bit % 64) & 1); }
 static void set_bits(State *s, uint32_t at, uint32_t n, bool value) {
     for (uint32_t i = at; i < at + n; i++) {
-        if (value)
-            s->w[i / 64] |= (uint64_t)1 << (i % 64);
-        else
-            s->w[i / 64] &= ~((uint64_t)1 << (i % 64));
+        if (value) s->w[i / 64] |= (uint64_t)1 << (i % 64);
+        else s->w[i / 64] &= ~((uint64_t)1 << (i % 64));
     }
 }
 
@@ -93,9 +82,7 @@ typedef struct Part {
     bool some;            /* a computed index: which of the n is not known */
 } Part;
 
-static bool is_variable(const Symbol *s) {
-    return s && (s->kind == SYM_LOCAL || s->kind == SYM_ARG);
-}
+static bool is_variable(const Symbol *s) { return s && (s->kind == SYM_LOCAL || s->kind == SYM_ARG); }
 
 static Part part_of(Flow *f, const Expr *e) {
     if (e->kind == E_NAME) {
@@ -199,12 +186,10 @@ static void flow_call(Flow *f, State *s, Expr *e) {
     for (uint32_t i = 0; i < e->nargs; i++) {
         Expr *arg = e->args[i];
         bool place = is_variable(place_root(arg));
-        if (e->func && e->func->args[i]->mode == ARG_OUT)
-            flow_indices(f, s, arg);
+        if (e->func && e->func->args[i]->mode == ARG_OUT) flow_indices(f, s, arg);
         else if (!e->func && place && e->kind == E_CALL)
             flow_indices(f, s, arg); /* the call was reported: it may have been an `out` */
-        else
-            flow_expr(f, s, arg);
+        else flow_expr(f, s, arg);
     }
     for (uint32_t i = 0; i < e->nargs; i++)
         if (e->func ? e->func->args[i]->mode != ARG_IN : e->kind == E_CALL) assign_place(f, s, e->args[i]);
@@ -213,9 +198,7 @@ static void flow_call(Flow *f, State *s, Expr *e) {
 static void flow_expr(Flow *f, State *s, Expr *e) {
     if (!e) return;
     switch (e->kind) {
-    case E_NAME:
-        read_place(f, s, e);
-        return;
+    case E_NAME: read_place(f, s, e); return;
     case E_INDEX:
     case E_FIELD:
     case E_SWIZZLE:
@@ -227,10 +210,8 @@ static void flow_expr(Flow *f, State *s, Expr *e) {
         }
         return;
     case E_ASSIGN:
-        if (e->op == OPR_NONE)
-            flow_indices(f, s, e->a[0]);
-        else
-            flow_expr(f, s, e->a[0]);
+        if (e->op == OPR_NONE) flow_indices(f, s, e->a[0]);
+        else flow_expr(f, s, e->a[0]);
         flow_expr(f, s, e->a[1]);
         assign_place(f, s, e->a[0]);
         return;
@@ -248,11 +229,8 @@ static void flow_expr(Flow *f, State *s, Expr *e) {
         join(f, s, &no);
         return;
     }
-    case E_CALL:
-        flow_call(f, s, e);
-        return;
-    case E_LEN:
-        return; /* asks for the type only */
+    case E_CALL: flow_call(f, s, e); return;
+    case E_LEN: return; /* asks for the type only */
     case E_ERROR:
     case E_LITERAL:
     case E_UNARY:
@@ -274,9 +252,7 @@ static void flow_expr(Flow *f, State *s, Expr *e) {
 
 static void flow_stmt(Flow *f, State *s, Stmt *st);
 
-static void kill_state(State *s) {
-    s->dead = true;
-}
+static void kill_state(State *s) { s->dead = true; }
 
 static void check_outs(Flow *f, const State *s, Span at) {
     if (s->dead) return;
@@ -340,9 +316,7 @@ static void flow_stmt(Flow *f, State *s, Stmt *st) {
     if (!st) return;
     switch (st->kind) {
     case S_EXPR:
-    case S_ASSERT:
-        flow_expr(f, s, st->expr);
-        break;
+    case S_ASSERT: flow_expr(f, s, st->expr); break;
     case S_PRINT:
         for (uint32_t i = 0; i < st->nargs; i++) flow_expr(f, s, st->args[i]);
         break;
@@ -365,12 +339,8 @@ static void flow_stmt(Flow *f, State *s, Stmt *st) {
     }
     case S_FOR:
     case S_WHILE:
-    case S_DO:
-        flow_loop(f, s, st);
-        break;
-    case S_SWITCH:
-        flow_switch(f, s, st);
-        break;
+    case S_DO: flow_loop(f, s, st); break;
+    case S_SWITCH: flow_switch(f, s, st); break;
     case S_BREAK:
         if (f->jumps) join(f, &f->jumps->brk, s);
         kill_state(s);
@@ -391,8 +361,7 @@ static void flow_stmt(Flow *f, State *s, Stmt *st) {
     case S_BLOCK:
         for (uint32_t i = 0; i < st->nstmts; i++) flow_stmt(f, s, st->stmts[i]);
         break;
-    case S_EMPTY:
-        break;
+    case S_EMPTY: break;
     }
 }
 
@@ -430,8 +399,7 @@ void check_flow(Checker *c, Func *func) {
     if (!s.dead) {
         if (func->ret->kind != T_VOID && func->ret->kind != T_ERROR)
             diag_emit(c->s, DIAG_missing_return, func->name_span, func->name);
-        else
-            check_outs(&f, &s, func->end_span.len ? func->end_span : func->name_span);
+        else check_outs(&f, &s, func->end_span.len ? func->end_span : func->name_span);
     }
     arena_reset(scratch, mark);
 }

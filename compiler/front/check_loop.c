@@ -30,12 +30,8 @@ static Range full(TypeKind k, bool defer) {
                          : (Range){INT32_MIN, INT32_MAX, defer};
 }
 
-static int64_t least(int64_t a, int64_t b) {
-    return a < b ? a : b;
-}
-static int64_t most(int64_t a, int64_t b) {
-    return a > b ? a : b;
-}
+static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
+static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
 
 /* Interval arithmetic; what may wrap is the whole type. */
 static Range fit(TypeKind k, int64_t lo, int64_t hi, bool defer) {
@@ -48,10 +44,8 @@ static Range eval(Loops *l, const Expr *e);
 static Range eval_binary(Operator op, TypeKind k, Range a, Range b) {
     bool d = a.defer || b.defer;
     switch (op) {
-    case OPR_ADD:
-        return fit(k, a.lo + b.lo, a.hi + b.hi, d);
-    case OPR_SUB:
-        return fit(k, a.lo - b.hi, a.hi - b.lo, d);
+    case OPR_ADD: return fit(k, a.lo + b.lo, a.hi + b.hi, d);
+    case OPR_SUB: return fit(k, a.lo - b.hi, a.hi - b.lo, d);
     case OPR_MUL: {
         int64_t p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
         return fit(k, least(least(p, q), least(r, s)), most(most(p, q), most(r, s)), d);
@@ -73,8 +67,7 @@ static Range eval_binary(Operator op, TypeKind k, Range a, Range b) {
     case OPR_SHL:
         if (b.lo != b.hi || a.lo < 0) return full(k, d);
         return fit(k, a.lo << (b.lo & 31), a.hi << (b.lo & 31), d);
-    default:
-        return full(k, d);
+    default: return full(k, d);
     }
 }
 
@@ -94,8 +87,7 @@ static Range eval(Loops *l, const Expr *e) {
     if (e->is_const && is_scalar(e->type) && k != T_FLOAT) return (Range){e->cval.v[0].i, e->cval.v[0].i, false};
     if (!is_scalar(e->type)) return full(T_INT, false);
     switch (e->kind) {
-    case E_NAME:
-        return eval_name(l, e, k);
+    case E_NAME: return eval_name(l, e, k);
     case E_BINARY: {
         if (width_of(e->a[0]->type) != 1 || scalar_kind(e->a[0]->type) != k) return full(k, false);
         Range a = eval(l, e->a[0]), b = eval(l, e->a[1]);
@@ -128,10 +120,8 @@ static Range eval(Loops *l, const Expr *e) {
         Range x = eval(l, e->args[2]);
         return (Range){least(r.lo, x.lo), least(r.hi, x.hi), r.defer || x.defer};
     }
-    case E_CALL:
-        return full(k, true); /* after inlining its value may be a constant */
-    case E_ASSIGN:
-        return eval(l, e->a[1]);
+    case E_CALL: return full(k, true); /* after inlining its value may be a constant */
+    case E_ASSIGN: return eval(l, e->a[1]);
     case E_INDEX:
     case E_FIELD:
     case E_SWIZZLE: {
@@ -141,8 +131,7 @@ static Range eval(Loops *l, const Expr *e) {
                     e->a[0]->method == M_SIZE; /* known where the resource is, after inlining */
         return full(k, size || (root && (root->kind == SYM_LOCAL || root->kind == SYM_ARG)));
     }
-    default:
-        return full(k, false);
+    default: return full(k, false);
     }
 }
 
@@ -226,12 +215,9 @@ static bool step_of(Loops *l, const Expr *e, Form *f) {
     if (op == OPR_NONE) { /* i = i + c */
         if (v->kind != E_BINARY) return false;
         op = v->op;
-        if (v->a[0]->kind == E_NAME && v->a[0]->sym == sym)
-            v = v->a[1];
-        else if ((op == OPR_ADD || op == OPR_MUL) && v->a[1]->kind == E_NAME && v->a[1]->sym == sym)
-            v = v->a[0];
-        else
-            return false;
+        if (v->a[0]->kind == E_NAME && v->a[0]->sym == sym) v = v->a[1];
+        else if ((op == OPR_ADD || op == OPR_MUL) && v->a[1]->kind == E_NAME && v->a[1]->sym == sym) v = v->a[0];
+        else return false;
     }
     if (writes_in_expr((Expr *)v, sym)) return false;
     if (flt) {
@@ -242,27 +228,20 @@ static bool step_of(Loops *l, const Expr *e, Form *f) {
     }
     f->by = eval(l, v);
     switch (op) {
-    case OPR_ADD:
-        f->step = STEP_ADD;
-        break;
+    case OPR_ADD: f->step = STEP_ADD; break;
     case OPR_SUB:
         f->step = STEP_ADD;
         f->by = (Range){-f->by.hi, -f->by.lo, f->by.defer};
         break;
-    case OPR_MUL:
-        f->step = STEP_MUL;
-        break;
-    case OPR_DIV:
-        f->step = STEP_DIV;
-        break;
+    case OPR_MUL: f->step = STEP_MUL; break;
+    case OPR_DIV: f->step = STEP_DIV; break;
     case OPR_SHL:
     case OPR_SHR:
         f->step = op == OPR_SHL ? STEP_MUL : STEP_DIV;
         if (f->by.lo < 1 || f->by.hi > 30) return false;
         f->by = (Range){(int64_t)1 << f->by.lo, (int64_t)1 << f->by.hi, f->by.defer};
         break;
-    default:
-        return false;
+    default: return false;
     }
     return true;
 }
@@ -493,29 +472,22 @@ static Trips count_trips(Loops *l, Stmt *st) {
     t.sym = sym;
     /* Inside the body the condition held when the iteration began (conjunctions too). */
     bool up = f.op == OPR_LT || f.op == OPR_LE;
-    if (f.op == OPR_NE || f.step == STEP_NONE)
-        t.counter = (Range){least(a.lo, b.lo), most(a.hi, b.hi), t.defer};
-    else if (up)
-        t.counter = (Range){a.lo, most(a.lo, b.hi - (f.op == OPR_LT)), t.defer};
-    else
-        t.counter = (Range){least(a.hi, b.lo + (f.op == OPR_GT)), a.hi, t.defer};
+    if (f.op == OPR_NE || f.step == STEP_NONE) t.counter = (Range){least(a.lo, b.lo), most(a.hi, b.hi), t.defer};
+    else if (up) t.counter = (Range){a.lo, most(a.lo, b.hi - (f.op == OPR_LT)), t.defer};
+    else t.counter = (Range){least(a.hi, b.lo + (f.op == OPR_GT)), a.hi, t.defer};
     /* [MaxIters] bounds the counter too */
     int64_t n = st->attrs.max_iters && st->attrs.max_iters->is_const ? st->attrs.max_iters->cval.v[0].i : 0;
     if (n > 0 && n <= CHECK_MAX_TRIPS && f.step == STEP_ADD && llabs(f.by.lo) < 1 << 24 && llabs(f.by.hi) < 1 << 24) {
-        if (up)
-            t.counter.hi = least(t.counter.hi, a.hi + f.by.hi * (n - 1));
-        else if (f.op != OPR_NE)
-            t.counter.lo = most(t.counter.lo, a.lo + f.by.lo * (n - 1));
+        if (up) t.counter.hi = least(t.counter.hi, a.hi + f.by.hi * (n - 1));
+        else if (f.op != OPR_NE) t.counter.lo = most(t.counter.lo, a.lo + f.by.lo * (n - 1));
     }
     if (st->kind == S_DO) {
         t.most = t.most < 1 ? 1 : t.most;
         t.sym = NULL; /* its body may run once although the condition never holds */
     }
     if (!st->step) t.sym = NULL; /* stepped in the body: its range there is one step wider */
-    if (t.most == ENDLESS)
-        t.why = arena_printf(&l->c->s->session, "`%s` never reaches the bound", sym->name);
-    else if (t.most > CHECK_MAX_TRIPS)
-        t.why = unbounded_text(l);
+    if (t.most == ENDLESS) t.why = arena_printf(&l->c->s->session, "`%s` never reaches the bound", sym->name);
+    else if (t.most > CHECK_MAX_TRIPS) t.why = unbounded_text(l);
     return t;
 }
 
@@ -586,16 +558,12 @@ static void walk(Loops *l, Stmt *st) {
         break;
     case S_FOR:
     case S_WHILE:
-    case S_DO:
-        walk_loop(l, st);
-        break;
+    case S_DO: walk_loop(l, st); break;
     case S_IF:
         walk(l, st->body);
         walk(l, st->orelse);
         break;
-    case S_BLOCK:
-        walk_list(l, st->stmts, st->nstmts);
-        break;
+    case S_BLOCK: walk_list(l, st->stmts, st->nstmts); break;
     case S_SWITCH:
         for (uint32_t i = 0; i < st->ncases; i++) walk_list(l, st->cases[i].body, st->cases[i].nbody);
         break;
@@ -605,8 +573,7 @@ static void walk(Loops *l, Stmt *st) {
     case S_RETURN:
     case S_EMPTY:
     case S_PRINT:
-    case S_ASSERT:
-        break;
+    case S_ASSERT: break;
     }
 }
 

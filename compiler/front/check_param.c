@@ -9,9 +9,7 @@
 /* Symbol.id of file-scope symbols is the state of their check. */
 enum { FRESH, BUSY, DONE };
 
-bool same_text(const char *a, const char *b) {
-    return a == b || (a && b && !strcmp(a, b));
-}
+bool same_text(const char *a, const char *b) { return a == b || (a && b && !strcmp(a, b)); }
 
 static const char *qualified(Checker *c, const Symbol *sym, const Module *m) {
     return m->is_main ? sym->name : arena_printf(&c->s->session, "%s.%s", m->name, sym->name);
@@ -156,10 +154,8 @@ static bool probe_asset(Checker *c, Symbol *sym, char kind, uint32_t dims[4], ui
     const char *why = NULL;
     bool ok = false;
     *ndims = 0;
-    if (!c->opt || !c->opt->probe)
-        why = "files cannot be read here";
-    else
-        ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
+    if (!c->opt || !c->opt->probe) why = "files cannot be read here";
+    else ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
     if (ok) return true;
     diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
               why ? why : "unknown reason");
@@ -232,10 +228,8 @@ static bool texture_zeros(Checker *c, Symbol *sym, bool height) {
     Span at = sym->value_span.file >= 0 ? sym->value_span : sym->span;
     int64_t least = height ? 2 : 1;
     const char *why = NULL;
-    if (height && sym->nzeros_args == 3 && v[2] != 1)
-        why = "a heightfield has one channel";
-    else if (v[2] < 1 || v[2] > 4)
-        why = "a texture has 1 to 4 channels";
+    if (height && sym->nzeros_args == 3 && v[2] != 1) why = "a heightfield has one channel";
+    else if (v[2] < 1 || v[2] > 4) why = "a texture has 1 to 4 channels";
     else if (v[0] < least || v[1] < least)
         why = height ? "a heightfield is at least 2 x 2" : "a texture is at least 1 x 1";
     else if (v[0] > 1 << 24 || v[1] > 1 << 24 || (uint64_t)(v[0] * v[1]) * (uint64_t)v[2] > CHECK_MAX_TEXELS)
@@ -413,8 +407,7 @@ static void param_attrs(Checker *c, Symbol *sym) {
     if (a->has_range) {
         bool ok = attr_number(c, &a->range_args[0], "an argument of [Range]", &a->lo);
         ok &= attr_number(c, &a->range_args[1], "an argument of [Range]", &a->hi);
-        if (!has_scalars(t, false))
-            misplaced(c, a->range_span, sym, "Range", t);
+        if (!has_scalars(t, false)) misplaced(c, a->range_span, sym, "Range", t);
         else if (ok && a->lo > a->hi)
             diag_emit(
                 c->s, DIAG_attr_args, a->range_span,
@@ -423,8 +416,7 @@ static void param_attrs(Checker *c, Symbol *sym) {
     if (a->has_extent) {
         bool ok = true;
         for (int i = 0; i < 4; i++) ok &= attr_number(c, &a->extent_args[i], "an argument of [Extent]", &a->extent[i]);
-        if (t->kind != T_HEIGHTFIELD)
-            misplaced(c, a->extent_span, sym, "Extent", t);
+        if (t->kind != T_HEIGHTFIELD) misplaced(c, a->extent_span, sym, "Extent", t);
         else if (ok && !(a->extent[0] < a->extent[2] && a->extent[1] < a->extent[3] &&
                          isfinite(a->extent[0] - a->extent[2]) && isfinite(a->extent[1] - a->extent[3])))
             diag_emit(c->s, DIAG_attr_args, a->extent_span,
@@ -433,8 +425,7 @@ static void param_attrs(Checker *c, Symbol *sym) {
     if (a->has_height) {
         bool ok = attr_number(c, &a->height_args[0], "an argument of [Height]", &a->height_scale);
         ok &= attr_number(c, &a->height_args[1], "an argument of [Height]", &a->height_offset);
-        if (t->kind != T_HEIGHTFIELD)
-            misplaced(c, a->height_span, sym, "Height", t);
+        if (t->kind != T_HEIGHTFIELD) misplaced(c, a->height_span, sym, "Height", t);
         else if (ok && (!isfinite(a->height_scale) || !isfinite(a->height_offset)))
             diag_emit(c->s, DIAG_attr_args, a->height_span, "[Height(scale, offset)] needs finite numbers");
     }

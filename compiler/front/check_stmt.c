@@ -28,9 +28,7 @@ void visit_stmt(Stmt *s, void (*f)(Expr *, void *), void *user) {
 
 /* ---- scopes */
 
-static void scope_open(Checker *c) {
-    c->at.depth++;
-}
+static void scope_open(Checker *c) { c->at.depth++; }
 
 static void scope_close(Checker *c) {
     while (c->at.stack && c->at.stack->depth == c->at.depth) {
@@ -74,44 +72,28 @@ static void declare_local(Checker *c, Func *f, Symbol *sym) {
     /* a `const` is no constant in its own value: `cval` and `array_init` are still empty */
     sym->init = check_init(c, sym->init, t);
     if (!sym->is_const || sym->init->type->kind == T_ERROR || !sym->init->is_const) return;
-    if (is_aggregate(t))
-        sym->array_init = const_list(sym->init);
-    else
-        sym->cval = sym->init->cval;
+    if (is_aggregate(t)) sym->array_init = const_list(sym->init);
+    else sym->cval = sym->init->cval;
 }
 
 /* ---- attributes */
 
 static const char *stmt_what(const Stmt *st) {
     switch (st->kind) {
-    case S_EXPR:
-        return "an expression";
-    case S_DECL:
-        return "a declaration";
-    case S_IF:
-        return "`if`";
-    case S_FOR:
-        return "`for`";
-    case S_WHILE:
-        return "`while`";
-    case S_DO:
-        return "`do`";
-    case S_SWITCH:
-        return "`switch`";
-    case S_BREAK:
-        return "`break`";
-    case S_CONTINUE:
-        return "`continue`";
-    case S_RETURN:
-        return "`return`";
-    case S_BLOCK:
-        return "a block";
-    case S_EMPTY:
-        return "an empty statement";
-    case S_PRINT:
-        return "`print`";
-    case S_ASSERT:
-        return "`assert`";
+    case S_EXPR: return "an expression";
+    case S_DECL: return "a declaration";
+    case S_IF: return "`if`";
+    case S_FOR: return "`for`";
+    case S_WHILE: return "`while`";
+    case S_DO: return "`do`";
+    case S_SWITCH: return "`switch`";
+    case S_BREAK: return "`break`";
+    case S_CONTINUE: return "`continue`";
+    case S_RETURN: return "`return`";
+    case S_BLOCK: return "a block";
+    case S_EMPTY: return "an empty statement";
+    case S_PRINT: return "`print`";
+    case S_ASSERT: return "`assert`";
     }
     return "this statement";
 }
@@ -175,8 +157,7 @@ static void check_attrs_before(Checker *c, Stmt *st) {
             int64_t v = ok ? n->cval.v[0].i : 0;
             if (ok && v > CHECK_MAX_TRIPS)
                 diag_emit(s, DIAG_loop_too_long, n->span, arena_printf(&s->session, "%lld", (long long)v));
-            else if (!ok || v < 1)
-                diag_emit(s, DIAG_max_iters_value, n->span);
+            else if (!ok || v < 1) diag_emit(s, DIAG_max_iters_value, n->span);
         }
     }
     if (a->disc && a->nodisc) {
@@ -318,25 +299,20 @@ static void check_stmt_kind(Checker *c, Func *f, Stmt *st) {
         check_loop_body(c, f, st->body);
         st->expr = check_condition(c, st->expr, "the condition of `do`");
         break;
-    case S_SWITCH:
-        check_switch(c, f, st);
-        break;
+    case S_SWITCH: check_switch(c, f, st); break;
     case S_BREAK:
         if (!c->at.loops && !c->at.switches) diag_emit(s, DIAG_bad_break, st->span, "break", "a loop or switch");
         break;
     case S_CONTINUE:
         if (!c->at.loops) diag_emit(s, DIAG_bad_break, st->span, "continue", "a loop");
         break;
-    case S_RETURN:
-        check_return(c, f, st);
-        break;
+    case S_RETURN: check_return(c, f, st); break;
     case S_BLOCK:
         scope_open(c);
         check_stmts(c, f, st->stmts, st->nstmts);
         scope_close(c);
         break;
-    case S_EMPTY:
-        break;
+    case S_EMPTY: break;
     case S_PRINT:
         for (uint32_t i = 0; i < st->nargs; i++) {
             if (st->args[i]->kind == E_LITERAL && !st->args[i]->type) continue;
@@ -349,9 +325,7 @@ static void check_stmt_kind(Checker *c, Func *f, Stmt *st) {
             }
         }
         break;
-    case S_ASSERT:
-        st->expr = check_condition(c, st->expr, "the condition of `assert`");
-        break;
+    case S_ASSERT: st->expr = check_condition(c, st->expr, "the condition of `assert`"); break;
     }
 }
 

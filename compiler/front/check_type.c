@@ -8,21 +8,11 @@ TypeKind scalar_kind(const Type *t) {
     return t->kind == T_VECTOR || t->kind == T_MATRIX ? t->elem->kind : T_ERROR;
 }
 
-uint32_t width_of(const Type *t) {
-    return is_scalar(t) ? 1 : t->kind == T_VECTOR ? t->n : 0;
-}
-bool is_scalar(const Type *t) {
-    return t->kind >= T_BOOL && t->kind <= T_FLOAT;
-}
-bool is_numeric(const Type *t) {
-    return width_of(t) && scalar_kind(t) != T_BOOL;
-}
-bool is_resource(const Type *t) {
-    return t->kind == T_TEXTURE || t->kind == T_HEIGHTFIELD;
-}
-bool is_aggregate(const Type *t) {
-    return t->kind == T_ARRAY || t->kind == T_STRUCT;
-}
+uint32_t width_of(const Type *t) { return is_scalar(t) ? 1 : t->kind == T_VECTOR ? t->n : 0; }
+bool is_scalar(const Type *t) { return t->kind >= T_BOOL && t->kind <= T_FLOAT; }
+bool is_numeric(const Type *t) { return width_of(t) && scalar_kind(t) != T_BOOL; }
+bool is_resource(const Type *t) { return t->kind == T_TEXTURE || t->kind == T_HEIGHTFIELD; }
+bool is_aggregate(const Type *t) { return t->kind == T_ARRAY || t->kind == T_STRUCT; }
 
 Type *with_width(Checker *c, TypeKind kind, uint32_t width) {
     return width == 1 ? type_scalar(kind) : type_vector(c->s, kind, width);
@@ -134,12 +124,9 @@ static Type *resolve_name(Checker *c, const char *name, Span span) {
         return c->t_error;
     }
     switch (d->kind) {
-    case DECL_ERROR:
-        return c->t_error;
-    case DECL_STRUCT:
-        return resolve_struct(c, d->structure, span);
-    case DECL_TYPEDEF:
-        return resolve_typedef(c, d->type_def, span);
+    case DECL_ERROR: return c->t_error;
+    case DECL_STRUCT: return resolve_struct(c, d->structure, span);
+    case DECL_TYPEDEF: return resolve_typedef(c, d->type_def, span);
     case DECL_CONST:
     case DECL_PARAM:
     case DECL_FUNC: {
@@ -159,8 +146,7 @@ Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit) {
     if (is_resource(t) || t->kind == T_VOID) {
         if (is_resource(t))
             diag_emit(s, DIAG_bad_resource, ref->span, arena_printf(&s->session, "there are no arrays of %s", t->name));
-        else
-            diag_emit(s, DIAG_void_value, ref->span, "array element");
+        else diag_emit(s, DIAG_void_value, ref->span, "array element");
         ok = false;
     }
     int64_t dims[16];
@@ -296,15 +282,13 @@ bool is_place(Expr *e) {
         return e->sym && (e->sym->kind == SYM_ARG || (e->sym->kind == SYM_LOCAL && !e->sym->is_const)) &&
                !is_resource(e->type);
     case E_INDEX:
-    case E_FIELD:
-        return is_place(e->a[0]);
+    case E_FIELD: return is_place(e->a[0]);
     case E_SWIZZLE:
         for (int i = 0; i < e->nswz; i++)
             for (int j = 0; j < i; j++)
                 if (e->swz[i] == e->swz[j]) return false;
         return is_place(e->a[0]);
-    default:
-        return false;
+    default: return false;
     }
 }
 

@@ -13,23 +13,13 @@ static const char *const keyword_text[TOK_COUNT] = {
 #undef KEYWORD
 };
 
-const char *lex_keyword_text(TokenKind k) {
-    return k < TOK_COUNT ? keyword_text[k] : NULL;
-}
+const char *lex_keyword_text(TokenKind k) { return k < TOK_COUNT ? keyword_text[k] : NULL; }
 
-static bool is_digit(char c) {
-    return c >= '0' && c <= '9';
-}
-static bool is_letter(char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
-}
-static bool is_hex(char c) {
-    return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F');
-}
+static bool is_digit(char c) { return c >= '0' && c <= '9'; }
+static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
+static bool is_hex(char c) { return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F'); }
 
-static Span span_at(const Lexer *lx, uint32_t pos, uint32_t len) {
-    return (Span){lx->file, pos, len};
-}
+static Span span_at(const Lexer *lx, uint32_t pos, uint32_t len) { return (Span){lx->file, pos, len}; }
 
 /* Text is built only when it is going to be seen. */
 #define COMPLAIN(lx, code, span, ...)                                                                                  \
@@ -141,14 +131,12 @@ static void lex_number(Lexer *lx, Token *t) {
     if (s[0] == '0' && n > 1 && (s[1] | 32) == 'x') {
         uint32_t i = 2;
         while (i < n && is_hex(s[i])) i++;
-        if (i == 2)
-            fault = "hexadecimal digits are missing after `0x`";
+        if (i == 2) fault = "hexadecimal digits are missing after `0x`";
         else if (i == n || (i + 1 == n && (s[i] | 32) == 'u')) {
             t->is_unsigned = i < n;
             lex_integer(lx, t, s + 2, i - 2, 16);
             return;
-        } else
-            fault = "this is not a hexadecimal integer";
+        } else fault = "this is not a hexadecimal integer";
     } else {
         uint32_t i = 0, whole, fraction = 0;
         bool dot = false, exponent = false;
@@ -182,8 +170,7 @@ static void lex_number(Lexer *lx, Token *t) {
             if (i < n)
                 fault = (s[i] | 32) == 'f' && i + 1 == n ? "an integer has no suffix `f`: write a point, as in `1.0f`"
                                                          : "this suffix does not exist; integers may end in `u`";
-            else if (whole > 1 && s[0] == '0')
-                fault = "an integer does not start with 0 (there are no octal numbers)";
+            else if (whole > 1 && s[0] == '0') fault = "an integer does not start with 0 (there are no octal numbers)";
             else {
                 lex_integer(lx, t, s, whole, 10);
                 return;
@@ -214,18 +201,10 @@ static void lex_string(Lexer *lx, Token *t) {
         char c = lx->text[i];
         if (c == '\\' && i + 1 < end) {
             switch (lx->text[++i]) {
-            case 'n':
-                c = '\n';
-                break;
-            case 't':
-                c = '\t';
-                break;
-            case '"':
-                c = '"';
-                break;
-            case '\\':
-                c = '\\';
-                break;
+            case 'n': c = '\n'; break;
+            case 't': c = '\t'; break;
+            case '"': c = '"'; break;
+            case '\\': c = '\\'; break;
             default:
                 c = lx->text[i];
                 COMPLAIN(lx, bad_literal, span_at(lx, i - 1, 2),
@@ -251,39 +230,28 @@ static const char *meant(uint32_t code) {
     switch (code) {
     case 0x2212:
     case 0x2013:
-    case 0x2014:
-        return "; write `-`";
+    case 0x2014: return "; write `-`";
     case 0xD7:
     case 0x22C5:
-    case 0xB7:
-        return "; write `*`";
+    case 0xB7: return "; write `*`";
     case 0x2018:
     case 0x2019:
     case 0x201C:
-    case 0x201D:
-        return "; strings are in `\"`";
+    case 0x201D: return "; strings are in `\"`";
     case 0xA0:
     case 0x2003:
-    case 0x2009:
-        return "; it is a space that is not ASCII";
+    case 0x2009: return "; it is a space that is not ASCII";
     case 0x37E:
-    case 0xFF1B:
-        return "; write `;`";
-    case 0x2264:
-        return "; write `<=`";
-    case 0x2265:
-        return "; write `>=`";
-    case 0x3C0:
-        return "; write `PI`";
-    case '\'':
-        return "; strings are in `\"`";
+    case 0xFF1B: return "; write `;`";
+    case 0x2264: return "; write `<=`";
+    case 0x2265: return "; write `>=`";
+    case 0x3C0: return "; write `PI`";
+    case '\'': return "; strings are in `\"`";
     case '@':
     case '$':
     case '`':
-    case '\\':
-        return "";
-    default:
-        return code >= 0x80 ? "; names are made of ASCII letters, digits and `_`" : "";
+    case '\\': return "";
+    default: return code >= 0x80 ? "; names are made of ASCII letters, digits and `_`" : "";
     }
 }
 
@@ -307,10 +275,8 @@ static void skip_bad(Lexer *lx) {
     char shown[8] = "";
     if (!utf8_unprintable(first)) shown[utf8_encode(first, shown)] = 0;
     Span span = span_at(lx, start, lx->pos - start);
-    if (shown[0])
-        COMPLAIN(lx, bad_character, span, "unexpected character `%s` (U+%04X)%s", shown, first, meant(first));
-    else
-        COMPLAIN(lx, bad_character, span, "unexpected character U+%04X%s", first, meant(first));
+    if (shown[0]) COMPLAIN(lx, bad_character, span, "unexpected character `%s` (U+%04X)%s", shown, first, meant(first));
+    else COMPLAIN(lx, bad_character, span, "unexpected character U+%04X%s", first, meant(first));
 }
 
 /* ---- tokens ---- */

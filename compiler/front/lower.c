@@ -17,18 +17,25 @@ static void add_leaves(Lower *l, Leaves *out, Type *t, uint32_t count, bool in_a
     switch (t->kind) {
     case T_VECTOR:
     case T_MATRIX:
-        for (uint32_t i = 0; i < (t->kind == T_VECTOR ? t->n : t->n * t->n); i++) add_leaves(l, out, t->elem, count, in_array);
+        for (uint32_t i = 0; i < (t->kind == T_VECTOR ? t->n : t->n * t->n); i++)
+            add_leaves(l, out, t->elem, count, in_array);
         break;
     case T_ARRAY: add_leaves(l, out, t->elem, count * t->n, true); break;
     case T_STRUCT:
         for (uint32_t f = 0; f < t->nfields; f++) add_leaves(l, out, t->fields[f].type, count, in_array);
         break;
-    case T_BOOL: case T_INT: case T_UINT: case T_FLOAT: {
+    case T_BOOL:
+    case T_INT:
+    case T_UINT:
+    case T_FLOAT: {
         LeafType leaf = {lower_ir_type(t), in_array ? count : 0};
         vec_push(l->arena, out, leaf);
         break;
     }
-    case T_ERROR: case T_VOID: case T_TEXTURE: case T_HEIGHTFIELD: break;
+    case T_ERROR:
+    case T_VOID:
+    case T_TEXTURE:
+    case T_HEIGHTFIELD: break;
     }
 }
 
@@ -63,7 +70,12 @@ static void census_expr(Census *c, const Expr *e) {
     if (!e || e->is_const) return;
     uint32_t n = e->type && e->type->kind <= T_MATRIX && e->type->kind > T_VOID ? type_components(e->type) : 1;
     switch (e->kind) {
-    case E_UNARY: case E_BINARY: case E_LOGIC: case E_COND: case E_CONVERT: case E_INCDEC: c->own += n; break;
+    case E_UNARY:
+    case E_BINARY:
+    case E_LOGIC:
+    case E_COND:
+    case E_CONVERT:
+    case E_INCDEC: c->own += n; break;
     case E_ASSIGN: c->own += e->op != OPR_NONE ? n : 0; break;
     case E_BUILTIN: c->own += 2 * (uint64_t)n; break;
     case E_METHOD: c->own += 24; break;
@@ -156,8 +168,10 @@ static void note_calls(Lower *l, Diag *d) {
         }
         if (!best) break;
         best->done = true;
-        diag_note(l->s, d, best->func->name_span, "`%s`: inlined %llu times, about %.0f operations of its own in all, %llu in each copy with its calls", best->func->name,
-                  (unsigned long long)best->copies, (double)best->copies * (double)best->own, (unsigned long long)best->ops);
+        diag_note(l->s, d, best->func->name_span,
+                  "`%s`: inlined %llu times, about %.0f operations of its own in all, %llu in each copy with its calls",
+                  best->func->name, (unsigned long long)best->copies, (double)best->copies * (double)best->own,
+                  (unsigned long long)best->ops);
     }
 }
 
@@ -185,7 +199,14 @@ static void start_fn(Lower *l, const char *name) {
 }
 
 Lower lower_fresh(Lower *l, const char *name) {
-    Lower n = {.s = l->s, .arena = l->arena, .opt = l->opt, .program = l->program, .giveup = l->giveup, .quiet = true, .clock = 1, .fact_table = l->fact_table,
+    Lower n = {.s = l->s,
+               .arena = l->arena,
+               .opt = l->opt,
+               .program = l->program,
+               .giveup = l->giveup,
+               .quiet = true,
+               .clock = 1,
+               .fact_table = l->fact_table,
                .fact_cap = l->fact_cap};
     n.facts.data = l->facts.data, n.facts.len = l->facts.len, n.facts.cap = l->facts.cap;
     start_fn(&n, name);
@@ -240,7 +261,9 @@ static void collect_params(Lower *l, Module *main) {
         for (Symbol *s = m->params; s; s = s->next) {
             Param *q = &p->params[p->nparams];
             s->param_index = p->nparams++;
-            q->name = s->doc_name ? s->doc_name : m->is_main ? s->name : arena_printf(l->arena, "%s.%s", m->name, s->name);
+            q->name = s->doc_name  ? s->doc_name
+                      : m->is_main ? s->name
+                                   : arena_printf(l->arena, "%s.%s", m->name, s->name);
             q->type = s->type;
             q->sym = s;
             q->attrs = s->attrs;
@@ -287,7 +310,8 @@ static void lower_entry(Lower *l, Func *entry) {
     lower_prune_loops(l);
     warn_discontinuities(l);
     const char *text = NULL;
-    if (!ir_verify(l->fn, &l->s->scratch, &text)) ice(l->s, "lowering %s made broken code: %s", entry->name, text ? text : "?");
+    if (!ir_verify(l->fn, &l->s->scratch, &text))
+        ice(l->s, "lowering %s made broken code: %s", entry->name, text ? text : "?");
     p->primal = l->fn;
     p->uses_rand = lower_facts(l, entry)->rand;
     p->ncull = l->culls.len;
@@ -309,7 +333,8 @@ Program *lower_program(Session *s, Module *main, Func *entry, const ProgramOptio
     p->entry_func = entry;
     p->dim = entry->dim;
     p->channels = type_components(entry->ret);
-    for (int i = 0; i < 3; i++) p->lo[i] = entry->has_domain ? entry->lo[i] : 0, p->hi[i] = entry->has_domain ? entry->hi[i] : 1;
+    for (int i = 0; i < 3; i++)
+        p->lo[i] = entry->has_domain ? entry->lo[i] : 0, p->hi[i] = entry->has_domain ? entry->hi[i] : 1;
     if (setjmp(giveup)) return NULL;
     collect_params(l, main);
     lower_entry(l, entry);

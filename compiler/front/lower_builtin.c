@@ -13,7 +13,8 @@ Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n) {
     return s;
 }
 
-/* sqrt(v.v), with the select that makes its derivative 0 at 0: there is the kink of the norm, whose subdifferential holds 0. */
+/* sqrt(v.v), with the select that makes its derivative 0 at 0: there is the kink of the norm, whose subdifferential
+ * holds 0. */
 static Inst *length_n(Lower *l, Inst *const *v, uint32_t n) {
     Inst *d = dot_n(l, v, v, n), *zero = kf(l, 0);
     return sel(l, op2(l, OP_feq, d, zero), zero, op1(l, OP_fsqrt, d));
@@ -27,7 +28,8 @@ static Inst *rand_next(Lower *l) {
 
 /* hash: one integer hash for all targets and precisions. With
  *     mix(h) = h ^= h >> 16; h *= 0x7feb352d; h ^= h >> 15; h *= 0x846ca68b; h ^= h >> 16
- * hash(x) = mix(x + 0x9e3779b9), hash(x, y) = mix(hash(x) + y), hash(x, y, z) = mix(hash(x, y) + z), all modulo 2^32. */
+ * hash(x) = mix(x + 0x9e3779b9), hash(x, y) = mix(hash(x) + y), hash(x, y, z) = mix(hash(x, y) + z), all modulo 2^32.
+ */
 static Inst *hash_mix(Lower *l, Inst *h) {
     h = op2(l, OP_ixor, h, op2(l, OP_ushr, h, ki(l, 16)));
     h = op2(l, OP_imul, h, ki(l, (int32_t)0x7feb352du));
@@ -44,7 +46,8 @@ static Inst *hash_n(Lower *l, Inst *const *v, uint32_t n) {
 
 static Inst *sign_scalar(Lower *l, Inst *v, TypeKind k, Span span) {
     if (k == T_UINT) return sel(l, op2(l, OP_ieq, v, ki(l, 0)), ki(l, 0), ki(l, 1));
-    if (k == T_INT) return sel(l, op2(l, OP_ilt, ki(l, 0), v), ki(l, 1), sel(l, op2(l, OP_ilt, v, ki(l, 0)), ki(l, -1), ki(l, 0)));
+    if (k == T_INT)
+        return sel(l, op2(l, OP_ilt, ki(l, 0), v), ki(l, 1), sel(l, op2(l, OP_ilt, v, ki(l, 0)), ki(l, -1), ki(l, 0)));
     Inst *zero = kf(l, 0);
     Inst *up = site_compare(l, op2(l, OP_flt, zero, v), v, zero, span);
     return sel(l, up, kf(l, 1), sel(l, op2(l, OP_flt, v, zero), kf(l, -1), zero));
@@ -52,12 +55,15 @@ static Inst *sign_scalar(Lower *l, Inst *v, TypeKind k, Span span) {
 
 /* The same value; a scalar parameter is read anew at each mention. */
 static bool same_value(const Inst *a, const Inst *b) {
-    return a == b || (a->op == OP_param && b->op == OP_param && a->imm.slot.base == b->imm.slot.base && a->args[0]->op == OP_consti && b->args[0]->op == OP_consti && a->args[0]->imm.i == b->args[0]->imm.i);
+    return a == b ||
+           (a->op == OP_param && b->op == OP_param && a->imm.slot.base == b->imm.slot.base &&
+            a->args[0]->op == OP_consti && b->args[0]->op == OP_consti && a->args[0]->imm.i == b->args[0]->imm.i);
 }
 
 static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
     /* max(x, -x) is abs(x): its slope at 0 is 0. */
-    if (k == T_FLOAT && ((b->op == OP_fneg && same_value(a, b->args[0])) || (a->op == OP_fneg && same_value(a->args[0], b)))) {
+    if (k == T_FLOAT &&
+        ((b->op == OP_fneg && same_value(a, b->args[0])) || (a->op == OP_fneg && same_value(a->args[0], b)))) {
         Inst *size = op1(l, OP_fabs, b->op == OP_fneg ? a : b);
         return max ? size : op1(l, OP_fneg, size);
     }
@@ -96,7 +102,8 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     case B_frac: return diff(l, x, site_integer(l, SITE_FLOOR, op1(l, OP_ffloor, x), x, span));
     case B_fmod: {
         Inst *q = op2(l, OP_fdiv, x, y);
-        if (!ir_is_const(y)) y = sel(l, op1(l, OP_fisinf, y), kf(l, 0), y); /* fmod(x, inf) is x, and inf * 0 would be NaN */
+        if (!ir_is_const(y))
+            y = sel(l, op1(l, OP_fisinf, y), kf(l, 0), y); /* fmod(x, inf) is x, and inf * 0 would be NaN */
         return diff(l, x, prod(l, y, site_integer(l, SITE_FMOD, op1(l, OP_ftrunc, q), q, span)));
     }
     case B_min: return min_max(l, false, x, y, k);
@@ -247,14 +254,17 @@ static Val vectors(Lower *l, Expr *e, Val *a) {
             v.c[0] = dot_n(l, a[0].c, a[1].c, n);
             break;
         }
-        return a[0].type->kind == T_MATRIX || a[1].type->kind == T_MATRIX ? lower_matmul(l, a[0], a[1], e->type)
-                                                                               : lower_binary(l, OPR_MUL, a[0], a[1], e->type, e->span);
+        return a[0].type->kind == T_MATRIX || a[1].type->kind == T_MATRIX
+                   ? lower_matmul(l, a[0], a[1], e->type)
+                   : lower_binary(l, OPR_MUL, a[0], a[1], e->type, e->span);
     case B_transpose: {
         uint32_t m = e->type->n;
         for (uint32_t i = 0; i < v.n; i++) v.c[i] = a[0].c[i % m * m + i / m];
         break;
     }
-    case B_determinant: v.c[0] = minor(l, a[0].c, a[0].type->n, (1u << a[0].type->n) - 1, (1u << a[0].type->n) - 1); break;
+    case B_determinant:
+        v.c[0] = minor(l, a[0].c, a[0].type->n, (1u << a[0].type->n) - 1, (1u << a[0].type->n) - 1);
+        break;
     case B_inverse: return inverse(l, a[0]);
     case B_hash: v.c[0] = hash_n(l, a[0].c, n); break;
     case B_rand:
@@ -262,7 +272,9 @@ static Val vectors(Lower *l, Expr *e, Val *a) {
     case B_rand3:
         for (uint32_t i = 0; i < v.n; i++) v.c[i] = rand_next(l);
         break;
-    case B_pixel: v.c[0] = ir_input(&l->b, IN_PIXEL0), v.c[1] = ir_input(&l->b, IN_PIXEL1), l->program->uses_pixel = true; break;
+    case B_pixel:
+        v.c[0] = ir_input(&l->b, IN_PIXEL0), v.c[1] = ir_input(&l->b, IN_PIXEL1), l->program->uses_pixel = true;
+        break;
     case B_resolution: v.c[0] = ir_input(&l->b, IN_RES0), v.c[1] = ir_input(&l->b, IN_RES1); break;
     case B_sample_index: v.c[0] = ir_input(&l->b, IN_SAMPLE); break;
     default: ice(l->s, "builtin %d is not lowered", (int)e->builtin);
@@ -274,12 +286,14 @@ Val lower_builtin(Lower *l, Expr *e) {
     Val a[4] = {0};
     if (e->nargs > 4) ice(l->s, "a builtin with %u arguments", e->nargs);
     for (uint32_t i = 0; i < e->nargs; i++) a[i] = lower_expr(l, e->args[i]);
+    /* clang-format off */
     switch (e->builtin) {
     case B_dot: case B_cross: case B_length: case B_distance: case B_normalize: case B_reflect: case B_refract: case B_any: case B_all: case B_select: case B_mul:
     case B_transpose: case B_determinant: case B_inverse: case B_hash: case B_rand: case B_rand2: case B_rand3: case B_pixel: case B_resolution: case B_sample_index:
         return vectors(l, e, a);
     default: break;
     }
+    /* clang-format on */
     Val v = val_new(l, e->type);
     TypeKind k = scalar_of(a[0].type)->kind;
     for (uint32_t i = 0; i < v.n; i++) {

@@ -63,7 +63,9 @@ static bool assigns_expr(const Expr *e, const Symbol *sym) {
 }
 static bool assigns_stmt(const Stmt *s, const Symbol *sym) {
     if (!s) return false;
-    if (assigns_expr(s->expr, sym) || assigns_expr(s->step, sym) || assigns_stmt(s->init, sym) || assigns_stmt(s->body, sym) || assigns_stmt(s->orelse, sym)) return true;
+    if (assigns_expr(s->expr, sym) || assigns_expr(s->step, sym) || assigns_stmt(s->init, sym) ||
+        assigns_stmt(s->body, sym) || assigns_stmt(s->orelse, sym))
+        return true;
     for (uint32_t i = 0; i < s->ndecls; i++)
         if (assigns_expr(s->decls[i]->init, sym)) return true;
     for (uint32_t i = 0; i < s->nargs; i++)
@@ -93,8 +95,10 @@ static uint8_t degree(const Inst *i) { return i->flags; }
 static bool null_within(const Inst *i, int depth) {
     if (is_zero(i)) return true;
     if (depth == 0) return false;
-    if (i->op == OP_fmul || i->op == OP_zmul) return null_within(i->args[0], depth - 1) || null_within(i->args[1], depth - 1);
-    return (i->op == OP_fadd || i->op == OP_fsub) && null_within(i->args[0], depth - 1) && null_within(i->args[1], depth - 1);
+    if (i->op == OP_fmul || i->op == OP_zmul)
+        return null_within(i->args[0], depth - 1) || null_within(i->args[1], depth - 1);
+    return (i->op == OP_fadd || i->op == OP_fsub) && null_within(i->args[0], depth - 1) &&
+           null_within(i->args[1], depth - 1);
 }
 static bool is_null(const Inst *i) { return null_within(i, 6); }
 
@@ -157,15 +161,15 @@ static uint8_t degree_of(Linear *c, Inst *i) {
     case OP_fneg:
     case OP_detach: return degree(i->args[0]);
     case OP_fmul:
-    case OP_zmul:
-        d = product(i->args[0], i->args[1]);
-        return d == DEG_BAD ? bad(c, i, "a product of two tangents") : d;
+    case OP_zmul: d = product(i->args[0], i->args[1]); return d == DEG_BAD ? bad(c, i, "a product of two tangents") : d;
     case OP_fdiv:
     case OP_zdiv: return degree(i->args[1]) ? bad(c, i, "a division by a tangent") : degree(i->args[0]);
     case OP_ffma:
         d = product(i->args[0], i->args[1]);
         if (d == DEG_BAD) return bad(c, i, "a product of two tangents");
-        return is_zero(i->args[2]) || d == degree(i->args[2]) ? d : bad(c, i, "a sum of a tangent and something that is none");
+        return is_zero(i->args[2]) || d == degree(i->args[2])
+                   ? d
+                   : bad(c, i, "a sum of a tangent and something that is none");
     case OP_fsel:
         if (degree(i->args[0])) return bad(c, i, "a choice that depends on a tangent");
         d = join(i->args[1], i->args[2]);
@@ -213,7 +217,9 @@ static bool degrees(Linear *c, Block *b) {
     return changed;
 }
 
-static bool tangent_type(Lower *l, Type *t) { return t->kind != T_TEXTURE && t->kind != T_HEIGHTFIELD && !has_arrays(l, t); }
+static bool tangent_type(Lower *l, Type *t) {
+    return t->kind != T_TEXTURE && t->kind != T_HEIGHTFIELD && !has_arrays(l, t);
+}
 
 static void tangent_body(Lower *l, Inst *op, uint32_t region, Func *f, Inst **params) {
     Builder saved = l->b;
@@ -236,7 +242,8 @@ static void tangent_body(Lower *l, Inst *op, uint32_t region, Func *f, Inst **pa
 static Val call_with_tangent(Lower *l, Expr *e) {
     Func *f = e->func, *df = f->tangent;
     bool good = type_is_float(f->ret) && !lower_facts(l, f)->rand && !lower_facts(l, df)->rand;
-    for (uint32_t i = 0; i < f->nargs; i++) good = good && f->args[i]->mode == ARG_IN && tangent_type(l, f->args[i]->type);
+    for (uint32_t i = 0; i < f->nargs; i++)
+        good = good && f->args[i]->mode == ARG_IN && tangent_type(l, f->args[i]->type);
     if (!good) {
         diag_emit(l->s, DIAG_tangent_form, f->tangent_span, "[Tangent] does not work on a function of this form");
         lower_giveup(l);
@@ -281,10 +288,12 @@ static Val call_with_tangent(Lower *l, Expr *e) {
     degrees(&check, tangent);
     for (uint32_t i = 0; i < tangent->last->nargs && !check.why; i++) {
         Inst *r = tangent->last->args[i];
-        if (degree(r) == DEG_NONE && !is_null(r)) check.where = r->span, check.why = "its result has a part without a tangent";
+        if (degree(r) == DEG_NONE && !is_null(r))
+            check.where = r->span, check.why = "its result has a part without a tangent";
     }
     if (check.why) {
-        Diag *d = diag_emit(l->s, DIAG_tangent_not_linear, check.where.file >= 0 ? check.where : df->name_span, df->name, check.why);
+        Diag *d = diag_emit(l->s, DIAG_tangent_not_linear, check.where.file >= 0 ? check.where : df->name_span,
+                            df->name, check.why);
         diag_note(l->s, d, f->tangent_span, "`%s` is the derivative of `%s`", df->name, f->name);
         lower_giveup(l);
     }

@@ -53,8 +53,9 @@ void var_set(Lower *l, Var *v, Inst *x) {
     v->value = x;
 }
 
-/* A variable that exists from the start of loop `root`, found to be needed only now: it becomes a carried value of every loop
- * from there to here. Nothing has changed it in this iteration yet, so its value here is the innermost parameter. */
+/* A variable that exists from the start of loop `root`, found to be needed only now: it becomes a carried value of
+ * every loop from there to here. Nothing has changed it in this iteration yet, so its value here is the innermost
+ * parameter. */
 Var *var_hidden(Lower *l, LoopCtx *root, Inst *(*init)(Lower *, Builder *), IrType t) {
     Var *v = ARENA_NEW(l->arena, Var);
     v->type = t;
@@ -275,7 +276,8 @@ void lower_prune_loops(Lower *l) {
     bool any = false;
     find_invariant(l->fn->body, map, &any);
     if (!any) return;
-    /* Chains: inner loops were given outer parameters. Outer parameters have smaller ids, so one pass in order resolves them. */
+    /* Chains: inner loops were given outer parameters. Outer parameters have smaller ids, so one pass in order resolves
+     * them. */
     for (uint32_t i = 0; i < n; i++)
         if (map[i] && map[i]->id != UINT32_MAX && map[map[i]->id]) map[i] = map[map[i]->id];
     /* Invariant results were never projected (loop_end), so replacing the parameters is all. */

@@ -13,7 +13,8 @@ Val val_undef(Lower *l, Type *t) {
     const Layout *layout = lower_layout(l, t);
     Val v = val_new(l, t);
     for (uint32_t i = 0; i < v.n; i++)
-        v.c[i] = layout->leaf[i].count ? alloc_array(l, layout->leaf[i].type, layout->leaf[i].count) : ir_zero(&l->b, layout->leaf[i].type);
+        v.c[i] = layout->leaf[i].count ? alloc_array(l, layout->leaf[i].type, layout->leaf[i].count)
+                                       : ir_zero(&l->b, layout->leaf[i].type);
     return v;
 }
 
@@ -66,7 +67,8 @@ static Val lower_convert(Lower *l, Expr *e) {
     Val a = lower_expr(l, e->a[0]);
     if (a.type == e->type) return a;
     Val v = val_new(l, e->type);
-    for (uint32_t i = 0; i < v.n; i++) v.c[i] = convert_scalar(l, a.c[a.n == 1 ? 0 : i], scalar_of(a.type), scalar_of(e->type), e->span);
+    for (uint32_t i = 0; i < v.n; i++)
+        v.c[i] = convert_scalar(l, a.c[a.n == 1 ? 0 : i], scalar_of(a.type), scalar_of(e->type), e->span);
     return v;
 }
 
@@ -114,7 +116,12 @@ static Inst *binary_scalar(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, 
     case OPR_XOR: return op2(l, q ? OP_bxor : OP_ixor, a, b);
     case OPR_SHL: return op2(l, OP_ishl, a, b);
     case OPR_SHR: return op2(l, u ? OP_ushr : OP_ishr, a, b);
-    case OPR_EQ: case OPR_NE: case OPR_LT: case OPR_LE: case OPR_GT: case OPR_GE: return compare(l, op, a, b, k, span);
+    case OPR_EQ:
+    case OPR_NE:
+    case OPR_LT:
+    case OPR_LE:
+    case OPR_GT:
+    case OPR_GE: return compare(l, op, a, b, k, span);
     default: ice(l->s, "no binary operator %d", (int)op);
     }
 }
@@ -123,7 +130,8 @@ Val lower_binary(Lower *l, Operator op, Val a, Val b, Type *type, Span span) {
     if (op == OPR_MUL && (a.type->kind == T_MATRIX || b.type->kind == T_MATRIX)) return lower_matmul(l, a, b, type);
     Val v = val_new(l, type);
     TypeKind k = scalar_of(a.type)->kind;
-    for (uint32_t i = 0; i < v.n; i++) v.c[i] = binary_scalar(l, op, a.c[a.n == 1 ? 0 : i], b.c[b.n == 1 ? 0 : i], k, span);
+    for (uint32_t i = 0; i < v.n; i++)
+        v.c[i] = binary_scalar(l, op, a.c[a.n == 1 ? 0 : i], b.c[b.n == 1 ? 0 : i], k, span);
     return v;
 }
 
@@ -143,6 +151,7 @@ static Val lower_unary(Lower *l, Expr *e) {
 /* ---- cost: what may run although its result is not needed */
 
 static uint32_t builtin_cost(Builtin b) {
+    /* clang-format off */
     switch (b) {
     case B_abs: case B_min: case B_max: case B_fma: case B_asfloat: case B_detach: case B_select: case B_isnan: case B_pixel: case B_resolution:
     case B_sample_index: case B_any: case B_all: return 1;
@@ -151,6 +160,7 @@ static uint32_t builtin_cost(Builtin b) {
     case B_lerp: case B_length: case B_distance: case B_cross: case B_step: case B_floor: case B_frac: case B_ceil: case B_round: case B_trunc: return 6;
     default: return 12;
     }
+    /* clang-format on */
 }
 
 uint32_t expr_cost(Lower *l, const Expr *e, uint32_t limit) {
@@ -162,16 +172,21 @@ uint32_t expr_cost(Lower *l, const Expr *e, uint32_t limit) {
     case E_BINARY: cost = n * (e->op == OPR_DIV || e->op == OPR_MOD ? 4 : 1); break;
     case E_BUILTIN: cost = n * builtin_cost(e->builtin); break;
     case E_INDEX: cost = 3; break;
-    case E_LOGIC: case E_CONVERT: cost = n; break;
+    case E_LOGIC:
+    case E_CONVERT: cost = n; break;
     case E_COND: cost = 2 * n; break;
-    case E_CONSTRUCT: case E_BROADCAST: case E_FIELD: case E_SWIZZLE: break;
+    case E_CONSTRUCT:
+    case E_BROADCAST:
+    case E_FIELD:
+    case E_SWIZZLE: break;
     default: return limit + 1; /* assignments, calls, textures, lists */
     }
     if (e->kind == E_BUILTIN && e->builtin == B_mul) cost *= 4;
     for (uint32_t i = 0; i < 3 && cost <= limit; i++)
         if (e->a[i]) {
             /* reading a part of a parameter array or struct is one access */
-            bool part = (e->kind == E_FIELD || e->kind == E_INDEX || e->kind == E_SWIZZLE) && i == 0 && lower_is_place(e);
+            bool part =
+                (e->kind == E_FIELD || e->kind == E_INDEX || e->kind == E_SWIZZLE) && i == 0 && lower_is_place(e);
             const Expr *x = e->a[i];
             while (part && x->kind != E_NAME) {
                 if (x->kind == E_INDEX) cost += 3 + expr_cost(l, x->a[1], limit);
@@ -184,17 +199,20 @@ uint32_t expr_cost(Lower *l, const Expr *e, uint32_t limit) {
 }
 
 static bool jumping_builtin(Builtin b) {
+    /* clang-format off */
     switch (b) {
     case B_floor: case B_ceil: case B_round: case B_trunc: case B_frac: case B_fmod: case B_step: case B_sign: case B_atan2: case B_refract: return true;
     default: return false;
     }
+    /* clang-format on */
 }
 
 /* Would [Disc] make a site of something written here? Calls are not looked into. */
 bool expr_has_site(const Expr *e) {
     if (!e || e->is_const) return false;
     if (e->kind == E_BINARY && type_is_float(e->a[0]->type) &&
-        (e->op == OPR_LT || e->op == OPR_LE || e->op == OPR_GT || e->op == OPR_GE || e->op == OPR_MOD)) return true;
+        (e->op == OPR_LT || e->op == OPR_LE || e->op == OPR_GT || e->op == OPR_GE || e->op == OPR_MOD))
+        return true;
     if (e->kind == E_ASSIGN && e->op == OPR_MOD && type_is_float(e->type)) return true;
     if (e->kind == E_BUILTIN && jumping_builtin(e->builtin)) return true;
     if (e->kind == E_METHOD && (e->method == M_NEAREST || e->method >= M_TRACE)) return true;
@@ -341,7 +359,8 @@ static Val lower_parts(Lower *l, Expr *e) {
         if (t->kind == T_STRUCT) a = own_arrays(l, a);
         else if (a.type->kind != T_STRUCT && scalar_of(a.type) != scalar_of(t)) {
             Val c = val_new(l, a.type);
-            for (uint32_t j = 0; j < a.n; j++) c.c[j] = convert_scalar(l, a.c[j], scalar_of(a.type), scalar_of(t), e->span);
+            for (uint32_t j = 0; j < a.n; j++)
+                c.c[j] = convert_scalar(l, a.c[j], scalar_of(a.type), scalar_of(t), e->span);
             a = c;
         }
         for (uint32_t j = 0; j < a.n && at < v.n; j++) v.c[at++] = a.c[j];

@@ -1,10 +1,13 @@
 /* Heightfields: heights are parameters, so `height`, `gradient` and `normal` are ordinary operations.
  *
- * A query along a ray is a search and an evaluation. The search is one fieldop, whose witness (saltus/field.h) names a triangle or an edge of the grid; the evaluation is
- * ordinary arithmetic on that triangle's plane, in grid space, differentiable in the three heights and in the ray. At a minimum over the ray the witness is held
- * fixed, which is the envelope theorem: an edge stays the edge on which the ray is nearest to the ground, while the point of contact slides along it.
+ * A query along a ray is a search and an evaluation. The search is one fieldop, whose witness (saltus/field.h) names a
+ * triangle or an edge of the grid; the evaluation is ordinary arithmetic on that triangle's plane, in grid space,
+ * differentiable in the three heights and in the ray. At a minimum over the ray the witness is held fixed, which is the
+ * envelope theorem: an edge stays the edge on which the ray is nearest to the ground, while the point of contact slides
+ * along it.
  *
- * Under [Disc], `trace` and `occluded` are sites whose g is the clearance over a window of the ray (OP_window), the same for both ends of a segment. */
+ * Under [Disc], `trace` and `occluded` are sites whose g is the clearance over a window of the ray (OP_window), the
+ * same for both ends of a segment. */
 #include "compiler/front/lower_internal.h"
 #include "saltus/field.h"
 
@@ -20,8 +23,15 @@ static Terrain terrain(const Symbol *sym) {
     if (a->has_extent)
         for (int i = 0; i < 4; i++) e[i] = a->extent[i];
     uint32_t w = sym->tex_w, h = sym->tex_h;
-    return (Terrain){sym, w, h, e[0], e[1], (e[2] - e[0]) / (w > 1 ? w - 1 : 1), (e[3] - e[1]) / (h > 1 ? h - 1 : 1),
-                     a->has_height ? a->height_scale : 1, a->has_height ? a->height_offset : 0};
+    return (Terrain){sym,
+                     w,
+                     h,
+                     e[0],
+                     e[1],
+                     (e[2] - e[0]) / (w > 1 ? w - 1 : 1),
+                     (e[3] - e[1]) / (h > 1 ? h - 1 : 1),
+                     a->has_height ? a->height_scale : 1,
+                     a->has_height ? a->height_offset : 0};
 }
 
 static Inst *add(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fadd, a, b); }
@@ -66,20 +76,26 @@ static Cell cell_at(Lower *l, const Terrain *t, Inst *x, Inst *y) {
 
 static Inst *to_grid(Lower *l, Inst *p, double lo, double d) { return op2(l, OP_fdiv, sub(l, p, kf(l, lo)), kf(l, d)); }
 
-static Cell cell(Lower *l, const Terrain *t, Inst *x, Inst *y) { return cell_at(l, t, to_grid(l, x, t->x0, t->dx), to_grid(l, y, t->y0, t->dy)); }
+static Cell cell(Lower *l, const Terrain *t, Inst *x, Inst *y) {
+    return cell_at(l, t, to_grid(l, x, t->x0, t->dx), to_grid(l, y, t->y0, t->dy));
+}
 
 /* Linear interpolation of corner values on the cell's two triangles. */
 static Inst *on_cell(Lower *l, const Cell *c, Inst *a00, Inst *a10, Inst *a01, Inst *a11) {
-    Inst *low = op2(l, OP_fadd, op2(l, OP_fadd, a00, op2(l, OP_fmul, c->u, op2(l, OP_fsub, a10, a00))), op2(l, OP_fmul, c->v, op2(l, OP_fsub, a01, a00)));
+    Inst *low = op2(l, OP_fadd, op2(l, OP_fadd, a00, op2(l, OP_fmul, c->u, op2(l, OP_fsub, a10, a00))),
+                    op2(l, OP_fmul, c->v, op2(l, OP_fsub, a01, a00)));
     Inst *ru = op2(l, OP_fsub, kf(l, 1), c->u), *rv = op2(l, OP_fsub, kf(l, 1), c->v);
-    Inst *high = op2(l, OP_fadd, op2(l, OP_fadd, a11, op2(l, OP_fmul, ru, op2(l, OP_fsub, a01, a11))), op2(l, OP_fmul, rv, op2(l, OP_fsub, a10, a11)));
+    Inst *high = op2(l, OP_fadd, op2(l, OP_fadd, a11, op2(l, OP_fmul, ru, op2(l, OP_fsub, a01, a11))),
+                     op2(l, OP_fmul, rv, op2(l, OP_fsub, a10, a11)));
     return sel(l, c->lower, low, high);
 }
 
 /* Slope at a sample by central differences, one-sided at the edge. */
 static void slope_at(Lower *l, const Terrain *t, Inst *i, Inst *j, Inst **sx, Inst **sy) {
-    Inst *im = op2(l, OP_imax, op2(l, OP_isub, i, ki(l, 1)), ki(l, 0)), *ip = op2(l, OP_imin, op2(l, OP_iadd, i, ki(l, 1)), ki(l, (int64_t)t->w - 1));
-    Inst *jm = op2(l, OP_imax, op2(l, OP_isub, j, ki(l, 1)), ki(l, 0)), *jp = op2(l, OP_imin, op2(l, OP_iadd, j, ki(l, 1)), ki(l, (int64_t)t->h - 1));
+    Inst *im = op2(l, OP_imax, op2(l, OP_isub, i, ki(l, 1)), ki(l, 0)),
+         *ip = op2(l, OP_imin, op2(l, OP_iadd, i, ki(l, 1)), ki(l, (int64_t)t->w - 1));
+    Inst *jm = op2(l, OP_imax, op2(l, OP_isub, j, ki(l, 1)), ki(l, 0)),
+         *jp = op2(l, OP_imin, op2(l, OP_iadd, j, ki(l, 1)), ki(l, (int64_t)t->h - 1));
     Inst *one = ki(l, 1);
     Inst *wx = op2(l, OP_fmul, op1(l, OP_i2f, op2(l, OP_imax, op2(l, OP_isub, ip, im), one)), kf(l, t->dx));
     Inst *wy = op2(l, OP_fmul, op1(l, OP_i2f, op2(l, OP_imax, op2(l, OP_isub, jp, jm), one)), kf(l, t->dy));
@@ -94,7 +110,8 @@ static void normal_at(Lower *l, const Terrain *t, Inst *px, Inst *py, Inst *out[
     slope_at(l, t, c.i1, c.j0, &x[1], &y[1]);
     slope_at(l, t, c.i0, c.j1, &x[2], &y[2]);
     slope_at(l, t, c.i1, c.j1, &x[3], &y[3]);
-    Inst *n[3] = {op1(l, OP_fneg, on_cell(l, &c, x[0], x[1], x[2], x[3])), op1(l, OP_fneg, on_cell(l, &c, y[0], y[1], y[2], y[3])), kf(l, 1)};
+    Inst *n[3] = {op1(l, OP_fneg, on_cell(l, &c, x[0], x[1], x[2], x[3])),
+                  op1(l, OP_fneg, on_cell(l, &c, y[0], y[1], y[2], y[3])), kf(l, 1)};
     Inst *inv = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, dot_n(l, n, n, 3)));
     for (uint32_t i = 0; i < 3; i++) out[i] = mul(l, n[i], inv);
 }
@@ -129,8 +146,17 @@ static uint32_t field_number(Lower *l, const Terrain *t) {
     for (uint32_t f = 0; f < l->fields.len; f++)
         if (l->fields.data[f].param == t->sym->param_index) return f;
     const Param *p = &l->program->params[t->sym->param_index];
-    FieldInfo f = {.param = t->sym->param_index, .base = p->fbase, .w = t->w, .h = t->h, .x0 = t->x0, .y0 = t->y0, .dx = t->dx, .dy = t->dy,
-                   .scale = t->scale, .offset = t->offset, .band = (t->dx < t->dy ? t->dx : t->dy) / t->scale};
+    FieldInfo f = {.param = t->sym->param_index,
+                   .base = p->fbase,
+                   .w = t->w,
+                   .h = t->h,
+                   .x0 = t->x0,
+                   .y0 = t->y0,
+                   .dx = t->dx,
+                   .dy = t->dy,
+                   .scale = t->scale,
+                   .offset = t->offset,
+                   .band = (t->dx < t->dy ? t->dx : t->dy) / t->scale};
     vec_push(l->arena, &l->fields, f);
     return l->fields.len - 1;
 }
@@ -151,10 +177,12 @@ typedef struct Plane {
 } Plane;
 
 static Plane plane(Lower *l, const Terrain *t, Inst *i, Inst *j, Inst *upper) {
-    Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)), *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
+    Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)),
+         *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
     Inst *ci = sel(l, upper, i1, i), *cj = sel(l, upper, j1, j);
     Inst *c = raw_at(l, t, ci, cj), *b = raw_at(l, t, i1, j), *d = raw_at(l, t, i, j1);
-    return (Plane){op1(l, OP_i2f, ci), op1(l, OP_i2f, cj), c, sel(l, upper, sub(l, c, d), sub(l, b, c)), sel(l, upper, sub(l, c, b), sub(l, d, c))};
+    return (Plane){op1(l, OP_i2f, ci), op1(l, OP_i2f, cj), c, sel(l, upper, sub(l, c, d), sub(l, b, c)),
+                   sel(l, upper, sub(l, c, b), sub(l, d, c))};
 }
 
 static Inst *plane_height(Lower *l, const Plane *p, Inst *x, Inst *y) {
@@ -182,15 +210,17 @@ static Inst *hit_t(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
     Inst *den = sub(l, sub(l, r->dz, mul(l, p.gx, r->dx)), mul(l, p.gy, r->dy));
     /* Walls: x = 0, x = w - 1, y = 0, y = h - 1. */
     Inst *flat = op2(l, OP_ile, ki(l, 0), id), *along_x = op2(l, OP_ile, ki(l, SLT_FIELD_WALL - 1), id);
-    Inst *at = sel(l, is(l, id, SLT_FIELD_WALL - 1), kf(l, (double)t->w - 1), sel(l, is(l, id, SLT_FIELD_WALL - 3), kf(l, (double)t->h - 1), kf(l, 0)));
+    Inst *at = sel(l, is(l, id, SLT_FIELD_WALL - 1), kf(l, (double)t->w - 1),
+                   sel(l, is(l, id, SLT_FIELD_WALL - 3), kf(l, (double)t->h - 1), kf(l, 0)));
     num = sel(l, flat, num, sub(l, at, sel(l, along_x, r->x, r->y)));
     den = sel(l, flat, den, sel(l, along_x, r->dx, r->dy));
     Inst *found = op2(l, OP_fdiv, num, sel(l, is(l, id, SLT_FIELD_NONE), kf(l, 1), den));
     return sel(l, is(l, id, SLT_FIELD_AT_T0), r->t0, found);
 }
 
-/* Where along the ray an edge lies, and the plane above which to measure there: that of the edge's lower triangle. As the ray moves, the point of contact slides
- * along the edge. With `ends`, AT_T0 and AT_T1 are points of their triangles. */
+/* Where along the ray an edge lies, and the plane above which to measure there: that of the edge's lower triangle. As
+ * the ray moves, the point of contact slides along the edge. With `ends`, AT_T0 and AT_T1 are points of their
+ * triangles. */
 typedef struct Contact {
     Inst *t, *ground; /* raw height of the terrain there */
 } Contact;
@@ -204,11 +234,13 @@ static Contact contact(Lower *l, const Terrain *t, const Ray *r, Inst *id, bool 
     Inst *den = sel(l, k0, r->dy, sel(l, k1, r->dx, add(l, r->dx, r->dy)));
     Inst *at = mul(l, num, op2(l, OP_fdiv, kf(l, 1), sel(l, op2(l, OP_ile, ki(l, 0), id), den, kf(l, 1))));
     if (!ends) {
-        /* On the edge itself, in the order of operations of the search (runtime/field/leaf.h): a walk from silhouette to silhouette asks above the slope it was given, and must not find the
-         * same one again. */
-        Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)), *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
+        /* On the edge itself, in the order of operations of the search (runtime/field/leaf.h): a walk from silhouette
+         * to silhouette asks above the slope it was given, and must not find the same one again. */
+        Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)),
+             *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
         Inst *x = add(l, r->x, mul(l, at, r->dx)), *y = add(l, r->y, mul(l, at, r->dy));
-        Inst *a = raw_at(l, t, i, sel(l, op2(l, OP_bor, k0, k1), j, j1)), *b = raw_at(l, t, sel(l, k1, i, i1), sel(l, k1, j1, j));
+        Inst *a = raw_at(l, t, i, sel(l, op2(l, OP_bor, k0, k1), j, j1)),
+             *b = raw_at(l, t, sel(l, k1, i, i1), sel(l, k1, j1, j));
         return (Contact){at, add(l, a, mul(l, sel(l, k1, sub(l, y, fj), sub(l, x, fi)), sub(l, b, a)))};
     }
     Inst *end = op2(l, OP_ilt, id, ki(l, 0));
@@ -234,11 +266,13 @@ static Inst *clearance(Lower *l, const Terrain *t, const Ray *ray, Inst **search
     return sel(l, none, kf(l, __builtin_inf()), op2(l, OP_fdiv, over, sel(l, none, kf(l, 1), c.t)));
 }
 
-/* How much of t the ray lacks to touch the box: negative inside. The walls below the rim end at the corners of the box, where nothing else is 0. */
+/* How much of t the ray lacks to touch the box: negative inside. The walls below the rim end at the corners of the box,
+ * where nothing else is 0. */
 static Inst *box_gap(Lower *l, const Terrain *t, const Ray *r) {
     Inst *from = r->t0, *to = r->t1, *o[2] = {r->x, r->y}, *d[2] = {r->dx, r->dy};
     for (int i = 0; i < 2; i++) {
-        Inst *a = op2(l, OP_fdiv, op1(l, OP_fneg, o[i]), d[i]), *b = op2(l, OP_fdiv, sub(l, kf(l, (i ? t->h : t->w) - 1.0), o[i]), d[i]);
+        Inst *a = op2(l, OP_fdiv, op1(l, OP_fneg, o[i]), d[i]),
+             *b = op2(l, OP_fdiv, sub(l, kf(l, (i ? t->h : t->w) - 1.0), o[i]), d[i]);
         from = op2(l, OP_fmax, from, op2(l, OP_fmin, a, b));
         to = op2(l, OP_fmin, to, op2(l, OP_fmax, a, b));
     }
@@ -257,16 +291,26 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
     Inst *margin = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy))));
     Inst *pair[3] = {behind.t0, top, margin};
     int64_t site = l->sites.len;
-    Inst *lo = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site}), *hi = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site + 1});
-    /* t is counted from a cell's length (in three dimensions) behind the origin: (ray - terrain) / t has the same sign there, and t0 may be 0. */
+    Inst *lo = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site}),
+         *hi = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site + 1});
+    /* t is counted from a cell's length (in three dimensions) behind the origin: (ray - terrain) / t has the same sign
+     * there, and t0 may be 0. */
     double band = l->fields.data[field_number(l, t)].band;
-    Inst *steep = mul(l, r->dz, kf(l, 1 / band)), *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
+    Inst *steep = mul(l, r->dz, kf(l, 1 / band)),
+         *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
     Inst *back = op1(l, OP_detach, op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, length)));
-    Ray window = {.x = sub(l, r->x, mul(l, back, r->dx)), .y = sub(l, r->y, mul(l, back, r->dy)), .z = sub(l, r->z, mul(l, back, r->dz)),
-                  .dx = r->dx, .dy = r->dy, .dz = r->dz,
-                  .t0 = add(l, op2(l, OP_fmax, r->t0, lo), back), .t1 = add(l, op2(l, OP_fmin, r->t1, hi), back)};
+    Ray window = {.x = sub(l, r->x, mul(l, back, r->dx)),
+                  .y = sub(l, r->y, mul(l, back, r->dy)),
+                  .z = sub(l, r->z, mul(l, back, r->dz)),
+                  .dx = r->dx,
+                  .dy = r->dy,
+                  .dz = r->dz,
+                  .t0 = add(l, op2(l, OP_fmax, r->t0, lo), back),
+                  .t1 = add(l, op2(l, OP_fmin, r->t1, hi), back)};
     Inst *search, *c = clearance(l, t, &window, &search), *gap = box_gap(l, t, r);
-    Inst *none = is(l, search, SLT_FIELD_NONE), *outside = op2(l, OP_flt, mul(l, back, kf(l, -0x1p-10)), gap); /* or so little inside that the search did not see it */
+    Inst *none = is(l, search, SLT_FIELD_NONE),
+         *outside = op2(l, OP_flt, mul(l, back, kf(l, -0x1p-10)),
+                        gap); /* or so little inside that the search did not see it */
     Inst *g = sel(l, none, sel(l, outside, gap, far), op2(l, OP_fmax, c, gap));
     return site_field(l, kind, hit, g, span);
 }
@@ -305,14 +349,21 @@ Val lower_field_method(Lower *l, Expr *e, const Symbol *sym) {
     if (e->method < M_TRACE) return lookup(l, e, &t);
     static const char *const names[] = {"trace", "occluded", "clearance", "silhouette"};
     if (!(t.scale > 0) || l->quiet) {
-        diag_emit(l->s, DIAG_heightfield_query, e->span, names[e->method - M_TRACE], l->quiet ? "is asked by the shader itself, not by bounds and initial values" : "needs a [Height] scale above 0");
+        diag_emit(l->s, DIAG_heightfield_query, e->span, names[e->method - M_TRACE],
+                  l->quiet ? "is asked by the shader itself, not by bounds and initial values"
+                           : "needs a [Height] scale above 0");
         lower_giveup(l);
     }
     Val o = lower_expr(l, e->args[0]), d = lower_expr(l, e->args[1]);
     Inst *a = lower_scalar(l, e->args[2]), *b = lower_scalar(l, e->args[3]);
     Inst *scale = kf(l, t.scale);
-    Ray r = {.x = to_grid(l, o.c[0], t.x0, t.dx), .y = to_grid(l, o.c[1], t.y0, t.dy), .z = op2(l, OP_fdiv, sub(l, o.c[2], kf(l, t.offset)), scale),
-             .dx = op2(l, OP_fdiv, d.c[0], kf(l, t.dx)), .dy = op2(l, OP_fdiv, d.c[1], kf(l, t.dy)), .t0 = a, .t1 = b};
+    Ray r = {.x = to_grid(l, o.c[0], t.x0, t.dx),
+             .y = to_grid(l, o.c[1], t.y0, t.dy),
+             .z = op2(l, OP_fdiv, sub(l, o.c[2], kf(l, t.offset)), scale),
+             .dx = op2(l, OP_fdiv, d.c[0], kf(l, t.dx)),
+             .dy = op2(l, OP_fdiv, d.c[1], kf(l, t.dy)),
+             .t0 = a,
+             .t1 = b};
     r.dz = e->method == M_SILHOUETTE ? kf(l, 0) : op2(l, OP_fdiv, d.c[2], scale);
     if (e->method == M_TRACE) return trace(l, e, &t, &r, &o, &d);
     if (e->method == M_SILHOUETTE) return silhouette(l, e, &t, r);
@@ -323,7 +374,8 @@ Val lower_field_method(Lower *l, Expr *e, const Symbol *sym) {
         vec_push(l->arena, &l->clearances, c);
         return v;
     }
-    Inst *id = query(l, &t, SLT_FIELD_OCCLUDED, &r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE)), *at = hit_t(l, &t, &r, id);
+    Inst *id = query(l, &t, SLT_FIELD_OCCLUDED, &r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE)),
+         *at = hit_t(l, &t, &r, id);
     v.c[0] = site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, SITE_SHADOW, hit, at, e->span) : hit;
     return v;
 }
@@ -356,7 +408,8 @@ void lower_field_finish(Lower *l) {
     bool *whole = ARENA_ARRAY(&l->s->scratch, bool, l->clearances.len + 1);
     if (l->clearances.len) find_uses(l->fn->body, l, whole);
     for (uint32_t c = 0; c < l->clearances.len; c++)
-        if (!whole[c] && l->clearances.data[c].search->op == OP_fieldop) l->clearances.data[c].search->imm.field.what = SLT_FIELD_SHADOW;
+        if (!whole[c] && l->clearances.data[c].search->op == OP_fieldop)
+            l->clearances.data[c].search->imm.field.what = SLT_FIELD_SHADOW;
     for (uint32_t f = 0; f < l->fields.len; f++) l->fields.data[f].queries = 0;
     note_queries(l->fn->body, l->fields.data);
 }

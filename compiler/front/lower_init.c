@@ -97,7 +97,8 @@ static void put_expr(Filler *f, Expr *e) {
 /* ---- init(f) */
 
 /* Where scalar number `out` of one element lies: floats and ints in order of declaration. */
-static void put_elements(Filler *f, const Type *elem, uint32_t first, uint32_t count, uint32_t n, void **out, bool single) {
+static void put_elements(Filler *f, const Type *elem, uint32_t first, uint32_t count, uint32_t n, void **out,
+                         bool single) {
     const Layout *layout = lower_layout(f->l, (Type *)elem);
     uint32_t at = 0;
     for (uint32_t i = 0, nf = 0, ni = 0; i < layout->n; i++) {
@@ -108,7 +109,8 @@ static void put_elements(Filler *f, const Type *elem, uint32_t first, uint32_t c
             if (at < first || at >= first + count) continue;
             void *from = out[at - first];
             for (uint32_t e = 0; e < n; e++) {
-                if (is_float) f->floats[e * layout->nfloats + slot] = single ? (double)((float *)from)[e] : ((double *)from)[e];
+                if (is_float)
+                    f->floats[e * layout->nfloats + slot] = single ? (double)((float *)from)[e] : ((double *)from)[e];
                 else f->ints[e * layout->nints + slot] = ((int32_t *)from)[e];
             }
         }
@@ -143,7 +145,8 @@ static void run_init(Filler *f, Symbol *sym) {
         for (uint32_t i = 0; i < count; i++) out[i] = arena_alloc(scratch, sizeof(double) * ((size_t)n + SLT_PAD));
         int status = run(l, code, n, (const int32_t *const *)k, nd, streams, out);
         if (status) {
-            diag_emit(l->s, DIAG_init_failed, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->name, "the program exceeds a limit of the interpreter");
+            diag_emit(l->s, DIAG_init_failed, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->name,
+                      "the program exceeds a limit of the interpreter");
             lower_giveup(l);
         }
         put_elements(f, elem, first, count, n, out, single);

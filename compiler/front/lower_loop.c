@@ -72,7 +72,9 @@ bool expr_uses_rand(Lower *l, const Expr *e) {
 
 bool stmt_uses_rand(Lower *l, const Stmt *s) {
     if (!s) return false;
-    if (expr_uses_rand(l, s->expr) || expr_uses_rand(l, s->step) || stmt_uses_rand(l, s->init) || stmt_uses_rand(l, s->body) || stmt_uses_rand(l, s->orelse)) return true;
+    if (expr_uses_rand(l, s->expr) || expr_uses_rand(l, s->step) || stmt_uses_rand(l, s->init) ||
+        stmt_uses_rand(l, s->body) || stmt_uses_rand(l, s->orelse))
+        return true;
     for (uint32_t i = 0; i < s->ndecls; i++)
         if (expr_uses_rand(l, s->decls[i]->init)) return true;
     for (uint32_t i = 0; i < s->nargs; i++)
@@ -90,17 +92,18 @@ bool stmt_uses_rand(Lower *l, const Stmt *s) {
 typedef struct Counter {
     Symbol *sym;
     Var *var;
-    int64_t step;       /* 0: no counter */
-    double fstep;       /* of a float counter */
-    Operator op;        /* sym op bound */
+    int64_t step; /* 0: no counter */
+    double fstep; /* of a float counter */
+    Operator op;  /* sym op bound */
     Expr *bound;
-    bool local;         /* declared in the for: not visible afterwards */
-    int64_t trips;      /* at most; -1: not known */
+    bool local;    /* declared in the for: not visible afterwards */
+    int64_t trips; /* at most; -1: not known */
     bool exact;
 } Counter;
 
 static const Expr *strip(const Expr *e) {
-    while (e && (e->kind == E_CONVERT) && e->a[0]->kind == E_NAME && !e->explicit_cast && e->type->kind != T_FLOAT) e = e->a[0];
+    while (e && (e->kind == E_CONVERT) && e->a[0]->kind == E_NAME && !e->explicit_cast && e->type->kind != T_FLOAT)
+        e = e->a[0];
     return e;
 }
 
@@ -140,7 +143,8 @@ static bool match_step(const Expr *e, const Symbol **sym, int64_t *step, double 
     }
     if (!by) return false;
     const ConstVal *c = by->kind == E_LITERAL || (by->is_const && by->cval.n == 1) ? &by->cval
-                        : by->kind == E_NAME && by->sym->kind == SYM_CONST ? &by->sym->cval : NULL;
+                        : by->kind == E_NAME && by->sym->kind == SYM_CONST         ? &by->sym->cval
+                                                                                   : NULL;
     if (!c || c->n != 1) return false;
     if (k == T_FLOAT) *fstep = sign * c->v[0].f, *step = 1;
     else *step = sign * (k == T_UINT ? (int64_t)(int32_t)c->v[0].i : c->v[0].i);
@@ -187,7 +191,11 @@ static int64_t count_float_trips(Lower *l, const Counter *c, double at, double b
     int64_t n = 0;
     bool single = l->fn->precision == PREC_F32;
     for (; n <= MAX_TRIPS; n++) {
-        bool goes = c->op == OPR_LT ? at < bound : c->op == OPR_LE ? at <= bound : c->op == OPR_GT ? at > bound : c->op == OPR_GE ? at >= bound : at != bound;
+        bool goes = c->op == OPR_LT   ? at < bound
+                    : c->op == OPR_LE ? at <= bound
+                    : c->op == OPR_GT ? at > bound
+                    : c->op == OPR_GE ? at >= bound
+                                      : at != bound;
         if (!goes) break;
         at = single ? (double)((float)at + (float)c->fstep) : at + c->fstep;
     }
@@ -245,7 +253,8 @@ static Counter find_counter(Lower *l, Stmt *s, uint32_t stamp) {
     c.exact = c.trips >= 0 && start->op == OP_consti && stop->op == OP_consti;
     if (c.exact && c.trips > 0) { /* a counter that would wrap around never ends */
         int64_t last = lo0 + c.trips * c.step;
-        if (last > (bound->type->kind == T_UINT ? (int64_t)UINT32_MAX : INT32_MAX) || last < INT32_MIN) c.trips = MAX_TRIPS + 1;
+        if (last > (bound->type->kind == T_UINT ? (int64_t)UINT32_MAX : INT32_MAX) || last < INT32_MIN)
+            c.trips = MAX_TRIPS + 1;
     }
     return c;
 }
@@ -257,8 +266,8 @@ static void note_path(Lower *l, Diag *d) {
 }
 
 typedef struct LoopPlan {
-    int64_t bound;   /* most runs of the body */
-    bool cut;        /* [MaxIters] may end it */
+    int64_t bound; /* most runs of the body */
+    bool cut;      /* [MaxIters] may end it */
     bool exact;
 } LoopPlan;
 
@@ -328,7 +337,7 @@ typedef struct LoopJob {
     Stmt *s;
     Counter counter;
     LoopPlan plan;
-    bool by_index;     /* the counter is start + k*step, not carried */
+    bool by_index; /* the counter is start + k*step, not carried */
     Inst *start;
     VarList carried;
     Jumps jumps;
@@ -380,7 +389,8 @@ static Inst *iteration(Lower *l, LoopJob *job, Inst *k, bool condition_after) {
 static void finish(Lower *l, LoopJob *job, LoopCtx *ctx, Inst *go_on) {
     bool outermost = l->frame->first_loop == ctx;
     loop_end(l, ctx, go_on);
-    if (job->by_index) var_set(l, job->counter.var, job->start); /* its value inside is not visible here, and nobody looks */
+    if (job->by_index)
+        var_set(l, job->counter.var, job->start); /* its value inside is not visible here, and nobody looks */
     if (outermost) site_flush_skips(l, ctx);
 }
 
@@ -390,7 +400,8 @@ static void lower_rotated(Lower *l, LoopJob *job) {
     loop_begin(l, &ctx, &job->carried, info);
     Inst *more = iteration(l, job, ctx.k, true);
     if (job->plan.cut) more = cut_short(l, more, ctx.k, job->plan.bound);
-    else if (!job->plan.exact && !is_false(more)) more = op2(l, OP_band, more, op2(l, OP_ilt, ctx.k, ki(l, job->plan.bound - 1)));
+    else if (!job->plan.exact && !is_false(more))
+        more = op2(l, OP_band, more, op2(l, OP_ilt, ctx.k, ki(l, job->plan.bound - 1)));
     finish(l, job, &ctx, more);
 }
 
@@ -420,7 +431,8 @@ static void lower_header_in_body(Lower *l, LoopJob *job) {
     finish(l, job, &ctx, more->value);
 }
 
-/* [Cull]: the runtime may leave iterations out, so k is the index and the bound is known: what is above a bound that is not constant does nothing. */
+/* [Cull]: the runtime may leave iterations out, so k is the index and the bound is known: what is above a bound that is
+ * not constant does nothing. */
 static void lower_cull(Lower *l, LoopJob *job) {
     Stmt *s = job->s;
     Counter *c = &job->counter;
@@ -483,7 +495,8 @@ void lower_loop(Lower *l, Stmt *s) {
     scan_assigned_stmt(l, s->body, &job.carried);
     scan_assigned_expr(l, s->expr, &job.carried);
     if (!job.by_index) scan_assigned_expr(l, s->step, &job.carried);
-    if (stmt_uses_rand(l, s->body) || expr_uses_rand(l, s->expr) || expr_uses_rand(l, s->step)) vec_push(l->arena, &job.carried, l->rand_counter);
+    if (stmt_uses_rand(l, s->body) || expr_uses_rand(l, s->expr) || expr_uses_rand(l, s->step))
+        vec_push(l->arena, &job.carried, l->rand_counter);
     f->brk = NULL;
     if (job.jumps.brk) {
         f->brk = var_new(l, TY_BOOL, 1);
@@ -499,9 +512,11 @@ void lower_loop(Lower *l, Stmt *s) {
     if (job.by_index) job.start = var_get(l, job.counter.var);
 
     bool sites = (s->attrs.disc || l->opt->front.disc_auto) && expr_has_site(s->expr);
-    bool plain = s->kind == S_DO || !s->expr || (!sites && !expr_uses_rand(l, s->expr) && expr_cost(l, s->expr, ROTATE_COST) <= ROTATE_COST);
+    bool plain = s->kind == S_DO || !s->expr ||
+                 (!sites && !expr_uses_rand(l, s->expr) && expr_cost(l, s->expr, ROTATE_COST) <= ROTATE_COST);
     Counter *c = &job.counter;
-    bool cull = s->attrs.cull && job.by_index && c->step == 1 && c->op == OPR_LT && job.start->op == OP_consti && !job.start->imm.i;
+    bool cull = s->attrs.cull && job.by_index && c->step == 1 && c->op == OPR_LT && job.start->op == OP_consti &&
+                !job.start->imm.i;
     if (cull && !l->quiet) {
         lower_cull(l, &job);
     } else if (s->kind == S_DO || !s->expr) {

@@ -1,7 +1,8 @@
 /* What can be named in parts: variables and their arrays, and parameters.
  *
- * A Place is followed outside in: arrays add to a flattened index (clamped in every dimension, without code where the index is known to be
- * inside), fields move the first leaf, and vectors and matrices end in a choice of components. Parameters are read where they lie and never copied. */
+ * A Place is followed outside in: arrays add to a flattened index (clamped in every dimension, without code where the
+ * index is known to be inside), fields move the first leaf, and vectors and matrices end in a choice of components.
+ * Parameters are read where they lie and never copied. */
 #include <string.h>
 
 #include "compiler/front/lower_internal.h"
@@ -89,7 +90,9 @@ static void index_components(Lower *l, Place *p, Type *t, Inst *index, bool is_u
     if (p->selected && from->kind == T_VECTOR) {
         if (p->dyn) {
             for (uint32_t j = 1; j < n; j++) /* a row of a matrix is in order unless it was swizzled */
-                if (p->comp[j] != p->comp[0] + j) session_limit(l->s, "a swizzle of a matrix row that is chosen at run time cannot be indexed at run time");
+                if (p->comp[j] != p->comp[0] + j)
+                    session_limit(l->s,
+                                  "a swizzle of a matrix row that is chosen at run time cannot be indexed at run time");
         } else {
             p->permuted = true;
             memcpy(p->perm, p->comp, n);
@@ -262,7 +265,9 @@ static Inst *load_leaf(Lower *l, const Place *p, uint32_t leaf) {
 }
 
 /* The leaf of result component j when dyn is i. */
-static uint32_t dyn_leaf(const Place *p, uint32_t j, uint32_t i) { return p->permuted ? p->perm[i] : p->comp[j] + i * p->dyn_step; }
+static uint32_t dyn_leaf(const Place *p, uint32_t j, uint32_t i) {
+    return p->permuted ? p->perm[i] : p->comp[j] + i * p->dyn_step;
+}
 
 static Val load_components(Lower *l, const Place *p) {
     Val out = val_new(l, p->type);
@@ -270,7 +275,9 @@ static Val load_components(Lower *l, const Place *p) {
         if (p->kind == PLACE_PARAM) {
             Place q = *p;
             IrType t = lower_ir_type(scalar_of(p->type));
-            ParamReader r = {.p = &q, .foff = q.foff + (t == TY_FLT ? p->comp[j] : 0), .ioff = q.ioff + (t == TY_FLT ? 0 : p->comp[j])};
+            ParamReader r = {.p = &q,
+                             .foff = q.foff + (t == TY_FLT ? p->comp[j] : 0),
+                             .ioff = q.ioff + (t == TY_FLT ? 0 : p->comp[j])};
             if (p->dyn) {
                 Inst *d = op2(l, OP_imul, p->dyn, ki(l, p->dyn_step));
                 uint32_t span = (p->dyn_count - 1) * p->dyn_step;

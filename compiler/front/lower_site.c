@@ -45,7 +45,8 @@ static uint32_t loop_indices(Lower *l, const LoopCtx *inner, Inst **args, uint64
     return n;
 }
 
-static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, const LoopCtx *inner, Span span, bool skip) {
+static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, const LoopCtx *inner, Span span,
+                       bool skip) {
     Inst *args[2 + IR_MAX_SITE_DEPTH] = {value, g};
     SiteInfo info = {.kind = kind, .span = span, .skip_loop = skip};
     info.depth = loop_indices(l, inner, args + 2, &info.max_events, span);
@@ -63,9 +64,10 @@ void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind 
 
 /* ---- [SkipLoop]
  *
- * One site stands for all iterations. Its boundary function must be continuous in x, and change sign exactly where the decision "true in any iteration"
- * changes. With s > 0 where an iteration is true, the running maximum of s is that, as long as nothing was true; once it was, s is frozen: it is the boundary of
- * the iteration in which it was first true. && || and ! of comparisons are min, max and minus of their s. */
+ * One site stands for all iterations. Its boundary function must be continuous in x, and change sign exactly where the
+ * decision "true in any iteration" changes. With s > 0 where an iteration is true, the running maximum of s is that, as
+ * long as nothing was true; once it was, s is frozen: it is the boundary of the iteration in which it was first true.
+ * && || and ! of comparisons are min, max and minus of their s. */
 
 static Inst *init_minus_infinity(Lower *l, Builder *b) {
     (void)l;

@@ -1,5 +1,5 @@
-/* Statements. break, continue and early return become flags, or no flag at all where one branch of an if always jumps: then the rest of the list
- * is the other branch. */
+/* Statements. break, continue and early return become flags, or no flag at all where one branch of an if always jumps:
+ * then the rest of the list is the other branch. */
 #include <string.h>
 
 #include "compiler/front/lower_internal.h"
@@ -38,7 +38,11 @@ Jumps stmt_jumps(const Stmt *s) {
             j.cnt |= b.cnt, j.ret |= b.ret;
         }
         return j;
-    case S_EXPR: case S_DECL: case S_EMPTY: case S_PRINT: case S_ASSERT: break;
+    case S_EXPR:
+    case S_DECL:
+    case S_EMPTY:
+    case S_PRINT:
+    case S_ASSERT: break;
     }
     return j;
 }
@@ -71,7 +75,8 @@ static Inst *if_condition(Lower *l, Stmt *s) {
     Tag tag = l->tag;
     l->tag = tag_for(l, s);
     Inst *c;
-    if (s->attrs.skip_loop && l->frame->first_loop && !l->quiet && !l->in_tangent) c = lower_skip_condition(l, s->expr, l->frame->first_loop);
+    if (s->attrs.skip_loop && l->frame->first_loop && !l->quiet && !l->in_tangent)
+        c = lower_skip_condition(l, s->expr, l->frame->first_loop);
     else c = lower_scalar(l, s->expr);
     l->tag = tag;
     return c;
@@ -259,7 +264,8 @@ static void lower_switch(Lower *l, Stmt *s) {
     }
     Inst *none = op1(l, OP_bnot, any);
     for (uint32_t g = 0; g < n; g++)
-        if (groups[g].is_default && (g + 1 < n || !chain)) groups[g].match = op2(l, OP_bor, groups[g].match, none), groups[g].is_default = false;
+        if (groups[g].is_default && (g + 1 < n || !chain))
+            groups[g].match = op2(l, OP_bor, groups[g].match, none), groups[g].is_default = false;
     if (chain && n <= 48) {
         lower_groups(l, groups, n);
     } else {
@@ -332,7 +338,8 @@ static void lower_print(Lower *l, Stmt *s) {
         Expr *e = s->args[i];
         if (used[i]) continue;
         if (e->type || !e->name) {
-            if (p.text.len && p.text.data[p.text.len - 1] != ' ' && p.text.data[p.text.len - 1] != '=') text_add(l, &p.text, " ", 1);
+            if (p.text.len && p.text.data[p.text.len - 1] != ' ' && p.text.data[p.text.len - 1] != '=')
+                text_add(l, &p.text, " ", 1);
             print_value(l, &p, e);
             continue;
         }
@@ -369,7 +376,8 @@ static void lower_decl(Lower *l, Symbol *sym) {
         return;
     }
     Val v = lower_expr(l, sym->init);
-    bool fresh = !lower_is_place(sym->init) && sym->init->kind != E_COND && sym->init->kind != E_COMMA && sym->init->kind != E_ASSIGN;
+    bool fresh = !lower_is_place(sym->init) && sym->init->kind != E_COND && sym->init->kind != E_COMMA &&
+                 sym->init->kind != E_ASSIGN;
     Var *vars = var_new(l, TY_VOID, layout->n);
     for (uint32_t i = 0; i < layout->n; i++) {
         vars[i].type = layout->leaf[i].count ? TY_ARRAY : layout->leaf[i].type;

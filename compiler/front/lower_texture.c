@@ -14,9 +14,12 @@ static Inst *texel(Lower *l, const Grid *g, Inst *x, Inst *y, uint32_t channel) 
     return param_float(l, g->sym, channel, i, (g->w * g->h - 1) * g->c);
 }
 
-static Inst *clamp_to(Lower *l, Inst *i, uint32_t n) { return op2(l, OP_imax, op2(l, OP_imin, i, ki(l, (int64_t)n - 1)), ki(l, 0)); }
+static Inst *clamp_to(Lower *l, Inst *i, uint32_t n) {
+    return op2(l, OP_imax, op2(l, OP_imin, i, ki(l, (int64_t)n - 1)), ki(l, 0));
+}
 
-/* Continuous coordinate along one axis -> the two neighbours and the weight of the second. Outside the grid both are the edge. */
+/* Continuous coordinate along one axis -> the two neighbours and the weight of the second. Outside the grid both are
+ * the edge. */
 typedef struct Axis {
     Inst *i0, *i1, *t;
 } Axis;
@@ -31,7 +34,9 @@ static Axis axis(Lower *l, Inst *at, uint32_t n) {
     return a;
 }
 
-static Inst *mix(Lower *l, Inst *a, Inst *b, Inst *t) { return op2(l, OP_fadd, a, op2(l, OP_fmul, t, op2(l, OP_fsub, b, a))); }
+static Inst *mix(Lower *l, Inst *a, Inst *b, Inst *t) {
+    return op2(l, OP_fadd, a, op2(l, OP_fmul, t, op2(l, OP_fsub, b, a)));
+}
 
 static Val texture_method(Lower *l, Expr *e, const Grid *g) {
     Val v = val_new(l, e->type), at = lower_expr(l, e->args[0]);
@@ -41,7 +46,8 @@ static Val texture_method(Lower *l, Expr *e, const Grid *g) {
         return v;
     }
     /* v up, row 0 at the top, texel centres at (i + 0.5) / n. */
-    Inst *px = op2(l, OP_fmul, at.c[0], kf(l, g->w)), *py = op2(l, OP_fmul, op2(l, OP_fsub, kf(l, 1), at.c[1]), kf(l, g->h));
+    Inst *px = op2(l, OP_fmul, at.c[0], kf(l, g->w)),
+         *py = op2(l, OP_fmul, op2(l, OP_fsub, kf(l, 1), at.c[1]), kf(l, g->h));
     if (e->method == M_NEAREST) {
         Inst *fx = site_integer(l, SITE_FLOOR, op1(l, OP_ffloor, px), px, e->span);
         Inst *fy = site_integer(l, SITE_FLOOR, op1(l, OP_ffloor, py), py, e->span);

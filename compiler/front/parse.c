@@ -3,9 +3,7 @@
 
 #include <string.h>
 
-bool parse_at(const Parser *p, TokenKind k) {
-    return p->tok.kind == k;
-}
+bool parse_at(const Parser *p, TokenKind k) { return p->tok.kind == k; }
 
 void parse_stop(Parser *p) {
     p->stopped = p->panic = true;
@@ -99,10 +97,8 @@ void parse_semicolon(Parser *p, const char *after) {
     bool carry_on = p->tok.first_on_line || parse_at(p, TOK_RBRACE) || parse_at(p, TOK_EOF);
     /* The place where the `;` belongs, not the innocent token on the next line. */
     Span span = carry_on ? (Span){p->lx.file, p->prev_end, 0} : p->tok.span;
-    if (carry_on)
-        parse_complain(p, DIAG_syntax, span, "expected `;` after %s", after);
-    else
-        parse_error(p, DIAG_syntax, span, "expected `;` after %s, found %s", after, lex_describe(p->s, &p->tok));
+    if (carry_on) parse_complain(p, DIAG_syntax, span, "expected `;` after %s", after);
+    else parse_error(p, DIAG_syntax, span, "expected `;` after %s, found %s", after, lex_describe(p->s, &p->tok));
 }
 
 void parse_reserved(Parser *p, const Token *t) {
@@ -161,9 +157,7 @@ Span parse_span_from(const Parser *p, Span first) {
     return (Span){first.file, first.pos, p->prev_end > first.pos ? p->prev_end - first.pos : first.len};
 }
 
-static bool is_string(const Expr *e) {
-    return e->kind == E_LITERAL && !e->type;
-}
+static bool is_string(const Expr *e) { return e->kind == E_LITERAL && !e->type; }
 
 static Stmt call_instead(Parser *p, const Stmt *st, const char *name) {
     Expr *call = ARENA_NEW(&p->s->module, Expr);
@@ -214,7 +208,9 @@ static void finish_prints(Parser *p) {
     }
 }
 
-static bool word_char(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
+static bool word_char(char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+}
 
 /* The names in what was skipped: declarations among them are lost. */
 static void collect_lost(Parser *p) {
@@ -227,7 +223,8 @@ static void collect_lost(Parser *p) {
         for (uint32_t at = p->skipped.data[i].pos; at < end;) {
             uint32_t from = at;
             while (at < end && word_char(src->text[at])) at++;
-            if (at > from && names.len < MOST) vec_push(&p->s->module, &names, intern(p->s, src->text + from, at - from));
+            if (at > from && names.len < MOST)
+                vec_push(&p->s->module, &names, intern(p->s, src->text + from, at - from));
             if (at == from) at++;
         }
     }

@@ -135,18 +135,10 @@ void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym) {
     for (uint32_t i = 0; i < attrs->len; i++) {
         const Attr *a = &attrs->data[i];
         switch (understand(p, a, ON_PARAM, "a parameter", &seen)) {
-        case A_NODIFF:
-            out->nodiff = true, out->nodiff_span = a->span;
-            break;
-        case A_COLOR:
-            out->color = true, out->color_span = a->span;
-            break;
-        case A_LOG:
-            out->log = true, out->log_span = a->span;
-            break;
-        case A_DOC:
-            out->doc = a->args[0]->name;
-            break;
+        case A_NODIFF: out->nodiff = true, out->nodiff_span = a->span; break;
+        case A_COLOR: out->color = true, out->color_span = a->span; break;
+        case A_LOG: out->log = true, out->log_span = a->span; break;
+        case A_DOC: out->doc = a->args[0]->name; break;
         case A_RANGE:
             out->has_range = true, out->range_span = a->span;
             memcpy(out->range_args, a->args, sizeof out->range_args);
@@ -159,8 +151,7 @@ void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym) {
             out->has_height = true, out->height_span = a->span;
             memcpy(out->height_args, a->args, sizeof out->height_args);
             break;
-        default:
-            break;
+        default: break;
         }
     }
 }
@@ -171,19 +162,14 @@ void attrs_to_func(Parser *p, const AttrVec *attrs, Func *f) {
         const Attr *a = &attrs->data[i];
         switch (understand(p, a, f->is_shader ? ON_FUNC | ON_SHADER : ON_FUNC, f->is_shader ? "a shader" : "a function",
                            &seen)) {
-        case A_NODISC:
-            f->nodisc = true, f->nodisc_span = a->span;
-            break;
-        case A_TANGENT:
-            f->tangent_name = a->args[0]->name, f->tangent_span = a->args[0]->span;
-            break;
+        case A_NODISC: f->nodisc = true, f->nodisc_span = a->span; break;
+        case A_TANGENT: f->tangent_name = a->args[0]->name, f->tangent_span = a->args[0]->span; break;
         case A_DOMAIN:
             f->has_domain = true, f->domain_span = a->span;
             f->domain_lo = a->args[0];
             f->domain_hi = a->args[1];
             break;
-        default:
-            break;
+        default: break;
         }
     }
 }
@@ -193,23 +179,12 @@ void attrs_to_stmt(Parser *p, const AttrVec *attrs, StmtAttrs *out) {
     for (uint32_t i = 0; i < attrs->len; i++) {
         const Attr *a = &attrs->data[i];
         switch (understand(p, a, ON_STMT, "a statement", &seen)) {
-        case A_DISC:
-            out->disc = true, out->disc_span = a->span;
-            break;
-        case A_NODISC:
-            out->nodisc = true, out->nodisc_span = a->span;
-            break;
-        case A_SKIPLOOP:
-            out->skip_loop = true, out->skip_span = a->span;
-            break;
-        case A_MAXITERS:
-            out->max_iters = a->args[0], out->max_iters_span = a->span;
-            break;
-        case A_CULL:
-            out->cull_name = a->args[0]->name, out->cull_span = a->args[0]->span;
-            break;
-        default:
-            break;
+        case A_DISC: out->disc = true, out->disc_span = a->span; break;
+        case A_NODISC: out->nodisc = true, out->nodisc_span = a->span; break;
+        case A_SKIPLOOP: out->skip_loop = true, out->skip_span = a->span; break;
+        case A_MAXITERS: out->max_iters = a->args[0], out->max_iters_span = a->span; break;
+        case A_CULL: out->cull_name = a->args[0]->name, out->cull_span = a->args[0]->span; break;
+        default: break;
         }
     }
 }

@@ -64,10 +64,8 @@ TypeRef *parse_declarator_dims(Parser *p, const TypeRef *base) {
         for (uint32_t i = 0; i < base->ndims; i++) {
             if (!base->dims[i])
                 parse_complain(p, DIAG_syntax, base->span, "only the first size of an array can be left open");
-            if (dims.len < MAX_DIMS)
-                vec_push(&p->s->module, &dims, base->dims[i]);
-            else
-                parse_error(p, DIAG_chain_limit, base->span, "an array has at most %d dimensions", MAX_DIMS);
+            if (dims.len < MAX_DIMS) vec_push(&p->s->module, &dims, base->dims[i]);
+            else parse_error(p, DIAG_chain_limit, base->span, "an array has at most %d dimensions", MAX_DIMS);
         }
         t->dims = dims.data;
         t->ndims = dims.len;
@@ -280,12 +278,9 @@ static Symbol *argument(Parser *p) {
     Symbol *sym = ARENA_NEW(&p->s->module, Symbol);
     sym->kind = SYM_ARG;
     sym->is_const = parse_accept(p, TOK_CONST);
-    if (parse_accept(p, TOK_INOUT))
-        sym->mode = ARG_INOUT;
-    else if (parse_accept(p, TOK_OUT))
-        sym->mode = ARG_OUT;
-    else if (parse_accept(p, TOK_IN) && parse_accept(p, TOK_OUT))
-        sym->mode = ARG_INOUT;
+    if (parse_accept(p, TOK_INOUT)) sym->mode = ARG_INOUT;
+    else if (parse_accept(p, TOK_OUT)) sym->mode = ARG_OUT;
+    else if (parse_accept(p, TOK_IN) && parse_accept(p, TOK_OUT)) sym->mode = ARG_INOUT;
     if (parse_accept(p, TOK_CONST)) sym->is_const = true;
     TypeRef *base = parse_type(p, "the type of an argument");
     if (!base) return NULL;
@@ -381,10 +376,8 @@ static void function_or_variable(Parser *p, const AttrVec *attrs) {
             diag_emit(p->s, DIAG_global_variable, name_tok.span, name_tok.text);
             /* With a value it is known as a constant, so that its uses are not errors too. */
             AttrVec none = {0};
-            if (next == TOK_ASSIGN)
-                values(p, SYM_CONST, ret, &none);
-            else
-                p->panic = true;
+            if (next == TOK_ASSIGN) values(p, SYM_CONST, ret, &none);
+            else p->panic = true;
             return;
         }
     }
@@ -414,12 +407,8 @@ void parse_file_scope(Parser *p) {
             attrs_none(p, &attrs, "an import");
             import(p);
             break;
-        case TOK_CONST:
-            value_declaration(p, SYM_CONST, &attrs);
-            break;
-        case TOK_PARAM:
-            value_declaration(p, SYM_PARAM, &attrs);
-            break;
+        case TOK_CONST: value_declaration(p, SYM_CONST, &attrs); break;
+        case TOK_PARAM: value_declaration(p, SYM_PARAM, &attrs); break;
         case TOK_STRUCT:
             attrs_none(p, &attrs, "a struct");
             struct_declaration(p);
@@ -428,27 +417,20 @@ void parse_file_scope(Parser *p) {
             attrs_none(p, &attrs, "a typedef");
             typedef_declaration(p);
             break;
-        case TOK_SHADER:
-            shader(p, &attrs);
-            break;
+        case TOK_SHADER: shader(p, &attrs); break;
         case TOK_TYPE:
         case TOK_IDENT:
             /* Behind a function that was taken for one at file scope: the rest of the function around it. */
-            if (p->unclosed && !parse_at_function(p))
-                parse_statement(p);
-            else
-                function_or_variable(p, &attrs);
+            if (p->unclosed && !parse_at_function(p)) parse_statement(p);
+            else function_or_variable(p, &attrs);
             break;
-        case TOK_SEMICOLON:
-            parse_advance(p);
-            break;
+        case TOK_SEMICOLON: parse_advance(p); break;
         case TOK_RBRACE:
             if (!p->unclosed) parse_complain(p, DIAG_unbalanced, p->tok.span, "this `}` closes nothing");
             parse_advance(p);
             break;
         default:
-            if (p->unclosed)
-                parse_statement(p);
+            if (p->unclosed) parse_statement(p);
             else
                 parse_error(p, DIAG_syntax, p->tok.span, "expected a declaration before %s",
                             lex_describe(p->s, &p->tok));

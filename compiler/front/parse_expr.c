@@ -11,9 +11,7 @@ static Expr *new_expr(Parser *p, ExprKind kind, Span span) {
     return e;
 }
 
-static Expr *error_expr(Parser *p) {
-    return new_expr(p, E_ERROR, p->tok.span);
-}
+static Expr *error_expr(Parser *p) { return new_expr(p, E_ERROR, p->tok.span); }
 
 /* Every tree passes here: the height is what recursion over the tree costs later. */
 static Expr *measured(Parser *p, Expr *e) {
@@ -39,9 +37,7 @@ static bool enter(Parser *p) {
     return false;
 }
 
-static void leave(Parser *p) {
-    p->expr_nest--;
-}
+static void leave(Parser *p) { p->expr_nest--; }
 
 /* ---- primary expressions ---- */
 
@@ -143,15 +139,11 @@ static Expr *parenthesised(Parser *p) {
 static Expr *primary(Parser *p) {
     const Token t = p->tok;
     switch (t.kind) {
-    case TOK_INT:
-        return integer_literal(p);
-    case TOK_FLOAT:
-        return literal(p, T_FLOAT, (ConstVal){.v = {{.f = t.number}}, .n = 1});
+    case TOK_INT: return integer_literal(p);
+    case TOK_FLOAT: return literal(p, T_FLOAT, (ConstVal){.v = {{.f = t.number}}, .n = 1});
     case TOK_TRUE:
-    case TOK_FALSE:
-        return literal(p, T_BOOL, (ConstVal){.v = {{.i = t.kind == TOK_TRUE}}, .n = 1});
-    case TOK_LPAREN:
-        return parenthesised(p);
+    case TOK_FALSE: return literal(p, T_BOOL, (ConstVal){.v = {{.i = t.kind == TOK_TRUE}}, .n = 1});
+    case TOK_LPAREN: return parenthesised(p);
     case TOK_IDENT: {
         parse_advance(p);
         if (parse_at(p, TOK_LPAREN)) return call(p, E_CALL, &t);
@@ -186,9 +178,7 @@ static Expr *primary(Parser *p) {
         parse_reserved(p, &t);
         parse_advance(p);
         return new_expr(p, E_ERROR, t.span);
-    default:
-        parse_unexpected(p, "an expression");
-        return error_expr(p);
+    default: parse_unexpected(p, "an expression"); return error_expr(p);
     }
 }
 
@@ -256,17 +246,13 @@ static Expr *postfix(Parser *p) {
 static Operator unary_operator(const Token *t) {
     if (t->kind != TOK_OP) return OPR_NONE;
     switch ((int)t->op) {
-    case OPR_SUB:
-        return OPR_NEG;
-    case OPR_ADD:
-        return OPR_PLUS;
+    case OPR_SUB: return OPR_NEG;
+    case OPR_ADD: return OPR_PLUS;
     case OPR_NOT:
     case OPR_COMPL:
     case OPR_INC:
-    case OPR_DEC:
-        return t->op;
-    default:
-        return OPR_NONE;
+    case OPR_DEC: return t->op;
+    default: return OPR_NONE;
     }
 }
 
@@ -301,36 +287,25 @@ static Expr *unary(Parser *p) {
 static int precedence(const Token *t) {
     if (t->kind != TOK_OP) return 0;
     switch ((int)t->op) {
-    case OPR_LOR:
-        return 1;
-    case OPR_LAND:
-        return 2;
-    case OPR_OR:
-        return 3;
-    case OPR_XOR:
-        return 4;
-    case OPR_AND:
-        return 5;
+    case OPR_LOR: return 1;
+    case OPR_LAND: return 2;
+    case OPR_OR: return 3;
+    case OPR_XOR: return 4;
+    case OPR_AND: return 5;
     case OPR_EQ:
-    case OPR_NE:
-        return 6;
+    case OPR_NE: return 6;
     case OPR_LT:
     case OPR_LE:
     case OPR_GT:
-    case OPR_GE:
-        return 7;
+    case OPR_GE: return 7;
     case OPR_SHL:
-    case OPR_SHR:
-        return 8;
+    case OPR_SHR: return 8;
     case OPR_ADD:
-    case OPR_SUB:
-        return 9;
+    case OPR_SUB: return 9;
     case OPR_MUL:
     case OPR_DIV:
-    case OPR_MOD:
-        return 10;
-    default:
-        return 0;
+    case OPR_MOD: return 10;
+    default: return 0;
     }
 }
 
@@ -362,10 +337,8 @@ Expr *parse_cond_expr(Parser *p) {
     Expr *e = new_expr(p, E_COND, op_span);
     e->a[0] = test;
     e->a[1] = parse_expr(p);
-    if (parse_expect(p, TOK_COLON, "`:` of `?:`"))
-        e->a[2] = parse_cond_expr(p);
-    else
-        e->a[2] = error_expr(p);
+    if (parse_expect(p, TOK_COLON, "`:` of `?:`")) e->a[2] = parse_cond_expr(p);
+    else e->a[2] = error_expr(p);
     leave(p);
     e->span = parse_join(test->span, e->a[2]->span);
     return measured(p, e);

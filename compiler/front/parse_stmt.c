@@ -28,12 +28,9 @@ static bool starts_statement(const Parser *p) {
     case TOK_CONTINUE:
     case TOK_CASE:
     case TOK_DEFAULT:
-    case TOK_CONST:
-        return true;
-    case TOK_TYPE:
-        return parse_peek(p, 1).kind == TOK_IDENT;
-    default:
-        return starts_file_scope(p->tok.kind);
+    case TOK_CONST: return true;
+    case TOK_TYPE: return parse_peek(p, 1).kind == TOK_IDENT;
+    default: return starts_file_scope(p->tok.kind);
     }
 }
 
@@ -96,14 +93,11 @@ static bool starts_declaration(const Parser *p) {
     if (t.kind != TOK_LBRACKET) return false;
     uint32_t depth = 0;
     for (;; t = lex_next(&ahead)) {
-        if (t.kind == TOK_LBRACKET)
-            depth++;
-        else if (t.kind == TOK_RBRACKET)
-            depth--;
+        if (t.kind == TOK_LBRACKET) depth++;
+        else if (t.kind == TOK_RBRACKET) depth--;
         else if (t.kind == TOK_EOF || t.kind == TOK_SEMICOLON || t.kind == TOK_LBRACE || t.kind == TOK_RBRACE)
             return false;
-        else if (depth == 0)
-            return t.kind == TOK_IDENT && !t.first_on_line;
+        else if (depth == 0) return t.kind == TOK_IDENT && !t.first_on_line;
     }
 }
 
@@ -390,25 +384,15 @@ static Stmt *simple(Parser *p) {
 static Stmt *unmarked(Parser *p) {
     Span span = p->tok.span;
     switch ((int)p->tok.kind) {
-    case TOK_LBRACE:
-        return parse_block(p);
-    case TOK_IF:
-        return if_chain(p);
-    case TOK_FOR:
-        return for_loop(p);
-    case TOK_DO:
-        return do_loop(p);
-    case TOK_SWITCH:
-        return switch_statement(p);
-    case TOK_BREAK:
-        return jump(p, S_BREAK, "`break`");
-    case TOK_CONTINUE:
-        return jump(p, S_CONTINUE, "`continue`");
-    case TOK_RETURN:
-        return jump(p, S_RETURN, "`return`");
-    case TOK_SEMICOLON:
-        parse_advance(p);
-        return new_stmt(p, S_EMPTY, span);
+    case TOK_LBRACE: return parse_block(p);
+    case TOK_IF: return if_chain(p);
+    case TOK_FOR: return for_loop(p);
+    case TOK_DO: return do_loop(p);
+    case TOK_SWITCH: return switch_statement(p);
+    case TOK_BREAK: return jump(p, S_BREAK, "`break`");
+    case TOK_CONTINUE: return jump(p, S_CONTINUE, "`continue`");
+    case TOK_RETURN: return jump(p, S_RETURN, "`return`");
+    case TOK_SEMICOLON: parse_advance(p); return new_stmt(p, S_EMPTY, span);
     case TOK_WHILE: {
         Stmt *st = new_stmt(p, S_WHILE, span);
         parse_advance(p);
@@ -425,8 +409,7 @@ static Stmt *unmarked(Parser *p) {
         parse_error(p, DIAG_syntax, span, "`%s` stands directly in a `switch` only", p->tok.text);
         parse_advance(p);
         return new_stmt(p, S_EMPTY, span);
-    default:
-        return simple(p);
+    default: return simple(p);
     }
 }
 

@@ -53,7 +53,8 @@ static const Param *find_param(const Program *p, const char *name, size_t *len) 
     return best;
 }
 
-static bool step_index(const Program *p, ParamRef *r, uint32_t n, Type *elem, Counts each, const char **at, const char *start, const char **why) {
+static bool step_index(const Program *p, ParamRef *r, uint32_t n, Type *elem, Counts each, const char **at,
+                       const char *start, const char **why) {
     Arena *a = &p->session->session;
     char *end;
     unsigned long v = isdigit((unsigned char)(*at)[1]) ? strtoul(*at + 1, &end, 10) : (end = (char *)*at, 0);
@@ -85,7 +86,8 @@ static bool step_field(const Program *p, ParamRef *r, const char **at, const cha
             }
         return fail(p, why, arena_printf(a, "`%s`: %s has no component `%.*s`", start, t->name, (int)n, name));
     }
-    if (t->kind != T_STRUCT) return fail(p, why, arena_printf(a, "`%s`: %s has no field `%.*s`", start, t->name, (int)n, name));
+    if (t->kind != T_STRUCT)
+        return fail(p, why, arena_printf(a, "`%s`: %s has no field `%.*s`", start, t->name, (int)n, name));
     const char **names = ARENA_ARRAY(a, const char *, t->nfields + 1);
     for (uint32_t k = 0; k < t->nfields; k++) {
         Counts c = counts(t->fields[k].type);
@@ -98,7 +100,9 @@ static bool step_field(const Program *p, ParamRef *r, const char **at, const cha
         r->fbase += c.f, r->ibase += c.i;
     }
     const char *near = suggest_nearest(arena_strndup(a, name, n), names, t->nfields);
-    return fail(p, why, arena_printf(a, "`%s`: %s has no field `%.*s`%s%s%s", start, t->name, (int)n, name, near ? ", did you mean `" : "", near ? near : "", near ? "`?" : ""));
+    return fail(p, why,
+                arena_printf(a, "`%s`: %s has no field `%.*s`%s%s%s", start, t->name, (int)n, name,
+                             near ? ", did you mean `" : "", near ? near : "", near ? "`?" : ""));
 }
 
 bool program_find(const Program *p, const char *name, ParamRef *out, const char **why) {
@@ -111,9 +115,12 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
         size_t n = 0;
         while (is_name(name[n]) || (name[n] == '.' && is_name(name[n + 1]))) n++;
         const char *near = suggest_nearest(arena_strndup(a, name, n), names, p->nparams);
-        for (n = 0; !near && is_name(name[n]); n++) {}
+        for (n = 0; !near && is_name(name[n]); n++) {
+        }
         if (!near) near = suggest_nearest(arena_strndup(a, name, n), names, p->nparams);
-        return fail(p, why, arena_printf(a, "there is no parameter `%s`%s%s%s", name, near ? ", did you mean `" : "", near ? near : "", near ? "`?" : ""));
+        return fail(p, why,
+                    arena_printf(a, "there is no parameter `%s`%s%s%s", name, near ? ", did you mean `" : "",
+                                 near ? near : "", near ? "`?" : ""));
     }
     ParamRef r = {q, q->type, q->fbase, q->fcount, q->ibase, q->icount};
     const char *at = name + len;
@@ -127,7 +134,9 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
                 ok = step_index(p, &r, t->n, type_vector(p->session, T_FLOAT, t->n), (Counts){t->n, 0}, &at, name, why);
             } else if (q->is_texture || q->is_heightfield) {
                 /* texels: [row][column][channel] in one flat vector; each index peels one dimension */
-                uint32_t inner = r.fcount == q->fcount ? q->tex_w * q->tex_c : r.fcount == q->tex_w * q->tex_c && r.fcount != q->tex_c ? q->tex_c : 1;
+                uint32_t inner = r.fcount == q->fcount                                     ? q->tex_w * q->tex_c
+                                 : r.fcount == q->tex_w * q->tex_c && r.fcount != q->tex_c ? q->tex_c
+                                                                                           : 1;
                 uint32_t n = r.fcount / (inner ? inner : 1);
                 if (r.fcount <= 1) return fail(p, why, arena_printf(a, "`%s`: too many indices", name));
                 ok = step_index(p, &r, n, q->type, (Counts){inner, 0}, &at, name, why);

@@ -23,9 +23,7 @@ _Static_assert(T_FLOAT - T_BOOL == 3, "vectors are indexed by scalar kind");
 
 /* Types are passed around as Type * because struct types are filled in while checking; a write to one of these
  * constants is a fault. */
-Type *type_scalar(TypeKind k) {
-    return (Type *)&simple[k];
-}
+Type *type_scalar(TypeKind k) { return (Type *)&simple[k]; }
 
 Type *type_vector(Session *s, TypeKind elem, uint32_t n) {
     if (elem < T_BOOL || elem > T_FLOAT || n < 2 || n > 4) ice(s, "no vector of %u elements of kind %d", n, (int)elem);
@@ -82,20 +80,14 @@ uint32_t type_components(const Type *t) {
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
-    case T_HEIGHTFIELD:
-        return 0;
+    case T_HEIGHTFIELD: return 0;
     case T_BOOL:
     case T_INT:
     case T_UINT:
-    case T_FLOAT:
-        return 1;
-    case T_VECTOR:
-        return t->n;
-    case T_MATRIX:
-        return t->n * t->n;
-    case T_ARRAY:
-        n = (uint64_t)t->n * type_components(t->elem);
-        break;
+    case T_FLOAT: return 1;
+    case T_VECTOR: return t->n;
+    case T_MATRIX: return t->n * t->n;
+    case T_ARRAY: n = (uint64_t)t->n * type_components(t->elem); break;
     case T_STRUCT:
         for (uint32_t i = 0; i < t->nfields && n < UINT32_MAX; i++) n += type_components(t->fields[i].type);
         break;

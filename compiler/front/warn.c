@@ -1,8 +1,9 @@
 /* Discontinuities that nothing integrates.
  *
- * For every untagged comparison of floats and jumping builtin (recorded while lowering): does its boundary function depend on the position and on a differentiable
- * parameter, and can its outcome reach an output? Then it is warned about, unless both sides are equal where the boundary is 0. Sites whose boundary does not
- * depend on the position have no curve: they are warned about and taken out. */
+ * For every untagged comparison of floats and jumping builtin (recorded while lowering): does its boundary function
+ * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then it is warned
+ * about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the position have
+ * no curve: they are warned about and taken out. */
 #include <math.h>
 #include <string.h>
 
@@ -12,7 +13,8 @@ enum { DEP_PARAMS = 3, PROOF_BUDGET = 600 };
 
 typedef struct Dep {
     bool x, rand;
-    bool pieces;            /* chosen from several values, where the choice depends on the position: may be constant, or equal to another, on an area */
+    bool pieces; /* chosen from several values, where the choice depends on the position: may be constant, or equal to
+                    another, on an area */
     uint8_t n;
     uint32_t p[DEP_PARAMS]; /* indices into Program.params, the first few found */
 } Dep;
@@ -20,7 +22,7 @@ typedef struct Dep {
 typedef struct Warn {
     Lower *l;
     Arena *scratch;
-    Dep *dep;               /* by id */
+    Dep *dep; /* by id */
     bool changed;
     bool *live;
     Vec(Inst *) work;
@@ -72,8 +74,8 @@ static void depend_loop(Warn *w, Inst *i, Dep control) {
 static bool chooses(const Inst *i) {
     Op op = (Op)i->op;
     if (op == OP_fsel) return i->args[0]->op != OP_feq && i->args[0]->op != OP_fne; /* not on an area, as in `length` */
-    return op == OP_fmin || op == OP_fmax || op == OP_proj || op == OP_load || op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f ||
-           op == OP_iasfloat;
+    return op == OP_fmin || op == OP_fmax || op == OP_proj || op == OP_load || op == OP_ffloor || op == OP_fceil ||
+           op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
 }
 
 static void depend(Warn *w, Block *b, Dep control) {
@@ -187,7 +189,8 @@ static void propagate(Warn *w, Inst *i) {
 
 static void collect(Warn *w, Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_store || i->op == OP_acopy) w->next_store[i->id] = w->stores[i->args[0]->id], w->stores[i->args[0]->id] = i;
+        if (i->op == OP_store || i->op == OP_acopy)
+            w->next_store[i->id] = w->stores[i->args[0]->id], w->stores[i->args[0]->id] = i;
         if (i->op == OP_site && w->l->sites.data[i->imm.i].skip_loop) mark(w, i);
         for (uint32_t r = 0; r < i->nregions; r++) collect(w, i->region[r]);
     }
@@ -195,7 +198,8 @@ static void collect(Warn *w, Block *b) {
 
 /* ---- are both sides equal on the boundary?
  *
- * Values are numbered structurally with a replaced by b, and with the identities that hold there (0*x = 0, x + 0 = x, ...). The signs of zeros do not matter. */
+ * Values are numbered structurally with a replaced by b, and with the identities that hold there (0*x = 0, x + 0 = x,
+ * ...). The signs of zeros do not matter. */
 
 typedef struct Node {
     uint32_t op, narg;
@@ -217,7 +221,9 @@ typedef struct Proof {
 static uint32_t node(Proof *p, Node n) {
     for (uint32_t i = 0; i < p->nodes.len; i++) {
         const Node *m = &p->nodes.data[i];
-        if (m->op == n.op && m->narg == n.narg && m->imm == n.imm && m->opaque == n.opaque && !memcmp(m->a, n.a, sizeof n.a)) return i;
+        if (m->op == n.op && m->narg == n.narg && m->imm == n.imm && m->opaque == n.opaque &&
+            !memcmp(m->a, n.a, sizeof n.a))
+            return i;
     }
     vec_push(p->w->scratch, &p->nodes, n);
     return p->nodes.len - 1;
@@ -328,7 +334,8 @@ static uint32_t canon(Proof *p, const Inst *i);
 
 static uint32_t canon_fresh(Proof *p, const Inst *i) {
     if (i->op == OP_constf) return number(p, i->imm.f);
-    if (i->op == OP_consti || i->op == OP_constb || i->op == OP_input) return node(p, (Node){.op = i->op, .imm = (uint64_t)i->imm.i});
+    if (i->op == OP_consti || i->op == OP_constb || i->op == OP_input)
+        return node(p, (Node){.op = i->op, .imm = (uint64_t)i->imm.i});
     Node opaque = {.op = OP_COUNT, .opaque = i};
     if (++p->depth > 200 || p->seen.len > PROOF_BUDGET) {
         p->failed = true;
@@ -336,16 +343,20 @@ static uint32_t canon_fresh(Proof *p, const Inst *i) {
     }
     uint32_t out;
     if (i->op == OP_proj && i->args[0]->op == OP_if_) {
-        uint32_t x = canon(p, i->args[0]->region[0]->last->args[i->imm.i]), y = canon(p, i->args[0]->region[1]->last->args[i->imm.i]);
+        uint32_t x = canon(p, i->args[0]->region[0]->last->args[i->imm.i]),
+                 y = canon(p, i->args[0]->region[1]->last->args[i->imm.i]);
         out = x == y ? x : node(p, opaque);
-    } else if ((ir_ops[i->op].special && i->op != OP_param && i->op != OP_iparam && i->op != OP_detach && i->op != OP_site && i->op != OP_siten) || i->nargs > 3) {
+    } else if ((ir_ops[i->op].special && i->op != OP_param && i->op != OP_iparam && i->op != OP_detach &&
+                i->op != OP_site && i->op != OP_siten) ||
+               i->nargs > 3) {
         out = node(p, opaque);
     } else if (i->op == OP_site || i->op == OP_siten) {
         out = canon(p, i->args[0]);
     } else {
         uint32_t a[3] = {0};
         for (uint32_t k = 0; k < i->nargs; k++) a[k] = canon(p, i->args[k]);
-        uint64_t imm = i->op == OP_param || i->op == OP_iparam ? (uint64_t)i->imm.slot.base << 32 | i->imm.slot.count : 0;
+        uint64_t imm =
+            i->op == OP_param || i->op == OP_iparam ? (uint64_t)i->imm.slot.base << 32 | i->imm.slot.count : 0;
         out = build(p, (Op)i->op, i->nargs, a, imm);
     }
     p->depth--;
@@ -393,7 +404,9 @@ static bool both_sides_equal(Warn *w, const Untracked *t, const Uses *uses) {
         } else if (i->op == OP_if_) {
             if (writes(i->region[0]) || writes(i->region[1])) return false;
             for (const Inst *q = i->next; q && q->op == OP_proj && q->args[0] == i; q = q->next)
-                if (w->live[q->id] && canon(&p, i->region[0]->last->args[q->imm.i]) != canon(&p, i->region[1]->last->args[q->imm.i])) return false;
+                if (w->live[q->id] &&
+                    canon(&p, i->region[0]->last->args[q->imm.i]) != canon(&p, i->region[1]->last->args[q->imm.i]))
+                    return false;
         } else {
             return false;
         }
@@ -416,7 +429,8 @@ static void collect_uses(Warn *w, Block *b, uint32_t *which, Uses *uses) {
             uint32_t of = which[i->args[a]->id];
             if (!of) continue;
             if (i->op == OP_bnot) which[i->id] = of;
-            else if (i->op == OP_if_ ? if_alive(w, i) : i->op == OP_yield || w->live[i->id]) vec_push(w->scratch, &uses[of - 1], i);
+            else if (i->op == OP_if_ ? if_alive(w, i) : i->op == OP_yield || w->live[i->id])
+                vec_push(w->scratch, &uses[of - 1], i);
         }
         for (uint32_t r = 0; r < i->nregions; r++) collect_uses(w, i->region[r], which, uses);
     }
@@ -428,7 +442,11 @@ static const char *param_list(Warn *w, const Dep *d) {
     const Program *p = w->l->program;
     const char *text = "";
     for (uint32_t i = 0; i < d->n; i++)
-        text = arena_printf(w->l->arena, "%s%s`%s`", text, i == 0 ? "" : i + 1 == d->n ? " and " : ", ", p->params[d->p[i]].name);
+        text = arena_printf(w->l->arena, "%s%s`%s`", text,
+                            i == 0          ? ""
+                            : i + 1 == d->n ? " and "
+                                            : ", ",
+                            p->params[d->p[i]].name);
     return text;
 }
 
@@ -449,7 +467,9 @@ static void report_untracked(Warn *w) {
         if (t->kind == JUMP_ALWAYS) merge(&d, &w->dep[t->at->id]);
         if (t->kind == JUMP_EQUALITY && !d.pieces) continue; /* holds nowhere but on a curve */
         if (!d.x || !d.n || both_sides_equal(w, t, &uses[i])) continue;
-        const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison" : t->kind == JUMP_BUILTIN ? "the argument of this jumping function" : "this value, which cannot be a site,";
+        const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
+                           : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"
+                                                                               : "this value, which cannot be a site,";
         diag_emit(l->s, DIAG_untracked, t->span, what, param_list(w, &d));
     }
 }
