@@ -20,13 +20,10 @@ Fn *ir_fn(Session *s, Arena *arena, const char *name, Precision p) {
 static uint32_t region_limit(const Inst *owner) {
     switch (owner->op) {
     case OP_if_:
-    case OP_custom:
-        return 2;
+    case OP_custom: return 2;
     case OP_loop:
-    case OP_revloop:
-        return 1;
-    default:
-        return 0;
+    case OP_revloop: return 1;
+    default: return 0;
     }
 }
 
@@ -73,9 +70,7 @@ Builder ir_at_end(Fn *fn, Block *b) {
     return (Builder){.fn = fn, .block = b, .before = yield, .span = span};
 }
 
-Builder ir_before(Fn *fn, Inst *i) {
-    return (Builder){.fn = fn, .block = i->block, .before = i, .span = i->span};
-}
+Builder ir_before(Fn *fn, Inst *i) { return (Builder){.fn = fn, .block = i->block, .before = i, .span = i->span}; }
 
 Builder ir_after(Fn *fn, Inst *i) {
     Inst *next = i->op == OP_arg ? i->block->first : i->next;
@@ -88,25 +83,17 @@ static void link_before(Block *b, Inst *before, Inst *i) {
     i->block = b;
     i->next = before;
     i->prev = before ? before->prev : b->last;
-    if (i->prev)
-        i->prev->next = i;
-    else
-        b->first = i;
-    if (before)
-        before->prev = i;
-    else
-        b->last = i;
+    if (i->prev) i->prev->next = i;
+    else b->first = i;
+    if (before) before->prev = i;
+    else b->last = i;
 }
 
 void ir_unlink(Inst *i) {
-    if (i->prev)
-        i->prev->next = i->next;
-    else if (i->block && i->block->first == i)
-        i->block->first = i->next;
-    if (i->next)
-        i->next->prev = i->prev;
-    else if (i->block && i->block->last == i)
-        i->block->last = i->prev;
+    if (i->prev) i->prev->next = i->next;
+    else if (i->block && i->block->first == i) i->block->first = i->next;
+    if (i->next) i->next->prev = i->prev;
+    else if (i->block && i->block->last == i) i->block->last = i->prev;
     i->prev = i->next = NULL;
     i->block = NULL;
 }
@@ -130,15 +117,9 @@ Inst *ir_emit(Builder *b, Op op, uint32_t nargs, Inst *const *args) {
     return insert(b, op, (IrType)info->result, nargs, args);
 }
 
-Inst *ir_emit1(Builder *b, Op op, Inst *a) {
-    return ir_emit(b, op, 1, &a);
-}
-Inst *ir_emit2(Builder *b, Op op, Inst *a, Inst *c) {
-    return ir_emit(b, op, 2, (Inst *[]){a, c});
-}
-Inst *ir_emit3(Builder *b, Op op, Inst *a, Inst *c, Inst *d) {
-    return ir_emit(b, op, 3, (Inst *[]){a, c, d});
-}
+Inst *ir_emit1(Builder *b, Op op, Inst *a) { return ir_emit(b, op, 1, &a); }
+Inst *ir_emit2(Builder *b, Op op, Inst *a, Inst *c) { return ir_emit(b, op, 2, (Inst *[]){a, c}); }
+Inst *ir_emit3(Builder *b, Op op, Inst *a, Inst *c, Inst *d) { return ir_emit(b, op, 3, (Inst *[]){a, c, d}); }
 
 Inst *ir_special(Builder *b, Op op, IrType t, uint32_t nargs, Inst *const *args, Imm imm) {
     Inst *i = insert(b, op, t, nargs, args);
@@ -166,16 +147,12 @@ Inst *ir_constb(Builder *b, bool v) {
 
 Inst *ir_zero(Builder *b, IrType t) {
     switch (t) {
-    case TY_BOOL:
-        return ir_constb(b, false);
-    case TY_INT:
-        return ir_consti(b, 0);
-    case TY_FLT:
-        return ir_constf(b, 0);
+    case TY_BOOL: return ir_constb(b, false);
+    case TY_INT: return ir_consti(b, 0);
+    case TY_FLT: return ir_constf(b, 0);
     case TY_VOID:
     case TY_ARRAY:
-    case TY_TAPE:
-        break;
+    case TY_TAPE: break;
     }
     ice(b->fn->session, "ir_zero: type %d has no zero", (int)t);
 }
@@ -188,10 +165,8 @@ static IrType input_type(InputSlot slot) {
     case IN_SAMPLE:
     case IN_RES0:
     case IN_RES1:
-    case IN_SITE:
-        return TY_INT;
-    default:
-        return slot >= IN_K0 && slot <= IN_K7 ? TY_INT : TY_FLT;
+    case IN_SITE: return TY_INT;
+    default: return slot >= IN_K0 && slot <= IN_K7 ? TY_INT : TY_FLT;
     }
 }
 
@@ -255,9 +230,7 @@ Inst *ir_proj(Builder *b, Inst *structured, uint32_t index) {
     return i;
 }
 
-void ir_replace_arg(Inst *i, uint32_t index, Inst *value) {
-    i->args[index] = value;
-}
+void ir_replace_arg(Inst *i, uint32_t index, Inst *value) { i->args[index] = value; }
 
 void ir_append_arg(Fn *fn, Inst *i, Inst *value) {
     Inst **args = ARENA_ARRAY(fn->arena, Inst *, i->nargs + 1);
@@ -266,9 +239,7 @@ void ir_append_arg(Fn *fn, Inst *i, Inst *value) {
     i->args = args;
 }
 
-bool ir_is_const(const Inst *i) {
-    return i->op == OP_constf || i->op == OP_consti || i->op == OP_constb;
-}
+bool ir_is_const(const Inst *i) { return i->op == OP_constf || i->op == OP_consti || i->op == OP_constb; }
 
 /* ---- whole functions */
 
@@ -303,9 +274,7 @@ bool ir_is_numbered(const Fn *fn) {
     return is_numbered(fn->body, &n) && n == fn->ninsts;
 }
 
-static Inst *mapped(Inst *v, Inst **map) {
-    return v && v->id != UINT32_MAX && map[v->id] ? map[v->id] : v;
-}
+static Inst *mapped(Inst *v, Inst **map) { return v && v->id != UINT32_MAX && map[v->id] ? map[v->id] : v; }
 
 static void clone_region(Builder *b, const Block *from, Inst *owner, uint32_t r, Inst **map) {
     Block *to = ARENA_NEW(b->fn->arena, Block);
@@ -366,6 +335,4 @@ static void replace_in(Block *b, Inst **map) {
     }
 }
 
-void ir_replace_all(Fn *fn, Inst **map) {
-    replace_in(fn->body, map);
-}
+void ir_replace_all(Fn *fn, Inst **map) { replace_in(fn->body, map); }

@@ -31,7 +31,7 @@ typedef struct Interp {
     void **next; /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
-    int status; /* anything but SLT_OK unwinds */
+    int status;    /* anything but SLT_OK unwinds */
     uint64_t fuel; /* instructions left */
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
 } Interp;
@@ -49,9 +49,7 @@ static bool any(const Interp *in, const Mask *m) {
     return false;
 }
 
-static uint32_t type_bytes(const Interp *in, unsigned t) {
-    return t == TY_FLT ? in->flt : t == TY_TAPE ? 8 : 4;
-}
+static uint32_t type_bytes(const Interp *in, unsigned t) { return t == TY_FLT ? in->flt : t == TY_TAPE ? 8 : 4; }
 
 /* ---- lanes of values */
 
@@ -78,10 +76,8 @@ static double get_flt(const Interp *in, const void *p, uint64_t k) {
 }
 
 static void set_flt(const Interp *in, void *p, uint64_t k, double v) {
-    if (in->flt == 4)
-        ((float *)p)[k] = (float)v;
-    else
-        ((double *)p)[k] = v;
+    if (in->flt == 4) ((float *)p)[k] = (float)v;
+    else ((double *)p)[k] = v;
 }
 
 static uint32_t clamp_index(int32_t index, uint32_t count) {
@@ -123,12 +119,9 @@ static bool exec_param(Interp *in, const Inst *i, void *dst, const int32_t *inde
     if (!from) return fail(in, SLT_USAGE);
     for (uint32_t l = 0; l < in->lanes; l++) {
         uint32_t k = i->imm.slot.base + (m->on[l] ? clamp_index(index[l], i->imm.slot.count) : 0);
-        if (i->op == OP_iparam)
-            ((int32_t *)dst)[l] = ((const int32_t *)from)[k];
-        else if (in->flt == 4)
-            ((float *)dst)[l] = ((const float *)from)[k];
-        else
-            ((double *)dst)[l] = ((const double *)from)[k];
+        if (i->op == OP_iparam) ((int32_t *)dst)[l] = ((const int32_t *)from)[k];
+        else if (in->flt == 4) ((float *)dst)[l] = ((const float *)from)[k];
+        else ((double *)dst)[l] = ((const double *)from)[k];
     }
     return true;
 }
@@ -139,10 +132,8 @@ static bool exec_adj(Interp *in, const Inst *i, const int32_t *index, const void
     for (uint32_t l = 0; l < in->lanes; l++) {
         if (!m->on[l] || in->base + l >= in->n) continue;
         uint32_t k = i->imm.slot.base + clamp_index(index[l], i->imm.slot.count);
-        if (in->flt == 4)
-            ((float *)adj)[k] += ((const float *)value)[l];
-        else
-            ((double *)adj)[k] += ((const double *)value)[l];
+        if (in->flt == 4) ((float *)adj)[k] += ((const float *)value)[l];
+        else ((double *)adj)[k] += ((const double *)value)[l];
     }
     return true;
 }
@@ -367,7 +358,8 @@ static bool exec_field(Interp *in, const Inst *i, const Mask *m, void *dst) {
     for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
     size_t row = (size_t)in->lanes * in->flt;
     for (uint32_t a = 0; a < i->nargs; a++) memcpy(rays + a * row, in->slot[i->args[a]->id], row);
-    f->query[i->imm.field.what](f, (const char *)args->params + (size_t)i->imm.field.base * in->flt, rays, on, in->lanes, dst);
+    f->query[i->imm.field.what](f, (const char *)args->params + (size_t)i->imm.field.base * in->flt, rays, on,
+                                in->lanes, dst);
     return true;
 }
 
@@ -380,43 +372,24 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_constb: /* filled once */
     case OP_proj:   /* written by its operation */
     case OP_arg:
-    case OP_yield:
-        return true;
-    case OP_input:
-        return exec_input(in, i, dst);
+    case OP_yield: return true;
+    case OP_input: return exec_input(in, i, dst);
     case OP_param:
     case OP_iparam:
-    case OP_dparam:
-        return exec_param(in, i, dst, a, m);
-    case OP_adj:
-        return exec_adj(in, i, a, in->slot[i->args[1]->id], m);
-    case OP_rand:
-        return exec_rand(in, dst, a);
+    case OP_dparam: return exec_param(in, i, dst, a, m);
+    case OP_adj: return exec_adj(in, i, a, in->slot[i->args[1]->id], m);
+    case OP_rand: return exec_rand(in, dst, a);
     case OP_detach:
     case OP_site:
-    case OP_siten:
-        copy_all(in, dst, a, i->type);
-        return true;
-    case OP_alloc:
-        exec_alloc(in, i, m);
-        return true;
-    case OP_load:
-        exec_load(in, i, m);
-        return true;
-    case OP_store:
-        exec_store(in, i, m);
-        return true;
-    case OP_acopy:
-        exec_acopy(in, i, m);
-        return true;
-    case OP_if_:
-        return exec_if(in, i, m);
-    case OP_loop:
-        return exec_loop(in, i, m);
-    case OP_revloop:
-        return exec_revloop(in, i, m);
-    case OP_custom:
-        return exec_custom(in, i, m);
+    case OP_siten: copy_all(in, dst, a, i->type); return true;
+    case OP_alloc: exec_alloc(in, i, m); return true;
+    case OP_load: exec_load(in, i, m); return true;
+    case OP_store: exec_store(in, i, m); return true;
+    case OP_acopy: exec_acopy(in, i, m); return true;
+    case OP_if_: return exec_if(in, i, m);
+    case OP_loop: return exec_loop(in, i, m);
+    case OP_revloop: return exec_revloop(in, i, m);
+    case OP_custom: return exec_custom(in, i, m);
     case OP_partner: {
         uint32_t bytes = type_bytes(in, i->type);
         for (uint32_t l = 0; l < in->lanes; l++) {
@@ -431,24 +404,21 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_tapemark:
         for (uint32_t l = 0; l < in->lanes; l++) ((uint64_t *)dst)[l] = in->tape_top;
         return true;
-    case OP_tapepush:
-        return exec_tapepush(in, i, m);
+    case OP_tapepush: return exec_tapepush(in, i, m);
     case OP_count:
         for (uint32_t l = 0; l < in->lanes; l++)
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;
         return true;
-    case OP_print:
-        exec_print(in, i, m);
-        return true;
-    case OP_fieldop:
-        return exec_field(in, i, m, dst);
+    case OP_print: exec_print(in, i, m); return true;
+    case OP_fieldop: return exec_field(in, i, m, dst);
     case OP_window: { /* nothing to pair with: the ray's own */
         for (uint32_t l = 0; l < in->lanes; l++)
-            set_flt(in, dst, l, i->imm.i & 1 ? get_flt(in, in->slot[i->args[1]->id], l) + get_flt(in, in->slot[i->args[2]->id], l) : get_flt(in, a, l) - get_flt(in, in->slot[i->args[2]->id], l));
+            set_flt(in, dst, l,
+                    i->imm.i & 1 ? get_flt(in, in->slot[i->args[1]->id], l) + get_flt(in, in->slot[i->args[2]->id], l)
+                                 : get_flt(in, a, l) - get_flt(in, in->slot[i->args[2]->id], l));
         return true;
     }
-    default:
-        return fail(in, SLT_INTERNAL);
+    default: return fail(in, SLT_INTERNAL);
     }
 }
 
@@ -489,10 +459,8 @@ static void layout_value(Layout *y, const Inst *i) {
 
 static void fill_const(const Interp *in, const Inst *i) {
     for (uint32_t l = 0; l < in->lanes; l++) {
-        if (i->op == OP_constf)
-            set_flt(in, in->slot[i->id], l, i->imm.f);
-        else
-            ((int32_t *)in->slot[i->id])[l] = (int32_t)i->imm.i;
+        if (i->op == OP_constf) set_flt(in, in->slot[i->id], l, i->imm.f);
+        else ((int32_t *)in->slot[i->id])[l] = (int32_t)i->imm.i;
     }
 }
 
@@ -545,7 +513,8 @@ int ir_interpret(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes) 
 int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel) {
     if (!lanes || lanes > MAX_LANES || (lanes & (lanes - 1))) return SLT_USAGE;
     if (!n) return SLT_OK;
-    while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site])) fn = fn->next_part;
+    while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site]))
+        fn = fn->next_part;
     bool f32 = fn->precision == PREC_F32;
     Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK, .fuel = *fuel};
     in.eval = f32 ? rows_eval_f32 : rows_eval_f64;

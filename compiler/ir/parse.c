@@ -56,10 +56,8 @@ static bool expected(Parser *p, const char *what) {
     if (!n && p->at < p->end) n = 1;
     Span span = {p->file, (uint32_t)(p->at - p->text), (uint32_t)n};
     char message[160];
-    if (p->at >= p->end)
-        snprintf(message, sizeof message, "expected %s, found the end of the text", what);
-    else
-        snprintf(message, sizeof message, "expected %s, found '%.*s'", what, (int)(n < 40 ? n : 40), p->at);
+    if (p->at >= p->end) snprintf(message, sizeof message, "expected %s, found the end of the text", what);
+    else snprintf(message, sizeof message, "expected %s, found '%.*s'", what, (int)(n < 40 ? n : 40), p->at);
     diag_emit(p->s, DIAG_syntax, span, message);
     return false;
 }
@@ -85,9 +83,7 @@ static bool accept_word(Parser *p, const char *word) {
     return true;
 }
 
-static bool want_word(Parser *p, const char *word) {
-    return accept_word(p, word) || expected(p, word);
-}
+static bool want_word(Parser *p, const char *word) { return accept_word(p, word) || expected(p, word); }
 
 /* One word out of a list; its index, or -1. */
 static int want_name(Parser *p, const char *const *names, int n, const char *what) {
@@ -216,16 +212,10 @@ static Inst *want_operand(Parser *p) {
 static bool want_imm(Parser *p, Op op, Imm *imm) {
     int64_t v = 0;
     switch (op) {
-    case OP_constf:
-        return want_double(p, &imm->f);
-    case OP_consti:
-        return want_integer(p, INT32_MIN, INT32_MAX, &imm->i);
-    case OP_constb:
-        imm->i = accept_word(p, "true");
-        return imm->i || want_word(p, "false");
-    case OP_input:
-        imm->i = want_name(p, ir_input_names, IN_COUNT, "the name of an input");
-        return imm->i >= 0;
+    case OP_constf: return want_double(p, &imm->f);
+    case OP_consti: return want_integer(p, INT32_MIN, INT32_MAX, &imm->i);
+    case OP_constb: imm->i = accept_word(p, "true"); return imm->i || want_word(p, "false");
+    case OP_input: imm->i = want_name(p, ir_input_names, IN_COUNT, "the name of an input"); return imm->i >= 0;
     case OP_param:
     case OP_iparam:
     case OP_dparam:
@@ -255,13 +245,11 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         imm->loop.exact = accept_word(p, "exact");
         imm->loop.cull = accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);
-    case OP_print:
-        return want_string(p, &imm->text.text, &imm->text.len);
+    case OP_print: return want_string(p, &imm->text.text, &imm->text.len);
     case OP_fieldop:
         return want_word(p, "field") && want_u32(p, &imm->field.field) && want_word(p, "what") &&
                want_u32(p, &imm->field.what) && want_word(p, "base") && want_u32(p, &imm->field.base);
-    default:
-        return true;
+    default: return true;
     }
 }
 
@@ -273,9 +261,7 @@ static int find_op(const char *name) {
 
 static bool want_block(Parser *p, Block *b);
 
-static IrType default_type(Op op) {
-    return (IrType)(op == OP_alloc ? TY_ARRAY : ir_ops[op].result);
-}
+static IrType default_type(Op op) { return (IrType)(op == OP_alloc ? TY_ARRAY : ir_ops[op].result); }
 
 static bool want_inst(Parser *p, Builder *b) {
     uint32_t id = 0;

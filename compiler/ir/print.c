@@ -22,10 +22,12 @@
 
 #include "compiler/ir/text.h"
 
-const char *const ir_input_names[IN_COUNT] = {
-    "x0", "x1", "x2", "stream", "rand0", "pixel0", "pixel1", "sample", "seed0", "seed1", "seed2", "seed3", "k0",  "k1",
-    "k2", "k3", "k4", "k5",     "k6",    "k7",     "aux",    "dx0",    "dx1",   "dx2",   "aux1",  "res0",  "res1",  "site"};
-const char *const ir_site_kinds[SITE_SHADOW + 1] = {"compare", "floor", "ceil", "round", "trunc", "fmod", "field", "shadow"};
+const char *const ir_input_names[IN_COUNT] = {"x0",     "x1",    "x2",    "stream", "rand0", "pixel0", "pixel1",
+                                              "sample", "seed0", "seed1", "seed2",  "seed3", "k0",     "k1",
+                                              "k2",     "k3",    "k4",    "k5",     "k6",    "k7",     "aux",
+                                              "dx0",    "dx1",   "dx2",   "aux1",   "res0",  "res1",   "site"};
+const char *const ir_site_kinds[SITE_SHADOW + 1] = {"compare", "floor", "ceil",  "round",
+                                                    "trunc",   "fmod",  "field", "shadow"};
 const char *const ir_counter_names[COUNTER_SLOTS] = {"truncated", "assert", "tape_overflow", "nonfinite"};
 const char ir_type_letters[TY_TAPE + 1] = {'.', 'b', 'i', 'f', 'a', 't'};
 
@@ -79,34 +81,24 @@ static void add_quoted(Text *t, const char *s, size_t n) {
     text_add(t, "\"");
     for (size_t k = 0; k < n; k++) {
         unsigned char c = (unsigned char)s[k];
-        if (c == '"' || c == '\\')
-            text_add(t, "\\%c", c);
-        else if (c < 32 || c == 127)
-            text_add(t, "\\x%02x", c);
-        else
-            text_add(t, "%c", c);
+        if (c == '"' || c == '\\') text_add(t, "\\%c", c);
+        else if (c < 32 || c == 127) text_add(t, "\\x%02x", c);
+        else text_add(t, "%c", c);
     }
     text_add(t, "\"");
 }
 
-static void add_string(Text *t, const char *s) {
-    add_quoted(t, s ? s : "", s ? strlen(s) : 0);
-}
+static void add_string(Text *t, const char *s) { add_quoted(t, s ? s : "", s ? strlen(s) : 0); }
 
 /* ---- instructions */
 
 static void add_ref(Text *t, const Inst *v) {
-    if (!v)
-        text_add(t, "%%null");
-    else if (v->id == UINT32_MAX)
-        text_add(t, "%%new_%s", v->op < OP_COUNT ? ir_ops[v->op].name : "?");
-    else
-        text_add(t, "%%%" PRIu32, v->id);
+    if (!v) text_add(t, "%%null");
+    else if (v->id == UINT32_MAX) text_add(t, "%%new_%s", v->op < OP_COUNT ? ir_ops[v->op].name : "?");
+    else text_add(t, "%%%" PRIu32, v->id);
 }
 
-static char letter(uint8_t type) {
-    return type <= TY_TAPE ? ir_type_letters[type] : '?';
-}
+static char letter(uint8_t type) { return type <= TY_TAPE ? ir_type_letters[type] : '?'; }
 
 static void add_float(Text *t, double v) {
     if (isfinite(v)) {
@@ -120,37 +112,23 @@ static void add_float(Text *t, double v) {
 
 static void add_imm(Text *t, const Inst *i) {
     switch ((Op)i->op) {
-    case OP_constf:
-        add_float(t, i->imm.f);
-        break;
-    case OP_consti:
-        text_add(t, " %" PRId32, (int32_t)i->imm.i);
-        break;
-    case OP_constb:
-        text_add(t, i->imm.i ? " true" : " false");
-        break;
+    case OP_constf: add_float(t, i->imm.f); break;
+    case OP_consti: text_add(t, " %" PRId32, (int32_t)i->imm.i); break;
+    case OP_constb: text_add(t, i->imm.i ? " true" : " false"); break;
     case OP_input:
-        if (i->imm.i >= 0 && i->imm.i < IN_COUNT)
-            text_add(t, " %s", ir_input_names[i->imm.i]);
-        else
-            text_add(t, " #%" PRId64, i->imm.i);
+        if (i->imm.i >= 0 && i->imm.i < IN_COUNT) text_add(t, " %s", ir_input_names[i->imm.i]);
+        else text_add(t, " #%" PRId64, i->imm.i);
         break;
     case OP_param:
     case OP_iparam:
     case OP_dparam:
-    case OP_adj:
-        text_add(t, " [%" PRIu32 ", %" PRIu32 "]", i->imm.slot.base, i->imm.slot.count);
-        break;
+    case OP_adj: text_add(t, " [%" PRIu32 ", %" PRIu32 "]", i->imm.slot.base, i->imm.slot.count); break;
     case OP_site:
     case OP_siten:
     case OP_proj:
     case OP_arg:
-    case OP_count:
-        text_add(t, " #%" PRId64, i->imm.i);
-        break;
-    case OP_alloc:
-        text_add(t, " %c[%" PRIu32 "]", letter((uint8_t)i->imm.arr.elem), i->imm.arr.count);
-        break;
+    case OP_count: text_add(t, " #%" PRId64, i->imm.i); break;
+    case OP_alloc: text_add(t, " %c[%" PRIu32 "]", letter((uint8_t)i->imm.arr.elem), i->imm.arr.count); break;
     case OP_loop:
         text_add(t, " max %" PRIu32 " id %" PRIu32, i->imm.loop.max_iters, i->imm.loop.loop_id);
         if (i->imm.loop.exact) text_add(t, " exact");
@@ -161,13 +139,11 @@ static void add_imm(Text *t, const Inst *i) {
         add_quoted(t, i->imm.text.text ? i->imm.text.text : "", i->imm.text.text ? i->imm.text.len : 0);
         break;
     case OP_fieldop:
-        text_add(t, " field %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.field.field, i->imm.field.what, i->imm.field.base);
+        text_add(t, " field %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.field.field, i->imm.field.what,
+                 i->imm.field.base);
         break;
-    case OP_window:
-        text_add(t, " #%" PRId64, i->imm.i);
-        break;
-    default:
-        break; /* nothing else has an imm */
+    case OP_window: text_add(t, " #%" PRId64, i->imm.i); break;
+    default: break; /* nothing else has an imm */
     }
 }
 
@@ -203,10 +179,8 @@ static void add_block(Text *t, const Block *b, uint32_t depth) {
         text_inst(t, i);
         for (uint32_t r = 0; r < i->nregions; r++) {
             text_add(t, " ");
-            if (i->region[r])
-                add_block(t, i->region[r], depth + 1);
-            else
-                text_add(t, "{}");
+            if (i->region[r]) add_block(t, i->region[r], depth + 1);
+            else text_add(t, "{}");
         }
         text_add(t, "\n");
     }

@@ -62,10 +62,8 @@ static bool list_is_sound(Verify *v, const Block *b, const Inst *owner, uint32_t
         for (uint32_t a = 0; a < i->nargs; a++)
             if (!i->args[a]) problem(v, i, "operand %u is missing", a);
         for (uint32_t r = 0; r < i->nregions; r++) {
-            if (!i->region[r])
-                problem(v, i, "region %u is missing", r);
-            else if (!list_is_sound(v, i->region[r], i, depth + 1))
-                return false;
+            if (!i->region[r]) problem(v, i, "region %u is missing", r);
+            else if (!list_is_sound(v, i->region[r], i, depth + 1)) return false;
         }
     }
     if (b->last != last) problem(v, last, "the block's last instruction is another");
@@ -183,16 +181,12 @@ static void check_array(Verify *v, const Inst *i, uint32_t a) {
 static void check_special(Verify *v, const Inst *i) {
     const Inst *a = i->nargs ? i->args[0] : NULL;
     switch ((Op)i->op) {
-    case OP_constf:
-        want_result(v, i, TY_FLT);
-        return;
+    case OP_constf: want_result(v, i, TY_FLT); return;
     case OP_consti:
         want_result(v, i, TY_INT);
         if (i->imm.i < INT32_MIN || i->imm.i > INT32_MAX) problem(v, i, "more than 32 bits");
         return;
-    case OP_constb:
-        want_result(v, i, TY_BOOL);
-        return;
+    case OP_constb: want_result(v, i, TY_BOOL); return;
     case OP_input: {
         if (i->imm.i < 0 || i->imm.i >= IN_COUNT) {
             problem(v, i, "no such input");
@@ -227,12 +221,8 @@ static void check_special(Verify *v, const Inst *i) {
         want(v, i, 0, TY_FLT);
         want_result(v, i, TY_FLT);
         return;
-    case OP_site:
-        check_site(v, i, TY_BOOL);
-        return;
-    case OP_siten:
-        check_site(v, i, TY_FLT);
-        return;
+    case OP_site: check_site(v, i, TY_BOOL); return;
+    case OP_siten: check_site(v, i, TY_FLT); return;
     case OP_alloc:
         want_result(v, i, TY_ARRAY);
         if (!i->imm.arr.count) problem(v, i, "an empty array");
@@ -304,22 +294,14 @@ static void check_special(Verify *v, const Inst *i) {
         if (i->next) problem(v, i, "a yield in the middle of a block");
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
-    case OP_proj:
-        check_proj(v, i);
-        return;
-    case OP_arg:
-        problem(v, i, "an arg stands in the list");
-        return;
+    case OP_proj: check_proj(v, i); return;
+    case OP_arg: problem(v, i, "an arg stands in the list"); return;
     case OP_partner:
         want_scalar(v, i, 0);
         want_result(v, i, (IrType)a->type);
         return;
-    case OP_both:
-        want_result(v, i, TY_BOOL);
-        return;
-    case OP_tapemark:
-        want_result(v, i, TY_TAPE);
-        return;
+    case OP_both: want_result(v, i, TY_BOOL); return;
+    case OP_tapemark: want_result(v, i, TY_TAPE); return;
     case OP_tapepush:
         vec_push(v->text.arena, &v->pushes, i);
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
@@ -340,9 +322,7 @@ static void check_special(Verify *v, const Inst *i) {
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
         if (i->imm.i < 0 || i->imm.i / 2 >= (int64_t)v->fn->nsites) problem(v, i, "no such site");
         return;
-    default:
-        problem(v, i, "a value row marked special");
-        return;
+    default: problem(v, i, "a value row marked special"); return;
     }
 }
 
@@ -375,10 +355,8 @@ static void check_inst(Verify *v, const Inst *i) {
     if (!usable) return;
     bool structured = i->op == OP_if_ || i->op == OP_loop || i->op == OP_revloop || i->op == OP_custom;
     if (i->nregions && !structured) problem(v, i, "has regions");
-    if (info->special)
-        check_special(v, i);
-    else
-        check_value(v, i);
+    if (info->special) check_special(v, i);
+    else check_value(v, i);
     bool void_op = structured || i->op == OP_adj || i->op == OP_store || i->op == OP_acopy || i->op == OP_yield ||
                    i->op == OP_tapepush || i->op == OP_count || i->op == OP_print;
     if (void_op && i->type != TY_VOID) problem(v, i, "has a type");
