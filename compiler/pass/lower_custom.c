@@ -19,10 +19,8 @@ static void move_before(Inst *i, Block *b, Inst *before) {
     i->block = b;
     i->next = before;
     i->prev = before->prev;
-    if (i->prev)
-        i->prev->next = i;
-    else
-        b->first = i;
+    if (i->prev) i->prev->next = i;
+    else b->first = i;
     before->prev = i;
 }
 

@@ -40,44 +40,25 @@ Inst *math_two_product(Gen *g, Inst *a, Inst *b, Inst **low) {
 static Inst *expand(Gen *g, const Inst *i) {
     Inst *x = i->args[0];
     switch ((Op)i->op) {
-    case OP_frsqrt:
-        return op2(g, OP_fdiv, num(g, 1), op1(g, OP_fsqrt, x));
-    case OP_fcbrt:
-        return math_cbrt(g, x);
-    case OP_fexp:
-        return math_exp(g, x, EXP_CLAMP, 0);
-    case OP_fexp2:
-        return math_exp2(g, x, NULL, EXP_CLAMP);
-    case OP_flog:
-        return math_log(g, x);
-    case OP_flog2:
-        return math_log2(g, x);
-    case OP_fsin:
-        return math_sin(g, x);
-    case OP_fcos:
-        return math_cos(g, x);
-    case OP_ftan:
-        return math_tan(g, x);
-    case OP_fasin:
-        return math_asin(g, x);
-    case OP_facos:
-        return math_acos(g, x);
-    case OP_fatan:
-        return math_atan(g, x);
-    case OP_fatan2:
-        return math_atan2(g, x, i->args[1]);
-    case OP_fsinh:
-        return math_sinh(g, x);
-    case OP_fcosh:
-        return math_cosh(g, x);
-    case OP_ftanh:
-        return math_tanh(g, x);
-    case OP_ferf:
-        return math_erf(g, x);
-    case OP_fpow:
-        return math_pow(g, x, i->args[1]);
-    default:
-        ice(g->b.fn->session, "lower_math: no expansion of %s", ir_ops[i->op].name);
+    case OP_frsqrt: return op2(g, OP_fdiv, num(g, 1), op1(g, OP_fsqrt, x));
+    case OP_fcbrt: return math_cbrt(g, x);
+    case OP_fexp: return math_exp(g, x, EXP_CLAMP, 0);
+    case OP_fexp2: return math_exp2(g, x, NULL, EXP_CLAMP);
+    case OP_flog: return math_log(g, x);
+    case OP_flog2: return math_log2(g, x);
+    case OP_fsin: return math_sin(g, x);
+    case OP_fcos: return math_cos(g, x);
+    case OP_ftan: return math_tan(g, x);
+    case OP_fasin: return math_asin(g, x);
+    case OP_facos: return math_acos(g, x);
+    case OP_fatan: return math_atan(g, x);
+    case OP_fatan2: return math_atan2(g, x, i->args[1]);
+    case OP_fsinh: return math_sinh(g, x);
+    case OP_fcosh: return math_cosh(g, x);
+    case OP_ftanh: return math_tanh(g, x);
+    case OP_ferf: return math_erf(g, x);
+    case OP_fpow: return math_pow(g, x, i->args[1]);
+    default: ice(g->b.fn->session, "lower_math: no expansion of %s", ir_ops[i->op].name);
     }
 }
 

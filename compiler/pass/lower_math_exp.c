@@ -125,9 +125,7 @@ Inst *math_log2(Gen *g, Inst *x) {
 
 /* x + x^3 P(x^2) */
 #define ODD(g, name, x) odd_sum(g, x, x2, POLY(g, name, x2))
-static Inst *odd_sum(Gen *g, Inst *x, Inst *x2, Inst *p) {
-    return mad(g, mul(g, x, x2), p, x);
-}
+static Inst *odd_sum(Gen *g, Inst *x, Inst *x2, Inst *p) { return mad(g, mul(g, x, x2), p, x); }
 
 Inst *math_sinh(Gen *g, Inst *x) {
     Inst *a = op1(g, OP_fabs, x), *x2 = mul(g, x, x);

@@ -13,14 +13,10 @@ static Inst *reduce_by_pi(Gen *g, Inst *x, Inst *k, double factor) {
 }
 
 /* r + r^3 P(r^2) */
-static Inst *odd_sum(Gen *g, Inst *r, Inst *r2, Inst *p) {
-    return mad(g, mul(g, r, r2), p, r);
-}
+static Inst *odd_sum(Gen *g, Inst *r, Inst *r2, Inst *p) { return mad(g, mul(g, r, r2), p, r); }
 
 /* k mod 2 of an integer-valued float, 0 or 1. */
-static Inst *parity_64(Gen *g, Inst *k) {
-    return mad(g, op1(g, OP_ffloor, scale(g, k, 0.5)), num(g, -2), k);
-}
+static Inst *parity_64(Gen *g, Inst *k) { return mad(g, op1(g, OP_ffloor, scale(g, k, 0.5)), num(g, -2), k); }
 
 /* sin of r in [-pi/2, pi/2]. Arguments far beyond the reduction's reach leave garbage in r: the result is kept in [-1,
  * 1] even then. */
@@ -80,9 +76,7 @@ Inst *math_tan(Gen *g, Inst *x) {
 /* ---- inverse functions */
 
 /* asin of s in [0, 1/2], s2 = s^2 */
-static Inst *asin_core(Gen *g, Inst *s, Inst *s2) {
-    return odd_sum(g, s, s2, POLY(g, asin, s2));
-}
+static Inst *asin_core(Gen *g, Inst *s, Inst *s2) { return odd_sum(g, s, s2, POLY(g, asin, s2)); }
 
 /* For |x| > 1/2: asin(|x|) = pi/2 - 2 asin(sqrt((1 - |x|)/2)). Gives the core's value p of either case; NaN beyond 1.
  */

@@ -1,5 +1,6 @@
-/* Common subexpressions by value numbering over the scopes: an instruction that a visible one already computes is replaced by it. Pure operations only;
- * parameters are constant memory, so their loads count as pure. Sites are told apart by their number and never merged with others. */
+/* Common subexpressions by value numbering over the scopes: an instruction that a visible one already computes is
+ * replaced by it. Pure operations only; parameters are constant memory, so their loads count as pure. Sites are told
+ * apart by their number and never merged with others. */
 #include <string.h>
 
 #include "compiler/pass/walk.h"

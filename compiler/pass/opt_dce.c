@@ -1,7 +1,8 @@
 /* Dead code: instructions, results of ifs and loops, carried values and arrays that reach no output and no effect.
  *
- * Mark from the roots (outputs, effects, sites of skipped loops) through operands; a region operation is alive when one of its results or something inside it is,
- * a carried value when its parameter or its result is, a store when its array is read. Then sweep and renumber. Linear. */
+ * Mark from the roots (outputs, effects, sites of skipped loops) through operands; a region operation is alive when one
+ * of its results or something inside it is, a carried value when its parameter or its result is, a store when its array
+ * is read. Then sweep and renumber. Linear. */
 #include <string.h>
 
 #include "compiler/pass/walk.h"
@@ -154,7 +155,8 @@ static void sweep(Dce *d, Block *b) {
         next = i->next;
         if (i->op == OP_yield) continue;
         if (!(i->flags & LIVE)) {
-            if (i->op == OP_proj && (i->args[0]->flags & LIVE)) continue; /* trim decides: an unused carried result stays */
+            if (i->op == OP_proj && (i->args[0]->flags & LIVE))
+                continue; /* trim decides: an unused carried result stays */
             ir_unlink(i);
             d->changed = true;
             continue;

@@ -1,7 +1,7 @@
 /* Constants and exact identities, to a fixpoint in one walk: values are replaced as their uses come by.
  *
- * Only rewrites that keep every bit: x*1, x-0, x+(-0), select of equal arms or on a constant, if_ on a constant (its region is spliced in),
- * loops that run once, carried values that never change. */
+ * Only rewrites that keep every bit: x*1, x-0, x+(-0), select of equal arms or on a constant, if_ on a constant (its
+ * region is spliced in), loops that run once, carried values that never change. */
 #include <string.h>
 
 #include "compiler/pass/walk.h"
@@ -31,15 +31,14 @@ static Inst *constant(Fold *f, Inst *at, IrType t, Imm v) {
     return c;
 }
 
-static bool is_f(const Inst *i, double v) {
-    return i->op == OP_constf && memcmp(&i->imm.f, &v, sizeof v) == 0;
-}
+static bool is_f(const Inst *i, double v) { return i->op == OP_constf && memcmp(&i->imm.f, &v, sizeof v) == 0; }
 static bool is_i(const Inst *i, int32_t v) { return i->op == OP_consti && (int32_t)i->imm.i == v; }
 static bool is_b(const Inst *i, bool v) { return i->op == OP_constb && (i->imm.i != 0) == v; }
 
 /* The value that i is equal to, bit for bit, or NULL. */
 static Inst *identity(Inst *i) {
-    Inst *a = i->nargs > 0 ? i->args[0] : NULL, *b = i->nargs > 1 ? i->args[1] : NULL, *c = i->nargs > 2 ? i->args[2] : NULL;
+    Inst *a = i->nargs > 0 ? i->args[0] : NULL, *b = i->nargs > 1 ? i->args[1] : NULL,
+         *c = i->nargs > 2 ? i->args[2] : NULL;
     switch (i->op) {
     case OP_fadd:
         if (is_f(b, -0.0)) return a;
@@ -121,7 +120,8 @@ static void fold_if(Fold *f, Inst *i) {
     for (Inst *p = i->next, *next; p && p->op == OP_proj && p->args[0] == i; p = next) {
         next = p->next;
         uint32_t r = (uint32_t)p->imm.i;
-        bool same = x[r] == y[r] || (x[r]->op == y[r]->op && ir_is_const(x[r]) && memcmp(&x[r]->imm, &y[r]->imm, sizeof x[r]->imm) == 0);
+        bool same = x[r] == y[r] || (x[r]->op == y[r]->op && ir_is_const(x[r]) &&
+                                     memcmp(&x[r]->imm, &y[r]->imm, sizeof x[r]->imm) == 0);
         if (!same) continue;
         if (ir_is_const(x[r])) {
             replace(f, p, constant(f, i, (IrType)x[r]->type, x[r]->imm));

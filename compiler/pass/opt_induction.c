@@ -1,5 +1,5 @@
-/* Counters: a carried integer i with i' = i + step, step invariant, becomes init + k*step. The loop's own k is the same in all lanes, so counters
- * stay uniform even where lanes leave the loop at different times. */
+/* Counters: a carried integer i with i' = i + step, step invariant, becomes init + k*step. The loop's own k is the same
+ * in all lanes, so counters stay uniform even where lanes leave the loop at different times. */
 #include "compiler/pass/walk.h"
 
 static bool defined_outside(const Inst *v, const Block *body) { return !walk_inside(v->block, body); }
@@ -15,7 +15,8 @@ static bool induction_loop(Fn *fn, Inst *loop) {
         Builder b = body->first ? ir_before(fn, body->first) : ir_at_end(fn, body);
         b.fold = true;
         if (ir_is_const(step) && !defined_outside(step, body)) step = ir_consti(&b, (int32_t)step->imm.i);
-        Inst *scaled = ir_is_const(step) && (int32_t)step->imm.i == 1 ? body->params[0] : ir_emit2(&b, OP_imul, body->params[0], step);
+        Inst *scaled = ir_is_const(step) && (int32_t)step->imm.i == 1 ? body->params[0]
+                                                                      : ir_emit2(&b, OP_imul, body->params[0], step);
         bool from_zero = loop->args[c]->op == OP_consti && (int32_t)loop->args[c]->imm.i == 0;
         Inst *value = next->op == OP_iadd && from_zero ? scaled : ir_emit2(&b, (Op)next->op, loop->args[c], scaled);
         walk_replace(body, p, value);

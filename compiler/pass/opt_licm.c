@@ -1,8 +1,11 @@
-/* Loop invariants move in front of their loop: every pure instruction whose operands are defined outside it. From under an if_ only cheap ones move
- * (a region that is rarely taken must not make everybody pay for its elementary functions). Loops run at least once, and no operation traps. */
+/* Loop invariants move in front of their loop: every pure instruction whose operands are defined outside it. From under
+ * an if_ only cheap ones move (a region that is rarely taken must not make everybody pay for its elementary functions).
+ * Loops run at least once, and no operation traps. */
 #include "compiler/pass/walk.h"
 
-static bool cheap(const Inst *i) { return !ir_ops[i->op].math && i->op != OP_fdiv && i->op != OP_fsqrt && i->op != OP_rand && i->op != OP_fieldop; }
+static bool cheap(const Inst *i) {
+    return !ir_ops[i->op].math && i->op != OP_fdiv && i->op != OP_fsqrt && i->op != OP_rand && i->op != OP_fieldop;
+}
 
 static bool invariant(const Inst *i, const Block *body) {
     for (uint32_t a = 0; a < i->nargs; a++)

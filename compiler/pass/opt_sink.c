@@ -1,5 +1,6 @@
-/* What only one branch of an if_ uses moves into that branch: then it costs nothing where the branch is not taken. For kernels with rare branches (the event kernel looks at g
- * only of the event that it found). Nothing moves into loops. */
+/* What only one branch of an if_ uses moves into that branch: then it costs nothing where the branch is not taken. For
+ * kernels with rare branches (the event kernel looks at g only of the event that it found). Nothing moves into loops.
+ */
 #include "compiler/pass/walk.h"
 
 typedef struct Sink {
@@ -26,7 +27,8 @@ static void note(Sink *s, const Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++) s->use[i->args[a]->id] = common(s->use[i->args[a]->id], i->block);
 }
 
-/* From the innermost block of all uses outwards to a region of an if_ that stands in `from` or below it with ifs alone in between. */
+/* From the innermost block of all uses outwards to a region of an if_ that stands in `from` or below it with ifs alone
+ * in between. */
 static Block *target(Block *use, Block *from) {
     Block *best = use;
     for (Block *b = use; b && b != from; b = b->owner ? b->owner->block : NULL)
@@ -35,7 +37,9 @@ static Block *target(Block *use, Block *from) {
 }
 
 /* Both lanes of a pair take the branch of the event that parts them, so `partner` may follow. */
-static bool may_move(const Inst *i) { return !i->nregions && (walk_is_pure(i) || i->op == OP_partner) && i->op != OP_site && i->op != OP_siten; }
+static bool may_move(const Inst *i) {
+    return !i->nregions && (walk_is_pure(i) || i->op == OP_partner) && i->op != OP_site && i->op != OP_siten;
+}
 
 /* Backwards, so that what an instruction uses is looked at after it has moved. */
 static void sink_block(Sink *s, Block *b) {

@@ -1,5 +1,5 @@
-/* Tiny loops with a constant trip count are written out: at most 8 iterations and 96 instructions in all. Not those with sites: an event is a site and
- * its loop indices, and a site stands in one place. */
+/* Tiny loops with a constant trip count are written out: at most 8 iterations and 96 instructions in all. Not those
+ * with sites: an event is a site and its loop indices, and a site stands in one place. */
 #include "compiler/pass/walk.h"
 
 enum { MAX_ITERS = 8, MAX_INSTS = 96 };

@@ -5,7 +5,8 @@
 #include "compiler/pass/site_facts.h"
 #include "compiler/pass/variant.h"
 
-const char *const kernel_names[K_KINDS] = {"value", "region", "event", "sides", "site", "site_grad", "site_jvp", "site_vjp", "jvp", "vjp"};
+const char *const kernel_names[K_KINDS] = {"value",     "region",   "event",    "sides", "site",
+                                           "site_grad", "site_jvp", "site_vjp", "jvp",   "vjp"};
 
 typedef bool Pass(PassCtx *, Fn *);
 
@@ -13,7 +14,8 @@ static bool run(PassCtx *ctx, Fn *fn, const char *name, Pass *pass) {
     bool changed = pass(ctx, fn);
     if (ctx->verify_each) {
         const char *text = NULL;
-        if (!ir_verify(fn, &ctx->session->scratch, &text)) ice(ctx->session, "after %s of %s: %s", name, fn->name, text ? text : "?");
+        if (!ir_verify(fn, &ctx->session->scratch, &text))
+            ice(ctx->session, "after %s of %s: %s", name, fn->name, text ? text : "?");
     }
     if (ctx->dump && (!strcmp(ctx->dump, name) || !strcmp(ctx->dump, "all"))) {
         fprintf(stderr, "; after %s of %s\n", name, fn->name);
@@ -70,8 +72,10 @@ static Fn **add_part(Fn **end, const Fn *part, Fn *made) {
     return &made->next_part;
 }
 
-/* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made. */
-void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo, const AdOptions *ad, KernelSet *out) {
+/* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
+ */
+void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,
+                      const AdOptions *ad, KernelSet *out) {
     const Fn *primal = p->primal;
     VariantOptions variant = vo ? *vo : (VariantOptions){0};
     AdOptions wrt = ad ? *ad : (AdOptions){0};
@@ -110,7 +114,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         for (Fn *part = out->fn[k]; part; part = part->next_part) {
             part->name = kernel_names[k];
             pipeline_kernel(ctx, part);
-            if (k == K_EVENT && out->has_window) run(ctx, part, "opt_sink", opt_sink); /* the searches behind g, for pairs that have an event */
+            if (k == K_EVENT && out->has_window)
+                run(ctx, part, "opt_sink", opt_sink); /* the searches behind g, for pairs that have an event */
         }
     }
 }

@@ -1,9 +1,10 @@
-/* What the g of each site depends on: position, parameters, random numbers. A forward data flow to a fixpoint, control included. */
+/* What the g of each site depends on: position, parameters, random numbers. A forward data flow to a fixpoint, control
+ * included. */
 #include "compiler/pass/walk.h"
 #include "compiler/pass/site_facts.h"
 
 typedef struct Facts {
-    uint8_t *of;        /* by id */
+    uint8_t *of; /* by id */
     const uint8_t *wrt;
     uint8_t *site;
     bool changed;
@@ -35,7 +36,8 @@ static void flow(Facts *f, Block *b, uint8_t control) {
         if (i->op == OP_site || i->op == OP_siten) f->site[i->imm.i] |= f->of[i->args[1]->id];
         if (i->op == OP_proj) {
             Inst *owner = i->args[0];
-            for (uint32_t r = 0; r < owner->nregions; r++) what |= f->of[walk_results(owner, owner->region[r])[i->imm.i]->id];
+            for (uint32_t r = 0; r < owner->nregions; r++)
+                what |= f->of[walk_results(owner, owner->region[r])[i->imm.i]->id];
             if (owner->op == OP_if_) what |= f->of[owner->args[0]->id];
             if (owner->op == OP_loop) what |= f->of[owner->region[0]->last->args[0]->id];
         }
@@ -43,12 +45,15 @@ static void flow(Facts *f, Block *b, uint8_t control) {
         if (i->op == OP_loop) {
             Block *body = i->region[0];
             uint8_t exit = f->of[body->last->args[0]->id];
-            for (uint32_t c = 0; c < i->nargs; c++) add(f, body->params[c + 1], f->of[i->args[c]->id] | f->of[body->last->args[c + 1]->id]);
+            for (uint32_t c = 0; c < i->nargs; c++)
+                add(f, body->params[c + 1], f->of[i->args[c]->id] | f->of[body->last->args[c + 1]->id]);
             flow(f, body, control | exit);
         } else if (i->op == OP_if_) {
-            for (uint32_t r = 0; r < 2; r++) flow(f, i->region[r], control); /* the condition joins at the projections and stores */
+            for (uint32_t r = 0; r < 2; r++)
+                flow(f, i->region[r], control); /* the condition joins at the projections and stores */
         } else if (i->op == OP_custom) {
-            for (uint32_t a = 0; a < i->nargs && a < i->region[0]->nparams; a++) add(f, i->region[0]->params[a], f->of[i->args[a]->id]);
+            for (uint32_t a = 0; a < i->nargs && a < i->region[0]->nparams; a++)
+                add(f, i->region[0]->params[a], f->of[i->args[a]->id]);
             flow(f, i->region[0], control);
         }
         add(f, i, what);

@@ -1,12 +1,15 @@
 /* The provenance hash: which definitions reached the outputs, instead of which way the path went.
  *
- * Every value has the set of hash atoms that its origin depends on. An ordinary operation has the union of its operands' sets; at a join (if_ result or select) under a
- * condition that depends on a jump, the value that comes through is told apart: atom = cond ? key ^ hash(then) : hash(else). So an opaque
- * disc painted over others forgets them, and a crossing that is hidden changes nothing: in painter's-order discs and Voronoi 61 to 77 % of the crossings that the path
- * hash finds have no jump. Two points with equal hashes compute their outputs by the same chain of definitions, hence one continuous piece of f.
+ * Every value has the set of hash atoms that its origin depends on. An ordinary operation has the union of its
+ * operands' sets; at a join (if_ result or select) under a condition that depends on a jump, the value that comes
+ * through is told apart: atom = cond ? key ^ hash(then) : hash(else). So an opaque disc painted over others forgets
+ * them, and a crossing that is hidden changes nothing: in painter's-order discs and Voronoi 61 to 77 % of the crossings
+ * that the path hash finds have no jump. Two points with equal hashes compute their outputs by the same chain of
+ * definitions, hence one continuous piece of f.
  *
- * Carried values of a loop carry their hash along; those that start alike and are updated alike share one (the channels of a colour). Programs with local arrays
- * keep the path hash. Sites of skipped loops are added by path: their uses lie before them. */
+ * Carried values of a loop carry their hash along; those that start alike and are updated alike share one (the channels
+ * of a colour). Programs with local arrays keep the path hash. Sites of skipped loops are added by path: their uses lie
+ * before them. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -27,12 +30,12 @@ typedef struct Join {
 typedef struct Prov {
     Fn *fn;
     Arena *arena;
-    Set **of;         /* by id; NULL: empty */
+    Set **of;              /* by id; NULL: empty */
     const Inst **original; /* by id: what was there before this pass; new instructions have no id of their own */
-    uint8_t *dep;     /* by id: may depend on a jump */
+    uint8_t *dep;          /* by id: may depend on a jump */
     uint32_t nids;
     Set *interned;
-    Inst *loops[64];  /* k of the enclosing loops */
+    Inst *loops[64]; /* k of the enclosing loops */
     uint32_t depth;
     bool changed;
 } Prov;
@@ -74,9 +77,7 @@ static Set *set_union(Prov *p, Set *a, Set *b) {
     return set_intern(p, all, n);
 }
 
-static Set *set_single(Prov *p, Inst *atom) {
-    return set_intern(p, &atom, 1);
-}
+static Set *set_single(Prov *p, Inst *atom) { return set_intern(p, &atom, 1); }
 
 /* One int for a set. */
 static Inst *set_hash(Prov *p, Builder *b, const Set *s) {
@@ -97,7 +98,9 @@ static void dep_block(Prov *p, Block *b) {
         bool d = variant_is_site(i);
         for (uint32_t a = 0; a < i->nargs && !variant_is_site(i); a++) d |= p->dep[i->args[a]->id];
         if (i->op == OP_loop)
-            for (uint32_t c = 0; c < i->nargs; c++) dep_add(p, i->region[0]->params[c + 1], p->dep[i->args[c]->id] | p->dep[i->region[0]->last->args[c + 1]->id]);
+            for (uint32_t c = 0; c < i->nargs; c++)
+                dep_add(p, i->region[0]->params[c + 1],
+                        p->dep[i->args[c]->id] | p->dep[i->region[0]->last->args[c + 1]->id]);
         for (uint32_t r = 0; r < i->nregions; r++) dep_block(p, i->region[r]);
         if (i->op == OP_proj) {
             Inst *o = i->args[0];
@@ -117,8 +120,8 @@ static Inst *join_key(Prov *p, Builder *b, const Inst *at, const Inst *cond) {
     return key;
 }
 
-/* An untagged comparison of values that depend on jumps (which triangle, which texel) decides nothing that `event` could name: a join under it is no jump of its own, and has
- * the origins of its condition and of both sides. */
+/* An untagged comparison of values that depend on jumps (which triangle, which texel) decides nothing that `event`
+ * could name: a join under it is no jump of its own, and has the origins of its condition and of both sides. */
 static bool compares(const Inst *c) {
     switch ((Op)c->op) {
     case OP_flt:
@@ -186,8 +189,10 @@ static void prov_if(Prov *p, Inst *i, uint32_t *next) {
     }
 }
 
-/* One attempt at a loop with the given groups: group[c] is the carried hash of value c, or none (UINT32_MAX). False if members of a group part. */
-static bool prov_loop_try(Prov *p, Inst *loop, uint32_t *group, uint32_t ngroups, Set **init, uint32_t carried, uint32_t *next) {
+/* One attempt at a loop with the given groups: group[c] is the carried hash of value c, or none (UINT32_MAX). False if
+ * members of a group part. */
+static bool prov_loop_try(Prov *p, Inst *loop, uint32_t *group, uint32_t ngroups, Set **init, uint32_t carried,
+                          uint32_t *next) {
     Block *body = loop->region[0];
     uint32_t base = loop->nargs;
     Inst **param = ARENA_ARRAY(p->arena, Inst *, ngroups + 1);
@@ -197,7 +202,8 @@ static bool prov_loop_try(Prov *p, Inst *loop, uint32_t *group, uint32_t ngroups
         ir_append_arg(p->fn, loop, set_hash(p, &before, init[g]));
         param[g] = mark_atom(ir_block_param(p->fn, body, TY_INT), next);
     }
-    for (uint32_t c = 0; c < carried; c++) p->of[body->params[c + 1]->id] = group[c] == UINT32_MAX ? NULL : set_single(p, param[group[c]]);
+    for (uint32_t c = 0; c < carried; c++)
+        p->of[body->params[c + 1]->id] = group[c] == UINT32_MAX ? NULL : set_single(p, param[group[c]]);
     if (p->depth < 64) p->loops[p->depth] = body->params[0];
     p->depth++;
     prov_block(p, body, next);
@@ -276,7 +282,8 @@ static void prov_select(Prov *p, Inst *i, uint32_t *next) {
     Inst *hx = set_hash(p, &b, sx), *hy = set_hash(p, &b, sy);
     if (sc) hx = ir_emit2(&b, OP_ixor, hx, join_key(p, &b, i->args[0], i->args[0]));
     Inst *atom = ir_select(&b, i->args[0], hx, hy);
-    p->of[i->id] = ir_is_const(atom) ? NULL : set_single(p, atom->tag && atom->id == UINT32_MAX ? atom : mark_atom(atom, next));
+    p->of[i->id] =
+        ir_is_const(atom) ? NULL : set_single(p, atom->tag && atom->id == UINT32_MAX ? atom : mark_atom(atom, next));
 }
 
 static void prov_block(Prov *p, Block *b, uint32_t *next) {
@@ -296,7 +303,8 @@ static void prov_block(Prov *p, Block *b, uint32_t *next) {
         if (variant_is_site(i)) {
             Builder at = ir_after(p->fn, i);
             Inst *key = variant_event_key(&at, i);
-            Inst *atom = i->op == OP_site ? ir_select(&at, i, key, ir_consti(&at, 0)) : ir_mix_inst(&at, key, ir_emit1(&at, OP_f2i, i));
+            Inst *atom = i->op == OP_site ? ir_select(&at, i, key, ir_consti(&at, 0))
+                                          : ir_mix_inst(&at, key, ir_emit1(&at, OP_f2i, i));
             p->of[i->id] = set_single(p, mark_atom(atom, next));
         } else if (i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel) {
             prov_select(p, i, next);

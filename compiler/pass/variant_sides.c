@@ -1,8 +1,9 @@
-/* sides (two-sided): f and the region hash together. The runtime evaluates it at both ends of a verified bracket, so that every predicate that differs jumps, also when it is
- * tested twice, and no branch runs whose guard is false.
+/* sides (two-sided): f and the region hash together. The runtime evaluates it at both ends of a verified bracket, so
+ * that every predicate that differs jumps, also when it is tested twice, and no branch runs whose guard is false.
  *
- * With paper_forced it is the paper's two-sided variant instead: at the crossing, the decision of the event (site, k..) is forced to IN_SEED0 > 0
- * and everything else follows from x. That form gives NaN where the forced side takes a root of a negative number. */
+ * With paper_forced it is the paper's two-sided variant instead: at the crossing, the decision of the event (site, k..)
+ * is forced to IN_SEED0 > 0 and everything else follows from x. That form gives NaN where the forced side takes a root
+ * of a negative number. */
 #include "compiler/pass/variant.h"
 
 static void force(Fn *fn, Block *b) {
@@ -13,7 +14,8 @@ static void force(Fn *fn, Block *b) {
         Builder at = ir_before(fn, i);
         Inst *match = ir_emit2(&at, OP_ieq, ir_input(&at, IN_SITE), ir_consti(&at, (int32_t)i->imm.i));
         for (uint32_t a = 2; a < i->nargs; a++)
-            match = ir_emit2(&at, OP_band, match, ir_emit2(&at, OP_ieq, ir_input(&at, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
+            match = ir_emit2(&at, OP_band, match,
+                             ir_emit2(&at, OP_ieq, ir_input(&at, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
         Inst *side = ir_emit2(&at, OP_flt, ir_constf(&at, 0), ir_input(&at, IN_SEED0));
         ir_replace_arg(i, 0, ir_select(&at, match, side, i->args[0]));
     }
