@@ -34,9 +34,8 @@ void colormap_diverging(double t, uint8_t rgb[3]) {
 }
 
 void colormap_sequential(double t, uint8_t rgb[3]) {
-    static const uint8_t knots[][3] = {{8, 8, 28},     {48, 20, 88},   {108, 30, 108},
-                                       {168, 44, 96},  {218, 80, 62},  {244, 140, 40},
-                                       {250, 204, 88}, {252, 252, 214}};
+    static const uint8_t knots[][3] = {{8, 8, 28},    {48, 20, 88},   {108, 30, 108}, {168, 44, 96},
+                                       {218, 80, 62}, {244, 140, 40}, {250, 204, 88}, {252, 252, 214}};
     interpolate(knots, 8, t, rgb);
 }
 
@@ -56,8 +55,7 @@ static void print_scale(double v, char out[32]) {
     }
 }
 
-static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
-                     const char *title) {
+static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale, const char *title) {
     static const uint8_t ink[3] = {40, 40, 40};
     int left = MARGIN, right = width - MARGIN;
     for (int x = left; x < right; x++) {
@@ -81,13 +79,12 @@ static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
         if (room < (int)strlen(cut)) {
             snprintf(cut + (room > 2 ? room - 2 : 0), 3, "..");
         }
-        font_draw(rgb, width, height, (left + right - font_measure(cut, 1)) / 2,
-                  text_y + TEXT_HEIGHT + 4, cut, 1, ink);
+        font_draw(rgb, width, height, (left + right - font_measure(cut, 1)) / 2, text_y + TEXT_HEIGHT + 4, cut, 1, ink);
     }
 }
 
-SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title,
-                               uint8_t **pixels, int *width, int *height, SltError *err) {
+SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title, uint8_t **pixels,
+                               int *width, int *height, SltError *err) {
     int root[4];
     int n = image_root_channels(im, root);
     *pixels = NULL;
@@ -107,10 +104,8 @@ SltStatus image_draw_diverging(const Image *im, int channel, double scale, const
     while (zoom > 1 && (double)im->height * zoom > 4096) {
         zoom--; /* a tall sliver is not worth a huge picture */
     }
-    int drawn = im->width * zoom, w = drawn < SMALLEST_WIDTH ? SMALLEST_WIDTH : drawn,
-        x0 = (w - drawn) / 2;
-    int band =
-        MARGIN + BAR_HEIGHT + 4 + TEXT_HEIGHT + (title && title[0] ? TEXT_HEIGHT + 4 : 0) + MARGIN;
+    int drawn = im->width * zoom, w = drawn < SMALLEST_WIDTH ? SMALLEST_WIDTH : drawn, x0 = (w - drawn) / 2;
+    int band = MARGIN + BAR_HEIGHT + 4 + TEXT_HEIGHT + (title && title[0] ? TEXT_HEIGHT + 4 : 0) + MARGIN;
     int h = im->height * zoom + band;
     uint8_t *rgb = malloc((size_t)w * (size_t)h * 3);
     if (!rgb) {
@@ -131,8 +126,8 @@ SltStatus image_draw_diverging(const Image *im, int channel, double scale, const
     return SLT_OK;
 }
 
-SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale,
-                                const char *title, SltError *err) {
+SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale, const char *title,
+                                SltError *err) {
     uint8_t *rgb;
     int w, h;
     SltStatus status = image_draw_diverging(im, channel, scale, title, &rgb, &w, &h, err);

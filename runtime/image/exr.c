@@ -29,9 +29,7 @@ typedef struct Stream {
 
 /* Zeroed: some decompressors of the core accept a damaged block that fills only a part of its
  * buffer, and what the rest of it holds must not depend on what memory held before. */
-static void *alloc_bounded(size_t bytes) {
-    return bytes > BLOCK_LIMIT ? NULL : calloc(1, bytes ? bytes : 1);
-}
+static void *alloc_bounded(size_t bytes) { return bytes > BLOCK_LIMIT ? NULL : calloc(1, bytes ? bytes : 1); }
 
 static void keep_message(exr_const_context_t ctx, exr_result_t code, const char *msg) {
     void *user = NULL;
@@ -49,8 +47,8 @@ static int64_t stream_size(exr_const_context_t ctx, void *user) {
     return (int64_t)((Stream *)user)->size;
 }
 
-static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, uint64_t size,
-                           uint64_t offset, exr_stream_error_func_ptr_t fail) {
+static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, uint64_t size, uint64_t offset,
+                           exr_stream_error_func_ptr_t fail) {
     Stream *s = user;
     (void)ctx;
     (void)fail;
@@ -65,8 +63,8 @@ static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, ui
     return (int64_t)size;
 }
 
-static int64_t stream_write(exr_const_context_t ctx, void *user, const void *buffer, uint64_t size,
-                            uint64_t offset, exr_stream_error_func_ptr_t fail) {
+static int64_t stream_write(exr_const_context_t ctx, void *user, const void *buffer, uint64_t size, uint64_t offset,
+                            exr_stream_error_func_ptr_t fail) {
     Stream *s = user;
     image_bytes_write_at(&s->out, offset, buffer, size);
     if (s->out.failed) {
@@ -91,11 +89,9 @@ static exr_context_initializer_t initializer(Stream *s) {
     return init;
 }
 
-static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing, SltStatus status,
-                           SltError *err) {
+static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing, SltStatus status, SltError *err) {
     if (code == EXR_ERR_OUT_OF_MEMORY) {
-        return status_fail(err, SLT_LIMIT, "cannot %s '%s': a block of it needs too much memory",
-                           doing, s->name);
+        return status_fail(err, SLT_LIMIT, "cannot %s '%s': a block of it needs too much memory", doing, s->name);
     }
     const char *text = s->message[0] ? s->message : exr_get_default_error_message(code);
     const char *file = strstr(text, s->name); /* the core prefixes some texts with the name */
@@ -160,16 +156,13 @@ typedef struct Plan {
     int count, parts;
 } Plan;
 
-static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int part,
-                           SltError *err) {
+static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int part, SltError *err) {
     exr_storage_t storage;
     exr_attr_box2i_t data;
     const exr_attr_chlist_t *list;
     exr_result_t rc = exr_get_storage(ctx, part, &storage);
-    if (rc == EXR_ERR_SUCCESS &&
-        (storage == EXR_STORAGE_DEEP_SCANLINE || storage == EXR_STORAGE_DEEP_TILED)) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': deep images are not supported",
-                           s->name);
+    if (rc == EXR_ERR_SUCCESS && (storage == EXR_STORAGE_DEEP_SCANLINE || storage == EXR_STORAGE_DEEP_TILED)) {
+        return status_fail(err, SLT_INPUT, "cannot read '%s': deep images are not supported", s->name);
     }
     rc = rc ? rc : exr_get_data_window(ctx, part, &data);
     rc = rc ? rc : exr_get_channels(ctx, part, &list);
@@ -183,14 +176,12 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
             return fail_core(s, rc, "read", SLT_INPUT, err);
         }
     } else if (memcmp(&data, &plan->data, sizeof data) != 0) {
-        return status_fail(err, SLT_INPUT,
-                           "cannot read '%s': part %d covers another window than the first part",
+        return status_fail(err, SLT_INPUT, "cannot read '%s': part %d covers another window than the first part",
                            s->name, part + 1);
     }
-    double width = (double)data.max.x - data.min.x + 1,
-           height = (double)data.max.y - data.min.y + 1;
-    SltStatus status = image_check_claim(s->name, width, height,
-                                         (double)plan->count + list->num_channels, s->size, err);
+    double width = (double)data.max.x - data.min.x + 1, height = (double)data.max.y - data.min.y + 1;
+    SltStatus status =
+        image_check_claim(s->name, width, height, (double)plan->count + list->num_channels, s->size, err);
     if (status != SLT_OK) {
         return status;
     }
@@ -203,12 +194,10 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
             return fail_core(s, rc, "read", SLT_INPUT, err);
         }
         if (tile_x < 1 || tile_y < 1 || tile_x > TILE_LIMIT || tile_y > TILE_LIMIT) {
-            return status_fail(err, SLT_INPUT, "cannot read '%s': tiles of %u x %u pixels", s->name,
-                               tile_x, tile_y);
+            return status_fail(err, SLT_INPUT, "cannot read '%s': tiles of %u x %u pixels", s->name, tile_x, tile_y);
         }
     }
-    Channel *grown =
-        realloc(plan->channels, (size_t)(plan->count + list->num_channels) * sizeof *grown);
+    Channel *grown = realloc(plan->channels, (size_t)(plan->count + list->num_channels) * sizeof *grown);
     if (!grown) {
         return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", s->name);
     }
@@ -218,23 +207,20 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
         Channel *c = &plan->channels[plan->count];
         *c = (Channel){.part = part, .slot = i, .order = plan->count};
         if (entry->x_sampling != 1 || entry->y_sampling != 1) {
-            return status_fail(
-                err, SLT_INPUT,
-                "cannot read '%s': channel '%s' is subsampled %d x %d; only full resolution "
-                "is supported",
-                s->name, entry->name.str, entry->x_sampling, entry->y_sampling);
+            return status_fail(err, SLT_INPUT,
+                               "cannot read '%s': channel '%s' is subsampled %d x %d; only full resolution "
+                               "is supported",
+                               s->name, entry->name.str, entry->x_sampling, entry->y_sampling);
         }
         snprintf(c->name, sizeof c->name, "%s", entry->name.str);
-        if (name_taken(plan->channels, plan->count,
-                       c->name)) { /* parts may repeat R G B: tell them apart by part */
+        if (name_taken(plan->channels, plan->count, c->name)) { /* parts may repeat R G B: tell them apart by part */
             const char *part_name = NULL;
             if (exr_get_name(ctx, part, &part_name) != EXR_ERR_SUCCESS || !part_name) {
                 part_name = "part";
             }
             snprintf(c->name, sizeof c->name, "%.120s.%.120s", part_name, entry->name.str);
             if (name_taken(plan->channels, plan->count, c->name)) {
-                return status_fail(err, SLT_INPUT, "cannot read '%s': two channels are called '%s'",
-                                   s->name, c->name);
+                return status_fail(err, SLT_INPUT, "cannot read '%s': two channels are called '%s'", s->name, c->name);
             }
         }
         plan->count++;
@@ -250,8 +236,7 @@ static void order_channels(Plan *plan) {
         c->rank = suffix_rank(c->name);
         c->layer = length ? (size_t)i + 1 : 0;
         for (int j = 0; length && j < i; j++) {
-            if (layer_length(plan->channels[j].name) == length &&
-                !strncmp(plan->channels[j].name, c->name, length)) {
+            if (layer_length(plan->channels[j].name) == length && !strncmp(plan->channels[j].name, c->name, length)) {
                 c->layer = plan->channels[j].layer;
                 break;
             }
@@ -272,8 +257,7 @@ typedef struct Aim {
 } Aim;
 
 static float half_to_float(uint16_t h) {
-    uint32_t sign = (uint32_t)(h & 0x8000) << 16, exponent = h >> 10 & 31, mantissa = h & 1023,
-             bits;
+    uint32_t sign = (uint32_t)(h & 0x8000) << 16, exponent = h >> 10 & 31, mantissa = h & 1023, bits;
     float f;
     if (exponent == 0) {
         f = (float)mantissa * 0x1p-24f; /* exact, also zero */
@@ -323,21 +307,19 @@ static exr_result_t unpack(exr_decode_pipeline_t *pipe) {
         }
     }
     for (int k = 0; k < pipe->channel_count; k++) {
-        need += (uint64_t)chunk->width * (uint64_t)chunk->height *
-                (pipe->channels[k].data_type == EXR_PIXEL_HALF ? 2 : 4);
+        need +=
+            (uint64_t)chunk->width * (uint64_t)chunk->height * (pipe->channels[k].data_type == EXR_PIXEL_HALF ? 2 : 4);
     }
     if (!from || need > chunk->unpacked_size) {
         return EXR_ERR_CORRUPT_CHUNK;
     }
     for (int y = 0; y < chunk->height; y++) {
-        float *line =
-            aim->im->data + ((size_t)(aim->y + y) * (size_t)aim->im->width + (size_t)aim->x) *
-                                (size_t)aim->im->channels;
+        float *line = aim->im->data +
+                      ((size_t)(aim->y + y) * (size_t)aim->im->width + (size_t)aim->x) * (size_t)aim->im->channels;
         for (int k = 0; k < pipe->channel_count; k++) {
             int type = pipe->channels[k].data_type, bytes = type == EXR_PIXEL_HALF ? 2 : 4;
             for (int x = 0; x < chunk->width; x++, from += bytes) {
-                line[(size_t)x * (size_t)aim->im->channels + (size_t)target[k]] =
-                    load_sample(from, type);
+                line[(size_t)x * (size_t)aim->im->channels + (size_t)target[k]] = load_sample(from, type);
             }
         }
     }
@@ -349,19 +331,16 @@ typedef struct Decoder {
     bool started;
 } Decoder;
 
-static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *plan, int part,
-                              Decoder *d, const exr_chunk_info_t *info, int64_t x, int64_t y,
-                              Image *im, SltError *err) {
+static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *plan, int part, Decoder *d,
+                              const exr_chunk_info_t *info, int64_t x, int64_t y, Image *im, SltError *err) {
     exr_result_t rc;
     if (info->packed_size > s->size || info->unpacked_size > BLOCK_LIMIT) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': a block claims %llu bytes", s->name,
                            (unsigned long long)info->packed_size);
     }
     if (x < 0 || y < 0 || info->width < 1 || info->height < 1 || x + info->width > im->width ||
-        y + info->height >
-            im->height) { /* the core checks indices, but the pixels are ours to defend */
-        return status_fail(err, SLT_INPUT, "cannot read '%s': a block lies outside of the image",
-                           s->name);
+        y + info->height > im->height) { /* the core checks indices, but the pixels are ours to defend */
+        return status_fail(err, SLT_INPUT, "cannot read '%s': a block lies outside of the image", s->name);
     }
     Aim aim = {.plan = plan, .im = im, .part = part, .x = x, .y = y};
     rc = d->started ? exr_decoding_update(ctx, part, info, &d->pipe)
@@ -380,8 +359,7 @@ static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *pl
     return rc ? fail_core(s, rc, "read", SLT_INPUT, err) : SLT_OK;
 }
 
-static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *plan, int part,
-                             Image *im, SltError *err) {
+static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *plan, int part, Image *im, SltError *err) {
     exr_storage_t storage;
     exr_chunk_info_t info;
     Decoder d = {.pipe = EXR_DECODE_PIPELINE_INITIALIZER};
@@ -393,8 +371,8 @@ static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *pla
         for (int64_t y = 0; !rc && !status && lines > 0 && y < im->height; y += lines) {
             rc = exr_read_scanline_chunk_info(ctx, part, (int)(y + plan->data.min.y), &info);
             if (!rc) {
-                status = decode_chunk(ctx, s, plan, part, &d, &info, 0,
-                                      (int64_t)info.start_y - plan->data.min.y, im, err);
+                status =
+                    decode_chunk(ctx, s, plan, part, &d, &info, 0, (int64_t)info.start_y - plan->data.min.y, im, err);
             }
         }
     } else if (rc == EXR_ERR_SUCCESS) {
@@ -404,8 +382,7 @@ static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *pla
             for (int64_t tx = 0; !rc && !status && tx * tile_w < im->width; tx++) {
                 rc = exr_read_tile_chunk_info(ctx, part, (int)tx, (int)ty, 0, 0, &info);
                 if (!rc) {
-                    status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h,
-                                          im, err);
+                    status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h, im, err);
                 }
             }
         }
@@ -424,8 +401,7 @@ static SltStatus read_attributes(exr_context_t ctx, const Stream *s, Image *im, 
     }
     for (int32_t i = 0; i < count && ok; i++) {
         const exr_attribute_t *a;
-        if (exr_get_attribute_by_index(ctx, 0, EXR_ATTR_LIST_FILE_ORDER, i, &a) !=
-            EXR_ERR_SUCCESS) {
+        if (exr_get_attribute_by_index(ctx, 0, EXR_ATTR_LIST_FILE_ORDER, i, &a) != EXR_ERR_SUCCESS) {
             continue;
         }
         if (a->type == EXR_ATTR_STRING && a->string->str) {
@@ -457,14 +433,11 @@ static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltEr
     if (status != SLT_OK) {
         return status;
     }
-    int64_t dx = (int64_t)d->min.x - v->min.x,
-            dy = (int64_t)d->min.y - v->min.y; /* of the data in the display */
+    int64_t dx = (int64_t)d->min.x - v->min.x, dy = (int64_t)d->min.y - v->min.y; /* of the data in the display */
     int64_t x0 = dx > 0 ? dx : 0, x1 = dx + im->width < out.width ? dx + im->width : out.width;
     if (x0 >= x1 || dy >= out.height || dy + im->height <= 0) {
         image_free(&out);
-        return status_fail(err, SLT_INPUT,
-                           "cannot read '%s': its pixels lie outside of its display window",
-                           s->name);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': its pixels lie outside of its display window", s->name);
     }
     for (int64_t y = 0; y < out.height; y++) {
         if (y - dy >= 0 && y - dy < im->height) {
@@ -481,13 +454,11 @@ static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltEr
     return SLT_OK;
 }
 
-static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Image *im,
-                            SltError *err) {
+static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Image *im, SltError *err) {
     exr_result_t rc = exr_get_count(ctx, &plan->parts);
     SltStatus status = rc ? fail_core(s, rc, "read", SLT_INPUT, err) : SLT_OK;
     if (!status && plan->parts < 1) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': the file has no image in it",
-                           s->name);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': the file has no image in it", s->name);
     }
     for (int part = 0; part < plan->parts && !status; part++) {
         status = plan_part(ctx, s, plan, part, err);
@@ -509,8 +480,7 @@ static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Imag
     return status ? status : read_attributes(ctx, s, im, err);
 }
 
-SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                           SltError *err) {
+SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
     Stream s = {.name = name, .bytes = bytes, .size = size};
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
@@ -520,8 +490,7 @@ SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, 
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not an OpenEXR file", name);
     }
     exr_result_t rc = exr_start_read(&ctx, name, &init);
-    SltStatus status =
-        rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
+    SltStatus status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
     if (ctx) {
         exr_finish(&ctx);
     }
@@ -539,12 +508,9 @@ static exr_result_t write_header(exr_context_t ctx, const Image *im) {
     char name[IMAGE_NAME_SIZE];
     exr_result_t rc = exr_set_longname_support(ctx, 1);
     rc = rc ? rc : exr_add_part(ctx, "saltus", EXR_STORAGE_SCANLINE, &part);
-    rc = rc ? rc
-            : exr_initialize_required_attr_simple(ctx, part, im->width, im->height,
-                                                  EXR_COMPRESSION_ZIP);
+    rc = rc ? rc : exr_initialize_required_attr_simple(ctx, part, im->width, im->height, EXR_COMPRESSION_ZIP);
     for (int c = 0; c < im->channels && !rc; c++) {
-        rc = exr_add_channel(ctx, part, image_get_name(im, c, name), EXR_PIXEL_FLOAT,
-                             EXR_PERCEPTUALLY_LINEAR, 1, 1);
+        rc = exr_add_channel(ctx, part, image_get_name(im, c, name), EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
     }
     for (int i = 0; i < im->attr_count && !rc; i++) {
         const ImageAttr *a = &im->attrs[i];
@@ -591,11 +557,9 @@ static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *s
             c->user_bytes_per_element = 4;
             c->user_data_type = EXR_PIXEL_FLOAT;
             c->user_pixel_stride = (int32_t)sizeof(float) * im->channels;
-            c->user_line_stride =
-                (int32_t)((size_t)im->width * (size_t)im->channels * sizeof(float));
+            c->user_line_stride = (int32_t)((size_t)im->width * (size_t)im->channels * sizeof(float));
             c->encode_from_ptr =
-                (const uint8_t *)(im->data + (size_t)y * (size_t)im->width * (size_t)im->channels +
-                                  slots[k]);
+                (const uint8_t *)(im->data + (size_t)y * (size_t)im->width * (size_t)im->channels + slots[k]);
         }
         if (!rc && !started) {
             rc = exr_encoding_choose_default_routines(ctx, 0, &pipe);
@@ -633,19 +597,16 @@ static SltStatus check_names(const char *name, const Image *im, SltError *err) {
     for (int i = 0; i < im->channels; i++) {
         image_get_name(im, i, a);
         if (!a[0]) {
-            return status_fail(err, SLT_USAGE, "cannot write '%s': channel %d has no name", name,
-                               i);
+            return status_fail(err, SLT_USAGE, "cannot write '%s': channel %d has no name", name, i);
         }
         if (image_find_channel(im, a) != i) {
-            return status_fail(err, SLT_USAGE, "cannot write '%s': two channels are called '%s'",
-                               name, a);
+            return status_fail(err, SLT_USAGE, "cannot write '%s': two channels are called '%s'", name, a);
         }
     }
     return SLT_OK;
 }
 
-SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size,
-                           SltError *err) {
+SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size, SltError *err) {
     Stream s = {.name = name};
     *bytes = NULL;
     *size = 0;
@@ -654,16 +615,14 @@ SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, s
         return status;
     }
     if ((double)im->width * im->channels * sizeof(float) > INT32_MAX) {
-        return status_fail(err, SLT_LIMIT, "cannot write '%s': too wide for %d channels", name,
-                           im->channels);
+        return status_fail(err, SLT_LIMIT, "cannot write '%s': too wide for %d channels", name, im->channels);
     }
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
     int *slots = malloc((size_t)im->channels * sizeof *slots);
     /* never a real path: the core would unlink it after an error */
     exr_result_t rc =
-        slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init)
-              : EXR_ERR_OUT_OF_MEMORY;
+        slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init) : EXR_ERR_OUT_OF_MEMORY;
     rc = rc ? rc : write_header(ctx, im);
     if (!rc && !map_slots(ctx, im, slots)) {
         rc = EXR_ERR_INVALID_ARGUMENT;

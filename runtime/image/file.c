@@ -51,9 +51,7 @@ void image_bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size
     }
 }
 
-void image_bytes_append(Bytes *b, const void *data, size_t size) {
-    image_bytes_write_at(b, b->size, data, size);
-}
+void image_bytes_append(Bytes *b, const void *data, size_t size) { image_bytes_write_at(b, b->size, data, size); }
 
 void image_bytes_printf(Bytes *b, const char *fmt, ...) {
     char small[256];
@@ -228,8 +226,7 @@ SltStatus file_write_atomic(const char *path, const void *data, size_t size, Slt
     if (exists && !S_ISREG(st.st_mode)) {
         return write_special(path, data, size, err);
     }
-    char *real =
-        exists ? realpath(path, NULL) : NULL; /* replace what a link points to, not the link */
+    char *real = exists ? realpath(path, NULL) : NULL; /* replace what a link points to, not the link */
     const char *target = real ? real : path;
     char *temporary = NULL;
     int fd = open_temporary(target, &temporary);

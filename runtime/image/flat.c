@@ -46,27 +46,23 @@ static bool whole_number(const char *word, double *out) {
     return true;
 }
 
-SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                           SltError *err) {
+SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
     char magic[32], w[32], h[32], scale[32];
     size_t at = 0;
     double width = 0, height = 0;
     *out = (Image){0};
-    if (!next_word(bytes, size, &at, magic) ||
-        (strcmp(magic, "PF") != 0 && strcmp(magic, "Pf") != 0)) {
+    if (!next_word(bytes, size, &at, magic) || (strcmp(magic, "PF") != 0 && strcmp(magic, "Pf") != 0)) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PFM file", name);
     }
-    if (!next_word(bytes, size, &at, w) || !next_word(bytes, size, &at, h) ||
-        !next_word(bytes, size, &at, scale) || !whole_number(w, &width) ||
-        !whole_number(h, &height)) {
+    if (!next_word(bytes, size, &at, w) || !next_word(bytes, size, &at, h) || !next_word(bytes, size, &at, scale) ||
+        !whole_number(w, &width) || !whole_number(h, &height)) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': the PFM header is damaged", name);
     }
     /* Only the scale's sign matters (negative: little-endian); its magnitude is a unit that no
      * reader applies. */
     const char *digits = scale + (scale[0] == '-' || scale[0] == '+');
     if (!isdigit((unsigned char)digits[0]) && digits[0] != '.') {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': the PFM scale '%s' is not a number",
-                           name, scale);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': the PFM scale '%s' is not a number", name, scale);
     }
     int channels = magic[1] == 'F' ? 3 : 1;
     SltStatus status = image_check_claim(name, width, height, channels, size, err);
@@ -75,10 +71,9 @@ SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, 
     }
     size_t row = (size_t)width * (size_t)channels;
     if (size - at < row * (size_t)height * 4) {
-        return status_fail(
-            err, SLT_INPUT,
-            "cannot read '%s': the file ends too early: %zu bytes of pixels, %zu expected", name,
-            size - at, row * (size_t)height * 4);
+        return status_fail(err, SLT_INPUT,
+                           "cannot read '%s': the file ends too early: %zu bytes of pixels, %zu expected", name,
+                           size - at, row * (size_t)height * 4);
     }
     status = image_create(out, (int)width, (int)height, channels, err);
     for (int y = 0; status == SLT_OK && y < out->height; y++) { /* the bottom row comes first */
@@ -103,13 +98,11 @@ SltStatus image_encode_pfm(const char *name, const Image *im, Bytes *out, SltErr
     image_bytes_reserve(out, out->size + (size_t)im->width * (size_t)im->height * (size_t)n * 4);
     for (int y = im->height - 1; y >= 0 && !out->failed; y--) {
         for (int x = 0; x < im->width; x++) {
-            const float *p =
-                im->data + ((size_t)y * (size_t)im->width + (size_t)x) * (size_t)im->channels;
+            const float *p = im->data + ((size_t)y * (size_t)im->width + (size_t)x) * (size_t)im->channels;
             for (int c = 0; c < n; c++) {
                 uint32_t v;
                 memcpy(&v, &p[src[c]], sizeof v);
-                uint8_t little[4] = {(uint8_t)v, (uint8_t)(v >> 8), (uint8_t)(v >> 16),
-                                     (uint8_t)(v >> 24)};
+                uint8_t little[4] = {(uint8_t)v, (uint8_t)(v >> 8), (uint8_t)(v >> 16), (uint8_t)(v >> 24)};
                 image_bytes_append(out, little, 4);
             }
         }
@@ -136,19 +129,17 @@ static bool parse_size(const char *name, double *w, double *h, double *c) {
     return true;
 }
 
-SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                           SltError *err) {
+SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
     double w, h, c;
     *out = (Image){0};
     if (!parse_size(name, &w, &h, &c)) {
-        return status_fail(err, SLT_INPUT,
-                           "cannot read '%s': a raw file is called NAME_WxH.f32 or NAME_WxHxC.f32",
+        return status_fail(err, SLT_INPUT, "cannot read '%s': a raw file is called NAME_WxH.f32 or NAME_WxHxC.f32",
                            name);
     }
     SltStatus status = image_check_claim(name, w, h, c, size, err);
     if (status == SLT_OK && w * h * c * 4 != (double)size) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': %zu bytes, but its name says %.0f",
-                           name, size, w * h * c * 4);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': %zu bytes, but its name says %.0f", name, size,
+                           w * h * c * 4);
     }
     status = status ? status : image_create(out, (int)w, (int)h, (int)c, err);
     for (size_t i = 0; status == SLT_OK && i < size / 4; i++) {

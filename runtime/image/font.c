@@ -110,15 +110,13 @@ int font_measure(const char *text, int zoom) {
     return n ? (n * 6 - 1) * zoom : 0;
 }
 
-void font_draw(uint8_t *rgb, int width, int height, int x, int y, const char *text, int zoom,
-               const uint8_t colour[3]) {
+void font_draw(uint8_t *rgb, int width, int height, int x, int y, const char *text, int zoom, const uint8_t colour[3]) {
     for (; *text; text++, x += 6 * zoom) {
         const Glyph *g = find_glyph(*text);
         for (int row = 0; row < 7 * zoom; row++) {
             for (int col = 0; col < 5 * zoom; col++) {
                 int px = x + col, py = y + row + g->drop * zoom;
-                if ((g->rows[row / zoom] >> (4 - col / zoom) & 1) && px >= 0 && py >= 0 &&
-                    px < width && py < height) {
+                if ((g->rows[row / zoom] >> (4 - col / zoom) & 1) && px >= 0 && py >= 0 && px < width && py < height) {
                     memcpy(rgb + ((size_t)py * (size_t)width + (size_t)px) * 3, colour, 3);
                 }
             }

@@ -99,8 +99,7 @@ static bool fill_voids(Level *base) {
     return memory;
 }
 
-SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                           SltError *err) {
+SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
     *out = (Image){0};
     size_t side = 0;
     while ((side + 1) * (side + 1) * 2 <= size && side < IMAGE_MAX_SIDE) {

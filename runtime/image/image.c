@@ -16,8 +16,7 @@
 SltStatus image_create(Image *out, int width, int height, int channels, SltError *err) {
     *out = (Image){0};
     if (width < 1 || height < 1 || channels < 1) {
-        return status_fail(err, SLT_USAGE, "an image of %d x %d pixels and %d channels", width,
-                           height, channels);
+        return status_fail(err, SLT_USAGE, "an image of %d x %d pixels and %d channels", width, height, channels);
     }
     if (width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE || channels > IMAGE_MAX_CHANNELS ||
         (double)width * height * channels > IMAGE_MAX_SAMPLES) {
@@ -31,8 +30,7 @@ SltStatus image_create(Image *out, int width, int height, int channels, SltError
     im.names = calloc((size_t)channels, sizeof *im.names);
     if (!im.data || !im.names) {
         image_free(&im);
-        return status_fail(err, SLT_LIMIT,
-                           "out of memory for an image of %d x %d pixels and %d channels", width,
+        return status_fail(err, SLT_LIMIT, "out of memory for an image of %d x %d pixels and %d channels", width,
                            height, channels);
     }
     for (int c = 0; c < channels; c++) {
@@ -58,13 +56,10 @@ void image_free(Image *im) {
     *im = (Image){0};
 }
 
-void image_set_name(Image *im, int c, const char *name) {
-    snprintf(im->names[c], IMAGE_NAME_SIZE, "%s", name);
-}
+void image_set_name(Image *im, int c, const char *name) { snprintf(im->names[c], IMAGE_NAME_SIZE, "%s", name); }
 
 const char *image_get_name(const Image *im, int c, char buf[IMAGE_NAME_SIZE]) {
-    static const char *const usual[5][4] = {
-        {""}, {"Y"}, {"Y", "A"}, {"R", "G", "B"}, {"R", "G", "B", "A"}};
+    static const char *const usual[5][4] = {{""}, {"Y"}, {"Y", "A"}, {"R", "G", "B"}, {"R", "G", "B", "A"}};
     if (im->names) {
         snprintf(buf, IMAGE_NAME_SIZE, "%s", im->names[c]);
     } else if (im->channels <= 4) {
@@ -137,12 +132,11 @@ bool image_set_number(Image *im, const char *name, double number) {
     return true;
 }
 
-SltStatus image_check_claim(const char *name, double width, double height, double channels,
-                            size_t file_size, SltError *err) {
+SltStatus image_check_claim(const char *name, double width, double height, double channels, size_t file_size,
+                            SltError *err) {
     double samples = width * height * channels;
     if (!(width >= 1 && height >= 1 && channels >= 1)) {
-        return status_fail(err, SLT_INPUT,
-                           "'%s' is empty or damaged: it claims %.0f x %.0f pixels, %.0f channels",
+        return status_fail(err, SLT_INPUT, "'%s' is empty or damaged: it claims %.0f x %.0f pixels, %.0f channels",
                            name, width, height, channels);
     }
     if (width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE || channels > IMAGE_MAX_CHANNELS ||
@@ -154,17 +148,14 @@ SltStatus image_check_claim(const char *name, double width, double height, doubl
     }
     /* deflate shrinks at most 1032 to 1, so beyond this the size is a lie (or a bomb) */
     if (samples * 4 > 64.0 * (1 << 20) + 2048.0 * (double)file_size) {
-        return status_fail(
-            err, SLT_INPUT,
-            "'%s' is damaged: %zu bytes cannot hold %.0f x %.0f pixels, %.0f channels", name,
-            file_size, width, height, channels);
+        return status_fail(err, SLT_INPUT, "'%s' is damaged: %zu bytes cannot hold %.0f x %.0f pixels, %.0f channels",
+                           name, file_size, width, height, channels);
     }
     return SLT_OK;
 }
 
 int image_root_channels(const Image *im, int index[4]) {
-    int r = image_find_channel(im, "R"), g = image_find_channel(im, "G"),
-        b = image_find_channel(im, "B");
+    int r = image_find_channel(im, "R"), g = image_find_channel(im, "G"), b = image_find_channel(im, "B");
     int y = image_find_channel(im, "Y"), a = image_find_channel(im, "A"), n = 0;
     if (r >= 0 && g >= 0 && b >= 0) {
         index[n++] = r;
@@ -217,8 +208,7 @@ SltStatus image_extract_layer(const Image *im, const char *layer, Image *out, Sl
             const char *name = image_get_name(im, picked[k], buf), *dot = strrchr(name, '.');
             image_set_name(out, k, dot ? dot + 1 : name);
             for (size_t p = 0; p < pixels; p++) {
-                out->data[p * (size_t)n + (size_t)k] =
-                    im->data[p * (size_t)im->channels + (size_t)picked[k]];
+                out->data[p * (size_t)n + (size_t)k] = im->data[p * (size_t)im->channels + (size_t)picked[k]];
             }
         }
     }
@@ -326,8 +316,7 @@ SltStatus image_resize(const Image *im, int width, int height, Image *out, SltEr
     size_t row = (size_t)width * (size_t)n;
     Taps tx = {0}, ty = {0};
     double *middle = malloc(row * sizeof *middle), *sum = malloc(row * sizeof *sum);
-    bool ok =
-        make_taps(&tx, im->width, width) && make_taps(&ty, im->height, height) && middle && sum;
+    bool ok = make_taps(&tx, im->width, width) && make_taps(&ty, im->height, height) && middle && sum;
     for (int y = 0; ok && y < height; y++) {
         memset(sum, 0, row * sizeof *sum);
         for (int k = 0; k < ty.count[y]; k++) {
@@ -357,14 +346,12 @@ SltStatus image_resize(const Image *im, int width, int height, Image *out, SltEr
     free(sum);
     if (!ok) {
         image_free(out);
-        return status_fail(err, SLT_LIMIT, "out of memory for an image of %d x %d pixels", width,
-                           height);
+        return status_fail(err, SLT_LIMIT, "out of memory for an image of %d x %d pixels", width, height);
     }
     return SLT_OK;
 }
 
-SltStatus image_film_strip(const Image *const *images, int count, int gap, Image *out,
-                           SltError *err) {
+SltStatus image_film_strip(const Image *const *images, int count, int gap, Image *out, SltError *err) {
     *out = (Image){0};
     if (count < 1 || gap < 0) {
         return status_fail(err, SLT_USAGE, "a film strip needs at least one image");
@@ -373,14 +360,12 @@ SltStatus image_film_strip(const Image *const *images, int count, int gap, Image
     int height = 0, channels = images[0]->channels;
     for (int i = 0; i < count; i++) {
         if (images[i]->channels != channels || channels > 4) {
-            return status_fail(err, SLT_USAGE,
-                               "the images of a film strip need the same 1 to 4 channels");
+            return status_fail(err, SLT_USAGE, "the images of a film strip need the same 1 to 4 channels");
         }
         width += images[i]->width;
         height = images[i]->height > height ? images[i]->height : height;
     }
-    SltStatus status =
-        image_create(out, width > INT32_MAX ? INT32_MAX : (int)width, height, channels, err);
+    SltStatus status = image_create(out, width > INT32_MAX ? INT32_MAX : (int)width, height, channels, err);
     if (status != SLT_OK) {
         return status;
     }
@@ -392,8 +377,8 @@ SltStatus image_film_strip(const Image *const *images, int count, int gap, Image
     for (int i = 0; i < count; i++) {
         size_t row = (size_t)images[i]->width * (size_t)channels;
         for (int y = 0; y < images[i]->height; y++) {
-            memcpy(out->data + ((size_t)y * (size_t)width + x) * (size_t)channels,
-                   images[i]->data + (size_t)y * row, row * sizeof *out->data);
+            memcpy(out->data + ((size_t)y * (size_t)width + x) * (size_t)channels, images[i]->data + (size_t)y * row,
+                   row * sizeof *out->data);
         }
         x += (size_t)images[i]->width + (size_t)gap;
     }
@@ -410,21 +395,14 @@ float image_encode_srgb(float v) {
     return v <= 0.0031308f ? 12.92f * v : (float)(1.055 * pow(v, 1 / 2.4) - 0.055);
 }
 
-float image_decode_srgb(float v) {
-    return v <= 0.04045f ? v / 12.92f : (float)pow((v + 0.055) / 1.055, 2.4);
-}
+float image_decode_srgb(float v) { return v <= 0.04045f ? v / 12.92f : (float)pow((v + 0.055) / 1.055, 2.4); }
 
-uint8_t image_encode_srgb8(float linear) {
-    return (uint8_t)lrintf(image_encode_srgb(linear) * 255.0f);
-}
+uint8_t image_encode_srgb8(float linear) { return (uint8_t)lrintf(image_encode_srgb(linear) * 255.0f); }
 
-float image_luminance(float r, float g, float b) {
-    return 0.2126f * r + 0.7152f * g + 0.0722f * b;
-}
+float image_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
 
 const char *image_path_extension(const char *path, char buf[16]) {
-    const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path,
-               *dot = strrchr(base, '.');
+    const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path, *dot = strrchr(base, '.');
     size_t n = 0;
     if (dot && strlen(dot + 1) < 16) {
         for (; dot[1 + n]; n++) {
@@ -444,13 +422,12 @@ static SltStatus check_extension(const char *name, SltError *err) {
             return SLT_OK;
         }
     }
-    return status_fail(err, SLT_INPUT,
-                       "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
+    return status_fail(err, SLT_INPUT, "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
                        name);
 }
 
-SltStatus image_decode(const char *name, const void *bytes, size_t size,
-                       const ImageReadOptions *opt, Image *out, SltError *err) {
+SltStatus image_decode(const char *name, const void *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                       SltError *err) {
     char ext[16];
     *out = (Image){0};
     image_path_extension(name, ext);
@@ -501,8 +478,8 @@ bool image_can_write(const char *path) {
     return !strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "npy");
 }
 
-static SltStatus encode_png_image(const char *path, const Image *im, const ImageWriteOptions *opt,
-                                  Bytes *out, SltError *err) {
+static SltStatus encode_png_image(const char *path, const Image *im, const ImageWriteOptions *opt, Bytes *out,
+                                  SltError *err) {
     int src[4];
     int n = image_root_channels(im, src), bits = opt && opt->bits == 16 ? 16 : 8;
     bool raw = opt && opt->raw;
@@ -531,8 +508,7 @@ static SltStatus encode_png_image(const char *path, const Image *im, const Image
     return status;
 }
 
-SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt,
-                      SltError *err) {
+SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt, SltError *err) {
     char ext[16];
     Bytes b = {0};
     SltStatus status;
@@ -547,8 +523,7 @@ SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions
         size_t shape[3] = {(size_t)im->height, (size_t)im->width, (size_t)im->channels};
         status = image_encode_npy(3, shape, im->data, NULL, opt && opt->wide, &b, err);
     } else {
-        return status_fail(err, SLT_USAGE,
-                           "cannot write '%s': the extension is none of .exr .png .pfm .npy", path);
+        return status_fail(err, SLT_USAGE, "cannot write '%s': the extension is none of .exr .png .pfm .npy", path);
     }
     if (status == SLT_OK && b.failed) {
         status = status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);

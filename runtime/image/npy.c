@@ -115,8 +115,7 @@ static const char *parse_dictionary(const char *p, const char *end, Header *h, i
             }
             has_type = true;
         } else if (strcmp(key, "fortran_order") == 0) {
-            bool yes = end - p >= 4 && strncmp(p, "True", 4) == 0,
-                 no = end - p >= 5 && strncmp(p, "False", 5) == 0;
+            bool yes = end - p >= 4 && strncmp(p, "True", 4) == 0, no = end - p >= 5 && strncmp(p, "False", 5) == 0;
             if (!yes && !no) {
                 return "the header is damaged";
             }
@@ -140,8 +139,7 @@ static const char *parse_dictionary(const char *p, const char *end, Header *h, i
     return has_type && has_order && has_shape ? NULL : "the header is incomplete";
 }
 
-static SltStatus parse_header(const char *name, const uint8_t *bytes, size_t size, Header *h,
-                              SltError *err) {
+static SltStatus parse_header(const char *name, const uint8_t *bytes, size_t size, Header *h, SltError *err) {
     *h = (Header){.shape = {1, 1, 1, 1}, .count = 1};
     if (size < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a NumPy array file", name);
@@ -149,8 +147,7 @@ static SltStatus parse_header(const char *name, const uint8_t *bytes, size_t siz
     size_t start = bytes[6] >= 2 ? 12 : 10;
     size_t length = bytes[8] | (size_t)bytes[9] << 8;
     if (bytes[6] < 1 || bytes[6] > 3 || size < start) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': unknown NumPy format version %d",
-                           name, bytes[6]);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': unknown NumPy format version %d", name, bytes[6]);
     }
     if (start == 12) {
         length |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
@@ -165,8 +162,7 @@ static SltStatus parse_header(const char *name, const uint8_t *bytes, size_t siz
         return status_fail(err, SLT_INPUT, "cannot read '%s': %s", name, wrong);
     }
     if (rank > 4) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': %d dimensions (at most 4)", name,
-                           rank);
+        return status_fail(err, SLT_INPUT, "cannot read '%s': %d dimensions (at most 4)", name, rank);
     }
     double count = 1;
     for (int i = 0; i < rank; i++) {
@@ -176,17 +172,15 @@ static SltStatus parse_header(const char *name, const uint8_t *bytes, size_t siz
         return status_fail(err, SLT_INPUT, "cannot read '%s': the array is empty", name);
     }
     if (count > IMAGE_MAX_SAMPLES) {
-        return status_fail(err, SLT_LIMIT, "'%s' is too large: %.0f numbers (at most 2^28)", name,
-                           count);
+        return status_fail(err, SLT_LIMIT, "'%s' is too large: %.0f numbers (at most 2^28)", name, count);
     }
     h->rank = rank < 1 ? 1 : rank;
     h->count = (size_t)count;
     h->offset = start + length;
     if ((size - h->offset) / (size_t)h->width < h->count) {
-        return status_fail(
-            err, SLT_INPUT,
-            "cannot read '%s': the file ends too early: %zu bytes of numbers, %zu expected", name,
-            size - h->offset, h->count * (size_t)h->width);
+        return status_fail(err, SLT_INPUT,
+                           "cannot read '%s': the file ends too early: %zu bytes of numbers, %zu expected", name,
+                           size - h->offset, h->count * (size_t)h->width);
     }
     return SLT_OK;
 }
@@ -241,8 +235,7 @@ static size_t file_index(const Header *h, size_t i) {
     return index;
 }
 
-SltStatus npy_decode(const char *name, const void *bytes, size_t size, NumArray *out,
-                     SltError *err) {
+SltStatus npy_decode(const char *name, const void *bytes, size_t size, NumArray *out, SltError *err) {
     Header h;
     *out = (NumArray){0};
     SltStatus status = parse_header(name, bytes, size, &h, err);
@@ -279,8 +272,7 @@ void npy_free(NumArray *a) {
     }
 }
 
-SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, Image *out,
-                           SltError *err) {
+SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
     Header h;
     *out = (Image){0};
     SltStatus status = parse_header(name, bytes, size, &h, err);
@@ -288,11 +280,10 @@ SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, 
         return status;
     }
     if (h.rank > 3) {
-        return status_fail(
-            err, SLT_INPUT,
-            "cannot read '%s' as an image: it has %d dimensions (rows, columns and channels "
-            "are 3)",
-            name, h.rank);
+        return status_fail(err, SLT_INPUT,
+                           "cannot read '%s' as an image: it has %d dimensions (rows, columns and channels "
+                           "are 3)",
+                           name, h.rank);
     }
     size_t height = h.rank == 1 ? 1 : h.shape[0], width = h.rank == 1 ? h.shape[0] : h.shape[1];
     size_t channels = h.rank == 3 ? h.shape[2] : 1;
@@ -301,8 +292,7 @@ SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, 
     for (size_t i = 0; status == SLT_OK && i < h.count; i++) {
         const uint8_t *from = bytes + h.offset + file_index(&h, i) * (size_t)h.width;
         if (h.kind == 'f' && h.width == 4 && !h.big) {
-            uint32_t v = (uint32_t)from[3] << 24 | (uint32_t)from[2] << 16 |
-                         (uint32_t)from[1] << 8 | from[0];
+            uint32_t v = (uint32_t)from[3] << 24 | (uint32_t)from[2] << 16 | (uint32_t)from[1] << 8 | from[0];
             memcpy(&out->data[i], &v, 4); /* bit for bit, also the payload of a signalling NaN */
         } else {
             out->data[i] = (float)element(&h, from);
@@ -311,28 +301,24 @@ SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, 
     return status;
 }
 
-SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, const double *wide,
-                           bool as_double, Bytes *out, SltError *err) {
+SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, const double *wide, bool as_double,
+                           Bytes *out, SltError *err) {
     char dims[128] = "", header[256];
     size_t count = 1;
     if (rank < 1 || rank > 4) {
-        return status_fail(err, SLT_USAGE, "an array of %d dimensions (1 to 4 can be written)",
-                           rank);
+        return status_fail(err, SLT_USAGE, "an array of %d dimensions (1 to 4 can be written)", rank);
     }
     for (int i = 0; i < rank; i++) {
         size_t at = strlen(dims);
-        snprintf(dims + at, sizeof dims - at, "%s%zu%s", i ? " " : "", shape[i],
-                 i + 1 < rank || rank == 1 ? "," : "");
+        snprintf(dims + at, sizeof dims - at, "%s%zu%s", i ? " " : "", shape[i], i + 1 < rank || rank == 1 ? "," : "");
         count *= shape[i];
     }
-    int n = snprintf(header, sizeof header,
-                     "{'descr': '<f%d', 'fortran_order': False, 'shape': (%s), }",
+    int n = snprintf(header, sizeof header, "{'descr': '<f%d', 'fortran_order': False, 'shape': (%s), }",
                      as_double ? 8 : 4, dims);
     int padded = (10 + n + 1 + 63) / 64 * 64 - 10; /* data starts at a multiple of 64 */
     memset(header + n, ' ', (size_t)(padded - n));
     header[padded - 1] = '\n';
-    uint8_t preamble[10] = {
-        0x93, 'N', 'U', 'M', 'P', 'Y', 1, 0, (uint8_t)padded, (uint8_t)(padded >> 8)};
+    uint8_t preamble[10] = {0x93, 'N', 'U', 'M', 'P', 'Y', 1, 0, (uint8_t)padded, (uint8_t)(padded >> 8)};
     image_bytes_append(out, preamble, sizeof preamble);
     image_bytes_append(out, header, (size_t)padded);
     image_bytes_reserve(out, out->size + count * (as_double ? 8 : 4));
@@ -361,8 +347,7 @@ SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, c
     return SLT_OK;
 }
 
-SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide,
-                    SltError *err) {
+SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide, SltError *err) {
     Bytes b = {0};
     SltStatus status = image_encode_npy(rank, shape, NULL, data, wide, &b, err);
     if (status == SLT_OK && b.failed) {

@@ -25,13 +25,9 @@ typedef struct Axis {
 static const char *const palette[] = {"#1f5fa8", "#d1512d", "#2b8a57", "#8a3f9e",
                                       "#b08900", "#0f8fa3", "#c2347a", "#5b5b5b"};
 
-static double to_unit(const Axis *a, double v) {
-    return a->log ? (v > 0 ? log10(v) : NAN) : v;
-}
+static double to_unit(const Axis *a, double v) { return a->log ? (v > 0 ? log10(v) : NAN) : v; }
 
-static double to_pixel(const Axis *a, double u) {
-    return a->from + (u - a->lo) / (a->hi - a->lo) * (a->to - a->from);
-}
+static double to_pixel(const Axis *a, double u) { return a->from + (u - a->lo) / (a->hi - a->lo) * (a->to - a->from); }
 
 static void escape(Bytes *b, const char *text) {
     for (; *text; text++) {
@@ -94,8 +90,7 @@ static void make_ticks(Axis *a, int wanted) {
     for (int i = 3; i >= 0; i--) {
         step = rough <= nice[i] * power ? nice[i] * power : step;
     }
-    for (double k = ceil(lo / step - 1e-9);
-         k * step <= hi + step * 1e-9 && a->tick_count < MAX_TICKS; k++) {
+    for (double k = ceil(lo / step - 1e-9); k * step <= hi + step * 1e-9 && a->tick_count < MAX_TICKS; k++) {
         double v = fabs(k) < 0.5 ? 0 : k * step;
         a->ticks[a->tick_count++] = a->log ? log10(v) : v;
     }
@@ -107,8 +102,8 @@ static void tick_label(Bytes *b, const Axis *a, double tick) {
         if (e >= -2 && e <= 3) {
             image_bytes_printf(b, "%g", pow(10, e));
         } else {
-            image_bytes_printf(b, "10<tspan dy=\"-5\" font-size=\"9\">%s%d</tspan>",
-                               e < 0 ? "\xe2\x88\x92" : "", abs(e));
+            image_bytes_printf(b, "10<tspan dy=\"-5\" font-size=\"9\">%s%d</tspan>", e < 0 ? "\xe2\x88\x92" : "",
+                               abs(e));
         }
         return;
     }
@@ -118,17 +113,15 @@ static void tick_label(Bytes *b, const Axis *a, double tick) {
 static void draw_x_axis(Bytes *b, const Axis *x, const Axis *y, const char *label) {
     for (int i = 0; i < x->tick_count; i++) {
         double px = to_pixel(x, x->ticks[i]);
-        image_bytes_printf(b,
-                           "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n",
-                           px, y->to, px, y->from);
-        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">", px,
-                           y->from + 18);
+        image_bytes_printf(b, "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n", px, y->to, px,
+                           y->from);
+        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">", px, y->from + 18);
         tick_label(b, x, x->ticks[i]);
         image_bytes_printf(b, "</text>\n");
     }
     if (label) {
-        image_bytes_printf(b, "<text class=\"l\" x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">",
-                           (x->from + x->to) / 2, y->from + 40);
+        image_bytes_printf(b, "<text class=\"l\" x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">", (x->from + x->to) / 2,
+                           y->from + 40);
         escape(b, label);
         image_bytes_printf(b, "</text>\n");
     }
@@ -137,11 +130,9 @@ static void draw_x_axis(Bytes *b, const Axis *x, const Axis *y, const char *labe
 static void draw_y_axis(Bytes *b, const Axis *x, const Axis *y, const char *label) {
     for (int i = 0; i < y->tick_count; i++) {
         double py = to_pixel(y, y->ticks[i]);
-        image_bytes_printf(b,
-                           "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n",
-                           x->from, py, x->to, py);
-        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">", x->from - 8,
-                           py + 4);
+        image_bytes_printf(b, "<line class=\"g\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>\n", x->from, py,
+                           x->to, py);
+        image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">", x->from - 8, py + 4);
         tick_label(b, y, y->ticks[i]);
         image_bytes_printf(b, "</text>\n");
     }
@@ -156,46 +147,39 @@ static void draw_y_axis(Bytes *b, const Axis *x, const Axis *y, const char *labe
     }
 }
 
-static void draw_errors(Bytes *b, const PlotSeries *s, const Axis *x, const Axis *y,
-                        const char *colour) {
+static void draw_errors(Bytes *b, const PlotSeries *s, const Axis *x, const Axis *y, const char *colour) {
     for (int i = 0; s->error && i < s->count; i++) {
-        double ux = to_unit(x, s->x[i]), lo = to_unit(y, s->y[i] - s->error[i]),
-               hi = to_unit(y, s->y[i] + s->error[i]);
+        double ux = to_unit(x, s->x[i]), lo = to_unit(y, s->y[i] - s->error[i]), hi = to_unit(y, s->y[i] + s->error[i]);
         if (!isfinite(ux) || !isfinite(hi) || !isfinite(to_unit(y, s->y[i]))) {
             continue;
         }
-        lo = isfinite(lo) ? fmax(lo, y->lo)
-                          : y->lo; /* a bar that reaches zero leaves a log plot at its floor */
+        lo = isfinite(lo) ? fmax(lo, y->lo) : y->lo; /* a bar that reaches zero leaves a log plot at its floor */
         image_bytes_printf(b,
                            "<line x1=\"%.2f\" y1=\"%.2f\" x2=\"%.2f\" y2=\"%.2f\" stroke=\"%s\" "
                            "stroke-opacity=\"0.5\"/>\n",
-                           to_pixel(x, ux), to_pixel(y, lo), to_pixel(x, ux),
-                           to_pixel(y, fmin(hi, y->hi)), colour);
+                           to_pixel(x, ux), to_pixel(y, lo), to_pixel(x, ux), to_pixel(y, fmin(hi, y->hi)), colour);
     }
 }
 
-static void draw_series(Bytes *b, const PlotSeries *s, const Axis *x, const Axis *y,
-                        const char *colour) {
+static void draw_series(Bytes *b, const PlotSeries *s, const Axis *x, const Axis *y, const char *colour) {
     bool open = false;
     image_bytes_printf(b, "<path fill=\"none\" stroke=\"%s\" stroke-width=\"%s\"%s d=\"", colour,
                        s->dashed ? "1.2" : "2", s->dashed ? " stroke-dasharray=\"6 4\"" : "");
     for (int i = 0; i < s->count; i++) {
         double ux = to_unit(x, s->x[i]), uy = to_unit(y, s->y[i]);
         if (isfinite(ux) && isfinite(uy)) {
-            image_bytes_printf(b, "%s%.2f %.2f", open ? "L" : "M", to_pixel(x, ux),
-                               to_pixel(y, uy));
+            image_bytes_printf(b, "%s%.2f %.2f", open ? "L" : "M", to_pixel(x, ux), to_pixel(y, uy));
             open = true;
         } else {
             open = false;
         }
     }
     image_bytes_printf(b, "\"/>\n");
-    for (int i = 0; !s->dashed && s->count <= 60 && i < s->count;
-         i++) { /* markers only while they can be told apart */
+    for (int i = 0; !s->dashed && s->count <= 60 && i < s->count; i++) { /* markers only while they can be told apart */
         double ux = to_unit(x, s->x[i]), uy = to_unit(y, s->y[i]);
         if (isfinite(ux) && isfinite(uy)) {
-            image_bytes_printf(b, "<circle cx=\"%.2f\" cy=\"%.2f\" r=\"3.2\" fill=\"%s\"/>\n",
-                               to_pixel(x, ux), to_pixel(y, uy), colour);
+            image_bytes_printf(b, "<circle cx=\"%.2f\" cy=\"%.2f\" r=\"3.2\" fill=\"%s\"/>\n", to_pixel(x, ux),
+                               to_pixel(y, uy), colour);
         }
     }
 }
@@ -207,11 +191,9 @@ static void draw_legend(Bytes *b, const PlotSeries *series, int count, double le
         image_bytes_printf(b,
                            "<line x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
                            "stroke-width=\"2\"%s/>\n",
-                           left, py, left + 22, py, colour,
-                           series[s].dashed ? " stroke-dasharray=\"6 4\"" : "");
+                           left, py, left + 22, py, colour, series[s].dashed ? " stroke-dasharray=\"6 4\"" : "");
         if (!series[s].dashed) {
-            image_bytes_printf(b, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n",
-                               left + 11, py, colour);
+            image_bytes_printf(b, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n", left + 11, py, colour);
         }
         image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\">", left + 28, py + 4);
         escape(b, series[s].name ? series[s].name : "");
@@ -235,21 +217,19 @@ static void draw_plot(Bytes *b, const PlotOptions *opt, const PlotSeries *series
     find_range(&y, series, count, true);
     make_ticks(&x, (int)((x.to - x.from) / 80) + 1);
     make_ticks(&y, (int)((y.from - y.to) / 45) + 1);
-    image_bytes_printf(
-        b,
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 "
-        "0 %d %d\">\n"
-        "<style>text{font:12px system-ui,-apple-system,'Segoe "
-        "UI',sans-serif;fill:#333}.l{font-size:13px}"
-        ".t{font-size:15px;font-weight:600;fill:#111}.g{stroke:#e4e4e4}</style>\n"
-        "<rect width=\"%d\" height=\"%d\" fill=\"#fff\"/>\n",
-        width, height, width, height, width, height);
+    image_bytes_printf(b,
+                       "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 "
+                       "0 %d %d\">\n"
+                       "<style>text{font:12px system-ui,-apple-system,'Segoe "
+                       "UI',sans-serif;fill:#333}.l{font-size:13px}"
+                       ".t{font-size:15px;font-weight:600;fill:#111}.g{stroke:#e4e4e4}</style>\n"
+                       "<rect width=\"%d\" height=\"%d\" fill=\"#fff\"/>\n",
+                       width, height, width, height, width, height);
     if (opt->title) {
         image_bytes_printf(b, "<title>");
         escape(b, opt->title);
-        image_bytes_printf(
-            b, "</title>\n<text class=\"t\" x=\"%.1f\" y=\"26\" text-anchor=\"middle\">",
-            (x.from + x.to) / 2);
+        image_bytes_printf(b, "</title>\n<text class=\"t\" x=\"%.1f\" y=\"26\" text-anchor=\"middle\">",
+                           (x.from + x.to) / 2);
         escape(b, opt->title);
         image_bytes_printf(b, "</text>\n");
     }
@@ -276,8 +256,7 @@ char *plot_svg(const PlotOptions *opt, const PlotSeries *series, int count, SltE
         status_fail(err, SLT_LIMIT, "out of memory for a plot");
         return NULL;
     }
-    locale_t before =
-        uselocale(plain); /* of this thread only: a comma in a number would break the SVG */
+    locale_t before = uselocale(plain); /* of this thread only: a comma in a number would break the SVG */
     draw_plot(&b, opt, series, count);
     uselocale(before);
     freelocale(plain);

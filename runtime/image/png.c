@@ -55,9 +55,7 @@ static void write_bytes(png_structp png, png_bytep from, size_t n) {
     }
 }
 
-static void flush_bytes(png_structp png) {
-    (void)png;
-}
+static void flush_bytes(png_structp png) { (void)png; }
 
 /* Reads header and pixels into p->pixels, 8 or 16 bits in host order. Longjmps on error. */
 static void read_pixels(Png *p, const char *name, SltError *err) {
@@ -66,8 +64,7 @@ static void read_pixels(Png *p, const char *name, SltError *err) {
     png_set_chunk_malloc_max(p->png, CHUNK_LIMIT);
     png_set_chunk_cache_max(p->png, CHUNK_CACHE);
     png_read_info(p->png, p->info);
-    double width = png_get_image_width(p->png, p->info),
-           height = png_get_image_height(p->png, p->info);
+    double width = png_get_image_width(p->png, p->info), height = png_get_image_height(p->png, p->info);
     p->status = image_check_claim(name, width, height, 4, p->size, err);
     if (p->status != SLT_OK) {
         longjmp(p->escape, 1);
@@ -133,8 +130,7 @@ static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
     return SLT_OK;
 }
 
-SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, bool raw,
-                           Image *out, SltError *err) {
+SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, bool raw, Image *out, SltError *err) {
     *out = (Image){0};
     if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PNG file", name);
@@ -157,9 +153,7 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
         read_pixels(p, name, err);
         status = to_floats(p, raw, out, err);
     } else { /* without a message, image_check_claim has already filled err */
-        status = p->message[0]
-                     ? status_fail(err, p->status, "cannot read '%s': %s", name, p->message)
-                     : p->status;
+        status = p->message[0] ? status_fail(err, p->status, "cannot read '%s': %s", name, p->message) : p->status;
     }
     png_destroy_read_struct(&p->png, &p->info, NULL);
     free(p->pixels);
@@ -169,14 +163,13 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
 }
 
 /* `pixels` holds samples of 8 bits, or of 16 bits with the high byte first. */
-SltStatus image_encode_png(const char *name, int width, int height, int channels, int bits,
-                           const uint8_t *pixels, Bytes *out, SltError *err) {
-    static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA,
-                                PNG_COLOR_TYPE_RGB, PNG_COLOR_TYPE_RGB_ALPHA};
-    if (width < 1 || height < 1 || channels < 1 || channels > 4 || width > IMAGE_MAX_SIDE ||
-        height > IMAGE_MAX_SIDE) {
-        return status_fail(err, SLT_USAGE, "cannot write '%s': %d x %d pixels of %d channels", name,
-                           width, height, channels);
+SltStatus image_encode_png(const char *name, int width, int height, int channels, int bits, const uint8_t *pixels,
+                           Bytes *out, SltError *err) {
+    static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
+                                PNG_COLOR_TYPE_RGB_ALPHA};
+    if (width < 1 || height < 1 || channels < 1 || channels > 4 || width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE) {
+        return status_fail(err, SLT_USAGE, "cannot write '%s': %d x %d pixels of %d channels", name, width, height,
+                           channels);
     }
     Png *p = calloc(1, sizeof *p);
     if (p) {
@@ -196,9 +189,8 @@ SltStatus image_encode_png(const char *name, int width, int height, int channels
         size_t row = (size_t)width * (size_t)channels * (size_t)(bits / 8);
         png_set_write_fn(p->png, p, write_bytes, flush_bytes);
         png_set_user_limits(p->png, IMAGE_MAX_SIDE, IMAGE_MAX_SIDE);
-        png_set_IHDR(p->png, p->info, (png_uint_32)width, (png_uint_32)height, bits,
-                     types[channels], PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
-                     PNG_FILTER_TYPE_DEFAULT);
+        png_set_IHDR(p->png, p->info, (png_uint_32)width, (png_uint_32)height, bits, types[channels],
+                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
         png_write_info(p->png, p->info);
         for (int y = 0; y < height; y++) {
             png_write_row(p->png, pixels + (size_t)y * row);
@@ -212,8 +204,8 @@ SltStatus image_encode_png(const char *name, int width, int height, int channels
     return status;
 }
 
-SltStatus image_encode_png8(const char *name, int width, int height, int channels,
-                            const uint8_t *pixels, uint8_t **bytes, size_t *size, SltError *err) {
+SltStatus image_encode_png8(const char *name, int width, int height, int channels, const uint8_t *pixels,
+                            uint8_t **bytes, size_t *size, SltError *err) {
     Bytes b = {0};
     SltStatus status = image_encode_png(name, width, height, channels, 8, pixels, &b, err);
     if (status != SLT_OK) {
@@ -224,8 +216,8 @@ SltStatus image_encode_png8(const char *name, int width, int height, int channel
     return status;
 }
 
-SltStatus image_write_png8(const char *path, int width, int height, int channels,
-                           const uint8_t *pixels, SltError *err) {
+SltStatus image_write_png8(const char *path, int width, int height, int channels, const uint8_t *pixels,
+                           SltError *err) {
     uint8_t *bytes;
     size_t size;
     SltStatus status = image_encode_png8(path, width, height, channels, pixels, &bytes, &size, err);

@@ -16,9 +16,7 @@ void table_free(Table *t) {
     }
 }
 
-static bool is_separator(char c) {
-    return c == ',' || c == ';' || c == '\t' || c == ' ' || c == '\r';
-}
+static bool is_separator(char c) { return c == ',' || c == ';' || c == '\t' || c == ' ' || c == '\r'; }
 
 typedef struct Line {
     size_t numbers;    /* appended to the table */
@@ -46,8 +44,7 @@ static Line read_line(const char *p, const char *end, locale_t plain, Bytes *num
         if (*p != ',' && *p != ';' && !hex) {
             v = strtod_l(p, &after, plain);
         }
-        if (!after || after == p || after > end ||
-            (after < end && !is_separator(*after) && *after != '#')) {
+        if (!after || after == p || after > end || (after < end && !is_separator(*after) && *after != '#')) {
             size_t n = 0;
             const char *q = p;
             while (q < end && !is_separator(*q) && n < sizeof line.bad - 1) {
@@ -95,8 +92,7 @@ static bool is_header(const char *p, const char *end, locale_t plain) {
 }
 
 /* `text` is NUL-terminated at text[size]. */
-static SltStatus parse_csv(const char *name, const char *text, size_t size, locale_t plain,
-                           Table *out, SltError *err) {
+static SltStatus parse_csv(const char *name, const char *text, size_t size, locale_t plain, Table *out, SltError *err) {
     const char *p = text, *end = text + size;
     Bytes numbers = {0};
     size_t rows = 0, cols = 0, line_number = 0;
@@ -116,16 +112,14 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
         if (line.words && first && line.numbers == 0 && is_header(p, stop, plain)) {
             first = false;
         } else if (line.words) {
-            status = status_fail(err, SLT_INPUT,
-                                 "cannot read '%s': line %zu, column %zu: '%s' is not a number",
-                                 name, line_number, line.bad_column, line.bad);
+            status = status_fail(err, SLT_INPUT, "cannot read '%s': line %zu, column %zu: '%s' is not a number", name,
+                                 line_number, line.bad_column, line.bad);
         } else if (line.any) {
             first = false;
             if (rows > 0 && line.numbers != cols) {
-                status = status_fail(
-                    err, SLT_INPUT,
-                    "cannot read '%s': line %zu has %zu numbers, the lines before have %zu", name,
-                    line_number, line.numbers, cols);
+                status =
+                    status_fail(err, SLT_INPUT, "cannot read '%s': line %zu has %zu numbers, the lines before have %zu",
+                                name, line_number, line.numbers, cols);
             }
             cols = line.numbers;
             rows++;
@@ -146,8 +140,7 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
     return SLT_OK;
 }
 
-SltStatus table_decode_csv(const char *name, const void *bytes, size_t size, Table *out,
-                           SltError *err) {
+SltStatus table_decode_csv(const char *name, const void *bytes, size_t size, Table *out, SltError *err) {
     *out = (Table){0};
     char *text = malloc(size + 1); /* strtod needs an end */
     locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
@@ -197,8 +190,7 @@ SltStatus table_read(const char *path, Table *out, SltError *err) {
         NumArray a;
         SltStatus status = npy_read(path, &a, err);
         if (status == SLT_OK) {
-            *out = (Table){
-                .rows = a.shape[0], .cols = a.shape[1] * a.shape[2] * a.shape[3], .data = a.data};
+            *out = (Table){.rows = a.shape[0], .cols = a.shape[1] * a.shape[2] * a.shape[3], .data = a.data};
         }
         return status;
     }
@@ -213,6 +205,5 @@ SltStatus table_read(const char *path, Table *out, SltError *err) {
     if (!strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "f32")) {
         return table_from_image(path, out, err);
     }
-    return status_fail(err, SLT_INPUT,
-                       "cannot read '%s': a table is .csv, .tsv, .txt, .npy or an image", path);
+    return status_fail(err, SLT_INPUT, "cannot read '%s': a table is .csv, .tsv, .txt, .npy or an image", path);
 }

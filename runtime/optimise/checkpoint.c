@@ -28,8 +28,7 @@ static uint64_t hash_config(const Optimiser *o) {
     const OptimiseConfig *c = &o->config;
     XXH64_hash_t h = 0;
     const double numbers[] = {c->beta1, c->beta2, c->epsilon, c->momentum};
-    const uint64_t counts[] = {c->n, (uint64_t)c->method, (uint64_t)c->history,
-                               (uint64_t)c->grid_count};
+    const uint64_t counts[] = {c->n, (uint64_t)c->method, (uint64_t)c->history, (uint64_t)c->grid_count};
     h = XXH64(numbers, sizeof numbers, h);
     h = XXH64(counts, sizeof counts, h);
     h = XXH64(c->learning_rate, c->n * sizeof(double), h);
@@ -38,17 +37,16 @@ static uint64_t hash_config(const Optimiser *o) {
     h = XXH64(c->log, c->n, h);
     for (int k = 0; k < c->grid_count; k++) { /* field by field: the struct has padding */
         const OptimiseGrid *g = &c->grids[k];
-        const uint64_t f[] = {
-            g->offset,   (uint64_t)g->width, (uint64_t)g->height, (uint64_t)g->channels,
-            g->stride_x, g->stride_y,        g->stride_c};
+        const uint64_t f[] = {g->offset,   (uint64_t)g->width, (uint64_t)g->height, (uint64_t)g->channels,
+                              g->stride_x, g->stride_y,        g->stride_c};
         h = XXH64(f, sizeof f, h);
         h = XXH64(&g->lambda, sizeof g->lambda, h);
     }
     return h;
 }
 
-SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, const void *blob,
-                        size_t blob_size, SltError *err) {
+SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, const void *blob, size_t blob_size,
+                        SltError *err) {
     Head head;
     memset(&head, 0, sizeof head);
     memcpy(head.magic, MAGIC, sizeof MAGIC);
@@ -59,8 +57,7 @@ SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, c
     head.numbers_size = sizeof(Numbers);
     head.double_count = o->persistent;
     head.blob_size = blob_size;
-    size_t size =
-        sizeof head + head.key_size + sizeof(Numbers) + o->persistent * sizeof(double) + blob_size;
+    size_t size = sizeof head + head.key_size + sizeof(Numbers) + o->persistent * sizeof(double) + blob_size;
     uint8_t *bytes = malloc(size + 8), *p = bytes;
     if (!bytes) {
         return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
@@ -87,54 +84,43 @@ SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, c
 }
 
 /* Everything that can be wrong, before anything is taken over. */
-static SltStatus check_file(const Optimiser *o, const char *path, const char *key,
-                            const uint8_t *bytes, size_t size, Head *head, SltError *err) {
+static SltStatus check_file(const Optimiser *o, const char *path, const char *key, const uint8_t *bytes, size_t size,
+                            Head *head, SltError *err) {
     if (size < 8 || memcmp(bytes, MAGIC, sizeof MAGIC) != 0) {
         return status_fail(err, SLT_INPUT, "cannot resume from '%s': it is not a checkpoint", path);
     }
     if (size < sizeof *head + 8) {
-        return status_fail(err, SLT_INPUT, "cannot resume from '%s': the file ends too early",
-                           path);
+        return status_fail(err, SLT_INPUT, "cannot resume from '%s': the file ends too early", path);
     }
     memcpy(head, bytes, sizeof *head);
-    if (head->version != VERSION || head->byte_order != BYTE_ORDER_MARK ||
-        head->numbers_size != sizeof(Numbers)) {
-        return status_fail(err, SLT_INPUT,
-                           "cannot resume from '%s': it was written by another version or machine",
+    if (head->version != VERSION || head->byte_order != BYTE_ORDER_MARK || head->numbers_size != sizeof(Numbers)) {
+        return status_fail(err, SLT_INPUT, "cannot resume from '%s': it was written by another version or machine",
                            path);
     }
     uint64_t room = size - sizeof *head - 8, sum;
-    if (head->key_size > room || head->blob_size > room ||
-        head->double_count > room / sizeof(double) ||
-        head->key_size + sizeof(Numbers) + head->double_count * sizeof(double) + head->blob_size !=
-            room) {
-        return status_fail(err, SLT_INPUT,
-                           "cannot resume from '%s': the file is damaged (its size is wrong)",
-                           path);
+    if (head->key_size > room || head->blob_size > room || head->double_count > room / sizeof(double) ||
+        head->key_size + sizeof(Numbers) + head->double_count * sizeof(double) + head->blob_size != room) {
+        return status_fail(err, SLT_INPUT, "cannot resume from '%s': the file is damaged (its size is wrong)", path);
     }
     memcpy(&sum, bytes + size - 8, 8);
     if (sum != XXH64(bytes, size - 8, 0)) {
-        return status_fail(err, SLT_INPUT,
-                           "cannot resume from '%s': the file is damaged (its checksum is wrong)",
+        return status_fail(err, SLT_INPUT, "cannot resume from '%s': the file is damaged (its checksum is wrong)",
                            path);
     }
     if (head->key_size != strlen(key) || memcmp(bytes + sizeof *head, key, head->key_size) != 0) {
-        return status_fail(err, SLT_INPUT,
-                           "cannot resume from '%s': it belongs to '%.*s', this is '%.150s'", path,
-                           (int)(head->key_size < 150 ? head->key_size : 150),
-                           (const char *)bytes + sizeof *head, key);
+        return status_fail(err, SLT_INPUT, "cannot resume from '%s': it belongs to '%.*s', this is '%.150s'", path,
+                           (int)(head->key_size < 150 ? head->key_size : 150), (const char *)bytes + sizeof *head, key);
     }
     if (head->double_count != o->persistent || head->config != hash_config(o)) {
-        return status_fail(
-            err, SLT_INPUT,
-            "cannot resume from '%s': the optimiser, its rates, bounds or parameters have changed",
-            path);
+        return status_fail(err, SLT_INPUT,
+                           "cannot resume from '%s': the optimiser, its rates, bounds or parameters have changed",
+                           path);
     }
     return SLT_OK;
 }
 
-SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob,
-                        size_t *blob_size, SltError *err) {
+SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob, size_t *blob_size,
+                        SltError *err) {
     uint8_t *bytes;
     size_t size;
     Head head;
@@ -159,10 +145,8 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
          * it says */
         int64_t history = o->config.method == OPTIMISE_LBFGS ? o->config.history : 1;
         if (now.pairs < 0 || now.pairs > history || now.newest < 0 || now.newest >= history ||
-            now.state < OPTIMISE_EVALUATE || now.state > OPTIMISE_FAILED ||
-            !memchr(now.reason, 0, sizeof now.reason)) {
-            status = status_fail(err, SLT_INPUT,
-                                 "cannot resume from '%s': its state makes no sense", path);
+            now.state < OPTIMISE_EVALUATE || now.state > OPTIMISE_FAILED || !memchr(now.reason, 0, sizeof now.reason)) {
+            status = status_fail(err, SLT_INPUT, "cannot resume from '%s': its state makes no sense", path);
         }
     }
     if (status == SLT_OK && blob && head.blob_size) {

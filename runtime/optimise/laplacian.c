@@ -1,6 +1,8 @@
-/* (I + lambda L)^-1 on a grid, exactly, in O(n log n): L, the graph Laplacian of the grid's four-neighbourhood, is Lx (x) I + I (x) Ly, and the cosines of the DCT-II are
- * the eigenvectors of Lx. So rows are transformed, every frequency is left with a tridiagonal system down its column, and rows are transformed back. Against a sparse
- * factorisation of the same matrix (LDL under AMD): nothing to factorise (15 s at 1024 x 1024), and a solve takes a tenth (docs/performance.md). */
+/* (I + lambda L)^-1 on a grid, exactly, in O(n log n): L, the graph Laplacian of the grid's four-neighbourhood, is Lx
+ * (x) I + I (x) Ly, and the cosines of the DCT-II are the eigenvectors of Lx. So rows are transformed, every frequency
+ * is left with a tridiagonal system down its column, and rows are transformed back. Against a sparse factorisation of
+ * the same matrix (LDL under AMD): nothing to factorise (15 s at 1024 x 1024), and a solve takes a tenth
+ * (docs/performance.md). */
 #include "optimise.h"
 
 #include <complex.h>
@@ -14,7 +16,8 @@ enum { MAX_CELLS = 1 << 22 };
 
 typedef double complex cplx;
 
-/* A transform of any length n: of length m = n by halving if n is a power of two, else as a convolution of length m >= 2n - 1 (Bluestein 1970). */
+/* A transform of any length n: of length m = n by halving if n is a power of two, else as a convolution of length m >=
+ * 2n - 1 (Bluestein 1970). */
 typedef struct Dft {
     uint32_t n, m;
     cplx *root;           /* exp(-2 pi i k / m), k < m/2 */
@@ -24,8 +27,9 @@ typedef struct Dft {
 struct Laplacian {
     uint32_t width, height;
     Dft dft;
-    cplx *shift;           /* exp(-pi i k / 2 width): from the DFT of a row to its DCT */
-    double *off, *inverse; /* [height][width]: the tridiagonal systems, eliminated: multiplier of the row above, 1 / pivot */
+    cplx *shift; /* exp(-pi i k / 2 width): from the DFT of a row to its DCT */
+    double *off,
+        *inverse; /* [height][width]: the tridiagonal systems, eliminated: multiplier of the row above, 1 / pivot */
     double lambda;
     cplx *row; /* two rows, and the work of their transform */
 };
@@ -89,7 +93,8 @@ static bool dft_init(Dft *d, uint32_t n) {
     return d->chirp && d->kernel && work;
 }
 
-/* ---- rows, two at a time as the two parts of one complex sequence; the even samples first, then the odd ones backwards (Makhoul 1980) */
+/* ---- rows, two at a time as the two parts of one complex sequence; the even samples first, then the odd ones
+ * backwards (Makhoul 1980) */
 typedef struct Rows {
     const Laplacian *l;
     double *u, *v; /* v may be u: a single row */
@@ -114,7 +119,8 @@ static void forward(const Rows *r) {
 static void backward(const Rows *r) {
     uint32_t n = r->l->width;
     for (uint32_t k = 0; k < n; k++) {
-        /* X[k] and X[n - k] are the parts of one Fourier coefficient; its conjugate, so that the same transform goes back. */
+        /* X[k] and X[n - k] are the parts of one Fourier coefficient; its conjugate, so that the same transform goes
+         * back. */
         cplx s = conj(r->l->shift[k]);
         cplx u = times(s, CMPLX(r->u[k], k ? -r->u[n - k] : 0)), v = times(s, CMPLX(r->v[k], k ? -r->v[n - k] : 0));
         r->z[k] = conj(u + times(v, CMPLX(0, 1)));
@@ -159,7 +165,8 @@ Laplacian *laplacian_create(int width, int height, double lambda, SltError *err)
         return NULL;
     }
     if ((double)width * height > MAX_CELLS) {
-        status_fail(err, SLT_LIMIT, "a grid of %d x %d cells is too large for Laplacian smoothing (at most 2^22)", width, height);
+        status_fail(err, SLT_LIMIT, "a grid of %d x %d cells is too large for Laplacian smoothing (at most 2^22)",
+                    width, height);
         return NULL;
     }
     Laplacian *l = calloc(1, sizeof *l);

@@ -24,8 +24,7 @@ static double dot_free(const Optimiser *o, const double *a, const double *b) {
 
 static void find_free(Optimiser *o) {
     for (size_t i = 0; i < o->config.n; i++) {
-        bool blocked =
-            (o->base[i] <= o->lo[i] && o->g[i] > 0) || (o->base[i] >= o->hi[i] && o->g[i] < 0);
+        bool blocked = (o->base[i] <= o->lo[i] && o->g[i] > 0) || (o->base[i] >= o->hi[i] && o->g[i] < 0);
         o->is_free[i] = !blocked && o->config.learning_rate[i] > 0;
     }
 }
@@ -127,8 +126,7 @@ static OptimiseState start_search(Optimiser *o) {
     }
     gradient_direction(o);
     if (!lbfgs_place_trial(o)) {
-        return optimise_finish(o, OPTIMISE_CONVERGED,
-                               "no step along the gradient changes the parameters");
+        return optimise_finish(o, OPTIMISE_CONVERGED, "no step along the gradient changes the parameters");
     }
     return OPTIMISE_EVALUATE;
 }
@@ -147,8 +145,7 @@ static OptimiseState backtrack(Optimiser *o, double loss) {
     /* leave the caller at the best point of the search, not at a failed trial */
     o->now.step_scale = 0;
     optimise_move_to_trial(o);
-    return optimise_finish(o, OPTIMISE_CONVERGED,
-                           "no step along the gradient lowers the loss any more");
+    return optimise_finish(o, OPTIMISE_CONVERGED, "no step along the gradient lowers the loss any more");
 }
 
 static void keep_pair(Optimiser *o) {

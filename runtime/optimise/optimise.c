@@ -7,13 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-static double rate_of(const Optimiser *o, size_t i) {
-    return o->config.learning_rate[i];
-}
+static double rate_of(const Optimiser *o, size_t i) { return o->config.learning_rate[i]; }
 
-static double clamp(double v, double lo, double hi) {
-    return v < lo ? lo : v > hi ? hi : v;
-}
+static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
 
 /* The caller's value of an internal one. Bounds are applied here too: exp(log(x)) may miss x by a
  * rounding. */
@@ -57,21 +53,17 @@ OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt
 bool optimise_has_converged(Optimiser *o) {
     const OptimiseConfig *c = &o->config;
     double size = optimise_projected_gradient(o, o->g);
-    if (size <= c->gradient_tolerance &&
-        (c->gradient_tolerance > 0 || c->method == OPTIMISE_LBFGS)) {
-        optimise_finish(o, OPTIMISE_CONVERGED, "no component of the gradient is larger than %.3g",
-                        size);
+    if (size <= c->gradient_tolerance && (c->gradient_tolerance > 0 || c->method == OPTIMISE_LBFGS)) {
+        optimise_finish(o, OPTIMISE_CONVERGED, "no component of the gradient is larger than %.3g", size);
         return true;
     }
     if (c->patience > 0) {
         double fall = o->now.reference_loss - o->now.best_loss;
-        if (isinf(o->now.reference_loss) ||
-            fall > c->loss_tolerance * fabs(o->now.reference_loss)) {
+        if (isinf(o->now.reference_loss) || fall > c->loss_tolerance * fabs(o->now.reference_loss)) {
             o->now.reference_loss = o->now.best_loss;
             o->now.stalled = 0;
         } else if (++o->now.stalled >= c->patience) {
-            optimise_finish(o, OPTIMISE_CONVERGED,
-                            "the loss fell by less than %.3g of itself over %d iterations",
+            optimise_finish(o, OPTIMISE_CONVERGED, "the loss fell by less than %.3g of itself over %d iterations",
                             c->loss_tolerance, c->patience);
             return true;
         }
@@ -87,8 +79,7 @@ void optimise_smooth_grid(Optimiser *o, int k, double *v, int times) {
     const OptimiseGrid *g = &o->config.grids[k];
     for (int c = 0; o->solvers[k] && c < g->channels; c++) {
         for (int t = 0; t < times; t++) {
-            laplacian_solve(o->solvers[k], v + grid_index(g, 0, 0, c), g->stride_x, g->stride_y,
-                            o->grid_scratch);
+            laplacian_solve(o->solvers[k], v + grid_index(g, 0, 0, c), g->stride_x, g->stride_y, o->grid_scratch);
         }
     }
 }
@@ -126,8 +117,9 @@ static void adam_denominators(Optimiser *o, double correction) {
     }
 }
 
-/* Sampled gradients have heavy tails: where a silhouette ends, one crossing may weigh ten times what others do. Under one second moment for the grid such an entry
- * would move its own parameter by as many steps, and hold back all others for as long as Adam remembers: it is cut to three times the largest so far. */
+/* Sampled gradients have heavy tails: where a silhouette ends, one crossing may weigh ten times what others do. Under
+ * one second moment for the grid such an entry would move its own parameter by as many steps, and hold back all others
+ * for as long as Adam remembers: it is cut to three times the largest so far. */
 static void limit_outliers(Optimiser *o, double correction) {
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
@@ -209,8 +201,7 @@ static OptimiseState first_order_step(Optimiser *o, double loss) {
     if (optimise_has_converged(o)) {
         return (OptimiseState)o->now.state;
     }
-    if (all_zero(o->g, n) &&
-        all_zero(o->moment, n)) { /* a zero by chance in mid-run still coasts on its momentum */
+    if (all_zero(o->g, n) && all_zero(o->moment, n)) { /* a zero by chance in mid-run still coasts on its momentum */
         return optimise_finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
     }
     momentum_step(o);
@@ -227,8 +218,7 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
         return optimise_finish(o, OPTIMISE_FAILED, "the %s at the start is not finite", what);
     }
     if (o->now.failures > o->config.max_failures) {
-        return optimise_finish(o, OPTIMISE_FAILED,
-                               "the %s is not finite, also after %d shorter steps", what,
+        return optimise_finish(o, OPTIMISE_FAILED, "the %s is not finite, also after %d shorter steps", what,
                                o->config.max_failures);
     }
     if (o->config.method == OPTIMISE_LBFGS) {
@@ -238,8 +228,7 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
     }
     o->now.step_scale *= 0.5;
     if (o->now.failures ==
-        o->config.max_failures /
-            2) { /* momentum may push into a wall that the gradient here avoids */
+        o->config.max_failures / 2) { /* momentum may push into a wall that the gradient here avoids */
         memset(o->moment, 0, o->config.n * sizeof *o->moment);
         if (o->config.method == OPTIMISE_ADAM) {
             memset(o->square, 0, o->config.n * sizeof *o->square);
@@ -257,8 +246,7 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
     }
     o->now.evaluations++;
     bool finite = true;
-    for (size_t i = 0; i < o->config.n;
-         i++) { /* chain rule of the logarithm; held parameters have no gradient */
+    for (size_t i = 0; i < o->config.n; i++) { /* chain rule of the logarithm; held parameters have no gradient */
         o->fresh[i] = rate_of(o, i) == 0 ? 0 : gradient[i] * (o->config.log[i] ? o->params[i] : 1);
         finite = finite && isfinite(o->fresh[i]);
     }
@@ -270,15 +258,12 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
         o->now.best_loss = loss;
         memcpy(o->best, o->params, o->config.n * sizeof *o->best);
     }
-    OptimiseState state =
-        o->config.method == OPTIMISE_LBFGS ? lbfgs_step(o, loss) : first_order_step(o, loss);
+    OptimiseState state = o->config.method == OPTIMISE_LBFGS ? lbfgs_step(o, loss) : first_order_step(o, loss);
     o->now.started = 1;
     return state;
 }
 
-const double *optimise_parameters(const Optimiser *o) {
-    return o->params;
-}
+const double *optimise_parameters(const Optimiser *o) { return o->params; }
 
 const double *optimise_best(const Optimiser *o, double *loss) {
     if (loss) {
@@ -287,18 +272,10 @@ const double *optimise_best(const Optimiser *o, double *loss) {
     return o->best;
 }
 
-long optimise_iterations(const Optimiser *o) {
-    return (long)o->now.iterations;
-}
-long optimise_evaluations(const Optimiser *o) {
-    return (long)o->now.evaluations;
-}
-long optimise_rejected(const Optimiser *o) {
-    return (long)o->now.rejected;
-}
-const char *optimise_reason(const Optimiser *o) {
-    return o->now.reason;
-}
+long optimise_iterations(const Optimiser *o) { return (long)o->now.iterations; }
+long optimise_evaluations(const Optimiser *o) { return (long)o->now.evaluations; }
+long optimise_rejected(const Optimiser *o) { return (long)o->now.rejected; }
+const char *optimise_reason(const Optimiser *o) { return o->now.reason; }
 
 /* making -------------------------------------------------------------------------------------- */
 
@@ -310,19 +287,15 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
         return status_fail(err, SLT_USAGE, "unknown optimiser %d", (int)c->method);
     }
     if (!(c->default_rate >= 0) || isinf(c->default_rate) || !(c->beta1 >= 0 && c->beta1 < 1) ||
-        !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) ||
-        !(c->momentum >= 0 && c->momentum < 1)) {
-        return status_fail(err, SLT_USAGE,
-                           "a rate, beta, epsilon or momentum of the optimiser is out of range");
+        !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) || !(c->momentum >= 0 && c->momentum < 1)) {
+        return status_fail(err, SLT_USAGE, "a rate, beta, epsilon or momentum of the optimiser is out of range");
     }
-    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 ||
-        c->max_failures < 0 || !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
-        return status_fail(err, SLT_USAGE,
-                           "a history, tolerance or patience of the optimiser is out of range");
+    if (c->history < 0 || c->history > 1000 || c->grid_count < 0 || c->patience < 0 || c->max_failures < 0 ||
+        !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
+        return status_fail(err, SLT_USAGE, "a history, tolerance or patience of the optimiser is out of range");
     }
     if (c->grid_count && !c->grids) {
-        return status_fail(err, SLT_USAGE, "an optimiser of %d grids without their description",
-                           c->grid_count);
+        return status_fail(err, SLT_USAGE, "an optimiser of %d grids without their description", c->grid_count);
     }
     for (size_t i = 0; i < c->n; i++) {
         double lo = c->lo ? c->lo[i] : -INFINITY, hi = c->hi ? c->hi[i] : INFINITY;
@@ -333,12 +306,10 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
             return status_fail(err, SLT_USAGE, "parameter %zu has the bounds [%g, %g]", i, lo, hi);
         }
         if (c->learning_rate && (!(c->learning_rate[i] >= 0) || isinf(c->learning_rate[i]))) {
-            return status_fail(err, SLT_USAGE, "parameter %zu has the learning rate %g", i,
-                               c->learning_rate[i]);
+            return status_fail(err, SLT_USAGE, "parameter %zu has the learning rate %g", i, c->learning_rate[i]);
         }
         if (c->log && c->log[i] && !(clamp(c->start[i], lo, hi) > 0)) {
-            return status_fail(err, SLT_USAGE,
-                               "parameter %zu is optimised as its logarithm but starts at %g", i,
+            return status_fail(err, SLT_USAGE, "parameter %zu is optimised as its logarithm but starts at %g", i,
                                clamp(c->start[i], lo, hi));
         }
     }
@@ -347,15 +318,12 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
         double last = 0;
         if (g->width >= 1 && g->height >= 1 && g->channels >= 1) {
             last = (double)g->offset + (g->width - 1.0) * (double)g->stride_x +
-                   (g->height - 1.0) * (double)g->stride_y +
-                   (g->channels - 1.0) * (double)g->stride_c;
+                   (g->height - 1.0) * (double)g->stride_y + (g->channels - 1.0) * (double)g->stride_c;
         }
-        if (g->width < 1 || g->height < 1 || g->channels < 1 || !(last < (double)c->n) ||
-            !(g->lambda >= 0) || isinf(g->lambda)) {
-            return status_fail(
-                err, SLT_USAGE,
-                "grid %d of the optimiser does not fit its %zu parameters, or lambda is bad", k,
-                c->n);
+        if (g->width < 1 || g->height < 1 || g->channels < 1 || !(last < (double)c->n) || !(g->lambda >= 0) ||
+            isinf(g->lambda)) {
+            return status_fail(err, SLT_USAGE,
+                               "grid %d of the optimiser does not fit its %zu parameters, or lambda is bad", k, c->n);
         }
     }
     return SLT_OK;
@@ -378,8 +346,7 @@ static void fill_defaults(OptimiseConfig *c) {
  * by optimise_free. */
 static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
     OptimiseConfig *c = &o->config;
-    double *rate = malloc(c->n * sizeof *rate), *lo = malloc(c->n * sizeof *lo),
-           *hi = malloc(c->n * sizeof *hi);
+    double *rate = malloc(c->n * sizeof *rate), *lo = malloc(c->n * sizeof *lo), *hi = malloc(c->n * sizeof *hi);
     uint8_t *log_flag = malloc(c->n);
     OptimiseGrid *grids = malloc(((size_t)c->grid_count + 1) * sizeof *grids);
     c->start = NULL;
@@ -409,10 +376,8 @@ static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
 }
 
 static bool make_block(Optimiser *o) {
-    size_t n = o->config.n,
-           history = o->config.method == OPTIMISE_LBFGS ? (size_t)o->config.history : 0;
-    size_t moments = o->config.method == OPTIMISE_LBFGS ? 0 : n,
-           squares = o->config.method == OPTIMISE_ADAM ? n : 0;
+    size_t n = o->config.n, history = o->config.method == OPTIMISE_LBFGS ? (size_t)o->config.history : 0;
+    size_t moments = o->config.method == OPTIMISE_LBFGS ? 0 : n, squares = o->config.method == OPTIMISE_ADAM ? n : 0;
     size_t cells = 0;
     for (int k = 0; k < o->config.grid_count; k++) {
         size_t count = (size_t)o->config.grids[k].width * (size_t)o->config.grids[k].height;
@@ -454,8 +419,7 @@ static SltStatus make_solvers(Optimiser *o, SltError *err) {
         const OptimiseGrid *g = &o->config.grids[k];
         for (int j = 0; j < k && g->lambda > 0; j++) {
             const OptimiseGrid *h = &o->config.grids[j];
-            if (o->solvers[j] && h->width == g->width && h->height == g->height &&
-                h->lambda == g->lambda) {
+            if (o->solvers[j] && h->width == g->width && h->height == g->height && h->lambda == g->lambda) {
                 o->solvers[k] = o->solvers[j];
             }
         }
