@@ -142,7 +142,8 @@ static void gen_loop(Gen *g, uint32_t depth) {
     } else {
         gen_block(g, depth);
         for (uint32_t c = 0; c < n; c++)
-            next[c + 1] = roll(g, 3) == 0 ? op2(g, OP_fadd, body->params[c + 1], bounded(g, flt(g))) : bounded(g, flt(g));
+            next[c + 1] =
+                roll(g, 3) == 0 ? op2(g, OP_fadd, body->params[c + 1], bounded(g, flt(g))) : bounded(g, flt(g));
     }
     next[0] = op2(g, OP_ilt, body->params[0], ir_consti(&g->b, (int32_t)max - 1));
     if (!exact) next[0] = op2(g, OP_band, next[0], condition(g));

@@ -1,4 +1,5 @@
-/* Compiled reverse kernels of random programs against the interpreter: the same values, the same adjoints, with tapes, with checkpoints, at several widths. */
+/* Compiled reverse kernels of random programs against the interpreter: the same values, the same adjoints, with tapes,
+ * with checkpoints, at several widths. */
 #include "compiler/back/back.h"
 #include "tests/ad/ad_test.h"
 #include "tests/ad/random_program.c"
@@ -61,11 +62,15 @@ static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t wid
     for (uint64_t k = 0; k < a.log_len; k++) got->adj[a.log_index[k]] += log[k];
     for (int i = 0; i < 4; i++)
         for (int l = 0; l < N; l++) {
-            if (!near(got->out[i][l], want->out[i][l], 1e-12)) print_error("seed %llu, output %d, lane %d: %.17g, interpreter %.17g\n", (unsigned long long)seed, i, l, got->out[i][l], want->out[i][l]);
+            if (!near(got->out[i][l], want->out[i][l], 1e-12))
+                print_error("seed %llu, output %d, lane %d: %.17g, interpreter %.17g\n", (unsigned long long)seed, i, l,
+                            got->out[i][l], want->out[i][l]);
             assert_true(near(got->out[i][l], want->out[i][l], 1e-12));
         }
     for (int k = 0; k < PARAMS; k++) {
-        if (!near(got->adj[k], want->adj[k], 1e-9)) print_error("seed %llu, parameter %d: %.17g, interpreter %.17g\n", (unsigned long long)seed, k, got->adj[k], want->adj[k]);
+        if (!near(got->adj[k], want->adj[k], 1e-9))
+            print_error("seed %llu, parameter %d: %.17g, interpreter %.17g\n", (unsigned long long)seed, k, got->adj[k],
+                        want->adj[k]);
         assert_true(near(got->adj[k], want->adj[k], 1e-9));
     }
     back_free(module);

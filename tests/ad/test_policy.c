@@ -26,7 +26,8 @@ static const char *const policies[][2] = {
 #include "compiler/ir/ops_undef.h"
 };
 
-static const char begin[] = "<!-- policy table: generated from compiler/ir/ops.def -->\n", end[] = "<!-- end of policy table -->\n";
+static const char begin[] = "<!-- policy table: generated from compiler/ir/ops.def -->\n",
+                  end[] = "<!-- end of policy table -->\n";
 
 static char *read_all(const char *path) {
     FILE *f = fopen(path, "rb");

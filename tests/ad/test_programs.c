@@ -236,7 +236,8 @@ TEST(network) {
     Inst *x = input_x(&p, 0), *y = input_x(&p, 1), *r[1], *q[1];
     Inst *h1 = array(&p, H), *h2 = array(&p, H);
     Inst **c = loop_begin(&p, H, true, 0, NULL);
-    Inst *z = add(&p, mul(&p, x, par_at(&p, 0, H, c[0])), add(&p, mul(&p, y, par_at(&p, H, H, c[0])), par_at(&p, 2 * H, H, c[0])));
+    Inst *z = add(&p, mul(&p, x, par_at(&p, 0, H, c[0])),
+                  add(&p, mul(&p, y, par_at(&p, H, H, c[0])), par_at(&p, 2 * H, H, c[0])));
     put(&p, h1, c[0], sine(&p, z));
     loop_end(&p, NULL, 0, NULL, r);
     c = loop_begin(&p, H, true, 0, NULL);
@@ -287,7 +288,8 @@ TEST(arrays) {
     check_ad(&p, &(Check){.tape_budget = 16});
 }
 
-/* A tangent by hand, deliberately not the derivative, so that a test sees whose rule was used; and one with a loop in it. */
+/* A tangent by hand, deliberately not the derivative, so that a test sees whose rule was used; and one with a loop in
+ * it. */
 TEST(custom) {
     Prog p = prog_begin(s, PREC_F64, 3);
     Inst *x = input_x(&p, 0), *y = input_x(&p, 1);
@@ -415,10 +417,22 @@ TEST(no_guards_in_ordinary_code) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(straight), cmocka_unit_test(branches), cmocka_unit_test(linear_accumulation), cmocka_unit_test(data_dependent_break),
-        cmocka_unit_test(nested_loops), cmocka_unit_test(checkpoints), cmocka_unit_test(loops_in_ifs_in_loops), cmocka_unit_test(sparse),
-        cmocka_unit_test(sparse_several), cmocka_unit_test(sparse_with_loop), cmocka_unit_test(network), cmocka_unit_test(arrays),
-        cmocka_unit_test(custom), cmocka_unit_test(wrt_subset), cmocka_unit_test(grad_x), cmocka_unit_test(policies),
+        cmocka_unit_test(straight),
+        cmocka_unit_test(branches),
+        cmocka_unit_test(linear_accumulation),
+        cmocka_unit_test(data_dependent_break),
+        cmocka_unit_test(nested_loops),
+        cmocka_unit_test(checkpoints),
+        cmocka_unit_test(loops_in_ifs_in_loops),
+        cmocka_unit_test(sparse),
+        cmocka_unit_test(sparse_several),
+        cmocka_unit_test(sparse_with_loop),
+        cmocka_unit_test(network),
+        cmocka_unit_test(arrays),
+        cmocka_unit_test(custom),
+        cmocka_unit_test(wrt_subset),
+        cmocka_unit_test(grad_x),
+        cmocka_unit_test(policies),
         cmocka_unit_test(no_guards_in_ordinary_code),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

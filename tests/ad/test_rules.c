@@ -1,5 +1,6 @@
-/* The rules: every float row of ops.def, every argument, against central differences of the interpreter in f64, in both modes; and the edge points, where
- * the policy column says what must come out. A test that only compares the modes would pass with a wrong rule, for both come from one row.
+/* The rules: every float row of ops.def, every argument, against central differences of the interpreter in f64, in both
+ * modes; and the edge points, where the policy column says what must come out. A test that only compares the modes
+ * would pass with a wrong rule, for both come from one row.
  *
  * Built with SALTUS_AD_MUTATION it instead spoils each partial in turn and demands that the same comparison fails. */
 #include "tests/ad/ad_test.h"
@@ -95,7 +96,9 @@ static bool row_agrees(Session *s, const Row *row, bool tell) {
             value(k.vjp, r, v);
             double reverse = r->adj[a] / -0.75;
             good = near(forward, d[1], 1e-6) && near(reverse, d[1], 1e-6);
-            if (!good && tell) print_error("%s, argument %u at (%g, %g): differences %.12g, forward %.12g, reverse %.12g\n", ir_ops[row->op].name, a, v[0], v[1], d[1], forward, reverse);
+            if (!good && tell)
+                print_error("%s, argument %u at (%g, %g): differences %.12g, forward %.12g, reverse %.12g\n",
+                            ir_ops[row->op].name, a, v[0], v[1], d[1], forward, reverse);
         }
     }
     if (tell) assert_true(compared > SAMPLES * row->nargs / 2);
@@ -107,7 +110,8 @@ static bool row_agrees(Session *s, const Row *row, bool tell) {
 
 TEST(partials_match_differences) {
     for (int k = 0; k < NROWS; k++)
-        if (rows[k].op != OP_fmant) /* a piece that lowering makes after differentiation: its row has no derivative on purpose */
+        if (rows[k].op !=
+            OP_fmant) /* a piece that lowering makes after differentiation: its row has no derivative on purpose */
             assert_true(row_agrees(s, &rows[k], true));
 }
 
@@ -130,36 +134,21 @@ typedef struct Edge {
 /* Kinks and poles, as the policy column has them. */
 TEST(edges) {
     static const Edge edges[] = {
-        {OP_fabs, {0, 0}, 1, {0, 0}},
-        {OP_fabs, {-0.0, 0}, 1, {0, 0}},
-        {OP_fmin, {2, 2}, 3, {3, 0}},
-        {OP_fmax, {2, 2}, 3, {3, 0}},
-        {OP_fsqrt, {0, 0}, 1, {INFINITY, 0}},
-        {OP_fsqrt, {0, 0}, 0, {0, 0}},
-        {OP_fcbrt, {0, 0}, 0, {0, 0}},
-        {OP_fcbrt, {0, 0}, 1, {INFINITY, 0}},
-        {OP_flog, {0, 0}, 0, {0, 0}},
-        {OP_flog, {0, 0}, 1, {INFINITY, 0}},
-        {OP_flog2, {0, 0}, 0, {0, 0}},
-        {OP_frsqrt, {0, 0}, 0, {0, 0}},
-        {OP_fdiv, {1, 0}, 0, {0, 0}},
-        {OP_fdiv, {0, INFINITY}, 2, {0, 0}},
-        {OP_fasin, {1, 0}, 0, {0, 0}},
-        {OP_fasin, {1, 0}, 1, {INFINITY, 0}},
-        {OP_facos, {-1, 0}, 0, {0, 0}},
-        {OP_facos, {1, 0}, 1, {-INFINITY, 0}},
-        {OP_fatan2, {0, 0}, 0, {0, 0}},
-        {OP_fpow, {0, 0}, 1, {0, 0}},
-        {OP_fpow, {0, 2}, 1, {0, 0}},
-        {OP_fpow, {0, 1}, 1, {1, 0}},
-        {OP_fpow, {-2, 3}, 1, {12, NAN}},
-        {OP_fexp, {1e4, 0}, 0, {0, 0}},
-        {OP_fcosh, {1e4, 0}, 0, {0, 0}},
-        {OP_fsinh, {1e4, 0}, 0, {0, 0}},
-        {OP_zmul, {0, 7}, 1, {7, 0}},
-        {OP_ffloor, {1, 0}, 1, {0, 0}},
-        {OP_fround, {0.5, 0}, 1, {0, 0}},
-        {OP_fcopysign, {3, -1}, 2, {-2, 0}},
+        {OP_fabs, {0, 0}, 1, {0, 0}},         {OP_fabs, {-0.0, 0}, 1, {0, 0}},
+        {OP_fmin, {2, 2}, 3, {3, 0}},         {OP_fmax, {2, 2}, 3, {3, 0}},
+        {OP_fsqrt, {0, 0}, 1, {INFINITY, 0}}, {OP_fsqrt, {0, 0}, 0, {0, 0}},
+        {OP_fcbrt, {0, 0}, 0, {0, 0}},        {OP_fcbrt, {0, 0}, 1, {INFINITY, 0}},
+        {OP_flog, {0, 0}, 0, {0, 0}},         {OP_flog, {0, 0}, 1, {INFINITY, 0}},
+        {OP_flog2, {0, 0}, 0, {0, 0}},        {OP_frsqrt, {0, 0}, 0, {0, 0}},
+        {OP_fdiv, {1, 0}, 0, {0, 0}},         {OP_fdiv, {0, INFINITY}, 2, {0, 0}},
+        {OP_fasin, {1, 0}, 0, {0, 0}},        {OP_fasin, {1, 0}, 1, {INFINITY, 0}},
+        {OP_facos, {-1, 0}, 0, {0, 0}},       {OP_facos, {1, 0}, 1, {-INFINITY, 0}},
+        {OP_fatan2, {0, 0}, 0, {0, 0}},       {OP_fpow, {0, 0}, 1, {0, 0}},
+        {OP_fpow, {0, 2}, 1, {0, 0}},         {OP_fpow, {0, 1}, 1, {1, 0}},
+        {OP_fpow, {-2, 3}, 1, {12, NAN}},     {OP_fexp, {1e4, 0}, 0, {0, 0}},
+        {OP_fcosh, {1e4, 0}, 0, {0, 0}},      {OP_fsinh, {1e4, 0}, 0, {0, 0}},
+        {OP_zmul, {0, 7}, 1, {7, 0}},         {OP_ffloor, {1, 0}, 1, {0, 0}},
+        {OP_fround, {0.5, 0}, 1, {0, 0}},     {OP_fcopysign, {3, -1}, 2, {-2, 0}},
     };
     Run *r = calloc(1, sizeof *r);
     for (uint32_t e = 0; e < sizeof edges / sizeof *edges; e++) {
@@ -171,7 +160,9 @@ TEST(edges) {
         double v[3] = {edge->v[0], edge->v[1], 0};
         value(k.vjp, r, v);
         for (uint32_t a = 0; a < row.nargs; a++) {
-            if (!near(r->adj[a], edge->slope[a], 1e-14)) print_error("%s(%g, %g), seed %g: slope %u is %g, not %g\n", ir_ops[edge->op].name, v[0], v[1], edge->seed, a, r->adj[a], edge->slope[a]);
+            if (!near(r->adj[a], edge->slope[a], 1e-14))
+                print_error("%s(%g, %g), seed %g: slope %u is %g, not %g\n", ir_ops[edge->op].name, v[0], v[1],
+                            edge->seed, a, r->adj[a], edge->slope[a]);
             assert_true(near(r->adj[a], edge->slope[a], 1e-14));
             r->dparams[a] = edge->seed;
             value(k.jvp, r, v);
@@ -183,13 +174,15 @@ TEST(edges) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(partials_match_differences), cmocka_unit_test(selection), cmocka_unit_test(edges)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(partials_match_differences), cmocka_unit_test(selection),
+                                       cmocka_unit_test(edges)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
 
 #else
 
-/* Each partial that exists, spoilt in three ways: row_agrees must notice. Partials that are zero by nature have nothing to spoil. */
+/* Each partial that exists, spoilt in three ways: row_agrees must notice. Partials that are zero by nature have nothing
+ * to spoil. */
 TEST(every_mutation_is_caught) {
     uint32_t tried = 0, missed = 0;
     for (int k = 0; k < NROWS; k++) {

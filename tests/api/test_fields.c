@@ -1,4 +1,5 @@
-/* The life of a heightfield's structure in a program object: made when a kernel asks, for what it asks, following the heights, the same answers however it came about. */
+/* The life of a heightfield's structure in a program object: made when a kernel asks, for what it asks, following the
+ * heights, the same answers however it came about. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -35,7 +36,8 @@ static SltProgram *compile(const char *source, SltStructure field, bool f64, boo
     SltProgram *p;
     opt.stdlib_dir = SALTUS_STDLIB_BUILD;
     opt.field = field, opt.f64 = f64, opt.interpret = interpret, opt.no_cache = true;
-    if (slt_compile_string(source, "t.salt", &opt, &p) != SLT_OK) fail_msg("%s%s", slt_diagnostics_text(p), slt_last_error(p));
+    if (slt_compile_string(source, "t.salt", &opt, &p) != SLT_OK)
+        fail_msg("%s%s", slt_diagnostics_text(p), slt_last_error(p));
     return p;
 }
 
@@ -87,12 +89,14 @@ static void built_on_need(void **state) {
 
     p = compile(lit, SLT_STRUCTURE_AUTO, false, false);
     render(p, image);
-    assert_int_equal(p->field_state[0].built & (1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED | 1u << SLT_FIELD_SILHOUETTE), 0);
+    assert_int_equal(
+        p->field_state[0].built & (1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED | 1u << SLT_FIELD_SILHOUETTE), 0);
     assert_true(p->field_state[0].built & (1u << SLT_FIELD_SHADOW | 1u << SLT_FIELD_CLEARANCE));
     slt_program_free(p);
 }
 
-/* A few heights: a rectangle. None that is really another: nothing. Another parameter: nothing. The image is that of a program that was never otherwise. */
+/* A few heights: a rectangle. None that is really another: nothing. Another parameter: nothing. The image is that of a
+ * program that was never otherwise. */
 static void follows_heights(void **state) {
     (void)state;
     for (int f64 = 0; f64 < 2; f64++) {
@@ -201,7 +205,8 @@ static void options_are_checked(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(built_on_need), cmocka_unit_test(follows_heights), cmocka_unit_test(structures_agree), cmocka_unit_test(gradients_ask_more),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(built_on_need), cmocka_unit_test(follows_heights),
+                                       cmocka_unit_test(structures_agree), cmocka_unit_test(gradients_ask_more),
                                        cmocka_unit_test(options_are_checked)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -187,10 +187,8 @@ static void test_files(void **state) {
         char head[4096] = {0};
         assert_true(fread(head, 1, sizeof head - 1, f) > 100);
         fclose(f);
-        if (kinds[j] == 'o')
-            assert_memory_equal(head, "\177ELF", 4);
-        else
-            assert_non_null(strstr(head, "kernel"));
+        if (kinds[j] == 'o') assert_memory_equal(head, "\177ELF", 4);
+        else assert_non_null(strstr(head, "kernel"));
         unlink(path);
     }
     snprintf(path, sizeof path, "%s/k.so", folder);

@@ -88,12 +88,9 @@ static void make_data(Data *d, Precision p) {
         bool is_int =
             s == IN_STREAM || s == IN_PIXEL0 || s == IN_PIXEL1 || s == IN_SAMPLE || (s >= IN_K0 && s <= IN_K7);
         for (int k = 0; k < PAD; k++) {
-            if (is_int)
-                ((int32_t *)d->in[s])[k] = random_int();
-            else if (f32)
-                ((float *)d->in[s])[k] = (float)random_float(true);
-            else
-                ((double *)d->in[s])[k] = random_float(false);
+            if (is_int) ((int32_t *)d->in[s])[k] = random_int();
+            else if (f32) ((float *)d->in[s])[k] = (float)random_float(true);
+            else ((double *)d->in[s])[k] = random_float(false);
         }
     }
     for (int k = 0; k < GEN_FLOATS; k++) {
@@ -192,12 +189,9 @@ static bool same(const unsigned char *a, const unsigned char *b, IrType t, Preci
 }
 
 static void print_value(const unsigned char *a, IrType t, Precision p) {
-    if (t != TY_FLT)
-        fprintf(stderr, "%d", *(const int32_t *)a);
-    else if (p == PREC_F32)
-        fprintf(stderr, "%a", (double)*(const float *)a);
-    else
-        fprintf(stderr, "%a", *(const double *)a);
+    if (t != TY_FLT) fprintf(stderr, "%d", *(const int32_t *)a);
+    else if (p == PREC_F32) fprintf(stderr, "%a", (double)*(const float *)a);
+    else fprintf(stderr, "%a", *(const double *)a);
 }
 
 /* True if equal; says where not. */

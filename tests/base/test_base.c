@@ -20,12 +20,8 @@ static char *captured(const Session *s, void (*print)(const Session *, FILE *)) 
     return text;
 }
 
-static void text_form(const Session *s, FILE *f) {
-    diag_print_text(s, f, false);
-}
-static void colour_form(const Session *s, FILE *f) {
-    diag_print_text(s, f, true);
-}
+static void text_form(const Session *s, FILE *f) { diag_print_text(s, f, false); }
+static void colour_form(const Session *s, FILE *f) { diag_print_text(s, f, true); }
 
 /* ---- memory ---- */
 
@@ -67,12 +63,8 @@ static void spend(Session *s, void *arg) {
     (void)arg;
     for (;;) arena_alloc(&s->module, 1000);
 }
-static void ask_too_much(Session *s, void *arg) {
-    arena_alloc(&s->module, *(size_t *)arg);
-}
-static void fault(Session *s, void *arg) {
-    ice(s, "in %s", (const char *)arg);
-}
+static void ask_too_much(Session *s, void *arg) { arena_alloc(&s->module, *(size_t *)arg); }
+static void fault(Session *s, void *arg) { ice(s, "in %s", (const char *)arg); }
 static void nested(Session *s, void *arg) {
     arena_alloc(&s->scratch, 1 << 20);
     *(int *)arg = session_protect(s, fault, "the inner");

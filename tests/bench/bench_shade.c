@@ -2,8 +2,9 @@
  *
  *     bench_shade FOLDER_OF_SALT_FILES scalar.so:suffix [more.so:suffix ...]
  *
- * The C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d). Prints Mpixel/s, the ratio to the first library (median over rounds of the ratio in
- * each round), the share of pixels that differ by more than 2/255, and the geometric mean. */
+ * The C libraries export NAME_suffix(uint32_t *out, int w, int h, const float *d). Prints Mpixel/s, the ratio to the
+ * first library (median over rounds of the ratio in each round), the share of pixels that differ by more than 2/255,
+ * and the geometric mean. */
 #include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
@@ -134,7 +135,8 @@ int main(int argc, char **argv) {
         SltOptions o = SLT_OPTIONS_INIT;
         o.rgba8 = true;
         SltProgram *p;
-        if (slt_compile_file(path, &o, &p) != SLT_OK) return fprintf(stderr, "%s: %s\n%s", path, slt_last_error(p), slt_diagnostics_text(p)), 1;
+        if (slt_compile_file(path, &o, &p) != SLT_OK)
+            return fprintf(stderr, "%s: %s\n%s", path, slt_last_error(p), slt_diagnostics_text(p)), 1;
         static double wide[8192];
         for (int i = 0; i < n; i++) wide[i] = (double)d[i];
         slt_set_floats(p, 0, (uint32_t)n, wide, NULL);
@@ -152,7 +154,8 @@ int main(int argc, char **argv) {
         for (int j = 0; j <= nlibs; j++) {
             qsort(r[j].mpix, ROUNDS, sizeof(double), compare);
             qsort(r[j].ratio, ROUNDS, sizeof(double), compare);
-            printf("%-10s %-10s %9.1f Mpixel/s  x%.2f  differ %.4f %%\n", names[k], j < nlibs ? suffix[j] : "saltus", r[j].mpix[ROUNDS / 2], r[j].ratio[ROUNDS / 2], differing(out[0], out[j]));
+            printf("%-10s %-10s %9.1f Mpixel/s  x%.2f  differ %.4f %%\n", names[k], j < nlibs ? suffix[j] : "saltus",
+                   r[j].mpix[ROUNDS / 2], r[j].ratio[ROUNDS / 2], differing(out[0], out[j]));
         }
         fflush(stdout);
         log_sum += log(r[nlibs].ratio[ROUNDS / 2]);

@@ -1,6 +1,7 @@
-/* What the gradient of direct light costs: heights of an n x n field, 512 x 512 pixels, one sample, one thread; processor time of the forward image and of its reverse derivative (smooth part and
- * jumps), taken in turn in one process, best of several.
- *   bench-terrain [repetitions]       a fractal terrain; with SALTUS_DATA the Jacksboro elevation, upsampled */
+/* What the gradient of direct light costs: heights of an n x n field, 512 x 512 pixels, one sample, one thread;
+ * processor time of the forward image and of its reverse derivative (smooth part and jumps), taken in turn in one
+ * process, best of several. bench-terrain [repetitions]       a fractal terrain; with SALTUS_DATA the Jacksboro
+ * elevation, upsampled */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,7 +51,8 @@ static double height(const float *dem, double x, double y) {
     double v = 0;
     if (!dem) {
         double a = 0.12, k = 5;
-        for (int o = 0; o < 7; o++, a *= 0.45, k *= 2.1) v += a * sin(k * x + 1.3 * o + 2 * cos(0.7 * k * y)) * cos(k * y - o);
+        for (int o = 0; o < 7; o++, a *= 0.45, k *= 2.1)
+            v += a * sin(k * x + 1.3 * o + 2 * cos(0.7 * k * y)) * cos(k * y - o);
         return v;
     }
     double u = x * (DEM_W - 1.001), w = y * (DEM_H - 1.001);
@@ -62,18 +64,22 @@ static double height(const float *dem, double x, double y) {
 
 int main(int argc, char **argv) {
     int reps = argc > 1 ? atoi(argv[1]) : 5;
-    float *dem = read_dem(), *image = malloc(PIXELS * PIXELS * sizeof *image), *adjoint = malloc(PIXELS * PIXELS * sizeof *adjoint);
+    float *dem = read_dem(), *image = malloc(PIXELS * PIXELS * sizeof *image),
+          *adjoint = malloc(PIXELS * PIXELS * sizeof *adjoint);
     for (int i = 0; i < PIXELS * PIXELS; i++) adjoint[i] = (float)((i * 2654435761u >> 8) & 0xffff) / 65536;
-    printf("%s\n%6s %12s %12s %8s %12s\n", dem ? "Jacksboro" : "fractal", "n", "forward ms", "gradient ms", "ratio", "crossings");
+    printf("%s\n%6s %12s %12s %8s %12s\n", dem ? "Jacksboro" : "fractal", "n", "forward ms", "gradient ms", "ratio",
+           "crossings");
     for (uint32_t n = 128; n <= 2048; n *= 2) {
         char text[4096];
         snprintf(text, sizeof text, source, n, n);
         SltOptions o = SLT_OPTIONS_INIT;
         SltProgram *p = NULL;
-        if (slt_compile_string(text, "terrain", &o, &p) != SLT_OK) return fprintf(stderr, "%s", slt_diagnostics_text(p)), 1;
+        if (slt_compile_string(text, "terrain", &o, &p) != SLT_OK)
+            return fprintf(stderr, "%s", slt_diagnostics_text(p)), 1;
         double *v = malloc((size_t)n * n * sizeof *v), *g = malloc((size_t)slt_float_count(p) * sizeof *g);
         for (uint32_t j = 0; j < n; j++)
-            for (uint32_t i = 0; i < n; i++) v[(size_t)j * n + i] = height(dem, (double)i / (n - 1), (double)j / (n - 1));
+            for (uint32_t i = 0; i < n; i++)
+                v[(size_t)j * n + i] = height(dem, (double)i / (n - 1), (double)j / (n - 1));
         SltParam q;
         SltError e = {0};
         slt_param_find(p, "h", &q, NULL);
@@ -88,10 +94,12 @@ int main(int argc, char **argv) {
             if (r >= 0) forward = fmin(forward, seconds() - t);
             stats = (SltStats){0};
             t = seconds();
-            if (slt_grad_adjoint(p, &j, adjoint, g, NULL, &stats, &e) != SLT_OK) return fprintf(stderr, "%s\n", e.text), 1;
+            if (slt_grad_adjoint(p, &j, adjoint, g, NULL, &stats, &e) != SLT_OK)
+                return fprintf(stderr, "%s\n", e.text), 1;
             if (r >= 0) back = fmin(back, seconds() - t);
         }
-        printf("%6u %12.1f %12.1f %8.2f %12llu\n", n, 1e3 * forward, 1e3 * back, back / forward, (unsigned long long)stats.crossings);
+        printf("%6u %12.1f %12.1f %8.2f %12llu\n", n, 1e3 * forward, 1e3 * back, back / forward,
+               (unsigned long long)stats.crossings);
         free(v), free(g);
         slt_program_free(p);
     }

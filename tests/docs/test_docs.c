@@ -1,8 +1,9 @@
-/* What the documentation shows is true: every ```salt block of README.md and docs/ compiles, every ```c block with a main passes the C compiler, every relative link leads to
- * a file, every option of the command is described.
+/* What the documentation shows is true: every ```salt block of README.md and docs/ compiles, every ```c block with a
+ * main passes the C compiler, every relative link leads to a file, every option of the command is described.
  *
- * A block that is meant to fail or to warn says so in a comment: `// E0401` or `// W0401` somewhere in it demands exactly this diagnostic; any other block must compile
- * without one. A ```salt block without a shader is a module or an excerpt: it gets an empty shader. */
+ * A block that is meant to fail or to warn says so in a comment: `// E0401` or `// W0401` somewhere in it demands
+ * exactly this diagnostic; any other block must compile without one. A ```salt block without a shader is a module or an
+ * excerpt: it gets an empty shader. */
 #include <dirent.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -111,7 +112,8 @@ static void compile_block(const char *page, int line, const char *language, cons
     assert_non_null(source);
     sprintf(source, "%s%s", text, strstr(text, "shader ") ? "" : "shader float unused(float x) { return x; }\n");
     for (const char *s = text; (s = strstr(s, "// ")) && !*code; s += 3)
-        if ((s[3] == 'E' || s[3] == 'W') && strspn(s + 4, "0123456789") == 4) snprintf(code, sizeof code, "%.5s", s + 3);
+        if ((s[3] == 'E' || s[3] == 'W') && strspn(s + 4, "0123456789") == 4)
+            snprintf(code, sizeof code, "%.5s", s + 3);
     SltOptions opt = SLT_OPTIONS_INIT;
     opt.stdlib_dir = SALTUS_STDLIB_BUILD;
     SltProgram *p = NULL;
@@ -126,7 +128,8 @@ static void compile_block(const char *page, int line, const char *language, cons
     }
     bool want_error = *code == 'E';
     if (other || seen != (*code != 0) || (s == SLT_OK) == want_error) {
-        print_error("%s:%d: block does not give what it promises (%s)\n%s\n", page, line, *code ? code : "no diagnostic", slt_diagnostics_text(p));
+        print_error("%s:%d: block does not give what it promises (%s)\n%s\n", page, line,
+                    *code ? code : "no diagnostic", slt_diagnostics_text(p));
         v->failures++;
     }
     slt_program_free(p);
@@ -213,7 +216,8 @@ static void options_are_documented(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(shaders_compile), cmocka_unit_test(c_compiles), cmocka_unit_test(links_lead_somewhere),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(shaders_compile), cmocka_unit_test(c_compiles),
+                                       cmocka_unit_test(links_lead_somewhere),
                                        cmocka_unit_test(options_are_documented)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,8 +28,7 @@ static const Example examples[] = {
      "--target " EXAMPLES "/painterly_discs/photo.png --size 60x40"},
     {"voronoi_mosaic/mosaic.salt", "--set N=24", "48x32",
      "--target " EXAMPLES "/voronoi_mosaic/photo.png --size 60x40"},
-    {"binary_grid/grid.salt", "--set G=9", "48x48",
-     "--target " EXAMPLES "/binary_grid/target.png --size 48x48"},
+    {"binary_grid/grid.salt", "--set G=9", "48x48", "--target " EXAMPLES "/binary_grid/target.png --size 48x48"},
     {"binary_grid/target.salt", "", "48x48", NULL},
     {"checkerboard_tree/tree.salt", "--set DEPTH=3", "48x48", NULL},
     {"checkerboard_tree/tree.salt", "--set DEPTH=12", "48x48", NULL},
@@ -77,11 +76,9 @@ static void test_render(void **state) {
     for (int i = 0; i < EXAMPLES_N; i++) {
         const Example *e = &examples[i];
         char arguments[1024], out[8192];
-        snprintf(arguments, sizeof arguments,
-                 "render " EXAMPLES "/%s %s --size %s --spp 2 -o %s/image.npy", e->file, e->options,
-                 e->size, scratch);
-        if (run(out, sizeof out, arguments) != 0 || strstr(out, "warning"))
-            fail_msg("%s: %s", e->file, out);
+        snprintf(arguments, sizeof arguments, "render " EXAMPLES "/%s %s --size %s --spp 2 -o %s/image.npy", e->file,
+                 e->options, e->size, scratch);
+        if (run(out, sizeof out, arguments) != 0 || strstr(out, "warning")) fail_msg("%s: %s", e->file, out);
     }
 }
 
@@ -91,8 +88,7 @@ static void test_check(void **state) {
         const Example *e = &examples[i];
         if (!strcmp(e->file, "binary_grid/target.salt")) continue; /* no parameters */
         char arguments[1024], out[8192];
-        snprintf(arguments, sizeof arguments, "check " EXAMPLES "/%s %s --samples 65536", e->file,
-                 e->options);
+        snprintf(arguments, sizeof arguments, "check " EXAMPLES "/%s %s --samples 65536", e->file, e->options);
         if (run(out, sizeof out, arguments) != 0 || !strstr(out, "PASS"))
             fail_msg("%s %s: %s", e->file, e->options, out);
     }
@@ -105,12 +101,11 @@ static void test_fit(void **state) {
         if (!e->fit) continue;
         char arguments[1024], out[16384];
         double before = 0, after = 0;
-        snprintf(arguments, sizeof arguments, "fit " EXAMPLES "/%s %s %s --iters 60 -o %s/fit",
-                 e->file, e->options, e->fit, scratch);
+        snprintf(arguments, sizeof arguments, "fit " EXAMPLES "/%s %s %s --iters 60 -o %s/fit", e->file, e->options,
+                 e->fit, scratch);
         if (run(out, sizeof out, arguments) != 0) fail_msg("%s: %s", e->file, out);
         const char *at = strstr(out, "loss ");
-        while (at && sscanf(at, "loss %lg -> %lg", &before, &after) != 2)
-            at = strstr(at + 1, "loss ");
+        while (at && sscanf(at, "loss %lg -> %lg", &before, &after) != 2) at = strstr(at + 1, "loss ");
         if (!at || !(after < 0.5 * before) || !(before > 0)) fail_msg("%s: %s", e->file, out);
     }
 }

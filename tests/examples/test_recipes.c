@@ -1,5 +1,5 @@
-/* The commands of a README, run as they stand there, in a copy of the example's folder: fewer samples and iterations, nothing else. The fit must get somewhere, and the
- * derivatives at what it read must agree with finite differences. */
+/* The commands of a README, run as they stand there, in a copy of the example's folder: fewer samples and iterations,
+ * nothing else. The fit must get somewhere, and the derivatives at what it read must agree with finite differences. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -18,7 +18,8 @@
 typedef struct Recipe {
     const char *folder;
     int iters;
-    double factor;     /* of the first loss: what the best must be below after so many iterations, and never is with --interior-only */
+    double factor;     /* of the first loss: what the best must be below after so many iterations, and never is with
+                          --interior-only */
     const char *check; /* arguments of `saltus check` after the commands */
 } Recipe;
 
@@ -35,7 +36,8 @@ static char scratch[256];
 /* Runs `saltus ARGS` in the folder; what it printed on both outputs is put into out. Returns the exit status. */
 static int run(char *out, size_t size, const char *folder, const char *arguments) {
     char line[4096];
-    assert_true(snprintf(line, sizeof line, "cd '%s/%s' && '%s' %s 2>&1", scratch, folder, SALTUS_BIN, arguments) < (int)sizeof line);
+    assert_true(snprintf(line, sizeof line, "cd '%s/%s' && '%s' %s 2>&1", scratch, folder, SALTUS_BIN, arguments) <
+                (int)sizeof line);
     FILE *f = popen(line, "r");
     assert_non_null(f);
     size_t n = fread(out, 1, size - 1, f);
@@ -64,9 +66,14 @@ static void step(const Recipe *r, const char *arguments, bool *fitted) {
     bool fit = !strncmp(arguments, "fit ", 4);
     snprintf(iters, sizeof iters, "--iters %d", r->iters);
     /* What is only looked at needs one sample a pixel; what is read again keeps its own, within reason. */
-    int n = snprintf(cheap, sizeof cheap, "%s %s", arguments, fit ? iters : strstr(arguments, ".png") ? "--spp 1" : strstr(arguments, "--spp 256") ? "--spp 16" : "");
+    int n = snprintf(cheap, sizeof cheap, "%s %s", arguments,
+                     fit                              ? iters
+                     : strstr(arguments, ".png")      ? "--spp 1"
+                     : strstr(arguments, "--spp 256") ? "--spp 16"
+                                                      : "");
     assert_true(n > 0 && n < (int)sizeof cheap);
-    if (run(out, sizeof out, r->folder, cheap) != 0 || strstr(out, ": warning:")) fail_msg("%s: saltus %s: %s", r->folder, cheap, out);
+    if (run(out, sizeof out, r->folder, cheap) != 0 || strstr(out, ": warning:"))
+        fail_msg("%s: saltus %s: %s", r->folder, cheap, out);
     if (!fit) return;
     double before = 0, after = 0;
     const char *at = strstr(out, "loss ");
@@ -80,7 +87,8 @@ static void test_recipes(void **state) {
     for (int i = 0; i < RECIPES_N; i++) {
         const Recipe *r = &recipes[i];
         char line[4096], out[16384];
-        snprintf(line, sizeof line, "mkdir '%s/%s' && cp " EXAMPLES "/%s/*.salt " EXAMPLES "/%s/*.json '%s/%s'", scratch, r->folder, r->folder, r->folder, scratch, r->folder);
+        snprintf(line, sizeof line, "mkdir '%s/%s' && cp " EXAMPLES "/%s/*.salt " EXAMPLES "/%s/*.json '%s/%s'",
+                 scratch, r->folder, r->folder, r->folder, scratch, r->folder);
         assert_int_equal(system(line), 0);
         snprintf(line, sizeof line, EXAMPLES "/%s/README.md", r->folder);
         FILE *f = fopen(line, "r");
@@ -94,7 +102,8 @@ static void test_recipes(void **state) {
         assert_true(fitted);
         char check[1024];
         snprintf(check, sizeof check, "check %s", r->check);
-        if (run(out, sizeof out, r->folder, check) != 0 || !strstr(out, "PASS")) fail_msg("%s: saltus %s: %s", r->folder, check, out);
+        if (run(out, sizeof out, r->folder, check) != 0 || !strstr(out, "PASS"))
+            fail_msg("%s: saltus %s: %s", r->folder, check, out);
     }
 }
 

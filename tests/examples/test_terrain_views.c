@@ -1,5 +1,6 @@
-/* Six photographs give the terrain back: the README's commands, in a copy of the folder. The made-up terrain up to photographs of 64 x 64; the real one, where $SALTUS_DATA has it,
- * all the way, which takes half a minute of processor time. Heights are 128 x 128 and start flat. */
+/* Six photographs give the terrain back: the README's commands, in a copy of the folder. The made-up terrain up to
+ * photographs of 64 x 64; the real one, where $SALTUS_DATA has it, all the way, which takes half a minute of processor
+ * time. Heights are 128 x 128 and start flat. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -19,7 +20,8 @@ static char scratch[256];
 /* Runs a line of the shell in the copy, where `saltus` is the command under test; returns the exit status. */
 static int run(char *out, size_t size, const char *line) {
     char all[4096];
-    assert_true(snprintf(all, sizeof all, "cd '%s' && saltus() { '%s' \"$@\"; } && { %s; } 2>&1", scratch, SALTUS_BIN, line) < (int)sizeof all);
+    assert_true(snprintf(all, sizeof all, "cd '%s' && saltus() { '%s' \"$@\"; } && { %s; } 2>&1", scratch, SALTUS_BIN,
+                         line) < (int)sizeof all);
     FILE *f = popen(all, "r");
     assert_non_null(f);
     size_t n = fread(out, 1, size - 1, f);
@@ -37,7 +39,8 @@ static void must(const char *line) {
 static double error_of(const char *heights) {
     char line[512], out[4096];
     double e = -1;
-    snprintf(line, sizeof line, "saltus render compare.salt --param found=@%s --param truth=@targets/heights.npy --integral", heights);
+    snprintf(line, sizeof line,
+             "saltus render compare.salt --param found=@%s --param truth=@targets/heights.npy --integral", heights);
     const char *at = run(out, sizeof out, line) == 0 ? strstr(out, "integral") : NULL;
     if (!at || sscanf(at, "integral %lg", &e) != 1) fail_msg("%s: %s", line, out);
     return e;
@@ -95,7 +98,10 @@ static void test_made_up(void **state) {
     /* 6.9 and 1.4 % on the day of writing; flat ground is 52 % off. */
     if (!(coarse < 0.12 && middle < 0.02)) fail_msg("mean errors of %g and %g of the range", coarse, middle);
     char out[16384];
-    if (run(out, sizeof out, "saltus check terrain.salt --param h=@middle/h.exr --param albedo=@targets/colours.exr --wrt h,albedo --samples 65536") != 0) fail_msg("%s", out);
+    if (run(out, sizeof out,
+            "saltus check terrain.salt --param h=@middle/h.exr --param albedo=@targets/colours.exr --wrt h,albedo --samples 65536") !=
+        0)
+        fail_msg("%s", out);
 }
 
 static void test_real(void **state) {

@@ -1,6 +1,8 @@
-/* Every query of the mipmap, at every instruction set and in both precisions, gives the witness that cell stepping gives.
+/* Every query of the mipmap, at every instruction set and in both precisions, gives the witness that cell stepping
+ * gives.
  *
- * SALTUS_FIELD_RAYS: rays a terrain, query, precision and instruction set (default: a run of some seconds). The long run: SALTUS_FIELD_RAYS=10000000 tests/test-field-agree. */
+ * SALTUS_FIELD_RAYS: rays a terrain, query, precision and instruction set (default: a run of some seconds). The long
+ * run: SALTUS_FIELD_RAYS=10000000 tests/test-field-agree. */
 #include "field_test.h"
 
 enum { WIDTH = 64 };
@@ -9,8 +11,10 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float b
     for (int f64 = 0; f64 < 2; f64++) {
         double *wide = f64 ? doubles(t->z, (size_t)t->w * t->h) : NULL;
         const void *z = f64 ? (const void *)wide : t->z;
-        SltField *naive = make_field(z, f64, t->w, t->h, (FieldOptions){.structure = FIELD_NAIVE, .band = band}), *fields[FIELD_ISAS] = {0};
-        for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++) fields[isa] = make_field(z, f64, t->w, t->h, (FieldOptions){.isa = (FieldIsa)isa, .band = band});
+        SltField *naive = make_field(z, f64, t->w, t->h, (FieldOptions){.structure = FIELD_NAIVE, .band = band}),
+                 *fields[FIELD_ISAS] = {0};
+        for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++)
+            fields[isa] = make_field(z, f64, t->w, t->h, (FieldOptions){.isa = (FieldIsa)isa, .band = band});
         for (int what = 0; what < SLT_FIELD_WHATS; what++) {
             Rng rng = {seed * 31 + (uint64_t)what};
             uint64_t found = 0;
@@ -32,9 +36,11 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float b
                         char text[512] = "";
                         for (uint32_t row = 0; row < 8; row++) {
                             size_t at = strlen(text);
-                            snprintf(text + at, sizeof text - at, " %.17g", f64 ? rays.d[row * width + n] : (double)rays.f[row * width + n]);
+                            snprintf(text + at, sizeof text - at, " %.17g",
+                                     f64 ? rays.d[row * width + n] : (double)rays.f[row * width + n]);
                         }
-                        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", t->name, what_names[what], f64 ? 64 : 32, isa_names[isa], n, width, got[n], expected[n], text);
+                        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", t->name,
+                                 what_names[what], f64 ? 64 : 32, isa_names[isa], n, width, got[n], expected[n], text);
                     }
                 }
                 for (uint32_t n = 0; n < width; n++) found += expected[n] != SLT_FIELD_NONE;
@@ -61,7 +67,8 @@ static void test_terrains(void **state) {
 
 static void test_shapes(void **state) {
     (void)state;
-    static const uint32_t shapes[][2] = {{2, 2}, {2, 3}, {3, 2}, {3, 3}, {5, 4}, {17, 17}, {18, 16}, {2, 4096}, {4096, 2}, {33, 7}};
+    static const uint32_t shapes[][2] = {{2, 2},   {2, 3},   {3, 2},    {3, 3},    {5, 4},
+                                         {17, 17}, {18, 16}, {2, 4096}, {4096, 2}, {33, 7}};
     for (size_t n = 0; n < sizeof shapes / sizeof *shapes; n++) {
         Terrain t;
         assert_true(terrain_make(&t, n & 1 ? "noise" : "spikes", shapes[n][0], shapes[n][1]));
@@ -83,7 +90,8 @@ static void test_not_finite(void **state) {
         for (uint32_t k = 0; k < t.w * t.h; k++) t.z[k] = odd[n];
         t.low = 0, t.high = 1;
         for (int what = 0; what < SLT_FIELD_WHATS; what++) {
-            SltField *a = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}), *b = make_field(t.z, false, t.w, t.h, (FieldOptions){0});
+            SltField *a = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}),
+                     *b = make_field(t.z, false, t.w, t.h, (FieldOptions){0});
             float rays[8 * WIDTH];
             int32_t expected[WIDTH], got[WIDTH];
             some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, rays);
@@ -104,7 +112,8 @@ static void test_slack(void **state) {
     Terrain t;
     Rng rng = {5};
     assert_true(terrain_make(&t, "noise", 100, 80));
-    SltField *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE, .slack = slack, .band = 1});
+    SltField *naive =
+        make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE, .slack = slack, .band = 1});
     SltField *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){.slack = slack, .band = 1});
     uint32_t changed = 0;
     for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, -0.2, 1) * slack;
@@ -140,9 +149,11 @@ static void test_refresh(void **state) {
         for (int f64 = 0; f64 < 2; f64++) {
             double *wide = doubles(t.z, (size_t)t.w * t.h);
             const void *z = f64 ? (const void *)wide : t.z;
-            SltField *naive = make_field(z, f64, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}), *mip = make_field(z, f64, t.w, t.h, (FieldOptions){0});
+            SltField *naive = make_field(z, f64, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}),
+                     *mip = make_field(z, f64, t.w, t.h, (FieldOptions){0});
             for (int n = 0; n < 60; n++) {
-                uint32_t x0 = below(&rng, t.w), y0 = below(&rng, t.h), x1 = x0 + 1 + below(&rng, n & 1 ? 3 : t.w), y1 = y0 + 1 + below(&rng, n & 1 ? 3 : t.h);
+                uint32_t x0 = below(&rng, t.w), y0 = below(&rng, t.h), x1 = x0 + 1 + below(&rng, n & 1 ? 3 : t.w),
+                         y1 = y0 + 1 + below(&rng, n & 1 ? 3 : t.h);
                 for (uint32_t j = y0; j < y1 && j < t.h; j++) {
                     for (uint32_t i = x0; i < x1 && i < t.w; i++) {
                         size_t at = (size_t)(t.h - 1 - j) * t.w + i;
@@ -187,7 +198,8 @@ static void test_refresh(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_terrains), cmocka_unit_test(test_shapes), cmocka_unit_test(test_not_finite), cmocka_unit_test(test_slack),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_terrains), cmocka_unit_test(test_shapes),
+                                       cmocka_unit_test(test_not_finite), cmocka_unit_test(test_slack),
                                        cmocka_unit_test(test_refresh)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

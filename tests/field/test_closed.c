@@ -25,10 +25,13 @@ static void test_wall(void **state) {
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){30.5f, 7.25f, 2, -1, 0, 0, 0, inf}), triangle(20, 7, 0));
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 0, 10}), SLT_FIELD_NONE);
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 20, 10}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}), SLT_FIELD_NONE); /* touching the top is not below it */
-        assert_int_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 3.99f, 1, 0, 0, 0, inf}), triangle(19, 7, 1));
+        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}),
+                         SLT_FIELD_NONE); /* touching the top is not below it */
+        assert_int_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 3.99f, 1, 0, 0, 0, inf}),
+                         triangle(19, 7, 1));
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){20, 7.25f, 1, 1, 0, 0, 0, inf}), SLT_FIELD_AT_T0);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.25f, 7.25f, 9, 0, 0, -1, 0, inf}), triangle(5, 7, 0)); /* straight down */
+        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.25f, 7.25f, 9, 0, 0, -1, 0, inf}),
+                         triangle(5, 7, 0)); /* straight down */
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.75f, 7.75f, 9, 0, 0, -1, 0, inf}), triangle(5, 7, 1));
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.75f, 7.75f, 9, 0, 0, 1, 0, inf}), SLT_FIELD_NONE);
         /* From outside: below the rim, above it, and past the box. */
@@ -39,7 +42,8 @@ static void test_wall(void **state) {
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){-3, 7.25f, 2, 1, 0, 0, 0, inf}), triangle(19, 7, 0));
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){-3, -7.25f, 0, 1, 0, 0, 0, inf}), SLT_FIELD_NONE);
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){3, 3, NAN, 1, 0, 0, 0, inf}), SLT_FIELD_NONE);
-        /* Clearance of a level ray is least at the top of the wall while z < 4 + ..., and of one that looks down at the end of its interval. */
+        /* Clearance of a level ray is least at the top of the wall while z < 4 + ..., and of one that looks down at the
+         * end of its interval. */
         assert_int_equal(ask(f, z, SLT_FIELD_CLEARANCE, (float[]){2.5f, 7.25f, 3, 1, 0, 0, 1, inf}), edge(20, 7, 1));
         assert_int_equal(ask(f, z, SLT_FIELD_SHADOW, (float[]){2.5f, 7.25f, 3.75f, 1, 0, 0, 1, inf}), edge(20, 7, 1));
         assert_int_equal(ask(f, z, SLT_FIELD_SHADOW, (float[]){2.5f, 7.25f, 4.25f, 1, 0, 0, 1, inf}), edge(20, 7, 1));
@@ -51,10 +55,14 @@ static void test_wall(void **state) {
         assert_int_equal(ask(f, z, SLT_FIELD_RISE, (float[]){16.5f, 7.25f, 1, 1, 0, 0, 2.875f, inf}), edge(20, 7, 1));
         assert_int_equal(ask(f, z, SLT_FIELD_RISE, (float[]){16.5f, 7.25f, 1, 1, 0, 0, 3.75f, inf}), SLT_FIELD_AT_T0);
         /* Seen from the ground the wall's top is the only silhouette, under 3.5 / 17.5. */
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -inf, inf}), edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.19f, 0.21f}), edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.21f, 9}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -9, 0.19f}), SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -inf, inf}),
+                         edge(20, 7, 1));
+        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.19f, 0.21f}),
+                         edge(20, 7, 1));
+        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.21f, 9}),
+                         SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -9, 0.19f}),
+                         SLT_FIELD_NONE);
         /* From above it, the wall; then the far border of the ground, where the terrain ends. */
         int32_t id[8];
         const float o[3] = {2.5f, 7.25f, 10}, d[2] = {1, 0};
@@ -69,9 +77,15 @@ static void test_wall(void **state) {
 static float slope_of(const Terrain *t, const float *o, const float *d, int32_t id) {
     int cell = id / 4, i = cell % (int)t->w, j = cell / (int)t->w, kind = id % 4;
     float s, u, a, b;
-    if (kind == 1) s = ((float)i - o[0]) * (1 / d[0]), u = o[1] + s * d[1] - (float)j, a = *terrain_at(t, (uint32_t)i, (uint32_t)j), b = *terrain_at(t, (uint32_t)i, (uint32_t)j + 1);
-    else if (kind == 0) s = ((float)j - o[1]) * (1 / d[1]), u = o[0] + s * d[0] - (float)i, a = *terrain_at(t, (uint32_t)i, (uint32_t)j), b = *terrain_at(t, (uint32_t)i + 1, (uint32_t)j);
-    else s = ((float)(i + j + 1) - (o[0] + o[1])) * (1 / (d[0] + d[1])), u = o[0] + s * d[0] - (float)i, a = *terrain_at(t, (uint32_t)i, (uint32_t)j + 1), b = *terrain_at(t, (uint32_t)i + 1, (uint32_t)j);
+    if (kind == 1)
+        s = ((float)i - o[0]) * (1 / d[0]), u = o[1] + s * d[1] - (float)j,
+        a = *terrain_at(t, (uint32_t)i, (uint32_t)j), b = *terrain_at(t, (uint32_t)i, (uint32_t)j + 1);
+    else if (kind == 0)
+        s = ((float)j - o[1]) * (1 / d[1]), u = o[0] + s * d[0] - (float)i,
+        a = *terrain_at(t, (uint32_t)i, (uint32_t)j), b = *terrain_at(t, (uint32_t)i + 1, (uint32_t)j);
+    else
+        s = ((float)(i + j + 1) - (o[0] + o[1])) * (1 / (d[0] + d[1])), u = o[0] + s * d[0] - (float)i,
+        a = *terrain_at(t, (uint32_t)i, (uint32_t)j + 1), b = *terrain_at(t, (uint32_t)i + 1, (uint32_t)j);
     u = fminf(fmaxf(u, 0), 1);
     return ((a + u * (b - a)) - o[2]) / s;
 }
@@ -82,12 +96,15 @@ static void test_slices(void **state) {
     Terrain t;
     Rng rng = {3};
     assert_true(terrain_make(&t, "noise", 1025, 1025));
-    SltField *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){0}), *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+    SltField *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){0}),
+             *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
     uint64_t peaks = 0;
     FieldCounts few = {0}, many = {0}, few_window = {0}, many_window = {0};
     for (int n = 0; n < 400; n++) {
-        double x = between(&rng, 0, t.w - 1), y = between(&rng, 0, t.h - 1), a = between(&rng, 0, 6.28318530718), k = between(&rng, -0.1, 0.5);
-        const float o[3] = {(float)x, (float)y, (float)(terrain_height(&t, x, y) + (n % 4 ? 0.01 : 60))}, d[2] = {(float)cos(a), (float)sin(a)};
+        double x = between(&rng, 0, t.w - 1), y = between(&rng, 0, t.h - 1), a = between(&rng, 0, 6.28318530718),
+               k = between(&rng, -0.1, 0.5);
+        const float o[3] = {(float)x, (float)y, (float)(terrain_height(&t, x, y) + (n % 4 ? 0.01 : 60))},
+                    d[2] = {(float)cos(a), (float)sin(a)};
         int32_t one[512], brute[512], next;
         FieldCounts *count[2] = {n % 4 ? &few : NULL, n % 4 ? &many : NULL};
         uint32_t found = field_silhouettes(mip, t.z, o, d, -INFINITY, INFINITY, one, 512, count[0]);
@@ -110,8 +127,10 @@ static void test_slices(void **state) {
         assert_memory_equal(one, brute, found * sizeof *one);
     }
     assert_true(peaks > 800);
-    print_message("surface points: %.1f nodes and cells, brute force %.1f; windows: %.1f, %.1f\n", (double)(few.nodes + few.cells) / (double)few.rays, (double)many.cells / (double)many.rays,
-                  (double)(few_window.nodes + few_window.cells) / (double)few_window.rays, (double)many_window.cells / (double)many_window.rays);
+    print_message("surface points: %.1f nodes and cells, brute force %.1f; windows: %.1f, %.1f\n",
+                  (double)(few.nodes + few.cells) / (double)few.rays, (double)many.cells / (double)many.rays,
+                  (double)(few_window.nodes + few_window.cells) / (double)few_window.rays,
+                  (double)many_window.cells / (double)many_window.rays);
     assert_true(many.cells > 4 * (few.nodes + few.cells));
     assert_true(many_window.cells > 8 * (few_window.nodes + few_window.cells));
     field_free(mip);
@@ -128,7 +147,8 @@ static void test_refusals(void **state) {
     assert_null(f);
     assert_int_equal(slt_field_make(&f, z, false, 1u << 15, 1u << 15, NULL, &err), SLT_LIMIT);
     assert_int_equal(slt_field_make(&f, z, false, 2, 2, &(FieldOptions){.band = NAN}, &err), SLT_USAGE);
-    assert_int_equal(slt_field_make(&f, z, false, 2, 2, &(FieldOptions){.queries = 1u << SLT_FIELD_RISE}, &err), SLT_OK);
+    assert_int_equal(slt_field_make(&f, z, false, 2, 2, &(FieldOptions){.queries = 1u << SLT_FIELD_RISE}, &err),
+                     SLT_OK);
     assert_int_equal(field_bytes(f), 0); /* no query of this field looks at levels */
     field_free(f);
     assert_int_equal(slt_field_make(&f, z, false, 2, 2, NULL, &err), SLT_OK);
@@ -138,6 +158,7 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_wall), cmocka_unit_test(test_slices), cmocka_unit_test(test_refusals)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_wall), cmocka_unit_test(test_slices),
+                                       cmocka_unit_test(test_refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

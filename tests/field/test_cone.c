@@ -1,4 +1,5 @@
-/* Safety shapes: every variant, instruction set and precision gives the witness that cell stepping gives; and the shapes themselves hold what they promise. */
+/* Safety shapes: every variant, instruction set and precision gives the witness that cell stepping gives; and the
+ * shapes themselves hold what they promise. */
 #include "field_test.h"
 
 #include "runtime/field/cone.h"
@@ -13,7 +14,8 @@ static const struct {
     {"exact", {.structure = FIELD_CONE, .cone_exact = true}},
     {"exact, directional", {.structure = FIELD_CONE, .cone_exact = true, .cone_directional = true}},
     {"bounded", {.structure = FIELD_CONE, .max_slope = -0.4f}},
-    {"exact, directional, bounded", {.structure = FIELD_CONE, .cone_exact = true, .cone_directional = true, .max_slope = 0.2f}},
+    {"exact, directional, bounded",
+     {.structure = FIELD_CONE, .cone_exact = true, .cone_directional = true, .max_slope = 0.2f}},
 };
 
 typedef union Rows {
@@ -21,7 +23,8 @@ typedef union Rows {
     double d[8 * WIDTH];
 } Rows;
 
-static void compare(const char *name, const SltField *naive, const SltField *cone, const void *z, bool f64, SltFieldWhat what, const Rows *rays, uint64_t mask, uint32_t width) {
+static void compare(const char *name, const SltField *naive, const SltField *cone, const void *z, bool f64,
+                    SltFieldWhat what, const Rows *rays, uint64_t mask, uint32_t width) {
     int32_t expected[WIDTH], got[WIDTH];
     naive->query[what](naive, z, rays, mask, width, expected);
     cone->query[what](cone, z, rays, mask, width, got);
@@ -30,9 +33,11 @@ static void compare(const char *name, const SltField *naive, const SltField *con
         char text[512] = "";
         for (uint32_t row = 0; row < 8; row++) {
             size_t at = strlen(text);
-            snprintf(text + at, sizeof text - at, " %.17g", f64 ? rays->d[row * width + n] : (double)rays->f[row * width + n]);
+            snprintf(text + at, sizeof text - at, " %.17g",
+                     f64 ? rays->d[row * width + n] : (double)rays->f[row * width + n]);
         }
-        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", name, what_names[what], f64 ? 64 : 32, field_describe(cone), n, width, got[n], expected[n], text);
+        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", name, what_names[what], f64 ? 64 : 32,
+                 field_describe(cone), n, width, got[n], expected[n], text);
     }
 }
 
@@ -50,7 +55,9 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted) {
                 Rng rng = {seed * 31 + (uint64_t)isa};
                 for (uint64_t done = 0; done < rays_wanted; done += WIDTH) {
                     Rows rays;
-                    SltFieldWhat what = done % 640 == 0 ? SLT_FIELD_CLEARANCE : done % 128 ? SLT_FIELD_OCCLUDED : SLT_FIELD_TRACE; /* what shapes do not serve is there too */
+                    SltFieldWhat what = done % 640 == 0 ? SLT_FIELD_CLEARANCE
+                                        : done % 128    ? SLT_FIELD_OCCLUDED
+                                                        : SLT_FIELD_TRACE; /* what shapes do not serve is there too */
                     uint32_t width = uniform(&rng) < 0.8 ? WIDTH : 1 + below(&rng, WIDTH);
                     uint64_t mask = uniform(&rng) < 0.8 ? ~0ull : (uint64_t)(uniform(&rng) * 0x1p64);
                     some_rays(t, &rng, what, f64, width, &rays);
@@ -77,7 +84,8 @@ static void test_terrains(void **state) {
 
 static void test_shapes(void **state) {
     (void)state;
-    static const uint32_t shapes[][2] = {{2, 2}, {2, 3}, {3, 2}, {3, 3}, {5, 4}, {17, 17}, {18, 16}, {2, 300}, {300, 2}, {33, 7}};
+    static const uint32_t shapes[][2] = {{2, 2},   {2, 3},   {3, 2},   {3, 3},   {5, 4},
+                                         {17, 17}, {18, 16}, {2, 300}, {300, 2}, {33, 7}};
     for (size_t n = 0; n < sizeof shapes / sizeof *shapes; n++) {
         Terrain t;
         assert_true(terrain_make(&t, n & 1 ? "noise" : "spikes", shapes[n][0], shapes[n][1]));
@@ -115,8 +123,16 @@ static void test_far(void **state) {
         for (int n = 0; n < 300; n++) {
             Rows rays;
             for (uint32_t lane = 0; lane < WIDTH; lane++) {
-                double away = pow(10, between(&rng, 3, 6)), a = between(&rng, 0, 6.283), x = between(&rng, 0, t.w - 1), y = between(&rng, 0, t.h - 1), slope = between(&rng, -0.7, 0.1);
-                double ray[8] = {x - away * cos(a), y - away * sin(a), between(&rng, t.low, t.high) - slope * away, cos(a), sin(a), slope, 0, INFINITY};
+                double away = pow(10, between(&rng, 3, 6)), a = between(&rng, 0, 6.283), x = between(&rng, 0, t.w - 1),
+                       y = between(&rng, 0, t.h - 1), slope = between(&rng, -0.7, 0.1);
+                double ray[8] = {x - away * cos(a),
+                                 y - away * sin(a),
+                                 between(&rng, t.low, t.high) - slope * away,
+                                 cos(a),
+                                 sin(a),
+                                 slope,
+                                 0,
+                                 INFINITY};
                 for (int c = 0; c < 8; c++) rays.f[c * WIDTH + (int)lane] = (float)ray[c];
             }
             compare("far", naive, cone, t.z, false, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH);
@@ -140,7 +156,8 @@ static void test_slack(void **state) {
         assert_true(terrain_make(&t, "noise", 100, 80));
         FieldOptions o = variants[v].options;
         o.slack = slack;
-        SltField *cone = make_field(t.z, false, t.w, t.h, o), *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+        SltField *cone = make_field(t.z, false, t.w, t.h, o),
+                 *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
         for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, -0.2, 1) * slack;
         for (int n = 0; n < 200; n++) {
             Rows rays;
@@ -168,7 +185,8 @@ static void test_refresh(void **state) {
         Terrain t;
         Rng rng = {9};
         assert_true(terrain_make(&t, "noise", 60, 50));
-        SltField *cone = make_field(t.z, false, t.w, t.h, variants[v].options), *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+        SltField *cone = make_field(t.z, false, t.w, t.h, variants[v].options),
+                 *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
         for (int n = 0; n < 10; n++) {
             uint32_t x = below(&rng, t.w), y = below(&rng, t.h);
             *terrain_at(&t, x, y) = 3 * t.high;
@@ -185,7 +203,8 @@ static void test_refresh(void **state) {
     }
 }
 
-/* What rings promise: no vertex that a ray of the class can pass, u along its main axis, is above base + slope * u. And that directions and exactness make shapes wider, not narrower. */
+/* What rings promise: no vertex that a ray of the class can pass, u along its main axis, is above base + slope * u. And
+ * that directions and exactness make shapes wider, not narrower. */
 static void test_promise(void **state) {
     (void)state;
     Terrain t;
@@ -207,13 +226,25 @@ static void test_promise(void **state) {
                     slopes[directional] += slope / c.classes;
                     for (int y = 0; y < h; y++)
                         for (int x = 0; x < w; x++) {
-                            int dx = x < i ? i - x : x > i + 1 ? x - i - 1 : 0, dy = y < j ? j - y : y > j + 1 ? y - j - 1 : 0, u = dx > dy ? dx : dy;
+                            int dx = x < i       ? i - x
+                                     : x > i + 1 ? x - i - 1
+                                                 : 0,
+                                dy = y < j       ? j - y
+                                     : y > j + 1 ? y - j - 1
+                                                 : 0,
+                                u = dx > dy ? dx : dy;
                             if (directional) { /* +x, -x, +y, -y: in the quarter that widens from the cell */
-                                int ahead = k == 0 ? x - i : k == 1 ? i + 1 - x : k == 2 ? y - j : j + 1 - y, aside = k < 2 ? dy : dx;
+                                int ahead = k == 0   ? x - i
+                                            : k == 1 ? i + 1 - x
+                                            : k == 2 ? y - j
+                                                     : j + 1 - y,
+                                    aside = k < 2 ? dy : dx;
                                 if (ahead < 0 || aside > ahead) continue;
                             }
                             double z = *terrain_at(&t, (uint32_t)x, (uint32_t)y);
-                            if (z > base + slope * u + 1e-4) fail_msg("class %d, cell %d %d: vertex %d %d at %g is above %g + %g * %d", k, i, j, x, y, z, base, (double)slope, u);
+                            if (z > base + slope * u + 1e-4)
+                                fail_msg("class %d, cell %d %d: vertex %d %d at %g is above %g + %g * %d", k, i, j, x,
+                                         y, z, base, (double)slope, u);
                         }
                 }
         cone_free(&c);
@@ -221,7 +252,9 @@ static void test_promise(void **state) {
     assert_true(slopes[1] < 0.9 * slopes[0]);
     FieldCounts counts[2] = {0};
     for (int exact = 0; exact < 2; exact++) { /* a ray takes fewer steps by exact shapes */
-        SltField *f = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_CONE, .cone_exact = exact, .cone_directional = true});
+        SltField *f =
+            make_field(t.z, false, t.w, t.h,
+                       (FieldOptions){.structure = FIELD_CONE, .cone_exact = exact, .cone_directional = true});
         Rng rng = {4};
         for (int n = 0; n < 100; n++) {
             Rows rays;
@@ -236,14 +269,16 @@ static void test_promise(void **state) {
     free(t.z);
 }
 
-/* A bowl has no triangle that a ray from above can hit from behind: exact shapes are as wide as they may be, and a ray steps far. */
+/* A bowl has no triangle that a ray from above can hit from behind: exact shapes are as wide as they may be, and a ray
+ * steps far. */
 static void test_bowl(void **state) {
     (void)state;
     const uint32_t n = 65;
     float *z = malloc(n * n * sizeof *z);
     assert_non_null(z);
     for (uint32_t j = 0; j < n; j++)
-        for (uint32_t i = 0; i < n; i++) z[j * n + i] = 0x1p-7f * ((float)((i - 32.0) * (i - 32.0)) + (float)((j - 32.0) * (j - 32.0)));
+        for (uint32_t i = 0; i < n; i++)
+            z[j * n + i] = 0x1p-7f * ((float)((i - 32.0) * (i - 32.0)) + (float)((j - 32.0) * (j - 32.0)));
     FieldCones c;
     FieldConeOptions o = {.exact = true};
     assert_true(cone_build(&c, z, false, n, n, &o));
@@ -253,7 +288,8 @@ static void test_bowl(void **state) {
         for (uint32_t i = 0; i + 1 < n; i++) wide += c.radius[j * n + i] == FIELD_CONE_MAX_RADIUS;
     assert_true(wide > (n - 1) * (n - 1) * 9 / 10);
     cone_free(&c);
-    SltField *cone = make_field(z, false, n, n, (FieldOptions){.structure = FIELD_CONE, .cone_exact = true}), *naive = make_field(z, false, n, n, (FieldOptions){.structure = FIELD_NAIVE});
+    SltField *cone = make_field(z, false, n, n, (FieldOptions){.structure = FIELD_CONE, .cone_exact = true}),
+             *naive = make_field(z, false, n, n, (FieldOptions){.structure = FIELD_NAIVE});
     Terrain t = {.name = "bowl", .w = n, .h = n, .z = z, .low = 0, .high = 16};
     Rng rng = {8};
     FieldCounts a = {0}, b = {0};
@@ -271,7 +307,8 @@ static void test_bowl(void **state) {
     free(z);
 }
 
-/* With a bound, steep shadow rays go cell by cell and the others by wide shapes: the radius is above zero where a slope allows it. */
+/* With a bound, steep shadow rays go cell by cell and the others by wide shapes: the radius is above zero where a slope
+ * allows it. */
 static void test_bound(void **state) {
     (void)state;
     Terrain t;
@@ -292,7 +329,9 @@ static void test_bound(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_terrains), cmocka_unit_test(test_shapes),  cmocka_unit_test(test_not_finite), cmocka_unit_test(test_far),  cmocka_unit_test(test_slack),
-                                       cmocka_unit_test(test_refresh),  cmocka_unit_test(test_promise), cmocka_unit_test(test_bowl),       cmocka_unit_test(test_bound)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_terrains), cmocka_unit_test(test_shapes), cmocka_unit_test(test_not_finite),
+        cmocka_unit_test(test_far),      cmocka_unit_test(test_slack),  cmocka_unit_test(test_refresh),
+        cmocka_unit_test(test_promise),  cmocka_unit_test(test_bowl),   cmocka_unit_test(test_bound)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

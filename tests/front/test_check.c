@@ -1,5 +1,5 @@
-/* The checker's rules, one row each: a program and the errors it gives as "CODE@line:column", sorted by place, or "" where it is right. Rows whose
- * body stands in a shader begin at line 2. */
+/* The checker's rules, one row each: a program and the errors it gives as "CODE@line:column", sorted by place, or ""
+ * where it is right. Rows whose body stands in a shader begin at line 2. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -91,7 +91,8 @@ static const Row conversions[] = {
     {S("float3 v = { 1, 2 };"), "E0115@2:12"},
     {S("float v = { 1 };"), "E0115@2:11"},
     {S("float a[2]; float b[3]; a = b;"), "E0107@2:29"},
-    {F("struct D { float2 c; int n; }; float f() { D d = { float2(1.0), 3 }; D e = D(1.0, 2); D z = (D)0; return d.c.x + e.c.y; }"), ""},
+    {F("struct D { float2 c; int n; }; float f() { D d = { float2(1.0), 3 }; D e = D(1.0, 2); D z = (D)0; return d.c.x + e.c.y; }"),
+     ""},
     {F("struct D { float2 c; int n; }; float f() { D d = { float2(1.0) }; return 1.0; }"), "E0115@1:50"},
     {F("struct D { float2 c; int n; }; float f() { D d = { 1.0, 1.5 }; return 1.0; }"), "E0107@1:57"},
     {F("struct D { float a; }; struct E { float a; }; float f(D d) { E e = d; return 1.0; }"), "E0107@1:68"},
@@ -123,7 +124,8 @@ static const Row operators[] = {
     {S("int i = ~1.0;"), "E0109@2:9"},
     {S("float y = -true;"), "E0109@2:11"},
     {S("bool b = !1;"), "E0109@2:10"},
-    {S("float2x2 m = float2x2(1, 0, 0, 1); m = m * m + m - m; float2 v = m * x; v = x * m; m = m * 2; m = 2 * m; m = m / 2; m *= m; v *= m; m *= 2; m /= 2.0;"), ""},
+    {S("float2x2 m = float2x2(1, 0, 0, 1); m = m * m + m - m; float2 v = m * x; v = x * m; m = m * 2; m = 2 * m; m = m / 2; m *= m; v *= m; m *= 2; m /= 2.0;"),
+     ""},
     {S("float2x2 m = float2x2(1, 0, 0, 1); m = m + 1.0;"), "E0108@2:42"},
     {S("float2x2 m = float2x2(1, 0, 0, 1); m = m / m;"), "E0108@2:42"},
     {S("float2x2 m = float2x2(1, 0, 0, 1); float3 v = m * float3(1.0);"), "E0108@2:49"},
@@ -136,7 +138,8 @@ static const Row operators[] = {
     {S("bool b = true; b++;"), "E0109@2:17"},
     {S("int i = 0; i += 1.5;"), "E0107@2:14"},
     {S("int i = 0; i += 1u;"), "E0107@2:14"},
-    {S("float f = 0.0; f += 1; uint u = 1u; u += 2; float3 v = 1.0; v *= 2; v += f; u <<= 2; bool b = true; b &= false;"), ""},
+    {S("float f = 0.0; f += 1; uint u = 1u; u += 2; float3 v = 1.0; v *= 2; v += f; u <<= 2; bool b = true; b &= false;"),
+     ""},
     {S("float f = 0.0; f += x;"), "E0107@2:18"},
 };
 
@@ -169,10 +172,14 @@ static const Row calls[] = {
     {F("float f(float a) { return a; } float g() { return f(1.0, 2.0); }"), "E0120@1:51"},
     {F("float f(float a) { return a; } float f(float2 a) { return a.x; } float g() { return f(true); }"), "E0117@1:85"},
     {F("float f(uint a) { return 1.0; } float f(float a) { return a; } float g() { return f(1); }"), "E0118@1:83"},
-    {F("float f(int a) { return 1.0; } float f(float a) { return a; } float g() { return f(1) + f(1u) + f(1.0); }"), ""},
-    {F("float f(int a, float b) { return b; } float f(float a, int b) { return a; } float g() { return f(1, 1); }"), "E0118@1:96"},
-    {F("float f(int a, float b) { return b; } float f(float a, float b) { return a; } float g() { return f(1, 1) + f(1.0, 1); }"), ""},
-    {F("float f(int a, float b) { return b; } float f(float a, int b) { return a; } float f(int a, int b) { return 1.0; } float g() { return f(1, 1); }"), ""},
+    {F("float f(int a) { return 1.0; } float f(float a) { return a; } float g() { return f(1) + f(1u) + f(1.0); }"),
+     ""},
+    {F("float f(int a, float b) { return b; } float f(float a, int b) { return a; } float g() { return f(1, 1); }"),
+     "E0118@1:96"},
+    {F("float f(int a, float b) { return b; } float f(float a, float b) { return a; } float g() { return f(1, 1) + f(1.0, 1); }"),
+     ""},
+    {F("float f(int a, float b) { return b; } float f(float a, int b) { return a; } float f(int a, int b) { return 1.0; } float g() { return f(1, 1); }"),
+     ""},
     {F("void f(out float a) { a = 1.0; } float g() { float b; f(b); return b; }"), ""},
     {F("void f(out float a) { a = 1.0; } float g() { f(1.0); return 1.0; }"), "E0207@1:48"},
     {F("void f(out float a) { a = 1.0; } float g() { int b; f(b); return 1.0; }"), "E0207@1:55"},
@@ -185,24 +192,29 @@ static const Row calls[] = {
     {S("float y = main(x);"), "E0211@2:11"},
     {F("float f() { return f(); }"), "E0202@1:20"},
     {F("float f() { return g(); } float g() { return h(); } float h() { return f(); }"), "E0202@1:72"},
-    {S("float y = dot(x, x) + length(x) + distance(x, x); float3 c = cross(float3(1.0), int3(2)); c = normalize(c);"), ""},
+    {S("float y = dot(x, x) + length(x) + distance(x, x); float3 c = cross(float3(1.0), int3(2)); c = normalize(c);"),
+     ""},
     {S("float y = dot(1.0, x);"), "E0119@2:11"},
     {S("float y = dot(x, float3(1.0));"), "E0119@2:11"},
     {S("float y = length(1.0);"), "E0119@2:11"},
     {S("float3 c = cross(x, x);"), "E0119@2:18"},
     {S("float y = sin(true);"), "E0119@2:11"},
     {S("float y = sin();"), "E0120@2:11"},
-    {S("float y = max(1, 2.0); int i = max(1, 2); uint u = min(1, 2u); float2 v = clamp(x, 0, 1); v = lerp(x, 1.0, 0.5); v = lerp(0, 1, x);"), ""},
+    {S("float y = max(1, 2.0); int i = max(1, 2); uint u = min(1, 2u); float2 v = clamp(x, 0, 1); v = lerp(x, 1.0, 0.5); v = lerp(0, 1, x);"),
+     ""},
     {S("float2 v = max(x, float3(1.0));"), "E0119@2:12"},
     {S("int i = floor(1.5);"), "E0107@2:9"},
     {S("bool2 b = isnan(x); bool c = isinf(1.0);"), ""},
     {S("float2 v = select(x < 0.5, x, 1.0); float y = select(true, 1, 2.0); v = select(true, x, -x);"), ""},
     {S("float2 v = select(x < 0.5, float3(1.0), 2.0);"), "E0119@2:12"},
     {S("float y = select(1.0, 2.0, 3.0);"), "E0119@2:11"},
-    {S("uint u = asuint(1.0) + hash(1) + hash(uint2(1, 2)) + hash(int3(1)); float y = asfloat(u); uint2 v = asuint(x);"), ""},
+    {S("uint u = asuint(1.0) + hash(1) + hash(uint2(1, 2)) + hash(int3(1)); float y = asfloat(u); uint2 v = asuint(x);"),
+     ""},
     {S("uint u = hash(1.0);"), "E0119@2:10"},
-    {S("float2x2 m = float2x2(1, 0, 0, 1); float y = determinant(inverse(transpose(m))); y = determinant(x);"), "E0119@2:86"},
-    {S("float y = rand() + rand2().x + rand3().z; int2 p = pixel() + resolution(); uint u = sample_index(); y = detach(y);"), ""},
+    {S("float2x2 m = float2x2(1, 0, 0, 1); float y = determinant(inverse(transpose(m))); y = determinant(x);"),
+     "E0119@2:86"},
+    {S("float y = rand() + rand2().x + rand3().z; int2 p = pixel() + resolution(); uint u = sample_index(); y = detach(y);"),
+     ""},
     {S("float2 v = refract(x, x, 1.5) + reflect(x, x);"), ""},
     {S("print(\"x = {}\", x); assert(x.x > 0.0);"), ""},
     {S("assert(1.0);"), "E0116@2:8"},
@@ -210,11 +222,16 @@ static const Row calls[] = {
 };
 
 static const Row resources[] = {
-    {F("param texture2D t = zeros(4, 4); float f(float2 x) { float4 a = t.sample(x); float3 b = t.sample(x); float c = t.nearest(x); float2 d = t.load(int2(x)); int2 n = t.size(); b = t.sample(x); return t.sample(x); }"), ""},
-    {F("param texture2D t = zeros(4, 4); float f(float2 x) { float3 b = t.sample(x) * 2.0; return b.x; }"), "E0107@1:65"},
-    {F("param texture2D t = zeros(4, 4); float g(float3 v) { return v.x; } float f(float2 x) { return g(t.sample(x)) + g(t.sample(x).rgb); }"), ""},
-    {F("param texture2D t = zeros(4, 4); float f(float2 x) { float3 c = 0.0; c += t.sample(x); c = lerp(c, t.sample(x), 0.5); return c.x; }"), ""},
-    {F("param texture2D t = zeros(4, 4); float g(texture2D u, float2 x) { return u.sample(x); } float f(float2 x) { return g(t, x); }"), ""},
+    {F("param texture2D t = zeros(4, 4); float f(float2 x) { float4 a = t.sample(x); float3 b = t.sample(x); float c = t.nearest(x); float2 d = t.load(int2(x)); int2 n = t.size(); b = t.sample(x); return t.sample(x); }"),
+     ""},
+    {F("param texture2D t = zeros(4, 4); float f(float2 x) { float3 b = t.sample(x) * 2.0; return b.x; }"),
+     "E0107@1:65"},
+    {F("param texture2D t = zeros(4, 4); float g(float3 v) { return v.x; } float f(float2 x) { return g(t.sample(x)) + g(t.sample(x).rgb); }"),
+     ""},
+    {F("param texture2D t = zeros(4, 4); float f(float2 x) { float3 c = 0.0; c += t.sample(x); c = lerp(c, t.sample(x), 0.5); return c.x; }"),
+     ""},
+    {F("param texture2D t = zeros(4, 4); float g(texture2D u, float2 x) { return u.sample(x); } float f(float2 x) { return g(t, x); }"),
+     ""},
     {F("param texture2D t = zeros(4, 4); float f(float2 x) { texture2D u = t; return 1.0; }"), "E0121@1:64 E0121@1:68"},
     {F("param texture2D t[2] = zeros(4, 4);"), "E0121@1:7"},
     {F("struct S { texture2D t; };"), "E0121@1:12"},
@@ -224,7 +241,8 @@ static const Row resources[] = {
     {F("param texture2D t = zeros(4, 4); float f(float2 x) { return t.sample(1.0); }"), "E0107@1:70"},
     {F("param texture2D t = zeros(4, 4); float f(float2 x) { return t.sample(); }"), "E0120@1:63"},
     {F("param texture2D t = zeros(4, 4); float f(float2 x) { return t + 1.0; }"), "E0121@1:61"},
-    {F("param heightfield h = zeros(8, 8); float f(float3 o) { Hit v = h.trace(o, o, 0, 1e9); bool b = h.occluded(o, o, 0, 1); Silhouette s = h.silhouette(o, o.xy, 0, 1); return v.t + h.height(o.xy) + h.gradient(o.xy).x + h.normal(o.xy).z + h.clearance(o, o, 0.1, 1e9); }"), ""},
+    {F("param heightfield h = zeros(8, 8); float f(float3 o) { Hit v = h.trace(o, o, 0, 1e9); bool b = h.occluded(o, o, 0, 1); Silhouette s = h.silhouette(o, o.xy, 0, 1); return v.t + h.height(o.xy) + h.gradient(o.xy).x + h.normal(o.xy).z + h.clearance(o, o, 0.1, 1e9); }"),
+     ""},
     {F("param heightfield h = zeros(8, 8); float f(float2 x) { return h.sample(x); }"), "E0122@1:65"},
     {F("float f(float2 x) { return x.length(); }"), "E0122@1:30"},
     {F("const texture2D t = 1.0;"), "E0121@1:17"},
@@ -232,10 +250,14 @@ static const Row resources[] = {
 
 static const Row constants[] = {
     {F("const int N = 2 + 3 * int(sqrt(4.0)); float f() { float a[N]; float b[8]; a = b; return a[0]; }"), ""},
-    {F("const float A[3] = { 1, 2, 3 }; const int N = int(A[2]); float f() { float a[N]; float b[3]; a = b; return a[0]; }"), ""},
-    {F("struct D { int n; float2 c; }; const D ds[2] = { { 3, 1.0 }, { 4, 2.0 } }; float f() { float a[ds[1].n]; float b[4]; a = b; return ds[0].c.x; }"), ""},
-    {F("const float3 v = normalize(float3(3.0, 0.0, 4.0)) * 5; float f() { float a[int(v.z)]; float b[4]; a = b; return 1.0; }"), ""},
-    {F("const bool b = PI > 3.0 && true; const int n = b ? 2 : 3; float f() { float a[n]; float c[2]; a = c; return 1.0; }"), ""},
+    {F("const float A[3] = { 1, 2, 3 }; const int N = int(A[2]); float f() { float a[N]; float b[3]; a = b; return a[0]; }"),
+     ""},
+    {F("struct D { int n; float2 c; }; const D ds[2] = { { 3, 1.0 }, { 4, 2.0 } }; float f() { float a[ds[1].n]; float b[4]; a = b; return ds[0].c.x; }"),
+     ""},
+    {F("const float3 v = normalize(float3(3.0, 0.0, 4.0)) * 5; float f() { float a[int(v.z)]; float b[4]; a = b; return 1.0; }"),
+     ""},
+    {F("const bool b = PI > 3.0 && true; const int n = b ? 2 : 3; float f() { float a[n]; float c[2]; a = c; return 1.0; }"),
+     ""},
     {F("param int n = 3; float f() { float a[n]; return a[0]; }"), "E0123@1:38"},
     {F("float g() { return 1.0; } const float K = g();"), "E0123@1:43"},
     {F("param float p = 1.0; const float K = p * 2.0;"), "E0123@1:38"},
@@ -250,19 +272,24 @@ static const Row constants[] = {
     {F("param float a[5000][1000] = { { 1 } };"), "E0126@1:15"},
     {S("float a[3]; float b[len(a) + 1]; float c[4]; c = b;"), ""},
     {S("int n = len(x);"), "E0119@2:13"},
-    {F("param float v[][2] = { { 1, 2 }, { 3, 4 }, { 5, 6 } }; float f() { float a[len(v)]; float b[3]; a = b; return v[2][1]; }"), ""},
-    {F("const int I = 2147483647 + 1; const int Z = 1 / 0; const int M = 7 % 0; float f() { float a[1 + (I < 0 ? 1 : 0) + Z + M]; float b[2]; a = b; return 1.0; }"), ""},
+    {F("param float v[][2] = { { 1, 2 }, { 3, 4 }, { 5, 6 } }; float f() { float a[len(v)]; float b[3]; a = b; return v[2][1]; }"),
+     ""},
+    {F("const int I = 2147483647 + 1; const int Z = 1 / 0; const int M = 7 % 0; float f() { float a[1 + (I < 0 ? 1 : 0) + Z + M]; float b[2]; a = b; return 1.0; }"),
+     ""},
     {F("const uint U = 0u - 1u; float f() { float a[int(U >> 30)]; float b[3]; a = b; return 1.0; }"), ""},
-    {F("const float2x2 m = float2x2(1, 2, 3, 4) * float2x2(0, 1, 1, 0); float f() { float a[int(m[0][0])]; float b[2]; a = b; return 1.0; }"), ""},
+    {F("const float2x2 m = float2x2(1, 2, 3, 4) * float2x2(0, 1, 1, 0); float f() { float a[int(m[0][0])]; float b[2]; a = b; return 1.0; }"),
+     ""},
     {F("const int N = floor(2.5);"), "E0107@1:15"},
 };
 
 static const Row params[] = {
-    {F("param float a = 1; param float2 b = 1.0; param int c = 3; param bool d = true; param uint e = 1; param float2x2 m = float2x2(1, 2, 3, 4); param float w[2] = { 1, 2 };"), ""},
+    {F("param float a = 1; param float2 b = 1.0; param int c = 3; param bool d = true; param uint e = 1; param float2x2 m = float2x2(1, 2, 3, 4); param float w[2] = { 1, 2 };"),
+     ""},
     {F("param float a = 1.0 + sin(K); const float K = 2.0;"), ""},
     {F("param float a = b; param float b = 1.0;"), "E0123@1:17"},
     {F("param float a = true;"), "E0107@1:17"},
-    {F("struct D { float r; float2 c; }; const D Z = { 1.0, 2.0 }; param D d = Z; param D ds[2] = { Z, { 3, 4 } };"), ""},
+    {F("struct D { float r; float2 c; }; const D Z = { 1.0, 2.0 }; param D d = Z; param D ds[2] = { Z, { 3, 4 } };"),
+     ""},
     {F("struct D { float r; }; param D ds[3] = init(f); D f(int i) { D d; d.r = 0.1 * i + rand(); return d; }"), ""},
     {F("param float a[3][7] = init(f); float f(int i, int j) { return float(i * j); }"), ""},
     {F("param float a[3] = init(f); float f(int i, int j) { return 1.0; }"), "E0302@1:25"},
@@ -277,13 +304,15 @@ static const Row params[] = {
     {F("param float a = zeros(4, 4);"), "E0301@1:17"},
     {F("param texture2D t = 1.0;"), "E0301@1:21"},
     {F("param float a = \"f.npy\";"), "E0301@1:17"},
-    {F("param float v[][3] = \"mesh.npy\"; param float2 p[] = \"pts.npy\"; float f() { float a[len(v)]; float b[5]; a = b; float c[len(p)]; c = b; return 1.0; }"), ""},
+    {F("param float v[][3] = \"mesh.npy\"; param float2 p[] = \"pts.npy\"; float f() { float a[len(v)]; float b[5]; a = b; float c[len(p)]; c = b; return 1.0; }"),
+     ""},
     {F("param float v[4][3] = \"mesh.npy\";"), "E0304@1:23"},
     {F("param float v[][2] = \"mesh.npy\";"), "E0304@1:22"},
     {F("param float v[][3] = \"none.npy\";"), "E0303@1:22"},
     {F("param texture2D t = \"a.exr\"; param heightfield h = \"dem.exr\";"), ""},
     {F("param texture2D t = \"none.exr\";"), "E0303@1:21"},
-    {F("[Range(0.0, 1.0)] param float a = 0.5; [Range(1, 5)] param int n = 3; [NoDiff] param float e = 1.0; [Doc(\"ink\")] [Color] param float3 c = 1.0; [Log] param float l = 1.0;"), ""},
+    {F("[Range(0.0, 1.0)] param float a = 0.5; [Range(1, 5)] param int n = 3; [NoDiff] param float e = 1.0; [Doc(\"ink\")] [Color] param float3 c = 1.0; [Log] param float l = 1.0;"),
+     ""},
     {F("[Range(1.0, 0.0)] param float a = 0.5;"), "E0307@1:2"},
     {F("[Range(0.0, 1.0)] param bool b = true;"), "E0306@1:2"},
     {F("[Range(q, 1.0)] param float a = 0.5;"), "E0101@1:8"},
@@ -324,8 +353,10 @@ static const Row flow[] = {
     {S("float2 v; v[0] = 1.0; v[1] = 2.0; float2 w = v;"), ""},
     {S("float2 v; int i = 1; v[i] = 1.0; float2 w = v;"), "E0204@2:45"},
     {S("float2x2 m; m[0] = x; m[1][0] = 1.0; m[1].y = 2.0; float2 v = m * x;"), ""},
-    {F("struct D { float r; float2 c; float a[3]; }; float f() { D d; d.r = 1.0; d.c = float2(1.0); D e = d; return e.r; }"), ""},
-    {F("struct D { float r; float2 c; }; float f() { D d; d.r = 1.0; d.c.x = 1.0; D e = d; return e.r; }"), "E0204@1:81"},
+    {F("struct D { float r; float2 c; float a[3]; }; float f() { D d; d.r = 1.0; d.c = float2(1.0); D e = d; return e.r; }"),
+     ""},
+    {F("struct D { float r; float2 c; }; float f() { D d; d.r = 1.0; d.c.x = 1.0; D e = d; return e.r; }"),
+     "E0204@1:81"},
     {S("float a[3]; float y = a[1]; a[0] += 1.0;"), ""},
     {S("float y; y += 1.0;"), "E0204@2:10"},
     {S("int i; i++;"), "E0204@2:8"},
@@ -339,10 +370,14 @@ static const Row flow[] = {
     {S("for (int i = 0; i < 3; i++) { float y; if (i > 1) y = 1.0; float z = y; }"), "E0204@2:70"},
     {S("float y; switch (int(x.x)) { case 0: y = 1.0; break; case 1: default: y = 2.0; } float z = y;"), ""},
     {S("float y; switch (int(x.x)) { case 0: y = 1.0; break; } float z = y;"), "E0204@2:66"},
-    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; if (a && g(y)) return y; return 0.0; }"), ""},
-    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; if (a || g(y)) return y; return 0.0; }"), "E0204@1:96"},
-    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; if (!(a && g(y))) return 1.0; return y; }"), ""},
-    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; bool b = a && g(y); return y; }"), "E0204@1:101"},
+    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; if (a && g(y)) return y; return 0.0; }"),
+     ""},
+    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; if (a || g(y)) return y; return 0.0; }"),
+     "E0204@1:96"},
+    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; if (!(a && g(y))) return 1.0; return y; }"),
+     ""},
+    {F("bool g(out float v) { v = 1.0; return true; } float f(bool a) { float y; bool b = a && g(y); return y; }"),
+     "E0204@1:101"},
     {F("void g(out float v) { }"), "E0205@1:23"},
     {F("void g(bool a, out float v) { if (a) return; v = 1.0; }"), "E0205@1:38"},
     {F("void g(out float2 v) { v.x = 1.0; v.y = v.x; }"), ""},
@@ -355,9 +390,12 @@ static const Row flow[] = {
 };
 
 static const Row loops[] = {
-    {S("for (int i = 0; i < 10; i++) { } for (int i = 10; i > 0; --i) { } for (uint i = 0u; i <= 9u; i += 2u) { } for (int i = 0; i != 8; i += 2) { }"), ""},
-    {S("for (int i = 1; i < 1000; i *= 2) { } for (int i = 64; i > 0; i >>= 1) { } for (int i = 1; i <= 64; i <<= 1) { } for (int i = 100; i >= 1; i /= 3) { }"), ""},
-    {S("for (int i = 0; 10 > i; i = i + 1) { } for (int i = 9; i >= 0; i -= 3) { } for (int i = 0, j = 5; i < j; i++) { }"), ""},
+    {S("for (int i = 0; i < 10; i++) { } for (int i = 10; i > 0; --i) { } for (uint i = 0u; i <= 9u; i += 2u) { } for (int i = 0; i != 8; i += 2) { }"),
+     ""},
+    {S("for (int i = 1; i < 1000; i *= 2) { } for (int i = 64; i > 0; i >>= 1) { } for (int i = 1; i <= 64; i <<= 1) { } for (int i = 100; i >= 1; i /= 3) { }"),
+     ""},
+    {S("for (int i = 0; 10 > i; i = i + 1) { } for (int i = 9; i >= 0; i -= 3) { } for (int i = 0, j = 5; i < j; i++) { }"),
+     ""},
     {S("for (int i = 0; i < 4; i++) for (int j = 0; j < i; j++) for (int k = j; k < i + j; k++) { }"), ""},
     {S("float a[4]; for (int i = 0; i < len(a); i++) a[i] = 1.0; for (float t = 0.0; t < 1.0; t += 0.1) { }"), ""},
     {S("for (int i = 0; i < 8 && x.x > 0.0; i++) { x.x -= 1.0; } int n = 5; for (int i = 0; i < n; i++) { }"), ""},
@@ -365,9 +403,11 @@ static const Row loops[] = {
     {S("for (int i = 0; i < (int(x.x) & 7); i++) { } for (int i = 0; i < clamp(int(x.x), 0, 7); i++) { }"), ""},
     {S("int i = 0; while (i < 4) { i++; } for (; i < 8; ) { break; }"), "E0310@2:35"},
     {S("do { } while (false); while (false) { }"), ""},
-    {F("float f(int n) { float s = 0.0; for (int i = 0; i < n; i++) s += 1.0; return s; } float g() { return f(3); }"), ""},
+    {F("float f(int n) { float s = 0.0; for (int i = 0; i < n; i++) s += 1.0; return s; } float g() { return f(3); }"),
+     ""},
     {F("param int n = 3; float f() { for (int i = 0; i < n; i++) { } return 1.0; }"), "E0310@1:30"},
-    {F("param int n = 3; float f() { [MaxIters(9)] for (int i = 0; i < n; i++) for (int j = 0; j < i; j++) { } return 1.0; }"), ""},
+    {F("param int n = 3; float f() { [MaxIters(9)] for (int i = 0; i < n; i++) for (int j = 0; j < i; j++) { } return 1.0; }"),
+     ""},
     {S("while (x.x > 0.0) x.x -= 1.0;"), "E0310@2:1"},
     {S("[MaxIters(64)] while (x.x > 0.0) x.x -= 1.0;"), ""},
     {S("while (true) { break; }"), "E0310@2:1"},
@@ -389,24 +429,30 @@ static const Row loops[] = {
 };
 
 static const Row discs[] = {
-    {S("[Disc] if (x.x < 0.0) { } [Disc] float y = x.x > 0.5 ? 1.0 : 0.0; [Disc] y = floor(y); [Disc] int i = int(y); [Disc] return y < 0.0 ? 1.0 : 2.0;"), ""},
+    {S("[Disc] if (x.x < 0.0) { } [Disc] float y = x.x > 0.5 ? 1.0 : 0.0; [Disc] y = floor(y); [Disc] int i = int(y); [Disc] return y < 0.0 ? 1.0 : 2.0;"),
+     ""},
     {S("bool hit = x.x < 0.0; [Disc] if (hit) { }"), "E0401@2:24"},
     {S("[Disc] if (1 < 2) { }"), "E0401@2:2"},
     {S("[Disc] { if (x.x < 0.0) { } }"), "E0401@2:2"},
-    {F("bool inside(float d) { return d < 0.0; } float f(float2 x) { [Disc] if (inside(x.x)) return 1.0; return 0.0; }"), "E0401@1:63"},
+    {F("bool inside(float d) { return d < 0.0; } float f(float2 x) { [Disc] if (inside(x.x)) return 1.0; return 0.0; }"),
+     "E0401@1:63"},
     {S("[Disc] if (x.x == 0.0) { }"), "E0402@2:16"},
     {S("[Disc] if (x.x < 0.0 && x.y != 1.0) { }"), "E0402@2:29"},
-    {S("[Disc] float2 s = step(0.5, x); [Disc] float y = fmod(x.x, 2.0) + x.y % 2.0; [Disc] y = sign(y); [Disc] y = atan2(x.x, x.y); [Disc] y %= 2.0;"), ""},
+    {S("[Disc] float2 s = step(0.5, x); [Disc] float y = fmod(x.x, 2.0) + x.y % 2.0; [Disc] y = sign(y); [Disc] y = atan2(x.x, x.y); [Disc] y %= 2.0;"),
+     ""},
     {S("[Disc] int s = sign(3);"), "E0401@2:2"},
     {S("[Disc] float y = abs(x.x) + min(x.x, x.y);"), "E0401@2:2"},
     {S("[Disc] bool2 b = x < 0.5; [Disc, NoDisc] if (x.x < 0.5) { }"), "E0404@2:28"},
-    {S("for (int i = 0; i < 3; i++) { [Disc] [SkipLoop] if (x.x < 0.1 * i) { } [Disc, SkipLoop] if (x.y < 0.0) { } }"), ""},
+    {S("for (int i = 0; i < 3; i++) { [Disc] [SkipLoop] if (x.x < 0.1 * i) { } [Disc, SkipLoop] if (x.y < 0.0) { } }"),
+     ""},
     {S("[Disc, SkipLoop] if (x.x < 0.0) { }"), "E0403@2:8"},
     {S("for (int i = 0; i < 3; i++) { [SkipLoop] if (x.x < 0.0) { } }"), "E0403@2:32"},
     {S("for (int i = 0; i < 3; i++) { [Disc, SkipLoop] x.x = floor(x.x); }"), "E0403@2:38"},
     {S("[NoDisc] if (x.x < 0.0) { } [Disc] for (float t = 0.0; t < 1.0; t += 0.25) { }"), ""},
-    {F("param heightfield h = zeros(8, 8); float f(float3 o) { [Disc] Hit v = h.trace(o, o, 0, 1e9); [Disc] if (h.clearance(o, o, 0.1, 1) < 0.0) return 1.0; [Disc] bool b = h.occluded(o, o, 0, 1); return v.t; }"), ""},
-    {F("param texture2D t = zeros(8, 8); float f(float2 x) { [Disc] float4 a = t.nearest(x); [Disc] float4 b = t.sample(x); return a.x; }"), "E0401@1:87"},
+    {F("param heightfield h = zeros(8, 8); float f(float3 o) { [Disc] Hit v = h.trace(o, o, 0, 1e9); [Disc] if (h.clearance(o, o, 0.1, 1) < 0.0) return 1.0; [Disc] bool b = h.occluded(o, o, 0, 1); return v.t; }"),
+     ""},
+    {F("param texture2D t = zeros(8, 8); float f(float2 x) { [Disc] float4 a = t.nearest(x); [Disc] float4 b = t.sample(x); return a.x; }"),
+     "E0401@1:87"},
 };
 
 static const Row shaders[] = {
@@ -425,22 +471,31 @@ static const Row shaders[] = {
     {"[Domain(float3(0), 1)] shader float main(float2 x) { return 1.0; }\n", "E0107@1:9"},
     {"param float p = 1.0; [Domain(0, p)] shader float main(float2 x) { return 1.0; }\n", "E0123@1:33"},
     {F("[Domain(0, 1)] float f() { return 1.0; }"), "E0009@1:2"},
-    {F("float df(float a, float b, float da, float db) { return da * b + a * db; } [Tangent(df)] float f(float a, float b) { return a * b; }"), ""},
-    {F("float df(float a, int n, float da) { return da * n; } [Tangent(df)] float f(float a, int n) { return a * n; }"), ""},
-    {F("float df(float a, float da) { return da; } [Tangent(df)] float f(float a, float b) { return a * b; }"), "E0216@1:53"},
+    {F("float df(float a, float b, float da, float db) { return da * b + a * db; } [Tangent(df)] float f(float a, float b) { return a * b; }"),
+     ""},
+    {F("float df(float a, int n, float da) { return da * n; } [Tangent(df)] float f(float a, int n) { return a * n; }"),
+     ""},
+    {F("float df(float a, float da) { return da; } [Tangent(df)] float f(float a, float b) { return a * b; }"),
+     "E0216@1:53"},
     {F("[Tangent(df)] float f(float a) { return a; }"), "E0216@1:10"},
     {F("float df(int a) { return 1.0; } [Tangent(df)] float f(int a) { return 1.0; }"), "E0216@1:42"},
-    {S("return 1.0; } float4 box(int i) { return float4(0.0); } float f(float2 x) { [Cull(box)] for (int i = 0; i < 9; i++) { x.x += 1.0; } return x.x;"), ""},
-    {F("float4 box(int i) { return float4(0.0); } float f() { [Cull(box)] for (int i = 1; i < 9; i++) { } return 1.0; }"), "E0313@1:61"},
-    {F("float4 box(int i) { return float4(0.0); } float f() { [Cull(box)] for (int i = 0; i < 9; i += 2) { } return 1.0; }"), "E0313@1:61"},
+    {S("return 1.0; } float4 box(int i) { return float4(0.0); } float f(float2 x) { [Cull(box)] for (int i = 0; i < 9; i++) { x.x += 1.0; } return x.x;"),
+     ""},
+    {F("float4 box(int i) { return float4(0.0); } float f() { [Cull(box)] for (int i = 1; i < 9; i++) { } return 1.0; }"),
+     "E0313@1:61"},
+    {F("float4 box(int i) { return float4(0.0); } float f() { [Cull(box)] for (int i = 0; i < 9; i += 2) { } return 1.0; }"),
+     "E0313@1:61"},
     {F("float f() { [Cull(box)] for (int i = 0; i < 9; i++) { } return 1.0; }"), "E0313@1:19"},
-    {F("float3 box(int i) { return float3(0.0); } float f() { [Cull(box)] for (int i = 0; i < 9; i++) { } return 1.0; }"), "E0313@1:61"},
-    {F("float4 box(int i) { return float4(0.0); } float g() { return rand(); } float f() { [Cull(box)] for (int i = 0; i < 9; i++) { float y = g(); } return 1.0; }"), "E0313@1:136"},
+    {F("float3 box(int i) { return float3(0.0); } float f() { [Cull(box)] for (int i = 0; i < 9; i++) { } return 1.0; }"),
+     "E0313@1:61"},
+    {F("float4 box(int i) { return float4(0.0); } float g() { return rand(); } float f() { [Cull(box)] for (int i = 0; i < 9; i++) { float y = g(); } return 1.0; }"),
+     "E0313@1:136"},
     {F("float4 box(int i) { return float4(0.0); } float f() { [Cull(box)] if (true) { } return 1.0; }"), "E0306@1:61"},
     {"float4 box(int i) { return float4(0.0); } float f() { [Cull(box)] for (int i = 0; i < 9; i++) { } return 1.0; } shader float main(float3 x) { return f(); }\n",
      "E0313@1:61"},
     /* all errors of a file */
-    {F("float f() { return a; } float g() { int i = 1.5; float y; return y + b; }"), "E0101@1:20 E0107@1:45 E0204@1:66 E0101@1:70"},
+    {F("float f() { return a; } float g() { int i = 1.5; float y; return y + b; }"),
+     "E0101@1:20 E0107@1:45 E0204@1:66 E0101@1:70"},
 };
 
 static bool probe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
@@ -487,7 +542,8 @@ static void errors_text(Session *s, char *out, size_t size) {
     for (size_t i = 0; i < n && used < size; i++) {
         uint32_t line, column;
         span_position(s, list[i]->span, &line, &column);
-        used += (size_t)snprintf(out + used, size - used, "%s%s@%u:%u", i ? " " : "", diag_code_name(list[i]->code), line, column);
+        used += (size_t)snprintf(out + used, size - used, "%s%s@%u:%u", i ? " " : "", diag_code_name(list[i]->code),
+                                 line, column);
     }
 }
 
@@ -500,7 +556,8 @@ static void check_tree(Expr *e) {
     if (e->kind == E_NAME) assert_non_null(e->sym);
     if (e->kind == E_CALL) assert_non_null(e->func);
     if (e->kind == E_BUILTIN) assert_int_not_equal(e->builtin, B_NONE);
-    if (e->kind == E_BINARY && e->a[0]->type->kind != T_MATRIX && e->a[1]->type->kind != T_MATRIX) assert_ptr_equal(e->a[0]->type, e->a[1]->type);
+    if (e->kind == E_BINARY && e->a[0]->type->kind != T_MATRIX && e->a[1]->type->kind != T_MATRIX)
+        assert_ptr_equal(e->a[0]->type, e->a[1]->type);
     if (e->kind == E_BROADCAST) assert_ptr_equal(e->a[0]->type, e->type->elem);
     if (e->kind == E_COND) assert_true(e->a[1]->type == e->type && e->a[2]->type == e->type);
     if (e->kind == E_CALL)
@@ -567,9 +624,10 @@ ROWS(shaders)
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_names),     cmocka_unit_test(test_conversions), cmocka_unit_test(test_operators), cmocka_unit_test(test_parts),
-        cmocka_unit_test(test_calls),     cmocka_unit_test(test_resources),   cmocka_unit_test(test_constants), cmocka_unit_test(test_params),
-        cmocka_unit_test(test_flow),      cmocka_unit_test(test_loops),       cmocka_unit_test(test_discs),     cmocka_unit_test(test_shaders),
+        cmocka_unit_test(test_names),     cmocka_unit_test(test_conversions), cmocka_unit_test(test_operators),
+        cmocka_unit_test(test_parts),     cmocka_unit_test(test_calls),       cmocka_unit_test(test_resources),
+        cmocka_unit_test(test_constants), cmocka_unit_test(test_params),      cmocka_unit_test(test_flow),
+        cmocka_unit_test(test_loops),     cmocka_unit_test(test_discs),       cmocka_unit_test(test_shaders),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

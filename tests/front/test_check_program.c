@@ -1,4 +1,5 @@
-/* The checker around the rules: modules, overrides, entries, values and bounds it leaves in the tree, and its cost on programs made to be expensive. */
+/* The checker around the rules: modules, overrides, entries, values and bounds it leaves in the tree, and its cost on
+ * programs made to be expensive. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -35,7 +36,8 @@ static bool probe(void *user, const char *path, char kind, uint32_t dims[4], uin
 static void body(Session *s, void *arg) {
     Job *j = arg;
     const char *why = NULL;
-    int file = j->path ? session_add_file(s, j->path, &why) : session_add_text(s, "t.salt", "/assets", j->source, strlen(j->source));
+    int file = j->path ? session_add_file(s, j->path, &why)
+                       : session_add_text(s, "t.salt", "/assets", j->source, strlen(j->source));
     if (file < 0) session_limit(s, "%s", why);
     j->module = load_modules(s, file);
     j->entry = check_program(s, j->module, &j->opt);
@@ -84,12 +86,14 @@ static Func *func_named(Module *m, const char *name) {
 
 static void test_values(void **state) {
     (void)state;
-    Job j = {.source = "const float a = 1.0 / 3.0; const int b = -7 / 2; const int c = -7 % 3; const uint d = 0u - 1u; const int e = 1 << 33;\n"
-                       "const int f = -8 >> 1; const float3 g = float3(1, 2, 3).zyx * 2; const float2x2 h = inverse(float2x2(2, 0, 0, 4));\n"
-                       "const float i = dot(g, float3(1, 0, 1)); const bool k = any(g > 5.0); const int l = int(1e20); const int m = int(-2.7);\n"
-                       "const float n = smoothstep(0.0, 2.0, 1.0) + clamp(5, 0, 1) + lerp(1.0, 3.0, 0.25); const float2 o = float2x2(1, 2, 3, 4) * float2(1, 1);\n"
-                       "const float p = determinant(float3x3(2, 0, 0, 0, 3, 0, 0, 0, 4)); const uint q = asuint(1.0); const float r = asfloat(0x40000000);\n"
-                       "const float s = round(2.5) + floor(-0.5) + frac(-0.25) + fmod(-5.5, 2.0) + step(1.0, 1.0);\n" MAIN};
+    Job j = {
+        .source =
+            "const float a = 1.0 / 3.0; const int b = -7 / 2; const int c = -7 % 3; const uint d = 0u - 1u; const int e = 1 << 33;\n"
+            "const int f = -8 >> 1; const float3 g = float3(1, 2, 3).zyx * 2; const float2x2 h = inverse(float2x2(2, 0, 0, 4));\n"
+            "const float i = dot(g, float3(1, 0, 1)); const bool k = any(g > 5.0); const int l = int(1e20); const int m = int(-2.7);\n"
+            "const float n = smoothstep(0.0, 2.0, 1.0) + clamp(5, 0, 1) + lerp(1.0, 3.0, 0.25); const float2 o = float2x2(1, 2, 3, 4) * float2(1, 1);\n"
+            "const float p = determinant(float3x3(2, 0, 0, 0, 3, 0, 0, 0, 4)); const uint q = asuint(1.0); const float r = asfloat(0x40000000);\n"
+            "const float s = round(2.5) + floor(-0.5) + frac(-0.25) + fmod(-5.5, 2.0) + step(1.0, 1.0);\n" MAIN};
     Session *s = check(&j);
     assert_string_equal(j.errors, "");
 #define F_(name, at, value) assert_float_equal(const_named(j.module, name)->cval.v[at].f, value, 1e-14)
@@ -124,16 +128,20 @@ static void test_overrides(void **state) {
         const char *name, *text, *errors;
         bool usage;
     } rows[] = {
-        {"N", "5", "", false},      {"N", "0x10", "", false},  {"N", "-1", "E0125", false},   {"N", "5.0", "E0129", true}, {"N", "5u", "E0129", true},
-        {"N", "", "E0129", true},   {"B", "true", "", false},  {"B", "1", "E0129", true},     {"U", "7u", "", false},      {"U", "-7", "E0129", true},
-        {"F", "2", "", false},      {"F", "1e-3", "", false},  {"F", "nan", "E0129", true},   {"V", "1.0", "E0129", true}, {"N", "4294967296", "E0129", true},
-        {"Q", "1", "", false},      {"m.N", "5", "", false},
+        {"N", "5", "", false},       {"N", "0x10", "", false},    {"N", "-1", "E0125", false},
+        {"N", "5.0", "E0129", true}, {"N", "5u", "E0129", true},  {"N", "", "E0129", true},
+        {"B", "true", "", false},    {"B", "1", "E0129", true},   {"U", "7u", "", false},
+        {"U", "-7", "E0129", true},  {"F", "2", "", false},       {"F", "1e-3", "", false},
+        {"F", "nan", "E0129", true}, {"V", "1.0", "E0129", true}, {"N", "4294967296", "E0129", true},
+        {"Q", "1", "", false},       {"m.N", "5", "", false},
     };
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         ConstOverride o = {.name = rows[i].name, .text = rows[i].text};
-        Job j = {.source = "const int N = 3; const bool B = false; const uint U = 1u; const float F = 1.0; const float2 V = 1.0; const int M = N * 2;\n"
-                           "float f() { float a[N]; return a[0]; }\n" MAIN,
-                 .opt = {.overrides = &o, .noverrides = 1}};
+        Job j = {
+            .source =
+                "const int N = 3; const bool B = false; const uint U = 1u; const float F = 1.0; const float2 V = 1.0; const int M = N * 2;\n"
+                "float f() { float a[N]; return a[0]; }\n" MAIN,
+            .opt = {.overrides = &o, .noverrides = 1}};
         Session *s = check(&j);
         assert_string_equal(j.errors, rows[i].errors);
         assert_int_equal(s->bad_usage, rows[i].usage);
@@ -170,7 +178,8 @@ static void test_entries(void **state) {
     assert_true(s->bad_usage);
     assert_null(k.entry);
     session_destroy(s);
-    Job d = {.source = "const float W = 2.0; [Domain(-W, float2(1.0, W))] shader float3 main(float2 x) { return 0.0; }\n"};
+    Job d = {.source =
+                 "const float W = 2.0; [Domain(-W, float2(1.0, W))] shader float3 main(float2 x) { return 0.0; }\n"};
     s = check(&d);
     assert_string_equal(d.errors, "");
     assert_true(d.entry->lo[0] == -2 && d.entry->lo[1] == -2 && d.entry->hi[0] == 1 && d.entry->hi[1] == 2);
@@ -246,17 +255,21 @@ static void test_bounds(void **state) {
     };
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         char source[512];
-        snprintf(source, sizeof source, "float f(float a, int n) { %s { a += 1.0; } return a; }\n" MAIN, rows[i].header);
+        snprintf(source, sizeof source, "float f(float a, int n) { %s { a += 1.0; } return a; }\n" MAIN,
+                 rows[i].header);
         Job j = {.source = source};
         Session *s = check(&j);
         assert_string_equal(j.errors, "");
         Stmt *loop = func_named(j.module, "f")->body->stmts[0];
         if (loop->trip_bound != rows[i].bound || loop->trip_exact != rows[i].exact || loop->trip_count != rows[i].count)
-            fail_msg("%s: %lld %d %lld", rows[i].header, (long long)loop->trip_bound, loop->trip_exact, (long long)loop->trip_count);
+            fail_msg("%s: %lld %d %lld", rows[i].header, (long long)loop->trip_bound, loop->trip_exact,
+                     (long long)loop->trip_count);
         session_destroy(s);
     }
     /* inner loops by the counters of outer ones */
-    Job j = {.source = "float f() { for (int i = 0; i < 5; i++) for (int j = i; j <= 2 * i + 1; j++) { } return 1.0; }\n" MAIN};
+    Job j = {
+        .source =
+            "float f() { for (int i = 0; i < 5; i++) for (int j = i; j <= 2 * i + 1; j++) { } return 1.0; }\n" MAIN};
     Session *s = check(&j);
     assert_string_equal(j.errors, "");
     Stmt *inner = func_named(j.module, "f")->body->stmts[0]->body;
@@ -281,8 +294,12 @@ static void test_modules(void **state) {
     (void)state;
     snprintf(folder, sizeof folder, "%s/saltus-check-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
     assert_non_null(mkdtemp(folder));
-    write_file("a.salt", "import deep;\nconst int N = 2; param float p = 1.0; float f(float v) { return v * deep_f(); } float g(int v) { return 1.0; } struct S { float s; };\n");
-    write_file("b.salt", "float f(float v) { return v; } float g(float v) { return v; } float saturate(float v) { return v; } const int K = 1;\n");
+    write_file(
+        "a.salt",
+        "import deep;\nconst int N = 2; param float p = 1.0; float f(float v) { return v * deep_f(); } float g(int v) { return 1.0; } struct S { float s; };\n");
+    write_file(
+        "b.salt",
+        "float f(float v) { return v; } float g(float v) { return v; } float saturate(float v) { return v; } const int K = 1;\n");
     write_file("deep.salt", "float deep_f() { return 2.0; } const int N = 9;\n");
     static const struct {
         const char *source, *errors;
@@ -293,8 +310,10 @@ static void test_modules(void **state) {
         {"import a; import b;\n float h() { return g(1); }\n" MAIN, "E0104"}, /* overload sets do not merge */
         {"import a; import b;\n float f(float v) { return v; } float h() { return f(1.0); }\n" MAIN, ""},
         {"import a;\n float h() { return deep_f(); }\n" MAIN, "E0101"}, /* not transitive */
-        {"import b;\n float h() { return saturate(2.0) + saturate(float2(1.0)).x; }\n" MAIN, "E0107"}, /* a user's name wins over the builtin */
-        {"import nothing;\n float h() { bool b = other(1.0); K k; return sin(1.0) + PI + L; }\n" MAIN, "E0020"}, /* what may come from there is not reported */
+        {"import b;\n float h() { return saturate(2.0) + saturate(float2(1.0)).x; }\n" MAIN,
+         "E0107"}, /* a user's name wins over the builtin */
+        {"import nothing;\n float h() { bool b = other(1.0); K k; return sin(1.0) + PI + L; }\n" MAIN,
+         "E0020"}, /* what may come from there is not reported */
         {"import nothing;\n float h() { return sin(true); }\n" MAIN, "E0020 E0119"},
         {"import a; import a;\n float h() { return f(p); }\n" MAIN, ""},
         {"import a;\n const int N = 5; float h() { float w[N]; float v[5]; v = w; return 1.0; }\n" MAIN, ""},
@@ -350,13 +369,21 @@ static void test_messages(void **state) {
     expect_text("float f() { return smoothstp(0.0, 1.0, 0.5); }\n" MAIN, "did you mean `smoothstep`?");
     expect_text("struct Disc { float r; }; float f(Disk d) { return 1.0; }\n" MAIN, "did you mean `Disc`?");
     expect_text("float f(float a) { int i = a; return 1.0; }\n" MAIN, "cannot convert float to int: write `int(...)`");
-    expect_text("float f(float2 a) { return a; }\n" MAIN, "cannot convert float2 to float: take one component, as `.x`");
-    expect_text("float f() { return g(); } float g() { return h(); } float h() { return f(); }\n" MAIN, "f -> g -> h -> f");
-    expect_text("float f(int a) { return 1.0; } float f(float2 a) { return 1.0; } float g() { return f(true); }\n" MAIN, "candidate: `float f(float2)`");
-    expect_text("float f(float d) { bool hit = d < 0.0; [Disc] if (hit) return 1.0; return 0.0; }\n" MAIN, "t.salt:1:33: note: the value was computed here");
-    expect_text("bool g(float d) { return d < 0.0; } float f(float d) { [Disc] if (g(d)) return 1.0; return 0.0; }\n" MAIN, "t.salt:1:28: note: the comparison is in `g`");
-    expect_text("param int n = 3; float f() { for (int i = 0; i < n; i++) { } return 1.0; }\n" MAIN, "`n` is a parameter");
-    expect_text("float f() { for (int i = 0; i < 5; i++) { i = 0; } return 1.0; }\n" MAIN, "`i` is changed in more than one place");
+    expect_text("float f(float2 a) { return a; }\n" MAIN,
+                "cannot convert float2 to float: take one component, as `.x`");
+    expect_text("float f() { return g(); } float g() { return h(); } float h() { return f(); }\n" MAIN,
+                "f -> g -> h -> f");
+    expect_text("float f(int a) { return 1.0; } float f(float2 a) { return 1.0; } float g() { return f(true); }\n" MAIN,
+                "candidate: `float f(float2)`");
+    expect_text("float f(float d) { bool hit = d < 0.0; [Disc] if (hit) return 1.0; return 0.0; }\n" MAIN,
+                "t.salt:1:33: note: the value was computed here");
+    expect_text(
+        "bool g(float d) { return d < 0.0; } float f(float d) { [Disc] if (g(d)) return 1.0; return 0.0; }\n" MAIN,
+        "t.salt:1:28: note: the comparison is in `g`");
+    expect_text("param int n = 3; float f() { for (int i = 0; i < n; i++) { } return 1.0; }\n" MAIN,
+                "`n` is a parameter");
+    expect_text("float f() { for (int i = 0; i < 5; i++) { i = 0; } return 1.0; }\n" MAIN,
+                "`i` is changed in more than one place");
 }
 
 /* ---- cost */
@@ -385,19 +412,24 @@ static void test_cost(void **state) {
     char *text = malloc(cap);
     /* every function calls the one before twice */
     n = (size_t)snprintf(text, cap, "float f0(float a) { return a; }\n");
-    for (int i = 1; i <= 1000; i++) n += (size_t)snprintf(text + n, cap - n, "float f%d(float a) { return f%d(a) + f%d(a * 2.0); }\n", i, i - 1, i - 1);
+    for (int i = 1; i <= 1000; i++)
+        n += (size_t)snprintf(text + n, cap - n, "float f%d(float a) { return f%d(a) + f%d(a * 2.0); }\n", i, i - 1,
+                              i - 1);
     snprintf(text + n, cap - n, MAIN);
     expect_fast(text, "0");
     /* structs that double each other */
     text = malloc(cap);
     n = (size_t)snprintf(text, cap, "struct S0 { float a; };\n");
-    for (int i = 1; i <= 60; i++) n += (size_t)snprintf(text + n, cap - n, "struct S%d { S%d a; S%d b; };\n", i, i - 1, i - 1);
+    for (int i = 1; i <= 60; i++)
+        n += (size_t)snprintf(text + n, cap - n, "struct S%d { S%d a; S%d b; };\n", i, i - 1, i - 1);
     snprintf(text + n, cap - n, MAIN);
     expect_fast(text, "1");
     /* many locals, many branches */
     text = malloc(cap);
     n = (size_t)snprintf(text, cap, "float f(float a) { float s = 0.0;\n");
-    for (int i = 0; i < 3000; i++) n += (size_t)snprintf(text + n, cap - n, "float v%d; if (a > %d.0) v%d = 1.0; else v%d = 2.0; s += v%d;\n", i, i, i, i, i);
+    for (int i = 0; i < 3000; i++)
+        n += (size_t)snprintf(text + n, cap - n, "float v%d; if (a > %d.0) v%d = 1.0; else v%d = 2.0; s += v%d;\n", i,
+                              i, i, i, i);
     snprintf(text + n, cap - n, "return s; }\n" MAIN);
     expect_fast(text, "0");
     /* constants in the wrong order: each asks for the next (a chain too long is a limit, not a crash) */
@@ -409,7 +441,8 @@ static void test_cost(void **state) {
     /* a chain of calls as long as a file, closed to a circle */
     text = malloc(cap);
     n = 0;
-    for (int i = 0; i < 20000; i++) n += (size_t)snprintf(text + n, cap - n, "float f%d() { return f%d(); }\n", i, i + 1);
+    for (int i = 0; i < 20000; i++)
+        n += (size_t)snprintf(text + n, cap - n, "float f%d() { return f%d(); }\n", i, i + 1);
     snprintf(text + n, cap - n, "float f20000() { return f0(); }\n" MAIN);
     expect_fast(text, "1");
     /* a long table */
@@ -435,9 +468,10 @@ static void test_broken(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_values),  cmocka_unit_test(test_overrides), cmocka_unit_test(test_epsilon), cmocka_unit_test(test_entries),
-        cmocka_unit_test(test_assets),  cmocka_unit_test(test_bounds),    cmocka_unit_test(test_modules), cmocka_unit_test(test_messages),
-        cmocka_unit_test(test_cost),    cmocka_unit_test(test_broken),
+        cmocka_unit_test(test_values),  cmocka_unit_test(test_overrides), cmocka_unit_test(test_epsilon),
+        cmocka_unit_test(test_entries), cmocka_unit_test(test_assets),    cmocka_unit_test(test_bounds),
+        cmocka_unit_test(test_modules), cmocka_unit_test(test_messages),  cmocka_unit_test(test_cost),
+        cmocka_unit_test(test_broken),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* Programs for every feature of the language, lowered and run in the interpreter: in f32 and f64, with 16 lanes that take different ways. */
+/* Programs for every feature of the language, lowered and run in the interpreter: in f32 and f64, with 16 lanes that
+ * take different ways. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -71,7 +72,8 @@ static Session *run(Run *r) {
     assert_non_null(s);
     if (!r->n) {
         r->n = 32;
-        for (uint32_t i = 0; i < r->n; i++) r->x[0][i] = -2.0 + 4.0 * (i + 0.5) / r->n, r->x[1][i] = -1.0 + 2.0 * ((i * 7) % r->n + 0.25) / r->n;
+        for (uint32_t i = 0; i < r->n; i++)
+            r->x[0][i] = -2.0 + 4.0 * (i + 0.5) / r->n, r->x[1][i] = -1.0 + 2.0 * ((i * 7) % r->n + 0.25) / r->n;
     }
     int status = session_protect(s, run_body, r);
     if (status) print_message("%s\nunwound: %s\n", r->source, s->unwind_text);
@@ -87,9 +89,12 @@ static void check_case(const Case *c) {
         assert_non_null(r.program);
         assert_int_equal(r.status, 0);
         for (uint32_t i = 0; i < r.n; i++) {
-            double want = c->expect(r.x[0][i], r.x[1][i]), tol = c->tolerance != 0 ? c->tolerance : prec ? 1e-12 : 2e-6 * (1 + fabs(want));
+            double want = c->expect(r.x[0][i], r.x[1][i]), tol = c->tolerance != 0 ? c->tolerance
+                                                                 : prec            ? 1e-12
+                                                                                   : 2e-6 * (1 + fabs(want));
             if (!(fabs(r.out[0][i] - want) <= tol)) {
-                print_message("%s\nprecision %d x %g y %g: %.9g, expected %.9g\n", c->source, prec, r.x[0][i], r.x[1][i], r.out[0][i], want);
+                print_message("%s\nprecision %d x %g y %g: %.9g, expected %.9g\n", c->source, prec, r.x[0][i],
+                              r.x[1][i], r.out[0][i], want);
                 fail();
             }
         }
@@ -177,8 +182,9 @@ static double e_ints(double x, double y) {
 }
 static double e_builtins(double x, double y) {
     double t = fmin(fmax((x + 1) / 2, 0), 1);
-    return fabs(x) + (x > 0) - (x < 0) + floor(x) + ceil(y) + (x - floor(x)) + fmin(x, y) + fmax(x, y) + fmin(fmax(x, 0), 1) + (x + 0.25 * (y - x)) + (y < x ? 0 : 1) +
-           t * t * (3 - 2 * t) + sqrt(x * x + y * y) + trunc(x) + rint(x) + (x - 0.7 * trunc(x / 0.7)) + atan2(y, x);
+    return fabs(x) + (x > 0) - (x < 0) + floor(x) + ceil(y) + (x - floor(x)) + fmin(x, y) + fmax(x, y) +
+           fmin(fmax(x, 0), 1) + (x + 0.25 * (y - x)) + (y < x ? 0 : 1) + t * t * (3 - 2 * t) + sqrt(x * x + y * y) +
+           trunc(x) + rint(x) + (x - 0.7 * trunc(x / 0.7)) + atan2(y, x);
 }
 static double e_vectors(double x, double y) {
     double l = sqrt(x * x + y * y + 9);
@@ -220,7 +226,8 @@ static double e_hash(double x, double y) {
 static double e_texture(double x, double y) { return 0 * x * y + 1.0; }
 static double e_logic(double x, double y) {
     int a = x > 0 && y > 0, b = x > 1 || y < -0.5, n = 0;
-    if (x > 0 && (n++, 1)) {}
+    if (x > 0 && (n++, 1)) {
+    }
     return a + 2 * b + 4 * !a + (x != y) + 10 * n;
 }
 static double e_trunc(double x, double y) { return 5 + 0 * x * y; }
@@ -273,59 +280,114 @@ static double e_inputs(double x, double y) {
 }
 
 static const Case cases[] = {
-    {MAIN("float r; if (x.x < 0.0) { if (x.y < 0.0) r = 1.0; else r = 2.0; } else if (x.x < 1.0) r = 3.0; else r = 4.0; return r;"), e_branches, 0},
-    {"float f(float2 x) { if (x.x < 0.0) { if (x.y < 0.0) return 1.0; return 2.0; } if (x.x < 1.0) return 3.0; return 4.0; }" MAIN("return f(x);"), e_branches, 0},
+    {MAIN(
+         "float r; if (x.x < 0.0) { if (x.y < 0.0) r = 1.0; else r = 2.0; } else if (x.x < 1.0) r = 3.0; else r = 4.0; return r;"),
+     e_branches, 0},
+    {"float f(float2 x) { if (x.x < 0.0) { if (x.y < 0.0) return 1.0; return 2.0; } if (x.x < 1.0) return 3.0; return 4.0; }" MAIN(
+         "return f(x);"),
+     e_branches, 0},
     {MAIN("return x.x < 0.0 ? x.y < 0.0 ? 1.0 : 2.0 : x.x < 1.0 ? 3.0 : 4.0;"), e_branches, 0},
     {"const int N = 10;" MAIN("float s = 0.0; for (int i = 0; i < N; i++) s += x.x * i + x.y; return s;"), e_sum, 1e-4},
     {MAIN("float s = 0.0; for (int i = 9; i >= 0; --i) { s += x.x * i + x.y; } return s;"), e_sum, 1e-4},
     {MAIN("float s = 0.0; for (uint i = 0u; i != 20u; i += 2u) { s += x.x * (i / 2u) + x.y; } return s;"), e_sum, 1e-4},
-    {MAIN("float s = 0.0; int i = 0; [MaxIters(50)] while (true) { if (i >= 10) break; s += x.x * i + x.y; i++; } return s;"), e_sum, 1e-4},
-    {MAIN("int n = 0; float t = x.x; for (int i = 0; i < 20; i++) { if (t > 3.0) break; if (i % 3 == 1) continue; t += 0.5; n++; } return n + t + x.y;"), e_break, 0},
-    {MAIN("int n = 0; float t = x.x; int i; for (i = 0; i < 20; i++) { if (t > 3.0) { break; } else if (i % 3 != 1) { t += 0.5; n++; } } return n + t + x.y;"), e_break, 0},
-    {"float f(float2 x) { for (int i = 0; i < 8; i++) { if (x.x < -1.5 + 0.5 * i) return float(i); } return x.y < 0.0 ? 100.0 : 200.0; }" MAIN("return f(x);"), e_early, 0},
-    {MAIN("float t = abs(x.x) + 0.1; int n = 0; [MaxIters(6)] while (t < 5.0) { t *= 1.7; n++; } return t + x.y;"), e_while, 0},
-    {MAIN("float t = x.x; int n = 0; [MaxIters(10)] do { t += 1.0; n++; } while (t < 1.0); return t * n + x.y;"), e_do, 0},
-    {MAIN("int k = int(floor((x.x + 2.0) * 2.0)); float r = 0.0; switch (k) { case 0: case 1: r = 1.0; break; case 2: r = 2.0; case 3: r += 10.0; break;"
-          " case 7: if (x.y < 0.0) break; r = 70.0; break; default: r = 5.0; } return r;"), e_switch, 0},
-    {MAIN("float a[4][3]; for (int i = 0; i < 4; i++) for (int j = 0; j < 3; j++) a[i][j] = x.x * i + j; int k = int(x.y * 10.0); float b[3] = a[2];"
-          " return a[k][k - 1] + b[1];"), e_array, 1e-5},
+    {MAIN(
+         "float s = 0.0; int i = 0; [MaxIters(50)] while (true) { if (i >= 10) break; s += x.x * i + x.y; i++; } return s;"),
+     e_sum, 1e-4},
+    {MAIN(
+         "int n = 0; float t = x.x; for (int i = 0; i < 20; i++) { if (t > 3.0) break; if (i % 3 == 1) continue; t += 0.5; n++; } return n + t + x.y;"),
+     e_break, 0},
+    {MAIN(
+         "int n = 0; float t = x.x; int i; for (i = 0; i < 20; i++) { if (t > 3.0) { break; } else if (i % 3 != 1) { t += 0.5; n++; } } return n + t + x.y;"),
+     e_break, 0},
+    {"float f(float2 x) { for (int i = 0; i < 8; i++) { if (x.x < -1.5 + 0.5 * i) return float(i); } return x.y < 0.0 ? 100.0 : 200.0; }" MAIN(
+         "return f(x);"),
+     e_early, 0},
+    {MAIN("float t = abs(x.x) + 0.1; int n = 0; [MaxIters(6)] while (t < 5.0) { t *= 1.7; n++; } return t + x.y;"),
+     e_while, 0},
+    {MAIN("float t = x.x; int n = 0; [MaxIters(10)] do { t += 1.0; n++; } while (t < 1.0); return t * n + x.y;"), e_do,
+     0},
+    {MAIN(
+         "int k = int(floor((x.x + 2.0) * 2.0)); float r = 0.0; switch (k) { case 0: case 1: r = 1.0; break; case 2: r = 2.0; case 3: r += 10.0; break;"
+         " case 7: if (x.y < 0.0) break; r = 70.0; break; default: r = 5.0; } return r;"),
+     e_switch, 0},
+    {MAIN(
+         "float a[4][3]; for (int i = 0; i < 4; i++) for (int j = 0; j < 3; j++) a[i][j] = x.x * i + j; int k = int(x.y * 10.0); float b[3] = a[2];"
+         " return a[k][k - 1] + b[1];"),
+     e_array, 1e-5},
     {"struct S { float a; float2 b; float w[2]; }; S make(float2 x) { S s; s.a = x.x + 1.0; s.b = x; s.w[0] = 0.5; s.w[1] = s.a; return s; }"
-     "float use(S s, float k) { return s.a * k + s.b.y * 3.0 + s.w[0] * k; }" MAIN("S s = make(x); S t = s; t.w[1] = 99.0; return use(s, 2.0) + s.w[1];"), e_struct, 0},
-    {MAIN("float3 v = float3(x, 7.0); v.xy = v.yx; float4 w = v.xyyz; return w.x * 100.0 + w.y * 10.0 + w.b + w.a;"), e_swizzle, 1e-4},
-    {MAIN("float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0); float2 v = m * x; float2 w = x * m; float2x2 i = inverse(m); float2x2 mm = m * m;"
-          " return v.x + 10.0 * v.y + 100.0 * w.x + determinant(m) + i[0][0] * 7.0 + transpose(i)[0][1] * -3.0 * -1.0 + mm[0][1] - 0.0;"), e_matrix, 1e-3},
-    {"void f(in float a, inout float b, out float c) { b = (a + b) * 2.0; c = a + 5.0; a = 0.0; } void g(inout int k[3]) { k[1] += 1; if (k[1] > 2) return; k[1] = 0; }"
-     MAIN("float b = x.y, c; f(x.x, b, c); int k[3] = { 1, 2, 3 }; g(k); return b + c + k[1];"), e_inout, 0},
-    {MAIN("int a = int(x.x * 100.0); int b = 7; int z = int(x.y * 0.0); return a / b + a % b + (a >> 2) + (uint(a) >> 28u) + (a & 15) + 5 / 1 + a / z;"), e_ints, 0},
-    {MAIN("return abs(x.x) + sign(x.x) + floor(x.x) + ceil(x.y) + frac(x.x) + min(x.x, x.y) + max(x.x, x.y) + saturate(x.x) + lerp(x.x, x.y, 0.25) + step(x.x, x.y)"
-          " + smoothstep(-1.0, 1.0, x.x) + length(x) + trunc(x.x) + round(x.x) + fmod(x.x, 0.7) + atan2(x.y, x.x);"), e_builtins, 2e-5},
-    {MAIN("float3 a = float3(x, 3.0), b = float3(3.0, 2.0, 1.0); return dot(a, b) + length(a) + normalize(a).x + cross(a, b).x + distance(a, b);"), e_vectors, 0},
-    {"struct S { float a; float2 b; int k; };"
-     MAIN("float s = 0.0; for (int i = 0, j = 10; i < 5; i++, j--) s += i * j * x.x; int n = 0; for (int i = 1; i < 100; i *= 3) n++; S z = (S)0; S w = S(1.0, float2(2.0), 3);"
-          " float2x2 m = { { 1.0, 2.0 }, { 3.0, 4.0 } }; return s + n + mul(x, x.yx) + mul(m, x)[1] + w.a + (z.k + w.k + w.b.y) + z.a + z.b.x + float(x.x > 0.0);"), e_misc, 2e-4},
-    {"float f(float a) { return 1.0; } float f(int a) { return 20.0; } float f(float2 a) { return 300.0; }" MAIN("return f(x.x) + f(3) + f(x);"), e_overload, 0},
-    {MAIN("int k = int(floor((x.x + 2.0) * 3.0)); int n = 0; float r = 0.0; for (int i = 0; i < 3; i++) { switch (k - i) { default: r += 1.0; case 4: if (x.y > 0.5) continue; r += 10.0; break;"
-          " case 5: r += 100.0; } n++; } return r + n * 0.5;"), e_switch_fall, 0},
+     "float use(S s, float k) { return s.a * k + s.b.y * 3.0 + s.w[0] * k; }" MAIN(
+         "S s = make(x); S t = s; t.w[1] = 99.0; return use(s, 2.0) + s.w[1];"),
+     e_struct, 0},
+    {MAIN("float3 v = float3(x, 7.0); v.xy = v.yx; float4 w = v.xyyz; return w.x * 100.0 + w.y * 10.0 + w.b + w.a;"),
+     e_swizzle, 1e-4},
+    {MAIN(
+         "float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0); float2 v = m * x; float2 w = x * m; float2x2 i = inverse(m); float2x2 mm = m * m;"
+         " return v.x + 10.0 * v.y + 100.0 * w.x + determinant(m) + i[0][0] * 7.0 + transpose(i)[0][1] * -3.0 * -1.0 + mm[0][1] - 0.0;"),
+     e_matrix, 1e-3},
+    {"void f(in float a, inout float b, out float c) { b = (a + b) * 2.0; c = a + 5.0; a = 0.0; } void g(inout int k[3]) { k[1] += 1; if (k[1] > 2) return; k[1] = 0; }" MAIN(
+         "float b = x.y, c; f(x.x, b, c); int k[3] = { 1, 2, 3 }; g(k); return b + c + k[1];"),
+     e_inout, 0},
+    {MAIN(
+         "int a = int(x.x * 100.0); int b = 7; int z = int(x.y * 0.0); return a / b + a % b + (a >> 2) + (uint(a) >> 28u) + (a & 15) + 5 / 1 + a / z;"),
+     e_ints, 0},
+    {MAIN(
+         "return abs(x.x) + sign(x.x) + floor(x.x) + ceil(x.y) + frac(x.x) + min(x.x, x.y) + max(x.x, x.y) + saturate(x.x) + lerp(x.x, x.y, 0.25) + step(x.x, x.y)"
+         " + smoothstep(-1.0, 1.0, x.x) + length(x) + trunc(x.x) + round(x.x) + fmod(x.x, 0.7) + atan2(x.y, x.x);"),
+     e_builtins, 2e-5},
+    {MAIN(
+         "float3 a = float3(x, 3.0), b = float3(3.0, 2.0, 1.0); return dot(a, b) + length(a) + normalize(a).x + cross(a, b).x + distance(a, b);"),
+     e_vectors, 0},
+    {"struct S { float a; float2 b; int k; };" MAIN(
+         "float s = 0.0; for (int i = 0, j = 10; i < 5; i++, j--) s += i * j * x.x; int n = 0; for (int i = 1; i < 100; i *= 3) n++; S z = (S)0; S w = S(1.0, float2(2.0), 3);"
+         " float2x2 m = { { 1.0, 2.0 }, { 3.0, 4.0 } }; return s + n + mul(x, x.yx) + mul(m, x)[1] + w.a + (z.k + w.k + w.b.y) + z.a + z.b.x + float(x.x > 0.0);"),
+     e_misc, 2e-4},
+    {"float f(float a) { return 1.0; } float f(int a) { return 20.0; } float f(float2 a) { return 300.0; }" MAIN(
+         "return f(x.x) + f(3) + f(x);"),
+     e_overload, 0},
+    {MAIN(
+         "int k = int(floor((x.x + 2.0) * 3.0)); int n = 0; float r = 0.0; for (int i = 0; i < 3; i++) { switch (k - i) { default: r += 1.0; case 4: if (x.y > 0.5) continue; r += 10.0; break;"
+         " case 5: r += 100.0; } n++; } return r + n * 0.5;"),
+     e_switch_fall, 0},
     {MAIN("uint k = uint((x.x + 2.0) * 50.0); return (hash(uint2(k, 5u)) >> 8u) / 16777216.0;"), e_hash, 0},
-    {MAIN("int n = 0; bool a = x.x > 0.0 && x.y > 0.0; bool b = x.x > 1.0 || x.y < -0.5; bool c = x.x > 0.0 && n++ == 0; float r = 0.0; if (a) r += 1.0; if (b) r += 2.0; if (!a) r += 4.0;"
-          " if (x.x != x.y) r += 1.0; return r + 10.0 * n;"), e_logic, 0},
+    {MAIN(
+         "int n = 0; bool a = x.x > 0.0 && x.y > 0.0; bool b = x.x > 1.0 || x.y < -0.5; bool c = x.x > 0.0 && n++ == 0; float r = 0.0; if (a) r += 1.0; if (b) r += 2.0; if (!a) r += 4.0;"
+         " if (x.x != x.y) r += 1.0; return r + 10.0 * n;"),
+     e_logic, 0},
     {MAIN("int n = 0; [MaxIters(5)] while (true) n++; return n + 0.0 * x.x * x.y;"), e_trunc, 0},
-    {MAIN("float s = 0.0; for (int i = 0; i < 4; i++) for (int j = 0; j <= i; j++) { if (j == 2 && x.x < 0.0) break; s += i * 10 + j + x.y; } return s;"), e_nested, 1e-4},
-    {"param float edge = 0.2;" MAIN("bool hit = false; for (int i = 0; i < 2; i++) { float d = i == 0 ? x.x - edge : 1.5 - x.x; [Disc, SkipLoop] if (d < 0.0) hit = true; } return hit ? 1.0 + x.y : x.y;"),
+    {MAIN(
+         "float s = 0.0; for (int i = 0; i < 4; i++) for (int j = 0; j <= i; j++) { if (j == 2 && x.x < 0.0) break; s += i * 10 + j + x.y; } return s;"),
+     e_nested, 1e-4},
+    {"param float edge = 0.2;" MAIN(
+         "bool hit = false; for (int i = 0; i < 2; i++) { float d = i == 0 ? x.x - edge : 1.5 - x.x; [Disc, SkipLoop] if (d < 0.0) hit = true; } return hit ? 1.0 + x.y : x.y;"),
      e_skip, 0},
     {"struct Disc { float r; float2 c; int k; }; param Disc discs[3] = { { 1.0, { 2.0, 3.0 }, 40 }, { 4.0, { 5.0, 6.0 }, 41 }, { 7.0, { 8.0, 9.0 }, 42 } }; param bool on = true;"
-     "float pick(Disc d[3], int i) { return d[i].r + d[i].c.y * 10.0; }"
-     MAIN("int i = int(x.x * 2.0); return pick(discs, i) + discs[1].c.y + discs[2].k + (on ? 1.0 : 0.0);"), e_param, 1e-4},
-    {"float df(float a, float b, float da, float db) { return 2.0 * a * b * da + a * a * db; } [Tangent(df)] float f(float a, float b) { return a * a * b; }" MAIN("return f(x.x, x.y);"), e_tangent, 0},
-    {"const float T[4] = { 1.0, 3.0, 9.0, 27.0 }; const int U[12] = { 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 };"
-     MAIN("int i = int(x.x * 3.0); return T[i] + 2 * U[i + 2];"), e_const_table, 0},
-    {MAIN("float3 v = float3(5.0, x.yx); int i = int(x.x * 2.0); float r = v.zyx[i]; v.zyx[i] = 100.0; return r + v.z + v.y * 2.0 + v.x * 4.0;"), e_dynamic, 1e-4},
-    {MAIN("float3 v = float3(x, 5.0); int i = int(x.x * 2.0); float r = v[i]; v[i] = 100.0; return r + v.x + v.y * 2.0 + v.z * 4.0;"), e_dynamic, 1e-4},
-    {"float f(float2 x) { float acc = 0.0; for (int i = 0; i < 5; i++) { for (int j = 0; j < 5; j++) { acc += 0.25; if (acc > x.x + 2.0) return acc * 10.0 + i; } } return acc; }" MAIN("return f(x);"),
+     "float pick(Disc d[3], int i) { return d[i].r + d[i].c.y * 10.0; }" MAIN(
+         "int i = int(x.x * 2.0); return pick(discs, i) + discs[1].c.y + discs[2].k + (on ? 1.0 : 0.0);"),
+     e_param, 1e-4},
+    {"float df(float a, float b, float da, float db) { return 2.0 * a * b * da + a * a * db; } [Tangent(df)] float f(float a, float b) { return a * a * b; }" MAIN(
+         "return f(x.x, x.y);"),
+     e_tangent, 0},
+    {"const float T[4] = { 1.0, 3.0, 9.0, 27.0 }; const int U[12] = { 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 };" MAIN(
+         "int i = int(x.x * 3.0); return T[i] + 2 * U[i + 2];"),
+     e_const_table, 0},
+    {MAIN(
+         "float3 v = float3(5.0, x.yx); int i = int(x.x * 2.0); float r = v.zyx[i]; v.zyx[i] = 100.0; return r + v.z + v.y * 2.0 + v.x * 4.0;"),
+     e_dynamic, 1e-4},
+    {MAIN(
+         "float3 v = float3(x, 5.0); int i = int(x.x * 2.0); float r = v[i]; v[i] = 100.0; return r + v.x + v.y * 2.0 + v.z * 4.0;"),
+     e_dynamic, 1e-4},
+    {"float f(float2 x) { float acc = 0.0; for (int i = 0; i < 5; i++) { for (int j = 0; j < 5; j++) { acc += 0.25; if (acc > x.x + 2.0) return acc * 10.0 + i; } } return acc; }" MAIN(
+         "return f(x);"),
      e_ret_loop, 0},
-    {MAIN("int n = 0; if (x.x < 0.0) { for (int i = 0; i < 3; i++) { float r = rand(); if (r >= 0.0 && r < 1.0) n++; } } else if (rand() < 1.0) n++; return float(n);"), e_rand_count, 0},
-    {MAIN("int2 p = pixel(); return p.x + 10.0 * p.y + 100.0 * resolution().x + 1000.0 * resolution().y + 10000.0 * sample_index();"), e_inputs, 0.1},
-    {"param texture2D t = zeros(4, 2, 2);" MAIN("float4 c = t.sample(x); float2 d = t.load(int2(9, -1)); int2 s = t.size(); float4 n = t.nearest(x); return c.a + c.x + d.y + (s.x - 4) + (s.y - 2) + n.z;"), e_texture, 0},
+    {MAIN(
+         "int n = 0; if (x.x < 0.0) { for (int i = 0; i < 3; i++) { float r = rand(); if (r >= 0.0 && r < 1.0) n++; } } else if (rand() < 1.0) n++; return float(n);"),
+     e_rand_count, 0},
+    {MAIN(
+         "int2 p = pixel(); return p.x + 10.0 * p.y + 100.0 * resolution().x + 1000.0 * resolution().y + 10000.0 * sample_index();"),
+     e_inputs, 0.1},
+    {"param texture2D t = zeros(4, 2, 2);" MAIN(
+         "float4 c = t.sample(x); float2 d = t.load(int2(9, -1)); int2 s = t.size(); float4 n = t.nearest(x); return c.a + c.x + d.y + (s.x - 4) + (s.y - 2) + n.z;"),
+     e_texture, 0},
 };
 
 static void test_programs(void **state) {
@@ -346,7 +408,9 @@ static void test_flat(void **state) {
     (void)state;
     static char source[16384];
     size_t at = (size_t)snprintf(source, sizeof source, "float f(float2 x) { float s = x.y;");
-    for (int i = 0; i < 40; i++) at += (size_t)snprintf(source + at, sizeof source - at, "float t%d = %d.0 * x.x; s += t%d; if (t%d > %d.0) return s;", i, i, i, i, 20 + i % 3);
+    for (int i = 0; i < 40; i++)
+        at += (size_t)snprintf(source + at, sizeof source - at,
+                               "float t%d = %d.0 * x.x; s += t%d; if (t%d > %d.0) return s;", i, i, i, i, 20 + i % 3);
     snprintf(source + at, sizeof source - at, "return t0 - 1.0; } shader float main(float2 x) { return f(x); }");
     Case c = {source, e_flat, 1e-3};
     check_case(&c);
@@ -356,7 +420,8 @@ static void test_flat(void **state) {
 
 static void test_texture_values(void **state) {
     (void)state;
-    static const char source[] = "param texture2D t = zeros(4, 2, 3); shader float4 main(float2 x) { return t.sample(x); }";
+    static const char source[] =
+        "param texture2D t = zeros(4, 2, 3); shader float4 main(float2 x) { return t.sample(x); }";
     Session *s = session_create(0);
     Run r = {.source = source, .precision = PREC_F64, .n = 5};
     double xs[5] = {0.125, 0.25, 0.9, -1, 0.125}, ys[5] = {0.75, 0.75, 0.5, 2, 0.5};
@@ -383,8 +448,9 @@ static void test_texture_values(void **state) {
 static void test_heights(void **state) {
     (void)state;
     /* 3 x 2 samples over [0,1]^2; row 0 is y = 1 */
-    static const char source[] = "[Height(2.0, 1.0)] param heightfield h = zeros(3, 2);\n"
-                                 "shader float4 main(float2 x) { [NoDisc] float2 g = h.gradient(x); return float4(h.height(x), g, h.normal(x).z); }";
+    static const char source[] =
+        "[Height(2.0, 1.0)] param heightfield h = zeros(3, 2);\n"
+        "shader float4 main(float2 x) { [NoDisc] float2 g = h.gradient(x); return float4(h.height(x), g, h.normal(x).z); }";
     Run r = {.source = source, .precision = PREC_F64, .n = 4};
     double xs[4] = {0.1, 0.4, 0.75, 5}, ys[4] = {0.2, 0.9, 0.25, -3};
     memcpy(r.x[0], xs, sizeof xs), memcpy(r.x[1], ys, sizeof ys);
@@ -413,7 +479,10 @@ static void test_heights(void **state) {
 
 static void test_counters(void **state) {
     (void)state;
-    Run r = {.source = MAIN("int n = 0; [MaxIters(3)] for (int i = 0; float(i) < x.x * 4.0; i++) n++; assert(n < 3, \"few\"); return float(n);"), .precision = PREC_F64};
+    Run r = {
+        .source = MAIN(
+            "int n = 0; [MaxIters(3)] for (int i = 0; float(i) < x.x * 4.0; i++) n++; assert(n < 3, \"few\"); return float(n);"),
+        .precision = PREC_F64};
     Session *s = run(&r);
     assert_non_null(r.program);
     uint64_t cut = 0, bad = 0;
@@ -431,12 +500,14 @@ static void test_counters(void **state) {
 
 static void test_init(void **state) {
     (void)state;
-    static const char source[] = "struct Disc { float r; float2 c; int k; float w[2]; };\n"
-                                 "Disc make(int i) { Disc d; d.r = 0.5 * i; d.c = float2(i, rand()); d.k = i * i; d.w[0] = 7.0; d.w[1] = -float(i); return d; }\n"
-                                 "float cell(int i, int j) { return 10.0 * i + j; }\n"
-                                 "float noise(int i) { return rand(); }\n"
-                                 "param Disc discs[5] = init(make); param float a[2][3] = init(cell); param float n[64] = init(noise);\n"
-                                 "param float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0); param int3 q = int3(1, 2, 3);\n" MAIN("return discs[1].r + x.x;");
+    static const char source[] =
+        "struct Disc { float r; float2 c; int k; float w[2]; };\n"
+        "Disc make(int i) { Disc d; d.r = 0.5 * i; d.c = float2(i, rand()); d.k = i * i; d.w[0] = 7.0; d.w[1] = -float(i); return d; }\n"
+        "float cell(int i, int j) { return 10.0 * i + j; }\n"
+        "float noise(int i) { return rand(); }\n"
+        "param Disc discs[5] = init(make); param float a[2][3] = init(cell); param float n[64] = init(noise);\n"
+        "param float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0); param int3 q = int3(1, 2, 3);\n" MAIN(
+            "return discs[1].r + x.x;");
     Run r = {.source = source, .precision = PREC_F64};
     Session *s = run(&r);
     if (!r.program) diag_print_text(s, stderr, false);
@@ -481,7 +552,8 @@ static void test_init(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_programs), cmocka_unit_test(test_flat), cmocka_unit_test(test_texture_values), cmocka_unit_test(test_heights), cmocka_unit_test(test_counters),
-                                       cmocka_unit_test(test_init)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_programs),       cmocka_unit_test(test_flat),
+                                       cmocka_unit_test(test_texture_values), cmocka_unit_test(test_heights),
+                                       cmocka_unit_test(test_counters),       cmocka_unit_test(test_init)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -58,8 +58,11 @@ typedef struct SiteCase {
 
 static const SiteCase site_cases[] = {
     {MAIN("[Disc] if (x.x < p) return 1.0; return 0.0;"), false, 1, SITE_COMPARE, 0, 1, "x.x < p", "main"},
-    {MAIN("float s = 0.0; for (int i = 0; i < 7; i++) for (int j = 0; j < 3; j++) { [Disc] s += x.x * i < p + j ? 1.0 : 0.0; } return s;"), false, 1, SITE_COMPARE, 2, 21, "x.x * i < p + j", "main"},
-    {"param float p = 0.5; float f(float a) { [Disc] if (a < p) return 1.0; return 0.0; } shader float main(float2 x) { return f(x.x) + f(x.y); }", false, 2, SITE_COMPARE, 0, 1, "a < p", "main > f"},
+    {MAIN(
+         "float s = 0.0; for (int i = 0; i < 7; i++) for (int j = 0; j < 3; j++) { [Disc] s += x.x * i < p + j ? 1.0 : 0.0; } return s;"),
+     false, 1, SITE_COMPARE, 2, 21, "x.x * i < p + j", "main"},
+    {"param float p = 0.5; float f(float a) { [Disc] if (a < p) return 1.0; return 0.0; } shader float main(float2 x) { return f(x.x) + f(x.y); }",
+     false, 2, SITE_COMPARE, 0, 1, "a < p", "main > f"},
     {MAIN("[Disc] return floor(x.x * p);"), false, 1, SITE_FLOOR, 0, 1, "floor(x.x * p)", "main"},
     {MAIN("[Disc] float r = frac(x.x * p); return r;"), false, 1, SITE_FLOOR, 0, 1, NULL, NULL},
     {MAIN("[Disc] return ceil(x.x * p);"), false, 1, SITE_CEIL, 0, 1, NULL, NULL},
@@ -73,14 +76,23 @@ static const SiteCase site_cases[] = {
     {MAIN("[Disc] return atan2(x.x - p, x.y);"), false, 1, SITE_COMPARE, 0, 1, NULL, NULL},
     {MAIN("[Disc] return refract(float2(x.x, p), float2(0.0, 1.0), 1.5).x;"), false, 1, SITE_COMPARE, 0, 1, NULL, NULL},
     {MAIN("[Disc] bool2 h = x < float2(p); return any(h) ? 1.0 : 0.0;"), false, 2, SITE_COMPARE, 0, 1, NULL, NULL},
-    {MAIN("[Disc] if (x.x < p && !(x.y > p) || x.x > 0.9) return 1.0; return 0.0;"), false, 3, SITE_COMPARE, 0, 1, NULL, NULL},
-    {MAIN("float t = x.x; [Disc] [MaxIters(9)] while (t < p) t += 0.1; return t;"), false, 1, SITE_COMPARE, 1, 10, "t < p", NULL},
-    {"param texture2D t = zeros(4, 4); param float p = 0.0; shader float main(float2 x) { [Disc] float4 c = t.nearest(x + p); return c.x; }", false, 2, SITE_FLOOR, 0, 1, NULL, NULL},
-    {MAIN("if (x.x < p) return floor(x.y * p); [NoDisc] if (x.y < p) return 2.0; return x.x == p ? 1.0 : 0.0;"), true, 2, SITE_COMPARE, 0, 1, NULL, NULL},
-    {MAIN("bool hit = false; for (int k = 0; k < 4; k++) { for (int i = 0; i < 9; i++) [Disc, SkipLoop] if (x.x * i < p + k) hit = true; } return hit ? 1.0 : 0.0;"), false, 1, SITE_COMPARE, 0, 1, NULL, NULL},
+    {MAIN("[Disc] if (x.x < p && !(x.y > p) || x.x > 0.9) return 1.0; return 0.0;"), false, 3, SITE_COMPARE, 0, 1, NULL,
+     NULL},
+    {MAIN("float t = x.x; [Disc] [MaxIters(9)] while (t < p) t += 0.1; return t;"), false, 1, SITE_COMPARE, 1, 10,
+     "t < p", NULL},
+    {"param texture2D t = zeros(4, 4); param float p = 0.0; shader float main(float2 x) { [Disc] float4 c = t.nearest(x + p); return c.x; }",
+     false, 2, SITE_FLOOR, 0, 1, NULL, NULL},
+    {MAIN("if (x.x < p) return floor(x.y * p); [NoDisc] if (x.y < p) return 2.0; return x.x == p ? 1.0 : 0.0;"), true,
+     2, SITE_COMPARE, 0, 1, NULL, NULL},
+    {MAIN(
+         "bool hit = false; for (int k = 0; k < 4; k++) { for (int i = 0; i < 9; i++) [Disc, SkipLoop] if (x.x * i < p + k) hit = true; } return hit ? 1.0 : 0.0;"),
+     false, 1, SITE_COMPARE, 0, 1, NULL, NULL},
     {"param float p = 0.5; float f(float a) { bool hit = false; for (int i = 0; i < 9; i++) [Disc, SkipLoop] if (a * i < p) hit = true; return hit ? 1.0 : 0.0; }"
-     "shader float main(float2 x) { float s = 0.0; for (int k = 0; k < 4; k++) s += f(x.x + k); return s; }", false, 1, SITE_COMPARE, 1, 4, NULL, NULL},
-    {MAIN("float c = 0.0; for (int i = 0; i < 9; i++) [Disc, SkipLoop] if (x.x * i < p) { [Disc] if (x.y < p) c = 1.0; } return c;"), false, 2, SITE_COMPARE, 0, 1, NULL, NULL},
+     "shader float main(float2 x) { float s = 0.0; for (int k = 0; k < 4; k++) s += f(x.x + k); return s; }",
+     false, 1, SITE_COMPARE, 1, 4, NULL, NULL},
+    {MAIN(
+         "float c = 0.0; for (int i = 0; i < 9; i++) [Disc, SkipLoop] if (x.x * i < p) { [Disc] if (x.y < p) c = 1.0; } return c;"),
+     false, 2, SITE_COMPARE, 0, 1, NULL, NULL},
 };
 
 static void test_sites(void **state) {
@@ -181,11 +193,13 @@ static const WarnCase warn_cases[] = {
     {WMAIN("return float(asuint(x.x * p));"), "W0401", "cannot be a site", 1},
     {WMAIN("int m = 0; [MaxIters(9)] while (x.x * m < p) m++; return float(m);"), "W0401", "`p`", 1},
     {WMAIN("float a[2]; if (x.x < p) a[0] = 1.0; return a[0];"), "W0401", "`p`", 1},
-    {"param float p = 0.5; float f(float a) { return a < p ? 1.0 : 0.0; } shader float main(float2 x) { return f(x.x) + f(x.y); }", "W0401", "`p`", 1},
+    {"param float p = 0.5; float f(float a) { return a < p ? 1.0 : 0.0; } shader float main(float2 x) { return f(x.x) + f(x.y); }",
+     "W0401", "`p`", 1},
     {WMAIN("if (x.x < 0.5) return p; return q;"), NULL, NULL, 0},
     {WMAIN("if (x.x < k) return p; return q;"), NULL, NULL, 0},
     {WMAIN("[NoDisc] if (x.x < p) return 1.0; return 0.0;"), NULL, NULL, 0},
-    {"param float p = 0.5; [NoDisc] float f(float a) { return a < p ? 1.0 : 0.0; } shader float main(float2 x) { return f(x.x); }", NULL, NULL, 0},
+    {"param float p = 0.5; [NoDisc] float f(float a) { return a < p ? 1.0 : 0.0; } shader float main(float2 x) { return f(x.x); }",
+     NULL, NULL, 0},
     {WMAIN("bool unused = x.x < p; float r = floor(x.y * p); return x.y;"), NULL, NULL, 0},
     {WMAIN("assert(x.x < p + 10.0); print(\"d\", x.x < p); return x.y;"), NULL, NULL, 0},
     {WMAIN("return max(x.x, p) + min(x.y, p) + abs(x.x - p) + clamp(x.x, p, 1.0) + saturate(x.x * p);"), NULL, NULL, 0},
@@ -228,17 +242,28 @@ typedef struct ErrorCase {
 } ErrorCase;
 
 static const ErrorCase error_cases[] = {
-    {"param int n = 3; float f(int m) { float s = 0.0; for (int i = 0; i < m; i++) s += 1.0; return s; } shader float main(float2 x) { return f(3) + f(n); }", "E0310", NULL},
-    {"float f(int m) { float s = 0.0; for (int i = 0; i < m; i++) s += 1.0; return s; } shader float main(float2 x) { return f(20000000); }", "E0311", "20000000"},
-    {"float df(float a, float da) { return da * da; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "product of two tangents"},
-    {"float df(float a, float da) { return da + 1.0; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "sum"},
-    {"float df(float a, float da) { return a; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "without a tangent"},
-    {"float df(float a, float da) { return abs(da); } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "not linear"},
-    {"float df(float a, float da) { if (da > 0.0) return da; return 0.0; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", NULL},
-    {"float df(float a, float da) { return a / da; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }", "E0420", "division"},
-    {"[Height(-1.0, 0.0)] param heightfield h = zeros(4, 4); shader float main(float2 x) { Hit v = h.trace(float3(x, 1.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return v.t; }", "E0503", "trace"},
-    {MAIN("float s = 0.0; for (int a = 0; a < 2; a++) for (int b = 0; b < 2; b++) for (int c = 0; c < 2; c++) for (int d = 0; d < 2; d++) for (int e = 0; e < 2; e++) for (int f = 0; f < 2; f++)"
-          " for (int g = 0; g < 2; g++) for (int h = 0; h < 2; h++) for (int i = 0; i < 2; i++) { [Disc] s += x.x < p ? 1.0 : 0.0; } return s;"), "E0502", "9 loops"},
+    {"param int n = 3; float f(int m) { float s = 0.0; for (int i = 0; i < m; i++) s += 1.0; return s; } shader float main(float2 x) { return f(3) + f(n); }",
+     "E0310", NULL},
+    {"float f(int m) { float s = 0.0; for (int i = 0; i < m; i++) s += 1.0; return s; } shader float main(float2 x) { return f(20000000); }",
+     "E0311", "20000000"},
+    {"float df(float a, float da) { return da * da; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }",
+     "E0420", "product of two tangents"},
+    {"float df(float a, float da) { return da + 1.0; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }",
+     "E0420", "sum"},
+    {"float df(float a, float da) { return a; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }",
+     "E0420", "without a tangent"},
+    {"float df(float a, float da) { return abs(da); } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }",
+     "E0420", "not linear"},
+    {"float df(float a, float da) { if (da > 0.0) return da; return 0.0; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }",
+     "E0420", NULL},
+    {"float df(float a, float da) { return a / da; } [Tangent(df)] float f(float a) { return a; } shader float main(float2 x) { return f(x.x); }",
+     "E0420", "division"},
+    {"[Height(-1.0, 0.0)] param heightfield h = zeros(4, 4); shader float main(float2 x) { Hit v = h.trace(float3(x, 1.0), float3(0.0, 0.0, -1.0), 0.0, 9.0); return v.t; }",
+     "E0503", "trace"},
+    {MAIN(
+         "float s = 0.0; for (int a = 0; a < 2; a++) for (int b = 0; b < 2; b++) for (int c = 0; c < 2; c++) for (int d = 0; d < 2; d++) for (int e = 0; e < 2; e++) for (int f = 0; f < 2; f++)"
+         " for (int g = 0; g < 2; g++) for (int h = 0; h < 2; h++) for (int i = 0; i < 2; i++) { [Disc] s += x.x < p ? 1.0 : 0.0; } return s;"),
+     "E0502", "9 loops"},
 };
 
 static void test_errors(void **state) {
@@ -262,7 +287,9 @@ static void test_limit(void **state) {
     (void)state;
     static char source[8192];
     size_t at = (size_t)snprintf(source, sizeof source, "float f0(float a) { return a * 2.0 + 1.0; }\n");
-    for (int i = 1; i < 25; i++) at += (size_t)snprintf(source + at, sizeof source - at, "float f%d(float a) { return f%d(a) + f%d(a * 0.5); }\n", i, i - 1, i - 1);
+    for (int i = 1; i < 25; i++)
+        at += (size_t)snprintf(source + at, sizeof source - at,
+                               "float f%d(float a) { return f%d(a) + f%d(a * 0.5); }\n", i, i - 1, i - 1);
     snprintf(source + at, sizeof source - at, "shader float main(float2 x) { return f24(x.x); }\n");
     Build b = {.source = source};
     clock_t start = clock();
@@ -273,13 +300,16 @@ static void test_limit(void **state) {
     assert_true(seconds < 1.0);
     uint32_t notes = 0;
     bool counts = false;
-    for (const DiagNote *n = s->diags->notes; n; n = n->next) notes++, counts |= strstr(n->text, "16777216 times") != NULL;
+    for (const DiagNote *n = s->diags->notes; n; n = n->next)
+        notes++, counts |= strstr(n->text, "16777216 times") != NULL;
     assert_true(notes >= 8);
     assert_true(counts);
     session_destroy(s);
     /* one level below the limit compiles */
     at = (size_t)snprintf(source, sizeof source, "float f0(float a) { return a * 2.0 + 1.0; }\n");
-    for (int i = 1; i < 15; i++) at += (size_t)snprintf(source + at, sizeof source - at, "float f%d(float a) { return f%d(a) + f%d(a * 0.5); }\n", i, i - 1, i - 1);
+    for (int i = 1; i < 15; i++)
+        at += (size_t)snprintf(source + at, sizeof source - at,
+                               "float f%d(float a) { return f%d(a) + f%d(a * 0.5); }\n", i, i - 1, i - 1);
     snprintf(source + at, sizeof source - at, "shader float main(float2 x) { return f14(x.x); }\n");
     b = (Build){.source = source};
     s = build(&b);
@@ -290,8 +320,10 @@ static void test_limit(void **state) {
 /* ---- [Cull] */
 static void test_cull(void **state) {
     (void)state;
-    Build b = {.source = "param float r[5] = { 0.1, 0.2, 0.3, 0.4, 0.5 }; float4 bounds(int i) { return float4(-r[i], -1.0, r[i], 1.0); }\n"
-                         "shader float main(float2 x) { float c = 0.0; [Cull(bounds)] for (int i = 0; i < 5; i++) { [Disc] if (abs(x.x) < r[i]) c += 1.0; } return c; }"};
+    Build b = {
+        .source =
+            "param float r[5] = { 0.1, 0.2, 0.3, 0.4, 0.5 }; float4 bounds(int i) { return float4(-r[i], -1.0, r[i], 1.0); }\n"
+            "shader float main(float2 x) { float c = 0.0; [Cull(bounds)] for (int i = 0; i < 5; i++) { [Disc] if (abs(x.x) < r[i]) c += 1.0; } return c; }"};
     Session *s = build(&b);
     if (!b.program) diag_print_text(s, stderr, false);
     assert_non_null(b.program);
@@ -308,7 +340,8 @@ static void test_cull(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_sites), cmocka_unit_test(test_skip_boundary), cmocka_unit_test(test_warnings), cmocka_unit_test(test_errors),
-                                       cmocka_unit_test(test_limit), cmocka_unit_test(test_cull)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_sites),    cmocka_unit_test(test_skip_boundary),
+                                       cmocka_unit_test(test_warnings), cmocka_unit_test(test_errors),
+                                       cmocka_unit_test(test_limit),    cmocka_unit_test(test_cull)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

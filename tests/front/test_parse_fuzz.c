@@ -78,18 +78,10 @@ static size_t mutate(char *text, size_t n, size_t cap) {
         const char *word = words[below(sizeof words / sizeof *words)];
         char piece[16];
         switch (below(7)) {
-        case 0:
-            text[at] = (char)below(256);
-            break;
-        case 1:
-            n = remove_at(text, n, at, count);
-            break;
-        case 2:
-            n = at;
-            break;
-        case 3:
-            n = insert_at(text, n, cap, at, word, *word ? strlen(word) : 1);
-            break;
+        case 0: text[at] = (char)below(256); break;
+        case 1: n = remove_at(text, n, at, count); break;
+        case 2: n = at; break;
+        case 3: n = insert_at(text, n, cap, at, word, *word ? strlen(word) : 1); break;
         case 4:
             memcpy(piece, text + at, count);
             n = insert_at(text, n, cap, at, piece, count);
@@ -146,10 +138,8 @@ static void mutations(void **state) {
         assert_int_equal(p.status, 0);
         /* No error hides: a tree with an error node comes with a report. */
         if (strstr(p.dump, "ERROR")) assert_true(p.s->nerrors > 0);
-        if (p.s->nerrors)
-            broken++;
-        else
-            clean++;
+        if (p.s->nerrors) broken++;
+        else clean++;
         check_json(&p, n);
         parsed_free(&p);
         free(text);

@@ -7,9 +7,7 @@
 
 #include "compiler/front/ast.h"
 
-static Type *keyword(const char *name) {
-    return type_keyword(name, strlen(name));
-}
+static Type *keyword(const char *name) { return type_keyword(name, strlen(name)); }
 
 static void identity(void **state) {
     (void)state;

@@ -1,4 +1,5 @@
-/* Any bytes as an image, an array or a table. The first byte chooses the format. What was read is written and read again. */
+/* Any bytes as an image, an array or a table. The first byte chooses the format. What was read is written and read
+ * again. */
 #include <stdlib.h>
 #include <string.h>
 

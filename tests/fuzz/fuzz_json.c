@@ -5,12 +5,13 @@
 #include "compiler/api/api.h"
 #include "tests/fuzz/fuzz.h"
 
-static const char program[] = "struct In { float q; int tag; };\nstruct S { float2 c; In inner[2]; };\n"
-                              "param float a = 1.0;\nparam float3 v = float3(1.0);\nparam float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0);\n"
-                              "param S s[2] = { { float2(1.0), { { 1.0, 1 }, { 2.0, 2 } } }, { float2(1.0), { { 1.0, 1 }, { 2.0, 2 } } } };\n"
-                              "param float w[2][3] = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };\nparam texture2D t = zeros(3, 2, 2);\n"
-                              "param int n = 1;\nparam uint u = 1u;\nparam bool on = true;\n[Range(0.0, 1.0)] param float r = 0.5;\n"
-                              "shader float main(float2 x) { return a + v.x + m[0][1] + s[1].c.y + w[1][2] + t.sample(x).x + n + r; }\n";
+static const char program[] =
+    "struct In { float q; int tag; };\nstruct S { float2 c; In inner[2]; };\n"
+    "param float a = 1.0;\nparam float3 v = float3(1.0);\nparam float2x2 m = float2x2(1.0, 2.0, 3.0, 4.0);\n"
+    "param S s[2] = { { float2(1.0), { { 1.0, 1 }, { 2.0, 2 } } }, { float2(1.0), { { 1.0, 1 }, { 2.0, 2 } } } };\n"
+    "param float w[2][3] = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };\nparam texture2D t = zeros(3, 2, 2);\n"
+    "param int n = 1;\nparam uint u = 1u;\nparam bool on = true;\n[Range(0.0, 1.0)] param float r = 0.5;\n"
+    "shader float main(float2 x) { return a + v.x + m[0][1] + s[1].c.y + w[1][2] + t.sample(x).x + n + r; }\n";
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static SltProgram *p;
@@ -25,7 +26,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     text[size] = 0;
     SltError err = {0};
     slt_set_params_json(p, text, "fuzz.json", &err);
-    static const char *const names[] = {"a", "v", "m", "s", "w", "t", "n", "u", "on", "s[1].inner[0].q", "m[0][1]", "t[1][2][0]"};
+    static const char *const names[] = {"a",       "v",         "m", "s", "w", "t", "n", "u", "on", "s[1].inner[0].q",
+                                        "m[0][1]", "t[1][2][0]"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (text[0] != '@') slt_set_text(p, names[i], text, &err);
     SltParam found;

@@ -1,5 +1,5 @@
-/* Feeds every file of the folders named on the command line to the target it is linked with, then the same with bytes changed, cut and doubled (a fixed seed), so that
- * the default test run does a little fuzzing without an engine. */
+/* Feeds every file of the folders named on the command line to the target it is linked with, then the same with bytes
+ * changed, cut and doubled (a fixed seed), so that the default test run does a little fuzzing without an engine. */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -70,7 +70,8 @@ int main(int argc, char **argv) {
         if (!d) failed |= replay(argv[i], rounds), files++;
         for (struct dirent *e; d && (e = readdir(d));) {
             char path[4096];
-            if (e->d_name[0] == '.' || snprintf(path, sizeof path, "%s/%s", argv[i], e->d_name) >= (int)sizeof path) continue;
+            if (e->d_name[0] == '.' || snprintf(path, sizeof path, "%s/%s", argv[i], e->d_name) >= (int)sizeof path)
+                continue;
             failed |= replay(path, rounds), files++;
         }
         if (d) closedir(d);

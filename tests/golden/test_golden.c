@@ -1,5 +1,6 @@
-/* The IR of every kernel of small programs, after all passes, against NAME.ir beside NAME.salt. `BLESS=1 ctest -R golden` rewrites the files; the diff is reviewed like
- * code. Golden IR shows what changed, not whether it is right: derivatives meet numbers in tests/ad and tests/sample. */
+/* The IR of every kernel of small programs, after all passes, against NAME.ir beside NAME.salt. `BLESS=1 ctest -R
+ * golden` rewrites the files; the diff is reviewed like code. Golden IR shows what changed, not whether it is right:
+ * derivatives meet numbers in tests/ad and tests/sample. */
 #include <dirent.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -50,7 +51,8 @@ static bool same(const char *path, const char *want, const char *got) {
     for (; want[at] && want[at] == got[at]; at++)
         if (want[at] == '\n') line++, start = at + 1;
     if (!want[at] && !got[at]) return true;
-    print_error("%s:%u\n  was %.*s\n  is  %.*s\n(BLESS=1 accepts the change)\n", path, line, (int)strcspn(want + start, "\n"), want + start, (int)strcspn(got + start, "\n"), got + start);
+    print_error("%s:%u\n  was %.*s\n  is  %.*s\n(BLESS=1 accepts the change)\n", path, line,
+                (int)strcspn(want + start, "\n"), want + start, (int)strcspn(got + start, "\n"), got + start);
     return false;
 }
 

@@ -73,8 +73,7 @@ static void assert_same_bits(const Image *a, const Image *b) {
     for (int c = 0; c < a->channels; c++) {
         assert_string_equal(image_get_name(a, c, p), image_get_name(b, c, q));
     }
-    assert_memory_equal(a->data, b->data,
-                        sizeof(float) * (size_t)(a->width * a->height * a->channels));
+    assert_memory_equal(a->data, b->data, sizeof(float) * (size_t)(a->width * a->height * a->channels));
 }
 
 static void round_trip(const char *file, int w, int h, int channels) {
@@ -201,9 +200,7 @@ static void png_round_trip(void **state) {
                 must(image_write(in_folder("a.png"), &a, &w, &err), &err);
                 must(image_read(in_folder("a.png"), &r, &b, &err), &err);
                 assert_int_equal(b.channels, c);
-                double worst = 0,
-                       bound =
-                           wide ? 3e-5 : 6e-3; /* half a step, times the steepest slope of sRGB */
+                double worst = 0, bound = wide ? 3e-5 : 6e-3; /* half a step, times the steepest slope of sRGB */
                 for (int i = 0; i < 37 * 11 * c; i++) {
                     worst = fmax(worst, fabs((double)a.data[i] - b.data[i]));
                 }
@@ -218,8 +215,7 @@ static void png_round_trip(void **state) {
             }
         }
     }
-    Image odd = sample(3, 3, 3),
-          back; /* NaN and infinities have no place in PNG but must not trap */
+    Image odd = sample(3, 3, 3), back; /* NaN and infinities have no place in PNG but must not trap */
     must(image_write(in_folder("odd.png"), &odd, NULL, &err), &err);
     must(image_read(in_folder("odd.png"), NULL, &back, &err), &err);
     assert_true(back.data[0] == 0 && back.data[1] == 1 && back.data[2] == 0);
@@ -252,8 +248,7 @@ static void srgb(void **state) {
     }
     assert_true(fabs(image_decode_srgb(0.5f) - 0.21404114) < 1e-6);
     assert_true(fabs(image_encode_srgb(0.18f) - 0.46135613) < 1e-6);
-    assert_true(image_encode_srgb(NAN) == 0 && image_encode_srgb(-3) == 0 &&
-                image_encode_srgb(9) == 1);
+    assert_true(image_encode_srgb(NAN) == 0 && image_encode_srgb(-3) == 0 && image_encode_srgb(9) == 1);
 }
 
 static void pfm_both_endians(void **state) {
@@ -292,22 +287,10 @@ static void npy_types(void **state) {
         size_t size;
         double want[3];
     } cases[] = {
-        {"{'descr': '<i2', 'fortran_order': False, 'shape': (3,), }",
-         "\xff\xff\x00\x01\x02\x00",
-         6,
-         {-1, 256, 2}},
-        {"{'descr': '>i2', 'fortran_order': False, 'shape': (3,), }",
-         "\xff\xff\x00\x01\x02\x00",
-         6,
-         {-1, 1, 512}},
-        {"{'descr': '|u1', 'fortran_order': False, 'shape': (3,), }",
-         "\xff\x00\x7f",
-         3,
-         {255, 0, 127}},
-        {"{'descr': '|i1', 'fortran_order': False, 'shape': (3,), }",
-         "\xff\x80\x7f",
-         3,
-         {-1, -128, 127}},
+        {"{'descr': '<i2', 'fortran_order': False, 'shape': (3,), }", "\xff\xff\x00\x01\x02\x00", 6, {-1, 256, 2}},
+        {"{'descr': '>i2', 'fortran_order': False, 'shape': (3,), }", "\xff\xff\x00\x01\x02\x00", 6, {-1, 1, 512}},
+        {"{'descr': '|u1', 'fortran_order': False, 'shape': (3,), }", "\xff\x00\x7f", 3, {255, 0, 127}},
+        {"{'descr': '|i1', 'fortran_order': False, 'shape': (3,), }", "\xff\x80\x7f", 3, {-1, -128, 127}},
         {"{'descr': '|b1', 'fortran_order': False, 'shape': (3,), }", "\x01\x00\x01", 3, {1, 0, 1}},
         {"{'descr': '<f2', 'fortran_order': False, 'shape': (3,), }",
          "\x00\x3c\x01\x00\x00\xc4",
@@ -333,8 +316,7 @@ static void npy_types(void **state) {
         npy_free(&a);
     }
     /* Fortran order of [[0 1 2] [3 4 5]] is 0 3 1 4 2 5 */
-    size_t n = build_npy(file, "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }",
-                         "\0\3\1\4\2\5", 6);
+    size_t n = build_npy(file, "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }", "\0\3\1\4\2\5", 6);
     must(npy_decode("t.npy", file, n, &a, &err), &err);
     for (int k = 0; k < 6; k++) {
         assert_true(a.data[k] == k);
@@ -346,18 +328,17 @@ static void npy_types(void **state) {
     assert_int_equal(im.height, 2);
     assert_true(im.data[4] == 4);
     image_free(&im);
-    static const char *const bad[] = {
-        "{'descr': '<c8', 'fortran_order': False, 'shape': (3,), }",
-        "{'descr': '|O', 'fortran_order': False, 'shape': (3,), }",
-        "{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (3,), }",
-        "{'descr': '<f4', 'fortran_order': False, 'shape': (1,1,1,1,1), }",
-        "{'descr': '<f4', 'fortran_order': False, 'shape': (0, 4), }",
-        "{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999, 99999999999), }",
-        "{'descr': '<f4', 'fortran_order': False}",
-        "{'descr': '<f4', 'shape': (1,), 'fortran_order': Maybe}",
-        "{}",
-        "{",
-        ""};
+    static const char *const bad[] = {"{'descr': '<c8', 'fortran_order': False, 'shape': (3,), }",
+                                      "{'descr': '|O', 'fortran_order': False, 'shape': (3,), }",
+                                      "{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (3,), }",
+                                      "{'descr': '<f4', 'fortran_order': False, 'shape': (1,1,1,1,1), }",
+                                      "{'descr': '<f4', 'fortran_order': False, 'shape': (0, 4), }",
+                                      "{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999, 99999999999), }",
+                                      "{'descr': '<f4', 'fortran_order': False}",
+                                      "{'descr': '<f4', 'shape': (1,), 'fortran_order': Maybe}",
+                                      "{}",
+                                      "{",
+                                      ""};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         n = build_npy(file, bad[i], "\0\0\0\0", 4);
         assert_int_not_equal(npy_decode("bad.npy", file, n, &a, &err), SLT_OK);
@@ -402,9 +383,8 @@ static void raw_floats(void **state) {
     must(image_decode("h_2x2x3.f32", data, sizeof data, NULL, &im, &err), &err);
     assert_true(im.width == 2 && im.height == 2 && im.channels == 3);
     image_free(&im);
-    static const char *const bad[] = {"h_4x4.f32",  "h.f32",     "h_4.f32",
-                                      "h_4x.f32",   "h_0x0.f32", "h_999999x999999.f32",
-                                      "h_-4x-3.f32"};
+    static const char *const bad[] = {"h_4x4.f32",           "h.f32",      "h_4.f32", "h_4x.f32", "h_0x0.f32",
+                                      "h_999999x999999.f32", "h_-4x-3.f32"};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         assert_int_not_equal(image_decode(bad[i], data, sizeof data, NULL, &im, &err), SLT_OK);
     }
@@ -414,10 +394,9 @@ static void tables(void **state) {
     (void)state;
     SltError err = {0};
     Table t;
-    static const char *const good[] = {
-        "1,2,3\n4,5,6\n", "# comment\nx,y,z\n1;2;3\n\n4;5;6",
-        "\xef\xbb\xbf\"a\",\"b\",\"c\"\r\n1.0, 2, 3\r\n4e0,+5,6.000 # tail\r\n",
-        "1\t2\t3\n  4\t5 6\n", "1,2,3,\n4,5,6,\n"};
+    static const char *const good[] = {"1,2,3\n4,5,6\n", "# comment\nx,y,z\n1;2;3\n\n4;5;6",
+                                       "\xef\xbb\xbf\"a\",\"b\",\"c\"\r\n1.0, 2, 3\r\n4e0,+5,6.000 # tail\r\n",
+                                       "1\t2\t3\n  4\t5 6\n", "1,2,3,\n4,5,6,\n"};
     for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
         must(table_decode_csv("t.csv", good[i], strlen(good[i]), &t, &err), &err);
         assert_int_equal(t.rows, 2);
@@ -436,8 +415,7 @@ static void tables(void **state) {
                {"", "no numbers"},     {"a,b\n", "no numbers"}, {"a,b\nc,d\n", "line 2"},
                {"1,2abc\n", "2abc"},   {"a,1\n", "'a'"},        {"0x10,1\n", "0x10"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        assert_int_equal(table_decode_csv("t.csv", bad[i].text, strlen(bad[i].text), &t, &err),
-                         SLT_INPUT);
+        assert_int_equal(table_decode_csv("t.csv", bad[i].text, strlen(bad[i].text), &t, &err), SLT_INPUT);
         if (!strstr(err.text, bad[i].says) || !strstr(err.text, "t.csv")) {
             fail_msg("case %zu: %s", i, err.text);
         }
@@ -502,8 +480,7 @@ static void channels_and_strip(void **state) {
     const Image *const two[] = {&a, &b};
     must(image_film_strip(two, 2, 1, &strip, &err), &err);
     assert_true(strip.width == 4 && strip.height == 3);
-    assert_true(strip.data[0] == 1 && strip.data[1] == 0 && strip.data[2 * 3] == 1 &&
-                strip.data[3 * 3] == 0);
+    assert_true(strip.data[0] == 1 && strip.data[1] == 0 && strip.data[2 * 3] == 1 && strip.data[3 * 3] == 0);
     assert_true(strip.data[4 * 3] == 1); /* below the shorter image it is white */
     image_free(&strip);
     image_free(&a);
@@ -556,11 +533,8 @@ static void plot(void **state) {
     }
     PlotSeries s[2] = {{.name = "lattice <&>", .x = x, .y = y, .error = e, .count = 8},
                        {.name = "slope -1", .x = x, .y = y, .count = 8, .dashed = true}};
-    PlotOptions o = {.title = "error against time",
-                     .x_label = "samples",
-                     .y_label = "error",
-                     .log_x = true,
-                     .log_y = true};
+    PlotOptions o = {
+        .title = "error against time", .x_label = "samples", .y_label = "error", .log_x = true, .log_y = true};
     char *svg = plot_svg(&o, s, 2, &err);
     assert_non_null(svg);
     assert_non_null(strstr(svg, "lattice &lt;&amp;&gt;"));
@@ -570,9 +544,8 @@ static void plot(void **state) {
     free(svg);
     double flat[2] = {3, 3}, zero[2] = {0, 0};
     PlotSeries odd[1] = {{.x = flat, .y = zero, .count = 2}};
-    PlotOptions modes[3] = {{.log_x = false},
-                            {.log_x = true, .log_y = true},
-                            {.log_x = true, .width = 10, .height = 10}};
+    PlotOptions modes[3] = {
+        {.log_x = false}, {.log_x = true, .log_y = true}, {.log_x = true, .width = 10, .height = 10}};
     for (int i = 0; i < 3; i++) {
         svg = plot_svg(&modes[i], odd, i == 1 ? 0 : 1, &err);
         assert_non_null(svg);

@@ -107,8 +107,7 @@ static void fill(void *to, const Foreign *f, int part, int c, int w, int h, int 
     }
 }
 
-static void encode_chunk(exr_context_t ctx, const Foreign *f, int part, exr_chunk_info_t *info,
-                         int x0, int y0) {
+static void encode_chunk(exr_context_t ctx, const Foreign *f, int part, exr_chunk_info_t *info, int x0, int y0) {
     exr_encode_pipeline_t pipe = EXR_ENCODE_PIPELINE_INITIALIZER;
     check(exr_encoding_initialize(ctx, part, info, &pipe));
     void *buffers[8] = {0};
@@ -151,16 +150,14 @@ static void write_foreign(const char *path, const Foreign *f) {
         static const char *const names[] = {"left", "right"};
         int index;
         check(exr_add_part(ctx, names[p], f->storage, &index));
-        check(exr_initialize_required_attr(ctx, p, &display, &data, 1, &centre, 1,
-                                           EXR_LINEORDER_INCREASING_Y, f->compression));
+        check(exr_initialize_required_attr(ctx, p, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
+                                           f->compression));
         if (f->storage == EXR_STORAGE_TILED || f->storage == EXR_STORAGE_DEEP_TILED) {
-            check(exr_set_tile_descriptor(ctx, p, TILE, TILE, EXR_TILE_ONE_LEVEL,
-                                          EXR_TILE_ROUND_DOWN));
+            check(exr_set_tile_descriptor(ctx, p, TILE, TILE, EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN));
         }
         for (int c = 0; c < 6 && f->channels[c]; c++) {
             int s = c == 1 && f->sampling ? f->sampling : 1;
-            check(exr_add_channel(ctx, p, f->channels[c], f->type, EXR_PERCEPTUALLY_LOGARITHMIC, s,
-                                  s));
+            check(exr_add_channel(ctx, p, f->channels[c], f->type, EXR_PERCEPTUALLY_LOGARITHMIC, s, s));
         }
     }
     check(exr_write_header(ctx));
@@ -202,11 +199,10 @@ static void expect_rgba(const char *path, const Foreign *f, double tolerance) {
     for (int y = 0; y < im.height; y++) {
         for (int x = 0; x < im.width; x++) {
             for (int c = 0; c < 4; c++) {
-                double want = value_of(0, sorted_index[c], x, y),
-                       got = im.data[(y * im.width + x) * 4 + c];
+                double want = value_of(0, sorted_index[c], x, y), got = im.data[(y * im.width + x) * 4 + c];
                 if (!(fabs(got - want) <= tolerance * 2048)) {
-                    fail_msg("compression %d storage %d type %d at %d %d channel %d: %g, want %g",
-                             f->compression, f->storage, f->type, x, y, c, got, want);
+                    fail_msg("compression %d storage %d type %d at %d %d channel %d: %g, want %g", f->compression,
+                             f->storage, f->type, x, y, c, got, want);
                 }
             }
         }
@@ -214,9 +210,8 @@ static void expect_rgba(const char *path, const Foreign *f, double tolerance) {
     image_free(&im);
 }
 
-static const exr_compression_t lossless[] = {EXR_COMPRESSION_NONE, EXR_COMPRESSION_RLE,
-                                             EXR_COMPRESSION_ZIPS, EXR_COMPRESSION_ZIP,
-                                             EXR_COMPRESSION_PIZ};
+static const exr_compression_t lossless[] = {EXR_COMPRESSION_NONE, EXR_COMPRESSION_RLE, EXR_COMPRESSION_ZIPS,
+                                             EXR_COMPRESSION_ZIP, EXR_COMPRESSION_PIZ};
 
 static void exr_layouts(void **state) {
     (void)state;
@@ -267,8 +262,7 @@ static void exr_windows(void **state) {
     must(image_read(in_folder("w.exr"), NULL, &im, &err), &err);
     assert_true(im.width == 12 && im.height == 12 && im.channels == 1);
     assert_true(im.data[0] == 0 && im.data[3 * 12 + 1] == 0);
-    assert_true(im.data[3 * 12 + 2] == value_of(0, 0, 0, 0) &&
-                im.data[8 * 12 + 9] == value_of(0, 0, 7, 5));
+    assert_true(im.data[3 * 12 + 2] == value_of(0, 0, 0, 0) && im.data[8 * 12 + 9] == value_of(0, 0, 7, 5));
     image_free(&im);
     memcpy(f.display, (int[4]){4, 5, 6, 40}, sizeof f.display); /* overscan left, right and above */
     write_foreign(in_folder("w.exr"), &f);
@@ -331,8 +325,7 @@ static void write_odd_png(const char *path, int type, int depth, int interlace) 
         fail_msg("cannot make %s", path);
     }
     png_init_io(png, f);
-    png_set_IHDR(png, info, 8, 4, depth, type, interlace, PNG_COMPRESSION_TYPE_DEFAULT,
-                 PNG_FILTER_TYPE_DEFAULT);
+    png_set_IHDR(png, info, 8, 4, depth, type, interlace, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     if (type == PNG_COLOR_TYPE_PALETTE) {
         png_set_PLTE(png, info, colours, 16);
         png_set_tRNS(png, info, alpha, 3, NULL);
@@ -383,16 +376,14 @@ static void png_layouts(void **state) {
 
 /* Reads every truncation and some flips; whatever happens must be a clean answer. Returns how many
  * were accepted. */
-static int torture(const char *name, const uint8_t *bytes, size_t size,
-                   bool must_refuse_truncation) {
+static int torture(const char *name, const uint8_t *bytes, size_t size, bool must_refuse_truncation) {
     Image im;
     SltError err;
     int accepted = 0;
     uint8_t *copy = malloc(size);
     size_t stride = size > 3000 ? size / 1500 : 1;
     for (size_t n = 0; n < size; n += n < 512 ? 1 : stride) {
-        uint8_t *exact =
-            malloc(n ? n : 1); /* of exact size, so that the sanitizer sees a read past the end */
+        uint8_t *exact = malloc(n ? n : 1); /* of exact size, so that the sanitizer sees a read past the end */
         memcpy(exact, bytes, n);
         err = (SltError){0};
         SltStatus status = image_decode(name, exact, n, NULL, &im, &err);
@@ -438,9 +429,8 @@ static void torture_file(const char *path, bool refuse) {
 static void damaged_exr(void **state) {
     (void)state;
     for (size_t c = 0; c < 8; c++) {
-        static const exr_compression_t all[] = {EXR_COMPRESSION_NONE, EXR_COMPRESSION_RLE,
-                                                EXR_COMPRESSION_ZIPS, EXR_COMPRESSION_ZIP,
-                                                EXR_COMPRESSION_PIZ,  EXR_COMPRESSION_PXR24,
+        static const exr_compression_t all[] = {EXR_COMPRESSION_NONE, EXR_COMPRESSION_RLE, EXR_COMPRESSION_ZIPS,
+                                                EXR_COMPRESSION_ZIP,  EXR_COMPRESSION_PIZ, EXR_COMPRESSION_PXR24,
                                                 EXR_COMPRESSION_B44,  EXR_COMPRESSION_B44A};
         for (int tiled = 0; tiled < 2; tiled++) {
             Foreign f = {.width = 19,
@@ -486,9 +476,7 @@ static void damaged_flat(void **state) {
 }
 
 /* Height of the ramp of the tile below, in metres. */
-static int ramp(int x, int y) {
-    return 4 * x - 2 * y - 100;
-}
+static int ramp(int x, int y) { return 4 * x - 2 * y - 100; }
 
 static void tile(uint8_t *to, int side, int x0, int x1, int y0, int y1) {
     for (int y = 0; y < side; y++) {
@@ -552,14 +540,9 @@ static void huge_claims(void **state) {
     (void)state;
     SltError err = {0};
     Image im;
-    static const char *const claims[] = {"PF\n999999 999999\n-1\n",
-                                         "PF\n100000 100000\n-1\n",
-                                         "Pf\n16000 16000\n-1\n",
-                                         "PF\n0 5\n-1\n",
-                                         "PF\n-3 5\n-1\n",
-                                         "PF\n3e3 5\n-1\n",
-                                         "PF\n3 5\nx\n",
-                                         "P6\n3 5\n255\n"};
+    static const char *const claims[] = {
+        "PF\n999999 999999\n-1\n", "PF\n100000 100000\n-1\n", "Pf\n16000 16000\n-1\n", "PF\n0 5\n-1\n",
+        "PF\n-3 5\n-1\n",          "PF\n3e3 5\n-1\n",         "PF\n3 5\nx\n",          "P6\n3 5\n255\n"};
     for (size_t i = 0; i < sizeof claims / sizeof *claims; i++) {
         SltStatus status = image_decode("c.pfm", claims[i], strlen(claims[i]), NULL, &im, &err);
         assert_true(status == SLT_INPUT || status == SLT_LIMIT);
@@ -587,8 +570,7 @@ static void huge_claims(void **state) {
     assert_true(edited >= 2);
     assert_int_equal(image_decode("h.exr", bytes, size, NULL, &im, &err), SLT_INPUT);
     free(bytes);
-    static const uint8_t bomb[] =
-        "\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x0f\xff\xff\0\x0f\xff\xff\x08\x06\0\0\0";
+    static const uint8_t bomb[] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\x0f\xff\xff\0\x0f\xff\xff\x08\x06\0\0\0";
     assert_int_not_equal(image_decode("b.png", bomb, sizeof bomb - 1, NULL, &im, &err), SLT_OK);
 }
 
@@ -676,11 +658,11 @@ static void atomic_write(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exr_layouts),   cmocka_unit_test(png_layouts),
-        cmocka_unit_test(exr_windows),   cmocka_unit_test(exr_parts_and_refusals),
-        cmocka_unit_test(damaged_exr),   cmocka_unit_test(damaged_png),
-        cmocka_unit_test(damaged_flat),  cmocka_unit_test(hgt_tiles),
-        cmocka_unit_test(huge_claims),   cmocka_unit_test(missing_files),
+        cmocka_unit_test(exr_layouts),  cmocka_unit_test(png_layouts),
+        cmocka_unit_test(exr_windows),  cmocka_unit_test(exr_parts_and_refusals),
+        cmocka_unit_test(damaged_exr),  cmocka_unit_test(damaged_png),
+        cmocka_unit_test(damaged_flat), cmocka_unit_test(hgt_tiles),
+        cmocka_unit_test(huge_claims),  cmocka_unit_test(missing_files),
         cmocka_unit_test(atomic_write),
     };
     return cmocka_run_group_tests(tests, make_folder, drop_folder);

@@ -112,15 +112,9 @@ static void test_parse_garbage(void **state) {
             seed = seed * 6364136223846793005u + 1442695040888963407u;
             size_t at = (size_t)(seed >> 33) % n;
             switch ((seed >> 20) % 3) {
-            case 0:
-                damaged[at] = "%{}()0123,:#abfitx\"\\ ;="[(seed >> 40) % 23];
-                break;
-            case 1:
-                memmove(damaged + at, damaged + at + 1, n-- - at);
-                break;
-            default:
-                n = (seed >> 25) % 40 ? n : at + 1;
-                damaged[n] = 0;
+            case 0: damaged[at] = "%{}()0123,:#abfitx\"\\ ;="[(seed >> 40) % 23]; break;
+            case 1: memmove(damaged + at, damaged + at + 1, n-- - at); break;
+            default: n = (seed >> 25) % 40 ? n : at + 1; damaged[n] = 0;
             }
         }
         Session *s = session_create(0);

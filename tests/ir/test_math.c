@@ -29,12 +29,8 @@ REF1(sinh, sinhl(x))
 REF1(cosh, coshl(x))
 REF1(tanh, tanhl(x))
 REF1(erf, erfl(x))
-static Real ref_atan2(Real y, Real x) {
-    return atan2l(y, x);
-}
-static Real ref_pow(Real x, Real y) {
-    return powl(x, y);
-}
+static Real ref_atan2(Real y, Real x) { return atan2l(y, x); }
+static Real ref_pow(Real x, Real y) { return powl(x, y); }
 
 typedef struct Case {
     Op op;
@@ -68,9 +64,7 @@ static uint64_t next_random(uint64_t *state) {
     return z ^ (z >> 31);
 }
 
-static double uniform(uint64_t *state) {
-    return (double)(next_random(state) >> 11) * 0x1p-53;
-}
+static double uniform(uint64_t *state) { return (double)(next_random(state) >> 11) * 0x1p-53; }
 
 static double sample(const Case *c, bool f32, uint64_t *state) {
     if (!c->wide || next_random(state) & 1) return c->lo + (c->hi - c->lo) * uniform(state);
@@ -175,18 +169,10 @@ static void accuracy(Precision p, bool fma) {
     assert_false(bad);
 }
 
-static void test_f32_fma(void **state) {
-    (void)state, accuracy(PREC_F32, true);
-}
-static void test_f32_plain(void **state) {
-    (void)state, accuracy(PREC_F32, false);
-}
-static void test_f64_fma(void **state) {
-    (void)state, accuracy(PREC_F64, true);
-}
-static void test_f64_plain(void **state) {
-    (void)state, accuracy(PREC_F64, false);
-}
+static void test_f32_fma(void **state) { (void)state, accuracy(PREC_F32, true); }
+static void test_f32_plain(void **state) { (void)state, accuracy(PREC_F32, false); }
+static void test_f64_fma(void **state) { (void)state, accuracy(PREC_F64, true); }
+static void test_f64_plain(void **state) { (void)state, accuracy(PREC_F64, false); }
 
 /* Every pair of edge values, for every function: as C's libm, also in the sign of zero. */
 static void edges(Precision p, bool fma) {
@@ -287,12 +273,9 @@ static void test_powers(void **state) {
         assert_int_equal(run(t.fn, &args, 9, 4), SLT_OK);
         for (int k = 0; k < 9; k++) {
             double want = pow(xs[k], n);
-            if (isnan(want))
-                assert_true(isnan(out[k]));
-            else if (isinf(want) || fabs(want) < 1e-300)
-                assert_true(out[k] == want || fabs(out[k] - want) < 1e-300);
-            else
-                assert_true(fabs(out[k] - want) <= 4.5 * 0x1p-52 * fabs(want));
+            if (isnan(want)) assert_true(isnan(out[k]));
+            else if (isinf(want) || fabs(want) < 1e-300) assert_true(out[k] == want || fabs(out[k] - want) < 1e-300);
+            else assert_true(fabs(out[k] - want) <= 4.5 * 0x1p-52 * fabs(want));
         }
         close_fn(&t);
     }

@@ -1,5 +1,6 @@
-/* One arithmetic: for the same (x, parameters, stream) every decision, every g and every value is the same, bit for bit, in all variants, at all widths, in
- * both precisions, and in the interpreter. Programs: tests/programs/ and whatever else SALTUS_TEST_PROGRAMS lists. */
+/* One arithmetic: for the same (x, parameters, stream) every decision, every g and every value is the same, bit for
+ * bit, in all variants, at all widths, in both precisions, and in the interpreter. Programs: tests/programs/ and
+ * whatever else SALTUS_TEST_PROGRAMS lists. */
 #include <dirent.h>
 #include <math.h>
 #include <setjmp.h>
@@ -45,7 +46,8 @@ static void io_make(Io *io, const SltProgram *p) {
             double u = rand() / (RAND_MAX + 1.0), span = p->prog->hi[d] - p->prog->lo[d];
             /* Ends of a pair lie close together half of the time. */
             if (i % 2 && i % 8 < 4) {
-                double before = p->opt.f64 ? ((double *)io->in[IN_X0 + d])[i - 1] : (double)((float *)io->in[IN_X0 + d])[i - 1];
+                double before =
+                    p->opt.f64 ? ((double *)io->in[IN_X0 + d])[i - 1] : (double)((float *)io->in[IN_X0 + d])[i - 1];
                 set(p->opt.f64, io->in[IN_X0 + d], i, before + 0.02 * span * (u - 0.5));
             } else {
                 set(p->opt.f64, io->in[IN_X0 + d], i, p->prog->lo[d] + u * span);
@@ -65,11 +67,14 @@ static void io_free(Io *io) {
 
 static SltKernel *kernel(const SltProgram *p, int k) {
     const SltScene *s = &p->scene;
-    SltKernel *const list[K_KINDS] = {s->value, s->region, s->event, s->sides, s->site, s->site_grad, s->site_jvp, s->site_vjp, s->jvp, s->vjp};
+    SltKernel *const list[K_KINDS] = {s->value,     s->region,   s->event,    s->sides, s->site,
+                                      s->site_grad, s->site_jvp, s->site_vjp, s->jvp,   s->vjp};
     return list[k];
 }
 
-static size_t out_bytes(const SltProgram *p, const Fn *fn, uint32_t o) { return N * (fn->body->last->args[o]->type == TY_FLT && p->opt.f64 ? 8 : 4); }
+static size_t out_bytes(const SltProgram *p, const Fn *fn, uint32_t o) {
+    return N * (fn->body->last->args[o]->type == TY_FLT && p->opt.f64 ? 8 : 4);
+}
 
 static const int kinds[] = {K_VALUE, K_REGION, K_EVENT, K_SIDES, K_SITE, K_SITE_GRAD};
 enum { NKINDS = sizeof kinds / sizeof *kinds };
@@ -85,7 +90,8 @@ static void same_bits(const char *file, const SltProgram *p, Io *want, Io *got, 
             if (each == 8) memcpy(&x, a + (size_t)i * 8, 8), memcpy(&y, b + (size_t)i * 8, 8);
             else memcpy(&fx, a + (size_t)i * 4, 4), memcpy(&fy, b + (size_t)i * 4, 4), x = fx, y = fy;
             if (isnan(x) && isnan(y)) continue; /* payloads are nobody's business */
-            fail_msg("%s %s kernel %s width %u: output %s of sample %d: %.17g (interpreter) and %.17g", file, p->opt.f64 ? "f64" : "f32", kernel_names[kind], p->opt.width, fn->outputs[o], i, x, y);
+            fail_msg("%s %s kernel %s width %u: output %s of sample %d: %.17g (interpreter) and %.17g", file,
+                     p->opt.f64 ? "f64" : "f32", kernel_names[kind], p->opt.width, fn->outputs[o], i, x, y);
         }
     }
 }
@@ -111,7 +117,8 @@ static void relations(const char *file, SltProgram *p, Io *out) {
     for (int i = 0; i < N; i++) {
         if (hash[i] != hash2[i]) fail_msg("%s: region and sides disagree on the hash of sample %d", file, i);
         for (uint32_t c = 0; c < p->prog->channels; c++)
-            if (memcmp((char *)out[0].out[c] + (size_t)i * each, (char *)out[3].out[c] + (size_t)i * each, each) != 0) fail_msg("%s: value and sides disagree on f of sample %d", file, i);
+            if (memcmp((char *)out[0].out[c] + (size_t)i * each, (char *)out[3].out[c] + (size_t)i * each, each) != 0)
+                fail_msg("%s: value and sides disagree on f of sample %d", file, i);
     }
     int differing = 0;
     for (int i = 0; i < N; i += 2) {
@@ -121,7 +128,8 @@ static void relations(const char *file, SltProgram *p, Io *out) {
         differing++;
         double ga = p->opt.f64 ? ((double *)out[2].out[1])[i] : (double)((float *)out[2].out[1])[i];
         double gb = p->opt.f64 ? ((double *)out[2].out[1])[i + 1] : (double)((float *)out[2].out[1])[i + 1];
-        if (!(ga * gb <= 0)) fail_msg("%s: pair %d, site %d: g does not change sign: %g %g", file, i / 2, site[i], ga, gb);
+        if (!(ga * gb <= 0))
+            fail_msg("%s: pair %d, site %d: g does not change sign: %g %g", file, i / 2, site[i], ga, gb);
     }
     if (differing == 0) fail_msg("%s: no pair of samples was separated: the test shows nothing", file);
 }
@@ -142,8 +150,10 @@ static void site_agrees(const char *file, SltProgram *p, Io *events) {
         for (uint32_t d = 0; d < p->scene.event_depth; d++) memcpy(io.in[IN_K0 + d], events->out[3 + d], N * 4);
         ir_interpret(p->fn[K_SITE], &io.args, N, 16);
         for (int i = 0; i < N; i++)
-            if (site[i] == (int32_t)s && memcmp((char *)io.out[0] + (size_t)i * each, (char *)events->out[1] + (size_t)i * each, each) != 0) {
-                double x = p->opt.f64 ? ((double *)io.out[0])[i] : (double)((float *)io.out[0])[i], y = p->opt.f64 ? ((double *)events->out[1])[i] : (double)((float *)events->out[1])[i];
+            if (site[i] == (int32_t)s &&
+                memcmp((char *)io.out[0] + (size_t)i * each, (char *)events->out[1] + (size_t)i * each, each) != 0) {
+                double x = p->opt.f64 ? ((double *)io.out[0])[i] : (double)((float *)io.out[0])[i],
+                       y = p->opt.f64 ? ((double *)events->out[1])[i] : (double)((float *)events->out[1])[i];
                 fail_msg("%s: site %u, sample %d: site kernel gives g = %.17g, event %.17g", file, s, i, x, y);
             }
     }

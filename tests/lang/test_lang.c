@@ -1,6 +1,6 @@
-/* The language, program by program: every *.salt here (and every FOLDER/main.salt) says in comments what it must do; README.md lists the directives.
- * Values are computed by the interpreter and by compiled kernels of widths 1, 8 and 16, in both precisions, and must agree bit for bit.
- * With an argument only files whose path contains it are run. */
+/* The language, program by program: every *.salt here (and every FOLDER/main.salt) says in comments what it must do;
+ * README.md lists the directives. Values are computed by the interpreter and by compiled kernels of widths 1, 8 and 16,
+ * in both precisions, and must agree bit for bit. With an argument only files whose path contains it are run. */
 #include <ctype.h>
 #include <dirent.h>
 #include <math.h>
@@ -26,14 +26,14 @@ typedef struct Point {
 } Point;
 
 typedef struct Message {
-    int severity;          /* 1 error, 2 warning */
+    int severity; /* 1 error, 2 warning */
     char code[8], text[160], file[64];
     uint32_t line, column; /* column 0: any */
     bool seen;
 } Message;
 
 typedef struct Total {
-    char name[64];         /* "": the integral */
+    char name[64]; /* "": the integral */
     double v[4];
     int nv, line;
 } Total;
@@ -151,13 +151,15 @@ static void read_comment(Case *c, const char *s, int line, const char *file) {
         size_t n = strcspn(a, ":\n");
         if (a[n] == ':') read_total(c, a, n, a + n + 1, line);
     } else if ((a = directive(s, "text: "))) copy(c->texts[c->ntexts++ & 15], sizeof c->texts[0], a, strcspn(a, "\n"));
-    else if ((a = directive(s, "param: "))) copy(c->params[c->nparams++ & 15], sizeof c->params[0], a, strcspn(a, "\n"));
+    else if ((a = directive(s, "param: ")))
+        copy(c->params[c->nparams++ & 15], sizeof c->params[0], a, strcspn(a, "\n"));
     else if ((a = directive(s, "set: "))) {
         size_t n = strcspn(a, "=");
         copy(c->set_names[c->nsets & 15], sizeof c->set_names[0], a, n);
         copy(c->set_values[c->nsets++ & 15], sizeof c->set_values[0], a + n + 1, strcspn(a + n + 1, " \n"));
     } else if ((a = directive(s, "entry: "))) copy(c->entry, sizeof c->entry, a, strcspn(a, "\n"));
-    else if ((a = directive(s, "tol: "))) c->tol[0] = c->tol[1] = 0, c->tol[1] = numbers(a, c->tol, 2) == 2 ? c->tol[1] : c->tol[0];
+    else if ((a = directive(s, "tol: ")))
+        c->tol[0] = c->tol[1] = 0, c->tol[1] = numbers(a, c->tol, 2) == 2 ? c->tol[1] : c->tol[0];
     else if ((a = directive(s, "grad-tol: "))) c->total_tol = atof(a);
     else if ((a = directive(s, "status: "))) c->status = atoi(a);
     else if ((a = directive(s, "asserts: "))) c->asserts = atol(a);
@@ -235,12 +237,16 @@ static void check_messages(Case *c, SltProgram *p) {
             m->seen = found = true;
         }
         if (!found) wrong(c, "unexpected %s:%u:%u: %s: %s", base, d.line, d.column, d.code, d.message);
-        if (d.severity == 1 && d.line == 0 && c->status == SLT_PROGRAM) wrong(c, "an error without a place: %s", d.message);
+        if (d.severity == 1 && d.line == 0 && c->status == SLT_PROGRAM)
+            wrong(c, "an error without a place: %s", d.message);
     }
     for (int k = 0; k < c->nmessages; k++)
-        if (!c->messages[k].seen) wrong(c, "%s:%u: expected %s %s %s", c->messages[k].file, c->messages[k].line, c->messages[k].severity == 1 ? "error" : "warning", c->messages[k].code, c->messages[k].text);
+        if (!c->messages[k].seen)
+            wrong(c, "%s:%u: expected %s %s %s", c->messages[k].file, c->messages[k].line,
+                  c->messages[k].severity == 1 ? "error" : "warning", c->messages[k].code, c->messages[k].text);
     for (int k = 0; k < c->ntexts; k++)
-        if (!strstr(slt_diagnostics_text(p), c->texts[k]) && !strstr(slt_last_error(p), c->texts[k])) wrong(c, "nothing says \"%s\"; said is\n%s%s", c->texts[k], slt_diagnostics_text(p), slt_last_error(p));
+        if (!strstr(slt_diagnostics_text(p), c->texts[k]) && !strstr(slt_last_error(p), c->texts[k]))
+            wrong(c, "nothing says \"%s\"; said is\n%s%s", c->texts[k], slt_diagnostics_text(p), slt_last_error(p));
 }
 
 typedef struct Values {
@@ -260,7 +266,12 @@ static void put(bool f64, void *a, int i, double v) {
 
 /* Every vector holds all points, repeated, so that lanes diverge. */
 static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Values *out) {
-    SltKernelArgs args = {.params = p->flt, .iparams = p->ints, .resolution = {16, 8}, .print = count_print, .user = &out->prints, .fields = p->scene.fields};
+    SltKernelArgs args = {.params = p->flt,
+                          .iparams = p->ints,
+                          .resolution = {16, 8},
+                          .print = count_print,
+                          .user = &out->prints,
+                          .fields = p->scene.fields};
     enum { CAPACITY = MAX_POINTS + SLT_PAD };
     char *memory = aligned_alloc(64, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
     memset(memory, 0, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
@@ -268,7 +279,8 @@ static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Val
     for (int s = 0; s < SLT_OUT_MAX; s++) args.out[s] = memory + (SLT_IN_VARYING + s) * CAPACITY * 8;
     for (int i = 0; i < CAPACITY; i++) {
         const Point *q = &c->points[i % c->npoints];
-        for (int d = 0; d < 3; d++) put(f64, (void *)args.in[IN_X0 + d], i, d < q->nx ? q->x[d] : 0.5 * (p->prog->lo[d] + p->prog->hi[d]));
+        for (int d = 0; d < 3; d++)
+            put(f64, (void *)args.in[IN_X0 + d], i, d < q->nx ? q->x[d] : 0.5 * (p->prog->lo[d] + p->prog->hi[d]));
         put(f64, (void *)args.in[IN_RAND0], i, 0.25);
         ((int32_t *)args.in[IN_STREAM])[i] = i % c->npoints;
         ((int32_t *)args.in[IN_PIXEL0])[i] = 3;
@@ -279,7 +291,8 @@ static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Val
     if (interpret) ir_interpret(p->fn[K_VALUE], &args, n, 16);
     else p->scene.value(&args, n);
     for (int i = 0; i < c->npoints; i++)
-        for (uint32_t k = 0; k < slt_channels(p); k++) out->v[i][k] = f64 ? ((double *)args.out[k])[i] : (double)((float *)args.out[k])[i];
+        for (uint32_t k = 0; k < slt_channels(p); k++)
+            out->v[i][k] = f64 ? ((double *)args.out[k])[i] : (double)((float *)args.out[k])[i];
     out->truncated = (long)args.counters[SLT_COUNT_TRUNCATED], out->asserts = (long)args.counters[SLT_COUNT_ASSERT];
     free(memory);
 }
@@ -306,21 +319,29 @@ static void check_values(Case *c, bool f64) {
             for (int i = 0; i < c->npoints; i++) {
                 const Point *q = &c->points[i];
                 if (q->precision && q->precision != (f64 ? 64 : 32)) continue;
-                if ((uint32_t)q->nv != channels) wrong(c, "line %d: %d numbers for %u channels", q->line, q->nv, channels);
+                if ((uint32_t)q->nv != channels)
+                    wrong(c, "line %d: %d numbers for %u channels", q->line, q->nv, channels);
                 for (uint32_t k = 0; k < channels; k++)
-                    if (!close_to(want.v[i][k], f64 ? q->v[k] : (double)(float)q->v[k], c->tol[f64])) wrong(c, "line %d: channel %u in %s is %.17g, not %.17g", q->line, k, f64 ? "f64" : "f32", want.v[i][k], q->v[k]);
+                    if (!close_to(want.v[i][k], f64 ? q->v[k] : (double)(float)q->v[k], c->tol[f64]))
+                        wrong(c, "line %d: channel %u in %s is %.17g, not %.17g", q->line, k, f64 ? "f64" : "f32",
+                              want.v[i][k], q->v[k]);
             }
-            if (c->asserts >= 0 && want.asserts != c->asserts) wrong(c, "%ld asserts failed, not %ld", want.asserts, c->asserts);
-            if (c->truncated >= 0 && want.truncated != c->truncated) wrong(c, "%ld loops cut short, not %ld", want.truncated, c->truncated);
+            if (c->asserts >= 0 && want.asserts != c->asserts)
+                wrong(c, "%ld asserts failed, not %ld", want.asserts, c->asserts);
+            if (c->truncated >= 0 && want.truncated != c->truncated)
+                wrong(c, "%ld loops cut short, not %ld", want.truncated, c->truncated);
             if (c->prints >= 0 && want.prints != c->prints) wrong(c, "%ld prints, not %ld", want.prints, c->prints);
         }
         got = (Values){0};
         evaluate(c, p, f64, false, &got);
         for (int i = 0; i < c->npoints; i++)
             for (uint32_t k = 0; k < channels; k++)
-                if (!same(want.v[i][k], got.v[i][k])) wrong(c, "line %d: width %u %s gives %.17g, the interpreter %.17g", c->points[i].line, widths[w], f64 ? "f64" : "f32", got.v[i][k], want.v[i][k]);
+                if (!same(want.v[i][k], got.v[i][k]))
+                    wrong(c, "line %d: width %u %s gives %.17g, the interpreter %.17g", c->points[i].line, widths[w],
+                          f64 ? "f64" : "f32", got.v[i][k], want.v[i][k]);
         if (got.asserts != want.asserts || got.truncated != want.truncated || got.prints != want.prints)
-            wrong(c, "width %u counts %ld asserts, %ld cuts, %ld prints, the interpreter %ld, %ld, %ld", widths[w], got.asserts, got.truncated, got.prints, want.asserts, want.truncated, want.prints);
+            wrong(c, "width %u counts %ld asserts, %ld cuts, %ld prints, the interpreter %ld, %ld, %ld", widths[w],
+                  got.asserts, got.truncated, got.prints, want.asserts, want.truncated, want.prints);
         slt_program_free(p);
     }
 }
@@ -333,9 +354,12 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
     uint32_t n = slt_channels(p), nf = slt_float_count(p);
     double *memory = calloc((size_t)n * (nf + 1) + 1, sizeof *memory);
     SltIntegral r = {.value = memory, .gradient = memory + n};
-    if (slt_grad_integral(p, &job, &r, &stats, &err) != SLT_OK) wrong(c, "%s: no integral: %s", f64 ? "f64" : "f32", err.text);
-    if (c->samples_truncated >= 0 && (long)stats.truncated != c->samples_truncated) wrong(c, "%ld samples cut short in the integral, not %ld", (long)stats.truncated, c->samples_truncated);
-    if (c->samples_failed >= 0 && (long)stats.asserts != c->samples_failed) wrong(c, "%ld failed asserts in the integral, not %ld", (long)stats.asserts, c->samples_failed);
+    if (slt_grad_integral(p, &job, &r, &stats, &err) != SLT_OK)
+        wrong(c, "%s: no integral: %s", f64 ? "f64" : "f32", err.text);
+    if (c->samples_truncated >= 0 && (long)stats.truncated != c->samples_truncated)
+        wrong(c, "%ld samples cut short in the integral, not %ld", (long)stats.truncated, c->samples_truncated);
+    if (c->samples_failed >= 0 && (long)stats.asserts != c->samples_failed)
+        wrong(c, "%ld failed asserts in the integral, not %ld", (long)stats.asserts, c->samples_failed);
     for (int i = 0; i < c->ntotals && !failures; i++) {
         const Total *t = &c->totals[i];
         SltParam q = {.fcount = 1};
@@ -346,7 +370,9 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
         }
         for (uint32_t k = 0; k < n; k++) {
             double got = t->name[0] ? r.gradient[(size_t)k * nf + q.fbase] : r.value[k];
-            if (!close_to(got, t->v[k], c->total_tol)) wrong(c, "line %d: %s: %s%s of channel %u is %.9g, not %.9g", t->line, f64 ? "f64" : "f32", t->name[0] ? "derivative by " : "integral", t->name, k, got, t->v[k]);
+            if (!close_to(got, t->v[k], c->total_tol))
+                wrong(c, "line %d: %s: %s%s of channel %u is %.9g, not %.9g", t->line, f64 ? "f64" : "f32",
+                      t->name[0] ? "derivative by " : "integral", t->name, k, got, t->v[k]);
         }
     }
     free(memory);
@@ -354,7 +380,17 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
 
 static void run_case(Case *c, const char *path) {
     char dir[512];
-    *c = (Case){.path = path, .status = -1, .asserts = -1, .truncated = -1, .prints = -1, .sites = -1, .samples_truncated = -1, .samples_failed = -1, .samples = 65536, .tol = {1e-6, 1e-13}, .total_tol = 2e-3};
+    *c = (Case){.path = path,
+                .status = -1,
+                .asserts = -1,
+                .truncated = -1,
+                .prints = -1,
+                .sites = -1,
+                .samples_truncated = -1,
+                .samples_failed = -1,
+                .samples = 65536,
+                .tol = {1e-6, 1e-13},
+                .total_tol = 2e-3};
     size_t n = strlen(path);
     if (n > 10 && !strcmp(path + n - 10, "/main.salt")) { /* imported files say what is expected in them */
         copy(dir, sizeof dir, path, n - 10);
@@ -385,7 +421,8 @@ static void run_case(Case *c, const char *path) {
         check_messages(c, p);
         if ((int)s != c->status) wrong(c, "status %d, not %d: %s", (int)s, c->status, slt_last_error(p));
         if (seconds > 5) wrong(c, "the front end took %.1f s", seconds);
-        if (s == SLT_OK && c->sites >= 0 && (long)slt_site_count(p) != c->sites) wrong(c, "%u sites, not %ld", slt_site_count(p), c->sites);
+        if (s == SLT_OK && c->sites >= 0 && (long)slt_site_count(p) != c->sites)
+            wrong(c, "%u sites, not %ld", slt_site_count(p), c->sites);
         if (s == SLT_OK && c->ntotals) check_totals(c, p, f64);
         slt_program_free(p);
         if (s == SLT_OK && c->npoints) check_values(c, f64);

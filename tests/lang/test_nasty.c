@@ -1,4 +1,5 @@
-/* Programs that nobody means: huge, half-typed, pathological. Each ends in less than a second with a status and, if that is an error, with a place; none crashes. */
+/* Programs that nobody means: huge, half-typed, pathological. Each ends in less than a second with a status and, if
+ * that is an error, with a place; none crashes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -56,13 +57,15 @@ static void compile(const char *what, const char *source, int want, const char *
     double start = seconds();
     SltStatus s = slt_compile_string(source, "nasty.salt", &o, &p);
     double took = seconds() - start;
-    if (want < 0 ? s != SLT_OK && s != SLT_PROGRAM : (int)s != want) fail_msg("%s: status %d: %s\n%s", what, (int)s, slt_last_error(p), slt_diagnostics_text(p));
+    if (want < 0 ? s != SLT_OK && s != SLT_PROGRAM : (int)s != want)
+        fail_msg("%s: status %d: %s\n%s", what, (int)s, slt_last_error(p), slt_diagnostics_text(p));
     if (took > LIMIT) fail_msg("%s: %.2f s", what, took);
     bool placed = s == SLT_OK, found = !code;
     SltDiagnostic d;
     for (uint32_t i = 0; slt_diagnostic(p, i, &d); i++) {
         if (d.severity != 1) continue;
-        if (d.line == 0 || d.column == 0 || !d.file || strcmp(d.file, "nasty.salt") != 0) fail_msg("%s: an error without a place: %s", what, d.message);
+        if (d.line == 0 || d.column == 0 || !d.file || strcmp(d.file, "nasty.salt") != 0)
+            fail_msg("%s: an error without a place: %s", what, d.message);
         placed = true;
         if (code && !strcmp(d.code, code)) found = true;
     }
@@ -111,7 +114,9 @@ static void doubling_of_types(void **state) {
 
 static void brackets(void **state) {
     (void)state;
-    static const char *const pairs[][2] = {{"(", ")"}, {"{", "}"}, {"[", "]"}, {"-", ""}, {"!", ""}, {"f(", ")"}, {"float2(", ")"}, {"x ? ", " : 1.0"}, {"x.x + (", ")"}};
+    static const char *const pairs[][2] = {{"(", ")"},       {"{", "}"},         {"[", "]"},
+                                           {"-", ""},        {"!", ""},          {"f(", ")"},
+                                           {"float2(", ")"}, {"x ? ", " : 1.0"}, {"x.x + (", ")"}};
     for (size_t k = 0; k < sizeof pairs / sizeof *pairs; k++) {
         Text t = {0};
         add(&t, "shader float main(float x) { return ");
@@ -181,54 +186,74 @@ static void long_things(void **state) {
 
 static void long_loops(void **state) {
     (void)state;
-    compile("10^9 iterations", "shader float main(float x) { float s = 0.0; for (int i = 0; i < 1000000000; i++) s += x; return s; }", SLT_PROGRAM, "E0311");
+    compile("10^9 iterations",
+            "shader float main(float x) { float s = 0.0; for (int i = 0; i < 1000000000; i++) s += x; return s; }",
+            SLT_PROGRAM, "E0311");
     compile("never ends", "shader float main(float x) { while (true) {} return x; }", SLT_PROGRAM, "E0310");
-    compile("counts away", "shader float main(float x) { float s = 0.0; for (int i = 1; i > 0; i++) s += x; return s; }", SLT_PROGRAM, NULL);
-    compile("step of zero", "shader float main(float x) { float s = 0.0; for (int i = 0; i < 4; i += 0) s += x; return s; }", SLT_PROGRAM, NULL);
-    compile("float step too small", "shader float main(float x) { float s = 0.0; for (float t = 0.0; t < 1.0; t += 1e-30) s += x; return s; }", SLT_PROGRAM, NULL);
-    compile("nested to 2^40",
-            "shader float main(float x) { float s = 0.0; for (int i = 0; i < 1048576; i++) for (int j = 0; j < 1048576; j++) s += x; return s; }", -1, NULL);
-    compile("nine deep", "param float p = 0.5; shader float main(float x) { float s = 0.0;"
-                         "for (int a = 0; a < 2; a++) for (int b = 0; b < 2; b++) for (int c = 0; c < 2; c++) for (int d = 0; d < 2; d++) for (int e = 0; e < 2; e++)"
-                         "for (int f = 0; f < 2; f++) for (int g = 0; g < 2; g++) for (int h = 0; h < 2; h++) for (int i = 0; i < 2; i++) { [Disc] if (x < p) s += 1.0; } return s; }",
-            SLT_PROGRAM, "E0502");
+    compile("counts away",
+            "shader float main(float x) { float s = 0.0; for (int i = 1; i > 0; i++) s += x; return s; }", SLT_PROGRAM,
+            NULL);
+    compile("step of zero",
+            "shader float main(float x) { float s = 0.0; for (int i = 0; i < 4; i += 0) s += x; return s; }",
+            SLT_PROGRAM, NULL);
+    compile("float step too small",
+            "shader float main(float x) { float s = 0.0; for (float t = 0.0; t < 1.0; t += 1e-30) s += x; return s; }",
+            SLT_PROGRAM, NULL);
+    compile(
+        "nested to 2^40",
+        "shader float main(float x) { float s = 0.0; for (int i = 0; i < 1048576; i++) for (int j = 0; j < 1048576; j++) s += x; return s; }",
+        -1, NULL);
+    compile(
+        "nine deep",
+        "param float p = 0.5; shader float main(float x) { float s = 0.0;"
+        "for (int a = 0; a < 2; a++) for (int b = 0; b < 2; b++) for (int c = 0; c < 2; c++) for (int d = 0; d < 2; d++) for (int e = 0; e < 2; e++)"
+        "for (int f = 0; f < 2; f++) for (int g = 0; g < 2; g++) for (int h = 0; h < 2; h++) for (int i = 0; i < 2; i++) { [Disc] if (x < p) s += 1.0; } return s; }",
+        SLT_PROGRAM, "E0502");
 }
 
 static void large_sizes(void **state) {
     (void)state;
     compile("huge array", "shader float main(float x) { float a[1000000000]; return a[0]; }", SLT_PROGRAM, "E0126");
-    compile("huge product", "shader float main(float x) { float a[65536][65536]; return a[0][0]; }", SLT_PROGRAM, "E0126");
-    compile("huge parameter", "param float a[2000000000] = init(f); float f(int i) { return 1.0; } shader float main(float x) { return a[0]; }", SLT_PROGRAM, "E0126");
-    compile("huge texture", "param texture2D t = zeros(1000000, 1000000); shader float main(float2 x) { return t.sample(x); }", SLT_PROGRAM, "E0305");
-    compile("constant that divides by zero", "const int N = 1 / 0; shader float main(float x) { float a[N]; return a[0]; }", SLT_PROGRAM, "E0125");
-    compile("constant overflow", "const int N = 2147483647 + 1; shader float main(float x) { float a[N]; return a[0]; }", SLT_PROGRAM, "E0125");
+    compile("huge product", "shader float main(float x) { float a[65536][65536]; return a[0][0]; }", SLT_PROGRAM,
+            "E0126");
+    compile(
+        "huge parameter",
+        "param float a[2000000000] = init(f); float f(int i) { return 1.0; } shader float main(float x) { return a[0]; }",
+        SLT_PROGRAM, "E0126");
+    compile("huge texture",
+            "param texture2D t = zeros(1000000, 1000000); shader float main(float2 x) { return t.sample(x); }",
+            SLT_PROGRAM, "E0305");
+    compile("constant that divides by zero",
+            "const int N = 1 / 0; shader float main(float x) { float a[N]; return a[0]; }", SLT_PROGRAM, "E0125");
+    compile("constant overflow",
+            "const int N = 2147483647 + 1; shader float main(float x) { float a[N]; return a[0]; }", SLT_PROGRAM,
+            "E0125");
 }
 
 /* As typed: every prefix of a program, and the program without each of its tokens. */
-static const char typed[] =
-    "import sdf;\n"
-    "const int N = 3; /* a comment */\n"
-    "typedef float2 P;\n"
-    "struct Disc { P centre; float r[2]; };\n"
-    "[Range(0.05, 0.9), Doc(\"size\")] param float radius = 0.4;\n"
-    "param Disc discs[N] = init(make);\n"
-    "param texture2D t = zeros(4, 4);\n"
-    "Disc make(int i) { Disc d = { P(rand(), 0.5), { 0.1f * i, 0x1F } }; return d; }\n"
-    "void both(in float a, out float b, inout float2 c) { b = a; c.xy += -c.yx * 2.0; }\n"
-    "[Tangent(df)] float f(float a) { return a * a; }\n"
-    "float df(float a, float da) { return 2.0 * a * da; }\n"
-    "[Domain(-1.0, 1.0)] shader float3 main(float2 x) {\n"
-    "    float3 c = float3(1.0), w; float2x2 m = float2x2(1, 2, 3, 4); float b;\n"
-    "    w = float3(m * x, x.x > 0.0 && !(x.y <= 0.0) ? 1e-3 : 2u);\n"
-    "    for (int i = 0, j = 1; i < N; i++, j *= 2) {\n"
-    "        float d = sd_circle(x - discs[i].centre, radius);\n"
-    "        [Disc] [SkipLoop] if (d < 0.0) c = lerp(c, w, 0.5); else if (i == 2) continue;\n"
-    "        switch (i % 3) { case 0: c.x++; case 1: break; default: --c.y; }\n"
-    "    }\n"
-    "    [MaxIters(9)] while (c.x > 3.0) { c.x -= f(c.y); if (c.x < 0.0) break; }\n"
-    "    both(x.x, b, x); print(\"c\", c); assert(b > -2.0, \"b\");\n"
-    "    return c + t.sample(x).rgb + detach(b) % 3.0;\n"
-    "}\n";
+static const char typed[] = "import sdf;\n"
+                            "const int N = 3; /* a comment */\n"
+                            "typedef float2 P;\n"
+                            "struct Disc { P centre; float r[2]; };\n"
+                            "[Range(0.05, 0.9), Doc(\"size\")] param float radius = 0.4;\n"
+                            "param Disc discs[N] = init(make);\n"
+                            "param texture2D t = zeros(4, 4);\n"
+                            "Disc make(int i) { Disc d = { P(rand(), 0.5), { 0.1f * i, 0x1F } }; return d; }\n"
+                            "void both(in float a, out float b, inout float2 c) { b = a; c.xy += -c.yx * 2.0; }\n"
+                            "[Tangent(df)] float f(float a) { return a * a; }\n"
+                            "float df(float a, float da) { return 2.0 * a * da; }\n"
+                            "[Domain(-1.0, 1.0)] shader float3 main(float2 x) {\n"
+                            "    float3 c = float3(1.0), w; float2x2 m = float2x2(1, 2, 3, 4); float b;\n"
+                            "    w = float3(m * x, x.x > 0.0 && !(x.y <= 0.0) ? 1e-3 : 2u);\n"
+                            "    for (int i = 0, j = 1; i < N; i++, j *= 2) {\n"
+                            "        float d = sd_circle(x - discs[i].centre, radius);\n"
+                            "        [Disc] [SkipLoop] if (d < 0.0) c = lerp(c, w, 0.5); else if (i == 2) continue;\n"
+                            "        switch (i % 3) { case 0: c.x++; case 1: break; default: --c.y; }\n"
+                            "    }\n"
+                            "    [MaxIters(9)] while (c.x > 3.0) { c.x -= f(c.y); if (c.x < 0.0) break; }\n"
+                            "    both(x.x, b, x); print(\"c\", c); assert(b > -2.0, \"b\");\n"
+                            "    return c + t.sample(x).rgb + detach(b) % 3.0;\n"
+                            "}\n";
 
 static void typed_whole(void **state) {
     (void)state;
@@ -251,7 +276,8 @@ static void typed_holes(void **state) {
     for (size_t at = 0; at < len;) {
         size_t end = at + 1;
         bool word = (typed[at] | 32) >= 'a' && (typed[at] | 32) <= 'z';
-        while (word && end < len && (((typed[end] | 32) >= 'a' && (typed[end] | 32) <= 'z') || typed[end] == '_')) end++;
+        while (word && end < len && (((typed[end] | 32) >= 'a' && (typed[end] | 32) <= 'z') || typed[end] == '_'))
+            end++;
         char what[64], *s = malloc(2 * len + 2);
         snprintf(what, sizeof what, "without bytes %zu to %zu", at, end);
         memcpy(s, typed, at);
@@ -268,8 +294,10 @@ static void typed_holes(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(empty),      cmocka_unit_test(doubling),    cmocka_unit_test(doubling_of_types), cmocka_unit_test(brackets),       cmocka_unit_test(long_things),
-        cmocka_unit_test(long_loops), cmocka_unit_test(large_sizes), cmocka_unit_test(typed_whole),       cmocka_unit_test(typed_prefixes), cmocka_unit_test(typed_holes),
+        cmocka_unit_test(empty),       cmocka_unit_test(doubling),    cmocka_unit_test(doubling_of_types),
+        cmocka_unit_test(brackets),    cmocka_unit_test(long_things), cmocka_unit_test(long_loops),
+        cmocka_unit_test(large_sizes), cmocka_unit_test(typed_whole), cmocka_unit_test(typed_prefixes),
+        cmocka_unit_test(typed_holes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

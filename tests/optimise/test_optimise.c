@@ -75,14 +75,13 @@ static void lbfgs_rosenbrock(void **state) {
         start20[i] = i % 2 ? 1 : -1.2;
     }
     for (int k = 0; k < 2; k++) {
-        OptimiseConfig c = {
-            .n = k ? 20 : 2, .method = OPTIMISE_LBFGS, .start = k ? start20 : start2};
+        OptimiseConfig c = {.n = k ? 20 : 2, .method = OPTIMISE_LBFGS, .start = k ? start20 : start2};
         Optimiser *o = make(&c);
         assert_int_equal(run(o, &c, rosenbrock, 2000), OPTIMISE_CONVERGED);
         double loss;
         const double *best = optimise_best(o, &loss);
-        print_message("rosenbrock n = %zu: %ld evaluations, loss %g: %s\n", c.n,
-                      optimise_evaluations(o), loss, optimise_reason(o));
+        print_message("rosenbrock n = %zu: %ld evaluations, loss %g: %s\n", c.n, optimise_evaluations(o), loss,
+                      optimise_reason(o));
         assert_true(loss < 1e-16);
         assert_true(optimise_evaluations(o) < (k ? 400 : 100));
         for (size_t i = 0; i < c.n; i++) {
@@ -135,10 +134,8 @@ static void lbfgs_bounds(void **state) {
 
 static void first_order_quadratic(void **state) {
     (void)state;
-    double start[5] = {3, -2, 8, 0, 1}, rate[5] = {0.05, 0.05, 0.05, 0.05, 0},
-           hi[5] = {9, 9, 1.5, 9, 9};
-    static const double want[5] = {0, 1, 1.5, 3,
-                                   1}; /* a bound holds the third, a rate of zero the last */
+    double start[5] = {3, -2, 8, 0, 1}, rate[5] = {0.05, 0.05, 0.05, 0.05, 0}, hi[5] = {9, 9, 1.5, 9, 9};
+    static const double want[5] = {0, 1, 1.5, 3, 1}; /* a bound holds the third, a rate of zero the last */
     for (int method = OPTIMISE_ADAM; method <= OPTIMISE_SGD; method++) {
         for (int momentum = 0; momentum < 2; momentum++) {
             OptimiseConfig c = {.n = 5,
@@ -228,11 +225,8 @@ static void non_finite(void **state) {
     (void)state;
     for (int method = 0; method < 3; method++) {
         double start = -3, rate = method == OPTIMISE_SGD ? 0.9 : 6;
-        OptimiseConfig c = {.n = 1,
-                            .method = (OptimiseMethod)method,
-                            .start = &start,
-                            .default_rate = rate,
-                            .momentum = 0.1};
+        OptimiseConfig c = {
+            .n = 1, .method = (OptimiseMethod)method, .start = &start, .default_rate = rate, .momentum = 0.1};
         Optimiser *o = make(&c);
         OptimiseState s = run(o, &c, cliff, 400);
         assert_int_not_equal(s, OPTIMISE_FAILED);
@@ -242,8 +236,7 @@ static void non_finite(void **state) {
         optimise_free(o);
 
         start = 0;
-        OptimiseConfig d = {
-            .n = 1, .method = (OptimiseMethod)method, .start = &start, .max_failures = 7};
+        OptimiseConfig d = {.n = 1, .method = (OptimiseMethod)method, .start = &start, .max_failures = 7};
         o = make(&d);
         assert_int_equal(run(o, &d, nothing_but_nan, 400), OPTIMISE_FAILED);
         assert_int_equal(optimise_rejected(o), 8);
@@ -272,8 +265,7 @@ static void stopping(void **state) {
         optimise_free(o);
     }
     double away[3] = {5, 5, 5};
-    OptimiseConfig c = {
-        .n = 3, .start = away, .default_rate = 0.1, .patience = 20, .loss_tolerance = 1e-4};
+    OptimiseConfig c = {.n = 3, .start = away, .default_rate = 0.1, .patience = 20, .loss_tolerance = 1e-4};
     Optimiser *o = make(&c);
     assert_int_equal(run(o, &c, quadratic, 5000), OPTIMISE_CONVERGED);
     assert_true(optimise_evaluations(o) > 50 && optimise_evaluations(o) < 1000);
@@ -281,11 +273,7 @@ static void stopping(void **state) {
     optimise_best(o, &loss);
     assert_true(loss < 1e-2);
     optimise_free(o);
-    OptimiseConfig d = {.n = 3,
-                        .method = OPTIMISE_SGD,
-                        .start = away,
-                        .default_rate = 0.1,
-                        .gradient_tolerance = 1e-3};
+    OptimiseConfig d = {.n = 3, .method = OPTIMISE_SGD, .start = away, .default_rate = 0.1, .gradient_tolerance = 1e-3};
     o = make(&d);
     assert_int_equal(run(o, &d, quadratic, 5000), OPTIMISE_CONVERGED);
     assert_non_null(strstr(optimise_reason(o), "gradient"));
@@ -328,10 +316,8 @@ static void laplacian_is_right(void **state) {
     static const int sizes[][2] = {{1, 1}, {7, 1}, {1, 5}, {6, 4}, {9, 11}};
     for (int k = 0; k < 5; k++) {
         int w = sizes[k][0], h = sizes[k][1], n = w * h;
-        double lambda = 3.7, *a = calloc((size_t)(n * n), sizeof *a),
-               *b = calloc((size_t)n, sizeof *b);
-        double *data = calloc((size_t)n * 3, sizeof *data),
-               *scratch = calloc((size_t)n * 2, sizeof *scratch);
+        double lambda = 3.7, *a = calloc((size_t)(n * n), sizeof *a), *b = calloc((size_t)n, sizeof *b);
+        double *data = calloc((size_t)n * 3, sizeof *data), *scratch = calloc((size_t)n * 2, sizeof *scratch);
         for (int i = 0; i < n; i++) {
             a[i * n + i] += 1;
             int right = i % w + 1 < w ? i + 1 : -1, down = i / w + 1 < h ? i + w : -1;
@@ -402,12 +388,8 @@ static void smooth_steps(void **state) {
     for (int method = 0; method < 3; method++) {
         double rough[2], loss[2];
         for (int smooth = 0; smooth < 2; smooth++) {
-            OptimiseGrid grid = {.width = SIDE,
-                                 .height = SIDE,
-                                 .channels = 1,
-                                 .stride_x = 1,
-                                 .stride_y = SIDE,
-                                 .lambda = 10};
+            OptimiseGrid grid = {
+                .width = SIDE, .height = SIDE, .channels = 1, .stride_x = 1, .stride_y = SIDE, .lambda = 10};
             OptimiseConfig c = {.n = SIDE * SIDE,
                                 .method = (OptimiseMethod)method,
                                 .start = start,
@@ -419,8 +401,8 @@ static void smooth_steps(void **state) {
             rough[smooth] = roughness(optimise_best(o, &loss[smooth]));
             optimise_free(o);
         }
-        print_message("method %d: roughness %.3g plain, %.3g smooth; loss %.3g, %.3g\n", method,
-                      rough[0], rough[1], loss[0], loss[1]);
+        print_message("method %d: roughness %.3g plain, %.3g smooth; loss %.3g, %.3g\n", method, rough[0], rough[1],
+                      loss[0], loss[1]);
         assert_true(rough[1] < 0.35 * rough[0]);
         assert_true(loss[1] < (method == OPTIMISE_SGD ? 0.7 * 18 : 1e-2));
     }
@@ -430,12 +412,7 @@ static void smooth_steps(void **state) {
 static void outliers_on_grids(void **state) {
     (void)state;
     double start[SIDE * SIDE] = {0}, g[SIDE * SIDE], worst = 0;
-    OptimiseGrid grid = {.width = SIDE,
-                         .height = SIDE,
-                         .channels = 1,
-                         .stride_x = 1,
-                         .stride_y = SIDE,
-                         .lambda = 2};
+    OptimiseGrid grid = {.width = SIDE, .height = SIDE, .channels = 1, .stride_x = 1, .stride_y = SIDE, .lambda = 2};
     OptimiseConfig c = {.n = SIDE * SIDE,
                         .method = OPTIMISE_ADAM,
                         .start = start,
@@ -502,13 +479,8 @@ static void resume_is_bit_identical(void **state) {
     hi[0] = 3;
     start[5] = 0.2;
     flag[5] = 1;
-    OptimiseGrid grid = {.offset = 8,
-                         .width = 4,
-                         .height = 4,
-                         .channels = 1,
-                         .stride_x = 1,
-                         .stride_y = 4,
-                         .lambda = 0.5};
+    OptimiseGrid grid = {
+        .offset = 8, .width = 4, .height = 4, .channels = 1, .stride_x = 1, .stride_y = 4, .lambda = 0.5};
     for (int method = 0; method < 3; method++) {
         OptimiseConfig c = {.n = N,
                             .method = (OptimiseMethod)method,
@@ -617,13 +589,8 @@ static void damaged_checkpoints(void **state) {
 static void bad_configs(void **state) {
     (void)state;
     double start[2] = {0, 0}, nan[2] = {0, NAN}, lo[2] = {1, 1}, hi[2] = {2, 0};
-    OptimiseGrid outside = {.offset = 1,
-                            .width = 2,
-                            .height = 1,
-                            .channels = 1,
-                            .stride_x = 1,
-                            .stride_y = 2,
-                            .lambda = 1};
+    OptimiseGrid outside = {
+        .offset = 1, .width = 2, .height = 1, .channels = 1, .stride_x = 1, .stride_y = 2, .lambda = 1};
     const OptimiseConfig bad[] = {
         {.n = 0, .start = start},
         {.n = 2},
@@ -652,7 +619,8 @@ int main(void) {
         cmocka_unit_test(non_finite),
         cmocka_unit_test(stopping),
         cmocka_unit_test(laplacian_is_right),
-        cmocka_unit_test(smooth_steps), cmocka_unit_test(outliers_on_grids),
+        cmocka_unit_test(smooth_steps),
+        cmocka_unit_test(outliers_on_grids),
         cmocka_unit_test(resume_is_bit_identical),
         cmocka_unit_test(damaged_checkpoints),
         cmocka_unit_test(bad_configs),

@@ -29,15 +29,11 @@ typedef struct Case {
 
 /* A lens: the overlap of two discs of radius r and R at distance d; its derivative in r is the arc of the r-circle
  * inside the other. */
-static double arc_inside(double r, double R, double d) {
-    return 2 * r * acos((d * d + r * r - R * R) / (2 * d * r));
-}
+static double arc_inside(double r, double R, double d) { return 2 * r * acos((d * d + r * r - R * R) / (2 * d * r)); }
 
 static Case cases[64];
 static int ncases;
-static void add(Case c) {
-    cases[ncases++] = c;
-}
+static void add(Case c) { cases[ncases++] = c; }
 #define CASE(title, text, ...) add((Case){.name = title, .source = text, __VA_ARGS__})
 
 #define SHADER1(decl, body) decl "shader float main(float x) {" body "}"
@@ -189,8 +185,14 @@ static void make_cases(void) {
          SHADER2("param float r = 0.6;", UNIT,
                  "float k = r * r - dot(x, x); [Disc] if (k > 0.0) return sqrt(k); return 0.0;"),
          .want = {{"r", 2 * PI * 0.36}});
-    CASE("thin band between two comparisons", SHADER2("param float w = 0.0005;", "", "float d = x.y - 0.5123 - 0.1 * x.x; [Disc] return d > 0.0 && d < w ? 1.0 : 0.0;"), .want = {{"w", 1}});
-    CASE("thin band by nested ifs", SHADER1("param float w = 0.00001;", "float f = 0.0; [Disc] if (x > 0.37) { [Disc] if (x < 0.37 + w) f = 1.0; } return f;"), .want = {{"w", 1}});
+    CASE("thin band between two comparisons",
+         SHADER2("param float w = 0.0005;", "",
+                 "float d = x.y - 0.5123 - 0.1 * x.x; [Disc] return d > 0.0 && d < w ? 1.0 : 0.0;"),
+         .want = {{"w", 1}});
+    CASE("thin band by nested ifs",
+         SHADER1("param float w = 0.00001;",
+                 "float f = 0.0; [Disc] if (x > 0.37) { [Disc] if (x < 0.37 + w) f = 1.0; } return f;"),
+         .want = {{"w", 1}});
     /* ---- 3D */
     CASE("sphere", SHADER3("param float r = 0.6;", UNIT, "[Disc] return length(x) < r ? 1.0 : 0.0;"),
          .want = {{"r", 4 * PI * 0.36}});
@@ -253,12 +255,8 @@ static void run_case(const Case *c, bool f64) {
     slt_program_free(p);
 }
 
-static void run_f32(void **state) {
-    run_case(*state, false);
-}
-static void run_f64(void **state) {
-    run_case(*state, true);
-}
+static void run_f32(void **state) { run_case(*state, false); }
+static void run_f64(void **state) { run_case(*state, true); }
 
 int main(void) {
     make_cases();

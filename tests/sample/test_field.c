@@ -19,7 +19,11 @@ static Result integrate(Ridges *r, SltJob j) {
     Result o;
     memset(&o, 0, sizeof o);
     memset(r->calls, 0, sizeof r->calls), r->named = 0;
-    SltIntegral out = {.value = &o.value, .gradient = o.grad, .gradient_stderr = o.gerr, .boundary = o.boundary, .missed_estimate = o.missed};
+    SltIntegral out = {.value = &o.value,
+                       .gradient = o.grad,
+                       .gradient_stderr = o.gerr,
+                       .boundary = o.boundary,
+                       .missed_estimate = o.missed};
     SltError err;
     j.integral = true;
     SltStatus st = slt_estimate_integral(&r->scene, &j, &out, &o.stats, &err);
@@ -38,11 +42,15 @@ static uint64_t dropped(const SltStats *s) {
 }
 
 static void print_costs(const char *name, const Ridges *r, const Result *o) {
-    print_message("%s: %llu segments, %llu crossings; lanes: region %llu, event %llu pairs (%llu named), site %llu, sides %llu\n", name, (unsigned long long)o->stats.segments,
-                  (unsigned long long)o->stats.crossings, (unsigned long long)r->calls[SLT_K_REGION], (unsigned long long)r->calls[SLT_K_EVENT] / 2,
-                  (unsigned long long)r->named, (unsigned long long)r->calls[SLT_K_SITE], (unsigned long long)r->calls[SLT_K_SIDES]);
+    print_message(
+        "%s: %llu segments, %llu crossings; lanes: region %llu, event %llu pairs (%llu named), site %llu, sides %llu\n",
+        name, (unsigned long long)o->stats.segments, (unsigned long long)o->stats.crossings,
+        (unsigned long long)r->calls[SLT_K_REGION], (unsigned long long)r->calls[SLT_K_EVENT] / 2,
+        (unsigned long long)r->named, (unsigned long long)r->calls[SLT_K_SITE],
+        (unsigned long long)r->calls[SLT_K_SIDES]);
     for (int d = 0; d < SLT_DROP_REASONS; d++)
-        if (o->stats.dropped[d]) print_message("  dropped: %s %llu\n", slt_drop_names[d], (unsigned long long)o->stats.dropped[d]);
+        if (o->stats.dropped[d])
+            print_message("  dropped: %s %llu\n", slt_drop_names[d], (unsigned long long)o->stats.dropped[d]);
 }
 
 /* Within the tolerance, relative to the boundary term, which may cancel the interior. */
@@ -51,7 +59,8 @@ static void check_gradient(const char *name, const Ridges *r, const Result *o, d
         char what[64];
         double exact = ridges_exact(r, p);
         snprintf(what, sizeof what, "%s, parameter %u", name, p);
-        print_message("  %s: %.6f +- %.6f, exact %.6f, boundary %.6f\n", what, o->grad[p], o->gerr[p], exact, o->boundary[p]);
+        print_message("  %s: %.6f +- %.6f, exact %.6f, boundary %.6f\n", what, o->grad[p], o->gerr[p], exact,
+                      o->boundary[p]);
         close_to(o->grad[p], exact, tolerance * fmax(fabs(exact), fabs(o->boundary[p])) + 4 * o->gerr[p], what);
     }
 }
@@ -68,9 +77,7 @@ static double land(const double *p, double x, double rand0, uint32_t i) {
     if (i >= 20 && i <= 24) h += p[2] * bump(x, 0.7, 0.6) * (1 - 0.4 * fabs(i - 22.0));
     return h;
 }
-static void init_land(Ridges *r) {
-    ridges_init(r, land, 40, -0.4, 0.1, 3, (double[]){1.5, 1.1, 1.6});
-}
+static void init_land(Ridges *r) { ridges_init(r, land, 40, -0.4, 0.1, 3, (double[]){1.5, 1.1, 1.6}); }
 
 /* A near ridge against far ground, ground against sky, two ridges over one another, and cusps where they end. */
 static void test_ridges(void **state) {
@@ -117,7 +124,8 @@ static void test_shadow(void **state) {
     assert_int_equal(dropped(&o.stats), 0);
 }
 
-/* Flat land to the horizon, seen from low above: depths differ more and more from row to row, and nothing jumps but the ridge and the horizon. */
+/* Flat land to the horizon, seen from low above: depths differ more and more from row to row, and nothing jumps but the
+ * ridge and the horizon. */
 static double plain(const double *p, double x, double rand0, uint32_t i) {
     (void)rand0;
     return i == 30 ? p[1] * bump(x, 0.5, 0.2) : 0;
@@ -131,7 +139,8 @@ static void test_grazing(void **state) {
         print_costs("grazing", &r, &o);
         check_gradient("grazing", &r, &o, n == 4000 ? 0.2 : 0.03);
         assert_int_equal(dropped(&o.stats), 0);
-        double idle = (double)r.calls[SLT_K_EVENT] / 2 - (double)r.named, extra = (double)r.calls[SLT_K_REGION] - 0.5 * n;
+        double idle = (double)r.calls[SLT_K_EVENT] / 2 - (double)r.named,
+               extra = (double)r.calls[SLT_K_REGION] - 0.5 * n;
         print_message("  %.0f pairs asked for nothing, %.0f regions beyond the lattice\n", idle, extra);
         assert_true(idle < (n == 4000 ? 0.1 : 0.03) * n && extra < (n == 4000 ? 0.25 : 0.1) * n);
     }
@@ -149,8 +158,8 @@ static void test_spike(void **state) {
     Result o = integrate(&r, (SltJob){.samples = 240000, .segments = 240000, .seed = 9});
     print_costs("spike", &r, &o);
     assert_int_equal(dropped(&o.stats), 0);
-    /* Its tip is narrower than the lattice is wide, and no probe looks between two points that see the same ground: what is lost falls with the spacing, and half the
-     * lines lose as much more. */
+    /* Its tip is narrower than the lattice is wide, and no probe looks between two points that see the same ground:
+     * what is lost falls with the spacing, and half the lines lose as much more. */
     double lost = fabs(ridges_exact(&r, 1) - o.grad[1]);
     print_message("  lost %.6f of %.6f, missed estimate %.6f\n", lost, fabs(ridges_exact(&r, 1)), fabs(o.missed[1]));
     assert_true(lost < 0.2 * fabs(ridges_exact(&r, 1)) && lost < 3 * fabs(o.missed[1]));
@@ -181,7 +190,9 @@ static void test_estimators_agree(void **state) {
         SltEstimator e;
         double tolerance;
         const char *name;
-    } row[] = {{SLT_EST_SCANLINE, 0.01, "scanline"}, {SLT_EST_SNAP_CROFTON, 0.1, "snap-crofton"}, {SLT_EST_SNAP_KNN, 0.3, "snap-knn"}};
+    } row[] = {{SLT_EST_SCANLINE, 0.01, "scanline"},
+               {SLT_EST_SNAP_CROFTON, 0.1, "snap-crofton"},
+               {SLT_EST_SNAP_KNN, 0.3, "snap-knn"}};
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
         Result o = integrate(&r, (SltJob){.samples = 240000, .segments = 120000, .seed = 11, .estimator = row[i].e});
         print_costs(row[i].name, &r, &o);
@@ -206,7 +217,8 @@ static void test_image(void **state) {
         const float *adjoint[2] = {ones, ones};
         assert_int_equal(slt_estimate_reverse(&r.scene, &j, adjoint, grad, NULL, NULL, &err), SLT_OK);
         float *to = threads == 1 ? image : again;
-        assert_int_equal(slt_estimate_forward(&r.scene, &j, 1, (const double *const[]){dir}, &to, NULL, NULL, &err), SLT_OK);
+        assert_int_equal(slt_estimate_forward(&r.scene, &j, 1, (const double *const[]){dir}, &to, NULL, NULL, &err),
+                         SLT_OK);
         if (threads == 1) {
             memcpy(first, grad, sizeof first);
             for (int i = 0; i < SIZE * SIZE; i++) sum += (double)image[i];
@@ -220,19 +232,12 @@ static void test_image(void **state) {
     }
 }
 
-/* Boundary functions whose roots are never where the picture jumps, or jump themselves: every search ends, and what cannot be integrated is counted. */
-static double elsewhere(double x) {
-    return x - 0.0123;
-}
-static double nothing(double x) {
-    return x > 0.5 ? HUGE_VAL : -HUGE_VAL;
-}
-static double erratic(double x) {
-    return sin(1e7 * x) < 0 ? -HUGE_VAL : 1e-3;
-}
-static double unknown(double x) {
-    return x * (HUGE_VAL - HUGE_VAL);
-}
+/* Boundary functions whose roots are never where the picture jumps, or jump themselves: every search ends, and what
+ * cannot be integrated is counted. */
+static double elsewhere(double x) { return x - 0.0123; }
+static double nothing(double x) { return x > 0.5 ? HUGE_VAL : -HUGE_VAL; }
+static double erratic(double x) { return sin(1e7 * x) < 0 ? -HUGE_VAL : 1e-3; }
+static double unknown(double x) { return x * (HUGE_VAL - HUGE_VAL); }
 static void test_lies_end(void **state) {
     (void)state;
     static Ridges r;
@@ -263,7 +268,8 @@ static void test_jump_of_a_tile(void **state) {
     /* Sky says nothing; jumps in a third of the rest change little. */
     for (int i = 0; i < 1000; i++) spread_add(&s, 0), spread_add(&s, HUGE_VAL);
     spread_clear(&s);
-    for (int i = 0; i < 1000; i++) spread_add(&s, (i & 1 ? -1 : 1) * 0.001 * (1 + i % 10 * 0.1)), spread_add(&s, i % 2 ? 3.0 : 0);
+    for (int i = 0; i < 1000; i++)
+        spread_add(&s, (i & 1 ? -1 : 1) * 0.001 * (1 + i % 10 * 0.1)), spread_add(&s, i % 2 ? 3.0 : 0);
     double jump = spread_jump(&s);
     assert_true(jump > 0.001 && jump < 0.0025);
     uint32_t hash[8] = {1, 1, 1, 1, 1, 1, 2, 2};
@@ -291,8 +297,10 @@ static void test_slack(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ridges), cmocka_unit_test(test_twice),  cmocka_unit_test(test_shadow),           cmocka_unit_test(test_grazing),
-                                       cmocka_unit_test(test_spike),  cmocka_unit_test(test_random), cmocka_unit_test(test_estimators_agree), cmocka_unit_test(test_image),
-                                       cmocka_unit_test(test_lies_end), cmocka_unit_test(test_jump_of_a_tile), cmocka_unit_test(test_slack)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_ridges),           cmocka_unit_test(test_twice), cmocka_unit_test(test_shadow),
+        cmocka_unit_test(test_grazing),          cmocka_unit_test(test_spike), cmocka_unit_test(test_random),
+        cmocka_unit_test(test_estimators_agree), cmocka_unit_test(test_image), cmocka_unit_test(test_lies_end),
+        cmocka_unit_test(test_jump_of_a_tile),   cmocka_unit_test(test_slack)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -52,9 +52,7 @@ static void test_render(void **state) {
 }
 
 /* f = a x (no jump in the middle of the image): every filter keeps a mean of 1 on a constant, at the border too. */
-static void constant_f(Ctx *c, double *f) {
-    f[0] = c->at.p[0];
-}
+static void constant_f(Ctx *c, double *f) { f[0] = c->at.p[0]; }
 static void test_filters_are_normalised(void **state) {
     (void)state;
     Oracle o;

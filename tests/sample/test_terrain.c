@@ -1,4 +1,5 @@
-/* Compiled heightfield sites through the estimators: gradients in heights, camera and sun against differences of the integral. */
+/* Compiled heightfield sites through the estimators: gradients in heights, camera and sun against differences of the
+ * integral. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -21,7 +22,8 @@ typedef struct Terrain {
 } Terrain;
 
 static double two_bumps(double x, double y) {
-    return 0.22 * exp(-(pow(x - 0.35, 2) + pow(y - 0.35, 2)) / 0.0128) + 0.3 * exp(-(pow(x - 0.65, 2) + pow(y - 0.6, 2)) / 0.02) + 0.02 * sin(9 * x) * cos(7 * y);
+    return 0.22 * exp(-(pow(x - 0.35, 2) + pow(y - 0.35, 2)) / 0.0128) +
+           0.3 * exp(-(pow(x - 0.65, 2) + pow(y - 0.6, 2)) / 0.02) + 0.02 * sin(9 * x) * cos(7 * y);
 }
 static double one_spike(double x, double y) {
     return fabs(x - 0.5) < 1e-6 && fabs(y - 0.5) < 1e-6 ? 0.25 : 0.02 * sin(5 * x);
@@ -62,7 +64,8 @@ static void gradient(Terrain *t, const SltJob *like) {
     if (slt_grad_integral(t->p, &j, &out, &t->stats, &err) != SLT_OK) fail_msg("%s", err.text);
 }
 
-/* Along dir[t->n]: within `tolerance` of the result or of the largest of its kind, and the spread of two differences (which share the noise of the steps' edges). */
+/* Along dir[t->n]: within `tolerance` of the result or of the largest of its kind, and the spread of two differences
+ * (which share the noise of the steps' edges). */
 static void check_along(Terrain *t, const char *what, const double *dir, double step, double kind, double tolerance) {
     double at[FLOATS], v[2][2], sum = 0, boundary = 0;
     SltError err;
@@ -71,13 +74,15 @@ static void check_along(Terrain *t, const char *what, const double *dir, double 
         double moved[FLOATS];
         for (uint32_t i = 0; i < t->n; i++) moved[i] = at[i] + (side ? -step : step) * dir[i];
         assert_int_equal(slt_set_floats(t->p, 0, t->n, moved, &err), SLT_OK);
-        for (uint32_t k = 0; k < 2; k++) v[k][side] = integral(t, &(SltJob){.samples = 1 << 19, .replicates = 1, .seed = 9 + k});
+        for (uint32_t k = 0; k < 2; k++)
+            v[k][side] = integral(t, &(SltJob){.samples = 1 << 19, .replicates = 1, .seed = 9 + k});
     }
     assert_int_equal(slt_set_floats(t->p, 0, t->n, at, &err), SLT_OK);
     for (uint32_t i = 0; i < t->n; i++) sum += dir[i] * t->gradient[i], boundary += dir[i] * t->boundary[i];
     double one = (v[0][0] - v[0][1]) / (2 * step), two = (v[1][0] - v[1][1]) / (2 * step), want = 0.5 * (one + two);
     print_message("  %s: %.6f (boundary %.6f), differences %.6f, %.6f\n", what, sum, boundary, one, two);
-    if (!(fabs(sum - want) <= tolerance * fmax(fabs(want), kind) + 2 * fabs(one - two))) fail_msg("%s: got %.6f, want %.6f", what, sum, want);
+    if (!(fabs(sum - want) <= tolerance * fmax(fabs(want), kind) + 2 * fabs(one - two)))
+        fail_msg("%s: got %.6f, want %.6f", what, sum, want);
 }
 
 static void check(Terrain *t, const char *name, double tolerance) {
@@ -85,7 +90,8 @@ static void check(Terrain *t, const char *name, double tolerance) {
     gradient(t, &(SltJob){.samples = 1 << 17, .segments = 1 << 18, .seed = 4});
     uint64_t dropped = 0;
     for (int d = 0; d < SLT_DROP_REASONS; d++) dropped += t->stats.dropped[d];
-    print_message("%s: %llu segments, %llu crossings, %llu evaluations, %llu dropped\n", name, (unsigned long long)t->stats.segments, (unsigned long long)t->stats.crossings,
+    print_message("%s: %llu segments, %llu crossings, %llu evaluations, %llu dropped\n", name,
+                  (unsigned long long)t->stats.segments, (unsigned long long)t->stats.crossings,
                   (unsigned long long)t->stats.evaluations, (unsigned long long)dropped);
     assert_true(t->stats.crossings > 500 && dropped * 1000 <= t->stats.crossings);
     for (uint32_t i = 0; i < HEIGHTS; i++) dir[t->base + i] = (i % N + 1.0) / N;
@@ -134,19 +140,21 @@ static void test_spike(void **state) {
 static void test_shadow(void **state) {
     (void)state;
     Terrain t;
-    open_terrain(&t,
-                 "param float sun = 0.35;\nparam float azimuth = 0.4;\n"
-                 "[Domain(float2(0.02, 0.02), float2(0.98, 0.98))]\n"
-                 "shader float main(float2 x) {\n"
-                 "    [Disc] bool dark = h.occluded(float3(x, h.height(x)), float3(cos(azimuth), sin(azimuth), sun), 0.05, 1e9);\n"
-                 "    if (dark) return 0.2;\n"
-                 "    return 1.0 + x.x;\n"
-                 "}\n",
-                 false, -1, two_bumps);
+    open_terrain(
+        &t,
+        "param float sun = 0.35;\nparam float azimuth = 0.4;\n"
+        "[Domain(float2(0.02, 0.02), float2(0.98, 0.98))]\n"
+        "shader float main(float2 x) {\n"
+        "    [Disc] bool dark = h.occluded(float3(x, h.height(x)), float3(cos(azimuth), sin(azimuth), sun), 0.05, 1e9);\n"
+        "    if (dark) return 0.2;\n"
+        "    return 1.0 + x.x;\n"
+        "}\n",
+        false, -1, two_bumps);
     check(&t, "shadow", 0.04);
 }
 
-/* What is seen, and whether it lies in shadow: the second ray starts where the first one ends, so silhouettes change both. */
+/* What is seen, and whether it lies in shadow: the second ray starts where the first one ends, so silhouettes change
+ * both. */
 static void test_view_in_the_sun(void **state) {
     (void)state;
     Terrain t;
@@ -192,20 +200,23 @@ static void test_image(void **state) {
     open_terrain(&t, view, false, -1, two_bumps);
     for (uint32_t threads = 1; threads < 4; threads++) {
         SltJob j = {.size = {SIZE, SIZE, 1}, .spp = 16, .segments = 16, .seed = 3, .threads = threads};
-        if (slt_grad_adjoint(t.p, &j, ones, threads == 1 ? first : again, NULL, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+        if (slt_grad_adjoint(t.p, &j, ones, threads == 1 ? first : again, NULL, NULL, &err) != SLT_OK)
+            fail_msg("%s", err.text);
         if (threads > 1) assert_memory_equal(first, again, t.n * sizeof *first);
     }
     gradient(&t, &(SltJob){.samples = 1 << 17, .segments = 1 << 18, .seed = 4});
     double largest = 0, worst = 0;
     for (uint32_t i = 0; i < t.n; i++)
-        if (i >= t.base && i < t.base + HEIGHTS) largest = fmax(largest, fabs(t.gradient[i])), worst = fmax(worst, fabs(t.gradient[i] - first[i]));
+        if (i >= t.base && i < t.base + HEIGHTS)
+            largest = fmax(largest, fabs(t.gradient[i])), worst = fmax(worst, fabs(t.gradient[i] - first[i]));
     print_message("image: largest %.6f, worst difference of a height %.6f\n", largest, worst);
     assert_true(worst < 0.05 * largest);
     slt_program_free(t.p);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_view),   cmocka_unit_test(test_spike), cmocka_unit_test(test_shadow), cmocka_unit_test(test_view_in_the_sun),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_view),   cmocka_unit_test(test_spike),
+                                       cmocka_unit_test(test_shadow), cmocka_unit_test(test_view_in_the_sun),
                                        cmocka_unit_test(test_random), cmocka_unit_test(test_image)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,9 +1,7 @@
 /* color.salt and glsl.salt against the same formulas in C. */
 #include "tests/stdlib/fixture.h"
 
-static double to_linear(double c) {
-    return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
-}
+static double to_linear(double c) { return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4); }
 
 static void hsv(const double *h, double *rgb) {
     double n[3] = {5, 3, 1};
@@ -40,8 +38,7 @@ static void test_round_trips(void **state) {
             if (i % 10 == 0) c[1] = c[0], c[2] = i % 20 ? c[0] : 0;
             get(p, c, v);
             for (int a = 0; a < 3; a++)
-                if (fabs(v[a] - c[a]) > (k == 3 ? 1e-6 : 1e-7))
-                    fail_msg("%s: %.9g became %.9g", back[k], c[a], v[a]);
+                if (fabs(v[a] - c[a]) > (k == 3 ? 1e-6 : 1e-7)) fail_msg("%s: %.9g became %.9g", back[k], c[a], v[a]);
         }
         slt_program_free(p);
     }
@@ -49,8 +46,7 @@ static void test_round_trips(void **state) {
 
 static void test_values(void **state) {
     (void)state;
-    SltProgram *lin = colour("srgb_to_linear(c)"), *rgb = colour("hsv_to_rgb(c)"),
-               *grey = colour("linear_to_oklab(c)");
+    SltProgram *lin = colour("srgb_to_linear(c)"), *rgb = colour("hsv_to_rgb(c)"), *grey = colour("linear_to_oklab(c)");
     uint32_t seed = 9;
     for (int i = 0; i < 60; i++) {
         double c[3] = {1.5 * uniform(&seed) - 0.25, uniform(&seed), uniform(&seed)}, v[3], want[3];
@@ -72,29 +68,15 @@ static void test_values(void **state) {
  * derivative is its slope. */
 static void test_continuity(void **state) {
     (void)state;
-    const char *list[] = {"srgb_to_linear(c)",
-                          "linear_to_srgb(c)",
-                          "hsv_to_rgb(c)",
-                          "linear_to_oklab(c + 0.01)",
-                          "palette(c.x)",
-                          "heat(c.x)",
-                          "diverging(2.0 * c.x - 1.0)",
-                          "over(c, d, c.x)",
-                          "over(float4(c, 0.5), float4(d, 0.25)).xyz",
-                          "blend_multiply(c, d)",
-                          "blend_screen(c, d)",
-                          "blend_add(c, d)",
-                          "blend_darken(c, d)",
-                          "blend_lighten(c, d)",
-                          "blend_difference(c, d)",
-                          "blend_exclusion(c, d)",
-                          "blend_overlay(c, d)",
-                          "blend_soft_light(c, d)",
-                          "tonemap_reinhard(c)",
-                          "tonemap_exp(c, 1.3)",
-                          "float3(luminance(c))"};
-    const double seams[] = {0.04045, 0.0031308, 1.0 / 6, 1.0 / 3, 0.5,
-                            2.0 / 3, 0.25,      0.75,    5.0 / 6};
+    const char *list[] = {
+        "srgb_to_linear(c)",          "linear_to_srgb(c)",   "hsv_to_rgb(c)",
+        "linear_to_oklab(c + 0.01)",  "palette(c.x)",        "heat(c.x)",
+        "diverging(2.0 * c.x - 1.0)", "over(c, d, c.x)",     "over(float4(c, 0.5), float4(d, 0.25)).xyz",
+        "blend_multiply(c, d)",       "blend_screen(c, d)",  "blend_add(c, d)",
+        "blend_darken(c, d)",         "blend_lighten(c, d)", "blend_difference(c, d)",
+        "blend_exclusion(c, d)",      "blend_overlay(c, d)", "blend_soft_light(c, d)",
+        "tonemap_reinhard(c)",        "tonemap_exp(c, 1.3)", "float3(luminance(c))"};
+    const double seams[] = {0.04045, 0.0031308, 1.0 / 6, 1.0 / 3, 0.5, 2.0 / 3, 0.25, 0.75, 5.0 / 6};
     for (size_t k = 0; k < sizeof list / sizeof *list; k++) {
         SltProgram *p = colour(list[k]);
         uint32_t seed = 12;
@@ -111,8 +93,7 @@ static void test_continuity(void **state) {
                     if (fabs(up[o] - v[o]) > 3e-5 || fabs(down[o] - v[o]) > 3e-5)
                         fail_msg("%s jumps at (%.9g, %.9g, %.9g)", list[k], c[0], c[1], c[2]);
                     if (fabs(up[o] + down[o] - 2 * v[o]) < 1e-9 && fabs(fd - g[o * 6 + a]) > 1e-3)
-                        fail_msg("%s: derivative %.9g, differences %.9g", list[k], g[o * 6 + a],
-                                 fd);
+                        fail_msg("%s: derivative %.9g, differences %.9g", list[k], g[o * 6 + a], fd);
                 }
             }
         }
@@ -124,38 +105,34 @@ static void test_glsl(void **state) {
     (void)state;
     const char *entries[] = {"a", "b", "c", "d"};
     for (int e = 0; e < 4; e++) {
-        SltProgram *p =
-            compile("import glsl;\nparam vec2 p = vec2(0.5, 0.25);\n"
-                    "float pack(bvec3 b) { return (b.x ? 1.0 : 0.0) + (b.y ? 2.0 : 0.0) + (b.z ? "
-                    "4.0 : 0.0); }\n"
-                    "shader vec4 a(vec2 x) { return vec4(mod(p.x, p.y), fract(p.x), atan(p.y, "
-                    "p.x), atan(p.x)); }\n"
-                    "shader vec4 b(vec2 x) { return vec4(mix(p, vec2(1.0, 2.0), 0.25), "
-                    "inversesqrt(abs(p.x)), mod(vec2(p.x, -p.x), 0.7).y); }\n"
-                    "shader vec4 c(vec2 x) { mat2 m = outerProduct(p, vec2(1.0, -1.0)); return "
-                    "vec4(m * vec2(2.0, 1.0), degrees(p.x), asinh(p.x)); }\n"
-                    "shader float d(vec2 x) { return pack(lessThan(vec3(p, 0.5), vec3(0.0, 0.5, "
-                    "1.0))); }\n",
-                    entries[e]);
+        SltProgram *p = compile("import glsl;\nparam vec2 p = vec2(0.5, 0.25);\n"
+                                "float pack(bvec3 b) { return (b.x ? 1.0 : 0.0) + (b.y ? 2.0 : 0.0) + (b.z ? "
+                                "4.0 : 0.0); }\n"
+                                "shader vec4 a(vec2 x) { return vec4(mod(p.x, p.y), fract(p.x), atan(p.y, "
+                                "p.x), atan(p.x)); }\n"
+                                "shader vec4 b(vec2 x) { return vec4(mix(p, vec2(1.0, 2.0), 0.25), "
+                                "inversesqrt(abs(p.x)), mod(vec2(p.x, -p.x), 0.7).y); }\n"
+                                "shader vec4 c(vec2 x) { mat2 m = outerProduct(p, vec2(1.0, -1.0)); return "
+                                "vec4(m * vec2(2.0, 1.0), degrees(p.x), asinh(p.x)); }\n"
+                                "shader float d(vec2 x) { return pack(lessThan(vec3(p, 0.5), vec3(0.0, 0.5, "
+                                "1.0))); }\n",
+                                entries[e]);
         uint32_t seed = 31;
         for (int i = 0; i < 40; i++) {
-            double q[2] = {4 * uniform(&seed) - 2, 4 * uniform(&seed) - 2}, v[4], g[8],
-                   want[4] = {0};
+            double q[2] = {4 * uniform(&seed) - 2, 4 * uniform(&seed) - 2}, v[4], g[8], want[4] = {0};
             int n = e == 3 ? 1 : 4;
             set(p, "p", q), evaluate(p, v, g);
             if (e == 0)
-                want[0] = q[0] - q[1] * floor(q[0] / q[1]), want[1] = q[0] - floor(q[0]),
-                want[2] = atan2(q[1], q[0]), want[3] = atan(q[0]);
+                want[0] = q[0] - q[1] * floor(q[0] / q[1]), want[1] = q[0] - floor(q[0]), want[2] = atan2(q[1], q[0]),
+                want[3] = atan(q[0]);
             if (e == 1)
-                want[0] = 0.75 * q[0] + 0.25, want[1] = 0.75 * q[1] + 0.5,
-                want[2] = 1 / sqrt(fabs(q[0])), want[3] = -q[0] - 0.7 * floor(-q[0] / 0.7);
-            if (e == 2)
-                want[0] = q[0], want[1] = q[1], want[2] = q[0] * 180 / M_PI, want[3] = asinh(q[0]);
+                want[0] = 0.75 * q[0] + 0.25, want[1] = 0.75 * q[1] + 0.5, want[2] = 1 / sqrt(fabs(q[0])),
+                want[3] = -q[0] - 0.7 * floor(-q[0] / 0.7);
+            if (e == 2) want[0] = q[0], want[1] = q[1], want[2] = q[0] * 180 / M_PI, want[3] = asinh(q[0]);
             if (e == 3) want[0] = (q[0] < 0) + 2 * (q[1] < 0.5) + 4;
             for (int k = 0; k < n; k++)
                 if (fabs(v[k] - want[k]) > 1e-11 * (1 + fabs(want[k])))
-                    fail_msg("%s[%d] = %.17g, wanted %.17g at (%.9g, %.9g)", entries[e], k, v[k],
-                             want[k], q[0], q[1]);
+                    fail_msg("%s[%d] = %.17g, wanted %.17g at (%.9g, %.9g)", entries[e], k, v[k], want[k], q[0], q[1]);
         }
         slt_program_free(p);
     }

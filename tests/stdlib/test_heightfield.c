@@ -1,8 +1,9 @@
-/* heightfield.salt: light from patches, over the hemisphere and through pixels, against closed forms: a flat ground and one straight ridge, so long that it has no ends. Values and
- * derivatives; the derivative in the ridge's height is the sum over its samples. */
+/* heightfield.salt: light from patches, over the hemisphere and through pixels, against closed forms: a flat ground and
+ * one straight ridge, so long that it has no ends. Values and derivatives; the derivative in the ridge's height is the
+ * sum over its samples. */
 #include "tests/stdlib/fixture.h"
 
-enum { W = 17, H = 3, RIDGE = 10 };   /* the ridge's crest: column RIDGE of 0..W-1 */
+enum { W = 17, H = 3, RIDGE = 10 }; /* the ridge's crest: column RIDGE of 0..W-1 */
 static const double crest = RIDGE / (double)(W - 1);
 
 /* Far beyond any light in y, so that the ridge is endless; 1 in x. */
@@ -44,7 +45,8 @@ static void near_to(const char *what, double a, double b, double tolerance) {
     if (!(fabs(a - b) <= tolerance)) fail_msg("%s: %.9g, wanted %.9g +- %.2g", what, a, b, tolerance);
 }
 
-/* ---- the closed form: Lambert's formula for the irradiance of a polygon of radiance 1 on the plane z = 0, clipped to the side of a plane through the origin */
+/* ---- the closed form: Lambert's formula for the irradiance of a polygon of radiance 1 on the plane z = 0, clipped to
+ * the side of a plane through the origin */
 
 typedef struct V3 {
     double x, y, z;
@@ -74,16 +76,17 @@ static double polygon_irradiance(const V3 *v, int n, V3 keep) {
 }
 
 typedef struct Scene {
-    double x;            /* the receiver: (x, 0, 0) */
-    V3 centre, a, b;     /* the light */
-    double height;       /* of the ridge */
+    double x;        /* the receiver: (x, 0, 0) */
+    V3 centre, a, b; /* the light */
+    double height;   /* of the ridge */
 } Scene;
 
 static double scene_irradiance(const Scene *s) {
     V3 v[4];
     for (int i = 0; i < 4; i++) {
         double p = i == 0 || i == 3 ? -1 : 1, q = i < 2 ? -1 : 1;
-        v[i] = (V3){s->centre.x - s->x + p * s->a.x + q * s->b.x, s->centre.y + p * s->a.y + q * s->b.y, s->centre.z + p * s->a.z + q * s->b.z};
+        v[i] = (V3){s->centre.x - s->x + p * s->a.x + q * s->b.x, s->centre.y + p * s->a.y + q * s->b.y,
+                    s->centre.z + p * s->a.z + q * s->b.z};
     }
     /* Above the plane through the receiver and the crest. */
     return polygon_irradiance(v, 4, (V3){-s->height, 0, crest - s->x});
@@ -143,11 +146,12 @@ static void test_rectangle(void **state) {
 /* A sun of any size and a ball: irradiance from the middle times the cosine; for a ball pi sin^2. */
 static void test_round(void **state) {
     (void)state;
-    SltProgram *p = compile("import heightfield;\n" GROUND "param float elevation = 0.5;\n"
-                            "shader float main(float2 x) {\n"
-                            "    AreaLight l = area_sun(float3(-cos(elevation), 0.0, sin(elevation)), float3(2.0), 0.3);\n"
-                            "    return PI * area_direct(h, float3(1.0), float3(0.4, 0.0, 1e-7), float3(0.0, 0.0, 1.0), l, x, 0.01).x;\n}\n",
-                            NULL);
+    SltProgram *p = compile(
+        "import heightfield;\n" GROUND "param float elevation = 0.5;\n"
+        "shader float main(float2 x) {\n"
+        "    AreaLight l = area_sun(float3(-cos(elevation), 0.0, sin(elevation)), float3(2.0), 0.3);\n"
+        "    return PI * area_direct(h, float3(1.0), float3(0.4, 0.0, 1e-7), float3(0.0, 0.0, 1.0), l, x, 0.01).x;\n}\n",
+        NULL);
     Mean m = mean(p, 1 << 16);
     near_to("sun", m.value, 2 * sin(0.5), 2e-3);
     near_to("sun, slope", m.g[base_of(p, "elevation")], 2 * cos(0.5), 4e-3);
@@ -165,7 +169,8 @@ static void test_round(void **state) {
     slt_program_free(p);
 }
 
-/* How much of a cosine-weighted hemisphere is sky, at a distance from an endless ridge: (1 + cos of its elevation) / 2. With a window, too. */
+/* How much of a cosine-weighted hemisphere is sky, at a distance from an endless ridge: (1 + cos of its elevation) / 2.
+ * With a window, too. */
 static void test_hemisphere(void **state) {
     (void)state;
     for (int window = 0; window < 2; window++) {
@@ -188,9 +193,11 @@ static void test_hemisphere(void **state) {
     }
 }
 
-/* The skyline of the ridge in one big pixel, level or not, by one part and by all. The camera looks along +x, turned and pitched; the crest is seen as a straight line. */
+/* The skyline of the ridge in one big pixel, level or not, by one part and by all. The camera looks along +x, turned
+ * and pitched; the crest is seen as a straight line. */
 static double below_crest(double height, double pitch, double turn, double rise) {
-    /* Area of { q in [-1, 1]^2: d(q) is below the plane through the eye (0.1, 0, 0.25 + rise) and the crest }, over 4. */
+    /* Area of { q in [-1, 1]^2: d(q) is below the plane through the eye (0.1, 0, 0.25 + rise) and the crest }, over 4.
+     */
     double f[3] = {cos(turn) * cos(pitch), sin(turn) * cos(pitch), sin(pitch)}, r[3] = {sin(turn), -cos(turn), 0};
     double u[3] = {r[1] * f[2], -r[0] * f[2], r[0] * f[1] - r[1] * f[0]};
     double k = tan(0.3), slope = (height - 0.25 - rise) / (crest - 0.1), a = 0, b = k, c = 0;
@@ -216,8 +223,9 @@ static void test_skyline(void **state) {
     static const char *const ways[2] = {
         VIEW "    Ride r = ride_patch(h, eye, q, s, rand2());\n    [NoDisc] Hit v = h.trace(eye, r.d, 0.0, 1e9);\n"
              "    [NoDisc] if (v.hit) sum = r.weight;\n    return sum / 4.0;\n}\n",
-        VIEW "    Walk w = walk_patch(q, s);\n    [MaxIters(8)] while (w.more) {\n        Ride r = walk_next(h, eye, q, w, rand());\n"
-             "        [NoDisc] Hit v = h.trace(eye, r.d, 0.0, 1e9);\n        [NoDisc] if (v.hit) sum += r.weight;\n    }\n    return sum / 4.0;\n}\n"};
+        VIEW
+        "    Walk w = walk_patch(q, s);\n    [MaxIters(8)] while (w.more) {\n        Ride r = walk_next(h, eye, q, w, rand());\n"
+        "        [NoDisc] Hit v = h.trace(eye, r.d, 0.0, 1e9);\n        [NoDisc] if (v.hit) sum += r.weight;\n    }\n    return sum / 4.0;\n}\n"};
     for (int k = 0; k < 2; k++) {
         SltProgram *p = compile(ways[k], NULL);
         for (uint32_t i = 0; i < sizeof views / sizeof *views; i++) {
@@ -229,12 +237,16 @@ static void test_skyline(void **state) {
             snprintf(what, sizeof what, "way %d, view %u", k, i);
             near_to(what, m.value, below_crest(height, pitch, turn, 0), 6 * m.se + 2e-3);
             double g = by_ridge(p, &m, &se);
-            near_to(what, g, (below_crest(height + e, pitch, turn, 0) - below_crest(height - e, pitch, turn, 0)) / (2 * e), 6 * se + 0.01);
+            near_to(what, g,
+                    (below_crest(height + e, pitch, turn, 0) - below_crest(height - e, pitch, turn, 0)) / (2 * e),
+                    6 * se + 0.01);
             const char *const names[3] = {"pitch", "turn", "rise"};
             for (int c = 0; c < 3; c++) {
                 double d[3] = {0};
                 d[c] = e;
-                double wanted = (below_crest(height, pitch + d[0], turn + d[1], d[2]) - below_crest(height, pitch - d[0], turn - d[1], -d[2])) / (2 * e);
+                double wanted = (below_crest(height, pitch + d[0], turn + d[1], d[2]) -
+                                 below_crest(height, pitch - d[0], turn - d[1], -d[2])) /
+                                (2 * e);
                 snprintf(what, sizeof what, "way %d, view %u, %s", k, i, names[c]);
                 near_to(what, m.g[base_of(p, names[c])], wanted, 6 * m.gse[base_of(p, names[c])] + 0.01);
             }
@@ -243,8 +255,9 @@ static void test_skyline(void **state) {
     }
 }
 
-/* ---- the cone of the paper (examples/cone_light): at 16 samples a pixel the derivative images by slices are nearer to the truth than by differences or by sites, and both
- * have the same sum. tests/bench/cone.py has the same at equal time. */
+/* ---- the cone of the paper (examples/cone_light): at 16 samples a pixel the derivative images by slices are nearer to
+ * the truth than by differences or by sites, and both have the same sum. tests/bench/cone.py has the same at equal
+ * time. */
 
 enum { SIZE = 48, PIXELS = SIZE * SIZE, RUNS = 6 };
 
@@ -257,13 +270,15 @@ static SltProgram *compile_example(const char *file) {
     return p;
 }
 
-static void derivative_image(SltProgram *p, const char *name, uint32_t spp, uint32_t seed, SltEstimator estimator, float *out) {
+static void derivative_image(SltProgram *p, const char *name, uint32_t spp, uint32_t seed, SltEstimator estimator,
+                             float *out) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double *direction = calloc(slt_float_count(p), sizeof *direction);
     assert_non_null(direction);
     direction[base_of(p, name)] = 1;
-    job.size[0] = job.size[1] = SIZE, job.size[2] = 1, job.spp = spp, job.seed = seed, job.threads = 1, job.estimator = estimator;
+    job.size[0] = job.size[1] = SIZE, job.size[2] = 1, job.spp = spp, job.seed = seed, job.threads = 1,
+    job.estimator = estimator;
     const double *directions[1] = {direction};
     float *images[1] = {out};
     if (slt_grad_images(p, &job, 1, directions, images, NULL, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
@@ -272,7 +287,8 @@ static void derivative_image(SltProgram *p, const char *name, uint32_t spp, uint
 
 static void test_cone(void **state) {
     (void)state;
-    SltProgram *slices = compile_example(SALTUS_TEST_DIR "/../examples/cone_light/slices.salt"), *sites = compile_example(SALTUS_TEST_DIR "/../examples/cone_light/boundary.salt");
+    SltProgram *slices = compile_example(SALTUS_TEST_DIR "/../examples/cone_light/slices.salt"),
+               *sites = compile_example(SALTUS_TEST_DIR "/../examples/cone_light/boundary.salt");
     static const char *const names[2] = {"scene.light", "scene.rise"};
     static float image[PIXELS];
     static double truth[PIXELS];
@@ -287,12 +303,18 @@ static void test_cone(void **state) {
         for (int way = 0; way < 3; way++)
             for (uint32_t r = 0; r < RUNS; r++) {
                 double total = 0;
-                derivative_image(way ? sites : slices, names[k], 16, 1 + r, way == 2 ? SLT_EST_FD : SLT_EST_LATTICE, image);
-                for (int i = 0; i < PIXELS; i++) error[way] += (image[i] - truth[i]) * (image[i] - truth[i]), total += image[i];
+                derivative_image(way ? sites : slices, names[k], 16, 1 + r, way == 2 ? SLT_EST_FD : SLT_EST_LATTICE,
+                                 image);
+                for (int i = 0; i < PIXELS; i++)
+                    error[way] += (image[i] - truth[i]) * (image[i] - truth[i]), total += image[i];
                 sum[way] += total / RUNS, square[way] += total * total / RUNS;
             }
-        if (getenv("SALTUS_PRINT")) printf("  %s: squared errors %g (slices), %g (sites), %g (differences)\n", names[k], error[0], error[1], error[2]);
-        if (!(3 * error[0] < error[1] && 5 * error[0] < error[2])) fail_msg("%s: squared errors %g (slices), %g (sites), %g (differences)", names[k], error[0], error[1], error[2]);
+        if (getenv("SALTUS_PRINT"))
+            printf("  %s: squared errors %g (slices), %g (sites), %g (differences)\n", names[k], error[0], error[1],
+                   error[2]);
+        if (!(3 * error[0] < error[1] && 5 * error[0] < error[2]))
+            fail_msg("%s: squared errors %g (slices), %g (sites), %g (differences)", names[k], error[0], error[1],
+                     error[2]);
         for (int way = 0; way < 3; way++) {
             double se = sqrt(fmax(square[way] - sum[way] * sum[way], 0) / (RUNS - 1));
             near_to(names[k], sum[way], whole, 5 * se + 0.01 * fabs(whole));
@@ -303,11 +325,8 @@ static void test_cone(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_rectangle),
-        cmocka_unit_test(test_round),
-        cmocka_unit_test(test_hemisphere),
-        cmocka_unit_test(test_skyline),
-        cmocka_unit_test(test_cone),
+        cmocka_unit_test(test_rectangle), cmocka_unit_test(test_round), cmocka_unit_test(test_hemisphere),
+        cmocka_unit_test(test_skyline),   cmocka_unit_test(test_cone),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,21 +5,20 @@
 
 static void test_camera(void **state) {
     (void)state;
-    SltProgram *p =
-        compile("import camera;\nparam float3 eye = float3(0.0);\nparam float3 to = float3(0.0);\n"
-                "param float2 at = float2(0.0);\n"
-                "shader float4 main(float2 x) {\n"
-                "    Camera c = look_at(eye, to, float3(0.0, 1.0, 0.0));\n"
-                "    float3 d = camera_ray(c, at, 0.9);\n"
-                "    float3 q = camera_project(c, eye + 3.0 * d, 0.9);\n"
-                "    float3x3 m = float3x3(c.right, c.up, c.forward);\n"
-                "    float off = 0.0;\n"
-                "    float3x3 one = m * transpose(m);\n"
-                "    for (int i = 0; i < 3; i++) for (int j = 0; j < 3; j++) off += abs(one[i][j] "
-                "- (i == j ? 1.0 : 0.0));\n"
-                "    return float4(q.xy, length(d), off + 1.0 - dot(cross(c.right, c.up), "
-                "-c.forward));\n}\n",
-                NULL);
+    SltProgram *p = compile("import camera;\nparam float3 eye = float3(0.0);\nparam float3 to = float3(0.0);\n"
+                            "param float2 at = float2(0.0);\n"
+                            "shader float4 main(float2 x) {\n"
+                            "    Camera c = look_at(eye, to, float3(0.0, 1.0, 0.0));\n"
+                            "    float3 d = camera_ray(c, at, 0.9);\n"
+                            "    float3 q = camera_project(c, eye + 3.0 * d, 0.9);\n"
+                            "    float3x3 m = float3x3(c.right, c.up, c.forward);\n"
+                            "    float off = 0.0;\n"
+                            "    float3x3 one = m * transpose(m);\n"
+                            "    for (int i = 0; i < 3; i++) for (int j = 0; j < 3; j++) off += abs(one[i][j] "
+                            "- (i == j ? 1.0 : 0.0));\n"
+                            "    return float4(q.xy, length(d), off + 1.0 - dot(cross(c.right, c.up), "
+                            "-c.forward));\n}\n",
+                            NULL);
     uint32_t seed = 2;
     for (int i = 0; i < 40; i++) {
         double eye[3], to[3], at[2], v[4], g[32];
@@ -37,13 +36,12 @@ static void test_camera(void **state) {
  * = 1. */
 static void test_ball(void **state) {
     (void)state;
-    SltProgram *p = compile(
-        "import camera;\nparam float r = 0.8;\n[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
-        "    Camera c = look_at(float3(0.0, 0.0, 2.0), float3(0.0), float3(0.0, 1.0, 0.0));\n"
-        "    float s, f = 0.0;\n"
-        "    float t = ray_sphere(c.eye, camera_ray(c, x, 0.5 * PI), float3(0.0), r, s);\n"
-        "    [Disc] if (s > 0.0 && t > 0.0) f = 1.0;\n    return f;\n}\n",
-        NULL);
+    SltProgram *p = compile("import camera;\nparam float r = 0.8;\n[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+                            "    Camera c = look_at(float3(0.0, 0.0, 2.0), float3(0.0), float3(0.0, 1.0, 0.0));\n"
+                            "    float s, f = 0.0;\n"
+                            "    float t = ray_sphere(c.eye, camera_ray(c, x, 0.5 * PI), float3(0.0), r, s);\n"
+                            "    [Disc] if (s > 0.0 && t > 0.0) f = 1.0;\n    return f;\n}\n",
+                            NULL);
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double value, g, se;
@@ -52,8 +50,7 @@ static void test_ball(void **state) {
     assert_int_equal(slt_grad_integral(p, &job, &out, NULL, &err), SLT_OK);
     double k = 4 - 0.64, area = M_PI * 0.64 / k, slope = M_PI * 2 * 0.8 * 4 / (k * k);
     if (fabs(value - area) > 3e-3) fail_msg("area %.9g, wanted %.9g", value, area);
-    if (fabs(g - slope) > 6 * se + 4e-3 * slope)
-        fail_msg("%.9g +- %.2g, wanted %.9g", g, se, slope);
+    if (fabs(g - slope) > 6 * se + 4e-3 * slope) fail_msg("%.9g +- %.2g, wanted %.9g", g, se, slope);
     slt_program_free(p);
 }
 
@@ -91,16 +88,14 @@ static void test_brdf(void **state) {
               "    return w * float2(ggx(n, v, l, float3(1.0), 0.9).x, ggx(n, v, l, float3(1.0), "
               "0.4).x);\n}\n",
               v);
-    if (fabs(v[0] - 0.454116) > 1e-3 || fabs(v[1] - 0.958073) > 1e-3)
-        fail_msg("%.9g %.9g", v[0], v[1]);
-    integrate(
-        "import brdf;\nshader float2 main(float2 x) {\n"
-        "    float3 n = float3(0.0, 0.0, 1.0), a = normalize(float3(x, 0.4)), b = "
-        "normalize(float3(-0.3, x.y, 0.7));\n"
-        "    float3 f = float3(0.04, 0.5, 0.9), d = ggx(n, a, b, f, 0.5) - ggx(n, b, a, f, 0.5);\n"
-        "    float3 e = fresnel_schlick(f, 0.0) - 1.0 + fresnel_schlick(f, 1.0) - f;\n"
-        "    return float2(dot(d, d), dot(e, e));\n}\n",
-        v);
+    if (fabs(v[0] - 0.454116) > 1e-3 || fabs(v[1] - 0.958073) > 1e-3) fail_msg("%.9g %.9g", v[0], v[1]);
+    integrate("import brdf;\nshader float2 main(float2 x) {\n"
+              "    float3 n = float3(0.0, 0.0, 1.0), a = normalize(float3(x, 0.4)), b = "
+              "normalize(float3(-0.3, x.y, 0.7));\n"
+              "    float3 f = float3(0.04, 0.5, 0.9), d = ggx(n, a, b, f, 0.5) - ggx(n, b, a, f, 0.5);\n"
+              "    float3 e = fresnel_schlick(f, 0.0) - 1.0 + fresnel_schlick(f, 1.0) - f;\n"
+              "    return float2(dot(d, d), dot(e, e));\n}\n",
+              v);
     assert_true(v[0] < 1e-20 && v[1] < 1e-20);
 }
 

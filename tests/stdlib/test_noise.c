@@ -45,8 +45,7 @@ static void test_fields(void **state) {
             if (i & 1) x[i / 2 % f->dim] = round(x[i / 2 % f->dim]);
             double v = at(p, x, g);
             sum += v, square += v * v;
-            if (!(v >= f->lo && v <= f->hi))
-                fail_msg("%s = %.9g at (%.9g, %.9g, %.9g)", f->call, v, x[0], x[1], x[2]);
+            if (!(v >= f->lo && v <= f->hi)) fail_msg("%s = %.9g at (%.9g, %.9g, %.9g)", f->call, v, x[0], x[1], x[2]);
             for (int a = 0; a < f->dim; a++) {
                 memcpy(y, x, sizeof y);
                 y[a] = x[a] + 1e-6;
@@ -58,11 +57,10 @@ static void test_fields(void **state) {
                 bool kink = !f->smooth && fabs(up + down - 2 * v) > 1e-9;
                 double fd = (up - down) / 2e-6;
                 if (!kink && fabs(fd - g[a]) > 2e-4)
-                    fail_msg("%s: d/dx[%d] = %.9g, differences %.9g at (%.9g, %.9g, %.9g)", f->call,
-                             a, g[a], fd, x[0], x[1], x[2]);
+                    fail_msg("%s: d/dx[%d] = %.9g, differences %.9g at (%.9g, %.9g, %.9g)", f->call, a, g[a], fd, x[0],
+                             x[1], x[2]);
                 if (f->smooth && fabs(h[a] - g[a]) > 1e-3)
-                    fail_msg("%s: the derivative jumps at (%.9g, %.9g, %.9g)", f->call, x[0], x[1],
-                             x[2]);
+                    fail_msg("%s: the derivative jumps at (%.9g, %.9g, %.9g)", f->call, x[0], x[1], x[2]);
             }
         }
         /* Not a constant in disguise. */
@@ -84,8 +82,8 @@ static void test_second_derivative(void **state) {
         SltProgram *p = compile(source, NULL);
         uint32_t seed = 8;
         for (int i = 0; i < 40; i++) {
-            double x[3] = {floor(20 * uniform(&seed)) - 10, 9 * uniform(&seed), 5 * uniform(&seed)},
-                   y[3], g0[3], right[3], left[3];
+            double x[3] = {floor(20 * uniform(&seed)) - 10, 9 * uniform(&seed), 5 * uniform(&seed)}, y[3], g0[3],
+                   right[3], left[3];
             memcpy(y, x, sizeof y);
             at(p, y, g0);
             y[0] = x[0] + 1e-5, at(p, y, right);
@@ -98,11 +96,10 @@ static void test_second_derivative(void **state) {
 
 static void test_octaves(void **state) {
     (void)state;
-    SltProgram *p = compile(
-        "import noise;\nparam float2 p = float2(0.0);\n"
-        "shader float3 main(float2 x) { return float3(fbm(p, 1) - gradient_noise(p), fbm(p, 0), "
-        "fbm(p, 2) - gradient_noise(p) - 0.5 * gradient_noise(2.0 * p + float2(17.31, 9.73))); }\n",
-        NULL);
+    SltProgram *p = compile("import noise;\nparam float2 p = float2(0.0);\n"
+                            "shader float3 main(float2 x) { return float3(fbm(p, 1) - gradient_noise(p), fbm(p, 0), "
+                            "fbm(p, 2) - gradient_noise(p) - 0.5 * gradient_noise(2.0 * p + float2(17.31, 9.73))); }\n",
+                            NULL);
     double x[2] = {0.37, 2.81}, v[3], g[6];
     set(p, "p", x);
     evaluate(p, v, g);
@@ -141,10 +138,9 @@ static void test_no_warnings(void **state) {
  * moves with p. */
 static void test_sites(void **state) {
     (void)state;
-    SltProgram *p =
-        compile("import noise;\nparam float2 shift = float2(0.3, 0.1);\nshader float main(float2 "
-                "x) { return fbm(8.0 * x + shift, 4) + worley(8.0 * x + shift).x; }\n",
-                NULL);
+    SltProgram *p = compile("import noise;\nparam float2 shift = float2(0.3, 0.1);\nshader float main(float2 "
+                            "x) { return fbm(8.0 * x + shift, 4) + worley(8.0 * x + shift).x; }\n",
+                            NULL);
     assert_int_equal(slt_site_count(p), 0);
     slt_program_free(p);
     p = compile("import noise;\nparam float2 shift = float2(0.3, 0.1);\n[Domain(0.0, 16.0)] shader "
@@ -154,8 +150,7 @@ static void test_sites(void **state) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double value, g[2], se[2], up, down, step = 0.02;
-    SltIntegral out = {.value = &value, .gradient = g, .gradient_stderr = se},
-                only = {.value = &up};
+    SltIntegral out = {.value = &value, .gradient = g, .gradient_stderr = se}, only = {.value = &up};
     job.integral = true, job.samples = 1 << 16, job.threads = 1;
     assert_int_equal(slt_grad_integral(p, &job, &out, NULL, &err), SLT_OK);
     assert_true(fabs(value / 256 - 0.5) < 0.08);
@@ -168,8 +163,7 @@ static void test_sites(void **state) {
     only.value = &down;
     assert_int_equal(slt_grad_integral(p, &job, &only, NULL, &err), SLT_OK);
     double fd = (up - down) / (2 * step);
-    if (fabs(fd - g[0]) > 6 * se[0] + 0.25)
-        fail_msg("derivative %.6g +- %.2g, differences %.6g", g[0], se[0], fd);
+    if (fabs(fd - g[0]) > 6 * se[0] + 0.25) fail_msg("derivative %.6g +- %.2g, differences %.6g", g[0], se[0], fd);
     assert_true(fabs(g[0]) > 1e-3);
     slt_program_free(p);
 }

@@ -1,5 +1,5 @@
-/* pathtrace.salt: the white furnace, irradiance in closed form, and on bumps the same light and the same derivatives as by slices (heightfield.salt), which share nothing with it
- * but the queries. */
+/* pathtrace.salt: the white furnace, irradiance in closed form, and on bumps the same light and the same derivatives as
+ * by slices (heightfield.salt), which share nothing with it but the queries. */
 #include "tests/stdlib/fixture.h"
 
 typedef struct Mean {
@@ -45,12 +45,15 @@ static void test_furnace(void **state) {
     (void)state;
     double one = 1, zero = 0, some = 0.6;
     for (int way = 0; way < 2; way++) {
-        SltProgram *p = compile(way ? SCENE "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
-                                            "    AreaLight l = area_sun(s.to, s.irradiance, s.radius);\n    Ride r = { d, 1.0 };\n"
-                                            "    return slice_radiance(h, float3(albedo), l, float3(sky), float3(sky), eye, r, 1e-5, 0.1, 12).x / 4.0;\n}\n"
-                                    : SCENE "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
-                                            "    return path_radiance(h, float3(albedo), s, float3(sky), float3(sky), eye, d, 12).x / 4.0;\n}\n",
-                                NULL);
+        SltProgram *p = compile(
+            way ? SCENE
+                "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
+                "    AreaLight l = area_sun(s.to, s.irradiance, s.radius);\n    Ride r = { d, 1.0 };\n"
+                "    return slice_radiance(h, float3(albedo), l, float3(sky), float3(sky), eye, r, 1e-5, 0.1, 12).x / 4.0;\n}\n"
+                : SCENE
+                "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
+                "    return path_radiance(h, float3(albedo), s, float3(sky), float3(sky), eye, d, 12).x / 4.0;\n}\n",
+            NULL);
         set(p, "sky", &one), set(p, "albedo", &some);
         Mean m = mean(p, 1 << 12, 1);
         near_to("flat", m.value, 0.6, 6 * m.se + 1e-4);
@@ -67,21 +70,26 @@ static void test_furnace(void **state) {
     }
 }
 
-/* A point and a rectangle over a flat ground; a coated ground gives back less than it gets (about 0.8 of it: what passes the coat does so twice). */
+/* A point and a rectangle over a flat ground; a coated ground gives back less than it gets (about 0.8 of it: what
+ * passes the coat does so twice). */
 static void test_lights(void **state) {
     (void)state;
-    SltProgram *p = compile(SCENE "shader float main(float2 x) {\n    float3 q = float3(0.5 + 1e-6 * x.x, 0.4, 1e-5), n = float3(0.0, 0.0, 1.0);\n"
-                                  "    Light a = point_light(float3(0.2, 0.5, 0.6), float3(3.0), q);\n"
-                                  "    return reflected(h, float3(albedo), q, n, a, 0.0).x;\n}\n",
-                            NULL);
+    SltProgram *p = compile(
+        SCENE
+        "shader float main(float2 x) {\n    float3 q = float3(0.5 + 1e-6 * x.x, 0.4, 1e-5), n = float3(0.0, 0.0, 1.0);\n"
+        "    Light a = point_light(float3(0.2, 0.5, 0.6), float3(3.0), q);\n"
+        "    return reflected(h, float3(albedo), q, n, a, 0.0).x;\n}\n",
+        NULL);
     Mean m = mean(p, 64, 1);
     double r2 = 0.09 + 0.01 + 0.36;
     near_to("point", m.value, 3 * 0.6 / M_PI * 0.6 / (r2 * sqrt(r2)), 1e-4);
     slt_program_free(p);
-    p = compile(SCENE "shader float main(float2 x) {\n    float3 q = float3(0.5 + 1e-6 * x.x, 0.4, 1e-5), n = float3(0.0, 0.0, 1.0);\n"
-                      "    Light a = rectangle_light(float3(0.5, 0.4, 0.3), float3(50.0, 0.0, 0.0), float3(0.0, -50.0, 0.0), float3(2.0), q, 0.5 + 0.5 * sign(x - 0.5) * pow(abs(2.0 * x - 1.0), 4.0));\n"
-                      "    float2 j = 4.0 * pow(abs(2.0 * x - 1.0), 3.0);\n    return j.x * j.y * reflected(h, float3(albedo), q, n, a, 0.0).x;\n}\n",
-                NULL);
+    p = compile(
+        SCENE
+        "shader float main(float2 x) {\n    float3 q = float3(0.5 + 1e-6 * x.x, 0.4, 1e-5), n = float3(0.0, 0.0, 1.0);\n"
+        "    Light a = rectangle_light(float3(0.5, 0.4, 0.3), float3(50.0, 0.0, 0.0), float3(0.0, -50.0, 0.0), float3(2.0), q, 0.5 + 0.5 * sign(x - 0.5) * pow(abs(2.0 * x - 1.0), 4.0));\n"
+        "    float2 j = 4.0 * pow(abs(2.0 * x - 1.0), 3.0);\n    return j.x * j.y * reflected(h, float3(albedo), q, n, a, 0.0).x;\n}\n",
+        NULL);
     m = mean(p, 1 << 16, 1); /* as good as a whole sky of radiance 2; the points are drawn towards the middle */
     near_to("wide rectangle", m.value, 2 * 0.6, 1e-2);
     slt_program_free(p);
@@ -99,7 +107,8 @@ static void test_lights(void **state) {
     slt_program_free(p);
 }
 
-/* Direct light and one or two reflections on bumps, light and derivatives by every parameter and by three directions of the heights. */
+/* Direct light and one or two reflections on bumps, light and derivatives by every parameter and by three directions of
+ * the heights. */
 static void test_two_ways(void **state) {
     (void)state;
     static const double setting[2][2] = {{0.0, 3.0}, {1.0, 1.5}}; /* sky, sunlight */
@@ -110,21 +119,24 @@ static void test_two_ways(void **state) {
         static const char *const names[3] = {"albedo", "elevation", "eye_x"};
         for (int way = 0; way < 2; way++) {
             char source[2048];
-            snprintf(source, sizeof source,
-                     way ? SCENE "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
-                                 "    AreaLight l = area_sun(s.to, s.irradiance, s.radius);\n"
-                                 "    Patch q = { float3(0.05, 0.3, -1.0), float3(0.35, 0.0, 0.0), float3(0.0, 0.35, 0.0), false };\n"
-                                 "    Ride r = ride_patch(h, eye, q, x, rand2());\n"
-                                 "    return slice_radiance(h, float3(albedo), l, float3(sky), float3(sky), eye, r, 1e-4, 0.125, %d).x / 4.0;\n}\n"
-                         : SCENE "const float NEAR_GROUND = 0.125;\n[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
-                                 "    float3 sum = float3(0.0), weight = float3(1.0), o = eye;\n"
-                                 "    for (int i = 0; i <= %d + 1; i++) {\n        Ground g = ground(h, o, d);\n"
-                                 "        [NoDisc] if (!g.hit) {\n            sum += weight * sky;\n            break;\n        }\n"
-                                 "        if (i > %d) break;\n"
-                                 "        sum += weight * reflected(h, float3(albedo), g.p, g.n, sun_light(s, rand2()), NEAR_GROUND);\n"
-                                 "        weight *= albedo;\n        o = g.p;\n        d = cosine_sample(g.n, rand2());\n    }\n"
-                                 "    return sum.x / 4.0;\n}\n",
-                     bounces[i], bounces[i]);
+            snprintf(
+                source, sizeof source,
+                way ? SCENE
+                    "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
+                    "    AreaLight l = area_sun(s.to, s.irradiance, s.radius);\n"
+                    "    Patch q = { float3(0.05, 0.3, -1.0), float3(0.35, 0.0, 0.0), float3(0.0, 0.35, 0.0), false };\n"
+                    "    Ride r = ride_patch(h, eye, q, x, rand2());\n"
+                    "    return slice_radiance(h, float3(albedo), l, float3(sky), float3(sky), eye, r, 1e-4, 0.125, %d).x / 4.0;\n}\n"
+                    : SCENE
+                    "const float NEAR_GROUND = 0.125;\n[Domain(-1.0, 1.0)] shader float main(float2 x) {\n" PATH
+                    "    float3 sum = float3(0.0), weight = float3(1.0), o = eye;\n"
+                    "    for (int i = 0; i <= %d + 1; i++) {\n        Ground g = ground(h, o, d);\n"
+                    "        [NoDisc] if (!g.hit) {\n            sum += weight * sky;\n            break;\n        }\n"
+                    "        if (i > %d) break;\n"
+                    "        sum += weight * reflected(h, float3(albedo), g.p, g.n, sun_light(s, rand2()), NEAR_GROUND);\n"
+                    "        weight *= albedo;\n        o = g.p;\n        d = cosine_sample(g.n, rand2());\n    }\n"
+                    "    return sum.x / 4.0;\n}\n",
+                bounces[i], bounces[i]);
             SltProgram *p = compile(source, NULL);
             set(p, "sky", &setting[i][0]), set(p, "sunlight", &setting[i][1]);
             set_bumps(p, 0.18);
@@ -159,17 +171,20 @@ static void test_two_ways(void **state) {
     }
 }
 
-/* A lit slope colours the flat ground before it. What comes from the slope is linear in its colour, so its derivative tells it exactly: nothing else changes, with the same random numbers. */
+/* A lit slope colours the flat ground before it. What comes from the slope is linear in its colour, so its derivative
+ * tells it exactly: nothing else changes, with the same random numbers. */
 static void test_bleeding(void **state) {
     (void)state;
     double light[2][2], slope[2][2];
     for (int bounces = 0; bounces < 2; bounces++) {
         char source[1024];
-        snprintf(source, sizeof source,
-                 SCENE "param texture2D colour = zeros(8, 1, 3);\nshader float2 main(float2 x) {\n"
-                       "    Sun s = { normalize(float3(0.8, 0.1, 0.5)), float3(2.0), 0.05 };\n"
-                       "    return path_radiance(h, colour, float4(0.0, 0.0, 1.0, 1.0), s, float3(0.0), float3(0.0), float3(0.65 + 0.2 * x.x, 0.3 + 0.4 * x.y, 1.0), float3(0.0, 0.0, -1.0), %d).xy;\n}\n",
-                 bounces);
+        snprintf(
+            source, sizeof source,
+            SCENE
+            "param texture2D colour = zeros(8, 1, 3);\nshader float2 main(float2 x) {\n"
+            "    Sun s = { normalize(float3(0.8, 0.1, 0.5)), float3(2.0), 0.05 };\n"
+            "    return path_radiance(h, colour, float4(0.0, 0.0, 1.0, 1.0), s, float3(0.0), float3(0.0), float3(0.65 + 0.2 * x.x, 0.3 + 0.4 * x.y, 1.0), float3(0.0, 0.0, -1.0), %d).xy;\n}\n",
+            bounces);
         SltProgram *p = compile(source, NULL);
         double v[13 * 13], texel[24];
         for (int i = 0; i < 169; i++) v[i] = fmax(0, 0.6 - 1.2 * (i % 13) / 12.0);
