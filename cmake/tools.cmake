@@ -1,10 +1,19 @@
-# `format` and `tidy`: only where the tools are, and never part of a build.
+# `format`, `check-format` and `tidy`: only where the tools are (bootstrap tools), and never part of a build.
 find_program(CLANG_TIDY NAMES clang-tidy-${SALTUS_LLVM} clang-tidy)
-find_program(CLANG_FORMAT NAMES clang-format-${SALTUS_LLVM} clang-format)
-file(GLOB_RECURSE TOOL_SOURCES ${CMAKE_SOURCE_DIR}/compiler/*.c ${CMAKE_SOURCE_DIR}/runtime/*.c ${CMAKE_SOURCE_DIR}/cli/*.c)
+find_program(CLANG_FORMAT NAMES clang-format-${SALTUS_LLVM}) # no other version: each breaks lines a little differently
+file(GLOB_RECURSE TOOL_SOURCES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/compiler/*.c ${CMAKE_SOURCE_DIR}/runtime/*.c ${CMAKE_SOURCE_DIR}/cli/*.c
+  ${CMAKE_SOURCE_DIR}/tests/*.c)
 if(CLANG_TIDY)
   add_custom_target(tidy COMMAND ${CLANG_TIDY} --quiet -p ${CMAKE_BINARY_DIR} ${TOOL_SOURCES} WORKING_DIRECTORY ${CMAKE_SOURCE_DIR} USES_TERMINAL)
 endif()
-if(CLANG_FORMAT AND EXISTS ${CMAKE_SOURCE_DIR}/.clang-format)
+if(CLANG_FORMAT)
+  set(CHECK_FORMAT ${CLANG_FORMAT} --dry-run -Werror ${TOOL_SOURCES})
   add_custom_target(format COMMAND ${CLANG_FORMAT} -i ${TOOL_SOURCES} WORKING_DIRECTORY ${CMAKE_SOURCE_DIR} USES_TERMINAL)
+  add_custom_target(check-format COMMAND ${CHECK_FORMAT} WORKING_DIRECTORY ${CMAKE_SOURCE_DIR} USES_TERMINAL)
+else()
+  set(CHECK_FORMAT ${CMAKE_COMMAND} -E echo "skipped: clang-format-${SALTUS_LLVM} is not installed")
+endif()
+if(SALTUS_TESTS)
+  add_test(NAME tools.format COMMAND ${CHECK_FORMAT} WORKING_DIRECTORY ${CMAKE_SOURCE_DIR})
+  set_tests_properties(tools.format PROPERTIES SKIP_REGULAR_EXPRESSION "^skipped:")
 endif()
