@@ -45,9 +45,8 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     a->blocks = alloc_zero(blocks, sizeof *a->blocks);
     if (!a->blocks) return false;
     for (uint32_t p0 = 0; p0 < s->nfloats; p0 += ACCUM_BLOCK) {
-        bool dense = !s->dense;
-        for (uint32_t p = p0; p < p0 + ACCUM_BLOCK && p < s->nfloats && !dense; p++) dense = s->dense[p];
-        if (dense) a->blocks[a->nblocks++] = p0;
+        uint32_t n = s->nfloats - p0 < ACCUM_BLOCK ? s->nfloats - p0 : ACCUM_BLOCK;
+        if (!s->dense || memchr(s->dense + p0, 1, n)) a->blocks[a->nblocks++] = p0;
     }
     return true;
 }

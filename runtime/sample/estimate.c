@@ -104,8 +104,8 @@ static void clear_parts(double *const *part, uint32_t n, uint32_t nfloats) {
 }
 
 static void mask_inactive(const SltScene *s, double *v) {
-    for (uint32_t p = 0; p < s->nfloats && s->active && v; p++)
-        if (!s->active[p]) v[p] = 0;
+    if (!v || !s->active || !memchr(s->active, 0, s->nfloats)) return;
+    for (uint32_t p = 0; p < s->nfloats; p++) v[p] = s->active[p] ? v[p] : 0;
 }
 
 SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
