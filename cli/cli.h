@@ -12,7 +12,7 @@
 #include "runtime/image/image.h"
 #include "saltus/saltus.h"
 
-enum { CLI_MAX_LIST = 256, CLI_MAX_COMPONENTS = 64 };
+enum { CLI_MAX_LIST = 256, CLI_MAX_KEPT = 8 * CLI_MAX_LIST, CLI_MAX_COMPONENTS = 64 };
 
 typedef struct Assign {
     const char *name, *value;
@@ -56,7 +56,7 @@ typedef struct Cli {
     const char *at;
     /* any option given, for verbs that must refuse */
     bool estimator_given, samples_given, iters_given, optimizer_given;
-    char *args_storage[CLI_MAX_LIST];
+    char *args_storage[CLI_MAX_KEPT];
     uint32_t nargs_storage;
 } Cli;
 

@@ -228,7 +228,7 @@ static void print_sites(const Explain *e) {
     }
 }
 
-static void print_kernels(const Explain *e, const bool needs[K_KINDS]) {
+static void print_kernels(const Explain *e) {
     SltProgram *p = e->p;
     printf("\nkernels (%u lanes of %s)\n  %-10s %10s %14s\n", p->scene.width, p->opt.f64 ? "f64" : "f32", "", "IR",
            "LLVM");
@@ -241,10 +241,9 @@ static void print_kernels(const Explain *e, const bool needs[K_KINDS]) {
         if (p->fn[k] && p->tape[k].text && p->tape[k].text[0])
             printf("\ntape of %s: at most %llu bytes a lane\n%s\n", kernel_names[k],
                    (unsigned long long)p->tape[k].bytes_per_lane, p->tape[k].text);
-    (void)needs;
 }
 
-static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
+static void explain_text(const Explain *e) {
     SltProgram *p = e->p;
     Program *g = p->prog;
     printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n\n", g->entry, g->dim, g->channels,
@@ -252,7 +251,7 @@ static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
     print_sites(e);
     printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)api_event_bound(p),
            p->scene.near_miss ? "on" : "off");
-    print_kernels(e, needs);
+    print_kernels(e);
     printf("\nparameters without a gradient\n");
     bool any = false;
     for (uint32_t i = 0; i < g->nparams; i++) {
@@ -267,9 +266,8 @@ static void explain_text(const Explain *e, const bool needs[K_KINDS]) {
     print_fields(p);
     if (!built) puts("  none");
     printf("\nleft out\n");
-    any = false;
     for (int k = 0; k < K_KINDS; k++)
-        if (!p->fn[k]) printf("  kernel %s: %s\n", kernel_names[k], left_out(e, k)), any = true;
+        if (!p->fn[k]) printf("  kernel %s: %s\n", kernel_names[k], left_out(e, k));
     print_fields_left_out(p);
     if (!g->ncull) puts("  cull grid: no [Cull] loop");
     if (!g->uses_rand) puts("  random streams: rand() is not called");
@@ -548,7 +546,7 @@ static int explain(Cli *c, SltProgram *p) {
         if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
         for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);
         if (c->json) explain_json(&e);
-        else explain_text(&e, needs);
+        else explain_text(&e);
     } else {
         cli_fail(c, &err);
     }

@@ -175,8 +175,8 @@ static bool parse_whole(const char *text, uint64_t lo, uint64_t hi, uint64_t *ou
 
 static char *keep(Cli *c, const char *text) {
     char *copy = strdup(text);
-    if (copy && c->nargs_storage < CLI_MAX_LIST) c->args_storage[c->nargs_storage++] = copy;
-    return copy;
+    if (!copy || c->nargs_storage == CLI_MAX_KEPT) return free(copy), NULL;
+    return c->args_storage[c->nargs_storage++] = copy;
 }
 
 /* "name=value"; false without an =. */
@@ -190,10 +190,14 @@ static bool split_assign(Cli *c, const char *text, Assign *out) {
     return true;
 }
 
+static int too_many(Cli *c, const char *name) {
+    return cli_usage(c, "%s names more than %d things", name, CLI_MAX_LIST);
+}
+
 /* A list with commas that are not inside brackets: "discs[3].x,a" */
-static bool split_list(Cli *c, const char *text, const char **list, uint32_t *n) {
+static int split_list(Cli *c, const char *name, const char *text, const char **list, uint32_t *n) {
     char *copy = keep(c, text);
-    if (!copy) return false;
+    if (!copy) return too_many(c, name);
     int depth = 0;
     char *start = copy;
     for (char *s = copy;; s++) {
@@ -202,9 +206,10 @@ static bool split_list(Cli *c, const char *text, const char **list, uint32_t *n)
         if (*s && !(*s == ',' && depth <= 0)) continue;
         bool last = !*s;
         *s = 0;
-        if (*start && *n < CLI_MAX_LIST) list[(*n)++] = start;
+        if (*start && *n == CLI_MAX_LIST) return too_many(c, name);
+        if (*start) list[(*n)++] = start;
         start = s + 1;
-        if (last) return true;
+        if (last) return SLT_OK;
     }
 }
 
@@ -236,12 +241,13 @@ static int apply_rates(Cli *c, const char *name, const char *v, Assign *list, ui
     const char *parts[CLI_MAX_LIST];
     uint32_t count = 0;
     double x;
-    split_list(c, v, parts, &count);
+    if (split_list(c, name, v, parts, &count) != SLT_OK) return SLT_USAGE;
     for (uint32_t i = 0; i < count; i++) {
         Assign a;
         if (!split_assign(c, parts[i], &a)) a = (Assign){NULL, parts[i]};
         if (!parse_number(a.value, 0, 1e30, &x)) return cli_usage(c, "%s: `%s` is not a number", name, a.value);
-        if (*n < CLI_MAX_LIST) list[(*n)++] = a;
+        if (*n == CLI_MAX_LIST) return too_many(c, name);
+        list[(*n)++] = a;
     }
     return SLT_OK;
 }
@@ -263,11 +269,12 @@ static int apply(Cli *c, const Option *o, const char *v) {
     case O_ENTRY: c->opt.entry = v; break;
     case O_SET:
         if (!split_assign(c, v, &assign)) return cli_usage(c, "--set wants NAME=VALUE, not `%s`", v);
-        if (c->nsets < CLI_MAX_LIST) c->sets[c->nsets++] = (SltSet){assign.name, assign.value};
+        if (c->nsets == CLI_MAX_LIST) return too_many(c, o->name);
+        c->sets[c->nsets++] = (SltSet){assign.name, assign.value};
         break;
     case O_PARAM:
         if (!split_assign(c, v, &assign)) return cli_usage(c, "--param wants NAME=VALUE, not `%s`", v);
-        if (c->nparams >= CLI_MAX_LIST) return cli_usage(c, "more than %d --param", CLI_MAX_LIST);
+        if (c->nparams == CLI_MAX_LIST) return too_many(c, o->name);
         c->params[c->nparams++] = assign;
         if (assign.value[0] == '@') c->param_files[c->nparam_files++] = (SltSet){assign.name, assign.value + 1};
         break;
@@ -319,13 +326,14 @@ static int apply(Cli *c, const Option *o, const char *v) {
         c->opt.width = (uint32_t)whole;
         break;
     case O_INCLUDE:
-        if (c->nimport_dirs < CLI_MAX_LIST) c->import_dirs[c->nimport_dirs++] = v;
+        if (c->nimport_dirs == CLI_MAX_LIST) return too_many(c, o->name);
+        c->import_dirs[c->nimport_dirs++] = v;
         break;
     case O_JSON: c->json = true; break;
     case O_QUIET: c->quiet = true; break;
     case O_NO_CACHE: c->opt.no_cache = true; break;
     case O_OUTPUT: c->output = v; break;
-    case O_WRT: split_list(c, v, c->wrt, &c->nwrt); break;
+    case O_WRT: return split_list(c, o->name, v, c->wrt, &c->nwrt);
     case O_FORMAT:
         if (strcmp(v, "rgba8") && strcmp(v, "float")) return cli_usage(c, "--format is rgba8 or float, not `%s`", v);
         c->rgba8 = c->opt.rgba8 = !strcmp(v, "rgba8");

@@ -41,7 +41,7 @@ static int known_keys(Reader *r, json_t *object, const char *where, const char *
 
 char *scene_keep(Scene *s, char *text) {
     char **more = realloc(s->strings, (s->nstrings + 1) * sizeof *more);
-    if (!more) return text;
+    if (!more) return free(text), NULL;
     s->strings = more;
     s->strings[s->nstrings++] = text;
     return text;

@@ -13,6 +13,9 @@
 
 enum { MAX_CELLS = 1 << 22 };
 #define PI 3.14159265358979323846
+#ifndef CMPLX /* glibc's header has it for gcc only */
+#define CMPLX(re, im) __builtin_complex((double)(re), (double)(im))
+#endif
 
 typedef double complex cplx;
 

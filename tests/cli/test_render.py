@@ -33,7 +33,8 @@ class Basics(Case):
         self.assertIn("did you mean `--samples`", self.run_cli("grad", "x.salt", "--sample", "4", code=2).err)
         self.assertIn("not an option of `render`", self.run_cli("render", "x.salt", "--wrt", "a", code=2).err)
         for bad in (["--size", "0"], ["--size", "4x"], ["--size", "4x4x4x4"], ["--spp", "0"], ["--spp", "-1"], ["--seed", "x"], ["--width", "3"], ["--precision", "f16"],
-                    ["--filter", "sinc"], ["--estimator", "magic"], ["--disc", "never"], ["--threads", "-2"], ["--samples", "1.5"], ["--set", "N"], ["--param", "=3"], ["--spp"]):
+                    ["--filter", "sinc"], ["--estimator", "magic"], ["--disc", "never"], ["--threads", "-2"], ["--samples", "1.5"], ["--set", "N"], ["--param", "=3"], ["--spp"],
+                    ["--set", "N=1"] * 257, ["--wrt", "a," * 257], ["-I", "d"] * 257):
             r = self.run_cli("grad", "x.salt", *bad, code=2)
             self.assertIn(bad[0], r.err)
             self.assertEqual(r.out, "")
