@@ -1,22 +1,14 @@
 /* The disk cache: a hit is the same code without LLVM; anything doubtful is ignored and rewritten. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-
-#include <cmocka.h>
 #include <dirent.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
+
+#include "tests/scratch.h"
 
 #include "compiler/back/back.h"
 #include "compiler/back/emit.h"
 
 enum { N = 64 };
 static const char *names[1] = {"a"};
-static char folder[256];
 
 static Fn *adding(Session *s, double constant) {
     Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
@@ -52,44 +44,30 @@ static bool compiled_from_cache(double constant, uint32_t width, const char *cac
 }
 
 static int entries(char *path, size_t size) {
-    DIR *d = opendir(folder);
+    DIR *d = opendir(scratch);
     int n = 0;
     if (!d) return 0;
     for (struct dirent *f; (f = readdir(d));)
         if (f->d_name[0] != '.') {
             n++;
-            snprintf(path, size, "%s/%s", folder, f->d_name);
+            snprintf(path, size, "%s/%s", scratch, f->d_name);
         }
     closedir(d);
     return n;
 }
 
-static void clear(void) {
-    char path[512];
-    while (entries(path, sizeof path)) unlink(path);
-    rmdir(folder);
-}
-
-static int setup(void **state) {
-    (void)state;
-    snprintf(folder, sizeof folder, "%s/saltus-cache-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
-    return mkdtemp(folder) ? 0 : 1;
-}
-
 static int teardown(void **state) {
-    (void)state;
-    chmod(folder, 0700);
-    clear();
-    return 0;
+    chmod(scratch, 0700);
+    return scratch_drop(state);
 }
 
 static void test_hit(void **state) {
     (void)state;
-    assert_false(compiled_from_cache(1, 8, folder, false));
-    assert_true(compiled_from_cache(1, 8, folder, false));
-    assert_false(compiled_from_cache(1, 8, folder, true));
-    assert_false(compiled_from_cache(2, 8, folder, false));  /* another constant */
-    assert_false(compiled_from_cache(1, 16, folder, false)); /* another width */
+    assert_false(compiled_from_cache(1, 8, scratch, false));
+    assert_true(compiled_from_cache(1, 8, scratch, false));
+    assert_false(compiled_from_cache(1, 8, scratch, true));
+    assert_false(compiled_from_cache(2, 8, scratch, false));  /* another constant */
+    assert_false(compiled_from_cache(1, 16, scratch, false)); /* another width */
     char path[512];
     assert_int_equal(entries(path, sizeof path), 3);
     struct stat st;
@@ -100,7 +78,7 @@ static void test_hit(void **state) {
 static void test_damage(void **state) {
     (void)state;
     char path[512];
-    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_false(compiled_from_cache(1, 8, scratch, false));
     assert_int_equal(entries(path, sizeof path), 1);
     struct stat st;
     assert_int_equal(stat(path, &st), 0);
@@ -111,51 +89,51 @@ static void test_damage(void **state) {
         fseek(f, at, SEEK_SET);
         fputc(c ^ 0x40, f);
         fclose(f);
-        assert_false(compiled_from_cache(1, 8, folder, false)); /* ignored, and made again */
-        assert_true(compiled_from_cache(1, 8, folder, false));
+        assert_false(compiled_from_cache(1, 8, scratch, false)); /* ignored, and made again */
+        assert_true(compiled_from_cache(1, 8, scratch, false));
     }
     assert_int_equal(truncate(path, st.st_size - 5), 0);
-    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_false(compiled_from_cache(1, 8, scratch, false));
     assert_int_equal(truncate(path, 10), 0);
-    assert_false(compiled_from_cache(1, 8, folder, false));
-    assert_true(compiled_from_cache(1, 8, folder, false));
+    assert_false(compiled_from_cache(1, 8, scratch, false));
+    assert_true(compiled_from_cache(1, 8, scratch, false));
 }
 
 static void test_wrong_key(void **state) {
     (void)state;
     char one[512], two[512];
-    assert_false(compiled_from_cache(1, 8, folder, false));
+    assert_false(compiled_from_cache(1, 8, scratch, false));
     entries(one, sizeof one);
     char moved[520];
     snprintf(moved, sizeof moved, "%s.kept", one);
     assert_int_equal(rename(one, moved), 0);
-    assert_false(compiled_from_cache(2, 8, folder, false));
-    DIR *d = opendir(folder);
+    assert_false(compiled_from_cache(2, 8, scratch, false));
+    DIR *d = opendir(scratch);
     two[0] = 0;
     for (struct dirent *f; (f = readdir(d));)
-        if (f->d_name[0] != '.' && !strstr(f->d_name, ".kept")) snprintf(two, sizeof two, "%s/%s", folder, f->d_name);
+        if (f->d_name[0] != '.' && !strstr(f->d_name, ".kept")) snprintf(two, sizeof two, "%s/%s", scratch, f->d_name);
     closedir(d);
     assert_int_equal(rename(moved, two), 0); /* the code of 1 under the name of 2 */
-    assert_false(compiled_from_cache(2, 8, folder, false));
+    assert_false(compiled_from_cache(2, 8, scratch, false));
 }
 
 static void test_unusable_folder(void **state) {
     (void)state;
-    chmod(folder, 0777); /* others could plant code */
-    assert_false(compiled_from_cache(1, 8, folder, false));
-    assert_false(compiled_from_cache(1, 8, folder, false));
+    chmod(scratch, 0777); /* others could plant code */
+    assert_false(compiled_from_cache(1, 8, scratch, false));
+    assert_false(compiled_from_cache(1, 8, scratch, false));
     char path[512];
     assert_int_equal(entries(path, sizeof path), 0);
-    chmod(folder, 0700);
+    chmod(scratch, 0700);
     assert_false(compiled_from_cache(1, 8, "/proc/nowhere/saltus", false));
-    snprintf(path, sizeof path, "%s/a/b", folder); /* made as needed */
+    snprintf(path, sizeof path, "%s/a/b", scratch); /* made as needed */
     assert_false(compiled_from_cache(1, 8, path, false));
     assert_true(compiled_from_cache(1, 8, path, false));
     struct stat st;
     assert_int_equal(stat(path, &st), 0);
     assert_int_equal(st.st_mode & 0777, 0700);
     char command[600];
-    snprintf(command, sizeof command, "rm -r '%s/a'", folder);
+    snprintf(command, sizeof command, "rm -r '%s/a'", scratch);
     assert_int_equal(system(command), 0);
 }
 
@@ -165,7 +143,7 @@ static void test_loader_on_damaged_objects(void **state) {
     (void)state;
     Session *s = session_create(0);
     char path[512];
-    snprintf(path, sizeof path, "%s/k.o", folder);
+    snprintf(path, sizeof path, "%s/k.o", scratch);
     BackOptions o = {.width = 8, .opt_level = 2};
     target_host(&o.target);
     KernelRequest k = {"kernel", adding(s, 1)};
@@ -203,11 +181,11 @@ static void test_loader_on_damaged_objects(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(test_hit, setup, teardown),
-        cmocka_unit_test_setup_teardown(test_damage, setup, teardown),
-        cmocka_unit_test_setup_teardown(test_wrong_key, setup, teardown),
-        cmocka_unit_test_setup_teardown(test_unusable_folder, setup, teardown),
-        cmocka_unit_test_setup_teardown(test_loader_on_damaged_objects, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_hit, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_damage, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_wrong_key, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_unusable_folder, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_loader_on_damaged_objects, scratch_make, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -8,19 +8,8 @@
 #include <string.h>
 
 #include "compiler/base/session.h"
+#include "tests/printed.h"
 
-static char *captured(const Session *s, void (*print)(const Session *, FILE *)) {
-    FILE *f = tmpfile();
-    print(s, f);
-    size_t len = (size_t)ftell(f);
-    rewind(f);
-    char *text = calloc(len + 1, 1);
-    if (fread(text, 1, len, f) != len) text[0] = 0;
-    fclose(f);
-    return text;
-}
-
-static void text_form(const Session *s, FILE *f) { diag_print_text(s, f, false); }
 static void colour_form(const Session *s, FILE *f) { diag_print_text(s, f, true); }
 
 /* ---- memory ---- */
@@ -149,7 +138,7 @@ static Diag *mark(Session *s, uint32_t pos, uint32_t len, const char *message) {
 static void check_text(const char *source, uint32_t pos, uint32_t len, const char *expected) {
     Session *s = with_source("a.salt", source, strlen(source));
     mark(s, pos, len, "here");
-    char *text = captured(s, text_form);
+    char *text = printed(s, print_text);
     assert_string_equal(text, expected);
     free(text);
     session_destroy(s);
@@ -186,7 +175,7 @@ static void long_lines(void **state) {
     memset(source, 'a', n);
     Session *s = with_source("a.salt", source, n);
     mark(s, 500000, 3, "here");
-    char *text = captured(s, text_form);
+    char *text = printed(s, print_text);
     assert_in_range(strlen(text), 150, 400);
     assert_non_null(strstr(text, "a.salt:1:500001: error"));
     assert_non_null(strstr(text, "^^^\n"));
@@ -195,7 +184,7 @@ static void long_lines(void **state) {
     free(text);
     /* Two hundred errors on one line of a megabyte are counted on from each other. */
     for (uint32_t i = 0; i < 200; i++) mark(s, i * 5000, 1, "here");
-    text = captured(s, diag_print_json);
+    text = printed(s, diag_print_json);
     assert_non_null(strstr(text, "\"character\":995000}"));
     free(text);
     session_destroy(s);
@@ -214,7 +203,7 @@ static void order_and_count(void **state) {
     Diag *twice = mark(s, 3, 1, "third time");
     diag_note(s, twice, SPAN_NONE, "on a copy that nobody prints");
     assert_int_equal(s->nerrors, 30);
-    char *text = captured(s, text_form);
+    char *text = printed(s, print_text);
     const char *at = text;
     for (int i = 1; i <= 20; i++) {
         char place[64];
@@ -228,7 +217,7 @@ static void order_and_count(void **state) {
     assert_null(strstr(text, "nobody"));
     free(text);
     s->max_errors = 0;
-    text = captured(s, text_form);
+    text = printed(s, print_text);
     assert_non_null(strstr(text, "a.salt:30:1:"));
     assert_null(strstr(text, "more error"));
     free(text);
@@ -242,12 +231,12 @@ static void notes(void **state) {
     diag_note(s, d, (Span){0, 0, 5}, "and %s", "there");
     diag_note(s, d, SPAN_NONE, "nowhere");
     diag_emit(s, DIAG_syntax, SPAN_NONE, "without a place");
-    char *text = captured(s, text_form);
+    char *text = printed(s, print_text);
     assert_string_equal(text, "error: without a place [E0001]\n"
                               "a.salt:1:7: error: here [E0001]\n    1 | first second\n      |       ^^^^^^\n"
                               "a.salt:1:1: note: and there\n    1 | first second\n      | ^^^^^\nnote: nowhere\n");
     free(text);
-    text = captured(s, colour_form);
+    text = printed(s, colour_form);
     assert_non_null(strstr(text, "\033[1;31merror:\033[0m here"));
     free(text);
     session_destroy(s);
@@ -265,7 +254,7 @@ static void json_form(void **state) {
     Diag *d = mark(s, 9, 1, "quote \" slash \\ tab \t byte \x01 \xFF end");
     diag_note(s, d, (Span){0, 0, 1}, "first");
     diag_note(s, d, SPAN_NONE, "second");
-    char *text = captured(s, diag_print_json);
+    char *text = printed(s, diag_print_json);
     assert_int_equal(text[strlen(text) - 1], '\n');
     json_error_t error;
     json_t *o = json_loads(text, 0, &error);
@@ -292,7 +281,7 @@ static void json_form(void **state) {
     session_destroy(s);
     s = with_source("-", "x", 1);
     mark(s, 0, 1, "here");
-    text = captured(s, diag_print_json);
+    text = printed(s, diag_print_json);
     assert_non_null(strstr(text, "\"uri\":\"untitled:stdin\""));
     free(text);
     session_destroy(s);

@@ -1,16 +1,6 @@
 /* Every example compiles without a warning, renders, and has derivatives that agree with finite
  * differences; the ones that fit something, fit it. Runs the command itself, on few samples. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
-#include <cmocka.h>
+#include "tests/scratch.h"
 
 #define EXAMPLES SALTUS_TEST_DIR "/../examples"
 
@@ -43,42 +33,16 @@ static const Example examples[] = {
 };
 enum { EXAMPLES_N = sizeof examples / sizeof *examples };
 
-/* Runs `saltus ARGS`; what it printed on both outputs is put into out. Returns the exit status. */
-static int run(char *out, size_t size, const char *arguments) {
-    char line[2048];
-    snprintf(line, sizeof line, "'%s' %s 2>&1", SALTUS_BIN, arguments);
-    FILE *f = popen(line, "r");
-    assert_non_null(f);
-    size_t n = fread(out, 1, size - 1, f);
-    out[n] = 0;
-    while (fgetc(f) != EOF) continue;
-    int status = pclose(f);
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
-static char scratch[256];
-
-static int set_up(void **state) {
-    (void)state;
-    snprintf(scratch, sizeof scratch, "%s/saltus-examples-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
-    return access(SALTUS_BIN, X_OK) == 0 && mkdtemp(scratch) ? 0 : -1;
-}
-
-static int tear_down(void **state) {
-    (void)state;
-    char line[512];
-    snprintf(line, sizeof line, "rm -rf '%s'", scratch);
-    return system(line);
-}
+static int set_up(void **state) { return access(SALTUS_BIN, X_OK) == 0 ? scratch_make(state) : -1; }
 
 static void test_render(void **state) {
     (void)state;
     for (int i = 0; i < EXAMPLES_N; i++) {
         const Example *e = &examples[i];
-        char arguments[1024], out[8192];
-        snprintf(arguments, sizeof arguments, "render " EXAMPLES "/%s %s --size %s --spp 2 -o %s/image.npy", e->file,
-                 e->options, e->size, scratch);
-        if (run(out, sizeof out, arguments) != 0 || strstr(out, "warning")) fail_msg("%s: %s", e->file, out);
+        char line[1024], out[8192];
+        snprintf(line, sizeof line, "saltus render " EXAMPLES "/%s %s --size %s --spp 2 -o image.npy", e->file,
+                 e->options, e->size);
+        if (scratch_run(out, sizeof out, line) != 0 || strstr(out, "warning")) fail_msg("%s: %s", e->file, out);
     }
 }
 
@@ -87,9 +51,9 @@ static void test_check(void **state) {
     for (int i = 0; i < EXAMPLES_N; i++) {
         const Example *e = &examples[i];
         if (!strcmp(e->file, "binary_grid/target.salt")) continue; /* no parameters */
-        char arguments[1024], out[8192];
-        snprintf(arguments, sizeof arguments, "check " EXAMPLES "/%s %s --samples 65536", e->file, e->options);
-        if (run(out, sizeof out, arguments) != 0 || !strstr(out, "PASS"))
+        char line[1024], out[8192];
+        snprintf(line, sizeof line, "saltus check " EXAMPLES "/%s %s --samples 65536", e->file, e->options);
+        if (scratch_run(out, sizeof out, line) != 0 || !strstr(out, "PASS"))
             fail_msg("%s %s: %s", e->file, e->options, out);
     }
 }
@@ -99,14 +63,12 @@ static void test_fit(void **state) {
     for (int i = 0; i < EXAMPLES_N; i++) {
         const Example *e = &examples[i];
         if (!e->fit) continue;
-        char arguments[1024], out[16384];
+        char line[1024], out[16384];
         double before = 0, after = 0;
-        snprintf(arguments, sizeof arguments, "fit " EXAMPLES "/%s %s %s --iters 60 -o %s/fit", e->file, e->options,
-                 e->fit, scratch);
-        if (run(out, sizeof out, arguments) != 0) fail_msg("%s: %s", e->file, out);
-        const char *at = strstr(out, "loss ");
-        while (at && sscanf(at, "loss %lg -> %lg", &before, &after) != 2) at = strstr(at + 1, "loss ");
-        if (!at || !(after < 0.5 * before) || !(before > 0)) fail_msg("%s: %s", e->file, out);
+        snprintf(line, sizeof line, "saltus fit " EXAMPLES "/%s %s %s --iters 60 -o fit", e->file, e->options, e->fit);
+        if (scratch_run(out, sizeof out, line) != 0) fail_msg("%s: %s", e->file, out);
+        scratch_fit_losses(out, &before, &after);
+        if (!(after < 0.5 * before) || !(before > 0)) fail_msg("%s: %s", e->file, out);
     }
 }
 
@@ -116,5 +78,5 @@ int main(void) {
         cmocka_unit_test(test_check),
         cmocka_unit_test(test_fit),
     };
-    return cmocka_run_group_tests(tests, set_up, tear_down);
+    return cmocka_run_group_tests(tests, set_up, scratch_drop);
 }

@@ -1,17 +1,8 @@
 /* The commands of a README, run as they stand there, in a copy of the example's folder: fewer samples and iterations,
  * nothing else. The fit must get somewhere, and the derivatives at what it read must agree with finite differences. */
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
-#include <cmocka.h>
+#include "tests/scratch.h"
 
 #define EXAMPLES SALTUS_TEST_DIR "/../examples"
 
@@ -31,33 +22,13 @@ static const Recipe recipes[] = {
 };
 enum { RECIPES_N = sizeof recipes / sizeof *recipes };
 
-static char scratch[256];
+static int set_up(void **state) { return access(SALTUS_BIN, X_OK) == 0 ? scratch_make(state) : -1; }
 
-/* Runs `saltus ARGS` in the folder; what it printed on both outputs is put into out. Returns the exit status. */
+/* Runs `saltus ARGS` in the copy of an example's folder. */
 static int run(char *out, size_t size, const char *folder, const char *arguments) {
     char line[4096];
-    assert_true(snprintf(line, sizeof line, "cd '%s/%s' && '%s' %s 2>&1", scratch, folder, SALTUS_BIN, arguments) <
-                (int)sizeof line);
-    FILE *f = popen(line, "r");
-    assert_non_null(f);
-    size_t n = fread(out, 1, size - 1, f);
-    out[n] = 0;
-    while (fgetc(f) != EOF) continue;
-    int status = pclose(f);
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
-static int set_up(void **state) {
-    (void)state;
-    snprintf(scratch, sizeof scratch, "%s/saltus-recipes-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
-    return access(SALTUS_BIN, X_OK) == 0 && mkdtemp(scratch) ? 0 : -1;
-}
-
-static int tear_down(void **state) {
-    (void)state;
-    char line[512];
-    snprintf(line, sizeof line, "rm -rf '%s'", scratch);
-    return system(line);
+    assert_true(snprintf(line, sizeof line, "cd '%s' && saltus %s", folder, arguments) < (int)sizeof line);
+    return scratch_run(out, size, line);
 }
 
 /* One command of the README. Later options win, so that the cheaper ones go last. */
@@ -76,9 +47,8 @@ static void step(const Recipe *r, const char *arguments, bool *fitted) {
         fail_msg("%s: saltus %s: %s", r->folder, cheap, out);
     if (!fit) return;
     double before = 0, after = 0;
-    const char *at = strstr(out, "loss ");
-    while (at && sscanf(at, "loss %lg -> %lg", &before, &after) != 2) at = strstr(at + 1, "loss ");
-    if (!at || !(after < r->factor * before) || !(before > 0)) fail_msg("%s: %s", r->folder, out);
+    scratch_fit_losses(out, &before, &after);
+    if (!(after < r->factor * before) || !(before > 0)) fail_msg("%s: %s", r->folder, out);
     *fitted = true;
 }
 
@@ -87,9 +57,9 @@ static void test_recipes(void **state) {
     for (int i = 0; i < RECIPES_N; i++) {
         const Recipe *r = &recipes[i];
         char line[4096], out[16384];
-        snprintf(line, sizeof line, "mkdir '%s/%s' && cp " EXAMPLES "/%s/*.salt " EXAMPLES "/%s/*.json '%s/%s'",
-                 scratch, r->folder, r->folder, r->folder, scratch, r->folder);
-        assert_int_equal(system(line), 0);
+        snprintf(line, sizeof line, "mkdir '%s' && cp " EXAMPLES "/%s/*.salt " EXAMPLES "/%s/*.json '%s'", r->folder,
+                 r->folder, r->folder, r->folder);
+        assert_int_equal(scratch_run(out, sizeof out, line), 0);
         snprintf(line, sizeof line, EXAMPLES "/%s/README.md", r->folder);
         FILE *f = fopen(line, "r");
         assert_non_null(f);
@@ -111,5 +81,5 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_recipes),
     };
-    return cmocka_run_group_tests(tests, set_up, tear_down);
+    return cmocka_run_group_tests(tests, set_up, scratch_drop);
 }

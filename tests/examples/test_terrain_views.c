@@ -1,39 +1,13 @@
 /* Six photographs give the terrain back: the README's commands, in a copy of the folder. The made-up terrain up to
  * photographs of 64 x 64; the real one, where $SALTUS_DATA has it, all the way, which takes half a minute of processor
  * time. Heights are 128 x 128 and start flat. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
-#include <cmocka.h>
+#include "tests/scratch.h"
 
 #define EXAMPLE SALTUS_TEST_DIR "/../examples/terrain_views"
 
-static char scratch[256];
-
-/* Runs a line of the shell in the copy, where `saltus` is the command under test; returns the exit status. */
-static int run(char *out, size_t size, const char *line) {
-    char all[4096];
-    assert_true(snprintf(all, sizeof all, "cd '%s' && saltus() { '%s' \"$@\"; } && { %s; } 2>&1", scratch, SALTUS_BIN,
-                         line) < (int)sizeof all);
-    FILE *f = popen(all, "r");
-    assert_non_null(f);
-    size_t n = fread(out, 1, size - 1, f);
-    out[n] = 0;
-    while (fgetc(f) != EOF) continue;
-    int status = pclose(f);
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
-
 static void must(const char *line) {
     char out[16384];
-    if (run(out, sizeof out, line) != 0) fail_msg("%s: %s", line, out);
+    if (scratch_run(out, sizeof out, line) != 0) fail_msg("%s: %s", line, out);
 }
 
 static double error_of(const char *heights) {
@@ -41,7 +15,7 @@ static double error_of(const char *heights) {
     double e = -1;
     snprintf(line, sizeof line,
              "saltus render compare.salt --param found=@%s --param truth=@targets/heights.npy --integral", heights);
-    const char *at = run(out, sizeof out, line) == 0 ? strstr(out, "integral") : NULL;
+    const char *at = scratch_run(out, sizeof out, line) == 0 ? strstr(out, "integral") : NULL;
     if (!at || sscanf(at, "integral %lg", &e) != 1) fail_msg("%s: %s", line, out);
     return e;
 }
@@ -62,25 +36,17 @@ static const char *recipe(const char *begins) {
     return NULL;
 }
 
+/* The example's folder, copied. */
 static int set_up(void **state) {
-    (void)state;
-    char line[1024];
-    snprintf(scratch, sizeof scratch, "%s/saltus-terrain-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
-    if (access(SALTUS_BIN, X_OK) != 0 || !mkdtemp(scratch)) return -1;
-    snprintf(line, sizeof line, "cp " EXAMPLE "/*.salt " EXAMPLE "/*.json " EXAMPLE "/*.py '%s'", scratch);
-    return system(line);
-}
-
-static int tear_down(void **state) {
-    (void)state;
-    char line[512];
-    snprintf(line, sizeof line, "rm -rf '%s'", scratch);
-    return system(line);
+    char out[1024];
+    return access(SALTUS_BIN, X_OK) == 0 && scratch_make(state) == 0
+               ? scratch_run(out, sizeof out, "cp " EXAMPLE "/*.salt " EXAMPLE "/*.json " EXAMPLE "/*.py .")
+               : -1;
 }
 
 static void targets(const char *before) {
     char line[1024], out[64];
-    if (run(out, sizeof out, "python3 --version") != 0) {
+    if (scratch_run(out, sizeof out, "python3 --version") != 0) {
         print_message("[ no python3 to make the photographs ]\n");
         skip();
     }
@@ -98,7 +64,8 @@ static void test_made_up(void **state) {
     /* 6.9 and 1.4 % on the day of writing; flat ground is 52 % off. */
     if (!(coarse < 0.12 && middle < 0.02)) fail_msg("mean errors of %g and %g of the range", coarse, middle);
     char out[16384];
-    if (run(out, sizeof out,
+    if (scratch_run(
+            out, sizeof out,
             "saltus check terrain.salt --param h=@middle/h.exr --param albedo=@targets/colours.exr --wrt h,albedo --samples 65536") !=
         0)
         fail_msg("%s", out);
@@ -127,5 +94,5 @@ int main(void) {
         cmocka_unit_test(test_made_up),
         cmocka_unit_test(test_real),
     };
-    return cmocka_run_group_tests(tests, set_up, tear_down);
+    return cmocka_run_group_tests(tests, set_up, scratch_drop);
 }

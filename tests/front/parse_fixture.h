@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "tests/front/parse_dump.h"
+#include "tests/printed.h"
 
 typedef struct Parsed {
     Session *s;
@@ -26,21 +27,6 @@ static inline void parse_body(Session *s, void *arg) {
     int file = session_add_text(s, "t.salt", NULL, job->text, job->len);
     if (file < 0) session_limit(s, "%s", s->unwind_text);
     job->module = parse_module(s, file, "t");
-}
-
-static char *printed(const Session *s, void (*print)(const Session *, FILE *)) {
-    FILE *f = tmpfile();
-    print(s, f);
-    size_t len = (size_t)ftell(f);
-    rewind(f);
-    char *text = calloc(len + 1, 1);
-    if (fread(text, 1, len, f) != len) text[0] = 0;
-    fclose(f);
-    return text;
-}
-
-static void print_text(const Session *s, FILE *f) {
-    diag_print_text(s, f, false);
 }
 
 /* From the text form, so that the order printed is the order tested. */

@@ -1,17 +1,11 @@
 /* The checker around the rules: modules, overrides, entries, values and bounds it leaves in the tree, and its cost on
  * programs made to be expensive. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
-#include <unistd.h>
 
-#include <cmocka.h>
+#include "tests/scratch.h"
 
 #include "compiler/front/ast.h"
+#include "tests/printed.h"
 
 typedef struct Job {
     const char *path, *source;
@@ -279,28 +273,15 @@ static void test_bounds(void **state) {
 
 /* ---- modules */
 
-static char folder[256];
-
-static void write_file(const char *name, const char *text) {
-    char path[512];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    FILE *f = fopen(path, "w");
-    assert_non_null(f);
-    fputs(text, f);
-    fclose(f);
-}
-
 static void test_modules(void **state) {
     (void)state;
-    snprintf(folder, sizeof folder, "%s/saltus-check-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
-    assert_non_null(mkdtemp(folder));
-    write_file(
+    scratch_put(
         "a.salt",
         "import deep;\nconst int N = 2; param float p = 1.0; float f(float v) { return v * deep_f(); } float g(int v) { return 1.0; } struct S { float s; };\n");
-    write_file(
+    scratch_put(
         "b.salt",
         "float f(float v) { return v; } float g(float v) { return v; } float saturate(float v) { return v; } const int K = 1;\n");
-    write_file("deep.salt", "float deep_f() { return 2.0; } const int N = 9;\n");
+    scratch_put("deep.salt", "float deep_f() { return 2.0; } const int N = 9;\n");
     static const struct {
         const char *source, *errors;
     } rows[] = {
@@ -319,20 +300,16 @@ static void test_modules(void **state) {
         {"import a;\n const int N = 5; float h() { float w[N]; float v[5]; v = w; return 1.0; }\n" MAIN, ""},
     };
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
-        write_file("main.salt", rows[i].source);
-        char path[512];
-        snprintf(path, sizeof path, "%s/main.salt", folder);
-        Job j = {.path = path};
+        scratch_put("main.salt", rows[i].source);
+        Job j = {.path = scratch_path("main.salt")};
         Session *s = check(&j);
         if (strcmp(j.errors, rows[i].errors)) diag_print_text(s, stderr, false);
         assert_string_equal(j.errors, rows[i].errors);
         session_destroy(s);
     }
-    write_file("main.salt", rows[0].source);
-    char path[512];
-    snprintf(path, sizeof path, "%s/main.salt", folder);
+    scratch_put("main.salt", rows[0].source);
     ConstOverride o[2] = {{.name = "a.N", .text = "4"}, {.name = "N", .text = "4"}};
-    Job j = {.path = path, .opt = {.overrides = o, .noverrides = 2}};
+    Job j = {.path = scratch_path("main.salt"), .opt = {.overrides = o, .noverrides = 2}};
     Session *s = check(&j);
     assert_string_equal(j.errors, "");
     assert_true(o[0].used && !o[1].used);
@@ -340,12 +317,6 @@ static void test_modules(void **state) {
     assert_int_equal(const_named(a, "N")->cval.v[0].i, 4);
     assert_string_equal(param_named(a, "p")->doc_name, "a.p");
     session_destroy(s);
-    static const char *const files[] = {"a.salt", "b.salt", "deep.salt", "main.salt"};
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        snprintf(path, sizeof path, "%s/%s", folder, files[i]);
-        unlink(path);
-    }
-    rmdir(folder);
 }
 
 /* ---- messages */
@@ -353,11 +324,7 @@ static void test_modules(void **state) {
 static void expect_text(const char *source, const char *part) {
     Job j = {.source = source};
     Session *s = check(&j);
-    char *text = NULL;
-    size_t len;
-    FILE *f = open_memstream(&text, &len);
-    diag_print_text(s, f, false);
-    fclose(f);
+    char *text = printed(s, print_text);
     if (!strstr(text, part)) fail_msg("no `%s` in\n%s", part, text);
     free(text);
     session_destroy(s);
@@ -468,9 +435,15 @@ static void test_broken(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_values),  cmocka_unit_test(test_overrides), cmocka_unit_test(test_epsilon),
-        cmocka_unit_test(test_entries), cmocka_unit_test(test_assets),    cmocka_unit_test(test_bounds),
-        cmocka_unit_test(test_modules), cmocka_unit_test(test_messages),  cmocka_unit_test(test_cost),
+        cmocka_unit_test(test_values),
+        cmocka_unit_test(test_overrides),
+        cmocka_unit_test(test_epsilon),
+        cmocka_unit_test(test_entries),
+        cmocka_unit_test(test_assets),
+        cmocka_unit_test(test_bounds),
+        cmocka_unit_test_setup_teardown(test_modules, scratch_make, scratch_drop),
+        cmocka_unit_test(test_messages),
+        cmocka_unit_test(test_cost),
         cmocka_unit_test(test_broken),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,46 +1,13 @@
 /* Imports: the order of the search, once, cycles, what is missing. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-#include <limits.h>
 #include <sys/stat.h>
-#include <unistd.h>
+
+#include "tests/scratch.h"
 
 #include "tests/front/parse_fixture.h"
 
-typedef struct Folder {
-    char path[256];
-} Folder;
-
-static void put(const Folder *f, const char *name, const char *text) {
-    char path[PATH_MAX];
-    snprintf(path, sizeof path, "%s/%s", f->path, name);
-    char *slash = strrchr(path, '/');
-    *slash = 0;
-    mkdir(path, 0777);
-    *slash = '/';
-    FILE *out = fopen(path, "w");
-    assert_non_null(out);
-    fputs(text, out);
-    fclose(out);
-}
-
-static int make_folder(void **state) {
-    Folder *f = calloc(1, sizeof *f);
-    snprintf(f->path, sizeof f->path, "%s/saltus-modules-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : P_tmpdir);
-    if (!mkdtemp(f->path)) return 1;
-    *state = f;
-    return 0;
-}
-
-static int remove_folder(void **state) {
-    Folder *f = *state;
-    char command[512];
-    snprintf(command, sizeof command, "rm -rf '%s'", f->path);
-    int failed = system(command);
-    free(f);
-    return failed;
+/* The three folders of the search: the importing file's, an included one, the standard library. */
+static int make_folders(void **state) {
+    return scratch_make(state) || mkdir(scratch_path("inc"), 0777) || mkdir(scratch_path("std"), 0777);
 }
 
 typedef struct Loaded {
@@ -63,17 +30,13 @@ static void load_body(Session *s, void *arg) {
 }
 
 /* Loads FOLDER/main.salt with -I FOLDER/inc and the standard library in FOLDER/std. */
-static Loaded load(const Folder *f) {
-    char path[PATH_MAX], inc[PATH_MAX], std[PATH_MAX];
-    const char *dirs[] = {inc};
-    snprintf(path, sizeof path, "%s/main.salt", f->path);
-    snprintf(inc, sizeof inc, "%s/inc", f->path);
-    snprintf(std, sizeof std, "%s/std", f->path);
+static Loaded load(void) {
+    const char *dirs[] = {scratch_path("inc")};
     Loaded l = {.s = session_create(0)};
     l.s->import_dirs = dirs;
     l.s->nimport_dirs = 1;
-    l.s->stdlib_dir = std;
-    LoadJob job = {.path = path};
+    l.s->stdlib_dir = scratch_path("std");
+    LoadJob job = {.path = scratch_path("main.salt")};
     assert_int_equal(session_protect(l.s, load_body, &job), 0);
     l.main = job.main;
     for (const Module *m = l.main; m; m = m->next) {
@@ -92,16 +55,16 @@ static void unload(Loaded *l) {
 }
 
 static void search_order(void **state) {
-    const Folder *f = *state;
-    put(f, "main.salt", "import a; import b; import c; import a;");
-    put(f, "a.salt", "const int where = 1;");
-    put(f, "inc/a.salt", "const int where = 2;");
-    put(f, "inc/b.salt", "const int where = 2; import c;");
-    put(f, "std/a.salt", "const int where = 3;");
-    put(f, "std/b.salt", "const int where = 3;");
-    put(f, "std/c.salt", "const int where = 3; import a; import d;");
-    put(f, "std/d.salt", "");
-    Loaded l = load(f);
+    (void)state;
+    scratch_put("main.salt", "import a; import b; import c; import a;");
+    scratch_put("a.salt", "const int where = 1;");
+    scratch_put("inc/a.salt", "const int where = 2;");
+    scratch_put("inc/b.salt", "const int where = 2; import c;");
+    scratch_put("std/a.salt", "const int where = 3;");
+    scratch_put("std/b.salt", "const int where = 3;");
+    scratch_put("std/c.salt", "const int where = 3; import a; import d;");
+    scratch_put("std/d.salt", "");
+    Loaded l = load();
     assert_string_equal(l.text, "");
     /* c's own `a` is the one beside it. */
     assert_string_equal(l.list, "main a b c* a* d*");
@@ -116,12 +79,12 @@ static void search_order(void **state) {
 }
 
 static void once(void **state) {
-    const Folder *f = *state;
-    put(f, "main.salt", "import a; import b;");
-    put(f, "a.salt", "import b; import c;");
-    put(f, "b.salt", "import c;");
-    put(f, "c.salt", "const int n = ;");
-    Loaded l = load(f);
+    (void)state;
+    scratch_put("main.salt", "import a; import b;");
+    scratch_put("a.salt", "import b; import c;");
+    scratch_put("b.salt", "import c;");
+    scratch_put("c.salt", "const int n = ;");
+    Loaded l = load();
     assert_string_equal(l.list, "main a b c");
     assert_int_equal(l.s->nerrors, 1);
     assert_non_null(strstr(l.text, "/c.salt:1:15: error: expected an expression before `;`"));
@@ -129,40 +92,40 @@ static void once(void **state) {
 }
 
 static void cycles(void **state) {
-    const Folder *f = *state;
-    put(f, "main.salt", "import a;");
-    put(f, "a.salt", "\nimport b;");
-    put(f, "b.salt", "import c;");
-    put(f, "c.salt", "import d;\n  import a;");
-    put(f, "d.salt", "");
-    Loaded l = load(f);
+    (void)state;
+    scratch_put("main.salt", "import a;");
+    scratch_put("a.salt", "\nimport b;");
+    scratch_put("b.salt", "import c;");
+    scratch_put("c.salt", "import d;\n  import a;");
+    scratch_put("d.salt", "");
+    Loaded l = load();
     assert_int_equal(l.s->nerrors, 1);
     assert_non_null(strstr(l.text, "/c.salt:2:10: error: import cycle: a -> b -> c -> a [E0021]"));
     assert_non_null(strstr(l.text, "/a.salt:2:8: note: `a` imports `b` here"));
     assert_non_null(strstr(l.text, "/b.salt:1:8: note: `b` imports `c` here"));
     unload(&l);
-    put(f, "main.salt", "import main;");
-    l = load(f);
+    scratch_put("main.salt", "import main;");
+    l = load();
     assert_non_null(strstr(l.text, "/main.salt:1:8: error: import cycle: main -> main [E0021]"));
     assert_true(l.main->imports[0].module->missing);
     unload(&l);
 }
 
 static void missing(void **state) {
-    const Folder *f = *state;
-    put(f, "main.salt", "import nois;\nimport a;\nimport zzzzzz;");
-    put(f, "a.salt", "import gone;");
-    put(f, "inc/x.salt", "");
-    put(f, "std/noise.salt", "");
-    Loaded l = load(f);
+    (void)state;
+    scratch_put("main.salt", "import nois;\nimport a;\nimport zzzzzz;");
+    scratch_put("a.salt", "import gone;");
+    scratch_put("inc/x.salt", "");
+    scratch_put("std/noise.salt", "");
+    Loaded l = load();
     assert_int_equal(l.s->nerrors, 3);
     assert_non_null(strstr(l.text, "/main.salt:1:8: error: no module `nois`; did you mean `noise`? [E0020]"));
     assert_non_null(strstr(l.text, "/main.salt:3:8: error: no module `zzzzzz` [E0020]"));
     assert_non_null(strstr(l.text, "/a.salt:1:8: error: no module `gone` [E0020]"));
     char note[512];
-    snprintf(note, sizeof note, "note: searched in `%s/inc`", f->path);
+    snprintf(note, sizeof note, "note: searched in `%s/inc`", scratch);
     assert_non_null(strstr(l.text, note));
-    snprintf(note, sizeof note, "note: searched in `%s/std`", f->path);
+    snprintf(note, sizeof note, "note: searched in `%s/std`", scratch);
     assert_non_null(strstr(l.text, note));
     assert_non_null(l.main->imports[0].module);
     assert_true(l.main->imports[0].module->missing);
@@ -170,14 +133,11 @@ static void missing(void **state) {
 }
 
 static void identity(void **state) {
-    const Folder *f = *state;
-    char target[PATH_MAX], link_path[PATH_MAX];
-    put(f, "main.salt", "import a; import b;");
-    put(f, "a.salt", "");
-    snprintf(target, sizeof target, "%s/a.salt", f->path);
-    snprintf(link_path, sizeof link_path, "%s/b.salt", f->path);
-    assert_int_equal(symlink(target, link_path), 0);
-    Loaded l = load(f);
+    (void)state;
+    scratch_put("main.salt", "import a; import b;");
+    scratch_put("a.salt", "");
+    assert_int_equal(symlink(scratch_path("a.salt"), scratch_path("b.salt")), 0);
+    Loaded l = load();
     /* Two names for one file are one module, in the list and among the imports. */
     assert_string_equal(l.list, "main a");
     assert_int_equal(l.main->nimports, 1);
@@ -185,16 +145,16 @@ static void identity(void **state) {
 }
 
 static void deep(void **state) {
-    const Folder *f = *state;
-    put(f, "main.salt", "import m0;");
+    (void)state;
+    scratch_put("main.salt", "import m0;");
     for (int i = 0; i < 300; i++) {
         char name[32], text[32];
         snprintf(name, sizeof name, "m%d.salt", i);
         snprintf(text, sizeof text, "import m%d;", i + 1);
-        put(f, name, text);
+        scratch_put(name, text);
     }
-    put(f, "m300.salt", "");
-    Loaded l = load(f);
+    scratch_put("m300.salt", "");
+    Loaded l = load();
     assert_int_equal(l.s->nerrors, 1);
     assert_non_null(strstr(l.text, "imports are nested deeper than 256 [E0524]"));
     unload(&l);
@@ -212,7 +172,7 @@ static void unreadable(void **state) {
 }
 
 int main(void) {
-#define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, remove_folder)
+#define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folders, scratch_drop)
     const struct CMUnitTest tests[] = {IN_FOLDER(search_order),     IN_FOLDER(once),     IN_FOLDER(cycles),
                                        IN_FOLDER(missing),          IN_FOLDER(identity), IN_FOLDER(deep),
                                        cmocka_unit_test(unreadable)};

@@ -1,43 +1,9 @@
 /* Images: every format there and back, resizing, colour, pictures. */
-#ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* mkdtemp */
-#endif
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
 
-#include <cmocka.h>
+#include "tests/scratch.h"
 
-#include "../../runtime/image/image.h"
-
-static char folder[64];
-
-static const char *in_folder(const char *name) {
-    static char path[4][256];
-    static int turn;
-    turn = (turn + 1) & 3;
-    snprintf(path[turn], sizeof path[turn], "%s/%s", folder, name);
-    return path[turn];
-}
-
-static int make_folder(void **state) {
-    (void)state;
-    snprintf(folder, sizeof folder, "image_test_XXXXXX");
-    return mkdtemp(folder) ? 0 : -1;
-}
-
-static int drop_folder(void **state) {
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    return system(command);
-}
+#include "runtime/image/image.h"
 
 static void must(SltStatus status, const SltError *err) {
     if (status != SLT_OK) {
@@ -79,8 +45,8 @@ static void assert_same_bits(const Image *a, const Image *b) {
 static void round_trip(const char *file, int w, int h, int channels) {
     SltError err = {0};
     Image a = sample(w, h, channels), b;
-    must(image_write(in_folder(file), &a, NULL, &err), &err);
-    must(image_read(in_folder(file), NULL, &b, &err), &err);
+    must(image_write(scratch_path(file), &a, NULL, &err), &err);
+    must(image_read(scratch_path(file), NULL, &b, &err), &err);
     assert_same_bits(&a, &b);
     image_free(&a);
     image_free(&b);
@@ -142,8 +108,8 @@ static void exr_layers_and_attributes(void **state) {
     assert_true(image_set_text(&a, "parameters", "{\"radius\": 0.4}"));
     assert_true(image_set_number(&a, "spp", 16));
     assert_true(image_set_number(&a, "seed", 4294967296.0));
-    must(image_write(in_folder("layers.exr"), &a, NULL, &err), &err);
-    must(image_read(in_folder("layers.exr"), NULL, &b, &err), &err);
+    must(image_write(scratch_path("layers.exr"), &a, NULL, &err), &err);
+    must(image_read(scratch_path("layers.exr"), NULL, &b, &err), &err);
     assert_int_equal(b.channels, 9);
     assert_string_equal(b.names[0], "R");
     assert_string_equal(b.names[1], "G");
@@ -167,7 +133,7 @@ static void exr_layers_and_attributes(void **state) {
     assert_int_equal(image_extract_layer(&b, "d.nothing", &layer, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "d.nothing"));
     image_set_name(&a, 1, "R");
-    assert_int_equal(image_write(in_folder("layers.exr"), &a, NULL, &err), SLT_USAGE);
+    assert_int_equal(image_write(scratch_path("layers.exr"), &a, NULL, &err), SLT_USAGE);
     assert_non_null(strstr(err.text, "'R'"));
     image_free(&a);
     image_free(&b);
@@ -197,8 +163,8 @@ static void png_round_trip(void **state) {
                 }
                 ImageWriteOptions w = {.raw = raw, .bits = wide ? 16 : 8};
                 ImageReadOptions r = {.raw = raw};
-                must(image_write(in_folder("a.png"), &a, &w, &err), &err);
-                must(image_read(in_folder("a.png"), &r, &b, &err), &err);
+                must(image_write(scratch_path("a.png"), &a, &w, &err), &err);
+                must(image_read(scratch_path("a.png"), &r, &b, &err), &err);
                 assert_int_equal(b.channels, c);
                 double worst = 0, bound = wide ? 3e-5 : 6e-3; /* half a step, times the steepest slope of sRGB */
                 for (int i = 0; i < 37 * 11 * c; i++) {
@@ -206,8 +172,8 @@ static void png_round_trip(void **state) {
                 }
                 assert_true(worst > 0 && worst < bound);
                 /* what came from a PNG goes back into it without loss */
-                must(image_write(in_folder("b.png"), &b, &w, &err), &err);
-                must(image_read(in_folder("b.png"), &r, &again, &err), &err);
+                must(image_write(scratch_path("b.png"), &b, &w, &err), &err);
+                must(image_read(scratch_path("b.png"), &r, &again, &err), &err);
                 assert_same_bits(&b, &again);
                 image_free(&a);
                 image_free(&b);
@@ -216,8 +182,8 @@ static void png_round_trip(void **state) {
         }
     }
     Image odd = sample(3, 3, 3), back; /* NaN and infinities have no place in PNG but must not trap */
-    must(image_write(in_folder("odd.png"), &odd, NULL, &err), &err);
-    must(image_read(in_folder("odd.png"), NULL, &back, &err), &err);
+    must(image_write(scratch_path("odd.png"), &odd, NULL, &err), &err);
+    must(image_read(scratch_path("odd.png"), NULL, &back, &err), &err);
     assert_true(back.data[0] == 0 && back.data[1] == 1 && back.data[2] == 0);
     image_free(&odd);
     image_free(&back);
@@ -231,9 +197,9 @@ static void png8_keeps_encoded_bytes(void **state) {
     for (int i = 0; i < 1024; i++) {
         pixels[i] = (uint8_t)(i * 7);
     }
-    must(image_write_png8(in_folder("rgba.png"), 16, 16, 4, pixels, &err), &err);
+    must(image_write_png8(scratch_path("rgba.png"), 16, 16, 4, pixels, &err), &err);
     ImageReadOptions raw = {.raw = true};
-    must(image_read(in_folder("rgba.png"), &raw, &im, &err), &err);
+    must(image_read(scratch_path("rgba.png"), &raw, &im, &err), &err);
     assert_int_equal(im.channels, 4);
     for (int i = 0; i < 1024; i++) {
         assert_int_equal((int)lrintf(im.data[i] * 255), pixels[i]);
@@ -357,8 +323,8 @@ static void npy_write_ranks(void **state) {
     static const size_t shapes[4][4] = {{24}, {4, 6}, {2, 3, 4}, {2, 3, 2, 2}};
     for (int rank = 1; rank <= 4; rank++) {
         NumArray a;
-        must(npy_write(in_folder("r.npy"), rank, shapes[rank - 1], data, true, &err), &err);
-        must(npy_read(in_folder("r.npy"), &a, &err), &err);
+        must(npy_write(scratch_path("r.npy"), rank, shapes[rank - 1], data, true, &err), &err);
+        must(npy_read(scratch_path("r.npy"), &a, &err), &err);
         assert_int_equal(a.rank, rank);
         assert_memory_equal(a.data, data, sizeof data);
         for (int d = 0; d < rank; d++) {
@@ -423,8 +389,8 @@ static void tables(void **state) {
     assert_int_equal(table_decode_csv("t.csv", "1\0002", 3, &t, &err), SLT_INPUT);
     size_t shape[3] = {2, 2, 3};
     double data[12] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
-    must(npy_write(in_folder("t.npy"), 3, shape, data, false, &err), &err);
-    must(table_read(in_folder("t.npy"), &t, &err), &err);
+    must(npy_write(scratch_path("t.npy"), 3, shape, data, false, &err), &err);
+    must(table_read(scratch_path("t.npy"), &t, &err), &err);
     assert_true(t.rows == 2 && t.cols == 6 && t.data[11] == 11);
     table_free(&t);
 }
@@ -517,7 +483,7 @@ static void diverging_picture(void **state) {
     }
     assert_true(ink > 100);
     free(rgb);
-    must(image_write_diverging(in_folder("d.png"), &im, -1, 1.0, NULL, &err), &err);
+    must(image_write_diverging(scratch_path("d.png"), &im, -1, 1.0, NULL, &err), &err);
     assert_int_equal(image_draw_diverging(&im, 3, 0, NULL, &rgb, &w, &h, &err), SLT_USAGE);
     image_free(&im);
 }
@@ -573,5 +539,5 @@ int main(void) {
         cmocka_unit_test(diverging_picture),
         cmocka_unit_test(plot),
     };
-    return cmocka_run_group_tests(tests, make_folder, drop_folder);
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

@@ -1,23 +1,12 @@
 /* Images from elsewhere and from nowhere good: foreign EXR layouts, truncated and flipped files,
  * limits, full disks. */
-#ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* mkdtemp */
-#endif
 #include <dirent.h>
 #include <math.h>
-#include <setjmp.h>
 #include <signal.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
-#include <cmocka.h>
+#include "tests/scratch.h"
 
 #if defined(__has_include) && __has_include(<openexr.h>)
 #include <openexr.h>
@@ -27,30 +16,7 @@
 
 #include <png.h>
 
-#include "../../runtime/image/image.h"
-
-static char folder[64];
-
-static const char *in_folder(const char *name) {
-    static char path[4][256];
-    static int turn;
-    turn = (turn + 1) & 3;
-    snprintf(path[turn], sizeof path[turn], "%s/%s", folder, name);
-    return path[turn];
-}
-
-static int make_folder(void **state) {
-    (void)state;
-    snprintf(folder, sizeof folder, "image_files_XXXXXX");
-    return mkdtemp(folder) ? 0 : -1;
-}
-
-static int drop_folder(void **state) {
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    return system(command);
-}
+#include "runtime/image/image.h"
 
 static void must(SltStatus status, const SltError *err) {
     if (status != SLT_OK) {
@@ -226,8 +192,8 @@ static void exr_layouts(void **state) {
                              .storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE,
                              .type = (exr_pixel_type_t)type,
                              .channels = {"R", "G", "B", "A"}};
-                write_foreign(in_folder("f.exr"), &f);
-                expect_rgba(in_folder("f.exr"), &f, 0);
+                write_foreign(scratch_path("f.exr"), &f);
+                expect_rgba(scratch_path("f.exr"), &f, 0);
             }
         }
     }
@@ -237,12 +203,12 @@ static void exr_layouts(void **state) {
                      .type = EXR_PIXEL_FLOAT,
                      .storage = EXR_STORAGE_SCANLINE,
                      .channels = {"R", "G", "B", "A"}};
-    write_foreign(in_folder("f.exr"), &lossy);
-    expect_rgba(in_folder("f.exr"), &lossy, 1e-4);
+    write_foreign(scratch_path("f.exr"), &lossy);
+    expect_rgba(scratch_path("f.exr"), &lossy, 1e-4);
     lossy.compression = EXR_COMPRESSION_B44;
     lossy.type = EXR_PIXEL_HALF;
-    write_foreign(in_folder("f.exr"), &lossy);
-    expect_rgba(in_folder("f.exr"), &lossy, 0.2);
+    write_foreign(scratch_path("f.exr"), &lossy);
+    expect_rgba(scratch_path("f.exr"), &lossy, 0.2);
 }
 
 static void exr_windows(void **state) {
@@ -258,25 +224,25 @@ static void exr_windows(void **state) {
                  .storage = EXR_STORAGE_SCANLINE,
                  .compression = EXR_COMPRESSION_ZIP,
                  .channels = {"Y"}};
-    write_foreign(in_folder("w.exr"), &f);
-    must(image_read(in_folder("w.exr"), NULL, &im, &err), &err);
+    write_foreign(scratch_path("w.exr"), &f);
+    must(image_read(scratch_path("w.exr"), NULL, &im, &err), &err);
     assert_true(im.width == 12 && im.height == 12 && im.channels == 1);
     assert_true(im.data[0] == 0 && im.data[3 * 12 + 1] == 0);
     assert_true(im.data[3 * 12 + 2] == value_of(0, 0, 0, 0) && im.data[8 * 12 + 9] == value_of(0, 0, 7, 5));
     image_free(&im);
     memcpy(f.display, (int[4]){4, 5, 6, 40}, sizeof f.display); /* overscan left, right and above */
-    write_foreign(in_folder("w.exr"), &f);
-    must(image_read(in_folder("w.exr"), NULL, &im, &err), &err);
+    write_foreign(scratch_path("w.exr"), &f);
+    must(image_read(scratch_path("w.exr"), NULL, &im, &err), &err);
     assert_true(im.width == 3 && im.height == 36);
     assert_true(im.data[0] == value_of(0, 0, 2, 2) && im.data[3 * 3 + 2] == value_of(0, 0, 4, 5) &&
                 im.data[4 * 3] == 0);
     image_free(&im);
     memcpy(f.display, (int[4]){100, 100, 120, 120}, sizeof f.display);
-    write_foreign(in_folder("w.exr"), &f);
-    assert_int_equal(image_read(in_folder("w.exr"), NULL, &im, &err), SLT_INPUT);
+    write_foreign(scratch_path("w.exr"), &f);
+    assert_int_equal(image_read(scratch_path("w.exr"), NULL, &im, &err), SLT_INPUT);
     memcpy(f.display, (int[4]){0, 0, 900000, 900000}, sizeof f.display);
-    write_foreign(in_folder("w.exr"), &f);
-    assert_int_equal(image_read(in_folder("w.exr"), NULL, &im, &err), SLT_LIMIT);
+    write_foreign(scratch_path("w.exr"), &f);
+    assert_int_equal(image_read(scratch_path("w.exr"), NULL, &im, &err), SLT_LIMIT);
     assert_null(im.data);
 }
 
@@ -291,8 +257,8 @@ static void exr_parts_and_refusals(void **state) {
                  .parts = 2,
                  .compression = EXR_COMPRESSION_ZIP,
                  .channels = {"R", "G", "B", "Z"}};
-    write_foreign(in_folder("p.exr"), &f);
-    must(image_read(in_folder("p.exr"), NULL, &im, &err), &err);
+    write_foreign(scratch_path("p.exr"), &f);
+    must(image_read(scratch_path("p.exr"), NULL, &im, &err), &err);
     assert_int_equal(im.channels, 8);
     assert_string_equal(im.names[0], "R");
     int at = image_find_channel(&im, "right.G");
@@ -300,16 +266,16 @@ static void exr_parts_and_refusals(void **state) {
     image_free(&im);
     f.parts = 1;
     f.sampling = 2;
-    write_foreign(in_folder("s.exr"), &f);
-    assert_int_equal(image_read(in_folder("s.exr"), NULL, &im, &err), SLT_INPUT);
+    write_foreign(scratch_path("s.exr"), &f);
+    assert_int_equal(image_read(scratch_path("s.exr"), NULL, &im, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "subsampled"));
     assert_non_null(strstr(err.text, "s.exr"));
     f.sampling = 0;
     f.storage = EXR_STORAGE_DEEP_SCANLINE;
     f.compression = EXR_COMPRESSION_ZIPS;
-    write_foreign(in_folder("d.exr"), &f);
-    assert_int_equal(image_read(in_folder("d.exr"), NULL, &im, &err), SLT_INPUT);
-    if (access(in_folder("d.exr"), F_OK) == 0) {
+    write_foreign(scratch_path("d.exr"), &f);
+    assert_int_equal(image_read(scratch_path("d.exr"), NULL, &im, &err), SLT_INPUT);
+    if (access(scratch_path("d.exr"), F_OK) == 0) {
         assert_non_null(strstr(err.text, "d.exr"));
     }
 }
@@ -347,16 +313,16 @@ static void png_layouts(void **state) {
     SltError err = {0};
     Image im;
     const ImageReadOptions raw = {.raw = true};
-    write_odd_png(in_folder("l.png"), PNG_COLOR_TYPE_PALETTE, 4, PNG_INTERLACE_NONE);
-    must(image_read(in_folder("l.png"), &raw, &im, &err), &err);
+    write_odd_png(scratch_path("l.png"), PNG_COLOR_TYPE_PALETTE, 4, PNG_INTERLACE_NONE);
+    must(image_read(scratch_path("l.png"), &raw, &im, &err), &err);
     assert_int_equal(im.channels, 4);
     assert_true(im.data[4] == 1 && im.data[5] == 0 && fabs(im.data[7] - 128 / 255.0) < 1e-6);
     assert_true(im.data[11] == 0 && fabs(im.data[14] - 30 / 255.0) < 1e-6 && im.data[15] == 1);
     image_free(&im);
     for (int interlace = PNG_INTERLACE_NONE; interlace <= PNG_INTERLACE_ADAM7; interlace++) {
         for (int depth = 1; depth <= 4; depth *= 2) {
-            write_odd_png(in_folder("l.png"), PNG_COLOR_TYPE_GRAY, depth, interlace);
-            must(image_read(in_folder("l.png"), &raw, &im, &err), &err);
+            write_odd_png(scratch_path("l.png"), PNG_COLOR_TYPE_GRAY, depth, interlace);
+            must(image_read(scratch_path("l.png"), &raw, &im, &err), &err);
             assert_int_equal(im.channels, 1);
             for (int i = 0; i < 32; i++) {
                 int top = (1 << depth) - 1;
@@ -364,8 +330,8 @@ static void png_layouts(void **state) {
             }
             image_free(&im);
         }
-        write_odd_png(in_folder("l.png"), PNG_COLOR_TYPE_RGB, 16, interlace);
-        must(image_read(in_folder("l.png"), &raw, &im, &err), &err);
+        write_odd_png(scratch_path("l.png"), PNG_COLOR_TYPE_RGB, 16, interlace);
+        must(image_read(scratch_path("l.png"), &raw, &im, &err), &err);
         assert_int_equal(im.channels, 3);
         for (int i = 0; i < 96; i++) {
             assert_true(fabs(im.data[i] - (i % 24) / 65535.0) < 1e-9);
@@ -439,8 +405,8 @@ static void damaged_exr(void **state) {
                          .type = EXR_PIXEL_HALF,
                          .storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE,
                          .channels = {"R", "G", "B"}};
-            write_foreign(in_folder("x.exr"), &f);
-            torture_file(in_folder("x.exr"), true);
+            write_foreign(scratch_path("x.exr"), &f);
+            torture_file(scratch_path("x.exr"), true);
         }
     }
 }
@@ -455,8 +421,8 @@ static void damaged_png(void **state) {
             im.data[i] = (float)((i * 37) % 101) / 101;
         }
         ImageWriteOptions o = {.bits = c & 1 ? 16 : 8};
-        must(image_write(in_folder("x.png"), &im, &o, &err), &err);
-        torture_file(in_folder("x.png"), true);
+        must(image_write(scratch_path("x.png"), &im, &o, &err), &err);
+        torture_file(scratch_path("x.png"), true);
         image_free(&im);
     }
 }
@@ -466,10 +432,10 @@ static void damaged_flat(void **state) {
     SltError err = {0};
     Image im;
     must(image_create(&im, 5, 7, 3, &err), &err);
-    must(image_write(in_folder("x.pfm"), &im, NULL, &err), &err);
-    must(image_write(in_folder("x.npy"), &im, NULL, &err), &err);
-    torture_file(in_folder("x.pfm"), true);
-    torture_file(in_folder("x.npy"), true);
+    must(image_write(scratch_path("x.pfm"), &im, NULL, &err), &err);
+    must(image_write(scratch_path("x.npy"), &im, NULL, &err), &err);
+    torture_file(scratch_path("x.pfm"), true);
+    torture_file(scratch_path("x.npy"), true);
     float raw[35] = {0};
     torture("x_5x7.f32", (const uint8_t *)raw, sizeof raw, true);
     image_free(&im);
@@ -555,10 +521,10 @@ static void huge_claims(void **state) {
                  .type = EXR_PIXEL_HALF,
                  .storage = EXR_STORAGE_SCANLINE,
                  .channels = {"Y"}};
-    write_foreign(in_folder("h.exr"), &f);
+    write_foreign(scratch_path("h.exr"), &f);
     uint8_t *bytes;
     size_t size;
-    must(file_read_all(in_folder("h.exr"), &bytes, &size, &err), &err);
+    must(file_read_all(scratch_path("h.exr"), &bytes, &size, &err), &err);
     int edited = 0;
     for (size_t i = 0; i + 16 <= size; i++) {
         static const uint8_t window[16] = {0, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 3, 0, 0, 0};
@@ -590,16 +556,16 @@ static void missing_files(void **state) {
     SltError err = {0};
     Image im;
     Table t;
-    assert_int_equal(image_read(in_folder("nowhere.exr"), NULL, &im, &err), SLT_INPUT);
+    assert_int_equal(image_read(scratch_path("nowhere.exr"), NULL, &im, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "No such file"));
-    assert_int_equal(image_read(folder, NULL, &im, &err), SLT_INPUT);
+    assert_int_equal(image_read(scratch, NULL, &im, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "folder"));
     assert_int_equal(image_read("/dev/zero", NULL, &im, &err), SLT_INPUT); /* and at once */
     assert_non_null(strstr(err.text, "extension"));
-    assert_int_equal(table_read(in_folder("a.xyz"), &t, &err), SLT_INPUT);
+    assert_int_equal(table_read(scratch_path("a.xyz"), &t, &err), SLT_INPUT);
     must(image_create(&im, 2, 2, 1, &err), &err);
-    assert_int_equal(image_write(in_folder("a.bmp"), &im, NULL, &err), SLT_USAGE);
-    assert_int_equal(image_write(in_folder("none/a.exr"), &im, NULL, &err), SLT_OUTPUT);
+    assert_int_equal(image_write(scratch_path("a.bmp"), &im, NULL, &err), SLT_USAGE);
+    assert_int_equal(image_write(scratch_path("none/a.exr"), &im, NULL, &err), SLT_OUTPUT);
     assert_non_null(strstr(err.text, "No such file"));
     image_free(&im);
 }
@@ -609,7 +575,7 @@ static void atomic_write(void **state) {
     SltError err = {0};
     uint8_t *bytes;
     size_t size;
-    const char *path = in_folder("atom");
+    const char *path = scratch_path("atom");
     char keep[256];
     snprintf(keep, sizeof keep, "%s", path);
     must(file_write_atomic(keep, "old", 3, &err), &err);
@@ -618,7 +584,7 @@ static void atomic_write(void **state) {
     struct stat st;
     assert_int_equal(stat(keep, &st), 0);
     assert_int_equal(st.st_mode & 0777, 0640);
-    int before = count_entries(folder);
+    int before = count_entries(scratch);
     /* a limit on file size stands for a full disk: the write fails half-way */
     struct rlimit old, tiny;
     getrlimit(RLIMIT_FSIZE, &old);
@@ -632,7 +598,7 @@ static void atomic_write(void **state) {
     signal(SIGXFSZ, handler);
     assert_int_equal(status, SLT_OUTPUT);
     assert_non_null(strstr(err.text, "File too large"));
-    assert_int_equal(count_entries(folder), before); /* no temporary file stays */
+    assert_int_equal(count_entries(scratch), before); /* no temporary file stays */
     must(file_read_all(keep, &bytes, &size, &err), &err);
     assert_int_equal(size, 5);
     assert_memory_equal(bytes, "newer", 5);
@@ -645,14 +611,14 @@ static void atomic_write(void **state) {
     assert_int_equal(stat("/dev/null", &st), 0);
     assert_true(S_ISCHR(st.st_mode));
     free(large);
-    assert_int_equal(symlink("atom", in_folder("link")), 0);
-    must(file_write_atomic(in_folder("link"), "via link", 8, &err), &err);
-    assert_int_equal(lstat(in_folder("link"), &st), 0);
+    assert_int_equal(symlink("atom", scratch_path("link")), 0);
+    must(file_write_atomic(scratch_path("link"), "via link", 8, &err), &err);
+    assert_int_equal(lstat(scratch_path("link"), &st), 0);
     assert_true(S_ISLNK(st.st_mode));
     must(file_read_all(keep, &bytes, &size, &err), &err);
     assert_memory_equal(bytes, "via link", 8);
     free(bytes);
-    assert_int_equal(file_write_atomic(folder, "x", 1, &err), SLT_OUTPUT);
+    assert_int_equal(file_write_atomic(scratch, "x", 1, &err), SLT_OUTPUT);
     assert_int_equal(file_write_atomic("", "x", 1, &err), SLT_OUTPUT);
 }
 
@@ -665,5 +631,5 @@ int main(void) {
         cmocka_unit_test(huge_claims),  cmocka_unit_test(missing_files),
         cmocka_unit_test(atomic_write),
     };
-    return cmocka_run_group_tests(tests, make_folder, drop_folder);
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

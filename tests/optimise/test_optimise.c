@@ -1,21 +1,11 @@
 /* Optimisers: convergence, bounds, logarithms, non-finite losses, Laplacians, and bit-identical
  * resumption. */
-#ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* mkdtemp */
-#endif
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include <cmocka.h>
+#include "tests/scratch.h"
 
-#include "../../runtime/image/image.h"
-#include "../../runtime/optimise/optimise.h"
+#include "runtime/image/image.h"
+#include "runtime/optimise/optimise.h"
 
 typedef double (*Objective)(const double *p, double *g, size_t n);
 
@@ -443,21 +433,6 @@ static void outliers_on_grids(void **state) {
     optimise_free(o);
 }
 
-static char folder[64];
-
-static int make_folder(void **state) {
-    (void)state;
-    snprintf(folder, sizeof folder, "optimise_test_XXXXXX");
-    return mkdtemp(folder) ? 0 : -1;
-}
-
-static int drop_folder(void **state) {
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    return system(command);
-}
-
 /* Rosenbrock, not finite in places, so that a resumed run must also remember rejections. */
 static double hard(const double *p, double *g, size_t n) {
     double f = rosenbrock(p, g, n);
@@ -468,7 +443,7 @@ static void resume_is_bit_identical(void **state) {
     (void)state;
     enum { N = 24, STEPS = 60 };
     char path[128];
-    snprintf(path, sizeof path, "%s/c.ckpt", folder);
+    snprintf(path, sizeof path, "%s/c.ckpt", scratch);
     double start[N], lo[N], hi[N], g[N];
     uint8_t flag[N] = {0};
     for (int i = 0; i < N; i++) {
@@ -535,8 +510,8 @@ static void resume_is_bit_identical(void **state) {
 static void damaged_checkpoints(void **state) {
     (void)state;
     char path[128], bad[128];
-    snprintf(path, sizeof path, "%s/d.ckpt", folder);
-    snprintf(bad, sizeof bad, "%s/bad.ckpt", folder);
+    snprintf(path, sizeof path, "%s/d.ckpt", scratch);
+    snprintf(bad, sizeof bad, "%s/bad.ckpt", scratch);
     double start[2] = {-1.2, 1}, other_rate[2] = {0.01, 0.02}, lo[2] = {-5, -5};
     OptimiseConfig c = {.n = 2, .method = OPTIMISE_LBFGS, .start = start, .history = 3};
     SltError err = {0};
@@ -625,5 +600,5 @@ int main(void) {
         cmocka_unit_test(damaged_checkpoints),
         cmocka_unit_test(bad_configs),
     };
-    return cmocka_run_group_tests(tests, make_folder, drop_folder);
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }
