@@ -5,6 +5,7 @@
  *   ad_jvp.c         forward mode: ad_jvp, ad_grad_x
  *   ad_prepare.c     reverse mode, before: custom regions, ifs that hold loops, strip-mining
  *   ad_tape.c        reverse mode: how a primal value is had in the reverse sweep (stored, recomputed, read again)
+ *   ad_replay.c      reverse mode: segments and iterations that are run again
  *   ad_vjp.c         reverse mode: the sweep
  *   ad_region.c      reverse mode: loops and ifs
  *
@@ -92,7 +93,8 @@ void ad_clear_tags(Block *b);
 const char *ad_output_name(Fn *fn, const Fn *from, uint32_t index, const char *prefix);
 
 /* ---- ad_prepare.c */
-enum { AD_TAG_SEGMENT = 1 }; /* tag of a loop: the inner loop of a strip-mined one, run again in the reverse sweep */
+/* Tags of loops: the inner loop of a strip-mined one, run again in the reverse sweep; a loop whose iterations are each run again there. */
+enum { AD_TAG_SEGMENT = 1, AD_TAG_REPLAY = 2 };
 typedef struct AdLinks {
     Vec(Inst *) v;
 } AdLinks;

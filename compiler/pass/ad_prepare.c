@@ -185,7 +185,7 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
     LoopInfo info = loop->imm.loop;
     Block *old = loop->region[0];
     uint32_t n = info.max_iters, nseg = (n + segment - 1) / segment, carried = loop->nargs;
-    if (info.cull || n < 4 || segment < 2 || nseg < 2 || writes_outside(old, old)) return false;
+    if (info.cull || segment < 2 || nseg < 2 || writes_outside(old, old)) return false;
 
     loop->region[0] = NULL;
     loop->nregions = 0;
@@ -203,7 +203,8 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
     inner_info.max_iters = segment;
     inner_info.exact = info.exact && n % segment == 0;
     Inst *inner = ir_loop(&b, carried + 1, state, inner_info);
-    inner->tag = AD_TAG_SEGMENT;
+    inner->tag = AD_TAG_SEGMENT | loop->tag;
+    loop->tag = 0;
     inner->region[0] = old;
     old->owner = inner;
     ir_block_param(fn, old, TY_BOOL); /* whether the loop wanted to go on */

@@ -103,6 +103,8 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
     RevBlock inner = {s->rev_block, NULL};
     vjp_push(v, body, &inner, s);
     bool loop = s->owner->op == OP_loop;
+    if (loop) s->fwd_k = tape_forward(v, body->params[0]);
+    if (s->replay) tape_replay(v, s, body);
     for (uint32_t c = 0; c < n; c++)
         if (carried[c].primal) v->adj[carried[c].primal->id] = (Adjoint){carried[c].param, carried[c].inf};
     if (loop) {
@@ -147,7 +149,9 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
         if (!carried[c].result) next[kept++] = carried[c].next;
     Builder y = rev_builder(v, &inner);
     ir_yield(&y, kept, next);
+    if (s->replay) tape_fill_replay(v, s);
 
+    Inst *mark = NULL;
     bool counts = loop && s->owner->imm.loop.exact && !s->owner->imm.loop.cull && !s->guards.len && !s->stored.len;
     s->framed = !counts;
     if (counts) {
@@ -157,17 +161,18 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
             vec_push(v->scratch, &s->stored, NULL);
             vec_push(v->scratch, &s->params, NULL);
             for (uint32_t p = s->stored.len - 1; p > 0; p--) s->stored.data[p] = s->stored.data[p - 1], s->params.data[p] = s->params.data[p - 1];
-            s->stored.data[0] = tape_forward(v, body->params[0]);
+            s->stored.data[0] = s->fwd_k;
             s->params.data[0] = s->k;
         }
         order_params(v, s, params, kept);
         for (uint32_t p = 0; p < s->stored.len; p++) s->frame_bytes += s->k && p == 0 ? 0 : type_bytes(v, s->stored.data[p]);
         s->frame_bytes += 4; /* the mask, the iteration number and the padding, at any width */
         Builder before = ir_before(v->fn, tape_forward(v, s->owner));
-        Inst *mark = ir_special(&before, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
+        mark = ir_special(&before, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
         rev->args[0] = tape_mark_value(v, mark, s->segment);
         tape_push_frame(v, s);
     }
+    if (s->segment) tape_fill_rerun(v, s, mark, rev);
     Builder after = ir_after(v->fn, rev);
     kept = 0;
     for (uint32_t c = 0; c < n; c++)
@@ -192,8 +197,8 @@ void vjp_loop(Vjp *v, Inst *loop) {
 
     Scope *s = new_scope(v, loop, 0);
     s->trips = loop->imm.loop.max_iters;
-    s->segment = loop->tag == AD_TAG_SEGMENT;
-    Inst *run = s->segment ? tape_rerun(v, loop) : tape_forward(v, loop);
+    s->segment = (loop->tag & AD_TAG_SEGMENT) != 0;
+    Inst *run = s->segment ? tape_rerun(v, s, loop) : tape_forward(v, loop);
     s->fwd_block = run->region[0];
     if (tape_find_guards(v, loop, s)) {
         s->sparse = true;
@@ -204,6 +209,7 @@ void vjp_loop(Vjp *v, Inst *loop) {
     } else {
         s->guards.len = 0;
     }
+    s->replay = (loop->tag & AD_TAG_REPLAY) && tape_can_replay(v, loop, s);
 
     Insts outer = {0};
     v->stamps++;

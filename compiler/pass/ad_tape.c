@@ -5,7 +5,8 @@
  *   cheap       sums, products, comparisons, selects, conversions: recomputed, when that takes at most one value more than storing would
  *   the rest    carried values, roots, quotients, elementary functions, results of regions, array elements: stored in the frame of the scope
  *               (at the top: made a result of the enclosing ifs). Elements of arrays that are not written any more are read again.
- * Iteration numbers are stored only if asked for, and never where the reverse of a loop can count itself. */
+ * Iteration numbers are stored only if asked for, and never where the reverse of a loop can count itself.
+ * In a replayed loop everything is there again: its frames hold what the replay starts from (ad_replay.c). */
 #include <string.h>
 
 #include "compiler/pass/ad_tape.h"
@@ -136,9 +137,9 @@ static Inst *recompute(Vjp *v, Inst *i, Ctx *c) {
     }
 }
 
-/* Makes x a result of the ifs around it until it is visible where the scope's frame is pushed. */
-static Inst *export_to(Vjp *v, Inst *x, const Scope *s) {
-    while (x->block != s->fwd_block && x->block != s->fwd_outer) {
+/* Makes x a result of the ifs around it until it is in one of two blocks. */
+static Inst *export_to(Vjp *v, Inst *x, const Block *to, const Block *or_to) {
+    while (x->block != to && x->block != or_to) {
         Inst *owner = x->block->owner;
         if (!owner || owner->op != OP_if_) ice(v->fn->session, "ad: a stored value crosses a loop");
         uint32_t side = owner->region[1] == x->block, index = 0, n = ir_nresults(owner);
@@ -154,11 +155,15 @@ static Inst *export_to(Vjp *v, Inst *x, const Scope *s) {
     return x;
 }
 
+void tape_store(Vjp *v, Scope *s, Inst *x, Inst *param, Inst *what) {
+    vec_push(v->scratch, &s->stored, export_to(v, x, s->fwd_block, s->fwd_outer));
+    vec_push(v->scratch, &s->params, param);
+    vec_push(v->scratch, &s->what, what);
+}
+
 static Inst *stored_param(Vjp *v, Scope *s, Inst *x, Inst *what) {
     Inst *p = ir_block_param(v->fn, s->rev_block, (IrType)x->type);
-    vec_push(v->scratch, &s->stored, x);
-    vec_push(v->scratch, &s->params, p);
-    vec_push(v->scratch, &s->what, what);
+    tape_store(v, s, x, p, what);
     return p;
 }
 
@@ -172,15 +177,16 @@ Inst *tape_value(Vjp *v, Inst *i) {
         if (!c->scope->k) c->scope->k = ir_block_param(v->fn, c->scope->rev_block, TY_INT);
         r = c->scope->k;
     } else {
+        Scope *s = c->scope;
+        Inst *x = tape_forward(v, i);
+        bool here = s->replay && x->block == s->rev_block;
         Cost cost = {0};
         v->stamps++;
-        bool again = cheap(v, i);
+        bool again = !here && cheap(v, i);
         if (again) cost_of(v, i, &cost);
         if (again && cost.ops <= MAX_OPS && (cost.leaves == 0 || (cost.leaves == 1 && cost.ops <= MAX_OPS / 2))) r = recompute(v, i, c);
-        else {
-            Inst *x = export_to(v, tape_forward(v, i), c->scope);
-            r = c->scope->top ? x : stored_param(v, c->scope, x, i);
-        }
+        else if (s->top || s->replay) r = export_to(v, x, s->top ? s->fwd_block : s->rev_block, NULL);
+        else r = stored_param(v, s, x, i);
     }
     v->memo[i->id] = r;
     return r;
@@ -188,7 +194,7 @@ Inst *tape_value(Vjp *v, Inst *i) {
 
 Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct) {
     Scope *s = vjp_here(v)->scope;
-    return direct || s->top ? mark : stored_param(v, s, mark, mark);
+    return direct || s->top || s->replay ? mark : stored_param(v, s, mark, mark);
 }
 
 void tape_push_frame(Vjp *v, Scope *s) {
@@ -196,7 +202,7 @@ void tape_push_frame(Vjp *v, Scope *s) {
     if (s->guards.len > 1) { /* one guard: fwd_block is the guarded region itself */
         Inst *any = NULL;
         for (uint32_t g = 0; g < s->guards.len; g++) {
-            Inst *cond = tape_forward(v, s->guards.data[g].branch)->args[0];
+            Inst *cond = s->guards.data[g].cond;
             if (s->guards.data[g].region == 1) cond = ir_emit1(&b, OP_bnot, cond);
             any = any ? ir_emit2(&b, OP_bor, any, cond) : cond;
         }
@@ -219,7 +225,7 @@ static bool has_guard(const Scope *s, const Inst *branch, uint32_t region) {
     return false;
 }
 static void add_guard(Vjp *v, Scope *s, Inst *branch, uint32_t region) {
-    if (!has_guard(s, branch, region)) vec_push(v->scratch, &s->guards, ((Guard){branch, region}));
+    if (!has_guard(s, branch, region)) vec_push(v->scratch, &s->guards, ((Guard){branch, tape_forward(v, branch)->args[0], region}));
 }
 
 /* Is x the carried parameter itself, but for guarded regions? */
@@ -271,89 +277,73 @@ bool tape_find_guards(Vjp *v, Inst *loop, Scope *s) {
     return s->guards.len > 0;
 }
 
-/* ---- segments */
-
-static bool rerunnable(const Vjp *v, const Block *b, const Block *loop) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if ((i->op == OP_store || i->op == OP_acopy) && !walk_inside(i->args[0]->block, loop)) return false;
-        if (i->op == OP_acopy && !walk_inside(i->args[1]->block, loop)) return false;
-        if (i->op == OP_load && !v->stable[i->id] && !walk_inside(i->args[0]->block, loop)) return false;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (!rerunnable(v, i->region[r], loop)) return false;
-    }
-    return true;
-}
-bool tape_can_rerun(const Vjp *v, const Inst *loop) { return rerunnable(v, loop->region[0], loop->region[0]); }
-
-static void map_operands(Vjp *v, const Inst *loop, Block *b, Inst **map) {
-    for (Inst *i = b->first; i; i = i->next) {
-        for (uint32_t a = 0; a < i->nargs; a++) {
-            Inst *x = i->args[a];
-            if (x->id < v->f.n && !map[x->id] && x->type != TY_ARRAY && !walk_inside(x->block, loop->region[0]))
-                map[x->id] = tape_value(v, x);
-        }
-        for (uint32_t r = 0; r < i->nregions; r++) map_operands(v, loop, i->region[r], map);
-    }
-}
-
-static void note_instances(Vjp *v, Block *b, Inst **map) {
-    for (uint32_t p = 0; p < b->nparams; p++) v->fwd[b->params[p]->id] = map[b->params[p]->id];
-    for (Inst *i = b->first; i; i = i->next) {
-        v->fwd[i->id] = map[i->id];
-        for (uint32_t r = 0; r < i->nregions; r++) note_instances(v, i->region[r], map);
-    }
-}
-
-/* What the first run did to the world is done: the second run must not count or print again. */
-static void drop_effects(Block *b) {
-    for (Inst *i = b->first, *next; i; i = next) {
-        next = i->next;
-        for (uint32_t r = 0; r < i->nregions; r++) drop_effects(i->region[r]);
-        if (i->op == OP_count || i->op == OP_print) ir_unlink(i);
-    }
-}
-
-Inst *tape_rerun(Vjp *v, Inst *loop) {
-    Inst **map = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
-    for (uint32_t a = 0; a < loop->nargs; a++) map[loop->args[a]->id] = tape_value(v, loop->args[a]);
-    map_operands(v, loop, loop->region[0], map);
-    Builder b = vjp_builder(v);
-    ir_clone_insts(&b, loop->block, loop, loop->next, map);
-    Inst *copy = map[loop->id];
-    v->fwd[loop->id] = copy;
-    note_instances(v, loop->region[0], map);
-    drop_effects(copy->region[0]);
-    return copy;
-}
-
 /* ---- the report */
 
-static uint64_t scope_bytes(const Vjp *v, const Scope *s) {
-    uint64_t bytes = s->framed ? s->frame_bytes : 0;
+/* What the forward run of a scope leaves on the tape. Segments leave nothing there, nor do the loops in a replayed iteration. */
+static uint64_t frames_below(const Vjp *v, const Scope *s) {
+    uint64_t bytes = 0;
     for (uint32_t k = 0; k < v->scopes.len; k++)
-        if (v->scopes.data[k]->parent == s && !v->scopes.data[k]->segment) bytes += scope_bytes(v, v->scopes.data[k]);
-    return bytes * s->trips;
+        if (v->scopes.data[k]->parent == s && !v->scopes.data[k]->segment) bytes += tape_left(v, v->scopes.data[k]);
+    return bytes;
 }
+uint64_t tape_left(const Vjp *v, const Scope *s) { return ((s->framed ? s->frame_bytes : 0) + (s->replay ? 0 : frames_below(v, s))) * s->trips; }
 
-/* The most that segments, run again one at a time, add on top. */
-static uint64_t segment_bytes(const Vjp *v, const Scope *s) {
+/* The most that what is run again adds on top, one segment, one iteration at a time. */
+uint64_t tape_on_top(const Vjp *v, const Scope *s) {
     uint64_t most = 0;
     for (uint32_t k = 0; k < v->scopes.len; k++) {
         const Scope *c = v->scopes.data[k];
         if (c->parent != s) continue;
-        uint64_t bytes = segment_bytes(v, c) + (c->segment ? scope_bytes(v, c) : 0);
+        uint64_t bytes = tape_on_top(v, c) + (c->segment ? tape_left(v, c) : 0);
         if (bytes > most) most = bytes;
     }
-    return most;
+    return most + (s->replay ? frames_below(v, s) : 0);
 }
 
-uint64_t tape_bytes(const Vjp *v) { return scope_bytes(v, v->scopes.data[0]) + segment_bytes(v, v->scopes.data[0]); }
+uint64_t tape_bytes(const Vjp *v) { return tape_left(v, v->scopes.data[0]) + tape_on_top(v, v->scopes.data[0]); }
 
 static const char *describe(const Inst *x) {
     if (x->op == OP_arg) return "carried value";
     if (x->op == OP_proj) return "result of a region";
     if (x->op == OP_tapemark) return "mark of an inner tape";
+    if (x->op == OP_fieldop) return "witness";
     return ir_ops[x->op].name;
+}
+
+static const char *why_stored(const Vjp *v, const Inst *x) {
+    return x->op == OP_arg || x->op == OP_proj ? "not a function of the iteration alone"
+           : x->op == OP_tapemark              ? "where its frames end"
+           : x->op == OP_fieldop               ? "nothing is searched again"
+           : cheap(v, x)                       ? "needs two or more values to recompute"
+                                               : "expensive to recompute";
+}
+
+/* Segments within segments below a strip-mined loop. */
+static uint32_t levels_of(const Vjp *v, const Scope *s) {
+    for (uint32_t k = 0; k < v->scopes.len; k++) {
+        const Scope *c = v->scopes.data[k];
+        if (c->parent == s && c->segment && c->owner->block == s->owner->region[0]) return 1 + levels_of(v, c);
+    }
+    return 0;
+}
+
+static const char *report_stored(const Vjp *v, Arena *arena, const char *text, const Scope *s) {
+    if (s->k) text = arena_printf(arena, "%s iteration number (uniform);", text);
+    uint8_t *seen = ARENA_ARRAY(v->scratch, uint8_t, s->what.len + 1);
+    for (uint32_t p = 0; p < s->what.len; p++) {
+        if (seen[p]) continue;
+        const Inst *x = s->what.data[p];
+        uint32_t n = 0;
+        for (uint32_t q = p; q < s->what.len; q++) {
+            const Inst *y = s->what.data[q];
+            if (describe(x) != describe(y) || why_stored(v, x) != why_stored(v, y)) continue;
+            seen[q] = 1;
+            n++;
+        }
+        text = n > 1 ? arena_printf(arena, "%s %u x %s (%s);", text, n, describe(x), why_stored(v, x))
+                     : arena_printf(arena, "%s %s (%s);", text, describe(x), why_stored(v, x));
+    }
+    return arena_printf(arena, "%s%s\n", text, s->what.len || s->k ? "" : " the mask only");
 }
 
 const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget) {
@@ -361,27 +351,19 @@ const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget) {
     for (uint32_t k = 1; k < v->scopes.len; k++) {
         const Scope *s = v->scopes.data[k];
         const char *what = s->owner->op == OP_loop ? "loop" : "if";
-        uint32_t line = 0, column = 0;
+        uint32_t line = 0, column = 0, levels = s->owner->op == OP_loop && !s->segment ? levels_of(v, s) : 0;
         if (s->owner->span.file >= 0) span_position(v->fn->session, s->owner->span, &line, &column);
         const char *where = line ? arena_printf(arena, "%s at line %u", what, line) : what;
+        if (levels) where = arena_printf(arena, "%s: checkpointed in %u level%s", where, levels, levels > 1 ? "s" : "");
+        if (s->segment) where = arena_printf(arena, "%s: segment of a strip-mined loop, run again", where);
+        if (s->replay) where = arena_printf(arena, "%s: each iteration replayed from its frame", where);
         if (!s->framed) {
             text = arena_printf(arena, "%s%s: no tape, %llu iterations counted backwards; %u values recomputed\n", text, where, (unsigned long long)s->trips, s->recomputed);
             continue;
         }
-        text = arena_printf(arena, "%s%s: %s%s frame of %u bytes, at most %llu of them; %u values recomputed; stored:", text, where,
-                            s->segment ? "segment of a strip-mined loop, run again, " : "", s->sparse ? "only iterations that are taken," : "one",
-                            s->frame_bytes, (unsigned long long)s->trips, s->recomputed);
-        if (s->k) text = arena_printf(arena, "%s iteration number (uniform);", text);
-        for (uint32_t p = 0; p < s->stored.len; p++) {
-            if (s->k && p == 0) continue;
-            const Inst *x = s->what.data[s->k ? p - 1 : p];
-            text = arena_printf(arena, "%s %s (%s);", text, describe(x),
-                                x->op == OP_arg || x->op == OP_proj ? "not a function of the iteration alone"
-                                : x->op == OP_tapemark              ? "where its frames end"
-                                : cheap(v, x)                       ? "needs two or more values to recompute"
-                                                                    : "expensive to recompute");
-        }
-        text = arena_printf(arena, "%s%s\n", text, s->stored.len || s->k ? "" : " the mask only");
+        text = arena_printf(arena, "%s%s: %s frame of %u bytes, at most %llu of them; %u values recomputed; stored:", text, where,
+                            s->sparse ? "only iterations that are taken," : "one", s->frame_bytes, (unsigned long long)s->trips, s->recomputed);
+        text = report_stored(v, arena, text, s);
     }
     if (bytes > budget) text = arena_printf(arena, "%sworst case of %llu bytes per lane is above the budget of %llu\n", text, (unsigned long long)bytes, (unsigned long long)budget);
     return text;

@@ -1,4 +1,4 @@
-/* State of one reverse sweep, shared by ad_vjp.c, ad_region.c and ad_tape.c.
+/* State of one reverse sweep, shared by ad_vjp.c, ad_region.c, ad_tape.c and ad_replay.c.
  *
  * The sweep is emitted behind the primal, walking it backwards once. What it needs of the primal is asked for where it is needed
  * (tape_value), and only then is it decided how to have it; the forward part gets its pushes when a scope is closed. So nothing is stored that no rule asked for.
@@ -17,8 +17,17 @@ typedef struct RevBlock {
 
 typedef struct Guard {
     Inst *branch;          /* an if_ of the loop's body: without it the iteration changes nothing active */
+    Inst *cond;            /* its condition in the forward code */
     uint32_t region;       /* the region that does */
 } Guard;
+
+typedef struct Hole {      /* what code that is run again reads from outside */
+    Inst *primal;
+    Inst *forward;         /* the instance that pushes, if it is to be in the frame: carried values, witnesses */
+    Inst *at;              /* what the code reads until it is filled */
+} Hole;
+
+typedef Vec(Hole) Holes;
 
 typedef struct Scope Scope;
 struct Scope {
@@ -28,11 +37,15 @@ struct Scope {
     Block *fwd_outer;      /* with one guard: the loop's body around fwd_block, whose values are visible too */
     Block *rev_block;      /* body of the revloop */
     Inst *k;               /* placeholder of the iteration number, if asked for */
+    Inst *fwd_k;           /* the iteration number in the forward code */
     Vec(Inst *) stored;    /* values of the forward code, and the parameters of the revloop that they become */
     Vec(Inst *) params;
     Vec(Inst *) what;      /* the primal value of each, for the report */
     Vec(Guard) guards;
-    bool top, segment, framed, sparse;
+    Holes rerun_holes, replay_holes;
+    bool top, framed, sparse;
+    bool segment;          /* the whole loop is run again, pushing */
+    bool replay;           /* each iteration is run again, in rev_block, from what its frame holds */
     uint64_t trips;
     uint32_t frame_bytes, recomputed, region;
 };
@@ -100,13 +113,26 @@ Inst *tape_forward(const Vjp *v, Inst *primal);
 Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct);
 /* Inserts the push of a scope whose reverse has been emitted; false if it needs none. */
 void tape_push_frame(Vjp *v, Scope *s);
+/* x of the forward code goes into the frame, and is param in the sweep. */
+void tape_store(Vjp *v, Scope *s, Inst *x, Inst *param, Inst *what);
 /* Facts that decide storing: want, stable. */
 void tape_prepare(Vjp *v);
 bool tape_find_guards(Vjp *v, Inst *loop, Scope *s);
-/* Clones a segment into the sweep, in the current block, to be run again with pushes. */
-Inst *tape_rerun(Vjp *v, Inst *loop);
-bool tape_can_rerun(const Vjp *v, const Inst *loop);
 uint64_t tape_bytes(const Vjp *v);
+uint64_t tape_left(const Vjp *v, const Scope *s);
+uint64_t tape_on_top(const Vjp *v, const Scope *s);
 const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget);
+
+/* ad_replay.c */
+bool tape_can_rerun(const Vjp *v, const Inst *loop);
+bool tape_can_replay(const Vjp *v, const Inst *loop, const Scope *s);
+/* Is there a heightfield query in this block or below? */
+bool tape_searches(const Block *b);
+/* Clones a segment into the sweep, in the current block, to be run again with pushes; and fills its holes once the sweep knows what it pushes. */
+Inst *tape_rerun(Vjp *v, Scope *s, Inst *loop);
+void tape_fill_rerun(Vjp *v, Scope *s, Inst *mark_of_tape, Inst *rev);
+/* Clones one iteration into the body of its revloop; and fills its holes when that is complete. */
+void tape_replay(Vjp *v, Scope *s, Block *body);
+void tape_fill_replay(Vjp *v, Scope *s);
 
 #endif

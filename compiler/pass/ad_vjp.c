@@ -1,18 +1,13 @@
 /* Reverse mode on structured IR: the primal, then one sweep backwards.
  *
- * Order of work: clone, strip-mine what an earlier attempt found too big, inline customs, hoist x, split ifs that hold loops on both sides, find facts,
- * emit the sweep. The attempt is repeated while the worst-case tape is above the budget and some loop can still be strip-mined. */
+ * Order of work: clone, strip-mine as planned, inline customs, hoist x, split ifs that hold loops on both sides, find facts, emit the sweep. The first attempt
+ * stores; from what it stored it is decided which loops are replayed, and while the worst-case tape is above the budget, which loop gets one more level of checkpoints. */
 #include <math.h>
 #include <string.h>
 
 #include "compiler/pass/ad_tape.h"
 
-enum { MAX_STRIPS = 12, DEFAULT_BUDGET = 64 * 1024 };
-
-typedef struct Strip {
-    uint32_t ordinal; /* of the loop, in program order of the primal */
-    uint32_t segment;
-} Strip;
+enum { MAX_LEVELS = 12, MAX_ATTEMPTS = 32, DEFAULT_BUDGET = 64 * 1024, SEARCH_BUDGET = 4 * 1024, REPLAY_BYTES = 64 };
 
 Ctx *vjp_push(Vjp *v, Block *primal, RevBlock *rev, Scope *scope) {
     Ctx *c = ARENA_NEW(v->scratch, Ctx);
@@ -174,14 +169,6 @@ static void facts(Vjp *v) {
 
 /* ---- one attempt */
 
-static void collect_loops(Block *b, Vjp *v, void *list) {
-    Vec(Inst *) *loops = list;
-    for (Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_loop) vec_push(v->scratch, loops, i);
-        for (uint32_t r = 0; r < i->nregions; r++) collect_loops(i->region[r], v, list);
-    }
-}
-
 static Inst *value_in_sweep(void *user, Inst *primal) { return tape_value(user, primal); }
 
 static void sweep(Vjp *v, const Fn *primal) {
@@ -237,14 +224,60 @@ static void sweep(Vjp *v, const Fn *primal) {
     fn->outputs = names;
 }
 
-static bool attempt(Vjp *v, const Fn *primal, const Strip *strips, uint32_t nstrips, void *loops) {
-    Vec(Inst *) *list = loops;
+/* ---- plans: which loops are replayed, and in how many levels they are checkpointed. An attempt follows a plan, and tells what it costs. */
+
+typedef struct LoopPlan {
+    Inst *loop;             /* of the attempt at hand; the outermost, where it has been strip-mined */
+    uint32_t trips;
+    uint8_t levels;
+    bool replay;
+    bool done;              /* more levels do not help */
+    uint32_t stored_bytes;  /* of a frame without replay */
+} LoopPlan;
+
+typedef struct Plan {
+    Vec(LoopPlan) loops;    /* in program order of the primal */
+} Plan;
+
+typedef Vec(Inst *) Loops;
+
+static void collect_loops(Block *b, Vjp *v, Loops *loops) {
+    for (Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_loop) vec_push(v->scratch, loops, i);
+        for (uint32_t r = 0; r < i->nregions; r++) collect_loops(i->region[r], v, loops);
+    }
+}
+
+/* Iterations of the innermost of `levels` + 1 nested loops that make n in all: the n^(1/(levels + 1))-th root, rounded up. */
+static uint32_t fan_out(uint32_t n, uint32_t levels) {
+    uint32_t f = (uint32_t)pow((double)n, 1.0 / (levels + 1));
+    for (;; f++) {
+        double all = 1;
+        for (uint32_t l = 0; l <= levels; l++) all *= f;
+        if (all >= n) return f;
+    }
+}
+
+static bool strip_mine(Vjp *v, LoopPlan *p) {
+    uint32_t f = fan_out(p->trips, p->levels), made = 0;
+    for (uint32_t l = 0; l < p->levels; l++) made += ad_strip_mine(v->fn, p->loop, f);
+    return made == p->levels;
+}
+
+static bool attempt(Vjp *v, const Fn *primal, Plan *plan) {
     v->fn = ir_clone(primal, primal->arena, arena_printf(primal->arena, "%s_vjp", primal->name));
     ad_clear_tags(v->fn->body);
-    list->len = 0;
-    collect_loops(v->fn->body, v, loops);
-    for (uint32_t s = 0; s < nstrips; s++)
-        if (!ad_strip_mine(v->fn, list->data[strips[s].ordinal], strips[s].segment)) return false;
+    Loops loops = {0};
+    collect_loops(v->fn->body, v, &loops);
+    for (uint32_t n = 0; n < loops.len; n++) {
+        if (n == plan->loops.len) vec_push(v->scratch, &plan->loops, ((LoopPlan){.trips = loops.data[n]->imm.loop.max_iters}));
+        plan->loops.data[n].loop = loops.data[n];
+    }
+    for (uint32_t n = 0; n < loops.len; n++) {
+        LoopPlan *p = &plan->loops.data[n];
+        if (p->replay) p->loop->tag = AD_TAG_REPLAY;
+        if (!strip_mine(v, p)) return false;
+    }
     ad_expand_customs(v->fn, v->scratch, &v->links);
     ad_hoist_inputs(v->fn, v->scratch);
     facts(v);
@@ -253,57 +286,116 @@ static bool attempt(Vjp *v, const Fn *primal, const Strip *strips, uint32_t nstr
     return true;
 }
 
-/* The scope that strip-mining would help most: the one with the most bytes in all, outermost first. */
-static uint64_t total_bytes(const Vjp *v, const Scope *s) {
-    uint64_t bytes = s->framed ? s->frame_bytes : 0;
-    for (uint32_t k = 0; k < v->scopes.len; k++)
-        if (v->scopes.data[k]->parent == s) bytes += total_bytes(v, v->scopes.data[k]);
-    return bytes * s->trips;
+static LoopPlan *plan_of(Plan *plan, const Scope *s) {
+    for (uint32_t n = 0; n < plan->loops.len; n++)
+        if (plan->loops.data[n].loop == s->owner) return &plan->loops.data[n];
+    return NULL;
 }
 
-static bool choose_strip(const Vjp *v, Inst *const *loops, uint32_t nloops, const Strip *strips, uint32_t nstrips, Strip *out) {
-    uint64_t most = 0;
+/* Replay where it may pay: the frame is large, the loop runs often enough, and the iteration can be run again. */
+static bool choose_replays(const Vjp *v, Plan *plan) {
+    bool any = false;
     for (uint32_t k = 0; k < v->scopes.len; k++) {
         const Scope *s = v->scopes.data[k];
-        if (s->top || s->owner->op != OP_loop || s->trips < 4 || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner)) continue;
-        uint64_t bytes = total_bytes(v, s);
-        for (const Scope *p = s->parent; p; p = p->parent) bytes *= p->trips;
-        uint32_t ordinal = 0;
-        while (ordinal < nloops && loops[ordinal] != s->owner) ordinal++;
-        bool fresh = ordinal < nloops;
-        for (uint32_t t = 0; t < nstrips; t++) fresh &= strips[t].ordinal != ordinal;
-        if (!fresh || bytes <= most) continue;
-        most = bytes;
-        *out = (Strip){ordinal, (uint32_t)ceil(sqrt((double)s->trips))};
+        LoopPlan *p = s->top ? NULL : plan_of(plan, s);
+        if (!p || !s->framed || !tape_can_replay(v, s->owner, s)) continue;
+        if (v->o->replay == AD_REPLAY_AUTO && (s->trips < 2 || s->frame_bytes < REPLAY_BYTES || !tape_searches(s->owner->region[0]))) continue;
+        p->replay = true;
+        p->stored_bytes = s->frame_bytes;
+        any = true;
     }
-    return most > 0;
+    return any;
+}
+
+/* Takes back replays that have not made frames clearly smaller. */
+static bool drop_replays(const Vjp *v, Plan *plan) {
+    bool any = false;
+    for (uint32_t k = 0; v->o->replay == AD_REPLAY_AUTO && k < v->scopes.len; k++) {
+        const Scope *s = v->scopes.data[k];
+        LoopPlan *p = s->top ? NULL : plan_of(plan, s);
+        if (!p || !p->replay || (uint64_t)s->frame_bytes * 3 <= (uint64_t)p->stored_bytes * 2) continue;
+        p->replay = false;
+        any = true;
+    }
+    return any;
+}
+
+/* The loop that one more level would help most: the one that needs the most bytes in all, outermost first. */
+static LoopPlan *choose_level(const Vjp *v, Plan *plan) {
+    uint64_t most = 0;
+    LoopPlan *best = NULL;
+    for (uint32_t k = 0; k < v->scopes.len; k++) {
+        const Scope *s = v->scopes.data[k];
+        LoopPlan *p = s->top ? NULL : plan_of(plan, s);
+        if (!p || p->done || p->trips < 4 || p->levels == MAX_LEVELS || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner)) continue;
+        if (p->levels && fan_out(p->trips, p->levels) == fan_out(p->trips, p->levels - 1)) continue;
+        uint32_t f = fan_out(p->trips, p->levels + 1), over = 1;
+        for (uint32_t l = 0; l <= p->levels; l++) over *= f;
+        if (f < 2 || over >= p->trips) continue; /* the outermost loop would run once */
+        uint64_t bytes = tape_left(v, s) + tape_on_top(v, s);
+        for (const Scope *up = s->parent; up && !s->segment && !up->replay; up = up->parent) bytes *= up->trips;
+        if (bytes <= most) continue;
+        most = bytes;
+        best = p;
+    }
+    return best;
+}
+
+static void copy_plan(Arena *scratch, Plan *to, const Plan *from) {
+    to->loops.len = 0;
+    for (uint32_t n = 0; n < from->loops.len; n++) vec_push(scratch, &to->loops, from->loops.data[n]);
+}
+
+typedef struct Search {
+    PassCtx *ctx;
+    const Fn *primal;
+    const AdOptions *o;
+    TapeReport *report;
+    uint64_t budget, bytes;
+    Fn *best;
+} Search;
+
+static void try_plan(Search *q, Plan *plan, Vjp *v) {
+    *v = (Vjp){.ctx = q->ctx, .scratch = &q->ctx->session->scratch, .o = q->o};
+    if (!attempt(v, q->primal, plan)) ice(q->ctx->session, "ad: a loop chosen for checkpoints cannot be strip-mined");
+}
+
+static void keep(Search *q, Vjp *v) {
+    q->best = v->fn;
+    q->bytes = tape_bytes(v);
+    if (!q->report) return;
+    *q->report = (TapeReport){.bytes_per_lane = q->bytes};
+    for (uint32_t s = 0; s < v->scopes.len; s++) q->report->frame_values += v->scopes.data[s]->framed ? v->scopes.data[s]->stored.len : 0;
+    q->report->text = tape_report(v, q->primal->arena, q->bytes, q->budget);
 }
 
 Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark m = arena_mark(scratch);
     AdOptions none = {0};
-    uint64_t budget = o && o->tape_budget ? o->tape_budget : DEFAULT_BUDGET, bytes = 0;
-    Strip strips[MAX_STRIPS];
-    uint32_t nstrips = 0;
-    Fn *best = NULL;
-    for (;;) {
-        Vjp v = {.ctx = ctx, .scratch = scratch, .o = o ? o : &none};
-        Vec(Inst *) loops = {0};
-        if (!attempt(&v, fn, strips, nstrips, &loops)) ice(ctx->session, "ad: a loop chosen for checkpoints cannot be strip-mined");
-        uint64_t now = tape_bytes(&v);
-        if (!best || now < bytes) {
-            best = v.fn;
-            bytes = now;
-            if (report) {
-                *report = (TapeReport){.bytes_per_lane = now};
-                for (uint32_t s = 0; s < v.scopes.len; s++) report->frame_values += v.scopes.data[s]->framed ? v.scopes.data[s]->stored.len : 0;
-                report->text = tape_report(&v, fn->arena, now, budget);
-            }
+    Search q = {.ctx = ctx, .primal = fn, .o = o ? o : &none, .report = report};
+    q.budget = q.o->tape_budget ? q.o->tape_budget : tape_searches(fn->body) ? SEARCH_BUDGET : DEFAULT_BUDGET;
+    Plan plan = {0}, next = {0};
+    Vjp v, w;
+    try_plan(&q, &plan, &v);
+    uint32_t replays = 0;
+    while (q.o->replay != AD_REPLAY_NEVER && (replays == 0 ? choose_replays(&v, &plan) : drop_replays(&v, &plan)) && replays++ < 3) try_plan(&q, &plan, &v);
+    keep(&q, &v);
+    /* Levels, one at a time, while the worst case is above the budget: a level costs about one more run of its loop. */
+    for (uint32_t n = 0; n < MAX_ATTEMPTS && q.bytes > q.budget; n++) {
+        LoopPlan *p = choose_level(&v, &plan);
+        if (!p) break;
+        copy_plan(scratch, &next, &plan);
+        next.loops.data[p - plan.loops.data].levels++;
+        try_plan(&q, &next, &w);
+        if (tape_bytes(&w) >= q.bytes) {
+            p->done = true;
+            continue;
         }
-        if (now <= budget || nstrips == MAX_STRIPS || !choose_strip(&v, loops.data, loops.len, strips, nstrips, &strips[nstrips])) break;
-        nstrips++;
+        copy_plan(scratch, &plan, &next);
+        v = w;
+        keep(&q, &v);
     }
     arena_reset(scratch, m);
-    return best;
+    return q.best;
 }

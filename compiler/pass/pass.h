@@ -44,11 +44,13 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);   /*
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                             /* g:flt; inputs site (uniform), k0.., aux, x, stream */
 
 /* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
+enum { AD_REPLAY_AUTO, AD_REPLAY_NEVER, AD_REPLAY_ALWAYS }; /* ALWAYS: every loop that can be */
 typedef struct AdOptions {
     const uint8_t *wrt;
     bool wrt_x;             /* also (or only, with wrt_none) with respect to the position */
     bool wrt_none;
-    uint32_t tape_budget;   /* bytes per lane above which a loop is checkpointed in two levels; 0: 64 KiB */
+    uint32_t tape_budget;   /* bytes per lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB, or 4 KiB with heightfield queries */
+    uint8_t replay;         /* AD_REPLAY_*: iterations run again in the sweep, from their carried values and witnesses */
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come from dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);

@@ -160,6 +160,7 @@ static inline double uniform(uint64_t *state) {
 typedef struct Check {
     double x_lo, x_hi, p_lo, p_hi;
     uint32_t tape_budget;
+    uint8_t replay;         /* AD_REPLAY_* */
     bool no_fd;             /* has jumps everywhere: only the adjoint identity */
     double fd_tolerance;    /* 0: 1e-5 */
     TapeReport tape;        /* out */
@@ -268,7 +269,7 @@ static inline void check_ad(Prog *p, Check *c) {
     assert_sound(p->fn);
     PassCtx ctx = {.session = p->s, .has_fma = true};
     while (opt_fold(&ctx, p->fn)) {} /* as in the pipeline: conditions that are constants are gone */
-    AdOptions o = {.wrt_x = true, .tape_budget = c->tape_budget};
+    AdOptions o = {.wrt_x = true, .tape_budget = c->tape_budget, .replay = c->replay};
     Fn *jvp = ad_jvp(&ctx, p->fn, &o);
     assert_sound(jvp);
     Fn *vjp = ad_vjp(&ctx, p->fn, &o, &c->tape);
@@ -288,6 +289,25 @@ static inline void check_ad(Prog *p, Check *c) {
     }
     c->vjp = vjp;
     c->jvp = jvp;
+}
+
+/* Two reverse kernels of one program: the same outputs to the bit, the same adjoints within rounding, lanes together and every lane alone. */
+static inline void compare_kernels(const Fn *fn, const Fn *a, const Fn *b, uint32_t rounds) {
+    uint64_t state = 77;
+    for (uint32_t round = 0; round < rounds; round++) {
+        Run *ra = random_run(fn, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = -1, .p_hi = 1}, &state), *rb = malloc(sizeof *rb);
+        *rb = *ra;
+        uint32_t lanes = 1u << round % 4;
+        assert_int_equal(run_fn(a, ra, 0, LANES, lanes), SLT_OK);
+        assert_int_equal(run_fn(b, rb, 0, LANES, lanes), SLT_OK);
+        for (uint32_t o = 0; o < nout(a); o++)
+            for (uint32_t l = 0; l < LANES; l++) assert_true(near(ra->out[o][l], rb->out[o][l], o < nout(fn) ? 0 : 1e-12));
+        for (uint32_t k = 0; k < fn->nfloats; k++) {
+            if (!near(ra->adj[k], rb->adj[k], 1e-12)) print_error("parameter %u: %.17g and %.17g\n", k, ra->adj[k], rb->adj[k]);
+            assert_true(near(ra->adj[k], rb->adj[k], 1e-12));
+        }
+        free(ra), free(rb);
+    }
 }
 
 /* Runs a test body inside a session. */

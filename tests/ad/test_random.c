@@ -1,8 +1,8 @@
-/* Random programs: forward = reverse everywhere, both = differences away from kinks, lanes together = lanes alone, with and without checkpoints. */
+/* Random programs: forward = reverse everywhere, both = differences away from kinks, lanes together = lanes alone, with and without checkpoints; stored = replayed. */
 #include "tests/ad/ad_test.h"
 #include "tests/ad/random_program.c"
 
-static uint32_t kinks, compared, framed, checkpointed;
+static uint32_t kinks, compared, framed, checkpointed, replayed, deep_levels;
 
 static void try_seed(Session *s, uint64_t seed, RandomShape shape) {
     ArenaMark m = arena_mark(&s->module);
@@ -15,6 +15,15 @@ static void try_seed(Session *s, uint64_t seed, RandomShape shape) {
         Check tight = {.tape_budget = (uint32_t)c.tape.bytes_per_lane / 3, .no_fd = true};
         check_ad(&p, &tight);
         checkpointed += tight.tape.bytes_per_lane < c.tape.bytes_per_lane;
+        compare_kernels(p.fn, c.vjp, tight.vjp, 4);
+    }
+    if (c.tape.bytes_per_lane) {
+        static const uint32_t budgets[] = {1u << 30, 100, 1};
+        Check again = {.tape_budget = budgets[seed % 3], .no_fd = true, .replay = AD_REPLAY_ALWAYS};
+        check_ad(&p, &again);
+        replayed += strstr(again.tape.text, "replayed") != NULL;
+        deep_levels += strstr(again.tape.text, "levels") != NULL;
+        compare_kernels(p.fn, c.vjp, again.vjp, 4);
     }
     arena_reset(&s->module, m);
 }
@@ -36,8 +45,9 @@ TEST(deep) { range_of_seeds(s, 4000, 20, (RandomShape){.depth = 5, .statements =
 
 static int not_vacuous(void **state) {
     (void)state;
-    print_message("compared with differences: %u, near a kink or jump: %u, programs with a tape: %u, checkpointed: %u\n", compared, kinks, framed, checkpointed);
-    return getenv("SEED") || (compared > 4 * kinks && framed > 50 && checkpointed > 10) ? 0 : -1;
+    print_message("compared with differences: %u, near a kink or jump: %u, programs with a tape: %u, checkpointed: %u, replayed: %u, in several levels: %u\n", compared, kinks, framed, checkpointed, replayed,
+                  deep_levels);
+    return getenv("SEED") || (compared > 4 * kinks && framed > 50 && checkpointed > 10 && replayed > 100 && deep_levels > 10) ? 0 : -1;
 }
 
 int main(void) {
