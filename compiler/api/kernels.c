@@ -73,6 +73,7 @@ static void fill_scene(SltProgram *p) {
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static;
     s->near_miss = near_miss(p);
+    s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->fields = p->fields, s->nfields = g->nfields, s->field_base = p->field_base, s->field_count = p->field_count;
     s->print = p->print, s->print_user = p->print_user;

@@ -17,15 +17,7 @@ static double param_get(const SltScene *s, uint32_t p) {
     return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
 }
 
-/* A scene whose parameters are those of s moved by h. Heightfields are not built again: copies of them know by how much their heights have grown. */
-typedef struct Moved {
-    SltScene scene;
-    void *params;
-    SltField *field;
-    const SltField **fields;
-} Moved;
-
-static void moved_free(Moved *m) {
+void moved_free(Moved *m) {
     free(m->params), free(m->field), free(m->fields);
 }
 
@@ -53,8 +45,8 @@ static bool move_fields(Moved *m, const SltScene *s) {
     return true;
 }
 
-/* Along dir (NULL: along axis p). */
-static bool moved(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h) {
+/* Heightfields are not built again: copies of them know by how much their heights have grown. */
+bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h) {
     size_t size = s->f64 ? sizeof(double) : sizeof(float);
     memset(m, 0, sizeof *m);
     m->scene = *s;
@@ -80,7 +72,7 @@ static SltStatus image_difference(const SltScene *s, const SltJob *j, const doub
     for (uint32_t d = 0; d < s->dim; d++) n *= j->size[d];
     for (int side = 0; side < 2 && st == SLT_OK; side++) {
         Moved m;
-        st = moved(&m, s, dir, axis, side ? -h : h)
+        st = scene_move(&m, s, dir, axis, side ? -h : h)
                  ? slt_estimate_render(&m.scene, j, 0, side ? scratch : out, stats, err)
                  : status_fail(err, SLT_LIMIT, "out of memory");
         moved_free(&m);
@@ -173,7 +165,7 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
         double h = step_of(j, param_get(s, p));
         for (int side = 0; side < 2 && st == SLT_OK; side++) {
             Moved m;
-            st = moved(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
+            st = scene_move(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
                                                       : status_fail(err, SLT_LIMIT, "out of memory");
             moved_free(&m);
         }

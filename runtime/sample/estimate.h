@@ -55,6 +55,7 @@ typedef struct SltScene {
     const uint8_t *site_static; /* 1: g does not depend on x (static discontinuity): contributes nothing */
     uint32_t event_depth;       /* number of k outputs of the event kernel */
     bool near_miss;             /* region kernel has near outputs: near_site, near_g, near_k0.. */
+    int follow;                 /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
     bool has_depth;             /* region and sides have one more output, last: depth. Ends differ where |difference| is large, too */
     bool has_window;            /* event has one more output, last: aux1, for SLT_IN_AUX1 of the site kernels; its input SLT_IN_SEED0 is J */
     bool uses_rand;

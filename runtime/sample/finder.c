@@ -100,7 +100,7 @@ static double tolerance(const Finder *f, const Segment *s) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(f->coarse ? 0x1p-9 : 0x1p-15, 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    return fmax(root_tolerance(f->coarse), 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
@@ -390,7 +390,7 @@ static void bracket_of(const Item *it, double *lo, double *hi) {
     }
 }
 
-static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lane) {
+static void accept(Finder *f, const Item *it, double lo, double hi, Mark before, Mark after, uint32_t lane) {
     uint32_t channels = f->s->channels;
     Crossing c;
     memset(&c, 0, sizeof c);
@@ -427,6 +427,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, uint32_t lan
     c.rising = it->ga < it->gb ? 1 : -1;
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
     c.site = it->site, c.aux = it->aux, c.aux1 = it->aux1;
+    c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge;
     memcpy(c.k, it->k, sizeof c.k);
     *found_slot(f) = c;
 }
@@ -472,7 +473,7 @@ static void verify(Finder *f, Item *items, uint32_t n) {
             s.field = FIELD_FRESH;
             finder_push(f, &s);
         } else if (jumped) {
-            accept(f, it, lo, hi, 2 * i);
+            accept(f, it, lo, hi, before, after, 2 * i);
         }
         uint8_t behind = field ? part_field(it, it->s.tb - hi, jumped) : 0,
                 front = field ? part_field(it, lo - it->s.ta, jumped) : 0;

@@ -7,6 +7,8 @@
  *   Finder     segments whose ends differ -> verified crossings               finder.c
  *   Sink       crossings -> weights -> gradients or splats                    sink.c
  *   lattice.c, scanline.c, segments.c make the segments; interior.c does the smooth part; near.c the near-miss probe
+ *   follow.c looks for thin features where its neighbours' crossings point
+ *   coincide.c looks for boundaries that lie on one another
  *   estimate.c puts them together; difference.c is the finite-difference estimator
  *
  * One Worker per thread owns a Batch, a Finder, a Sink and an Accum. Nothing here is shared but read-only Run and
@@ -190,6 +192,7 @@ typedef struct Segment {
     int8_t axis;        /* of the line; -1: a random direction */
     uint8_t depth, cls; /* cls: which adjoint buffer, see Sink */
     uint8_t field;      /* see finder.c */
+    uint32_t edge;      /* of the lattice's tile: 1 + its first vertex; 0: none */
     double cut;         /* where to bisect; 0: in the middle */
 } Segment;
 
@@ -197,10 +200,12 @@ typedef struct Crossing {
     double x[3], t, base, rand0, aux, aux1;
     double jump[SLT_MAX_CHANNELS], before[SLT_MAX_CHANNELS];
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
-    double direction[3];    /* b - a of random segments */
+    double direction[3];    /* b - a */
+    uint32_t ha, hb;        /* regions on both sides */
     int32_t site, k[SLT_MAX_K], stream;
     int8_t axis, rising; /* sign of g after - g before */
     uint8_t cls;
+    uint32_t edge; /* of the segment */
     double weight, g, dg[3]; /* by sink.c */
 } Crossing;
 
@@ -224,6 +229,10 @@ struct Finder {
     bool halve_only; /* the paper's search: bisection on the hash down to 2^-15 */
     bool failed;
 };
+/* Of a segment. */
+static inline double root_tolerance(bool coarse) {
+    return coarse ? 0x1p-9 : 0x1p-15;
+}
 bool finder_init(Finder *f, Batch *b);
 void finder_free(Finder *f);
 /* A segment from x(0) to x(1) whose ends differ, with the rest filled in. */
@@ -242,6 +251,25 @@ typedef struct Directions {
     uint32_t n;
     void **flt; /* [n]: flt[nfloats] */
 } Directions;
+typedef struct Follow Follow;
+/* A scene whose parameters are moved: difference.c */
+typedef struct Moved {
+    SltScene scene;
+    void *params;
+    struct SltField *field;
+    const struct SltField **fields;
+} Moved;
+/* Along dir (NULL: along axis p). Free it, whatever the result. */
+bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h);
+void moved_free(Moved *m);
+
+/* ---- coincide.c: crossings on which another boundary lies, see there */
+enum { COINCIDE_MAX = 8, COINCIDE_WAYS = 4 };
+typedef struct Coincide {
+    const Moved *apart; /* [COINCIDE_WAYS], or NULL: nothing is looked for */
+    uint32_t n, which[COINCIDE_MAX], stands[COINCIDE_MAX]; /* crossings to ask, and how many each stands for */
+    double way[COINCIDE_MAX][COINCIDE_WAYS];
+} Coincide;
 struct Sink {
     SinkKind kind;
     Batch *b;
@@ -259,6 +287,8 @@ struct Sink {
     Crossing *kept; /* SINK_KEEP */
     uint64_t nkept, kept_cap;
     uint64_t *order;
+    Coincide coincide;
+    Follow *follow; /* NULL: nobody asks */
     bool clip; /* drop crossings outside the domain */
     bool failed;
 };
@@ -268,6 +298,8 @@ void sink_take(void *sink, Crossing *c, uint32_t n);
 /* g and its gradient at each crossing, then the weight; false in keep[] where nothing can be integrated. reason may be
  * NULL. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);
+/* A lane of the site kernels. */
+void sink_put(Sink *k, uint32_t lane, const Crossing *c);
 bool sink_rect(Sink *k, const double lo[3], const double hi[3]);
 /* Adds the rectangle to the images, in tile order. */
 void sink_merge_splat(Sink *k, float *const *out, float *crossings);
@@ -288,6 +320,7 @@ typedef struct Worker {
     double *value; /* of the tile: pixels or sums */
     uint64_t value_cap;
     void *scratch; /* near.c's candidates */
+    Follow *follow; /* NULL: off */
     uint64_t counters[SLT_COUNTERS];
     bool failed;
 } Worker;
@@ -300,6 +333,7 @@ typedef struct Run {
     Worker *worker;
     uint32_t nworkers;
     PoolOptions pool;
+    Moved *apart; /* [COINCIDE_WAYS] */
     SltStats stats; /* added to by merge */
     SltError *err;
     double start;
@@ -316,6 +350,12 @@ void run_collect(Run *r, Worker *w);
 bool worker_vertices(Worker *w, uint64_t n);
 bool worker_values(Worker *w, uint64_t n);
 void *alloc_zero(size_t n, size_t size);
+
+/* Before the first crossing, and when all is done. Crossings order[from..to) of `all`, of one site and with their gradients; then the count, when all groups have been given. */
+bool coincide_begin(Run *r, double bracket); /* of roots, in parts of the domain */
+void coincide_end(Run *r);
+void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to, uint32_t all);
+void coincide_count(Sink *k, const Crossing *c);
 
 /* ---- interior.c: the samples of f */
 typedef struct Interior {
@@ -383,6 +423,29 @@ void near_flush(Worker *w);
 bool near_init(Worker *w);
 /* Evaluates region on n vertices of the batch, storing hash and near-miss record at vertex index `at`. */
 void vertices_call(Worker *w, uint32_t n, uint64_t at);
+
+/* ---- follow.c: a two-dimensional lattice's tile, in its own numbers */
+typedef struct FollowTile {
+    const double *pos[2];
+    const uint32_t *hash;
+    const double *depth; /* NULL without has_depth */
+    double jump[2], base[2];
+    uint64_t stride[2];                 /* of vertices; stride[0] is 1 */
+    uint32_t from[2], to[2];            /* edges of a line that the tile owns */
+    uint32_t line_from[2], line_to[2];  /* lines across axis i, by their vertex on it */
+    uint32_t first[2];                  /* vertex 0 of the tile in the lattice */
+    uint32_t classes;
+} FollowTile;
+Follow *follow_new(void);
+void follow_free(Follow *f);
+bool follow_begin(Follow *f, const FollowTile *t, uint64_t vertices);
+/* Before their crossings are looked for: edges of a line, by their first vertex, whose ends differ; an edge in which another probe found something. */
+void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched);
+void follow_found(Follow *f, uint32_t axis, uint32_t edge);
+/* A crossing with its gradient. */
+void follow_note(Follow *f, const Crossing *c);
+/* When all the tile's segments are done. */
+bool follow_run(Worker *w);
 
 /* ---- difference.c */
 SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,

@@ -110,7 +110,8 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     const uint32_t *hash = w->hash + first;
     const double *depth = w->depth ? w->depth + first : NULL;
     const double *pos = sp->pos[axis];
-    bool integral = y->run->grid.integral;
+    bool integral = y->run->grid.integral, searched[SPAN_MAX];
+    if (w->follow) memset(searched, 0, sp->vn[axis] * sizeof *searched);
     w->finder.segments += sp->e1[axis] - sp->e0[axis];
     for (uint32_t e = sp->e0[axis]; e < sp->e1[axis]; e++) {
         uint32_t v = e - sp->v0[axis];
@@ -122,6 +123,8 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
         }
         if (ha == hb && !depth_differs(da, db, own)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
+        s->edge = w->follow ? (uint32_t)(first + v * stride) + 1 : 0;
+        searched[v] = true;
         if (integral) {
             uint32_t p = (e & ~1u) - sp->v0[axis];
             s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride] &&
@@ -129,6 +132,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
         }
         finder_add(&w->finder, s, ha, hb, da, db, own);
     }
+    if (w->follow) follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
     if (y->run->s->near_miss) {
         if (integral) s->cls = 0;
         Line line = {.pos = pos,
@@ -187,10 +191,22 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     cull_select(&y->run->cull, &w->cull, &w->batch, lo, hi);
     if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, lo, hi)) return false;
     evaluate(l, w, &sp);
+    FollowTile follow;
+    if (w->follow) {
+        follow = (FollowTile){.hash = w->hash, .depth = w->depth, .classes = y->classes};
+        for (uint32_t d = 0; d < 2; d++) {
+            follow.pos[d] = sp.pos[d], follow.base[d] = l->base[d], follow.stride[d] = sp.stride[d], follow.jump[d] = HUGE_VAL;
+            follow.first[d] = sp.v0[d], follow.from[d] = sp.e0[d] - sp.v0[d], follow.to[d] = sp.e1[d] - sp.v0[d];
+            follow.line_from[d] = (sp.e0[d] > 1 ? sp.e0[d] : 1) - sp.v0[d];
+            follow.line_to[d] = (sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1) - sp.v0[d];
+        }
+        if (!follow_begin(w->follow, &follow, total)) return false;
+    }
     for (uint32_t axis = 0; axis < s->dim; axis++) {
         /* Every line: fixed coordinates on the lattice proper, not on the borders. */
         uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
         double jump = s->has_depth ? tile_jump(w, &sp, axis) : HUGE_VAL;
+        if (w->follow) follow.jump[axis] = jump;
         for (uint32_t d = 0; d < s->dim; d++) {
             from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;
             to[d] = sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1;
@@ -206,6 +222,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     }
     near_flush(w);
     finder_run(&w->finder, true);
+    if (w->follow && !follow_run(w)) return false;
     accum_close(&w->acc);
     return !(w->finder.failed || w->sink.failed || w->acc.failed);
 }

@@ -98,6 +98,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
         c.s.ta = 0, c.s.tb = 1, c.s.ha = c.s.hb = w->hash[v], c.s.depth = 0;
         c.s.da = w->depth ? w->depth[v] : 0, c.s.db = w->depth ? w->depth[v1] : 0, c.s.jump = l->jump, c.s.field = 0;
+        c.s.edge = (uint32_t)v + 1;
         add(w, &c);
     }
 }
@@ -158,6 +159,7 @@ void near_flush(Worker *w) {
         finder_push(&w->finder, &s);
         s.ta = s.tb, s.ha = h, s.da = d, s.tb = 1, s.hb = p->c[i].s.hb, s.db = p->c[i].s.db;
         finder_push(&w->finder, &s);
+        if (w->follow) follow_found(w->follow, (uint32_t)s.axis, s.edge);
     }
     p->n = 0;
 }

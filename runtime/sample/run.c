@@ -19,6 +19,7 @@ SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err) {
 
 void run_end(Run *r, SltStats *stats) {
     run_free_workers(r);
+    coincide_end(r);
     grid_free(&r->grid);
     cull_free(&r->cull);
     r->stats.seconds = pool_now() - r->start;
@@ -31,6 +32,15 @@ void run_end(Run *r, SltStats *stats) {
     stats->seconds_interior += r->stats.seconds_interior, stats->seconds_boundary += r->stats.seconds_boundary;
 }
 
+static bool is_coarse(const Run *r) {
+    return r->s->has_window && !r->grid.integral;
+}
+
+static bool follows(const Run *r) {
+    bool lattice = r->j->estimator == SLT_EST_LATTICE && !r->s->uses_rand && r->s->dim == 2;
+    return lattice && (r->s->follow > 1 || (r->s->follow == 1 && !is_coarse(r)));
+}
+
 static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!batch_init(&w->batch, r->s, &r->grid)) return false;
     if (!accum_init(&w->acc, r->s, accums)) return false;
@@ -38,6 +48,7 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
     w->finder.full = sink_take, w->finder.full_user = &w->sink;
     if (r->s->near_miss && !near_init(w)) return false;
+    if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
     return cull_lists_init(&w->cull, &r->cull);
 }
 
@@ -47,7 +58,7 @@ void run_free_workers(Run *r) {
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
             cull_lists_free(&w->cull, &r->cull);
         free(w->hash), free(w->depth), free(w->near_g), free(w->near_key), free(w->near_event), free(w->value),
-            free(w->scratch);
+            free(w->scratch), follow_free(w->follow);
     }
     free(r->worker);
     r->worker = NULL, r->nworkers = 0;
@@ -118,7 +129,8 @@ void boundary_merge(Boundary *y, Worker *w) {
 }
 
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
-    w->finder.coarse = y->run->s->has_window && !y->run->grid.integral;
+    w->finder.coarse = is_coarse(y->run);
+    w->sink.coincide.apart = y->run->apart;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
 }
 
@@ -130,6 +142,8 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
     uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
+    double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
+    if (st == SLT_OK && !coincide_begin(r, root_tolerance(is_coarse(r)) / fmax(1, lines))) st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
         switch (r->j->estimator) {

@@ -18,7 +18,7 @@ void sink_free(Sink *k) {
     memset(k, 0, sizeof *k);
 }
 
-static void put(Sink *k, uint32_t lane, const Crossing *c) {
+void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
     Batch *b = k->b;
     batch_set_x(b, lane, c->x);
     batch_set_stream(b, lane, c->stream, c->rand0);
@@ -59,7 +59,7 @@ static bool weigh(Sink *k, Crossing *c) {
 
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
     Batch *b = k->b;
-    for (uint32_t i = 0; i < n; i++) put(k, i, &c[(uint32_t)order[i]]);
+    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     batch_call(b, SLT_K_SITE_GRAD, n);
     for (uint32_t i = 0; i < n; i++) {
         Crossing *x = &c[(uint32_t)order[i]];
@@ -151,7 +151,7 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
         bool any = false;
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            put(k, i, x);
+            sink_put(k, i, x);
             double seed = x->weight * x->jump[ch];
             any |= seed != 0;
             batch_set(k->b, SLT_IN_SEED0, i, seed);
@@ -170,7 +170,7 @@ static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint
         grid_gather(k->grid, k->adjoint, channels, x->x, a);
         for (uint32_t ch = 0; ch < channels; ch++) seed += a[ch] * x->jump[ch];
         if (seed == 0) continue; /* no pixel asks for it */
-        put(k, used, x);
+        sink_put(k, used, x);
         batch_set(k->b, SLT_IN_SEED0, used++, seed * x->weight);
     }
     accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, cls);
@@ -181,7 +181,7 @@ static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint
     uint32_t channels = b->s->channels;
     for (uint32_t i = 0; i < n; i++) count_crossing(k, c[(uint32_t)order[i]].x);
     for (uint32_t d = 0; d < k->dirs->n; d++) {
-        for (uint32_t i = 0; i < n; i++) put(k, i, &c[(uint32_t)order[i]]);
+        for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
         b->args.dparams = k->dirs->flt[d];
         batch_call(b, SLT_K_SITE_JVP, n);
         for (uint32_t i = 0; i < n; i++) {
@@ -234,6 +234,11 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         k->b->args.site = c[(uint32_t)k->order[from]].site;
         uint32_t cls = c[(uint32_t)k->order[from]].cls, kept = 0;
         sink_weigh(k, c, k->order + from, to - from, keep);
+        coincide_group(k, c, k->order, keep, from, to, n);
+        for (uint32_t i = from; i < to && k->follow; i++) {
+            const Crossing *x = &c[(uint32_t)k->order[i]];
+            if (keep[i - from] && x->edge) follow_note(k->follow, x);
+        }
         for (uint32_t i = from; i < to; i++)
             if (keep[i - from]) k->order[from + kept++] = k->order[i];
         if (!kept) continue;
@@ -251,4 +256,5 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
             break;
         }
     }
+    if (k->coincide.n) coincide_count(k, c);
 }

@@ -1,0 +1,223 @@
+/* Boundaries that coincide but move differently: counted, because there the integral has no derivative and the whole jump went to the first.
+ *
+ * Whether another boundary lies on a crossing is not to be seen in one picture: the same predicate may be tested twice, or guard another one. It is seen when the parameters are moved a
+ * little. The crossing's own boundary goes where its g says; if the regions on its two sides are still those that they were, everything that jumped moved along. If
+ * not, and if there is nothing else near by, a second boundary has come apart from it. At most COINCIDE_MAX crossings of a batch are asked, and stand for all. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum {
+    MOST_FLOATS = 1 << 16, /* moving more parameters would cost more than it tells */
+    AROUND = 4,            /* times the way that the boundary moved, see `reach` */
+    ALONG = 16,            /* part of the segment's length to go aside, see `elsewhere` */
+    NEWTON = 3
+};
+/* Parameters are moved by this part of them, or of a tenth where they are smaller; by more where brackets of roots are wide: so many of these, seen in a domain of size 1. */
+#define STEP 0x1p-15
+#define STEP_MOST 0x1p-9
+#define STEP_BRACKETS 0x1p7
+/* How well the way of a boundary is known: parts of it. */
+#define SURE 0x1p-4
+/* Of a line that meets the boundary so flatly that its crossing runs away. */
+#define FLAT 0.1
+
+void coincide_end(Run *r) {
+    for (int side = 0; side < COINCIDE_WAYS && r->apart; side++) moved_free(&r->apart[side]);
+    free(r->apart);
+    r->apart = NULL;
+}
+
+bool coincide_begin(Run *r, double bracket) {
+    const SltScene *s = r->s;
+    if (r->apart || !s->nfloats || s->nfloats > MOST_FLOATS || !s->active) return true;
+    double *dir = alloc_zero(s->nfloats, sizeof *dir);
+    Moved *m = alloc_zero(COINCIDE_WAYS, sizeof *m);
+    bool memory = dir && m, ok = memory, any = false;
+    double step = fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST);
+    /* Forth and back, because of two boundaries the one may hide while it is behind the other; along two directions, because in one both may happen to move alike. */
+    for (uint32_t side = 0; side < COINCIDE_WAYS && ok; side++) {
+        for (uint32_t p = 0; p < s->nfloats; p++) {
+            uint32_t u[4];
+            if (!s->active[p]) continue;
+            rng_block(r->j->seed, RNG_COINCIDE, side / 2, p, u);
+            double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
+            dir[p] = step * (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])) * fmax(0.1, fabs(v));
+            any = true;
+        }
+        ok = any && scene_move(&m[side], s, dir, 0, side & 1 ? -1 : 1);
+    }
+    free(dir);
+    r->apart = m;
+    if (!ok) coincide_end(r);
+    return memory && (ok || !any);
+}
+
+static void use(Batch *b, const SltScene *s) {
+    b->args.params = s->params, b->args.fields = s->fields;
+}
+
+static double length_of(const SltScene *s, const Crossing *c) {
+    double sum = 0;
+    for (uint32_t d = 0; d < s->dim; d++) sum += c->direction[d] * c->direction[d];
+    return sqrt(sum);
+}
+
+static void direction(const SltScene *s, const Crossing *c, double unit[3]) {
+    double length = length_of(s, c);
+    for (uint32_t d = 0; d < 3; d++) unit[d] = d < s->dim ? c->direction[d] / length : 0;
+}
+
+/* Is everything as near as that in the domain? */
+static bool inside(const SltScene *s, const Crossing *c, double reach) {
+    double unit[3];
+    direction(s, c, unit);
+    for (uint32_t d = 0; d < s->dim; d++)
+        if (c->x[d] - reach * fabs(unit[d]) < s->lo[d] || c->x[d] + reach * fabs(unit[d]) > s->hi[d]) return false;
+    return true;
+}
+
+static double margin(const Crossing *c, double way) {
+    return fmax(2 * c->bracket, SURE * fabs(way));
+}
+
+/* How far the boundary of crossing x goes along its segment, given g with the parameters moved; NAN where that is not to be said. */
+static double way_of(const SltScene *s, const Crossing *x, double g) {
+    double unit[3], slope = 0, steepest = 0;
+    direction(s, x, unit);
+    for (uint32_t d = 0; d < s->dim; d++) slope += x->dg[d] * unit[d], steepest += x->dg[d] * x->dg[d];
+    return slope * slope >= FLAT * steepest ? (x->g - g) / slope : (double)NAN;
+}
+
+/* How far the boundaries of crossings which[0..n), of one site, go with each move of the parameters. */
+static void find_ways(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS]) {
+    Batch *b = k->b;
+    for (uint32_t side = 0; side < COINCIDE_WAYS; side++) {
+        use(b, &k->coincide.apart[side].scene);
+        for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[which[i]]);
+        batch_call(b, SLT_K_SITE, n);
+        for (uint32_t i = 0; i < n; i++) way[i][side] = way_of(b->s, &c[which[i]], batch_get(b, 0, i));
+    }
+    use(b, b->s);
+}
+
+void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to, uint32_t all) {
+    Coincide *q = &k->coincide;
+    uint32_t share = (all + COINCIDE_MAX - 1) / COINCIDE_MAX, first = q->n;
+    if (!q->apart) return;
+    for (uint32_t i = (from + share - 1) / share * share; i < to; i += share) {
+        if (!keep[i - from]) continue;
+        q->which[q->n] = (uint32_t)order[i], q->stands[q->n++] = all - i < share ? all - i : share;
+    }
+    if (q->n > first) find_ways(k, c, q->which + first, q->n - first, q->way + first);
+}
+
+/* The regions of lanes 2 i and 2 i + 1 are those on the two sides of the crossing. */
+static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
+    return (uint32_t)batch_get_int(b, 0, 2 * i) == c->ha && (uint32_t)batch_get_int(b, 0, 2 * i + 1) == c->hb;
+}
+
+/* The edge of a heightfield that is another edge of the grid when a height has moved: nothing jumps where its g says. That is a kink of its own, not a second boundary. */
+static bool gone(const Batch *b, const Crossing *c, uint32_t i) {
+    uint8_t kind = b->s->site_kind[c->site];
+    return (kind == SLT_SITE_FIELD || kind == SLT_SITE_SHADOW) && batch_get_int(b, 0, 2 * i) == batch_get_int(b, 0, 2 * i + 1);
+}
+
+/* Two points at `at` -+ `beside` along the segment, counted from the crossing. */
+static void place(Batch *b, uint32_t i, const Crossing *c, double at, double beside) {
+    double unit[3], x[3] = {0};
+    direction(b->s, c, unit);
+    for (uint32_t side = 0; side < 2; side++) {
+        for (uint32_t d = 0; d < b->s->dim; d++) x[d] = c->x[d] + (at + (side ? beside : -beside)) * unit[d];
+        batch_set_x(b, 2 * i + side, x);
+        batch_set_stream(b, 2 * i + side, c->stream, c->rand0);
+    }
+}
+
+static double farthest(const double *way) {
+    double far = 0;
+    for (uint32_t side = 0; side < COINCIDE_WAYS && !isnan(far); side++) far = fabs(way[side]) <= far ? far : fabs(way[side]);
+    return far;
+}
+
+/* Other boundaries that may come as near as that forbid an answer: they may move faster than this one, but hardly than any of the batch. */
+static double reach(const SltScene *s, const Crossing *c, const double *way, double typical) {
+    double far = farthest(way);
+    return fmax(AROUND * far, fmin(typical, length_of(s, c))) + margin(c, far);
+}
+
+/* Which of them have come apart from something. */
+static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS], double typical, bool *apart) {
+    Batch *b = k->b;
+    const SltScene *s = b->s;
+    uint32_t at[COINCIDE_MAX], kept = 0, torn = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[which[i]];
+        bool near = 2 * AROUND * farthest(way[i]) < length_of(s, x) && inside(s, x, reach(s, x, way[i], typical)); /* not where there is a NAN */
+        apart[i] = false;
+        if (near) at[kept++] = i;
+    }
+    for (uint32_t side = 0; side < COINCIDE_WAYS; side++) {
+        use(b, &k->coincide.apart[side].scene);
+        for (uint32_t i = 0; i < kept; i++) {
+            const Crossing *x = &c[which[at[i]]];
+            place(b, i, x, way[at[i]][side], margin(x, way[at[i]][side]));
+        }
+        batch_call(b, SLT_K_REGION, 2 * kept);
+        for (uint32_t i = 0; i < kept; i++) apart[at[i]] |= !as_before(b, &c[which[at[i]]], i) && !gone(b, &c[which[at[i]]], i);
+    }
+    use(b, s);
+    /* Where something else lies near by, that may have come between. */
+    for (uint32_t i = 0; i < kept; i++) {
+        if (!apart[at[i]]) continue;
+        place(b, torn, &c[which[at[i]]], 0, reach(s, &c[which[at[i]]], way[at[i]], typical));
+        at[torn++] = at[i];
+    }
+    batch_call(b, SLT_K_REGION, 2 * torn);
+    for (uint32_t i = 0; i < torn; i++) apart[at[i]] = as_before(b, &c[which[at[i]]], i);
+}
+
+/* A corner with a hidden boundary looks the same, but only there: is it so elsewhere on this boundary, too? */
+static bool elsewhere(Sink *k, const Crossing *c, double typical) {
+    Batch *b = k->b;
+    Crossing x = *c;
+    uint32_t dim = b->s->dim, steep = 0, zero = 0;
+    uint64_t order = 0, dropped[SLT_DROP_REASONS];
+    bool keep, apart;
+    double way[1][COINCIDE_WAYS], square = 0;
+    if (dim == 1) return true;
+    for (uint32_t d = 0; d < dim; d++) square += c->dg[d] * c->dg[d], steep = fabs(c->dg[d]) > fabs(c->dg[steep]) ? d : steep;
+    /* Along the tangent that has no part of a third axis, and back to g = 0. */
+    uint32_t other = steep == 0 ? 1 : 0;
+    double by = length_of(b->s, c) / ALONG / sqrt(square);
+    x.x[other] += by * c->dg[steep], x.x[steep] -= by * c->dg[other];
+    b->args.site = c->site;
+    memcpy(dropped, k->f->dropped, sizeof dropped); /* this is no crossing that could be dropped */
+    for (uint32_t step = 0; step < NEWTON; step++) {
+        sink_weigh(k, &x, &order, 1, &keep);
+        square = 0;
+        for (uint32_t d = 0; d < dim; d++) square += x.dg[d] * x.dg[d];
+        for (uint32_t d = 0; d < dim && step + 1 < NEWTON; d++) x.x[d] -= x.g * x.dg[d] / square;
+    }
+    memcpy(k->f->dropped, dropped, sizeof dropped);
+    if (!keep || !inside(b->s, &x, margin(&x, 0))) return false;
+    place(b, 0, &x, 0, margin(&x, 0));
+    batch_call(b, SLT_K_REGION, 2);
+    if (!as_before(b, &x, 0)) return false;
+    find_ways(k, &x, &zero, 1, way);
+    tear(k, &x, &zero, 1, way, typical, &apart);
+    return apart;
+}
+
+void coincide_count(Sink *k, const Crossing *c) {
+    Coincide *q = &k->coincide;
+    bool apart[COINCIDE_MAX];
+    double typical = 0;
+    for (uint32_t i = 0; i < q->n; i++) typical = fmax(typical, farthest(q->way[i])); /* without the NAN */
+    tear(k, c, q->which, q->n, q->way, typical, apart);
+    for (uint32_t i = 0; i < q->n; i++)
+        if (apart[i] && elsewhere(k, &c[q->which[i]], typical)) k->f->dropped[SLT_DROP_COINCIDENT] += q->stands[i];
+    q->n = 0;
+}

@@ -1,0 +1,216 @@
+/* Following fingers: what is thinner than the lattice is seen by few of its lines, and lost on the others.
+ *
+ * Where a finger (of shadow, of a near ridge, of light between two) holds a vertex, the line finds its two edges, with their directions. On the next line they lie where these point to; if they have
+ * not met before, and the vertices there know of nothing, the region is evaluated once between the two. What is found is followed on, to the tip and over gaps. It asks nothing of the kernels, works for every kind
+ * of site, and costs a few evaluations a finger. A finger that holds no vertex at all is not seen. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/internal.h"
+
+enum {
+    WIDEST = 3, /* vertices of a run that is a finger */
+    NONE = -1,  /* of a slot: crossings of this edge are not wanted */
+    WANTED = -2,
+    ALONG = 3 /* edges by which a finger may move from line to line: beyond it the lines along the other axis see more */
+};
+
+/* Crossings of one edge: the first and the last. */
+typedef struct Border {
+    double at[2], slope[2]; /* slope: how far it moves along the line when the line moves by one */
+    uint32_t n;
+} Border;
+
+typedef struct Finger {
+    uint32_t line, left, right; /* edges, by their first vertex; one and the same where a probe found it */
+    uint8_t axis;
+    int8_t from, to; /* steps to go */
+} Finger;
+
+typedef struct Probe {
+    uint32_t line, edge;
+    uint8_t axis;
+    int8_t step;
+    double at;
+} Probe;
+
+struct Follow {
+    const FollowTile *tile;
+    int32_t *slot; /* [2][vertices] by axis and first vertex of the edge: NONE, WANTED, or a border */
+    uint64_t cap;
+    Border *border;
+    Finger *finger[2]; /* of this round, of the next */
+    Probe *probe;
+    uint32_t nborder, border_cap, nfinger[2], finger_cap[2], nprobe, probe_cap;
+    uint64_t vertices;
+    bool failed;
+};
+
+Follow *follow_new(void) {
+    return alloc_zero(1, sizeof(Follow));
+}
+
+void follow_free(Follow *f) {
+    if (!f) return;
+    free(f->slot), free(f->border), free(f->finger[0]), free(f->finger[1]), free(f->probe);
+    free(f);
+}
+
+static bool room(Follow *f, void **v, uint32_t n, uint32_t *cap, size_t size) {
+    if (n < *cap) return true;
+    uint32_t more = *cap ? 2 * *cap : 256;
+    void *p = realloc(*v, more * size);
+    if (!p) {
+        f->failed = true;
+        return false;
+    }
+    *v = p, *cap = more;
+    return true;
+}
+
+bool follow_begin(Follow *f, const FollowTile *t, uint64_t vertices) {
+    if (vertices > f->cap) {
+        free(f->slot);
+        f->slot = malloc(2 * vertices * sizeof *f->slot);
+        f->cap = f->slot ? vertices : 0;
+        if (!f->slot) return false;
+    }
+    f->tile = t, f->vertices = vertices;
+    f->nborder = f->nfinger[0] = f->nfinger[1] = f->nprobe = 0;
+    for (uint64_t i = 0; i < 2 * vertices; i++) f->slot[i] = NONE;
+    return true;
+}
+
+static int32_t *slot_of(Follow *f, uint32_t axis, uint64_t vertex) {
+    return &f->slot[axis * f->vertices + vertex];
+}
+
+void follow_note(Follow *f, const Crossing *c) {
+    int32_t *slot = slot_of(f, (uint32_t)c->axis, c->edge - 1);
+    if (*slot == NONE) return;
+    double at = c->x[c->axis], slope = -c->dg[1 - c->axis] / c->dg[c->axis];
+    if (*slot == WANTED) {
+        if (!room(f, (void **)&f->border, f->nborder, &f->border_cap, sizeof *f->border)) return;
+        *slot = (int32_t)f->nborder++;
+        f->border[*slot] = (Border){{at, at}, {slope, slope}, 1};
+        return;
+    }
+    Border *b = &f->border[*slot];
+    b->n++;
+    if (at < b->at[0]) b->at[0] = at, b->slope[0] = slope;
+    if (at > b->at[1]) b->at[1] = at, b->slope[1] = slope;
+}
+
+static void add_finger(Follow *f, uint32_t which, Finger g) {
+    if (room(f, (void **)&f->finger[which], f->nfinger[which], &f->finger_cap[which], sizeof g)) f->finger[which][f->nfinger[which]++] = g;
+}
+
+static bool differ(const FollowTile *t, uint64_t a, uint64_t b, uint32_t axis) {
+    return t->hash[a] != t->hash[b] || (t->depth && depth_differs(t->depth[a], t->depth[b], t->jump[axis]));
+}
+
+/* Runs of at most WIDEST vertices of a line that differ from both their neighbours, which are alike. */
+void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched) {
+    const FollowTile *t = f->tile;
+    uint64_t first = line * t->stride[1 - axis], stride = t->stride[axis];
+    uint32_t last = 0;
+    bool any = false;
+    for (uint32_t e = t->from[axis]; e < t->to[axis]; e++) {
+        if (!searched[e]) continue;
+        if (any && e - last <= WIDEST && !differ(t, first + last * stride, first + (e + 1) * stride, axis)) {
+            *slot_of(f, axis, first + last * stride) = *slot_of(f, axis, first + e * stride) = WANTED;
+            add_finger(f, 0, (Finger){line, last, e, (uint8_t)axis, -1, 1});
+        }
+        last = e, any = true;
+    }
+}
+
+void follow_found(Follow *f, uint32_t axis, uint32_t edge) {
+    const FollowTile *t = f->tile;
+    uint32_t row = (uint32_t)t->stride[1], at[2] = {(edge - 1) % row, (edge - 1) / row}, e = at[axis], line = at[1 - axis];
+    *slot_of(f, axis, edge - 1) = WANTED;
+    add_finger(f, 0, (Finger){line, e, e, (uint8_t)axis, -1, 1});
+}
+
+/* The border of an edge where it faces the finger: its last crossing on the left, its first on the right. */
+static bool border(Follow *f, uint32_t axis, uint64_t edge, int side, double *at, double *slope) {
+    int32_t slot = *slot_of(f, axis, edge);
+    if (slot < 0) return false;
+    *at = f->border[slot].at[side], *slope = f->border[slot].slope[side];
+    return true;
+}
+
+/* The finger on the next line. */
+static void aim(Follow *f, const Finger *g, int step) {
+    const FollowTile *t = f->tile;
+    uint32_t axis = g->axis, other = 1 - axis, line = g->line, next = line + (uint32_t)step;
+    if (next < t->line_from[other] || next >= t->line_to[other]) return;
+    uint64_t first = line * t->stride[other], stride = t->stride[axis];
+    double l, r, sl, sr;
+    bool one = g->left == g->right;
+    if (!border(f, axis, first + g->left * stride, one ? 0 : 1, &l, &sl) || !border(f, axis, first + g->right * stride, one ? 1 : 0, &r, &sr)) return;
+    const double *pos = t->pos[axis];
+    double by = t->pos[other][next] - t->pos[other][line], most = ALONG * fabs(pos[g->left + 1] - pos[g->left]);
+    if (!(fabs(sl * by) < most) || !(fabs(sr * by) < most)) return;
+    l += sl * by, r += sr * by;
+    if (!(l < r)) return; /* they have met */
+    double at = 0.5 * (l + r);
+    uint32_t e = g->left;
+    while (e > t->from[axis] && pos[e] > at) e--;
+    while (e + 1 < t->to[axis] && pos[e + 1] <= at) e++;
+    if (!(pos[e] < at && at < pos[e + 1])) return;
+    at = 0.5 * (fmax(l, pos[e]) + fmin(r, pos[e + 1]));
+    uint64_t v = next * t->stride[other] + e * stride;
+    if (*slot_of(f, axis, v) != NONE || differ(t, v, v + stride, axis)) return;
+    *slot_of(f, axis, v) = WANTED;
+    if (room(f, (void **)&f->probe, f->nprobe, &f->probe_cap, sizeof *f->probe)) f->probe[f->nprobe++] = (Probe){next, e, (uint8_t)axis, (int8_t)step, at};
+}
+
+/* Evaluates the region at probes [from, from + n). */
+static void look(Follow *f, Worker *w, uint32_t from, uint32_t n) {
+    const FollowTile *t = f->tile;
+    Batch *b = &w->batch;
+    for (uint32_t i = 0; i < n; i++) {
+        const Probe *p = &f->probe[from + i];
+        uint32_t axis = p->axis, line = p->line;
+        double x[3] = {0};
+        x[axis] = p->at, x[1 - axis] = t->pos[1 - axis][line];
+        batch_set_x(b, i, x);
+        batch_set_stream(b, i, 0, 0);
+    }
+    batch_call(b, SLT_K_REGION, n);
+    for (uint32_t i = 0; i < n; i++) {
+        const Probe *p = &f->probe[from + i];
+        uint32_t axis = p->axis, line = p->line, other = 1 - axis;
+        uint64_t v = line * t->stride[other] + p->edge * t->stride[axis], v1 = v + t->stride[axis];
+        uint32_t h = (uint32_t)batch_get_int(b, 0, i);
+        double d = t->depth ? batch_get(b, depth_output(b->s), i) : 0, da = t->depth ? t->depth[v] : 0, db = t->depth ? t->depth[v1] : 0;
+        if (h == t->hash[v] && !(t->depth && depth_differs(d, da, t->jump[axis]))) continue;
+        Segment s = {.base = t->base[axis], .axis = (int8_t)axis, .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0, .edge = (uint32_t)v + 1};
+        s.a[other] = s.b[other] = t->pos[other][line];
+        s.a[axis] = t->pos[axis][p->edge], s.b[axis] = p->at;
+        finder_add(&w->finder, &s, t->hash[v], h, da, d, t->jump[axis]);
+        s.a[axis] = p->at, s.b[axis] = t->pos[axis][p->edge + 1];
+        finder_add(&w->finder, &s, h, t->hash[v1], d, db, t->jump[axis]);
+        add_finger(f, 1, (Finger){line, p->edge, p->edge, p->axis, p->step, p->step});
+    }
+}
+
+bool follow_run(Worker *w) {
+    Follow *f = w->follow;
+    while (f->nfinger[0] && !f->failed) {
+        f->nprobe = f->nfinger[1] = 0;
+        for (uint32_t i = 0; i < f->nfinger[0]; i++) {
+            const Finger *g = &f->finger[0][i];
+            for (int step = g->from; step <= g->to; step += 2) aim(f, g, step);
+        }
+        for (uint32_t i = 0; i < f->nprobe; i += FIND) look(f, w, i, f->nprobe - i < FIND ? f->nprobe - i : FIND);
+        if (f->nfinger[1]) finder_run(&w->finder, true);
+        Finger *now = f->finger[0];
+        uint32_t cap = f->finger_cap[0];
+        f->finger[0] = f->finger[1], f->nfinger[0] = f->nfinger[1], f->finger_cap[0] = f->finger_cap[1];
+        f->finger[1] = now, f->finger_cap[1] = cap;
+    }
+    return !f->failed;
+}
