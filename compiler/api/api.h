@@ -23,7 +23,6 @@ struct SltProgram {
     SltOptions opt;         /* strings copied into the session */
     PassCtx passes;
     Target target;
-    char *source_path;
 
     double *floats;         /* master values */
     void *flt;              /* the same in the program's precision */

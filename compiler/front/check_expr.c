@@ -245,10 +245,6 @@ static void report_not_place(Checker *c, Expr *e) {
     if (named) diag_note(c->s, d, root->span, "`%s` is declared here", root->name);
 }
 
-void note_place_written(Checker *c, Expr *place) {
-    if (!is_place(place)) report_not_place(c, place);
-}
-
 /* The right side of `place op= value`, brought to what the operation wants. */
 static bool check_compound(Checker *c, Expr *e) {
     Type *t = e->a[0]->type;

@@ -158,7 +158,6 @@ Expr *check_value(Checker *c, Expr *e);            /* not void, not a resource *
 Expr *check_init(Checker *c, Expr *e, Type *type); /* value or list, converted as an initialiser */
 Expr *check_condition(Checker *c, Expr *e, const char *what);
 Expr *check_binary_typed(Checker *c, Expr *e); /* operands checked */
-void note_place_written(Checker *c, Expr *place);
 
 /* check_call.c */
 Expr *check_call(Checker *c, Expr *e);
@@ -170,14 +169,12 @@ const char *types_text(Checker *c, Expr **args, uint32_t n);
 /* check_const.c */
 void const_fold(Checker *c, Expr *e); /* sets is_const and cval where the operands are constant */
 Expr *const_list(Expr *e);            /* the E_LIST behind a constant of array or struct type, or NULL */
-bool const_int(Checker *c, Expr *e, const char *what,
-               int64_t *out);              /* a checked expression as integer constant; reports */
+bool const_int(Checker *c, Expr *e, const char *what, int64_t *out); /* a checked expression as integer constant; reports */
 int64_t const_wrap(TypeKind k, int64_t v); /* to the 32 bits of int or uint */
 
 /* check_param.c */
 void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 void check_param_decl(Checker *c, Symbol *sym, ModuleScope *scope);
-bool same_text(const char *a, const char *b);
 
 /* check_stmt.c */
 void check_body(Checker *c, Func *f);

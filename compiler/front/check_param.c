@@ -9,8 +9,6 @@
 /* Symbol.id of file-scope symbols is the state of their check. */
 enum { FRESH, BUSY, DONE };
 
-bool same_text(const char *a, const char *b) { return a == b || (a && b && !strcmp(a, b)); }
-
 static const char *qualified(Checker *c, const Symbol *sym, const Module *m) {
     return m->is_main ? sym->name : arena_printf(&c->s->session, "%s.%s", m->name, sym->name);
 }

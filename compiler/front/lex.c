@@ -13,8 +13,6 @@ static const char *const keyword_text[TOK_COUNT] = {
 #undef KEYWORD
 };
 
-const char *lex_keyword_text(TokenKind k) { return k < TOK_COUNT ? keyword_text[k] : NULL; }
-
 static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
 static bool is_hex(char c) { return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F'); }

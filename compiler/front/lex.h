@@ -72,7 +72,5 @@ Lexer lex_start(Session *s, int file);
 Token lex_next(Lexer *lx);
 /* "`;`", "`float3`", "end of file" … for messages: a short arena string. */
 const char *lex_describe(Session *s, const Token *t);
-/* The text of a keyword, or NULL for other kinds. */
-const char *lex_keyword_text(TokenKind k);
 
 #endif

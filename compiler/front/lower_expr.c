@@ -9,15 +9,6 @@ Val val_new(Lower *l, Type *t) {
     return v;
 }
 
-Val val_undef(Lower *l, Type *t) {
-    const Layout *layout = lower_layout(l, t);
-    Val v = val_new(l, t);
-    for (uint32_t i = 0; i < v.n; i++)
-        v.c[i] = layout->leaf[i].count ? alloc_array(l, layout->leaf[i].type, layout->leaf[i].count)
-                                       : ir_zero(&l->b, layout->leaf[i].type);
-    return v;
-}
-
 Type *scalar_of(Type *t) { return t->kind == T_VECTOR || t->kind == T_MATRIX ? t->elem : t; }
 
 static bool is_value_type(const Type *t) { return t->kind <= T_MATRIX && t->kind != T_VOID && t->kind != T_ERROR; }

@@ -185,7 +185,7 @@ _Noreturn void lower_giveup(Lower *l);
 Lower lower_fresh(Lower *l, const char *name); /* for another Fn: quiet, with k0.. as inputs */
 const Layout *lower_layout(Lower *l, Type *t);
 FuncFacts *lower_facts(Lower *l, Func *f);
-Fn *lower_function(Lower *l, Func *f, const char *name, uint32_t first_output, uint32_t noutputs); /* int arguments are the inputs k0.. */
+Fn *lower_function(Lower *l, Func *f, const char *name, uint32_t first, uint32_t count); /* int arguments are the inputs k0.. */
 _Noreturn void lower_too_large(Lower *l, Span span);
 IrType lower_ir_type(const Type *t);
 
@@ -230,7 +230,6 @@ Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
 Val lower_expr(Lower *l, Expr *e);
 Inst *lower_scalar(Lower *l, Expr *e);
 Val val_new(Lower *l, Type *t);
-Val val_undef(Lower *l, Type *t);
 Val lower_binary(Lower *l, Operator op, Val a, Val b, Type *type, Span span);
 Inst *convert_scalar(Lower *l, Inst *v, const Type *from, const Type *to, Span span);
 Type *scalar_of(Type *t);

@@ -150,7 +150,7 @@ typedef struct OpInfo {
     uint8_t nargs;             /* 255: many */
     uint8_t result;            /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
     uint8_t arg;               /* IrType of the arguments of value rows */
-    bool special, math, has_effect; /* effects: store acopy adj tapepush count print yield */
+    bool special, math;
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 

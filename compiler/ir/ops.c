@@ -54,24 +54,20 @@ _Static_assert(OP_COUNT < 255, "Inst.op is a byte");
 #define SIGNATURE_TYPE(s)                                                                                              \
     ((s)[0] == 'f' ? TY_FLT : (s)[0] == 'i' ? TY_INT : (s)[0] == 'b' ? TY_BOOL : (s)[0] == 't' ? TY_TAPE : TY_VOID)
 
-#define HAS_EFFECT(op)                                                                                                 \
-    ((op) == OP_store || (op) == OP_acopy || (op) == OP_adj || (op) == OP_tapepush || (op) == OP_count ||              \
-     (op) == OP_print || (op) == OP_yield)
-
 const OpInfo ir_ops[OP_COUNT] = {
-#define FOP1(name, value, partials, domain, lowering, policy) {#name, 1, TY_FLT, TY_FLT, false, IS_##lowering, false},
-#define FOP2(name, value, partials, domain, lowering, policy) {#name, 2, TY_FLT, TY_FLT, false, IS_##lowering, false},
-#define FOP3(name, value, partials, domain, lowering, policy) {#name, 3, TY_FLT, TY_FLT, false, IS_##lowering, false},
-#define FCMP2(name, ...) {#name, 2, TY_BOOL, TY_FLT, false, false, false},
-#define FSEL(name, value) {#name, 3, TYPE_##name, TYPE_##name, false, false, false},
-#define IOP1(name, ...) {#name, 1, TY_INT, TY_INT, false, false, false},
-#define IOP2(name, ...) {#name, 2, TY_INT, TY_INT, false, false, false},
-#define ICMP2(name, ...) {#name, 2, TY_BOOL, TY_INT, false, false, false},
-#define BOP1(name, ...) {#name, 1, TY_BOOL, TY_BOOL, false, false, false},
-#define BOP2(name, ...) {#name, 2, TY_BOOL, TY_BOOL, false, false, false},
-#define CONV(name, result, argument, ...) {#name, 1, TYPE_##result, TYPE_##argument, false, false, false},
+#define FOP1(name, value, partials, domain, lowering, policy) {#name, 1, TY_FLT, TY_FLT, false, IS_##lowering},
+#define FOP2(name, value, partials, domain, lowering, policy) {#name, 2, TY_FLT, TY_FLT, false, IS_##lowering},
+#define FOP3(name, value, partials, domain, lowering, policy) {#name, 3, TY_FLT, TY_FLT, false, IS_##lowering},
+#define FCMP2(name, ...) {#name, 2, TY_BOOL, TY_FLT, false, false},
+#define FSEL(name, value) {#name, 3, TYPE_##name, TYPE_##name, false, false},
+#define IOP1(name, ...) {#name, 1, TY_INT, TY_INT, false, false},
+#define IOP2(name, ...) {#name, 2, TY_INT, TY_INT, false, false},
+#define ICMP2(name, ...) {#name, 2, TY_BOOL, TY_INT, false, false},
+#define BOP1(name, ...) {#name, 1, TY_BOOL, TY_BOOL, false, false},
+#define BOP2(name, ...) {#name, 2, TY_BOOL, TY_BOOL, false, false},
+#define CONV(name, result, argument, ...) {#name, 1, TYPE_##result, TYPE_##argument, false, false},
 #define SPECIAL(name, signature, ...)                                                                                  \
-    {#name, SPECIAL_ARGS_##name, SIGNATURE_TYPE(signature), TY_VOID, true, false, HAS_EFFECT(OP_##name)},
+    {#name, SPECIAL_ARGS_##name, SIGNATURE_TYPE(signature), TY_VOID, true, false},
 #include "compiler/ir/ops.def"
 #include "compiler/ir/ops_undef.h"
 };

@@ -2,15 +2,6 @@
 
 #include "compiler/pass/walk.h"
 
-void walk_insts(Block *b, WalkFn *fn, void *user) {
-    for (Inst *i = b->first, *next; i; i = next) {
-        next = i->next;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (i->region[r]) walk_insts(i->region[r], fn, user);
-        fn(user, i);
-    }
-}
-
 bool walk_is_pure(const Inst *i) {
     if (!ir_ops[i->op].special) return true;
     switch (i->op) {

@@ -5,10 +5,6 @@
 #include "compiler/ir/ir.h"
 #include "compiler/pass/pass.h"
 
-/* Visits every instruction of a block and of all regions below, in program order; `i` may be unlinked by the body of the loop's callback. */
-typedef void WalkFn(void *user, Inst *i);
-void walk_insts(Block *b, WalkFn *fn, void *user);
-
 /* Instructions that may be removed, merged or moved freely when their operands allow it: no effect, no memory, no control. */
 bool walk_is_pure(const Inst *i);
 /* Number of instructions in a block and all regions below (constants do not count). */

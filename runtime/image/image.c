@@ -397,8 +397,6 @@ float image_encode_srgb(float v) {
 
 float image_decode_srgb(float v) { return v <= 0.04045f ? v / 12.92f : (float)pow((v + 0.055) / 1.055, 2.4); }
 
-uint8_t image_encode_srgb8(float linear) { return (uint8_t)lrintf(image_encode_srgb(linear) * 255.0f); }
-
 float image_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
 
 const char *image_path_extension(const char *path, char buf[16]) {

@@ -96,7 +96,6 @@ SltStatus image_film_strip(const Image *const *images, int count, int gap, Image
 /* IEC 61966-2-1. Encoding clamps to [0, 1] (NaN to 0); decoding expects [0, 1]. */
 float image_encode_srgb(float linear);
 float image_decode_srgb(float encoded);
-uint8_t image_encode_srgb8(float linear);
 /* Relative luminance of linear BT.709 colour. */
 float image_luminance(float r, float g, float b);
 

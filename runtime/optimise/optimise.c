@@ -272,7 +272,6 @@ const double *optimise_best(const Optimiser *o, double *loss) {
     return o->best;
 }
 
-long optimise_iterations(const Optimiser *o) { return (long)o->now.iterations; }
 long optimise_evaluations(const Optimiser *o) { return (long)o->now.evaluations; }
 long optimise_rejected(const Optimiser *o) { return (long)o->now.rejected; }
 const char *optimise_reason(const Optimiser *o) { return o->now.reason; }

@@ -96,7 +96,6 @@ const double *optimise_best(const Optimiser *o, double *loss);
 
 /* Accepted steps (Adam, SGD: finite evaluations), all evaluations, and evaluations that were not
  * finite. */
-long optimise_iterations(const Optimiser *o);
 long optimise_evaluations(const Optimiser *o);
 long optimise_rejected(const Optimiser *o);
 

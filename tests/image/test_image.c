@@ -16,7 +16,7 @@ static Image sample(int w, int h, int channels) {
     Image im;
     SltError err;
     must(image_create(&im, w, h, channels, &err), &err);
-    size_t n = (size_t)(w * h * channels);
+    size_t n = (size_t)w * (size_t)h * (size_t)channels;
     for (size_t i = 0; i < n; i++) {
         im.data[i] = (float)sin((double)i * 0.37) * powf(10, (float)(i % 9) - 4);
     }
@@ -210,7 +210,7 @@ static void png8_keeps_encoded_bytes(void **state) {
 static void srgb(void **state) {
     (void)state;
     for (int i = 0; i < 256; i++) {
-        assert_int_equal(image_encode_srgb8(image_decode_srgb((float)i / 255)), i);
+        assert_int_equal(lrintf(image_encode_srgb(image_decode_srgb((float)i / 255)) * 255), i);
     }
     assert_true(fabs(image_decode_srgb(0.5f) - 0.21404114) < 1e-6);
     assert_true(fabs(image_encode_srgb(0.18f) - 0.46135613) < 1e-6);
