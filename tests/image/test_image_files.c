@@ -79,7 +79,7 @@ static void encode_chunk(exr_context_t ctx, const Foreign *f, int part, exr_chun
     void *buffers[8] = {0};
     for (int k = 0; k < pipe.channel_count; k++) {
         exr_coding_channel_info_t *c = &pipe.channels[k];
-        buffers[k] = calloc((size_t)(c->width * c->height + 1), 4);
+        buffers[k] = calloc((size_t)c->width * (size_t)c->height + 1, 4);
         fill(buffers[k], f, part, k, c->width, c->height, x0, y0);
         c->user_pixel_stride = c->bytes_per_element;
         c->user_line_stride = c->bytes_per_element * c->width;

@@ -306,7 +306,7 @@ static void laplacian_is_right(void **state) {
     static const int sizes[][2] = {{1, 1}, {7, 1}, {1, 5}, {6, 4}, {9, 11}};
     for (int k = 0; k < 5; k++) {
         int w = sizes[k][0], h = sizes[k][1], n = w * h;
-        double lambda = 3.7, *a = calloc((size_t)(n * n), sizeof *a), *b = calloc((size_t)n, sizeof *b);
+        double lambda = 3.7, *a = calloc((size_t)n * (size_t)n, sizeof *a), *b = calloc((size_t)n, sizeof *b);
         double *data = calloc((size_t)n * 3, sizeof *data), *scratch = calloc((size_t)n * 2, sizeof *scratch);
         for (int i = 0; i < n; i++) {
             a[i * n + i] += 1;
@@ -442,8 +442,7 @@ static double hard(const double *p, double *g, size_t n) {
 static void resume_is_bit_identical(void **state) {
     (void)state;
     enum { N = 24, STEPS = 60 };
-    char path[128];
-    snprintf(path, sizeof path, "%s/c.ckpt", scratch);
+    const char *path = scratch_path("c.ckpt");
     double start[N], lo[N], hi[N], g[N];
     uint8_t flag[N] = {0};
     for (int i = 0; i < N; i++) {
@@ -509,9 +508,7 @@ static void resume_is_bit_identical(void **state) {
 
 static void damaged_checkpoints(void **state) {
     (void)state;
-    char path[128], bad[128];
-    snprintf(path, sizeof path, "%s/d.ckpt", scratch);
-    snprintf(bad, sizeof bad, "%s/bad.ckpt", scratch);
+    const char *path = scratch_path("d.ckpt"), *bad = scratch_path("bad.ckpt");
     double start[2] = {-1.2, 1}, other_rate[2] = {0.01, 0.02}, lo[2] = {-5, -5};
     OptimiseConfig c = {.n = 2, .method = OPTIMISE_LBFGS, .start = start, .history = 3};
     SltError err = {0};

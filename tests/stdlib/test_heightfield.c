@@ -200,10 +200,9 @@ static double below_crest(double height, double pitch, double turn, double rise)
      */
     double f[3] = {cos(turn) * cos(pitch), sin(turn) * cos(pitch), sin(pitch)}, r[3] = {sin(turn), -cos(turn), 0};
     double u[3] = {r[1] * f[2], -r[0] * f[2], r[0] * f[1] - r[1] * f[0]};
-    double k = tan(0.3), slope = (height - 0.25 - rise) / (crest - 0.1), a = 0, b = k, c = 0;
+    double k = tan(0.3), slope = (height - 0.25 - rise) / (crest - 0.1), area = 0;
     /* d.z < slope d.x, d = f + k (x r + y u): linear in x and y. */
-    a = k * (r[2] - slope * r[0]), b = k * (u[2] - slope * u[0]), c = f[2] - slope * f[0];
-    double area = 0;
+    double a = k * (r[2] - slope * r[0]), b = k * (u[2] - slope * u[0]), c = f[2] - slope * f[0];
     enum { STRIPS = 4000 };
     for (int i = 0; i < STRIPS; i++) {
         double x = -1 + (i + 0.5) * 2 / STRIPS, y = -(c + a * x) / b;
