@@ -123,6 +123,7 @@ static void build_body(Session *s, void *arg) {
     p->ms_passes += now_ms() - start;
     if (set.fn[K_EVENT]) p->scene.event_depth = set.event_depth;
     if (set.fn[K_REGION] || set.fn[K_SIDES]) p->scene.has_depth = set.has_depth;
+    if (set.fn[K_REGION]) p->scene.nwitness = set.nwitness;
     if (set.fn[K_EVENT] || set.fn[K_SITE] || set.fn[K_SITE_GRAD]) p->scene.has_window = set.has_window;
 
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];

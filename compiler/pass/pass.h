@@ -82,6 +82,7 @@ typedef struct KernelSet {
     uint32_t event_depth;   /* D: number of k outputs of event */
     bool near_miss;
     bool has_depth;         /* region and sides end with one more output, depth: h.trace is a site */
+    uint32_t nwitness;      /* region and sides end with this many more outputs, which event reads as IN_K0 and on: what its searches would find, or 0 */
     bool has_window;        /* event ends with one more output, aux1, and reads IN_SEED0; site kernels read IN_AUX1: h.trace or h.occluded is a site */
 } KernelSet;
 /* The whole middle: needs[kind] says which kernels are wanted; those that the program has no use for stay NULL (no site: no boundary kernel). */

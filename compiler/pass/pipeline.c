@@ -72,6 +72,12 @@ static Fn **add_part(Fn **end, const Fn *part, Fn *made) {
     return &made->next_part;
 }
 
+static uint32_t count_witnesses(const Fn *region) {
+    uint32_t n = 0;
+    for (uint32_t k = 0; k < region->body->last->nargs; k++) n += !strncmp(region->outputs[k], "witness", 7);
+    return n;
+}
+
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
  */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,
@@ -105,6 +111,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             }
         }
         out->has_depth = variant_has_depth(primal), out->has_window = variant_has_windows(primal);
+        if (out->fn[K_REGION]) out->nwitness = count_witnesses(out->fn[K_REGION]);
         if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3 - out->has_window;
     }
     for (int k = 0; k < K_KINDS; k++) {

@@ -39,6 +39,16 @@ Inst *variant_depths_apart(Builder *b, Inst *site, Inst *window);
 /* And if so, is there a ridge between the two? */
 Inst *variant_ridge_between(Builder *b, Inst *window);
 
+enum { VARIANT_WITNESSES = 2, VARIANT_FOUND = 8 };
+/* The first searches for hits that stand in no loop, in program order: the same ones in every clone of a primal. Region and sides tell what they found, so that event, at the same point,
+ * need not search again. */
+uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]);
+/* region, sides: what they found, VARIANT_FOUND + witness; 0 where they did not run. */
+void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found);
+extern const char *const variant_witness_names[VARIANT_WITNESSES];
+/* event: they run only where the input, IN_K0 and on, is 0. */
+void variant_use_witnesses(Fn *fn);
+
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
 

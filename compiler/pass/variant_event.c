@@ -115,6 +115,7 @@ static const char *const k_names[IR_MAX_SITE_DEPTH] = {"k0", "k1", "k2", "k3", "
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "event", true);
     opt_dce(ctx, fn);
+    if (!o->paper_argmin) variant_use_witnesses(fn);
     Event e = {variant_site_depth(fn->body), o->paper_argmin};
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
     Thread t = {.fn = fn, .n = V_K + e.depth, .at = event_at, .touches = touches_event, .cont = stop_when_found, .user = &e};

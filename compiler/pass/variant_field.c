@@ -6,6 +6,7 @@
  * top: below 0 for the near ray, above 0 for the far one, which passes over everything in front of its hit. Shadow edges are the same, between a blocked and a free
  * ray. See docs/estimators.md. */
 #include "compiler/pass/variant.h"
+#include "saltus/field.h"
 
 static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
     if (v->op == OP_window) return v->imm.i / 2 == site ? v : NULL;
@@ -125,4 +126,59 @@ Inst *variant_depths_apart(Builder *b, Inst *site, Inst *w) {
 Inst *variant_ridge_between(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
     return ir_emit2(b, OP_flt, p.top, p.far_t);
+}
+
+const char *const variant_witness_names[VARIANT_WITNESSES] = {"witness0", "witness1"};
+
+static uint32_t collect(Block *b, uint32_t n, Inst **search) {
+    for (Inst *i = b->first; i && n < VARIANT_WITNESSES; i = i->next) {
+        if (i->op == OP_fieldop && (i->imm.field.what == SLT_FIELD_TRACE || i->imm.field.what == SLT_FIELD_OCCLUDED)) search[n++] = i;
+        for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++) n = collect(i->region[r], n, search);
+    }
+    return n;
+}
+
+uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]) { return variant_has_windows(fn) ? collect(fn->body, 0, search) : 0; }
+
+static uint32_t number_of(const Thread *t, const Inst *i) {
+    Inst *const *search = t->user;
+    for (uint32_t k = 0; k < t->n; k++)
+        if (search[k] == i) return k;
+    return t->n;
+}
+
+static bool touches_search(Thread *t, const Inst *i) { return number_of(t, i) < t->n; }
+
+static bool note_witness(Thread *t, Inst *i) {
+    uint32_t k = number_of(t, i);
+    if (k == t->n) return false;
+    Builder b = ir_after(t->fn, i);
+    t->value[k] = ir_emit2(&b, OP_iadd, i, ir_consti(&b, VARIANT_FOUND));
+    return true;
+}
+
+void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found) {
+    Builder b = ir_before(fn, fn->body->first);
+    Thread t = {.fn = fn, .n = n, .at = note_witness, .touches = touches_search, .user = (void *)search};
+    for (uint32_t k = 0; k < n; k++) t.value[k] = ir_consti(&b, 0);
+    if (n) thread_block(&t, fn->body);
+    for (uint32_t k = 0; k < n; k++) found[k] = t.value[k];
+}
+
+void variant_use_witnesses(Fn *fn) {
+    Inst *search[VARIANT_WITNESSES];
+    uint32_t n = variant_searches(fn, search);
+    for (uint32_t k = 0; k < n; k++) {
+        Inst *i = search[k];
+        Builder b = ir_before(fn, i);
+        Inst *found = ir_input(&b, (InputSlot)(IN_K0 + (int)k)), *id = ir_emit2(&b, OP_isub, found, ir_consti(&b, VARIANT_FOUND));
+        Inst *br = ir_if(&b, ir_emit2(&b, OP_ieq, found, ir_consti(&b, 0)));
+        br->imm.i = IR_IF_RARE;
+        Builder in = ir_at_end(fn, br->region[0]), out = ir_at_end(fn, br->region[1]);
+        Inst *again = ir_special(&in, OP_fieldop, TY_INT, i->nargs, i->args, i->imm);
+        ir_yield(&in, 1, &again);
+        ir_yield(&out, 1, &id);
+        walk_forward(fn, i, ir_proj(&b, br, 0));
+    }
+    if (n) walk_resolve_forwards(fn->body);
 }

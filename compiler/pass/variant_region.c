@@ -81,10 +81,13 @@ static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "nea
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);
     opt_dce(ctx, fn); /* sites that reach no output are no events */
+    Inst *search[VARIANT_WITNESSES], *found[VARIANT_WITNESSES];
+    uint32_t nsearch = variant_searches(fn, search), n = 1;
     Inst *hash = variant_hash(ctx, fn, o), *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
-    if (!o->near_miss) {
-        variant_outputs(fn, depth ? 2 : 1, (Inst *[]){hash, depth}, (const char *[]){"hash", "depth"});
-    } else {
+    variant_witnesses(fn, nsearch, search, found);
+    Inst *out[4 + IR_MAX_SITE_DEPTH + VARIANT_WITNESSES] = {hash};
+    const char *names[4 + IR_MAX_SITE_DEPTH + VARIANT_WITNESSES] = {"hash"};
+    if (o->near_miss) {
         Near near = {variant_site_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
         Thread t = {.fn = fn, .n = 3 + near.depth, .at = near_at, .touches = touches_near, .user = &near};
@@ -93,13 +96,13 @@ Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
         t.value[2] = ir_consti(&b, -1);
         for (uint32_t d = 0; d < near.depth; d++) t.value[3 + d] = ir_consti(&b, 0);
         thread_block(&t, fn->body);
-        Inst *out[4 + IR_MAX_SITE_DEPTH] = {hash, t.value[2], t.value[1]};
-        const char *names[4 + IR_MAX_SITE_DEPTH] = {"hash", "near_site", "near_g"};
-        for (uint32_t d = 0; d < near.depth; d++) out[3 + d] = t.value[3 + d], names[3 + d] = near_k[d];
-        uint32_t n = 3 + near.depth;
-        if (depth) out[n] = depth, names[n++] = "depth";
-        variant_outputs(fn, n, out, names);
+        out[n] = t.value[2], names[n++] = "near_site";
+        out[n] = t.value[1], names[n++] = "near_g";
+        for (uint32_t d = 0; d < near.depth; d++) out[n] = t.value[3 + d], names[n++] = near_k[d];
     }
+    if (depth) out[n] = depth, names[n++] = "depth";
+    for (uint32_t k = 0; k < nsearch; k++) out[n] = found[k], names[n++] = variant_witness_names[k];
+    variant_outputs(fn, n, out, names);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);
     return fn;

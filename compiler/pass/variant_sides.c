@@ -26,13 +26,17 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     opt_dce(ctx, fn);
     if (o->paper_forced) force(fn, fn->body);
     uint32_t channels = fn->body->last->nargs;
+    Inst *search[VARIANT_WITNESSES], *found[VARIANT_WITNESSES];
+    uint32_t nsearch = variant_searches(fn, search);
     Inst *hash = variant_hash(ctx, fn, o);
-    Inst *out[8];
-    const char *names[8];
+    Inst *out[6 + VARIANT_WITNESSES]; /* four channels, hash, depth */
+    const char *names[6 + VARIANT_WITNESSES];
     for (uint32_t c = 0; c < channels; c++) out[c] = fn->body->last->args[c], names[c] = fn->outputs[c];
     out[channels] = hash, names[channels] = "hash";
     uint32_t n = channels + 1;
     if (variant_has_depth(fn)) out[n] = variant_depth(fn), names[n++] = "depth";
+    variant_witnesses(fn, nsearch, search, found);
+    for (uint32_t k = 0; k < nsearch; k++) out[n] = found[k], names[n++] = variant_witness_names[k];
     variant_outputs(fn, n, out, names);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);

@@ -299,16 +299,15 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
         for (uint32_t i = 0; i < 2; i++)
             batch_set_x(&w->batch, i, i ? seg.b : seg.a), batch_set_stream(&w->batch, i, seg.stream, seg.rand0);
         batch_call(&w->batch, SLT_K_REGION, 2);
-        uint32_t ha = (uint32_t)batch_get_int(&w->batch, 0, 0), hb = (uint32_t)batch_get_int(&w->batch, 0, 1);
-        double da = 0, db = 0, jump = HUGE_VAL;
+        Mark ma = batch_mark(&w->batch, 0), mb = batch_mark(&w->batch, 1);
+        double jump = HUGE_VAL;
         if (s->has_depth) {
             /* One segment alone says nothing of what is usual: the smallest J, at the price of a few evaluations. */
             Spread none;
             spread_clear(&none);
             jump = spread_jump(&none);
-            da = batch_get(&w->batch, depth_output(s), 0), db = batch_get(&w->batch, depth_output(s), 1);
         }
-        if (ha != hb || depth_differs(da, db, jump)) finder_add(&w->finder, &seg, ha, hb, da, db, jump);
+        if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, jump)) finder_add(&w->finder, &seg, ma, mb, jump);
         finder_run(&w->finder, true);
         for (int d = 0; d < SLT_DROP_REASONS && !w->sink.nkept; d++)
             if (w->finder.dropped[d]) out->drop = d;

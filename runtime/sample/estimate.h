@@ -57,6 +57,7 @@ typedef struct SltScene {
     bool near_miss;             /* region kernel has near outputs: near_site, near_g, near_k0.. */
     int follow;                 /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
     bool has_depth;             /* region and sides have one more output, last: depth. Ends differ where |difference| is large, too */
+    uint32_t nwitness;          /* region and sides end with this many more outputs, which event reads at the same point as SLT_IN_K0 and on; 0 there: not known. At most SLT_WITNESSES */
     bool has_window;            /* event has one more output, last: aux1, for SLT_IN_AUX1 of the site kernels; its input SLT_IN_SEED0 is J */
     bool uses_rand;
     uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */

@@ -130,24 +130,21 @@ void finder_push(Finder *f, const Segment *s) {
     f->stack[f->n++] = *s;
 }
 
-void finder_add(Finder *f, Segment *s, uint32_t ha, uint32_t hb, double da, double db, double jump) {
-    s->ta = 0, s->tb = 1, s->ha = ha, s->hb = hb, s->da = da, s->db = db, s->jump = jump, s->depth = 0, s->cut = 0;
-    s->field = ha == hb ? FIELD_HALVE : 0;
+void finder_add(Finder *f, Segment *s, Mark a, Mark b, double jump) {
+    s->ta = 0, s->tb = 1, s->ma = a, s->mb = b, s->jump = jump, s->depth = 0, s->cut = 0;
+    s->field = a.hash == b.hash ? FIELD_HALVE : 0;
     finder_push(f, s);
 }
 
-/* What is known of a point: its region, and its depth where the scene has one. */
-typedef struct Mark {
-    uint32_t hash;
-    double depth;
-} Mark;
-
-static Mark mark_a(const Segment *s) {
-    return (Mark){s->ha, s->da};
+/* Outputs of region or sides: the hash, the depth, and behind it the witnesses. */
+static Mark mark_of(const Batch *b, uint32_t hash, uint32_t depth, uint32_t i) {
+    Mark m = {.hash = (uint32_t)batch_get_int(b, hash, i), .depth = b->s->has_depth ? batch_get(b, depth, i) : 0};
+    for (uint32_t k = 0; k < b->s->nwitness; k++) m.witness[k] = batch_get_int(b, depth + b->s->has_depth + k, i);
+    return m;
 }
 
-static Mark mark_b(const Segment *s) {
-    return (Mark){s->hb, s->db};
+Mark batch_mark(const Batch *b, uint32_t i) {
+    return mark_of(b, 0, depth_output(b->s), i);
 }
 
 static bool differ(Mark a, Mark b, double jump) {
@@ -161,7 +158,7 @@ static void push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, 
         return;
     }
     Segment part = *s;
-    part.ta = ta, part.tb = tb, part.ha = a.hash, part.hb = b.hash, part.da = a.depth, part.db = b.depth;
+    part.ta = ta, part.tb = tb, part.ma = a, part.mb = b;
     part.depth++, part.field = field, part.cut = cut;
     finder_push(f, &part);
 }
@@ -195,8 +192,7 @@ static void flush_split(Finder *f) {
     for (uint32_t i = 0; i < f->nsplit; i++) {
         const Segment *s = &f->split[i];
         double mid = middle(s);
-        Mark m = {(uint32_t)batch_get_int(b, 0, i), f->s->has_depth ? batch_get(b, depth_output(f->s), i) : 0};
-        Mark a = mark_a(s), e = mark_b(s);
+        Mark m = batch_mark(b, i), a = s->ma, e = s->mb;
         if (s->field == FIELD_DOUBT && m.hash == a.hash) {
             /* A slope falls into two; of a jump one half keeps nearly all. */
             double most = KEEPS * fabs(a.depth - e.depth);
@@ -343,6 +339,10 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         put(f, 2 * i, &items[i].s, items[i].s.ta);
         put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
+        for (uint32_t k = 0; k < f->s->nwitness; k++) {
+            batch_set_int(b, SLT_IN_K0 + k, 2 * i, items[i].s.ma.witness[k]);
+            batch_set_int(b, SLT_IN_K0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
+        }
         if (!f->s->has_window) continue;
         batch_set(b, SLT_IN_SEED0, 2 * i, items[i].s.jump), batch_set(b, SLT_IN_SEED0, 2 * i + 1, items[i].s.jump);
     }
@@ -355,7 +355,7 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         it.aux = batch_get(b, 2, 2 * i);
         for (uint32_t d = 0; d < SLT_MAX_K; d++) it.k[d] = d < depth ? batch_get_int(b, 3 + d, 2 * i) : 0;
         it.aux1 = f->s->has_window ? batch_get(b, 3 + depth, 2 * i) : 0;
-        if (it.site < 0 && it.s.ha == it.s.hb) it.s.field = FIELD_DOUBT;
+        if (it.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.field = FIELD_DOUBT;
         if (it.site < 0 || (uint32_t)it.site >= f->s->nsites) {
             split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
         } else if (f->s->site_static && f->s->site_static[it.site]) {
@@ -462,14 +462,11 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         const Item *it = &items[i];
         double lo, hi;
         bracket_of(it, &lo, &hi);
-        Mark before = {(uint32_t)batch_get_int(b, hash, 2 * i), 0}, after = {(uint32_t)batch_get_int(b, hash, 2 * i + 1), 0};
-        if (f->s->has_depth) {
-            before.depth = batch_get(b, hash + 1, 2 * i), after.depth = batch_get(b, hash + 1, 2 * i + 1);
-        }
+        Mark before = mark_of(b, hash, hash + 1, 2 * i), after = mark_of(b, hash, hash + 1, 2 * i + 1);
         bool field = is_field(f->s, it->site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
         if (jumped && field && misfit(it, lo, hi)) {
             Segment s = it->s;
-            s.ta = lo, s.tb = hi, s.ha = before.hash, s.hb = after.hash, s.da = before.depth, s.db = after.depth;
+            s.ta = lo, s.tb = hi, s.ma = before, s.mb = after;
             s.field = FIELD_FRESH;
             finder_push(f, &s);
         } else if (jumped) {
@@ -478,8 +475,8 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         uint8_t behind = field ? part_field(it, it->s.tb - hi, jumped) : 0,
                 front = field ? part_field(it, lo - it->s.ta, jumped) : 0;
         double near = field && !jumped && it->s.field == 0 ? NEAR_PADS * it->pad : 0;
-        push_cut(f, &it->s, hi, it->s.tb, after, mark_b(&it->s), behind, near > 0 ? hi + near : 0);
-        push_cut(f, &it->s, it->s.ta, lo, mark_a(&it->s), before, front, near > 0 ? lo - near : 0);
+        push_cut(f, &it->s, hi, it->s.tb, after, it->s.mb, behind, near > 0 ? hi + near : 0);
+        push_cut(f, &it->s, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
     }
 }
 

@@ -184,15 +184,14 @@ static void look(Follow *f, Worker *w, uint32_t from, uint32_t n) {
         const Probe *p = &f->probe[from + i];
         uint32_t axis = p->axis, line = p->line, other = 1 - axis;
         uint64_t v = line * t->stride[other] + p->edge * t->stride[axis], v1 = v + t->stride[axis];
-        uint32_t h = (uint32_t)batch_get_int(b, 0, i);
-        double d = t->depth ? batch_get(b, depth_output(b->s), i) : 0, da = t->depth ? t->depth[v] : 0, db = t->depth ? t->depth[v1] : 0;
-        if (h == t->hash[v] && !(t->depth && depth_differs(d, da, t->jump[axis]))) continue;
+        Mark m = batch_mark(b, i), ma = worker_mark(w, v), mb = worker_mark(w, v1);
+        if (m.hash == ma.hash && !depth_differs(m.depth, ma.depth, t->jump[axis])) continue;
         Segment s = {.base = t->base[axis], .axis = (int8_t)axis, .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0, .edge = (uint32_t)v + 1};
         s.a[other] = s.b[other] = t->pos[other][line];
         s.a[axis] = t->pos[axis][p->edge], s.b[axis] = p->at;
-        finder_add(&w->finder, &s, t->hash[v], h, da, d, t->jump[axis]);
+        finder_add(&w->finder, &s, ma, m, t->jump[axis]);
         s.a[axis] = p->at, s.b[axis] = t->pos[axis][p->edge + 1];
-        finder_add(&w->finder, &s, h, t->hash[v1], d, db, t->jump[axis]);
+        finder_add(&w->finder, &s, m, mb, t->jump[axis]);
         add_finger(f, 1, (Finger){line, p->edge, p->edge, p->axis, p->step, p->step});
     }
 }

@@ -180,13 +180,21 @@ static inline bool depth_differs(double a, double b, double jump) {
 }
 
 /* ---- finder.c */
+/* What is known of a point: its region, its depth where the scene has one, and what its rays met (0: not known). */
+typedef struct Mark {
+    uint32_t hash;
+    double depth;
+    int32_t witness[SLT_WITNESSES];
+} Mark;
+/* Of lane i of a call of the region kernel. */
+Mark batch_mark(const Batch *b, uint32_t i);
+
 typedef struct Segment {
     double a[3], b[3]; /* ends of the whole segment; x(t) = a + t (b - a) */
     double ta, tb;     /* the part still to be searched */
     double base;       /* A_i / N_i of a line, or the weight of a random segment */
-    uint32_t ha, hb;   /* hashes at ta and tb */
-    double da, db;     /* depths there, and by how much they differ across a silhouette; 0, 0, HUGE_VAL without has_depth */
-    double jump;
+    Mark ma, mb;       /* at ta and tb */
+    double jump;       /* by how much depths differ across a silhouette; HUGE_VAL without has_depth */
     double rand0;
     int32_t stream;
     int8_t axis;        /* of the line; -1: a random direction */
@@ -236,7 +244,7 @@ static inline double root_tolerance(bool coarse) {
 bool finder_init(Finder *f, Batch *b);
 void finder_free(Finder *f);
 /* A segment from x(0) to x(1) whose ends differ, with the rest filled in. */
-void finder_add(Finder *f, Segment *s, uint32_t ha, uint32_t hb, double da, double db, double jump);
+void finder_add(Finder *f, Segment *s, Mark a, Mark b, double jump);
 /* A segment whose ends differ. */
 void finder_push(Finder *f, const Segment *s);
 /* Works off full batches; everything when `all`. */
@@ -313,6 +321,7 @@ typedef struct Worker {
     CullLists cull;
     uint32_t *hash; /* of a tile of vertices, or of lines */
     double *depth;  /* NULL without has_depth */
+    int32_t *witness; /* [vertex][nwitness]; NULL without */
     float *near_g;  /* |g| of the nearest event, its key */
     uint32_t *near_key;
     int32_t *near_event; /* site, k0.. of it, SoA by vertex */
@@ -348,6 +357,7 @@ SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, vo
 /* In `merge`: the worker's counters join the run's. */
 void run_collect(Run *r, Worker *w);
 bool worker_vertices(Worker *w, uint64_t n);
+Mark worker_mark(const Worker *w, uint64_t vertex);
 bool worker_values(Worker *w, uint64_t n);
 void *alloc_zero(size_t n, size_t size);
 

@@ -130,7 +130,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
             s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride] &&
                      !(depth && depth_differs(depth[p * stride], depth[(p + 2) * stride], own));
         }
-        finder_add(&w->finder, s, ha, hb, da, db, own);
+        finder_add(&w->finder, s, worker_mark(w, first + v * stride), worker_mark(w, first + (v + 1) * stride), own);
     }
     if (w->follow) follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
     if (y->run->s->near_miss) {

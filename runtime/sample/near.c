@@ -35,6 +35,8 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     memcpy(w->hash + at, b->args.out[0], n * sizeof *w->hash);
     if (s->has_depth)
         for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, depth_output(s), i);
+    for (uint32_t k = 0; k < s->nwitness; k++)
+        for (uint32_t i = 0; i < n; i++) w->witness[(at + i) * s->nwitness + k] = batch_get_int(b, depth_output(s) + s->has_depth + k, i);
     if (!s->near_miss) return;
     const int32_t *site = b->args.out[1];
     uint32_t depth = s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K;
@@ -96,8 +98,8 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         for (uint32_t d = 0; d < SLT_MAX_K; d++) c.k[d] = d < depth ? w->near_event[(d + 1) * w->vertex_cap + v] : 0;
         c.s = *like;
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
-        c.s.ta = 0, c.s.tb = 1, c.s.ha = c.s.hb = w->hash[v], c.s.depth = 0;
-        c.s.da = w->depth ? w->depth[v] : 0, c.s.db = w->depth ? w->depth[v1] : 0, c.s.jump = l->jump, c.s.field = 0;
+        c.s.ta = 0, c.s.tb = 1, c.s.depth = 0;
+        c.s.ma = worker_mark(w, v), c.s.mb = worker_mark(w, v1), c.s.jump = l->jump, c.s.field = 0;
         c.s.edge = (uint32_t)v + 1;
         add(w, &c);
     }
@@ -152,12 +154,11 @@ void near_flush(Worker *w) {
     batch_call(b, SLT_K_REGION, n);
     for (uint32_t i = 0; i < n; i++) {
         Segment s = p->c[i].s;
-        uint32_t h = (uint32_t)batch_get_int(b, 0, i);
-        if (h == s.ha) continue;
-        double d = b->s->has_depth ? batch_get(b, depth_output(b->s), i) : 0;
-        s.tb = p->c[i].t, s.hb = h, s.db = d;
+        Mark m = batch_mark(b, i);
+        if (m.hash == s.ma.hash) continue;
+        s.tb = p->c[i].t, s.mb = m;
         finder_push(&w->finder, &s);
-        s.ta = s.tb, s.ha = h, s.da = d, s.tb = 1, s.hb = p->c[i].s.hb, s.db = p->c[i].s.db;
+        s.ta = s.tb, s.ma = m, s.tb = 1, s.mb = p->c[i].s.mb;
         finder_push(&w->finder, &s);
         if (w->follow) follow_found(w->follow, (uint32_t)s.axis, s.edge);
     }

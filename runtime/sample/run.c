@@ -57,8 +57,8 @@ void run_free_workers(Run *r) {
         Worker *w = &r->worker[i];
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
             cull_lists_free(&w->cull, &r->cull);
-        free(w->hash), free(w->depth), free(w->near_g), free(w->near_key), free(w->near_event), free(w->value),
-            free(w->scratch), follow_free(w->follow);
+        free(w->hash), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key), free(w->near_event),
+            free(w->value), free(w->scratch), follow_free(w->follow);
     }
     free(r->worker);
     r->worker = NULL, r->nworkers = 0;
@@ -94,12 +94,14 @@ void run_collect(Run *r, Worker *w) {
 
 bool worker_vertices(Worker *w, uint64_t n) {
     if (n <= w->vertex_cap) return true;
-    free(w->hash), free(w->depth), free(w->near_g), free(w->near_key), free(w->near_event);
-    w->depth = NULL, w->near_g = NULL, w->near_key = NULL, w->near_event = NULL;
+    free(w->hash), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key), free(w->near_event);
+    w->depth = NULL, w->witness = NULL, w->near_g = NULL, w->near_key = NULL, w->near_event = NULL;
     w->vertex_cap = n;
     w->hash = malloc(n * sizeof *w->hash);
     bool ok = w->hash != NULL;
     if (w->batch.s->has_depth) ok &= (w->depth = malloc(n * sizeof *w->depth)) != NULL;
+    uint32_t nwitness = w->batch.s->nwitness;
+    if (nwitness) ok &= (w->witness = malloc(n * nwitness * sizeof *w->witness)) != NULL;
     if (w->batch.s->near_miss) {
         w->near_g = malloc(n * sizeof *w->near_g), w->near_key = malloc(n * sizeof *w->near_key);
         w->near_event = malloc(n * (1 + SLT_MAX_K) * sizeof *w->near_event);
@@ -107,6 +109,13 @@ bool worker_vertices(Worker *w, uint64_t n) {
     }
     if (!ok) w->vertex_cap = 0;
     return ok;
+}
+
+Mark worker_mark(const Worker *w, uint64_t v) {
+    Mark m = {.hash = w->hash[v], .depth = w->depth ? w->depth[v] : 0};
+    uint32_t n = w->batch.s->nwitness;
+    for (uint32_t k = 0; k < n; k++) m.witness[k] = w->witness[v * n + k];
+    return m;
 }
 
 bool worker_values(Worker *w, uint64_t n) {

@@ -118,7 +118,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
                           !(depth && depth_differs(depth[pair], depth[pair + 2], own));
             else
                 seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
-            finder_add(&w->finder, &seg, hash[e], hash[e + 1], da, db, own);
+            finder_add(&w->finder, &seg, worker_mark(w, first + e), worker_mark(w, first + e + 1), own);
         }
         if (s->near_miss) {
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);

@@ -72,7 +72,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         }
         batch_call(b, SLT_K_REGION, 2 * n);
         const uint32_t *hash = b->args.out[0];
-        double jump = HUGE_VAL, da = 0, db = 0;
+        double jump = HUGE_VAL;
         uint32_t out = depth_output(b->s);
         if (b->s->has_depth) {
             Spread spread;
@@ -82,9 +82,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
             jump = spread_jump(&spread);
         }
         for (uint32_t l = 0; l < n; l++) {
-            if (b->s->has_depth) da = batch_get(b, out, 2 * l), db = batch_get(b, out, 2 * l + 1);
-            if (hash[2 * l] != hash[2 * l + 1] || depth_differs(da, db, jump))
-                finder_add(&w->finder, &seg[l], hash[2 * l], hash[2 * l + 1], da, db, jump);
+            Mark ma = batch_mark(b, 2 * l), mb = batch_mark(b, 2 * l + 1);
+            if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, jump)) finder_add(&w->finder, &seg[l], ma, mb, jump);
         }
         w->finder.segments += n;
         finder_run(&w->finder, false);

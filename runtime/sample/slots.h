@@ -41,6 +41,6 @@ typedef enum SltKernelKind {
     SLT_K_CULL
 } SltKernelKind;
 
-enum { SLT_MAX_K = 8, SLT_MAX_CHANNELS = 4 };
+enum { SLT_MAX_K = 8, SLT_MAX_CHANNELS = 4, SLT_WITNESSES = 2 };
 
 #endif
