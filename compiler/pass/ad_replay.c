@@ -1,8 +1,8 @@
 /* Reverse mode: running code again.
  *
  * A segment of a strip-mined loop is cloned into the sweep and pushes there (tape_rerun). One iteration of a replayed loop is cloned into the body of its
- * revloop and pushes nothing of its own: the sweep reads its values directly (tape_replay). Searches of a replayed iteration are not repeated:
- * their witnesses are in the frame.
+ * revloop and pushes nothing of its own: the sweep reads its values directly (tape_replay). Searches of a replayed iteration are not repeated, nor are
+ * loops that search: what they found is in the frame.
  *
  * What a clone reads from outside is not known before the sweep of it has been emitted: most of it may be dead, a sum for example that no rule mentions. So a clone is
  * made over holes; when the scope is closed, those that something alive reads are filled, and only they cost bytes. */
@@ -12,17 +12,23 @@
 
 /* ---- what can be run again */
 
-static bool rerunnable(const Vjp *v, const Block *b, const Block *loop) {
+/* Reads an array from outside that may have been written since. */
+static bool reads_past(const Vjp *v, const Inst *i, const Block *loop) {
+    return i->op == OP_load && !v->stable[i->id] && !walk_inside(i->args[0]->block, loop);
+}
+
+/* held: such reads are held in the frame, unless an inner loop makes them. */
+static bool rerunnable(const Vjp *v, const Block *b, const Block *loop, bool held) {
     for (const Inst *i = b->first; i; i = i->next) {
         if ((i->op == OP_store || i->op == OP_acopy) && !walk_inside(i->args[0]->block, loop)) return false;
         if (i->op == OP_acopy && !walk_inside(i->args[1]->block, loop)) return false;
-        if (i->op == OP_load && !v->stable[i->id] && !walk_inside(i->args[0]->block, loop)) return false;
+        if (!held && reads_past(v, i, loop)) return false;
         for (uint32_t r = 0; r < i->nregions; r++)
-            if (!rerunnable(v, i->region[r], loop)) return false;
+            if (!rerunnable(v, i->region[r], loop, held && i->op != OP_loop)) return false;
     }
     return true;
 }
-bool tape_can_rerun(const Vjp *v, const Inst *loop) { return rerunnable(v, loop->region[0], loop->region[0]); }
+bool tape_can_rerun(const Vjp *v, const Inst *loop) { return rerunnable(v, loop->region[0], loop->region[0], false); }
 
 bool tape_searches(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
@@ -33,16 +39,30 @@ bool tape_searches(const Block *b) {
     return false;
 }
 
-/* A witness found by an inner loop cannot be in the frame of the outer one. */
-static bool inner_search(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next)
+static bool writes_outside(const Block *b, const Block *loop) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if ((i->op == OP_store || i->op == OP_acopy) && !walk_inside(i->args[0]->block, loop)) return true;
         for (uint32_t r = 0; r < i->nregions; r++)
-            if (i->op == OP_loop ? tape_searches(i->region[r]) : inner_search(i->region[r])) return true;
+            if (writes_outside(i->region[r], loop)) return true;
+    }
+    return false;
+}
+
+static bool is_search_loop(const Inst *i) { return i->op == OP_loop && tape_searches(i->region[0]); }
+
+/* What an inner loop found is one result in the frame of the outer one, unless derivatives go through that loop: then its own frames belong to the run that
+ * searched. What it left in arrays would be missing. */
+static bool inner_search(const Vjp *v, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (is_search_loop(i) && (v->taped[i->id] || writes_outside(i->region[0], i->region[0]))) return true;
+        for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++)
+            if (inner_search(v, i->region[r])) return true;
+    }
     return false;
 }
 
 bool tape_can_replay(const Vjp *v, const Inst *loop, const Scope *s) {
-    if (!tape_can_rerun(v, loop) || inner_search(loop->region[0])) return false;
+    if (!rerunnable(v, loop->region[0], loop->region[0], true) || inner_search(v, loop->region[0])) return false;
     /* with one guard its region is reversed in place, so marks of loops in it would have to cross an if */
     return s->guards.len != 1 || !vjp_holds_taped(v, s->guards.data[0].branch->region[s->guards.data[0].region]);
 }
@@ -105,10 +125,11 @@ Inst *tape_rerun(Vjp *v, Scope *s, Inst *loop) {
     return copy;
 }
 
-static void hold_witnesses(Vjp *v, Scope *s, Block *b) {
+static void hold_found(Vjp *v, Scope *s, const Block *body, Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_fieldop) new_hole(v, &s->replay_holes, i, tape_forward(v, i), ir_block_param(v->fn, s->rev_block, TY_INT));
-        for (uint32_t r = 0; r < i->nregions; r++) hold_witnesses(v, s, i->region[r]);
+        bool found = i->op == OP_fieldop || (i->op == OP_proj && is_search_loop(i->args[0])) || reads_past(v, i, body);
+        if (found) new_hole(v, &s->replay_holes, i, tape_forward(v, i), ir_block_param(v->fn, s->rev_block, (IrType)i->type));
+        for (uint32_t r = 0; !is_search_loop(i) && r < i->nregions; r++) hold_found(v, s, body, i->region[r]);
     }
 }
 
@@ -122,7 +143,7 @@ void tape_replay(Vjp *v, Scope *s, Block *body) {
     }
     v->memo[body->params[0]->id] = s->k;
     uint32_t first = s->replay_holes.len;
-    hold_witnesses(v, s, body);
+    hold_found(v, s, body, body);
     uint32_t last = s->replay_holes.len;
     map_operands(v, &s->replay_holes, body, body, map);
     Builder b = {.fn = v->fn, .block = s->rev_block, .span = s->owner->span};
@@ -130,7 +151,9 @@ void tape_replay(Vjp *v, Scope *s, Block *body) {
     note_instances(v, body, map);
     for (uint32_t h = first; h < last; h++) {
         const Hole *w = &s->replay_holes.data[h];
-        walk_forward(v->fn, map[w->primal->id], w->at);
+        Inst *copy = map[w->primal->id], *loop = copy->op == OP_proj ? copy->args[0] : NULL;
+        if (loop && loop->block) ir_unlink(loop);
+        walk_forward(v->fn, copy, w->at);
         v->fwd[w->primal->id] = v->memo[w->primal->id] = w->at;
     }
     walk_resolve_forwards(s->rev_block);

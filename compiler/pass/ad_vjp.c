@@ -320,18 +320,24 @@ static bool drop_replays(const Vjp *v, Plan *plan) {
     return any;
 }
 
-/* The loop that one more level would help most: the one that needs the most bytes in all, outermost first. */
+/* The next number of levels that makes the innermost loop shorter, 0 if there is none. */
+static uint32_t next_levels(const LoopPlan *p) {
+    for (uint32_t l = p->levels + 1; l <= MAX_LEVELS; l++) {
+        uint32_t f = fan_out(p->trips, l);
+        if (f < 2 || pow(f, l) >= p->trips) continue; /* the outermost loop would run once */
+        if (f < fan_out(p->trips, p->levels)) return l;
+    }
+    return 0;
+}
+
+/* The loop that more levels would help most: the one that needs the most bytes in all, outermost first. */
 static LoopPlan *choose_level(const Vjp *v, Plan *plan) {
     uint64_t most = 0;
     LoopPlan *best = NULL;
     for (uint32_t k = 0; k < v->scopes.len; k++) {
         const Scope *s = v->scopes.data[k];
         LoopPlan *p = s->top ? NULL : plan_of(plan, s);
-        if (!p || p->done || p->trips < 4 || p->levels == MAX_LEVELS || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner)) continue;
-        if (p->levels && fan_out(p->trips, p->levels) == fan_out(p->trips, p->levels - 1)) continue;
-        uint32_t f = fan_out(p->trips, p->levels + 1), over = 1;
-        for (uint32_t l = 0; l <= p->levels; l++) over *= f;
-        if (f < 2 || over >= p->trips) continue; /* the outermost loop would run once */
+        if (!p || p->done || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner) || !next_levels(p)) continue;
         uint64_t bytes = tape_left(v, s) + tape_on_top(v, s);
         for (const Scope *up = s->parent; up && !s->segment && !up->replay; up = up->parent) bytes *= up->trips;
         if (bytes <= most) continue;
@@ -381,12 +387,12 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
     uint32_t replays = 0;
     while (q.o->replay != AD_REPLAY_NEVER && (replays == 0 ? choose_replays(&v, &plan) : drop_replays(&v, &plan)) && replays++ < 3) try_plan(&q, &plan, &v);
     keep(&q, &v);
-    /* Levels, one at a time, while the worst case is above the budget: a level costs about one more run of its loop. */
+    /* Levels, one after the other, while the worst case is above the budget: a level costs about one more run of its loop. */
     for (uint32_t n = 0; n < MAX_ATTEMPTS && q.bytes > q.budget; n++) {
         LoopPlan *p = choose_level(&v, &plan);
         if (!p) break;
         copy_plan(scratch, &next, &plan);
-        next.loops.data[p - plan.loops.data].levels++;
+        next.loops.data[p - plan.loops.data].levels = (uint8_t)next_levels(p);
         try_plan(&q, &next, &w);
         if (tape_bytes(&w) >= q.bytes) {
             p->done = true;
