@@ -159,8 +159,14 @@ static inline void some_ray(const Terrain *t, Rng *r, double out[8]) {
     if (uniform(r) < 0.001) out[below(r, 8)] = uniform(r) < 0.7 ? NAN : -INFINITY;
 }
 
-/* 64 rays of a query in the layout of queries. */
-static inline void some_rays(const Terrain *t, Rng *r, SltFieldWhat what, bool f64, uint32_t width, void *rays) {
+enum { WIDTH = 64 };
+typedef union Rows {
+    float f[8 * WIDTH];
+    double d[8 * WIDTH];
+} Rows;
+
+/* Up to 64 rays of a query in the layout of queries. */
+static inline void some_rays(const Terrain *t, Rng *r, SltFieldWhat what, bool f64, uint32_t width, Rows *rays) {
     for (uint32_t lane = 0; lane < width; lane++) {
         double ray[8];
         some_ray(t, r, ray);
@@ -172,8 +178,8 @@ static inline void some_rays(const Terrain *t, Rng *r, SltFieldWhat what, bool f
             ray[6] = between(r, 0.1, 5);
         }
         for (int n = 0; n < 8; n++) {
-            if (f64) ((double *)rays)[(uint32_t)n * width + lane] = ray[n];
-            else ((float *)rays)[(uint32_t)n * width + lane] = (float)ray[n];
+            if (f64) rays->d[(uint32_t)n * width + lane] = ray[n];
+            else rays->f[(uint32_t)n * width + lane] = (float)ray[n];
         }
     }
 }
@@ -188,6 +194,22 @@ static inline SltField *make_field(const void *z, bool f64, uint32_t w, uint32_t
     if (status == SLT_USAGE && o.isa) return NULL; /* an instruction set that this machine lacks */
     if (status != SLT_OK) fail_msg("%s", err.text);
     return f;
+}
+
+/* A query's witnesses are those expected; otherwise the ray is printed. */
+static inline void expect_witnesses(const char *name, const char *how, const SltField *field, const void *z, bool f64, SltFieldWhat what, const Rows *rays, uint64_t mask,
+                                    uint32_t width, const int32_t *expected) {
+    int32_t got[WIDTH];
+    field->query[what](field, z, rays, mask, width, got);
+    for (uint32_t n = 0; n < width; n++) {
+        if (got[n] == expected[n]) continue;
+        char text[512] = "";
+        for (uint32_t row = 0; row < 8; row++) {
+            size_t at = strlen(text);
+            snprintf(text + at, sizeof text - at, " %.17g", f64 ? rays->d[row * width + n] : (double)rays->f[row * width + n]);
+        }
+        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", name, what_names[what], f64 ? 64 : 32, how, n, width, got[n], expected[n], text);
+    }
 }
 
 static inline double *doubles(const float *z, size_t n) {

@@ -5,8 +5,6 @@
  * run: SALTUS_FIELD_RAYS=10000000 tests/test-field-agree. */
 #include "field_test.h"
 
-enum { WIDTH = 64 };
-
 static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float band) {
     for (int f64 = 0; f64 < 2; f64++) {
         double *wide = f64 ? doubles(t->z, (size_t)t->w * t->h) : NULL;
@@ -19,30 +17,16 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float b
             Rng rng = {seed * 31 + (uint64_t)what};
             uint64_t found = 0;
             for (uint64_t done = 0; done < rays_wanted; done += WIDTH) {
-                union {
-                    float f[8 * WIDTH];
-                    double d[8 * WIDTH];
-                } rays;
-                int32_t expected[WIDTH], got[WIDTH];
+                Rows rays;
+                int32_t expected[WIDTH];
                 uint32_t width = uniform(&rng) < 0.8 ? WIDTH : 1 + below(&rng, WIDTH);
                 uint64_t mask = uniform(&rng) < 0.8 ? ~0ull : (uint64_t)(uniform(&rng) * 0x1p64);
                 some_rays(t, &rng, (SltFieldWhat)what, f64, width, &rays);
                 naive->query[what](naive, z, &rays, mask, width, expected);
-                for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++) {
-                    if (!fields[isa]) continue;
-                    fields[isa]->query[what](fields[isa], z, &rays, mask, width, got);
-                    for (uint32_t n = 0; n < width; n++) {
-                        if (got[n] == expected[n]) continue;
-                        char text[512] = "";
-                        for (uint32_t row = 0; row < 8; row++) {
-                            size_t at = strlen(text);
-                            snprintf(text + at, sizeof text - at, " %.17g",
-                                     f64 ? rays.d[row * width + n] : (double)rays.f[row * width + n]);
-                        }
-                        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", t->name,
-                                 what_names[what], f64 ? 64 : 32, isa_names[isa], n, width, got[n], expected[n], text);
-                    }
-                }
+                for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++)
+                    if (fields[isa])
+                        expect_witnesses(t->name, isa_names[isa], fields[isa], z, f64, (SltFieldWhat)what, &rays, mask,
+                                         width, expected);
                 for (uint32_t n = 0; n < width; n++) found += expected[n] != SLT_FIELD_NONE;
             }
             assert_true(found > rays_wanted / 50); /* the rays are worth something */
@@ -92,12 +76,12 @@ static void test_not_finite(void **state) {
         for (int what = 0; what < SLT_FIELD_WHATS; what++) {
             SltField *a = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}),
                      *b = make_field(t.z, false, t.w, t.h, (FieldOptions){0});
-            float rays[8 * WIDTH];
-            int32_t expected[WIDTH], got[WIDTH];
-            some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, rays);
-            a->query[what](a, t.z, rays, ~0ull, WIDTH, expected);
-            b->query[what](b, t.z, rays, ~0ull, WIDTH, got);
-            assert_memory_equal(got, expected, sizeof got);
+            Rows rays;
+            int32_t expected[WIDTH];
+            some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, &rays);
+            a->query[what](a, t.z, &rays, ~0ull, WIDTH, expected);
+            expect_witnesses("one odd height", "mipmap", b, t.z, false, (SltFieldWhat)what, &rays, ~0ull, WIDTH,
+                             expected);
             field_free(a);
             field_free(b);
         }
@@ -115,23 +99,18 @@ static void test_slack(void **state) {
     SltField *naive =
         make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE, .slack = slack, .band = 1});
     SltField *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){.slack = slack, .band = 1});
-    uint32_t changed = 0;
     for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, -0.2, 1) * slack;
     SltField *tight = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE, .band = 1});
     for (int what = 0; what < SLT_FIELD_WHATS; what++) {
         for (int n = 0; n < 200; n++) {
-            float rays[8 * WIDTH];
-            int32_t expected[WIDTH], got[WIDTH];
-            some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, rays);
-            naive->query[what](naive, t.z, rays, ~0ull, WIDTH, expected);
-            mip->query[what](mip, t.z, rays, ~0ull, WIDTH, got);
-            assert_memory_equal(got, expected, sizeof got);
-            tight->query[what](tight, t.z, rays, ~0ull, WIDTH, got);
-            assert_memory_equal(got, expected, sizeof got);
-            changed++;
+            Rows rays;
+            int32_t expected[WIDTH];
+            some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, &rays);
+            tight->query[what](tight, t.z, &rays, ~0ull, WIDTH, expected);
+            expect_witnesses("slack", "naive", naive, t.z, false, (SltFieldWhat)what, &rays, ~0ull, WIDTH, expected);
+            expect_witnesses("slack", "mipmap", mip, t.z, false, (SltFieldWhat)what, &rays, ~0ull, WIDTH, expected);
         }
     }
-    assert_true(changed > 0);
     field_free(naive);
     field_free(mip);
     field_free(tight);
@@ -162,24 +141,17 @@ static void test_refresh(void **state) {
                     }
                 }
                 field_refresh(mip, z, x0, y0, x1, y1);
-                union {
-                    float f[8 * WIDTH];
-                    double d[8 * WIDTH];
-                } rays;
-                int32_t expected[WIDTH], got[WIDTH];
+                Rows rays;
+                int32_t expected[WIDTH];
                 some_rays(&t, &rng, SLT_FIELD_TRACE, f64, WIDTH, &rays);
                 naive->query[SLT_FIELD_TRACE](naive, z, &rays, ~0ull, WIDTH, expected);
-                mip->query[SLT_FIELD_TRACE](mip, z, &rays, ~0ull, WIDTH, got);
-                assert_memory_equal(got, expected, sizeof got);
+                expect_witnesses("refreshed", "mipmap", mip, z, f64, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH, expected);
             }
             /* The levels themselves: what a query visits is what it would visit in a new field. */
             SltField *again = make_field(z, f64, t.w, t.h, (FieldOptions){0});
             FieldCounts a = {0}, b = {0};
             for (int n = 0; n < 50; n++) {
-                union {
-                    float f[8 * WIDTH];
-                    double d[8 * WIDTH];
-                } rays;
+                Rows rays;
                 int32_t id[WIDTH];
                 some_rays(&t, &rng, SLT_FIELD_CLEARANCE, f64, WIDTH, &rays);
                 field_count(mip, SLT_FIELD_CLEARANCE, z, &rays, ~0ull, WIDTH, id, &a);

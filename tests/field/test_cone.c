@@ -4,7 +4,7 @@
 
 #include "runtime/field/cone.h"
 
-enum { WIDTH = 64, VARIANTS = 6 };
+enum { VARIANTS = 6 };
 static const struct {
     const char *name;
     FieldOptions options;
@@ -18,27 +18,11 @@ static const struct {
      {.structure = FIELD_CONE, .cone_exact = true, .cone_directional = true, .max_slope = 0.2f}},
 };
 
-typedef union Rows {
-    float f[8 * WIDTH];
-    double d[8 * WIDTH];
-} Rows;
-
 static void compare(const char *name, const SltField *naive, const SltField *cone, const void *z, bool f64,
                     SltFieldWhat what, const Rows *rays, uint64_t mask, uint32_t width) {
-    int32_t expected[WIDTH], got[WIDTH];
+    int32_t expected[WIDTH];
     naive->query[what](naive, z, rays, mask, width, expected);
-    cone->query[what](cone, z, rays, mask, width, got);
-    for (uint32_t n = 0; n < width; n++) {
-        if (got[n] == expected[n]) continue;
-        char text[512] = "";
-        for (uint32_t row = 0; row < 8; row++) {
-            size_t at = strlen(text);
-            snprintf(text + at, sizeof text - at, " %.17g",
-                     f64 ? rays->d[row * width + n] : (double)rays->f[row * width + n]);
-        }
-        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", name, what_names[what], f64 ? 64 : 32,
-                 field_describe(cone), n, width, got[n], expected[n], text);
-    }
+    expect_witnesses(name, field_describe(cone), cone, z, f64, what, rays, mask, width, expected);
 }
 
 static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted) {
