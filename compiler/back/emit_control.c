@@ -33,6 +33,12 @@ static const Inst *next_proj(const Inst *s, const Inst *p) {
     return p && p->op == OP_proj && p->args[0] == s ? p : NULL;
 }
 
+static size_t proj_count(const Inst *i) {
+    size_t n = 0;
+    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) n++;
+    return n;
+}
+
 /* A mask that crosses blocks: before AVX-512 vectors of i1 are kept as narrow integers there, with a pack and an unpack
  * at every use, so such a mask travels as integers of the width of its floats, whose signs blend directly. */
 static LLVMTypeRef wide_type(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
@@ -116,14 +122,13 @@ static void emit_if_uniform(Emit *e, Inst *i) {
     }
     LLVMBasicBlockRef side[2] = {emit_new_block(e, "then"), emit_new_block(e, "else")}, end[2],
                       join = emit_new_block(e, "join");
-    uint32_t nproj = 0;
-    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) nproj++;
-    Part *x = ARENA_ARRAY(e->arena, Part, 2 * (size_t)nproj * e->P + 1);
+    const size_t n = proj_count(i) * e->P;
+    Part *x = ARENA_ARRAY(e->arena, Part, 2 * n + 1);
     LL(BuildCondBr)(e->b, cond, side[0], side[1]);
     for (uint32_t s = 0; s < 2; s++) {
         emit_at(e, side[s]);
         emit_block(e, i->region[s]);
-        Part *at = x + s * (size_t)nproj * e->P;
+        Part *at = x + s * n;
         for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
             result_parts(e, ir_yield_of(i->region[s])->args[p->imm.i], emit_is_vector(e, p), at);
         end[s] = emit_here(e);
@@ -135,35 +140,40 @@ static void emit_if_uniform(Emit *e, Inst *i) {
         for (uint32_t k = 0; k < result_count(e, p); k++) {
             Part phi = emit_phi(e, value_type(e, p), "");
             emit_incoming(e, phi, at[k], end[0]);
-            emit_incoming(e, phi, at[(size_t)nproj * e->P + k], end[1]);
+            emit_incoming(e, phi, at[n + k], end[1]);
             emit_slot(e, p)[k] = phi;
         }
+}
+
+/* Runs one side under `mask`, behind a test whether any lane wants it, which is the end of block *from. Leaves the
+ * builder at the end of the side; the caller branches to the block that is returned. */
+static LLVMBasicBlockRef emit_side(Emit *e, Inst *i, uint32_t side, Part *mask, LLVMBasicBlockRef *from) {
+    Part *outer = e->mask, wide[BACK_MAX_PARTS];
+    widen(e, mask, wide);
+    *from = emit_here(e);
+    LLVMBasicBlockRef region = emit_new_block(e, side ? "else" : "then"), join = emit_new_block(e, "join");
+    LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
+    emit_at(e, region);
+    narrow(e, wide, mask);
+    e->mask = mask;
+    emit_block(e, i->region[side]);
+    e->mask = outer;
+    return join;
 }
 
 /* One side is empty: its values are known before, the blend is inside the branch, and lanes that never want the other
  * side pay one test. */
 static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full) {
-    Part *outer = e->mask, *mask = new_parts(e);
+    Part *mask = new_parts(e);
     for (uint32_t p = 0; p < e->P; p++) mask[p] = full ? LL(BuildNot)(e->b, cond[p], "") : cond[p];
     emit_and_mask(e, mask, mask);
-    uint32_t nproj = 0;
-    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) nproj++;
-    Part *skipped = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1), *at = skipped;
+    const size_t n = proj_count(i) * e->P + 1;
+    Part *skipped = ARENA_ARRAY(e->arena, Part, n), *at = skipped;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
         result_parts(e, ir_yield_of(i->region[!full])->args[p->imm.i], emit_is_vector(e, p), at);
-    Part wide[BACK_MAX_PARTS];
-    widen(e, mask, wide);
-    LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, full ? "else" : "then"),
-                      join = emit_new_block(e, "join");
-    LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
-    emit_at(e, region);
-    narrow(e, wide, mask);
-    e->mask = mask;
-    emit_block(e, i->region[full]);
-    e->mask = outer;
-    Part *taken = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1);
+    LLVMBasicBlockRef from, join = emit_side(e, i, full, mask, &from);
+    Part *taken = ARENA_ARRAY(e->arena, Part, n), *to = taken;
     at = skipped;
-    Part *to = taken;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P, to += e->P) {
         bool vector = emit_is_vector(e, p);
         result_parts(e, ir_yield_of(i->region[full])->args[p->imm.i], vector, to);
@@ -185,26 +195,16 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
 
 /* Both sides do work: each behind its own test; where a side was skipped its value is never selected. */
 static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
-    Part *outer = e->mask;
-    uint32_t nproj = 0;
-    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) nproj++;
+    const size_t n = proj_count(i) * e->P + 1;
     Part *x[2], wide_cond[BACK_MAX_PARTS], again[BACK_MAX_PARTS];
     widen(e, cond, wide_cond);
     for (uint32_t s = 0; s < 2; s++) {
-        x[s] = ARENA_ARRAY(e->arena, Part, (size_t)nproj * e->P + 1);
-        Part *mask = new_parts(e), wide[BACK_MAX_PARTS];
+        x[s] = ARENA_ARRAY(e->arena, Part, n);
+        Part *mask = new_parts(e);
         if (s) narrow(e, wide_cond, again);
         for (uint32_t p = 0; p < e->P; p++) mask[p] = s ? LL(BuildNot)(e->b, again[p], "") : cond[p];
         emit_and_mask(e, mask, mask);
-        widen(e, mask, wide);
-        LLVMBasicBlockRef from = emit_here(e), region = emit_new_block(e, s ? "else" : "then"),
-                          join = emit_new_block(e, "join");
-        LL(BuildCondBr)(e->b, emit_any(e, mask), region, join);
-        emit_at(e, region);
-        narrow(e, wide, mask);
-        e->mask = mask;
-        emit_block(e, i->region[s]);
-        e->mask = outer;
+        LLVMBasicBlockRef from, join = emit_side(e, i, s, mask, &from);
         Part *at = x[s];
         for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
             result_parts(e, ir_yield_of(i->region[s])->args[p->imm.i], emit_is_vector(e, p), at);

@@ -18,9 +18,7 @@
 enum { READ_LIMIT = INT_MAX };
 
 bool image_bytes_reserve(Bytes *b, size_t capacity) {
-    if (b->failed) {
-        return false;
-    }
+    if (b->failed) return false;
     if (capacity > b->capacity) {
         size_t grown = b->capacity + b->capacity / 2 + 256;
         grown = grown < capacity ? capacity : grown;
@@ -40,15 +38,9 @@ void image_bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size
         b->failed = true;
         return;
     }
-    if (offset > b->size) {
-        memset(b->data + b->size, 0, offset - b->size);
-    }
-    if (size) {
-        memcpy(b->data + offset, data, size);
-    }
-    if (offset + size > b->size) {
-        b->size = offset + size;
-    }
+    if (offset > b->size) memset(b->data + b->size, 0, offset - b->size);
+    if (size) memcpy(b->data + offset, data, size);
+    if (offset + size > b->size) b->size = offset + size;
 }
 
 void image_bytes_append(Bytes *b, const void *data, size_t size) { image_bytes_write_at(b, b->size, data, size); }
@@ -80,9 +72,7 @@ SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltErro
     *bytes = NULL;
     *size = 0;
     int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0) {
-        return status_fail_errno(err, SLT_INPUT, errno, "cannot open '%s'", path);
-    }
+    if (fd < 0) return status_fail_errno(err, SLT_INPUT, errno, "cannot open '%s'", path);
     struct stat st;
     if (fstat(fd, &st) != 0) {
         int code = errno;
@@ -107,16 +97,12 @@ SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltErro
         }
         size_t want = b.capacity - b.size - 1;
         ssize_t got = read(fd, b.data + b.size, want);
-        if (got < 0 && errno == EINTR) {
-            continue;
-        }
+        if (got < 0 && errno == EINTR) continue;
         if (got < 0) {
             status = status_fail_errno(err, SLT_INPUT, errno, "cannot read '%s'", path);
             break;
         }
-        if (got == 0) {
-            break;
-        }
+        if (got == 0) break;
         b.size += (size_t)got;
         if (b.size > READ_LIMIT) { /* a pipe or a device has no size to check beforehand */
             status = status_fail(err, SLT_LIMIT, "cannot read '%s': larger than 2 GiB", path);
@@ -138,15 +124,9 @@ SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltErro
 static int write_fully(int fd, const uint8_t *p, size_t size) {
     while (size > 0) {
         ssize_t n = write(fd, p, size < (1u << 30) ? size : (1u << 30));
-        if (n < 0 && errno == EINTR) {
-            continue;
-        }
-        if (n < 0) {
-            return errno;
-        }
-        if (n == 0) {
-            return EIO;
-        }
+        if (n < 0 && errno == EINTR) continue;
+        if (n < 0) return errno;
+        if (n == 0) return EIO;
         p += n;
         size -= (size_t)n;
     }
@@ -155,12 +135,8 @@ static int write_fully(int fd, const uint8_t *p, size_t size) {
 
 static int sync_file(int fd) {
     while (fsync(fd) != 0) {
-        if (errno == EINVAL || errno == EROFS || errno == ENOTSUP) {
-            return 0; /* this file system has nothing to sync */
-        }
-        if (errno != EINTR) {
-            return errno;
-        }
+        if (errno == EINVAL || errno == EROFS || errno == ENOTSUP) return 0; /* this file system has nothing to sync */
+        if (errno != EINTR) return errno;
     }
     return 0;
 }
@@ -168,9 +144,7 @@ static int sync_file(int fd) {
 static SltStatus write_special(const char *path, const void *data, size_t size, SltError *err) {
     int fd = open(path, O_WRONLY | O_CLOEXEC);
     int code = fd < 0 ? errno : write_fully(fd, data, size);
-    if (fd >= 0 && close(fd) != 0 && !code) {
-        code = errno;
-    }
+    if (fd >= 0 && close(fd) != 0 && !code) code = errno;
     return code ? status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", path) : SLT_OK;
 }
 
@@ -190,24 +164,17 @@ static int open_temporary(const char *target, char **name) {
         salt = salt * 6364136223846793005u + 1442695040888963407u;
         snprintf(*name, room, "%s.%08x.tmp", target, (unsigned)(salt >> 32));
         int fd = open(*name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (fd >= 0 || errno != EEXIST) {
-            return fd;
-        }
+        if (fd >= 0 || errno != EEXIST) return fd;
     }
     return -1;
 }
 
 static void sync_folder_of(const char *target) {
     char *folder = strdup(target);
-    if (!folder) {
-        return;
-    }
+    if (!folder) return;
     char *slash = strrchr(folder, '/');
-    if (slash == folder) {
-        slash[1] = 0;
-    } else if (slash) {
-        *slash = 0;
-    }
+    if (slash == folder) slash[1] = 0;
+    else if (slash) *slash = 0;
     int fd = open(slash ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (fd >= 0) {
         sync_file(fd); /* the file is already whole; a folder that cannot be synced is no reason to
@@ -220,39 +187,29 @@ static void sync_folder_of(const char *target) {
 SltStatus file_write_atomic(const char *path, const void *data, size_t size, SltError *err) {
     struct stat st;
     bool exists = stat(path, &st) == 0;
-    if (exists && S_ISDIR(st.st_mode)) {
-        return status_fail(err, SLT_OUTPUT, "cannot write '%s': it is a folder", path);
-    }
-    if (exists && !S_ISREG(st.st_mode)) {
-        return write_special(path, data, size, err);
-    }
+    if (exists && S_ISDIR(st.st_mode)) return status_fail(err, SLT_OUTPUT, "cannot write '%s': it is a folder", path);
+    if (exists && !S_ISREG(st.st_mode)) return write_special(path, data, size, err);
     char *real = exists ? realpath(path, NULL) : NULL; /* replace what a link points to, not the link */
     const char *target = real ? real : path;
     char *temporary = NULL;
     int fd = open_temporary(target, &temporary);
     int code = fd < 0 ? errno : 0;
-    if (!code && exists && fchmod(fd, st.st_mode & 07777) != 0) {
-        code = 0; /* some file systems have no modes */
-    }
-    if (!code) {
-        code = write_fully(fd, data, size);
-    }
-    if (!code) {
-        code = sync_file(fd);
-    }
-    if (fd >= 0 && close(fd) != 0 && !code) {
-        code = errno;
-    }
-    if (!code && rename(temporary, target) != 0) {
-        code = errno;
-    }
-    if (code && fd >= 0) {
-        unlink(temporary);
-    }
-    if (!code) {
-        sync_folder_of(target);
-    }
+    if (!code && exists && fchmod(fd, st.st_mode & 07777) != 0) code = 0; /* some file systems have no modes */
+    if (!code) code = write_fully(fd, data, size);
+    if (!code) code = sync_file(fd);
+    if (fd >= 0 && close(fd) != 0 && !code) code = errno;
+    if (!code && rename(temporary, target) != 0) code = errno;
+    if (code && fd >= 0) unlink(temporary);
+    if (!code) sync_folder_of(target);
     free(temporary);
     free(real);
     return code ? status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", path) : SLT_OK;
+}
+
+SltStatus image_bytes_save(Bytes *b, const char *path, SltStatus filled, SltError *err) {
+    SltStatus status = filled;
+    if (status == SLT_OK && b->failed) status = status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
+    if (status == SLT_OK) status = file_write_atomic(path, b->data, b->size, err);
+    image_bytes_free(b);
+    return status;
 }

@@ -15,9 +15,8 @@
 
 SltStatus image_create(Image *out, int width, int height, int channels, SltError *err) {
     *out = (Image){0};
-    if (width < 1 || height < 1 || channels < 1) {
+    if (width < 1 || height < 1 || channels < 1)
         return status_fail(err, SLT_USAGE, "an image of %d x %d pixels and %d channels", width, height, channels);
-    }
     if (width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE || channels > IMAGE_MAX_CHANNELS ||
         (double)width * height * channels > IMAGE_MAX_SAMPLES) {
         return status_fail(err, SLT_LIMIT,
@@ -43,9 +42,7 @@ SltStatus image_create(Image *out, int width, int height, int channels, SltError
 }
 
 void image_free(Image *im) {
-    if (!im) {
-        return;
-    }
+    if (!im) return;
     free(im->data);
     free(im->names);
     for (int i = 0; i < im->attr_count; i++) {
@@ -60,47 +57,32 @@ void image_set_name(Image *im, int c, const char *name) { snprintf(im->names[c],
 
 const char *image_get_name(const Image *im, int c, char buf[IMAGE_NAME_SIZE]) {
     static const char *const usual[5][4] = {{""}, {"Y"}, {"Y", "A"}, {"R", "G", "B"}, {"R", "G", "B", "A"}};
-    if (im->names) {
-        snprintf(buf, IMAGE_NAME_SIZE, "%s", im->names[c]);
-    } else if (im->channels <= 4) {
-        snprintf(buf, IMAGE_NAME_SIZE, "%s", usual[im->channels][c]);
-    } else {
-        snprintf(buf, IMAGE_NAME_SIZE, "c%d", c);
-    }
+    if (im->names) snprintf(buf, IMAGE_NAME_SIZE, "%s", im->names[c]);
+    else if (im->channels <= 4) snprintf(buf, IMAGE_NAME_SIZE, "%s", usual[im->channels][c]);
+    else snprintf(buf, IMAGE_NAME_SIZE, "c%d", c);
     return buf;
 }
 
 int image_find_channel(const Image *im, const char *name) {
     char buf[IMAGE_NAME_SIZE];
-    for (int c = 0; c < im->channels; c++) {
-        if (strcmp(image_get_name(im, c, buf), name) == 0) {
-            return c;
-        }
-    }
+    for (int c = 0; c < im->channels; c++)
+        if (strcmp(image_get_name(im, c, buf), name) == 0) return c;
     return -1;
 }
 
 const ImageAttr *image_find_attr(const Image *im, const char *name) {
-    for (int i = 0; i < im->attr_count; i++) {
-        if (strcmp(im->attrs[i].name, name) == 0) {
-            return &im->attrs[i];
-        }
-    }
+    for (int i = 0; i < im->attr_count; i++)
+        if (strcmp(im->attrs[i].name, name) == 0) return &im->attrs[i];
     return NULL;
 }
 
 /* The attribute of that name, made if need be; NULL when out of memory. */
 static ImageAttr *touch_attr(Image *im, const char *name) {
-    for (int i = 0; i < im->attr_count; i++) {
-        if (strcmp(im->attrs[i].name, name) == 0) {
-            return &im->attrs[i];
-        }
-    }
+    for (int i = 0; i < im->attr_count; i++)
+        if (strcmp(im->attrs[i].name, name) == 0) return &im->attrs[i];
     char *copy = strdup(name);
     ImageAttr *grown = realloc(im->attrs, (size_t)(im->attr_count + 1) * sizeof *grown);
-    if (grown) {
-        im->attrs = grown;
-    }
+    if (grown) im->attrs = grown;
     if (!copy || !grown) {
         free(copy);
         return NULL;
@@ -123,9 +105,7 @@ bool image_set_text(Image *im, const char *name, const char *text) {
 
 bool image_set_number(Image *im, const char *name, double number) {
     ImageAttr *a = touch_attr(im, name);
-    if (!a) {
-        return false;
-    }
+    if (!a) return false;
     free(a->text);
     a->text = NULL;
     a->number = number;
@@ -165,37 +145,26 @@ int image_root_channels(const Image *im, int index[4]) {
         index[n++] = y;
     } else {
         char buf[IMAGE_NAME_SIZE];
-        for (int c = 0; c < im->channels && n < 4; c++) {
-            if (!strchr(image_get_name(im, c, buf), '.')) {
-                index[n++] = c;
-            }
-        }
-        if (n == 0) {
-            index[n++] = 0;
-        }
+        for (int c = 0; c < im->channels && n < 4; c++)
+            if (!strchr(image_get_name(im, c, buf), '.')) index[n++] = c;
+        if (n == 0) index[n++] = 0;
         return n;
     }
-    if (a >= 0) {
-        index[n++] = a;
-    }
+    if (a >= 0) index[n++] = a;
     return n;
 }
 
 SltStatus image_extract_layer(const Image *im, const char *layer, Image *out, SltError *err) {
     *out = (Image){0};
     int *picked = malloc((size_t)im->channels * sizeof *picked);
-    if (!picked) {
-        return status_fail(err, SLT_LIMIT, "out of memory");
-    }
+    if (!picked) return status_fail(err, SLT_LIMIT, "out of memory");
     int n = 0;
     size_t prefix = strlen(layer);
     char buf[IMAGE_NAME_SIZE];
     for (int c = 0; c < im->channels; c++) {
         const char *name = image_get_name(im, c, buf), *dot = strrchr(name, '.');
         size_t length = dot ? (size_t)(dot - name) : 0;
-        if (length == prefix && strncmp(name, layer, prefix) == 0) {
-            picked[n++] = c;
-        }
+        if (length == prefix && strncmp(name, layer, prefix) == 0) picked[n++] = c;
     }
     if (n == 0) {
         free(picked);
@@ -207,9 +176,8 @@ SltStatus image_extract_layer(const Image *im, const char *layer, Image *out, Sl
         for (int k = 0; k < n; k++) {
             const char *name = image_get_name(im, picked[k], buf), *dot = strrchr(name, '.');
             image_set_name(out, k, dot ? dot + 1 : name);
-            for (size_t p = 0; p < pixels; p++) {
+            for (size_t p = 0; p < pixels; p++)
                 out->data[p * (size_t)n + (size_t)k] = im->data[p * (size_t)im->channels + (size_t)picked[k]];
-            }
         }
     }
     free(picked);
@@ -218,15 +186,12 @@ SltStatus image_extract_layer(const Image *im, const char *layer, Image *out, Sl
 
 SltStatus image_convert_channels(const Image *im, int channels, Image *out, SltError *err) {
     *out = (Image){0};
-    if (channels < 1 || channels > 4) {
+    if (channels < 1 || channels > 4)
         return status_fail(err, SLT_USAGE, "an image cannot be converted to %d channels", channels);
-    }
     int src[4];
     int n = image_root_channels(im, src);
     SltStatus status = image_create(out, im->width, im->height, channels, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     bool colour = n >= 3, wants_colour = channels >= 3;
     size_t pixels = (size_t)im->width * (size_t)im->height;
     for (size_t p = 0; p < pixels; p++) {
@@ -234,16 +199,10 @@ SltStatus image_convert_channels(const Image *im, int channels, Image *out, SltE
         float *to = out->data + p * (size_t)channels;
         float alpha = n == 4 ? from[src[3]] : n == 2 ? from[src[1]] : 1.0f;
         float grey = colour ? 0 : from[src[0]];
-        if (wants_colour) {
-            for (int c = 0; c < 3; c++) {
-                to[c] = colour ? from[src[c]] : grey;
-            }
-        } else {
-            to[0] = colour ? image_luminance(from[src[0]], from[src[1]], from[src[2]]) : grey;
-        }
-        if (channels == 2 || channels == 4) {
-            to[channels - 1] = alpha;
-        }
+        if (wants_colour)
+            for (int c = 0; c < 3; c++) to[c] = colour ? from[src[c]] : grey;
+        else to[0] = colour ? image_luminance(from[src[0]], from[src[1]], from[src[2]]) : grey;
+        if (channels == 2 || channels == 4) to[channels - 1] = alpha;
     }
     return SLT_OK;
 }
@@ -267,9 +226,7 @@ static bool make_taps(Taps *t, int from, int to) {
     t->first = malloc((size_t)to * sizeof *t->first);
     t->count = malloc((size_t)to * sizeof *t->count);
     t->weight = malloc((size_t)to * (size_t)t->stride * sizeof *t->weight);
-    if (!t->first || !t->count || !t->weight) {
-        return false;
-    }
+    if (!t->first || !t->count || !t->weight) return false;
     for (int i = 0; i < to; i++) {
         double *w = t->weight + (size_t)i * (size_t)t->stride;
         if (to <= from) { /* area: the overlap of [lo, hi] with each cell */
@@ -277,9 +234,7 @@ static bool make_taps(Taps *t, int from, int to) {
             int a = (int)floor(lo), n = 0;
             for (int j = a; j < from && n < t->stride; j++) {
                 double overlap = fmin(hi, j + 1.0) - fmax(lo, j);
-                if (overlap <= 1e-9) {
-                    break;
-                }
+                if (overlap <= 1e-9) break;
                 w[n++] = overlap / ratio;
             }
             t->first[i] = a;
@@ -305,13 +260,9 @@ static bool make_taps(Taps *t, int from, int to) {
 
 SltStatus image_resize(const Image *im, int width, int height, Image *out, SltError *err) {
     SltStatus status = image_create(out, width, height, im->channels, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     char buf[IMAGE_NAME_SIZE];
-    for (int c = 0; c < im->channels; c++) {
-        image_set_name(out, c, image_get_name(im, c, buf));
-    }
+    for (int c = 0; c < im->channels; c++) image_set_name(out, c, image_get_name(im, c, buf));
     int n = im->channels;
     size_t row = (size_t)width * (size_t)n;
     Taps tx = {0}, ty = {0};
@@ -332,13 +283,9 @@ SltStatus image_resize(const Image *im, int width, int height, Image *out, SltEr
                     }
                 }
             }
-            for (size_t i = 0; i < row; i++) {
-                sum[i] += wy * middle[i];
-            }
+            for (size_t i = 0; i < row; i++) sum[i] += wy * middle[i];
         }
-        for (size_t i = 0; i < row; i++) {
-            out->data[(size_t)y * row + i] = (float)sum[i];
-        }
+        for (size_t i = 0; i < row; i++) out->data[(size_t)y * row + i] = (float)sum[i];
     }
     free_taps(&tx);
     free_taps(&ty);
@@ -353,26 +300,19 @@ SltStatus image_resize(const Image *im, int width, int height, Image *out, SltEr
 
 SltStatus image_film_strip(const Image *const *images, int count, int gap, Image *out, SltError *err) {
     *out = (Image){0};
-    if (count < 1 || gap < 0) {
-        return status_fail(err, SLT_USAGE, "a film strip needs at least one image");
-    }
+    if (count < 1 || gap < 0) return status_fail(err, SLT_USAGE, "a film strip needs at least one image");
     int64_t width = (int64_t)gap * (count - 1);
     int height = 0, channels = images[0]->channels;
     for (int i = 0; i < count; i++) {
-        if (images[i]->channels != channels || channels > 4) {
+        if (images[i]->channels != channels || channels > 4)
             return status_fail(err, SLT_USAGE, "the images of a film strip need the same 1 to 4 channels");
-        }
         width += images[i]->width;
         height = images[i]->height > height ? images[i]->height : height;
     }
     SltStatus status = image_create(out, width > INT32_MAX ? INT32_MAX : (int)width, height, channels, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     size_t total = (size_t)width * (size_t)height * (size_t)channels;
-    for (size_t i = 0; i < total; i++) {
-        out->data[i] = 1;
-    }
+    for (size_t i = 0; i < total; i++) out->data[i] = 1;
     size_t x = 0;
     for (int i = 0; i < count; i++) {
         size_t row = (size_t)images[i]->width * (size_t)channels;
@@ -386,12 +326,8 @@ SltStatus image_film_strip(const Image *const *images, int count, int gap, Image
 }
 
 float image_encode_srgb(float v) {
-    if (!(v > 0)) {
-        return 0;
-    }
-    if (v >= 1) {
-        return 1;
-    }
+    if (!(v > 0)) return 0;
+    if (v >= 1) return 1;
     return v <= 0.0031308f ? 12.92f * v : (float)(1.055 * pow(v, 1 / 2.4) - 0.055);
 }
 
@@ -402,11 +338,8 @@ float image_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f 
 const char *image_path_extension(const char *path, char buf[16]) {
     const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path, *dot = strrchr(base, '.');
     size_t n = 0;
-    if (dot && strlen(dot + 1) < 16) {
-        for (; dot[1 + n]; n++) {
-            buf[n] = (char)tolower((unsigned char)dot[1 + n]);
-        }
-    }
+    if (dot && strlen(dot + 1) < 16)
+        for (; dot[1 + n]; n++) buf[n] = (char)tolower((unsigned char)dot[1 + n]);
     buf[n] = 0;
     return buf;
 }
@@ -415,11 +348,8 @@ static SltStatus check_extension(const char *name, SltError *err) {
     static const char *const known[] = {"exr", "png", "pfm", "npy", "f32", "hgt"};
     char ext[16];
     image_path_extension(name, ext);
-    for (size_t k = 0; k < sizeof known / sizeof *known; k++) {
-        if (strcmp(ext, known[k]) == 0) {
-            return SLT_OK;
-        }
-    }
+    for (size_t k = 0; k < sizeof known / sizeof *known; k++)
+        if (strcmp(ext, known[k]) == 0) return SLT_OK;
     return status_fail(err, SLT_INPUT, "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
                        name);
 }
@@ -429,24 +359,12 @@ SltStatus image_decode(const char *name, const void *bytes, size_t size, const I
     char ext[16];
     *out = (Image){0};
     image_path_extension(name, ext);
-    if (strcmp(ext, "exr") == 0) {
-        return image_decode_exr(name, bytes, size, out, err);
-    }
-    if (strcmp(ext, "png") == 0) {
-        return image_decode_png(name, bytes, size, opt && opt->raw, out, err);
-    }
-    if (strcmp(ext, "pfm") == 0) {
-        return image_decode_pfm(name, bytes, size, out, err);
-    }
-    if (strcmp(ext, "npy") == 0) {
-        return image_decode_npy(name, bytes, size, out, err);
-    }
-    if (strcmp(ext, "f32") == 0) {
-        return image_decode_f32(name, bytes, size, out, err);
-    }
-    if (strcmp(ext, "hgt") == 0) {
-        return image_decode_hgt(name, bytes, size, out, err);
-    }
+    if (strcmp(ext, "exr") == 0) return image_decode_exr(name, bytes, size, out, err);
+    if (strcmp(ext, "png") == 0) return image_decode_png(name, bytes, size, opt && opt->raw, out, err);
+    if (strcmp(ext, "pfm") == 0) return image_decode_pfm(name, bytes, size, out, err);
+    if (strcmp(ext, "npy") == 0) return image_decode_npy(name, bytes, size, out, err);
+    if (strcmp(ext, "f32") == 0) return image_decode_f32(name, bytes, size, out, err);
+    if (strcmp(ext, "hgt") == 0) return image_decode_hgt(name, bytes, size, out, err);
     return check_extension(name, err);
 }
 
@@ -458,14 +376,10 @@ SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, 
     if (stat(path, &st) == 0 && !S_ISREG(st.st_mode) && !S_ISDIR(st.st_mode)) {
         /* a device may have no end: not a byte is read of what could not be decoded */
         SltStatus known = check_extension(path, err);
-        if (known != SLT_OK) {
-            return known;
-        }
+        if (known != SLT_OK) return known;
     }
     SltStatus status = file_read_all(path, &bytes, &size, err);
-    if (status == SLT_OK) {
-        status = image_decode(path, bytes, size, opt, out, err);
-    }
+    if (status == SLT_OK) status = image_decode(path, bytes, size, opt, out, err);
     free(bytes);
     return status;
 }
@@ -483,9 +397,7 @@ static SltStatus encode_png_image(const char *path, const Image *im, const Image
     bool raw = opt && opt->raw;
     size_t pixels = (size_t)im->width * (size_t)im->height, wide = bits / 8;
     uint8_t *packed = malloc(pixels * (size_t)n * wide);
-    if (!packed) {
-        return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
-    }
+    if (!packed) return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
     uint8_t *to = packed;
     for (size_t p = 0; p < pixels; p++) {
         for (int c = 0; c < n; c++) {
@@ -523,12 +435,5 @@ SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions
     } else {
         return status_fail(err, SLT_USAGE, "cannot write '%s': the extension is none of .exr .png .pfm .npy", path);
     }
-    if (status == SLT_OK && b.failed) {
-        status = status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
-    }
-    if (status == SLT_OK) {
-        status = file_write_atomic(path, b.data, b.size, err);
-    }
-    image_bytes_free(&b);
-    return status;
+    return image_bytes_save(&b, path, status, err);
 }

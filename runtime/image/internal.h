@@ -17,6 +17,8 @@ void image_bytes_write_at(Bytes *b, size_t offset, const void *data,
                           size_t size); /* fills gaps with zeros */
 void image_bytes_printf(Bytes *b, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 void image_bytes_free(Bytes *b);
+/* Writes the file if what filled the buffer went well, passes its status on otherwise. Frees the buffer. */
+SltStatus image_bytes_save(Bytes *b, const char *path, SltStatus filled, SltError *err);
 
 /* Refuses an image whose floats are out of all proportion to the file that claims it. */
 SltStatus image_check_claim(const char *name, double width, double height, double channels,

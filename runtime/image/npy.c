@@ -18,37 +18,27 @@ typedef struct Header {
 } Header;
 
 static const char *skip_blanks(const char *p, const char *end) {
-    while (p < end && isspace((unsigned char)*p)) {
-        p++;
-    }
+    while (p < end && isspace((unsigned char)*p)) p++;
     return p;
 }
 
 /* A quoted string at p into buf; returns past it or NULL. */
 static const char *quoted(const char *p, const char *end, char buf[32]) {
-    if (p >= end || (*p != '\'' && *p != '"')) {
-        return NULL;
-    }
+    if (p >= end || (*p != '\'' && *p != '"')) return NULL;
     char quote = *p++;
     size_t n = 0;
-    while (p < end && *p != quote && n < 31) {
-        buf[n++] = *p++;
-    }
+    while (p < end && *p != quote && n < 31) buf[n++] = *p++;
     buf[n] = 0;
     return p < end && *p == quote ? p + 1 : NULL;
 }
 
 static bool parse_type(const char *text, Header *h) {
     char order = text[0];
-    if (order != '<' && order != '>' && order != '|' && order != '=') {
-        return false;
-    }
+    if (order != '<' && order != '>' && order != '|' && order != '=') return false;
     h->big = order == '>';
     h->kind = text[1];
     h->width = text[1] ? text[2] - '0' : 0;
-    if (!text[1] || !text[2] || text[3]) {
-        return false;
-    }
+    if (!text[1] || !text[2] || text[3]) return false;
     switch (h->kind) {
     case 'f': return h->width == 2 || h->width == 4 || h->width == 8;
     case 'i':
@@ -60,32 +50,19 @@ static bool parse_type(const char *text, Header *h) {
 
 static const char *parse_shape(const char *p, const char *end, Header *h, int *rank) {
     *rank = 0;
-    if (p >= end || *p++ != '(') {
-        return NULL;
-    }
+    if (p >= end || *p++ != '(') return NULL;
     for (;;) {
         p = skip_blanks(p, end);
-        if (p < end && *p == ')') {
-            return p + 1;
-        }
+        if (p < end && *p == ')') return p + 1;
         size_t v = 0;
         const char *start = p;
-        while (p < end && isdigit((unsigned char)*p) && p - start < 12) {
-            v = v * 10 + (size_t)(*p++ - '0');
-        }
-        if (p == start) {
-            return NULL;
-        }
-        if (*rank < 4) {
-            h->shape[*rank] = v;
-        }
+        while (p < end && isdigit((unsigned char)*p) && p - start < 12) v = v * 10 + (size_t)(*p++ - '0');
+        if (p == start) return NULL;
+        if (*rank < 4) h->shape[*rank] = v;
         ++*rank;
         p = skip_blanks(p, end);
-        if (p < end && *p == ',') {
-            p++;
-        } else if (p >= end || *p != ')') {
-            return NULL;
-        }
+        if (p < end && *p == ',') p++;
+        else if (p >= end || *p != ')') return NULL;
     }
 }
 
@@ -94,31 +71,21 @@ static const char *parse_dictionary(const char *p, const char *end, Header *h, i
     bool has_type = false, has_order = false, has_shape = false;
     char key[32], text[32];
     p = skip_blanks(p, end);
-    if (p >= end || *p++ != '{') {
-        return "the header is damaged";
-    }
+    if (p >= end || *p++ != '{') return "the header is damaged";
     for (;;) {
         p = skip_blanks(p, end);
-        if (p < end && *p == '}') {
-            break;
-        }
+        if (p < end && *p == '}') break;
         p = quoted(p, end, key);
         p = p ? skip_blanks(p, end) : NULL;
-        if (!p || p >= end || *p++ != ':') {
-            return "the header is damaged";
-        }
+        if (!p || p >= end || *p++ != ':') return "the header is damaged";
         p = skip_blanks(p, end);
         if (strcmp(key, "descr") == 0) {
             p = quoted(p, end, text);
-            if (!p || !parse_type(text, h)) {
-                return "its elements are not plain numbers";
-            }
+            if (!p || !parse_type(text, h)) return "its elements are not plain numbers";
             has_type = true;
         } else if (strcmp(key, "fortran_order") == 0) {
             bool yes = end - p >= 4 && strncmp(p, "True", 4) == 0, no = end - p >= 5 && strncmp(p, "False", 5) == 0;
-            if (!yes && !no) {
-                return "the header is damaged";
-            }
+            if (!yes && !no) return "the header is damaged";
             h->fortran = yes;
             p += yes ? 4 : 5;
             has_order = true;
@@ -129,51 +96,33 @@ static const char *parse_dictionary(const char *p, const char *end, Header *h, i
             return "the header has an unknown key";
         }
         p = p ? skip_blanks(p, end) : NULL;
-        if (!p || p >= end) {
-            return "the header is damaged";
-        }
-        if (*p == ',') {
-            p++;
-        }
+        if (!p || p >= end) return "the header is damaged";
+        if (*p == ',') p++;
     }
     return has_type && has_order && has_shape ? NULL : "the header is incomplete";
 }
 
 static SltStatus parse_header(const char *name, const uint8_t *bytes, size_t size, Header *h, SltError *err) {
     *h = (Header){.shape = {1, 1, 1, 1}, .count = 1};
-    if (size < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0) {
+    if (size < 10 || memcmp(bytes, "\x93NUMPY", 6) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a NumPy array file", name);
-    }
     size_t start = bytes[6] >= 2 ? 12 : 10;
     size_t length = bytes[8] | (size_t)bytes[9] << 8;
-    if (bytes[6] < 1 || bytes[6] > 3 || size < start) {
+    if (bytes[6] < 1 || bytes[6] > 3 || size < start)
         return status_fail(err, SLT_INPUT, "cannot read '%s': unknown NumPy format version %d", name, bytes[6]);
-    }
-    if (start == 12) {
-        length |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
-    }
-    if (length > size - start) {
+    if (start == 12) length |= (size_t)bytes[10] << 16 | (size_t)bytes[11] << 24;
+    if (length > size - start)
         return status_fail(err, SLT_INPUT, "cannot read '%s': the file ends in its header", name);
-    }
     const char *text = (const char *)bytes + start;
     int rank = 0;
     const char *wrong = parse_dictionary(text, text + length, h, &rank);
-    if (wrong) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': %s", name, wrong);
-    }
-    if (rank > 4) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': %d dimensions (at most 4)", name, rank);
-    }
+    if (wrong) return status_fail(err, SLT_INPUT, "cannot read '%s': %s", name, wrong);
+    if (rank > 4) return status_fail(err, SLT_INPUT, "cannot read '%s': %d dimensions (at most 4)", name, rank);
     double count = 1;
-    for (int i = 0; i < rank; i++) {
-        count *= (double)h->shape[i];
-    }
-    if (count < 1) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': the array is empty", name);
-    }
-    if (count > IMAGE_MAX_SAMPLES) {
+    for (int i = 0; i < rank; i++) count *= (double)h->shape[i];
+    if (count < 1) return status_fail(err, SLT_INPUT, "cannot read '%s': the array is empty", name);
+    if (count > IMAGE_MAX_SAMPLES)
         return status_fail(err, SLT_LIMIT, "'%s' is too large: %.0f numbers (at most 2^28)", name, count);
-    }
     h->rank = rank < 1 ? 1 : rank;
     h->count = (size_t)count;
     h->offset = start + length;
@@ -195,9 +144,7 @@ static double half_to_double(uint16_t v) {
 
 static double element(const Header *h, const uint8_t *p) {
     uint64_t v = 0;
-    for (int i = 0; i < h->width; i++) {
-        v |= (uint64_t)p[h->big ? h->width - 1 - i : i] << 8 * i;
-    }
+    for (int i = 0; i < h->width; i++) v |= (uint64_t)p[h->big ? h->width - 1 - i : i] << 8 * i;
     if (h->kind == 'f' && h->width == 8) {
         double d;
         memcpy(&d, &v, sizeof d);
@@ -209,9 +156,7 @@ static double element(const Header *h, const uint8_t *p) {
         memcpy(&f, &w, sizeof f);
         return f;
     }
-    if (h->kind == 'f') {
-        return half_to_double((uint16_t)v);
-    }
+    if (h->kind == 'f') return half_to_double((uint16_t)v);
     if (h->kind == 'i') {
         int shift = 64 - 8 * h->width;
         return (double)((int64_t)(v << shift) >> shift);
@@ -221,17 +166,13 @@ static double element(const Header *h, const uint8_t *p) {
 
 /* The file index of C-ordered element i. */
 static size_t file_index(const Header *h, size_t i) {
-    if (!h->fortran) {
-        return i;
-    }
+    if (!h->fortran) return i;
     size_t index = 0, at[4];
     for (int d = h->rank - 1; d >= 0; d--) {
         at[d] = i % h->shape[d];
         i /= h->shape[d];
     }
-    for (int d = h->rank - 1; d >= 0; d--) {
-        index = index * h->shape[d] + at[d];
-    }
+    for (int d = h->rank - 1; d >= 0; d--) index = index * h->shape[d] + at[d];
     return index;
 }
 
@@ -239,17 +180,11 @@ SltStatus npy_decode(const char *name, const void *bytes, size_t size, NumArray 
     Header h;
     *out = (NumArray){0};
     SltStatus status = parse_header(name, bytes, size, &h, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     double *data = malloc(h.count * sizeof *data);
-    if (!data) {
-        return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
-    }
+    if (!data) return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
     const uint8_t *from = (const uint8_t *)bytes + h.offset;
-    for (size_t i = 0; i < h.count; i++) {
-        data[i] = element(&h, from + file_index(&h, i) * (size_t)h.width);
-    }
+    for (size_t i = 0; i < h.count; i++) data[i] = element(&h, from + file_index(&h, i) * (size_t)h.width);
     *out = (NumArray){.rank = h.rank, .data = data};
     memcpy(out->shape, h.shape, sizeof out->shape);
     return SLT_OK;
@@ -276,9 +211,7 @@ SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, 
     Header h;
     *out = (Image){0};
     SltStatus status = parse_header(name, bytes, size, &h, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     if (h.rank > 3) {
         return status_fail(err, SLT_INPUT,
                            "cannot read '%s' as an image: it has %d dimensions (rows, columns and channels "
@@ -305,9 +238,8 @@ SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, c
                            Bytes *out, SltError *err) {
     char dims[128] = "", header[256];
     size_t count = 1;
-    if (rank < 1 || rank > 4) {
+    if (rank < 1 || rank > 4)
         return status_fail(err, SLT_USAGE, "an array of %d dimensions (1 to 4 can be written)", rank);
-    }
     for (int i = 0; i < rank; i++) {
         size_t at = strlen(dims);
         snprintf(dims + at, sizeof dims - at, "%s%zu%s", i ? " " : "", shape[i], i + 1 < rank || rank == 1 ? "," : "");
@@ -339,9 +271,7 @@ SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, c
             memcpy(&w, &f, 4);
             v = w;
         }
-        for (int b = 0; b < bytes; b++) {
-            little[b] = (uint8_t)(v >> 8 * b);
-        }
+        for (int b = 0; b < bytes; b++) little[b] = (uint8_t)(v >> 8 * b);
         image_bytes_append(out, little, (size_t)bytes);
     }
     return SLT_OK;
@@ -349,13 +279,5 @@ SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, c
 
 SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide, SltError *err) {
     Bytes b = {0};
-    SltStatus status = image_encode_npy(rank, shape, NULL, data, wide, &b, err);
-    if (status == SLT_OK && b.failed) {
-        status = status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
-    }
-    if (status == SLT_OK) {
-        status = file_write_atomic(path, b.data, b.size, err);
-    }
-    image_bytes_free(&b);
-    return status;
+    return image_bytes_save(&b, path, image_encode_npy(rank, shape, NULL, data, wide, &b, err), err);
 }
