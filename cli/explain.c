@@ -413,10 +413,9 @@ static int trace(SltProgram *p, const double x[3], TraceLog *log, double f[4]) {
         .params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
     memset(flt, 0, sizeof flt);
     for (int i = 0; i < N; i++)
-        for (int d = 0; d < 3; d++) {
+        for (int d = 0; d < 3; d++)
             if (p->opt.f64) flt[d][i] = x[d];
             else ((float *)flt[d])[i] = (float)x[d];
-        }
     for (int s = 0; s < SLT_IN_VARYING; s++) args.in[s] = zero;
     for (int d = 0; d < 3; d++) args.in[IN_X0 + d] = flt[d];
     args.in[IN_RAND0] = flt[3];

@@ -154,10 +154,9 @@ static int make_optimiser(Fit *f) {
         if (c->lr[k].name) status = set_rate(f, rate, c->lr[k].name, strtod(c->lr[k].value, NULL));
     for (uint32_t k = 0; status == SLT_OK && k < f->scene.nparams; k++)
         if (f->scene.params[k].mask) status = apply_mask(f, rate, &f->scene.params[k]);
-    for (uint32_t k = 0; status == SLT_OK && k < c->nsmooth; k++) {
+    for (uint32_t k = 0; status == SLT_OK && k < c->nsmooth; k++)
         if (!c->smooth[k].name) status = cli_usage(c, "--smooth wants P=LAMBDA");
         else status = find_grid(f, c->smooth[k].name, strtod(c->smooth[k].value, NULL), &grids[ngrids++]);
-    }
     if (status == SLT_OK) {
         OptimiseMethod method = !strcmp(c->optimizer, "sgd")     ? OPTIMISE_SGD
                                 : !strcmp(c->optimizer, "lbfgs") ? OPTIMISE_LBFGS

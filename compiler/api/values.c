@@ -13,10 +13,9 @@
 /* ---- the flat vectors */
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count) {
     api_fields_watch(p, base, count);
-    for (uint32_t i = base; i < base + count; i++) {
+    for (uint32_t i = base; i < base + count; i++)
         if (p->opt.f64) ((double *)p->flt)[i] = p->floats[i];
         else ((float *)p->flt)[i] = (float)p->floats[i];
-    }
 }
 
 uint32_t slt_float_count(const SltProgram *p) { return p->prog->nfloats; }

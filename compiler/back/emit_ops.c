@@ -249,11 +249,9 @@ void emit_value_op(Emit *e, Inst *i) {
     bool pick = i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel;
     for (uint32_t j = 0; j < i->nargs; j++) {
         /* a uniform condition selects whole vectors */
-        if (!vector || (pick && j == 0 && !emit_is_vector(e, i->args[0]))) {
+        if (!vector || (pick && j == 0 && !emit_is_vector(e, i->args[0])))
             for (uint32_t p = 0; p < (vector ? e->P : 1); p++) x[j][p] = emit_scalar(e, i->args[j]);
-        } else {
-            emit_parts(e, i->args[j], x[j]);
-        }
+        else emit_parts(e, i->args[j], x[j]);
     }
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
         Part args[3] = {NULL, NULL, NULL};

@@ -28,11 +28,10 @@ static void put_string(FILE *out, const char *text) {
 }
 
 static void put_escaped(FILE *out, const char *path) {
-    for (; *path; path++) {
+    for (; *path; path++)
         if (strchr("/-._~", *path) || (*path >= '0' && *path <= '9') || ((*path | 32) >= 'a' && (*path | 32) <= 'z'))
             fputc(*path, out);
         else fprintf(out, "%%%02X", (unsigned char)*path);
-    }
 }
 
 /* "-" and "<expr>" are no files; editors name such texts `untitled:`. */

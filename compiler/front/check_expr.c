@@ -266,11 +266,8 @@ static bool check_compound(Checker *c, Expr *e) {
 
 static Expr *check_assign(Checker *c, Expr *e) {
     e->a[0] = check_expr(c, e->a[0]);
-    if (e->a[1]->kind == E_LIST && e->op == OPR_NONE && !e->a[1]->type) {
-        e->a[1] = check_init(c, e->a[1], e->a[0]->type);
-    } else {
-        e->a[1] = check_value(c, e->a[1]);
-    }
+    if (e->a[1]->kind == E_LIST && e->op == OPR_NONE && !e->a[1]->type) e->a[1] = check_init(c, e->a[1], e->a[0]->type);
+    else e->a[1] = check_value(c, e->a[1]);
     if (e->a[0]->type->kind == T_ERROR) return fail(c, e);
     if (!is_place(e->a[0])) {
         report_not_place(c, e->a[0]);

@@ -68,10 +68,9 @@ static void join(Flow *f, State *into, const State *from) {
 
 static bool is_set(const State *s, uint32_t bit) { return s->dead || (s->w[bit / 64] >> (bit % 64) & 1); }
 static void set_bits(State *s, uint32_t at, uint32_t n, bool value) {
-    for (uint32_t i = at; i < at + n; i++) {
+    for (uint32_t i = at; i < at + n; i++)
         if (value) s->w[i / 64] |= (uint64_t)1 << (i % 64);
         else s->w[i / 64] &= ~((uint64_t)1 << (i % 64));
-    }
 }
 
 /* The bits that a place stands for. */

@@ -293,10 +293,9 @@ static Val lower_incdec(Lower *l, Expr *e) {
     Place p = lower_place(l, e->a[0]);
     Val old = place_load(l, &p), v = val_new(l, old.type);
     bool f = scalar_of(old.type)->kind == T_FLOAT;
-    for (uint32_t i = 0; i < v.n; i++) {
+    for (uint32_t i = 0; i < v.n; i++)
         if (f) v.c[i] = op2(l, OP_fadd, old.c[i], kf(l, e->op == OPR_INC ? 1 : -1));
         else v.c[i] = op2(l, OP_iadd, old.c[i], ki(l, e->op == OPR_INC ? 1 : -1));
-    }
     place_store(l, &p, v);
     return e->prefix ? v : old;
 }

@@ -77,10 +77,9 @@ static void put_evaluated(Filler *f, Expr *e) {
         lower_giveup(f->l);
     }
     if (status) ice(l->s, "evaluating a constant: status %d", status);
-    for (uint32_t i = 0; i < v.n; i++) {
+    for (uint32_t i = 0; i < v.n; i++)
         if (v.c[i]->type == TY_FLT) *f->floats++ = single ? (double)*(float *)out[i] : *(double *)out[i];
         else *f->ints++ = *(int32_t *)out[i];
-    }
 }
 
 static void put_expr(Filler *f, Expr *e) {
@@ -108,11 +107,10 @@ static void put_elements(Filler *f, const Type *elem, uint32_t first, uint32_t c
             uint32_t slot = is_float ? nf++ : ni++;
             if (at < first || at >= first + count) continue;
             void *from = out[at - first];
-            for (uint32_t e = 0; e < n; e++) {
+            for (uint32_t e = 0; e < n; e++)
                 if (is_float)
                     f->floats[e * layout->nfloats + slot] = single ? (double)((float *)from)[e] : ((double *)from)[e];
                 else f->ints[e * layout->nints + slot] = ((int32_t *)from)[e];
-            }
         }
     }
 }

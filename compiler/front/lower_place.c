@@ -329,11 +329,10 @@ Val place_load(Lower *l, const Place *p) {
         read_param_type(l, &r, p->type, 0, false);
         return out;
     }
-    for (uint32_t i = 0; i < layout->n; i++) {
+    for (uint32_t i = 0; i < layout->n; i++)
         if (!layout->leaf[i].count) out.c[i] = load_leaf(l, p, i);
         else if (p->index) out.c[i] = copy_array(l, p->vars[i].value, p->index, &layout->leaf[i]);
         else out.c[i] = p->vars[i].value; /* shared: whoever keeps it copies it */
-    }
     return out;
 }
 
@@ -383,10 +382,9 @@ void place_store(Lower *l, const Place *p, Val v) {
         return;
     }
     const Layout *layout = lower_layout(l, p->type);
-    for (uint32_t i = 0; i < layout->n; i++) {
+    for (uint32_t i = 0; i < layout->n; i++)
         if (layout->leaf[i].count) store_array(l, p->vars[i].value, p->index, v.c[i], &layout->leaf[i]);
         else store_leaf(l, p, i, v.c[i]);
-    }
 }
 
 Val vars_load(Lower *l, Type *t, Var *vars) {
@@ -396,9 +394,8 @@ Val vars_load(Lower *l, Type *t, Var *vars) {
 
 void vars_store(Lower *l, Type *t, Var *vars, Val v, bool own) {
     const Layout *layout = lower_layout(l, t);
-    for (uint32_t i = 0; i < layout->n; i++) {
+    for (uint32_t i = 0; i < layout->n; i++)
         if (!layout->leaf[i].count) var_set(l, &vars[i], v.c[i]);
         else if (own) vars[i].value = v.c[i];
         else store_array(l, vars[i].value, NULL, v.c[i], &layout->leaf[i]);
-    }
 }

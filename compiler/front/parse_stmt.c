@@ -92,13 +92,12 @@ static bool starts_declaration(const Parser *p) {
     if (t.kind == TOK_IDENT || t.kind == TOK_IN || t.kind == TOK_OUT || t.kind == TOK_INOUT) return !t.first_on_line;
     if (t.kind != TOK_LBRACKET) return false;
     uint32_t depth = 0;
-    for (;; t = lex_next(&ahead)) {
+    for (;; t = lex_next(&ahead))
         if (t.kind == TOK_LBRACKET) depth++;
         else if (t.kind == TOK_RBRACKET) depth--;
         else if (t.kind == TOK_EOF || t.kind == TOK_SEMICOLON || t.kind == TOK_LBRACE || t.kind == TOK_RBRACE)
             return false;
         else if (depth == 0) return t.kind == TOK_IDENT && !t.first_on_line;
-    }
 }
 
 static Stmt *declaration(Parser *p) {

@@ -458,10 +458,9 @@ static void layout_value(Layout *y, const Inst *i) {
 }
 
 static void fill_const(const Interp *in, const Inst *i) {
-    for (uint32_t l = 0; l < in->lanes; l++) {
+    for (uint32_t l = 0; l < in->lanes; l++)
         if (i->op == OP_constf) set_flt(in, in->slot[i->id], l, i->imm.f);
         else ((int32_t *)in->slot[i->id])[l] = (int32_t)i->imm.i;
-    }
 }
 
 static void layout_block(Layout *y, const Block *b) {

@@ -26,13 +26,10 @@ typedef struct Parser {
 
 static void skip_space(Parser *p) {
     while (p->at < p->end) {
-        if (*p->at == ';') {
+        if (*p->at == ';')
             while (p->at < p->end && *p->at != '\n') p->at++;
-        } else if (*p->at == ' ' || *p->at == '\n' || *p->at == '\t' || *p->at == '\r') {
-            p->at++;
-        } else {
-            return;
-        }
+        else if (*p->at == ' ' || *p->at == '\n' || *p->at == '\t' || *p->at == '\r') p->at++;
+        else return;
     }
 }
 

@@ -61,10 +61,9 @@ static bool list_is_sound(Verify *v, const Block *b, const Inst *owner, uint32_t
         }
         for (uint32_t a = 0; a < i->nargs; a++)
             if (!i->args[a]) problem(v, i, "operand %u is missing", a);
-        for (uint32_t r = 0; r < i->nregions; r++) {
+        for (uint32_t r = 0; r < i->nregions; r++)
             if (!i->region[r]) problem(v, i, "region %u is missing", r);
             else if (!list_is_sound(v, i->region[r], i, depth + 1)) return false;
-        }
     }
     if (b->last != last) problem(v, last, "the block's last instruction is another");
     return v->nproblems == before;

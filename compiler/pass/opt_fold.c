@@ -123,13 +123,10 @@ static void fold_if(Fold *f, Inst *i) {
         bool same = x[r] == y[r] || (x[r]->op == y[r]->op && ir_is_const(x[r]) &&
                                      memcmp(&x[r]->imm, &y[r]->imm, sizeof x[r]->imm) == 0);
         if (!same) continue;
-        if (ir_is_const(x[r])) {
-            replace(f, p, constant(f, i, (IrType)x[r]->type, x[r]->imm));
-        } else if (!walk_inside(x[r]->block, i->region[0]) && !walk_inside(x[r]->block, i->region[1])) {
+        if (ir_is_const(x[r])) replace(f, p, constant(f, i, (IrType)x[r]->type, x[r]->imm));
+        else if (!walk_inside(x[r]->block, i->region[0]) && !walk_inside(x[r]->block, i->region[1]))
             replace(f, p, x[r]);
-        } else {
-            continue;
-        }
+        else continue;
         ir_unlink(p);
     }
 }
@@ -165,13 +162,9 @@ static void fold_block(Fold *f, Block *b) {
         if (ir_ops[i->op].special) continue;
         Imm imm;
         Inst *same = identity(i);
-        if (same) {
-            replace(f, i, same);
-        } else if (ir_fold(i, f->fn->precision, &imm)) {
-            replace(f, i, constant(f, i, (IrType)i->type, imm));
-        } else {
-            continue;
-        }
+        if (same) replace(f, i, same);
+        else if (ir_fold(i, f->fn->precision, &imm)) replace(f, i, constant(f, i, (IrType)i->type, imm));
+        else continue;
         ir_unlink(i);
     }
 }

@@ -32,12 +32,11 @@ void json_number_f32(FILE *out, float v) {
 
 void json_text(FILE *out, const char *utf8) {
     fputc('"', out);
-    for (const unsigned char *s = (const unsigned char *)(utf8 ? utf8 : ""); *s; s++) {
+    for (const unsigned char *s = (const unsigned char *)(utf8 ? utf8 : ""); *s; s++)
         if (*s == '"' || *s == '\\') fprintf(out, "\\%c", *s);
         else if (*s == '\n') fputs("\\n", out);
         else if (*s == '\t') fputs("\\t", out);
         else if (*s < 0x20) fprintf(out, "\\u%04x", *s);
         else fputc(*s, out);
-    }
     fputc('"', out);
 }

@@ -19,9 +19,7 @@ static void interpolate(const uint8_t (*knots)[3], int count, double t, uint8_t 
     t = fmin(fmax(t, 0), 1) * (count - 1);
     int i = (int)t;
     i = i > count - 2 ? count - 2 : i;
-    for (int c = 0; c < 3; c++) {
-        rgb[c] = (uint8_t)lrint(knots[i][c] + (t - i) * (knots[i + 1][c] - knots[i][c]));
-    }
+    for (int c = 0; c < 3; c++) rgb[c] = (uint8_t)lrint(knots[i][c] + (t - i) * (knots[i + 1][c] - knots[i][c]));
 }
 
 void colormap_diverging(double t, uint8_t rgb[3]) {
@@ -41,18 +39,14 @@ void colormap_sequential(double t, uint8_t rgb[3]) {
 
 static double value_at(const Image *im, size_t pixel, int channel, const int *root, int n) {
     const float *p = im->data + pixel * (size_t)im->channels;
-    if (channel >= 0) {
-        return p[channel];
-    }
+    if (channel >= 0) return p[channel];
     return n >= 3 ? ((double)p[root[0]] + p[root[1]] + p[root[2]]) / 3 : p[root[0]];
 }
 
 /* A short number with its sign, with a point in every locale. */
 static void print_scale(double v, char out[32]) {
     snprintf(out, 32, "%+.3g", v);
-    for (char *p = out; *p; p++) {
-        *p = *p == ',' ? '.' : *p;
-    }
+    for (char *p = out; *p; p++) *p = *p == ',' ? '.' : *p;
 }
 
 static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale, const char *title) {
@@ -61,9 +55,8 @@ static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
     for (int x = left; x < right; x++) {
         uint8_t colour[3];
         colormap_diverging(2.0 * (x - left) / (right - 1 - left) - 1, colour);
-        for (int y = top; y < top + BAR_HEIGHT; y++) {
+        for (int y = top; y < top + BAR_HEIGHT; y++)
             memcpy(rgb + ((size_t)y * (size_t)width + (size_t)x) * 3, colour, 3);
-        }
     }
     int text_y = top + BAR_HEIGHT + 4;
     char lo[32], hi[32];
@@ -76,9 +69,7 @@ static void draw_bar(uint8_t *rgb, int width, int height, int top, double scale,
         char cut[200];
         int room = (right - left + 1) / 6;
         snprintf(cut, sizeof cut, "%s", title);
-        if (room < (int)strlen(cut)) {
-            snprintf(cut + (room > 2 ? room - 2 : 0), 3, "..");
-        }
+        if (room < (int)strlen(cut)) snprintf(cut + (room > 2 ? room - 2 : 0), 3, "..");
         font_draw(rgb, width, height, (left + right - font_measure(cut, 1)) / 2, text_y + TEXT_HEIGHT + 4, cut, 1, ink);
     }
 }
@@ -88,9 +79,8 @@ SltStatus image_draw_diverging(const Image *im, int channel, double scale, const
     int root[4];
     int n = image_root_channels(im, root);
     *pixels = NULL;
-    if (channel < -1 || channel >= im->channels) {
+    if (channel < -1 || channel >= im->channels)
         return status_fail(err, SLT_USAGE, "the image has no channel %d", channel);
-    }
     size_t count = (size_t)im->width * (size_t)im->height;
     if (!(scale > 0) || !isfinite(scale)) {
         scale = 0;
@@ -101,16 +91,12 @@ SltStatus image_draw_diverging(const Image *im, int channel, double scale, const
         scale = scale > 0 ? scale : 1;
     }
     int zoom = im->width < SMALLEST_WIDTH ? (SMALLEST_WIDTH + im->width - 1) / im->width : 1;
-    while (zoom > 1 && (double)im->height * zoom > 4096) {
-        zoom--; /* a tall sliver is not worth a huge picture */
-    }
+    while (zoom > 1 && (double)im->height * zoom > 4096) zoom--; /* a tall sliver is not worth a huge picture */
     int drawn = im->width * zoom, w = drawn < SMALLEST_WIDTH ? SMALLEST_WIDTH : drawn, x0 = (w - drawn) / 2;
     int band = MARGIN + BAR_HEIGHT + 4 + TEXT_HEIGHT + (title && title[0] ? TEXT_HEIGHT + 4 : 0) + MARGIN;
     int h = im->height * zoom + band;
     uint8_t *rgb = malloc((size_t)w * (size_t)h * 3);
-    if (!rgb) {
-        return status_fail(err, SLT_LIMIT, "out of memory for a picture of %d x %d pixels", w, h);
-    }
+    if (!rgb) return status_fail(err, SLT_LIMIT, "out of memory for a picture of %d x %d pixels", w, h);
     memset(rgb, 255, (size_t)w * (size_t)h * 3);
     for (int y = 0; y < im->height * zoom; y++) {
         for (int x = 0; x < drawn; x++) {
@@ -131,9 +117,7 @@ SltStatus image_write_diverging(const char *path, const Image *im, int channel, 
     uint8_t *rgb;
     int w, h;
     SltStatus status = image_draw_diverging(im, channel, scale, title, &rgb, &w, &h, err);
-    if (status == SLT_OK) {
-        status = image_write_png8(path, w, h, 3, rgb, err);
-    }
+    if (status == SLT_OK) status = image_write_png8(path, w, h, 3, rgb, err);
     free(rgb);
     return status;
 }

@@ -36,9 +36,7 @@ static void keep_message(exr_const_context_t ctx, exr_result_t code, const char 
     (void)code;
     if (ctx && exr_get_user_data(ctx, &user) == EXR_ERR_SUCCESS && user) {
         Stream *s = user;
-        if (!s->message[0] && msg) {
-            snprintf(s->message, sizeof s->message, "%s", msg);
-        }
+        if (!s->message[0] && msg) snprintf(s->message, sizeof s->message, "%s", msg);
     }
 }
 
@@ -52,9 +50,7 @@ static int64_t stream_read(exr_const_context_t ctx, void *user, void *buffer, ui
     Stream *s = user;
     (void)ctx;
     (void)fail;
-    if (offset >= s->size) {
-        return 0;
-    }
+    if (offset >= s->size) return 0;
     if (size > s->size - offset) { /* the header is read in blocks that may pass the end: the core
                                       checks what it needs */
         size = s->size - offset;
@@ -90,9 +86,8 @@ static exr_context_initializer_t initializer(Stream *s) {
 }
 
 static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing, SltStatus status, SltError *err) {
-    if (code == EXR_ERR_OUT_OF_MEMORY) {
+    if (code == EXR_ERR_OUT_OF_MEMORY)
         return status_fail(err, SLT_LIMIT, "cannot %s '%s': a block of it needs too much memory", doing, s->name);
-    }
     const char *text = s->message[0] ? s->message : exr_get_default_error_message(code);
     const char *file = strstr(text, s->name); /* the core prefixes some texts with the name */
     if (file == text && text[strlen(s->name)] == ':') {
@@ -121,31 +116,21 @@ static size_t layer_length(const char *name) {
 static int suffix_rank(const char *name) {
     static const char *const usual[] = {"R", "G", "B", "Y", "A"};
     const char *dot = strrchr(name, '.'), *suffix = dot ? dot + 1 : name;
-    for (int i = 0; i < 5; i++) {
-        if (strcmp(suffix, usual[i]) == 0) {
-            return i;
-        }
-    }
+    for (int i = 0; i < 5; i++)
+        if (strcmp(suffix, usual[i]) == 0) return i;
     return 5;
 }
 
 static int compare_channels(const void *a, const void *b) {
     const Channel *p = a, *q = b;
-    if (p->layer != q->layer) {
-        return p->layer < q->layer ? -1 : 1;
-    }
-    if (p->rank != q->rank) {
-        return p->rank < q->rank ? -1 : 1;
-    }
+    if (p->layer != q->layer) return p->layer < q->layer ? -1 : 1;
+    if (p->rank != q->rank) return p->rank < q->rank ? -1 : 1;
     return p->order < q->order ? -1 : p->order > q->order;
 }
 
 static bool name_taken(const Channel *list, int n, const char *name) {
-    for (int i = 0; i < n; i++) {
-        if (strcmp(list[i].name, name) == 0) {
-            return true;
-        }
-    }
+    for (int i = 0; i < n; i++)
+        if (strcmp(list[i].name, name) == 0) return true;
     return false;
 }
 
@@ -161,20 +146,15 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
     exr_attr_box2i_t data;
     const exr_attr_chlist_t *list;
     exr_result_t rc = exr_get_storage(ctx, part, &storage);
-    if (rc == EXR_ERR_SUCCESS && (storage == EXR_STORAGE_DEEP_SCANLINE || storage == EXR_STORAGE_DEEP_TILED)) {
+    if (rc == EXR_ERR_SUCCESS && (storage == EXR_STORAGE_DEEP_SCANLINE || storage == EXR_STORAGE_DEEP_TILED))
         return status_fail(err, SLT_INPUT, "cannot read '%s': deep images are not supported", s->name);
-    }
     rc = rc ? rc : exr_get_data_window(ctx, part, &data);
     rc = rc ? rc : exr_get_channels(ctx, part, &list);
-    if (rc) {
-        return fail_core(s, rc, "read", SLT_INPUT, err);
-    }
+    if (rc) return fail_core(s, rc, "read", SLT_INPUT, err);
     if (part == 0) {
         plan->data = data;
         rc = exr_get_display_window(ctx, part, &plan->display);
-        if (rc) {
-            return fail_core(s, rc, "read", SLT_INPUT, err);
-        }
+        if (rc) return fail_core(s, rc, "read", SLT_INPUT, err);
     } else if (memcmp(&data, &plan->data, sizeof data) != 0) {
         return status_fail(err, SLT_INPUT, "cannot read '%s': part %d covers another window than the first part",
                            s->name, part + 1);
@@ -182,25 +162,18 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
     double width = (double)data.max.x - data.min.x + 1, height = (double)data.max.y - data.min.y + 1;
     SltStatus status =
         image_check_claim(s->name, width, height, (double)plan->count + list->num_channels, s->size, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     if (storage == EXR_STORAGE_TILED) {
         uint32_t tile_x, tile_y;
         exr_tile_level_mode_t level;
         exr_tile_round_mode_t round;
         rc = exr_get_tile_descriptor(ctx, part, &tile_x, &tile_y, &level, &round);
-        if (rc) {
-            return fail_core(s, rc, "read", SLT_INPUT, err);
-        }
-        if (tile_x < 1 || tile_y < 1 || tile_x > TILE_LIMIT || tile_y > TILE_LIMIT) {
+        if (rc) return fail_core(s, rc, "read", SLT_INPUT, err);
+        if (tile_x < 1 || tile_y < 1 || tile_x > TILE_LIMIT || tile_y > TILE_LIMIT)
             return status_fail(err, SLT_INPUT, "cannot read '%s': tiles of %u x %u pixels", s->name, tile_x, tile_y);
-        }
     }
     Channel *grown = realloc(plan->channels, (size_t)(plan->count + list->num_channels) * sizeof *grown);
-    if (!grown) {
-        return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", s->name);
-    }
+    if (!grown) return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", s->name);
     plan->channels = grown;
     for (int i = 0; i < list->num_channels; i++) {
         const exr_attr_chlist_entry_t *entry = &list->entries[i];
@@ -215,13 +188,10 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
         snprintf(c->name, sizeof c->name, "%s", entry->name.str);
         if (name_taken(plan->channels, plan->count, c->name)) { /* parts may repeat R G B: tell them apart by part */
             const char *part_name = NULL;
-            if (exr_get_name(ctx, part, &part_name) != EXR_ERR_SUCCESS || !part_name) {
-                part_name = "part";
-            }
+            if (exr_get_name(ctx, part, &part_name) != EXR_ERR_SUCCESS || !part_name) part_name = "part";
             snprintf(c->name, sizeof c->name, "%.120s.%.120s", part_name, entry->name.str);
-            if (name_taken(plan->channels, plan->count, c->name)) {
+            if (name_taken(plan->channels, plan->count, c->name))
                 return status_fail(err, SLT_INPUT, "cannot read '%s': two channels are called '%s'", s->name, c->name);
-            }
         }
         plan->count++;
     }
@@ -243,9 +213,7 @@ static void order_channels(Plan *plan) {
         }
     }
     qsort(plan->channels, (size_t)plan->count, sizeof *plan->channels, compare_channels);
-    for (int i = 0; i < plan->count; i++) {
-        plan->channels[i].target = i;
-    }
+    for (int i = 0; i < plan->count; i++) plan->channels[i].target = i;
 }
 
 /* Where the pixels of a chunk go. */
@@ -272,21 +240,15 @@ static float half_to_float(uint16_t h) {
 
 static uint32_t load_bytes(const uint8_t *p, int n) {
     uint32_t v = 0;
-    for (int i = 0; i < n; i++) {
-        v |= (uint32_t)p[i] << 8 * i;
-    }
+    for (int i = 0; i < n; i++) v |= (uint32_t)p[i] << 8 * i;
     return v;
 }
 
 static float load_sample(const uint8_t *p, int type) {
     float f;
-    if (type == EXR_PIXEL_HALF) {
-        return half_to_float((uint16_t)load_bytes(p, 2));
-    }
+    if (type == EXR_PIXEL_HALF) return half_to_float((uint16_t)load_bytes(p, 2));
     uint32_t v = load_bytes(p, 4);
-    if (type == EXR_PIXEL_UINT) {
-        return (float)v;
-    }
+    if (type == EXR_PIXEL_UINT) return (float)v;
     memcpy(&f, &v, sizeof f);
     return f;
 }
@@ -302,25 +264,20 @@ static exr_result_t unpack(exr_decode_pipeline_t *pipe) {
     uint64_t need = 0;
     for (int i = 0; i < aim->plan->count; i++) {
         const Channel *c = &aim->plan->channels[i];
-        if (c->part == aim->part && c->slot < pipe->channel_count) {
-            target[c->slot] = c->target;
-        }
+        if (c->part == aim->part && c->slot < pipe->channel_count) target[c->slot] = c->target;
     }
     for (int k = 0; k < pipe->channel_count; k++) {
         need +=
             (uint64_t)chunk->width * (uint64_t)chunk->height * (pipe->channels[k].data_type == EXR_PIXEL_HALF ? 2 : 4);
     }
-    if (!from || need > chunk->unpacked_size) {
-        return EXR_ERR_CORRUPT_CHUNK;
-    }
+    if (!from || need > chunk->unpacked_size) return EXR_ERR_CORRUPT_CHUNK;
     for (int y = 0; y < chunk->height; y++) {
         float *line = aim->im->data +
                       ((size_t)(aim->y + y) * (size_t)aim->im->width + (size_t)aim->x) * (size_t)aim->im->channels;
         for (int k = 0; k < pipe->channel_count; k++) {
             int type = pipe->channels[k].data_type, bytes = type == EXR_PIXEL_HALF ? 2 : 4;
-            for (int x = 0; x < chunk->width; x++, from += bytes) {
+            for (int x = 0; x < chunk->width; x++, from += bytes)
                 line[(size_t)x * (size_t)aim->im->channels + (size_t)target[k]] = load_sample(from, type);
-            }
         }
     }
     return EXR_ERR_SUCCESS;
@@ -381,38 +338,25 @@ static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *pla
         for (int64_t ty = 0; !rc && !status && ty * tile_h < im->height; ty++) {
             for (int64_t tx = 0; !rc && !status && tx * tile_w < im->width; tx++) {
                 rc = exr_read_tile_chunk_info(ctx, part, (int)tx, (int)ty, 0, 0, &info);
-                if (!rc) {
-                    status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h, im, err);
-                }
+                if (!rc) status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h, im, err);
             }
         }
     }
-    if (d.started) {
-        exr_decoding_destroy(ctx, &d.pipe);
-    }
+    if (d.started) exr_decoding_destroy(ctx, &d.pipe);
     return rc ? fail_core(s, rc, "read", SLT_INPUT, err) : status;
 }
 
 static SltStatus read_attributes(exr_context_t ctx, const Stream *s, Image *im, SltError *err) {
     int32_t count = 0;
     bool ok = true;
-    if (exr_get_attribute_count(ctx, 0, &count) != EXR_ERR_SUCCESS) {
-        return SLT_OK;
-    }
+    if (exr_get_attribute_count(ctx, 0, &count) != EXR_ERR_SUCCESS) return SLT_OK;
     for (int32_t i = 0; i < count && ok; i++) {
         const exr_attribute_t *a;
-        if (exr_get_attribute_by_index(ctx, 0, EXR_ATTR_LIST_FILE_ORDER, i, &a) != EXR_ERR_SUCCESS) {
-            continue;
-        }
-        if (a->type == EXR_ATTR_STRING && a->string->str) {
-            ok = image_set_text(im, a->name, a->string->str);
-        } else if (a->type == EXR_ATTR_FLOAT) {
-            ok = image_set_number(im, a->name, a->f);
-        } else if (a->type == EXR_ATTR_DOUBLE) {
-            ok = image_set_number(im, a->name, a->d);
-        } else if (a->type == EXR_ATTR_INT) {
-            ok = image_set_number(im, a->name, a->i);
-        }
+        if (exr_get_attribute_by_index(ctx, 0, EXR_ATTR_LIST_FILE_ORDER, i, &a) != EXR_ERR_SUCCESS) continue;
+        if (a->type == EXR_ATTR_STRING && a->string->str) ok = image_set_text(im, a->name, a->string->str);
+        else if (a->type == EXR_ATTR_FLOAT) ok = image_set_number(im, a->name, a->f);
+        else if (a->type == EXR_ATTR_DOUBLE) ok = image_set_number(im, a->name, a->d);
+        else if (a->type == EXR_ATTR_INT) ok = image_set_number(im, a->name, a->i);
     }
     return ok ? SLT_OK : status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", s->name);
 }
@@ -421,18 +365,12 @@ static SltStatus read_attributes(exr_context_t ctx, const Stream *s, Image *im, 
  * is cut. */
 static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltError *err) {
     const exr_attr_box2i_t *d = &plan->data, *v = &plan->display;
-    if (memcmp(d, v, sizeof *d) == 0) {
-        return SLT_OK;
-    }
+    if (memcmp(d, v, sizeof *d) == 0) return SLT_OK;
     double width = (double)v->max.x - v->min.x + 1, height = (double)v->max.y - v->min.y + 1;
     SltStatus status = image_check_claim(s->name, width, height, im->channels, s->size, err);
     Image out = {0};
-    if (status == SLT_OK) {
-        status = image_create(&out, (int)width, (int)height, im->channels, err);
-    }
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status == SLT_OK) status = image_create(&out, (int)width, (int)height, im->channels, err);
+    if (status != SLT_OK) return status;
     int64_t dx = (int64_t)d->min.x - v->min.x, dy = (int64_t)d->min.y - v->min.y; /* of the data in the display */
     int64_t x0 = dx > 0 ? dx : 0, x1 = dx + im->width < out.width ? dx + im->width : out.width;
     if (x0 >= x1 || dy >= out.height || dy + im->height <= 0) {
@@ -457,25 +395,16 @@ static SltStatus fit_display(const Stream *s, const Plan *plan, Image *im, SltEr
 static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Image *im, SltError *err) {
     exr_result_t rc = exr_get_count(ctx, &plan->parts);
     SltStatus status = rc ? fail_core(s, rc, "read", SLT_INPUT, err) : SLT_OK;
-    if (!status && plan->parts < 1) {
+    if (!status && plan->parts < 1)
         return status_fail(err, SLT_INPUT, "cannot read '%s': the file has no image in it", s->name);
-    }
-    for (int part = 0; part < plan->parts && !status; part++) {
-        status = plan_part(ctx, s, plan, part, err);
-    }
-    if (status != SLT_OK) {
-        return status;
-    }
+    for (int part = 0; part < plan->parts && !status; part++) status = plan_part(ctx, s, plan, part, err);
+    if (status != SLT_OK) return status;
     order_channels(plan);
     int width = (int)((int64_t)plan->data.max.x - plan->data.min.x + 1);
     int height = (int)((int64_t)plan->data.max.y - plan->data.min.y + 1);
     status = image_create(im, width, height, plan->count, err);
-    for (int i = 0; i < plan->count && !status; i++) {
-        image_set_name(im, i, plan->channels[i].name);
-    }
-    for (int part = 0; part < plan->parts && !status; part++) {
-        status = decode_part(ctx, s, plan, part, im, err);
-    }
+    for (int i = 0; i < plan->count && !status; i++) image_set_name(im, i, plan->channels[i].name);
+    for (int part = 0; part < plan->parts && !status; part++) status = decode_part(ctx, s, plan, part, im, err);
     status = status ? status : fit_display(s, plan, im, err);
     return status ? status : read_attributes(ctx, s, im, err);
 }
@@ -486,18 +415,13 @@ SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, 
     exr_context_t ctx = NULL;
     Plan plan = {0};
     *out = (Image){0};
-    if (size < 8 || memcmp(bytes, "\x76\x2f\x31\x01", 4) != 0) {
+    if (size < 8 || memcmp(bytes, "\x76\x2f\x31\x01", 4) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not an OpenEXR file", name);
-    }
     exr_result_t rc = exr_start_read(&ctx, name, &init);
     SltStatus status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
-    if (ctx) {
-        exr_finish(&ctx);
-    }
+    if (ctx) exr_finish(&ctx);
     free(plan.channels);
-    if (status != SLT_OK) {
-        image_free(out);
-    }
+    if (status != SLT_OK) image_free(out);
     return status;
 }
 
@@ -509,15 +433,13 @@ static exr_result_t write_header(exr_context_t ctx, const Image *im) {
     exr_result_t rc = exr_set_longname_support(ctx, 1);
     rc = rc ? rc : exr_add_part(ctx, "saltus", EXR_STORAGE_SCANLINE, &part);
     rc = rc ? rc : exr_initialize_required_attr_simple(ctx, part, im->width, im->height, EXR_COMPRESSION_ZIP);
-    for (int c = 0; c < im->channels && !rc; c++) {
+    for (int c = 0; c < im->channels && !rc; c++)
         rc = exr_add_channel(ctx, part, image_get_name(im, c, name), EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
-    }
     for (int i = 0; i < im->attr_count && !rc; i++) {
         const ImageAttr *a = &im->attrs[i];
         const exr_attribute_t *old;
-        if (exr_get_attribute_by_name(ctx, part, a->name, &old) == EXR_ERR_SUCCESS) {
+        if (exr_get_attribute_by_name(ctx, part, a->name, &old) == EXR_ERR_SUCCESS)
             continue; /* what the format itself defines is written from the image */
-        }
         rc = a->text ? exr_attr_set_string(ctx, part, a->name, a->text)
                      : exr_attr_set_double(ctx, part, a->name, a->number);
     }
@@ -534,9 +456,8 @@ typedef struct Compressor {
 static exr_result_t compress_or_store(exr_encode_pipeline_t *pipe) {
     const Compressor *core = pipe->encoding_user_data;
     exr_result_t rc = core->run(pipe);
-    if (!rc && pipe->compressed_bytes == pipe->packed_bytes) {
+    if (!rc && pipe->compressed_bytes == pipe->packed_bytes)
         memcpy(pipe->compressed_buffer, pipe->packed_buffer, pipe->packed_bytes);
-    }
     return rc;
 }
 
@@ -570,9 +491,7 @@ static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *s
         started = true;
         rc = rc ? rc : exr_encoding_run(ctx, 0, &pipe);
     }
-    if (started) {
-        exr_encoding_destroy(ctx, &pipe);
-    }
+    if (started) exr_encoding_destroy(ctx, &pipe);
     return rc;
 }
 
@@ -580,14 +499,10 @@ static exr_result_t write_lines(exr_context_t ctx, const Image *im, const int *s
  * False for a duplicate. */
 static bool map_slots(exr_context_t ctx, const Image *im, int *slots) {
     const exr_attr_chlist_t *list;
-    if (exr_get_channels(ctx, 0, &list) != EXR_ERR_SUCCESS || list->num_channels != im->channels) {
-        return false;
-    }
+    if (exr_get_channels(ctx, 0, &list) != EXR_ERR_SUCCESS || list->num_channels != im->channels) return false;
     for (int k = 0; k < im->channels; k++) {
         slots[k] = image_find_channel(im, list->entries[k].name.str);
-        if (slots[k] < 0) {
-            return false;
-        }
+        if (slots[k] < 0) return false;
     }
     return true;
 }
@@ -596,12 +511,9 @@ static SltStatus check_names(const char *name, const Image *im, SltError *err) {
     char a[IMAGE_NAME_SIZE];
     for (int i = 0; i < im->channels; i++) {
         image_get_name(im, i, a);
-        if (!a[0]) {
-            return status_fail(err, SLT_USAGE, "cannot write '%s': channel %d has no name", name, i);
-        }
-        if (image_find_channel(im, a) != i) {
+        if (!a[0]) return status_fail(err, SLT_USAGE, "cannot write '%s': channel %d has no name", name, i);
+        if (image_find_channel(im, a) != i)
             return status_fail(err, SLT_USAGE, "cannot write '%s': two channels are called '%s'", name, a);
-        }
     }
     return SLT_OK;
 }
@@ -611,12 +523,9 @@ SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, s
     *bytes = NULL;
     *size = 0;
     SltStatus status = check_names(name, im, err);
-    if (status != SLT_OK) {
-        return status;
-    }
-    if ((double)im->width * im->channels * sizeof(float) > INT32_MAX) {
+    if (status != SLT_OK) return status;
+    if ((double)im->width * im->channels * sizeof(float) > INT32_MAX)
         return status_fail(err, SLT_LIMIT, "cannot write '%s': too wide for %d channels", name, im->channels);
-    }
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
     int *slots = malloc((size_t)im->channels * sizeof *slots);
@@ -624,9 +533,7 @@ SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, s
     exr_result_t rc =
         slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init) : EXR_ERR_OUT_OF_MEMORY;
     rc = rc ? rc : write_header(ctx, im);
-    if (!rc && !map_slots(ctx, im, slots)) {
-        rc = EXR_ERR_INVALID_ARGUMENT;
-    }
+    if (!rc && !map_slots(ctx, im, slots)) rc = EXR_ERR_INVALID_ARGUMENT;
     rc = rc ? rc : write_lines(ctx, im, slots);
     if (ctx) {
         exr_result_t end = exr_finish(&ctx);

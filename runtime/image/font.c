@@ -97,11 +97,8 @@ static const Glyph glyphs[] = {
 static const Glyph unknown = {0, {0x1F, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1F}, 0};
 
 static const Glyph *find_glyph(char c) {
-    for (size_t i = 0; i < sizeof glyphs / sizeof *glyphs; i++) {
-        if (glyphs[i].c == c) {
-            return &glyphs[i];
-        }
-    }
+    for (size_t i = 0; i < sizeof glyphs / sizeof *glyphs; i++)
+        if (glyphs[i].c == c) return &glyphs[i];
     return &unknown;
 }
 
@@ -116,9 +113,8 @@ void font_draw(uint8_t *rgb, int width, int height, int x, int y, const char *te
         for (int row = 0; row < 7 * zoom; row++) {
             for (int col = 0; col < 5 * zoom; col++) {
                 int px = x + col, py = y + row + g->drop * zoom;
-                if ((g->rows[row / zoom] >> (4 - col / zoom) & 1) && px >= 0 && py >= 0 && px < width && py < height) {
+                if ((g->rows[row / zoom] >> (4 - col / zoom) & 1) && px >= 0 && py >= 0 && px < width && py < height)
                     memcpy(rgb + ((size_t)py * (size_t)width + (size_t)px) * 3, colour, 3);
-                }
             }
         }
     }

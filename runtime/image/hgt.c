@@ -61,9 +61,7 @@ static void fill_from(Level *fine, const Level *coarse) {
     for (int y = 0; y < fine->side; y++) {
         for (int x = 0; x < fine->side; x++) {
             size_t i = (size_t)y * (size_t)fine->side + (size_t)x;
-            if (fine->known[i]) {
-                continue;
-            }
+            if (fine->known[i]) continue;
             int cx[2], cy[2];
             float wx, wy, row[2];
             neighbours(x, coarse->side, cx, &wx);
@@ -86,25 +84,17 @@ static bool fill_voids(Level *base) {
     while (memory && level[n - 1].side > 1) {
         memory = level_make(&level[n], (level[n - 1].side + 1) / 2);
         n++;
-        if (memory) {
-            average(&level[n - 2], &level[n - 1]);
-        }
+        if (memory) average(&level[n - 2], &level[n - 1]);
     }
-    for (int k = n - 2; memory && k >= 0; k--) {
-        fill_from(&level[k], &level[k + 1]);
-    }
-    for (int k = 1; k < n; k++) {
-        level_free(&level[k]);
-    }
+    for (int k = n - 2; memory && k >= 0; k--) fill_from(&level[k], &level[k + 1]);
+    for (int k = 1; k < n; k++) level_free(&level[k]);
     return memory;
 }
 
 SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
     *out = (Image){0};
     size_t side = 0;
-    while ((side + 1) * (side + 1) * 2 <= size && side < IMAGE_MAX_SIDE) {
-        side++;
-    }
+    while ((side + 1) * (side + 1) * 2 <= size && side < IMAGE_MAX_SIDE) side++;
     if (side < 2 || side * side * 2 != size) {
         return status_fail(err, SLT_INPUT,
                            "cannot read '%s': %zu bytes are no square of 16-bit heights (1201 x "
@@ -113,9 +103,7 @@ SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, 
     }
     SltStatus status = image_check_claim(name, (double)side, (double)side, 1, size, err);
     status = status ? status : image_create(out, (int)side, (int)side, 1, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     size_t n = side * side, voids = 0;
     Level base = {(int)side, out->data, malloc(n)};
     if (!base.known) {
@@ -137,8 +125,6 @@ SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, 
         status = status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
     }
     free(base.known);
-    if (status != SLT_OK) {
-        image_free(out);
-    }
+    if (status != SLT_OK) image_free(out);
     return status;
 }

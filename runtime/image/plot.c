@@ -37,9 +37,8 @@ static void escape(Bytes *b, const char *text) {
         case '>': image_bytes_append(b, "&gt;", 4); break;
         case '"': image_bytes_append(b, "&quot;", 6); break;
         default:
-            if ((unsigned char)*text >= 32) { /* control characters are not XML */
+            if ((unsigned char)*text >= 32) /* control characters are not XML */
                 image_bytes_append(b, text, 1);
-            }
         }
     }
 }
@@ -76,20 +75,15 @@ static void make_ticks(Axis *a, int wanted) {
     if (a->log && a->hi - a->lo >= 0.999) {
         int first = (int)ceil(a->lo), last = (int)floor(a->hi);
         a->decade_step = (last - first) / wanted + 1;
-        for (int d = first; d <= last && a->tick_count < MAX_TICKS; d++) {
-            if (((d % a->decade_step) + a->decade_step) % a->decade_step == 0) {
-                a->ticks[a->tick_count++] = d;
-            }
-        }
+        for (int d = first; d <= last && a->tick_count < MAX_TICKS; d++)
+            if (((d % a->decade_step) + a->decade_step) % a->decade_step == 0) a->ticks[a->tick_count++] = d;
         return;
     }
     a->decade_step = 0;
     double lo = a->log ? pow(10, a->lo) : a->lo, hi = a->log ? pow(10, a->hi) : a->hi;
     double rough = (hi - lo) / wanted, power = pow(10, floor(log10(rough))), step = 10 * power;
     static const double nice[] = {1, 2, 2.5, 5};
-    for (int i = 3; i >= 0; i--) {
-        step = rough <= nice[i] * power ? nice[i] * power : step;
-    }
+    for (int i = 3; i >= 0; i--) step = rough <= nice[i] * power ? nice[i] * power : step;
     for (double k = ceil(lo / step - 1e-9); k * step <= hi + step * 1e-9 && a->tick_count < MAX_TICKS; k++) {
         double v = fabs(k) < 0.5 ? 0 : k * step;
         a->ticks[a->tick_count++] = a->log ? log10(v) : v;
@@ -150,9 +144,7 @@ static void draw_y_axis(Bytes *b, const Axis *x, const Axis *y, const char *labe
 static void draw_errors(Bytes *b, const PlotSeries *s, const Axis *x, const Axis *y, const char *colour) {
     for (int i = 0; s->error && i < s->count; i++) {
         double ux = to_unit(x, s->x[i]), lo = to_unit(y, s->y[i] - s->error[i]), hi = to_unit(y, s->y[i] + s->error[i]);
-        if (!isfinite(ux) || !isfinite(hi) || !isfinite(to_unit(y, s->y[i]))) {
-            continue;
-        }
+        if (!isfinite(ux) || !isfinite(hi) || !isfinite(to_unit(y, s->y[i]))) continue;
         lo = isfinite(lo) ? fmax(lo, y->lo) : y->lo; /* a bar that reaches zero leaves a log plot at its floor */
         image_bytes_printf(b,
                            "<line x1=\"%.2f\" y1=\"%.2f\" x2=\"%.2f\" y2=\"%.2f\" stroke=\"%s\" "
@@ -192,9 +184,8 @@ static void draw_legend(Bytes *b, const PlotSeries *series, int count, double le
                            "<line x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
                            "stroke-width=\"2\"%s/>\n",
                            left, py, left + 22, py, colour, series[s].dashed ? " stroke-dasharray=\"6 4\"" : "");
-        if (!series[s].dashed) {
+        if (!series[s].dashed)
             image_bytes_printf(b, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>\n", left + 11, py, colour);
-        }
         image_bytes_printf(b, "<text x=\"%.1f\" y=\"%.1f\">", left + 28, py + 4);
         escape(b, series[s].name ? series[s].name : "");
         image_bytes_printf(b, "</text>\n");
@@ -243,9 +234,7 @@ static void draw_plot(Bytes *b, const PlotOptions *opt, const PlotSeries *series
         draw_errors(b, &series[s], &x, &y, palette[s % 8]);
         draw_series(b, &series[s], &x, &y, palette[s % 8]);
     }
-    if (count > 1 && longest) {
-        draw_legend(b, series, count, x.to + 14, y.to);
-    }
+    if (count > 1 && longest) draw_legend(b, series, count, x.to + 14, y.to);
     image_bytes_printf(b, "</svg>\n");
 }
 

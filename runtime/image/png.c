@@ -26,9 +26,7 @@ typedef struct Png {
 
 static void on_error(png_structp png, png_const_charp msg) {
     Png *p = png_get_error_ptr(png);
-    if (!p->message[0]) {
-        snprintf(p->message, sizeof p->message, "%s", msg);
-    }
+    if (!p->message[0]) snprintf(p->message, sizeof p->message, "%s", msg);
     longjmp(p->escape, 1);
 }
 
@@ -39,9 +37,7 @@ static void on_warning(png_structp png, png_const_charp msg) {
 
 static void read_bytes(png_structp png, png_bytep to, size_t n) {
     Png *p = png_get_io_ptr(png);
-    if (n > p->size - p->at) {
-        png_error(png, "the file ends too early");
-    }
+    if (n > p->size - p->at) png_error(png, "the file ends too early");
     memcpy(to, p->bytes + p->at, n);
     p->at += n;
 }
@@ -66,16 +62,12 @@ static void read_pixels(Png *p, const char *name, SltError *err) {
     png_read_info(p->png, p->info);
     double width = png_get_image_width(p->png, p->info), height = png_get_image_height(p->png, p->info);
     p->status = image_check_claim(name, width, height, 4, p->size, err);
-    if (p->status != SLT_OK) {
-        longjmp(p->escape, 1);
-    }
+    if (p->status != SLT_OK) longjmp(p->escape, 1);
     p->status = SLT_INPUT;
     png_set_expand(p->png); /* palette to colour, 1-4 bits to 8, tRNS to alpha */
     if (png_get_bit_depth(p->png, p->info) == 16) {
         const uint16_t probe = 1;
-        if (*(const uint8_t *)&probe) {
-            png_set_swap(p->png);
-        }
+        if (*(const uint8_t *)&probe) png_set_swap(p->png);
     }
     int passes = png_set_interlace_handling(p->png);
     png_read_update_info(p->png, p->info);
@@ -94,20 +86,14 @@ static void read_pixels(Png *p, const char *name, SltError *err) {
         p->status = SLT_LIMIT;
         png_error(p->png, "out of memory");
     }
-    for (int y = 0; y < p->height; y++) {
-        p->rows[y] = p->pixels + (size_t)y * row;
-    }
-    for (int pass = 0; pass < passes; pass++) {
-        png_read_rows(p->png, p->rows, NULL, (png_uint_32)p->height);
-    }
+    for (int y = 0; y < p->height; y++) p->rows[y] = p->pixels + (size_t)y * row;
+    for (int pass = 0; pass < passes; pass++) png_read_rows(p->png, p->rows, NULL, (png_uint_32)p->height);
     png_read_end(p->png, NULL);
 }
 
 static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
     SltStatus status = image_create(out, p->width, p->height, p->channels, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     int levels = p->bits == 16 ? 65536 : 256;
     float *linear = malloc((size_t)levels * sizeof *linear);
     if (!linear) {
@@ -132,9 +118,8 @@ static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
 
 SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, bool raw, Image *out, SltError *err) {
     *out = (Image){0};
-    if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0) {
+    if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PNG file", name);
-    }
     Png *p = calloc(1, sizeof *p);
     if (p) {
         *p = (Png){.bytes = bytes, .size = size, .status = SLT_INPUT};
@@ -142,9 +127,7 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
         p->info = p->png ? png_create_info_struct(p->png) : NULL;
     }
     if (!p || !p->info) {
-        if (p) {
-            png_destroy_read_struct(&p->png, NULL, NULL);
-        }
+        if (p) png_destroy_read_struct(&p->png, NULL, NULL);
         free(p);
         return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
     }
@@ -178,9 +161,7 @@ SltStatus image_encode_png(const char *name, int width, int height, int channels
         p->info = p->png ? png_create_info_struct(p->png) : NULL;
     }
     if (!p || !p->info) {
-        if (p) {
-            png_destroy_write_struct(&p->png, NULL);
-        }
+        if (p) png_destroy_write_struct(&p->png, NULL);
         free(p);
         return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", name);
     }
@@ -192,9 +173,7 @@ SltStatus image_encode_png(const char *name, int width, int height, int channels
         png_set_IHDR(p->png, p->info, (png_uint_32)width, (png_uint_32)height, bits, types[channels],
                      PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
         png_write_info(p->png, p->info);
-        for (int y = 0; y < height; y++) {
-            png_write_row(p->png, pixels + (size_t)y * row);
-        }
+        for (int y = 0; y < height; y++) png_write_row(p->png, pixels + (size_t)y * row);
         png_write_end(p->png, p->info);
     } else {
         status = status_fail(err, p->status, "cannot write '%s': %s", name, p->message);
@@ -208,9 +187,7 @@ SltStatus image_encode_png8(const char *name, int width, int height, int channel
                             uint8_t **bytes, size_t *size, SltError *err) {
     Bytes b = {0};
     SltStatus status = image_encode_png(name, width, height, channels, 8, pixels, &b, err);
-    if (status != SLT_OK) {
-        image_bytes_free(&b);
-    }
+    if (status != SLT_OK) image_bytes_free(&b);
     *bytes = b.data;
     *size = b.size;
     return status;
@@ -221,9 +198,7 @@ SltStatus image_write_png8(const char *path, int width, int height, int channels
     uint8_t *bytes;
     size_t size;
     SltStatus status = image_encode_png8(path, width, height, channels, pixels, &bytes, &size, err);
-    if (status == SLT_OK) {
-        status = file_write_atomic(path, bytes, size, err);
-    }
+    if (status == SLT_OK) status = file_write_atomic(path, bytes, size, err);
     free(bytes);
     return status;
 }

@@ -30,26 +30,18 @@ typedef struct Line {
 static Line read_line(const char *p, const char *end, locale_t plain, Bytes *numbers) {
     Line line = {0};
     for (;;) {
-        while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) {
-            p++;
-        }
-        if (p >= end || *p == '#') {
-            break;
-        }
+        while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) p++;
+        if (p >= end || *p == '#') break;
         line.any = true;
         size_t column = line.numbers + 1;
         char *after = NULL;
         double v = 0;
         bool hex = p + 1 < end && p[0] == '0' && (p[1] == 'x' || p[1] == 'X');
-        if (*p != ',' && *p != ';' && !hex) {
-            v = strtod_l(p, &after, plain);
-        }
+        if (*p != ',' && *p != ';' && !hex) v = strtod_l(p, &after, plain);
         if (!after || after == p || after > end || (after < end && !is_separator(*after) && *after != '#')) {
             size_t n = 0;
             const char *q = p;
-            while (q < end && !is_separator(*q) && n < sizeof line.bad - 1) {
-                line.bad[n++] = *q++;
-            }
+            while (q < end && !is_separator(*q) && n < sizeof line.bad - 1) line.bad[n++] = *q++;
             line.bad[n] = 0;
             line.words = true;
             line.bad_column = column;
@@ -58,12 +50,8 @@ static Line read_line(const char *p, const char *end, locale_t plain, Bytes *num
         image_bytes_append(numbers, &v, sizeof v);
         line.numbers++;
         p = after;
-        while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) {
-            p++;
-        }
-        if (p < end && (*p == ',' || *p == ';')) {
-            p++;
-        }
+        while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) p++;
+        if (p < end && (*p == ',' || *p == ';')) p++;
     }
     return line;
 }
@@ -72,21 +60,13 @@ static Line read_line(const char *p, const char *end, locale_t plain, Bytes *num
 static bool is_header(const char *p, const char *end, locale_t plain) {
     bool any = false;
     while (p < end) {
-        while (p < end && (is_separator(*p) || *p == '"')) {
-            p++;
-        }
-        if (p >= end) {
-            break;
-        }
+        while (p < end && (is_separator(*p) || *p == '"')) p++;
+        if (p >= end) break;
         char *after;
         strtod_l(p, &after, plain);
-        if (after > p && after <= end && (after == end || is_separator(*after) || *after == '"')) {
-            return false;
-        }
+        if (after > p && after <= end && (after == end || is_separator(*after) || *after == '"')) return false;
         any = true;
-        while (p < end && !is_separator(*p)) {
-            p++;
-        }
+        while (p < end && !is_separator(*p)) p++;
     }
     return any;
 }
@@ -97,12 +77,8 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
     Bytes numbers = {0};
     size_t rows = 0, cols = 0, line_number = 0;
     SltStatus status = SLT_OK;
-    if (memchr(text, 0, size)) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a text file", name);
-    }
-    if (size >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) {
-        p += 3;
-    }
+    if (memchr(text, 0, size)) return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a text file", name);
+    if (size >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) p += 3;
     bool first = true;
     while (p < end && !status) {
         const char *stop = memchr(p, '\n', (size_t)(end - p));
@@ -124,14 +100,12 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
             cols = line.numbers;
             rows++;
         }
-        if (numbers.failed || numbers.size / sizeof(double) > IMAGE_MAX_SAMPLES) {
+        if (numbers.failed || numbers.size / sizeof(double) > IMAGE_MAX_SAMPLES)
             status = status_fail(err, SLT_LIMIT, "cannot read '%s': too many numbers", name);
-        }
         p = stop < end ? stop + 1 : end;
     }
-    if (!status && rows == 0) {
+    if (!status && rows == 0)
         status = status_fail(err, SLT_INPUT, "cannot read '%s': there are no numbers in it", name);
-    }
     if (status != SLT_OK) {
         image_bytes_free(&numbers);
         return status;
@@ -146,14 +120,10 @@ SltStatus table_decode_csv(const char *name, const void *bytes, size_t size, Tab
     locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (!text || !plain) {
         free(text);
-        if (plain) {
-            freelocale(plain);
-        }
+        if (plain) freelocale(plain);
         return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
     }
-    if (size) {
-        memcpy(text, bytes, size);
-    }
+    if (size) memcpy(text, bytes, size);
     text[size] = 0;
     SltStatus status = parse_csv(name, text, size, plain, out, err);
     freelocale(plain);
@@ -165,18 +135,14 @@ static SltStatus table_from_image(const char *path, Table *out, SltError *err) {
     Image im;
     const ImageReadOptions raw = {.raw = true};
     SltStatus status = image_read(path, &raw, &im, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     size_t rows = (size_t)im.height, cols = (size_t)im.width * (size_t)im.channels;
     double *data = malloc(rows * cols * sizeof *data);
     if (!data) {
         image_free(&im);
         return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", path);
     }
-    for (size_t i = 0; i < rows * cols; i++) {
-        data[i] = im.data[i];
-    }
+    for (size_t i = 0; i < rows * cols; i++) data[i] = im.data[i];
     image_free(&im);
     *out = (Table){.rows = rows, .cols = cols, .data = data};
     return SLT_OK;
@@ -189,9 +155,8 @@ SltStatus table_read(const char *path, Table *out, SltError *err) {
     if (strcmp(ext, "npy") == 0) {
         NumArray a;
         SltStatus status = npy_read(path, &a, err);
-        if (status == SLT_OK) {
+        if (status == SLT_OK)
             *out = (Table){.rows = a.shape[0], .cols = a.shape[1] * a.shape[2] * a.shape[3], .data = a.data};
-        }
         return status;
     }
     if (!strcmp(ext, "csv") || !strcmp(ext, "tsv") || !strcmp(ext, "txt")) {
@@ -202,8 +167,7 @@ SltStatus table_read(const char *path, Table *out, SltError *err) {
         free(bytes);
         return status;
     }
-    if (!strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "f32")) {
+    if (!strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "f32"))
         return table_from_image(path, out, err);
-    }
     return status_fail(err, SLT_INPUT, "cannot read '%s': a table is .csv, .tsv, .txt, .npy or an image", path);
 }

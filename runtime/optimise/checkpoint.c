@@ -59,9 +59,7 @@ SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, c
     head.blob_size = blob_size;
     size_t size = sizeof head + head.key_size + sizeof(Numbers) + o->persistent * sizeof(double) + blob_size;
     uint8_t *bytes = malloc(size + 8), *p = bytes;
-    if (!bytes) {
-        return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
-    }
+    if (!bytes) return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
     const struct {
         const void *data;
         size_t size;
@@ -86,12 +84,10 @@ SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, c
 /* Everything that can be wrong, before anything is taken over. */
 static SltStatus check_file(const Optimiser *o, const char *path, const char *key, const uint8_t *bytes, size_t size,
                             Head *head, SltError *err) {
-    if (size < 8 || memcmp(bytes, MAGIC, sizeof MAGIC) != 0) {
+    if (size < 8 || memcmp(bytes, MAGIC, sizeof MAGIC) != 0)
         return status_fail(err, SLT_INPUT, "cannot resume from '%s': it is not a checkpoint", path);
-    }
-    if (size < sizeof *head + 8) {
+    if (size < sizeof *head + 8)
         return status_fail(err, SLT_INPUT, "cannot resume from '%s': the file ends too early", path);
-    }
     memcpy(head, bytes, sizeof *head);
     if (head->version != VERSION || head->byte_order != BYTE_ORDER_MARK || head->numbers_size != sizeof(Numbers)) {
         return status_fail(err, SLT_INPUT, "cannot resume from '%s': it was written by another version or machine",
@@ -125,16 +121,10 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
     size_t size;
     Head head;
     Numbers now;
-    if (blob) {
-        *blob = NULL;
-    }
-    if (blob_size) {
-        *blob_size = 0;
-    }
+    if (blob) *blob = NULL;
+    if (blob_size) *blob_size = 0;
     SltStatus status = file_read_all(path, &bytes, &size, err);
-    if (status != SLT_OK) {
-        return status;
-    }
+    if (status != SLT_OK) return status;
     status = check_file(o, path, key, bytes, size, &head, err);
     const uint8_t *p = bytes + sizeof head;
     if (status == SLT_OK) {
@@ -162,9 +152,7 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
     if (status == SLT_OK) {
         o->now = now;
         memcpy(o->block, p, head.double_count * sizeof(double));
-        if (blob_size) {
-            *blob_size = head.blob_size;
-        }
+        if (blob_size) *blob_size = head.blob_size;
     }
     free(bytes);
     return status;

@@ -16,9 +16,7 @@ enum { MAX_BACKTRACKS = 40 };
 
 static double dot_free(const Optimiser *o, const double *a, const double *b) {
     double sum = 0;
-    for (size_t i = 0; i < o->config.n; i++) {
-        sum += o->is_free[i] ? a[i] * b[i] : 0;
-    }
+    for (size_t i = 0; i < o->config.n; i++) sum += o->is_free[i] ? a[i] * b[i] : 0;
     return sum;
 }
 
@@ -32,15 +30,9 @@ static void find_free(Optimiser *o) {
 /* v := P v on the free variables, P = sqrt(rate) (I + lambda L)^-2 sqrt(rate): symmetric and
  * positive, so a valid start of the recursion. */
 static void precondition(Optimiser *o, double *v) {
-    for (size_t i = 0; i < o->config.n; i++) {
-        v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
-    }
-    for (int k = 0; k < o->config.grid_count; k++) {
-        optimise_smooth_grid(o, k, v, 2);
-    }
-    for (size_t i = 0; i < o->config.n; i++) {
-        v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
-    }
+    for (size_t i = 0; i < o->config.n; i++) v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
+    for (int k = 0; k < o->config.grid_count; k++) optimise_smooth_grid(o, k, v, 2);
+    for (size_t i = 0; i < o->config.n; i++) v[i] = o->is_free[i] ? v[i] * sqrt(o->config.learning_rate[i]) : 0;
 }
 
 /* step := -P g, so long that the variable that moves furthest moves by its rate. */
@@ -48,23 +40,16 @@ static void gradient_direction(Optimiser *o) {
     double furthest = 0;
     memcpy(o->step, o->g, o->config.n * sizeof *o->step);
     precondition(o, o->step);
-    for (size_t i = 0; i < o->config.n; i++) {
-        if (o->is_free[i]) {
-            furthest = fmax(furthest, fabs(o->step[i]) / o->config.learning_rate[i]);
-        }
-    }
-    for (size_t i = 0; i < o->config.n; i++) {
-        o->step[i] = furthest > 0 ? -o->step[i] / furthest : 0;
-    }
+    for (size_t i = 0; i < o->config.n; i++)
+        if (o->is_free[i]) furthest = fmax(furthest, fabs(o->step[i]) / o->config.learning_rate[i]);
+    for (size_t i = 0; i < o->config.n; i++) o->step[i] = furthest > 0 ? -o->step[i] / furthest : 0;
 }
 
 static void two_loop(Optimiser *o) {
     size_t n = o->config.n;
     int history = o->config.history, kept = (int)o->now.pairs;
     double gamma = 0, *q = o->step;
-    for (size_t i = 0; i < n; i++) {
-        q[i] = o->is_free[i] ? o->g[i] : 0;
-    }
+    for (size_t i = 0; i < n; i++) q[i] = o->is_free[i] ? o->g[i] : 0;
     for (int k = 0; k < kept; k++) { /* newest first */
         size_t at = (size_t)(((int)o->now.newest - k + history) % history);
         const double *s = o->s + at * n, *y = o->y + at * n;
@@ -72,9 +57,7 @@ static void two_loop(Optimiser *o) {
         o->alpha[at] = 0;
         if (curvature > 0) {
             o->alpha[at] = dot_free(o, s, q) / curvature;
-            for (size_t i = 0; i < n; i++) {
-                q[i] -= o->is_free[i] ? o->alpha[at] * y[i] : 0;
-            }
+            for (size_t i = 0; i < n; i++) q[i] -= o->is_free[i] ? o->alpha[at] * y[i] : 0;
             if (gamma == 0) {
                 memcpy(o->work, y, n * sizeof *y);
                 precondition(o, o->work);
@@ -84,31 +67,23 @@ static void two_loop(Optimiser *o) {
         }
     }
     precondition(o, q);
-    for (size_t i = 0; i < n; i++) {
-        q[i] *= gamma;
-    }
+    for (size_t i = 0; i < n; i++) q[i] *= gamma;
     for (int k = kept - 1; k >= 0; k--) {
         size_t at = (size_t)(((int)o->now.newest - k + history) % history);
         const double *s = o->s + at * n, *y = o->y + at * n;
         double curvature = dot_free(o, s, y);
         if (curvature > 0) {
             double beta = dot_free(o, y, q) / curvature;
-            for (size_t i = 0; i < n; i++) {
-                q[i] += o->is_free[i] ? (o->alpha[at] - beta) * s[i] : 0;
-            }
+            for (size_t i = 0; i < n; i++) q[i] += o->is_free[i] ? (o->alpha[at] - beta) * s[i] : 0;
         }
     }
-    for (size_t i = 0; i < n; i++) {
-        q[i] = -q[i];
-    }
+    for (size_t i = 0; i < n; i++) q[i] = -q[i];
 }
 
 bool lbfgs_place_trial(Optimiser *o) {
     bool moved = optimise_move_to_trial(o);
     double slope = 0;
-    for (size_t i = 0; i < o->config.n; i++) {
-        slope += o->g[i] * (o->u[i] - o->base[i]);
-    }
+    for (size_t i = 0; i < o->config.n; i++) slope += o->g[i] * (o->u[i] - o->base[i]);
     o->now.slope = slope;
     return moved && slope < 0;
 }
@@ -119,15 +94,12 @@ static OptimiseState start_search(Optimiser *o) {
     o->now.step_scale = 1;
     if (o->now.pairs > 0) {
         two_loop(o);
-        if (lbfgs_place_trial(o)) {
-            return OPTIMISE_EVALUATE;
-        }
+        if (lbfgs_place_trial(o)) return OPTIMISE_EVALUATE;
         o->now.pairs = 0;
     }
     gradient_direction(o);
-    if (!lbfgs_place_trial(o)) {
+    if (!lbfgs_place_trial(o))
         return optimise_finish(o, OPTIMISE_CONVERGED, "no step along the gradient changes the parameters");
-    }
     return OPTIMISE_EVALUATE;
 }
 
@@ -135,9 +107,7 @@ static OptimiseState backtrack(Optimiser *o, double loss) {
     double t = o->now.step_scale, excess = loss - o->now.base_loss - o->now.slope;
     double factor = excess > 0 ? -0.5 * o->now.slope / excess : 0.5; /* the parabola's minimum */
     o->now.step_scale = t * fmin(fmax(factor, 0.1), 0.5);
-    if (++o->now.backtracks <= MAX_BACKTRACKS && lbfgs_place_trial(o)) {
-        return OPTIMISE_EVALUATE;
-    }
+    if (++o->now.backtracks <= MAX_BACKTRACKS && lbfgs_place_trial(o)) return OPTIMISE_EVALUATE;
     if (o->now.pairs > 0) { /* a stale history may be to blame */
         o->now.pairs = 0;
         return start_search(o);
@@ -159,9 +129,7 @@ static void keep_pair(Optimiser *o) {
         ss += ds * ds;
         yy += dy * dy;
     }
-    if (!(sy > 1e-10 * sqrt(ss) * sqrt(yy))) {
-        return;
-    }
+    if (!(sy > 1e-10 * sqrt(ss) * sqrt(yy))) return;
     for (size_t i = 0; i < n; i++) {
         s[i] = o->u[i] - o->base[i];
         y[i] = o->fresh[i] - o->g[i];
@@ -173,9 +141,7 @@ static void keep_pair(Optimiser *o) {
 OptimiseState lbfgs_step(Optimiser *o, double loss) {
     size_t n = o->config.n;
     if (o->now.started) {
-        if (loss > o->now.base_loss + ARMIJO * o->now.slope) {
-            return backtrack(o, loss);
-        }
+        if (loss > o->now.base_loss + ARMIJO * o->now.slope) return backtrack(o, loss);
         keep_pair(o);
         o->now.iterations++;
     }

@@ -22,9 +22,8 @@ bool optimise_move_to_trial(Optimiser *o) {
     bool moved = false;
     for (size_t i = 0; i < o->config.n; i++) {
         double u = clamp(o->base[i] + o->now.step_scale * o->step[i], o->lo[i], o->hi[i]);
-        if (rate_of(o, i) == 0) { /* held: not even a rounding may change it */
+        if (rate_of(o, i) == 0) /* held: not even a rounding may change it */
             continue;
-        }
         moved |= u != o->base[i];
         o->u[i] = u;
         o->params[i] = to_caller(o, i, u);
@@ -77,26 +76,20 @@ static size_t grid_index(const OptimiseGrid *g, int x, int y, int c) {
 
 void optimise_smooth_grid(Optimiser *o, int k, double *v, int times) {
     const OptimiseGrid *g = &o->config.grids[k];
-    for (int c = 0; o->solvers[k] && c < g->channels; c++) {
-        for (int t = 0; t < times; t++) {
+    for (int c = 0; o->solvers[k] && c < g->channels; c++)
+        for (int t = 0; t < times; t++)
             laplacian_solve(o->solvers[k], v + grid_index(g, 0, 0, c), g->stride_x, g->stride_y, o->grid_scratch);
-        }
-    }
 }
 
 static void smooth_grids(Optimiser *o, double *v, int times) {
-    for (int k = 0; k < o->config.grid_count; k++) {
-        optimise_smooth_grid(o, k, v, times);
-    }
+    for (int k = 0; k < o->config.grid_count; k++) optimise_smooth_grid(o, k, v, times);
 }
 
 /* Under a Laplacian, Adam's scaling by each entry's own second moment would undo the smoothing; the
  * paper's uniform variant divides a whole grid by its largest. `work` gets the denominator of every
  * parameter. */
 static void adam_denominators(Optimiser *o, double correction) {
-    for (size_t i = 0; i < o->config.n; i++) {
-        o->work[i] = sqrt(o->square[i] / correction) + o->config.epsilon;
-    }
+    for (size_t i = 0; i < o->config.n; i++) o->work[i] = sqrt(o->square[i] / correction) + o->config.epsilon;
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];
         double largest = 0;
@@ -105,11 +98,8 @@ static void adam_denominators(Optimiser *o, double correction) {
                 for (int y = 0; y < g->height; y++) {
                     for (int x = 0; x < g->width; x++) {
                         size_t i = grid_index(g, x, y, c);
-                        if (pass == 0) {
-                            largest = fmax(largest, o->work[i]);
-                        } else {
-                            o->work[i] = largest;
-                        }
+                        if (pass == 0) largest = fmax(largest, o->work[i]);
+                        else o->work[i] = largest;
                     }
                 }
             }
@@ -130,11 +120,8 @@ static void limit_outliers(Optimiser *o, double correction) {
                 for (int y = 0; y < g->height; y++) {
                     for (int x = 0; x < g->width; x++) {
                         size_t i = grid_index(g, x, y, c);
-                        if (pass == 0) {
-                            largest = fmax(largest, o->square[i]);
-                        } else if (limit > 0) {
-                            o->step[i] = clamp(o->step[i], -limit, limit);
-                        }
+                        if (pass == 0) largest = fmax(largest, o->square[i]);
+                        else if (limit > 0) o->step[i] = clamp(o->step[i], -limit, limit);
                     }
                 }
             }
@@ -149,18 +136,14 @@ static void adam(Optimiser *o) {
     double first = 1 - pow(c->beta1, t), second = 1 - pow(c->beta2, t);
     memcpy(o->step, o->g, c->n * sizeof *o->step);
     smooth_grids(o, o->step, 1);
-    if (t > 1) {
-        limit_outliers(o, before);
-    }
+    if (t > 1) limit_outliers(o, before);
     for (size_t i = 0; i < c->n; i++) {
         double g = o->step[i];
         o->moment[i] = c->beta1 * o->moment[i] + (1 - c->beta1) * g;
         o->square[i] = c->beta2 * o->square[i] + (1 - c->beta2) * g * g;
     }
     adam_denominators(o, second);
-    for (size_t i = 0; i < c->n; i++) {
-        o->step[i] = -rate_of(o, i) * (o->moment[i] / first) / o->work[i];
-    }
+    for (size_t i = 0; i < c->n; i++) o->step[i] = -rate_of(o, i) * (o->moment[i] / first) / o->work[i];
     smooth_grids(o, o->step, 1);
 }
 
@@ -176,19 +159,13 @@ static void sgd(Optimiser *o) {
 
 /* The next step from base, by its gradient and the moments so far. */
 static void momentum_step(Optimiser *o) {
-    if (o->config.method == OPTIMISE_ADAM) {
-        adam(o);
-    } else {
-        sgd(o);
-    }
+    if (o->config.method == OPTIMISE_ADAM) adam(o);
+    else sgd(o);
 }
 
 static bool all_zero(const double *v, size_t n) {
-    for (size_t i = 0; i < n; i++) {
-        if (v[i] != 0) {
-            return false;
-        }
-    }
+    for (size_t i = 0; i < n; i++)
+        if (v[i] != 0) return false;
     return true;
 }
 
@@ -198,12 +175,9 @@ static OptimiseState first_order_step(Optimiser *o, double loss) {
     memcpy(o->g, o->fresh, n * sizeof *o->g);
     o->now.base_loss = loss;
     o->now.iterations++;
-    if (optimise_has_converged(o)) {
-        return (OptimiseState)o->now.state;
-    }
-    if (all_zero(o->g, n) && all_zero(o->moment, n)) { /* a zero by chance in mid-run still coasts on its momentum */
+    if (optimise_has_converged(o)) return (OptimiseState)o->now.state;
+    if (all_zero(o->g, n) && all_zero(o->moment, n)) /* a zero by chance in mid-run still coasts on its momentum */
         return optimise_finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
-    }
     momentum_step(o);
     o->now.step_scale = 1;
     optimise_move_to_trial(o);
@@ -214,9 +188,7 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
     const char *what = bad_loss ? "loss" : "gradient";
     o->now.rejected++;
     o->now.failures++;
-    if (!o->now.started) {
-        return optimise_finish(o, OPTIMISE_FAILED, "the %s at the start is not finite", what);
-    }
+    if (!o->now.started) return optimise_finish(o, OPTIMISE_FAILED, "the %s at the start is not finite", what);
     if (o->now.failures > o->config.max_failures) {
         return optimise_finish(o, OPTIMISE_FAILED, "the %s is not finite, also after %d shorter steps", what,
                                o->config.max_failures);
@@ -230,9 +202,7 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
     if (o->now.failures ==
         o->config.max_failures / 2) { /* momentum may push into a wall that the gradient here avoids */
         memset(o->moment, 0, o->config.n * sizeof *o->moment);
-        if (o->config.method == OPTIMISE_ADAM) {
-            memset(o->square, 0, o->config.n * sizeof *o->square);
-        }
+        if (o->config.method == OPTIMISE_ADAM) memset(o->square, 0, o->config.n * sizeof *o->square);
         o->now.age = 0;
         momentum_step(o);
     }
@@ -241,18 +211,14 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
 }
 
 OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
-    if (o->now.state != OPTIMISE_EVALUATE) {
-        return (OptimiseState)o->now.state;
-    }
+    if (o->now.state != OPTIMISE_EVALUATE) return (OptimiseState)o->now.state;
     o->now.evaluations++;
     bool finite = true;
     for (size_t i = 0; i < o->config.n; i++) { /* chain rule of the logarithm; held parameters have no gradient */
         o->fresh[i] = rate_of(o, i) == 0 ? 0 : gradient[i] * (o->config.log[i] ? o->params[i] : 1);
         finite = finite && isfinite(o->fresh[i]);
     }
-    if (!isfinite(loss) || !finite) {
-        return reject(o, !isfinite(loss));
-    }
+    if (!isfinite(loss) || !finite) return reject(o, !isfinite(loss));
     o->now.failures = 0;
     if (loss < o->now.best_loss) {
         o->now.best_loss = loss;
@@ -266,9 +232,7 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
 const double *optimise_parameters(const Optimiser *o) { return o->params; }
 
 const double *optimise_best(const Optimiser *o, double *loss) {
-    if (loss) {
-        *loss = o->now.best_loss;
-    }
+    if (loss) *loss = o->now.best_loss;
     return o->best;
 }
 
@@ -279,12 +243,10 @@ const char *optimise_reason(const Optimiser *o) { return o->now.reason; }
 /* making -------------------------------------------------------------------------------------- */
 
 static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
-    if (c->n < 1 || c->n > ((size_t)1 << 31) || !c->start) {
+    if (c->n < 1 || c->n > ((size_t)1 << 31) || !c->start)
         return status_fail(err, SLT_USAGE, "an optimiser of %zu parameters", c->n);
-    }
-    if (c->method != OPTIMISE_ADAM && c->method != OPTIMISE_SGD && c->method != OPTIMISE_LBFGS) {
+    if (c->method != OPTIMISE_ADAM && c->method != OPTIMISE_SGD && c->method != OPTIMISE_LBFGS)
         return status_fail(err, SLT_USAGE, "unknown optimiser %d", (int)c->method);
-    }
     if (!(c->default_rate >= 0) || isinf(c->default_rate) || !(c->beta1 >= 0 && c->beta1 < 1) ||
         !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) || !(c->momentum >= 0 && c->momentum < 1)) {
         return status_fail(err, SLT_USAGE, "a rate, beta, epsilon or momentum of the optimiser is out of range");
@@ -293,20 +255,15 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
         !(c->gradient_tolerance >= 0) || !(c->loss_tolerance >= 0)) {
         return status_fail(err, SLT_USAGE, "a history, tolerance or patience of the optimiser is out of range");
     }
-    if (c->grid_count && !c->grids) {
+    if (c->grid_count && !c->grids)
         return status_fail(err, SLT_USAGE, "an optimiser of %d grids without their description", c->grid_count);
-    }
     for (size_t i = 0; i < c->n; i++) {
         double lo = c->lo ? c->lo[i] : -INFINITY, hi = c->hi ? c->hi[i] : INFINITY;
-        if (!isfinite(c->start[i])) {
-            return status_fail(err, SLT_USAGE, "parameter %zu starts at %g", i, c->start[i]);
-        }
-        if (!(lo <= hi) || lo == INFINITY || hi == -INFINITY) {
+        if (!isfinite(c->start[i])) return status_fail(err, SLT_USAGE, "parameter %zu starts at %g", i, c->start[i]);
+        if (!(lo <= hi) || lo == INFINITY || hi == -INFINITY)
             return status_fail(err, SLT_USAGE, "parameter %zu has the bounds [%g, %g]", i, lo, hi);
-        }
-        if (c->learning_rate && (!(c->learning_rate[i] >= 0) || isinf(c->learning_rate[i]))) {
+        if (c->learning_rate && (!(c->learning_rate[i] >= 0) || isinf(c->learning_rate[i])))
             return status_fail(err, SLT_USAGE, "parameter %zu has the learning rate %g", i, c->learning_rate[i]);
-        }
         if (c->log && c->log[i] && !(clamp(c->start[i], lo, hi) > 0)) {
             return status_fail(err, SLT_USAGE, "parameter %zu is optimised as its logarithm but starts at %g", i,
                                clamp(c->start[i], lo, hi));
@@ -357,9 +314,7 @@ static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
     o->solvers = calloc((size_t)c->grid_count + 1, sizeof *o->solvers);
     o->lo = malloc(c->n * sizeof *o->lo);
     o->hi = malloc(c->n * sizeof *o->hi);
-    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->lo || !o->hi) {
-        return false;
-    }
+    if (!rate || !lo || !hi || !log_flag || !grids || !o->solvers || !o->lo || !o->hi) return false;
     for (size_t i = 0; i < c->n; i++) {
         rate[i] = from->learning_rate ? from->learning_rate[i] : c->default_rate;
         lo[i] = from->lo ? from->lo[i] : -INFINITY;
@@ -368,9 +323,7 @@ static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
         o->lo[i] = !log_flag[i] ? lo[i] : lo[i] > 0 ? log(lo[i]) : -INFINITY;
         o->hi[i] = !log_flag[i] ? hi[i] : log(hi[i]);
     }
-    if (c->grid_count) {
-        memcpy(grids, from->grids, (size_t)c->grid_count * sizeof *grids);
-    }
+    if (c->grid_count) memcpy(grids, from->grids, (size_t)c->grid_count * sizeof *grids);
     return true;
 }
 
@@ -385,9 +338,7 @@ static bool make_block(Optimiser *o) {
     o->persistent = 6 * n + moments + squares + 2 * history * n;
     o->block = calloc(o->persistent + 2 * n + cells + history + 1, sizeof *o->block);
     o->is_free = calloc(n, 1);
-    if (!o->block || !o->is_free) {
-        return false;
-    }
+    if (!o->block || !o->is_free) return false;
     double *p = o->block;
     struct {
         double **to;
@@ -418,15 +369,12 @@ static SltStatus make_solvers(Optimiser *o, SltError *err) {
         const OptimiseGrid *g = &o->config.grids[k];
         for (int j = 0; j < k && g->lambda > 0; j++) {
             const OptimiseGrid *h = &o->config.grids[j];
-            if (o->solvers[j] && h->width == g->width && h->height == g->height && h->lambda == g->lambda) {
+            if (o->solvers[j] && h->width == g->width && h->height == g->height && h->lambda == g->lambda)
                 o->solvers[k] = o->solvers[j];
-            }
         }
         if (!o->solvers[k] && g->lambda > 0) {
             o->solvers[k] = laplacian_create(g->width, g->height, g->lambda, err);
-            if (!o->solvers[k]) {
-                return err ? err->status : SLT_LIMIT;
-            }
+            if (!o->solvers[k]) return err ? err->status : SLT_LIMIT;
         }
     }
     return SLT_OK;
@@ -435,13 +383,9 @@ static SltStatus make_solvers(Optimiser *o, SltError *err) {
 Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
     OptimiseConfig c = *config;
     fill_defaults(&c);
-    if (check_config(&c, err) != SLT_OK) {
-        return NULL;
-    }
+    if (check_config(&c, err) != SLT_OK) return NULL;
     Optimiser *o = calloc(1, sizeof *o);
-    if (o) {
-        o->config = c;
-    }
+    if (o) o->config = c;
     if (!o || !own_arrays(o, config) || !make_block(o)) {
         optimise_free(o);
         status_fail(err, SLT_LIMIT, "out of memory for an optimiser of %zu parameters", c.n);
@@ -462,13 +406,10 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
 }
 
 void optimise_free(Optimiser *o) {
-    if (!o) {
-        return;
-    }
+    if (!o) return;
     for (int k = 0; o->solvers && k < o->config.grid_count; k++) {
-        for (int j = k + 1; j < o->config.grid_count; j++) { /* shared ones are freed once */
+        for (int j = k + 1; j < o->config.grid_count; j++) /* shared ones are freed once */
             o->solvers[j] = o->solvers[j] == o->solvers[k] ? NULL : o->solvers[j];
-        }
         laplacian_free(o->solvers[k]);
     }
     free(o->solvers);

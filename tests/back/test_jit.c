@@ -87,11 +87,10 @@ static void make_data(Data *d, Precision p) {
         d->in[s] = aligned_alloc(64, PAD * 8);
         bool is_int =
             s == IN_STREAM || s == IN_PIXEL0 || s == IN_PIXEL1 || s == IN_SAMPLE || (s >= IN_K0 && s <= IN_K7);
-        for (int k = 0; k < PAD; k++) {
+        for (int k = 0; k < PAD; k++)
             if (is_int) ((int32_t *)d->in[s])[k] = random_int();
             else if (f32) ((float *)d->in[s])[k] = (float)random_float(true);
             else ((double *)d->in[s])[k] = random_float(false);
-        }
     }
     for (int k = 0; k < GEN_FLOATS; k++) {
         d->params[k] = random_float(f32);

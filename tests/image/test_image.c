@@ -6,9 +6,7 @@
 #include "runtime/image/image.h"
 
 static void must(SltStatus status, const SltError *err) {
-    if (status != SLT_OK) {
-        fail_msg("status %d: %s", status, err->text);
-    }
+    if (status != SLT_OK) fail_msg("status %d: %s", status, err->text);
 }
 
 /* Awkward values: signed zero, denormals, infinities, NaN. */
@@ -17,9 +15,7 @@ static Image sample(int w, int h, int channels) {
     SltError err;
     must(image_create(&im, w, h, channels, &err), &err);
     size_t n = (size_t)w * (size_t)h * (size_t)channels;
-    for (size_t i = 0; i < n; i++) {
-        im.data[i] = (float)sin((double)i * 0.37) * powf(10, (float)(i % 9) - 4);
-    }
+    for (size_t i = 0; i < n; i++) im.data[i] = (float)sin((double)i * 0.37) * powf(10, (float)(i % 9) - 4);
     if (n >= 8) {
         im.data[0] = NAN;
         im.data[1] = INFINITY;
@@ -36,9 +32,7 @@ static void assert_same_bits(const Image *a, const Image *b) {
     assert_int_equal(a->width, b->width);
     assert_int_equal(a->height, b->height);
     assert_int_equal(a->channels, b->channels);
-    for (int c = 0; c < a->channels; c++) {
-        assert_string_equal(image_get_name(a, c, p), image_get_name(b, c, q));
-    }
+    for (int c = 0; c < a->channels; c++) assert_string_equal(image_get_name(a, c, p), image_get_name(b, c, q));
     assert_memory_equal(a->data, b->data, sizeof(float) * (size_t)(a->width * a->height * a->channels));
 }
 
@@ -55,11 +49,8 @@ static void round_trip(const char *file, int w, int h, int channels) {
 static void exr_round_trip(void **state) {
     (void)state;
     static const int sizes[][2] = {{1, 1}, {7, 5}, {64, 33}, {300, 17}};
-    for (int i = 0; i < 4; i++) {
-        for (int c = 1; c <= 4; c++) {
-            round_trip("a.exr", sizes[i][0], sizes[i][1], c);
-        }
-    }
+    for (int i = 0; i < 4; i++)
+        for (int c = 1; c <= 4; c++) round_trip("a.exr", sizes[i][0], sizes[i][1], c);
 }
 
 /* Noise with less and less of it, so that some block compresses to exactly its own size. */
@@ -75,9 +66,7 @@ static void exr_noise(void **state) {
         for (int i = 0; i < 256 - trial / 16; i++) {
             seed = seed * 1664525u + 1013904223u;
             uint32_t bits = seed ^ seed >> 15;
-            if ((bits >> 23 & 255) != 255) {
-                memcpy(&im.data[i], &bits, sizeof bits);
-            }
+            if ((bits >> 23 & 255) != 255) memcpy(&im.data[i], &bits, sizeof bits);
         }
         must(image_encode_exr("noise.exr", &im, &bytes, &size, &err), &err);
         must(image_decode("noise.exr", bytes, size, NULL, &back, &err), &err);
@@ -101,9 +90,7 @@ static void exr_layers_and_attributes(void **state) {
                                         "crossings.Y"};
     SltError err = {0};
     Image a = sample(13, 21, 9), b, layer;
-    for (int c = 0; c < 9; c++) {
-        image_set_name(&a, c, names[c]);
-    }
+    for (int c = 0; c < 9; c++) image_set_name(&a, c, names[c]);
     assert_true(image_set_text(&a, "shader", "disc.salt"));
     assert_true(image_set_text(&a, "parameters", "{\"radius\": 0.4}"));
     assert_true(image_set_number(&a, "spp", 16));
@@ -117,9 +104,7 @@ static void exr_layers_and_attributes(void **state) {
     for (int c = 0; c < 9; c++) { /* the file sorts its channels; find each by name */
         int at = image_find_channel(&b, names[c]);
         assert_true(at >= 0);
-        for (int p = 0; p < 13 * 21; p++) {
-            assert_memory_equal(&a.data[p * 9 + c], &b.data[p * 9 + at], sizeof(float));
-        }
+        for (int p = 0; p < 13 * 21; p++) assert_memory_equal(&a.data[p * 9 + c], &b.data[p * 9 + at], sizeof(float));
     }
     assert_string_equal(image_find_attr(&b, "shader")->text, "disc.salt");
     assert_string_equal(image_find_attr(&b, "parameters")->text, "{\"radius\": 0.4}");
@@ -144,9 +129,7 @@ static void pfm_and_npy_round_trip(void **state) {
     for (int i = 1; i < 20; i += 6) {
         round_trip("a.pfm", i, 8, 1);
         round_trip("a.pfm", 8, i, 3);
-        for (int c = 1; c <= 5; c++) {
-            round_trip("a.npy", i, 9, c);
-        }
+        for (int c = 1; c <= 5; c++) round_trip("a.npy", i, 9, c);
     }
 }
 
@@ -158,18 +141,14 @@ static void png_round_trip(void **state) {
             for (int raw = 0; raw < 2; raw++) {
                 Image a, b, again;
                 must(image_create(&a, 37, 11, c, &err), &err);
-                for (int i = 0; i < 37 * 11 * c; i++) {
-                    a.data[i] = (float)i / (37 * 11 * (float)c);
-                }
+                for (int i = 0; i < 37 * 11 * c; i++) a.data[i] = (float)i / (37 * 11 * (float)c);
                 ImageWriteOptions w = {.raw = raw, .bits = wide ? 16 : 8};
                 ImageReadOptions r = {.raw = raw};
                 must(image_write(scratch_path("a.png"), &a, &w, &err), &err);
                 must(image_read(scratch_path("a.png"), &r, &b, &err), &err);
                 assert_int_equal(b.channels, c);
                 double worst = 0, bound = wide ? 3e-5 : 6e-3; /* half a step, times the steepest slope of sRGB */
-                for (int i = 0; i < 37 * 11 * c; i++) {
-                    worst = fmax(worst, fabs((double)a.data[i] - b.data[i]));
-                }
+                for (int i = 0; i < 37 * 11 * c; i++) worst = fmax(worst, fabs((double)a.data[i] - b.data[i]));
                 assert_true(worst > 0 && worst < bound);
                 /* what came from a PNG goes back into it without loss */
                 must(image_write(scratch_path("b.png"), &b, &w, &err), &err);
@@ -194,24 +173,19 @@ static void png8_keeps_encoded_bytes(void **state) {
     uint8_t pixels[4 * 256];
     SltError err = {0};
     Image im;
-    for (int i = 0; i < 1024; i++) {
-        pixels[i] = (uint8_t)(i * 7);
-    }
+    for (int i = 0; i < 1024; i++) pixels[i] = (uint8_t)(i * 7);
     must(image_write_png8(scratch_path("rgba.png"), 16, 16, 4, pixels, &err), &err);
     ImageReadOptions raw = {.raw = true};
     must(image_read(scratch_path("rgba.png"), &raw, &im, &err), &err);
     assert_int_equal(im.channels, 4);
-    for (int i = 0; i < 1024; i++) {
-        assert_int_equal((int)lrintf(im.data[i] * 255), pixels[i]);
-    }
+    for (int i = 0; i < 1024; i++) assert_int_equal((int)lrintf(im.data[i] * 255), pixels[i]);
     image_free(&im);
 }
 
 static void srgb(void **state) {
     (void)state;
-    for (int i = 0; i < 256; i++) {
+    for (int i = 0; i < 256; i++)
         assert_int_equal(lrintf(image_encode_srgb(image_decode_srgb((float)i / 255)) * 255), i);
-    }
     assert_true(fabs(image_decode_srgb(0.5f) - 0.21404114) < 1e-6);
     assert_true(fabs(image_encode_srgb(0.18f) - 0.46135613) < 1e-6);
     assert_true(image_encode_srgb(NAN) == 0 && image_encode_srgb(-3) == 0 && image_encode_srgb(9) == 1);
@@ -276,17 +250,13 @@ static void npy_types(void **state) {
         must(npy_decode("t.npy", file, n, &a, &err), &err);
         assert_int_equal(a.rank, 1);
         assert_int_equal(a.shape[0], 3);
-        for (int k = 0; k < 3; k++) {
-            assert_true(a.data[k] == cases[i].want[k]);
-        }
+        for (int k = 0; k < 3; k++) assert_true(a.data[k] == cases[i].want[k]);
         npy_free(&a);
     }
     /* Fortran order of [[0 1 2] [3 4 5]] is 0 3 1 4 2 5 */
     size_t n = build_npy(file, "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }", "\0\3\1\4\2\5", 6);
     must(npy_decode("t.npy", file, n, &a, &err), &err);
-    for (int k = 0; k < 6; k++) {
-        assert_true(a.data[k] == k);
-    }
+    for (int k = 0; k < 6; k++) assert_true(a.data[k] == k);
     npy_free(&a);
     Image im;
     must(image_decode("t.npy", file, n, NULL, &im, &err), &err);
@@ -317,9 +287,7 @@ static void npy_write_ranks(void **state) {
     (void)state;
     SltError err = {0};
     double data[24];
-    for (int i = 0; i < 24; i++) {
-        data[i] = 1.0 / (i + 1);
-    }
+    for (int i = 0; i < 24; i++) data[i] = 1.0 / (i + 1);
     static const size_t shapes[4][4] = {{24}, {4, 6}, {2, 3, 4}, {2, 3, 2, 2}};
     for (int rank = 1; rank <= 4; rank++) {
         NumArray a;
@@ -327,9 +295,7 @@ static void npy_write_ranks(void **state) {
         must(npy_read(scratch_path("r.npy"), &a, &err), &err);
         assert_int_equal(a.rank, rank);
         assert_memory_equal(a.data, data, sizeof data);
-        for (int d = 0; d < rank; d++) {
-            assert_int_equal(a.shape[d], shapes[rank - 1][d]);
-        }
+        for (int d = 0; d < rank; d++) assert_int_equal(a.shape[d], shapes[rank - 1][d]);
         npy_free(&a);
     }
 }
@@ -339,9 +305,7 @@ static void raw_floats(void **state) {
     SltError err = {0};
     Image im;
     float data[12];
-    for (int i = 0; i < 12; i++) {
-        data[i] = (float)i - 5.5f;
-    }
+    for (int i = 0; i < 12; i++) data[i] = (float)i - 5.5f;
     must(image_decode("dir_9x9/h_4x3.f32", data, sizeof data, NULL, &im, &err), &err);
     assert_true(im.width == 4 && im.height == 3 && im.channels == 1);
     assert_memory_equal(im.data, data, sizeof data);
@@ -351,9 +315,8 @@ static void raw_floats(void **state) {
     image_free(&im);
     static const char *const bad[] = {"h_4x4.f32",           "h.f32",      "h_4.f32", "h_4x.f32", "h_0x0.f32",
                                       "h_999999x999999.f32", "h_-4x-3.f32"};
-    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         assert_int_not_equal(image_decode(bad[i], data, sizeof data, NULL, &im, &err), SLT_OK);
-    }
 }
 
 static void tables(void **state) {
@@ -367,9 +330,7 @@ static void tables(void **state) {
         must(table_decode_csv("t.csv", good[i], strlen(good[i]), &t, &err), &err);
         assert_int_equal(t.rows, 2);
         assert_int_equal(t.cols, 3);
-        for (int k = 0; k < 6; k++) {
-            assert_true(t.data[k] == k + 1);
-        }
+        for (int k = 0; k < 6; k++) assert_true(t.data[k] == k + 1);
         table_free(&t);
     }
     must(table_decode_csv("t.csv", "nan -inf 0.1\n", 13, &t, &err), &err);
@@ -382,9 +343,7 @@ static void tables(void **state) {
                {"1,2abc\n", "2abc"},   {"a,1\n", "'a'"},        {"0x10,1\n", "0x10"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         assert_int_equal(table_decode_csv("t.csv", bad[i].text, strlen(bad[i].text), &t, &err), SLT_INPUT);
-        if (!strstr(err.text, bad[i].says) || !strstr(err.text, "t.csv")) {
-            fail_msg("case %zu: %s", i, err.text);
-        }
+        if (!strstr(err.text, bad[i].says) || !strstr(err.text, "t.csv")) fail_msg("case %zu: %s", i, err.text);
     }
     assert_int_equal(table_decode_csv("t.csv", "1\0002", 3, &t, &err), SLT_INPUT);
     size_t shape[3] = {2, 2, 3};
@@ -416,9 +375,8 @@ static void resize(void **state) {
     assert_true(fabs(mean - sum / 1200) < 1e-5);
     image_free(&b);
     must(image_resize(&a, 160, 30, &b, &err), &err);
-    for (int x = 2; x < 158; x++) { /* and bilinear keeps it */
+    for (int x = 2; x < 158; x++) /* and bilinear keeps it */
         assert_true(fabs(b.data[2 * x] - ((x + 0.5) / 4 - 0.5)) < 1e-5);
-    }
     assert_true(b.data[0] == 0 && b.data[2 * 159] == 39);
     image_free(&b);
     must(image_resize(&a, 40, 30, &b, &err), &err);
@@ -465,9 +423,7 @@ static void diverging_picture(void **state) {
     assert_true(lo[2] > lo[0] && hi[0] > hi[2] && mid[0] > 240 && mid[1] > 240 && mid[2] > 240);
     assert_true(nan[0] == 255 && nan[1] == 0 && nan[2] == 255);
     must(image_create(&im, 300, 40, 1, &err), &err);
-    for (int i = 0; i < 300 * 40; i++) {
-        im.data[i] = (float)(i % 300 - 150) / 150 * 2.5f;
-    }
+    for (int i = 0; i < 300 * 40; i++) im.data[i] = (float)(i % 300 - 150) / 150 * 2.5f;
     im.data[5] = NAN;
     uint8_t *rgb;
     int w, h;
@@ -478,9 +434,7 @@ static void diverging_picture(void **state) {
     assert_memory_equal(rgb + 15, nan, 3);
     assert_memory_equal(rgb + 150 * 3, mid, 3);
     int ink = 0; /* the printed scale and title */
-    for (int i = 300 * 50; i < w * h; i++) {
-        ink += rgb[3 * i] == 40 && rgb[3 * i + 1] == 40;
-    }
+    for (int i = 300 * 50; i < w * h; i++) ink += rgb[3 * i] == 40 && rgb[3 * i + 1] == 40;
     assert_true(ink > 100);
     free(rgb);
     must(image_write_diverging(scratch_path("d.png"), &im, -1, 1.0, NULL, &err), &err);

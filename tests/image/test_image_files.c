@@ -19,9 +19,7 @@
 #include "runtime/image/image.h"
 
 static void must(SltStatus status, const SltError *err) {
-    if (status != SLT_OK) {
-        fail_msg("status %d: %s", status, err->text);
-    }
+    if (status != SLT_OK) fail_msg("status %d: %s", status, err->text);
 }
 
 /* A file as another program might write it. */
@@ -39,9 +37,7 @@ typedef struct Foreign {
 enum { TILE = 16 };
 
 static void check(exr_result_t rc) {
-    if (rc != EXR_ERR_SUCCESS) {
-        fail_msg("while making a file: %s", exr_get_default_error_message(rc));
-    }
+    if (rc != EXR_ERR_SUCCESS) fail_msg("while making a file: %s", exr_get_default_error_message(rc));
 }
 
 /* Channel c of pixel (x, y): a whole number below 2048, exact in half, float and uint. */
@@ -51,25 +47,17 @@ static unsigned value_of(int part, int c, int x, int y) {
 
 static uint16_t to_half(unsigned v) { /* whole numbers up to 2048 */
     int e = 0;
-    if (v == 0) {
-        return 0;
-    }
-    while ((v << e) < 1024) {
-        e++;
-    }
+    if (v == 0) return 0;
+    while ((v << e) < 1024) e++;
     return (uint16_t)((25 - e) << 10 | ((v << e) & 1023));
 }
 
 static void fill(void *to, const Foreign *f, int part, int c, int w, int h, int x0, int y0) {
     for (int i = 0; i < w * h; i++) {
         unsigned v = value_of(part, c, x0 + i % w, y0 + i / w);
-        if (f->type == EXR_PIXEL_HALF) {
-            ((uint16_t *)to)[i] = to_half(v);
-        } else if (f->type == EXR_PIXEL_UINT) {
-            ((uint32_t *)to)[i] = v;
-        } else {
-            ((float *)to)[i] = (float)v;
-        }
+        if (f->type == EXR_PIXEL_HALF) ((uint16_t *)to)[i] = to_half(v);
+        else if (f->type == EXR_PIXEL_UINT) ((uint32_t *)to)[i] = v;
+        else ((float *)to)[i] = (float)v;
     }
 }
 
@@ -88,9 +76,7 @@ static void encode_chunk(exr_context_t ctx, const Foreign *f, int part, exr_chun
     check(exr_encoding_choose_default_routines(ctx, part, &pipe));
     check(exr_encoding_run(ctx, part, &pipe));
     check(exr_encoding_destroy(ctx, &pipe));
-    for (int k = 0; k < 8; k++) {
-        free(buffers[k]);
-    }
+    for (int k = 0; k < 8; k++) free(buffers[k]);
 }
 
 static void write_foreign(const char *path, const Foreign *f) {
@@ -118,9 +104,8 @@ static void write_foreign(const char *path, const Foreign *f) {
         check(exr_add_part(ctx, names[p], f->storage, &index));
         check(exr_initialize_required_attr(ctx, p, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
                                            f->compression));
-        if (f->storage == EXR_STORAGE_TILED || f->storage == EXR_STORAGE_DEEP_TILED) {
+        if (f->storage == EXR_STORAGE_TILED || f->storage == EXR_STORAGE_DEEP_TILED)
             check(exr_set_tile_descriptor(ctx, p, TILE, TILE, EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN));
-        }
         for (int c = 0; c < 6 && f->channels[c]; c++) {
             int s = c == 1 && f->sampling ? f->sampling : 1;
             check(exr_add_channel(ctx, p, f->channels[c], f->type, EXR_PERCEPTUALLY_LOGARITHMIC, s, s));
@@ -146,9 +131,7 @@ static void write_foreign(const char *path, const Foreign *f) {
         }
     }
     exr_result_t rc = exr_finish(&ctx);
-    if (f->storage == EXR_STORAGE_SCANLINE || f->storage == EXR_STORAGE_TILED) {
-        check(rc);
-    }
+    if (f->storage == EXR_STORAGE_SCANLINE || f->storage == EXR_STORAGE_TILED) check(rc);
 }
 
 /* In the file channels are sorted: A B G R. */
@@ -275,9 +258,7 @@ static void exr_parts_and_refusals(void **state) {
     f.compression = EXR_COMPRESSION_ZIPS;
     write_foreign(scratch_path("d.exr"), &f);
     assert_int_equal(image_read(scratch_path("d.exr"), NULL, &im, &err), SLT_INPUT);
-    if (access(scratch_path("d.exr"), F_OK) == 0) {
-        assert_non_null(strstr(err.text, "d.exr"));
-    }
+    if (access(scratch_path("d.exr"), F_OK) == 0) assert_non_null(strstr(err.text, "d.exr"));
 }
 
 /* A PNG of 8 x 4 pixels in one of libpng's other layouts; sample i of a row is i. */
@@ -287,9 +268,7 @@ static void write_odd_png(const char *path, int type, int depth, int interlace) 
     FILE *f = fopen(path, "wb");
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, NULL, NULL);
     png_infop info = png_create_info_struct(png);
-    if (!f || setjmp(png_jmpbuf(png))) {
-        fail_msg("cannot make %s", path);
-    }
+    if (!f || setjmp(png_jmpbuf(png))) fail_msg("cannot make %s", path);
     png_init_io(png, f);
     png_set_IHDR(png, info, 8, 4, depth, type, interlace, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     if (type == PNG_COLOR_TYPE_PALETTE) {
@@ -299,9 +278,7 @@ static void write_odd_png(const char *path, int type, int depth, int interlace) 
     png_write_info(png, info);
     png_set_packing(png);
     png_byte row[8 * 8], *rows[4] = {row, row, row, row};
-    for (int i = 0; i < 64; i++) {
-        row[i] = (png_byte)(depth == 16 ? (i & 1 ? i / 2 : 0) : i % (1 << depth));
-    }
+    for (int i = 0; i < 64; i++) row[i] = (png_byte)(depth == 16 ? (i & 1 ? i / 2 : 0) : i % (1 << depth));
     png_write_image(png, rows);
     png_write_end(png, info);
     png_destroy_write_struct(&png, &info);
@@ -333,9 +310,7 @@ static void png_layouts(void **state) {
         write_odd_png(scratch_path("l.png"), PNG_COLOR_TYPE_RGB, 16, interlace);
         must(image_read(scratch_path("l.png"), &raw, &im, &err), &err);
         assert_int_equal(im.channels, 3);
-        for (int i = 0; i < 96; i++) {
-            assert_true(fabs(im.data[i] - (i % 24) / 65535.0) < 1e-9);
-        }
+        for (int i = 0; i < 96; i++) assert_true(fabs(im.data[i] - (i % 24) / 65535.0) < 1e-9);
         image_free(&im);
     }
 }
@@ -354,9 +329,7 @@ static int torture(const char *name, const uint8_t *bytes, size_t size, bool mus
         err = (SltError){0};
         SltStatus status = image_decode(name, exact, n, NULL, &im, &err);
         if (status == SLT_OK) {
-            if (must_refuse_truncation) {
-                fail_msg("%s: %zu of %zu bytes were accepted", name, n, size);
-            }
+            if (must_refuse_truncation) fail_msg("%s: %zu of %zu bytes were accepted", name, n, size);
             image_free(&im);
         } else {
             assert_non_null(strstr(err.text, name));
@@ -417,9 +390,7 @@ static void damaged_png(void **state) {
     Image im;
     for (int c = 1; c <= 4; c++) {
         must(image_create(&im, 23, 9, c, &err), &err);
-        for (int i = 0; i < 23 * 9 * c; i++) {
-            im.data[i] = (float)((i * 37) % 101) / 101;
-        }
+        for (int i = 0; i < 23 * 9 * c; i++) im.data[i] = (float)((i * 37) % 101) / 101;
         ImageWriteOptions o = {.bits = c & 1 ? 16 : 8};
         must(image_write(scratch_path("x.png"), &im, &o, &err), &err);
         torture_file(scratch_path("x.png"), true);
@@ -467,9 +438,7 @@ static void hgt_tiles(void **state) {
     assert_int_equal(im.width, SIDE);
     assert_int_equal(im.height, SIDE);
     assert_int_equal(im.channels, 1);
-    for (int i = 0; i < SIDE * SIDE; i++) {
-        assert_int_equal((int)im.data[i], ramp(i % SIDE, i / SIDE));
-    }
+    for (int i = 0; i < SIDE * SIDE; i++) assert_int_equal((int)im.data[i], ramp(i % SIDE, i / SIDE));
     image_free(&im);
     /* A hole of 6 x 5, and one at the corner: known heights stay, filled ones lie between those around. */
     tile(bytes, SIDE, 10, 16, 20, 25);
@@ -479,9 +448,7 @@ static void hgt_tiles(void **state) {
     for (int i = 0; i < SIDE * SIDE; i++) {
         int x = i % SIDE, y = i / SIDE;
         bool hole = (x >= 10 && x < 16 && y >= 20 && y < 25) || i == 0;
-        if (!hole) {
-            assert_int_equal((int)im.data[i], ramp(x, y));
-        }
+        if (!hole) assert_int_equal((int)im.data[i], ramp(x, y));
         worst = fmax(worst, fabs((double)im.data[i] - ramp(x, y)));
     }
     assert_true(worst > 0 && worst < 16); /* four cells' slope */
@@ -544,9 +511,7 @@ static int count_entries(const char *path) {
     int n = 0;
     DIR *d = opendir(path);
     assert_non_null(d);
-    while (readdir(d)) {
-        n++;
-    }
+    while (readdir(d)) n++;
     closedir(d);
     return n;
 }

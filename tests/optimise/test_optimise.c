@@ -12,9 +12,7 @@ typedef double (*Objective)(const double *p, double *g, size_t n);
 static Optimiser *make(const OptimiseConfig *c) {
     SltError err = {0};
     Optimiser *o = optimise_create(c, &err);
-    if (!o) {
-        fail_msg("%s", err.text);
-    }
+    if (!o) fail_msg("%s", err.text);
     return o;
 }
 
@@ -61,9 +59,7 @@ static double quadratic(const double *p, double *g, size_t n) {
 static void lbfgs_rosenbrock(void **state) {
     (void)state;
     double start2[2] = {-1.2, 1}, start20[20];
-    for (int i = 0; i < 20; i++) {
-        start20[i] = i % 2 ? 1 : -1.2;
-    }
+    for (int i = 0; i < 20; i++) start20[i] = i % 2 ? 1 : -1.2;
     for (int k = 0; k < 2; k++) {
         OptimiseConfig c = {.n = k ? 20 : 2, .method = OPTIMISE_LBFGS, .start = k ? start20 : start2};
         Optimiser *o = make(&c);
@@ -74,9 +70,7 @@ static void lbfgs_rosenbrock(void **state) {
                       optimise_reason(o));
         assert_true(loss < 1e-16);
         assert_true(optimise_evaluations(o) < (k ? 400 : 100));
-        for (size_t i = 0; i < c.n; i++) {
-            assert_true(fabs(best[i] - 1) < 1e-7);
-        }
+        for (size_t i = 0; i < c.n; i++) assert_true(fabs(best[i] - 1) < 1e-7);
         optimise_free(o);
     }
 }
@@ -105,19 +99,14 @@ static void lbfgs_bounds(void **state) {
         h[i] = i % 5 == 1 ? i - 0.25 : 100;
     }
     OptimiseConfig q = {.n = N, .method = OPTIMISE_LBFGS, .start = s, .lo = l, .hi = h};
-    for (int i = 0; i < N; i++) {
-        if (l[i] > h[i]) {
-            l[i] = -1;
-        }
-    }
+    for (int i = 0; i < N; i++)
+        if (l[i] > h[i]) l[i] = -1;
     o = make(&q);
     run(o, &q, quadratic, 1000);
     best = optimise_best(o, NULL);
     for (int i = 0; i < N; i++) {
         double want = fmin(fmax(i, l[i]), h[i]);
-        if (!(fabs(best[i] - want) < 1e-6)) {
-            fail_msg("%d: %.12g, want %g (%s)", i, best[i], want, optimise_reason(o));
-        }
+        if (!(fabs(best[i] - want) < 1e-6)) fail_msg("%d: %.12g, want %g (%s)", i, best[i], want, optimise_reason(o));
     }
     optimise_free(o);
 }
@@ -136,9 +125,7 @@ static void first_order_quadratic(void **state) {
                                 .momentum = momentum ? 0.5 : 0};
             Optimiser *o = make(&c);
             assert_int_equal(run(o, &c, quadratic, 3000), OPTIMISE_EVALUATE);
-            for (int i = 0; i < 5; i++) {
-                assert_true(fabs(optimise_best(o, NULL)[i] - want[i]) < 1e-4);
-            }
+            for (int i = 0; i < 5; i++) assert_true(fabs(optimise_best(o, NULL)[i] - want[i]) < 1e-4);
             assert_true(optimise_best(o, NULL)[4] == 1);
             optimise_free(o);
         }
@@ -274,9 +261,7 @@ static void stopping(void **state) {
 static void dense_solve(double *a, double *b, int n) {
     for (int k = 0; k < n; k++) {
         int pivot = k;
-        for (int i = k; i < n; i++) {
-            pivot = fabs(a[i * n + k]) > fabs(a[pivot * n + k]) ? i : pivot;
-        }
+        for (int i = k; i < n; i++) pivot = fabs(a[i * n + k]) > fabs(a[pivot * n + k]) ? i : pivot;
         for (int j = 0; j < n; j++) {
             double t = a[k * n + j];
             a[k * n + j] = a[pivot * n + j];
@@ -287,16 +272,12 @@ static void dense_solve(double *a, double *b, int n) {
         b[pivot] = t;
         for (int i = k + 1; i < n; i++) {
             double f = a[i * n + k] / a[k * n + k];
-            for (int j = k; j < n; j++) {
-                a[i * n + j] -= f * a[k * n + j];
-            }
+            for (int j = k; j < n; j++) a[i * n + j] -= f * a[k * n + j];
             b[i] -= f * b[k];
         }
     }
     for (int k = n - 1; k >= 0; k--) {
-        for (int j = k + 1; j < n; j++) {
-            b[k] -= a[k * n + j] * b[j];
-        }
+        for (int j = k + 1; j < n; j++) b[k] -= a[k * n + j] * b[j];
         b[k] /= a[k * n + k];
     }
 }
@@ -416,13 +397,9 @@ static void outliers_on_grids(void **state) {
         for (int i = 0; i < SIDE * SIDE; i++) {
             g[i] = p[i] - 1;
             loss += 0.5 * g[i] * g[i];
-            if (step > 10) {
-                worst = fmax(worst, fabs(p[i] - p[0]));
-            }
+            if (step > 10) worst = fmax(worst, fabs(p[i] - p[0]));
         }
-        if (step == 10) {
-            g[SIDE * SIDE / 2] = 1e4;
-        }
+        if (step == 10) g[SIDE * SIDE / 2] = 1e4;
         optimise_step(o, loss, g);
     }
     double loss;
@@ -479,17 +456,13 @@ static void resume_is_bit_identical(void **state) {
         for (int stop = 0; stop < STEPS; stop += 7) { /* also in the middle of a line search */
             SltError err = {0};
             o = make(&c);
-            for (int i = 0; i < stop; i++) {
-                optimise_step(o, hard(optimise_parameters(o), g, N), g);
-            }
+            for (int i = 0; i < stop; i++) optimise_step(o, hard(optimise_parameters(o), g, N), g);
             assert_int_equal(optimise_save(o, path, "program 1", "blob!", 5, &err), SLT_OK);
             optimise_free(o);
             o = make(&c);
             void *blob;
             size_t size;
-            if (optimise_load(o, path, "program 1", &blob, &size, &err) != SLT_OK) {
-                fail_msg("%s", err.text);
-            }
+            if (optimise_load(o, path, "program 1", &blob, &size, &err) != SLT_OK) fail_msg("%s", err.text);
             assert_int_equal(size, 5);
             assert_string_equal(blob, "blob!");
             free(blob);

@@ -249,10 +249,9 @@ static void test_bezier(void **state) {
         evaluate(p, v, g);
         double want[4] = {nearest(c, 3, x, 0, 0), nearest(c, 4, x, 0, 0), nearest(c, 3, x, 0.2, 0.2),
                           nearest(c, 3, x, 0.1, 0.3)};
-        for (int k = 0; k < 4; k++) {
+        for (int k = 0; k < 4; k++)
             if (k == 1 && fabs(v[k] - want[k]) > 1e-6) wrong_cubic++;
             else if (fabs(v[k] - want[k]) > 2e-5) fail_msg("case %d, %d: %.9g, wanted %.9g", i, k, v[k], want[k]);
-        }
         double *q = malloc(nf * sizeof *q);
         for (uint32_t f = 0; f < nf; f++) {
             memcpy(q, slt_floats(p), nf * sizeof *q);
