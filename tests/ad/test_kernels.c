@@ -23,13 +23,13 @@ static void set_up(SltKernelArgs *a, double *memory, const double *params, Sums 
     a->n_valid = N;
 }
 
-static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t width) {
+static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t width, uint8_t replay) {
     ArenaMark m = arena_mark(&s->module);
     PassCtx ctx = {.session = s, .has_fma = true, .verify_each = true};
     Fn *f = random_program(s, &s->module, PREC_F64, seed, (RandomShape){0});
     pipeline_primal(&ctx, f);
     TapeReport tape;
-    Fn *v = ad_vjp(&ctx, f, &(AdOptions){.wrt_x = true, .tape_budget = budget}, &tape);
+    Fn *v = ad_vjp(&ctx, f, &(AdOptions){.wrt_x = true, .tape_budget = budget, .replay = replay}, &tape);
     pipeline_kernel(&ctx, v);
     double params[PARAMS], *memory = aligned_alloc(64, 16 * N * sizeof *memory);
     uint64_t state = seed;
@@ -79,13 +79,18 @@ static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t wid
 }
 
 TEST(tapes) {
-    for (uint64_t seed = 3000; seed < 3016; seed++) try_program(s, seed, 0, 1u << seed % 5);
+    for (uint64_t seed = 3000; seed < 3016; seed++) try_program(s, seed, 0, 1u << seed % 5, AD_REPLAY_AUTO);
 }
 TEST(checkpointed) {
-    for (uint64_t seed = 3000; seed < 3016; seed++) try_program(s, seed, 64, seed & 1 ? 4 : 16);
+    for (uint64_t seed = 3000; seed < 3016; seed++) try_program(s, seed, 64, seed & 1 ? 4 : 16, AD_REPLAY_AUTO);
+}
+TEST(replayed) {
+    for (uint64_t seed = 3000; seed < 3020; seed++)
+        try_program(s, seed, seed % 3 ? 100 : 0, 1u << seed % 5, AD_REPLAY_ALWAYS);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(tapes), cmocka_unit_test(checkpointed)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(tapes), cmocka_unit_test(checkpointed),
+                                       cmocka_unit_test(replayed)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
