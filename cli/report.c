@@ -82,9 +82,10 @@ void report_warnings_json(FILE *out, SltProgram *p) {
 void report_dropped(const Cli *c, const SltStats *s) {
     uint64_t dropped = 0;
     for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += s->dropped[r];
-    if (!c->quiet && dropped * 1000 > s->crossings + dropped) {
+    uint64_t all = s->crossings + dropped;
+    if (!c->quiet && dropped * 1000 > all) {
         fprintf(stderr, "saltus: warning: %llu of %llu crossings were dropped:", (unsigned long long)dropped,
-                (unsigned long long)(s->crossings + dropped));
+                (unsigned long long)all);
         for (int r = 0; r < SLT_DROP_REASONS; r++)
             if (s->dropped[r]) fprintf(stderr, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
         fputc('\n', stderr);
