@@ -67,12 +67,13 @@ static double height(int i, int j) {
     return 1.8 * t * t * (3 - 2 * t) + 0.05 * sin(7 * x + 1) * cos(5 * y);
 }
 
-static SltProgram *program(const char *source, int bounces, bool f64, const bool needs[K_KINDS]) {
+/* width 0: interpreted. */
+static SltProgram *load(const char *source, int bounces, bool f64, uint32_t width) {
     char number[16];
     snprintf(number, sizeof number, "%d", bounces);
     SltSet set = {"BOUNCES", number};
     SltOptions o = SLT_OPTIONS_INIT;
-    o.stdlib_dir = SALTUS_STDLIB_BUILD, o.f64 = f64, o.interpret = true, o.set = &set, o.nset = 1;
+    o.stdlib_dir = SALTUS_STDLIB_BUILD, o.f64 = f64, o.interpret = !width, o.width = width, o.set = &set, o.nset = 1;
     SltProgram *p = NULL;
     SltError err = {0};
     if (slt_compile_string(source, "path.salt", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
@@ -81,9 +82,15 @@ static SltProgram *program(const char *source, int bounces, bool f64, const bool
     SltParam q;
     assert_int_equal(slt_param_find(p, "h", &q, &err), SLT_OK);
     assert_int_equal(slt_set_floats(p, q.fbase, HEIGHTS, v, &err), SLT_OK);
+    assert_true(slt_float_count(p) <= MAX_FLOATS);
+    return p;
+}
+
+static SltProgram *program(const char *source, int bounces, bool f64, const bool needs[K_KINDS]) {
+    SltProgram *p = load(source, bounces, f64, 0);
+    SltError err = {0};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
     assert_int_equal(api_fields(p, &err), SLT_OK);
-    assert_true(slt_float_count(p) <= MAX_FLOATS);
     return p;
 }
 
@@ -253,8 +260,30 @@ static void test_oracles(void **state) {
     }
 }
 
+/* Compiled, at several widths, with one level of checkpoints and without: the interpreter's gradient. */
+static void test_widths(void **state) {
+    (void)state;
+    for (int bounces = 4; bounces <= 100; bounces += 96) {
+        double want[MAX_FLOATS * 3] = {0}, got[MAX_FLOATS * 3], size = 0;
+        for (uint32_t width = 0; width <= 16; width = width ? 4 * width : 4) {
+            SltProgram *p = load(path, bounces, true, width);
+            uint32_t n = 3 * slt_float_count(p);
+            SltJob job = SLT_JOB_INIT;
+            SltError err = {0};
+            job.integral = true, job.samples = 256, job.threads = 1, job.no_boundary = true;
+            SltIntegral out = {.gradient = width ? got : want};
+            if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+            for (uint32_t k = 0; k < n && !width; k++) size = fmax(size, fabs(want[k]));
+            for (uint32_t k = 0; k < n && width; k++)
+                if (!(fabs(got[k] - want[k]) <= 1e-10 * size)) fail_msg("width %u, component %u: %.17g, interpreter %.17g", width, k, got[k], want[k]);
+            slt_program_free(p);
+        }
+        assert_true(size > 0.1);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_bytes), cmocka_unit_test(test_other_paths), cmocka_unit_test(test_replayed_is_stored),
-                                       cmocka_unit_test(test_oracles)};
+                                       cmocka_unit_test(test_oracles), cmocka_unit_test(test_widths)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
