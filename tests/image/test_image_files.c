@@ -69,8 +69,8 @@ static void encode_chunk(exr_context_t ctx, const Foreign *f, int part, exr_chun
         exr_coding_channel_info_t *c = &pipe.channels[k];
         buffers[k] = calloc((size_t)c->width * (size_t)c->height + 1, 4);
         fill(buffers[k], f, part, k, c->width, c->height, x0, y0);
-        c->user_pixel_stride = c->bytes_per_element;
-        c->user_line_stride = c->bytes_per_element * c->width;
+        c->user_pixel_stride = (uint8_t)c->bytes_per_element;
+        c->user_line_stride = (uint8_t)c->bytes_per_element * c->width;
         c->encode_from_ptr = buffers[k];
     }
     check(exr_encoding_choose_default_routines(ctx, part, &pipe));
