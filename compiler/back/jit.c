@@ -1,5 +1,6 @@
 /* Kernels in memory: from the disk cache if it has them, else through LLVM; loaded either way by load.c. */
 #include <dlfcn.h>
+#include <link.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -19,14 +20,17 @@ struct CompiledModule {
 };
 
 /* A new build of the compiler may emit other code for the same IR: the file that holds this function names the emitter.
- */
+ * Of a program the loader knows no file: dli_fname is what it was called by, and means nothing if a shell searched it
+ * in $PATH. NULL: the file is gone. */
 static const char *emitter_stamp(Arena *a) {
     Dl_info info;
     struct stat st;
-    void *self;
+    void *self, *map;
     const char *(*f)(Arena *) = emitter_stamp;
     memcpy(&self, &f, sizeof self);
-    if (!dladdr(self, &info) || !info.dli_fname || stat(info.dli_fname, &st)) return "unknown";
+    if (!dladdr1(self, &info, &map, RTLD_DL_LINKMAP)) return NULL;
+    const char *file = ((struct link_map *)map)->l_name;
+    if (stat(file[0] ? file : "/proc/self/exe", &st)) return NULL;
     return arena_printf(a, "%lld.%09ld.%lld", (long long)st.st_mtim.tv_sec, st.st_mtim.tv_nsec, (long long)st.st_size);
 }
 
@@ -74,17 +78,23 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
     }
 }
 
-static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width) {
+/* False: nothing may be kept under a key that does not name what made it. */
+static bool make_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width,
+                     CacheKey *out) {
     Arena *a = &s->scratch;
     XXH3_state_t *state = XXH3_createState();
+    const char *stamp = emitter_stamp(a);
     CacheKey key = {0};
-    if (!state) return key;
+    if (!state || !stamp) {
+        XXH3_freeState(state);
+        return false;
+    }
     XXH3_128bits_reset(state);
     char *head = arena_printf(a,
                               "saltus %s llvm " LLVM_VERSION_STRING
                               " cpu %s features %s vector %u fma %d width %u adj %d opt %u rgba8 %d kernels %u\n",
-                              emitter_stamp(a), o->target.cpu, o->target.features, o->target.vector_bytes,
-                              o->target.has_fma, width, (int)o->adj, o->opt_level, o->output_rgba8, n);
+                              stamp, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma,
+                              width, (int)o->adj, o->opt_level, o->output_rgba8, n);
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {
@@ -102,7 +112,8 @@ static CacheKey make_key(Session *s, const KernelRequest *k, uint32_t n, const B
     key.hi = h.high64;
     key.lo = h.low64;
     XXH3_freeState(state);
-    return key;
+    *out = key;
+    return true;
 }
 
 static CompiledModule *new_module(const KernelRequest *k, uint32_t n, uint32_t width) {
@@ -174,8 +185,8 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
     const char *folder = o->no_cache ? NULL : cache_folder(&s->scratch, o->cache_dir), *bad = NULL;
     CacheKey key = {0};
     size_t size = 0;
+    if (folder && !make_key(s, k, n, o, width, &key)) folder = NULL;
     if (folder) {
-        key = make_key(s, k, n, o, width);
         unsigned char *payload = cache_read(&s->scratch, folder, &key, &size);
         m->cached = payload && adopt(m, payload, size, &bad);
         free(payload);

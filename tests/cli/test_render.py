@@ -46,6 +46,26 @@ class Basics(Case):
         self.run_cli("grad", "c.salt", "--integral", "--target", "t.exr", code=2)
         self.run_cli("render", "c.salt", "-o", "x.tiff", "--size", 4, code=2)
 
+    def test_cache_belongs_to_the_build(self):
+        """Found in $PATH or called by a path, a program finds its own kernels in the cache and not those of another build."""
+        self.put("c.salt", CIRCLE)
+        for n, name in enumerate(("old", "new")):
+            os.mkdir(self.path(name))
+            shutil.copy(BIN, self.path(name + "/saltus"))
+            os.utime(self.path(name + "/saltus"), (n + 1, n + 1))
+
+        def cached(program, folder):
+            env = self.environment({"PATH": self.path(folder) + ":" + os.environ["PATH"]})
+            p = subprocess.run([program, "explain", "c.salt"], executable=shutil.which(program, path=env["PATH"]), cwd=self.dir, capture_output=True, env=env)
+            self.assertEqual(p.returncode, 0, p.stderr)
+            return b"(cached)" in p.stdout
+
+        self.assertFalse(cached("saltus", "old"))
+        self.assertTrue(cached("saltus", "old"))
+        self.assertTrue(cached(self.path("old/saltus"), "old"))
+        self.assertFalse(cached("saltus", "new"))
+        self.assertTrue(cached("saltus", "new"))
+
     def test_standard_input_and_expression(self):
         a = self.run_cli("render", "-", "--size", 8, "-o", "a.npy", stdin=CIRCLE.encode())
         self.put("c.salt", CIRCLE)
