@@ -1,9 +1,10 @@
 /* Which values carry derivatives, and what is known of the values themselves.
  *
- * varied: depends differentiably on something differentiated (forward from the parameters); useful: an output depends differentiably on it (backward
- * from the outputs). Only what is both gets a tangent or an adjoint. Arrays are one value each. Both are least fixpoints over the loops.
- * Ranges are plain interval arithmetic in two sweeps: the first knows nothing of what is carried around loops or kept in arrays, the
- * second uses what the first found to be assigned there, so a clamp in a loop is seen. */
+ * varied: depends differentiably on something differentiated (forward from the parameters); useful: an output depends
+ * differentiably on it (backward from the outputs). Only what is both gets a tangent or an adjoint. Arrays are one
+ * value each. Both are least fixpoints over the loops. Ranges are plain interval arithmetic in two sweeps: the first
+ * knows nothing of what is carried around loops or kept in arrays, the second uses what the first found to be assigned
+ * there, so a clamp in a loop is seen. */
 #include <math.h>
 #include <string.h>
 
@@ -20,7 +21,9 @@ static AdRange normal(AdRange r) {
 static AdRange range(double lo, double hi, uint8_t inf) { return normal((AdRange){lo, hi, inf}); }
 static AdRange join(AdRange a, AdRange b) { return range(fmin(a.lo, b.lo), fmax(a.hi, b.hi), a.inf | b.inf); }
 
-AdRange ad_range_const(double v) { return isfinite(v) ? (AdRange){v, v, 0} : isnan(v) ? AD_RANGE_FINITE : (AdRange){v, v, AD_POLE}; }
+AdRange ad_range_const(double v) {
+    return isfinite(v) ? (AdRange){v, v, 0} : isnan(v) ? AD_RANGE_FINITE : (AdRange){v, v, AD_POLE};
+}
 
 static double times(double a, double b) { return a == 0 || b == 0 ? 0 : a * b; }
 
@@ -46,7 +49,8 @@ static AdRange quotient(AdRange a, AdRange b) {
 /* exp and its kin: infinite unless bounded above (80 serves both precisions). */
 static AdRange exponential(AdRange a, double base) {
     double scale = log(base), hi = a.hi * scale;
-    return range(a.lo * scale > -80 ? pow(base, a.lo) : 0, hi < 80 ? pow(base, a.hi) : INFINITY, hi >= 80 ? AD_OVERFLOW : 0);
+    return range(a.lo * scale > -80 ? pow(base, a.lo) : 0, hi < 80 ? pow(base, a.hi) : INFINITY,
+                 hi >= 80 ? AD_OVERFLOW : 0);
 }
 
 AdRange ad_range_row(Op op, AdRange a, AdRange b, AdRange c, bool same) {
@@ -75,7 +79,9 @@ AdRange ad_range_row(Op op, AdRange a, AdRange b, AdRange c, bool same) {
         return range(-m, m, a.inf);
     }
     case OP_fsqrt: return range(a.lo > 0 ? sqrt(a.lo) : 0, a.hi > 0 ? sqrt(a.hi) : INFINITY, a.inf);
-    case OP_frsqrt: return a.lo > 0 ? range(a.hi < INFINITY ? 1 / sqrt(a.hi) : 0, 1 / sqrt(a.lo), 0) : (AdRange){0, INFINITY, AD_POLE};
+    case OP_frsqrt:
+        return a.lo > 0 ? range(a.hi < INFINITY ? 1 / sqrt(a.hi) : 0, 1 / sqrt(a.lo), 0)
+                        : (AdRange){0, INFINITY, AD_POLE};
     case OP_fcbrt: return range(cbrt(a.lo), cbrt(a.hi), a.inf);
     case OP_ffloor:
     case OP_fceil:
@@ -93,11 +99,12 @@ AdRange ad_range_row(Op op, AdRange a, AdRange b, AdRange c, bool same) {
     case OP_facos:
     case OP_fatan:
     case OP_fatan2: return range(-3.2, 3.2, 0);
-    case OP_fcosh: return range(1, a.lo > -80 && a.hi < 80 ? cosh(fmax(fabs(a.lo), fabs(a.hi))) : INFINITY, AD_OVERFLOW);
+    case OP_fcosh:
+        return range(1, a.lo > -80 && a.hi < 80 ? cosh(fmax(fabs(a.lo), fabs(a.hi))) : INFINITY, AD_OVERFLOW);
     case OP_fsinh: return a.lo > -80 && a.hi < 80 ? range(sinh(a.lo), sinh(a.hi), 0) : AD_RANGE_CARRIED;
     case OP_ftan: return AD_RANGE_ANY;
-    case OP_fpow: return range(a.lo >= 0 ? 0 : -INFINITY, INFINITY,
-                              b.lo >= 0 && b.lo == b.hi ? a.inf : AD_POLE | AD_OVERFLOW);
+    case OP_fpow:
+        return range(a.lo >= 0 ? 0 : -INFINITY, INFINITY, b.lo >= 0 && b.lo == b.hi ? a.inf : AD_POLE | AD_OVERFLOW);
     case OP_fsel: return join(b, c);
     case OP_i2f:
     case OP_u2f: return range(op == OP_u2f ? 0 : -2147483649.0, 4294967297.0, 0);
@@ -109,12 +116,15 @@ AdRange ad_range_row(Op op, AdRange a, AdRange b, AdRange c, bool same) {
 
 typedef struct Walk {
     AdFacts *f;
-    AdRange *next;  /* by id: what loops assign to a carried parameter, and what is stored in an array, found by the sweep before */
+    AdRange *next;  /* by id: what loops assign to a carried parameter, and what is stored in an array, found by the
+                       sweep before */
     AdRange *found; /* the same, being found */
     bool changed;
 } Walk;
 
-static AdRange range_of(const AdFacts *f, const Inst *v) { return v->type == TY_FLT ? f->range[v->id] : AD_RANGE_FINITE; }
+static AdRange range_of(const AdFacts *f, const Inst *v) {
+    return v->type == TY_FLT ? f->range[v->id] : AD_RANGE_FINITE;
+}
 
 static void ranges_in(Walk *w, Block *b);
 
@@ -127,10 +137,12 @@ static void range_region(Walk *w, Inst *i) {
             for (uint32_t p = 1; p < body->nparams; p++)
                 f->range[body->params[p]->id] = join(range_of(f, i->args[p - 1]), w->next[body->params[p]->id]);
         if (i->op == OP_custom)
-            for (uint32_t p = 0; p < body->nparams && p < i->nargs; p++) f->range[body->params[p]->id] = range_of(f, i->args[p]);
+            for (uint32_t p = 0; p < body->nparams && p < i->nargs; p++)
+                f->range[body->params[p]->id] = range_of(f, i->args[p]);
         ranges_in(w, body);
         if (i->op == OP_loop)
-            for (uint32_t p = 1; p < body->nparams; p++) w->found[body->params[p]->id] = range_of(f, body->last->args[p]);
+            for (uint32_t p = 1; p < body->nparams; p++)
+                w->found[body->params[p]->id] = range_of(f, body->last->args[p]);
     }
 }
 
@@ -196,7 +208,9 @@ bool ad_makes_infinite(const AdFacts *f, const Block *b) {
         if (ir_ops[i->op].special || i->type != TY_FLT || !ad_active(f, i)) continue;
         for (uint32_t a = 0; a < i->nargs; a++) {
             bool inf = false;
-            if (i->args[a]->type == TY_FLT && ad_active(f, i->args[a]) && ad_mentions(i, a, f->range, &inf) != UINT32_MAX && inf) return true;
+            if (i->args[a]->type == TY_FLT && ad_active(f, i->args[a]) &&
+                ad_mentions(i, a, f->range, &inf) != UINT32_MAX && inf)
+                return true;
         }
     }
     return false;
@@ -208,7 +222,8 @@ static void set(Walk *w, uint8_t *bits, const Inst *v) {
 
 static bool row_varied(const AdFacts *f, const Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++)
-        if (i->args[a]->type == TY_FLT && f->varied[i->args[a]->id] && ad_mentions(i, a, NULL, NULL) != UINT32_MAX) return true;
+        if (i->args[a]->type == TY_FLT && f->varied[i->args[a]->id] && ad_mentions(i, a, NULL, NULL) != UINT32_MAX)
+            return true;
     return false;
 }
 
@@ -294,7 +309,8 @@ static void useful_in(Walk *w, Block *b) {
         else if (i->op == OP_detach && i->tag) useful_arg(w, f->links[i->tag - 1]);
         else if (!ir_ops[i->op].special)
             for (uint32_t a = 0; a < i->nargs; a++)
-                if (i->args[a]->type == TY_FLT && ad_mentions(i, a, NULL, NULL) != UINT32_MAX) useful_arg(w, i->args[a]);
+                if (i->args[a]->type == TY_FLT && ad_mentions(i, a, NULL, NULL) != UINT32_MAX)
+                    useful_arg(w, i->args[a]);
     }
 }
 
@@ -345,7 +361,8 @@ static void collect_params(const AdFacts *f, const Block *b, uint8_t *active) {
             lo = k < 0 ? 0 : k >= (int64_t)hi ? hi - 1 : (uint32_t)k;
             hi = lo + 1;
         }
-        for (uint32_t k = i->imm.slot.base + lo; k < i->imm.slot.base + hi; k++) active[k >> 3] |= (uint8_t)(1u << (k & 7));
+        for (uint32_t k = i->imm.slot.base + lo; k < i->imm.slot.base + hi; k++)
+            active[k >> 3] |= (uint8_t)(1u << (k & 7));
     }
 }
 

@@ -1,7 +1,8 @@
 /* Forward mode: every active value gets its tangents right behind it, in the same control flow.
  *
- * A pass carries n tangent directions at once (1 for ad_jvp, dim for ad_grad_x). A tangent that is identically zero has no code: it is NULL.
- * Ifs get tangent results, loops tangent carried values, arrays tangent arrays; of a custom the tangent region is inlined. */
+ * A pass carries n tangent directions at once (1 for ad_jvp, dim for ad_grad_x). A tangent that is identically zero has
+ * no code: it is NULL. Ifs get tangent results, loops tangent carried values, arrays tangent arrays; of a custom the
+ * tangent region is inlined. */
 #include <math.h>
 #include <string.h>
 
@@ -12,9 +13,9 @@ typedef struct Jvp {
     Arena *scratch;
     AdFacts facts;
     AdRule rule;
-    uint32_t n;        /* directions */
-    Inst **tangent;    /* by id * n + direction; for alloc: the tangent array */
-    bool *inf;         /* by id: its tangents may be infinite */
+    uint32_t n;     /* directions */
+    Inst **tangent; /* by id * n + direction; for alloc: the tangent array */
+    bool *inf;      /* by id: its tangents may be infinite */
     bool grad_x, any_inf;
 } Jvp;
 
@@ -23,7 +24,9 @@ static Inst *same_value(void *user, Inst *v) {
     return v;
 }
 
-static Inst *tangent(const Jvp *j, const Inst *v, uint32_t d) { return v->id < j->facts.n ? j->tangent[v->id * j->n + d] : NULL; }
+static Inst *tangent(const Jvp *j, const Inst *v, uint32_t d) {
+    return v->id < j->facts.n ? j->tangent[v->id * j->n + d] : NULL;
+}
 static void set_tangent(Jvp *j, const Inst *v, uint32_t d, Inst *t) { j->tangent[v->id * j->n + d] = t; }
 static bool active(const Jvp *j, const Inst *v) { return ad_active(&j->facts, v); }
 
@@ -113,7 +116,8 @@ static void jvp_custom(Jvp *j, Inst *i) {
     while (last->next && last->next->op == OP_proj && last->next->args[0] == i) last = last->next;
     for (uint32_t d = 0; d < j->n; d++) {
         bool any = false;
-        for (uint32_t a = 0; a < i->nargs; a++) any |= i->args[a]->type == TY_FLT && active(j, i->args[a]) && tangent(j, i->args[a], d);
+        for (uint32_t a = 0; a < i->nargs; a++)
+            any |= i->args[a]->type == TY_FLT && active(j, i->args[a]) && tangent(j, i->args[a], d);
         if (!any) continue;
         Inst **map = ARENA_ARRAY(j->scratch, Inst *, j->facts.n + 1);
         Builder b = ir_after(j->fn, i);
@@ -126,7 +130,8 @@ static void jvp_custom(Jvp *j, Inst *i) {
         for (Inst *p = i->next; p && p->op == OP_proj && p->args[0] == i; p = p->next) {
             if (p->type != TY_FLT) continue;
             float_index = 0;
-            for (uint32_t k = 0; k < (uint32_t)p->imm.i; k++) float_index += i->region[0]->last->args[k]->type == TY_FLT;
+            for (uint32_t k = 0; k < (uint32_t)p->imm.i; k++)
+                float_index += i->region[0]->last->args[k]->type == TY_FLT;
             uint32_t at = region->last->nargs == i->region[0]->last->nargs ? (uint32_t)p->imm.i : float_index;
             Inst *y = region->last->args[at];
             if (active(j, p)) set_tangent(j, p, d, map[y->id] ? map[y->id] : y), j->inf[p->id] = true;
@@ -151,17 +156,22 @@ static void jvp_inst(Jvp *j, Inst *i) {
         else set_tangent(j, i, 0, ir_input(b, (InputSlot)(IN_DX0 + (i->imm.i - IN_X0))));
         return;
     case OP_alloc:
-        for (uint32_t d = 0; active(j, i) && d < j->n; d++) set_tangent(j, i, d, ir_special(b, OP_alloc, TY_ARRAY, 0, NULL, i->imm));
+        for (uint32_t d = 0; active(j, i) && d < j->n; d++)
+            set_tangent(j, i, d, ir_special(b, OP_alloc, TY_ARRAY, 0, NULL, i->imm));
         return;
     case OP_load:
         if (!active(j, i)) return;
-        for (uint32_t d = 0; d < j->n; d++) set_tangent(j, i, d, ir_special(b, OP_load, TY_FLT, 2, (Inst *[]){tangent(j, i->args[0], d), i->args[1]}, (Imm){0}));
+        for (uint32_t d = 0; d < j->n; d++)
+            set_tangent(j, i, d,
+                        ir_special(b, OP_load, TY_FLT, 2, (Inst *[]){tangent(j, i->args[0], d), i->args[1]}, (Imm){0}));
         j->inf[i->id] = j->any_inf;
         return;
     case OP_store:
         if (!active(j, i->args[0])) return;
         for (uint32_t d = 0; d < j->n; d++)
-            ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){tangent(j, i->args[0], d), i->args[1], tangent_or_zero(j, b, i->args[2], d)}, (Imm){0});
+            ir_special(b, OP_store, TY_VOID, 3,
+                       (Inst *[]){tangent(j, i->args[0], d), i->args[1], tangent_or_zero(j, b, i->args[2], d)},
+                       (Imm){0});
         return;
     case OP_acopy:
         if (!active(j, i->args[0])) return;
@@ -185,7 +195,8 @@ static void jvp_block(Jvp *j, Block *b) {
 static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t n, bool grad_x) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark m = arena_mark(scratch);
-    Fn *fn = ir_clone(primal, primal->arena, arena_printf(primal->arena, "%s_%s", primal->name, grad_x ? "grad" : "jvp"));
+    Fn *fn =
+        ir_clone(primal, primal->arena, arena_printf(primal->arena, "%s_%s", primal->name, grad_x ? "grad" : "jvp"));
     ad_clear_tags(fn->body);
     Jvp j = {.fn = fn, .scratch = scratch, .n = n, .grad_x = grad_x};
     ad_facts(&j.facts, fn, scratch, o, NULL);
@@ -208,7 +219,8 @@ static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t 
         names[out] = ad_output_name(fn, primal, k, "");
         for (uint32_t d = 0; d < n; d++) {
             values[floats + out * n + d] = tangent_or_zero(&j, &b, v, d);
-            names[floats + out * n + d] = grad_x ? arena_printf(fn->arena, "%s.dx%u", names[out], d) : ad_output_name(fn, primal, k, "d.");
+            names[floats + out * n + d] =
+                grad_x ? arena_printf(fn->arena, "%s.dx%u", names[out], d) : ad_output_name(fn, primal, k, "d.");
         }
         out++;
     }
@@ -219,7 +231,9 @@ static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t 
     return fn;
 }
 
-Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o) { return forward(ctx, fn, o ? o : &(AdOptions){0}, 1, false); }
+Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o) {
+    return forward(ctx, fn, o ? o : &(AdOptions){0}, 1, false);
+}
 
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn) {
     return forward(ctx, fn, &(AdOptions){.wrt_none = true, .wrt_x = true}, fn->dim ? fn->dim : 1, true);

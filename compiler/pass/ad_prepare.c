@@ -1,12 +1,16 @@
-/* Reverse mode, before the sweep: shapes that the sweep does not know are turned into ones that it does. All of it keeps the values. */
+/* Reverse mode, before the sweep: shapes that the sweep does not know are turned into ones that it does. All of it
+ * keeps the values. */
 #include <string.h>
 
 #include "compiler/pass/ad.h"
 
-/* ---- customs: both regions are inlined. The tangent region runs at tangents that are 0 but "vary as" the arguments, and each result takes its
- * derivative from the tangent region's: links say so. Since the tangent region is linear in its tangents, reversing it is transposing it. */
+/* ---- customs: both regions are inlined. The tangent region runs at tangents that are 0 but "vary as" the arguments,
+ * and each result takes its derivative from the tangent region's: links say so. Since the tangent region is linear in
+ * its tangents, reversing it is transposing it. */
 
-static Inst *detached(Builder *b, Inst *v) { return v->type == TY_FLT && !ir_is_const(v) ? ir_emit1(b, OP_detach, v) : v; }
+static Inst *detached(Builder *b, Inst *v) {
+    return v->type == TY_FLT && !ir_is_const(v) ? ir_emit1(b, OP_detach, v) : v;
+}
 
 static uint32_t link_to(Arena *scratch, AdLinks *links, Inst *target) {
     vec_push(scratch, &links->v, target);
@@ -51,7 +55,8 @@ static void expand_custom(Fn *fn, Arena *scratch, AdLinks *links, Inst *i) {
     Builder b = ir_before(fn, i);
     uint32_t n = i->nargs, nresults = i->region[0]->last->nargs, ntangents = i->region[1]->last->nargs;
     Inst **args = ARENA_ARRAY(scratch, Inst *, 2 * n + 1);
-    Inst **values = ARENA_ARRAY(scratch, Inst *, nresults + 1), **tangents = ARENA_ARRAY(scratch, Inst *, ntangents + 1);
+    Inst **values = ARENA_ARRAY(scratch, Inst *, nresults + 1),
+         **tangents = ARENA_ARRAY(scratch, Inst *, ntangents + 1);
     for (uint32_t r = 0; r < 2; r++) {
         detach_params(fn, i->region[r]);
         detach_outside(fn, i->region[r], i->region[r]);
@@ -162,15 +167,17 @@ static bool split_in(Fn *fn, Block *b, const uint8_t *taped) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) changed |= split_in(fn, i->region[r], taped);
-        if (i->op == OP_if_ && holds_taped(i->region[0], taped) && holds_taped(i->region[1], taped)) split_if(fn, i), changed = true;
+        if (i->op == OP_if_ && holds_taped(i->region[0], taped) && holds_taped(i->region[1], taped))
+            split_if(fn, i), changed = true;
     }
     return changed;
 }
 
 bool ad_split_ifs(Fn *fn, const uint8_t *taped) { return split_in(fn, fn->body, taped); }
 
-/* ---- strip-mining: for (k < n) body  ->  for (s < ceil(n/B)) for (j < B) body with k = s*B + j, left by the same breaks in the same state.
- * The inner loop is a segment: the sweep pushes only the state at its start, and runs it again, pushing, when it gets there. */
+/* ---- strip-mining: for (k < n) body  ->  for (s < ceil(n/B)) for (j < B) body with k = s*B + j, left by the same
+ * breaks in the same state. The inner loop is a segment: the sweep pushes only the state at its start, and runs it
+ * again, pushing, when it gets there. */
 
 static bool writes_outside(const Block *b, const Block *loop) {
     for (const Inst *i = b->first; i; i = i->next) {

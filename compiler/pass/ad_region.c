@@ -1,8 +1,9 @@
 /* Reverse mode: ifs and loops.
  *
- * What flows out of the reverse of a region are the adjoints of the active values that it uses from outside: results of an if_, carried values of a
- * revloop. Those that turn out unchanged are taken out again. Arrays need nothing: their adjoints are arrays.
- * A region that pushes frames is reversed by a revloop even if it is the region of an if_: the mask of the frame is its condition. */
+ * What flows out of the reverse of a region are the adjoints of the active values that it uses from outside: results of
+ * an if_, carried values of a revloop. Those that turn out unchanged are taken out again. Arrays need nothing: their
+ * adjoints are arrays. A region that pushes frames is reversed by a revloop even if it is the region of an if_: the
+ * mask of the frame is its condition. */
 #include <math.h>
 
 #include "compiler/pass/ad_tape.h"
@@ -14,7 +15,9 @@ static void free_active(Vjp *v, Block *b, const Block *root, Insts *out) {
         uint32_t n = i->nargs + (i->op == OP_detach && i->tag ? 1 : 0);
         for (uint32_t a = 0; a < n; a++) {
             Inst *x = a < i->nargs ? i->args[a] : v->links.v.data[i->tag - 1];
-            if (x->type != TY_FLT || !ad_active(&v->f, x) || v->stamp[x->id] == v->stamps || walk_inside(x->block, root)) continue;
+            if (x->type != TY_FLT || !ad_active(&v->f, x) || v->stamp[x->id] == v->stamps ||
+                walk_inside(x->block, root))
+                continue;
             v->stamp[x->id] = v->stamps;
             vec_push(v->scratch, out, x);
         }
@@ -79,15 +82,16 @@ static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t n
 }
 
 typedef struct Carried {
-    Inst *param;       /* of the revloop */
-    Inst *primal;      /* the outer value whose adjoint it is, or NULL */
-    uint32_t index;    /* of the loop's carried value, if primal is NULL */
+    Inst *param;    /* of the revloop */
+    Inst *primal;   /* the outer value whose adjoint it is, or NULL */
+    uint32_t index; /* of the loop's carried value, if primal is NULL */
     Inst *init, *next, *result;
-    bool inf, had;     /* had: the adjoint was not zero before */
-    bool same;         /* the region does not change it */
+    bool inf, had; /* had: the adjoint was not zero before */
+    bool same;     /* the region does not change it */
 } Carried;
 
-/* Emits revloop { reverse of `body` } where the primal region is owner's; carried[0..n) are set up with init and primal. */
+/* Emits revloop { reverse of `body` } where the primal region is owner's; carried[0..n) are set up with init and
+ * primal. */
 static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint32_t n) {
     Ctx *outer = vjp_here(v);
     Inst *saved_before = outer->rev->before;
@@ -109,7 +113,8 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
         if (carried[c].primal) v->adj[carried[c].primal->id] = (Adjoint){carried[c].param, carried[c].inf};
     if (loop) {
         for (uint32_t c = 0; c < n; c++)
-            if (!carried[c].primal) vjp_add(v, body->last->args[carried[c].index + 1], ad_seed(carried[c].param, carried[c].inf));
+            if (!carried[c].primal)
+                vjp_add(v, body->last->args[carried[c].index + 1], ad_seed(carried[c].param, carried[c].inf));
     } else {
         for (Inst *p = s->owner->next; p && p->op == OP_proj && p->args[0] == s->owner; p = p->next)
             if (vjp_seeded(v, p)) vjp_add(v, body->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
@@ -160,12 +165,14 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
         if (s->k) { /* the iteration number goes first */
             vec_push(v->scratch, &s->stored, NULL);
             vec_push(v->scratch, &s->params, NULL);
-            for (uint32_t p = s->stored.len - 1; p > 0; p--) s->stored.data[p] = s->stored.data[p - 1], s->params.data[p] = s->params.data[p - 1];
+            for (uint32_t p = s->stored.len - 1; p > 0; p--)
+                s->stored.data[p] = s->stored.data[p - 1], s->params.data[p] = s->params.data[p - 1];
             s->stored.data[0] = s->fwd_k;
             s->params.data[0] = s->k;
         }
         order_params(v, s, params, kept);
-        for (uint32_t p = 0; p < s->stored.len; p++) s->frame_bytes += s->k && p == 0 ? 0 : type_bytes(v, s->stored.data[p]);
+        for (uint32_t p = 0; p < s->stored.len; p++)
+            s->frame_bytes += s->k && p == 0 ? 0 : type_bytes(v, s->stored.data[p]);
         s->frame_bytes += 4; /* the mask, the iteration number and the padding, at any width */
         Builder before = ir_before(v->fn, tape_forward(v, s->owner));
         mark = ir_special(&before, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
@@ -222,11 +229,13 @@ void vjp_loop(Vjp *v, Inst *loop) {
     for (uint32_t c = 0; c < ncarried; c++) {
         Inst *param = body->params[c + 1];
         if (param->type != TY_FLT || (!seed[c].v && !ad_active(&v->f, param))) continue;
-        carried[n++] = (Carried){.index = c, .init = seed[c].v ? seed[c].v : ir_constf(&b, 0), .inf = inf, .had = seed[c].v != NULL};
+        carried[n++] = (Carried){
+            .index = c, .init = seed[c].v ? seed[c].v : ir_constf(&b, 0), .inf = inf, .had = seed[c].v != NULL};
     }
     for (uint32_t u = 0; u < outer.len; u++) {
         Adjoint a = v->adj[outer.data[u]->id];
-        carried[n++] = (Carried){.primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
+        carried[n++] = (Carried){
+            .primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
     }
     for (uint32_t c = 0; c < n; c++)
         if (!carried[c].primal) v->adj[body->params[carried[c].index + 1]->id] = (Adjoint){0};
@@ -252,7 +261,8 @@ static void reverse_framed_region(Vjp *v, Inst *i, uint32_t r) {
     bool inf = v->any_inf;
     for (uint32_t u = 0; u < outer.len; u++) {
         Adjoint a = v->adj[outer.data[u]->id];
-        carried[u] = (Carried){.primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
+        carried[u] = (Carried){
+            .primal = outer.data[u], .init = a.v ? a.v : ir_constf(&b, 0), .inf = inf || a.inf, .had = a.v != NULL};
     }
     reverse_scope(v, s, body, carried, outer.len);
     for (uint32_t u = 0; u < outer.len; u++) set_result(v, &carried[u]);
@@ -260,7 +270,8 @@ static void reverse_framed_region(Vjp *v, Inst *i, uint32_t r) {
 
 static void seed_region(Vjp *v, Inst *i, uint32_t r) {
     for (Inst *p = i->next; p && p->op == OP_proj && p->args[0] == i; p = p->next)
-        if (vjp_seeded(v, p)) vjp_add(v, i->region[r]->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
+        if (vjp_seeded(v, p))
+            vjp_add(v, i->region[r]->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
 }
 
 /* Only constants, which may stand outside as well? */

@@ -1,11 +1,13 @@
 /* Reverse mode: running code again.
  *
- * A segment of a strip-mined loop is cloned into the sweep and pushes there (tape_rerun). One iteration of a replayed loop is cloned into the body of its
- * revloop and pushes nothing of its own: the sweep reads its values directly (tape_replay). Searches of a replayed iteration are not repeated, nor are
- * loops that search: what they found is in the frame.
+ * A segment of a strip-mined loop is cloned into the sweep and pushes there (tape_rerun). One iteration of a replayed
+ * loop is cloned into the body of its revloop and pushes nothing of its own: the sweep reads its values directly
+ * (tape_replay). Searches of a replayed iteration are not repeated, nor are loops that search: what they found is in
+ * the frame.
  *
- * What a clone reads from outside is not known before the sweep of it has been emitted: most of it may be dead, a sum for example that no rule mentions. So a clone is
- * made over holes; when the scope is closed, those that something alive reads are filled, and only they cost bytes. */
+ * What a clone reads from outside is not known before the sweep of it has been emitted: most of it may be dead, a sum
+ * for example that no rule mentions. So a clone is made over holes; when the scope is closed, those that something
+ * alive reads are filled, and only they cost bytes. */
 #include <string.h>
 
 #include "compiler/pass/ad_tape.h"
@@ -50,8 +52,8 @@ static bool writes_outside(const Block *b, const Block *loop) {
 
 static bool is_search_loop(const Inst *i) { return i->op == OP_loop && tape_searches(i->region[0]); }
 
-/* What an inner loop found is one result in the frame of the outer one, unless derivatives go through that loop: then its own frames belong to the run that
- * searched. What it left in arrays would be missing. */
+/* What an inner loop found is one result in the frame of the outer one, unless derivatives go through that loop: then
+ * its own frames belong to the run that searched. What it left in arrays would be missing. */
 static bool inner_search(const Vjp *v, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (is_search_loop(i) && (v->taped[i->id] || writes_outside(i->region[0], i->region[0]))) return true;
@@ -88,7 +90,8 @@ static void map_operands(Vjp *v, Holes *holes, const Block *root, Block *b, Inst
     for (Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++) {
             Inst *x = i->args[a];
-            if (x->id < v->f.n && !map[x->id] && x->type != TY_ARRAY && !walk_inside(x->block, root)) map[x->id] = from_outside(v, holes, x);
+            if (x->id < v->f.n && !map[x->id] && x->type != TY_ARRAY && !walk_inside(x->block, root))
+                map[x->id] = from_outside(v, holes, x);
         }
         for (uint32_t r = 0; r < i->nregions; r++) map_operands(v, holes, root, i->region[r], map);
     }
@@ -128,7 +131,8 @@ Inst *tape_rerun(Vjp *v, Scope *s, Inst *loop) {
 static void hold_found(Vjp *v, Scope *s, const Block *body, Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
         bool found = i->op == OP_fieldop || (i->op == OP_proj && is_search_loop(i->args[0])) || reads_past(v, i, body);
-        if (found) new_hole(v, &s->replay_holes, i, tape_forward(v, i), ir_block_param(v->fn, s->rev_block, (IrType)i->type));
+        if (found)
+            new_hole(v, &s->replay_holes, i, tape_forward(v, i), ir_block_param(v->fn, s->rev_block, (IrType)i->type));
         for (uint32_t r = 0; !is_search_loop(i) && r < i->nregions; r++) hold_found(v, s, body, i->region[r]);
     }
 }
@@ -138,7 +142,8 @@ void tape_replay(Vjp *v, Scope *s, Block *body) {
     s->k = map[body->params[0]->id] = ir_block_param(v->fn, s->rev_block, TY_INT);
     for (uint32_t p = 1; p < body->nparams; p++) {
         Inst *param = body->params[p];
-        map[param->id] = new_hole(v, &s->replay_holes, param, tape_forward(v, param), ir_block_param(v->fn, s->rev_block, (IrType)param->type));
+        map[param->id] = new_hole(v, &s->replay_holes, param, tape_forward(v, param),
+                                  ir_block_param(v->fn, s->rev_block, (IrType)param->type));
         v->memo[param->id] = map[param->id];
     }
     v->memo[body->params[0]->id] = s->k;
@@ -165,7 +170,8 @@ void tape_replay(Vjp *v, Scope *s, Block *body) {
     }
 }
 
-/* ---- what of a clone is alive. Only instructions inside the block are marked; ids do not help here, most of this code is new. */
+/* ---- what of a clone is alive. Only instructions inside the block are marked; ids do not help here, most of this code
+ * is new. */
 
 enum { LIVE = 1, INSIDE = 2 };
 

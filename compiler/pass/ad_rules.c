@@ -1,8 +1,9 @@
 /* The partials column of ops.def as code.
  *
- * Each row becomes one function that builds the pull-back of a seed g to one argument. Run without emitting, the same function tells which
- * primal values the partial mentions: that, and nothing else, decides what reverse mode keeps. A product that involves g is guarded
- * (zmul, or a select) only where a factor may be infinite or the seed may be, so that 0*inf never makes a NaN and ordinary code pays nothing. */
+ * Each row becomes one function that builds the pull-back of a seed g to one argument. Run without emitting, the same
+ * function tells which primal values the partial mentions: that, and nothing else, decides what reverse mode keeps. A
+ * product that involves g is guarded (zmul, or a select) only where a factor may be infinite or the seed may be, so
+ * that 0*inf never makes a NaN and ordinary code pays nothing. */
 #include <math.h>
 
 #include "compiler/pass/ad.h"
@@ -15,7 +16,9 @@ typedef AdTerm E;
 
 static Inst *emit1(AdRule *R, Op op, Inst *x) { return R->emit ? ir_emit1(&R->b, op, x) : NULL; }
 static Inst *emit2(AdRule *R, Op op, Inst *x, Inst *y) { return R->emit ? ir_emit2(&R->b, op, x, y) : NULL; }
-static Inst *emit3(AdRule *R, Op op, Inst *x, Inst *y, Inst *z) { return R->emit ? ir_emit3(&R->b, op, x, y, z) : NULL; }
+static Inst *emit3(AdRule *R, Op op, Inst *x, Inst *y, Inst *z) {
+    return R->emit ? ir_emit3(&R->b, op, x, y, z) : NULL;
+}
 
 Inst *ad_term_value(AdRule *R, AdTerm t) {
     if (!R->emit) return NULL;
@@ -31,14 +34,18 @@ Inst *ad_term_add(AdRule *R, Inst *acc, AdTerm t) {
     return emit2(R, OP_fadd, acc, ad_term_value(R, t));
 }
 
-AdTerm ad_seed(Inst *v, bool inf) { return (E){.v = v, .range = {-INFINITY, INFINITY, inf ? AD_POLE : 0}, .seed = true}; }
+AdTerm ad_seed(Inst *v, bool inf) {
+    return (E){.v = v, .range = {-INFINITY, INFINITY, inf ? AD_POLE : 0}, .seed = true};
+}
 
 static E plain(Inst *v, AdRange range) { return (E){.v = v, .range = range}; }
 
 static E operand(AdRule *R, uint32_t which) {
     R->mentions |= 1u << which;
     const Inst *v = which == 3 ? R->inst : R->inst->args[which];
-    AdRange range = v->op == OP_constf ? ad_range_const(v->imm.f) : R->range && v->id != UINT32_MAX ? R->range[v->id] : AD_RANGE_FINITE;
+    AdRange range = v->op == OP_constf                ? ad_range_const(v->imm.f)
+                    : R->range && v->id != UINT32_MAX ? R->range[v->id]
+                                                      : AD_RANGE_FINITE;
     E e = plain(R->emit ? R->have[which] : NULL, range);
     e.key = v;
     return e;
@@ -73,7 +80,8 @@ static E e_sub(AdRule *R, E x, E y) {
 
 static bool same_operand(E x, E y) { return x.key && x.key == y.key; }
 
-/* s is the seed's side. Both guards give 0: a zero seed wins over an infinite slope, a zero slope over an infinite seed. */
+/* s is the seed's side. Both guards give 0: a zero seed wins over an infinite slope, a zero slope over an infinite
+ * seed. */
 static E seeded_product(AdRule *R, E s, E p) {
     E e = {.seed = true, .range = {-INFINITY, INFINITY, (s.range.inf | p.range.inf) & AD_POLE}};
     bool slope_zero = s.range.inf && !ad_range_nonzero(p.range);
@@ -98,7 +106,8 @@ static E e_mul(AdRule *R, E x, E y) {
 static E e_div(AdRule *R, E x, E y) {
     bool guard = x.seed && !ad_range_nonzero(y.range);
     E e = {.seed = x.seed};
-    e.range = x.seed ? (AdRange){-INFINITY, INFINITY, guard ? AD_POLE : x.range.inf} : ad_range_row(OP_fdiv, x.range, y.range, x.range, false);
+    e.range = x.seed ? (AdRange){-INFINITY, INFINITY, guard ? AD_POLE : x.range.inf}
+                     : ad_range_row(OP_fdiv, x.range, y.range, x.range, false);
     if (R->emit) e.v = emit2(R, guard ? OP_zdiv : OP_fdiv, ad_term_value(R, x), ad_term_value(R, y));
     return e;
 }
@@ -123,14 +132,18 @@ static bool fixed(const AdRule *R, uint32_t which) {
     return ir_is_const(v) || (R->varied && v->id != UINT32_MAX && !R->varied[v->id]);
 }
 
-static Inst *e_compare(AdRule *R, Op op, E x, E y) { return R->emit ? emit2(R, op, ad_term_value(R, x), ad_term_value(R, y)) : NULL; }
+static Inst *e_compare(AdRule *R, Op op, E x, E y) {
+    return R->emit ? emit2(R, op, ad_term_value(R, x), ad_term_value(R, y)) : NULL;
+}
 
 static E e_row1(AdRule *R, Op op, E x) {
-    return plain(R->emit ? emit1(R, op, ad_term_value(R, x)) : NULL, ad_range_row(op, x.range, x.range, x.range, false));
+    return plain(R->emit ? emit1(R, op, ad_term_value(R, x)) : NULL,
+                 ad_range_row(op, x.range, x.range, x.range, false));
 }
 
 static E e_row2(AdRule *R, Op op, E x, E y) {
-    return plain(R->emit ? emit2(R, op, ad_term_value(R, x), ad_term_value(R, y)) : NULL, ad_range_row(op, x.range, y.range, x.range, false));
+    return plain(R->emit ? emit2(R, op, ad_term_value(R, x), ad_term_value(R, y)) : NULL,
+                 ad_range_row(op, x.range, y.range, x.range, false));
 }
 
 /* The rows. a, b, c, r stand for operands only while ops.def is read. */
@@ -145,7 +158,8 @@ static E e_row2(AdRule *R, Op op, E x, E y) {
 #define SEL(cond, x, y) e_select(R, cond, x, y)
 #define LT(x, y) e_compare(R, OP_flt, x, y)
 #define LE(x, y) e_compare(R, OP_fle, x, y)
-/* The other argument has it: also where they are equal, if that one is a constant, so that the slope at the kink is 0. */
+/* The other argument has it: also where they are equal, if that one is a constant, so that the slope at the kink is 0.
+ */
 #define TAKES(other, x, y) e_compare(R, fixed(R, other) ? OP_fle : OP_flt, x, y)
 #define EQ(x, y) e_compare(R, OP_feq, x, y)
 #define K(v) e_const(R, v)

@@ -2,11 +2,12 @@
  *
  * Values of the top block are simply used. For the others:
  *   free        constants, inputs, parameters at known indices: emitted again
- *   cheap       sums, products, comparisons, selects, conversions: recomputed, when that takes at most one value more than storing would
- *   the rest    carried values, roots, quotients, elementary functions, results of regions, array elements: stored in the frame of the scope
- *               (at the top: made a result of the enclosing ifs). Elements of arrays that are not written any more are read again.
- * Iteration numbers are stored only if asked for, and never where the reverse of a loop can count itself.
- * In a replayed loop everything is there again: its frames hold what the replay starts from (ad_replay.c). */
+ *   cheap       sums, products, comparisons, selects, conversions: recomputed, when that takes at most one value more
+ * than storing would the rest    carried values, roots, quotients, elementary functions, results of regions, array
+ * elements: stored in the frame of the scope (at the top: made a result of the enclosing ifs). Elements of arrays that
+ * are not written any more are read again. Iteration numbers are stored only if asked for, and never where the reverse
+ * of a loop can count itself. In a replayed loop everything is there again: its frames hold what the replay starts from
+ * (ad_replay.c). */
 #include <string.h>
 
 #include "compiler/pass/ad_tape.h"
@@ -43,7 +44,9 @@ static void want_in(Vjp *v, Block *b, Inst **last_write) {
         switch ((Op)i->op) {
         case OP_load: {
             const Inst *array = i->args[0];
-            v->stable[i->id] = array->block == v->fn->body && (!last_write[array->id] || last_write[array->id]->id < statement_in(i, array->block)->id);
+            v->stable[i->id] =
+                array->block == v->fn->body &&
+                (!last_write[array->id] || last_write[array->id]->id < statement_in(i, array->block)->id);
             if (active) v->want[i->args[1]->id] = 1;
             break;
         }
@@ -106,9 +109,12 @@ typedef struct Cost {
 enum { MAX_OPS = 32 };
 
 static void cost_of(Vjp *v, Inst *i, Cost *c) {
-    if (i->id >= v->f.n || i->block == v->fn->body || v->memo[i->id] || v->stamp[i->id] == v->stamps || c->ops > MAX_OPS) return;
+    if (i->id >= v->f.n || i->block == v->fn->body || v->memo[i->id] || v->stamp[i->id] == v->stamps ||
+        c->ops > MAX_OPS)
+        return;
     v->stamp[i->id] = v->stamps;
-    if (i->op == OP_arg && i->block->owner->op == OP_loop && i->imm.i == 0) return; /* iteration numbers are uniform: next to nothing */
+    if (i->op == OP_arg && i->block->owner->op == OP_loop && i->imm.i == 0)
+        return; /* iteration numbers are uniform: next to nothing */
     if (!cheap(v, i)) {
         c->leaves += !v->want[i->id]; /* what a rule mentions will be there anyway */
         return;
@@ -133,7 +139,8 @@ static Inst *recompute(Vjp *v, Inst *i, Ctx *c) {
     case OP_constb: return ir_constb(&b, i->imm.i != 0);
     case OP_input: return ir_input(&b, (InputSlot)i->imm.i);
     default:
-        return ir_ops[i->op].special ? ir_special(&b, (Op)i->op, (IrType)i->type, i->nargs, args, i->imm) : ir_emit(&b, (Op)i->op, i->nargs, args);
+        return ir_ops[i->op].special ? ir_special(&b, (Op)i->op, (IrType)i->type, i->nargs, args, i->imm)
+                                     : ir_emit(&b, (Op)i->op, i->nargs, args);
     }
 }
 
@@ -184,7 +191,8 @@ Inst *tape_value(Vjp *v, Inst *i) {
         v->stamps++;
         bool again = !here && cheap(v, i);
         if (again) cost_of(v, i, &cost);
-        if (again && cost.ops <= MAX_OPS && (cost.leaves == 0 || (cost.leaves == 1 && cost.ops <= MAX_OPS / 2))) r = recompute(v, i, c);
+        if (again && cost.ops <= MAX_OPS && (cost.leaves == 0 || (cost.leaves == 1 && cost.ops <= MAX_OPS / 2)))
+            r = recompute(v, i, c);
         else if (s->top || s->replay) r = export_to(v, x, s->top ? s->fwd_block : s->rev_block, NULL);
         else r = stored_param(v, s, x, i);
     }
@@ -225,7 +233,8 @@ static bool has_guard(const Scope *s, const Inst *branch, uint32_t region) {
     return false;
 }
 static void add_guard(Vjp *v, Scope *s, Inst *branch, uint32_t region) {
-    if (!has_guard(s, branch, region)) vec_push(v->scratch, &s->guards, ((Guard){branch, tape_forward(v, branch)->args[0], region}));
+    if (!has_guard(s, branch, region))
+        vec_push(v->scratch, &s->guards, ((Guard){branch, tape_forward(v, branch)->args[0], region}));
 }
 
 /* Is x the carried parameter itself, but for guarded regions? */
@@ -279,14 +288,17 @@ bool tape_find_guards(Vjp *v, Inst *loop, Scope *s) {
 
 /* ---- the report */
 
-/* What the forward run of a scope leaves on the tape. Segments leave nothing there, nor do the loops in a replayed iteration. */
+/* What the forward run of a scope leaves on the tape. Segments leave nothing there, nor do the loops in a replayed
+ * iteration. */
 static uint64_t frames_below(const Vjp *v, const Scope *s) {
     uint64_t bytes = 0;
     for (uint32_t k = 0; k < v->scopes.len; k++)
         if (v->scopes.data[k]->parent == s && !v->scopes.data[k]->segment) bytes += tape_left(v, v->scopes.data[k]);
     return bytes;
 }
-uint64_t tape_left(const Vjp *v, const Scope *s) { return ((s->framed ? s->frame_bytes : 0) + (s->replay ? 0 : frames_below(v, s))) * s->trips; }
+uint64_t tape_left(const Vjp *v, const Scope *s) {
+    return ((s->framed ? s->frame_bytes : 0) + (s->replay ? 0 : frames_below(v, s))) * s->trips;
+}
 
 /* The most that what is run again adds on top, one segment, one iteration at a time. */
 uint64_t tape_on_top(const Vjp *v, const Scope *s) {
@@ -358,13 +370,18 @@ const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget) {
         if (s->segment) where = arena_printf(arena, "%s: segment of a strip-mined loop, run again", where);
         if (s->replay) where = arena_printf(arena, "%s: each iteration replayed from its frame", where);
         if (!s->framed) {
-            text = arena_printf(arena, "%s%s: no tape, %llu iterations counted backwards; %u values recomputed\n", text, where, (unsigned long long)s->trips, s->recomputed);
+            text = arena_printf(arena, "%s%s: no tape, %llu iterations counted backwards; %u values recomputed\n", text,
+                                where, (unsigned long long)s->trips, s->recomputed);
             continue;
         }
-        text = arena_printf(arena, "%s%s: %s frame of %u bytes, at most %llu of them; %u values recomputed; stored:", text, where,
-                            s->sparse ? "only iterations that are taken," : "one", s->frame_bytes, (unsigned long long)s->trips, s->recomputed);
+        text =
+            arena_printf(arena, "%s%s: %s frame of %u bytes, at most %llu of them; %u values recomputed; stored:", text,
+                         where, s->sparse ? "only iterations that are taken," : "one", s->frame_bytes,
+                         (unsigned long long)s->trips, s->recomputed);
         text = report_stored(v, arena, text, s);
     }
-    if (bytes > budget) text = arena_printf(arena, "%sworst case of %llu bytes per lane is above the budget of %llu\n", text, (unsigned long long)bytes, (unsigned long long)budget);
+    if (bytes > budget)
+        text = arena_printf(arena, "%sworst case of %llu bytes per lane is above the budget of %llu\n", text,
+                            (unsigned long long)bytes, (unsigned long long)budget);
     return text;
 }

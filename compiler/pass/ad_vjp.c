@@ -1,7 +1,8 @@
 /* Reverse mode on structured IR: the primal, then one sweep backwards.
  *
- * Order of work: clone, strip-mine as planned, inline customs, hoist x, split ifs that hold loops on both sides, find facts, emit the sweep. The first attempt
- * stores; from what it stored it is decided which loops are replayed, and while the worst-case tape is above the budget, which loop gets one more level of checkpoints. */
+ * Order of work: clone, strip-mine as planned, inline customs, hoist x, split ifs that hold loops on both sides, find
+ * facts, emit the sweep. The first attempt stores; from what it stored it is decided which loops are replayed, and
+ * while the worst-case tape is above the budget, which loop gets one more level of checkpoints. */
 #include <math.h>
 #include <string.h>
 
@@ -48,8 +49,12 @@ static Inst *adjoint_array(Vjp *v, Inst *alloc) {
     ice(v->fn->session, "ad: an array is used outside its block");
 }
 
-static Inst *load(Builder *b, Inst *array, Inst *index) { return ir_special(b, OP_load, TY_FLT, 2, (Inst *[]){array, index}, (Imm){0}); }
-static void store(Builder *b, Inst *array, Inst *index, Inst *x) { ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, index, x}, (Imm){0}); }
+static Inst *load(Builder *b, Inst *array, Inst *index) {
+    return ir_special(b, OP_load, TY_FLT, 2, (Inst *[]){array, index}, (Imm){0});
+}
+static void store(Builder *b, Inst *array, Inst *index, Inst *x) {
+    ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, index, x}, (Imm){0});
+}
 
 static void reverse_load(Vjp *v, Inst *i) {
     Adjoint g = v->adj[i->id];
@@ -112,7 +117,8 @@ static void reverse_inst(Vjp *v, Inst *i) {
     case OP_store: reverse_store(v, i); return;
     case OP_acopy: reverse_acopy(v, i); return;
     case OP_detach:
-        if (i->tag && v->adj[i->id].v) vjp_add(v, v->links.v.data[i->tag - 1], ad_seed(v->adj[i->id].v, v->adj[i->id].inf));
+        if (i->tag && v->adj[i->id].v)
+            vjp_add(v, v->links.v.data[i->tag - 1], ad_seed(v->adj[i->id].v, v->adj[i->id].inf));
         return;
     case OP_param:
         if (v->adj[i->id].v && ad_slot_in_wrt(v->o, i)) {
@@ -155,7 +161,8 @@ static bool mark_regions(const AdFacts *f, Block *b, uint8_t *taped, uint8_t *ef
         *effects |= writes;
     }
     /* a yield may hand on what is active outside: an overwrite of a carried value */
-    for (uint32_t a = 0; b->owner && b->last && a < b->last->nargs; a++) any |= b->last->args[a]->type == TY_FLT && ad_active(f, b->last->args[a]);
+    for (uint32_t a = 0; b->owner && b->last && a < b->last->nargs; a++)
+        any |= b->last->args[a]->type == TY_FLT && ad_active(f, b->last->args[a]);
     return any;
 }
 
@@ -181,7 +188,8 @@ static void sweep(Vjp *v, const Fn *primal) {
     v->stable = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->stamp = ARENA_ARRAY(v->scratch, uint32_t, v->f.n + 1);
     v->any_inf = ad_makes_infinite(&v->f, fn->body);
-    v->rule = (AdRule){.fma = v->ctx->has_fma, .value = value_in_sweep, .user = v, .range = v->f.range, .varied = v->f.varied};
+    v->rule = (AdRule){
+        .fma = v->ctx->has_fma, .value = value_in_sweep, .user = v, .range = v->f.range, .varied = v->f.varied};
     tape_prepare(v);
 
     Inst *yield = fn->body->last;
@@ -214,7 +222,8 @@ static void sweep(Vjp *v, const Fn *primal) {
     for (uint32_t d = 0; v->o->wrt_x && d < fn->dim; d++) {
         Inst *g = NULL;
         for (Inst *i = fn->body->first; i; i = i->next)
-            if (i->op == OP_input && i->imm.i == IN_X0 + (int)d && i->id < v->f.n && v->adj[i->id].v) g = v->adj[i->id].v;
+            if (i->op == OP_input && i->imm.i == IN_X0 + (int)d && i->id < v->f.n && v->adj[i->id].v)
+                g = v->adj[i->id].v;
         Builder b = vjp_builder(v);
         names[n] = arena_printf(fn->arena, "adj.x%u", d);
         out[n++] = g ? g : ir_constf(&b, 0);
@@ -224,19 +233,20 @@ static void sweep(Vjp *v, const Fn *primal) {
     fn->outputs = names;
 }
 
-/* ---- plans: which loops are replayed, and in how many levels they are checkpointed. An attempt follows a plan, and tells what it costs. */
+/* ---- plans: which loops are replayed, and in how many levels they are checkpointed. An attempt follows a plan, and
+ * tells what it costs. */
 
 typedef struct LoopPlan {
-    Inst *loop;             /* of the attempt at hand; the outermost, where it has been strip-mined */
+    Inst *loop; /* of the attempt at hand; the outermost, where it has been strip-mined */
     uint32_t trips;
     uint8_t levels;
     bool replay;
-    bool done;              /* more levels do not help */
-    uint32_t stored_bytes;  /* of a frame without replay */
+    bool done;             /* more levels do not help */
+    uint32_t stored_bytes; /* of a frame without replay */
 } LoopPlan;
 
 typedef struct Plan {
-    Vec(LoopPlan) loops;    /* in program order of the primal */
+    Vec(LoopPlan) loops; /* in program order of the primal */
 } Plan;
 
 typedef Vec(Inst *) Loops;
@@ -248,7 +258,8 @@ static void collect_loops(Block *b, Vjp *v, Loops *loops) {
     }
 }
 
-/* Iterations of the innermost of `levels` + 1 nested loops that make n in all: the n^(1/(levels + 1))-th root, rounded up. */
+/* Iterations of the innermost of `levels` + 1 nested loops that make n in all: the n^(1/(levels + 1))-th root, rounded
+ * up. */
 static uint32_t fan_out(uint32_t n, uint32_t levels) {
     uint32_t f = (uint32_t)pow((double)n, 1.0 / (levels + 1));
     for (;; f++) {
@@ -270,7 +281,8 @@ static bool attempt(Vjp *v, const Fn *primal, Plan *plan) {
     Loops loops = {0};
     collect_loops(v->fn->body, v, &loops);
     for (uint32_t n = 0; n < loops.len; n++) {
-        if (n == plan->loops.len) vec_push(v->scratch, &plan->loops, ((LoopPlan){.trips = loops.data[n]->imm.loop.max_iters}));
+        if (n == plan->loops.len)
+            vec_push(v->scratch, &plan->loops, ((LoopPlan){.trips = loops.data[n]->imm.loop.max_iters}));
         plan->loops.data[n].loop = loops.data[n];
     }
     for (uint32_t n = 0; n < loops.len; n++) {
@@ -299,7 +311,9 @@ static bool choose_replays(const Vjp *v, Plan *plan) {
         const Scope *s = v->scopes.data[k];
         LoopPlan *p = s->top ? NULL : plan_of(plan, s);
         if (!p || !s->framed || !tape_can_replay(v, s->owner, s)) continue;
-        if (v->o->replay == AD_REPLAY_AUTO && (s->trips < 2 || s->frame_bytes < REPLAY_BYTES || !tape_searches(s->owner->region[0]))) continue;
+        if (v->o->replay == AD_REPLAY_AUTO &&
+            (s->trips < 2 || s->frame_bytes < REPLAY_BYTES || !tape_searches(s->owner->region[0])))
+            continue;
         p->replay = true;
         p->stored_bytes = s->frame_bytes;
         any = true;
@@ -371,7 +385,8 @@ static void keep(Search *q, Vjp *v) {
     q->bytes = tape_bytes(v);
     if (!q->report) return;
     *q->report = (TapeReport){.bytes_per_lane = q->bytes};
-    for (uint32_t s = 0; s < v->scopes.len; s++) q->report->frame_values += v->scopes.data[s]->framed ? v->scopes.data[s]->stored.len : 0;
+    for (uint32_t s = 0; s < v->scopes.len; s++)
+        q->report->frame_values += v->scopes.data[s]->framed ? v->scopes.data[s]->stored.len : 0;
     q->report->text = tape_report(v, q->primal->arena, q->bytes, q->budget);
 }
 
@@ -385,9 +400,12 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
     Vjp v, w;
     try_plan(&q, &plan, &v);
     uint32_t replays = 0;
-    while (q.o->replay != AD_REPLAY_NEVER && (replays == 0 ? choose_replays(&v, &plan) : drop_replays(&v, &plan)) && replays++ < 3) try_plan(&q, &plan, &v);
+    while (q.o->replay != AD_REPLAY_NEVER && (replays == 0 ? choose_replays(&v, &plan) : drop_replays(&v, &plan)) &&
+           replays++ < 3)
+        try_plan(&q, &plan, &v);
     keep(&q, &v);
-    /* Levels, one after the other, while the worst case is above the budget: a level costs about one more run of its loop. */
+    /* Levels, one after the other, while the worst case is above the budget: a level costs about one more run of its
+     * loop. */
     for (uint32_t n = 0; n < MAX_ATTEMPTS && q.bytes > q.budget; n++) {
         LoopPlan *p = choose_level(&v, &plan);
         if (!p) break;

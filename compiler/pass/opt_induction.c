@@ -1,8 +1,9 @@
 /* Counters: a carried integer i with i' = i + step, step invariant, becomes init + k*step. The loop's own k is the same
  * in all lanes, so counters stay uniform even where lanes leave the loop at different times.
  *
- * Only iterations after which the loop goes on have a successor, so i' need be i + step only where the condition to go on holds: what the ways out of a break
- * hand on does not matter. For the same reason a flag that the condition asks for is a constant in the body. The counter of random numbers in a path is such a counter. */
+ * Only iterations after which the loop goes on have a successor, so i' need be i + step only where the condition to go
+ * on holds: what the ways out of a break hand on does not matter. For the same reason a flag that the condition asks
+ * for is a constant in the body. The counter of random numbers in a path is such a counter. */
 #include "compiler/pass/walk.h"
 
 static bool defined_outside(const Inst *v, const Block *body) { return !walk_inside(v->block, body); }
@@ -23,7 +24,8 @@ static uint32_t conjuncts(Inst *cond, Fact *facts, uint32_t n) {
 /* What x is where the fact holds; NULL: it holds nowhere. */
 static Inst *where(Fact f, Inst *x) {
     if (f.flag->op == OP_constb) return (f.flag->imm.i != 0) == f.value ? x : NULL;
-    if (x->op != OP_proj || f.flag->op != OP_proj || x->args[0] != f.flag->args[0] || x->args[0]->op != OP_if_) return x;
+    if (x->op != OP_proj || f.flag->op != OP_proj || x->args[0] != f.flag->args[0] || x->args[0]->op != OP_if_)
+        return x;
     Inst *y[2];
     for (uint32_t r = 0; r < 2; r++) {
         Inst **yields = x->args[0]->region[r]->last->args;
@@ -47,7 +49,9 @@ static bool constant_flags(Fn *fn, Inst *loop, const Fact *facts, uint32_t n) {
     for (uint32_t c = 0; c < loop->nargs; c++)
         for (uint32_t k = 0; k < n; k++) {
             const Inst *init = loop->args[c];
-            if (facts[k].flag != body->last->args[c + 1] || init->op != OP_constb || (init->imm.i != 0) != facts[k].value) continue;
+            if (facts[k].flag != body->last->args[c + 1] || init->op != OP_constb ||
+                (init->imm.i != 0) != facts[k].value)
+                continue;
             Builder b = ir_before(fn, body->first);
             Inst *p = body->params[c + 1], *value = ir_constb(&b, facts[k].value);
             if (p == facts[k].flag) continue;

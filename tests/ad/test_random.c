@@ -1,4 +1,5 @@
-/* Random programs: forward = reverse everywhere, both = differences away from kinks, lanes together = lanes alone, with and without checkpoints; stored = replayed. */
+/* Random programs: forward = reverse everywhere, both = differences away from kinks, lanes together = lanes alone, with
+ * and without checkpoints; stored = replayed. */
 #include "tests/ad/ad_test.h"
 #include "tests/ad/random_program.c"
 
@@ -37,7 +38,9 @@ static void range_of_seeds(Session *s, uint64_t first, uint64_t n, RandomShape s
     }
 }
 
-TEST(straight_code) { range_of_seeds(s, 1, 60, (RandomShape){.no_arrays = true, .no_loops = true, .no_ifs = true, .statements = 20}); }
+TEST(straight_code) {
+    range_of_seeds(s, 1, 60, (RandomShape){.no_arrays = true, .no_loops = true, .no_ifs = true, .statements = 20});
+}
 TEST(ifs) { range_of_seeds(s, 1000, 60, (RandomShape){.no_arrays = true, .no_loops = true}); }
 TEST(loops) { range_of_seeds(s, 2000, 80, (RandomShape){.no_arrays = true}); }
 TEST(all) { range_of_seeds(s, 3000, 120, (RandomShape){0}); }
@@ -45,12 +48,17 @@ TEST(deep) { range_of_seeds(s, 4000, 20, (RandomShape){.depth = 5, .statements =
 
 static int not_vacuous(void **state) {
     (void)state;
-    print_message("compared with differences: %u, near a kink or jump: %u, programs with a tape: %u, checkpointed: %u, replayed: %u, in several levels: %u\n", compared, kinks, framed, checkpointed, replayed,
-                  deep_levels);
-    return getenv("SEED") || (compared > 4 * kinks && framed > 50 && checkpointed > 10 && replayed > 100 && deep_levels > 10) ? 0 : -1;
+    print_message(
+        "compared with differences: %u, near a kink or jump: %u, programs with a tape: %u, checkpointed: %u, replayed: %u, in several levels: %u\n",
+        compared, kinks, framed, checkpointed, replayed, deep_levels);
+    return getenv("SEED") ||
+                   (compared > 4 * kinks && framed > 50 && checkpointed > 10 && replayed > 100 && deep_levels > 10)
+               ? 0
+               : -1;
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(straight_code), cmocka_unit_test(ifs), cmocka_unit_test(loops), cmocka_unit_test(all), cmocka_unit_test(deep)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(straight_code), cmocka_unit_test(ifs), cmocka_unit_test(loops),
+                                       cmocka_unit_test(all), cmocka_unit_test(deep)};
     return cmocka_run_group_tests(tests, NULL, not_vacuous);
 }

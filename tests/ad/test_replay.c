@@ -1,4 +1,5 @@
-/* Iterations that are run again, and checkpoints in many levels: what is kept, how much at most, and that the adjoints stay the same. */
+/* Iterations that are run again, and checkpoints in many levels: what is kept, how much at most, and that the adjoints
+ * stay the same. */
 #include "tests/ad/ad_test.h"
 
 static Fn *reverse(Prog *p, uint32_t budget, uint8_t replay, TapeReport *tape) {
@@ -8,7 +9,8 @@ static Fn *reverse(Prog *p, uint32_t budget, uint8_t replay, TapeReport *tape) {
     return v;
 }
 
-/* A walk: a state of two, a sum that no rule mentions, a way out that depends on the state. Many values would be stored, two are enough. */
+/* A walk: a state of two, a sum that no rule mentions, a way out that depends on the state. Many values would be
+ * stored, two are enough. */
 static Prog walk(Session *s, uint32_t n, double far) {
     Prog p = prog_begin(s, PREC_F64, 4);
     Inst *r[3];
@@ -20,7 +22,8 @@ static Prog walk(Session *s, uint32_t n, double far) {
     if_else(&p, 1, &q);
     Inst *q2 = mul(&p, root(&p, add(&p, mul(&p, w, w), cf(&p, 0.3))), par(&p, 2));
     if_end(&p, 1, &q2, t);
-    Inst *a = tanh_(&p, add(&p, t[0], mul(&p, c[2], cf(&p, 0.7)))), *b = sine(&p, sub(&p, mul(&p, t[0], par(&p, 3)), dvd(&p, c[3], len)));
+    Inst *a = tanh_(&p, add(&p, t[0], mul(&p, c[2], cf(&p, 0.7)))),
+         *b = sine(&p, sub(&p, mul(&p, t[0], par(&p, 3)), dvd(&p, c[3], len)));
     Inst *sum = add(&p, c[1], mul(&p, t[0], cf(&p, 0.01)));
     loop_end(&p, lt(&p, a, cf(&p, far)), 3, (Inst *[]){sum, a, b}, r);
     prog_end(&p, 2, (Inst *[]){add(&p, r[0], mul(&p, r[1], r[2])), r[2]});
@@ -60,7 +63,9 @@ TEST(bounded) {
             Prog p = walk(s, trips[k], 2);
             TapeReport tape;
             reverse(&p, 2048, replay ? AD_REPLAY_ALWAYS : AD_REPLAY_NEVER, &tape);
-            if (tape.bytes_per_lane > 2048) print_error("%u iterations: %llu bytes\n%s\n", trips[k], (unsigned long long)tape.bytes_per_lane, tape.text);
+            if (tape.bytes_per_lane > 2048)
+                print_error("%u iterations: %llu bytes\n%s\n", trips[k], (unsigned long long)tape.bytes_per_lane,
+                            tape.text);
             assert_true(tape.bytes_per_lane <= 2048);
         }
     Prog p = walk(s, 4000000000, 2); /* unasked: 64 KiB */
@@ -85,13 +90,15 @@ TEST(levels_agree) {
     }
 }
 
-/* A replayed loop in a replayed loop, with an array that the outer one fills and the inner one reads, and one of its own. */
+/* A replayed loop in a replayed loop, with an array that the outer one fills and the inner one reads, and one of its
+ * own. */
 TEST(nested_with_arrays) {
     Prog p = prog_begin(s, PREC_F64, 4);
     Inst *x = input_x(&p, 0), *r[2], *q[2], *none[1];
     Inst **c = loop_begin(&p, 9, false, 2, (Inst *[]){x, input_x(&p, 1)});
     Inst *table = array(&p, 4);
-    for (int k = 0; k < 4; k++) put(&p, table, ci(&p, k), sine(&p, add(&p, mul(&p, c[1], par(&p, (uint32_t)k)), cf(&p, k))));
+    for (int k = 0; k < 4; k++)
+        put(&p, table, ci(&p, k), sine(&p, add(&p, mul(&p, c[1], par(&p, (uint32_t)k)), cf(&p, k))));
     Inst **d = loop_begin(&p, 6, false, 2, (Inst *[]){c[2], c[1]});
     Inst *own = array(&p, 2);
     Inst *e = at(&p, table, ir_emit2(&p.b, OP_iand, d[0], ci(&p, 3)));
@@ -110,7 +117,8 @@ TEST(nested_with_arrays) {
     check_ad(&p, &k);
     assert_true(k.compared > k.kinks);
     Fn *stored = reverse(&p, 1u << 30, AD_REPLAY_NEVER, NULL);
-    for (uint32_t budget = 1; budget < 1u << 20; budget *= 16) compare_kernels(p.fn, stored, reverse(&p, budget, AD_REPLAY_ALWAYS, NULL), 4);
+    for (uint32_t budget = 1; budget < 1u << 20; budget *= 16)
+        compare_kernels(p.fn, stored, reverse(&p, budget, AD_REPLAY_ALWAYS, NULL), 4);
 }
 
 /* ---- opt_induction: counters behind a break, which a path's random numbers are */
@@ -165,7 +173,8 @@ TEST(counters) {
         assert_int_equal(mentions(body, body->params[2]), uneven);
         uint64_t state = 3;
         for (int round = 0; round < 6; round++) {
-            Run *a = random_run(before, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = -1, .p_hi = 1}, &state), *b = malloc(sizeof *b);
+            Run *a = random_run(before, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = -1, .p_hi = 1}, &state),
+                *b = malloc(sizeof *b);
             *b = *a;
             assert_int_equal(run_fn(before, a, 0, LANES, LANES), SLT_OK);
             assert_int_equal(run_fn(p.fn, b, 0, LANES, LANES), SLT_OK);
@@ -177,8 +186,8 @@ TEST(counters) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(keeps_the_state),    cmocka_unit_test(not_unasked), cmocka_unit_test(bounded), cmocka_unit_test(levels_agree),
-        cmocka_unit_test(nested_with_arrays), cmocka_unit_test(counters),
+        cmocka_unit_test(keeps_the_state), cmocka_unit_test(not_unasked),        cmocka_unit_test(bounded),
+        cmocka_unit_test(levels_agree),    cmocka_unit_test(nested_with_arrays), cmocka_unit_test(counters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,7 @@
-/* What the adjoint of a path costs, bounce by bounce: bytes of tape a lane, and processor time of an image and of its interior gradient in all
- * parameters (4225 heights, sun, albedo), taken in turn in one process on one thread, best of several. bench-paths [repetitions [bounces...]]
- * The scene is a bowl with steep walls, which paths leave only after many bounces. */
+/* What the adjoint of a path costs, bounce by bounce: bytes of tape a lane, and processor time of an image and of its
+ * interior gradient in all parameters (4225 heights, sun, albedo), taken in turn in one process on one thread, best of
+ * several. bench-paths [repetitions [bounces...]] The scene is a bowl with steep walls, which paths leave only after
+ * many bounces. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -65,7 +66,8 @@ int main(int argc, char **argv) {
                 return fprintf(stderr, "%s\n", e.text), 1;
             if (r >= 0) back[b] = fmin(back[b], seconds() - t);
         }
-    printf("| bounces | tape, bytes | image, ns a path | gradient, ns a path | gradient / image |\n|---|---|---|---|---|\n");
+    printf(
+        "| bounces | tape, bytes | image, ns a path | gradient, ns a path | gradient / image |\n|---|---|---|---|---|\n");
     for (int b = 0; b < n; b++) {
         double paths = (double)PIXELS * PIXELS * SPP;
         printf("| %s | %llu | %.0f | %.0f | %.2f |\n", argc > 2 ? argv[2 + b] : usual[b],

@@ -1,5 +1,6 @@
-/* The adjoint of a path: how many bytes it needs, what it searches, and that it is right. Kernels run in the interpreter, lane by lane
- * and together. The oracles: forward mode, differences, and the reverse kernel that stores everything. */
+/* The adjoint of a path: how many bytes it needs, what it searches, and that it is right. Kernels run in the
+ * interpreter, lane by lane and together. The oracles: forward mode, differences, and the reverse kernel that stores
+ * everything. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -26,7 +27,8 @@ enum { SIDE = 17, HEIGHTS = SIDE * SIDE, SAMPLES = 64, MAX_FLOATS = HEIGHTS + 16
     "[Domain(-0.4, 0.4)]\nshader float3 main(float2 x) {\n"                                                              \
     "    float3 o = float3(x, eye), d = normalize(float3(0.2 * x.y, 0.3 * x.x, -1.0)), sky = float3(0.3, 0.5, 0.9);\n"
 
-static const char *const path = HEAD "    return path_radiance(h, albedo, light(), float3(0.8), sky, o, d, BOUNCES);\n}\n";
+static const char *const path =
+    HEAD "    return path_radiance(h, albedo, light(), float3(0.8), sky, o, d, BOUNCES);\n}\n";
 
 /* Without a break: a path that has ended does nothing. */
 static const char *const guarded = HEAD
@@ -41,29 +43,30 @@ static const char *const guarded = HEAD
     "            }\n        }\n    }\n    return sum;\n}\n";
 
 /* A loop over lights in each bounce, an array, nested ifs that disagree from lane to lane. */
-static const char *const lights = HEAD
-    "    float3 sum = float3(0.0), weight = float3(1.0);\n"
-    "    for (int i = 0; i < BOUNCES; i++) {\n"
-    "        Ground g = ground(h, o, d);\n"
-    "        [NoDisc] if (!g.hit) break;\n"
-    "        float dim[4];\n        for (int k = 0; k < 4; k++) dim[k] = 1.0 / (1.0 + float(k) + g.p.z * g.p.z);\n"
-    "        for (int k = 0; k < 20; k++) {\n"
-    "            Light l = sun_light(light(), rand2());\n"
-    "            float s = lit(h, g.p, l, 0.0) * max(dot(g.n, l.to), 0.0) * dim[k % 4];\n"
-    "            [NoDisc] if (s > 0.3) s = 0.3 + 0.5 * (s - 0.3);\n"
-    "            sum += 0.1 * s * weight;\n        }\n"
-    "        weight *= albedo;\n        o = g.p;\n"
-    "        [NoDisc] if (g.n.x > 0.1) d = cosine_sample(g.n, rand2());\n"
-    "        else d = normalize(d - 1.9 * dot(d, g.n) * g.n + float3(0.0, 0.0, 0.05));\n"
-    "    }\n    return sum;\n}\n";
+static const char *const lights =
+    HEAD "    float3 sum = float3(0.0), weight = float3(1.0);\n"
+         "    for (int i = 0; i < BOUNCES; i++) {\n"
+         "        Ground g = ground(h, o, d);\n"
+         "        [NoDisc] if (!g.hit) break;\n"
+         "        float dim[4];\n        for (int k = 0; k < 4; k++) dim[k] = 1.0 / (1.0 + float(k) + g.p.z * g.p.z);\n"
+         "        for (int k = 0; k < 20; k++) {\n"
+         "            Light l = sun_light(light(), rand2());\n"
+         "            float s = lit(h, g.p, l, 0.0) * max(dot(g.n, l.to), 0.0) * dim[k % 4];\n"
+         "            [NoDisc] if (s > 0.3) s = 0.3 + 0.5 * (s - 0.3);\n"
+         "            sum += 0.1 * s * weight;\n        }\n"
+         "        weight *= albedo;\n        o = g.p;\n"
+         "        [NoDisc] if (g.n.x > 0.1) d = cosine_sample(g.n, rand2());\n"
+         "        else d = normalize(d - 1.9 * dot(d, g.n) * g.n + float3(0.0, 0.0, 0.05));\n"
+         "    }\n    return sum;\n}\n";
 
 /* By slices: an inner loop looks for silhouettes. */
-static const char *const slices = HEAD
-    "    AreaLight l = area_sun(light().to, float3(3.0), 0.05);\n    Ride first = { d, 1.0 };\n"
-    "    return slice_radiance(h, albedo, l, float3(0.8), sky, o, first, 1e-4, 0.1, BOUNCES);\n}\n";
+static const char *const slices =
+    HEAD "    AreaLight l = area_sun(light().to, float3(3.0), 0.05);\n    Ride first = { d, 1.0 };\n"
+         "    return slice_radiance(h, albedo, l, float3(0.8), sky, o, first, 1e-4, 0.1, BOUNCES);\n}\n";
 
 static double height(int i, int j) {
-    double x = 2.0 * i / (SIDE - 1) - 1, y = 2.0 * j / (SIDE - 1) - 1, r = fmax(fabs(x), fabs(y)), t = fmin(fmax((r - 0.5) / 0.3, 0), 1);
+    double x = 2.0 * i / (SIDE - 1) - 1, y = 2.0 * j / (SIDE - 1) - 1, r = fmax(fabs(x), fabs(y)),
+           t = fmin(fmax((r - 0.5) / 0.3, 0), 1);
     return 1.8 * t * t * (3 - 2 * t) + 0.05 * sin(7 * x + 1) * cos(5 * y);
 }
 
@@ -95,7 +98,8 @@ static SltProgram *program(const char *source, int bounces, bool f64, const bool
 }
 
 typedef struct Run {
-    double x[2][SAMPLES], seed[3][SAMPLES], rand0[SAMPLES], params[MAX_FLOATS], dparams[MAX_FLOATS], adj[MAX_FLOATS], out[8][SAMPLES];
+    double x[2][SAMPLES], seed[3][SAMPLES], rand0[SAMPLES], params[MAX_FLOATS], dparams[MAX_FLOATS], adj[MAX_FLOATS],
+        out[8][SAMPLES];
     int32_t stream[SAMPLES];
 } Run;
 
@@ -112,7 +116,8 @@ static Run *new_run(const SltProgram *p) {
         for (int c = 0; c < 3; c++) r->seed[c][i] = 2 * uniform(&state) - 1;
         r->rand0[i] = uniform(&state), r->stream[i] = 11 * i + 3;
     }
-    for (uint32_t k = 0; k < slt_float_count(p); k++) r->params[k] = ((const double *)p->flt)[k], r->dparams[k] = 2 * uniform(&state) - 1;
+    for (uint32_t k = 0; k < slt_float_count(p); k++)
+        r->params[k] = ((const double *)p->flt)[k], r->dparams[k] = 2 * uniform(&state) - 1;
     return r;
 }
 
@@ -122,7 +127,8 @@ static void run(SltProgram *p, const Fn *fn, Run *r, uint32_t first, uint32_t n,
     for (int c = 0; c < 3; c++) a.in[IN_SEED0 + c] = r->seed[c] + first;
     a.in[IN_RAND0] = r->rand0 + first, a.in[IN_STREAM] = r->stream + first;
     for (int o = 0; o < 8; o++) a.out[o] = r->out[o] + first;
-    a.params = r->params, a.dparams = r->dparams, a.adj = r->adj, a.iparams = p->ints, a.fields = p->fields, a.n_valid = n;
+    a.params = r->params, a.dparams = r->dparams, a.adj = r->adj, a.iparams = p->ints, a.fields = p->fields,
+    a.n_valid = n;
     assert_int_equal(ir_interpret(fn, &a, n, lanes), SLT_OK);
 }
 
@@ -139,17 +145,20 @@ static uint32_t searches(const Block *b, bool in_sweep) {
 
 static const bool reverse[K_KINDS] = {[K_VALUE] = true, [K_VJP] = true, [K_SITE_VJP] = true};
 
-/* Up to 64 bounces a path keeps 48 bytes for each; beyond, the state of some is kept and the others are run again: never more than 4 KiB. */
+/* Up to 64 bounces a path keeps 48 bytes for each; beyond, the state of some is kept and the others are run again:
+ * never more than 4 KiB. */
 static void test_bytes(void **state) {
     (void)state;
     static const int bounces[] = {1, 2, 4, 8, 16, 32, 64, 84, 100, 1000, 100000, 10000000};
     for (uint32_t k = 0; k < sizeof bounces / sizeof *bounces; k++) {
         SltProgram *p = program(path, bounces[k], false, reverse);
         uint64_t bytes = p->tape[K_VJP].bytes_per_lane, all = (uint64_t)FRAME * ((uint64_t)bounces[k] + 2);
-        print_message("%d bounces: %llu bytes, of the sites %llu\n", bounces[k], (unsigned long long)bytes, (unsigned long long)p->tape[K_SITE_VJP].bytes_per_lane);
+        print_message("%d bounces: %llu bytes, of the sites %llu\n", bounces[k], (unsigned long long)bytes,
+                      (unsigned long long)p->tape[K_SITE_VJP].bytes_per_lane);
         if (all <= BUDGET) {
             assert_int_equal(bytes, all);
-            assert_non_null(strstr(p->tape[K_VJP].text, "each iteration replayed from its frame: one frame of 48 bytes"));
+            assert_non_null(
+                strstr(p->tape[K_VJP].text, "each iteration replayed from its frame: one frame of 48 bytes"));
             assert_non_null(strstr(p->tape[K_VJP].text, "9 x carried value"));
             assert_non_null(strstr(p->tape[K_VJP].text, "2 x witness"));
             assert_int_equal(searches(p->fn[K_VJP]->body, false), 0); /* reverse mode never searches */
@@ -162,16 +171,22 @@ static void test_bytes(void **state) {
     }
 }
 
-/* Other ways to write a path. The bound holds for each; where an inner loop asks and is differentiated, its iterations are what is replayed. */
+/* Other ways to write a path. The bound holds for each; where an inner loop asks and is differentiated, its iterations
+ * are what is replayed. */
 static void test_other_paths(void **state) {
     (void)state;
     const char *const sources[] = {guarded, lights, slices};
-    const uint32_t frame[] = {52, 0, 88}; /* guarded: the counter of random numbers stands still once a path has ended */
+    const uint32_t frame[] = {52, 0,
+                              88}; /* guarded: the counter of random numbers stands still once a path has ended */
     for (int s = 0; s < 3; s++)
         for (int bounces = 2; bounces <= 2048; bounces *= 32) {
             SltProgram *p = program(sources[s], bounces, false, reverse);
             uint64_t bytes = p->tape[K_VJP].bytes_per_lane;
-            print_message("%s, %d bounces: %llu bytes\n", s == 0 ? "guarded" : s == 1 ? "lights" : "slices", bounces, (unsigned long long)bytes);
+            print_message("%s, %d bounces: %llu bytes\n",
+                          s == 0   ? "guarded"
+                          : s == 1 ? "lights"
+                                   : "slices",
+                          bounces, (unsigned long long)bytes);
             assert_true(bytes <= BUDGET);
             if (bounces == 2 && frame[s]) {
                 char text[32];
@@ -212,7 +227,8 @@ static void test_replayed_is_stored(void **state) {
                 assert_memory_equal(got->out[0], want->out[0], 3 * sizeof *got->out);
                 for (uint32_t k = 0; k < n; k++)
                     if (!(fabs(got->adj[k] - want->adj[k]) <= 1e-11 * size))
-                        fail_msg("program %d, budget %u, %u lanes, parameter %u: %.17g, stored %.17g", s, budgets[b], lanes, k, got->adj[k], want->adj[k]);
+                        fail_msg("program %d, budget %u, %u lanes, parameter %u: %.17g, stored %.17g", s, budgets[b],
+                                 lanes, k, got->adj[k], want->adj[k]);
                 free(got);
             }
         }
@@ -221,12 +237,14 @@ static void test_replayed_is_stored(void **state) {
     }
 }
 
-/* ---- <w, Jv> = <J'w, v>, and both are the slope of the samples. A sample whose ray meets another triangle within the step has no slope to compare with: few have. */
+/* ---- <w, Jv> = <J'w, v>, and both are the slope of the samples. A sample whose ray meets another triangle within the
+ * step has no slope to compare with: few have. */
 static void test_oracles(void **state) {
     (void)state;
     const char *const sources[] = {path, guarded, lights};
     for (int s = 0; s < 3; s++) {
-        SltProgram *p = program(sources[s], s == 2 ? 3 : 6, true, (bool[K_KINDS]){[K_VALUE] = true, [K_JVP] = true, [K_VJP] = true});
+        SltProgram *p = program(sources[s], s == 2 ? 3 : 6, true,
+                                (bool[K_KINDS]){[K_VALUE] = true, [K_JVP] = true, [K_VJP] = true});
         uint32_t n = slt_float_count(p), odd = 0, indirect = 0;
         const double step = 1e-7;
         for (uint32_t lane = 0; lane < SAMPLES; lane++) {
@@ -247,7 +265,8 @@ static void test_oracles(void **state) {
                 back += r->adj[k] * r->dparams[k], scale += fabs(r->adj[k] * r->dparams[k]);
                 heights += k < HEIGHTS && r->adj[k] != 0;
             }
-            if (!(fabs(forward - back) <= 1e-10 * (1 + scale))) fail_msg("program %d, lane %u: %.17g forward, %.17g back", s, lane, forward, back);
+            if (!(fabs(forward - back) <= 1e-10 * (1 + scale)))
+                fail_msg("program %d, lane %u: %.17g forward, %.17g back", s, lane, forward, back);
             odd += !(fabs(slope - back) <= 1e-4 * (1 + scale));
             indirect += heights > 12; /* a normal is of 12 heights at most: this path went on */
             for (int e = 0; e < 2; e++) free(at[e]);
@@ -275,7 +294,8 @@ static void test_widths(void **state) {
             if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
             for (uint32_t k = 0; k < n && !width; k++) size = fmax(size, fabs(want[k]));
             for (uint32_t k = 0; k < n && width; k++)
-                if (!(fabs(got[k] - want[k]) <= 1e-10 * size)) fail_msg("width %u, component %u: %.17g, interpreter %.17g", width, k, got[k], want[k]);
+                if (!(fabs(got[k] - want[k]) <= 1e-10 * size))
+                    fail_msg("width %u, component %u: %.17g, interpreter %.17g", width, k, got[k], want[k]);
             slt_program_free(p);
         }
         assert_true(size > 0.1);
@@ -283,7 +303,8 @@ static void test_widths(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_bytes), cmocka_unit_test(test_other_paths), cmocka_unit_test(test_replayed_is_stored),
-                                       cmocka_unit_test(test_oracles), cmocka_unit_test(test_widths)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_bytes), cmocka_unit_test(test_other_paths),
+                                       cmocka_unit_test(test_replayed_is_stored), cmocka_unit_test(test_oracles),
+                                       cmocka_unit_test(test_widths)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
