@@ -37,7 +37,11 @@ enum {
 #define NEAR_PADS 16
 #define NEAR_ZERO 0x1p-5
 /* g changes this many times faster on the bracket than on the segment: its window does not fit. */
-#define MISFIT 64.0
+#define MISFIT 16.0
+/* A bracket that is asked again is this part of the last one or less; slopes of the depth there are this many times what they are across the whole at most, and rounding is below ... */
+#define FRESH_PART 0.25
+#define FRESH_SLOPE 4
+#define FRESH_LEAST(scene) ((scene)->f64 ? 0x1p-36 : 0x1p-19)
 
 /* One segment of the batch, during its root search. x1 is the newest point, [x1, x2] the bracket, x3 the point before.
  */
@@ -100,7 +104,7 @@ static double tolerance(const Finder *f, const Segment *s) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(root_tolerance(f->coarse), 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    return fmax(root_tolerance(f->coarse && s->field != FIELD_FRESH), 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
@@ -159,7 +163,7 @@ static void push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, 
     }
     Segment part = *s;
     part.ta = ta, part.tb = tb, part.ma = a, part.mb = b;
-    part.depth++, part.field = field, part.cut = cut;
+    part.depth++, part.field = field, part.cut = cut, part.ask = 0;
     finder_push(f, &part);
 }
 
@@ -207,8 +211,21 @@ static void flush_split(Finder *f) {
     f->nsplit = 0;
 }
 
+/* Asks for the event of a short stretch of s by itself, where depths that differ less say something. */
+static void ask_again(Finder *f, const Segment *s, double lo, double hi, Mark before, Mark after) {
+    Segment part = *s;
+    part.ta = lo, part.tb = hi, part.ma = before, part.mb = after;
+    part.field = FIELD_FRESH, part.depth++;
+    part.ask = fmax(fmin(1, FRESH_SLOPE * (hi - lo)) * s->jump, FRESH_LEAST(f->s));
+    finder_push(f, &part);
+}
+
 static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
     if (s->tb - s->ta <= tol) {
+        if (f->s->has_depth && s->field != FIELD_FRESH && s->field != FIELD_DOUBT) {
+            ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
+            return;
+        }
         f->dropped[reason]++;
         return;
     }
@@ -344,7 +361,8 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             batch_set_int(b, SLT_IN_K0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
         }
         if (!f->s->has_window) continue;
-        batch_set(b, SLT_IN_SEED0, 2 * i, items[i].s.jump), batch_set(b, SLT_IN_SEED0, 2 * i + 1, items[i].s.jump);
+        double jump = items[i].s.ask > 0 ? items[i].s.ask : items[i].s.jump;
+        batch_set(b, SLT_IN_SEED0, 2 * i, jump), batch_set(b, SLT_IN_SEED0, 2 * i + 1, jump);
     }
     batch_call(b, SLT_K_EVENT, 2 * n);
     uint32_t kept = 0, depth = f->s->event_depth < SLT_MAX_K ? f->s->event_depth : SLT_MAX_K;
@@ -432,11 +450,12 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     *found_slot(f) = c;
 }
 
-/* The root of a window's g at which f jumps, but not because of this g: another window would show why. */
+/* The root of a window's g at which f jumps, but not because of this g: another window would show why, or it is not this g that jumps f, but a step of the ground that made it jump, and that is too small
+ * to be seen across the whole segment. */
 static bool misfit(const Item *it, double lo, double hi) {
-    if (it->exact || it->s.field == FIELD_FRESH || !(hi > lo)) return false;
+    if (it->exact || !(hi > lo) || (it->s.field == FIELD_FRESH && hi - lo > FRESH_PART * (it->s.tb - it->s.ta))) return false;
     if (isinf(it->f1) || isinf(it->f2)) return true;
-    return !(fabs(it->f1 - it->f2) * (it->s.tb - it->s.ta) <= MISFIT * fabs(it->gb - it->ga) * (hi - lo));
+    return !(fabs(it->f1 - it->f2) * (it->s.tb - it->s.ta) <= MISFIT * fabs(it->gb - it->ga) * fabs(it->x2 - it->x1));
 }
 
 /* What a part of a heightfield's segment should try next. */
@@ -464,11 +483,8 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         bracket_of(it, &lo, &hi);
         Mark before = mark_of(b, hash, hash + 1, 2 * i), after = mark_of(b, hash, hash + 1, 2 * i + 1);
         bool field = is_field(f->s, it->site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
-        if (jumped && field && misfit(it, lo, hi)) {
-            Segment s = it->s;
-            s.ta = lo, s.tb = hi, s.ma = before, s.mb = after;
-            s.field = FIELD_FRESH;
-            finder_push(f, &s);
+        if (jumped && (field || f->s->has_depth) && misfit(it, lo, hi) && it->s.depth < DEPTH_OF(f->s)) {
+            ask_again(f, &it->s, lo, hi, before, after);
         } else if (jumped) {
             accept(f, it, lo, hi, before, after, 2 * i);
         }

@@ -194,7 +194,7 @@ typedef struct Segment {
     double ta, tb;     /* the part still to be searched */
     double base;       /* A_i / N_i of a line, or the weight of a random segment */
     Mark ma, mb;       /* at ta and tb */
-    double jump;       /* by how much depths differ across a silhouette; HUGE_VAL without has_depth */
+    double jump, ask;  /* ask: what `event` is told instead, if not 0. jump: by how much depths differ across a silhouette; HUGE_VAL without has_depth */
     double rand0;
     int32_t stream;
     int8_t axis;        /* of the line; -1: a random direction */
