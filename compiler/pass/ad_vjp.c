@@ -411,8 +411,10 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
         if (!p) break;
         copy_plan(scratch, &next, &plan);
         next.loops.data[p - plan.loops.data].levels = (uint8_t)next_levels(p);
+        ArenaMark kept = arena_mark(fn->arena);
         try_plan(&q, &next, &w);
         if (tape_bytes(&w) >= q.bytes) {
+            if (fn->arena != scratch) arena_reset(fn->arena, kept);
             p->done = true;
             continue;
         }
