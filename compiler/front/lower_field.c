@@ -266,17 +266,39 @@ static Inst *clearance(Lower *l, const Terrain *t, const Ray *ray, Inst **search
     return sel(l, none, kf(l, __builtin_inf()), op2(l, OP_fdiv, over, sel(l, none, kf(l, 1), c.t)));
 }
 
+/* The t in which a ray covers one cell's length, in three dimensions. */
+static Inst *cell_time(Lower *l, const Terrain *t, const Ray *r) {
+    double band = l->fields.data[field_number(l, t)].band;
+    Inst *steep = mul(l, r->dz, kf(l, 1 / band)),
+         *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
+    return op1(l, OP_detach, op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, length)));
+}
+
 /* How much of t the ray lacks to touch the box: negative inside. The walls below the rim end at the corners of the box,
- * where nothing else is 0. */
-static Inst *box_gap(Lower *l, const Terrain *t, const Ray *r) {
-    Inst *from = r->t0, *to = r->t1, *o[2] = {r->x, r->y}, *d[2] = {r->dx, r->dy};
+ * where nothing else is 0. A ray along a wall (parallel rays straight down, or along an axis) passes the box at full
+ * length however little it is inside, so there it is the distance to the wall, in the time of a cell. */
+static Inst *box_gap(Lower *l, const Terrain *t, const Ray *r, Inst *cell) {
+    Inst *from = r->t0, *to = r->t1, *beside = kf(l, -__builtin_inf());
+    Inst *o[2] = {r->x, r->y}, *d[2] = {r->dx, r->dy};
     for (int i = 0; i < 2; i++) {
-        Inst *a = op2(l, OP_fdiv, op1(l, OP_fneg, o[i]), d[i]),
-             *b = op2(l, OP_fdiv, sub(l, kf(l, (i ? t->h : t->w) - 1.0), o[i]), d[i]);
-        from = op2(l, OP_fmax, from, op2(l, OP_fmin, a, b));
-        to = op2(l, OP_fmin, to, op2(l, OP_fmax, a, b));
+        Inst *low = op1(l, OP_fneg, o[i]), *high = sub(l, kf(l, (i ? t->h : t->w) - 1.0), o[i]);
+        Inst *along = op2(l, OP_flt, mul(l, op1(l, OP_fabs, d[i]), cell), kf(l, 0x1p-21)),
+             *den = sel(l, along, kf(l, 1), d[i]);
+        Inst *a = op2(l, OP_fdiv, low, den), *b = op2(l, OP_fdiv, high, den);
+        from = sel(l, along, from, op2(l, OP_fmax, from, op2(l, OP_fmin, a, b)));
+        to = sel(l, along, to, op2(l, OP_fmin, to, op2(l, OP_fmax, a, b)));
+        Inst *out = mul(l, op2(l, OP_fmax, low, op1(l, OP_fneg, high)), cell);
+        beside = sel(l, along, op2(l, OP_fmax, beside, out), beside);
     }
-    return sub(l, from, to);
+    return op2(l, OP_fmax, sub(l, from, to), beside);
+}
+
+/* A clearance as a boundary function: where the box ends it jumps, and the way to the border takes over. */
+static Inst *bounded(Lower *l, Inst *clearance, Inst *search, Inst *gap, Inst *cell) {
+    Inst *none = is(l, search, SLT_FIELD_NONE),
+         *outside = op2(l, OP_flt, mul(l, cell, kf(l, -0x1p-10)),
+                        gap); /* or so little inside that the search did not see it */
+    return sel(l, none, sel(l, outside, gap, kf(l, __builtin_inf())), op2(l, OP_fmax, clearance, gap));
 }
 
 /* The site of a ray that is blocked at t: hit, with the clearance of the pair's window as g. */
@@ -295,10 +317,7 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
          *hi = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site + 1});
     /* t is counted from a cell's length (in three dimensions) behind the origin: (ray - terrain) / t has the same sign
      * there, and t0 may be 0. */
-    double band = l->fields.data[field_number(l, t)].band;
-    Inst *steep = mul(l, r->dz, kf(l, 1 / band)),
-         *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
-    Inst *back = op1(l, OP_detach, op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, length)));
+    Inst *back = cell_time(l, t, r);
     Ray window = {.x = sub(l, r->x, mul(l, back, r->dx)),
                   .y = sub(l, r->y, mul(l, back, r->dy)),
                   .z = sub(l, r->z, mul(l, back, r->dz)),
@@ -307,11 +326,8 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
                   .dz = r->dz,
                   .t0 = add(l, op2(l, OP_fmax, r->t0, lo), back),
                   .t1 = add(l, op2(l, OP_fmin, r->t1, hi), back)};
-    Inst *search, *c = clearance(l, t, &window, &search), *gap = box_gap(l, t, r);
-    Inst *none = is(l, search, SLT_FIELD_NONE),
-         *outside = op2(l, OP_flt, mul(l, back, kf(l, -0x1p-10)),
-                        gap); /* or so little inside that the search did not see it */
-    Inst *g = sel(l, none, sel(l, outside, gap, far), op2(l, OP_fmax, c, gap));
+    Inst *search, *c = clearance(l, t, &window, &search);
+    Inst *g = bounded(l, c, search, box_gap(l, t, r, back), back);
     return site_field(l, kind, hit, g, span);
 }
 
@@ -371,6 +387,8 @@ Val lower_field_method(Lower *l, Expr *e, const Symbol *sym) {
     if (e->method == M_CLEARANCE) {
         Clearance c;
         v.c[0] = c.value = mul(l, clearance(l, &t, &r, &c.search), scale);
+        c.cell = cell_time(l, &t, &r);
+        c.gap = box_gap(l, &t, &r, c.cell);
         vec_push(l->arena, &l->clearances, c);
         return v;
     }
@@ -378,6 +396,16 @@ Val lower_field_method(Lower *l, Expr *e, const Symbol *sym) {
          *at = hit_t(l, &t, &r, id);
     v.c[0] = site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, SITE_SHADOW, hit, at, e->span) : hit;
     return v;
+}
+
+/* a - b as the boundary function of a comparison, if one of them is a clearance: that jumps where the box ends. */
+Inst *lower_clearance_compare(Lower *l, Inst *a, Inst *b) {
+    for (uint32_t i = l->clearances.len; i-- > 0;) {
+        const Clearance *c = &l->clearances.data[i];
+        if (a == c->value) return bounded(l, sub(l, a, b), c->search, c->gap, c->cell);
+        if (b == c->value) return op1(l, OP_fneg, bounded(l, sub(l, b, a), c->search, c->gap, c->cell));
+    }
+    return NULL;
 }
 
 /* ---- after the whole entry */
@@ -391,7 +419,8 @@ static void find_uses(const Block *b, const Lower *l, bool *whole) {
             for (uint32_t c = 0; c < l->clearances.len; c++) {
                 if (i->args[a] != l->clearances.data[c].value) continue;
                 bool sign = (i->op == OP_flt || i->op == OP_fle) && is_zero(i->args[1 - a]);
-                whole[c] |= !sign && !(i->op == OP_site && a == 1);
+                bool boundary = i->op == OP_fmax && i->args[1 - a] == l->clearances.data[c].gap;
+                whole[c] |= !sign && !boundary && !(i->op == OP_site && a == 1);
             }
         for (uint32_t r = 0; r < i->nregions; r++) find_uses(i->region[r], l, whole);
     }

@@ -131,6 +131,7 @@ typedef struct Untracked {
 /* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
 typedef struct Clearance {
     Inst *value, *search;
+    Inst *gap, *cell; /* to the border of the box, where it jumps; the t of a cell's length */
 } Clearance;
 
 typedef struct Range {
@@ -273,6 +274,7 @@ bool expr_uses_rand(Lower *l, const Expr *e);
 Val lower_builtin(Lower *l, Expr *e);
 Val lower_method(Lower *l, Expr *e);
 Val lower_field_method(Lower *l, Expr *e, const Symbol *sym);
+Inst *lower_clearance_compare(Lower *l, Inst *a, Inst *b);
 void lower_field_finish(Lower *l); /* of the whole entry: cheaper searches, the table of what is asked */
 Val lower_matmul(Lower *l, Val a, Val b, Type *type);
 Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n);

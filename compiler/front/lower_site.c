@@ -163,7 +163,8 @@ Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span) {
         site_untracked(l, decision, a, b, span, JUMP_COMPARE);
         return decision;
     }
-    Inst *g = op2(l, OP_fsub, a, b);
+    Inst *g = lower_clearance_compare(l, a, b);
+    if (!g) g = op2(l, OP_fsub, a, b);
     if (l->tag.skip) {
         record_guarded(l, decision, g, span);
         return decision;
