@@ -2,7 +2,10 @@
  *
  * Where a finger (of shadow, of a near ridge, of light between two) holds a vertex, the line finds its two edges, with their directions. On the next line they lie where these point to; if they have
  * not met before, and the vertices there know of nothing, the region is evaluated once between the two. What is found is followed on, to the tip and over gaps. It asks nothing of the kernels, works for every kind
- * of site, and costs a few evaluations a finger. A finger that holds no vertex at all is not seen. */
+ * of site, and costs a few evaluations a finger. A finger that holds no vertex at all is not seen.
+ *
+ * A tile follows on its own lines. Fingers that leave it are handed to the tiles that they go to, when all tiles are done: these visits know no vertices, and evaluate the two of an edge with
+ * the probe. What a tile has found by itself it does not look for again. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +16,8 @@ enum {
     WIDEST = 3, /* vertices of a run that is a finger */
     NONE = -1,  /* of a slot: crossings of this edge are not wanted */
     WANTED = -2,
-    ALONG = 3 /* edges by which a finger may move from line to line: beyond it the lines along the other axis see more */
+    LOOK = 256,  /* probes of a call */
+    ALONG = 3    /* edges by which a finger may move from line to line: beyond it the lines along the other axis see more */
 };
 
 /* Crossings of one edge: the first and the last. */
@@ -37,6 +41,9 @@ typedef struct Probe {
 
 struct Follow {
     const FollowTile *tile;
+    FollowExit *out;   /* fingers that leave the tile */
+    FollowFound *seen; /* edges in which probes found something */
+    uint32_t nout, out_cap, nseen, seen_cap;
     int32_t *slot; /* [2][vertices] by axis and first vertex of the edge: NONE, WANTED, or a border */
     uint64_t cap;
     Border *border;
@@ -53,7 +60,7 @@ Follow *follow_new(void) {
 
 void follow_free(Follow *f) {
     if (!f) return;
-    free(f->slot), free(f->border), free(f->finger[0]), free(f->finger[1]), free(f->probe);
+    free(f->slot), free(f->border), free(f->finger[0]), free(f->finger[1]), free(f->probe), free(f->out), free(f->seen);
     free(f);
 }
 
@@ -77,7 +84,7 @@ bool follow_begin(Follow *f, const FollowTile *t, uint64_t vertices) {
         if (!f->slot) return false;
     }
     f->tile = t, f->vertices = vertices;
-    f->nborder = f->nfinger[0] = f->nfinger[1] = f->nprobe = 0;
+    f->nborder = f->nfinger[0] = f->nfinger[1] = f->nprobe = f->nout = f->nseen = 0;
     for (uint64_t i = 0; i < 2 * vertices; i++) f->slot[i] = NONE;
     return true;
 }
@@ -126,10 +133,15 @@ void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched) 
     }
 }
 
+static void add_seen(Follow *f, uint32_t axis, uint64_t edge) {
+    if (room(f, (void **)&f->seen, f->nseen, &f->seen_cap, sizeof *f->seen)) f->seen[f->nseen++] = (FollowFound){(uint32_t)edge, (uint8_t)axis};
+}
+
 void follow_found(Follow *f, uint32_t axis, uint32_t edge) {
     const FollowTile *t = f->tile;
     uint32_t row = (uint32_t)t->stride[1], at[2] = {(edge - 1) % row, (edge - 1) / row}, e = at[axis], line = at[1 - axis];
     *slot_of(f, axis, edge - 1) = WANTED;
+    add_seen(f, axis, edge - 1);
     add_finger(f, 0, (Finger){line, e, e, (uint8_t)axis, -1, 1});
 }
 
@@ -141,70 +153,111 @@ static bool border(Follow *f, uint32_t axis, uint64_t edge, int side, double *at
     return true;
 }
 
+/* A probe between l and r on a line of the tile, both given along the axis; e: an edge near by. False where they lie beyond its edges. */
+static bool add_probe(Follow *f, uint32_t axis, uint32_t line, uint32_t e, int step, double l, double r) {
+    const FollowTile *t = f->tile;
+    const double *pos = t->pos[axis];
+    double at = 0.5 * (l + r);
+    while (e > t->from[axis] && pos[e] > at) e--;
+    while (e + 1 < t->to[axis] && pos[e + 1] <= at) e++;
+    if (!(pos[e] < at && at < pos[e + 1])) return false;
+    at = 0.5 * (fmax(l, pos[e]) + fmin(r, pos[e + 1]));
+    uint64_t v = line * t->stride[1 - axis] + e * t->stride[axis];
+    if (*slot_of(f, axis, v) != NONE || (t->hash && differ(t, v, v + t->stride[axis], axis))) return true;
+    *slot_of(f, axis, v) = WANTED;
+    if (room(f, (void **)&f->probe, f->nprobe, &f->probe_cap, sizeof *f->probe)) f->probe[f->nprobe++] = (Probe){line, e, (uint8_t)axis, (int8_t)step, at};
+    return true;
+}
+
 /* The finger on the next line. */
 static void aim(Follow *f, const Finger *g, int step) {
     const FollowTile *t = f->tile;
     uint32_t axis = g->axis, other = 1 - axis, line = g->line, next = line + (uint32_t)step;
-    if (next < t->line_from[other] || next >= t->line_to[other]) return;
     uint64_t first = line * t->stride[other], stride = t->stride[axis];
     double l, r, sl, sr;
     bool one = g->left == g->right;
     if (!border(f, axis, first + g->left * stride, one ? 0 : 1, &l, &sl) || !border(f, axis, first + g->right * stride, one ? 1 : 0, &r, &sr)) return;
-    const double *pos = t->pos[axis];
-    double by = t->pos[other][next] - t->pos[other][line], most = ALONG * fabs(pos[g->left + 1] - pos[g->left]);
+    double by = step * t->spacing[other], most = ALONG * t->spacing[axis];
     if (!(fabs(sl * by) < most) || !(fabs(sr * by) < most)) return;
     l += sl * by, r += sr * by;
     if (!(l < r)) return; /* they have met */
-    double at = 0.5 * (l + r);
-    uint32_t e = g->left;
-    while (e > t->from[axis] && pos[e] > at) e--;
-    while (e + 1 < t->to[axis] && pos[e + 1] <= at) e++;
-    if (!(pos[e] < at && at < pos[e + 1])) return;
-    at = 0.5 * (fmax(l, pos[e]) + fmin(r, pos[e + 1]));
-    uint64_t v = next * t->stride[other] + e * stride;
-    if (*slot_of(f, axis, v) != NONE || differ(t, v, v + stride, axis)) return;
-    *slot_of(f, axis, v) = WANTED;
-    if (room(f, (void **)&f->probe, f->nprobe, &f->probe_cap, sizeof *f->probe)) f->probe[f->nprobe++] = (Probe){next, e, (uint8_t)axis, (int8_t)step, at};
+    if (next >= t->line_from[other] && next < t->line_to[other] && add_probe(f, axis, next, g->left, step, l, r)) return;
+    uint32_t to = t->first[other] + next; /* of the lattice */
+    if (to < 1 || to > t->lines[other]) return;
+    if (room(f, (void **)&f->out, f->nout, &f->out_cap, sizeof *f->out)) f->out[f->nout++] = (FollowExit){to, (uint8_t)axis, (int8_t)step, l, r};
 }
 
-/* Evaluates the region at probes [from, from + n). */
-static void look(Follow *f, Worker *w, uint32_t from, uint32_t n) {
+static void put(Batch *b, uint32_t lane, uint32_t axis, double at, double line) {
+    double x[3] = {0};
+    x[axis] = at, x[1 - axis] = line;
+    batch_set_x(b, lane, x);
+    batch_set_stream(b, lane, 0, 0);
+}
+
+/* Evaluates the region at n probes; the ends of their edges, too, where the tile does not know them. */
+static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
     const FollowTile *t = f->tile;
     Batch *b = &w->batch;
+    Mark mark[LOOK][3];
+    uint32_t each = t->hash ? 1 : 3;
     for (uint32_t i = 0; i < n; i++) {
-        const Probe *p = &f->probe[from + i];
-        uint32_t axis = p->axis, line = p->line;
-        double x[3] = {0};
-        x[axis] = p->at, x[1 - axis] = t->pos[1 - axis][line];
-        batch_set_x(b, i, x);
-        batch_set_stream(b, i, 0, 0);
+        const Probe *p = &probe[i];
+        double line = t->pos[1 - p->axis][p->line];
+        put(b, each * i, p->axis, p->at, line);
+        for (uint32_t end = 0; end + 1 < each; end++) put(b, each * i + 1 + end, p->axis, t->pos[p->axis][p->edge + end], line);
     }
-    batch_call(b, SLT_K_REGION, n);
+    batch_call(b, SLT_K_REGION, each * n);
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t k = 0; k < each; k++) mark[i][k] = batch_mark(b, each * i + k);
     for (uint32_t i = 0; i < n; i++) {
-        const Probe *p = &f->probe[from + i];
+        const Probe *p = &probe[i];
         uint32_t axis = p->axis, line = p->line, other = 1 - axis;
         uint64_t v = line * t->stride[other] + p->edge * t->stride[axis], v1 = v + t->stride[axis];
-        Mark m = batch_mark(b, i), ma = worker_mark(w, v), mb = worker_mark(w, v1);
-        if (m.hash == ma.hash && !depth_differs(m.depth, ma.depth, t->jump[axis])) continue;
+        Mark m = mark[i][0], a = t->hash ? worker_mark(w, v) : mark[i][1], e = t->hash ? worker_mark(w, v1) : mark[i][2];
+        double jump = t->jump[axis];
+        if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, jump))) continue; /* its own tile has searched there */
+        if (m.hash == a.hash && !depth_differs(m.depth, a.depth, jump)) continue;
         Segment s = {.base = t->base[axis], .axis = (int8_t)axis, .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0, .edge = (uint32_t)v + 1};
         s.a[other] = s.b[other] = t->pos[other][line];
         s.a[axis] = t->pos[axis][p->edge], s.b[axis] = p->at;
-        finder_add(&w->finder, &s, ma, m, t->jump[axis]);
+        finder_add(&w->finder, &s, a, m, jump);
         s.a[axis] = p->at, s.b[axis] = t->pos[axis][p->edge + 1];
-        finder_add(&w->finder, &s, m, mb, t->jump[axis]);
+        finder_add(&w->finder, &s, m, e, jump);
+        add_seen(f, axis, v);
         add_finger(f, 1, (Finger){line, p->edge, p->edge, p->axis, p->step, p->step});
     }
 }
 
+void follow_enter(Follow *f, const FollowExit *in) {
+    const FollowTile *t = f->tile;
+    uint32_t line = in->line - t->first[1 - in->axis];
+    add_probe(f, in->axis, line, t->from[in->axis], in->step, in->l, in->r);
+}
+
+void follow_known(Follow *f, const FollowFound *known) {
+    *slot_of(f, known->axis, known->edge) = WANTED;
+}
+
+const FollowExit *follow_exits(const Follow *f, uint32_t *n) {
+    *n = f->nout;
+    return f->out;
+}
+
+const FollowFound *follow_seen(const Follow *f, uint32_t *n) {
+    *n = f->nseen;
+    return f->seen;
+}
+
 bool follow_run(Worker *w) {
     Follow *f = w->follow;
-    while (f->nfinger[0] && !f->failed) {
-        f->nprobe = f->nfinger[1] = 0;
+    while ((f->nfinger[0] || f->nprobe) && !f->failed) {
+        f->nfinger[1] = 0;
         for (uint32_t i = 0; i < f->nfinger[0]; i++) {
             const Finger *g = &f->finger[0][i];
             for (int step = g->from; step <= g->to; step += 2) aim(f, g, step);
         }
-        for (uint32_t i = 0; i < f->nprobe; i += FIND) look(f, w, i, f->nprobe - i < FIND ? f->nprobe - i : FIND);
+        for (uint32_t i = 0; i < f->nprobe; i += LOOK) look(f, w, f->probe + i, f->nprobe - i < LOOK ? f->nprobe - i : LOOK);
+        f->nprobe = 0;
         if (f->nfinger[1]) finder_run(&w->finder, true);
         Finger *now = f->finger[0];
         uint32_t cap = f->finger_cap[0];

@@ -6,6 +6,7 @@
  * vertex (two and one before with the near-miss probe). */
 #include <float.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "runtime/sample/internal.h"
@@ -16,6 +17,19 @@ typedef struct Lattice {
     Boundary *y;
     uint32_t n[3], tile[3], tiles[3];
     double h[3], shift[3], base[3];
+    /* Fingers that leave their tiles, see follow.c: filled in merge, in the order of tiles. */
+    double (*jump)[2]; /* J by tile */
+    struct Guest {
+        FollowExit at;
+        uint64_t tile, n; /* where it goes, its number */
+    } *guest;
+    struct Known {
+        FollowFound edge;
+        uint64_t tile;
+    } *known;
+    uint64_t nguest, guest_cap, nknown, known_cap;
+    uint64_t *visit, nvisit; /* first guests of tiles */
+    bool failed;
 } Lattice;
 
 /* Borders lie two units in the last place inside the domain: a jump exactly on the border is no moving boundary inside
@@ -177,6 +191,17 @@ double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
     return s - floor(s);
 }
 
+static FollowTile follow_tile(const Lattice *l, const Span *sp) {
+    FollowTile t = {.classes = l->y->classes};
+    for (uint32_t d = 0; d < 2; d++) {
+        t.pos[d] = sp->pos[d], t.base[d] = l->base[d], t.stride[d] = sp->stride[d], t.jump[d] = HUGE_VAL, t.spacing[d] = l->h[d];
+        t.first[d] = sp->v0[d], t.lines[d] = l->n[d], t.from[d] = sp->e0[d] - sp->v0[d], t.to[d] = sp->e1[d] - sp->v0[d];
+        t.line_from[d] = (sp->e0[d] > 1 ? sp->e0[d] : 1) - sp->v0[d];
+        t.line_to[d] = (sp->e1[d] < l->n[d] + 1 ? sp->e1[d] : l->n[d] + 1) - sp->v0[d];
+    }
+    return t;
+}
+
 static bool work(void *user, uint32_t worker, uint64_t tile) {
     Lattice *l = user;
     Boundary *y = l->y;
@@ -193,20 +218,15 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     evaluate(l, w, &sp);
     FollowTile follow;
     if (w->follow) {
-        follow = (FollowTile){.hash = w->hash, .depth = w->depth, .classes = y->classes};
-        for (uint32_t d = 0; d < 2; d++) {
-            follow.pos[d] = sp.pos[d], follow.base[d] = l->base[d], follow.stride[d] = sp.stride[d], follow.jump[d] = HUGE_VAL;
-            follow.first[d] = sp.v0[d], follow.from[d] = sp.e0[d] - sp.v0[d], follow.to[d] = sp.e1[d] - sp.v0[d];
-            follow.line_from[d] = (sp.e0[d] > 1 ? sp.e0[d] : 1) - sp.v0[d];
-            follow.line_to[d] = (sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1) - sp.v0[d];
-        }
+        follow = follow_tile(l, &sp);
+        follow.hash = w->hash, follow.depth = w->depth;
         if (!follow_begin(w->follow, &follow, total)) return false;
     }
     for (uint32_t axis = 0; axis < s->dim; axis++) {
         /* Every line: fixed coordinates on the lattice proper, not on the borders. */
         uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
         double jump = s->has_depth ? tile_jump(w, &sp, axis) : HUGE_VAL;
-        if (w->follow) follow.jump[axis] = jump;
+        if (w->follow) follow.jump[axis] = l->jump[tile][axis] = jump;
         for (uint32_t d = 0; d < s->dim; d++) {
             from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;
             to[d] = sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1;
@@ -227,10 +247,98 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     return !(w->finder.failed || w->sink.failed || w->acc.failed);
 }
 
+static bool room(void **v, uint64_t n, uint64_t *cap, size_t size) {
+    if (n <= *cap) return true;
+    uint64_t more = 2 * n;
+    void *p = realloc(*v, more * size);
+    if (p) *v = p, *cap = more;
+    return p != NULL;
+}
+
+/* The tile that owns the place to which a finger goes. */
+static uint64_t tile_at(const Lattice *l, const FollowExit *x) {
+    double e = floor((0.5 * (x->l + x->r) - l->y->run->s->lo[x->axis]) / l->h[x->axis] - l->shift[x->axis]) + 1;
+    if (!(e >= 0 && e <= l->n[x->axis])) return UINT64_MAX;
+    uint64_t t[2];
+    t[x->axis] = (uint32_t)e / l->tile[x->axis], t[1 - x->axis] = x->line / l->tile[1 - x->axis];
+    return t[1] * l->tiles[0] + t[0];
+}
+
 static void merge(void *user, uint32_t worker, uint64_t tile) {
     Lattice *l = user;
-    (void)tile;
+    Worker *w = &l->y->run->worker[worker];
+    if (w->follow) {
+        uint32_t n;
+        const FollowExit *out = follow_exits(w->follow, &n);
+        if (!room((void **)&l->guest, l->nguest + n, &l->guest_cap, sizeof *l->guest)) l->failed = true, n = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            uint64_t to = tile_at(l, &out[i]);
+            if (to != UINT64_MAX && to != tile) l->guest[l->nguest] = (struct Guest){out[i], to, l->nguest}, l->nguest++;
+        }
+        const FollowFound *seen = follow_seen(w->follow, &n);
+        if (!room((void **)&l->known, l->nknown + n, &l->known_cap, sizeof *l->known)) l->failed = true, n = 0;
+        for (uint32_t i = 0; i < n; i++) l->known[l->nknown++] = (struct Known){seen[i], tile};
+    }
+    boundary_merge(l->y, w);
+}
+
+/* ---- visits */
+static int by_tile(const void *pa, const void *pb) {
+    const struct Guest *a = pa, *b = pb;
+    return a->tile != b->tile ? (a->tile < b->tile ? -1 : 1) : a->n < b->n ? -1 : a->n > b->n;
+}
+
+/* The first of known, which is in the order of tiles. */
+static uint64_t first_known(const Lattice *l, uint64_t tile) {
+    uint64_t lo = 0, hi = l->nknown;
+    while (lo < hi) {
+        uint64_t mid = (lo + hi) / 2;
+        if (l->known[mid].tile < tile) lo = mid + 1;
+        else hi = mid;
+    }
+    return lo;
+}
+
+static bool visit(void *user, uint32_t worker, uint64_t number) {
+    Lattice *l = user;
+    Boundary *y = l->y;
+    Worker *w = &y->run->worker[worker];
+    uint64_t from = l->visit[number], tile = l->guest[from].tile;
+    Span sp;
+    span_of(l, tile, &sp);
+    double lo[3], hi[3];
+    for (int d = 0; d < 3; d++) lo[d] = sp.pos[d][0], hi[d] = sp.pos[d][sp.vn[d] - 1];
+    cull_select(&y->run->cull, &w->cull, &w->batch, lo, hi);
+    if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, lo, hi)) return false;
+    FollowTile follow = follow_tile(l, &sp);
+    memcpy(follow.jump, l->jump[tile], sizeof follow.jump);
+    if (!follow_begin(w->follow, &follow, (uint64_t)sp.vn[0] * sp.vn[1])) return false;
+    for (uint64_t i = first_known(l, tile); i < l->nknown && l->known[i].tile == tile; i++) follow_known(w->follow, &l->known[i].edge);
+    for (uint64_t i = from; i < l->nguest && l->guest[i].tile == tile; i++) follow_enter(w->follow, &l->guest[i].at);
+    if (!follow_run(w)) return false;
+    accum_close(&w->acc);
+    return !(w->finder.failed || w->sink.failed || w->acc.failed);
+}
+
+static void merge_visit(void *user, uint32_t worker, uint64_t number) {
+    Lattice *l = user;
+    (void)number;
     boundary_merge(l->y, &l->y->run->worker[worker]);
+}
+
+static SltStatus run_visits(Lattice *l) {
+    if (!l->nguest) return SLT_OK;
+    qsort(l->guest, l->nguest, sizeof *l->guest, by_tile);
+    l->visit = alloc_zero(l->nguest, sizeof *l->visit);
+    if (!l->visit) return status_fail(l->y->run->err, SLT_LIMIT, "out of memory");
+    for (uint64_t i = 0; i < l->nguest; i++)
+        if (!i || l->guest[i].tile != l->guest[i - 1].tile) l->visit[l->nvisit++] = i;
+    PoolOptions *pool = &l->y->run->pool;
+    double from = pool->from;
+    pool->from = pool->to; /* the progress has been made */
+    SltStatus st = run_tiles(l->y->run, l->nvisit, visit, merge_visit, l);
+    pool->from = from;
+    return st;
 }
 
 SltStatus lattice_run(Boundary *y) {
@@ -263,5 +371,11 @@ SltStatus lattice_run(Boundary *y) {
         for (uint32_t o = 0; o < s->dim; o++)
             if (o != d) l.base[d] *= l.h[o];
     }
-    return run_tiles(y->run, tiles, work, merge, &l);
+    bool follows = y->run->nworkers && y->run->worker[0].follow;
+    if (follows && !(l.jump = alloc_zero(tiles, sizeof *l.jump))) return status_fail(y->run->err, SLT_LIMIT, "out of memory");
+    SltStatus st = run_tiles(y->run, tiles, work, merge, &l);
+    if (st == SLT_OK && l.failed) st = status_fail(y->run->err, SLT_LIMIT, "out of memory");
+    if (st == SLT_OK) st = run_visits(&l);
+    free(l.jump), free(l.guest), free(l.known), free(l.visit);
+    return st;
 }
