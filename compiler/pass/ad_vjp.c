@@ -8,7 +8,7 @@
 
 #include "compiler/pass/ad_tape.h"
 
-enum { MAX_LEVELS = 12, MAX_ATTEMPTS = 32, DEFAULT_BUDGET = 64 * 1024, SEARCH_BUDGET = 4 * 1024, REPLAY_BYTES = 64 };
+enum { MAX_LEVELS = 12, MAX_ATTEMPTS = 32, DEFAULT_BUDGET = 64 * 1024, PATH_BUDGET = 4 * 1024, REPLAY_BYTES = 64 };
 
 Ctx *vjp_push(Vjp *v, Block *primal, RevBlock *rev, Scope *scope) {
     Ctx *c = ARENA_NEW(v->scratch, Ctx);
@@ -344,14 +344,34 @@ static uint32_t next_levels(const LoopPlan *p) {
     return 0;
 }
 
+/* Does the loop belong to a path: does the outermost loop or if around it, or it itself, ask heightfields? */
+static bool of_path(const Scope *s) {
+    while (!s->parent->top) s = s->parent;
+    return tape_searches(s->owner->region[s->region]);
+}
+
+static uint64_t path_bytes(const Vjp *v) {
+    uint64_t left = 0, most = 0;
+    for (uint32_t k = 1; k < v->scopes.len; k++) {
+        const Scope *s = v->scopes.data[k];
+        if (!s->parent->top || !of_path(s)) continue;
+        uint64_t on_top = tape_on_top(v, s) + (s->segment ? tape_left(v, s) : 0);
+        if (!s->segment) left += tape_left(v, s);
+        if (on_top > most) most = on_top;
+    }
+    return left + most;
+}
+
 /* The loop that more levels would help most: the one that needs the most bytes in all, outermost first. */
-static LoopPlan *choose_level(const Vjp *v, Plan *plan) {
+static LoopPlan *choose_level(const Vjp *v, Plan *plan, bool paths_only) {
     uint64_t most = 0;
     LoopPlan *best = NULL;
     for (uint32_t k = 0; k < v->scopes.len; k++) {
         const Scope *s = v->scopes.data[k];
         LoopPlan *p = s->top ? NULL : plan_of(plan, s);
-        if (!p || p->done || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner) || !next_levels(p)) continue;
+        if (!p || p->done || (paths_only && !of_path(s)) || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner) ||
+            !next_levels(p))
+            continue;
         uint64_t bytes = tape_left(v, s) + tape_on_top(v, s);
         for (const Scope *up = s->parent; up && !s->segment && !up->replay; up = up->parent) bytes *= up->trips;
         if (bytes <= most) continue;
@@ -371,7 +391,7 @@ typedef struct Search {
     const Fn *primal;
     const AdOptions *o;
     TapeReport *report;
-    uint64_t budget, bytes;
+    uint64_t budget, path_budget, bytes;
     Fn *best;
 } Search;
 
@@ -395,7 +415,8 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
     ArenaMark m = arena_mark(scratch);
     AdOptions none = {0};
     Search q = {.ctx = ctx, .primal = fn, .o = o ? o : &none, .report = report};
-    q.budget = q.o->tape_budget ? q.o->tape_budget : tape_searches(fn->body) ? SEARCH_BUDGET : DEFAULT_BUDGET;
+    q.budget = q.o->tape_budget ? q.o->tape_budget : DEFAULT_BUDGET;
+    q.path_budget = q.o->tape_budget ? q.o->tape_budget : PATH_BUDGET;
     Plan plan = {0}, next = {0};
     Vjp v, w;
     try_plan(&q, &plan, &v);
@@ -406,8 +427,10 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
     keep(&q, &v);
     /* Levels, one after the other, while the worst case is above the budget: a level costs about one more run of its
      * loop. */
-    for (uint32_t n = 0; n < MAX_ATTEMPTS && q.bytes > q.budget; n++) {
-        LoopPlan *p = choose_level(&v, &plan);
+    for (uint32_t n = 0; n < MAX_ATTEMPTS; n++) {
+        bool paths_only = q.bytes <= q.budget;
+        if (paths_only && path_bytes(&v) <= q.path_budget) break;
+        LoopPlan *p = choose_level(&v, &plan, paths_only);
         if (!p) break;
         copy_plan(scratch, &next, &plan);
         next.loops.data[p - plan.loops.data].levels = (uint8_t)next_levels(p);

@@ -197,6 +197,23 @@ static void test_other_paths(void **state) {
         }
 }
 
+/* The small bound is for paths: a long loop of arithmetic beside one stores up to 64 KiB, as it is faster. */
+static void test_beside_a_path(void **state) {
+    (void)state;
+    static const char *const source = HEAD
+        "    float t = 0.0;\n"
+        "    for (int k = 0; k < 800; k++) {\n        t = t + sin(t * elevation + x.x) * exp(-t * t);\n        if (t > 3.0) break;\n    }\n"
+        "    return t * path_radiance(h, albedo, light(), float3(0.8), sky, o, d, BOUNCES);\n}\n";
+    for (int bounces = 8; bounces <= 200; bounces += 192) {
+        SltProgram *p = program(source, bounces, false, reverse);
+        const TapeReport *tape = &p->tape[K_VJP];
+        assert_true(tape->bytes_per_lane > 2 * BUDGET);
+        assert_true(bounces == 8 ? !strstr(tape->text, "checkpointed")
+                                 : strstr(tape->text, "checkpointed in 1 level") != NULL);
+        slt_program_free(p);
+    }
+}
+
 /* ---- the same gradient, replayed or stored, in one run or in many */
 
 static void test_replayed_is_stored(void **state) {
@@ -303,8 +320,8 @@ static void test_widths(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_bytes), cmocka_unit_test(test_other_paths),
-                                       cmocka_unit_test(test_replayed_is_stored), cmocka_unit_test(test_oracles),
-                                       cmocka_unit_test(test_widths)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_bytes),         cmocka_unit_test(test_other_paths),
+                                       cmocka_unit_test(test_beside_a_path), cmocka_unit_test(test_replayed_is_stored),
+                                       cmocka_unit_test(test_oracles),       cmocka_unit_test(test_widths)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
