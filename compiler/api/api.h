@@ -39,7 +39,7 @@ struct SltProgram {
     CompiledModule *module_of[K_KINDS];
     SltKernel **cull_kernels;
     uint32_t *cull_counts;
-    uint8_t *site_kind, *site_static;
+    uint8_t *site_kind, *site_static, *site_skips;
     uint8_t *dense;         /* per float: some reverse kernel adds to its adjoint in place */
     const SltField **fields;     /* [prog->nfields]; NULL: no compiled kernel asks it anything */
     uint32_t *field_base, *field_count;

@@ -71,7 +71,7 @@ static void fill_scene(SltProgram *p) {
     s->params = p->flt, s->iparams = p->ints, s->active = p->wrt;
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
-    s->site_kind = p->site_kind, s->site_static = p->site_static;
+    s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
     s->near_miss = near_miss(p);
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
@@ -93,11 +93,13 @@ static void site_tables(SltProgram *p) {
     const Fn *primal = p->prog->primal;
     Arena *a = &p->session->module;
     p->site_kind = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    p->site_skips = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     p->site_static = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     uint8_t *facts = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     site_facts(&p->passes, p->prog->primal, NULL, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) {
         p->site_kind[s] = (uint8_t)primal->sites[s].kind;
+        p->site_skips[s] = primal->sites[s].skip_loop;
         p->site_static[s] = !(facts[s] & DEPENDS_X);
     }
     p->cull_counts = ARENA_ARRAY(a, uint32_t, p->prog->ncull + 1);

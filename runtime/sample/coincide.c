@@ -108,7 +108,9 @@ void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const boo
     uint32_t share = (all + COINCIDE_MAX - 1) / COINCIDE_MAX, first = q->n;
     if (!q->apart) return;
     for (uint32_t i = (from + share - 1) / share * share; i < to; i += share) {
-        if (!keep[i - from]) continue;
+        /* When the parameters have moved, another iteration may be the one that decides at a [SkipLoop]. */
+        const uint8_t *skips = k->b->s->site_skips;
+        if (!keep[i - from] || (skips && skips[c[(uint32_t)order[i]].site])) continue;
         q->which[q->n] = (uint32_t)order[i], q->stands[q->n++] = all - i < share ? all - i : share;
     }
     if (q->n > first) find_ways(k, c, q->which + first, q->n - first, q->way + first);

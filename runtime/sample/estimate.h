@@ -53,6 +53,7 @@ typedef struct SltScene {
     uint32_t nsites;
     const uint8_t *site_kind;   /* SltSiteKind */
     const uint8_t *site_static; /* 1: g does not depend on x (static discontinuity): contributes nothing */
+    const uint8_t *site_skips;  /* 1: [SkipLoop], one boundary of many iterations; NULL: none is */
     uint32_t event_depth;       /* number of k outputs of the event kernel */
     bool near_miss;             /* region kernel has near outputs: near_site, near_g, near_k0.. */
     int follow;                 /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
