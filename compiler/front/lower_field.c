@@ -201,7 +201,7 @@ static void split(Lower *l, const Terrain *t, Inst *number, Inst **i, Inst **j) 
 
 static Inst *not_negative(Lower *l, Inst *id) { return op2(l, OP_imax, id, ki(l, 0)); }
 
-/* t where a ray meets the triangle (or the wall) that TRACE or OCCLUDED named; something finite where it named none. */
+/* t where a ray meets the triangle (or the wall) that TRACE named; something finite where it named none. */
 static Inst *hit_t(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
     Inst *tri = not_negative(l, id), *i, *j;
     split(l, t, op2(l, OP_ushr, tri, ki(l, 1)), &i, &j);
@@ -392,7 +392,8 @@ Val lower_field_method(Lower *l, Expr *e, const Symbol *sym) {
         vec_push(l->arena, &l->clearances, c);
         return v;
     }
-    Inst *id = query(l, &t, SLT_FIELD_OCCLUDED, &r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE)),
+    /* The g of a site needs the first point; kernels that do not ask for it get the cheaper OCCLUDED (opt_hits). */
+    Inst *id = query(l, &t, SLT_FIELD_TRACE, &r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE)),
          *at = hit_t(l, &t, &r, id);
     v.c[0] = site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, SITE_SHADOW, hit, at, e->span) : hit;
     return v;

@@ -22,6 +22,7 @@ bool opt_cse(PassCtx *ctx, Fn *fn);       /* value numbering by scope */
 bool opt_licm(PassCtx *ctx, Fn *fn);      /* loop invariants out */
 bool opt_induction(PassCtx *ctx, Fn *fn); /* carried i += step becomes init + k*step */
 bool opt_sink(PassCtx *ctx, Fn *fn);      /* what one branch alone uses goes there */
+bool opt_hits(PassCtx *ctx, Fn *fn);      /* rays over heightfields of which only the hit counts */
 bool opt_unroll(PassCtx *ctx, Fn *fn);    /* tiny exact loops */
 bool opt_contract(PassCtx *ctx, Fn *fn);  /* a*b + c -> ffma: the only pass that changes floats */
 bool lower_custom(PassCtx *ctx, Fn *fn);  /* [Tangent] regions: keep the primal */

@@ -50,6 +50,7 @@ void pipeline_kernel(PassCtx *ctx, Fn *fn) {
     RUN(opt_cse);
     RUN(opt_licm);
     RUN(opt_dce);
+    RUN(opt_hits);
 }
 
 /* Is there a site whose boundary moves with what is differentiated? */

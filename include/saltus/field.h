@@ -21,7 +21,7 @@ extern "C" {
 
 typedef enum SltFieldWhat {
     SLT_FIELD_TRACE,      /* the first point of [t0, t1] that is blocked: its triangle, AT_T0 (blocked at the start already), or WALL (entering the box below its rim) */
-    SLT_FIELD_OCCLUDED,   /* as TRACE, but any blocked point will do */
+    SLT_FIELD_OCCLUDED,   /* whether TRACE finds one: NONE, or any other number, which says no more. Cheaper */
     SLT_FIELD_CLEARANCE,  /* where (ray - terrain) / t is least over the part of [t0, t1] inside the box, t0 > 0: an edge, AT_T0 or AT_T1. The earliest of equals */
     SLT_FIELD_SHADOW,     /* CLEARANCE for its sign and zero set only: exact where |ray - terrain| < band, else any blocked point, or NONE. Cheaper */
     SLT_FIELD_SILHOUETTE, /* rays: ox oy oz dx dy - kmin kmax. The first local maximum of k(t) = (terrain - oz) / t along (dx, dy), t > 0, above all before it, with

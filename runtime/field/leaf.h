@@ -175,8 +175,8 @@ INLINE void leaf_test(Leaf *l, const Ray *r, const flt *heights, int w, int h, v
     l->last_lower = m_opaque((before & m_not(r->dsneg)) | (m_not(before) & r->dsneg));
     vi at = VERTEX(w, h, i, j);
     vm pos = m_opaque((l->xexit & r->xpos) | (m_not(l->xexit) & r->ypos));
-    vf h10 = f_gather(heights, at + one, on), h01 = f_gather(heights, at - i_all(w), on);
-    vf corner = f_gather(heights, at + i_sel(pos, i_all(1 - w), i_all(0)), on); /* the exit edge has one end on the diagonal; this is the other */
+    vf h10, h01, corner;
+    f_corners(heights, at, w, pos, on, &h10, &h01, &corner); /* the exit edge has one end on the diagonal; this is the other */
     vf ud = clamp01((r->ox + l->td * r->dx) - x0);
     l->hd = lerp(h01, h10, ud);
     vf s = clamp01(f_sel(l->xexit, (r->oy + tout * r->dy) - y0, (r->ox + tout * r->dx) - x0));

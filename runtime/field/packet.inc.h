@@ -12,13 +12,16 @@
 #define packet_line_x FN(packet_line_x)
 #define packet_line_y FN(packet_line_y)
 #define packet_step FN(packet_step)
+#define packet_probe FN(packet_probe)
+#define packet_probes FN(packet_probes)
+#define packet_fetch FN(packet_fetch)
 #define packet_turn FN(packet_turn)
 #define packet_store FN(packet_store)
 #define packet_join FN(packet_join)
 #define packet_pair FN(packet_pair)
 #define packet_two FN(packet_two)
-#define packet_trace2 FN(packet_trace2)
-#define packet_trace4 FN(packet_trace4)
+#define packet_join2 FN(packet_join2)
+#define packet_join4 FN(packet_join4)
 #define packet_walk2 FN(packet_walk2)
 #define packet_walk FN(packet_walk)
 #define packet_run FN(packet_run)
@@ -26,12 +29,20 @@
 
 /* The level where a walk begins that begins high above the terrain. Others begin at their cell: it is read for the start anyway, and a ray from the ground seldom skips anything there;
  * slices of silhouettes, often seen from above, at level 1. */
+/* OCCLUDED looks at the ray so many grid lines ahead before it walks: a ridge that blocks is wide, and is often met at once, where a walk would climb the levels and come down again. */
+#ifndef PROBES
+#define PROBES {10, 32}
+#endif
 #ifndef START_FAR
 #define START_FAR 4
 #endif
 
 /* Where a direction is negative, the packet's coordinate is minus the real one: every ray then walks towards larger i, j, cell i is the real ~i, line n the real -n, and (n - ox) / dx is the same with both
  * signs turned, bit for bit. Blocks of 2^l cells are the same blocks. */
+/* Searches for a blocked point. */
+#undef HITS
+#define HITS(what) ((what) == SLT_FIELD_TRACE || (what) == SLT_FIELD_OCCLUDED)
+
 typedef struct Packet {
     Ray r;
     Search s;
@@ -54,7 +65,7 @@ INLINE vm packet_load(Ray *r, Search *s, SltFieldWhat what, const Field *f, cons
     if (what == SLT_FIELD_SILHOUETTE) {
         s->best = r->te, s->limit = r->t1, on &= m_lt(s->best, s->limit);
         r->dz = f_all(0), r->te = f_all(0), r->t1 = f_all(FLT_BIG);
-    } else if (what != SLT_FIELD_TRACE) {
+    } else if (!HITS(what)) {
         if (what == SLT_FIELD_RISE) s->best = f_all((flt)-INFINITY);
         r->te = f_max(f_all(FLT_TINY), r->te); /* keeps a NaN */
     }
@@ -82,7 +93,7 @@ INLINE void packet_locate(Packet *p, const Field *f, SltFieldWhat what, const fl
 
     /* Above the highest point of all nothing happens. */
     vf from = r->te;
-    if (what == SLT_FIELD_TRACE || what == SLT_FIELD_SHADOW) {
+    if (HITS(what) || what == SLT_FIELD_SHADOW) {
         vf z = p->z;
         if (what == SLT_FIELD_SHADOW) z = p->zband;
         vf cross = (f_all((flt)m->max) - z) / r->dz, less = f_abs(cross) * f_all(F64 ? (flt)0x1p-48 : (flt)0x1p-20);
@@ -159,7 +170,7 @@ INLINE void packet_move(Packet *p, vm leave, vm down) {
 INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *slice) {
     vm look = p->on & m_not(mi_eq(p->level, i_all(0)));
     vf tout = f_min(p->tx, p->ty), tend = f_min(tout, p->r.tl), slope, z = p->z, low;
-    if (what == SLT_FIELD_TRACE) {
+    if (HITS(what)) {
         low = z + p->r.dz * f_sel(p->falling, tend, p->t);
     } else {
         if (what == SLT_FIELD_SILHOUETTE) slope = p->s.best;
@@ -205,6 +216,44 @@ INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt 
     packet_move(p, look & p->on, m_make(0));
 }
 
+/* Is the ray below the terrain where it crosses the grid line `ahead` lines on, in the direction in which it moves faster? That is an exit of leaf.h like any other, where the row (or column) that it is in is certain. */
+INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, int ahead) {
+    const int w = (int)f->shared.w, h = (int)f->shared.h;
+    const vi one = i_all(1), zero = i_all(0);
+    const Ray *r = &p->r;
+    vm xm = m_opaque(m_le(p->rdx, p->rdy));
+    vi line = i_sel(xm, p->i, p->j) + i_all(ahead);
+    vf o = f_sel(xm, p->ox, p->oy), rd = f_sel(xm, p->rdx, p->rdy);
+    vf t = (i_flt(line) - o) * rd, before = (i_flt(line - one) - o) * rd;
+    vm on = m_opaque(p->on & m_lt(p->t, before) & m_lt(before, t) & m_lt(t, r->tl));
+    if (!m_any(on)) return;
+    vf across = f_sel(xm, r->oy + t * r->dy, r->ox + t * r->dx);
+    vi c = f_int(f_min(f_max(across, f_all(0)), f_sel(xm, f_all((flt)(h - 2)), f_all((flt)(w - 2)))));
+    vf oc = f_sel(xm, r->oy, r->ox), rdc = f_sel(xm, r->rdy, r->rdx);
+    vf low = (i_flt(c) - oc) * rdc, high = (i_flt(c + one) - oc) * rdc;
+    on = m_opaque(on & m_lt(f_min(low, high), t) & m_lt(t, f_max(low, high)));
+    line = i_sel((xm & r->xpos) | (m_not(xm) & r->ypos), line, zero - line);
+    vi at = VERTEX(w, h, i_sel(xm, line, c), i_sel(xm, c, line));
+    vf terrain = lerp(f_gather(heights, at, on), f_gather(heights, at + i_sel(xm, i_all(-w), one), on), clamp01(across - i_flt(c)));
+    vm hit = m_opaque(on & m_lt((r->oz + t * r->dz) - terrain, f_all(0)));
+    p->s.id = i_sel(hit, i_all(SLT_FIELD_AT_T1), p->s.id);
+    p->on = m_opaque(p->on & m_not(hit));
+}
+
+/* OCCLUDED: the first cell, where most shadows begin, then the lines of PROBES. */
+INLINE void packet_probes(Packet *p, const Field *f, const flt *heights, FieldCounts *counts) {
+    static const int ahead[] = PROBES;
+    vm cells = p->on & mi_eq(p->level, i_all(0));
+    if (m_any(cells)) {
+        if (counts) counts->cells++;
+        packet_cell(p, f, SLT_FIELD_OCCLUDED, heights, cells, NULL);
+    }
+    for (uint32_t n = 0; n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
+        if (counts) counts->cells++;
+        packet_probe(p, f, heights, ahead[n]);
+    }
+}
+
 /* One step of a packet that still has rays. */
 INLINE void packet_step(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, Slice *slice, FieldCounts *counts) {
     vm cells = p->on & mi_eq(p->level, i_all(0));
@@ -222,6 +271,7 @@ INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, con
     Packet p;
     packet_locate(&p, f, what, rays, width, on);
     packet_start(&p, f, what, heights);
+    if (what == SLT_FIELD_OCCLUDED) packet_probes(&p, f, heights, counts);
     while (m_any(p.on)) packet_step(&p, f, what, heights, slice, counts);
     return p.s.id;
 }
@@ -233,6 +283,7 @@ INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, 
     packet_locate(&q, f, what, rays + LANES, width, m_make(bits1));
     packet_start(&p, f, what, heights);
     packet_start(&q, f, what, heights);
+    if (what == SLT_FIELD_OCCLUDED) packet_probes(&p, f, heights, NULL), packet_probes(&q, f, heights, NULL);
     while (m_any(p.on) && m_any(q.on)) {
         vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
         if (what != SLT_FIELD_RISE) {
@@ -282,58 +333,81 @@ INLINE void packet_join(Packet *p, const Packet *q) {
 }
 
 /* Two packets until one holds all rays that go on: p. */
-INLINE void packet_pair(Packet *p, Packet *q, const Field *f, const flt *heights, int32_t *id) {
+INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltFieldWhat what, const flt *heights, int32_t *id) {
     while (__builtin_popcount(m_bits(p->on)) + __builtin_popcount(m_bits(q->on)) > LANES) {
         vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
-        packet_node(p, &f->mip, SLT_FIELD_TRACE, NULL);
-        packet_node(q, &f->mip, SLT_FIELD_TRACE, NULL);
-        if (m_any(cp)) packet_cell(p, f, SLT_FIELD_TRACE, heights, cp, NULL);
-        if (m_any(cq)) packet_cell(q, f, SLT_FIELD_TRACE, heights, cq, NULL);
+        packet_node(p, &f->mip, what, NULL);
+        packet_node(q, &f->mip, what, NULL);
+        if (m_any(cp)) packet_cell(p, f, what, heights, cp, NULL);
+        if (m_any(cq)) packet_cell(q, f, what, heights, cq, NULL);
     }
     packet_store(p, id);
     packet_store(q, id);
     packet_join(p, q);
 }
 
-/* 2 * LANES rays from lane `at`, until they fit one packet. */
-INLINE void packet_two(Packet *p, const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
-    const uint32_t all = (1u << LANES) - 1;
-    Packet q;
-    int32_t order[2 * LANES];
-    for (uint32_t n = 0; n < 2 * LANES; n++) order[n] = (int32_t)(at + n);
-    packet_locate(p, f, SLT_FIELD_TRACE, rays + at, width, m_make((uint32_t)(mask >> at) & all));
-    packet_locate(&q, f, SLT_FIELD_TRACE, rays + at + LANES, width, m_make((uint32_t)(mask >> (at + LANES)) & all));
-    packet_start(p, f, SLT_FIELD_TRACE, heights);
-    packet_start(&q, f, SLT_FIELD_TRACE, heights);
-    p->lane = i_load(order), q.lane = i_load(order + LANES);
-    p->count = q.count = LANES;
-    packet_pair(p, &q, f, heights, id);
+/* Where the rays begin. The heights there are on their way from memory while the next packet does the same. */
+INLINE void packet_fetch(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at) {
+    const int w = (int)f->shared.w, h = (int)f->shared.h;
+    int32_t vertex[LANES];
+    packet_locate(p, f, what, rays + at, width, m_make((uint32_t)(mask >> at) & ((1u << LANES) - 1)));
+    p->lane = i_count((int)at), p->count = LANES;
+    if (!m_any(p->on & m_eq(p->t, p->r.te))) return;
+    i_store(vertex, VERTEX(w, h, p->i, p->j));
+    for (uint32_t n = 0; n < LANES; n++) __builtin_prefetch(heights + vertex[n]), __builtin_prefetch(heights + vertex[n] - w);
 }
 
-static __attribute__((noinline)) void packet_trace2(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
-    Packet p;
-    packet_two(&p, f, heights, rays, width, mask, at, id);
-    while (m_any(p.on)) packet_step(&p, f, SLT_FIELD_TRACE, heights, NULL, NULL);
-    packet_store(&p, id);
+/* From there until one packet, p, holds all rays that go on. */
+INLINE void packet_two(Packet *p, Packet *q, const Field *f, SltFieldWhat what, const flt *heights, int32_t *id) {
+    packet_start(p, f, what, heights);
+    packet_start(q, f, what, heights);
+    if (what == SLT_FIELD_OCCLUDED) packet_probes(p, f, heights, NULL), packet_probes(q, f, heights, NULL);
+    packet_pair(p, q, f, what, heights, id);
 }
 
-static __attribute__((noinline)) void packet_trace4(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
+INLINE void packet_join2(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
     Packet p, q;
-    packet_two(&q, f, heights, rays, width, mask, at, id);
-    packet_two(&p, f, heights, rays, width, mask, at + 2 * LANES, id);
-    packet_pair(&p, &q, f, heights, id);
-    while (m_any(p.on)) packet_step(&p, f, SLT_FIELD_TRACE, heights, NULL, NULL);
+    packet_fetch(&p, f, what, heights, rays, width, mask, at);
+    packet_fetch(&q, f, what, heights, rays, width, mask, at + LANES);
+    packet_two(&p, &q, f, what, heights, id);
+    while (m_any(p.on)) packet_step(&p, f, what, heights, NULL, NULL);
     packet_store(&p, id);
 }
+
+INLINE void packet_join4(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {
+    Packet p, q, r, s;
+    packet_fetch(&p, f, what, heights, rays, width, mask, at);
+    packet_fetch(&q, f, what, heights, rays, width, mask, at + LANES);
+    packet_fetch(&r, f, what, heights, rays, width, mask, at + 2 * LANES);
+    packet_fetch(&s, f, what, heights, rays, width, mask, at + 3 * LANES);
+    packet_two(&p, &q, f, what, heights, id);
+    packet_two(&r, &s, f, what, heights, id);
+    packet_pair(&p, &r, f, what, heights, id);
+    while (m_any(p.on)) packet_step(&p, f, what, heights, NULL, NULL);
+    packet_store(&p, id);
+}
+
+/* Functions of their own: compilers then see one walk at a time. */
+typedef void FN(Joined)(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id);
+#define JOINED(name, join, what)                                                                                                                                             \
+    static __attribute__((noinline)) void FN(name)(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {         \
+        join(f, what, heights, rays, width, mask, at, id);                                                                                                                 \
+    }
+JOINED(trace2, packet_join2, SLT_FIELD_TRACE)
+JOINED(trace4, packet_join4, SLT_FIELD_TRACE)
+JOINED(occluded2, packet_join2, SLT_FIELD_OCCLUDED)
+JOINED(occluded4, packet_join4, SLT_FIELD_OCCLUDED)
+#undef JOINED
 #endif
 
 INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
     const flt *p = rays;
     for (uint32_t at = 0; at < width; at += LANES) {
 #if PACKS
-        if (what == SLT_FIELD_TRACE && width - at >= 2 * LANES) {
+        if (HITS(what) && width - at >= 2 * LANES) {
             const bool four = width - at >= 4 * LANES;
-            (four ? packet_trace4 : packet_trace2)(f, heights, p, width, mask, at, id);
+            FN(Joined) *const join = what == SLT_FIELD_TRACE ? (four ? FN(trace4) : FN(trace2)) : (four ? FN(occluded4) : FN(occluded2));
+            join(f, heights, p, width, mask, at, id);
             at += (four ? 3 : 1) * LANES;
             continue;
         }
@@ -366,6 +440,7 @@ INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, c
         packet_run(field_asked(field, &room), what, heights, rays, mask, width, id, NULL);                                                                                 \
     }
 PACKET_QUERY(trace, SLT_FIELD_TRACE)
+PACKET_QUERY(occluded, SLT_FIELD_OCCLUDED)
 PACKET_QUERY(clearance, SLT_FIELD_CLEARANCE)
 PACKET_QUERY(shadow, SLT_FIELD_SHADOW)
 PACKET_QUERY(silhouette, SLT_FIELD_SILHOUETTE)

@@ -21,8 +21,8 @@
 #include "rows.inc.h"
 
 const FieldKernels field_avx2 = {
-    .query = {{trace_f32x8, trace_f32x8, clearance_f32x8, shadow_f32x8, silhouette_f32x8, rise_f32x8},
-              {trace_f64x4, trace_f64x4, clearance_f64x4, shadow_f64x4, silhouette_f64x4, rise_f64x4}},
+    .query = {{trace_f32x8, occluded_f32x8, clearance_f32x8, shadow_f32x8, silhouette_f32x8, rise_f32x8},
+              {trace_f64x4, occluded_f64x4, clearance_f64x4, shadow_f64x4, silhouette_f64x4, rise_f64x4}},
     .cone = {cone_trace_f32x8, cone_trace_f64x4},
     .first_level32 = first_level32,
     .first_level64 = first_level64,

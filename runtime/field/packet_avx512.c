@@ -21,8 +21,8 @@
 #include "rows.inc.h"
 
 const FieldKernels field_avx512 = {
-    .query = {{trace_f32x16, trace_f32x16, clearance_f32x16, shadow_f32x16, silhouette_f32x16, rise_f32x16},
-              {trace_f64x8, trace_f64x8, clearance_f64x8, shadow_f64x8, silhouette_f64x8, rise_f64x8}},
+    .query = {{trace_f32x16, occluded_f32x16, clearance_f32x16, shadow_f32x16, silhouette_f32x16, rise_f32x16},
+              {trace_f64x8, occluded_f64x8, clearance_f64x8, shadow_f64x8, silhouette_f64x8, rise_f64x8}},
     .cone = {cone_trace_f32x16, cone_trace_f64x8},
     .first_level32 = first_level32,
     .first_level64 = first_level64,

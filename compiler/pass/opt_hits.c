@@ -1,0 +1,35 @@
+/* Where only the hit of a ray over a heightfield counts, not the point, any blocked point will do: TRACE becomes OCCLUDED. Both agree on whether there is one, to the bit. */
+#include "compiler/pass/walk.h"
+#include "saltus/field.h"
+
+static bool is_trace(const Inst *i) { return i->op == OP_fieldop && i->imm.field.what == SLT_FIELD_TRACE; }
+
+static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_FIELD_NONE; }
+
+/* whole, by id: something asks more of it than whether it is NONE. */
+static void find_uses(const Block *b, bool *whole) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++)
+            if (is_trace(i->args[a])) whole[i->args[a]->id] |= !((i->op == OP_ieq || i->op == OP_ine) && is_none(i->args[1 - a]));
+        for (uint32_t r = 0; r < i->nregions; r++) find_uses(i->region[r], whole);
+    }
+}
+
+static bool replace(Block *b, const bool *whole) {
+    bool changed = false;
+    for (Inst *i = b->first; i; i = i->next) {
+        if (is_trace(i) && !whole[i->id]) i->imm.field.what = SLT_FIELD_OCCLUDED, changed = true;
+        for (uint32_t r = 0; r < i->nregions; r++) changed |= replace(i->region[r], whole);
+    }
+    return changed;
+}
+
+bool opt_hits(PassCtx *ctx, Fn *fn) {
+    Arena *scratch = &ctx->session->scratch;
+    ArenaMark m = arena_mark(scratch);
+    bool *whole = ARENA_ARRAY(scratch, bool, ir_number(fn) + 1);
+    find_uses(fn->body, whole);
+    bool changed = replace(fn->body, whole);
+    arena_reset(scratch, m);
+    return changed;
+}
