@@ -58,6 +58,15 @@ static void slice_free(Slicer *s, Builder *b, const Inst *root, const Block *bod
     }
 }
 
+/* What cloning a whole operation has mapped inside it: another site's slice may begin there. */
+static void note_inner(Slicer *s, const Block *body) {
+    for (uint32_t p = 0; p < body->nparams; p++) vec_push(s->arena, &s->used, body->params[p]->id);
+    for (const Inst *i = body->first; i; i = i->next) {
+        vec_push(s->arena, &s->used, i->id);
+        for (uint32_t r = 0; r < i->nregions; r++) note_inner(s, i->region[r]);
+    }
+}
+
 static Inst *slice_structured(Slicer *s, Builder *b, Inst *v) {
     Inst *op = v->args[0];
     if (!s->map[op->id]) {
@@ -67,6 +76,7 @@ static Inst *slice_structured(Slicer *s, Builder *b, Inst *v) {
         for (uint32_t r = 0; r < op->nregions; r++) s->cost += walk_size(op->region[r]);
         ir_clone_insts(b, op->block, op, op->next, s->map);
         vec_push(s->arena, &s->used, op->id);
+        for (uint32_t r = 0; r < op->nregions; r++) note_inner(s, op->region[r]);
     }
     return remember(s, v, ir_proj(b, s->map[op->id], (uint32_t)v->imm.i));
 }
