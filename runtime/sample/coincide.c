@@ -121,10 +121,9 @@ static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
     return (uint32_t)batch_get_int(b, 0, 2 * i) == c->ha && (uint32_t)batch_get_int(b, 0, 2 * i + 1) == c->hb;
 }
 
-/* The edge of a heightfield that is another edge of the grid when a height has moved: nothing jumps where its g says. That is a kink of its own, not a second boundary. */
-static bool gone(const Batch *b, const Crossing *c, uint32_t i) {
-    uint8_t kind = b->s->site_kind[c->site];
-    return (kind == SLT_SITE_FIELD || kind == SLT_SITE_SHADOW) && batch_get_int(b, 0, 2 * i) == batch_get_int(b, 0, 2 * i + 1);
+/* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g says. That is a kink of its own, not a second boundary. */
+static bool gone(const Batch *b, uint32_t i) {
+    return b->s->nfields && batch_get_int(b, 0, 2 * i) == batch_get_int(b, 0, 2 * i + 1);
 }
 
 /* Two points at `at` -+ `beside` along the segment, counted from the crossing. */
@@ -168,7 +167,7 @@ static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, 
             place(b, i, x, way[at[i]][side], margin(x, way[at[i]][side]));
         }
         batch_call(b, SLT_K_REGION, 2 * kept);
-        for (uint32_t i = 0; i < kept; i++) apart[at[i]] |= !as_before(b, &c[which[at[i]]], i) && !gone(b, &c[which[at[i]]], i);
+        for (uint32_t i = 0; i < kept; i++) apart[at[i]] |= !as_before(b, &c[which[at[i]]], i) && !gone(b, i);
     }
     use(b, s);
     /* Where something else lies near by, that may have come between. */
