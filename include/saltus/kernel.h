@@ -1,8 +1,9 @@
 /* How compiled kernels meet the runtime: the whole contract of the JIT, and of objects made by `saltus build`.
  *
- * A kernel processes n samples. Every array is a structure of arrays, 64-byte aligned, and readable and writable up to n rounded up to 64 elements: kernels work in full
- * vectors, so the caller fills the tail with copies of a valid sample (and zero seeds). flt is float or double by the program's precision.
- * The kernel never allocates, never fails and keeps no state: one SltKernelArgs per thread makes it thread-safe. */
+ * A kernel processes n samples. Every array is a structure of arrays, 64-byte aligned, and readable and writable up to
+ * n rounded up to 64 elements: kernels work in full vectors, so the caller fills the tail with copies of a valid sample
+ * (and zero seeds). flt is float or double by the program's precision. The kernel never allocates, never fails and
+ * keeps no state: one SltKernelArgs per thread makes it thread-safe. */
 #ifndef SALTUS_KERNEL_H
 #define SALTUS_KERNEL_H
 
@@ -23,17 +24,18 @@ typedef struct SltCullList {
 } SltCullList;
 
 typedef struct SltKernelArgs {
-    const void *in[SLT_IN_VARYING]; /* by InputSlot of compiler/ir/ir.h: flt or int32_t; NULL where the kernel does not read it */
+    const void *in[SLT_IN_VARYING]; /* by InputSlot of compiler/ir/ir.h: flt or int32_t; NULL where not read */
     void *out[SLT_OUT_MAX];         /* by output of the kernel: flt, or int32_t for integers and booleans */
     const void *params;             /* flt[nfloats] */
     const int32_t *iparams;         /* int32_t[nints] */
     const void *dparams;            /* flt[nfloats], forward mode */
-    /* Reverse mode. Layout by the kernel's AdjLayout: LANES: flt[nfloats][adj_width], summed over lanes by the caller once a tile;
-     * FLAT: flt[nfloats]. Parameters read at varying indices append pairs of index and value to the log instead, which the caller adds up in this order. */
+    /* Reverse mode. Layout by the kernel's AdjLayout: LANES: flt[nfloats][adj_width], summed over lanes by the caller
+     * once a tile; FLAT: flt[nfloats]. Parameters read at varying indices append pairs of index and value to the log
+     * instead, which the caller adds up in this order. */
     void *adj;
     uint32_t *log_index;            /* both with room for log_cap + SLT_PAD: kernels write whole vectors */
     void *log_value;                /* flt */
-    uint64_t log_len, log_cap;      /* the kernel stops writing at log_cap and keeps counting in log_len: the caller grows and re-runs */
+    uint64_t log_len, log_cap;      /* at log_cap the kernel stops writing and goes on counting: grow and run again */
     unsigned char *tape;            /* scratch of the reverse kernels, 64-byte aligned */
     uint64_t tape_bytes;
     int32_t resolution[2];
@@ -43,8 +45,8 @@ typedef struct SltKernelArgs {
     /* print(): values already as doubles; may be NULL (then nothing is printed) */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *user;
-    const struct SltField *const *fields; /* heightfields, by field index (saltus/field.h); NULL where no kernel asks a query */
-    uint32_t n_valid;               /* lanes beyond it do not count in counters, prints and log (n of the call without padding) */
+    const struct SltField *const *fields; /* heightfields, by field index (saltus/field.h); NULL: no kernel asks */
+    uint32_t n_valid;               /* lanes beyond do not count in counters, prints and log (n without padding) */
 } SltKernelArgs;
 
 typedef void SltKernel(SltKernelArgs *args, uint32_t n);

@@ -10,9 +10,9 @@
  *     } else fputs(slt_diagnostics_text(p), stderr);
  *     slt_program_free(p);
  *
- * No global state, never exits or aborts. A program object may be used from one thread at a time; different objects from
- * different threads at once. Work inside a call is spread over job.threads threads. Everything returned by pointer belongs to the program
- * and lives until it is freed, unless said otherwise. */
+ * No global state, never exits or aborts. A program object may be used from one thread at a time; different objects
+ * from different threads at once. Work inside a call is spread over job.threads threads. Everything returned by pointer
+ * belongs to the program and lives until it is freed, unless said otherwise. */
 #ifndef SALTUS_H
 #define SALTUS_H
 
@@ -48,7 +48,7 @@ typedef struct SltOptions {
     const char *entry;              /* NULL: main, or the only one */
     const SltSet *set;              /* specialisation constants */
     uint32_t nset;
-    const SltSet *param_files;      /* values of parameters given as files, needed where they decide the size of an open array */
+    const SltSet *param_files;      /* values given as files, where they decide the size of an open array */
     uint32_t nparam_files;
     const char *const *import_dirs; /* searched behind the importing file's folder */
     uint32_t nimport_dirs;
@@ -62,7 +62,7 @@ typedef struct SltOptions {
     int near_miss;                  /* -1: by the program's number of events; 0 off; 1 on */
     bool rgba8;                     /* the value kernel writes 8-bit pixels (slt_render_rgba8) */
     bool paper_argmin, paper_forced; /* the paper's branch index and two-sided variants, for comparison */
-    bool path_hash;                 /* regions told apart by the path taken, not by where the output came from, for comparison */
+    bool path_hash;                 /* regions by the path taken, not by where the output came from */
     const char *dump;               /* name of a pass whose IR is printed to standard error, or "all" */
     bool verify;                    /* verify the IR after every pass */
     SltStructure field;             /* of heightfields that are searched */
@@ -70,8 +70,8 @@ typedef struct SltOptions {
 #define SLT_OPTIONS_INIT ((SltOptions){.size = sizeof(SltOptions), .near_miss = -1})
 #define SLT_JOB_INIT ((SltJob){.size = {512, 512, 1}, .spp = 4})
 
-/* ---- compiling. *out is set whatever the status (unless memory is out: then NULL), so that diagnostics can be read. SLT_PROGRAM: see the
- * diagnostics; SLT_INPUT: an asset or the file itself; SLT_USAGE: unknown entry or constant. */
+/* ---- compiling. *out is set whatever the status (unless memory is out: then NULL), so that diagnostics can be read.
+ * SLT_PROGRAM: see the diagnostics; SLT_INPUT: an asset or the file itself; SLT_USAGE: unknown entry or constant. */
 SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out);
 SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out);
 void slt_program_free(SltProgram *p);
@@ -120,25 +120,32 @@ SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const dou
 SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err);
 /* "0.3", "[0.1, 0.2]", JSON of the parameter's shape, or "@file" (.csv .json .exr .npy .png ...). */
 SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err);
-/* All parameters as the JSON that `fit` writes, and back. The string is malloc'd. A texture or heightfield may also be {"file": "dem.exr"}, relative to the folder in shown_name. */
+/* All parameters as the JSON that `fit` writes, and back. The string is malloc'd. A texture or heightfield may also be
+ * {"file": "dem.exr"}, relative to the folder in shown_name. */
 char *slt_params_json(const SltProgram *p);
 SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err);
 
-/* ---- which parameters are differentiated: NULL or 0 names: all that are differentiable. Names are parameters or components. */
+/* ---- which parameters are differentiated: NULL or 0 names: all that are differentiable. Names are parameters or
+ * components. */
 SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err);
 const uint8_t *slt_wrt_mask(const SltProgram *p); /* per float: 1 where a gradient is wanted */
 
-/* ---- estimating: see job.h for the job and the results. stats and err may be NULL. Kernels are compiled on first need. */
+/* ---- estimating: see job.h for the job and the results. stats and err may be NULL. Kernels are compiled on first
+ * need. */
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err);
 SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);
 /* Derivative images in ndir directions of the float vector (each double[slt_float_count]). */
-SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out, float *crossings, SltStats *stats, SltError *err);
+SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out,
+                          float *crossings, SltStats *stats, SltError *err);
 /* Gradient of sum adjoint * image. */
-SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient, double *stderr_bound, SltStats *stats, SltError *err);
+SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient,
+                           double *stderr_bound, SltStats *stats, SltError *err);
 /* Loss mean mask*(I - T)^2 and its gradient. */
-SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss, double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
+SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss,
+                        double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err);
-SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out, SltError *err);
+SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out,
+                       SltError *err);
 
 #ifdef __cplusplus
 }
