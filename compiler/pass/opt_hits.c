@@ -1,4 +1,5 @@
-/* Where only the hit of a ray over a heightfield counts, not the point, any blocked point will do: TRACE becomes OCCLUDED. Both agree on whether there is one, to the bit. */
+/* Where only the hit of a ray over a heightfield counts, not the point, any blocked point will do: TRACE becomes
+ * OCCLUDED. Both agree on whether there is one, to the bit. */
 #include "compiler/pass/walk.h"
 #include "saltus/field.h"
 
@@ -10,7 +11,8 @@ static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SL
 static void find_uses(const Block *b, bool *whole) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++)
-            if (is_trace(i->args[a])) whole[i->args[a]->id] |= !((i->op == OP_ieq || i->op == OP_ine) && is_none(i->args[1 - a]));
+            if (is_trace(i->args[a]))
+                whole[i->args[a]->id] |= !((i->op == OP_ieq || i->op == OP_ine) && is_none(i->args[1 - a]));
         for (uint32_t r = 0; r < i->nregions; r++) find_uses(i->region[r], whole);
     }
 }
