@@ -174,7 +174,7 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
         for (uint32_t p = 0; p < s->stored.len; p++)
             s->frame_bytes += s->k && p == 0 ? 0 : type_bytes(v, s->stored.data[p]);
         s->frame_bytes += 4; /* the mask, the iteration number and the padding, at any width */
-        Builder before = ir_before(v->fn, tape_forward(v, s->owner));
+        Builder before = ir_before(v->fn, tape_run(v, s->owner));
         mark = ir_special(&before, OP_tapemark, TY_TAPE, 0, NULL, (Imm){0});
         rev->args[0] = tape_mark_value(v, mark, s->segment);
         tape_push_frame(v, s);
@@ -205,7 +205,7 @@ void vjp_loop(Vjp *v, Inst *loop) {
     Scope *s = new_scope(v, loop, 0);
     s->trips = loop->imm.loop.max_iters;
     s->segment = (loop->tag & AD_TAG_SEGMENT) != 0;
-    Inst *run = s->segment ? tape_rerun(v, s, loop) : tape_forward(v, loop);
+    Inst *run = s->segment ? tape_rerun(v, s, loop) : tape_run(v, loop);
     s->fwd_block = run->region[0];
     if (tape_find_guards(v, loop, s)) {
         s->sparse = true;
@@ -217,6 +217,7 @@ void vjp_loop(Vjp *v, Inst *loop) {
         s->guards.len = 0;
     }
     s->replay = (loop->tag & AD_TAG_REPLAY) && tape_can_replay(v, loop, s);
+    s->keeps = s->replay && tape_keeps(v, loop);
 
     Insts outer = {0};
     v->stamps++;
@@ -252,7 +253,8 @@ void vjp_loop(Vjp *v, Inst *loop) {
 static void reverse_framed_region(Vjp *v, Inst *i, uint32_t r) {
     Scope *s = new_scope(v, i, r);
     Block *body = i->region[r];
-    s->fwd_block = tape_forward(v, i)->region[r];
+    s->fwd_block = tape_run(v, i)->region[r];
+    if (v->run[i->id]) s->over = s->parent->replay ? s->parent : s->parent->over;
     Insts outer = {0};
     v->stamps++;
     free_active(v, body, body, &outer);

@@ -3,7 +3,7 @@
  * A segment of a strip-mined loop is cloned into the sweep and pushes there (tape_rerun). One iteration of a replayed
  * loop is cloned into the body of its revloop and pushes nothing of its own: the sweep reads its values directly
  * (tape_replay). Searches of a replayed iteration are not repeated, nor are loops that search: what they found is in
- * the frame.
+ * the frame. If such a loop carries derivatives, it has frames from the first run, and the sweep of it uses these.
  *
  * What a clone reads from outside is not known before the sweep of it has been emitted: most of it may be dead, a sum
  * for example that no rule mentions. So a clone is made over holes; when the scope is closed, those that something
@@ -52,21 +52,43 @@ static bool writes_outside(const Block *b, const Block *loop) {
 
 static bool is_search_loop(const Inst *i) { return i->op == OP_loop && tape_searches(i->region[0]); }
 
-/* What an inner loop found is one result in the frame of the outer one, unless derivatives go through that loop: then
- * its own frames belong to the run that searched. What it left in arrays would be missing. */
-static bool inner_search(const Vjp *v, const Block *b) {
+/* Is there a loop, not inside another one, that searches and carries derivatives? */
+static bool searches_and_differs(const Vjp *v, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (is_search_loop(i) && (v->taped[i->id] || writes_outside(i->region[0], i->region[0]))) return true;
+        if (i->op == OP_loop && v->taped[i->id] && (is_search_loop(i) || v->o->replay == AD_REPLAY_KEEP)) return true;
         for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++)
-            if (inner_search(v, i->region[r])) return true;
+            if (searches_and_differs(v, i->region[r])) return true;
     }
     return false;
 }
 
+/* Loops that the second run leaves out; what they found is in the frame. Those without derivatives if they search.
+ * Those with derivatives push frames, which belong to the run that searched: all of them then, or frames of two runs
+ * would lie in the wrong order. */
+static bool left_out(const Vjp *v, const Inst *i, bool keeps) {
+    return i->op == OP_loop && (v->taped[i->id] ? keeps : is_search_loop(i));
+}
+
+/* What they leave in arrays would be missing. */
+static bool can_leave_out(const Vjp *v, const Block *b, bool keeps) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (left_out(v, i, keeps) && writes_outside(i->region[0], i->region[0])) return false;
+        for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++)
+            if (!can_leave_out(v, i->region[r], keeps)) return false;
+    }
+    return true;
+}
+
+bool tape_keeps(const Vjp *v, const Inst *loop) { return searches_and_differs(v, loop->region[0]); }
+
 bool tape_can_replay(const Vjp *v, const Inst *loop, const Scope *s) {
-    if (!rerunnable(v, loop->region[0], loop->region[0], true) || inner_search(v, loop->region[0])) return false;
-    /* with one guard its region is reversed in place, so marks of loops in it would have to cross an if */
-    return s->guards.len != 1 || !vjp_holds_taped(v, s->guards.data[0].branch->region[s->guards.data[0].region]);
+    const Block *body = loop->region[0];
+    bool keeps = tape_keeps(v, loop);
+    if (!rerunnable(v, body, body, true) || !can_leave_out(v, body, keeps)) return false;
+    /* with one guard its region is reversed in place, so marks of loops that push in the second run would have to cross
+     * an if */
+    return keeps || s->guards.len != 1 ||
+           !vjp_holds_taped(v, s->guards.data[0].branch->region[s->guards.data[0].region]);
 }
 
 /* ---- holes */
@@ -97,11 +119,18 @@ static void map_operands(Vjp *v, Holes *holes, const Block *root, Block *b, Inst
     }
 }
 
-static void note_instances(Vjp *v, Block *b, Inst **map) {
+/* keeper: the scope of the replay, or NULL; loops that it keeps, and the ifs around them, push where they did. */
+static void note_instances(Vjp *v, Block *b, Inst **map, const Scope *keeper) {
+    bool keeps = keeper && keeper->keeps;
     for (uint32_t p = 0; p < b->nparams; p++) v->fwd[b->params[p]->id] = map[b->params[p]->id];
     for (Inst *i = b->first; i; i = i->next) {
+        if (keeper && left_out(v, i, keeps)) continue;
+        v->run[i->id] =
+            keeps && i->op == OP_if_ && (vjp_holds_taped(v, i->region[0]) || vjp_holds_taped(v, i->region[1]))
+                ? tape_run(v, i)
+                : NULL;
         v->fwd[i->id] = map[i->id];
-        for (uint32_t r = 0; r < i->nregions; r++) note_instances(v, i->region[r], map);
+        for (uint32_t r = 0; r < i->nregions; r++) note_instances(v, i->region[r], map, keeper);
     }
 }
 
@@ -123,17 +152,28 @@ Inst *tape_rerun(Vjp *v, Scope *s, Inst *loop) {
     ir_clone_insts(&b, loop->block, loop, loop->next, map);
     Inst *copy = map[loop->id];
     v->fwd[loop->id] = copy;
-    note_instances(v, loop->region[0], map);
+    note_instances(v, loop->region[0], map, NULL);
     drop_effects(copy->region[0]);
     return copy;
 }
 
 static void hold_found(Vjp *v, Scope *s, const Block *body, Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
-        bool found = i->op == OP_fieldop || (i->op == OP_proj && is_search_loop(i->args[0])) || reads_past(v, i, body);
+        bool found =
+            i->op == OP_fieldop || reads_past(v, i, body) || (i->op == OP_proj && left_out(v, i->args[0], s->keeps));
         if (found)
             new_hole(v, &s->replay_holes, i, tape_forward(v, i), ir_block_param(v->fn, s->rev_block, (IrType)i->type));
-        for (uint32_t r = 0; !is_search_loop(i) && r < i->nregions; r++) hold_found(v, s, body, i->region[r]);
+        for (uint32_t r = 0; !left_out(v, i, s->keeps) && r < i->nregions; r++) hold_found(v, s, body, i->region[r]);
+    }
+}
+
+static void drop_left_out(Vjp *v, const Scope *s, Block *b, Inst **map) {
+    for (Inst *i = b->first; i; i = i->next) {
+        if (left_out(v, i, s->keeps)) {
+            ir_unlink(map[i->id]);
+            continue;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) drop_left_out(v, s, i->region[r], map);
     }
 }
 
@@ -153,12 +193,11 @@ void tape_replay(Vjp *v, Scope *s, Block *body) {
     map_operands(v, &s->replay_holes, body, body, map);
     Builder b = {.fn = v->fn, .block = s->rev_block, .span = s->owner->span};
     ir_clone_insts(&b, body, body->first, body->last, map);
-    note_instances(v, body, map);
+    note_instances(v, body, map, s);
+    drop_left_out(v, s, body, map);
     for (uint32_t h = first; h < last; h++) {
         const Hole *w = &s->replay_holes.data[h];
-        Inst *copy = map[w->primal->id], *loop = copy->op == OP_proj ? copy->args[0] : NULL;
-        if (loop && loop->block) ir_unlink(loop);
-        walk_forward(v->fn, copy, w->at);
+        walk_forward(v->fn, map[w->primal->id], w->at);
         v->fwd[w->primal->id] = v->memo[w->primal->id] = w->at;
     }
     walk_resolve_forwards(s->rev_block);

@@ -13,6 +13,7 @@
 #include "compiler/pass/ad_tape.h"
 
 Inst *tape_forward(const Vjp *v, Inst *primal) { return v->fwd[primal->id] ? v->fwd[primal->id] : primal; }
+Inst *tape_run(const Vjp *v, Inst *primal) { return v->run[primal->id] ? v->run[primal->id] : tape_forward(v, primal); }
 
 static Ctx *ctx_of(const Vjp *v, const Block *primal) {
     for (uint32_t d = v->stack.len; d-- > 0;)
@@ -186,14 +187,15 @@ Inst *tape_value(Vjp *v, Inst *i) {
     } else {
         Scope *s = c->scope;
         Inst *x = tape_forward(v, i);
-        bool here = s->replay && x->block == s->rev_block;
+        const Scope *replay = s->replay ? s : s->over; /* where everything is there again */
+        bool here = replay && x->block == replay->rev_block;
         Cost cost = {0};
         v->stamps++;
         bool again = !here && cheap(v, i);
         if (again) cost_of(v, i, &cost);
         if (again && cost.ops <= MAX_OPS && (cost.leaves == 0 || (cost.leaves == 1 && cost.ops <= MAX_OPS / 2)))
             r = recompute(v, i, c);
-        else if (s->top || s->replay) r = export_to(v, x, s->top ? s->fwd_block : s->rev_block, NULL);
+        else if (s->top || replay) r = export_to(v, x, s->top ? s->fwd_block : replay->rev_block, NULL);
         else r = stored_param(v, s, x, i);
     }
     v->memo[i->id] = r;
@@ -202,7 +204,8 @@ Inst *tape_value(Vjp *v, Inst *i) {
 
 Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct) {
     Scope *s = vjp_here(v)->scope;
-    return direct || s->top || s->replay ? mark : stored_param(v, s, mark, mark);
+    bool here = direct || s->top || (s->replay && !s->keeps);
+    return here ? mark : stored_param(v, s, mark, mark);
 }
 
 void tape_push_frame(Vjp *v, Scope *s) {
@@ -288,8 +291,8 @@ bool tape_find_guards(Vjp *v, Inst *loop, Scope *s) {
 
 /* ---- the report */
 
-/* What the forward run of a scope leaves on the tape. Segments leave nothing there, nor do the loops in a replayed
- * iteration. */
+/* What the forward run of a scope leaves on the tape. Segments leave nothing there, nor do loops that are run again
+ * with a replayed iteration. */
 static uint64_t frames_below(const Vjp *v, const Scope *s) {
     uint64_t bytes = 0;
     for (uint32_t k = 0; k < v->scopes.len; k++)
@@ -297,7 +300,7 @@ static uint64_t frames_below(const Vjp *v, const Scope *s) {
     return bytes;
 }
 uint64_t tape_left(const Vjp *v, const Scope *s) {
-    return ((s->framed ? s->frame_bytes : 0) + (s->replay ? 0 : frames_below(v, s))) * s->trips;
+    return ((s->framed ? s->frame_bytes : 0) + (s->replay && !s->keeps ? 0 : frames_below(v, s))) * s->trips;
 }
 
 /* The most that what is run again adds on top, one segment, one iteration at a time. */
@@ -309,7 +312,7 @@ uint64_t tape_on_top(const Vjp *v, const Scope *s) {
         uint64_t bytes = tape_on_top(v, c) + (c->segment ? tape_left(v, c) : 0);
         if (bytes > most) most = bytes;
     }
-    return most + (s->replay ? frames_below(v, s) : 0);
+    return most + (s->replay && !s->keeps ? frames_below(v, s) : 0);
 }
 
 uint64_t tape_bytes(const Vjp *v) { return tape_left(v, v->scopes.data[0]) + tape_on_top(v, v->scopes.data[0]); }

@@ -46,6 +46,8 @@ struct Scope {
     bool top, framed, sparse;
     bool segment;          /* the whole loop is run again, pushing */
     bool replay;           /* each iteration is run again, in rev_block, from what its frame holds */
+    bool keeps;            /* but not its inner loops: their frames are those of the first run */
+    Scope *over;           /* of an if around such loops: the replay whose rev_block has its values */
     uint64_t trips;
     uint32_t frame_bytes, recomputed, region;
 };
@@ -72,7 +74,8 @@ typedef struct Vjp {
     Adjoint *adj;          /* by id */
     Inst **adj_array;      /* by id of the alloc */
     Inst **memo;           /* by id: the primal value in the sweep */
-    Inst **fwd;            /* by id: the instance that pushes, where a segment was run again */
+    Inst **fwd;            /* by id: the instance whose value counts, where it was run again */
+    Inst **run;            /* by id of a loop or an if: the instance that pushes, if it is another one */
     uint8_t *want;         /* by id: some rule mentions it */
     uint8_t *effect;       /* by id: an if_ or loop that writes active arrays */
     uint8_t *taped;        /* by id: a loop with something active in it */
@@ -107,8 +110,9 @@ void vjp_loop(Vjp *v, Inst *i);
 
 /* ad_tape.c */
 Inst *tape_value(Vjp *v, Inst *primal);
-/* The forward instruction that pushes for this primal one. */
+/* The instance of this primal instruction that has its value; the instance of a loop or an if that pushes. */
 Inst *tape_forward(const Vjp *v, Inst *primal);
+Inst *tape_run(const Vjp *v, Inst *primal);
 /* A tape mark of the forward code, as seen by the sweep. */
 Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct);
 /* Inserts the push of a scope whose reverse has been emitted; false if it needs none. */
@@ -126,6 +130,7 @@ const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget);
 /* ad_replay.c */
 bool tape_can_rerun(const Vjp *v, const Inst *loop);
 bool tape_can_replay(const Vjp *v, const Inst *loop, const Scope *s);
+bool tape_keeps(const Vjp *v, const Inst *loop);
 /* Is there a heightfield query in this block or below? */
 bool tape_searches(const Block *b);
 /* Clones a segment into the sweep, in the current block, to be run again with pushes; and fills its holes once the sweep knows what it pushes. */

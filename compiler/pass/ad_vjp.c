@@ -184,6 +184,7 @@ static void sweep(Vjp *v, const Fn *primal) {
     v->adj_array = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
     v->memo = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
     v->fwd = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
+    v->run = ARENA_ARRAY(v->scratch, Inst *, v->f.n + 1);
     v->want = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->stable = ARENA_ARRAY(v->scratch, uint8_t, v->f.n + 1);
     v->stamp = ARENA_ARRAY(v->scratch, uint32_t, v->f.n + 1);
@@ -373,7 +374,8 @@ static LoopPlan *choose_level(const Vjp *v, Plan *plan, bool paths_only) {
             !next_levels(p))
             continue;
         uint64_t bytes = tape_left(v, s) + tape_on_top(v, s);
-        for (const Scope *up = s->parent; up && !s->segment && !up->replay; up = up->parent) bytes *= up->trips;
+        for (const Scope *up = s->parent; up && !s->segment && (!up->replay || up->keeps); up = up->parent)
+            bytes *= up->trips;
         if (bytes <= most) continue;
         most = bytes;
         best = p;

@@ -45,7 +45,7 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);   /*
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                             /* g:flt; inputs site (uniform), k0.., aux, x, stream */
 
 /* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
-enum { AD_REPLAY_AUTO, AD_REPLAY_NEVER, AD_REPLAY_ALWAYS }; /* ALWAYS: every loop that can be */
+enum { AD_REPLAY_AUTO, AD_REPLAY_NEVER, AD_REPLAY_ALWAYS, AD_REPLAY_KEEP }; /* ALWAYS: every loop that can be; KEEP: and inner loops are treated as if they searched */
 typedef struct AdOptions {
     const uint8_t *wrt;
     bool wrt_x;             /* also (or only, with wrt_none) with respect to the position */

@@ -86,7 +86,7 @@ TEST(checkpointed) {
 }
 TEST(replayed) {
     for (uint64_t seed = 3000; seed < 3020; seed++)
-        try_program(s, seed, seed % 3 ? 100 : 0, 1u << seed % 5, AD_REPLAY_ALWAYS);
+        try_program(s, seed, seed % 3 ? 100 : 0, 1u << seed % 5, seed & 1 ? AD_REPLAY_ALWAYS : AD_REPLAY_KEEP);
 }
 
 int main(void) {

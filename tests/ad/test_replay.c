@@ -118,7 +118,8 @@ TEST(nested_with_arrays) {
     assert_true(k.compared > k.kinks);
     Fn *stored = reverse(&p, 1u << 30, AD_REPLAY_NEVER, NULL);
     for (uint32_t budget = 1; budget < 1u << 20; budget *= 16)
-        compare_kernels(p.fn, stored, reverse(&p, budget, AD_REPLAY_ALWAYS, NULL), 4);
+        for (uint8_t replay = AD_REPLAY_ALWAYS; replay <= AD_REPLAY_KEEP; replay++)
+            compare_kernels(p.fn, stored, reverse(&p, budget, replay, NULL), 4);
 }
 
 /* ---- opt_induction: counters behind a break, which a path's random numbers are */
