@@ -7,24 +7,14 @@
 #include "saltus/field.h"
 
 /* ---- shared helpers */
-static unsigned flt_bytes(const Emit *e) {
-    return e->fn->precision == PREC_F64 ? 8 : 4;
-}
+static unsigned flt_bytes(const Emit *e) { return e->fn->precision == PREC_F64 ? 8 : 4; }
 static unsigned type_bytes(const Emit *e, uint8_t type) {
     return type == TY_FLT ? flt_bytes(e) : type == TY_TAPE ? 8 : 4;
 }
-static unsigned part_align(const Emit *e, unsigned element) {
-    return e->L * element > 64 ? 64 : e->L * element;
-}
-static Part k64(Emit *e, uint64_t v) {
-    return emit_int(e, e->t_i64, v);
-}
-static Part at_byte(Emit *e, Part base, uint64_t offset) {
-    return emit_gep(e, e->t_i8, base, k64(e, offset));
-}
-static Part all_on(Emit *e) {
-    return LL(ConstAllOnes)(emit_vector_type(e, e->t_i1));
-}
+static unsigned part_align(const Emit *e, unsigned element) { return e->L * element > 64 ? 64 : e->L * element; }
+static Part k64(Emit *e, uint64_t v) { return emit_int(e, e->t_i64, v); }
+static Part at_byte(Emit *e, Part base, uint64_t offset) { return emit_gep(e, e->t_i8, base, k64(e, offset)); }
+static Part all_on(Emit *e) { return LL(ConstAllOnes)(emit_vector_type(e, e->t_i1)); }
 
 static Part gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align) {
     LLVMTypeRef v = emit_vector_type(e, scalar), types[2] = {v, LL(TypeOf)(pointers)};
@@ -296,8 +286,10 @@ static void append_lanes(Emit *e, Part index, Part value, Part bits, const Log *
     Part at = log->len;
     for (uint32_t l = 0; l < e->L; l++) {
         Part lane = emit_int(e, e->t_i32, l);
-        emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, index, lane, "") : index, emit_gep(e, e->t_i32, log->index, at), 4);
-        emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, value, lane, "") : value, emit_gep(e, e->t_flt, log->value, at), flt_bytes(e));
+        emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, index, lane, "") : index,
+                   emit_gep(e, e->t_i32, log->index, at), 4);
+        emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, value, lane, "") : value,
+                   emit_gep(e, e->t_flt, log->value, at), flt_bytes(e));
         Part bit = LL(BuildAnd)(e->b, LL(BuildLShr)(e->b, bits, k64(e, l), ""), k64(e, 1), "");
         at = LL(BuildAdd)(e->b, at, bit, "");
     }
@@ -308,11 +300,13 @@ static Part append(Emit *e, Part index, Part value, Part mask, Log log) {
     LLVMTypeRef t = LL(IntTypeInContext)(e->ctx, e->L);
     Part bits = e->W > 1 ? LL(BuildBitCast)(e->b, mask, t, "") : mask;
     if (e->L < 64) bits = LL(BuildZExt)(e->b, bits, e->t_i64, "");
-    Part some = LL(BuildICmp)(e->b, LLVMIntNE, bits, k64(e, 0), ""), room = LL(BuildICmp)(e->b, LLVMIntULE, log.len, log.cap, "");
+    Part some = LL(BuildICmp)(e->b, LLVMIntNE, bits, k64(e, 0), ""),
+         room = LL(BuildICmp)(e->b, LLVMIntULE, log.len, log.cap, "");
     LLVMBasicBlockRef write = emit_new_block(e, "log"), done = emit_new_block(e, "logged");
     LL(BuildCondBr)(e->b, LL(BuildAnd)(e->b, some, room, ""), write, done);
     emit_at(e, write);
-    if (e->opt->target.vector_bytes == 64 && e->L >= 4 && e->L * flt_bytes(e) <= 64) append_vector(e, index, value, mask, &log);
+    if (e->opt->target.vector_bytes == 64 && e->L >= 4 && e->L * flt_bytes(e) <= 64)
+        append_vector(e, index, value, mask, &log);
     else append_lanes(e, index, value, bits, &log);
     LL(BuildBr)(e->b, done);
     emit_at(e, done);
@@ -384,9 +378,7 @@ static void emit_adjoint(Emit *e, Inst *i) {
 /* ---- the tape. A frame: whole vectors first, then 8-byte, 4-byte and bit values, then the mask; one size for each
  * signature. A frame takes at most the sum of its values' bytes and 4 more for each lane: the mask, an iteration number
  * and the padding fit in those. */
-static uint32_t bits_bytes(const Emit *e) {
-    return e->P * (e->L < 8 ? 1 : e->L / 8);
-}
+static uint32_t bits_bytes(const Emit *e) { return e->P * (e->L < 8 ? 1 : e->L / 8); }
 
 void emit_layout_frames(Emit *e) {
     for (uint32_t k = 0; k < e->frames.len; k++) {
@@ -504,10 +496,8 @@ void emit_revloop(Emit *e, Inst *i) {
     uint32_t *n = ARENA_ARRAY(e->arena, uint32_t, carried + 1);
     for (uint32_t r = 0; r < carried; r++) {
         n[r] = emit_is_vector(e, params[r]) ? e->P : 1;
-        if (n[r] == e->P && emit_is_vector(e, params[r]))
-            emit_parts(e, i->args[1 + r], init[r]);
-        else
-            init[r][0] = emit_scalar(e, i->args[1 + r]);
+        if (n[r] == e->P && emit_is_vector(e, params[r])) emit_parts(e, i->args[1 + r], init[r]);
+        else init[r][0] = emit_scalar(e, i->args[1 + r]);
     }
     Part mark = emit_scalar(e, i->args[0]);
     LLVMBasicBlockRef from = emit_here(e), head = emit_new_block(e, "unwind"), pop = emit_new_block(e, "pop"),
@@ -577,12 +567,15 @@ static void emit_partner(Emit *e, const Part *in, Part *out) {
         out[p] = LL(BuildShuffleVector)(e->b, in[p], LL(GetPoison)(LL(TypeOf)(in[p])), LL(ConstVector)(pick, e->L), "");
 }
 
-/* differ & both, the heart of the event kernel: pairs whose lanes are on and disagree. On mask registers the whole of it is done on one bit a pair, as
- * integers, and spread to both lanes at the end. False where i is something else. */
+/* differ & both, the heart of the event kernel: pairs whose lanes are on and disagree. On mask registers the whole of
+ * it is done on one bit a pair, as integers, and spread to both lanes at the end. False where i is something else. */
 bool emit_pairs_apart(Emit *e, Inst *i) {
     const Inst *differ = i->args[0], *both = i->args[1];
-    if (i->op != OP_band || both->op != OP_both || differ->op != OP_bxor || differ->args[1]->op != OP_partner || differ->args[1]->args[0] != differ->args[0]) return false;
-    if (e->opt->target.vector_bytes != 64 || e->L < 8 || !emit_is_vector(e, i) || !emit_is_vector(e, differ->args[0])) return false;
+    if (i->op != OP_band || both->op != OP_both || differ->op != OP_bxor || differ->args[1]->op != OP_partner ||
+        differ->args[1]->args[0] != differ->args[0])
+        return false;
+    if (e->opt->target.vector_bytes != 64 || e->L < 8 || !emit_is_vector(e, i) || !emit_is_vector(e, differ->args[0]))
+        return false;
     LLVMTypeRef word = LL(IntTypeInContext)(e->ctx, e->L);
     Part even = LL(ConstInt)(word, 0x5555555555555555ull, 0), one = LL(ConstInt)(word, 1, 0);
     Part *decision = emit_slot(e, differ->args[0]), *out = emit_slot(e, i);
@@ -670,7 +663,8 @@ static Part active_bits(Emit *e) {
     if (!e->mask) return k64(e, e->W == 64 ? UINT64_MAX : (1ull << e->W) - 1);
     Part bits = k64(e, 0);
     for (uint32_t p = 0; p < e->P; p++) {
-        Part m = LL(BuildZExt)(e->b, LL(BuildBitCast)(e->b, e->mask[p], LL(IntTypeInContext)(e->ctx, e->L), ""), e->t_i64, "");
+        Part m = LL(BuildZExt)(e->b, LL(BuildBitCast)(e->b, e->mask[p], LL(IntTypeInContext)(e->ctx, e->L), ""),
+                               e->t_i64, "");
         bits = LL(BuildOr)(e->b, bits, LL(BuildShl)(e->b, m, k64(e, (uint64_t)p * e->L), ""), "");
     }
     return bits;
@@ -680,7 +674,8 @@ static void emit_fieldop(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
     uint32_t width = vector ? e->W : 1, flt = flt_bytes(e);
     unsigned align = vector ? part_align(e, flt) : flt, ialign = vector ? part_align(e, 4) : 4;
-    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_FIELD_RAY_ROWS * width * flt, 64), ids = emit_alloca(e, e->t_i8, 4ull * width, 64);
+    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_FIELD_RAY_ROWS * width * flt, 64),
+         ids = emit_alloca(e, e->t_i8, 4ull * width, 64);
     for (uint32_t a = 0; a < i->nargs; a++) {
         Part v[BACK_MAX_PARTS];
         if (vector) emit_parts(e, i->args[a], v);
@@ -690,63 +685,38 @@ static void emit_fieldop(Emit *e, Inst *i) {
     }
     Part fields = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, fields)), 8, true);
     Part field = emit_load(e, e->t_ptr, at_byte(e, fields, 8ull * i->imm.field.field), 8, true);
-    Part query = emit_load(e, e->t_ptr, at_byte(e, field, offsetof(SltField, query) + 8ull * i->imm.field.what), 8, true);
+    Part query =
+        emit_load(e, e->t_ptr, at_byte(e, field, offsetof(SltField, query) + 8ull * i->imm.field.what), 8, true);
     Part heights = at_byte(e, e->params, (uint64_t)i->imm.field.base * flt);
     LLVMTypeRef types[6] = {e->t_ptr, e->t_ptr, e->t_ptr, e->t_i64, e->t_i32, e->t_ptr};
     Part args[6] = {field, heights, rays, vector ? active_bits(e) : k64(e, 1), emit_int(e, e->t_i32, width), ids};
     LL(BuildCall2)(e->b, LL(FunctionType)(e->t_void, types, 6, 0), query, args, 6, "");
     Part *out = emit_slot(e, i);
     LLVMTypeRef t = vector ? emit_vector_type(e, e->t_i32) : e->t_i32;
-    for (uint32_t p = 0; p < (vector ? e->P : 1); p++) out[p] = emit_load(e, t, at_byte(e, ids, 4ull * p * e->L), ialign, false);
+    for (uint32_t p = 0; p < (vector ? e->P : 1); p++)
+        out[p] = emit_load(e, t, at_byte(e, ids, 4ull * p * e->L), ialign, false);
 }
 
 void emit_memory_op(Emit *e, Inst *i) {
     switch (i->op) {
     case OP_param:
     case OP_iparam:
-    case OP_dparam:
-        emit_param(e, i);
-        break;
-    case OP_adj:
-        emit_adjoint(e, i);
-        break;
-    case OP_fieldop:
-        emit_fieldop(e, i);
-        break;
-    case OP_alloc:
-        emit_alloc(e, i);
-        break;
-    case OP_load:
-        emit_array_load(e, i);
-        break;
-    case OP_store:
-        emit_array_store(e, i);
-        break;
-    case OP_acopy:
-        emit_array_copy(e, i);
-        break;
-    case OP_tapemark:
-        emit_slot(e, i)[0] = emit_load(e, e->t_i64, e->tape_top, 8, false);
-        break;
-    case OP_tapepush:
-        emit_tapepush(e, i);
-        break;
+    case OP_dparam: emit_param(e, i); break;
+    case OP_adj: emit_adjoint(e, i); break;
+    case OP_fieldop: emit_fieldop(e, i); break;
+    case OP_alloc: emit_alloc(e, i); break;
+    case OP_load: emit_array_load(e, i); break;
+    case OP_store: emit_array_store(e, i); break;
+    case OP_acopy: emit_array_copy(e, i); break;
+    case OP_tapemark: emit_slot(e, i)[0] = emit_load(e, e->t_i64, e->tape_top, 8, false); break;
+    case OP_tapepush: emit_tapepush(e, i); break;
     case OP_partner:
-        if (emit_is_vector(e, i))
-            emit_partner(e, emit_slot(e, i->args[0]), emit_slot(e, i));
-        else
-            emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
+        if (emit_is_vector(e, i)) emit_partner(e, emit_slot(e, i->args[0]), emit_slot(e, i));
+        else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
         break;
-    case OP_both:
-        emit_both(e, i);
-        break;
-    case OP_count:
-        emit_count(e, i);
-        break;
-    case OP_print:
-        emit_print(e, i);
-        break;
-    default:
-        emit_fail(e, "%s is not supported by this back end", ir_ops[i->op].name);
+    case OP_both: emit_both(e, i); break;
+    case OP_count: emit_count(e, i); break;
+    case OP_print: emit_print(e, i); break;
+    default: emit_fail(e, "%s is not supported by this back end", ir_ops[i->op].name);
     }
 }

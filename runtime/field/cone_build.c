@@ -1,4 +1,5 @@
-/* Precomputing safety shapes: by rings of maxima (fast, all terrain limits), or triangle by triangle under a quadtree of maxima. */
+/* Precomputing safety shapes: by rings of maxima (fast, all terrain limits), or triangle by triangle under a quadtree
+ * of maxima. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -6,8 +7,8 @@
 
 #include "cone.h"
 
-/* A class's rays run within 45 degrees of (dx, dy); class 4 is all of them. Seen from cell (i, j), a ray that has come u along its main axis lies in
- * [i - u, i + 1 + u] x [j - u, j + 1 + u], and not before i (for +x). */
+/* A class's rays run within 45 degrees of (dx, dy); class 4 is all of them. Seen from cell (i, j), a ray that has come
+ * u along its main axis lies in [i - u, i + 1 + u] x [j - u, j + 1 + u], and not before i (for +x). */
 enum { ALL = 4 };
 
 typedef struct Builder {
@@ -16,14 +17,13 @@ typedef struct Builder {
     const FieldConeOptions *o;
     const void *heights; /* as they came, rows downwards */
     bool f64;
-    double touch; /* planes must pass higher than this above a surface to count: less than a step's distance from it (cone.inc.h) */
+    double touch;     /* planes must pass higher than this above a surface to count: less than a step's distance from it
+                         (cone.inc.h) */
     float *level[32]; /* level[0][j * lw + i]: the maximum over cell (i, j); above it over blocks of 2 x 2 */
     int32_t levels, lw[32], lh[32];
 } Builder;
 
-static float at(const Builder *b, int32_t i, int32_t j) {
-    return b->height[(size_t)j * (size_t)b->w + (size_t)i];
-}
+static float at(const Builder *b, int32_t i, int32_t j) { return b->height[(size_t)j * (size_t)b->w + (size_t)i]; }
 static double exactly(const Builder *b, int32_t i, int32_t j) {
     size_t at_data = (size_t)(b->h - 1 - j) * (size_t)b->w + (size_t)i;
     return b->f64 ? ((const double *)b->heights)[at_data] : (double)((const float *)b->heights)[at_data];
@@ -31,17 +31,14 @@ static double exactly(const Builder *b, int32_t i, int32_t j) {
 static inline float larger(float a, float b) { /* as the instruction has it, so loops vectorise; nothing here is NaN */
     return b > a ? b : a;
 }
-static int32_t least(int32_t a, int32_t b) {
-    return a < b ? a : b;
-}
-static int32_t most(int32_t a, int32_t b) {
-    return a > b ? a : b;
-}
+static int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
+static int32_t most(int32_t a, int32_t b) { return a > b ? a : b; }
 
-/* ---- rings: maxima over windows, from maxima over squares of 2^k that overlap. A window that the border cuts may be taken larger than it is: that only costs speed. */
+/* ---- rings: maxima over windows, from maxima over squares of 2^k that overlap. A window that the border cuts may be
+ * taken larger than it is: that only costs speed. */
 
 typedef struct Squares {
-    float *max;   /* [j][i]: over [i, i + side) x [j, j + side), cut by the border; j upwards */
+    float *max; /* [j][i]: over [i, i + side) x [j, j + side), cut by the border; j upwards */
     int32_t w, h, side;
 } Squares;
 
@@ -55,8 +52,10 @@ static void double_side(Squares *s) {
     s->side = 2 * side;
 }
 
-/* line[i] = the maximum over [i + x0, i + x1] x [y0, y1] for all cells i of a row; x1 - x0 + 1 and y1 - y0 + 1 are at least the side. */
-static void window_maxima(const Squares *s, int32_t x0, int32_t x1, int32_t y0, int32_t y1, float *column, float *line) {
+/* line[i] = the maximum over [i + x0, i + x1] x [y0, y1] for all cells i of a row; x1 - x0 + 1 and y1 - y0 + 1 are at
+ * least the side. */
+static void window_maxima(const Squares *s, int32_t x0, int32_t x1, int32_t y0, int32_t y1, float *column,
+                          float *line) {
     int32_t w = s->w, side = s->side, last = most(least(y1, s->h - 1) - side + 1, 0), first = least(most(y0, 0), last);
     memcpy(column, s->max + (size_t)first * (size_t)w, sizeof *column * (size_t)w);
     for (int32_t y = first; y < last;) {
@@ -74,9 +73,7 @@ static void window_maxima(const Squares *s, int32_t x0, int32_t x1, int32_t y0, 
 }
 
 /* How far rings reach: 1, 2, 3, 4, then a quarter more each time. */
-static int32_t next_ring(int32_t u) {
-    return u + most(1, u / 4);
-}
+static int32_t next_ring(int32_t u) { return u + most(1, u / 4); }
 
 static bool build_rings(float (*shapes)[2], const Builder *b, int32_t k) {
     int32_t w = b->w, h = b->h, reach = most(w, h);
@@ -88,7 +85,8 @@ static bool build_rings(float (*shapes)[2], const Builder *b, int32_t k) {
     for (int32_t near = 0, far = 1; ok && near < reach; near = far, far = next_ring(far)) {
         while (2 * s.side <= least(far + 2, reach)) double_side(&s);
         for (int32_t j = 0; j + 1 < h; j++) {
-            window_maxima(&s, k == 0 ? 0 : -far, k == 1 ? 1 : 1 + far, k == 2 ? j : j - far, k == 3 ? j + 1 : j + 1 + far, column, line);
+            window_maxima(&s, k == 0 ? 0 : -far, k == 1 ? 1 : 1 + far, k == 2 ? j : j - far,
+                          k == 3 ? j + 1 : j + 1 + far, column, line);
             float(*shape)[2] = shapes + (size_t)j * (size_t)w, scale = 1.0f / (float)most(near, 1);
             if (near == 0)
                 for (int32_t i = 0; i + 1 < w; i++) shape[i][0] = line[i], shape[i][1] = 0.0f;
@@ -112,20 +110,24 @@ static bool build_levels(Builder *b) {
         for (int32_t j = 0; j < h; j++)
             for (int32_t i = 0; i < w; i++) {
                 if (l == 0) {
-                    m[(size_t)j * (size_t)w + (size_t)i] = larger(larger(at(b, i, j), at(b, i + 1, j)), larger(at(b, i, j + 1), at(b, i + 1, j + 1)));
+                    m[(size_t)j * (size_t)w + (size_t)i] =
+                        larger(larger(at(b, i, j), at(b, i + 1, j)), larger(at(b, i, j + 1), at(b, i + 1, j + 1)));
                     continue;
                 }
                 const float *fine = b->level[l - 1];
-                int32_t fw = b->lw[l - 1], i0 = 2 * i, j0 = 2 * j, i1 = least(i0 + 1, fw - 1), j1 = least(j0 + 1, b->lh[l - 1] - 1);
-                m[(size_t)j * (size_t)w + (size_t)i] = larger(larger(fine[(size_t)j0 * (size_t)fw + (size_t)i0], fine[(size_t)j0 * (size_t)fw + (size_t)i1]),
-                                                              larger(fine[(size_t)j1 * (size_t)fw + (size_t)i0], fine[(size_t)j1 * (size_t)fw + (size_t)i1]));
+                int32_t fw = b->lw[l - 1], i0 = 2 * i, j0 = 2 * j, i1 = least(i0 + 1, fw - 1),
+                        j1 = least(j0 + 1, b->lh[l - 1] - 1);
+                m[(size_t)j * (size_t)w + (size_t)i] = larger(
+                    larger(fine[(size_t)j0 * (size_t)fw + (size_t)i0], fine[(size_t)j0 * (size_t)fw + (size_t)i1]),
+                    larger(fine[(size_t)j1 * (size_t)fw + (size_t)i0], fine[(size_t)j1 * (size_t)fw + (size_t)i1]));
             }
         if (w == 1 && h == 1) return true;
         b->lw[l + 1] = (w + 1) / 2, b->lh[l + 1] = (h + 1) / 2;
     }
 }
 
-/* The way along its main axis that a ray of class k needs at least from cell (i, j) to the block of cells [x0, x1) x [y0, y1); -1: no such ray gets there. */
+/* The way along its main axis that a ray of class k needs at least from cell (i, j) to the block of cells [x0, x1) x
+ * [y0, y1); -1: no such ray gets there. */
 static int32_t way(int32_t k, int32_t i, int32_t j, int32_t x0, int32_t y0, int32_t x1, int32_t y1) {
     int32_t gx = most(most(x0 - i - 1, i - x1), 0), gy = most(most(y0 - j - 1, j - y1), 0);
     switch (k) {
@@ -137,21 +139,27 @@ static int32_t way(int32_t k, int32_t i, int32_t j, int32_t x0, int32_t y0, int3
     }
 }
 
-/* Can a ray of the kinds that count start above cell (i, j) and hit the back of the triangle? Its plane must pass above the surface of the cell somewhere, and not steeper than the bound
- * along all directions from the cell to it. Only a start that is clearly above (cone.inc.h: by 2^-19, in doubles 2^-30, of the heights' size) makes a step, so a plane that merely touches the surface does
- * not count: or a cell would limit itself. */
+/* Can a ray of the kinds that count start above cell (i, j) and hit the back of the triangle? Its plane must pass above
+ * the surface of the cell somewhere, and not steeper than the bound along all directions from the cell to it. Only a
+ * start that is clearly above (cone.inc.h: by 2^-19, in doubles 2^-30, of the heights' size) makes a step, so a plane
+ * that merely touches the surface does not count: or a cell would limit itself. */
 static bool limiting(const Builder *b, int32_t i, int32_t j, int32_t x, int32_t y, int32_t upper) {
-    double h10 = exactly(b, x + 1, y), h01 = exactly(b, x, y + 1), corner = upper ? exactly(b, x + 1, y + 1) : exactly(b, x, y);
+    double h10 = exactly(b, x + 1, y), h01 = exactly(b, x, y + 1),
+           corner = upper ? exactly(b, x + 1, y + 1) : exactly(b, x, y);
     double dx = upper ? corner - h01 : h10 - corner, dy = upper ? corner - h10 : h01 - corner;
     double plane = corner + dx * (i - x - upper) + dy * (j - y - upper) - b->touch;
-    if (plane <= exactly(b, i, j) && plane + dx <= exactly(b, i + 1, j) && plane + dy <= exactly(b, i, j + 1) && plane + dx + dy <= exactly(b, i + 1, j + 1)) return false;
+    if (plane <= exactly(b, i, j) && plane + dx <= exactly(b, i + 1, j) && plane + dy <= exactly(b, i, j + 1) &&
+        plane + dx + dy <= exactly(b, i + 1, j + 1))
+        return false;
     float gx = (float)dx, gy = (float)dy;
     if (!b->o->bounded) return true;
     /* directions: from [i, i+1] x [j, j+1] to [x, x+1] x [y, y+1]; the least slope along any */
     float vx0 = (float)(x - i - 1), vx1 = (float)(x - i + 1), vy0 = (float)(y - j - 1), vy1 = (float)(y - j + 1);
-    float least_rise = larger(-gx * vx0, -gx * vx1) + larger(-gy * vy0, -gy * vy1), nx = larger(larger(vx0, -vx1), 0.0f), ny = larger(larger(vy0, -vy1), 0.0f);
+    float least_rise = larger(-gx * vx0, -gx * vx1) + larger(-gy * vy0, -gy * vy1),
+          nx = larger(larger(vx0, -vx1), 0.0f), ny = larger(larger(vy0, -vy1), 0.0f);
     float fx = larger(fabsf(vx0), fabsf(vx1)), fy = larger(fabsf(vy0), fabsf(vy1));
-    float slope = -least_rise / sqrtf(least_rise > 0.0f ? nx * nx + ny * ny : fx * fx + fy * fy); /* 1/0: nothing is known, and it counts */
+    float slope = -least_rise / sqrtf(least_rise > 0.0f ? nx * nx + ny * ny
+                                                        : fx * fx + fy * fy); /* 1/0: nothing is known, and it counts */
     return !(slope > b->o->max_slope + 1e-5f * (1.0f + fabsf(slope)));
 }
 
@@ -160,7 +168,8 @@ typedef struct Block {
     int32_t level, x, y;
 } Block;
 
-/* The cone beyond the cylinder: from `base` at the radius, the least slope that leaves all that counts below. Blocks that cannot raise it are passed over, so near ones go first. */
+/* The cone beyond the cylinder: from `base` at the radius, the least slope that leaves all that counts below. Blocks
+ * that cannot raise it are passed over, so near ones go first. */
 static float cone_slope(const Builder *b, int32_t k, int32_t i, int32_t j, int32_t radius, float base) {
     Block stack[4 * 32];
     int32_t size = 0;
@@ -168,15 +177,18 @@ static float cone_slope(const Builder *b, int32_t k, int32_t i, int32_t j, int32
     stack[size++] = (Block){b->levels - 1, 0, 0};
     while (size) {
         Block at_block = stack[--size];
-        int32_t l = at_block.level, x0 = at_block.x << l, y0 = at_block.y << l, x1 = least(x0 + (1 << l), b->w - 1), y1 = least(y0 + (1 << l), b->h - 1);
+        int32_t l = at_block.level, x0 = at_block.x << l, y0 = at_block.y << l, x1 = least(x0 + (1 << l), b->w - 1),
+                y1 = least(y0 + (1 << l), b->h - 1);
         int32_t d = way(k, i, j, x0, y0, x1, y1);
         if (d < 0 || (l == 0 && d <= radius)) continue;
-        float over = b->level[l][(size_t)at_block.y * (size_t)b->lw[l] + (size_t)at_block.x] - base, beyond = (float)most(d - radius, 1);
+        float over = b->level[l][(size_t)at_block.y * (size_t)b->lw[l] + (size_t)at_block.x] - base,
+              beyond = (float)most(d - radius, 1);
         if (!(over > slope * beyond)) continue;
         if (l == 0) {
             for (int32_t up = 0; up < 2; up++) {
                 if (b->o->exact && !limiting(b, i, j, x0, y0, up)) continue;
-                float top = larger(up ? at(b, x0 + 1, y0 + 1) : at(b, x0, y0), larger(at(b, x0 + 1, y0), at(b, x0, y0 + 1)));
+                float top =
+                    larger(up ? at(b, x0 + 1, y0 + 1) : at(b, x0, y0), larger(at(b, x0 + 1, y0), at(b, x0, y0 + 1)));
                 slope = larger(slope, (top - base) / beyond);
             }
             continue;
@@ -198,12 +210,14 @@ static void build_cell(float shape[2], uint8_t *radius_out, const Builder *b, in
     for (;; radius++) {
         bool found = false;
         all = -FLT_MAX;
-        int32_t x0 = most(i - radius - 1, 0), x1 = least(i + radius + 2, b->w - 1), y0 = most(j - radius - 1, 0), y1 = least(j + radius + 2, b->h - 1);
+        int32_t x0 = most(i - radius - 1, 0), x1 = least(i + radius + 2, b->w - 1), y0 = most(j - radius - 1, 0),
+                y1 = least(j + radius + 2, b->h - 1);
         for (int32_t y = y0; y < y1; y++)
             for (int32_t x = x0; x < x1; x++) {
                 if (way(k, i, j, x, y, x + 1, y + 1) != radius) continue;
                 for (int32_t up = 0; up < 2; up++) {
-                    float top = larger(up ? at(b, x + 1, y + 1) : at(b, x, y), larger(at(b, x + 1, y), at(b, x, y + 1)));
+                    float top =
+                        larger(up ? at(b, x + 1, y + 1) : at(b, x, y), larger(at(b, x + 1, y), at(b, x, y + 1)));
                     all = larger(all, top);
                     if (limiting(b, i, j, x, y, up)) limits = larger(limits, top), found = true;
                 }
@@ -217,9 +231,11 @@ static void build_cell(float shape[2], uint8_t *radius_out, const Builder *b, in
     shape[1] = slope, shape[0] = base - slope * (float)radius;
 }
 
-/* ---- one number a shape, so that a query gathers once: the base in 65535 steps of the range of heights, rounded up, below the upper half of the slope's float, rounded up */
+/* ---- one number a shape, so that a query gathers once: the base in 65535 steps of the range of heights, rounded up,
+ * below the upper half of the slope's float, rounded up */
 static uint32_t pack(const FieldCones *c, const float shape[2]) {
-    double steps = c->step > 0.0f ? ceil(((double)shape[0] - c->lowest) / c->step) : 0.0, slope = shape[1] * (1.0 + 1e-6) + 1e-30;
+    double steps = c->step > 0.0f ? ceil(((double)shape[0] - c->lowest) / c->step) : 0.0,
+           slope = shape[1] * (1.0 + 1e-6) + 1e-30;
     uint32_t base = steps < 0.0 ? 0 : steps > 65535.0 ? 65535 : (uint32_t)steps, bits;
     if (steps > 65535.5) slope = FLT_MAX; /* above all finite heights: no step from here */
     float s = slope < 3e38 ? (float)slope : 3e38f;
@@ -231,7 +247,12 @@ static uint32_t pack(const FieldCones *c, const float shape[2]) {
 bool cone_build(FieldCones *c, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldConeOptions *options) {
     size_t count = (size_t)w * h;
     *c = (FieldCones){.w = w, .h = h, .classes = options->directional ? 4 : 1, .options = *options};
-    Builder b = {.height = malloc(sizeof *b.height * count), .w = (int32_t)w, .h = (int32_t)h, .o = options, .heights = heights, .f64 = f64};
+    Builder b = {.height = malloc(sizeof *b.height * count),
+                 .w = (int32_t)w,
+                 .h = (int32_t)h,
+                 .o = options,
+                 .heights = heights,
+                 .f64 = f64};
     float(*shape)[2] = calloc(count, sizeof *shape);
     bool finite = true, ok = b.height && shape;
     c->packed = calloc(count * c->classes, sizeof *c->packed);

@@ -8,7 +8,9 @@
 
 static FieldIsa best_isa(void) {
 #if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw")) return FIELD_ISA_AVX512;
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512bw"))
+        return FIELD_ISA_AVX512;
     if (__builtin_cpu_supports("avx2")) return FIELD_ISA_AVX2;
     return FIELD_ISA_SSE2;
 #else
@@ -37,11 +39,15 @@ static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", 
 /* RISE walks from where a ray is blocked to the next ridge, a few cells: packets, but no structure. */
 static const uint32_t all_queries = (1u << SLT_FIELD_WHATS) - 1, searching = all_queries & ~(1u << SLT_FIELD_RISE);
 
-static const uint32_t hits = 1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
+static const uint32_t hits =
+    1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
 
 static bool make_cones(Field *f, const void *heights) {
     const FieldOptions *o = &f->options;
-    const FieldConeOptions options = {.directional = o->cone_directional, .exact = o->cone_exact, .bounded = o->max_slope != 0, .max_slope = o->max_slope};
+    const FieldConeOptions options = {.directional = o->cone_directional,
+                                      .exact = o->cone_exact,
+                                      .bounded = o->max_slope != 0,
+                                      .max_slope = o->max_slope};
     if (!cone_build(&f->cones, heights, f->f64, f->shared.w, f->shared.h, &options)) return false;
     if (f->cones.magnitude > f->magnitude) f->magnitude = f->cones.magnitude;
     return true;
@@ -50,7 +56,9 @@ static bool make_cones(Field *f, const void *heights) {
 static void describe(Field *f) {
     char cones[64] = "", levels[64] = "";
     const FieldCones *c = &f->cones;
-    if (c->packed) snprintf(cones, sizeof cones, "%s%s safety shapes, ", c->classes > 1 ? "directional " : "", c->relaxed ? "cylinder-cone" : "cone");
+    if (c->packed)
+        snprintf(cones, sizeof cones, "%s%s safety shapes, ", c->classes > 1 ? "directional " : "",
+                 c->relaxed ? "cylinder-cone" : "cone");
     if (f->mip.data) snprintf(levels, sizeof levels, "maximum mipmap, %d levels, ", (int)f->mip.top);
     if (c->packed || f->mip.data) snprintf(f->text, sizeof f->text, "%s%s%s", cones, levels, isa_names[f->isa]);
     else snprintf(f->text, sizeof f->text, "cell by cell");
@@ -69,15 +77,20 @@ static void set_queries(Field *f) {
 static SltStatus check(const Field *f, SltError *err) {
     const FieldOptions *o = &f->options;
     const uint32_t w = f->shared.w, h = f->shared.h;
-    if (w < 2 || h < 2) return status_fail(err, SLT_USAGE, "a heightfield needs at least 2 x 2 heights, not %u x %u", w, h);
+    if (w < 2 || h < 2)
+        return status_fail(err, SLT_USAGE, "a heightfield needs at least 2 x 2 heights, not %u x %u", w, h);
     /* Edges are numbered in an int32. */
-    if (w > MIP_MAX_SIDE || h > MIP_MAX_SIDE || (uint64_t)w * h > INT32_MAX / 4) return status_fail(err, SLT_LIMIT, "a heightfield of %u x %u heights is too large", w, h);
-    if (!(o->band >= 0) || !(o->slack >= 0)) return status_fail(err, SLT_USAGE, "band and slack of a heightfield must not be negative");
-    if (o->isa < 0 || o->isa >= FIELD_ISAS || o->isa > best_isa()) return status_fail(err, SLT_USAGE, "this machine has no such instruction set");
+    if (w > MIP_MAX_SIDE || h > MIP_MAX_SIDE || (uint64_t)w * h > INT32_MAX / 4)
+        return status_fail(err, SLT_LIMIT, "a heightfield of %u x %u heights is too large", w, h);
+    if (!(o->band >= 0) || !(o->slack >= 0))
+        return status_fail(err, SLT_USAGE, "band and slack of a heightfield must not be negative");
+    if (o->isa < 0 || o->isa >= FIELD_ISAS || o->isa > best_isa())
+        return status_fail(err, SLT_USAGE, "this machine has no such instruction set");
     return SLT_OK;
 }
 
-SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o, SltError *err) {
+SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o,
+                         SltError *err) {
     *out = NULL;
     Field *f = calloc(1, sizeof *f);
     if (!f) return status_fail(err, SLT_LIMIT, "out of memory for a heightfield");
@@ -95,7 +108,8 @@ SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t
         return status;
     }
     f->isa = f->options.isa ? f->options.isa : best_isa();
-    const uint32_t cones = f->options.structure == FIELD_CONE ? f->options.queries & hits : 0, levels = f->options.structure == FIELD_NAIVE ? 0 : f->options.queries & searching & ~cones;
+    const uint32_t cones = f->options.structure == FIELD_CONE ? f->options.queries & hits : 0,
+                   levels = f->options.structure == FIELD_NAIVE ? 0 : f->options.queries & searching & ~cones;
     if ((levels && !mipmap_make(f, heights)) || (cones && !make_cones(f, heights))) {
         field_free(&f->shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the structure of a heightfield of %u x %u", w, h);
@@ -134,14 +148,17 @@ size_t field_bytes(const SltField *field) {
 
 const char *field_describe(const SltField *field) { return field_impl(field)->text; }
 
-void field_count(const SltField *field, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+void field_count(const SltField *field, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+                 uint32_t width, int32_t *id, FieldCounts *counts) {
     const Field *f = field_impl(field);
-    if (f->cones.packed && hits >> what & 1 && !(f->cones.relaxed && field->slack > 0)) field_scalar_cone_count(f, heights, rays, mask, width, id, counts);
+    if (f->cones.packed && hits >> what & 1 && !(f->cones.relaxed && field->slack > 0))
+        field_scalar_cone_count(f, heights, rays, mask, width, id, counts);
     else if (f->mip.data) field_scalar_count(f, what, heights, rays, mask, width, id, counts);
     else field_naive_count(f, what, heights, rays, mask, width, id, counts);
 }
 
-uint32_t field_silhouettes(const SltField *field, const void *heights, const void *o, const void *d, double kmin, double kmax, int32_t *id, uint32_t cap, FieldCounts *counts) {
+uint32_t field_silhouettes(const SltField *field, const void *heights, const void *o, const void *d, double kmin,
+                           double kmax, int32_t *id, uint32_t cap, FieldCounts *counts) {
     const Field *f = field_impl(field);
     Slice slice = {id, cap, 0};
     float ray32[8] = {0};

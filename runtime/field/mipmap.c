@@ -1,12 +1,16 @@
-/* Building and refreshing the maximum mipmap. The loops over a row are compiled for each instruction set (rows.inc.h). */
+/* Building and refreshing the maximum mipmap. The loops over a row are compiled for each instruction set (rows.inc.h).
+ */
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-static uint32_t nodes(uint32_t vertices, int32_t level) { return (uint32_t)(((uint64_t)vertices - 1 + (1u << level) - 1) >> level); }
+static uint32_t nodes(uint32_t vertices, int32_t level) {
+    return (uint32_t)(((uint64_t)vertices - 1 + (1u << level) - 1) >> level);
+}
 
-static void first_level(Field *f, const void *heights, uint32_t i0, uint32_t i1, uint32_t j0, uint32_t j1, float *scratch) {
+static void first_level(Field *f, const void *heights, uint32_t i0, uint32_t i1, uint32_t j0, uint32_t j1,
+                        float *scratch) {
     const FieldKernels *k = field_kernels(f->isa);
     Mipmap *m = &f->mip;
     const uint32_t w = f->shared.w, h = f->shared.h, from = 2 * i0;
@@ -40,12 +44,14 @@ static void fill(Field *f, const void *heights, uint32_t i0, uint32_t i1, uint32
         const uint32_t count = (2 * i1 + 2 < w ? 2 * i1 + 2 : w) - 2 * i0;
         for (uint32_t j = j0; j <= j1; j++) {
             const float *a = m->data + m->base[l - 1] + (size_t)(2 * j) * w + 2 * i0;
-            k->next_level(a, 2 * j + 1 < h ? a + w : a, count, m->data + m->base[l] + (size_t)j * (size_t)m->stride[l] + i0);
+            k->next_level(a, 2 * j + 1 < h ? a + w : a, count,
+                          m->data + m->base[l] + (size_t)j * (size_t)m->stride[l] + i0);
         }
     }
     m->max = -INFINITY;
     const float *top = m->data + m->base[m->top];
-    for (size_t n = 0; n < (size_t)m->stride[m->top] * (size_t)m->rows[m->top]; n++) m->max = top[n] > m->max ? top[n] : m->max;
+    for (size_t n = 0; n < (size_t)m->stride[m->top] * (size_t)m->rows[m->top]; n++)
+        m->max = top[n] > m->max ? top[n] : m->max;
 }
 
 bool mipmap_make(Field *f, const void *heights) {
@@ -81,11 +87,9 @@ void mipmap_refresh(Field *f, const void *heights, uint32_t x0, uint32_t y0, uin
     /* Vertex i belongs to cells i - 1 and i. */
     uint32_t i0 = (x0 ? x0 - 1 : 0) >> 1, i1 = (x1 - 1 < w - 2 ? x1 - 1 : w - 2) >> 1;
     uint32_t j0 = (y0 ? y0 - 1 : 0) >> 1, j1 = (y1 - 1 < h - 2 ? y1 - 1 : h - 2) >> 1;
-    if (scratch) {
-        fill(f, heights, i0, i1, j0, j1, scratch);
-    } else { /* no memory for a row: piece by piece */
+    if (scratch) fill(f, heights, i0, i1, j0, j1, scratch);
+    else /* no memory for a row: piece by piece */
         for (uint32_t i = i0; i <= i1; i += 512) fill(f, heights, i, i + 511 < i1 ? i + 511 : i1, j0, j1, stack);
-    }
     if (scratch != stack) free(scratch);
 }
 

@@ -1,4 +1,5 @@
-/* Cell stepping for every query, in both precisions: the simplest code there is, and what all other structures must agree with. */
+/* Cell stepping for every query, in both precisions: the simplest code there is, and what all other structures must
+ * agree with. */
 #include "internal.h"
 
 #include <math.h>
@@ -33,12 +34,14 @@ SltFieldQuery *const field_naive[2][SLT_FIELD_WHATS] = {
     {trace_64, trace_64, clearance_64, shadow_64, silhouette_64, rise_64},
 };
 
-void field_naive_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+void field_naive_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+                       uint32_t width, int32_t *id, FieldCounts *counts) {
     if (f->f64) naive_run_f64x1(f, what, heights, rays, mask, width, id, counts);
     else naive_run_f32x1(f, what, heights, rays, mask, width, id, counts);
 }
 
 void field_naive_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts) {
-    int32_t last = f->f64 ? naive_ray_f64x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, 0, slice, counts) : naive_ray_f32x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, 0, slice, counts);
+    int32_t last = f->f64 ? naive_ray_f64x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, 0, slice, counts)
+                          : naive_ray_f32x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, 0, slice, counts);
     if (last != SLT_FIELD_NONE) slice_add(slice, last);
 }

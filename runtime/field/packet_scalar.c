@@ -1,4 +1,5 @@
-/* The packets of packet.inc.h for any machine: one ray at a time. The counting entries are here too; CMakeLists.txt gives this file its -m flags. */
+/* The packets of packet.inc.h for any machine: one ray at a time. The counting entries are here too; CMakeLists.txt
+ * gives this file its -m flags. */
 #include "internal.h"
 
 #include <math.h>
@@ -28,7 +29,8 @@ const FieldKernels field_scalar = {
     .next_level = next_level,
 };
 
-void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+                        uint32_t width, int32_t *id, FieldCounts *counts) {
 #define COUNT(run)                                                                                                                                                          \
     switch (what) {                                                                                                                                                         \
     case SLT_FIELD_TRACE:                                                                                                                                                   \
@@ -44,12 +46,14 @@ void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, 
 #undef COUNT
 }
 
-void field_scalar_cone_count(const Field *f, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id, FieldCounts *counts) {
+void field_scalar_cone_count(const Field *f, const void *heights, const void *rays, uint64_t mask, uint32_t width,
+                             int32_t *id, FieldCounts *counts) {
     if (f->f64) cone_run_f64x1(f, heights, rays, mask, width, id, counts);
     else cone_run_f32x1(f, heights, rays, mask, width, id, counts);
 }
 
 void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts) {
-    int32_t last = f->f64 ? packet_walk_f64x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts) : packet_walk_f32x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts);
+    int32_t last = f->f64 ? packet_walk_f64x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts)
+                          : packet_walk_f32x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts);
     if (last != SLT_FIELD_NONE) slice_add(slice, last);
 }

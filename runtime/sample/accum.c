@@ -11,8 +11,8 @@
 
 enum { ACCUM_BLOCK = 16 };
 
-/* 64-byte aligned zeros. Many are taken from the system only where they are touched: a field of a million heights has dense adjoints nowhere. Few come from the heap, whose pages are there
- * already in the next call. */
+/* 64-byte aligned zeros. Many are taken from the system only where they are touched: a field of a million heights has
+ * dense adjoints nowhere. Few come from the heap, whose pages are there already in the next call. */
 enum { FEW_BYTES = 1 << 20 };
 
 static void *zero_pages(uint64_t bytes) {
@@ -61,9 +61,7 @@ void accum_free(Accum *a) {
     memset(a, 0, sizeof *a);
 }
 
-static uint64_t flt_bytes(const Accum *a) {
-    return a->s->f64 ? 8 : 4;
-}
+static uint64_t flt_bytes(const Accum *a) { return a->s->f64 ? 8 : 4; }
 
 static bool grow_log(const Accum *a, AdjointBuffer *buf, uint64_t need) {
     uint64_t cap = buf->log_cap ? buf->log_cap : 4096;
@@ -149,10 +147,8 @@ void accum_close(Accum *a) {
             uint32_t p0 = a->blocks[k], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             void *block = buf->adj + a->stride * p0;
             if (untouched(block, a->stride * (p1 - p0))) continue;
-            if (a->s->f64)
-                sum_f64(block, lanes, p1 - p0, buf->sum + p0);
-            else
-                sum_f32(block, lanes, p1 - p0, buf->sum + p0);
+            if (a->s->f64) sum_f64(block, lanes, p1 - p0, buf->sum + p0);
+            else sum_f32(block, lanes, p1 - p0, buf->sum + p0);
             memset(block, 0, a->stride * (p1 - p0));
             buf->touched[buf->ntouched++] = p0;
         }
@@ -163,7 +159,8 @@ void accum_close(Accum *a) {
 static void add_log(const AdjointBuffer *buf, bool f64, uint32_t nfloats, double *to) {
     for (uint64_t e = 0; e < buf->log_len; e++) {
         uint32_t p = buf->log_index[e];
-        if (p < nfloats) to[p] += f64 ? ((const double *)buf->log_value)[e] : (double)((const float *)buf->log_value)[e];
+        if (p < nfloats)
+            to[p] += f64 ? ((const double *)buf->log_value)[e] : (double)((const float *)buf->log_value)[e];
     }
 }
 

@@ -6,9 +6,7 @@
 
 enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double) };
 
-void *alloc_zero(size_t n, size_t size) {
-    return calloc(n ? n : 1, size ? size : 1);
-}
+void *alloc_zero(size_t n, size_t size) { return calloc(n ? n : 1, size ? size : 1); }
 
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
@@ -53,28 +51,17 @@ void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
 
 SltKernel *scene_kernel(const SltScene *s, SltKernelKind kind) {
     switch (kind) {
-    case SLT_K_VALUE:
-        return s->value;
-    case SLT_K_REGION:
-        return s->region;
-    case SLT_K_EVENT:
-        return s->event;
-    case SLT_K_SIDES:
-        return s->sides;
-    case SLT_K_SITE:
-        return s->site;
-    case SLT_K_SITE_GRAD:
-        return s->site_grad;
-    case SLT_K_SITE_JVP:
-        return s->site_jvp;
-    case SLT_K_SITE_VJP:
-        return s->site_vjp;
-    case SLT_K_JVP:
-        return s->jvp;
-    case SLT_K_VJP:
-        return s->vjp;
-    case SLT_K_CULL:
-        break;
+    case SLT_K_VALUE: return s->value;
+    case SLT_K_REGION: return s->region;
+    case SLT_K_EVENT: return s->event;
+    case SLT_K_SIDES: return s->sides;
+    case SLT_K_SITE: return s->site;
+    case SLT_K_SITE_GRAD: return s->site_grad;
+    case SLT_K_SITE_JVP: return s->site_jvp;
+    case SLT_K_SITE_VJP: return s->site_vjp;
+    case SLT_K_JVP: return s->jvp;
+    case SLT_K_VJP: return s->vjp;
+    case SLT_K_CULL: break;
     }
     return NULL;
 }
@@ -85,14 +72,10 @@ static void pad(Batch *b, uint32_t n, uint32_t end) {
         bool is_int = slot == SLT_IN_STREAM || (slot >= SLT_IN_PIXEL0 && slot <= SLT_IN_SAMPLE) ||
                       (slot >= SLT_IN_K0 && slot <= SLT_IN_K7);
         void *v = (void *)b->args.in[slot];
-        for (uint32_t i = n; i < end; i++) {
-            if (is_int)
-                ((int32_t *)v)[i] = ((int32_t *)v)[n - 1];
-            else if (b->f64)
-                ((double *)v)[i] = seed ? 0 : ((double *)v)[n - 1];
-            else
-                ((float *)v)[i] = seed ? 0 : ((float *)v)[n - 1];
-        }
+        for (uint32_t i = n; i < end; i++)
+            if (is_int) ((int32_t *)v)[i] = ((int32_t *)v)[n - 1];
+            else if (b->f64) ((double *)v)[i] = seed ? 0 : ((double *)v)[n - 1];
+            else ((float *)v)[i] = seed ? 0 : ((float *)v)[n - 1];
     }
 }
 
@@ -104,9 +87,7 @@ void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     b->evaluations += n;
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
     b->args.print = kind == SLT_K_VALUE ? b->s->print : NULL; /* derivatives run at the same samples as the value */
-    if (b->s->call)
-        b->s->call(b->s->call_user, (int)kind, &b->args, n);
-    else
-        scene_kernel(b->s, kind)(&b->args, n);
+    if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
+    else scene_kernel(b->s, kind)(&b->args, n);
     if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
 }

@@ -1,25 +1,25 @@
 /* Telling apart vertices that hit the same terrain at different depths.
  *
- * Where a near ridge stands before far ground both rays hit, so no hash can differ: silhouettes end in cusps, and the image minus its silhouettes is connected around
- * them. What differs is the depth. The region kernel gives a signature of it, continuous between silhouettes; two neighbours are candidates if their signatures are
- * further apart than smooth ground puts neighbours here. That is only a gate: a small J costs evaluations, a large one loses the small jumps. `event` decides. */
+ * Where a near ridge stands before far ground both rays hit, so no hash can differ: silhouettes end in cusps, and the
+ * image minus its silhouettes is connected around them. What differs is the depth. The region kernel gives a signature
+ * of it, continuous between silhouettes; two neighbours are candidates if their signatures are further apart than
+ * smooth ground puts neighbours here. That is only a gate: a small J costs evaluations, a large one loses the small
+ * jumps. `event` decides. */
 #include <math.h>
 #include <string.h>
 
 #include "runtime/sample/internal.h"
 
 enum {
-    OCTAVE_STEPS = 4,  /* buckets an octave: the median is good to a fifth, and needs no memory and no sorting */
-    LOWEST = -24,      /* differences below 2^-24 are rounding */
-    FEW = 16           /* fewer say nothing of what is usual here */
+    OCTAVE_STEPS = 4, /* buckets an octave: the median is good to a fifth, and needs no memory and no sorting */
+    LOWEST = -24,     /* differences below 2^-24 are rounding */
+    FEW = 16          /* fewer say nothing of what is usual here */
 };
 #define TIMES_MEDIAN 1.0
 #define TIMES_NEIGHBOUR 1.5
 #define FLOOR 0x1p-14 /* log2 t of single precision, with room for a sum of a few */
 
-void spread_clear(Spread *s) {
-    memset(s, 0, sizeof *s);
-}
+void spread_clear(Spread *s) { memset(s, 0, sizeof *s); }
 
 void spread_add(Spread *s, double difference) {
     double a = fabs(difference);
@@ -48,8 +48,9 @@ void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t 
         if (hash[v * stride] == hash[(v + 1) * stride]) spread_add(s, depth[v * stride] - depth[(v + 1) * stride]);
 }
 
-/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the smaller step beside the edge. Jumps of about one
- * size in three edges in a row are taken for a slope; a finer lattice tells them apart. */
+/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the
+ * smaller step beside the edge. Jumps of about one size in three edges in a row are taken for a slope; a finer lattice
+ * tells them apart. */
 double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump) {
     if (e == 0 || e + 2 >= n) return jump;
     const uint32_t *h = hash + (e - 1) * stride;

@@ -17,9 +17,7 @@ static double param_get(const SltScene *s, uint32_t p) {
     return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
 }
 
-void moved_free(Moved *m) {
-    free(m->params), free(m->field), free(m->fields);
-}
+void moved_free(Moved *m) { free(m->params), free(m->field), free(m->fields); }
 
 /* The largest increase of a height of the field. */
 static double growth(const SltScene *from, const SltScene *to, uint32_t field) {
@@ -55,10 +53,8 @@ bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, d
     memcpy(v, s->params, s->nfloats * size);
     for (uint32_t p = dir ? 0 : axis; p < (dir ? s->nfloats : axis + 1); p++) {
         double x = param_get(s, p) + h * (dir ? dir[p] : 1);
-        if (s->f64)
-            ((double *)v)[p] = x;
-        else
-            ((float *)v)[p] = (float)x;
+        if (s->f64) ((double *)v)[p] = x;
+        else ((float *)v)[p] = (float)x;
     }
     m->scene.params = v;
     return !s->nfields || !s->fields || move_fields(m, s);
@@ -95,10 +91,8 @@ SltStatus difference_forward(const SltScene *s, const SltJob *j, uint32_t ndir, 
         double size = 0, value = 0;
         for (uint32_t p = 0; p < s->nfloats; p++)
             if (dirs[d][p] != 0) size = fmax(size, fabs(dirs[d][p])), value = fmax(value, fabs(param_get(s, p)));
-        if (size > 0)
-            st = image_difference(s, j, dirs[d], 0, step_of(j, value) / size, out[d], scratch, stats, err);
-        else
-            memset(out[d], 0, image_size(s, j) * sizeof *out[d]);
+        if (size > 0) st = image_difference(s, j, dirs[d], 0, step_of(j, value) / size, out[d], scratch, stats, err);
+        else memset(out[d], 0, image_size(s, j) * sizeof *out[d]);
     }
     free(scratch);
     return st;
@@ -166,7 +160,7 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
         for (int side = 0; side < 2 && st == SLT_OK; side++) {
             Moved m;
             st = scene_move(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
-                                                      : status_fail(err, SLT_LIMIT, "out of memory");
+                                                           : status_fail(err, SLT_LIMIT, "out of memory");
             moved_free(&m);
         }
         for (uint32_t i = 0; i < n * channels; i++) up[i] = (up[i] - down[i]) / (2 * h);

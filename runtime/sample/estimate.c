@@ -46,12 +46,9 @@ static bool make_directions(Directions *d, const SltScene *s, uint32_t n, const 
     for (uint32_t i = 0; i < n; i++) {
         size_t size = s->f64 ? sizeof(double) : sizeof(float);
         if (!(d->flt[i] = aligned_alloc(64, (s->nfloats * size + 64) / 64 * 64))) return false;
-        for (uint32_t p = 0; p < s->nfloats; p++) {
-            if (s->f64)
-                ((double *)d->flt[i])[p] = dirs[i][p];
-            else
-                ((float *)d->flt[i])[p] = (float)dirs[i][p];
-        }
+        for (uint32_t p = 0; p < s->nfloats; p++)
+            if (s->f64) ((double *)d->flt[i])[p] = dirs[i][p];
+            else ((float *)d->flt[i])[p] = (float)dirs[i][p];
     }
     return true;
 }
@@ -127,7 +124,8 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     bool memory = true;
     /* One class needs no sums of its own. */
     if (classes == 1) part[0] = gradient;
-    for (uint32_t c = 0; c < classes && classes > 1; c++) memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
+    for (uint32_t c = 0; c < classes && classes > 1; c++)
+        memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
@@ -258,7 +256,12 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
             targets[c] = k.boundary + i * k.size + (uint64_t)c * s->nfloats;
             targets[s->channels + c] = k.missed + i * k.size + (uint64_t)c * s->nfloats;
         }
-        Boundary y = {.run = &r, .replicate = i, .replicates = k.n, .segments = segments_of(j) / k.n, .targets = targets, .classes = 1};
+        Boundary y = {.run = &r,
+                      .replicate = i,
+                      .replicates = k.n,
+                      .segments = segments_of(j) / k.n,
+                      .targets = targets,
+                      .classes = 1};
         st = boundary_run(&y, SINK_INTEGRAL);
         r.stats.seconds_boundary += pool_now() - t;
     }

@@ -18,12 +18,9 @@
 static double kernel(SltFilter f, double u) {
     double a = fabs(u);
     switch (f) {
-    case SLT_FILTER_BOX:
-        return a <= 0.5;
-    case SLT_FILTER_TENT:
-        return a < 1 ? 1 - a : 0;
-    case SLT_FILTER_GAUSSIAN:
-        return a < GAUSS_RADIUS ? exp(-2 * u * u) * (GAUSS_PEAK / GAUSS_MASS) : 0;
+    case SLT_FILTER_BOX: return a <= 0.5;
+    case SLT_FILTER_TENT: return a < 1 ? 1 - a : 0;
+    case SLT_FILTER_GAUSSIAN: return a < GAUSS_RADIUS ? exp(-2 * u * u) * (GAUSS_PEAK / GAUSS_MASS) : 0;
     }
     return 0;
 }
@@ -32,12 +29,9 @@ static double cumulative(SltFilter f, double u, double radius) {
     if (u <= -radius) return 0;
     if (u >= radius) return 1;
     switch (f) {
-    case SLT_FILTER_BOX:
-        return u + 0.5;
-    case SLT_FILTER_TENT:
-        return u < 0 ? 0.5 * (1 + u) * (1 + u) : 1 - 0.5 * (1 - u) * (1 - u);
-    case SLT_FILTER_GAUSSIAN:
-        return 0.5 * (1 + erf(u * SQRT2) / GAUSS_MASS);
+    case SLT_FILTER_BOX: return u + 0.5;
+    case SLT_FILTER_TENT: return u < 0 ? 0.5 * (1 + u) * (1 + u) : 1 - 0.5 * (1 - u) * (1 - u);
+    case SLT_FILTER_GAUSSIAN: return 0.5 * (1 + erf(u * SQRT2) / GAUSS_MASS);
     }
     return 0;
 }
@@ -45,22 +39,17 @@ static double cumulative(SltFilter f, double u, double radius) {
 static double inverse(SltFilter f, double p, double radius) {
     double lo = -radius, hi = radius, u;
     switch (f) {
-    case SLT_FILTER_BOX:
-        return p - 0.5;
-    case SLT_FILTER_TENT:
-        return p < 0.5 ? sqrt(2 * p) - 1 : 1 - sqrt(2 * (1 - p));
-    case SLT_FILTER_GAUSSIAN:
-        break;
+    case SLT_FILTER_BOX: return p - 0.5;
+    case SLT_FILTER_TENT: return p < 0.5 ? sqrt(2 * p) - 1 : 1 - sqrt(2 * (1 - p));
+    case SLT_FILTER_GAUSSIAN: break;
     }
     /* Newton from the logistic approximation, kept in its bracket. */
     u = 0.5 * log(p / (1 - p)) / 1.702;
     if (!(u > lo && u < hi)) u = 0;
     for (int i = 0; i < 6; i++) {
         double e = cumulative(f, u, radius) - p;
-        if (e > 0)
-            hi = u;
-        else
-            lo = u;
+        if (e > 0) hi = u;
+        else lo = u;
         double d = kernel(f, u), next = d > 0 ? u - e / d : lo;
         if (fabs(next - u) < 1e-9) return u;
         if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);

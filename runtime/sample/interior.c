@@ -244,7 +244,7 @@ typedef struct Total {
     double weight; /* of a sample: volume / samples */
     double *value;
     double *targets[ACCUMS]; /* by channel; NULL: values only */
-    bool gradient, both; /* both: values come from the reverse kernel */
+    bool gradient, both;     /* both: values come from the reverse kernel */
 } Total;
 
 static bool total_work(void *user, uint32_t worker, uint64_t tile) {

@@ -36,7 +36,8 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     if (s->has_depth)
         for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, depth_output(s), i);
     for (uint32_t k = 0; k < s->nwitness; k++)
-        for (uint32_t i = 0; i < n; i++) w->witness[(at + i) * s->nwitness + k] = batch_get_int(b, depth_output(s) + s->has_depth + k, i);
+        for (uint32_t i = 0; i < n; i++)
+            w->witness[(at + i) * s->nwitness + k] = batch_get_int(b, depth_output(s) + s->has_depth + k, i);
     if (!s->near_miss) return;
     const int32_t *site = b->args.out[1];
     uint32_t depth = s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K;
@@ -128,10 +129,8 @@ static void border_slopes(Worker *w, Probes *p) {
             Candidate *c = &p->c[(uint32_t)order[i]];
             double g = batch_get(b, 0, i - from), slope = batch_get(b, 1 + (uint32_t)c->s.axis, i - from);
             if (g < 0) slope = -slope;
-            if (c->kind == SLOPE_START)
-                c->s0 = slope;
-            else
-                c->s1 = slope;
+            if (c->kind == SLOPE_START) c->s0 = slope;
+            else c->s1 = slope;
             if (meets(c)) c->kind = READY;
         }
     }

@@ -32,9 +32,7 @@ void run_end(Run *r, SltStats *stats) {
     stats->seconds_interior += r->stats.seconds_interior, stats->seconds_boundary += r->stats.seconds_boundary;
 }
 
-static bool is_coarse(const Run *r) {
-    return r->s->has_window && !r->grid.integral;
-}
+static bool is_coarse(const Run *r) { return r->s->has_window && !r->grid.integral; }
 
 static bool follows(const Run *r) {
     bool lattice = r->j->estimator == SLT_EST_LATTICE && !r->s->uses_rand && r->s->dim == 2;
@@ -130,10 +128,8 @@ bool worker_values(Worker *w, uint64_t n) {
 }
 
 void boundary_merge(Boundary *y, Worker *w) {
-    if (w->sink.kind == SINK_FORWARD)
-        sink_merge_splat(&w->sink, y->out, y->crossings);
-    else
-        accum_merge(&w->acc, y->targets);
+    if (w->sink.kind == SINK_FORWARD) sink_merge_splat(&w->sink, y->out, y->crossings);
+    else accum_merge(&w->acc, y->targets);
     run_collect(y->run, w);
 }
 
@@ -152,25 +148,21 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
     uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
-    if (st == SLT_OK && !coincide_begin(r, root_tolerance(is_coarse(r)) / fmax(1, lines))) st = status_fail(r->err, SLT_LIMIT, "out of memory");
+    if (st == SLT_OK && !coincide_begin(r, root_tolerance(is_coarse(r)) / fmax(1, lines)))
+        st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
         switch (r->j->estimator) {
         case SLT_EST_LATTICE:
-            /* In a volume a lattice of n^3 vertices has so few lines a side that flat faces along the axes are off by 1/n: lines spread evenly over the
-             * cross-sections are several times better at the same number of segments. */
+            /* In a volume a lattice of n^3 vertices has so few lines a side that flat faces along the axes are off by
+             * 1/n: lines spread evenly over the cross-sections are several times better at the same number of segments.
+             */
             st = s->uses_rand || (s->dim == 3 && r->grid.integral) ? scanline_run(y) : lattice_run(y);
             break;
-        case SLT_EST_SCANLINE:
-            st = scanline_run(y);
-            break;
+        case SLT_EST_SCANLINE: st = scanline_run(y); break;
         case SLT_EST_SNAP_KNN:
-        case SLT_EST_SNAP_CROFTON:
-            st = segments_run(y, kind);
-            break;
-        case SLT_EST_FD:
-            st = status_fail(r->err, SLT_INTERNAL, "finite differences have no boundary term");
-            break;
+        case SLT_EST_SNAP_CROFTON: st = segments_run(y, kind); break;
+        case SLT_EST_FD: st = status_fail(r->err, SLT_INTERNAL, "finite differences have no boundary term"); break;
         }
     }
     run_free_workers(r);

@@ -47,9 +47,11 @@ static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t 
     for (uint32_t d = 0, at = 0; d < s->dim; d++) {
         if (d == axis) continue;
         if (spread) {
-            /* The R2 sequence (Roberts 2018): evenly spread over the cross-section for any number of lines, replicates interleaved. */
+            /* The R2 sequence (Roberts 2018): evenly spread over the cross-section for any number of lines, replicates
+             * interleaved. */
             static const double alpha[2] = {0.75487766624669276, 0.56984029099805327};
-            double t = rng_unit(shift[at]) + alpha[at] * (double)(l * (strata ? k->y->replicates : 1) + (strata ? k->y->replicate : 0));
+            double t = rng_unit(shift[at]) +
+                       alpha[at] * (double)(l * (strata ? k->y->replicates : 1) + (strata ? k->y->replicate : 0));
             seg->a[d] = seg->b[d] = b->lo[d] + (t - floor(t)) * (b->hi[d] - b->lo[d]);
             at++;
             continue;
@@ -116,8 +118,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
             if (y->run->grid.integral)
                 seg.cls = pair + 2 < n && hash[pair] == hash[pair + 2] &&
                           !(depth && depth_differs(depth[pair], depth[pair + 2], own));
-            else
-                seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
+            else seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
             finder_add(&w->finder, &seg, worker_mark(w, first + e), worker_mark(w, first + e + 1), own);
         }
         if (s->near_miss) {

@@ -83,7 +83,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         }
         for (uint32_t l = 0; l < n; l++) {
             Mark ma = batch_mark(b, 2 * l), mb = batch_mark(b, 2 * l + 1);
-            if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, jump)) finder_add(&w->finder, &seg[l], ma, mb, jump);
+            if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, jump))
+                finder_add(&w->finder, &seg[l], ma, mb, jump);
         }
         w->finder.segments += n;
         finder_run(&w->finder, false);
@@ -101,10 +102,8 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
         if (k->nall + w->sink.nkept > k->cap) {
             uint64_t cap = 2 * (k->nall + w->sink.nkept);
             Crossing *more = realloc(k->all, cap * sizeof *more);
-            if (!more)
-                k->failed = true;
-            else
-                k->all = more, k->cap = cap;
+            if (!more) k->failed = true;
+            else k->all = more, k->cap = cap;
         }
         if (!k->failed) {
             if (w->sink.nkept) memcpy(k->all + k->nall, w->sink.kept, w->sink.nkept * sizeof *k->all);

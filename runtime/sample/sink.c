@@ -38,18 +38,13 @@ static bool weigh(Sink *k, Crossing *c) {
         along += c->dg[d] * c->direction[d];
     }
     SltDrop reason;
-    if (!isfinite(scaled) || !isfinite(plain))
-        reason = SLT_DROP_NOT_FINITE;
-    else if (!(scaled > 0) || !(plain > 0))
-        reason = SLT_DROP_ZERO_GRADIENT;
+    if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
+    else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
     /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. */
-    else if (fabs(c->ga) + fabs(c->gb) > 32 * sqrt(plain) * c->bracket)
-        reason = SLT_DROP_INCONSISTENT;
+    else if (fabs(c->ga) + fabs(c->gb) > 32 * sqrt(plain) * c->bracket) reason = SLT_DROP_INCONSISTENT;
     else {
-        if (c->axis >= 0)
-            c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
-        else
-            c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
+        if (c->axis >= 0) c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
+        else c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
         if (isfinite(c->weight)) return true;
         reason = SLT_DROP_NOT_FINITE;
     }
@@ -243,17 +238,10 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
             if (keep[i - from]) k->order[from + kept++] = k->order[i];
         if (!kept) continue;
         switch (k->kind) {
-        case SINK_INTEGRAL:
-            emit_integral(k, c, k->order + from, kept, cls != 0);
-            break;
-        case SINK_REVERSE:
-            emit_reverse(k, c, k->order + from, kept, k->classes > 1 ? cls : 0);
-            break;
-        case SINK_FORWARD:
-            emit_forward(k, c, k->order + from, kept);
-            break;
-        case SINK_KEEP:
-            break;
+        case SINK_INTEGRAL: emit_integral(k, c, k->order + from, kept, cls != 0); break;
+        case SINK_REVERSE: emit_reverse(k, c, k->order + from, kept, k->classes > 1 ? cls : 0); break;
+        case SINK_FORWARD: emit_forward(k, c, k->order + from, kept); break;
+        case SINK_KEEP: break;
         }
     }
     if (k->coincide.n) coincide_count(k, c);

@@ -1,5 +1,6 @@
-/* Embree 3 as the anchor of the heightfield benchmark: the terrain as a mesh of triangles or as its grid primitive (split along the same diagonal), one thread. What is
- * timed of a packet call is the call and what must be reset in the packet before it (the far ends, the ids), nothing else. */
+/* Embree 3 as the anchor of the heightfield benchmark: the terrain as a mesh of triangles or as its grid primitive
+ * (split along the same diagonal), one thread. What is timed of a packet call is the call and what must be reset in the
+ * packet before it (the far ends, the ids), nothing else. */
 #include "field_bench.h"
 
 const char *const embree_call_names[EMBREE_CALLS] = {"int1", "int8", "int16", "occ1", "occ8", "occ16"};
@@ -9,18 +10,10 @@ EmbreeScene *embree_scene_make(const Terrain *t, bool grid, double *seconds, siz
     (void)t, (void)grid, (void)seconds, (void)bytes;
     return NULL;
 }
-void embree_scene_free(EmbreeScene *s) {
-    (void)s;
-}
-const char *embree_config(void) {
-    return "none";
-}
-void embree_prepare(EmbreeScene *s, const Rays *r) {
-    (void)s, (void)r;
-}
-void embree_run(EmbreeScene *s, EmbreeCall call, bool coherent) {
-    (void)s, (void)call, (void)coherent;
-}
+void embree_scene_free(EmbreeScene *s) { (void)s; }
+const char *embree_config(void) { return "none"; }
+void embree_prepare(EmbreeScene *s, const Rays *r) { (void)s, (void)r; }
+void embree_run(EmbreeScene *s, EmbreeCall call, bool coherent) { (void)s, (void)call, (void)coherent; }
 float embree_result(const EmbreeScene *s, EmbreeCall call, uint32_t k) {
     (void)s, (void)call, (void)k;
     return 0.0f;
@@ -66,7 +59,8 @@ EmbreeScene *embree_scene_make(const Terrain *t, bool grid, double *seconds, siz
         struct RTCGrid *one = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof *one, 1);
         *one = (struct RTCGrid){.startVertexID = 0, .stride = n, .width = (uint16_t)n, .height = (uint16_t)n};
     } else {
-        uint32_t *tri = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, 2 * (size_t)(n - 1) * (n - 1));
+        uint32_t *tri =
+            rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, 2 * (size_t)(n - 1) * (n - 1));
         for (uint32_t j = 0; j + 1 < n; j++)
             for (uint32_t i = 0; i + 1 < n; i++) {
                 uint32_t a = j * n + i, quad[6] = {a, a + 1, a + n, a + 1, a + n + 1, a + n};
@@ -96,7 +90,8 @@ void embree_scene_free(EmbreeScene *s) {
 const char *embree_config(void) {
     static char text[64];
     RTCDevice d = rtcNewDevice("threads=1");
-    snprintf(text, sizeof text, "%ld, packets of 8 %s, of 16 %s", (long)rtcGetDeviceProperty(d, RTC_DEVICE_PROPERTY_VERSION),
+    snprintf(text, sizeof text, "%ld, packets of 8 %s, of 16 %s",
+             (long)rtcGetDeviceProperty(d, RTC_DEVICE_PROPERTY_VERSION),
              rtcGetDeviceProperty(d, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) ? "native" : "emulated",
              rtcGetDeviceProperty(d, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) ? "native" : "emulated");
     rtcReleaseDevice(d);
@@ -120,7 +115,14 @@ void embree_prepare(EmbreeScene *s, const Rays *rays) {
     for (uint32_t k = 0; k < rays->count; k++) {
         const Ray *r = &rays->ray[k];
         struct RTCRayHit *q = &s->one[k];
-        *q = (struct RTCRayHit){.ray = {.org_x = r->o[0], .org_y = r->o[1], .org_z = r->o[2], .dir_x = r->d[0], .dir_y = r->d[1], .dir_z = r->d[2], .tnear = r->t0, .mask = ~0u}};
+        *q = (struct RTCRayHit){.ray = {.org_x = r->o[0],
+                                        .org_y = r->o[1],
+                                        .org_z = r->o[2],
+                                        .dir_x = r->d[0],
+                                        .dir_y = r->d[1],
+                                        .dir_z = r->d[2],
+                                        .tnear = r->t0,
+                                        .mask = ~0u}};
         FILL(&s->eight[k / 8], 8);
         FILL(&s->sixteen[k / 16], 16);
     }
@@ -156,7 +158,8 @@ void embree_run(EmbreeScene *s, EmbreeCall call, bool coherent) {
     default:
         for (uint32_t k = 0; k < count; k += 16) {
             struct RTCRayHit16 *q = &s->sixteen[k / 16];
-            for (uint32_t i = 0; i < 16; i++) q->ray.tfar[i] = ray[k + i].t1, q->hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+            for (uint32_t i = 0; i < 16; i++)
+                q->ray.tfar[i] = ray[k + i].t1, q->hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
             if (call == EMBREE_INT16) rtcIntersect16(valid, s->scene, &context, q);
             else rtcOccluded16(valid, s->scene, &context, &q->ray);
         }
@@ -166,8 +169,12 @@ void embree_run(EmbreeScene *s, EmbreeCall call, bool coherent) {
 float embree_result(const EmbreeScene *s, EmbreeCall call, uint32_t k) {
     switch (call) {
     case EMBREE_INT1: return s->one[k].hit.geomID == RTC_INVALID_GEOMETRY_ID ? INFINITY : s->one[k].ray.tfar;
-    case EMBREE_INT8: return s->eight[k / 8].hit.geomID[k % 8] == RTC_INVALID_GEOMETRY_ID ? INFINITY : s->eight[k / 8].ray.tfar[k % 8];
-    case EMBREE_INT16: return s->sixteen[k / 16].hit.geomID[k % 16] == RTC_INVALID_GEOMETRY_ID ? INFINITY : s->sixteen[k / 16].ray.tfar[k % 16];
+    case EMBREE_INT8:
+        return s->eight[k / 8].hit.geomID[k % 8] == RTC_INVALID_GEOMETRY_ID ? INFINITY
+                                                                            : s->eight[k / 8].ray.tfar[k % 8];
+    case EMBREE_INT16:
+        return s->sixteen[k / 16].hit.geomID[k % 16] == RTC_INVALID_GEOMETRY_ID ? INFINITY
+                                                                                : s->sixteen[k / 16].ray.tfar[k % 16];
     case EMBREE_OCC1: return s->one[k].ray.tfar < 0.0f ? 0.0f : INFINITY;
     case EMBREE_OCC8: return s->eight[k / 8].ray.tfar[k % 8] < 0.0f ? 0.0f : INFINITY;
     default: return s->sixteen[k / 16].ray.tfar[k % 16] < 0.0f ? 0.0f : INFINITY;

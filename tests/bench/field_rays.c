@@ -30,29 +30,37 @@ static bool box_interval(const Terrain *t, const Ray *r, double *in, double *out
     return *in < *out;
 }
 
-/* The camera looks at the middle of the terrain from 35 degrees above, with a field of view of 45 degrees; its pixels come in squares of 4 x 4, four of which make 8 x 8. */
+/* The camera looks at the middle of the terrain from 35 degrees above, with a field of view of 45 degrees; its pixels
+ * come in squares of 4 x 4, four of which make 8 x 8. */
 Rays rays_camera(const Terrain *t, uint32_t size) {
     Rays rays = {.name = "primary", .count = size * size, .ray = malloc(sizeof(Ray) * size * size)};
-    double n = t->n, elevation = 35.0 * PI / 180.0, azimuth = 20.0 * PI / 180.0, half = tan(22.5 * PI / 180.0), away = 0.95 * n;
-    double look[3] = {cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), -sin(elevation)}, right[3] = {sin(azimuth), -cos(azimuth), 0.0}, up[3], eye[3];
+    double n = t->n, elevation = 35.0 * PI / 180.0, azimuth = 20.0 * PI / 180.0, half = tan(22.5 * PI / 180.0),
+           away = 0.95 * n;
+    double look[3] = {cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), -sin(elevation)},
+           right[3] = {sin(azimuth), -cos(azimuth), 0.0}, up[3], eye[3];
     for (int a = 0; a < 3; a++) eye[a] = (a < 2 ? 0.5 * (n - 1.0) : 0.5 * (t->lowest + t->highest)) - away * look[a];
-    up[0] = right[1] * look[2] - right[2] * look[1], up[1] = right[2] * look[0] - right[0] * look[2], up[2] = right[0] * look[1] - right[1] * look[0];
+    up[0] = right[1] * look[2] - right[2] * look[1], up[1] = right[2] * look[0] - right[0] * look[2],
+    up[2] = right[0] * look[1] - right[1] * look[0];
     for (uint32_t k = 0; k < rays.count; k++) {
         uint32_t tile = k / 64, sub = k / 16 % 4, in = k % 16;
         uint32_t x = tile % (size / 8) * 8 + sub % 2 * 4 + in % 4, y = tile / (size / 8) * 8 + sub / 2 * 4 + in / 4;
-        double u = half * (2.0 * (x + 0.5) / size - 1.0), v = half * (1.0 - 2.0 * (y + 0.5) / size), length = sqrt(1.0 + u * u + v * v), in_t, out_t;
+        double u = half * (2.0 * (x + 0.5) / size - 1.0), v = half * (1.0 - 2.0 * (y + 0.5) / size),
+               length = sqrt(1.0 + u * u + v * v), in_t, out_t;
         Ray *r = &rays.ray[k];
-        for (int a = 0; a < 3; a++) r->o[a] = (float)eye[a], r->d[a] = (float)((look[a] + u * right[a] + v * up[a]) / length);
+        for (int a = 0; a < 3; a++)
+            r->o[a] = (float)eye[a], r->d[a] = (float)((look[a] + u * right[a] + v * up[a]) / length);
         r->t0 = 0.0f, r->t1 = FAR;
         if (!box_interval(t, r, &in_t, &out_t)) continue;
         double px = r->o[0] + in_t * r->d[0], py = r->o[1] + in_t * r->d[1];
-        if (r->o[2] + in_t * r->d[2] < terrain_height(t, px, py, NULL) + 1e-3) r->t1 = (float)(in_t * 0.999), rays.cut++;
+        if (r->o[2] + in_t * r->d[2] < terrain_height(t, px, py, NULL) + 1e-3)
+            r->t1 = (float)(in_t * 0.999), rays.cut++;
     }
     return rays;
 }
 
 /* The points that `from` hits, lifted a hundredth of a cell along the facet's normal. */
-static Rays secondary(const Terrain *t, const Rays *from, const double *where, const char *name, void direct(uint64_t *, const double *, const double *, float *), const double *sun) {
+static Rays secondary(const Terrain *t, const Rays *from, const double *where, const char *name,
+                      void direct(uint64_t *, const double *, const double *, float *), const double *sun) {
     Rays rays = {.name = name, .ray = malloc(sizeof(Ray) * from->count)};
     uint64_t state = 12345;
     for (uint32_t k = 0; k < from->count; k++) {
@@ -76,12 +84,14 @@ static void to_sun(uint64_t *state, const double *normal, const double *sun, flo
 }
 static void to_sky(uint64_t *state, const double *n, const double *sun, float *d) {
     (void)sun;
-    double z = 2.0 * bench_unit(state) - 1.0, phi = 2.0 * PI * bench_unit(state), s = sqrt(1.0 - z * z), v[3] = {s * cos(phi) + n[0], s * sin(phi) + n[1], z + n[2]};
+    double z = 2.0 * bench_unit(state) - 1.0, phi = 2.0 * PI * bench_unit(state), s = sqrt(1.0 - z * z),
+           v[3] = {s * cos(phi) + n[0], s * sin(phi) + n[1], z + n[2]};
     double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-12;
     for (int a = 0; a < 3; a++) d[a] = (float)(v[a] / length);
 }
 Rays rays_sun(const Terrain *t, const Rays *from, const double *where, double elevation) {
-    double e = elevation * PI / 180.0, azimuth = 110.0 * PI / 180.0, sun[3] = {cos(e) * cos(azimuth), cos(e) * sin(azimuth), sin(e)};
+    double e = elevation * PI / 180.0, azimuth = 110.0 * PI / 180.0,
+           sun[3] = {cos(e) * cos(azimuth), cos(e) * sin(azimuth), sin(e)};
     return secondary(t, from, where, "shadow", to_sun, sun);
 }
 Rays rays_hemisphere(const Terrain *t, const Rays *from, const double *where) {
@@ -95,14 +105,16 @@ Rays rays_any(const Terrain *t, uint32_t count, uint64_t seed) {
     double side = t->n - 1.0, range = t->highest - t->lowest;
     for (uint32_t k = 0; k < count; k++) {
         Ray *r = &rays.ray[k];
-        double phi = 2.0 * PI * bench_unit(&s), slope = tan((bench_unit(&s) - 0.6) * 1.2), margin = bench_unit(&s) < 0.3 ? 0.3 * side : 0.0, x, y, z;
+        double phi = 2.0 * PI * bench_unit(&s), slope = tan((bench_unit(&s) - 0.6) * 1.2),
+               margin = bench_unit(&s) < 0.3 ? 0.3 * side : 0.0, x, y, z;
         x = -margin + bench_unit(&s) * (side + 2.0 * margin), y = -margin + bench_unit(&s) * (side + 2.0 * margin);
         bool above = bench_unit(&s) < 0.5;
         uint32_t odd = bench_random(&s) % 16;
-        if (odd == 0 || odd == 3 || odd == 5) x = rint(x), y = rint(y);         /* from a vertex */
-        if (odd == 1 || odd == 3) phi = rint(phi / (0.25 * PI)) * 0.25 * PI;    /* along grid lines and diagonals */
-        z = above ? t->lowest + (0.2 + bench_unit(&s)) * range * 1.1 : terrain_height(t, fmin(fmax(x, 0), side), fmin(fmax(y, 0), side), NULL);
-        if (odd == 2) z -= 0.1 * range * bench_unit(&s);                        /* from below */
+        if (odd == 0 || odd == 3 || odd == 5) x = rint(x), y = rint(y);      /* from a vertex */
+        if (odd == 1 || odd == 3) phi = rint(phi / (0.25 * PI)) * 0.25 * PI; /* along grid lines and diagonals */
+        z = above ? t->lowest + (0.2 + bench_unit(&s)) * range * 1.1
+                  : terrain_height(t, fmin(fmax(x, 0), side), fmin(fmax(y, 0), side), NULL);
+        if (odd == 2) z -= 0.1 * range * bench_unit(&s); /* from below */
         else if (!above && odd != 5) z += 0.01 + 0.02 * range * bench_unit(&s);
         if (odd == 4) slope = 0.0;
         double d[3] = {cos(phi), sin(phi), slope}, scale = odd == 6 ? 10.0 * bench_unit(&s) + 1e-3 : 1.0;

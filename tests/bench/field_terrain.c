@@ -1,5 +1,6 @@
-/* Terrains of the heightfield benchmark. `dem` is a real elevation model (SALTUS_DATA), exaggerated three times: its middle at 256, above that its largest square upsampled
- * (Catmull-Rom) with octaves of noise below its own grid, so that finer grids have finer detail. `fbm` is a ridged multifractal of height 0.16 n. */
+/* Terrains of the heightfield benchmark. `dem` is a real elevation model (SALTUS_DATA), exaggerated three times: its
+ * middle at 256, above that its largest square upsampled (Catmull-Rom) with octaves of noise below its own grid, so
+ * that finer grids have finer detail. `fbm` is a ridged multifractal of height 0.16 n. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,11 +16,13 @@ static double gradient_noise(double x, double y, uint32_t seed) {
     int32_t i = (int32_t)floor(x), j = (int32_t)floor(y);
     double fx = x - i, fy = y - j, sum = 0.0;
     for (int c = 0; c < 4; c++) {
-        uint32_t h = (uint32_t)(i + (c & 1)) * 0x9e3779b1u ^ (uint32_t)(j + (c >> 1)) * 0x85ebca6bu ^ seed * 0xc2b2ae35u;
+        uint32_t h =
+            (uint32_t)(i + (c & 1)) * 0x9e3779b1u ^ (uint32_t)(j + (c >> 1)) * 0x85ebca6bu ^ seed * 0xc2b2ae35u;
         h ^= h >> 15, h *= 0x2c1b3c6du, h ^= h >> 12, h *= 0x297a2d39u, h ^= h >> 15;
         double a = (double)h * (6.283185307179586 * 0x1p-32), u = fx - (c & 1), v = fy - (c >> 1);
         double wx = 1.0 - fabs(u), wy = 1.0 - fabs(v);
-        sum += wx * wx * wx * (wx * (wx * 6.0 - 15.0) + 10.0) * wy * wy * wy * (wy * (wy * 6.0 - 15.0) + 10.0) * (cos(a) * u + sin(a) * v);
+        sum += wx * wx * wx * (wx * (wx * 6.0 - 15.0) + 10.0) * wy * wy * wy * (wy * (wy * 6.0 - 15.0) + 10.0) *
+               (cos(a) * u + sin(a) * v);
     }
     return 1.4142135623730951 * sum; /* about -1 to 1 */
 }
@@ -39,7 +42,9 @@ static float *read_dem(void) {
 }
 
 static double catmull(const double p[4], double f) {
-    return p[1] + 0.5 * f * (p[2] - p[0] + f * (2.0 * p[0] - 5.0 * p[1] + 4.0 * p[2] - p[3] + f * (3.0 * (p[1] - p[2]) + p[3] - p[0])));
+    return p[1] + 0.5 * f *
+                      (p[2] - p[0] +
+                       f * (2.0 * p[0] - 5.0 * p[1] + 4.0 * p[2] - p[3] + f * (3.0 * (p[1] - p[2]) + p[3] - p[0])));
 }
 
 static bool make_dem(Terrain *t) {
@@ -80,7 +85,8 @@ static bool make_dem(Terrain *t) {
             }
             double h = catmull(column, v - j);
             uint32_t octave = 0;
-            for (double wave = 1.0; wave >= 2.0 * step; wave *= 0.5, octave++) h += 2.0 * rough * pow(wave, 0.9) * gradient_noise(u / wave, v / wave, 7 + octave);
+            for (double wave = 1.0; wave >= 2.0 * step; wave *= 0.5, octave++)
+                h += 2.0 * rough * pow(wave, 0.9) * gradient_noise(u / wave, v / wave, 7 + octave);
             t->h[y * n + x] = (float)(h / step); /* from cells of the model to cells of the grid */
         }
     free(dem);
@@ -127,7 +133,8 @@ void terrain_free(Terrain *t) {
 }
 
 /* The plane of a triangle: z = h + gx (x - i) + gy (y - j) from one of its corners. */
-static void plane(const Terrain *t, uint32_t i, uint32_t j, bool upper, double *px, double *py, double *pz, double *gx, double *gy) {
+static void plane(const Terrain *t, uint32_t i, uint32_t j, bool upper, double *px, double *py, double *pz, double *gx,
+                  double *gy) {
     double h10 = terrain_at(t, i + 1, j), h01 = terrain_at(t, i, j + 1);
     if (upper) {
         double h11 = terrain_at(t, i + 1, j + 1);
