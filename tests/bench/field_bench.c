@@ -4,8 +4,8 @@
  *     bench-field --exact COUNT [options]   COUNT rays a terrain: every structure and width against naive stepping
  *     bench-field --silhouettes [options]   nodes and cells of a silhouette search against stepping
  *
- *     --terrain dem|fbm   --size N   --rounds N   --pixels N   --structures LIST (naive, mipmap, cone and its variants)
- * --json FILE
+ *     --terrain dem|fbm   --size N   --rounds N   --pixels N   --json FILE
+ *     --structures LIST (naive, mipmap, cone and its variants)
  *
  * A round runs every method once; the best of the rounds counts. What is timed: of ours, the queries over blocks of
  * rays that lie ready, as a kernel has them; of Embree, the calls. `trace+t` also computes the distance from the
