@@ -3,11 +3,12 @@
  * Values of the top block are simply used. For the others:
  *   free        constants, inputs, parameters at known indices: emitted again
  *   cheap       sums, products, comparisons, selects, conversions: recomputed, when that takes at most one value more
- * than storing would the rest    carried values, roots, quotients, elementary functions, results of regions, array
- * elements: stored in the frame of the scope (at the top: made a result of the enclosing ifs). Elements of arrays that
- * are not written any more are read again. Iteration numbers are stored only if asked for, and never where the reverse
- * of a loop can count itself. In a replayed loop everything is there again: its frames hold what the replay starts from
- * (ad_replay.c). */
+ *               than storing would
+ *   the rest    carried values, roots, quotients, elementary functions, results of regions, array elements: stored in
+ *               the frame of the scope (at the top: made a result of the enclosing ifs). Elements of arrays that are
+ *               not written any more are read again.
+ * Iteration numbers are stored only if asked for, and never where the reverse of a loop can count itself. In a replayed
+ * loop everything is there again: its frames hold what the replay starts from (ad_replay.c). */
 #include <string.h>
 
 #include "compiler/pass/ad_tape.h"

@@ -1,9 +1,10 @@
 /* event (the paper's branch index): which event separates the two ends of a segment.
  *
- * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions; the first that differs is the event:
- * before it both ran the same code, so its g is one continuous function on the segment and changes sign. After it nothing matters, and loops end.
- * Output, per lane: site (-1: none), the lane's own g, the boundary of an integer-valued site (or the near end of a heightfield site's window), the loop indices, and in programs
- * with heightfield sites the far end of the window. With paper_argmin instead the executed event with the
+ * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions;
+ * the first that differs is the event: before it both ran the same code, so its g is one continuous function on the
+ * segment and changes sign. After it nothing matters, and loops end. Output, per lane: site (-1: none), the lane's own
+ * g, the boundary of an integer-valued site (or the near end of a heightfield site's window), the loop indices, and in
+ * programs with heightfield sites the far end of the window. With paper_argmin instead the executed event with the
  * smallest |g| of the lane's own end, as in the paper: wrong up to 83 % of the time where scales differ. */
 #include <string.h>
 
@@ -23,7 +24,8 @@ static Inst *window_of(Fn *fn, Inst *i) {
     return kind == SITE_FIELD || kind == SITE_SHADOW ? variant_window_of(fn, i) : NULL;
 }
 
-/* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the lower integer, or the window. */
+/* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the
+ * lower integer, or the window. */
 static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
     *aux = *aux1 = ir_constf(b, 0);
     Inst *w = window_of(fn, i);
@@ -39,7 +41,8 @@ static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
 
 enum { RAY_T0 = 6, RAY_T1 = 7 };
 
-/* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see variant_ridge_between. */
+/* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see
+ * variant_ridge_between. */
 static void climb_to_partner(Thread *t, Inst *i) {
     Builder b = ir_before(t->fn, i);
     Inst *hit = i->args[RAY_T0], *other = ir_special(&b, OP_partner, TY_FLT, 1, &hit, (Imm){0});
@@ -118,7 +121,8 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     if (!o->paper_argmin) variant_use_witnesses(fn);
     Event e = {variant_site_depth(fn->body), o->paper_argmin};
     Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
-    Thread t = {.fn = fn, .n = V_K + e.depth, .at = event_at, .touches = touches_event, .cont = stop_when_found, .user = &e};
+    Thread t = {
+        .fn = fn, .n = V_K + e.depth, .at = event_at, .touches = touches_event, .cont = stop_when_found, .user = &e};
     t.value[V_FOUND] = ir_constb(&b, false);
     t.value[V_SITE] = ir_consti(&b, -1);
     t.value[V_G] = ir_constf(&b, e.argmin ? __builtin_inf() : 0);

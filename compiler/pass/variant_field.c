@@ -1,10 +1,13 @@
-/* What heightfield sites add to the variants: the window of a pair, and the signature that tells near hits from far ones.
+/* What heightfield sites add to the variants: the window of a pair, and the signature that tells near hits from far
+ * ones.
  *
- * No number per point tells which piece of the terrain a ray sees: around the end of a ridge the two sides are connected. So pairs are compared. `region` and `sides` carry
- * a signature of the depths at which rays hit, continuous as long as no silhouette is passed; where it jumps, `event` decides: of two hits the nearer one must run
- * into something that rises and falls again (its top) before the farther one. The boundary function of such a pair is the clearance over the stretch of the ray around that
- * top: below 0 for the near ray, above 0 for the far one, which passes over everything in front of its hit. Shadow edges are the same, between a blocked and a free
- * ray. See docs/estimators.md. */
+ * No number per point tells which piece of the terrain a ray sees: around the end of a ridge the two sides are
+ * connected. So pairs are compared. `region` and `sides` carry a signature of the depths at which rays hit, continuous
+ * as long as no silhouette is passed; where it jumps, `event` decides: of two hits the nearer one must run into
+ * something that rises and falls again (its top) before the farther one. The boundary function of such a pair is the
+ * clearance over the stretch of the ray around that top: below 0 for the near ray, above 0 for the far one, which
+ * passes over everything in front of its hit. Shadow edges are the same, between a blocked and a free ray. See
+ * docs/estimators.md. */
 #include "compiler/pass/variant.h"
 #include "saltus/field.h"
 
@@ -55,15 +58,20 @@ typedef struct Pair {
 static Pair pair_of(Builder *b, Inst *w) {
     Inst *t = w->args[0], *other = partner(b, t);
     Inst *nearer = ir_emit2(b, OP_flt, t, other);
-    return (Pair){ir_emit2(b, OP_fmin, t, other), ir_emit2(b, OP_fmax, t, other), ir_select(b, nearer, w->args[1], partner(b, w->args[1])),
+    return (Pair){ir_emit2(b, OP_fmin, t, other), ir_emit2(b, OP_fmax, t, other),
+                  ir_select(b, nearer, w->args[1], partner(b, w->args[1])),
                   ir_emit2(b, OP_fmax, w->args[2], partner(b, w->args[2]))};
 }
 
-/* lo = near - margin; hi = top + margin, but well before the far hit, where the far ray touches ground. Without a top before the far hit there is nothing to look through. */
+/* lo = near - margin; hi = top + margin, but well before the far hit, where the far ray touches ground. Without a top
+ * before the far hit there is nothing to look through. */
 static Inst *of_pair(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
-    if (!(w->imm.i & 1)) return ir_select(b, ir_emit2(b, OP_fle, p.top, p.far_t), ir_emit2(b, OP_fsub, p.near_t, p.margin), ir_constf(b, __builtin_inf()));
-    return ir_emit2(b, OP_fmin, ir_emit2(b, OP_fadd, p.top, p.margin), ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.top, p.far_t)));
+    if (!(w->imm.i & 1))
+        return ir_select(b, ir_emit2(b, OP_fle, p.top, p.far_t), ir_emit2(b, OP_fsub, p.near_t, p.margin),
+                         ir_constf(b, __builtin_inf()));
+    return ir_emit2(b, OP_fmin, ir_emit2(b, OP_fadd, p.top, p.margin),
+                    ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.top, p.far_t)));
 }
 
 static Inst *of_input(Builder *b, Inst *w) { return ir_input(b, w->imm.i & 1 ? IN_AUX1 : IN_AUX); }
@@ -90,14 +98,19 @@ bool variant_has_depth(const Fn *fn) {
     return false;
 }
 
-/* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that two that change do not cancel. */
+/* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that
+ * two that change do not cancel. */
 static Inst *depth_of(Builder *b, Inst *site, Inst *t) {
     Inst *bits = ir_emit2(b, OP_isub, ir_emit1(b, OP_fasuint, t), ir_consti(b, 0x3f800000));
-    Inst *weight = ir_emit2(b, OP_fadd, ir_constf(b, 0.5), ir_emit2(b, OP_fmul, ir_emit1(b, OP_u2f, variant_event_key(b, site)), ir_constf(b, 0x1p-33)));
+    Inst *weight =
+        ir_emit2(b, OP_fadd, ir_constf(b, 0.5),
+                 ir_emit2(b, OP_fmul, ir_emit1(b, OP_u2f, variant_event_key(b, site)), ir_constf(b, 0x1p-33)));
     return ir_emit2(b, OP_fmul, ir_emit1(b, OP_i2f, bits), ir_emit2(b, OP_fmul, weight, ir_constf(b, 0x1p-23)));
 }
 
-static bool touches_silhouette(Thread *t, const Inst *i) { return i->op == OP_site && variant_site_info(t->fn, i)->kind == SITE_FIELD; }
+static bool touches_silhouette(Thread *t, const Inst *i) {
+    return i->op == OP_site && variant_site_info(t->fn, i)->kind == SITE_FIELD;
+}
 
 static bool depth_at(Thread *t, Inst *i) {
     Inst *w = variant_window_of(t->fn, i);
@@ -132,13 +145,16 @@ const char *const variant_witness_names[VARIANT_WITNESSES] = {"witness0", "witne
 
 static uint32_t collect(Block *b, uint32_t n, Inst **search) {
     for (Inst *i = b->first; i && n < VARIANT_WITNESSES; i = i->next) {
-        if (i->op == OP_fieldop && (i->imm.field.what == SLT_FIELD_TRACE || i->imm.field.what == SLT_FIELD_OCCLUDED)) search[n++] = i;
+        if (i->op == OP_fieldop && (i->imm.field.what == SLT_FIELD_TRACE || i->imm.field.what == SLT_FIELD_OCCLUDED))
+            search[n++] = i;
         for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++) n = collect(i->region[r], n, search);
     }
     return n;
 }
 
-uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]) { return variant_has_windows(fn) ? collect(fn->body, 0, search) : 0; }
+uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]) {
+    return variant_has_windows(fn) ? collect(fn->body, 0, search) : 0;
+}
 
 static uint32_t number_of(const Thread *t, const Inst *i) {
     Inst *const *search = t->user;
@@ -171,7 +187,8 @@ void variant_use_witnesses(Fn *fn) {
     for (uint32_t k = 0; k < n; k++) {
         Inst *i = search[k];
         Builder b = ir_before(fn, i);
-        Inst *found = ir_input(&b, (InputSlot)(IN_K0 + (int)k)), *id = ir_emit2(&b, OP_isub, found, ir_consti(&b, VARIANT_FOUND));
+        Inst *found = ir_input(&b, (InputSlot)(IN_K0 + (int)k)),
+             *id = ir_emit2(&b, OP_isub, found, ir_consti(&b, VARIANT_FOUND));
         Inst *br = ir_if(&b, ir_emit2(&b, OP_ieq, found, ir_consti(&b, 0)));
         br->imm.i = IR_IF_RARE;
         Builder in = ir_at_end(fn, br->region[0]), out = ir_at_end(fn, br->region[1]);

@@ -1,8 +1,10 @@
-/* region (the paper's piecewise-constant variant): a hash of the decisions, so that two points with equal hashes see one continuous piece of f.
+/* region (the paper's piecewise-constant variant): a hash of the decisions, so that two points with equal hashes see
+ * one continuous piece of f.
  *
- * By default the provenance hash of variant_provenance.c. Path hash (programs with local arrays, or on request): the keys of the events whose decision is true, combined by xor; integer-valued sites mix their integer in. All colour arithmetic dies in the
- * slice. With `near_miss` the record also carries the event with the smallest |g| that was executed: the runtime's probe for features
- * thinner than the spacing looks at it on neighbouring samples. */
+ * By default the provenance hash of variant_provenance.c. Path hash (programs with local arrays, or on request): the
+ * keys of the events whose decision is true, combined by xor; integer-valued sites mix their integer in. All colour
+ * arithmetic dies in the slice. With `near_miss` the record also carries the event with the smallest |g| that was
+ * executed: the runtime's probe for features thinner than the spacing looks at it on neighbouring samples. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -21,7 +23,9 @@ static bool hash_at(Thread *t, Inst *i) {
 }
 
 /* Sites of skipped loops only: their decision is used before them, so no provenance leads through them. */
-static bool touches_skipped(Thread *t, const Inst *i) { return variant_is_site(i) && variant_site_info(t->fn, i)->skip_loop; }
+static bool touches_skipped(Thread *t, const Inst *i) {
+    return variant_is_site(i) && variant_site_info(t->fn, i)->skip_loop;
+}
 
 static bool has_skipped(const Fn *fn) {
     for (uint32_t s = 0; s < fn->nsites; s++)
@@ -58,7 +62,8 @@ static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
 
 /* A heightfield site's g is that of a pair: it is never near. */
 static bool touches_near(Thread *t, const Inst *i) {
-    return variant_is_site(i) && variant_site_info(t->fn, i)->kind != SITE_FIELD && variant_site_info(t->fn, i)->kind != SITE_SHADOW;
+    return variant_is_site(i) && variant_site_info(t->fn, i)->kind != SITE_FIELD &&
+           variant_site_info(t->fn, i)->kind != SITE_SHADOW;
 }
 
 static bool near_at(Thread *t, Inst *i) {
@@ -76,7 +81,8 @@ static bool near_at(Thread *t, Inst *i) {
     return true;
 }
 
-static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "near_k2", "near_k3", "near_k4", "near_k5", "near_k6", "near_k7"};
+static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "near_k2", "near_k3",
+                                                      "near_k4", "near_k5", "near_k6", "near_k7"};
 
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);

@@ -1,11 +1,12 @@
-/* site: the boundary function g of one event, as a function of x: (uniform site; k0.., aux; x) -> g. Its gradient in x and its pull-back are made
- * from this function by ad_*.
+/* site: the boundary function g of one event, as a function of x: (uniform site; k0.., aux; x) -> g. Its gradient in x
+ * and its pull-back are made from this function by ad_*.
  *
- * Each site gets the slice of the primal that its g needs. The ifs around it are dropped (g is asked for only where it was executed), and a loop around it
- * that carries nothing into g is replaced by its index, so a disc in a loop of 2000 costs one disc. A g that needs carried values or local arrays comes
- * from one shared copy of the whole program that captures g when its event is reached (`capture`); so do slices that would make the kernel grow faster than the
- * program. Slices are leaves of a binary tree over the uniform site number, at most 16 a part, and a part is one Fn: linear in the number of sites, in time and in
- * code, through AD and LLVM as well. */
+ * Each site gets the slice of the primal that its g needs. The ifs around it are dropped (g is asked for only where it
+ * was executed), and a loop around it that carries nothing into g is replaced by its index, so a disc in a loop of 2000
+ * costs one disc. A g that needs carried values or local arrays comes from one shared copy of the whole program that
+ * captures g when its event is reached (`capture`); so do slices that would make the kernel grow faster than the
+ * program. Slices are leaves of a binary tree over the uniform site number, at most 16 a part, and a part is one Fn:
+ * linear in the number of sites, in time and in code, through AD and LLVM as well. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -152,7 +153,8 @@ static bool capture_at(Thread *t, Inst *i) {
     b.fold = true;
     Inst *match = ir_emit2(&b, OP_ieq, ir_input(&b, IN_SITE), ir_consti(&b, (int32_t)i->imm.i));
     for (uint32_t a = 2; a < i->nargs; a++)
-        match = ir_emit2(&b, OP_band, match, ir_emit2(&b, OP_ieq, ir_input(&b, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
+        match =
+            ir_emit2(&b, OP_band, match, ir_emit2(&b, OP_ieq, ir_input(&b, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
     Inst *g = i->args[1];
     if (i->op == OP_siten) g = ir_emit2(&b, OP_fsub, g, ir_input(&b, IN_AUX));
     t->value[0] = ir_select(&b, match, g, t->value[0]);
@@ -168,7 +170,12 @@ static Inst *stop_when_captured(Thread *t, Builder *b, Inst *flag) {
 static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const uint8_t *wanted) {
     Fn *copy = ir_clone(primal, primal->arena, "capture");
     Builder b = copy->body->first ? ir_before(copy, copy->body->first) : ir_at_end(copy, copy->body);
-    Thread t = {.fn = copy, .n = 2, .at = capture_at, .touches = touches_capture, .cont = stop_when_captured, .user = (void *)wanted};
+    Thread t = {.fn = copy,
+                .n = 2,
+                .at = capture_at,
+                .touches = touches_capture,
+                .cont = stop_when_captured,
+                .user = (void *)wanted};
     t.value[0] = ir_constf(&b, __builtin_nan(""));
     t.value[1] = ir_constb(&b, false);
     thread_block(&t, copy->body);
@@ -231,7 +238,8 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     Fn *from = ir_clone(primal, primal->arena, "site.from");
-    /* Prints and counters are not evaluated again at crossings; [Tangent] regions stay for the derivative of g unless a site lies inside one. */
+    /* Prints and counters are not evaluated again at crossings; [Tangent] regions stay for the derivative of g unless a
+     * site lies inside one. */
     opt_dce(ctx, from);
     uint32_t n = ir_number(from);
     Sites sites = {0};

@@ -1,7 +1,6 @@
 /* Checkpoints: the whole state in one file, checked before any of it is believed.
  *
- *     "SALTCKPT"  version  byte order  config hash  sizes  | key | Numbers | doubles | blob | XXH64
- * of all before
+ *     "SALTCKPT"  version  byte order  config hash  sizes  | key | Numbers | doubles | blob | XXH64 of all before
  *
  * The hash of the config covers what decides the next steps (method, rates, bounds, grids), not
  * tolerances, so that a resumed run may be given another stopping rule. */

@@ -1,8 +1,11 @@
-/* Boundaries that coincide but move differently: counted, because there the integral has no derivative and the whole jump went to the first.
+/* Boundaries that coincide but move differently: counted, because there the integral has no derivative and the whole
+ * jump went to the first.
  *
- * Whether another boundary lies on a crossing is not to be seen in one picture: the same predicate may be tested twice, or guard another one. It is seen when the parameters are moved a
- * little. The crossing's own boundary goes where its g says; if the regions on its two sides are still those that they were, everything that jumped moved along. If
- * not, and if there is nothing else near by, a second boundary has come apart from it. At most COINCIDE_MAX crossings of a batch are asked, and stand for all. */
+ * Whether another boundary lies on a crossing is not to be seen in one picture: the same predicate may be tested twice,
+ * or guard another one. It is seen when the parameters are moved a little. The crossing's own boundary goes where its g
+ * says; if the regions on its two sides are still those that they were, everything that jumped moved along. If not, and
+ * if there is nothing else near by, a second boundary has come apart from it. At most COINCIDE_MAX crossings of a batch
+ * are asked, and stand for all. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +18,8 @@ enum {
     ALONG = 16,            /* part of the segment's length to go aside, see `elsewhere` */
     NEWTON = 3
 };
-/* Parameters are moved by this part of them, or of a tenth where they are smaller; by more where brackets of roots are wide: so many of these, seen in a domain of size 1. */
+/* Parameters are moved by this part of them, or of a tenth where they are smaller; by more where brackets of roots are
+ * wide: so many of these, seen in a domain of size 1. */
 #define STEP 0x1p-15
 #define STEP_MOST 0x1p-9
 #define STEP_BRACKETS 0x1p7
@@ -37,7 +41,8 @@ bool coincide_begin(Run *r, double bracket) {
     Moved *m = alloc_zero(COINCIDE_WAYS, sizeof *m);
     bool memory = dir && m, ok = memory, any = false;
     double step = fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST);
-    /* Forth and back, because of two boundaries the one may hide while it is behind the other; along two directions, because in one both may happen to move alike. */
+    /* Forth and back, because of two boundaries the one may hide while it is behind the other; along two directions,
+     * because in one both may happen to move alike. */
     for (uint32_t side = 0; side < COINCIDE_WAYS && ok; side++) {
         for (uint32_t p = 0; p < s->nfloats; p++) {
             uint32_t u[4];
@@ -55,9 +60,7 @@ bool coincide_begin(Run *r, double bracket) {
     return memory && (ok || !any);
 }
 
-static void use(Batch *b, const SltScene *s) {
-    b->args.params = s->params, b->args.fields = s->fields;
-}
+static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.fields = s->fields; }
 
 static double length_of(const SltScene *s, const Crossing *c) {
     double sum = 0;
@@ -79,11 +82,10 @@ static bool inside(const SltScene *s, const Crossing *c, double reach) {
     return true;
 }
 
-static double margin(const Crossing *c, double way) {
-    return fmax(2 * c->bracket, SURE * fabs(way));
-}
+static double margin(const Crossing *c, double way) { return fmax(2 * c->bracket, SURE * fabs(way)); }
 
-/* How far the boundary of crossing x goes along its segment, given g with the parameters moved; NAN where that is not to be said. */
+/* How far the boundary of crossing x goes along its segment, given g with the parameters moved; NAN where that is not
+ * to be said. */
 static double way_of(const SltScene *s, const Crossing *x, double g) {
     double unit[3], slope = 0, steepest = 0;
     direction(s, x, unit);
@@ -103,7 +105,8 @@ static void find_ways(Sink *k, const Crossing *c, const uint32_t *which, uint32_
     use(b, b->s);
 }
 
-void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to, uint32_t all) {
+void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to,
+                    uint32_t all) {
     Coincide *q = &k->coincide;
     uint32_t share = (all + COINCIDE_MAX - 1) / COINCIDE_MAX, first = q->n;
     if (!q->apart) return;
@@ -121,7 +124,8 @@ static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
     return (uint32_t)batch_get_int(b, 0, 2 * i) == c->ha && (uint32_t)batch_get_int(b, 0, 2 * i + 1) == c->hb;
 }
 
-/* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g says. That is a kink of its own, not a second boundary. */
+/* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g
+ * says. That is a kink of its own, not a second boundary. */
 static bool gone(const Batch *b, uint32_t i) {
     return b->s->nfields && batch_get_int(b, 0, 2 * i) == batch_get_int(b, 0, 2 * i + 1);
 }
@@ -139,24 +143,28 @@ static void place(Batch *b, uint32_t i, const Crossing *c, double at, double bes
 
 static double farthest(const double *way) {
     double far = 0;
-    for (uint32_t side = 0; side < COINCIDE_WAYS && !isnan(far); side++) far = fabs(way[side]) <= far ? far : fabs(way[side]);
+    for (uint32_t side = 0; side < COINCIDE_WAYS && !isnan(far); side++)
+        far = fabs(way[side]) <= far ? far : fabs(way[side]);
     return far;
 }
 
-/* Other boundaries that may come as near as that forbid an answer: they may move faster than this one, but hardly than any of the batch. */
+/* Other boundaries that may come as near as that forbid an answer: they may move faster than this one, but hardly than
+ * any of the batch. */
 static double reach(const SltScene *s, const Crossing *c, const double *way, double typical) {
     double far = farthest(way);
     return fmax(AROUND * far, fmin(typical, length_of(s, c))) + margin(c, far);
 }
 
 /* Which of them have come apart from something. */
-static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS], double typical, bool *apart) {
+static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS],
+                 double typical, bool *apart) {
     Batch *b = k->b;
     const SltScene *s = b->s;
     uint32_t at[COINCIDE_MAX], kept = 0, torn = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[which[i]];
-        bool near = 2 * AROUND * farthest(way[i]) < length_of(s, x) && inside(s, x, reach(s, x, way[i], typical)); /* not where there is a NAN */
+        bool near = 2 * AROUND * farthest(way[i]) < length_of(s, x) &&
+                    inside(s, x, reach(s, x, way[i], typical)); /* not where there is a NAN */
         apart[i] = false;
         if (near) at[kept++] = i;
     }
@@ -189,7 +197,8 @@ static bool elsewhere(Sink *k, const Crossing *c, double typical) {
     bool keep, apart;
     double way[1][COINCIDE_WAYS], square = 0;
     if (dim == 1) return true;
-    for (uint32_t d = 0; d < dim; d++) square += c->dg[d] * c->dg[d], steep = fabs(c->dg[d]) > fabs(c->dg[steep]) ? d : steep;
+    for (uint32_t d = 0; d < dim; d++)
+        square += c->dg[d] * c->dg[d], steep = fabs(c->dg[d]) > fabs(c->dg[steep]) ? d : steep;
     /* Along the tangent that has no part of a third axis, and back to g = 0. */
     uint32_t other = steep == 0 ? 1 : 0;
     double by = length_of(b->s, c) / ALONG / sqrt(square);

@@ -6,11 +6,11 @@
  * crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign,
  * the region itself is bisected.
  *
- * Heightfield sites differ in two ways. Two ends with equal hashes may lie on two sides of a silhouette, if their depths
- * are more than J apart: or on one steep slope. One bisection tells most slopes from jumps before `event` is asked, and
- * where it knows of none the search goes on only while one half keeps most of the difference. And g is that of a window
- * chosen from the segment's ends: its root need not be the jump. Parts ask for fresh windows, at most MAX_TRIES times
- * before a bisection, so every search ends. */
+ * Heightfield sites differ in two ways. Two ends with equal hashes may lie on two sides of a silhouette, if their
+ * depths are more than J apart: or on one steep slope. One bisection tells most slopes from jumps before `event` is
+ * asked, and where it knows of none the search goes on only while one half keeps most of the difference. And g is that
+ * of a window chosen from the segment's ends: its root need not be the jump. Parts ask for fresh windows, at most
+ * MAX_TRIES times before a bisection, so every search ends. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -38,7 +38,8 @@ enum {
 #define NEAR_ZERO 0x1p-5
 /* g changes this many times faster on the bracket than on the segment: its window does not fit. */
 #define MISFIT 16.0
-/* A bracket that is asked again is this part of the last one or less; slopes of the depth there are this many times what they are across the whole at most, and rounding is below ... */
+/* A bracket that is asked again is this part of the last one or less; slopes of the depth there are this many times
+ * what they are across the whole at most, and rounding is below ... */
 #define FRESH_PART 0.25
 #define FRESH_SLOPE 4
 #define FRESH_LEAST(scene) ((scene)->f64 ? 0x1p-36 : 0x1p-19)
@@ -104,7 +105,8 @@ static double tolerance(const Finder *f, const Segment *s) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(root_tolerance(f->coarse && s->field != FIELD_FRESH), 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    return fmax(root_tolerance(f->coarse && s->field != FIELD_FRESH),
+                2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
@@ -147,13 +149,9 @@ static Mark mark_of(const Batch *b, uint32_t hash, uint32_t depth, uint32_t i) {
     return m;
 }
 
-Mark batch_mark(const Batch *b, uint32_t i) {
-    return mark_of(b, 0, depth_output(b->s), i);
-}
+Mark batch_mark(const Batch *b, uint32_t i) { return mark_of(b, 0, depth_output(b->s), i); }
 
-static bool differ(Mark a, Mark b, double jump) {
-    return a.hash != b.hash || depth_differs(a.depth, b.depth, jump);
-}
+static bool differ(Mark a, Mark b, double jump) { return a.hash != b.hash || depth_differs(a.depth, b.depth, jump); }
 
 static void push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field, double cut) {
     if (!differ(a, b, s->jump)) return;
@@ -171,9 +169,7 @@ static void push_part(Finder *f, const Segment *s, double ta, double tb, Mark a,
     push_cut(f, s, ta, tb, a, b, field, 0);
 }
 
-static Crossing *found_slot(Finder *f) {
-    return &f->found[f->nfound++];
-}
+static Crossing *found_slot(Finder *f) { return &f->found[f->nfound++]; }
 
 /* Room for n more crossings. Whoever takes them runs kernels in the same batch, so never while its outputs are still
  * being read. */
@@ -184,9 +180,7 @@ static void found_reserve(Finder *f, uint32_t n) {
 }
 
 /* ---- bisection on the region */
-static double middle(const Segment *s) {
-    return s->cut > s->ta && s->cut < s->tb ? s->cut : 0.5 * (s->ta + s->tb);
-}
+static double middle(const Segment *s) { return s->cut > s->ta && s->cut < s->tb ? s->cut : 0.5 * (s->ta + s->tb); }
 
 static void flush_split(Finder *f) {
     Batch *b = f->b;
@@ -233,13 +227,9 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
 }
 
 /* ---- root of g on the bracket */
-static bool same_sign(double a, double b) {
-    return (a < 0) == (b < 0);
-}
+static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
 
-static double clamp(double v, double lo, double hi) {
-    return v < lo ? lo : v > hi ? hi : v;
-}
+static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
 
 /* Where to look next in [x1, x2], as a fraction of it from x1. */
 static double chandrupatla(const Item *it, double width) {
@@ -279,10 +269,8 @@ static void root_take(Item *it, double g) {
     }
     /* A g that is not a number says nothing: treat it as the sign of the older end, so that the bracket still shrinks.
      */
-    if (same_sign(g, it->f1))
-        it->x3 = it->x1, it->f3 = it->f1;
-    else
-        it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
+    if (same_sign(g, it->f1)) it->x3 = it->x1, it->f3 = it->f1;
+    else it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
     it->x1 = it->next, it->f1 = g;
 }
 
@@ -450,10 +438,12 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     *found_slot(f) = c;
 }
 
-/* The root of a window's g at which f jumps, but not because of this g: another window would show why, or it is not this g that jumps f, but a step of the ground that made it jump, and that is too small
- * to be seen across the whole segment. */
+/* The root of a window's g at which f jumps, but not because of this g: another window would show why, or it is not
+ * this g that jumps f, but a step of the ground that made it jump, and that is too small to be seen across the whole
+ * segment. */
 static bool misfit(const Item *it, double lo, double hi) {
-    if (it->exact || !(hi > lo) || (it->s.field == FIELD_FRESH && hi - lo > FRESH_PART * (it->s.tb - it->s.ta))) return false;
+    if (it->exact || !(hi > lo) || (it->s.field == FIELD_FRESH && hi - lo > FRESH_PART * (it->s.tb - it->s.ta)))
+        return false;
     if (isinf(it->f1) || isinf(it->f2)) return true;
     return !(fabs(it->f1 - it->f2) * (it->s.tb - it->s.ta) <= MISFIT * fabs(it->gb - it->ga) * fabs(it->x2 - it->x1));
 }
@@ -483,11 +473,9 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         bracket_of(it, &lo, &hi);
         Mark before = mark_of(b, hash, hash + 1, 2 * i), after = mark_of(b, hash, hash + 1, 2 * i + 1);
         bool field = is_field(f->s, it->site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
-        if (jumped && (field || f->s->has_depth) && misfit(it, lo, hi) && it->s.depth < DEPTH_OF(f->s)) {
+        if (jumped && (field || f->s->has_depth) && misfit(it, lo, hi) && it->s.depth < DEPTH_OF(f->s))
             ask_again(f, &it->s, lo, hi, before, after);
-        } else if (jumped) {
-            accept(f, it, lo, hi, before, after, 2 * i);
-        }
+        else if (jumped) accept(f, it, lo, hi, before, after, 2 * i);
         uint8_t behind = field ? part_field(it, it->s.tb - hi, jumped) : 0,
                 front = field ? part_field(it, lo - it->s.ta, jumped) : 0;
         double near = field && !jumped && it->s.field == 0 ? NEAR_PADS * it->pad : 0;
@@ -499,12 +487,9 @@ static void verify(Finder *f, Item *items, uint32_t n) {
 /* The paper's search: halves whose ends differ, down to the tolerance; then the event. */
 static uint32_t halve(Finder *f, Item *items, uint32_t n) {
     uint32_t kept = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        if (items[i].s.tb - items[i].s.ta > 1.01 * items[i].tol)
-            f->split[f->nsplit++] = items[i].s;
-        else
-            items[kept++] = items[i];
-    }
+    for (uint32_t i = 0; i < n; i++)
+        if (items[i].s.tb - items[i].s.ta > 1.01 * items[i].tol) f->split[f->nsplit++] = items[i].s;
+        else items[kept++] = items[i];
     flush_split(f);
     kept = kept ? ask_events(f, items, kept) : 0;
     f->nsplit = 0; /* no event: nothing to snap to */
@@ -514,12 +499,10 @@ static uint32_t halve(Finder *f, Item *items, uint32_t n) {
 /* Segments to be bisected first leave the batch. */
 static uint32_t take_halves(Finder *f, Item *items, uint32_t n) {
     uint32_t kept = 0;
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < n; i++)
         if (items[i].s.field == FIELD_HALVE && items[i].s.tb - items[i].s.ta > items[i].tol)
             f->split[f->nsplit++] = items[i].s;
-        else
-            items[kept++] = items[i];
-    }
+        else items[kept++] = items[i];
     return kept;
 }
 

@@ -1,11 +1,14 @@
 /* Following fingers: what is thinner than the lattice is seen by few of its lines, and lost on the others.
  *
- * Where a finger (of shadow, of a near ridge, of light between two) holds a vertex, the line finds its two edges, with their directions. On the next line they lie where these point to; if they have
- * not met before, and the vertices there know of nothing, the region is evaluated once between the two. What is found is followed on, to the tip and over gaps. It asks nothing of the kernels, works for every kind
- * of site, and costs a few evaluations a finger. A finger that holds no vertex at all is not seen.
+ * Where a finger (of shadow, of a near ridge, of light between two) holds a vertex, the line finds its two edges, with
+ * their directions. On the next line they lie where these point to; if they have not met before, and the vertices there
+ * know of nothing, the region is evaluated once between the two. What is found is followed on, to the tip and over
+ * gaps. It asks nothing of the kernels, works for every kind of site, and costs a few evaluations a finger. A finger
+ * that holds no vertex at all is not seen.
  *
- * A tile follows on its own lines. Fingers that leave it are handed to the tiles that they go to, when all tiles are done: these visits know no vertices, and evaluate the two of an edge with
- * the probe. What a tile has found by itself it does not look for again. */
+ * A tile follows on its own lines. Fingers that leave it are handed to the tiles that they go to, when all tiles are
+ * done: these visits know no vertices, and evaluate the two of an edge with the probe. What a tile has found by itself
+ * it does not look for again. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,8 +19,9 @@ enum {
     WIDEST = 3, /* vertices of a run that is a finger */
     NONE = -1,  /* of a slot: crossings of this edge are not wanted */
     WANTED = -2,
-    LOOK = 256,  /* probes of a call */
-    ALONG = 3    /* edges by which a finger may move from line to line: beyond it the lines along the other axis see more */
+    LOOK = 256, /* probes of a call */
+    ALONG =
+        3 /* edges by which a finger may move from line to line: beyond it the lines along the other axis see more */
 };
 
 /* Crossings of one edge: the first and the last. */
@@ -54,9 +58,7 @@ struct Follow {
     bool failed;
 };
 
-Follow *follow_new(void) {
-    return alloc_zero(1, sizeof(Follow));
-}
+Follow *follow_new(void) { return alloc_zero(1, sizeof(Follow)); }
 
 void follow_free(Follow *f) {
     if (!f) return;
@@ -89,9 +91,7 @@ bool follow_begin(Follow *f, const FollowTile *t, uint64_t vertices) {
     return true;
 }
 
-static int32_t *slot_of(Follow *f, uint32_t axis, uint64_t vertex) {
-    return &f->slot[axis * f->vertices + vertex];
-}
+static int32_t *slot_of(Follow *f, uint32_t axis, uint64_t vertex) { return &f->slot[axis * f->vertices + vertex]; }
 
 void follow_note(Follow *f, const Crossing *c) {
     int32_t *slot = slot_of(f, (uint32_t)c->axis, c->edge - 1);
@@ -110,7 +110,8 @@ void follow_note(Follow *f, const Crossing *c) {
 }
 
 static void add_finger(Follow *f, uint32_t which, Finger g) {
-    if (room(f, (void **)&f->finger[which], f->nfinger[which], &f->finger_cap[which], sizeof g)) f->finger[which][f->nfinger[which]++] = g;
+    if (room(f, (void **)&f->finger[which], f->nfinger[which], &f->finger_cap[which], sizeof g))
+        f->finger[which][f->nfinger[which]++] = g;
 }
 
 static bool differ(const FollowTile *t, uint64_t a, uint64_t b, uint32_t axis) {
@@ -134,12 +135,14 @@ void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched) 
 }
 
 static void add_seen(Follow *f, uint32_t axis, uint64_t edge) {
-    if (room(f, (void **)&f->seen, f->nseen, &f->seen_cap, sizeof *f->seen)) f->seen[f->nseen++] = (FollowFound){(uint32_t)edge, (uint8_t)axis};
+    if (room(f, (void **)&f->seen, f->nseen, &f->seen_cap, sizeof *f->seen))
+        f->seen[f->nseen++] = (FollowFound){(uint32_t)edge, (uint8_t)axis};
 }
 
 void follow_found(Follow *f, uint32_t axis, uint32_t edge) {
     const FollowTile *t = f->tile;
-    uint32_t row = (uint32_t)t->stride[1], at[2] = {(edge - 1) % row, (edge - 1) / row}, e = at[axis], line = at[1 - axis];
+    uint32_t row = (uint32_t)t->stride[1], at[2] = {(edge - 1) % row, (edge - 1) / row}, e = at[axis],
+             line = at[1 - axis];
     *slot_of(f, axis, edge - 1) = WANTED;
     add_seen(f, axis, edge - 1);
     add_finger(f, 0, (Finger){line, e, e, (uint8_t)axis, -1, 1});
@@ -153,7 +156,8 @@ static bool border(Follow *f, uint32_t axis, uint64_t edge, int side, double *at
     return true;
 }
 
-/* A probe between l and r on a line of the tile, both given along the axis; e: an edge near by. False where they lie beyond its edges. */
+/* A probe between l and r on a line of the tile, both given along the axis; e: an edge near by. False where they lie
+ * beyond its edges. */
 static bool add_probe(Follow *f, uint32_t axis, uint32_t line, uint32_t e, int step, double l, double r) {
     const FollowTile *t = f->tile;
     const double *pos = t->pos[axis];
@@ -165,7 +169,8 @@ static bool add_probe(Follow *f, uint32_t axis, uint32_t line, uint32_t e, int s
     uint64_t v = line * t->stride[1 - axis] + e * t->stride[axis];
     if (*slot_of(f, axis, v) != NONE || (t->hash && differ(t, v, v + t->stride[axis], axis))) return true;
     *slot_of(f, axis, v) = WANTED;
-    if (room(f, (void **)&f->probe, f->nprobe, &f->probe_cap, sizeof *f->probe)) f->probe[f->nprobe++] = (Probe){line, e, (uint8_t)axis, (int8_t)step, at};
+    if (room(f, (void **)&f->probe, f->nprobe, &f->probe_cap, sizeof *f->probe))
+        f->probe[f->nprobe++] = (Probe){line, e, (uint8_t)axis, (int8_t)step, at};
     return true;
 }
 
@@ -176,15 +181,19 @@ static void aim(Follow *f, const Finger *g, int step) {
     uint64_t first = line * t->stride[other], stride = t->stride[axis];
     double l, r, sl, sr;
     bool one = g->left == g->right;
-    if (!border(f, axis, first + g->left * stride, one ? 0 : 1, &l, &sl) || !border(f, axis, first + g->right * stride, one ? 1 : 0, &r, &sr)) return;
+    if (!border(f, axis, first + g->left * stride, one ? 0 : 1, &l, &sl) ||
+        !border(f, axis, first + g->right * stride, one ? 1 : 0, &r, &sr))
+        return;
     double by = step * t->spacing[other], most = ALONG * t->spacing[axis];
     if (!(fabs(sl * by) < most) || !(fabs(sr * by) < most)) return;
     l += sl * by, r += sr * by;
     if (!(l < r)) return; /* they have met */
-    if (next >= t->line_from[other] && next < t->line_to[other] && add_probe(f, axis, next, g->left, step, l, r)) return;
+    if (next >= t->line_from[other] && next < t->line_to[other] && add_probe(f, axis, next, g->left, step, l, r))
+        return;
     uint32_t to = t->first[other] + next; /* of the lattice */
     if (to < 1 || to > t->lines[other]) return;
-    if (room(f, (void **)&f->out, f->nout, &f->out_cap, sizeof *f->out)) f->out[f->nout++] = (FollowExit){to, (uint8_t)axis, (int8_t)step, l, r};
+    if (room(f, (void **)&f->out, f->nout, &f->out_cap, sizeof *f->out))
+        f->out[f->nout++] = (FollowExit){to, (uint8_t)axis, (int8_t)step, l, r};
 }
 
 static void put(Batch *b, uint32_t lane, uint32_t axis, double at, double line) {
@@ -204,7 +213,8 @@ static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
         const Probe *p = &probe[i];
         double line = t->pos[1 - p->axis][p->line];
         put(b, each * i, p->axis, p->at, line);
-        for (uint32_t end = 0; end + 1 < each; end++) put(b, each * i + 1 + end, p->axis, t->pos[p->axis][p->edge + end], line);
+        for (uint32_t end = 0; end + 1 < each; end++)
+            put(b, each * i + 1 + end, p->axis, t->pos[p->axis][p->edge + end], line);
     }
     batch_call(b, SLT_K_REGION, each * n);
     for (uint32_t i = 0; i < n; i++)
@@ -213,11 +223,16 @@ static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
         const Probe *p = &probe[i];
         uint32_t axis = p->axis, line = p->line, other = 1 - axis;
         uint64_t v = line * t->stride[other] + p->edge * t->stride[axis], v1 = v + t->stride[axis];
-        Mark m = mark[i][0], a = t->hash ? worker_mark(w, v) : mark[i][1], e = t->hash ? worker_mark(w, v1) : mark[i][2];
+        Mark m = mark[i][0], a = t->hash ? worker_mark(w, v) : mark[i][1],
+             e = t->hash ? worker_mark(w, v1) : mark[i][2];
         double jump = t->jump[axis];
-        if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, jump))) continue; /* its own tile has searched there */
+        if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, jump)))
+            continue; /* its own tile has searched there */
         if (m.hash == a.hash && !depth_differs(m.depth, a.depth, jump)) continue;
-        Segment s = {.base = t->base[axis], .axis = (int8_t)axis, .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0, .edge = (uint32_t)v + 1};
+        Segment s = {.base = t->base[axis],
+                     .axis = (int8_t)axis,
+                     .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0,
+                     .edge = (uint32_t)v + 1};
         s.a[other] = s.b[other] = t->pos[other][line];
         s.a[axis] = t->pos[axis][p->edge], s.b[axis] = p->at;
         finder_add(&w->finder, &s, a, m, jump);
@@ -234,9 +249,7 @@ void follow_enter(Follow *f, const FollowExit *in) {
     add_probe(f, in->axis, line, t->from[in->axis], in->step, in->l, in->r);
 }
 
-void follow_known(Follow *f, const FollowFound *known) {
-    *slot_of(f, known->axis, known->edge) = WANTED;
-}
+void follow_known(Follow *f, const FollowFound *known) { *slot_of(f, known->axis, known->edge) = WANTED; }
 
 const FollowExit *follow_exits(const Follow *f, uint32_t *n) {
     *n = f->nout;
@@ -256,7 +269,8 @@ bool follow_run(Worker *w) {
             const Finger *g = &f->finger[0][i];
             for (int step = g->from; step <= g->to; step += 2) aim(f, g, step);
         }
-        for (uint32_t i = 0; i < f->nprobe; i += LOOK) look(f, w, f->probe + i, f->nprobe - i < LOOK ? f->nprobe - i : LOOK);
+        for (uint32_t i = 0; i < f->nprobe; i += LOOK)
+            look(f, w, f->probe + i, f->nprobe - i < LOOK ? f->nprobe - i : LOOK);
         f->nprobe = 0;
         if (f->nfinger[1]) finder_run(&w->finder, true);
         Finger *now = f->finger[0];

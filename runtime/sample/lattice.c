@@ -177,7 +177,7 @@ double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
         place = 0;
         for (uint32_t b = 0; b < bits; b++) place |= (r >> b & 1) << (bits - 1 - b);
         if (1u << bits != n) {
-            for (uint32_t a = step, b = n; b; ) {
+            for (uint32_t a = step, b = n; b;) {
                 uint32_t t = a % b;
                 a = b, b = t;
                 if (!b && a != 1) step++, a = step, b = n;
@@ -194,8 +194,10 @@ double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
 static FollowTile follow_tile(const Lattice *l, const Span *sp) {
     FollowTile t = {.classes = l->y->classes};
     for (uint32_t d = 0; d < 2; d++) {
-        t.pos[d] = sp->pos[d], t.base[d] = l->base[d], t.stride[d] = sp->stride[d], t.jump[d] = HUGE_VAL, t.spacing[d] = l->h[d];
-        t.first[d] = sp->v0[d], t.lines[d] = l->n[d], t.from[d] = sp->e0[d] - sp->v0[d], t.to[d] = sp->e1[d] - sp->v0[d];
+        t.pos[d] = sp->pos[d], t.base[d] = l->base[d], t.stride[d] = sp->stride[d], t.jump[d] = HUGE_VAL,
+        t.spacing[d] = l->h[d];
+        t.first[d] = sp->v0[d], t.lines[d] = l->n[d], t.from[d] = sp->e0[d] - sp->v0[d],
+        t.to[d] = sp->e1[d] - sp->v0[d];
         t.line_from[d] = (sp->e0[d] > 1 ? sp->e0[d] : 1) - sp->v0[d];
         t.line_to[d] = (sp->e1[d] < l->n[d] + 1 ? sp->e1[d] : l->n[d] + 1) - sp->v0[d];
     }
@@ -273,7 +275,8 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
         if (!room((void **)&l->guest, l->nguest + n, &l->guest_cap, sizeof *l->guest)) l->failed = true, n = 0;
         for (uint32_t i = 0; i < n; i++) {
             uint64_t to = tile_at(l, &out[i]);
-            if (to != UINT64_MAX && to != tile) l->guest[l->nguest] = (struct Guest){out[i], to, l->nguest}, l->nguest++;
+            if (to != UINT64_MAX && to != tile)
+                l->guest[l->nguest] = (struct Guest){out[i], to, l->nguest}, l->nguest++;
         }
         const FollowFound *seen = follow_seen(w->follow, &n);
         if (!room((void **)&l->known, l->nknown + n, &l->known_cap, sizeof *l->known)) l->failed = true, n = 0;
@@ -313,7 +316,8 @@ static bool visit(void *user, uint32_t worker, uint64_t number) {
     FollowTile follow = follow_tile(l, &sp);
     memcpy(follow.jump, l->jump[tile], sizeof follow.jump);
     if (!follow_begin(w->follow, &follow, (uint64_t)sp.vn[0] * sp.vn[1])) return false;
-    for (uint64_t i = first_known(l, tile); i < l->nknown && l->known[i].tile == tile; i++) follow_known(w->follow, &l->known[i].edge);
+    for (uint64_t i = first_known(l, tile); i < l->nknown && l->known[i].tile == tile; i++)
+        follow_known(w->follow, &l->known[i].edge);
     for (uint64_t i = from; i < l->nguest && l->guest[i].tile == tile; i++) follow_enter(w->follow, &l->guest[i].at);
     if (!follow_run(w)) return false;
     accum_close(&w->acc);
@@ -372,7 +376,8 @@ SltStatus lattice_run(Boundary *y) {
             if (o != d) l.base[d] *= l.h[o];
     }
     bool follows = y->run->nworkers && y->run->worker[0].follow;
-    if (follows && !(l.jump = alloc_zero(tiles, sizeof *l.jump))) return status_fail(y->run->err, SLT_LIMIT, "out of memory");
+    if (follows && !(l.jump = alloc_zero(tiles, sizeof *l.jump)))
+        return status_fail(y->run->err, SLT_LIMIT, "out of memory");
     SltStatus st = run_tiles(y->run, tiles, work, merge, &l);
     if (st == SLT_OK && l.failed) st = status_fail(y->run->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) st = run_visits(&l);

@@ -1,5 +1,6 @@
-/* Shadows on ground that is seen behind ridges: where a near ridge hides the ground behind it, the ray to the sun begins elsewhere, and the shadow's boundary function jumps. Steps too small to be told from
- * slopes across a whole segment must then be found where it jumps: the crossing is theirs. Rough terrains have many. */
+/* Shadows on ground that is seen behind ridges: where a near ridge hides the ground behind it, the ray to the sun
+ * begins elsewhere, and the shadow's boundary function jumps. Steps too small to be told from slopes across a whole
+ * segment must then be found where it jumps: the crossing is theirs. Rough terrains have many. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -13,7 +14,8 @@
 
 enum { N = 256, SIZE = 256 };
 
-static const char *const shadow_by[] = {"[Disc] if (h.occluded(p, sun, 0.006, 50.0)) l = 0.0;", "[Disc] if (h.clearance(p, sun, 0.01, 50.0) < 0.0) l = 0.0;",
+static const char *const shadow_by[] = {"[Disc] if (h.occluded(p, sun, 0.006, 50.0)) l = 0.0;",
+                                        "[Disc] if (h.clearance(p, sun, 0.01, 50.0) < 0.0) l = 0.0;",
                                         "[Disc] if (v.p.x + 0.5 * v.p.y < 0.1 * sun.x) l = 0.0;"};
 
 static SltProgram *load(const char *shadow, bool f64) {
@@ -40,7 +42,8 @@ static SltProgram *load(const char *shadow, bool f64) {
              shadow);
     if (slt_compile_string(source, "dropped", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     double *v = malloc(sizeof *v * N * N);
-    for (uint32_t i = 0; i < N * N; i++) v[i] = 0.03 * ((i * 2654435761u ^ (i >> 8) * 2246822519u) * 3266489917u >> 8) / 16777216.0;
+    for (uint32_t i = 0; i < N * N; i++)
+        v[i] = 0.03 * ((i * 2654435761u ^ (i >> 8) * 2246822519u) * 3266489917u >> 8) / 16777216.0;
     slt_param_find(p, "h", &q, NULL);
     slt_set_floats(p, q.fbase, N * N, v, NULL);
     free(v);
@@ -59,12 +62,16 @@ static void test_steps(void **state) {
             SltError err;
             double value, *g = malloc(sizeof *g * slt_float_count(p));
             SltIntegral out = {.value = &value, .gradient = g};
-            j.threads = 2, j.seed = 3, j.size[0] = j.size[1] = SIZE, j.spp = 1, j.samples = 1 << 16, j.segments = image ? 0 : 1 << 17;
+            j.threads = 2, j.seed = 3, j.size[0] = j.size[1] = SIZE, j.spp = 1, j.samples = 1 << 16,
+            j.segments = image ? 0 : 1 << 17;
             j.integral = !image;
-            if ((image ? slt_grad_adjoint(p, &j, ones, g, NULL, &s, &err) : slt_grad_integral(p, &j, &out, &s, &err)) != SLT_OK) fail_msg("%s", err.text);
+            if ((image ? slt_grad_adjoint(p, &j, ones, g, NULL, &s, &err) : slt_grad_integral(p, &j, &out, &s, &err)) !=
+                SLT_OK)
+                fail_msg("%s", err.text);
             uint64_t dropped = 0;
             for (int d = 0; d < SLT_DROP_REASONS; d++) dropped += d == SLT_DROP_COINCIDENT ? 0 : s.dropped[d];
-            print_message("%s, %s: %llu of %llu\n", shadow_by[k], image ? "image" : "integral", (unsigned long long)dropped, (unsigned long long)s.crossings);
+            print_message("%s, %s: %llu of %llu\n", shadow_by[k], image ? "image" : "integral",
+                          (unsigned long long)dropped, (unsigned long long)s.crossings);
             assert_true(s.crossings > 1000 && dropped * 100 <= s.crossings);
             free(g);
         }

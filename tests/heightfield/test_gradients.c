@@ -1,6 +1,9 @@
-/* Gradients of terrain scenes, against differences of the integral with common random numbers: bumps, ridges, steps, flat ground, spikes of one texel, borders, the sun at the horizon, the
- * camera at the ground. Every parameter is compared: heights, camera, sun, albedo. The integral has kinks (an edge of the mesh turns from a fold into a ridge), so the gradient must lie
- * between the slopes to the left and to the right. Tolerance: 1 % of the largest component of its kind, or four standard errors of the difference, and what one sample weighs in it. SALTUS_LONG=1 takes 2^20 samples for the gradient, the default run fewer. */
+/* Gradients of terrain scenes, against differences of the integral with common random numbers: bumps, ridges, steps,
+ * flat ground, spikes of one texel, borders, the sun at the horizon, the camera at the ground. Every parameter is
+ * compared: heights, camera, sun, albedo. The integral has kinks (an edge of the mesh turns from a fold into a ridge),
+ * so the gradient must lie between the slopes to the left and to the right. Tolerance: 1 % of the largest component of
+ * its kind, or four standard errors of the difference, and what one sample weighs in it. SALTUS_LONG=1 takes 2^20
+ * samples for the gradient, the default run fewer. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,7 +25,8 @@ typedef struct Scene {
     const char *body; /* NULL: the usual one */
 } Scene;
 
-/* A pinhole camera over the terrain in [-1, 1]^2, patterned ground, a sun with sharp shadows, a sky of another colour. */
+/* A pinhole camera over the terrain in [-1, 1]^2, patterned ground, a sun with sharp shadows, a sky of another colour.
+ */
 static const char *const head =
     "[Extent(-1.0, -1.0, 1.0, 1.0)] param heightfield h = zeros(9, 9);\n"
     "param float3 eye = float3(0.0, -3.0, 1.0);\n"
@@ -35,31 +39,31 @@ static const char *const head =
     "    return f + fov * (x.x * r + x.y * u);\n"
     "}\n"
     "[Domain(-1.0, 1.0)]\n";
-static const char *const seen =
-    "shader float main(float2 x) {\n"
-    "    float3 d = ray(x);\n"
-    "    [Disc] Hit v = h.trace(eye, d, 0.0, 50.0);\n"
-    "    if (!v.hit) return 0.1 + 0.05 * x.y;\n"
-    "    float3 n = v.normal;\n"
-    "    float3 p = float3(v.p, eye.z + v.t * d.z) + 0.002 * n;\n"
-    "    float c = albedo * (0.6 + 0.4 * sin(4.0 * p.x) * cos(3.0 * p.y));\n"
-    "    float l = max(dot(n, normalize(sun)), 0.0);\n"
-    "    [Disc] if (h.occluded(p, sun, 0.02, 50.0)) l = 0.0;\n"
-    "    return c * (0.2 + l);\n"
-    "}\n";
+static const char *const seen = "shader float main(float2 x) {\n"
+                                "    float3 d = ray(x);\n"
+                                "    [Disc] Hit v = h.trace(eye, d, 0.0, 50.0);\n"
+                                "    if (!v.hit) return 0.1 + 0.05 * x.y;\n"
+                                "    float3 n = v.normal;\n"
+                                "    float3 p = float3(v.p, eye.z + v.t * d.z) + 0.002 * n;\n"
+                                "    float c = albedo * (0.6 + 0.4 * sin(4.0 * p.x) * cos(3.0 * p.y));\n"
+                                "    float l = max(dot(n, normalize(sun)), 0.0);\n"
+                                "    [Disc] if (h.occluded(p, sun, 0.02, 50.0)) l = 0.0;\n"
+                                "    return c * (0.2 + l);\n"
+                                "}\n";
 /* Seen from straight above: shadows alone, by the sign of the clearance. */
-static const char *const above =
-    "shader float main(float2 x) {\n"
-    "    float3 p = float3(x, h.height(x) + 0.01 * eye.z);\n"
-    "    [Disc] if (h.clearance(p, sun, 0.3, 50.0) < 0.0) return 0.1;\n"
-    "    return albedo + 0.1 * look.x;\n"
-    "}\n";
+static const char *const above = "shader float main(float2 x) {\n"
+                                 "    float3 p = float3(x, h.height(x) + 0.01 * eye.z);\n"
+                                 "    [Disc] if (h.clearance(p, sun, 0.3, 50.0) < 0.0) return 0.1;\n"
+                                 "    return albedo + 0.1 * look.x;\n"
+                                 "}\n";
 
 static double bump(int i, int j) {
     double x = (i - 4) / 4.0, y = (j - 4) / 4.0;
     return 0.5 * exp(-4 * (x * x + y * y));
 }
-static double bumps(int i, int j) { return 0.257 * sin(1.3 * i + 0.4) * cos(1.1 * j + 0.2) + 0.02 * ((i * 7 + j * 5) % 4); }
+static double bumps(int i, int j) {
+    return 0.257 * sin(1.3 * i + 0.4) * cos(1.1 * j + 0.2) + 0.02 * ((i * 7 + j * 5) % 4);
+}
 static double ridge(int i, int j) { return (i == 3 ? 0.4 : i == 6 ? 0.25 : 0) + 0.01 * j; }
 static double crests(int i, int j) { return (j == 2 ? 0.2 : j == 5 ? 0.35 : 0) + 0.013 * i; }
 static double step(int i, int j) { return (j > 4 ? 0.3 : 0) + 0.01 * i; }
@@ -91,7 +95,8 @@ static SltProgram *load(const Scene *s) {
     SltOptions o = SLT_OPTIONS_INIT;
     o.f64 = true;
     SltProgram *p = NULL;
-    if (slt_compile_string(source, s->name, &o, &p) != SLT_OK) fail_msg("%s: %s%s", s->name, slt_diagnostics_text(p), slt_last_error(p));
+    if (slt_compile_string(source, s->name, &o, &p) != SLT_OK)
+        fail_msg("%s: %s%s", s->name, slt_diagnostics_text(p), slt_last_error(p));
     double v[HEIGHTS];
     for (int j = 0; j < N; j++)
         for (int i = 0; i < N; i++) v[(N - 1 - j) * N + i] = s->height(i, j);
@@ -172,21 +177,27 @@ static int compare(const Scene *s, bool print) {
             double own = g[param.fbase + k], own_se = se[param.fbase + k];
             uint64_t samples = thorough ? 1 << 16 : 1 << 14;
             Slopes fd = slopes(p, param.fbase + k, samples);
-            /* A difference is a multiple of one sample's weight: boundaries that cross few samples are seen in steps of this, and a standard error may miss them. */
+            /* A difference is a multiple of one sample's weight: boundaries that cross few samples are seen in steps of
+             * this, and a standard error may miss them. */
             double grain = 4.0 / samples / STEP / REPLICATES, lo = INFINITY, hi = -INFINITY;
             for (int side = 0; side < 2; side++) {
                 double tolerance = grain + fmax(0.01 * largest, 4 * sqrt(own_se * own_se + fd.se[side] * fd.se[side]));
                 lo = fmin(lo, fd.mean[side] - tolerance), hi = fmax(hi, fd.mean[side] + tolerance);
             }
-            if (print) printf("  %s[%u]: %g +- %g, slopes %g +- %g, %g +- %g\n", param.name, k, own, own_se, fd.mean[0], fd.se[0], fd.mean[1], fd.se[1]);
+            if (print)
+                printf("  %s[%u]: %g +- %g, slopes %g +- %g, %g +- %g\n", param.name, k, own, own_se, fd.mean[0],
+                       fd.se[0], fd.mean[1], fd.se[1]);
             if (!(own >= lo && own <= hi)) {
-                print_error("%s: %s[%u]: gradient %g +- %g, slopes %g +- %g, %g +- %g\n", s->name, param.name, k, own, own_se, fd.mean[0], fd.se[0], fd.mean[1], fd.se[1]);
+                print_error("%s: %s[%u]: gradient %g +- %g, slopes %g +- %g, %g +- %g\n", s->name, param.name, k, own,
+                            own_se, fd.mean[0], fd.se[0], fd.mean[1], fd.se[1]);
                 bad++;
             }
         }
     }
     for (int d = 0; d < SLT_DROP_REASONS; d++)
-        if (stats.dropped[d] * 200 > stats.crossings) print_error("%s: %llu of %llu crossings dropped: %s\n", s->name, (unsigned long long)stats.dropped[d], (unsigned long long)stats.crossings, slt_drop_names[d]);
+        if (stats.dropped[d] * 200 > stats.crossings)
+            print_error("%s: %llu of %llu crossings dropped: %s\n", s->name, (unsigned long long)stats.dropped[d],
+                        (unsigned long long)stats.crossings, slt_drop_names[d]);
     free(g), free(se);
     slt_program_free(p);
     return bad;
@@ -194,7 +205,8 @@ static int compare(const Scene *s, bool print) {
 
 static void test_scene(void **state) { assert_int_equal(compare(*state, getenv("SALTUS_PRINT") != NULL), 0); }
 
-/* Points below the ground, asked with upright rays from t = 0 on: the volume under the terrain, whose derivative in each height is the integral of its hat function. */
+/* Points below the ground, asked with upright rays from t = 0 on: the volume under the terrain, whose derivative in
+ * each height is the integral of its hat function. */
 static void test_volume(void **state) {
     (void)state;
     static const char *const source = "param heightfield h = zeros(5, 5);\n"
@@ -224,7 +236,8 @@ static void test_volume(void **state) {
 int main(void) {
     enum { SCENES = sizeof scenes / sizeof *scenes };
     struct CMUnitTest tests[SCENES + 1];
-    for (int i = 0; i < SCENES; i++) tests[i] = (struct CMUnitTest){scenes[i].name, test_scene, NULL, NULL, (void *)&scenes[i]};
+    for (int i = 0; i < SCENES; i++)
+        tests[i] = (struct CMUnitTest){scenes[i].name, test_scene, NULL, NULL, (void *)&scenes[i]};
     tests[SCENES] = (struct CMUnitTest){"volume", test_volume, NULL, NULL, NULL};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* Sites in loops of which other sites need the result: a loop is cloned for the later one, and the earlier one is cut out of it as well. And queries beside [SkipLoop], each iteration with an edge of its own. */
+/* Sites in loops of which other sites need the result: a loop is cloned for the later one, and the earlier one is cut
+ * out of it as well. And queries beside [SkipLoop], each iteration with an edge of its own. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,7 +23,8 @@ static double derivative(const char *source, const char *name) {
     if (slt_compile_string(source, "loops", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     if (slt_param_find(p, "h", &q, &err) == SLT_OK) {
         double v[N * N];
-        for (uint32_t i = 0; i < N * N; i++) v[i] = 0.2 * ((i * 2654435761u ^ (i >> 3) * 2246822519u) * 3266489917u >> 8) / 16777216.0;
+        for (uint32_t i = 0; i < N * N; i++)
+            v[i] = 0.2 * ((i * 2654435761u ^ (i >> 3) * 2246822519u) * 3266489917u >> 8) / 16777216.0;
         slt_set_floats(p, q.fbase, N * N, v, NULL);
     }
     double *g = malloc(sizeof *g * slt_float_count(p)), at;
@@ -66,11 +68,17 @@ static void test_queries(void **state) {
     static const struct {
         const char *name, *skip, *plain;
     } row[] = {
-        {"a condition", LOOP("[Disc, SkipLoop] if (h.occluded(" RAY ")) dark = true;"), LOOP("[Disc] if (h.occluded(" RAY ")) dark = true;")},
-        {"its opposite", LOOP("[Disc, SkipLoop] if (!h.occluded(" RAY ")) dark = true;"), LOOP("[Disc] if (!h.occluded(" RAY ")) dark = true;")},
-        {"a hit", LOOP("[Disc, SkipLoop] if (h.trace(" RAY ").hit) dark = true;"), LOOP("[Disc] if (h.occluded(" RAY ")) dark = true;")},
-        {"beside", LOOP("[Disc] bool o = h.occluded(" RAY "); if (o) f *= 0.7; [Disc, SkipLoop] if (h.height(x) + 0.1 * i < sun) dark = true;"),
-         LOOP("[Disc] bool o = h.occluded(" RAY "); if (o) f *= 0.7; [Disc] if (h.height(x) + 0.1 * i < sun) dark = true;")},
+        {"a condition", LOOP("[Disc, SkipLoop] if (h.occluded(" RAY ")) dark = true;"),
+         LOOP("[Disc] if (h.occluded(" RAY ")) dark = true;")},
+        {"its opposite", LOOP("[Disc, SkipLoop] if (!h.occluded(" RAY ")) dark = true;"),
+         LOOP("[Disc] if (!h.occluded(" RAY ")) dark = true;")},
+        {"a hit", LOOP("[Disc, SkipLoop] if (h.trace(" RAY ").hit) dark = true;"),
+         LOOP("[Disc] if (h.occluded(" RAY ")) dark = true;")},
+        {"beside",
+         LOOP("[Disc] bool o = h.occluded(" RAY
+              "); if (o) f *= 0.7; [Disc, SkipLoop] if (h.height(x) + 0.1 * i < sun) dark = true;"),
+         LOOP("[Disc] bool o = h.occluded(" RAY
+              "); if (o) f *= 0.7; [Disc] if (h.height(x) + 0.1 * i < sun) dark = true;")},
     };
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
         double a = derivative(row[i].skip, "sun"), b = derivative(row[i].plain, "sun");

@@ -1,5 +1,5 @@
-/* Fingers of shadow thinner than the lattice: posts of one texel on flat ground under a low sun. What is dark is the convex hull of the post's foot and of its tip's shadow, so that areas and their
- * derivatives are known. */
+/* Fingers of shadow thinner than the lattice: posts of one texel on flat ground under a low sun. What is dark is the
+ * convex hull of the post's foot and of its tip's shadow, so that areas and their derivatives are known. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -47,7 +47,8 @@ static double hull_area(const double (*p)[2], int n) {
     return area;
 }
 
-/* A post of height h: a pyramid over the six neighbours of its node (cells are split along (1,0)-(0,1)), cut at the height of the origins. */
+/* A post of height h: a pyramid over the six neighbours of its node (cells are split along (1,0)-(0,1)), cut at the
+ * height of the origins. */
 static double dark(int k, double h, Sun s) {
     static const int foot[6][2] = {{1, 0}, {0, 1}, {-1, 1}, {-1, 0}, {0, -1}, {1, -1}};
     double p[7][2], cell = 1.0 / (N - 1), part = (h - RAISED) / h;
@@ -68,7 +69,12 @@ static Answer exact(Sun s) {
         a.height[k] = (dark(k, tall[k] + 1e-5, s) - dark(k, tall[k] - 1e-5, s)) / 2e-5;
         for (int d = 0; d < 3; d++) {
             Sun up = s, down = s;
-            *(d == 0 ? &up.x : d == 1 ? &up.y : &up.z) += 1e-6, *(d == 0 ? &down.x : d == 1 ? &down.y : &down.z) -= 1e-6;
+            *(d == 0   ? &up.x
+              : d == 1 ? &up.y
+                       : &up.z) += 1e-6,
+                *(d == 0   ? &down.x
+                  : d == 1 ? &down.y
+                           : &down.z) -= 1e-6;
             a.sun[d] += (dark(k, tall[k], up) - dark(k, tall[k], down)) / 2e-6;
         }
     }
@@ -97,7 +103,8 @@ static SltProgram *load(Sun s, bool f64, int near_miss) {
     return p;
 }
 
-/* Derivatives as parts of the exact ones: of the posts' heights together, and of the sun's; their means over seeds, and the standard error of the first. */
+/* Derivatives as parts of the exact ones: of the posts' heights together, and of the sun's; their means over seeds, and
+ * the standard error of the first. */
 typedef struct Found {
     double heights, error, sun, missed;
     SltStats stats;
@@ -114,9 +121,18 @@ static Found run(SltProgram *p, const Answer *want, uint32_t side, uint32_t seed
     uint32_t n = slt_float_count(p);
     double *g = calloc(n, sizeof *g), *missed = calloc(n, sizeof *missed);
     for (uint32_t seed = 0; seed < seeds; seed++) {
-        SltJob j = {.integral = !image, .samples = 1, .segments = image ? 2 : 2 * side * side, .size = {side, side, 1}, .spp = 1, .seed = seed, .replicates = 1, .threads = 2};
+        SltJob j = {.integral = !image,
+                    .samples = 1,
+                    .segments = image ? 2 : 2 * side * side,
+                    .size = {side, side, 1},
+                    .spp = 1,
+                    .seed = seed,
+                    .replicates = 1,
+                    .threads = 2};
         SltIntegral out = {.gradient = g, .missed_estimate = missed};
-        if ((image ? slt_grad_adjoint(p, &j, ones, g, NULL, &f.stats, &err) : slt_grad_integral(p, &j, &out, &f.stats, &err)) != SLT_OK) fail_msg("%s", err.text);
+        if ((image ? slt_grad_adjoint(p, &j, ones, g, NULL, &f.stats, &err)
+                   : slt_grad_integral(p, &j, &out, &f.stats, &err)) != SLT_OK)
+            fail_msg("%s", err.text);
         for (uint32_t i = 0; i < n && image; i++) g[i] /= side * side;
         double sum = 0, of = 0;
         for (int k = 0; k < POSTS; k++) {
@@ -147,12 +163,17 @@ static void test_posts(void **state) {
         for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
             uint32_t side = row[i].side, seeds = print ? 8192 / side : 1024 / side + 8;
             Found a = run(off, &want, side, seeds, image), b = run(on, &want, side, seeds, image);
-            print_message("%s, spacing %.2f cells: lost %.4f +- %.4f (missed estimate %.4f), followed %.4f +- %.4f; of the sun %.4f, %.4f; %llu and %llu evaluations\n", image ? "image" : "integral", 32.0 / side,
-                          1 - a.heights, a.error, a.missed, 1 - b.heights, b.error, 1 - a.sun, 1 - b.sun, (unsigned long long)a.stats.evaluations / seeds, (unsigned long long)b.stats.evaluations / seeds);
+            print_message(
+                "%s, spacing %.2f cells: lost %.4f +- %.4f (missed estimate %.4f), followed %.4f +- %.4f; of the sun %.4f, %.4f; %llu and %llu evaluations\n",
+                image ? "image" : "integral", 32.0 / side, 1 - a.heights, a.error, a.missed, 1 - b.heights, b.error,
+                1 - a.sun, 1 - b.sun, (unsigned long long)a.stats.evaluations / seeds,
+                (unsigned long long)b.stats.evaluations / seeds);
             assert_true(1 - a.heights > 4 * a.error);
             assert_true(fabs(1 - b.heights) < row[i].lost * (1 - a.heights) + 4 * b.error);
             for (int d = 0; d < SLT_DROP_REASONS; d++)
-                if (b.stats.dropped[d] * 1000 > b.stats.crossings) fail_msg("%llu of %llu dropped: %s", (unsigned long long)b.stats.dropped[d], (unsigned long long)b.stats.crossings, slt_drop_names[d]);
+                if (b.stats.dropped[d] * 1000 > b.stats.crossings)
+                    fail_msg("%llu of %llu dropped: %s", (unsigned long long)b.stats.dropped[d],
+                             (unsigned long long)b.stats.crossings, slt_drop_names[d]);
         }
         slt_program_free(on), slt_program_free(off);
     }
@@ -167,7 +188,12 @@ static void test_threads(void **state) {
     SltStats stats[2] = {{0}, {0}};
     SltError err;
     for (int k = 0; k < 2; k++) {
-        SltJob j = {.integral = true, .samples = 1, .segments = 2 * 300 * 300, .seed = 5, .replicates = 1, .threads = k ? 3 : 1};
+        SltJob j = {.integral = true,
+                    .samples = 1,
+                    .segments = 2 * 300 * 300,
+                    .seed = 5,
+                    .replicates = 1,
+                    .threads = k ? 3 : 1};
         SltIntegral out = {.gradient = g[k]};
         if (slt_grad_integral(p, &j, &out, &stats[k], &err) != SLT_OK) fail_msg("%s", err.text);
     }
