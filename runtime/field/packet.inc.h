@@ -13,7 +13,7 @@
 #define packet_line_y FN(packet_line_y)
 #define packet_step FN(packet_step)
 #define packet_probe FN(packet_probe)
-#define packet_probes FN(packet_probes)
+#define packet_first FN(packet_first)
 #define packet_fetch FN(packet_fetch)
 #define packet_turn FN(packet_turn)
 #define packet_store FN(packet_store)
@@ -152,8 +152,9 @@ INLINE void packet_move(Packet *p, vm leave, vm down) {
     vm xexit = m_opaque(m_le(p->tx, p->ty)), lx = leave & xexit, ly = leave & m_not(xexit);
     vi i = i_sel(lx, p->i + size, p->i), j = i_sel(ly, p->j + size, p->j);
     vm up = m_opaque(leave & mi_eq(i_sel(xexit, i, j) & size, zero) & mi_gt(i_all(p->top), p->level));
-    p->level = i_sel(down, p->level - one, i_sel(up, p->level + one, p->level));
-    size = i_sel(down, size >> 1, i_sel(up, size + size, size));
+    p->level = i_sel(down, p->level - one, p->level);
+    p->level = i_sel(up, p->level + one, p->level);
+    size = one << p->level;
     p->size = size;
     vi keep = zero - size;
     i = i_sel(up, i & keep, i), j = i_sel(up, j & keep, j);
@@ -240,15 +241,15 @@ INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, int ahea
     p->on = m_opaque(p->on & m_not(hit));
 }
 
-/* OCCLUDED: the first cell, where most shadows begin, then the lines of PROBES. */
-INLINE void packet_probes(Packet *p, const Field *f, const flt *heights, FieldCounts *counts) {
+/* Walks begin in a cell, all lanes at once: no node is looked at yet. There most shadows begin, and the rest of OCCLUDED then looks at the lines of PROBES. */
+INLINE void packet_first(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, FieldCounts *counts) {
     static const int ahead[] = PROBES;
     vm cells = p->on & mi_eq(p->level, i_all(0));
     if (m_any(cells)) {
         if (counts) counts->cells++;
-        packet_cell(p, f, SLT_FIELD_OCCLUDED, heights, cells, NULL);
+        packet_cell(p, f, what, heights, cells, NULL);
     }
-    for (uint32_t n = 0; n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
+    for (uint32_t n = 0; what == SLT_FIELD_OCCLUDED && n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
         if (counts) counts->cells++;
         packet_probe(p, f, heights, ahead[n]);
     }
@@ -271,7 +272,7 @@ INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, con
     Packet p;
     packet_locate(&p, f, what, rays, width, on);
     packet_start(&p, f, what, heights);
-    if (what == SLT_FIELD_OCCLUDED) packet_probes(&p, f, heights, counts);
+    if (HITS(what)) packet_first(&p, f, what, heights, counts);
     while (m_any(p.on)) packet_step(&p, f, what, heights, slice, counts);
     return p.s.id;
 }
@@ -283,7 +284,7 @@ INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, 
     packet_locate(&q, f, what, rays + LANES, width, m_make(bits1));
     packet_start(&p, f, what, heights);
     packet_start(&q, f, what, heights);
-    if (what == SLT_FIELD_OCCLUDED) packet_probes(&p, f, heights, NULL), packet_probes(&q, f, heights, NULL);
+    if (HITS(what)) packet_first(&p, f, what, heights, NULL), packet_first(&q, f, what, heights, NULL);
     while (m_any(p.on) && m_any(q.on)) {
         vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
         if (what != SLT_FIELD_RISE) {
@@ -361,7 +362,8 @@ INLINE void packet_fetch(Packet *p, const Field *f, SltFieldWhat what, const flt
 INLINE void packet_two(Packet *p, Packet *q, const Field *f, SltFieldWhat what, const flt *heights, int32_t *id) {
     packet_start(p, f, what, heights);
     packet_start(q, f, what, heights);
-    if (what == SLT_FIELD_OCCLUDED) packet_probes(p, f, heights, NULL), packet_probes(q, f, heights, NULL);
+    packet_first(p, f, what, heights, NULL);
+    packet_first(q, f, what, heights, NULL);
     packet_pair(p, q, f, what, heights, id);
 }
 
