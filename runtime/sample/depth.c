@@ -13,7 +13,8 @@
 enum {
     OCTAVE_STEPS = 4, /* buckets an octave: the median is good to a fifth, and needs no memory and no sorting */
     LOWEST = -24,     /* differences below 2^-24 are rounding */
-    FEW = 16          /* fewer say nothing of what is usual here */
+    FEW = 16,         /* fewer say nothing of what is usual here */
+    ASKED = 8         /* one edge in so many may be asked in vain */
 };
 #define TIMES_MEDIAN 1.0
 #define TIMES_NEIGHBOUR 1.5
@@ -21,13 +22,25 @@ enum {
 
 void spread_clear(Spread *s) { memset(s, 0, sizeof *s); }
 
-void spread_add(Spread *s, double difference) {
+/* -1: both in the sky, or nothing to be learnt. */
+static int bucket_of(double difference) {
     double a = fabs(difference);
-    if (!(a >= ldexp(1, LOWEST)) || isinf(a)) return; /* both in the sky, or nothing to be learnt */
+    if (!(a >= ldexp(1, LOWEST)) || isinf(a)) return -1;
     int e;
     double m = frexp(a, &e); /* a = m 2^e, m in [1/2, 1) */
     int bucket = (e - 1 - LOWEST) * OCTAVE_STEPS + (int)((2 * m - 1) * OCTAVE_STEPS);
-    s->count[bucket < SPREAD_BUCKETS ? bucket : SPREAD_BUCKETS - 1]++;
+    return bucket < SPREAD_BUCKETS ? bucket : SPREAD_BUCKETS - 1;
+}
+
+/* The difference so far into a bucket. */
+static double bucket_value(int bucket, double part) {
+    return ldexp(1 + (bucket % OCTAVE_STEPS + part) / OCTAVE_STEPS, bucket / OCTAVE_STEPS + LOWEST);
+}
+
+void spread_add(Spread *s, double difference) {
+    int bucket = bucket_of(difference);
+    if (bucket < 0) return;
+    s->count[bucket]++;
     s->n++;
 }
 
@@ -39,13 +52,16 @@ double spread_jump(const Spread *s) {
         below += s->count[bucket];
         if (2 * below >= s->n) break;
     }
-    double median = ldexp(1 + (bucket % OCTAVE_STEPS + 0.5) / OCTAVE_STEPS, bucket / OCTAVE_STEPS + LOWEST);
-    return fmax(FLOOR, TIMES_MEDIAN * median);
-}
-
-void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n) {
-    for (uint32_t v = 0; v + 1 < n; v++)
-        if (hash[v * stride] == hash[(v + 1) * stride]) spread_add(s, depth[v * stride] - depth[(v + 1) * stride]);
+    double jump = TIMES_MEDIAN * bucket_value(bucket, 0.5);
+    /* Where the view grazes, the median hides most jumps. Where cells are large beside the spacing, few edges stand out
+     * beside their neighbours, and a smaller J costs little. */
+    if (s->edges) {
+        uint64_t asked = 0;
+        int least = SPREAD_BUCKETS;
+        while (least > 0 && ASKED * (asked + s->odd[least - 1]) <= s->edges) asked += s->odd[--least];
+        if (least < SPREAD_BUCKETS) jump = fmin(jump, bucket_value(least, 0));
+    }
+    return fmax(FLOOR, jump);
 }
 
 /* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the
@@ -59,4 +75,16 @@ double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, ui
     double before = fabs(d[0] - d[stride]), after = fabs(d[2 * stride] - d[3 * stride]);
     double beside = TIMES_NEIGHBOUR * fmin(before, after);
     return beside > jump && !isinf(beside) ? beside : jump;
+}
+
+void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n) {
+    s->edges += n - 1;
+    for (uint32_t v = 0; v + 1 < n; v++) {
+        if (hash[v * stride] != hash[(v + 1) * stride]) continue;
+        double difference = depth[v * stride] - depth[(v + 1) * stride];
+        int bucket = bucket_of(difference);
+        if (bucket < 0) continue;
+        spread_add(s, difference);
+        if (fabs(difference) > depth_jump(hash, depth, stride, v, n, 0)) s->odd[bucket]++;
+    }
 }

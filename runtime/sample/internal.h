@@ -156,8 +156,9 @@ void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3],
 /* ---- depth.c: scenes with has_depth. A histogram of the differences between neighbours with equal hashes */
 enum { SPREAD_BUCKETS = 160 };
 typedef struct Spread {
-    uint64_t n;
+    uint64_t n, edges;            /* edges: of lines */
     uint32_t count[SPREAD_BUCKETS];
+    uint32_t odd[SPREAD_BUCKETS]; /* of lines: those that stand out beside their neighbours */
 } Spread;
 void spread_clear(Spread *s);
 void spread_add(Spread *s, double difference);

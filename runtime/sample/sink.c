@@ -27,6 +27,14 @@ void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
     if (b->s->has_window) batch_set(b, SLT_IN_AUX1, lane, c->aux1);
 }
 
+#define ROUNDED 0x1p-6 /* of a segment */
+
+static double length(const double v[3], uint32_t dim) {
+    double sum = 0;
+    for (uint32_t d = 0; d < dim; d++) sum += v[d] * v[d];
+    return sqrt(sum);
+}
+
 /* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random
  * segment: base / |grad g|, with the jump turned towards growing g. */
 static bool weigh(Sink *k, Crossing *c) {
@@ -40,8 +48,10 @@ static bool weigh(Sink *k, Crossing *c) {
     SltDrop reason;
     if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
     else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
-    /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. */
-    else if (fabs(c->ga) + fabs(c->gb) > 32 * sqrt(plain) * c->bracket) reason = SLT_DROP_INCONSISTENT;
+    /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. Not if that
+     * is little beside what g does on the segment: far from the origin g is rounded by so much in single precision. */
+    else if (fabs(c->ga) + fabs(c->gb) > sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
+        reason = SLT_DROP_INCONSISTENT;
     else {
         if (c->axis >= 0) c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
         else c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
