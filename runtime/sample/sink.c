@@ -48,8 +48,9 @@ static bool weigh(Sink *k, Crossing *c) {
     SltDrop reason;
     if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
     else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
-    /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. Not if that
-     * is little beside what g does on the segment: far from the origin g is rounded by so much in single precision. */
+    /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. Not if
+     * that is little beside what g does on the segment: far from the origin g is rounded by so much in single
+     * precision. */
     else if (fabs(c->ga) + fabs(c->gb) > sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
         reason = SLT_DROP_INCONSISTENT;
     else {
