@@ -204,7 +204,35 @@ static void test_threads(void **state) {
     slt_program_free(p);
 }
 
+/* An image's derivative along the sun's height adds up to the gradient of its sum. */
+static void test_forward(void **state) {
+    (void)state;
+    enum { SIDE = 150 };
+    static float ones[SIDE * SIDE], image[SIDE * SIDE];
+    for (int i = 0; i < SIDE * SIDE; i++) ones[i] = 1;
+    SltProgram *p = load(low, true, 1);
+    uint32_t n = slt_float_count(p);
+    double *g = calloc(n, sizeof *g), *dir = calloc(n, sizeof *dir), sum = 0;
+    float *out = image;
+    SltJob j = {.size = {SIDE, SIDE, 1}, .spp = 1, .segments = 2, .seed = 4, .threads = 2};
+    SltStats stats[2] = {{0}, {0}};
+    SltParam q;
+    SltError err;
+    slt_param_find(p, "sun", &q, &err);
+    dir[q.fbase + 2] = 1;
+    if (slt_grad_adjoint(p, &j, ones, g, NULL, &stats[0], &err) != SLT_OK) fail_msg("%s", err.text);
+    if (slt_grad_images(p, &j, 1, (const double *const[]){dir}, &out, NULL, &stats[1], &err) != SLT_OK)
+        fail_msg("%s", err.text);
+    for (int i = 0; i < SIDE * SIDE; i++) sum += (double)image[i];
+    print_message("%g, %g\n", sum, g[q.fbase + 2]);
+    assert_true(fabs(sum) > 1 && fabs(sum - g[q.fbase + 2]) < 1e-4 * fabs(sum));
+    assert_int_equal(stats[0].crossings, stats[1].crossings);
+    free(g), free(dir);
+    slt_program_free(p);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_posts), cmocka_unit_test(test_threads)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_posts), cmocka_unit_test(test_forward),
+                                       cmocka_unit_test(test_threads)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
