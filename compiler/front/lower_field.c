@@ -356,7 +356,7 @@ static Val silhouette(Lower *l, Expr *e, const Terrain *t, Ray r) {
     v.c[0] = found;
     v.c[1] = sel(l, found, c.t, kf(l, __builtin_inf()));
     v.c[2] = sel(l, found, slope, kmax);
-    site_untracked(l, v.c[1], slope, NULL, e->span, JUMP_ALWAYS);
+    site_untracked(l, id, slope, NULL, e->span, JUMP_ALWAYS);
     return v;
 }
 
