@@ -109,14 +109,16 @@ static void fill(SltProgram *p, const Fill *f) {
     for (uint32_t j = 0; j < q.tex_h; j++)
         for (uint32_t i = 0; i < q.tex_w; i++)
             for (uint32_t c = 0; c < channels; c++)
-                v[n++] = (float)sample(f, i / (q.tex_w - 1.0), 1 - j / (q.tex_h - 1.0), i, j + 1000 * c, q.tex_w, q.tex_h);
+                v[n++] =
+                    (float)sample(f, i / (q.tex_w - 1.0), 1 - j / (q.tex_h - 1.0), i, j + 1000 * c, q.tex_w, q.tex_h);
     assert_int_equal(n, q.fcount);
     assert_int_equal(slt_set_floats(p, q.fbase, n, v, NULL), SLT_OK);
     free(v);
 }
 
 /* ---- the file: "== name", "@ parameter terrain seed", the source, then the slopes:
- * "> name channel value error step", at a kink "! name channel left right step", "? ..." where we are known to differ */
+ * "> name channel value error step", at a kink "! name channel left right step", "? ..." where we are known to differ
+ */
 
 static Scenes load(void) {
     FILE *f = fopen(SALTUS_TEST_DIR "/heightfield/held_out.scenes", "r");
@@ -180,7 +182,8 @@ static void direction(SltProgram *p, const char *name, double *dir, SltParam *pa
     if (slt_param_find(p, base, par, &e)) fail_msg("%s", e.text);
     memset(dir, 0, slt_float_count(p) * sizeof *dir);
     if (sscanf(name + n, "~%u", &a) == 1) {
-        for (uint32_t i = 0; i < par->fcount; i++) dir[par->fbase + i] = (mix(i, a, 77) & 1 ? 1 : -1) / sqrt(par->fcount);
+        for (uint32_t i = 0; i < par->fcount; i++)
+            dir[par->fbase + i] = (mix(i, a, 77) & 1 ? 1 : -1) / sqrt(par->fcount);
         return;
     }
     int found = sscanf(name + n, "[%u,%u]", &a, &b);
@@ -209,7 +212,8 @@ static char *wrap(const char *source, bool *rand) {
     static const char *const no[] = {"rand()", "path_radiance", "slice_radiance", "camera_pixel"};
     for (unsigned i = 0; i < sizeof no / sizeof *no; i++)
         if (strstr(source, no[i])) return NULL;
-    const char *shader = strstr(source, "shader "), *domain = strstr(source, "[Domain("), *entry = strstr(shader, " main(float");
+    const char *shader = strstr(source, "shader "), *domain = strstr(source, "[Domain("),
+               *entry = strstr(shader, " main(float");
     assert_true(shader && entry);
     char type[16], body[8192], lo[64] = "0.0", hi[64] = "1.0", vec[8];
     snprintf(type, sizeof type, "%.*s", (int)(entry - shader - 7), shader + 7);
@@ -230,8 +234,7 @@ static char *wrap(const char *source, bool *rand) {
     if (draw) {
         if (strstr(draw + 1, "rand2()")) return NULL;
         snprintf(body, sizeof body, "%.*sdrawn%s", (int)(draw - rest), rest, draw + 7);
-    } else
-        snprintf(body, sizeof body, "%s", rest);
+    } else snprintf(body, sizeof body, "%s", rest);
     char *out = malloc(16384);
     assert_non_null(out);
     snprintf(out, 16384,
@@ -239,7 +242,9 @@ static char *wrap(const char *source, bool *rand) {
              "shader %s main(float2 y) {\n    float4 q = points.load(pixel());\n    %s lo = %s, hi = %s;\n"
              "    return scene(lo + (hi - lo) * q.%s, q.zw);\n}\n",
              (int)((domain ? domain : shader) - source), source, type, vec, body, WIDE, ROWS, type, vec, lo, hi,
-             dim == 1 ? "x" : dim == 2 ? "xy" : "xyz");
+             dim == 1   ? "x"
+             : dim == 2 ? "xy"
+                        : "xyz");
     return out;
 }
 
@@ -313,7 +318,8 @@ static void integrate(const Wrapped *w, const double *theta, uint32_t nfloats, u
                 for (unsigned c = 0; c < ch; c++) u.fb[c] = v.fa[c] = mid[c];
                 next[m++] = u, next[m++] = v;
             } else
-                for (unsigned c = 0; c < ch; c++) out[c] += weight * (x->fa[c] + (jumps ? 1 : 4) * mid[c] + x->fb[c]) / (jumps ? 3 : 6);
+                for (unsigned c = 0; c < ch; c++)
+                    out[c] += weight * (x->fa[c] + (jumps ? 1 : 4) * mid[c] + x->fb[c]) / (jumps ? 3 : 6);
         }
         free(piece), piece = next, n = m;
     }
@@ -332,7 +338,8 @@ static double largest_listed(const Scene *s, const Slope *d) {
 
 /* The slope again, from the scene's values: whether it is what is listed. Two patterns say little of their spread, and
  * features thinner than a line's parts are missed: five per cent of it besides, and half a per cent of the largest. */
-static bool difference(const Wrapped *w, const double *theta, const double *dir, uint32_t nfloats, const Slope *d, const Scene *scene) {
+static bool difference(const Wrapped *w, const double *theta, const double *dir, uint32_t nfloats, const Slope *d,
+                       const Scene *scene) {
     double at[PATTERNS], mean = 0, spread = 0, f[3][CHANNELS], *moved = malloc(nfloats * sizeof *moved);
     assert_non_null(moved);
     for (unsigned k = 0; k < PATTERNS; k++) {
@@ -344,11 +351,13 @@ static bool difference(const Wrapped *w, const double *theta, const double *dir,
         mean += at[k] / PATTERNS;
     }
     for (unsigned k = 0; k < PATTERNS; k++) spread += (at[k] - mean) * (at[k] - mean) / (PATTERNS * (PATTERNS - 1));
-    double listed = d->kink ? 0.5 * (d->left + d->right) : d->value, error = d->kink ? fabs(d->left - d->right) / 4 : d->error;
+    double listed = d->kink ? 0.5 * (d->left + d->right) : d->value,
+           error = d->kink ? fabs(d->left - d->right) / 4 : d->error;
     free(moved);
     double besides = 0.05 * fabs(listed) + 0.005 * largest_listed(scene, d);
     if (fabs(mean - listed) <= 4 * (error + sqrt(spread)) + besides) return true;
-    print_error("%s, %s: the difference is %g +- %g, listed is %g +- %g\n", scene->name, d->name, mean, sqrt(spread), listed, error);
+    print_error("%s, %s: the difference is %g +- %g, listed is %g +- %g\n", scene->name, d->name, mean, sqrt(spread),
+                listed, error);
     return false;
 }
 
@@ -403,13 +412,14 @@ static unsigned check(const Scene *s) {
         double allowed = fmax(0.01 * largest, 4 * sqrt(variance)), off;
         if (d->kink) /* one of the slopes, or between them */
             off = fmax(0, fmax(fmin(d->left, d->right) - value, value - fmax(d->left, d->right)));
-        else
-            off = fmax(0, fabs(value - d->value) - 2 * d->error);
+        else off = fmax(0, fabs(value - d->value) - 2 * d->error);
         if (d->limit) {
             print_message("%s, %s: %g, difference %g: a limit\n", s->name, d->name, value, d->value);
         } else if (!(off <= allowed)) {
-            print_error("%s, %s, channel %u: %g, difference %g +- %g; 1 %% of the largest is %g, 4 standard errors %g\n", s->name, d->name,
-                        d->channel, value, d->kink ? 0.5 * (d->left + d->right) : d->value, d->error, 0.01 * largest, 4 * sqrt(variance));
+            print_error(
+                "%s, %s, channel %u: %g, difference %g +- %g; 1 %% of the largest is %g, 4 standard errors %g\n",
+                s->name, d->name, d->channel, value, d->kink ? 0.5 * (d->left + d->right) : d->value, d->error,
+                0.01 * largest, 4 * sqrt(variance));
             bad++;
         }
     }
