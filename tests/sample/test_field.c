@@ -142,7 +142,8 @@ static void test_grazing(void **state) {
         double idle = (double)r.calls[SLT_K_EVENT] / 2 - (double)r.named,
                extra = (double)r.calls[SLT_K_REGION] - 0.5 * n;
         print_message("  %.0f pairs asked for nothing, %.0f regions beyond the lattice\n", idle, extra);
-        assert_true(idle < 0.125 * n && extra < 0.3 * n); /* depth.c: one edge in eight */
+        /* depth.c searches up to one edge in eight; of a finer lattice, fewer stand out. */
+        assert_true(idle < (n == 4000 ? 0.125 : 0.07) * n && extra < (n == 4000 ? 0.3 : 0.15) * n);
     }
 }
 
