@@ -1,13 +1,14 @@
 /* The command: options, compiling, reports and progress that the verbs share. One file per verb.
  *
- * Standard output carries results only (one JSON object with --json), everything for people goes to standard error. Exit statuses are SltStatus. */
+ * Standard output carries results only (one JSON object with --json), everything for people goes to standard error.
+ * Exit statuses are SltStatus. */
 #ifndef SALTUS_CLI_H
 #define SALTUS_CLI_H
 
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 #include "runtime/base/json.h"
 #include "runtime/image/image.h"
 #include "saltus/saltus.h"
@@ -61,14 +62,15 @@ typedef struct Cli {
 } Cli;
 
 /* options.c */
-int cli_parse(int argc, char **argv, Cli *c);           /* an SltStatus; -1: help or version was printed, all is well */
+int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus; -1: help or version was printed, all is well */
 void cli_help(FILE *out, const char *verb);
 int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
 
 /* common.c */
-/* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also on failure. */
+/* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
+ * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
-int cli_fail(const Cli *c, const SltError *err);        /* prints the error, returns its status */
+int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
 /* The job's sizes for this program (dimension, defaults), and checks them. */
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
@@ -76,7 +78,8 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
 /* Ctrl-C sets the job's cancel flag; a second one ends the process. */
 void cli_catch_interrupt(Cli *c);
 bool cli_interrupted(void);
-void cli_watch_time(const Cli *c); /* ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step */
+void cli_watch_time(
+    const Cli *c);    /* ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step */
 double cli_now(void); /* seconds, monotonic */
 
 /* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
@@ -92,16 +95,18 @@ void progress_job(void *user, double fraction); /* for SltJob.progress, user: Pr
 
 /* report.c: values in the shape of the parameters */
 typedef struct ShapeValues {
-    const double *data;   /* [channels][nfloats], or [1][nfloats] */
-    uint32_t channels;    /* 1: a leaf is a number; else a list */
+    const double *data; /* [channels][nfloats], or [1][nfloats] */
+    uint32_t channels;  /* 1: a leaf is a number; else a list */
     uint32_t nfloats;
 } ShapeValues;
 /* {"radius": X, "centre": [X, Y], ...} of what is differentiated: parameters, or the components named by --wrt. */
 void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const ShapeValues *v);
 void report_stats_json(FILE *out, const SltStats *stats);
 void report_warnings_json(FILE *out, SltProgram *p);
-void report_dropped(const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
-/* Components that --wrt names: name of each and its float index. Returns how many; names live in *names (malloc'd array of malloc'd strings). */
+void report_dropped(
+    const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
+/* Components that --wrt names: name of each and its float index. Returns how many; names live in *names (malloc'd array
+ * of malloc'd strings). */
 uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index);
 void report_free_components(char **names, uint32_t *index, uint32_t n);
 /* Names one float component: "discs[3].centre.x". */

@@ -11,12 +11,13 @@ typedef struct ViewValue {
     int32_t *ints, *base_ints;    /* malloc'd together: ints */
 } ViewValue;
 
-/* One view: a target with a mask and parameter values of its own. With an external loss both images are the loss program's to read. */
+/* One view: a target with a mask and parameter values of its own. With an external loss both images are the loss
+ * program's to read. */
 typedef struct View {
     char *target_path, *mask_path;
-    float *target, *mask;      /* at the job's size; mask may be NULL */
-    Assign *params;            /* name, JSON text or @file (malloc'd) */
-    ViewValue *values;         /* the same, read once */
+    float *target, *mask; /* at the job's size; mask may be NULL */
+    Assign *params;       /* name, JSON text or @file (malloc'd) */
+    ViewValue *values;    /* the same, read once */
     uint32_t nparams;
 } View;
 
@@ -38,10 +39,11 @@ typedef struct Scene {
     uint32_t nstrings;
 } Scene;
 
-/* Reads SCENE.json into scene and, where the command line says nothing else, into the options. An SltStatus, reported. */
+/* Reads SCENE.json into scene and, where the command line says nothing else, into the options. An SltStatus, reported.
+ */
 int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
 char *scene_keep(Scene *s, char *text); /* freed with the scene; returns text */
-bool scene_is(const char *file); /* by its extension */
+bool scene_is(const char *file);        /* by its extension */
 
 #endif

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "cli/cli.h"
-#include "compiler/api/shape.h"
+#include "bindings/c/shape.h"
 
 const char *report_channel(uint32_t channels, uint32_t c) {
     static const char *const rgba[] = {"R", "G", "B", "A"};

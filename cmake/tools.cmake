@@ -1,10 +1,13 @@
 # `format`, `check-format` and `tidy`: only where the tools are (bootstrap tools), and never part of a build.
 find_program(CLANG_TIDY NAMES run-clang-tidy-${SALTUS_LLVM} run-clang-tidy) # on all cores
 find_program(SALTUS_CLANG_FORMAT NAMES clang-format-${SALTUS_LLVM}) # no other version: each breaks lines a little differently
-file(GLOB_RECURSE TOOL_SOURCES CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/compiler/*.c ${CMAKE_SOURCE_DIR}/runtime/*.c ${CMAKE_SOURCE_DIR}/cli/*.c
-  ${CMAKE_SOURCE_DIR}/tests/*.c)
+set(TOOL_SOURCES)
+foreach(folder compiler runtime bindings/c cli include tests)
+  file(GLOB_RECURSE found CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/${folder}/*.c ${CMAKE_SOURCE_DIR}/${folder}/*.h)
+  list(APPEND TOOL_SOURCES ${found})
+endforeach()
 if(CLANG_TIDY)
-  add_custom_target(tidy COMMAND ${CLANG_TIDY} -quiet -p ${CMAKE_BINARY_DIR} "^${CMAKE_SOURCE_DIR}/(compiler|runtime|cli|tests)/" USES_TERMINAL)
+  add_custom_target(tidy COMMAND ${CLANG_TIDY} -quiet -p ${CMAKE_BINARY_DIR} "^${CMAKE_SOURCE_DIR}/(compiler|runtime|bindings|cli|tests)/" USES_TERMINAL)
 endif()
 if(SALTUS_CLANG_FORMAT)
   set(CHECK_FORMAT ${SALTUS_CLANG_FORMAT} --dry-run -Werror ${TOOL_SOURCES})

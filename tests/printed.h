@@ -19,8 +19,6 @@ static inline char *printed(const Session *s, void (*print)(const Session *, FIL
     return text;
 }
 
-static inline void print_text(const Session *s, FILE *f) {
-    diag_print_text(s, f, false);
-}
+static inline void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
 
 #endif

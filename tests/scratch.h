@@ -1,7 +1,7 @@
 /* A folder for what a test writes, and the command run in it.
  *
- * scratch_make and scratch_drop are a group's set-up and tear-down. The folder lies under $TMPDIR and goes with all that
- * is in it. */
+ * scratch_make and scratch_drop are a group's set-up and tear-down. The folder lies under $TMPDIR and goes with all
+ * that is in it. */
 #ifndef SALTUS_TESTS_SCRATCH_H
 #define SALTUS_TESTS_SCRATCH_H
 
@@ -52,7 +52,8 @@ static inline void scratch_put(const char *name, const char *text) {
  * put into out. Returns the exit status. */
 static inline int scratch_run(char *out, size_t size, const char *line) {
     char all[4096];
-    int n = snprintf(all, sizeof all, "cd '%s' && saltus() { '%s' \"$@\"; } && { %s; } 2>&1", scratch, SALTUS_BIN, line);
+    int n =
+        snprintf(all, sizeof all, "cd '%s' && saltus() { '%s' \"$@\"; } && { %s; } 2>&1", scratch, SALTUS_BIN, line);
     assert_in_range(n, 1, sizeof all - 1);
     FILE *f = popen(all, "r");
     assert_non_null(f);

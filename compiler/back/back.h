@@ -1,7 +1,8 @@
 /* The back end: SPMD emission of kernels through LLVM.
  *
- * One Fn becomes `void name(SltKernelArgs *, uint32_t n)`: W samples side by side, lanes = consecutive samples, values that are the same in all
- * lanes kept scalar. LLVM is given no fast-math flag. Compilation is a pure function of (IR text, options): the cache key. */
+ * One Fn becomes `void name(SltKernelArgs *, uint32_t n)`: W samples side by side, lanes = consecutive samples, values
+ * that are the same in all lanes kept scalar. LLVM is given no fast-math flag. Compilation is a pure function of (IR
+ * text, options): the cache key. */
 #ifndef SALTUS_BACK_BACK_H
 #define SALTUS_BACK_BACK_H
 
@@ -11,8 +12,8 @@
 typedef enum AdjLayout { ADJ_LANES, ADJ_FLAT } AdjLayout;
 
 typedef struct Target {
-    char cpu[64];        /* "native" is resolved by target_host */
-    char features[1024]; /* LLVM feature string; "" for the CPU's own */
+    char cpu[64];          /* "native" is resolved by target_host */
+    char features[1024];   /* LLVM feature string; "" for the CPU's own */
     uint32_t vector_bytes; /* 16, 32, 64 */
     bool has_fma;
 } Target;
@@ -22,7 +23,7 @@ bool target_named(Target *t, const char *name); /* "sse2", "avx2", "avx512", "na
 
 typedef struct BackOptions {
     Target target;
-    uint32_t width;        /* lanes; 0: chosen from program and target (uniformly for all kernels of a module) */
+    uint32_t width; /* lanes; 0: chosen from program and target (uniformly for all kernels of a module) */
     AdjLayout adj;
     bool no_cache;
     const char *cache_dir; /* NULL: $XDG_CACHE_HOME/saltus or ~/.cache/saltus */
@@ -31,26 +32,33 @@ typedef struct BackOptions {
 } BackOptions;
 
 typedef struct KernelRequest {
-    const char *name;      /* symbol */
+    const char *name; /* symbol */
     Fn *fn;
 } KernelRequest;
 
-/* Marks the float parameters whose adjoints a reverse kernel (all its parts) adds in place; those that it reads at varying indices alone go to the log. */
+/* Marks the float parameters whose adjoints a reverse kernel (all its parts) adds in place; those that it reads at
+ * varying indices alone go to the log. */
 void back_dense_adjoints(Fn *fn, uint8_t *dense);
 
 typedef struct CompiledModule CompiledModule;
 /* Default width for these kernels: enough independent work to hide latency, bounded by registers. Deterministic. */
 uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t);
-/* JIT (or from the disk cache, without loading LLVM where the build allows it). Returns an SltStatus; text in `why` (arena of the session). */
-int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out, const char **why);
+/* JIT (or from the disk cache, without loading LLVM where the build allows it). Returns an SltStatus; text in `why`
+ * (arena of the session). */
+int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, CompiledModule **out,
+                 const char **why);
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
 uint32_t back_width(const CompiledModule *m);
-uint32_t back_instructions(const CompiledModule *m, const char *name); /* LLVM IR instructions after optimisation; machine ones in back_machine_bytes */
+uint32_t
+back_instructions(const CompiledModule *m,
+                  const char *name); /* LLVM IR instructions after optimisation; machine ones in back_machine_bytes */
 uint32_t back_machine_bytes(const CompiledModule *m, const char *name);
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached);
 void back_free(CompiledModule *m);
-/* Ahead of time: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (written to path through the system's linker: cc). */
-int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path, const char **why);
+/* Ahead of time: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (written to path through the
+ * system's linker: cc). */
+int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path,
+              const char **why);
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */
 const char *back_llvm_file(void);    /* the library tried first, or the name the loader is asked for; loads nothing */
 

@@ -3,8 +3,8 @@
  * Nothing is freed singly. A Session owns three arenas, named at the call: `session` (source text, types,
  * symbols, diagnostics), `module` (AST and IR of the program being compiled) and `scratch` (reset by whoever
  * marked it). Memory comes zeroed and 16-byte aligned. An arena has no failure path of its own: when the budget
- * that it shares with its siblings is spent, or malloc fails, it calls `fail(user)`, which must not return (the session longjmps
- * out of the compilation and reports a limit). Not thread-safe: one session, one thread at a time. */
+ * that it shares with its siblings is spent, or malloc fails, it calls `fail(user)`, which must not return (the session
+ * longjmps out of the compilation and reports a limit). Not thread-safe: one session, one thread at a time. */
 #ifndef SALTUS_BASE_ARENA_H
 #define SALTUS_BASE_ARENA_H
 
@@ -13,8 +13,8 @@
 #include <stdint.h>
 
 typedef struct ArenaBudget {
-    size_t used, limit;          /* bytes over all arenas that share this budget */
-    void (*fail)(void *user);    /* never returns */
+    size_t used, limit;       /* bytes over all arenas that share this budget */
+    void (*fail)(void *user); /* never returns */
     void *user;
 } ArenaBudget;
 

@@ -1,8 +1,8 @@
 /* A session: one compilation's memory, sources and diagnostics.
  *
- * Everything the compiler allocates lives in the session's arenas and dies with it. Errors of the *program* become Diags and
- * compilation goes on; a spent budget or a fault of ours unwinds with longjmp to `session_protect`, so no function of the compiler
- * returns error codes for them, and nothing leaks. One thread at a time. */
+ * Everything the compiler allocates lives in the session's arenas and dies with it. Errors of the *program* become
+ * Diags and compilation goes on; a spent budget or a fault of ours unwinds with longjmp to `session_protect`, so no
+ * function of the compiler returns error codes for them, and nothing leaks. One thread at a time. */
 #ifndef SALTUS_BASE_SESSION_H
 #define SALTUS_BASE_SESSION_H
 
@@ -14,7 +14,8 @@
 
 typedef enum Severity { SEV_ERROR, SEV_WARNING, SEV_PERF, SEV_NOTE } Severity;
 
-/* Codes come from diag.def: DIAG(name, "E0123", SEV_ERROR, "printf format of the message", "long text of `saltus explain E0123`") */
+/* Codes come from diag.def: DIAG(name, "E0123", SEV_ERROR, "printf format of the message", "long text of `saltus
+ * explain E0123`") */
 typedef enum DiagCode {
 #define DIAG(name, code, severity, format, explanation) DIAG_##name,
 #include "compiler/base/diag.def"
@@ -30,13 +31,13 @@ typedef struct Span {
 #define SPAN_NONE ((Span){-1, 0, 0})
 
 typedef struct Source {
-    const char *path;  /* as shown to people: "-" is standard input, "<expr>" the command line */
-    const char *dir;   /* folder of the file, for imports and assets */
-    const char *text;  /* NUL-terminated */
+    const char *path; /* as shown to people: "-" is standard input, "<expr>" the command line */
+    const char *dir;  /* folder of the file, for imports and assets */
+    const char *text; /* NUL-terminated */
     uint32_t len;
     const uint32_t *lines; /* byte offset of every line start; lines end in LF, CR LF or CR */
     uint32_t nlines;
-    bool too_large;        /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
+    bool too_large; /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
 } Source;
 
 typedef struct DiagNote {
@@ -78,7 +79,8 @@ typedef struct Session {
     uint32_t nimport_dirs;
     const char *stdlib_dir;
     PtrTable strings, reported, array_types;
-    bool bad_input, bad_usage; /* among the errors is one of an input file, of the command line: they choose the exit status */
+    bool bad_input,
+        bad_usage; /* among the errors is one of an input file, of the command line: they choose the exit status */
 } Session;
 
 /* Limits: 512 MiB is promised for any input; the default budget leaves room for LLVM. */
@@ -86,37 +88,40 @@ typedef struct Session {
 Session *session_create(size_t budget_bytes /* 0: 384 MiB */);
 void session_destroy(Session *s);
 
-/* Everything that allocates in the session runs inside session_protect, except session_add_file and session_add_text, which
- * protect themselves. On unwinding the scratch arena goes back to where it was at the call. */
+/* Everything that allocates in the session runs inside session_protect, except session_add_file and session_add_text,
+ * which protect themselves. On unwinding the scratch arena goes back to where it was at the call. */
 /* Runs body(s, arg); returns 0, or the SltStatus of the unwinding (text in s->unwind_text). Nests. */
 int session_protect(Session *s, void (*body)(Session *, void *), void *arg);
 _Noreturn void session_limit(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 /* A fault of ours: never for bad input. */
 _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
-/* Reads a file ("-" is standard input) or takes text (copied; dir may be NULL: "."); returns the index in s->sources, or -1 with
- * errno-like text in *why (arena string; `why` may be NULL) or, for text, when the memory budget is spent. A source beyond SOURCE_MAX bytes
- * is added empty with too_large set. */
+/* Reads a file ("-" is standard input) or takes text (copied; dir may be NULL: "."); returns the index in s->sources,
+ * or -1 with errno-like text in *why (arena string; `why` may be NULL) or, for text, when the memory budget is spent. A
+ * source beyond SOURCE_MAX bytes is added empty with too_large set. */
 int session_add_file(Session *s, const char *path, const char **why);
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
 
-/* Reports; the same code at the same span is reported once. Returns the Diag so that notes can be attached (never NULL). */
+/* Reports; the same code at the same span is reported once. Returns the Diag so that notes can be attached (never
+ * NULL). */
 Diag *diag_emit(Session *s, DiagCode code, Span span, ...);
 void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) __attribute__((format(printf, 4, 5)));
 /* 1-based line and column (columns count code points) of a byte offset. */
 void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column);
-/* Text form with source line and caret (colour if asked), and one LSP Diagnostic object (with uri) per line. Both are sorted by place.
- * The text form stops after max_errors errors (and as many warnings) and says how many more there are; JSON has all of them. */
+/* Text form with source line and caret (colour if asked), and one LSP Diagnostic object (with uri) per line. Both are
+ * sorted by place. The text form stops after max_errors errors (and as many warnings) and says how many more there are;
+ * JSON has all of them. */
 void diag_print_text(const Session *s, FILE *out, bool colour);
 void diag_print_json(const Session *s, FILE *out);
 const char *diag_code_name(DiagCode code);
 /* The explanation of "E0123" (any case), or NULL. *severity and *title (the message's format) are optional. */
 const char *diag_explain(const char *code, Severity *severity, const char **title);
-/* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are skipped; allocates nothing. */
+/* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are
+ * skipped; allocates nothing. */
 const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);
 
-/* A set of pointers that the caller compares: start with *at == UINT32_MAX, and table_next gives every item of this hash, then NULL.
- * Nothing may be inserted in between. Items are not NULL. */
+/* A set of pointers that the caller compares: start with *at == UINT32_MAX, and table_next gives every item of this
+ * hash, then NULL. Nothing may be inserted in between. Items are not NULL. */
 uint32_t hash_bytes(const void *data, size_t len);
 void table_insert(Session *s, PtrTable *t, const void *item, uint32_t hash);
 const void *table_next(const PtrTable *t, uint32_t hash, uint32_t *at);

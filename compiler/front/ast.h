@@ -1,13 +1,15 @@
 /* The abstract syntax tree, before and after checking.
  *
- * parse.c builds it untyped; check.c resolves names, picks overloads, inserts every implicit conversion as an explicit node and
- * fills `type`; lower.c reads only checked trees without errors. Nodes live in the module arena. Types are interned: equal
- * types are equal pointers.
+ * parse.c builds it untyped; check.c resolves names, picks overloads, inserts every implicit conversion as an explicit
+ * node and fills `type`; lower.c reads only checked trees without errors. Nodes live in the module arena. Types are
+ * interned: equal types are equal pointers.
  *
  * After checking:
- *  - every Expr has `type`, and operands already have exactly the type the operation wants (E_CONVERT and E_BROADCAST nodes do the rest);
- *  - E_NAME has `sym`; E_CALL has `func`; E_BUILTIN has `builtin`; constants are not folded away but `is_const` + `cval` are
- *    set where the language asks for constants (array sizes, MaxIters, case labels, trip counts) and for all const globals;
+ *  - every Expr has `type`, and operands already have exactly the type the operation wants (E_CONVERT and E_BROADCAST
+ * nodes do the rest);
+ *  - E_NAME has `sym`; E_CALL has `func`; E_BUILTIN has `builtin`; constants are not folded away but `is_const` +
+ * `cval` are set where the language asks for constants (array sizes, MaxIters, case labels, trip counts) and for all
+ * const globals;
  *  - `a op= b` is E_ASSIGN with `op` and b converted; the place is evaluated once;
  *  - a texture call that narrows has an E_CONVERT from float4 to the narrower type around it. */
 #ifndef SALTUS_FRONT_AST_H
@@ -16,8 +18,18 @@
 #include "compiler/base/session.h"
 
 typedef enum TypeKind {
-    T_ERROR, T_VOID, T_BOOL, T_INT, T_UINT, T_FLOAT, /* scalars keep this order */
-    T_VECTOR, T_MATRIX, T_ARRAY, T_STRUCT, T_TEXTURE, T_HEIGHTFIELD
+    T_ERROR,
+    T_VOID,
+    T_BOOL,
+    T_INT,
+    T_UINT,
+    T_FLOAT, /* scalars keep this order */
+    T_VECTOR,
+    T_MATRIX,
+    T_ARRAY,
+    T_STRUCT,
+    T_TEXTURE,
+    T_HEIGHTFIELD
 } TypeKind;
 
 typedef struct Type Type;
@@ -46,22 +58,22 @@ typedef struct Module Module;
 /* A type as written: parse.c leaves names unresolved, check.c resolves them into Type pointers. Names are interned.
  * `float[3] a[2]` has dims {2, 3}: outermost first, the declarator's before the type's own. */
 typedef struct TypeRef {
-    const char *name;  /* "float3", "void", "Disc", a typedef's name, "texture2D" */
-    Span span;         /* of the name */
-    Expr **dims;       /* NULL entry: open `[]` (only parsed first, and only where a value is given) */
-    uint32_t ndims;    /* at most 16 */
+    const char *name; /* "float3", "void", "Disc", a typedef's name, "texture2D" */
+    Span span;        /* of the name */
+    Expr **dims;      /* NULL entry: open `[]` (only parsed first, and only where a value is given) */
+    uint32_t ndims;   /* at most 16 */
 } TypeRef;
 
 /* struct Name { fields }; */
 typedef struct FieldDecl {
     const char *name;
-    Span span;         /* of the name */
+    Span span; /* of the name */
     TypeRef *type_ref;
 } FieldDecl;
 typedef struct StructDecl StructDecl;
 struct StructDecl {
     const char *name;
-    Span span;         /* of the name */
+    Span span; /* of the name */
     FieldDecl *fields;
     uint32_t nfields;
     Module *module;
@@ -73,7 +85,7 @@ struct StructDecl {
 typedef struct TypedefDecl TypedefDecl;
 struct TypedefDecl {
     const char *name;
-    Span span;         /* of the name */
+    Span span; /* of the name */
     TypeRef *type_ref;
     Module *module;
     Type *type;           /* filled by check.c */
@@ -105,7 +117,8 @@ typedef enum ExprKind {
     E_BUILTIN,   /* builtin, args */
     E_METHOD,    /* method of a texture or heightfield: a[0] object (E_NAME), args */
     E_CONSTRUCT, /* type(args): args already converted to the scalar kind; their components fill the type in order */
-    E_CONVERT,   /* a[0] to `type`: scalar kind change component-wise (explicit int(v) too: `explicit_cast`), or narrowing of texture results */
+    E_CONVERT, /* a[0] to `type`: scalar kind change component-wise (explicit int(v) too: `explicit_cast`), or narrowing
+                  of texture results */
     E_BROADCAST, /* scalar a[0] to every component of vector `type` */
     E_INDEX,     /* a[0][a[1]]: array, vector, matrix (gives a row) or parameter array; index is int or uint */
     E_FIELD,     /* a[0].field */
@@ -118,23 +131,58 @@ typedef enum ExprKind {
 typedef enum Builtin {
     B_NONE,
 #define BUILTIN(id, name, sig) B_##id,
-#include "compiler/front/builtins.def"
+#include "compiler/front/check/builtins.def"
 #undef BUILTIN
     B_COUNT
 } Builtin;
 
-typedef enum Method { M_SAMPLE, M_NEAREST, M_LOAD, M_SIZE, M_HEIGHT, M_GRADIENT, M_NORMAL, M_TRACE, M_OCCLUDED, M_CLEARANCE, M_SILHOUETTE } Method;
+typedef enum Method {
+    M_SAMPLE,
+    M_NEAREST,
+    M_LOAD,
+    M_SIZE,
+    M_HEIGHT,
+    M_GRADIENT,
+    M_NORMAL,
+    M_TRACE,
+    M_OCCLUDED,
+    M_CLEARANCE,
+    M_SILHOUETTE
+} Method;
 
 /* Operators, shared by the lexer and the tree. */
 typedef enum Operator {
-    OPR_NONE, OPR_ADD, OPR_SUB, OPR_MUL, OPR_DIV, OPR_MOD, OPR_AND, OPR_OR, OPR_XOR, OPR_SHL, OPR_SHR,
-    OPR_EQ, OPR_NE, OPR_LT, OPR_LE, OPR_GT, OPR_GE, OPR_LAND, OPR_LOR, OPR_NOT, OPR_COMPL, OPR_NEG, OPR_PLUS, OPR_INC, OPR_DEC
+    OPR_NONE,
+    OPR_ADD,
+    OPR_SUB,
+    OPR_MUL,
+    OPR_DIV,
+    OPR_MOD,
+    OPR_AND,
+    OPR_OR,
+    OPR_XOR,
+    OPR_SHL,
+    OPR_SHR,
+    OPR_EQ,
+    OPR_NE,
+    OPR_LT,
+    OPR_LE,
+    OPR_GT,
+    OPR_GE,
+    OPR_LAND,
+    OPR_LOR,
+    OPR_NOT,
+    OPR_COMPL,
+    OPR_NEG,
+    OPR_PLUS,
+    OPR_INC,
+    OPR_DEC
 } Operator;
 
 struct Expr {
     ExprKind kind;
-    Span span;         /* the whole expression */
-    Span op_span;      /* the operator, field name or callee: where carets point */
+    Span span;    /* the whole expression */
+    Span op_span; /* the operator, field name or callee: where carets point */
     Type *type;
     Operator op;
     Expr *a[3];
@@ -144,24 +192,23 @@ struct Expr {
     Func *func;
     Builtin builtin;
     Method method;
-    uint32_t field;    /* E_FIELD index */
+    uint32_t field; /* E_FIELD index */
     uint8_t swz[4], nswz;
     bool prefix, explicit_cast, is_const, parenthesised;
     ConstVal cval;
-    const char *name;  /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
-    uint32_t depth;    /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
+    const char *name; /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
+    uint32_t depth;   /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
 };
 
 /* What parse.c leaves in an Expr (everything else is zero), names interned:
  *  E_LITERAL    type (bool, int, uint or float) and cval with n == 1; a string: type NULL, `name` its decoded text
  *  E_NAME       name
  *  E_CALL       name, args: also constructors of user types (`Disc(a, b)`) and builtins; check.c tells them apart
- *  E_CONSTRUCT  name of a type keyword, args: `float3(1.0)`, `int(v)`; a C cast `(float)v` or `(Disc)0` is the same with explicit_cast
- *  E_METHOD     a[0], name, args: `t.sample(uv)`
- *  E_FIELD      a[0], name: `a.b`, swizzles too; check.c tells them apart
- *  E_INDEX E_UNARY E_BINARY E_LOGIC E_COND E_ASSIGN E_INCDEC E_LIST E_COMMA as above; E_LEN is E_CALL of "len" still
- *  E_ERROR      after a syntax error was reported
- * E_ASSIGN has op OPR_NONE for plain `=`, and OPR_ADD … for `+=` …; a[1] may be an E_LIST only in initialisers. */
+ *  E_CONSTRUCT  name of a type keyword, args: `float3(1.0)`, `int(v)`; a C cast `(float)v` or `(Disc)0` is the same
+ * with explicit_cast E_METHOD     a[0], name, args: `t.sample(uv)` E_FIELD      a[0], name: `a.b`, swizzles too;
+ * check.c tells them apart E_INDEX E_UNARY E_BINARY E_LOGIC E_COND E_ASSIGN E_INCDEC E_LIST E_COMMA as above; E_LEN is
+ * E_CALL of "len" still E_ERROR      after a syntax error was reported E_ASSIGN has op OPR_NONE for plain `=`, and
+ * OPR_ADD … for `+=` …; a[1] may be an E_LIST only in initialisers. */
 
 typedef enum SymbolKind { SYM_LOCAL, SYM_ARG, SYM_CONST, SYM_PARAM } SymbolKind;
 typedef enum ArgMode { ARG_IN, ARG_OUT, ARG_INOUT } ArgMode;
@@ -182,74 +229,91 @@ struct Symbol {
     const char *name;
     Type *type;
     Span span;
-    ArgMode mode;       /* SYM_ARG */
-    Module *module;     /* SYM_CONST, SYM_PARAM */
-    Expr *init;         /* local initialiser, const value, param value (NULL where open) */
-    ConstVal cval;      /* SYM_CONST of scalar, vector or matrix type */
-    Expr *array_init;   /* SYM_CONST of array or struct type: its checked E_LIST */
-    uint32_t id;        /* dense number within the function (locals and arguments) */
+    ArgMode mode;     /* SYM_ARG */
+    Module *module;   /* SYM_CONST, SYM_PARAM */
+    Expr *init;       /* local initialiser, const value, param value (NULL where open) */
+    ConstVal cval;    /* SYM_CONST of scalar, vector or matrix type */
+    Expr *array_init; /* SYM_CONST of array or struct type: its checked E_LIST */
+    uint32_t id;      /* dense number within the function (locals and arguments) */
     /* parameters */
     ParamAttrs attrs;
-    Func *init_func;    /* = init(f) */
-    const char *asset;  /* = "file", resolved path */
-    bool zeros;         /* = zeros(w, h[, channels]) */
+    Func *init_func;              /* = init(f) */
+    const char *asset;            /* = "file", resolved path */
+    bool zeros;                   /* = zeros(w, h[, channels]) */
     uint32_t tex_w, tex_h, tex_c; /* of textures and heightfields, known at compile time */
     uint32_t param_index;         /* in Program.params */
     const char *doc_name;         /* "radius" or "module.name" */
     /* as parsed */
     TypeRef *type_ref;
-    bool is_const;                /* `const` local: it has an init and is never assigned */
-    const char *init_name;        /* = init(f): the name f; `init` is NULL then, as for the next two */
-    const char *asset_text;       /* = "file": the text as written (decoded), `asset` is what check.c resolves it to */
-    Expr **zeros_args;            /* = zeros(w, h[, channels]): 2 or 3 expressions, `zeros` is set */
+    bool is_const;          /* `const` local: it has an init and is never assigned */
+    const char *init_name;  /* = init(f): the name f; `init` is NULL then, as for the next two */
+    const char *asset_text; /* = "file": the text as written (decoded), `asset` is what check.c resolves it to */
+    Expr **zeros_args;      /* = zeros(w, h[, channels]): 2 or 3 expressions, `zeros` is set */
     uint32_t nzeros_args;
-    Span value_span;              /* of the f, the string or the whole zeros(...) */
-    Symbol *next;                 /* consts and params of a module, in order */
+    Span value_span; /* of the f, the string or the whole zeros(...) */
+    Symbol *next;    /* consts and params of a module, in order */
 };
 
 typedef enum StmtKind {
-    S_EXPR, S_DECL, S_IF, S_FOR, S_WHILE, S_DO, S_SWITCH, S_BREAK, S_CONTINUE, S_RETURN, S_BLOCK, S_EMPTY, S_PRINT, S_ASSERT
+    S_EXPR,
+    S_DECL,
+    S_IF,
+    S_FOR,
+    S_WHILE,
+    S_DO,
+    S_SWITCH,
+    S_BREAK,
+    S_CONTINUE,
+    S_RETURN,
+    S_BLOCK,
+    S_EMPTY,
+    S_PRINT,
+    S_ASSERT
 } StmtKind;
 
 /* Attributes of a statement, as written. */
 typedef struct StmtAttrs {
     bool disc, nodisc, skip_loop;
     Span disc_span, skip_span, nodisc_span, max_iters_span;
-    Expr *max_iters;    /* checked: constant int, value in max_iters->cval */
-    Func *cull;         /* [Cull(bounds)] */
+    Expr *max_iters; /* checked: constant int, value in max_iters->cval */
+    Func *cull;      /* [Cull(bounds)] */
     Span cull_span;
     const char *cull_name;
 } StmtAttrs;
 
 typedef struct SwitchCase {
     bool is_default;
-    int64_t label;      /* checked */
+    int64_t label; /* checked */
     Expr *label_expr;
     Span span;
-    Stmt **body;        /* falls through to the next case unless it breaks */
+    Stmt **body; /* falls through to the next case unless it breaks */
     uint32_t nbody;
 } SwitchCase;
 
 struct Stmt {
     StmtKind kind;
-    Span span;              /* compound statements: the header, from the keyword to its `)`; blocks: the `{`; others: the whole */
+    Span span; /* compound statements: the header, from the keyword to its `)`; blocks: the `{`; others: the whole */
     StmtAttrs attrs;
-    Expr *expr;             /* S_EXPR, S_RETURN (or NULL), condition of S_IF S_FOR S_WHILE S_DO, value of S_SWITCH, S_ASSERT condition */
-    Symbol **decls;         /* S_DECL: one per declarator, `init` in the symbol */
+    Expr *expr;     /* S_EXPR, S_RETURN (or NULL), condition of S_IF S_FOR S_WHILE S_DO, value of S_SWITCH, S_ASSERT
+                       condition */
+    Symbol **decls; /* S_DECL: one per declarator, `init` in the symbol */
     uint32_t ndecls;
-    Stmt *init;             /* S_FOR: S_DECL, S_EXPR or NULL */
-    Expr *step;             /* S_FOR */
-    Stmt *body, *orelse;    /* S_IF both; loops: body */
-    Stmt **stmts;           /* S_BLOCK */
+    Stmt *init;          /* S_FOR: S_DECL, S_EXPR or NULL */
+    Expr *step;          /* S_FOR */
+    Stmt *body, *orelse; /* S_IF both; loops: body */
+    Stmt **stmts;        /* S_BLOCK */
     uint32_t nstmts;
     SwitchCase *cases;
     uint32_t ncases;
-    Expr **args;            /* S_PRINT: values and string literals (E_LITERAL with name set, type NULL); S_ASSERT: its text, if any */
+    Expr **
+        args; /* S_PRINT: values and string literals (E_LITERAL with name set, type NULL); S_ASSERT: its text, if any */
     uint32_t nargs;
     /* loops, filled by check.c */
-    int64_t trip_bound;     /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters; lower may refine */
-    bool trip_exact;        /* the bound is proven, no [MaxIters] cut is needed */
-    int64_t trip_count;     /* the trip count where it is one constant (break and return may shorten it), else 0; for definite assignment */
+    int64_t trip_bound; /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters;
+                           lower may refine */
+    bool trip_exact;    /* the bound is proven, no [MaxIters] cut is needed */
+    int64_t trip_count; /* the trip count where it is one constant (break and return may shorten it), else 0; for
+                           definite assignment */
 };
 
 struct Func {
@@ -264,59 +328,64 @@ struct Func {
     const char *tangent_name; /* [Tangent(df)] */
     Span tangent_span;
     Func *tangent;
-    bool nodisc, uses_rand;   /* [NoDisc] on a function covers its whole body (stdlib noise uses it) */
+    bool nodisc, uses_rand; /* [NoDisc] on a function covers its whole body (stdlib noise uses it) */
     /* shaders */
-    uint32_t dim;             /* 1..3 */
+    uint32_t dim; /* 1..3 */
     bool has_domain;
     double lo[3], hi[3];
     Expr *domain_lo, *domain_hi;
-    uint32_t nlocals;         /* size of the Symbol.id space */
+    uint32_t nlocals; /* size of the Symbol.id space */
     uint32_t check_state;
     /* as parsed */
     TypeRef *ret_ref;
     Span domain_span, nodisc_span, end_span; /* end_span: the closing brace */
-    Func *next;               /* in order of declaration */
+    Func *next;                              /* in order of declaration */
 };
 
 typedef struct Import {
     const char *name;
     Span span;
-    Module *module;   /* never NULL after load_modules; an empty stand-in with `missing` set where the import failed (reported) */
+    Module *module; /* never NULL after load_modules; an empty stand-in with `missing` set where the import failed
+                       (reported) */
 } Import;
 
 struct Module {
-    const char *name;         /* file name without .salt */
-    int32_t file;             /* index into Session.sources */
+    const char *name; /* file name without .salt */
+    int32_t file;     /* index into Session.sources */
     Import *imports;
     uint32_t nimports;
-    Symbol *consts, *params;  /* in order of declaration */
+    Symbol *consts, *params; /* in order of declaration */
     Func *funcs;
     Type **structs;
     uint32_t nstructs;
     StructDecl *struct_decls; /* as parsed, in order of declaration */
     TypedefDecl *typedefs;
     bool is_main, is_stdlib;
-    bool missing;             /* stands for a module that could not be loaded: unknown names may come from it */
-    const char *real_path;    /* what identifies the module */
-    uint32_t load_state;      /* of module.c */
-    const char **lost;        /* names in what the parser skipped after syntax errors: nothing is said about their being unknown */
+    bool missing;          /* stands for a module that could not be loaded: unknown names may come from it */
+    const char *real_path; /* what identifies the module */
+    uint32_t load_state;   /* of module.c */
+    const char *
+        *lost; /* names in what the parser skipped after syntax errors: nothing is said about their being unknown */
     uint32_t nlost;
-    bool unusable;            /* so broken that checking the rest would say nothing */
-    Module *next;             /* every loaded module, in order of loading */
+    bool unusable; /* so broken that checking the rest would say nothing */
+    Module *next;  /* every loaded module, in order of loading */
 };
 
-/* Overrides from the command line, applied while checking (values of `--set`; sizes of open arrays come from `--param x=@file` too). */
+/* Overrides from the command line, applied while checking (values of `--set`; sizes of open arrays come from `--param
+ * x=@file` too). */
 typedef struct ConstOverride {
     const char *name; /* "N" or "module.N" */
     const char *text; /* a literal of the constant's type */
     bool used;
 } ConstOverride;
 
-/* What assets tell the front end before any value is read: dimensions. Supplied by the caller, so that the compiler does not read images.
- * Returns false with *why set. kind: 't' texture (w, h, c), 'h' heightfield (w, h), 'a' array table (dims[0..ndims) outermost first). */
+/* What assets tell the front end before any value is read: dimensions. Supplied by the caller, so that the compiler
+ * does not read images. Returns false with *why set. kind: 't' texture (w, h, c), 'h' heightfield (w, h), 'a' array
+ * table (dims[0..ndims) outermost first). */
 typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
 
-/* A file from the command line in place of a parameter's own value (`--param discs=@values.csv`): gives open sizes and those of textures. */
+/* A file from the command line in place of a parameter's own value (`--param discs=@values.csv`): gives open sizes and
+ * those of textures. */
 typedef struct ParamFile {
     const char *name; /* "discs" or "module.discs" */
     const char *path; /* as given, relative to the working folder */
@@ -324,35 +393,37 @@ typedef struct ParamFile {
 } ParamFile;
 
 typedef struct FrontOptions {
-    const char *entry;               /* NULL: main, or the only one */
+    const char *entry; /* NULL: main, or the only one */
     ConstOverride *overrides;
     uint32_t noverrides;
-    bool disc_auto;                  /* --disc=auto */
+    bool disc_auto; /* --disc=auto */
     AssetProbe *probe;
     void *probe_user;
     ParamFile *files;
     uint32_t nfiles;
-    bool f64;                        /* EPSILON is that of binary64 */
+    bool f64; /* EPSILON is that of binary64 */
 } FrontOptions;
 
-/* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error, and so is a chain
- * (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024 statements. */
+/* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error,
+ * and so is a chain (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024
+ * statements. */
 Module *parse_module(Session *s, int file, const char *name);
-/* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard library). Returns the main
- * module, the head of the list by `next`; a module imported twice is one entry of `imports`. Never NULL. */
+/* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard
+ * library). Returns the main module, the head of the list by `next`; a module imported twice is one entry of `imports`.
+ * Never NULL. */
 Module *load_modules(Session *s, int file);
-/* check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules. Returns the entry
- * shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
+/* check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules. Returns
+ * the entry shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
 Func *check_program(Session *s, Module *main, const FrontOptions *opt);
-/* type.c: every type but structs (check.c makes those, once each). Scalars (T_ERROR and T_VOID too), vectors, matrices and resources are constants
- * of the library and must not be written to; arrays are interned in the session. */
-Type *type_scalar(TypeKind k);           /* also T_TEXTURE and T_HEIGHTFIELD */
+/* type.c: every type but structs (check.c makes those, once each). Scalars (T_ERROR and T_VOID too), vectors, matrices
+ * and resources are constants of the library and must not be written to; arrays are interned in the session. */
+Type *type_scalar(TypeKind k); /* also T_TEXTURE and T_HEIGHTFIELD */
 /* The type of a keyword ("float3", "void", "texture2D"), or NULL. */
 Type *type_keyword(const char *name, size_t len);
 Type *type_vector(Session *s, TypeKind elem, uint32_t n);
 Type *type_matrix(Session *s, uint32_t n);
 Type *type_array(Session *s, Type *elem, uint32_t n);
-bool type_is_float(const Type *t);   /* float, its vectors and matrices */
+bool type_is_float(const Type *t); /* float, its vectors and matrices */
 /* Scalars in a value of this type, arrays and structs included; UINT32_MAX if it does not fit; 0 for what has none. */
 uint32_t type_components(const Type *t);
 

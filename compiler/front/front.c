@@ -9,6 +9,6 @@ Program *front_compile(Session *s, int file, const ProgramOptions *opt) {
     /* After syntax errors the rest is checked all the same: all errors of a file in one run. */
     Func *entry = check_program(s, main, &opt->front);
     if (!entry || s->nerrors) return NULL;
-    Program *p = lower_program(s, main, entry, opt);
+    Program *p = gen_program(s, main, entry, opt);
     return s->nerrors ? NULL : p;
 }

@@ -6,46 +6,47 @@
 #include "compiler/ir/ir.h"
 
 /* One parameter (of any type). Its scalars lie in the two flat vectors of the program: float components in order of
- * declaration in `floats`, int, uint and bool components in `ints`. An element of an array of structs is `fstride` floats and `istride` ints. */
+ * declaration in `floats`, int, uint and bool components in `ints`. An element of an array of structs is `fstride`
+ * floats and `istride` ints. */
 typedef struct Param {
-    const char *name;        /* "radius", "module.name" */
+    const char *name; /* "radius", "module.name" */
     Type *type;
     Symbol *sym;
-    uint32_t fbase, fcount;  /* slice of the float vector; textures: h*w*c texels, row 0 the top */
+    uint32_t fbase, fcount; /* slice of the float vector; textures: h*w*c texels, row 0 the top */
     uint32_t ibase, icount;
-    bool differentiable;     /* has floats, no [NoDiff] */
+    bool differentiable; /* has floats, no [NoDiff] */
     ParamAttrs attrs;
     bool is_texture, is_heightfield;
     uint32_t tex_w, tex_h, tex_c;
-    const char *asset;       /* initial value comes from this file (the caller loads it into floats); NULL: in init_* */
+    const char *asset; /* initial value comes from this file (the caller loads it into floats); NULL: in init_* */
 } Param;
 
 /* One heightfield that some query searches, by the number that fieldops name. */
 typedef struct FieldInfo {
-    uint32_t param;              /* index in Program.params */
-    uint32_t base, w, h;         /* first height in the float vector, vertices */
-    double x0, y0, dx, dy;       /* corner (0, 0) and the size of a cell, in the shader's units */
-    double scale, offset;        /* of [Height] */
-    double band;                 /* raw height of one cell's size: SltField.band */
-    uint32_t queries;            /* bit (1 << SltFieldWhat): asked for somewhere in the primal */
+    uint32_t param;        /* index in Program.params */
+    uint32_t base, w, h;   /* first height in the float vector, vertices */
+    double x0, y0, dx, dy; /* corner (0, 0) and the size of a cell, in the shader's units */
+    double scale, offset;  /* of [Height] */
+    double band;           /* raw height of one cell's size: SltField.band */
+    uint32_t queries;      /* bit (1 << SltFieldWhat): asked for somewhere in the primal */
 } FieldInfo;
 
 typedef struct Program {
     Session *session;
     const char *entry;
-    uint32_t dim, channels;      /* 1..3, 1..4 */
+    uint32_t dim, channels; /* 1..3, 1..4 */
     double lo[3], hi[3];
     Param *params;
     uint32_t nparams;
     uint32_t nfloats, nints;
-    double *init_floats;         /* values from the source (not of assets) */
+    double *init_floats; /* values from the source (not of assets) */
     int32_t *init_ints;
-    Fn *primal;                  /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
-    uint64_t init_fuel;          /* instructions left for all initialiser functions: a compilation ends */
+    Fn *primal;         /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
+    uint64_t init_fuel; /* instructions left for all initialiser functions: a compilation ends */
     bool uses_rand, uses_pixel, uses_prints;
-    FieldInfo *fields;           /* heightfields with queries only: no query, no structure */
+    FieldInfo *fields; /* heightfields with queries only: no query, no structure */
     uint32_t nfields;
-    uint32_t ncull;              /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input k0 */
+    uint32_t ncull; /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input k0 */
     Fn **cull_bounds;
     Func *entry_func;
 } Program;
@@ -53,22 +54,25 @@ typedef struct Program {
 typedef struct ProgramOptions {
     FrontOptions front;
     Precision precision;
-    uint32_t seed;               /* for rand() in initialiser functions */
+    uint32_t seed; /* for rand() in initialiser functions */
 } ProgramOptions;
 
-/* lower.c: checked entry -> Program. Inlines every call (beyond 2^18 operations: an error that shows the call tree with counts). NULL after reporting. */
-Program *lower_program(Session *s, Module *main, Func *entry, const ProgramOptions *opt);
+/* lower.c: checked entry -> Program. Inlines every call (beyond 2^18 operations: an error that shows the call tree with
+ * counts). NULL after reporting. */
+Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions *opt);
 
-/* front.c: the whole front end: load, check, lower, untracked-discontinuity warnings. NULL if any error was reported. */
+/* front.c: the whole front end: load, check, lower, untracked-discontinuity warnings. NULL if any error was reported.
+ */
 Program *front_compile(Session *s, int file, const ProgramOptions *opt);
 
 /* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */
 typedef struct ParamRef {
     const Param *param;
-    Type *type;              /* of what was named: a component, an element, a field or the whole */
-    uint32_t fbase, fcount;  /* the floats named, contiguous */
+    Type *type;             /* of what was named: a component, an element, a field or the whole */
+    uint32_t fbase, fcount; /* the floats named, contiguous */
     uint32_t ibase, icount;
 } ParamRef;
-bool program_find(const Program *p, const char *name, ParamRef *out, const char **why); /* why suggests the nearest name */
+bool program_find(const Program *p, const char *name, ParamRef *out,
+                  const char **why); /* why suggests the nearest name */
 
 #endif

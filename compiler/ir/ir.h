@@ -1,17 +1,17 @@
 /* The intermediate representation: structured SSA of scalars.
  *
  * One Fn is one kernel to be: straight lists of instructions in blocks, control flow only by the structured operations
- * if_, loop, revloop and custom, whose regions are blocks. Vectors, matrices, structs are gone (split into scalars); parameters are read by
- * index; local arrays are the only memory. An instruction *is* its value (at most one); the several results of a structured operation are
- * proj instructions right behind it. The last instruction of every block is a yield; the yield of the top block lists the outputs.
+ * if_, loop, revloop and custom, whose regions are blocks. Vectors, matrices, structs are gone (split into scalars);
+ * parameters are read by index; local arrays are the only memory. An instruction *is* its value (at most one); the
+ * several results of a structured operation are proj instructions right behind it. The last instruction of every block
+ * is a yield; the yield of the top block lists the outputs.
  *
- *     %0 = input x.0                       loop(%init)                      -> block: arg k, arg c ; ... ; yield %continue, %next
- *     %1 = flt %0, %c                      %9 = proj 0
- *     if_(%1) -> then: yield %a            else: yield %b
+ *     %0 = input x.0                       loop(%init)                      -> block: arg k, arg c ; ... ; yield
+ * %continue, %next %1 = flt %0, %c                      %9 = proj 0 if_(%1) -> then: yield %a            else: yield %b
  *     %5 = proj 0
  *
- * Ownership: everything lives in fn->arena (module arena); passes edit in place or clone. Dominance is by nesting: a value is visible after its
- * definition in its block and in the regions below. Not thread-safe. */
+ * Ownership: everything lives in fn->arena (module arena); passes edit in place or clone. Dominance is by nesting: a
+ * value is visible after its definition in its block and in the regions below. Not thread-safe. */
 #ifndef SALTUS_IR_IR_H
 #define SALTUS_IR_IR_H
 
@@ -40,23 +40,45 @@ typedef enum Precision { PREC_F32, PREC_F64 } Precision;
 
 /* Per-sample inputs (varying) and per-call uniforms. The order is the order of SltKernelArgs.in. */
 typedef enum InputSlot {
-    IN_X0, IN_X1, IN_X2,          /* float: position in the domain */
-    IN_STREAM,                    /* int: the sample's random stream */
-    IN_RAND0,                     /* float: number 0 of the stream (stratified by the runtime) */
-    IN_PIXEL0, IN_PIXEL1,         /* int */
-    IN_SAMPLE,                    /* int: sample_index() */
-    IN_SEED0, IN_SEED1, IN_SEED2, IN_SEED3, /* float: adjoint of each output (reverse), or the weight of a crossing */
-    IN_K0, IN_K1, IN_K2, IN_K3, IN_K4, IN_K5, IN_K6, IN_K7, /* int: the loop indices of an event */
-    IN_AUX,                       /* float: boundary of an integer-valued site */
-    IN_DX0, IN_DX1, IN_DX2,       /* float: tangent of x (forward mode) */
-    IN_AUX1,                      /* float: the far end of a heightfield site's window (IN_AUX: the near one) */
+    IN_X0,
+    IN_X1,
+    IN_X2,     /* float: position in the domain */
+    IN_STREAM, /* int: the sample's random stream */
+    IN_RAND0,  /* float: number 0 of the stream (stratified by the runtime) */
+    IN_PIXEL0,
+    IN_PIXEL1, /* int */
+    IN_SAMPLE, /* int: sample_index() */
+    IN_SEED0,
+    IN_SEED1,
+    IN_SEED2,
+    IN_SEED3, /* float: adjoint of each output (reverse), or the weight of a crossing */
+    IN_K0,
+    IN_K1,
+    IN_K2,
+    IN_K3,
+    IN_K4,
+    IN_K5,
+    IN_K6,
+    IN_K7,  /* int: the loop indices of an event */
+    IN_AUX, /* float: boundary of an integer-valued site */
+    IN_DX0,
+    IN_DX1,
+    IN_DX2,  /* float: tangent of x (forward mode) */
+    IN_AUX1, /* float: the far end of a heightfield site's window (IN_AUX: the near one) */
     IN_VARYING_COUNT,
-    IN_RES0 = IN_VARYING_COUNT, IN_RES1, /* int, uniform: resolution() */
-    IN_SITE,                      /* int, uniform: which site */
+    IN_RES0 = IN_VARYING_COUNT,
+    IN_RES1, /* int, uniform: resolution() */
+    IN_SITE, /* int, uniform: which site */
     IN_COUNT
 } InputSlot;
 
-typedef enum CounterSlot { COUNTER_TRUNCATED, COUNTER_ASSERT, COUNTER_TAPE_OVERFLOW, COUNTER_NONFINITE, COUNTER_SLOTS } CounterSlot;
+typedef enum CounterSlot {
+    COUNTER_TRUNCATED,
+    COUNTER_ASSERT,
+    COUNTER_TAPE_OVERFLOW,
+    COUNTER_NONFINITE,
+    COUNTER_SLOTS
+} CounterSlot;
 
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
 #define IR_MAX_SITE_DEPTH 8 /* loops around a site that tell its events apart */
@@ -67,65 +89,75 @@ typedef struct Block Block;
 typedef struct Fn Fn;
 
 typedef struct LoopInfo {
-    uint32_t max_iters;   /* bound on the iterations of one execution, always > 0 */
-    bool exact;           /* the trip count is this constant */
-    bool cull;            /* [Cull]: the runtime's list of iterations may replace 0..max_iters-1 */
+    uint32_t max_iters; /* bound on the iterations of one execution, always > 0 */
+    bool exact;         /* the trip count is this constant */
+    bool cull;          /* [Cull]: the runtime's list of iterations may replace 0..max_iters-1 */
     uint32_t cull_id;
-    uint32_t loop_id;     /* dense number of the source loop, for explain */
+    uint32_t loop_id; /* dense number of the source loop, for explain */
 } LoopInfo;
 
 typedef union Imm {
     double f;
     int64_t i;
-    struct { uint32_t base, count; } slot;             /* param, iparam, dparam, adj */
-    struct { uint32_t count; IrType elem; } arr;       /* alloc */
+    struct {
+        uint32_t base, count;
+    } slot; /* param, iparam, dparam, adj */
+    struct {
+        uint32_t count;
+        IrType elem;
+    } arr; /* alloc */
     LoopInfo loop;
-    struct { const char *text; uint32_t len; } text;   /* print */
-    struct { uint32_t field, what, base; } field;      /* SltFieldWhat; base: float parameter 0 of its heights */
+    struct {
+        const char *text;
+        uint32_t len;
+    } text; /* print */
+    struct {
+        uint32_t field, what, base;
+    } field; /* SltFieldWhat; base: float parameter 0 of its heights */
 } Imm;
 
 struct Inst {
-    Inst *prev, *next;   /* in block */
+    Inst *prev, *next; /* in block */
     Block *block;
     Inst **args;
     Block *region[2];
     Imm imm;
     Span span;
-    uint32_t id;         /* dense after ir_number(); printed name */
+    uint32_t id; /* dense after ir_number(); printed name */
     uint32_t nargs;
-    uint8_t op, type;    /* Op, IrType */
+    uint8_t op, type; /* Op, IrType */
     uint8_t nregions;
-    uint8_t flags;       /* for the pass that runs; undefined between passes */
-    uint32_t tag;        /* likewise */
+    uint8_t flags; /* for the pass that runs; undefined between passes */
+    uint32_t tag;  /* likewise */
 };
 
 struct Block {
-    Inst *first, *last;  /* last is the yield once complete */
-    Inst **params;       /* arg instructions, not in the list */
+    Inst *first, *last; /* last is the yield once complete */
+    Inst **params;      /* arg instructions, not in the list */
     uint32_t nparams;
-    Inst *owner;         /* the structured operation; NULL for the top block */
+    Inst *owner; /* the structured operation; NULL for the top block */
 };
 
 typedef enum SiteKind {
-    SITE_COMPARE,        /* a < b and friends, step, sign, refract: g = a - b */
-    SITE_FLOOR,          /* boundary between n and n + 1 at n + 1 */
-    SITE_CEIL,           /* at n */
-    SITE_ROUND,          /* at n + 1/2 */
-    SITE_TRUNC,          /* at n + 1 for n >= 0, at n for n < 0; none at 0 */
-    SITE_FMOD,           /* as TRUNC; v is the quotient */
-    SITE_FIELD,          /* h.trace: silhouettes; ends also differ where both hit, at depths with a ridge between */
-    SITE_SHADOW          /* h.occluded */
+    SITE_COMPARE, /* a < b and friends, step, sign, refract: g = a - b */
+    SITE_FLOOR,   /* boundary between n and n + 1 at n + 1 */
+    SITE_CEIL,    /* at n */
+    SITE_ROUND,   /* at n + 1/2 */
+    SITE_TRUNC,   /* at n + 1 for n >= 0, at n for n < 0; none at 0 */
+    SITE_FMOD,    /* as TRUNC; v is the quotient */
+    SITE_FIELD,   /* h.trace: silhouettes; ends also differ where both hit, at depths with a ridge between */
+    SITE_SHADOW   /* h.occluded */
 } SiteKind;
 
 /* One static site: one place in the source inlined through one chain of calls. */
 typedef struct SiteInfo {
     SiteKind kind;
-    Span span;            /* the comparison or the jumping builtin */
-    const char *path;     /* "main > sd_scene" */
-    uint32_t depth;       /* loop indices that tell its events apart, <= IR_MAX_SITE_DEPTH */
-    uint64_t max_events;  /* product of the loop bounds */
+    Span span;           /* the comparison or the jumping builtin */
+    const char *path;    /* "main > sd_scene" */
+    uint32_t depth;      /* loop indices that tell its events apart, <= IR_MAX_SITE_DEPTH */
+    uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
-    const char *text;     /* short source text for explain: "d < 0.0" */
+    const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
 
 struct Fn {
@@ -135,55 +167,59 @@ struct Fn {
     Block *body;
     Precision precision;
     uint32_t dim, channels;
-    uint32_t nfloats, nints;   /* sizes of the parameter vectors */
+    uint32_t nfloats, nints; /* sizes of the parameter vectors */
     SiteInfo *sites;
     uint32_t nsites;
-    Fn *next_part;             /* a kernel over sites in several parts: each serves the sites it lists; NULL: the last, or the only one */
-    const uint8_t *serves;     /* [nsites], NULL: all */
-    const char **outputs;      /* a name for each output of the top yield: "f.0", "hash", "g" */
-    uint32_t ninsts;           /* after ir_number */
+    Fn *next_part; /* a kernel over sites in several parts: each serves the sites it lists; NULL: the last, or the only
+                      one */
+    const uint8_t *serves; /* [nsites], NULL: all */
+    const char **outputs;  /* a name for each output of the top yield: "f.0", "hash", "g" */
+    uint32_t ninsts;       /* after ir_number */
 };
 
 /* ---- ops.c: facts of the table */
 typedef struct OpInfo {
     const char *name;
-    uint8_t nargs;             /* 255: many */
-    uint8_t result;            /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
-    uint8_t arg;               /* IrType of the arguments of value rows */
+    uint8_t nargs;  /* 255: many */
+    uint8_t result; /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
+    uint8_t arg;    /* IrType of the arguments of value rows */
     bool special, math;
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 
 /* ---- build.c
- * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms compare with memcmp. Functions that
- * return a Builder leave fold false. With fold, besides what is exact, x + 0 gives x, 0 - x gives -x and fma(a, b, 0) gives a*b (only the sign of a zero
- * may differ), and zmul(x, 0) gives 0: set it in code of derivatives and keys, not in passes that rewrite primal code. */
+ * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms
+ * compare with memcmp. Functions that return a Builder leave fold false. With fold, besides what is exact, x + 0 gives
+ * x, 0 - x gives -x and fma(a, b, 0) gives a*b (only the sign of a zero may differ), and zmul(x, 0) gives 0: set it in
+ * code of derivatives and keys, not in passes that rewrite primal code. */
 typedef struct Builder {
     Fn *fn;
     Block *block;
-    Inst *before;              /* insert before this; NULL: at the end of block */
-    Span span;                 /* given to new instructions */
-    bool fold;                 /* fold constants and exact identities while building (x*1, x+(-0), select of constants ...) */
+    Inst *before; /* insert before this; NULL: at the end of block */
+    Span span;    /* given to new instructions */
+    bool fold;    /* fold constants and exact identities while building (x*1, x+(-0), select of constants ...) */
 } Builder;
 
 Fn *ir_fn(Session *s, Arena *arena, const char *name, Precision p);
-Block *ir_block(Fn *fn, Inst *owner);   /* empty; becomes the next free region of the owner, if it has one to fill */
+Block *ir_block(Fn *fn, Inst *owner); /* empty; becomes the next free region of the owner, if it has one to fill */
 Inst *ir_block_param(Fn *fn, Block *b, IrType t);
-Inst *ir_emit(Builder *b, Op op, uint32_t nargs, Inst *const *args);   /* value rows and detach; type from the table */
+Inst *ir_emit(Builder *b, Op op, uint32_t nargs, Inst *const *args); /* value rows and detach; type from the table */
 Inst *ir_emit1(Builder *b, Op op, Inst *a);
 Inst *ir_emit2(Builder *b, Op op, Inst *a, Inst *c);
 Inst *ir_emit3(Builder *b, Op op, Inst *a, Inst *c, Inst *d);
 Inst *ir_special(Builder *b, Op op, IrType t, uint32_t nargs, Inst *const *args, Imm imm);
-Inst *ir_constf(Builder *b, double v);  /* rounded to the Fn's precision */
+Inst *ir_constf(Builder *b, double v); /* rounded to the Fn's precision */
 Inst *ir_consti(Builder *b, int32_t v);
 Inst *ir_constb(Builder *b, bool v);
 Inst *ir_zero(Builder *b, IrType t);
 Inst *ir_input(Builder *b, InputSlot slot);
-Inst *ir_select(Builder *b, Inst *cond, Inst *x, Inst *y);              /* fsel, isel or bsel by type */
-Inst *ir_if(Builder *b, Inst *cond);                                    /* two empty regions; finish each with ir_yield */
-Inst *ir_loop(Builder *b, uint32_t ncarried, Inst *const *init, LoopInfo info); /* region[0] has k and the carried parameters */
+Inst *ir_select(Builder *b, Inst *cond, Inst *x, Inst *y); /* fsel, isel or bsel by type */
+Inst *ir_if(Builder *b, Inst *cond);                       /* two empty regions; finish each with ir_yield */
+Inst *ir_loop(Builder *b, uint32_t ncarried, Inst *const *init,
+              LoopInfo info); /* region[0] has k and the carried parameters */
 Inst *ir_yield(Builder *b, uint32_t n, Inst *const *values);
-Inst *ir_proj(Builder *b, Inst *structured, uint32_t index);            /* emitted behind it, or the existing one; type from its yield */
+Inst *ir_proj(Builder *b, Inst *structured,
+              uint32_t index); /* emitted behind it, or the existing one; type from its yield */
 /* Builder at the end of a block (before its yield if it has one), or before an instruction. */
 Builder ir_at_end(Fn *fn, Block *b);
 Builder ir_before(Fn *fn, Inst *i);
@@ -194,11 +230,11 @@ uint32_t ir_nresults(const Inst *i);
 void ir_replace_arg(Inst *i, uint32_t index, Inst *value);
 void ir_append_arg(Fn *fn, Inst *i, Inst *value);
 void ir_unlink(Inst *i);
-uint32_t ir_number(Fn *fn);                                             /* dense ids in program order; returns the count */
-bool ir_is_numbered(const Fn *fn);                                      /* ids are what ir_number would give */
+uint32_t ir_number(Fn *fn);        /* dense ids in program order; returns the count */
+bool ir_is_numbered(const Fn *fn); /* ids are what ir_number would give */
 Fn *ir_clone(const Fn *fn, Arena *arena, const char *name);
-/* Clones instructions of a block behind the builder, with map[id] -> new value filled (ids from ir_number of the source Fn). Nested
- * regions are cloned whole; unmapped operands are kept as they are (for cloning inside the same Fn). */
+/* Clones instructions of a block behind the builder, with map[id] -> new value filled (ids from ir_number of the source
+ * Fn). Nested regions are cloned whole; unmapped operands are kept as they are (for cloning inside the same Fn). */
 void ir_clone_insts(Builder *b, const Block *from, Inst *first, Inst *last_exclusive, Inst **map);
 /* Replaces every use of the instructions with map[id] != NULL, in the whole Fn. */
 void ir_replace_all(Fn *fn, Inst **map);
@@ -206,16 +242,19 @@ bool ir_is_const(const Inst *i);
 /* 32-bit mixing used for region keys, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
 Inst *ir_mix_inst(Builder *b, Inst *h, Inst *v);
-/* 32 random bits: number n of a stream (Philox2x32-7). rand is (bits >> 8) * 2^-24 in both precisions, except number 0, which is input IN_RAND0. */
+/* 32 random bits: number n of a stream (Philox2x32-7). rand is (bits >> 8) * 2^-24 in both precisions, except number 0,
+ * which is input IN_RAND0. */
 enum { IR_RAND_ROUNDS = 7 };
 #define IR_RAND_MUL 0xd256d193u
 #define IR_RAND_WEYL 0x9e3779b9u
 uint32_t ir_rand_u32(uint32_t stream, uint32_t n);
 
-/* ---- build_fold.c: the value a row has by identities and constants; may emit a cheaper row. NULL: emit as it stands. */
+/* ---- build_fold.c: the value a row has by identities and constants; may emit a cheaper row. NULL: emit as it stands.
+ */
 Inst *ir_simplify(Builder *b, Op op, Inst *const *args);
 
-/* ---- fold.c: the value of a row on constants; false where it must not be folded (MATH rows are folded only after lower_math) */
+/* ---- fold.c: the value of a row on constants; false where it must not be folded (MATH rows are folded only after
+ * lower_math) */
 bool ir_fold(const Inst *i, Precision p, Imm *out);
 
 /* ---- print.c, parse.c: the text form; parse(print(fn)) is structurally equal. Parse errors become diagnostics. */
@@ -226,11 +265,13 @@ Fn *ir_parse(Session *s, Arena *arena, int file);
 /* ---- verify.c: reports everything that is wrong, into *text; true if sound. */
 bool ir_verify(const Fn *fn, Arena *arena, const char **text);
 
-/* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision), W lanes at a time (W even where
- * partner is used). Same arguments as a compiled kernel, except that adjoints always have the FLAT layout (varying indices too, never the log), arrays need no
- * padding beyond n, and tape_bytes is a limit (0: 256 MiB) on memory that the call allocates itself. MATH rows that are still there use the C library; rand is
- * exact. Several threads may run the same Fn if its ids are dense (ir_number). lanes: a power of two up to 64. Returns an SltStatus: SLT_LIMIT (tape, memory),
- * SLT_USAGE (an input or a field that the Fn reads is NULL, bad lanes), SLT_INTERNAL (broken IR). */
+/* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision),
+ * W lanes at a time (W even where partner is used). Same arguments as a compiled kernel, except that adjoints always
+ * have the FLAT layout (varying indices too, never the log), arrays need no padding beyond n, and tape_bytes is a limit
+ * (0: 256 MiB) on memory that the call allocates itself. MATH rows that are still there use the C library; rand is
+ * exact. Several threads may run the same Fn if its ids are dense (ir_number). lanes: a power of two up to 64. Returns
+ * an SltStatus: SLT_LIMIT (tape, memory), SLT_USAGE (an input or a field that the Fn reads is NULL, bad lanes),
+ * SLT_INTERNAL (broken IR). */
 struct SltKernelArgs;
 int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
 /* At most *fuel instructions, each for a whole vector; what is left comes back. SLT_LIMIT when it runs out. */

@@ -1,4 +1,5 @@
-/* What the automatic differentiation passes share: rules, activity, ranges. Private to compiler/pass/ad_*.c and its tests.
+/* What the automatic differentiation passes share: rules, activity, ranges. Private to compiler/pass/ad_*.c and its
+ * tests.
  *
  *   ad_rules.c       the partials column of ops.def, as code: emits it, or tells which values it mentions
  *   ad_activity.c    which values carry derivatives (varied and useful), and what is known of their ranges
@@ -9,16 +10,18 @@
  *   ad_vjp.c         reverse mode: the sweep
  *   ad_region.c      reverse mode: loops and ifs
  *
- * All facts are arrays over the ids of one ir_number(); instructions made afterwards have the id UINT32_MAX and no facts. */
+ * All facts are arrays over the ids of one ir_number(); instructions made afterwards have the id UINT32_MAX and no
+ * facts. */
 #ifndef SALTUS_PASS_AD_H
 #define SALTUS_PASS_AD_H
 
 #include "compiler/pass/pass.h"
 #include "compiler/pass/walk.h"
 
-/* ---- ranges: bounds of the finite values, and whether the value may be infinite. Unknown is {-inf, inf, 0}: sums and products of
- * finite values count as finite, or ordinary code would pay for overflows that no program wants. A pole makes an infinity out of ordinary numbers; an
- * overflow (exp, values carried around loops) only out of huge ones: products with it are guarded, but the adjoints behind it count as finite. */
+/* ---- ranges: bounds of the finite values, and whether the value may be infinite. Unknown is {-inf, inf, 0}: sums and
+ * products of finite values count as finite, or ordinary code would pay for overflows that no program wants. A pole
+ * makes an infinity out of ordinary numbers; an overflow (exp, values carried around loops) only out of huge ones:
+ * products with it are guarded, but the adjoints behind it count as finite. */
 enum { AD_OVERFLOW = 1, AD_POLE = 2 };
 typedef struct AdRange {
     double lo, hi;
@@ -31,14 +34,15 @@ static inline bool ad_range_nonzero(AdRange r) { return r.lo > 0 || r.hi < 0; }
 AdRange ad_range_row(Op op, AdRange a, AdRange b, AdRange c, bool same);
 AdRange ad_range_const(double v);
 
-/* ---- rules (ad_rules.c). A term is an expression of a partial while it is built; a product waits in (x, y) so that adding it is one ffma. */
+/* ---- rules (ad_rules.c). A term is an expression of a partial while it is built; a product waits in (x, y) so that
+ * adding it is one ffma. */
 typedef struct AdTerm {
-    Inst *v;        /* the value, or NULL: zero, or a product still waiting */
-    Inst *x, *y;    /* the product */
+    Inst *v;     /* the value, or NULL: zero, or a product still waiting */
+    Inst *x, *y; /* the product */
     AdRange range;
     const Inst *key; /* the primal value that it is, or NULL: tells a*a from a*b without emitting */
-    bool seed;      /* a multiple of the seed g */
-    bool none;      /* no derivative at all */
+    bool seed;       /* a multiple of the seed g */
+    bool none;       /* no derivative at all */
 } AdTerm;
 
 enum { AD_MENTIONS_RESULT = 8 }; /* bits 0..2: arguments */
@@ -59,7 +63,8 @@ struct AdRule {
 };
 /* The partial of value row i in argument `which` applied to the seed: {.none} where there is none. Emits at rule->b. */
 AdTerm ad_partial(AdRule *rule, const Inst *i, uint32_t which, AdTerm g);
-/* Which of a, b, c, r that partial mentions (bits), without emitting; *inf: it may turn a finite seed infinite. UINT32_MAX: no derivative. */
+/* Which of a, b, c, r that partial mentions (bits), without emitting; *inf: it may turn a finite seed infinite.
+ * UINT32_MAX: no derivative. */
 uint32_t ad_mentions(const Inst *i, uint32_t which, const AdRange *range, bool *inf);
 AdTerm ad_seed(Inst *v, bool inf);
 Inst *ad_term_value(AdRule *rule, AdTerm t);
@@ -76,15 +81,17 @@ typedef struct AdFacts {
     Fn *fn;
     Arena *arena;
     uint32_t n;
-    uint8_t *varied;   /* by id: depends differentiably on what is differentiated; for arrays: their elements may */
-    uint8_t *useful;   /* by id: an output depends differentiably on it */
+    uint8_t *varied; /* by id: depends differentiably on what is differentiated; for arrays: their elements may */
+    uint8_t *useful; /* by id: an output depends differentiably on it */
     AdRange *range;
-    Inst **links;      /* a detach with tag t > 0 takes its derivative from links[t - 1] (customs in reverse mode) */
+    Inst **links; /* a detach with tag t > 0 takes its derivative from links[t - 1] (customs in reverse mode) */
     const AdOptions *o;
 } AdFacts;
 /* Numbers fn and computes the facts; tags of detach must be 0 or valid links. */
 void ad_facts(AdFacts *f, Fn *fn, Arena *arena, const AdOptions *o, Inst **links);
-static inline bool ad_active(const AdFacts *f, const Inst *v) { return v->id < f->n && f->varied[v->id] && f->useful[v->id]; }
+static inline bool ad_active(const AdFacts *f, const Inst *v) {
+    return v->id < f->n && f->varied[v->id] && f->useful[v->id];
+}
 /* May a finite seed become infinite somewhere in this block or below? */
 bool ad_makes_infinite(const AdFacts *f, const Block *b);
 bool ad_slot_in_wrt(const AdOptions *o, const Inst *param);
@@ -93,14 +100,16 @@ void ad_clear_tags(Block *b);
 const char *ad_output_name(Fn *fn, const Fn *from, uint32_t index, const char *prefix);
 
 /* ---- ad_prepare.c */
-/* Tags of loops: the inner loop of a strip-mined one, run again in the reverse sweep; a loop whose iterations are each run again there. */
+/* Tags of loops: the inner loop of a strip-mined one, run again in the reverse sweep; a loop whose iterations are each
+ * run again there. */
 enum { AD_TAG_SEGMENT = 1, AD_TAG_REPLAY = 2 };
 typedef struct AdLinks {
     Vec(Inst *) v;
 } AdLinks;
 void ad_expand_customs(Fn *fn, Arena *scratch, AdLinks *links);
 void ad_hoist_inputs(Fn *fn, Arena *scratch);
-/* Splits each if_ both of whose regions hold loops that `taped` names (by id), so that at most one region pushes frames. True if any. */
+/* Splits each if_ both of whose regions hold loops that `taped` names (by id), so that at most one region pushes
+ * frames. True if any. */
 bool ad_split_ifs(Fn *fn, const uint8_t *taped);
 bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment);
 

@@ -14,36 +14,16 @@ typedef struct Gen {
     bool fma; /* ffma is one instruction of the target */
 } Gen;
 
-static inline Inst *num(Gen *g, double v) {
-    return ir_constf(&g->b, v);
-}
-static inline Inst *int_num(Gen *g, int32_t v) {
-    return ir_consti(&g->b, v);
-}
-static inline Inst *op1(Gen *g, Op op, Inst *a) {
-    return ir_emit1(&g->b, op, a);
-}
-static inline Inst *op2(Gen *g, Op op, Inst *a, Inst *c) {
-    return ir_emit2(&g->b, op, a, c);
-}
-static inline Inst *add(Gen *g, Inst *a, Inst *c) {
-    return op2(g, OP_fadd, a, c);
-}
-static inline Inst *sub(Gen *g, Inst *a, Inst *c) {
-    return op2(g, OP_fsub, a, c);
-}
-static inline Inst *mul(Gen *g, Inst *a, Inst *c) {
-    return op2(g, OP_fmul, a, c);
-}
-static inline Inst *scale(Gen *g, Inst *a, double v) {
-    return op2(g, OP_fmul, a, num(g, v));
-}
-static inline Inst *sel(Gen *g, Inst *cond, Inst *x, Inst *y) {
-    return ir_emit3(&g->b, OP_fsel, cond, x, y);
-}
-static inline Inst *less(Gen *g, Inst *a, Inst *c) {
-    return op2(g, OP_flt, a, c);
-}
+static inline Inst *num(Gen *g, double v) { return ir_constf(&g->b, v); }
+static inline Inst *int_num(Gen *g, int32_t v) { return ir_consti(&g->b, v); }
+static inline Inst *op1(Gen *g, Op op, Inst *a) { return ir_emit1(&g->b, op, a); }
+static inline Inst *op2(Gen *g, Op op, Inst *a, Inst *c) { return ir_emit2(&g->b, op, a, c); }
+static inline Inst *add(Gen *g, Inst *a, Inst *c) { return op2(g, OP_fadd, a, c); }
+static inline Inst *sub(Gen *g, Inst *a, Inst *c) { return op2(g, OP_fsub, a, c); }
+static inline Inst *mul(Gen *g, Inst *a, Inst *c) { return op2(g, OP_fmul, a, c); }
+static inline Inst *scale(Gen *g, Inst *a, double v) { return op2(g, OP_fmul, a, num(g, v)); }
+static inline Inst *sel(Gen *g, Inst *cond, Inst *x, Inst *y) { return ir_emit3(&g->b, OP_fsel, cond, x, y); }
+static inline Inst *less(Gen *g, Inst *a, Inst *c) { return op2(g, OP_flt, a, c); }
 /* a*b + c, with one rounding where the target has that. */
 static inline Inst *mad(Gen *g, Inst *a, Inst *b, Inst *c) {
     return g->fma ? ir_emit3(&g->b, OP_ffma, a, b, c) : add(g, mul(g, a, b), c);

@@ -5,7 +5,8 @@
 #include "compiler/ir/ir.h"
 #include "compiler/pass/pass.h"
 
-/* Instructions that may be removed, merged or moved freely when their operands allow it: no effect, no memory, no control. */
+/* Instructions that may be removed, merged or moved freely when their operands allow it: no effect, no memory, no
+ * control. */
 bool walk_is_pure(const Inst *i);
 /* Number of instructions in a block and all regions below (constants do not count). */
 uint32_t walk_size(const Block *b);
@@ -19,7 +20,8 @@ void walk_remap(Inst *i, Inst **map);
 /* Replaces the operand `from` by `to` in a block and everything below it. */
 void walk_replace(Block *b, const Inst *from, Inst *to);
 
-/* For many replacements at once: an unlinked instruction forwards to the value that stands for it; one walk resolves all uses. */
+/* For many replacements at once: an unlinked instruction forwards to the value that stands for it; one walk resolves
+ * all uses. */
 void walk_forward(Fn *fn, Inst *i, Inst *to);
 void walk_resolve_forwards(Block *b);
 
@@ -31,18 +33,19 @@ static inline Inst **walk_results(const Inst *structured, const Block *region) {
     return region->last->args + (structured->op == OP_loop ? 1 : 0);
 }
 
-/* Threads extra values through the control structure of a clone: a variant gives the initial values and a callback that may
- * update them at an instruction; ifs, loops and custom regions get the results and carried values that it needs, and only where something
- * inside changes them. */
+/* Threads extra values through the control structure of a clone: a variant gives the initial values and a callback that
+ * may update them at an instruction; ifs, loops and custom regions get the results and carried values that it needs,
+ * and only where something inside changes them. */
 typedef struct Thread {
     Fn *fn;
-    uint32_t n;                 /* how many values are threaded */
-    Inst *value[16];            /* the current values, by program point */
+    uint32_t n;      /* how many values are threaded */
+    Inst *value[16]; /* the current values, by program point */
     /* Updates value[] at i (insert code after i). True if anything changed. */
     bool (*at)(struct Thread *t, Inst *i);
     /* May i, or something below it, change a value? Decides where results are added. */
     bool (*touches)(struct Thread *t, const Inst *i);
-    /* Called with the continue flag of a loop that was threaded, at the end of its body; returns the flag to use (may be NULL). */
+    /* Called with the continue flag of a loop that was threaded, at the end of its body; returns the flag to use (may
+     * be NULL). */
     Inst *(*cont)(struct Thread *t, Builder *b, Inst *flag);
     void *user;
     Inst *loop_k[IR_MAX_SITE_DEPTH * 4];

@@ -19,13 +19,13 @@ typedef enum SltEstimator {
 typedef enum SltFilter { SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN } SltFilter;
 
 typedef struct SltJob {
-    bool integral;              /* the whole domain is one pixel */
-    uint32_t size[3];           /* image mode: pixels by axis (x, y, z); row 0 is the top */
-    uint32_t spp;               /* samples a pixel (integral mode: 0) */
-    uint64_t samples;           /* integral mode, in all */
-    uint64_t segments;          /* boundary segments a pixel, or in all in integral mode; 0: as the samples */
+    bool integral;     /* the whole domain is one pixel */
+    uint32_t size[3];  /* image mode: pixels by axis (x, y, z); row 0 is the top */
+    uint32_t spp;      /* samples a pixel (integral mode: 0) */
+    uint64_t samples;  /* integral mode, in all */
+    uint64_t segments; /* boundary segments a pixel, or in all in integral mode; 0: as the samples */
     SltFilter filter;
-    uint32_t seed, threads;     /* threads 0: all cores */
+    uint32_t seed, threads; /* threads 0: all cores */
     SltEstimator estimator;
     bool no_interior, no_boundary;
     uint32_t replicates;        /* independent lattices for standard errors, integral mode; 0: 4. In image mode 1 */
@@ -52,7 +52,7 @@ extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_g
 
 typedef struct SltStats {
     uint64_t samples, segments, crossings;
-    uint64_t evaluations;       /* of f or of its path, for bench: every kernel counts */
+    uint64_t evaluations; /* of f or of its path, for bench: every kernel counts */
     uint64_t dropped[SLT_DROP_REASONS];
     uint64_t truncated, asserts, nonfinite;
     double seconds;
@@ -60,18 +60,18 @@ typedef struct SltStats {
 } SltStats;
 
 typedef struct SltIntegral {
-    double *value, *value_stderr;              /* [channels] */
-    double *gradient, *gradient_stderr;        /* [channels][nfloats] */
-    double *interior, *boundary;               /* [channels][nfloats] */
-    double *missed_estimate;                   /* [channels][nfloats]: what lines half as dense would have missed */
-    bool replicates;                           /* stderr_kind: "replicates" or "bound" */
-} SltIntegral;                                 /* arrays owned by the caller, may be NULL each */
+    double *value, *value_stderr;       /* [channels] */
+    double *gradient, *gradient_stderr; /* [channels][nfloats] */
+    double *interior, *boundary;        /* [channels][nfloats] */
+    double *missed_estimate;            /* [channels][nfloats]: what lines half as dense would have missed */
+    bool replicates;                    /* stderr_kind: "replicates" or "bound" */
+} SltIntegral;                          /* arrays owned by the caller, may be NULL each */
 /* The story of one point (explain --at): the crossing found on a segment from a to b: fills what is found. */
 typedef struct SltCrossing {
     bool found;
     double x[3], t, g, dg[3], f_before[4], f_after[4];
     int32_t site, k[8];
-    int drop;                                  /* SltDrop, or -1 */
+    int drop; /* SltDrop, or -1 */
 } SltCrossing;
 
 #ifdef __cplusplus

@@ -20,7 +20,7 @@ enum { SLT_COUNT_TRUNCATED, SLT_COUNT_ASSERT, SLT_COUNT_TAPE_OVERFLOW, SLT_COUNT
 /* Iterations of a [Cull] loop that may do something in this tile, ascending. */
 typedef struct SltCullList {
     const int32_t *items;
-    int32_t count;       /* < 0: no list, run all */
+    int32_t count; /* < 0: no list, run all */
 } SltCullList;
 
 typedef struct SltKernelArgs {
@@ -33,20 +33,20 @@ typedef struct SltKernelArgs {
      * once a tile; FLAT: flt[nfloats]. Parameters read at varying indices append pairs of index and value to the log
      * instead, which the caller adds up in this order. */
     void *adj;
-    uint32_t *log_index;            /* both with room for log_cap + SLT_PAD: kernels write whole vectors */
-    void *log_value;                /* flt */
-    uint64_t log_len, log_cap;      /* at log_cap the kernel stops writing and goes on counting: grow and run again */
-    unsigned char *tape;            /* scratch of the reverse kernels, 64-byte aligned */
+    uint32_t *log_index;       /* both with room for log_cap + SLT_PAD: kernels write whole vectors */
+    void *log_value;           /* flt */
+    uint64_t log_len, log_cap; /* at log_cap the kernel stops writing and goes on counting: grow and run again */
+    unsigned char *tape;       /* scratch of the reverse kernels, 64-byte aligned */
     uint64_t tape_bytes;
     int32_t resolution[2];
     int32_t site;
-    const SltCullList *cull;        /* by cull_id, or NULL */
+    const SltCullList *cull; /* by cull_id, or NULL */
     uint64_t counters[SLT_COUNTERS];
     /* print(): values already as doubles; may be NULL (then nothing is printed) */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *user;
     const struct SltField *const *fields; /* heightfields, by field index (saltus/field.h); NULL: no kernel asks */
-    uint32_t n_valid;               /* lanes beyond do not count in counters, prints and log (n without padding) */
+    uint32_t n_valid; /* lanes beyond do not count in counters, prints and log (n without padding) */
 } SltKernelArgs;
 
 typedef void SltKernel(SltKernelArgs *args, uint32_t n);

@@ -45,27 +45,27 @@ typedef enum SltStructure {
 /* Size-tagged: a later version of the library adds members behind these. Start from SLT_OPTIONS_INIT. */
 typedef struct SltOptions {
     size_t size;
-    const char *entry;              /* NULL: main, or the only one */
-    const SltSet *set;              /* specialisation constants */
+    const char *entry; /* NULL: main, or the only one */
+    const SltSet *set; /* specialisation constants */
     uint32_t nset;
-    const SltSet *param_files;      /* values given as files, where they decide the size of an open array */
+    const SltSet *param_files; /* values given as files, where they decide the size of an open array */
     uint32_t nparam_files;
     const char *const *import_dirs; /* searched behind the importing file's folder */
     uint32_t nimport_dirs;
-    const char *stdlib_dir;         /* NULL: $SALTUS_STDLIB, else where it was installed */
+    const char *stdlib_dir; /* NULL: $SALTUS_STDLIB, else where it was installed */
     bool f64, disc_auto;
-    uint32_t seed;                  /* of rand() in initialiser functions */
-    uint32_t width;                 /* SIMD lanes; 0: chosen from program and target */
-    bool interpret;                 /* run in the interpreter: slow, the oracle */
+    uint32_t seed;  /* of rand() in initialiser functions */
+    uint32_t width; /* SIMD lanes; 0: chosen from program and target */
+    bool interpret; /* run in the interpreter: slow, the oracle */
     bool no_cache;
-    const char *target;             /* "native", "avx512", "avx2", "sse2"; NULL: $SALTUS_TARGET or native */
-    int near_miss;                  /* -1: by the program's number of events; 0 off; 1 on */
-    bool rgba8;                     /* the value kernel writes 8-bit pixels (slt_render_rgba8) */
+    const char *target;              /* "native", "avx512", "avx2", "sse2"; NULL: $SALTUS_TARGET or native */
+    int near_miss;                   /* -1: by the program's number of events; 0 off; 1 on */
+    bool rgba8;                      /* the value kernel writes 8-bit pixels (slt_render_rgba8) */
     bool paper_argmin, paper_forced; /* the paper's branch index and two-sided variants, for comparison */
-    bool path_hash;                 /* regions by the path taken, not by where the output came from */
-    const char *dump;               /* name of a pass whose IR is printed to standard error, or "all" */
-    bool verify;                    /* verify the IR after every pass */
-    SltStructure field;             /* of heightfields that are searched */
+    bool path_hash;                  /* regions by the path taken, not by where the output came from */
+    const char *dump;                /* name of a pass whose IR is printed to standard error, or "all" */
+    bool verify;                     /* verify the IR after every pass */
+    SltStructure field;              /* of heightfields that are searched */
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.size = sizeof(SltOptions), .near_miss = -1})
 #define SLT_JOB_INIT ((SltJob){.size = {512, 512, 1}, .spp = 4})
@@ -78,14 +78,14 @@ void slt_program_free(SltProgram *p);
 const char *slt_version(void);
 
 typedef struct SltDiagnostic {
-    int severity;              /* 1 error, 2 warning, 3 information (LSP) */
+    int severity; /* 1 error, 2 warning, 3 information (LSP) */
     const char *code, *message, *file;
-    uint32_t line, column;     /* from 1; 0 where there is no place */
+    uint32_t line, column; /* from 1; 0 where there is no place */
 } SltDiagnostic;
 uint32_t slt_diagnostic_count(const SltProgram *p);
 bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out);
-const char *slt_diagnostics_text(SltProgram *p);  /* as the command prints them */
-const char *slt_diagnostics_json(SltProgram *p);  /* one LSP Diagnostic a line */
+const char *slt_diagnostics_text(SltProgram *p); /* as the command prints them */
+const char *slt_diagnostics_json(SltProgram *p); /* one LSP Diagnostic a line */
 /* What went wrong when there is no diagnostic for it (limits, inputs). */
 const char *slt_last_error(const SltProgram *p);
 
@@ -100,7 +100,7 @@ bool slt_uses_rand(const SltProgram *p);
 /* ---- parameters. Floats are one vector of slt_float_count doubles, integers and bools one of int32. */
 typedef struct SltParam {
     const char *name;
-    const char *type;          /* as written: "Disc[200]" */
+    const char *type; /* as written: "Disc[200]" */
     uint32_t fbase, fcount, ibase, icount;
     bool differentiable, is_texture, is_heightfield;
     bool has_range, log, color;

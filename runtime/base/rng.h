@@ -20,9 +20,7 @@ typedef enum RngPurpose {
 /* Four words for draw `counter` of `purpose`; `lane` tells independent repetitions (halves, replicates, axes) apart. */
 void rng_block(uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t counter, uint32_t out[4]);
 /* The middle of the word's interval: inside (0, 1), never an end. */
-static inline double rng_unit(uint32_t word) {
-    return ((double)word + 0.5) * 0x1p-32;
-}
+static inline double rng_unit(uint32_t word) { return ((double)word + 0.5) * 0x1p-32; }
 /* Number `index` of a rank-1 additive recurrence in `dims` (1..4) dimensions, shifted by word: the generalised golden
  * ratio of Roberts. In [0, 1). */
 double rng_recurrence(uint32_t dims, uint32_t dim, uint64_t index, uint32_t shift);

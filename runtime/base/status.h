@@ -16,8 +16,7 @@ extern "C" {
 /* Fills `err` (which may be NULL: then only the status is returned) and returns `status`, so that
  * callers can write `return status_fail(err, SLT_INPUT, "...", ...)`. A text that does not fit is
  * cut. */
-SltStatus status_fail(SltError *err, SltStatus status, const char *fmt, ...)
-    __attribute__((format(printf, 3, 4)));
+SltStatus status_fail(SltError *err, SltStatus status, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
 
 /* The same with ": <errno text>" added; `code` is an errno value. Thread-safe. */
 SltStatus status_fail_errno(SltError *err, SltStatus status, int code, const char *fmt, ...)

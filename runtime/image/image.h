@@ -90,8 +90,7 @@ SltStatus image_resize(const Image *im, int width, int height, Image *out, SltEr
 
 /* Puts images side by side, `gap` white pixels apart, tops aligned. All must have the same number
  * of channels (1-4). */
-SltStatus image_film_strip(const Image *const *images, int count, int gap, Image *out,
-                           SltError *err);
+SltStatus image_film_strip(const Image *const *images, int count, int gap, Image *out, SltError *err);
 
 /* IEC 61966-2-1. Encoding clamps to [0, 1] (NaN to 0); decoding expects [0, 1]. */
 float image_encode_srgb(float linear);
@@ -113,8 +112,8 @@ typedef struct ImageReadOptions {
 SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, SltError *err);
 
 /* The same from memory; `name` is used for the format (its extension) and in messages. */
-SltStatus image_decode(const char *name, const void *bytes, size_t size,
-                       const ImageReadOptions *opt, Image *out, SltError *err);
+SltStatus image_decode(const char *name, const void *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                       SltError *err);
 
 typedef struct ImageWriteOptions {
     bool raw;  /* PNG: write values in [0, 1] as they are instead of sRGB */
@@ -126,8 +125,7 @@ typedef struct ImageWriteOptions {
  * channels), .pfm (root layer, 1 or 3 channels; an alpha is dropped), .npy (rows x columns x
  * channels, all channels). `opt` may be NULL. SLT_USAGE for an unknown extension, SLT_OUTPUT with
  * the system's reason when the file cannot be written. */
-SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt,
-                      SltError *err);
+SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt, SltError *err);
 
 /* True when image_write knows the extension. */
 bool image_can_write(const char *path);
@@ -136,17 +134,15 @@ bool image_can_write(const char *path);
 
 /* Writes already encoded 8-bit pixels, 1 (grey), 2 (grey, alpha), 3 or 4 channels, top row first,
  * no padding. */
-SltStatus image_write_png8(const char *path, int width, int height, int channels,
-                           const uint8_t *pixels, SltError *err);
+SltStatus image_write_png8(const char *path, int width, int height, int channels, const uint8_t *pixels, SltError *err);
 
 /* The same into memory: a malloc'd PNG file in *bytes, for the caller to free. `name` is used in
  * messages. */
-SltStatus image_encode_png8(const char *name, int width, int height, int channels,
-                            const uint8_t *pixels, uint8_t **bytes, size_t *size, SltError *err);
+SltStatus image_encode_png8(const char *name, int width, int height, int channels, const uint8_t *pixels,
+                            uint8_t **bytes, size_t *size, SltError *err);
 
 /* exr.c: an EXR file in memory, malloc'd, for the caller to free */
-SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size,
-                           SltError *err);
+SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size, SltError *err);
 
 /* npy.c --------------------------------------------------------------------------------------- */
 
@@ -159,12 +155,10 @@ typedef struct NumArray {
 /* Reads floats (16, 32, 64 bits), integers (8 to 64) and bools, either byte order, C or Fortran
  * order. */
 SltStatus npy_read(const char *path, NumArray *out, SltError *err);
-SltStatus npy_decode(const char *name, const void *bytes, size_t size, NumArray *out,
-                     SltError *err);
+SltStatus npy_decode(const char *name, const void *bytes, size_t size, NumArray *out, SltError *err);
 void npy_free(NumArray *a);
 /* Writes C-ordered data of rank 1 to 4 as float64 (wide) or float32. */
-SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide,
-                    SltError *err);
+SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide, SltError *err);
 
 /* table.c ------------------------------------------------------------------------------------- */
 
@@ -178,8 +172,7 @@ typedef struct Table {
  * dimension, columns = the others), or an image (rows = its rows, columns = width x channels, PNG
  * as raw data). */
 SltStatus table_read(const char *path, Table *out, SltError *err);
-SltStatus table_decode_csv(const char *name, const void *bytes, size_t size, Table *out,
-                           SltError *err);
+SltStatus table_decode_csv(const char *name, const void *bytes, size_t size, Table *out, SltError *err);
 void table_free(Table *t);
 
 /* file.c -------------------------------------------------------------------------------------- */
@@ -203,19 +196,18 @@ void colormap_sequential(double t, uint8_t rgb[3]);
  * with a colour bar, its scale in numbers and `title` (may be NULL) printed below, and writes a
  * PNG. `scale` > 0 is the value of full colour; 0 takes the largest finite magnitude. Pictures
  * narrower than 256 pixels are enlarged by whole factors. */
-SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale,
-                                const char *title, SltError *err);
+SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale, const char *title,
+                                SltError *err);
 /* The same, as an 8-bit RGB picture in memory (malloc'd pixels, 3 channels). */
-SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title,
-                               uint8_t **pixels, int *width, int *height, SltError *err);
+SltStatus image_draw_diverging(const Image *im, int channel, double scale, const char *title, uint8_t **pixels,
+                               int *width, int *height, SltError *err);
 
 /* font.c: a built-in 5x7 bitmap font ---------------------------------------------------------- */
 
 /* Pixels of the text's width at whole-number `zoom`; the height is 7 * zoom (9 with descenders). */
 int font_measure(const char *text, int zoom);
 /* Draws into 8-bit RGB, clipped; (x, y) is the top left. Characters without a glyph are a box. */
-void font_draw(uint8_t *rgb, int width, int height, int x, int y, const char *text, int zoom,
-               const uint8_t colour[3]);
+void font_draw(uint8_t *rgb, int width, int height, int x, int y, const char *text, int zoom, const uint8_t colour[3]);
 
 /* plot.c -------------------------------------------------------------------------------------- */
 

@@ -60,18 +60,17 @@ typedef struct OptimiseConfig {
                                     relative scale of the variables */
     double default_rate;         /* 0.01 */
     const double *lo, *hi;       /* lo <= hi; infinite or NULL for none */
-    const uint8_t *log; /* 1: optimise the logarithm; start must be > 0; the rate is in log units */
+    const uint8_t *log;          /* 1: optimise the logarithm; start must be > 0; the rate is in log units */
     const OptimiseGrid *grids;
     int grid_count;
     double beta1, beta2, epsilon; /* Adam: 0.9, 0.999, 1e-8 */
     double momentum;              /* SGD: 0 (none) <= m < 1 */
     int history;                  /* L-BFGS pairs: 10 */
-    double gradient_tolerance; /* converged when no component of the projected gradient is larger;
-                                  default 0: exactly zero */
-    double
-        loss_tolerance; /* converged when the best loss fell by less than this, relatively, ... */
-    int patience;       /* ... over so many iterations. Default off, but for L-BFGS 1e-12 over 3 */
-    int max_failures;   /* non-finite evaluations in a row: 10 */
+    double gradient_tolerance;    /* converged when no component of the projected gradient is larger;
+                                     default 0: exactly zero */
+    double loss_tolerance;        /* converged when the best loss fell by less than this, relatively, ... */
+    int patience;                 /* ... over so many iterations. Default off, but for L-BFGS 1e-12 over 3 */
+    int max_failures;             /* non-finite evaluations in a row: 10 */
 } OptimiseConfig;
 
 typedef struct Optimiser Optimiser;
@@ -107,18 +106,18 @@ const char *optimise_reason(const Optimiser *o);
 /* Writes the whole state and the caller's blob (may be NULL with size 0) atomically. `key`
  * describes what is optimised (program hash, target): a checkpoint is only loaded under the same
  * key. */
-SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, const void *blob,
-                        size_t blob_size, SltError *err);
+SltStatus optimise_save(const Optimiser *o, const char *path, const char *key, const void *blob, size_t blob_size,
+                        SltError *err);
 
 /* Restores a state into an optimiser created from the same config. *blob is malloc'd (NULL when
  * empty), with a NUL after it; `blob` may be NULL. SLT_INPUT for a damaged file, another key, or
  * another config; then `o` is unchanged. */
-SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob,
-                        size_t *blob_size, SltError *err);
+SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **blob, size_t *blob_size, SltError *err);
 
 /* laplacian.c --------------------------------------------------------------------------------- */
 
-typedef struct Laplacian Laplacian; /* I + lambda L of a width x height grid, L the Laplacian of its four-neighbourhood, ready to be solved; for one thread at a time */
+typedef struct Laplacian Laplacian; /* I + lambda L of a width x height grid, L the Laplacian of its four-neighbourhood,
+                                       ready to be solved; for one thread at a time */
 
 /* 1 <= width * height <= 2^22, lambda >= 0 and finite. NULL with err set. */
 Laplacian *laplacian_create(int width, int height, double lambda, SltError *err);
@@ -126,8 +125,7 @@ void laplacian_free(Laplacian *l);
 
 /* Solves (I + lambda L) x = b in place, for element i = y * width + x at data[x * stride_x + y *
  * stride_y]. `scratch` has width * height entries. Constants are kept, sums too. */
-void laplacian_solve(Laplacian *l, double *data, size_t stride_x, size_t stride_y,
-                     double *scratch);
+void laplacian_solve(Laplacian *l, double *data, size_t stride_x, size_t stride_y, double *scratch);
 
 #ifdef __cplusplus
 }

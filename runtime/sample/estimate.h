@@ -40,10 +40,11 @@ typedef struct SltScene {
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
     void *call_user;
     SltKernel *value, *region, *event, *sides, *site, *site_grad, *site_jvp, *site_vjp, *jvp, *vjp;
-    bool f64;       /* flt is double */
-    bool flat_adj;  /* layout of SltKernelArgs.adj */
-    const uint8_t *dense; /* nfloats: 1 where a kernel may add to adj; the others get their adjoints through the log alone. NULL: all */
-    uint32_t width; /* lanes */
+    bool f64;             /* flt is double */
+    bool flat_adj;        /* layout of SltKernelArgs.adj */
+    const uint8_t *dense; /* nfloats: 1 where a kernel may add to adj; the others get their adjoints through the log
+                             alone. NULL: all */
+    uint32_t width;       /* lanes */
     uint32_t dim, channels;
     double lo[3], hi[3];
     uint32_t nfloats, nints;
@@ -56,15 +57,18 @@ typedef struct SltScene {
     const uint8_t *site_skips;  /* 1: [SkipLoop], one boundary of many iterations; NULL: none is */
     uint32_t event_depth;       /* number of k outputs of the event kernel */
     bool near_miss;             /* region kernel has near outputs: near_site, near_g, near_k0.. */
-    int follow;                 /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
-    bool has_depth;             /* region and sides have one more output, last: depth. Ends differ where |difference| is large, too */
-    uint32_t nwitness;          /* region and sides end with this many more outputs, which event reads at the same point as SLT_IN_K0 and on; 0 there: not known. At most SLT_WITNESSES */
-    bool has_window;            /* event has one more output, last: aux1, for SLT_IN_AUX1 of the site kernels; its input SLT_IN_SEED0 is J */
+    int follow; /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
+    bool has_depth; /* region and sides have one more output, last: depth. Ends differ where |difference| is large, too
+                     */
+    uint32_t nwitness; /* region and sides end with this many more outputs, which event reads at the same point as
+                          SLT_IN_K0 and on; 0 there: not known. At most SLT_WITNESSES */
+    bool has_window;   /* event has one more output, last: aux1, for SLT_IN_AUX1 of the site kernels; its input
+                          SLT_IN_SEED0 is J */
     bool uses_rand;
     uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */
     uint32_t ncull;
-    SltKernel *const *cull_bounds; /* by cull_id: in K0 = iteration, out lo.x lo.y hi.x hi.y */
-    const uint32_t *cull_count;    /* iterations of each */
+    SltKernel *const *cull_bounds;        /* by cull_id: in K0 = iteration, out lo.x lo.y hi.x hi.y */
+    const uint32_t *cull_count;           /* iterations of each */
     const struct SltField *const *fields; /* [nfields], with the slice of `params` that holds the heights of each */
     uint32_t nfields;
     const uint32_t *field_base, *field_count;

@@ -79,15 +79,14 @@ typedef struct Batch {
     void *memory;
     unsigned char *tape;
     uint64_t evaluations;
-    bool again; /* these samples have been through a kernel that counts: cuts and failed asserts are not counted twice */
+    bool
+        again; /* these samples have been through a kernel that counts: cuts and failed asserts are not counted twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
-    if (b->f64)
-        ((double *)b->args.in[slot])[i] = v;
-    else
-        ((float *)b->args.in[slot])[i] = (float)v;
+    if (b->f64) ((double *)b->args.in[slot])[i] = v;
+    else ((float *)b->args.in[slot])[i] = (float)v;
 }
 static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v) {
     ((int32_t *)b->args.in[slot])[i] = v;
@@ -124,7 +123,7 @@ typedef struct Accum {
     uint64_t stride, bytes; /* bytes a parameter, bytes of adj */
     AdjointBuffer buf[ACCUMS];
     uint32_t *blocks, nblocks; /* first parameter of each block that kernels may add to */
-    unsigned char *scratch; /* where a repeated call adds what must not count twice */
+    unsigned char *scratch;    /* where a repeated call adds what must not count twice */
     bool failed;
 } Accum;
 bool accum_init(Accum *a, const SltScene *s, uint32_t n);
@@ -156,7 +155,7 @@ void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3],
 /* ---- depth.c: scenes with has_depth. A histogram of the differences between neighbours with equal hashes */
 enum { SPREAD_BUCKETS = 160 };
 typedef struct Spread {
-    uint64_t n, edges;            /* edges: of lines */
+    uint64_t n, edges; /* edges: of lines */
     uint32_t count[SPREAD_BUCKETS];
     uint32_t odd[SPREAD_BUCKETS]; /* of lines: those that stand out beside their neighbours */
 } Spread;
@@ -165,7 +164,8 @@ void spread_add(Spread *s, double difference);
 /* The edges of a line of n vertices. */
 void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n);
 /* J: the difference beyond which two neighbours are worth a search. */
-/* In an image J is this many times larger: edges asked in vain are what the boundary term of a terrain costs, and what is lost are jumps of a few ordinary steps. */
+/* In an image J is this many times larger: edges asked in vain are what the boundary term of a terrain costs, and what
+ * is lost are jumps of a few ordinary steps. */
 #define DEPTH_COARSE 3.0
 double spread_jump(const Spread *s);
 /* J of edge e of a line of n vertices, from that of its tile and from the edges beside it. */
@@ -195,7 +195,8 @@ typedef struct Segment {
     double ta, tb;     /* the part still to be searched */
     double base;       /* A_i / N_i of a line, or the weight of a random segment */
     Mark ma, mb;       /* at ta and tb */
-    double jump, ask;  /* ask: what `event` is told instead, if not 0. jump: by how much depths differ across a silhouette; HUGE_VAL without has_depth */
+    double jump, ask;  /* ask: what `event` is told instead, if not 0. jump: by how much depths differ across a
+                          silhouette; HUGE_VAL without has_depth */
     double rand0;
     int32_t stream;
     int8_t axis;        /* of the line; -1: a random direction */
@@ -214,7 +215,7 @@ typedef struct Crossing {
     int32_t site, k[SLT_MAX_K], stream;
     int8_t axis, rising; /* sign of g after - g before */
     uint8_t cls;
-    uint32_t edge; /* of the segment */
+    uint32_t edge;           /* of the segment */
     double weight, g, dg[3]; /* by sink.c */
 } Crossing;
 
@@ -239,9 +240,7 @@ struct Finder {
     bool failed;
 };
 /* Of a segment. */
-static inline double root_tolerance(bool coarse) {
-    return coarse ? 0x1p-9 : 0x1p-15;
-}
+static inline double root_tolerance(bool coarse) { return coarse ? 0x1p-9 : 0x1p-15; }
 bool finder_init(Finder *f, Batch *b);
 void finder_free(Finder *f);
 /* A segment from x(0) to x(1) whose ends differ, with the rest filled in. */
@@ -275,7 +274,7 @@ void moved_free(Moved *m);
 /* ---- coincide.c: crossings on which another boundary lies, see there */
 enum { COINCIDE_MAX = 8, COINCIDE_WAYS = 4 };
 typedef struct Coincide {
-    const Moved *apart; /* [COINCIDE_WAYS], or NULL: nothing is looked for */
+    const Moved *apart;                                    /* [COINCIDE_WAYS], or NULL: nothing is looked for */
     uint32_t n, which[COINCIDE_MAX], stands[COINCIDE_MAX]; /* crossings to ask, and how many each stands for */
     double way[COINCIDE_MAX][COINCIDE_WAYS];
 } Coincide;
@@ -298,7 +297,7 @@ struct Sink {
     uint64_t *order;
     Coincide coincide;
     Follow *follow; /* NULL: nobody asks */
-    bool clip; /* drop crossings outside the domain */
+    bool clip;      /* drop crossings outside the domain */
     bool failed;
 };
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g);
@@ -320,16 +319,16 @@ typedef struct Worker {
     Finder finder;
     Sink sink;
     CullLists cull;
-    uint32_t *hash; /* of a tile of vertices, or of lines */
-    double *depth;  /* NULL without has_depth */
+    uint32_t *hash;   /* of a tile of vertices, or of lines */
+    double *depth;    /* NULL without has_depth */
     int32_t *witness; /* [vertex][nwitness]; NULL without */
-    float *near_g;  /* |g| of the nearest event, its key */
+    float *near_g;    /* |g| of the nearest event, its key */
     uint32_t *near_key;
     int32_t *near_event; /* site, k0.. of it, SoA by vertex */
     uint64_t vertex_cap;
     double *value; /* of the tile: pixels or sums */
     uint64_t value_cap;
-    void *scratch; /* near.c's candidates */
+    void *scratch;  /* near.c's candidates */
     Follow *follow; /* NULL: off */
     uint64_t counters[SLT_COUNTERS];
     bool failed;
@@ -343,7 +342,7 @@ typedef struct Run {
     Worker *worker;
     uint32_t nworkers;
     PoolOptions pool;
-    Moved *apart; /* [COINCIDE_WAYS] */
+    Moved *apart;   /* [COINCIDE_WAYS] */
     SltStats stats; /* added to by merge */
     SltError *err;
     double start;
@@ -362,10 +361,12 @@ Mark worker_mark(const Worker *w, uint64_t vertex);
 bool worker_values(Worker *w, uint64_t n);
 void *alloc_zero(size_t n, size_t size);
 
-/* Before the first crossing, and when all is done. Crossings order[from..to) of `all`, of one site and with their gradients; then the count, when all groups have been given. */
+/* Before the first crossing, and when all is done. Crossings order[from..to) of `all`, of one site and with their
+ * gradients; then the count, when all groups have been given. */
 bool coincide_begin(Run *r, double bracket); /* of roots, in parts of the domain */
 void coincide_end(Run *r);
-void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to, uint32_t all);
+void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to,
+                    uint32_t all);
 void coincide_count(Sink *k, const Crossing *c);
 
 /* ---- interior.c: the samples of f */
@@ -392,8 +393,9 @@ SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double f
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
 /* Integral over the domain of every channel, replicate r of n: value[channels]; gradient [channels][nfloats] when not
  * NULL. */
-/* Shift of replicate r of n along dimension d: one random number for all, and a stratum each, in another order for each dimension. So the mean over
- * replicates is as good as lines n times denser, and their spread is an upper estimate of its error. */
+/* Shift of replicate r of n along dimension d: one random number for all, and a stratum each, in another order for each
+ * dimension. So the mean over replicates is as good as lines n times denser, and their spread is an upper estimate of
+ * its error. */
 double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d);
 
 SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient);
@@ -403,9 +405,9 @@ SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double
 typedef struct Boundary {
     Run *run;
     uint32_t replicate, replicates; /* of how many; their shifts are strata of one another */
-    double segments;        /* a pixel, or in all */
-    double *const *targets; /* SINK_INTEGRAL: [channels], then [channels] of missed; SINK_REVERSE: [classes] */
-    float *const *out;      /* SINK_FORWARD */
+    double segments;                /* a pixel, or in all */
+    double *const *targets;         /* SINK_INTEGRAL: [channels], then [channels] of missed; SINK_REVERSE: [classes] */
+    float *const *out;              /* SINK_FORWARD */
     float *crossings;
     const float *adjoint;
     const Directions *dirs;
@@ -441,10 +443,10 @@ typedef struct FollowTile {
     const uint32_t *hash; /* NULL: a visit, nothing is known of the vertices */
     const double *depth;  /* NULL without has_depth */
     double jump[2], base[2], spacing[2];
-    uint64_t stride[2];                 /* of vertices; stride[0] is 1 */
-    uint32_t from[2], to[2];            /* edges of a line that the tile owns */
-    uint32_t line_from[2], line_to[2];  /* lines across axis i, by their vertex on it */
-    uint32_t first[2], lines[2];        /* vertex 0 of the tile in the lattice, whose lines are 1 .. lines */
+    uint64_t stride[2];                /* of vertices; stride[0] is 1 */
+    uint32_t from[2], to[2];           /* edges of a line that the tile owns */
+    uint32_t line_from[2], line_to[2]; /* lines across axis i, by their vertex on it */
+    uint32_t first[2], lines[2];       /* vertex 0 of the tile in the lattice, whose lines are 1 .. lines */
     uint32_t classes;
 } FollowTile;
 /* A finger between l and r on a line that is another tile's, and an edge of a tile in which a probe found something. */
@@ -461,7 +463,8 @@ typedef struct FollowFound {
 Follow *follow_new(void);
 void follow_free(Follow *f);
 bool follow_begin(Follow *f, const FollowTile *t, uint64_t vertices);
-/* Before their crossings are looked for: edges of a line, by their first vertex, whose ends differ; an edge in which another probe found something. */
+/* Before their crossings are looked for: edges of a line, by their first vertex, whose ends differ; an edge in which
+ * another probe found something. */
 void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched);
 void follow_found(Follow *f, uint32_t axis, uint32_t edge);
 /* A crossing with its gradient. */

@@ -2,8 +2,8 @@
  *
  *   Prog p = prog_begin(s, PREC_F64, nfloats);  Inst *x = input_x(&p, 0);  ...  prog_end(&p, 1, &out);
  *
- * check_ad compares: lanes together with lanes alone (values, adjoints), <w, Jv> with <J'w, v>, Jv with central differences, all in
- * f64 by the interpreter; and the same again after the clean-up passes that kernels get. */
+ * check_ad compares: lanes together with lanes alone (values, adjoints), <w, Jv> with <J'w, v>, Jv with central
+ * differences, all in f64 by the interpreter; and the same again after the clean-up passes that kernels get. */
 #ifndef SALTUS_TESTS_AD_TEST_H
 #define SALTUS_TESTS_AD_TEST_H
 
@@ -60,10 +60,15 @@ static inline Inst *par_at(Prog *p, uint32_t base, uint32_t count, Inst *index) 
 static inline Inst *par(Prog *p, uint32_t i) { return par_at(p, i, 1, ci(p, 0)); }
 #define DEF1(name, op) static inline Inst *name(Prog *p, Inst *x) { return ir_emit1(&p->b, OP_##op, x); }
 #define DEF2(name, op) static inline Inst *name(Prog *p, Inst *x, Inst *y) { return ir_emit2(&p->b, OP_##op, x, y); }
-DEF2(add, fadd) DEF2(sub, fsub) DEF2(mul, fmul) DEF2(dvd, fdiv) DEF2(mn, fmin) DEF2(mx, fmax) DEF2(lt, flt)
-DEF1(neg, fneg) DEF1(root, fsqrt) DEF1(sine, fsin) DEF1(expo, fexp) DEF1(tanh_, ftanh) DEF1(i2f_, i2f)
-DEF2(iadd_, iadd) DEF2(imul_, imul) DEF2(ilt_, ilt) DEF2(band_, band)
-static inline Inst *sel(Prog *p, Inst *c, Inst *x, Inst *y) { return ir_select(&p->b, c, x, y); }
+DEF2(add, fadd)
+DEF2(sub, fsub)
+DEF2(mul, fmul)
+DEF2(dvd, fdiv)
+DEF2(mn, fmin) DEF2(mx, fmax) DEF2(lt, flt) DEF1(neg, fneg) DEF1(root, fsqrt) DEF1(sine, fsin) DEF1(expo, fexp)
+    DEF1(tanh_, ftanh) DEF1(i2f_, i2f) DEF2(iadd_, iadd) DEF2(imul_, imul) DEF2(ilt_, ilt)
+        DEF2(band_, band) static inline Inst *sel(Prog *p, Inst *c, Inst *x, Inst *y) {
+    return ir_select(&p->b, c, x, y);
+}
 
 static inline void if_begin(Prog *p, Inst *cond) {
     Inst *i = ir_if(&p->b, cond);
@@ -103,9 +108,15 @@ static inline Inst *array(Prog *p, uint32_t n) {
     m.arr.elem = TY_FLT;
     return ir_special(&p->b, OP_alloc, TY_ARRAY, 0, NULL, m);
 }
-static inline Inst *at(Prog *p, Inst *a, Inst *i) { return ir_special(&p->b, OP_load, TY_FLT, 2, (Inst *[]){a, i}, (Imm){0}); }
-static inline void put(Prog *p, Inst *a, Inst *i, Inst *v) { ir_special(&p->b, OP_store, TY_VOID, 3, (Inst *[]){a, i, v}, (Imm){0}); }
-static inline void copy(Prog *p, Inst *a, Inst *b) { ir_special(&p->b, OP_acopy, TY_VOID, 2, (Inst *[]){a, b}, (Imm){0}); }
+static inline Inst *at(Prog *p, Inst *a, Inst *i) {
+    return ir_special(&p->b, OP_load, TY_FLT, 2, (Inst *[]){a, i}, (Imm){0});
+}
+static inline void put(Prog *p, Inst *a, Inst *i, Inst *v) {
+    ir_special(&p->b, OP_store, TY_VOID, 3, (Inst *[]){a, i, v}, (Imm){0});
+}
+static inline void copy(Prog *p, Inst *a, Inst *b) {
+    ir_special(&p->b, OP_acopy, TY_VOID, 2, (Inst *[]){a, b}, (Imm){0});
+}
 
 /* ---- running: n samples, all arrays double */
 
@@ -160,12 +171,12 @@ static inline double uniform(uint64_t *state) {
 typedef struct Check {
     double x_lo, x_hi, p_lo, p_hi;
     uint32_t tape_budget;
-    uint8_t replay;         /* AD_REPLAY_* */
-    bool no_fd;             /* has jumps everywhere: only the adjoint identity */
-    double fd_tolerance;    /* 0: 1e-5 */
-    TapeReport tape;        /* out */
-    Fn *vjp, *jvp;          /* out, cleaned */
-    uint32_t kinks, compared;   /* out */
+    uint8_t replay;           /* AD_REPLAY_* */
+    bool no_fd;               /* has jumps everywhere: only the adjoint identity */
+    double fd_tolerance;      /* 0: 1e-5 */
+    TapeReport tape;          /* out */
+    Fn *vjp, *jvp;            /* out, cleaned */
+    uint32_t kinks, compared; /* out */
 } Check;
 
 static inline bool near(double a, double b, double tol) {
@@ -229,7 +240,8 @@ static inline void compare_modes(const Fn *fn, const Fn *jvp, const Fn *vjp, Run
         }
     }
     for (uint32_t k = 0; k < fn->nfloats; k++) {
-        if (!near(sum[k], v->adj[k], 1e-9)) print_error("parameter %u: lanes alone %.17g, together %.17g\n", k, sum[k], v->adj[k]);
+        if (!near(sum[k], v->adj[k], 1e-9))
+            print_error("parameter %u: lanes alone %.17g, together %.17g\n", k, sum[k], v->adj[k]);
         assert_true(near(sum[k], v->adj[k], 1e-9));
     }
     free(j), free(v), free(one);
@@ -268,7 +280,8 @@ static inline void check_ad(Prog *p, Check *c) {
     if (c->p_lo == c->p_hi) c->p_lo = -1, c->p_hi = 1;
     assert_sound(p->fn);
     PassCtx ctx = {.session = p->s, .has_fma = true};
-    while (opt_fold(&ctx, p->fn)) {} /* as in the pipeline: conditions that are constants are gone */
+    while (opt_fold(&ctx, p->fn)) {
+    } /* as in the pipeline: conditions that are constants are gone */
     AdOptions o = {.wrt_x = true, .tape_budget = c->tape_budget, .replay = c->replay};
     Fn *jvp = ad_jvp(&ctx, p->fn, &o);
     assert_sound(jvp);
@@ -291,19 +304,23 @@ static inline void check_ad(Prog *p, Check *c) {
     c->jvp = jvp;
 }
 
-/* Two reverse kernels of one program: the same outputs to the bit, the same adjoints within rounding, lanes together and every lane alone. */
+/* Two reverse kernels of one program: the same outputs to the bit, the same adjoints within rounding, lanes together
+ * and every lane alone. */
 static inline void compare_kernels(const Fn *fn, const Fn *a, const Fn *b, uint32_t rounds) {
     uint64_t state = 77;
     for (uint32_t round = 0; round < rounds; round++) {
-        Run *ra = random_run(fn, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = -1, .p_hi = 1}, &state), *rb = malloc(sizeof *rb);
+        Run *ra = random_run(fn, &(Check){.x_lo = -1, .x_hi = 1, .p_lo = -1, .p_hi = 1}, &state),
+            *rb = malloc(sizeof *rb);
         *rb = *ra;
         uint32_t lanes = 1u << round % 4;
         assert_int_equal(run_fn(a, ra, 0, LANES, lanes), SLT_OK);
         assert_int_equal(run_fn(b, rb, 0, LANES, lanes), SLT_OK);
         for (uint32_t o = 0; o < nout(a); o++)
-            for (uint32_t l = 0; l < LANES; l++) assert_true(near(ra->out[o][l], rb->out[o][l], o < nout(fn) ? 0 : 1e-12));
+            for (uint32_t l = 0; l < LANES; l++)
+                assert_true(near(ra->out[o][l], rb->out[o][l], o < nout(fn) ? 0 : 1e-12));
         for (uint32_t k = 0; k < fn->nfloats; k++) {
-            if (!near(ra->adj[k], rb->adj[k], 1e-12)) print_error("parameter %u: %.17g and %.17g\n", k, ra->adj[k], rb->adj[k]);
+            if (!near(ra->adj[k], rb->adj[k], 1e-12))
+                print_error("parameter %u: %.17g and %.17g\n", k, ra->adj[k], rb->adj[k]);
             assert_true(near(ra->adj[k], rb->adj[k], 1e-12));
         }
         free(ra), free(rb);

@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 
 enum { N = 33, SIZE = 24 };
 

@@ -25,9 +25,7 @@ static uint32_t gen_next(Gen *g) {
     return x ^ (x >> 15);
 }
 
-static uint32_t gen_below(Gen *g, uint32_t n) {
-    return gen_next(g) % n;
-}
+static uint32_t gen_below(Gen *g, uint32_t n) { return gen_next(g) % n; }
 
 static Inst *gen_pick(Gen *g, IrType t) {
     uint32_t n = g->pool[t].len;
@@ -248,18 +246,12 @@ static void gen_body(Gen *g, Builder *b, uint32_t n) {
     for (uint32_t k = 0; k < n && g->budget; k++) {
         g->budget--;
         uint32_t r = gen_below(g, 20);
-        if (r == 0 && g->depth < 4)
-            gen_loop(g, b);
-        else if (r <= 2 && g->depth < 4)
-            gen_if(g, b);
-        else if (r == 3 && g->depth < 3)
-            gen_tape(g, b);
-        else if (r <= 7)
-            gen_memory(g, b);
-        else if (r == 8 && g->pairs)
-            gen_pair(g, b);
-        else
-            gen_value(g, b);
+        if (r == 0 && g->depth < 4) gen_loop(g, b);
+        else if (r <= 2 && g->depth < 4) gen_if(g, b);
+        else if (r == 3 && g->depth < 3) gen_tape(g, b);
+        else if (r <= 7) gen_memory(g, b);
+        else if (r == 8 && g->pairs) gen_pair(g, b);
+        else gen_value(g, b);
     }
 }
 

@@ -5,7 +5,7 @@
 #include "tests/scratch.h"
 
 #include "compiler/back/back.h"
-#include "compiler/back/emit.h"
+#include "compiler/back/cpu/emit.h"
 
 enum { N = 64 };
 static const char *names[1] = {"a"};

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 
 enum { SIDE = 65, PIXELS = 64, SPP = 4, MAX = 16 };
 

@@ -18,7 +18,7 @@
 #include <time.h>
 
 #include "field_bench.h"
-#include "runtime/field/field.h"
+#include "runtime/geometry/heightfield/field.h"
 
 double bench_now(void) {
     struct timespec t;
@@ -319,7 +319,7 @@ static void print_json(const Bench *b, FILE *f, bool first) {
     fprintf(f, "}}");
 }
 
-/* ---- structures: what runtime/field offers, by name */
+/* ---- structures: what runtime/geometry/heightfield offers, by name */
 
 typedef struct StructureSpec {
     const char *name;

@@ -2,7 +2,7 @@
  * shapes themselves hold what they promise. */
 #include "field_test.h"
 
-#include "runtime/field/cone.h"
+#include "runtime/geometry/heightfield/cone.h"
 
 enum { VARIANTS = 6 };
 static const struct {

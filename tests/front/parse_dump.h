@@ -17,64 +17,31 @@ static void dump_expr(FILE *out, const Expr *e) {
     }
     switch (e->kind) {
     case E_LITERAL:
-        if (!e->type)
-            fprintf(out, "\"%s\"", e->name);
-        else if (e->type->kind == T_FLOAT)
-            fprintf(out, "%.9gf", e->cval.v[0].f);
-        else if (e->type->kind == T_BOOL)
-            fputs(e->cval.v[0].i ? "true" : "false", out);
-        else
-            fprintf(out, "%lld%s", (long long)e->cval.v[0].i, e->type->kind == T_UINT ? "u" : "");
+        if (!e->type) fprintf(out, "\"%s\"", e->name);
+        else if (e->type->kind == T_FLOAT) fprintf(out, "%.9gf", e->cval.v[0].f);
+        else if (e->type->kind == T_BOOL) fputs(e->cval.v[0].i ? "true" : "false", out);
+        else fprintf(out, "%lld%s", (long long)e->cval.v[0].i, e->type->kind == T_UINT ? "u" : "");
         return;
-    case E_NAME:
-        fputs(e->name, out);
-        return;
-    case E_ERROR:
-        fputs("ERROR", out);
-        return;
-    default:
-        break;
+    case E_NAME: fputs(e->name, out); return;
+    case E_ERROR: fputs("ERROR", out); return;
+    default: break;
     }
     fputc('(', out);
     switch (e->kind) {
     case E_UNARY:
     case E_BINARY:
-    case E_LOGIC:
-        fputs(ops[e->op], out);
-        break;
-    case E_ASSIGN:
-        fprintf(out, "%s%s", ops[e->op], e->op ? "=" : "");
-        break;
-    case E_INCDEC:
-        fprintf(out, e->prefix ? "%s_" : "_%s", ops[e->op]);
-        break;
-    case E_COND:
-        fputs("?:", out);
-        break;
-    case E_CALL:
-        fprintf(out, "call %s", e->name);
-        break;
-    case E_CONSTRUCT:
-        fprintf(out, "%s %s", e->explicit_cast ? "cast" : "make", e->name);
-        break;
-    case E_METHOD:
-        fprintf(out, "method %s", e->name);
-        break;
-    case E_FIELD:
-        fprintf(out, ".%s", e->name);
-        break;
-    case E_INDEX:
-        fputs("[]", out);
-        break;
-    case E_LIST:
-        fputs("list", out);
-        break;
-    case E_COMMA:
-        fputs(",", out);
-        break;
-    default:
-        fprintf(out, "kind%d", (int)e->kind);
-        break;
+    case E_LOGIC: fputs(ops[e->op], out); break;
+    case E_ASSIGN: fprintf(out, "%s%s", ops[e->op], e->op ? "=" : ""); break;
+    case E_INCDEC: fprintf(out, e->prefix ? "%s_" : "_%s", ops[e->op]); break;
+    case E_COND: fputs("?:", out); break;
+    case E_CALL: fprintf(out, "call %s", e->name); break;
+    case E_CONSTRUCT: fprintf(out, "%s %s", e->explicit_cast ? "cast" : "make", e->name); break;
+    case E_METHOD: fprintf(out, "method %s", e->name); break;
+    case E_FIELD: fprintf(out, ".%s", e->name); break;
+    case E_INDEX: fputs("[]", out); break;
+    case E_LIST: fputs("list", out); break;
+    case E_COMMA: fputs(",", out); break;
+    default: fprintf(out, "kind%d", (int)e->kind); break;
     }
     for (int i = 0; i < 3; i++)
         if (e->a[i]) {
@@ -166,10 +133,8 @@ static void dump_stmt(FILE *out, const Stmt *st) {
     }
     for (uint32_t i = 0; i < st->ncases; i++) {
         fputs(" (", out);
-        if (st->cases[i].is_default)
-            fputs("default", out);
-        else
-            dump_expr(out, st->cases[i].label_expr);
+        if (st->cases[i].is_default) fputs("default", out);
+        else dump_expr(out, st->cases[i].label_expr);
         for (uint32_t k = 0; k < st->cases[i].nbody; k++) {
             fputc(' ', out);
             dump_stmt(out, st->cases[i].body[k]);

@@ -66,9 +66,7 @@ static inline Parsed parse_bytes(const char *text, size_t len) {
     return out;
 }
 
-static inline Parsed parse_text(const char *text) {
-    return parse_bytes(text, strlen(text));
-}
+static inline Parsed parse_text(const char *text) { return parse_bytes(text, strlen(text)); }
 
 static inline void parsed_free(Parsed *p) {
     session_destroy(p->s);

@@ -1,4 +1,5 @@
-/* What every target here exports; replay.c feeds it the corpus, an engine (libFuzzer, AFL++, honggfuzz) feeds it anything. */
+/* What every target here exports; replay.c feeds it the corpus, an engine (libFuzzer, AFL++, honggfuzz) feeds it
+ * anything. */
 #ifndef SALTUS_TESTS_FUZZ_H
 #define SALTUS_TESTS_FUZZ_H
 

@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 #include "tests/fuzz/fuzz.h"
 
 static const char program[] =

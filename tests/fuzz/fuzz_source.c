@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 #include "compiler/pass/walk.h"
 #include "tests/fuzz/fuzz.h"
 

@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 #include "runtime/image/image.h"
 
 static char *kernels_text(const char *path) {

@@ -11,7 +11,7 @@
 
 #include <cmocka.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 
 enum { SIDE = 17, HEIGHTS = SIDE * SIDE, SAMPLES = 64, MAX_FLOATS = HEIGHTS + 16, FRAME = 48, BUDGET = 4096 };
 

@@ -33,9 +33,7 @@ static inline TestFn open_fn(Precision p) {
     return t;
 }
 
-static inline void close_fn(TestFn *t) {
-    session_destroy(t->s);
-}
+static inline void close_fn(TestFn *t) { session_destroy(t->s); }
 
 /* Fails with the verifier's text and the function if the Fn is not sound. */
 static inline void check_sound(Fn *fn) {

@@ -11,7 +11,7 @@
 
 #include <cmocka.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 
 enum { N = 512, NOUT = 24 };
 

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 #include "saltus/field.h"
 
 enum { N = 2048, SIDE = 32, NOUT = 8 };

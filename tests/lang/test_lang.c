@@ -15,7 +15,7 @@
 
 #include <cmocka.h>
 
-#include "compiler/api/api.h"
+#include "bindings/c/api.h"
 
 enum { MAX_POINTS = 64, MAX_EXPECT = 128, MAX_FILES = 2000, SECONDS_PER_FILE = 60 };
 

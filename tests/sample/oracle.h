@@ -57,13 +57,9 @@ static inline double oracle_note(Ctx *c, int site, int k, bool integer) {
     return e->decision;
 }
 /* [Disc] g < 0 */
-static inline bool disc(Ctx *c, int site, int k) {
-    return oracle_note(c, site, k, false) != 0;
-}
+static inline bool disc(Ctx *c, int site, int k) { return oracle_note(c, site, k, false) != 0; }
 /* [Disc] floor(v) */
-static inline double disc_floor(Ctx *c, int site, int k) {
-    return oracle_note(c, site, k, true);
-}
+static inline double disc_floor(Ctx *c, int site, int k) { return oracle_note(c, site, k, true); }
 
 static inline uint32_t oracle_mix(uint32_t h, uint32_t v) {
     h = (h ^ v) * 0x9e3779b1u;
@@ -76,10 +72,8 @@ static inline uint32_t oracle_hash(const Ctx *c) {
     uint32_t h = 0;
     for (int i = 0; i < c->n; i++) {
         uint32_t key = oracle_mix(oracle_mix(0x1234567u, (uint32_t)c->log[i].site), (uint32_t)c->log[i].k);
-        if (c->log[i].integer)
-            h ^= oracle_mix(key, (uint32_t)(int32_t)c->log[i].decision);
-        else if (c->log[i].decision != 0)
-            h ^= key;
+        if (c->log[i].integer) h ^= oracle_mix(key, (uint32_t)(int32_t)c->log[i].decision);
+        else if (c->log[i].decision != 0) h ^= key;
     }
     return h;
 }
@@ -88,10 +82,8 @@ static inline double oracle_read(const Oracle *o, const void *v, uint32_t i) {
     return o->scene.f64 ? ((const double *)v)[i] : (double)((const float *)v)[i];
 }
 static inline void oracle_write(const Oracle *o, void *v, uint32_t i, double x) {
-    if (o->scene.f64)
-        ((double *)v)[i] = x;
-    else
-        ((float *)v)[i] = (float)x;
+    if (o->scene.f64) ((double *)v)[i] = x;
+    else ((float *)v)[i] = (float)x;
 }
 
 static inline double oracle_g(const Oracle *o, const Point *p, int site, int k, double aux) {
@@ -162,9 +154,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             for (uint32_t ch = 0; ch < s->channels; ch++) oracle_write(o, a->out[ch], i, f[ch]);
             ((uint32_t *)a->out[s->channels])[i] = oracle_hash(c);
             break;
-        case SLT_K_SITE:
-            oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux));
-            break;
+        case SLT_K_SITE: oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux)); break;
         case SLT_K_SITE_GRAD:
             oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux));
             for (uint32_t d = 0; d < s->dim; d++) {
@@ -183,8 +173,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 theta[p] = keep - 1e-6, lo = oracle_g(o, at, a->site, k, aux);
                 theta[p] = keep;
                 double d = (hi - lo) / 2e-6;
-                if (kind == SLT_K_SITE_JVP)
-                    dot += d * oracle_read(o, a->dparams, p);
+                if (kind == SLT_K_SITE_JVP) dot += d * oracle_read(o, a->dparams, p);
                 else if (seed != 0) {
                     uint64_t slot = (uint64_t)p * width + (s->flat_adj ? 0 : i % width);
                     oracle_write(o, a->adj, (uint32_t)slot, oracle_read(o, a->adj, (uint32_t)slot) + seed * d);
@@ -208,14 +197,13 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 double seeded = 0;
                 for (uint32_t ch = 0; ch < s->channels; ch++) {
                     double d = (out[1][ch] - out[0][ch]) / 2e-6;
-                    if (kind == SLT_K_JVP)
-                        dot[ch] += d * oracle_read(o, a->dparams, p);
-                    else
-                        seeded += d * oracle_read(o, a->in[SLT_IN_SEED0 + ch], i);
+                    if (kind == SLT_K_JVP) dot[ch] += d * oracle_read(o, a->dparams, p);
+                    else seeded += d * oracle_read(o, a->in[SLT_IN_SEED0 + ch], i);
                 }
                 if (kind == SLT_K_VJP && seeded != 0 && i < a->n_valid) {
                     if (p % 2) { /* every second parameter as if it were read at a varying index */
-                        if (a->log_len < a->log_cap) a->log_index[a->log_len] = p, oracle_write(o, a->log_value, (uint32_t)a->log_len, seeded);
+                        if (a->log_len < a->log_cap)
+                            a->log_index[a->log_len] = p, oracle_write(o, a->log_value, (uint32_t)a->log_len, seeded);
                         a->log_len++;
                     } else {
                         uint64_t slot = (uint64_t)p * width + (s->flat_adj ? 0 : i % width);
@@ -229,15 +217,12 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             }
             break;
         }
-        default:
-            break;
+        default: break;
         }
     }
 }
 
-static inline void oracle_present(SltKernelArgs *a, uint32_t n) {
-    (void)a, (void)n;
-}
+static inline void oracle_present(SltKernelArgs *a, uint32_t n) { (void)a, (void)n; }
 
 /* Domain [0,1]^dim; every kernel present. */
 static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g)(const Point *, int, int),
@@ -256,8 +241,6 @@ static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g
         o->params[p] = params[p], o->params32[p] = (float)params[p], o->active[p] = 1;
     s->params = o->params, s->active = o->active, s->site_kind = o->kind, s->site_static = o->is_static;
 }
-static inline void oracle_use_f32(Oracle *o) {
-    o->scene.f64 = false, o->scene.params = o->params32;
-}
+static inline void oracle_use_f32(Oracle *o) { o->scene.f64 = false, o->scene.params = o->params32; }
 
 #endif

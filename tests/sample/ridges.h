@@ -1,5 +1,6 @@
-/* A landscape in slices, through the kernel contract: column x of the picture looks along its own profile of heights (straight between nodes a unit apart), row y is the slope
- * of the ray. Traces, tops and clearances by brute force, kernels with depth and windows as compiled heightfield sites have them, in double. f = 1/t where a ray hits, `sky`
+/* A landscape in slices, through the kernel contract: column x of the picture looks along its own profile of heights
+ * (straight between nodes a unit apart), row y is the slope of the ray. Traces, tops and clearances by brute force,
+ * kernels with depth and windows as compiled heightfield sites have them, in double. f = 1/t where a ray hits, `sky`
  * where it does not (or a constant on the ground, too), so integrals over a column have closed forms. */
 #ifndef SALTUS_TESTS_SAMPLE_RIDGES_H
 #define SALTUS_TESTS_SAMPLE_RIDGES_H
@@ -24,8 +25,8 @@ struct Ridges {
     uint8_t active[RIDGE_PARAMS], kind[4], is_static[4];
     uint64_t calls[SLT_K_CULL + 1]; /* lanes by kernel */
     uint64_t named;                 /* pairs in which event found something */
-    double (*lie)(double x); /* instead of g, between ends that event gives -1 and 1 */
-    double slack, low;       /* largest and smallest that a kernel saw in field 0 */
+    double (*lie)(double x);        /* instead of g, between ends that event gives -1 and 1 */
+    double slack, low;              /* largest and smallest that a kernel saw in field 0 */
 };
 
 typedef struct Column {
@@ -73,7 +74,8 @@ static inline double column_clearance(const Column *c, double slope, double lo, 
     return slope - best;
 }
 
-/* The integral of f over the slopes [lo, hi] of a column: k is monotone on every part, and what rises above all before is seen. */
+/* The integral of f over the slopes [lo, hi] of a column: k is monotone on every part, and what rises above all before
+ * is seen. */
 static inline double column_integral(const Column *c, double lo, double hi, double sky, double ground) {
     double sum = 0, seen = column_k(c, 1);
     for (uint32_t i = 0; i + 1 < c->n; i++) {
@@ -81,7 +83,8 @@ static inline double column_integral(const Column *c, double lo, double hi, doub
         if (k1 <= seen) continue;
         double m = c->h[i + 1] - c->h[i], a = c->h[i] - m * (i + 1) - c->z0, from = fmax(seen, lo), to = fmin(k1, hi);
         /* slope = a/t + m, so 1/t is linear in it. */
-        if (from < to) sum += ground != 0 ? ground * (to - from) : ((to - m) * (to - m) - (from - m) * (from - m)) / (2 * a);
+        if (from < to)
+            sum += ground != 0 ? ground * (to - from) : ((to - m) * (to - m) - (from - m) * (from - m)) / (2 * a);
         seen = k1;
     }
     return sum + sky * fmax(0, hi - fmax(seen, lo));
@@ -131,18 +134,19 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
     memset(pair, 0, sizeof pair);
     uint32_t padded = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     __atomic_fetch_add(&r->calls[kind], n, __ATOMIC_RELAXED);
-    if (a->fields) r->slack = fmax(r->slack, (double)a->fields[0]->slack), r->low = fmin(r->low, (double)a->fields[0]->slack);
+    if (a->fields)
+        r->slack = fmax(r->slack, (double)a->fields[0]->slack), r->low = fmin(r->low, (double)a->fields[0]->slack);
     for (uint32_t i = 0; i < padded; i++) {
         double **out = (double **)a->out;
         Ray *y = &pair[i & 1];
         *y = ridges_ray(r, a, i, &c[i & 1]);
-        double f = r->repeat * (y->part < 0 ? r->sky : r->ground != 0 ? r->ground : 1 / y->t), lo = ((const double *)a->in[SLT_IN_AUX])[i],
-               hi = ((const double *)a->in[SLT_IN_AUX1])[i];
+        double f = r->repeat * (y->part < 0      ? r->sky
+                                : r->ground != 0 ? r->ground
+                                                 : 1 / y->t),
+               lo = ((const double *)a->in[SLT_IN_AUX])[i], hi = ((const double *)a->in[SLT_IN_AUX1])[i];
         uint32_t hash = y->part < 0 ? 17 : 3;
         switch (kind) {
-        case SLT_K_VALUE:
-            out[0][i] = f;
-            break;
+        case SLT_K_VALUE: out[0][i] = f; break;
         case SLT_K_REGION:
             ((uint32_t *)a->out[0])[i] = hash;
             if (s->near_miss) ((int32_t *)a->out[1])[i] = -1, out[2][i] = HUGE_VAL, ((int32_t *)a->out[3])[i] = 0;
@@ -163,7 +167,8 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             if (s->has_depth && !differ && near->part >= 0)
                 differ = top < far && log2(far) - log2(near->t) > jump / r->repeat;
             double from = near->t - 1, to = fmin(top + 1, 0.5 * (top + far));
-            double g[2] = {column_clearance(&c[0], pair[0].slope, from, to), column_clearance(&c[1], pair[1].slope, from, to)};
+            double g[2] = {column_clearance(&c[0], pair[0].slope, from, to),
+                           column_clearance(&c[1], pair[1].slope, from, to)};
             if (r->lie) g[0] = -1, g[1] = 1;
             if (differ && i < n) __atomic_fetch_add(&r->named, 1, __ATOMIC_RELAXED);
             for (int l = 0; l < 2; l++) {
@@ -185,7 +190,8 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 out[1][i] = (up - column_clearance(&moved, y->slope, lo, hi)) / 2e-6, out[2][i] = 1;
             }
             if (kind < SLT_K_SITE_JVP) break;
-            double dot = 0, seed = kind == SLT_K_SITE_VJP ? ((const double *)a->in[SLT_IN_SEED0])[i] : 0, p[RIDGE_PARAMS];
+            double dot = 0, seed = kind == SLT_K_SITE_VJP ? ((const double *)a->in[SLT_IN_SEED0])[i] : 0,
+                   p[RIDGE_PARAMS];
             for (uint32_t k = 0; k < s->nfloats; k++) {
                 memcpy(p, a->params, s->nfloats * sizeof *p);
                 p[k] += 1e-6, column_at(r, p, y->x, y->rand0, &moved);
@@ -214,23 +220,22 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             if (kind == SLT_K_JVP) out[1][i] = dot;
             break;
         }
-        default:
-            break;
+        default: break;
         }
     }
 }
 
-static inline void ridges_present(SltKernelArgs *a, uint32_t n) {
-    (void)a, (void)n;
-}
+static inline void ridges_present(SltKernelArgs *a, uint32_t n) { (void)a, (void)n; }
 
 /* x in [0, 1], slopes in [lo, hi]. */
-static inline void ridges_init(Ridges *r, double (*height)(const double *, double, double, uint32_t), uint32_t nodes, double lo, double hi, uint32_t nparams, const double *params) {
+static inline void ridges_init(Ridges *r, double (*height)(const double *, double, double, uint32_t), uint32_t nodes,
+                               double lo, double hi, uint32_t nparams, const double *params) {
     memset(r, 0, sizeof *r);
     r->height = height, r->nodes = nodes, r->sky = 0.75, r->repeat = 1;
     SltScene *s = &r->scene;
     s->call = ridges_call, s->call_user = r;
-    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp = ridges_present;
+    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp =
+        ridges_present;
     s->f64 = true, s->flat_adj = true, s->width = 8, s->dim = 2, s->channels = 1;
     s->lo[0] = 0, s->hi[0] = 1, s->lo[1] = lo, s->hi[1] = hi, s->hi[2] = 1;
     s->nfloats = nparams, s->nsites = 1, s->event_depth = 1;

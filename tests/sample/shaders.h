@@ -47,17 +47,13 @@ static inline double arc_inside(double r, double q, double d) {
 static inline double ring_g(const Point *p, int site, int k) {
     return (void)site, (void)k, fabs(hypot(p->x[0] - 0.5, p->x[1] - 0.5) - p->p[0]) - p->p[1];
 }
-static inline void one_f(Ctx *c, double *f) {
-    f[0] = disc(c, 0, 0);
-}
+static inline void one_f(Ctx *c, double *f) { f[0] = disc(c, 0, 0); }
 
 /* floor(s (x + 0.3 y)): p = s */
 static inline double stairs_g(const Point *p, int site, int k) {
     return (void)site, (void)k, p->p[0] * (p->x[0] + 0.3 * p->x[1]);
 }
-static inline void stairs_f(Ctx *c, double *f) {
-    f[0] = disc_floor(c, 0, 0);
-}
+static inline void stairs_f(Ctx *c, double *f) { f[0] = disc_floor(c, 0, 0); }
 static inline double stairs_exact(double s) {
     double sum = 0;
     for (int n = 1; n < s * 1.3; n++) {
@@ -69,12 +65,8 @@ static inline double stairs_exact(double s) {
 }
 
 /* 1D: f = 2 x beyond p: d/dp = -2 p */
-static inline double step_g(const Point *p, int site, int k) {
-    return (void)site, (void)k, p->p[0] - p->x[0];
-}
-static inline void step_f(Ctx *c, double *f) {
-    f[0] = disc(c, 0, 0) ? 2 * c->at.x[0] : 0;
-}
+static inline double step_g(const Point *p, int site, int k) { return (void)site, (void)k, p->p[0] - p->x[0]; }
+static inline void step_f(Ctx *c, double *f) { f[0] = disc(c, 0, 0) ? 2 * c->at.x[0] : 0; }
 
 /* 3D ball: p = r; 4 pi r^2 */
 static inline double ball_g(const Point *p, int site, int k) {
@@ -101,9 +93,7 @@ static inline double flower_g(const Point *p, int site, int k) {
 static inline double guarded_g(const Point *p, int site, int k) {
     return (void)k, site == 0 ? p->x[0] - p->p[1] : hypot(p->x[0] - 0.5, p->x[1] - 0.5) - p->p[0];
 }
-static inline void guarded_f(Ctx *c, double *f) {
-    f[0] = disc(c, 0, 0) && disc(c, 1, 0);
-}
+static inline void guarded_f(Ctx *c, double *f) { f[0] = disc(c, 0, 0) && disc(c, 1, 0); }
 
 /* g whose slope is nothing: sign-like, jumps itself */
 static inline double broken_g(const Point *p, int site, int k) {

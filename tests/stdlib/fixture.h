@@ -55,8 +55,7 @@ static inline double uniform(uint32_t *state) {
 static inline void set(SltProgram *p, const char *name, const double *v) {
     SltParam q;
     SltError err = {0};
-    if (slt_param_find(p, name, &q, &err) != SLT_OK ||
-        slt_set_floats(p, q.fbase, q.fcount, v, &err) != SLT_OK)
+    if (slt_param_find(p, name, &q, &err) != SLT_OK || slt_set_floats(p, q.fbase, q.fcount, v, &err) != SLT_OK)
         fail_msg("%s", err.text);
 }
 

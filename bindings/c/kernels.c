@@ -1,0 +1,230 @@
+/* Kernels on demand: what a call needs and is not there yet goes through the passes and the back end as one module. */
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "bindings/c/api.h"
+#include "compiler/pass/site_facts.h"
+
+/* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band
+ * between two comparisons that is thinner than the spacing shows in the hash, though both its outsides look alike.
+ * Above it, speed wins; see docs/estimators.md for the measurement. */
+enum { NEAR_MISS_EVENTS = 64 };
+/* Above this many sites the kernel of g alone is left out: the one with its gradient gives g as well, a little slower,
+ * and compiling dominates. */
+enum { LONE_SITE_KERNEL = 128 };
+/* Above this many bytes of per-lane accumulators the adjoints are added horizontally instead. */
+enum { LANE_ADJOINT_BYTES = 1 << 17 };
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+uint64_t api_event_bound(const SltProgram *p) {
+    uint64_t n = 0;
+    for (uint32_t s = 0; s < p->prog->primal->nsites; s++) n += p->prog->primal->sites[s].max_events;
+    return n;
+}
+
+static bool near_miss(const SltProgram *p) {
+    const Fn *primal = p->prog->primal;
+    bool any = false; /* a heightfield site has no g at a single point to be near 0 */
+    for (uint32_t s = 0; s < primal->nsites; s++)
+        any |= primal->sites[s].kind != SITE_FIELD && primal->sites[s].kind != SITE_SHADOW;
+    if (!any) return false;
+    return p->opt.near_miss < 0 ? api_event_bound(p) <= NEAR_MISS_EVENTS : p->opt.near_miss > 0;
+}
+
+static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
+    SltProgram *p = user;
+    const Fn *fn = kind == K_SITE && !p->fn[K_SITE] ? p->fn[K_SITE_GRAD] : p->fn[kind];
+    int status = ir_interpret(fn, args, n, 16);
+    if (status != SLT_OK && p->error.status == SLT_OK)
+        status_fail(&p->error, (SltStatus)status, "the interpreter stopped in kernel %s", kernel_names[kind]);
+}
+
+static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
+
+static SltKernel **scene_slot(SltScene *s, int kind) {
+    SltKernel **slots[K_KINDS] = {&s->value,     &s->region,   &s->event,    &s->sides, &s->site,
+                                  &s->site_grad, &s->site_jvp, &s->site_vjp, &s->jvp,   &s->vjp};
+    return slots[kind];
+}
+
+typedef struct Request {
+    SltProgram *p;
+    bool needs[K_KINDS], cull;
+    SltStatus status;
+    SltError *err;
+} Request;
+
+static void fill_scene(SltProgram *p) {
+    SltScene *s = &p->scene;
+    Program *g = p->prog;
+    s->f64 = g->primal->precision == PREC_F64;
+    if (!s->site) s->site = s->site_grad;
+    s->dim = g->dim, s->channels = g->channels;
+    for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
+    s->nfloats = g->nfloats, s->nints = g->nints;
+    s->params = p->flt, s->iparams = p->ints, s->active = p->wrt;
+    s->dense = p->opt.interpret ? NULL : p->dense;
+    s->nsites = g->primal->nsites;
+    s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
+    s->near_miss = near_miss(p);
+    s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
+    s->uses_rand = g->uses_rand;
+    s->fields = p->fields, s->nfields = g->nfields, s->field_base = p->field_base, s->field_count = p->field_count;
+    s->print = p->print, s->print_user = p->print_user;
+    s->ncull = g->ncull;
+    s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
+    if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
+}
+
+static void find_cull_counts(const Block *b, uint32_t *counts) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_loop && i->imm.loop.cull) counts[i->imm.loop.cull_id] = i->imm.loop.max_iters;
+        for (uint32_t r = 0; r < i->nregions; r++) find_cull_counts(i->region[r], counts);
+    }
+}
+
+static void site_tables(SltProgram *p) {
+    const Fn *primal = p->prog->primal;
+    Arena *a = &p->session->module;
+    p->site_kind = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    p->site_skips = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    p->site_static = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    uint8_t *facts = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    site_facts(&p->passes, p->prog->primal, NULL, facts);
+    for (uint32_t s = 0; s < primal->nsites; s++) {
+        p->site_kind[s] = (uint8_t)primal->sites[s].kind;
+        p->site_skips[s] = primal->sites[s].skip_loop;
+        p->site_static[s] = !(facts[s] & DEPENDS_X);
+    }
+    p->cull_counts = ARENA_ARRAY(a, uint32_t, p->prog->ncull + 1);
+    p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
+    find_cull_counts(primal->body, p->cull_counts);
+}
+
+static void build_body(Session *s, void *arg) {
+    Request *q = arg;
+    SltProgram *p = q->p;
+    if (!p->site_kind) site_tables(p);
+    VariantOptions vo = {.near_miss = near_miss(p),
+                         .paper_argmin = p->opt.paper_argmin,
+                         .paper_forced = p->opt.paper_forced,
+                         .path_hash = p->opt.path_hash || near_miss(p)};
+    AdOptions ad = {.wrt = p->wrt};
+    KernelSet set;
+    double start = now_ms();
+    pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
+    if (q->cull)
+        for (uint32_t c = 0; c < p->prog->ncull; c++)
+            pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_fields_want(p, p->prog->cull_bounds[c]);
+    p->ms_passes += now_ms() - start;
+    if (set.fn[K_EVENT]) p->scene.event_depth = set.event_depth;
+    if (set.fn[K_REGION] || set.fn[K_SIDES]) p->scene.has_depth = set.has_depth;
+    if (set.fn[K_REGION]) p->scene.nwitness = set.nwitness;
+    if (set.fn[K_EVENT] || set.fn[K_SITE] || set.fn[K_SITE_GRAD]) p->scene.has_window = set.has_window;
+
+    for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
+    KernelRequest req[K_KINDS + 64];
+    uint32_t n = 0;
+    for (int k = 0; k < K_KINDS; k++) {
+        if (!set.fn[k]) continue;
+        p->fn[k] = set.fn[k];
+        p->tape[k] = set.tape[k];
+        api_fields_want(p, set.fn[k]);
+        if (k == K_VJP || k == K_SITE_VJP) {
+            if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
+            back_dense_adjoints(set.fn[k], p->dense);
+        }
+        if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
+        if (p->opt.interpret) *scene_slot(&p->scene, k) = interpreted;
+        else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
+    }
+    if (q->cull)
+        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++)
+            req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
+    if (!n) return;
+    size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
+    if (q->needs[K_VJP] || q->needs[K_SITE_VJP]) p->scene.flat_adj = lane_bytes > LANE_ADJOINT_BYTES;
+    BackOptions bo = {.target = p->target,
+                      .width = p->opt.width,
+                      .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
+                      .no_cache = p->opt.no_cache,
+                      .opt_level = 2,
+                      .output_rgba8 = p->opt.rgba8};
+    CompiledModule *m = NULL;
+    const char *why = NULL;
+    start = now_ms();
+    int status = back_compile(s, req, n, &bo, &m, &why);
+    p->ms_llvm += now_ms() - start;
+    if (status != SLT_OK) {
+        q->status = status_fail(q->err, (SltStatus)status, "%s", why ? why : "the back end failed");
+        return;
+    }
+    p->modules[p->nmodules++] = m;
+    double emit, llvm;
+    bool cached;
+    back_times(m, &emit, &llvm, &cached);
+    p->cached &= cached;
+    for (int k = 0; k < K_KINDS; k++) {
+        if (!set.fn[k]) continue;
+        *scene_slot(&p->scene, k) = back_kernel(m, kernel_names[k]);
+        p->module_of[k] = m;
+        if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
+    }
+    if (q->cull)
+        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++)
+            p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
+}
+
+SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+    if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
+    Request q = {.p = p, .err = err};
+    bool any = false;
+    for (int k = 0; k < K_KINDS; k++) {
+        q.needs[k] = needs[k] && !p->tried[k];
+        if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
+        any |= q.needs[k];
+    }
+    /* The two adjoint kernels share a layout: they are compiled together. */
+    if (q.needs[K_VJP] != q.needs[K_SITE_VJP] && needs[K_VJP] && needs[K_SITE_VJP])
+        q.needs[K_VJP] = q.needs[K_SITE_VJP] = true;
+    if (any && p->nmodules + 1 >= sizeof p->modules / sizeof *p->modules)
+        api_free_kernels(p), memcpy(q.needs, needs, sizeof q.needs);
+    if (any) {
+        q.cull = p->prog->ncull > 0 && (!p->cull_kernels || !p->cull_kernels[0]) && !p->opt.interpret;
+        int unwound = session_protect(p->session, build_body, &q);
+        if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
+        if (q.status != SLT_OK) return q.status;
+    }
+    SltStatus fields = api_fields(p, err);
+    if (fields != SLT_OK) return fields;
+    fill_scene(p);
+    if (!p->scene.width) p->scene.width = 16;
+    return SLT_OK;
+}
+
+void api_forget_gradients(SltProgram *p) {
+    static const int kinds[] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP};
+    for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->fn[k] != NULL; /* what was left out may be needed now */
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+        p->fn[kinds[i]] = NULL;
+        p->tried[kinds[i]] = false;
+        *scene_slot(&p->scene, kinds[i]) = NULL;
+    }
+    p->scene.tape_bytes = 0;
+}
+
+void api_free_kernels(SltProgram *p) {
+    for (uint32_t m = 0; m < p->nmodules; m++) back_free(p->modules[m]);
+    p->nmodules = 0;
+    memset(p->fn, 0, sizeof p->fn);
+    memset(p->module_of, 0, sizeof p->module_of);
+    memset(p->tried, 0, sizeof p->tried);
+    for (int k = 0; k < K_KINDS; k++) *scene_slot(&p->scene, k) = NULL;
+    if (p->cull_kernels) memset(p->cull_kernels, 0, p->prog->ncull * sizeof *p->cull_kernels);
+}

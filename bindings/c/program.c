@@ -1,0 +1,250 @@
+/* Compiling: from a file or a string to a program object. */
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "bindings/c/api.h"
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+static const char *copy_string(Session *s, const char *text) {
+    return text ? arena_strndup(&s->session, text, strlen(text)) : NULL;
+}
+
+/* Where the library's code was loaded from: libsaltus.so, or the program that links the archive. NULL if that cannot be
+ * told. */
+static char *own_file(void) {
+    Dl_info info;
+    char *exe = realpath("/proc/self/exe", NULL);
+    if (dladdr((const void *)own_file, &info) && info.dli_fname && info.dli_fname[0] == '/') {
+        char *file = realpath(info.dli_fname, NULL); /* for the program itself this is argv[0], which means little */
+        if (file) {
+            free(exe);
+            return file;
+        }
+    }
+    return exe;
+}
+
+/* ../share/saltus/stdlib of the folder of `file`, and of the one above it (lib/x86_64-linux-gnu/libsaltus.so). */
+static const char *stdlib_beside(Session *s, const char *file) {
+    const char *slash = strrchr(file, '/');
+    int n = slash ? (int)(slash - file) : 0;
+    for (int up = 0; slash && up < 2; up++) {
+        const char *dir = arena_printf(&s->session, "%.*s/%s../share/saltus/stdlib", n, file, up ? "../" : "");
+        if (access(dir, R_OK) == 0) return dir;
+    }
+    return NULL;
+}
+
+/* What the caller says, what the environment says, what was installed along, the tree it was built from, where it was
+ * meant to be installed. */
+static const char *find_stdlib(Session *s, const SltOptions *opt) {
+    if (opt->stdlib_dir) return opt->stdlib_dir;
+    const char *env = getenv("SALTUS_STDLIB");
+    if (env && *env) return env;
+    char *file = own_file();
+    const char *beside = file ? stdlib_beside(s, file) : NULL;
+    free(file);
+    if (beside) return beside;
+#ifdef SALTUS_STDLIB_SOURCE
+    if (access(SALTUS_STDLIB_SOURCE, R_OK) == 0) return SALTUS_STDLIB_SOURCE;
+#endif
+#ifdef SALTUS_STDLIB_INSTALL
+    return SALTUS_STDLIB_INSTALL;
+#else
+    return "stdlib";
+#endif
+}
+
+typedef struct Compile {
+    SltProgram *p;
+    const char *path, *text, *shown;
+    SltStatus status;
+} Compile;
+
+static void compile_body(Session *s, void *arg) {
+    Compile *c = arg;
+    SltProgram *p = c->p;
+    double start = now_ms();
+    int file;
+    if (c->path) {
+        const char *why = NULL;
+        file = session_add_file(s, c->path, &why);
+        if (file < 0) {
+            c->status = status_fail(&p->error, SLT_INPUT, "cannot read `%s`: %s", c->path, why ? why : "unknown cause");
+            return;
+        }
+    } else {
+        file = session_add_text(s, c->shown, ".", c->text, strlen(c->text));
+    }
+    ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
+    for (uint32_t i = 0; i < p->opt.nset; i++)
+        overrides[i] = (ConstOverride){p->opt.set[i].name, p->opt.set[i].value, false};
+    ParamFile *files = ARENA_ARRAY(&s->session, ParamFile, p->opt.nparam_files + 1);
+    for (uint32_t i = 0; i < p->opt.nparam_files; i++)
+        files[i] = (ParamFile){.name = p->opt.param_files[i].name, .path = p->opt.param_files[i].value};
+    ProgramOptions po = {.front = {.entry = p->opt.entry,
+                                   .f64 = p->opt.f64,
+                                   .files = files,
+                                   .nfiles = p->opt.nparam_files,
+                                   .overrides = overrides,
+                                   .noverrides = p->opt.nset,
+                                   .disc_auto = p->opt.disc_auto,
+                                   .probe = api_probe_asset,
+                                   .probe_user = p},
+                         .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
+                         .seed = p->opt.seed};
+    Program *prog = front_compile(s, file, &po);
+    p->ms_front = now_ms() - start;
+    if (!prog || s->nerrors) {
+        c->status = s->bad_usage ? SLT_USAGE : s->bad_input ? SLT_INPUT : SLT_PROGRAM;
+        status_fail(&p->error, c->status, "the program has errors");
+        return;
+    }
+    for (uint32_t i = 0; i < p->opt.nset; i++)
+        if (!overrides[i].used) {
+            c->status = status_fail(&p->error, SLT_USAGE, "--set %s: there is no constant of this name at file scope",
+                                    overrides[i].name);
+            return;
+        }
+    p->prog = prog;
+    p->passes =
+        (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
+    start = now_ms();
+    pipeline_primal(&p->passes, prog->primal);
+    p->ms_passes = now_ms() - start;
+}
+
+static SltStatus fill_program(SltProgram *p) {
+    Program *prog = p->prog;
+    size_t nf = prog->nfloats ? prog->nfloats : 1, ni = prog->nints ? prog->nints : 1;
+    p->floats = calloc(nf, sizeof(double));
+    p->flt = calloc(nf, sizeof(double));
+    p->ints = calloc(ni, sizeof(int32_t));
+    p->wrt = calloc(nf, 1);
+    p->asset_loaded = calloc(prog->nparams + 1, sizeof(bool));
+    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded || !api_fields_init(p))
+        return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
+    if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
+    if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
+    api_params_changed(p, 0, prog->nfloats);
+    SltStatus status = api_load_assets(p, &p->error);
+    if (status != SLT_OK) return status;
+    return slt_wrt(p, NULL, 0, &p->error);
+}
+
+static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt,
+                         SltProgram **out) {
+    *out = NULL;
+    SltProgram *p = calloc(1, sizeof *p);
+    if (!p) return SLT_LIMIT;
+    p->session = session_create(0);
+    if (!p->session) {
+        free(p);
+        return SLT_LIMIT;
+    }
+    *out = p;
+    SltOptions o = SLT_OPTIONS_INIT;
+    if (opt) memcpy(&o, opt, opt->size < sizeof o ? opt->size : sizeof o);
+    p->opt = o;
+    p->cached = true;
+    Session *s = p->session;
+    s->stdlib_dir = copy_string(s, find_stdlib(s, &o));
+    s->import_dirs = o.import_dirs;
+    s->nimport_dirs = o.nimport_dirs;
+    if (o.target) {
+        if (!target_named(&p->target, o.target))
+            return status_fail(&p->error, SLT_USAGE, "unknown target `%s`: native, avx512, avx2 or sse2", o.target);
+    } else {
+        target_host(&p->target);
+    }
+    if ((unsigned)o.field > SLT_STRUCTURE_NAIVE)
+        return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o.field);
+    Compile c = {.p = p, .path = path, .text = text, .shown = shown};
+    int unwound = session_protect(s, compile_body, &c);
+    if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
+    if (c.status != SLT_OK) return c.status;
+    return fill_program(p);
+}
+
+SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out) {
+    return compile(path, NULL, path, opt, out);
+}
+
+SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out) {
+    return compile(NULL, source, shown_name ? shown_name : "<string>", opt, out);
+}
+
+void slt_program_free(SltProgram *p) {
+    if (!p) return;
+    api_free_kernels(p);
+    api_fields_free(p);
+    free(p->floats);
+    free(p->flt);
+    free(p->ints);
+    free(p->wrt);
+    free(p->asset_loaded);
+    for (size_t i = 0; i < sizeof p->text / sizeof *p->text; i++) free(p->text[i]);
+    session_destroy(p->session);
+    free(p);
+}
+
+const char *slt_version(void) { return SALTUS_VERSION; }
+const char *slt_last_error(const SltProgram *p) { return p ? p->error.text : "out of memory"; }
+
+/* ---- diagnostics */
+uint32_t slt_diagnostic_count(const SltProgram *p) {
+    uint32_t n = 0;
+    for (const Diag *d = p->session->diags; d; d = d->next) n++;
+    return n;
+}
+
+bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
+    const Session *s = p->session;
+    for (const Diag *d = s->diags; d; d = d->next) {
+        if (index--) continue;
+        *out = (SltDiagnostic){.severity = d->severity == SEV_ERROR     ? 1
+                                           : d->severity == SEV_WARNING ? 2
+                                                                        : 3,
+                               .code = diag_code_name(d->code),
+                               .message = d->text,
+                               .file = ""};
+        if (d->span.file >= 0) {
+            out->file = s->sources[d->span.file].path;
+            span_position(s, d->span, &out->line, &out->column);
+        }
+        return true;
+    }
+    return false;
+}
+
+static const char *printed(SltProgram *p, int slot, void (*print)(const Session *, FILE *)) {
+    size_t size = 0;
+    char *text = NULL;
+    FILE *f = open_memstream(&text, &size);
+    if (!f) return "";
+    print(p->session, f);
+    fclose(f);
+    free(p->text[slot]);
+    return p->text[slot] = text;
+}
+static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
+const char *slt_diagnostics_text(SltProgram *p) { return printed(p, 0, print_text); }
+const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_print_json); }
+
+/* ---- facts */
+uint32_t slt_dim(const SltProgram *p) { return p->prog->dim; }
+uint32_t slt_channels(const SltProgram *p) { return p->prog->channels; }
+const char *slt_entry(const SltProgram *p) { return p->prog->entry; }
+void slt_domain(const SltProgram *p, double lo[3], double hi[3]) {
+    for (int d = 0; d < 3; d++) lo[d] = p->prog->lo[d], hi[d] = p->prog->hi[d];
+}
+uint32_t slt_site_count(const SltProgram *p) { return p->prog->primal->nsites; }
+bool slt_uses_rand(const SltProgram *p) { return p->prog->uses_rand; }

@@ -1,0 +1,161 @@
+/* The disk cache of compiled kernels. An entry is executable code, so the folder must be ours alone and every entry
+ * proves that it is whole.
+ *
+ *   magic 8 | key hash 16 | key length 8 | payload length 8 | XXH3-128 of the payload 16 | payload
+ *
+ * Entries are written beside their place and renamed into it, so readers see all or nothing. */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "compiler/back/cpu/emit.h"
+
+enum { CACHE_CAP_MIB = 256, CACHE_KEEP_MIB = 192, CACHE_ENTRY_MIB = 64 };
+
+typedef struct EntryHead {
+    char magic[8];
+    uint64_t key_hi, key_lo, key_len, size, sum_hi, sum_lo;
+} EntryHead;
+
+static const char magic[8] = "SLTOBJ1";
+
+static bool make_folder(char *path) {
+    for (char *p = path + 1; *p; p++)
+        if (*p == '/') {
+            *p = 0;
+            bool ok = !mkdir(path, 0700) || errno == EEXIST;
+            *p = '/';
+            if (!ok) return false;
+        }
+    return !mkdir(path, 0700) || errno == EEXIST;
+}
+
+const char *cache_folder(Arena *arena, const char *wanted) {
+    const char *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    char *path;
+    if (wanted && *wanted) path = arena_printf(arena, "%s", wanted);
+    else if (xdg && *xdg == '/') path = arena_printf(arena, "%s/saltus", xdg);
+    else if (home && *home == '/') path = arena_printf(arena, "%s/.cache/saltus", home);
+    else return NULL;
+    struct stat st;
+    if (lstat(path, &st) && !make_folder(path)) return NULL;
+    /* somebody else who can write here could run code as us */
+    if (lstat(path, &st) || !S_ISDIR(st.st_mode) || st.st_uid != geteuid() || (st.st_mode & 022)) return NULL;
+    return path;
+}
+
+static char *entry_path(Arena *arena, const char *folder, const CacheKey *key) {
+    return arena_printf(arena, "%s/%016llx%016llx.o", folder, (unsigned long long)key->hi, (unsigned long long)key->lo);
+}
+
+static bool read_all(int fd, void *to, size_t n) {
+    for (size_t done = 0; done < n;) {
+        ssize_t r = read(fd, (char *)to + done, n - done);
+        if (r <= 0 && !(r < 0 && errno == EINTR)) return false;
+        done += r > 0 ? (size_t)r : 0;
+    }
+    return true;
+}
+
+static bool write_all(int fd, const void *from, size_t n) {
+    for (size_t done = 0; done < n;) {
+        ssize_t r = write(fd, (const char *)from + done, n - done);
+        if (r < 0 && errno != EINTR) return false;
+        done += r > 0 ? (size_t)r : 0;
+    }
+    return true;
+}
+
+unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size) {
+    int fd = open(entry_path(arena, folder, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    if (fd < 0) return NULL;
+    EntryHead h;
+    struct stat st;
+    unsigned char *bytes = NULL;
+    bool ok = !fstat(fd, &st) && S_ISREG(st.st_mode) && st.st_uid == geteuid() && read_all(fd, &h, sizeof h) &&
+              !memcmp(h.magic, magic, 8) && h.key_hi == key->hi && h.key_lo == key->lo && h.key_len == key->len &&
+              h.size <= (uint64_t)CACHE_ENTRY_MIB << 20 && (uint64_t)st.st_size == sizeof h + h.size &&
+              (bytes = malloc(h.size + 1)) && read_all(fd, bytes, h.size);
+    if (ok) {
+        XXH128_hash_t sum = XXH3_128bits(bytes, h.size);
+        ok = sum.high64 == h.sum_hi && sum.low64 == h.sum_lo;
+        (void)futimens(fd, NULL); /* used lately: kept longer; fails harmlessly on a read-only folder */
+    }
+    close(fd);
+    if (!ok) {
+        free(bytes);
+        return NULL;
+    }
+    *size = h.size;
+    return bytes;
+}
+
+typedef struct Aged {
+    char name[64];
+    struct timespec used;
+    uint64_t size;
+} Aged;
+
+static int by_age(const void *x, const void *y) {
+    const Aged *a = x, *b = y;
+    if (a->used.tv_sec != b->used.tv_sec) return a->used.tv_sec < b->used.tv_sec ? -1 : 1;
+    return (a->used.tv_nsec > b->used.tv_nsec) - (a->used.tv_nsec < b->used.tv_nsec);
+}
+
+/* Removes the entries unused for longest until the folder is within its size. */
+static void trim(const char *folder) {
+    DIR *d = opendir(folder);
+    if (!d) return;
+    Aged *all = NULL;
+    size_t n = 0, cap = 0;
+    uint64_t total = 0;
+    for (struct dirent *f; (f = readdir(d));) {
+        struct stat st;
+        if (strlen(f->d_name) >= sizeof all->name || fstatat(dirfd(d), f->d_name, &st, AT_SYMLINK_NOFOLLOW) ||
+            !S_ISREG(st.st_mode))
+            continue;
+        if (n == cap) {
+            cap = cap ? 2 * cap : 64;
+            Aged *more = realloc(all, cap * sizeof *all);
+            if (!more) break;
+            all = more;
+        }
+        strcpy(all[n].name, f->d_name);
+        all[n].used = st.st_mtim;
+        all[n++].size = (uint64_t)st.st_size;
+        total += (uint64_t)st.st_size;
+    }
+    if (total > (uint64_t)CACHE_CAP_MIB << 20) {
+        qsort(all, n, sizeof *all, by_age);
+        for (size_t i = 0; i < n && total > (uint64_t)CACHE_KEEP_MIB << 20; i++)
+            if (!unlinkat(dirfd(d), all[i].name, 0)) total -= all[i].size;
+    }
+    free(all);
+    closedir(d);
+}
+
+bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const unsigned char *bytes, size_t size) {
+    if (size > (size_t)CACHE_ENTRY_MIB << 20) return false;
+    XXH128_hash_t sum = XXH3_128bits(bytes, size);
+    EntryHead h = {.key_hi = key->hi,
+                   .key_lo = key->lo,
+                   .key_len = key->len,
+                   .size = size,
+                   .sum_hi = sum.high64,
+                   .sum_lo = sum.low64};
+    memcpy(h.magic, magic, 8);
+    char *temp = arena_printf(arena, "%s/tmp-XXXXXX", folder);
+    int fd = mkostemp(temp, O_CLOEXEC);
+    if (fd < 0) return false;
+    bool ok = write_all(fd, &h, sizeof h) && write_all(fd, bytes, size);
+    ok = !close(fd) && ok;
+    ok = ok && !rename(temp, entry_path(arena, folder, key));
+    if (!ok) unlink(temp);
+    else trim(folder);
+    return ok;
+}

@@ -1,0 +1,318 @@
+/* Value rows of ops.def: one part at a time, scalars and vectors alike. The lowering column drives the switch; rows
+ * that say EMIT have a function here. Every operation is total: nothing a dead lane can hold traps or is undefined. */
+#include "compiler/back/cpu/emit.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+typedef struct Shape {
+    LLVMTypeRef f, i; /* float and int of the same shape as the operands */
+} Shape;
+
+static bool is_vector_type(Emit *e, LLVMTypeRef t) { return LL(GetTypeKind)(t) == LLVMVectorTypeKind; }
+
+static LLVMTypeRef like(Emit *e, Part a, LLVMTypeRef scalar) {
+    return is_vector_type(e, LL(TypeOf)(a)) ? LL(VectorType)(scalar, e->L) : scalar;
+}
+
+static Part kf(Emit *e, Part shape, double v) { return emit_const_like(e, LL(TypeOf)(shape), e->t_flt, v, 0, true); }
+static Part ki(Emit *e, Part shape, uint32_t v) { return emit_const_like(e, LL(TypeOf)(shape), e->t_i32, 0, v, false); }
+static Part sel(Emit *e, Part c, Part x, Part y) { return LL(BuildSelect)(e->b, c, x, y, ""); }
+static Part fcmp(Emit *e, LLVMRealPredicate p, Part a, Part b) { return LL(BuildFCmp)(e->b, p, a, b, ""); }
+static Part icmp(Emit *e, LLVMIntPredicate p, Part a, Part b) { return LL(BuildICmp)(e->b, p, a, b, ""); }
+
+static Part intrin1(Emit *e, const char *name, Part a) { return emit_intrinsic(e, name, LL(TypeOf)(a), &a, 1); }
+
+/* ---- rounding without roundps: adding and subtracting 2^(mantissa bits) rounds to even where |a| is below it; larger
+ * values are integers. */
+static Part rounded(Emit *e, Op op, Part a) {
+    double big = e->fn->precision == PREC_F64 ? 4503599627370496.0 : 8388608.0;
+    Part magnitude = intrin1(e, "llvm.fabs", a), one = kf(e, a, 1), r;
+    Part even = LL(BuildFSub)(e->b, LL(BuildFAdd)(e->b, magnitude, kf(e, a, big), ""), kf(e, a, big), "");
+    if (op == OP_ftrunc) {
+        r = sel(e, fcmp(e, LLVMRealOGT, even, magnitude), LL(BuildFSub)(e->b, even, one, ""), even);
+    } else {
+        Part pair[2] = {even, a};
+        r = emit_intrinsic(e, "llvm.copysign", LL(TypeOf)(a), pair, 2);
+        if (op == OP_ffloor) r = sel(e, fcmp(e, LLVMRealOGT, r, a), LL(BuildFSub)(e->b, r, one, ""), r);
+        else if (op == OP_fceil) r = sel(e, fcmp(e, LLVMRealOLT, r, a), LL(BuildFAdd)(e->b, r, one, ""), r);
+    }
+    Part pair[2] = {r, a};
+    r = emit_intrinsic(e, "llvm.copysign", LL(TypeOf)(a), pair, 2);
+    return sel(e, fcmp(e, LLVMRealOLT, magnitude, kf(e, a, big)), r, a);
+}
+
+/* fma on a target without it: libm's, lane by lane; slow and exact. */
+static Part emulated_fma(Emit *e, Part *args) {
+    const char *name = e->fn->precision == PREC_F64 ? "fma" : "fmaf";
+    LLVMTypeRef params[3] = {e->t_flt, e->t_flt, e->t_flt}, type = LL(FunctionType)(e->t_flt, params, 3, false);
+    Part f = LL(GetNamedFunction)(e->mod, name);
+    if (!f) f = LL(AddFunction)(e->mod, name, type);
+    LLVMTypeRef shape = LL(TypeOf)(args[0]);
+    if (!is_vector_type(e, shape)) return LL(BuildCall2)(e->b, type, f, args, 3, "");
+    Part v = LL(ConstNull)(shape);
+    for (uint32_t l = 0; l < e->L; l++) {
+        Part lane = emit_int(e, e->t_i32, l), x[3];
+        for (uint32_t j = 0; j < 3; j++) x[j] = LL(BuildExtractElement)(e->b, args[j], lane, "");
+        v = LL(BuildInsertElement)(e->b, v, LL(BuildCall2)(e->b, type, f, x, 3, ""), lane, "");
+    }
+    return v;
+}
+
+static Part intrinsic(Emit *e, Op op, const char *name, Part *args, unsigned n) {
+    if (op == OP_ffma && !e->opt->target.has_fma) return emulated_fma(e, args);
+    if (e->sse2_only && (op == OP_ffloor || op == OP_fceil || op == OP_ftrunc || op == OP_fround))
+        return rounded(e, op, args[0]);
+    return emit_intrinsic(e, name, LL(TypeOf)(args[0]), args, n);
+}
+
+/* ---- integers */
+/* Quotient of 32-bit integers through double, exact: the quotient's distance from the next integer is at least 1/|b|,
+ * far above half an ulp. The vector units divide doubles and not integers. The divisor is not 0; INT_MIN / -1 is the
+ * caller's. */
+static Part quotient(Emit *e, Part a, Part b, bool is_signed) {
+    LLVMTypeRef d = like(e, a, e->t_f64), i = LL(TypeOf)(a);
+    if (!is_vector_type(e, i)) return is_signed ? LL(BuildSDiv)(e->b, a, b, "") : LL(BuildUDiv)(e->b, a, b, "");
+    if (is_signed) {
+        Part q = LL(BuildFDiv)(e->b, LL(BuildSIToFP)(e->b, a, d, ""), LL(BuildSIToFP)(e->b, b, d, ""), "");
+        return LL(BuildFPToSI)(e->b, q, i, "");
+    }
+    Part q = LL(BuildFDiv)(e->b, LL(BuildUIToFP)(e->b, a, d, ""), LL(BuildUIToFP)(e->b, b, d, ""), "");
+    return LL(BuildFPToUI)(e->b, q, i, "");
+}
+
+static Part divided(Emit *e, Op op, Part a, Part b, const Inst *divisor) {
+    bool rem = op == OP_irem || op == OP_urem, is_signed = op == OP_idiv || op == OP_irem;
+    if (divisor->op == OP_consti && divisor->imm.i != 0 && divisor->imm.i != -1) { /* LLVM multiplies */
+        if (rem) return is_signed ? LL(BuildSRem)(e->b, a, b, "") : LL(BuildURem)(e->b, a, b, "");
+        return is_signed ? LL(BuildSDiv)(e->b, a, b, "") : LL(BuildUDiv)(e->b, a, b, "");
+    }
+    Part zero = ki(e, a, 0), one = ki(e, a, 1), none = icmp(e, LLVMIntEQ, b, zero);
+    if (!is_signed) {
+        Part safe = sel(e, none, one, b), q = quotient(e, a, safe, false);
+        Part r = rem ? LL(BuildSub)(e->b, a, LL(BuildMul)(e->b, q, safe, ""), "") : q;
+        return sel(e, none, zero, r);
+    }
+    Part minus = icmp(e, LLVMIntEQ, b, ki(e, a, UINT32_MAX));
+    Part safe = sel(e, LL(BuildOr)(e->b, none, minus, ""), one, b), q = quotient(e, a, safe, true);
+    if (rem) /* a - a * 1 = 0 where b is 0 or -1 */
+        return LL(BuildSub)(e->b, a, LL(BuildMul)(e->b, q, safe, ""), "");
+    q = sel(e, minus, LL(BuildNeg)(e->b, a, ""), q);
+    return sel(e, none, zero, q);
+}
+
+static Part high_product(Emit *e, Part a, Part b) {
+    LLVMTypeRef wide = like(e, a, e->t_i64);
+    Part p = LL(BuildMul)(e->b, LL(BuildZExt)(e->b, a, wide, ""), LL(BuildZExt)(e->b, b, wide, ""), "");
+    p = LL(BuildLShr)(e->b, p, emit_const_like(e, wide, e->t_i64, 0, 32, false), "");
+    return LL(BuildTrunc)(e->b, p, LL(TypeOf)(a), "");
+}
+
+/* ---- conversions */
+static Part float_to_int(Emit *e, Part a, bool is_signed) {
+    LLVMTypeRef i = like(e, a, e->t_i32);
+    Part top = kf(e, a, is_signed ? 2147483648.0 : 4294967296.0), bottom = kf(e, a, is_signed ? -2147483648.0 : 0);
+    Part low = fcmp(e, LLVMRealOGE, a, bottom), high = fcmp(e, LLVMRealOLT, a, top);
+    Part safe = sel(e, LL(BuildAnd)(e->b, low, high, ""), a, kf(e, a, 0));
+    Part r = is_signed ? LL(BuildFPToSI)(e->b, safe, i, "") : LL(BuildFPToUI)(e->b, safe, i, "");
+    Part above = emit_const_like(e, i, e->t_i32, 0, is_signed ? INT32_MAX : UINT32_MAX, false);
+    r = sel(e, fcmp(e, LLVMRealOGE, a, top), above, r);
+    if (is_signed)
+        r = sel(e, fcmp(e, LLVMRealOLT, a, bottom), emit_const_like(e, i, e->t_i32, 0, (uint32_t)INT32_MIN, false), r);
+    return r;
+}
+
+/* The bits of a float as an integer of its own width, and back. */
+static LLVMTypeRef bits_scalar(Emit *e) { return e->fn->precision == PREC_F64 ? e->t_i64 : e->t_i32; }
+static Part to_bits(Emit *e, Part a) { return LL(BuildBitCast)(e->b, a, like(e, a, bits_scalar(e)), ""); }
+static Part from_bits(Emit *e, Part a) { return LL(BuildBitCast)(e->b, a, like(e, a, e->t_flt), ""); }
+static Part kb(Emit *e, Part shape, uint64_t v) {
+    return emit_const_like(e, LL(TypeOf)(shape), bits_scalar(e), 0, v, false);
+}
+
+static Part mantissa(Emit *e, Part a) {
+    bool wide = e->fn->precision == PREC_F64;
+    Part bits = LL(BuildAnd)(e->b, to_bits(e, a), kb(e, to_bits(e, a), wide ? 0x800fffffffffffffull : 0x807fffffu), "");
+    return from_bits(e, LL(BuildOr)(e->b, bits, kb(e, bits, wide ? 0x3ff0000000000000ull : 0x3f800000u), ""));
+}
+
+static Part exponent(Emit *e, Part a) {
+    bool wide = e->fn->precision == PREC_F64;
+    Part bits = to_bits(e, a);
+    bits = LL(BuildLShr)(e->b, bits, kb(e, bits, wide ? 52 : 23), "");
+    bits = LL(BuildAnd)(e->b, bits, kb(e, bits, wide ? 2047 : 255), "");
+    if (wide) bits = LL(BuildTrunc)(e->b, bits, like(e, a, e->t_i32), "");
+    return LL(BuildSub)(e->b, bits, ki(e, bits, wide ? 1023 : 127), "");
+}
+
+static Part two_to(Emit *e, Part a) {
+    bool wide = e->fn->precision == PREC_F64;
+    Part biased = LL(BuildAdd)(e->b, a, ki(e, a, wide ? 1023 : 127), "");
+    if (wide) biased = LL(BuildZExt)(e->b, biased, like(e, a, e->t_i64), "");
+    return from_bits(e, LL(BuildShl)(e->b, biased, kb(e, biased, wide ? 52 : 23), ""));
+}
+
+static Part emit_row(Emit *e, const Inst *i, Part *x) {
+    Part a = x[0], b = x[1];
+    switch ((Op)i->op) {
+    case OP_zmul: return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFMul)(e->b, a, b, ""));
+    case OP_zdiv: return sel(e, fcmp(e, LLVMRealOEQ, a, kf(e, a, 0)), kf(e, a, 0), LL(BuildFDiv)(e->b, a, b, ""));
+    case OP_fmin: return sel(e, fcmp(e, LLVMRealOLT, b, a), b, a);
+    case OP_fmax: return sel(e, fcmp(e, LLVMRealOLT, a, b), b, a);
+    case OP_idiv:
+    case OP_irem:
+    case OP_udiv:
+    case OP_urem: return divided(e, i->op, a, b, i->args[1]);
+    case OP_umulh: return high_product(e, a, b);
+    case OP_ishl: return LL(BuildShl)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
+    case OP_ishr: return LL(BuildAShr)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
+    case OP_ushr: return LL(BuildLShr)(e->b, a, LL(BuildAnd)(e->b, b, ki(e, b, 31), ""), "");
+    case OP_i2f: return LL(BuildSIToFP)(e->b, a, like(e, a, e->t_flt), "");
+    case OP_u2f: return LL(BuildUIToFP)(e->b, a, like(e, a, e->t_flt), "");
+    case OP_f2i:
+    case OP_f2u: return float_to_int(e, a, i->op == OP_f2i);
+    case OP_fasuint:
+        if (e->fn->precision == PREC_F64) a = LL(BuildFPTrunc)(e->b, a, like(e, a, e->t_f32), "");
+        return LL(BuildBitCast)(e->b, a, like(e, a, e->t_i32), "");
+    case OP_iasfloat:
+        a = LL(BuildBitCast)(e->b, a, like(e, a, e->t_f32), "");
+        return e->fn->precision == PREC_F64 ? LL(BuildFPExt)(e->b, a, like(e, a, e->t_f64), "") : a;
+    case OP_fmant: return mantissa(e, a);
+    case OP_fexpo: return exponent(e, a);
+    case OP_ftwoi: return two_to(e, a);
+    case OP_fisnan: return fcmp(e, LLVMRealUNO, a, a);
+    case OP_fisinf: return fcmp(e, LLVMRealOEQ, intrin1(e, "llvm.fabs", a), kf(e, a, (double)INFINITY));
+    default: emit_fail(e, "%s was not lowered", ir_ops[i->op].name); return LL(ConstNull)(emit_scalar_type(e, i->type));
+    }
+}
+
+/* One part of a value row, by the table's lowering column. */
+static Part value_part(Emit *e, const Inst *i, Part *x) {
+    switch ((Op)i->op) {
+#define U_BIN(name) LL(Build##name)(e->b, x[0], "")
+#define B_BIN(name) LL(Build##name)(e->b, x[0], x[1], "")
+#define U_INTRIN(name) intrinsic(e, i->op, name, x, 1)
+#define B_INTRIN(name) intrinsic(e, i->op, name, x, 2)
+#define T_INTRIN(name) intrinsic(e, i->op, name, x, 3)
+#define U_EMIT emit_row(e, i, x)
+#define B_EMIT emit_row(e, i, x)
+#define U_MATH emit_row(e, i, x)
+#define B_MATH emit_row(e, i, x)
+#define B_FCMP(p) fcmp(e, LLVMReal##p, x[0], x[1])
+#define B_ICMP(p) icmp(e, LLVMInt##p, x[0], x[1])
+#define FOP1(name, value, partials, domain, lowering, ...)                                                             \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define FOP2(name, value, partials, domain, lowering, ...)                                                             \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define FOP3(name, value, partials, domain, lowering, ...)                                                             \
+    case OP_##name:                                                                                                    \
+        return T_##lowering;
+#define FCMP2(name, value, lowering)                                                                                   \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define FSEL(name, value)                                                                                              \
+    case OP_##name:                                                                                                    \
+        return sel(e, x[0], x[1], x[2]);
+#define IOP1(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define IOP2(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define ICMP2(name, value, lowering)                                                                                   \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define BOP1(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define BOP2(name, value, lowering)                                                                                    \
+    case OP_##name:                                                                                                    \
+        return B_##lowering;
+#define CONV(name, result, argument, value, lowering)                                                                  \
+    case OP_##name:                                                                                                    \
+        return U_##lowering;
+#define SPECIAL(name, ...) case OP_##name:
+#include "compiler/ir/ops.def"
+#include "compiler/ir/ops_undef.h"
+    case OP_COUNT: break;
+    }
+    emit_fail(e, "%s is not a value", ir_ops[i->op].name);
+    return LL(ConstNull)(e->t_i32);
+}
+
+void emit_value_op(Emit *e, Inst *i) {
+    bool vector = emit_is_vector(e, i);
+    Part x[3][BACK_MAX_PARTS], *out = emit_slot(e, i);
+    bool pick = i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel;
+    for (uint32_t j = 0; j < i->nargs; j++) {
+        /* a uniform condition selects whole vectors */
+        if (!vector || (pick && j == 0 && !emit_is_vector(e, i->args[0])))
+            for (uint32_t p = 0; p < (vector ? e->P : 1); p++) x[j][p] = emit_scalar(e, i->args[j]);
+        else emit_parts(e, i->args[j], x[j]);
+    }
+    for (uint32_t p = 0; p < (vector ? e->P : 1); p++) {
+        Part args[3] = {NULL, NULL, NULL};
+        for (uint32_t j = 0; j < i->nargs; j++) args[j] = x[j][p];
+        out[p] = value_part(e, i, args);
+    }
+}
+
+/* ---- ranges of integers, to leave out clamps */
+static bool in_int(int64_t lo, int64_t hi) { return lo >= INT32_MIN && hi <= INT32_MAX; }
+
+static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth) {
+    int64_t a, b, c, d;
+    if (depth > 6) return false;
+    switch (i->op) {
+    case OP_consti: *lo = *hi = (int32_t)i->imm.i; return true;
+    case OP_arg: {
+        const Inst *loop = i->block ? i->block->owner : NULL;
+        if (!loop || loop->op != OP_loop || i->imm.i != 0) return false;
+        *lo = 0, *hi = (int64_t)loop->imm.loop.max_iters - 1;
+        return true;
+    }
+    case OP_iadd:
+    case OP_isub:
+    case OP_imul: {
+        if (!range(i->args[0], &a, &b, depth + 1) || !range(i->args[1], &c, &d, depth + 1)) return false;
+        if (i->op == OP_iadd) {
+            *lo = a + c, *hi = b + d;
+        } else if (i->op == OP_isub) {
+            *lo = a - d, *hi = b - c;
+        } else {
+            int64_t p[4] = {a * c, a * d, b * c, b * d};
+            *lo = *hi = p[0];
+            for (int k = 1; k < 4; k++) {
+                *lo = p[k] < *lo ? p[k] : *lo;
+                *hi = p[k] > *hi ? p[k] : *hi;
+            }
+        }
+        return in_int(*lo, *hi);
+    }
+    case OP_ishl:
+        if (i->args[1]->op != OP_consti || !range(i->args[0], &a, &b, depth + 1)) return false;
+        *lo = a * ((int64_t)1 << (i->args[1]->imm.i & 31)), *hi = b * ((int64_t)1 << (i->args[1]->imm.i & 31));
+        return in_int(*lo, *hi);
+    case OP_imin:
+    case OP_imax:
+        if (!range(i->args[0], &a, &b, depth + 1)) a = INT32_MIN, b = INT32_MAX;
+        if (!range(i->args[1], &c, &d, depth + 1)) c = INT32_MIN, d = INT32_MAX;
+        if (i->op == OP_imin) *lo = a < c ? a : c, *hi = b < d ? b : d;
+        else *lo = a > c ? a : c, *hi = b > d ? b : d;
+        return true;
+    case OP_iand:
+        if (!range(i->args[1], &c, &d, depth + 1) || c != d || c < 0) return false;
+        *lo = 0, *hi = c;
+        return true;
+    case OP_urem:
+        if (i->args[1]->op != OP_consti || (int32_t)i->args[1]->imm.i <= 0) return false;
+        *lo = 0, *hi = (int32_t)i->args[1]->imm.i - 1;
+        return true;
+    default: return false;
+    }
+}
+
+bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi) { return range(i, lo, hi, 0); }

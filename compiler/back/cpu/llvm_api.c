@@ -1,0 +1,42 @@
+#include "compiler/back/cpu/llvm_api.h"
+#include "compiler/back/back.h"
+
+#include <dlfcn.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <unistd.h>
+
+#define STRING_(x) #x
+#define STRING(x) STRING_(x)
+#define MAJOR STRING(LLVM_VERSION_MAJOR)
+
+/* The file that was there when this was built, then whatever the loader knows by its names. */
+static const char *const files[] = {
+#ifdef SALTUS_LLVM_LIBRARY
+    SALTUS_LLVM_LIBRARY,
+#endif
+    "libLLVM.so." MAJOR "." STRING(LLVM_VERSION_MINOR), "libLLVM-" MAJOR ".so", "libLLVM-" MAJOR ".so.1"};
+
+const char *back_llvm_file(void) {
+    bool absolute = files[0][0] == '/';
+    return absolute && access(files[0], R_OK) == 0 ? files[0] : files[absolute];
+}
+
+const char *llvm_open(LlvmApi *api) {
+    void *h = NULL;
+    for (unsigned i = 0; !h && i < sizeof files / sizeof *files; i++) {
+        if (files[i][0] == '/' && access(files[i], R_OK) != 0) continue;
+        h = dlopen(files[i], RTLD_NOW | RTLD_LOCAL);
+    }
+    if (!h) return dlerror();
+    api->handle = h;
+#define FN(name)                                                                                                       \
+    *(void **)&api->name = dlsym(h, "LLVM" #name);                                                                     \
+    if (!api->name) return "the LLVM library lacks LLVM" #name;
+#include "compiler/back/cpu/llvm_api.def"
+#undef FN
+    unsigned major = 0, minor = 0, patch = 0;
+    api->GetVersion(&major, &minor, &patch);
+    if (major != LLVM_VERSION_MAJOR) return "the LLVM library has another version than the headers it was built with";
+    return NULL;
+}

@@ -1,0 +1,28 @@
+/* LLVM, loaded when it is first needed.
+ *
+ * libLLVM costs 15-30 ms of relocation at process start; a run whose kernels come from the disk cache must not pay for
+ * that, so nothing links against it: its C API is a table of functions filled by dlopen and dlsym. The types come from
+ * LLVM's own headers. */
+#ifndef SALTUS_BACK_CPU_LLVM_API_H
+#define SALTUS_BACK_CPU_LLVM_API_H
+
+#include <llvm-c/Analysis.h>
+#include <llvm-c/Core.h>
+#include <llvm-c/Error.h>
+#include <llvm-c/Target.h>
+#include <llvm-c/TargetMachine.h>
+#include <llvm-c/Transforms/PassBuilder.h>
+#include <llvm/Config/llvm-config.h>
+
+typedef struct LlvmApi {
+    void *handle;
+#define FN(name) __typeof__(LLVM##name) *name;
+#include "compiler/back/cpu/llvm_api.def"
+#undef FN
+} LlvmApi;
+
+/* Fills the table; returns NULL, or why LLVM cannot be used (static text or dlerror's). Thread-safe. The library stays
+ * loaded. */
+const char *llvm_open(LlvmApi *api);
+
+#endif

@@ -1,0 +1,445 @@
+/* Heightfields: heights are parameters, so `height`, `gradient` and `normal` are ordinary operations.
+ *
+ * A query along a ray is a search and an evaluation. The search is one fieldop, whose witness (saltus/field.h) names a
+ * triangle or an edge of the grid; the evaluation is ordinary arithmetic on that triangle's plane, in grid space,
+ * differentiable in the three heights and in the ray. At a minimum over the ray the witness is held fixed, which is the
+ * envelope theorem: an edge stays the edge on which the ray is nearest to the ground, while the point of contact slides
+ * along it.
+ *
+ * Under [Disc], `trace` and `occluded` are sites whose g is the clearance over a window of the ray (OP_window), the
+ * same for both ends of a segment. */
+#include "compiler/front/gen/internal.h"
+#include "saltus/field.h"
+
+typedef struct Terrain {
+    const Symbol *sym;
+    uint32_t w, h;
+    double x0, y0, dx, dy, scale, offset; /* dx, dy: sizes of a cell */
+} Terrain;
+
+static Terrain terrain(const Symbol *sym) {
+    const ParamAttrs *a = &sym->attrs;
+    double e[4] = {0, 0, 1, 1};
+    if (a->has_extent)
+        for (int i = 0; i < 4; i++) e[i] = a->extent[i];
+    uint32_t w = sym->tex_w, h = sym->tex_h;
+    return (Terrain){sym,
+                     w,
+                     h,
+                     e[0],
+                     e[1],
+                     (e[2] - e[0]) / (w > 1 ? w - 1 : 1),
+                     (e[3] - e[1]) / (h > 1 ? h - 1 : 1),
+                     a->has_height ? a->height_scale : 1,
+                     a->has_height ? a->height_offset : 0};
+}
+
+static Inst *add(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fadd, a, b); }
+static Inst *sub(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fsub, a, b); }
+static Inst *mul(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fmul, a, b); }
+
+/* Sample (i, j), both inside and j counted upwards, as it is stored: row 0 of the data is the largest y. */
+static Inst *raw_at(Lower *l, const Terrain *t, Inst *i, Inst *j) {
+    Inst *row = op2(l, OP_isub, ki(l, (int64_t)t->h - 1), j);
+    return param_float(l, t->sym, 0, op2(l, OP_iadd, op2(l, OP_imul, row, ki(l, t->w)), i), t->w * t->h - 1);
+}
+
+/* In height units of the world. */
+static Inst *height_at(Lower *l, const Terrain *t, Inst *i, Inst *j) {
+    Inst *h = raw_at(l, t, i, j);
+    if (t->scale != 1) h = mul(l, h, kf(l, t->scale));
+    return t->offset != 0 ? add(l, h, kf(l, t->offset)) : h;
+}
+
+typedef struct Cell {
+    Inst *i0, *i1, *j0, *j1; /* corners */
+    Inst *u, *v;             /* in [0, 1] */
+    Inst *lower;             /* u + v <= 1: the triangle at (0,0), cut off by the diagonal (1,0)-(0,1) */
+} Cell;
+
+/* `at` is in cells. */
+static void cell_axis(Lower *l, Inst *at, uint32_t n, Inst **i0, Inst **i1, Inst **u) {
+    at = op2(l, OP_fmin, op2(l, OP_fmax, at, kf(l, 0)), kf(l, (double)n - 1)); /* outside: the edge */
+    Inst *base = op2(l, OP_fmin, op1(l, OP_ffloor, at), kf(l, n > 1 ? (double)n - 2 : 0));
+    *u = op2(l, OP_fsub, at, base);
+    *i0 = op1(l, OP_f2i, base);
+    *i1 = op2(l, OP_imin, op2(l, OP_iadd, *i0, ki(l, 1)), ki(l, (int64_t)n - 1));
+}
+
+static Cell cell_at(Lower *l, const Terrain *t, Inst *x, Inst *y) {
+    Cell c;
+    cell_axis(l, x, t->w, &c.i0, &c.i1, &c.u);
+    cell_axis(l, y, t->h, &c.j0, &c.j1, &c.v);
+    c.lower = op2(l, OP_fle, op2(l, OP_fadd, c.u, c.v), kf(l, 1));
+    return c;
+}
+
+static Inst *to_grid(Lower *l, Inst *p, double lo, double d) { return op2(l, OP_fdiv, sub(l, p, kf(l, lo)), kf(l, d)); }
+
+static Cell cell(Lower *l, const Terrain *t, Inst *x, Inst *y) {
+    return cell_at(l, t, to_grid(l, x, t->x0, t->dx), to_grid(l, y, t->y0, t->dy));
+}
+
+/* Linear interpolation of corner values on the cell's two triangles. */
+static Inst *on_cell(Lower *l, const Cell *c, Inst *a00, Inst *a10, Inst *a01, Inst *a11) {
+    Inst *low = op2(l, OP_fadd, op2(l, OP_fadd, a00, op2(l, OP_fmul, c->u, op2(l, OP_fsub, a10, a00))),
+                    op2(l, OP_fmul, c->v, op2(l, OP_fsub, a01, a00)));
+    Inst *ru = op2(l, OP_fsub, kf(l, 1), c->u), *rv = op2(l, OP_fsub, kf(l, 1), c->v);
+    Inst *high = op2(l, OP_fadd, op2(l, OP_fadd, a11, op2(l, OP_fmul, ru, op2(l, OP_fsub, a01, a11))),
+                     op2(l, OP_fmul, rv, op2(l, OP_fsub, a10, a11)));
+    return sel(l, c->lower, low, high);
+}
+
+/* Slope at a sample by central differences, one-sided at the edge. */
+static void slope_at(Lower *l, const Terrain *t, Inst *i, Inst *j, Inst **sx, Inst **sy) {
+    Inst *im = op2(l, OP_imax, op2(l, OP_isub, i, ki(l, 1)), ki(l, 0)),
+         *ip = op2(l, OP_imin, op2(l, OP_iadd, i, ki(l, 1)), ki(l, (int64_t)t->w - 1));
+    Inst *jm = op2(l, OP_imax, op2(l, OP_isub, j, ki(l, 1)), ki(l, 0)),
+         *jp = op2(l, OP_imin, op2(l, OP_iadd, j, ki(l, 1)), ki(l, (int64_t)t->h - 1));
+    Inst *one = ki(l, 1);
+    Inst *wx = op2(l, OP_fmul, op1(l, OP_i2f, op2(l, OP_imax, op2(l, OP_isub, ip, im), one)), kf(l, t->dx));
+    Inst *wy = op2(l, OP_fmul, op1(l, OP_i2f, op2(l, OP_imax, op2(l, OP_isub, jp, jm), one)), kf(l, t->dy));
+    *sx = op2(l, OP_fdiv, op2(l, OP_fsub, height_at(l, t, ip, j), height_at(l, t, im, j)), wx);
+    *sy = op2(l, OP_fdiv, op2(l, OP_fsub, height_at(l, t, i, jp), height_at(l, t, i, jm)), wy);
+}
+
+static void normal_at(Lower *l, const Terrain *t, Inst *px, Inst *py, Inst *out[3]) {
+    Cell c = cell(l, t, px, py);
+    Inst *x[4], *y[4];
+    slope_at(l, t, c.i0, c.j0, &x[0], &y[0]);
+    slope_at(l, t, c.i1, c.j0, &x[1], &y[1]);
+    slope_at(l, t, c.i0, c.j1, &x[2], &y[2]);
+    slope_at(l, t, c.i1, c.j1, &x[3], &y[3]);
+    Inst *n[3] = {op1(l, OP_fneg, on_cell(l, &c, x[0], x[1], x[2], x[3])),
+                  op1(l, OP_fneg, on_cell(l, &c, y[0], y[1], y[2], y[3])), kf(l, 1)};
+    Inst *inv = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, dot_n(l, n, n, 3)));
+    for (uint32_t i = 0; i < 3; i++) out[i] = mul(l, n[i], inv);
+}
+
+static Val lookup(Lower *l, Expr *e, const Terrain *t) {
+    Val p = gen_expr(l, e->args[0]), v = val_new(l, e->type);
+    if (e->method == M_NORMAL) {
+        normal_at(l, t, p.c[0], p.c[1], v.c);
+        return v;
+    }
+    Cell c = cell(l, t, p.c[0], p.c[1]);
+    Inst *a00 = height_at(l, t, c.i0, c.j0), *a10 = height_at(l, t, c.i1, c.j0);
+    Inst *a01 = height_at(l, t, c.i0, c.j1), *a11 = height_at(l, t, c.i1, c.j1);
+    if (e->method == M_HEIGHT) {
+        v.c[0] = on_cell(l, &c, a00, a10, a01, a11);
+        return v;
+    }
+    v.c[0] = op2(l, OP_fdiv, sel(l, c.lower, sub(l, a10, a00), sub(l, a11, a01)), kf(l, t->dx));
+    v.c[1] = op2(l, OP_fdiv, sel(l, c.lower, sub(l, a01, a00), sub(l, a11, a10)), kf(l, t->dy));
+    /* Constant on each triangle: it jumps on the edges of the grid, which move with p. */
+    for (uint32_t i = 0; i < 2; i++) site_untracked(l, v.c[i], p.c[0], p.c[1], e->span, JUMP_ALWAYS);
+    return v;
+}
+
+/* ---- rays, in grid space: a cell is 1 x 1, heights are as stored; t is the same as in the world */
+
+typedef struct Ray {
+    Inst *x, *y, *z, *dx, *dy, *dz, *t0, *t1;
+} Ray;
+
+static uint32_t field_number(Lower *l, const Terrain *t) {
+    for (uint32_t f = 0; f < l->fields.len; f++)
+        if (l->fields.data[f].param == t->sym->param_index) return f;
+    const Param *p = &l->program->params[t->sym->param_index];
+    FieldInfo f = {.param = t->sym->param_index,
+                   .base = p->fbase,
+                   .w = t->w,
+                   .h = t->h,
+                   .x0 = t->x0,
+                   .y0 = t->y0,
+                   .dx = t->dx,
+                   .dy = t->dy,
+                   .scale = t->scale,
+                   .offset = t->offset,
+                   .band = (t->dx < t->dy ? t->dx : t->dy) / t->scale};
+    vec_push(l->arena, &l->fields, f);
+    return l->fields.len - 1;
+}
+
+static Inst *query(Lower *l, const Terrain *t, SltFieldWhat what, const Ray *r) {
+    uint32_t f = field_number(l, t);
+    l->fields.data[f].queries |= 1u << what;
+    Inst *args[8] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1};
+    Imm imm = {.field = {f, what, l->fields.data[f].base}};
+    return special(l, OP_fieldop, TY_INT, 8, args, imm);
+}
+
+static Inst *is(Lower *l, Inst *id, int32_t what) { return op2(l, OP_ieq, id, ki(l, what)); }
+
+/* The plane of a triangle: height hc + gx (x - ci) + gy (y - cj). */
+typedef struct Plane {
+    Inst *ci, *cj, *hc, *gx, *gy;
+} Plane;
+
+static Plane plane(Lower *l, const Terrain *t, Inst *i, Inst *j, Inst *upper) {
+    Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)),
+         *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
+    Inst *ci = sel(l, upper, i1, i), *cj = sel(l, upper, j1, j);
+    Inst *c = raw_at(l, t, ci, cj), *b = raw_at(l, t, i1, j), *d = raw_at(l, t, i, j1);
+    return (Plane){op1(l, OP_i2f, ci), op1(l, OP_i2f, cj), c, sel(l, upper, sub(l, c, d), sub(l, b, c)),
+                   sel(l, upper, sub(l, c, b), sub(l, d, c))};
+}
+
+static Inst *plane_height(Lower *l, const Plane *p, Inst *x, Inst *y) {
+    return add(l, add(l, p->hc, mul(l, p->gx, sub(l, x, p->ci))), mul(l, p->gy, sub(l, y, p->cj)));
+}
+
+/* number = j * w + i */
+static void split(Lower *l, const Terrain *t, Inst *number, Inst **i, Inst **j) {
+    Inst *n = op2(l, OP_imin, number, ki(l, (int64_t)t->w * t->h - 1));
+    range_set(l, n, 0, (int64_t)t->w * t->h - 1);
+    *j = op2(l, OP_idiv, n, ki(l, t->w));
+    *i = op2(l, OP_isub, n, op2(l, OP_imul, *j, ki(l, t->w)));
+    range_set(l, *j, 0, (int64_t)t->h - 1);
+    range_set(l, *i, 0, (int64_t)t->w - 1);
+}
+
+static Inst *not_negative(Lower *l, Inst *id) { return op2(l, OP_imax, id, ki(l, 0)); }
+
+/* t where a ray meets the triangle (or the wall) that TRACE named; something finite where it named none. */
+static Inst *hit_t(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
+    Inst *tri = not_negative(l, id), *i, *j;
+    split(l, t, op2(l, OP_ushr, tri, ki(l, 1)), &i, &j);
+    Plane p = plane(l, t, i, j, op2(l, OP_ine, op2(l, OP_iand, tri, ki(l, 1)), ki(l, 0)));
+    Inst *num = sub(l, plane_height(l, &p, r->x, r->y), r->z);
+    Inst *den = sub(l, sub(l, r->dz, mul(l, p.gx, r->dx)), mul(l, p.gy, r->dy));
+    /* Walls: x = 0, x = w - 1, y = 0, y = h - 1. */
+    Inst *flat = op2(l, OP_ile, ki(l, 0), id), *along_x = op2(l, OP_ile, ki(l, SLT_FIELD_WALL - 1), id);
+    Inst *at = sel(l, is(l, id, SLT_FIELD_WALL - 1), kf(l, (double)t->w - 1),
+                   sel(l, is(l, id, SLT_FIELD_WALL - 3), kf(l, (double)t->h - 1), kf(l, 0)));
+    num = sel(l, flat, num, sub(l, at, sel(l, along_x, r->x, r->y)));
+    den = sel(l, flat, den, sel(l, along_x, r->dx, r->dy));
+    Inst *found = op2(l, OP_fdiv, num, sel(l, is(l, id, SLT_FIELD_NONE), kf(l, 1), den));
+    return sel(l, is(l, id, SLT_FIELD_AT_T0), r->t0, found);
+}
+
+/* Where along the ray an edge lies, and the plane above which to measure there: that of the edge's lower triangle. As
+ * the ray moves, the point of contact slides along the edge. With `ends`, AT_T0 and AT_T1 are points of their
+ * triangles. */
+typedef struct Contact {
+    Inst *t, *ground; /* raw height of the terrain there */
+} Contact;
+
+static Contact contact(Lower *l, const Terrain *t, const Ray *r, Inst *id, bool ends) {
+    Inst *edge = not_negative(l, id), *kind = op2(l, OP_iand, edge, ki(l, 3)), *i, *j;
+    split(l, t, op2(l, OP_ushr, edge, ki(l, 2)), &i, &j);
+    Inst *k0 = is(l, kind, 0), *k1 = is(l, kind, 1), *fi = op1(l, OP_i2f, i), *fj = op1(l, OP_i2f, j);
+    Inst *diagonal = sub(l, add(l, add(l, fi, fj), kf(l, 1)), add(l, r->x, r->y));
+    Inst *num = sel(l, k0, sub(l, fj, r->y), sel(l, k1, sub(l, fi, r->x), diagonal));
+    Inst *den = sel(l, k0, r->dy, sel(l, k1, r->dx, add(l, r->dx, r->dy)));
+    Inst *at = mul(l, num, op2(l, OP_fdiv, kf(l, 1), sel(l, op2(l, OP_ile, ki(l, 0), id), den, kf(l, 1))));
+    if (!ends) {
+        /* On the edge itself, in the order of operations of the search (runtime/geometry/heightfield/leaf.h): a walk
+         * from silhouette to silhouette asks above the slope it was given, and must not find the same one again. */
+        Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)),
+             *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
+        Inst *x = add(l, r->x, mul(l, at, r->dx)), *y = add(l, r->y, mul(l, at, r->dy));
+        Inst *a = raw_at(l, t, i, sel(l, op2(l, OP_bor, k0, k1), j, j1)),
+             *b = raw_at(l, t, sel(l, k1, i, i1), sel(l, k1, j1, j));
+        return (Contact){at, add(l, a, mul(l, sel(l, k1, sub(l, y, fj), sub(l, x, fi)), sub(l, b, a)))};
+    }
+    Inst *end = op2(l, OP_ilt, id, ki(l, 0));
+    at = sel(l, end, sel(l, is(l, id, SLT_FIELD_AT_T1), r->t1, r->t0), at);
+    Cell c = cell_at(l, t, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)));
+    i = sel(l, end, c.i0, i);
+    j = sel(l, end, c.j0, j);
+    range_set(l, i, 0, (int64_t)t->w - 1);
+    range_set(l, j, 0, (int64_t)t->h - 1);
+    Inst *upper = op2(l, OP_band, end, op1(l, OP_bnot, c.lower));
+    Plane p = plane(l, t, i, j, upper);
+    return (Contact){at, plane_height(l, &p, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)))};
+}
+
+/* Least (ray - terrain) / t over [t0, t1], in raw heights; t0 > 0. */
+static Inst *clearance(Lower *l, const Terrain *t, const Ray *ray, Inst **search) {
+    Ray r = *ray;
+    r.t0 = op2(l, OP_fmax, r.t0, kf(l, 0x1p-40));
+    Inst *id = *search = query(l, t, SLT_FIELD_CLEARANCE, &r);
+    Contact c = contact(l, t, &r, id, true);
+    Inst *none = is(l, id, SLT_FIELD_NONE);
+    Inst *over = sub(l, add(l, r.z, mul(l, c.t, r.dz)), c.ground);
+    return sel(l, none, kf(l, __builtin_inf()), op2(l, OP_fdiv, over, sel(l, none, kf(l, 1), c.t)));
+}
+
+/* The t in which a ray covers one cell's length, in three dimensions. */
+static Inst *cell_time(Lower *l, const Terrain *t, const Ray *r) {
+    double band = l->fields.data[field_number(l, t)].band;
+    Inst *steep = mul(l, r->dz, kf(l, 1 / band)),
+         *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
+    return op1(l, OP_detach, op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, length)));
+}
+
+/* How much of t the ray lacks to touch the box: negative inside. The walls below the rim end at the corners of the box,
+ * where nothing else is 0. A ray along a wall (parallel rays straight down, or along an axis) passes the box at full
+ * length however little it is inside, so there it is the distance to the wall, in the time of a cell. */
+static Inst *box_gap(Lower *l, const Terrain *t, const Ray *r, Inst *cell) {
+    Inst *from = r->t0, *to = r->t1, *beside = kf(l, -__builtin_inf());
+    Inst *o[2] = {r->x, r->y}, *d[2] = {r->dx, r->dy};
+    for (int i = 0; i < 2; i++) {
+        Inst *low = op1(l, OP_fneg, o[i]), *high = sub(l, kf(l, (i ? t->h : t->w) - 1.0), o[i]);
+        Inst *along = op2(l, OP_flt, mul(l, op1(l, OP_fabs, d[i]), cell), kf(l, 0x1p-21)),
+             *den = sel(l, along, kf(l, 1), d[i]);
+        Inst *a = op2(l, OP_fdiv, low, den), *b = op2(l, OP_fdiv, high, den);
+        from = sel(l, along, from, op2(l, OP_fmax, from, op2(l, OP_fmin, a, b)));
+        to = sel(l, along, to, op2(l, OP_fmin, to, op2(l, OP_fmax, a, b)));
+        Inst *out = mul(l, op2(l, OP_fmax, low, op1(l, OP_fneg, high)), cell);
+        beside = sel(l, along, op2(l, OP_fmax, beside, out), beside);
+    }
+    return op2(l, OP_fmax, sub(l, from, to), beside);
+}
+
+/* A clearance as a boundary function: where the box ends it jumps, and the way to the border takes over. */
+static Inst *bounded(Lower *l, Inst *clearance, Inst *search, Inst *gap, Inst *cell) {
+    Inst *none = is(l, search, SLT_FIELD_NONE),
+         *outside = op2(l, OP_flt, mul(l, cell, kf(l, -0x1p-10)),
+                        gap); /* or so little inside that the search did not see it */
+    return sel(l, none, sel(l, outside, gap, kf(l, __builtin_inf())), op2(l, OP_fmax, clearance, gap));
+}
+
+/* The site of a ray that is blocked at t: hit, with the clearance of the pair's window as g. */
+static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, Inst *hit, Inst *at, Span span) {
+    Inst *far = kf(l, __builtin_inf());
+    Ray behind = *r;
+    behind.t0 = sel(l, hit, at, far);
+    Inst *id = query(l, t, SLT_FIELD_RISE, &behind);
+    Contact peak = contact(l, t, &behind, id, false);
+    Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), peak.t, sel(l, is(l, id, SLT_FIELD_AT_T0), behind.t0, far));
+    /* One cell of the ray's way. */
+    Inst *margin = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy))));
+    Inst *pair[3] = {behind.t0, top, margin};
+    int64_t site = l->sites.len;
+    Inst *lo = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site}),
+         *hi = special(l, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * site + 1});
+    /* t is counted from a cell's length (in three dimensions) behind the origin: (ray - terrain) / t has the same sign
+     * there, and t0 may be 0. */
+    Inst *back = cell_time(l, t, r);
+    Ray window = {.x = sub(l, r->x, mul(l, back, r->dx)),
+                  .y = sub(l, r->y, mul(l, back, r->dy)),
+                  .z = sub(l, r->z, mul(l, back, r->dz)),
+                  .dx = r->dx,
+                  .dy = r->dy,
+                  .dz = r->dz,
+                  .t0 = add(l, op2(l, OP_fmax, r->t0, lo), back),
+                  .t1 = add(l, op2(l, OP_fmin, r->t1, hi), back)};
+    Inst *search, *c = clearance(l, t, &window, &search);
+    Inst *g = bounded(l, c, search, box_gap(l, t, r, back), back);
+    return site_field(l, kind, hit, g, span);
+}
+
+static Val trace(Lower *l, Expr *e, const Terrain *t, const Ray *r, const Val *o, const Val *d) {
+    Val v = val_new(l, e->type);
+    Inst *id = query(l, t, SLT_FIELD_TRACE, r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE));
+    Inst *at = hit_t(l, t, r, id);
+    if (site_wanted(l, hit, at, e->span)) hit = ray_site(l, t, r, SITE_FIELD, hit, at, e->span);
+    /* A miss is at tmax, and its p and normal are those of the origin: finite whatever tmax is. */
+    Inst *to = sel(l, hit, at, kf(l, 0));
+    v.c[0] = hit;
+    v.c[1] = sel(l, hit, at, r->t1);
+    for (int i = 0; i < 2; i++) v.c[2 + i] = add(l, o->c[i], mul(l, to, d->c[i]));
+    normal_at(l, t, v.c[2], v.c[3], v.c + 4);
+    return v;
+}
+
+static Val silhouette(Lower *l, Expr *e, const Terrain *t, Ray r) {
+    Val v = val_new(l, e->type);
+    Inst *scale = kf(l, t->scale), *kmax = r.t1;
+    r.t0 = op2(l, OP_fdiv, r.t0, scale);
+    r.t1 = op2(l, OP_fdiv, r.t1, scale);
+    Inst *id = query(l, t, SLT_FIELD_SILHOUETTE, &r), *found = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE));
+    Contact c = contact(l, t, &r, id, false);
+    Inst *slope = op2(l, OP_fdiv, mul(l, sub(l, c.ground, r.z), scale), sel(l, found, c.t, kf(l, 1)));
+    v.c[0] = found;
+    v.c[1] = sel(l, found, c.t, kf(l, __builtin_inf()));
+    v.c[2] = sel(l, found, slope, kmax);
+    site_untracked(l, id, slope, NULL, e->span, JUMP_ALWAYS);
+    return v;
+}
+
+Val gen_field_method(Lower *l, Expr *e, const Symbol *sym) {
+    Terrain t = terrain(sym);
+    if (e->method < M_TRACE) return lookup(l, e, &t);
+    static const char *const names[] = {"trace", "occluded", "clearance", "silhouette"};
+    if (!(t.scale > 0) || l->quiet) {
+        diag_emit(l->s, DIAG_heightfield_query, e->span, names[e->method - M_TRACE],
+                  l->quiet ? "is asked by the shader itself, not by bounds and initial values"
+                           : "needs a [Height] scale above 0");
+        gen_giveup(l);
+    }
+    Val o = gen_expr(l, e->args[0]), d = gen_expr(l, e->args[1]);
+    Inst *a = gen_scalar(l, e->args[2]), *b = gen_scalar(l, e->args[3]);
+    Inst *scale = kf(l, t.scale);
+    Ray r = {.x = to_grid(l, o.c[0], t.x0, t.dx),
+             .y = to_grid(l, o.c[1], t.y0, t.dy),
+             .z = op2(l, OP_fdiv, sub(l, o.c[2], kf(l, t.offset)), scale),
+             .dx = op2(l, OP_fdiv, d.c[0], kf(l, t.dx)),
+             .dy = op2(l, OP_fdiv, d.c[1], kf(l, t.dy)),
+             .t0 = a,
+             .t1 = b};
+    r.dz = e->method == M_SILHOUETTE ? kf(l, 0) : op2(l, OP_fdiv, d.c[2], scale);
+    if (e->method == M_TRACE) return trace(l, e, &t, &r, &o, &d);
+    if (e->method == M_SILHOUETTE) return silhouette(l, e, &t, r);
+    Val v = val_new(l, e->type);
+    if (e->method == M_CLEARANCE) {
+        Clearance c;
+        v.c[0] = c.value = mul(l, clearance(l, &t, &r, &c.search), scale);
+        c.cell = cell_time(l, &t, &r);
+        c.gap = box_gap(l, &t, &r, c.cell);
+        vec_push(l->arena, &l->clearances, c);
+        return v;
+    }
+    /* The g of a site needs the first point; kernels that do not ask for it get the cheaper OCCLUDED (opt_hits). */
+    Inst *id = query(l, &t, SLT_FIELD_TRACE, &r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE)),
+         *at = hit_t(l, &t, &r, id);
+    v.c[0] = site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, SITE_SHADOW, hit, at, e->span) : hit;
+    return v;
+}
+
+/* a - b as the boundary function of a comparison, if one of them is a clearance: that jumps where the box ends. */
+Inst *gen_clearance_compare(Lower *l, Inst *a, Inst *b) {
+    for (uint32_t i = l->clearances.len; i-- > 0;) {
+        const Clearance *c = &l->clearances.data[i];
+        if (a == c->value) return bounded(l, sub(l, a, b), c->search, c->gap, c->cell);
+        if (b == c->value) return op1(l, OP_fneg, bounded(l, sub(l, b, a), c->search, c->gap, c->cell));
+    }
+    return NULL;
+}
+
+/* ---- after the whole entry */
+
+static bool is_zero(const Inst *i) { return i->op == OP_constf && i->imm.f == 0; }
+
+/* Every use but a comparison with 0 or the g of such a comparison forbids the cheaper search. */
+static void find_uses(const Block *b, const Lower *l, bool *whole) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++)
+            for (uint32_t c = 0; c < l->clearances.len; c++) {
+                if (i->args[a] != l->clearances.data[c].value) continue;
+                bool sign = (i->op == OP_flt || i->op == OP_fle) && is_zero(i->args[1 - a]);
+                bool boundary = i->op == OP_fmax && i->args[1 - a] == l->clearances.data[c].gap;
+                whole[c] |= !sign && !boundary && !(i->op == OP_site && a == 1);
+            }
+        for (uint32_t r = 0; r < i->nregions; r++) find_uses(i->region[r], l, whole);
+    }
+}
+
+static void note_queries(const Block *b, FieldInfo *fields) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_fieldop) fields[i->imm.field.field].queries |= 1u << i->imm.field.what;
+        for (uint32_t r = 0; r < i->nregions; r++) note_queries(i->region[r], fields);
+    }
+}
+
+void gen_field_finish(Lower *l) {
+    bool *whole = ARENA_ARRAY(&l->s->scratch, bool, l->clearances.len + 1);
+    if (l->clearances.len) find_uses(l->fn->body, l, whole);
+    for (uint32_t c = 0; c < l->clearances.len; c++)
+        if (!whole[c] && l->clearances.data[c].search->op == OP_fieldop)
+            l->clearances.data[c].search->imm.field.what = SLT_FIELD_SHADOW;
+    for (uint32_t f = 0; f < l->fields.len; f++) l->fields.data[f].queries = 0;
+    note_queries(l->fn->body, l->fields.data);
+}

@@ -1,0 +1,303 @@
+/* Inside of gen: nobody else includes this.
+ *
+ * gen.c            the program: parameters, entry, cull bounds, limits, outputs
+ * env.c            local variables as SSA: journal, ifs, loops, ranges of integers
+ * call.c           inlining, [Tangent]
+ * stmt.c           statements and jumps
+ * loop.c           loops and their trip counts
+ * expr.c           expressions
+ * place.c          what can be indexed and assigned: variables, arrays, parameters
+ * builtin.c        builtin functions
+ * texture.c        textures
+ * heightfield.c    heightfields
+ * site.c           sites, [SkipLoop], the record of what is untagged
+ * init.c           first values of parameters
+ * warn.c           untracked and static discontinuities
+ *
+ * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being lowered. Every
+ * change is written into a journal, so that an if_ finds out afterwards what its branches changed, and takes it back
+ * before the other branch. */
+#ifndef SALTUS_FRONT_GEN_INTERNAL_H
+#define SALTUS_FRONT_GEN_INTERNAL_H
+
+#include <setjmp.h>
+
+#include "compiler/front/front.h"
+
+typedef struct Var {
+    Inst *value; /* NULL: not assigned yet; an alloc for arrays, which never changes */
+    IrType type;
+    uint32_t born; /* Lower.clock when made: an if_ merges only what is older than it */
+    uint32_t stamp;
+} Var;
+
+typedef struct Change {
+    Var *var;
+    Inst *old;
+} Change;
+
+/* One scalar of a type, or one array of scalars: struct { float3 p; float w[3]; } s[4] is p.x[4] p.y[4] p.z[4] w[12].
+ */
+typedef struct LeafType {
+    IrType type;
+    uint32_t count; /* 0: a scalar */
+} LeafType;
+typedef struct Layout {
+    Type *type;
+    uint32_t n;
+    LeafType *leaf;
+    uint32_t nfloats, nints; /* scalars of each kind in a parameter of this type */
+} Layout;
+
+/* A value: one instruction a leaf (an alloc where the leaf is an array). */
+typedef struct Val {
+    Type *type;
+    uint32_t n;
+    Inst **c;
+} Val;
+
+typedef enum PlaceKind { PLACE_VARS, PLACE_PARAM } PlaceKind;
+typedef struct Place {
+    PlaceKind kind;
+    Type *type;
+    Var *vars;   /* first leaf */
+    Inst *index; /* flattened index over the arrays indexed so far */
+    Symbol *param;
+    uint32_t foff, ioff; /* constant part of the offset in the parameter */
+    Inst *fdyn, *idyn;   /* dynamic part, in [0, fspan] and [0, ispan] */
+    uint32_t fspan, ispan;
+    bool selected; /* part of a vector or matrix: result component j is comp[j] (+ dyn * dyn_step) */
+    uint8_t comp[16], ncomp;
+    Inst *dyn; /* in [0, dyn_count) */
+    uint32_t dyn_step, dyn_count;
+    bool permuted; /* dyn chooses among perm[] instead: v.wzyx[i] = ... */
+    uint8_t perm[4];
+} Place;
+
+typedef enum BindKind { BIND_NONE, BIND_VARS, BIND_PLACE, BIND_RESOURCE } BindKind;
+typedef struct Bind {
+    BindKind kind;
+    Var *vars;
+    Place place;
+    Symbol *resource;
+    bool ready; /* the variable exists before its declaration is reached (gen_flat) */
+} Bind;
+
+typedef struct Frame Frame;
+typedef struct LoopCtx LoopCtx;
+
+/* A site of a skipped loop: kept in carried values, emitted where the outermost loop ends. */
+typedef struct SkipRec {
+    Var *any, *g, *decision; /* decision NULL: `any` is the decision */
+    SiteKind kind;
+    Span span;
+} SkipRec;
+
+struct LoopCtx {
+    LoopCtx *outer; /* through calls */
+    Frame *frame;
+    Inst *op, *k;
+    Vec(Var *) carried; /* parameter i + 1 */
+    uint32_t ninitial;  /* later ones were added on demand */
+    uint32_t mark;      /* journal length at the start */
+    uint64_t iters;
+    Builder after;
+    Vec(SkipRec) skips; /* of the outermost loop of a function */
+};
+
+struct Frame {
+    Func *func;
+    Frame *caller;
+    Span call_span;
+    Bind *bind;
+    Var *ret;                  /* one a leaf of the result */
+    Var *ret_flag, *brk, *cnt; /* jumps that were taken; brk and cnt of the innermost target */
+    LoopCtx *first_loop;       /* outermost of this function */
+    uint32_t depth;
+};
+
+typedef struct Tag {
+    bool disc, nodisc;
+    LoopCtx *skip; /* sites go to this loop's records */
+} Tag;
+
+typedef enum JumpKind { JUMP_COMPARE, JUMP_EQUALITY, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
+/* An untagged place that may jump. */
+typedef struct Untracked {
+    Inst *at;      /* the comparison, or the value that jumps */
+    Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
+    Span span;
+    JumpKind kind;
+} Untracked;
+
+/* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
+typedef struct Clearance {
+    Inst *value, *search;
+    Inst *gap, *cell; /* to the border of the box, where it jumps; the t of a cell's length */
+} Clearance;
+
+typedef struct Range {
+    int64_t lo, hi;
+} Range;
+
+typedef struct ConstArray {
+    Symbol *sym;
+    Var *vars;
+} ConstArray;
+
+/* Facts about a function that do not depend on the call. */
+typedef struct FuncFacts {
+    Func *func;
+    uint64_t ops, copies; /* estimated operations with all calls inlined; how often it is inlined in all */
+    uint64_t own;
+    bool rand, done;
+} FuncFacts;
+
+typedef struct Lower {
+    Session *s;
+    Arena *arena;
+    const ProgramOptions *opt;
+    Program *program;
+    Fn *fn;
+    Builder b;
+    Frame *frame;
+    LoopCtx *loop;
+    Tag tag;
+    Inst *anchor; /* first instruction of the Fn */
+    Var *rand_counter;
+    Vec(Change) journal;
+    uint32_t clock, stamps;
+    Vec(Range) ranges; /* by Inst.tag; 0 is unused */
+    Vec(SiteInfo) sites;
+    Vec(Untracked) untracked;
+    Vec(ConstArray) const_arrays;
+    Vec(FuncFacts *) facts; /* in order of discovery: callees first */
+    FuncFacts **fact_table; /* by hash of the Func */
+    uint32_t fact_cap;
+    Vec(Fn *) culls;
+    Vec(FieldInfo) fields;
+    Vec(Clearance) clearances;
+    uint32_t nops, nloops, depth; /* depth: regions around this place */
+    bool in_tangent, quiet;       /* quiet: not the shader itself (initialisers, bounds): no sites, no records */
+    Layout *layout_cache[256];
+    jmp_buf *giveup;
+} Lower;
+
+/* lower.c */
+_Noreturn void gen_giveup(Lower *l);
+Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet, with k0.. as inputs */
+const Layout *gen_layout(Lower *l, Type *t);
+FuncFacts *gen_facts(Lower *l, Func *f);
+Fn *gen_function(Lower *l, Func *f, const char *name, uint32_t first,
+                 uint32_t count); /* int arguments are the inputs k0.. */
+_Noreturn void gen_too_large(Lower *l, Span span);
+IrType gen_ir_type(const Type *t);
+
+/* gen_env.c: emitting */
+Inst *op1(Lower *l, Op op, Inst *a);
+Inst *op2(Lower *l, Op op, Inst *a, Inst *b);
+Inst *op3(Lower *l, Op op, Inst *a, Inst *b, Inst *c);
+Inst *special(Lower *l, Op op, IrType t, uint32_t n, Inst *const *args, Imm imm);
+Inst *kf(Lower *l, double v);
+Inst *ki(Lower *l, int64_t v);
+Inst *kb(Lower *l, bool v);
+static inline bool is_true(const Inst *i) { return i->op == OP_constb && i->imm.i; }
+static inline bool is_false(const Inst *i) { return i->op == OP_constb && !i->imm.i; }
+Inst *sel(Lower *l, Inst *c, Inst *x, Inst *y);
+Inst *alloc_array(Lower *l, IrType elem, uint32_t count);
+/* variables */
+Var *var_new(Lower *l, IrType t, uint32_t n);
+Var *vars_for(Lower *l, Type *t); /* arrays allocated */
+Inst *var_get(Lower *l, Var *v);
+void var_set(Lower *l, Var *v, Inst *x);
+Var *var_hidden(Lower *l, LoopCtx *root, Inst *(*init)(Lower *, Builder *), IrType t);
+typedef struct IfCtx {
+    Inst *op;
+    Builder outer, then_end;
+    uint32_t mark, born;
+    Vec(Var *) changed;
+    Vec(Inst *) first; /* their values at the end of the first branch */
+} IfCtx;
+void if_begin(Lower *l, IfCtx *c, Inst *cond);
+void if_else(Lower *l, IfCtx *c);
+void if_end(Lower *l, IfCtx *c);
+typedef Vec(Var *) VarList;
+void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info);
+void loop_end(Lower *l, LoopCtx *c, Inst *go_on);
+void gen_prune_loops(Lower *l);
+/* integers */
+void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi);
+bool range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi); /* false: the whole of int */
+Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
+
+/* gen_expr.c */
+Val gen_expr(Lower *l, Expr *e);
+Inst *gen_scalar(Lower *l, Expr *e);
+Val val_new(Lower *l, Type *t);
+Val gen_binary(Lower *l, Operator op, Val a, Val b, Type *type, Span span);
+Inst *convert_scalar(Lower *l, Inst *v, const Type *from, const Type *to, Span span);
+Type *scalar_of(Type *t);
+uint32_t expr_cost(Lower *l, const Expr *e, uint32_t limit); /* operations, roughly; > limit when dear or not pure */
+bool expr_has_site(const Expr *e);
+bool expr_assigns(const Expr *e);
+Val const_val(Lower *l, Type *t, const ConstVal *c);
+
+/* gen_place.c */
+bool gen_is_place(const Expr *e);
+Place gen_place(Lower *l, Expr *e);
+Val place_load(Lower *l, const Place *p);
+void place_store(Lower *l, const Place *p, Val v);
+Val vars_load(Lower *l, Type *t, Var *vars);
+void vars_store(Lower *l, Type *t, Var *vars, Val v,
+                bool own); /* own: arrays of v may be taken over by a fresh variable */
+Place place_of_vars(Type *t, Var *vars);
+Symbol *gen_resource(Lower *l, const Expr *e);
+Bind *gen_bind(Lower *l, const Symbol *sym);
+Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span);
+
+/* gen_call.c */
+Val gen_call(Lower *l, Expr *e);
+Val gen_inline(Lower *l, Func *f, const Bind *args, Span span);
+const char *gen_path(Lower *l);
+
+/* gen_stmt.c, gen_loop.c */
+void gen_stmt(Lower *l, Stmt *s);
+void gen_list(Lower *l, Stmt **stmts, uint32_t n);
+void gen_loop(Lower *l, Stmt *s);
+typedef struct Jumps {
+    bool falls, brk, cnt, ret;
+} Jumps;
+Jumps stmt_jumps(const Stmt *s);
+Tag tag_for(Lower *l, const Stmt *s);
+void scan_assigned_stmt(Lower *l, const Stmt *s, VarList *out);
+void scan_assigned_expr(Lower *l, const Expr *e, VarList *out);
+bool stmt_uses_rand(Lower *l, const Stmt *s);
+bool expr_uses_rand(Lower *l, const Expr *e);
+
+/* gen_builtin.c, gen_texture.c, gen_field.c */
+Val gen_builtin(Lower *l, Expr *e);
+Val gen_method(Lower *l, Expr *e);
+Val gen_field_method(Lower *l, Expr *e, const Symbol *sym);
+Inst *gen_clearance_compare(Lower *l, Inst *a, Inst *b);
+void gen_field_finish(Lower *l); /* of the whole entry: cheaper searches, the table of what is asked */
+Val gen_matmul(Lower *l, Val a, Val b, Type *type);
+Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n);
+
+/* gen_site.c: the decision (or integer) to use; a site if the statement is tagged, else a record for the warning */
+Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span);
+Inst *site_integer(Lower *l, SiteKind kind, Inst *n, Inst *v, Span span);
+/* Is this place a site? Then its number is the next one, which site_field takes. Else it is recorded for the warning,
+ * with t as what the jump depends on. */
+bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span);
+Inst *site_field(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
+void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind);
+Inst *gen_skip_condition(Lower *l, Expr *cond, LoopCtx *root);
+void site_flush_skips(Lower *l, LoopCtx *root);
+
+/* gen_init.c */
+void gen_initial_values(Lower *l);
+
+/* warn.c */
+void warn_discontinuities(Lower *l); /* also takes static sites out */
+
+#endif

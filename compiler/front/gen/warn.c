@@ -1,0 +1,548 @@
+/* Discontinuities that nothing integrates.
+ *
+ * For every untagged comparison of floats and jumping builtin (recorded while lowering): does its boundary function
+ * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then it is warned
+ * about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the position have
+ * no curve: they are warned about and taken out. */
+#include <math.h>
+#include <string.h>
+
+#include "compiler/front/gen/internal.h"
+
+enum { DEP_PARAMS = 3, PROOF_BUDGET = 600 };
+
+typedef struct Dep {
+    bool x, rand;
+    bool pieces; /* chosen from several values, where the choice depends on the position: may be constant, or equal to
+                    another, on an area */
+    uint8_t n;
+    uint32_t p[DEP_PARAMS]; /* indices into Program.params, the first few found */
+} Dep;
+
+typedef struct Warn {
+    Lower *l;
+    Arena *scratch;
+    Dep *dep; /* by id */
+    bool changed;
+    bool *live;
+    Vec(Inst *) work;
+    Inst **stores, **next_store; /* by id of the alloc; chained by id */
+} Warn;
+
+/* ---- dependences: a monotone walk repeated until nothing changes */
+
+static bool merge(Dep *to, const Dep *from) {
+    bool changed = (from->x && !to->x) || (from->rand && !to->rand) || (from->pieces && !to->pieces);
+    to->x |= from->x, to->rand |= from->rand, to->pieces |= from->pieces;
+    for (uint32_t i = 0; i < from->n && to->n < DEP_PARAMS; i++) {
+        bool known = false;
+        for (uint32_t j = 0; j < to->n; j++) known |= to->p[j] == from->p[i];
+        if (!known) to->p[to->n++] = from->p[i], changed = true;
+    }
+    return changed;
+}
+
+static void add(Warn *w, const Inst *to, const Dep *from) { w->changed |= merge(&w->dep[to->id], from); }
+
+static void add_param(Warn *w, const Inst *i) {
+    const Program *p = w->l->program;
+    uint32_t lo = 0, hi = p->nparams, base = i->imm.slot.base;
+    while (lo < hi) { /* the last parameter that starts at or before base and is not empty */
+        uint32_t mid = (lo + hi) / 2;
+        if (p->params[mid].fbase + p->params[mid].fcount <= base) lo = mid + 1;
+        else hi = mid;
+    }
+    if (lo >= p->nparams || !p->params[lo].differentiable) return;
+    Dep d = {.n = 1, .p = {lo}};
+    add(w, i, &d);
+}
+
+static void depend(Warn *w, Block *b, Dep control);
+
+static void depend_loop(Warn *w, Inst *i, Dep control) {
+    Block *body = i->region[0];
+    const Inst *flag = body->last->args[0];
+    for (uint32_t p = 1; p < body->nparams; p++) {
+        add(w, body->params[p], &w->dep[i->args[p - 1]->id]);
+        add(w, body->params[p], &w->dep[body->last->args[p]->id]);
+        add(w, body->params[p], &w->dep[flag->id]);
+    }
+    merge(&control, &w->dep[flag->id]);
+    depend(w, body, control);
+}
+
+static bool chooses(const Inst *i) {
+    Op op = (Op)i->op;
+    if (op == OP_fsel) return i->args[0]->op != OP_feq && i->args[0]->op != OP_fne; /* not on an area, as in `length` */
+    return op == OP_fmin || op == OP_fmax || op == OP_proj || op == OP_load || op == OP_ffloor || op == OP_fceil ||
+           op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
+}
+
+static void depend(Warn *w, Block *b, Dep control) {
+    for (Inst *i = b->first; i; i = i->next) {
+        switch ((Op)i->op) {
+        case OP_input:
+            if (i->imm.i <= IN_X2) w->changed |= merge(&w->dep[i->id], &(Dep){.x = true});
+            break;
+        case OP_rand: w->changed |= merge(&w->dep[i->id], &(Dep){.rand = true}); break;
+        case OP_param:
+            add_param(w, i);
+            add(w, i, &w->dep[i->args[0]->id]);
+            break;
+        case OP_detach: {
+            Dep d = w->dep[i->args[0]->id];
+            d.n = 0; /* said to be a constant */
+            add(w, i, &d);
+            break;
+        }
+        case OP_store:
+            add(w, i->args[0], &w->dep[i->args[1]->id]);
+            add(w, i->args[0], &w->dep[i->args[2]->id]);
+            add(w, i->args[0], &control);
+            break;
+        case OP_acopy:
+            add(w, i->args[0], &w->dep[i->args[1]->id]);
+            add(w, i->args[0], &control);
+            break;
+        case OP_if_: {
+            Dep inner = control;
+            merge(&inner, &w->dep[i->args[0]->id]);
+            depend(w, i->region[0], inner);
+            depend(w, i->region[1], inner);
+            break;
+        }
+        case OP_loop: depend_loop(w, i, control); break;
+        case OP_custom:
+            for (uint32_t a = 0; a < i->nargs; a++) add(w, i->region[0]->params[a], &w->dep[i->args[a]->id]);
+            depend(w, i->region[0], control);
+            break;
+        case OP_proj: {
+            const Inst *op = i->args[0];
+            uint32_t at = (uint32_t)i->imm.i + (op->op == OP_loop ? 1 : 0);
+            add(w, i, &w->dep[op->region[0]->last->args[at]->id]);
+            if (op->op == OP_if_) {
+                add(w, i, &w->dep[op->region[1]->last->args[at]->id]);
+                add(w, i, &w->dep[op->args[0]->id]);
+            }
+            if (op->op == OP_loop) add(w, i, &w->dep[op->region[0]->last->args[0]->id]);
+            break;
+        }
+        case OP_yield: break;
+        default:
+            for (uint32_t a = 0; a < i->nargs; a++) add(w, i, &w->dep[i->args[a]->id]);
+        }
+        if (chooses(i) && w->dep[i->id].x) add(w, i, &(Dep){.pieces = true});
+    }
+}
+
+/* ---- what can reach an output */
+
+static void mark(Warn *w, Inst *i) {
+    if (!i || w->live[i->id]) return;
+    w->live[i->id] = true;
+    vec_push(w->scratch, &w->work, i);
+}
+
+static void mark_control(Warn *w, const Block *b) {
+    for (; b && b->owner; b = b->owner->block) {
+        if (b->owner->op == OP_if_) mark(w, b->owner->args[0]);
+        if (b->owner->op == OP_loop) mark(w, b->last->args[0]);
+    }
+}
+
+static void mark_stores(Warn *w, const Inst *array) {
+    for (Inst *s = w->stores[array->id]; s; s = w->next_store[s->id]) {
+        w->live[s->id] = true;
+        for (uint32_t a = 1; a < s->nargs; a++) mark(w, s->args[a]);
+        mark_control(w, s->block);
+    }
+}
+
+static void propagate(Warn *w, Inst *i) {
+    if (i->op == OP_arg) {
+        const Block *b = i->block;
+        uint32_t at = (uint32_t)i->imm.i;
+        if (!b->owner) return;
+        if (b->owner->op == OP_loop && at > 0) {
+            mark(w, b->owner->args[at - 1]);
+            mark(w, b->last->args[at]);
+            mark(w, b->last->args[0]);
+        } else if (b->owner->op == OP_custom && at < b->owner->nargs) {
+            mark(w, b->owner->args[at]);
+        }
+        return;
+    }
+    if (i->op == OP_proj) {
+        Inst *op = i->args[0];
+        uint32_t at = (uint32_t)i->imm.i + (op->op == OP_loop ? 1 : 0);
+        mark(w, op->region[0]->last->args[at]);
+        if (op->op == OP_if_) mark(w, op->region[1]->last->args[at]), mark(w, op->args[0]);
+        if (op->op == OP_loop) mark(w, op->region[0]->last->args[0]);
+        return;
+    }
+    if (i->op == OP_alloc) {
+        mark_stores(w, i);
+        return;
+    }
+    for (uint32_t a = 0; a < i->nargs; a++) mark(w, i->args[a]);
+}
+
+static void collect(Warn *w, Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_store || i->op == OP_acopy)
+            w->next_store[i->id] = w->stores[i->args[0]->id], w->stores[i->args[0]->id] = i;
+        if (i->op == OP_site && w->l->sites.data[i->imm.i].skip_loop) mark(w, i);
+        for (uint32_t r = 0; r < i->nregions; r++) collect(w, i->region[r]);
+    }
+}
+
+/* ---- are both sides equal on the boundary?
+ *
+ * Values are numbered structurally with a replaced by b, and with the identities that hold there (0*x = 0, x + 0 = x,
+ * ...). The signs of zeros do not matter. */
+
+typedef struct Node {
+    uint32_t op, narg;
+    uint32_t a[3];
+    uint64_t imm;
+    const Inst *opaque;
+} Node;
+
+typedef struct Proof {
+    Warn *w;
+    Vec(Node) nodes;
+    Vec(const Inst *) seen;
+    Vec(uint32_t) seen_node;
+    uint32_t from, to; /* node `from` becomes `to` */
+    bool substitute, failed;
+    uint32_t depth;
+} Proof;
+
+static uint32_t node(Proof *p, Node n) {
+    for (uint32_t i = 0; i < p->nodes.len; i++) {
+        const Node *m = &p->nodes.data[i];
+        if (m->op == n.op && m->narg == n.narg && m->imm == n.imm && m->opaque == n.opaque &&
+            !memcmp(m->a, n.a, sizeof n.a))
+            return i;
+    }
+    vec_push(p->w->scratch, &p->nodes, n);
+    return p->nodes.len - 1;
+}
+
+static uint32_t number(Proof *p, double v) {
+    uint64_t bits;
+    v = v == 0 ? 0 : v;
+    memcpy(&bits, &v, sizeof bits);
+    return node(p, (Node){.op = OP_constf, .imm = bits});
+}
+
+static bool is_number(const Proof *p, uint32_t n, double *v) {
+    if (p->nodes.data[n].op != OP_constf) return false;
+    memcpy(v, &p->nodes.data[n].imm, sizeof *v);
+    return true;
+}
+static bool equals(const Proof *p, uint32_t n, double v) {
+    double x;
+    return is_number(p, n, &x) && x == v;
+}
+
+static uint32_t build(Proof *p, Op op, uint32_t n, const uint32_t *a, uint64_t imm) {
+    double x, y;
+    uint32_t c = n > 1 ? a[1] : 0;
+    switch (op) {
+    case OP_fadd:
+        if (equals(p, a[0], 0)) return c;
+        if (equals(p, c, 0)) return a[0];
+        for (int k = 0; k < 2; k++) { /* u + (v - u) = v */
+            const Node *m = &p->nodes.data[a[1 - k]];
+            if (m->op == OP_fsub && m->a[1] == a[k]) return m->a[0];
+            if (m->op == OP_fneg && m->a[0] == a[k]) return number(p, 0);
+        }
+        if (is_number(p, a[0], &x) && is_number(p, c, &y)) return number(p, x + y);
+        break;
+    case OP_fsub:
+        if (a[0] == c) return number(p, 0);
+        if (equals(p, c, 0)) return a[0];
+        if (equals(p, a[0], 0)) return build(p, OP_fneg, 1, &c, 0);
+        if (is_number(p, a[0], &x) && is_number(p, c, &y)) return number(p, x - y);
+        break;
+    case OP_fmul:
+        if (equals(p, a[0], 0) || equals(p, c, 0)) return number(p, 0);
+        if (equals(p, a[0], 1)) return c;
+        if (equals(p, c, 1)) return a[0];
+        if (is_number(p, a[0], &x) && is_number(p, c, &y)) return number(p, x * y);
+        break;
+    case OP_fdiv:
+        if (equals(p, a[0], 0)) return a[0];
+        if (equals(p, c, 1)) return a[0];
+        if (a[0] == c) return number(p, 1);
+        if (is_number(p, a[0], &x) && is_number(p, c, &y)) return number(p, x / y);
+        break;
+    case OP_ffma: {
+        uint32_t m = build(p, OP_fmul, 2, a, 0), s[2] = {m, a[2]};
+        return build(p, OP_fadd, 2, s, 0);
+    }
+    case OP_fneg:
+        if (is_number(p, a[0], &x)) return number(p, -x);
+        if (p->nodes.data[a[0]].op == OP_fneg) return p->nodes.data[a[0]].a[0];
+        break;
+    case OP_fabs:
+        if (is_number(p, a[0], &x)) return number(p, fabs(x));
+        break;
+    case OP_fsqrt:
+        if (is_number(p, a[0], &x) && x >= 0) return number(p, sqrt(x));
+        break;
+    case OP_fmin:
+    case OP_fmax:
+        if (a[0] == c) return c;
+        if (is_number(p, a[0], &x) && is_number(p, c, &y)) return number(p, op == OP_fmin ? fmin(x, y) : fmax(x, y));
+        break;
+    case OP_fsin:
+    case OP_fatan:
+    case OP_fasin:
+    case OP_fsinh:
+    case OP_ftanh:
+    case OP_ftan:
+        if (equals(p, a[0], 0)) return a[0];
+        break;
+    case OP_fexp:
+    case OP_fcos:
+        if (equals(p, a[0], 0)) return number(p, 1);
+        break;
+    case OP_fpow:
+        if (is_number(p, a[0], &x) && is_number(p, c, &y)) return number(p, pow(x, y));
+        break;
+    case OP_detach: return a[0];
+    case OP_fsel:
+    case OP_isel:
+    case OP_bsel:
+        if (a[1] == a[2]) return a[1];
+        break;
+    default: break;
+    }
+    Node m = {.op = op, .narg = n, .imm = imm};
+    for (uint32_t i = 0; i < n; i++) m.a[i] = a[i];
+    bool commutes = op == OP_fadd || op == OP_fmul || op == OP_fmin || op == OP_fmax || op == OP_iadd || op == OP_imul;
+    if (commutes && m.a[1] < m.a[0]) {
+        uint32_t t = m.a[0];
+        m.a[0] = m.a[1], m.a[1] = t;
+    }
+    return node(p, m);
+}
+
+static uint32_t canon(Proof *p, const Inst *i);
+
+static uint32_t canon_fresh(Proof *p, const Inst *i) {
+    if (i->op == OP_constf) return number(p, i->imm.f);
+    if (i->op == OP_consti || i->op == OP_constb || i->op == OP_input)
+        return node(p, (Node){.op = i->op, .imm = (uint64_t)i->imm.i});
+    Node opaque = {.op = OP_COUNT, .opaque = i};
+    if (++p->depth > 200 || p->seen.len > PROOF_BUDGET) {
+        p->failed = true;
+        return node(p, opaque);
+    }
+    uint32_t out;
+    if (i->op == OP_proj && i->args[0]->op == OP_if_) {
+        uint32_t x = canon(p, i->args[0]->region[0]->last->args[i->imm.i]),
+                 y = canon(p, i->args[0]->region[1]->last->args[i->imm.i]);
+        out = x == y ? x : node(p, opaque);
+    } else if ((ir_ops[i->op].special && i->op != OP_param && i->op != OP_iparam && i->op != OP_detach &&
+                i->op != OP_site && i->op != OP_siten) ||
+               i->nargs > 3) {
+        out = node(p, opaque);
+    } else if (i->op == OP_site || i->op == OP_siten) {
+        out = canon(p, i->args[0]);
+    } else {
+        uint32_t a[3] = {0};
+        for (uint32_t k = 0; k < i->nargs; k++) a[k] = canon(p, i->args[k]);
+        uint64_t imm =
+            i->op == OP_param || i->op == OP_iparam ? (uint64_t)i->imm.slot.base << 32 | i->imm.slot.count : 0;
+        out = build(p, (Op)i->op, i->nargs, a, imm);
+    }
+    p->depth--;
+    return out;
+}
+
+static uint32_t canon(Proof *p, const Inst *i) {
+    for (uint32_t k = 0; k < p->seen.len; k++)
+        if (p->seen.data[k] == i) return p->seen_node.data[k];
+    uint32_t n = canon_fresh(p, i);
+    if (p->substitute && n == p->from) n = p->to;
+    vec_push(p->w->scratch, &p->seen, i);
+    vec_push(p->w->scratch, &p->seen_node, n);
+    return n;
+}
+
+static bool writes(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_store || i->op == OP_acopy) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (writes(i->region[r])) return true;
+    }
+    return false;
+}
+
+typedef Vec(Inst *) Uses;
+
+/* Uses of the comparison: `uses` has every live instruction that reads it or its negation. */
+static bool both_sides_equal(Warn *w, const Untracked *t, const Uses *uses) {
+    if (t->kind != JUMP_COMPARE || !t->g1) return false;
+    Proof p = {.w = w};
+    uint32_t a = canon(&p, t->g0), b = canon(&p, t->g1);
+    double v;
+    bool swap = is_number(&p, a, &v);
+    p.from = swap ? b : a, p.to = swap ? a : b;
+    p.substitute = true;
+    p.seen.len = p.seen_node.len = 0;
+    for (uint32_t u = 0; u < uses->len; u++) {
+        const Inst *i = uses->data[u];
+        if (i->op == OP_bnot) continue; /* its uses are in the list as well */
+        if (i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel) {
+            for (uint32_t k = 1; k < 3; k++)
+                if (i->args[k] == t->at || (i->args[k]->op == OP_bnot && i->args[k]->args[0] == t->at)) return false;
+            if (canon(&p, i->args[1]) != canon(&p, i->args[2])) return false;
+        } else if (i->op == OP_if_) {
+            if (writes(i->region[0]) || writes(i->region[1])) return false;
+            for (const Inst *q = i->next; q && q->op == OP_proj && q->args[0] == i; q = q->next)
+                if (w->live[q->id] &&
+                    canon(&p, i->region[0]->last->args[q->imm.i]) != canon(&p, i->region[1]->last->args[q->imm.i]))
+                    return false;
+        } else {
+            return false;
+        }
+        if (p.failed) return false;
+    }
+    return true;
+}
+
+/* An if_ uses its condition if one of its results is alive or something inside is stored or alive through a store. */
+static bool if_alive(const Warn *w, const Inst *i) {
+    for (const Inst *q = i->next; q && q->op == OP_proj && q->args[0] == i; q = q->next)
+        if (w->live[q->id]) return true;
+    return writes(i->region[0]) || writes(i->region[1]);
+}
+
+/* which[id]: index + 1 of the untracked comparison whose value (or negation) it is. */
+static void collect_uses(Warn *w, Block *b, uint32_t *which, Uses *uses) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++) {
+            uint32_t of = which[i->args[a]->id];
+            if (!of) continue;
+            if (i->op == OP_bnot) which[i->id] = of;
+            else if (i->op == OP_if_ ? if_alive(w, i) : i->op == OP_yield || w->live[i->id])
+                vec_push(w->scratch, &uses[of - 1], i);
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) collect_uses(w, i->region[r], which, uses);
+    }
+}
+
+/* ---- reporting */
+
+static const char *param_list(Warn *w, const Dep *d) {
+    const Program *p = w->l->program;
+    const char *text = "";
+    for (uint32_t i = 0; i < d->n; i++)
+        text = arena_printf(w->l->arena, "%s%s`%s`", text,
+                            i == 0          ? ""
+                            : i + 1 == d->n ? " and "
+                                            : ", ",
+                            p->params[d->p[i]].name);
+    return text;
+}
+
+static void report_untracked(Warn *w) {
+    Lower *l = w->l;
+    uint32_t n = l->untracked.len;
+    if (!n) return;
+    uint32_t *which = ARENA_ARRAY(w->scratch, uint32_t, l->fn->ninsts + 1);
+    Uses *uses = ARENA_ARRAY(w->scratch, Uses, n);
+    for (uint32_t i = 0; i < n; i++) which[l->untracked.data[i].at->id] = i + 1;
+    collect_uses(w, l->fn->body, which, uses);
+    for (uint32_t i = 0; i < n; i++) {
+        const Untracked *t = &l->untracked.data[i];
+        if (!w->live[t->at->id]) continue;
+        Dep d = {0};
+        if (t->g0) merge(&d, &w->dep[t->g0->id]);
+        if (t->g1) merge(&d, &w->dep[t->g1->id]);
+        if (t->kind == JUMP_ALWAYS) merge(&d, &w->dep[t->at->id]);
+        if (t->kind == JUMP_EQUALITY && !d.pieces) continue; /* holds nowhere but on a curve */
+        if (!d.x || !d.n || both_sides_equal(w, t, &uses[i])) continue;
+        const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
+                           : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"
+                                                                               : "this value, which cannot be a site,";
+        diag_emit(l->s, DIAG_untracked, t->span, what, param_list(w, &d));
+    }
+}
+
+/* Sites without a curve: out, with a warning where it depends on something that can change. */
+static void drop_static(Warn *w, Block *b, Inst **map, uint32_t *kept, SiteInfo *infos, int32_t *number) {
+    Lower *l = w->l;
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) drop_static(w, i->region[r], map, kept, infos, number);
+        if (i->op != OP_site && i->op != OP_siten) continue;
+        SiteInfo *info = &l->sites.data[i->imm.i];
+        const Dep *d = &w->dep[i->args[1]->id];
+        if (d->x) {
+            infos[*kept] = *info;
+            number[i->imm.i] = (int32_t)*kept;
+            i->imm.i = (*kept)++;
+            continue;
+        }
+        if (w->live[i->id] && d->n) diag_emit(l->s, DIAG_static_disc, info->span, param_list(w, d));
+        else if (w->live[i->id] && d->rand) diag_emit(l->s, DIAG_static_disc, info->span, "random numbers");
+        map[i->id] = i->args[0];
+        ir_unlink(i);
+    }
+}
+
+/* Windows go by the number of their site; those of a dropped one are dead. */
+static void number_windows(Block *b, Inst **map, const int32_t *number) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) number_windows(i->region[r], map, number);
+        if (i->op != OP_window) continue;
+        int32_t site = number[i->imm.i / 2];
+        if (site >= 0) {
+            i->imm.i = 2 * site + (i->imm.i & 1);
+            continue;
+        }
+        map[i->id] = i->args[0];
+        ir_unlink(i);
+    }
+}
+
+void warn_discontinuities(Lower *l) {
+    Arena *scratch = &l->s->scratch;
+    ArenaMark at = arena_mark(scratch);
+    uint32_t n = ir_number(l->fn);
+    Warn w = {.l = l, .scratch = scratch};
+    w.dep = ARENA_ARRAY(scratch, Dep, n + 1);
+    w.live = ARENA_ARRAY(scratch, bool, n + 1);
+    w.stores = ARENA_ARRAY(scratch, Inst *, n + 1);
+    w.next_store = ARENA_ARRAY(scratch, Inst *, n + 1);
+    do {
+        w.changed = false;
+        depend(&w, l->fn->body, (Dep){0});
+    } while (w.changed);
+    collect(&w, l->fn->body);
+    for (uint32_t i = 0; i < l->fn->body->last->nargs; i++) mark(&w, l->fn->body->last->args[i]);
+    while (w.work.len) propagate(&w, w.work.data[--w.work.len]);
+    report_untracked(&w);
+
+    Inst **map = ARENA_ARRAY(scratch, Inst *, n + 1);
+    SiteInfo *infos = ARENA_ARRAY(l->arena, SiteInfo, l->sites.len + 1);
+    uint32_t kept = 0;
+    int32_t *number = ARENA_ARRAY(scratch, int32_t, l->sites.len + 1);
+    for (uint32_t i = 0; i < l->sites.len; i++) number[i] = -1;
+    drop_static(&w, l->fn->body, map, &kept, infos, number);
+    if (kept != l->sites.len) {
+        number_windows(l->fn->body, map, number);
+        for (uint32_t i = 0; i < n; i++) /* a decision may be that of another dropped site */
+            while (map[i] && map[i]->id < n && map[map[i]->id]) map[i] = map[map[i]->id];
+        ir_replace_all(l->fn, map);
+    }
+    l->fn->sites = infos;
+    l->fn->nsites = kept;
+    arena_reset(scratch, at);
+}

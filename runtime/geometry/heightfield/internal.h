@@ -1,0 +1,91 @@
+/* What the files of this folder share. */
+#ifndef SALTUS_HEIGHTFIELD_INTERNAL_H
+#define SALTUS_HEIGHTFIELD_INTERNAL_H
+
+#include "cone.h"
+#include "field.h"
+
+enum {
+    MIP_LEVELS = 16, /* table size: levels 1 .. 15; a larger field has several nodes at the top */
+    MIP_MAX_SIDE = 1 << 24
+};
+
+/* Level l has ceil((w-1) / 2^l) x ceil((h-1) / 2^l) nodes, node (I, J) at data[base[l] + J * stride[l] + I]: the
+ * maximum over the vertices of its cells, borders included. There is no level 0: the test of a cell reads its four
+ * heights anyway. */
+typedef struct Mipmap {
+    float *data;
+    int32_t base[MIP_LEVELS],
+        stride[MIP_LEVELS]; /* entry 0 is that of level 1, so that a lane that is at a cell looks up something valid */
+    int32_t rows[MIP_LEVELS];
+    int32_t top;  /* the last level */
+    float max;    /* over all heights */
+    size_t count; /* of data */
+} Mipmap;
+
+typedef struct Field {
+    SltField shared; /* first: the kernels' pointer is this one */
+    FieldOptions options;
+    FieldIsa isa;
+    bool f64;
+    double magnitude; /* at least the largest finite |height| seen since the field was made: what rounding errors are
+                         measured with */
+    Mipmap mip;       /* data NULL where no query needs it */
+    FieldCones cones; /* packed NULL likewise */
+    char text[160];
+} Field;
+
+static inline const Field *field_impl(const SltField *field) { return field->structure; }
+
+/* Of a query: the field may be a copy of ours with another slack (finite differences); then a copy of the whole is made
+ * in `room`. */
+static inline const Field *field_asked(const SltField *field, Field *room) {
+    const Field *f = field->structure;
+    if (field == &f->shared) return f;
+    *room = *f;
+    room->shared = *field;
+    return room;
+}
+
+/* Where field_silhouettes collects. */
+typedef struct Slice {
+    int32_t *id;
+    uint32_t cap, count;
+} Slice;
+
+static inline void slice_add(Slice *s, int32_t id) {
+    if (s->count < s->cap) s->id[s->count] = id;
+    s->count++;
+}
+
+/* One line of level 1 from the three (or two: c == b) rows of vertices that its cells touch; returns the largest finite
+ * |height|. Compiled for each instruction set. */
+typedef struct FieldKernels {
+    SltFieldQuery *query[2][SLT_FIELD_WHATS]; /* [f64] */
+    SltFieldQuery *cone[2];                   /* trace and occluded by safety shapes (cone.inc.h) */
+    float (*first_level32)(const float *a, const float *b, const float *c, uint32_t w, float *out, float *scratch);
+    double (*first_level64)(const double *a, const double *b, const double *c, uint32_t w, float *out, float *scratch);
+    void (*next_level)(const float *a, const float *b, uint32_t w, float *out);
+} FieldKernels;
+
+/* naive.c */
+extern SltFieldQuery *const field_naive[2][SLT_FIELD_WHATS];
+void field_naive_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+                       uint32_t width, int32_t *id, FieldCounts *counts);
+void field_naive_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts);
+
+/* packet_*.c */
+extern const FieldKernels field_scalar, field_sse2, field_avx2, field_avx512;
+void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+                        uint32_t width, int32_t *id, FieldCounts *counts);
+void field_scalar_cone_count(const Field *f, const void *heights, const void *rays, uint64_t mask, uint32_t width,
+                             int32_t *id, FieldCounts *counts);
+void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice,
+                        FieldCounts *counts); /* ray: width 1 */
+
+/* mipmap.c */
+bool mipmap_make(Field *f, const void *heights);
+void mipmap_refresh(Field *f, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1);
+void mipmap_free(Mipmap *m);
+const FieldKernels *field_kernels(FieldIsa isa);
+#endif
