@@ -60,13 +60,13 @@ static inline Inst *par_at(Prog *p, uint32_t base, uint32_t count, Inst *index) 
 static inline Inst *par(Prog *p, uint32_t i) { return par_at(p, i, 1, ci(p, 0)); }
 #define DEF1(name, op) static inline Inst *name(Prog *p, Inst *x) { return ir_emit1(&p->b, OP_##op, x); }
 #define DEF2(name, op) static inline Inst *name(Prog *p, Inst *x, Inst *y) { return ir_emit2(&p->b, OP_##op, x, y); }
-DEF2(add, fadd)
-DEF2(sub, fsub)
-DEF2(mul, fmul)
-DEF2(dvd, fdiv)
-DEF2(mn, fmin) DEF2(mx, fmax) DEF2(lt, flt) DEF1(neg, fneg) DEF1(root, fsqrt) DEF1(sine, fsin) DEF1(expo, fexp)
-    DEF1(tanh_, ftanh) DEF1(i2f_, i2f) DEF2(iadd_, iadd) DEF2(imul_, imul) DEF2(ilt_, ilt)
-        DEF2(band_, band) static inline Inst *sel(Prog *p, Inst *c, Inst *x, Inst *y) {
+// clang-format off
+DEF2(add, fadd) DEF2(sub, fsub) DEF2(mul, fmul) DEF2(dvd, fdiv) DEF2(mn, fmin)
+DEF2(mx, fmax) DEF2(lt, flt) DEF1(neg, fneg) DEF1(root, fsqrt) DEF1(sine, fsin)
+DEF1(expo, fexp) DEF1(tanh_, ftanh) DEF1(i2f_, i2f) DEF2(iadd_, iadd) DEF2(imul_, imul)
+DEF2(ilt_, ilt) DEF2(band_, band)
+    // clang-format on
+    static inline Inst *sel(Prog *p, Inst *c, Inst *x, Inst *y) {
     return ir_select(&p->b, c, x, y);
 }
 
