@@ -22,7 +22,7 @@ import sys
 import tempfile
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-TIMES = {"seconds", "seconds_interior", "seconds_boundary", "ns", "compile_ms", "ms", "cached", "outputs", "message",
+TIMES = {"seconds", "ratio", "seconds_interior", "seconds_boundary", "ns", "compile_ms", "ms", "cached", "outputs", "message",
          "machine_bytes", "time", "warnings", "text", "note", "tape"}
 INTEGRAL = ["grad", "--integral", "--json", "--samples", "2000", "--segments", "600"]
 
