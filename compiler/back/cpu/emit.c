@@ -1,5 +1,5 @@
 /* One kernel: the loop over vectors of samples, and the helpers every emitting file uses. Control flow is in
- * emit_control.c, value rows in emit_ops.c, everything that touches memory in emit_memory.c.
+ * emit_control.c, value rows in emit_ops.c; emit_memory.c says which file emits what touches memory.
  *
  * entry: stack objects only    setup: pointers, uniform inputs, uniform arithmetic of the top block    sample: one
  * vector    exit: ret */
@@ -140,15 +140,6 @@ static Part pointer_field(Emit *e, Part *cache, size_t offset) {
     return *cache;
 }
 
-static unsigned vector_align(const Emit *e, unsigned element) {
-    unsigned a = e->L * element;
-    return a > 64 ? 64 : a;
-}
-
-static unsigned scalar_bytes(const Emit *e, uint8_t type) {
-    return type == TY_FLT && e->fn->precision == PREC_F64 ? 8 : 4;
-}
-
 static void emit_input(Emit *e, Inst *i) {
     Part *v = emit_slot(e, i);
     uint32_t slot = (uint32_t)i->imm.i;
@@ -157,11 +148,11 @@ static void emit_input(Emit *e, Inst *i) {
         return;
     }
     LLVMTypeRef t = emit_scalar_type(e, i->type);
-    unsigned bytes = scalar_bytes(e, i->type);
+    unsigned bytes = emit_type_bytes(e, i->type);
     Part first = emit_gep(e, t, e->in[slot], e->i);
     for (uint32_t p = 0; p < e->P; p++) {
         Part at = p ? emit_gep(e, t, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)) : first;
-        v[p] = emit_load(e, emit_vector_type(e, t), at, vector_align(e, bytes), false);
+        v[p] = emit_load(e, emit_vector_type(e, t), at, emit_part_align(e, bytes), false);
     }
 }
 
@@ -189,7 +180,7 @@ static void emit_rgba8(Emit *e, const Inst *yield) {
             word = LL(BuildOr)(e->b, word, shifted, "");
         }
         emit_store(e, word, emit_gep(e, e->t_i32, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
-                   vector_align(e, 4));
+                   emit_part_align(e, 4));
     }
 }
 
@@ -214,7 +205,7 @@ void emit_outputs(Emit *e, const Inst *yield) {
         for (uint32_t p = 0; p < e->P; p++) {
             Part w = x->type == TY_BOOL ? LL(BuildZExt)(e->b, v[p], emit_vector_type(e, t), "") : v[p];
             emit_store(e, w, emit_gep(e, t, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
-                       vector_align(e, scalar_bytes(e, x->type)));
+                       emit_part_align(e, emit_type_bytes(e, x->type)));
         }
     }
 }

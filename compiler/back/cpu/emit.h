@@ -102,18 +102,54 @@ void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from);
 Part emit_any(Emit *e, const Part *mask); /* i1: some lane is on */
 /* mask & m for the current mask; the result may be m itself. */
 void emit_and_mask(Emit *e, const Part *m, Part *out);
-void emit_block(Emit *e, Block *b); /* instructions of a block without its yield */
+void emit_block(Emit *e, Block *b);            /* instructions of a block without its yield */
+void emit_outputs(Emit *e, const Inst *yield); /* stores the outputs of the top yield */
 
 /* ---- emit_ops.c: value rows */
 void emit_value_op(Emit *e, Inst *i);
 
-/* ---- emit_memory.c: parameters, arrays, adjoints, tape, effects */
+/* ---- emit_memory.c: sizes, addresses and lanes for the files below, and which of them emits an operation */
 void emit_memory_op(Emit *e, Inst *i);
-bool emit_pairs_apart(Emit *e, Inst *i); /* a band that asks for pairs that disagree: emitted as one, if it is one */
-void emit_revloop(Emit *e, Inst *i);
+unsigned emit_flt_bytes(const Emit *e); /* of a float in this kernel's precision */
+unsigned emit_type_bytes(const Emit *e, uint8_t type);
+unsigned emit_part_align(const Emit *e, unsigned element); /* of one part whose elements have so many bytes; <= 64 */
+Part emit_i64(Emit *e, uint64_t v);
+Part emit_at_byte(Emit *e, Part base, uint64_t offset);
+Part emit_all_on(Emit *e); /* the mask of one part, all lanes on */
+Part emit_gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align);
+void emit_scatter(Emit *e, Part value, Part pointers, unsigned align, Part mask); /* mask NULL: all lanes */
+/* `index` clamped to [0, count - 1], as cheaply as what is known about it allows: v, one part of its value. */
+Part emit_clamped_index(Emit *e, const Inst *index, Part v, uint32_t count);
+Part emit_scalar_index(Emit *e, const Inst *index, uint32_t count); /* of a uniform one, as i64 */
+/* The executing lanes of part p whose sample the caller asked for, further narrowed by `cond` (may be NULL). */
+Part emit_counting_lanes(Emit *e, uint32_t p, Part cond);
+
+/* ---- emit_param.c: parameters, and their adjoints */
+void emit_param(Emit *e, Inst *i);
+void emit_adjoint(Emit *e, Inst *i);
+
+/* ---- emit_array.c: local arrays */
+void emit_alloc(Emit *e, Inst *i);
+void emit_array_load(Emit *e, Inst *i);
+void emit_array_store(Emit *e, Inst *i);
+void emit_array_copy(Emit *e, Inst *i);
+
+/* ---- emit_tape.c: frames of reverse mode */
 void emit_layout_frames(Emit *e);
-/* Stores the outputs of the top yield. */
-void emit_outputs(Emit *e, const Inst *yield);
+void emit_tapepush(Emit *e, Inst *i);
+void emit_revloop(Emit *e, Inst *i);
+
+/* ---- emit_pair.c: pairs of lanes */
+void emit_partner(Emit *e, const Part *in, Part *out);
+void emit_both(Emit *e, Inst *i);
+bool emit_pairs_apart(Emit *e, Inst *i); /* a band that asks for pairs that disagree: emitted as one, if it is one */
+
+/* ---- emit_effect.c: counters and print */
+void emit_count(Emit *e, Inst *i);
+void emit_print(Emit *e, Inst *i);
+
+/* ---- emit_query.c: searches along rays */
+void emit_fieldop(Emit *e, Inst *i);
 
 /* ---- codegen.c: LLVM module -> text, object or assembly. All errors in *why (malloc-free: scratch arena). */
 typedef struct Codegen {
