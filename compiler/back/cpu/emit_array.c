@@ -6,7 +6,7 @@ static LLVMTypeRef element_type(Emit *e, const Inst *array) {
     return array->imm.arr.elem == TY_BOOL ? e->t_i32 : emit_scalar_type(e, array->imm.arr.elem);
 }
 static uint64_t array_bytes(const Emit *e, const Inst *array) {
-    return (uint64_t)array->imm.arr.count * emit_type_bytes(e, array->imm.arr.elem) *
+    return (uint64_t)array->imm.arr.count * back_type_bytes(&e->plan, array->imm.arr.elem) *
            (emit_is_vector(e, array) ? e->W : 1);
 }
 
@@ -62,7 +62,7 @@ static Part element_pointer(Emit *e, const Inst *array, Part index, uint32_t p) 
 void emit_array_load(Emit *e, Inst *i) {
     const Inst *array = i->args[0], *index = i->args[1];
     LLVMTypeRef t = element_type(e, array);
-    unsigned bytes = emit_type_bytes(e, array->imm.arr.elem);
+    unsigned bytes = back_type_bytes(&e->plan, array->imm.arr.elem);
     Part *out = emit_slot(e, i);
     if (emit_is_vector(e, index)) {
         for (uint32_t p = 0; p < e->P; p++)
@@ -81,7 +81,7 @@ void emit_array_load(Emit *e, Inst *i) {
 void emit_array_store(Emit *e, Inst *i) {
     const Inst *array = i->args[0], *index = i->args[1];
     LLVMTypeRef t = element_type(e, array);
-    unsigned bytes = emit_type_bytes(e, array->imm.arr.elem);
+    unsigned bytes = back_type_bytes(&e->plan, array->imm.arr.elem);
     if (!emit_is_vector(e, array)) {
         Part at = emit_scalar_index(e, index, array->imm.arr.count);
         emit_store(e, to_element(e, array, emit_scalar(e, i->args[2]), false), element_pointer(e, array, at, 0), bytes);
@@ -116,7 +116,7 @@ void emit_array_copy(Emit *e, Inst *i) {
         return;
     }
     LLVMTypeRef t = element_type(e, to), v = emit_vector_type(e, t);
-    unsigned bytes = emit_type_bytes(e, to->imm.arr.elem);
+    unsigned bytes = back_type_bytes(&e->plan, to->imm.arr.elem);
     LLVMBasicBlockRef before = emit_here(e), body = emit_new_block(e, "copy"), done = emit_new_block(e, "copied");
     LL(BuildBr)(e->b, body);
     emit_at(e, body);

@@ -2,10 +2,6 @@
  * the lanes that count; and which of them emits what. */
 #include "compiler/back/cpu/emit.h"
 
-unsigned emit_flt_bytes(const Emit *e) { return e->fn->precision == PREC_F64 ? 8 : 4; }
-unsigned emit_type_bytes(const Emit *e, uint8_t type) {
-    return type == TY_FLT ? emit_flt_bytes(e) : type == TY_TAPE ? 8 : 4;
-}
 unsigned emit_part_align(const Emit *e, unsigned element) { return e->L * element > 64 ? 64 : e->L * element; }
 Part emit_i64(Emit *e, uint64_t v) { return emit_int(e, e->t_i64, v); }
 Part emit_at_byte(Emit *e, Part base, uint64_t offset) { return emit_gep(e, e->t_i8, base, emit_i64(e, offset)); }

@@ -4,7 +4,7 @@
 void emit_param(Emit *e, Inst *i) {
     Part base = i->op == OP_param ? e->params : i->op == OP_iparam ? e->iparams : e->dparams;
     LLVMTypeRef t = emit_scalar_type(e, i->type);
-    unsigned bytes = emit_type_bytes(e, i->type);
+    unsigned bytes = back_type_bytes(&e->plan, i->type);
     base = emit_gep(e, t, base, emit_i64(e, i->imm.slot.base));
     Part *out = emit_slot(e, i);
     if (!emit_is_vector(e, i)) {
@@ -33,7 +33,7 @@ static Part compressed(Emit *e, Part v, Part mask) {
 
 static void append_vector(Emit *e, Part index, Part value, Part mask, const Log *log) {
     emit_store(e, compressed(e, index, mask), emit_gep(e, e->t_i32, log->index, log->len), 4);
-    emit_store(e, compressed(e, value, mask), emit_gep(e, e->t_flt, log->value, log->len), emit_flt_bytes(e));
+    emit_store(e, compressed(e, value, mask), emit_gep(e, e->t_flt, log->value, log->len), e->plan.flt_bytes);
 }
 
 /* Elsewhere lane by lane; a lane that is off is overwritten by the next. */
@@ -44,7 +44,7 @@ static void append_lanes(Emit *e, Part index, Part value, Part bits, const Log *
         emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, index, lane, "") : index,
                    emit_gep(e, e->t_i32, log->index, at), 4);
         emit_store(e, e->W > 1 ? LL(BuildExtractElement)(e->b, value, lane, "") : value,
-                   emit_gep(e, e->t_flt, log->value, at), emit_flt_bytes(e));
+                   emit_gep(e, e->t_flt, log->value, at), e->plan.flt_bytes);
         Part bit = LL(BuildAnd)(e->b, LL(BuildLShr)(e->b, bits, emit_i64(e, l), ""), emit_i64(e, 1), "");
         at = LL(BuildAdd)(e->b, at, bit, "");
     }
@@ -60,7 +60,7 @@ static Part append(Emit *e, Part index, Part value, Part mask, Log log) {
     LLVMBasicBlockRef write = emit_new_block(e, "log"), done = emit_new_block(e, "logged");
     LL(BuildCondBr)(e->b, LL(BuildAnd)(e->b, some, room, ""), write, done);
     emit_at(e, write);
-    if (e->opt->target.vector_bytes == 64 && e->L >= 4 && e->L * emit_flt_bytes(e) <= 64)
+    if (e->opt->target.vector_bytes == 64 && e->L >= 4 && e->L * e->plan.flt_bytes <= 64)
         append_vector(e, index, value, mask, &log);
     else append_lanes(e, index, value, bits, &log);
     LL(BuildBr)(e->b, done);
@@ -117,13 +117,13 @@ void emit_adjoint(Emit *e, Inst *i) {
         value[p] = LL(BuildSelect)(e->b, e->mask[p], value[p], LL(ConstNull)(LL(TypeOf)(value[p])), "");
     if (e->opt->adj == ADJ_FLAT) {
         Part at = emit_gep(e, e->t_flt, e->adj, index), sum = horizontal_sum(e, value);
-        emit_store(e, LL(BuildFAdd)(e->b, emit_load(e, e->t_flt, at, emit_flt_bytes(e), false), sum, ""), at,
-                   emit_flt_bytes(e));
+        emit_store(e, LL(BuildFAdd)(e->b, emit_load(e, e->t_flt, at, e->plan.flt_bytes, false), sum, ""), at,
+                   e->plan.flt_bytes);
         return;
     }
     index = LL(BuildMul)(e->b, index, emit_i64(e, e->W), "");
     Part row = emit_gep(e, e->t_flt, e->adj, index);
-    unsigned align = emit_part_align(e, emit_flt_bytes(e));
+    unsigned align = emit_part_align(e, e->plan.flt_bytes);
     for (uint32_t p = 0; p < e->P; p++) {
         Part at = emit_gep(e, e->t_flt, row, emit_i64(e, (uint64_t)p * e->L));
         Part old = emit_load(e, emit_vector_type(e, e->t_flt), at, align, false);

@@ -16,7 +16,7 @@ static Part active_bits(Emit *e) {
 
 void emit_fieldop(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
-    uint32_t width = vector ? e->W : 1, flt = emit_flt_bytes(e);
+    uint32_t width = vector ? e->W : 1, flt = e->plan.flt_bytes;
     unsigned align = vector ? emit_part_align(e, flt) : flt, ialign = vector ? emit_part_align(e, 4) : 4;
     Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_FIELD_RAY_ROWS * width * flt, 64),
          ids = emit_alloca(e, e->t_i8, 4ull * width, 64);

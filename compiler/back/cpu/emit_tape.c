@@ -1,36 +1,7 @@
-/* The tape of reverse mode: how its frames lie, pushing one, and the loop that pops them. */
+/* The tape of reverse mode: pushing a frame, and the loop that pops them. */
 #include "compiler/back/cpu/emit.h"
 
 #include <string.h>
-
-/* A frame: whole vectors first, then 8-byte, 4-byte and bit values, then the mask; one size for each
- * signature. A frame takes at most the sum of its values' bytes and 4 more for each lane: the mask, an iteration number
- * and the padding fit in those. */
-static uint32_t bits_bytes(const Emit *e) { return e->P * (e->L < 8 ? 1 : e->L / 8); }
-
-void emit_layout_frames(Emit *e) {
-    for (uint32_t k = 0; k < e->frames.len; k++) {
-        FrameClass *c = e->frames.data[k];
-        uint32_t at = 0;
-        if (e->W == 1) {
-            c->masked = false;
-            memset(c->varying, 0, c->n * sizeof *c->varying);
-        }
-        for (int pass = 0; pass < 4; pass++)
-            for (uint32_t j = 0; j < c->n; j++) {
-                unsigned bytes = c->types[j] == TY_BOOL ? 1 : emit_type_bytes(e, c->types[j]);
-                bool bits = c->types[j] == TY_BOOL, vector = c->varying[j] && !bits;
-                int when = vector ? 0 : bits ? 3 : bytes == 8 ? 1 : 2;
-                if (when != pass) continue;
-                c->offset[j] = at;
-                at += vector ? bytes * e->W : bits && c->varying[j] ? bits_bytes(e) : bytes;
-            }
-        c->mask_offset = at;
-        at += c->masked ? bits_bytes(e) : 0;
-        uint32_t align = e->W * 4 < 64 ? e->W * 4 : 64;
-        c->bytes = at ? (at + align - 1) / align * align : align; /* an empty frame still counts an iteration */
-    }
-}
 
 static void store_bits(Emit *e, const Part *bits, Part at) {
     LLVMTypeRef t = LL(IntTypeInContext)(e->ctx, e->L);
@@ -52,7 +23,7 @@ static void load_bits(Emit *e, Part *bits, Part at) {
 }
 
 void emit_tapepush(Emit *e, Inst *i) {
-    FrameClass *c = back_frame_class(&e->frames, e->arena, i->nargs, i->args);
+    FrameClass *c = back_frame_class(&e->plan.frames, e->arena, i->nargs, i->args);
     Part top = emit_load(e, e->t_i64, e->tape_top, 8, false), next = LL(BuildAdd)(e->b, top, emit_i64(e, c->bytes), "");
     LLVMBasicBlockRef push = emit_new_block(e, "push"), full = emit_new_block(e, "full"),
                       done = emit_new_block(e, "pushed");
@@ -77,7 +48,8 @@ void emit_tapepush(Emit *e, Inst *i) {
             store_bits(e, v, at);
             continue;
         }
-        unsigned bytes = emit_type_bytes(e, x->type), align = e->W * 4 < 64 ? e->L * 4 : emit_part_align(e, bytes);
+        unsigned bytes = back_type_bytes(&e->plan, x->type),
+                 align = e->W * 4 < 64 ? e->L * 4 : emit_part_align(e, bytes);
         for (uint32_t p = 0; p < e->P; p++)
             emit_store(e, v[p], emit_at_byte(e, at, (uint64_t)p * e->L * bytes),
                        align < emit_part_align(e, bytes) ? align : emit_part_align(e, bytes));
@@ -106,7 +78,8 @@ static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame) {
             load_bits(e, out, at);
             continue;
         }
-        unsigned bytes = emit_type_bytes(e, x->type), align = e->W * 4 < 64 ? e->L * 4 : emit_part_align(e, bytes);
+        unsigned bytes = back_type_bytes(&e->plan, x->type),
+                 align = e->W * 4 < 64 ? e->L * 4 : emit_part_align(e, bytes);
         for (uint32_t p = 0; p < e->P; p++)
             out[p] = emit_load(e, emit_vector_type(e, emit_scalar_type(e, x->type)),
                                emit_at_byte(e, at, (uint64_t)p * e->L * bytes),
@@ -118,7 +91,7 @@ static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame) {
 void emit_revloop(Emit *e, Inst *i) {
     Block *body = i->region[0];
     uint32_t carried = i->nargs - 1, nframe = body->nparams - carried;
-    FrameClass *c = back_frame_class(&e->frames, e->arena, nframe, body->params);
+    FrameClass *c = back_frame_class(&e->plan.frames, e->arena, nframe, body->params);
     Inst **params = body->params + nframe;
     Part(*init)[BACK_MAX_PARTS] = arena_alloc(e->arena, (carried + 1) * sizeof *init);
     uint32_t *n = ARENA_ARRAY(e->arena, uint32_t, carried + 1);
