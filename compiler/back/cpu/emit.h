@@ -33,8 +33,6 @@ FrameClass *back_frame_class(FrameTable *t, Arena *arena, uint32_t n, Inst *cons
 void back_analyse_frames(Fn *fn, FrameTable *frames);
 /* True if lanes that enter `outer` may be inactive in `inner`, a block inside it. */
 bool back_diverges_between(const Block *inner, const Block *outer);
-/* Bounds of an integer value, if they are known. */
-bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi);
 
 /* ---- the emitter's state, one per kernel */
 typedef LLVMValueRef Part;

@@ -59,37 +59,23 @@ static void narrow(Emit *e, const Part *wide, Part *mask) {
 }
 
 /* ---- if_ */
-enum { SELECT_BUDGET = 8, NOT_CHEAP = 1000 }; /* a test and a branch cost about this many vector instructions */
+enum {
+    SELECT_BUDGET = 8, /* a test and a branch cost about this many vector instructions, */
+    GATHER = 8,        /* a read whose lanes may want different places this many, */
+    LIBRARY_FMA = 100, /* and a fused product without hardware for it this many */
+    NOT_CHEAP = 1000
+};
 
 /* About how many vector instructions a region costs, NOT_CHEAP if it must not run for lanes that did not ask. */
 static uint32_t region_cost(const Emit *e, const Block *b) {
     uint32_t cost = 0;
     for (const Inst *i = b->first; i && cost < NOT_CHEAP; i = i->next) {
-        switch (i->op) {
-        case OP_constf:
-        case OP_consti:
-        case OP_constb:
-        case OP_proj:
-        case OP_arg:
-        case OP_yield:
-        case OP_detach:
-        case OP_site:
-        case OP_siten: break;
-        case OP_fdiv:
-        case OP_zdiv:
-        case OP_fsqrt:
-        case OP_ffma: cost += i->op != OP_ffma ? 5 : e->opt->target.has_fma ? 1 : 100; break;
-        case OP_idiv:
-        case OP_irem:
-        case OP_udiv:
-        case OP_urem: cost += 8; break;
-        case OP_param:
-        case OP_iparam:
-        case OP_dparam:
-        case OP_load: cost += emit_is_vector(e, i) ? 8 : 1; break;
-        case OP_if_: cost += 1 + region_cost(e, i->region[0]) + region_cost(e, i->region[1]); break;
-        default: cost += ir_ops[i->op].special && i->op != OP_input ? NOT_CHEAP : 1;
-        }
+        const OpInfo *o = &ir_ops[i->op];
+        bool reads = i->op == OP_load || i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam;
+        if (i->op == OP_if_) cost += o->cost + region_cost(e, i->region[0]) + region_cost(e, i->region[1]);
+        else if (o->kind == KIND_PLACED || o->kind == KIND_EFFECT) cost += NOT_CHEAP;
+        else if (i->op == OP_ffma && !e->opt->target.has_fma) cost += LIBRARY_FMA;
+        else cost += reads && emit_is_vector(e, i) ? GATHER : o->cost;
     }
     return cost;
 }

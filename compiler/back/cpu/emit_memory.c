@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "compiler/ir/range.h"
 #include "saltus/field.h"
 
 /* ---- shared helpers */
@@ -34,14 +35,13 @@ static void scatter(Emit *e, Part value, Part pointers, unsigned align, Part mas
 
 /* index clamped to [0, count - 1], as cheaply as what is known about it allows. */
 static Part clamped(Emit *e, const Inst *index, Part v, uint32_t count) {
-    int64_t lo = INT32_MIN, hi = INT32_MAX;
-    back_int_range(index, &lo, &hi);
+    IrRange r = ir_range_of(index, NULL, 0);
     LLVMTypeRef t = LL(TypeOf)(v);
-    if (lo < 0) {
+    if (r.lo < 0) {
         Part x[2] = {v, emit_const_like(e, t, e->t_i32, 0, 0, false)};
         v = emit_intrinsic(e, "llvm.smax", t, x, 2);
     }
-    if (hi >= (int64_t)count) {
+    if (r.hi >= count) {
         Part x[2] = {v, emit_const_like(e, t, e->t_i32, 0, count ? count - 1 : 0, false)};
         v = emit_intrinsic(e, "llvm.smin", t, x, 2);
     }
