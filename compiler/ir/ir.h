@@ -143,12 +143,19 @@ struct Fn {
 };
 
 /* ---- ops.c: facts of the table */
+#define IR_MANY 255 /* OpInfo.nargs: any number */
+/* The kind column of special rows; value rows are pure. */
+typedef enum OpKind { KIND_PURE, KIND_READ, KIND_LINK, KIND_PLACED, KIND_EFFECT } OpKind;
+#define IR_COST_DIVISION 5 /* OpInfo.cost of a float division: what costs as much is dear */
 typedef struct OpInfo {
     const char *name;
-    uint8_t nargs;  /* 255: many */
+    uint8_t nargs;  /* IR_MANY: any number */
     uint8_t result; /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
-    uint8_t arg;    /* IrType of the arguments of value rows */
+    uint8_t arg;    /* IrType of the arguments of value rows, but for the condition of a select; else TY_VOID */
+    uint8_t kind;   /* OpKind */
     bool special, math;
+    bool compares, selects; /* a comparison; a choice between the second and the third argument */
+    uint16_t cost;          /* about how many vector additions it takes */
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 IrType ir_input_type(InputSlot slot);

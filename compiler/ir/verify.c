@@ -325,14 +325,14 @@ static void check_special(Verify *v, const Inst *i) {
 
 static void check_value(Verify *v, const Inst *i) {
     const OpInfo *info = &ir_ops[i->op];
-    bool select = i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel;
+    bool select = info->selects;
     for (uint32_t a = 0; a < i->nargs; a++) want(v, i, a, select && a == 0 ? TY_BOOL : (IrType)info->arg);
     want_result(v, i, (IrType)info->result);
 }
 
 static void check_inst(Verify *v, const Inst *i) {
     const OpInfo *info = &ir_ops[i->op];
-    if (info->nargs != 255 && i->nargs != info->nargs) {
+    if (info->nargs != IR_MANY && i->nargs != info->nargs) {
         problem(v, i, "%u operands, not %d", i->nargs, info->nargs);
         return;
     }

@@ -23,6 +23,7 @@
 #include <setjmp.h>
 
 #include "compiler/front/front.h"
+#include "compiler/ir/range.h"
 
 typedef struct Var {
     Inst *value; /* NULL: not assigned yet; an alloc for arrays, which never changes */
@@ -136,10 +137,6 @@ typedef struct Clearance {
     Inst *gap, *cell; /* to the border of the box, where it jumps; the t of a cell's length */
 } Clearance;
 
-typedef struct Range {
-    int64_t lo, hi;
-} Range;
-
 typedef struct ConstArray {
     Symbol *sym;
     Var *vars;
@@ -167,7 +164,7 @@ typedef struct Lower {
     Var *rand_counter;
     Vec(Change) journal;
     uint32_t clock, stamps;
-    Vec(Range) ranges; /* by Inst.tag; 0 is unused */
+    Vec(IrRange) ranges; /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
     Vec(SiteInfo) sites;
     Vec(Untracked) untracked;
     Vec(ConstArray) const_arrays;
@@ -225,9 +222,9 @@ typedef Vec(Var *) VarList;
 void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info);
 void loop_end(Lower *l, LoopCtx *c, Inst *go_on);
 void gen_prune_loops(Lower *l);
-/* integers */
+/* integers: bounds of what an instruction can be */
 void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi);
-bool range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi); /* false: the whole of int */
+void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi);
 Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
 
 /* gen_expr.c */
