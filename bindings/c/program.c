@@ -115,8 +115,8 @@ static void compile_body(Session *s, void *arg) {
             return;
         }
     p->prog = prog;
-    p->passes =
-        (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
+    p->passes = (PassCtx){
+        .session = s, .program = prog, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
     p->ms_passes = now_ms() - start;

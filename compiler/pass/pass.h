@@ -12,13 +12,15 @@
 
 typedef struct PassCtx {
     Session *session;
-    const char *dump; /* -d NAME */
-    bool verify_each; /* verify after every pass */
-    bool has_fma;     /* the target contracts */
+    const Program *program; /* whose Fns these are: names for warnings; NULL: no warnings */
+    const char *dump;       /* -d NAME */
+    bool verify_each;       /* verify after every pass */
+    bool has_fma;           /* the target contracts */
 } PassCtx;
 
 /* ---- opt_*.c: none of them may change the value of a float that decides, except contract, which runs once, before
  * variants are cut */
+bool warn_jumps(PassCtx *ctx, Fn *fn); /* warnings of jumps that nothing integrates; static sites out */
 bool opt_dce(
     PassCtx *ctx,
     Fn *fn); /* dead instructions, unused results of structured operations, unused carried values, dead arrays */

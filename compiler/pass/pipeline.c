@@ -1,8 +1,8 @@
 /* The order of everything between the front end and the back end. */
 #include <string.h>
 
+#include "compiler/pass/depend.h"
 #include "compiler/pass/lower_math.h"
-#include "compiler/pass/site_facts.h"
 #include "compiler/pass/variant.h"
 
 const char *const kernel_names[K_KINDS] = {"value",     "region",   "event",    "sides", "site",
@@ -26,6 +26,7 @@ static bool run(PassCtx *ctx, Fn *fn, const char *name, Pass *pass) {
 #define RUN(pass) run(ctx, fn, #pass, pass)
 
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
+    RUN(warn_jumps); /* before anything moves: it knows the places that the front end recorded */
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);
@@ -59,7 +60,7 @@ static bool boundary_moves(PassCtx *ctx, Program *p, const uint8_t *wrt) {
     ArenaMark m = arena_mark(&ctx->session->scratch);
     uint8_t *facts = ARENA_ARRAY(&ctx->session->scratch, uint8_t, primal->nsites + 1);
     bool moves = false;
-    site_facts(ctx, p->primal, wrt, facts);
+    depend_sites(p->primal, wrt, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) moves |= (facts[s] & DEPENDS_PARAM) != 0;
     arena_reset(&ctx->session->scratch, m);
     return moves;
