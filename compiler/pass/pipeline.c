@@ -8,24 +8,11 @@
 const char *const kernel_names[K_KINDS] = {"value",     "region",   "event",    "sides", "site",
                                            "site_grad", "site_jvp", "site_vjp", "jvp",   "vjp"};
 
-typedef bool Pass(PassCtx *, Fn *);
-
-static bool run(PassCtx *ctx, Fn *fn, const char *name, Pass *pass) {
-    bool changed = pass(ctx, fn);
-    if (ctx->verify_each) {
-        const char *text = NULL;
-        if (!ir_verify(fn, &ctx->session->scratch, &text))
-            ice(ctx->session, "after %s of %s: %s", name, fn->name, text ? text : "?");
-    }
-    if (ctx->dump && (!strcmp(ctx->dump, name) || !strcmp(ctx->dump, "all"))) {
-        fprintf(stderr, "; after %s of %s\n", name, fn->name);
-        ir_print(fn, stderr);
-    }
-    return changed;
-}
-#define RUN(pass) run(ctx, fn, #pass, pass)
+#define RUN(pass) pass_run(ctx, stage, fn, PASS_##pass)
 
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_PRIMAL;
+    pass_step(ctx, stage, fn, PASS_front);
     RUN(warn_jumps); /* before anything moves: it knows the places that the front end recorded */
     RUN(opt_fold);
     RUN(opt_induction);
@@ -41,6 +28,8 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
 }
 
 void pipeline_kernel(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_KERNEL;
+    pass_step(ctx, stage, fn, PASS_cut);
     RUN(lower_custom);
     RUN(opt_fold);
     RUN(opt_cse);
@@ -124,7 +113,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             part->name = kernel_names[k];
             pipeline_kernel(ctx, part);
             if (k == K_EVENT && out->has_window)
-                run(ctx, part, "opt_sink", opt_sink); /* the searches behind g, for pairs that have an event */
+                pass_run(ctx, PASS_NEEDS_KERNEL, part,
+                         PASS_opt_sink); /* the searches behind g, for pairs that have an event */
         }
     }
 }
