@@ -238,6 +238,9 @@ Fn *ir_parse(Session *s, Arena *arena, int file);
 
 /* ---- verify.c: reports everything that is wrong, into *text; true if sound. */
 bool ir_verify(const Fn *fn, Arena *arena, const char **text);
+/* Verifies what we made ourselves. Broken: the whole report goes to standard error, and the session ends with an
+ * internal error that names `when` ("lowering", "opt_fold") and the Fn. */
+void ir_require(const Fn *fn, const char *when);
 
 /* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision),
  * W lanes at a time (W even where partner is used). Same arguments as a compiled kernel, except that adjoints always

@@ -12,7 +12,6 @@
  * heightfield.c    heightfields
  * site.c           sites, [SkipLoop], the record of what is untagged
  * init.c           first values of parameters
- * warn.c           untracked and static discontinuities
  *
  * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being lowered. Every
  * change is written into a journal, so that an if_ finds out afterwards what its branches changed, and takes it back
@@ -121,15 +120,6 @@ typedef struct Tag {
     bool disc, nodisc;
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
-
-typedef enum JumpKind { JUMP_COMPARE, JUMP_EQUALITY, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
-/* An untagged place that may jump. */
-typedef struct Untracked {
-    Inst *at;      /* the comparison, or the value that jumps */
-    Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
-    Span span;
-    JumpKind kind;
-} Untracked;
 
 /* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
 typedef struct Clearance {
@@ -293,8 +283,5 @@ void site_flush_skips(Lower *l, LoopCtx *root);
 
 /* gen_init.c */
 void gen_initial_values(Lower *l);
-
-/* warn.c */
-void warn_discontinuities(Lower *l); /* also takes static sites out */
 
 #endif
