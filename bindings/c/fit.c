@@ -50,6 +50,7 @@ struct SltFit {
     double start;           /* by pool_now() */
     SltFitStop stop;
     char reason[512];
+    bool unsaved; /* the checkpoint could not be written: not tried again */
     SltStats stats;
 };
 
@@ -114,7 +115,7 @@ static void *twice(const void *from, size_t count, size_t size) {
 
 /* Reads what a view sees with a value of its own, once, and puts the common value back. */
 static SltStatus read_value(SltProgram *p, const SltSet *set, OwnValue *v, SltError *err) {
-    SltStatus status = find_param(p, set->name, "a view's value", &v->at, err);
+    SltStatus status = find_param(p, set->name, "value of a view", &v->at, err);
     for (uint32_t i = 0; status == SLT_OK && i < v->at.fcount; i++)
         if (p->wrt[v->at.fbase + i])
             status =
@@ -171,7 +172,7 @@ static void use_view(SltFit *f, const View *v, bool own) {
 
 static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *g, SltError *err) {
     ParamRef at;
-    SltStatus status = find_param(f->p, smooth->name, "what is smoothed", &at, err);
+    SltStatus status = find_param(f->p, smooth->name, "smoothing", &at, err);
     if (status != SLT_OK) return status;
     const Type *t = at.type;
     uint32_t w = 1, h = 1, channels = 1;
@@ -206,7 +207,7 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
 
 static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *rate, SltError *err) {
     ParamRef at = {.fcount = f->p->prog->nfloats};
-    SltStatus status = given->name ? find_param(f->p, given->name, "a learning rate", &at, err) : SLT_OK;
+    SltStatus status = given->name ? find_param(f->p, given->name, "learning rate", &at, err) : SLT_OK;
     for (uint32_t i = 0; status == SLT_OK && i < f->n; i++)
         if (f->index[i] >= at.fbase && f->index[i] < at.fbase + at.fcount) rate[i] = given->value;
     return status;
@@ -214,7 +215,7 @@ static SltStatus set_rate(const SltFit *f, const SltFitNumber *given, double *ra
 
 static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, SltError *err) {
     ParamRef at;
-    SltStatus status = find_param(f->p, m->name, "a mask", &at, err);
+    SltStatus status = find_param(f->p, m->name, "mask", &at, err);
     if (status != SLT_OK) return status;
     uint64_t cells = (uint64_t)m->width * m->height;
     bool resource = at.param->is_texture || at.param->is_heightfield;
@@ -341,10 +342,12 @@ static SltStatus prepare_checkpoint(SltFit *f, SltError *err) {
     return status;
 }
 
-static SltStatus save(const SltFit *f, SltError *err) {
-    return f->checkpoint
-               ? optimise_save(f->optimiser, f->checkpoint, f->key, f->losses, f->iteration * sizeof *f->losses, err)
-               : SLT_OK;
+static SltStatus save(SltFit *f, SltError *err) {
+    if (!f->checkpoint || f->unsaved) return SLT_OK;
+    size_t size = f->iteration * sizeof *f->losses;
+    SltStatus status = optimise_save(f->optimiser, f->checkpoint, f->key, f->losses, size, err);
+    f->unsaved = status != SLT_OK;
+    return status;
 }
 
 /* ---- beginning and ending */
