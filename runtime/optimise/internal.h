@@ -79,10 +79,16 @@ static inline size_t optimise_grid_index(const OptimiseGrid *g, int x, int y, in
 /* first_order.c */
 OptimiseState first_order_accept(Optimiser *o, double loss);
 void first_order_retreat(Optimiser *o);
-void adam_direction(Optimiser *o);
-void sgd_direction(Optimiser *o);
-/* lbfgs.c */
-OptimiseState lbfgs_accept(Optimiser *o, double loss);
-void lbfgs_retreat(Optimiser *o);
+
+/* What the rows name: members `direction`, `accept` and `retreat` of Method. */
+#define OPTIMISER(id, name, functions, ...) functions
+#define FIRST_ORDER(direction, vectors) void direction(Optimiser *o);
+#define LINE_SEARCH(accept, retreat)                                                                                   \
+    OptimiseState accept(Optimiser *o, double loss);                                                                   \
+    void retreat(Optimiser *o);
+#include "optimisers.def"
+#undef OPTIMISER
+#undef FIRST_ORDER
+#undef LINE_SEARCH
 
 #endif

@@ -8,9 +8,13 @@
 #include <string.h>
 
 const Method optimise_methods[OPTIMISE_METHODS] = {
-#define OPTIMISER(id, shown, ...) [OPTIMISE_##id] = {.name = shown, __VA_ARGS__},
+#define OPTIMISER(id, shown, functions, ...) [OPTIMISE_##id] = {.name = shown, functions, __VA_ARGS__},
+#define FIRST_ORDER(step, n) .accept = first_order_accept, .retreat = first_order_retreat, .direction = step, .vectors = n
+#define LINE_SEARCH(take, shorten) .accept = take, .retreat = shorten, .same_loss = true
 #include "optimisers.def"
 #undef OPTIMISER
+#undef FIRST_ORDER
+#undef LINE_SEARCH
 };
 
 bool optimise_find(const char *name, OptimiseMethod *method) {
