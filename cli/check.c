@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 
 enum { REPLICATES = 8, AD_REPLICATES = 16, MAX_ROWS = 64, LARGEST = 3 };

@@ -7,6 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 
 double cli_now(void) {

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 #include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"

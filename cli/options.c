@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "cli/cli.h"
+#include "compiler/back/back.h"
 
 /* clang-format off */
 typedef enum OptionId {
@@ -34,7 +35,7 @@ static const Option options[] = {
     {O_ADJOINT, "--adjoint", "IMAGE", GRAD, "gradient of the sum of adjoint * image"},
     {O_MINIMIZE, "--minimize", NULL, FIT, "the integral of the entry itself is the loss"},
     {O_ITERS, "--iters", "N", FIT, "optimiser iterations (default 200)"},
-    {O_OPTIMIZER, "--optimizer", "adam|sgd|lbfgs", FIT, "default adam"},
+    {O_OPTIMIZER, "--optimizer", fit_optimizers + 1, FIT, "default adam"},
     {O_LR, "--lr", "R or P=R,..", FIT, "learning rate, also for single parameters"},
     {O_SMOOTH, "--smooth", "P=LAMBDA", FIT, "Laplacian preconditioning of a grid-shaped parameter"},
     {O_LOSS_COMMAND, "--loss-command", "COMMAND", FIT,
@@ -258,7 +259,6 @@ static int apply_rates(Cli *c, const char *name, const char *v, Assign *list, ui
 static int apply(Cli *c, const Option *o, const char *v) {
     static const char *const filters[] = {"box", "tent", "gaussian"},
                              *const estimators[] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"},
-                             *const optimizers[] = {"adam", "sgd", "lbfgs"},
                              *const structures[] = {"mipmap", "cone", "naive"};
     uint64_t whole = 0;
     double number = 0;
@@ -350,8 +350,8 @@ static int apply(Cli *c, const Option *o, const char *v) {
         c->iters = (uint32_t)whole, c->iters_given = true;
         break;
     case O_OPTIMIZER:
-        CHOICE(optimizers);
-        c->optimizer = optimizers[pick], c->optimizer_given = true;
+        if (!fit_has_optimizer(v)) return cli_usage(c, "%s: unknown `%s`; known: %s", o->name, v, o->arg);
+        c->optimizer = v, c->optimizer_given = true;
         break;
     case O_LR: return apply_rates(c, "--lr", v, c->lr, &c->nlr);
     case O_SMOOTH: return apply_rates(c, "--smooth", v, c->smooth, &c->nsmooth);

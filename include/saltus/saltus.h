@@ -109,6 +109,9 @@ typedef struct SltParam {
     bool differentiable, is_texture, is_heightfield;
     bool has_range, log, color;
     double lo, hi;
+    bool has_extent; /* of a heightfield: [Extent], where it lies: x0, y0, x1, y1 */
+    double extent[4];
+    double height_scale, height_offset; /* of a heightfield: [Height], from raw heights to the shader's; else 1 and 0 */
     const char *doc;
     uint32_t tex_w, tex_h, tex_c;
 } SltParam;

@@ -49,7 +49,7 @@ loads() { LD_DEBUG=files "$@" 2>&1 >/dev/null | grep -c 'calling init: .*libLLVM
 library=$(find "$prefix" -name libsaltus.so)
 nm -D --defined-only "$library" | awk '{print $3}' | sort >exported
 grep -v '^slt_' exported && fail "exported beside slt_*"
-grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/saltus.h | tr -d '(' | sort -u >declared
+grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/{saltus,fit}.h | tr -d '(' | sort -u >declared
 [ -s declared ] || fail "no declarations found"
 comm -23 declared exported | grep . && fail "declared and not exported"
 
@@ -75,3 +75,9 @@ said=$(LD_LIBRARY_PATH=$(dirname "$library") ./own_loss disc_of_readme.salt) || 
 radius() { sed -n 's/.*loss .* at radius \([0-9.]*\).*/\1/p'; }
 shown=$(grep '^    loss .* at radius' "$root/docs/library.md" | radius)
 awk -v a="$(echo "$said" | radius)" -v b="$shown" 'BEGIN { exit !(a > 0.5 && a - b < 0.01 && b - a < 0.01) }' || fail "a loss of its own: \`$said\`, the page shows $shown"
+
+# And the one that fits.
+awk '/^```c$/ { on = 1; text = ""; next } /^```$/ { if (on && index(text, "slt_fit(")) { printf "%s", text; exit } on = 0 } on { text = text $0 "\n" }' "$root/docs/library.md" >fit.c
+$CC -std=c17 -Wall -Wextra -Werror fit.c -o fit $(pkg-config --cflags --libs saltus)
+said=$(LD_LIBRARY_PATH=$(dirname "$library") ./fit disc_of_readme.salt 2>fit.log) || { cat fit.log; fail "the fit"; }
+grep -qF "    $said" "$root/docs/library.md" || fail "the fit: \`$said\` is not what the page shows"
