@@ -90,7 +90,7 @@ static int set_rate(Fit *f, double *rate, const char *name, double value) {
 /* The learning rates of a parameter times its mask: 0 holds, 1 moves, between is slower. */
 static int apply_mask(Fit *f, double *rate, const FitParam *q) {
     Cli *c = f->c;
-    SltParam at;
+    SltParam at = SLT_PARAM_INIT;
     SltError err = {0};
     Image im;
     ImageReadOptions raw = {.raw = true};
@@ -194,7 +194,7 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) any_grad |= f->scene.params[k].grad == 1;
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
-        SltParam found;
+        SltParam found = SLT_PARAM_INIT;
         if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK)
@@ -239,6 +239,7 @@ static int read_view_values(Fit *f, View *v) {
     for (uint32_t k = 0; k < v->nparams; k++) {
         ViewValue *o = &v->values[k];
         const char *name = v->params[k].name;
+        o->at = SLT_PARAM_INIT;
         if (slt_param_find(p, name, &o->at, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
         for (uint32_t i = 0; i < o->at.fcount; i++)
             if (slt_wrt_mask(p)[o->at.fbase + i]) {
@@ -347,13 +348,13 @@ static SltStatus evaluate(Fit *f, double *loss, SltStats *total, SltError *err) 
     job.seed = f->keep_seed ? f->seed : f->seed + 0x9e3779b9u * (f->iteration + 1);
     for (uint32_t i = 0; i < f->n; i++) f->gradient[i] = 0;
     *loss = 0;
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     SltStatus status = SLT_OK;
     if (c->minimize) {
         double value[4];
         job.integral = true;
         job.replicates = 1;
-        SltIntegral out = {.value = value, .gradient = f->all};
+        SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = f->all};
         status = slt_grad_integral(f->p, &job, &out, &stats, err);
         for (uint32_t k = 0; status == SLT_OK && k < ch; k++) {
             *loss += value[k];
@@ -703,7 +704,7 @@ static int fit(Fit *f) {
         absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
     if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err)))
         return cli_fail(c, &err);
-    SltStats total = {0};
+    SltStats total = SLT_STATS_INIT;
     int ran = run(f, &total);
     loss_stop(f->loss);
     f->loss = NULL;
