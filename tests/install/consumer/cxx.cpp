@@ -9,7 +9,7 @@ int main() {
     bool right = status == SLT_OK && slt_channels(p) == 1 && std::strcmp(slt_entry(p), "main") == 0;
     SltFitOptions fit = SLT_FIT_OPTIONS_INIT;
     fit.minimize = true;
-    right = right && slt_fit(p, &fit, nullptr, nullptr, nullptr) == SLT_USAGE; // it has no parameters
+    right = right && slt_fit(p, &fit, nullptr, nullptr) == SLT_USAGE; // it has no parameters
     slt_program_free(p);
     return right ? 0 : 1;
 }
