@@ -119,9 +119,6 @@ typedef struct SltParam {
     bool differentiable, is_texture, is_heightfield;
     bool has_range, log, color;
     double lo, hi;
-    bool has_extent; /* of a heightfield: [Extent], where it lies: x0, y0, x1, y1 */
-    double extent[4];
-    double height_scale, height_offset; /* of a heightfield: [Height], from raw heights to the shader's; else 1 and 0 */
     const char *doc;
     uint32_t tex_w, tex_h, tex_c;
     SltKind kind;                       /* of what the array holds */
@@ -129,6 +126,9 @@ typedef struct SltParam {
     uint32_t fstride, istride; /* from one element to the next: 1 and 0, or 0 and 1; of a struct: what it holds */
     uint32_t nfields;          /* of a struct, else 0 */
     const void *layout;        /* for slt_param_field */
+    bool has_extent;           /* of a heightfield: [Extent], where it lies: x0, y0, x1, y1 */
+    double extent[4];
+    double height_scale, height_offset; /* of a heightfield: [Height], from raw heights to the shader's; else 1 and 0 */
 } SltParam;
 #define SLT_PARAM_INIT ((SltParam){.struct_size = sizeof(SltParam)})
 uint32_t slt_param_count(const SltProgram *p);

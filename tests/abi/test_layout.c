@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-#include "saltus/saltus.h"
+#include "saltus/fit.h"
 
 /* A struct's end so far: the next member begins at the next multiple of its alignment, or one is missing here. */
 static size_t end_of;
@@ -204,7 +204,98 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, istride);
     MEMBER(SltParam, nfields);
     MEMBER(SltParam, layout);
+    MEMBER(SltParam, has_extent);
+    MEMBER(SltParam, extent);
+    MEMBER(SltParam, height_scale);
+    MEMBER(SltParam, height_offset);
     END(SltParam);
+    STRUCT(SltFitView);
+    MEMBER(SltFitView, struct_size);
+    MEMBER(SltFitView, target);
+    MEMBER(SltFitView, mask);
+    MEMBER(SltFitView, values);
+    MEMBER(SltFitView, nvalues);
+    END(SltFitView);
+    STRUCT(SltFitNumber);
+    MEMBER(SltFitNumber, name);
+    MEMBER(SltFitNumber, value);
+    END(SltFitNumber);
+    STRUCT(SltFitMask);
+    MEMBER(SltFitMask, name);
+    MEMBER(SltFitMask, width);
+    MEMBER(SltFitMask, height);
+    MEMBER(SltFitMask, factors);
+    END(SltFitMask);
+    STRUCT(SltFitRequest);
+    MEMBER(SltFitRequest, struct_size);
+    MEMBER(SltFitRequest, iteration);
+    MEMBER(SltFitRequest, view);
+    MEMBER(SltFitRequest, views);
+    MEMBER(SltFitRequest, pixels);
+    MEMBER(SltFitRequest, channels);
+    MEMBER(SltFitRequest, image);
+    END(SltFitRequest);
+    STRUCT(SltFitIteration);
+    MEMBER(SltFitIteration, struct_size);
+    MEMBER(SltFitIteration, iteration);
+    MEMBER(SltFitIteration, count);
+    MEMBER(SltFitIteration, index);
+    MEMBER(SltFitIteration, parameters);
+    MEMBER(SltFitIteration, gradient);
+    MEMBER(SltFitIteration, loss);
+    MEMBER(SltFitIteration, best);
+    MEMBER(SltFitIteration, image);
+    END(SltFitIteration);
+    STRUCT(SltFitOptions);
+    MEMBER(SltFitOptions, struct_size);
+    MEMBER(SltFitOptions, job);
+    MEMBER(SltFitOptions, views);
+    MEMBER(SltFitOptions, nviews);
+    MEMBER(SltFitOptions, loss);
+    MEMBER(SltFitOptions, loss_user);
+    MEMBER(SltFitOptions, loss_name);
+    MEMBER(SltFitOptions, minimize);
+    MEMBER(SltFitOptions, optimizer);
+    MEMBER(SltFitOptions, iterations);
+    MEMBER(SltFitOptions, rates);
+    MEMBER(SltFitOptions, nrates);
+    MEMBER(SltFitOptions, rate_masks);
+    MEMBER(SltFitOptions, nrate_masks);
+    MEMBER(SltFitOptions, smooth);
+    MEMBER(SltFitOptions, nsmooth);
+    MEMBER(SltFitOptions, beta1);
+    MEMBER(SltFitOptions, beta2);
+    MEMBER(SltFitOptions, epsilon);
+    MEMBER(SltFitOptions, momentum);
+    MEMBER(SltFitOptions, history);
+    MEMBER(SltFitOptions, gradient_tolerance);
+    MEMBER(SltFitOptions, loss_tolerance);
+    MEMBER(SltFitOptions, patience);
+    MEMBER(SltFitOptions, max_failures);
+    MEMBER(SltFitOptions, checkpoint);
+    MEMBER(SltFitOptions, every);
+    MEMBER(SltFitOptions, resume);
+    MEMBER(SltFitOptions, iterated);
+    MEMBER(SltFitOptions, iterated_user);
+    MEMBER(SltFitOptions, stats);
+    END(SltFitOptions);
+    ENUM(SltFitStop);
+    VALUE(SLT_FIT_RUNNING);
+    VALUE(SLT_FIT_ITERATIONS);
+    VALUE(SLT_FIT_CONVERGED);
+    VALUE(SLT_FIT_STOPPED);
+    VALUE(SLT_FIT_INTERRUPTED);
+    VALUE(SLT_FIT_TIME_LIMIT);
+    VALUE(SLT_FIT_FAILED);
+    STRUCT(SltFitResult);
+    MEMBER(SltFitResult, struct_size);
+    MEMBER(SltFitResult, stop);
+    MEMBER(SltFitResult, iterations);
+    MEMBER(SltFitResult, initial_loss);
+    MEMBER(SltFitResult, loss);
+    MEMBER(SltFitResult, losses);
+    MEMBER(SltFitResult, reason);
+    END(SltFitResult);
 }
 
 static char *read_text(const char *path) {
@@ -239,7 +330,7 @@ static void layout(void **state) {
 /* Nothing that the headers of the library define is left out above. */
 static void complete(void **state) {
     (void)state;
-    static const char *const headers[] = {"status.h", "job.h", "saltus.h"};
+    static const char *const headers[] = {"status.h", "job.h", "saltus.h", "fit.h"};
     static const char *const kinds[] = {"struct", "enum"};
     char *text = NULL;
     size_t size = 0;
