@@ -452,7 +452,7 @@ static int explain_at(Cli *c, SltProgram *p) {
         return status;
     }
     slt_domain(p, lo, hi);
-    SltCrossing cross = {0};
+    SltCrossing cross = SLT_CROSSING_INIT;
     SltError err = {0};
     uint32_t axis = 0;
     /* The nearest crossing along the axes, on segments of an eighth of the domain to both sides. */
@@ -463,8 +463,8 @@ static int explain_at(Cli *c, SltProgram *p) {
             end[d] += side * (hi[d] - lo[d]) / 8;
             if (end[d] < lo[d]) end[d] = lo[d];
             if (end[d] > hi[d]) end[d] = hi[d];
-            SltCrossing t;
-            if (end[d] == x[d] || slt_crossing(p, x, end, 0, &t, &err) != SLT_OK || !t.found) continue;
+            SltCrossing t = SLT_CROSSING_INIT;
+            if (end[d] == x[d] || slt_crossing(p, NULL, x, end, 0, &t, &err) != SLT_OK || !t.found) continue;
             double dist = fabs(t.x[d] - x[d]);
             if (dist < best) best = dist, cross = t, axis = d;
         }

@@ -26,6 +26,7 @@ typedef struct Fit {
     uint32_t nframes;
     double start;
     SltFitResult result;
+    SltStats stats;
 } Fit;
 
 const char fit_optimizers[] =
@@ -56,7 +57,7 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) any_grad |= f->scene.params[k].grad == 1;
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
-        SltParam found;
+        SltParam found = SLT_PARAM_INIT;
         if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK)
@@ -75,7 +76,7 @@ static int apply_scene_params(Fit *f) {
     if (f->c->nwrt) return SLT_OK;
     if (!any_grad)
         for (uint32_t i = 0; i < slt_param_count(f->p); i++) {
-            SltParam q;
+            SltParam q = SLT_PARAM_INIT;
             slt_param(f->p, i, &q);
             bool off = !q.differentiable || !q.fcount;
             for (uint32_t k = 0; k < f->scene.nparams; k++)
@@ -257,7 +258,7 @@ static SltStatus write_relief(const char *path, const SltParam *q, const Image *
 static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
     for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
-        SltParam q;
+        SltParam q = SLT_PARAM_INIT;
         slt_param(f->p, k, &q);
         if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
         Image im;
@@ -398,7 +399,6 @@ static bool has_outcome(const Fit *f, SltStatus status) {
 static int run(Fit *f) {
     Cli *c = f->c;
     SltFit *fit;
-    SltStats total = {0};
     SltError err = {0}, end_err = {0};
     SltFitStop stop = SLT_FIT_RUNNING;
     SltStatus status = slt_fit_begin(f->p, &f->opt, &fit, &err);
@@ -408,23 +408,23 @@ static int run(Fit *f) {
     for (uint32_t v = 0; c->loss_command && f->scene.loss_dir && v < f->scene.nviews; v++)
         absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
     if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err))) {
-        slt_fit_end(fit, NULL, NULL, NULL);
+        slt_fit_end(fit, NULL, NULL);
         return report(f, &err);
     }
     progress_begin(&f->progress, c, "fit");
     while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(fit, &stop, &err);
     progress_end(&f->progress);
     loss_stop(f->loss);
-    SltStatus ended = slt_fit_end(fit, &f->result, &total, &end_err);
+    SltStatus ended = slt_fit_end(fit, &f->result, &end_err);
     /* An end on time is no error to tell of. */
     if (status != SLT_OK && stop != SLT_FIT_INTERRUPTED && (stop != SLT_FIT_TIME_LIMIT || !f->result.iterations))
         report(f, &err);
     if (ended != SLT_OK) return report(f, &end_err);
     if (!has_outcome(f, status)) return status;
-    report_dropped(c, &total);
+    report_dropped(c, &f->stats);
     int written = write_outputs(f);
     if (written == SLT_OK) written = status;
-    return written == SLT_OK && total.asserts ? SLT_CHECK_FAILED : written;
+    return written == SLT_OK && f->stats.asserts ? SLT_CHECK_FAILED : written;
 }
 
 static int fit(Fit *f) {
@@ -436,7 +436,7 @@ static int fit(Fit *f) {
     if (status == SLT_OK) status = collect_views(f);
     if (status == SLT_OK) status = collect_numbers(f);
     if (status != SLT_OK) return status;
-    f->opt.job = &c->job, f->opt.minimize = c->minimize;
+    f->opt.job = &c->job, f->opt.stats = &f->stats, f->opt.minimize = c->minimize;
     f->opt.optimizer = c->optimizer, f->opt.iterations = c->iters;
     f->opt.checkpoint = c->checkpoint ? c->checkpoint : c->resume, f->opt.every = c->every, f->opt.resume = c->resume;
     f->opt.iterated = iterated, f->opt.iterated_user = f;
@@ -445,7 +445,7 @@ static int fit(Fit *f) {
 }
 
 int verb_fit(Cli *c) {
-    Fit f = {.c = c, .opt = SLT_FIT_OPTIONS_INIT, .result = SLT_FIT_RESULT_INIT};
+    Fit f = {.c = c, .opt = SLT_FIT_OPTIONS_INIT, .result = SLT_FIT_RESULT_INIT, .stats = SLT_STATS_INIT};
     int status = SLT_OK;
     cli_catch_interrupt(c);
     const char *scene_file = c->file;

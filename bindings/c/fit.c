@@ -51,7 +51,6 @@ struct SltFit {
     SltFitStop stop;
     char reason[512];
     bool unsaved; /* the checkpoint could not be written: not tried again */
-    SltStats stats;
 };
 
 const char *slt_fit_optimizer(uint32_t index) {
@@ -71,11 +70,10 @@ static SltStatus out_of_memory(SltError *err) { return status_fail(err, SLT_LIMI
 static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *err) {
     SltFitOptions *o = &f->opt;
     *o = SLT_FIT_OPTIONS_INIT;
-    if (given->size < sizeof given->size)
-        return status_fail(err, SLT_USAGE, "options of a fit start from SLT_FIT_OPTIONS_INIT");
-    memcpy(o, given, given->size < sizeof *o ? given->size : sizeof *o);
-    f->job = o->job ? *o->job : SLT_JOB_INIT;
-    f->job.progress = NULL;
+    f->job = SLT_JOB_INIT;
+    if (!api_struct_read(o, given)) return api_struct_unknown(err, "SltFitOptions");
+    if (o->job && !api_struct_read(&f->job, o->job)) return api_struct_unknown(err, "SltJob");
+    f->job.progress = NULL, f->job.floats = NULL, f->job.ints = NULL;
     if (o->minimize && (o->nviews || o->loss))
         return status_fail(err, SLT_USAGE, "a fit that minimises the integral has no views and no other loss");
     if (!o->minimize && !o->nviews && !o->loss)
@@ -125,13 +123,14 @@ static SltStatus read_value(SltProgram *p, const SltSet *set, OwnValue *v, SltEr
         v->ints = twice(p->ints + v->at.ibase, v->at.icount, sizeof(int32_t));
         if (!v->floats || !v->ints) return out_of_memory(err);
         v->base_floats = v->floats + v->at.fcount + 1, v->base_ints = v->ints + v->at.icount + 1;
-        status = slt_set_text(p, set->name, set->value, err);
+        status = api_set_text(p, set->name, set->value, err);
     }
     if (status == SLT_OK) {
         if (v->at.fcount) memcpy(v->floats, p->floats + v->at.fbase, v->at.fcount * sizeof(double));
         if (v->at.icount) memcpy(v->ints, p->ints + v->at.ibase, v->at.icount * sizeof(int32_t));
-        slt_set_floats(p, v->at.fbase, v->at.fcount, v->base_floats, NULL);
-        slt_set_ints(p, v->at.ibase, v->at.icount, v->base_ints, NULL);
+        if (v->at.fcount) memcpy(p->floats + v->at.fbase, v->base_floats, v->at.fcount * sizeof(double));
+        if (v->at.icount) memcpy(p->ints + v->at.ibase, v->base_ints, v->at.icount * sizeof(int32_t));
+        api_params_changed(p, v->at.fbase, v->at.fcount);
     }
     /* What a view says is data, as a scene file is. */
     if (status == SLT_USAGE) status = SLT_INPUT, err->status = SLT_INPUT;
@@ -143,11 +142,9 @@ static SltStatus read_views(SltFit *f, SltError *err) {
     f->views = calloc(f->nviews + 1, sizeof *f->views);
     if (!f->views) return out_of_memory(err);
     const char *at = (const char *)f->opt.views;
-    for (uint32_t i = 0; i < f->opt.nviews; i++, at += f->opt.views->size) {
+    for (uint32_t i = 0; i < f->opt.nviews; i++, at += f->opt.views->struct_size) {
         SltFitView given = SLT_FIT_VIEW_INIT;
-        if (f->opt.views->size < sizeof given.size)
-            return status_fail(err, SLT_USAGE, "views of a fit start from SLT_FIT_VIEW_INIT");
-        memcpy(&given, at, f->opt.views->size < sizeof given ? f->opt.views->size : sizeof given);
+        if (!api_struct_read(&given, at)) return api_struct_unknown(err, "SltFitView");
         View *v = &f->views[i];
         *v = (View){.target = given.target, .mask = given.mask};
         if (!given.target && !f->opt.loss) return status_fail(err, SLT_USAGE, "view %u has no target", i);
@@ -162,12 +159,14 @@ static SltStatus read_views(SltFit *f, SltError *err) {
     return SLT_OK;
 }
 
-static void use_view(SltFit *f, const View *v, bool own) {
-    for (uint32_t k = 0; k < v->nvalues; k++) {
+static SltStatus use_view(SltFit *f, const View *v, bool own, SltError *err) {
+    SltStatus status = SLT_OK;
+    for (uint32_t k = 0; k < v->nvalues && status == SLT_OK; k++) {
         const OwnValue *o = &v->values[k];
-        slt_set_floats(f->p, o->at.fbase, o->at.fcount, own ? o->floats : o->base_floats, NULL);
-        slt_set_ints(f->p, o->at.ibase, o->at.icount, own ? o->ints : o->base_ints, NULL);
+        status = slt_set_floats(f->p, o->at.fbase, o->at.fcount, own ? o->floats : o->base_floats, err);
+        if (status == SLT_OK) status = slt_set_ints(f->p, o->at.ibase, o->at.icount, own ? o->ints : o->base_ints, err);
     }
+    return status;
 }
 
 static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *g, SltError *err) {
@@ -393,11 +392,15 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
     SltFit *f = calloc(1, sizeof *f);
     if (!f) return out_of_memory(err);
     f->p = p;
-    SltStatus status = take_options(f, options, err);
-    if (status == SLT_OK) status = read_views(f, err);
-    if (status == SLT_OK) status = allocate(f, err);
-    if (status == SLT_OK) status = make_optimiser(f, err);
-    if (status == SLT_OK) status = prepare_checkpoint(f, err);
+    SltStatus status = api_enter(p, err);
+    if (status == SLT_OK) {
+        status = take_options(f, options, err);
+        if (status == SLT_OK) status = read_views(f, err);
+        if (status == SLT_OK) status = allocate(f, err);
+        if (status == SLT_OK) status = make_optimiser(f, err);
+        if (status == SLT_OK) status = prepare_checkpoint(f, err);
+        api_release(p);
+    }
     if (status != SLT_OK) {
         free_fit(f);
         return status;
@@ -409,24 +412,27 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
 }
 
 /* The optimised floats lie in runs: whole parameters, mostly. */
-static void set_active(SltFit *f, const double *x) {
-    for (uint32_t i = 0, n; i < f->n; i += n) {
+static SltStatus set_active(SltFit *f, const double *x, SltError *err) {
+    SltStatus status = SLT_OK;
+    for (uint32_t i = 0, n; i < f->n && status == SLT_OK; i += n) {
         for (n = 1; i + n < f->n && f->index[i + n] == f->index[i] + n; n++) {
         }
-        slt_set_floats(f->p, f->index[i], n, x + i, NULL);
+        status = slt_set_floats(f->p, f->index[i], n, x + i, err);
     }
+    return status;
 }
 
 static void fill_result(SltFit *f, SltFitResult *result) {
-    SltFitResult r = {.stop = f->stop, .iterations = f->iteration, .initial_loss = NAN, .loss = NAN};
+    SltFitResult r = SLT_FIT_RESULT_INIT;
+    r.stop = f->stop, r.iterations = f->iteration;
+    r.initial_loss = r.loss = NAN;
     if (f->iteration) r.initial_loss = f->losses[0], optimise_best(f->optimiser, &r.loss);
     r.losses = f->losses, f->losses = NULL;
     memcpy(r.reason, f->reason, sizeof r.reason);
-    r.size = result->size;
-    memcpy(result, &r, r.size < sizeof r ? r.size : sizeof r);
+    api_struct_write(result, &r);
 }
 
-SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltStats *stats, SltError *err) {
+SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
     SltError mine = {0};
     if (!f) return SLT_OK;
     if (!err) err = &mine;
@@ -434,52 +440,43 @@ SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltStats *stats, SltError
     SltStatus status = save(f, err);
     double best;
     const double *x = optimise_best(f->optimiser, &best);
-    if (isfinite(best)) set_active(f, x);
-    if (stats) *stats = f->stats;
-    if (result) fill_result(f, result);
+    if (isfinite(best)) {
+        SltStatus set = set_active(f, x, status == SLT_OK ? err : &mine);
+        status = status == SLT_OK ? set : status;
+    }
+    if (result && api_struct_sized(result)) fill_result(f, result);
     free_fit(f);
     return status;
 }
 
 /* ---- one evaluation */
-static void add_stats(SltStats *total, const SltStats *one) {
-    total->samples += one->samples, total->segments += one->segments, total->crossings += one->crossings;
-    total->evaluations += one->evaluations;
-    for (int r = 0; r < SLT_DROP_REASONS; r++) total->dropped[r] += one->dropped[r];
-    total->truncated += one->truncated, total->asserts += one->asserts, total->nonfinite += one->nonfinite;
-    total->seconds += one->seconds;
-    total->seconds_interior += one->seconds_interior, total->seconds_boundary += one->seconds_boundary;
-}
-
 /* The image goes out, the loss and its adjoint image come back; the derivative of the image is then taken with other
  * samples, so that what noise did to the adjoint is independent of what it does to the derivative. */
-static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltStats *stats,
-                              SltError *err) {
+static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltError *err) {
     float *image = view == 0 ? f->image : f->other;
-    SltFitRequest q = {.size = sizeof q,
+    SltFitRequest q = {.struct_size = sizeof q,
                        .iteration = f->iteration,
                        .view = view,
                        .views = f->nviews,
                        .pixels = {job->size[0], job->size[1], job->size[2]},
                        .channels = slt_channels(f->p),
                        .image = image};
-    SltStatus status = slt_render(f->p, job, image, stats, err);
+    SltStatus status = slt_render(f->p, job, image, f->opt.stats, err);
     if (status == SLT_OK) status = f->opt.loss(f->opt.loss_user, &q, loss, f->adjoint, err);
     /* The optimiser steps back from what is no number: it wants no gradient there. */
     if (status != SLT_OK || isnan(*loss)) return status;
     SltJob other = *job;
     other.seed ^= OTHER_SAMPLES;
-    return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, stats, err);
+    return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, f->opt.stats, err);
 }
 
 static SltStatus evaluate_integral(SltFit *f, SltJob *job, double *loss, SltError *err) {
     uint32_t nf = slt_float_count(f->p);
     double *value = f->all + (size_t)slt_channels(f->p) * nf;
-    SltStats stats = {0};
-    SltIntegral out = {.value = value, .gradient = f->all};
+    SltIntegral out = SLT_INTEGRAL_INIT;
+    out.value = value, out.gradient = f->all;
     job->replicates = 1;
-    SltStatus status = slt_grad_integral(f->p, job, &out, &stats, err);
-    add_stats(&f->stats, &stats);
+    SltStatus status = slt_grad_integral(f->p, job, &out, f->opt.stats, err);
     for (uint32_t k = 0; status == SLT_OK && k < slt_channels(f->p); k++) {
         *loss += value[k];
         for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[(size_t)k * nf + f->index[i]];
@@ -489,25 +486,24 @@ static SltStatus evaluate_integral(SltFit *f, SltJob *job, double *loss, SltErro
 
 /* The mean over the views of the loss at the optimiser's point, into *loss and f->gradient. */
 static SltStatus evaluate(SltFit *f, double *loss, SltError *err) {
-    set_active(f, optimise_parameters(f->optimiser));
+    SltStatus status = set_active(f, optimise_parameters(f->optimiser), err);
     SltJob job = f->job;
     if (!optimise_wants_same_loss(f->method)) job.seed += 0x9e3779b9u * (f->iteration + 1);
     memset(f->gradient, 0, f->n * sizeof *f->gradient);
     *loss = 0;
-    if (f->opt.minimize) return evaluate_integral(f, &job, loss, err);
-    SltStatus status = SLT_OK;
+    if (status == SLT_OK && f->opt.minimize) return evaluate_integral(f, &job, loss, err);
     for (uint32_t v = 0; v < f->nviews && status == SLT_OK; v++) {
         const View *view = &f->views[v];
-        SltStats stats = {0};
+        SltError late = {0};
         double one = 0;
         job.seed += v;
-        use_view(f, view, true);
-        if (f->opt.loss) status = callers_loss(f, &job, v, &one, &stats, err);
-        else
+        status = use_view(f, view, true, err);
+        if (status == SLT_OK && f->opt.loss) status = callers_loss(f, &job, v, &one, err);
+        else if (status == SLT_OK)
             status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
-                                   &stats, err);
-        use_view(f, view, false);
-        add_stats(&f->stats, &stats);
+                                   f->opt.stats, err);
+        SltStatus back = use_view(f, view, false, status == SLT_OK ? err : &late);
+        status = status == SLT_OK ? back : status;
         if (status != SLT_OK) break;
         *loss += one / f->nviews;
         for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->nviews;
@@ -524,7 +520,7 @@ static SltStatus stopped(SltFit *f, SltFitStop stop, SltStatus status, const cha
 
 static bool tell(const SltFit *f, double loss) {
     if (!f->opt.iterated) return false;
-    SltFitIteration at = {.size = sizeof at,
+    SltFitIteration at = {.struct_size = sizeof at,
                           .iteration = f->iteration,
                           .count = f->n,
                           .index = f->index,
@@ -569,19 +565,20 @@ SltStatus slt_fit_step(SltFit *f, SltFitStop *stop, SltError *err) {
     return status;
 }
 
-SltStatus slt_fit(SltProgram *p, const SltFitOptions *options, SltFitResult *result, SltStats *stats, SltError *err) {
+SltStatus slt_fit(SltProgram *p, const SltFitOptions *options, SltFitResult *result, SltError *err) {
     SltFit *f;
     SltFitStop stop = SLT_FIT_RUNNING;
+    if (result && !api_struct_sized(result)) return api_struct_unknown(err, "SltFitResult");
     SltStatus status = slt_fit_begin(p, options, &f, err);
     if (status != SLT_OK) {
-        SltFitResult none = {.stop = SLT_FIT_FAILED, .initial_loss = NAN, .loss = NAN};
-        none.size = result ? result->size : 0;
+        SltFitResult none = SLT_FIT_RESULT_INIT;
+        none.stop = SLT_FIT_FAILED;
+        none.initial_loss = none.loss = NAN;
         if (err) snprintf(none.reason, sizeof none.reason, "%s", err->text);
-        if (result) memcpy(result, &none, none.size < sizeof none ? none.size : sizeof none);
-        if (stats) *stats = (SltStats){0};
+        if (result) api_struct_write(result, &none);
         return status;
     }
     while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(f, &stop, err);
-    SltStatus ended = slt_fit_end(f, result, stats, err);
+    SltStatus ended = slt_fit_end(f, result, err);
     return ended == SLT_OK ? status : ended;
 }

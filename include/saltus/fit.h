@@ -5,7 +5,7 @@
  *     SltFitOptions fit = SLT_FIT_OPTIONS_INIT;
  *     fit.job = &job, fit.views = &view, fit.nviews = 1;
  *     SltFitResult result = SLT_FIT_RESULT_INIT;
- *     status = slt_fit(p, &fit, &result, NULL, &err);        // p has the best parameters that were found
+ *     status = slt_fit(p, &fit, &result, &err);              // p has the best parameters that were found
  *     free(result.losses);
  *
  * What is optimised is what slt_wrt names, within [Range], on the scale of [Log]; it starts from the values that the
@@ -13,7 +13,8 @@
  * number of threads, in one go or resumed from a checkpoint.
  *
  * The program is used throughout: until slt_fit_end nobody else may set what is optimised or change slt_wrt. Callbacks
- * run on the calling thread between estimates and may use the program to look (slt_render, slt_floats). */
+ * run on the calling thread between estimates and may use the program to look (slt_render, slt_floats). Structs begin
+ * with their size, as in job.h; those without one never change. */
 #ifndef SALTUS_FIT_H
 #define SALTUS_FIT_H
 
@@ -23,15 +24,15 @@
 extern "C" {
 #endif
 
-/* An image to match. What has a member `size` may grow in later versions: start from its SLT_FIT_..._INIT. */
+/* An image to match. */
 typedef struct SltFitView {
-    size_t size;          /* of this struct; in an array, from one view to the next */
+    size_t struct_size;   /* in an array also from one view to the next */
     const float *target;  /* at the job's size: [pixels][channels], top row first. NULL with a loss of the caller's */
     const float *mask;    /* the same shape: weights of the squared differences; NULL: 1 */
     const SltSet *values; /* parameters that this view sees with a value of its own, as slt_set_text takes it */
     uint32_t nvalues;
 } SltFitView;
-#define SLT_FIT_VIEW_INIT ((SltFitView){.size = sizeof(SltFitView)})
+#define SLT_FIT_VIEW_INIT ((SltFitView){.struct_size = sizeof(SltFitView)})
 
 /* A number for a parameter or component ("discs[3].centre"); name NULL: for all. */
 typedef struct SltFitNumber {
@@ -49,7 +50,7 @@ typedef struct SltFitMask {
 
 /* An image whose loss is wanted. */
 typedef struct SltFitRequest {
-    size_t size;
+    size_t struct_size;
     uint32_t iteration, view, views; /* from 0; how many views */
     uint32_t pixels[3], channels;    /* the image's size; 1 beyond the program's dimension */
     const float *image;              /* as slt_render draws it */
@@ -61,7 +62,7 @@ typedef SltStatus SltFitLoss(void *user, const SltFitRequest *request, double *l
 
 /* One evaluation: where, and what came out. Valid during the call. */
 typedef struct SltFitIteration {
-    size_t size;
+    size_t struct_size;
     uint32_t iteration;                  /* how many are done with this one, also before a resume */
     uint32_t count;                      /* floats that are optimised */
     const uint32_t *index;               /* [count] where each lies in slt_floats, ascending */
@@ -72,9 +73,9 @@ typedef struct SltFitIteration {
 typedef bool SltFitIterated(void *user, const SltFitIteration *at); /* true: stop here */
 
 typedef struct SltFitOptions {
-    size_t size;
-    /* Size, samples, filter, seed, threads, estimator. time_limit and cancel are of the whole fit; progress is not
-     * called. NULL: SLT_JOB_INIT. */
+    size_t struct_size;
+    /* Size, samples, filter, seed, threads, estimator. time_limit and cancel are of the whole fit; progress, floats and
+     * ints do not count. NULL: SLT_JOB_INIT. */
     const SltJob *job;
     /* The loss, one of three: the mean over the views of slt_grad_loss; `loss` of every view's image (no views: of one
      * as the program is); with minimize the integral of the entry, its channels added (samples 0: 2^18). */
@@ -106,8 +107,9 @@ typedef struct SltFitOptions {
     const char *resume;       /* a checkpoint of the same problem to go on from; NULL: from the start */
     SltFitIterated *iterated; /* after every evaluation, before the optimiser's step; may be NULL */
     void *iterated_user;
+    SltStats *stats; /* gets what the estimates count, added up; may be NULL. The caller's, until slt_fit_end */
 } SltFitOptions;
-#define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
+#define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 
 typedef enum SltFitStop {
     SLT_FIT_RUNNING,
@@ -120,30 +122,30 @@ typedef enum SltFitStop {
 } SltFitStop;
 
 typedef struct SltFitResult {
-    size_t size;
+    size_t struct_size;
     SltFitStop stop;
     uint32_t iterations;       /* evaluations, with those before a resume */
     double initial_loss, loss; /* the first and the best (infinite if none was finite); NaN without iterations */
     double *losses;            /* [iterations], malloc'd: the caller frees it */
     char reason[512];          /* why it stopped, in words; may be "" */
 } SltFitResult;
-#define SLT_FIT_RESULT_INIT ((SltFitResult){.size = sizeof(SltFitResult)})
+#define SLT_FIT_RESULT_INIT ((SltFitResult){.struct_size = sizeof(SltFitResult)})
 
 /* Names of optimisers, in the order of their rows; NULL beyond the last. */
 const char *slt_fit_optimizer(uint32_t index);
 
 /* The whole fit. SLT_OK also when it converged or was stopped by `iterated`. The result is filled whatever the status.
- * result, stats (totals of this run) and err may be NULL.
+ * result and err may be NULL.
  *
  * SLT_USAGE: options that contradict each other, an unknown parameter or optimiser, nothing to optimise; SLT_INPUT: a
  * view's values, a mask or the checkpoint do not fit the program; SLT_OUTPUT: the checkpoint could not be written. */
-SltStatus slt_fit(SltProgram *p, const SltFitOptions *options, SltFitResult *result, SltStats *stats, SltError *err);
+SltStatus slt_fit(SltProgram *p, const SltFitOptions *options, SltFitResult *result, SltError *err);
 
 /* The same in steps, for callers with a loop of their own:
  *
  *     status = slt_fit_begin(p, &options, &fit, &err);
  *     while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(fit, &stop, &err);
- *     ended = slt_fit_end(fit, &result, NULL, &err);
+ *     ended = slt_fit_end(fit, &result, &err);
  */
 typedef struct SltFit SltFit;
 /* Checks everything, and resumes. NULL in *out after an error. Targets and masks of views must live until slt_fit_end;
@@ -153,7 +155,7 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
  * an error, it does nothing and returns SLT_OK. */
 SltStatus slt_fit_step(SltFit *fit, SltFitStop *stop, SltError *err);
 /* Saves the checkpoint, gives the program the best parameters found, and frees the fit (NULL: does nothing). */
-SltStatus slt_fit_end(SltFit *fit, SltFitResult *result, SltStats *stats, SltError *err);
+SltStatus slt_fit_end(SltFit *fit, SltFitResult *result, SltError *err);
 
 #ifdef __cplusplus
 }

@@ -9,6 +9,7 @@
  *   lattice.c, scanline.c, segments.c make the segments; interior.c does the smooth part; near.c the near-miss probe
  *   follow.c looks for thin features where its neighbours' crossings point
  *   coincide.c looks for boundaries that lie on one another
+ *   eval.c     f at given points, the Batch alone
  *   estimate.c puts them together; difference.c is the finite-difference estimator
  *
  * One Worker per thread owns a Batch, a Finder, a Sink and an Accum. Nothing here is shared but read-only Run and
@@ -83,6 +84,7 @@ typedef struct Batch {
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
+void batch_collect(Batch *b, SltStats *t); /* adds what the calls counted, and counts from 0 again */
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
     if (b->f64) ((double *)b->args.in[slot])[i] = v;
     else ((float *)b->args.in[slot])[i] = (float)v;
@@ -348,6 +350,7 @@ typedef struct Run {
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
+void stats_add(SltStats *to, const SltStats *s); /* to may be NULL */
 /* Workers with `accums` adjoint buffers and a sink. */
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);

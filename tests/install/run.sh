@@ -49,9 +49,33 @@ loads() { LD_DEBUG=files "$@" 2>&1 >/dev/null | grep -c 'calling init: .*libLLVM
 library=$(find "$prefix" -name libsaltus.so)
 nm -D --defined-only "$library" | awk '{print $3}' | sort >exported
 grep -v '^slt_' exported && fail "exported beside slt_*"
-grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/{saltus,fit}.h | tr -d '(' | sort -u >declared
+grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/*.h | tr -d '(' | sort -u >declared
 [ -s declared ] || fail "no declarations found"
 comm -23 declared exported | grep . && fail "declared and not exported"
+
+# So does libsaltus.a, which is one object: other archives may have names that its inside has too.
+archive=$(find "$prefix" -name libsaltus.a)
+nm -g --defined-only "$archive" | awk 'NF == 3 { print $3 }' | sort >global
+diff exported global >&2 || fail "libsaltus.a and libsaltus.so export different names"
+nm -g --defined-only "$build/libsaltus.a" 2>/dev/null | awk 'NF == 3 && $3 !~ /^slt_/ { print $3 }' | sort -u >inside
+[ -s inside ] || fail "no names inside: the next check shows nothing"
+awk '{ printf "int %s(void) { return 0; }\n", $1 } END { print "int clash(void) { return 0; }" }' inside >clash.c
+cat >clash_main.c <<'C'
+#include <saltus/saltus.h>
+int clash(void);
+int main(void) {
+    SltOptions options = SLT_OPTIONS_INIT;
+    SltProgram *p;
+    SltStatus status = slt_compile_string("shader float main(float2 x) { return x.x; }", "line", &options, &p);
+    slt_program_free(p);
+    return clash() + (int)status;
+}
+C
+$CC -fno-builtin -w -c clash.c && ar rcs libclash.a clash.o
+for order in "$archive libclash.a" "libclash.a $archive" "-Wl,--whole-archive libclash.a $archive -Wl,--no-whole-archive"; do
+    $CC clash_main.c -I "$prefix/include" $order -lOpenEXRCore -lpng -ljansson -lxxhash -lpthread -ldl -lm -o clashing || fail "clashing names: $order"
+    SALTUS_STDLIB=$prefix/share/saltus/stdlib ./clashing || fail "clashing names, run: $order"
+done
 
 # find_package, shared and static.
 cmake -S "$here/consumer" -B consumer -DCMAKE_PREFIX_PATH="$prefix" >cmake.log || { cat cmake.log; fail "find_package"; }
