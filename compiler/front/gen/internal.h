@@ -22,6 +22,7 @@
 #include <setjmp.h>
 
 #include "compiler/front/front.h"
+#include "compiler/ir/range.h"
 
 typedef struct Var {
     Inst *value; /* NULL: not assigned yet; an alloc for arrays, which never changes */
@@ -126,10 +127,6 @@ typedef struct Clearance {
     Inst *gap, *cell; /* to the border of the box, where it jumps; the t of a cell's length */
 } Clearance;
 
-typedef struct Range {
-    int64_t lo, hi;
-} Range;
-
 typedef struct ConstArray {
     Symbol *sym;
     Var *vars;
@@ -157,7 +154,7 @@ typedef struct Lower {
     Var *rand_counter;
     Vec(Change) journal;
     uint32_t clock, stamps;
-    Vec(Range) ranges; /* by Inst.tag; 0 is unused */
+    Vec(IrRange) ranges; /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
     Vec(SiteInfo) sites;
     Vec(Untracked) untracked;
     Vec(ConstArray) const_arrays;
@@ -175,11 +172,11 @@ typedef struct Lower {
 
 /* lower.c */
 _Noreturn void gen_giveup(Lower *l);
-Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet, with k0.. as inputs */
+Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet */
 const Layout *gen_layout(Lower *l, Type *t);
 FuncFacts *gen_facts(Lower *l, Func *f);
-Fn *gen_function(Lower *l, Func *f, const char *name, uint32_t first,
-                 uint32_t count); /* int arguments are the inputs k0.. */
+/* Parts [first, first + count) of what f returns; its int arguments are the inputs from `arg` on. */
+Fn *gen_function(Lower *l, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count);
 _Noreturn void gen_too_large(Lower *l, Span span);
 IrType gen_ir_type(const Type *t);
 
@@ -215,9 +212,9 @@ typedef Vec(Var *) VarList;
 void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info);
 void loop_end(Lower *l, LoopCtx *c, Inst *go_on);
 void gen_prune_loops(Lower *l);
-/* integers */
+/* integers: bounds of what an instruction can be */
 void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi);
-bool range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi); /* false: the whole of int */
+void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi);
 Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
 
 /* gen_expr.c */
