@@ -29,9 +29,13 @@ typedef struct Results {
 
 /* The same inputs whatever the function: positions on both sides of 0, small integers. */
 static Results interpret(const Fn *fn) {
-    static double f64[IN_VARYING_COUNT][LANES + SLT_PAD], params64[VALUES];
-    static float f32[IN_VARYING_COUNT][LANES + SLT_PAD], params32[VALUES];
-    static int32_t ints[IN_VARYING_COUNT][LANES + SLT_PAD], iparams[VALUES];
+    static const char *const types[] = {
+#define SLT_INPUT(id, text, type, ...) #type,
+#include "saltus/kernel.def"
+    };
+    static double f64[SLT_IN_VARYING][LANES + SLT_PAD], params64[VALUES];
+    static float f32[SLT_IN_VARYING][LANES + SLT_PAD], params32[VALUES];
+    static int32_t ints[SLT_IN_VARYING][LANES + SLT_PAD], iparams[VALUES];
     bool single = fn->precision == PREC_F32;
     SltKernelArgs args = {.params = single ? (void *)params32 : (void *)params64, .iparams = iparams, .n_valid = LANES};
     Results r = {0};
@@ -39,9 +43,8 @@ static Results interpret(const Fn *fn) {
         iparams[v] = v % 5;
         params32[v] = (float)(params64[v] = 0.25 * v - 1);
     }
-    for (int i = 0; i < IN_VARYING_COUNT; i++) {
-        bool is_int =
-            i == IN_STREAM || i == IN_PIXEL0 || i == IN_PIXEL1 || i == IN_SAMPLE || (i >= IN_K0 && i <= IN_K7);
+    for (int i = 0; i < SLT_IN_VARYING; i++) {
+        bool is_int = !strcmp(types[i], "INT");
         for (int lane = 0; lane < LANES; lane++) {
             ints[i][lane] = (lane * 7 + i) % 11;
             f32[i][lane] = (float)(f64[i][lane] = ((lane * 5 + i * 3) % 17) / 8.0 - 1);
