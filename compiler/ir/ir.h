@@ -227,8 +227,11 @@ uint32_t ir_rand_u32(uint32_t stream, uint32_t n);
  */
 Inst *ir_simplify(Builder *b, Op op, Inst *const *args);
 
-/* ---- fold.c: the value of a row on constants; false where it must not be folded (MATH rows are folded only after
- * lower_math) */
+/* ---- fold.c */
+/* The value of a value row on constants (imm.f of floats, imm.i of the others), MATH rows by the C library. */
+Imm ir_row(Op op, Precision p, const Imm args[3]);
+/* What instruction i is, if its arguments are constants; false where it must not be folded (MATH rows are folded only
+ * after lower_math). */
 bool ir_fold(const Inst *i, Precision p, Imm *out);
 
 /* ---- print.c, parse.c: the text form; parse(print(fn)) is structurally equal. Parse errors become diagnostics. */
