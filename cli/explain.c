@@ -251,7 +251,7 @@ static void explain_text(const Explain *e) {
            g->channels == 1 ? "" : "s", g->nfloats, g->nints);
     print_sites(e);
     printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)api_event_bound(p),
-           p->scene.near_miss ? "on" : "off");
+           api_near_miss(p) ? "on" : "off");
     print_kernels(e);
     printf("\nparameters without a gradient\n");
     bool any = false;
@@ -298,7 +298,7 @@ static void explain_json(const Explain *e) {
                e->facts[s] & DEPENDS_X ? "false" : "true");
     }
     printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)api_event_bound(p),
-           p->scene.near_miss ? "true" : "false");
+           api_near_miss(p) ? "true" : "false");
     bool first = true;
     for (int k = 0; k < K_KINDS; k++) {
         if (!p->fn[k]) continue;

@@ -107,5 +107,6 @@ SltStatus api_load_assets(SltProgram *p, SltError *err);
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
 /* Upper bound on the events of one sample. */
 uint64_t api_event_bound(const SltProgram *p);
+bool api_near_miss(const SltProgram *p); /* do its kernels look for events that nearly decide differently? */
 
 #endif

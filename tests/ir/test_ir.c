@@ -16,8 +16,9 @@ static Fn *everything(TestFn *t, Precision p) {
         (SiteInfo){.kind = SITE_COMPARE, .depth = 1, .max_events = 12, .path = "main > \"f\"", .text = "d < 0"};
     fn->sites[1] = (SiteInfo){
         .kind = SITE_FLOOR, .depth = 0, .max_events = 1, .skip_loop = true, .path = "main", .text = "a\\b\n"};
-    fn->outputs = ARENA_ARRAY(fn->arena, const char *, 3);
-    fn->outputs[0] = "f.0", fn->outputs[1] = "hash", fn->outputs[2] = "flag";
+    fn->outputs = ARENA_ARRAY(fn->arena, Output, 3);
+    fn->outputs[0] = (Output){SLT_OUT_F, 0}, fn->outputs[1] = (Output){SLT_OUT_HASH, 0},
+    fn->outputs[2] = (Output){SLT_OUT_K, 7};
     Inst *x = ir_input(b, IN_X0), *zero = ir_consti(b, 0), *one = ir_consti(b, 1);
     Inst *theta = ir_special(b, OP_param, TY_FLT, 1, &zero, (Imm){.slot = {2, 5}});
     Inst *array = ir_special(b, OP_alloc, TY_ARRAY, 0, NULL, (Imm){.arr = {4, TY_FLT}});
