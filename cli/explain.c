@@ -353,7 +353,7 @@ static void list_numbers(const char *key, const double *v, uint32_t n) {
 }
 
 typedef struct SiteLog {
-    int32_t site, k[IR_MAX_SITE_DEPTH];
+    int32_t site, k[SLT_MAX_K];
     uint32_t depth;
     double g;
     bool decision, integer;
@@ -378,7 +378,7 @@ static void on_trace(void *user, const char *text, uint32_t len, const double *v
     SiteLog *s = &log->at[log->n++];
     *s = (SiteLog){
         .site = (int32_t)v[0], .g = v[2], .decision = v[1] != 0, .integer = text[0] == 'n', .n = v[1], .depth = n - 3};
-    for (uint32_t k = 0; k + 3 < n && k < IR_MAX_SITE_DEPTH; k++) s->k[k] = (int32_t)v[3 + k];
+    for (uint32_t k = 0; k + 3 < n && k < SLT_MAX_K; k++) s->k[k] = (int32_t)v[3 + k];
 }
 
 static void trace_sites(Fn *fn, Block *b) {
@@ -388,7 +388,7 @@ static void trace_sites(Fn *fn, Block *b) {
         if (i->op == OP_print) ir_unlink(i);
         if (i->op != OP_site && i->op != OP_siten) continue;
         Builder at = ir_after(fn, i);
-        Inst *args[3 + IR_MAX_SITE_DEPTH] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
+        Inst *args[3 + SLT_MAX_K] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
         uint32_t n = 3;
         for (uint32_t a = 2; a < i->nargs; a++) args[n++] = i->args[a];
         ir_special(&at, OP_print, TY_VOID, n, args, (Imm){.text = {i->op == OP_site ? "s" : "n", 1}});

@@ -47,12 +47,6 @@ static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
 
 static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
 
-static SltKernel **scene_slot(SltScene *s, int kind) {
-    SltKernel **slots[K_KINDS] = {&s->value,     &s->region,   &s->event,    &s->sides, &s->site,
-                                  &s->site_grad, &s->site_jvp, &s->site_vjp, &s->jvp,   &s->vjp};
-    return slots[kind];
-}
-
 typedef struct Request {
     SltProgram *p;
     bool needs[K_KINDS], cull;
@@ -64,7 +58,7 @@ static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
     s->f64 = g->primal->precision == PREC_F64;
-    if (!s->site) s->site = s->site_grad;
+    if (!s->kernel[K_SITE]) s->kernel[K_SITE] = s->kernel[K_SITE_GRAD];
     s->dim = g->dim, s->channels = g->channels;
     for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
     s->nfloats = g->nfloats, s->nints = g->nints;
@@ -141,7 +135,7 @@ static void build_body(Session *s, void *arg) {
             back_dense_adjoints(set.fn[k], p->dense);
         }
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
-        if (p->opt.interpret) *scene_slot(&p->scene, k) = interpreted;
+        if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
     }
     if (q->cull)
@@ -172,7 +166,7 @@ static void build_body(Session *s, void *arg) {
     p->cached &= cached;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
-        *scene_slot(&p->scene, k) = back_kernel(m, kernel_names[k]);
+        p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
     }
@@ -214,7 +208,7 @@ void api_forget_gradients(SltProgram *p) {
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         p->fn[kinds[i]] = NULL;
         p->tried[kinds[i]] = false;
-        *scene_slot(&p->scene, kinds[i]) = NULL;
+        p->scene.kernel[kinds[i]] = NULL;
     }
     p->scene.tape_bytes = 0;
 }
@@ -225,6 +219,6 @@ void api_free_kernels(SltProgram *p) {
     memset(p->fn, 0, sizeof p->fn);
     memset(p->module_of, 0, sizeof p->module_of);
     memset(p->tried, 0, sizeof p->tried);
-    for (int k = 0; k < K_KINDS; k++) *scene_slot(&p->scene, k) = NULL;
+    memset(p->scene.kernel, 0, sizeof p->scene.kernel);
     if (p->cull_kernels) memset(p->cull_kernels, 0, p->prog->ncull * sizeof *p->cull_kernels);
 }

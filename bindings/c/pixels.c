@@ -73,7 +73,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
             set(q->p, w->x[1], i, place(q, 1, height - 1 - row));
             w->pixel[1][i] = (int32_t)row;
         }
-        q->p->scene.value(&w->args, width);
+        q->p->scene.kernel[SLT_K_VALUE](&w->args, width);
         memcpy(q->out + (size_t)row * width, w->out, (size_t)width * sizeof *q->out);
     }
     return true;

@@ -91,7 +91,7 @@ static bool event_at(Thread *t, Inst *i) {
     Inst *br = ir_if(&b, hit);
     br->imm.i = IR_IF_RARE;
     Builder in = ir_at_end(t->fn, br->region[0]), out = ir_at_end(t->fn, br->region[1]);
-    Inst *yes[V_K + IR_MAX_SITE_DEPTH];
+    Inst *yes[V_K + SLT_MAX_K];
     in.fold = true;
     yes[V_FOUND] = ir_constb(&in, true);
     yes[V_SITE] = ir_consti(&in, (int32_t)i->imm.i);
@@ -113,7 +113,7 @@ static Inst *stop_when_found(Thread *t, Builder *b, Inst *flag) {
     return ir_emit2(b, OP_band, flag, ir_emit1(b, OP_bnot, t->value[V_FOUND]));
 }
 
-static const char *const k_names[IR_MAX_SITE_DEPTH] = {"k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"};
+static const char *const k_names[SLT_MAX_K] = {"k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"};
 
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "event", true);
@@ -130,8 +130,8 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     t.value[V_AUX1] = ir_constf(&b, 0);
     for (uint32_t d = 0; d < e.depth; d++) t.value[V_K + d] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
-    Inst *out[4 + IR_MAX_SITE_DEPTH] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
-    const char *names[4 + IR_MAX_SITE_DEPTH] = {"site", "g", "aux"};
+    Inst *out[4 + SLT_MAX_K] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
+    const char *names[4 + SLT_MAX_K] = {"site", "g", "aux"};
     for (uint32_t d = 0; d < e.depth; d++) out[3 + d] = t.value[V_K + d], names[3 + d] = k_names[d];
     uint32_t n = 3 + e.depth;
     if (variant_has_windows(fn)) out[n] = t.value[V_AUX1], names[n++] = "aux1";

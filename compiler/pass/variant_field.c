@@ -74,7 +74,7 @@ static Inst *of_pair(Builder *b, Inst *w) {
                     ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.top, p.far_t)));
 }
 
-static Inst *of_input(Builder *b, Inst *w) { return ir_input(b, w->imm.i & 1 ? IN_AUX1 : IN_AUX); }
+static Inst *of_input(Builder *b, Inst *w) { return ir_input(b, w->imm.i & 1 ? IN_WINDOW1 : IN_WINDOW0); }
 
 void variant_windows_of_pairs(Fn *fn) {
     windows(fn, fn->body, of_pair);
@@ -133,7 +133,7 @@ Inst *variant_depths_apart(Builder *b, Inst *site, Inst *w) {
     Inst *mine = depth_of(b, site, w->args[0]);
     Inst *jump = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, mine, partner(b, mine)));
     Inst *hits = ir_emit2(b, OP_band, site, partner(b, site));
-    return ir_emit2(b, OP_band, hits, ir_emit2(b, OP_flt, ir_input(b, IN_SEED0), jump));
+    return ir_emit2(b, OP_band, hits, ir_emit2(b, OP_flt, ir_input(b, IN_THRESHOLD), jump));
 }
 
 Inst *variant_ridge_between(Builder *b, Inst *w) {
@@ -141,10 +141,10 @@ Inst *variant_ridge_between(Builder *b, Inst *w) {
     return ir_emit2(b, OP_flt, p.top, p.far_t);
 }
 
-const char *const variant_witness_names[VARIANT_WITNESSES] = {"witness0", "witness1"};
+const char *const variant_witness_names[SLT_WITNESSES] = {"witness0", "witness1"};
 
 static uint32_t collect(Block *b, uint32_t n, Inst **search) {
-    for (Inst *i = b->first; i && n < VARIANT_WITNESSES; i = i->next) {
+    for (Inst *i = b->first; i && n < SLT_WITNESSES; i = i->next) {
         if (i->op == OP_fieldop && (i->imm.field.what == SLT_FIELD_TRACE || i->imm.field.what == SLT_FIELD_OCCLUDED))
             search[n++] = i;
         for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++) n = collect(i->region[r], n, search);
@@ -152,7 +152,7 @@ static uint32_t collect(Block *b, uint32_t n, Inst **search) {
     return n;
 }
 
-uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]) {
+uint32_t variant_searches(const Fn *fn, Inst *search[SLT_WITNESSES]) {
     return variant_has_windows(fn) ? collect(fn->body, 0, search) : 0;
 }
 
@@ -182,12 +182,12 @@ void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found) {
 }
 
 void variant_use_witnesses(Fn *fn) {
-    Inst *search[VARIANT_WITNESSES];
+    Inst *search[SLT_WITNESSES];
     uint32_t n = variant_searches(fn, search);
     for (uint32_t k = 0; k < n; k++) {
         Inst *i = search[k];
         Builder b = ir_before(fn, i);
-        Inst *found = ir_input(&b, (InputSlot)(IN_K0 + (int)k)),
+        Inst *found = ir_input(&b, (InputSlot)(IN_WITNESS0 + k)),
              *id = ir_emit2(&b, OP_isub, found, ir_consti(&b, VARIANT_FOUND));
         Inst *br = ir_if(&b, ir_emit2(&b, OP_ieq, found, ir_consti(&b, 0)));
         br->imm.i = IR_IF_RARE;

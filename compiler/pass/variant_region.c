@@ -81,18 +81,18 @@ static bool near_at(Thread *t, Inst *i) {
     return true;
 }
 
-static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "near_k2", "near_k3",
-                                                      "near_k4", "near_k5", "near_k6", "near_k7"};
+static const char *const near_k[SLT_MAX_K] = {"near_k0", "near_k1", "near_k2", "near_k3",
+                                              "near_k4", "near_k5", "near_k6", "near_k7"};
 
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);
     opt_dce(ctx, fn); /* sites that reach no output are no events */
-    Inst *search[VARIANT_WITNESSES], *found[VARIANT_WITNESSES];
+    Inst *search[SLT_WITNESSES], *found[SLT_WITNESSES];
     uint32_t nsearch = variant_searches(fn, search), n = 1;
     Inst *hash = variant_hash(ctx, fn, o), *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
     variant_witnesses(fn, nsearch, search, found);
-    Inst *out[4 + IR_MAX_SITE_DEPTH + VARIANT_WITNESSES] = {hash};
-    const char *names[4 + IR_MAX_SITE_DEPTH + VARIANT_WITNESSES] = {"hash"};
+    Inst *out[4 + SLT_MAX_K + SLT_WITNESSES] = {hash};
+    const char *names[4 + SLT_MAX_K + SLT_WITNESSES] = {"hash"};
     if (o->near_miss) {
         Near near = {variant_site_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);

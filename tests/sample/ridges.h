@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "runtime/sample/estimate.h"
-#include "runtime/sample/slots.h"
 #include "saltus/field.h"
 
 enum { RIDGE_NODES = 512, RIDGE_PARAMS = 4 };
@@ -143,7 +142,7 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         double f = r->repeat * (y->part < 0      ? r->sky
                                 : r->ground != 0 ? r->ground
                                                  : 1 / y->t),
-               lo = ((const double *)a->in[SLT_IN_AUX])[i], hi = ((const double *)a->in[SLT_IN_AUX1])[i];
+               lo = ((const double *)a->in[SLT_IN_WINDOW0])[i], hi = ((const double *)a->in[SLT_IN_WINDOW1])[i];
         uint32_t hash = y->part < 0 ? 17 : 3;
         switch (kind) {
         case SLT_K_VALUE: out[0][i] = f; break;
@@ -161,7 +160,7 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             bool a_near = pair[0].t < pair[1].t;
             const Ray *near = a_near ? &pair[0] : &pair[1];
             const Column *at = a_near ? &c[0] : &c[1];
-            double far = a_near ? pair[1].t : pair[0].t, jump = ((const double *)a->in[SLT_IN_SEED0])[i],
+            double far = a_near ? pair[1].t : pair[0].t, jump = ((const double *)a->in[SLT_IN_THRESHOLD])[i],
                    top = near->part < 0 ? HUGE_VAL : column_top(at, near->t);
             bool differ = (pair[0].part < 0) != (pair[1].part < 0);
             if (s->has_depth && !differ && near->part >= 0)
@@ -234,8 +233,7 @@ static inline void ridges_init(Ridges *r, double (*height)(const double *, doubl
     r->height = height, r->nodes = nodes, r->sky = 0.75, r->repeat = 1;
     SltScene *s = &r->scene;
     s->call = ridges_call, s->call_user = r;
-    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp =
-        ridges_present;
+    for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = ridges_present;
     s->f64 = true, s->flat_adj = true, s->width = 8, s->dim = 2, s->channels = 1;
     s->lo[0] = 0, s->hi[0] = 1, s->lo[1] = lo, s->hi[1] = hi, s->hi[2] = 1;
     s->nfloats = nparams, s->nsites = 1, s->event_depth = 1;

@@ -143,7 +143,7 @@ static Part pointer_field(Emit *e, Part *cache, size_t offset) {
 static void emit_input(Emit *e, Inst *i) {
     Part *v = emit_slot(e, i);
     uint32_t slot = (uint32_t)i->imm.i;
-    if (slot >= IN_VARYING_COUNT) {
+    if (slot >= SLT_IN_VARYING) {
         v[0] = e->in[slot];
         return;
     }
@@ -218,13 +218,9 @@ static void setup_block(Emit *e, const Block *b) {
         switch (i->op) {
         case OP_input: {
             uint32_t s = (uint32_t)i->imm.i;
-            if (s < IN_VARYING_COUNT) pointer_field(e, &e->in[s], offsetof(SltKernelArgs, in) + s * sizeof(void *));
+            if (s < SLT_IN_VARYING) pointer_field(e, &e->in[s], offsetof(SltKernelArgs, in) + s * sizeof(void *));
             else if (!e->in[s])
-                e->in[s] =
-                    emit_load(e, e->t_i32,
-                              emit_field_ptr(e, s == IN_SITE ? offsetof(SltKernelArgs, site)
-                                                             : offsetof(SltKernelArgs, resolution) + 4 * (s - IN_RES0)),
-                              4, true);
+                e->in[s] = emit_load(e, e->t_i32, emit_field_ptr(e, ir_uniform_offset((InputSlot)s)), 4, true);
             break;
         }
         case OP_param:

@@ -36,7 +36,7 @@ typedef struct Emit {
     uint32_t W, P, L; /* the plan's: lanes, parts, lanes of a part */
     LLVMTypeRef t_void, t_i1, t_i8, t_i16, t_i32, t_i64, t_ptr, t_f32, t_f64, t_flt;
     Part args, n, i; /* the arguments and the first lane's sample index (i64) */
-    Part in[IN_COUNT], out[SLT_OUT_MAX], params, iparams, dparams, adj, tape, tape_end, tape_top /* i64 in memory */;
+    Part in[SLT_INPUTS], out[SLT_OUT_MAX], params, iparams, dparams, adj, tape, tape_end, tape_top /* i64 in memory */;
     CullSlot cull[BACK_MAX_CULL];
     Part *mask;           /* P parts, or NULL: all lanes */
     Part *val;            /* by id * P + part */
