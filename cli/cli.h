@@ -100,6 +100,7 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
+int cli_unknown_format(const Cli *c);            /* of the output: SLT_USAGE */
 /* The job's sizes for this program (dimension, defaults), and checks them. */
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
