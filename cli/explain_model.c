@@ -4,14 +4,14 @@
 #include <math.h>
 #include <string.h>
 
-#include "compiler/pass/site_facts.h"
+#include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
 
 typedef struct Inside {
     const Cli *c;
     SltProgram *p;
     Arena *arena;
-    uint8_t *facts, *alive; /* by site: SiteFacts; whether the region kernel sees it */
+    uint8_t *facts, *alive; /* by site: what it depends on; whether the region kernel sees it */
     uint8_t *reach;         /* by float: some reverse kernel adds to its adjoint */
 } Inside;
 
@@ -194,7 +194,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
             true;
     SltStatus status = api_kernels(p, needs, err);
     if (status != SLT_OK) return status;
-    site_facts(&p->passes, g->primal, NULL, e.facts);
+    depend_sites(g->primal, NULL, e.facts);
     mark_sites(g->primal->body, e.alive);
     if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
     for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);

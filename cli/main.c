@@ -13,7 +13,7 @@ int main(int argc, char **argv) {
         status = c.verb->run(&c);
     }
     for (uint32_t i = 0; i < c.nargs_storage; i++) free(c.args_storage[i]);
-    if (status == CLI_HELPED) status = SLT_OK;
+    if (status == CLI_HELPED || status == SLT_STOPPED) status = SLT_OK;
     if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK) {
         fputs("saltus: standard output could not be written\n", stderr);
         status = SLT_OUTPUT;

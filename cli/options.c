@@ -122,7 +122,7 @@ typedef struct Option Option;
 typedef int Setter(Cli *c, const Option *o, const char *v);
 
 struct Option {
-    const char *name, *arg; /* arg NULL: a flag */
+    const char *name, *arg; /* arg NULL: a flag; "[=V]": a flag that may have a value */
     uint32_t verbs;         /* 1 << VerbId of those that take it */
     const char *help;
     Setter *set;
@@ -132,6 +132,7 @@ struct Option {
     size_t given; /* the member that notes that the option was there; 0: none */
 };
 
+static bool may_have_value(const Option *o) { return o->arg && !strncmp(o->arg, "[=", 2); }
 static void *member(Cli *c, size_t at) { return (char *)c + at; }
 
 static int set_flag(Cli *c, const Option *o, const char *v) {
@@ -238,6 +239,13 @@ static int set_smooth(Cli *c, const Option *o, const char *v) {
     return set_rates(c, o->name, v, c->smooth, &c->nsmooth);
 }
 
+static int set_verify(Cli *c, const Option *o, const char *v) {
+    (void)o;
+    if (v) c->opt.verify_after = v;
+    else c->opt.verify = true;
+    return SLT_OK;
+}
+
 static int set_help(Cli *c, const Option *o, const char *v) {
     (void)o, (void)v;
     cli_help(stdout, c->verb->name);
@@ -285,8 +293,8 @@ void cli_help(FILE *out, const char *name) {
     for (int i = 0; i < NOPTIONS; i++) {
         if (!(options[i].verbs & verb->bit)) continue;
         char left[128];
-        snprintf(left, sizeof left, "%s%s%s", options[i].name, options[i].arg ? " " : "",
-                 options[i].arg ? options[i].arg : "");
+        snprintf(left, sizeof left, "%s%s%s", options[i].name,
+                 options[i].arg && !may_have_value(&options[i]) ? " " : "", options[i].arg ? options[i].arg : "");
         fprintf(out, strlen(left) > 30 ? "  %s\n%33s%s\n" : "  %-30s%s%s\n", left, strlen(left) > 30 ? "" : " ",
                 options[i].help);
     }
@@ -371,7 +379,7 @@ int cli_parse(int argc, char **argv, Cli *c) {
         const Option *o = find_option(c, a, len, &status);
         if (!o) return status;
         if (!o->arg && value) return cli_usage(c, "%s takes no value", o->name);
-        if (o->arg && !value) {
+        if (o->arg && !value && !may_have_value(o)) {
             if (i + 1 >= argc) return cli_usage(c, "%s wants a value: %s", o->name, o->arg);
             value = argv[++i];
         }

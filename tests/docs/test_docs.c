@@ -252,7 +252,7 @@ static void print_manual(FILE *out) {
     for (int i = 0; i < NOPTIONS; i++) {
         fputs(".TP\n\\fB", out);
         roff(out, options[i].name);
-        fprintf(out, "\\fR%s\\fI", options[i].arg ? " " : "");
+        fprintf(out, "\\fR%s\\fI", options[i].arg && options[i].arg[1] != '=' ? " " : "");
         roff(out, options[i].arg ? options[i].arg : "");
         fputs("\\fR\n", out);
         roff(out, options[i].help);
