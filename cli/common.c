@@ -56,6 +56,11 @@ void cli_watch_time(const Cli *c) {
 
 bool cli_interrupted(void) { return interrupted != 0; }
 
+int cli_unknown_format(const Cli *c) {
+    char known[IMAGE_LIST_SIZE];
+    return cli_usage(c, "-o %s: the extension is none of %s", c->output, image_list_formats(true, known));
+}
+
 int cli_fail(const Cli *c, const SltError *err) {
     (void)c;
     if (err->status != SLT_STOPPED)

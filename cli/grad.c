@@ -186,7 +186,7 @@ static int grad_images(Cli *c, SltProgram *p) {
     int status = SLT_OK;
     if (!image_can_write(c->output)) {
         report_free_components(names, index, n);
-        return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+        return cli_unknown_format(c);
     }
     if (n > CLI_MAX_COMPONENTS) {
         fprintf(

@@ -86,12 +86,11 @@ static int render_integral(Cli *c, SltProgram *p) {
 static int render(Cli *c, SltProgram *p) {
     int status = cli_prepare_job(c, p);
     if (status != SLT_OK) return status;
-    if (c->output && !image_can_write(c->output) && !c->rgba8)
-        return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+    if (c->output && !image_can_write(c->output) && !c->opt.rgba8) return cli_unknown_format(c);
     if (c->job.integral) return render_integral(c, p);
     SltStats stats = SLT_STATS_INIT;
     uint32_t channels = slt_channels(p), w = c->job.size[0], h = c->job.size[1], d = c->job.size[2];
-    if (c->rgba8) {
+    if (c->opt.rgba8) {
         status = write_rgba8(c, p, &stats);
         if (status == SLT_OK) print_result(c, p, &stats, NULL, 4);
         return status;

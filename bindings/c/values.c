@@ -459,23 +459,6 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         return status;
     }
     if (q->is_texture || q->is_heightfield) return read_image_param(s, q, path);
-    if (ends_with(path, ".exr") || ends_with(path, ".png") || ends_with(path, ".pfm") || ends_with(path, ".f32")) {
-        Image im;
-        ImageReadOptions raw = {.raw = true};
-        SltStatus status = image_read(path, &raw, &im, s->err);
-        if (status != SLT_OK) return status;
-        size_t n = (size_t)im.width * (size_t)im.height * (size_t)im.channels, at = 0;
-        double *v = malloc((n + 1) * sizeof *v);
-        for (size_t k = 0; v && k < n; k++) v[k] = (double)im.data[k];
-        ShapeCursor c = {q->fbase, q->ibase};
-        if (!v) status = status_fail(s->err, SLT_LIMIT, "out of memory for %s", path);
-        else if (fill_numbers(s, q->type, &c, v, n, &at) != SLT_OK || at != n)
-            status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
-                                 q->type->name, q->fcount + q->icount);
-        free(v);
-        image_free(&im);
-        return status;
-    }
     Table t;
     SltStatus status = table_read(path, &t, s->err);
     if (status != SLT_OK) return status;
