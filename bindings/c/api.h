@@ -72,12 +72,12 @@ void api_free_kernels(SltProgram *p);
 bool api_claim(const SltProgram *p);
 void api_release(const SltProgram *p);
 SltStatus api_enter(const SltProgram *p, SltError *err);
-/* Structs that begin with their size. `mine` is of this version and its size is set; `theirs` may be of another.
+/* Structs that begin with their size. `mine` is of this version, `known` bytes long; `theirs` may be of another.
  * api_struct_read leaves alone what theirs lacks; false: theirs has no size, or says what is not known here.
  * api_struct_write wants a size that was checked. */
 bool api_struct_sized(const void *theirs);
-bool api_struct_read(void *mine, const void *theirs);
-void api_struct_write(void *theirs, const void *mine);
+bool api_struct_read(void *mine, size_t known, const void *theirs);
+void api_struct_write(void *theirs, const void *mine, size_t known);
 SltStatus api_struct_unknown(SltError *err, const char *name); /* the error for it */
 /* A call that samples, from begin (which enters) to end (which is called whatever begin returned). */
 typedef struct ApiCall {

@@ -28,9 +28,8 @@ bool api_struct_sized(const void *theirs) {
     return size >= sizeof size && size <= STRUCT_MAX;
 }
 
-bool api_struct_read(void *mine, const void *theirs) {
-    size_t known, size;
-    memcpy(&known, mine, sizeof known);
+bool api_struct_read(void *mine, size_t known, const void *theirs) {
+    size_t size;
     memcpy(&size, theirs, sizeof size);
     if (!api_struct_sized(theirs)) return false;
     for (size_t i = known; i < size; i++)
@@ -40,11 +39,10 @@ bool api_struct_read(void *mine, const void *theirs) {
     return true;
 }
 
-void api_struct_write(void *theirs, const void *mine) {
-    size_t known, size;
-    memcpy(&known, mine, sizeof known);
+void api_struct_write(void *theirs, const void *mine, size_t known) {
+    size_t size, head = sizeof size; /* theirs keeps its size */
     memcpy(&size, theirs, sizeof size);
-    memcpy((char *)theirs + sizeof size, (const char *)mine + sizeof size, (size < known ? size : known) - sizeof size);
+    memcpy((char *)theirs + head, (const char *)mine + head, (size < known ? size : known) - head);
 }
 
 SltStatus api_struct_unknown(SltError *err, const char *name) {
@@ -66,8 +64,8 @@ SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats 
     if (s != SLT_OK) return s;
     c->p = p;
     p->error = (SltError){0};
-    if (job && !api_struct_read(&c->job, job)) return api_struct_unknown(err, "SltJob");
-    if (stats && !api_struct_read(&c->own, stats)) return api_struct_unknown(err, "SltStats");
+    if (job && !api_struct_read(&c->job, sizeof c->job, job)) return api_struct_unknown(err, "SltJob");
+    if (stats && !api_struct_read(&c->own, sizeof c->own, stats)) return api_struct_unknown(err, "SltStats");
     if (stats) c->stats = &c->own, c->theirs = stats;
     take_floats(p, c->job.floats);
     return SLT_OK;
@@ -84,7 +82,7 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
     if (!p) return status;
     if (status == SLT_OK && p->error.status != SLT_OK)
         status = status_fail(c->err, p->error.status, "%s", p->error.text);
-    if (c->theirs) api_struct_write(c->theirs, c->stats);
+    if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
     p->scene.iparams = p->ints;
     api_release(p);
     return status;

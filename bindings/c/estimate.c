@@ -84,12 +84,12 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
 
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltIntegral wanted = SLT_INTEGRAL_INIT;
-    if (!api_struct_read(&wanted, out)) return api_struct_unknown(err, "SltIntegral");
+    if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
     if (s == SLT_OK) count_nonfinite(wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, c.stats);
-    if (s == SLT_OK) api_struct_write(out, &wanted);
+    if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);
     return api_call_end(&c, s);
 }
 
@@ -97,12 +97,12 @@ SltStatus slt_crossing(SltProgram *p, const SltJob *job, const double a[3], cons
                        SltCrossing *out, SltError *err) {
     SltJob own = SLT_JOB_INIT, values = SLT_JOB_INIT;
     if (!api_struct_sized(out)) return api_struct_unknown(err, "SltCrossing");
-    if (job && !api_struct_read(&own, job)) return api_struct_unknown(err, "SltJob");
+    if (job && !api_struct_read(&own, sizeof own, job)) return api_struct_unknown(err, "SltJob");
     values.floats = own.floats, values.ints = own.ints;
     ApiCall c;
     SltCrossing found = SLT_CROSSING_INIT;
     SltStatus s = begin_gradient(&c, p, &values, true, NULL, err);
     if (s == SLT_OK) s = slt_estimate_crossing(&p->scene, a, b, stream, &found, err);
-    if (s == SLT_OK) api_struct_write(out, &found);
+    if (s == SLT_OK) api_struct_write(out, &found, sizeof found);
     return api_call_end(&c, s);
 }

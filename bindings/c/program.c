@@ -196,7 +196,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
     *out = p;
     SltOptions *o = &p->opt;
     *o = SLT_OPTIONS_INIT;
-    if (opt && !api_struct_read(o, opt)) return api_struct_unknown(&p->error, "SltOptions");
+    if (opt && !api_struct_read(o, sizeof *o, opt)) return api_struct_unknown(&p->error, "SltOptions");
     p->cached = true;
     Session *s = p->session;
     int unwound = session_protect(s, copy_options, o);
@@ -267,7 +267,7 @@ bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
     for (; d && index; index--) d = d->next;
     if (d) {
         SltDiagnostic q = described(p->session, d);
-        api_struct_write(out, &q);
+        api_struct_write(out, &q, sizeof q);
     }
     api_release(p);
     return d != NULL;

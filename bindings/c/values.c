@@ -60,15 +60,15 @@ bool slt_param(const SltProgram *p, uint32_t index, SltParam *out) {
     if (index >= slt_param_count(p) || !api_struct_sized(out)) return false;
     SltParam q;
     describe(&p->prog->params[index], &q);
-    api_struct_write(out, &q);
+    api_struct_write(out, &q, sizeof q);
     return true;
 }
 
 bool slt_param_field(const SltParam *of, uint32_t index, SltParam *out) {
     SltParam q = SLT_PARAM_INIT;
-    if (!api_struct_sized(out) || !api_struct_read(&q, of) || index >= q.nfields) return false;
+    if (!api_struct_sized(out) || !api_struct_read(&q, sizeof q, of) || index >= q.nfields) return false;
     shape_field(&q, index);
-    api_struct_write(out, &q);
+    api_struct_write(out, &q, sizeof q);
     return true;
 }
 
@@ -91,7 +91,7 @@ SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, S
     if (status != SLT_OK) return status;
     SltParam q;
     status = find(p, name, &q, err);
-    if (status == SLT_OK) api_struct_write(out, &q);
+    if (status == SLT_OK) api_struct_write(out, &q, sizeof q);
     api_release(p);
     return status;
 }

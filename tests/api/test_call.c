@@ -103,6 +103,9 @@ static void own_integers(void **state) {
     assert_true(c.found && fabs(c.x[0] - 0.7) < 1e-4 && c.f_before[0] == 8 && c.f_after[0] == 0);
     assert_ok(slt_crossing(p, NULL, a, b, 0, &c, &err));
     assert_true(c.found && fabs(c.x[0] - 0.5) < 1e-4 && c.f_before[0] == 3);
+    assert_ok(slt_crossing(p, NULL, a, a, 0, &c, &err));
+    assert_true(!c.found && c.site == -1);
+    assert_int_equal(c.struct_size, sizeof c);
     assert_ok(slt_eval(p, NULL, 1, x, NULL, &out, NULL, &err));
     assert_true(out == 3);
     SltOptions opt = SLT_OPTIONS_INIT;
