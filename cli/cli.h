@@ -8,8 +8,8 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "bindings/c/api.h"
 #include "runtime/base/json.h"
+#include "runtime/base/status.h"
 #include "runtime/image/image.h"
 #include "saltus/saltus.h"
 
@@ -116,6 +116,10 @@ void report_layer_name(const Cli *c, const SltProgram *p, uint32_t index, char *
 void report_metadata(Image *im, const Cli *c, const SltProgram *p);
 /* Channel names of the root: Y, R G, R G B, R G B A. */
 const char *report_channel(uint32_t channels, uint32_t c);
+
+/* fit.c: the optimisers' names, each after a |, and whether there is one of this name */
+extern const char fit_optimizers[];
+bool fit_has_optimizer(const char *name);
 
 int verb_render(Cli *c);
 int verb_grad(Cli *c);

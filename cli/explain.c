@@ -5,8 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
-#include "compiler/pass/site_facts.h"
+#include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
 
 static bool is_code(const char *s) {
@@ -250,7 +251,7 @@ static void explain_text(const Explain *e) {
            g->channels == 1 ? "" : "s", g->nfloats, g->nints);
     print_sites(e);
     printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)api_event_bound(p),
-           p->scene.near_miss ? "on" : "off");
+           api_near_miss(p) ? "on" : "off");
     print_kernels(e);
     printf("\nparameters without a gradient\n");
     bool any = false;
@@ -297,7 +298,7 @@ static void explain_json(const Explain *e) {
                e->facts[s] & DEPENDS_X ? "false" : "true");
     }
     printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)api_event_bound(p),
-           p->scene.near_miss ? "true" : "false");
+           api_near_miss(p) ? "true" : "false");
     bool first = true;
     for (int k = 0; k < K_KINDS; k++) {
         if (!p->fn[k]) continue;
@@ -353,7 +354,7 @@ static void list_numbers(const char *key, const double *v, uint32_t n) {
 }
 
 typedef struct SiteLog {
-    int32_t site, k[IR_MAX_SITE_DEPTH];
+    int32_t site, k[SLT_MAX_K];
     uint32_t depth;
     double g;
     bool decision, integer;
@@ -378,7 +379,7 @@ static void on_trace(void *user, const char *text, uint32_t len, const double *v
     SiteLog *s = &log->at[log->n++];
     *s = (SiteLog){
         .site = (int32_t)v[0], .g = v[2], .decision = v[1] != 0, .integer = text[0] == 'n', .n = v[1], .depth = n - 3};
-    for (uint32_t k = 0; k + 3 < n && k < IR_MAX_SITE_DEPTH; k++) s->k[k] = (int32_t)v[3 + k];
+    for (uint32_t k = 0; k + 3 < n && k < SLT_MAX_K; k++) s->k[k] = (int32_t)v[3 + k];
 }
 
 static void trace_sites(Fn *fn, Block *b) {
@@ -388,7 +389,7 @@ static void trace_sites(Fn *fn, Block *b) {
         if (i->op == OP_print) ir_unlink(i);
         if (i->op != OP_site && i->op != OP_siten) continue;
         Builder at = ir_after(fn, i);
-        Inst *args[3 + IR_MAX_SITE_DEPTH] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
+        Inst *args[3 + SLT_MAX_K] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
         uint32_t n = 3;
         for (uint32_t a = 2; a < i->nargs; a++) args[n++] = i->args[a];
         ir_special(&at, OP_print, TY_VOID, n, args, (Imm){.text = {i->op == OP_site ? "s" : "n", 1}});
@@ -451,7 +452,7 @@ static int explain_at(Cli *c, SltProgram *p) {
         return status;
     }
     slt_domain(p, lo, hi);
-    SltCrossing cross = {0};
+    SltCrossing cross = SLT_CROSSING_INIT;
     SltError err = {0};
     uint32_t axis = 0;
     /* The nearest crossing along the axes, on segments of an eighth of the domain to both sides. */
@@ -462,8 +463,8 @@ static int explain_at(Cli *c, SltProgram *p) {
             end[d] += side * (hi[d] - lo[d]) / 8;
             if (end[d] < lo[d]) end[d] = lo[d];
             if (end[d] > hi[d]) end[d] = hi[d];
-            SltCrossing t;
-            if (end[d] == x[d] || slt_crossing(p, x, end, 0, &t, &err) != SLT_OK || !t.found) continue;
+            SltCrossing t = SLT_CROSSING_INIT;
+            if (end[d] == x[d] || slt_crossing(p, NULL, x, end, 0, &t, &err) != SLT_OK || !t.found) continue;
             double dist = fabs(t.x[d] - x[d]);
             if (dist < best) best = dist, cross = t, axis = d;
         }
@@ -540,7 +541,7 @@ static int explain(Cli *c, SltProgram *p) {
             true;
     int status = e.facts && e.alive && e.reach ? (int)api_kernels(p, needs, &err) : SLT_LIMIT;
     if (status == SLT_OK) {
-        site_facts(&p->passes, p->prog->primal, NULL, e.facts);
+        depend_sites(p->prog->primal, NULL, e.facts);
         mark_sites(primal->body, e.alive);
         if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
         for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);

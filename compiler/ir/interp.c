@@ -98,8 +98,9 @@ static bool counts(const Interp *in, const Mask *m, uint32_t lane) {
 
 static bool exec_input(Interp *in, const Inst *i, void *dst) {
     int64_t s = i->imm.i;
-    if (s == IN_RES0 || s == IN_RES1 || s == IN_SITE) {
-        int32_t v = s == IN_SITE ? in->args->site : in->args->resolution[s - IN_RES0];
+    if (s >= SLT_IN_VARYING) {
+        int32_t v;
+        memcpy(&v, (const char *)in->args + ir_uniform_offset((InputSlot)s), sizeof v);
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = v;
         return true;
     }

@@ -16,6 +16,7 @@
 #define SALTUS_IR_IR_H
 
 #include "compiler/base/session.h"
+#include "saltus/contract.h"
 
 typedef enum Op {
 #define FOP1(name, ...) OP_##name,
@@ -38,50 +39,25 @@ typedef enum Op {
 typedef enum IrType { TY_VOID, TY_BOOL, TY_INT, TY_FLT, TY_ARRAY, TY_TAPE } IrType;
 typedef enum Precision { PREC_F32, PREC_F64 } Precision;
 
-/* Per-sample inputs (varying) and per-call uniforms. The order is the order of SltKernelArgs.in. */
+/* The rows of the contract by the names that the compiler uses: IN_X0 is SLT_IN_X0. */
 typedef enum InputSlot {
-    IN_X0,
-    IN_X1,
-    IN_X2,     /* float: position in the domain */
-    IN_STREAM, /* int: the sample's random stream */
-    IN_RAND0,  /* float: number 0 of the stream (stratified by the runtime) */
-    IN_PIXEL0,
-    IN_PIXEL1, /* int */
-    IN_SAMPLE, /* int: sample_index() */
-    IN_SEED0,
-    IN_SEED1,
-    IN_SEED2,
-    IN_SEED3, /* float: adjoint of each output (reverse), or the weight of a crossing */
-    IN_K0,
-    IN_K1,
-    IN_K2,
-    IN_K3,
-    IN_K4,
-    IN_K5,
-    IN_K6,
-    IN_K7,  /* int: the loop indices of an event */
-    IN_AUX, /* float: boundary of an integer-valued site */
-    IN_DX0,
-    IN_DX1,
-    IN_DX2,  /* float: tangent of x (forward mode) */
-    IN_AUX1, /* float: the far end of a heightfield site's window (IN_AUX: the near one) */
-    IN_VARYING_COUNT,
-    IN_RES0 = IN_VARYING_COUNT,
-    IN_RES1, /* int, uniform: resolution() */
-    IN_SITE, /* int, uniform: which site */
-    IN_COUNT
+#define SLT_INPUT(id, ...) IN_##id = SLT_IN_##id,
+#define SLT_UNIFORM(id, ...) IN_##id = SLT_IN_##id,
+#include "saltus/kernel.def"
 } InputSlot;
 
 typedef enum CounterSlot {
-    COUNTER_TRUNCATED,
-    COUNTER_ASSERT,
-    COUNTER_TAPE_OVERFLOW,
-    COUNTER_NONFINITE,
-    COUNTER_SLOTS
+#define SLT_COUNTER(id, ...) COUNTER_##id = SLT_COUNT_##id,
+#include "saltus/kernel.def"
 } CounterSlot;
 
+/* Kinds of sites. */
+typedef enum SiteKind {
+#define SLT_SITE(id, ...) SITE_##id = SLT_SITE_##id,
+#include "saltus/kernel.def"
+} SiteKind;
+
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
-#define IR_MAX_SITE_DEPTH 8 /* loops around a site that tell its events apart */
 #define IR_MAX_OPS (1u << 18)
 
 typedef struct Inst Inst;
@@ -138,27 +114,22 @@ struct Block {
     Inst *owner; /* the structured operation; NULL for the top block */
 };
 
-typedef enum SiteKind {
-    SITE_COMPARE, /* a < b and friends, step, sign, refract: g = a - b */
-    SITE_FLOOR,   /* boundary between n and n + 1 at n + 1 */
-    SITE_CEIL,    /* at n */
-    SITE_ROUND,   /* at n + 1/2 */
-    SITE_TRUNC,   /* at n + 1 for n >= 0, at n for n < 0; none at 0 */
-    SITE_FMOD,    /* as TRUNC; v is the quotient */
-    SITE_FIELD,   /* h.trace: silhouettes; ends also differ where both hit, at depths with a ridge between */
-    SITE_SHADOW   /* h.occluded */
-} SiteKind;
-
 /* One static site: one place in the source inlined through one chain of calls. */
 typedef struct SiteInfo {
     SiteKind kind;
     Span span;           /* the comparison or the jumping builtin */
     const char *path;    /* "main > sd_scene" */
-    uint32_t depth;      /* loop indices that tell its events apart, <= IR_MAX_SITE_DEPTH */
+    uint32_t depth;      /* loop indices that tell its events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
+
+/* What an output is; index: which of several of its role. In text "f.0", "hash", "k1". */
+typedef struct Output {
+    SltRole role;
+    uint32_t index;
+} Output;
 
 struct Fn {
     const char *name;
@@ -173,7 +144,7 @@ struct Fn {
     Fn *next_part; /* a kernel over sites in several parts: each serves the sites it lists; NULL: the last, or the only
                       one */
     const uint8_t *serves; /* [nsites], NULL: all */
-    const char **outputs;  /* a name for each output of the top yield: "f.0", "hash", "g" */
+    Output *outputs;       /* of each output of the top yield; NULL: nobody asks */
     uint32_t ninsts;       /* after ir_number */
 };
 
@@ -193,6 +164,8 @@ typedef struct OpInfo {
     uint16_t cost;          /* about how many vector additions it takes */
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
+IrType ir_input_type(InputSlot slot);
+size_t ir_uniform_offset(InputSlot slot); /* in SltKernelArgs, of an input that is the same for all samples */
 
 /* ---- build.c
  * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms
@@ -245,6 +218,7 @@ Fn *ir_clone(const Fn *fn, Arena *arena, const char *name);
 void ir_clone_insts(Builder *b, const Block *from, Inst *first, Inst *last_exclusive, Inst **map);
 /* Replaces every use of the instructions with map[id] != NULL, in the whole Fn. */
 void ir_replace_all(Fn *fn, Inst **map);
+void ir_name_outputs(Fn *fn, SltRole role); /* all of them, numbered */
 bool ir_is_const(const Inst *i);
 /* 32-bit mixing used for region keys, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
@@ -274,6 +248,9 @@ Fn *ir_parse(Session *s, Arena *arena, int file);
 
 /* ---- verify.c: reports everything that is wrong, into *text; true if sound. */
 bool ir_verify(const Fn *fn, Arena *arena, const char **text);
+/* Verifies what we made ourselves. Broken: the whole report goes to standard error, and the session ends with an
+ * internal error that names `when` ("lowering", "opt_fold") and the Fn. */
+void ir_require(const Fn *fn, const char *when);
 
 /* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision),
  * W lanes at a time (W even where partner is used). Same arguments as a compiled kernel, except that adjoints always

@@ -1,5 +1,8 @@
 /* Facts of ops.def as a table, and the two hashes that exist both in C and as IR. */
+#include <stddef.h>
+
 #include "compiler/ir/ir.h"
+#include "saltus/kernel.h"
 
 _Static_assert(OP_COUNT < IR_MANY, "Inst.op is a byte");
 
@@ -81,4 +84,21 @@ uint32_t ir_rand_u32(uint32_t stream, uint32_t n) {
         y = (uint32_t)p;
     }
     return x;
+}
+
+IrType ir_input_type(InputSlot slot) {
+    static const uint8_t type[SLT_INPUTS] = {
+#define SLT_INPUT(id, text, type, ...) [IN_##id] = TY_##type,
+#define SLT_UNIFORM(id, ...) [IN_##id] = TY_INT,
+#include "saltus/kernel.def"
+    };
+    return (IrType)type[slot];
+}
+
+size_t ir_uniform_offset(InputSlot slot) {
+    static const uint16_t offset[SLT_INPUTS] = {
+#define SLT_UNIFORM(id, text, field, ...) [IN_##id] = offsetof(SltKernelArgs, field),
+#include "saltus/kernel.def"
+    };
+    return offset[slot];
 }

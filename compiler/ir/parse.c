@@ -18,7 +18,7 @@ typedef struct Parser {
     bool failed;
     Vec(Inst *) values; /* by printed id */
     Vec(SiteInfo) sites;
-    Vec(const char *) outputs;
+    Vec(Output) outputs;
     uint32_t depth;
 } Parser;
 
@@ -212,7 +212,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_constf: return want_double(p, &imm->f);
     case OP_consti: return want_integer(p, INT32_MIN, INT32_MAX, &imm->i);
     case OP_constb: imm->i = accept_word(p, "true"); return imm->i || want_word(p, "false");
-    case OP_input: imm->i = want_name(p, ir_input_names, IN_COUNT, "the name of an input"); return imm->i >= 0;
+    case OP_input: imm->i = want_name(p, ir_input_names, SLT_INPUTS, "the name of an input"); return imm->i >= 0;
     case OP_param:
     case OP_iparam:
     case OP_dparam:
@@ -328,9 +328,28 @@ static bool want_block(Parser *p, Block *b) {
 
 /* ---- the head */
 
+static bool find_output(const char *name, Output *out) {
+    for (int r = 0; r < SLT_ROLES; r++) {
+        const OutputText *role = &ir_output_texts[r];
+        size_t len = strlen(role->text);
+        if (strncmp(name, role->text, len) != 0) continue;
+        size_t digits = strspn(name + len, "0123456789");
+        if (name[len + digits] || digits > 4 || (digits > 0) != (role->most > 1)) continue;
+        *out = (Output){(SltRole)r, digits ? (uint32_t)strtoul(name + len, NULL, 10) : 0};
+        return true;
+    }
+    return false;
+}
+
+static bool want_output(Parser *p, Output *out) {
+    const char *name;
+    if (!want_string(p, &name, NULL)) return false;
+    return find_output(name, out) || expected(p, "the name of an output");
+}
+
 static bool want_site(Parser *p) {
     SiteInfo site = {.span = SPAN_NONE};
-    int kind = want_name(p, ir_site_kinds, SITE_SHADOW + 1, "a kind of site");
+    int kind = want_name(p, ir_site_kinds, SLT_SITE_KINDS, "a kind of site");
     int64_t events = 0;
     if (kind < 0 || !want_word(p, "depth") || !want_u32(p, &site.depth) || !want_word(p, "events") ||
         !want_integer(p, 0, INT64_MAX, &events))
@@ -360,9 +379,9 @@ static bool want_fn(Parser *p) {
     fn->sites = p->sites.data;
     fn->nsites = p->sites.len;
     while (accept_word(p, "output")) {
-        const char *name;
-        if (!want_string(p, &name, NULL)) return false;
-        vec_push(fn->arena, &p->outputs, name);
+        Output out;
+        if (!want_output(p, &out)) return false;
+        vec_push(fn->arena, &p->outputs, out);
     }
     if (!want_block(p, fn->body)) return false;
     skip_space(p);

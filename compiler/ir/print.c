@@ -22,13 +22,23 @@
 
 #include "compiler/ir/text.h"
 
-const char *const ir_input_names[IN_COUNT] = {"x0",     "x1",    "x2",    "stream", "rand0", "pixel0", "pixel1",
-                                              "sample", "seed0", "seed1", "seed2",  "seed3", "k0",     "k1",
-                                              "k2",     "k3",    "k4",    "k5",     "k6",    "k7",     "aux",
-                                              "dx0",    "dx1",   "dx2",   "aux1",   "res0",  "res1",   "site"};
-const char *const ir_site_kinds[SITE_SHADOW + 1] = {"compare", "floor", "ceil",  "round",
-                                                    "trunc",   "fmod",  "field", "shadow"};
-const char *const ir_counter_names[COUNTER_SLOTS] = {"truncated", "assert", "tape_overflow", "nonfinite"};
+const char *const ir_input_names[SLT_INPUTS] = {
+#define SLT_INPUT(id, text, ...) [IN_##id] = text,
+#define SLT_UNIFORM(id, text, ...) [IN_##id] = text,
+#include "saltus/kernel.def"
+};
+const OutputText ir_output_texts[SLT_ROLES] = {
+#define SLT_ROLE(id, text, type, most, ...) {text, most},
+#include "saltus/kernel.def"
+};
+const char *const ir_site_kinds[SLT_SITE_KINDS] = {
+#define SLT_SITE(id, text, ...) text,
+#include "saltus/kernel.def"
+};
+const char *const ir_counter_names[SLT_COUNTERS] = {
+#define SLT_COUNTER(id, text, ...) text,
+#include "saltus/kernel.def"
+};
 const char ir_type_letters[TY_TAPE + 1] = {'.', 'b', 'i', 'f', 'a', 't'};
 
 bool ir_spells_type(Op op) {
@@ -63,18 +73,23 @@ static void reserve(Text *t, size_t more) {
     t->cap = cap;
 }
 
-void text_add(Text *t, const char *fmt, ...) {
-    va_list ap, again;
-    va_start(ap, fmt);
-    va_copy(again, ap);
-    int n = vsnprintf(NULL, 0, fmt, ap);
-    va_end(ap);
+void text_addv(Text *t, const char *fmt, va_list values) {
+    va_list again;
+    va_copy(again, values);
+    int n = vsnprintf(NULL, 0, fmt, values);
     if (n > 0) {
         reserve(t, (size_t)n);
         vsnprintf(t->data + t->len, (size_t)n + 1, fmt, again);
         t->len += (size_t)n;
     }
     va_end(again);
+}
+
+void text_add(Text *t, const char *fmt, ...) {
+    va_list ap;
+    va_start(ap, fmt);
+    text_addv(t, fmt, ap);
+    va_end(ap);
 }
 
 static void add_quoted(Text *t, const char *s, size_t n) {
@@ -116,7 +131,7 @@ static void add_imm(Text *t, const Inst *i) {
     case OP_consti: text_add(t, " %" PRId32, (int32_t)i->imm.i); break;
     case OP_constb: text_add(t, i->imm.i ? " true" : " false"); break;
     case OP_input:
-        if (i->imm.i >= 0 && i->imm.i < IN_COUNT) text_add(t, " %s", ir_input_names[i->imm.i]);
+        if (i->imm.i >= 0 && i->imm.i < SLT_INPUTS) text_add(t, " %s", ir_input_names[i->imm.i]);
         else text_add(t, " #%" PRId64, i->imm.i);
         break;
     case OP_param:
@@ -207,9 +222,10 @@ char *ir_print_string(const Fn *fn, Arena *arena) {
     }
     const Inst *yield = fn->body->last;
     for (uint32_t o = 0; fn->outputs && yield && yield->op == OP_yield && o < yield->nargs; o++) {
-        text_add(&t, "output ");
-        add_string(&t, fn->outputs[o]);
-        text_add(&t, "\n");
+        const Output *out = &fn->outputs[o];
+        text_add(&t, "output \"%s", ir_output_texts[out->role].text);
+        if (ir_output_texts[out->role].most > 1) text_add(&t, "%u", out->index);
+        text_add(&t, "\"\n");
     }
     add_block(&t, fn->body, 0);
     text_add(&t, "\n");

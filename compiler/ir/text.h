@@ -2,6 +2,8 @@
 #ifndef SALTUS_IR_TEXT_H
 #define SALTUS_IR_TEXT_H
 
+#include <stdarg.h>
+
 #include "compiler/ir/ir.h"
 
 typedef struct Text {
@@ -11,13 +13,20 @@ typedef struct Text {
 } Text;
 
 void text_add(Text *t, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void text_addv(Text *t, const char *fmt, va_list values) __attribute__((format(printf, 2, 0)));
 /* One instruction without its regions and without a newline. Safe on broken IR. */
 void text_inst(Text *t, const Inst *i);
 
 /* Names that print.c writes and parse.c reads. */
-extern const char *const ir_input_names[IN_COUNT];
-extern const char *const ir_site_kinds[SITE_SHADOW + 1];
-extern const char *const ir_counter_names[COUNTER_SLOTS];
+extern const char *const ir_input_names[SLT_INPUTS];
+extern const char *const ir_site_kinds[SLT_SITE_KINDS];
+extern const char *const ir_counter_names[SLT_COUNTERS];
+/* Names of outputs: of a role that may have several, the number is behind it. */
+typedef struct OutputText {
+    const char *text;
+    uint32_t most;
+} OutputText;
+extern const OutputText ir_output_texts[SLT_ROLES];
 extern const char ir_type_letters[TY_TAPE + 1]; /* . b i f a t */
 /* Special rows whose result type the text spells out: the signature begins with '?'. */
 bool ir_spells_type(Op op);

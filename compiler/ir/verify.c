@@ -5,7 +5,7 @@
 #include "compiler/ir/text.h"
 #include "saltus/field.h"
 
-enum { MAX_DEPTH = 512, MAX_REPORTS = 50 };
+enum { MAX_DEPTH = 512 };
 
 typedef struct Verify {
     const Fn *fn;
@@ -17,13 +17,12 @@ typedef struct Verify {
 } Verify;
 
 __attribute__((format(printf, 3, 4))) static void problem(Verify *v, const Inst *i, const char *fmt, ...) {
-    if (v->nproblems++ >= MAX_REPORTS) return;
-    char line[256];
     va_list ap;
+    v->nproblems++;
     va_start(ap, fmt);
-    vsnprintf(line, sizeof line, fmt, ap);
+    text_addv(&v->text, fmt, ap);
     va_end(ap);
-    text_add(&v->text, "%s: ", line);
+    text_add(&v->text, ": ");
     if (i) text_inst(&v->text, i);
     text_add(&v->text, "\n");
 }
@@ -150,7 +149,7 @@ static void check_site(Verify *v, const Inst *i, IrType decision) {
         problem(v, i, "site outside the %u sites", v->fn->nsites);
     } else {
         const SiteInfo *s = &v->fn->sites[i->imm.i];
-        if (s->depth > IR_MAX_SITE_DEPTH || i->nargs - 2 != s->depth)
+        if (s->depth > SLT_MAX_K || i->nargs - 2 != s->depth)
             problem(v, i, "%u loop indices at a site of depth %u", i->nargs - 2, s->depth);
     }
 }
@@ -187,13 +186,11 @@ static void check_special(Verify *v, const Inst *i) {
         return;
     case OP_constb: want_result(v, i, TY_BOOL); return;
     case OP_input: {
-        if (i->imm.i < 0 || i->imm.i >= IN_COUNT) {
+        if (i->imm.i < 0 || i->imm.i >= SLT_INPUTS) {
             problem(v, i, "no such input");
             return;
         }
-        bool is_int = i->imm.i == IN_STREAM || (i->imm.i >= IN_PIXEL0 && i->imm.i <= IN_SAMPLE) ||
-                      (i->imm.i >= IN_K0 && i->imm.i <= IN_K7) || i->imm.i >= IN_RES0;
-        want_result(v, i, is_int ? TY_INT : TY_FLT);
+        want_result(v, i, ir_input_type((InputSlot)i->imm.i));
         return;
     }
     case OP_param:
@@ -307,7 +304,7 @@ static void check_special(Verify *v, const Inst *i) {
         return;
     case OP_count:
         want(v, i, 0, TY_BOOL);
-        if (i->imm.i < 0 || i->imm.i >= COUNTER_SLOTS) problem(v, i, "no such counter");
+        if (i->imm.i < 0 || i->imm.i >= SLT_COUNTERS) problem(v, i, "no such counter");
         return;
     case OP_print:
         if (i->imm.text.len && !i->imm.text.text) problem(v, i, "no text");
@@ -411,7 +408,19 @@ bool ir_verify(const Fn *fn, Arena *arena, const char **text) {
         if (fn->body->nparams) problem(&v, fn->body->first, "the top block has parameters");
         check_frames(&v);
     }
-    if (v.nproblems > MAX_REPORTS) text_add(&v.text, "and %u more\n", v.nproblems - MAX_REPORTS);
     if (text) *text = v.nproblems ? v.text.data : "";
     return !v.nproblems;
+}
+
+void ir_require(const Fn *fn, const char *when) {
+    Arena *scratch = &fn->session->scratch;
+    ArenaMark m = arena_mark(scratch);
+    const char *problems;
+    if (!ir_verify(fn, scratch, &problems)) {
+        uint32_t n = 0;
+        for (const char *c = problems; *c; c++) n += *c == '\n';
+        fprintf(stderr, "; %s of %s\n%s", when, fn->name, problems);
+        ice(fn->session, "%s of %s: broken IR, %u problem%s", when, fn->name, n, n == 1 ? "" : "s");
+    }
+    arena_reset(scratch, m);
 }

@@ -1,40 +1,64 @@
 /* Passes over the IR: optimisations (opt_*), required lowerings (lower_*), variants (variant_*) and automatic
  * differentiation (ad_*).
  *
- * A pass edits its Fn in place and says whether it changed anything; a variant makes a new Fn from a primal, which it
- * leaves alone. pipeline.c is the order of everything, in one function. Dumps: ctx->dump names a pass (or "all") whose
- * result is printed to stderr. */
+ * A pass is a row of passes.def: it edits its Fn in place and says whether it changed anything. A variant makes a new
+ * Fn from a primal, which it leaves alone. pipeline.c is the order of everything; pass.c runs each row, and dumps,
+ * verifies and stops behind it. */
 #ifndef SALTUS_PASS_PASS_H
 #define SALTUS_PASS_PASS_H
 
 #include "compiler/front/front.h"
 #include "compiler/ir/ir.h"
+#include "saltus/kernel.h"
+
+typedef enum PassId {
+    PASS_NONE,
+#define PASS(name, ...) PASS_##name,
+#define STEP(name, ...) PASS_##name,
+#include "compiler/pass/passes.def"
+#undef PASS
+#undef STEP
+    PASS_ALL
+} PassId;
+
+/* Behind which pass, of which kernel. */
+typedef struct PassPoint {
+    PassId pass;        /* PASS_NONE: nowhere */
+    const char *kernel; /* one of kernel_names, or "primal"; NULL: any */
+} PassPoint;
 
 typedef struct PassCtx {
     Session *session;
-    const char *dump; /* -d NAME */
-    bool verify_each; /* verify after every pass */
-    bool has_fma;     /* the target contracts */
+    const Program *program; /* whose Fns these are: names for warnings; NULL: no warnings */
+    PassPoint dump;         /* print the IR to standard error */
+    PassPoint verify;       /* check the IR, and that the pass did what its row says */
+    PassPoint stop_after;   /* print the IR to standard output, then unwind (session_stop) */
+    bool has_fma;           /* the target contracts */
 } PassCtx;
 
-/* ---- opt_*.c: none of them may change the value of a float that decides, except contract, which runs once, before
- * variants are cut */
-bool opt_dce(
-    PassCtx *ctx,
-    Fn *fn); /* dead instructions, unused results of structured operations, unused carried values, dead arrays */
-bool opt_fold(PassCtx *ctx, Fn *fn);      /* constants, exact identities, if_ on constants, loops that run once */
-bool opt_cse(PassCtx *ctx, Fn *fn);       /* value numbering by scope */
-bool opt_licm(PassCtx *ctx, Fn *fn);      /* loop invariants out */
-bool opt_induction(PassCtx *ctx, Fn *fn); /* carried i += step becomes init + k*step */
-bool opt_sink(PassCtx *ctx, Fn *fn);      /* what one branch alone uses goes there */
-bool opt_hits(PassCtx *ctx, Fn *fn);      /* rays over heightfields of which only the hit counts */
-bool opt_unroll(PassCtx *ctx, Fn *fn);    /* tiny exact loops */
-bool opt_contract(PassCtx *ctx, Fn *fn);  /* a*b + c -> ffma: the only pass that changes floats */
-bool lower_custom(PassCtx *ctx, Fn *fn);  /* [Tangent] regions: keep the primal */
-bool lower_custom_sites(PassCtx *ctx,
-                        Fn *fn); /* the same for those that hold sites; the others keep their derivative */
-bool lower_rand(PassCtx *ctx, Fn *fn);
-bool lower_math(PassCtx *ctx, Fn *fn); /* elementary functions to polynomials: the one arithmetic */
+/* ---- passes.def: every pass */
+#define PASS(name, ...) bool name(PassCtx *ctx, Fn *fn);
+#define STEP(name, ...)
+#include "compiler/pass/passes.def"
+#undef PASS
+#undef STEP
+
+/* ---- pass.c: the registry and the driver */
+typedef enum PassStage { PASS_NEEDS_ANY, PASS_NEEDS_PRIMAL, PASS_NEEDS_KERNEL } PassStage;
+enum { PASS_KEEPS_FLOATS = 1, PASS_KEEPS_SITES = 2, PASS_SETTLES = 4 };
+typedef struct PassInfo {
+    const char *name, *what;
+    bool (*run)(PassCtx *, Fn *); /* NULL: a step */
+    PassStage needs;
+    uint8_t ends, keeps; /* the columns of passes.def */
+} PassInfo;
+extern const PassInfo pass_info[PASS_ALL]; /* [PASS_NONE] is empty */
+/* Runs a pass on the primal or on a kernel (stage). */
+bool pass_run(PassCtx *ctx, PassStage stage, Fn *fn, PassId pass);
+/* Dumps, verifies and stops at a step. */
+void pass_step(PassCtx *ctx, PassStage stage, Fn *fn, PassId step);
+/* "opt_fold", "all", "vjp:opt_fold", "primal:all". NULL, or what is wrong with the text, with the nearest name. */
+const char *pass_point(Arena *a, const char *text, PassPoint *out);
 
 /* ---- variant_*.c: primal -> new Fn in the same arena */
 typedef struct VariantOptions {
@@ -43,16 +67,12 @@ typedef struct VariantOptions {
     bool paper_forced; /* sides: the paper's forced branch */
     bool path_hash;    /* region: decisions of the path instead of the provenance of the output */
 } VariantOptions;
-/* Outputs of each, in order: */
-Fn *variant_value(PassCtx *ctx, const Fn *primal); /* f.0 .. f.C-1 */
-Fn *variant_region(PassCtx *ctx, const Fn *primal,
-                   const VariantOptions *o); /* hash:int [, near_site:int, near_g:flt, near_k0.. :int] [, depth:flt] */
-Fn *variant_event(
-    PassCtx *ctx, const Fn *primal,
-    const VariantOptions *o); /* site:int (-1 none), g:flt (own end), aux:flt, k0..kD-1:int [, aux1:flt] */
-Fn *variant_sides(PassCtx *ctx, const Fn *primal,
-                  const VariantOptions *o);       /* f.0.., hash:int (the same hash as region's) [, depth:flt] */
-Fn *variant_site(PassCtx *ctx, const Fn *primal); /* g:flt; inputs site (uniform), k0.., aux, x, stream */
+/* Outputs are named by their roles; in brackets, where the program has such. */
+Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */
+Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o); /* HASH [DEPTH] [WITNESS] [NEAR_*] */
+Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* SITE G K [BOUNDARY] [WINDOW] */
+Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F, and HASH .. WITNESS of region */
+Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 
 /* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
 enum {
@@ -90,33 +110,21 @@ void pipeline_primal(PassCtx *ctx, Fn *primal);
 /* Cleans and lowers one kernel: slice, fold, cse, lower_custom, lower_rand, lower_math, fold, cse, dce. */
 void pipeline_kernel(PassCtx *ctx, Fn *fn);
 
-typedef enum KernelKind {
-    K_VALUE,
-    K_REGION,
-    K_EVENT,
-    K_SIDES,
-    K_SITE,
-    K_SITE_GRAD,
-    K_SITE_JVP,
-    K_SITE_VJP,
-    K_JVP,
-    K_VJP,
-    K_KINDS
-} KernelKind;
-extern const char *const kernel_names[K_KINDS]; /* "value", "region", "event", "sides", "site", "site_grad", "site_jvp",
-                                                   "site_vjp", "jvp", "vjp" */
+/* Kinds of kernels of which a program has one: all but CULL, of which it has one a loop. */
+enum {
+#define SLT_KERNEL(id, ...) K_##id = SLT_K_##id,
+#include "saltus/kernel.def"
+    K_KINDS = K_CULL
+};
+extern const char *const kernel_names[SLT_KERNELS];
 
 typedef struct KernelSet {
     Fn *fn[K_KINDS]; /* NULL: not needed */
     TapeReport tape[K_KINDS];
-    uint32_t event_depth; /* D: number of k outputs of event */
-    bool near_miss;
-    bool has_depth;    /* region and sides end with one more output, depth: h.trace is a site */
-    uint32_t nwitness; /* region and sides end with this many more outputs, which event reads as IN_K0 and on: what its
-                          searches would find, or 0 */
-    bool has_window; /* event ends with one more output, aux1, and reads IN_SEED0; site kernels read IN_AUX1: h.trace or
-                        h.occluded is a site */
+    SltLayout layout[K_KINDS];
 } KernelSet;
+/* What a finished kernel reads and where its outputs are. */
+SltLayout pipeline_layout(const Fn *fn);
 /* The whole middle: needs[kind] says which kernels are wanted; those that the program has no use for stay NULL (no
  * site: no boundary kernel). */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,

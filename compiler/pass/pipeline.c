@@ -1,31 +1,26 @@
 /* The order of everything between the front end and the back end. */
 #include <string.h>
 
+#include "compiler/pass/depend.h"
 #include "compiler/pass/lower_math.h"
-#include "compiler/pass/site_facts.h"
 #include "compiler/pass/variant.h"
 
-const char *const kernel_names[K_KINDS] = {"value",     "region",   "event",    "sides", "site",
-                                           "site_grad", "site_jvp", "site_vjp", "jvp",   "vjp"};
+const char *const kernel_names[SLT_KERNELS] = {
+#define SLT_KERNEL(id, text, ...) text,
+#include "saltus/kernel.def"
+};
+_Static_assert(K_CULL == SLT_KERNELS - 1, "K_KINDS counts the kinds before it");
+_Static_assert(IN_K7 - IN_K0 + 1 == SLT_MAX_K, "a loop index for each loop around a site");
+_Static_assert(IN_SEED3 - IN_SEED0 + 1 == SLT_MAX_CHANNELS, "a seed for each channel");
+_Static_assert(SLT_IN_VARYING <= 64, "SltLayout.reads has a bit for each");
+_Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for each witness");
 
-typedef bool Pass(PassCtx *, Fn *);
-
-static bool run(PassCtx *ctx, Fn *fn, const char *name, Pass *pass) {
-    bool changed = pass(ctx, fn);
-    if (ctx->verify_each) {
-        const char *text = NULL;
-        if (!ir_verify(fn, &ctx->session->scratch, &text))
-            ice(ctx->session, "after %s of %s: %s", name, fn->name, text ? text : "?");
-    }
-    if (ctx->dump && (!strcmp(ctx->dump, name) || !strcmp(ctx->dump, "all"))) {
-        fprintf(stderr, "; after %s of %s\n", name, fn->name);
-        ir_print(fn, stderr);
-    }
-    return changed;
-}
-#define RUN(pass) run(ctx, fn, #pass, pass)
+#define RUN(pass) pass_run(ctx, stage, fn, PASS_##pass)
 
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_PRIMAL;
+    pass_step(ctx, stage, fn, PASS_front);
+    RUN(warn_jumps); /* before anything moves: it knows the places that the front end recorded */
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);
@@ -40,6 +35,8 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
 }
 
 void pipeline_kernel(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_KERNEL;
+    pass_step(ctx, stage, fn, PASS_cut);
     RUN(lower_custom);
     RUN(opt_fold);
     RUN(opt_cse);
@@ -59,7 +56,7 @@ static bool boundary_moves(PassCtx *ctx, Program *p, const uint8_t *wrt) {
     ArenaMark m = arena_mark(&ctx->session->scratch);
     uint8_t *facts = ARENA_ARRAY(&ctx->session->scratch, uint8_t, primal->nsites + 1);
     bool moves = false;
-    site_facts(ctx, p->primal, wrt, facts);
+    depend_sites(p->primal, wrt, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) moves |= (facts[s] & DEPENDS_PARAM) != 0;
     arena_reset(&ctx->session->scratch, m);
     return moves;
@@ -73,10 +70,34 @@ static Fn **add_part(Fn **end, const Fn *part, Fn *made) {
     return &made->next_part;
 }
 
-static uint32_t count_witnesses(const Fn *region) {
-    uint32_t n = 0;
-    for (uint32_t k = 0; k < region->body->last->nargs; k++) n += !strncmp(region->outputs[k], "witness", 7);
-    return n;
+static uint64_t reads(const Block *b) {
+    uint64_t slots = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_input && i->imm.i < SLT_IN_VARYING) slots |= (uint64_t)1 << i->imm.i;
+        for (uint32_t r = 0; r < i->nregions; r++) slots |= reads(i->region[r]);
+    }
+    return slots;
+}
+
+SltLayout pipeline_layout(const Fn *fn) {
+    static const struct {
+        uint8_t type, most;
+    } role[SLT_ROLES] = {
+#define SLT_ROLE(id, text, type, most, ...) {TY_##type, most},
+#include "saltus/kernel.def"
+    };
+    SltLayout l = {0};
+    for (const Fn *part = fn; part; part = part->next_part) l.reads |= reads(part->body);
+    const Inst *yield = fn->body->last;
+    for (uint32_t o = 0; o < yield->nargs; o++) {
+        const Output *is = &fn->outputs[o];
+        if (!l.out[is->role].count) l.out[is->role].first = (uint16_t)o;
+        bool fits = is->index == l.out[is->role].count && o == l.out[is->role].first + is->index &&
+                    is->index < role[is->role].most && yield->args[o]->type == role[is->role].type;
+        if (!fits) ice(fn->session, "output %u of %s is not where its role puts it", o, fn->name);
+        l.out[is->role].count++;
+    }
+    return l;
 }
 
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
@@ -88,7 +109,6 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     AdOptions wrt = ad ? *ad : (AdOptions){0};
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
-    out->near_miss = variant.near_miss;
 
     Fn *value = variant_value(ctx, primal);
     if (needs[K_VALUE]) out->fn[K_VALUE] = value;
@@ -111,9 +131,6 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
                 if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
             }
         }
-        out->has_depth = variant_has_depth(primal), out->has_window = variant_has_windows(primal);
-        if (out->fn[K_REGION]) out->nwitness = count_witnesses(out->fn[K_REGION]);
-        if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3 - out->has_window;
     }
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
@@ -122,8 +139,9 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         for (Fn *part = out->fn[k]; part; part = part->next_part) {
             part->name = kernel_names[k];
             pipeline_kernel(ctx, part);
-            if (k == K_EVENT && out->has_window)
-                run(ctx, part, "opt_sink", opt_sink); /* the searches behind g, for pairs that have an event */
+            if (k == K_EVENT && variant_has_windows(primal)) /* the searches behind g, for pairs that have an event */
+                pass_run(ctx, PASS_NEEDS_KERNEL, part, PASS_opt_sink);
         }
+        out->layout[k] = pipeline_layout(out->fn[k]);
     }
 }

@@ -74,7 +74,7 @@ static Inst *of_pair(Builder *b, Inst *w) {
                     ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.top, p.far_t)));
 }
 
-static Inst *of_input(Builder *b, Inst *w) { return ir_input(b, w->imm.i & 1 ? IN_AUX1 : IN_AUX); }
+static Inst *of_input(Builder *b, Inst *w) { return ir_input(b, w->imm.i & 1 ? IN_WINDOW1 : IN_WINDOW0); }
 
 void variant_windows_of_pairs(Fn *fn) {
     windows(fn, fn->body, of_pair);
@@ -86,17 +86,9 @@ void variant_windows_of_inputs(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
-bool variant_has_windows(const Fn *fn) {
-    for (uint32_t s = 0; s < fn->nsites; s++)
-        if (fn->sites[s].kind == SITE_FIELD || fn->sites[s].kind == SITE_SHADOW) return true;
-    return false;
-}
+bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_FIELD, SITE_SHADOW); }
 
-bool variant_has_depth(const Fn *fn) {
-    for (uint32_t s = 0; s < fn->nsites; s++)
-        if (fn->sites[s].kind == SITE_FIELD) return true;
-    return false;
-}
+bool variant_has_depth(const Fn *fn) { return variant_has_site(fn, SITE_FIELD, SITE_FIELD); }
 
 /* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that
  * two that change do not cancel. */
@@ -133,7 +125,7 @@ Inst *variant_depths_apart(Builder *b, Inst *site, Inst *w) {
     Inst *mine = depth_of(b, site, w->args[0]);
     Inst *jump = ir_emit1(b, OP_fabs, ir_emit2(b, OP_fsub, mine, partner(b, mine)));
     Inst *hits = ir_emit2(b, OP_band, site, partner(b, site));
-    return ir_emit2(b, OP_band, hits, ir_emit2(b, OP_flt, ir_input(b, IN_SEED0), jump));
+    return ir_emit2(b, OP_band, hits, ir_emit2(b, OP_flt, ir_input(b, IN_THRESHOLD), jump));
 }
 
 Inst *variant_ridge_between(Builder *b, Inst *w) {
@@ -141,10 +133,8 @@ Inst *variant_ridge_between(Builder *b, Inst *w) {
     return ir_emit2(b, OP_flt, p.top, p.far_t);
 }
 
-const char *const variant_witness_names[VARIANT_WITNESSES] = {"witness0", "witness1"};
-
 static uint32_t collect(Block *b, uint32_t n, Inst **search) {
-    for (Inst *i = b->first; i && n < VARIANT_WITNESSES; i = i->next) {
+    for (Inst *i = b->first; i && n < SLT_WITNESSES; i = i->next) {
         if (i->op == OP_fieldop && (i->imm.field.what == SLT_FIELD_TRACE || i->imm.field.what == SLT_FIELD_OCCLUDED))
             search[n++] = i;
         for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++) n = collect(i->region[r], n, search);
@@ -152,7 +142,7 @@ static uint32_t collect(Block *b, uint32_t n, Inst **search) {
     return n;
 }
 
-uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]) {
+uint32_t variant_searches(const Fn *fn, Inst *search[SLT_WITNESSES]) {
     return variant_has_windows(fn) ? collect(fn->body, 0, search) : 0;
 }
 
@@ -173,21 +163,21 @@ static bool note_witness(Thread *t, Inst *i) {
     return true;
 }
 
-void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found) {
+void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o) {
     Builder b = ir_before(fn, fn->body->first);
     Thread t = {.fn = fn, .n = n, .at = note_witness, .touches = touches_search, .user = (void *)search};
     for (uint32_t k = 0; k < n; k++) t.value[k] = ir_consti(&b, 0);
     if (n) thread_block(&t, fn->body);
-    for (uint32_t k = 0; k < n; k++) found[k] = t.value[k];
+    for (uint32_t k = 0; k < n; k++) variant_output(o, SLT_OUT_WITNESS, k, t.value[k]);
 }
 
 void variant_use_witnesses(Fn *fn) {
-    Inst *search[VARIANT_WITNESSES];
+    Inst *search[SLT_WITNESSES];
     uint32_t n = variant_searches(fn, search);
     for (uint32_t k = 0; k < n; k++) {
         Inst *i = search[k];
         Builder b = ir_before(fn, i);
-        Inst *found = ir_input(&b, (InputSlot)(IN_K0 + (int)k)),
+        Inst *found = ir_input(&b, (InputSlot)(IN_WITNESS0 + k)),
              *id = ir_emit2(&b, OP_isub, found, ir_consti(&b, VARIANT_FOUND));
         Inst *br = ir_if(&b, ir_emit2(&b, OP_ieq, found, ir_consti(&b, 0)));
         br->imm.i = IR_IF_RARE;

@@ -125,7 +125,8 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     while ((n = walk_fill(&k, b))) {
         batch_call(b, SLT_K_VALUE, n);
         for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t i = 0; i < n; i++) w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, c, i);
+            for (uint32_t i = 0; i < n; i++)
+                w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_F, c, i);
     }
     for (uint64_t i = 0; i < t.pixels; i++) {
         float *o = p->image + image_index(p, &t, i) * channels;
@@ -188,7 +189,7 @@ static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
 
 SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
                            double *const *targets) {
-    if (!r->s->vjp) return SLT_OK;
+    if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
     Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets};
     plan(&p, r, half, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32);
     SltStatus st = run_workers(r, p.ntiles, classes, SINK_KEEP);
@@ -216,7 +217,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
             double *v = w->value + d * plane;
             for (uint32_t c = 0; c < channels; c++)
                 for (uint32_t i = 0; i < n; i++)
-                    v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, channels + c, i);
+                    v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_DF, c, i);
         }
     for (uint32_t d = 0; d < p->dirs->n; d++)
         for (uint64_t i = 0; i < t.pixels; i++) {
@@ -227,7 +228,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
 }
 
 SltStatus interior_forward(Run *r, const Directions *dirs, float *const *out) {
-    if (!r->s->jvp) return SLT_OK;
+    if (!r->s->kernel[SLT_K_JVP]) return SLT_OK;
     Interior p = {.dirs = dirs, .out = out, .classes = 1};
     plan(&p, r, 0, 32);
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
@@ -268,7 +269,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
         if (!p->gradient) {
             batch_call(b, SLT_K_VALUE, n);
             for (uint32_t c = 0; c < s->channels; c++)
-                for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, c, i);
+                for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, SLT_OUT_F, c, i);
             continue;
         }
         for (uint32_t c = 0; c < s->channels; c++) {
@@ -277,7 +278,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
             b->again = !p->both || c > 0;
             accum_call(&w->acc, b, SLT_K_VJP, n, c);
             for (uint32_t o = 0; p->both && c == 0 && o < s->channels; o++) /* the reverse kernel gives f as well */
-                for (uint32_t i = 0; i < n; i++) w->value[o] += batch_get(b, o, i);
+                for (uint32_t i = 0; i < n; i++) w->value[o] += batch_get(b, SLT_OUT_F, o, i);
         }
     }
     accum_close(&w->acc);
@@ -304,8 +305,8 @@ SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double
     pattern_init(&p.pattern, s, r->j->seed, RNG_INTEGRAL, 0, replicate);
     uint64_t tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
     /* What a shader prints comes from the value kernel. */
-    p.both = value && gradient && s->vjp && !s->print;
-    for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->vjp ? 2 : 1); pass++) {
+    p.both = value && gradient && s->kernel[SLT_K_VJP] && !s->print;
+    for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->kernel[SLT_K_VJP] ? 2 : 1); pass++) {
         p.gradient = pass == 1;
         for (uint32_t c = 0; c < s->channels && gradient; c++) p.targets[c] = gradient + (uint64_t)c * s->nfloats;
         SltStatus st = run_workers(r, tiles, p.gradient ? s->channels : 0, SINK_KEEP);

@@ -83,10 +83,9 @@ static int32_t random_int(void) {
 
 static void make_data(Data *d, Precision p) {
     bool f32 = p == PREC_F32;
-    for (int s = 0; s < IN_VARYING_COUNT; s++) {
+    for (int s = 0; s < SLT_IN_VARYING; s++) {
         d->in[s] = aligned_alloc(64, PAD * 8);
-        bool is_int =
-            s == IN_STREAM || s == IN_PIXEL0 || s == IN_PIXEL1 || s == IN_SAMPLE || (s >= IN_K0 && s <= IN_K7);
+        bool is_int = ir_input_type((InputSlot)s) == TY_INT;
         for (int k = 0; k < PAD; k++)
             if (is_int) ((int32_t *)d->in[s])[k] = random_int();
             else if (f32) ((float *)d->in[s])[k] = (float)random_float(true);
@@ -106,7 +105,7 @@ static void make_data(Data *d, Precision p) {
 }
 
 static void free_data(Data *d) {
-    for (int s = 0; s < IN_VARYING_COUNT; s++) free(d->in[s]);
+    for (int s = 0; s < SLT_IN_VARYING; s++) free(d->in[s]);
 }
 
 typedef struct Result {
@@ -303,8 +302,6 @@ static Fn *rows_program(Session *s, Precision p, Op *at, uint32_t kinds, bool fm
             args[0] = ir_emit3(&b, OP_fsel, ir_emit1(&b, OP_fisnan, args[0]), ir_constf(&b, 1), args[0]);
         out[n++] = ir_emit(&b, *at, o->nargs, args);
     }
-    static const char *names[16] = {"a", "b", "c", "d", "e", "f", "g", "h", "i", "j", "k", "l", "m", "n", "o", "p"};
-    fn->outputs = names;
     ir_yield(&b, n, out);
     return fn;
 }
@@ -406,8 +403,6 @@ static Fn *array_shapes(Session *s) {
         Inst *load[2] = {k & 1 ? a : c, k & 2 ? zero : one};
         outs[k] = ir_special(&b, OP_load, TY_FLT, 2, load, (Imm){0});
     }
-    static const char *names[4] = {"a", "b", "c", "d"};
-    fn->outputs = names;
     ir_yield(&b, 4, outs);
     return fn;
 }
@@ -431,8 +426,6 @@ static Fn *range_shapes(Session *s) {
     Inst *y[3] = {ir_emit2(&t, OP_ilt, k, ir_consti(&t, 4)), ir_emit2(&t, OP_fadd, body->params[1], sum), sum};
     ir_yield(&t, 3, y);
     Inst *outs[2] = {ir_proj(&b, loop, 0), ir_proj(&b, loop, 1)};
-    static const char *names[2] = {"a", "b"};
-    fn->outputs = names;
     ir_yield(&b, 2, outs);
     return fn;
 }

@@ -213,18 +213,13 @@ Lower gen_fresh(Lower *l, const char *name) {
     return n;
 }
 
-static void name_outputs(Lower *l, uint32_t n) {
-    l->fn->outputs = ARENA_ARRAY(l->arena, const char *, n + 1);
-    for (uint32_t i = 0; i < n; i++) l->fn->outputs[i] = arena_printf(l->arena, "f.%u", i);
-}
-
-Fn *gen_function(Lower *outer, Func *f, const char *name, uint32_t first, uint32_t count) {
+Fn *gen_function(Lower *outer, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count) {
     Lower fresh = gen_fresh(outer, name), *l = &fresh;
     l->rand_counter->value = ki(l, 1); /* number 0 of a stream is the runtime's to give */
     Bind *binds = ARENA_ARRAY(l->arena, Bind, f->nargs + 1);
     for (uint32_t i = 0; i < f->nargs; i++) {
         Var *v = var_new(l, TY_INT, 1);
-        v->value = ir_input(&l->b, (InputSlot)(IN_K0 + i));
+        v->value = ir_input(&l->b, (InputSlot)(arg + i));
         binds[i] = (Bind){.kind = BIND_VARS, .vars = v};
     }
     Val v = gen_inline(l, f, binds, f->name_span);
@@ -243,7 +238,6 @@ Fn *gen_function(Lower *outer, Func *f, const char *name, uint32_t first, uint32
     if (first > all.len) first = all.len;
     if (count > all.len - first) count = all.len - first;
     ir_yield(&l->b, count, all.data + first);
-    name_outputs(l, count);
     gen_prune_loops(l);
     return l->fn;
 }
@@ -301,17 +295,16 @@ static void gen_entry(Lower *l, Func *entry) {
     for (uint32_t d = 0; d < p->dim; d++) bind.vars[d].value = ir_input(&l->b, (InputSlot)(IN_X0 + d));
     Val v = gen_inline(l, entry, &bind, entry->name_span);
     ir_yield(&l->b, v.n, v.c);
-    name_outputs(l, v.n);
+    ir_name_outputs(l->fn, SLT_OUT_F);
     l->fn->sites = l->sites.data;
     l->fn->nsites = l->sites.len;
     gen_field_finish(l);
     p->fields = l->fields.data;
     p->nfields = l->fields.len;
+    p->untracked = l->untracked.data;
+    p->nuntracked = l->untracked.len;
     gen_prune_loops(l);
-    warn_discontinuities(l);
-    const char *text = NULL;
-    if (!ir_verify(l->fn, &l->s->scratch, &text))
-        ice(l->s, "lowering %s made broken code: %s", entry->name, text ? text : "?");
+    ir_require(l->fn, "lowering");
     p->primal = l->fn;
     p->uses_rand = gen_facts(l, entry)->rand;
     p->ncull = l->culls.len;

@@ -12,7 +12,6 @@
  * heightfield.c    heightfields
  * site.c           sites, [SkipLoop], the record of what is untagged
  * init.c           first values of parameters
- * warn.c           untracked and static discontinuities
  *
  * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being lowered. Every
  * change is written into a journal, so that an if_ finds out afterwards what its branches changed, and takes it back
@@ -122,15 +121,6 @@ typedef struct Tag {
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 
-typedef enum JumpKind { JUMP_COMPARE, JUMP_EQUALITY, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
-/* An untagged place that may jump. */
-typedef struct Untracked {
-    Inst *at;      /* the comparison, or the value that jumps */
-    Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
-    Span span;
-    JumpKind kind;
-} Untracked;
-
 /* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
 typedef struct Clearance {
     Inst *value, *search;
@@ -182,11 +172,11 @@ typedef struct Lower {
 
 /* lower.c */
 _Noreturn void gen_giveup(Lower *l);
-Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet, with k0.. as inputs */
+Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet */
 const Layout *gen_layout(Lower *l, Type *t);
 FuncFacts *gen_facts(Lower *l, Func *f);
-Fn *gen_function(Lower *l, Func *f, const char *name, uint32_t first,
-                 uint32_t count); /* int arguments are the inputs k0.. */
+/* Parts [first, first + count) of what f returns; its int arguments are the inputs from `arg` on. */
+Fn *gen_function(Lower *l, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count);
 _Noreturn void gen_too_large(Lower *l, Span span);
 IrType gen_ir_type(const Type *t);
 
@@ -293,8 +283,5 @@ void site_flush_skips(Lower *l, LoopCtx *root);
 
 /* gen_init.c */
 void gen_initial_values(Lower *l);
-
-/* warn.c */
-void warn_discontinuities(Lower *l); /* also takes static sites out */
 
 #endif
