@@ -8,8 +8,8 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "bindings/c/api.h"
 #include "runtime/base/json.h"
+#include "runtime/base/status.h"
 #include "runtime/image/image.h"
 #include "saltus/saltus.h"
 
@@ -37,6 +37,13 @@ enum {
     ALL = (1u << VERB_COUNT) - 1,
     RUN = RENDER | GRAD | FIT | CHECK | BENCH
 };
+
+/* The names of the optimisers, each behind a |. */
+static const char cli_optimizers[] =
+#define OPTIMISER(id, name, ...) "|" name
+#include "runtime/optimise/optimisers.def"
+#undef OPTIMISER
+    ;
 
 typedef struct Verb {
     const char *name, *usage, *what, *example;
@@ -92,6 +99,7 @@ struct Cli {
 /* options.c */
 enum { CLI_HELPED = -1 };                     /* help or version was printed: all is well, and nothing is left to do */
 int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus, or CLI_HELPED */
+int cli_choice(const char *names, const char *text); /* where in names, a|b|c, the text is; -1: nowhere */
 void cli_help(FILE *out, const char *verb);
 int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
 

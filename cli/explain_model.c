@@ -206,7 +206,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
                        .width = p->scene.width,
                        .ncull = g->ncull,
                        .f64 = p->opt.f64,
-                       .near_miss = p->scene.near_miss,
+                       .near_miss = api_near_miss(p),
                        .uses_rand = g->uses_rand,
                        .cached = p->cached,
                        .events_bound = api_event_bound(p),
@@ -305,15 +305,15 @@ static void find_crossing(SltProgram *p, ExplainedPoint *out, SltError *err) {
             end[d] += side * (hi[d] - lo[d]) / 8;
             if (end[d] < lo[d]) end[d] = lo[d];
             if (end[d] > hi[d]) end[d] = hi[d];
-            SltCrossing t;
-            if (end[d] == out->x[d] || slt_crossing(p, out->x, end, 0, &t, err) != SLT_OK || !t.found) continue;
+            SltCrossing t = SLT_CROSSING_INIT;
+            if (end[d] == out->x[d] || slt_crossing(p, NULL, out->x, end, 0, &t, err) != SLT_OK || !t.found) continue;
             double distance = fabs(t.x[d] - out->x[d]);
             if (distance < best) best = distance, out->crossing = t, out->axis = d;
         }
 }
 
 SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err) {
-    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p)};
+    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p), .crossing = SLT_CROSSING_INIT};
     memcpy(out->x, x, sizeof out->x);
     TraceLog log = {.arena = &p->session->session};
     SltStatus status = trace(p, x, &log, out->f, err);

@@ -120,7 +120,7 @@ static void compile_block(const char *page, int line, const char *language, cons
     SltStatus s = slt_compile_string(source, "block.salt", &opt, &p);
     bool seen = false, other = false;
     for (uint32_t i = 0; i < slt_diagnostic_count(p); i++) {
-        SltDiagnostic d;
+        SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
         assert_true(slt_diagnostic(p, i, &d));
         if (d.severity > 2) continue;
         if (*code && !strcmp(d.code, code)) seen = true;
