@@ -71,8 +71,8 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
     SltFitOptions *o = &f->opt;
     *o = SLT_FIT_OPTIONS_INIT;
     f->job = SLT_JOB_INIT;
-    if (!api_struct_read(o, given)) return api_struct_unknown(err, "SltFitOptions");
-    if (o->job && !api_struct_read(&f->job, o->job)) return api_struct_unknown(err, "SltJob");
+    if (!api_struct_read(o, sizeof *o, given)) return api_struct_unknown(err, "SltFitOptions");
+    if (o->job && !api_struct_read(&f->job, sizeof f->job, o->job)) return api_struct_unknown(err, "SltJob");
     f->job.progress = NULL, f->job.floats = NULL, f->job.ints = NULL;
     if (o->minimize && (o->nviews || o->loss))
         return status_fail(err, SLT_USAGE, "a fit that minimises the integral has no views and no other loss");
@@ -144,7 +144,7 @@ static SltStatus read_views(SltFit *f, SltError *err) {
     const char *at = (const char *)f->opt.views;
     for (uint32_t i = 0; i < f->opt.nviews; i++, at += f->opt.views->struct_size) {
         SltFitView given = SLT_FIT_VIEW_INIT;
-        if (!api_struct_read(&given, at)) return api_struct_unknown(err, "SltFitView");
+        if (!api_struct_read(&given, sizeof given, at)) return api_struct_unknown(err, "SltFitView");
         View *v = &f->views[i];
         *v = (View){.target = given.target, .mask = given.mask};
         if (!given.target && !f->opt.loss) return status_fail(err, SLT_USAGE, "view %u has no target", i);
@@ -429,7 +429,7 @@ static void fill_result(SltFit *f, SltFitResult *result) {
     if (f->iteration) r.initial_loss = f->losses[0], optimise_best(f->optimiser, &r.loss);
     r.losses = f->losses, f->losses = NULL;
     memcpy(r.reason, f->reason, sizeof r.reason);
-    api_struct_write(result, &r);
+    api_struct_write(result, &r, sizeof r);
 }
 
 SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
@@ -575,7 +575,7 @@ SltStatus slt_fit(SltProgram *p, const SltFitOptions *options, SltFitResult *res
         none.stop = SLT_FIT_FAILED;
         none.initial_loss = none.loss = NAN;
         if (err) snprintf(none.reason, sizeof none.reason, "%s", err->text);
-        if (result) api_struct_write(result, &none);
+        if (result) api_struct_write(result, &none, sizeof none);
         return status;
     }
     while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(f, &stop, err);

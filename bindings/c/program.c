@@ -80,6 +80,8 @@ static void copy_options(Session *s, void *user) {
     o->entry = copy_string(s, o->entry);
     o->target = copy_string(s, o->target);
     o->dump = copy_string(s, o->dump);
+    o->verify_after = copy_string(s, o->verify_after);
+    o->stop_after = copy_string(s, o->stop_after);
     o->stdlib_dir = copy_string(s, find_stdlib(s, o));
     s->stdlib_dir = o->stdlib_dir, s->import_dirs = o->import_dirs, s->nimport_dirs = o->nimport_dirs;
 }

@@ -41,6 +41,7 @@ static void write_layout(FILE *out) {
     VALUE(SLT_INPUT);
     VALUE(SLT_OUTPUT);
     VALUE(SLT_LIMIT);
+    VALUE(SLT_STOPPED);
     VALUE(SLT_INTERNAL);
     VALUE(SLT_INTERRUPTED);
     ENUM(SltEstimator);
@@ -167,6 +168,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltOptions, dump);
     MEMBER(SltOptions, verify);
     MEMBER(SltOptions, field);
+    MEMBER(SltOptions, verify_after);
+    MEMBER(SltOptions, stop_after);
     END(SltOptions);
     STRUCT(SltDiagnostic);
     MEMBER(SltDiagnostic, struct_size);
