@@ -313,7 +313,7 @@ static void find_crossing(SltProgram *p, ExplainedPoint *out, SltError *err) {
 }
 
 SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err) {
-    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p)};
+    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p), .crossing = SLT_CROSSING_INIT};
     memcpy(out->x, x, sizeof out->x);
     TraceLog log = {.arena = &p->session->session};
     SltStatus status = trace(p, x, &log, out->f, err);
