@@ -34,7 +34,8 @@ static bool point_work(void *user, uint32_t worker, uint64_t tile) {
     }
     batch_call(b, SLT_K_VALUE, n);
     for (uint32_t i = 0; i < n; i++)
-        for (uint32_t c = 0; c < s->channels; c++) p->out[(first + i) * s->channels + c] = batch_get(b, c, i);
+        for (uint32_t c = 0; c < s->channels; c++)
+            p->out[(first + i) * s->channels + c] = batch_get(b, SLT_OUT_F, c, i);
     return true;
 }
 
