@@ -4,6 +4,7 @@
 #ifndef SALTUS_CLI_EXPLAIN_H
 #define SALTUS_CLI_EXPLAIN_H
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 
 typedef struct ExplainedSite {
