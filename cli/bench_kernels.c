@@ -85,7 +85,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     bool needs[K_KINDS] = {false};
     for (int k = 0; k < NSHOWN; k++) needs[shown[k]] = true;
     SltStatus status = api_kernels(p, needs, &err);
-    if (status == SLT_OK) status = api_fields(p, &err);
+    if (status == SLT_OK) status = api_geometries(p, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     Buffers b = {0};
     if (!make_buffers(p, &b)) return free_buffers(&b), fputs("saltus: out of memory\n", stderr), SLT_LIMIT;

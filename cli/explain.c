@@ -102,57 +102,57 @@ static const char *left_out(const Explain *e, int kind) {
     return "not needed";
 }
 
-/* ---- heightfields: what is searched, by which kernels, and what for */
-static const char *const query_names[SLT_FIELD_WHATS] = {"trace",  "occluded",   "clearance",
-                                                         "shadow", "silhouette", "rise"};
-static const char *const query_needs[SLT_FIELD_WHATS] = {"h.trace",
-                                                         "h.occluded",
-                                                         "h.clearance or a [Disc] site",
-                                                         "h.clearance asked for its sign",
-                                                         "h.silhouette",
-                                                         "[Disc] on h.trace or h.occluded"};
+/* ---- geometries: what is searched, by which kernels, and what for */
 
-static uint32_t field_queries(const SltProgram *p, uint32_t f) {
+static uint32_t geometry_queries(const SltProgram *p, uint32_t f) {
     uint32_t queries = 0;
-    for (int k = 0; k < K_KINDS; k++) queries |= api_field_queries(p->fn[k], f);
-    for (uint32_t c = 0; c < p->prog->ncull; c++) queries |= api_field_queries(p->prog->cull_bounds[c], f);
+    for (int k = 0; k < K_KINDS; k++) queries |= api_geometry_queries(p->fn[k], f);
+    for (uint32_t c = 0; c < p->prog->ncull; c++) queries |= api_geometry_queries(p->prog->cull_bounds[c], f);
+    return queries;
+}
+
+/* By geometries of this kind. */
+static uint32_t answered(const GeometryInfo *info) {
+    uint32_t queries = 0;
+    for (int w = 0; w < SLT_QUERIES; w++)
+        if (query_rows[w].geometries >> info->kind & 1) queries |= 1u << w;
     return queries;
 }
 
 static void list_queries(uint32_t queries, bool json) {
     bool first = true;
-    for (int w = 0; w < SLT_FIELD_WHATS; w++) {
+    for (int w = 0; w < SLT_QUERIES; w++) {
         if (!(queries >> w & 1)) continue;
-        printf(json ? "%s\"%s\"" : "%s%s", first ? "" : ", ", query_names[w]);
+        printf(json ? "%s\"%s\"" : "%s%s", first ? "" : ", ", query_rows[w].name);
         first = false;
     }
 }
 
-static const FieldInfo *find_field(const Program *g, uint32_t param, uint32_t *index) {
-    for (uint32_t f = 0; f < g->nfields; f++)
-        if (g->fields[f].param == param) return *index = f, &g->fields[f];
+static const GeometryInfo *find_geometry(const Program *g, uint32_t param, uint32_t *index) {
+    for (uint32_t f = 0; f < g->ngeometries; f++)
+        if (g->geometries[f].param == param) return *index = f, &g->geometries[f];
     return NULL;
 }
 
 static const char *no_structure(const SltProgram *p, uint32_t param) {
     uint32_t f;
-    if (!p->prog->params[param].is_heightfield) return NULL;
-    if (!find_field(p->prog, param, &f)) return "nothing searches it: its heights are ordinary parameters";
-    return field_queries(p, f) ? NULL : "no kernel searches it";
+    if (!p->prog->params[param].is_geometry) return NULL;
+    if (!find_geometry(p->prog, param, &f)) return "nothing searches it: its numbers are ordinary parameters";
+    return geometry_queries(p, f) ? NULL : "no kernel searches it";
 }
 
-static void print_fields(const SltProgram *p) {
+static void print_geometries(const SltProgram *p) {
     const Program *g = p->prog;
-    for (uint32_t f = 0; f < g->nfields; f++) {
-        const FieldInfo *info = &g->fields[f];
-        if (!field_queries(p, f) || !p->fields[f]) continue;
-        size_t bytes = field_bytes(p->fields[f]);
-        printf("  %s, %u x %u heights: %s\n    %zu bytes, %.2f a height; asked: ", g->params[info->param].name, info->w,
-               info->h, field_describe(p->fields[f]), bytes, (double)bytes / info->w / info->h);
-        list_queries(field_queries(p, f), false);
+    for (uint32_t f = 0; f < g->ngeometries; f++) {
+        const GeometryInfo *info = &g->geometries[f];
+        if (!geometry_queries(p, f) || !p->fields[f]) continue;
+        size_t bytes = geometry_bytes(p->fields[f]);
+        printf("  %s, %u x %u numbers: %s\n    %zu bytes, %.2f a number; asked: ", g->params[info->param].name,
+               info->size[0], info->size[1], geometry_describe(p->fields[f]), bytes, (double)bytes / info->count);
+        list_queries(geometry_queries(p, f), false);
         putchar('\n');
         for (int k = 0; k < K_KINDS; k++) {
-            uint32_t queries = api_field_queries(p->fn[k], f);
+            uint32_t queries = api_geometry_queries(p->fn[k], f);
             if (!queries) continue;
             printf("      %-10s ", kernel_names[k]);
             list_queries(queries, false);
@@ -161,48 +161,48 @@ static void print_fields(const SltProgram *p) {
     }
 }
 
-static void print_fields_left_out(const SltProgram *p) {
+static void print_geometries_left_out(const SltProgram *p) {
     const Program *g = p->prog;
     bool any = false;
     for (uint32_t i = 0; i < g->nparams; i++) {
         const char *why = no_structure(p, i);
         if (why) printf("  structure of %s: %s\n", g->params[i].name, why);
-        any |= g->params[i].is_heightfield;
+        any |= g->params[i].is_geometry;
     }
-    if (!any) puts("  heightfield mipmap, safety shapes: there is no heightfield");
-    for (uint32_t f = 0; f < g->nfields; f++) {
-        uint32_t queries = field_queries(p, f);
-        for (int w = 0; queries && w < SLT_FIELD_WHATS; w++)
-            if (!(queries >> w & 1))
-                printf("  %s of %s: no kernel asks (%s would)\n", query_names[w], g->params[g->fields[f].param].name,
-                       query_needs[w]);
+    if (!any) puts("  structures for rays: there is no geometry");
+    for (uint32_t f = 0; f < g->ngeometries; f++) {
+        uint32_t queries = geometry_queries(p, f);
+        for (int w = 0; queries && w < SLT_QUERIES; w++)
+            if (answered(&g->geometries[f]) & ~queries & 1u << w)
+                printf("  %s of %s: no kernel asks (%s would)\n", query_rows[w].name,
+                       g->params[g->geometries[f].param].name, query_rows[w].asked);
     }
 }
 
-static void json_fields(const SltProgram *p) {
+static void json_geometries(const SltProgram *p) {
     const Program *g = p->prog;
     static const char *const structures[] = {"mipmap", "mipmap", "cone", "naive"};
     bool first = true;
     fputs(", \"fields\": [", stdout);
-    for (uint32_t f = 0; f < g->nfields; f++) {
-        const FieldInfo *info = &g->fields[f];
-        uint32_t queries = field_queries(p, f);
+    for (uint32_t f = 0; f < g->ngeometries; f++) {
+        const GeometryInfo *info = &g->geometries[f];
+        uint32_t queries = geometry_queries(p, f);
         if (!queries || !p->fields[f]) continue;
         printf("%s{\"name\": ", first ? "" : ", ");
         json_text(stdout, g->params[info->param].name);
-        printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", info->w, info->h,
-               structures[p->opt.field]);
-        json_text(stdout, field_describe(p->fields[f]));
-        printf(", \"bytes\": %zu, \"queries\": [", field_bytes(p->fields[f]));
+        printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", info->size[0],
+               info->size[1], structures[p->opt.field]);
+        json_text(stdout, geometry_describe(p->fields[f]));
+        printf(", \"bytes\": %zu, \"queries\": [", geometry_bytes(p->fields[f]));
         list_queries(queries, true);
         fputs("], \"left_out\": [", stdout);
-        list_queries(~queries & ((1u << SLT_FIELD_WHATS) - 1), true);
+        list_queries(~queries & answered(info), true);
         fputs("], \"kernels\": {", stdout);
         first = true;
         for (int k = 0; k < K_KINDS; k++) {
-            if (!api_field_queries(p->fn[k], f)) continue;
+            if (!api_geometry_queries(p->fn[k], f)) continue;
             printf("%s\"%s\": [", first ? "" : ", ", kernel_names[k]);
-            list_queries(api_field_queries(p->fn[k], f), true);
+            list_queries(api_geometry_queries(p->fn[k], f), true);
             fputs("]", stdout);
             first = false;
         }
@@ -261,14 +261,14 @@ static void explain_text(const Explain *e) {
     if (!any) puts("  none");
     printf("\nstructures built\n");
     uint32_t built = g->ncull;
-    for (uint32_t f = 0; f < g->nfields; f++) built += p->fields[f] && field_queries(p, f);
+    for (uint32_t f = 0; f < g->ngeometries; f++) built += p->fields[f] && geometry_queries(p, f);
     if (g->ncull) printf("  cull lists of %u loop%s: [Cull]\n", g->ncull, g->ncull == 1 ? "" : "s");
-    print_fields(p);
+    print_geometries(p);
     if (!built) puts("  none");
     printf("\nleft out\n");
     for (int k = 0; k < K_KINDS; k++)
         if (!p->fn[k]) printf("  kernel %s: %s\n", kernel_names[k], left_out(e, k));
-    print_fields_left_out(p);
+    print_geometries_left_out(p);
     if (!g->ncull) puts("  cull grid: no [Cull] loop");
     if (!g->uses_rand) puts("  random streams: rand() is not called");
     printf("\ntime to compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms%s\n", p->ms_front, p->ms_passes,
@@ -319,7 +319,7 @@ static void explain_json(const Explain *e) {
         json_text(stdout, why);
     }
     printf("}, \"structures\": {\"cull_lists\": %u", g->ncull);
-    json_fields(p);
+    json_geometries(p);
     fputs("}, \"left_out\": {", stdout);
     first = true;
     for (uint32_t i = 0; i < g->nparams; i++) {
@@ -406,8 +406,8 @@ static int trace(SltProgram *p, const double x[3], TraceLog *log, double f[4]) {
     static _Alignas(64) double outs[4][N];
     static _Alignas(64) int32_t zero[N];
     SltError err = {0};
-    api_fields_want(p, fn);
-    SltStatus fields = api_fields(p, &err);
+    api_geometries_want(p, fn);
+    SltStatus fields = api_geometries(p, &err);
     if (fields != SLT_OK) return fields;
     SltKernelArgs args = {
         .params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};

@@ -46,7 +46,7 @@ static int find_grid(Fit *f, const char *name, double lambda, OptimiseGrid *g) {
     if (!program_find(f->p->prog, name, &ref, &why)) return cli_usage(f->c, "--smooth: %s", why ? why : name);
     const Type *t = ref.type;
     uint32_t w = 1, h = 1, channels = 1;
-    if (ref.param->is_texture || ref.param->is_heightfield) {
+    if (param_is_image(ref.param)) {
         w = ref.param->tex_w, h = ref.param->tex_h, channels = ref.param->tex_c;
     } else if (t->kind == T_ARRAY) {
         const Type *inner = t->elem;
@@ -547,7 +547,7 @@ static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
     for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
         const Param *q = &f->p->prog->params[k];
-        if ((!q->is_texture && !q->is_heightfield) || !q->fcount || !slt_wrt_mask(f->p)[q->fbase]) continue;
+        if (!param_is_image(q) || !q->fcount || !slt_wrt_mask(f->p)[q->fbase]) continue;
         Image im;
         SltStatus s = image_create(&im, (int)q->tex_w, (int)q->tex_h, (int)q->tex_c, err);
         if (s != SLT_OK) return s;
@@ -557,7 +557,7 @@ static SltStatus write_grids(Fit *f, SltError *err) {
         if (s == SLT_OK) s = image_write(path, &im, NULL, err);
         snprintf(name, sizeof name, "%.500s.png", q->name);
         if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = q->is_heightfield ? write_relief(path, q, &im, err) : image_write(path, &im, NULL, err);
+        if (s == SLT_OK) s = q->is_geometry ? write_relief(path, q, &im, err) : image_write(path, &im, NULL, err);
         image_free(&im);
         if (s != SLT_OK) return s;
     }

@@ -75,7 +75,7 @@ static void fill_scene(SltProgram *p) {
     s->near_miss = near_miss(p);
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
-    s->fields = p->fields, s->nfields = g->nfields, s->field_base = p->field_base, s->field_count = p->field_count;
+    s->fields = p->fields, s->nfields = g->ngeometries, s->field_base = p->field_base, s->field_count = p->field_count;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
@@ -121,7 +121,7 @@ static void build_body(Session *s, void *arg) {
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
-            pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_fields_want(p, p->prog->cull_bounds[c]);
+            pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_geometries_want(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;
     if (set.fn[K_EVENT]) p->scene.event_depth = set.event_depth;
     if (set.fn[K_REGION] || set.fn[K_SIDES]) p->scene.has_depth = set.has_depth;
@@ -135,7 +135,7 @@ static void build_body(Session *s, void *arg) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
         p->tape[k] = set.tape[k];
-        api_fields_want(p, set.fn[k]);
+        api_geometries_want(p, set.fn[k]);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
             back_dense_adjoints(set.fn[k], p->dense);
@@ -201,7 +201,7 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
-    SltStatus fields = api_fields(p, err);
+    SltStatus fields = api_geometries(p, err);
     if (fields != SLT_OK) return fields;
     fill_scene(p);
     if (!p->scene.width) p->scene.width = 16;

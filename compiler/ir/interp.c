@@ -9,7 +9,6 @@
 
 #include "compiler/ir/ir.h"
 #include "compiler/ir/rows.h"
-#include "saltus/field.h"
 #include "saltus/kernel.h"
 #include "saltus/status.h"
 
@@ -352,8 +351,8 @@ static bool exec_custom(Interp *in, const Inst *i, const Mask *m) {
 static bool exec_field(Interp *in, const Inst *i, const Mask *m, void *dst) {
     const SltKernelArgs *args = in->args;
     if (!args->fields || !args->fields[i->imm.field.field] || !args->params) return fail(in, SLT_USAGE);
-    const SltField *f = args->fields[i->imm.field.field];
-    _Alignas(64) unsigned char rays[SLT_FIELD_RAY_ROWS * 64 * sizeof(double)];
+    const SltGeometry *f = args->fields[i->imm.field.field];
+    _Alignas(64) unsigned char rays[SLT_RAY_ROWS * 64 * sizeof(double)];
     uint64_t on = 0;
     for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
     size_t row = (size_t)in->lanes * in->flt;

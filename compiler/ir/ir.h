@@ -16,6 +16,7 @@
 #define SALTUS_IR_IR_H
 
 #include "compiler/base/session.h"
+#include "compiler/ir/query.h"
 
 typedef enum Op {
 #define FOP1(name, ...) OP_##name,

@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "compiler/ir/text.h"
-#include "saltus/field.h"
 
 enum { MAX_DEPTH = 512, MAX_REPORTS = 50 };
 
@@ -315,7 +314,7 @@ static void check_special(Verify *v, const Inst *i) {
         return;
     case OP_fieldop:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
-        if (i->imm.field.what >= SLT_FIELD_WHATS) problem(v, i, "no such query");
+        if (i->imm.field.what >= SLT_QUERIES) problem(v, i, "no such query");
         return;
     case OP_window:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);

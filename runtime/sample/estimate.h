@@ -67,9 +67,9 @@ typedef struct SltScene {
     bool uses_rand;
     uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */
     uint32_t ncull;
-    SltKernel *const *cull_bounds;        /* by cull_id: in K0 = iteration, out lo.x lo.y hi.x hi.y */
-    const uint32_t *cull_count;           /* iterations of each */
-    const struct SltField *const *fields; /* [nfields], with the slice of `params` that holds the heights of each */
+    SltKernel *const *cull_bounds;           /* by cull_id: in K0 = iteration, out lo.x lo.y hi.x hi.y */
+    const uint32_t *cull_count;              /* iterations of each */
+    const struct SltGeometry *const *fields; /* [nfields], with the slice of `params` that holds the heights of each */
     uint32_t nfields;
     const uint32_t *field_base, *field_count;
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);

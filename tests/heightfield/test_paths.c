@@ -93,7 +93,7 @@ static SltProgram *program(const char *source, int bounces, bool f64, const bool
     SltProgram *p = load(source, bounces, f64, 0);
     SltError err = {0};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
-    assert_int_equal(api_fields(p, &err), SLT_OK);
+    assert_int_equal(api_geometries(p, &err), SLT_OK);
     return p;
 }
 

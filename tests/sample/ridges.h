@@ -11,7 +11,7 @@
 
 #include "runtime/sample/estimate.h"
 #include "runtime/sample/slots.h"
-#include "saltus/field.h"
+#include "saltus/heightfield.h"
 
 enum { RIDGE_NODES = 512, RIDGE_PARAMS = 4 };
 

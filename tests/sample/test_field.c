@@ -292,8 +292,8 @@ static void test_slack(void **state) {
     (void)state;
     static Ridges r;
     init_land(&r);
-    SltField field = {.w = 2, .h = 2, .slack = 0.25f};
-    const SltField *fields[] = {&field};
+    SltGeometry field = {.slack = 0.25f};
+    const SltGeometry *fields[] = {&field};
     uint32_t base = 1, count = 2;
     r.scene.fields = fields, r.scene.nfields = 1, r.scene.field_base = &base, r.scene.field_count = &count;
     r.low = HUGE_VAL;

@@ -4,8 +4,6 @@
 
 #include <string.h>
 
-#include "saltus/field.h"
-
 /* ---- shared helpers */
 static unsigned flt_bytes(const Emit *e) { return e->fn->precision == PREC_F64 ? 8 : 4; }
 static unsigned type_bytes(const Emit *e, uint8_t type) {
@@ -674,7 +672,7 @@ static void emit_fieldop(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
     uint32_t width = vector ? e->W : 1, flt = flt_bytes(e);
     unsigned align = vector ? part_align(e, flt) : flt, ialign = vector ? part_align(e, 4) : 4;
-    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_FIELD_RAY_ROWS * width * flt, 64),
+    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_RAY_ROWS * width * flt, 64),
          ids = emit_alloca(e, e->t_i8, 4ull * width, 64);
     for (uint32_t a = 0; a < i->nargs; a++) {
         Part v[BACK_MAX_PARTS];
@@ -686,7 +684,7 @@ static void emit_fieldop(Emit *e, Inst *i) {
     Part fields = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, fields)), 8, true);
     Part field = emit_load(e, e->t_ptr, at_byte(e, fields, 8ull * i->imm.field.field), 8, true);
     Part query =
-        emit_load(e, e->t_ptr, at_byte(e, field, offsetof(SltField, query) + 8ull * i->imm.field.what), 8, true);
+        emit_load(e, e->t_ptr, at_byte(e, field, offsetof(SltGeometry, query) + 8ull * i->imm.field.what), 8, true);
     Part heights = at_byte(e, e->params, (uint64_t)i->imm.field.base * flt);
     LLVMTypeRef types[6] = {e->t_ptr, e->t_ptr, e->t_ptr, e->t_i64, e->t_i32, e->t_ptr};
     Part args[6] = {field, heights, rays, vector ? active_bits(e) : k64(e, 1), emit_int(e, e->t_i32, width), ids};
