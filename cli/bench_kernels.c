@@ -56,23 +56,16 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
         for (uint32_t d = 0; d < 3; d++) set_flt(p, b->in[IN_X0 + d], i, lo[d] + u[d] * (hi[d] - lo[d]));
         set_flt(p, b->in[IN_RAND0], i, fmod(i * 0.618033988749895, 1.0));
         ((int32_t *)b->in[IN_STREAM])[i] = i;
-        for (int s = 0; s < 4; s++) set_flt(p, b->in[IN_SEED0 + s], i, 1);
+        for (int s = 0; s < SLT_MAX_CHANNELS; s++) set_flt(p, b->in[IN_SEED0 + s], i, 1);
     }
     for (int i = 0; i < SLT_OUT_MAX; i++) b->args.out[i] = b->out[i];
-    b->args.params = p->flt, b->args.iparams = p->ints, b->args.fields = p->fields;
+    b->args.params = p->flt, b->args.iparams = p->ints, b->args.geometries = p->geometries;
     b->args.adj = b->adj;
     b->args.log_index = b->log_index, b->args.log_value = b->log_value, b->args.log_cap = LOG;
     b->args.tape = b->tape, b->args.tape_bytes = tape;
     b->args.resolution[0] = b->args.resolution[1] = 64;
     b->args.n_valid = N;
     return true;
-}
-
-static SltKernel *kernel_of(const SltProgram *p, int k) {
-    const SltScene *s = &p->scene;
-    SltKernel *const list[K_KINDS] = {s->value,     s->region,   s->event,    s->sides, s->site,
-                                      s->site_grad, s->site_jvp, s->site_vjp, s->jvp,   s->vjp};
-    return list[k];
 }
 
 static int compare(const void *a, const void *b) {
@@ -92,7 +85,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     double ns[NSHOWN][ROUNDS];
     int calls[NSHOWN];
     for (int k = 0; k < NSHOWN; k++) {
-        SltKernel *f = kernel_of(p, shown[k]);
+        SltKernel *f = p->scene.kernel[shown[k]];
         if (!f) continue;
         double start = cli_now();
         f(&b.args, N);
@@ -102,7 +95,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     }
     for (int r = 0; r < ROUNDS; r++)
         for (int k = 0; k < NSHOWN; k++) {
-            SltKernel *f = kernel_of(p, shown[k]);
+            SltKernel *f = p->scene.kernel[shown[k]];
             if (!f) continue;
             double start = cli_now();
             for (int i = 0; i < calls[k]; i++) {
@@ -116,7 +109,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     else printf("%-10s %10s %8s %6s %8s %10s\n", "kernel", "ns/sample", "ratio", "width", "ops", "tape bytes");
     bool first = true;
     for (int k = 0; k < NSHOWN; k++) {
-        if (!kernel_of(p, shown[k])) continue;
+        if (!p->scene.kernel[shown[k]]) continue;
         qsort(ns[k], ROUNDS, sizeof **ns, compare);
         double median = ns[k][ROUNDS / 2];
         if (shown[k] == K_VALUE) base = median;

@@ -1,4 +1,5 @@
 /* saltus build: ahead-of-time code (.o .s .ll .so) and a C header beside it, or the header alone (.h). */
+#include <assert.h>
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,6 +33,39 @@ static void identifier(const char *name, char *out, size_t size) {
     out[n] = 0;
 }
 
+static void write_number(FILE *h, const char *prefix, const char *id, int value, const char *what) {
+    fprintf(h, "    SLT_%s%s = %d,", prefix, id, value);
+    if (*what) fprintf(h, " /* %s */", what);
+    fputc('\n', h);
+}
+
+/* contract.h with its rows written out: the header made here stands alone. */
+static void write_contract(FILE *h) {
+    fputs("#ifndef SALTUS_CONTRACT_H\n#define SALTUS_CONTRACT_H\n", h);
+    fputs("/* SltKernelArgs.in */\ntypedef enum SltInput {\n", h);
+#define SLT_INPUT(id, text, type, tail, what) write_number(h, "IN_", #id, SLT_IN_##id, what);
+#include "saltus/kernel.def"
+    write_number(h, "IN_", "VARYING", SLT_IN_VARYING, "how many");
+    fputs("} SltInput;\n/* SltKernelArgs.counters */\ntypedef enum SltCounter {\n", h);
+#define SLT_COUNTER(id, text, what) write_number(h, "COUNT_", #id, SLT_COUNT_##id, what);
+#include "saltus/kernel.def"
+    write_number(h, "", "COUNTERS", SLT_COUNTERS, "how many");
+    fputs("} SltCounter;\nenum {\n", h);
+#define SLT_LIMIT(id, value, what) write_number(h, "", #id, value, what);
+#include "saltus/kernel.def"
+    fputs("};\n#endif\n", h);
+}
+
+/* kernel.h without its include of contract.h. */
+static void write_kernel_header(FILE *h) {
+    static const char include[] = "#include \"saltus/contract.h\"\n";
+    const char *at = strstr(kernel_text, include);
+    assert(at);
+    fwrite(kernel_text, 1, (size_t)(at - kernel_text), h);
+    write_contract(h);
+    fputs(at + strlen(include), h);
+}
+
 static void write_kernel(FILE *h, const SltProgram *p, const char *stem, int k) {
     const Fn *fn = p->fn[k];
     fprintf(h, "/* outputs:");
@@ -47,7 +81,7 @@ static char *make_header(const SltProgram *p, const char *stem) {
     const char *flt = p->opt.f64 ? "double" : "float";
     fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n",
             stem, p->prog->entry, slt_version(), stem, stem);
-    fputs(kernel_text, h);
+    write_kernel_header(h);
     fprintf(h, "\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt, stem);
     fprintf(h, "enum { %s_DIM = %u, %s_CHANNELS = %u, %s_FLOATS = %u, %s_INTS = %u };\n\n", stem, p->prog->dim, stem,
             p->prog->channels, stem, p->prog->nfloats, stem, p->prog->nints);

@@ -42,7 +42,7 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_ROUND: return "round";
     case SITE_TRUNC: return "trunc";
     case SITE_FMOD: return "fmod";
-    case SITE_FIELD: return "silhouette";
+    case SITE_SILHOUETTE: return "silhouette";
     case SITE_SHADOW: return "shadow";
     }
     return "?";
@@ -145,10 +145,10 @@ static void print_geometries(const SltProgram *p) {
     const Program *g = p->prog;
     for (uint32_t f = 0; f < g->ngeometries; f++) {
         const GeometryInfo *info = &g->geometries[f];
-        if (!geometry_queries(p, f) || !p->fields[f]) continue;
-        size_t bytes = geometry_bytes(p->fields[f]);
+        if (!geometry_queries(p, f) || !p->geometries[f]) continue;
+        size_t bytes = geometry_bytes(p->geometries[f]);
         printf("  %s, %u x %u numbers: %s\n    %zu bytes, %.2f a number; asked: ", g->params[info->param].name,
-               info->size[0], info->size[1], geometry_describe(p->fields[f]), bytes, (double)bytes / info->count);
+               info->size[0], info->size[1], geometry_describe(p->geometries[f]), bytes, (double)bytes / info->count);
         list_queries(geometry_queries(p, f), false);
         putchar('\n');
         for (int k = 0; k < K_KINDS; k++) {
@@ -187,13 +187,13 @@ static void json_geometries(const SltProgram *p) {
     for (uint32_t f = 0; f < g->ngeometries; f++) {
         const GeometryInfo *info = &g->geometries[f];
         uint32_t queries = geometry_queries(p, f);
-        if (!queries || !p->fields[f]) continue;
+        if (!queries || !p->geometries[f]) continue;
         printf("%s{\"name\": ", first ? "" : ", ");
         json_text(stdout, g->params[info->param].name);
         printf(", \"width\": %u, \"height\": %u, \"structure\": \"%s\", \"description\": ", info->size[0],
                info->size[1], structures[p->opt.field]);
-        json_text(stdout, geometry_describe(p->fields[f]));
-        printf(", \"bytes\": %zu, \"queries\": [", geometry_bytes(p->fields[f]));
+        json_text(stdout, geometry_describe(p->geometries[f]));
+        printf(", \"bytes\": %zu, \"queries\": [", geometry_bytes(p->geometries[f]));
         list_queries(queries, true);
         fputs("], \"left_out\": [", stdout);
         list_queries(~queries & answered(info), true);
@@ -261,7 +261,7 @@ static void explain_text(const Explain *e) {
     if (!any) puts("  none");
     printf("\nstructures built\n");
     uint32_t built = g->ncull;
-    for (uint32_t f = 0; f < g->ngeometries; f++) built += p->fields[f] && geometry_queries(p, f);
+    for (uint32_t f = 0; f < g->ngeometries; f++) built += p->geometries[f] && geometry_queries(p, f);
     if (g->ncull) printf("  cull lists of %u loop%s: [Cull]\n", g->ncull, g->ncull == 1 ? "" : "s");
     print_geometries(p);
     if (!built) puts("  none");
@@ -353,7 +353,7 @@ static void list_numbers(const char *key, const double *v, uint32_t n) {
 }
 
 typedef struct SiteLog {
-    int32_t site, k[IR_MAX_SITE_DEPTH];
+    int32_t site, k[SLT_MAX_K];
     uint32_t depth;
     double g;
     bool decision, integer;
@@ -378,7 +378,7 @@ static void on_trace(void *user, const char *text, uint32_t len, const double *v
     SiteLog *s = &log->at[log->n++];
     *s = (SiteLog){
         .site = (int32_t)v[0], .g = v[2], .decision = v[1] != 0, .integer = text[0] == 'n', .n = v[1], .depth = n - 3};
-    for (uint32_t k = 0; k + 3 < n && k < IR_MAX_SITE_DEPTH; k++) s->k[k] = (int32_t)v[3 + k];
+    for (uint32_t k = 0; k + 3 < n && k < SLT_MAX_K; k++) s->k[k] = (int32_t)v[3 + k];
 }
 
 static void trace_sites(Fn *fn, Block *b) {
@@ -388,7 +388,7 @@ static void trace_sites(Fn *fn, Block *b) {
         if (i->op == OP_print) ir_unlink(i);
         if (i->op != OP_site && i->op != OP_siten) continue;
         Builder at = ir_after(fn, i);
-        Inst *args[3 + IR_MAX_SITE_DEPTH] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
+        Inst *args[3 + SLT_MAX_K] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
         uint32_t n = 3;
         for (uint32_t a = 2; a < i->nargs; a++) args[n++] = i->args[a];
         ir_special(&at, OP_print, TY_VOID, n, args, (Imm){.text = {i->op == OP_site ? "s" : "n", 1}});
@@ -407,10 +407,14 @@ static int trace(SltProgram *p, const double x[3], TraceLog *log, double f[4]) {
     static _Alignas(64) int32_t zero[N];
     SltError err = {0};
     api_geometries_want(p, fn);
-    SltStatus fields = api_geometries(p, &err);
-    if (fields != SLT_OK) return fields;
-    SltKernelArgs args = {
-        .params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
+    SltStatus geometries = api_geometries(p, &err);
+    if (geometries != SLT_OK) return geometries;
+    SltKernelArgs args = {.params = p->flt,
+                          .iparams = p->ints,
+                          .print = on_trace,
+                          .user = log,
+                          .n_valid = 1,
+                          .geometries = p->geometries};
     memset(flt, 0, sizeof flt);
     for (int i = 0; i < N; i++)
         for (int d = 0; d < 3; d++)

@@ -40,9 +40,9 @@ struct SltProgram {
     SltKernel **cull_kernels;
     uint32_t *cull_counts;
     uint8_t *site_kind, *site_static, *site_skips;
-    uint8_t *dense;             /* per float: some reverse kernel adds to its adjoint in place */
-    const SltGeometry **fields; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
-    uint32_t *field_base, *field_count;
+    uint8_t *dense;                 /* per float: some reverse kernel adds to its adjoint in place */
+    const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
+    uint32_t *geometry_base;
     GeometryState *geometry_state;
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
                   uint32_t lane); /* print(); NULL: silent */

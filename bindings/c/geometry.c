@@ -11,7 +11,7 @@
 static uint32_t block_queries(const Block *b, uint32_t geometry) {
     uint32_t queries = 0;
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_fieldop && i->imm.field.field == geometry) queries |= 1u << i->imm.field.what;
+        if (i->op == OP_query && i->imm.query.geometry == geometry) queries |= 1u << i->imm.query.what;
         for (uint32_t r = 0; r < i->nregions; r++) queries |= block_queries(i->region[r], geometry);
     }
     return queries;
@@ -29,22 +29,19 @@ void api_geometries_want(SltProgram *p, const Fn *fn) {
 
 bool api_geometries_init(SltProgram *p) {
     uint32_t n = p->prog->ngeometries;
-    p->fields = calloc(n + 1, sizeof *p->fields);
-    p->field_base = calloc(n + 1, sizeof *p->field_base);
-    p->field_count = calloc(n + 1, sizeof *p->field_count);
+    p->geometries = calloc(n + 1, sizeof *p->geometries);
+    p->geometry_base = calloc(n + 1, sizeof *p->geometry_base);
     p->geometry_state = calloc(n + 1, sizeof *p->geometry_state);
-    if (!p->fields || !p->field_base || !p->field_count || !p->geometry_state) return false;
-    for (uint32_t g = 0; g < n; g++)
-        p->field_base[g] = p->prog->geometries[g].base, p->field_count[g] = p->prog->geometries[g].count;
+    if (!p->geometries || !p->geometry_base || !p->geometry_state) return false;
+    for (uint32_t g = 0; g < n; g++) p->geometry_base[g] = p->prog->geometries[g].base;
     return true;
 }
 
 void api_geometries_free(SltProgram *p) {
-    for (uint32_t g = 0; p->fields && p->prog && g < p->prog->ngeometries; g++)
-        geometry_free((SltGeometry *)p->fields[g]);
-    free(p->fields);
-    free(p->field_base);
-    free(p->field_count);
+    for (uint32_t g = 0; p->geometries && p->prog && g < p->prog->ngeometries; g++)
+        geometry_free((SltGeometry *)p->geometries[g]);
+    free(p->geometries);
+    free(p->geometry_base);
     free(p->geometry_state);
 }
 
@@ -59,12 +56,12 @@ void api_geometries_watch(SltProgram *p, uint32_t base, uint32_t count) {
         const GeometryInfo *info = &p->prog->geometries[g];
         uint64_t first = info->base, end = first + info->count, at = base > first ? base : first,
                  to = (uint64_t)base + count < end ? (uint64_t)base + count : end;
-        if (!p->fields[g]) continue; /* it will be made from whatever its numbers are then */
+        if (!p->geometries[g]) continue; /* it will be made from whatever its numbers are then */
         while (at < to) {
             while (at < to && same_bits(p, at)) at++;
             uint64_t from = at;
             while (at < to && !same_bits(p, at)) at++;
-            if (from < at) geometry_changed((SltGeometry *)p->fields[g], from - first, at - from);
+            if (from < at) geometry_changed((SltGeometry *)p->geometries[g], from - first, at - from);
         }
     }
 }
@@ -85,8 +82,8 @@ static SltStatus make(SltProgram *p, uint32_t g, SltError *err) {
     SltGeometry *made;
     SltStatus status = geometry_make(&made, &from, values_of(p, g), err);
     if (status != SLT_OK) return status;
-    geometry_free((SltGeometry *)p->fields[g]);
-    p->fields[g] = made;
+    geometry_free((SltGeometry *)p->geometries[g]);
+    p->geometries[g] = made;
     s->built = s->wanted;
     s->made++;
     return SLT_OK;
@@ -96,12 +93,12 @@ SltStatus api_geometries(SltProgram *p, SltError *err) {
     for (uint32_t g = 0; g < p->prog->ngeometries; g++) {
         GeometryState *s = &p->geometry_state[g];
         if (!s->wanted) continue;
-        if (!p->fields[g] || (s->wanted & ~s->built)) {
+        if (!p->geometries[g] || (s->wanted & ~s->built)) {
             SltStatus status = make(p, g, err);
             if (status != SLT_OK) return status;
             continue;
         }
-        uint64_t followed = geometry_follow((SltGeometry *)p->fields[g], values_of(p, g));
+        uint64_t followed = geometry_follow((SltGeometry *)p->geometries[g], values_of(p, g));
         s->followed += followed > 0, s->followed_values += followed;
     }
     return SLT_OK;

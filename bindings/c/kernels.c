@@ -30,9 +30,8 @@ uint64_t api_event_bound(const SltProgram *p) {
 
 static bool near_miss(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
-    bool any = false; /* a heightfield site has no g at a single point to be near 0 */
-    for (uint32_t s = 0; s < primal->nsites; s++)
-        any |= primal->sites[s].kind != SITE_FIELD && primal->sites[s].kind != SITE_SHADOW;
+    bool any = false; /* the site of a ray has no g at a single point to be near 0 */
+    for (uint32_t s = 0; s < primal->nsites; s++) any |= !ir_site_of_ray(primal->sites[s].kind);
     if (!any) return false;
     return p->opt.near_miss < 0 ? api_event_bound(p) <= NEAR_MISS_EVENTS : p->opt.near_miss > 0;
 }
@@ -47,12 +46,6 @@ static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
 
 static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }
 
-static SltKernel **scene_slot(SltScene *s, int kind) {
-    SltKernel **slots[K_KINDS] = {&s->value,     &s->region,   &s->event,    &s->sides, &s->site,
-                                  &s->site_grad, &s->site_jvp, &s->site_vjp, &s->jvp,   &s->vjp};
-    return slots[kind];
-}
-
 typedef struct Request {
     SltProgram *p;
     bool needs[K_KINDS], cull;
@@ -64,7 +57,7 @@ static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
     s->f64 = g->primal->precision == PREC_F64;
-    if (!s->site) s->site = s->site_grad;
+    if (!s->kernel[K_SITE]) s->kernel[K_SITE] = s->kernel[K_SITE_GRAD];
     s->dim = g->dim, s->channels = g->channels;
     for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
     s->nfloats = g->nfloats, s->nints = g->nints;
@@ -75,7 +68,7 @@ static void fill_scene(SltProgram *p) {
     s->near_miss = near_miss(p);
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
-    s->fields = p->fields, s->nfields = g->ngeometries, s->field_base = p->field_base, s->field_count = p->field_count;
+    s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
@@ -141,7 +134,7 @@ static void build_body(Session *s, void *arg) {
             back_dense_adjoints(set.fn[k], p->dense);
         }
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
-        if (p->opt.interpret) *scene_slot(&p->scene, k) = interpreted;
+        if (p->opt.interpret) p->scene.kernel[k] = interpreted;
         else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
     }
     if (q->cull)
@@ -172,7 +165,7 @@ static void build_body(Session *s, void *arg) {
     p->cached &= cached;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
-        *scene_slot(&p->scene, k) = back_kernel(m, kernel_names[k]);
+        p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
     }
@@ -201,8 +194,8 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
-    SltStatus fields = api_geometries(p, err);
-    if (fields != SLT_OK) return fields;
+    SltStatus geometries = api_geometries(p, err);
+    if (geometries != SLT_OK) return geometries;
     fill_scene(p);
     if (!p->scene.width) p->scene.width = 16;
     return SLT_OK;
@@ -214,7 +207,7 @@ void api_forget_gradients(SltProgram *p) {
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         p->fn[kinds[i]] = NULL;
         p->tried[kinds[i]] = false;
-        *scene_slot(&p->scene, kinds[i]) = NULL;
+        p->scene.kernel[kinds[i]] = NULL;
     }
     p->scene.tape_bytes = 0;
 }
@@ -225,6 +218,6 @@ void api_free_kernels(SltProgram *p) {
     memset(p->fn, 0, sizeof p->fn);
     memset(p->module_of, 0, sizeof p->module_of);
     memset(p->tried, 0, sizeof p->tried);
-    for (int k = 0; k < K_KINDS; k++) *scene_slot(&p->scene, k) = NULL;
+    memset(p->scene.kernel, 0, sizeof p->scene.kernel);
     if (p->cull_kernels) memset(p->cull_kernels, 0, p->prog->ncull * sizeof *p->cull_kernels);
 }

@@ -51,7 +51,7 @@ static bool worker_init(Pixels *q, PixelWorker *w) {
     for (int d = 0; d < 3; d++) w->args.in[IN_X0 + d] = w->x[d];
     w->args.in[IN_PIXEL0] = w->pixel[0], w->args.in[IN_PIXEL1] = w->pixel[1];
     w->args.out[0] = w->out;
-    w->args.params = q->p->flt, w->args.iparams = q->p->ints, w->args.fields = q->p->scene.fields;
+    w->args.params = q->p->flt, w->args.iparams = q->p->ints, w->args.geometries = q->p->scene.geometries;
     w->args.resolution[0] = (int32_t)width, w->args.resolution[1] = (int32_t)q->job->size[1];
     w->args.n_valid = width;
     return true;
@@ -73,7 +73,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
             set(q->p, w->x[1], i, place(q, 1, height - 1 - row));
             w->pixel[1][i] = (int32_t)row;
         }
-        q->p->scene.value(&w->args, width);
+        q->p->scene.kernel[SLT_K_VALUE](&w->args, width);
         memcpy(q->out + (size_t)row * width, w->out, (size_t)width * sizeof *q->out);
     }
     return true;

@@ -49,7 +49,7 @@ typedef struct Program {
     bool uses_rand, uses_pixel, uses_prints;
     GeometryInfo *geometries; /* those with queries only: no query, no structure */
     uint32_t ngeometries;
-    uint32_t ncull; /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input k0 */
+    uint32_t ncull; /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input iteration */
     Fn **cull_bounds;
     Func *entry_func;
 } Program;

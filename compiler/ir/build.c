@@ -157,21 +157,8 @@ Inst *ir_zero(Builder *b, IrType t) {
     ice(b->fn->session, "ir_zero: type %d has no zero", (int)t);
 }
 
-static IrType input_type(InputSlot slot) {
-    switch (slot) {
-    case IN_STREAM:
-    case IN_PIXEL0:
-    case IN_PIXEL1:
-    case IN_SAMPLE:
-    case IN_RES0:
-    case IN_RES1:
-    case IN_SITE: return TY_INT;
-    default: return slot >= IN_K0 && slot <= IN_K7 ? TY_INT : TY_FLT;
-    }
-}
-
 Inst *ir_input(Builder *b, InputSlot slot) {
-    Inst *i = insert(b, OP_input, input_type(slot), 0, NULL);
+    Inst *i = insert(b, OP_input, ir_input_type(slot), 0, NULL);
     i->imm.i = slot;
     return i;
 }

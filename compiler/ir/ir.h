@@ -17,6 +17,7 @@
 
 #include "compiler/base/session.h"
 #include "compiler/ir/query.h"
+#include "saltus/contract.h"
 
 typedef enum Op {
 #define FOP1(name, ...) OP_##name,
@@ -39,50 +40,27 @@ typedef enum Op {
 typedef enum IrType { TY_VOID, TY_BOOL, TY_INT, TY_FLT, TY_ARRAY, TY_TAPE } IrType;
 typedef enum Precision { PREC_F32, PREC_F64 } Precision;
 
-/* Per-sample inputs (varying) and per-call uniforms. The order is the order of SltKernelArgs.in. */
+/* The rows of the contract by the names that the compiler uses: IN_X0 is SLT_IN_X0. */
 typedef enum InputSlot {
-    IN_X0,
-    IN_X1,
-    IN_X2,     /* float: position in the domain */
-    IN_STREAM, /* int: the sample's random stream */
-    IN_RAND0,  /* float: number 0 of the stream (stratified by the runtime) */
-    IN_PIXEL0,
-    IN_PIXEL1, /* int */
-    IN_SAMPLE, /* int: sample_index() */
-    IN_SEED0,
-    IN_SEED1,
-    IN_SEED2,
-    IN_SEED3, /* float: adjoint of each output (reverse), or the weight of a crossing */
-    IN_K0,
-    IN_K1,
-    IN_K2,
-    IN_K3,
-    IN_K4,
-    IN_K5,
-    IN_K6,
-    IN_K7,  /* int: the loop indices of an event */
-    IN_AUX, /* float: boundary of an integer-valued site */
-    IN_DX0,
-    IN_DX1,
-    IN_DX2,  /* float: tangent of x (forward mode) */
-    IN_AUX1, /* float: the far end of a heightfield site's window (IN_AUX: the near one) */
-    IN_VARYING_COUNT,
-    IN_RES0 = IN_VARYING_COUNT,
-    IN_RES1, /* int, uniform: resolution() */
-    IN_SITE, /* int, uniform: which site */
-    IN_COUNT
+#define SLT_INPUT(id, ...) IN_##id = SLT_IN_##id,
+#define SLT_UNIFORM(id, ...) IN_##id = SLT_IN_##id,
+#include "saltus/kernel.def"
 } InputSlot;
 
 typedef enum CounterSlot {
-    COUNTER_TRUNCATED,
-    COUNTER_ASSERT,
-    COUNTER_TAPE_OVERFLOW,
-    COUNTER_NONFINITE,
-    COUNTER_SLOTS
+#define SLT_COUNTER(id, ...) COUNTER_##id = SLT_COUNT_##id,
+#include "saltus/kernel.def"
 } CounterSlot;
 
+/* Kinds of sites. */
+typedef enum SiteKind {
+#define SLT_SITE(id, ...) SITE_##id = SLT_SITE_##id,
+#include "saltus/kernel.def"
+} SiteKind;
+/* Of a ray that meets a geometry: g looks along a window of the ray. */
+static inline bool ir_site_of_ray(SiteKind kind) { return kind == SITE_SILHOUETTE || kind == SITE_SHADOW; }
+
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
-#define IR_MAX_SITE_DEPTH 8 /* loops around a site that tell its events apart */
 #define IR_MAX_OPS (1u << 18)
 
 typedef struct Inst Inst;
@@ -113,8 +91,8 @@ typedef union Imm {
         uint32_t len;
     } text; /* print */
     struct {
-        uint32_t field, what, base;
-    } field; /* SltFieldWhat; base: float parameter 0 of its heights */
+        uint32_t geometry, what, base;
+    } query; /* what: SltQuery; base: the geometry's first float parameter */
 } Imm;
 
 struct Inst {
@@ -139,23 +117,12 @@ struct Block {
     Inst *owner; /* the structured operation; NULL for the top block */
 };
 
-typedef enum SiteKind {
-    SITE_COMPARE, /* a < b and friends, step, sign, refract: g = a - b */
-    SITE_FLOOR,   /* boundary between n and n + 1 at n + 1 */
-    SITE_CEIL,    /* at n */
-    SITE_ROUND,   /* at n + 1/2 */
-    SITE_TRUNC,   /* at n + 1 for n >= 0, at n for n < 0; none at 0 */
-    SITE_FMOD,    /* as TRUNC; v is the quotient */
-    SITE_FIELD,   /* h.trace: silhouettes; ends also differ where both hit, at depths with a ridge between */
-    SITE_SHADOW   /* h.occluded */
-} SiteKind;
-
 /* One static site: one place in the source inlined through one chain of calls. */
 typedef struct SiteInfo {
     SiteKind kind;
     Span span;           /* the comparison or the jumping builtin */
     const char *path;    /* "main > sd_scene" */
-    uint32_t depth;      /* loop indices that tell its events apart, <= IR_MAX_SITE_DEPTH */
+    uint32_t depth;      /* loop indices that tell its events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
     const char *text; /* short source text for explain: "d < 0.0" */
@@ -187,6 +154,8 @@ typedef struct OpInfo {
     bool special, math;
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
+IrType ir_input_type(InputSlot slot);
+size_t ir_uniform_offset(InputSlot slot); /* in SltKernelArgs, of an input that is the same for all samples */
 
 /* ---- build.c
  * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms

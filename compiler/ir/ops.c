@@ -1,5 +1,8 @@
 /* Facts of ops.def as a table, and the two hashes that exist both in C and as IR. */
+#include <stddef.h>
+
 #include "compiler/ir/ir.h"
+#include "saltus/kernel.h"
 
 /* Argument counts and result types of the special rows are spelled in their signature "result:arguments". */
 #define MANY 255
@@ -47,7 +50,7 @@ _Static_assert(OP_COUNT < 255, "Inst.op is a byte");
 #define SPECIAL_ARGS_tapepush MANY
 #define SPECIAL_ARGS_count 1
 #define SPECIAL_ARGS_print MANY
-#define SPECIAL_ARGS_fieldop 8
+#define SPECIAL_ARGS_query 8
 #define SPECIAL_ARGS_window 3
 
 /* The first letter of a signature is the result; '?' and '.' are TY_VOID here. */
@@ -101,4 +104,21 @@ uint32_t ir_rand_u32(uint32_t stream, uint32_t n) {
         y = (uint32_t)p;
     }
     return x;
+}
+
+IrType ir_input_type(InputSlot slot) {
+    static const uint8_t type[SLT_INPUTS] = {
+#define SLT_INPUT(id, text, type, ...) [IN_##id] = TY_##type,
+#define SLT_UNIFORM(id, ...) [IN_##id] = TY_INT,
+#include "saltus/kernel.def"
+    };
+    return (IrType)type[slot];
+}
+
+size_t ir_uniform_offset(InputSlot slot) {
+    static const uint16_t offset[SLT_INPUTS] = {
+#define SLT_UNIFORM(id, text, field, ...) [IN_##id] = offsetof(SltKernelArgs, field),
+#include "saltus/kernel.def"
+    };
+    return offset[slot];
 }

@@ -212,7 +212,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_constf: return want_double(p, &imm->f);
     case OP_consti: return want_integer(p, INT32_MIN, INT32_MAX, &imm->i);
     case OP_constb: imm->i = accept_word(p, "true"); return imm->i || want_word(p, "false");
-    case OP_input: imm->i = want_name(p, ir_input_names, IN_COUNT, "the name of an input"); return imm->i >= 0;
+    case OP_input: imm->i = want_name(p, ir_input_names, SLT_INPUTS, "the name of an input"); return imm->i >= 0;
     case OP_param:
     case OP_iparam:
     case OP_dparam:
@@ -243,9 +243,9 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         imm->loop.cull = accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);
     case OP_print: return want_string(p, &imm->text.text, &imm->text.len);
-    case OP_fieldop:
-        return want_word(p, "field") && want_u32(p, &imm->field.field) && want_word(p, "what") &&
-               want_u32(p, &imm->field.what) && want_word(p, "base") && want_u32(p, &imm->field.base);
+    case OP_query:
+        return want_word(p, "geometry") && want_u32(p, &imm->query.geometry) && want_word(p, "what") &&
+               want_u32(p, &imm->query.what) && want_word(p, "base") && want_u32(p, &imm->query.base);
     default: return true;
     }
 }
@@ -330,7 +330,7 @@ static bool want_block(Parser *p, Block *b) {
 
 static bool want_site(Parser *p) {
     SiteInfo site = {.span = SPAN_NONE};
-    int kind = want_name(p, ir_site_kinds, SITE_SHADOW + 1, "a kind of site");
+    int kind = want_name(p, ir_site_kinds, SLT_SITE_KINDS, "a kind of site");
     int64_t events = 0;
     if (kind < 0 || !want_word(p, "depth") || !want_u32(p, &site.depth) || !want_word(p, "events") ||
         !want_integer(p, 0, INT64_MAX, &events))

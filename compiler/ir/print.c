@@ -22,13 +22,19 @@
 
 #include "compiler/ir/text.h"
 
-const char *const ir_input_names[IN_COUNT] = {"x0",     "x1",    "x2",    "stream", "rand0", "pixel0", "pixel1",
-                                              "sample", "seed0", "seed1", "seed2",  "seed3", "k0",     "k1",
-                                              "k2",     "k3",    "k4",    "k5",     "k6",    "k7",     "aux",
-                                              "dx0",    "dx1",   "dx2",   "aux1",   "res0",  "res1",   "site"};
-const char *const ir_site_kinds[SITE_SHADOW + 1] = {"compare", "floor", "ceil",  "round",
-                                                    "trunc",   "fmod",  "field", "shadow"};
-const char *const ir_counter_names[COUNTER_SLOTS] = {"truncated", "assert", "tape_overflow", "nonfinite"};
+const char *const ir_input_names[SLT_INPUTS] = {
+#define SLT_INPUT(id, text, ...) [IN_##id] = text,
+#define SLT_UNIFORM(id, text, ...) [IN_##id] = text,
+#include "saltus/kernel.def"
+};
+const char *const ir_site_kinds[SLT_SITE_KINDS] = {
+#define SLT_SITE(id, text, ...) text,
+#include "saltus/kernel.def"
+};
+const char *const ir_counter_names[SLT_COUNTERS] = {
+#define SLT_COUNTER(id, text, ...) text,
+#include "saltus/kernel.def"
+};
 const char ir_type_letters[TY_TAPE + 1] = {'.', 'b', 'i', 'f', 'a', 't'};
 
 bool ir_spells_type(Op op) {
@@ -116,7 +122,7 @@ static void add_imm(Text *t, const Inst *i) {
     case OP_consti: text_add(t, " %" PRId32, (int32_t)i->imm.i); break;
     case OP_constb: text_add(t, i->imm.i ? " true" : " false"); break;
     case OP_input:
-        if (i->imm.i >= 0 && i->imm.i < IN_COUNT) text_add(t, " %s", ir_input_names[i->imm.i]);
+        if (i->imm.i >= 0 && i->imm.i < SLT_INPUTS) text_add(t, " %s", ir_input_names[i->imm.i]);
         else text_add(t, " #%" PRId64, i->imm.i);
         break;
     case OP_param:
@@ -138,9 +144,9 @@ static void add_imm(Text *t, const Inst *i) {
         text_add(t, " ");
         add_quoted(t, i->imm.text.text ? i->imm.text.text : "", i->imm.text.text ? i->imm.text.len : 0);
         break;
-    case OP_fieldop:
-        text_add(t, " field %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.field.field, i->imm.field.what,
-                 i->imm.field.base);
+    case OP_query:
+        text_add(t, " geometry %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.query.geometry, i->imm.query.what,
+                 i->imm.query.base);
         break;
     case OP_window: text_add(t, " #%" PRId64, i->imm.i); break;
     default: break; /* nothing else has an imm */

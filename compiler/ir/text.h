@@ -15,9 +15,9 @@ void text_add(Text *t, const char *fmt, ...) __attribute__((format(printf, 2, 3)
 void text_inst(Text *t, const Inst *i);
 
 /* Names that print.c writes and parse.c reads. */
-extern const char *const ir_input_names[IN_COUNT];
-extern const char *const ir_site_kinds[SITE_SHADOW + 1];
-extern const char *const ir_counter_names[COUNTER_SLOTS];
+extern const char *const ir_input_names[SLT_INPUTS];
+extern const char *const ir_site_kinds[SLT_SITE_KINDS];
+extern const char *const ir_counter_names[SLT_COUNTERS];
 extern const char ir_type_letters[TY_TAPE + 1]; /* . b i f a t */
 /* Special rows whose result type the text spells out: the signature begins with '?'. */
 bool ir_spells_type(Op op);

@@ -149,7 +149,7 @@ static void check_site(Verify *v, const Inst *i, IrType decision) {
         problem(v, i, "site outside the %u sites", v->fn->nsites);
     } else {
         const SiteInfo *s = &v->fn->sites[i->imm.i];
-        if (s->depth > IR_MAX_SITE_DEPTH || i->nargs - 2 != s->depth)
+        if (s->depth > SLT_MAX_K || i->nargs - 2 != s->depth)
             problem(v, i, "%u loop indices at a site of depth %u", i->nargs - 2, s->depth);
     }
 }
@@ -186,13 +186,11 @@ static void check_special(Verify *v, const Inst *i) {
         return;
     case OP_constb: want_result(v, i, TY_BOOL); return;
     case OP_input: {
-        if (i->imm.i < 0 || i->imm.i >= IN_COUNT) {
+        if (i->imm.i < 0 || i->imm.i >= SLT_INPUTS) {
             problem(v, i, "no such input");
             return;
         }
-        bool is_int = i->imm.i == IN_STREAM || (i->imm.i >= IN_PIXEL0 && i->imm.i <= IN_SAMPLE) ||
-                      (i->imm.i >= IN_K0 && i->imm.i <= IN_K7) || i->imm.i >= IN_RES0;
-        want_result(v, i, is_int ? TY_INT : TY_FLT);
+        want_result(v, i, ir_input_type((InputSlot)i->imm.i));
         return;
     }
     case OP_param:
@@ -306,15 +304,15 @@ static void check_special(Verify *v, const Inst *i) {
         return;
     case OP_count:
         want(v, i, 0, TY_BOOL);
-        if (i->imm.i < 0 || i->imm.i >= COUNTER_SLOTS) problem(v, i, "no such counter");
+        if (i->imm.i < 0 || i->imm.i >= SLT_COUNTERS) problem(v, i, "no such counter");
         return;
     case OP_print:
         if (i->imm.text.len && !i->imm.text.text) problem(v, i, "no text");
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
-    case OP_fieldop:
+    case OP_query:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
-        if (i->imm.field.what >= SLT_QUERIES) problem(v, i, "no such query");
+        if (i->imm.query.what >= SLT_QUERIES) problem(v, i, "no such query");
         return;
     case OP_window:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);

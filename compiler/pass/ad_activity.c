@@ -157,7 +157,7 @@ static void ranges_in(Walk *w, Block *b) {
         case OP_siten: r = range_of(f, i->args[0]); break;
         case OP_load: r = w->next[i->args[0]->id]; break;
         case OP_partner:
-        case OP_fieldop: r = AD_RANGE_ANY; break;
+        case OP_query: r = AD_RANGE_ANY; break;
         case OP_alloc: w->found[i->id] = ad_range_const(0); break;
         case OP_store: w->found[i->args[0]->id] = join(w->found[i->args[0]->id], range_of(f, i->args[2])); break;
         case OP_acopy: w->found[i->args[0]->id] = join(w->found[i->args[0]->id], w->next[i->args[1]->id]); break;

@@ -201,7 +201,7 @@ static void sweep(Vjp *v, const Fn *primal) {
     vjp_push(v, fn->body, &rev, top);
     uint32_t floats = 0;
     for (uint32_t k = 0; k < yield->nargs; k++) floats += yield->args[k]->type == TY_FLT;
-    if (floats > IN_SEED3 - IN_SEED0 + 1) ice(fn->session, "ad: %u float outputs, more than there are seeds", floats);
+    if (floats > SLT_MAX_CHANNELS) ice(fn->session, "ad: %u float outputs, more than there are seeds", floats);
     Inst **out = ARENA_ARRAY(fn->arena, Inst *, floats + 4);
     const char **names = ARENA_ARRAY(fn->arena, const char *, floats + 4);
     uint32_t n = 0;

@@ -3,7 +3,7 @@
 #include "compiler/pass/walk.h"
 
 static bool may_weaken(const Inst *i) {
-    return i->op == OP_fieldop && query_rows[i->imm.field.what].when == WEAKER_FOUND;
+    return i->op == OP_query && query_rows[i->imm.query.what].when == WEAKER_FOUND;
 }
 
 static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_WITNESS_NONE; }
@@ -21,7 +21,7 @@ static void find_uses(const Block *b, bool *whole) {
 static bool replace(Block *b, const bool *whole) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
-        if (may_weaken(i) && !whole[i->id]) i->imm.field.what = query_rows[i->imm.field.what].weaker, changed = true;
+        if (may_weaken(i) && !whole[i->id]) i->imm.query.what = query_rows[i->imm.query.what].weaker, changed = true;
         for (uint32_t r = 0; r < i->nregions; r++) changed |= replace(i->region[r], whole);
     }
     return changed;

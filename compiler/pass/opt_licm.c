@@ -4,7 +4,7 @@
 #include "compiler/pass/walk.h"
 
 static bool cheap(const Inst *i) {
-    return !ir_ops[i->op].math && i->op != OP_fdiv && i->op != OP_fsqrt && i->op != OP_rand && i->op != OP_fieldop;
+    return !ir_ops[i->op].math && i->op != OP_fdiv && i->op != OP_fsqrt && i->op != OP_rand && i->op != OP_query;
 }
 
 static bool invariant(const Inst *i, const Block *body) {

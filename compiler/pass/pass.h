@@ -51,8 +51,9 @@ Fn *variant_event(
     PassCtx *ctx, const Fn *primal,
     const VariantOptions *o); /* site:int (-1 none), g:flt (own end), aux:flt, k0..kD-1:int [, aux1:flt] */
 Fn *variant_sides(PassCtx *ctx, const Fn *primal,
-                  const VariantOptions *o);       /* f.0.., hash:int (the same hash as region's) [, depth:flt] */
-Fn *variant_site(PassCtx *ctx, const Fn *primal); /* g:flt; inputs site (uniform), k0.., aux, x, stream */
+                  const VariantOptions *o); /* f.0.., hash:int (the same hash as region's) [, depth:flt] */
+Fn *variant_site(PassCtx *ctx,
+                 const Fn *primal); /* g:flt; inputs site (uniform), k0.., boundary or window, x, stream */
 
 /* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
 enum {
@@ -90,21 +91,13 @@ void pipeline_primal(PassCtx *ctx, Fn *primal);
 /* Cleans and lowers one kernel: slice, fold, cse, lower_custom, lower_rand, lower_math, fold, cse, dce. */
 void pipeline_kernel(PassCtx *ctx, Fn *fn);
 
-typedef enum KernelKind {
-    K_VALUE,
-    K_REGION,
-    K_EVENT,
-    K_SIDES,
-    K_SITE,
-    K_SITE_GRAD,
-    K_SITE_JVP,
-    K_SITE_VJP,
-    K_JVP,
-    K_VJP,
-    K_KINDS
-} KernelKind;
-extern const char *const kernel_names[K_KINDS]; /* "value", "region", "event", "sides", "site", "site_grad", "site_jvp",
-                                                   "site_vjp", "jvp", "vjp" */
+/* Kinds of kernels of which a program has one: all but CULL, of which it has one a loop. */
+enum {
+#define SLT_KERNEL(id, ...) K_##id = SLT_K_##id,
+#include "saltus/kernel.def"
+    K_KINDS = K_CULL
+};
+extern const char *const kernel_names[SLT_KERNELS];
 
 typedef struct KernelSet {
     Fn *fn[K_KINDS]; /* NULL: not needed */
@@ -112,10 +105,10 @@ typedef struct KernelSet {
     uint32_t event_depth; /* D: number of k outputs of event */
     bool near_miss;
     bool has_depth;    /* region and sides end with one more output, depth: h.trace is a site */
-    uint32_t nwitness; /* region and sides end with this many more outputs, which event reads as IN_K0 and on: what its
-                          searches would find, or 0 */
-    bool has_window; /* event ends with one more output, aux1, and reads IN_SEED0; site kernels read IN_AUX1: h.trace or
-                        h.occluded is a site */
+    uint32_t nwitness; /* region and sides end with this many more outputs, which event reads as IN_WITNESS0 and on:
+                          what its searches would find, or 0 */
+    bool has_window; /* event ends with one more output, aux1, and reads IN_THRESHOLD; site kernels read IN_WINDOW0, 1:
+                        h.trace or h.occluded is a site */
 } KernelSet;
 /* The whole middle: needs[kind] says which kernels are wanted; those that the program has no use for stay NULL (no
  * site: no boundary kernel). */

@@ -5,8 +5,14 @@
 #include "compiler/pass/site_facts.h"
 #include "compiler/pass/variant.h"
 
-const char *const kernel_names[K_KINDS] = {"value",     "region",   "event",    "sides", "site",
-                                           "site_grad", "site_jvp", "site_vjp", "jvp",   "vjp"};
+const char *const kernel_names[SLT_KERNELS] = {
+#define SLT_KERNEL(id, text, ...) text,
+#include "saltus/kernel.def"
+};
+_Static_assert(K_CULL == SLT_KERNELS - 1, "K_KINDS counts the kinds before it");
+_Static_assert(IN_K7 - IN_K0 + 1 == SLT_MAX_K, "a loop index for each loop around a site");
+_Static_assert(IN_SEED3 - IN_SEED0 + 1 == SLT_MAX_CHANNELS, "a seed for each channel");
+_Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for each witness");
 
 typedef bool Pass(PassCtx *, Fn *);
 

@@ -27,26 +27,26 @@ void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const 
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
-/* variant_field.c: heightfield sites. */
+/* variant_ray.c: sites of rays. */
 Inst *variant_window_of(Fn *fn, Inst *site); /* args: t (INFINITY: free), top, margin */
 void variant_windows_of_pairs(Fn *fn);       /* event: of the two lanes */
 void variant_windows_of_inputs(Fn *fn);      /* site: what event found */
 bool variant_has_windows(const Fn *fn);
 bool variant_has_depth(const Fn *fn); /* silhouettes, which need the signature */
 Inst *variant_depth(Fn *fn);          /* the signature, threaded through a clone; sites stay */
-/* Do the two lanes of a pair both hit, at depths whose signatures differ by more than IN_SEED0? */
+/* Do the two lanes of a pair both hit, at depths whose signatures differ by more than IN_THRESHOLD? */
 Inst *variant_depths_apart(Builder *b, Inst *site, Inst *window);
 /* And if so, is there a ridge between the two? */
 Inst *variant_ridge_between(Builder *b, Inst *window);
 
-enum { VARIANT_WITNESSES = 2, VARIANT_FOUND = 8 };
+enum { VARIANT_FOUND = 8 };
 /* The first searches for hits that stand in no loop, in program order: the same ones in every clone of a primal. Region
  * and sides tell what they found, so that event, at the same point, need not search again. */
-uint32_t variant_searches(const Fn *fn, Inst *search[VARIANT_WITNESSES]);
+uint32_t variant_searches(const Fn *fn, Inst *search[SLT_WITNESSES]);
 /* region, sides: what they found, VARIANT_FOUND + witness; 0 where they did not run. */
 void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found);
-extern const char *const variant_witness_names[VARIANT_WITNESSES];
-/* event: they run only where the input, IN_K0 and on, is 0. */
+extern const char *const variant_witness_names[SLT_WITNESSES];
+/* event: they run only where the input, IN_WITNESS0 and on, is 0. */
 void variant_use_witnesses(Fn *fn);
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */

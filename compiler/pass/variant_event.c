@@ -3,13 +3,12 @@
  * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions;
  * the first that differs is the event: before it both ran the same code, so its g is one continuous function on the
  * segment and changes sign. After it nothing matters, and loops end. Output, per lane: site (-1: none), the lane's own
- * g, the boundary of an integer-valued site (or the near end of a heightfield site's window), the loop indices, and in
- * programs with heightfield sites the far end of the window. With paper_argmin instead the executed event with the
+ * g, the boundary of an integer-valued site (or the near end of the window of a ray's site), the loop indices, and in
+ * programs with sites of rays the far end of the window. With paper_argmin instead the executed event with the
  * smallest |g| of the lane's own end, as in the paper: wrong up to 83 % of the time where scales differ. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
-#include "saltus/field.h"
 
 enum { V_FOUND, V_SITE, V_G, V_AUX, V_AUX1, V_K };
 
@@ -18,10 +17,9 @@ typedef struct Event {
     bool argmin;
 } Event;
 
-/* The window of a heightfield site, or NULL. */
+/* The window of a ray's site, or NULL. */
 static Inst *window_of(Fn *fn, Inst *i) {
-    SiteKind kind = variant_site_info(fn, i)->kind;
-    return kind == SITE_FIELD || kind == SITE_SHADOW ? variant_window_of(fn, i) : NULL;
+    return ir_site_of_ray(variant_site_info(fn, i)->kind) ? variant_window_of(fn, i) : NULL;
 }
 
 /* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the
@@ -39,37 +37,36 @@ static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
     return ir_emit2(b, OP_fsub, i->args[1], *aux);
 }
 
-enum { RAY_T0 = 6, RAY_T1 = 7 };
-
 /* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see
  * variant_ridge_between. */
 static void climb_to_partner(Thread *t, Inst *i) {
     Builder b = ir_before(t->fn, i);
-    Inst *hit = i->args[RAY_T0], *other = ir_special(&b, OP_partner, TY_FLT, 1, &hit, (Imm){0});
+    Inst *hit = i->args[SLT_RAY_T0], *other = ir_special(&b, OP_partner, TY_FLT, 1, &hit, (Imm){0});
     Inst *farther = ir_emit2(&b, OP_flt, other, hit);
-    ir_replace_arg(i, RAY_T0, ir_select(&b, farther, ir_constf(&b, __builtin_inf()), hit));
-    ir_replace_arg(i, RAY_T1, ir_emit2(&b, OP_fmin, i->args[RAY_T1], other));
+    ir_replace_arg(i, SLT_RAY_T0, ir_select(&b, farther, ir_constf(&b, __builtin_inf()), hit));
+    ir_replace_arg(i, SLT_RAY_T1, ir_emit2(&b, OP_fmin, i->args[SLT_RAY_T1], other));
 }
 
 /* Once the pair's event is found, its rays go nowhere: t0 behind t1. */
 static bool stop_search(Thread *t, Inst *i) {
     const Event *e = t->user;
     if (e->argmin) return false;
-    if (i->imm.field.what == SLT_FIELD_RISE) climb_to_partner(t, i);
+    if (query_rows[i->imm.query.what].role == ROLE_TOP) climb_to_partner(t, i);
     if (ir_is_const(t->value[V_FOUND])) return false;
     Builder b = ir_before(t->fn, i);
-    ir_replace_arg(i, RAY_T0, ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[6]));
+    ir_replace_arg(i, SLT_RAY_T0,
+                   ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[SLT_RAY_T0]));
     return false;
 }
 
 static bool touches_event(Thread *t, const Inst *i) {
     (void)t;
-    return variant_is_site(i) || i->op == OP_fieldop;
+    return variant_is_site(i) || i->op == OP_query;
 }
 
 static bool event_at(Thread *t, Inst *i) {
     Event *e = t->user;
-    if (i->op == OP_fieldop) return stop_search(t, i);
+    if (i->op == OP_query) return stop_search(t, i);
     Builder b = ir_after(t->fn, i);
     b.fold = true;
     Inst *hit, *certain = NULL;
@@ -79,7 +76,7 @@ static bool event_at(Thread *t, Inst *i) {
     } else {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
         Inst *differ = ir_emit2(&b, i->op == OP_site ? OP_bxor : OP_fne, i, other);
-        if (variant_site_info(t->fn, i)->kind == SITE_FIELD) {
+        if (variant_site_info(t->fn, i)->kind == SITE_SILHOUETTE) {
             /* Depths that differ are looked at more closely inside the branch. */
             certain = differ;
             differ = ir_emit2(&b, OP_bor, differ, variant_depths_apart(&b, i, variant_window_of(t->fn, i)));
@@ -91,7 +88,7 @@ static bool event_at(Thread *t, Inst *i) {
     Inst *br = ir_if(&b, hit);
     br->imm.i = IR_IF_RARE;
     Builder in = ir_at_end(t->fn, br->region[0]), out = ir_at_end(t->fn, br->region[1]);
-    Inst *yes[V_K + IR_MAX_SITE_DEPTH];
+    Inst *yes[V_K + SLT_MAX_K];
     in.fold = true;
     yes[V_FOUND] = ir_constb(&in, true);
     yes[V_SITE] = ir_consti(&in, (int32_t)i->imm.i);
@@ -113,7 +110,7 @@ static Inst *stop_when_found(Thread *t, Builder *b, Inst *flag) {
     return ir_emit2(b, OP_band, flag, ir_emit1(b, OP_bnot, t->value[V_FOUND]));
 }
 
-static const char *const k_names[IR_MAX_SITE_DEPTH] = {"k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"};
+static const char *const k_names[SLT_MAX_K] = {"k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"};
 
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "event", true);
@@ -130,8 +127,8 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     t.value[V_AUX1] = ir_constf(&b, 0);
     for (uint32_t d = 0; d < e.depth; d++) t.value[V_K + d] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
-    Inst *out[4 + IR_MAX_SITE_DEPTH] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
-    const char *names[4 + IR_MAX_SITE_DEPTH] = {"site", "g", "aux"};
+    Inst *out[4 + SLT_MAX_K] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
+    const char *names[4 + SLT_MAX_K] = {"site", "g", "aux"};
     for (uint32_t d = 0; d < e.depth; d++) out[3 + d] = t.value[V_K + d], names[3 + d] = k_names[d];
     uint32_t n = 3 + e.depth;
     if (variant_has_windows(fn)) out[n] = t.value[V_AUX1], names[n++] = "aux1";

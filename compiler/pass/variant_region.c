@@ -60,10 +60,9 @@ static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
     return ir_select(b, ir_emit2(b, OP_flt, ir_emit1(b, OP_fabs, up), ir_emit1(b, OP_fabs, down)), up, down);
 }
 
-/* A heightfield site's g is that of a pair: it is never near. */
+/* The g of a ray's site is that of a pair: it is never near. */
 static bool touches_near(Thread *t, const Inst *i) {
-    return variant_is_site(i) && variant_site_info(t->fn, i)->kind != SITE_FIELD &&
-           variant_site_info(t->fn, i)->kind != SITE_SHADOW;
+    return variant_is_site(i) && !ir_site_of_ray(variant_site_info(t->fn, i)->kind);
 }
 
 static bool near_at(Thread *t, Inst *i) {
@@ -81,18 +80,18 @@ static bool near_at(Thread *t, Inst *i) {
     return true;
 }
 
-static const char *const near_k[IR_MAX_SITE_DEPTH] = {"near_k0", "near_k1", "near_k2", "near_k3",
-                                                      "near_k4", "near_k5", "near_k6", "near_k7"};
+static const char *const near_k[SLT_MAX_K] = {"near_k0", "near_k1", "near_k2", "near_k3",
+                                              "near_k4", "near_k5", "near_k6", "near_k7"};
 
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);
     opt_dce(ctx, fn); /* sites that reach no output are no events */
-    Inst *search[VARIANT_WITNESSES], *found[VARIANT_WITNESSES];
+    Inst *search[SLT_WITNESSES], *found[SLT_WITNESSES];
     uint32_t nsearch = variant_searches(fn, search), n = 1;
     Inst *hash = variant_hash(ctx, fn, o), *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
     variant_witnesses(fn, nsearch, search, found);
-    Inst *out[4 + IR_MAX_SITE_DEPTH + VARIANT_WITNESSES] = {hash};
-    const char *names[4 + IR_MAX_SITE_DEPTH + VARIANT_WITNESSES] = {"hash"};
+    Inst *out[4 + SLT_MAX_K + SLT_WITNESSES] = {hash};
+    const char *names[4 + SLT_MAX_K + SLT_WITNESSES] = {"hash"};
     if (o->near_miss) {
         Near near = {variant_site_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);

@@ -2,7 +2,7 @@
  * that every predicate that differs jumps, also when it is tested twice, and no branch runs whose guard is false.
  *
  * With paper_forced it is the paper's two-sided variant instead: at the crossing, the decision of the event (site, k..)
- * is forced to IN_SEED0 > 0 and everything else follows from x. That form gives NaN where the forced side takes a root
+ * is forced to IN_SIDE > 0 and everything else follows from x. That form gives NaN where the forced side takes a root
  * of a negative number. */
 #include "compiler/pass/variant.h"
 
@@ -16,7 +16,7 @@ static void force(Fn *fn, Block *b) {
         for (uint32_t a = 2; a < i->nargs; a++)
             match = ir_emit2(&at, OP_band, match,
                              ir_emit2(&at, OP_ieq, ir_input(&at, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
-        Inst *side = ir_emit2(&at, OP_flt, ir_constf(&at, 0), ir_input(&at, IN_SEED0));
+        Inst *side = ir_emit2(&at, OP_flt, ir_constf(&at, 0), ir_input(&at, IN_SIDE));
         ir_replace_arg(i, 0, ir_select(&at, match, side, i->args[0]));
     }
 }
@@ -26,11 +26,11 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     opt_dce(ctx, fn);
     if (o->paper_forced) force(fn, fn->body);
     uint32_t channels = fn->body->last->nargs;
-    Inst *search[VARIANT_WITNESSES], *found[VARIANT_WITNESSES];
+    Inst *search[SLT_WITNESSES], *found[SLT_WITNESSES];
     uint32_t nsearch = variant_searches(fn, search);
     Inst *hash = variant_hash(ctx, fn, o);
-    Inst *out[6 + VARIANT_WITNESSES]; /* four channels, hash, depth */
-    const char *names[6 + VARIANT_WITNESSES];
+    Inst *out[6 + SLT_WITNESSES]; /* four channels, hash, depth */
+    const char *names[6 + SLT_WITNESSES];
     for (uint32_t c = 0; c < channels; c++) out[c] = fn->body->last->args[c], names[c] = fn->outputs[c];
     out[channels] = hash, names[channels] = "hash";
     uint32_t n = channels + 1;

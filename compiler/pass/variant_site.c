@@ -1,5 +1,5 @@
-/* site: the boundary function g of one event, as a function of x: (uniform site; k0.., aux; x) -> g. Its gradient in x
- * and its pull-back are made from this function by ad_*.
+/* site: the boundary function g of one event, as a function of x: (uniform site; k0.., boundary or window; x) -> g. Its
+ * gradient in x and its pull-back are made from this function by ad_*.
  *
  * Each site gets the slice of the primal that its g needs. The ifs around it are dropped (g is asked for only where it
  * was executed), and a loop around it that carries nothing into g is replaced by its index, so a disc in a loop of 2000
@@ -93,7 +93,7 @@ static Inst *slice(Slicer *s, Builder *b, Inst *v) {
         const Block *body = v->block;
         if (body->owner && body->owner->op == OP_loop && v->imm.i == 0) {
             int k = loop_index(s, body);
-            if (k >= 0 && k < IR_MAX_SITE_DEPTH) return remember(s, v, ir_input(b, (InputSlot)(IN_K0 + k)));
+            if (k >= 0 && k < SLT_MAX_K) return remember(s, v, ir_input(b, (InputSlot)(IN_K0 + k)));
         }
         if (body->owner && body->owner->op == OP_custom && (uint32_t)v->imm.i < body->owner->nargs)
             return remember(s, v, slice(s, b, body->owner->args[v->imm.i]));
@@ -104,7 +104,7 @@ static Inst *slice(Slicer *s, Builder *b, Inst *v) {
         s->failed = true;
         return NULL;
     }
-    if (v->op == OP_window) return remember(s, v, ir_input(b, v->imm.i & 1 ? IN_AUX1 : IN_AUX));
+    if (v->op == OP_window) return remember(s, v, ir_input(b, v->imm.i & 1 ? IN_WINDOW1 : IN_WINDOW0));
     s->nesting++;
     Inst *copy = NULL;
     if (v->op == OP_proj) {
@@ -122,10 +122,10 @@ static Inst *slice(Slicer *s, Builder *b, Inst *v) {
     return copy;
 }
 
-/* g = a - b of a comparison, v - aux of an integer-valued site. */
+/* g = a - b of a comparison, v - boundary of an integer-valued site. */
 static Inst *slice_g(Slicer *s, Builder *b, const Inst *site) {
     Inst *g = slice(s, b, site->args[1]);
-    if (g && site->op == OP_siten) g = ir_emit2(b, OP_fsub, g, ir_input(b, IN_AUX));
+    if (g && site->op == OP_siten) g = ir_emit2(b, OP_fsub, g, ir_input(b, IN_BOUNDARY));
     return g;
 }
 
@@ -156,7 +156,7 @@ static bool capture_at(Thread *t, Inst *i) {
         match =
             ir_emit2(&b, OP_band, match, ir_emit2(&b, OP_ieq, ir_input(&b, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
     Inst *g = i->args[1];
-    if (i->op == OP_siten) g = ir_emit2(&b, OP_fsub, g, ir_input(&b, IN_AUX));
+    if (i->op == OP_siten) g = ir_emit2(&b, OP_fsub, g, ir_input(&b, IN_BOUNDARY));
     t->value[0] = ir_select(&b, match, g, t->value[0]);
     t->value[1] = ir_emit2(&b, OP_bor, t->value[1], match);
     return true;

@@ -16,7 +16,7 @@ bool walk_is_pure(const Inst *i) {
     case OP_detach:
     case OP_site:
     case OP_siten:
-    case OP_fieldop:
+    case OP_query:
     case OP_window: return true;
     default: return false;
     }

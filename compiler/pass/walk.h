@@ -48,7 +48,7 @@ typedef struct Thread {
      * be NULL). */
     Inst *(*cont)(struct Thread *t, Builder *b, Inst *flag);
     void *user;
-    Inst *loop_k[IR_MAX_SITE_DEPTH * 4];
+    Inst *loop_k[SLT_MAX_K * 4];
     uint32_t depth;
 } Thread;
 void thread_block(Thread *t, Block *b);

@@ -1,21 +1,20 @@
 /* How compiled kernels meet the runtime: the whole contract of the JIT, and of objects made by `saltus build`.
  *
  * A kernel processes n samples. Every array is a structure of arrays, 64-byte aligned, and readable and writable up to
- * n rounded up to 64 elements: kernels work in full vectors, so the caller fills the tail with copies of a valid sample
- * (and zero seeds). flt is float or double by the program's precision. The kernel never allocates, never fails and
- * keeps no state: one SltKernelArgs per thread makes it thread-safe. */
+ * n rounded up to SLT_PAD elements: kernels work in full vectors, so the caller fills the tail with copies of a valid
+ * sample (and zero seeds). flt is float or double by the program's precision. The kernel never allocates, never fails
+ * and keeps no state: one SltKernelArgs per thread makes it thread-safe. */
 #ifndef SALTUS_KERNEL_H
 #define SALTUS_KERNEL_H
 
 #include <stddef.h>
 #include <stdint.h>
 
+#include "saltus/contract.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-enum { SLT_IN_VARYING = 25, SLT_OUT_MAX = 24, SLT_PAD = 64 };
-enum { SLT_COUNT_TRUNCATED, SLT_COUNT_ASSERT, SLT_COUNT_TAPE_OVERFLOW, SLT_COUNT_NONFINITE, SLT_COUNTERS };
 
 /* Iterations of a [Cull] loop that may do something in this tile, ascending. */
 typedef struct SltCullList {
@@ -24,7 +23,7 @@ typedef struct SltCullList {
 } SltCullList;
 
 typedef struct SltKernelArgs {
-    const void *in[SLT_IN_VARYING]; /* by InputSlot of compiler/ir/ir.h: flt or int32_t; NULL where not read */
+    const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t; NULL where not read */
     void *out[SLT_OUT_MAX];         /* by output of the kernel: flt, or int32_t for integers and booleans */
     const void *params;             /* flt[nfloats] */
     const int32_t *iparams;         /* int32_t[nints] */
@@ -40,12 +39,12 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;
     int32_t resolution[2];
     int32_t site;
-    const SltCullList *cull; /* by cull_id, or NULL */
-    uint64_t counters[SLT_COUNTERS];
+    const SltCullList *cull;         /* by cull_id, or NULL */
+    uint64_t counters[SLT_COUNTERS]; /* by SltCounter */
     /* print(): values already as doubles; may be NULL (then nothing is printed) */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *user;
-    const struct SltGeometry *const *fields; /* heightfields, by field index (saltus/field.h); NULL: no kernel asks */
+    const struct SltGeometry *const *geometries; /* that kernels search (saltus/query.h); NULL: none */
     uint32_t n_valid; /* lanes beyond do not count in counters, prints and log (n without padding) */
 } SltKernelArgs;
 

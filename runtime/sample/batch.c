@@ -21,7 +21,7 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     for (uint32_t i = 0; i < SLT_OUT_MAX; i++, p += SLOT_BYTES) b->args.out[i] = p;
     b->args.params = s->params, b->args.iparams = s->iparams;
     b->args.print = s->print, b->args.user = s->print_user;
-    b->args.fields = s->fields;
+    b->args.geometries = s->geometries;
     b->args.resolution[0] = b->args.resolution[1] = 1;
     if (b->pixels) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
     uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
@@ -49,33 +49,22 @@ void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
     batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);
 }
 
-SltKernel *scene_kernel(const SltScene *s, SltKernelKind kind) {
-    switch (kind) {
-    case SLT_K_VALUE: return s->value;
-    case SLT_K_REGION: return s->region;
-    case SLT_K_EVENT: return s->event;
-    case SLT_K_SIDES: return s->sides;
-    case SLT_K_SITE: return s->site;
-    case SLT_K_SITE_GRAD: return s->site_grad;
-    case SLT_K_SITE_JVP: return s->site_jvp;
-    case SLT_K_SITE_VJP: return s->site_vjp;
-    case SLT_K_JVP: return s->jvp;
-    case SLT_K_VJP: return s->vjp;
-    case SLT_K_CULL: break;
-    }
-    return NULL;
-}
-
+/* Samples n .. end - 1 of every input. */
 static void pad(Batch *b, uint32_t n, uint32_t end) {
-    for (uint32_t slot = 0; slot < SLT_IN_COUNT; slot++) {
-        bool seed = slot >= SLT_IN_SEED0 && slot <= SLT_IN_SEED3;
-        bool is_int = slot == SLT_IN_STREAM || (slot >= SLT_IN_PIXEL0 && slot <= SLT_IN_SAMPLE) ||
-                      (slot >= SLT_IN_K0 && slot <= SLT_IN_K7);
+    enum { INT, FLT, COPY, ZERO };
+    static const struct {
+        uint8_t type, tail;
+    } row[SLT_IN_VARYING] = {
+#define SLT_INPUT(id, text, type, tail, ...) {type, tail},
+#include "saltus/kernel.def"
+    };
+    for (uint32_t slot = 0; slot < SLT_IN_VARYING; slot++) {
+        bool zero = row[slot].tail == ZERO;
         void *v = (void *)b->args.in[slot];
         for (uint32_t i = n; i < end; i++)
-            if (is_int) ((int32_t *)v)[i] = ((int32_t *)v)[n - 1];
-            else if (b->f64) ((double *)v)[i] = seed ? 0 : ((double *)v)[n - 1];
-            else ((float *)v)[i] = seed ? 0 : ((float *)v)[n - 1];
+            if (row[slot].type == INT) ((int32_t *)v)[i] = zero ? 0 : ((int32_t *)v)[n - 1];
+            else if (b->f64) ((double *)v)[i] = zero ? 0 : ((double *)v)[n - 1];
+            else ((float *)v)[i] = zero ? 0 : ((float *)v)[n - 1];
     }
 }
 
@@ -88,6 +77,6 @@ void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
     b->args.print = kind == SLT_K_VALUE ? b->s->print : NULL; /* derivatives run at the same samples as the value */
     if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
-    else scene_kernel(b->s, kind)(&b->args, n);
+    else b->s->kernel[kind](&b->args, n);
     if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
 }

@@ -28,7 +28,7 @@ SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err) {
         for (uint32_t from = 0; from < count; from += BATCH) {
             uint32_t n = count - from < BATCH ? count - from : BATCH;
             for (uint32_t l = 0; l < (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD; l++)
-                batch_set_int(&b, SLT_IN_K0, l, (int32_t)(from + (l < n ? l : n - 1)));
+                batch_set_int(&b, SLT_IN_ITERATION, l, (int32_t)(from + (l < n ? l : n - 1)));
             b.args.n_valid = n;
             s->cull_bounds[i](&b.args, n);
             for (uint32_t l = 0; l < n; l++)

@@ -66,7 +66,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < ndir; i++) memset(out[i], 0, size * sizeof(float));
         if (crossings) memset(crossings, 0, r.grid.pixels * sizeof(float));
-        double split = j->no_boundary || !s->region ? 1 : j->no_interior ? 0 : 0.6, t = pool_now();
+        double split = j->no_boundary || !s->kernel[SLT_K_REGION] ? 1 : j->no_interior ? 0 : 0.6, t = pool_now();
         r.pool.to = split;
         if (!j->no_interior) st = interior_forward(&r, &d, out);
         r.stats.seconds_interior = pool_now() - t, t = pool_now();
@@ -130,7 +130,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
     if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
-    double t = pool_now(), split = j->no_boundary || !s->region ? 1 : j->no_interior ? 0 : 0.7;
+    double t = pool_now(), split = j->no_boundary || !s->kernel[SLT_K_REGION] ? 1 : j->no_interior ? 0 : 0.7;
     for (uint32_t h = 0; h < (halves ? 2u : 1u) && st == SLT_OK && !j->no_interior; h++) {
         r.pool.from = halves ? 0.5 * split * h : 0, r.pool.to = halves ? 0.5 * split * (h + 1) : split;
         st = interior_reverse(&r, halves ? h + 1 : 0, adjoint[h], halves ? 0.5 : 1, classes, part);
@@ -290,7 +290,8 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
     memset(out, 0, sizeof *out);
     out->site = -1, out->drop = -1;
     SltStatus st = run_begin(&r, s, &j, err);
-    if (st != SLT_OK || !s->region || !s->event || !s->sides || !s->site || !s->site_grad || !s->nsites) {
+    if (st != SLT_OK || !s->kernel[SLT_K_REGION] || !s->kernel[SLT_K_EVENT] || !s->kernel[SLT_K_SIDES] ||
+        !s->kernel[SLT_K_SITE] || !s->kernel[SLT_K_SITE_GRAD] || !s->nsites) {
         run_end(&r, NULL);
         return st;
     }

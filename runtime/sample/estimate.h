@@ -22,26 +22,15 @@
 #include "saltus/job.h"
 #include "saltus/kernel.h"
 
-typedef enum SltSiteKind {
-    SLT_SITE_COMPARE,
-    SLT_SITE_FLOOR,
-    SLT_SITE_CEIL,
-    SLT_SITE_ROUND,
-    SLT_SITE_TRUNC,
-    SLT_SITE_FMOD,
-    SLT_SITE_FIELD,
-    SLT_SITE_SHADOW
-} SltSiteKind;
-
 /* Compiled (or interpreted) kernels and what the runtime must know of the program. A NULL kernel is one that the
  * program does not need. */
 typedef struct SltScene {
     /* Interpreted kernels have the same signature through `call`: every call goes through it when it is not NULL. */
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
     void *call_user;
-    SltKernel *value, *region, *event, *sides, *site, *site_grad, *site_jvp, *site_vjp, *jvp, *vjp;
-    bool f64;             /* flt is double */
-    bool flat_adj;        /* layout of SltKernelArgs.adj */
+    SltKernel *kernel[SLT_KERNELS]; /* by SltKernelKind; those of CULL are in cull_bounds */
+    bool f64;                       /* flt is double */
+    bool flat_adj;                  /* layout of SltKernelArgs.adj */
     const uint8_t *dense; /* nfloats: 1 where a kernel may add to adj; the others get their adjoints through the log
                              alone. NULL: all */
     uint32_t width;       /* lanes */
@@ -61,17 +50,17 @@ typedef struct SltScene {
     bool has_depth; /* region and sides have one more output, last: depth. Ends differ where |difference| is large, too
                      */
     uint32_t nwitness; /* region and sides end with this many more outputs, which event reads at the same point as
-                          SLT_IN_K0 and on; 0 there: not known. At most SLT_WITNESSES */
-    bool has_window;   /* event has one more output, last: aux1, for SLT_IN_AUX1 of the site kernels; its input
-                          SLT_IN_SEED0 is J */
+                          SLT_IN_WITNESS0 and on; 0 there: not known. At most SLT_WITNESSES */
+    bool has_window;   /* event has one more output, last: the far end of the window for the site kernels; it reads
+                          SLT_IN_THRESHOLD */
     bool uses_rand;
     uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */
     uint32_t ncull;
-    SltKernel *const *cull_bounds;           /* by cull_id: in K0 = iteration, out lo.x lo.y hi.x hi.y */
-    const uint32_t *cull_count;              /* iterations of each */
-    const struct SltGeometry *const *fields; /* [nfields], with the slice of `params` that holds the heights of each */
-    uint32_t nfields;
-    const uint32_t *field_base, *field_count;
+    SltKernel *const *cull_bounds;               /* by cull_id: kernels of kind CULL; out lo.x lo.y hi.x hi.y */
+    const uint32_t *cull_count;                  /* iterations of each */
+    const struct SltGeometry *const *geometries; /* [ngeometries]; NULL: nobody asks it anything */
+    uint32_t ngeometries;
+    const uint32_t *geometry_base; /* where in `params` the numbers of each begin */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *print_user;
 } SltScene;

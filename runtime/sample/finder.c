@@ -110,7 +110,7 @@ static double tolerance(const Finder *f, const Segment *s) {
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
-    return s->has_window && (s->site_kind[site] == SLT_SITE_FIELD || s->site_kind[site] == SLT_SITE_SHADOW);
+    return s->has_window && (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
 }
 
 /* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the
@@ -289,8 +289,8 @@ static void root_begin(Item *it) {
 
 static void set_event(Batch *b, uint32_t lane, const Item *it) {
     for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, it->k[d]);
-    batch_set(b, SLT_IN_AUX, lane, it->aux);
-    if (b->s->has_window) batch_set(b, SLT_IN_AUX1, lane, it->aux1);
+    batch_set(b, SLT_IN_BOUNDARY, lane, it->aux);
+    if (b->s->has_window) batch_set(b, SLT_IN_WINDOW0, lane, it->aux), batch_set(b, SLT_IN_WINDOW1, lane, it->aux1);
 }
 
 /* Roots of the items in order[0..n), all of one site. */
@@ -345,12 +345,12 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         put(f, 2 * i, &items[i].s, items[i].s.ta);
         put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
         for (uint32_t k = 0; k < f->s->nwitness; k++) {
-            batch_set_int(b, SLT_IN_K0 + k, 2 * i, items[i].s.ma.witness[k]);
-            batch_set_int(b, SLT_IN_K0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
+            batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i, items[i].s.ma.witness[k]);
+            batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
         }
         if (!f->s->has_window) continue;
         double jump = items[i].s.ask > 0 ? items[i].s.ask : items[i].s.jump;
-        batch_set(b, SLT_IN_SEED0, 2 * i, jump), batch_set(b, SLT_IN_SEED0, 2 * i + 1, jump);
+        batch_set(b, SLT_IN_THRESHOLD, 2 * i, jump), batch_set(b, SLT_IN_THRESHOLD, 2 * i + 1, jump);
     }
     batch_call(b, SLT_K_EVENT, 2 * n);
     uint32_t kept = 0, depth = f->s->event_depth < SLT_MAX_K ? f->s->event_depth : SLT_MAX_K;

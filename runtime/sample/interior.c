@@ -188,7 +188,7 @@ static void reverse_merge(void *user, uint32_t worker, uint64_t tile) {
 
 SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
                            double *const *targets) {
-    if (!r->s->vjp) return SLT_OK;
+    if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
     Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets};
     plan(&p, r, half, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32);
     SltStatus st = run_workers(r, p.ntiles, classes, SINK_KEEP);
@@ -227,7 +227,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
 }
 
 SltStatus interior_forward(Run *r, const Directions *dirs, float *const *out) {
-    if (!r->s->jvp) return SLT_OK;
+    if (!r->s->kernel[SLT_K_JVP]) return SLT_OK;
     Interior p = {.dirs = dirs, .out = out, .classes = 1};
     plan(&p, r, 0, 32);
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
@@ -304,8 +304,8 @@ SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double
     pattern_init(&p.pattern, s, r->j->seed, RNG_INTEGRAL, 0, replicate);
     uint64_t tiles = (p.samples + INTEGRAL_TILE - 1) / INTEGRAL_TILE;
     /* What a shader prints comes from the value kernel. */
-    p.both = value && gradient && s->vjp && !s->print;
-    for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->vjp ? 2 : 1); pass++) {
+    p.both = value && gradient && s->kernel[SLT_K_VJP] && !s->print;
+    for (int pass = value && !p.both ? 0 : 1; pass < (gradient && s->kernel[SLT_K_VJP] ? 2 : 1); pass++) {
         p.gradient = pass == 1;
         for (uint32_t c = 0; c < s->channels && gradient; c++) p.targets[c] = gradient + (uint64_t)c * s->nfloats;
         SltStatus st = run_workers(r, tiles, p.gradient ? s->channels : 0, SINK_KEEP);

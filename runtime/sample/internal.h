@@ -21,7 +21,6 @@
 #include "runtime/base/rng.h"
 #include "runtime/base/threads.h"
 #include "runtime/sample/estimate.h"
-#include "runtime/sample/slots.h"
 
 enum { BATCH = 1024, FIND = BATCH / 2, ACCUMS = 8, COSETS = 4 };
 
@@ -101,7 +100,6 @@ static inline int32_t batch_get_int(const Batch *b, uint32_t out, uint32_t i) {
 void batch_set_x(Batch *b, uint32_t i, const double x[3]);
 /* Number 0 of a stream: kept below 1 in the program's precision. */
 void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0);
-SltKernel *scene_kernel(const SltScene *s, SltKernelKind kind);
 /* Calls a kernel on lanes 0..n-1 of the inputs; the tail up to the next multiple of SLT_PAD becomes copies of lane n-1
  * (with zero seeds). */
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n);
@@ -264,8 +262,8 @@ typedef struct Follow Follow;
 typedef struct Moved {
     SltScene scene;
     void *params;
-    struct SltGeometry *field;
-    const struct SltGeometry **fields;
+    struct SltGeometry *geometry; /* moved copies */
+    const struct SltGeometry **geometries;
 } Moved;
 /* Along dir (NULL: along axis p). Free it, whatever the result. */
 bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h);

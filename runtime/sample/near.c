@@ -95,7 +95,9 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
             continue;
         }
         c.site = w->near_event[v];
-        if (c.kind != READY && (!w->batch.s->site_grad || w->batch.s->site_kind[c.site] != SLT_SITE_COMPARE)) continue;
+        if (c.kind != READY &&
+            (!w->batch.s->kernel[SLT_K_SITE_GRAD] || w->batch.s->site_kind[c.site] != SLT_SITE_COMPARE))
+            continue;
         for (uint32_t d = 0; d < SLT_MAX_K; d++) c.k[d] = d < depth ? w->near_event[(d + 1) * w->vertex_cap + v] : 0;
         c.s = *like;
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
@@ -121,7 +123,7 @@ static void border_slopes(Worker *w, Probes *p) {
             batch_set_x(b, i - from, c->kind == SLOPE_START ? c->s.a : c->s.b);
             batch_set_stream(b, i - from, c->s.stream, c->s.rand0);
             for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, i - from, c->k[d]);
-            batch_set(b, SLT_IN_AUX, i - from, 0);
+            batch_set(b, SLT_IN_BOUNDARY, i - from, 0);
         }
         b->args.site = p->c[(uint32_t)order[from]].site;
         batch_call(b, SLT_K_SITE_GRAD, to - from);

@@ -142,8 +142,9 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
     Run *r = y->run;
     const SltScene *s = r->s;
-    bool can = s->region && s->event && s->sides && s->site && s->site_grad &&
-               (kind == SINK_FORWARD ? s->site_jvp : s->site_vjp);
+    bool can = s->kernel[SLT_K_REGION] && s->kernel[SLT_K_EVENT] && s->kernel[SLT_K_SIDES] && s->kernel[SLT_K_SITE] &&
+               s->kernel[SLT_K_SITE_GRAD] &&
+               (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
     uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);

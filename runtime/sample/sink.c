@@ -23,8 +23,8 @@ void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
     batch_set_x(b, lane, c->x);
     batch_set_stream(b, lane, c->stream, c->rand0);
     for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, c->k[d]);
-    batch_set(b, SLT_IN_AUX, lane, c->aux);
-    if (b->s->has_window) batch_set(b, SLT_IN_AUX1, lane, c->aux1);
+    batch_set(b, SLT_IN_BOUNDARY, lane, c->aux);
+    if (b->s->has_window) batch_set(b, SLT_IN_WINDOW0, lane, c->aux), batch_set(b, SLT_IN_WINDOW1, lane, c->aux1);
 }
 
 #define ROUNDED 0x1p-6 /* of a segment */

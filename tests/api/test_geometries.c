@@ -75,14 +75,14 @@ static void built_on_need(void **state) {
     SltProgram *p = compile(plain, SLT_STRUCTURE_AUTO, false, false);
     assert_int_equal(p->prog->ngeometries, 0);
     render(p, image);
-    assert_null(p->scene.fields && p->scene.nfields ? p->scene.fields[0] : NULL);
+    assert_null(p->scene.geometries && p->scene.ngeometries ? p->scene.geometries[0] : NULL);
     slt_program_free(p);
 
     p = compile(seen, SLT_STRUCTURE_AUTO, false, false);
     assert_int_equal(p->prog->ngeometries, 1); /* `other` is not searched */
-    assert_null(p->fields[0]);
+    assert_null(p->geometries[0]);
     render(p, image);
-    assert_non_null(p->fields[0]);
+    assert_non_null(p->geometries[0]);
     assert_int_equal(p->geometry_state[0].built, 1u << SLT_QUERY_TRACE);
     for (int k = 0; k < K_KINDS; k++) assert_int_equal(api_geometry_queries(p->fn[k], 0) & ~(1u << SLT_QUERY_TRACE), 0);
     slt_program_free(p);

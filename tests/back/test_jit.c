@@ -83,10 +83,9 @@ static int32_t random_int(void) {
 
 static void make_data(Data *d, Precision p) {
     bool f32 = p == PREC_F32;
-    for (int s = 0; s < IN_VARYING_COUNT; s++) {
+    for (int s = 0; s < SLT_IN_VARYING; s++) {
         d->in[s] = aligned_alloc(64, PAD * 8);
-        bool is_int =
-            s == IN_STREAM || s == IN_PIXEL0 || s == IN_PIXEL1 || s == IN_SAMPLE || (s >= IN_K0 && s <= IN_K7);
+        bool is_int = ir_input_type((InputSlot)s) == TY_INT;
         for (int k = 0; k < PAD; k++)
             if (is_int) ((int32_t *)d->in[s])[k] = random_int();
             else if (f32) ((float *)d->in[s])[k] = (float)random_float(true);
@@ -106,7 +105,7 @@ static void make_data(Data *d, Precision p) {
 }
 
 static void free_data(Data *d) {
-    for (int s = 0; s < IN_VARYING_COUNT; s++) free(d->in[s]);
+    for (int s = 0; s < SLT_IN_VARYING; s++) free(d->in[s]);
 }
 
 typedef struct Result {

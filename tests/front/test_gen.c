@@ -41,8 +41,8 @@ static void run_body(Session *s, void *user) {
     Program *p = r->program = front_compile(s, file, &opt);
     if (!p) return;
     SltKernelArgs args = {.iparams = p->init_ints, .n_valid = r->n, .resolution = {7, 5}};
-    static float f32[IN_VARYING_COUNT][64 + SLT_PAD];
-    static double f64[IN_VARYING_COUNT][64 + SLT_PAD];
+    static float f32[SLT_IN_VARYING][64 + SLT_PAD];
+    static double f64[SLT_IN_VARYING][64 + SLT_PAD];
     static int32_t ints[3][64 + SLT_PAD];
     static float of[4][64 + SLT_PAD];
     bool single = r->precision == PREC_F32;
@@ -53,7 +53,7 @@ static void run_body(Session *s, void *user) {
         ints[1][i] = (int32_t)i % 4;
         ints[2][i] = (int32_t)i / 4;
     }
-    for (int i = 0; i < IN_VARYING_COUNT; i++) args.in[i] = single ? (void *)f32[i] : (void *)f64[i];
+    for (int i = 0; i < SLT_IN_VARYING; i++) args.in[i] = single ? (void *)f32[i] : (void *)f64[i];
     args.in[IN_STREAM] = args.in[IN_SAMPLE] = ints[0];
     args.in[IN_PIXEL0] = ints[1], args.in[IN_PIXEL1] = ints[2];
     for (int c = 0; c < 4; c++) args.out[c] = single ? (void *)of[c] : (void *)r->out[c];

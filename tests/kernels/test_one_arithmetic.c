@@ -65,13 +65,6 @@ static void io_free(Io *io) {
     for (int i = 0; i < NOUT; i++) free(io->out[i]);
 }
 
-static SltKernel *kernel(const SltProgram *p, int k) {
-    const SltScene *s = &p->scene;
-    SltKernel *const list[K_KINDS] = {s->value,     s->region,   s->event,    s->sides, s->site,
-                                      s->site_grad, s->site_jvp, s->site_vjp, s->jvp,   s->vjp};
-    return list[k];
-}
-
 static size_t out_bytes(const SltProgram *p, const Fn *fn, uint32_t o) {
     return N * (fn->body->last->args[o]->type == TY_FLT && p->opt.f64 ? 8 : 4);
 }
@@ -146,7 +139,7 @@ static void site_agrees(const char *file, SltProgram *p, Io *events) {
         for (int i = 0; i < N; i++) any |= site[i] == (int32_t)s;
         if (!any) continue;
         io.args.site = (int32_t)s;
-        memcpy(io.in[IN_AUX], events->out[2], N * each);
+        memcpy(io.in[IN_BOUNDARY], events->out[2], N * each);
         for (uint32_t d = 0; d < p->scene.event_depth; d++) memcpy(io.in[IN_K0 + d], events->out[3 + d], N * 4);
         ir_interpret(p->fn[K_SITE], &io.args, N, 16);
         for (int i = 0; i < N; i++)
@@ -175,7 +168,7 @@ static void one_program(const char *path) {
         for (size_t w = 0; w < sizeof widths / sizeof *widths; w++) {
             p = load(path, f64, widths[w], NULL);
             for (int k = 0; k < NKINDS; k++) {
-                SltKernel *f = kernel(p, kinds[k]);
+                SltKernel *f = p->scene.kernel[kinds[k]];
                 if (!f) continue;
                 Io io;
                 io_make(&io, p);

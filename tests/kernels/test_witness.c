@@ -53,7 +53,7 @@ static void io_make(Io *io, const SltProgram *p) {
         io->args.out[i] = io->out[i] = aligned_alloc(64, N * sizeof(float));
         memset(io->out[i], 0, N * sizeof(float));
     }
-    io->args.params = p->flt, io->args.iparams = p->ints, io->args.fields = p->fields, io->args.n_valid = N;
+    io->args.params = p->flt, io->args.iparams = p->ints, io->args.geometries = p->geometries, io->args.n_valid = N;
     for (int i = 0; i < N; i++) { /* pairs of neighbours */
         io->in[IN_X0][i] = (float)((i / 2 % 64 + 0.37) / 32 - 1 + i % 2 * 0.05);
         io->in[IN_X1][i] = (float)((i / 2 / 64 + 0.21) / 8 - 1 + i % 2 * 0.07);
@@ -87,31 +87,31 @@ static void event_does_not_search_again(void **state) {
 
     Io region, sides, alone, told;
     io_make(&region, p), io_make(&sides, p), io_make(&alone, p), io_make(&told, p);
-    p->scene.region(&region.args, N);
-    p->scene.sides(&sides.args, N);
+    p->scene.kernel[SLT_K_REGION](&region.args, N);
+    p->scene.kernel[SLT_K_SIDES](&sides.args, N);
     uint32_t at = p->scene.near_miss ? 3 + p->scene.event_depth : 1, met = 0;
     for (uint32_t k = 0; k < 2; k++) {
         const int32_t *w = (const int32_t *)region.out[at + 1 + k];
         assert_memory_equal(w, sides.out[3 + k], N * sizeof *w); /* behind f, the hash and the depth */
-        memcpy(told.in[IN_K0 + k], w, N * sizeof *w);
+        memcpy(told.in[IN_WITNESS0 + k], w, N * sizeof *w);
         for (int i = 0; i < N; i++) met += w[i] > 7; /* 8 + a triangle */
     }
     assert_true(met > N / 2);
 
     /* The field's own pointers, with a count in front. */
-    SltGeometry counted = *p->fields[0];
+    SltGeometry counted = *p->geometries[0];
     memcpy(real, counted.query, sizeof real);
     counted.query[SLT_QUERY_TRACE] = count_trace, counted.query[SLT_QUERY_OCCLUDED] = count_occluded;
     const SltGeometry *fields[1] = {&counted};
-    alone.args.fields = told.args.fields = fields;
-    p->scene.event(&alone.args, N);
+    alone.args.geometries = told.args.geometries = fields;
+    p->scene.kernel[SLT_K_EVENT](&alone.args, N);
     assert_true(searched > N);
     searched = 0;
-    p->scene.event(&told.args, N);
+    p->scene.kernel[SLT_K_EVENT](&told.args, N);
     /* Where a ray hits nothing there is no second search at the vertex: event asks, for the pair's sake, and only
      * there. */
     uint64_t unknown = 0;
-    for (int i = 0; i < N; i++) unknown += ((const int32_t *)told.in[IN_K0 + 1])[i] == 0;
+    for (int i = 0; i < N; i++) unknown += ((const int32_t *)told.in[IN_WITNESS1])[i] == 0;
     assert_true(searched <= unknown);
     uint32_t events = 0;
     for (int i = 0; i < N; i++) events += ((const int32_t *)alone.out[0])[i] >= 0;

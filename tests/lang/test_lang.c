@@ -271,7 +271,7 @@ static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Val
                           .resolution = {16, 8},
                           .print = count_print,
                           .user = &out->prints,
-                          .fields = p->scene.fields};
+                          .geometries = p->scene.geometries};
     enum { CAPACITY = MAX_POINTS + SLT_PAD };
     char *memory = aligned_alloc(64, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
     memset(memory, 0, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
@@ -289,7 +289,7 @@ static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Val
     uint32_t n = (uint32_t)c->npoints;
     args.n_valid = n;
     if (interpret) ir_interpret(p->fn[K_VALUE], &args, n, 16);
-    else p->scene.value(&args, n);
+    else p->scene.kernel[SLT_K_VALUE](&args, n);
     for (int i = 0; i < c->npoints; i++)
         for (uint32_t k = 0; k < slt_channels(p); k++)
             out->v[i][k] = f64 ? ((double *)args.out[k])[i] : (double)((float *)args.out[k])[i];

@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "runtime/sample/estimate.h"
-#include "runtime/sample/slots.h"
 
 enum { ORACLE_EVENTS = 64, ORACLE_PARAMS = 16 };
 
@@ -118,7 +117,7 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         for (uint32_t d = 0; d < s->dim; d++) c->at.x[d] = oracle_read(o, a->in[SLT_IN_X0 + d], i);
         c->at.stream = ((const int32_t *)a->in[SLT_IN_STREAM])[i], c->at.rand0 = oracle_read(o, a->in[SLT_IN_RAND0], i);
         int k = ((const int32_t *)a->in[SLT_IN_K0])[i];
-        double aux = oracle_read(o, a->in[SLT_IN_AUX], i), f[4] = {0}, g = 0;
+        double aux = oracle_read(o, a->in[SLT_IN_BOUNDARY], i), f[4] = {0}, g = 0;
         Point *at = &c->at;
         if (kind <= SLT_K_SIDES || kind == SLT_K_JVP || kind == SLT_K_VJP) o->f(c, f);
         switch (kind) {
@@ -232,8 +231,7 @@ static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g
     o->f = f, o->g = g, o->step = 1e-6;
     SltScene *s = &o->scene;
     s->call = oracle_call, s->call_user = o;
-    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp =
-        oracle_present;
+    for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = oracle_present;
     s->f64 = true, s->width = 8, s->dim = dim, s->channels = channels;
     for (int d = 0; d < 3; d++) s->lo[d] = 0, s->hi[d] = 1;
     s->nfloats = nparams, s->nsites = nsites, s->event_depth = 1;

@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "runtime/sample/estimate.h"
-#include "runtime/sample/slots.h"
 #include "saltus/heightfield.h"
 
 enum { RIDGE_NODES = 512, RIDGE_PARAMS = 4 };
@@ -134,8 +133,9 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
     memset(pair, 0, sizeof pair);
     uint32_t padded = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     __atomic_fetch_add(&r->calls[kind], n, __ATOMIC_RELAXED);
-    if (a->fields)
-        r->slack = fmax(r->slack, (double)a->fields[0]->slack), r->low = fmin(r->low, (double)a->fields[0]->slack);
+    if (a->geometries)
+        r->slack = fmax(r->slack, (double)a->geometries[0]->slack),
+        r->low = fmin(r->low, (double)a->geometries[0]->slack);
     for (uint32_t i = 0; i < padded; i++) {
         double **out = (double **)a->out;
         Ray *y = &pair[i & 1];
@@ -143,7 +143,7 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         double f = r->repeat * (y->part < 0      ? r->sky
                                 : r->ground != 0 ? r->ground
                                                  : 1 / y->t),
-               lo = ((const double *)a->in[SLT_IN_AUX])[i], hi = ((const double *)a->in[SLT_IN_AUX1])[i];
+               lo = ((const double *)a->in[SLT_IN_WINDOW0])[i], hi = ((const double *)a->in[SLT_IN_WINDOW1])[i];
         uint32_t hash = y->part < 0 ? 17 : 3;
         switch (kind) {
         case SLT_K_VALUE: out[0][i] = f; break;
@@ -161,7 +161,7 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             bool a_near = pair[0].t < pair[1].t;
             const Ray *near = a_near ? &pair[0] : &pair[1];
             const Column *at = a_near ? &c[0] : &c[1];
-            double far = a_near ? pair[1].t : pair[0].t, jump = ((const double *)a->in[SLT_IN_SEED0])[i],
+            double far = a_near ? pair[1].t : pair[0].t, jump = ((const double *)a->in[SLT_IN_THRESHOLD])[i],
                    top = near->part < 0 ? HUGE_VAL : column_top(at, near->t);
             bool differ = (pair[0].part < 0) != (pair[1].part < 0);
             if (s->has_depth && !differ && near->part >= 0)
@@ -234,14 +234,13 @@ static inline void ridges_init(Ridges *r, double (*height)(const double *, doubl
     r->height = height, r->nodes = nodes, r->sky = 0.75, r->repeat = 1;
     SltScene *s = &r->scene;
     s->call = ridges_call, s->call_user = r;
-    s->value = s->region = s->event = s->sides = s->site = s->site_grad = s->site_jvp = s->site_vjp = s->jvp = s->vjp =
-        ridges_present;
+    for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = ridges_present;
     s->f64 = true, s->flat_adj = true, s->width = 8, s->dim = 2, s->channels = 1;
     s->lo[0] = 0, s->hi[0] = 1, s->lo[1] = lo, s->hi[1] = hi, s->hi[2] = 1;
     s->nfloats = nparams, s->nsites = 1, s->event_depth = 1;
     s->has_depth = s->has_window = true;
     for (uint32_t p = 0; p < nparams; p++) r->params[p] = params[p], r->active[p] = 1;
-    for (int k = 0; k < 4; k++) r->kind[k] = SLT_SITE_FIELD;
+    for (int k = 0; k < 4; k++) r->kind[k] = SLT_SITE_SILHOUETTE;
     s->params = r->params, s->active = r->active, s->site_kind = r->kind, s->site_static = r->is_static;
 }
 

@@ -218,13 +218,13 @@ static void name_outputs(Lower *l, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) l->fn->outputs[i] = arena_printf(l->arena, "f.%u", i);
 }
 
-Fn *gen_function(Lower *outer, Func *f, const char *name, uint32_t first, uint32_t count) {
+Fn *gen_function(Lower *outer, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count) {
     Lower fresh = gen_fresh(outer, name), *l = &fresh;
     l->rand_counter->value = ki(l, 1); /* number 0 of a stream is the runtime's to give */
     Bind *binds = ARENA_ARRAY(l->arena, Bind, f->nargs + 1);
     for (uint32_t i = 0; i < f->nargs; i++) {
         Var *v = var_new(l, TY_INT, 1);
-        v->value = ir_input(&l->b, (InputSlot)(IN_K0 + i));
+        v->value = ir_input(&l->b, (InputSlot)(arg + i));
         binds[i] = (Bind){.kind = BIND_VARS, .vars = v};
     }
     Val v = gen_inline(l, f, binds, f->name_span);

@@ -35,11 +35,13 @@ static uint32_t number_of(Lower *l, Searched of) {
 Inst *gen_query(Lower *l, Searched of, SltQuery what, const Ray *r) {
     uint32_t g = number_of(l, of);
     Inst *args[SLT_RAY_ROWS] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1};
-    Imm imm = {.field = {g, what, l->geometries.data[g].base}};
-    return special(l, OP_fieldop, TY_INT, SLT_RAY_ROWS, args, imm);
+    Imm imm = {.query = {g, what, l->geometries.data[g].base}};
+    return special(l, OP_query, TY_INT, SLT_RAY_ROWS, args, imm);
 }
 
 Inst *gen_found(Lower *l, Inst *witness) { return op2(l, OP_ine, witness, ki(l, SLT_WITNESS_NONE)); }
+
+SiteKind gen_site_kind(SltQuery what) { return query_rows[what].role == ROLE_SHADOW ? SITE_SHADOW : SITE_SILHOUETTE; }
 
 void gen_clearance_note(Lower *l, Clearance c) { vec_push(l->arena, &l->clearances, c); }
 
@@ -79,7 +81,7 @@ static void find_uses(const Block *b, const Lower *l, bool *whole) {
 
 static void note_queries(const Block *b, GeometryInfo *geometries) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_fieldop) geometries[i->imm.field.field].queries |= 1u << i->imm.field.what;
+        if (i->op == OP_query) geometries[i->imm.query.geometry].queries |= 1u << i->imm.query.what;
         for (uint32_t r = 0; r < i->nregions; r++) note_queries(i->region[r], geometries);
     }
 }
@@ -89,8 +91,8 @@ void gen_geometry_finish(Lower *l) {
     if (l->clearances.len) find_uses(l->fn->body, l, whole);
     for (uint32_t c = 0; c < l->clearances.len; c++) {
         Inst *search = l->clearances.data[c].search;
-        if (whole[c] || search->op != OP_fieldop || query_rows[search->imm.field.what].when != WEAKER_SIGN) continue;
-        search->imm.field.what = query_rows[search->imm.field.what].weaker;
+        if (whole[c] || search->op != OP_query || query_rows[search->imm.query.what].when != WEAKER_SIGN) continue;
+        search->imm.query.what = query_rows[search->imm.query.what].weaker;
     }
     note_queries(l->fn->body, l->geometries.data);
 }

@@ -32,6 +32,8 @@ Inst *gen_query(Lower *l, Searched of, SltQuery what, const Ray *r);
 Inst *gen_found(Lower *l, Inst *witness); /* it names something */
 static inline Inst *gen_is(Lower *l, Inst *i, int32_t what) { return op2(l, OP_ieq, i, ki(l, what)); }
 
+SiteKind gen_site_kind(SltQuery what); /* under [Disc], by its role */
+
 /* The result of a method: should only its sign be used, the weaker query will do. */
 void gen_clearance_note(Lower *l, Clearance c);
 /* `value`, the clearance or what it exceeds something by, as a boundary function: where the box ends, the way to the

@@ -41,7 +41,7 @@ static int run(Lower *l, Fn *fn, uint32_t n, const int32_t *const *k, uint32_t n
     for (uint32_t i = 0; i < nk; i++) args.in[IN_K0 + i] = k[i];
     args.in[IN_STREAM] = streams;
     void *zeros = arena_alloc(scratch, sizeof(double) * ((size_t)n + SLT_PAD));
-    for (int i = 0; i < IN_VARYING_COUNT; i++)
+    for (int i = 0; i < SLT_IN_VARYING; i++)
         if (!args.in[i]) args.in[i] = zeros;
     uint32_t nout = fn->body->last->nargs;
     for (uint32_t i = 0; i < nout; i++) args.out[i] = out[i];
@@ -138,7 +138,7 @@ static void run_init(Filler *f, Symbol *sym) {
     bool single = l->opt->precision == PREC_F32;
     for (uint32_t first = 0; first < total; first += SLT_OUT_MAX) {
         uint32_t count = total - first < SLT_OUT_MAX ? total - first : SLT_OUT_MAX;
-        Fn *code = gen_function(l, fn, fn->name, first, count);
+        Fn *code = gen_function(l, fn, fn->name, IN_K0, first, count);
         void *out[SLT_OUT_MAX];
         for (uint32_t i = 0; i < count; i++) out[i] = arena_alloc(scratch, sizeof(double) * ((size_t)n + SLT_PAD));
         int status = run(l, code, n, (const int32_t *const *)k, nd, streams, out);

@@ -186,11 +186,11 @@ typedef struct Lower {
 
 /* lower.c */
 _Noreturn void gen_giveup(Lower *l);
-Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet, with k0.. as inputs */
+Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet */
 const Layout *gen_layout(Lower *l, Type *t);
 FuncFacts *gen_facts(Lower *l, Func *f);
-Fn *gen_function(Lower *l, Func *f, const char *name, uint32_t first,
-                 uint32_t count); /* int arguments are the inputs k0.. */
+/* Parts [first, first + count) of what f returns; its int arguments are the inputs from `arg` on. */
+Fn *gen_function(Lower *l, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count);
 _Noreturn void gen_too_large(Lower *l, Span span);
 IrType gen_ir_type(const Type *t);
 

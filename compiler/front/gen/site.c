@@ -32,8 +32,8 @@ static uint32_t loop_indices(Lower *l, const LoopCtx *inner, Inst **args, uint64
     uint32_t n = 0;
     *events = 1;
     for (const LoopCtx *c = inner; c; c = c->outer) n++;
-    if (n > IR_MAX_SITE_DEPTH) {
-        diag_emit(l->s, DIAG_site_depth, span, n, (unsigned)IR_MAX_SITE_DEPTH);
+    if (n > SLT_MAX_K) {
+        diag_emit(l->s, DIAG_site_depth, span, n, (unsigned)SLT_MAX_K);
         gen_giveup(l);
     }
     uint32_t at = n;
@@ -47,7 +47,7 @@ static uint32_t loop_indices(Lower *l, const LoopCtx *inner, Inst **args, uint64
 
 static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, const LoopCtx *inner, Span span,
                        bool skip) {
-    Inst *args[2 + IR_MAX_SITE_DEPTH] = {value, g};
+    Inst *args[2 + SLT_MAX_K] = {value, g};
     SiteInfo info = {.kind = kind, .span = span, .skip_loop = skip};
     info.depth = loop_indices(l, inner, args + 2, &info.max_events, span);
     info.path = gen_path(l);

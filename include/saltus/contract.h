@@ -1,0 +1,39 @@
+/* The rows of kernel.def as enums: what compiler, runtime and compiled kernels agree on by number. */
+#ifndef SALTUS_CONTRACT_H
+#define SALTUS_CONTRACT_H
+
+typedef enum SltKernelKind {
+#define SLT_KERNEL(id, ...) SLT_K_##id,
+#include "saltus/kernel.def"
+    SLT_KERNELS
+} SltKernelKind;
+
+/* SltKernelArgs.in, and behind them what is the same for all samples. */
+typedef enum SltInput {
+#define SLT_INPUT(id, ...) SLT_IN_##id,
+#include "saltus/kernel.def"
+    SLT_IN_VARYING, /* how many vary from sample to sample */
+    SLT_IN_LAST_VARYING = SLT_IN_VARYING - 1,
+#define SLT_UNIFORM(id, ...) SLT_IN_##id,
+#include "saltus/kernel.def"
+    SLT_INPUTS
+} SltInput;
+
+typedef enum SltCounter {
+#define SLT_COUNTER(id, ...) SLT_COUNT_##id,
+#include "saltus/kernel.def"
+    SLT_COUNTERS
+} SltCounter;
+
+typedef enum SltSiteKind {
+#define SLT_SITE(id, ...) SLT_SITE_##id,
+#include "saltus/kernel.def"
+    SLT_SITE_KINDS
+} SltSiteKind;
+
+enum {
+#define SLT_LIMIT(id, value, ...) SLT_##id = value,
+#include "saltus/kernel.def"
+};
+
+#endif
