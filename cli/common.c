@@ -57,7 +57,8 @@ bool cli_interrupted(void) { return interrupted != 0; }
 
 int cli_fail(const Cli *c, const SltError *err) {
     (void)c;
-    fprintf(stderr, "saltus: %s\n", err->text[0] ? err->text : status_name(err->status));
+    if (err->status != SLT_STOPPED)
+        fprintf(stderr, "saltus: %s\n", err->text[0] ? err->text : status_name(err->status));
     return err->status;
 }
 
@@ -150,6 +151,7 @@ int cli_compile(Cli *c, SltProgram **out) {
         if (c->json) diag_print_json(p->session, stderr);
         else diag_print_text(p->session, stderr, isatty(2) && !getenv("NO_COLOR"));
     }
+    if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
         if (!told || p->session->nerrors == 0) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
         /* A file that cannot be opened at all has no place in itself: say it as one of the program. */

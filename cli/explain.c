@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "cli/cli.h"
-#include "compiler/pass/site_facts.h"
+#include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
 
 static bool is_code(const char *s) {
@@ -544,7 +544,7 @@ static int explain(Cli *c, SltProgram *p) {
             true;
     int status = e.facts && e.alive && e.reach ? (int)api_kernels(p, needs, &err) : SLT_LIMIT;
     if (status == SLT_OK) {
-        site_facts(&p->passes, p->prog->primal, NULL, e.facts);
+        depend_sites(p->prog->primal, NULL, e.facts);
         mark_sites(primal->body, e.alive);
         if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
         for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);

@@ -18,7 +18,7 @@ int main(int argc, char **argv) {
         for (size_t v = 0; v < sizeof verbs / sizeof *verbs; v++)
             if (!strcmp(c.verb, verbs[v].name)) status = verbs[v].run(&c);
     for (uint32_t i = 0; i < c.nargs_storage; i++) free(c.args_storage[i]);
-    if (status == -1) status = SLT_OK;
+    if (status == -1 || status == SLT_STOPPED) status = SLT_OK;
     if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK) {
         fputs("saltus: standard output could not be written\n", stderr);
         status = SLT_OUTPUT;

@@ -11,7 +11,7 @@ typedef enum OptionId {
     O_ENTRY, O_SET, O_PARAM, O_PARAMS, O_SIZE, O_SPP, O_SEGMENTS, O_SAMPLES, O_FILTER, O_SEED, O_THREADS, O_PRECISION, O_DISC, O_INTERIOR, O_BOUNDARY,
     O_ESTIMATOR, O_WIDTH, O_INCLUDE, O_JSON, O_QUIET, O_NO_CACHE, O_OUTPUT, O_WRT, O_FORMAT, O_INTEGRAL, O_TARGET, O_ADJOINT, O_ITERS, O_OPTIMIZER, O_LR, O_SMOOTH,
     O_MINIMIZE, O_CHECKPOINT, O_EVERY, O_RESUME, O_KERNELS, O_ESTIMATORS, O_REPEATS, O_MAX_SECONDS, O_AT, O_EXPR, O_DUMP, O_TARGET_CPU, O_INTERPRET, O_NEAR_MISS,
-    O_VARIANT, O_TOLERANCE, O_VERIFY, O_LOSS_COMMAND, O_LOSS_TIMEOUT, O_FIELD, O_HELP
+    O_VARIANT, O_TOLERANCE, O_VERIFY, O_STOP_AFTER, O_LOSS_COMMAND, O_LOSS_TIMEOUT, O_FIELD, O_HELP
 } OptionId;
 
 enum { RENDER = 1, GRAD = 2, FIT = 4, CHECK = 8, BENCH = 16, EXPLAIN = 32, BUILD = 64, ALL = 127, RUN = RENDER | GRAD | FIT | CHECK | BENCH };
@@ -19,7 +19,7 @@ enum { RENDER = 1, GRAD = 2, FIT = 4, CHECK = 8, BENCH = 16, EXPLAIN = 32, BUILD
 
 typedef struct Option {
     OptionId id;
-    const char *name, *arg; /* arg NULL: a flag */
+    const char *name, *arg; /* arg NULL: a flag; "[=V]": a flag that may have a value */
     int verbs;
     const char *help;
 } Option;
@@ -80,11 +80,14 @@ static const Option options[] = {
     {O_JSON, "--json", NULL, ALL, "one JSON object on standard output"},
     {O_QUIET, "--quiet", NULL, ALL, "no progress and no notes"},
     {O_NO_CACHE, "--no-cache", NULL, ALL, "compile afresh"},
-    {O_DUMP, "--dump", "PASS", ALL, "print the IR after this pass (or all)"},
-    {O_VERIFY, "--verify", NULL, ALL, "verify the IR after every pass"},
+    {O_DUMP, "--dump", "[KERNEL:]PASS", ALL, "print the IR after this pass (or all)"},
+    {O_VERIFY, "--verify", "[=[KERNEL:]PASS]", ALL, "verify the IR after every pass, or this one"},
+    {O_STOP_AFTER, "--stop-after", "[KERNEL:]PASS", ALL, "stop compiling after this pass and print the IR"},
     {O_HELP, "--help", NULL, ALL, "this text"},
 };
 enum { NOPTIONS = sizeof options / sizeof *options };
+
+static bool may_have_value(const Option *o) { return o->arg && !strncmp(o->arg, "[=", 2); }
 
 typedef struct Verb {
     const char *name;
@@ -134,8 +137,8 @@ void cli_help(FILE *out, const char *name) {
     for (int i = 0; i < NOPTIONS; i++) {
         if (!(options[i].verbs & verb->bit)) continue;
         char left[64];
-        snprintf(left, sizeof left, "%s%s%s", options[i].name, options[i].arg ? " " : "",
-                 options[i].arg ? options[i].arg : "");
+        snprintf(left, sizeof left, "%s%s%s", options[i].name,
+                 options[i].arg && !may_have_value(&options[i]) ? " " : "", options[i].arg ? options[i].arg : "");
         fprintf(out, "  %-30s %s\n", left, options[i].help);
     }
     fputs("\nExit status: 0 done, 1 a check, fit or assert failed, 2 usage, 3 error in the program, 4 bad input file,\n"
@@ -387,7 +390,11 @@ static int apply(Cli *c, const Option *o, const char *v) {
     case O_AT: c->at = v; break;
     case O_EXPR: c->expr = v; break;
     case O_DUMP: c->opt.dump = v; break;
-    case O_VERIFY: c->opt.verify = true; break;
+    case O_VERIFY:
+        if (v) c->opt.verify_after = v;
+        else c->opt.verify = true;
+        break;
+    case O_STOP_AFTER: c->opt.stop_after = v; break;
     case O_TARGET_CPU: c->opt.target = v; break;
     case O_INTERPRET: c->opt.interpret = true; break;
     case O_NEAR_MISS:
@@ -486,7 +493,7 @@ int cli_parse(int argc, char **argv, Cli *c) {
         const Option *o = find_option(c, a, len, &status);
         if (!o) return status;
         if (!o->arg && value) return cli_usage(c, "%s takes no value", o->name);
-        if (o->arg && !value) {
+        if (o->arg && !value && !may_have_value(o)) {
             if (i + 1 >= argc) return cli_usage(c, "%s wants a value: %s", o->name, o->arg);
             value = argv[++i];
         }

@@ -69,11 +69,30 @@ typedef struct Compile {
     SltStatus status;
 } Compile;
 
+/* Where to dump, verify and stop. */
+static SltStatus find_points(SltProgram *p) {
+    const struct {
+        const char *option, *text;
+        PassPoint *point;
+    } wanted[] = {{"--dump", p->opt.dump, &p->passes.dump},
+                  {"--verify", p->opt.verify_after, &p->passes.verify},
+                  {"--stop-after", p->opt.stop_after, &p->passes.stop_after}};
+    if (p->opt.verify) p->passes.verify.pass = PASS_ALL;
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        if (!wanted[i].text) continue;
+        const char *wrong = pass_point(&p->session->session, wanted[i].text, wanted[i].point);
+        if (wrong) return status_fail(&p->error, SLT_USAGE, "%s: %s", wanted[i].option, wrong);
+    }
+    return SLT_OK;
+}
+
 static void compile_body(Session *s, void *arg) {
     Compile *c = arg;
     SltProgram *p = c->p;
     double start = now_ms();
     int file;
+    c->status = find_points(p);
+    if (c->status != SLT_OK) return;
     if (c->path) {
         const char *why = NULL;
         file = session_add_file(s, c->path, &why);
@@ -115,8 +134,7 @@ static void compile_body(Session *s, void *arg) {
             return;
         }
     p->prog = prog;
-    p->passes =
-        (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
+    p->passes.session = s, p->passes.program = prog, p->passes.has_fma = p->target.has_fma;
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
     p->ms_passes = now_ms() - start;

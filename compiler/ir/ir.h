@@ -146,12 +146,19 @@ struct Fn {
 };
 
 /* ---- ops.c: facts of the table */
+#define IR_MANY 255 /* OpInfo.nargs: any number */
+/* The kind column of special rows; value rows are pure. */
+typedef enum OpKind { KIND_PURE, KIND_READ, KIND_LINK, KIND_PLACED, KIND_EFFECT } OpKind;
+#define IR_COST_DIVISION 5 /* OpInfo.cost of a float division: what costs as much is dear */
 typedef struct OpInfo {
     const char *name;
-    uint8_t nargs;  /* 255: many */
+    uint8_t nargs;  /* IR_MANY: any number */
     uint8_t result; /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
-    uint8_t arg;    /* IrType of the arguments of value rows */
+    uint8_t arg;    /* IrType of the arguments of value rows, but for the condition of a select; else TY_VOID */
+    uint8_t kind;   /* OpKind */
     bool special, math;
+    bool compares, selects; /* a comparison; a choice between the second and the third argument */
+    uint16_t cost;          /* about how many vector additions it takes */
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 IrType ir_input_type(InputSlot slot);
@@ -234,6 +241,9 @@ Fn *ir_parse(Session *s, Arena *arena, int file);
 
 /* ---- verify.c: reports everything that is wrong, into *text; true if sound. */
 bool ir_verify(const Fn *fn, Arena *arena, const char **text);
+/* Verifies what we made ourselves. Broken: the whole report goes to standard error, and the session ends with an
+ * internal error that names `when` ("lowering", "opt_fold") and the Fn. */
+void ir_require(const Fn *fn, const char *when);
 
 /* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision),
  * W lanes at a time (W even where partner is used). Same arguments as a compiled kernel, except that adjoints always

@@ -63,15 +63,19 @@ typedef struct SltOptions {
     bool rgba8;                      /* the value kernel writes 8-bit pixels (slt_render_rgba8) */
     bool paper_argmin, paper_forced; /* the paper's branch index and two-sided variants, for comparison */
     bool path_hash;                  /* regions by the path taken, not by where the output came from */
-    const char *dump;                /* name of a pass whose IR is printed to standard error, or "all" */
-    bool verify;                     /* verify the IR after every pass */
-    SltStructure field;              /* of heightfields that are searched */
+    const char *dump;         /* [KERNEL:]PASS behind which the IR is printed to standard error; PASS may be "all" */
+    bool verify;              /* verify the IR after every pass */
+    SltStructure field;       /* of heightfields that are searched */
+    const char *verify_after; /* [KERNEL:]PASS: verify behind this one only */
+    const char *stop_after;   /* [KERNEL:]PASS: print the IR to standard output and stop compiling: SLT_STOPPED, here or
+                                 from the call that first needs the kernel */
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.size = sizeof(SltOptions), .near_miss = -1})
 #define SLT_JOB_INIT ((SltJob){.size = {512, 512, 1}, .spp = 4})
 
 /* ---- compiling. *out is set whatever the status (unless memory is out: then NULL), so that diagnostics can be read.
- * SLT_PROGRAM: see the diagnostics; SLT_INPUT: an asset or the file itself; SLT_USAGE: unknown entry or constant. */
+ * SLT_PROGRAM: see the diagnostics; SLT_INPUT: an asset or the file itself; SLT_USAGE: unknown entry, constant
+ * or pass. */
 SltStatus slt_compile_file(const char *path, const SltOptions *opt, SltProgram **out);
 SltStatus slt_compile_string(const char *source, const char *shown_name, const SltOptions *opt, SltProgram **out);
 void slt_program_free(SltProgram *p);

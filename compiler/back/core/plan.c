@@ -61,39 +61,24 @@ bool back_is_vector(const Plan *plan, const Inst *i) { return plan->W > 1 && (i-
 uint32_t back_value_parts(const Plan *plan, const Inst *i) { return back_is_vector(plan, i) ? plan->P : 1; }
 
 /* ---- if_ */
-/* A test and a branch cost about BLEND_BUDGET vector instructions; a branch that all lanes take together, PICK_BUDGET.
- */
-enum { BLEND_BUDGET = 8, PICK_BUDGET = 4, NOT_CHEAP = 1000 };
+enum {                    /* in vector instructions */
+       BLEND_BUDGET = 8,  /* what a test and a branch cost */
+       PICK_BUDGET = 4,   /* what a branch costs that all lanes take together */
+       GATHER = 8,        /* a read whose lanes may want different places */
+       LIBRARY_FMA = 100, /* a fused product without hardware for it */
+       NOT_CHEAP = 1000
+};
 
 /* About how many vector instructions a region costs, NOT_CHEAP if it must not run for lanes that did not ask. */
 static uint32_t region_cost(const Plan *plan, const Block *b) {
     uint32_t cost = 0;
     for (const Inst *i = b->first; i && cost < NOT_CHEAP; i = i->next) {
-        switch (i->op) {
-        case OP_constf:
-        case OP_consti:
-        case OP_constb:
-        case OP_proj:
-        case OP_arg:
-        case OP_yield:
-        case OP_detach:
-        case OP_site:
-        case OP_siten: break;
-        case OP_fdiv:
-        case OP_zdiv:
-        case OP_fsqrt:
-        case OP_ffma: cost += i->op != OP_ffma ? 5 : plan->has_fma ? 1 : 100; break;
-        case OP_idiv:
-        case OP_irem:
-        case OP_udiv:
-        case OP_urem: cost += 8; break;
-        case OP_param:
-        case OP_iparam:
-        case OP_dparam:
-        case OP_load: cost += back_is_vector(plan, i) ? 8 : 1; break;
-        case OP_if_: cost += 1 + region_cost(plan, i->region[0]) + region_cost(plan, i->region[1]); break;
-        default: cost += ir_ops[i->op].special && i->op != OP_input ? NOT_CHEAP : 1;
-        }
+        const OpInfo *o = &ir_ops[i->op];
+        bool reads = i->op == OP_load || i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam;
+        if (i->op == OP_if_) cost += o->cost + region_cost(plan, i->region[0]) + region_cost(plan, i->region[1]);
+        else if (o->kind == KIND_PLACED || o->kind == KIND_EFFECT) cost += NOT_CHEAP;
+        else if (i->op == OP_ffma && !plan->has_fma) cost += LIBRARY_FMA;
+        else cost += reads && back_is_vector(plan, i) ? GATHER : o->cost;
     }
     return cost;
 }

@@ -11,9 +11,6 @@
 #include "compiler/back/core/core.h"
 #include "compiler/back/cpu/llvm_api.h"
 
-/* Bounds of an integer value, if they are known. */
-bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi);
-
 /* ---- the emitter's state, one per kernel */
 typedef LLVMValueRef Part;
 

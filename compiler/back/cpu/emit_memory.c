@@ -2,6 +2,8 @@
  * the lanes that count; and which of them emits what. */
 #include "compiler/back/cpu/emit.h"
 
+#include "compiler/ir/range.h"
+
 unsigned emit_part_align(const Emit *e, unsigned element) { return e->L * element > 64 ? 64 : e->L * element; }
 Part emit_i64(Emit *e, uint64_t v) { return emit_int(e, e->t_i64, v); }
 Part emit_at_byte(Emit *e, Part base, uint64_t offset) { return emit_gep(e, e->t_i8, base, emit_i64(e, offset)); }
@@ -24,14 +26,13 @@ void emit_scatter(Emit *e, Part value, Part pointers, unsigned align, Part mask)
 }
 
 Part emit_clamped_index(Emit *e, const Inst *index, Part v, uint32_t count) {
-    int64_t lo = INT32_MIN, hi = INT32_MAX;
-    back_int_range(index, &lo, &hi);
+    IrRange r = ir_range_of(index, NULL, 0);
     LLVMTypeRef t = LL(TypeOf)(v);
-    if (lo < 0) {
+    if (r.lo < 0) {
         Part x[2] = {v, emit_const_like(e, t, e->t_i32, 0, 0, false)};
         v = emit_intrinsic(e, "llvm.smax", t, x, 2);
     }
-    if (hi >= (int64_t)count) {
+    if (r.hi >= count) {
         Part x[2] = {v, emit_const_like(e, t, e->t_i32, 0, count ? count - 1 : 0, false)};
         v = emit_intrinsic(e, "llvm.smin", t, x, 2);
     }

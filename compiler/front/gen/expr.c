@@ -77,7 +77,7 @@ static Inst *compare(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, Span s
     Inst *x = swap ? b : a, *y = swap ? a : b;
     if (k == T_FLOAT) {
         if (op == OPR_EQ || op == OPR_NE) {
-            /* Mostly it holds on a curve at most, with the same branch on both sides; warn.c knows when not. */
+            /* Mostly it holds on a curve at most, with the same branch on both sides; pass/warn.c knows when not. */
             Inst *d = op2(l, op == OPR_EQ ? OP_feq : OP_fne, a, b);
             site_untracked(l, d, a, b, span, JUMP_EQUALITY);
             return d;

@@ -10,10 +10,9 @@
  * builtin.c        builtin functions
  * texture.c        textures
  * geometry.c       rays that meet a geometry: queries, and what follows from all of them
- * heightfield.c    the geometry `heightfield`
+ * NAME.c           a geometry: NAME is that of its row in saltus/geometries.def
  * site.c           sites, [SkipLoop], the record of what is untagged
  * init.c           first values of parameters
- * warn.c           untracked and static discontinuities
  *
  * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being lowered. Every
  * change is written into a journal, so that an if_ finds out afterwards what its branches changed, and takes it back
@@ -24,6 +23,7 @@
 #include <setjmp.h>
 
 #include "compiler/front/front.h"
+#include "compiler/ir/range.h"
 
 typedef struct Var {
     Inst *value; /* NULL: not assigned yet; an alloc for arrays, which never changes */
@@ -122,24 +122,11 @@ typedef struct Tag {
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 
-typedef enum JumpKind { JUMP_COMPARE, JUMP_EQUALITY, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
-/* An untagged place that may jump. */
-typedef struct Untracked {
-    Inst *at;      /* the comparison, or the value that jumps */
-    Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
-    Span span;
-    JumpKind kind;
-} Untracked;
-
 /* The distance of a ray from a geometry, and the query behind it: where the geometry's box ends it jumps. */
 typedef struct Clearance {
     Inst *value, *search;
     Inst *gap, *cell; /* how much of t the ray lacks to touch the box (negative inside); the t of a cell's length */
 } Clearance;
-
-typedef struct Range {
-    int64_t lo, hi;
-} Range;
 
 typedef struct ConstArray {
     Symbol *sym;
@@ -168,7 +155,7 @@ typedef struct Lower {
     Var *rand_counter;
     Vec(Change) journal;
     uint32_t clock, stamps;
-    Vec(Range) ranges; /* by Inst.tag; 0 is unused */
+    Vec(IrRange) ranges; /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
     Vec(SiteInfo) sites;
     Vec(Untracked) untracked;
     Vec(ConstArray) const_arrays;
@@ -226,9 +213,9 @@ typedef Vec(Var *) VarList;
 void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info);
 void loop_end(Lower *l, LoopCtx *c, Inst *go_on);
 void gen_prune_loops(Lower *l);
-/* integers */
+/* integers: bounds of what an instruction can be */
 void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi);
-bool range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi); /* false: the whole of int */
+void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi);
 Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
 
 /* gen_expr.c */
@@ -298,8 +285,5 @@ void site_flush_skips(Lower *l, LoopCtx *root);
 
 /* gen_init.c */
 void gen_initial_values(Lower *l);
-
-/* warn.c */
-void warn_discontinuities(Lower *l); /* also takes static sites out */
 
 #endif
