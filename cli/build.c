@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 #include "kernel_text.h" /* include/saltus/kernel.h as a string, made by the build */
 
@@ -46,7 +47,11 @@ static void write_contract(FILE *h) {
 #define SLT_INPUT(id, text, type, tail, what) write_number(h, "IN_", #id, SLT_IN_##id, what);
 #include "saltus/kernel.def"
     write_number(h, "IN_", "VARYING", SLT_IN_VARYING, "how many");
-    fputs("} SltInput;\n/* SltKernelArgs.counters */\ntypedef enum SltCounter {\n", h);
+    fputs("} SltInput;\n/* SltLayout.out */\ntypedef enum SltRole {\n", h);
+#define SLT_ROLE(id, text, type, most, what) write_number(h, "OUT_", #id, SLT_OUT_##id, what);
+#include "saltus/kernel.def"
+    write_number(h, "", "ROLES", SLT_ROLES, "how many");
+    fputs("} SltRole;\n/* SltKernelArgs.counters */\ntypedef enum SltCounter {\n", h);
 #define SLT_COUNTER(id, text, what) write_number(h, "COUNT_", #id, SLT_COUNT_##id, what);
 #include "saltus/kernel.def"
     write_number(h, "", "COUNTERS", SLT_COUNTERS, "how many");
@@ -66,10 +71,18 @@ static void write_kernel_header(FILE *h) {
     fputs(at + strlen(include), h);
 }
 
+/* Where its outputs are. */
 static void write_kernel(FILE *h, const SltProgram *p, const char *stem, int k) {
-    const Fn *fn = p->fn[k];
+    static const char *const names[SLT_ROLES] = {
+#define SLT_ROLE(id, ...) #id,
+#include "saltus/kernel.def"
+    };
+    const SltLayout *l = &p->scene.layout[k];
     fprintf(h, "/* outputs:");
-    for (uint32_t o = 0; o < fn->body->last->nargs; o++) fprintf(h, " %s", fn->outputs ? fn->outputs[o] : "?");
+    for (int r = 0; r < SLT_ROLES; r++)
+        if (l->out[r].count > 1)
+            fprintf(h, " %d..%d %s", l->out[r].first, l->out[r].first + l->out[r].count - 1, names[r]);
+        else if (l->out[r].count) fprintf(h, " %d %s", l->out[r].first, names[r]);
     fprintf(h, " */\nvoid %s_%s(SltKernelArgs *args, uint32_t n);\n", stem, kernel_names[k]);
 }
 

@@ -45,22 +45,22 @@ void api_geometries_free(SltProgram *p) {
     free(p->geometry_state);
 }
 
-static bool same_bits(const SltProgram *p, uint64_t i) {
-    if (p->opt.f64) return !memcmp(&((const double *)p->flt)[i], &p->floats[i], sizeof(double));
-    float v = (float)p->floats[i];
+static bool same_bits(const SltProgram *p, const double *values, uint64_t i) {
+    if (p->opt.f64) return !memcmp(&((const double *)p->flt)[i], &values[i], sizeof(double));
+    float v = (float)values[i];
     return !memcmp(&((const float *)p->flt)[i], &v, sizeof v);
 }
 
-void api_geometries_watch(SltProgram *p, uint32_t base, uint32_t count) {
+void api_geometries_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count) {
     for (uint32_t g = 0; p->geometry_state && g < p->prog->ngeometries; g++) {
         const GeometryInfo *info = &p->prog->geometries[g];
         uint64_t first = info->base, end = first + info->count, at = base > first ? base : first,
                  to = (uint64_t)base + count < end ? (uint64_t)base + count : end;
         if (!p->geometries[g]) continue; /* it will be made from whatever its numbers are then */
         while (at < to) {
-            while (at < to && same_bits(p, at)) at++;
+            while (at < to && same_bits(p, values, at)) at++;
             uint64_t from = at;
-            while (at < to && !same_bits(p, at)) at++;
+            while (at < to && !same_bits(p, values, at)) at++;
             if (from < at) geometry_changed((SltGeometry *)p->geometries[g], from - first, at - from);
         }
     }

@@ -28,7 +28,7 @@ uint64_t api_event_bound(const SltProgram *p) {
     return n;
 }
 
-static bool near_miss(const SltProgram *p) {
+bool api_near_miss(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
     bool any = false; /* the site of a ray has no g at a single point to be near 0 */
     for (uint32_t s = 0; s < primal->nsites; s++) any |= !ir_site_of_ray(primal->sites[s].kind);
@@ -57,7 +57,7 @@ static void fill_scene(SltProgram *p) {
     SltScene *s = &p->scene;
     Program *g = p->prog;
     s->f64 = g->primal->precision == PREC_F64;
-    if (!s->kernel[K_SITE]) s->kernel[K_SITE] = s->kernel[K_SITE_GRAD];
+    if (!s->kernel[K_SITE]) s->kernel[K_SITE] = s->kernel[K_SITE_GRAD], s->layout[K_SITE] = s->layout[K_SITE_GRAD];
     s->dim = g->dim, s->channels = g->channels;
     for (int d = 0; d < 3; d++) s->lo[d] = g->lo[d], s->hi[d] = g->hi[d];
     s->nfloats = g->nfloats, s->nints = g->nints;
@@ -65,7 +65,6 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
-    s->near_miss = near_miss(p);
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
@@ -100,34 +99,40 @@ static void site_tables(SltProgram *p) {
     find_cull_counts(primal->body, p->cull_counts);
 }
 
+/* The bounds of a [Cull] loop, which have no variants. */
+static void finish_bounds(SltProgram *p, Fn *bounds) {
+    SltLayout *layout = &p->scene.layout[SLT_K_CULL];
+    uint64_t reads = layout->reads;
+    pipeline_kernel(&p->passes, bounds);
+    *layout = pipeline_layout(bounds);
+    layout->reads |= reads; /* of any */
+    api_geometries_want(p, bounds);
+}
+
 static void build_body(Session *s, void *arg) {
     Request *q = arg;
     SltProgram *p = q->p;
     if (!p->site_kind) site_tables(p);
-    VariantOptions vo = {.near_miss = near_miss(p),
+    VariantOptions vo = {.near_miss = api_near_miss(p),
                          .paper_argmin = p->opt.paper_argmin,
                          .paper_forced = p->opt.paper_forced,
-                         .path_hash = p->opt.path_hash || near_miss(p)};
+                         .path_hash = p->opt.path_hash || api_near_miss(p)};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull; c++)
-            pipeline_kernel(&p->passes, p->prog->cull_bounds[c]), api_geometries_want(p, p->prog->cull_bounds[c]);
+        for (uint32_t c = 0; c < p->prog->ncull; c++) finish_bounds(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;
-    if (set.fn[K_EVENT]) p->scene.event_depth = set.event_depth;
-    if (set.fn[K_REGION] || set.fn[K_SIDES]) p->scene.has_depth = set.has_depth;
-    if (set.fn[K_REGION]) p->scene.nwitness = set.nwitness;
-    if (set.fn[K_EVENT] || set.fn[K_SITE] || set.fn[K_SITE_GRAD]) p->scene.has_window = set.has_window;
 
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
-    KernelRequest req[K_KINDS + 64];
+    KernelRequest req[K_KINDS + SLT_MAX_CULL];
     uint32_t n = 0;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
         p->tape[k] = set.tape[k];
+        p->scene.layout[k] = set.layout[k];
         api_geometries_want(p, set.fn[k]);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
@@ -138,7 +143,7 @@ static void build_body(Session *s, void *arg) {
         else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
     }
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++)
+        for (uint32_t c = 0; c < p->prog->ncull; c++)
             req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
     if (!n) return;
     size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
@@ -170,7 +175,7 @@ static void build_body(Session *s, void *arg) {
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
     }
     if (q->cull)
-        for (uint32_t c = 0; c < p->prog->ncull && c < 64; c++)
+        for (uint32_t c = 0; c < p->prog->ncull; c++)
             p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
 }
 

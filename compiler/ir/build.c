@@ -323,3 +323,9 @@ static void replace_in(Block *b, Inst **map) {
 }
 
 void ir_replace_all(Fn *fn, Inst **map) { replace_in(fn->body, map); }
+
+void ir_name_outputs(Fn *fn, SltRole role) {
+    uint32_t n = fn->body->last->nargs;
+    fn->outputs = ARENA_ARRAY(fn->arena, Output, n + 1);
+    for (uint32_t i = 0; i < n; i++) fn->outputs[i] = (Output){role, i};
+}

@@ -128,6 +128,12 @@ typedef struct SiteInfo {
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
 
+/* What an output is; index: which of several of its role. In text "f.0", "hash", "k1". */
+typedef struct Output {
+    SltRole role;
+    uint32_t index;
+} Output;
+
 struct Fn {
     const char *name;
     Session *session;
@@ -141,7 +147,7 @@ struct Fn {
     Fn *next_part; /* a kernel over sites in several parts: each serves the sites it lists; NULL: the last, or the only
                       one */
     const uint8_t *serves; /* [nsites], NULL: all */
-    const char **outputs;  /* a name for each output of the top yield: "f.0", "hash", "g" */
+    Output *outputs;       /* of each output of the top yield; NULL: nobody asks */
     uint32_t ninsts;       /* after ir_number */
 };
 
@@ -215,6 +221,7 @@ Fn *ir_clone(const Fn *fn, Arena *arena, const char *name);
 void ir_clone_insts(Builder *b, const Block *from, Inst *first, Inst *last_exclusive, Inst **map);
 /* Replaces every use of the instructions with map[id] != NULL, in the whole Fn. */
 void ir_replace_all(Fn *fn, Inst **map);
+void ir_name_outputs(Fn *fn, SltRole role); /* all of them, numbered */
 bool ir_is_const(const Inst *i);
 /* 32-bit mixing used for region keys, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
@@ -230,8 +237,11 @@ uint32_t ir_rand_u32(uint32_t stream, uint32_t n);
  */
 Inst *ir_simplify(Builder *b, Op op, Inst *const *args);
 
-/* ---- fold.c: the value of a row on constants; false where it must not be folded (MATH rows are folded only after
- * lower_math) */
+/* ---- fold.c */
+/* The value of a value row on constants (imm.f of floats, imm.i of the others), MATH rows by the C library. */
+Imm ir_row(Op op, Precision p, const Imm args[3]);
+/* What instruction i is, if its arguments are constants; false where it must not be folded (MATH rows are folded only
+ * after lower_math). */
 bool ir_fold(const Inst *i, Precision p, Imm *out);
 
 /* ---- print.c, parse.c: the text form; parse(print(fn)) is structurally equal. Parse errors become diagnostics. */

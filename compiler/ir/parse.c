@@ -18,7 +18,7 @@ typedef struct Parser {
     bool failed;
     Vec(Inst *) values; /* by printed id */
     Vec(SiteInfo) sites;
-    Vec(const char *) outputs;
+    Vec(Output) outputs;
     uint32_t depth;
 } Parser;
 
@@ -328,6 +328,25 @@ static bool want_block(Parser *p, Block *b) {
 
 /* ---- the head */
 
+static bool find_output(const char *name, Output *out) {
+    for (int r = 0; r < SLT_ROLES; r++) {
+        const OutputText *role = &ir_output_texts[r];
+        size_t len = strlen(role->text);
+        if (strncmp(name, role->text, len) != 0) continue;
+        size_t digits = strspn(name + len, "0123456789");
+        if (name[len + digits] || digits > 4 || (digits > 0) != (role->most > 1)) continue;
+        *out = (Output){(SltRole)r, digits ? (uint32_t)strtoul(name + len, NULL, 10) : 0};
+        return true;
+    }
+    return false;
+}
+
+static bool want_output(Parser *p, Output *out) {
+    const char *name;
+    if (!want_string(p, &name, NULL)) return false;
+    return find_output(name, out) || expected(p, "the name of an output");
+}
+
 static bool want_site(Parser *p) {
     SiteInfo site = {.span = SPAN_NONE};
     int kind = want_name(p, ir_site_kinds, SLT_SITE_KINDS, "a kind of site");
@@ -360,9 +379,9 @@ static bool want_fn(Parser *p) {
     fn->sites = p->sites.data;
     fn->nsites = p->sites.len;
     while (accept_word(p, "output")) {
-        const char *name;
-        if (!want_string(p, &name, NULL)) return false;
-        vec_push(fn->arena, &p->outputs, name);
+        Output out;
+        if (!want_output(p, &out)) return false;
+        vec_push(fn->arena, &p->outputs, out);
     }
     if (!want_block(p, fn->body)) return false;
     skip_space(p);

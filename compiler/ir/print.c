@@ -27,6 +27,10 @@ const char *const ir_input_names[SLT_INPUTS] = {
 #define SLT_UNIFORM(id, text, ...) [IN_##id] = text,
 #include "saltus/kernel.def"
 };
+const OutputText ir_output_texts[SLT_ROLES] = {
+#define SLT_ROLE(id, text, type, most, ...) {text, most},
+#include "saltus/kernel.def"
+};
 const char *const ir_site_kinds[SLT_SITE_KINDS] = {
 #define SLT_SITE(id, text, ...) text,
 #include "saltus/kernel.def"
@@ -218,9 +222,10 @@ char *ir_print_string(const Fn *fn, Arena *arena) {
     }
     const Inst *yield = fn->body->last;
     for (uint32_t o = 0; fn->outputs && yield && yield->op == OP_yield && o < yield->nargs; o++) {
-        text_add(&t, "output ");
-        add_string(&t, fn->outputs[o]);
-        text_add(&t, "\n");
+        const Output *out = &fn->outputs[o];
+        text_add(&t, "output \"%s", ir_output_texts[out->role].text);
+        if (ir_output_texts[out->role].most > 1) text_add(&t, "%u", out->index);
+        text_add(&t, "\"\n");
     }
     add_block(&t, fn->body, 0);
     text_add(&t, "\n");

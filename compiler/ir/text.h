@@ -21,6 +21,12 @@ void text_inst(Text *t, const Inst *i);
 extern const char *const ir_input_names[SLT_INPUTS];
 extern const char *const ir_site_kinds[SLT_SITE_KINDS];
 extern const char *const ir_counter_names[SLT_COUNTERS];
+/* Names of outputs: of a role that may have several, the number is behind it. */
+typedef struct OutputText {
+    const char *text;
+    uint32_t most;
+} OutputText;
+extern const OutputText ir_output_texts[SLT_ROLES];
 extern const char ir_type_letters[TY_TAPE + 1]; /* . b i f a t */
 /* Special rows whose result type the text spells out: the signature begins with '?'. */
 bool ir_spells_type(Op op);

@@ -85,7 +85,9 @@ bool ad_makes_infinite(const AdFacts *f, const Block *b);
 bool ad_slot_in_wrt(const AdOptions *o, const Inst *param);
 /* Zeroes flags and tags of every instruction. */
 void ad_clear_tags(Block *b);
-const char *ad_output_name(Fn *fn, const Fn *from, uint32_t index, const char *prefix);
+/* What output `index` of a Fn is, and what its tangent is. */
+Output ad_output(const Fn *fn, uint32_t index);
+Output ad_tangent_output(const Fn *fn, uint32_t index);
 
 /* ---- ad_prepare.c */
 /* Tags of loops: the inner loop of a strip-mined one, run again in the reverse sweep; a loop whose iterations are each

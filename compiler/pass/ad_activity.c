@@ -168,9 +168,11 @@ void ad_clear_tags(Block *b) {
     }
 }
 
-const char *ad_output_name(Fn *fn, const Fn *from, uint32_t index, const char *prefix) {
-    return from->outputs && from->outputs[index] ? arena_printf(fn->arena, "%s%s", prefix, from->outputs[index])
-                                                 : arena_printf(fn->arena, "%sf.%u", prefix, index);
+Output ad_output(const Fn *fn, uint32_t index) { return fn->outputs ? fn->outputs[index] : (Output){SLT_OUT_F, index}; }
+
+Output ad_tangent_output(const Fn *fn, uint32_t index) {
+    Output of = ad_output(fn, index);
+    return (Output){of.role == SLT_OUT_G ? SLT_OUT_DG : SLT_OUT_DF, of.index};
 }
 
 static void collect_params(const AdFacts *f, const Block *b, uint8_t *active) {

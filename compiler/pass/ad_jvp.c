@@ -210,17 +210,16 @@ static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t 
     uint32_t floats = 0, out = 0;
     for (uint32_t k = 0; k < yield->nargs; k++) floats += yield->args[k]->type == TY_FLT;
     Inst **values = ARENA_ARRAY(fn->arena, Inst *, floats * (1 + n) + 1);
-    const char **names = ARENA_ARRAY(fn->arena, const char *, floats * (1 + n) + 1);
+    Output *names = ARENA_ARRAY(fn->arena, Output, floats * (1 + n) + 1);
     Builder b = ir_at_end(fn, fn->body);
     for (uint32_t k = 0; k < yield->nargs; k++) {
         Inst *v = yield->args[k];
         if (v->type != TY_FLT) continue;
         values[out] = v;
-        names[out] = ad_output_name(fn, primal, k, "");
+        names[out] = ad_output(primal, k);
         for (uint32_t d = 0; d < n; d++) {
             values[floats + out * n + d] = tangent_or_zero(&j, &b, v, d);
-            names[floats + out * n + d] =
-                grad_x ? arena_printf(fn->arena, "%s.dx%u", names[out], d) : ad_output_name(fn, primal, k, "d.");
+            names[floats + out * n + d] = grad_x ? (Output){SLT_OUT_G_DX, out * n + d} : ad_tangent_output(primal, k);
         }
         out++;
     }

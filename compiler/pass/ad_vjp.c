@@ -203,12 +203,12 @@ static void sweep(Vjp *v, const Fn *primal) {
     for (uint32_t k = 0; k < yield->nargs; k++) floats += yield->args[k]->type == TY_FLT;
     if (floats > SLT_MAX_CHANNELS) ice(fn->session, "ad: %u float outputs, more than there are seeds", floats);
     Inst **out = ARENA_ARRAY(fn->arena, Inst *, floats + 4);
-    const char **names = ARENA_ARRAY(fn->arena, const char *, floats + 4);
+    Output *names = ARENA_ARRAY(fn->arena, Output, floats + 4);
     uint32_t n = 0;
     Inst *last = yield->prev; /* the sweep starts behind it */
     for (uint32_t k = 0; k < yield->nargs; k++) {
         if (yield->args[k]->type != TY_FLT) continue;
-        names[n] = ad_output_name(fn, primal, k, "");
+        names[n] = ad_output(primal, k);
         out[n] = yield->args[k];
         if (ad_active(&v->f, out[n])) {
             Builder b = vjp_builder(v);
@@ -226,7 +226,7 @@ static void sweep(Vjp *v, const Fn *primal) {
             if (i->op == OP_input && i->imm.i == IN_X0 + (int)d && i->id < v->f.n && v->adj[i->id].v)
                 g = v->adj[i->id].v;
         Builder b = vjp_builder(v);
-        names[n] = arena_printf(fn->arena, "adj.x%u", d);
+        names[n] = (Output){SLT_OUT_X_ADJOINT, d};
         out[n++] = g ? g : ir_constf(&b, 0);
     }
     yield->args = out;

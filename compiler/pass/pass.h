@@ -9,6 +9,7 @@
 
 #include "compiler/front/front.h"
 #include "compiler/ir/ir.h"
+#include "saltus/kernel.h"
 
 typedef enum PassId {
     PASS_NONE,
@@ -66,17 +67,12 @@ typedef struct VariantOptions {
     bool paper_forced; /* sides: the paper's forced branch */
     bool path_hash;    /* region: decisions of the path instead of the provenance of the output */
 } VariantOptions;
-/* Outputs of each, in order: */
-Fn *variant_value(PassCtx *ctx, const Fn *primal); /* f.0 .. f.C-1 */
-Fn *variant_region(PassCtx *ctx, const Fn *primal,
-                   const VariantOptions *o); /* hash:int [, near_site:int, near_g:flt, near_k0.. :int] [, depth:flt] */
-Fn *variant_event(
-    PassCtx *ctx, const Fn *primal,
-    const VariantOptions *o); /* site:int (-1 none), g:flt (own end), aux:flt, k0..kD-1:int [, aux1:flt] */
-Fn *variant_sides(PassCtx *ctx, const Fn *primal,
-                  const VariantOptions *o); /* f.0.., hash:int (the same hash as region's) [, depth:flt] */
-Fn *variant_site(PassCtx *ctx,
-                 const Fn *primal); /* g:flt; inputs site (uniform), k0.., boundary or window, x, stream */
+/* Outputs are named by their roles; in brackets, where the program has such. */
+Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */
+Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o); /* HASH [DEPTH] [WITNESS] [NEAR_*] */
+Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* SITE G K [BOUNDARY] [WINDOW] */
+Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F, and HASH .. WITNESS of region */
+Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 
 /* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
 enum {
@@ -125,14 +121,10 @@ extern const char *const kernel_names[SLT_KERNELS];
 typedef struct KernelSet {
     Fn *fn[K_KINDS]; /* NULL: not needed */
     TapeReport tape[K_KINDS];
-    uint32_t event_depth; /* D: number of k outputs of event */
-    bool near_miss;
-    bool has_depth;    /* region and sides end with one more output, depth: h.trace is a site */
-    uint32_t nwitness; /* region and sides end with this many more outputs, which event reads as IN_WITNESS0 and on:
-                          what its searches would find, or 0 */
-    bool has_window; /* event ends with one more output, aux1, and reads IN_THRESHOLD; site kernels read IN_WINDOW0, 1:
-                        h.trace or h.occluded is a site */
+    SltLayout layout[K_KINDS];
 } KernelSet;
+/* What a finished kernel reads and where its outputs are. */
+SltLayout pipeline_layout(const Fn *fn);
 /* The whole middle: needs[kind] says which kernels are wanted; those that the program has no use for stay NULL (no
  * site: no boundary kernel). */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,

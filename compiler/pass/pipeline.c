@@ -12,6 +12,7 @@ const char *const kernel_names[SLT_KERNELS] = {
 _Static_assert(K_CULL == SLT_KERNELS - 1, "K_KINDS counts the kinds before it");
 _Static_assert(IN_K7 - IN_K0 + 1 == SLT_MAX_K, "a loop index for each loop around a site");
 _Static_assert(IN_SEED3 - IN_SEED0 + 1 == SLT_MAX_CHANNELS, "a seed for each channel");
+_Static_assert(SLT_IN_VARYING <= 64, "SltLayout.reads has a bit for each");
 _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for each witness");
 
 #define RUN(pass) pass_run(ctx, stage, fn, PASS_##pass)
@@ -69,10 +70,34 @@ static Fn **add_part(Fn **end, const Fn *part, Fn *made) {
     return &made->next_part;
 }
 
-static uint32_t count_witnesses(const Fn *region) {
-    uint32_t n = 0;
-    for (uint32_t k = 0; k < region->body->last->nargs; k++) n += !strncmp(region->outputs[k], "witness", 7);
-    return n;
+static uint64_t reads(const Block *b) {
+    uint64_t slots = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_input && i->imm.i < SLT_IN_VARYING) slots |= (uint64_t)1 << i->imm.i;
+        for (uint32_t r = 0; r < i->nregions; r++) slots |= reads(i->region[r]);
+    }
+    return slots;
+}
+
+SltLayout pipeline_layout(const Fn *fn) {
+    static const struct {
+        uint8_t type, most;
+    } role[SLT_ROLES] = {
+#define SLT_ROLE(id, text, type, most, ...) {TY_##type, most},
+#include "saltus/kernel.def"
+    };
+    SltLayout l = {0};
+    for (const Fn *part = fn; part; part = part->next_part) l.reads |= reads(part->body);
+    const Inst *yield = fn->body->last;
+    for (uint32_t o = 0; o < yield->nargs; o++) {
+        const Output *is = &fn->outputs[o];
+        if (!l.out[is->role].count) l.out[is->role].first = (uint16_t)o;
+        bool fits = is->index == l.out[is->role].count && o == l.out[is->role].first + is->index &&
+                    is->index < role[is->role].most && yield->args[o]->type == role[is->role].type;
+        if (!fits) ice(fn->session, "output %u of %s is not where its role puts it", o, fn->name);
+        l.out[is->role].count++;
+    }
+    return l;
 }
 
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
@@ -84,7 +109,6 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     AdOptions wrt = ad ? *ad : (AdOptions){0};
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
-    out->near_miss = variant.near_miss;
 
     Fn *value = variant_value(ctx, primal);
     if (needs[K_VALUE]) out->fn[K_VALUE] = value;
@@ -107,9 +131,6 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
                 if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
             }
         }
-        out->has_depth = variant_has_depth(primal), out->has_window = variant_has_windows(primal);
-        if (out->fn[K_REGION]) out->nwitness = count_witnesses(out->fn[K_REGION]);
-        if (out->fn[K_EVENT]) out->event_depth = out->fn[K_EVENT]->body->last->nargs - 3 - out->has_window;
     }
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
@@ -118,9 +139,9 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         for (Fn *part = out->fn[k]; part; part = part->next_part) {
             part->name = kernel_names[k];
             pipeline_kernel(ctx, part);
-            if (k == K_EVENT && out->has_window)
-                pass_run(ctx, PASS_NEEDS_KERNEL, part,
-                         PASS_opt_sink); /* the searches behind g, for pairs that have an event */
+            if (k == K_EVENT && variant_has_windows(primal)) /* the searches behind g, for pairs that have an event */
+                pass_run(ctx, PASS_NEEDS_KERNEL, part, PASS_opt_sink);
         }
+        out->layout[k] = pipeline_layout(out->fn[k]);
     }
 }

@@ -20,10 +20,18 @@ bool variant_touches_site(Thread *t, const Inst *i);
 
 /* Key of the event: site number and loop indices, mixed: only equality counts. */
 Inst *variant_event_key(Builder *b, const Inst *site);
+/* Is any site of one of these kinds? */
+bool variant_has_site(const Fn *fn, SiteKind from, SiteKind to);
 /* The boundary of an integer-valued site between n and n + 1. */
 Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n);
-/* Replaces the outputs of the top block. */
-void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const *names);
+/* Outputs of a variant, collected; then they replace those of the top block. */
+typedef struct Outputs {
+    Inst *value[SLT_OUT_MAX];
+    Output name[SLT_OUT_MAX];
+    uint32_t n;
+} Outputs;
+void variant_output(Outputs *o, SltRole role, uint32_t index, Inst *value);
+void variant_set_outputs(Fn *fn, const Outputs *o);
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
@@ -44,8 +52,7 @@ enum { VARIANT_FOUND = 8 };
  * and sides tell what they found, so that event, at the same point, need not search again. */
 uint32_t variant_searches(const Fn *fn, Inst *search[SLT_WITNESSES]);
 /* region, sides: what they found, VARIANT_FOUND + witness; 0 where they did not run. */
-void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found);
-extern const char *const variant_witness_names[SLT_WITNESSES];
+void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o);
 /* event: they run only where the input, IN_WITNESS0 and on, is 0. */
 void variant_use_witnesses(Fn *fn);
 

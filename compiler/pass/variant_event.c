@@ -3,14 +3,14 @@
  * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions;
  * the first that differs is the event: before it both ran the same code, so its g is one continuous function on the
  * segment and changes sign. After it nothing matters, and loops end. Output, per lane: site (-1: none), the lane's own
- * g, the boundary of an integer-valued site (or the near end of the window of a ray's site), the loop indices, and in
- * programs with sites of rays the far end of the window. With paper_argmin instead the executed event with the
- * smallest |g| of the lane's own end, as in the paper: wrong up to 83 % of the time where scales differ. */
+ * g, its loop indices, the boundary of an integer-valued site and the two ends of a ray's window. With paper_argmin
+ * instead the executed event with the smallest |g| of the lane's own end, as in the paper: wrong up to 83 % of the time
+ * where scales differ. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
 
-enum { V_FOUND, V_SITE, V_G, V_AUX, V_AUX1, V_K };
+enum { V_FOUND, V_SITE, V_G, V_BOUNDARY, V_WINDOW, V_K = V_WINDOW + 2 };
 
 typedef struct Event {
     uint32_t depth;
@@ -24,17 +24,15 @@ static Inst *window_of(Fn *fn, Inst *i) {
 
 /* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the
  * lower integer, or the window. */
-static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **aux, Inst **aux1) {
-    *aux = *aux1 = ir_constf(b, 0);
+static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **boundary, Inst *window[2]) {
+    *boundary = window[0] = window[1] = ir_constf(b, 0);
     Inst *w = window_of(fn, i);
-    if (w) {
-        *aux = ir_special(b, OP_window, TY_FLT, 3, w->args, (Imm){.i = 2 * i->imm.i});
-        *aux1 = ir_special(b, OP_window, TY_FLT, 3, w->args, (Imm){.i = 2 * i->imm.i + 1});
-    }
+    for (int end = 0; w && end < 2; end++)
+        window[end] = ir_special(b, OP_window, TY_FLT, 3, w->args, (Imm){.i = 2 * i->imm.i + end});
     if (i->op == OP_site) return i->args[1];
     Inst *other = ir_special(b, OP_partner, TY_FLT, 1, &i, (Imm){0});
-    *aux = variant_boundary(b, variant_site_info(fn, i)->kind, ir_emit2(b, OP_fmin, i, other));
-    return ir_emit2(b, OP_fsub, i->args[1], *aux);
+    *boundary = variant_boundary(b, variant_site_info(fn, i)->kind, ir_emit2(b, OP_fmin, i, other));
+    return ir_emit2(b, OP_fsub, i->args[1], *boundary);
 }
 
 /* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see
@@ -71,7 +69,7 @@ static bool event_at(Thread *t, Inst *i) {
     b.fold = true;
     Inst *hit, *certain = NULL;
     if (e->argmin) {
-        Inst *aux, *aux1, *g = own_g(&b, t->fn, i, &aux, &aux1);
+        Inst *boundary, *window[2], *g = own_g(&b, t->fn, i, &boundary, window);
         hit = ir_emit2(&b, OP_flt, ir_emit1(&b, OP_fabs, g), ir_emit1(&b, OP_fabs, t->value[V_G]));
     } else {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
@@ -92,7 +90,7 @@ static bool event_at(Thread *t, Inst *i) {
     in.fold = true;
     yes[V_FOUND] = ir_constb(&in, true);
     yes[V_SITE] = ir_consti(&in, (int32_t)i->imm.i);
-    yes[V_G] = own_g(&in, t->fn, i, &yes[V_AUX], &yes[V_AUX1]);
+    yes[V_G] = own_g(&in, t->fn, i, &yes[V_BOUNDARY], &yes[V_WINDOW]);
     for (uint32_t d = 0; d < e->depth; d++) yes[V_K + d] = d + 2 < i->nargs ? i->args[d + 2] : ir_consti(&in, 0);
     if (certain) {
         Inst *sure = ir_emit2(&in, OP_bor, certain, variant_ridge_between(&in, variant_window_of(t->fn, i)));
@@ -110,8 +108,6 @@ static Inst *stop_when_found(Thread *t, Builder *b, Inst *flag) {
     return ir_emit2(b, OP_band, flag, ir_emit1(b, OP_bnot, t->value[V_FOUND]));
 }
 
-static const char *const k_names[SLT_MAX_K] = {"k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"};
-
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "event", true);
     opt_dce(ctx, fn);
@@ -123,16 +119,17 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     t.value[V_FOUND] = ir_constb(&b, false);
     t.value[V_SITE] = ir_consti(&b, -1);
     t.value[V_G] = ir_constf(&b, e.argmin ? __builtin_inf() : 0);
-    t.value[V_AUX] = ir_constf(&b, 0);
-    t.value[V_AUX1] = ir_constf(&b, 0);
+    t.value[V_BOUNDARY] = t.value[V_WINDOW] = t.value[V_WINDOW + 1] = ir_constf(&b, 0);
     for (uint32_t d = 0; d < e.depth; d++) t.value[V_K + d] = ir_consti(&b, 0);
     thread_block(&t, fn->body);
-    Inst *out[4 + SLT_MAX_K] = {t.value[V_SITE], t.value[V_G], t.value[V_AUX]};
-    const char *names[4 + SLT_MAX_K] = {"site", "g", "aux"};
-    for (uint32_t d = 0; d < e.depth; d++) out[3 + d] = t.value[V_K + d], names[3 + d] = k_names[d];
-    uint32_t n = 3 + e.depth;
-    if (variant_has_windows(fn)) out[n] = t.value[V_AUX1], names[n++] = "aux1";
-    variant_outputs(fn, n, out, names);
+    Outputs out = {0};
+    variant_output(&out, SLT_OUT_SITE, 0, t.value[V_SITE]);
+    variant_output(&out, SLT_OUT_G, 0, t.value[V_G]);
+    if (variant_has_site(fn, SITE_FLOOR, SITE_FMOD)) variant_output(&out, SLT_OUT_BOUNDARY, 0, t.value[V_BOUNDARY]);
+    for (uint32_t d = 0; d < e.depth; d++) variant_output(&out, SLT_OUT_K, d, t.value[V_K + d]);
+    for (uint32_t end = 0; variant_has_windows(fn) && end < 2; end++)
+        variant_output(&out, SLT_OUT_WINDOW, end, t.value[V_WINDOW + end]);
+    variant_set_outputs(fn, &out);
     variant_windows_of_pairs(fn);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);

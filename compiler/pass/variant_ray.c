@@ -85,17 +85,9 @@ void variant_windows_of_inputs(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
-bool variant_has_windows(const Fn *fn) {
-    for (uint32_t s = 0; s < fn->nsites; s++)
-        if (ir_site_of_ray(fn->sites[s].kind)) return true;
-    return false;
-}
+bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SHADOW); }
 
-bool variant_has_depth(const Fn *fn) {
-    for (uint32_t s = 0; s < fn->nsites; s++)
-        if (fn->sites[s].kind == SITE_SILHOUETTE) return true;
-    return false;
-}
+bool variant_has_depth(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SILHOUETTE); }
 
 /* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that
  * two that change do not cancel. */
@@ -140,8 +132,6 @@ Inst *variant_ridge_between(Builder *b, Inst *w) {
     return ir_emit2(b, OP_flt, p.top, p.far_t);
 }
 
-const char *const variant_witness_names[SLT_WITNESSES] = {"witness0", "witness1"};
-
 /* A query that a site asks. */
 static bool finds_hits(const Inst *i) {
     return i->op == OP_query &&
@@ -177,12 +167,12 @@ static bool note_witness(Thread *t, Inst *i) {
     return true;
 }
 
-void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Inst **found) {
+void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o) {
     Builder b = ir_before(fn, fn->body->first);
     Thread t = {.fn = fn, .n = n, .at = note_witness, .touches = touches_search, .user = (void *)search};
     for (uint32_t k = 0; k < n; k++) t.value[k] = ir_consti(&b, 0);
     if (n) thread_block(&t, fn->body);
-    for (uint32_t k = 0; k < n; k++) found[k] = t.value[k];
+    for (uint32_t k = 0; k < n; k++) variant_output(o, SLT_OUT_WITNESS, k, t.value[k]);
 }
 
 void variant_use_witnesses(Fn *fn) {

@@ -80,18 +80,16 @@ static bool near_at(Thread *t, Inst *i) {
     return true;
 }
 
-static const char *const near_k[SLT_MAX_K] = {"near_k0", "near_k1", "near_k2", "near_k3",
-                                              "near_k4", "near_k5", "near_k6", "near_k7"};
-
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     Fn *fn = variant_clone(ctx, primal, "region", true);
     opt_dce(ctx, fn); /* sites that reach no output are no events */
-    Inst *search[SLT_WITNESSES], *found[SLT_WITNESSES];
-    uint32_t nsearch = variant_searches(fn, search), n = 1;
+    Inst *search[SLT_WITNESSES];
+    uint32_t nsearch = variant_searches(fn, search);
+    Outputs out = {0};
     Inst *hash = variant_hash(ctx, fn, o), *depth = variant_has_depth(fn) ? variant_depth(fn) : NULL;
-    variant_witnesses(fn, nsearch, search, found);
-    Inst *out[4 + SLT_MAX_K + SLT_WITNESSES] = {hash};
-    const char *names[4 + SLT_MAX_K + SLT_WITNESSES] = {"hash"};
+    variant_output(&out, SLT_OUT_HASH, 0, hash);
+    if (depth) variant_output(&out, SLT_OUT_DEPTH, 0, depth);
+    variant_witnesses(fn, nsearch, search, &out);
     if (o->near_miss) {
         Near near = {variant_site_depth(fn->body)};
         Builder b = fn->body->first ? ir_before(fn, fn->body->first) : ir_at_end(fn, fn->body);
@@ -101,13 +99,11 @@ Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
         t.value[2] = ir_consti(&b, -1);
         for (uint32_t d = 0; d < near.depth; d++) t.value[3 + d] = ir_consti(&b, 0);
         thread_block(&t, fn->body);
-        out[n] = t.value[2], names[n++] = "near_site";
-        out[n] = t.value[1], names[n++] = "near_g";
-        for (uint32_t d = 0; d < near.depth; d++) out[n] = t.value[3 + d], names[n++] = near_k[d];
+        variant_output(&out, SLT_OUT_NEAR_SITE, 0, t.value[2]);
+        variant_output(&out, SLT_OUT_NEAR_G, 0, t.value[1]);
+        for (uint32_t d = 0; d < near.depth; d++) variant_output(&out, SLT_OUT_NEAR_K, d, t.value[3 + d]);
     }
-    if (depth) out[n] = depth, names[n++] = "depth";
-    for (uint32_t k = 0; k < nsearch; k++) out[n] = found[k], names[n++] = variant_witness_names[k];
-    variant_outputs(fn, n, out, names);
+    variant_set_outputs(fn, &out);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);
     return fn;

@@ -26,18 +26,15 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o) {
     opt_dce(ctx, fn);
     if (o->paper_forced) force(fn, fn->body);
     uint32_t channels = fn->body->last->nargs;
-    Inst *search[SLT_WITNESSES], *found[SLT_WITNESSES];
+    Inst *search[SLT_WITNESSES];
     uint32_t nsearch = variant_searches(fn, search);
     Inst *hash = variant_hash(ctx, fn, o);
-    Inst *out[6 + SLT_WITNESSES]; /* four channels, hash, depth */
-    const char *names[6 + SLT_WITNESSES];
-    for (uint32_t c = 0; c < channels; c++) out[c] = fn->body->last->args[c], names[c] = fn->outputs[c];
-    out[channels] = hash, names[channels] = "hash";
-    uint32_t n = channels + 1;
-    if (variant_has_depth(fn)) out[n] = variant_depth(fn), names[n++] = "depth";
-    variant_witnesses(fn, nsearch, search, found);
-    for (uint32_t k = 0; k < nsearch; k++) out[n] = found[k], names[n++] = variant_witness_names[k];
-    variant_outputs(fn, n, out, names);
+    Outputs out = {0};
+    for (uint32_t c = 0; c < channels; c++) variant_output(&out, SLT_OUT_F, c, fn->body->last->args[c]);
+    variant_output(&out, SLT_OUT_HASH, 0, hash);
+    if (variant_has_depth(fn)) variant_output(&out, SLT_OUT_DEPTH, 0, variant_depth(fn));
+    variant_witnesses(fn, nsearch, search, &out);
+    variant_set_outputs(fn, &out);
     variant_drop_sites(fn);
     opt_dce(ctx, fn);
     return fn;

@@ -179,7 +179,9 @@ static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const u
     t.value[0] = ir_constf(&b, __builtin_nan(""));
     t.value[1] = ir_constb(&b, false);
     thread_block(&t, copy->body);
-    variant_outputs(copy, 1, t.value, (const char *[]){"g"});
+    Outputs g = {0};
+    variant_output(&g, SLT_OUT_G, 0, t.value[0]);
+    variant_set_outputs(copy, &g);
     variant_windows_of_inputs(copy);
     variant_drop_sites(copy);
     opt_dce(ctx, copy);
@@ -228,8 +230,7 @@ static Fn *new_part(PassCtx *ctx, const Fn *primal) {
 
 static void finish_part(Fn *fn, Builder *b, Inst *g, const uint8_t *serves) {
     ir_yield(b, 1, &g);
-    fn->outputs = ARENA_ARRAY(fn->arena, const char *, 1);
-    fn->outputs[0] = "g";
+    ir_name_outputs(fn, SLT_OUT_G);
     fn->serves = serves;
     variant_drop_sites(fn);
 }

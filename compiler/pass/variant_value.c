@@ -31,6 +31,12 @@ void variant_drop_sites(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
+bool variant_has_site(const Fn *fn, SiteKind from, SiteKind to) {
+    for (uint32_t s = 0; s < fn->nsites; s++)
+        if (fn->sites[s].kind >= from && fn->sites[s].kind <= to) return true;
+    return false;
+}
+
 uint32_t variant_site_depth(const Block *b) {
     uint32_t depth = 0;
     for (const Inst *i = b->first; i; i = i->next) {
@@ -69,13 +75,16 @@ Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n) {
     return ir_constf(b, 0);
 }
 
-void variant_outputs(Fn *fn, uint32_t n, Inst *const *values, const char *const *names) {
+void variant_output(Outputs *o, SltRole role, uint32_t index, Inst *value) {
+    o->name[o->n] = (Output){role, index};
+    o->value[o->n++] = value;
+}
+
+void variant_set_outputs(Fn *fn, const Outputs *o) {
     Inst *y = fn->body->last;
-    y->args = arena_copy(fn->arena, values, sizeof *values * (n ? n : 1));
-    y->nargs = n;
-    const char **kept = ARENA_ARRAY(fn->arena, const char *, n + 1);
-    for (uint32_t i = 0; i < n; i++) kept[i] = names[i];
-    fn->outputs = kept;
+    y->args = arena_copy(fn->arena, o->value, sizeof *o->value * (o->n ? o->n : 1));
+    y->nargs = o->n;
+    fn->outputs = arena_copy(fn->arena, o->name, sizeof *o->name * (o->n ? o->n : 1));
 }
 
 Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *name) {

@@ -19,6 +19,13 @@ typedef enum SltInput {
     SLT_INPUTS
 } SltInput;
 
+/* SltLayout.out */
+typedef enum SltRole {
+#define SLT_ROLE(id, ...) SLT_OUT_##id,
+#include "saltus/kernel.def"
+    SLT_ROLES
+} SltRole;
+
 typedef enum SltCounter {
 #define SLT_COUNTER(id, ...) SLT_COUNT_##id,
 #include "saltus/kernel.def"

@@ -24,7 +24,7 @@ typedef struct SltCullList {
 
 typedef struct SltKernelArgs {
     const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t; NULL where not read */
-    void *out[SLT_OUT_MAX];         /* by output of the kernel: flt, or int32_t for integers and booleans */
+    void *out[SLT_OUT_MAX];         /* by SltLayout.out: flt, or int32_t for integers and booleans */
     const void *params;             /* flt[nfloats] */
     const int32_t *iparams;         /* int32_t[nints] */
     const void *dparams;            /* flt[nfloats], forward mode */
@@ -49,6 +49,14 @@ typedef struct SltKernelArgs {
 } SltKernelArgs;
 
 typedef void SltKernel(SltKernelArgs *args, uint32_t n);
+
+/* What one kernel reads and writes. */
+typedef struct SltLayout {
+    uint64_t reads; /* bit (1 << SltInput) */
+    struct {
+        uint16_t first, count; /* SltKernelArgs.out[first .. first + count - 1]; count 0: it has no such output */
+    } out[SLT_ROLES];
+} SltLayout;
 
 #ifdef __cplusplus
 }

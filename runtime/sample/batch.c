@@ -35,6 +35,13 @@ void batch_free(Batch *b) {
     b->memory = NULL, b->tape = NULL;
 }
 
+void batch_collect(Batch *b, SltStats *t) {
+    uint64_t *c = b->args.counters;
+    t->evaluations += b->evaluations, b->evaluations = 0;
+    t->truncated += c[SLT_COUNT_TRUNCATED], t->asserts += c[SLT_COUNT_ASSERT], t->nonfinite += c[SLT_COUNT_NONFINITE];
+    memset(c, 0, sizeof b->args.counters);
+}
+
 void batch_set_x(Batch *b, uint32_t i, const double x[3]) {
     for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_X0 + d, i, x[d]);
     if (b->pixels) {
@@ -44,12 +51,20 @@ void batch_set_x(Batch *b, uint32_t i, const double x[3]) {
     }
 }
 
+void batch_set_event(Batch *b, uint32_t i, const Event *e) {
+    uint32_t depth = scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_K);
+    for (uint32_t d = 0; d < depth; d++) batch_set_int(b, SLT_IN_K0 + d, i, e->k[d]);
+    if (scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_BOUNDARY)) batch_set(b, SLT_IN_BOUNDARY, i, e->boundary);
+    for (uint32_t end = 0; end < scene_outputs(b->s, SLT_K_EVENT, SLT_OUT_WINDOW); end++)
+        batch_set(b, SLT_IN_WINDOW0 + end, i, e->window[end]);
+}
+
 void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0) {
     batch_set_int(b, SLT_IN_STREAM, i, stream);
     batch_set(b, SLT_IN_RAND0, i, rand0 < 0x1.fffffep-1 ? rand0 : 0x1.fffffep-1);
 }
 
-/* Samples n .. end - 1 of every input. */
+/* Samples n .. end - 1 of every input that the kernel reads. */
 static void pad(Batch *b, uint32_t n, uint32_t end) {
     enum { INT, FLT, COPY, ZERO };
     static const struct {
@@ -59,6 +74,7 @@ static void pad(Batch *b, uint32_t n, uint32_t end) {
 #include "saltus/kernel.def"
     };
     for (uint32_t slot = 0; slot < SLT_IN_VARYING; slot++) {
+        if (!(b->layout->reads >> slot & 1)) continue;
         bool zero = row[slot].tail == ZERO;
         void *v = (void *)b->args.in[slot];
         for (uint32_t i = n; i < end; i++)
@@ -71,8 +87,9 @@ static void pad(Batch *b, uint32_t n, uint32_t end) {
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     if (!n) return;
     uint32_t end = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
-    if (end != n) pad(b, n, end);
+    b->layout = &b->s->layout[kind];
     b->args.n_valid = n;
+    if (end != n) pad(b, n, end);
     b->evaluations += n;
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
     b->args.print = kind == SLT_K_VALUE ? b->s->print : NULL; /* derivatives run at the same samples as the value */

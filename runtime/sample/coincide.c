@@ -100,7 +100,7 @@ static void find_ways(Sink *k, const Crossing *c, const uint32_t *which, uint32_
         use(b, &k->coincide.apart[side].scene);
         for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[which[i]]);
         batch_call(b, SLT_K_SITE, n);
-        for (uint32_t i = 0; i < n; i++) way[i][side] = way_of(b->s, &c[which[i]], batch_get(b, 0, i));
+        for (uint32_t i = 0; i < n; i++) way[i][side] = way_of(b->s, &c[which[i]], batch_get(b, SLT_OUT_G, 0, i));
     }
     use(b, b->s);
 }
@@ -113,7 +113,7 @@ void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const boo
     for (uint32_t i = (from + share - 1) / share * share; i < to; i += share) {
         /* When the parameters have moved, another iteration may be the one that decides at a [SkipLoop]. */
         const uint8_t *skips = k->b->s->site_skips;
-        if (!keep[i - from] || (skips && skips[c[(uint32_t)order[i]].site])) continue;
+        if (!keep[i - from] || (skips && skips[c[(uint32_t)order[i]].event.site])) continue;
         q->which[q->n] = (uint32_t)order[i], q->stands[q->n++] = all - i < share ? all - i : share;
     }
     if (q->n > first) find_ways(k, c, q->which + first, q->n - first, q->way + first);
@@ -121,13 +121,15 @@ void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const boo
 
 /* The regions of lanes 2 i and 2 i + 1 are those on the two sides of the crossing. */
 static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
-    return (uint32_t)batch_get_int(b, 0, 2 * i) == c->ha && (uint32_t)batch_get_int(b, 0, 2 * i + 1) == c->hb;
+    return (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == c->ha &&
+           (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1) == c->hb;
 }
 
 /* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g
  * says. That is a kink of its own, not a second boundary. */
 static bool gone(const Batch *b, uint32_t i) {
-    return b->s->ngeometries && batch_get_int(b, 0, 2 * i) == batch_get_int(b, 0, 2 * i + 1);
+    return b->s->ngeometries &&
+           batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1);
 }
 
 /* Two points at `at` -+ `beside` along the segment, counted from the crossing. */
@@ -203,7 +205,7 @@ static bool elsewhere(Sink *k, const Crossing *c, double typical) {
     uint32_t other = steep == 0 ? 1 : 0;
     double by = length_of(b->s, c) / ALONG / sqrt(square);
     x.x[other] += by * c->dg[steep], x.x[steep] -= by * c->dg[other];
-    b->args.site = c->site;
+    b->args.site = c->event.site;
     memcpy(dropped, k->f->dropped, sizeof dropped); /* this is no crossing that could be dropped */
     for (uint32_t step = 0; step < NEWTON; step++) {
         sink_weigh(k, &x, &order, 1, &keep);

@@ -30,9 +30,10 @@ SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err) {
             for (uint32_t l = 0; l < (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD; l++)
                 batch_set_int(&b, SLT_IN_ITERATION, l, (int32_t)(from + (l < n ? l : n - 1)));
             b.args.n_valid = n;
+            b.layout = &s->layout[SLT_K_CULL];
             s->cull_bounds[i](&b.args, n);
             for (uint32_t l = 0; l < n; l++)
-                for (uint32_t e = 0; e < 4; e++) box[4 * (size_t)(from + l) + e] = batch_get(&b, e, l);
+                for (uint32_t e = 0; e < 4; e++) box[4 * (size_t)(from + l) + e] = batch_get(&b, SLT_OUT_BOX, e, l);
         }
     }
     batch_free(&b);

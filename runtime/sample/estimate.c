@@ -305,7 +305,7 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
         batch_call(&w->batch, SLT_K_REGION, 2);
         Mark ma = batch_mark(&w->batch, 0), mb = batch_mark(&w->batch, 1);
         double jump = HUGE_VAL;
-        if (s->has_depth) {
+        if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) {
             /* One segment alone says nothing of what is usual: the smallest J, at the price of a few evaluations. */
             Spread none;
             spread_clear(&none);
@@ -321,11 +321,11 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
                 if (w->sink.kept[i].t < first->t) first = &w->sink.kept[i];
             uint64_t order = 0;
             bool keep;
-            w->batch.args.site = first->site;
+            w->batch.args.site = first->event.site;
             sink_weigh(&w->sink, first, &order, 1, &keep);
-            out->found = true, out->t = first->t, out->g = first->g, out->site = first->site;
+            out->found = true, out->t = first->t, out->g = first->g, out->site = first->event.site;
             memcpy(out->x, first->x, sizeof out->x), memcpy(out->dg, first->dg, sizeof out->dg),
-                memcpy(out->k, first->k, sizeof out->k);
+                memcpy(out->k, first->event.k, sizeof out->k);
             for (uint32_t c = 0; c < s->channels; c++)
                 out->f_before[c] = first->before[c], out->f_after[c] = first->before[c] + first->jump[c];
             for (int d = 0; d < SLT_DROP_REASONS && !keep; d++)

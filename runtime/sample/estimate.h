@@ -29,6 +29,7 @@ typedef struct SltScene {
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
     void *call_user;
     SltKernel *kernel[SLT_KERNELS]; /* by SltKernelKind; those of CULL are in cull_bounds */
+    SltLayout layout[SLT_KERNELS];  /* what they read, and where their outputs are */
     bool f64;                       /* flt is double */
     bool flat_adj;                  /* layout of SltKernelArgs.adj */
     const uint8_t *dense; /* nfloats: 1 where a kernel may add to adj; the others get their adjoints through the log
@@ -44,19 +45,11 @@ typedef struct SltScene {
     const uint8_t *site_kind;   /* SltSiteKind */
     const uint8_t *site_static; /* 1: g does not depend on x (static discontinuity): contributes nothing */
     const uint8_t *site_skips;  /* 1: [SkipLoop], one boundary of many iterations; NULL: none is */
-    uint32_t event_depth;       /* number of k outputs of the event kernel */
-    bool near_miss;             /* region kernel has near outputs: near_site, near_g, near_k0.. */
     int follow; /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
-    bool has_depth; /* region and sides have one more output, last: depth. Ends differ where |difference| is large, too
-                     */
-    uint32_t nwitness; /* region and sides end with this many more outputs, which event reads at the same point as
-                          SLT_IN_WITNESS0 and on; 0 there: not known. At most SLT_WITNESSES */
-    bool has_window;   /* event has one more output, last: the far end of the window for the site kernels; it reads
-                          SLT_IN_THRESHOLD */
     bool uses_rand;
     uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */
     uint32_t ncull;
-    SltKernel *const *cull_bounds;               /* by cull_id: kernels of kind CULL; out lo.x lo.y hi.x hi.y */
+    SltKernel *const *cull_bounds;               /* by cull_id: kernels of kind CULL */
     const uint32_t *cull_count;                  /* iterations of each */
     const struct SltGeometry *const *geometries; /* [ngeometries]; NULL: nobody asks it anything */
     uint32_t ngeometries;
@@ -64,6 +57,11 @@ typedef struct SltScene {
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *print_user;
 } SltScene;
+
+/* Outputs of a role that a kernel has. */
+static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltRole role) {
+    return s->layout[kind].out[role].count;
+}
 
 /* Image (one pixel in integral mode: the integral): out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all
  * samples; 1, 2: one of the two independent sample halves (for squared losses). */
@@ -85,6 +83,10 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
  * is the unbiased product of the two halves' residuals when two_halves, else of the full image. */
 SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
                             double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
+
+/* f at x[n][dim] into out[n][channels]; see slt_eval. */
+SltStatus slt_estimate_points(const SltScene *s, const SltJob *j, uint64_t n, const double *x, const uint32_t *streams,
+                              double *out, SltStats *stats, SltError *err);
 
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 

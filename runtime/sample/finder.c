@@ -19,8 +19,11 @@
 #include "runtime/sample/internal.h"
 
 enum { MAX_DEPTH = 60, MAX_TRIES = 2 };
+static bool has_windows(const SltScene *s) { return scene_outputs(s, SLT_K_EVENT, SLT_OUT_WINDOW) > 0; }
+static bool has_depth(const SltScene *s) { return scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) > 0; }
+
 /* Between two halvings of a heightfield's segment there may be tries, and a cut beside a root. */
-#define DEPTH_OF(scene) ((scene)->has_window ? 2 * MAX_DEPTH : MAX_DEPTH)
+#define DEPTH_OF(scene) (has_windows(scene) ? 2 * MAX_DEPTH : MAX_DEPTH)
 
 /* Segment.field: 0 .. MAX_TRIES - 1 roots of windows have been looked for since the last halving. */
 enum {
@@ -48,9 +51,9 @@ enum {
  */
 typedef struct Item {
     Segment s;
-    double tol, pad, ga, gb, aux, aux1;
+    Event event;
+    double tol, pad, ga, gb;
     double x1, x2, x3, f1, f2, f3, next;
-    int32_t site, k[SLT_MAX_K];
     uint32_t left; /* evaluations before bisection takes over for good */
     bool exact;    /* g was exactly zero at x1 */
 } Item;
@@ -110,7 +113,7 @@ static double tolerance(const Finder *f, const Segment *s) {
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
-    return s->has_window && (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
+    return has_windows(s) && (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
 }
 
 /* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the
@@ -142,14 +145,13 @@ void finder_add(Finder *f, Segment *s, Mark a, Mark b, double jump) {
     finder_push(f, s);
 }
 
-/* Outputs of region or sides: the hash, the depth, and behind it the witnesses. */
-static Mark mark_of(const Batch *b, uint32_t hash, uint32_t depth, uint32_t i) {
-    Mark m = {.hash = (uint32_t)batch_get_int(b, hash, i), .depth = b->s->has_depth ? batch_get(b, depth, i) : 0};
-    for (uint32_t k = 0; k < b->s->nwitness; k++) m.witness[k] = batch_get_int(b, depth + b->s->has_depth + k, i);
+Mark batch_mark(const Batch *b, uint32_t i) {
+    Mark m = {.hash = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)};
+    if (batch_has(b, SLT_OUT_DEPTH)) m.depth = batch_get(b, SLT_OUT_DEPTH, 0, i);
+    for (uint32_t k = 0; k < b->layout->out[SLT_OUT_WITNESS].count; k++)
+        m.witness[k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
     return m;
 }
-
-Mark batch_mark(const Batch *b, uint32_t i) { return mark_of(b, 0, depth_output(b->s), i); }
 
 static bool differ(Mark a, Mark b, double jump) { return a.hash != b.hash || depth_differs(a.depth, b.depth, jump); }
 
@@ -216,7 +218,7 @@ static void ask_again(Finder *f, const Segment *s, double lo, double hi, Mark be
 
 static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
     if (s->tb - s->ta <= tol) {
-        if (f->s->has_depth && s->field != FIELD_FRESH && s->field != FIELD_DOUBT) {
+        if (has_depth(f->s) && s->field != FIELD_FRESH && s->field != FIELD_DOUBT) {
             ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
             return;
         }
@@ -287,38 +289,32 @@ static void root_begin(Item *it) {
     }
 }
 
-static void set_event(Batch *b, uint32_t lane, const Item *it) {
-    for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, it->k[d]);
-    batch_set(b, SLT_IN_BOUNDARY, lane, it->aux);
-    if (b->s->has_window) batch_set(b, SLT_IN_WINDOW0, lane, it->aux), batch_set(b, SLT_IN_WINDOW1, lane, it->aux1);
-}
-
 /* Roots of the items in order[0..n), all of one site. */
 static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
     Batch *b = f->b;
-    b->args.site = items[(uint32_t)order[0]].site;
+    b->args.site = items[(uint32_t)order[0]].event.site;
     for (;;) {
         uint32_t active = 0;
         for (uint32_t i = 0; i < n; i++) {
             Item *it = &items[(uint32_t)order[i]];
             if (!root_step(it)) continue;
             put(f, active, &it->s, it->next);
-            set_event(b, active, it);
+            batch_set_event(b, active, &it->event);
             order[active++] = order[i];
         }
         if (!active) return;
         batch_call(b, SLT_K_SITE, active);
-        for (uint32_t i = 0; i < active; i++) root_take(&items[(uint32_t)order[i]], batch_get(b, 0, i));
+        for (uint32_t i = 0; i < active; i++) root_take(&items[(uint32_t)order[i]], batch_get(b, SLT_OUT_G, 0, i));
         n = active;
     }
 }
 
 static void solve(Finder *f, Item *items, uint32_t n) {
-    for (uint32_t i = 0; i < n; i++) f->order[i] = (uint64_t)(uint32_t)items[i].site << 32 | i;
+    for (uint32_t i = 0; i < n; i++) f->order[i] = (uint64_t)(uint32_t)items[i].event.site << 32 | i;
     sort_keys(f->order, n);
     for (uint32_t from = 0, to; from < n; from = to) {
-        int32_t site = items[(uint32_t)f->order[from]].site;
-        for (to = from + 1; to < n && items[(uint32_t)f->order[to]].site == site;) to++;
+        int32_t site = items[(uint32_t)f->order[from]].event.site;
+        for (to = from + 1; to < n && items[(uint32_t)f->order[to]].event.site == site;) to++;
         solve_site(f, items, f->order + from, to - from);
     }
 }
@@ -327,7 +323,7 @@ static void solve(Finder *f, Item *items, uint32_t n) {
 /* Infinite where the window of a heightfield site is empty: still a side. */
 static bool usable(const Finder *f, const Item *it) {
     if (isfinite(it->ga) && isfinite(it->gb)) return true;
-    return is_field(f->s, it->site) && !isnan(it->ga) && !isnan(it->gb);
+    return is_field(f->s, it->event.site) && !isnan(it->ga) && !isnan(it->gb);
 }
 
 /* No change of sign, but nearly: the jump is where g almost vanishes, and rounding hides the sign. */
@@ -338,45 +334,52 @@ static void cut_near_zero(const Finder *f, Item *it) {
     if (a < NEAR_ZERO * b) it->s.cut = it->s.ta + pad;
 }
 
+/* Of lane i of a call of the event kernel. */
+static Event event_of(const Batch *b, uint32_t i) {
+    Event e = {.site = batch_get_int(b, SLT_OUT_SITE, 0, i)};
+    for (uint32_t d = 0; d < b->layout->out[SLT_OUT_K].count; d++) e.k[d] = batch_get_int(b, SLT_OUT_K, d, i);
+    if (batch_has(b, SLT_OUT_BOUNDARY)) e.boundary = batch_get(b, SLT_OUT_BOUNDARY, 0, i);
+    for (uint32_t end = 0; end < b->layout->out[SLT_OUT_WINDOW].count; end++)
+        e.window[end] = batch_get(b, SLT_OUT_WINDOW, end, i);
+    return e;
+}
+
 /* Which event separates the ends, and g there. Items with a root to look for move to the front. */
 static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
     for (uint32_t i = 0; i < n; i++) {
         put(f, 2 * i, &items[i].s, items[i].s.ta);
         put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
-        for (uint32_t k = 0; k < f->s->nwitness; k++) {
+        for (uint32_t k = 0; k < scene_outputs(f->s, SLT_K_REGION, SLT_OUT_WITNESS); k++) {
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i, items[i].s.ma.witness[k]);
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
         }
-        if (!f->s->has_window) continue;
+        if (!has_windows(f->s)) continue;
         double jump = items[i].s.ask > 0 ? items[i].s.ask : items[i].s.jump;
         batch_set(b, SLT_IN_THRESHOLD, 2 * i, jump), batch_set(b, SLT_IN_THRESHOLD, 2 * i + 1, jump);
     }
     batch_call(b, SLT_K_EVENT, 2 * n);
-    uint32_t kept = 0, depth = f->s->event_depth < SLT_MAX_K ? f->s->event_depth : SLT_MAX_K;
+    uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++) {
         Item it = items[i];
-        it.site = batch_get_int(b, 0, 2 * i);
-        it.ga = batch_get(b, 1, 2 * i), it.gb = batch_get(b, 1, 2 * i + 1);
-        it.aux = batch_get(b, 2, 2 * i);
-        for (uint32_t d = 0; d < SLT_MAX_K; d++) it.k[d] = d < depth ? batch_get_int(b, 3 + d, 2 * i) : 0;
-        it.aux1 = f->s->has_window ? batch_get(b, 3 + depth, 2 * i) : 0;
-        if (it.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.field = FIELD_DOUBT;
-        if (it.site < 0 || (uint32_t)it.site >= f->s->nsites) {
+        it.ga = batch_get(b, SLT_OUT_G, 0, 2 * i), it.gb = batch_get(b, SLT_OUT_G, 0, 2 * i + 1);
+        it.event = event_of(b, 2 * i);
+        if (it.event.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.field = FIELD_DOUBT;
+        if (it.event.site < 0 || (uint32_t)it.event.site >= f->s->nsites) {
             split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
-        } else if (f->s->site_static && f->s->site_static[it.site]) {
+        } else if (f->s->site_static && f->s->site_static[it.event.site]) {
             f->dropped[SLT_DROP_STATIC]++;
         } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
-        } else if (it.s.tb - it.s.ta <= it.tol && is_field(f->s, it.site)) {
+        } else if (it.s.tb - it.s.ta <= it.tol && is_field(f->s, it.event.site)) {
             /* As near to the jump as can be: g is zero here but for rounding, or else its gradient will tell. */
             it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
             items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
-            if (is_field(f->s, it.site)) cut_near_zero(f, &it);
+            if (is_field(f->s, it.event.site)) cut_near_zero(f, &it);
             split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
         } else {
-            if (is_field(f->s, it.site)) it.pad = padding(f, &it.s, it.tol);
+            if (is_field(f->s, it.event.site)) it.pad = padding(f, &it.s, it.tol);
             root_begin(&it);
             items[kept++] = it;
         }
@@ -402,8 +405,8 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     memset(&c, 0, sizeof c);
     bool jumps = false, finite = true;
     for (uint32_t i = 0; i < channels; i++) {
-        c.before[i] = batch_get(f->b, i, lane);
-        c.jump[i] = batch_get(f->b, i, lane + 1) - c.before[i];
+        c.before[i] = batch_get(f->b, SLT_OUT_F, i, lane);
+        c.jump[i] = batch_get(f->b, SLT_OUT_F, i, lane + 1) - c.before[i];
         jumps |= c.jump[i] != 0;
         finite &= isfinite(c.jump[i]);
     }
@@ -415,7 +418,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     if (!jumps) return;
     c.t = it->x1;
     double slack = 0; /* of g at the tolerance: rounding */
-    if (it->exact && it->s.tb - it->s.ta <= it->tol && is_field(f->s, it->site)) {
+    if (it->exact && it->s.tb - it->s.ta <= it->tol && is_field(f->s, it->event.site)) {
         c.ga = it->ga, c.gb = it->gb, slack = 2 * padding(f, &it->s, it->tol);
     } else if (!it->exact) {
         /* The secant inside the final bracket: much closer than its ends. */
@@ -432,9 +435,8 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     c.bracket = sqrt(len) * (hi - lo + slack);
     c.rising = it->ga < it->gb ? 1 : -1;
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
-    c.site = it->site, c.aux = it->aux, c.aux1 = it->aux1;
+    c.event = it->event;
     c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge;
-    memcpy(c.k, it->k, sizeof c.k);
     *found_slot(f) = c;
 }
 
@@ -466,14 +468,13 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         put(f, 2 * i + 1, &items[i].s, hi);
     }
     batch_call(b, SLT_K_SIDES, 2 * n);
-    uint32_t hash = f->s->channels;
     for (uint32_t i = 0; i < n; i++) {
         const Item *it = &items[i];
         double lo, hi;
         bracket_of(it, &lo, &hi);
-        Mark before = mark_of(b, hash, hash + 1, 2 * i), after = mark_of(b, hash, hash + 1, 2 * i + 1);
-        bool field = is_field(f->s, it->site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
-        if (jumped && (field || f->s->has_depth) && misfit(it, lo, hi) && it->s.depth < DEPTH_OF(f->s))
+        Mark before = batch_mark(b, 2 * i), after = batch_mark(b, 2 * i + 1);
+        bool field = is_field(f->s, it->event.site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
+        if (jumped && (field || has_depth(f->s)) && misfit(it, lo, hi) && it->s.depth < DEPTH_OF(f->s))
             ask_again(f, &it->s, lo, hi, before, after);
         else if (jumped) accept(f, it, lo, hi, before, after, 2 * i);
         uint8_t behind = field ? part_field(it, it->s.tb - hi, jumped) : 0,
@@ -540,7 +541,7 @@ enum { TOGETHER = 16 * FIND };
 
 void finder_run(Finder *f, bool all) {
     Item *items = f->items;
-    if (f->s->has_window) {
+    if (has_windows(f->s)) {
         if (!all && f->n < TOGETHER) return;
         if (f->n > 1) order_by_place(f);
     }
@@ -555,7 +556,7 @@ void finder_run(Finder *f, bool all) {
         if (f->halve_only) {
             n = halve(f, items, n);
         } else {
-            n = ask_events(f, items, f->s->has_depth || f->s->has_window ? take_halves(f, items, n) : n);
+            n = ask_events(f, items, has_depth(f->s) || has_windows(f->s) ? take_halves(f, items, n) : n);
             flush_split(f);
             if (n) solve(f, items, n);
         }

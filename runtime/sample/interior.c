@@ -125,7 +125,8 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     while ((n = walk_fill(&k, b))) {
         batch_call(b, SLT_K_VALUE, n);
         for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t i = 0; i < n; i++) w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, c, i);
+            for (uint32_t i = 0; i < n; i++)
+                w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_F, c, i);
     }
     for (uint64_t i = 0; i < t.pixels; i++) {
         float *o = p->image + image_index(p, &t, i) * channels;
@@ -216,7 +217,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
             double *v = w->value + d * plane;
             for (uint32_t c = 0; c < channels; c++)
                 for (uint32_t i = 0; i < n; i++)
-                    v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, channels + c, i);
+                    v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_DF, c, i);
         }
     for (uint32_t d = 0; d < p->dirs->n; d++)
         for (uint64_t i = 0; i < t.pixels; i++) {
@@ -268,7 +269,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
         if (!p->gradient) {
             batch_call(b, SLT_K_VALUE, n);
             for (uint32_t c = 0; c < s->channels; c++)
-                for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, c, i);
+                for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, SLT_OUT_F, c, i);
             continue;
         }
         for (uint32_t c = 0; c < s->channels; c++) {
@@ -277,7 +278,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
             b->again = !p->both || c > 0;
             accum_call(&w->acc, b, SLT_K_VJP, n, c);
             for (uint32_t o = 0; p->both && c == 0 && o < s->channels; o++) /* the reverse kernel gives f as well */
-                for (uint32_t i = 0; i < n; i++) w->value[o] += batch_get(b, o, i);
+                for (uint32_t i = 0; i < n; i++) w->value[o] += batch_get(b, SLT_OUT_F, o, i);
         }
     }
     accum_close(&w->acc);

@@ -9,6 +9,7 @@
  *   lattice.c, scanline.c, segments.c make the segments; interior.c does the smooth part; near.c the near-miss probe
  *   follow.c looks for thin features where its neighbours' crossings point
  *   coincide.c looks for boundaries that lie on one another
+ *   eval.c     f at given points, the Batch alone
  *   estimate.c puts them together; difference.c is the finite-difference estimator
  *
  * One Worker per thread owns a Batch, a Finder, a Sink and an Accum. Nothing here is shared but read-only Run and
@@ -16,6 +17,7 @@
 #ifndef SALTUS_SAMPLE_INTERNAL_H
 #define SALTUS_SAMPLE_INTERNAL_H
 
+#include <assert.h>
 #include <math.h>
 
 #include "runtime/base/rng.h"
@@ -77,12 +79,14 @@ typedef struct Batch {
     const Grid *grid;
     void *memory;
     unsigned char *tape;
+    const SltLayout *layout; /* of the kernel that was called last: where its outputs are */
     uint64_t evaluations;
     bool
         again; /* these samples have been through a kernel that counts: cuts and failed asserts are not counted twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
+void batch_collect(Batch *b, SltStats *t); /* adds what the calls counted, and counts from 0 again */
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
     if (b->f64) ((double *)b->args.in[slot])[i] = v;
     else ((float *)b->args.in[slot])[i] = (float)v;
@@ -90,14 +94,28 @@ static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
 static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v) {
     ((int32_t *)b->args.in[slot])[i] = v;
 }
-static inline double batch_get(const Batch *b, uint32_t out, uint32_t i) {
-    return b->f64 ? ((const double *)b->args.out[out])[i] : (double)((const float *)b->args.out[out])[i];
+/* Output number k of a role, of the kernel that was called last: all samples, or one. */
+static inline const void *batch_out(const Batch *b, SltRole role, uint32_t k) {
+    assert(k < b->layout->out[role].count);
+    return b->args.out[b->layout->out[role].first + k];
 }
-static inline int32_t batch_get_int(const Batch *b, uint32_t out, uint32_t i) {
-    return ((const int32_t *)b->args.out[out])[i];
+static inline double batch_get(const Batch *b, SltRole role, uint32_t k, uint32_t i) {
+    const void *v = batch_out(b, role, k);
+    return b->f64 ? ((const double *)v)[i] : (double)((const float *)v)[i];
 }
+static inline int32_t batch_get_int(const Batch *b, SltRole role, uint32_t k, uint32_t i) {
+    return ((const int32_t *)batch_out(b, role, k))[i];
+}
+static inline bool batch_has(const Batch *b, SltRole role) { return b->layout->out[role].count > 0; }
 /* Position, and the pixel it lies in when the shader's image has pixels. */
 void batch_set_x(Batch *b, uint32_t i, const double x[3]);
+/* What a site kernel must know besides the point. */
+typedef struct Event {
+    int32_t site, k[SLT_MAX_K];
+    double boundary, window[2]; /* where it is about an integer, or a ray */
+} Event;
+/* All but the site, which is the same for all samples. */
+void batch_set_event(Batch *b, uint32_t i, const Event *e);
 /* Number 0 of a stream: kept below 1 in the program's precision. */
 void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0);
 /* Calls a kernel on lanes 0..n-1 of the inputs; the tail up to the next multiple of SLT_PAD becomes copies of lane n-1
@@ -150,7 +168,7 @@ void cull_lists_free(CullLists *l, const CullBoxes *c);
 /* Lists for the rectangle [lo, hi]; `args.cull` of the batch points at them afterwards. */
 void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3], const double hi[3]);
 
-/* ---- depth.c: scenes with has_depth. A histogram of the differences between neighbours with equal hashes */
+/* ---- depth.c: scenes with depth. A histogram of the differences between neighbours with equal hashes */
 enum { SPREAD_BUCKETS = 160 };
 typedef struct Spread {
     uint64_t n, edges; /* edges: of lines */
@@ -168,10 +186,6 @@ void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t 
 double spread_jump(const Spread *s);
 /* J of edge e of a line of n vertices, from that of its tile and from the edges beside it. */
 double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump);
-/* Where the region kernel puts it. */
-static inline uint32_t depth_output(const SltScene *s) {
-    return s->near_miss ? 3 + (s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K) : 1;
-}
 /* An infinite depth (a ray that starts in the ground) is no jump. */
 static inline bool depth_differs(double a, double b, double jump) {
     double d = a < b ? b - a : a - b;
@@ -185,7 +199,7 @@ typedef struct Mark {
     double depth;
     int32_t witness[SLT_WITNESSES];
 } Mark;
-/* Of lane i of a call of the region kernel. */
+/* Of lane i of a call of the region or sides kernel. */
 Mark batch_mark(const Batch *b, uint32_t i);
 
 typedef struct Segment {
@@ -194,7 +208,7 @@ typedef struct Segment {
     double base;       /* A_i / N_i of a line, or the weight of a random segment */
     Mark ma, mb;       /* at ta and tb */
     double jump, ask;  /* ask: what `event` is told instead, if not 0. jump: by how much depths differ across a
-                          silhouette; HUGE_VAL without has_depth */
+                          silhouette; HUGE_VAL in scenes without depth */
     double rand0;
     int32_t stream;
     int8_t axis;        /* of the line; -1: a random direction */
@@ -205,12 +219,13 @@ typedef struct Segment {
 } Segment;
 
 typedef struct Crossing {
-    double x[3], t, base, rand0, aux, aux1;
+    Event event;
+    double x[3], t, base, rand0;
     double jump[SLT_MAX_CHANNELS], before[SLT_MAX_CHANNELS];
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a */
     uint32_t ha, hb;        /* regions on both sides */
-    int32_t site, k[SLT_MAX_K], stream;
+    int32_t stream;
     int8_t axis, rising; /* sign of g after - g before */
     uint8_t cls;
     uint32_t edge;           /* of the segment */
@@ -318,8 +333,8 @@ typedef struct Worker {
     Sink sink;
     CullLists cull;
     uint32_t *hash;   /* of a tile of vertices, or of lines */
-    double *depth;    /* NULL without has_depth */
-    int32_t *witness; /* [vertex][nwitness]; NULL without */
+    double *depth;    /* NULL without depth */
+    int32_t *witness; /* [vertex][of region]; NULL without */
     float *near_g;    /* |g| of the nearest event, its key */
     uint32_t *near_key;
     int32_t *near_event; /* site, k0.. of it, SoA by vertex */
@@ -348,6 +363,7 @@ typedef struct Run {
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
+void stats_add(SltStats *to, const SltStats *s); /* to may be NULL */
 /* Workers with `accums` adjoint buffers and a sink. */
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);
@@ -439,7 +455,7 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at);
 typedef struct FollowTile {
     const double *pos[2];
     const uint32_t *hash; /* NULL: a visit, nothing is known of the vertices */
-    const double *depth;  /* NULL without has_depth */
+    const double *depth;  /* NULL without depth */
     double jump[2], base[2], spacing[2];
     uint64_t stride[2];                /* of vertices; stride[0] is 1 */
     uint32_t from[2], to[2];           /* edges of a line that the tile owns */

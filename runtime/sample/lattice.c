@@ -55,7 +55,8 @@ typedef struct Span {
 
 static void span_of(const Lattice *l, uint64_t tile, Span *sp) {
     const SltScene *s = l->y->run->s;
-    uint32_t before = s->near_miss ? 1 : 0, after = s->near_miss ? 2 : 1;
+    uint32_t before = scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE) ? 1 : 0,
+             after = scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE) ? 2 : 1;
     uint64_t stride = 1;
     for (uint32_t d = 0; d < 3; d++) {
         sp->e0[d] = sp->e1[d] = sp->v0[d] = 0, sp->vn[d] = 1, sp->pos[d][0] = 0;
@@ -147,7 +148,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
         finder_add(&w->finder, s, worker_mark(w, first + v * stride), worker_mark(w, first + (v + 1) * stride), own);
     }
     if (w->follow) follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
-    if (y->run->s->near_miss) {
+    if (scene_outputs(y->run->s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
         if (integral) s->cls = 0;
         Line line = {.pos = pos,
                      .first = first,
@@ -227,7 +228,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     for (uint32_t axis = 0; axis < s->dim; axis++) {
         /* Every line: fixed coordinates on the lattice proper, not on the borders. */
         uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
-        double jump = s->has_depth ? tile_jump(w, &sp, axis) : HUGE_VAL;
+        double jump = scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) ? tile_jump(w, &sp, axis) : HUGE_VAL;
         if (w->follow) follow.jump[axis] = l->jump[tile][axis] = jump;
         for (uint32_t d = 0; d < s->dim; d++) {
             from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;

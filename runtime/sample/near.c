@@ -14,7 +14,7 @@ enum { READY, SLOPE_START, SLOPE_END };
 typedef struct Candidate {
     Segment s;
     double g0, g1, s0, s1, len, t;
-    int32_t site, k[SLT_MAX_K];
+    Event event; /* not of an integer or a ray: those have no slopes to ask for */
     uint8_t kind;
 } Candidate;
 
@@ -30,24 +30,22 @@ bool near_init(Worker *w) {
 
 void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     Batch *b = &w->batch;
-    const SltScene *s = b->s;
     batch_call(b, SLT_K_REGION, n);
-    memcpy(w->hash + at, b->args.out[0], n * sizeof *w->hash);
-    if (s->has_depth)
-        for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, depth_output(s), i);
-    for (uint32_t k = 0; k < s->nwitness; k++)
-        for (uint32_t i = 0; i < n; i++)
-            w->witness[(at + i) * s->nwitness + k] = batch_get_int(b, depth_output(s) + s->has_depth + k, i);
-    if (!s->near_miss) return;
-    const int32_t *site = b->args.out[1];
-    uint32_t depth = s->event_depth < SLT_MAX_K ? s->event_depth : SLT_MAX_K;
+    memcpy(w->hash + at, batch_out(b, SLT_OUT_HASH, 0), n * sizeof *w->hash);
+    if (batch_has(b, SLT_OUT_DEPTH))
+        for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, SLT_OUT_DEPTH, 0, i);
+    uint32_t nwitness = b->layout->out[SLT_OUT_WITNESS].count, depth = b->layout->out[SLT_OUT_NEAR_K].count;
+    for (uint32_t k = 0; k < nwitness; k++)
+        for (uint32_t i = 0; i < n; i++) w->witness[(at + i) * nwitness + k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
+    if (!batch_has(b, SLT_OUT_NEAR_SITE)) return;
+    const int32_t *site = batch_out(b, SLT_OUT_NEAR_SITE, 0);
     memcpy(w->near_event + at, site, n * sizeof *site);
     for (uint32_t i = 0; i < n; i++) {
-        w->near_g[at + i] = (float)fabs(batch_get(b, 2, i));
+        w->near_g[at + i] = (float)fabs(batch_get(b, SLT_OUT_NEAR_G, 0, i));
         w->near_key[at + i] = (uint32_t)site[i] * 0x9e3779b9u;
     }
     for (uint32_t d = 0; d < depth; d++) {
-        const int32_t *k = b->args.out[3 + d];
+        const int32_t *k = batch_out(b, SLT_OUT_NEAR_K, d);
         memcpy(w->near_event + (d + 1) * w->vertex_cap + at, k, n * sizeof *k);
         for (uint32_t i = 0; i < n; i++)
             w->near_key[at + i] = (w->near_key[at + i] ^ (uint32_t)k[i]) * 0x85ebca6bu + 0x165667b1u;
@@ -70,7 +68,7 @@ static void add(Worker *w, const Candidate *c) {
 }
 
 void near_probe(Worker *w, const Line *l, const Segment *like) {
-    uint32_t depth = w->batch.s->event_depth < SLT_MAX_K ? w->batch.s->event_depth : SLT_MAX_K;
+    uint32_t depth = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_K);
     for (uint32_t e = l->from; e < l->to && e + 1 < l->n; e++) {
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
         uint32_t key = w->near_key[v];
@@ -94,11 +92,11 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         } else if (!meets(&c)) {
             continue;
         }
-        c.site = w->near_event[v];
+        c.event = (Event){.site = w->near_event[v]};
         if (c.kind != READY &&
-            (!w->batch.s->kernel[SLT_K_SITE_GRAD] || w->batch.s->site_kind[c.site] != SLT_SITE_COMPARE))
+            (!w->batch.s->kernel[SLT_K_SITE_GRAD] || w->batch.s->site_kind[c.event.site] != SLT_SITE_COMPARE))
             continue;
-        for (uint32_t d = 0; d < SLT_MAX_K; d++) c.k[d] = d < depth ? w->near_event[(d + 1) * w->vertex_cap + v] : 0;
+        for (uint32_t d = 0; d < depth; d++) c.event.k[d] = w->near_event[(d + 1) * w->vertex_cap + v];
         c.s = *like;
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
         c.s.ta = 0, c.s.tb = 1, c.s.depth = 0;
@@ -114,7 +112,7 @@ static void border_slopes(Worker *w, Probes *p) {
     uint64_t order[FIND];
     uint32_t n = 0;
     for (uint32_t i = 0; i < p->n; i++)
-        if (p->c[i].kind != READY) order[n++] = (uint64_t)(uint32_t)p->c[i].site << 32 | i;
+        if (p->c[i].kind != READY) order[n++] = (uint64_t)(uint32_t)p->c[i].event.site << 32 | i;
     sort_keys(order, n);
     for (uint32_t from = 0, to; from < n; from = to) {
         for (to = from + 1; to < n && order[to] >> 32 == order[from] >> 32;) to++;
@@ -122,14 +120,14 @@ static void border_slopes(Worker *w, Probes *p) {
             const Candidate *c = &p->c[(uint32_t)order[i]];
             batch_set_x(b, i - from, c->kind == SLOPE_START ? c->s.a : c->s.b);
             batch_set_stream(b, i - from, c->s.stream, c->s.rand0);
-            for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, i - from, c->k[d]);
-            batch_set(b, SLT_IN_BOUNDARY, i - from, 0);
+            batch_set_event(b, i - from, &c->event);
         }
-        b->args.site = p->c[(uint32_t)order[from]].site;
+        b->args.site = p->c[(uint32_t)order[from]].event.site;
         batch_call(b, SLT_K_SITE_GRAD, to - from);
         for (uint32_t i = from; i < to; i++) {
             Candidate *c = &p->c[(uint32_t)order[i]];
-            double g = batch_get(b, 0, i - from), slope = batch_get(b, 1 + (uint32_t)c->s.axis, i - from);
+            double g = batch_get(b, SLT_OUT_G, 0, i - from),
+                   slope = batch_get(b, SLT_OUT_G_DX, (uint32_t)c->s.axis, i - from);
             if (g < 0) slope = -slope;
             if (c->kind == SLOPE_START) c->s0 = slope;
             else c->s1 = slope;

@@ -17,22 +17,26 @@ SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err) {
     return st;
 }
 
+void stats_add(SltStats *to, const SltStats *s) {
+    if (!to) return;
+    to->samples += s->samples, to->segments += s->segments, to->crossings += s->crossings;
+    to->evaluations += s->evaluations;
+    for (int d = 0; d < SLT_DROP_REASONS; d++) to->dropped[d] += s->dropped[d];
+    to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
+    to->seconds += s->seconds;
+    to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
+}
+
 void run_end(Run *r, SltStats *stats) {
     run_free_workers(r);
     coincide_end(r);
     grid_free(&r->grid);
     cull_free(&r->cull);
     r->stats.seconds = pool_now() - r->start;
-    if (!stats) return;
-    stats->samples += r->stats.samples, stats->segments += r->stats.segments, stats->crossings += r->stats.crossings;
-    stats->evaluations += r->stats.evaluations;
-    for (int d = 0; d < SLT_DROP_REASONS; d++) stats->dropped[d] += r->stats.dropped[d];
-    stats->truncated += r->stats.truncated, stats->asserts += r->stats.asserts, stats->nonfinite += r->stats.nonfinite;
-    stats->seconds += r->stats.seconds;
-    stats->seconds_interior += r->stats.seconds_interior, stats->seconds_boundary += r->stats.seconds_boundary;
+    stats_add(stats, &r->stats);
 }
 
-static bool is_coarse(const Run *r) { return r->s->has_window && !r->grid.integral; }
+static bool is_coarse(const Run *r) { return scene_outputs(r->s, SLT_K_EVENT, SLT_OUT_WINDOW) && !r->grid.integral; }
 
 static bool follows(const Run *r) {
     bool lattice = r->j->estimator == SLT_EST_LATTICE && !r->s->uses_rand && r->s->dim == 2;
@@ -45,7 +49,7 @@ static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!finder_init(&w->finder, &w->batch)) return false;
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
     w->finder.full = sink_take, w->finder.full_user = &w->sink;
-    if (r->s->near_miss && !near_init(w)) return false;
+    if (scene_outputs(r->s, SLT_K_REGION, SLT_OUT_NEAR_SITE) && !near_init(w)) return false;
     if (follows(r) && !(w->follow = w->sink.follow = follow_new())) return false;
     return cull_lists_init(&w->cull, &r->cull);
 }
@@ -81,13 +85,10 @@ SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, vo
 
 void run_collect(Run *r, Worker *w) {
     SltStats *t = &r->stats;
-    t->evaluations += w->batch.evaluations, w->batch.evaluations = 0;
+    batch_collect(&w->batch, t);
     t->segments += w->finder.segments, w->finder.segments = 0;
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
     for (int d = 0; d < SLT_DROP_REASONS; d++) t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
-    uint64_t *c = w->batch.args.counters;
-    t->truncated += c[SLT_COUNT_TRUNCATED], t->asserts += c[SLT_COUNT_ASSERT], t->nonfinite += c[SLT_COUNT_NONFINITE];
-    memset(c, 0, sizeof w->batch.args.counters);
 }
 
 bool worker_vertices(Worker *w, uint64_t n) {
@@ -97,10 +98,10 @@ bool worker_vertices(Worker *w, uint64_t n) {
     w->vertex_cap = n;
     w->hash = malloc(n * sizeof *w->hash);
     bool ok = w->hash != NULL;
-    if (w->batch.s->has_depth) ok &= (w->depth = malloc(n * sizeof *w->depth)) != NULL;
-    uint32_t nwitness = w->batch.s->nwitness;
+    if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_DEPTH)) ok &= (w->depth = malloc(n * sizeof *w->depth)) != NULL;
+    uint32_t nwitness = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS);
     if (nwitness) ok &= (w->witness = malloc(n * nwitness * sizeof *w->witness)) != NULL;
-    if (w->batch.s->near_miss) {
+    if (scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
         w->near_g = malloc(n * sizeof *w->near_g), w->near_key = malloc(n * sizeof *w->near_key);
         w->near_event = malloc(n * (1 + SLT_MAX_K) * sizeof *w->near_event);
         ok = ok && w->near_g && w->near_key && w->near_event;
@@ -111,7 +112,7 @@ bool worker_vertices(Worker *w, uint64_t n) {
 
 Mark worker_mark(const Worker *w, uint64_t v) {
     Mark m = {.hash = w->hash[v], .depth = w->depth ? w->depth[v] : 0};
-    uint32_t n = w->batch.s->nwitness;
+    uint32_t n = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_WITNESS);
     for (uint32_t k = 0; k < n; k++) m.witness[k] = w->witness[v * n + k];
     return m;
 }

@@ -94,7 +94,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
     }
     if (fill) vertices_call(w, fill, at);
     double jump = HUGE_VAL;
-    if (s->has_depth) {
+    if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) {
         Spread spread;
         spread_clear(&spread);
         for (uint64_t l = 0; l < to - from; l++) spread_line(&spread, w->hash + l * n, w->depth + l * n, 1, n);
@@ -121,7 +121,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
             else seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
             finder_add(&w->finder, &seg, worker_mark(w, first + e), worker_mark(w, first + e + 1), own);
         }
-        if (s->near_miss) {
+        if (scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);
             Line line = {.pos = pos,
                          .first = first,

@@ -71,14 +71,14 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
                 batch_set_stream(b, 2 * l + 1, seg[l].stream, seg[l].rand0);
         }
         batch_call(b, SLT_K_REGION, 2 * n);
-        const uint32_t *hash = b->args.out[0];
+        const uint32_t *hash = batch_out(b, SLT_OUT_HASH, 0);
         double jump = HUGE_VAL;
-        uint32_t out = depth_output(b->s);
-        if (b->s->has_depth) {
+        if (batch_has(b, SLT_OUT_DEPTH)) {
             Spread spread;
             spread_clear(&spread);
             for (uint32_t l = 0; l < 2 * n; l += 2)
-                if (hash[l] == hash[l + 1]) spread_add(&spread, batch_get(b, out, l) - batch_get(b, out, l + 1));
+                if (hash[l] == hash[l + 1])
+                    spread_add(&spread, batch_get(b, SLT_OUT_DEPTH, 0, l) - batch_get(b, SLT_OUT_DEPTH, 0, l + 1));
             jump = spread_jump(&spread);
         }
         for (uint32_t l = 0; l < n; l++) {
@@ -120,7 +120,7 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
  * too far */
 static int by_place(const void *pa, const void *pb) {
     const Crossing *a = pa, *b = pb;
-    if (a->site != b->site) return a->site < b->site ? -1 : 1;
+    if (a->event.site != b->event.site) return a->event.site < b->event.site ? -1 : 1;
     for (int d = 0; d < 3; d++)
         if (a->x[d] != b->x[d]) return a->x[d] < b->x[d] ? -1 : 1;
     return 0;
@@ -172,9 +172,9 @@ static bool knn_work(void *user, uint32_t worker, uint64_t tile) {
     Crossing *chunk = w->finder.found;
     memcpy(chunk, k->all + from, (to - from) * sizeof *chunk);
     for (uint64_t i = from, lo = 0, hi = 0; i < to; i++) {
-        if (i == from || k->all[i].site != k->all[i - 1].site) {
-            for (lo = i; lo > 0 && k->all[lo - 1].site == k->all[i].site;) lo--;
-            for (hi = i + 1; hi < k->nall && k->all[hi].site == k->all[i].site;) hi++;
+        if (i == from || k->all[i].event.site != k->all[i - 1].event.site) {
+            for (lo = i; lo > 0 && k->all[lo - 1].event.site == k->all[i].event.site;) lo--;
+            for (hi = i + 1; hi < k->nall && k->all[hi].event.site == k->all[i].event.site;) hi++;
         }
         chunk[i - from].base = knn_weight(k, i, lo, hi);
     }

@@ -22,9 +22,7 @@ void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
     Batch *b = k->b;
     batch_set_x(b, lane, c->x);
     batch_set_stream(b, lane, c->stream, c->rand0);
-    for (uint32_t d = 0; d < SLT_MAX_K; d++) batch_set_int(b, SLT_IN_K0 + d, lane, c->k[d]);
-    batch_set(b, SLT_IN_BOUNDARY, lane, c->aux);
-    if (b->s->has_window) batch_set(b, SLT_IN_WINDOW0, lane, c->aux), batch_set(b, SLT_IN_WINDOW1, lane, c->aux1);
+    batch_set_event(b, lane, &c->event);
 }
 
 #define ROUNDED 0x1p-6 /* of a segment */
@@ -69,8 +67,8 @@ void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *k
     batch_call(b, SLT_K_SITE_GRAD, n);
     for (uint32_t i = 0; i < n; i++) {
         Crossing *x = &c[(uint32_t)order[i]];
-        x->g = batch_get(b, 0, i);
-        for (uint32_t d = 0; d < b->s->dim; d++) x->dg[d] = batch_get(b, 1 + d, i);
+        x->g = batch_get(b, SLT_OUT_G, 0, i);
+        for (uint32_t d = 0; d < b->s->dim; d++) x->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i);
         keep[i] = weigh(k, x);
     }
 }
@@ -192,7 +190,7 @@ static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint
         batch_call(b, SLT_K_SITE_JVP, n);
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            double gdot = batch_get(b, 1, i), value[SLT_MAX_CHANNELS];
+            double gdot = batch_get(b, SLT_OUT_DG, 0, i), value[SLT_MAX_CHANNELS];
             if (gdot == 0) continue;
             for (uint32_t ch = 0; ch < channels; ch++) value[ch] = x->weight * x->jump[ch] * gdot;
             splat(k, x->x, d, value);
@@ -232,12 +230,13 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         keep_all(k, c, n);
         return;
     }
-    for (uint32_t i = 0; i < n; i++) k->order[i] = (uint64_t)(uint32_t)c[i].site << 40 | (uint64_t)c[i].cls << 32 | i;
+    for (uint32_t i = 0; i < n; i++)
+        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << 40 | (uint64_t)c[i].cls << 32 | i;
     sort_keys(k->order, n);
     for (uint32_t from = 0, to; from < n; from = to) {
         for (to = from + 1; to < n && k->order[to] >> 32 == k->order[from] >> 32;) to++;
         bool keep[BATCH];
-        k->b->args.site = c[(uint32_t)k->order[from]].site;
+        k->b->args.site = c[(uint32_t)k->order[from]].event.site;
         uint32_t cls = c[(uint32_t)k->order[from]].cls, kept = 0;
         sink_weigh(k, c, k->order + from, to - from, keep);
         coincide_group(k, c, k->order, keep, from, to, n);

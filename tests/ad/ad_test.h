@@ -45,8 +45,7 @@ static inline Prog prog_begin(Session *s, Precision precision, uint32_t nfloats)
 static inline void prog_end(Prog *p, uint32_t n, Inst *const *out) {
     ir_yield(&p->b, n, out);
     p->fn->channels = n;
-    static const char *const names[] = {"f.0", "f.1", "f.2", "f.3"};
-    p->fn->outputs = arena_copy(p->fn->arena, names, sizeof *names * n);
+    ir_name_outputs(p->fn, SLT_OUT_F);
 }
 static inline Inst *cf(Prog *p, double v) { return ir_constf(&p->b, v); }
 static inline Inst *ci(Prog *p, int32_t v) { return ir_consti(&p->b, v); }

@@ -203,12 +203,8 @@ Fn *random_program(Session *s, Arena *arena, Precision precision, uint64_t seed,
     for (int n = 0; n < 3; n++) add_f(g, parameter(g));
     for (int n = 0; n < 3; n++) gen_block(g, shape.depth);
     Inst *out[4];
-    const char **names = ARENA_ARRAY(arena, const char *, shape.outputs);
-    for (uint32_t o = 0; o < shape.outputs; o++) {
-        out[o] = op2(g, OP_fadd, flt(g), op2(g, OP_fmul, flt(g), k(g, 0.3)));
-        names[o] = arena_printf(arena, "f.%u", o);
-    }
+    for (uint32_t o = 0; o < shape.outputs; o++) out[o] = op2(g, OP_fadd, flt(g), op2(g, OP_fmul, flt(g), k(g, 0.3)));
     ir_yield(&g->b, shape.outputs, out);
-    g->fn->outputs = names;
+    ir_name_outputs(g->fn, SLT_OUT_F);
     return g->fn;
 }

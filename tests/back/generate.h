@@ -282,13 +282,11 @@ static Fn *gen_program(Session *s, uint64_t seed, Precision p, uint32_t size, bo
             ir_emit2(&b, OP_ine, ir_emit2(&b, OP_iand, g.pool[TY_INT].data[0], ir_consti(&b, 1)), ir_consti(&b, 0)));
     gen_body(&g, &b, size);
     Inst *out[12];
-    static const char *names[12] = {"o0", "o1", "o2", "o3", "o4", "o5", "o6", "o7", "o8", "o9", "o10", "o11"};
     for (uint32_t k = 0; k < 12; k++) {
         IrType t = k < 6 ? TY_FLT : k < 10 ? TY_INT : TY_BOOL;
         uint32_t n = g.pool[t].len, back = k < 6 ? k : k < 10 ? k - 6 : k - 10;
         out[k] = g.pool[t].data[back < n ? n - 1 - back : 0];
     }
-    g.fn->outputs = names;
     ir_yield(&b, 12, out);
     ir_number(g.fn);
     return g.fn;

@@ -302,8 +302,6 @@ static Fn *rows_program(Session *s, Precision p, Op *at, uint32_t kinds, bool fm
             args[0] = ir_emit3(&b, OP_fsel, ir_emit1(&b, OP_fisnan, args[0]), ir_constf(&b, 1), args[0]);
         out[n++] = ir_emit(&b, *at, o->nargs, args);
     }
-    static const char *names[16] = {"a", "b", "c", "d", "e", "f", "g", "h", "i", "j", "k", "l", "m", "n", "o", "p"};
-    fn->outputs = names;
     ir_yield(&b, n, out);
     return fn;
 }
@@ -405,8 +403,6 @@ static Fn *array_shapes(Session *s) {
         Inst *load[2] = {k & 1 ? a : c, k & 2 ? zero : one};
         outs[k] = ir_special(&b, OP_load, TY_FLT, 2, load, (Imm){0});
     }
-    static const char *names[4] = {"a", "b", "c", "d"};
-    fn->outputs = names;
     ir_yield(&b, 4, outs);
     return fn;
 }
@@ -430,8 +426,6 @@ static Fn *range_shapes(Session *s) {
     Inst *y[3] = {ir_emit2(&t, OP_ilt, k, ir_consti(&t, 4)), ir_emit2(&t, OP_fadd, body->params[1], sum), sum};
     ir_yield(&t, 3, y);
     Inst *outs[2] = {ir_proj(&b, loop, 0), ir_proj(&b, loop, 1)};
-    static const char *names[2] = {"a", "b"};
-    fn->outputs = names;
     ir_yield(&b, 2, outs);
     return fn;
 }

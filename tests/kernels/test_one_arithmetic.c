@@ -83,8 +83,8 @@ static void same_bits(const char *file, const SltProgram *p, Io *want, Io *got, 
             if (each == 8) memcpy(&x, a + (size_t)i * 8, 8), memcpy(&y, b + (size_t)i * 8, 8);
             else memcpy(&fx, a + (size_t)i * 4, 4), memcpy(&fy, b + (size_t)i * 4, 4), x = fx, y = fy;
             if (isnan(x) && isnan(y)) continue; /* payloads are nobody's business */
-            fail_msg("%s %s kernel %s width %u: output %s of sample %d: %.17g (interpreter) and %.17g", file,
-                     p->opt.f64 ? "f64" : "f32", kernel_names[kind], p->opt.width, fn->outputs[o], i, x, y);
+            fail_msg("%s %s kernel %s width %u: output %u of sample %d: %.17g (interpreter) and %.17g", file,
+                     p->opt.f64 ? "f64" : "f32", kernel_names[kind], p->opt.width, o, i, x, y);
         }
     }
 }
@@ -102,10 +102,17 @@ static SltProgram *load(const char *path, bool f64, uint32_t width, const char *
     return p;
 }
 
+static void *output(const SltProgram *p, const Io *io, int kind, SltRole role, uint32_t k) {
+    return io->out[p->scene.layout[kind].out[role].first + k];
+}
+
 /* Relations between the kernels of one program, on the interpreter's outputs. */
 static void relations(const char *file, SltProgram *p, Io *out) {
     if (!p->fn[K_REGION]) return;
-    const int32_t *hash = out[1].out[0], *site = out[2].out[0], *hash2 = out[3].out[p->prog->channels];
+    const int32_t *hash = output(p, &out[1], K_REGION, SLT_OUT_HASH, 0),
+                  *site = output(p, &out[2], K_EVENT, SLT_OUT_SITE, 0),
+                  *hash2 = output(p, &out[3], K_SIDES, SLT_OUT_HASH, 0);
+    const void *g = output(p, &out[2], K_EVENT, SLT_OUT_G, 0);
     size_t each = p->opt.f64 ? 8 : 4;
     for (int i = 0; i < N; i++) {
         if (hash[i] != hash2[i]) fail_msg("%s: region and sides disagree on the hash of sample %d", file, i);
@@ -119,8 +126,8 @@ static void relations(const char *file, SltProgram *p, Io *out) {
         if (hash[i] != hash[i + 1] && site[i] < 0) fail_msg("%s: pair %d: hashes differ without an event", file, i / 2);
         if (site[i] < 0) continue;
         differing++;
-        double ga = p->opt.f64 ? ((double *)out[2].out[1])[i] : (double)((float *)out[2].out[1])[i];
-        double gb = p->opt.f64 ? ((double *)out[2].out[1])[i + 1] : (double)((float *)out[2].out[1])[i + 1];
+        double ga = p->opt.f64 ? ((double *)g)[i] : (double)((float *)g)[i];
+        double gb = p->opt.f64 ? ((double *)g)[i + 1] : (double)((float *)g)[i + 1];
         if (!(ga * gb <= 0))
             fail_msg("%s: pair %d, site %d: g does not change sign: %g %g", file, i / 2, site[i], ga, gb);
     }
@@ -132,21 +139,25 @@ static void site_agrees(const char *file, SltProgram *p, Io *events) {
     if (!p->fn[K_SITE]) return;
     Io io;
     io_make(&io, p);
-    const int32_t *site = events->out[0];
+    const SltLayout *l = &p->scene.layout[K_EVENT];
+    const int32_t *site = output(p, events, K_EVENT, SLT_OUT_SITE, 0);
+    const char *g = output(p, events, K_EVENT, SLT_OUT_G, 0);
     size_t each = p->opt.f64 ? 8 : 4;
     for (uint32_t s = 0; s < p->prog->primal->nsites; s++) {
         bool any = false;
         for (int i = 0; i < N; i++) any |= site[i] == (int32_t)s;
         if (!any) continue;
         io.args.site = (int32_t)s;
-        memcpy(io.in[IN_BOUNDARY], events->out[2], N * each);
-        for (uint32_t d = 0; d < p->scene.event_depth; d++) memcpy(io.in[IN_K0 + d], events->out[3 + d], N * 4);
+        if (l->out[SLT_OUT_BOUNDARY].count)
+            memcpy(io.in[IN_BOUNDARY], output(p, events, K_EVENT, SLT_OUT_BOUNDARY, 0), N * each);
+        for (uint32_t d = 0; d < l->out[SLT_OUT_K].count; d++)
+            memcpy(io.in[IN_K0 + d], output(p, events, K_EVENT, SLT_OUT_K, d), N * 4);
         ir_interpret(p->fn[K_SITE], &io.args, N, 16);
         for (int i = 0; i < N; i++)
             if (site[i] == (int32_t)s &&
-                memcmp((char *)io.out[0] + (size_t)i * each, (char *)events->out[1] + (size_t)i * each, each) != 0) {
+                memcmp((char *)io.out[0] + (size_t)i * each, g + (size_t)i * each, each) != 0) {
                 double x = p->opt.f64 ? ((double *)io.out[0])[i] : (double)((float *)io.out[0])[i],
-                       y = p->opt.f64 ? ((double *)events->out[1])[i] : (double)((float *)events->out[1])[i];
+                       y = p->opt.f64 ? ((const double *)g)[i] : (double)((const float *)g)[i];
                 fail_msg("%s: site %u, sample %d: site kernel gives g = %.17g, event %.17g", file, s, i, x, y);
             }
     }

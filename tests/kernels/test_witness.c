@@ -76,23 +76,24 @@ static void event_does_not_search_again(void **state) {
     for (int j = 0; j < SIDE; j++)
         for (int i = 0; i < SIDE; i++)
             height[j * SIDE + i] = 0.2 * sin(0.9 * i) * cos(0.7 * j) + 0.1 * sin(2.3 * i + j);
-    SltParam h;
+    SltParam h = SLT_PARAM_INIT;
     slt_param_find(p, "h", &h, NULL);
     slt_set_floats(p, h.fbase, SIDE * SIDE, height, NULL);
     bool needs[K_KINDS] = {[K_REGION] = true, [K_EVENT] = true, [K_SIDES] = true};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
     assert_int_equal(api_geometries(p, &err), SLT_OK);
-    assert_int_equal(p->scene.nwitness, 2);
-    assert_true(p->scene.has_depth);
+    assert_int_equal(scene_outputs(&p->scene, SLT_K_REGION, SLT_OUT_WITNESS), 2);
+    assert_int_equal(scene_outputs(&p->scene, SLT_K_REGION, SLT_OUT_DEPTH), 1);
 
     Io region, sides, alone, told;
     io_make(&region, p), io_make(&sides, p), io_make(&alone, p), io_make(&told, p);
     p->scene.kernel[SLT_K_REGION](&region.args, N);
     p->scene.kernel[SLT_K_SIDES](&sides.args, N);
-    uint32_t at = p->scene.near_miss ? 3 + p->scene.event_depth : 1, met = 0;
+    uint32_t at = p->scene.layout[SLT_K_REGION].out[SLT_OUT_WITNESS].first, met = 0,
+             same = p->scene.layout[SLT_K_SIDES].out[SLT_OUT_WITNESS].first;
     for (uint32_t k = 0; k < 2; k++) {
-        const int32_t *w = (const int32_t *)region.out[at + 1 + k];
-        assert_memory_equal(w, sides.out[3 + k], N * sizeof *w); /* behind f, the hash and the depth */
+        const int32_t *w = (const int32_t *)region.out[at + k];
+        assert_memory_equal(w, sides.out[same + k], N * sizeof *w);
         memcpy(told.in[IN_WITNESS0 + k], w, N * sizeof *w);
         for (int i = 0; i < N; i++) met += w[i] > 7; /* 8 + a triangle */
     }
@@ -114,9 +115,10 @@ static void event_does_not_search_again(void **state) {
     for (int i = 0; i < N; i++) unknown += ((const int32_t *)told.in[IN_WITNESS1])[i] == 0;
     assert_true(searched <= unknown);
     uint32_t events = 0;
-    for (int i = 0; i < N; i++) events += ((const int32_t *)alone.out[0])[i] >= 0;
+    for (int i = 0; i < N; i++)
+        events += ((const int32_t *)alone.out[p->scene.layout[SLT_K_EVENT].out[SLT_OUT_SITE].first])[i] >= 0;
     assert_true(events > N / 16);
-    for (uint32_t k = 0; k < 4 + p->scene.event_depth; k++)
+    for (uint32_t k = 0; k < p->fn[K_EVENT]->body->last->nargs; k++)
         assert_memory_equal(alone.out[k], told.out[k], N * sizeof(float));
     io_free(&region), io_free(&sides), io_free(&alone), io_free(&told);
     slt_program_free(p);

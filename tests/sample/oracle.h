@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "runtime/sample/estimate.h"
+#include "tests/sample/layouts.h"
 
 enum { ORACLE_EVENTS = 64, ORACLE_PARAMS = 16 };
 
@@ -102,7 +103,12 @@ static inline const Event *oracle_nearest(const Ctx *c, double *g) {
     return best;
 }
 
+static inline void *oracle_out(const Oracle *o, const SltKernelArgs *a, int kind, SltRole role, uint32_t k) {
+    return a->out[o->scene.layout[kind].out[role].first + k];
+}
+
 static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t n) {
+#define OUT(role, k) oracle_out(o, a, kind, SLT_OUT_##role, k)
     Oracle *o = user;
     const SltScene *s = &o->scene;
     double theta[ORACLE_PARAMS];
@@ -122,44 +128,45 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         if (kind <= SLT_K_SIDES || kind == SLT_K_JVP || kind == SLT_K_VJP) o->f(c, f);
         switch (kind) {
         case SLT_K_VALUE:
-            for (uint32_t ch = 0; ch < s->channels; ch++) oracle_write(o, a->out[ch], i, f[ch]);
+            for (uint32_t ch = 0; ch < s->channels; ch++) oracle_write(o, OUT(F, ch), i, f[ch]);
             break;
         case SLT_K_REGION:
-            ((uint32_t *)a->out[0])[i] = oracle_hash(c);
-            if (s->near_miss) {
+            ((uint32_t *)OUT(HASH, 0))[i] = oracle_hash(c);
+            if (scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
                 const Event *e = oracle_nearest(c, &g);
-                ((int32_t *)a->out[1])[i] = e ? e->site : -1;
-                oracle_write(o, a->out[2], i, g);
-                ((int32_t *)a->out[3])[i] = e ? e->k : 0;
+                ((int32_t *)OUT(NEAR_SITE, 0))[i] = e ? e->site : -1;
+                oracle_write(o, OUT(NEAR_G, 0), i, g);
+                ((int32_t *)OUT(NEAR_K, 0))[i] = e ? e->k : 0;
             }
             break;
         case SLT_K_EVENT:
             if (!(i & 1)) break;
-            for (int l = 0; l < 2; l++) ((int32_t *)a->out[0])[i - 1 + l] = -1, ((int32_t *)a->out[3])[i - 1 + l] = 0;
+            for (int l = 0; l < 2; l++)
+                ((int32_t *)OUT(SITE, 0))[i - 1 + l] = -1, ((int32_t *)OUT(K, 0))[i - 1 + l] = 0;
             for (int e = 0; e < pair[0].n && e < pair[1].n; e++) {
                 const Event *u = &pair[0].log[e], *v = &pair[1].log[e];
                 if (u->site != v->site || u->k != v->k) break;
                 if (u->decision == v->decision) continue;
                 double boundary = u->integer ? fmin(u->decision, v->decision) + 1 : 0;
                 for (int l = 0; l < 2; l++) {
-                    ((int32_t *)a->out[0])[i - 1 + l] = u->site, ((int32_t *)a->out[3])[i - 1 + l] = u->k;
-                    oracle_write(o, a->out[1], i - 1 + l, (l ? v->g : u->g) - boundary);
-                    oracle_write(o, a->out[2], i - 1 + l, boundary);
+                    ((int32_t *)OUT(SITE, 0))[i - 1 + l] = u->site, ((int32_t *)OUT(K, 0))[i - 1 + l] = u->k;
+                    oracle_write(o, OUT(G, 0), i - 1 + l, (l ? v->g : u->g) - boundary);
+                    oracle_write(o, OUT(BOUNDARY, 0), i - 1 + l, boundary);
                 }
                 break;
             }
             break;
         case SLT_K_SIDES:
-            for (uint32_t ch = 0; ch < s->channels; ch++) oracle_write(o, a->out[ch], i, f[ch]);
-            ((uint32_t *)a->out[s->channels])[i] = oracle_hash(c);
+            for (uint32_t ch = 0; ch < s->channels; ch++) oracle_write(o, OUT(F, ch), i, f[ch]);
+            ((uint32_t *)OUT(HASH, 0))[i] = oracle_hash(c);
             break;
-        case SLT_K_SITE: oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux)); break;
+        case SLT_K_SITE: oracle_write(o, OUT(G, 0), i, oracle_g(o, at, a->site, k, aux)); break;
         case SLT_K_SITE_GRAD:
-            oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux));
+            oracle_write(o, OUT(G, 0), i, oracle_g(o, at, a->site, k, aux));
             for (uint32_t d = 0; d < s->dim; d++) {
                 Point lo = *at, hi = *at;
                 lo.x[d] -= o->step, hi.x[d] += o->step;
-                oracle_write(o, a->out[1 + d], i,
+                oracle_write(o, OUT(G_DX, d), i,
                              (oracle_g(o, &hi, a->site, k, aux) - oracle_g(o, &lo, a->site, k, aux)) / (2 * o->step));
             }
             break;
@@ -178,8 +185,8 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                     oracle_write(o, a->adj, (uint32_t)slot, oracle_read(o, a->adj, (uint32_t)slot) + seed * d);
                 }
             }
-            oracle_write(o, a->out[0], i, oracle_g(o, at, a->site, k, aux));
-            if (kind == SLT_K_SITE_JVP) oracle_write(o, a->out[1], i, dot);
+            oracle_write(o, OUT(G, 0), i, oracle_g(o, at, a->site, k, aux));
+            if (kind == SLT_K_SITE_JVP) oracle_write(o, OUT(DG, 0), i, dot);
             break;
         }
         case SLT_K_JVP:
@@ -211,8 +218,8 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 }
             }
             for (uint32_t ch = 0; ch < s->channels; ch++) {
-                oracle_write(o, a->out[ch], i, f[ch]);
-                if (kind == SLT_K_JVP) oracle_write(o, a->out[s->channels + ch], i, dot[ch]);
+                oracle_write(o, OUT(F, ch), i, f[ch]);
+                if (kind == SLT_K_JVP) oracle_write(o, OUT(DF, ch), i, dot[ch]);
             }
             break;
         }
@@ -220,6 +227,8 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         }
     }
 }
+
+#undef OUT
 
 static inline void oracle_present(SltKernelArgs *a, uint32_t n) { (void)a, (void)n; }
 
@@ -234,7 +243,9 @@ static inline void oracle_init(Oracle *o, void (*f)(Ctx *, double *), double (*g
     for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = oracle_present;
     s->f64 = true, s->width = 8, s->dim = dim, s->channels = channels;
     for (int d = 0; d < 3; d++) s->lo[d] = 0, s->hi[d] = 1;
-    s->nfloats = nparams, s->nsites = nsites, s->event_depth = 1;
+    s->nfloats = nparams, s->nsites = nsites;
+    scene_outputs_init(s);
+    scene_add_output(s, SLT_K_EVENT, SLT_OUT_BOUNDARY, 1);
     for (uint32_t p = 0; p < nparams; p++)
         o->params[p] = params[p], o->params32[p] = (float)params[p], o->active[p] = 1;
     s->params = o->params, s->active = o->active, s->site_kind = o->kind, s->site_static = o->is_static;

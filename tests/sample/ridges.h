@@ -11,6 +11,7 @@
 
 #include "runtime/sample/estimate.h"
 #include "saltus/heightfield.h"
+#include "tests/sample/layouts.h"
 
 enum { RIDGE_NODES = 512, RIDGE_PARAMS = 4 };
 
@@ -126,8 +127,12 @@ static inline Ray ridges_ray(const Ridges *r, const SltKernelArgs *a, uint32_t i
 }
 
 static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t n) {
+#define OUT(role, k, type) ((type *)a->out[s->layout[kind].out[SLT_OUT_##role].first + k])
+#define FLT(role) OUT(role, 0, double)
+#define INT(role) OUT(role, 0, int32_t)
     Ridges *r = user;
     const SltScene *s = &r->scene;
+    bool depth = scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH);
     static _Thread_local Column c[2], moved;
     Ray pair[2];
     memset(pair, 0, sizeof pair);
@@ -137,24 +142,20 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         r->slack = fmax(r->slack, (double)a->geometries[0]->slack),
         r->low = fmin(r->low, (double)a->geometries[0]->slack);
     for (uint32_t i = 0; i < padded; i++) {
-        double **out = (double **)a->out;
         Ray *y = &pair[i & 1];
         *y = ridges_ray(r, a, i, &c[i & 1]);
         double f = r->repeat * (y->part < 0      ? r->sky
                                 : r->ground != 0 ? r->ground
                                                  : 1 / y->t),
                lo = ((const double *)a->in[SLT_IN_WINDOW0])[i], hi = ((const double *)a->in[SLT_IN_WINDOW1])[i];
-        uint32_t hash = y->part < 0 ? 17 : 3;
+        int32_t hash = y->part < 0 ? 17 : 3;
         switch (kind) {
-        case SLT_K_VALUE: out[0][i] = f; break;
+        case SLT_K_VALUE: FLT(F)[i] = f; break;
         case SLT_K_REGION:
-            ((uint32_t *)a->out[0])[i] = hash;
-            if (s->near_miss) ((int32_t *)a->out[1])[i] = -1, out[2][i] = HUGE_VAL, ((int32_t *)a->out[3])[i] = 0;
-            if (s->has_depth) out[s->near_miss ? 4 : 1][i] = y->depth;
-            break;
         case SLT_K_SIDES:
-            out[0][i] = f, ((uint32_t *)a->out[1])[i] = hash;
-            if (s->has_depth) out[2][i] = y->depth;
+            INT(HASH)[i] = hash;
+            if (depth) FLT(DEPTH)[i] = y->depth;
+            if (kind == SLT_K_SIDES) FLT(F)[i] = f;
             break;
         case SLT_K_EVENT: {
             if (!(i & 1)) break;
@@ -164,16 +165,15 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             double far = a_near ? pair[1].t : pair[0].t, jump = ((const double *)a->in[SLT_IN_THRESHOLD])[i],
                    top = near->part < 0 ? HUGE_VAL : column_top(at, near->t);
             bool differ = (pair[0].part < 0) != (pair[1].part < 0);
-            if (s->has_depth && !differ && near->part >= 0)
-                differ = top < far && log2(far) - log2(near->t) > jump / r->repeat;
+            if (depth && !differ && near->part >= 0) differ = top < far && log2(far) - log2(near->t) > jump / r->repeat;
             double from = near->t - 1, to = fmin(top + 1, 0.5 * (top + far));
             double g[2] = {column_clearance(&c[0], pair[0].slope, from, to),
                            column_clearance(&c[1], pair[1].slope, from, to)};
             if (r->lie) g[0] = -1, g[1] = 1;
             if (differ && i < n) __atomic_fetch_add(&r->named, 1, __ATOMIC_RELAXED);
             for (int l = 0; l < 2; l++) {
-                ((int32_t *)a->out[0])[i - 1 + l] = differ ? 0 : -1, ((int32_t *)a->out[3])[i - 1 + l] = 0;
-                out[1][i - 1 + l] = g[l], out[2][i - 1 + l] = from, out[4][i - 1 + l] = to;
+                INT(SITE)[i - 1 + l] = differ ? 0 : -1, INT(K)[i - 1 + l] = 0;
+                FLT(G)[i - 1 + l] = g[l], FLT(WINDOW)[i - 1 + l] = from, OUT(WINDOW, 1, double)[i - 1 + l] = to;
             }
             break;
         }
@@ -181,13 +181,13 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
         case SLT_K_SITE_GRAD:
         case SLT_K_SITE_JVP:
         case SLT_K_SITE_VJP: {
-            out[0][i] = column_clearance(&c[i & 1], y->slope, lo, hi);
-            if (r->lie) out[0][i] = r->lie(y->x);
+            FLT(G)[i] = column_clearance(&c[i & 1], y->slope, lo, hi);
+            if (r->lie) FLT(G)[i] = r->lie(y->x);
             if (kind == SLT_K_SITE_GRAD) {
                 column_at(r, a->params, y->x + 1e-6, y->rand0, &moved);
                 double up = column_clearance(&moved, y->slope, lo, hi);
                 column_at(r, a->params, y->x - 1e-6, y->rand0, &moved);
-                out[1][i] = (up - column_clearance(&moved, y->slope, lo, hi)) / 2e-6, out[2][i] = 1;
+                FLT(G_DX)[i] = (up - column_clearance(&moved, y->slope, lo, hi)) / 2e-6, OUT(G_DX, 1, double)[i] = 1;
             }
             if (kind < SLT_K_SITE_JVP) break;
             double dot = 0, seed = kind == SLT_K_SITE_VJP ? ((const double *)a->in[SLT_IN_SEED0])[i] : 0,
@@ -201,7 +201,7 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 if (kind == SLT_K_SITE_JVP) dot += d * ((const double *)a->dparams)[k];
                 else if (seed != 0 && i < n) ((double *)a->adj)[k] += seed * d;
             }
-            if (kind == SLT_K_SITE_JVP) out[1][i] = dot;
+            if (kind == SLT_K_SITE_JVP) FLT(DG)[i] = dot;
             break;
         }
         case SLT_K_JVP:
@@ -216,14 +216,18 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 if (kind == SLT_K_JVP) dot += d * ((const double *)a->dparams)[k];
                 else if (seed != 0 && i < n) ((double *)a->adj)[k] += seed * d;
             }
-            out[0][i] = f;
-            if (kind == SLT_K_JVP) out[1][i] = dot;
+            FLT(F)[i] = f;
+            if (kind == SLT_K_JVP) FLT(DF)[i] = dot;
             break;
         }
         default: break;
         }
     }
 }
+
+#undef OUT
+#undef FLT
+#undef INT
 
 static inline void ridges_present(SltKernelArgs *a, uint32_t n) { (void)a, (void)n; }
 
@@ -237,8 +241,10 @@ static inline void ridges_init(Ridges *r, double (*height)(const double *, doubl
     for (int k = 0; k < SLT_K_CULL; k++) s->kernel[k] = ridges_present;
     s->f64 = true, s->flat_adj = true, s->width = 8, s->dim = 2, s->channels = 1;
     s->lo[0] = 0, s->hi[0] = 1, s->lo[1] = lo, s->hi[1] = hi, s->hi[2] = 1;
-    s->nfloats = nparams, s->nsites = 1, s->event_depth = 1;
-    s->has_depth = s->has_window = true;
+    s->nfloats = nparams, s->nsites = 1;
+    scene_outputs_init(s);
+    scene_add_output(s, SLT_K_REGION, SLT_OUT_DEPTH, 1), scene_add_output(s, SLT_K_SIDES, SLT_OUT_DEPTH, 1);
+    scene_add_output(s, SLT_K_EVENT, SLT_OUT_WINDOW, 2);
     for (uint32_t p = 0; p < nparams; p++) r->params[p] = params[p], r->active[p] = 1;
     for (int k = 0; k < 4; k++) r->kind[k] = SLT_SITE_SILHOUETTE;
     s->params = r->params, s->active = r->active, s->site_kind = r->kind, s->site_static = r->is_static;

@@ -17,7 +17,7 @@ typedef struct Result {
 static Result integrate_as(Oracle *o, SltJob j) {
     static Result r;
     memset(&r, 0, sizeof r);
-    SltIntegral out = {r.value, r.verr, r.grad, r.gerr, r.inter, r.bound, r.missed, false};
+    SltIntegral out = {sizeof out, r.value, r.verr, r.grad, r.gerr, r.inter, r.bound, r.missed, false};
     SltError err;
     j.integral = true;
     SltStatus st = slt_estimate_integral(&o->scene, &j, &out, &r.stats, &err);
@@ -86,7 +86,7 @@ static void test_thin_ring_needs_the_probe(void **state) {
     double exact = 4 * PI * 0.31;
     /* Spacing 1/32 after four replicates: eight times the half width. */
     Result plain = integrate(&o, 100, 8192);
-    o.scene.near_miss = true;
+    scene_near_miss(&o.scene);
     Result probed = integrate(&o, 100, 8192);
     assert_true(plain.grad[1] < 0.75 * exact);
     close_to(probed.grad[1], exact, 0.02 * exact, "with the probe");
@@ -103,7 +103,7 @@ static void test_stairs(void **state) {
     o.kind[0] = SLT_SITE_FLOOR;
     Result r = integrate(&o, 1000, 40000);
     close_to(r.grad[0], stairs_exact(5.3), 0.01, "d/ds");
-    o.scene.near_miss = true;
+    scene_near_miss(&o.scene);
     close_to(integrate(&o, 1000, 40000).grad[0], stairs_exact(5.3), 0.01, "d/ds with the probe");
 }
 

@@ -96,7 +96,7 @@ static void test_ridges(void **state) {
         assert_true(o.stats.evaluations < 2 * 240000 + 0.7 * n + 1000 + 16 * o.stats.crossings);
     }
     /* Without the depths, only the skyline is seen. */
-    r.scene.has_depth = false;
+    scene_without_depth(&r.scene);
     Result blind = integrate(&r, (SltJob){.samples = 240000, .segments = 240000, .seed = 5});
     assert_true(fabs(blind.boundary[1]) < 0.2 * fabs(ridges_exact(&r, 1)));
 }
@@ -117,7 +117,7 @@ static void test_shadow(void **state) {
     (void)state;
     static Ridges r;
     init_land(&r);
-    r.scene.has_depth = false, r.ground = 0.2;
+    scene_without_depth(&r.scene), r.ground = 0.2;
     for (int k = 0; k < 4; k++) r.kind[k] = SLT_SITE_SHADOW;
     Result o = integrate(&r, (SltJob){.samples = 1000, .segments = 60000, .seed = 7});
     print_costs("shadow", &r, &o);

@@ -104,7 +104,8 @@ static void setup(Oracle *o, const Case *c) {
     static const double params[] = {0.31, 0.46, 0.53, 0.8, 0.6, 0.55};
     oracle_init(o, c->f, c->g, 2, c->channels, c->nsites, c->nparams, params);
     if (c->f32) oracle_use_f32(o);
-    o->scene.near_miss = c->near, o->scene.uses_rand = c->rand, o->scene.flat_adj = c->flat;
+    if (c->near) scene_near_miss(&o->scene);
+    o->scene.uses_rand = c->rand, o->scene.flat_adj = c->flat;
 }
 
 static const Case cases[] = {

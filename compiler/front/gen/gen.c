@@ -213,11 +213,6 @@ Lower gen_fresh(Lower *l, const char *name) {
     return n;
 }
 
-static void name_outputs(Lower *l, uint32_t n) {
-    l->fn->outputs = ARENA_ARRAY(l->arena, const char *, n + 1);
-    for (uint32_t i = 0; i < n; i++) l->fn->outputs[i] = arena_printf(l->arena, "f.%u", i);
-}
-
 Fn *gen_function(Lower *outer, Func *f, const char *name, InputSlot arg, uint32_t first, uint32_t count) {
     Lower fresh = gen_fresh(outer, name), *l = &fresh;
     l->rand_counter->value = ki(l, 1); /* number 0 of a stream is the runtime's to give */
@@ -243,7 +238,6 @@ Fn *gen_function(Lower *outer, Func *f, const char *name, InputSlot arg, uint32_
     if (first > all.len) first = all.len;
     if (count > all.len - first) count = all.len - first;
     ir_yield(&l->b, count, all.data + first);
-    name_outputs(l, count);
     gen_prune_loops(l);
     return l->fn;
 }
@@ -301,7 +295,7 @@ static void gen_entry(Lower *l, Func *entry) {
     for (uint32_t d = 0; d < p->dim; d++) bind.vars[d].value = ir_input(&l->b, (InputSlot)(IN_X0 + d));
     Val v = gen_inline(l, entry, &bind, entry->name_span);
     ir_yield(&l->b, v.n, v.c);
-    name_outputs(l, v.n);
+    ir_name_outputs(l->fn, SLT_OUT_F);
     l->fn->sites = l->sites.data;
     l->fn->nsites = l->sites.len;
     gen_geometry_finish(l);

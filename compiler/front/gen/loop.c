@@ -436,9 +436,11 @@ static void gen_header_in_body(Lower *l, LoopJob *job) {
 static void gen_cull(Lower *l, LoopJob *job) {
     Stmt *s = job->s;
     Counter *c = &job->counter;
-    if (l->culls.len >= 64) session_limit(l->s, "more than 64 [Cull] loops in one program");
+    if (l->culls.len >= SLT_MAX_CULL) session_limit(l->s, "more than 64 [Cull] loops in one program");
     LoopInfo info = {.max_iters = (uint32_t)job->plan.bound, .cull = true, .cull_id = l->culls.len};
-    vec_push(l->arena, &l->culls, gen_function(l, s->attrs.cull, s->attrs.cull->name, IN_ITERATION, 0, 4));
+    Fn *bounds = gen_function(l, s->attrs.cull, s->attrs.cull->name, IN_ITERATION, 0, 4);
+    ir_name_outputs(bounds, SLT_OUT_BOX);
+    vec_push(l->arena, &l->culls, bounds);
     Inst *limit = c->exact ? NULL : gen_scalar(l, c->bound);
     if (job->plan.cut && limit) {
         Inst *cut = op2(l, OP_ilt, ki(l, job->plan.bound), limit);
