@@ -1,6 +1,7 @@
 /* The seam: from a geometry to what implements it. */
 #include "runtime/geometry/geometry.h"
 
+#include <assert.h>
 #include <math.h>
 
 static const GeometryOps *const kinds[SLT_GEOMETRIES] = {
@@ -12,7 +13,9 @@ static const GeometryOps *const kinds[SLT_GEOMETRIES] = {
 static const GeometryOps *ops(const SltGeometry *g) { return ((const Geometry *)g->made)->ops; }
 
 SltStatus geometry_make(SltGeometry **out, const GeometrySource *from, const void *values, SltError *err) {
-    return kinds[from->kind]->make(out, from, values, err);
+    SltStatus status = kinds[from->kind]->make(out, from, values, err);
+    for (int q = 0; q < SLT_QUERIES && status == SLT_OK; q++) assert(!(from->queries >> q & 1) || (*out)->query[q]);
+    return status;
 }
 
 void geometry_free(SltGeometry *g) {

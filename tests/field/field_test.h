@@ -13,6 +13,7 @@
 
 #include <cmocka.h>
 
+#include "compiler/ir/query.h"
 #include "runtime/geometry/heightfield/field.h"
 
 typedef struct Rng {
@@ -179,7 +180,7 @@ static inline void some_rays(const Terrain *t, Rng *r, SltQuery what, bool f64, 
     for (uint32_t lane = 0; lane < width; lane++) {
         double ray[8];
         some_ray(t, r, ray);
-        if (what == SLT_QUERY_SILHOUETTE) {
+        if (query_rows[what].ray == RAY_SLICE) {
             double middle = between(r, -1, 1), half = pow(10, between(r, -3, 1));
             ray[6] = uniform(r) < 0.2 ? -INFINITY : middle - half;
             ray[7] = uniform(r) < 0.2 ? INFINITY : middle + half;
@@ -192,7 +193,6 @@ static inline void some_rays(const Terrain *t, Rng *r, SltQuery what, bool f64, 
     }
 }
 
-static const char *const what_names[SLT_QUERIES] = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise"};
 static const char *const isa_names[FIELD_ISAS] = {"best", "scalar", "SSE2", "AVX2", "AVX-512"};
 
 static inline SltGeometry *make_field(const void *z, bool f64, uint32_t w, uint32_t h, FieldOptions o) {
@@ -211,8 +211,9 @@ static inline void expect_witnesses(const char *name, const char *how, const Slt
     int32_t got[WIDTH];
     field->query[what](field, z, rays, mask, width, got);
     for (uint32_t n = 0; n < width; n++) {
-        if (what == SLT_QUERY_OCCLUDED ? (got[n] == SLT_WITNESS_NONE) == (expected[n] == SLT_WITNESS_NONE)
-                                       : got[n] == expected[n])
+        if (query_rows[what].witness == WITNESS_FOUND
+                ? (got[n] == SLT_WITNESS_NONE) == (expected[n] == SLT_WITNESS_NONE)
+                : got[n] == expected[n])
             continue; /* any blocked point will do */
         char text[512] = "";
         for (uint32_t row = 0; row < 8; row++) {
@@ -220,8 +221,8 @@ static inline void expect_witnesses(const char *name, const char *how, const Slt
             snprintf(text + at, sizeof text - at, " %.17g",
                      f64 ? rays->d[row * width + n] : (double)rays->f[row * width + n]);
         }
-        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", name, what_names[what], f64 ? 64 : 32,
-                 how, n, width, got[n], expected[n], text);
+        fail_msg("%s, %s, f%d, %s, lane %u of %u: %d, cell by cell %d; ray%s", name, query_rows[what].name,
+                 f64 ? 64 : 32, how, n, width, got[n], expected[n], text);
     }
 }
 

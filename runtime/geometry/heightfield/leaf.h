@@ -7,11 +7,16 @@
  * parameters, never from positions; so a traversal that jumps over blocks of cells stays on the same path as one that
  * goes cell by cell.
  *
- *       (i, j+1) ---- (i+1, j+1)      What is decided, is decided at crossing points: where the ray leaves a cell
- * (exit), where it crosses the cell's diagonal between (diag), and at the two |  \   upper  |            ends of the
- * ray (start, end). At each, F = height of the ray - height of the terrain. Between them F is linear. |    \        |
- * A crossing belongs to the cell that the ray leaves: it is computed once, and no rounding opens a gap between
- * neighbours. | lower  \    | (i, j) ------ (i+1, j)
+ * What is decided, is decided at crossing points: where the ray leaves a cell (exit), where it crosses the cell's
+ * diagonal between (diag), and at the two ends of the ray (start, end). At each, F = height of the ray - height of the
+ * terrain; between them F is linear. A crossing belongs to the cell that the ray leaves: it is computed once, and no
+ * rounding opens a gap between neighbours.
+ *
+ *      (i, j+1) ---- (i+1, j+1)
+ *          |  \   upper  |
+ *          |    \        |
+ *          | lower  \    |
+ *      (i, j) ------ (i+1, j)
  *
  * Included after simd.h, once for each instance. */
 #include <float.h>
