@@ -113,7 +113,7 @@ static double tolerance(const Finder *f, const Segment *s) {
 }
 
 static bool is_field(const SltScene *s, int32_t site) {
-    return has_windows(s) && (s->site_kind[site] == SLT_SITE_FIELD || s->site_kind[site] == SLT_SITE_SHADOW);
+    return has_windows(s) && (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
 }
 
 /* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the
