@@ -147,8 +147,6 @@ void report_metadata(Image *im, const Cli *c, const SltProgram *p);
 /* Channel names of the root: Y, R G, R G B, R G B A. */
 const char *report_channel(uint32_t channels, uint32_t c);
 
-/* fit.c: the optimisers' names, each after a |, and whether there is one of this name */
-extern const char fit_optimizers[];
-bool fit_has_optimizer(const char *name);
+extern const char fit_optimizers[]; /* fit.c: the optimisers' names, each after a | */
 
 #endif
