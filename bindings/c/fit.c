@@ -78,6 +78,7 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
     f->job.progress = NULL, f->job.floats = NULL, f->job.ints = NULL;
     if (o->minimize && (o->nviews || o->loss))
         return status_fail(err, SLT_USAGE, "a fit that minimises the integral has no views and no other loss");
+    if (o->nviews && !o->views) return status_fail(err, SLT_USAGE, "%u views of a fit, but no list of them", o->nviews);
     if (!o->minimize && !o->nviews && !o->loss)
         return status_fail(err, SLT_USAGE, "a fit wants views, a loss, or to minimise the integral");
     if (!optimise_find(o->optimizer ? o->optimizer : "adam", &f->method))
