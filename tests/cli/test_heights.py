@@ -74,9 +74,9 @@ class Structures(Case):
             dump = self.run_cli("grad", name + ".salt", "--samples", 256, "--dump", "all").err
             self.assertIn("fmul", dump)
             import re
-            found = set(int(m) for m in re.findall(r"fieldop[^\n]*?what[ =](\d)", dump))
+            found = set(int(m) for m in re.findall(r"= query [^\n]*?what (\d)", dump))
             self.assertLessEqual(found, may, name)
-            self.assertEqual("fieldop" in dump, bool(may), name)
+            self.assertEqual("= query " in dump, bool(may), name)
 
     def test_structures_give_the_same(self):
         self.put("h_17x17.f32", struct.pack("<289f", *[(x * 7 + y * 13) % 11 / 11 for y in range(17) for x in range(17)]))
