@@ -66,7 +66,11 @@ static const Option options[] = {
     {O_DISC, "--disc", "tagged|auto", ALL, "auto: every comparison counts as [Disc]"},
     {O_INTERIOR, "--interior-only", NULL, ALL, "leave the moving jumps out"},
     {O_BOUNDARY, "--boundary-only", NULL, ALL, "only the moving jumps"},
-    {O_ESTIMATOR, "--estimator", "NAME", ALL, "lattice, scanline, snap-knn, snap-crofton or fd"},
+    {O_ESTIMATOR, "--estimator", "NAME", ALL, "one of"
+#define SLT_ESTIMATOR(id, name, ...) " " name
+#define SLT_DIFFERENCES(id, name, ...) " " name
+#include "saltus/estimators.def"
+    },
     {O_NEAR_MISS, "--near-miss", "on|off|auto", ALL, "look for features between the samples"},
     {O_VARIANT, "--variant", "argmin|forced|path", ALL,
      "the paper's branch index or two-sided variant, or regions by path, for comparison"},
@@ -254,7 +258,12 @@ static int apply_rates(Cli *c, const char *name, const char *v, Assign *list, ui
 
 static int apply(Cli *c, const Option *o, const char *v) {
     static const char *const filters[] = {"box", "tent", "gaussian"},
-                             *const estimators[] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"},
+                             *const estimators[] =
+                                 {
+#define SLT_ESTIMATOR(id, name, ...) name,
+#define SLT_DIFFERENCES(id, name, ...) name,
+#include "saltus/estimators.def"
+                                 },
                              *const optimizers[] = {"adam", "sgd", "lbfgs"},
                              *const structures[] = {"mipmap", "cone", "naive"};
     uint64_t whole = 0;

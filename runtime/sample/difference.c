@@ -4,7 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/difference.h"
+#include "runtime/sample/interior.h"
 #include "saltus/field.h"
 
 /* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a
