@@ -19,6 +19,12 @@ static const char *const names[SLT_ESTIMATORS] = {
 #include "saltus/estimators.def"
 };
 
+const char bench_estimators[] =
+#define SLT_ESTIMATOR(id, name, ...) "|" name
+#define SLT_DIFFERENCES(id, name, ...) "|" name
+#include "saltus/estimators.def"
+    ;
+
 typedef struct Point {
     uint64_t samples;
     double evaluations, seconds, error;
@@ -51,7 +57,7 @@ static SltStatus gradient(Bench *b, SltEstimator e, uint64_t samples, uint32_t s
     job.segments = 0;
     job.seed = seed;
     job.replicates = 1;
-    SltIntegral out = {.gradient = b->g};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = b->g};
     return slt_grad_integral(b->p, &job, &out, stats, &b->err);
 }
 
@@ -60,7 +66,7 @@ static SltStatus make_reference(Bench *b, uint64_t largest) {
     SltStatus s = SLT_OK;
     /* As many samples as fit in ten seconds. */
     uint64_t samples = largest * 64;
-    SltStats stats;
+    SltStats stats = SLT_STATS_INIT;
     double start = cli_now();
     s = gradient(b, SLT_EST_LATTICE, largest, 999331, &stats);
     double each = cli_now() - start;
@@ -85,7 +91,7 @@ static SltStatus measure(Bench *b, Curve *k, uint64_t samples) {
     double start = cli_now();
     uint32_t done = 0;
     for (uint32_t r = 0; r < repeats; r++) {
-        SltStats stats = {0};
+        SltStats stats = SLT_STATS_INIT;
         SltStatus s = gradient(b, k->estimator, samples, b->c->job.seed + 104729u * (r + 1), &stats);
         if (s != SLT_OK) return s;
         double d = 0;

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/bench.h"
 #include "compiler/pass/walk.h"
 

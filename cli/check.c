@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 
 enum { REPLICATES = 8, AD_REPLICATES = 16, MAX_ROWS = 64, LARGEST = 3 };
@@ -26,6 +27,7 @@ typedef struct Check {
     Row *rows;
     uint32_t n;
     double weight[4];
+    double *moved; /* parameters beside the program's own */
     SltStats stats;
     SltError err;
     uint64_t samples;
@@ -33,17 +35,17 @@ typedef struct Check {
 
 static const double weights[4] = {1.0, 0.7, 1.3, 0.4};
 
-/* L at the program's present parameters. */
-static SltStatus value_of(Check *k, uint32_t seed, double *out) {
+/* L at the given parameters; NULL: the program's own. */
+static SltStatus value_of(Check *k, const double *floats, uint32_t seed, double *out) {
     double v[4];
     SltJob job = k->c->job;
     job.no_interior = job.no_boundary = true;
     job.replicates = 1;
     job.seed = seed;
     job.samples = k->samples;
-    SltIntegral r = {.value = v};
-    SltStats stats;
-    SltStatus s = slt_grad_integral(k->p, &job, &r, &stats, &k->err);
+    job.floats = floats;
+    SltIntegral r = {.struct_size = sizeof r, .value = v};
+    SltStatus s = slt_grad_integral(k->p, &job, &r, NULL, &k->err);
     *out = 0;
     for (uint32_t c = 0; s == SLT_OK && c < slt_channels(k->p); c++) *out += k->weight[c] * v[c];
     return s;
@@ -51,20 +53,10 @@ static SltStatus value_of(Check *k, uint32_t seed, double *out) {
 
 static SltStatus moved_value(Check *k, const Row *row, const double *base, double t, uint32_t seed, double *out) {
     uint32_t nf = slt_float_count(k->p);
-    if (!row->dir) {
-        double x = base[row->index] + t;
-        slt_set_floats(k->p, row->index, 1, &x, NULL);
-    } else {
-        double *x = malloc((nf + 1) * sizeof *x);
-        if (!x) return status_fail(&k->err, SLT_LIMIT, "out of memory");
-        for (uint32_t i = 0; i < nf; i++) x[i] = base[i] + t * row->dir[i];
-        slt_set_floats(k->p, 0, nf, x, NULL);
-        free(x);
-    }
-    SltStatus s = value_of(k, seed, out);
-    if (!row->dir) slt_set_floats(k->p, row->index, 1, &base[row->index], NULL);
-    else slt_set_floats(k->p, 0, nf, base, NULL);
-    return s;
+    memcpy(k->moved, base, nf * sizeof *base);
+    if (!row->dir) k->moved[row->index] += t;
+    for (uint32_t i = 0; row->dir && i < nf; i++) k->moved[i] += t * row->dir[i];
+    return value_of(k, k->moved, seed, out);
 }
 
 static double mean_of(const double *v, int n, double *se) {
@@ -87,7 +79,7 @@ static SltStatus difference(Check *k, Row *row, const double *base) {
     for (int r = 0; r < REPLICATES; r++) {
         uint32_t seed = k->c->job.seed + 7919u * (uint32_t)(r + 1);
         double centre = 0;
-        SltStatus s = value_of(k, seed, &centre);
+        SltStatus s = value_of(k, NULL, seed, &centre);
         for (int twice = 0; twice < 2 && s == SLT_OK; twice++) {
             double step = h * (twice + 1), taken = real_step(k, row, base, step);
             s = moved_value(k, row, base, step, seed, &up);
@@ -241,10 +233,11 @@ static int check(Check *k) {
     double *g = calloc(2 * size, sizeof *g), *base = malloc((nf + 1) * sizeof *base),
            *total = calloc(nf + 1, sizeof *total);
     k->rows = calloc(MAX_ROWS, sizeof *k->rows);
-    if (!g || !base || !total || !k->rows) return free(g), free(base), free(total), SLT_LIMIT;
+    k->moved = malloc((nf + 1) * sizeof *k->moved);
+    if (!g || !base || !total || !k->rows || !k->moved) return free(g), free(base), free(total), SLT_LIMIT;
     memcpy(base, slt_floats(k->p), nf * sizeof *base);
     memcpy(k->weight, weights, sizeof k->weight);
-    SltIntegral out = {.gradient = g, .gradient_stderr = g + size};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size};
     c->job.replicates = AD_REPLICATES;
     SltStatus s = slt_grad_integral(k->p, &c->job, &out, &k->stats, &k->err);
     for (uint32_t i = 0; i < nf; i++)
@@ -253,7 +246,7 @@ static int check(Check *k) {
     /* As many samples a value as fit into a quarter of a minute. */
     k->samples = c->job.samples;
     double start = cli_now(), v;
-    if (s == SLT_OK) s = value_of(k, c->job.seed, &v);
+    if (s == SLT_OK) s = value_of(k, NULL, c->job.seed, &v);
     double each = cli_now() - start, planned = each * k->n * REPLICATES * 5;
     while (planned > 15 && k->samples > 4096) k->samples /= 2, planned /= 2;
     Progress pr;
@@ -307,12 +300,13 @@ static int check(Check *k) {
 }
 
 int verb_check(Cli *c) {
-    Check k = {.c = c};
+    Check k = {.c = c, .stats = SLT_STATS_INIT};
     cli_catch_interrupt(c);
     int status = cli_compile(c, &k.p);
     if (status == SLT_OK) status = check(&k);
     for (uint32_t i = 0; i < k.n; i++) free(k.rows[i].dir);
     free(k.rows);
+    free(k.moved);
     slt_program_free(k.p);
     return status;
 }

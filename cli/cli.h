@@ -8,8 +8,8 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "bindings/c/api.h"
 #include "runtime/base/json.h"
+#include "runtime/base/status.h"
 #include "runtime/image/image.h"
 #include "saltus/saltus.h"
 
@@ -19,8 +19,38 @@ typedef struct Assign {
     const char *name, *value;
 } Assign;
 
-typedef struct Cli {
-    const char *verb, *file, *expr;
+typedef struct Cli Cli;
+
+/* VERB_RENDER, ...: the rows of verbs.def. */
+typedef enum VerbId {
+#define VERB(id, ...) VERB_##id,
+#include "cli/verbs.def"
+#undef VERB
+    VERB_COUNT
+} VerbId;
+
+/* The same as bits, for options.def: which verbs take an option. */
+enum {
+#define VERB(id, ...) id = 1u << VERB_##id,
+#include "cli/verbs.def"
+#undef VERB
+    ALL = (1u << VERB_COUNT) - 1,
+    RUN = RENDER | GRAD | FIT | CHECK | BENCH
+};
+
+typedef struct Verb {
+    const char *name, *usage, *what, *example;
+    uint32_t bit; /* 1 << VerbId */
+    int (*run)(Cli *c);
+} Verb;
+
+#define VERB(id, name, ...) int verb_##name(Cli *c);
+#include "cli/verbs.def"
+#undef VERB
+
+struct Cli {
+    const Verb *verb;
+    const char *file, *expr;
     SltOptions opt;
     SltJob job;
     bool size_given, spp_given;
@@ -35,8 +65,6 @@ typedef struct Cli {
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;
     bool json, quiet;
-    /* render */
-    bool rgba8;
     /* grad, fit */
     const char *target, *adjoint;
     bool minimize;
@@ -56,13 +84,14 @@ typedef struct Cli {
     /* explain */
     const char *at;
     /* any option given, for verbs that must refuse */
-    bool estimator_given, samples_given, iters_given, optimizer_given;
+    bool samples_given, iters_given, optimizer_given;
     char *args_storage[CLI_MAX_KEPT];
     uint32_t nargs_storage;
-} Cli;
+};
 
 /* options.c */
-int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus; -1: help or version was printed, all is well */
+enum { CLI_HELPED = -1 };                     /* help or version was printed: all is well, and nothing is left to do */
+int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus, or CLI_HELPED */
 void cli_help(FILE *out, const char *verb);
 int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
 
@@ -71,6 +100,7 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
+int cli_unknown_format(const Cli *c);            /* of the output: SLT_USAGE */
 /* The job's sizes for this program (dimension, defaults), and checks them. */
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
@@ -117,12 +147,10 @@ void report_metadata(Image *im, const Cli *c, const SltProgram *p);
 /* Channel names of the root: Y, R G, R G B, R G B A. */
 const char *report_channel(uint32_t channels, uint32_t c);
 
-int verb_render(Cli *c);
-int verb_grad(Cli *c);
-int verb_fit(Cli *c);
-int verb_check(Cli *c);
-int verb_bench(Cli *c);
-int verb_explain(Cli *c);
-int verb_build(Cli *c);
+/* fit.c: the optimisers' names, each after a |, and whether there is one of this name */
+extern const char fit_optimizers[];
+/* "|lattice|scanline|...": the estimators as the options name them. */
+extern const char bench_estimators[];
+bool fit_has_optimizer(const char *name);
 
 #endif

@@ -7,6 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 
 double cli_now(void) {
@@ -55,9 +56,15 @@ void cli_watch_time(const Cli *c) {
 
 bool cli_interrupted(void) { return interrupted != 0; }
 
+int cli_unknown_format(const Cli *c) {
+    char known[IMAGE_LIST_SIZE];
+    return cli_usage(c, "-o %s: the extension is none of %s", c->output, image_list_formats(true, known));
+}
+
 int cli_fail(const Cli *c, const SltError *err) {
     (void)c;
-    fprintf(stderr, "saltus: %s\n", err->text[0] ? err->text : status_name(err->status));
+    if (err->status != SLT_STOPPED)
+        fprintf(stderr, "saltus: %s\n", err->text[0] ? err->text : status_name(err->status));
     return err->status;
 }
 
@@ -109,23 +116,12 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
     return first_status;
 }
 
-/* print(): a line on standard error, in one piece whatever the threads do. `{}` in the text is the next value. */
-static void on_print(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane) {
-    const SltProgram *p = user;
-    char line[1024];
-    size_t at = 0;
-    uint32_t used = 0;
-    (void)lane;
-    for (uint32_t i = 0; i < len && at + 40 < sizeof line; i++) {
-        if (text[i] == '{' && i + 1 < len && text[i + 1] == '}' && used < n) {
-            at += (size_t)snprintf(line + at, sizeof line - at, p->opt.f64 ? "%.17g" : "%.9g", values[used++]);
-            i++;
-        } else {
-            line[at++] = text[i];
-        }
-    }
-    line[at++] = '\n';
-    fwrite(line, 1, at, stderr);
+/* print(): a line on standard error, in one piece whatever the threads do. */
+static void on_print(void *user, const char *line, const double *values, uint32_t n) {
+    char text[1024 + 1];
+    (void)user, (void)values, (void)n;
+    int length = snprintf(text, sizeof text, "%s\n", line);
+    fwrite(text, 1, (size_t)length, stderr);
 }
 
 int cli_compile(Cli *c, SltProgram **out) {
@@ -144,18 +140,19 @@ int cli_compile(Cli *c, SltProgram **out) {
     }
     *out = p;
     if (!p) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    p->print = on_print, p->print_user = p;
     bool told = slt_diagnostic_count(p) > 0;
     if (told && !(c->quiet && status == SLT_OK)) {
         if (c->json) diag_print_json(p->session, stderr);
         else diag_print_text(p->session, stderr, isatty(2) && !getenv("NO_COLOR"));
     }
+    if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
         if (!told || p->session->nerrors == 0) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
         /* A file that cannot be opened at all has no place in itself: say it as one of the program. */
         return status;
     }
     SltError err = {0};
+    slt_set_print(p, on_print, NULL, NULL);
     if (c->params_file) {
         uint8_t *bytes;
         size_t size;

@@ -1,8 +1,5 @@
-/* saltus fit: parameters that make the image match its targets, or that minimise the integral.
- *
- * Only the floats that are differentiated form the optimiser's vector. Adam and SGD take a new seed each iteration,
- * L-BFGS keeps one: its line search needs a fixed function. Everything that decides the result is in the checkpoint, so
- * a resumed run gives the same bits. */
+/* saltus fit: parameters that make the image match its targets, or that minimise the integral. The fit itself is the
+ * library's (saltus/fit.h); here are the scene, the images, the pipe to a loss program, and what is written. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -11,175 +8,41 @@
 
 #include "cli/fit.h"
 #include "cli/loss.h"
-#include "runtime/optimise/optimise.h"
+#include "saltus/fit.h"
 
 enum { FRAMES = 6 };
-/* Flipped in the seed of the derivative behind an external loss: its samples are others than those of the image that
- * the adjoint came from. */
-enum { OTHER_SAMPLES = 0x40000000 };
 
 typedef struct Fit {
     Cli *c;
     SltProgram *p;
     Scene scene;
-    Optimiser *o;
-    uint32_t n, *index;     /* active floats */
-    double *gradient, *all; /* [n], [nfloats] */
-    double *losses;
-    uint32_t iteration, nlosses;
-    bool keep_seed;
-    float *image;            /* of the first view, the latest */
-    LossProgram *loss;       /* external; NULL: squared differences */
-    float *handed, *adjoint; /* the image given to it, and its answer */
-    Image frames[FRAMES];
+    SltFitOptions opt;
+    SltFitView *views;
+    SltFitMask *masks; /* their factors are malloc'd */
+    SltFitNumber *rates, *smooth;
+    LossProgram *loss; /* of --loss-command, while it runs */
+    Progress progress;
+    Image frames[FRAMES]; /* of the first view, spread over the fit */
     uint32_t nframes;
-    uint32_t seed;
     double start;
-    char key[256];
-    const char *stopped; /* NULL: before there was anything to keep */
+    SltFitResult result;
+    SltStats stats;
 } Fit;
 
+const char fit_optimizers[] =
+#define OPTIMISER(id, name, ...) "|" name
+#include "runtime/optimise/optimisers.def"
+#undef OPTIMISER
+    ;
+
+bool fit_has_optimizer(const char *name) {
+    const char *known;
+    for (uint32_t k = 0; (known = slt_fit_optimizer(k)); k++)
+        if (!strcmp(known, name)) return true;
+    return false;
+}
+
 /* ---- set-up */
-static int find_grid(Fit *f, const char *name, double lambda, OptimiseGrid *g) {
-    ParamRef ref;
-    const char *why = NULL;
-    if (!program_find(f->p->prog, name, &ref, &why)) return cli_usage(f->c, "--smooth: %s", why ? why : name);
-    const Type *t = ref.type;
-    uint32_t w = 1, h = 1, channels = 1;
-    if (ref.param->is_texture || ref.param->is_heightfield) {
-        w = ref.param->tex_w, h = ref.param->tex_h, channels = ref.param->tex_c;
-    } else if (t->kind == T_ARRAY) {
-        const Type *inner = t->elem;
-        w = t->n;
-        if (inner->kind == T_ARRAY) h = w, w = inner->n, inner = inner->elem;
-        channels = type_components(inner);
-        if (!type_is_float(inner)) return cli_usage(f->c, "--smooth %s: a grid of floats or vectors is wanted", name);
-    } else {
-        return cli_usage(f->c, "--smooth %s: a texture or an array is wanted", name);
-    }
-    uint32_t first = UINT32_MAX;
-    for (uint32_t i = 0; i < f->n; i++)
-        if (f->index[i] == ref.fbase) first = i;
-    if (first == UINT32_MAX || first + ref.fcount > f->n ||
-        f->index[first + ref.fcount - 1] != ref.fbase + ref.fcount - 1)
-        return cli_usage(f->c, "--smooth %s: it is not optimised", name);
-    *g = (OptimiseGrid){.offset = first,
-                        .width = (int)w,
-                        .height = (int)h,
-                        .channels = (int)channels,
-                        .stride_x = channels,
-                        .stride_y = (size_t)w * channels,
-                        .stride_c = 1,
-                        .lambda = lambda};
-    return SLT_OK;
-}
-
-static int set_rate(Fit *f, double *rate, const char *name, double value) {
-    ParamRef ref;
-    const char *why = NULL;
-    if (!name) {
-        for (uint32_t i = 0; i < f->n; i++) rate[i] = value;
-        return SLT_OK;
-    }
-    if (!program_find(f->p->prog, name, &ref, &why)) return cli_usage(f->c, "--lr: %s", why ? why : name);
-    for (uint32_t i = 0; i < f->n; i++)
-        if (f->index[i] >= ref.fbase && f->index[i] < ref.fbase + ref.fcount) rate[i] = value;
-    return SLT_OK;
-}
-
-/* The learning rates of a parameter times its mask: 0 holds, 1 moves, between is slower. */
-static int apply_mask(Fit *f, double *rate, const FitParam *q) {
-    Cli *c = f->c;
-    SltParam at;
-    SltError err = {0};
-    Image im;
-    ImageReadOptions raw = {.raw = true};
-    if (slt_param_find(f->p, q->name, &at, &err) != SLT_OK || image_read(q->mask, &raw, &im, &err) != SLT_OK)
-        return cli_fail(c, &err);
-    /* Arrays have the shape of a picture too: rows of columns. */
-    uint64_t cells = (uint64_t)im.width * (uint64_t)im.height;
-    uint64_t w = at.tex_w, h = at.tex_h;
-    SltStatus status = SLT_OK;
-    bool resource = at.is_texture || at.is_heightfield;
-    if (resource ? (uint64_t)im.width != w || (uint64_t)im.height != h : cells == 0 || at.fcount % cells)
-        status = status_fail(&err, SLT_INPUT, "%s is %d x %d, but `%s` has %u number%s%s", q->mask, im.width, im.height,
-                             q->name, at.fcount, at.fcount == 1 ? "" : "s", resource ? " in another shape" : "");
-    uint64_t each = cells ? at.fcount / cells : 1;
-    for (uint32_t i = 0; status == SLT_OK && i < f->n; i++) {
-        if (f->index[i] < at.fbase || f->index[i] >= at.fbase + at.fcount) continue;
-        uint64_t cell = (f->index[i] - at.fbase) / each;
-        double m = (double)im.data[cell * (uint64_t)im.channels];
-        if (!(m >= 0) || isinf(m))
-            status =
-                status_fail(&err, SLT_INPUT,
-                            "%s: the mask of `%s` is %g in row %llu, column %llu; numbers from 0 (held) are wanted",
-                            q->mask, q->name, m, (unsigned long long)(cell / (uint64_t)im.width),
-                            (unsigned long long)(cell % (uint64_t)im.width));
-        rate[i] *= m;
-    }
-    image_free(&im);
-    return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
-}
-
-static int make_optimiser(Fit *f) {
-    Cli *c = f->c;
-    uint32_t n = f->n;
-    double *store = calloc(4 * (size_t)n + 1, sizeof *store);
-    uint8_t *log = calloc(n + 1, 1);
-    OptimiseGrid grids[CLI_MAX_LIST];
-    int ngrids = 0, status = store && log ? SLT_OK : SLT_LIMIT;
-    double *start = store, *rate = store + n, *lo = store + 2 * (size_t)n, *hi = store + 3 * (size_t)n;
-    for (uint32_t i = 0; status == SLT_OK && i < n; i++) {
-        start[i] = slt_floats(f->p)[f->index[i]];
-        rate[i] = !strcmp(c->optimizer, "lbfgs") ? 0.1 : 0.01;
-        lo[i] = -INFINITY, hi[i] = INFINITY;
-        for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
-            const Param *q = &f->p->prog->params[k];
-            if (f->index[i] < q->fbase || f->index[i] >= q->fbase + q->fcount) continue;
-            if (q->attrs.has_range) lo[i] = q->attrs.lo, hi[i] = q->attrs.hi;
-            log[i] = q->attrs.log;
-        }
-    }
-    /* From the general to the particular: a rate for all, the scene's, the command line's by name. */
-    for (uint32_t k = 0; status == SLT_OK && k < c->nlr; k++)
-        if (!c->lr[k].name) status = set_rate(f, rate, NULL, strtod(c->lr[k].value, NULL));
-    for (uint32_t k = 0; status == SLT_OK && k < f->scene.nparams; k++) {
-        const FitParam *q = &f->scene.params[k];
-        bool given = false;
-        for (uint32_t s = 0; s < c->nsmooth; s++) given |= c->smooth[s].name && !strcmp(c->smooth[s].name, q->name);
-        if (q->lr >= 0) status = set_rate(f, rate, q->name, q->lr);
-        if (status == SLT_OK && q->smooth > 0 && !given) status = find_grid(f, q->name, q->smooth, &grids[ngrids++]);
-    }
-    for (uint32_t k = 0; status == SLT_OK && k < c->nlr; k++)
-        if (c->lr[k].name) status = set_rate(f, rate, c->lr[k].name, strtod(c->lr[k].value, NULL));
-    for (uint32_t k = 0; status == SLT_OK && k < f->scene.nparams; k++)
-        if (f->scene.params[k].mask) status = apply_mask(f, rate, &f->scene.params[k]);
-    for (uint32_t k = 0; status == SLT_OK && k < c->nsmooth; k++)
-        if (!c->smooth[k].name) status = cli_usage(c, "--smooth wants P=LAMBDA");
-        else status = find_grid(f, c->smooth[k].name, strtod(c->smooth[k].value, NULL), &grids[ngrids++]);
-    if (status == SLT_OK) {
-        OptimiseMethod method = !strcmp(c->optimizer, "sgd")     ? OPTIMISE_SGD
-                                : !strcmp(c->optimizer, "lbfgs") ? OPTIMISE_LBFGS
-                                                                 : OPTIMISE_ADAM;
-        OptimiseConfig config = {.n = n,
-                                 .method = method,
-                                 .start = start,
-                                 .learning_rate = rate,
-                                 .lo = lo,
-                                 .hi = hi,
-                                 .log = log,
-                                 .grids = grids,
-                                 .grid_count = ngrids};
-        SltError err = {0};
-        f->keep_seed = method == OPTIMISE_LBFGS;
-        f->o = optimise_create(&config, &err);
-        if (!f->o) status = cli_fail(c, &err);
-    }
-    free(store);
-    free(log);
-    return status;
-}
-
 static bool on_command_line(const Cli *c, const char *name) {
     for (uint32_t k = 0; k < c->nparams; k++)
         if (!strcmp(c->params[k].name, name)) return true;
@@ -194,7 +57,7 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) any_grad |= f->scene.params[k].grad == 1;
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
-        SltParam found;
+        SltParam found = SLT_PARAM_INIT;
         if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
         bool set = !on_command_line(f->c, q->name);
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK)
@@ -212,59 +75,58 @@ static int apply_scene_params(Fit *f) {
     /* "grad": true names what is optimised; otherwise everything but what says false. */
     if (f->c->nwrt) return SLT_OK;
     if (!any_grad)
-        for (uint32_t i = 0; i < f->p->prog->nparams; i++) {
-            const Param *q = &f->p->prog->params[i];
-            bool off = !q->differentiable || !q->fcount;
+        for (uint32_t i = 0; i < slt_param_count(f->p); i++) {
+            SltParam q = SLT_PARAM_INIT;
+            slt_param(f->p, i, &q);
+            bool off = !q.differentiable || !q.fcount;
             for (uint32_t k = 0; k < f->scene.nparams; k++)
-                off |= f->scene.params[k].grad == 0 && !strcmp(f->scene.params[k].name, q->name);
-            if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q->name;
+                off |= f->scene.params[k].grad == 0 && !strcmp(f->scene.params[k].name, q.name);
+            if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q.name;
         }
     if (f->scene.nparams && nnames && slt_wrt(f->p, names, nnames, &err) != SLT_OK)
         return err.status = SLT_INPUT, cli_fail(f->c, &err);
     return SLT_OK;
 }
 
-static void *copy_of(const void *from, size_t count, size_t size) {
-    void *to = malloc(2 * (count + 1) * size);
-    if (to) memcpy(to, from, count * size), memcpy((char *)to + (count + 1) * size, from, count * size);
-    return to;
-}
-
-/* Reads the values of a view's own parameters, once, and puts the common ones back. */
-static int read_view_values(Fit *f, View *v) {
-    SltProgram *p = f->p;
-    SltError err = {0};
-    v->values = calloc(v->nparams + 1, sizeof *v->values);
-    if (!v->values) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    for (uint32_t k = 0; k < v->nparams; k++) {
-        ViewValue *o = &v->values[k];
-        const char *name = v->params[k].name;
-        if (slt_param_find(p, name, &o->at, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
-        for (uint32_t i = 0; i < o->at.fcount; i++)
-            if (slt_wrt_mask(p)[o->at.fbase + i]) {
-                fprintf(stderr, "saltus: `%s` is optimised; a view cannot give it a value of its own\n", name);
-                return SLT_INPUT;
-            }
-        o->floats = copy_of(slt_floats(p) + o->at.fbase, o->at.fcount, sizeof(double));
-        o->ints = copy_of(slt_ints(p) + o->at.ibase, o->at.icount, sizeof(int32_t));
-        if (!o->floats || !o->ints) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-        o->base_floats = o->floats + o->at.fcount + 1, o->base_ints = o->ints + o->at.icount + 1;
-        if (slt_set_text(p, name, v->params[k].value, &err) != SLT_OK)
-            return err.status = err.status == SLT_USAGE ? SLT_INPUT : err.status, cli_fail(f->c, &err);
-        memcpy(o->floats, slt_floats(p) + o->at.fbase, o->at.fcount * sizeof(double));
-        if (o->at.icount) memcpy(o->ints, slt_ints(p) + o->at.ibase, o->at.icount * sizeof(int32_t));
-        slt_set_floats(p, o->at.fbase, o->at.fcount, o->base_floats, &err);
-        slt_set_ints(p, o->at.ibase, o->at.icount, o->base_ints, &err);
+/* From the general to the particular: a rate for all, the scene's, the command line's by name. */
+static int collect_numbers(Fit *f) {
+    Cli *c = f->c;
+    SltFitOptions *o = &f->opt;
+    f->rates = calloc(c->nlr + f->scene.nparams + 1, sizeof *f->rates);
+    f->smooth = calloc(c->nsmooth + f->scene.nparams + 1, sizeof *f->smooth);
+    f->masks = calloc(f->scene.nparams + 1, sizeof *f->masks);
+    if (!f->rates || !f->smooth || !f->masks) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    o->rates = f->rates, o->smooth = f->smooth, o->rate_masks = f->masks;
+    for (uint32_t k = 0; k < c->nlr; k++)
+        if (!c->lr[k].name) f->rates[o->nrates++].value = strtod(c->lr[k].value, NULL);
+    for (uint32_t k = 0; k < f->scene.nparams; k++) {
+        const FitParam *q = &f->scene.params[k];
+        bool given = false;
+        for (uint32_t s = 0; s < c->nsmooth; s++) given |= c->smooth[s].name && !strcmp(c->smooth[s].name, q->name);
+        if (q->lr >= 0) f->rates[o->nrates++] = (SltFitNumber){q->name, q->lr};
+        if (q->smooth > 0 && !given) f->smooth[o->nsmooth++] = (SltFitNumber){q->name, q->smooth};
+    }
+    for (uint32_t k = 0; k < c->nlr; k++)
+        if (c->lr[k].name) f->rates[o->nrates++] = (SltFitNumber){c->lr[k].name, strtod(c->lr[k].value, NULL)};
+    for (uint32_t k = 0; k < c->nsmooth; k++) {
+        if (!c->smooth[k].name) return cli_usage(c, "--smooth wants P=LAMBDA");
+        f->smooth[o->nsmooth++] = (SltFitNumber){c->smooth[k].name, strtod(c->smooth[k].value, NULL)};
+    }
+    for (uint32_t k = 0; k < f->scene.nparams; k++) {
+        const FitParam *q = &f->scene.params[k];
+        if (!q->mask) continue;
+        SltError err = {0};
+        Image im;
+        ImageReadOptions raw = {.raw = true};
+        if (image_read(q->mask, &raw, &im, &err) != SLT_OK) return cli_fail(c, &err);
+        size_t cells = (size_t)im.width * (size_t)im.height;
+        float *factors = malloc((cells + 1) * sizeof *factors);
+        for (size_t i = 0; factors && i < cells; i++) factors[i] = im.data[i * (size_t)im.channels];
+        f->masks[o->nrate_masks++] = (SltFitMask){q->name, (uint32_t)im.width, (uint32_t)im.height, factors};
+        image_free(&im);
+        if (!factors) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     }
     return SLT_OK;
-}
-
-static void use_view(Fit *f, const View *v, bool own) {
-    for (uint32_t k = 0; k < v->nparams; k++) {
-        const ViewValue *o = &v->values[k];
-        slt_set_floats(f->p, o->at.fbase, o->at.fcount, own ? o->floats : o->base_floats, NULL);
-        slt_set_ints(f->p, o->at.ibase, o->at.icount, own ? o->ints : o->base_ints, NULL);
-    }
 }
 
 static int read_targets(Fit *f) {
@@ -281,9 +143,8 @@ static int read_targets(Fit *f) {
     if (!f->scene.nviews && !c->minimize)
         return cli_usage(c, "fit wants --target IMAGE, --minimize, --loss-command PROGRAM, or a scene with views");
     if (f->scene.nviews && c->minimize) return cli_usage(c, "--minimize has no target");
-    if (c->minimize) return SLT_OK;
-    for (uint32_t v = 0; status == SLT_OK && v < f->scene.nviews; v++) status = read_view_values(f, &f->scene.views[v]);
-    if (status != SLT_OK || c->loss_command) return status;
+    if (c->loss_command && slt_dim(f->p) == 3) return cli_usage(c, "a loss program is for 1D and 2D domains");
+    if (c->minimize || c->loss_command) return SLT_OK;
     /* Without --size the first target decides. */
     if (!c->size_given) {
         SltError err = {0};
@@ -293,211 +154,62 @@ static int read_targets(Fit *f) {
         image_free(&im);
     }
     for (uint32_t v = 0; v < f->scene.nviews; v++) {
-        status = cli_read_image(c, f->p, f->scene.views[v].target_path, true, &f->scene.views[v].target);
-        if (status == SLT_OK && f->scene.views[v].mask_path) {
-            float *mask = NULL;
-            status = cli_read_image(c, f->p, f->scene.views[v].mask_path, true, &mask);
-            f->scene.views[v].mask = mask;
-        }
+        View *view = &f->scene.views[v];
+        status = cli_read_image(c, f->p, view->target_path, true, &view->target);
+        if (status == SLT_OK && view->mask_path) status = cli_read_image(c, f->p, view->mask_path, true, &view->mask);
         if (status != SLT_OK) return status;
     }
     return SLT_OK;
 }
 
-/* ---- one evaluation */
-/* The optimised floats lie in runs: whole parameters, mostly. */
-static void set_active(Fit *f, const double *x) {
-    for (uint32_t i = 0, n; i < f->n; i += n) {
-        for (n = 1; i + n < f->n && f->index[i + n] == f->index[i] + n; n++) {
-        }
-        slt_set_floats(f->p, f->index[i], n, x + i, NULL);
-    }
-}
-
-/* The image goes out, the loss and its adjoint image come back; the derivative of the image is then taken with other
- * samples, so that what noise did to the adjoint is independent of what it does to the derivative. */
-static SltStatus external_loss(Fit *f, const SltJob *job, uint32_t view, double *loss, SltStats *stats, SltError *err) {
-    Cli *c = f->c;
-    const View *v = &f->scene.views[view];
-    LossRequest q = {.iteration = f->iteration,
-                     .view = view,
-                     .views = f->scene.nviews,
-                     .width = job->size[0],
-                     .height = job->size[1],
-                     .channels = slt_channels(f->p),
-                     .target = v->target_path,
-                     .mask = v->mask_path,
-                     .deadline = c->max_seconds > 0 ? f->start + c->max_seconds : 0};
-    float *image = view == 0 ? f->image : f->handed;
-    SltStatus s = slt_render(f->p, job, image, stats, err);
-    if (s == SLT_OK) s = loss_exchange(f->loss, &q, image, loss, f->adjoint, err);
-    if (s != SLT_OK || isnan(*loss))
-        return s; /* the optimiser steps back from what is no number: it wants no gradient there */
-    SltJob other = *job;
-    other.seed ^= OTHER_SAMPLES;
-    return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, stats, err);
-}
-
-static SltStatus evaluate(Fit *f, double *loss, SltStats *total, SltError *err) {
-    Cli *c = f->c;
-    uint32_t nf = slt_float_count(f->p), ch = slt_channels(f->p);
-    const double *x = optimise_parameters(f->o);
-    set_active(f, x);
-    SltJob job = c->job;
-    job.seed = f->keep_seed ? f->seed : f->seed + 0x9e3779b9u * (f->iteration + 1);
-    for (uint32_t i = 0; i < f->n; i++) f->gradient[i] = 0;
-    *loss = 0;
-    SltStats stats = {0};
-    SltStatus status = SLT_OK;
-    if (c->minimize) {
-        double value[4];
-        job.integral = true;
-        job.replicates = 1;
-        SltIntegral out = {.value = value, .gradient = f->all};
-        status = slt_grad_integral(f->p, &job, &out, &stats, err);
-        for (uint32_t k = 0; status == SLT_OK && k < ch; k++) {
-            *loss += value[k];
-            for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[(size_t)k * nf + f->index[i]];
-        }
-        total->samples += stats.samples, total->truncated += stats.truncated, total->asserts += stats.asserts;
-        return status;
-    }
-    for (uint32_t v = 0; v < f->scene.nviews && status == SLT_OK; v++) {
-        View *view = &f->scene.views[v];
-        double one = 0;
-        job.seed += v;
-        use_view(f, view, true);
-        if (f->loss) status = external_loss(f, &job, v, &one, &stats, err);
-        else
-            status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
-                                   &stats, err);
-        use_view(f, view, false);
-        if (status != SLT_OK) break;
-        *loss += one / f->scene.nviews;
-        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->scene.nviews;
-        total->samples += stats.samples, total->crossings += stats.crossings, total->truncated += stats.truncated,
-            total->asserts += stats.asserts;
-        for (int r = 0; r < SLT_DROP_REASONS; r++) total->dropped[r] += stats.dropped[r];
-    }
-    return status;
-}
-
-static void keep_frame(Fit *f) {
-    if (!f->image || f->nframes >= FRAMES) return;
-    uint32_t ch = slt_channels(f->p);
-    Image *im = &f->frames[f->nframes];
-    SltError err = {0};
-    if (image_create(im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, &err) != SLT_OK) return;
-    memcpy(im->data, f->image, (size_t)im->width * (size_t)im->height * ch * sizeof(float));
-    f->nframes++;
-}
-
-/* ---- checkpoints: the losses so far are the blob */
-static void make_key(Fit *f) {
-    char *ir = ir_print_string(f->p->prog->primal, &f->p->session->module);
-    uint32_t h = 1;
-    for (const char *s = ir; *s; s++) h = ir_mix(h, (uint8_t)*s);
+static int collect_views(Fit *f) {
+    f->views = calloc(f->scene.nviews + 1, sizeof *f->views);
+    if (!f->views) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     for (uint32_t v = 0; v < f->scene.nviews; v++) {
-        size_t values = (size_t)f->c->job.size[0] * f->c->job.size[1] * slt_channels(f->p);
-        const uint32_t *bits = (const uint32_t *)f->scene.views[v].target;
-        for (size_t i = 0; bits && i < values; i++) h = ir_mix(h, bits[i]);
-        for (uint32_t k = 0; k < f->scene.views[v].nparams; k++) {
-            const ViewValue *o = &f->scene.views[v].values[k];
-            const uint32_t *words = (const uint32_t *)o->floats;
-            for (size_t i = 0; i < 2 * (size_t)o->at.fcount; i++) h = ir_mix(h, words[i]);
-            for (size_t i = 0; i < o->at.icount; i++) h = ir_mix(h, (uint32_t)o->ints[i]);
-        }
+        const View *view = &f->scene.views[v];
+        f->views[v] = SLT_FIT_VIEW_INIT;
+        f->views[v].target = view->target, f->views[v].mask = view->mask;
+        f->views[v].values = view->params, f->views[v].nvalues = view->nparams;
     }
-    for (const char *s = f->c->loss_command; s && *s; s++) h = ir_mix(h, (uint8_t)*s);
-    snprintf(f->key, sizeof f->key,
-             "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h,
-             f->c->job.size[0], f->c->job.size[1], f->c->job.spp, (unsigned long long)f->c->job.samples,
-             (unsigned long long)f->c->job.segments, f->seed, (int)f->c->job.filter, (int)f->c->job.estimator,
-             f->c->optimizer);
-}
-
-static SltStatus save(Fit *f, SltError *err) {
-    return f->c->checkpoint
-               ? optimise_save(f->o, f->c->checkpoint, f->key, f->losses, f->nlosses * sizeof *f->losses, err)
-               : SLT_OK;
-}
-
-static SltStatus resume(Fit *f, SltError *err) {
-    void *blob = NULL;
-    size_t size = 0;
-    SltStatus status = optimise_load(f->o, f->c->resume, f->key, &blob, &size, err);
-    if (status != SLT_OK) return status;
-    f->nlosses = (uint32_t)(size / sizeof *f->losses);
-    if (f->nlosses > f->c->iters) f->nlosses = f->c->iters;
-    if (blob) memcpy(f->losses, blob, f->nlosses * sizeof *f->losses);
-    f->iteration = f->nlosses;
-    free(blob);
+    f->opt.views = f->views, f->opt.nviews = f->scene.nviews;
     return SLT_OK;
 }
 
-/* ---- the loop */
-static int run(Fit *f, SltStats *total) {
-    Cli *c = f->c;
+/* ---- while it runs */
+static SltStatus ask_program(void *user, const SltFitRequest *request, double *loss, float *adjoint, SltError *err) {
+    Fit *f = user;
+    const View *v = &f->scene.views[request->view];
+    LossRequest q = {.iteration = request->iteration,
+                     .view = request->view,
+                     .views = request->views,
+                     .width = request->pixels[0],
+                     .height = request->pixels[1],
+                     .channels = request->channels,
+                     .target = v->target_path,
+                     .mask = v->mask_path,
+                     .deadline = f->c->max_seconds > 0 ? f->start + f->c->max_seconds : 0};
+    return loss_exchange(f->loss, &q, request->image, loss, adjoint, err);
+}
+
+static void keep_frame(Fit *f, const float *image) {
+    Image *im = &f->frames[f->nframes];
+    uint32_t ch = slt_channels(f->p);
     SltError err = {0};
-    Progress pr;
-    progress_begin(&pr, c, "fit");
-    f->stopped = "iters";
-    int status = SLT_OK;
-    while (f->iteration < c->iters) {
-        double loss;
-        if (c->max_seconds > 0 && cli_now() - f->start > c->max_seconds) {
-            f->stopped = "interrupted";
-            status = SLT_LIMIT;
-            break;
-        }
-        SltStatus s = evaluate(f, &loss, total, &err);
-        if (s == SLT_INTERRUPTED || cli_interrupted()) {
-            f->stopped = "interrupted";
-            status = SLT_INTERRUPTED;
-            break;
-        }
-        if (s == SLT_LIMIT && c->max_seconds > 0 && f->nlosses) {
-            f->stopped = "interrupted";
-            status = SLT_LIMIT;
-            break;
-        }
-        /* The loss program failed: what is best so far is kept, as after an interrupt. */
-        if (s == SLT_CHECK_FAILED || (s == SLT_LIMIT && f->loss)) {
-            status = cli_fail(c, &err);
-            f->stopped = f->nlosses ? "failed" : NULL;
-            break;
-        }
-        if (s != SLT_OK) {
-            progress_end(&pr);
-            return cli_fail(c, &err);
-        }
-        f->losses[f->nlosses++] = loss;
-        f->iteration++;
-        if (f->nframes < FRAMES - 1 && (f->iteration - 1) * (uint64_t)(FRAMES - 1) >= (uint64_t)f->nframes * c->iters)
-            keep_frame(f);
-        OptimiseState state = optimise_step(f->o, loss, f->gradient);
-        char detail[96];
-        snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", f->iteration, c->iters, loss);
-        progress_update(&pr, (double)f->iteration / c->iters, detail);
-        if (c->checkpoint && f->iteration % c->every == 0 && save(f, &err) != SLT_OK) {
-            progress_end(&pr);
-            return cli_fail(c, &err);
-        }
-        if (state == OPTIMISE_CONVERGED) {
-            f->stopped = "converged";
-            break;
-        }
-        if (state == OPTIMISE_FAILED) {
-            progress_end(&pr);
-            fprintf(stderr, "saltus: the fit failed: %s\n", optimise_reason(f->o));
-            f->stopped = "failed";
-            status = SLT_CHECK_FAILED;
-            break;
-        }
-    }
-    progress_end(&pr);
-    if (save(f, &err) != SLT_OK) return cli_fail(c, &err);
-    return status;
+    if (image_create(im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, &err) != SLT_OK) return;
+    memcpy(im->data, image, (size_t)im->width * (size_t)im->height * ch * sizeof(float));
+    f->nframes++;
+}
+
+static bool iterated(void *user, const SltFitIteration *at) {
+    Fit *f = user;
+    uint32_t iters = f->c->iters;
+    if (at->image && f->nframes < FRAMES - 1 &&
+        (at->iteration - 1) * (uint64_t)(FRAMES - 1) >= (uint64_t)f->nframes * iters)
+        keep_frame(f, at->image);
+    char detail[96];
+    snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", at->iteration, iters, at->loss);
+    progress_update(&f->progress, (double)at->iteration / iters, detail);
+    return false;
 }
 
 /* ---- outputs */
@@ -508,11 +220,11 @@ static SltStatus join(char *out, size_t size, const char *dir, const char *name,
 }
 
 /* A height map as a person reads one: its relief under a sun in the north west, tinted by height. */
-static SltStatus write_relief(const char *path, const Param *q, const Image *h, SltError *err) {
+static SltStatus write_relief(const char *path, const SltParam *q, const Image *h, SltError *err) {
     int w = h->width, n = h->height;
-    double wide = q->attrs.has_extent ? q->attrs.extent[2] - q->attrs.extent[0] : 1,
-           high = q->attrs.has_extent ? q->attrs.extent[3] - q->attrs.extent[1] : 1;
-    double scale = q->attrs.has_height ? q->attrs.height_scale : 1, lo = INFINITY, hi = -INFINITY;
+    double wide = q->has_extent ? q->extent[2] - q->extent[0] : 1,
+           high = q->has_extent ? q->extent[3] - q->extent[1] : 1;
+    double scale = q->height_scale, lo = INFINITY, hi = -INFINITY;
     uint8_t *rgb = malloc((size_t)w * (size_t)n * 3);
     if (!rgb) return status_fail(err, SLT_LIMIT, "out of memory");
     for (size_t i = 0; i < (size_t)w * (size_t)n; i++)
@@ -545,23 +257,33 @@ static SltStatus write_relief(const char *path, const Param *q, const Image *h, 
 /* Every texture and heightfield that was optimised: NAME.exr to go on with, NAME.png to look at. */
 static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
-    for (uint32_t k = 0; k < f->p->prog->nparams; k++) {
-        const Param *q = &f->p->prog->params[k];
-        if ((!q->is_texture && !q->is_heightfield) || !q->fcount || !slt_wrt_mask(f->p)[q->fbase]) continue;
+    for (uint32_t k = 0; k < slt_param_count(f->p); k++) {
+        SltParam q = SLT_PARAM_INIT;
+        slt_param(f->p, k, &q);
+        if ((!q.is_texture && !q.is_heightfield) || !q.fcount || !slt_wrt_mask(f->p)[q.fbase]) continue;
         Image im;
-        SltStatus s = image_create(&im, (int)q->tex_w, (int)q->tex_h, (int)q->tex_c, err);
+        SltStatus s = image_create(&im, (int)q.tex_w, (int)q.tex_h, (int)q.tex_c, err);
         if (s != SLT_OK) return s;
-        for (uint32_t i = 0; i < q->fcount; i++) im.data[i] = (float)slt_floats(f->p)[q->fbase + i];
-        snprintf(name, sizeof name, "%.500s.exr", q->name);
+        for (uint32_t i = 0; i < q.fcount; i++) im.data[i] = (float)slt_floats(f->p)[q.fbase + i];
+        snprintf(name, sizeof name, "%.500s.exr", q.name);
         s = join(path, sizeof path, f->c->output, name, err);
         if (s == SLT_OK) s = image_write(path, &im, NULL, err);
-        snprintf(name, sizeof name, "%.500s.png", q->name);
+        snprintf(name, sizeof name, "%.500s.png", q.name);
         if (s == SLT_OK) s = join(path, sizeof path, f->c->output, name, err);
-        if (s == SLT_OK) s = q->is_heightfield ? write_relief(path, q, &im, err) : image_write(path, &im, NULL, err);
+        if (s == SLT_OK) s = q.is_heightfield ? write_relief(path, &q, &im, err) : image_write(path, &im, NULL, err);
         image_free(&im);
         if (s != SLT_OK) return s;
     }
     return SLT_OK;
+}
+
+/* The image of the best parameters as the first view sees them, whose values the program keeps. */
+static SltStatus render_first_view(Fit *f, const SltJob *job, float *image, SltError *err) {
+    const View *v = &f->scene.views[0];
+    SltStatus s = SLT_OK;
+    for (uint32_t k = 0; s == SLT_OK && k < v->nparams; k++)
+        s = slt_set_text(f->p, v->params[k].name, v->params[k].value, err);
+    return s == SLT_OK ? slt_render(f->p, job, image, NULL, err) : s;
 }
 
 static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
@@ -572,11 +294,11 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
         return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
     SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
     if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
-    double *x = malloc((f->nlosses + 1) * sizeof *x);
-    for (uint32_t i = 0; x && i < f->nlosses; i++) x[i] = i + 1;
-    PlotSeries series = {.name = "loss", .x = x, .y = f->losses, .count = (int)f->nlosses};
+    double *x = malloc((f->result.iterations + 1) * sizeof *x);
+    for (uint32_t i = 0; x && i < f->result.iterations; i++) x[i] = i + 1;
+    PlotSeries series = {.name = "loss", .x = x, .y = f->result.losses, .count = (int)f->result.iterations};
     PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
-    char *svg = s == SLT_OK && x && f->nlosses ? plot_svg(&plot, &series, 1, err) : NULL;
+    char *svg = s == SLT_OK && x && f->result.iterations ? plot_svg(&plot, &series, 1, err) : NULL;
     if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
         s = file_write_atomic(path, svg, strlen(svg), err);
     free(svg);
@@ -586,7 +308,7 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     FILE *out = open_memstream(&csv, &size);
     if (out) {
         fputs("iteration,loss\n", out);
-        for (uint32_t i = 0; i < f->nlosses; i++) fprintf(out, "%u,%.17g\n", i + 1, f->losses[i]);
+        for (uint32_t i = 0; i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
         fclose(out);
         if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
             s = file_write_atomic(path, csv, size, err);
@@ -594,16 +316,13 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     }
     if (s == SLT_OK) s = write_grids(f, err);
     if (s != SLT_OK || f->c->minimize) return s;
-    /* The image of the best parameters. */
     Image im;
     if ((s = image_create(&im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, err)) != SLT_OK) return s;
     SltJob job = f->c->job;
     job.cancel = NULL;
-    use_view(f, &f->scene.views[0], true);
-    s = slt_render(f->p, &job, im.data, NULL, err);
-    use_view(f, &f->scene.views[0], false);
     for (uint32_t k = 0; k < ch; k++) image_set_name(&im, (int)k, report_channel(ch, k));
-    report_metadata(&im, f->c, f->p);
+    report_metadata(&im, f->c, f->p); /* before the values of a view replace the common ones */
+    s = render_first_view(f, &job, im.data, err);
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
         s = image_write(path, &im, NULL, err);
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
@@ -623,6 +342,10 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     return s;
 }
 
+static const char *const stop_names[] = {
+    [SLT_FIT_ITERATIONS] = "iters",        [SLT_FIT_CONVERGED] = "converged",    [SLT_FIT_STOPPED] = "stopped",
+    [SLT_FIT_INTERRUPTED] = "interrupted", [SLT_FIT_TIME_LIMIT] = "interrupted", [SLT_FIT_FAILED] = "failed"};
+
 static int write_outputs(Fit *f) {
     SltError err = {0};
     char *json = slt_params_json(f->p);
@@ -634,92 +357,95 @@ static int write_outputs(Fit *f) {
         else s = write_folder(f, json, &err);
     }
     if (s == SLT_OK && f->c->json) {
-        double best = NAN;
-        optimise_best(f->o, &best);
         fputs("{\"initial_loss\": ", stdout);
-        json_number(stdout, f->nlosses ? f->losses[0] : NAN);
+        json_number(stdout, f->result.initial_loss);
         fputs(", \"loss\": ", stdout);
-        json_number(stdout, f->nlosses ? best : NAN);
+        json_number(stdout, f->result.loss);
         fputs(", \"losses\": [", stdout);
-        for (uint32_t i = 0; i < f->nlosses; i++) fputs(i ? ", " : "", stdout), json_number(stdout, f->losses[i]);
-        printf("], \"iterations\": %u, \"seconds\": ", f->nlosses);
+        for (uint32_t i = 0; i < f->result.iterations; i++)
+            fputs(i ? ", " : "", stdout), json_number(stdout, f->result.losses[i]);
+        printf("], \"iterations\": %u, \"seconds\": ", f->result.iterations);
         json_number(stdout, cli_now() - f->start);
-        printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", f->stopped, json);
+        printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", stop_names[f->result.stop], json);
         if (f->c->output) json_text(stdout, f->c->output);
         fputs("], ", stdout);
         report_warnings_json(stdout, f->p);
         fputs("}\n", stdout);
     } else if (s == SLT_OK) {
-        double best = NAN;
-        optimise_best(f->o, &best);
-        printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->nlosses ? f->losses[0] : NAN, best, f->nlosses,
-               cli_now() - f->start, f->stopped);
+        printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,
+               f->result.iterations, cli_now() - f->start, stop_names[f->result.stop]);
         if (!f->c->output) fputs(json, stdout);
     }
     free(json);
     return s == SLT_OK ? SLT_OK : cli_fail(f->c, &err);
 }
 
+/* ---- the fit */
 static void absolute(Scene *s, char **path) {
     char *full = *path ? realpath(*path, NULL) : NULL;
     if (full) *path = scene_keep(s, full);
 }
 
-static int fit(Fit *f) {
+static int report(Fit *f, const SltError *err) {
+    return err->status == SLT_USAGE ? cli_usage(f->c, "%s", err->text) : cli_fail(f->c, err);
+}
+
+/* Whether there is anything to write: not after a fault, nor when the first loss failed. */
+static bool has_outcome(const Fit *f, SltStatus status) {
+    if (f->result.stop == SLT_FIT_FAILED && !f->result.iterations) return false;
+    return status == SLT_OK || status == SLT_INTERRUPTED || status == SLT_CHECK_FAILED || status == SLT_LIMIT;
+}
+
+static int run(Fit *f) {
     Cli *c = f->c;
-    SltError err = {0};
-    if (c->minimize) c->job.integral = true;
-    int status = apply_scene_params(f);
-    if (status == SLT_OK) status = read_targets(f);
-    if (status == SLT_OK) status = cli_prepare_job(c, f->p);
-    if (status != SLT_OK) return status;
-    uint32_t nf = slt_float_count(f->p);
-    f->seed = c->job.seed;
-    f->index = calloc(nf + 1, sizeof *f->index);
-    f->gradient = calloc(nf + 1, sizeof *f->gradient);
-    f->all = calloc((size_t)nf * 4 + 1, sizeof *f->all);
-    f->losses = calloc((size_t)c->iters + 1, sizeof *f->losses);
-    if (!c->minimize)
-        f->image = calloc((size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p) + 1, sizeof *f->image);
-    size_t pixels = (size_t)c->job.size[0] * c->job.size[1] * slt_channels(f->p);
-    if (c->loss_command)
-        f->handed = calloc(pixels + 1, sizeof *f->handed), f->adjoint = calloc(pixels + 1, sizeof *f->adjoint);
-    if (c->loss_command && (!f->handed || !f->adjoint)) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    if (!f->index || !f->gradient || !f->all || !f->losses || (!c->minimize && !f->image))
-        return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    for (uint32_t i = 0; i < nf; i++)
-        if (slt_wrt_mask(f->p)[i]) f->index[f->n++] = i;
-    if (!f->n) return cli_usage(c, "there is nothing to optimise: no differentiable parameter");
-    status = make_optimiser(f);
-    if (status != SLT_OK) return status;
-    make_key(f);
-    if (c->resume) {
-        if (!c->checkpoint) c->checkpoint = c->resume;
-        if (resume(f, &err) != SLT_OK) return cli_fail(c, &err);
-    }
+    SltFit *fit;
+    SltError err = {0}, end_err = {0};
+    SltFitStop stop = SLT_FIT_RUNNING;
+    SltStatus status = slt_fit_begin(f->p, &f->opt, &fit, &err);
+    if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
     /* The program may run in another folder than we do. */
     for (uint32_t v = 0; c->loss_command && f->scene.loss_dir && v < f->scene.nviews; v++)
         absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
-    if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err)))
-        return cli_fail(c, &err);
-    SltStats total = {0};
-    int ran = run(f, &total);
+    if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err))) {
+        slt_fit_end(fit, NULL, NULL);
+        return report(f, &err);
+    }
+    progress_begin(&f->progress, c, "fit");
+    while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(fit, &stop, &err);
+    progress_end(&f->progress);
     loss_stop(f->loss);
-    f->loss = NULL;
-    if (!f->stopped) return ran;
-    if (ran != SLT_OK && ran != SLT_INTERRUPTED && ran != SLT_CHECK_FAILED && ran != SLT_LIMIT) return ran;
-    double best;
-    const double *x = optimise_best(f->o, &best);
-    if (isfinite(best)) set_active(f, x);
-    report_dropped(c, &total);
-    status = write_outputs(f);
-    if (status == SLT_OK) status = ran;
-    return status == SLT_OK && total.asserts ? SLT_CHECK_FAILED : status;
+    SltStatus ended = slt_fit_end(fit, &f->result, &end_err);
+    /* An end on time is no error to tell of. */
+    if (status != SLT_OK && stop != SLT_FIT_INTERRUPTED && (stop != SLT_FIT_TIME_LIMIT || !f->result.iterations))
+        report(f, &err);
+    if (ended != SLT_OK) return report(f, &end_err);
+    if (!has_outcome(f, status)) return status;
+    report_dropped(c, &f->stats);
+    int written = write_outputs(f);
+    if (written == SLT_OK) written = status;
+    return written == SLT_OK && f->stats.asserts ? SLT_CHECK_FAILED : written;
+}
+
+static int fit(Fit *f) {
+    Cli *c = f->c;
+    if (c->minimize) c->job.integral = true;
+    int status = apply_scene_params(f);
+    if (status == SLT_OK) status = read_targets(f);
+    if (status == SLT_OK) status = cli_prepare_job(c, f->p);
+    if (status == SLT_OK) status = collect_views(f);
+    if (status == SLT_OK) status = collect_numbers(f);
+    if (status != SLT_OK) return status;
+    f->opt.job = &c->job, f->opt.stats = &f->stats, f->opt.minimize = c->minimize;
+    f->opt.optimizer = c->optimizer, f->opt.iterations = c->iters;
+    f->opt.checkpoint = c->checkpoint ? c->checkpoint : c->resume, f->opt.every = c->every, f->opt.resume = c->resume;
+    f->opt.iterated = iterated, f->opt.iterated_user = f;
+    if (c->loss_command) f->opt.loss = ask_program, f->opt.loss_user = f, f->opt.loss_name = c->loss_command;
+    return run(f);
 }
 
 int verb_fit(Cli *c) {
-    Fit f = {.c = c};
+    Fit f = {.c = c, .opt = SLT_FIT_OPTIONS_INIT, .result = SLT_FIT_RESULT_INIT, .stats = SLT_STATS_INIT};
     int status = SLT_OK;
     cli_catch_interrupt(c);
     const char *scene_file = c->file;
@@ -729,16 +455,13 @@ int verb_fit(Cli *c) {
     }
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
-    loss_stop(f.loss);
-    if (f.o) optimise_free(f.o);
-    free(f.handed);
-    free(f.adjoint);
     for (uint32_t k = 0; k < f.nframes; k++) image_free(&f.frames[k]);
-    free(f.index);
-    free(f.gradient);
-    free(f.all);
-    free(f.losses);
-    free(f.image);
+    for (uint32_t k = 0; k < f.opt.nrate_masks; k++) free((void *)f.masks[k].factors);
+    free(f.views);
+    free(f.masks);
+    free(f.rates);
+    free(f.smooth);
+    free(f.result.losses);
     slt_program_free(f.p);
     if (c->file == f.scene.shader) c->file = scene_file;
     scene_free(&f.scene);

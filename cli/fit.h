@@ -4,20 +4,12 @@
 
 #include "cli/cli.h"
 
-/* A parameter that one view sees with another value: where it lies, and both values. */
-typedef struct ViewValue {
-    SltParam at;
-    double *floats, *base_floats; /* malloc'd together: floats */
-    int32_t *ints, *base_ints;    /* malloc'd together: ints */
-} ViewValue;
-
 /* One view: a target with a mask and parameter values of its own. With an external loss both images are the loss
  * program's to read. */
 typedef struct View {
     char *target_path, *mask_path;
     float *target, *mask; /* at the job's size; mask may be NULL */
-    Assign *params;       /* name, JSON text or @file (malloc'd) */
-    ViewValue *values;    /* the same, read once */
+    SltSet *params;       /* name, JSON text or @file (malloc'd) */
     uint32_t nparams;
 } View;
 

@@ -36,12 +36,12 @@ static void print_table(Cli *c, SltProgram *p, const double *g, const double *se
 
 static int grad_integral(Cli *c, SltProgram *p) {
     SltError err = {0};
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     uint32_t ch = slt_channels(p);
     size_t n = (size_t)ch * slt_float_count(p) + 1;
     double *all = calloc(5 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
     if (!all) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    SltIntegral out = {value, value_se, all, all + n, all + 2 * n, all + 3 * n, all + 4 * n, false};
+    SltIntegral out = {sizeof out, value, value_se, all, all + n, all + 2 * n, all + 3 * n, all + 4 * n, false};
     Progress pr;
     progress_begin(&pr, c, "grad");
     c->job.progress = progress_job, c->job.progress_user = &pr;
@@ -81,7 +81,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
 
 static int grad_loss(Cli *c, SltProgram *p) {
     SltError err = {0};
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     float *image = NULL;
     int read = cli_read_image(c, p, c->target ? c->target : c->adjoint, c->target != NULL, &image);
     if (read != SLT_OK) return read;
@@ -180,13 +180,13 @@ static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncom
 
 static int grad_images(Cli *c, SltProgram *p) {
     SltError err = {0};
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     char **names;
     uint32_t *index, ch = slt_channels(p), n = report_components(c, p, &names, &index), nf = slt_float_count(p);
     int status = SLT_OK;
     if (!image_can_write(c->output)) {
         report_free_components(names, index, n);
-        return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+        return cli_unknown_format(c);
     }
     if (n > CLI_MAX_COMPONENTS) {
         fprintf(

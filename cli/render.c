@@ -58,9 +58,9 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
 /* The integral through the same door as its derivative, without any. */
 static int render_integral(Cli *c, SltProgram *p) {
     SltError err = {0};
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     double value[4] = {0}, error[4] = {0};
-    SltIntegral out = {.value = value, .value_stderr = error};
+    SltIntegral out = {.struct_size = sizeof out, .value = value, .value_stderr = error};
     c->job.no_boundary = true;
     SltStatus status = slt_grad_integral(p, &c->job, &out, &stats, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
@@ -86,12 +86,11 @@ static int render_integral(Cli *c, SltProgram *p) {
 static int render(Cli *c, SltProgram *p) {
     int status = cli_prepare_job(c, p);
     if (status != SLT_OK) return status;
-    if (c->output && !image_can_write(c->output) && !c->rgba8)
-        return cli_usage(c, "-o %s: the extension should be .exr, .png, .pfm or .npy", c->output);
+    if (c->output && !image_can_write(c->output) && !c->opt.rgba8) return cli_unknown_format(c);
     if (c->job.integral) return render_integral(c, p);
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     uint32_t channels = slt_channels(p), w = c->job.size[0], h = c->job.size[1], d = c->job.size[2];
-    if (c->rgba8) {
+    if (c->opt.rgba8) {
         status = write_rgba8(c, p, &stats);
         if (status == SLT_OK) print_result(c, p, &stats, NULL, 4);
         return status;

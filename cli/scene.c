@@ -5,6 +5,7 @@
 #include <jansson.h>
 
 #include "cli/fit.h"
+#include "compiler/base/session.h"
 
 bool scene_is(const char *file) {
     size_t n = file ? strlen(file) : 0;
@@ -176,7 +177,7 @@ static int read_view(Reader *r, json_t *j, View *v) {
             text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
         }
         if (!text) return SLT_LIMIT;
-        v->params[v->nparams++] = (Assign){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
+        v->params[v->nparams++] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
     }
     return SLT_OK;
 }
@@ -228,8 +229,11 @@ static int read_optimizer(Reader *r, json_t *root) {
     if (status == SLT_OK) status = number_of(r, o, "lr", 0, 1e30, &lr);
     if (status != SLT_OK) return status;
     if (r->s->optimizer) {
-        if (strcmp(r->s->optimizer, "adam") && strcmp(r->s->optimizer, "sgd") && strcmp(r->s->optimizer, "lbfgs"))
-            return bad(r, "optimizer.type", "adam, sgd or lbfgs is wanted");
+        if (!fit_has_optimizer(r->s->optimizer)) {
+            char text[128];
+            snprintf(text, sizeof text, "unknown `%.40s`; known: %.60s", r->s->optimizer, fit_optimizers + 1);
+            return bad(r, "optimizer.type", text);
+        }
         if (!r->c->optimizer_given) r->c->optimizer = r->s->optimizer;
     }
     if (iters >= 0 && !r->c->iters_given) r->c->iters = (uint32_t)iters;
@@ -314,9 +318,6 @@ void scene_free(Scene *s) {
     for (uint32_t v = 0; v < s->nviews; v++) {
         free(s->views[v].target);
         free(s->views[v].mask);
-        for (uint32_t k = 0; s->views[v].values && k < s->views[v].nparams; k++)
-            free(s->views[v].values[k].floats), free(s->views[v].values[k].ints);
-        free(s->views[v].values);
         free(s->views[v].params);
     }
     free(s->views);

@@ -3,6 +3,8 @@
 #ifndef SALTUS_BINDINGS_C_API_H
 #define SALTUS_BINDINGS_C_API_H
 
+#include <stdatomic.h>
+
 #include "compiler/back/back.h"
 #include "compiler/pass/pass.h"
 #include "runtime/base/status.h"
@@ -25,8 +27,12 @@ struct SltProgram {
     PassCtx passes;
     Target target;
 
+    atomic_bool in_use; /* by a public function that reads or writes what follows */
+    bool ready;         /* compiled, with values: else only diagnostics may be asked for */
+
     double *floats; /* master values */
-    void *flt;      /* the same in the program's precision */
+    void *flt;      /* the same in the program's precision; or those of the last call, when it had its own */
+    bool flt_lent;  /* flt holds a call's own values */
     int32_t *ints;
     uint8_t *wrt;       /* per float: differentiate */
     bool *asset_loaded; /* per parameter */
@@ -47,7 +53,9 @@ struct SltProgram {
     FieldState *field_state;
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
                   uint32_t lane); /* print(); NULL: silent */
-    void *print_user;
+    void *print_user;             /* as kernels call it: this program */
+    SltPrint *on_print;           /* the caller's */
+    void *on_print_user;
     double ms_front, ms_passes, ms_llvm;
     bool cached; /* every module so far came from the cache */
 
@@ -59,17 +67,42 @@ struct SltProgram {
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
 void api_forget_gradients(SltProgram *p); /* the kernels that depend on what is differentiated */
 void api_free_kernels(SltProgram *p);
+/* call.c. Public functions that touch what changes claim the program first; api_enter also fails, with a text, when it
+ * did not compile. What succeeds is followed by api_release. */
+bool api_claim(const SltProgram *p);
+void api_release(const SltProgram *p);
+SltStatus api_enter(const SltProgram *p, SltError *err);
+/* Structs that begin with their size. `mine` is of this version, `known` bytes long; `theirs` may be of another.
+ * api_struct_read leaves alone what theirs lacks; false: theirs has no size, or says what is not known here.
+ * api_struct_write wants a size that was checked. */
+bool api_struct_sized(const void *theirs);
+bool api_struct_read(void *mine, size_t known, const void *theirs);
+void api_struct_write(void *theirs, const void *mine, size_t known);
+SltStatus api_struct_unknown(SltError *err, const char *name); /* the error for it */
+/* A call that samples, from begin (which enters) to end (which is called whatever begin returned). */
+typedef struct ApiCall {
+    SltProgram *p;                 /* NULL: not entered */
+    SltJob job;                    /* of this version */
+    SltStats own, *stats, *theirs; /* stats: NULL where the caller wants none */
+    SltError *err;
+} ApiCall;
+SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
+SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
+SltStatus api_call_end(ApiCall *c, SltStatus status);
 /* fields.c */
 bool api_fields_init(SltProgram *p);
 void api_fields_free(SltProgram *p);
-void api_fields_watch(
-    SltProgram *p, uint32_t base,
-    uint32_t count); /* floats[base..] are new, flt[base..] still old: marks the heights that become others */
+/* values[base..] are new, flt[base..] still old: marks the heights that become others. */
+void api_fields_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count);
 uint32_t api_field_queries(const Fn *fn, uint32_t field); /* bit (1 << SltFieldWhat) for every fieldop on it */
 void api_fields_want(SltProgram *p, const Fn *fn);        /* fn will run: what it asks is made by the next api_fields */
 SltStatus api_fields(SltProgram *p, SltError *err);       /* makes and refreshes what compiled kernels ask */
 /* values.c */
-void api_params_changed(SltProgram *p, uint32_t base, uint32_t count);
+void api_flt_from(SltProgram *p, const double *values, uint32_t base,
+                  uint32_t count);                                     /* flt[base..] = values[base..] */
+void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new */
+SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt without entering */
+SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err); /* slt_set_text likewise */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
 /* Upper bound on the events of one sample. */

@@ -15,16 +15,18 @@ static void gradient_needs(const SltJob *j, bool forward, bool needs[K_KINDS]) {
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
 
-static SltStatus prepare(SltProgram *p, const SltJob *j, bool gradient, bool forward, SltError *err) {
-    bool needs[K_KINDS];
-    if (gradient) gradient_needs(j, forward, needs);
-    p->error = (SltError){0};
-    return api_kernels(p, gradient ? needs : needs_render, err);
+static SltStatus begin_value(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
+    SltStatus s = api_call_begin(c, p, job, stats, err);
+    return s != SLT_OK ? s : api_call_kernels(c, needs_render);
 }
 
-static SltStatus finish(SltProgram *p, SltStatus status, SltError *err) {
-    if (status == SLT_OK && p->error.status != SLT_OK) return status_fail(err, p->error.status, "%s", p->error.text);
-    return status;
+static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bool forward, SltStats *stats,
+                                SltError *err) {
+    bool needs[K_KINDS];
+    SltStatus s = api_call_begin(c, p, job, stats, err);
+    if (s != SLT_OK) return s;
+    gradient_needs(&c->job, forward, needs);
+    return api_call_kernels(c, needs);
 }
 
 /* What is truly infinite is infinite, and counted. */
@@ -36,46 +38,71 @@ static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
 }
 
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err) {
-    SltStatus s = prepare(p, job, false, false, err);
-    return s != SLT_OK ? s : finish(p, slt_estimate_render(&p->scene, job, 0, image, stats, err), err);
+    ApiCall c;
+    SltStatus s = begin_value(&c, p, job, stats, err);
+    if (s == SLT_OK) s = slt_estimate_render(&p->scene, &c.job, 0, image, c.stats, err);
+    return api_call_end(&c, s);
+}
+
+SltStatus slt_eval(SltProgram *p, const SltJob *job, uint64_t n, const double *x, const uint32_t *streams, double *out,
+                   SltStats *stats, SltError *err) {
+    ApiCall c;
+    SltStatus s = begin_value(&c, p, job, stats, err);
+    if (s == SLT_OK && p->opt.rgba8 && !p->opt.interpret)
+        s = status_fail(err, SLT_USAGE, "a program compiled with rgba8 has pixels for values");
+    if (s == SLT_OK) s = slt_estimate_points(&p->scene, &c.job, n, x, streams, out, c.stats, err);
+    return api_call_end(&c, s);
 }
 
 SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out,
                           float *crossings, SltStats *stats, SltError *err) {
-    SltStatus s = prepare(p, job, true, true, err);
-    return s != SLT_OK ? s
-                       : finish(p, slt_estimate_forward(&p->scene, job, ndir, dirs, out, crossings, stats, err), err);
+    ApiCall c;
+    SltStatus s = begin_gradient(&c, p, job, true, stats, err);
+    if (s == SLT_OK) s = slt_estimate_forward(&p->scene, &c.job, ndir, dirs, out, crossings, c.stats, err);
+    return api_call_end(&c, s);
 }
 
 SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoint, double *gradient,
                            double *stderr_bound, SltStats *stats, SltError *err) {
     const float *both[2] = {adjoint, adjoint};
-    SltStatus s = prepare(p, job, true, false, err);
-    if (s == SLT_OK) s = finish(p, slt_estimate_reverse(&p->scene, job, both, gradient, stderr_bound, stats, err), err);
-    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, stats);
-    return s;
+    ApiCall c;
+    SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, gradient, stderr_bound, c.stats, err);
+    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, c.stats);
+    return api_call_end(&c, s);
 }
 
 SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, const float *mask, double *loss,
                         double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
-    SltStatus s = prepare(p, job, true, false, err);
+    ApiCall c;
+    SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK)
-        s = finish(p, slt_estimate_loss(&p->scene, job, target, mask, loss, gradient, stderr_bound, image, stats, err),
-                   err);
-    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, stats);
-    return s;
+        s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, gradient, stderr_bound, image, c.stats, err);
+    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, c.stats);
+    return api_call_end(&c, s);
 }
 
 SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
-    SltStatus s = prepare(p, job, true, false, err);
-    if (s == SLT_OK) s = finish(p, slt_estimate_integral(&p->scene, job, out, stats, err), err);
-    if (s == SLT_OK) count_nonfinite(out->gradient, (size_t)p->prog->channels * p->prog->nfloats, stats);
-    return s;
+    SltIntegral wanted = SLT_INTEGRAL_INIT;
+    if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
+    ApiCall c;
+    SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
+    if (s == SLT_OK) count_nonfinite(wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, c.stats);
+    if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);
+    return api_call_end(&c, s);
 }
 
-SltStatus slt_crossing(SltProgram *p, const double a[3], const double b[3], uint32_t stream, SltCrossing *out,
-                       SltError *err) {
-    SltJob job = SLT_JOB_INIT;
-    SltStatus s = prepare(p, &job, true, false, err);
-    return s != SLT_OK ? s : finish(p, slt_estimate_crossing(&p->scene, a, b, stream, out, err), err);
+SltStatus slt_crossing(SltProgram *p, const SltJob *job, const double a[3], const double b[3], uint32_t stream,
+                       SltCrossing *out, SltError *err) {
+    SltJob own = SLT_JOB_INIT, values = SLT_JOB_INIT;
+    if (!api_struct_sized(out)) return api_struct_unknown(err, "SltCrossing");
+    if (job && !api_struct_read(&own, sizeof own, job)) return api_struct_unknown(err, "SltJob");
+    values.floats = own.floats, values.ints = own.ints;
+    ApiCall c;
+    SltCrossing found = SLT_CROSSING_INIT;
+    SltStatus s = begin_gradient(&c, p, &values, true, NULL, err);
+    if (s == SLT_OK) s = slt_estimate_crossing(&p->scene, a, b, stream, &found, err);
+    if (s == SLT_OK) api_struct_write(out, &found, sizeof found);
+    return api_call_end(&c, s);
 }

@@ -49,9 +49,9 @@ void api_fields_free(SltProgram *p) {
     free(p->field_state);
 }
 
-static bool same_bits(const SltProgram *p, uint64_t i) {
-    if (p->opt.f64) return !memcmp(&((const double *)p->flt)[i], &p->floats[i], sizeof(double));
-    float v = (float)p->floats[i];
+static bool same_bits(const SltProgram *p, const double *values, uint64_t i) {
+    if (p->opt.f64) return !memcmp(&((const double *)p->flt)[i], &values[i], sizeof(double));
+    float v = (float)values[i];
     return !memcmp(&((const float *)p->flt)[i], &v, sizeof v);
 }
 
@@ -63,7 +63,7 @@ static void mark(FieldState *s, uint32_t x0, uint32_t x1, uint32_t y) {
     if (y >= s->y1) s->y1 = y + 1;
 }
 
-void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count) {
+void api_fields_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count) {
     for (uint32_t f = 0; p->field_state && f < p->prog->nfields; f++) {
         const FieldInfo *info = &p->prog->fields[f];
         uint64_t first = info->base, end = first + (uint64_t)info->w * info->h, from = base > first ? base : first,
@@ -74,8 +74,8 @@ void api_fields_watch(SltProgram *p, uint32_t base, uint32_t count) {
             uint64_t row = (i - first) / info->w, start = first + row * info->w, last = start + info->w;
             next = last < to ? last : to;
             uint64_t a = i, b = next;
-            while (a < b && same_bits(p, a)) a++;
-            while (b > a && same_bits(p, b - 1)) b--;
+            while (a < b && same_bits(p, values, a)) a++;
+            while (b > a && same_bits(p, values, b - 1)) b--;
             if (a < b)
                 mark(&p->field_state[f], (uint32_t)(a - start), (uint32_t)(b - start), info->h - 1 - (uint32_t)row);
         }

@@ -4,7 +4,7 @@
 #include <time.h>
 
 #include "bindings/c/api.h"
-#include "compiler/pass/site_facts.h"
+#include "compiler/pass/depend.h"
 
 /* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band
  * between two comparisons that is thinner than the spacing shows in the hash, though both its outsides look alike.
@@ -89,7 +89,7 @@ static void site_tables(SltProgram *p) {
     p->site_skips = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     p->site_static = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     uint8_t *facts = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
-    site_facts(&p->passes, p->prog->primal, NULL, facts);
+    depend_sites(p->prog->primal, NULL, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) {
         p->site_kind[s] = (uint8_t)primal->sites[s].kind;
         p->site_skips[s] = primal->sites[s].skip_loop;

@@ -19,7 +19,6 @@ typedef struct Pixels {
     const SltJob *job;
     uint32_t *out;
     PixelWorker *worker;
-    SltStats stats;
 } Pixels;
 
 static void set(const SltProgram *p, void *a, uint32_t i, double v) {
@@ -51,7 +50,7 @@ static bool worker_init(Pixels *q, PixelWorker *w) {
     for (int d = 0; d < 3; d++) w->args.in[IN_X0 + d] = w->x[d];
     w->args.in[IN_PIXEL0] = w->pixel[0], w->args.in[IN_PIXEL1] = w->pixel[1];
     w->args.out[0] = w->out;
-    w->args.params = q->p->flt, w->args.iparams = q->p->ints, w->args.fields = q->p->scene.fields;
+    w->args.params = q->p->flt, w->args.iparams = q->p->scene.iparams, w->args.fields = q->p->scene.fields;
     w->args.resolution[0] = (int32_t)width, w->args.resolution[1] = (int32_t)q->job->size[1];
     w->args.n_valid = width;
     return true;
@@ -81,14 +80,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
 
 static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (void)worker, (void)tile; }
 
-SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    if (p->opt.interpret || !p->opt.rgba8)
-        return status_fail(err, SLT_USAGE, "8-bit pixels need a program compiled with rgba8, and no interpreter");
-    if (slt_dim(p) == 3 || p->prog->uses_rand)
-        return status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
-    bool needs[K_KINDS] = {[K_VALUE] = true};
-    SltStatus s = api_kernels(p, needs, err);
-    if (s != SLT_OK) return s;
+static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
     uint64_t tiles = (job->size[1] + ROWS - 1) / ROWS;
     Pixels q = {.p = p, .job = job, .out = pixels};
     uint32_t threads = pool_threads(job->threads, tiles);
@@ -102,9 +94,22 @@ SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, S
                      .progress_user = job->progress_user,
                      .to = 1,
                      .deadline = job->time_limit > 0 ? start + job->time_limit : 0};
-    s = ok ? pool_run(&o, tiles, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
-    if (stats) *stats = (SltStats){.samples = (uint64_t)job->size[0] * job->size[1], .seconds = pool_now() - start};
+    SltStatus s = ok ? pool_run(&o, tiles, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    if (stats) stats->samples += (uint64_t)job->size[0] * job->size[1], stats->seconds += pool_now() - start;
     for (uint32_t t = 0; q.worker && t < threads; t++) worker_free(&q.worker[t]);
     free(q.worker);
     return s;
+}
+
+SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
+    static const bool needs[K_KINDS] = {[K_VALUE] = true};
+    ApiCall c;
+    SltStatus s = api_call_begin(&c, p, job, stats, err);
+    if (s == SLT_OK && (p->opt.interpret || !p->opt.rgba8))
+        s = status_fail(err, SLT_USAGE, "8-bit pixels need a program compiled with rgba8, and no interpreter");
+    if (s == SLT_OK && (p->prog->dim == 3 || p->prog->uses_rand))
+        s = status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
+    if (s == SLT_OK) s = api_call_kernels(&c, needs);
+    if (s == SLT_OK) s = render(p, &c.job, pixels, c.stats, err);
+    return api_call_end(&c, s);
 }

@@ -63,17 +63,59 @@ static const char *find_stdlib(Session *s, const SltOptions *opt) {
 #endif
 }
 
+static const SltSet *copy_sets(Session *s, const SltSet *list, uint32_t n) {
+    SltSet *copy = ARENA_ARRAY(&s->session, SltSet, n + 1);
+    for (uint32_t i = 0; i < n; i++) copy[i] = (SltSet){copy_string(s, list[i].name), copy_string(s, list[i].value)};
+    return copy;
+}
+
+/* Kernels are compiled long after the call that brought the options: nothing of the caller's may be left in them. */
+static void copy_options(Session *s, void *user) {
+    SltOptions *o = user;
+    const char **dirs = ARENA_ARRAY(&s->session, const char *, o->nimport_dirs + 1);
+    for (uint32_t i = 0; i < o->nimport_dirs; i++) dirs[i] = copy_string(s, o->import_dirs[i]);
+    o->import_dirs = dirs;
+    o->set = copy_sets(s, o->set, o->nset);
+    o->param_files = copy_sets(s, o->param_files, o->nparam_files);
+    o->entry = copy_string(s, o->entry);
+    o->target = copy_string(s, o->target);
+    o->dump = copy_string(s, o->dump);
+    o->verify_after = copy_string(s, o->verify_after);
+    o->stop_after = copy_string(s, o->stop_after);
+    o->stdlib_dir = copy_string(s, find_stdlib(s, o));
+    s->stdlib_dir = o->stdlib_dir, s->import_dirs = o->import_dirs, s->nimport_dirs = o->nimport_dirs;
+}
+
 typedef struct Compile {
     SltProgram *p;
     const char *path, *text, *shown;
     SltStatus status;
 } Compile;
 
+/* Where to dump, verify and stop. */
+static SltStatus find_points(SltProgram *p) {
+    const struct {
+        const char *option, *text;
+        PassPoint *point;
+    } wanted[] = {{"--dump", p->opt.dump, &p->passes.dump},
+                  {"--verify", p->opt.verify_after, &p->passes.verify},
+                  {"--stop-after", p->opt.stop_after, &p->passes.stop_after}};
+    if (p->opt.verify) p->passes.verify.pass = PASS_ALL;
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        if (!wanted[i].text) continue;
+        const char *wrong = pass_point(&p->session->session, wanted[i].text, wanted[i].point);
+        if (wrong) return status_fail(&p->error, SLT_USAGE, "%s: %s", wanted[i].option, wrong);
+    }
+    return SLT_OK;
+}
+
 static void compile_body(Session *s, void *arg) {
     Compile *c = arg;
     SltProgram *p = c->p;
     double start = now_ms();
     int file;
+    c->status = find_points(p);
+    if (c->status != SLT_OK) return;
     if (c->path) {
         const char *why = NULL;
         file = session_add_file(s, c->path, &why);
@@ -115,8 +157,7 @@ static void compile_body(Session *s, void *arg) {
             return;
         }
     p->prog = prog;
-    p->passes =
-        (PassCtx){.session = s, .dump = p->opt.dump, .verify_each = p->opt.verify, .has_fma = p->target.has_fma};
+    p->passes.session = s, p->passes.program = prog, p->passes.has_fma = p->target.has_fma;
     start = now_ms();
     pipeline_primal(&p->passes, prog->primal);
     p->ms_passes = now_ms() - start;
@@ -137,7 +178,9 @@ static SltStatus fill_program(SltProgram *p) {
     api_params_changed(p, 0, prog->nfloats);
     SltStatus status = api_load_assets(p, &p->error);
     if (status != SLT_OK) return status;
-    return slt_wrt(p, NULL, 0, &p->error);
+    status = api_wrt(p, NULL, 0, &p->error);
+    p->ready = status == SLT_OK;
+    return status;
 }
 
 static SltStatus compile(const char *path, const char *text, const char *shown, const SltOptions *opt,
@@ -151,24 +194,23 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
         return SLT_LIMIT;
     }
     *out = p;
-    SltOptions o = SLT_OPTIONS_INIT;
-    if (opt) memcpy(&o, opt, opt->size < sizeof o ? opt->size : sizeof o);
-    p->opt = o;
+    SltOptions *o = &p->opt;
+    *o = SLT_OPTIONS_INIT;
+    if (opt && !api_struct_read(o, sizeof *o, opt)) return api_struct_unknown(&p->error, "SltOptions");
     p->cached = true;
     Session *s = p->session;
-    s->stdlib_dir = copy_string(s, find_stdlib(s, &o));
-    s->import_dirs = o.import_dirs;
-    s->nimport_dirs = o.nimport_dirs;
-    if (o.target) {
-        if (!target_named(&p->target, o.target))
-            return status_fail(&p->error, SLT_USAGE, "unknown target `%s`: native, avx512, avx2 or sse2", o.target);
+    int unwound = session_protect(s, copy_options, o);
+    if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
+    if (o->target) {
+        if (!target_named(&p->target, o->target))
+            return status_fail(&p->error, SLT_USAGE, "unknown target `%s`: native, avx512, avx2 or sse2", o->target);
     } else {
         target_host(&p->target);
     }
-    if ((unsigned)o.field > SLT_STRUCTURE_NAIVE)
-        return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o.field);
+    if ((unsigned)o->field > SLT_STRUCTURE_NAIVE)
+        return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o->field);
     Compile c = {.p = p, .path = path, .text = text, .shown = shown};
-    int unwound = session_protect(s, compile_body, &c);
+    unwound = session_protect(s, compile_body, &c);
     if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
     if (c.status != SLT_OK) return c.status;
     return fill_program(p);
@@ -183,7 +225,7 @@ SltStatus slt_compile_string(const char *source, const char *shown_name, const S
 }
 
 void slt_program_free(SltProgram *p) {
-    if (!p) return;
+    if (!p || !api_claim(p)) return;
     api_free_kernels(p);
     api_fields_free(p);
     free(p->floats);
@@ -199,52 +241,63 @@ void slt_program_free(SltProgram *p) {
 const char *slt_version(void) { return SALTUS_VERSION; }
 const char *slt_last_error(const SltProgram *p) { return p ? p->error.text : "out of memory"; }
 
-/* ---- diagnostics */
+/* ---- diagnostics: a call that compiles kernels may add some */
 uint32_t slt_diagnostic_count(const SltProgram *p) {
     uint32_t n = 0;
+    if (!api_claim(p)) return 0;
     for (const Diag *d = p->session->diags; d; d = d->next) n++;
+    api_release(p);
     return n;
 }
 
-bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
-    const Session *s = p->session;
-    for (const Diag *d = s->diags; d; d = d->next) {
-        if (index--) continue;
-        *out = (SltDiagnostic){.severity = d->severity == SEV_ERROR     ? 1
-                                           : d->severity == SEV_WARNING ? 2
-                                                                        : 3,
-                               .code = diag_code_name(d->code),
-                               .message = d->text,
-                               .file = ""};
-        if (d->span.file >= 0) {
-            out->file = s->sources[d->span.file].path;
-            span_position(s, d->span, &out->line, &out->column);
-        }
-        return true;
+static SltDiagnostic described(const Session *s, const Diag *d) {
+    SltDiagnostic q = SLT_DIAGNOSTIC_INIT;
+    q.severity = d->severity == SEV_ERROR ? 1 : d->severity == SEV_WARNING ? 2 : 3;
+    q.code = diag_code_name(d->code), q.message = d->text, q.file = "";
+    if (d->span.file >= 0) {
+        q.file = s->sources[d->span.file].path;
+        span_position(s, d->span, &q.line, &q.column);
     }
-    return false;
+    return q;
 }
 
+bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
+    if (!api_struct_sized(out) || !api_claim(p)) return false;
+    const Diag *d = p->session->diags;
+    for (; d && index; index--) d = d->next;
+    if (d) {
+        SltDiagnostic q = described(p->session, d);
+        api_struct_write(out, &q, sizeof q);
+    }
+    api_release(p);
+    return d != NULL;
+}
+
+/* "" while the program is in use. */
 static const char *printed(SltProgram *p, int slot, void (*print)(const Session *, FILE *)) {
     size_t size = 0;
     char *text = NULL;
+    if (!api_claim(p)) return "";
     FILE *f = open_memstream(&text, &size);
-    if (!f) return "";
-    print(p->session, f);
-    fclose(f);
-    free(p->text[slot]);
-    return p->text[slot] = text;
+    if (f) {
+        print(p->session, f);
+        fclose(f);
+        free(p->text[slot]);
+        p->text[slot] = text;
+    }
+    api_release(p);
+    return text ? text : "";
 }
 static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false); }
 const char *slt_diagnostics_text(SltProgram *p) { return printed(p, 0, print_text); }
 const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_print_json); }
 
-/* ---- facts */
-uint32_t slt_dim(const SltProgram *p) { return p->prog->dim; }
-uint32_t slt_channels(const SltProgram *p) { return p->prog->channels; }
-const char *slt_entry(const SltProgram *p) { return p->prog->entry; }
+/* ---- facts: zeros of a program that did not compile */
+uint32_t slt_dim(const SltProgram *p) { return p->prog ? p->prog->dim : 0; }
+uint32_t slt_channels(const SltProgram *p) { return p->prog ? p->prog->channels : 0; }
+const char *slt_entry(const SltProgram *p) { return p->prog ? p->prog->entry : ""; }
 void slt_domain(const SltProgram *p, double lo[3], double hi[3]) {
-    for (int d = 0; d < 3; d++) lo[d] = p->prog->lo[d], hi[d] = p->prog->hi[d];
+    for (int d = 0; d < 3; d++) lo[d] = p->prog ? p->prog->lo[d] : 0, hi[d] = p->prog ? p->prog->hi[d] : 0;
 }
-uint32_t slt_site_count(const SltProgram *p) { return p->prog->primal->nsites; }
-bool slt_uses_rand(const SltProgram *p) { return p->prog->uses_rand; }
+uint32_t slt_site_count(const SltProgram *p) { return p->prog ? p->prog->primal->nsites : 0; }
+bool slt_uses_rand(const SltProgram *p) { return p->prog && p->prog->uses_rand; }

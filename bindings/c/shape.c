@@ -1,7 +1,77 @@
 #include "bindings/c/shape.h"
 
+#include <string.h>
+
 #include "runtime/base/json.h"
 
+/* ---- as numbers */
+static void add_dimension(SltParam *out, uint32_t n) {
+    if (out->rank < SLT_MAX_RANK) out->shape[out->rank++] = n;
+    else out->shape[SLT_MAX_RANK - 1] *= n;
+}
+
+/* A texture, a row of it, a texel or a channel: by how many numbers it has. */
+static void describe_texels(const Param *q, SltParam *out) {
+    uint32_t row = q->tex_w * q->tex_c;
+    out->kind = SLT_KIND_FLOAT, out->fstride = 1;
+    if (out->fcount == q->fcount) add_dimension(out, q->tex_h);
+    if (out->fcount >= row && out->fcount > q->tex_c) add_dimension(out, q->tex_w);
+    if (out->fcount >= q->tex_c && q->tex_c > 1) add_dimension(out, q->tex_c);
+}
+
+void shape_describe(const Param *q, const Type *t, SltParam *out) {
+    out->rank = out->nfields = out->fstride = out->istride = 0, out->layout = NULL;
+    memset(out->shape, 0, sizeof out->shape);
+    if (q->is_texture || q->is_heightfield) {
+        describe_texels(q, out);
+        return;
+    }
+    uint32_t elements = 1;
+    for (; t->kind == T_ARRAY || t->kind == T_VECTOR || t->kind == T_MATRIX; t = t->elem) {
+        add_dimension(out, t->n), elements *= t->n;
+        if (t->kind != T_MATRIX) continue;
+        add_dimension(out, t->n), elements *= t->n;
+        t = type_scalar(T_FLOAT);
+        break;
+    }
+    switch (t->kind) {
+    case T_BOOL: out->kind = SLT_KIND_BOOL; break;
+    case T_INT: out->kind = SLT_KIND_INT; break;
+    case T_UINT: out->kind = SLT_KIND_UINT; break;
+    case T_STRUCT: out->kind = SLT_KIND_STRUCT, out->nfields = t->nfields, out->layout = t; break;
+    default: out->kind = SLT_KIND_FLOAT;
+    }
+    if (elements) out->fstride = out->fcount / elements, out->istride = out->icount / elements;
+}
+
+static void count(const Type *t, uint32_t *floats, uint32_t *ints) {
+    uint32_t n = t->kind == T_MATRIX ? t->n * t->n : t->n, f = 0, i = 0;
+    switch (t->kind) {
+    case T_STRUCT:
+        for (uint32_t k = 0; k < t->nfields; k++) count(t->fields[k].type, floats, ints);
+        return;
+    case T_VECTOR:
+    case T_ARRAY: count(t->elem, &f, &i); break;
+    case T_MATRIX: f = 1; break;
+    case T_FLOAT: f = n = 1; break;
+    default: i = n = 1;
+    }
+    *floats += n * f, *ints += n * i;
+}
+
+void shape_field(SltParam *q, uint32_t index) {
+    const Type *t = q->layout;
+    const Field *field = &t->fields[index];
+    static const Param plain; /* fields are no textures */
+    for (uint32_t k = 0; k < index; k++) count(t->fields[k].type, &q->fbase, &q->ibase);
+    q->fcount = q->icount = 0;
+    count(field->type, &q->fcount, &q->icount);
+    q->name = field->name, q->type = field->type->name;
+    q->differentiable &= q->fcount > 0;
+    shape_describe(&plain, field->type, q);
+}
+
+/* ---- as JSON */
 static bool has_floats(const Type *t) {
     if (t->kind == T_STRUCT) {
         for (uint32_t k = 0; k < t->nfields; k++)

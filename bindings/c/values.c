@@ -11,22 +11,27 @@
 #include "runtime/image/image.h"
 
 /* ---- the flat vectors */
-void api_params_changed(SltProgram *p, uint32_t base, uint32_t count) {
-    api_fields_watch(p, base, count);
+void api_flt_from(SltProgram *p, const double *values, uint32_t base, uint32_t count) {
+    api_fields_watch(p, values, base, count);
     for (uint32_t i = base; i < base + count; i++)
-        if (p->opt.f64) ((double *)p->flt)[i] = p->floats[i];
-        else ((float *)p->flt)[i] = (float)p->floats[i];
+        if (p->opt.f64) ((double *)p->flt)[i] = values[i];
+        else ((float *)p->flt)[i] = (float)values[i];
 }
 
-uint32_t slt_float_count(const SltProgram *p) { return p->prog->nfloats; }
-uint32_t slt_int_count(const SltProgram *p) { return p->prog->nints; }
+void api_params_changed(SltProgram *p, uint32_t base, uint32_t count) {
+    if (!p->flt_lent) api_flt_from(p, p->floats, base, count); /* else the next call takes all of floats */
+}
+
+uint32_t slt_float_count(const SltProgram *p) { return p->prog ? p->prog->nfloats : 0; }
+uint32_t slt_int_count(const SltProgram *p) { return p->prog ? p->prog->nints : 0; }
 const double *slt_floats(const SltProgram *p) { return p->floats; }
 const int32_t *slt_ints(const SltProgram *p) { return p->ints; }
-uint32_t slt_param_count(const SltProgram *p) { return p->prog->nparams; }
+uint32_t slt_param_count(const SltProgram *p) { return p->prog ? p->prog->nparams : 0; }
 const uint8_t *slt_wrt_mask(const SltProgram *p) { return p->wrt; }
 
 static void describe(const Param *q, SltParam *out) {
-    *out = (SltParam){.name = q->name,
+    *out = (SltParam){.struct_size = sizeof *out,
+                      .name = q->name,
                       .type = q->type ? q->type->name : "",
                       .fbase = q->fbase,
                       .fcount = q->fcount,
@@ -40,19 +45,34 @@ static void describe(const Param *q, SltParam *out) {
                       .color = q->attrs.color,
                       .lo = q->attrs.lo,
                       .hi = q->attrs.hi,
+                      .has_extent = q->attrs.has_extent,
+                      .extent = {q->attrs.extent[0], q->attrs.extent[1], q->attrs.extent[2], q->attrs.extent[3]},
+                      .height_scale = q->attrs.has_height ? q->attrs.height_scale : 1,
+                      .height_offset = q->attrs.has_height ? q->attrs.height_offset : 0,
                       .doc = q->attrs.doc,
                       .tex_w = q->tex_w,
                       .tex_h = q->tex_h,
                       .tex_c = q->tex_c};
+    shape_describe(q, q->type, out);
 }
 
 bool slt_param(const SltProgram *p, uint32_t index, SltParam *out) {
-    if (index >= p->prog->nparams) return false;
-    describe(&p->prog->params[index], out);
+    if (index >= slt_param_count(p) || !api_struct_sized(out)) return false;
+    SltParam q;
+    describe(&p->prog->params[index], &q);
+    api_struct_write(out, &q, sizeof q);
     return true;
 }
 
-SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, SltError *err) {
+bool slt_param_field(const SltParam *of, uint32_t index, SltParam *out) {
+    SltParam q = SLT_PARAM_INIT;
+    if (!api_struct_sized(out) || !api_struct_read(&q, sizeof q, of) || index >= q.nfields) return false;
+    shape_field(&q, index);
+    api_struct_write(out, &q, sizeof q);
+    return true;
+}
+
+static SltStatus find(const SltProgram *p, const char *name, SltParam *out, SltError *err) {
     ParamRef ref;
     const char *why = NULL;
     if (!program_find(p->prog, name, &ref, &why))
@@ -61,27 +81,47 @@ SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, S
     out->name = name;
     out->type = ref.type ? ref.type->name : out->type;
     out->fbase = ref.fbase, out->fcount = ref.fcount, out->ibase = ref.ibase, out->icount = ref.icount;
+    shape_describe(ref.param, ref.type, out);
     return SLT_OK;
+}
+
+SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, SltError *err) {
+    if (!api_struct_sized(out)) return api_struct_unknown(err, "SltParam");
+    SltStatus status = api_enter(p, err);
+    if (status != SLT_OK) return status;
+    SltParam q;
+    status = find(p, name, &q, err);
+    if (status == SLT_OK) api_struct_write(out, &q, sizeof q);
+    api_release(p);
+    return status;
 }
 
 SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const double *values, SltError *err) {
-    if (count > p->prog->nfloats || base > p->prog->nfloats - count)
-        return status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count,
-                           p->prog->nfloats);
-    if (count) memcpy(p->floats + base, values, count * sizeof *values);
-    api_params_changed(p, base, count);
-    return SLT_OK;
+    SltStatus status = api_enter(p, err);
+    if (status != SLT_OK) return status;
+    if (count > p->prog->nfloats || base > p->prog->nfloats - count) {
+        status = status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count,
+                             p->prog->nfloats);
+    } else if (count) {
+        memmove(p->floats + base, values, count * sizeof *values);
+        api_params_changed(p, base, count);
+    }
+    api_release(p);
+    return status;
 }
 
 SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err) {
+    SltStatus status = api_enter(p, err);
+    if (status != SLT_OK) return status;
     if (count > p->prog->nints || base > p->prog->nints - count)
-        return status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count,
-                           p->prog->nints);
-    if (count) memcpy(p->ints + base, values, count * sizeof *values);
-    return SLT_OK;
+        status = status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count,
+                             p->prog->nints);
+    else if (count) memmove(p->ints + base, values, count * sizeof *values);
+    api_release(p);
+    return status;
 }
 
-SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
+SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
     uint8_t *mask = calloc(p->prog->nfloats + 1, 1);
     if (!mask) return status_fail(err, SLT_LIMIT, "out of memory");
     for (uint32_t i = 0; i < p->prog->nparams && n == 0; i++) {
@@ -90,7 +130,7 @@ SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
     }
     for (uint32_t i = 0; i < n; i++) {
         SltParam q;
-        SltStatus status = slt_param_find(p, names[i], &q, err);
+        SltStatus status = find(p, names[i], &q, err);
         if (status == SLT_OK && (!q.differentiable || !q.fcount))
             status = status_fail(err, SLT_USAGE, "`%s` has no gradient: it is %s", names[i],
                                  q.fcount ? "marked [NoDiff]" : "an integer");
@@ -104,6 +144,14 @@ SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
     memcpy(p->wrt, mask, p->prog->nfloats);
     free(mask);
     return SLT_OK;
+}
+
+SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
+    SltStatus status = api_enter(p, err);
+    if (status != SLT_OK) return status;
+    status = api_wrt(p, names, n, err);
+    api_release(p);
+    return status;
 }
 
 static bool scalar_is_float(const Type *t) { return t->kind == T_FLOAT; }
@@ -127,8 +175,9 @@ static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
 char *slt_params_json(const SltProgram *p) {
     char *text = NULL;
     size_t size = 0;
+    if (api_enter(p, NULL) != SLT_OK) return NULL;
     FILE *out = open_memstream(&text, &size);
-    if (!out) return NULL;
+    if (!out) return api_release(p), NULL;
     fputs("{\n", out);
     for (uint32_t i = 0; i < p->prog->nparams; i++) {
         const Param *q = &p->prog->params[i];
@@ -142,6 +191,7 @@ char *slt_params_json(const SltProgram *p) {
     }
     fputs("}\n", out);
     fclose(out);
+    api_release(p);
     return text;
 }
 
@@ -309,7 +359,7 @@ static SltStatus read_param(Stage *s, const Param *q, json_t *j) {
     return q->is_texture || q->is_heightfield ? read_texels(s, j, q, &c) : read_value(s, j, q->type, &c, q->name);
 }
 
-SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
+static SltStatus set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
     json_t *root = parse_json(text, shown_name, err);
     if (!root) return SLT_INPUT;
     Stage s = {.p = p, .err = err, .shown = shown_name};
@@ -332,6 +382,14 @@ SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown
         }
     stage_end(&s, status == SLT_OK);
     json_decref(root);
+    return status;
+}
+
+SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
+    SltStatus status = api_enter(p, err);
+    if (status != SLT_OK) return status;
+    status = set_params_json(p, text, shown_name, err);
+    api_release(p);
     return status;
 }
 
@@ -401,23 +459,6 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         return status;
     }
     if (q->is_texture || q->is_heightfield) return read_image_param(s, q, path);
-    if (ends_with(path, ".exr") || ends_with(path, ".png") || ends_with(path, ".pfm") || ends_with(path, ".f32")) {
-        Image im;
-        ImageReadOptions raw = {.raw = true};
-        SltStatus status = image_read(path, &raw, &im, s->err);
-        if (status != SLT_OK) return status;
-        size_t n = (size_t)im.width * (size_t)im.height * (size_t)im.channels, at = 0;
-        double *v = malloc((n + 1) * sizeof *v);
-        for (size_t k = 0; v && k < n; k++) v[k] = (double)im.data[k];
-        ShapeCursor c = {q->fbase, q->ibase};
-        if (!v) status = status_fail(s->err, SLT_LIMIT, "out of memory for %s", path);
-        else if (fill_numbers(s, q->type, &c, v, n, &at) != SLT_OK || at != n)
-            status = status_fail(s->err, SLT_INPUT, "%s holds %zu numbers, but `%s` (%s) wants %u", path, n, q->name,
-                                 q->type->name, q->fcount + q->icount);
-        free(v);
-        image_free(&im);
-        return status;
-    }
     Table t;
     SltStatus status = table_read(path, &t, s->err);
     if (status != SLT_OK) return status;
@@ -430,7 +471,7 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
     return status;
 }
 
-SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
+SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
     ParamRef ref;
     const char *why = NULL;
     if (!program_find(p->prog, name, &ref, &why))
@@ -469,6 +510,14 @@ SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltEr
         json_decref(j);
     }
     stage_end(&s, status == SLT_OK);
+    return status;
+}
+
+SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
+    SltStatus status = api_enter(p, err);
+    if (status != SLT_OK) return status;
+    status = api_set_text(p, name, value, err);
+    api_release(p);
     return status;
 }
 

@@ -62,7 +62,4 @@ int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions 
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */
 const char *back_llvm_file(void);    /* the library tried first, or the name the loader is asked for; loads nothing */
 
-/* uniform.c: which instructions have the same value in all lanes (flag in inst->flags bit 0: varying). */
-void back_analyse_uniform(Fn *fn);
-
 #endif

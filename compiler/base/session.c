@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The values of SltStatus; the compiler does not include the runtime's header for two numbers. */
-enum { STATUS_LIMIT = 6, STATUS_INTERNAL = 70 };
+/* The values of SltStatus; the compiler does not include the runtime's header for three numbers. */
+enum { STATUS_LIMIT = 6, STATUS_STOPPED = 7, STATUS_INTERNAL = 70 };
 
 static void budget_spent(void *user) {
     Session *s = user;
@@ -62,6 +62,11 @@ void session_limit(Session *s, const char *fmt, ...) {
     vsnprintf(s->unwind_text, sizeof s->unwind_text, fmt, ap);
     va_end(ap);
     unwind(s, STATUS_LIMIT);
+}
+
+void session_stop(Session *s) {
+    snprintf(s->unwind_text, sizeof s->unwind_text, "stopped as asked");
+    unwind(s, STATUS_STOPPED);
 }
 
 void ice(Session *s, const char *fmt, ...) {

@@ -73,7 +73,7 @@ typedef struct Session {
     uint32_t nerrors, nwarnings;
     uint32_t max_errors; /* 0: no limit is applied when printing; default 20 */
     jmp_buf *unwind;
-    int unwind_status; /* an SltStatus: SLT_LIMIT or SLT_INTERNAL once unwound */
+    int unwind_status; /* an SltStatus: SLT_LIMIT, SLT_STOPPED or SLT_INTERNAL once unwound */
     char unwind_text[256];
     const char *const *import_dirs;
     uint32_t nimport_dirs;
@@ -93,6 +93,8 @@ void session_destroy(Session *s);
 /* Runs body(s, arg); returns 0, or the SltStatus of the unwinding (text in s->unwind_text). Nests. */
 int session_protect(Session *s, void (*body)(Session *, void *), void *arg);
 _Noreturn void session_limit(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+/* Ends the body of session_protect where somebody asked for it: SLT_STOPPED. */
+_Noreturn void session_stop(Session *s);
 /* A fault of ours: never for bad input. */
 _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 

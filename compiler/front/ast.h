@@ -94,11 +94,12 @@ struct TypedefDecl {
 };
 
 /* A compile-time constant: up to 16 components of a scalar kind (integers as bit patterns widened from 32 bits). */
+typedef union ConstNum {
+    double f;
+    int64_t i; /* int: sign extended, uint: zero extended, bool: 0/1 */
+} ConstNum;
 typedef struct ConstVal {
-    union {
-        double f;
-        int64_t i; /* int: sign extended, uint: zero extended, bool: 0/1 */
-    } v[16];
+    ConstNum v[16];
     uint32_t n;
 } ConstVal;
 
@@ -130,7 +131,7 @@ typedef enum ExprKind {
 
 typedef enum Builtin {
     B_NONE,
-#define BUILTIN(id, name, sig) B_##id,
+#define BUILTIN(id, ...) B_##id,
 #include "compiler/front/check/builtins.def"
 #undef BUILTIN
     B_COUNT

@@ -31,6 +31,21 @@ typedef struct FieldInfo {
     uint32_t queries;      /* bit (1 << SltFieldWhat): asked for somewhere in the primal */
 } FieldInfo;
 
+typedef enum JumpKind {
+    JUMP_COMPARE,
+    JUMP_EQUALITY, /* == or !=: jumps only where it holds on an area */
+    JUMP_BUILTIN,
+    JUMP_ALWAYS /* a value that jumps and cannot be a site */
+} JumpKind;
+
+/* An untagged place that may jump. The front end records them; pass/warn.c judges. */
+typedef struct Untracked {
+    Inst *at;      /* the comparison, or the value that jumps */
+    Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
+    Span span;
+    JumpKind kind;
+} Untracked;
+
 typedef struct Program {
     Session *session;
     const char *entry;
@@ -48,6 +63,8 @@ typedef struct Program {
     uint32_t nfields;
     uint32_t ncull; /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input iteration */
     Fn **cull_bounds;
+    Untracked *untracked; /* instructions of the primal: until a pass edits it */
+    uint32_t nuntracked;
     Func *entry_func;
 } Program;
 
@@ -61,8 +78,7 @@ typedef struct ProgramOptions {
  * counts). NULL after reporting. */
 Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions *opt);
 
-/* front.c: the whole front end: load, check, lower, untracked-discontinuity warnings. NULL if any error was reported.
- */
+/* front.c: the whole front end: load, check, lower. NULL if any error was reported. */
 Program *front_compile(Session *s, int file, const ProgramOptions *opt);
 
 /* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */

@@ -128,7 +128,7 @@ Inst *ir_simplify(Builder *b, Op op, Inst *const *args) {
     if (same) return same;
     uint32_t n = ir_ops[op].nargs;
     Inst *x = args[0], *y = n > 1 ? args[1] : NULL, *z = n > 2 ? args[2] : NULL;
-    if (op == OP_fsel || op == OP_isel || op == OP_bsel) return selects(b, op, x, y, z);
+    if (ir_ops[op].selects) return selects(b, op, x, y, z);
     switch (ir_ops[op].arg) {
     case TY_FLT: return floats(b, op, x, y, z);
     case TY_INT: return integers(b, op, x, y);

@@ -149,12 +149,19 @@ struct Fn {
 };
 
 /* ---- ops.c: facts of the table */
+#define IR_MANY 255 /* OpInfo.nargs: any number */
+/* The kind column of special rows; value rows are pure. */
+typedef enum OpKind { KIND_PURE, KIND_READ, KIND_LINK, KIND_PLACED, KIND_EFFECT } OpKind;
+#define IR_COST_DIVISION 5 /* OpInfo.cost of a float division: what costs as much is dear */
 typedef struct OpInfo {
     const char *name;
-    uint8_t nargs;  /* 255: many */
+    uint8_t nargs;  /* IR_MANY: any number */
     uint8_t result; /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
-    uint8_t arg;    /* IrType of the arguments of value rows */
+    uint8_t arg;    /* IrType of the arguments of value rows, but for the condition of a select; else TY_VOID */
+    uint8_t kind;   /* OpKind */
     bool special, math;
+    bool compares, selects; /* a comparison; a choice between the second and the third argument */
+    uint16_t cost;          /* about how many vector additions it takes */
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 IrType ir_input_type(InputSlot slot);
@@ -227,8 +234,11 @@ uint32_t ir_rand_u32(uint32_t stream, uint32_t n);
  */
 Inst *ir_simplify(Builder *b, Op op, Inst *const *args);
 
-/* ---- fold.c: the value of a row on constants; false where it must not be folded (MATH rows are folded only after
- * lower_math) */
+/* ---- fold.c */
+/* The value of a value row on constants (imm.f of floats, imm.i of the others), MATH rows by the C library. */
+Imm ir_row(Op op, Precision p, const Imm args[3]);
+/* What instruction i is, if its arguments are constants; false where it must not be folded (MATH rows are folded only
+ * after lower_math). */
 bool ir_fold(const Inst *i, Precision p, Imm *out);
 
 /* ---- print.c, parse.c: the text form; parse(print(fn)) is structurally equal. Parse errors become diagnostics. */
@@ -238,6 +248,9 @@ Fn *ir_parse(Session *s, Arena *arena, int file);
 
 /* ---- verify.c: reports everything that is wrong, into *text; true if sound. */
 bool ir_verify(const Fn *fn, Arena *arena, const char **text);
+/* Verifies what we made ourselves. Broken: the whole report goes to standard error, and the session ends with an
+ * internal error that names `when` ("lowering", "opt_fold") and the Fn. */
+void ir_require(const Fn *fn, const char *when);
 
 /* ---- interp.c: the oracle. Runs lanes in lockstep under masks, as the SPMD kernels do, in f32 or f64 (fn->precision),
  * W lanes at a time (W even where partner is used). Same arguments as a compiled kernel, except that adjoints always

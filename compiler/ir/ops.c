@@ -4,9 +4,7 @@
 #include "compiler/ir/ir.h"
 #include "saltus/kernel.h"
 
-/* Argument counts and result types of the special rows are spelled in their signature "result:arguments". */
-#define MANY 255
-_Static_assert(OP_COUNT < 255, "Inst.op is a byte");
+_Static_assert(OP_COUNT < IR_MANY, "Inst.op is a byte");
 
 #define TYPE_F TY_FLT
 #define TYPE_I TY_INT
@@ -21,56 +19,38 @@ _Static_assert(OP_COUNT < 255, "Inst.op is a byte");
 #define IS_INTRIN(x) false
 #define IS_EMIT false
 
-#define SPECIAL_ARGS_constf 0
-#define SPECIAL_ARGS_consti 0
-#define SPECIAL_ARGS_constb 0
-#define SPECIAL_ARGS_input 0
-#define SPECIAL_ARGS_param 1
-#define SPECIAL_ARGS_iparam 1
-#define SPECIAL_ARGS_dparam 1
-#define SPECIAL_ARGS_adj 2
-#define SPECIAL_ARGS_rand 1
-#define SPECIAL_ARGS_detach 1
-#define SPECIAL_ARGS_site MANY
-#define SPECIAL_ARGS_siten MANY
-#define SPECIAL_ARGS_alloc 0
-#define SPECIAL_ARGS_load 2
-#define SPECIAL_ARGS_store 3
-#define SPECIAL_ARGS_acopy 2
-#define SPECIAL_ARGS_if_ 1
-#define SPECIAL_ARGS_loop MANY
-#define SPECIAL_ARGS_revloop MANY
-#define SPECIAL_ARGS_custom MANY
-#define SPECIAL_ARGS_yield MANY
-#define SPECIAL_ARGS_proj 1
-#define SPECIAL_ARGS_arg 0
-#define SPECIAL_ARGS_partner 1
-#define SPECIAL_ARGS_both 0
-#define SPECIAL_ARGS_tapemark 0
-#define SPECIAL_ARGS_tapepush MANY
-#define SPECIAL_ARGS_count 1
-#define SPECIAL_ARGS_print MANY
-#define SPECIAL_ARGS_fieldop 8
-#define SPECIAL_ARGS_window 3
-
-/* The first letter of a signature is the result; '?' and '.' are TY_VOID here. */
+/* A signature is "result:arguments". Its first letter is the result; '?' and '.' are TY_VOID here. */
 #define SIGNATURE_TYPE(s)                                                                                              \
     ((s)[0] == 'f' ? TY_FLT : (s)[0] == 'i' ? TY_INT : (s)[0] == 'b' ? TY_BOOL : (s)[0] == 't' ? TY_TAPE : TY_VOID)
+#define SIGNATURE_ARGS(s) ((s)[sizeof(s) - 2] == '*' ? IR_MANY : sizeof(s) - sizeof "r:")
+
+#define FLOAT(n) .nargs = (n), .result = TY_FLT, .arg = TY_FLT
+#define INT(n) .nargs = (n), .result = TY_INT, .arg = TY_INT
+#define BOOL(n) .nargs = (n), .result = TY_BOOL, .arg = TY_BOOL, .cost = 1
+#define COMPARE(t) .nargs = 2, .result = TY_BOOL, .arg = (t), .compares = true, .cost = 1
+#define FOP(name_, n, cost_, lowering) {.name = #name_, FLOAT(n), .math = IS_##lowering, .cost = (cost_)},
 
 const OpInfo ir_ops[OP_COUNT] = {
-#define FOP1(name, value, partials, domain, lowering, policy) {#name, 1, TY_FLT, TY_FLT, false, IS_##lowering},
-#define FOP2(name, value, partials, domain, lowering, policy) {#name, 2, TY_FLT, TY_FLT, false, IS_##lowering},
-#define FOP3(name, value, partials, domain, lowering, policy) {#name, 3, TY_FLT, TY_FLT, false, IS_##lowering},
-#define FCMP2(name, ...) {#name, 2, TY_BOOL, TY_FLT, false, false},
-#define FSEL(name, value) {#name, 3, TYPE_##name, TYPE_##name, false, false},
-#define IOP1(name, ...) {#name, 1, TY_INT, TY_INT, false, false},
-#define IOP2(name, ...) {#name, 2, TY_INT, TY_INT, false, false},
-#define ICMP2(name, ...) {#name, 2, TY_BOOL, TY_INT, false, false},
-#define BOP1(name, ...) {#name, 1, TY_BOOL, TY_BOOL, false, false},
-#define BOP2(name, ...) {#name, 2, TY_BOOL, TY_BOOL, false, false},
-#define CONV(name, result, argument, ...) {#name, 1, TYPE_##result, TYPE_##argument, false, false},
-#define SPECIAL(name, signature, ...)                                                                                  \
-    {#name, SPECIAL_ARGS_##name, SIGNATURE_TYPE(signature), TY_VOID, true, false},
+#define FOP1(name, value, partials, range, cost, domain, lowering, ...) FOP(name, 1, cost, lowering)
+#define FOP2(name, value, partials, range, cost, domain, lowering, ...) FOP(name, 2, cost, lowering)
+#define FOP3(name, value, partials, range, cost, domain, lowering, ...) FOP(name, 3, cost, lowering)
+#define FCMP2(name_, ...) {.name = #name_, COMPARE(TY_FLT)},
+#define FSEL(name_, value, range, cost_)                                                                               \
+    {.name = #name_, .nargs = 3, .result = TYPE_##name_, .arg = TYPE_##name_, .selects = true, .cost = (cost_)},
+#define IOP1(name_, value, range, cost_, ...) {.name = #name_, INT(1), .cost = (cost_)},
+#define IOP2(name_, value, range, cost_, ...) {.name = #name_, INT(2), .cost = (cost_)},
+#define ICMP2(name_, ...) {.name = #name_, COMPARE(TY_INT)},
+#define BOP1(name_, ...) {.name = #name_, BOOL(1)},
+#define BOP2(name_, ...) {.name = #name_, BOOL(2)},
+#define CONV(name_, result_, argument, value, range, cost_, ...)                                                       \
+    {.name = #name_, .nargs = 1, .result = TYPE_##result_, .arg = TYPE_##argument, .cost = (cost_)},
+#define SPECIAL(name_, signature, kind_, range, cost_, ...)                                                            \
+    {.name = #name_,                                                                                                   \
+     .nargs = SIGNATURE_ARGS(signature),                                                                               \
+     .result = SIGNATURE_TYPE(signature),                                                                              \
+     .special = true,                                                                                                  \
+     .kind = KIND_##kind_,                                                                                             \
+     .cost = (cost_)},
 #include "compiler/ir/ops.def"
 #include "compiler/ir/ops_undef.h"
 };

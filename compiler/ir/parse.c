@@ -284,7 +284,7 @@ static bool want_inst(Parser *p, Builder *b) {
             if (!v) return false;
             vec_push(&p->s->scratch, &args, v);
         } while (accept_char(p, ','));
-    if (ir_ops[op].nargs != 255 && args.len != ir_ops[op].nargs) {
+    if (ir_ops[op].nargs != IR_MANY && args.len != ir_ops[op].nargs) {
         char what[64];
         snprintf(what, sizeof what, "%d operands of %s", ir_ops[op].nargs, ir_ops[op].name);
         return expected(p, what);

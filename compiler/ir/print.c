@@ -73,18 +73,23 @@ static void reserve(Text *t, size_t more) {
     t->cap = cap;
 }
 
-void text_add(Text *t, const char *fmt, ...) {
-    va_list ap, again;
-    va_start(ap, fmt);
-    va_copy(again, ap);
-    int n = vsnprintf(NULL, 0, fmt, ap);
-    va_end(ap);
+void text_addv(Text *t, const char *fmt, va_list values) {
+    va_list again;
+    va_copy(again, values);
+    int n = vsnprintf(NULL, 0, fmt, values);
     if (n > 0) {
         reserve(t, (size_t)n);
         vsnprintf(t->data + t->len, (size_t)n + 1, fmt, again);
         t->len += (size_t)n;
     }
     va_end(again);
+}
+
+void text_add(Text *t, const char *fmt, ...) {
+    va_list ap;
+    va_start(ap, fmt);
+    text_addv(t, fmt, ap);
+    va_end(ap);
 }
 
 static void add_quoted(Text *t, const char *s, size_t n) {

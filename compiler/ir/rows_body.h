@@ -46,7 +46,7 @@ void ROWS_NAME(uint8_t op, uint32_t n, void *dst, const void *pa, const void *pb
 #define FOP2(name, value, ...) ROW2(name, T, T, value)
 #define FOP3(name, value, ...) ROW3(name, T, T, T, value)
 #define FCMP2(name, value, ...) ROW2(name, int32_t, T, value)
-#define FSEL(name, value) ROW3(name, CTYPE_##name, int32_t, CTYPE_##name, value)
+#define FSEL(name, value, ...) ROW3(name, CTYPE_##name, int32_t, CTYPE_##name, value)
 #define IOP1(name, value, ...) ROW1(name, int32_t, int32_t, value)
 #define IOP2(name, value, ...) ROW2(name, int32_t, int32_t, value)
 #define ICMP2(name, value, ...) ROW2(name, int32_t, int32_t, value)

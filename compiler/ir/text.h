@@ -2,6 +2,8 @@
 #ifndef SALTUS_IR_TEXT_H
 #define SALTUS_IR_TEXT_H
 
+#include <stdarg.h>
+
 #include "compiler/ir/ir.h"
 
 typedef struct Text {
@@ -11,6 +13,7 @@ typedef struct Text {
 } Text;
 
 void text_add(Text *t, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void text_addv(Text *t, const char *fmt, va_list values) __attribute__((format(printf, 2, 0)));
 /* One instruction without its regions and without a newline. Safe on broken IR. */
 void text_inst(Text *t, const Inst *i);
 

@@ -5,7 +5,7 @@
 #include "compiler/ir/text.h"
 #include "saltus/field.h"
 
-enum { MAX_DEPTH = 512, MAX_REPORTS = 50 };
+enum { MAX_DEPTH = 512 };
 
 typedef struct Verify {
     const Fn *fn;
@@ -17,13 +17,12 @@ typedef struct Verify {
 } Verify;
 
 __attribute__((format(printf, 3, 4))) static void problem(Verify *v, const Inst *i, const char *fmt, ...) {
-    if (v->nproblems++ >= MAX_REPORTS) return;
-    char line[256];
     va_list ap;
+    v->nproblems++;
     va_start(ap, fmt);
-    vsnprintf(line, sizeof line, fmt, ap);
+    text_addv(&v->text, fmt, ap);
     va_end(ap);
-    text_add(&v->text, "%s: ", line);
+    text_add(&v->text, ": ");
     if (i) text_inst(&v->text, i);
     text_add(&v->text, "\n");
 }
@@ -325,14 +324,14 @@ static void check_special(Verify *v, const Inst *i) {
 
 static void check_value(Verify *v, const Inst *i) {
     const OpInfo *info = &ir_ops[i->op];
-    bool select = i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel;
+    bool select = info->selects;
     for (uint32_t a = 0; a < i->nargs; a++) want(v, i, a, select && a == 0 ? TY_BOOL : (IrType)info->arg);
     want_result(v, i, (IrType)info->result);
 }
 
 static void check_inst(Verify *v, const Inst *i) {
     const OpInfo *info = &ir_ops[i->op];
-    if (info->nargs != 255 && i->nargs != info->nargs) {
+    if (info->nargs != IR_MANY && i->nargs != info->nargs) {
         problem(v, i, "%u operands, not %d", i->nargs, info->nargs);
         return;
     }
@@ -409,7 +408,19 @@ bool ir_verify(const Fn *fn, Arena *arena, const char **text) {
         if (fn->body->nparams) problem(&v, fn->body->first, "the top block has parameters");
         check_frames(&v);
     }
-    if (v.nproblems > MAX_REPORTS) text_add(&v.text, "and %u more\n", v.nproblems - MAX_REPORTS);
     if (text) *text = v.nproblems ? v.text.data : "";
     return !v.nproblems;
+}
+
+void ir_require(const Fn *fn, const char *when) {
+    Arena *scratch = &fn->session->scratch;
+    ArenaMark m = arena_mark(scratch);
+    const char *problems;
+    if (!ir_verify(fn, scratch, &problems)) {
+        uint32_t n = 0;
+        for (const char *c = problems; *c; c++) n += *c == '\n';
+        fprintf(stderr, "; %s of %s\n%s", when, fn->name, problems);
+        ice(fn->session, "%s of %s: broken IR, %u problem%s", when, fn->name, n, n == 1 ? "" : "s");
+    }
+    arena_reset(scratch, m);
 }

@@ -1,8 +1,8 @@
-/* What the automatic differentiation passes share: rules, activity, ranges. Private to compiler/pass/ad_*.c and its
+/* What the automatic differentiation passes share: rules, activity. Private to compiler/pass/ad_*.c and its
  * tests.
  *
  *   ad_rules.c       the partials column of ops.def, as code: emits it, or tells which values it mentions
- *   ad_activity.c    which values carry derivatives (varied and useful), and what is known of their ranges
+ *   ad_activity.c    which values carry derivatives (varied and useful)
  *   ad_jvp.c         forward mode: ad_jvp, ad_grad_x
  *   ad_prepare.c     reverse mode, before: custom regions, ifs that hold loops, strip-mining
  *   ad_tape.c        reverse mode: how a primal value is had in the reverse sweep (stored, recomputed, read again)
@@ -10,36 +10,24 @@
  *   ad_vjp.c         reverse mode: the sweep
  *   ad_region.c      reverse mode: loops and ifs
  *
+ * A product with a seed is guarded where a factor may be infinite (ir/range.h): behind an overflow too, but the
+ * adjoints there count as finite.
+ *
  * All facts are arrays over the ids of one ir_number(); instructions made afterwards have the id UINT32_MAX and no
  * facts. */
 #ifndef SALTUS_PASS_AD_H
 #define SALTUS_PASS_AD_H
 
+#include "compiler/ir/range.h"
 #include "compiler/pass/pass.h"
 #include "compiler/pass/walk.h"
-
-/* ---- ranges: bounds of the finite values, and whether the value may be infinite. Unknown is {-inf, inf, 0}: sums and
- * products of finite values count as finite, or ordinary code would pay for overflows that no program wants. A pole
- * makes an infinity out of ordinary numbers; an overflow (exp, values carried around loops) only out of huge ones:
- * products with it are guarded, but the adjoints behind it count as finite. */
-enum { AD_OVERFLOW = 1, AD_POLE = 2 };
-typedef struct AdRange {
-    double lo, hi;
-    uint8_t inf;
-} AdRange;
-#define AD_RANGE_FINITE ((AdRange){-INFINITY, INFINITY, 0})
-#define AD_RANGE_CARRIED ((AdRange){-INFINITY, INFINITY, AD_OVERFLOW})
-#define AD_RANGE_ANY ((AdRange){-INFINITY, INFINITY, AD_OVERFLOW | AD_POLE})
-static inline bool ad_range_nonzero(AdRange r) { return r.lo > 0 || r.hi < 0; }
-AdRange ad_range_row(Op op, AdRange a, AdRange b, AdRange c, bool same);
-AdRange ad_range_const(double v);
 
 /* ---- rules (ad_rules.c). A term is an expression of a partial while it is built; a product waits in (x, y) so that
  * adding it is one ffma. */
 typedef struct AdTerm {
     Inst *v;     /* the value, or NULL: zero, or a product still waiting */
     Inst *x, *y; /* the product */
-    AdRange range;
+    IrRange range;
     const Inst *key; /* the primal value that it is, or NULL: tells a*a from a*b without emitting */
     bool seed;       /* a multiple of the seed g */
     bool none;       /* no derivative at all */
@@ -54,7 +42,7 @@ struct AdRule {
     /* The primal value v where code is being emitted. */
     Inst *(*value)(void *user, Inst *v);
     void *user;
-    const AdRange *range;  /* by id; may be NULL */
+    const IrRange *range;  /* by id; may be NULL */
     const uint8_t *varied; /* by id; NULL: all but constants */
     /* of the partial at hand */
     const Inst *inst;
@@ -65,7 +53,7 @@ struct AdRule {
 AdTerm ad_partial(AdRule *rule, const Inst *i, uint32_t which, AdTerm g);
 /* Which of a, b, c, r that partial mentions (bits), without emitting; *inf: it may turn a finite seed infinite.
  * UINT32_MAX: no derivative. */
-uint32_t ad_mentions(const Inst *i, uint32_t which, const AdRange *range, bool *inf);
+uint32_t ad_mentions(const Inst *i, uint32_t which, const IrRange *range, bool *inf);
 AdTerm ad_seed(Inst *v, bool inf);
 Inst *ad_term_value(AdRule *rule, AdTerm t);
 /* acc + t; acc may be NULL. */
@@ -83,7 +71,7 @@ typedef struct AdFacts {
     uint32_t n;
     uint8_t *varied; /* by id: depends differentiably on what is differentiated; for arrays: their elements may */
     uint8_t *useful; /* by id: an output depends differentiably on it */
-    AdRange *range;
+    IrRange *range;
     Inst **links; /* a detach with tag t > 0 takes its derivative from links[t - 1] (customs in reverse mode) */
     const AdOptions *o;
 } AdFacts;

@@ -35,27 +35,27 @@ Inst *ad_term_add(AdRule *R, Inst *acc, AdTerm t) {
 }
 
 AdTerm ad_seed(Inst *v, bool inf) {
-    return (E){.v = v, .range = {-INFINITY, INFINITY, inf ? AD_POLE : 0}, .seed = true};
+    return (E){.v = v, .range = {-INFINITY, INFINITY, inf ? IR_POLE : 0}, .seed = true};
 }
 
-static E plain(Inst *v, AdRange range) { return (E){.v = v, .range = range}; }
+static E plain(Inst *v, IrRange range) { return (E){.v = v, .range = range}; }
 
 static E operand(AdRule *R, uint32_t which) {
     R->mentions |= 1u << which;
     const Inst *v = which == 3 ? R->inst : R->inst->args[which];
-    AdRange range = v->op == OP_constf                ? ad_range_const(v->imm.f)
+    IrRange range = v->op == OP_constf                ? ir_range_const(v->imm.f)
                     : R->range && v->id != UINT32_MAX ? R->range[v->id]
-                                                      : AD_RANGE_FINITE;
+                                                      : IR_RANGE_FINITE;
     E e = plain(R->emit ? R->have[which] : NULL, range);
     e.key = v;
     return e;
 }
 
-static E e_const(AdRule *R, double v) { return plain(R->emit ? ir_constf(&R->b, v) : NULL, ad_range_const(v)); }
+static E e_const(AdRule *R, double v) { return plain(R->emit ? ir_constf(&R->b, v) : NULL, ir_range_const(v)); }
 static E e_none(void) { return (E){.none = true}; }
 
 static E e_add(AdRule *R, E x, E y) {
-    E e = {.range = ad_range_row(OP_fadd, x.range, y.range, x.range, false), .seed = x.seed || y.seed};
+    E e = {.range = ir_range_row(OP_fadd, x.range, y.range, x.range, false), .seed = x.seed || y.seed};
     if (!R->emit) return e;
     if (y.x && R->fma) e.v = ad_term_add(R, ad_term_value(R, x), y);
     else e.v = ad_term_add(R, ad_term_value(R, y), x);
@@ -65,7 +65,7 @@ static E e_add(AdRule *R, E x, E y) {
 static E e_neg(AdRule *R, E x) {
     E e = x;
     e.key = NULL;
-    e.range = ad_range_row(OP_fneg, x.range, x.range, x.range, false);
+    e.range = ir_range_row(OP_fneg, x.range, x.range, x.range, false);
     if (!R->emit) return e;
     if (x.v) e.v = emit1(R, OP_fneg, x.v);
     else if (x.x) e.x = emit1(R, OP_fneg, x.x);
@@ -73,7 +73,7 @@ static E e_neg(AdRule *R, E x) {
 }
 
 static E e_sub(AdRule *R, E x, E y) {
-    E e = {.range = ad_range_row(OP_fsub, x.range, y.range, x.range, false), .seed = x.seed || y.seed};
+    E e = {.range = ir_range_row(OP_fsub, x.range, y.range, x.range, false), .seed = x.seed || y.seed};
     if (R->emit) e.v = emit2(R, OP_fsub, ad_term_value(R, x), ad_term_value(R, y));
     return e;
 }
@@ -83,8 +83,8 @@ static bool same_operand(E x, E y) { return x.key && x.key == y.key; }
 /* s is the seed's side. Both guards give 0: a zero seed wins over an infinite slope, a zero slope over an infinite
  * seed. */
 static E seeded_product(AdRule *R, E s, E p) {
-    E e = {.seed = true, .range = {-INFINITY, INFINITY, (s.range.inf | p.range.inf) & AD_POLE}};
-    bool slope_zero = s.range.inf && !ad_range_nonzero(p.range);
+    E e = {.seed = true, .range = {-INFINITY, INFINITY, (s.range.inf | p.range.inf) & IR_POLE}};
+    bool slope_zero = s.range.inf && !ir_range_nonzero(p.range);
     if (!R->emit) return e;
     Inst *g = ad_term_value(R, s), *x = ad_term_value(R, p);
     if (p.range.inf && slope_zero)
@@ -98,22 +98,22 @@ static E seeded_product(AdRule *R, E s, E p) {
 static E e_mul(AdRule *R, E x, E y) {
     if (x.seed) return seeded_product(R, x, y);
     if (y.seed) return seeded_product(R, y, x);
-    E e = {.range = ad_range_row(OP_fmul, x.range, y.range, x.range, same_operand(x, y))};
+    E e = {.range = ir_range_row(OP_fmul, x.range, y.range, x.range, same_operand(x, y))};
     if (R->emit) e.x = ad_term_value(R, x), e.y = ad_term_value(R, y);
     return e;
 }
 
 static E e_div(AdRule *R, E x, E y) {
-    bool guard = x.seed && !ad_range_nonzero(y.range);
+    bool guard = x.seed && !ir_range_nonzero(y.range);
     E e = {.seed = x.seed};
-    e.range = x.seed ? (AdRange){-INFINITY, INFINITY, guard ? AD_POLE : x.range.inf}
-                     : ad_range_row(OP_fdiv, x.range, y.range, x.range, false);
+    e.range = x.seed ? (IrRange){-INFINITY, INFINITY, guard ? IR_POLE : x.range.inf}
+                     : ir_range_row(OP_fdiv, x.range, y.range, x.range, false);
     if (R->emit) e.v = emit2(R, guard ? OP_zdiv : OP_fdiv, ad_term_value(R, x), ad_term_value(R, y));
     return e;
 }
 
 static E e_fma(AdRule *R, E x, E y, E z) {
-    E e = {.range = ad_range_row(OP_ffma, x.range, y.range, z.range, same_operand(x, y))};
+    E e = {.range = ir_range_row(OP_ffma, x.range, y.range, z.range, same_operand(x, y))};
     if (!R->emit) return e;
     if (R->fma) e.v = emit3(R, OP_ffma, ad_term_value(R, x), ad_term_value(R, y), ad_term_value(R, z));
     else e.v = emit2(R, OP_fadd, emit2(R, OP_fmul, ad_term_value(R, x), ad_term_value(R, y)), ad_term_value(R, z));
@@ -122,7 +122,7 @@ static E e_fma(AdRule *R, E x, E y, E z) {
 
 static E e_select(AdRule *R, Inst *cond, E x, E y) {
     E e = {.seed = x.seed || y.seed};
-    e.range = (AdRange){fmin(x.range.lo, y.range.lo), fmax(x.range.hi, y.range.hi), x.range.inf | y.range.inf};
+    e.range = (IrRange){fmin(x.range.lo, y.range.lo), fmax(x.range.hi, y.range.hi), x.range.inf | y.range.inf};
     if (R->emit) e.v = ir_select(&R->b, cond, ad_term_value(R, x), ad_term_value(R, y));
     return e;
 }
@@ -138,12 +138,12 @@ static Inst *e_compare(AdRule *R, Op op, E x, E y) {
 
 static E e_row1(AdRule *R, Op op, E x) {
     return plain(R->emit ? emit1(R, op, ad_term_value(R, x)) : NULL,
-                 ad_range_row(op, x.range, x.range, x.range, false));
+                 ir_range_row(op, x.range, x.range, x.range, false));
 }
 
 static E e_row2(AdRule *R, Op op, E x, E y) {
     return plain(R->emit ? emit2(R, op, ad_term_value(R, x), ad_term_value(R, y)) : NULL,
-                 ad_range_row(op, x.range, y.range, x.range, false));
+                 ir_range_row(op, x.range, y.range, x.range, false));
 }
 
 /* The rows. a, b, c, r stand for operands only while ops.def is read. */
@@ -210,10 +210,10 @@ static E row(AdRule *R, uint32_t which, E g) {
     return e_none();
 }
 
-uint32_t ad_mentions(const Inst *i, uint32_t which, const AdRange *range, bool *inf) {
+uint32_t ad_mentions(const Inst *i, uint32_t which, const IrRange *range, bool *inf) {
     AdRule R = {.inst = i, .range = range};
     E e = row(&R, which, ad_seed(NULL, false));
-    if (inf) *inf = !e.none && (e.range.inf & AD_POLE);
+    if (inf) *inf = !e.none && (e.range.inf & IR_POLE);
     return e.none ? UINT32_MAX : R.mentions;
 }
 

@@ -82,27 +82,12 @@ void tape_prepare(Vjp *v) {
 /* ---- stored or recomputed */
 
 static bool cheap(const Vjp *v, const Inst *i) {
-    switch ((Op)i->op) {
-    case OP_constf:
-    case OP_consti:
-    case OP_constb:
-    case OP_input:
-    case OP_param:
-    case OP_iparam:
-    case OP_dparam:
-    case OP_detach:
-    case OP_site:
-    case OP_siten: return true;
-    case OP_load: return v->stable[i->id];
-    case OP_idiv:
-    case OP_irem:
-    case OP_udiv:
-    case OP_urem: return ir_is_const(i->args[1]); /* a product: rows and columns of a witness */
-    case OP_fdiv:
-    case OP_zdiv:
-    case OP_fsqrt: return false;
-    default: return !ir_ops[i->op].special && !ir_ops[i->op].math;
-    }
+    const OpInfo *o = &ir_ops[i->op];
+    if (i->op == OP_load) return v->stable[i->id];
+    if (o->kind != KIND_PURE) return false;
+    if (o->cost < IR_COST_DIVISION) return true;
+    /* the division of an integer by a constant is a product: rows and columns of a witness */
+    return o->arg == TY_INT && ir_is_const(i->args[1]);
 }
 
 typedef struct Cost {

@@ -25,15 +25,8 @@ static void mark(Dce *d, Inst *i) {
 }
 
 static bool is_root(const Fn *fn, const Inst *i) {
-    switch (i->op) {
-    case OP_adj:
-    case OP_tapepush:
-    case OP_revloop: /* it pops what was pushed, whether or not its results are used */
-    case OP_count:
-    case OP_print: return true;
-    case OP_site: return fn->sites && i->imm.i < (int64_t)fn->nsites && fn->sites[i->imm.i].skip_loop;
-    default: return false;
-    }
+    if (ir_ops[i->op].kind == KIND_EFFECT) return true;
+    return i->op == OP_site && fn->sites && i->imm.i < (int64_t)fn->nsites && fn->sites[i->imm.i].skip_loop;
 }
 
 static void collect(Dce *d, Block *b) {

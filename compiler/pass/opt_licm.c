@@ -3,8 +3,11 @@
  * Loops run at least once, and no operation traps. */
 #include "compiler/pass/walk.h"
 
+/* Divisions of integers count as cheap: mostly by constants, which are products. So do guarded quotients, which are
+ * derivatives of what was worth its branch already. */
 static bool cheap(const Inst *i) {
-    return !ir_ops[i->op].math && i->op != OP_fdiv && i->op != OP_fsqrt && i->op != OP_rand && i->op != OP_fieldop;
+    const OpInfo *o = &ir_ops[i->op];
+    return o->cost < IR_COST_DIVISION || o->arg == TY_INT || i->op == OP_zdiv;
 }
 
 static bool invariant(const Inst *i, const Block *body) {

@@ -1,9 +1,9 @@
 /* Passes over the IR: optimisations (opt_*), required lowerings (lower_*), variants (variant_*) and automatic
  * differentiation (ad_*).
  *
- * A pass edits its Fn in place and says whether it changed anything; a variant makes a new Fn from a primal, which it
- * leaves alone. pipeline.c is the order of everything, in one function. Dumps: ctx->dump names a pass (or "all") whose
- * result is printed to stderr. */
+ * A pass is a row of passes.def: it edits its Fn in place and says whether it changed anything. A variant makes a new
+ * Fn from a primal, which it leaves alone. pipeline.c is the order of everything; pass.c runs each row, and dumps,
+ * verifies and stops behind it. */
 #ifndef SALTUS_PASS_PASS_H
 #define SALTUS_PASS_PASS_H
 
@@ -11,31 +11,54 @@
 #include "compiler/ir/ir.h"
 #include "saltus/kernel.h"
 
+typedef enum PassId {
+    PASS_NONE,
+#define PASS(name, ...) PASS_##name,
+#define STEP(name, ...) PASS_##name,
+#include "compiler/pass/passes.def"
+#undef PASS
+#undef STEP
+    PASS_ALL
+} PassId;
+
+/* Behind which pass, of which kernel. */
+typedef struct PassPoint {
+    PassId pass;        /* PASS_NONE: nowhere */
+    const char *kernel; /* one of kernel_names, or "primal"; NULL: any */
+} PassPoint;
+
 typedef struct PassCtx {
     Session *session;
-    const char *dump; /* -d NAME */
-    bool verify_each; /* verify after every pass */
-    bool has_fma;     /* the target contracts */
+    const Program *program; /* whose Fns these are: names for warnings; NULL: no warnings */
+    PassPoint dump;         /* print the IR to standard error */
+    PassPoint verify;       /* check the IR, and that the pass did what its row says */
+    PassPoint stop_after;   /* print the IR to standard output, then unwind (session_stop) */
+    bool has_fma;           /* the target contracts */
 } PassCtx;
 
-/* ---- opt_*.c: none of them may change the value of a float that decides, except contract, which runs once, before
- * variants are cut */
-bool opt_dce(
-    PassCtx *ctx,
-    Fn *fn); /* dead instructions, unused results of structured operations, unused carried values, dead arrays */
-bool opt_fold(PassCtx *ctx, Fn *fn);      /* constants, exact identities, if_ on constants, loops that run once */
-bool opt_cse(PassCtx *ctx, Fn *fn);       /* value numbering by scope */
-bool opt_licm(PassCtx *ctx, Fn *fn);      /* loop invariants out */
-bool opt_induction(PassCtx *ctx, Fn *fn); /* carried i += step becomes init + k*step */
-bool opt_sink(PassCtx *ctx, Fn *fn);      /* what one branch alone uses goes there */
-bool opt_hits(PassCtx *ctx, Fn *fn);      /* rays over heightfields of which only the hit counts */
-bool opt_unroll(PassCtx *ctx, Fn *fn);    /* tiny exact loops */
-bool opt_contract(PassCtx *ctx, Fn *fn);  /* a*b + c -> ffma: the only pass that changes floats */
-bool lower_custom(PassCtx *ctx, Fn *fn);  /* [Tangent] regions: keep the primal */
-bool lower_custom_sites(PassCtx *ctx,
-                        Fn *fn); /* the same for those that hold sites; the others keep their derivative */
-bool lower_rand(PassCtx *ctx, Fn *fn);
-bool lower_math(PassCtx *ctx, Fn *fn); /* elementary functions to polynomials: the one arithmetic */
+/* ---- passes.def: every pass */
+#define PASS(name, ...) bool name(PassCtx *ctx, Fn *fn);
+#define STEP(name, ...)
+#include "compiler/pass/passes.def"
+#undef PASS
+#undef STEP
+
+/* ---- pass.c: the registry and the driver */
+typedef enum PassStage { PASS_NEEDS_ANY, PASS_NEEDS_PRIMAL, PASS_NEEDS_KERNEL } PassStage;
+enum { PASS_KEEPS_FLOATS = 1, PASS_KEEPS_SITES = 2, PASS_SETTLES = 4 };
+typedef struct PassInfo {
+    const char *name, *what;
+    bool (*run)(PassCtx *, Fn *); /* NULL: a step */
+    PassStage needs;
+    uint8_t ends, keeps; /* the columns of passes.def */
+} PassInfo;
+extern const PassInfo pass_info[PASS_ALL]; /* [PASS_NONE] is empty */
+/* Runs a pass on the primal or on a kernel (stage). */
+bool pass_run(PassCtx *ctx, PassStage stage, Fn *fn, PassId pass);
+/* Dumps, verifies and stops at a step. */
+void pass_step(PassCtx *ctx, PassStage stage, Fn *fn, PassId step);
+/* "opt_fold", "all", "vjp:opt_fold", "primal:all". NULL, or what is wrong with the text, with the nearest name. */
+const char *pass_point(Arena *a, const char *text, PassPoint *out);
 
 /* ---- variant_*.c: primal -> new Fn in the same arena */
 typedef struct VariantOptions {

@@ -1,8 +1,8 @@
 /* The order of everything between the front end and the back end. */
 #include <string.h>
 
+#include "compiler/pass/depend.h"
 #include "compiler/pass/lower_math.h"
-#include "compiler/pass/site_facts.h"
 #include "compiler/pass/variant.h"
 
 const char *const kernel_names[SLT_KERNELS] = {
@@ -15,24 +15,12 @@ _Static_assert(IN_SEED3 - IN_SEED0 + 1 == SLT_MAX_CHANNELS, "a seed for each cha
 _Static_assert(SLT_IN_VARYING <= 64, "SltLayout.reads has a bit for each");
 _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for each witness");
 
-typedef bool Pass(PassCtx *, Fn *);
-
-static bool run(PassCtx *ctx, Fn *fn, const char *name, Pass *pass) {
-    bool changed = pass(ctx, fn);
-    if (ctx->verify_each) {
-        const char *text = NULL;
-        if (!ir_verify(fn, &ctx->session->scratch, &text))
-            ice(ctx->session, "after %s of %s: %s", name, fn->name, text ? text : "?");
-    }
-    if (ctx->dump && (!strcmp(ctx->dump, name) || !strcmp(ctx->dump, "all"))) {
-        fprintf(stderr, "; after %s of %s\n", name, fn->name);
-        ir_print(fn, stderr);
-    }
-    return changed;
-}
-#define RUN(pass) run(ctx, fn, #pass, pass)
+#define RUN(pass) pass_run(ctx, stage, fn, PASS_##pass)
 
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_PRIMAL;
+    pass_step(ctx, stage, fn, PASS_front);
+    RUN(warn_jumps); /* before anything moves: it knows the places that the front end recorded */
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);
@@ -47,6 +35,8 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
 }
 
 void pipeline_kernel(PassCtx *ctx, Fn *fn) {
+    const PassStage stage = PASS_NEEDS_KERNEL;
+    pass_step(ctx, stage, fn, PASS_cut);
     RUN(lower_custom);
     RUN(opt_fold);
     RUN(opt_cse);
@@ -66,7 +56,7 @@ static bool boundary_moves(PassCtx *ctx, Program *p, const uint8_t *wrt) {
     ArenaMark m = arena_mark(&ctx->session->scratch);
     uint8_t *facts = ARENA_ARRAY(&ctx->session->scratch, uint8_t, primal->nsites + 1);
     bool moves = false;
-    site_facts(ctx, p->primal, wrt, facts);
+    depend_sites(p->primal, wrt, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) moves |= (facts[s] & DEPENDS_PARAM) != 0;
     arena_reset(&ctx->session->scratch, m);
     return moves;
@@ -149,8 +139,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         for (Fn *part = out->fn[k]; part; part = part->next_part) {
             part->name = kernel_names[k];
             pipeline_kernel(ctx, part);
-            if (k == K_EVENT && variant_has_windows(primal))
-                run(ctx, part, "opt_sink", opt_sink); /* the searches behind g, for pairs that have an event */
+            if (k == K_EVENT && variant_has_windows(primal)) /* the searches behind g, for pairs that have an event */
+                pass_run(ctx, PASS_NEEDS_KERNEL, part, PASS_opt_sink);
         }
         out->layout[k] = pipeline_layout(out->fn[k]);
     }

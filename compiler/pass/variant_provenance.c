@@ -123,23 +123,10 @@ static Inst *join_key(Prov *p, Builder *b, const Inst *at, const Inst *cond) {
 /* An untagged comparison of values that depend on jumps (which triangle, which texel) decides nothing that `event`
  * could name: a join under it is no jump of its own, and has the origins of its condition and of both sides. */
 static bool compares(const Inst *c) {
-    switch ((Op)c->op) {
-    case OP_flt:
-    case OP_fle:
-    case OP_feq:
-    case OP_fne:
-    case OP_ieq:
-    case OP_ine:
-    case OP_ilt:
-    case OP_ile:
-    case OP_ult:
-    case OP_ule: return true;
-    case OP_band:
-    case OP_bor:
-    case OP_bxor: return compares(c->args[0]) || compares(c->args[1]);
-    case OP_bnot: return compares(c->args[0]);
-    default: return false;
-    }
+    const OpInfo *o = &ir_ops[c->op];
+    if (o->compares) return true;
+    if (o->arg != TY_BOOL || o->selects) return false;
+    return compares(c->args[0]) || (o->nargs > 1 && compares(c->args[1]));
 }
 
 static Inst *mark_atom(Inst *i, uint32_t *next) {
@@ -306,7 +293,7 @@ static void prov_block(Prov *p, Block *b, uint32_t *next) {
             Inst *atom = i->op == OP_site ? ir_select(&at, i, key, ir_consti(&at, 0))
                                           : ir_mix_inst(&at, key, ir_emit1(&at, OP_f2i, i));
             p->of[i->id] = set_single(p, mark_atom(atom, next));
-        } else if (i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel) {
+        } else if (ir_ops[i->op].selects) {
             prov_select(p, i, next);
         } else {
             Set *s = NULL;

@@ -2,25 +2,7 @@
 
 #include "compiler/pass/walk.h"
 
-bool walk_is_pure(const Inst *i) {
-    if (!ir_ops[i->op].special) return true;
-    switch (i->op) {
-    case OP_constf:
-    case OP_consti:
-    case OP_constb:
-    case OP_input:
-    case OP_param:
-    case OP_iparam:
-    case OP_dparam:
-    case OP_rand:
-    case OP_detach:
-    case OP_site:
-    case OP_siten:
-    case OP_fieldop:
-    case OP_window: return true;
-    default: return false;
-    }
-}
+bool walk_is_pure(const Inst *i) { return ir_ops[i->op].kind == KIND_PURE; }
 
 uint32_t walk_size(const Block *b) {
     uint32_t n = 0;

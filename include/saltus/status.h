@@ -10,6 +10,7 @@ typedef enum SltStatus {
     SLT_INPUT = 4,        /* an input file is missing or bad */
     SLT_OUTPUT = 5,       /* an output could not be written */
     SLT_LIMIT = 6,        /* a limit of time, memory or size was reached */
+    SLT_STOPPED = 7,      /* compiling ended where SltOptions.stop_after said: no fault; the command's status is 0 */
     SLT_INTERNAL = 70,    /* a fault of ours */
     SLT_INTERRUPTED = 130 /* stopped cleanly on request */
 } SltStatus;

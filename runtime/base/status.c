@@ -41,6 +41,7 @@ const char *status_name(SltStatus status) {
     case SLT_INPUT: return "input";
     case SLT_OUTPUT: return "output";
     case SLT_LIMIT: return "limit";
+    case SLT_STOPPED: return "stopped";
     case SLT_INTERNAL: return "internal";
     case SLT_INTERRUPTED: return "interrupted";
     }

@@ -409,7 +409,9 @@ static SltStatus read_parts(exr_context_t ctx, const Stream *s, Plan *plan, Imag
     return status ? status : read_attributes(ctx, s, im, err);
 }
 
-SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
+SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                           SltError *err) {
+    (void)opt;
     Stream s = {.name = name, .bytes = bytes, .size = size};
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
@@ -518,10 +520,9 @@ static SltStatus check_names(const char *name, const Image *im, SltError *err) {
     return SLT_OK;
 }
 
-SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size, SltError *err) {
+SltStatus image_encode_exr(const char *name, const Image *im, const ImageWriteOptions *opt, Bytes *out, SltError *err) {
+    (void)opt;
     Stream s = {.name = name};
-    *bytes = NULL;
-    *size = 0;
     SltStatus status = check_names(name, im, err);
     if (status != SLT_OK) return status;
     if ((double)im->width * im->channels * sizeof(float) > INT32_MAX)
@@ -544,7 +545,6 @@ SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, s
         image_bytes_free(&s.out);
         return fail_core(&s, s.out.failed ? EXR_ERR_OUT_OF_MEMORY : rc, "write", SLT_OUTPUT, err);
     }
-    *bytes = s.out.data;
-    *size = s.out.size;
+    *out = s.out;
     return SLT_OK;
 }

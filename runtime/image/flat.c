@@ -36,7 +36,9 @@ static bool whole_number(const char *word, double *out) {
     return true;
 }
 
-SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
+SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                           SltError *err) {
+    (void)opt;
     char magic[32], w[32], h[32], scale[32];
     size_t at = 0;
     double width = 0, height = 0;
@@ -69,7 +71,8 @@ SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, 
     return status;
 }
 
-SltStatus image_encode_pfm(const char *name, const Image *im, Bytes *out, SltError *err) {
+SltStatus image_encode_pfm(const char *name, const Image *im, const ImageWriteOptions *opt, Bytes *out, SltError *err) {
+    (void)opt;
     int src[4];
     int n = image_root_channels(im, src);
     if (n == 2 || n == 4) n--; /* PFM has no alpha */
@@ -104,7 +107,9 @@ static bool parse_size(const char *name, double *w, double *h, double *c) {
     return true;
 }
 
-SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
+SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                           SltError *err) {
+    (void)opt;
     double w, h, c;
     *out = (Image){0};
     if (!parse_size(name, &w, &h, &c)) {

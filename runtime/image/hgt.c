@@ -91,7 +91,9 @@ static bool fill_voids(Level *base) {
     return memory;
 }
 
-SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
+SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                           SltError *err) {
+    (void)opt;
     *out = (Image){0};
     size_t side = 0;
     while ((side + 1) * (side + 1) * 2 <= size && side < IMAGE_MAX_SIDE) side++;

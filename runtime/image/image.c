@@ -1,17 +1,14 @@
-/* The Image itself: making, naming, converting, resizing, and choosing a format by extension. */
+/* The Image itself: making, naming, converting, resizing. */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* strdup */
 #endif
 #include "internal.h"
 
-#include <ctype.h>
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <strings.h>
 
 SltStatus image_create(Image *out, int width, int height, int channels, SltError *err) {
     *out = (Image){0};
@@ -334,106 +331,3 @@ float image_encode_srgb(float v) {
 float image_decode_srgb(float v) { return v <= 0.04045f ? v / 12.92f : (float)pow((v + 0.055) / 1.055, 2.4); }
 
 float image_luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
-
-const char *image_path_extension(const char *path, char buf[16]) {
-    const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path, *dot = strrchr(base, '.');
-    size_t n = 0;
-    if (dot && strlen(dot + 1) < 16)
-        for (; dot[1 + n]; n++) buf[n] = (char)tolower((unsigned char)dot[1 + n]);
-    buf[n] = 0;
-    return buf;
-}
-
-static SltStatus check_extension(const char *name, SltError *err) {
-    static const char *const known[] = {"exr", "png", "pfm", "npy", "f32", "hgt"};
-    char ext[16];
-    image_path_extension(name, ext);
-    for (size_t k = 0; k < sizeof known / sizeof *known; k++)
-        if (strcmp(ext, known[k]) == 0) return SLT_OK;
-    return status_fail(err, SLT_INPUT, "cannot read '%s': the extension is none of .exr .png .pfm .npy .f32 .hgt",
-                       name);
-}
-
-SltStatus image_decode(const char *name, const void *bytes, size_t size, const ImageReadOptions *opt, Image *out,
-                       SltError *err) {
-    char ext[16];
-    *out = (Image){0};
-    image_path_extension(name, ext);
-    if (strcmp(ext, "exr") == 0) return image_decode_exr(name, bytes, size, out, err);
-    if (strcmp(ext, "png") == 0) return image_decode_png(name, bytes, size, opt && opt->raw, out, err);
-    if (strcmp(ext, "pfm") == 0) return image_decode_pfm(name, bytes, size, out, err);
-    if (strcmp(ext, "npy") == 0) return image_decode_npy(name, bytes, size, out, err);
-    if (strcmp(ext, "f32") == 0) return image_decode_f32(name, bytes, size, out, err);
-    if (strcmp(ext, "hgt") == 0) return image_decode_hgt(name, bytes, size, out, err);
-    return check_extension(name, err);
-}
-
-SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, SltError *err) {
-    uint8_t *bytes;
-    size_t size;
-    *out = (Image){0};
-    struct stat st;
-    if (stat(path, &st) == 0 && !S_ISREG(st.st_mode) && !S_ISDIR(st.st_mode)) {
-        /* a device may have no end: not a byte is read of what could not be decoded */
-        SltStatus known = check_extension(path, err);
-        if (known != SLT_OK) return known;
-    }
-    SltStatus status = file_read_all(path, &bytes, &size, err);
-    if (status == SLT_OK) status = image_decode(path, bytes, size, opt, out, err);
-    free(bytes);
-    return status;
-}
-
-bool image_can_write(const char *path) {
-    char ext[16];
-    image_path_extension(path, ext);
-    return !strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "npy");
-}
-
-static SltStatus encode_png_image(const char *path, const Image *im, const ImageWriteOptions *opt, Bytes *out,
-                                  SltError *err) {
-    int src[4];
-    int n = image_root_channels(im, src), bits = opt && opt->bits == 16 ? 16 : 8;
-    bool raw = opt && opt->raw;
-    size_t pixels = (size_t)im->width * (size_t)im->height, wide = bits / 8;
-    uint8_t *packed = malloc(pixels * (size_t)n * wide);
-    if (!packed) return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
-    uint8_t *to = packed;
-    for (size_t p = 0; p < pixels; p++) {
-        for (int c = 0; c < n; c++) {
-            float v = im->data[p * (size_t)im->channels + (size_t)src[c]];
-            bool alpha = (n == 2 || n == 4) && c == n - 1;
-            v = raw || alpha ? (v > 0 ? fminf(v, 1) : 0) : image_encode_srgb(v);
-            if (bits == 16) {
-                unsigned q = (unsigned)lrintf(v * 65535.0f);
-                *to++ = (uint8_t)(q >> 8);
-                *to++ = (uint8_t)q;
-            } else {
-                *to++ = (uint8_t)lrintf(v * 255.0f);
-            }
-        }
-    }
-    SltStatus status = image_encode_png(path, im->width, im->height, n, bits, packed, out, err);
-    free(packed);
-    return status;
-}
-
-SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt, SltError *err) {
-    char ext[16];
-    Bytes b = {0};
-    SltStatus status;
-    image_path_extension(path, ext);
-    if (strcmp(ext, "exr") == 0) {
-        status = image_encode_exr(path, im, &b.data, &b.size, err);
-    } else if (strcmp(ext, "png") == 0) {
-        status = encode_png_image(path, im, opt, &b, err);
-    } else if (strcmp(ext, "pfm") == 0) {
-        status = image_encode_pfm(path, im, &b, err);
-    } else if (strcmp(ext, "npy") == 0) {
-        size_t shape[3] = {(size_t)im->height, (size_t)im->width, (size_t)im->channels};
-        status = image_encode_npy(3, shape, im->data, NULL, opt && opt->wide, &b, err);
-    } else {
-        return status_fail(err, SLT_USAGE, "cannot write '%s': the extension is none of .exr .png .pfm .npy", path);
-    }
-    return image_bytes_save(&b, path, status, err);
-}

@@ -98,6 +98,8 @@ float image_decode_srgb(float encoded);
 /* Relative luminance of linear BT.709 colour. */
 float image_luminance(float r, float g, float b);
 
+/* format.c: files, by the rows of formats.def ---------------------------------------------------- */
+
 /* Reading, by extension: .exr .png .pfm .npy .f32 (NAME_WxH.f32 or NAME_WxHxC.f32; little-endian,
  * top row first) .hgt (a square of big-endian int16, top row first; voids, -32768, are filled from
  * their surroundings, and refused beyond a quarter). */
@@ -127,8 +129,17 @@ typedef struct ImageWriteOptions {
  * the system's reason when the file cannot be written. */
 SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt, SltError *err);
 
+/* The same into memory: a malloc'd file in *bytes, for the caller to free. `name` is used for the format and in
+ * messages. */
+SltStatus image_encode(const char *name, const Image *im, const ImageWriteOptions *opt, uint8_t **bytes, size_t *size,
+                       SltError *err);
+
 /* True when image_write knows the extension. */
 bool image_can_write(const char *path);
+
+enum { IMAGE_LIST_SIZE = 128 };
+/* The extensions that image_read or image_write knows, ".exr .png ...". Returns buf. */
+const char *image_list_formats(bool written, char buf[IMAGE_LIST_SIZE]);
 
 /* png.c --------------------------------------------------------------------------------------- */
 
@@ -140,9 +151,6 @@ SltStatus image_write_png8(const char *path, int width, int height, int channels
  * messages. */
 SltStatus image_encode_png8(const char *name, int width, int height, int channels, const uint8_t *pixels,
                             uint8_t **bytes, size_t *size, SltError *err);
-
-/* exr.c: an EXR file in memory, malloc'd, for the caller to free */
-SltStatus image_encode_exr(const char *name, const Image *im, uint8_t **bytes, size_t *size, SltError *err);
 
 /* npy.c --------------------------------------------------------------------------------------- */
 

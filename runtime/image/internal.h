@@ -30,16 +30,31 @@ int image_root_channels(const Image *im, int index[4]);
 /* The extension without its dot, in lower case, "" if there is none. */
 const char *image_path_extension(const char *path, char buf[16]);
 
-SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err);
-SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, bool raw, Image *out, SltError *err);
-SltStatus image_encode_png(const char *name, int width, int height, int channels, int bits, const uint8_t *pixels,
-                           Bytes *out, SltError *err);
-SltStatus image_decode_pfm(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err);
-SltStatus image_decode_f32(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err);
-SltStatus image_decode_hgt(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err);
-SltStatus image_encode_pfm(const char *name, const Image *im, Bytes *out, SltError *err);
-SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, const double *wide, bool as_double,
-                           Bytes *out, SltError *err);
-SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err);
+/* What formats.def names. A reader gets the whole file and leaves `out` empty on failure; a writer appends to `out`.
+ * Both name the file `name` in messages, and their options are never NULL. */
+typedef SltStatus ImageReader(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt,
+                              Image *out, SltError *err);
+typedef SltStatus ImageWriter(const char *name, const Image *im, const ImageWriteOptions *opt, Bytes *out,
+                              SltError *err);
+
+typedef struct ImageFormat {
+    const char *extension;
+    ImageReader *read;
+    ImageWriter *write;
+    bool as_table;
+} ImageFormat;
+
+/* That of the name's extension, or NULL. */
+const ImageFormat *image_find_format(const char *name);
+
+#define FORMAT_READ(extension, ...) ImageReader image_decode_##extension;
+#define FORMAT(extension, ...) FORMAT_READ(extension, ) ImageWriter image_encode_##extension;
+#include "formats.def"
+#undef FORMAT
+#undef FORMAT_READ
+
+/* npy.c: an array of either width from numbers of either; one of `narrow` and `wide` is NULL. */
+SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const double *wide, bool as_double, Bytes *out,
+                     SltError *err);
 
 #endif

@@ -207,7 +207,9 @@ void npy_free(NumArray *a) {
     }
 }
 
-SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, Image *out, SltError *err) {
+SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                           SltError *err) {
+    (void)opt;
     Header h;
     *out = (Image){0};
     SltStatus status = parse_header(name, bytes, size, &h, err);
@@ -234,8 +236,8 @@ SltStatus image_decode_npy(const char *name, const uint8_t *bytes, size_t size, 
     return status;
 }
 
-SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, const double *wide, bool as_double,
-                           Bytes *out, SltError *err) {
+SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const double *wide, bool as_double, Bytes *out,
+                     SltError *err) {
     char dims[128] = "", header[256];
     size_t count = 1;
     if (rank < 1 || rank > 4)
@@ -277,7 +279,13 @@ SltStatus image_encode_npy(int rank, const size_t *shape, const float *narrow, c
     return SLT_OK;
 }
 
+SltStatus image_encode_npy(const char *name, const Image *im, const ImageWriteOptions *opt, Bytes *out, SltError *err) {
+    (void)name;
+    size_t shape[3] = {(size_t)im->height, (size_t)im->width, (size_t)im->channels};
+    return npy_encode(3, shape, im->data, NULL, opt->wide, out, err);
+}
+
 SltStatus npy_write(const char *path, int rank, const size_t *shape, const double *data, bool wide, SltError *err) {
     Bytes b = {0};
-    return image_bytes_save(&b, path, image_encode_npy(rank, shape, NULL, data, wide, &b, err), err);
+    return image_bytes_save(&b, path, npy_encode(rank, shape, NULL, data, wide, &b, err), err);
 }

@@ -2,6 +2,7 @@
  * survive one lives in a struct on the heap or is volatile-free because it is set before setjmp. */
 #include "internal.h"
 
+#include <math.h>
 #include <png.h>
 #include <setjmp.h>
 #include <stdio.h>
@@ -116,7 +117,8 @@ static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
     return SLT_OK;
 }
 
-SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, bool raw, Image *out, SltError *err) {
+SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
+                           SltError *err) {
     *out = (Image){0};
     if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PNG file", name);
@@ -134,7 +136,7 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
     SltStatus status;
     if (setjmp(p->escape) == 0) {
         read_pixels(p, name, err);
-        status = to_floats(p, raw, out, err);
+        status = to_floats(p, opt->raw, out, err);
     } else { /* without a message, image_check_claim has already filled err */
         status = p->message[0] ? status_fail(err, p->status, "cannot read '%s': %s", name, p->message) : p->status;
     }
@@ -146,8 +148,8 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
 }
 
 /* `pixels` holds samples of 8 bits, or of 16 bits with the high byte first. */
-SltStatus image_encode_png(const char *name, int width, int height, int channels, int bits, const uint8_t *pixels,
-                           Bytes *out, SltError *err) {
+static SltStatus png_encode(const char *name, int width, int height, int channels, int bits, const uint8_t *pixels,
+                            Bytes *out, SltError *err) {
     static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
                                 PNG_COLOR_TYPE_RGB_ALPHA};
     if (width < 1 || height < 1 || channels < 1 || channels > 4 || width > IMAGE_MAX_SIDE || height > IMAGE_MAX_SIDE) {
@@ -183,10 +185,37 @@ SltStatus image_encode_png(const char *name, int width, int height, int channels
     return status;
 }
 
+SltStatus image_encode_png(const char *name, const Image *im, const ImageWriteOptions *opt, Bytes *out, SltError *err) {
+    int src[4];
+    int n = image_root_channels(im, src), bits = opt->bits == 16 ? 16 : 8;
+    bool raw = opt->raw;
+    size_t pixels = (size_t)im->width * (size_t)im->height, wide = bits / 8;
+    uint8_t *packed = malloc(pixels * (size_t)n * wide);
+    if (!packed) return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", name);
+    uint8_t *to = packed;
+    for (size_t p = 0; p < pixels; p++) {
+        for (int c = 0; c < n; c++) {
+            float v = im->data[p * (size_t)im->channels + (size_t)src[c]];
+            bool alpha = (n == 2 || n == 4) && c == n - 1;
+            v = raw || alpha ? (v > 0 ? fminf(v, 1) : 0) : image_encode_srgb(v);
+            if (bits == 16) {
+                unsigned q = (unsigned)lrintf(v * 65535.0f);
+                *to++ = (uint8_t)(q >> 8);
+                *to++ = (uint8_t)q;
+            } else {
+                *to++ = (uint8_t)lrintf(v * 255.0f);
+            }
+        }
+    }
+    SltStatus status = png_encode(name, im->width, im->height, n, bits, packed, out, err);
+    free(packed);
+    return status;
+}
+
 SltStatus image_encode_png8(const char *name, int width, int height, int channels, const uint8_t *pixels,
                             uint8_t **bytes, size_t *size, SltError *err) {
     Bytes b = {0};
-    SltStatus status = image_encode_png(name, width, height, channels, 8, pixels, &b, err);
+    SltStatus status = png_encode(name, width, height, channels, 8, pixels, &b, err);
     if (status != SLT_OK) image_bytes_free(&b);
     *bytes = b.data;
     *size = b.size;

@@ -167,7 +167,7 @@ SltStatus table_read(const char *path, Table *out, SltError *err) {
         free(bytes);
         return status;
     }
-    if (!strcmp(ext, "exr") || !strcmp(ext, "png") || !strcmp(ext, "pfm") || !strcmp(ext, "f32"))
-        return table_from_image(path, out, err);
+    const ImageFormat *format = image_find_format(path);
+    if (format && format->as_table) return table_from_image(path, out, err);
     return status_fail(err, SLT_INPUT, "cannot read '%s': a table is .csv, .tsv, .txt, .npy or an image", path);
 }

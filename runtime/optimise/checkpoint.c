@@ -132,7 +132,7 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
         p += sizeof now;
         /* a correct checksum is no proof against a forged file: indices must be in range whatever
          * it says */
-        int64_t history = o->config.method == OPTIMISE_LBFGS ? o->config.history : 1;
+        int64_t history = o->method->pairs ? o->config.history : 1;
         if (now.pairs < 0 || now.pairs > history || now.newest < 0 || now.newest >= history ||
             now.state < OPTIMISE_EVALUATE || now.state > OPTIMISE_FAILED || !memchr(now.reason, 0, sizeof now.reason)) {
             status = status_fail(err, SLT_INPUT, "cannot resume from '%s': its state makes no sense", path);

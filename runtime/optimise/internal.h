@@ -21,19 +21,36 @@ typedef struct Numbers {
     char reason[192];
 } Numbers;
 
+/* What tells one optimiser from another: a row of optimisers.def. */
+typedef struct Method {
+    const char *name;
+    /* Takes a finite loss, with its gradient in `fresh`, and moves to the next trial or finishes. */
+    OptimiseState (*accept)(Optimiser *o, double loss);
+    void (*retreat)(Optimiser *o);   /* moves to a shorter trial: the last was not finite */
+    void (*direction)(Optimiser *o); /* first-order methods: `step` from the gradient `g` and the vectors; else NULL */
+    size_t vectors;                  /* of n doubles each; zero at the start, and part of checkpoints */
+    bool pairs;                      /* keeps `history` pairs of steps and gradient differences */
+    bool same_loss;                  /* compares losses: one seed for all evaluations */
+    double rate;                     /* default_rate, where the config has none */
+    int patience;                    /* defaults of the config's, if not 0 */
+    double loss_tolerance;
+} Method;
+extern const Method optimise_methods[OPTIMISE_METHODS];
+
 struct Optimiser {
     OptimiseConfig config; /* its arrays are owned copies; start is NULL */
+    const Method *method;
     Numbers now;
     size_t persistent; /* doubles of block in a checkpoint */
     double *block;
     /* persistent; all of n, in internal units (logarithms where asked) unless said */
-    double *u;               /* the point to evaluate */
-    double *params;          /* the same in the caller's units */
-    double *best;            /* caller's units */
-    double *base, *g;        /* last accepted point and its gradient */
-    double *step;            /* from base, before scaling and projection */
-    double *moment, *square; /* Adam: both; SGD: moment is the velocity */
-    double *s, *y;           /* L-BFGS: history x n */
+    double *u;        /* the point to evaluate */
+    double *params;   /* the same in the caller's units */
+    double *best;     /* caller's units */
+    double *base, *g; /* last accepted point and its gradient */
+    double *step;     /* from base, before scaling and projection */
+    double *vectors;  /* those of the method, one after the other; a first-order method's first is its momentum */
+    double *s, *y;    /* of a method with pairs: history x n */
     /* scratch */
     double *fresh, *work, *grid_scratch, *alpha;
     uint8_t *is_free;
@@ -53,10 +70,25 @@ OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt
 /* Tests the loss's stall and the gradient's size at an accepted point; true when it stopped. */
 bool optimise_has_converged(Optimiser *o);
 
-/* lbfgs.c: takes a finite loss, with its gradient in o->fresh */
-OptimiseState lbfgs_step(Optimiser *o, double loss);
-/* Moves to the trial of the present step_scale and notes the decrease that the linear model
- * promises for it as projected. False when it promises none. */
-bool lbfgs_place_trial(Optimiser *o);
+static inline double optimise_clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
+
+static inline size_t optimise_grid_index(const OptimiseGrid *g, int x, int y, int c) {
+    return g->offset + (size_t)x * g->stride_x + (size_t)y * g->stride_y + (size_t)c * g->stride_c;
+}
+
+/* first_order.c */
+OptimiseState first_order_accept(Optimiser *o, double loss);
+void first_order_retreat(Optimiser *o);
+
+/* What the rows name: members `direction`, `accept` and `retreat` of Method. */
+#define OPTIMISER(id, name, functions, ...) functions
+#define FIRST_ORDER(direction, vectors) void direction(Optimiser *o);
+#define LINE_SEARCH(accept, retreat)                                                                                   \
+    OptimiseState accept(Optimiser *o, double loss);                                                                   \
+    void retreat(Optimiser *o);
+#include "optimisers.def"
+#undef OPTIMISER
+#undef FIRST_ORDER
+#undef LINE_SEARCH
 
 #endif

@@ -80,7 +80,9 @@ static void two_loop(Optimiser *o) {
     for (size_t i = 0; i < n; i++) q[i] = -q[i];
 }
 
-bool lbfgs_place_trial(Optimiser *o) {
+/* Moves to the trial of the present step_scale and notes the decrease that the linear model promises for it as
+ * projected. False when it promises none. */
+static bool place_trial(Optimiser *o) {
     bool moved = optimise_move_to_trial(o);
     double slope = 0;
     for (size_t i = 0; i < o->config.n; i++) slope += o->g[i] * (o->u[i] - o->base[i]);
@@ -94,11 +96,11 @@ static OptimiseState start_search(Optimiser *o) {
     o->now.step_scale = 1;
     if (o->now.pairs > 0) {
         two_loop(o);
-        if (lbfgs_place_trial(o)) return OPTIMISE_EVALUATE;
+        if (place_trial(o)) return OPTIMISE_EVALUATE;
         o->now.pairs = 0;
     }
     gradient_direction(o);
-    if (!lbfgs_place_trial(o))
+    if (!place_trial(o))
         return optimise_finish(o, OPTIMISE_CONVERGED, "no step along the gradient changes the parameters");
     return OPTIMISE_EVALUATE;
 }
@@ -107,7 +109,7 @@ static OptimiseState backtrack(Optimiser *o, double loss) {
     double t = o->now.step_scale, excess = loss - o->now.base_loss - o->now.slope;
     double factor = excess > 0 ? -0.5 * o->now.slope / excess : 0.5; /* the parabola's minimum */
     o->now.step_scale = t * fmin(fmax(factor, 0.1), 0.5);
-    if (++o->now.backtracks <= MAX_BACKTRACKS && lbfgs_place_trial(o)) return OPTIMISE_EVALUATE;
+    if (++o->now.backtracks <= MAX_BACKTRACKS && place_trial(o)) return OPTIMISE_EVALUATE;
     if (o->now.pairs > 0) { /* a stale history may be to blame */
         o->now.pairs = 0;
         return start_search(o);
@@ -138,7 +140,7 @@ static void keep_pair(Optimiser *o) {
     o->now.pairs += o->now.pairs < o->config.history;
 }
 
-OptimiseState lbfgs_step(Optimiser *o, double loss) {
+OptimiseState lbfgs_accept(Optimiser *o, double loss) {
     size_t n = o->config.n;
     if (o->now.started) {
         if (loss > o->now.base_loss + ARMIJO * o->now.slope) return backtrack(o, loss);
@@ -149,4 +151,9 @@ OptimiseState lbfgs_step(Optimiser *o, double loss) {
     memcpy(o->g, o->fresh, n * sizeof *o->g);
     o->now.base_loss = loss;
     return optimise_has_converged(o) ? (OptimiseState)o->now.state : start_search(o);
+}
+
+void lbfgs_retreat(Optimiser *o) {
+    o->now.step_scale *= 0.25;
+    place_trial(o);
 }

@@ -1,4 +1,4 @@
-/* Setting up, Adam, SGD, and what all methods share: units, bounds, rejection, convergence. */
+/* Setting up, and what all optimisers share: units, bounds, rejection, convergence. */
 #include "internal.h"
 
 #include <math.h>
@@ -7,22 +7,41 @@
 #include <stdlib.h>
 #include <string.h>
 
-static double rate_of(const Optimiser *o, size_t i) { return o->config.learning_rate[i]; }
+const Method optimise_methods[OPTIMISE_METHODS] = {
+#define OPTIMISER(id, shown, functions, ...) [OPTIMISE_##id] = {.name = shown, functions, __VA_ARGS__},
+#define FIRST_ORDER(step, n) .accept = first_order_accept, .retreat = first_order_retreat, .direction = step, .vectors = n
+#define LINE_SEARCH(take, shorten) .accept = take, .retreat = shorten, .same_loss = true
+#include "optimisers.def"
+#undef OPTIMISER
+#undef FIRST_ORDER
+#undef LINE_SEARCH
+};
 
-static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
+bool optimise_find(const char *name, OptimiseMethod *method) {
+    for (int k = 0; k < OPTIMISE_METHODS; k++) {
+        if (strcmp(optimise_methods[k].name, name) != 0) continue;
+        *method = (OptimiseMethod)k;
+        return true;
+    }
+    return false;
+}
+
+const char *optimise_name(OptimiseMethod method) { return optimise_methods[method].name; }
+double optimise_rate(OptimiseMethod method) { return optimise_methods[method].rate; }
+bool optimise_wants_same_loss(OptimiseMethod method) { return optimise_methods[method].same_loss; }
 
 /* The caller's value of an internal one. Bounds are applied here too: exp(log(x)) may miss x by a
  * rounding. */
 static double to_caller(const Optimiser *o, size_t i, double u) {
     double v = o->config.log[i] ? exp(u) : u;
-    return clamp(v, o->config.lo[i], o->config.hi[i]);
+    return optimise_clamp(v, o->config.lo[i], o->config.hi[i]);
 }
 
 bool optimise_move_to_trial(Optimiser *o) {
     bool moved = false;
     for (size_t i = 0; i < o->config.n; i++) {
-        double u = clamp(o->base[i] + o->now.step_scale * o->step[i], o->lo[i], o->hi[i]);
-        if (rate_of(o, i) == 0) /* held: not even a rounding may change it */
+        double u = optimise_clamp(o->base[i] + o->now.step_scale * o->step[i], o->lo[i], o->hi[i]);
+        if (o->config.learning_rate[i] == 0) /* held: not even a rounding may change it */
             continue;
         moved |= u != o->base[i];
         o->u[i] = u;
@@ -52,7 +71,8 @@ OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt
 bool optimise_has_converged(Optimiser *o) {
     const OptimiseConfig *c = &o->config;
     double size = optimise_projected_gradient(o, o->g);
-    if (size <= c->gradient_tolerance && (c->gradient_tolerance > 0 || c->method == OPTIMISE_LBFGS)) {
+    /* At exactly zero a first-order method still coasts on its momentum. */
+    if (size <= c->gradient_tolerance && (c->gradient_tolerance > 0 || !o->method->direction)) {
         optimise_finish(o, OPTIMISE_CONVERGED, "no component of the gradient is larger than %.3g", size);
         return true;
     }
@@ -70,118 +90,12 @@ bool optimise_has_converged(Optimiser *o) {
     return false;
 }
 
-static size_t grid_index(const OptimiseGrid *g, int x, int y, int c) {
-    return g->offset + (size_t)x * g->stride_x + (size_t)y * g->stride_y + (size_t)c * g->stride_c;
-}
-
 void optimise_smooth_grid(Optimiser *o, int k, double *v, int times) {
     const OptimiseGrid *g = &o->config.grids[k];
     for (int c = 0; o->solvers[k] && c < g->channels; c++)
         for (int t = 0; t < times; t++)
-            laplacian_solve(o->solvers[k], v + grid_index(g, 0, 0, c), g->stride_x, g->stride_y, o->grid_scratch);
-}
-
-static void smooth_grids(Optimiser *o, double *v, int times) {
-    for (int k = 0; k < o->config.grid_count; k++) optimise_smooth_grid(o, k, v, times);
-}
-
-/* Under a Laplacian, Adam's scaling by each entry's own second moment would undo the smoothing; the
- * paper's uniform variant divides a whole grid by its largest. `work` gets the denominator of every
- * parameter. */
-static void adam_denominators(Optimiser *o, double correction) {
-    for (size_t i = 0; i < o->config.n; i++) o->work[i] = sqrt(o->square[i] / correction) + o->config.epsilon;
-    for (int k = 0; k < o->config.grid_count; k++) {
-        const OptimiseGrid *g = &o->config.grids[k];
-        double largest = 0;
-        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
-            for (int c = 0; c < g->channels; c++) {
-                for (int y = 0; y < g->height; y++) {
-                    for (int x = 0; x < g->width; x++) {
-                        size_t i = grid_index(g, x, y, c);
-                        if (pass == 0) largest = fmax(largest, o->work[i]);
-                        else o->work[i] = largest;
-                    }
-                }
-            }
-        }
-    }
-}
-
-/* Sampled gradients have heavy tails: where a silhouette ends, one crossing may weigh ten times what others do. Under
- * one second moment for the grid such an entry would move its own parameter by as many steps, and hold back all others
- * for as long as Adam remembers: it is cut to three times the largest so far. */
-static void limit_outliers(Optimiser *o, double correction) {
-    for (int k = 0; k < o->config.grid_count; k++) {
-        const OptimiseGrid *g = &o->config.grids[k];
-        double largest = 0;
-        for (int pass = 0; o->solvers[k] && pass < 2; pass++) {
-            double limit = 3 * sqrt(largest / correction);
-            for (int c = 0; c < g->channels; c++) {
-                for (int y = 0; y < g->height; y++) {
-                    for (int x = 0; x < g->width; x++) {
-                        size_t i = grid_index(g, x, y, c);
-                        if (pass == 0) largest = fmax(largest, o->square[i]);
-                        else if (limit > 0) o->step[i] = clamp(o->step[i], -limit, limit);
-                    }
-                }
-            }
-        }
-    }
-}
-
-static void adam(Optimiser *o) {
-    const OptimiseConfig *c = &o->config;
-    double before = 1 - pow(c->beta2, (double)o->now.age);
-    double t = (double)++o->now.age;
-    double first = 1 - pow(c->beta1, t), second = 1 - pow(c->beta2, t);
-    memcpy(o->step, o->g, c->n * sizeof *o->step);
-    smooth_grids(o, o->step, 1);
-    if (t > 1) limit_outliers(o, before);
-    for (size_t i = 0; i < c->n; i++) {
-        double g = o->step[i];
-        o->moment[i] = c->beta1 * o->moment[i] + (1 - c->beta1) * g;
-        o->square[i] = c->beta2 * o->square[i] + (1 - c->beta2) * g * g;
-    }
-    adam_denominators(o, second);
-    for (size_t i = 0; i < c->n; i++) o->step[i] = -rate_of(o, i) * (o->moment[i] / first) / o->work[i];
-    smooth_grids(o, o->step, 1);
-}
-
-static void sgd(Optimiser *o) {
-    const OptimiseConfig *c = &o->config;
-    memcpy(o->work, o->g, c->n * sizeof *o->work);
-    smooth_grids(o, o->work, 2);
-    for (size_t i = 0; i < c->n; i++) {
-        o->moment[i] = c->momentum * o->moment[i] + o->work[i];
-        o->step[i] = -rate_of(o, i) * o->moment[i];
-    }
-}
-
-/* The next step from base, by its gradient and the moments so far. */
-static void momentum_step(Optimiser *o) {
-    if (o->config.method == OPTIMISE_ADAM) adam(o);
-    else sgd(o);
-}
-
-static bool all_zero(const double *v, size_t n) {
-    for (size_t i = 0; i < n; i++)
-        if (v[i] != 0) return false;
-    return true;
-}
-
-static OptimiseState first_order_step(Optimiser *o, double loss) {
-    size_t n = o->config.n;
-    memcpy(o->base, o->u, n * sizeof *o->base);
-    memcpy(o->g, o->fresh, n * sizeof *o->g);
-    o->now.base_loss = loss;
-    o->now.iterations++;
-    if (optimise_has_converged(o)) return (OptimiseState)o->now.state;
-    if (all_zero(o->g, n) && all_zero(o->moment, n)) /* a zero by chance in mid-run still coasts on its momentum */
-        return optimise_finish(o, OPTIMISE_CONVERGED, "the gradient is zero");
-    momentum_step(o);
-    o->now.step_scale = 1;
-    optimise_move_to_trial(o);
-    return OPTIMISE_EVALUATE;
+            laplacian_solve(o->solvers[k], v + optimise_grid_index(g, 0, 0, c), g->stride_x, g->stride_y,
+                            o->grid_scratch);
 }
 
 static OptimiseState reject(Optimiser *o, bool bad_loss) {
@@ -193,20 +107,7 @@ static OptimiseState reject(Optimiser *o, bool bad_loss) {
         return optimise_finish(o, OPTIMISE_FAILED, "the %s is not finite, also after %d shorter steps", what,
                                o->config.max_failures);
     }
-    if (o->config.method == OPTIMISE_LBFGS) {
-        o->now.step_scale *= 0.25;
-        lbfgs_place_trial(o);
-        return OPTIMISE_EVALUATE;
-    }
-    o->now.step_scale *= 0.5;
-    if (o->now.failures ==
-        o->config.max_failures / 2) { /* momentum may push into a wall that the gradient here avoids */
-        memset(o->moment, 0, o->config.n * sizeof *o->moment);
-        if (o->config.method == OPTIMISE_ADAM) memset(o->square, 0, o->config.n * sizeof *o->square);
-        o->now.age = 0;
-        momentum_step(o);
-    }
-    optimise_move_to_trial(o);
+    o->method->retreat(o);
     return OPTIMISE_EVALUATE;
 }
 
@@ -215,7 +116,7 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
     o->now.evaluations++;
     bool finite = true;
     for (size_t i = 0; i < o->config.n; i++) { /* chain rule of the logarithm; held parameters have no gradient */
-        o->fresh[i] = rate_of(o, i) == 0 ? 0 : gradient[i] * (o->config.log[i] ? o->params[i] : 1);
+        o->fresh[i] = o->config.learning_rate[i] == 0 ? 0 : gradient[i] * (o->config.log[i] ? o->params[i] : 1);
         finite = finite && isfinite(o->fresh[i]);
     }
     if (!isfinite(loss) || !finite) return reject(o, !isfinite(loss));
@@ -224,7 +125,7 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient) {
         o->now.best_loss = loss;
         memcpy(o->best, o->params, o->config.n * sizeof *o->best);
     }
-    OptimiseState state = o->config.method == OPTIMISE_LBFGS ? lbfgs_step(o, loss) : first_order_step(o, loss);
+    OptimiseState state = o->method->accept(o, loss);
     o->now.started = 1;
     return state;
 }
@@ -245,7 +146,7 @@ const char *optimise_reason(const Optimiser *o) { return o->now.reason; }
 static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
     if (c->n < 1 || c->n > ((size_t)1 << 31) || !c->start)
         return status_fail(err, SLT_USAGE, "an optimiser of %zu parameters", c->n);
-    if (c->method != OPTIMISE_ADAM && c->method != OPTIMISE_SGD && c->method != OPTIMISE_LBFGS)
+    if ((unsigned)c->method >= OPTIMISE_METHODS)
         return status_fail(err, SLT_USAGE, "unknown optimiser %d", (int)c->method);
     if (!(c->default_rate >= 0) || isinf(c->default_rate) || !(c->beta1 >= 0 && c->beta1 < 1) ||
         !(c->beta2 >= 0 && c->beta2 < 1) || !(c->epsilon >= 0) || !(c->momentum >= 0 && c->momentum < 1)) {
@@ -264,9 +165,9 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
             return status_fail(err, SLT_USAGE, "parameter %zu has the bounds [%g, %g]", i, lo, hi);
         if (c->learning_rate && (!(c->learning_rate[i] >= 0) || isinf(c->learning_rate[i])))
             return status_fail(err, SLT_USAGE, "parameter %zu has the learning rate %g", i, c->learning_rate[i]);
-        if (c->log && c->log[i] && !(clamp(c->start[i], lo, hi) > 0)) {
+        if (c->log && c->log[i] && !(optimise_clamp(c->start[i], lo, hi) > 0)) {
             return status_fail(err, SLT_USAGE, "parameter %zu is optimised as its logarithm but starts at %g", i,
-                               clamp(c->start[i], lo, hi));
+                               optimise_clamp(c->start[i], lo, hi));
         }
     }
     for (int k = 0; k < c->grid_count; k++) {
@@ -286,15 +187,16 @@ static SltStatus check_config(const OptimiseConfig *c, SltError *err) {
 }
 
 static void fill_defaults(OptimiseConfig *c) {
-    c->default_rate = c->default_rate != 0 ? c->default_rate : 0.01;
+    const Method *m = &optimise_methods[(unsigned)c->method < OPTIMISE_METHODS ? c->method : 0];
+    c->default_rate = c->default_rate != 0 ? c->default_rate : m->rate;
     c->beta1 = c->beta1 != 0 ? c->beta1 : 0.9;
     c->beta2 = c->beta2 != 0 ? c->beta2 : 0.999;
     c->epsilon = c->epsilon != 0 ? c->epsilon : 1e-8;
     c->history = c->history ? c->history : 10;
     c->max_failures = c->max_failures ? c->max_failures : 10;
-    if (c->method == OPTIMISE_LBFGS && c->patience == 0) {
-        c->patience = 3;
-        c->loss_tolerance = c->loss_tolerance > 0 ? c->loss_tolerance : 1e-12;
+    if (c->patience == 0 && m->patience > 0) {
+        c->patience = m->patience;
+        c->loss_tolerance = c->loss_tolerance > 0 ? c->loss_tolerance : m->loss_tolerance;
     }
 }
 
@@ -328,14 +230,14 @@ static bool own_arrays(Optimiser *o, const OptimiseConfig *from) {
 }
 
 static bool make_block(Optimiser *o) {
-    size_t n = o->config.n, history = o->config.method == OPTIMISE_LBFGS ? (size_t)o->config.history : 0;
-    size_t moments = o->config.method == OPTIMISE_LBFGS ? 0 : n, squares = o->config.method == OPTIMISE_ADAM ? n : 0;
+    size_t n = o->config.n, history = o->method->pairs ? (size_t)o->config.history : 0;
+    size_t vectors = o->method->vectors * n;
     size_t cells = 0;
     for (int k = 0; k < o->config.grid_count; k++) {
         size_t count = (size_t)o->config.grids[k].width * (size_t)o->config.grids[k].height;
         cells = count > cells ? count : cells;
     }
-    o->persistent = 6 * n + moments + squares + 2 * history * n;
+    o->persistent = 6 * n + vectors + 2 * history * n;
     o->block = calloc(o->persistent + 2 * n + cells + history + 1, sizeof *o->block);
     o->is_free = calloc(n, 1);
     if (!o->block || !o->is_free) return false;
@@ -343,19 +245,9 @@ static bool make_block(Optimiser *o) {
     struct {
         double **to;
         size_t size;
-    } const parts[] = {{&o->u, n},
-                       {&o->params, n},
-                       {&o->best, n},
-                       {&o->base, n},
-                       {&o->g, n},
-                       {&o->step, n},
-                       {&o->moment, moments},
-                       {&o->square, squares},
-                       {&o->s, history * n},
-                       {&o->y, history * n},
-                       {&o->fresh, n},
-                       {&o->work, n},
-                       {&o->grid_scratch, cells},
+    } const parts[] = {{&o->u, n},           {&o->params, n}, {&o->best, n},          {&o->base, n},
+                       {&o->g, n},           {&o->step, n},   {&o->vectors, vectors}, {&o->s, history * n},
+                       {&o->y, history * n}, {&o->fresh, n},  {&o->work, n},          {&o->grid_scratch, cells},
                        {&o->alpha, history}};
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
         *parts[i].to = p;
@@ -385,7 +277,7 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
     fill_defaults(&c);
     if (check_config(&c, err) != SLT_OK) return NULL;
     Optimiser *o = calloc(1, sizeof *o);
-    if (o) o->config = c;
+    if (o) o->config = c, o->method = &optimise_methods[c.method];
     if (!o || !own_arrays(o, config) || !make_block(o)) {
         optimise_free(o);
         status_fail(err, SLT_LIMIT, "out of memory for an optimiser of %zu parameters", c.n);
@@ -396,7 +288,7 @@ Optimiser *optimise_create(const OptimiseConfig *config, SltError *err) {
         return NULL;
     }
     for (size_t i = 0; i < c.n; i++) {
-        o->params[i] = clamp(config->start[i], o->config.lo[i], o->config.hi[i]);
+        o->params[i] = optimise_clamp(config->start[i], o->config.lo[i], o->config.hi[i]);
         o->u[i] = o->base[i] = o->config.log[i] ? log(o->params[i]) : o->params[i];
         o->best[i] = o->params[i];
     }

@@ -1,4 +1,4 @@
-/* Optimisers over a flat vector of n parameters: Adam, SGD with momentum, L-BFGS with bounds.
+/* Optimisers over a flat vector of n parameters: the rows of optimisers.def.
  *
  * The caller owns the loop and evaluates; the optimiser only says where:
  *
@@ -23,6 +23,7 @@
 
 #include "../base/status.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -30,7 +31,13 @@
 extern "C" {
 #endif
 
-typedef enum OptimiseMethod { OPTIMISE_ADAM, OPTIMISE_SGD, OPTIMISE_LBFGS } OptimiseMethod;
+/* OPTIMISE_ADAM, ...: the rows of optimisers.def. */
+typedef enum OptimiseMethod {
+#define OPTIMISER(id, ...) OPTIMISE_##id,
+#include "optimisers.def"
+#undef OPTIMISER
+    OPTIMISE_METHODS
+} OptimiseMethod;
 
 typedef enum OptimiseState {
     OPTIMISE_EVALUATE,  /* evaluate optimise_parameters and call optimise_step again */
@@ -58,7 +65,7 @@ typedef struct OptimiseConfig {
     const double *learning_rate; /* > 0, or 0 to hold the parameter fixed; NULL: default_rate for
                                     all. For L-BFGS: how far the first step may move each, and the
                                     relative scale of the variables */
-    double default_rate;         /* 0.01 */
+    double default_rate;         /* that of the optimiser's row */
     const double *lo, *hi;       /* lo <= hi; infinite or NULL for none */
     const uint8_t *log;          /* 1: optimise the logarithm; start must be > 0; the rate is in log units */
     const OptimiseGrid *grids;
@@ -69,13 +76,20 @@ typedef struct OptimiseConfig {
     double gradient_tolerance;    /* converged when no component of the projected gradient is larger;
                                      default 0: exactly zero */
     double loss_tolerance;        /* converged when the best loss fell by less than this, relatively, ... */
-    int patience;                 /* ... over so many iterations. Default off, but for L-BFGS 1e-12 over 3 */
+    int patience;                 /* ... over so many iterations. Default: that of the optimiser's row, mostly off */
     int max_failures;             /* non-finite evaluations in a row: 10 */
 } OptimiseConfig;
 
 typedef struct Optimiser Optimiser;
 
 /* optimise.c ---------------------------------------------------------------------------------- */
+
+/* By the name of its row ("adam"); false where there is none. */
+bool optimise_find(const char *name, OptimiseMethod *method);
+const char *optimise_name(OptimiseMethod method);
+double optimise_rate(OptimiseMethod method); /* the default learning rate */
+/* Whether it compares the losses of different evaluations, so that all must be of the same samples. */
+bool optimise_wants_same_loss(OptimiseMethod method);
 
 /* NULL with err set: SLT_USAGE for a bad config (the text names the parameter's index), SLT_LIMIT
  * for memory or a grid beyond 2^22 cells. */

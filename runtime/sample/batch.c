@@ -40,6 +40,13 @@ void batch_free(Batch *b) {
     b->memory = NULL, b->tape = b->poison = NULL;
 }
 
+void batch_collect(Batch *b, SltStats *t) {
+    uint64_t *c = b->args.counters;
+    t->evaluations += b->evaluations, b->evaluations = 0;
+    t->truncated += c[SLT_COUNT_TRUNCATED], t->asserts += c[SLT_COUNT_ASSERT], t->nonfinite += c[SLT_COUNT_NONFINITE];
+    memset(c, 0, sizeof b->args.counters);
+}
+
 void batch_set_x(Batch *b, uint32_t i, const double x[3]) {
     for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_X0 + d, i, x[d]);
     if (b->pixels) {

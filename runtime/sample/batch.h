@@ -24,6 +24,7 @@ typedef struct Batch {
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
+void batch_collect(Batch *b, SltStats *t); /* adds what the calls counted, and counts from 0 again */
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
     assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
     if (b->f64) ((double *)b->args.in[slot])[i] = v;

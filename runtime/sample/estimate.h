@@ -87,6 +87,10 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
 SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
                             double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 
+/* f at x[n][dim] into out[n][channels]; see slt_eval. */
+SltStatus slt_estimate_points(const SltScene *s, const SltJob *j, uint64_t n, const double *x, const uint32_t *streams,
+                              double *out, SltStats *stats, SltError *err);
+
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
 /* The crossing on the segment from a to b, if any. */

@@ -21,19 +21,23 @@ SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err) {
     return st;
 }
 
+void stats_add(SltStats *to, const SltStats *s) {
+    if (!to) return;
+    to->samples += s->samples, to->segments += s->segments, to->crossings += s->crossings;
+    to->evaluations += s->evaluations;
+    for (int d = 0; d < SLT_DROP_REASONS; d++) to->dropped[d] += s->dropped[d];
+    to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
+    to->seconds += s->seconds;
+    to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
+}
+
 void run_end(Run *r, SltStats *stats) {
     run_free_workers(r);
     coincide_end(r);
     grid_free(&r->grid);
     cull_free(&r->cull);
     r->stats.seconds = pool_now() - r->start;
-    if (!stats) return;
-    stats->samples += r->stats.samples, stats->segments += r->stats.segments, stats->crossings += r->stats.crossings;
-    stats->evaluations += r->stats.evaluations;
-    for (int d = 0; d < SLT_DROP_REASONS; d++) stats->dropped[d] += r->stats.dropped[d];
-    stats->truncated += r->stats.truncated, stats->asserts += r->stats.asserts, stats->nonfinite += r->stats.nonfinite;
-    stats->seconds += r->stats.seconds;
-    stats->seconds_interior += r->stats.seconds_interior, stats->seconds_boundary += r->stats.seconds_boundary;
+    stats_add(stats, &r->stats);
 }
 
 bool run_is_coarse(const Run *r) { return scene_outputs(r->s, SLT_K_EVENT, SLT_OUT_WINDOW) && !r->grid.integral; }
@@ -86,13 +90,10 @@ SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, vo
 
 void run_collect(Run *r, Worker *w) {
     SltStats *t = &r->stats;
-    t->evaluations += w->batch.evaluations, w->batch.evaluations = 0;
+    batch_collect(&w->batch, t);
     t->segments += w->finder.segments, w->finder.segments = 0;
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
     for (int d = 0; d < SLT_DROP_REASONS; d++) t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
-    uint64_t *c = w->batch.args.counters;
-    t->truncated += c[SLT_COUNT_TRUNCATED], t->asserts += c[SLT_COUNT_ASSERT], t->nonfinite += c[SLT_COUNT_NONFINITE];
-    memset(c, 0, sizeof w->batch.args.counters);
 }
 
 bool worker_vertices(Worker *w, uint64_t n) {

@@ -25,7 +25,7 @@ static void set_up(SltKernelArgs *a, double *memory, const double *params, Sums 
 
 static void try_program(Session *s, uint64_t seed, uint32_t budget, uint32_t width, uint8_t replay) {
     ArenaMark m = arena_mark(&s->module);
-    PassCtx ctx = {.session = s, .has_fma = true, .verify_each = true};
+    PassCtx ctx = {.session = s, .has_fma = true, .verify = {.pass = PASS_ALL}};
     Fn *f = random_program(s, &s->module, PREC_F64, seed, (RandomShape){0});
     pipeline_primal(&ctx, f);
     TapeReport tape;

@@ -109,7 +109,7 @@ static void follows_heights(void **state) {
         assert_int_equal(s->made, 1);
         set_terrain(p, 1);
         double sun = 0.3;
-        SltParam at;
+        SltParam at = SLT_PARAM_INIT;
         assert_int_equal(slt_param_find(p, "sun", &at, NULL), SLT_OK);
         assert_int_equal(slt_set_floats(p, at.fbase, 1, &sun, NULL), SLT_OK);
         render(p, image);
@@ -177,7 +177,7 @@ static void gradients_ask_more(void **state) {
     job.integral = true, job.samples = 1024;
     double *gradient = calloc(p->prog->nfloats, sizeof *gradient);
     assert_non_null(gradient);
-    SltIntegral out = {.gradient = gradient};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = gradient};
     SltError err = {0};
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
     assert_int_equal(p->field_state[0].wanted & wanted, wanted);
@@ -199,7 +199,7 @@ static void options_are_checked(void **state) {
     opt.field = (SltStructure)77;
     assert_int_equal(slt_compile_string(plain, "t.salt", &opt, &p), SLT_USAGE);
     slt_program_free(p);
-    opt.size = offsetof(SltOptions, field);
+    opt.struct_size = offsetof(SltOptions, field);
     assert_int_equal(slt_compile_string(plain, "t.salt", &opt, &p), SLT_OK);
     slt_program_free(p);
 }

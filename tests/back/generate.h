@@ -52,7 +52,7 @@ static void gen_value(Gen *g, Builder *b) {
             continue; /* domains of normal numbers; bits of a NaN are nobody's promise */
         Inst *args[3];
         for (uint32_t j = 0; j < o->nargs; j++) {
-            bool select = op == OP_fsel || op == OP_isel || op == OP_bsel;
+            bool select = o->selects;
             args[j] = gen_pick(g, select && j == 0 ? TY_BOOL : (IrType)o->arg);
         }
         gen_add(g, ir_emit(b, op, o->nargs, args));

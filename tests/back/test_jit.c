@@ -292,7 +292,7 @@ static Fn *rows_program(Session *s, Precision p, Op *at, uint32_t kinds, bool fm
         if (o->special || o->math || (*at == OP_ffma && !fma)) continue;
         Inst *args[3];
         for (uint32_t j = 0; j < o->nargs; j++) {
-            bool select = *at == OP_fsel || *at == OP_isel || *at == OP_bsel;
+            bool select = o->selects;
             args[j] = operand(&b, select && j == 0 ? TY_BOOL : (IrType)o->arg, j, (kinds >> (2 * j)) & 3);
         }
         if (*at == OP_fmant || *at == OP_fexpo) args[0] = normal(&b, args[0]);

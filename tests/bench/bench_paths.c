@@ -50,7 +50,7 @@ int main(int argc, char **argv) {
         o.set = &set, o.nset = 1;
         if (slt_compile_string(source, "paths", &o, &p[b]) != SLT_OK)
             return fprintf(stderr, "%s", slt_diagnostics_text(p[b])), 1;
-        SltParam q;
+        SltParam q = SLT_PARAM_INIT;
         slt_param_find(p[b], "h", &q, NULL);
         slt_set_floats(p[b], q.fbase, SIDE * SIDE, v, NULL);
         forward[b] = back[b] = INFINITY;

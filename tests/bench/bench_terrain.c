@@ -80,19 +80,19 @@ int main(int argc, char **argv) {
         for (uint32_t j = 0; j < n; j++)
             for (uint32_t i = 0; i < n; i++)
                 v[(size_t)j * n + i] = height(dem, (double)i / (n - 1), (double)j / (n - 1));
-        SltParam q;
+        SltParam q = SLT_PARAM_INIT;
         SltError e = {0};
         slt_param_find(p, "h", &q, NULL);
         slt_set_floats(p, q.fbase, n * n, v, NULL);
         SltJob j = SLT_JOB_INIT;
         j.size[0] = j.size[1] = PIXELS, j.spp = 1, j.threads = 1;
         double forward = INFINITY, back = INFINITY;
-        SltStats stats = {0};
+        SltStats stats = SLT_STATS_INIT;
         for (int r = -1; r < reps; r++) { /* the first round compiles */
             double t = seconds();
             if (slt_render(p, &j, image, NULL, &e) != SLT_OK) return fprintf(stderr, "%s\n", e.text), 1;
             if (r >= 0) forward = fmin(forward, seconds() - t);
-            stats = (SltStats){0};
+            stats = SLT_STATS_INIT;
             t = seconds();
             if (slt_grad_adjoint(p, &j, adjoint, g, NULL, &stats, &e) != SLT_OK)
                 return fprintf(stderr, "%s\n", e.text), 1;

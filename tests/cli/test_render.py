@@ -66,6 +66,26 @@ class Basics(Case):
         self.assertFalse(cached("saltus", "new"))
         self.assertTrue(cached("saltus", "new"))
 
+    def test_passes(self):
+        """The IR behind a pass, by name; an unknown one is an error before anything is compiled."""
+        self.put("c.salt", CIRCLE)
+        for verb, kernel in (("render", "value"), ("grad", "site_vjp"), ("fit", "vjp")):
+            more = {"render": [], "grad": ["--integral"], "fit": ["--minimize", "--iters", 2]}[verb]
+            r = self.run_cli(verb, "c.salt", *more, "--quiet", "--stop-after", kernel + ":lower_math")
+            self.assertTrue(r.out.startswith("; after lower_math of %s\nfn \"%s\"" % (kernel, kernel)), r.out[:200])
+            self.assertEqual((r.err, r.out.count("\nfn ")), ("", 1))
+        r = self.run_cli("render", "c.salt", "--stop-after", "front", "--dump", "all")
+        self.assertTrue(r.out.startswith("; after front of main"))
+        self.assertEqual(r.err, r.out)
+        r = self.run_cli("render", "c.salt", "--size", 4, "--quiet", "-o", "c.npy", "--verify", "--dump", "primal:opt_fold")
+        self.assertEqual(r.err.count("; after "), r.err.count("; after opt_fold of main"))
+        self.run_cli("render", "c.salt", "--size", 4, "-o", "c.npy", "--verify=value:opt_dce", "--stop-after", "vjp:opt_dce")
+        for option in ("--dump", "--stop-after", "--verify"):
+            for text, says in (("opt_fould", "did you mean `opt_fold`"), ("vlue:all", "did you mean `value`"), ("vjp:", "unknown pass"), ("", "unknown pass")):
+                r = self.run_cli("render", "c.salt", option + "=" + text, code=2)
+                self.assertIn("saltus: %s: unknown" % option, r.err)
+                self.assertIn(says, r.err)
+
     def test_standard_input_and_expression(self):
         a = self.run_cli("render", "-", "--size", 8, "-o", "a.npy", stdin=CIRCLE.encode())
         self.put("c.salt", CIRCLE)

@@ -9,7 +9,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "compiler/front/front.h"
+#include "compiler/pass/pass.h"
 #include "include/saltus/kernel.h"
 
 typedef struct Build {
@@ -24,6 +24,7 @@ static void build_body(Session *s, void *user) {
     ProgramOptions opt = {.precision = PREC_F64};
     opt.front.disc_auto = b->disc_auto;
     b->program = front_compile(s, file, &opt);
+    if (b->program) warn_jumps(&(PassCtx){.session = s, .program = b->program}, b->program->primal);
 }
 
 static Session *build(Build *b) {

@@ -34,7 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         if (image_resize(&im, 3, 2, &small, &err) == SLT_OK) image_free(&small);
         uint8_t *bytes;
         size_t n;
-        if (image_encode_exr("b.exr", &im, &bytes, &n, &err) == SLT_OK) {
+        if (image_encode("b.exr", &im, NULL, &bytes, &n, &err) == SLT_OK) {
             if (image_decode("b.exr", bytes, n, NULL, &again, &err) != SLT_OK) abort();
             if (again.width != im.width || again.height != im.height || again.channels != im.channels) abort();
             image_free(&again);

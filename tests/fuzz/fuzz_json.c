@@ -30,7 +30,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
                                         "m[0][1]", "t[1][2][0]"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (text[0] != '@') slt_set_text(p, names[i], text, &err);
-    SltParam found;
+    SltParam found = SLT_PARAM_INIT;
     slt_param_find(p, text, &found, &err);
     const char *wrt[] = {text};
     slt_wrt(p, wrt, 1, &err);

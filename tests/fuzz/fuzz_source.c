@@ -49,8 +49,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             job.integral = true, job.threads = 1, job.samples = 64;
             job.size[0] = job.size[1] = job.size[2] = 1;
             double value[4], *gradient = calloc((size_t)slt_channels(p) * slt_float_count(p) + 1, sizeof *gradient);
-            SltIntegral out = {.value = value, .gradient = gradient};
-            SltStats stats = {0};
+            SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = gradient};
+            SltStats stats = SLT_STATS_INIT;
             if (gradient && slt_grad_integral(p, &job, &out, &stats, &err) == SLT_INTERNAL) abort();
             free(gradient);
         }

@@ -21,7 +21,7 @@ static const char *const shadow_by[] = {"[Disc] if (h.occluded(p, sun, 0.006, 50
 static SltProgram *load(const char *shadow, bool f64) {
     char source[2048];
     SltOptions o = SLT_OPTIONS_INIT;
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     SltProgram *p;
     o.f64 = f64;
     snprintf(source, sizeof source,
@@ -58,10 +58,10 @@ static void test_steps(void **state) {
         SltProgram *p = load(shadow_by[k], k == 1);
         for (int image = 0; image < 2; image++) {
             SltJob j = SLT_JOB_INIT;
-            SltStats s = {0};
+            SltStats s = SLT_STATS_INIT;
             SltError err;
             double value, *g = malloc(sizeof *g * slt_float_count(p));
-            SltIntegral out = {.value = &value, .gradient = g};
+            SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = g};
             j.threads = 2, j.seed = 3, j.size[0] = j.size[1] = SIZE, j.spp = 1, j.samples = 1 << 16,
             j.segments = image ? 0 : 1 << 17;
             j.integral = !image;

@@ -100,7 +100,7 @@ static SltProgram *load(const Scene *s) {
     double v[HEIGHTS];
     for (int j = 0; j < N; j++)
         for (int i = 0; i < N; i++) v[(N - 1 - j) * N + i] = s->height(i, j);
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     slt_param_find(p, "h", &q, NULL);
     slt_set_floats(p, q.fbase, HEIGHTS, v, NULL);
     const struct {
@@ -119,7 +119,7 @@ static double value(SltProgram *p, uint64_t samples, uint32_t seed) {
     SltJob j = SLT_JOB_INIT;
     j.integral = true, j.samples = samples, j.replicates = 1, j.seed = seed, j.no_interior = j.no_boundary = true;
     double v;
-    SltIntegral r = {.value = &v};
+    SltIntegral r = {.struct_size = sizeof r, .value = &v};
     SltError e = {0};
     if (slt_grad_integral(p, &j, &r, NULL, &e) != SLT_OK) fail_msg("%s", e.text);
     return v;
@@ -161,13 +161,13 @@ static int compare(const Scene *s, bool print) {
     double *g = calloc(nf, sizeof *g), *se = calloc(nf, sizeof *se);
     SltJob j = SLT_JOB_INIT;
     j.integral = true, j.samples = thorough ? 1 << 20 : 1 << 16, j.replicates = 4, j.seed = 7;
-    SltIntegral r = {.gradient = g, .gradient_stderr = se};
-    SltStats stats = {0};
+    SltIntegral r = {.struct_size = sizeof r, .gradient = g, .gradient_stderr = se};
+    SltStats stats = SLT_STATS_INIT;
     SltError e = {0};
     if (slt_grad_integral(p, &j, &r, &stats, &e) != SLT_OK) fail_msg("%s: %s", s->name, e.text);
     int bad = 0;
     for (uint32_t q = 0; q < slt_param_count(p); q++) {
-        SltParam param;
+        SltParam param = SLT_PARAM_INIT;
         slt_param(p, q, &param);
         if (!param.differentiable) continue;
         double largest = 0;
@@ -222,8 +222,8 @@ static void test_volume(void **state) {
     slt_set_floats(p, 0, 25, v, NULL);
     SltJob j = SLT_JOB_INIT;
     j.integral = true, j.samples = 1 << 16;
-    SltIntegral r = {.value = &volume, .gradient = g};
-    SltStats stats = {0};
+    SltIntegral r = {.struct_size = sizeof r, .value = &volume, .gradient = g};
+    SltStats stats = SLT_STATS_INIT;
     assert_int_equal(slt_grad_integral(p, &j, &r, &stats, NULL), SLT_OK);
     double sum = 0;
     for (int i = 0; i < 25; i++) sum += g[i];

@@ -100,7 +100,7 @@ static double sample(const Fill *f, double x, double y, uint32_t i, uint32_t j, 
 }
 
 static void fill(SltProgram *p, const Fill *f) {
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     SltError e = {0};
     if (slt_param_find(p, f->name, &q, &e)) fail_msg("%s", e.text);
     double *v = malloc(q.fcount * sizeof *v);
@@ -371,7 +371,7 @@ static unsigned differences(const Scene *s) {
     slt_domain(plain, lo, hi);
     w.dim = slt_dim(plain), w.volume = 1, w.channels = slt_channels(plain), w.p = compile(s, source, true);
     for (uint32_t i = 0; i < w.dim; i++) w.volume *= hi[i] - lo[i];
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     assert_int_equal(slt_param_find(w.p, "points", &q, NULL), SLT_OK);
     w.points = q.fbase;
     uint32_t n = slt_float_count(plain); /* the texture comes behind */
@@ -395,7 +395,7 @@ static unsigned check(const Scene *s) {
     uint32_t n = slt_float_count(p), ch = slt_channels(p);
     double *g = calloc(n * ch, sizeof *g), *se = calloc(n * ch, sizeof *se), *dir = calloc(n, sizeof *dir);
     assert_true(g && se && dir);
-    SltIntegral out = {.gradient = g, .gradient_stderr = se};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = se};
     SltJob job = SLT_JOB_INIT;
     SltError e = {0};
     job.integral = true, job.spp = 0, job.samples = 1u << 20, job.size[0] = job.size[1] = job.size[2] = 1;
@@ -404,7 +404,7 @@ static unsigned check(const Scene *s) {
     for (unsigned k = 0; k < s->nslope; k++) {
         const Slope *d = &s->slope[k];
         const double *gc = g + (size_t)d->channel * n, *sc = se + (size_t)d->channel * n;
-        SltParam q;
+        SltParam q = SLT_PARAM_INIT;
         direction(p, d->name, dir, &q);
         double largest = 0, value = 0, variance = 0;
         for (uint32_t i = 0; i < q.fcount; i++) largest = fmax(largest, fabs(gc[q.fbase + i]));

@@ -16,9 +16,9 @@ enum { N = 17 };
 static double derivative(const char *source, const char *name) {
     SltOptions o = SLT_OPTIONS_INIT;
     SltProgram *p;
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     SltError err;
-    SltStats s = {0};
+    SltStats s = SLT_STATS_INIT;
     double value;
     if (slt_compile_string(source, "loops", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     if (slt_param_find(p, "h", &q, &err) == SLT_OK) {
@@ -28,8 +28,8 @@ static double derivative(const char *source, const char *name) {
         slt_set_floats(p, q.fbase, N * N, v, NULL);
     }
     double *g = malloc(sizeof *g * slt_float_count(p)), at;
-    SltJob j = {.integral = true, .samples = 1 << 18, .seed = 2, .threads = 2};
-    SltIntegral out = {.value = &value, .gradient = g};
+    SltJob j = {.struct_size = sizeof j, .integral = true, .samples = 1 << 18, .seed = 2, .threads = 2};
+    SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = g};
     if (slt_grad_integral(p, &j, &out, &s, &err) != SLT_OK) fail_msg("%s", err.text);
     for (int d = 0; d < SLT_DROP_REASONS; d++) assert_true(s.dropped[d] * 1000 <= s.crossings);
     assert_int_equal(slt_param_find(p, name, &q, &err), SLT_OK);

@@ -82,7 +82,7 @@ static SltProgram *load(const char *source, int bounces, bool f64, uint32_t widt
     if (slt_compile_string(source, "path.salt", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     double v[HEIGHTS];
     for (int k = 0; k < HEIGHTS; k++) v[k] = height(k % SIDE, k / SIDE);
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     assert_int_equal(slt_param_find(p, "h", &q, &err), SLT_OK);
     assert_int_equal(slt_set_floats(p, q.fbase, HEIGHTS, v, &err), SLT_OK);
     assert_true(slt_float_count(p) <= MAX_FLOATS);
@@ -306,7 +306,7 @@ static void test_widths(void **state) {
             SltJob job = SLT_JOB_INIT;
             SltError err = {0};
             job.integral = true, job.samples = 256, job.threads = 1, job.no_boundary = true;
-            SltIntegral out = {.gradient = width ? got : want};
+            SltIntegral out = {.struct_size = sizeof out, .gradient = width ? got : want};
             if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
             for (uint32_t k = 0; k < n && !width; k++) size = fmax(size, fabs(want[k]));
             for (uint32_t k = 0; k < n && width; k++)

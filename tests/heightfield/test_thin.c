@@ -84,7 +84,7 @@ static Answer exact(Sun s) {
 static SltProgram *load(Sun s, bool f64, int near_miss) {
     char source[2048];
     SltError err;
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     SltProgram *p;
     snprintf(source, sizeof source,
              "[Extent(0, 0, 1, 1)] param heightfield h = zeros(33, 33);\n"
@@ -94,7 +94,7 @@ static SltProgram *load(Sun s, bool f64, int near_miss) {
              "    return 0.0;\n"
              "}\n",
              s.x, s.y, s.z);
-    SltOptions o = {.size = sizeof o, .f64 = f64, .near_miss = near_miss};
+    SltOptions o = {.struct_size = sizeof o, .f64 = f64, .near_miss = near_miss};
     if (slt_compile_string(source, "thin", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     double v[HEIGHTS] = {0};
     for (int k = 0; k < POSTS; k++) v[(N - 1 - post[k][1]) * N + post[k][0]] = tall[k];
@@ -111,17 +111,18 @@ typedef struct Found {
 } Found;
 
 static Found run(SltProgram *p, const Answer *want, uint32_t side, uint32_t seeds, bool image) {
-    Found f = {0};
+    Found f = {.stats = SLT_STATS_INIT};
     double squares = 0;
     static float ones[128 * 128];
     for (uint32_t i = 0; i < side * side; i++) ones[i] = 1;
     SltError err;
-    SltParam h, s;
+    SltParam h = SLT_PARAM_INIT, s = SLT_PARAM_INIT;
     slt_param_find(p, "h", &h, &err), slt_param_find(p, "sun", &s, &err);
     uint32_t n = slt_float_count(p);
     double *g = calloc(n, sizeof *g), *missed = calloc(n, sizeof *missed);
     for (uint32_t seed = 0; seed < seeds; seed++) {
-        SltJob j = {.integral = !image,
+        SltJob j = {.struct_size = sizeof j,
+                    .integral = !image,
                     .samples = 1,
                     .segments = image ? 2 : 2 * side * side,
                     .size = {side, side, 1},
@@ -129,7 +130,7 @@ static Found run(SltProgram *p, const Answer *want, uint32_t side, uint32_t seed
                     .seed = seed,
                     .replicates = 1,
                     .threads = 2};
-        SltIntegral out = {.gradient = g, .missed_estimate = missed};
+        SltIntegral out = {.struct_size = sizeof out, .gradient = g, .missed_estimate = missed};
         if ((image ? slt_grad_adjoint(p, &j, ones, g, NULL, &f.stats, &err)
                    : slt_grad_integral(p, &j, &out, &f.stats, &err)) != SLT_OK)
             fail_msg("%s", err.text);
@@ -185,16 +186,17 @@ static void test_threads(void **state) {
     SltProgram *p = load(low, false, -1);
     uint32_t n = slt_float_count(p);
     double *g[2] = {calloc(n, sizeof **g), calloc(n, sizeof **g)};
-    SltStats stats[2] = {{0}, {0}};
+    SltStats stats[2] = {SLT_STATS_INIT, SLT_STATS_INIT};
     SltError err;
     for (int k = 0; k < 2; k++) {
-        SltJob j = {.integral = true,
+        SltJob j = {.struct_size = sizeof j,
+                    .integral = true,
                     .samples = 1,
                     .segments = 2 * 300 * 300,
                     .seed = 5,
                     .replicates = 1,
                     .threads = k ? 3 : 1};
-        SltIntegral out = {.gradient = g[k]};
+        SltIntegral out = {.struct_size = sizeof out, .gradient = g[k]};
         if (slt_grad_integral(p, &j, &out, &stats[k], &err) != SLT_OK) fail_msg("%s", err.text);
     }
     assert_memory_equal(g[0], g[1], n * sizeof **g);
@@ -214,9 +216,9 @@ static void test_forward(void **state) {
     uint32_t n = slt_float_count(p);
     double *g = calloc(n, sizeof *g), *dir = calloc(n, sizeof *dir), sum = 0;
     float *out = image;
-    SltJob j = {.size = {SIDE, SIDE, 1}, .spp = 1, .segments = 2, .seed = 4, .threads = 2};
-    SltStats stats[2] = {{0}, {0}};
-    SltParam q;
+    SltJob j = {.struct_size = sizeof j, .size = {SIDE, SIDE, 1}, .spp = 1, .segments = 2, .seed = 4, .threads = 2};
+    SltStats stats[2] = {SLT_STATS_INIT, SLT_STATS_INIT};
+    SltParam q = SLT_PARAM_INIT;
     SltError err;
     slt_param_find(p, "sun", &q, &err);
     dir[q.fbase + 2] = 1;

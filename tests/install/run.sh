@@ -49,9 +49,33 @@ loads() { LD_DEBUG=files "$@" 2>&1 >/dev/null | grep -c 'calling init: .*libLLVM
 library=$(find "$prefix" -name libsaltus.so)
 nm -D --defined-only "$library" | awk '{print $3}' | sort >exported
 grep -v '^slt_' exported && fail "exported beside slt_*"
-grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/saltus.h | tr -d '(' | sort -u >declared
+grep -ohE '\bslt_[a-z0-9_]+\(' "$prefix"/include/saltus/*.h | tr -d '(' | sort -u >declared
 [ -s declared ] || fail "no declarations found"
 comm -23 declared exported | grep . && fail "declared and not exported"
+
+# So does libsaltus.a, which is one object: other archives may have names that its inside has too.
+archive=$(find "$prefix" -name libsaltus.a)
+nm -g --defined-only "$archive" | awk 'NF == 3 { print $3 }' | sort >global
+diff exported global >&2 || fail "libsaltus.a and libsaltus.so export different names"
+nm -g --defined-only "$build/libsaltus.a" 2>/dev/null | awk 'NF == 3 && $3 !~ /^slt_/ { print $3 }' | sort -u >inside
+[ -s inside ] || fail "no names inside: the next check shows nothing"
+awk '{ printf "int %s(void) { return 0; }\n", $1 } END { print "int clash(void) { return 0; }" }' inside >clash.c
+cat >clash_main.c <<'C'
+#include <saltus/saltus.h>
+int clash(void);
+int main(void) {
+    SltOptions options = SLT_OPTIONS_INIT;
+    SltProgram *p;
+    SltStatus status = slt_compile_string("shader float main(float2 x) { return x.x; }", "line", &options, &p);
+    slt_program_free(p);
+    return clash() + (int)status;
+}
+C
+$CC -fno-builtin -w -c clash.c && ar rcs libclash.a clash.o
+for order in "$archive libclash.a" "libclash.a $archive" "-Wl,--whole-archive libclash.a $archive -Wl,--no-whole-archive"; do
+    $CC clash_main.c -I "$prefix/include" $order -lOpenEXRCore -lpng -ljansson -lxxhash -lpthread -ldl -lm -o clashing || fail "clashing names: $order"
+    SALTUS_STDLIB=$prefix/share/saltus/stdlib ./clashing || fail "clashing names, run: $order"
+done
 
 # find_package, shared and static.
 cmake -S "$here/consumer" -B consumer -DCMAKE_PREFIX_PATH="$prefix" >cmake.log || { cat cmake.log; fail "find_package"; }
@@ -75,3 +99,9 @@ said=$(LD_LIBRARY_PATH=$(dirname "$library") ./own_loss disc_of_readme.salt) || 
 radius() { sed -n 's/.*loss .* at radius \([0-9.]*\).*/\1/p'; }
 shown=$(grep '^    loss .* at radius' "$root/docs/library.md" | radius)
 awk -v a="$(echo "$said" | radius)" -v b="$shown" 'BEGIN { exit !(a > 0.5 && a - b < 0.01 && b - a < 0.01) }' || fail "a loss of its own: \`$said\`, the page shows $shown"
+
+# And the one that fits.
+awk '/^```c$/ { on = 1; text = ""; next } /^```$/ { if (on && index(text, "slt_fit(")) { printf "%s", text; exit } on = 0 } on { text = text $0 "\n" }' "$root/docs/library.md" >fit.c
+$CC -std=c17 -Wall -Wextra -Werror fit.c -o fit $(pkg-config --cflags --libs saltus)
+said=$(LD_LIBRARY_PATH=$(dirname "$library") ./fit disc_of_readme.salt 2>fit.log) || { cat fit.log; fail "the fit"; }
+grep -qF "    $said" "$root/docs/library.md" || fail "the fit: \`$said\` is not what the page shows"

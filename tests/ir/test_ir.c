@@ -217,6 +217,26 @@ static void test_verifier(void **state) {
     DAMAGE("operand 2 is missing", find(fn->body, OP_ffma)->args[2] = NULL);
 }
 
+/* However many problems there are, each is listed, and whole. */
+static void test_report(void **state) {
+    (void)state;
+    TestFn t = open_fn(PREC_F32);
+    Inst *x = ir_input(&t.b, IN_X0), *no = ir_constb(&t.b, false);
+    for (int k = 0; k < 200; k++) ir_emit1(&t.b, OP_fneg, x)->args[0] = no;
+    char text[600];
+    memset(text, 'a', sizeof text);
+    ir_special(&t.b, OP_print, TY_INT, 0, NULL, (Imm){.text = {text, sizeof text}});
+    ir_yield(&t.b, 1, &x);
+    const char *report = "";
+    assert_false(ir_verify(t.fn, &t.s->module, &report));
+    size_t lines = 0;
+    for (const char *c = report; *c; c++) lines += *c == '\n';
+    assert_int_equal(lines, 201);
+    text[sizeof text - 1] = 0;
+    assert_non_null(strstr(report, text));
+    close_fn(&t);
+}
+
 static void test_proj_order(void **state) {
     (void)state;
     TestFn t = open_fn(PREC_F32);
@@ -295,8 +315,8 @@ static void test_lower_custom(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_round_trip),   cmocka_unit_test(test_parse_garbage), cmocka_unit_test(test_parse_errors),
-        cmocka_unit_test(test_verifier),     cmocka_unit_test(test_proj_order),    cmocka_unit_test(test_builder_fold),
-        cmocka_unit_test(test_lower_custom),
+        cmocka_unit_test(test_verifier),     cmocka_unit_test(test_report),        cmocka_unit_test(test_proj_order),
+        cmocka_unit_test(test_builder_fold), cmocka_unit_test(test_lower_custom),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -76,7 +76,7 @@ static void event_does_not_search_again(void **state) {
     for (int j = 0; j < SIDE; j++)
         for (int i = 0; i < SIDE; i++)
             height[j * SIDE + i] = 0.2 * sin(0.9 * i) * cos(0.7 * j) + 0.1 * sin(2.3 * i + j);
-    SltParam h;
+    SltParam h = SLT_PARAM_INIT;
     slt_param_find(p, "h", &h, NULL);
     slt_set_floats(p, h.fbase, SIDE * SIDE, height, NULL);
     bool needs[K_KINDS] = {[K_REGION] = true, [K_EVENT] = true, [K_SIDES] = true};

@@ -224,7 +224,7 @@ static SltProgram *compile(const Case *c, bool f64, uint32_t width, SltStatus *s
 
 static void check_messages(Case *c, SltProgram *p) {
     for (uint32_t i = 0; i < slt_diagnostic_count(p); i++) {
-        SltDiagnostic d;
+        SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
         if (!slt_diagnostic(p, i, &d) || d.severity > 2) continue;
         const char *base = d.file && strrchr(d.file, '/') ? strrchr(d.file, '/') + 1 : d.file ? d.file : "";
         bool found = false;
@@ -348,12 +348,12 @@ static void check_values(Case *c, bool f64) {
 
 static void check_totals(Case *c, SltProgram *p, bool f64) {
     SltError err = {0};
-    SltStats stats = {0};
+    SltStats stats = SLT_STATS_INIT;
     SltJob job = SLT_JOB_INIT;
     job.integral = true, job.samples = job.segments = (uint64_t)c->samples, job.threads = 1, job.seed = 1;
     uint32_t n = slt_channels(p), nf = slt_float_count(p);
     double *memory = calloc((size_t)n * (nf + 1) + 1, sizeof *memory);
-    SltIntegral r = {.value = memory, .gradient = memory + n};
+    SltIntegral r = {.struct_size = sizeof r, .value = memory, .gradient = memory + n};
     if (slt_grad_integral(p, &job, &r, &stats, &err) != SLT_OK)
         wrong(c, "%s: no integral: %s", f64 ? "f64" : "f32", err.text);
     if (c->samples_truncated >= 0 && (long)stats.truncated != c->samples_truncated)
@@ -362,7 +362,7 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
         wrong(c, "%ld failed asserts in the integral, not %ld", (long)stats.asserts, c->samples_failed);
     for (int i = 0; i < c->ntotals && !failures; i++) {
         const Total *t = &c->totals[i];
-        SltParam q = {.fcount = 1};
+        SltParam q = {.struct_size = sizeof q, .fcount = 1};
         if ((uint32_t)t->nv != n) wrong(c, "line %d: %d numbers for %u channels", t->line, t->nv, n);
         if (t->name[0] && (slt_param_find(p, t->name, &q, &err) != SLT_OK || q.fcount != 1)) {
             wrong(c, "line %d: %s is not one number: %s", t->line, t->name, err.text);

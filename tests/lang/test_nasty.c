@@ -61,7 +61,7 @@ static void compile(const char *what, const char *source, int want, const char *
         fail_msg("%s: status %d: %s\n%s", what, (int)s, slt_last_error(p), slt_diagnostics_text(p));
     if (took > LIMIT) fail_msg("%s: %.2f s", what, took);
     bool placed = s == SLT_OK, found = !code;
-    SltDiagnostic d;
+    SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
     for (uint32_t i = 0; slt_diagnostic(p, i, &d); i++) {
         if (d.severity != 1) continue;
         if (d.line == 0 || d.column == 0 || !d.file || strcmp(d.file, "nasty.salt") != 0)

@@ -4,10 +4,12 @@
     tests/same/same.py record build/bin/saltus before.json
     tests/same/same.py compare before.json after.json
     tests/same/same.py record build/bin/saltus after.json --only circle --quick
+    tests/same/same.py count before/bin/saltus after/bin/saltus
 
 A record holds a digest of everything that a build computes from the shaders of this tree (examples, tests/programs,
 tests/golden, tests/bench, tests/lang, tests/heightfield): images, integrals, gradients forward and reverse, every estimator,
-filters, widths, instruction sets, both precisions, the interpreter, fits, checks, and the operations of every kernel.
+filters, widths, instruction sets, both precisions, the interpreter, fits, checks, and the operations of every kernel. `count`
+compares the instructions of compiling and of running (callgrind; on AVX2, which it knows) and the size of the binaries.
 Texts for people and timings are left out. Each run has a cache of its own, so nothing of another build is served.
 """
 import argparse
@@ -141,6 +143,41 @@ def compare(options):
     return 1 if different or not both else 0
 
 
+def counted(binary, arguments, cache):
+    env = dict(os.environ, XDG_CACHE_HOME=cache, SALTUS_STDLIB=os.path.join(ROOT, "stdlib"), SALTUS_TARGET="avx2")
+    command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", os.path.abspath(binary)] + arguments
+    done = subprocess.run(command, capture_output=True, text=True, env=env, cwd=ROOT)
+    found = re.search(r"Collected : (\d+)", done.stderr)
+    if done.returncode or not found:
+        sys.exit(f"{' '.join(command)}\n{done.stderr}")
+    return int(found.group(1))
+
+
+def count(options):
+    """What is counted: front and passes alone (the interpreter runs one sample), LLVM with them, kernels from the cache."""
+    discs, terrain = "tests/bench/discs_2000.salt", "examples/shadow_art/shadow.salt"
+    shaders = ["examples/circle/circle.salt", "examples/painterly_discs/discs.salt", "tests/bench/shade_raymarch.salt", terrain]
+    plain = ["--threads", "1", "--quiet"]
+    tasks = [("front and passes: " + s, ["grad", s, "--integral", "--samples", "1", "--segments", "1", "--interpret"] + plain) for s in shaders]
+    tasks += [("compile: " + s, ["grad", s, "--integral", "--samples", "1", "--segments", "1", "--no-cache"] + plain) for s in shaders]
+    tasks += [("integral: " + s, ["grad", s, "--integral", "--samples", "60000"] + plain) for s in shaders]
+    photo = "examples/painterly_discs/photo.png"
+    tasks += [("image: " + discs, ["render", discs, "--size", "128", "-o", os.path.join(tempfile.gettempdir(), "same.pfm")] + plain),
+              ("loss: " + discs, ["grad", discs, "--target", photo, "--size", "64", "--spp", "2"] + plain),
+              ("loss: " + terrain, ["grad", terrain, "--target", photo, "--size", "64", "--spp", "1"] + plain)]
+    worst = 1
+    with tempfile.TemporaryDirectory() as a, tempfile.TemporaryDirectory() as b:
+        for name, arguments in tasks:
+            if "--no-cache" not in arguments and "--interpret" not in arguments: # fills the caches
+                counted(options.before, arguments, a), counted(options.after, arguments, b)
+            old, new = counted(options.before, arguments, a), counted(options.after, arguments, b)
+            worst = max(worst, new / old)
+            print(f"{old:15,} {new:15,} {new / old:7.4f}  {name}", flush=True)
+    for binary in (options.before, options.after):
+        print(f"{os.path.getsize(binary):,} bytes {binary}")
+    print(f"largest ratio {worst:.4f}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     verbs = parser.add_subparsers(dest="verb", required=True)
@@ -153,8 +190,11 @@ def main():
     c = verbs.add_parser("compare")
     c.add_argument("before")
     c.add_argument("after")
+    n = verbs.add_parser("count")
+    n.add_argument("before")
+    n.add_argument("after")
     options = parser.parse_args()
-    return record(options) if options.verb == "record" else compare(options)
+    return {"record": record, "compare": compare, "count": count}[options.verb](options)
 
 
 if __name__ == "__main__":

@@ -229,16 +229,16 @@ static void run_case(const Case *c, bool f64) {
         fail_msg("%s: %s\n%s", c->name, slt_last_error(p), slt_diagnostics_text(p));
     uint32_t n = slt_float_count(p);
     double *g = calloc(n, sizeof *g), *se = calloc(n, sizeof *se);
-    SltIntegral out = {.gradient = g, .gradient_stderr = se};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = se};
     SltJob job = SLT_JOB_INIT;
     job.integral = true, job.samples = 1u << 18, job.seed = 5, job.threads = 2;
-    SltStats stats;
+    SltStats stats = SLT_STATS_INIT;
     SltError err = {0};
     if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s: %s", c->name, err.text);
     double largest = c->scale;
     for (int w = 0; w < 4 && c->want[w].param && c->scale == 0; w++) largest = fmax(largest, fabs(c->want[w].value));
     for (int w = 0; w < 4 && c->want[w].param; w++) {
-        SltParam q;
+        SltParam q = SLT_PARAM_INIT;
         if (slt_param_find(p, c->want[w].param, &q, &err) != SLT_OK) fail_msg("%s: %s", c->name, err.text);
         double got = g[q.fbase], off = fabs(got - c->want[w].value),
                allowed = fmax((c->tolerance > 0 ? c->tolerance : 0.005) * largest, 4 * se[q.fbase]);

@@ -13,13 +13,12 @@
 enum { FLOATS = 64 };
 
 static SltStats stats_of(const char *source, bool f64, const SltJob *like, bool image) {
-    SltOptions o = {.size = sizeof o, .f64 = f64, .near_miss = -1};
+    SltOptions o = {.struct_size = sizeof o, .f64 = f64, .near_miss = -1};
     SltProgram *p;
-    SltStats stats;
+    SltStats stats = SLT_STATS_INIT;
     SltError err;
     double gradient[FLOATS], value;
     SltJob j = *like;
-    memset(&stats, 0, sizeof stats);
     if (slt_compile_string(source, "coincide.salt", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     if (image) {
         static float ones[64 * 64];
@@ -28,7 +27,7 @@ static SltStats stats_of(const char *source, bool f64, const SltJob *like, bool 
         if (slt_grad_adjoint(p, &j, ones, gradient, NULL, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
     } else {
         j.integral = true;
-        SltIntegral out = {.value = &value, .gradient = gradient};
+        SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = gradient};
         if (slt_grad_integral(p, &j, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
     }
     slt_program_free(p);
@@ -38,7 +37,8 @@ static SltStats stats_of(const char *source, bool f64, const SltJob *like, bool 
 /* The least and the largest part of the crossings that may be counted. */
 static void check(const char *name, const char *source, double least, double most) {
     for (int k = 0; k < 5; k++) {
-        SltJob j = {.samples = k == 3 ? 1 << 8 : 1 << 14,
+        SltJob j = {.struct_size = sizeof j,
+                    .samples = k == 3 ? 1 << 8 : 1 << 14,
                     .seed = 3 + (uint32_t)k,
                     .threads = 2,
                     .estimator = k == 4 ? SLT_EST_SCANLINE : SLT_EST_LATTICE};

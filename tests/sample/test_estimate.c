@@ -17,7 +17,7 @@ typedef struct Result {
 static Result integrate_as(Oracle *o, SltJob j) {
     static Result r;
     memset(&r, 0, sizeof r);
-    SltIntegral out = {r.value, r.verr, r.grad, r.gerr, r.inter, r.bound, r.missed, false};
+    SltIntegral out = {sizeof out, r.value, r.verr, r.grad, r.gerr, r.inter, r.bound, r.missed, false};
     SltError err;
     j.integral = true;
     SltStatus st = slt_estimate_integral(&o->scene, &j, &out, &r.stats, &err);

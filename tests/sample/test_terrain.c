@@ -32,10 +32,10 @@ static double one_spike(double x, double y) {
 static void open_terrain(Terrain *t, const char *body, bool f64, int near_miss, double (*height)(double, double)) {
     char source[2048];
     SltError err;
-    SltParam h;
+    SltParam h = SLT_PARAM_INIT;
     memset(t, 0, sizeof *t);
     snprintf(source, sizeof source, "[Extent(0, 0, 1, 1)] param heightfield h = zeros(33, 33);\n%s", body);
-    SltOptions o = {.size = sizeof o, .f64 = f64, .near_miss = near_miss};
+    SltOptions o = {.struct_size = sizeof o, .f64 = f64, .near_miss = near_miss};
     if (slt_compile_string(source, "terrain.salt", &o, &t->p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(t->p));
     assert_int_equal(slt_param_find(t->p, "h", &h, &err), SLT_OK);
     t->base = h.fbase, t->n = slt_float_count(t->p);
@@ -49,8 +49,8 @@ static double integral(Terrain *t, const SltJob *like) {
     SltJob j = *like;
     SltError err;
     double value = 0;
-    SltIntegral out = {.value = &value};
-    j.integral = true;
+    SltIntegral out = {.struct_size = sizeof out, .value = &value};
+    j.struct_size = sizeof j, j.integral = true;
     if (slt_grad_integral(t->p, &j, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
     return value;
 }
@@ -58,9 +58,10 @@ static double integral(Terrain *t, const SltJob *like) {
 static void gradient(Terrain *t, const SltJob *like) {
     SltJob j = *like;
     SltError err;
-    SltIntegral out = {.gradient = t->gradient, .gradient_stderr = t->error, .boundary = t->boundary};
-    j.integral = true;
-    memset(&t->stats, 0, sizeof t->stats);
+    SltIntegral out = {
+        .struct_size = sizeof out, .gradient = t->gradient, .gradient_stderr = t->error, .boundary = t->boundary};
+    j.struct_size = sizeof j, j.integral = true;
+    t->stats = SLT_STATS_INIT;
     if (slt_grad_integral(t->p, &j, &out, &t->stats, &err) != SLT_OK) fail_msg("%s", err.text);
 }
 
@@ -199,7 +200,8 @@ static void test_image(void **state) {
     double first[FLOATS], again[FLOATS];
     open_terrain(&t, view, false, -1, two_bumps);
     for (uint32_t threads = 1; threads < 4; threads++) {
-        SltJob j = {.size = {SIZE, SIZE, 1}, .spp = 16, .segments = 16, .seed = 3, .threads = threads};
+        SltJob j = {
+            .struct_size = sizeof j, .size = {SIZE, SIZE, 1}, .spp = 16, .segments = 16, .seed = 3, .threads = threads};
         if (slt_grad_adjoint(t.p, &j, ones, threads == 1 ? first : again, NULL, NULL, &err) != SLT_OK)
             fail_msg("%s", err.text);
         if (threads > 1) assert_memory_equal(first, again, t.n * sizeof *first);

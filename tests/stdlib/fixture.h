@@ -30,7 +30,7 @@ static inline SltProgram *compile(const char *source, const char *entry) {
     /* The library must not warn; that a site depends on parameters only is these programs' own
      * doing. */
     for (uint32_t i = 0; i < slt_diagnostic_count(p); i++) {
-        SltDiagnostic d;
+        SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
         if (slt_diagnostic(p, i, &d) && strcmp(d.code, "W0402") != 0)
             fail_msg("%s\n%s", source, slt_diagnostics_text(p));
     }
@@ -42,7 +42,7 @@ static inline void evaluate(SltProgram *p, double *value, double *gradient) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     job.integral = true, job.samples = 64, job.threads = 1, job.no_boundary = true;
-    SltIntegral out = {.value = value, .gradient = gradient};
+    SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = gradient};
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
 }
 
@@ -53,14 +53,14 @@ static inline double uniform(uint32_t *state) {
 }
 
 static inline void set(SltProgram *p, const char *name, const double *v) {
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     SltError err = {0};
     if (slt_param_find(p, name, &q, &err) != SLT_OK || slt_set_floats(p, q.fbase, q.fcount, v, &err) != SLT_OK)
         fail_msg("%s", err.text);
 }
 
 static inline uint32_t base_of(SltProgram *p, const char *name) {
-    SltParam q;
+    SltParam q = SLT_PARAM_INIT;
     SltError err = {0};
     if (slt_param_find(p, name, &q, &err) != SLT_OK) fail_msg("%s", err.text);
     return q.fbase;

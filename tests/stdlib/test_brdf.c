@@ -8,7 +8,7 @@ static void integrate(const char *source, uint32_t samples, double *value, doubl
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double g[64] = {0};
-    SltIntegral out = {.value = value, .gradient = g};
+    SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = g};
     job.integral = true, job.samples = samples, job.threads = 1;
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
     if (slope) {

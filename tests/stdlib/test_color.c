@@ -147,7 +147,7 @@ static void test_glsl_mod_is_a_site(void **state) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double v, g, interior;
-    SltIntegral out = {.value = &v, .gradient = &g, .interior = &interior};
+    SltIntegral out = {.struct_size = sizeof out, .value = &v, .gradient = &g, .interior = &interior};
     job.integral = true, job.samples = 1 << 14, job.threads = 1;
     assert_int_equal(slt_grad_integral(p, &job, &out, NULL, &err), SLT_OK);
     /* The integral over [0, 1] of frac(3.3 x + b): d/db = (frac(3.3 + b) - frac(b)) / 3.3. */

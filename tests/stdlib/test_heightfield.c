@@ -24,7 +24,8 @@ static Mean mean(SltProgram *p, uint32_t samples) {
     Mean m = {0};
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
-    SltIntegral out = {.value = &m.value, .value_stderr = &m.se, .gradient = m.g, .gradient_stderr = m.gse};
+    SltIntegral out = {
+        .struct_size = sizeof out, .value = &m.value, .value_stderr = &m.se, .gradient = m.g, .gradient_stderr = m.gse};
     job.integral = true, job.samples = samples, job.threads = 1;
     m.n = slt_float_count(p);
     assert_true(m.n <= sizeof m.g / sizeof *m.g);

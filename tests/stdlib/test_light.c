@@ -45,7 +45,7 @@ static void test_ball(void **state) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double value, g, se;
-    SltIntegral out = {.value = &value, .gradient = &g, .gradient_stderr = &se};
+    SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = &g, .gradient_stderr = &se};
     job.integral = true, job.samples = 1 << 16, job.threads = 1;
     assert_int_equal(slt_grad_integral(p, &job, &out, NULL, &err), SLT_OK);
     double k = 4 - 0.64, area = M_PI * 0.64 / k, slope = M_PI * 2 * 0.8 * 4 / (k * k);
@@ -59,7 +59,7 @@ static void integrate(const char *source, double *value) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double g[64];
-    SltIntegral out = {.value = value, .gradient = g};
+    SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = g};
     job.integral = true, job.samples = 1 << 16, job.threads = 1;
     assert_int_equal(slt_grad_integral(p, &job, &out, NULL, &err), SLT_OK);
     slt_program_free(p);

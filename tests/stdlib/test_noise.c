@@ -150,7 +150,8 @@ static void test_sites(void **state) {
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
     double value, g[2], se[2], up, down, step = 0.02;
-    SltIntegral out = {.value = &value, .gradient = g, .gradient_stderr = se}, only = {.value = &up};
+    SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = g, .gradient_stderr = se},
+                only = {.struct_size = sizeof only, .value = &up};
     job.integral = true, job.samples = 1 << 16, job.threads = 1;
     assert_int_equal(slt_grad_integral(p, &job, &out, NULL, &err), SLT_OK);
     assert_true(fabs(value / 256 - 0.5) < 0.08);

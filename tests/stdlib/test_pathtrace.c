@@ -10,7 +10,8 @@ static Mean mean(SltProgram *p, uint32_t samples, uint32_t seed) {
     Mean m = {0};
     SltJob job = SLT_JOB_INIT;
     SltError err = {0};
-    SltIntegral out = {.value = &m.value, .value_stderr = &m.se, .gradient = m.g, .gradient_stderr = m.gse};
+    SltIntegral out = {
+        .struct_size = sizeof out, .value = &m.value, .value_stderr = &m.se, .gradient = m.g, .gradient_stderr = m.gse};
     job.integral = true, job.samples = samples, job.threads = 1, job.seed = seed;
     assert_true(slt_float_count(p) <= sizeof m.g / sizeof *m.g);
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
@@ -195,7 +196,7 @@ static void test_bleeding(void **state) {
             double value[2], g[2 * 512];
             SltJob job = SLT_JOB_INIT;
             SltError err = {0};
-            SltIntegral out = {.value = value, .gradient = g};
+            SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = g};
             uint32_t n = slt_float_count(p), base = base_of(p, "colour");
             assert_true(n <= 512);
             job.integral = true, job.samples = 1 << 14, job.threads = 1, job.seed = 7;

@@ -153,9 +153,13 @@ static void test_measures_and_their_derivatives(void **state) {
         SltProgram *p = compile(source, "inside");
         SltJob job = SLT_JOB_INIT;
         SltError err = {0};
-        SltStats stats = {0};
+        SltStats stats = SLT_STATS_INIT;
         double value, value_se, g[8] = {0}, se[8] = {0};
-        SltIntegral out = {.value = &value, .value_stderr = &value_se, .gradient = g, .gradient_stderr = se};
+        SltIntegral out = {.struct_size = sizeof out,
+                           .value = &value,
+                           .value_stderr = &value_se,
+                           .gradient = g,
+                           .gradient_stderr = se};
         job.integral = true, job.samples = 1 << 16, job.threads = 1;
         if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s: %s", h->name, err.text);
         uint32_t s = base_of(p, "s");

@@ -4,7 +4,7 @@
  * lanes that are active at a value, so a value computed under a varying mask may still be uniform, and a carried value
  * of a loop stays uniform while lanes leave: those still inside agree. Where lanes of different histories meet (results
  * of a diverging if_ or loop) the value varies. */
-#include "compiler/back/cpu/emit.h"
+#include "compiler/back/core/core.h"
 
 typedef struct Analysis {
     bool changed;
@@ -29,28 +29,6 @@ bool back_diverges_between(const Block *inner, const Block *outer) {
     for (const Block *b = inner; b != outer && b->owner; b = b->owner->block)
         if (b->owner->flags & BACK_DIVERGES) return true;
     return false;
-}
-
-/* ---- frames of the tape: a push and the loop that pops it have the same types in the same order; all pushes with one
- * signature share a layout, which is varying in a slot as soon as one of them is. */
-static bool same_signature(const FrameClass *c, uint32_t n, Inst *const *values) {
-    if (c->n != n) return false;
-    for (uint32_t j = 0; j < n; j++)
-        if (c->types[j] != values[j]->type) return false;
-    return true;
-}
-
-FrameClass *back_frame_class(FrameTable *t, Arena *arena, uint32_t n, Inst *const *values) {
-    for (uint32_t j = 0; j < t->len; j++)
-        if (same_signature(t->data[j], n, values)) return t->data[j];
-    FrameClass *c = ARENA_NEW(arena, FrameClass);
-    c->n = n;
-    c->types = ARENA_ARRAY(arena, uint8_t, n + 1);
-    c->varying = ARENA_ARRAY(arena, bool, n + 1);
-    c->offset = ARENA_ARRAY(arena, uint32_t, n + 1);
-    for (uint32_t j = 0; j < n; j++) c->types[j] = values[j]->type;
-    vec_push(arena, t, c);
-    return c;
 }
 
 static void note_push(Analysis *a, Fn *fn, const Inst *i, bool masked) {
@@ -160,7 +138,7 @@ void back_analyse_frames(Fn *fn, FrameTable *frames) {
     *frames = a.frames;
 }
 
-void back_analyse_uniform(Fn *fn) {
+static void analyse_uniform(Fn *fn) {
     ArenaMark m = arena_mark(&fn->session->scratch);
     FrameTable frames;
     back_analyse_frames(fn, &frames);
@@ -180,7 +158,7 @@ static void mark_dense(const Block *b, uint8_t *dense) {
 
 void back_dense_adjoints(Fn *fn, uint8_t *dense) {
     for (Fn *part = fn; part; part = part->next_part) {
-        back_analyse_uniform(part);
+        analyse_uniform(part);
         mark_dense(part->body, dense);
     }
 }

@@ -1,5 +1,5 @@
 /* One kernel: the loop over vectors of samples, and the helpers every emitting file uses. Control flow is in
- * emit_control.c, value rows in emit_ops.c, everything that touches memory in emit_memory.c.
+ * emit_control.c, value rows in emit_ops.c; emit_memory.c says which file emits what touches memory.
  *
  * entry: stack objects only    setup: pointers, uniform inputs, uniform arithmetic of the top block    sample: one
  * vector    exit: ret */
@@ -18,7 +18,7 @@ void emit_fail(Emit *e, const char *fmt, ...) {
     e->error = arena_printf(e->arena, "%s", text);
 }
 
-bool emit_is_vector(const Emit *e, const Inst *i) { return e->W > 1 && (i->flags & BACK_VARYING); }
+bool emit_is_vector(const Emit *e, const Inst *i) { return back_is_vector(&e->plan, i); }
 
 LLVMTypeRef emit_scalar_type(Emit *e, IrType t) {
     switch (t) {
@@ -140,15 +140,6 @@ static Part pointer_field(Emit *e, Part *cache, size_t offset) {
     return *cache;
 }
 
-static unsigned vector_align(const Emit *e, unsigned element) {
-    unsigned a = e->L * element;
-    return a > 64 ? 64 : a;
-}
-
-static unsigned scalar_bytes(const Emit *e, uint8_t type) {
-    return type == TY_FLT && e->fn->precision == PREC_F64 ? 8 : 4;
-}
-
 static void emit_input(Emit *e, Inst *i) {
     Part *v = emit_slot(e, i);
     uint32_t slot = (uint32_t)i->imm.i;
@@ -157,11 +148,11 @@ static void emit_input(Emit *e, Inst *i) {
         return;
     }
     LLVMTypeRef t = emit_scalar_type(e, i->type);
-    unsigned bytes = scalar_bytes(e, i->type);
+    unsigned bytes = back_type_bytes(&e->plan, i->type);
     Part first = emit_gep(e, t, e->in[slot], e->i);
     for (uint32_t p = 0; p < e->P; p++) {
         Part at = p ? emit_gep(e, t, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)) : first;
-        v[p] = emit_load(e, emit_vector_type(e, t), at, vector_align(e, bytes), false);
+        v[p] = emit_load(e, emit_vector_type(e, t), at, emit_part_align(e, bytes), false);
     }
 }
 
@@ -189,7 +180,7 @@ static void emit_rgba8(Emit *e, const Inst *yield) {
             word = LL(BuildOr)(e->b, word, shifted, "");
         }
         emit_store(e, word, emit_gep(e, e->t_i32, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
-                   vector_align(e, 4));
+                   emit_part_align(e, 4));
     }
 }
 
@@ -214,7 +205,7 @@ void emit_outputs(Emit *e, const Inst *yield) {
         for (uint32_t p = 0; p < e->P; p++) {
             Part w = x->type == TY_BOOL ? LL(BuildZExt)(e->b, v[p], emit_vector_type(e, t), "") : v[p];
             emit_store(e, w, emit_gep(e, t, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
-                       vector_align(e, scalar_bytes(e, x->type)));
+                       emit_part_align(e, back_type_bytes(&e->plan, x->type)));
         }
     }
 }
@@ -407,22 +398,8 @@ static void declare_kernel(Emit *e, const char *name) {
     e->n = LL(GetParam)(e->func, 1);
 }
 
-static bool uses_pairs(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_partner || i->op == OP_both) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (uses_pairs(i->region[r])) return true;
-    }
-    return false;
-}
-
-static void choose_parts(Emit *e, uint32_t width) {
-    e->W = width < 2 && uses_pairs(e->fn->body) ? 2 : width;
-    uint32_t native = e->opt->target.vector_bytes / (e->fn->precision == PREC_F64 ? 8 : 4);
-    e->L = e->W < native ? e->W : native;
-    e->P = e->W / e->L;
-    e->sse2_only = e->opt->target.vector_bytes <= 16 && !strcmp(e->opt->target.cpu, "x86-64") &&
-                   !strstr(e->opt->target.features, "+sse4.1");
+static bool sse2_only(const Target *t) {
+    return t->vector_bytes <= 16 && !strcmp(t->cpu, "x86-64") && !strstr(t->features, "+sse4.1");
 }
 
 const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRef mod, const KernelRequest *k,
@@ -435,12 +412,14 @@ const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRe
                 .fn = k->fn,
                 .session = k->fn->session,
                 .arena = &k->fn->session->scratch};
-    choose_parts(e, width);
+    e->plan = back_plan(k->fn, &o->target, width);
+    e->W = e->plan.W;
+    e->P = e->plan.P;
+    e->L = e->plan.L;
+    e->sse2_only = sse2_only(&o->target);
     init_types(e);
-    back_analyse_frames(k->fn, &e->frames);
     uint32_t count = ir_number(k->fn);
     e->val = ARENA_ARRAY(e->arena, Part, (size_t)count * e->P + 1);
-    emit_layout_frames(e);
     const Inst *yield = ir_yield_of(k->fn->body);
     if (yield->nargs > SLT_OUT_MAX)
         return arena_printf(e->arena, "kernel %s has %u outputs; the limit is %d", k->name, yield->nargs, SLT_OUT_MAX);

@@ -1,5 +1,5 @@
-/* Inside of the back end: the emitter's state and the seams between its files. Nobody outside compiler/back includes
- * this.
+/* Inside of the emitter for processors: its state and the seams between its files. Nobody outside compiler/back/cpu
+ * includes this.
  *
  * A value of the IR is P LLVM values, its parts: the W lanes of a varying value are cut into P vectors of L lanes that
  * fit one register, so LLVM sees only legal types and never has to split a mask; a uniform value is one scalar in part
@@ -8,33 +8,8 @@
 #ifndef SALTUS_BACK_CPU_EMIT_H
 #define SALTUS_BACK_CPU_EMIT_H
 
-#include "compiler/back/back.h"
+#include "compiler/back/core/core.h"
 #include "compiler/back/cpu/llvm_api.h"
-
-/* Flags that uniform.c leaves on instructions. */
-enum { BACK_VARYING = 1, BACK_DIVERGES = 2 };
-
-enum { BACK_MAX_WIDTH = 64, BACK_MAX_PARTS = 32, BACK_MAX_CULL = 64 };
-#define BACK_MAX_FRAME (4u << 20) /* bytes of local arrays one kernel may keep on the stack */
-
-/* ---- uniform.c */
-/* How the frames of one tape signature lie in memory: offsets in bytes from the frame's start; filled by the emitter.
- */
-typedef struct FrameClass {
-    uint32_t n;
-    uint8_t *types; /* IrType of each value */
-    bool *varying;
-    bool masked; /* a mask is stored with the frame */
-    uint32_t *offset, mask_offset, bytes;
-} FrameClass;
-typedef Vec(FrameClass *) FrameTable;
-FrameClass *back_frame_class(FrameTable *t, Arena *arena, uint32_t n, Inst *const *values);
-/* Sets the flags and collects the layouts of the tape (scratch arena). */
-void back_analyse_frames(Fn *fn, FrameTable *frames);
-/* True if lanes that enter `outer` may be inactive in `inner`, a block inside it. */
-bool back_diverges_between(const Block *inner, const Block *outer);
-/* Bounds of an integer value, if they are known. */
-bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi);
 
 /* ---- the emitter's state, one per kernel */
 typedef LLVMValueRef Part;
@@ -54,14 +29,14 @@ typedef struct Emit {
     LLVMBuilderRef b;
     LLVMValueRef func;
     LLVMBasicBlockRef entry, exit;
-    uint32_t W, P, L; /* lanes, parts, lanes of a part: W = P * L */
+    Plan plan;
+    uint32_t W, P, L; /* the plan's: lanes, parts, lanes of a part */
     LLVMTypeRef t_void, t_i1, t_i8, t_i16, t_i32, t_i64, t_ptr, t_f32, t_f64, t_flt;
     Part args, n, i; /* the arguments and the first lane's sample index (i64) */
     Part in[SLT_INPUTS], out[SLT_OUT_MAX], params, iparams, dparams, adj, tape, tape_end, tape_top /* i64 in memory */;
     CullSlot cull[BACK_MAX_CULL];
-    Part *mask; /* P parts, or NULL: all lanes */
-    Part *val;  /* by id * P + part */
-    FrameTable frames;
+    Part *mask;           /* P parts, or NULL: all lanes */
+    Part *val;            /* by id * P + part */
     uint64_t frame_bytes; /* of local arrays so far */
     uint32_t since_split; /* instructions since the current block began */
     uint32_t nsplits;
@@ -102,18 +77,51 @@ void emit_incoming(Emit *e, Part phi, Part v, LLVMBasicBlockRef from);
 Part emit_any(Emit *e, const Part *mask); /* i1: some lane is on */
 /* mask & m for the current mask; the result may be m itself. */
 void emit_and_mask(Emit *e, const Part *m, Part *out);
-void emit_block(Emit *e, Block *b); /* instructions of a block without its yield */
+void emit_block(Emit *e, Block *b);            /* instructions of a block without its yield */
+void emit_outputs(Emit *e, const Inst *yield); /* stores the outputs of the top yield */
 
 /* ---- emit_ops.c: value rows */
 void emit_value_op(Emit *e, Inst *i);
 
-/* ---- emit_memory.c: parameters, arrays, adjoints, tape, effects */
+/* ---- emit_memory.c: sizes, addresses and lanes for the files below, and which of them emits an operation */
 void emit_memory_op(Emit *e, Inst *i);
-bool emit_pairs_apart(Emit *e, Inst *i); /* a band that asks for pairs that disagree: emitted as one, if it is one */
+unsigned emit_part_align(const Emit *e, unsigned element); /* of one part whose elements have so many bytes; <= 64 */
+Part emit_i64(Emit *e, uint64_t v);
+Part emit_at_byte(Emit *e, Part base, uint64_t offset);
+Part emit_all_on(Emit *e); /* the mask of one part, all lanes on */
+Part emit_gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align);
+void emit_scatter(Emit *e, Part value, Part pointers, unsigned align, Part mask); /* mask NULL: all lanes */
+/* `index` clamped to [0, count - 1], as cheaply as what is known about it allows: v, one part of its value. */
+Part emit_clamped_index(Emit *e, const Inst *index, Part v, uint32_t count);
+Part emit_scalar_index(Emit *e, const Inst *index, uint32_t count); /* of a uniform one, as i64 */
+/* The executing lanes of part p whose sample the caller asked for, further narrowed by `cond` (may be NULL). */
+Part emit_counting_lanes(Emit *e, uint32_t p, Part cond);
+
+/* ---- emit_param.c: parameters, and their adjoints */
+void emit_param(Emit *e, Inst *i);
+void emit_adjoint(Emit *e, Inst *i);
+
+/* ---- emit_array.c: local arrays */
+void emit_alloc(Emit *e, Inst *i);
+void emit_array_load(Emit *e, Inst *i);
+void emit_array_store(Emit *e, Inst *i);
+void emit_array_copy(Emit *e, Inst *i);
+
+/* ---- emit_tape.c: frames of reverse mode */
+void emit_tapepush(Emit *e, Inst *i);
 void emit_revloop(Emit *e, Inst *i);
-void emit_layout_frames(Emit *e);
-/* Stores the outputs of the top yield. */
-void emit_outputs(Emit *e, const Inst *yield);
+
+/* ---- emit_pair.c: pairs of lanes */
+void emit_partner(Emit *e, const Part *in, Part *out);
+void emit_both(Emit *e, Inst *i);
+bool emit_pairs_apart(Emit *e, Inst *i); /* a band that asks for pairs that disagree: emitted as one, if it is one */
+
+/* ---- emit_effect.c: counters and print */
+void emit_count(Emit *e, Inst *i);
+void emit_print(Emit *e, Inst *i);
+
+/* ---- emit_query.c: searches along rays */
+void emit_fieldop(Emit *e, Inst *i);
 
 /* ---- codegen.c: LLVM module -> text, object or assembly. All errors in *why (malloc-free: scratch arena). */
 typedef struct Codegen {
@@ -132,16 +140,5 @@ typedef struct Loaded Loaded;
 Loaded *load_object(const unsigned char *bytes, size_t size, const char **why);
 void *load_symbol(const Loaded *l, const char *name, uint64_t *size);
 void load_free(Loaded *l);
-
-/* ---- cache.c: the disk cache of objects */
-typedef struct CacheKey {
-    uint64_t hi, lo; /* XXH3-128 of everything that decides the code */
-    size_t len;      /* how much that was: a second opinion */
-} CacheKey;
-/* NULL if there is no usable private folder; arena string otherwise. */
-const char *cache_folder(Arena *arena, const char *wanted);
-/* The cached payload (malloc'd), or NULL. */
-unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size);
-bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const unsigned char *bytes, size_t size);
 
 #endif

@@ -19,8 +19,6 @@ static uint32_t result_parts(Emit *e, const Inst *value, bool vector, Part *out)
     return 1;
 }
 
-static uint32_t result_count(const Emit *e, const Inst *proj) { return emit_is_vector(e, proj) ? e->P : 1; }
-
 static LLVMTypeRef value_type(Emit *e, const Inst *i) {
     LLVMTypeRef t = emit_scalar_type(e, i->type);
     return emit_is_vector(e, i) ? emit_vector_type(e, t) : t;
@@ -59,67 +57,20 @@ static void narrow(Emit *e, const Part *wide, Part *mask) {
 }
 
 /* ---- if_ */
-enum { SELECT_BUDGET = 8, NOT_CHEAP = 1000 }; /* a test and a branch cost about this many vector instructions */
-
-/* About how many vector instructions a region costs, NOT_CHEAP if it must not run for lanes that did not ask. */
-static uint32_t region_cost(const Emit *e, const Block *b) {
-    uint32_t cost = 0;
-    for (const Inst *i = b->first; i && cost < NOT_CHEAP; i = i->next) {
-        switch (i->op) {
-        case OP_constf:
-        case OP_consti:
-        case OP_constb:
-        case OP_proj:
-        case OP_arg:
-        case OP_yield:
-        case OP_detach:
-        case OP_site:
-        case OP_siten: break;
-        case OP_fdiv:
-        case OP_zdiv:
-        case OP_fsqrt:
-        case OP_ffma: cost += i->op != OP_ffma ? 5 : e->opt->target.has_fma ? 1 : 100; break;
-        case OP_idiv:
-        case OP_irem:
-        case OP_udiv:
-        case OP_urem: cost += 8; break;
-        case OP_param:
-        case OP_iparam:
-        case OP_dparam:
-        case OP_load: cost += emit_is_vector(e, i) ? 8 : 1; break;
-        case OP_if_: cost += 1 + region_cost(e, i->region[0]) + region_cost(e, i->region[1]); break;
-        default: cost += ir_ops[i->op].special && i->op != OP_input ? NOT_CHEAP : 1;
-        }
-    }
-    return cost;
-}
-
-static bool is_empty(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next)
-        if (i->op != OP_yield && !ir_is_const(i)) return false;
-    return true;
-}
-
 static void select_results(Emit *e, Inst *i, const Part *cond, Part scalar_cond) {
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p)) {
         uint32_t r = (uint32_t)p->imm.i;
         Part x[BACK_MAX_PARTS], y[BACK_MAX_PARTS];
         result_parts(e, ir_yield_of(i->region[0])->args[r], emit_is_vector(e, p), x);
         result_parts(e, ir_yield_of(i->region[1])->args[r], emit_is_vector(e, p), y);
-        for (uint32_t k = 0; k < result_count(e, p); k++)
+        for (uint32_t k = 0; k < back_value_parts(&e->plan, p); k++)
             emit_slot(e, p)[k] =
                 x[k] == y[k] ? x[k] : LL(BuildSelect)(e->b, cond ? cond[k] : scalar_cond, x[k], y[k], "");
     }
 }
 
-static void emit_if_uniform(Emit *e, Inst *i) {
+static void emit_if_jump(Emit *e, Inst *i) {
     Part cond = emit_scalar(e, i->args[0]);
-    if (region_cost(e, i->region[0]) + region_cost(e, i->region[1]) <= 4) {
-        emit_block(e, i->region[0]);
-        emit_block(e, i->region[1]);
-        select_results(e, i, NULL, cond);
-        return;
-    }
     LLVMBasicBlockRef side[2] = {emit_new_block(e, "then"), emit_new_block(e, "else")}, end[2],
                       join = emit_new_block(e, "join");
     const size_t n = proj_count(i) * e->P;
@@ -137,7 +88,7 @@ static void emit_if_uniform(Emit *e, Inst *i) {
     emit_at(e, join);
     Part *at = x;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
-        for (uint32_t k = 0; k < result_count(e, p); k++) {
+        for (uint32_t k = 0; k < back_value_parts(&e->plan, p); k++) {
             Part phi = emit_phi(e, value_type(e, p), "");
             emit_incoming(e, phi, at[k], end[0]);
             emit_incoming(e, phi, at[n + k], end[1]);
@@ -185,7 +136,7 @@ static void emit_if_one_sided(Emit *e, Inst *i, const Part *cond, uint32_t full)
     emit_at(e, join);
     at = skipped, to = taken;
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P, to += e->P)
-        for (uint32_t k = 0; k < result_count(e, p); k++) {
+        for (uint32_t k = 0; k < back_value_parts(&e->plan, p); k++) {
             Part phi = emit_phi(e, value_type(e, p), "");
             emit_incoming(e, phi, at[k], from);
             emit_incoming(e, phi, to[k], end);
@@ -213,7 +164,7 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
         emit_at(e, join);
         at = x[s];
         for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
-            for (uint32_t k = 0; k < result_count(e, p); k++) {
+            for (uint32_t k = 0; k < back_value_parts(&e->plan, p); k++) {
                 LLVMTypeRef t = value_type(e, p);
                 Part phi = emit_phi(e, t, "");
                 emit_incoming(e, phi, at[k], end);
@@ -231,62 +182,27 @@ static void emit_if_two_sided(Emit *e, Inst *i, const Part *cond) {
     }
 }
 
-/* Cheap enough to run both sides; a condition that is known to be rare is always a branch. */
-static bool selects(const Emit *e, const Inst *i) {
-    return i->imm.i != IR_IF_RARE &&
-           (region_cost(e, i->region[0]) + region_cost(e, i->region[1])) * e->P <= SELECT_BUDGET;
-}
-
-/* Is v, the next value of carried parameter c, still c in lanes that have left the loop? So it is where it comes
- * through one-sided branches whose empty side yields c: they blend under the mask already. */
-static bool keeps_itself(const Emit *e, const Inst *v, const Inst *c) {
-    if (v == c) return true;
-    if (v->op != OP_proj || v->args[0]->op != OP_if_) return false;
-    const Inst *i = v->args[0];
-    if (!emit_is_vector(e, i->args[0]) || selects(e, i)) return false;
-    int empty = is_empty(i->region[1]) ? 1 : is_empty(i->region[0]) ? 0 : -1;
-    return empty >= 0 && keeps_itself(e, ir_yield_of(i->region[empty])->args[v->imm.i], c);
-}
-
 static void emit_if(Emit *e, Inst *i) {
-    if (!emit_is_vector(e, i->args[0])) {
-        emit_if_uniform(e, i);
-        return;
-    }
-    const Part *cond = emit_slot(e, i->args[0]);
-    if (selects(e, i)) {
+    Part *cond = emit_slot(e, i->args[0]);
+    switch (back_if_form(&e->plan, i)) {
+    case IF_PICK:
+        emit_block(e, i->region[0]);
+        emit_block(e, i->region[1]);
+        select_results(e, i, NULL, emit_scalar(e, i->args[0]));
+        break;
+    case IF_JUMP: emit_if_jump(e, i); break;
+    case IF_BLEND:
         emit_block(e, i->region[0]);
         emit_block(e, i->region[1]);
         select_results(e, i, cond, NULL);
-    } else if (is_empty(i->region[1])) {
-        emit_if_one_sided(e, i, cond, 0);
-    } else if (is_empty(i->region[0])) {
-        emit_if_one_sided(e, i, cond, 1);
-    } else {
-        emit_if_two_sided(e, i, cond);
+        break;
+    case IF_THEN_ONLY: emit_if_one_sided(e, i, cond, 0); break;
+    case IF_ELSE_ONLY: emit_if_one_sided(e, i, cond, 1); break;
+    case IF_BOTH: emit_if_two_sided(e, i, cond); break;
     }
 }
 
 /* ---- loop */
-/* The continue flag as a conjunction: uniform factors stay scalar tests, so a varying break does not push the trip
- * count through a mask. */
-typedef struct Conjuncts {
-    const Inst *uniform[16], *varying[16];
-    uint32_t nuniform, nvarying;
-} Conjuncts;
-
-static void split_flag(const Emit *e, const Inst *i, Conjuncts *c) {
-    bool room = c->nuniform + c->nvarying < 14;
-    if (i->op == OP_band && room) {
-        split_flag(e, i->args[0], c);
-        split_flag(e, i->args[1], c);
-    } else if (emit_is_vector(e, i)) {
-        c->varying[c->nvarying++] = i;
-    } else {
-        c->uniform[c->nuniform++] = i;
-    }
-}
-
 typedef struct LoopState {
     Inst *i;
     bool diverges;
@@ -322,7 +238,7 @@ static void loop_head(Emit *e, LoopState *s) {
     Part(*init)[BACK_MAX_PARTS] = arena_alloc(e->arena, (nc + 1) * sizeof *init);
     for (uint32_t r = 0; r < nc; r++) result_parts(e, i->args[r], emit_is_vector(e, body->params[r + 1]), init[r]);
     Part on[BACK_MAX_PARTS];
-    for (uint32_t p = 0; p < e->P; p++) on[p] = e->mask ? e->mask[p] : LL(ConstAllOnes)(emit_vector_type(e, e->t_i1));
+    for (uint32_t p = 0; p < e->P; p++) on[p] = e->mask ? e->mask[p] : emit_all_on(e);
     if (s->diverges) widen(e, on, on);
     s->blend = ARENA_ARRAY(e->arena, bool, nc + 1);
     s->result = ARENA_ARRAY(e->arena, Part *, nc + 1);
@@ -355,7 +271,7 @@ static void loop_head(Emit *e, LoopState *s) {
 /* Whether to go round again; fills the lanes that will. */
 static Part loop_condition(Emit *e, LoopState *s, Part j_next, Part *live_next) {
     Conjuncts c = {0};
-    split_flag(e, ir_yield_of(s->i->region[0])->args[0], &c);
+    back_split_flag(&e->plan, ir_yield_of(s->i->region[0])->args[0], &c);
     Part go = NULL;
     if (s->diverges) {
         narrow(e, s->wide, s->live); /* the body may have many blocks */
@@ -409,7 +325,7 @@ static void emit_loop(Emit *e, Inst *i) {
     for (uint32_t r = 0; r < nc; r++) {
         Inst *c = body->params[r + 1];
         result_parts(e, y->args[r + 1], emit_is_vector(e, c), next[r]);
-        if (s.blend[r] && !keeps_itself(e, y->args[r + 1], c))
+        if (s.blend[r] && !back_keeps_itself(&e->plan, y->args[r + 1], c))
             for (uint32_t k = 0; k < e->P; k++)
                 next[r][k] = LL(BuildSelect)(e->b, s.live[k], next[r][k], emit_slot(e, c)[k], "");
     }
@@ -438,7 +354,7 @@ static void emit_loop(Emit *e, Inst *i) {
         emit_at(e, skip_join);
     }
     for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p))
-        for (uint32_t k = 0; k < result_count(e, p); k++) {
+        for (uint32_t k = 0; k < back_value_parts(&e->plan, p); k++) {
             Part v = result[p->imm.i][k];
             if (skip_join) {
                 Part phi = emit_phi(e, value_type(e, p), "");

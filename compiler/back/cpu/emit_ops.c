@@ -201,25 +201,25 @@ static Part value_part(Emit *e, const Inst *i, Part *x) {
 #define B_MATH emit_row(e, i, x)
 #define B_FCMP(p) fcmp(e, LLVMReal##p, x[0], x[1])
 #define B_ICMP(p) icmp(e, LLVMInt##p, x[0], x[1])
-#define FOP1(name, value, partials, domain, lowering, ...)                                                             \
+#define FOP1(name, value, partials, range, cost, domain, lowering, ...)                                                             \
     case OP_##name:                                                                                                    \
         return U_##lowering;
-#define FOP2(name, value, partials, domain, lowering, ...)                                                             \
+#define FOP2(name, value, partials, range, cost, domain, lowering, ...)                                                             \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define FOP3(name, value, partials, domain, lowering, ...)                                                             \
+#define FOP3(name, value, partials, range, cost, domain, lowering, ...)                                                             \
     case OP_##name:                                                                                                    \
         return T_##lowering;
 #define FCMP2(name, value, lowering)                                                                                   \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define FSEL(name, value)                                                                                              \
+#define FSEL(name, ...)                                                                                              \
     case OP_##name:                                                                                                    \
         return sel(e, x[0], x[1], x[2]);
-#define IOP1(name, value, lowering)                                                                                    \
+#define IOP1(name, value, range, cost, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return U_##lowering;
-#define IOP2(name, value, lowering)                                                                                    \
+#define IOP2(name, value, range, cost, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return B_##lowering;
 #define ICMP2(name, value, lowering)                                                                                   \
@@ -231,7 +231,7 @@ static Part value_part(Emit *e, const Inst *i, Part *x) {
 #define BOP2(name, value, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define CONV(name, result, argument, value, lowering)                                                                  \
+#define CONV(name, result, argument, value, range, cost, lowering)                                                                  \
     case OP_##name:                                                                                                    \
         return U_##lowering;
 #define SPECIAL(name, ...) case OP_##name:
@@ -246,7 +246,7 @@ static Part value_part(Emit *e, const Inst *i, Part *x) {
 void emit_value_op(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
     Part x[3][BACK_MAX_PARTS], *out = emit_slot(e, i);
-    bool pick = i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel;
+    bool pick = ir_ops[i->op].selects;
     for (uint32_t j = 0; j < i->nargs; j++) {
         /* a uniform condition selects whole vectors */
         if (!vector || (pick && j == 0 && !emit_is_vector(e, i->args[0])))
@@ -259,60 +259,3 @@ void emit_value_op(Emit *e, Inst *i) {
         out[p] = value_part(e, i, args);
     }
 }
-
-/* ---- ranges of integers, to leave out clamps */
-static bool in_int(int64_t lo, int64_t hi) { return lo >= INT32_MIN && hi <= INT32_MAX; }
-
-static bool range(const Inst *i, int64_t *lo, int64_t *hi, int depth) {
-    int64_t a, b, c, d;
-    if (depth > 6) return false;
-    switch (i->op) {
-    case OP_consti: *lo = *hi = (int32_t)i->imm.i; return true;
-    case OP_arg: {
-        const Inst *loop = i->block ? i->block->owner : NULL;
-        if (!loop || loop->op != OP_loop || i->imm.i != 0) return false;
-        *lo = 0, *hi = (int64_t)loop->imm.loop.max_iters - 1;
-        return true;
-    }
-    case OP_iadd:
-    case OP_isub:
-    case OP_imul: {
-        if (!range(i->args[0], &a, &b, depth + 1) || !range(i->args[1], &c, &d, depth + 1)) return false;
-        if (i->op == OP_iadd) {
-            *lo = a + c, *hi = b + d;
-        } else if (i->op == OP_isub) {
-            *lo = a - d, *hi = b - c;
-        } else {
-            int64_t p[4] = {a * c, a * d, b * c, b * d};
-            *lo = *hi = p[0];
-            for (int k = 1; k < 4; k++) {
-                *lo = p[k] < *lo ? p[k] : *lo;
-                *hi = p[k] > *hi ? p[k] : *hi;
-            }
-        }
-        return in_int(*lo, *hi);
-    }
-    case OP_ishl:
-        if (i->args[1]->op != OP_consti || !range(i->args[0], &a, &b, depth + 1)) return false;
-        *lo = a * ((int64_t)1 << (i->args[1]->imm.i & 31)), *hi = b * ((int64_t)1 << (i->args[1]->imm.i & 31));
-        return in_int(*lo, *hi);
-    case OP_imin:
-    case OP_imax:
-        if (!range(i->args[0], &a, &b, depth + 1)) a = INT32_MIN, b = INT32_MAX;
-        if (!range(i->args[1], &c, &d, depth + 1)) c = INT32_MIN, d = INT32_MAX;
-        if (i->op == OP_imin) *lo = a < c ? a : c, *hi = b < d ? b : d;
-        else *lo = a > c ? a : c, *hi = b > d ? b : d;
-        return true;
-    case OP_iand:
-        if (!range(i->args[1], &c, &d, depth + 1) || c != d || c < 0) return false;
-        *lo = 0, *hi = c;
-        return true;
-    case OP_urem:
-        if (i->args[1]->op != OP_consti || (int32_t)i->args[1]->imm.i <= 0) return false;
-        *lo = 0, *hi = (int32_t)i->args[1]->imm.i - 1;
-        return true;
-    default: return false;
-    }
-}
-
-bool back_int_range(const Inst *i, int64_t *lo, int64_t *hi) { return range(i, lo, hi, 0); }

@@ -73,12 +73,10 @@ static int write_output(Session *s, const Codegen *g, char kind, const char *pat
 int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path,
               const char **why) {
     uint32_t width = o->width ? o->width : back_choose_width(k, n, &o->target);
-    if (width > BACK_MAX_WIDTH || (width & (width - 1))) {
-        *why = arena_printf(&s->session, "width %u is not a power of two from 1 to %d", width, BACK_MAX_WIDTH);
-        return SLT_USAGE;
-    }
+    int status = back_check_width(s, width, why);
+    if (status) return status;
     Codegen g;
-    int status = back_codegen(s, k, n, o, width, kind == 'S' ? 'o' : kind, &g, why);
+    status = back_codegen(s, k, n, o, width, kind == 'S' ? 'o' : kind, &g, why);
     if (status) return status;
     ArenaMark mark = arena_mark(&s->scratch);
     status = write_output(s, &g, kind, path, why);

@@ -44,30 +44,3 @@ void target_host(Target *t) {
 }
 
 const char *back_llvm_version(void) { return LLVM_VERSION_STRING; }
-
-/* ---- the default width */
-static uint32_t count_insts(const Block *b) {
-    uint32_t n = 0;
-    for (const Inst *i = b->first; i; i = i->next) {
-        n++;
-        for (uint32_t r = 0; r < i->nregions; r++) n += count_insts(i->region[r]);
-    }
-    return n;
-}
-
-/* Two vectors a value hide the latency of one: 1.1 to 1.9 times faster on every kernel measured, also where half of the
- * values spill (ray marchers, their reverse sweeps), on all three targets. Not where compiling twice the code would
- * cost more than it gains. */
-uint32_t back_choose_width(const KernelRequest *k, uint32_t n, const Target *t) {
-    enum { LARGE = 4096 };
-    uint32_t bytes = 4, most = 0;
-    for (uint32_t j = 0; j < n; j++) {
-        if (k[j].fn->precision == PREC_F64) bytes = 8;
-        for (const Fn *fn = k[j].fn; fn; fn = fn->next_part) {
-            uint32_t count = count_insts(fn->body);
-            most = count > most ? count : most;
-        }
-    }
-    uint32_t lanes = t->vector_bytes / bytes;
-    return most <= LARGE ? 2 * lanes : lanes;
-}

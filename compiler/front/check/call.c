@@ -5,13 +5,13 @@
 
 static const char *const builtin_names[] = {
     [B_NONE] = "",
-#define BUILTIN(id, name, sig) [B_##id] = name,
+#define BUILTIN(id, name, ...) [B_##id] = name,
 #include "compiler/front/check/builtins.def"
 #undef BUILTIN
 };
 static const char *const builtin_sigs[] = {
     [B_NONE] = "",
-#define BUILTIN(id, name, sig) [B_##id] = sig,
+#define BUILTIN(id, name, sig, ...) [B_##id] = sig,
 #include "compiler/front/check/builtins.def"
 #undef BUILTIN
 };

@@ -253,7 +253,7 @@ static void fill_language(Checker *c) {
     }
     for (uint32_t i = 0; i < n; i++)
         map_put(c->arena, &c->builtin_types, intern(s, types[i]->name, strlen(types[i]->name)), types[i]);
-#define BUILTIN(id, text, sig)                                                                                         \
+#define BUILTIN(id, text, ...) \
     map_put(c->arena, &c->builtin_funcs, intern(s, text, strlen(text)), (void *)(uintptr_t)B_##id);
 #include "compiler/front/check/builtins.def"
 #undef BUILTIN

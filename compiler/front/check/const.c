@@ -1,85 +1,59 @@
 /* Values known when the program is compiled.
  *
- * Folding runs bottom-up as nodes get their types, so a value is computed once, where it stands. Floats are kept in
- * double whatever the precision of the program: lowering rounds once. Integers wrap to 32 bits at every step, as in the
- * program. Division by zero, shifts and conversions follow the language. */
+ * Folding runs bottom-up as nodes get their types, so a value is computed once, where it stands, by the rows of
+ * ir/ops.def. Floats are kept in double whatever the precision of the program: lowering rounds once. Integers wrap to
+ * 32 bits at every step, as in the program. Division by zero, shifts and conversions follow the language. */
 #include "compiler/front/check/internal.h"
 
-#include <float.h>
 #include <math.h>
-#include <string.h>
+
+#include "compiler/front/rows.h"
 
 int64_t const_wrap(TypeKind k, int64_t v) {
     return k == T_UINT ? (int64_t)(uint32_t)v : k == T_INT ? (int32_t)(uint32_t)v : v;
 }
 
-static double as_double(TypeKind k, const ConstVal *v, uint32_t i) {
-    return k == T_FLOAT ? v->v[i].f : (double)v->v[i].i;
+/* The row on one component, as a value of kind k; arguments that it does not have may be anything. */
+static ConstNum apply(Op row, TypeKind k, ConstNum a, ConstNum b, ConstNum c) {
+    const OpInfo *o = &ir_ops[row];
+    bool f = o->arg == TY_FLT;
+    Imm in[3] = {f ? (Imm){.f = a.f} : (Imm){.i = a.i}, f ? (Imm){.f = b.f} : (Imm){.i = b.i},
+                 f ? (Imm){.f = c.f} : (Imm){.i = c.i}};
+    Imm r = ir_row(row, PREC_F64, in);
+    return o->result == TY_FLT ? (ConstNum){.f = r.f} : (ConstNum){.i = const_wrap(k, r.i)};
 }
 
-static void convert_component(ConstVal *to, TypeKind kt, const ConstVal *from, TypeKind kf, uint32_t i, uint32_t j) {
-    if (kt == kf) {
-        to->v[i] = from->v[j];
-    } else if (kt == T_FLOAT) {
-        to->v[i].f = as_double(kf, from, j);
-    } else if (kt == T_BOOL) {
-        to->v[i].i = kf == T_FLOAT ? from->v[j].f != 0 : from->v[j].i != 0;
-    } else if (kf == T_FLOAT) { /* saturates, NaN to 0 */
-        double d = from->v[j].f, lo = kt == T_INT ? -2147483648.0 : 0, hi = kt == T_INT ? 2147483647.0 : 4294967295.0;
-        to->v[i].i = isnan(d) ? 0 : (int64_t)(d < lo ? lo : d > hi ? hi : d);
+static ConstNum number(double f) { return (ConstNum){.f = f}; }
+static double f2(Op row, double a, double b) { return apply(row, T_FLOAT, number(a), number(b), number(0)).f; }
+static double f1(Op row, double a) { return f2(row, a, 0); }
+static bool holds(Op row, double a, double b) { return apply(row, T_BOOL, number(a), number(b), number(0)).i != 0; }
+static double add(double a, double b) { return f2(OP_fadd, a, b); }
+static double sub(double a, double b) { return f2(OP_fsub, a, b); }
+static double mul(double a, double b) { return f2(OP_fmul, a, b); }
+static double divide(double a, double b) { return f2(OP_fdiv, a, b); }
+
+static ConstNum convert_number(TypeKind to, TypeKind from, ConstNum a) {
+    static const Op to_float[] = {[T_BOOL] = OP_i2f, [T_INT] = OP_i2f, [T_UINT] = OP_u2f};
+    ConstNum zero = {0};
+    if (to == from) return a;
+    if (to == T_FLOAT) return apply(to_float[from], to, a, zero, zero);
+    if (to == T_BOOL) return apply(from == T_FLOAT ? OP_fne : OP_ine, to, a, from == T_FLOAT ? number(0) : zero, zero);
+    if (from == T_FLOAT) return apply(to == T_INT ? OP_f2i : OP_f2u, to, a, zero, zero);
+    return (ConstNum){.i = const_wrap(to, a.i)};
+}
+
+static bool fold_operator(Operator op, TypeKind k, TypeKind result, ConstNum a, ConstNum b, ConstNum *r) {
+    bool swap;
+    Op row = row_of_operator(op, k, &swap);
+    if (k == T_FLOAT && op == OPR_MOD) { /* exact, which a - b*trunc(a/b) of the program is not */
+        r->f = fmod(a.f, b.f);
+    } else if (k == T_BOOL && op == OPR_EQ) {
+        r->i = a.i == b.i;
     } else {
-        to->v[i].i = const_wrap(kt, from->v[j].i);
+        if (row == OP_COUNT) return false;
+        *r = swap ? apply(row, result, b, a, a) : apply(row, result, a, b, b);
     }
-}
-
-static bool fold_float(Operator op, double a, double b, double *r) {
-    switch (op) {
-    case OPR_ADD: *r = a + b; return true;
-    case OPR_SUB: *r = a - b; return true;
-    case OPR_MUL: *r = a * b; return true;
-    case OPR_DIV: *r = a / b; return true;
-    case OPR_MOD: *r = fmod(a, b); return true;
-    default: return false;
-    }
-}
-
-static bool fold_int(Operator op, TypeKind k, int64_t a, int64_t b, int64_t *out) {
-    int64_t r;
-    switch (op) {
-    case OPR_ADD: r = a + b; break;
-    case OPR_SUB: r = a - b; break;
-    case OPR_MUL: r = (int64_t)((uint64_t)a * (uint64_t)b); break;
-    case OPR_DIV: r = b ? a / b : 0; break;
-    case OPR_MOD: r = b ? a % b : 0; break;
-    case OPR_AND: r = a & b; break;
-    case OPR_OR: r = a | b; break;
-    case OPR_XOR: r = a ^ b; break;
-    case OPR_SHL: r = (int64_t)((uint64_t)a << (b & 31)); break;
-    case OPR_SHR: r = a >> (b & 31); break;
-    default: return false;
-    }
-    *out = const_wrap(k, r);
     return true;
-}
-
-static bool fold_compare(Operator op, TypeKind k, const ConstVal *a, const ConstVal *b, uint32_t i, int64_t *r) {
-    bool lt, eq, gt;
-    if (k == T_FLOAT) {
-        double x = a->v[i].f, y = b->v[i].f;
-        lt = x < y, eq = x == y, gt = x > y;
-    } else {
-        int64_t x = a->v[i].i, y = b->v[i].i;
-        lt = x < y, eq = x == y, gt = x > y;
-    }
-    switch (op) {
-    case OPR_EQ: *r = eq; return true;
-    case OPR_NE: *r = !eq; return true;
-    case OPR_LT: *r = lt; return true;
-    case OPR_LE: *r = lt || eq; return true;
-    case OPR_GT: *r = gt; return true;
-    case OPR_GE: *r = gt || eq; return true;
-    default: return false;
-    }
 }
 
 /* Rows times columns: a is ra x n, b is n x cb. */
@@ -87,7 +61,7 @@ static void fold_matmul(ConstVal *r, const ConstVal *a, const ConstVal *b, uint3
     for (uint32_t i = 0; i < ra; i++)
         for (uint32_t j = 0; j < cb; j++) {
             double sum = 0;
-            for (uint32_t k = 0; k < n; k++) sum += a->v[i * n + k].f * b->v[k * cb + j].f;
+            for (uint32_t k = 0; k < n; k++) sum = add(sum, mul(a->v[i * n + k].f, b->v[k * cb + j].f));
             r->v[i * cb + j].f = sum;
         }
 }
@@ -96,123 +70,68 @@ static bool fold_binary(Expr *e) {
     const Type *ta = e->a[0]->type, *tb = e->a[1]->type;
     const ConstVal *a = &e->a[0]->cval, *b = &e->a[1]->cval;
     ConstVal *r = &e->cval;
-    if (ta->kind == T_MATRIX || tb->kind == T_MATRIX) {
-        if (e->op == OPR_MUL && ta->kind == T_MATRIX && tb->kind != T_FLOAT) {
-            fold_matmul(r, a, b, ta->n, ta->n, tb->kind == T_MATRIX ? ta->n : 1);
-            return true;
-        }
-        if (e->op == OPR_MUL && ta->kind == T_VECTOR) {
-            fold_matmul(r, a, b, 1, tb->n, tb->n);
-            return true;
-        }
-        for (uint32_t i = 0; i < r->n; i++)
-            if (!fold_float(e->op, a->v[ta->kind == T_MATRIX ? i : 0].f, b->v[tb->kind == T_MATRIX ? i : 0].f,
-                            &r->v[i].f))
-                return false;
+    bool ma = ta->kind == T_MATRIX, mb = tb->kind == T_MATRIX, matrices = ma || mb;
+    if (e->op == OPR_MUL && ma && tb->kind != T_FLOAT) {
+        fold_matmul(r, a, b, ta->n, ta->n, mb ? ta->n : 1);
         return true;
     }
-    TypeKind k = scalar_kind(ta);
-    for (uint32_t i = 0; i < r->n; i++) {
-        if (e->op >= OPR_EQ && e->op <= OPR_GE) {
-            if (!fold_compare(e->op, k, a, b, i, &r->v[i].i)) return false;
-        } else if (k == T_FLOAT) {
-            if (!fold_float(e->op, a->v[i].f, b->v[i].f, &r->v[i].f)) return false;
-        } else if (!fold_int(e->op, k, a->v[i].i, b->v[i].i, &r->v[i].i)) {
-            return false;
-        }
+    if (e->op == OPR_MUL && mb && ta->kind == T_VECTOR) {
+        fold_matmul(r, a, b, 1, tb->n, tb->n);
+        return true;
     }
+    for (uint32_t i = 0; i < r->n; i++)
+        if (!fold_operator(e->op, scalar_kind(ta), scalar_kind(e->type), a->v[matrices && !ma ? 0 : i],
+                           b->v[matrices && !mb ? 0 : i], &r->v[i]))
+            return false;
     return true;
 }
 
 static bool fold_unary(Expr *e) {
     TypeKind k = scalar_kind(e->type);
     const ConstVal *a = &e->a[0]->cval;
-    for (uint32_t i = 0; i < e->cval.n; i++) {
-        switch (e->op) {
-        case OPR_PLUS: e->cval.v[i] = a->v[i]; break;
-        case OPR_NEG:
-            if (k == T_FLOAT) e->cval.v[i].f = -a->v[i].f;
-            else e->cval.v[i].i = const_wrap(k, -a->v[i].i);
-            break;
-        case OPR_NOT: e->cval.v[i].i = !a->v[i].i; break;
-        case OPR_COMPL: e->cval.v[i].i = const_wrap(k, ~a->v[i].i); break;
-        default: return false;
-        }
-    }
+    for (uint32_t i = 0; i < e->cval.n; i++)
+        if (e->op == OPR_PLUS) e->cval.v[i] = a->v[i];
+        else if (!fold_operator(e->op, k, k, a->v[i], a->v[i], &e->cval.v[i])) return false;
     return true;
 }
 
-static double sign_of(double a) { return (a > 0) - (a < 0); }
 static double smoothstep(double lo, double hi, double v) {
-    double t = (v - lo) / (hi - lo);
-    t = t < 0 ? 0 : t > 1 ? 1 : t;
-    return t * t * (3 - 2 * t);
+    double t = divide(sub(v, lo), sub(hi, lo));
+    t = f2(OP_fmin, f2(OP_fmax, t, 0), 1);
+    return mul(mul(t, t), sub(3, mul(2, t)));
 }
 
-/* Component-wise builtins of floats. */
+/* Component-wise builtins of several rows. */
 static bool fold_builtin_float(Builtin f, double a, double b, double x, double *r) {
     switch (f) {
-    case B_abs: *r = fabs(a); return true;
-    case B_sign: *r = sign_of(a); return true;
-    case B_floor: *r = floor(a); return true;
-    case B_ceil: *r = ceil(a); return true;
-    case B_round: *r = rint(a); return true;
-    case B_trunc: *r = trunc(a); return true;
-    case B_frac: *r = a - floor(a); return true;
+    case B_sign: *r = (double)holds(OP_flt, 0, a) - (double)holds(OP_flt, a, 0); return true;
+    case B_frac: *r = sub(a, f1(OP_ffloor, a)); return true;
     case B_fmod: *r = fmod(a, b); return true;
-    case B_min: *r = b < a ? b : a; return true;
-    case B_max: *r = a < b ? b : a; return true;
-    case B_clamp:
-        a = a < b ? b : a;
-        *r = x < a ? x : a;
-        return true;
-    case B_saturate: *r = a < 0 ? 0 : 1 < a ? 1 : a; return true;
-    case B_lerp: *r = a + (b - a) * x; return true;
-    case B_step: *r = b >= a; return true;
+    case B_clamp: *r = f2(OP_fmin, f2(OP_fmax, a, b), x); return true;
+    case B_saturate: *r = f2(OP_fmin, f2(OP_fmax, a, 0), 1); return true;
+    case B_lerp: *r = add(a, mul(sub(b, a), x)); return true;
+    case B_step: *r = holds(OP_fle, a, b); return true;
     case B_smoothstep: *r = smoothstep(a, b, x); return true;
-    case B_sqrt: *r = sqrt(a); return true;
-    case B_rsqrt: *r = 1 / sqrt(a); return true;
-    case B_cbrt: *r = cbrt(a); return true;
-    case B_pow: *r = pow(a, b); return true;
-    case B_exp: *r = exp(a); return true;
-    case B_exp2: *r = exp2(a); return true;
-    case B_log: *r = log(a); return true;
-    case B_log2: *r = log2(a); return true;
-    case B_sin: *r = sin(a); return true;
-    case B_cos: *r = cos(a); return true;
-    case B_tan: *r = tan(a); return true;
-    case B_asin: *r = asin(a); return true;
-    case B_acos: *r = acos(a); return true;
-    case B_atan: *r = atan(a); return true;
-    case B_atan2: *r = atan2(a, b); return true;
-    case B_sinh: *r = sinh(a); return true;
-    case B_cosh: *r = cosh(a); return true;
-    case B_tanh: *r = tanh(a); return true;
-    case B_erf: *r = erf(a); return true;
-    case B_fma: *r = fma(a, b, x); return true;
     default: return false;
     }
 }
 
-static bool fold_builtin_int(Builtin f, TypeKind k, int64_t a, int64_t b, int64_t x, int64_t *r) {
+static bool fold_builtin_int(Builtin f, TypeKind k, ConstNum a, ConstNum b, ConstNum x, ConstNum *r) {
+    Op min = row_of_builtin(B_min, k), max = row_of_builtin(B_max, k);
     switch (f) {
-    case B_abs: *r = const_wrap(k, a < 0 ? -a : a); return true;
-    case B_sign: *r = (a > 0) - (a < 0); return true;
-    case B_min: *r = b < a ? b : a; return true;
-    case B_max: *r = a < b ? b : a; return true;
-    case B_clamp:
-        a = a < b ? b : a;
-        *r = x < a ? x : a;
-        return true;
+    case B_abs: *r = k == T_UINT ? a : apply(max, k, a, apply(OP_ineg, k, a, a, a), a); return true;
+    case B_sign: r->i = (a.i > 0) - (a.i < 0); return true;
+    case B_clamp: *r = apply(min, k, apply(max, k, a, b, b), x, x); return true;
     default: return false;
     }
 }
 
 static double dot(const ConstVal *a, const ConstVal *b) {
     double sum = 0;
-    for (uint32_t i = 0; i < a->n; i++) sum += a->v[i].f * b->v[i].f;
+    for (uint32_t i = 0; i < a->n; i++) sum = add(sum, mul(a->v[i].f, b->v[i].f));
     return sum;
 }
+static double length(const ConstVal *a) { return f1(OP_fsqrt, dot(a, a)); }
 
 /* Gauss-Jordan with the largest pivot: returns the determinant; inv (may be NULL) gets the inverse. */
 static double invert(const ConstVal *m, uint32_t n, ConstVal *inv) {
@@ -226,7 +145,7 @@ static double invert(const ConstVal *m, uint32_t n, ConstVal *inv) {
         for (uint32_t i = p + 1; i < n; i++)
             if (fabs(a[i][p]) > fabs(a[best][p])) best = i;
         if (best != p) {
-            det = -det;
+            det = f1(OP_fneg, det);
             for (uint32_t j = 0; j < 2 * n; j++) {
                 double t = a[p][j];
                 a[p][j] = a[best][j];
@@ -234,11 +153,11 @@ static double invert(const ConstVal *m, uint32_t n, ConstVal *inv) {
             }
         }
         double d = a[p][p];
-        det *= d;
-        for (uint32_t j = 0; j < 2 * n; j++) a[p][j] /= d;
+        det = mul(det, d);
+        for (uint32_t j = 0; j < 2 * n; j++) a[p][j] = divide(a[p][j], d);
         for (uint32_t i = 0; i < n; i++) {
             double f = a[i][p];
-            for (uint32_t j = 0; i != p && j < 2 * n; j++) a[i][j] -= f * a[p][j];
+            for (uint32_t j = 0; i != p && j < 2 * n; j++) a[i][j] = sub(a[i][j], mul(f, a[p][j]));
         }
     }
     for (uint32_t i = 0; inv && i < n; i++)
@@ -251,41 +170,39 @@ static bool fold_special(Expr *e) {
     ConstVal *r = &e->cval;
     const Type *ta = e->args[0]->type;
     switch (e->builtin) {
-    case B_isnan:
-    case B_isinf:
     case B_isfinite:
         for (uint32_t i = 0; i < r->n; i++)
-            r->v[i].i = e->builtin == B_isnan   ? isnan(a->v[i].f)
-                        : e->builtin == B_isinf ? isinf(a->v[i].f) != 0
-                                                : isfinite(a->v[i].f) != 0;
+            r->v[i].i = !holds(OP_fisnan, a->v[i].f, 0) && !holds(OP_fisinf, a->v[i].f, 0);
         return true;
     case B_dot: r->v[0].f = dot(a, b); return true;
-    case B_length: r->v[0].f = sqrt(dot(a, a)); return true;
+    case B_length: r->v[0].f = length(a); return true;
     case B_distance: {
         ConstVal d = *a;
-        for (uint32_t i = 0; i < d.n; i++) d.v[i].f -= b->v[i].f;
-        r->v[0].f = sqrt(dot(&d, &d));
+        for (uint32_t i = 0; i < d.n; i++) d.v[i].f = sub(a->v[i].f, b->v[i].f);
+        r->v[0].f = length(&d);
         return true;
     }
     case B_normalize: {
-        double len = sqrt(dot(a, a));
-        for (uint32_t i = 0; i < r->n; i++) r->v[i].f = a->v[i].f / len;
+        double len = length(a);
+        for (uint32_t i = 0; i < r->n; i++) r->v[i].f = divide(a->v[i].f, len);
         return true;
     }
     case B_cross:
         for (int i = 0; i < 3; i++) {
             int j = (i + 1) % 3, k = (i + 2) % 3;
-            r->v[i].f = a->v[j].f * b->v[k].f - a->v[k].f * b->v[j].f;
+            r->v[i].f = sub(mul(a->v[j].f, b->v[k].f), mul(a->v[k].f, b->v[j].f));
         }
         return true;
     case B_reflect: {
-        double d = 2 * dot(a, b);
-        for (uint32_t i = 0; i < r->n; i++) r->v[i].f = a->v[i].f - d * b->v[i].f;
+        double d = mul(2, dot(a, b));
+        for (uint32_t i = 0; i < r->n; i++) r->v[i].f = sub(a->v[i].f, mul(d, b->v[i].f));
         return true;
     }
     case B_refract: {
-        double eta = e->args[2]->cval.v[0].f, d = dot(a, b), k = 1 - eta * eta * (1 - d * d);
-        for (uint32_t i = 0; i < r->n; i++) r->v[i].f = k < 0 ? 0 : eta * a->v[i].f - (eta * d + sqrt(k)) * b->v[i].f;
+        double eta = e->args[2]->cval.v[0].f, d = dot(a, b), k = sub(1, mul(mul(eta, eta), sub(1, mul(d, d))));
+        double along = add(mul(eta, d), f1(OP_fsqrt, k));
+        for (uint32_t i = 0; i < r->n; i++)
+            r->v[i].f = holds(OP_flt, k, 0) ? 0 : sub(mul(eta, a->v[i].f), mul(along, b->v[i].f));
         return true;
     }
     case B_any:
@@ -303,22 +220,6 @@ static bool fold_special(Expr *e) {
         return true;
     case B_determinant: r->v[0].f = invert(a, ta->n, NULL); return true;
     case B_inverse: invert(a, ta->n, r); return true;
-    case B_asuint:
-        for (uint32_t i = 0; i < r->n; i++) {
-            float f = (float)a->v[i].f;
-            uint32_t bits;
-            memcpy(&bits, &f, 4);
-            r->v[i].i = bits;
-        }
-        return true;
-    case B_asfloat:
-        for (uint32_t i = 0; i < r->n; i++) {
-            uint32_t bits = (uint32_t)a->v[i].i;
-            float f;
-            memcpy(&f, &bits, 4);
-            r->v[i].f = f;
-        }
-        return true;
     case B_detach: *r = *a; return true;
     default: return false;
     }
@@ -328,14 +229,17 @@ static bool fold_builtin(Expr *e) {
     if (!e->nargs) return false; /* rand(), pixel(), … */
     for (uint32_t i = 0; i < e->nargs; i++)
         if (!e->args[i]->is_const || !e->args[i]->cval.n) return false;
-    TypeKind k = scalar_kind(e->type);
+    TypeKind k = scalar_kind(e->type), of = scalar_kind(e->args[0]->type);
     const ConstVal *a = &e->args[0]->cval, *b = e->nargs > 1 ? &e->args[1]->cval : a,
                    *x = e->nargs > 2 ? &e->args[2]->cval : a;
+    Op row = row_of_builtin(e->builtin, of);
     for (uint32_t i = 0; i < e->cval.n; i++) {
-        bool ok;
-        if (e->args[0]->type != e->type) ok = false;
-        else if (k == T_FLOAT) ok = fold_builtin_float(e->builtin, a->v[i].f, b->v[i].f, x->v[i].f, &e->cval.v[i].f);
-        else ok = fold_builtin_int(e->builtin, k, a->v[i].i, b->v[i].i, x->v[i].i, &e->cval.v[i].i);
+        ConstNum *r = &e->cval.v[i];
+        bool ok = true;
+        if (row != OP_COUNT) *r = apply(row, k, a->v[i], b->v[i], x->v[i]);
+        else if (e->args[0]->type != e->type) ok = false;
+        else if (k == T_FLOAT) ok = fold_builtin_float(e->builtin, a->v[i].f, b->v[i].f, x->v[i].f, &r->f);
+        else ok = fold_builtin_int(e->builtin, k, a->v[i], b->v[i], x->v[i], r);
         if (!ok) return fold_special(e);
     }
     return true;
@@ -399,7 +303,7 @@ static bool fold(Expr *e) {
     case E_CONVERT: {
         if (!e->a[0]->is_const) return false;
         TypeKind kt = scalar_kind(e->type), kf = scalar_kind(e->a[0]->type);
-        for (uint32_t i = 0; i < e->cval.n; i++) convert_component(&e->cval, kt, &e->a[0]->cval, kf, i, i);
+        for (uint32_t i = 0; i < e->cval.n; i++) e->cval.v[i] = convert_number(kt, kf, e->a[0]->cval.v[i]);
         return true;
     }
     case E_BROADCAST:

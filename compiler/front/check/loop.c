@@ -9,6 +9,9 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "compiler/front/rows.h"
+#include "compiler/ir/range.h"
+
 typedef struct Range {
     int64_t lo, hi;
     bool defer; /* inlining may tell more */
@@ -33,43 +36,23 @@ static Range full(TypeKind k, bool defer) {
 static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
 
-/* Interval arithmetic; what may wrap is the whole type. */
-static Range fit(TypeKind k, int64_t lo, int64_t hi, bool defer) {
+/* What may wrap is the whole type. */
+static Range fit(TypeKind k, double lo, double hi, bool defer) {
     Range all = full(k, defer);
-    return lo < all.lo || hi > all.hi ? all : (Range){lo, hi, defer};
+    return lo < all.lo || hi > all.hi ? all : (Range){(int64_t)lo, (int64_t)hi, defer};
+}
+
+/* By the range column of ops.def, whose intervals are those of numbers that do not wrap: of uint, numbers that are not
+ * negative. */
+static Range row_range(Op row, TypeKind k, Range a, Range b) {
+    bool defer = a.defer || b.defer;
+    if (row == OP_COUNT || ir_ops[row].arg != TY_INT) return full(k, defer);
+    IrRange r = ir_range_row(row, (IrRange){(double)a.lo, (double)a.hi, 0}, (IrRange){(double)b.lo, (double)b.hi, 0},
+                             IR_RANGE_FINITE, false);
+    return fit(k, r.lo, r.hi, defer);
 }
 
 static Range eval(Loops *l, const Expr *e);
-
-static Range eval_binary(Operator op, TypeKind k, Range a, Range b) {
-    bool d = a.defer || b.defer;
-    switch (op) {
-    case OPR_ADD: return fit(k, a.lo + b.lo, a.hi + b.hi, d);
-    case OPR_SUB: return fit(k, a.lo - b.hi, a.hi - b.lo, d);
-    case OPR_MUL: {
-        int64_t p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
-        return fit(k, least(least(p, q), least(r, s)), most(most(p, q), most(r, s)), d);
-    }
-    case OPR_DIV:
-        if (b.lo < 1) return full(k, d);
-        return fit(k, a.lo < 0 ? a.lo / b.lo : a.lo / b.hi, a.hi < 0 ? a.hi / b.hi : a.hi / b.lo, d);
-    case OPR_MOD:
-        if (b.lo < 1) return full(k, d);
-        return (Range){a.lo < 0 ? -(b.hi - 1) : 0, least(b.hi - 1, most(a.hi, 0)), d};
-    case OPR_AND:
-        if (a.lo >= 0 && b.lo >= 0) return (Range){0, least(a.hi, b.hi), d};
-        if (b.lo >= 0) return (Range){0, b.hi, d};
-        if (a.lo >= 0) return (Range){0, a.hi, d};
-        return full(k, d);
-    case OPR_SHR:
-        if (b.lo != b.hi) return full(k, d);
-        return (Range){a.lo >> (b.lo & 31), a.hi >> (b.lo & 31), d};
-    case OPR_SHL:
-        if (b.lo != b.hi || a.lo < 0) return full(k, d);
-        return fit(k, a.lo << (b.lo & 31), a.hi << (b.lo & 31), d);
-    default: return full(k, d);
-    }
-}
 
 static Range eval_name(Loops *l, const Expr *e, TypeKind k) {
     const Symbol *sym = e->sym;
@@ -86,17 +69,17 @@ static Range eval(Loops *l, const Expr *e) {
     TypeKind k = scalar_kind(e->type);
     if (e->is_const && is_scalar(e->type) && k != T_FLOAT) return (Range){e->cval.v[0].i, e->cval.v[0].i, false};
     if (!is_scalar(e->type)) return full(T_INT, false);
+    bool swap; /* of comparisons, which say nothing here */
     switch (e->kind) {
     case E_NAME: return eval_name(l, e, k);
     case E_BINARY: {
         if (width_of(e->a[0]->type) != 1 || scalar_kind(e->a[0]->type) != k) return full(k, false);
         Range a = eval(l, e->a[0]), b = eval(l, e->a[1]);
-        return eval_binary(e->op, k, a, b);
+        return row_range(row_of_operator(e->op, k, &swap), k, a, b);
     }
     case E_UNARY: {
         Range a = eval(l, e->a[0]);
-        if (e->op == OPR_PLUS) return a;
-        return e->op == OPR_NEG ? fit(k, -a.hi, -a.lo, a.defer) : full(k, a.defer);
+        return e->op == OPR_PLUS ? a : row_range(row_of_operator(e->op, k, &swap), k, a, a);
     }
     case E_COND: {
         Range a = eval(l, e->a[1]), b = eval(l, e->a[2]);
@@ -106,19 +89,18 @@ static Range eval(Loops *l, const Expr *e) {
         TypeKind from = scalar_kind(e->a[0]->type);
         if (from == T_FLOAT || from == T_ERROR || k == T_FLOAT) return full(k, false);
         Range a = eval(l, e->a[0]);
-        return fit(k, a.lo, a.hi, a.defer);
+        return fit(k, (double)a.lo, (double)a.hi, a.defer);
     }
     case E_BUILTIN: {
         if ((e->builtin != B_min && e->builtin != B_max && e->builtin != B_clamp && e->builtin != B_abs) ||
             k == T_FLOAT)
             return full(k, false);
         Range a = eval(l, e->args[0]), b = e->nargs > 1 ? eval(l, e->args[1]) : a;
-        if (e->builtin == B_min) return (Range){least(a.lo, b.lo), least(a.hi, b.hi), a.defer || b.defer};
-        if (e->builtin == B_abs) return a.lo >= 0 ? a : fit(k, 0, most(-a.lo, a.hi), a.defer);
-        Range r = {most(a.lo, b.lo), most(a.hi, b.hi), a.defer || b.defer};
-        if (e->builtin == B_max) return r;
-        Range x = eval(l, e->args[2]);
-        return (Range){least(r.lo, x.lo), least(r.hi, x.hi), r.defer || x.defer};
+        Op min = row_of_builtin(B_min, k), max = row_of_builtin(B_max, k);
+        if (e->builtin == B_min) return row_range(min, k, a, b);
+        if (e->builtin == B_max) return row_range(max, k, a, b);
+        if (e->builtin == B_abs) return a.lo >= 0 ? a : fit(k, 0, (double)most(-a.lo, a.hi), a.defer);
+        return row_range(min, k, row_range(max, k, a, b), eval(l, e->args[2]));
     }
     case E_CALL: return full(k, true); /* after inlining its value may be a constant */
     case E_ASSIGN: return eval(l, e->a[1]);

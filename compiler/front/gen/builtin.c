@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "compiler/front/gen/internal.h"
+#include "compiler/front/rows.h"
 
 static Inst *sum(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fadd, a, b); }
 static Inst *diff(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fsub, a, b); }
@@ -67,8 +68,7 @@ static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
         Inst *size = op1(l, OP_fabs, b->op == OP_fneg ? a : b);
         return max ? size : op1(l, OP_fneg, size);
     }
-    static const Op table[2][3] = {{OP_fmin, OP_imin, OP_umin}, {OP_fmax, OP_imax, OP_umax}};
-    return op2(l, table[max][k == T_FLOAT ? 0 : k == T_UINT ? 2 : 1], a, b);
+    return op2(l, row_of_builtin(max ? B_max : B_min, k), a, b);
 }
 
 static Inst *smoothstep_scalar(Lower *l, Inst *e0, Inst *e1, Inst *x) {
@@ -113,28 +113,7 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     case B_lerp: return sum(l, x, prod(l, z, diff(l, y, x)));
     case B_step: return sel(l, site_compare(l, op2(l, OP_flt, y, x), y, x, span), kf(l, 0), kf(l, 1));
     case B_smoothstep: return smoothstep_scalar(l, x, y, z);
-    case B_sqrt: return op1(l, OP_fsqrt, x);
-    case B_rsqrt: return op1(l, OP_frsqrt, x);
-    case B_cbrt: return op1(l, OP_fcbrt, x);
-    case B_pow: return op2(l, OP_fpow, x, y);
-    case B_exp: return op1(l, OP_fexp, x);
-    case B_exp2: return op1(l, OP_fexp2, x);
-    case B_log: return op1(l, OP_flog, x);
-    case B_log2: return op1(l, OP_flog2, x);
-    case B_sin: return op1(l, OP_fsin, x);
-    case B_cos: return op1(l, OP_fcos, x);
-    case B_tan: return op1(l, OP_ftan, x);
-    case B_asin: return op1(l, OP_fasin, x);
-    case B_acos: return op1(l, OP_facos, x);
-    case B_atan: return op1(l, OP_fatan, x);
     case B_atan2: return atan2_scalar(l, x, y, span);
-    case B_sinh: return op1(l, OP_fsinh, x);
-    case B_cosh: return op1(l, OP_fcosh, x);
-    case B_tanh: return op1(l, OP_ftanh, x);
-    case B_erf: return op1(l, OP_ferf, x);
-    case B_fma: return op3(l, OP_ffma, x, y, z);
-    case B_isnan: return op1(l, OP_fisnan, x);
-    case B_isinf: return op1(l, OP_fisinf, x);
     case B_isfinite: return op1(l, OP_bnot, op2(l, OP_bor, op1(l, OP_fisnan, x), op1(l, OP_fisinf, x)));
     case B_detach: return x->type == TY_FLT ? op1(l, OP_detach, x) : x;
     case B_asuint: {
@@ -142,8 +121,10 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
         site_untracked(l, r, x, NULL, span, JUMP_ALWAYS);
         return r;
     }
-    case B_asfloat: return op1(l, OP_iasfloat, x);
-    default: return NULL;
+    default: { /* no more than its row */
+        Op row = row_of_builtin(b, k);
+        return row == OP_COUNT ? NULL : !y ? op1(l, row, x) : !z ? op2(l, row, x, y) : op3(l, row, x, y, z);
+    }
     }
 }
 

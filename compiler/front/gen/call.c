@@ -259,8 +259,9 @@ static Val call_with_tangent(Lower *l, Expr *e) {
     for (uint32_t i = 0; i < args.len; i++) {
         vec_push(l->arena, &pp, ir_block_param(l->fn, primal, (IrType)args.data[i]->type));
         vec_push(l->arena, &tp, ir_block_param(l->fn, tangent, (IrType)args.data[i]->type));
-        int64_t lo, hi;
-        if (args.data[i]->type == TY_INT && range_get(l, args.data[i], &lo, &hi)) {
+        if (args.data[i]->type == TY_INT) {
+            int64_t lo, hi;
+            range_get(l, args.data[i], &lo, &hi);
             range_set(l, pp.data[i], lo, hi);
             range_set(l, tp.data[i], lo, hi);
         }

@@ -200,7 +200,6 @@ void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info) {
     c->frame = l->frame;
     l->loop = c;
     if (!l->frame->first_loop) l->frame->first_loop = c;
-    range_set(l, c->k, 0, (int64_t)info.max_iters - 1);
     enter_region(l, c->op, 0);
     for (uint32_t i = 0; i < carried->len; i++) {
         vec_push(l->arena, &c->carried, carried->data[i]);
@@ -295,61 +294,14 @@ void gen_prune_loops(Lower *l) {
 
 void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi) {
     if (i->op == OP_consti) return;
-    if (!l->ranges.len) vec_push(l->arena, &l->ranges, ((Range){0, 0}));
+    if (!l->ranges.len) vec_push(l->arena, &l->ranges, ((IrRange){0}));
     i->tag = l->ranges.len;
-    vec_push(l->arena, &l->ranges, ((Range){lo, hi}));
+    vec_push(l->arena, &l->ranges, ((IrRange){(double)lo, (double)hi, 0}));
 }
 
-static Range whole(void) { return (Range){INT32_MIN, INT32_MAX}; }
-static bool fits(Range r) { return r.lo >= INT32_MIN && r.hi <= INT32_MAX; }
-static int64_t min64(int64_t a, int64_t b) { return a < b ? a : b; }
-static int64_t max64(int64_t a, int64_t b) { return a > b ? a : b; }
-
-static Range range_of(Lower *l, const Inst *i, uint32_t depth) {
-    if (i->op == OP_consti) return (Range){(int32_t)i->imm.i, (int32_t)i->imm.i};
-    if (i->tag && i->tag < l->ranges.len) return l->ranges.data[i->tag];
-    if (depth > 8 || i->type != TY_INT || i->nargs < 2) return whole();
-    Range a = range_of(l, i->args[0], depth + 1), b = range_of(l, i->args[1], depth + 1), r = whole();
-    bool positive = b.lo == b.hi && b.lo > 0;
-    switch (i->op) {
-    case OP_iadd: r = (Range){a.lo + b.lo, a.hi + b.hi}; break;
-    case OP_isub: r = (Range){a.lo - b.hi, a.hi - b.lo}; break;
-    case OP_imul: {
-        int64_t p[4] = {a.lo * b.lo, a.lo * b.hi, a.hi * b.lo, a.hi * b.hi};
-        r = (Range){min64(min64(p[0], p[1]), min64(p[2], p[3])), max64(max64(p[0], p[1]), max64(p[2], p[3]))};
-        break;
-    }
-    case OP_imin: r = (Range){min64(a.lo, b.lo), min64(a.hi, b.hi)}; break;
-    case OP_imax: r = (Range){max64(a.lo, b.lo), max64(a.hi, b.hi)}; break;
-    case OP_umin:
-        if (b.lo >= 0) r = (Range){0, a.lo >= 0 ? min64(a.hi, b.hi) : b.hi};
-        break;
-    case OP_iand:
-        if (b.lo >= 0) r = (Range){0, b.hi};
-        break;
-    case OP_idiv:
-        if (positive) r = (Range){a.lo / b.lo, a.hi / b.lo};
-        break;
-    case OP_irem:
-        if (positive) r = (Range){a.lo >= 0 ? 0 : 1 - b.lo, min64(max64(a.hi, 0), b.lo - 1)};
-        break;
-    case OP_urem:
-        if (positive) r = (Range){0, b.lo - 1};
-        break;
-    case OP_isel: {
-        Range c = range_of(l, i->args[2], depth + 1);
-        r = (Range){min64(b.lo, c.lo), max64(b.hi, c.hi)};
-        break;
-    }
-    default: break;
-    }
-    return fits(r) ? r : whole();
-}
-
-bool range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi) {
-    Range r = range_of(l, i, 0);
-    *lo = r.lo, *hi = r.hi;
-    return r.lo > INT32_MIN || r.hi < INT32_MAX;
+void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi) {
+    IrRange r = ir_range_of(i, l->ranges.data, l->ranges.len);
+    *lo = (int64_t)r.lo, *hi = (int64_t)r.hi;
 }
 
 /* Into [0, n), without code where it is there already. */

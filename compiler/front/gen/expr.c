@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "compiler/front/gen/internal.h"
+#include "compiler/front/rows.h"
 
 Val val_new(Lower *l, Type *t) {
     Val v = {t, gen_layout(l, t)->n, NULL};
@@ -72,49 +73,18 @@ static Inst *fmod_scalar(Lower *l, Inst *a, Inst *b, Span span) {
     return op2(l, OP_fsub, a, op2(l, OP_fmul, b, n));
 }
 
-static Inst *compare(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, Span span) {
-    bool swap = op == OPR_GT || op == OPR_GE, or_equal = op == OPR_LE || op == OPR_GE;
-    Inst *x = swap ? b : a, *y = swap ? a : b;
-    if (k == T_FLOAT) {
-        if (op == OPR_EQ || op == OPR_NE) {
-            /* Mostly it holds on a curve at most, with the same branch on both sides; warn.c knows when not. */
-            Inst *d = op2(l, op == OPR_EQ ? OP_feq : OP_fne, a, b);
-            site_untracked(l, d, a, b, span, JUMP_EQUALITY);
-            return d;
-        }
-        return site_compare(l, op2(l, or_equal ? OP_fle : OP_flt, x, y), a, b, span);
-    }
-    if (k == T_BOOL) {
-        Inst *d = op2(l, OP_bxor, a, b);
-        return op == OPR_NE ? d : op1(l, OP_bnot, d);
-    }
-    if (op == OPR_EQ) return op2(l, OP_ieq, a, b);
-    if (op == OPR_NE) return op2(l, OP_ine, a, b);
-    if (k == T_UINT) return op2(l, or_equal ? OP_ule : OP_ult, x, y);
-    return op2(l, or_equal ? OP_ile : OP_ilt, x, y);
-}
-
 static Inst *binary_scalar(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, Span span) {
-    bool f = k == T_FLOAT, u = k == T_UINT, q = k == T_BOOL;
-    switch (op) {
-    case OPR_ADD: return op2(l, f ? OP_fadd : OP_iadd, a, b);
-    case OPR_SUB: return op2(l, f ? OP_fsub : OP_isub, a, b);
-    case OPR_MUL: return op2(l, f ? OP_fmul : OP_imul, a, b);
-    case OPR_DIV: return op2(l, f ? OP_fdiv : u ? OP_udiv : OP_idiv, a, b);
-    case OPR_MOD: return f ? fmod_scalar(l, a, b, span) : op2(l, u ? OP_urem : OP_irem, a, b);
-    case OPR_AND: return op2(l, q ? OP_band : OP_iand, a, b);
-    case OPR_OR: return op2(l, q ? OP_bor : OP_ior, a, b);
-    case OPR_XOR: return op2(l, q ? OP_bxor : OP_ixor, a, b);
-    case OPR_SHL: return op2(l, OP_ishl, a, b);
-    case OPR_SHR: return op2(l, u ? OP_ushr : OP_ishr, a, b);
-    case OPR_EQ:
-    case OPR_NE:
-    case OPR_LT:
-    case OPR_LE:
-    case OPR_GT:
-    case OPR_GE: return compare(l, op, a, b, k, span);
-    default: ice(l->s, "no binary operator %d", (int)op);
-    }
+    bool swap;
+    Op row = row_of_operator(op, k, &swap);
+    if (k == T_FLOAT && op == OPR_MOD) return fmod_scalar(l, a, b, span);
+    if (k == T_BOOL && op == OPR_EQ) return op1(l, OP_bnot, op2(l, OP_bxor, a, b));
+    if (row == OP_COUNT) ice(l->s, "no binary operator %d", (int)op);
+    Inst *v = op2(l, row, swap ? b : a, swap ? a : b);
+    if (k != T_FLOAT || !ir_ops[row].compares) return v;
+    if (op != OPR_EQ && op != OPR_NE) return site_compare(l, v, a, b, span);
+    /* Mostly it holds on a curve at most, with the same branch on both sides; pass/warn.c knows when not. */
+    site_untracked(l, v, a, b, span, JUMP_EQUALITY);
+    return v;
 }
 
 Val gen_binary(Lower *l, Operator op, Val a, Val b, Type *type, Span span) {
@@ -128,14 +98,9 @@ Val gen_binary(Lower *l, Operator op, Val a, Val b, Type *type, Span span) {
 
 static Val gen_unary(Lower *l, Expr *e) {
     Val a = gen_expr(l, e->a[0]), v = val_new(l, e->type);
-    bool f = scalar_of(e->type)->kind == T_FLOAT;
-    for (uint32_t i = 0; i < v.n; i++) switch (e->op) {
-        case OPR_SUB:
-        case OPR_NEG: v.c[i] = op1(l, f ? OP_fneg : OP_ineg, a.c[i]); break;
-        case OPR_NOT: v.c[i] = op1(l, OP_bnot, a.c[i]); break;
-        case OPR_COMPL: v.c[i] = op1(l, OP_inot, a.c[i]); break;
-        default: v.c[i] = a.c[i];
-        }
+    bool swap;
+    Op row = row_of_operator(e->op, scalar_of(e->type)->kind, &swap);
+    for (uint32_t i = 0; i < v.n; i++) v.c[i] = row == OP_COUNT ? a.c[i] : op1(l, row, a.c[i]); /* +a is a */
     return v;
 }
 

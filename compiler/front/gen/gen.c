@@ -301,11 +301,10 @@ static void gen_entry(Lower *l, Func *entry) {
     gen_field_finish(l);
     p->fields = l->fields.data;
     p->nfields = l->fields.len;
+    p->untracked = l->untracked.data;
+    p->nuntracked = l->untracked.len;
     gen_prune_loops(l);
-    warn_discontinuities(l);
-    const char *text = NULL;
-    if (!ir_verify(l->fn, &l->s->scratch, &text))
-        ice(l->s, "lowering %s made broken code: %s", entry->name, text ? text : "?");
+    ir_require(l->fn, "lowering");
     p->primal = l->fn;
     p->uses_rand = gen_facts(l, entry)->rand;
     p->ncull = l->culls.len;

@@ -12,7 +12,6 @@
  * heightfield.c    heightfields
  * site.c           sites, [SkipLoop], the record of what is untagged
  * init.c           first values of parameters
- * warn.c           untracked and static discontinuities
  *
  * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being lowered. Every
  * change is written into a journal, so that an if_ finds out afterwards what its branches changed, and takes it back
@@ -23,6 +22,7 @@
 #include <setjmp.h>
 
 #include "compiler/front/front.h"
+#include "compiler/ir/range.h"
 
 typedef struct Var {
     Inst *value; /* NULL: not assigned yet; an alloc for arrays, which never changes */
@@ -121,24 +121,11 @@ typedef struct Tag {
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 
-typedef enum JumpKind { JUMP_COMPARE, JUMP_EQUALITY, JUMP_BUILTIN, JUMP_ALWAYS } JumpKind;
-/* An untagged place that may jump. */
-typedef struct Untracked {
-    Inst *at;      /* the comparison, or the value that jumps */
-    Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
-    Span span;
-    JumpKind kind;
-} Untracked;
-
 /* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
 typedef struct Clearance {
     Inst *value, *search;
     Inst *gap, *cell; /* to the border of the box, where it jumps; the t of a cell's length */
 } Clearance;
-
-typedef struct Range {
-    int64_t lo, hi;
-} Range;
 
 typedef struct ConstArray {
     Symbol *sym;
@@ -167,7 +154,7 @@ typedef struct Lower {
     Var *rand_counter;
     Vec(Change) journal;
     uint32_t clock, stamps;
-    Vec(Range) ranges; /* by Inst.tag; 0 is unused */
+    Vec(IrRange) ranges; /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
     Vec(SiteInfo) sites;
     Vec(Untracked) untracked;
     Vec(ConstArray) const_arrays;
@@ -225,9 +212,9 @@ typedef Vec(Var *) VarList;
 void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info);
 void loop_end(Lower *l, LoopCtx *c, Inst *go_on);
 void gen_prune_loops(Lower *l);
-/* integers */
+/* integers: bounds of what an instruction can be */
 void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi);
-bool range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi); /* false: the whole of int */
+void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi);
 Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
 
 /* gen_expr.c */
@@ -296,8 +283,5 @@ void site_flush_skips(Lower *l, LoopCtx *root);
 
 /* gen_init.c */
 void gen_initial_values(Lower *l);
-
-/* warn.c */
-void warn_discontinuities(Lower *l); /* also takes static sites out */
 
 #endif

@@ -21,8 +21,8 @@ int main(void) {
     job.samples = 1 << 14;
     job.threads = 1;
     double value = 0, gradient = 0;
-    SltIntegral out = {.value = &value, .gradient = &gradient};
-    SltStats stats;
+    SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = &gradient};
+    SltStats stats = SLT_STATS_INIT;
     SltStatus status = slt_compile_string(source, "disc", &options, &p);
     if (status == SLT_OK) status = slt_grad_integral(p, &job, &out, &stats, &err);
     if (status != SLT_OK) fprintf(stderr, "%s%s\n", slt_diagnostics_text(p), err.text);

@@ -7,133 +7,19 @@
 #include <math.h>
 #include <string.h>
 
-#include "compiler/front/gen/internal.h"
+#include "compiler/pass/depend.h"
 
-enum { DEP_PARAMS = 3, PROOF_BUDGET = 600 };
-
-typedef struct Dep {
-    bool x, rand;
-    bool pieces; /* chosen from several values, where the choice depends on the position: may be constant, or equal to
-                    another, on an area */
-    uint8_t n;
-    uint32_t p[DEP_PARAMS]; /* indices into Program.params, the first few found */
-} Dep;
+enum { PROOF_BUDGET = 600 }; /* instructions looked at for one comparison */
 
 typedef struct Warn {
-    Lower *l;
+    PassCtx *ctx;
+    Fn *fn;
     Arena *scratch;
-    Dep *dep; /* by id */
-    bool changed;
+    const Depend *dep; /* by id */
     bool *live;
     Vec(Inst *) work;
     Inst **stores, **next_store; /* by id of the alloc; chained by id */
 } Warn;
-
-/* ---- dependences: a monotone walk repeated until nothing changes */
-
-static bool merge(Dep *to, const Dep *from) {
-    bool changed = (from->x && !to->x) || (from->rand && !to->rand) || (from->pieces && !to->pieces);
-    to->x |= from->x, to->rand |= from->rand, to->pieces |= from->pieces;
-    for (uint32_t i = 0; i < from->n && to->n < DEP_PARAMS; i++) {
-        bool known = false;
-        for (uint32_t j = 0; j < to->n; j++) known |= to->p[j] == from->p[i];
-        if (!known) to->p[to->n++] = from->p[i], changed = true;
-    }
-    return changed;
-}
-
-static void add(Warn *w, const Inst *to, const Dep *from) { w->changed |= merge(&w->dep[to->id], from); }
-
-static void add_param(Warn *w, const Inst *i) {
-    const Program *p = w->l->program;
-    uint32_t lo = 0, hi = p->nparams, base = i->imm.slot.base;
-    while (lo < hi) { /* the last parameter that starts at or before base and is not empty */
-        uint32_t mid = (lo + hi) / 2;
-        if (p->params[mid].fbase + p->params[mid].fcount <= base) lo = mid + 1;
-        else hi = mid;
-    }
-    if (lo >= p->nparams || !p->params[lo].differentiable) return;
-    Dep d = {.n = 1, .p = {lo}};
-    add(w, i, &d);
-}
-
-static void depend(Warn *w, Block *b, Dep control);
-
-static void depend_loop(Warn *w, Inst *i, Dep control) {
-    Block *body = i->region[0];
-    const Inst *flag = body->last->args[0];
-    for (uint32_t p = 1; p < body->nparams; p++) {
-        add(w, body->params[p], &w->dep[i->args[p - 1]->id]);
-        add(w, body->params[p], &w->dep[body->last->args[p]->id]);
-        add(w, body->params[p], &w->dep[flag->id]);
-    }
-    merge(&control, &w->dep[flag->id]);
-    depend(w, body, control);
-}
-
-static bool chooses(const Inst *i) {
-    Op op = (Op)i->op;
-    if (op == OP_fsel) return i->args[0]->op != OP_feq && i->args[0]->op != OP_fne; /* not on an area, as in `length` */
-    return op == OP_fmin || op == OP_fmax || op == OP_proj || op == OP_load || op == OP_ffloor || op == OP_fceil ||
-           op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
-}
-
-static void depend(Warn *w, Block *b, Dep control) {
-    for (Inst *i = b->first; i; i = i->next) {
-        switch ((Op)i->op) {
-        case OP_input:
-            if (i->imm.i <= IN_X2) w->changed |= merge(&w->dep[i->id], &(Dep){.x = true});
-            break;
-        case OP_rand: w->changed |= merge(&w->dep[i->id], &(Dep){.rand = true}); break;
-        case OP_param:
-            add_param(w, i);
-            add(w, i, &w->dep[i->args[0]->id]);
-            break;
-        case OP_detach: {
-            Dep d = w->dep[i->args[0]->id];
-            d.n = 0; /* said to be a constant */
-            add(w, i, &d);
-            break;
-        }
-        case OP_store:
-            add(w, i->args[0], &w->dep[i->args[1]->id]);
-            add(w, i->args[0], &w->dep[i->args[2]->id]);
-            add(w, i->args[0], &control);
-            break;
-        case OP_acopy:
-            add(w, i->args[0], &w->dep[i->args[1]->id]);
-            add(w, i->args[0], &control);
-            break;
-        case OP_if_: {
-            Dep inner = control;
-            merge(&inner, &w->dep[i->args[0]->id]);
-            depend(w, i->region[0], inner);
-            depend(w, i->region[1], inner);
-            break;
-        }
-        case OP_loop: depend_loop(w, i, control); break;
-        case OP_custom:
-            for (uint32_t a = 0; a < i->nargs; a++) add(w, i->region[0]->params[a], &w->dep[i->args[a]->id]);
-            depend(w, i->region[0], control);
-            break;
-        case OP_proj: {
-            const Inst *op = i->args[0];
-            uint32_t at = (uint32_t)i->imm.i + (op->op == OP_loop ? 1 : 0);
-            add(w, i, &w->dep[op->region[0]->last->args[at]->id]);
-            if (op->op == OP_if_) {
-                add(w, i, &w->dep[op->region[1]->last->args[at]->id]);
-                add(w, i, &w->dep[op->args[0]->id]);
-            }
-            if (op->op == OP_loop) add(w, i, &w->dep[op->region[0]->last->args[0]->id]);
-            break;
-        }
-        case OP_yield: break;
-        default:
-            for (uint32_t a = 0; a < i->nargs; a++) add(w, i, &w->dep[i->args[a]->id]);
-        }
-        if (chooses(i) && w->dep[i->id].x) add(w, i, &(Dep){.pieces = true});
-    }
-}
 
 /* ---- what can reach an output */
 
@@ -191,7 +77,7 @@ static void collect(Warn *w, Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_store || i->op == OP_acopy)
             w->next_store[i->id] = w->stores[i->args[0]->id], w->stores[i->args[0]->id] = i;
-        if (i->op == OP_site && w->l->sites.data[i->imm.i].skip_loop) mark(w, i);
+        if (i->op == OP_site && w->fn->sites[i->imm.i].skip_loop) mark(w, i);
         for (uint32_t r = 0; r < i->nregions; r++) collect(w, i->region[r]);
     }
 }
@@ -438,111 +324,123 @@ static void collect_uses(Warn *w, Block *b, uint32_t *which, Uses *uses) {
 
 /* ---- reporting */
 
-static const char *param_list(Warn *w, const Dep *d) {
-    const Program *p = w->l->program;
+static const char *param_list(Warn *w, const Depend *d) {
     const char *text = "";
-    for (uint32_t i = 0; i < d->n; i++)
-        text = arena_printf(w->l->arena, "%s%s`%s`", text,
-                            i == 0          ? ""
-                            : i + 1 == d->n ? " and "
-                                            : ", ",
-                            p->params[d->p[i]].name);
+    for (uint32_t i = 0; i < d->nnamed; i++)
+        text = arena_printf(w->fn->arena, "%s%s`%s`", text,
+                            i == 0               ? ""
+                            : i + 1 == d->nnamed ? " and "
+                                                 : ", ",
+                            w->ctx->program->params[d->named[i]].name);
     return text;
 }
 
 static void report_untracked(Warn *w) {
-    Lower *l = w->l;
-    uint32_t n = l->untracked.len;
+    const Program *program = w->ctx->program;
+    uint32_t n = program->nuntracked;
     if (!n) return;
-    uint32_t *which = ARENA_ARRAY(w->scratch, uint32_t, l->fn->ninsts + 1);
+    uint32_t *which = ARENA_ARRAY(w->scratch, uint32_t, w->fn->ninsts + 1);
     Uses *uses = ARENA_ARRAY(w->scratch, Uses, n);
-    for (uint32_t i = 0; i < n; i++) which[l->untracked.data[i].at->id] = i + 1;
-    collect_uses(w, l->fn->body, which, uses);
+    for (uint32_t i = 0; i < n; i++) which[program->untracked[i].at->id] = i + 1;
+    collect_uses(w, w->fn->body, which, uses);
     for (uint32_t i = 0; i < n; i++) {
-        const Untracked *t = &l->untracked.data[i];
+        const Untracked *t = &program->untracked[i];
         if (!w->live[t->at->id]) continue;
-        Dep d = {0};
-        if (t->g0) merge(&d, &w->dep[t->g0->id]);
-        if (t->g1) merge(&d, &w->dep[t->g1->id]);
-        if (t->kind == JUMP_ALWAYS) merge(&d, &w->dep[t->at->id]);
-        if (t->kind == JUMP_EQUALITY && !d.pieces) continue; /* holds nowhere but on a curve */
-        if (!d.x || !d.n || both_sides_equal(w, t, &uses[i])) continue;
+        Depend d = {0};
+        if (t->g0) depend_merge(&d, &w->dep[t->g0->id]);
+        if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
+        if (t->kind == JUMP_ALWAYS) depend_merge(&d, &w->dep[t->at->id]);
+        if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* holds nowhere but on a curve */
+        if (!(d.on & DEPENDS_X) || !(d.on & DEPENDS_PARAM) || both_sides_equal(w, t, &uses[i])) continue;
         const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
                            : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"
                                                                                : "this value, which cannot be a site,";
-        diag_emit(l->s, DIAG_untracked, t->span, what, param_list(w, &d));
+        diag_emit(w->ctx->session, DIAG_untracked, t->span, what, param_list(w, &d));
     }
 }
 
-/* Sites without a curve: out, with a warning where it depends on something that can change. */
-static void drop_static(Warn *w, Block *b, Inst **map, uint32_t *kept, SiteInfo *infos, int32_t *number) {
-    Lower *l = w->l;
+/* A static site whose decision can change. */
+static void report_static(Warn *w, const Inst *site, Span span) {
+    const Depend *d = &w->dep[site->args[1]->id];
+    if (!w->ctx->program || !w->live[site->id]) return;
+    if (d->on & DEPENDS_PARAM) diag_emit(w->ctx->session, DIAG_static_disc, span, param_list(w, d));
+    else if (d->on & DEPENDS_RAND) diag_emit(w->ctx->session, DIAG_static_disc, span, "random numbers");
+}
+
+typedef struct Renumber {
+    Inst **map;      /* by id: the decision that stands for a dropped site, the bound for its window */
+    SiteInfo *infos; /* of the sites kept */
+    uint32_t kept;
+    int32_t *number; /* by old number: the new one; -1: dropped */
+} Renumber;
+
+static void drop_static(Warn *w, Block *b, Renumber *to) {
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
-        for (uint32_t r = 0; r < i->nregions; r++) drop_static(w, i->region[r], map, kept, infos, number);
+        for (uint32_t r = 0; r < i->nregions; r++) drop_static(w, i->region[r], to);
         if (i->op != OP_site && i->op != OP_siten) continue;
-        SiteInfo *info = &l->sites.data[i->imm.i];
-        const Dep *d = &w->dep[i->args[1]->id];
-        if (d->x) {
-            infos[*kept] = *info;
-            number[i->imm.i] = (int32_t)*kept;
-            i->imm.i = (*kept)++;
+        const SiteInfo *info = &w->fn->sites[i->imm.i];
+        if (w->dep[i->args[1]->id].on & DEPENDS_X) {
+            to->infos[to->kept] = *info;
+            to->number[i->imm.i] = (int32_t)to->kept;
+            i->imm.i = to->kept++;
             continue;
         }
-        if (w->live[i->id] && d->n) diag_emit(l->s, DIAG_static_disc, info->span, param_list(w, d));
-        else if (w->live[i->id] && d->rand) diag_emit(l->s, DIAG_static_disc, info->span, "random numbers");
-        map[i->id] = i->args[0];
+        report_static(w, i, info->span);
+        to->map[i->id] = i->args[0];
         ir_unlink(i);
     }
 }
 
 /* Windows go by the number of their site; those of a dropped one are dead. */
-static void number_windows(Block *b, Inst **map, const int32_t *number) {
+static void number_windows(Block *b, const Renumber *to) {
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
-        for (uint32_t r = 0; r < i->nregions; r++) number_windows(i->region[r], map, number);
+        for (uint32_t r = 0; r < i->nregions; r++) number_windows(i->region[r], to);
         if (i->op != OP_window) continue;
-        int32_t site = number[i->imm.i / 2];
+        int32_t site = to->number[i->imm.i / 2];
         if (site >= 0) {
             i->imm.i = 2 * site + (i->imm.i & 1);
             continue;
         }
-        map[i->id] = i->args[0];
+        to->map[i->id] = i->args[0];
         ir_unlink(i);
     }
 }
 
-void warn_discontinuities(Lower *l) {
-    Arena *scratch = &l->s->scratch;
+static void find_live(Warn *w) {
+    Inst *outputs = w->fn->body->last;
+    collect(w, w->fn->body);
+    for (uint32_t i = 0; i < outputs->nargs; i++) mark(w, outputs->args[i]);
+    while (w->work.len) propagate(w, w->work.data[--w->work.len]);
+}
+
+bool warn_jumps(PassCtx *ctx, Fn *fn) {
+    Arena *scratch = &ctx->session->scratch;
     ArenaMark at = arena_mark(scratch);
-    uint32_t n = ir_number(l->fn);
-    Warn w = {.l = l, .scratch = scratch};
-    w.dep = ARENA_ARRAY(scratch, Dep, n + 1);
+    uint32_t n = ir_number(fn);
+    Warn w = {.ctx = ctx, .fn = fn, .scratch = scratch};
+    w.dep = depend_values(fn, (DependOptions){.program = ctx->program});
     w.live = ARENA_ARRAY(scratch, bool, n + 1);
     w.stores = ARENA_ARRAY(scratch, Inst *, n + 1);
     w.next_store = ARENA_ARRAY(scratch, Inst *, n + 1);
-    do {
-        w.changed = false;
-        depend(&w, l->fn->body, (Dep){0});
-    } while (w.changed);
-    collect(&w, l->fn->body);
-    for (uint32_t i = 0; i < l->fn->body->last->nargs; i++) mark(&w, l->fn->body->last->args[i]);
-    while (w.work.len) propagate(&w, w.work.data[--w.work.len]);
-    report_untracked(&w);
+    find_live(&w);
+    if (ctx->program) report_untracked(&w);
 
-    Inst **map = ARENA_ARRAY(scratch, Inst *, n + 1);
-    SiteInfo *infos = ARENA_ARRAY(l->arena, SiteInfo, l->sites.len + 1);
-    uint32_t kept = 0;
-    int32_t *number = ARENA_ARRAY(scratch, int32_t, l->sites.len + 1);
-    for (uint32_t i = 0; i < l->sites.len; i++) number[i] = -1;
-    drop_static(&w, l->fn->body, map, &kept, infos, number);
-    if (kept != l->sites.len) {
-        number_windows(l->fn->body, map, number);
+    Renumber to = {.map = ARENA_ARRAY(scratch, Inst *, n + 1),
+                   .infos = ARENA_ARRAY(fn->arena, SiteInfo, fn->nsites + 1),
+                   .number = ARENA_ARRAY(scratch, int32_t, fn->nsites + 1)};
+    for (uint32_t i = 0; i < fn->nsites; i++) to.number[i] = -1;
+    drop_static(&w, fn->body, &to);
+    bool changed = to.kept != fn->nsites;
+    if (changed) {
+        number_windows(fn->body, &to);
         for (uint32_t i = 0; i < n; i++) /* a decision may be that of another dropped site */
-            while (map[i] && map[i]->id < n && map[map[i]->id]) map[i] = map[map[i]->id];
-        ir_replace_all(l->fn, map);
+            while (to.map[i] && to.map[i]->id < n && to.map[to.map[i]->id]) to.map[i] = to.map[to.map[i]->id];
+        ir_replace_all(fn, to.map);
     }
-    l->fn->sites = infos;
-    l->fn->nsites = kept;
+    fn->sites = to.infos;
+    fn->nsites = to.kept;
     arena_reset(scratch, at);
+    return changed;
 }

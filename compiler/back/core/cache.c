@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "compiler/back/cpu/emit.h"
+#include "compiler/back/core/core.h"
 
 enum { CACHE_CAP_MIB = 256, CACHE_KEEP_MIB = 192, CACHE_ENTRY_MIB = 64 };
 

@@ -1,0 +1,118 @@
+/* What every public function shares: one user at a time, structs of other versions, a call's own parameters, print().
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "bindings/c/api.h"
+
+/* ---- one user at a time */
+bool api_claim(const SltProgram *p) { return !atomic_exchange(&((SltProgram *)p)->in_use, true); }
+
+void api_release(const SltProgram *p) { atomic_store(&((SltProgram *)p)->in_use, false); }
+
+SltStatus api_enter(const SltProgram *p, SltError *err) {
+    if (!api_claim(p))
+        return status_fail(err, SLT_USAGE,
+                           "the program is in use: by another thread, or by the call whose callback asks");
+    if (p->ready) return SLT_OK;
+    api_release(p);
+    return status_fail(err, SLT_USAGE, "the program did not compile");
+}
+
+/* ---- structs that begin with their size */
+enum { STRUCT_MAX = 4096 }; /* no version has one as large: the size was not set */
+
+bool api_struct_sized(const void *theirs) {
+    size_t size;
+    memcpy(&size, theirs, sizeof size);
+    return size >= sizeof size && size <= STRUCT_MAX;
+}
+
+bool api_struct_read(void *mine, size_t known, const void *theirs) {
+    size_t size;
+    memcpy(&size, theirs, sizeof size);
+    if (!api_struct_sized(theirs)) return false;
+    for (size_t i = known; i < size; i++)
+        if (((const unsigned char *)theirs)[i]) return false;
+    memcpy(mine, theirs, size < known ? size : known);
+    memcpy(mine, &known, sizeof known);
+    return true;
+}
+
+void api_struct_write(void *theirs, const void *mine, size_t known) {
+    size_t size, head = sizeof size; /* theirs keeps its size */
+    memcpy(&size, theirs, sizeof size);
+    memcpy((char *)theirs + head, (const char *)mine + head, (size < known ? size : known) - head);
+}
+
+SltStatus api_struct_unknown(SltError *err, const char *name) {
+    return status_fail(err, SLT_USAGE, "%s is not one of this version: start from its _INIT", name);
+}
+
+/* ---- a call that samples */
+/* `flt` and the structures of heightfields follow the parameters of the call; those of the program come back when a
+ * call wants them, so that many calls with their own parameters in a row change only what differs between them. */
+static void take_floats(SltProgram *p, const double *floats) {
+    if (!floats && !p->flt_lent) return;
+    api_flt_from(p, floats ? floats : p->floats, 0, p->prog->nfloats);
+    p->flt_lent = floats != NULL;
+}
+
+SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
+    *c = (ApiCall){.job = SLT_JOB_INIT, .own = SLT_STATS_INIT, .err = err};
+    SltStatus s = api_enter(p, err);
+    if (s != SLT_OK) return s;
+    c->p = p;
+    p->error = (SltError){0};
+    if (job && !api_struct_read(&c->job, sizeof c->job, job)) return api_struct_unknown(err, "SltJob");
+    if (stats && !api_struct_read(&c->own, sizeof c->own, stats)) return api_struct_unknown(err, "SltStats");
+    if (stats) c->stats = &c->own, c->theirs = stats;
+    take_floats(p, c->job.floats);
+    return SLT_OK;
+}
+
+SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]) {
+    SltStatus s = api_kernels(c->p, needs, c->err);
+    if (c->job.ints) c->p->scene.iparams = c->job.ints;
+    return s;
+}
+
+SltStatus api_call_end(ApiCall *c, SltStatus status) {
+    SltProgram *p = c->p;
+    if (!p) return status;
+    if (status == SLT_OK && p->error.status != SLT_OK)
+        status = status_fail(c->err, p->error.status, "%s", p->error.text);
+    if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
+    p->scene.iparams = p->ints;
+    api_release(p);
+    return status;
+}
+
+/* ---- print(): `{}` in the text is the next value */
+static void print_line(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane) {
+    enum { NUMBER = 40 }; /* more than one takes */
+    const SltProgram *p = user;
+    char line[1024];
+    size_t at = 0;
+    uint32_t used = 0;
+    (void)lane;
+    for (uint32_t i = 0; i < len && at + NUMBER < sizeof line; i++) {
+        if (text[i] == '{' && i + 1 < len && text[i + 1] == '}' && used < n) {
+            at += (size_t)snprintf(line + at, sizeof line - at, p->opt.f64 ? "%.17g" : "%.9g", values[used++]);
+            i++;
+        } else {
+            line[at++] = text[i];
+        }
+    }
+    line[at] = 0;
+    p->on_print(p->on_print_user, line, values, n);
+}
+
+SltStatus slt_set_print(SltProgram *p, SltPrint *print, void *user, SltError *err) {
+    SltStatus s = api_enter(p, err);
+    if (s != SLT_OK) return s;
+    p->on_print = print, p->on_print_user = user;
+    p->print = print ? print_line : NULL, p->print_user = p;
+    api_release(p);
+    return SLT_OK;
+}

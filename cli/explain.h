@@ -1,0 +1,71 @@
+/* What `saltus explain` says of a program, as data: explain_model.c looks inside the program and builds it once,
+ * explain.c prints it as text or as JSON and looks at nothing else. A model lies in the session's arena and is valid as
+ * long as its program; its strings may be the program's own. */
+#ifndef SALTUS_CLI_EXPLAIN_H
+#define SALTUS_CLI_EXPLAIN_H
+
+#include "bindings/c/api.h"
+#include "cli/cli.h"
+
+typedef struct ExplainedSite {
+    const char *kind, *file, *path, *text; /* file NULL: none; path: the functions it was inlined through */
+    uint32_t line, column;
+    uint64_t max_events;
+    bool skip_loop, is_live, is_static; /* live: its jumps reach the output; static: does not depend on x */
+} ExplainedSite;
+
+typedef struct ExplainedKernel {
+    const char *name, *left_out; /* left_out: why there is none, or NULL */
+    uint32_t ops, instructions;  /* of our IR; of LLVM's after its passes */
+    uint64_t tape_bytes;         /* a lane */
+    const char *tape;            /* the report on what is stored, or NULL */
+} ExplainedKernel;
+
+/* A parameter, and why it does without something. */
+typedef struct ExplainedLack {
+    const char *param, *why;
+} ExplainedLack;
+
+typedef struct ExplainedField {
+    const char *name, *structure, *description; /* description NULL: nothing was built */
+    uint32_t width, height;
+    size_t bytes;
+    uint32_t queries, by_kernel[K_KINDS]; /* bit q: query q of the model is asked; by any kernel, by this one */
+} ExplainedField;
+
+typedef struct Explained {
+    const char *entry;
+    uint32_t dim, channels, nfloats, nints, width, ncull;
+    bool f64, near_miss, has_heightfield, uses_rand, cached;
+    uint64_t events_bound; /* in one sample */
+    double ms_front, ms_passes, ms_llvm;
+    ExplainedSite *sites;
+    ExplainedKernel kernels[K_KINDS];
+    ExplainedLack *no_gradient, *no_structure;
+    ExplainedField *fields;
+    uint32_t nsites, nno_gradient, nno_structure, nfields;
+    const char *const *query_names, *const *query_users; /* [nqueries]; users: what in a shader asks it */
+    uint32_t nqueries;
+} Explained;
+
+/* The story of one point. */
+typedef struct TracedSite {
+    int32_t site, k[SLT_MAX_K]; /* k: the numbers of the loops around it */
+    uint32_t depth;             /* how many of k */
+    double g, n;                /* of a rounding: what was rounded, and to what */
+    bool decision, is_rounding;
+} TracedSite;
+typedef struct ExplainedPoint {
+    double x[3], f[SLT_MAX_CHANNELS];
+    uint32_t dim, channels;
+    TracedSite *trace; /* in the order of execution */
+    uint32_t ntrace;
+    SltCrossing crossing; /* the nearest along the axes, on segments of an eighth of the domain to both sides */
+    uint32_t axis;
+} ExplainedPoint;
+
+/* explain_model.c: an SltStatus. Compiles the kernels that the job of `c` needs. */
+SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError *err);
+SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err);
+
+#endif

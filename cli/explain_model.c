@@ -1,0 +1,324 @@
+/* The inside of a program, read once for explain.c. */
+#include "cli/explain.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "compiler/pass/depend.h"
+#include "compiler/pass/walk.h"
+
+typedef struct Inside {
+    const Cli *c;
+    SltProgram *p;
+    Arena *arena;
+    uint8_t *facts, *alive; /* by site: what it depends on; whether the region kernel sees it */
+    uint8_t *reach;         /* by float: some reverse kernel adds to its adjoint */
+} Inside;
+
+/* ---- sites */
+static const char *site_kind_name(SiteKind k) {
+    switch (k) {
+    case SITE_COMPARE: return "comparison";
+    case SITE_FLOOR: return "floor";
+    case SITE_CEIL: return "ceil";
+    case SITE_ROUND: return "round";
+    case SITE_TRUNC: return "trunc";
+    case SITE_FMOD: return "fmod";
+    case SITE_FIELD: return "silhouette";
+    case SITE_SHADOW: return "shadow";
+    }
+    return "?";
+}
+
+static void mark_sites(const Block *b, uint8_t *alive) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_site || i->op == OP_siten) alive[i->imm.i] = 1;
+        for (uint32_t r = 0; r < i->nregions; r++) mark_sites(i->region[r], alive);
+    }
+}
+
+static void explain_sites(const Inside *e, Explained *out) {
+    const Fn *primal = e->p->prog->primal;
+    out->nsites = primal->nsites;
+    out->sites = ARENA_ARRAY(e->arena, ExplainedSite, primal->nsites + 1);
+    for (uint32_t s = 0; s < primal->nsites; s++) {
+        const SiteInfo *i = &primal->sites[s];
+        ExplainedSite *site = &out->sites[s];
+        *site = (ExplainedSite){.kind = site_kind_name(i->kind),
+                                .path = i->path,
+                                .text = i->text,
+                                .max_events = i->max_events,
+                                .skip_loop = i->skip_loop,
+                                .is_live = e->alive[s] != 0,
+                                .is_static = !(e->facts[s] & DEPENDS_X)};
+        if (i->span.file >= 0) site->file = e->p->session->sources[i->span.file].path;
+        span_position(e->p->session, i->span, &site->line, &site->column);
+    }
+}
+
+/* ---- parameters without a gradient */
+/* What a reverse kernel adds to an adjoint has a derivative. Read off the finished code: the value kernel's own
+ * dependences are hidden by the bit tricks of its sines and exponentials. */
+static void add_reach(Inside *e, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) add_reach(e, i->region[r]);
+        if (i->op != OP_adj) continue;
+        bool fixed = i->args[0]->op == OP_consti;
+        uint32_t base = i->imm.slot.base, count = i->imm.slot.count, at = fixed ? (uint32_t)i->args[0]->imm.i : 0;
+        for (uint32_t k = 0; k < count; k++)
+            if ((!fixed || k == at) && base + k < e->p->prog->nfloats) e->reach[base + k] = 1;
+    }
+}
+
+static const char *why_no_gradient(const Inside *e, const Param *q) {
+    if (!q->fcount) return "integer or bool";
+    if (!q->differentiable) return "marked [NoDiff]";
+    bool wanted = false, reaches = false;
+    for (uint32_t i = 0; i < q->fcount; i++) {
+        wanted |= slt_wrt_mask(e->p)[q->fbase + i] != 0;
+        reaches |= e->reach[q->fbase + i] != 0;
+    }
+    if (!wanted) return "not in --wrt";
+    if (!reaches) return "no differentiable path to the output";
+    return NULL;
+}
+
+/* ---- kernels */
+static const char *left_out(const Inside *e, int kind) {
+    bool jumps = false;
+    for (uint32_t s = 0; s < e->p->prog->primal->nsites; s++) jumps |= e->alive[s] != 0;
+    bool boundary = kind == K_REGION || kind == K_EVENT || kind == K_SIDES || kind == K_SITE || kind == K_SITE_GRAD ||
+                    kind == K_SITE_JVP || kind == K_SITE_VJP;
+    if (boundary && !jumps) return "no discontinuity reaches the output";
+    if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary)
+        return "no boundary moves with what is differentiated";
+    if (kind == K_SITE && e->p->fn[K_SITE_GRAD]) return "served by site_grad: there are many sites";
+    if (boundary && e->c->job.no_boundary) return "--interior-only";
+    if (!boundary && kind != K_VALUE && e->c->job.no_interior) return "--boundary-only";
+    return "not needed";
+}
+
+static void explain_kernels(const Inside *e, Explained *out) {
+    const SltProgram *p = e->p;
+    for (int k = 0; k < K_KINDS; k++) {
+        ExplainedKernel *kernel = &out->kernels[k];
+        kernel->name = kernel_names[k];
+        if (!p->fn[k]) {
+            kernel->left_out = left_out(e, k);
+            continue;
+        }
+        kernel->ops = walk_fn_size(p->fn[k]);
+        kernel->instructions = p->module_of[k] ? back_instructions(p->module_of[k], kernel_names[k]) : 0;
+        kernel->tape_bytes = p->tape[k].bytes_per_lane;
+        if (p->tape[k].text && p->tape[k].text[0]) kernel->tape = p->tape[k].text;
+    }
+}
+
+/* ---- heightfields: what is searched, by which kernels, and what for */
+static const char *const query_names[SLT_FIELD_WHATS] = {"trace",  "occluded",   "clearance",
+                                                         "shadow", "silhouette", "rise"};
+static const char *const query_users[SLT_FIELD_WHATS] = {"h.trace",
+                                                         "h.occluded",
+                                                         "h.clearance or a [Disc] site",
+                                                         "h.clearance asked for its sign",
+                                                         "h.silhouette",
+                                                         "[Disc] on h.trace or h.occluded"};
+
+static uint32_t field_queries(const SltProgram *p, uint32_t f) {
+    uint32_t queries = 0;
+    for (int k = 0; k < K_KINDS; k++) queries |= api_field_queries(p->fn[k], f);
+    for (uint32_t c = 0; c < p->prog->ncull; c++) queries |= api_field_queries(p->prog->cull_bounds[c], f);
+    return queries;
+}
+
+static const FieldInfo *find_field(const Program *g, uint32_t param, uint32_t *index) {
+    for (uint32_t f = 0; f < g->nfields; f++)
+        if (g->fields[f].param == param) return *index = f, &g->fields[f];
+    return NULL;
+}
+
+static const char *no_structure(const SltProgram *p, uint32_t param) {
+    uint32_t f;
+    if (!p->prog->params[param].is_heightfield) return NULL;
+    if (!find_field(p->prog, param, &f)) return "nothing searches it: its heights are ordinary parameters";
+    return field_queries(p, f) ? NULL : "no kernel searches it";
+}
+
+static void explain_fields(const Inside *e, Explained *out) {
+    static const char *const structures[] = {"mipmap", "mipmap", "cone", "naive"};
+    const SltProgram *p = e->p;
+    const Program *g = p->prog;
+    out->query_names = query_names, out->query_users = query_users, out->nqueries = SLT_FIELD_WHATS;
+    out->nfields = g->nfields;
+    out->fields = ARENA_ARRAY(e->arena, ExplainedField, g->nfields + 1);
+    for (uint32_t f = 0; f < g->nfields; f++) {
+        const FieldInfo *info = &g->fields[f];
+        ExplainedField *field = &out->fields[f];
+        *field = (ExplainedField){.name = g->params[info->param].name,
+                                  .structure = structures[p->opt.field],
+                                  .width = info->w,
+                                  .height = info->h,
+                                  .queries = field_queries(p, f)};
+        for (int k = 0; k < K_KINDS; k++) field->by_kernel[k] = api_field_queries(p->fn[k], f);
+        if (!field->queries || !p->fields[f]) continue;
+        field->description = field_describe(p->fields[f]);
+        field->bytes = field_bytes(p->fields[f]);
+    }
+}
+
+static void explain_params(const Inside *e, Explained *out) {
+    const Program *g = e->p->prog;
+    out->no_gradient = ARENA_ARRAY(e->arena, ExplainedLack, g->nparams + 1);
+    out->no_structure = ARENA_ARRAY(e->arena, ExplainedLack, g->nparams + 1);
+    for (uint32_t i = 0; i < g->nparams; i++) {
+        const char *name = g->params[i].name, *why = why_no_gradient(e, &g->params[i]);
+        if (why) out->no_gradient[out->nno_gradient++] = (ExplainedLack){name, why};
+        why = no_structure(e->p, i);
+        if (why) out->no_structure[out->nno_structure++] = (ExplainedLack){name, why};
+        out->has_heightfield |= g->params[i].is_heightfield;
+    }
+}
+
+SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError *err) {
+    const Program *g = p->prog;
+    Arena *arena = &p->session->session;
+    Inside e = {c,
+                p,
+                arena,
+                ARENA_ARRAY(arena, uint8_t, g->primal->nsites + 1),
+                ARENA_ARRAY(arena, uint8_t, g->primal->nsites + 1),
+                ARENA_ARRAY(arena, uint8_t, g->nfloats + 1)};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_VJP] = !c->job.no_interior};
+    if (!c->job.no_boundary)
+        needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] =
+            true;
+    SltStatus status = api_kernels(p, needs, err);
+    if (status != SLT_OK) return status;
+    depend_sites(g->primal, NULL, e.facts);
+    mark_sites(g->primal->body, e.alive);
+    if (p->fn[K_VJP]) add_reach(&e, p->fn[K_VJP]->body);
+    for (const Fn *part = p->fn[K_SITE_VJP]; part; part = part->next_part) add_reach(&e, part->body);
+    *out = (Explained){.entry = g->entry,
+                       .dim = g->dim,
+                       .channels = g->channels,
+                       .nfloats = g->nfloats,
+                       .nints = g->nints,
+                       .width = p->scene.width,
+                       .ncull = g->ncull,
+                       .f64 = p->opt.f64,
+                       .near_miss = api_near_miss(p),
+                       .uses_rand = g->uses_rand,
+                       .cached = p->cached,
+                       .events_bound = api_event_bound(p),
+                       .ms_front = p->ms_front,
+                       .ms_passes = p->ms_passes,
+                       .ms_llvm = p->ms_llvm};
+    explain_sites(&e, out);
+    explain_kernels(&e, out);
+    explain_fields(&e, out);
+    explain_params(&e, out);
+    return SLT_OK;
+}
+
+/* ---- one point */
+typedef struct TraceLog {
+    Arena *arena;
+    TracedSite *at;
+    uint32_t n, cap;
+} TraceLog;
+
+/* The interpreter tells every site that it executes through print: the trace Fn prints (site, decision, g, k..). */
+static void on_trace(void *user, const char *text, uint32_t len, const double *v, uint32_t n, uint32_t lane) {
+    TraceLog *log = user;
+    (void)len;
+    if (lane != 0 || n < 3 || (text[0] != 's' && text[0] != 'n')) return;
+    if (log->n == log->cap) {
+        uint32_t cap = log->cap ? log->cap * 2 : 64;
+        TracedSite *more = ARENA_ARRAY(log->arena, TracedSite, cap);
+        if (log->n) memcpy(more, log->at, log->n * sizeof *more);
+        log->at = more, log->cap = cap;
+    }
+    TracedSite *s = &log->at[log->n++];
+    *s = (TracedSite){.site = (int32_t)v[0],
+                      .g = v[2],
+                      .decision = v[1] != 0,
+                      .is_rounding = text[0] == 'n',
+                      .n = v[1],
+                      .depth = n - 3};
+    for (uint32_t k = 0; k + 3 < n && k < SLT_MAX_K; k++) s->k[k] = (int32_t)v[3 + k];
+}
+
+static void trace_sites(Fn *fn, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) trace_sites(fn, i->region[r]);
+        if (i->op == OP_print) ir_unlink(i);
+        if (i->op != OP_site && i->op != OP_siten) continue;
+        Builder at = ir_after(fn, i);
+        Inst *args[3 + SLT_MAX_K] = {ir_consti(&at, (int32_t)i->imm.i), i, i->args[1]};
+        uint32_t n = 3;
+        for (uint32_t a = 2; a < i->nargs; a++) args[n++] = i->args[a];
+        ir_special(&at, OP_print, TY_VOID, n, args, (Imm){.text = {i->op == OP_site ? "s" : "n", 1}});
+    }
+}
+
+static SltStatus trace(SltProgram *p, const double x[3], TraceLog *log, double f[SLT_MAX_CHANNELS], SltError *err) {
+    Fn *fn = ir_clone(p->prog->primal, &p->session->module, "trace");
+    lower_custom(&p->passes, fn);
+    trace_sites(fn, fn->body);
+    lower_rand(&p->passes, fn);
+    lower_math(&p->passes, fn);
+    enum { N = 64 };
+    static _Alignas(64) double flt[4][N];
+    static _Alignas(64) double outs[SLT_MAX_CHANNELS][N];
+    static _Alignas(64) int32_t zero[N];
+    api_fields_want(p, fn);
+    SltStatus fields = api_fields(p, err);
+    if (fields != SLT_OK) return fields;
+    SltKernelArgs args = {
+        .params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
+    memset(flt, 0, sizeof flt);
+    for (int i = 0; i < N; i++)
+        for (int d = 0; d < 3; d++)
+            if (p->opt.f64) flt[d][i] = x[d];
+            else ((float *)flt[d])[i] = (float)x[d];
+    for (int s = 0; s < SLT_IN_VARYING; s++) args.in[s] = zero;
+    for (int d = 0; d < 3; d++) args.in[IN_X0 + d] = flt[d];
+    args.in[IN_RAND0] = flt[3];
+    for (uint32_t k = 0; k < p->prog->channels; k++) args.out[k] = outs[k];
+    int status = ir_interpret(fn, &args, 1, 2);
+    for (uint32_t k = 0; k < p->prog->channels; k++) {
+        float narrow;
+        memcpy(&narrow, outs[k], sizeof narrow);
+        f[k] = p->opt.f64 ? outs[k][0] : (double)narrow;
+    }
+    return (SltStatus)status;
+}
+
+/* The nearest crossing along the axes. */
+static void find_crossing(SltProgram *p, ExplainedPoint *out, SltError *err) {
+    double lo[3], hi[3], best = INFINITY;
+    slt_domain(p, lo, hi);
+    for (uint32_t d = 0; d < out->dim && slt_site_count(p); d++)
+        for (int side = -1; side <= 1; side += 2) {
+            double end[3] = {out->x[0], out->x[1], out->x[2]};
+            end[d] += side * (hi[d] - lo[d]) / 8;
+            if (end[d] < lo[d]) end[d] = lo[d];
+            if (end[d] > hi[d]) end[d] = hi[d];
+            SltCrossing t = SLT_CROSSING_INIT;
+            if (end[d] == out->x[d] || slt_crossing(p, NULL, out->x, end, 0, &t, err) != SLT_OK || !t.found) continue;
+            double distance = fabs(t.x[d] - out->x[d]);
+            if (distance < best) best = distance, out->crossing = t, out->axis = d;
+        }
+}
+
+SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err) {
+    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p)};
+    memcpy(out->x, x, sizeof out->x);
+    TraceLog log = {.arena = &p->session->session};
+    SltStatus status = trace(p, x, &log, out->f, err);
+    if (status != SLT_OK) return status;
+    out->trace = log.at, out->ntrace = log.n;
+    find_crossing(p, out, err);
+    return SLT_OK;
+}

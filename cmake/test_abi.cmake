@@ -1,0 +1,17 @@
+# What the library's binary interface is, compared with what is committed (tests/abi). Where abigail-tools are installed: the
+# public functions once more with debug information, and the rest of the library behind them.
+find_program(ABIDW NAMES abidw)
+find_program(ABIDIFF NAMES abidiff)
+if(ABIDW AND ABIDIFF AND NOT SALTUS_SANITIZE AND CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+  file(GLOB BINDINGS CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/bindings/c/*.c)
+  add_library(saltus-abi SHARED ${BINDINGS})
+  target_link_libraries(saltus-abi PRIVATE saltus)
+  target_compile_options(saltus-abi PRIVATE -g -O0)
+  set_target_properties(saltus-abi PROPERTIES SOVERSION ${PROJECT_VERSION_MAJOR} OUTPUT_NAME saltus LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/abi)
+  target_link_options(saltus-abi PRIVATE -Wl,--version-script=${CMAKE_BINARY_DIR}/generated/exports.map)
+  set(COMPARE_ABI ${CMAKE_SOURCE_DIR}/tests/abi/run.sh $<TARGET_FILE:saltus-abi> ${ABIDW} ${ABIDIFF})
+else()
+  set(COMPARE_ABI ${CMAKE_COMMAND} -E echo "skipped: wants abigail-tools, x86-64 and no sanitizer")
+endif()
+add_test(NAME abi.library COMMAND ${COMPARE_ABI})
+set_tests_properties(abi.library PROPERTIES SKIP_REGULAR_EXPRESSION "^skipped:")

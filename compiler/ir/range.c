@@ -1,0 +1,263 @@
+/* The range column of ops.def as code, and the analyses over it. */
+#include "compiler/ir/range.h"
+
+#include <string.h>
+
+/* ---- the vocabulary of the column */
+
+static IrRange between(double lo, double hi, uint8_t inf) {
+    IrRange r = {isnan(lo) ? -INFINITY : lo, isnan(hi) ? INFINITY : hi, inf};
+    if (r.lo > -INFINITY && r.hi < INFINITY) r.inf = 0;
+    return r;
+}
+
+static IrRange join(IrRange a, IrRange b) { return between(fmin(a.lo, b.lo), fmax(a.hi, b.hi), a.inf | b.inf); }
+
+IrRange ir_range_const(double v) {
+    return isfinite(v) ? (IrRange){v, v, 0} : isnan(v) ? IR_RANGE_FINITE : (IrRange){v, v, IR_POLE};
+}
+
+static double times(double a, double b) { return a == 0 || b == 0 ? 0 : a * b; }
+
+/* A bound this small may underflow to 0 in binary32, so it proves nothing. */
+static double solid(double lo) { return fabs(lo) < 1e-37 ? 0 : lo; }
+
+static IrRange product(IrRange a, IrRange b, bool same) {
+    uint8_t inf = a.inf | b.inf;
+    double p[4] = {times(a.lo, b.lo), times(a.lo, b.hi), times(a.hi, b.lo), times(a.hi, b.hi)};
+    if (same) {
+        double low = a.lo > 0 ? a.lo * a.lo : a.hi < 0 ? a.hi * a.hi : 0;
+        return between(solid(low), fmax(a.lo * a.lo, a.hi * a.hi), inf);
+    }
+    return between(solid(fmin(fmin(p[0], p[1]), fmin(p[2], p[3]))), solid(fmax(fmax(p[0], p[1]), fmax(p[2], p[3]))),
+                   inf);
+}
+
+static IrRange quotient(IrRange a, IrRange b) {
+    return ir_range_nonzero(b) ? product(a, (IrRange){1 / b.hi, 1 / b.lo, 0}, false) : IR_RANGE_ANY;
+}
+
+static double magnitude(IrRange a) { return fmax(fabs(a.lo), fabs(a.hi)); }
+
+static IrRange root(IrRange a) { return between(a.lo > 0 ? sqrt(a.lo) : 0, a.hi > 0 ? sqrt(a.hi) : INFINITY, a.inf); }
+
+static IrRange inverse_root(IrRange a) {
+    if (a.lo <= 0) return (IrRange){0, INFINITY, IR_POLE};
+    return between(a.hi < INFINITY ? 1 / sqrt(a.hi) : 0, 1 / sqrt(a.lo), 0);
+}
+
+/* exp and its kin: infinite unless bounded above (80 serves both precisions). */
+static IrRange exponential(IrRange a, double base) {
+    double scale = log(base), hi = a.hi * scale;
+    return between(a.lo * scale > -80 ? pow(base, a.lo) : 0, hi < 80 ? pow(base, a.hi) : INFINITY,
+                   hi >= 80 ? IR_OVERFLOW : 0);
+}
+
+static bool moderate(IrRange a) { return a.lo > -80 && a.hi < 80; }
+
+static IrRange power(IrRange a, IrRange b) {
+    return between(a.lo >= 0 ? 0 : -INFINITY, INFINITY, b.lo >= 0 && b.lo == b.hi ? a.inf : IR_POLE | IR_OVERFLOW);
+}
+
+/* Integers; a divisor that may be 0 or negative says nothing. Doubles hold quotients of 32-bit integers exactly enough
+ * to truncate. */
+static IrRange int_quotient(IrRange a, IrRange b) {
+    if (!(b.lo > 0)) return IR_RANGE_FINITE;
+    return between(trunc(a.lo / (a.lo < 0 ? b.lo : b.hi)), trunc(a.hi / (a.hi < 0 ? b.hi : b.lo)), 0);
+}
+
+static IrRange int_remainder(IrRange a, IrRange b) {
+    if (!(b.lo > 0)) return IR_RANGE_FINITE;
+    return between(a.lo >= 0 ? 0 : 1 - b.hi, fmin(fmax(a.hi, 0), b.hi - 1), 0);
+}
+
+/* The bits of a number that is not negative bound what is left of them. */
+static IrRange int_and(IrRange a, IrRange b) {
+    if (a.lo < 0 && b.lo < 0) return IR_RANGE_FINITE;
+    return between(0, a.lo < 0 ? b.hi : b.lo < 0 ? a.hi : fmin(a.hi, b.hi), 0);
+}
+
+/* By a known count, modulo 32: to the left (direction 1) or to the right (-1). */
+static IrRange int_shift(IrRange a, IrRange b, int direction) {
+    if (b.lo != b.hi) return IR_RANGE_FINITE;
+    int n = direction * (int)((int64_t)b.lo & 31);
+    return between(floor(ldexp(a.lo, n)), floor(ldexp(a.hi, n)), 0);
+}
+
+/* As unsigned, a negative number is larger than all others. */
+static IrRange unsigned_min(IrRange a, IrRange b) {
+    if (a.lo < 0 && b.lo < 0) return IR_RANGE_FINITE;
+    if (a.lo < 0 || b.lo < 0) return between(0, a.lo < 0 ? b.hi : a.hi, 0);
+    return between(fmin(a.lo, b.lo), fmin(a.hi, b.hi), 0);
+}
+
+/* ---- the column */
+
+#define BETWEEN(lo, hi, inf) between(lo, hi, inf)
+#define IN(lo, hi) between(lo, hi, 0)
+#define AT(v) ir_range_const(v)
+#define UNKNOWN IR_RANGE_FINITE
+#define POLE IR_RANGE_ANY
+#define IMM UNKNOWN  /* the row alone does not know its constant, */
+#define FLOW UNKNOWN /* nor where a value comes from: the analyses do */
+#define JOIN(x, y) join(x, y)
+#define ADD(x, y) between((x).lo + (y).lo, (x).hi + (y).hi, (x).inf | (y).inf)
+#define SUB(x, y) between((x).lo - (y).hi, (x).hi - (y).lo, (x).inf | (y).inf)
+#define NEG(x) between(-(x).hi, -(x).lo, (x).inf)
+#define MUL(x, y) product(x, y, same)
+#define DIV(x, y) quotient(x, y)
+#define ABS(x) between((x).lo > 0 ? (x).lo : (x).hi < 0 ? -(x).hi : 0, magnitude(x), (x).inf)
+#define MIN(x, y) between(fmin((x).lo, (y).lo), fmin((x).hi, (y).hi), (x).inf | (y).inf)
+#define MAX(x, y) between(fmax((x).lo, (y).lo), fmax((x).hi, (y).hi), (x).inf | (y).inf)
+#define EITHER_SIGN(x) between(-magnitude(x), magnitude(x), (x).inf)
+#define WIDER(x, by) between((x).lo - (by), (x).hi + (by), (x).inf)
+#define SQRT(x) root(x)
+#define RSQRT(x) inverse_root(x)
+#define CBRT(x) between(cbrt((x).lo), cbrt((x).hi), (x).inf)
+#define EXP(x, base) exponential(x, base)
+#define LOG(x, log) ((x).lo > 0 ? between(log((x).lo), log((x).hi), (x).inf) : POLE)
+#define SINH(x) (moderate(x) ? between(sinh((x).lo), sinh((x).hi), 0) : IR_RANGE_CARRIED)
+#define COSH(x) between(1, moderate(x) ? cosh(magnitude(x)) : INFINITY, IR_OVERFLOW)
+#define POW(x, y) power(x, y)
+#define IDIV(x, y) int_quotient(x, y)
+#define IREM(x, y) int_remainder(x, y)
+#define UREM(x, y) ((x).lo < 0 && (y).lo > 0 ? IN(0, (y).hi - 1) : int_remainder(x, y))
+#define AND(x, y) int_and(x, y)
+#define SHIFT(x, y, direction) int_shift(x, y, direction)
+#define UMIN(x, y) unsigned_min(x, y)
+#define NONNEG(x, range) ((x).lo >= 0 ? (range) : UNKNOWN) /* of an unsigned row whose argument x means the same signed */
+
+IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same) {
+    switch (op) {
+#define ROW(name, range)                                                                                               \
+    case OP_##name:                                                                                                    \
+        return range;
+#define FOP1(name, value, partials, range, ...) ROW(name, range)
+#define FOP2(name, value, partials, range, ...) ROW(name, range)
+#define FOP3(name, value, partials, range, ...) ROW(name, range)
+#define FCMP2(name, ...) ROW(name, IN(0, 1))
+#define FSEL(name, value, range, ...) ROW(name, range)
+#define IOP1(name, value, range, ...) ROW(name, range)
+#define IOP2(name, value, range, ...) ROW(name, range)
+#define ICMP2(name, ...) ROW(name, IN(0, 1))
+#define BOP1(name, ...) ROW(name, IN(0, 1))
+#define BOP2(name, ...) ROW(name, IN(0, 1))
+#define CONV(name, result, argument, value, range, ...) ROW(name, range)
+#define SPECIAL(name, signature, kind, range, ...) ROW(name, range)
+#include "compiler/ir/ops.def"
+#include "compiler/ir/ops_undef.h"
+    case OP_COUNT: break;
+    }
+    return IR_RANGE_FINITE;
+}
+
+/* What may wrap is the whole type. */
+static IrRange fit(const Inst *i, IrRange r) {
+    if (i->type == TY_BOOL) return r.lo >= 0 && r.hi <= 1 ? r : (IrRange){0, 1, 0};
+    if (i->type != TY_INT) return r;
+    return r.lo >= INT32_MIN && r.hi <= INT32_MAX ? r : IR_RANGE_INT;
+}
+
+static IrRange constant(const Inst *i) {
+    return i->op == OP_constf ? ir_range_const(i->imm.f) : ir_range_const((int32_t)i->imm.i);
+}
+
+/* The number of the iteration, which starts every body of a loop. */
+static bool is_counter(const Inst *i) {
+    return i->op == OP_arg && i->imm.i == 0 && i->block->owner && i->block->owner->op == OP_loop;
+}
+static IrRange counter(const Inst *loop) { return between(0, (double)loop->imm.loop.max_iters - 1, 0); }
+
+/* ---- forwards, in two sweeps: the first knows nothing of what is carried around loops or kept in arrays, the second
+ * uses what the first found to be assigned there, so a clamp in a loop is seen */
+
+typedef struct Flow {
+    IrRange *range;
+    IrRange *next;  /* by id: what loops assign to a carried parameter, and what is stored in an array, found by the
+                       sweep before */
+    IrRange *found; /* the same, being found */
+} Flow;
+
+static void sweep(Flow *f, const Block *b);
+
+static void sweep_regions(Flow *f, const Inst *i) {
+    for (uint32_t r = 0; r < i->nregions; r++) {
+        const Block *body = i->region[r];
+        for (uint32_t p = 0; p < body->nparams; p++)
+            f->range[body->params[p]->id] = fit(body->params[p], IR_RANGE_CARRIED);
+        if (i->op == OP_loop) {
+            f->range[body->params[0]->id] = counter(i);
+            for (uint32_t p = 1; p < body->nparams; p++)
+                f->range[body->params[p]->id] =
+                    fit(body->params[p], join(f->range[i->args[p - 1]->id], f->next[body->params[p]->id]));
+        }
+        if (i->op == OP_custom)
+            for (uint32_t p = 0; p < body->nparams && p < i->nargs; p++)
+                f->range[body->params[p]->id] = f->range[i->args[p]->id];
+        sweep(f, body);
+        if (i->op == OP_loop)
+            for (uint32_t p = 1; p < body->nparams; p++)
+                f->found[body->params[p]->id] = f->range[body->last->args[p]->id];
+    }
+}
+
+/* The yields of loops lead with the flag to go on. */
+static IrRange result_of(const Flow *f, const Inst *i, uint32_t region, int64_t index) {
+    return f->range[i->region[region]->last->args[index + (i->op == OP_loop)]->id];
+}
+
+static void sweep(Flow *f, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        IrRange r = IR_RANGE_FINITE;
+        switch ((Op)i->op) {
+        case OP_constf:
+        case OP_consti:
+        case OP_constb: r = constant(i); break;
+        case OP_load: r = f->next[i->args[0]->id]; break;
+        case OP_alloc: f->found[i->id] = ir_range_const(0); break;
+        case OP_store: f->found[i->args[0]->id] = join(f->found[i->args[0]->id], f->range[i->args[2]->id]); break;
+        case OP_acopy: f->found[i->args[0]->id] = join(f->found[i->args[0]->id], f->next[i->args[1]->id]); break;
+        case OP_if_:
+        case OP_loop:
+        case OP_revloop:
+        case OP_custom: sweep_regions(f, i); break;
+        case OP_proj:
+            r = result_of(f, i->args[0], 0, i->imm.i);
+            if (i->args[0]->op == OP_if_) r = join(r, result_of(f, i->args[0], 1, i->imm.i));
+            break;
+        default: { /* a function of its arguments */
+            IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
+            for (uint32_t k = 0; k < i->nargs && k < 3; k++) a[k] = f->range[i->args[k]->id];
+            r = ir_range_row((Op)i->op, a[0], a[1], a[2], i->nargs > 1 && i->args[0] == i->args[1]);
+        }
+        }
+        f->range[i->id] = fit(i, r);
+    }
+}
+
+void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range) {
+    uint32_t n = fn->ninsts;
+    Flow f = {range, ARENA_ARRAY(scratch, IrRange, n + 1), ARENA_ARRAY(scratch, IrRange, n + 1)};
+    for (uint32_t k = 0; k < n; k++) f.next[k] = f.found[k] = IR_RANGE_CARRIED;
+    sweep(&f, fn->body);
+    IrRange *first = f.found;
+    f.found = f.next;
+    f.next = first;
+    sweep(&f, fn->body);
+}
+
+/* ---- backwards */
+
+enum { MAX_DEPTH = 8 };
+
+static IrRange range_of(const Inst *i, const IrRange *known, uint32_t nknown, uint32_t depth) {
+    if (i->op == OP_consti) return constant(i);
+    if (i->tag && i->tag < nknown) return known[i->tag];
+    if (is_counter(i)) return counter(i->block->owner);
+    if (i->type != TY_INT || depth > MAX_DEPTH || ir_ops[i->op].special) return fit(i, IR_RANGE_FINITE);
+    IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
+    for (uint32_t k = 0; k < i->nargs; k++) a[k] = range_of(i->args[k], known, nknown, depth + 1);
+    return fit(i, ir_range_row((Op)i->op, a[0], a[1], a[2], i->nargs > 1 && i->args[0] == i->args[1]));
+}
+
+IrRange ir_range_of(const Inst *i, const IrRange *known, uint32_t nknown) { return range_of(i, known, nknown, 0); }

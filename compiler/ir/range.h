@@ -1,0 +1,40 @@
+/* What values may be: the range column of ops.def, and the two analyses that use it.
+ *
+ * lo and hi bound the finite values; inf says whether the value may be infinite. Unknown is {-inf, inf, 0}: sums and
+ * products of finite values count as finite, or ordinary code would pay for overflows that no program wants. A pole
+ * makes an infinity out of ordinary numbers; an overflow (exp, values carried around loops) only out of huge ones.
+ * Nothing is said of NaN.
+ *
+ * Bounds of integers are exact: clamps of indices may be left out because of them. Those of floats are computed in
+ * double and hold up to the rounding of the kernel's own precision, so no bound of an integer rests on them. */
+#ifndef SALTUS_IR_RANGE_H
+#define SALTUS_IR_RANGE_H
+
+#include <math.h>
+
+#include "compiler/ir/ir.h"
+
+enum { IR_OVERFLOW = 1, IR_POLE = 2 };
+typedef struct IrRange {
+    double lo, hi;
+    uint8_t inf;
+} IrRange;
+#define IR_RANGE_FINITE ((IrRange){-INFINITY, INFINITY, 0})
+#define IR_RANGE_CARRIED ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW})
+#define IR_RANGE_ANY ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE})
+#define IR_RANGE_INT ((IrRange){INT32_MIN, INT32_MAX, 0})
+
+/* Never zero? */
+static inline bool ir_range_nonzero(IrRange r) { return r.lo > 0 || r.hi < 0; }
+IrRange ir_range_const(double v);
+/* The range column of op, before integers wrap. same: the first two arguments are one value. */
+IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same);
+
+/* Forwards through a whole Fn with dense ids: range[id] of every value and block parameter. */
+void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range);
+
+/* Backwards from one integer, a few operands deep, without looking at the rest of the Fn. known (may be NULL): ranges
+ * that the caller knows better, by Inst.tag; a tag of 0, or of nknown and more, has none. */
+IrRange ir_range_of(const Inst *i, const IrRange *known, uint32_t nknown);
+
+#endif

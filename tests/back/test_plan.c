@@ -1,0 +1,127 @@
+/* What the back end decides of a kernel before a target is asked: parts, the forms of if_, frames of the tape. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "compiler/back/core/core.h"
+
+static Target target(const char *name) {
+    Target t;
+    assert_true(target_named(&t, name));
+    return t;
+}
+
+/* if (cond) { then: x * x ... } else { ... }, with so many multiplications on each side. */
+static Inst *branch(Builder *b, Inst *cond, Inst *x, int then, int other, int64_t hint) {
+    Inst *i = ir_if(b, cond);
+    i->imm.i = hint;
+    const int n[2] = {then, other};
+    for (int side = 0; side < 2; side++) {
+        Builder in = ir_at_end(b->fn, i->region[side]);
+        Inst *v = x;
+        for (int k = 0; k < n[side]; k++) v = ir_emit2(&in, OP_fmul, v, v);
+        ir_yield(&in, 1, &v);
+    }
+    ir_proj(b, i, 0);
+    return i;
+}
+
+static void test_forms(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *zero = ir_constf(&b, 0), *first = ir_consti(&b, 0);
+    Inst *p = ir_special(&b, OP_param, TY_FLT, 1, &first, (Imm){.slot = {0, 1}});
+    Inst *varying = ir_emit2(&b, OP_flt, x, zero), *uniform = ir_emit2(&b, OP_flt, p, zero);
+    const struct {
+        Inst *i;
+        IfForm form;
+    } cases[] = {
+        {branch(&b, uniform, x, 2, 2, 0), IF_PICK},
+        {branch(&b, uniform, x, 3, 2, 0), IF_JUMP},
+        {branch(&b, varying, x, 2, 2, 0), IF_BLEND},
+        {branch(&b, varying, x, 5, 0, 0), IF_THEN_ONLY},
+        {branch(&b, varying, x, 0, 5, 0), IF_ELSE_ONLY},
+        {branch(&b, varying, x, 3, 2, 0), IF_BOTH},
+        {branch(&b, varying, x, 1, 0, IR_IF_RARE), IF_THEN_ONLY},
+    };
+    ir_yield(&b, 1, &x);
+    const Target t = target("sse2");
+    Plan plan = back_plan(fn, &t, 8);
+    assert_int_equal(plan.L, 4);
+    assert_int_equal(plan.P, 2); /* so a blend of 4 operations costs 8 */
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++)
+        assert_int_equal(back_if_form(&plan, cases[k].i), cases[k].form);
+    assert_true(back_is_vector(&plan, x));
+    assert_false(back_is_vector(&plan, p));
+
+    plan = back_plan(fn, &t, 1); /* one lane: every condition is that lane's own */
+    assert_int_equal(back_if_form(&plan, cases[3].i), IF_JUMP);
+    assert_false(back_is_vector(&plan, x));
+    session_destroy(s);
+}
+
+static void test_pairs_need_two_lanes(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F64);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0), *other = ir_special(&b, OP_partner, TY_FLT, 1, &x, (Imm){0});
+    ir_yield(&b, 1, &other);
+    const Target t = target("avx2");
+    Plan plan = back_plan(fn, &t, 1);
+    assert_int_equal(plan.W, 2);
+    plan = back_plan(fn, &t, 16);
+    assert_int_equal(plan.L, 4);
+    assert_int_equal(plan.P, 4);
+    session_destroy(s);
+}
+
+/* Whole vectors first, then words, then bits: no value straddles its alignment. */
+static void test_frames(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *x = ir_input(&b, IN_X0);
+    Inst *values[4] = {ir_emit2(&b, OP_flt, x, ir_constf(&b, 0)), ir_consti(&b, 7), x, ir_constb(&b, true)};
+    ir_special(&b, OP_tapepush, TY_VOID, 4, values, (Imm){0});
+    ir_yield(&b, 1, &x);
+    const Target t = target("avx2");
+    Plan plan = back_plan(fn, &t, 16);
+    const FrameClass *c = back_frame_class(&plan.frames, &s->scratch, 4, values);
+    assert_int_equal(plan.frames.len, 1);
+    assert_false(c->masked); /* every lane pushes */
+    assert_int_equal(c->offset[2], 0);
+    assert_int_equal(c->offset[1], 64);
+    assert_int_equal(c->offset[0], 68); /* two parts of 8 lanes: a byte each */
+    assert_int_equal(c->offset[3], 70);
+    assert_int_equal(c->bytes, 128);
+    session_destroy(s);
+}
+
+static void test_width(void **state) {
+    (void)state;
+    Session *s = session_create(0);
+    const char *why = NULL;
+    for (uint32_t w = 1; w <= BACK_MAX_WIDTH; w *= 2) assert_int_equal(back_check_width(s, w, &why), 0);
+    assert_null(why);
+    assert_int_not_equal(back_check_width(s, 0, &why), 0);
+    assert_int_not_equal(back_check_width(s, 12, &why), 0);
+    assert_int_not_equal(back_check_width(s, 2 * BACK_MAX_WIDTH, &why), 0);
+    assert_non_null(why);
+    session_destroy(s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_forms),
+        cmocka_unit_test(test_pairs_need_two_lanes),
+        cmocka_unit_test(test_frames),
+        cmocka_unit_test(test_width),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
