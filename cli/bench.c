@@ -19,12 +19,6 @@ static const char *const names[SLT_ESTIMATORS] = {
 #include "saltus/estimators.def"
 };
 
-const char bench_estimators[] =
-#define SLT_ESTIMATOR(id, name, ...) "|" name
-#define SLT_DIFFERENCES(id, name, ...) "|" name
-#include "saltus/estimators.def"
-    ;
-
 typedef struct Point {
     uint64_t samples;
     double evaluations, seconds, error;

@@ -60,7 +60,7 @@ static bool make_buffers(SltProgram *p, Buffers *b) {
         for (int s = 0; s < SLT_MAX_CHANNELS; s++) set_flt(p, b->in[IN_SEED0 + s], i, 1);
     }
     for (int i = 0; i < SLT_OUT_MAX; i++) b->args.out[i] = b->out[i];
-    b->args.params = p->flt, b->args.iparams = p->ints, b->args.fields = p->fields;
+    b->args.params = p->flt, b->args.iparams = p->ints, b->args.geometries = p->geometries;
     b->args.adj = b->adj;
     b->args.log_index = b->log_index, b->args.log_value = b->log_value, b->args.log_cap = LOG;
     b->args.tape = b->tape, b->args.tape_bytes = tape;
@@ -79,7 +79,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     bool needs[K_KINDS] = {false};
     for (int k = 0; k < NSHOWN; k++) needs[shown[k]] = true;
     SltStatus status = api_kernels(p, needs, &err);
-    if (status == SLT_OK) status = api_fields(p, &err);
+    if (status == SLT_OK) status = api_geometries(p, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     Buffers b = {0};
     if (!make_buffers(p, &b)) return free_buffers(&b), fputs("saltus: out of memory\n", stderr), SLT_LIMIT;

@@ -152,13 +152,12 @@ static int build(Cli *c, SltProgram *p) {
     if (c->job.no_interior) needs[K_JVP] = needs[K_VJP] = false;
     SltStatus status = api_kernels(p, needs, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
-    for (uint32_t f = 0; f < p->prog->nfields; f++)
+    for (uint32_t f = 0; f < p->prog->ngeometries; f++)
         for (int k = 0; k < K_KINDS; k++)
-            if (api_field_queries(p->fn[k], f))
+            if (api_geometry_queries(p->fn[k], f))
                 return cli_usage(
-                    c,
-                    "kernel %s searches the heightfield `%s`, which needs the library's structures: what `build` makes stands alone",
-                    kernel_names[k], p->prog->params[p->prog->fields[f].param].name);
+                    c, "kernel %s searches `%s`, which needs the library's structures: what `build` makes stands alone",
+                    kernel_names[k], p->prog->params[p->prog->geometries[f].param].name);
     char *header = make_header(p, stem);
     if (!header) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     char *header_path = malloc(strlen(c->output) + 4);

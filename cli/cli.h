@@ -38,6 +38,18 @@ enum {
     RUN = RENDER | GRAD | FIT | CHECK | BENCH
 };
 
+/* The names of the optimisers and of the estimators, each behind a |. */
+static const char cli_optimizers[] =
+#define OPTIMISER(id, name, ...) "|" name
+#include "runtime/optimise/optimisers.def"
+#undef OPTIMISER
+    ;
+static const char cli_estimators[] =
+#define SLT_ESTIMATOR(id, name, ...) "|" name
+#define SLT_DIFFERENCES(id, name, ...) "|" name
+#include "saltus/estimators.def"
+    ;
+
 typedef struct Verb {
     const char *name, *usage, *what, *example;
     uint32_t bit; /* 1 << VerbId */
@@ -92,6 +104,7 @@ struct Cli {
 /* options.c */
 enum { CLI_HELPED = -1 };                     /* help or version was printed: all is well, and nothing is left to do */
 int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus, or CLI_HELPED */
+int cli_choice(const char *names, const char *text); /* where in names, a|b|c, the text is; -1: nowhere */
 void cli_help(FILE *out, const char *verb);
 int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
 
@@ -146,11 +159,5 @@ void report_layer_name(const Cli *c, const SltProgram *p, uint32_t index, char *
 void report_metadata(Image *im, const Cli *c, const SltProgram *p);
 /* Channel names of the root: Y, R G, R G B, R G B A. */
 const char *report_channel(uint32_t channels, uint32_t c);
-
-/* fit.c: the optimisers' names, each after a |, and whether there is one of this name */
-extern const char fit_optimizers[];
-/* "|lattice|scanline|...": the estimators as the options name them. */
-extern const char bench_estimators[];
-bool fit_has_optimizer(const char *name);
 
 #endif

@@ -32,11 +32,11 @@ static int explain_code(Cli *c) {
 }
 
 /* ---- a program */
-static void list_queries(const Explained *m, uint32_t queries, bool json) {
+static void list_queries(uint32_t queries, bool json) {
     bool first = true;
-    for (uint32_t q = 0; q < m->nqueries; q++) {
+    for (uint32_t q = 0; q < SLT_QUERIES; q++) {
         if (!(queries >> q & 1)) continue;
-        printf(json ? "%s\"%s\"" : "%s%s", first ? "" : ", ", m->query_names[q]);
+        printf(json ? "%s\"%s\"" : "%s%s", first ? "" : ", ", query_rows[q].name);
         first = false;
     }
 }
@@ -67,18 +67,18 @@ static void print_structures(const Explained *m) {
     printf("\nstructures built\n");
     uint32_t built = m->ncull;
     if (m->ncull) printf("  cull lists of %u loop%s: [Cull]\n", m->ncull, m->ncull == 1 ? "" : "s");
-    for (uint32_t f = 0; f < m->nfields; f++) {
-        const ExplainedField *i = &m->fields[f];
+    for (uint32_t f = 0; f < m->ngeometries; f++) {
+        const ExplainedGeometry *i = &m->geometries[f];
         if (!i->description) continue;
         built++;
-        printf("  %s, %u x %u heights: %s\n    %zu bytes, %.2f a height; asked: ", i->name, i->width, i->height,
+        printf("  %s, %u x %u numbers: %s\n    %zu bytes, %.2f a number; asked: ", i->name, i->width, i->height,
                i->description, i->bytes, (double)i->bytes / i->width / i->height);
-        list_queries(m, i->queries, false);
+        list_queries(i->queries, false);
         putchar('\n');
         for (int k = 0; k < K_KINDS; k++) {
             if (!i->by_kernel[k]) continue;
             printf("      %-10s ", m->kernels[k].name);
-            list_queries(m, i->by_kernel[k], false);
+            list_queries(i->by_kernel[k], false);
             putchar('\n');
         }
     }
@@ -91,12 +91,12 @@ static void print_left_out(const Explained *m) {
         if (m->kernels[k].left_out) printf("  kernel %s: %s\n", m->kernels[k].name, m->kernels[k].left_out);
     for (uint32_t i = 0; i < m->nno_structure; i++)
         printf("  structure of %s: %s\n", m->no_structure[i].param, m->no_structure[i].why);
-    if (!m->has_heightfield) puts("  heightfield mipmap, safety shapes: there is no heightfield");
-    for (uint32_t f = 0; f < m->nfields; f++)
-        for (uint32_t q = 0; m->fields[f].queries && q < m->nqueries; q++)
-            if (!(m->fields[f].queries >> q & 1))
-                printf("  %s of %s: no kernel asks (%s would)\n", m->query_names[q], m->fields[f].name,
-                       m->query_users[q]);
+    if (!m->has_geometry) puts("  structures for rays: there is no geometry");
+    for (uint32_t f = 0; f < m->ngeometries; f++)
+        for (uint32_t q = 0; m->geometries[f].queries && q < SLT_QUERIES; q++)
+            if (m->geometries[f].not_asked >> q & 1)
+                printf("  %s of %s: no kernel asks (%s would)\n", query_rows[q].name, m->geometries[f].name,
+                       query_rows[q].asked);
     if (!m->ncull) puts("  cull grid: no [Cull] loop");
     if (!m->uses_rand) puts("  random streams: rand() is not called");
 }
@@ -152,10 +152,10 @@ static void json_kernels(const Explained *m) {
     }
 }
 
-static void json_fields(const Explained *m) {
+static void json_geometries(const Explained *m) {
     bool first = true;
-    for (uint32_t f = 0; f < m->nfields; f++) {
-        const ExplainedField *i = &m->fields[f];
+    for (uint32_t f = 0; f < m->ngeometries; f++) {
+        const ExplainedGeometry *i = &m->geometries[f];
         if (!i->description) continue;
         printf("%s{\"name\": ", first ? "" : ", ");
         json_text(stdout, i->name);
@@ -163,15 +163,15 @@ static void json_fields(const Explained *m) {
                i->structure);
         json_text(stdout, i->description);
         printf(", \"bytes\": %zu, \"queries\": [", i->bytes);
-        list_queries(m, i->queries, true);
+        list_queries(i->queries, true);
         fputs("], \"left_out\": [", stdout);
-        list_queries(m, ~i->queries, true);
+        list_queries(i->not_asked, true);
         fputs("], \"kernels\": {", stdout);
         first = true;
         for (int k = 0; k < K_KINDS; k++) {
             if (!i->by_kernel[k]) continue;
             printf("%s\"%s\": [", first ? "" : ", ", m->kernels[k].name);
-            list_queries(m, i->by_kernel[k], true);
+            list_queries(i->by_kernel[k], true);
             fputs("]", stdout);
             first = false;
         }
@@ -192,7 +192,7 @@ static void json_program(const Explained *m, SltProgram *p) {
     bool first = true;
     for (uint32_t i = 0; i < m->nno_gradient; i++) json_pair(&first, m->no_gradient[i].param, m->no_gradient[i].why);
     printf("}, \"structures\": {\"cull_lists\": %u, \"fields\": [", m->ncull);
-    json_fields(m);
+    json_geometries(m);
     fputs("]}, \"left_out\": {", stdout);
     first = true;
     for (uint32_t i = 0; i < m->nno_structure; i++) {

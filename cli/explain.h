@@ -26,26 +26,25 @@ typedef struct ExplainedLack {
     const char *param, *why;
 } ExplainedLack;
 
-typedef struct ExplainedField {
+typedef struct ExplainedGeometry {
     const char *name, *structure, *description; /* description NULL: nothing was built */
     uint32_t width, height;
     size_t bytes;
-    uint32_t queries, by_kernel[K_KINDS]; /* bit q: query q of the model is asked; by any kernel, by this one */
-} ExplainedField;
+    uint32_t queries, by_kernel[K_KINDS]; /* bit (1 << SltQuery): asked by any kernel, by this one */
+    uint32_t not_asked;                   /* but it would answer */
+} ExplainedGeometry;
 
 typedef struct Explained {
     const char *entry;
     uint32_t dim, channels, nfloats, nints, width, ncull;
-    bool f64, near_miss, has_heightfield, uses_rand, cached;
+    bool f64, near_miss, has_geometry, uses_rand, cached;
     uint64_t events_bound; /* in one sample */
     double ms_front, ms_passes, ms_llvm;
     ExplainedSite *sites;
     ExplainedKernel kernels[K_KINDS];
     ExplainedLack *no_gradient, *no_structure;
-    ExplainedField *fields;
-    uint32_t nsites, nno_gradient, nno_structure, nfields;
-    const char *const *query_names, *const *query_users; /* [nqueries]; users: what in a shader asks it */
-    uint32_t nqueries;
+    ExplainedGeometry *geometries;
+    uint32_t nsites, nno_gradient, nno_structure, ngeometries;
 } Explained;
 
 /* The story of one point. */

@@ -24,7 +24,7 @@ static const char *site_kind_name(SiteKind k) {
     case SITE_ROUND: return "round";
     case SITE_TRUNC: return "trunc";
     case SITE_FMOD: return "fmod";
-    case SITE_FIELD: return "silhouette";
+    case SITE_SILHOUETTE: return "silhouette";
     case SITE_SHADOW: return "shadow";
     }
     return "?";
@@ -114,55 +114,55 @@ static void explain_kernels(const Inside *e, Explained *out) {
     }
 }
 
-/* ---- heightfields: what is searched, by which kernels, and what for */
-static const char *const query_names[SLT_FIELD_WHATS] = {"trace",  "occluded",   "clearance",
-                                                         "shadow", "silhouette", "rise"};
-static const char *const query_users[SLT_FIELD_WHATS] = {"h.trace",
-                                                         "h.occluded",
-                                                         "h.clearance or a [Disc] site",
-                                                         "h.clearance asked for its sign",
-                                                         "h.silhouette",
-                                                         "[Disc] on h.trace or h.occluded"};
+/* ---- geometries: what is searched, by which kernels, and what for */
 
-static uint32_t field_queries(const SltProgram *p, uint32_t f) {
+static uint32_t geometry_queries(const SltProgram *p, uint32_t f) {
     uint32_t queries = 0;
-    for (int k = 0; k < K_KINDS; k++) queries |= api_field_queries(p->fn[k], f);
-    for (uint32_t c = 0; c < p->prog->ncull; c++) queries |= api_field_queries(p->prog->cull_bounds[c], f);
+    for (int k = 0; k < K_KINDS; k++) queries |= api_geometry_queries(p->fn[k], f);
+    for (uint32_t c = 0; c < p->prog->ncull; c++) queries |= api_geometry_queries(p->prog->cull_bounds[c], f);
     return queries;
 }
 
-static const FieldInfo *find_field(const Program *g, uint32_t param, uint32_t *index) {
-    for (uint32_t f = 0; f < g->nfields; f++)
-        if (g->fields[f].param == param) return *index = f, &g->fields[f];
+static const GeometryInfo *find_geometry(const Program *g, uint32_t param, uint32_t *index) {
+    for (uint32_t f = 0; f < g->ngeometries; f++)
+        if (g->geometries[f].param == param) return *index = f, &g->geometries[f];
     return NULL;
 }
 
 static const char *no_structure(const SltProgram *p, uint32_t param) {
     uint32_t f;
-    if (!p->prog->params[param].is_heightfield) return NULL;
-    if (!find_field(p->prog, param, &f)) return "nothing searches it: its heights are ordinary parameters";
-    return field_queries(p, f) ? NULL : "no kernel searches it";
+    if (!p->prog->params[param].is_geometry) return NULL;
+    if (!find_geometry(p->prog, param, &f)) return "nothing searches it: its numbers are ordinary parameters";
+    return geometry_queries(p, f) ? NULL : "no kernel searches it";
 }
 
-static void explain_fields(const Inside *e, Explained *out) {
+/* By geometries of this kind. */
+static uint32_t answered(SltGeometryKind kind) {
+    uint32_t queries = 0;
+    for (int q = 0; q < SLT_QUERIES; q++)
+        if (query_rows[q].geometries >> kind & 1) queries |= 1u << q;
+    return queries;
+}
+
+static void explain_geometries(const Inside *e, Explained *out) {
     static const char *const structures[] = {"mipmap", "mipmap", "cone", "naive"};
     const SltProgram *p = e->p;
     const Program *g = p->prog;
-    out->query_names = query_names, out->query_users = query_users, out->nqueries = SLT_FIELD_WHATS;
-    out->nfields = g->nfields;
-    out->fields = ARENA_ARRAY(e->arena, ExplainedField, g->nfields + 1);
-    for (uint32_t f = 0; f < g->nfields; f++) {
-        const FieldInfo *info = &g->fields[f];
-        ExplainedField *field = &out->fields[f];
-        *field = (ExplainedField){.name = g->params[info->param].name,
-                                  .structure = structures[p->opt.field],
-                                  .width = info->w,
-                                  .height = info->h,
-                                  .queries = field_queries(p, f)};
-        for (int k = 0; k < K_KINDS; k++) field->by_kernel[k] = api_field_queries(p->fn[k], f);
-        if (!field->queries || !p->fields[f]) continue;
-        field->description = field_describe(p->fields[f]);
-        field->bytes = field_bytes(p->fields[f]);
+    out->ngeometries = g->ngeometries;
+    out->geometries = ARENA_ARRAY(e->arena, ExplainedGeometry, g->ngeometries + 1);
+    for (uint32_t i = 0; i < g->ngeometries; i++) {
+        const GeometryInfo *info = &g->geometries[i];
+        ExplainedGeometry *geometry = &out->geometries[i];
+        *geometry = (ExplainedGeometry){.name = g->params[info->param].name,
+                                        .structure = structures[p->opt.field],
+                                        .width = info->size[0],
+                                        .height = info->size[1],
+                                        .queries = geometry_queries(p, i)};
+        geometry->not_asked = answered(info->kind) & ~geometry->queries;
+        for (int k = 0; k < K_KINDS; k++) geometry->by_kernel[k] = api_geometry_queries(p->fn[k], i);
+        if (!geometry->queries || !p->geometries[i]) continue;
+        geometry->description = geometry_describe(p->geometries[i]);
+        geometry->bytes = geometry_bytes(p->geometries[i]);
     }
 }
 
@@ -175,7 +175,7 @@ static void explain_params(const Inside *e, Explained *out) {
         if (why) out->no_gradient[out->nno_gradient++] = (ExplainedLack){name, why};
         why = no_structure(e->p, i);
         if (why) out->no_structure[out->nno_structure++] = (ExplainedLack){name, why};
-        out->has_heightfield |= g->params[i].is_heightfield;
+        out->has_geometry |= g->params[i].is_geometry;
     }
 }
 
@@ -215,7 +215,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
                        .ms_llvm = p->ms_llvm};
     explain_sites(&e, out);
     explain_kernels(&e, out);
-    explain_fields(&e, out);
+    explain_geometries(&e, out);
     explain_params(&e, out);
     return SLT_OK;
 }
@@ -272,11 +272,15 @@ static SltStatus trace(SltProgram *p, const double x[3], TraceLog *log, double f
     static _Alignas(64) double flt[4][N];
     static _Alignas(64) double outs[SLT_MAX_CHANNELS][N];
     static _Alignas(64) int32_t zero[N];
-    api_fields_want(p, fn);
-    SltStatus fields = api_fields(p, err);
-    if (fields != SLT_OK) return fields;
-    SltKernelArgs args = {
-        .params = p->flt, .iparams = p->ints, .print = on_trace, .user = log, .n_valid = 1, .fields = p->fields};
+    api_geometries_want(p, fn);
+    SltStatus geometries = api_geometries(p, err);
+    if (geometries != SLT_OK) return geometries;
+    SltKernelArgs args = {.params = p->flt,
+                          .iparams = p->ints,
+                          .print = on_trace,
+                          .user = log,
+                          .n_valid = 1,
+                          .geometries = p->geometries};
     memset(flt, 0, sizeof flt);
     for (int i = 0; i < N; i++)
         for (int d = 0; d < 3; d++)
@@ -313,7 +317,7 @@ static void find_crossing(SltProgram *p, ExplainedPoint *out, SltError *err) {
 }
 
 SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err) {
-    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p)};
+    *out = (ExplainedPoint){.dim = slt_dim(p), .channels = slt_channels(p), .crossing = SLT_CROSSING_INIT};
     memcpy(out->x, x, sizeof out->x);
     TraceLog log = {.arena = &p->session->session};
     SltStatus status = trace(p, x, &log, out->f, err);

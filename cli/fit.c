@@ -29,19 +29,6 @@ typedef struct Fit {
     SltStats stats;
 } Fit;
 
-const char fit_optimizers[] =
-#define OPTIMISER(id, name, ...) "|" name
-#include "runtime/optimise/optimisers.def"
-#undef OPTIMISER
-    ;
-
-bool fit_has_optimizer(const char *name) {
-    const char *known;
-    for (uint32_t k = 0; (known = slt_fit_optimizer(k)); k++)
-        if (!strcmp(known, name)) return true;
-    return false;
-}
-
 /* ---- set-up */
 static bool on_command_line(const Cli *c, const char *name) {
     for (uint32_t k = 0; k < c->nparams; k++)

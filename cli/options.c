@@ -90,8 +90,7 @@ static int split_list(Cli *c, const char *name, const char *text, const char **l
     }
 }
 
-/* Where in names, which are a|b|c, the text is; -1: nowhere. */
-static int choice(const char *names, const char *text) {
+int cli_choice(const char *names, const char *text) {
     size_t n = strlen(text);
     for (int i = 0; names; i++) {
         if (strcspn(names, "|") == n && !strncmp(names, text, n)) return i;
@@ -162,12 +161,12 @@ static int set_number(Cli *c, const Option *o, const char *v) {
 }
 
 static int set_one_of(Cli *c, const Option *o, const char *v) {
-    if (choice(o->arg, v) < 0) return cli_usage(c, "%s: unknown `%s`; known: %s", o->name, v, o->arg);
+    if (cli_choice(o->arg, v) < 0) return cli_usage(c, "%s: unknown `%s`; known: %s", o->name, v, o->arg);
     return set_text(c, o, v);
 }
 
 static int set_choice(Cli *c, const Option *o, const char *v) {
-    int pick = choice(o->arg, v);
+    int pick = cli_choice(o->arg, v);
     if (pick < 0) return cli_usage(c, "%s: unknown `%s`; known: %s", o->name, v, o->arg);
     if (o->bytes == sizeof(bool)) *(bool *)member(c, o->at) = pick;
     else *(int *)member(c, o->at) = o->first + pick;
@@ -213,7 +212,7 @@ static int set_width(Cli *c, const Option *o, const char *v) {
 
 static int set_variant(Cli *c, const Option *o, const char *v) {
     bool *const flags[] = {&c->opt.paper_argmin, &c->opt.paper_forced, &c->opt.path_hash};
-    int pick = choice(o->arg, v);
+    int pick = cli_choice(o->arg, v);
     if (pick < 0) return cli_usage(c, "%s: unknown `%s`; known: %s", o->name, v, o->arg);
     *flags[pick] = true;
     return SLT_OK;

@@ -48,8 +48,7 @@ void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const Sh
         fputs(": ", out);
         bool whole = !strcmp(name, ref.param->name);
         ShapeCursor at = {ref.fbase, ref.ibase};
-        if (whole && (ref.param->is_texture || ref.param->is_heightfield))
-            shape_write_texels(out, ref.param, leaf, (void *)v);
+        if (whole && param_is_image(ref.param)) shape_write_texels(out, ref.param, leaf, (void *)v);
         else shape_write(out, ref.type, &at, true, leaf, (void *)v);
     }
     fputc('}', out);
@@ -143,7 +142,7 @@ void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_
         const Param *q = &p->prog->params[i];
         if (index < q->fbase || index >= q->fbase + q->fcount) continue;
         uint32_t rest = index - q->fbase;
-        if (q->is_texture || q->is_heightfield) {
+        if (param_is_image(q)) {
             uint32_t c = rest % q->tex_c, x = rest / q->tex_c % q->tex_w, y = rest / q->tex_c / q->tex_w;
             snprintf(buf, size, q->tex_c > 1 ? "%s[%u][%u][%u]" : "%s[%u][%u]", q->name, y, x, c);
             return;

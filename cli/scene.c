@@ -229,9 +229,9 @@ static int read_optimizer(Reader *r, json_t *root) {
     if (status == SLT_OK) status = number_of(r, o, "lr", 0, 1e30, &lr);
     if (status != SLT_OK) return status;
     if (r->s->optimizer) {
-        if (!fit_has_optimizer(r->s->optimizer)) {
+        if (cli_choice(cli_optimizers + 1, r->s->optimizer) < 0) {
             char text[128];
-            snprintf(text, sizeof text, "unknown `%.40s`; known: %.60s", r->s->optimizer, fit_optimizers + 1);
+            snprintf(text, sizeof text, "unknown `%.40s`; known: %.60s", r->s->optimizer, cli_optimizers + 1);
             return bad(r, "optimizer.type", text);
         }
         if (!r->c->optimizer_given) r->c->optimizer = r->s->optimizer;

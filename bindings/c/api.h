@@ -8,17 +8,16 @@
 #include "compiler/back/back.h"
 #include "compiler/pass/pass.h"
 #include "runtime/base/status.h"
-#include "runtime/geometry/heightfield/field.h"
+#include "runtime/geometry/geometry.h"
 #include "runtime/sample/estimate.h"
 #include "saltus/saltus.h"
 
-/* What a heightfield's structure knows, and which of its heights have changed since (x0 >= x1: none). */
-typedef struct FieldState {
-    uint32_t wanted, built;   /* bit (1 << SltFieldWhat): in compiled kernels; in the structure */
-    uint32_t x0, y0, x1, y1;  /* vertices, y upwards */
-    uint32_t made, refreshed; /* how often; tests look */
-    uint64_t refreshed_heights;
-} FieldState;
+/* What is asked of a geometry. */
+typedef struct GeometryState {
+    uint32_t wanted, built;  /* bit (1 << SltQuery): in compiled kernels; what it was made for */
+    uint32_t made, followed; /* how often; tests look */
+    uint64_t followed_values;
+} GeometryState;
 
 struct SltProgram {
     Session *session;
@@ -47,10 +46,10 @@ struct SltProgram {
     SltKernel **cull_kernels;
     uint32_t *cull_counts;
     uint8_t *site_kind, *site_static, *site_skips;
-    uint8_t *dense;          /* per float: some reverse kernel adds to its adjoint in place */
-    const SltField **fields; /* [prog->nfields]; NULL: no compiled kernel asks it anything */
-    uint32_t *field_base, *field_count;
-    FieldState *field_state;
+    uint8_t *dense;                 /* per float: some reverse kernel adds to its adjoint in place */
+    const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
+    uint32_t *geometry_base;
+    GeometryState *geometry_state;
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
                   uint32_t lane); /* print(); NULL: silent */
     void *print_user;             /* as kernels call it: this program */
@@ -89,14 +88,14 @@ typedef struct ApiCall {
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
-/* fields.c */
-bool api_fields_init(SltProgram *p);
-void api_fields_free(SltProgram *p);
-/* values[base..] are new, flt[base..] still old: marks the heights that become others. */
-void api_fields_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count);
-uint32_t api_field_queries(const Fn *fn, uint32_t field); /* bit (1 << SltFieldWhat) for every fieldop on it */
-void api_fields_want(SltProgram *p, const Fn *fn);        /* fn will run: what it asks is made by the next api_fields */
-SltStatus api_fields(SltProgram *p, SltError *err);       /* makes and refreshes what compiled kernels ask */
+/* geometry.c */
+bool api_geometries_init(SltProgram *p);
+void api_geometries_free(SltProgram *p);
+/* values[base..] are new, flt[base..] still old: tells geometries which of their numbers become others. */
+void api_geometries_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count);
+uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << SltQuery) for every query on it */
+void api_geometries_want(SltProgram *p, const Fn *fn);  /* fn will run: the next api_geometries makes what it asks */
+SltStatus api_geometries(SltProgram *p, SltError *err); /* makes what compiled kernels ask, or has it follow */
 /* values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */

@@ -50,7 +50,7 @@ SltStatus api_struct_unknown(SltError *err, const char *name) {
 }
 
 /* ---- a call that samples */
-/* `flt` and the structures of heightfields follow the parameters of the call; those of the program come back when a
+/* `flt` and geometries follow the parameters of the call; those of the program come back when a
  * call wants them, so that many calls with their own parameters in a row change only what differs between them. */
 static void take_floats(SltProgram *p, const double *floats) {
     if (!floats && !p->flt_lent) return;

@@ -175,7 +175,7 @@ static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *
     if (status != SLT_OK) return status;
     const Type *t = at.type;
     uint32_t w = 1, h = 1, channels = 1;
-    if (at.param->is_texture || at.param->is_heightfield) {
+    if (param_is_image(at.param)) {
         w = at.param->tex_w, h = at.param->tex_h, channels = at.param->tex_c;
     } else if (t->kind == T_ARRAY) {
         const Type *inner = t->elem;
@@ -217,7 +217,7 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     SltStatus status = find_param(f->p, m->name, "mask", &at, err);
     if (status != SLT_OK) return status;
     uint64_t cells = (uint64_t)m->width * m->height;
-    bool resource = at.param->is_texture || at.param->is_heightfield;
+    bool resource = param_is_image(at.param);
     if (!m->factors ||
         (resource ? m->width != at.param->tex_w || m->height != at.param->tex_h : !cells || at.fcount % cells))
         return status_fail(err, SLT_INPUT, "the mask of `%s` is %u x %u, but there are %u number%s%s", m->name,

@@ -30,9 +30,8 @@ uint64_t api_event_bound(const SltProgram *p) {
 
 bool api_near_miss(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
-    bool any = false; /* a heightfield site has no g at a single point to be near 0 */
-    for (uint32_t s = 0; s < primal->nsites; s++)
-        any |= primal->sites[s].kind != SITE_FIELD && primal->sites[s].kind != SITE_SHADOW;
+    bool any = false; /* the site of a ray has no g at a single point to be near 0 */
+    for (uint32_t s = 0; s < primal->nsites; s++) any |= !ir_site_of_ray(primal->sites[s].kind);
     if (!any) return false;
     return p->opt.near_miss < 0 ? api_event_bound(p) <= NEAR_MISS_EVENTS : p->opt.near_miss > 0;
 }
@@ -68,7 +67,7 @@ static void fill_scene(SltProgram *p) {
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
-    s->fields = p->fields, s->nfields = g->nfields, s->field_base = p->field_base, s->field_count = p->field_count;
+    s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
@@ -107,7 +106,7 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
     pipeline_kernel(&p->passes, bounds);
     *layout = pipeline_layout(bounds);
     layout->reads |= reads; /* of any */
-    api_fields_want(p, bounds);
+    api_geometries_want(p, bounds);
 }
 
 static void build_body(Session *s, void *arg) {
@@ -134,7 +133,7 @@ static void build_body(Session *s, void *arg) {
         p->fn[k] = set.fn[k];
         p->tape[k] = set.tape[k];
         p->scene.layout[k] = set.layout[k];
-        api_fields_want(p, set.fn[k]);
+        api_geometries_want(p, set.fn[k]);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
             back_dense_adjoints(set.fn[k], p->dense);
@@ -200,8 +199,8 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
         if (unwound) return status_fail(err, (SltStatus)unwound, "%s", p->session->unwind_text);
         if (q.status != SLT_OK) return q.status;
     }
-    SltStatus fields = api_fields(p, err);
-    if (fields != SLT_OK) return fields;
+    SltStatus geometries = api_geometries(p, err);
+    if (geometries != SLT_OK) return geometries;
     fill_scene(p);
     if (!p->scene.width) p->scene.width = 16;
     return SLT_OK;

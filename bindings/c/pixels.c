@@ -50,7 +50,7 @@ static bool worker_init(Pixels *q, PixelWorker *w) {
     for (int d = 0; d < 3; d++) w->args.in[IN_X0 + d] = w->x[d];
     w->args.in[IN_PIXEL0] = w->pixel[0], w->args.in[IN_PIXEL1] = w->pixel[1];
     w->args.out[0] = w->out;
-    w->args.params = q->p->flt, w->args.iparams = q->p->scene.iparams, w->args.fields = q->p->scene.fields;
+    w->args.params = q->p->flt, w->args.iparams = q->p->scene.iparams, w->args.geometries = q->p->scene.geometries;
     w->args.resolution[0] = (int32_t)width, w->args.resolution[1] = (int32_t)q->job->size[1];
     w->args.n_valid = width;
     return true;

@@ -171,7 +171,7 @@ static SltStatus fill_program(SltProgram *p) {
     p->ints = calloc(ni, sizeof(int32_t));
     p->wrt = calloc(nf, 1);
     p->asset_loaded = calloc(prog->nparams + 1, sizeof(bool));
-    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded || !api_fields_init(p))
+    if (!p->floats || !p->flt || !p->ints || !p->wrt || !p->asset_loaded || !api_geometries_init(p))
         return status_fail(&p->error, SLT_LIMIT, "out of memory for %u parameters", prog->nfloats);
     if (prog->nfloats) memcpy(p->floats, prog->init_floats, prog->nfloats * sizeof(double));
     if (prog->nints) memcpy(p->ints, prog->init_ints, prog->nints * sizeof(int32_t));
@@ -208,7 +208,7 @@ static SltStatus compile(const char *path, const char *text, const char *shown, 
         target_host(&p->target);
     }
     if ((unsigned)o->field > SLT_STRUCTURE_NAIVE)
-        return status_fail(&p->error, SLT_USAGE, "unknown heightfield structure %d", (int)o->field);
+        return status_fail(&p->error, SLT_USAGE, "unknown structure of geometries %d", (int)o->field);
     Compile c = {.p = p, .path = path, .text = text, .shown = shown};
     unwound = session_protect(s, compile_body, &c);
     if (unwound) return status_fail(&p->error, (SltStatus)unwound, "%s", s->unwind_text);
@@ -227,7 +227,7 @@ SltStatus slt_compile_string(const char *source, const char *shown_name, const S
 void slt_program_free(SltProgram *p) {
     if (!p || !api_claim(p)) return;
     api_free_kernels(p);
-    api_fields_free(p);
+    api_geometries_free(p);
     free(p->floats);
     free(p->flt);
     free(p->ints);

@@ -22,7 +22,7 @@ static void describe_texels(const Param *q, SltParam *out) {
 void shape_describe(const Param *q, const Type *t, SltParam *out) {
     out->rank = out->nfields = out->fstride = out->istride = 0, out->layout = NULL;
     memset(out->shape, 0, sizeof out->shape);
-    if (q->is_texture || q->is_heightfield) {
+    if (param_is_image(q)) {
         describe_texels(q, out);
         return;
     }

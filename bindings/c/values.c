@@ -12,7 +12,7 @@
 
 /* ---- the flat vectors */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base, uint32_t count) {
-    api_fields_watch(p, values, base, count);
+    api_geometries_watch(p, values, base, count);
     for (uint32_t i = base; i < base + count; i++)
         if (p->opt.f64) ((double *)p->flt)[i] = values[i];
         else ((float *)p->flt)[i] = (float)values[i];
@@ -39,7 +39,7 @@ static void describe(const Param *q, SltParam *out) {
                       .icount = q->icount,
                       .differentiable = q->differentiable,
                       .is_texture = q->is_texture,
-                      .is_heightfield = q->is_heightfield,
+                      .is_heightfield = q->type == type_geometry(SLT_GEOMETRY_HEIGHTFIELD),
                       .has_range = q->attrs.has_range,
                       .log = q->attrs.log,
                       .color = q->attrs.color,
@@ -185,7 +185,7 @@ char *slt_params_json(const SltProgram *p) {
         fputs("  ", out);
         json_text(out, q->name);
         fputs(": ", out);
-        if (q->is_texture || q->is_heightfield) shape_write_texels(out, q, write_scalar, (void *)p);
+        if (param_is_image(q)) shape_write_texels(out, q, write_scalar, (void *)p);
         else shape_write(out, q->type, &c, false, write_scalar, (void *)p);
         fputs(i + 1 < p->prog->nparams ? ",\n" : "\n", out);
     }
@@ -342,7 +342,7 @@ static json_t *parse_json(const char *text, const char *shown, SltError *err) {
 
 static SltStatus read_image_param(Stage *s, const Param *q, const char *path);
 
-/* {"file": "dem.exr"}: of a texture or a heightfield, relative to the folder of the text. */
+/* {"file": "dem.exr"}: of a texture or a geometry, relative to the folder of the text. */
 static SltStatus read_named_file(Stage *s, const Param *q, const char *file) {
     char path[4096];
     const char *slash = strrchr(s->shown, '/');
@@ -354,9 +354,9 @@ static SltStatus read_named_file(Stage *s, const Param *q, const char *file) {
 
 static SltStatus read_param(Stage *s, const Param *q, json_t *j) {
     ShapeCursor c = {q->fbase, q->ibase};
-    json_t *file = q->is_texture || q->is_heightfield ? json_object_get(j, "file") : NULL;
+    json_t *file = param_is_image(q) ? json_object_get(j, "file") : NULL;
     if (json_is_string(file) && json_object_size(j) == 1) return read_named_file(s, q, json_string_value(file));
-    return q->is_texture || q->is_heightfield ? read_texels(s, j, q, &c) : read_value(s, j, q->type, &c, q->name);
+    return param_is_image(q) ? read_texels(s, j, q, &c) : read_value(s, j, q->type, &c, q->name);
 }
 
 static SltStatus set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
@@ -423,7 +423,7 @@ static SltStatus fill_numbers(Stage *s, const Type *t, ShapeCursor *c, const dou
 
 static SltStatus read_image_param(Stage *s, const Param *q, const char *path) {
     Image im;
-    ImageReadOptions raw = {.raw = q->is_heightfield};
+    ImageReadOptions raw = {.raw = q->is_geometry};
     SltStatus status = image_read(path, &raw, &im, s->err);
     if (status != SLT_OK) return status;
     if ((uint32_t)im.width != q->tex_w || (uint32_t)im.height != q->tex_h || (uint32_t)im.channels < q->tex_c)
@@ -432,7 +432,7 @@ static SltStatus read_image_param(Stage *s, const Param *q, const char *path) {
     for (size_t t = 0; status == SLT_OK && t < (size_t)q->tex_w * q->tex_h; t++)
         for (uint32_t c = 0; status == SLT_OK && c < q->tex_c; c++) {
             double v = (double)im.data[t * (size_t)im.channels + c];
-            if (q->is_heightfield && !isfinite(v))
+            if (q->is_geometry && !isfinite(v))
                 status = status_fail(s->err, SLT_INPUT, "%s: the height in row %zu, column %zu is not finite", path,
                                      t / q->tex_w, t % q->tex_w);
             s->floats[q->fbase + t * q->tex_c + c] = v;
@@ -458,7 +458,7 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         json_decref(j);
         return status;
     }
-    if (q->is_texture || q->is_heightfield) return read_image_param(s, q, path);
+    if (param_is_image(q)) return read_image_param(s, q, path);
     Table t;
     SltStatus status = table_read(path, &t, s->err);
     if (status != SLT_OK) return status;
@@ -570,16 +570,16 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
     SltProgram *p = user;
     SltError err = {0};
-    if ((kind == 't' || kind == 'h') && ends_with(path, ".json")) return probe_texels(p, path, dims, ndims, why);
-    if (kind == 't' || kind == 'h') {
+    if ((kind == 't' || kind == 'g') && ends_with(path, ".json")) return probe_texels(p, path, dims, ndims, why);
+    if (kind == 't' || kind == 'g') {
         Image im;
-        ImageReadOptions raw = {.raw = kind == 'h'};
+        ImageReadOptions raw = {.raw = kind == 'g'};
         if (image_read(path, &raw, &im, &err) != SLT_OK) {
             *why = arena_printf(&p->session->session, "%s", err.text);
             return false;
         }
         dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)im.height,
-        dims[2] = kind == 'h' ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
+        dims[2] = kind == 'g' ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
         *ndims = 3;
         image_free(&im);
         return true;

@@ -16,6 +16,7 @@
 #define SALTUS_FRONT_AST_H
 
 #include "compiler/base/session.h"
+#include "saltus/query.h"
 
 typedef enum TypeKind {
     T_ERROR,
@@ -29,7 +30,7 @@ typedef enum TypeKind {
     T_ARRAY,
     T_STRUCT,
     T_TEXTURE,
-    T_HEIGHTFIELD
+    T_GEOMETRY /* last: methods.def counts its objects from here */
 } TypeKind;
 
 typedef struct Type Type;
@@ -41,7 +42,8 @@ typedef struct Field {
 struct Type {
     TypeKind kind;
     Type *elem;       /* of a vector, matrix or array; T_ERROR, T_VOID and scalars: NULL */
-    uint32_t n;       /* vector and (square) matrix: 2..4; array: length (0 while an open `[]` is not resolved) */
+    uint32_t n;       /* vector and (square) matrix: 2..4; array: length (0 while an open `[]` is not resolved);
+                         geometry: its SltGeometryKind */
     const char *name; /* as people write it: "float3", "Disc", "float[4][2]" */
     Field *fields;    /* struct; the Hit and Silhouette structs are predeclared */
     uint32_t nfields;
@@ -116,7 +118,7 @@ typedef enum ExprKind {
     E_INCDEC,    /* op: ++ or --; prefix tells */
     E_CALL,      /* func, args */
     E_BUILTIN,   /* builtin, args */
-    E_METHOD,    /* method of a texture or heightfield: a[0] object (E_NAME), args */
+    E_METHOD,    /* method of a texture or geometry: a[0] object (E_NAME), args */
     E_CONSTRUCT, /* type(args): args already converted to the scalar kind; their components fill the type in order */
     E_CONVERT, /* a[0] to `type`: scalar kind change component-wise (explicit int(v) too: `explicit_cast`), or narrowing
                   of texture results */
@@ -137,19 +139,30 @@ typedef enum Builtin {
     B_COUNT
 } Builtin;
 
+/* Rows of saltus/geometries.def: geometry_types[SltGeometryKind]. */
+enum { PLACED_EXTENT = 1, PLACED_HEIGHT = 2 };
+typedef struct GeometryType {
+    const char *name;
+    uint32_t least; /* on each side of its grid */
+    uint32_t attributes;
+} GeometryType;
+extern const GeometryType geometry_types[SLT_GEOMETRIES];
+
 typedef enum Method {
-    M_SAMPLE,
-    M_NEAREST,
-    M_LOAD,
-    M_SIZE,
-    M_HEIGHT,
-    M_GRADIENT,
-    M_NORMAL,
-    M_TRACE,
-    M_OCCLUDED,
-    M_CLEARANCE,
-    M_SILHOUETTE
+#define METHOD(id, ...) M_##id,
+#include "compiler/front/check/methods.def"
+#undef METHOD
+    M_COUNT
 } Method;
+typedef enum MethodKind { METHOD_SMOOTH, METHOD_JUMPS, METHOD_FIXED } MethodKind;
+typedef struct MethodInfo {
+    const char *name;
+    uint32_t object; /* T_TEXTURE, or T_GEOMETRY + SltGeometryKind */
+    const char *signature;
+    MethodKind kind;
+    SltQuery query; /* SLT_QUERIES: none */
+} MethodInfo;
+extern const MethodInfo methods[M_COUNT]; /* rows of methods.def */
 
 /* Operators, shared by the lexer and the tree. */
 typedef enum Operator {
@@ -241,7 +254,7 @@ struct Symbol {
     Func *init_func;              /* = init(f) */
     const char *asset;            /* = "file", resolved path */
     bool zeros;                   /* = zeros(w, h[, channels]) */
-    uint32_t tex_w, tex_h, tex_c; /* of textures and heightfields, known at compile time */
+    uint32_t tex_w, tex_h, tex_c; /* of textures and geometries that are grids, known at compile time */
     uint32_t param_index;         /* in Program.params */
     const char *doc_name;         /* "radius" or "module.name" */
     /* as parsed */
@@ -381,7 +394,7 @@ typedef struct ConstOverride {
 } ConstOverride;
 
 /* What assets tell the front end before any value is read: dimensions. Supplied by the caller, so that the compiler
- * does not read images. Returns false with *why set. kind: 't' texture (w, h, c), 'h' heightfield (w, h), 'a' array
+ * does not read images. Returns false with *why set. kind: 't' texture (w, h, c), 'g' grid of numbers (w, h), 'a' array
  * table (dims[0..ndims) outermost first). */
 typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
 
@@ -418,7 +431,9 @@ Module *load_modules(Session *s, int file);
 Func *check_program(Session *s, Module *main, const FrontOptions *opt);
 /* type.c: every type but structs (check.c makes those, once each). Scalars (T_ERROR and T_VOID too), vectors, matrices
  * and resources are constants of the library and must not be written to; arrays are interned in the session. */
-Type *type_scalar(TypeKind k); /* also T_TEXTURE and T_HEIGHTFIELD */
+Type *type_scalar(TypeKind k); /* also T_TEXTURE */
+Type *type_geometry(SltGeometryKind k);
+bool type_is_resource(const Type *t); /* a texture or a geometry */
 /* The type of a keyword ("float3", "void", "texture2D"), or NULL. */
 Type *type_keyword(const char *name, size_t len);
 Type *type_vector(Session *s, TypeKind elem, uint32_t n);

@@ -16,20 +16,23 @@ typedef struct Param {
     uint32_t ibase, icount;
     bool differentiable; /* has floats, no [NoDiff] */
     ParamAttrs attrs;
-    bool is_texture, is_heightfield;
+    bool is_texture, is_geometry;
     uint32_t tex_w, tex_h, tex_c;
     const char *asset; /* initial value comes from this file (the caller loads it into floats); NULL: in init_* */
 } Param;
 
-/* One heightfield that some query searches, by the number that fieldops name. */
-typedef struct FieldInfo {
-    uint32_t param;        /* index in Program.params */
-    uint32_t base, w, h;   /* first height in the float vector, vertices */
-    double x0, y0, dx, dy; /* corner (0, 0) and the size of a cell, in the shader's units */
-    double scale, offset;  /* of [Height] */
-    double band;           /* raw height of one cell's size: SltField.band */
-    uint32_t queries;      /* bit (1 << SltFieldWhat): asked for somewhere in the primal */
-} FieldInfo;
+/* Its values are an image, tex_w x tex_h x tex_c. */
+static inline bool param_is_image(const Param *q) { return q->is_texture || q->is_geometry; }
+
+/* One geometry that some query searches, by the number that queries name. */
+typedef struct GeometryInfo {
+    SltGeometryKind kind;
+    uint32_t param;       /* index in Program.params */
+    uint32_t base, count; /* its slice of the float vector */
+    uint32_t size[2];     /* of its grid */
+    double band;      /* how near a ray has to come for its distance to count: one cell's size, in the values' unit */
+    uint32_t queries; /* bit (1 << SltQuery): asked for somewhere in the primal */
+} GeometryInfo;
 
 typedef enum JumpKind {
     JUMP_COMPARE,
@@ -59,8 +62,8 @@ typedef struct Program {
     Fn *primal;         /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
     uint64_t init_fuel; /* instructions left for all initialiser functions: a compilation ends */
     bool uses_rand, uses_pixel, uses_prints;
-    FieldInfo *fields; /* heightfields with queries only: no query, no structure */
-    uint32_t nfields;
+    GeometryInfo *geometries; /* those with queries only: no query, no structure */
+    uint32_t ngeometries;
     uint32_t ncull; /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input iteration */
     Fn **cull_bounds;
     Untracked *untracked; /* instructions of the primal: until a pass edits it */

@@ -132,7 +132,7 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
                 ok = step_index(p, &r, t->n, t->elem, counts(t->elem), &at, name, why);
             } else if (t->kind == T_MATRIX) {
                 ok = step_index(p, &r, t->n, type_vector(p->session, T_FLOAT, t->n), (Counts){t->n, 0}, &at, name, why);
-            } else if (q->is_texture || q->is_heightfield) {
+            } else if (param_is_image(q)) {
                 /* texels: [row][column][channel] in one flat vector; each index peels one dimension */
                 uint32_t inner = r.fcount == q->fcount                                     ? q->tex_w * q->tex_c
                                  : r.fcount == q->tex_w * q->tex_c && r.fcount != q->tex_c ? q->tex_c

@@ -9,7 +9,6 @@
 
 #include "compiler/ir/ir.h"
 #include "compiler/ir/rows.h"
-#include "saltus/field.h"
 #include "saltus/kernel.h"
 #include "saltus/status.h"
 
@@ -350,16 +349,16 @@ static bool exec_custom(Interp *in, const Inst *i, const Mask *m) {
 }
 
 /* Rays of all lanes, one call, as the compiled kernels do. */
-static bool exec_field(Interp *in, const Inst *i, const Mask *m, void *dst) {
+static bool exec_query(Interp *in, const Inst *i, const Mask *m, void *dst) {
     const SltKernelArgs *args = in->args;
-    if (!args->fields || !args->fields[i->imm.field.field] || !args->params) return fail(in, SLT_USAGE);
-    const SltField *f = args->fields[i->imm.field.field];
-    _Alignas(64) unsigned char rays[SLT_FIELD_RAY_ROWS * 64 * sizeof(double)];
+    if (!args->geometries || !args->geometries[i->imm.query.geometry] || !args->params) return fail(in, SLT_USAGE);
+    const SltGeometry *g = args->geometries[i->imm.query.geometry];
+    _Alignas(64) unsigned char rays[SLT_RAY_ROWS * 64 * sizeof(double)];
     uint64_t on = 0;
     for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
     size_t row = (size_t)in->lanes * in->flt;
     for (uint32_t a = 0; a < i->nargs; a++) memcpy(rays + a * row, in->slot[i->args[a]->id], row);
-    f->query[i->imm.field.what](f, (const char *)args->params + (size_t)i->imm.field.base * in->flt, rays, on,
+    g->query[i->imm.query.what](g, (const char *)args->params + (size_t)i->imm.query.base * in->flt, rays, on,
                                 in->lanes, dst);
     return true;
 }
@@ -411,7 +410,7 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;
         return true;
     case OP_print: exec_print(in, i, m); return true;
-    case OP_fieldop: return exec_field(in, i, m, dst);
+    case OP_query: return exec_query(in, i, m, dst);
     case OP_window: { /* nothing to pair with: the ray's own */
         for (uint32_t l = 0; l < in->lanes; l++)
             set_flt(in, dst, l,

@@ -16,6 +16,7 @@
 #define SALTUS_IR_IR_H
 
 #include "compiler/base/session.h"
+#include "compiler/ir/query.h"
 #include "saltus/contract.h"
 
 typedef enum Op {
@@ -56,6 +57,8 @@ typedef enum SiteKind {
 #define SLT_SITE(id, ...) SITE_##id = SLT_SITE_##id,
 #include "saltus/kernel.def"
 } SiteKind;
+/* Of a ray that meets a geometry: g looks along a window of the ray. */
+static inline bool ir_site_of_ray(SiteKind kind) { return kind == SITE_SILHOUETTE || kind == SITE_SHADOW; }
 
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
 #define IR_MAX_OPS (1u << 18)
@@ -88,8 +91,8 @@ typedef union Imm {
         uint32_t len;
     } text; /* print */
     struct {
-        uint32_t field, what, base;
-    } field; /* SltFieldWhat; base: float parameter 0 of its heights */
+        uint32_t geometry, what, base;
+    } query; /* what: SltQuery; base: the geometry's first float parameter */
 } Imm;
 
 struct Inst {

@@ -243,9 +243,9 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         imm->loop.cull = accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);
     case OP_print: return want_string(p, &imm->text.text, &imm->text.len);
-    case OP_fieldop:
-        return want_word(p, "field") && want_u32(p, &imm->field.field) && want_word(p, "what") &&
-               want_u32(p, &imm->field.what) && want_word(p, "base") && want_u32(p, &imm->field.base);
+    case OP_query:
+        return want_word(p, "geometry") && want_u32(p, &imm->query.geometry) && want_word(p, "what") &&
+               want_u32(p, &imm->query.what) && want_word(p, "base") && want_u32(p, &imm->query.base);
     default: return true;
     }
 }

@@ -153,9 +153,9 @@ static void add_imm(Text *t, const Inst *i) {
         text_add(t, " ");
         add_quoted(t, i->imm.text.text ? i->imm.text.text : "", i->imm.text.text ? i->imm.text.len : 0);
         break;
-    case OP_fieldop:
-        text_add(t, " field %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.field.field, i->imm.field.what,
-                 i->imm.field.base);
+    case OP_query:
+        text_add(t, " geometry %" PRIu32 " what %" PRIu32 " base %" PRIu32, i->imm.query.geometry, i->imm.query.what,
+                 i->imm.query.base);
         break;
     case OP_window: text_add(t, " #%" PRId64, i->imm.i); break;
     default: break; /* nothing else has an imm */

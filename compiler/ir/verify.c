@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "compiler/ir/text.h"
-#include "saltus/field.h"
 
 enum { MAX_DEPTH = 512 };
 
@@ -310,9 +309,9 @@ static void check_special(Verify *v, const Inst *i) {
         if (i->imm.text.len && !i->imm.text.text) problem(v, i, "no text");
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
-    case OP_fieldop:
+    case OP_query:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
-        if (i->imm.field.what >= SLT_FIELD_WHATS) problem(v, i, "no such query");
+        if (i->imm.query.what >= SLT_QUERIES) problem(v, i, "no such query");
         return;
     case OP_window:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);

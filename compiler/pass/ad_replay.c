@@ -34,7 +34,7 @@ bool tape_can_rerun(const Vjp *v, const Inst *loop) { return rerunnable(v, loop-
 
 bool tape_searches(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_fieldop) return true;
+        if (i->op == OP_query) return true;
         for (uint32_t r = 0; r < i->nregions; r++)
             if (tape_searches(i->region[r])) return true;
     }
@@ -160,7 +160,7 @@ Inst *tape_rerun(Vjp *v, Scope *s, Inst *loop) {
 static void hold_found(Vjp *v, Scope *s, const Block *body, Block *b) {
     for (Inst *i = b->first; i; i = i->next) {
         bool found =
-            i->op == OP_fieldop || reads_past(v, i, body) || (i->op == OP_proj && left_out(v, i->args[0], s->keeps));
+            i->op == OP_query || reads_past(v, i, body) || (i->op == OP_proj && left_out(v, i->args[0], s->keeps));
         if (found)
             new_hole(v, &s->replay_holes, i, tape_forward(v, i), ir_block_param(v->fn, s->rev_block, (IrType)i->type));
         for (uint32_t r = 0; !left_out(v, i, s->keeps) && r < i->nregions; r++) hold_found(v, s, body, i->region[r]);

@@ -307,14 +307,14 @@ static const char *describe(const Inst *x) {
     if (x->op == OP_arg) return "carried value";
     if (x->op == OP_proj) return "result of a region";
     if (x->op == OP_tapemark) return "mark of an inner tape";
-    if (x->op == OP_fieldop) return "witness";
+    if (x->op == OP_query) return "witness";
     return ir_ops[x->op].name;
 }
 
 static const char *why_stored(const Vjp *v, const Inst *x) {
     return x->op == OP_arg || x->op == OP_proj ? "not a function of the iteration alone"
            : x->op == OP_tapemark              ? "where its frames end"
-           : x->op == OP_fieldop               ? "nothing is searched again"
+           : x->op == OP_query                 ? "nothing is searched again"
            : cheap(v, x)                       ? "needs two or more values to recompute"
                                                : "expensive to recompute";
 }

@@ -133,7 +133,7 @@ const char *tape_report(Vjp *v, Arena *arena, uint64_t bytes, uint64_t budget);
 bool tape_can_rerun(const Vjp *v, const Inst *loop);
 bool tape_can_replay(const Vjp *v, const Inst *loop, const Scope *s);
 bool tape_keeps(const Vjp *v, const Inst *loop);
-/* Is there a heightfield query in this block or below? */
+/* Is there a query in this block or below? */
 bool tape_searches(const Block *b);
 /* Clones a segment into the sweep, in the current block, to be run again with pushes; and fills its holes once the
  * sweep knows what it pushes. */

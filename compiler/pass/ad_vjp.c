@@ -345,7 +345,7 @@ static uint32_t next_levels(const LoopPlan *p) {
     return 0;
 }
 
-/* Does the loop belong to a path: does the outermost loop or if around it, or it itself, ask heightfields? */
+/* Does the loop belong to a path: does the outermost loop or if around it, or it itself, ask a query? */
 static bool of_path(const Scope *s) {
     while (!s->parent->top) s = s->parent;
     return tape_searches(s->owner->region[s->region]);

@@ -1,17 +1,18 @@
-/* Where only the hit of a ray over a heightfield counts, not the point, any blocked point will do: TRACE becomes
- * OCCLUDED. Both agree on whether there is one, to the bit. */
+/* Where only the hit of a ray counts, not the point, any blocked point will do: a query becomes its weaker one
+ * (queries.def, WEAKER_FOUND). Both agree on whether there is a hit, to the bit. */
 #include "compiler/pass/walk.h"
-#include "saltus/field.h"
 
-static bool is_trace(const Inst *i) { return i->op == OP_fieldop && i->imm.field.what == SLT_FIELD_TRACE; }
+static bool may_weaken(const Inst *i) {
+    return i->op == OP_query && query_rows[i->imm.query.what].when == WEAKER_FOUND;
+}
 
-static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_FIELD_NONE; }
+static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_WITNESS_NONE; }
 
 /* whole, by id: something asks more of it than whether it is NONE. */
 static void find_uses(const Block *b, bool *whole) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++)
-            if (is_trace(i->args[a]))
+            if (may_weaken(i->args[a]))
                 whole[i->args[a]->id] |= !((i->op == OP_ieq || i->op == OP_ine) && is_none(i->args[1 - a]));
         for (uint32_t r = 0; r < i->nregions; r++) find_uses(i->region[r], whole);
     }
@@ -20,7 +21,7 @@ static void find_uses(const Block *b, bool *whole) {
 static bool replace(Block *b, const bool *whole) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
-        if (is_trace(i) && !whole[i->id]) i->imm.field.what = SLT_FIELD_OCCLUDED, changed = true;
+        if (may_weaken(i) && !whole[i->id]) i->imm.query.what = query_rows[i->imm.query.what].weaker, changed = true;
         for (uint32_t r = 0; r < i->nregions; r++) changed |= replace(i->region[r], whole);
     }
     return changed;

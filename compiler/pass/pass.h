@@ -86,7 +86,7 @@ typedef struct AdOptions {
     bool wrt_x; /* also (or only, with wrt_none) with respect to the position */
     bool wrt_none;
     uint32_t tape_budget; /* bytes per lane above which loops are checkpointed, in as many levels as it takes; 0: 64
-                             KiB, loops with heightfield queries 4 KiB */
+                             KiB, loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_*: iterations run again in the sweep, from their carried values and witnesses */
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come from dparam and IN_DX*. */

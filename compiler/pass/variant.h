@@ -35,7 +35,7 @@ void variant_set_outputs(Fn *fn, const Outputs *o);
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
-/* variant_field.c: heightfield sites. */
+/* variant_ray.c: sites of rays. */
 Inst *variant_window_of(Fn *fn, Inst *site); /* args: t (INFINITY: free), top, margin */
 void variant_windows_of_pairs(Fn *fn);       /* event: of the two lanes */
 void variant_windows_of_inputs(Fn *fn);      /* site: what event found */

@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "compiler/pass/variant.h"
-#include "saltus/field.h"
 
 enum { V_FOUND, V_SITE, V_G, V_BOUNDARY, V_WINDOW, V_K = V_WINDOW + 2 };
 
@@ -18,10 +17,9 @@ typedef struct Event {
     bool argmin;
 } Event;
 
-/* The window of a heightfield site, or NULL. */
+/* The window of a ray's site, or NULL. */
 static Inst *window_of(Fn *fn, Inst *i) {
-    SiteKind kind = variant_site_info(fn, i)->kind;
-    return kind == SITE_FIELD || kind == SITE_SHADOW ? variant_window_of(fn, i) : NULL;
+    return ir_site_of_ray(variant_site_info(fn, i)->kind) ? variant_window_of(fn, i) : NULL;
 }
 
 /* g of the lane's own end at site i, and what its function needs besides x, the same in both lanes: the boundary of the
@@ -37,37 +35,36 @@ static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **boundary, Inst *window[2]
     return ir_emit2(b, OP_fsub, i->args[1], *boundary);
 }
 
-enum { RAY_T0 = 6, RAY_T1 = 7 };
-
 /* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see
  * variant_ridge_between. */
 static void climb_to_partner(Thread *t, Inst *i) {
     Builder b = ir_before(t->fn, i);
-    Inst *hit = i->args[RAY_T0], *other = ir_special(&b, OP_partner, TY_FLT, 1, &hit, (Imm){0});
+    Inst *hit = i->args[SLT_RAY_T0], *other = ir_special(&b, OP_partner, TY_FLT, 1, &hit, (Imm){0});
     Inst *farther = ir_emit2(&b, OP_flt, other, hit);
-    ir_replace_arg(i, RAY_T0, ir_select(&b, farther, ir_constf(&b, __builtin_inf()), hit));
-    ir_replace_arg(i, RAY_T1, ir_emit2(&b, OP_fmin, i->args[RAY_T1], other));
+    ir_replace_arg(i, SLT_RAY_T0, ir_select(&b, farther, ir_constf(&b, __builtin_inf()), hit));
+    ir_replace_arg(i, SLT_RAY_T1, ir_emit2(&b, OP_fmin, i->args[SLT_RAY_T1], other));
 }
 
 /* Once the pair's event is found, its rays go nowhere: t0 behind t1. */
 static bool stop_search(Thread *t, Inst *i) {
     const Event *e = t->user;
     if (e->argmin) return false;
-    if (i->imm.field.what == SLT_FIELD_RISE) climb_to_partner(t, i);
+    if (query_rows[i->imm.query.what].role == ROLE_TOP) climb_to_partner(t, i);
     if (ir_is_const(t->value[V_FOUND])) return false;
     Builder b = ir_before(t->fn, i);
-    ir_replace_arg(i, RAY_T0, ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[6]));
+    ir_replace_arg(i, SLT_RAY_T0,
+                   ir_select(&b, t->value[V_FOUND], ir_constf(&b, __builtin_inf()), i->args[SLT_RAY_T0]));
     return false;
 }
 
 static bool touches_event(Thread *t, const Inst *i) {
     (void)t;
-    return variant_is_site(i) || i->op == OP_fieldop;
+    return variant_is_site(i) || i->op == OP_query;
 }
 
 static bool event_at(Thread *t, Inst *i) {
     Event *e = t->user;
-    if (i->op == OP_fieldop) return stop_search(t, i);
+    if (i->op == OP_query) return stop_search(t, i);
     Builder b = ir_after(t->fn, i);
     b.fold = true;
     Inst *hit, *certain = NULL;
@@ -77,7 +74,7 @@ static bool event_at(Thread *t, Inst *i) {
     } else {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
         Inst *differ = ir_emit2(&b, i->op == OP_site ? OP_bxor : OP_fne, i, other);
-        if (variant_site_info(t->fn, i)->kind == SITE_FIELD) {
+        if (variant_site_info(t->fn, i)->kind == SITE_SILHOUETTE) {
             /* Depths that differ are looked at more closely inside the branch. */
             certain = differ;
             differ = ir_emit2(&b, OP_bor, differ, variant_depths_apart(&b, i, variant_window_of(t->fn, i)));

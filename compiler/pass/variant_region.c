@@ -60,10 +60,9 @@ static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
     return ir_select(b, ir_emit2(b, OP_flt, ir_emit1(b, OP_fabs, up), ir_emit1(b, OP_fabs, down)), up, down);
 }
 
-/* A heightfield site's g is that of a pair: it is never near. */
+/* The g of a ray's site is that of a pair: it is never near. */
 static bool touches_near(Thread *t, const Inst *i) {
-    return variant_is_site(i) && variant_site_info(t->fn, i)->kind != SITE_FIELD &&
-           variant_site_info(t->fn, i)->kind != SITE_SHADOW;
+    return variant_is_site(i) && !ir_site_of_ray(variant_site_info(t->fn, i)->kind);
 }
 
 static bool near_at(Thread *t, Inst *i) {

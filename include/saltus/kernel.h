@@ -44,7 +44,7 @@ typedef struct SltKernelArgs {
     /* print(): values already as doubles; may be NULL (then nothing is printed) */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *user;
-    const struct SltField *const *fields; /* heightfields, by field index (saltus/field.h); NULL: no kernel asks */
+    const struct SltGeometry *const *geometries; /* that kernels search (saltus/query.h); NULL: none */
     uint32_t n_valid; /* lanes beyond do not count in counters, prints and log (n without padding) */
 } SltKernelArgs;
 

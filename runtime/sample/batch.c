@@ -21,7 +21,7 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     for (uint32_t i = 0; i < SLT_OUT_MAX; i++, p += SLOT_BYTES) b->args.out[i] = p;
     b->args.params = s->params, b->args.iparams = s->iparams;
     b->args.print = s->print, b->args.user = s->print_user;
-    b->args.fields = s->fields;
+    b->args.geometries = s->geometries;
     b->args.resolution[0] = b->args.resolution[1] = 1;
     if (b->pixels) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
     uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;

@@ -62,7 +62,7 @@ bool coincide_begin(Run *r, double bracket) {
     return memory && (ok || !any);
 }
 
-static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.fields = s->fields; }
+static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.geometries = s->geometries; }
 
 static double length_of(const SltScene *s, const Crossing *c) {
     double sum = 0;
@@ -130,7 +130,8 @@ static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
 /* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g
  * says. That is a kink of its own, not a second boundary. */
 static bool gone(const Batch *b, uint32_t i) {
-    return b->s->nfields && batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1);
+    return b->s->ngeometries &&
+           batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1);
 }
 
 /* Two points at `at` -+ `beside` along the segment, counted from the crossing. */

@@ -4,10 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/geometry/geometry.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/difference.h"
 #include "runtime/sample/interior.h"
-#include "saltus/field.h"
 
 /* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a
  * compromise that both survive. */
@@ -19,33 +19,25 @@ static double param_get(const SltScene *s, uint32_t p) {
     return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
 }
 
-void moved_free(Moved *m) { free(m->params), free(m->field), free(m->fields); }
+void moved_free(Moved *m) { free(m->params), free(m->geometry), free(m->geometries); }
 
-/* The largest increase of a height of the field. */
-static double growth(const SltScene *from, const SltScene *to, uint32_t field) {
-    double most = 0;
-    for (uint32_t i = 0; i < from->field_count[field]; i++) {
-        uint32_t p = from->field_base[field] + i;
-        most = fmax(most, param_get(to, p) - param_get(from, p));
+static bool move_geometries(Moved *m, const SltScene *s) {
+    size_t size = s->f64 ? sizeof(double) : sizeof(float);
+    m->geometry = alloc_zero(s->ngeometries, sizeof *m->geometry);
+    m->geometries = alloc_zero(s->ngeometries, sizeof *m->geometries);
+    if (!m->geometry || !m->geometries) return false;
+    for (uint32_t i = 0; i < s->ngeometries; i++) {
+        if (!s->geometries[i]) continue;
+        size_t at = s->geometry_base[i] * size;
+        m->geometry[i] =
+            geometry_moved(s->geometries[i], (const char *)s->params + at, (const char *)m->scene.params + at);
+        m->geometries[i] = &m->geometry[i];
     }
-    return most;
-}
-
-static bool move_fields(Moved *m, const SltScene *s) {
-    m->field = alloc_zero(s->nfields, sizeof *m->field), m->fields = alloc_zero(s->nfields, sizeof *m->fields);
-    if (!m->field || !m->fields) return false;
-    for (uint32_t i = 0; i < s->nfields; i++) {
-        if (!s->fields[i]) continue; /* nobody asks it anything */
-        m->field[i] = *s->fields[i];
-        double slack = (double)m->field[i].slack + growth(s, &m->scene, i);
-        m->field[i].slack = slack > (double)m->field[i].slack ? nextafterf((float)slack, HUGE_VALF) : m->field[i].slack;
-        m->fields[i] = &m->field[i];
-    }
-    m->scene.fields = m->fields;
+    m->scene.geometries = m->geometries;
     return true;
 }
 
-/* Heightfields are not built again: copies of them know by how much their heights have grown. */
+/* Geometries are not made again. */
 bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h) {
     size_t size = s->f64 ? sizeof(double) : sizeof(float);
     memset(m, 0, sizeof *m);
@@ -59,7 +51,7 @@ bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, d
         else ((float *)v)[p] = (float)x;
     }
     m->scene.params = v;
-    return !s->nfields || !s->fields || move_fields(m, s);
+    return !s->ngeometries || !s->geometries || move_geometries(m, s);
 }
 
 /* (image at +h - image at -h) / 2h into out. `half` as slt_estimate_render. */

@@ -8,8 +8,8 @@
 typedef struct Moved {
     SltScene scene;
     void *params;
-    struct SltField *field;
-    const struct SltField **fields;
+    struct SltGeometry *geometry; /* moved copies */
+    const struct SltGeometry **geometries;
 } Moved;
 /* Along dir (NULL: along axis p). Free it, whatever the result. */
 bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h);

@@ -49,11 +49,11 @@ typedef struct SltScene {
     bool uses_rand;
     uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */
     uint32_t ncull;
-    SltKernel *const *cull_bounds;        /* by cull_id: kernels of kind CULL */
-    const uint32_t *cull_count;           /* iterations of each */
-    const struct SltField *const *fields; /* [nfields], with the slice of `params` that holds the heights of each */
-    uint32_t nfields;
-    const uint32_t *field_base, *field_count;
+    SltKernel *const *cull_bounds;               /* by cull_id: kernels of kind CULL */
+    const uint32_t *cull_count;                  /* iterations of each */
+    const struct SltGeometry *const *geometries; /* [ngeometries]; NULL: nobody asks it anything */
+    uint32_t ngeometries;
+    const uint32_t *geometry_base; /* where in `params` the numbers of each begin */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *print_user;
 } SltScene;

@@ -24,7 +24,8 @@
 #define FRESH_LEAST(scene) ((scene)->f64 ? 0x1p-36 : 0x1p-19)
 
 bool window_site(const SltScene *s, int32_t site) {
-    return search_has_windows(s) && (s->site_kind[site] == SLT_SITE_FIELD || s->site_kind[site] == SLT_SITE_SHADOW);
+    return search_has_windows(s) &&
+           (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
 }
 
 /* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the

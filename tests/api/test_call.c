@@ -300,7 +300,8 @@ static void nothing_is_kept(void **state) {
     SltOptions *opt = malloc(sizeof *opt);
     *opt = SLT_OPTIONS_INIT;
     opt->entry = mine("two"), opt->set = set, opt->nset = 1, opt->import_dirs = dirs, opt->nimport_dirs = 1;
-    opt->stdlib_dir = mine(SALTUS_STDLIB_BUILD), opt->target = mine("sse2"), opt->dump = mine("none of them");
+    opt->stdlib_dir = mine(SALTUS_STDLIB_BUILD), opt->target = mine("sse2"), opt->dump = mine("jvp:opt_dce");
+    opt->stop_after = mine("jvp:opt_cse"), opt->verify_after = mine("vjp:opt_dce"); /* jvp: not needed below */
     opt->no_cache = true;
     char *text = mine(source), *shown = mine("shown.salt"), *wrt = mine("r");
     SltProgram *p;

@@ -60,7 +60,7 @@ typedef struct Bench {
     float *distance;
     int structures;
     const char *structure_name[MAX_STRUCTURES];
-    SltField *field[MAX_STRUCTURES];
+    SltGeometry *field[MAX_STRUCTURES];
     double build[MAX_STRUCTURES];
     double bytes[MAX_STRUCTURES]; /* a texel, without the heights */
     EmbreeScene *scene[2];
@@ -78,9 +78,9 @@ static size_t heap_bytes(void) {
 
 static void run_ours(Bench *b, const Method *m, const Rays *r) {
     uint32_t width = widths[m->width];
-    const SltField *f = b->field[m->structure];
+    const SltGeometry *f = b->field[m->structure];
     const float *rays = m->window ? b->window[m->width] : b->blocks[m->width];
-    SltFieldQuery *query = f->query[m->what];
+    SltQueryFn *query = f->query[m->what];
     uint64_t mask = width == 64 ? ~(uint64_t)0 : ((uint64_t)1 << width) - 1;
     for (uint32_t k = 0; k < r->count; k += width, rays += 8 * width) {
         query(f, b->t->h, rays, mask, width, b->ids + k);
@@ -123,12 +123,12 @@ static void list_methods(Bench *b) {
                 bool window;
                 uint32_t every;
             } list[] = {
-                {"trace", SLT_FIELD_TRACE, CLOSEST, OURS, false, 1},
-                {"trace+t", SLT_FIELD_TRACE, CLOSEST, OURS_T, false, 1},
-                {"occluded", SLT_FIELD_OCCLUDED, ANY, OURS, false, 1},
-                {"occluded from 1.5", SLT_FIELD_OCCLUDED, CLEAR, OURS, true, 1},
-                {"shadow from 1.5", SLT_FIELD_SHADOW, CLEAR, OURS, true, 1},
-                {"clearance from 1.5", SLT_FIELD_CLEARANCE, CLEAR, OURS, true, 4},
+                {"trace", SLT_QUERY_TRACE, CLOSEST, OURS, false, 1},
+                {"trace+t", SLT_QUERY_TRACE, CLOSEST, OURS_T, false, 1},
+                {"occluded", SLT_QUERY_OCCLUDED, ANY, OURS, false, 1},
+                {"occluded from 1.5", SLT_QUERY_OCCLUDED, CLEAR, OURS, true, 1},
+                {"shadow from 1.5", SLT_QUERY_SHADOW, CLEAR, OURS, true, 1},
+                {"clearance from 1.5", SLT_QUERY_CLEARANCE, CLEAR, OURS, true, 4},
             };
             for (size_t k = 0; k < sizeof list / sizeof *list; k++) {
                 bool naive = !strcmp(b->structure_name[s], "naive");
@@ -218,8 +218,9 @@ static void compare(Bench *b, int set) {
         if (!have) memcpy(first, b->ids, sizeof *first * r->count);
         else
             for (uint32_t i = 0; i < r->count; i++)
-                differ += m->what == SLT_FIELD_TRACE ? b->ids[i] != first[i]
-                                                     : (b->ids[i] == SLT_FIELD_NONE) != (first[i] == SLT_FIELD_NONE);
+                differ += m->what == SLT_QUERY_TRACE
+                              ? b->ids[i] != first[i]
+                              : (b->ids[i] == SLT_WITNESS_NONE) != (first[i] == SLT_WITNESS_NONE);
         if (differ) printf("  %s: %u of %u answers differ from %s\n", m->name, differ, r->count, b->method[0].name);
         have = true;
     }
@@ -326,21 +327,22 @@ typedef struct StructureSpec {
     FieldOptions options;
 } StructureSpec;
 static const StructureSpec specs[] = {
-    {"naive", {.structure = FIELD_NAIVE, .band = 1.0f}},
-    {"mipmap", {.structure = FIELD_MIPMAP, .band = 1.0f}},
-    {"cone", {.structure = FIELD_CONE, .band = 1.0f}},
-    {"cone-directional", {.structure = FIELD_CONE, .band = 1.0f, .cone_directional = true}},
-    {"cone-exact", {.structure = FIELD_CONE, .band = 1.0f, .cone_exact = true}},
-    {"cone-exact-directional", {.structure = FIELD_CONE, .band = 1.0f, .cone_exact = true, .cone_directional = true}},
-    {"cone-bounded", {.structure = FIELD_CONE, .band = 1.0f, .cone_exact = true, .max_slope = -0.5f}},
+    {"naive", {.structure = SLT_STRUCTURE_NAIVE, .band = 1.0f}},
+    {"mipmap", {.structure = SLT_STRUCTURE_MIPMAP, .band = 1.0f}},
+    {"cone", {.structure = SLT_STRUCTURE_CONE, .band = 1.0f}},
+    {"cone-directional", {.structure = SLT_STRUCTURE_CONE, .band = 1.0f, .cone_directional = true}},
+    {"cone-exact", {.structure = SLT_STRUCTURE_CONE, .band = 1.0f, .cone_exact = true}},
+    {"cone-exact-directional",
+     {.structure = SLT_STRUCTURE_CONE, .band = 1.0f, .cone_exact = true, .cone_directional = true}},
+    {"cone-bounded", {.structure = SLT_STRUCTURE_CONE, .band = 1.0f, .cone_exact = true, .max_slope = -0.5f}},
 };
-static SltField *make_field(const Terrain *t, const StructureSpec *s) {
-    SltField *f;
+static SltGeometry *make_field(const Terrain *t, const StructureSpec *s) {
+    SltGeometry *f;
     SltError err;
     FieldOptions options = s->options;
-    if (options.structure == FIELD_CONE)
-        options.queries = 1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* the others have the mipmap there too */
-    if (slt_field_make(&f, t->h, false, t->n, t->n, &options, &err) == SLT_OK) return f;
+    if (options.structure == SLT_STRUCTURE_CONE)
+        options.queries = 1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED; /* the others have the mipmap there too */
+    if (field_make(&f, t->h, false, t->n, t->n, &options, &err) == SLT_OK) return f;
     fprintf(stderr, "%s: %s\n", s->name, err.text);
     exit(1);
 }
@@ -359,7 +361,7 @@ static void make_structures(Bench *b, uint32_t rounds) {
         for (uint32_t r = 0; r < rounds; r++) {
             size_t before = heap_bytes();
             double start = bench_now();
-            SltField *f = make_field(b->t, &specs[k]);
+            SltGeometry *f = make_field(b->t, &specs[k]);
             double seconds = bench_now() - start;
             b->build[s] = fmin(b->build[s], seconds);
             b->bytes[s] = (double)(heap_bytes() - before) / ((double)b->t->n * b->t->n);
@@ -402,7 +404,7 @@ static void bench_terrain(const Options *o, Terrain *t, FILE *json, bool first) 
     float *blocks = rays_blocks(&b.set[0], 16);
     double *where = malloc(sizeof *where * b.set[0].count);
     for (uint32_t k = 0; k < b.set[0].count; k += 16)
-        b.field[0]->query[SLT_FIELD_TRACE](b.field[0], t->h, blocks + 8 * (size_t)k, 0xffff, 16, b.ids + k);
+        b.field[0]->query[SLT_QUERY_TRACE](b.field[0], t->h, blocks + 8 * (size_t)k, 0xffff, 16, b.ids + k);
     for (uint32_t k = 0; k < b.set[0].count; k++) where[k] = terrain_distance(t, &b.set[0].ray[k], b.ids[k]);
     b.set[1] = rays_sun(t, &b.set[0], where, 20.0);
     b.set[2] = rays_hemisphere(t, &b.set[0], where);
@@ -437,21 +439,21 @@ static uint64_t exact_terrain(const Options *o, Terrain *t) {
         float *block[WIDTHS];
         for (int w = 0; w < WIDTHS; w++) block[w] = rays_blocks(&r, widths[w]);
         for (uint32_t k = 0; k < r.count; k += 16)
-            b.field[0]->query[SLT_FIELD_TRACE](b.field[0], t->h, block[0] + 8 * (size_t)k, 0xffff, 16, truth + k);
-        for (uint32_t k = 0; k < r.count; k++) hits += truth[k] != SLT_FIELD_NONE;
+            b.field[0]->query[SLT_QUERY_TRACE](b.field[0], t->h, block[0] + 8 * (size_t)k, 0xffff, 16, truth + k);
+        for (uint32_t k = 0; k < r.count; k++) hits += truth[k] != SLT_WITNESS_NONE;
         if (part == 0)
             for (uint32_t k = 0; k < r.count; k++) where[k] = terrain_distance(t, &r.ray[k], truth[k]);
         for (int s = 0; s < b.structures; s++)
-            for (int what = SLT_FIELD_TRACE; what <= SLT_FIELD_OCCLUDED; what++) {
+            for (int what = SLT_QUERY_TRACE; what <= SLT_QUERY_OCCLUDED; what++) {
                 int w = (int)((part + (uint32_t)what) % WIDTHS);
                 uint32_t width = widths[w];
-                if (s == 0 && what == SLT_FIELD_TRACE && w == 0) continue;
+                if (s == 0 && what == SLT_QUERY_TRACE && w == 0) continue;
                 for (uint32_t k = 0; k < r.count; k += width)
                     b.field[s]->query[what](b.field[s], t->h, block[w] + 8 * (size_t)k,
                                             width == 64 ? ~(uint64_t)0 : ((uint64_t)1 << width) - 1, width, b.ids + k);
                 for (uint32_t k = 0; k < r.count; k++) {
-                    if (what == SLT_FIELD_TRACE ? b.ids[k] == truth[k]
-                                                : (b.ids[k] == SLT_FIELD_NONE) == (truth[k] == SLT_FIELD_NONE))
+                    if (what == SLT_QUERY_TRACE ? b.ids[k] == truth[k]
+                                                : (b.ids[k] == SLT_WITNESS_NONE) == (truth[k] == SLT_WITNESS_NONE))
                         continue;
                     differ++;
                     const Ray *q = &r.ray[k];
@@ -477,8 +479,9 @@ static uint64_t exact_terrain(const Options *o, Terrain *t) {
 /* What one slice costs: from points of the surface over all slopes, and from a viewpoint a tenth of the side above the
  * ground over the window of one pixel (0.00077 rad). */
 static void silhouettes_terrain(Terrain *t) {
-    StructureSpec naive = {"naive", {.structure = FIELD_NAIVE}}, mipmap = {"mipmap", {.structure = FIELD_MIPMAP}};
-    SltField *brute = make_field(t, &naive), *mip = make_field(t, &mipmap);
+    StructureSpec naive = {"naive", {.structure = SLT_STRUCTURE_NAIVE}},
+                  mipmap = {"mipmap", {.structure = SLT_STRUCTURE_MIPMAP}};
+    SltGeometry *brute = make_field(t, &naive), *mip = make_field(t, &mipmap);
     enum { SLICES = 4000, CAP = 4096 };
     static int32_t id[2][CAP];
     for (int window = 0; window < 2; window++) {

@@ -1,9 +1,9 @@
 /* The heightfield benchmark: terrains, rays, and Embree beside our queries (field_bench.c is the driver, field.sh the
  * way to run it).
  *
- * A terrain is n x n heights in units of a cell, row 0 the largest y, as include/saltus/field.h has it. Rays are rows
- * of 8 numbers for blocks of `width` rays, the layout of an SltFieldQuery; every method gets the same rays, made before
- * any clock runs. */
+ * A terrain is n x n heights in units of a cell, row 0 the largest y, as include/saltus/heightfield.h has it. Rays are
+ * rows of 8 numbers for blocks of `width` rays, the layout of an SltQueryFn; every method gets the same rays, made
+ * before any clock runs. */
 #ifndef SALTUS_FIELD_BENCH_H
 #define SALTUS_FIELD_BENCH_H
 
@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "saltus/field.h"
+#include "saltus/heightfield.h"
 
 typedef struct Terrain {
     char name[32];

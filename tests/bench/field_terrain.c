@@ -158,11 +158,11 @@ double terrain_height(const Terrain *t, double x, double y, double normal[3]) {
 
 double terrain_distance(const Terrain *t, const Ray *r, int32_t id) {
     double side = t->n - 1.0, px, py, pz, gx, gy;
-    if (id == SLT_FIELD_NONE) return INFINITY;
-    if (id == SLT_FIELD_AT_T0) return r->t0;
-    if (id <= SLT_FIELD_WALL) {
-        int axis = (SLT_FIELD_WALL - id) / 2;
-        return ((SLT_FIELD_WALL - id) % 2 ? side - r->o[axis] : -(double)r->o[axis]) / r->d[axis];
+    if (id == SLT_WITNESS_NONE) return INFINITY;
+    if (id == SLT_WITNESS_AT_T0) return r->t0;
+    if (id <= SLT_HEIGHTFIELD_WALL) {
+        int axis = (SLT_HEIGHTFIELD_WALL - id) / 2;
+        return ((SLT_HEIGHTFIELD_WALL - id) % 2 ? side - r->o[axis] : -(double)r->o[axis]) / r->d[axis];
     }
     uint32_t cell = (uint32_t)id / 2;
     plane(t, cell % t->n, cell / t->n, id & 1, &px, &py, &pz, &gx, &gy);

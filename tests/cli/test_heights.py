@@ -54,7 +54,7 @@ class Structures(Case):
     def test_text(self):
         self.explain("shadow")
         text = self.run_cli("explain", "shadow.salt").out
-        self.assertRegex(text, r"structures built\n  h, 17 x 17 heights: .*mipmap.*\n    \d+ bytes, [0-9.]+ a height; asked: ")
+        self.assertRegex(text, r"structures built\n  h, 17 x 17 numbers: .*mipmap.*\n    \d+ bytes, [0-9.]+ a number; asked: ")
         self.assertIn("silhouette of h: no kernel asks", text)
         self.explain("view")
         self.assertRegex(self.run_cli("explain", "view.salt").out, r"view\.salt:\d+:\d+  silhouette")
@@ -65,7 +65,7 @@ class Structures(Case):
         self.assertIn("structures built\n  none", text)
         self.assertIn("structure of h: nothing searches it", text)
         self.put("c.salt", CIRCLE)
-        self.assertIn("there is no heightfield", self.run_cli("explain", "c.salt").out)
+        self.assertIn("there is no geometry", self.run_cli("explain", "c.salt").out)
 
     def test_no_query_in_the_code(self):
         """In the IR itself: no search where no call asks for one."""

@@ -175,15 +175,15 @@ typedef union Rows {
 } Rows;
 
 /* Up to 64 rays of a query in the layout of queries. */
-static inline void some_rays(const Terrain *t, Rng *r, SltFieldWhat what, bool f64, uint32_t width, Rows *rays) {
+static inline void some_rays(const Terrain *t, Rng *r, SltQuery what, bool f64, uint32_t width, Rows *rays) {
     for (uint32_t lane = 0; lane < width; lane++) {
         double ray[8];
         some_ray(t, r, ray);
-        if (what == SLT_FIELD_SILHOUETTE) {
+        if (what == SLT_QUERY_SILHOUETTE) {
             double middle = between(r, -1, 1), half = pow(10, between(r, -3, 1));
             ray[6] = uniform(r) < 0.2 ? -INFINITY : middle - half;
             ray[7] = uniform(r) < 0.2 ? INFINITY : middle + half;
-        } else if (what == SLT_FIELD_RISE && uniform(r) < 0.8) {
+        } else if (what == SLT_QUERY_RISE && uniform(r) < 0.8) {
             ray[6] = between(r, 0.1, 5);
         }
         for (int n = 0; n < 8; n++)
@@ -192,27 +192,26 @@ static inline void some_rays(const Terrain *t, Rng *r, SltFieldWhat what, bool f
     }
 }
 
-static const char *const what_names[SLT_FIELD_WHATS] = {"trace",  "occluded",   "clearance",
-                                                        "shadow", "silhouette", "rise"};
+static const char *const what_names[SLT_QUERIES] = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise"};
 static const char *const isa_names[FIELD_ISAS] = {"best", "scalar", "SSE2", "AVX2", "AVX-512"};
 
-static inline SltField *make_field(const void *z, bool f64, uint32_t w, uint32_t h, FieldOptions o) {
-    SltField *f;
+static inline SltGeometry *make_field(const void *z, bool f64, uint32_t w, uint32_t h, FieldOptions o) {
+    SltGeometry *f;
     SltError err;
-    SltStatus status = slt_field_make(&f, z, f64, w, h, &o, &err);
+    SltStatus status = field_make(&f, z, f64, w, h, &o, &err);
     if (status == SLT_USAGE && o.isa) return NULL; /* an instruction set that this machine lacks */
     if (status != SLT_OK) fail_msg("%s", err.text);
     return f;
 }
 
 /* A query's witnesses are those expected; otherwise the ray is printed. */
-static inline void expect_witnesses(const char *name, const char *how, const SltField *field, const void *z, bool f64,
-                                    SltFieldWhat what, const Rows *rays, uint64_t mask, uint32_t width,
+static inline void expect_witnesses(const char *name, const char *how, const SltGeometry *field, const void *z,
+                                    bool f64, SltQuery what, const Rows *rays, uint64_t mask, uint32_t width,
                                     const int32_t *expected) {
     int32_t got[WIDTH];
     field->query[what](field, z, rays, mask, width, got);
     for (uint32_t n = 0; n < width; n++) {
-        if (what == SLT_FIELD_OCCLUDED ? (got[n] == SLT_FIELD_NONE) == (expected[n] == SLT_FIELD_NONE)
+        if (what == SLT_QUERY_OCCLUDED ? (got[n] == SLT_WITNESS_NONE) == (expected[n] == SLT_WITNESS_NONE)
                                        : got[n] == expected[n])
             continue; /* any blocked point will do */
         char text[512] = "";

@@ -9,11 +9,12 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float b
     for (int f64 = 0; f64 < 2; f64++) {
         double *wide = f64 ? doubles(t->z, (size_t)t->w * t->h) : NULL;
         const void *z = f64 ? (const void *)wide : t->z;
-        SltField *naive = make_field(z, f64, t->w, t->h, (FieldOptions){.structure = FIELD_NAIVE, .band = band}),
-                 *fields[FIELD_ISAS] = {0};
+        SltGeometry *naive =
+                        make_field(z, f64, t->w, t->h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE, .band = band}),
+                    *fields[FIELD_ISAS] = {0};
         for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++)
             fields[isa] = make_field(z, f64, t->w, t->h, (FieldOptions){.isa = (FieldIsa)isa, .band = band});
-        for (int what = 0; what < SLT_FIELD_WHATS; what++) {
+        for (int what = 0; what < SLT_QUERIES; what++) {
             Rng rng = {seed * 31 + (uint64_t)what};
             uint64_t found = 0;
             for (uint64_t done = 0; done < rays_wanted; done += WIDTH) {
@@ -21,13 +22,13 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted, float b
                 int32_t expected[WIDTH];
                 uint32_t width = uniform(&rng) < 0.8 ? WIDTH : 1 + below(&rng, WIDTH);
                 uint64_t mask = uniform(&rng) < 0.8 ? ~0ull : (uint64_t)(uniform(&rng) * 0x1p64);
-                some_rays(t, &rng, (SltFieldWhat)what, f64, width, &rays);
+                some_rays(t, &rng, (SltQuery)what, f64, width, &rays);
                 naive->query[what](naive, z, &rays, mask, width, expected);
                 for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++)
                     if (fields[isa])
-                        expect_witnesses(t->name, isa_names[isa], fields[isa], z, f64, (SltFieldWhat)what, &rays, mask,
+                        expect_witnesses(t->name, isa_names[isa], fields[isa], z, f64, (SltQuery)what, &rays, mask,
                                          width, expected);
-                for (uint32_t n = 0; n < width; n++) found += expected[n] != SLT_FIELD_NONE;
+                for (uint32_t n = 0; n < width; n++) found += expected[n] != SLT_WITNESS_NONE;
             }
             assert_true(found > rays_wanted / 50); /* the rays are worth something */
         }
@@ -73,15 +74,14 @@ static void test_not_finite(void **state) {
         agree(&t, 200 + (uint64_t)n, 2000, 0.5f);
         for (uint32_t k = 0; k < t.w * t.h; k++) t.z[k] = odd[n];
         t.low = 0, t.high = 1;
-        for (int what = 0; what < SLT_FIELD_WHATS; what++) {
-            SltField *a = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}),
-                     *b = make_field(t.z, false, t.w, t.h, (FieldOptions){0});
+        for (int what = 0; what < SLT_QUERIES; what++) {
+            SltGeometry *a = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE}),
+                        *b = make_field(t.z, false, t.w, t.h, (FieldOptions){0});
             Rows rays;
             int32_t expected[WIDTH];
-            some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, &rays);
+            some_rays(&t, &rng, (SltQuery)what, false, WIDTH, &rays);
             a->query[what](a, t.z, &rays, ~0ull, WIDTH, expected);
-            expect_witnesses("one odd height", "mipmap", b, t.z, false, (SltFieldWhat)what, &rays, ~0ull, WIDTH,
-                             expected);
+            expect_witnesses("one odd height", "mipmap", b, t.z, false, (SltQuery)what, &rays, ~0ull, WIDTH, expected);
             field_free(a);
             field_free(b);
         }
@@ -96,19 +96,19 @@ static void test_slack(void **state) {
     Terrain t;
     Rng rng = {5};
     assert_true(terrain_make(&t, "noise", 100, 80));
-    SltField *naive =
-        make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE, .slack = slack, .band = 1});
-    SltField *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){.slack = slack, .band = 1});
+    SltGeometry *naive =
+        make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE, .slack = slack, .band = 1});
+    SltGeometry *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){.slack = slack, .band = 1});
     for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, -0.2, 1) * slack;
-    SltField *tight = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE, .band = 1});
-    for (int what = 0; what < SLT_FIELD_WHATS; what++) {
+    SltGeometry *tight = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE, .band = 1});
+    for (int what = 0; what < SLT_QUERIES; what++) {
         for (int n = 0; n < 200; n++) {
             Rows rays;
             int32_t expected[WIDTH];
-            some_rays(&t, &rng, (SltFieldWhat)what, false, WIDTH, &rays);
+            some_rays(&t, &rng, (SltQuery)what, false, WIDTH, &rays);
             tight->query[what](tight, t.z, &rays, ~0ull, WIDTH, expected);
-            expect_witnesses("slack", "naive", naive, t.z, false, (SltFieldWhat)what, &rays, ~0ull, WIDTH, expected);
-            expect_witnesses("slack", "mipmap", mip, t.z, false, (SltFieldWhat)what, &rays, ~0ull, WIDTH, expected);
+            expect_witnesses("slack", "naive", naive, t.z, false, (SltQuery)what, &rays, ~0ull, WIDTH, expected);
+            expect_witnesses("slack", "mipmap", mip, t.z, false, (SltQuery)what, &rays, ~0ull, WIDTH, expected);
         }
     }
     field_free(naive);
@@ -128,8 +128,8 @@ static void test_refresh(void **state) {
         for (int f64 = 0; f64 < 2; f64++) {
             double *wide = doubles(t.z, (size_t)t.w * t.h);
             const void *z = f64 ? (const void *)wide : t.z;
-            SltField *naive = make_field(z, f64, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE}),
-                     *mip = make_field(z, f64, t.w, t.h, (FieldOptions){0});
+            SltGeometry *naive = make_field(z, f64, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE}),
+                        *mip = make_field(z, f64, t.w, t.h, (FieldOptions){0});
             for (int n = 0; n < 60; n++) {
                 uint32_t x0 = below(&rng, t.w), y0 = below(&rng, t.h), x1 = x0 + 1 + below(&rng, n & 1 ? 3 : t.w),
                          y1 = y0 + 1 + below(&rng, n & 1 ? 3 : t.h);
@@ -143,19 +143,19 @@ static void test_refresh(void **state) {
                 field_refresh(mip, z, x0, y0, x1, y1);
                 Rows rays;
                 int32_t expected[WIDTH];
-                some_rays(&t, &rng, SLT_FIELD_TRACE, f64, WIDTH, &rays);
-                naive->query[SLT_FIELD_TRACE](naive, z, &rays, ~0ull, WIDTH, expected);
-                expect_witnesses("refreshed", "mipmap", mip, z, f64, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH, expected);
+                some_rays(&t, &rng, SLT_QUERY_TRACE, f64, WIDTH, &rays);
+                naive->query[SLT_QUERY_TRACE](naive, z, &rays, ~0ull, WIDTH, expected);
+                expect_witnesses("refreshed", "mipmap", mip, z, f64, SLT_QUERY_TRACE, &rays, ~0ull, WIDTH, expected);
             }
             /* The levels themselves: what a query visits is what it would visit in a new field. */
-            SltField *again = make_field(z, f64, t.w, t.h, (FieldOptions){0});
+            SltGeometry *again = make_field(z, f64, t.w, t.h, (FieldOptions){0});
             FieldCounts a = {0}, b = {0};
             for (int n = 0; n < 50; n++) {
                 Rows rays;
                 int32_t id[WIDTH];
-                some_rays(&t, &rng, SLT_FIELD_CLEARANCE, f64, WIDTH, &rays);
-                field_count(mip, SLT_FIELD_CLEARANCE, z, &rays, ~0ull, WIDTH, id, &a);
-                field_count(again, SLT_FIELD_CLEARANCE, z, &rays, ~0ull, WIDTH, id, &b);
+                some_rays(&t, &rng, SLT_QUERY_CLEARANCE, f64, WIDTH, &rays);
+                field_count(mip, SLT_QUERY_CLEARANCE, z, &rays, ~0ull, WIDTH, id, &a);
+                field_count(again, SLT_QUERY_CLEARANCE, z, &rays, ~0ull, WIDTH, id, &b);
             }
             assert_true(a.nodes > 0 && a.cells > 0);
             assert_int_equal(a.nodes, b.nodes);

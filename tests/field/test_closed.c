@@ -3,7 +3,7 @@
 
 enum { N = 33 };
 
-static int32_t ask(SltField *f, const float *z, SltFieldWhat what, const float ray[8]) {
+static int32_t ask(SltGeometry *f, const float *z, SltQuery what, const float ray[8]) {
     int32_t id;
     f->query[what](f, z, ray, 1, 1, &id);
     return id;
@@ -18,52 +18,57 @@ static void test_wall(void **state) {
     static float z[N * N];
     for (int n = 0; n < N * N; n++) z[n] = n % N == 20 ? 4 : 0;
     for (int structure = 0; structure < 3; structure += 2) {
-        SltField *f = make_field(z, false, N, N, (FieldOptions){.structure = (FieldStructure)structure, .band = 0.5f});
+        SltGeometry *f = make_field(z, false, N, N, (FieldOptions){.structure = (SltStructure)structure, .band = 0.5f});
         const float inf = INFINITY;
         /* Level at z = 2: blocked half way between x = 19 and x = 20. */
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 0, inf}), triangle(19, 7, 0));
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){30.5f, 7.25f, 2, -1, 0, 0, 0, inf}), triangle(20, 7, 0));
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 0, 10}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 20, 10}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}),
-                         SLT_FIELD_NONE); /* touching the top is not below it */
-        assert_int_not_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 3.99f, 1, 0, 0, 0, inf}),
-                             SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_OCCLUDED, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){20, 7.25f, 1, 1, 0, 0, 0, inf}), SLT_FIELD_AT_T0);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.25f, 7.25f, 9, 0, 0, -1, 0, inf}),
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 0, inf}), triangle(19, 7, 0));
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){30.5f, 7.25f, 2, -1, 0, 0, 0, inf}), triangle(20, 7, 0));
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 0, 10}), SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){2.5f, 7.25f, 2, 1, 0, 0, 20, 10}), SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}),
+                         SLT_WITNESS_NONE); /* touching the top is not below it */
+        assert_int_not_equal(ask(f, z, SLT_QUERY_OCCLUDED, (float[]){2.5f, 7.25f, 3.99f, 1, 0, 0, 0, inf}),
+                             SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_OCCLUDED, (float[]){2.5f, 7.25f, 4, 1, 0, 0, 0, inf}), SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){20, 7.25f, 1, 1, 0, 0, 0, inf}), SLT_WITNESS_AT_T0);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){5.25f, 7.25f, 9, 0, 0, -1, 0, inf}),
                          triangle(5, 7, 0)); /* straight down */
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.75f, 7.75f, 9, 0, 0, -1, 0, inf}), triangle(5, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){5.75f, 7.75f, 9, 0, 0, 1, 0, inf}), SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){5.75f, 7.75f, 9, 0, 0, -1, 0, inf}), triangle(5, 7, 1));
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){5.75f, 7.75f, 9, 0, 0, 1, 0, inf}), SLT_WITNESS_NONE);
         /* From outside: below the rim, above it, and past the box. */
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){-3, 7.25f, -1, 1, 0, 0, 0, inf}), SLT_FIELD_WALL);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){40, 7.25f, -1, -1, 0, 0, 0, inf}), SLT_FIELD_WALL - 1);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){3.5f, -2, -1, 0, 1, 0, 0, inf}), SLT_FIELD_WALL - 2);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){3.5f, 60, -1, 0, -2, 0, 0, inf}), SLT_FIELD_WALL - 3);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){-3, 7.25f, 2, 1, 0, 0, 0, inf}), triangle(19, 7, 0));
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){-3, -7.25f, 0, 1, 0, 0, 0, inf}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_TRACE, (float[]){3, 3, NAN, 1, 0, 0, 0, inf}), SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){-3, 7.25f, -1, 1, 0, 0, 0, inf}), SLT_HEIGHTFIELD_WALL);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){40, 7.25f, -1, -1, 0, 0, 0, inf}),
+                         SLT_HEIGHTFIELD_WALL - 1);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){3.5f, -2, -1, 0, 1, 0, 0, inf}),
+                         SLT_HEIGHTFIELD_WALL - 2);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){3.5f, 60, -1, 0, -2, 0, 0, inf}),
+                         SLT_HEIGHTFIELD_WALL - 3);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){-3, 7.25f, 2, 1, 0, 0, 0, inf}), triangle(19, 7, 0));
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){-3, -7.25f, 0, 1, 0, 0, 0, inf}), SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_TRACE, (float[]){3, 3, NAN, 1, 0, 0, 0, inf}), SLT_WITNESS_NONE);
         /* Clearance of a level ray is least at the top of the wall while z < 4 + ..., and of one that looks down at the
          * end of its interval. */
-        assert_int_equal(ask(f, z, SLT_FIELD_CLEARANCE, (float[]){2.5f, 7.25f, 3, 1, 0, 0, 1, inf}), edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SHADOW, (float[]){2.5f, 7.25f, 3.75f, 1, 0, 0, 1, inf}), edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SHADOW, (float[]){2.5f, 7.25f, 4.25f, 1, 0, 0, 1, inf}), edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SHADOW, (float[]){2.5f, 7.25f, 5, 1, 0, 0, 1, inf}), SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_CLEARANCE, (float[]){2.5f, 7.25f, 5, 1, 0, -0.1f, 1, 4}), SLT_FIELD_AT_T1);
-        assert_int_equal(ask(f, z, SLT_FIELD_CLEARANCE, (float[]){2.5f, 7.25f, -0.5f, 1, 0, 1, 1, 4}), SLT_FIELD_AT_T0);
-        assert_int_equal(ask(f, z, SLT_FIELD_CLEARANCE, (float[]){-9, 7.25f, 5, 1, 0, 0, 1, 4}), SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_CLEARANCE, (float[]){2.5f, 7.25f, 3, 1, 0, 0, 1, inf}), edge(20, 7, 1));
+        assert_int_equal(ask(f, z, SLT_QUERY_SHADOW, (float[]){2.5f, 7.25f, 3.75f, 1, 0, 0, 1, inf}), edge(20, 7, 1));
+        assert_int_equal(ask(f, z, SLT_QUERY_SHADOW, (float[]){2.5f, 7.25f, 4.25f, 1, 0, 0, 1, inf}), edge(20, 7, 1));
+        assert_int_equal(ask(f, z, SLT_QUERY_SHADOW, (float[]){2.5f, 7.25f, 5, 1, 0, 0, 1, inf}), SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_CLEARANCE, (float[]){2.5f, 7.25f, 5, 1, 0, -0.1f, 1, 4}),
+                         SLT_WITNESS_AT_T1);
+        assert_int_equal(ask(f, z, SLT_QUERY_CLEARANCE, (float[]){2.5f, 7.25f, -0.5f, 1, 0, 1, 1, 4}),
+                         SLT_WITNESS_AT_T0);
+        assert_int_equal(ask(f, z, SLT_QUERY_CLEARANCE, (float[]){-9, 7.25f, 5, 1, 0, 0, 1, 4}), SLT_WITNESS_NONE);
         /* From the top of the wall down its far side, and from the ground up to it. */
-        assert_int_equal(ask(f, z, SLT_FIELD_RISE, (float[]){16.5f, 7.25f, 1, 1, 0, 0, 2.875f, inf}), edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_RISE, (float[]){16.5f, 7.25f, 1, 1, 0, 0, 3.75f, inf}), SLT_FIELD_AT_T0);
+        assert_int_equal(ask(f, z, SLT_QUERY_RISE, (float[]){16.5f, 7.25f, 1, 1, 0, 0, 2.875f, inf}), edge(20, 7, 1));
+        assert_int_equal(ask(f, z, SLT_QUERY_RISE, (float[]){16.5f, 7.25f, 1, 1, 0, 0, 3.75f, inf}), SLT_WITNESS_AT_T0);
         /* Seen from the ground the wall's top is the only silhouette, under 3.5 / 17.5. */
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -inf, inf}),
+        assert_int_equal(ask(f, z, SLT_QUERY_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -inf, inf}),
                          edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.19f, 0.21f}),
+        assert_int_equal(ask(f, z, SLT_QUERY_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.19f, 0.21f}),
                          edge(20, 7, 1));
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.21f, 9}),
-                         SLT_FIELD_NONE);
-        assert_int_equal(ask(f, z, SLT_FIELD_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -9, 0.19f}),
-                         SLT_FIELD_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, 0.21f, 9}),
+                         SLT_WITNESS_NONE);
+        assert_int_equal(ask(f, z, SLT_QUERY_SILHOUETTE, (float[]){2.5f, 7.25f, 0.5f, 1, 0, 0, -9, 0.19f}),
+                         SLT_WITNESS_NONE);
         /* From above it, the wall; then the far border of the ground, where the terrain ends. */
         int32_t id[8];
         const float o[3] = {2.5f, 7.25f, 10}, d[2] = {1, 0};
@@ -97,8 +102,8 @@ static void test_slices(void **state) {
     Terrain t;
     Rng rng = {3};
     assert_true(terrain_make(&t, "noise", 1025, 1025));
-    SltField *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){0}),
-             *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+    SltGeometry *mip = make_field(t.z, false, t.w, t.h, (FieldOptions){0}),
+                *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE});
     uint64_t peaks = 0;
     FieldCounts few = {0}, many = {0}, few_window = {0}, many_window = {0};
     for (int n = 0; n < 400; n++) {
@@ -114,14 +119,14 @@ static void test_slices(void **state) {
         assert_memory_equal(one, brute, found * sizeof *one);
         float ray[8] = {o[0], o[1], o[2], d[0], d[1], 0, -INFINITY, INFINITY};
         for (uint32_t p = 0; p < found; p++) {
-            mip->query[SLT_FIELD_SILHOUETTE](mip, t.z, ray, 1, 1, &next);
+            mip->query[SLT_QUERY_SILHOUETTE](mip, t.z, ray, 1, 1, &next);
             assert_int_equal(next, one[p]);
             float slope = slope_of(&t, o, d, next);
             assert_true(slope > ray[6]);
             ray[6] = slope;
         }
-        mip->query[SLT_FIELD_SILHOUETTE](mip, t.z, ray, 1, 1, &next);
-        assert_int_equal(next, SLT_FIELD_NONE);
+        mip->query[SLT_QUERY_SILHOUETTE](mip, t.z, ray, 1, 1, &next);
+        assert_int_equal(next, SLT_WITNESS_NONE);
         peaks += found;
         found = field_silhouettes(mip, t.z, o, d, k, k + 0.00077, one, 512, &few_window);
         assert_int_equal(field_silhouettes(naive, t.z, o, d, k, k + 0.00077, brute, 512, &many_window), found);
@@ -142,17 +147,16 @@ static void test_slices(void **state) {
 static void test_refusals(void **state) {
     (void)state;
     float z[4] = {0};
-    SltField *f = (SltField *)1;
+    SltGeometry *f = (SltGeometry *)1;
     SltError err;
-    assert_int_equal(slt_field_make(&f, z, false, 1, 4, NULL, &err), SLT_USAGE);
+    assert_int_equal(field_make(&f, z, false, 1, 4, NULL, &err), SLT_USAGE);
     assert_null(f);
-    assert_int_equal(slt_field_make(&f, z, false, 1u << 15, 1u << 15, NULL, &err), SLT_LIMIT);
-    assert_int_equal(slt_field_make(&f, z, false, 2, 2, &(FieldOptions){.band = NAN}, &err), SLT_USAGE);
-    assert_int_equal(slt_field_make(&f, z, false, 2, 2, &(FieldOptions){.queries = 1u << SLT_FIELD_RISE}, &err),
-                     SLT_OK);
+    assert_int_equal(field_make(&f, z, false, 1u << 15, 1u << 15, NULL, &err), SLT_LIMIT);
+    assert_int_equal(field_make(&f, z, false, 2, 2, &(FieldOptions){.band = NAN}, &err), SLT_USAGE);
+    assert_int_equal(field_make(&f, z, false, 2, 2, &(FieldOptions){.queries = 1u << SLT_QUERY_RISE}, &err), SLT_OK);
     assert_int_equal(field_bytes(f), 0); /* no query of this field looks at levels */
     field_free(f);
-    assert_int_equal(slt_field_make(&f, z, false, 2, 2, NULL, &err), SLT_OK);
+    assert_int_equal(field_make(&f, z, false, 2, 2, NULL, &err), SLT_OK);
     assert_int_equal(field_bytes(f), sizeof(float));
     field_free(f);
     field_free(NULL);

@@ -9,17 +9,17 @@ static const struct {
     const char *name;
     FieldOptions options;
 } variants[VARIANTS] = {
-    {"rings", {.structure = FIELD_CONE}},
-    {"directional", {.structure = FIELD_CONE, .cone_directional = true}},
-    {"exact", {.structure = FIELD_CONE, .cone_exact = true}},
-    {"exact, directional", {.structure = FIELD_CONE, .cone_exact = true, .cone_directional = true}},
-    {"bounded", {.structure = FIELD_CONE, .max_slope = -0.4f}},
+    {"rings", {.structure = SLT_STRUCTURE_CONE}},
+    {"directional", {.structure = SLT_STRUCTURE_CONE, .cone_directional = true}},
+    {"exact", {.structure = SLT_STRUCTURE_CONE, .cone_exact = true}},
+    {"exact, directional", {.structure = SLT_STRUCTURE_CONE, .cone_exact = true, .cone_directional = true}},
+    {"bounded", {.structure = SLT_STRUCTURE_CONE, .max_slope = -0.4f}},
     {"exact, directional, bounded",
-     {.structure = FIELD_CONE, .cone_exact = true, .cone_directional = true, .max_slope = 0.2f}},
+     {.structure = SLT_STRUCTURE_CONE, .cone_exact = true, .cone_directional = true, .max_slope = 0.2f}},
 };
 
-static void compare(const char *name, const SltField *naive, const SltField *cone, const void *z, bool f64,
-                    SltFieldWhat what, const Rows *rays, uint64_t mask, uint32_t width) {
+static void compare(const char *name, const SltGeometry *naive, const SltGeometry *cone, const void *z, bool f64,
+                    SltQuery what, const Rows *rays, uint64_t mask, uint32_t width) {
     int32_t expected[WIDTH];
     naive->query[what](naive, z, rays, mask, width, expected);
     expect_witnesses(name, field_describe(cone), cone, z, f64, what, rays, mask, width, expected);
@@ -30,18 +30,19 @@ static void agree(const Terrain *t, uint64_t seed, uint64_t rays_wanted) {
     for (int v = 0; v < VARIANTS; v++)
         for (int f64 = 0; f64 < 2; f64++) {
             const void *z = f64 ? (const void *)wide : t->z;
-            SltField *naive = make_field(z, f64, t->w, t->h, (FieldOptions){.structure = FIELD_NAIVE, .band = 0.5f});
+            SltGeometry *naive =
+                make_field(z, f64, t->w, t->h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE, .band = 0.5f});
             for (int isa = FIELD_ISA_SCALAR; isa < FIELD_ISAS; isa++) {
                 FieldOptions o = variants[v].options;
                 o.isa = (FieldIsa)isa, o.band = 0.5f;
-                SltField *cone = make_field(z, f64, t->w, t->h, o);
+                SltGeometry *cone = make_field(z, f64, t->w, t->h, o);
                 if (!cone) continue;
                 Rng rng = {seed * 31 + (uint64_t)isa};
                 for (uint64_t done = 0; done < rays_wanted; done += WIDTH) {
                     Rows rays;
-                    SltFieldWhat what = done % 640 == 0 ? SLT_FIELD_CLEARANCE
-                                        : done % 128    ? SLT_FIELD_OCCLUDED
-                                                        : SLT_FIELD_TRACE; /* what shapes do not serve is there too */
+                    SltQuery what = done % 640 == 0 ? SLT_QUERY_CLEARANCE
+                                    : done % 128    ? SLT_QUERY_OCCLUDED
+                                                    : SLT_QUERY_TRACE; /* what shapes do not serve is there too */
                     uint32_t width = uniform(&rng) < 0.8 ? WIDTH : 1 + below(&rng, WIDTH);
                     uint64_t mask = uniform(&rng) < 0.8 ? ~0ull : (uint64_t)(uniform(&rng) * 0x1p64);
                     some_rays(t, &rng, what, f64, width, &rays);
@@ -100,9 +101,9 @@ static void test_far(void **state) {
     Terrain t;
     Rng rng = {3};
     assert_true(terrain_make(&t, "noise", 97, 75));
-    SltField *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+    SltGeometry *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE});
     for (int v = 0; v < VARIANTS; v++) {
-        SltField *cone = make_field(t.z, false, t.w, t.h, variants[v].options);
+        SltGeometry *cone = make_field(t.z, false, t.w, t.h, variants[v].options);
         uint32_t found = 0;
         for (int n = 0; n < 300; n++) {
             Rows rays;
@@ -119,9 +120,9 @@ static void test_far(void **state) {
                                  INFINITY};
                 for (int c = 0; c < 8; c++) rays.f[c * WIDTH + (int)lane] = (float)ray[c];
             }
-            compare("far", naive, cone, t.z, false, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH);
+            compare("far", naive, cone, t.z, false, SLT_QUERY_TRACE, &rays, ~0ull, WIDTH);
             int32_t id[WIDTH];
-            cone->query[SLT_FIELD_TRACE](cone, t.z, &rays, ~0ull, WIDTH, id);
+            cone->query[SLT_QUERY_TRACE](cone, t.z, &rays, ~0ull, WIDTH, id);
             for (int k = 0; k < WIDTH; k++) found += id[k] >= 0;
         }
         assert_true(found > 1000);
@@ -140,22 +141,22 @@ static void test_slack(void **state) {
         assert_true(terrain_make(&t, "noise", 100, 80));
         FieldOptions o = variants[v].options;
         o.slack = slack;
-        SltField *cone = make_field(t.z, false, t.w, t.h, o),
-                 *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+        SltGeometry *cone = make_field(t.z, false, t.w, t.h, o),
+                    *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE});
         for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, -0.2, 1) * slack;
         for (int n = 0; n < 200; n++) {
             Rows rays;
-            some_rays(&t, &rng, SLT_FIELD_TRACE, false, WIDTH, &rays);
-            compare(variants[v].name, naive, cone, t.z, false, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH);
+            some_rays(&t, &rng, SLT_QUERY_TRACE, false, WIDTH, &rays);
+            compare(variants[v].name, naive, cone, t.z, false, SLT_QUERY_TRACE, &rays, ~0ull, WIDTH);
         }
         /* A copy with another slack is asked as well as the field itself. */
-        SltField copy = *cone;
+        SltGeometry copy = *cone;
         copy.slack = 2 * slack;
         for (uint32_t n = 0; n < t.w * t.h; n++) t.z[n] += (float)between(&rng, 0, 1) * slack;
         for (int n = 0; n < 100; n++) {
             Rows rays;
-            some_rays(&t, &rng, SLT_FIELD_TRACE, false, WIDTH, &rays);
-            compare(variants[v].name, naive, &copy, t.z, false, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH);
+            some_rays(&t, &rng, SLT_QUERY_TRACE, false, WIDTH, &rays);
+            compare(variants[v].name, naive, &copy, t.z, false, SLT_QUERY_TRACE, &rays, ~0ull, WIDTH);
         }
         field_free(cone);
         field_free(naive);
@@ -169,16 +170,16 @@ static void test_refresh(void **state) {
         Terrain t;
         Rng rng = {9};
         assert_true(terrain_make(&t, "noise", 60, 50));
-        SltField *cone = make_field(t.z, false, t.w, t.h, variants[v].options),
-                 *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = FIELD_NAIVE});
+        SltGeometry *cone = make_field(t.z, false, t.w, t.h, variants[v].options),
+                    *naive = make_field(t.z, false, t.w, t.h, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE});
         for (int n = 0; n < 10; n++) {
             uint32_t x = below(&rng, t.w), y = below(&rng, t.h);
             *terrain_at(&t, x, y) = 3 * t.high;
             field_refresh(cone, t.z, x, y, x + 1, y + 1);
             Rows rays;
             for (int k = 0; k < 20; k++) {
-                some_rays(&t, &rng, SLT_FIELD_TRACE, false, WIDTH, &rays);
-                compare(variants[v].name, naive, cone, t.z, false, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH);
+                some_rays(&t, &rng, SLT_QUERY_TRACE, false, WIDTH, &rays);
+                compare(variants[v].name, naive, cone, t.z, false, SLT_QUERY_TRACE, &rays, ~0ull, WIDTH);
             }
         }
         field_free(cone);
@@ -236,15 +237,15 @@ static void test_promise(void **state) {
     assert_true(slopes[1] < 0.9 * slopes[0]);
     FieldCounts counts[2] = {0};
     for (int exact = 0; exact < 2; exact++) { /* a ray takes fewer steps by exact shapes */
-        SltField *f =
+        SltGeometry *f =
             make_field(t.z, false, t.w, t.h,
-                       (FieldOptions){.structure = FIELD_CONE, .cone_exact = exact, .cone_directional = true});
+                       (FieldOptions){.structure = SLT_STRUCTURE_CONE, .cone_exact = exact, .cone_directional = true});
         Rng rng = {4};
         for (int n = 0; n < 100; n++) {
             Rows rays;
             int32_t id[WIDTH];
-            some_rays(&t, &rng, SLT_FIELD_TRACE, false, WIDTH, &rays);
-            field_count(f, SLT_FIELD_TRACE, t.z, &rays, ~0ull, WIDTH, id, &counts[exact]);
+            some_rays(&t, &rng, SLT_QUERY_TRACE, false, WIDTH, &rays);
+            field_count(f, SLT_QUERY_TRACE, t.z, &rays, ~0ull, WIDTH, id, &counts[exact]);
         }
         field_free(f);
     }
@@ -272,18 +273,18 @@ static void test_bowl(void **state) {
         for (uint32_t i = 0; i + 1 < n; i++) wide += c.radius[j * n + i] == FIELD_CONE_MAX_RADIUS;
     assert_true(wide > (n - 1) * (n - 1) * 9 / 10);
     cone_free(&c);
-    SltField *cone = make_field(z, false, n, n, (FieldOptions){.structure = FIELD_CONE, .cone_exact = true}),
-             *naive = make_field(z, false, n, n, (FieldOptions){.structure = FIELD_NAIVE});
+    SltGeometry *cone = make_field(z, false, n, n, (FieldOptions){.structure = SLT_STRUCTURE_CONE, .cone_exact = true}),
+                *naive = make_field(z, false, n, n, (FieldOptions){.structure = SLT_STRUCTURE_NAIVE});
     Terrain t = {.name = "bowl", .w = n, .h = n, .z = z, .low = 0, .high = 16};
     Rng rng = {8};
     FieldCounts a = {0}, b = {0};
     for (int k = 0; k < 200; k++) {
         Rows rays;
         int32_t id[WIDTH];
-        some_rays(&t, &rng, SLT_FIELD_TRACE, false, WIDTH, &rays);
-        compare("bowl", naive, cone, z, false, SLT_FIELD_TRACE, &rays, ~0ull, WIDTH);
-        field_count(cone, SLT_FIELD_TRACE, z, &rays, ~0ull, WIDTH, id, &a);
-        field_count(naive, SLT_FIELD_TRACE, z, &rays, ~0ull, WIDTH, id, &b);
+        some_rays(&t, &rng, SLT_QUERY_TRACE, false, WIDTH, &rays);
+        compare("bowl", naive, cone, z, false, SLT_QUERY_TRACE, &rays, ~0ull, WIDTH);
+        field_count(cone, SLT_QUERY_TRACE, z, &rays, ~0ull, WIDTH, id, &a);
+        field_count(naive, SLT_QUERY_TRACE, z, &rays, ~0ull, WIDTH, id, &b);
     }
     assert_true(4 * a.cells < b.cells);
     field_free(cone);

@@ -505,7 +505,7 @@ static bool probe(void *user, const char *path, char kind, uint32_t dims[4], uin
     if (!strcmp(name, "mesh.npy") && kind == 'a') dims[0] = 5, dims[1] = 3;
     else if (!strcmp(name, "pts.npy") && kind == 'a') dims[0] = 5, dims[1] = 2;
     else if (!strcmp(name, "a.exr") && kind == 't') dims[0] = 8, dims[1] = 4, dims[2] = 3, *ndims = 3;
-    else if (!strcmp(name, "dem.exr") && kind == 'h') dims[0] = 9, dims[1] = 9;
+    else if (!strcmp(name, "dem.exr") && kind == 'g') dims[0] = 9, dims[1] = 9;
     else {
         *why = "No such file or directory";
         return false;

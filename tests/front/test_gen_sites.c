@@ -333,7 +333,7 @@ static void test_cull(void **state) {
     int32_t k[4 + SLT_PAD] = {0, 1, 4, 2};
     double out[4][4 + SLT_PAD];
     SltKernelArgs args = {.params = b.program->init_floats, .iparams = b.program->init_ints, .n_valid = 4};
-    args.in[IN_K0] = k;
+    args.in[IN_ITERATION] = k;
     for (int c = 0; c < 4; c++) args.out[c] = out[c];
     assert_int_equal(ir_interpret(fn, &args, 4, 4), 0);
     assert_true(out[0][2] == -0.5 && out[2][1] == 0.2 && out[3][3] == 1);

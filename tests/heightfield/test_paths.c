@@ -93,7 +93,7 @@ static SltProgram *program(const char *source, int bounces, bool f64, const bool
     SltProgram *p = load(source, bounces, f64, 0);
     SltError err = {0};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
-    assert_int_equal(api_fields(p, &err), SLT_OK);
+    assert_int_equal(api_geometries(p, &err), SLT_OK);
     return p;
 }
 
@@ -127,7 +127,7 @@ static void run(SltProgram *p, const Fn *fn, Run *r, uint32_t first, uint32_t n,
     for (int c = 0; c < 3; c++) a.in[IN_SEED0 + c] = r->seed[c] + first;
     a.in[IN_RAND0] = r->rand0 + first, a.in[IN_STREAM] = r->stream + first;
     for (int o = 0; o < 8; o++) a.out[o] = r->out[o] + first;
-    a.params = r->params, a.dparams = r->dparams, a.adj = r->adj, a.iparams = p->ints, a.fields = p->fields,
+    a.params = r->params, a.dparams = r->dparams, a.adj = r->adj, a.iparams = p->ints, a.geometries = p->geometries,
     a.n_valid = n;
     assert_int_equal(ir_interpret(fn, &a, n, lanes), SLT_OK);
 }
@@ -135,7 +135,7 @@ static void run(SltProgram *p, const Fn *fn, Run *r, uint32_t first, uint32_t n,
 static uint32_t searches(const Block *b, bool in_sweep) {
     uint32_t n = 0;
     for (const Inst *i = b->first; i; i = i->next) {
-        n += in_sweep && i->op == OP_fieldop;
+        n += in_sweep && i->op == OP_query;
         for (uint32_t r = 0; r < i->nregions; r++) n += searches(i->region[r], in_sweep || i->op == OP_revloop);
     }
     return n;

@@ -8,7 +8,7 @@
 #include <cmocka.h>
 
 #include "bindings/c/api.h"
-#include "saltus/field.h"
+#include "saltus/heightfield.h"
 
 enum { N = 2048, SIDE = 32, NOUT = 8 };
 
@@ -26,16 +26,16 @@ static const char source[] =
     "}\n";
 
 static uint64_t searched;
-static SltFieldQuery *real[SLT_FIELD_WHATS];
-static void count_trace(const SltField *f, const void *h, const void *rays, uint64_t mask, uint32_t width,
+static SltQueryFn *real[SLT_QUERIES];
+static void count_trace(const SltGeometry *f, const void *h, const void *rays, uint64_t mask, uint32_t width,
                         int32_t *id) {
     searched += (uint64_t)__builtin_popcountll(mask);
-    real[SLT_FIELD_TRACE](f, h, rays, mask, width, id);
+    real[SLT_QUERY_TRACE](f, h, rays, mask, width, id);
 }
-static void count_occluded(const SltField *f, const void *h, const void *rays, uint64_t mask, uint32_t width,
+static void count_occluded(const SltGeometry *f, const void *h, const void *rays, uint64_t mask, uint32_t width,
                            int32_t *id) {
     searched += (uint64_t)__builtin_popcountll(mask);
-    real[SLT_FIELD_OCCLUDED](f, h, rays, mask, width, id);
+    real[SLT_QUERY_OCCLUDED](f, h, rays, mask, width, id);
 }
 
 typedef struct Io {
@@ -53,7 +53,7 @@ static void io_make(Io *io, const SltProgram *p) {
         io->args.out[i] = io->out[i] = aligned_alloc(64, N * sizeof(float));
         memset(io->out[i], 0, N * sizeof(float));
     }
-    io->args.params = p->flt, io->args.iparams = p->ints, io->args.fields = p->fields, io->args.n_valid = N;
+    io->args.params = p->flt, io->args.iparams = p->ints, io->args.geometries = p->geometries, io->args.n_valid = N;
     for (int i = 0; i < N; i++) { /* pairs of neighbours */
         io->in[IN_X0][i] = (float)((i / 2 % 64 + 0.37) / 32 - 1 + i % 2 * 0.05);
         io->in[IN_X1][i] = (float)((i / 2 / 64 + 0.21) / 8 - 1 + i % 2 * 0.07);
@@ -81,7 +81,7 @@ static void event_does_not_search_again(void **state) {
     slt_set_floats(p, h.fbase, SIDE * SIDE, height, NULL);
     bool needs[K_KINDS] = {[K_REGION] = true, [K_EVENT] = true, [K_SIDES] = true};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
-    assert_int_equal(api_fields(p, &err), SLT_OK);
+    assert_int_equal(api_geometries(p, &err), SLT_OK);
     assert_int_equal(scene_outputs(&p->scene, SLT_K_REGION, SLT_OUT_WITNESS), 2);
     assert_int_equal(scene_outputs(&p->scene, SLT_K_REGION, SLT_OUT_DEPTH), 1);
 
@@ -100,11 +100,11 @@ static void event_does_not_search_again(void **state) {
     assert_true(met > N / 2);
 
     /* The field's own pointers, with a count in front. */
-    SltField counted = *p->fields[0];
+    SltGeometry counted = *p->geometries[0];
     memcpy(real, counted.query, sizeof real);
-    counted.query[SLT_FIELD_TRACE] = count_trace, counted.query[SLT_FIELD_OCCLUDED] = count_occluded;
-    const SltField *fields[1] = {&counted};
-    alone.args.fields = told.args.fields = fields;
+    counted.query[SLT_QUERY_TRACE] = count_trace, counted.query[SLT_QUERY_OCCLUDED] = count_occluded;
+    const SltGeometry *fields[1] = {&counted};
+    alone.args.geometries = told.args.geometries = fields;
     p->scene.kernel[SLT_K_EVENT](&alone.args, N);
     assert_true(searched > N);
     searched = 0;

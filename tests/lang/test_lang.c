@@ -271,7 +271,7 @@ static void evaluate(const Case *c, SltProgram *p, bool f64, bool interpret, Val
                           .resolution = {16, 8},
                           .print = count_print,
                           .user = &out->prints,
-                          .fields = p->scene.fields};
+                          .geometries = p->scene.geometries};
     enum { CAPACITY = MAX_POINTS + SLT_PAD };
     char *memory = aligned_alloc(64, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);
     memset(memory, 0, (SLT_IN_VARYING + SLT_OUT_MAX) * CAPACITY * 8);

@@ -60,7 +60,7 @@ static Results interpret(const Fn *fn) {
 
 static bool searches(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_fieldop) return true;
+        if (i->op == OP_query) return true;
         for (uint32_t r = 0; r < i->nregions; r++)
             if (searches(i->region[r])) return true;
     }

@@ -10,8 +10,8 @@
 #include <string.h>
 
 #include "runtime/sample/estimate.h"
+#include "saltus/heightfield.h"
 #include "tests/sample/layouts.h"
-#include "saltus/field.h"
 
 enum { RIDGE_NODES = 512, RIDGE_PARAMS = 4 };
 
@@ -138,8 +138,9 @@ static inline void ridges_call(void *user, int kind, SltKernelArgs *a, uint32_t 
     memset(pair, 0, sizeof pair);
     uint32_t padded = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     __atomic_fetch_add(&r->calls[kind], n, __ATOMIC_RELAXED);
-    if (a->fields)
-        r->slack = fmax(r->slack, (double)a->fields[0]->slack), r->low = fmin(r->low, (double)a->fields[0]->slack);
+    if (a->geometries)
+        r->slack = fmax(r->slack, (double)a->geometries[0]->slack),
+        r->low = fmin(r->low, (double)a->geometries[0]->slack);
     for (uint32_t i = 0; i < padded; i++) {
         Ray *y = &pair[i & 1];
         *y = ridges_ray(r, a, i, &c[i & 1]);
@@ -245,7 +246,7 @@ static inline void ridges_init(Ridges *r, double (*height)(const double *, doubl
     scene_add_output(s, SLT_K_REGION, SLT_OUT_DEPTH, 1), scene_add_output(s, SLT_K_SIDES, SLT_OUT_DEPTH, 1);
     scene_add_output(s, SLT_K_EVENT, SLT_OUT_WINDOW, 2);
     for (uint32_t p = 0; p < nparams; p++) r->params[p] = params[p], r->active[p] = 1;
-    for (int k = 0; k < 4; k++) r->kind[k] = SLT_SITE_FIELD;
+    for (int k = 0; k < 4; k++) r->kind[k] = SLT_SITE_SILHOUETTE;
     s->params = r->params, s->active = r->active, s->site_kind = r->kind, s->site_static = r->is_static;
 }
 

@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include "ridges.h"
+#include "runtime/geometry/geometry.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/difference.h"
 
@@ -293,14 +294,20 @@ static void test_slack(void **state) {
     (void)state;
     static Ridges r;
     init_land(&r);
-    SltField field = {.w = 2, .h = 2, .slack = 0.25f};
-    const SltField *fields[] = {&field};
-    uint32_t base = 1, count = 2;
-    r.scene.fields = fields, r.scene.nfields = 1, r.scene.field_base = &base, r.scene.field_count = &count;
+    SltGeometry *made;
+    SltError err;
+    const GeometrySource from = {.kind = SLT_GEOMETRY_HEIGHTFIELD, .size = {2, 2}, .f64 = true};
+    assert_int_equal(geometry_make(&made, &from, r.params, &err), SLT_OK);
+    SltGeometry field = *made;
+    field.slack = 0.25f;
+    const SltGeometry *geometries[] = {&field};
+    uint32_t base = 0;
+    r.scene.geometries = geometries, r.scene.ngeometries = 1, r.scene.geometry_base = &base;
     r.low = HUGE_VAL;
     integrate(&r, (SltJob){.samples = 64, .estimator = SLT_EST_FD, .fd_step = 0.125});
     assert_true(r.slack >= 0.375 && r.slack < 0.3751 && r.low == 0.25);
     assert_true(field.slack == 0.25f);
+    geometry_free(made);
 }
 
 int main(void) {

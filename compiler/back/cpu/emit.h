@@ -121,7 +121,7 @@ void emit_count(Emit *e, Inst *i);
 void emit_print(Emit *e, Inst *i);
 
 /* ---- emit_query.c: searches along rays */
-void emit_fieldop(Emit *e, Inst *i);
+void emit_query(Emit *e, Inst *i);
 
 /* ---- codegen.c: LLVM module -> text, object or assembly. All errors in *why (malloc-free: scratch arena). */
 typedef struct Codegen {

@@ -1,7 +1,5 @@
-/* Heightfields: rays to memory, a call through the field, witnesses back. */
+/* Queries: rays to memory, a call through the geometry, witnesses back. */
 #include "compiler/back/cpu/emit.h"
-
-#include "saltus/field.h"
 
 static Part active_bits(Emit *e) {
     if (!e->mask) return emit_i64(e, e->W == 64 ? UINT64_MAX : (1ull << e->W) - 1);
@@ -14,12 +12,12 @@ static Part active_bits(Emit *e) {
     return bits;
 }
 
-void emit_fieldop(Emit *e, Inst *i) {
+void emit_query(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
     uint32_t width = vector ? e->W : 1, flt = e->plan.flt_bytes;
     unsigned align = vector ? emit_part_align(e, flt) : flt, ialign = vector ? emit_part_align(e, 4) : 4;
-    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_FIELD_RAY_ROWS * width * flt, 64),
-         ids = emit_alloca(e, e->t_i8, 4ull * width, 64);
+    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_RAY_ROWS * width * flt, 64),
+         witnesses = emit_alloca(e, e->t_i8, 4ull * width, 64);
     for (uint32_t a = 0; a < i->nargs; a++) {
         Part v[BACK_MAX_PARTS];
         if (vector) emit_parts(e, i->args[a], v);
@@ -27,16 +25,17 @@ void emit_fieldop(Emit *e, Inst *i) {
         for (uint32_t p = 0; p < (vector ? e->P : 1); p++)
             emit_store(e, v[p], emit_at_byte(e, rays, ((uint64_t)a * width + (uint64_t)p * e->L) * flt), align);
     }
-    Part fields = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, fields)), 8, true);
-    Part field = emit_load(e, e->t_ptr, emit_at_byte(e, fields, 8ull * i->imm.field.field), 8, true);
-    Part query =
-        emit_load(e, e->t_ptr, emit_at_byte(e, field, offsetof(SltField, query) + 8ull * i->imm.field.what), 8, true);
-    Part heights = emit_at_byte(e, e->params, (uint64_t)i->imm.field.base * flt);
+    Part geometries = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, geometries)), 8, true);
+    Part geometry = emit_load(e, e->t_ptr, emit_at_byte(e, geometries, 8ull * i->imm.query.geometry), 8, true);
+    Part query = emit_load(e, e->t_ptr,
+                           emit_at_byte(e, geometry, offsetof(SltGeometry, query) + 8ull * i->imm.query.what), 8, true);
+    Part values = emit_at_byte(e, e->params, (uint64_t)i->imm.query.base * flt);
     LLVMTypeRef types[6] = {e->t_ptr, e->t_ptr, e->t_ptr, e->t_i64, e->t_i32, e->t_ptr};
-    Part args[6] = {field, heights, rays, vector ? active_bits(e) : emit_i64(e, 1), emit_int(e, e->t_i32, width), ids};
+    Part args[6] = {geometry, values, rays, vector ? active_bits(e) : emit_i64(e, 1), emit_int(e, e->t_i32, width),
+                    witnesses};
     LL(BuildCall2)(e->b, LL(FunctionType)(e->t_void, types, 6, 0), query, args, 6, "");
     Part *out = emit_slot(e, i);
     LLVMTypeRef t = vector ? emit_vector_type(e, e->t_i32) : e->t_i32;
     for (uint32_t p = 0; p < (vector ? e->P : 1); p++)
-        out[p] = emit_load(e, t, emit_at_byte(e, ids, 4ull * p * e->L), ialign, false);
+        out[p] = emit_load(e, t, emit_at_byte(e, witnesses, 4ull * p * e->L), ialign, false);
 }

@@ -55,7 +55,7 @@ static Expr *finish(Checker *c, Expr *e, Type *t) {
 static int argument_cost(Expr *arg, const Symbol *formal) {
     if (formal->type->kind == T_ERROR || arg->type->kind == T_ERROR) return 0;
     if (formal->mode != ARG_IN) return arg->type == formal->type && is_place(arg) ? 0 : -1;
-    if (is_resource(formal->type)) return arg->type == formal->type && arg->kind == E_NAME ? 0 : -1;
+    if (type_is_resource(formal->type)) return arg->type == formal->type && arg->kind == E_NAME ? 0 : -1;
     return conversion_cost(arg, formal->type, CONV_NARROW);
 }
 
@@ -99,7 +99,7 @@ static void report_single(Checker *c, Expr *e, const Func *f) {
                               arena_printf(&c->s->session,
                                            "`%s` argument `%s` of `%s` must be a %s exactly, this is %s", mode,
                                            formal->name, f->name, formal->type->name, arg->type->name));
-            else if (is_resource(formal->type) || is_resource(arg->type) || is_aggregate(formal->type) ||
+            else if (type_is_resource(formal->type) || type_is_resource(arg->type) || is_aggregate(formal->type) ||
                      is_aggregate(arg->type))
                 d = diag_emit(c->s, DIAG_cannot_convert, arg->span, arg->type->name, formal->type->name, "");
             else convert(c, arg, formal->type, CONV_NARROW);
@@ -373,38 +373,16 @@ Expr *check_call(Checker *c, Expr *e) {
 
 /* ---- methods */
 
-typedef struct MethodInfo {
-    const char *name;
-    Method method;
-    TypeKind object;
-    const char *sig; /* result, then arguments: letters of builtins.def, 4 float4, H Hit, S Silhouette */
-} MethodInfo;
-static const MethodInfo methods[] = {
-    {"sample", M_SAMPLE, T_TEXTURE, "42"},
-    {"nearest", M_NEAREST, T_TEXTURE, "42"},
-    {"load", M_LOAD, T_TEXTURE, "4x"},
-    {"size", M_SIZE, T_TEXTURE, "x"},
-    {"size", M_SIZE, T_HEIGHTFIELD, "x"},
-    {"height", M_HEIGHT, T_HEIGHTFIELD, "f2"},
-    {"gradient", M_GRADIENT, T_HEIGHTFIELD, "22"},
-    {"normal", M_NORMAL, T_HEIGHTFIELD, "32"},
-    {"trace", M_TRACE, T_HEIGHTFIELD, "H33ff"},
-    {"occluded", M_OCCLUDED, T_HEIGHTFIELD, "b33ff"},
-    {"clearance", M_CLEARANCE, T_HEIGHTFIELD, "f33ff"},
-    {"silhouette", M_SILHOUETTE, T_HEIGHTFIELD, "S32ff"},
-};
-enum { NMETHODS = sizeof methods / sizeof *methods };
-
 Expr *check_method(Checker *c, Expr *e) {
     e->a[0] = check_expr(c, e->a[0]);
     bool args_ok = check_args(c, e, false);
     Type *t = e->a[0]->type;
     if (t->kind == T_ERROR) return fail(c, e);
     const MethodInfo *m = NULL;
-    const char *names[NMETHODS];
-    uint32_t n = 0;
-    for (int i = 0; i < NMETHODS; i++) {
-        if (methods[i].object != t->kind) continue;
+    const char *names[M_COUNT];
+    uint32_t n = 0, object = t->kind == T_GEOMETRY ? T_GEOMETRY + t->n : t->kind;
+    for (int i = 0; i < M_COUNT; i++) {
+        if (methods[i].object != object) continue;
         names[n++] = methods[i].name;
         if (!strcmp(methods[i].name, e->name)) m = &methods[i];
     }
@@ -419,7 +397,7 @@ Expr *check_method(Checker *c, Expr *e) {
                   "methods are called on a `param` or an argument, by its name");
         return fail(c, e);
     }
-    const char *letters = m->sig + 1;
+    const char *letters = m->signature + 1;
     uint32_t want = (uint32_t)strlen(letters);
     if (e->nargs != want) return bad_count(c, e, m->name, want);
     if (!args_ok) return fail(c, e);
@@ -428,11 +406,11 @@ Expr *check_method(Checker *c, Expr *e) {
         e->args[i] = convert(c, e->args[i], a, CONV_NARROW);
         if (e->args[i]->type->kind == T_ERROR) return fail(c, e);
     }
-    e->method = m->method;
-    e->type = m->sig[0] == '4'   ? type_vector(c->s, T_FLOAT, 4)
-              : m->sig[0] == 'H' ? c->t_hit
-              : m->sig[0] == 'S' ? c->t_silhouette
-                                 : fixed_type(c, m->sig[0]);
+    e->method = (Method)(m - methods);
+    e->type = m->signature[0] == '4'   ? type_vector(c->s, T_FLOAT, 4)
+              : m->signature[0] == 'H' ? c->t_hit
+              : m->signature[0] == 'S' ? c->t_silhouette
+                                       : fixed_type(c, m->signature[0]);
     return e;
 }
 
@@ -494,7 +472,7 @@ Expr *check_construct(Checker *c, Expr *e, Type *t) {
         check_args(c, e, true);
         return fail(c, e);
     }
-    if (is_resource(t) || t->kind == T_VOID) {
+    if (type_is_resource(t) || t->kind == T_VOID) {
         check_args(c, e, true);
         return bad_construct(c, e, e->span, arena_printf(&s->session, "there is no constructor of %s", t->name));
     }

@@ -244,9 +244,9 @@ static void fill_language(Checker *c) {
     c->t_error = type_scalar(T_ERROR), c->t_void = type_scalar(T_VOID), c->t_bool = type_scalar(T_BOOL),
     c->t_int = type_scalar(T_INT);
     c->t_uint = type_scalar(T_UINT), c->t_float = type_scalar(T_FLOAT), c->t_texture = type_scalar(T_TEXTURE);
-    c->t_heightfield = type_scalar(T_HEIGHTFIELD);
-    Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float, c->t_texture, c->t_heightfield};
-    uint32_t n = 7;
+    Type *types[32] = {c->t_void, c->t_bool, c->t_int, c->t_uint, c->t_float, c->t_texture};
+    uint32_t n = 6;
+    for (int k = 0; k < SLT_GEOMETRIES; k++) types[n++] = type_geometry((SltGeometryKind)k);
     for (uint32_t w = 2; w <= 4; w++) {
         for (TypeKind k = T_BOOL; k <= T_FLOAT; k++) types[n++] = type_vector(s, k, w);
         types[n++] = type_matrix(s, w);
@@ -291,7 +291,7 @@ void func_signature(Checker *c, Func *f) {
     Context old = context_enter(c, info->scope, NULL);
     f->ret = c->t_error; /* sizes in the signature cannot depend on the function */
     Type *ret = resolve_type(c, f->ret_ref, false, CHECK_MAX_LOCAL);
-    if (is_resource(ret)) {
+    if (type_is_resource(ret)) {
         diag_emit(s, DIAG_bad_resource, f->ret_ref->span,
                   arena_printf(&s->session, "a function cannot return a %s", ret->name));
         ret = c->t_error;
@@ -304,7 +304,7 @@ void func_signature(Checker *c, Func *f) {
         if (a->type->kind == T_VOID) {
             diag_emit(s, DIAG_void_value, a->span, "argument");
             a->type = c->t_error;
-        } else if (is_resource(a->type) && a->mode != ARG_IN) {
+        } else if (type_is_resource(a->type) && a->mode != ARG_IN) {
             diag_emit(s, DIAG_bad_resource, a->span,
                       arena_printf(&s->session, "a %s is passed `in` only", a->type->name));
             a->type = c->t_error;

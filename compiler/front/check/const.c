@@ -332,7 +332,7 @@ static bool fold(Expr *e) {
 
 void const_fold(Checker *c, Expr *e) {
     (void)c;
-    if (e->type->kind == T_ERROR || e->type->kind == T_VOID || is_resource(e->type)) return;
+    if (e->type->kind == T_ERROR || e->type->kind == T_VOID || type_is_resource(e->type)) return;
     if (!is_aggregate(e->type) && e->kind != E_LITERAL && e->kind != E_LEN) e->cval.n = type_components(e->type);
     e->is_const = fold(e);
 }

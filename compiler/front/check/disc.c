@@ -36,8 +36,7 @@ static bool is_site(const Expr *e) {
         case B_sign: return is_float_value(e->type);
         default: return false;
         }
-    case E_METHOD:
-        return e->method == M_NEAREST || e->method == M_TRACE || e->method == M_OCCLUDED || e->method == M_SILHOUETTE;
+    case E_METHOD: return methods[e->method].kind == METHOD_JUMPS;
     default: return false;
     }
 }

@@ -38,7 +38,7 @@ Expr *check_value(Checker *c, Expr *e) {
         diag_emit(c->s, DIAG_void_value, e->span, "call");
         return fail(c, e);
     }
-    if (is_resource(e->type)) {
+    if (type_is_resource(e->type)) {
         diag_emit(c->s, DIAG_bad_resource, e->span,
                   arena_printf(&c->s->session, "a %s is not a value: call a method of it or pass it to a function",
                                e->type->name));
@@ -233,12 +233,12 @@ static void report_not_place(Checker *c, Expr *e) {
     bool named = false;
     if (root && what[0] == 't') {
         named = root->kind == SYM_CONST || root->kind == SYM_PARAM || (root->kind == SYM_LOCAL && root->is_const) ||
-                is_resource(root->type);
+                type_is_resource(root->type);
         if (named)
             what = arena_printf(&c->s->session, "%s `%s`",
-                                root->kind == SYM_PARAM   ? "parameter"
-                                : is_resource(root->type) ? "resource"
-                                                          : "constant",
+                                root->kind == SYM_PARAM        ? "parameter"
+                                : type_is_resource(root->type) ? "resource"
+                                                               : "constant",
                                 root->name);
     }
     Diag *d = diag_emit(c->s, DIAG_not_assignable, at, what);
@@ -368,7 +368,7 @@ static Expr *check_field(Checker *c, Expr *e) {
     }
     if (t->kind != T_STRUCT) {
         diag_emit(c->s, DIAG_unknown_field, e->op_span, t->name, e->name,
-                  is_resource(t) ? ": its methods are called, as `t.size()`" : "");
+                  type_is_resource(t) ? ": its methods are called, as `t.size()`" : "");
         return fail(c, e);
     }
     for (uint32_t i = 0; i < t->nfields; i++)

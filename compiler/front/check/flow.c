@@ -45,7 +45,7 @@ static uint32_t bits_of(const Type *t) {
     case T_VOID:
     case T_ARRAY:
     case T_TEXTURE:
-    case T_HEIGHTFIELD: return 0;
+    case T_GEOMETRY: return 0;
     }
     return 0;
 }

@@ -105,7 +105,7 @@ typedef struct Checker {
     NameMap builtin_types; /* -> Type */
     NameMap builtin_funcs; /* -> (void *)(uintptr_t)Builtin */
     const char *name_len, *name_pi, *name_tau, *name_infinity, *name_epsilon;
-    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_texture, *t_heightfield, *t_hit, *t_silhouette;
+    Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_texture, *t_hit, *t_silhouette;
     Decl poison;
     Vec(CullLoop) culls;
 } Checker;
@@ -136,8 +136,7 @@ Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit);
 TypeKind scalar_kind(const Type *t); /* of scalars, vectors, matrices; else T_ERROR */
 uint32_t width_of(const Type *t);    /* 1 for scalars, n for vectors, 0 for the rest */
 bool is_scalar(const Type *t);
-bool is_numeric(const Type *t); /* scalar or vector, not bool */
-bool is_resource(const Type *t);
+bool is_numeric(const Type *t);   /* scalar or vector, not bool */
 bool is_aggregate(const Type *t); /* struct or array */
 bool is_place(Expr *e);
 Symbol *place_root(Expr *e); /* the variable a place belongs to, or NULL */

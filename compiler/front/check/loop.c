@@ -110,7 +110,7 @@ static Range eval(Loops *l, const Expr *e) {
         Symbol *root = place_root((Expr *)e);
         l->unbounded = root;
         bool size = !root && e->a[0]->kind == E_METHOD &&
-                    e->a[0]->method == M_SIZE; /* known where the resource is, after inlining */
+                    methods[e->a[0]->method].kind == METHOD_FIXED; /* known where the resource is, after inlining */
         return full(k, size || (root && (root->kind == SYM_LOCAL || root->kind == SYM_ARG)));
     }
     default: return full(k, false);

@@ -122,7 +122,7 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
     bool open = sym->type_ref->ndims && !sym->type_ref->dims[0] && sym->init && sym->init->kind == E_LIST;
     Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_ARRAY);
     if (open && t->kind == T_ARRAY) t = type_array(c->s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
-    if (is_resource(t)) {
+    if (type_is_resource(t)) {
         diag_emit(c->s, DIAG_bad_resource, sym->span,
                   arena_printf(&c->s->session, "a %s is declared with `param`", t->name));
         t = c->t_error;
@@ -198,13 +198,16 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
     return t->n ? t : type_array(s, t->elem, (uint32_t)first);
 }
 
-static bool texture_from_asset(Checker *c, Symbol *sym, bool height) {
+/* The row of a geometry's type; of a texture, NULL. */
+static const GeometryType *geometry_of(const Type *t) { return t->kind == T_GEOMETRY ? &geometry_types[t->n] : NULL; }
+
+static bool texture_from_asset(Checker *c, Symbol *sym, const GeometryType *grid) {
     uint32_t dims[4] = {0}, nd = 0;
-    if (!probe_asset(c, sym, height ? 'h' : 't', dims, &nd)) return false;
+    if (!probe_asset(c, sym, grid ? 'g' : 't', dims, &nd)) return false;
     sym->tex_w = dims[0];
     sym->tex_h = nd > 1 ? dims[1] : 0;
-    sym->tex_c = height ? 1 : nd > 2 ? dims[2] : 1;
-    uint32_t least = height ? 2 : 1;
+    sym->tex_c = grid ? 1 : nd > 2 ? dims[2] : 1;
+    uint32_t least = grid ? grid->least : 1;
     if (sym->tex_w < least || sym->tex_h < least || sym->tex_c < 1 || sym->tex_c > 4 ||
         (uint64_t)sym->tex_w * sym->tex_h * sym->tex_c > CHECK_MAX_TEXELS) {
         shape_error(c, sym,
@@ -215,8 +218,8 @@ static bool texture_from_asset(Checker *c, Symbol *sym, bool height) {
     return true;
 }
 
-static bool texture_zeros(Checker *c, Symbol *sym, bool height) {
-    int64_t v[3] = {0, 0, height ? 1 : 4};
+static bool texture_zeros(Checker *c, Symbol *sym, const GeometryType *grid) {
+    int64_t v[3] = {0, 0, grid ? 1 : 4};
     bool ok = true;
     for (uint32_t i = 0; i < sym->nzeros_args && i < 3; i++) {
         sym->zeros_args[i] = check_value(c, sym->zeros_args[i]);
@@ -224,12 +227,14 @@ static bool texture_zeros(Checker *c, Symbol *sym, bool height) {
     }
     if (!ok) return false;
     Span at = sym->value_span.file >= 0 ? sym->value_span : sym->span;
-    int64_t least = height ? 2 : 1;
+    int64_t least = grid ? grid->least : 1;
     const char *why = NULL;
-    if (height && sym->nzeros_args == 3 && v[2] != 1) why = "a heightfield has one channel";
+    if (grid && sym->nzeros_args == 3 && v[2] != 1)
+        why = arena_printf(&c->s->session, "a %s has one channel", grid->name);
     else if (v[2] < 1 || v[2] > 4) why = "a texture has 1 to 4 channels";
     else if (v[0] < least || v[1] < least)
-        why = height ? "a heightfield is at least 2 x 2" : "a texture is at least 1 x 1";
+        why = arena_printf(&c->s->session, "a %s is at least %d x %d", grid ? grid->name : "texture", (int)least,
+                           (int)least);
     else if (v[0] > 1 << 24 || v[1] > 1 << 24 || (uint64_t)(v[0] * v[1]) * (uint64_t)v[2] > CHECK_MAX_TEXELS)
         why = "more than 2^28 numbers";
     if (why) {
@@ -308,28 +313,26 @@ static bool param_value(Checker *c, Symbol *sym) {
     Type *t = sym->type;
     bool open = t->kind == T_ARRAY && !t->n;
     ParamFile *file = file_override(c, sym->doc_name);
-    if (file && (is_resource(t) || open || sym->asset_text)) {
+    if (file && (type_is_resource(t) || open || sym->asset_text)) {
         file->used = true;
         sym->asset = file->path;
     } else if (sym->asset_text) {
         sym->asset = asset_path(c, sym, sym->module);
     }
-    if (is_resource(t)) {
-        bool height = t->kind == T_HEIGHTFIELD;
-        if (sym->asset) return texture_from_asset(c, sym, height);
-        if (sym->zeros) return texture_zeros(c, sym, height);
+    if (type_is_resource(t)) {
+        if (sym->asset) return texture_from_asset(c, sym, geometry_of(t));
+        if (sym->zeros) return texture_zeros(c, sym, geometry_of(t));
         return param_error(
             c, sym, arena_printf(&s->session, "the value of a %s is a file (`\"a.exr\"`) or `zeros(w, h)`", t->name));
     }
     if (sym->zeros)
         return param_error(
-            c, sym, arena_printf(&s->session, "`zeros` is a value of textures and heightfields, not of %s", t->name));
+            c, sym, arena_printf(&s->session, "`zeros` is a value of textures and geometries, not of %s", t->name));
     if (sym->asset) {
         if (t->kind != T_ARRAY)
-            return param_error(c, sym,
-                               arena_printf(&s->session,
-                                            "a file is a value of arrays, textures and heightfields, not of %s",
-                                            t->name));
+            return param_error(
+                c, sym,
+                arena_printf(&s->session, "a file is a value of arrays, textures and geometries, not of %s", t->name));
         sym->type = array_from_asset(c, sym, t);
         return sym->type->kind != T_ERROR;
     }
@@ -363,7 +366,7 @@ static bool param_value(Checker *c, Symbol *sym) {
 /* ---- attributes */
 
 static bool has_scalars(const Type *t, bool floats_only) {
-    if (is_resource(t)) return true;
+    if (type_is_resource(t)) return true;
     if (t->kind == T_ARRAY) return has_scalars(t->elem, floats_only);
     if (t->kind == T_STRUCT) {
         for (uint32_t i = 0; i < t->nfields; i++)
@@ -392,6 +395,10 @@ static bool attr_number(Checker *c, Expr **e, const char *what, double *out) {
     return true;
 }
 
+static bool placed_by(const Type *t, uint32_t attribute) {
+    return t->kind == T_GEOMETRY && geometry_types[t->n].attributes & attribute;
+}
+
 static void misplaced(Checker *c, Span at, const Symbol *sym, const char *name, const Type *t) {
     diag_emit(c->s, DIAG_attr_misplaced, at.file >= 0 ? at : sym->span, name,
               arena_printf(&c->s->session, "a parameter of type %s", t->name));
@@ -414,7 +421,7 @@ static void param_attrs(Checker *c, Symbol *sym) {
     if (a->has_extent) {
         bool ok = true;
         for (int i = 0; i < 4; i++) ok &= attr_number(c, &a->extent_args[i], "an argument of [Extent]", &a->extent[i]);
-        if (t->kind != T_HEIGHTFIELD) misplaced(c, a->extent_span, sym, "Extent", t);
+        if (!placed_by(t, PLACED_EXTENT)) misplaced(c, a->extent_span, sym, "Extent", t);
         else if (ok && !(a->extent[0] < a->extent[2] && a->extent[1] < a->extent[3] &&
                          isfinite(a->extent[0] - a->extent[2]) && isfinite(a->extent[1] - a->extent[3])))
             diag_emit(c->s, DIAG_attr_args, a->extent_span,
@@ -423,7 +430,7 @@ static void param_attrs(Checker *c, Symbol *sym) {
     if (a->has_height) {
         bool ok = attr_number(c, &a->height_args[0], "an argument of [Height]", &a->height_scale);
         ok &= attr_number(c, &a->height_args[1], "an argument of [Height]", &a->height_offset);
-        if (t->kind != T_HEIGHTFIELD) misplaced(c, a->height_span, sym, "Height", t);
+        if (!placed_by(t, PLACED_HEIGHT)) misplaced(c, a->height_span, sym, "Height", t);
         else if (ok && (!isfinite(a->height_scale) || !isfinite(a->height_offset)))
             diag_emit(c->s, DIAG_attr_args, a->height_span, "[Height(scale, offset)] needs finite numbers");
     }

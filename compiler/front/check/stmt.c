@@ -56,7 +56,7 @@ static void declare_local(Checker *c, Func *f, Symbol *sym) {
     bool open = sym->type_ref->ndims && !sym->type_ref->dims[0] && sym->init && sym->init->kind == E_LIST;
     Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_LOCAL);
     if (open && t->kind == T_ARRAY) t = type_array(s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
-    if (is_resource(t)) {
+    if (type_is_resource(t)) {
         diag_emit(s, DIAG_bad_resource, sym->span,
                   arena_printf(&s->session, "a %s cannot be a local variable", t->name));
         t = c->t_error;

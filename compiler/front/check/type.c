@@ -11,7 +11,6 @@ TypeKind scalar_kind(const Type *t) {
 uint32_t width_of(const Type *t) { return is_scalar(t) ? 1 : t->kind == T_VECTOR ? t->n : 0; }
 bool is_scalar(const Type *t) { return t->kind >= T_BOOL && t->kind <= T_FLOAT; }
 bool is_numeric(const Type *t) { return width_of(t) && scalar_kind(t) != T_BOOL; }
-bool is_resource(const Type *t) { return t->kind == T_TEXTURE || t->kind == T_HEIGHTFIELD; }
 bool is_aggregate(const Type *t) { return t->kind == T_ARRAY || t->kind == T_STRUCT; }
 
 Type *with_width(Checker *c, TypeKind kind, uint32_t width) {
@@ -62,7 +61,7 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
     for (uint32_t i = 0; i < d->nfields; i++) {
         FieldDecl *f = &d->fields[i];
         Type *ft = resolve_type(c, f->type_ref, false, CHECK_MAX_LOCAL);
-        if (is_resource(ft)) {
+        if (type_is_resource(ft)) {
             diag_emit(c->s, DIAG_bad_resource, f->type_ref->span,
                       arena_printf(&c->s->session, "a struct cannot hold a %s", ft->name));
             ft = c->t_error;
@@ -143,8 +142,8 @@ Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit) {
     Type *t = resolve_name(c, ref->name, ref->span);
     if (!ref->ndims) return t;
     bool ok = t->kind != T_ERROR;
-    if (is_resource(t) || t->kind == T_VOID) {
-        if (is_resource(t))
+    if (type_is_resource(t) || t->kind == T_VOID) {
+        if (type_is_resource(t))
             diag_emit(s, DIAG_bad_resource, ref->span, arena_printf(&s->session, "there are no arrays of %s", t->name));
         else diag_emit(s, DIAG_void_value, ref->span, "array element");
         ok = false;
@@ -280,7 +279,7 @@ bool is_place(Expr *e) {
     switch (e->kind) {
     case E_NAME:
         return e->sym && (e->sym->kind == SYM_ARG || (e->sym->kind == SYM_LOCAL && !e->sym->is_const)) &&
-               !is_resource(e->type);
+               !type_is_resource(e->type);
     case E_INDEX:
     case E_FIELD: return is_place(e->a[0]);
     case E_SWIZZLE:

@@ -217,9 +217,7 @@ static bool degrees(Linear *c, Block *b) {
     return changed;
 }
 
-static bool tangent_type(Lower *l, Type *t) {
-    return t->kind != T_TEXTURE && t->kind != T_HEIGHTFIELD && !has_arrays(l, t);
-}
+static bool tangent_type(Lower *l, Type *t) { return !type_is_resource(t) && !has_arrays(l, t); }
 
 static void tangent_body(Lower *l, Inst *op, uint32_t region, Func *f, Inst **params) {
     Builder saved = l->b;
@@ -316,7 +314,7 @@ Val gen_call(Lower *l, Expr *e) {
         Symbol *arg = f->args[i];
         Expr *given = e->args[i];
         Type *t = arg->type;
-        if (t->kind == T_TEXTURE || t->kind == T_HEIGHTFIELD) {
+        if (type_is_resource(t)) {
             binds[i] = (Bind){.kind = BIND_RESOURCE, .resource = gen_resource(l, given)};
             continue;
         }

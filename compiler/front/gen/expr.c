@@ -170,7 +170,8 @@ bool expr_has_site(const Expr *e) {
         return true;
     if (e->kind == E_ASSIGN && e->op == OPR_MOD && type_is_float(e->type)) return true;
     if (e->kind == E_BUILTIN && jumping_builtin(e->builtin)) return true;
-    if (e->kind == E_METHOD && (e->method == M_NEAREST || e->method >= M_TRACE)) return true;
+    if (e->kind == E_METHOD && (methods[e->method].kind == METHOD_JUMPS || methods[e->method].query != SLT_QUERIES))
+        return true;
     if (e->kind == E_CONVERT && type_is_float(e->a[0]->type) && !type_is_float(e->type)) return true;
     for (uint32_t i = 0; i < 3; i++)
         if (expr_has_site(e->a[i])) return true;

@@ -35,7 +35,7 @@ static void add_leaves(Lower *l, Leaves *out, Type *t, uint32_t count, bool in_a
     case T_ERROR:
     case T_VOID:
     case T_TEXTURE:
-    case T_HEIGHTFIELD: break;
+    case T_GEOMETRY: break;
     }
 }
 
@@ -262,11 +262,11 @@ static void collect_params(Lower *l, Module *main) {
             q->sym = s;
             q->attrs = s->attrs;
             q->is_texture = s->type->kind == T_TEXTURE;
-            q->is_heightfield = s->type->kind == T_HEIGHTFIELD;
+            q->is_geometry = s->type->kind == T_GEOMETRY;
             q->asset = s->asset;
             uint64_t nf, ni = 0;
-            if (q->is_texture || q->is_heightfield) {
-                q->tex_w = s->tex_w, q->tex_h = s->tex_h, q->tex_c = q->is_texture ? s->tex_c : 1;
+            if (param_is_image(q)) {
+                q->tex_w = s->tex_w, q->tex_h = s->tex_h, q->tex_c = s->tex_c;
                 nf = (uint64_t)q->tex_w * q->tex_h * q->tex_c;
             } else {
                 const Layout *layout = gen_layout(l, s->type);
@@ -298,9 +298,9 @@ static void gen_entry(Lower *l, Func *entry) {
     ir_name_outputs(l->fn, SLT_OUT_F);
     l->fn->sites = l->sites.data;
     l->fn->nsites = l->sites.len;
-    gen_field_finish(l);
-    p->fields = l->fields.data;
-    p->nfields = l->fields.len;
+    gen_geometry_finish(l);
+    p->geometries = l->geometries.data;
+    p->ngeometries = l->geometries.len;
     p->untracked = l->untracked.data;
     p->nuntracked = l->untracked.len;
     gen_prune_loops(l);

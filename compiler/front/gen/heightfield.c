@@ -1,20 +1,19 @@
 /* Heightfields: heights are parameters, so `height`, `gradient` and `normal` are ordinary operations.
  *
- * A query along a ray is a search and an evaluation. The search is one fieldop, whose witness (saltus/field.h) names a
- * triangle or an edge of the grid; the evaluation is ordinary arithmetic on that triangle's plane, in grid space,
- * differentiable in the three heights and in the ray. At a minimum over the ray the witness is held fixed, which is the
- * envelope theorem: an edge stays the edge on which the ray is nearest to the ground, while the point of contact slides
- * along it.
+ * A witness (saltus/heightfield.h) names a triangle or an edge of the grid; the evaluation is arithmetic on that
+ * triangle's plane, in grid space, differentiable in the three heights and in the ray. An edge stays the edge on which
+ * the ray is nearest to the ground, while the point of contact slides along it.
  *
  * Under [Disc], `trace` and `occluded` are sites whose g is the clearance over a window of the ray (OP_window), the
  * same for both ends of a segment. */
-#include "compiler/front/gen/internal.h"
-#include "saltus/field.h"
+#include "compiler/front/gen/geometry.h"
+#include "saltus/heightfield.h"
 
 typedef struct Terrain {
     const Symbol *sym;
     uint32_t w, h;
     double x0, y0, dx, dy, scale, offset; /* dx, dy: sizes of a cell */
+    double band;                          /* raw height of one cell's size */
 } Terrain;
 
 static Terrain terrain(const Symbol *sym) {
@@ -22,16 +21,17 @@ static Terrain terrain(const Symbol *sym) {
     double e[4] = {0, 0, 1, 1};
     if (a->has_extent)
         for (int i = 0; i < 4; i++) e[i] = a->extent[i];
-    uint32_t w = sym->tex_w, h = sym->tex_h;
-    return (Terrain){sym,
-                     w,
-                     h,
-                     e[0],
-                     e[1],
-                     (e[2] - e[0]) / (w > 1 ? w - 1 : 1),
-                     (e[3] - e[1]) / (h > 1 ? h - 1 : 1),
-                     a->has_height ? a->height_scale : 1,
-                     a->has_height ? a->height_offset : 0};
+    Terrain t = {.sym = sym,
+                 .w = sym->tex_w,
+                 .h = sym->tex_h,
+                 .x0 = e[0],
+                 .y0 = e[1],
+                 .scale = a->has_height ? a->height_scale : 1,
+                 .offset = a->has_height ? a->height_offset : 0};
+    t.dx = (e[2] - e[0]) / (t.w > 1 ? t.w - 1 : 1);
+    t.dy = (e[3] - e[1]) / (t.h > 1 ? t.h - 1 : 1);
+    t.band = (t.dx < t.dy ? t.dx : t.dy) / t.scale;
+    return t;
 }
 
 static Inst *add(Lower *l, Inst *a, Inst *b) { return op2(l, OP_fadd, a, b); }
@@ -138,38 +138,9 @@ static Val lookup(Lower *l, Expr *e, const Terrain *t) {
 
 /* ---- rays, in grid space: a cell is 1 x 1, heights are as stored; t is the same as in the world */
 
-typedef struct Ray {
-    Inst *x, *y, *z, *dx, *dy, *dz, *t0, *t1;
-} Ray;
-
-static uint32_t field_number(Lower *l, const Terrain *t) {
-    for (uint32_t f = 0; f < l->fields.len; f++)
-        if (l->fields.data[f].param == t->sym->param_index) return f;
-    const Param *p = &l->program->params[t->sym->param_index];
-    FieldInfo f = {.param = t->sym->param_index,
-                   .base = p->fbase,
-                   .w = t->w,
-                   .h = t->h,
-                   .x0 = t->x0,
-                   .y0 = t->y0,
-                   .dx = t->dx,
-                   .dy = t->dy,
-                   .scale = t->scale,
-                   .offset = t->offset,
-                   .band = (t->dx < t->dy ? t->dx : t->dy) / t->scale};
-    vec_push(l->arena, &l->fields, f);
-    return l->fields.len - 1;
+static Inst *query(Lower *l, const Terrain *t, SltQuery what, const Ray *r) {
+    return gen_query(l, (Searched){t->sym, t->band}, what, r);
 }
-
-static Inst *query(Lower *l, const Terrain *t, SltFieldWhat what, const Ray *r) {
-    uint32_t f = field_number(l, t);
-    l->fields.data[f].queries |= 1u << what;
-    Inst *args[8] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1};
-    Imm imm = {.field = {f, what, l->fields.data[f].base}};
-    return special(l, OP_fieldop, TY_INT, 8, args, imm);
-}
-
-static Inst *is(Lower *l, Inst *id, int32_t what) { return op2(l, OP_ieq, id, ki(l, what)); }
 
 /* The plane of a triangle: height hc + gx (x - ci) + gy (y - cj). */
 typedef struct Plane {
@@ -201,53 +172,69 @@ static void split(Lower *l, const Terrain *t, Inst *number, Inst **i, Inst **j) 
 
 static Inst *not_negative(Lower *l, Inst *id) { return op2(l, OP_imax, id, ki(l, 0)); }
 
+/* What an evaluation finds. */
+typedef struct Contact {
+    Inst *t, *ground; /* ground: the raw height of the terrain there; NULL of a hit, where it is the ray's */
+} Contact;
+
 /* t where a ray meets the triangle (or the wall) that TRACE named; something finite where it named none. */
-static Inst *hit_t(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
+static Contact hit(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
     Inst *tri = not_negative(l, id), *i, *j;
     split(l, t, op2(l, OP_ushr, tri, ki(l, 1)), &i, &j);
     Plane p = plane(l, t, i, j, op2(l, OP_ine, op2(l, OP_iand, tri, ki(l, 1)), ki(l, 0)));
     Inst *num = sub(l, plane_height(l, &p, r->x, r->y), r->z);
     Inst *den = sub(l, sub(l, r->dz, mul(l, p.gx, r->dx)), mul(l, p.gy, r->dy));
     /* Walls: x = 0, x = w - 1, y = 0, y = h - 1. */
-    Inst *flat = op2(l, OP_ile, ki(l, 0), id), *along_x = op2(l, OP_ile, ki(l, SLT_FIELD_WALL - 1), id);
-    Inst *at = sel(l, is(l, id, SLT_FIELD_WALL - 1), kf(l, (double)t->w - 1),
-                   sel(l, is(l, id, SLT_FIELD_WALL - 3), kf(l, (double)t->h - 1), kf(l, 0)));
+    Inst *flat = op2(l, OP_ile, ki(l, 0), id), *along_x = op2(l, OP_ile, ki(l, SLT_HEIGHTFIELD_WALL - 1), id);
+    Inst *at = sel(l, gen_is(l, id, SLT_HEIGHTFIELD_WALL - 1), kf(l, (double)t->w - 1),
+                   sel(l, gen_is(l, id, SLT_HEIGHTFIELD_WALL - 3), kf(l, (double)t->h - 1), kf(l, 0)));
     num = sel(l, flat, num, sub(l, at, sel(l, along_x, r->x, r->y)));
     den = sel(l, flat, den, sel(l, along_x, r->dx, r->dy));
-    Inst *found = op2(l, OP_fdiv, num, sel(l, is(l, id, SLT_FIELD_NONE), kf(l, 1), den));
-    return sel(l, is(l, id, SLT_FIELD_AT_T0), r->t0, found);
+    Inst *found = op2(l, OP_fdiv, num, sel(l, gen_is(l, id, SLT_WITNESS_NONE), kf(l, 1), den));
+    return (Contact){sel(l, gen_is(l, id, SLT_WITNESS_AT_T0), r->t0, found), NULL};
 }
 
-/* Where along the ray an edge lies, and the plane above which to measure there: that of the edge's lower triangle. As
- * the ray moves, the point of contact slides along the edge. With `ends`, AT_T0 and AT_T1 are points of their
- * triangles. */
-typedef struct Contact {
-    Inst *t, *ground; /* raw height of the terrain there */
-} Contact;
+/* An edge, and where along the ray its line is crossed. */
+typedef struct Edge {
+    Inst *i, *j, *fi, *fj; /* the vertex that its number names, fi and fj as floats */
+    Inst *k0, *k1;         /* of kind 0, of kind 1 */
+    Inst *t;
+} Edge;
 
-static Contact contact(Lower *l, const Terrain *t, const Ray *r, Inst *id, bool ends) {
-    Inst *edge = not_negative(l, id), *kind = op2(l, OP_iand, edge, ki(l, 3)), *i, *j;
-    split(l, t, op2(l, OP_ushr, edge, ki(l, 2)), &i, &j);
-    Inst *k0 = is(l, kind, 0), *k1 = is(l, kind, 1), *fi = op1(l, OP_i2f, i), *fj = op1(l, OP_i2f, j);
-    Inst *diagonal = sub(l, add(l, add(l, fi, fj), kf(l, 1)), add(l, r->x, r->y));
-    Inst *num = sel(l, k0, sub(l, fj, r->y), sel(l, k1, sub(l, fi, r->x), diagonal));
-    Inst *den = sel(l, k0, r->dy, sel(l, k1, r->dx, add(l, r->dx, r->dy)));
-    Inst *at = mul(l, num, op2(l, OP_fdiv, kf(l, 1), sel(l, op2(l, OP_ile, ki(l, 0), id), den, kf(l, 1))));
-    if (!ends) {
-        /* On the edge itself, in the order of operations of the search (runtime/geometry/heightfield/leaf.h): a walk
-         * from silhouette to silhouette asks above the slope it was given, and must not find the same one again. */
-        Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, i, one), ki(l, (int64_t)t->w - 1)),
-             *j1 = op2(l, OP_imin, op2(l, OP_iadd, j, one), ki(l, (int64_t)t->h - 1));
-        Inst *x = add(l, r->x, mul(l, at, r->dx)), *y = add(l, r->y, mul(l, at, r->dy));
-        Inst *a = raw_at(l, t, i, sel(l, op2(l, OP_bor, k0, k1), j, j1)),
-             *b = raw_at(l, t, sel(l, k1, i, i1), sel(l, k1, j1, j));
-        return (Contact){at, add(l, a, mul(l, sel(l, k1, sub(l, y, fj), sub(l, x, fi)), sub(l, b, a)))};
-    }
+static Edge edge_of(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
+    Inst *number = not_negative(l, id), *kind = op2(l, OP_iand, number, ki(l, 3));
+    Edge e;
+    split(l, t, op2(l, OP_ushr, number, ki(l, 2)), &e.i, &e.j);
+    e.k0 = gen_is(l, kind, 0), e.k1 = gen_is(l, kind, 1);
+    e.fi = op1(l, OP_i2f, e.i), e.fj = op1(l, OP_i2f, e.j);
+    Inst *diagonal = sub(l, add(l, add(l, e.fi, e.fj), kf(l, 1)), add(l, r->x, r->y));
+    Inst *num = sel(l, e.k0, sub(l, e.fj, r->y), sel(l, e.k1, sub(l, e.fi, r->x), diagonal));
+    Inst *den = sel(l, e.k0, r->dy, sel(l, e.k1, r->dx, add(l, r->dx, r->dy)));
+    e.t = mul(l, num, op2(l, OP_fdiv, kf(l, 1), sel(l, op2(l, OP_ile, ki(l, 0), id), den, kf(l, 1))));
+    return e;
+}
+
+/* The top of a silhouette: the point of the edge itself, in the order of operations of the search (leaf_test in
+ * runtime/geometry/heightfield/leaf.h): a walk from silhouette to silhouette asks above the slope it was given, and
+ * must not find the same one again. tests/heightfield/test_contact.c compares the bits of the two. */
+static Contact peak(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
+    Edge e = edge_of(l, t, r, id);
+    Inst *one = ki(l, 1), *i1 = op2(l, OP_imin, op2(l, OP_iadd, e.i, one), ki(l, (int64_t)t->w - 1)),
+         *j1 = op2(l, OP_imin, op2(l, OP_iadd, e.j, one), ki(l, (int64_t)t->h - 1));
+    Inst *x = add(l, r->x, mul(l, e.t, r->dx)), *y = add(l, r->y, mul(l, e.t, r->dy));
+    Inst *a = raw_at(l, t, e.i, sel(l, op2(l, OP_bor, e.k0, e.k1), e.j, j1)),
+         *b = raw_at(l, t, sel(l, e.k1, e.i, i1), sel(l, e.k1, j1, e.j));
+    return (Contact){e.t, add(l, a, mul(l, sel(l, e.k1, sub(l, y, e.fj), sub(l, x, e.fi)), sub(l, b, a)))};
+}
+
+/* Where the ray is nearest to the ground: on an edge, measured above the plane of the edge's lower triangle (as the ray
+ * moves, the point of contact slides along the edge), or at an end of the ray, above the triangle there. */
+static Contact nearest(Lower *l, const Terrain *t, const Ray *r, Inst *id) {
+    Edge e = edge_of(l, t, r, id);
     Inst *end = op2(l, OP_ilt, id, ki(l, 0));
-    at = sel(l, end, sel(l, is(l, id, SLT_FIELD_AT_T1), r->t1, r->t0), at);
+    Inst *at = sel(l, end, sel(l, gen_is(l, id, SLT_WITNESS_AT_T1), r->t1, r->t0), e.t);
     Cell c = cell_at(l, t, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)));
-    i = sel(l, end, c.i0, i);
-    j = sel(l, end, c.j0, j);
+    Inst *i = sel(l, end, c.i0, e.i), *j = sel(l, end, c.j0, e.j);
     range_set(l, i, 0, (int64_t)t->w - 1);
     range_set(l, j, 0, (int64_t)t->h - 1);
     Inst *upper = op2(l, OP_band, end, op1(l, OP_bnot, c.lower));
@@ -255,21 +242,30 @@ static Contact contact(Lower *l, const Terrain *t, const Ray *r, Inst *id, bool 
     return (Contact){at, plane_height(l, &p, add(l, r->x, mul(l, at, r->dx)), add(l, r->y, mul(l, at, r->dy)))};
 }
 
+static Contact evaluate(Lower *l, const Terrain *t, SltQuery what, const Ray *r, Inst *id) {
+    switch (query_rows[what].evaluation) {
+    case EVALUATE_HIT: return hit(l, t, r, id);
+    case EVALUATE_NEAREST: return nearest(l, t, r, id);
+    case EVALUATE_PEAK: return peak(l, t, r, id);
+    case EVALUATE_NOTHING: break;
+    }
+    return (Contact){0};
+}
+
 /* Least (ray - terrain) / t over [t0, t1], in raw heights; t0 > 0. */
 static Inst *clearance(Lower *l, const Terrain *t, const Ray *ray, Inst **search) {
     Ray r = *ray;
     r.t0 = op2(l, OP_fmax, r.t0, kf(l, 0x1p-40));
-    Inst *id = *search = query(l, t, SLT_FIELD_CLEARANCE, &r);
-    Contact c = contact(l, t, &r, id, true);
-    Inst *none = is(l, id, SLT_FIELD_NONE);
+    Inst *id = *search = query(l, t, SLT_QUERY_CLEARANCE, &r);
+    Contact c = evaluate(l, t, SLT_QUERY_CLEARANCE, &r, id);
+    Inst *none = gen_is(l, id, SLT_WITNESS_NONE);
     Inst *over = sub(l, add(l, r.z, mul(l, c.t, r.dz)), c.ground);
     return sel(l, none, kf(l, __builtin_inf()), op2(l, OP_fdiv, over, sel(l, none, kf(l, 1), c.t)));
 }
 
 /* The t in which a ray covers one cell's length, in three dimensions. */
 static Inst *cell_time(Lower *l, const Terrain *t, const Ray *r) {
-    double band = l->fields.data[field_number(l, t)].band;
-    Inst *steep = mul(l, r->dz, kf(l, 1 / band)),
+    Inst *steep = mul(l, r->dz, kf(l, 1 / t->band)),
          *length = add(l, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy)), mul(l, steep, steep));
     return op1(l, OP_detach, op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, length)));
 }
@@ -293,22 +289,14 @@ static Inst *box_gap(Lower *l, const Terrain *t, const Ray *r, Inst *cell) {
     return op2(l, OP_fmax, sub(l, from, to), beside);
 }
 
-/* A clearance as a boundary function: where the box ends it jumps, and the way to the border takes over. */
-static Inst *bounded(Lower *l, Inst *clearance, Inst *search, Inst *gap, Inst *cell) {
-    Inst *none = is(l, search, SLT_FIELD_NONE),
-         *outside = op2(l, OP_flt, mul(l, cell, kf(l, -0x1p-10)),
-                        gap); /* or so little inside that the search did not see it */
-    return sel(l, none, sel(l, outside, gap, kf(l, __builtin_inf())), op2(l, OP_fmax, clearance, gap));
-}
-
 /* The site of a ray that is blocked at t: hit, with the clearance of the pair's window as g. */
 static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, Inst *hit, Inst *at, Span span) {
     Inst *far = kf(l, __builtin_inf());
     Ray behind = *r;
     behind.t0 = sel(l, hit, at, far);
-    Inst *id = query(l, t, SLT_FIELD_RISE, &behind);
-    Contact peak = contact(l, t, &behind, id, false);
-    Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), peak.t, sel(l, is(l, id, SLT_FIELD_AT_T0), behind.t0, far));
+    Inst *id = query(l, t, SLT_QUERY_RISE, &behind);
+    Contact crest = evaluate(l, t, SLT_QUERY_RISE, &behind, id);
+    Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), crest.t, sel(l, gen_is(l, id, SLT_WITNESS_AT_T0), behind.t0, far));
     /* One cell of the ray's way. */
     Inst *margin = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy))));
     Inst *pair[3] = {behind.t0, top, margin};
@@ -326,16 +314,17 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
                   .dz = r->dz,
                   .t0 = add(l, op2(l, OP_fmax, r->t0, lo), back),
                   .t1 = add(l, op2(l, OP_fmin, r->t1, hi), back)};
-    Inst *search, *c = clearance(l, t, &window, &search);
-    Inst *g = bounded(l, c, search, box_gap(l, t, r, back), back);
-    return site_field(l, kind, hit, g, span);
+    Clearance c = {.cell = back};
+    c.value = clearance(l, t, &window, &c.search);
+    c.gap = box_gap(l, t, r, back);
+    return site_ray(l, kind, hit, gen_clearance_bounded(l, c.value, &c), span);
 }
 
 static Val trace(Lower *l, Expr *e, const Terrain *t, const Ray *r, const Val *o, const Val *d) {
     Val v = val_new(l, e->type);
-    Inst *id = query(l, t, SLT_FIELD_TRACE, r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE));
-    Inst *at = hit_t(l, t, r, id);
-    if (site_wanted(l, hit, at, e->span)) hit = ray_site(l, t, r, SITE_FIELD, hit, at, e->span);
+    Inst *id = query(l, t, SLT_QUERY_TRACE, r), *hit = gen_found(l, id);
+    Inst *at = evaluate(l, t, SLT_QUERY_TRACE, r, id).t;
+    if (site_wanted(l, hit, at, e->span)) hit = ray_site(l, t, r, gen_site_kind(SLT_QUERY_TRACE), hit, at, e->span);
     /* A miss is at tmax, and its p and normal are those of the origin: finite whatever tmax is. */
     Inst *to = sel(l, hit, at, kf(l, 0));
     v.c[0] = hit;
@@ -350,8 +339,8 @@ static Val silhouette(Lower *l, Expr *e, const Terrain *t, Ray r) {
     Inst *scale = kf(l, t->scale), *kmax = r.t1;
     r.t0 = op2(l, OP_fdiv, r.t0, scale);
     r.t1 = op2(l, OP_fdiv, r.t1, scale);
-    Inst *id = query(l, t, SLT_FIELD_SILHOUETTE, &r), *found = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE));
-    Contact c = contact(l, t, &r, id, false);
+    Inst *id = query(l, t, SLT_QUERY_SILHOUETTE, &r), *found = gen_found(l, id);
+    Contact c = evaluate(l, t, SLT_QUERY_SILHOUETTE, &r, id);
     Inst *slope = op2(l, OP_fdiv, mul(l, sub(l, c.ground, r.z), scale), sel(l, found, c.t, kf(l, 1)));
     v.c[0] = found;
     v.c[1] = sel(l, found, c.t, kf(l, __builtin_inf()));
@@ -360,12 +349,12 @@ static Val silhouette(Lower *l, Expr *e, const Terrain *t, Ray r) {
     return v;
 }
 
-Val gen_field_method(Lower *l, Expr *e, const Symbol *sym) {
+Val gen_heightfield(Lower *l, Expr *e, const Symbol *sym) {
     Terrain t = terrain(sym);
-    if (e->method < M_TRACE) return lookup(l, e, &t);
-    static const char *const names[] = {"trace", "occluded", "clearance", "silhouette"};
+    const MethodInfo *method = &methods[e->method];
+    if (method->query == SLT_QUERIES) return lookup(l, e, &t);
     if (!(t.scale > 0) || l->quiet) {
-        diag_emit(l->s, DIAG_heightfield_query, e->span, names[e->method - M_TRACE],
+        diag_emit(l->s, DIAG_geometry_query, e->span, method->name, sym->type->name,
                   l->quiet ? "is asked by the shader itself, not by bounds and initial values"
                            : "needs a [Height] scale above 0");
         gen_giveup(l);
@@ -380,7 +369,7 @@ Val gen_field_method(Lower *l, Expr *e, const Symbol *sym) {
              .dy = op2(l, OP_fdiv, d.c[1], kf(l, t.dy)),
              .t0 = a,
              .t1 = b};
-    r.dz = e->method == M_SILHOUETTE ? kf(l, 0) : op2(l, OP_fdiv, d.c[2], scale);
+    r.dz = query_rows[method->query].ray == RAY_SLICE ? kf(l, 0) : op2(l, OP_fdiv, d.c[2], scale);
     if (e->method == M_TRACE) return trace(l, e, &t, &r, &o, &d);
     if (e->method == M_SILHOUETTE) return silhouette(l, e, &t, r);
     Val v = val_new(l, e->type);
@@ -389,57 +378,13 @@ Val gen_field_method(Lower *l, Expr *e, const Symbol *sym) {
         v.c[0] = c.value = mul(l, clearance(l, &t, &r, &c.search), scale);
         c.cell = cell_time(l, &t, &r);
         c.gap = box_gap(l, &t, &r, c.cell);
-        vec_push(l->arena, &l->clearances, c);
+        gen_clearance_note(l, c);
         return v;
     }
     /* The g of a site needs the first point; kernels that do not ask for it get the cheaper OCCLUDED (opt_hits). */
-    Inst *id = query(l, &t, SLT_FIELD_TRACE, &r), *hit = op2(l, OP_ine, id, ki(l, SLT_FIELD_NONE)),
-         *at = hit_t(l, &t, &r, id);
-    v.c[0] = site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, SITE_SHADOW, hit, at, e->span) : hit;
+    Inst *id = query(l, &t, SLT_QUERY_TRACE, &r), *hit = gen_found(l, id),
+         *at = evaluate(l, &t, SLT_QUERY_TRACE, &r, id).t;
+    v.c[0] =
+        site_wanted(l, hit, at, e->span) ? ray_site(l, &t, &r, gen_site_kind(method->query), hit, at, e->span) : hit;
     return v;
-}
-
-/* a - b as the boundary function of a comparison, if one of them is a clearance: that jumps where the box ends. */
-Inst *gen_clearance_compare(Lower *l, Inst *a, Inst *b) {
-    for (uint32_t i = l->clearances.len; i-- > 0;) {
-        const Clearance *c = &l->clearances.data[i];
-        if (a == c->value) return bounded(l, sub(l, a, b), c->search, c->gap, c->cell);
-        if (b == c->value) return op1(l, OP_fneg, bounded(l, sub(l, b, a), c->search, c->gap, c->cell));
-    }
-    return NULL;
-}
-
-/* ---- after the whole entry */
-
-static bool is_zero(const Inst *i) { return i->op == OP_constf && i->imm.f == 0; }
-
-/* Every use but a comparison with 0 or the g of such a comparison forbids the cheaper search. */
-static void find_uses(const Block *b, const Lower *l, bool *whole) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t a = 0; a < i->nargs; a++)
-            for (uint32_t c = 0; c < l->clearances.len; c++) {
-                if (i->args[a] != l->clearances.data[c].value) continue;
-                bool sign = (i->op == OP_flt || i->op == OP_fle) && is_zero(i->args[1 - a]);
-                bool boundary = i->op == OP_fmax && i->args[1 - a] == l->clearances.data[c].gap;
-                whole[c] |= !sign && !boundary && !(i->op == OP_site && a == 1);
-            }
-        for (uint32_t r = 0; r < i->nregions; r++) find_uses(i->region[r], l, whole);
-    }
-}
-
-static void note_queries(const Block *b, FieldInfo *fields) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_fieldop) fields[i->imm.field.field].queries |= 1u << i->imm.field.what;
-        for (uint32_t r = 0; r < i->nregions; r++) note_queries(i->region[r], fields);
-    }
-}
-
-void gen_field_finish(Lower *l) {
-    bool *whole = ARENA_ARRAY(&l->s->scratch, bool, l->clearances.len + 1);
-    if (l->clearances.len) find_uses(l->fn->body, l, whole);
-    for (uint32_t c = 0; c < l->clearances.len; c++)
-        if (!whole[c] && l->clearances.data[c].search->op == OP_fieldop)
-            l->clearances.data[c].search->imm.field.what = SLT_FIELD_SHADOW;
-    for (uint32_t f = 0; f < l->fields.len; f++) l->fields.data[f].queries = 0;
-    note_queries(l->fn->body, l->fields.data);
 }

@@ -9,7 +9,8 @@
  * place.c          what can be indexed and assigned: variables, arrays, parameters
  * builtin.c        builtin functions
  * texture.c        textures
- * heightfield.c    heightfields
+ * geometry.c       rays that meet a geometry: queries, and what follows from all of them
+ * NAME.c           a geometry: NAME is that of its row in saltus/geometries.def
  * site.c           sites, [SkipLoop], the record of what is untagged
  * init.c           first values of parameters
  *
@@ -121,10 +122,10 @@ typedef struct Tag {
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 
-/* A clearance and the search behind it: if only its sign is used, a cheaper search will do. */
+/* The distance of a ray from a geometry, and the query behind it: where the geometry's box ends it jumps. */
 typedef struct Clearance {
     Inst *value, *search;
-    Inst *gap, *cell; /* to the border of the box, where it jumps; the t of a cell's length */
+    Inst *gap, *cell; /* how much of t the ray lacks to touch the box (negative inside); the t of a cell's length */
 } Clearance;
 
 typedef struct ConstArray {
@@ -162,7 +163,7 @@ typedef struct Lower {
     FuncFacts **fact_table; /* by hash of the Func */
     uint32_t fact_cap;
     Vec(Fn *) culls;
-    Vec(FieldInfo) fields;
+    Vec(GeometryInfo) geometries;
     Vec(Clearance) clearances;
     uint32_t nops, nloops, depth; /* depth: regions around this place */
     bool in_tangent, quiet;       /* quiet: not the shader itself (initialisers, bounds): no sites, no records */
@@ -261,22 +262,23 @@ void scan_assigned_expr(Lower *l, const Expr *e, VarList *out);
 bool stmt_uses_rand(Lower *l, const Stmt *s);
 bool expr_uses_rand(Lower *l, const Expr *e);
 
-/* gen_builtin.c, gen_texture.c, gen_field.c */
+/* builtin.c, texture.c, geometry.c */
 Val gen_builtin(Lower *l, Expr *e);
+Val gen_texture(Lower *l, Expr *e, const Symbol *sym); /* a method that is not fixed */
 Val gen_method(Lower *l, Expr *e);
-Val gen_field_method(Lower *l, Expr *e, const Symbol *sym);
+/* a - b as the boundary function of a comparison, if one of them is a clearance; else NULL. */
 Inst *gen_clearance_compare(Lower *l, Inst *a, Inst *b);
-void gen_field_finish(Lower *l); /* of the whole entry: cheaper searches, the table of what is asked */
+void gen_geometry_finish(Lower *l); /* of the whole entry: weaker queries, the table of what is asked */
 Val gen_matmul(Lower *l, Val a, Val b, Type *type);
 Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n);
 
 /* gen_site.c: the decision (or integer) to use; a site if the statement is tagged, else a record for the warning */
 Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span);
 Inst *site_integer(Lower *l, SiteKind kind, Inst *n, Inst *v, Span span);
-/* Is this place a site? Then its number is the next one, which site_field takes. Else it is recorded for the warning,
+/* Is this place a site? Then its number is the next one, which site_ray takes. Else it is recorded for the warning,
  * with t as what the jump depends on. */
 bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span);
-Inst *site_field(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
+Inst *site_ray(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind);
 Inst *gen_skip_condition(Lower *l, Expr *cond, LoopCtx *root);
 void site_flush_skips(Lower *l, LoopCtx *root);

@@ -179,7 +179,7 @@ bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span) {
     return false;
 }
 
-Inst *site_field(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span) {
+Inst *site_ray(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span) {
     return emit_site(l, OP_site, kind, hit, g, l->loop, span, false);
 }
 

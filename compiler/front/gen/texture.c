@@ -38,7 +38,8 @@ static Inst *mix(Lower *l, Inst *a, Inst *b, Inst *t) {
     return op2(l, OP_fadd, a, op2(l, OP_fmul, t, op2(l, OP_fsub, b, a)));
 }
 
-static Val texture_method(Lower *l, Expr *e, const Grid *g) {
+Val gen_texture(Lower *l, Expr *e, const Symbol *sym) {
+    const Grid *g = &(Grid){sym, sym->tex_w, sym->tex_h, sym->tex_c};
     Val v = val_new(l, e->type), at = gen_expr(l, e->args[0]);
     if (e->method == M_LOAD) {
         Inst *x = clamp_to(l, at.c[0], g->w), *y = clamp_to(l, at.c[1], g->h);
@@ -66,17 +67,4 @@ static Val texture_method(Lower *l, Expr *e, const Grid *g) {
         v.c[c] = mix(l, top, bottom, y.t);
     }
     return v;
-}
-
-Val gen_method(Lower *l, Expr *e) {
-    const Symbol *sym = gen_resource(l, e->a[0]);
-    bool field = sym->type->kind == T_HEIGHTFIELD;
-    Grid g = {sym, sym->tex_w, sym->tex_h, field ? 1 : sym->tex_c};
-    if (e->method == M_SIZE) {
-        Val v = val_new(l, e->type);
-        v.c[0] = ki(l, g.w);
-        v.c[1] = ki(l, g.h);
-        return v;
-    }
-    return field ? gen_field_method(l, e, sym) : texture_method(l, e, &g);
 }

@@ -115,7 +115,7 @@ static void import(Parser *p) {
         parse_semicolon(p, "the import");
         return;
     }
-    /* A module is a file: one named as a type is, `heightfield`, clashes with nothing. */
+    /* A module is a file: one named as a type is clashes with nothing. */
     if (parse_at(p, TOK_TYPE) && !p->tok.first_on_line) {
         im.name = p->tok.text, im.span = p->tok.span;
         parse_advance(p);

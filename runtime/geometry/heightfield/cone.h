@@ -14,8 +14,8 @@
  * on the surface).
  *
  * A field owns its cones; they are read-only while queries run. */
-#ifndef SALTUS_HEIGHTFIELD_CONE_H
-#define SALTUS_HEIGHTFIELD_CONE_H
+#ifndef SALTUS_HEIGHTSLT_STRUCTURE_CONE_H
+#define SALTUS_HEIGHTSLT_STRUCTURE_CONE_H
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -45,7 +45,7 @@ typedef struct FieldCones {
     uint8_t *radius; /* NULL: 0 everywhere */
 } FieldCones;
 
-/* cone_build.c. heights: rows from the top, as in saltus/field.h. False when out of memory. */
+/* cone_build.c. heights: rows from the top, as in saltus/heightfield.h. False when out of memory. */
 bool cone_build(FieldCones *c, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldConeOptions *options);
 void cone_free(FieldCones *c);
 size_t cone_bytes(const FieldCones *c);

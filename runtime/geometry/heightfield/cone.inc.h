@@ -46,7 +46,7 @@ INLINE vf cone_height(const Ray *r, const flt *heights, int w, int h, vf t, vm o
 }
 
 INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_t width, vm on, FieldCounts *counts) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h;
+    const int w = (int)f->w, h = (int)f->h;
     const FieldCones *c = &f->cones;
     const bool relaxed = c->relaxed;
     const vi one = i_all(1), zero = i_all(0);
@@ -58,7 +58,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
     r.ox = f_load(rays), r.oy = f_load(rays + width), r.oz = f_load(rays + 2 * width);
     r.dx = f_load(rays + 3 * width), r.dy = f_load(rays + 4 * width), r.dz = f_load(rays + 5 * width);
     r.te = f_load(rays + 6 * width), r.t1 = f_load(rays + 7 * width);
-    s.id = i_all(SLT_FIELD_NONE), s.done = m_make(0), s.best = s.limit = fzero;
+    s.id = i_all(SLT_WITNESS_NONE), s.done = m_make(0), s.best = s.limit = fzero;
     on = ray_setup(&r, w, h, on);
     if (!m_any(on)) return s.id;
 
@@ -70,8 +70,8 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
        rspeed = f_min(f_abs(r.rdx), f_abs(r.rdy)); /* t a cell of the main axis; infinite for a vertical ray */
     vf rise = r.dz * rspeed;
     vf close = f_abs(r.oz) * f_all(unit) + f_abs(r.dz) * f_max(f_abs(r.te), f_abs(r.tl)) * f_all(unit) +
-               f_all((flt)((f->magnitude + (double)f->shared.slack) * unit + FLT_TINY));
-    const vf z = r.oz - (close + f_all((flt)f->shared.slack));
+               f_all((flt)((f->magnitude + (double)f->base.shared.slack) * unit + FLT_TINY));
+    const vf z = r.oz - (close + f_all((flt)f->base.shared.slack));
     vi class = zero;
     if (c->classes == 4) {
         vm alongx = m_le(ady, adx);
@@ -88,7 +88,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
 
     ray_locate(&r, r.te, on, w, h, &i, &j);
     vf start = ray_start(&r, heights, w, h, i, j, on, &start_id);
-    search_start(&s, SLT_FIELD_TRACE, &r, start, start_id, on);
+    search_start(&s, SLT_QUERY_TRACE, &r, start, start_id, on);
     vf t = r.te, above = (r.oz + t * r.dz) - start; /* above: at t; kept where relaxed */
     on = m_opaque(on & (m_not(s.done)));
     while (m_any(on)) {
@@ -151,7 +151,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
         stay = m_opaque(stay & (on));
         if (m_any(stay)) {
             leaf_test(&leaf, &r, heights, w, h, i, j, t, line_x(&r, i + r.sx), line_y(&r, j + r.sy), stay);
-            search_leaf(&s, SLT_FIELD_TRACE, &r, &leaf, w, i, j, stay);
+            search_leaf(&s, SLT_QUERY_TRACE, &r, &leaf, w, i, j, stay);
             if (counts) counts->cells++;
             t = f_sel(stay, leaf.te, t);
             if (relaxed) above = f_sel(stay, (r.oz + t * r.dz) - leaf.he, above);
@@ -184,12 +184,12 @@ INLINE void cone_run(const Field *f, const void *heights, const void *rays, uint
     if (counts) counts->rays += (uint64_t)__builtin_popcountll(width < 64 ? mask & ((1ull << width) - 1) : mask);
 }
 
-static void cone_trace(const SltField *field, const void *heights, const void *rays, uint64_t mask, uint32_t width,
+static void cone_trace(const SltGeometry *field, const void *heights, const void *rays, uint64_t mask, uint32_t width,
                        int32_t *id) {
     Field room;
     const Field *f = field_asked(field, &room);
     /* A shape that may hold a crossing holds for the heights it was made from, not for others. */
-    if (f->cones.relaxed && f->shared.slack > 0)
-        field_naive[F64][SLT_FIELD_TRACE](field, heights, rays, mask, width, id);
+    if (f->cones.relaxed && f->base.shared.slack > 0)
+        field_naive[F64][SLT_QUERY_TRACE](field, heights, rays, mask, width, id);
     else cone_run(f, heights, rays, mask, width, id, NULL);
 }

@@ -37,10 +37,10 @@ const FieldKernels *field_kernels(FieldIsa isa) {
 static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", "AVX-512"};
 
 /* RISE walks from where a ray is blocked to the next ridge, a few cells: packets, but no structure. */
-static const uint32_t all_queries = (1u << SLT_FIELD_WHATS) - 1, searching = all_queries & ~(1u << SLT_FIELD_RISE);
+static const uint32_t all_queries = (1u << SLT_QUERIES) - 1, searching = all_queries & ~(1u << SLT_QUERY_RISE);
 
 static const uint32_t hits =
-    1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
+    1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
 
 static bool make_cones(Field *f, const void *heights) {
     const FieldOptions *o = &f->options;
@@ -48,7 +48,7 @@ static bool make_cones(Field *f, const void *heights) {
                                       .exact = o->cone_exact,
                                       .bounded = o->max_slope != 0,
                                       .max_slope = o->max_slope};
-    if (!cone_build(&f->cones, heights, f->f64, f->shared.w, f->shared.h, &options)) return false;
+    if (!cone_build(&f->cones, heights, f->f64, f->w, f->h, &options)) return false;
     if (f->cones.magnitude > f->magnitude) f->magnitude = f->cones.magnitude;
     return true;
 }
@@ -66,17 +66,18 @@ static void describe(Field *f) {
 
 static void set_queries(Field *f) {
     const FieldKernels *k = field_kernels(f->isa);
-    for (int what = 0; what < SLT_FIELD_WHATS; what++) {
-        bool packets = f->mip.data || (what == SLT_FIELD_RISE && f->options.structure != FIELD_NAIVE);
-        SltFieldQuery *q = packets ? k->query[f->f64][what] : NULL;
-        f->shared.query[what] = q ? q : field_naive[f->f64][what];
+    for (int what = 0; what < SLT_QUERIES; what++) {
+        bool packets = f->mip.data || (what == SLT_QUERY_RISE && f->options.structure != SLT_STRUCTURE_NAIVE);
+        SltQueryFn *q = packets ? k->query[f->f64][what] : NULL;
+        f->base.shared.query[what] = q ? q : field_naive[f->f64][what];
     }
-    if (f->cones.packed) f->shared.query[SLT_FIELD_TRACE] = f->shared.query[SLT_FIELD_OCCLUDED] = k->cone[f->f64];
+    if (f->cones.packed)
+        f->base.shared.query[SLT_QUERY_TRACE] = f->base.shared.query[SLT_QUERY_OCCLUDED] = k->cone[f->f64];
 }
 
 static SltStatus check(const Field *f, SltError *err) {
     const FieldOptions *o = &f->options;
-    const uint32_t w = f->shared.w, h = f->shared.h;
+    const uint32_t w = f->w, h = f->h;
     if (w < 2 || h < 2)
         return status_fail(err, SLT_USAGE, "a heightfield needs at least 2 x 2 heights, not %u x %u", w, h);
     /* Edges are numbered in an int32. */
@@ -89,41 +90,41 @@ static SltStatus check(const Field *f, SltError *err) {
     return SLT_OK;
 }
 
-SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o,
-                         SltError *err) {
+SltStatus field_make(SltGeometry **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o,
+                     SltError *err) {
     *out = NULL;
     Field *f = calloc(1, sizeof *f);
     if (!f) return status_fail(err, SLT_LIMIT, "out of memory for a heightfield");
     if (o) f->options = *o;
     if (!f->options.queries) f->options.queries = all_queries;
     f->f64 = f64;
-    f->shared.w = w;
-    f->shared.h = h;
-    f->shared.band = f->options.band;
-    f->shared.slack = f->options.slack;
-    f->shared.structure = f;
+    f->w = w;
+    f->h = h;
+    f->base.shared.slack = f->options.slack;
+    f->base.shared.made = f;
+    f->base.ops = &geometry_heightfield;
     SltStatus status = check(f, err);
     if (status != SLT_OK) {
         free(f);
         return status;
     }
     f->isa = f->options.isa ? f->options.isa : best_isa();
-    const uint32_t cones = f->options.structure == FIELD_CONE ? f->options.queries & hits : 0,
-                   levels = f->options.structure == FIELD_NAIVE ? 0 : f->options.queries & searching & ~cones;
+    const uint32_t cones = f->options.structure == SLT_STRUCTURE_CONE ? f->options.queries & hits : 0,
+                   levels = f->options.structure == SLT_STRUCTURE_NAIVE ? 0 : f->options.queries & searching & ~cones;
     if ((levels && !mipmap_make(f, heights)) || (cones && !make_cones(f, heights))) {
-        field_free(&f->shared);
+        field_free(&f->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the structure of a heightfield of %u x %u", w, h);
     }
     describe(f);
     set_queries(f);
-    *out = &f->shared;
+    *out = &f->base.shared;
     return SLT_OK;
 }
 
-void field_refresh(SltField *field, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) {
+void field_refresh(SltGeometry *field, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) {
     Field *f = (Field *)field;
-    x1 = x1 < field->w ? x1 : field->w;
-    y1 = y1 < field->h ? y1 : field->h;
+    x1 = x1 < f->w ? x1 : f->w;
+    y1 = y1 < f->h ? y1 : f->h;
     if (x0 >= x1 || y0 >= y1) return;
     if (f->mip.data) mipmap_refresh(f, heights, x0, y0, x1, y1);
     if (!f->cones.packed) return;
@@ -133,7 +134,7 @@ void field_refresh(SltField *field, const void *heights, uint32_t x0, uint32_t y
     set_queries(f);
 }
 
-void field_free(SltField *field) {
+void field_free(SltGeometry *field) {
     if (!field) return;
     Field *f = (Field *)field;
     mipmap_free(&f->mip);
@@ -141,14 +142,67 @@ void field_free(SltField *field) {
     free(f);
 }
 
-size_t field_bytes(const SltField *field) {
+size_t field_bytes(const SltGeometry *field) {
     const Field *f = field_impl(field);
     return (f->mip.data ? f->mip.count * sizeof(float) : 0) + (f->cones.packed ? cone_bytes(&f->cones) : 0);
 }
 
-const char *field_describe(const SltField *field) { return field_impl(field)->text; }
+const char *field_describe(const SltGeometry *field) { return field_impl(field)->text; }
 
-void field_count(const SltField *field, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+/* ---- the seam */
+
+static SltStatus make(SltGeometry **out, const GeometrySource *from, const void *values, SltError *err) {
+    const FieldOptions o = {.structure = from->structure, .queries = from->queries, .band = from->band};
+    return field_make(out, values, from->f64, from->size[0], from->size[1], &o, err);
+}
+
+static void mark(Field *f, uint32_t x0, uint32_t x1, uint32_t y) {
+    if (f->x0 >= f->x1) f->x0 = x0, f->x1 = x1, f->y0 = y, f->y1 = y + 1; /* the first */
+    if (x0 < f->x0) f->x0 = x0;
+    if (x1 > f->x1) f->x1 = x1;
+    if (y < f->y0) f->y0 = y;
+    if (y >= f->y1) f->y1 = y + 1;
+}
+
+/* The rectangle around all that has changed. Rows of the data run downwards, those of the field upwards. */
+static void changed(SltGeometry *g, uint64_t first, uint64_t count) {
+    Field *f = (Field *)g;
+    const uint64_t end = first + count;
+    for (uint64_t next; first < end; first = next) {
+        const uint64_t row = first / f->w, start = row * f->w;
+        next = start + f->w < end ? start + f->w : end;
+        mark(f, (uint32_t)(first - start), (uint32_t)(next - start), f->h - 1 - (uint32_t)row);
+    }
+}
+
+static uint64_t follow(SltGeometry *g, const void *values) {
+    Field *f = (Field *)g;
+    if (f->x0 >= f->x1) return 0;
+    const uint64_t heights = (uint64_t)(f->x1 - f->x0) * (f->y1 - f->y0);
+    field_refresh(g, values, f->x0, f->y0, f->x1, f->y1);
+    f->x0 = f->x1 = f->y0 = f->y1 = 0;
+    return heights;
+}
+
+/* The largest increase of a height. */
+static double growth(const SltGeometry *g, const void *from, const void *to) {
+    const Field *f = field_impl(g);
+    double most = 0;
+    for (size_t i = 0, n = (size_t)f->w * f->h; i < n; i++)
+        most = fmax(most, f->f64 ? ((const double *)to)[i] - ((const double *)from)[i]
+                                 : (double)((const float *)to)[i] - (double)((const float *)from)[i]);
+    return most;
+}
+
+const GeometryOps geometry_heightfield = {.make = make,
+                                          .free = field_free,
+                                          .changed = changed,
+                                          .follow = follow,
+                                          .growth = growth,
+                                          .bytes = field_bytes,
+                                          .describe = field_describe};
+
+void field_count(const SltGeometry *field, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                  uint32_t width, int32_t *id, FieldCounts *counts) {
     const Field *f = field_impl(field);
     if (f->cones.packed && hits >> what & 1 && !(f->cones.relaxed && field->slack > 0))
@@ -157,7 +211,7 @@ void field_count(const SltField *field, SltFieldWhat what, const void *heights, 
     else field_naive_count(f, what, heights, rays, mask, width, id, counts);
 }
 
-uint32_t field_silhouettes(const SltField *field, const void *heights, const void *o, const void *d, double kmin,
+uint32_t field_silhouettes(const SltGeometry *field, const void *heights, const void *o, const void *d, double kmin,
                            double kmax, int32_t *id, uint32_t cap, FieldCounts *counts) {
     const Field *f = field_impl(field);
     Slice slice = {id, cap, 0};

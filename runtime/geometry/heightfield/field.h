@@ -1,33 +1,23 @@
-/* Heightfields at run time: the structures behind include/saltus/field.h.
- *
- * A field is made once for heights that live elsewhere (the float parameters of a program), and follows them by
- * field_refresh. It owns its structure and nothing else; the heights are passed to every query and must be those of the
- * last make or refresh, or lie at most `slack` above them. Queries are thread-safe; making, refreshing and freeing are
- * not.
+/* Heightfields: the geometry behind runtime/geometry/geometry.h (geometry_heightfield), and what tests and benchmarks
+ * ask of it beyond. Heights lie at most `slack` above those of the last make or refresh.
  *
  *   heights (caller's)  ->  mipmap: level 1, 2 ... (maximum over 2x2, 4x4 ... cells)  ->  packets of 16, 8, 4 or 1 rays
  * ->  witnesses
  *
  * Only what the queries in use need is built: a naive field holds no memory of its own. */
-#ifndef SALTUS_HEIGHTFIELD_H
-#define SALTUS_HEIGHTFIELD_H
+#ifndef SALTUS_HEIGHTFIELD_FIELD_H
+#define SALTUS_HEIGHTFIELD_FIELD_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "runtime/base/status.h"
-#include "saltus/field.h"
+#include "runtime/geometry/geometry.h"
+#include "saltus/heightfield.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-typedef enum FieldStructure {
-    FIELD_MIPMAP, /* maxima of blocks of cells: built in milliseconds, for heights that change */
-    FIELD_CONE,   /* safety shapes: for fields that stay as they are */
-    FIELD_NAIVE   /* cell by cell: the oracle, and small fields */
-} FieldStructure;
 
 /* Instruction sets, narrowest first; FIELD_ISA_BEST is the widest that this machine has. */
 typedef enum FieldIsa {
@@ -40,10 +30,12 @@ typedef enum FieldIsa {
 } FieldIsa;
 
 typedef struct FieldOptions {
-    FieldStructure structure;
-    uint32_t queries; /* bit 1 << SltFieldWhat; 0: all */
-    float band;       /* SLT_FIELD_SHADOW, raw height units; infinity makes it CLEARANCE */
-    float slack;      /* see SltField */
+    SltStructure
+        structure;    /* AUTO is MIPMAP: maxima of blocks of cells, built in milliseconds, for heights that change;
+                         CONE: safety shapes, for fields that stay as they are; NAIVE: cell by cell, the oracle */
+    uint32_t queries; /* bit 1 << SltQuery; 0: all */
+    float band;       /* SLT_QUERY_SHADOW, raw height units; infinity makes it CLEARANCE */
+    float slack;      /* see SltGeometry */
     bool cone_exact;  /* cones: from the triangles that limit instead of from all terrain in rings: slower to make */
     bool cone_directional; /* cones: four a cell, by the main direction of a ray */
     float max_slope; /* cones: made for rays that rise at most so much a unit of horizontal length in grid space, others
@@ -53,32 +45,32 @@ typedef struct FieldOptions {
 
 /* heights: w * h of float or double. `o` may be NULL: a mipmap for all queries. The field is the caller's: field_free.
  * Non-finite heights are allowed: NaN blocks nothing. */
-SltStatus slt_field_make(SltField **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o,
-                         SltError *err);
+SltStatus field_make(SltGeometry **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o,
+                     SltError *err);
 
 /* The heights of the vertices x0 <= i < x1, y0 <= j < y1 have changed (grid coordinates: j upwards, not rows of the
  * data). The rectangle is clipped to the field; an empty one does nothing. */
-void field_refresh(SltField *field, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1);
+void field_refresh(SltGeometry *field, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1);
 
-void field_free(SltField *field); /* NULL: nothing */
+void field_free(SltGeometry *field); /* NULL: nothing */
 
 /* Bytes held for the structure, without the heights. */
-size_t field_bytes(const SltField *field);
+size_t field_bytes(const SltGeometry *field);
 
 /* One line for `explain`: structure, levels, instruction set. The string is static or lives in the field. */
-const char *field_describe(const SltField *field);
+const char *field_describe(const SltGeometry *field);
 
 /* ---- counting, for tests and benchmarks: one ray at a time, same answers, slower */
 typedef struct FieldCounts {
     uint64_t rays, nodes, cells; /* nodes: looked up in a level; cells: whose triangles were tested */
 } FieldCounts;
-void field_count(const SltField *field, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+void field_count(const SltGeometry *field, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                  uint32_t width, int32_t *id, FieldCounts *counts);
 
 /* All silhouettes of one slice in one pass: o (3 numbers of the field's precision), direction d (2), window kmin < k <
  * kmax. Writes at most `cap` edges, nearest first, and returns how many there are. The same edges as
- * SLT_FIELD_SILHOUETTE called again with kmin = the k it found. counts may be NULL. */
-uint32_t field_silhouettes(const SltField *field, const void *heights, const void *o, const void *d, double kmin,
+ * SLT_QUERY_SILHOUETTE called again with kmin = the k it found. counts may be NULL. */
+uint32_t field_silhouettes(const SltGeometry *field, const void *heights, const void *o, const void *d, double kmin,
                            double kmax, int32_t *id, uint32_t cap, FieldCounts *counts);
 
 #ifdef __cplusplus

@@ -24,8 +24,10 @@ typedef struct Mipmap {
 } Mipmap;
 
 typedef struct Field {
-    SltField shared; /* first: the kernels' pointer is this one */
+    Geometry base;
+    uint32_t w, h; /* vertices, each at least 2 */
     FieldOptions options;
+    uint32_t x0, y0, x1, y1; /* vertices whose heights have changed since the last refresh, y upwards; x0 >= x1: none */
     FieldIsa isa;
     bool f64;
     double magnitude; /* at least the largest finite |height| seen since the field was made: what rounding errors are
@@ -35,15 +37,15 @@ typedef struct Field {
     char text[160];
 } Field;
 
-static inline const Field *field_impl(const SltField *field) { return field->structure; }
+static inline const Field *field_impl(const SltGeometry *field) { return field->made; }
 
 /* Of a query: the field may be a copy of ours with another slack (finite differences); then a copy of the whole is made
  * in `room`. */
-static inline const Field *field_asked(const SltField *field, Field *room) {
-    const Field *f = field->structure;
-    if (field == &f->shared) return f;
+static inline const Field *field_asked(const SltGeometry *field, Field *room) {
+    const Field *f = field->made;
+    if (field == &f->base.shared) return f;
     *room = *f;
-    room->shared = *field;
+    room->base.shared = *field;
     return room;
 }
 
@@ -61,22 +63,22 @@ static inline void slice_add(Slice *s, int32_t id) {
 /* One line of level 1 from the three (or two: c == b) rows of vertices that its cells touch; returns the largest finite
  * |height|. Compiled for each instruction set. */
 typedef struct FieldKernels {
-    SltFieldQuery *query[2][SLT_FIELD_WHATS]; /* [f64] */
-    SltFieldQuery *cone[2];                   /* trace and occluded by safety shapes (cone.inc.h) */
+    SltQueryFn *query[2][SLT_QUERIES]; /* [f64] */
+    SltQueryFn *cone[2];               /* trace and occluded by safety shapes (cone.inc.h) */
     float (*first_level32)(const float *a, const float *b, const float *c, uint32_t w, float *out, float *scratch);
     double (*first_level64)(const double *a, const double *b, const double *c, uint32_t w, float *out, float *scratch);
     void (*next_level)(const float *a, const float *b, uint32_t w, float *out);
 } FieldKernels;
 
 /* naive.c */
-extern SltFieldQuery *const field_naive[2][SLT_FIELD_WHATS];
-void field_naive_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+extern SltQueryFn *const field_naive[2][SLT_QUERIES];
+void field_naive_count(const Field *f, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                        uint32_t width, int32_t *id, FieldCounts *counts);
 void field_naive_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts);
 
 /* packet_*.c */
 extern const FieldKernels field_scalar, field_sse2, field_avx2, field_avx512;
-void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+void field_scalar_count(const Field *f, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                         uint32_t width, int32_t *id, FieldCounts *counts);
 void field_scalar_cone_count(const Field *f, const void *heights, const void *rays, uint64_t mask, uint32_t width,
                              int32_t *id, FieldCounts *counts);

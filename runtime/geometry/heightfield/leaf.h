@@ -142,7 +142,7 @@ INLINE vf ray_plane(const Ray *r, vf t, const flt *heights, int w, vi at, vi i, 
 INLINE vf ray_start(const Ray *r, const flt *heights, int w, int h, vi i, vi j, vm on, vi *id) {
     vi at = VERTEX(w, h, i, j), one = i_all(1), up = i_all(w);
     vf height = f_all(0);
-    *id = i_all(SLT_FIELD_AT_T0);
+    *id = i_all(SLT_WITNESS_AT_T0);
     vm inside = on & m_not(r->entered), edge = on & r->entered;
     if (m_any(inside)) height = ray_plane(r, r->te, heights, w, at, i, j, inside);
     if (m_any(edge)) {
@@ -205,16 +205,16 @@ typedef struct Search {
 
 /* Event at t over terrain of height `terrain`; the lanes `on` have it. `tri` is the triangle before it, `edge` the
  * witness of the point itself. */
-INLINE void search_event(Search *s, SltFieldWhat what, const Ray *r, vf t, vf terrain, vi tri, vi edge, vm on) {
+INLINE void search_event(Search *s, SltQuery what, const Ray *r, vf t, vf terrain, vi tri, vi edge, vm on) {
     on = m_opaque(on & m_not(s->done));
-    if (what == SLT_FIELD_TRACE || what == SLT_FIELD_OCCLUDED) {
+    if (what == SLT_QUERY_TRACE || what == SLT_QUERY_OCCLUDED) {
         vm hit = on & m_lt((r->oz + t * r->dz) - terrain, f_all(0));
         s->id = i_sel(hit, tri, s->id);
         s->done = m_opaque(s->done | hit);
-    } else if (what == SLT_FIELD_CLEARANCE || what == SLT_FIELD_SHADOW) {
+    } else if (what == SLT_QUERY_CLEARANCE || what == SLT_QUERY_SHADOW) {
         vf gap = (r->oz + t * r->dz) - terrain, c = gap / t;
         vm less = on & m_lt(c, s->best);
-        if (what == SLT_FIELD_SHADOW) {
+        if (what == SLT_QUERY_SHADOW) {
             less &= m_lt(gap, s->limit);
             /* What comes after a point this deep and has a smaller F / t is deeper still, so outside the band. Only a
              * point that is the least so far may end the search: others may be skipped. */
@@ -224,41 +224,41 @@ INLINE void search_event(Search *s, SltFieldWhat what, const Ray *r, vf t, vf te
         s->id = i_sel(less, edge, s->id);
     } else {
         vf k = (terrain - r->oz) / t;
-        vm candidate = m_not(mi_eq(s->id, i_all(SLT_FIELD_NONE)));
+        vm candidate = m_not(mi_eq(s->id, i_all(SLT_WITNESS_NONE)));
         vm rise = on & m_lt(s->best, k), fall = on & candidate & m_lt(k, s->best);
         s->done |= fall;
         s->best = f_sel(rise, k, s->best);
         s->id = i_sel(rise, edge, s->id);
-        if (what == SLT_FIELD_SILHOUETTE) { /* the next peak is higher still */
+        if (what == SLT_QUERY_SILHOUETTE) { /* the next peak is higher still */
             vm over = rise & m_not(m_lt(k, s->limit));
-            s->id = i_sel(over, i_all(SLT_FIELD_NONE), s->id);
+            s->id = i_sel(over, i_all(SLT_WITNESS_NONE), s->id);
             s->done |= over;
         }
     }
 }
 
 /* te: blocked at once, the first candidate, or nothing. `id` and `terrain` are ray_start's. */
-INLINE void search_start(Search *s, SltFieldWhat what, const Ray *r, vf terrain, vi id, vm on) {
-    if (what == SLT_FIELD_TRACE || what == SLT_FIELD_OCCLUDED) {
-        vi face = i_sel(r->xface, i_sel(r->xpos, i_all(SLT_FIELD_WALL), i_all(SLT_FIELD_WALL - 1)),
-                        i_sel(r->ypos, i_all(SLT_FIELD_WALL - 2), i_all(SLT_FIELD_WALL - 3)));
-        search_event(s, what, r, r->te, terrain, i_sel(r->entered, face, i_all(SLT_FIELD_AT_T0)), id, on);
-    } else if (what == SLT_FIELD_SILHOUETTE) { /* at t = 0 there is no slope */
+INLINE void search_start(Search *s, SltQuery what, const Ray *r, vf terrain, vi id, vm on) {
+    if (what == SLT_QUERY_TRACE || what == SLT_QUERY_OCCLUDED) {
+        vi face = i_sel(r->xface, i_sel(r->xpos, i_all(SLT_HEIGHTFIELD_WALL), i_all(SLT_HEIGHTFIELD_WALL - 1)),
+                        i_sel(r->ypos, i_all(SLT_HEIGHTFIELD_WALL - 2), i_all(SLT_HEIGHTFIELD_WALL - 3)));
+        search_event(s, what, r, r->te, terrain, i_sel(r->entered, face, i_all(SLT_WITNESS_AT_T0)), id, on);
+    } else if (what == SLT_QUERY_SILHOUETTE) { /* at t = 0 there is no slope */
         search_event(s, what, r, r->te, terrain, id, id, on & r->entered);
     } else {
         search_event(s, what, r, r->te, terrain, id, id, on);
     }
 }
 
-INLINE void search_leaf(Search *s, SltFieldWhat what, const Ray *r, const Leaf *l, int w, vi i, vi j, vm on) {
+INLINE void search_leaf(Search *s, SltQuery what, const Ray *r, const Leaf *l, int w, vi i, vi j, vm on) {
     vi cell = j * i_all(w) + i, zero = i_all(0), one = i_all(1);
     vi tri = cell + cell, edge = zero;
     vm ends = on & l->some;
-    if (what != SLT_FIELD_TRACE && what != SLT_FIELD_OCCLUDED) {
+    if (what != SLT_QUERY_TRACE && what != SLT_QUERY_OCCLUDED) {
         vi far_cell = cell + i_sel(l->xexit, r->sx, i_sel(r->ypos, i_all(w), zero));
-        edge = i_sel(l->end, i_all(SLT_FIELD_AT_T1), far_cell * i_all(4) + i_sel(l->xexit, one, zero));
+        edge = i_sel(l->end, i_all(SLT_WITNESS_AT_T1), far_cell * i_all(4) + i_sel(l->xexit, one, zero));
     }
-    if (what == SLT_FIELD_SILHOUETTE) ends &= m_not(l->end);
+    if (what == SLT_QUERY_SILHOUETTE) ends &= m_not(l->end);
     search_event(s, what, r, l->td, l->hd, tri + i_sel(r->dsneg, one, zero), cell * i_all(4) + i_all(2), on & l->diag);
     search_event(s, what, r, l->te, l->he, tri + i_sel(l->last_lower, zero, one), edge, ends);
 }

@@ -13,7 +13,7 @@ static void first_level(Field *f, const void *heights, uint32_t i0, uint32_t i1,
                         float *scratch) {
     const FieldKernels *k = field_kernels(f->isa);
     Mipmap *m = &f->mip;
-    const uint32_t w = f->shared.w, h = f->shared.h, from = 2 * i0;
+    const uint32_t w = f->w, h = f->h, from = 2 * i0;
     const uint32_t count = (2 * i1 + 3 < w ? 2 * i1 + 3 : w) - from; /* vertices; node I reads 2I, 2I + 1, 2I + 2 */
     for (uint32_t j = j0; j <= j1; j++) {
         size_t row[3];
@@ -56,7 +56,7 @@ static void fill(Field *f, const void *heights, uint32_t i0, uint32_t i1, uint32
 
 bool mipmap_make(Field *f, const void *heights) {
     Mipmap *m = &f->mip;
-    const uint32_t w = f->shared.w, h = f->shared.h, side = (w > h ? w : h) - 1;
+    const uint32_t w = f->w, h = f->h, side = (w > h ? w : h) - 1;
     m->top = 1;
     while (m->top < MIP_LEVELS - 1 && side > 1u << m->top) m->top++;
     size_t count = 0;
@@ -82,7 +82,7 @@ bool mipmap_make(Field *f, const void *heights) {
 }
 
 void mipmap_refresh(Field *f, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) {
-    const uint32_t w = f->shared.w, h = f->shared.h;
+    const uint32_t w = f->w, h = f->h;
     float stack[2050], *scratch = w + 2 <= 2050 ? stack : malloc((w + 2) * sizeof *scratch);
     /* Vertex i belongs to cells i - 1 and i. */
     uint32_t i0 = (x0 ? x0 - 1 : 0) >> 1, i1 = (x1 - 1 < w - 2 ? x1 - 1 : w - 2) >> 1;

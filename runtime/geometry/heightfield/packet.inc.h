@@ -48,7 +48,7 @@
  * Blocks of 2^l cells are the same blocks. */
 /* Searches for a blocked point. */
 #undef HITS
-#define HITS(what) ((what) == SLT_FIELD_TRACE || (what) == SLT_FIELD_OCCLUDED)
+#define HITS(what) ((what) == SLT_QUERY_TRACE || (what) == SLT_QUERY_OCCLUDED)
 
 typedef struct Packet {
     Ray r;
@@ -65,17 +65,17 @@ typedef struct Packet {
     uint32_t count;
 } Packet;
 
-INLINE vm packet_load(Ray *r, Search *s, SltFieldWhat what, const Field *f, const flt *rays, uint32_t width, vm on) {
+INLINE vm packet_load(Ray *r, Search *s, SltQuery what, const Field *f, const flt *rays, uint32_t width, vm on) {
     r->ox = f_load(rays), r->oy = f_load(rays + width), r->oz = f_load(rays + 2 * width);
     r->dx = f_load(rays + 3 * width), r->dy = f_load(rays + 4 * width), r->dz = f_load(rays + 5 * width);
     r->te = f_load(rays + 6 * width), r->t1 = f_load(rays + 7 * width);
-    s->id = i_all(SLT_FIELD_NONE), s->done = m_make(0), s->best = f_all((flt)INFINITY),
-    s->limit = f_all((flt)f->shared.band);
-    if (what == SLT_FIELD_SILHOUETTE) {
+    s->id = i_all(SLT_WITNESS_NONE), s->done = m_make(0), s->best = f_all((flt)INFINITY),
+    s->limit = f_all((flt)f->options.band);
+    if (what == SLT_QUERY_SILHOUETTE) {
         s->best = r->te, s->limit = r->t1, on &= m_lt(s->best, s->limit);
         r->dz = f_all(0), r->te = f_all(0), r->t1 = f_all(FLT_BIG);
     } else if (!HITS(what)) {
-        if (what == SLT_FIELD_RISE) s->best = f_all((flt)-INFINITY);
+        if (what == SLT_QUERY_RISE) s->best = f_all((flt)-INFINITY);
         r->te = f_max(f_all(FLT_TINY), r->te); /* keeps a NaN */
     }
     return on;
@@ -85,26 +85,26 @@ INLINE vf packet_line_x(const Packet *p, vi line) { return (i_flt(line) - p->ox)
 INLINE vf packet_line_y(const Packet *p, vi line) { return (i_flt(line) - p->oy) * p->rdy; }
 
 /* Where the walk begins: at p->t in the real cell p->i, p->j. */
-INLINE void packet_locate(Packet *p, const Field *f, SltFieldWhat what, const flt *rays, uint32_t width, vm on) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h;
+INLINE void packet_locate(Packet *p, const Field *f, SltQuery what, const flt *rays, uint32_t width, vm on) {
+    const int w = (int)f->w, h = (int)f->h;
     const Mipmap *m = &f->mip;
     Ray *r = &p->r;
     on = packet_load(r, &p->s, what, f, rays, width, on);
     on = ray_setup(r, w, h, on);
 
     const flt unit = F64 ? (flt)0x1p-48 : (flt)0x1p-19; /* 32 units in the last place: twice the sum of all errors */
-    const flt magnitude = (flt)f->magnitude + (flt)f->shared.slack;
+    const flt magnitude = (flt)f->magnitude + (flt)f->base.shared.slack;
     p->reach = f_max(f_abs(r->te), f_abs(r->tl)) * f_all(unit);
     vf error = f_abs(r->oz) * f_all(unit) + (f_abs(r->dz) * p->reach + f_all(magnitude * unit + FLT_TINY));
-    p->z = r->oz - (error + f_all((flt)f->shared.slack));
+    p->z = r->oz - (error + f_all((flt)f->base.shared.slack));
     p->zband = p->z - p->s.limit;
     p->falling = m_lt(r->dz, f_all(0));
 
     /* Above the highest point of all nothing happens. */
     vf from = r->te;
-    if (HITS(what) || what == SLT_FIELD_SHADOW) {
+    if (HITS(what) || what == SLT_QUERY_SHADOW) {
         vf z = p->z;
-        if (what == SLT_FIELD_SHADOW) z = p->zband;
+        if (what == SLT_QUERY_SHADOW) z = p->zband;
         vf cross = (f_all((flt)m->max) - z) / r->dz, less = f_abs(cross) * f_all(F64 ? (flt)0x1p-48 : (flt)0x1p-20);
         vm above = m_lt(f_all((flt)m->max), z + r->dz * r->te);
         from = f_sel(p->falling & above, f_max(cross - less, r->te), r->te);
@@ -115,9 +115,9 @@ INLINE void packet_locate(Packet *p, const Field *f, SltFieldWhat what, const fl
     p->on = on;
     p->t = from;
     p->top = m->top;
-    if (what == SLT_FIELD_RISE)
+    if (what == SLT_QUERY_RISE)
         p->top = 0;                    /* a few cells to the next ridge, and every one of them counts: no level helps */
-    if (what == SLT_FIELD_CLEARANCE) { /* the g of a site is asked for windows of some cells */
+    if (what == SLT_QUERY_CLEARANCE) { /* the g of a site is asked for windows of some cells */
         vf way = f_max(f_abs(r->dx), f_abs(r->dy)) * (r->tl - r->te);
         if (!m_any(on & m_lt(f_all(8), way))) p->top = 1;
     }
@@ -133,8 +133,8 @@ INLINE void packet_turn(Packet *p) {
 }
 
 /* The event at the start, and the first node. */
-INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt *heights) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h;
+INLINE void packet_start(Packet *p, const Field *f, SltQuery what, const flt *heights) {
+    const int w = (int)f->w, h = (int)f->h;
     const vi zero = i_all(0);
     Ray *r = &p->r;
     vm start = p->on & m_eq(p->t, r->te);
@@ -145,7 +145,7 @@ INLINE void packet_start(Packet *p, const Field *f, SltFieldWhat what, const flt
     }
     p->on &= m_not(p->s.done) & m_lt(p->t, r->tl); /* a ray that only touches the box has no cells */
     packet_turn(p);
-    p->level = i_sel(start, i_all(what == SLT_FIELD_SILHOUETTE), i_all(START_FAR < p->top ? START_FAR : p->top));
+    p->level = i_sel(start, i_all(what == SLT_QUERY_SILHOUETTE), i_all(START_FAR < p->top ? START_FAR : p->top));
     p->size = i_all(1) << p->level;
     p->i = (p->i ^ p->flipx) & (zero - p->size);
     p->j = (p->j ^ p->flipy) & (zero - p->size);
@@ -179,32 +179,32 @@ INLINE void packet_move(Packet *p, vm leave, vm down) {
 }
 
 /* All lanes above level 0 look at their node. */
-INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *slice) {
+INLINE void packet_node(Packet *p, const Mipmap *m, SltQuery what, Slice *slice) {
     vm look = p->on & m_not(mi_eq(p->level, i_all(0)));
     vf tout = f_min(p->tx, p->ty), tend = f_min(tout, p->r.tl), slope, z = p->z, low;
     if (HITS(what)) {
         low = z + p->r.dz * f_sel(p->falling, tend, p->t);
     } else {
-        if (what == SLT_FIELD_SILHOUETTE) slope = p->s.best;
+        if (what == SLT_QUERY_SILHOUETTE) slope = p->s.best;
         else slope = p->r.dz - p->s.best;
         z = z - f_abs(p->s.best) * p->reach;
         low = z + slope * f_sel(m_lt(slope, f_all(0)), tend, p->t);
-        if (what == SLT_FIELD_SHADOW)
+        if (what == SLT_QUERY_SHADOW)
             low =
                 f_max(low, p->zband + p->r.dz * f_sel(p->falling, tend, p->t)); /* the second where the first is NaN */
     }
     vi at = i_lookup(m->base, p->level) + ((p->j ^ p->flipy) >> p->level) * i_lookup(m->stride, p->level) +
             ((p->i ^ p->flipx) >> p->level);
     vm leave = m_opaque(look & m_lt(mip_gather(m->data, at, look), low)), down = look & m_not(leave);
-    if (what == SLT_FIELD_SILHOUETTE) { /* all in the node is lower: what was found is a peak */
-        vm peaks = leave & m_lt(p->t, tout) & m_not(mi_eq(p->s.id, i_all(SLT_FIELD_NONE)));
+    if (what == SLT_QUERY_SILHOUETTE) { /* all in the node is lower: what was found is a peak */
+        vm peaks = leave & m_lt(p->t, tout) & m_not(mi_eq(p->s.id, i_all(SLT_WITNESS_NONE)));
         if (!slice) {
             p->on &= m_not(peaks);
         } else if (m_any(peaks)) {
             int32_t peak[LANES];
             i_store(peak, p->s.id);
             slice_add(slice, peak[0]);
-            p->s.id = i_all(SLT_FIELD_NONE);
+            p->s.id = i_all(SLT_WITNESS_NONE);
         }
     }
     p->t = f_sel(leave, tout, p->t);
@@ -213,18 +213,19 @@ INLINE void packet_node(Packet *p, const Mipmap *m, SltFieldWhat what, Slice *sl
 }
 
 /* All lanes at level 0 test their cell. */
-INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, vm look, Slice *slice) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h;
+INLINE void packet_cell(Packet *p, const Field *f, SltQuery what, const flt *heights, vm look, Slice *slice) {
+    const int w = (int)f->w, h = (int)f->h;
     Leaf leaf;
     vi i = p->i ^ p->flipx, j = p->j ^ p->flipy;
     leaf_test(&leaf, &p->r, heights, w, h, i, j, p->t, p->tx, p->ty, look);
     search_leaf(&p->s, what, &p->r, &leaf, w, i, j, look);
     if (slice && m_any(p->s.done) &&
-        m_any(m_not(mi_eq(p->s.id, i_all(SLT_FIELD_NONE))))) { /* one lane: a peak; the same cell again, now above it */
+        m_any(
+            m_not(mi_eq(p->s.id, i_all(SLT_WITNESS_NONE))))) { /* one lane: a peak; the same cell again, now above it */
         int32_t peak[LANES];
         i_store(peak, p->s.id);
         slice_add(slice, peak[0]);
-        p->s.id = i_all(SLT_FIELD_NONE), p->s.done = m_make(0);
+        p->s.id = i_all(SLT_WITNESS_NONE), p->s.done = m_make(0);
         search_leaf(&p->s, what, &p->r, &leaf, w, i, j, look);
     }
     p->t = f_sel(look, leaf.te, p->t);
@@ -235,7 +236,7 @@ INLINE void packet_cell(Packet *p, const Field *f, SltFieldWhat what, const flt 
 /* Is the ray below the terrain where it crosses the grid line `ahead` lines on, in the direction in which it moves
  * faster? That is an exit of leaf.h like any other, where the row (or column) that it is in is certain. */
 INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, int ahead) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h;
+    const int w = (int)f->w, h = (int)f->h;
     const vi one = i_all(1), zero = i_all(0);
     const Ray *r = &p->r;
     vm xm = m_opaque(m_le(p->rdx, p->rdy));
@@ -254,30 +255,30 @@ INLINE void packet_probe(Packet *p, const Field *f, const flt *heights, int ahea
     vf terrain = lerp(f_gather(heights, at, on), f_gather(heights, at + i_sel(xm, i_all(-w), one), on),
                       clamp01(across - i_flt(c)));
     vm hit = m_opaque(on & m_lt((r->oz + t * r->dz) - terrain, f_all(0)));
-    p->s.id = i_sel(hit, i_all(SLT_FIELD_AT_T1), p->s.id);
+    p->s.id = i_sel(hit, i_all(SLT_WITNESS_AT_T1), p->s.id);
     p->on = m_opaque(p->on & m_not(hit));
 }
 
 /* Walks begin in a cell, all lanes at once: no node is looked at yet. There most shadows begin, and the rest of
  * OCCLUDED then looks at the lines of PROBES. */
-INLINE void packet_first(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, FieldCounts *counts) {
+INLINE void packet_first(Packet *p, const Field *f, SltQuery what, const flt *heights, FieldCounts *counts) {
     static const int ahead[] = PROBES;
     vm cells = p->on & mi_eq(p->level, i_all(0));
     if (m_any(cells)) {
         if (counts) counts->cells++;
         packet_cell(p, f, what, heights, cells, NULL);
     }
-    for (uint32_t n = 0; what == SLT_FIELD_OCCLUDED && n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
+    for (uint32_t n = 0; what == SLT_QUERY_OCCLUDED && n < sizeof ahead / sizeof *ahead && m_any(p->on); n++) {
         if (counts) counts->cells++;
         packet_probe(p, f, heights, ahead[n]);
     }
 }
 
 /* One step of a packet that still has rays. */
-INLINE void packet_step(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, Slice *slice,
+INLINE void packet_step(Packet *p, const Field *f, SltQuery what, const flt *heights, Slice *slice,
                         FieldCounts *counts) {
     vm cells = p->on & mi_eq(p->level, i_all(0));
-    if (what != SLT_FIELD_RISE && m_any(p->on & m_not(cells))) {
+    if (what != SLT_QUERY_RISE && m_any(p->on & m_not(cells))) {
         if (counts) counts->nodes++;
         packet_node(p, &f->mip, what, slice);
     }
@@ -287,7 +288,7 @@ INLINE void packet_step(Packet *p, const Field *f, SltFieldWhat what, const flt 
     }
 }
 
-INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width, vm on,
+INLINE vi packet_walk(const Field *f, SltQuery what, const flt *heights, const flt *rays, uint32_t width, vm on,
                       Slice *slice, FieldCounts *counts) {
     Packet p;
     packet_locate(&p, f, what, rays, width, on);
@@ -298,7 +299,7 @@ INLINE vi packet_walk(const Field *f, SltFieldWhat what, const flt *heights, con
 }
 
 /* Two at once: while one waits for memory the other computes. */
-INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width,
+INLINE void packet_walk2(const Field *f, SltQuery what, const flt *heights, const flt *rays, uint32_t width,
                          uint32_t bits0, uint32_t bits1, int32_t *id) {
     Packet p, q;
     packet_locate(&p, f, what, rays, width, m_make(bits0));
@@ -308,7 +309,7 @@ INLINE void packet_walk2(const Field *f, SltFieldWhat what, const flt *heights, 
     if (HITS(what)) packet_first(&p, f, what, heights, NULL), packet_first(&q, f, what, heights, NULL);
     while (m_any(p.on) && m_any(q.on)) {
         vm cp = p.on & mi_eq(p.level, i_all(0)), cq = q.on & mi_eq(q.level, i_all(0));
-        if (what != SLT_FIELD_RISE) {
+        if (what != SLT_QUERY_RISE) {
             packet_node(&p, &f->mip, what, NULL);
             packet_node(&q, &f->mip, what, NULL);
         }
@@ -353,12 +354,12 @@ INLINE void packet_join(Packet *p, const Packet *q) {
     packet_turn(p);
     p->size = one << p->level;
     p->falling = m_lt(r->dz, none);
-    p->s.id = i_all(SLT_FIELD_NONE), p->s.done = m_make(0);
+    p->s.id = i_all(SLT_WITNESS_NONE), p->s.done = m_make(0);
     p->on = m_make((1u << p->count) - 1);
 }
 
 /* Two packets until one holds all rays that go on: p. */
-INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltFieldWhat what, const flt *heights, int32_t *id) {
+INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltQuery what, const flt *heights, int32_t *id) {
     while (__builtin_popcount(m_bits(p->on)) + __builtin_popcount(m_bits(q->on)) > LANES) {
         vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
         packet_node(p, &f->mip, what, NULL);
@@ -372,9 +373,9 @@ INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltFieldWhat what,
 }
 
 /* Where the rays begin. The heights there are on their way from memory while the next packet does the same. */
-INLINE void packet_fetch(Packet *p, const Field *f, SltFieldWhat what, const flt *heights, const flt *rays,
-                         uint32_t width, uint64_t mask, uint32_t at) {
-    const int w = (int)f->shared.w, h = (int)f->shared.h;
+INLINE void packet_fetch(Packet *p, const Field *f, SltQuery what, const flt *heights, const flt *rays, uint32_t width,
+                         uint64_t mask, uint32_t at) {
+    const int w = (int)f->w, h = (int)f->h;
     int32_t vertex[LANES];
     packet_locate(p, f, what, rays + at, width, m_make((uint32_t)(mask >> at) & ((1u << LANES) - 1)));
     p->lane = i_count((int)at), p->count = LANES;
@@ -385,7 +386,7 @@ INLINE void packet_fetch(Packet *p, const Field *f, SltFieldWhat what, const flt
 }
 
 /* From there until one packet, p, holds all rays that go on. */
-INLINE void packet_two(Packet *p, Packet *q, const Field *f, SltFieldWhat what, const flt *heights, int32_t *id) {
+INLINE void packet_two(Packet *p, Packet *q, const Field *f, SltQuery what, const flt *heights, int32_t *id) {
     packet_start(p, f, what, heights);
     packet_start(q, f, what, heights);
     packet_first(p, f, what, heights, NULL);
@@ -393,7 +394,7 @@ INLINE void packet_two(Packet *p, Packet *q, const Field *f, SltFieldWhat what, 
     packet_pair(p, q, f, what, heights, id);
 }
 
-INLINE void packet_join2(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width,
+INLINE void packet_join2(const Field *f, SltQuery what, const flt *heights, const flt *rays, uint32_t width,
                          uint64_t mask, uint32_t at, int32_t *id) {
     Packet p, q;
     packet_fetch(&p, f, what, heights, rays, width, mask, at);
@@ -403,7 +404,7 @@ INLINE void packet_join2(const Field *f, SltFieldWhat what, const flt *heights, 
     packet_store(&p, id);
 }
 
-INLINE void packet_join4(const Field *f, SltFieldWhat what, const flt *heights, const flt *rays, uint32_t width,
+INLINE void packet_join4(const Field *f, SltQuery what, const flt *heights, const flt *rays, uint32_t width,
                          uint64_t mask, uint32_t at, int32_t *id) {
     Packet p, q, r, s;
     packet_fetch(&p, f, what, heights, rays, width, mask, at);
@@ -424,14 +425,14 @@ typedef void FN(Joined)(const Field *f, const flt *heights, const flt *rays, uin
     static __attribute__((noinline)) void FN(name)(const Field *f, const flt *heights, const flt *rays, uint32_t width, uint64_t mask, uint32_t at, int32_t *id) {         \
         join(f, what, heights, rays, width, mask, at, id);                                                                                                                 \
     }
-JOINED(trace2, packet_join2, SLT_FIELD_TRACE)
-JOINED(trace4, packet_join4, SLT_FIELD_TRACE)
-JOINED(occluded2, packet_join2, SLT_FIELD_OCCLUDED)
-JOINED(occluded4, packet_join4, SLT_FIELD_OCCLUDED)
+JOINED(trace2, packet_join2, SLT_QUERY_TRACE)
+JOINED(trace4, packet_join4, SLT_QUERY_TRACE)
+JOINED(occluded2, packet_join2, SLT_QUERY_OCCLUDED)
+JOINED(occluded4, packet_join4, SLT_QUERY_OCCLUDED)
 #undef JOINED
 #endif
 
-INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+INLINE void packet_run(const Field *f, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                        uint32_t width, int32_t *id, FieldCounts *counts) {
     const flt *p = rays;
     for (uint32_t at = 0; at < width; at += LANES) {
@@ -439,7 +440,7 @@ INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, c
         if (HITS(what) && width - at >= 2 * LANES) {
             const bool four = width - at >= 4 * LANES;
             FN(Joined) *const join =
-                what == SLT_FIELD_TRACE ? (four ? FN(trace4) : FN(trace2)) : (four ? FN(occluded4) : FN(occluded2));
+                what == SLT_QUERY_TRACE ? (four ? FN(trace4) : FN(trace2)) : (four ? FN(occluded4) : FN(occluded2));
             join(f, heights, p, width, mask, at, id);
             at += (four ? 3 : 1) * LANES;
             continue;
@@ -469,13 +470,13 @@ INLINE void packet_run(const Field *f, SltFieldWhat what, const void *heights, c
 }
 
 #define PACKET_QUERY(name, what)                                                                                                                                            \
-    static void FN(name)(const SltField *field, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id) {                                       \
+    static void FN(name)(const SltGeometry *field, const void *heights, const void *rays, uint64_t mask, uint32_t width, int32_t *id) {                                       \
         Field room;                                                                                                                                                        \
         packet_run(field_asked(field, &room), what, heights, rays, mask, width, id, NULL);                                                                                 \
     }
-PACKET_QUERY(trace, SLT_FIELD_TRACE)
-PACKET_QUERY(occluded, SLT_FIELD_OCCLUDED)
-PACKET_QUERY(clearance, SLT_FIELD_CLEARANCE)
-PACKET_QUERY(shadow, SLT_FIELD_SHADOW)
-PACKET_QUERY(silhouette, SLT_FIELD_SILHOUETTE)
-PACKET_QUERY(rise, SLT_FIELD_RISE)
+PACKET_QUERY(trace, SLT_QUERY_TRACE)
+PACKET_QUERY(occluded, SLT_QUERY_OCCLUDED)
+PACKET_QUERY(clearance, SLT_QUERY_CLEARANCE)
+PACKET_QUERY(shadow, SLT_QUERY_SHADOW)
+PACKET_QUERY(silhouette, SLT_QUERY_SILHOUETTE)
+PACKET_QUERY(rise, SLT_QUERY_RISE)

@@ -29,17 +29,17 @@ const FieldKernels field_scalar = {
     .next_level = next_level,
 };
 
-void field_scalar_count(const Field *f, SltFieldWhat what, const void *heights, const void *rays, uint64_t mask,
+void field_scalar_count(const Field *f, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                         uint32_t width, int32_t *id, FieldCounts *counts) {
 #define COUNT(run)                                                                                                                                                          \
     switch (what) {                                                                                                                                                         \
-    case SLT_FIELD_TRACE:                                                                                                                                                   \
-    case SLT_FIELD_OCCLUDED: run(f, SLT_FIELD_OCCLUDED, heights, rays, mask, width, id, counts); break;                                                                        \
-    case SLT_FIELD_CLEARANCE: run(f, SLT_FIELD_CLEARANCE, heights, rays, mask, width, id, counts); break;                                                                   \
-    case SLT_FIELD_SHADOW: run(f, SLT_FIELD_SHADOW, heights, rays, mask, width, id, counts); break;                                                                         \
-    case SLT_FIELD_SILHOUETTE: run(f, SLT_FIELD_SILHOUETTE, heights, rays, mask, width, id, counts); break;                                                                 \
-    case SLT_FIELD_RISE: run(f, SLT_FIELD_RISE, heights, rays, mask, width, id, counts); break;                                                                             \
-    case SLT_FIELD_WHATS: break;                                                                                                                                           \
+    case SLT_QUERY_TRACE:                                                                                                                                                   \
+    case SLT_QUERY_OCCLUDED: run(f, SLT_QUERY_OCCLUDED, heights, rays, mask, width, id, counts); break;                                                                        \
+    case SLT_QUERY_CLEARANCE: run(f, SLT_QUERY_CLEARANCE, heights, rays, mask, width, id, counts); break;                                                                   \
+    case SLT_QUERY_SHADOW: run(f, SLT_QUERY_SHADOW, heights, rays, mask, width, id, counts); break;                                                                         \
+    case SLT_QUERY_SILHOUETTE: run(f, SLT_QUERY_SILHOUETTE, heights, rays, mask, width, id, counts); break;                                                                 \
+    case SLT_QUERY_RISE: run(f, SLT_QUERY_RISE, heights, rays, mask, width, id, counts); break;                                                                             \
+    case SLT_QUERIES: break;                                                                                                                                           \
     }
     if (f->f64) COUNT(packet_run_f64x1)
     else COUNT(packet_run_f32x1)
@@ -53,7 +53,7 @@ void field_scalar_cone_count(const Field *f, const void *heights, const void *ra
 }
 
 void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts) {
-    int32_t last = f->f64 ? packet_walk_f64x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts)
-                          : packet_walk_f32x1(f, SLT_FIELD_SILHOUETTE, heights, ray, 1, -1, slice, counts);
-    if (last != SLT_FIELD_NONE) slice_add(slice, last);
+    int32_t last = f->f64 ? packet_walk_f64x1(f, SLT_QUERY_SILHOUETTE, heights, ray, 1, -1, slice, counts)
+                          : packet_walk_f32x1(f, SLT_QUERY_SILHOUETTE, heights, ray, 1, -1, slice, counts);
+    if (last != SLT_WITNESS_NONE) slice_add(slice, last);
 }

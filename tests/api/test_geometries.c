@@ -1,5 +1,5 @@
-/* The life of a heightfield's structure in a program object: made when a kernel asks, for what it asks, following the
- * heights, the same answers however it came about. */
+/* The life of a geometry in a program object: made when a kernel asks, for what it asks, following its numbers, the
+ * same answers however it came about. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -73,30 +73,31 @@ static void built_on_need(void **state) {
     (void)state;
     float image[SIZE * SIZE];
     SltProgram *p = compile(plain, SLT_STRUCTURE_AUTO, false, false);
-    assert_int_equal(p->prog->nfields, 0);
+    assert_int_equal(p->prog->ngeometries, 0);
     render(p, image);
-    assert_null(p->scene.fields && p->scene.nfields ? p->scene.fields[0] : NULL);
+    assert_null(p->scene.geometries && p->scene.ngeometries ? p->scene.geometries[0] : NULL);
     slt_program_free(p);
 
     p = compile(seen, SLT_STRUCTURE_AUTO, false, false);
-    assert_int_equal(p->prog->nfields, 1); /* `other` is not searched */
-    assert_null(p->fields[0]);
+    assert_int_equal(p->prog->ngeometries, 1); /* `other` is not searched */
+    assert_null(p->geometries[0]);
     render(p, image);
-    assert_non_null(p->fields[0]);
-    assert_int_equal(p->field_state[0].built, 1u << SLT_FIELD_TRACE);
-    for (int k = 0; k < K_KINDS; k++) assert_int_equal(api_field_queries(p->fn[k], 0) & ~(1u << SLT_FIELD_TRACE), 0);
+    assert_non_null(p->geometries[0]);
+    assert_int_equal(p->geometry_state[0].built, 1u << SLT_QUERY_TRACE);
+    for (int k = 0; k < K_KINDS; k++) assert_int_equal(api_geometry_queries(p->fn[k], 0) & ~(1u << SLT_QUERY_TRACE), 0);
     slt_program_free(p);
 
     p = compile(lit, SLT_STRUCTURE_AUTO, false, false);
     render(p, image);
-    assert_int_equal(
-        p->field_state[0].built & (1u << SLT_FIELD_TRACE | 1u << SLT_FIELD_OCCLUDED | 1u << SLT_FIELD_SILHOUETTE), 0);
-    assert_true(p->field_state[0].built & (1u << SLT_FIELD_SHADOW | 1u << SLT_FIELD_CLEARANCE));
+    assert_int_equal(p->geometry_state[0].built &
+                         (1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED | 1u << SLT_QUERY_SILHOUETTE),
+                     0);
+    assert_true(p->geometry_state[0].built & (1u << SLT_QUERY_SHADOW | 1u << SLT_QUERY_CLEARANCE));
     slt_program_free(p);
 }
 
-/* A few heights: a rectangle. None that is really another: nothing. Another parameter: nothing. The image is that of a
- * program that was never otherwise. */
+/* A few heights: the rectangle around them. None that is really another: nothing. Another parameter: nothing. The image
+ * is that of a program that was never otherwise. */
 static void follows_heights(void **state) {
     (void)state;
     for (int f64 = 0; f64 < 2; f64++) {
@@ -105,7 +106,7 @@ static void follows_heights(void **state) {
         uint32_t base = p->prog->params[0].fbase;
         set_terrain(p, 1);
         render(p, before);
-        const FieldState *s = &p->field_state[0];
+        const GeometryState *s = &p->geometry_state[0];
         assert_int_equal(s->made, 1);
         set_terrain(p, 1);
         double sun = 0.3;
@@ -113,16 +114,14 @@ static void follows_heights(void **state) {
         assert_int_equal(slt_param_find(p, "sun", &at, NULL), SLT_OK);
         assert_int_equal(slt_set_floats(p, at.fbase, 1, &sun, NULL), SLT_OK);
         render(p, image);
-        assert_int_equal(s->refreshed, 0);
+        assert_int_equal(s->followed, 0);
 
         /* rows 3 and 4 of the data, columns 5 to 7 */
         double tall[3] = {5, 6, 5};
         assert_int_equal(slt_set_floats(p, base + 3 * N + 5, 3, tall, NULL), SLT_OK);
         assert_int_equal(slt_set_floats(p, base + 4 * N + 6, 1, tall, NULL), SLT_OK);
-        assert_int_equal(s->x0, 5), assert_int_equal(s->x1, 8);
-        assert_int_equal(s->y0, N - 1 - 4), assert_int_equal(s->y1, N - 1 - 3 + 1);
         render(p, image);
-        assert_int_equal(s->made, 1), assert_int_equal(s->refreshed, 1), assert_int_equal(s->refreshed_heights, 6);
+        assert_int_equal(s->made, 1), assert_int_equal(s->followed, 1), assert_int_equal(s->followed_values, 6);
         assert_memory_not_equal(image, before, sizeof image);
         fresh = compile(lit, SLT_STRUCTURE_AUTO, f64, false);
         assert_int_equal(slt_set_floats(fresh, 0, fresh->prog->nfloats, slt_floats(p), NULL), SLT_OK);
@@ -172,7 +171,7 @@ static void gradients_ask_more(void **state) {
     set_terrain(p, 2);
     float image[SIZE * SIZE];
     render(p, image);
-    uint32_t wanted = p->field_state[0].wanted;
+    uint32_t wanted = p->geometry_state[0].wanted;
     SltJob job = SLT_JOB_INIT;
     job.integral = true, job.samples = 1024;
     double *gradient = calloc(p->prog->nfloats, sizeof *gradient);
@@ -180,13 +179,13 @@ static void gradients_ask_more(void **state) {
     SltIntegral out = {.struct_size = sizeof out, .gradient = gradient};
     SltError err = {0};
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
-    assert_int_equal(p->field_state[0].wanted & wanted, wanted);
-    assert_int_equal(p->field_state[0].built, p->field_state[0].wanted);
-    uint32_t made = p->field_state[0].made;
+    assert_int_equal(p->geometry_state[0].wanted & wanted, wanted);
+    assert_int_equal(p->geometry_state[0].built, p->geometry_state[0].wanted);
+    uint32_t made = p->geometry_state[0].made;
     const char *sun[] = {"sun"};
     assert_int_equal(slt_wrt(p, sun, 1, &err), SLT_OK);
     if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
-    assert_int_equal(p->field_state[0].made, made);
+    assert_int_equal(p->geometry_state[0].made, made);
     free(gradient);
     slt_program_free(p);
 }

@@ -1,7 +1,7 @@
-/* What heightfield sites add to the variants: the window of a pair, and the signature that tells near hits from far
+/* What sites of rays add to the variants: the window of a pair, and the signature that tells near hits from far
  * ones.
  *
- * No number per point tells which piece of the terrain a ray sees: around the end of a ridge the two sides are
+ * No number per point tells which piece of a geometry a ray sees: around the end of a ridge the two sides are
  * connected. So pairs are compared. `region` and `sides` carry a signature of the depths at which rays hit, continuous
  * as long as no silhouette is passed; where it jumps, `event` decides: of two hits the nearer one must run into
  * something that rises and falls again (its top) before the farther one. The boundary function of such a pair is the
@@ -9,7 +9,6 @@
  * passes over everything in front of its hit. Shadow edges are the same, between a blocked and a free ray. See
  * docs/estimators.md. */
 #include "compiler/pass/variant.h"
-#include "saltus/field.h"
 
 static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
     if (v->op == OP_window) return v->imm.i / 2 == site ? v : NULL;
@@ -34,7 +33,7 @@ static void clear_tags(Block *b) {
 Inst *variant_window_of(Fn *fn, Inst *site) {
     clear_tags(fn->body);
     Inst *w = find_window(site->args[1], site->imm.i, 1);
-    if (!w) ice(fn->session, "a heightfield site without a window");
+    if (!w) ice(fn->session, "a ray's site without a window");
     return w;
 }
 
@@ -86,9 +85,9 @@ void variant_windows_of_inputs(Fn *fn) {
     walk_resolve_forwards(fn->body);
 }
 
-bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_FIELD, SITE_SHADOW); }
+bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SHADOW); }
 
-bool variant_has_depth(const Fn *fn) { return variant_has_site(fn, SITE_FIELD, SITE_FIELD); }
+bool variant_has_depth(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SILHOUETTE); }
 
 /* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that
  * two that change do not cancel. */
@@ -101,7 +100,7 @@ static Inst *depth_of(Builder *b, Inst *site, Inst *t) {
 }
 
 static bool touches_silhouette(Thread *t, const Inst *i) {
-    return i->op == OP_site && variant_site_info(t->fn, i)->kind == SITE_FIELD;
+    return i->op == OP_site && variant_site_info(t->fn, i)->kind == SITE_SILHOUETTE;
 }
 
 static bool depth_at(Thread *t, Inst *i) {
@@ -133,10 +132,15 @@ Inst *variant_ridge_between(Builder *b, Inst *w) {
     return ir_emit2(b, OP_flt, p.top, p.far_t);
 }
 
+/* A query that a site asks. */
+static bool finds_hits(const Inst *i) {
+    return i->op == OP_query &&
+           (query_rows[i->imm.query.what].role == ROLE_SILHOUETTE || query_rows[i->imm.query.what].role == ROLE_SHADOW);
+}
+
 static uint32_t collect(Block *b, uint32_t n, Inst **search) {
     for (Inst *i = b->first; i && n < SLT_WITNESSES; i = i->next) {
-        if (i->op == OP_fieldop && (i->imm.field.what == SLT_FIELD_TRACE || i->imm.field.what == SLT_FIELD_OCCLUDED))
-            search[n++] = i;
+        if (finds_hits(i)) search[n++] = i;
         for (uint32_t r = 0; i->op != OP_loop && r < i->nregions; r++) n = collect(i->region[r], n, search);
     }
     return n;
@@ -182,7 +186,7 @@ void variant_use_witnesses(Fn *fn) {
         Inst *br = ir_if(&b, ir_emit2(&b, OP_ieq, found, ir_consti(&b, 0)));
         br->imm.i = IR_IF_RARE;
         Builder in = ir_at_end(fn, br->region[0]), out = ir_at_end(fn, br->region[1]);
-        Inst *again = ir_special(&in, OP_fieldop, TY_INT, i->nargs, i->args, i->imm);
+        Inst *again = ir_special(&in, OP_query, TY_INT, i->nargs, i->args, i->imm);
         ir_yield(&in, 1, &again);
         ir_yield(&out, 1, &id);
         walk_forward(fn, i, ir_proj(&b, br, 0));

@@ -1,0 +1,26 @@
+/* The rows of saltus/queries.def as the compiler reads them: nothing else in it knows one query from another. */
+#ifndef SALTUS_IR_QUERY_H
+#define SALTUS_IR_QUERY_H
+
+#include "saltus/query.h"
+
+typedef enum QueryRay { RAY_SEGMENT, RAY_SLICE } QueryRay;
+typedef enum QueryWitness { WITNESS_FACE, WITNESS_EDGE, WITNESS_FOUND } QueryWitness;
+typedef enum QueryEvaluation { EVALUATE_NOTHING, EVALUATE_HIT, EVALUATE_NEAREST, EVALUATE_PEAK } QueryEvaluation;
+typedef enum QueryWhen { WEAKER_NEVER, WEAKER_FOUND, WEAKER_SIGN } QueryWhen;
+typedef enum QueryRole { ROLE_PLAIN, ROLE_SILHOUETTE, ROLE_SHADOW, ROLE_TOP } QueryRole;
+
+typedef struct QueryRow {
+    const char *name;
+    uint32_t geometries; /* bit (1 << SltGeometryKind) */
+    QueryRay ray;
+    QueryWitness witness;
+    QueryEvaluation evaluation;
+    SltQuery weaker;
+    QueryWhen when;
+    QueryRole role;
+    const char *asked;
+} QueryRow;
+extern const QueryRow query_rows[SLT_QUERIES];
+
+#endif

@@ -1,0 +1,75 @@
+#!/usr/bin/env bash
+# What is checked of the sources beside the tests: ./bootstrap check [WHAT ...], without an argument `format memory`.
+#
+#   format    the sources are as .clang-format breaks them
+#   memory    the quick tests under the sanitizers of addresses and undefined behaviour, in build/memory
+#   threads   the tests that share work between threads under the sanitizer of threads, in build/threads
+#   tidy      clang-tidy over everything: minutes of every core
+#   all       these four, and under `memory` all tests but the examples
+#
+# Builds stay, so a second run compiles what changed. JOBS=n: so many at once (default: all cores).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+jobs=${JOBS:-$(nproc)}
+quick='^(api|back|base|docs|front|fuzz|golden|image|ir|optimise|pass)\.|^kernels\.witness|^lang\.nasty|^sample\.(coincide|estimate)|^cli\.(grad\.(bits|explain)|render\.basics)'
+threaded='^(base|api|optimise)\.|^sample\.(coincide|estimate|images)|^cli\.grad\.bits'
+
+configure() { # folder, options of cmake
+    cmake -S . -B "$1" -G Ninja "${@:2}" >/dev/null
+}
+
+# Builds what the tests that match need, and runs them: folder, pattern, options of ctest.
+run_tests() {
+    local targets
+    targets=$(ctest --test-dir "$1" -N -R "$2" | sed -nE 's/^ *Test +#[0-9]+: (fuzz)\.(.*)/\1-\2/p; s/^ *Test +#[0-9]+: ([a-z]+)\.([a-z_]+)$/test-\1-\2/p' | grep -v '^test-fuzz')
+    # shellcheck disable=SC2086 # one word a target
+    cmake --build "$1" -j "$jobs" --target saltus-cli $targets
+    ctest --test-dir "$1" -R "$2" -j "$jobs" --output-on-failure --timeout 900 "${@:3}"
+}
+
+check_format() {
+    configure build
+    cmake --build build --target check-format
+}
+
+check_memory() { # all tests, or those of a pattern
+    configure build/memory -DSALTUS_SANITIZE=address,undefined
+    if [ -n "${1:-}" ]; then
+        run_tests build/memory "$1"
+    else
+        cmake --build build/memory -j "$jobs"
+        ctest --test-dir build/memory -j "$jobs" --output-on-failure --timeout 900 -E '^(examples|install)\.'
+    fi
+}
+
+check_threads() {
+    configure build/threads -DSALTUS_SANITIZE=thread
+    run_tests build/threads "$threaded"
+}
+
+check_tidy() {
+    configure build
+    cmake --build build --target tidy
+}
+
+[ $# -gt 0 ] || set -- format memory
+for what in "$@"; do
+    case "$what" in
+    format) check_format ;;
+    memory) check_memory "$quick" ;;
+    threads) check_threads ;;
+    tidy) check_tidy ;;
+    all)
+        check_format
+        check_memory
+        check_threads
+        check_tidy
+        ;;
+    *)
+        sed -n '2,10s/^# \{0,1\}//p' "$0"
+        echo "check: unknown \`$what\`" >&2
+        exit 2
+        ;;
+    esac
+done
