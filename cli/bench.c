@@ -11,9 +11,13 @@
 
 #include "cli/bench.h"
 
-enum { MAX_POINTS = 16, MAX_REPEATS = 256, NESTIMATORS = 5 };
+enum { MAX_POINTS = 16, MAX_REPEATS = 256 };
 
-static const char *const names[NESTIMATORS] = {"lattice", "scanline", "snap-knn", "snap-crofton", "fd"};
+static const char *const names[SLT_ESTIMATORS] = {
+#define SLT_ESTIMATOR(id, name, ...) name,
+#define SLT_DIFFERENCES(id, name, ...) name,
+#include "saltus/estimators.def"
+};
 
 typedef struct Point {
     uint64_t samples;
@@ -34,7 +38,7 @@ typedef struct Bench {
     double *reference, *g;
     size_t size;
     double norm;
-    Curve curves[NESTIMATORS];
+    Curve curves[SLT_ESTIMATORS];
     SltError err;
     double budget; /* seconds a point */
     Curve other;   /* the lattice in the other precision, at the largest number of samples */
@@ -132,7 +136,7 @@ static char *make_csv(const Bench *b) {
     FILE *out = open_memstream(&text, &size);
     if (!out) return NULL;
     fputs("estimator,samples,evaluations,seconds,relative_rmse\n", out);
-    for (int e = 0; e < NESTIMATORS; e++)
+    for (int e = 0; e < SLT_ESTIMATORS; e++)
         for (int i = 0; i < b->curves[e].n; i++) {
             const Point *q = &b->curves[e].at[i];
             fprintf(out, "%s,%llu,%.0f,%.9g,%.9g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations,
@@ -154,7 +158,7 @@ static char *make_json(const Bench *b) {
     json_number(out, b->norm);
     fputs(", \"curves\": {", out);
     bool first = true;
-    for (int e = 0; e < NESTIMATORS; e++) {
+    for (int e = 0; e < SLT_ESTIMATORS; e++) {
         if (!b->curves[e].n) continue;
         fprintf(out, "%s\"%s\": [", first ? "" : ", ", b->curves[e].name);
         first = false;
@@ -181,7 +185,7 @@ static char *make_json(const Bench *b) {
     }
     fputs(", \"skipped\": {", out);
     first = true;
-    for (int e = 0; e < NESTIMATORS; e++) {
+    for (int e = 0; e < SLT_ESTIMATORS; e++) {
         if (!b->curves[e].skipped) continue;
         fprintf(out, "%s\"%s\": ", first ? "" : ", ", b->curves[e].name);
         json_text(out, b->curves[e].skipped);
@@ -193,10 +197,10 @@ static char *make_json(const Bench *b) {
 }
 
 static char *make_svg(Bench *b) {
-    double x[NESTIMATORS][MAX_POINTS], y[NESTIMATORS][MAX_POINTS];
-    PlotSeries series[NESTIMATORS];
+    double x[SLT_ESTIMATORS][MAX_POINTS], y[SLT_ESTIMATORS][MAX_POINTS];
+    PlotSeries series[SLT_ESTIMATORS];
     int n = 0;
-    for (int e = 0; e < NESTIMATORS; e++) {
+    for (int e = 0; e < SLT_ESTIMATORS; e++) {
         Curve *k = &b->curves[e];
         if (!k->n) continue;
         for (int i = 0; i < k->n; i++) x[e][i] = k->at[i].seconds, y[e][i] = k->at[i].error;
@@ -232,7 +236,7 @@ static SltStatus write_folder(Bench *b) {
 
 static void print_table(const Bench *b) {
     printf("%-14s %12s %14s %12s %14s\n", "estimator", "samples", "evaluations", "seconds", "relative RMSE");
-    for (int e = 0; e < NESTIMATORS; e++) {
+    for (int e = 0; e < SLT_ESTIMATORS; e++) {
         for (int i = 0; i < b->curves[e].n; i++) {
             const Point *q = &b->curves[e].at[i];
             printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->curves[e].name, (unsigned long long)q->samples,
@@ -262,7 +266,7 @@ static int bench(Bench *b) {
     SltStatus s = make_reference(b, largest);
     b->budget = 3;
     double done = 0;
-    for (int e = 0; e < NESTIMATORS && s == SLT_OK; e++) {
+    for (int e = 0; e < SLT_ESTIMATORS && s == SLT_OK; e++) {
         Curve *k = &b->curves[e];
         *k = (Curve){.name = names[e], .estimator = (SltEstimator)e};
         if (!wanted(b, names[e])) continue;
@@ -274,7 +278,7 @@ static int bench(Bench *b) {
             k->skipped = "rand() is called: the lattice is cut into scanlines";
         for (uint64_t n = smallest; n <= largest && k->n < MAX_POINTS && s == SLT_OK; n *= 2) {
             s = measure(b, k, n);
-            progress_update(&pr, (++done) / (NESTIMATORS * 11.0), names[e]);
+            progress_update(&pr, (++done) / (SLT_ESTIMATORS * 11.0), names[e]);
             if (k->n && k->at[k->n - 1].seconds > b->budget) break;
         }
     }

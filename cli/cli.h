@@ -38,11 +38,16 @@ enum {
     RUN = RENDER | GRAD | FIT | CHECK | BENCH
 };
 
-/* The names of the optimisers, each behind a |. */
+/* The names of the optimisers and of the estimators, each behind a |. */
 static const char cli_optimizers[] =
 #define OPTIMISER(id, name, ...) "|" name
 #include "runtime/optimise/optimisers.def"
 #undef OPTIMISER
+    ;
+static const char cli_estimators[] =
+#define SLT_ESTIMATOR(id, name, ...) "|" name
+#define SLT_DIFFERENCES(id, name, ...) "|" name
+#include "saltus/estimators.def"
     ;
 
 typedef struct Verb {

@@ -35,7 +35,8 @@ typedef struct Scene {
  */
 int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
-char *scene_keep(Scene *s, char *text); /* freed with the scene; returns text */
-bool scene_is(const char *file);        /* by its extension */
+char *scene_keep(Scene *s, char *text);   /* freed with the scene; returns text */
+bool scene_is(const char *file);          /* by its extension */
+bool fit_has_optimizer(const char *name); /* fit.c */
 
 #endif

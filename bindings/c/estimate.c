@@ -8,7 +8,7 @@ static const bool needs_render[K_KINDS] = {[K_VALUE] = true};
 static void gradient_needs(const SltJob *j, bool forward, bool needs[K_KINDS]) {
     for (int k = 0; k < K_KINDS; k++) needs[k] = false;
     needs[K_VALUE] = true;
-    if (j->estimator == SLT_EST_FD) return;
+    if (slt_estimate_by_differences(j->estimator)) return;
     if (!j->no_interior) needs[forward ? K_JVP : K_VJP] = true;
     if (j->no_boundary) return;
     needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = true;

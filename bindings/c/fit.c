@@ -17,11 +17,11 @@ enum { MAX_VALUES = 1 << 28 }; /* floats of an image */
  * that the adjoint came from. */
 enum { OTHER_SAMPLES = 0x40000000 };
 
-/* A parameter that one view sees with another value: where it lies, and both values. */
+/* A parameter that one view sees with another value: where it lies, and that value. */
 typedef struct OwnValue {
     ParamRef at;
-    double *floats, *base_floats; /* malloc'd together: floats */
-    int32_t *ints, *base_ints;    /* malloc'd together: ints */
+    double *floats;
+    int32_t *ints;
 } OwnValue;
 
 typedef struct View {
@@ -41,7 +41,9 @@ struct SltFit {
     OptimiseMethod method;
     uint32_t n, *index;     /* the active floats */
     double *gradient, *all; /* [n]; [nfloats], with minimize [channels][nfloats] */
-    double *losses;         /* [losses_cap] */
+    double *own_floats;     /* [nfloats], [nints]: of the view in hand */
+    int32_t *own_ints;
+    double *losses; /* [losses_cap] */
     size_t losses_cap;
     size_t nvalues;         /* floats of an image */
     float *image;           /* of the first view, the latest */
@@ -76,6 +78,7 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
     f->job.progress = NULL, f->job.floats = NULL, f->job.ints = NULL;
     if (o->minimize && (o->nviews || o->loss))
         return status_fail(err, SLT_USAGE, "a fit that minimises the integral has no views and no other loss");
+    if (o->nviews && !o->views) return status_fail(err, SLT_USAGE, "%u views of a fit, but no list of them", o->nviews);
     if (!o->minimize && !o->nviews && !o->loss)
         return status_fail(err, SLT_USAGE, "a fit wants views, a loss, or to minimise the integral");
     if (!optimise_find(o->optimizer ? o->optimizer : "adam", &f->method))
@@ -105,9 +108,9 @@ static bool room_for_losses(SltFit *f, size_t n) {
     return more != NULL;
 }
 
-static void *twice(const void *from, size_t count, size_t size) {
-    void *to = malloc(2 * (count + 1) * size);
-    if (to && count) memcpy(to, from, count * size), memcpy((char *)to + (count + 1) * size, from, count * size);
+static void *copy_of(const void *from, size_t count, size_t size) {
+    void *to = malloc((count + 1) * size);
+    if (to && count) memcpy(to, from, count * size);
     return to;
 }
 
@@ -119,17 +122,20 @@ static SltStatus read_value(SltProgram *p, const SltSet *set, OwnValue *v, SltEr
             status =
                 status_fail(err, SLT_INPUT, "`%s` is optimised; a view cannot give it a value of its own", set->name);
     if (status == SLT_OK) {
-        v->floats = twice(p->floats + v->at.fbase, v->at.fcount, sizeof(double));
-        v->ints = twice(p->ints + v->at.ibase, v->at.icount, sizeof(int32_t));
+        v->floats = copy_of(p->floats + v->at.fbase, v->at.fcount, sizeof(double));
+        v->ints = copy_of(p->ints + v->at.ibase, v->at.icount, sizeof(int32_t));
         if (!v->floats || !v->ints) return out_of_memory(err);
-        v->base_floats = v->floats + v->at.fcount + 1, v->base_ints = v->ints + v->at.icount + 1;
         status = api_set_text(p, set->name, set->value, err);
     }
     if (status == SLT_OK) {
-        if (v->at.fcount) memcpy(v->floats, p->floats + v->at.fbase, v->at.fcount * sizeof(double));
-        if (v->at.icount) memcpy(v->ints, p->ints + v->at.ibase, v->at.icount * sizeof(int32_t));
-        if (v->at.fcount) memcpy(p->floats + v->at.fbase, v->base_floats, v->at.fcount * sizeof(double));
-        if (v->at.icount) memcpy(p->ints + v->at.ibase, v->base_ints, v->at.icount * sizeof(int32_t));
+        for (uint32_t i = 0; i < v->at.fcount; i++) {
+            double own = p->floats[v->at.fbase + i];
+            p->floats[v->at.fbase + i] = v->floats[i], v->floats[i] = own;
+        }
+        for (uint32_t i = 0; i < v->at.icount; i++) {
+            int32_t own = p->ints[v->at.ibase + i];
+            p->ints[v->at.ibase + i] = v->ints[i], v->ints[i] = own;
+        }
         api_params_changed(p, v->at.fbase, v->at.fcount);
     }
     /* What a view says is data, as a scene file is. */
@@ -159,14 +165,18 @@ static SltStatus read_views(SltFit *f, SltError *err) {
     return SLT_OK;
 }
 
-static SltStatus use_view(SltFit *f, const View *v, bool own, SltError *err) {
-    SltStatus status = SLT_OK;
-    for (uint32_t k = 0; k < v->nvalues && status == SLT_OK; k++) {
+/* What a view sees goes with its calls: the program's parameters with the view's own values among them. */
+static void use_view(SltFit *f, const View *v, SltJob *job) {
+    job->floats = NULL, job->ints = NULL;
+    if (!v->nvalues) return;
+    memcpy(f->own_floats, f->p->floats, f->p->prog->nfloats * sizeof(double));
+    memcpy(f->own_ints, f->p->ints, f->p->prog->nints * sizeof(int32_t));
+    for (uint32_t k = 0; k < v->nvalues; k++) {
         const OwnValue *o = &v->values[k];
-        status = slt_set_floats(f->p, o->at.fbase, o->at.fcount, own ? o->floats : o->base_floats, err);
-        if (status == SLT_OK) status = slt_set_ints(f->p, o->at.ibase, o->at.icount, own ? o->ints : o->base_ints, err);
+        memcpy(f->own_floats + o->at.fbase, o->floats, o->at.fcount * sizeof(double));
+        memcpy(f->own_ints + o->at.ibase, o->ints, o->at.icount * sizeof(int32_t));
     }
-    return status;
+    job->floats = f->own_floats, job->ints = f->own_ints;
 }
 
 static SltStatus find_grid(SltFit *f, const SltFitNumber *smooth, OptimiseGrid *g, SltError *err) {
@@ -362,6 +372,8 @@ static void free_fit(SltFit *f) {
     free(f->index);
     free(f->gradient);
     free(f->all);
+    free(f->own_floats);
+    free(f->own_ints);
     free(f->losses);
     free(f->image);
     free(f->other);
@@ -373,10 +385,13 @@ static SltStatus allocate(SltFit *f, SltError *err) {
     size_t nf = slt_float_count(f->p), rows = f->opt.minimize ? slt_channels(f->p) : 1;
     f->index = calloc(nf + 1, sizeof *f->index);
     f->all = calloc(rows * (nf + 1), sizeof *f->all);
+    f->own_floats = calloc(nf + 1, sizeof *f->own_floats);
+    f->own_ints = calloc(slt_int_count(f->p) + 1, sizeof *f->own_ints);
     if (!f->opt.minimize) f->image = calloc(f->nvalues, sizeof *f->image);
     if (f->opt.loss)
         f->other = calloc(f->nvalues, sizeof *f->other), f->adjoint = calloc(f->nvalues, sizeof *f->adjoint);
-    if (!f->index || !f->all || (!f->opt.minimize && !f->image) || (f->opt.loss && (!f->other || !f->adjoint)))
+    if (!f->index || !f->all || !f->own_floats || !f->own_ints || (!f->opt.minimize && !f->image) ||
+        (f->opt.loss && (!f->other || !f->adjoint)))
         return out_of_memory(err);
     for (uint32_t i = 0; i < nf; i++)
         if (f->p->wrt[i]) f->index[f->n++] = i;
@@ -494,16 +509,13 @@ static SltStatus evaluate(SltFit *f, double *loss, SltError *err) {
     if (status == SLT_OK && f->opt.minimize) return evaluate_integral(f, &job, loss, err);
     for (uint32_t v = 0; v < f->nviews && status == SLT_OK; v++) {
         const View *view = &f->views[v];
-        SltError late = {0};
         double one = 0;
         job.seed += v;
-        status = use_view(f, view, true, err);
-        if (status == SLT_OK && f->opt.loss) status = callers_loss(f, &job, v, &one, err);
-        else if (status == SLT_OK)
+        use_view(f, view, &job);
+        if (f->opt.loss) status = callers_loss(f, &job, v, &one, err);
+        else
             status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
                                    f->opt.stats, err);
-        SltStatus back = use_view(f, view, false, status == SLT_OK ? err : &late);
-        status = status == SLT_OK ? back : status;
         if (status != SLT_OK) break;
         *loss += one / f->nviews;
         for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->nviews;

@@ -18,7 +18,10 @@ bool depend_merge(Depend *to, const Depend *from) {
     return changed;
 }
 
-static void add(Flow *f, const Inst *to, const Depend *from) { f->changed |= depend_merge(&f->of[to->id], from); }
+static void add(Flow *f, const Inst *to, const Depend *from) {
+    Depend *d = &f->of[to->id];
+    if ((from->on & ~d->on) || from->nnamed) f->changed |= depend_merge(d, from); /* most walks find nothing new */
+}
 
 static void add_flags(Flow *f, const Inst *to, uint8_t on) { add(f, to, &(Depend){.on = on}); }
 
@@ -126,7 +129,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
         default:
             for (uint32_t a = 0; a < i->nargs; a++) add_value(f, i, i->args[a]);
         }
-        add(f, i, &exits);
+        if (exits.on) add(f, i, &exits);
         if (chooses(i) && (f->of[i->id].on & DEPENDS_X)) add_flags(f, i, DEPENDS_PIECES);
     }
 }

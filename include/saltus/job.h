@@ -18,11 +18,10 @@ extern "C" {
 #endif
 
 typedef enum SltEstimator {
-    SLT_EST_LATTICE,
-    SLT_EST_SCANLINE,
-    SLT_EST_SNAP_KNN,
-    SLT_EST_SNAP_CROFTON,
-    SLT_EST_FD
+#define SLT_ESTIMATOR(id, ...) SLT_EST_##id,
+#define SLT_DIFFERENCES(id, ...) SLT_EST_##id,
+#include "saltus/estimators.def"
+    SLT_ESTIMATORS
 } SltEstimator;
 typedef enum SltFilter { SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN } SltFilter;
 
@@ -58,7 +57,7 @@ typedef enum SltDrop {
     SLT_DROP_NO_EVENT,
     SLT_DROP_NO_ROOT,
     SLT_DROP_STATIC,
-    SLT_DROP_DEPTH,
+    SLT_DROP_HALVINGS, /* key "depth": halved too often */
     SLT_DROP_COINCIDENT,
     SLT_DROP_REASONS
 } SltDrop;

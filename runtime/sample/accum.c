@@ -3,11 +3,13 @@
  * Within a tile a kernel adds in its own precision, one sum a lane (or one a parameter where they are many); at the end
  * of the tile the lanes are added into doubles, and tiles are added in order. Blocks of parameters that a tile left at
  * zero cost a look, not an addition, and texels and heights, which have the log, not even that. */
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/accum.h"
+#include "runtime/sample/alloc.h"
 
 enum { ACCUM_BLOCK = 16 };
 
@@ -30,6 +32,7 @@ static void free_pages(void *p, uint64_t bytes) {
 }
 
 bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
+    assert(n <= ACCUMS);
     memset(a, 0, sizeof *a);
     a->s = s, a->n = n;
     a->stride = (s->f64 ? 8 : 4) * (uint64_t)(s->flat_adj ? 1 : s->width);
@@ -83,6 +86,7 @@ static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *ar
 }
 
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
+    assert(which < a->n);
     AdjointBuffer *buf = &a->buf[which];
     if (!n || a->failed) return;
     buf->dirty = true;

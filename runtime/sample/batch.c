@@ -2,17 +2,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/batch.h"
 
-enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double) };
-
-void *alloc_zero(size_t n, size_t size) { return calloc(n ? n : 1, size ? size : 1); }
+enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all bytes: NaN, -1 */ };
 
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
     b->s = s, b->f64 = s->f64, b->grid = g;
     b->pixels = g && !g->integral;
-    /* Zeroed: an input that nobody writes must still be a valid number. The pages of unused slots are never touched. */
+    assert(s->channels <= SLT_MAX_CHANNELS && scene_outputs(s, SLT_K_REGION, SLT_OUT_WITNESS) <= SLT_WITNESSES);
+    assert(scene_outputs(s, SLT_K_EVENT, SLT_OUT_K) <= SLT_MAX_K);
+    /* Zeroed: an input that nobody writes must still be a valid number. */
     b->memory = aligned_alloc(64, (size_t)SLOT_BYTES * (SLT_IN_VARYING + SLT_OUT_MAX));
     if (!b->memory) return false;
     memset(b->memory, 0, (size_t)SLOT_BYTES * (SLT_IN_VARYING + SLT_OUT_MAX));
@@ -27,12 +27,17 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
     b->args.tape_bytes = (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63;
     b->args.tape = b->tape = aligned_alloc(64, b->args.tape_bytes);
+#ifndef NDEBUG
+    b->poison = aligned_alloc(64, SLOT_BYTES);
+    if (!b->poison) return false;
+    memset(b->poison, POISON, SLOT_BYTES);
+#endif
     return b->tape != NULL;
 }
 
 void batch_free(Batch *b) {
-    free(b->memory), free(b->tape);
-    b->memory = NULL, b->tape = NULL;
+    free(b->memory), free(b->tape), free(b->poison);
+    b->memory = NULL, b->tape = b->poison = NULL;
 }
 
 void batch_collect(Batch *b, SltStats *t) {
@@ -84,16 +89,44 @@ static void pad(Batch *b, uint32_t n, uint32_t end) {
     }
 }
 
-void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
-    if (!n) return;
+#ifndef NDEBUG
+static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
+    const void *in[SLT_IN_VARYING];
+    memcpy(in, b->args.in, sizeof in);
+    for (uint32_t slot = 0; slot < SLT_IN_VARYING; slot++)
+        if (!(b->layout->reads >> slot & 1)) b->args.in[slot] = b->poison;
+    for (uint32_t r = 0; r < SLT_ROLES; r++)
+        for (uint32_t k = 0; k < b->layout->out[r].count; k++)
+            memset(b->args.out[b->layout->out[r].first + k], POISON, SLOT_BYTES);
+    if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
+    else kernel(&b->args, n);
+    memcpy(b->args.in, in, sizeof in);
+}
+#else
+static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
+    if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
+    else kernel(&b->args, n);
+}
+#endif
+
+static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
+    assert(kernel && n <= BATCH);
     uint32_t end = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     b->layout = &b->s->layout[kind];
     b->args.n_valid = n;
     if (end != n) pad(b, n, end);
+    run(b, kind, kernel, n);
+}
+
+void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
+    if (!n) return;
     b->evaluations += n;
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
     b->args.print = kind == SLT_K_VALUE ? b->s->print : NULL; /* derivatives run at the same samples as the value */
-    if (b->s->call) b->s->call(b->s->call_user, (int)kind, &b->args, n);
-    else b->s->kernel[kind](&b->args, n);
+    call(b, kind, b->s->kernel[kind], n);
     if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
+}
+
+void batch_call_cull(Batch *b, uint32_t cull_id, uint32_t n) {
+    if (n) call(b, SLT_K_CULL, b->s->cull_bounds[cull_id], n);
 }

@@ -10,7 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/coincide.h"
+#include "runtime/sample/run.h"
 
 enum {
     MOST_FLOATS = 1 << 16, /* moving more parameters would cost more than it tells */

@@ -5,7 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/cull.h"
 
 void cull_free(CullBoxes *c) {
     for (uint32_t i = 0; i < c->n && c->box; i++) free(c->box[i]);
@@ -27,11 +28,8 @@ SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err) {
         if (!box) goto memory;
         for (uint32_t from = 0; from < count; from += BATCH) {
             uint32_t n = count - from < BATCH ? count - from : BATCH;
-            for (uint32_t l = 0; l < (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD; l++)
-                batch_set_int(&b, SLT_IN_ITERATION, l, (int32_t)(from + (l < n ? l : n - 1)));
-            b.args.n_valid = n;
-            b.layout = &s->layout[SLT_K_CULL];
-            s->cull_bounds[i](&b.args, n);
+            for (uint32_t l = 0; l < n; l++) batch_set_int(&b, SLT_IN_ITERATION, l, (int32_t)(from + l));
+            batch_call_cull(&b, i, n);
             for (uint32_t l = 0; l < n; l++)
                 for (uint32_t e = 0; e < 4; e++) box[4 * (size_t)(from + l) + e] = batch_get(&b, SLT_OUT_BOX, e, l);
         }

@@ -3,12 +3,12 @@
  * Where a near ridge stands before far ground both rays hit, so no hash can differ: silhouettes end in cusps, and the
  * image minus its silhouettes is connected around them. What differs is the depth. The region kernel gives a signature
  * of it, continuous between silhouettes; two neighbours are candidates if their signatures are further apart than
- * smooth ground puts neighbours here. That is only a gate: a small J costs evaluations, a large one loses the small
- * jumps. `event` decides. */
+ * smooth ground puts neighbours here. That is only a gate: a small threshold costs evaluations, a large one loses the
+ * small jumps. `event` decides. */
 #include <math.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/depth.h"
 
 enum {
     OCTAVE_STEPS = 4, /* buckets an octave: the median is good to a fifth, and needs no memory and no sorting */
@@ -44,7 +44,7 @@ void spread_add(Spread *s, double difference) {
     s->n++;
 }
 
-double spread_jump(const Spread *s) {
+double spread_threshold(const Spread *s) {
     if (s->n < FEW) return FLOOR;
     uint64_t below = 0;
     int bucket = 0;
@@ -52,29 +52,30 @@ double spread_jump(const Spread *s) {
         below += s->count[bucket];
         if (2 * below >= s->n) break;
     }
-    double jump = TIMES_MEDIAN * bucket_value(bucket, 0.5);
+    double threshold = TIMES_MEDIAN * bucket_value(bucket, 0.5);
     /* Where the view grazes, the median hides most jumps. Where cells are large beside the spacing, few edges stand out
-     * beside their neighbours, and a smaller J costs little. */
+     * beside their neighbours, and a smaller threshold costs little. */
     if (s->edges) {
         uint64_t asked = 0;
         int least = SPREAD_BUCKETS;
         while (least > 0 && ASKED * (asked + s->odd[least - 1]) <= s->edges) asked += s->odd[--least];
-        if (least < SPREAD_BUCKETS) jump = fmin(jump, bucket_value(least, 0));
+        if (least < SPREAD_BUCKETS) threshold = fmin(threshold, bucket_value(least, 0));
     }
-    return fmax(FLOOR, jump);
+    return fmax(FLOOR, threshold);
 }
 
-/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there J is a multiple of the
- * smaller step beside the edge. Jumps of about one size in three edges in a row are taken for a slope; a finer lattice
- * tells them apart. */
-double depth_jump(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n, double jump) {
-    if (e == 0 || e + 2 >= n) return jump;
+/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there the threshold is a
+ * multiple of the smaller step beside the edge. Jumps of about one size in three edges in a row are taken for a slope;
+ * a finer lattice tells them apart. */
+double depth_threshold(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n,
+                       double threshold) {
+    if (e == 0 || e + 2 >= n) return threshold;
     const uint32_t *h = hash + (e - 1) * stride;
     const double *d = depth + (e - 1) * stride;
-    if (h[0] != h[stride] || h[2 * stride] != h[3 * stride]) return jump;
+    if (h[0] != h[stride] || h[2 * stride] != h[3 * stride]) return threshold;
     double before = fabs(d[0] - d[stride]), after = fabs(d[2 * stride] - d[3 * stride]);
     double beside = TIMES_NEIGHBOUR * fmin(before, after);
-    return beside > jump && !isinf(beside) ? beside : jump;
+    return beside > threshold && !isinf(beside) ? beside : threshold;
 }
 
 void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t stride, uint32_t n) {
@@ -85,6 +86,6 @@ void spread_line(Spread *s, const uint32_t *hash, const double *depth, uint64_t 
         int bucket = bucket_of(difference);
         if (bucket < 0) continue;
         spread_add(s, difference);
-        if (fabs(difference) > depth_jump(hash, depth, stride, v, n, 0)) s->odd[bucket]++;
+        if (fabs(difference) > depth_threshold(hash, depth, stride, v, n, 0)) s->odd[bucket]++;
     }
 }

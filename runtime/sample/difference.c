@@ -5,7 +5,9 @@
 #include <string.h>
 
 #include "runtime/geometry/geometry.h"
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/difference.h"
+#include "runtime/sample/interior.h"
 
 /* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a
  * compromise that both survive. */

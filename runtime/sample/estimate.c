@@ -3,7 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/boundary.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/interior.h"
 
 const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_finite", "inconsistent", "no_event",
                                                       "no_root",       "static",     "depth",        "coincident"};
@@ -57,7 +60,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
                                float *const *out, float *crossings, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a derivative image", err);
     if (st != SLT_OK || !ndir) return st;
-    if (j->estimator == SLT_EST_FD) return difference_forward(s, j, ndir, dirs, out, stats, err);
+    if (slt_estimate_by_differences(j->estimator)) return difference_forward(s, j, ndir, dirs, out, stats, err);
     Run r;
     Directions d = {0};
     st = run_begin(&r, s, j, err);
@@ -109,7 +112,8 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
                                double *stderr_bound, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "the gradient of a weighted image", err);
     if (st != SLT_OK) return st;
-    if (j->estimator == SLT_EST_FD) return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+    if (slt_estimate_by_differences(j->estimator))
+        return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
     Run r;
     uint32_t classes = stderr_bound ? COSETS : 1;
     double *part[COSETS] = {0};
@@ -231,7 +235,7 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
     SltJob copy = *job;
     copy.integral = true;
     const SltJob *j = &copy;
-    if (j->estimator == SLT_EST_FD) return difference_integral(s, j, out, stats, err);
+    if (slt_estimate_by_differences(j->estimator)) return difference_integral(s, j, out, stats, err);
     Run r;
     Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
     bool gradient = out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
@@ -304,14 +308,16 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
             batch_set_x(&w->batch, i, i ? seg.b : seg.a), batch_set_stream(&w->batch, i, seg.stream, seg.rand0);
         batch_call(&w->batch, SLT_K_REGION, 2);
         Mark ma = batch_mark(&w->batch, 0), mb = batch_mark(&w->batch, 1);
-        double jump = HUGE_VAL;
+        double threshold = HUGE_VAL;
         if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) {
-            /* One segment alone says nothing of what is usual: the smallest J, at the price of a few evaluations. */
+            /* One segment alone says nothing of what is usual: the smallest threshold, at the price of a few
+             * evaluations. */
             Spread none;
             spread_clear(&none);
-            jump = spread_jump(&none);
+            threshold = spread_threshold(&none);
         }
-        if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, jump)) finder_add(&w->finder, &seg, ma, mb, jump);
+        if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, threshold))
+            finder_add(&w->finder, &seg, ma, mb, threshold);
         finder_run(&w->finder, true);
         for (int d = 0; d < SLT_DROP_REASONS && !w->sink.nkept; d++)
             if (w->finder.dropped[d]) out->drop = d;

@@ -63,6 +63,9 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
     return s->layout[kind].out[role].count;
 }
 
+/* Does it need no kernels but `value`? */
+bool slt_estimate_by_differences(SltEstimator e);
+
 /* Image (one pixel in integral mode: the integral): out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all
  * samples; 1, 2: one of the two independent sample halves (for squared losses). */
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);

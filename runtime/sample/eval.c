@@ -1,7 +1,8 @@
 /* f at given points, a batch a tile. */
 #include <stdlib.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/run.h"
 
 typedef struct Points {
     const SltScene *s;

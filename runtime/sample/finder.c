@@ -4,59 +4,14 @@
  * is bracketed with `site` (Chandrupatla's method, never more than two steps behind bisection); `sides` gives f and the
  * region at the two ends of the final bracket. If those are the regions of the segment's ends, that was the only
  * crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign,
- * the region itself is bisected.
- *
- * Heightfield sites differ in two ways. Two ends with equal hashes may lie on two sides of a silhouette, if their
- * depths are more than J apart: or on one steep slope. One bisection tells most slopes from jumps before `event` is
- * asked, and where it knows of none the search goes on only while one half keeps most of the difference. And g is that
- * of a window chosen from the segment's ends: its root need not be the jump. Parts ask for fresh windows, at most
- * MAX_TRIES times before a bisection, so every search ends. */
+ * the region itself is bisected. In scenes with rays there is more to it: window.c. */
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
-
-enum { MAX_DEPTH = 60, MAX_TRIES = 2 };
-static bool has_windows(const SltScene *s) { return scene_outputs(s, SLT_K_EVENT, SLT_OUT_WINDOW) > 0; }
-static bool has_depth(const SltScene *s) { return scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) > 0; }
-
-/* Between two halvings of a heightfield's segment there may be tries, and a cut beside a root. */
-#define DEPTH_OF(scene) (has_windows(scene) ? 2 * MAX_DEPTH : MAX_DEPTH)
-
-/* Segment.field: 0 .. MAX_TRIES - 1 roots of windows have been looked for since the last halving. */
-enum {
-    FIELD_HALVE = MAX_TRIES, /* bisect before asking for an event */
-    FIELD_FRESH,             /* a bracket that wants the window of its own ends */
-    FIELD_DOUBT              /* no event: is it a slope? */
-};
-/* Across a bracket of 2^-15, slopes are this much flatter than across the segment, and more. */
-#define BRACKET_JUMP 0x1p-6
-/* ... and a bisection leaves a jump this part of it. */
-#define KEEPS 0.75
-#define PAD_ULPS 8 /* of the domain, see padding */
-/* Where the jump is beside the bracket all the same, it is near: parts are cut this many paddings from it. */
-#define NEAR_PADS 16
-#define NEAR_ZERO 0x1p-5
-/* g changes this many times faster on the bracket than on the segment: its window does not fit. */
-#define MISFIT 16.0
-/* A bracket that is asked again is this part of the last one or less; slopes of the depth there are this many times
- * what they are across the whole at most, and rounding is below ... */
-#define FRESH_PART 0.25
-#define FRESH_SLOPE 4
-#define FRESH_LEAST(scene) ((scene)->f64 ? 0x1p-36 : 0x1p-19)
-
-/* One segment of the batch, during its root search. x1 is the newest point, [x1, x2] the bracket, x3 the point before.
- */
-typedef struct Item {
-    Segment s;
-    Event event;
-    double tol, pad, ga, gb;
-    double x1, x2, x3, f1, f2, f3, next;
-    uint32_t left; /* evaluations before bisection takes over for good */
-    bool exact;    /* g was exactly zero at x1 */
-} Item;
+#include "runtime/sample/search.h"
 
 bool finder_init(Finder *f, Batch *b) {
     memset(f, 0, sizeof *f);
@@ -71,7 +26,7 @@ bool finder_init(Finder *f, Batch *b) {
 }
 
 void finder_free(Finder *f) {
-    free(f->stack), free(f->split), free(f->found), free(f->items), free(f->order);
+    free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->found), free(f->items), free(f->order);
     memset(f, 0, sizeof *f);
 }
 
@@ -108,23 +63,8 @@ static double tolerance(const Finder *f, const Segment *s) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(root_tolerance(f->coarse && s->field != FIELD_FRESH),
+    return fmax(root_tolerance(f->coarse && s->state != SEARCH_FRESH),
                 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
-}
-
-static bool is_field(const SltScene *s, int32_t site) {
-    return has_windows(s) && (s->site_kind[site] == SLT_SITE_SILHOUETTE || s->site_kind[site] == SLT_SITE_SHADOW);
-}
-
-/* Whether a ray is blocked is decided by other arithmetic than its clearance, and neither knows how near zero the
- * position is: brackets of their roots are wider than what may lie between, by the ulps of the domain. */
-static double padding(const Finder *f, const Segment *s, double tol) {
-    double len = 0, mag = 0;
-    for (uint32_t d = 0; d < f->s->dim; d++) {
-        len = fmax(len, fabs(s->b[d] - s->a[d]));
-        mag = fmax(mag, fmax(fabs(f->s->lo[d]), fabs(f->s->hi[d])));
-    }
-    return fmax(2 * tol, PAD_ULPS * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -139,9 +79,9 @@ void finder_push(Finder *f, const Segment *s) {
     f->stack[f->n++] = *s;
 }
 
-void finder_add(Finder *f, Segment *s, Mark a, Mark b, double jump) {
-    s->ta = 0, s->tb = 1, s->ma = a, s->mb = b, s->jump = jump, s->depth = 0, s->cut = 0;
-    s->field = a.hash == b.hash ? FIELD_HALVE : 0;
+void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
+    s->ta = 0, s->tb = 1, s->ma = a, s->mb = b, s->threshold = threshold, s->halvings = 0, s->cut = 0;
+    s->state = a.hash == b.hash ? SEARCH_HALVE : SEARCH_ROOT;
     finder_push(f, s);
 }
 
@@ -153,25 +93,26 @@ Mark batch_mark(const Batch *b, uint32_t i) {
     return m;
 }
 
-static bool differ(Mark a, Mark b, double jump) { return a.hash != b.hash || depth_differs(a.depth, b.depth, jump); }
-
-static void push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field, double cut) {
-    if (!differ(a, b, s->jump)) return;
-    if (!(tb > ta) || s->depth >= DEPTH_OF(f->s)) {
-        f->dropped[SLT_DROP_DEPTH]++;
+void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state, double cut) {
+    if (!search_differ(a, b, s->threshold)) return;
+    if (!(tb > ta) || s->halvings >= search_most_halvings(f->s)) {
+        f->dropped[SLT_DROP_HALVINGS]++;
         return;
     }
     Segment part = *s;
     part.ta = ta, part.tb = tb, part.ma = a, part.mb = b;
-    part.depth++, part.field = field, part.cut = cut, part.ask = 0;
+    part.halvings++, part.state = (uint8_t)state, part.cut = cut, part.told = 0;
     finder_push(f, &part);
 }
 
-static void push_part(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, uint8_t field) {
-    push_cut(f, s, ta, tb, a, b, field, 0);
+void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state) {
+    search_push_cut(f, s, ta, tb, a, b, state, 0);
 }
 
-static Crossing *found_slot(Finder *f) { return &f->found[f->nfound++]; }
+static Crossing *found_slot(Finder *f) {
+    assert(f->nfound < BATCH);
+    return &f->found[f->nfound++];
+}
 
 /* Room for n more crossings. Whoever takes them runs kernels in the same batch, so never while its outputs are still
  * being read. */
@@ -193,45 +134,32 @@ static void flush_split(Finder *f) {
         const Segment *s = &f->split[i];
         double mid = middle(s);
         Mark m = batch_mark(b, i), a = s->ma, e = s->mb;
-        if (s->field == FIELD_DOUBT && m.hash == a.hash) {
-            /* A slope falls into two; of a jump one half keeps nearly all. */
-            double most = KEEPS * fabs(a.depth - e.depth);
-            if (depth_differs(m.depth, e.depth, most)) push_part(f, s, mid, s->tb, m, e, 0);
-            if (depth_differs(a.depth, m.depth, most)) push_part(f, s, s->ta, mid, a, m, 0);
+        if (s->state == SEARCH_DOUBT && m.hash == a.hash) {
+            window_doubt(f, s, mid, m);
             continue;
         }
-        uint8_t field = s->cut != 0; /* a cut is no halving: a try */
-        push_part(f, s, mid, s->tb, m, e, field);
-        push_part(f, s, s->ta, mid, a, m, field);
+        SearchState state = s->cut != 0 ? SEARCH_AGAIN : SEARCH_ROOT; /* a cut is no halving */
+        search_push(f, s, mid, s->tb, m, e, state);
+        search_push(f, s, s->ta, mid, a, m, state);
     }
     f->nsplit = 0;
 }
 
-/* Asks for the event of a short stretch of s by itself, where depths that differ less say something. */
-static void ask_again(Finder *f, const Segment *s, double lo, double hi, Mark before, Mark after) {
-    Segment part = *s;
-    part.ta = lo, part.tb = hi, part.ma = before, part.mb = after;
-    part.field = FIELD_FRESH, part.depth++;
-    part.ask = fmax(fmin(1, FRESH_SLOPE * (hi - lo)) * s->jump, FRESH_LEAST(f->s));
-    finder_push(f, &part);
-}
-
 static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
     if (s->tb - s->ta <= tol) {
-        if (has_depth(f->s) && s->field != FIELD_FRESH && s->field != FIELD_DOUBT) {
-            ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
+        if (search_has_depth(f->s) && s->state != SEARCH_FRESH && s->state != SEARCH_DOUBT) {
+            window_ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
             return;
         }
         f->dropped[reason]++;
         return;
     }
+    assert(f->nsplit < FIND);
     f->split[f->nsplit++] = *s;
 }
 
 /* ---- root of g on the bracket */
 static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
-
-static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
 
 /* Where to look next in [x1, x2], as a fraction of it from x1. */
 static double chandrupatla(const Item *it, double width) {
@@ -250,7 +178,7 @@ static double chandrupatla(const Item *it, double width) {
             t = it->f1 / (it->f2 - it->f1) * it->f3 / (it->f2 - it->f3) +
                 (it->x3 - it->x1) / (it->x2 - it->x1) * it->f1 / (it->f3 - it->f1) * it->f2 / (it->f3 - it->f2);
     }
-    return clamp(isfinite(t) ? t : 0.5, least, 1 - least);
+    return search_clamp(isfinite(t) ? t : 0.5, least, 1 - least);
 }
 
 /* Prepares the next evaluation; false when the bracket is small enough. */
@@ -320,18 +248,10 @@ static void solve(Finder *f, Item *items, uint32_t n) {
 }
 
 /* ---- one batch */
-/* Infinite where the window of a heightfield site is empty: still a side. */
+/* Infinite where the window of a ray is empty: still a side. */
 static bool usable(const Finder *f, const Item *it) {
     if (isfinite(it->ga) && isfinite(it->gb)) return true;
-    return is_field(f->s, it->event.site) && !isnan(it->ga) && !isnan(it->gb);
-}
-
-/* No change of sign, but nearly: the jump is where g almost vanishes, and rounding hides the sign. */
-static void cut_near_zero(const Finder *f, Item *it) {
-    if (it->s.field != 0) return;
-    double a = fabs(it->ga), b = fabs(it->gb), pad = NEAR_PADS * padding(f, &it->s, it->tol);
-    if (b < NEAR_ZERO * a) it->s.cut = it->s.tb - pad;
-    if (a < NEAR_ZERO * b) it->s.cut = it->s.ta + pad;
+    return window_site(f->s, it->event.site) && !isnan(it->ga) && !isnan(it->gb);
 }
 
 /* Of lane i of a call of the event kernel. */
@@ -354,9 +274,9 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i, items[i].s.ma.witness[k]);
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
         }
-        if (!has_windows(f->s)) continue;
-        double jump = items[i].s.ask > 0 ? items[i].s.ask : items[i].s.jump;
-        batch_set(b, SLT_IN_THRESHOLD, 2 * i, jump), batch_set(b, SLT_IN_THRESHOLD, 2 * i + 1, jump);
+        if (!search_has_windows(f->s)) continue;
+        double threshold = items[i].s.told > 0 ? items[i].s.told : items[i].s.threshold;
+        batch_set(b, SLT_IN_THRESHOLD, 2 * i, threshold), batch_set(b, SLT_IN_THRESHOLD, 2 * i + 1, threshold);
     }
     batch_call(b, SLT_K_EVENT, 2 * n);
     uint32_t kept = 0;
@@ -364,22 +284,22 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         Item it = items[i];
         it.ga = batch_get(b, SLT_OUT_G, 0, 2 * i), it.gb = batch_get(b, SLT_OUT_G, 0, 2 * i + 1);
         it.event = event_of(b, 2 * i);
-        if (it.event.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.field = FIELD_DOUBT;
+        if (it.event.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.state = SEARCH_DOUBT;
         if (it.event.site < 0 || (uint32_t)it.event.site >= f->s->nsites) {
             split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
         } else if (f->s->site_static && f->s->site_static[it.event.site]) {
             f->dropped[SLT_DROP_STATIC]++;
         } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
-        } else if (it.s.tb - it.s.ta <= it.tol && is_field(f->s, it.event.site)) {
+        } else if (it.s.tb - it.s.ta <= it.tol && window_site(f->s, it.event.site)) {
             /* As near to the jump as can be: g is zero here but for rounding, or else its gradient will tell. */
             it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
             items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
-            if (is_field(f->s, it.event.site)) cut_near_zero(f, &it);
+            if (window_site(f->s, it.event.site)) window_cut_near_zero(f, &it);
             split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
         } else {
-            if (is_field(f->s, it.event.site)) it.pad = padding(f, &it.s, it.tol);
+            if (window_site(f->s, it.event.site)) it.pad = window_padding(f, &it.s, it.tol);
             root_begin(&it);
             items[kept++] = it;
         }
@@ -418,8 +338,8 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     if (!jumps) return;
     c.t = it->x1;
     double slack = 0; /* of g at the tolerance: rounding */
-    if (it->exact && it->s.tb - it->s.ta <= it->tol && is_field(f->s, it->event.site)) {
-        c.ga = it->ga, c.gb = it->gb, slack = 2 * padding(f, &it->s, it->tol);
+    if (it->exact && it->s.tb - it->s.ta <= it->tol && window_site(f->s, it->event.site)) {
+        c.ga = it->ga, c.gb = it->gb, slack = 2 * window_padding(f, &it->s, it->tol);
     } else if (!it->exact) {
         /* The secant inside the final bracket: much closer than its ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
@@ -440,23 +360,6 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     *found_slot(f) = c;
 }
 
-/* The root of a window's g at which f jumps, but not because of this g: another window would show why, or it is not
- * this g that jumps f, but a step of the ground that made it jump, and that is too small to be seen across the whole
- * segment. */
-static bool misfit(const Item *it, double lo, double hi) {
-    if (it->exact || !(hi > lo) || (it->s.field == FIELD_FRESH && hi - lo > FRESH_PART * (it->s.tb - it->s.ta)))
-        return false;
-    if (isinf(it->f1) || isinf(it->f2)) return true;
-    return !(fabs(it->f1 - it->f2) * (it->s.tb - it->s.ta) <= MISFIT * fabs(it->gb - it->ga) * fabs(it->x2 - it->x1));
-}
-
-/* What a part of a heightfield's segment should try next. */
-static uint8_t part_field(const Item *it, double length, bool jumped) {
-    if (length <= 0.5 * (it->s.tb - it->s.ta)) return 0;
-    if (!jumped || it->s.field >= MAX_TRIES) return FIELD_HALVE;
-    return it->s.field + 1;
-}
-
 /* Both sides of each final bracket, with their regions. */
 static void verify(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
@@ -473,15 +376,17 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         double lo, hi;
         bracket_of(it, &lo, &hi);
         Mark before = batch_mark(b, 2 * i), after = batch_mark(b, 2 * i + 1);
-        bool field = is_field(f->s, it->event.site), jumped = differ(before, after, BRACKET_JUMP * it->s.jump);
-        if (jumped && (field || has_depth(f->s)) && misfit(it, lo, hi) && it->s.depth < DEPTH_OF(f->s))
-            ask_again(f, &it->s, lo, hi, before, after);
+        bool window = window_site(f->s, it->event.site),
+             jumped = search_differ(before, after, BRACKET_JUMP * it->s.threshold);
+        if (jumped && (window || search_has_depth(f->s)) && window_misfits(it, lo, hi) &&
+            it->s.halvings < search_most_halvings(f->s))
+            window_ask_again(f, &it->s, lo, hi, before, after);
         else if (jumped) accept(f, it, lo, hi, before, after, 2 * i);
-        uint8_t behind = field ? part_field(it, it->s.tb - hi, jumped) : 0,
-                front = field ? part_field(it, lo - it->s.ta, jumped) : 0;
-        double near = field && !jumped && it->s.field == 0 ? NEAR_PADS * it->pad : 0;
-        push_cut(f, &it->s, hi, it->s.tb, after, it->s.mb, behind, near > 0 ? hi + near : 0);
-        push_cut(f, &it->s, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
+        SearchState behind = window ? window_next_state(it, it->s.tb - hi, jumped) : SEARCH_ROOT,
+                    front = window ? window_next_state(it, lo - it->s.ta, jumped) : SEARCH_ROOT;
+        double near = window && !jumped && it->s.state == SEARCH_ROOT ? NEAR_PADS * it->pad : 0;
+        search_push_cut(f, &it->s, hi, it->s.tb, after, it->s.mb, behind, near > 0 ? hi + near : 0);
+        search_push_cut(f, &it->s, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
     }
 }
 
@@ -497,53 +402,14 @@ static uint32_t halve(Finder *f, Item *items, uint32_t n) {
     return kept;
 }
 
-/* Segments to be bisected first leave the batch. */
-static uint32_t take_halves(Finder *f, Item *items, uint32_t n) {
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < n; i++)
-        if (items[i].s.field == FIELD_HALVE && items[i].s.tb - items[i].s.ta > items[i].tol)
-            f->split[f->nsplit++] = items[i].s;
-        else items[kept++] = items[i];
-    return kept;
-}
-
-/* Bits of v two apart. */
-static uint32_t spread_bits(uint32_t v) {
-    v = (v | v << 8) & 0x00ff00ffu;
-    v = (v | v << 4) & 0x0f0f0f0fu;
-    v = (v | v << 2) & 0x33333333u;
-    return (v | v << 1) & 0x55555555u;
-}
-
-/* Rays of one vector should go the same way: segments along a Z curve through the domain. */
-static void order_by_place(Finder *f) {
-    uint64_t *keys = malloc(f->n * sizeof *keys);
-    Segment *sorted = malloc(f->cap * sizeof *sorted);
-    if (keys && sorted) {
-        for (uint32_t i = 0; i < f->n; i++) {
-            uint32_t at[2] = {0, 0};
-            for (uint32_t d = 0; d < 2 && d < f->s->dim; d++) {
-                double x = (f->stack[i].a[d] - f->s->lo[d]) / (f->s->hi[d] - f->s->lo[d]);
-                at[d] = (uint32_t)(65535 * clamp(x, 0, 1));
-            }
-            keys[i] = (uint64_t)(spread_bits(at[0]) | spread_bits(at[1]) << 1) << 32 | i;
-        }
-        sort_keys(keys, f->n);
-        for (uint32_t i = 0; i < f->n; i++) sorted[i] = f->stack[(uint32_t)keys[i]];
-        Segment *old = f->stack;
-        f->stack = sorted, sorted = old;
-    }
-    free(keys), free(sorted); /* without memory the order is as it came */
-}
-
 /* Segments of a scene with rays wait for this many, so that neighbours meet. */
 enum { TOGETHER = 16 * FIND };
 
 void finder_run(Finder *f, bool all) {
     Item *items = f->items;
-    if (has_windows(f->s)) {
+    if (search_has_windows(f->s)) {
         if (!all && f->n < TOGETHER) return;
-        if (f->n > 1) order_by_place(f);
+        if (f->n > 1) window_order(f);
     }
     while (f->n && !f->failed && (all || f->n >= FIND)) {
         uint32_t n = f->n < FIND ? f->n : FIND;
@@ -556,7 +422,8 @@ void finder_run(Finder *f, bool all) {
         if (f->halve_only) {
             n = halve(f, items, n);
         } else {
-            n = ask_events(f, items, has_depth(f->s) || has_windows(f->s) ? take_halves(f, items, n) : n);
+            n = ask_events(f, items,
+                           search_has_depth(f->s) || search_has_windows(f->s) ? window_take_halves(f, items, n) : n);
             flush_split(f);
             if (n) solve(f, items, n);
         }

@@ -13,7 +13,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/follow.h"
+#include "runtime/sample/run.h"
 
 enum {
     WIDEST = 3, /* vertices of a run that is a finger */
@@ -115,7 +118,7 @@ static void add_finger(Follow *f, uint32_t which, Finger g) {
 }
 
 static bool differ(const FollowTile *t, uint64_t a, uint64_t b, uint32_t axis) {
-    return t->hash[a] != t->hash[b] || (t->depth && depth_differs(t->depth[a], t->depth[b], t->jump[axis]));
+    return t->hash[a] != t->hash[b] || (t->depth && depth_differs(t->depth[a], t->depth[b], t->threshold[axis]));
 }
 
 /* Runs of at most WIDEST vertices of a line that differ from both their neighbours, which are alike. */
@@ -225,19 +228,19 @@ static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
         uint64_t v = line * t->stride[other] + p->edge * t->stride[axis], v1 = v + t->stride[axis];
         Mark m = mark[i][0], a = t->hash ? worker_mark(w, v) : mark[i][1],
              e = t->hash ? worker_mark(w, v1) : mark[i][2];
-        double jump = t->jump[axis];
-        if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, jump)))
+        double threshold = t->threshold[axis];
+        if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, threshold)))
             continue; /* its own tile has searched there */
-        if (m.hash == a.hash && !depth_differs(m.depth, a.depth, jump)) continue;
+        if (m.hash == a.hash && !depth_differs(m.depth, a.depth, threshold)) continue;
         Segment s = {.base = t->base[axis],
                      .axis = (int8_t)axis,
                      .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0,
                      .edge = (uint32_t)v + 1};
         s.a[other] = s.b[other] = t->pos[other][line];
         s.a[axis] = t->pos[axis][p->edge], s.b[axis] = p->at;
-        finder_add(&w->finder, &s, a, m, jump);
+        finder_add(&w->finder, &s, a, m, threshold);
         s.a[axis] = p->at, s.b[axis] = t->pos[axis][p->edge + 1];
-        finder_add(&w->finder, &s, m, e, jump);
+        finder_add(&w->finder, &s, m, e, threshold);
         add_seen(f, axis, v);
         add_finger(f, 1, (Finger){line, p->edge, p->edge, p->axis, p->step, p->step});
     }

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/grid.h"
 
 /* Gaussian: sigma half a pixel, cut at 2 pixels = 4 sigma. */
 #define GAUSS_RADIUS 2.0

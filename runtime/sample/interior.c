@@ -6,7 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/boundary.h"
+#include "runtime/sample/interior.h"
 
 enum { INTEGRAL_TILE = 8192 };
 

@@ -4,12 +4,16 @@
  * Along an axis the vertices are 0 (the border), 1 .. n (the lattice), n + 1 (the border): lines are clamped, nothing
  * is evaluated outside the domain. A tile owns the segments that start at its vertices, and evaluates a halo of one
  * vertex (two and one before with the near-miss probe). */
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/boundary.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/near.h"
 
 enum { SPAN_MAX = 4096 + 8 };
 
@@ -18,7 +22,7 @@ typedef struct Lattice {
     uint32_t n[3], tile[3], tiles[3];
     double h[3], shift[3], base[3];
     /* Fingers that leave their tiles, see follow.c: filled in merge, in the order of tiles. */
-    double (*jump)[2]; /* J by tile */
+    double (*threshold)[2]; /* of depths, by tile and axis */
     struct Guest {
         FollowExit at;
         uint64_t tile, n; /* where it goes, its number */
@@ -70,6 +74,7 @@ static void span_of(const Lattice *l, uint64_t tile, Span *sp) {
         uint32_t v1 = sp->e1[d] - 1 + after;
         if (v1 > last) v1 = last;
         sp->vn[d] = v1 - sp->v0[d] + 1;
+        assert(sp->vn[d] <= SPAN_MAX);
         for (uint32_t v = 0; v < sp->vn[d]; v++) sp->pos[d][v] = position(l, d, sp->v0[d] + v);
         stride *= sp->vn[d];
     }
@@ -105,8 +110,8 @@ static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
     if (fill) vertices_call(w, fill, at);
 }
 
-/* J of the tile's lines along an axis, from all of its vertices. */
-static double tile_jump(const Worker *w, const Span *sp, uint32_t axis) {
+/* The threshold of depths of the tile's lines along an axis, from all of its vertices. */
+static double tile_threshold(const Worker *w, const Span *sp, uint32_t axis) {
     Spread spread;
     spread_clear(&spread);
     uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2;
@@ -115,11 +120,12 @@ static double tile_jump(const Worker *w, const Span *sp, uint32_t axis) {
             uint64_t first = p * sp->stride[a] + q * sp->stride[b];
             spread_line(&spread, w->hash + first, w->depth + first, sp->stride[axis], sp->vn[axis]);
         }
-    return spread_jump(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
+    return spread_threshold(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
 }
 
 /* Segments of one line of the tile, along `axis`, through vertex index `first` (its vertex 0). */
-static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, double jump, Segment *s) {
+static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, double threshold,
+                 Segment *s) {
     Boundary *y = l->y;
     uint64_t stride = sp->stride[axis];
     const uint32_t *hash = w->hash + first;
@@ -131,10 +137,11 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     for (uint32_t e = sp->e0[axis]; e < sp->e1[axis]; e++) {
         uint32_t v = e - sp->v0[axis];
         uint32_t ha = hash[v * stride], hb = hash[(v + 1) * stride];
-        double da = 0, db = 0, own = jump;
+        double da = 0, db = 0, own = threshold;
         if (depth) {
             da = depth[v * stride], db = depth[(v + 1) * stride];
-            if (ha != hb || depth_differs(da, db, jump)) own = depth_jump(hash, depth, stride, v, sp->vn[axis], jump);
+            if (ha != hb || depth_differs(da, db, threshold))
+                own = depth_threshold(hash, depth, stride, v, sp->vn[axis], threshold);
         }
         if (ha == hb && !depth_differs(da, db, own)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
@@ -158,7 +165,7 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
                      .to = sp->e1[axis] - sp->v0[axis],
                      .at_start = sp->v0[axis] == 0,
                      .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2,
-                     .jump = jump};
+                     .threshold = threshold};
         near_probe(w, &line, s);
     }
     finder_run(&w->finder, false);
@@ -195,7 +202,7 @@ double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
 static FollowTile follow_tile(const Lattice *l, const Span *sp) {
     FollowTile t = {.classes = l->y->classes};
     for (uint32_t d = 0; d < 2; d++) {
-        t.pos[d] = sp->pos[d], t.base[d] = l->base[d], t.stride[d] = sp->stride[d], t.jump[d] = HUGE_VAL,
+        t.pos[d] = sp->pos[d], t.base[d] = l->base[d], t.stride[d] = sp->stride[d], t.threshold[d] = HUGE_VAL,
         t.spacing[d] = l->h[d];
         t.first[d] = sp->v0[d], t.lines[d] = l->n[d], t.from[d] = sp->e0[d] - sp->v0[d],
         t.to[d] = sp->e1[d] - sp->v0[d];
@@ -228,8 +235,8 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     for (uint32_t axis = 0; axis < s->dim; axis++) {
         /* Every line: fixed coordinates on the lattice proper, not on the borders. */
         uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
-        double jump = scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) ? tile_jump(w, &sp, axis) : HUGE_VAL;
-        if (w->follow) follow.jump[axis] = l->jump[tile][axis] = jump;
+        double threshold = scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) ? tile_threshold(w, &sp, axis) : HUGE_VAL;
+        if (w->follow) follow.threshold[axis] = l->threshold[tile][axis] = threshold;
         for (uint32_t d = 0; d < s->dim; d++) {
             from[d] = sp.e0[d] > 1 ? sp.e0[d] : 1;
             to[d] = sp.e1[d] < l->n[d] + 1 ? sp.e1[d] : l->n[d] + 1;
@@ -240,7 +247,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
                     .base = l->base[axis], .axis = (int8_t)axis, .cls = y->classes > 1 ? coset(l, s->dim, p, q) : 0};
                 seg.a[a] = seg.b[a] = sp.pos[a][p - sp.v0[a]];
                 seg.a[b] = seg.b[b] = sp.pos[b][q - sp.v0[b]];
-                scan(l, w, &sp, axis, (p - sp.v0[a]) * sp.stride[a] + (q - sp.v0[b]) * sp.stride[b], jump, &seg);
+                scan(l, w, &sp, axis, (p - sp.v0[a]) * sp.stride[a] + (q - sp.v0[b]) * sp.stride[b], threshold, &seg);
             }
     }
     near_flush(w);
@@ -315,7 +322,7 @@ static bool visit(void *user, uint32_t worker, uint64_t number) {
     cull_select(&y->run->cull, &w->cull, &w->batch, lo, hi);
     if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, lo, hi)) return false;
     FollowTile follow = follow_tile(l, &sp);
-    memcpy(follow.jump, l->jump[tile], sizeof follow.jump);
+    memcpy(follow.threshold, l->threshold[tile], sizeof follow.threshold);
     if (!follow_begin(w->follow, &follow, (uint64_t)sp.vn[0] * sp.vn[1])) return false;
     for (uint64_t i = first_known(l, tile); i < l->nknown && l->known[i].tile == tile; i++)
         follow_known(w->follow, &l->known[i].edge);
@@ -346,9 +353,13 @@ static SltStatus run_visits(Lattice *l) {
     return st;
 }
 
-SltStatus lattice_run(Boundary *y) {
+SltStatus lattice_run(Boundary *y, SinkKind kind) {
     const SltScene *s = y->run->s;
     const Grid *g = &y->run->grid;
+    /* Where rand() is called, points of different lines must not share a stream. In a volume a lattice of n^3 vertices
+     * has so few lines a side that flat faces along the axes are off by 1/n: lines spread evenly over the
+     * cross-sections are several times better at the same number of segments. */
+    if (s->uses_rand || (s->dim == 3 && g->integral)) return scanline_run(y, kind);
     Lattice l = {.y = y};
     double per_axis = pow(y->segments / s->dim, 1.0 / s->dim);
     uint64_t tiles = 1;
@@ -377,11 +388,11 @@ SltStatus lattice_run(Boundary *y) {
             if (o != d) l.base[d] *= l.h[o];
     }
     bool follows = y->run->nworkers && y->run->worker[0].follow;
-    if (follows && !(l.jump = alloc_zero(tiles, sizeof *l.jump)))
+    if (follows && !(l.threshold = alloc_zero(tiles, sizeof *l.threshold)))
         return status_fail(y->run->err, SLT_LIMIT, "out of memory");
     SltStatus st = run_tiles(y->run, tiles, work, merge, &l);
     if (st == SLT_OK && l.failed) st = status_fail(y->run->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) st = run_visits(&l);
-    free(l.jump), free(l.guest), free(l.known), free(l.visit);
+    free(l.threshold), free(l.guest), free(l.known), free(l.visit);
     return st;
 }

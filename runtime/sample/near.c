@@ -2,12 +2,15 @@
  * Where the same event is the nearest on four vertices in a row and |g| falls towards the middle edge from both sides,
  * steeply enough that the two lines meet below zero, the region is evaluated once where they meet. For convex |g| that
  * is exact. At the ends of a line, where a fourth vertex is missing, its slope is the gradient's. */
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/near.h"
 
 enum { READY, SLOPE_START, SLOPE_END };
 
@@ -24,32 +27,8 @@ typedef struct Probes {
 } Probes;
 
 bool near_init(Worker *w) {
-    w->scratch = alloc_zero(1, sizeof(Probes));
-    return w->scratch != NULL;
-}
-
-void vertices_call(Worker *w, uint32_t n, uint64_t at) {
-    Batch *b = &w->batch;
-    batch_call(b, SLT_K_REGION, n);
-    memcpy(w->hash + at, batch_out(b, SLT_OUT_HASH, 0), n * sizeof *w->hash);
-    if (batch_has(b, SLT_OUT_DEPTH))
-        for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, SLT_OUT_DEPTH, 0, i);
-    uint32_t nwitness = b->layout->out[SLT_OUT_WITNESS].count, depth = b->layout->out[SLT_OUT_NEAR_K].count;
-    for (uint32_t k = 0; k < nwitness; k++)
-        for (uint32_t i = 0; i < n; i++) w->witness[(at + i) * nwitness + k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
-    if (!batch_has(b, SLT_OUT_NEAR_SITE)) return;
-    const int32_t *site = batch_out(b, SLT_OUT_NEAR_SITE, 0);
-    memcpy(w->near_event + at, site, n * sizeof *site);
-    for (uint32_t i = 0; i < n; i++) {
-        w->near_g[at + i] = (float)fabs(batch_get(b, SLT_OUT_NEAR_G, 0, i));
-        w->near_key[at + i] = (uint32_t)site[i] * 0x9e3779b9u;
-    }
-    for (uint32_t d = 0; d < depth; d++) {
-        const int32_t *k = batch_out(b, SLT_OUT_NEAR_K, d);
-        memcpy(w->near_event + (d + 1) * w->vertex_cap + at, k, n * sizeof *k);
-        for (uint32_t i = 0; i < n; i++)
-            w->near_key[at + i] = (w->near_key[at + i] ^ (uint32_t)k[i]) * 0x85ebca6bu + 0x165667b1u;
-    }
+    w->probes = alloc_zero(1, sizeof(Probes));
+    return w->probes != NULL;
 }
 
 /* The lines through the outer slopes meet inside the edge, below zero. */
@@ -62,7 +41,8 @@ static bool meets(Candidate *c) {
 }
 
 static void add(Worker *w, const Candidate *c) {
-    Probes *p = w->scratch;
+    Probes *p = w->probes;
+    assert(p->n < FIND);
     p->c[p->n++] = *c;
     if (p->n == FIND) near_flush(w);
 }
@@ -73,7 +53,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
         uint32_t key = w->near_key[v];
         if (w->near_key[v1] != key || w->hash[v] != w->hash[v1] || w->near_event[v] < 0) continue;
-        if (w->depth && depth_differs(w->depth[v], w->depth[v1], l->jump)) continue;
+        if (w->depth && depth_differs(w->depth[v], w->depth[v1], l->threshold)) continue;
         bool before = e > 0, after = e + 2 < l->n;
         if ((!before && !l->at_start) || (!after && !l->at_end) || (!before && !after)) continue;
         if (before && w->near_key[v - l->stride] != key) continue;
@@ -99,8 +79,8 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         for (uint32_t d = 0; d < depth; d++) c.event.k[d] = w->near_event[(d + 1) * w->vertex_cap + v];
         c.s = *like;
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
-        c.s.ta = 0, c.s.tb = 1, c.s.depth = 0;
-        c.s.ma = worker_mark(w, v), c.s.mb = worker_mark(w, v1), c.s.jump = l->jump, c.s.field = 0;
+        c.s.ta = 0, c.s.tb = 1, c.s.halvings = 0;
+        c.s.ma = worker_mark(w, v), c.s.mb = worker_mark(w, v1), c.s.threshold = l->threshold, c.s.state = SEARCH_ROOT;
         c.s.edge = (uint32_t)v + 1;
         add(w, &c);
     }
@@ -137,7 +117,7 @@ static void border_slopes(Worker *w, Probes *p) {
 }
 
 void near_flush(Worker *w) {
-    Probes *p = w->scratch;
+    Probes *p = w->probes;
     Batch *b = &w->batch;
     uint32_t n = 0;
     if (!p || !p->n) return;

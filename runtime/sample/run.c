@@ -1,8 +1,12 @@
-/* A call's state: workers, tiles, counts; and the boundary term of any estimator. */
+/* A call's state: workers, tiles, counts. */
+#include <assert.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/near.h"
+#include "runtime/sample/run.h"
 
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err) {
     memset(r, 0, sizeof *r);
@@ -36,11 +40,11 @@ void run_end(Run *r, SltStats *stats) {
     stats_add(stats, &r->stats);
 }
 
-static bool is_coarse(const Run *r) { return scene_outputs(r->s, SLT_K_EVENT, SLT_OUT_WINDOW) && !r->grid.integral; }
+bool run_is_coarse(const Run *r) { return scene_outputs(r->s, SLT_K_EVENT, SLT_OUT_WINDOW) && !r->grid.integral; }
 
 static bool follows(const Run *r) {
     bool lattice = r->j->estimator == SLT_EST_LATTICE && !r->s->uses_rand && r->s->dim == 2;
-    return lattice && (r->s->follow > 1 || (r->s->follow == 1 && !is_coarse(r)));
+    return lattice && (r->s->follow > 1 || (r->s->follow == 1 && !run_is_coarse(r)));
 }
 
 static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
@@ -60,7 +64,7 @@ void run_free_workers(Run *r) {
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
             cull_lists_free(&w->cull, &r->cull);
         free(w->hash), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key), free(w->near_event),
-            free(w->value), free(w->scratch), follow_free(w->follow);
+            free(w->value), free(w->probes), follow_free(w->follow);
     }
     free(r->worker);
     r->worker = NULL, r->nworkers = 0;
@@ -80,6 +84,7 @@ SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind) {
 SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user) {
     PoolOptions o = r->pool;
     o.threads = tiles < r->nworkers ? (uint32_t)(tiles ? tiles : 1) : r->nworkers;
+    assert(o.threads >= 1 && o.threads <= r->nworkers); /* work(user, worker, tile) takes r->worker[worker] */
     return pool_run(&o, tiles, work, merge, user, r->err);
 }
 
@@ -117,6 +122,30 @@ Mark worker_mark(const Worker *w, uint64_t v) {
     return m;
 }
 
+void vertices_call(Worker *w, uint32_t n, uint64_t at) {
+    Batch *b = &w->batch;
+    batch_call(b, SLT_K_REGION, n);
+    memcpy(w->hash + at, batch_out(b, SLT_OUT_HASH, 0), n * sizeof *w->hash);
+    if (batch_has(b, SLT_OUT_DEPTH))
+        for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, SLT_OUT_DEPTH, 0, i);
+    uint32_t nwitness = b->layout->out[SLT_OUT_WITNESS].count, depth = b->layout->out[SLT_OUT_NEAR_K].count;
+    for (uint32_t k = 0; k < nwitness; k++)
+        for (uint32_t i = 0; i < n; i++) w->witness[(at + i) * nwitness + k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
+    if (!batch_has(b, SLT_OUT_NEAR_SITE)) return;
+    const int32_t *site = batch_out(b, SLT_OUT_NEAR_SITE, 0);
+    memcpy(w->near_event + at, site, n * sizeof *site);
+    for (uint32_t i = 0; i < n; i++) {
+        w->near_g[at + i] = (float)fabs(batch_get(b, SLT_OUT_NEAR_G, 0, i));
+        w->near_key[at + i] = (uint32_t)site[i] * 0x9e3779b9u;
+    }
+    for (uint32_t d = 0; d < depth; d++) {
+        const int32_t *k = batch_out(b, SLT_OUT_NEAR_K, d);
+        memcpy(w->near_event + (d + 1) * w->vertex_cap + at, k, n * sizeof *k);
+        for (uint32_t i = 0; i < n; i++)
+            w->near_key[at + i] = (w->near_key[at + i] ^ (uint32_t)k[i]) * 0x85ebca6bu + 0x165667b1u;
+    }
+}
+
 bool worker_values(Worker *w, uint64_t n) {
     if (n > w->value_cap) {
         free(w->value);
@@ -126,47 +155,4 @@ bool worker_values(Worker *w, uint64_t n) {
     }
     memset(w->value, 0, n * sizeof *w->value);
     return true;
-}
-
-void boundary_merge(Boundary *y, Worker *w) {
-    if (w->sink.kind == SINK_FORWARD) sink_merge_splat(&w->sink, y->out, y->crossings);
-    else accum_merge(&w->acc, y->targets);
-    run_collect(y->run, w);
-}
-
-void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
-    w->finder.coarse = is_coarse(y->run);
-    w->sink.coincide.apart = y->run->apart;
-    w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
-}
-
-SltStatus boundary_run(Boundary *y, SinkKind kind) {
-    Run *r = y->run;
-    const SltScene *s = r->s;
-    bool can = s->kernel[SLT_K_REGION] && s->kernel[SLT_K_EVENT] && s->kernel[SLT_K_SIDES] && s->kernel[SLT_K_SITE] &&
-               s->kernel[SLT_K_SITE_GRAD] &&
-               (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
-    if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
-    SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
-    double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
-    if (st == SLT_OK && !coincide_begin(r, root_tolerance(is_coarse(r)) / fmax(1, lines)))
-        st = status_fail(r->err, SLT_LIMIT, "out of memory");
-    if (st == SLT_OK) {
-        for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
-        switch (r->j->estimator) {
-        case SLT_EST_LATTICE:
-            /* In a volume a lattice of n^3 vertices has so few lines a side that flat faces along the axes are off by
-             * 1/n: lines spread evenly over the cross-sections are several times better at the same number of segments.
-             */
-            st = s->uses_rand || (s->dim == 3 && r->grid.integral) ? scanline_run(y) : lattice_run(y);
-            break;
-        case SLT_EST_SCANLINE: st = scanline_run(y); break;
-        case SLT_EST_SNAP_KNN:
-        case SLT_EST_SNAP_CROFTON: st = segments_run(y, kind); break;
-        case SLT_EST_FD: st = status_fail(r->err, SLT_INTERNAL, "finite differences have no boundary term"); break;
-        }
-    }
-    run_free_workers(r);
-    return st;
 }

@@ -1,10 +1,13 @@
 /* Scanlines: lines parallel to each axis through a box, each with its own phase and, for shaders that call rand(), its
  * own stream: both ends of every segment of a line see the same numbers, and the first of them goes by the golden ratio
  * from line to line. In image mode the boxes are tiles of pixels, so that pixels far apart do not share a stream. */
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/boundary.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/near.h"
 
 enum { LINE_CHUNK = 8192, LINE_MAX = 4096 };
 #define GOLDEN 0.61803398874989485
@@ -80,6 +83,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
     for (uint32_t d = 0; d < s->dim; d++)
         if (d != axis) area *= b->hi[d] - b->lo[d];
     Segment seg = {.axis = (int8_t)axis, .base = area / (double)line_count(k, b, axis)};
+    assert(b->v[axis] <= LINE_MAX);
     uint32_t fill = 0, n = 0;
     uint64_t at = 0;
     for (uint64_t l = from; l < to; l++) {
@@ -93,12 +97,12 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
         }
     }
     if (fill) vertices_call(w, fill, at);
-    double jump = HUGE_VAL;
+    double threshold = HUGE_VAL;
     if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) {
         Spread spread;
         spread_clear(&spread);
         for (uint64_t l = 0; l < to - from; l++) spread_line(&spread, w->hash + l * n, w->depth + l * n, 1, n);
-        jump = spread_jump(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
+        threshold = spread_threshold(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
     }
     for (uint64_t l = from; l < to; l++) {
         n = line_place(k, b, axis, l, &seg, pos);
@@ -107,10 +111,11 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
         const double *depth = w->depth ? w->depth + first : NULL;
         w->finder.segments += n - 1;
         for (uint32_t e = 0; e + 1 < n; e++) {
-            double da = 0, db = 0, own = jump;
+            double da = 0, db = 0, own = threshold;
             if (depth) {
                 da = depth[e], db = depth[e + 1];
-                if (hash[e] != hash[e + 1] || depth_differs(da, db, jump)) own = depth_jump(hash, depth, 1, e, n, jump);
+                if (hash[e] != hash[e + 1] || depth_differs(da, db, threshold))
+                    own = depth_threshold(hash, depth, 1, e, n, threshold);
             }
             if (hash[e] == hash[e + 1] && !depth_differs(da, db, own)) continue;
             seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
@@ -131,7 +136,7 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
                          .to = n - 1,
                          .at_start = true,
                          .at_end = true,
-                         .jump = jump};
+                         .threshold = threshold};
             near_probe(w, &line, &seg);
         }
         finder_run(&w->finder, false);
@@ -186,12 +191,12 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
     boundary_merge(k->y, &k->y->run->worker[worker]);
 }
 
-SltStatus scanline_run(Boundary *y) {
+SltStatus scanline_run(Boundary *y, SinkKind kind) {
     const SltScene *s = y->run->s;
     const Grid *g = &y->run->grid;
     Scan k = {.y = y, .lines_1d = 1};
     uint64_t tiles = 1;
-    if (s->dim == 1 && !s->uses_rand) return lattice_run(y); /* one line is all there is */
+    if (s->dim == 1 && !s->uses_rand) return lattice_run(y, kind); /* one line is all there is */
     if (g->integral) {
         /* Probes resolve features, lines bring the variance down: both grow with the budget, lines faster. */
         double per_axis = y->segments / s->dim, even = pow(per_axis, 1.0 / s->dim),

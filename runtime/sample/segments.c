@@ -9,7 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/boundary.h"
+#include "runtime/sample/depth.h"
 
 enum { CHUNK = 4096, NEIGHBOURS = 14 };
 
@@ -72,19 +73,19 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
         }
         batch_call(b, SLT_K_REGION, 2 * n);
         const uint32_t *hash = batch_out(b, SLT_OUT_HASH, 0);
-        double jump = HUGE_VAL;
+        double threshold = HUGE_VAL;
         if (batch_has(b, SLT_OUT_DEPTH)) {
             Spread spread;
             spread_clear(&spread);
             for (uint32_t l = 0; l < 2 * n; l += 2)
                 if (hash[l] == hash[l + 1])
                     spread_add(&spread, batch_get(b, SLT_OUT_DEPTH, 0, l) - batch_get(b, SLT_OUT_DEPTH, 0, l + 1));
-            jump = spread_jump(&spread);
+            threshold = spread_threshold(&spread);
         }
         for (uint32_t l = 0; l < n; l++) {
             Mark ma = batch_mark(b, 2 * l), mb = batch_mark(b, 2 * l + 1);
-            if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, jump))
-                finder_add(&w->finder, &seg[l], ma, mb, jump);
+            if (ma.hash != mb.hash || depth_differs(ma.depth, mb.depth, threshold))
+                finder_add(&w->finder, &seg[l], ma, mb, threshold);
         }
         w->finder.segments += n;
         finder_run(&w->finder, false);
@@ -184,10 +185,10 @@ static bool knn_work(void *user, uint32_t worker, uint64_t tile) {
     return !(w->sink.failed || w->acc.failed);
 }
 
-SltStatus segments_run(Boundary *y, SinkKind kind) {
+static SltStatus run(Boundary *y, SinkKind kind, bool knn) {
     const SltScene *s = y->run->s;
     const Grid *g = &y->run->grid;
-    Snap k = {.y = y, .knn = y->run->j->estimator == SLT_EST_SNAP_KNN};
+    Snap k = {.y = y, .knn = knn};
     double n = fmax(1, y->segments * (g->integral ? 1.0 : (double)g->pixels)), volume = 1;
     for (uint32_t d = 0; d < s->dim; d++) volume *= s->hi[d] - s->lo[d];
     k.length = pow(volume / n, 1.0 / s->dim);
@@ -220,3 +221,7 @@ SltStatus segments_run(Boundary *y, SinkKind kind) {
     }
     return st;
 }
+
+SltStatus knn_run(Boundary *y, SinkKind kind) { return run(y, kind, true); }
+
+SltStatus crofton_run(Boundary *y, SinkKind kind) { return run(y, kind, false); }

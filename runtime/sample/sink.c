@@ -1,9 +1,10 @@
 /* What becomes of crossings: weights, then adjoints, tangents or a list. */
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/sample/internal.h"
+#include "runtime/sample/sink.h"
 
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g) {
     memset(k, 0, sizeof *k);
@@ -225,6 +226,7 @@ static uint32_t clip(const Sink *k, Crossing *c, uint32_t n) {
 
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
+    assert(n <= BATCH);
     if (k->clip) n = clip(k, c, n);
     if (k->kind == SINK_KEEP) {
         keep_all(k, c, n);

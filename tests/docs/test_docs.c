@@ -215,12 +215,6 @@ static const struct {
 #include "cli/verbs.def"
 #undef VERB
 };
-/* As in the command: --optimizer takes what has a row. */
-const char fit_optimizers[] =
-#define OPTIMISER(id, name, ...) "|" name
-#include "runtime/optimise/optimisers.def"
-#undef OPTIMISER
-    ;
 static const struct {
     const char *name, *arg;
     unsigned verbs;

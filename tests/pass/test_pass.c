@@ -118,7 +118,7 @@ static void run_body(Session *s, void *user) {
         fail_msg("%s: the pass says %d to having changed anything", c->path, changed);
 
     Results has = interpret(fn);
-    int runs = searches(fn->body) ? SLT_USAGE : SLT_OK; /* there are no heightfields here */
+    int runs = searches(fn->body) ? SLT_USAGE : SLT_OK; /* there is no geometry here */
     if (had.status != runs) fail_msg("%s: the interpreter gives status %d", c->path, had.status);
     if ((pass->keeps & PASS_KEEPS_FLOATS) && memcmp(&had, &has, sizeof had) != 0) fail_msg("%s: other values", c->path);
     if (pass->keeps & PASS_SETTLES) {

@@ -9,7 +9,8 @@
 
 #include "ridges.h"
 #include "runtime/geometry/geometry.h"
-#include "runtime/sample/internal.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/difference.h"
 
 typedef struct Result {
     double value, grad[RIDGE_PARAMS], gerr[RIDGE_PARAMS], boundary[RIDGE_PARAMS], missed[RIDGE_PARAMS];
@@ -269,23 +270,23 @@ static void test_jump_of_a_tile(void **state) {
     (void)state;
     Spread s;
     spread_clear(&s);
-    assert_true(spread_jump(&s) == 0x1p-14);
+    assert_true(spread_threshold(&s) == 0x1p-14);
     for (int i = 0; i < 15; i++) spread_add(&s, 1);
-    assert_true(spread_jump(&s) == 0x1p-14); /* too few to say */
+    assert_true(spread_threshold(&s) == 0x1p-14); /* too few to say */
     /* Sky says nothing; jumps in a third of the rest change little. */
     for (int i = 0; i < 1000; i++) spread_add(&s, 0), spread_add(&s, HUGE_VAL);
     spread_clear(&s);
     for (int i = 0; i < 1000; i++)
         spread_add(&s, (i & 1 ? -1 : 1) * 0.001 * (1 + i % 10 * 0.1)), spread_add(&s, i % 2 ? 3.0 : 0);
-    double jump = spread_jump(&s);
+    double jump = spread_threshold(&s);
     assert_true(jump > 0.001 && jump < 0.0025);
     uint32_t hash[8] = {1, 1, 1, 1, 1, 1, 2, 2};
     /* A slope that goes on is no jump; one that begins, or a single step, is. */
     double slope[8] = {0, 1, 2, 3, 4, 5, 6, 7}, step[8] = {0, 0.01, 0.02, 1.02, 1.03, 1.04, 0, 0};
-    assert_true(depth_jump(hash, slope, 1, 2, 8, 0.1) == 1.5);
-    assert_true(depth_jump(hash, slope, 1, 0, 8, 0.1) == 0.1);
-    assert_true(depth_jump(hash, slope, 1, 4, 8, 0.1) == 0.1); /* beside another region */
-    assert_true(depth_jump(hash, step, 1, 2, 8, 0.1) == 0.1);
+    assert_true(depth_threshold(hash, slope, 1, 2, 8, 0.1) == 1.5);
+    assert_true(depth_threshold(hash, slope, 1, 0, 8, 0.1) == 0.1);
+    assert_true(depth_threshold(hash, slope, 1, 4, 8, 0.1) == 0.1); /* beside another region */
+    assert_true(depth_threshold(hash, step, 1, 2, 8, 0.1) == 0.1);
 }
 
 /* Finite differences move heights, not the structure above them. */

@@ -1,0 +1,43 @@
+/* The boundary term of any estimator. */
+#include "runtime/sample/boundary.h"
+
+#include <math.h>
+
+static BoundaryRun *const estimators[SLT_ESTIMATORS] = {
+#define SLT_ESTIMATOR(id, name, run, ...) [SLT_EST_##id] = run,
+#include "saltus/estimators.def"
+};
+
+bool slt_estimate_by_differences(SltEstimator e) { return !estimators[e]; }
+
+void boundary_merge(Boundary *y, Worker *w) {
+    if (w->sink.kind == SINK_FORWARD) sink_merge_splat(&w->sink, y->out, y->crossings);
+    else accum_merge(&w->acc, y->targets);
+    run_collect(y->run, w);
+}
+
+void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
+    w->finder.coarse = run_is_coarse(y->run);
+    w->sink.coincide.apart = y->run->apart;
+    w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
+}
+
+SltStatus boundary_run(Boundary *y, SinkKind kind) {
+    Run *r = y->run;
+    const SltScene *s = r->s;
+    bool can = s->kernel[SLT_K_REGION] && s->kernel[SLT_K_EVENT] && s->kernel[SLT_K_SIDES] && s->kernel[SLT_K_SITE] &&
+               s->kernel[SLT_K_SITE_GRAD] &&
+               (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
+    if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
+    uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
+    SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
+    double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
+    if (st == SLT_OK && !coincide_begin(r, root_tolerance(run_is_coarse(r)) / fmax(1, lines)))
+        st = status_fail(r->err, SLT_LIMIT, "out of memory");
+    if (st == SLT_OK) {
+        for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);
+        st = estimators[r->j->estimator](y, kind);
+    }
+    run_free_workers(r);
+    return st;
+}
