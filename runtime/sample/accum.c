@@ -13,8 +13,10 @@
 
 enum { ACCUM_BLOCK = 16 };
 
-/* 64-byte aligned zeros. Many are taken from the system only where they are touched: a field of a million heights has
- * dense adjoints nowhere. Few come from the heap, whose pages are there already in the next call. */
+/* 64-byte aligned zeros. Of a large block the system gives only the pages that are touched: a heightfield of a million
+ * heights has adjoints in the log alone. A small one comes from the heap, whose pages are there already in the next
+ * call.
+ */
 enum { FEW_BYTES = 1 << 20 };
 
 static void *zero_pages(uint64_t bytes) {
@@ -78,7 +80,7 @@ static bool grow_log(const Accum *a, AdjointBuffer *buf, uint64_t need) {
     return true;
 }
 
-/* The kernel appends behind what is there. */
+/* The kernel appends behind the entries of earlier calls. */
 static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *args) {
     args->log_index = buf->log_index ? buf->log_index + buf->log_len : NULL;
     args->log_value = buf->log_value ? buf->log_value + buf->log_len * flt_bytes(a) : NULL;
@@ -101,7 +103,7 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     batch_call(b, kind, n);
     uint64_t len = b->args.log_len;
     if (len > b->args.log_cap) {
-        /* The dense adjoints of this call are in already: the second run is for the log alone. */
+        /* The adjoints of this call are in adj already: the second run is for the log alone. */
         if (!a->scratch) a->scratch = zero_pages(a->bytes + 64);
         if (!a->scratch || !grow_log(a, buf, buf->log_len + len)) {
             a->failed = true;
@@ -116,8 +118,8 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     buf->log_len += len;
 }
 
-/* All bits zero? Integers, so that the compiler may reorder: most blocks of most tiles are zero, and this loop is what
- * they cost. */
+/* All bits zero? In integers, which the compiler may reorder: most blocks of most tiles are zero, and cost this loop.
+ */
 static bool untouched(const void *block, uint64_t bytes) {
     const uint64_t *v = block;
     uint64_t any = 0, words = bytes / 8;

@@ -1,40 +1,40 @@
-/* Adjoints of one thread: those of a tile in the kernels' layout, summed in double when the tile is done, and handed
- * over in `merge`. */
+/* Adjoints of the parameters, as one thread gathers them: those of a tile in the kernels' layout, summed in double when
+ * the tile is done, and added to the call's in `merge`. A worker owns its Accum. */
 #ifndef SALTUS_SAMPLE_ACCUM_H
 #define SALTUS_SAMPLE_ACCUM_H
 
 #include "runtime/sample/batch.h"
 
 enum {
-    ACCUMS = 2 * SLT_MAX_CHANNELS, /* most buffers: each channel, and what its lines would have missed */
+    ACCUMS = 2 * SLT_MAX_CHANNELS, /* most buffers: for each channel its adjoints, and those that coarser lines miss */
     COSETS = 4                     /* interleaved parts of an image, whose spread bounds the error of the whole */
 };
 
 typedef struct AdjointBuffer {
-    unsigned char *adj; /* flt[nfloats][width] or flt[nfloats] */
-    double *sum;        /* [nfloats]: of the tile */
-    uint32_t *touched;  /* blocks of ACCUM_BLOCK parameters with a sum */
+    unsigned char *adj; /* of this tile: flt[nfloats][width], or flt[nfloats] where the scene has flat_adj */
+    double *sum;        /* [nfloats]: adj summed over lanes */
+    uint32_t *touched;  /* [ntouched]: first parameter of each block whose sum is not 0 */
     uint32_t ntouched;
-    bool dirty;
-    uint32_t *log_index;
-    unsigned char *log_value; /* flt */
-    uint64_t log_len, log_cap;
+    bool dirty;                /* a kernel has added to adj */
+    uint32_t *log_index;       /* of this tile: see SltKernelArgs.log_index */
+    unsigned char *log_value;  /* flt */
+    uint64_t log_len, log_cap; /* entries */
 } AdjointBuffer;
 typedef struct Accum {
     const SltScene *s;
-    uint32_t n;
-    uint64_t stride, bytes; /* bytes a parameter, bytes of adj */
+    uint32_t n;             /* buffers */
+    uint64_t stride, bytes; /* of adj: bytes a parameter, bytes in all */
     AdjointBuffer buf[ACCUMS];
-    uint32_t *blocks, nblocks; /* first parameter of each block that kernels may add to */
-    unsigned char *scratch;    /* where a repeated call adds what must not count twice */
-    bool failed;
+    uint32_t *blocks, nblocks; /* first parameter of each block of 16 that kernels may add to */
+    unsigned char *scratch; /* instead of adj where a call is repeated for its log: what it adds must not count twice */
+    bool failed;            /* memory ran out */
 } Accum;
 bool accum_init(Accum *a, const SltScene *s, uint32_t n);
 void accum_free(Accum *a);
 /* Runs a reverse kernel that adds into buffer `which`. */
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which);
-/* End of a tile: lanes into doubles (in `work`); then in `merge` into targets[which][nfloats], which also empties the
- * buffers. */
+/* accum_close ends a tile, in `work`: lanes are summed into doubles. accum_merge, in `merge`, adds them and the log to
+ * targets[which][nfloats], and empties the buffers. */
 void accum_close(Accum *a);
 void accum_merge(Accum *a, double *const *targets);
 

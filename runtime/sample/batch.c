@@ -1,4 +1,4 @@
-/* The arrays of one thread's kernel calls. */
+/* Allocating, filling and padding the arrays of kernel calls. */
 #include <stdlib.h>
 #include <string.h>
 

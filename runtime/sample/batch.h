@@ -1,6 +1,6 @@
-/* The arrays of one thread's kernel calls. A batch owns them; what was put in stays there till it is overwritten, what
- * came out until the next call. Inputs that nobody has put in are 0. In builds with asserts outputs are NaN (integers
- * -1) until a kernel has written them, and so is what a kernel sees of inputs that it says it does not read. */
+/* The arrays of one thread's kernel calls, which a batch owns. An input stays until it is overwritten, an output until
+ * the next call; inputs that were never set are 0. In builds with asserts outputs are NaN (integers -1) until a kernel
+ * has written them, and a kernel sees NaN in the inputs that its layout says it does not read. */
 #ifndef SALTUS_SAMPLE_BATCH_H
 #define SALTUS_SAMPLE_BATCH_H
 
@@ -12,19 +12,19 @@ enum { BATCH = 1024 }; /* most samples of a call */
 typedef struct Batch {
     const SltScene *s;
     SltKernelArgs args;
-    bool f64, pixels; /* fill the pixel() inputs */
+    bool f64, pixels; /* pixels: batch_set_x also sets the inputs of pixel() */
     const Grid *grid;
-    void *memory;
-    unsigned char *tape;
+    void *memory;            /* of all inputs and outputs */
+    unsigned char *tape;     /* scratch of reverse kernels */
     const SltLayout *layout; /* of the kernel that was called last: where its outputs are */
-    unsigned char *poison; /* builds with asserts: what a kernel sees in inputs that its layout says it does not read */
-    uint64_t evaluations;
-    bool
-        again; /* these samples have been through a kernel that counts: cuts and failed asserts are not counted twice */
+    unsigned char *poison;   /* builds with asserts: the array of NaN for inputs that are not read */
+    uint64_t evaluations;    /* samples of all calls */
+    bool again; /* the samples have been through a kernel that counts: cuts and failed asserts must not count twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
 void batch_free(Batch *b);
-void batch_collect(Batch *b, SltStats *t); /* adds what the calls counted, and counts from 0 again */
+void batch_collect(Batch *b, SltStats *t); /* adds the counts of all calls to t, and sets them to 0 */
+/* Input `slot` (an SltInput) of sample i. */
 static inline void batch_set(Batch *b, uint32_t slot, uint32_t i, double v) {
     assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
     if (b->f64) ((double *)b->args.in[slot])[i] = v;
@@ -34,7 +34,7 @@ static inline void batch_set_int(Batch *b, uint32_t slot, uint32_t i, int32_t v)
     assert(slot < SLT_IN_VARYING && i < BATCH + SLT_PAD);
     ((int32_t *)b->args.in[slot])[i] = v;
 }
-/* Output number k of a role, of the kernel that was called last: all samples, or one. */
+/* Output k of a role, of the kernel that was called last: of all samples (batch_out), or of sample i. */
 static inline const void *batch_out(const Batch *b, SltRole role, uint32_t k) {
     assert(k < b->layout->out[role].count);
     return b->args.out[b->layout->out[role].first + k];
@@ -47,19 +47,20 @@ static inline int32_t batch_get_int(const Batch *b, SltRole role, uint32_t k, ui
     return ((const int32_t *)batch_out(b, role, k))[i];
 }
 static inline bool batch_has(const Batch *b, SltRole role) { return b->layout->out[role].count > 0; }
-/* Position, and the pixel it lies in when the shader's image has pixels. */
+/* The position of sample i, and the pixel that holds it where the kernels ask for pixel(). */
 void batch_set_x(Batch *b, uint32_t i, const double x[3]);
-/* What a site kernel must know besides the point. */
+/* A site with the indices of the loops around it: what a site kernel must know besides the point. */
 typedef struct Event {
-    int32_t site, k[SLT_MAX_K];
-    double boundary, window[2]; /* where it is about an integer, or a ray */
+    int32_t site, k[SLT_MAX_K]; /* k: loop indices, outermost first */
+    double boundary;            /* of a rounding: where its integer changes */
+    double window[2];           /* of a ray: the stretch of it that g looks along, as parameters t */
 } Event;
-/* All but the site, which is the same for all samples. */
+/* All of the event but its site, which is args.site for all samples. */
 void batch_set_event(Batch *b, uint32_t i, const Event *e);
-/* Number 0 of a stream: kept below 1 in the program's precision. */
+/* rand0: number 0 of the stream, in [0, 1); rounding to the program's precision keeps it below 1. */
 void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0);
-/* Calls a kernel on lanes 0..n-1 of the inputs; the tail up to the next multiple of SLT_PAD becomes copies of lane n-1
- * (with zero seeds). */
+/* Calls a kernel on samples 0 .. n-1 of the inputs; those up to the next multiple of SLT_PAD become copies of sample
+ * n-1 (with zero seeds). */
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n);
 /* The same for the bounds of a [Cull] loop, which count no evaluations. */
 void batch_call_cull(Batch *b, uint32_t cull_id, uint32_t n);

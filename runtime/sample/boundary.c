@@ -1,4 +1,4 @@
-/* The boundary term of any estimator. */
+/* What the boundary terms of all estimators share. */
 #include "runtime/sample/boundary.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* The boundary term: segments of one estimator into the run's sinks. */
+/* The boundary term: crossings on the segments of one estimator go to the sinks of the run's workers. */
 #ifndef SALTUS_SAMPLE_BOUNDARY_H
 #define SALTUS_SAMPLE_BOUNDARY_H
 
@@ -6,18 +6,19 @@
 
 typedef struct Boundary {
     Run *run;
-    uint32_t replicate, replicates; /* of how many; their shifts are strata of one another */
-    double segments;                /* a pixel, or in all */
-    double *const *targets;         /* SINK_INTEGRAL: [channels], then [channels] of missed; SINK_REVERSE: [classes] */
-    float *const *out;              /* SINK_FORWARD */
-    float *crossings;
-    const float *adjoint;
-    const Directions *dirs;
-    uint32_t classes;
+    uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
+    double segments;                /* a pixel, or of an integral in all */
+    double *const *targets;         /* sums [nfloats]. SINK_INTEGRAL: by channel, then by channel the part that coarser
+                                       lines miss; SINK_REVERSE: by class */
+    float *const *out;              /* SINK_FORWARD: images, by direction */
+    float *crossings;               /* SINK_FORWARD: crossings a pixel; may be NULL */
+    const float *adjoint;           /* SINK_REVERSE: an image */
+    const Directions *dirs;         /* SINK_FORWARD */
+    uint32_t classes;               /* SINK_REVERSE: 1, or COSETS */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
-/* Each estimator: crossings on its segments go to the workers' sinks, which are of that kind. */
+/* An estimator's `run` in estimators.def: makes the segments, and workers whose sinks are of that kind. */
 typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 #define SLT_ESTIMATOR(id, name, run, ...) BoundaryRun run;
 #include "saltus/estimators.def"
@@ -25,9 +26,9 @@ typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
 
-/* Shift of replicate r of n along dimension d: one random number for all, and a stratum each, in another order for each
- * dimension. So the mean over replicates is as good as lines n times denser, and their spread is an upper estimate of
- * its error. */
+/* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
+ * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good
+ * as lines n times denser, and the spread of the replicates is an upper estimate of its error. */
 double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d);
 
 #endif

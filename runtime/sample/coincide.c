@@ -1,11 +1,11 @@
 /* Boundaries that coincide but move differently: counted, because there the integral has no derivative and the whole
  * jump went to the first.
  *
- * Whether another boundary lies on a crossing is not to be seen in one picture: the same predicate may be tested twice,
- * or guard another one. It is seen when the parameters are moved a little. The crossing's own boundary goes where its g
- * says; if the regions on its two sides are still those that they were, everything that jumped moved along. If not, and
- * if there is nothing else near by, a second boundary has come apart from it. At most COINCIDE_MAX crossings of a batch
- * are asked, and stand for all. */
+ * One picture does not show whether another boundary lies on a crossing: the same predicate may be tested twice, or
+ * guard another one. Moving the parameters a little does. The crossing's own boundary goes where its g says; if the
+ * regions on its two sides are still what they were, everything that jumped moved along. If not, and if there is
+ * nothing else near by, a second boundary has come apart from the first. At most COINCIDE_MAX crossings of a batch are
+ * asked, and stand for all. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,19 +15,19 @@
 #include "runtime/sample/run.h"
 
 enum {
-    MOST_FLOATS = 1 << 16, /* moving more parameters would cost more than it tells */
-    AROUND = 4,            /* times the way that the boundary moved, see `reach` */
-    ALONG = 16,            /* part of the segment's length to go aside, see `elsewhere` */
-    NEWTON = 3
+    MOST_FLOATS = 1 << 16, /* a program with more parameters is not asked: moving them would cost more than it tells */
+    AROUND = 4,            /* `reach` looks this many times as far as the boundary moved */
+    ALONG = 16,            /* `elsewhere` goes aside by the segment's length divided by this */
+    NEWTON = 3             /* steps of `elsewhere` back to g = 0 */
 };
-/* Parameters are moved by this part of them, or of a tenth where they are smaller; by more where brackets of roots are
- * wide: so many of these, seen in a domain of size 1. */
+/* A parameter p is moved by about STEP * max(0.1, |p|): by STEP_BRACKETS times the bracket of roots (in a domain of
+ * size 1) where that is more, but at most by STEP_MOST. */
 #define STEP 0x1p-15
 #define STEP_MOST 0x1p-9
 #define STEP_BRACKETS 0x1p7
-/* How well the way of a boundary is known: parts of it. */
+/* The way of a boundary is known to this part of it. */
 #define SURE 0x1p-4
-/* Of a line that meets the boundary so flatly that its crossing runs away. */
+/* Below this squared cosine between segment and gradient of g the crossing of a moved boundary runs away. */
 #define FLAT 0.1
 
 void coincide_end(Run *r) {
@@ -43,8 +43,8 @@ bool coincide_begin(Run *r, double bracket) {
     Moved *m = alloc_zero(COINCIDE_WAYS, sizeof *m);
     bool memory = dir && m, ok = memory, any = false;
     double step = fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST);
-    /* Forth and back, because of two boundaries the one may hide while it is behind the other; along two directions,
-     * because in one both may happen to move alike. */
+    /* Forth and back, because one boundary may hide behind the other; along two directions, because along one both may
+     * happen to move alike. */
     for (uint32_t side = 0; side < COINCIDE_WAYS && ok; side++) {
         for (uint32_t p = 0; p < s->nfloats; p++) {
             uint32_t u[4];
@@ -75,7 +75,7 @@ static void direction(const SltScene *s, const Crossing *c, double unit[3]) {
     for (uint32_t d = 0; d < 3; d++) unit[d] = d < s->dim ? c->direction[d] / length : 0;
 }
 
-/* Is everything as near as that in the domain? */
+/* Does the segment's line stay in the domain for `reach` to both sides of the crossing? */
 static bool inside(const SltScene *s, const Crossing *c, double reach) {
     double unit[3];
     direction(s, c, unit);
@@ -86,8 +86,8 @@ static bool inside(const SltScene *s, const Crossing *c, double reach) {
 
 static double margin(const Crossing *c, double way) { return fmax(2 * c->bracket, SURE * fabs(way)); }
 
-/* How far the boundary of crossing x goes along its segment, given g with the parameters moved; NAN where that is not
- * to be said. */
+/* How far the boundary of crossing x goes along its segment, given g with the parameters moved; NAN where the segment
+ * is too FLAT to say. */
 static double way_of(const SltScene *s, const Crossing *x, double g) {
     double unit[3], slope = 0, steepest = 0;
     direction(s, x, unit);
@@ -113,7 +113,7 @@ void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const boo
     uint32_t share = (all + COINCIDE_MAX - 1) / COINCIDE_MAX, first = q->n;
     if (!q->apart) return;
     for (uint32_t i = (from + share - 1) / share * share; i < to; i += share) {
-        /* When the parameters have moved, another iteration may be the one that decides at a [SkipLoop]. */
+        /* At a [SkipLoop] another iteration may decide when the parameters have moved. */
         const uint8_t *skips = k->b->s->site_skips;
         if (!keep[i - from] || (skips && skips[c[(uint32_t)order[i]].event.site])) continue;
         q->which[q->n] = (uint32_t)order[i], q->stands[q->n++] = all - i < share ? all - i : share;
@@ -121,20 +121,20 @@ void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const boo
     if (q->n > first) find_ways(k, c, q->which + first, q->n - first, q->way + first);
 }
 
-/* The regions of lanes 2 i and 2 i + 1 are those on the two sides of the crossing. */
+/* Are the regions of lanes 2 i and 2 i + 1 those on the two sides of the crossing? */
 static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
     return (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == c->ha &&
            (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1) == c->hb;
 }
 
-/* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g
- * says. That is a kink of its own, not a second boundary. */
+/* Has the boundary left lanes 2 i and 2 i + 1? The silhouette of a geometry may be another of its edges when a number
+ * has moved: then nothing jumps where the g of the old edge says. That is a kink, not a second boundary. */
 static bool gone(const Batch *b, uint32_t i) {
     return b->s->ngeometries &&
            batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1);
 }
 
-/* Two points at `at` -+ `beside` along the segment, counted from the crossing. */
+/* Lanes 2 i and 2 i + 1: the points at `at` -+ `beside` along the segment, counted from the crossing. */
 static void place(Batch *b, uint32_t i, const Crossing *c, double at, double beside) {
     double unit[3], x[3] = {0};
     direction(b->s, c, unit);
@@ -145,6 +145,7 @@ static void place(Batch *b, uint32_t i, const Crossing *c, double at, double bes
     }
 }
 
+/* The longest of the ways; NAN where one is. */
 static double farthest(const double *way) {
     double far = 0;
     for (uint32_t side = 0; side < COINCIDE_WAYS && !isnan(far); side++)
@@ -152,14 +153,14 @@ static double farthest(const double *way) {
     return far;
 }
 
-/* Other boundaries that may come as near as that forbid an answer: they may move faster than this one, but hardly than
- * any of the batch. */
+/* Another boundary that lies as near as this to the crossing forbids an answer. Other boundaries may move faster than
+ * this one, but hardly faster than `typical`, the farthest way of any crossing in the batch. */
 static double reach(const SltScene *s, const Crossing *c, const double *way, double typical) {
     double far = farthest(way);
     return fmax(AROUND * far, fmin(typical, length_of(s, c))) + margin(c, far);
 }
 
-/* Which of them have come apart from something. */
+/* apart[i]: from the boundary of crossing which[i] a second one has come apart. */
 static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS],
                  double typical, bool *apart) {
     Batch *b = k->b;
@@ -168,7 +169,7 @@ static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, 
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[which[i]];
         bool near = 2 * AROUND * farthest(way[i]) < length_of(s, x) &&
-                    inside(s, x, reach(s, x, way[i], typical)); /* not where there is a NAN */
+                    inside(s, x, reach(s, x, way[i], typical)); /* false where a way is NAN */
         apart[i] = false;
         if (near) at[kept++] = i;
     }
@@ -182,7 +183,7 @@ static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, 
         for (uint32_t i = 0; i < kept; i++) apart[at[i]] |= !as_before(b, &c[which[at[i]]], i) && !gone(b, i);
     }
     use(b, s);
-    /* Where something else lies near by, that may have come between. */
+    /* Another boundary near by may have come between: those crossings do not count. */
     for (uint32_t i = 0; i < kept; i++) {
         if (!apart[at[i]]) continue;
         place(b, torn, &c[which[at[i]]], 0, reach(s, &c[which[at[i]]], way[at[i]], typical));
@@ -192,7 +193,8 @@ static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, 
     for (uint32_t i = 0; i < torn; i++) apart[at[i]] = as_before(b, &c[which[at[i]]], i);
 }
 
-/* A corner with a hidden boundary looks the same, but only there: is it so elsewhere on this boundary, too? */
+/* A corner with a hidden boundary looks as if something had come apart, but only there: does the crossing's boundary
+ * look so a little further along, too? */
 static bool elsewhere(Sink *k, const Crossing *c, double typical) {
     Batch *b = k->b;
     Crossing x = *c;
@@ -208,7 +210,7 @@ static bool elsewhere(Sink *k, const Crossing *c, double typical) {
     double by = length_of(b->s, c) / ALONG / sqrt(square);
     x.x[other] += by * c->dg[steep], x.x[steep] -= by * c->dg[other];
     b->args.site = c->event.site;
-    memcpy(dropped, k->f->dropped, sizeof dropped); /* this is no crossing that could be dropped */
+    memcpy(dropped, k->f->dropped, sizeof dropped); /* x is no crossing, and must not be counted as dropped */
     for (uint32_t step = 0; step < NEWTON; step++) {
         sink_weigh(k, &x, &order, 1, &keep);
         square = 0;
@@ -229,7 +231,7 @@ void coincide_count(Sink *k, const Crossing *c) {
     Coincide *q = &k->coincide;
     bool apart[COINCIDE_MAX];
     double typical = 0;
-    for (uint32_t i = 0; i < q->n; i++) typical = fmax(typical, farthest(q->way[i])); /* without the NAN */
+    for (uint32_t i = 0; i < q->n; i++) typical = fmax(typical, farthest(q->way[i])); /* fmax passes over NAN */
     tear(k, c, q->which, q->n, q->way, typical, apart);
     for (uint32_t i = 0; i < q->n; i++)
         if (apart[i] && elsewhere(k, &c[q->which[i]], typical)) k->f->dropped[SLT_DROP_COINCIDENT] += q->stands[i];

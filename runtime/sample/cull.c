@@ -1,5 +1,4 @@
-/* Lists of [Cull] iterations that may do something in a rectangle. The boxes come from the program's own bounds
- * function, once a call. */
+/* Boxes of [Cull] iterations, from the program's own bounds function, and lists for a rectangle. */
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -68,7 +67,7 @@ void cull_select(const CullBoxes *c, CullLists *l, Batch *b, const double lo[3],
         int32_t n = 0;
         const double *box = c->box[i];
         for (uint32_t k = 0; k < c->count[i]; k++, box += 4) {
-            /* Written so that a box of NaN is kept. */
+            /* Comparisons with NaN are false: a box of NaN is kept. */
             bool out = box[0] > hi[0] + slack[0] || box[2] < lo[0] - slack[0] || box[1] > hi[1] + slack[1] ||
                        box[3] < lo[1] - slack[1];
             l->items[i][n] = (int32_t)k;

@@ -12,17 +12,17 @@
 
 enum {
     OCTAVE_STEPS = 4, /* buckets an octave: the median is good to a fifth, and needs no memory and no sorting */
-    LOWEST = -24,     /* differences below 2^-24 are rounding */
-    FEW = 16,         /* fewer say nothing of what is usual here */
+    LOWEST = -24,     /* differences below 2^-24 are rounding, and have no bucket */
+    FEW = 16,         /* fewer differences say nothing of what is usual here */
     ASKED = 8         /* one edge in so many may be asked in vain */
 };
 #define TIMES_MEDIAN 1.0
 #define TIMES_NEIGHBOUR 1.5
-#define FLOOR 0x1p-14 /* log2 t of single precision, with room for a sum of a few */
+#define FLOOR 0x1p-14 /* the least threshold: rounding of log2 t in single precision, with room for a sum of a few */
 
 void spread_clear(Spread *s) { memset(s, 0, sizeof *s); }
 
-/* -1: both in the sky, or nothing to be learnt. */
+/* The bucket of a difference; -1: none, for both rays went to the sky or the difference is rounding. */
 static int bucket_of(double difference) {
     double a = fabs(difference);
     if (!(a >= ldexp(1, LOWEST)) || isinf(a)) return -1;
@@ -32,7 +32,7 @@ static int bucket_of(double difference) {
     return bucket < SPREAD_BUCKETS ? bucket : SPREAD_BUCKETS - 1;
 }
 
-/* The difference so far into a bucket. */
+/* The difference at `part` (0 to 1) of a bucket's width. */
 static double bucket_value(int bucket, double part) {
     return ldexp(1 + (bucket % OCTAVE_STEPS + part) / OCTAVE_STEPS, bucket / OCTAVE_STEPS + LOWEST);
 }
@@ -64,9 +64,9 @@ double spread_threshold(const Spread *s) {
     return fmax(FLOOR, threshold);
 }
 
-/* Ground seen at a grazing angle changes fast from vertex to vertex, but on both sides: there the threshold is a
- * multiple of the smaller step beside the edge. Jumps of about one size in three edges in a row are taken for a slope;
- * a finer lattice tells them apart. */
+/* The depth of ground seen at a grazing angle changes fast from vertex to vertex, but on both sides of an edge: there
+ * the threshold is a multiple of the smaller step beside the edge. Jumps of about one size in three edges in a row are
+ * taken for a slope; a finer lattice tells them apart. */
 double depth_threshold(const uint32_t *hash, const double *depth, uint64_t stride, uint32_t e, uint32_t n,
                        double threshold) {
     if (e == 0 || e + 2 >= n) return threshold;

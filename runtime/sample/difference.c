@@ -1,5 +1,5 @@
-/* Central differences with common random numbers: the estimator of the tests, and the baseline of `bench`. Two renders
- * a parameter. */
+/* Central differences with common random numbers, two renders a parameter: the tests compare with them, and `bench` has
+ * them as its baseline. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,8 +9,8 @@
 #include "runtime/sample/difference.h"
 #include "runtime/sample/interior.h"
 
-/* Jumps make the error of a difference fall with the root of the step, smooth parts with its square: a hundredth is a
- * compromise that both survive. */
+/* The step h for a parameter of this value. Where f jumps the error of a difference grows as 1 / sqrt(h), where it is
+ * smooth as h^2: a hundredth is a compromise that both survive. */
 static double step_of(const SltJob *j, double value) {
     return j->fd_step > 0 ? j->fd_step : 0.01 * fmax(0.1, fabs(value));
 }
@@ -37,7 +37,6 @@ static bool move_geometries(Moved *m, const SltScene *s) {
     return true;
 }
 
-/* Geometries are not made again. */
 bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, double h) {
     size_t size = s->f64 ? sizeof(double) : sizeof(float);
     memset(m, 0, sizeof *m);
@@ -54,7 +53,7 @@ bool scene_move(Moved *m, const SltScene *s, const double *dir, uint32_t axis, d
     return !s->ngeometries || !s->geometries || move_geometries(m, s);
 }
 
-/* (image at +h - image at -h) / 2h into out. `half` as slt_estimate_render. */
+/* (image at +h - image at -h) / 2h into out, an image; `scratch` is another. */
 static SltStatus image_difference(const SltScene *s, const SltJob *j, const double *dir, uint32_t axis, double h,
                                   float *out, float *scratch, SltStats *stats, SltError *err) {
     SltStatus st = SLT_OK;
@@ -114,7 +113,7 @@ SltStatus difference_reverse(const SltScene *s, const SltJob *j, const float *co
     return st;
 }
 
-/* Integrals of all replicates at moved parameters: value[n][channels]. */
+/* The integrals of all n replicates at moved parameters: value[n][channels]. */
 static SltStatus integrals(const SltScene *s, const SltJob *j, uint32_t n, double *value, SltStats *stats,
                            SltError *err) {
     Run r;

@@ -1,4 +1,4 @@
-/* The estimators' front: one function a question. */
+/* One function a question: how interior and boundary terms, halves and replicates make an answer. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -85,8 +85,8 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
 }
 
 /* ---- reverse */
-/* The sums of COSETS interleaved parts -> total, and the standard error as if the parts were independent: they repel
- * each other, so it is an upper bound. */
+/* Adds the sums of n interleaved parts to total, and to variance that of the total as if the parts were independent:
+ * they repel each other, so this is an upper bound. */
 static void combine(double *const *part, uint32_t n, double *total, double *variance, uint32_t nfloats) {
     for (uint32_t p = 0; p < nfloats; p++) {
         double sum = 0;
@@ -126,7 +126,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     }
     uint64_t size = r.grid.pixels * s->channels;
     bool memory = true;
-    /* One class needs no sums of its own. */
+    /* With one class the gradient itself is its sum. */
     if (classes == 1) part[0] = gradient;
     for (uint32_t c = 0; c < classes && classes > 1; c++)
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
@@ -168,8 +168,8 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
                             double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a loss", err);
     if (st != SLT_OK) return st;
-    /* One sample a pixel has no second half: its adjoint is its own, and the loss is biased by the variance of the
-     * image. */
+    /* One sample a pixel has no second half: the adjoint comes from the same sample, and the loss is biased by the
+     * variance of the image. */
     bool halves = j->spp > 1;
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
@@ -213,8 +213,8 @@ typedef struct Replicates {
     double *interior, *boundary, *missed; /* [n][size] */
 } Replicates;
 
-/* Mean of n rows into `mean`, standard error of the mean into `error`; either may be NULL. `other` is added to the rows
- * when not NULL. */
+/* Of n rows of `size` numbers, to which `other` is added when not NULL: the mean into `mean`, its standard error into
+ * `error`; either may be NULL. */
 static void statistics(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean,
                        double *error) {
     for (uint64_t i = 0; i < size; i++) {
@@ -310,7 +310,7 @@ SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const doub
         Mark ma = batch_mark(&w->batch, 0), mb = batch_mark(&w->batch, 1);
         double threshold = HUGE_VAL;
         if (scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH)) {
-            /* One segment alone says nothing of what is usual: the smallest threshold, at the price of a few
+            /* One segment alone does not say which differences of depth are usual: the smallest threshold costs a few
              * evaluations. */
             Spread none;
             spread_clear(&none);

@@ -1,16 +1,21 @@
 /* Estimators: from kernels to integrals, images and their derivatives, the moving jumps included.
  *
- *   render        image or volume, or the integral over the domain
- *   grad_forward  derivative images along parameter directions (one direction a component)
- *   grad_reverse  gradient of sum a.I for an adjoint image a, or of a squared loss against a target
- *   grad_integral integral of every channel and its gradient in every parameter, with standard errors
+ *   slt_estimate_render    image or volume, or the integral over the domain
+ *   slt_estimate_forward   derivative images along directions in parameter space
+ *   slt_estimate_reverse   gradient of the sum of adjoint * image
+ *   slt_estimate_loss      a squared loss against a target, and its gradient
+ *   slt_estimate_integral  integral of every channel and its gradient in every parameter, with standard errors
+ *   slt_estimate_points    f at given points
+ *   slt_estimate_crossing  the crossing on one segment
  *
- * The boundary term is  + sum over axes i of (A_i/N_i) sum over crossings on lines parallel to e_i of [f]_i d_i g
- * d_theta g / |grad g|^2  (s_j-scaled by the sides of the domain or the pixel), [f]_i = f after - f before along +e_i:
- * the lattice estimator with squared-normal weights. See docs/estimators.md.
+ * The boundary term is the sum over axes i, and over the crossings on lines parallel to axis i, of
+ *     (A_i / N_i) [f]_i  s_i^2 d_i g / (sum over j of (s_j d_j g)^2)  d_theta g:
+ * A_i / N_i is the cross-section that a line stands for, [f]_i the jump of f along axis i, s_j the sides of the domain
+ * or of a pixel. docs/estimators.md explains it.
  *
- * Deterministic: fixed tiles, reduction in tile order, counter-based random numbers: the same seed gives the same bits
- * with any number of threads. Nothing here includes the compiler. A Scene is read-only during a call. */
+ * Deterministic: fixed tiles, sums in tile order, counter-based random numbers: the same seed gives the same bits with
+ * any number of threads. Nothing here includes the compiler. The caller owns the SltScene and all arrays; a scene is
+ * read-only during a call. */
 #ifndef SALTUS_SAMPLE_ESTIMATE_H
 #define SALTUS_SAMPLE_ESTIMATE_H
 
@@ -22,68 +27,69 @@
 #include "saltus/job.h"
 #include "saltus/kernel.h"
 
-/* Compiled (or interpreted) kernels and what the runtime must know of the program. A NULL kernel is one that the
- * program does not need. */
+/* Compiled (or interpreted) kernels and what the runtime must know of the program. It owns nothing. A NULL kernel is
+ * one that the program does not need. */
 typedef struct SltScene {
-    /* Interpreted kernels have the same signature through `call`: every call goes through it when it is not NULL. */
+    /* Not NULL: kernels are interpreted, and every call of a kernel goes through this function. */
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
     void *call_user;
     SltKernel *kernel[SLT_KERNELS]; /* by SltKernelKind; those of CULL are in cull_bounds */
     SltLayout layout[SLT_KERNELS];  /* what they read, and where their outputs are */
     bool f64;                       /* flt is double */
-    bool flat_adj;                  /* layout of SltKernelArgs.adj */
-    const uint8_t *dense; /* nfloats: 1 where a kernel may add to adj; the others get their adjoints through the log
+    bool flat_adj;                  /* SltKernelArgs.adj is flt[nfloats]; else flt[nfloats][width] */
+    const uint8_t *dense; /* [nfloats]: 1 where a kernel may add to adj; the others get their adjoints through the log
                              alone. NULL: all */
-    uint32_t width;       /* lanes */
+    uint32_t width;       /* lanes of a kernel */
     uint32_t dim, channels;
-    double lo[3], hi[3];
+    double lo[3], hi[3]; /* the domain, by axis */
     uint32_t nfloats, nints;
-    const void *params; /* flt[nfloats] */
-    const int32_t *iparams;
-    const uint8_t *active; /* nfloats: 1 where the gradient is wanted */
+    const void *params;     /* flt[nfloats] */
+    const int32_t *iparams; /* [nints] */
+    const uint8_t *active;  /* [nfloats]: 1 where the gradient is wanted; NULL: everywhere */
     uint32_t nsites;
-    const uint8_t *site_kind;   /* SltSiteKind */
-    const uint8_t *site_static; /* 1: g does not depend on x (static discontinuity): contributes nothing */
-    const uint8_t *site_skips;  /* 1: [SkipLoop], one boundary of many iterations; NULL: none is */
-    int follow; /* thin features are followed from line to line of a lattice: 0 no, 1 not for rays in images, 2 yes */
+    const uint8_t *site_kind;   /* [nsites]: SltSiteKind */
+    const uint8_t *site_static; /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
+    const uint8_t *site_skips;  /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
+    int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
-    uint64_t tape_bytes; /* per lane, worst case; already capped by the compiler */
+    uint64_t tape_bytes; /* a lane, the largest of all kernels */
     uint32_t ncull;
-    SltKernel *const *cull_bounds;               /* by cull_id: kernels of kind CULL */
-    const uint32_t *cull_count;                  /* iterations of each */
-    const struct SltGeometry *const *geometries; /* [ngeometries]; NULL: nobody asks it anything */
+    SltKernel *const *cull_bounds;               /* [ncull]: kernels of kind CULL, by [Cull] loop */
+    const uint32_t *cull_count;                  /* [ncull]: iterations of each loop */
+    const struct SltGeometry *const *geometries; /* [ngeometries]; NULL: no kernel asks it anything */
     uint32_t ngeometries;
-    const uint32_t *geometry_base; /* where in `params` the numbers of each begin */
+    const uint32_t *geometry_base; /* [ngeometries]: where in `params` the numbers of each begin */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
     void *print_user;
 } SltScene;
 
-/* Outputs of a role that a kernel has. */
+/* How many outputs of a role a kernel has. */
 static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltRole role) {
     return s->layout[kind].out[role].count;
 }
 
-/* Does it need no kernels but `value`? */
+/* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 
-/* Image (one pixel in integral mode: the integral): out[((z*h + y)*w + x)*channels + c], top row first. `half` 0: all
- * samples; 1, 2: one of the two independent sample halves (for squared losses). */
+/* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. `half` 0: all samples of a pixel;
+ * 1 or 2: one of two independent halves of them (for squared losses). */
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
 
-/* Derivative images along ndir directions of parameter space: dirs[k] is double[nfloats];
- * out[k] is an image. Image mode. crossings (may be NULL): an image counting crossings. */
+/* Image mode. Derivative images out[ndir] along directions dirs[ndir], each double[nfloats]. crossings (may be NULL):
+ * crossings by pixel, as float. */
 SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
                                float *const *out, float *crossings, SltStats *stats, SltError *err);
 
-/* gradient[nfloats] of sum over pixels and channels of adjoint * image. `adjoint[2]`: for the two sample halves (the
- * same pointer twice where the adjoint does not come from this render: then both halves are used with it).
- * stderr_bound[nfloats] may be NULL: upper bound from interleaved cosets. */
+/* Image mode. gradient[nfloats] of the sum over pixels and channels of adjoint * image. adjoint[0] and [1] are images
+ * for the two halves of the samples, or the same pointer: then it is for all samples. stderr_bound[nfloats] (may be
+ * NULL): an upper bound of the standard error, from interleaved cosets. */
 SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *const adjoint[2], double *gradient,
                                double *stderr_bound, SltStats *stats, SltError *err);
 
-/* Squared loss: mean over pixels and channels of mask * (I - T)^2 (target and mask have the image's shape; mask may be
- * NULL); each half of the samples takes its adjoint from the other. image (may be NULL) gets the full render. The loss
- * is the unbiased product of the two halves' residuals when two_halves, else of the full image. */
+/* Image mode. The loss is the mean over pixels and channels of mask * (I - T)^2; target and mask (may be NULL) have the
+ * image's shape. With spp > 1 it is the product of the residuals of the two halves of the samples, unbiased, and each
+ * half takes its adjoint from the other; with spp 1 the square of the one residual. loss, gradient and stderr_bound
+ * [nfloats] and image, which gets the full render, may be NULL. */
 SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
                             double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err);
 
@@ -91,9 +97,10 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
 SltStatus slt_estimate_points(const SltScene *s, const SltJob *j, uint64_t n, const double *x, const uint32_t *streams,
                               double *out, SltStats *stats, SltError *err);
 
+/* See SltIntegral; as if job.integral were set. */
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
 
-/* The crossing on the segment from a to b, if any. */
+/* The crossing nearest to a on the segment from a to b, if any. */
 SltStatus slt_estimate_crossing(const SltScene *s, const double a[3], const double b[3], uint32_t stream,
                                 SltCrossing *out, SltError *err);
 

@@ -1,4 +1,4 @@
-/* f at given points, a batch a tile. */
+/* f at given points. A tile is a batch of points. */
 #include <stdlib.h>
 
 #include "runtime/sample/alloc.h"

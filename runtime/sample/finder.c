@@ -1,10 +1,11 @@
 /* From segments whose ends lie in different regions to verified crossings.
  *
- * A batch of segments at a time: `event` says for each which event separates its ends and g there; the root of that g
- * is bracketed with `site` (Chandrupatla's method, never more than two steps behind bisection); `sides` gives f and the
- * region at the two ends of the final bracket. If those are the regions of the segment's ends, that was the only
- * crossing; else the parts whose ends still differ go back on the stack. Where there is no event or no change of sign,
- * the region itself is bisected. In scenes with rays there is more to it: window.c. */
+ * A batch of segments at a time: the kernel `event` says for each segment which event separates its ends, and g there;
+ * the root of that g is bracketed with the kernel `site` (Chandrupatla's method, never more than two steps behind
+ * bisection); the kernel `sides` gives f and the region at the two ends of the final bracket. If those are the regions
+ * of the segment's ends, that was the only crossing; else the parts whose ends still differ go back on the stack. Where
+ * there is no event or no change of sign, the segment is bisected on the region. window.c has what scenes with rays
+ * need beside this. */
 #include <assert.h>
 #include <float.h>
 #include <math.h>
@@ -44,7 +45,7 @@ void sort_keys(uint64_t *v, uint32_t n) {
         }
 }
 
-/* Exact at both ends, and constant where the ends agree. */
+/* Exact at both ends, and constant along an axis where a and b agree. */
 void segment_at(const Segment *s, double t, double x[3]) {
     for (int d = 0; d < 3; d++) x[d] = s->a[d] == s->b[d] ? s->a[d] : (1 - t) * s->a[d] + t * s->b[d];
 }
@@ -56,7 +57,8 @@ static void put(Finder *f, uint32_t lane, const Segment *s, double t) {
     batch_set_stream(f->b, lane, s->stream, s->rand0);
 }
 
-/* 2^-15 of the whole segment, or two units in the last place of the position. */
+/* How near a root must be bracketed, in parts of the whole segment: root_tolerance, or two units in the last place of
+ * the position where that is more. */
 static double tolerance(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
@@ -101,7 +103,7 @@ void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, 
     }
     Segment part = *s;
     part.ta = ta, part.tb = tb, part.ma = a, part.mb = b;
-    part.halvings++, part.state = (uint8_t)state, part.cut = cut, part.told = 0;
+    part.halvings++, part.state = (uint8_t)state, part.cut = cut, part.event_threshold = 0;
     finder_push(f, &part);
 }
 
@@ -114,8 +116,8 @@ static Crossing *found_slot(Finder *f) {
     return &f->found[f->nfound++];
 }
 
-/* Room for n more crossings. Whoever takes them runs kernels in the same batch, so never while its outputs are still
- * being read. */
+/* Room for n more crossings. `full` runs kernels in the same batch, so this is never called while outputs of a kernel
+ * are still to be read. */
 static void found_reserve(Finder *f, uint32_t n) {
     if (f->nfound + n <= BATCH) return;
     f->full(f->full_user, f->found, f->nfound);
@@ -138,13 +140,15 @@ static void flush_split(Finder *f) {
             window_doubt(f, s, mid, m);
             continue;
         }
-        SearchState state = s->cut != 0 ? SEARCH_AGAIN : SEARCH_ROOT; /* a cut is no halving */
+        SearchState state =
+            s->cut != 0 ? SEARCH_AGAIN : SEARCH_ROOT; /* a cut beside a root need not shorten the part */
         search_push(f, s, mid, s->tb, m, e, state);
         search_push(f, s, s->ta, mid, a, m, state);
     }
     f->nsplit = 0;
 }
 
+/* Puts s among the segments to be bisected; one that is as short as the tolerance is dropped for this reason. */
 static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
     if (s->tb - s->ta <= tol) {
         if (search_has_depth(f->s) && s->state != SEARCH_FRESH && s->state != SEARCH_DOUBT) {
@@ -161,14 +165,14 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
 /* ---- root of g on the bracket */
 static bool same_sign(double a, double b) { return (a < 0) == (b < 0); }
 
-/* Where to look next in [x1, x2], as a fraction of it from x1. */
+/* Where to look next in [x1, x2], as a fraction of the way from x1 to x2. */
 static double chandrupatla(const Item *it, double width) {
     double least = 0.75 * it->tol / width;
     if (least >= 0.5) return 0.5;
     /* Once only bisection can still arrive in time, bisect. */
     if (ldexp(width, -(int)it->left) > it->tol) return 0.5;
     double t = 0.5;
-    /* Nothing in the window: a sign, but not a number to draw lines through. */
+    /* The window of a ray is empty at this end: g has a sign, but is no number to draw lines through. */
     if (isinf(it->f1) || isinf(it->f2)) return t;
     if (it->x3 == it->x2 || it->f3 == it->f2) {
         t = it->f1 / (it->f1 - it->f2);
@@ -197,8 +201,7 @@ static void root_take(Item *it, double g) {
         it->x1 = it->next, it->f1 = 0, it->exact = true;
         return;
     }
-    /* A g that is not a number says nothing: treat it as the sign of the older end, so that the bracket still shrinks.
-     */
+    /* A g of NaN counts as having the sign of the older end, so that the bracket still shrinks. */
     if (same_sign(g, it->f1)) it->x3 = it->x1, it->f3 = it->f1;
     else it->x3 = it->x2, it->f3 = it->f2, it->x2 = it->x1, it->f2 = it->f1;
     it->x1 = it->next, it->f1 = g;
@@ -217,7 +220,7 @@ static void root_begin(Item *it) {
     }
 }
 
-/* Roots of the items in order[0..n), all of one site. */
+/* Roots of the items order[0..n), all of one site. */
 static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
     Batch *b = f->b;
     b->args.site = items[(uint32_t)order[0]].event.site;
@@ -248,13 +251,13 @@ static void solve(Finder *f, Item *items, uint32_t n) {
 }
 
 /* ---- one batch */
-/* Infinite where the window of a ray is empty: still a side. */
+/* Does g say on which side the ends lie? It may be infinite where the window of a ray is empty. */
 static bool usable(const Finder *f, const Item *it) {
     if (isfinite(it->ga) && isfinite(it->gb)) return true;
     return window_site(f->s, it->event.site) && !isnan(it->ga) && !isnan(it->gb);
 }
 
-/* Of lane i of a call of the event kernel. */
+/* The event of lane i, after a call of the event kernel. */
 static Event event_of(const Batch *b, uint32_t i) {
     Event e = {.site = batch_get_int(b, SLT_OUT_SITE, 0, i)};
     for (uint32_t d = 0; d < b->layout->out[SLT_OUT_K].count; d++) e.k[d] = batch_get_int(b, SLT_OUT_K, d, i);
@@ -264,7 +267,8 @@ static Event event_of(const Batch *b, uint32_t i) {
     return e;
 }
 
-/* Which event separates the ends, and g there. Items with a root to look for move to the front. */
+/* Which event separates the ends of each item, and g there. Items with a root to look for move to the front; returns
+ * how many they are. */
 static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
     for (uint32_t i = 0; i < n; i++) {
@@ -275,7 +279,7 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
         }
         if (!search_has_windows(f->s)) continue;
-        double threshold = items[i].s.told > 0 ? items[i].s.told : items[i].s.threshold;
+        double threshold = items[i].s.event_threshold > 0 ? items[i].s.event_threshold : items[i].s.threshold;
         batch_set(b, SLT_IN_THRESHOLD, 2 * i, threshold), batch_set(b, SLT_IN_THRESHOLD, 2 * i + 1, threshold);
     }
     batch_call(b, SLT_K_EVENT, 2 * n);
@@ -292,7 +296,8 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
         } else if (it.s.tb - it.s.ta <= it.tol && window_site(f->s, it.event.site)) {
-            /* As near to the jump as can be: g is zero here but for rounding, or else its gradient will tell. */
+            /* The part is as short as can be: g is zero on it but for rounding, and if not, weigh in sink.c drops it.
+             */
             it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
             items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
@@ -313,7 +318,7 @@ static void bracket_of(const Item *it, double *lo, double *hi) {
     if (it->pad > 0) {
         *lo = fmax(it->s.ta, *lo - it->pad), *hi = fmin(it->s.tb, *hi + it->pad);
     } else if (it->exact) {
-        /* An exact zero: a bracket of the tolerance around it, inside the old one. */
+        /* g is exactly zero at x1: a bracket of the tolerance around x1, inside the part. */
         double from = fmax(it->s.ta, it->x1 - 0.5 * it->tol), to = fmin(it->s.tb, it->x1 + 0.5 * it->tol);
         *lo = from, *hi = to;
     }
@@ -337,11 +342,11 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     }
     if (!jumps) return;
     c.t = it->x1;
-    double slack = 0; /* of g at the tolerance: rounding */
+    double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol && window_site(f->s, it->event.site)) {
         c.ga = it->ga, c.gb = it->gb, slack = 2 * window_padding(f, &it->s, it->tol);
     } else if (!it->exact) {
-        /* The secant inside the final bracket: much closer than its ends. */
+        /* The secant's zero inside the final bracket is much closer to the root than the bracket's ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
         c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi); /* also where an end of g is infinite */
         c.ga = it->f1, c.gb = it->f2;
@@ -360,7 +365,8 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     *found_slot(f) = c;
 }
 
-/* Both sides of each final bracket, with their regions. */
+/* f and the region at both ends of each final bracket: accepts crossings, and puts back what still differs beside them.
+ */
 static void verify(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
     found_reserve(f, n);
@@ -390,7 +396,7 @@ static void verify(Finder *f, Item *items, uint32_t n) {
     }
 }
 
-/* The paper's search: halves whose ends differ, down to the tolerance; then the event. */
+/* halve_only: segments are bisected down to the tolerance, and only then asked for their event. */
 static uint32_t halve(Finder *f, Item *items, uint32_t n) {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++)
@@ -398,11 +404,11 @@ static uint32_t halve(Finder *f, Item *items, uint32_t n) {
         else items[kept++] = items[i];
     flush_split(f);
     kept = kept ? ask_events(f, items, kept) : 0;
-    f->nsplit = 0; /* no event: nothing to snap to */
+    f->nsplit = 0; /* those without an event have nothing to snap to */
     return kept;
 }
 
-/* Segments of a scene with rays wait for this many, so that neighbours meet. */
+/* Segments of a scene with rays wait until there are this many, so that neighbours come into one batch. */
 enum { TOGETHER = 16 * FIND };
 
 void finder_run(Finder *f, bool all) {

@@ -1,93 +1,98 @@
-/* Segments whose ends differ become verified crossings. One finder a thread, in that thread's batch; it owns its stack,
- * and lends what it has found to whoever takes it (`full`) for the time of that call. */
+/* Segments whose ends differ become verified crossings. A worker owns one finder, which calls kernels in the worker's
+ * batch; the finder owns its stack, and lends the crossings that it has found to `full` for the time of that call. */
 #ifndef SALTUS_SAMPLE_FINDER_H
 #define SALTUS_SAMPLE_FINDER_H
 
 #include "runtime/sample/batch.h"
 
-enum { FIND = BATCH / 2 }; /* segments at a time: two samples each */
+enum { FIND = BATCH / 2 }; /* segments of a batch: two samples each */
 
-/* What is known of a point: its region, its depth where the scene has one, and what its rays met (0: not known). */
+/* What is known of a point. */
 typedef struct Mark {
-    uint32_t hash;
-    double depth;
-    int32_t witness[SLT_WITNESSES];
+    uint32_t hash;                  /* of its region */
+    double depth;                   /* see depth.h; 0 where the scene has none */
+    int32_t witness[SLT_WITNESSES]; /* what its first rays met; 0: not known */
 } Mark;
-/* Of lane i of a call of the region or sides kernel. */
+/* The mark of sample i, after a call of the region or sides kernel. */
 Mark batch_mark(const Batch *b, uint32_t i);
 
-/* What is to be done with a part of a segment. All but the first are for scenes with rays, see window.c. */
+/* What is to be done with a part of a segment. All but the first are for scenes with rays: window.c. The order of the
+ * first three is that of tries. */
 typedef enum SearchState {
     SEARCH_ROOT,  /* ask for the event and look for the root of its g */
-    SEARCH_AGAIN, /* the same, a second time without a halving in between */
+    SEARCH_AGAIN, /* the same, a second time without a bisection in between */
     SEARCH_HALVE, /* bisect before asking for an event */
-    SEARCH_FRESH, /* a bracket that wants the window of its own ends */
-    SEARCH_DOUBT  /* no event: is it a slope? */
+    SEARCH_FRESH, /* a short bracket, for which `event` is to choose the window of its own ends */
+    SEARCH_DOUBT  /* the depths differ, but there is no event: is it a slope? */
 } SearchState;
 
 typedef struct Segment {
-    double a[3], b[3]; /* ends of the whole segment; x(t) = a + t (b - a) */
-    double ta, tb;     /* the part still to be searched */
-    double base;       /* A_i / N_i of a line, or the weight of a random segment */
-    Mark ma, mb;       /* at ta and tb */
-    double threshold;  /* ends are apart whose depths differ by more; HUGE_VAL in scenes without depth */
-    double told;       /* what `event` is told instead; 0: the same */
+    double a[3], b[3];      /* ends of the whole segment; x(t) = a + t (b - a) */
+    double ta, tb;          /* the part still to be searched */
+    double base;            /* A_i / N_i of a line, or the weight of a random segment */
+    Mark ma, mb;            /* of the points at ta and tb */
+    double threshold;       /* of depths: ends that differ by more are apart; HUGE_VAL in scenes without depth */
+    double event_threshold; /* the threshold that the kernel `event` gets; 0: the same as threshold */
     double rand0;
     int32_t stream;
-    int8_t axis;      /* of the line; -1: a random direction */
-    uint8_t cls;      /* which adjoint buffer, see Sink */
-    uint8_t halvings; /* how often it was cut */
+    int8_t axis; /* of the line; -1: a random direction */
+    uint8_t cls; /* class: of a reverse sink which adjoint buffer; in an integral not 0 where coarser lines miss it */
+    uint8_t halvings; /* how often the segment was cut */
     uint8_t state;    /* SearchState */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
-    double cut;       /* where to bisect; 0: in the middle */
+    double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
 
 typedef struct Crossing {
     Event event;
-    double x[3], t, base, rand0;
-    double jump[SLT_MAX_CHANNELS], before[SLT_MAX_CHANNELS];
+    double x[3], t;                  /* x = a + t (b - a) on the segment */
+    double before[SLT_MAX_CHANNELS]; /* f on a's side */
+    double jump[SLT_MAX_CHANNELS];   /* f on b's side, less before */
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a */
-    uint32_t ha, hb;        /* regions on both sides */
+    uint32_t ha, hb;        /* hashes of the regions on a's and b's side */
+    double base, rand0;     /* from here to edge: of the segment */
     int32_t stream;
-    int8_t axis, rising; /* sign of g after - g before */
+    int8_t axis, rising; /* rising: 1 where g grows from a to b, else -1 */
     uint8_t cls;
-    uint32_t edge;           /* of the segment */
-    double weight, g, dg[3]; /* by sink.c */
+    uint32_t edge;
+    double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 
 typedef struct Finder Finder;
 struct Finder {
     Batch *b;
     const SltScene *s;
-    Segment *stack;
+    Segment *stack; /* [n]: segments to be searched */
     uint32_t n, cap;
-    Segment *sorted; /* where window_order puts the stack in order, and by what */
-    uint64_t *keys;
+    Segment *sorted; /* window_order: room for the stack in its new order, */
+    uint64_t *keys;  /* and what it is ordered by */
     uint32_t sorted_cap;
-    Segment *split; /* to be bisected on the hash */
+    Segment *split; /* [nsplit], room for FIND: to be bisected on the hash */
     uint32_t nsplit;
-    Crossing *found;
+    Crossing *found; /* [nfound], room for BATCH: not handed over yet */
     uint32_t nfound;
-    void (*full)(void *user, Crossing *c, uint32_t n); /* called with at most BATCH crossings */
+    void (*full)(void *user, Crossing *c, uint32_t n); /* takes the n <= BATCH crossings found */
     void *full_user;
-    struct Item *items; /* of the batch in hand, see search.h */
+    struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
-    uint64_t crossings, segments, dropped[SLT_DROP_REASONS];
+    uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     bool coarse;     /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
-    bool halve_only; /* the paper's search: bisection on the hash down to 2^-15 */
-    bool failed;
+    bool halve_only; /* as Belhe et al. search: bisection on the hash down to 2^-15 */
+    bool failed;     /* memory ran out */
 };
-/* Of a segment. */
+/* How well roots are known, in parts of a segment. */
 static inline double root_tolerance(bool coarse) { return coarse ? 0x1p-9 : 0x1p-15; }
 bool finder_init(Finder *f, Batch *b);
 void finder_free(Finder *f);
-/* A segment from x(0) to x(1) whose ends differ, with the rest filled in. */
+/* Adds a whole segment: its ends a and b differ. The caller has set the members a, b, base, stream, rand0, axis, cls
+ * and edge. */
 void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold);
-/* A segment whose ends differ. */
+/* Adds a segment with all of its members set. */
 void finder_push(Finder *f, const Segment *s);
-/* Works off full batches; everything when `all`. */
+/* Works off full batches of the stack; with `all` everything. */
 void finder_run(Finder *f, bool all);
+/* x = a + t (b - a). */
 void segment_at(const Segment *s, double t, double x[3]);
 /* Sorts order[0..n) ascending. */
 void sort_keys(uint64_t *order, uint32_t n);

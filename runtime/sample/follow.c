@@ -1,14 +1,14 @@
 /* Following fingers: what is thinner than the lattice is seen by few of its lines, and lost on the others.
  *
- * Where a finger (of shadow, of a near ridge, of light between two) holds a vertex, the line finds its two edges, with
- * their directions. On the next line they lie where these point to; if they have not met before, and the vertices there
- * know of nothing, the region is evaluated once between the two. What is found is followed on, to the tip and over
- * gaps. It asks nothing of the kernels, works for every kind of site, and costs a few evaluations a finger. A finger
- * that holds no vertex at all is not seen.
+ * Where a finger (of shadow, of a near ridge, of light between two) holds a vertex, the line through that vertex finds
+ * the finger's two borders, with their directions. These point to where the borders lie on the next line; if they have
+ * not met before, and the vertices there know of nothing, the region is evaluated once between the two: a probe. What a
+ * probe finds is followed on, to the tip and over gaps. Following asks nothing of the kernels, works for every kind of
+ * site, and costs a few evaluations a finger. A finger that holds no vertex at all is not seen.
  *
- * A tile follows on its own lines. Fingers that leave it are handed to the tiles that they go to, when all tiles are
- * done: these visits know no vertices, and evaluate the two of an edge with the probe. What a tile has found by itself
- * it does not look for again. */
+ * A tile follows fingers on its own lines. Those that leave it are handed to the tiles that they go to, when all tiles
+ * are done: such a visit knows no vertices, and evaluates the two ends of an edge with the probe. It does not look
+ * again for what the tile has found by itself. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,31 +19,32 @@
 #include "runtime/sample/run.h"
 
 enum {
-    WIDEST = 3, /* vertices of a run that is a finger */
-    NONE = -1,  /* of a slot: crossings of this edge are not wanted */
-    WANTED = -2,
-    LOOK = 256, /* probes of a call */
-    ALONG =
-        3 /* edges by which a finger may move from line to line: beyond it the lines along the other axis see more */
+    WIDEST = 3,  /* vertices of the longest run that counts as a finger */
+    NONE = -1,   /* slot of an edge: its crossings are not wanted */
+    WANTED = -2, /* they are, but there is none yet */
+    LOOK = 256,  /* probes of a call */
+    ALONG = 3    /* edges by which a finger may move from line to line: lines along the other axis see steeper ones */
 };
 
-/* Crossings of one edge: the first and the last. */
+/* The first and the last crossing of one edge. */
 typedef struct Border {
-    double at[2], slope[2]; /* slope: how far it moves along the line when the line moves by one */
-    uint32_t n;
+    double at[2];    /* positions along the line */
+    double slope[2]; /* how far each moves along the line per length that the line moves aside */
+    uint32_t n;      /* crossings */
 } Border;
 
 typedef struct Finger {
-    uint32_t line, left, right; /* edges, by their first vertex; one and the same where a probe found it */
+    uint32_t line;
+    uint32_t left, right; /* the edges that hold its borders, by first vertex; the same where a probe found it */
     uint8_t axis;
-    int8_t from, to; /* steps to go */
+    int8_t from, to; /* the steps to go from its line: -1 and 1, or one of them */
 } Finger;
 
 typedef struct Probe {
     uint32_t line, edge;
     uint8_t axis;
-    int8_t step;
-    double at;
+    int8_t step; /* of the finger that asks */
+    double at;   /* position along the line */
 } Probe;
 
 struct Follow {
@@ -51,10 +52,10 @@ struct Follow {
     FollowExit *out;   /* fingers that leave the tile */
     FollowFound *seen; /* edges in which probes found something */
     uint32_t nout, out_cap, nseen, seen_cap;
-    int32_t *slot; /* [2][vertices] by axis and first vertex of the edge: NONE, WANTED, or a border */
+    int32_t *slot; /* [2][vertices], by axis and first vertex of the edge: NONE, WANTED, or number of its Border */
     uint64_t cap;
     Border *border;
-    Finger *finger[2]; /* of this round, of the next */
+    Finger *finger[2]; /* to be followed in this round, and in the next */
     Probe *probe;
     uint32_t nborder, border_cap, nfinger[2], finger_cap[2], nprobe, probe_cap;
     uint64_t vertices;
@@ -121,7 +122,7 @@ static bool differ(const FollowTile *t, uint64_t a, uint64_t b, uint32_t axis) {
     return t->hash[a] != t->hash[b] || (t->depth && depth_differs(t->depth[a], t->depth[b], t->threshold[axis]));
 }
 
-/* Runs of at most WIDEST vertices of a line that differ from both their neighbours, which are alike. */
+/* A finger is a run of at most WIDEST vertices of a line that differ from the vertices beside it, which are alike. */
 void follow_line(Follow *f, uint32_t axis, uint32_t line, const bool *searched) {
     const FollowTile *t = f->tile;
     uint64_t first = line * t->stride[1 - axis], stride = t->stride[axis];
@@ -151,7 +152,8 @@ void follow_found(Follow *f, uint32_t axis, uint32_t edge) {
     add_finger(f, 0, (Finger){line, e, e, (uint8_t)axis, -1, 1});
 }
 
-/* The border of an edge where it faces the finger: its last crossing on the left, its first on the right. */
+/* The crossing of an edge that faces the finger: side 1, the last, of an edge on its left; side 0, the first, on its
+ * right. */
 static bool border(Follow *f, uint32_t axis, uint64_t edge, int side, double *at, double *slope) {
     int32_t slot = *slot_of(f, axis, edge);
     if (slot < 0) return false;
@@ -159,8 +161,8 @@ static bool border(Follow *f, uint32_t axis, uint64_t edge, int side, double *at
     return true;
 }
 
-/* A probe between l and r on a line of the tile, both given along the axis; e: an edge near by. False where they lie
- * beyond its edges. */
+/* A probe between positions l and r of a line of the tile; e: an edge near by. False where they lie beyond the edges
+ * that the tile owns. */
 static bool add_probe(Follow *f, uint32_t axis, uint32_t line, uint32_t e, int step, double l, double r) {
     const FollowTile *t = f->tile;
     const double *pos = t->pos[axis];
@@ -177,7 +179,7 @@ static bool add_probe(Follow *f, uint32_t axis, uint32_t line, uint32_t e, int s
     return true;
 }
 
-/* The finger on the next line. */
+/* Where the finger lies on the next line: a probe there, or an exit. */
 static void aim(Follow *f, const Finger *g, int step) {
     const FollowTile *t = f->tile;
     uint32_t axis = g->axis, other = 1 - axis, line = g->line, next = line + (uint32_t)step;
@@ -193,7 +195,7 @@ static void aim(Follow *f, const Finger *g, int step) {
     if (!(l < r)) return; /* they have met */
     if (next >= t->line_from[other] && next < t->line_to[other] && add_probe(f, axis, next, g->left, step, l, r))
         return;
-    uint32_t to = t->first[other] + next; /* of the lattice */
+    uint32_t to = t->first[other] + next; /* number in the lattice */
     if (to < 1 || to > t->lines[other]) return;
     if (room(f, (void **)&f->out, f->nout, &f->out_cap, sizeof *f->out))
         f->out[f->nout++] = (FollowExit){to, (uint8_t)axis, (int8_t)step, l, r};
@@ -206,7 +208,7 @@ static void put(Batch *b, uint32_t lane, uint32_t axis, double at, double line) 
     batch_set_stream(b, lane, 0, 0);
 }
 
-/* Evaluates the region at n probes; the ends of their edges, too, where the tile does not know them. */
+/* Evaluates the region at n probes, and on a visit at the ends of their edges. */
 static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
     const FollowTile *t = f->tile;
     Batch *b = &w->batch;
@@ -230,7 +232,7 @@ static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
              e = t->hash ? worker_mark(w, v1) : mark[i][2];
         double threshold = t->threshold[axis];
         if (!t->hash && (a.hash != e.hash || depth_differs(a.depth, e.depth, threshold)))
-            continue; /* its own tile has searched there */
+            continue; /* the tile has searched this edge by itself */
         if (m.hash == a.hash && !depth_differs(m.depth, a.depth, threshold)) continue;
         Segment s = {.base = t->base[axis],
                      .axis = (int8_t)axis,

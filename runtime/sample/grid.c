@@ -58,7 +58,7 @@ static double inverse(SltFilter f, double p, double radius) {
     return u;
 }
 
-/* The part of pixel p's filter, in its own coordinate, that lies in the domain. */
+/* The part [from, to] of pixel p's filter that lies in the domain, in pixels from the middle of p. */
 static void covered(const Grid *g, uint32_t p, uint32_t axis, double *from, double *to) {
     *from = fmax(-g->radius, -(p + 0.5));
     *to = fmin(g->radius, g->n[axis] - (p + 0.5));
@@ -152,8 +152,7 @@ void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpo
     rng_block(seed, purpose, lane, owner, p->shift);
 }
 
-/* A stream is named by 32 bits. Samples of a pixel come from the pixel's block, so that neighbours in memory are not
- * neighbours in number. */
+/* A stream is named by 32 random bits. Four samples of a pixel share one block of Philox. */
 int32_t pattern_stream(const Pattern *p, uint64_t index) {
     uint32_t v[4];
     rng_block(p->seed ^ (uint32_t)p->purpose * 0x85ebca6bu, RNG_STREAM, p->lane ^ (uint32_t)(index >> 2) * 0x9e3779b9u,

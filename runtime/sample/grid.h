@@ -1,5 +1,5 @@
-/* The pixels of an image, or the domain as one, and the positions of samples in them. Axis 1 of a position goes up,
- * rows of images go down. Read-only during a call; the run owns it. */
+/* The pixels of an image, or the domain as one pixel, and the positions of samples in them. Axis 1 of a position goes
+ * up, rows of images go down. The run owns its Grid, which is read-only while tiles are worked on. */
 #ifndef SALTUS_SAMPLE_GRID_H
 #define SALTUS_SAMPLE_GRID_H
 
@@ -7,17 +7,17 @@
 #include "runtime/base/rng.h"
 
 typedef struct Grid {
-    bool integral;      /* one "pixel" with the constant filter 1: an integral, not a mean */
-    uint32_t dim, n[3]; /* n is 1 beyond dim */
-    double lo[3], hi[3], side[3];
+    bool integral;                /* one "pixel" with the constant filter 1: an integral, not a mean */
+    uint32_t dim, n[3];           /* n: pixels by axis, 1 beyond dim */
+    double lo[3], hi[3], side[3]; /* of the domain; side of a pixel */
     SltFilter filter;
     double radius;   /* of the filter, in pixels */
-    double *mass[3]; /* by pixel of the axis: the part of the filter inside the domain; NULL when integral */
-    uint64_t pixels;
+    double *mass[3]; /* by pixel of the axis: the part of its filter inside the domain; NULL for a box or an integral */
+    uint64_t pixels; /* in all */
 } Grid;
 SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err);
 void grid_free(Grid *g);
-/* Row-major index, row 0 at the top. */
+/* Index in an image of the pixel (x, y, z), y upwards: rows of the image go down. */
 static inline uint64_t grid_index(const Grid *g, uint32_t x, uint32_t y, uint32_t z) {
     return ((uint64_t)z * g->n[1] + (g->n[1] - 1 - y)) * g->n[0] + x;
 }
@@ -27,24 +27,26 @@ static inline uint32_t grid_cell(const Grid *g, uint32_t axis, double x) {
     if (!(c > 0)) return 0;
     return c >= g->n[axis] ? g->n[axis] - 1 : (uint32_t)c;
 }
-/* Pixels whose filter reaches x along an axis, and their normalised weights (1/length). At most GRID_REACH of them. */
-enum { GRID_REACH = 6 };
+enum { GRID_REACH = 6 }; /* most pixels along an axis whose filters reach a point */
+/* Pixels first, first + 1, ... whose filters reach x along an axis, and their normalised weights (1/length); returns
+ * how many. */
 uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, double weight[GRID_REACH]);
-/* Position inside pixel p of the axis for u in (0,1), distributed as the filter over the part of the domain it covers.
- */
+/* The position along the axis of a sample of pixel p: u uniform in (0, 1) becomes distributed as the filter, over the
+ * part of the domain that it covers. */
 double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u);
-/* sum over pixels of adjoint * filter at x, per channel. */
+/* out[channels] = sum over pixels of adjoint * filter at x. */
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out);
 
-/* A pattern of samples of a pixel, or of the whole domain: additive recurrence with a random shift each. */
+/* The samples of a pixel, or of the whole domain: an additive recurrence with a random shift. */
 typedef struct Pattern {
-    uint32_t dims; /* of the recurrence: position, and number 0 of the stream */
-    uint32_t shift[4];
+    uint32_t dims;     /* of the recurrence: those of the position, and one for number 0 of the stream */
+    uint32_t shift[4]; /* by dimension, as fractions of 2^32 */
     uint32_t seed, lane;
-    uint64_t owner; /* pixel or replicate, for the streams */
+    uint64_t owner; /* which pixel or replicate */
     RngPurpose purpose;
 } Pattern;
 void pattern_init(Pattern *p, const SltScene *s, uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t owner);
+/* Coordinate of sample `index` in a dimension, in [0, 1). */
 static inline double pattern_at(const Pattern *p, uint32_t dim, uint64_t index) {
     return rng_recurrence(p->dims, dim, index, p->shift[dim]);
 }

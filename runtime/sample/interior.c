@@ -1,7 +1,7 @@
 /* The smooth part: f and its derivatives at samples.
  *
- * A tile is a block of pixels (or, for an integral, a run of samples); its samples go through the kernels pixel by
- * pixel, so neighbouring lanes are neighbouring points. The derivatives use the very samples of the primal. */
+ * A tile is a block of pixels (of an integral, a run of samples); its samples go through the kernels pixel by pixel, so
+ * neighbouring lanes are neighbouring points. Derivatives are taken at the very samples of the image. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,7 +46,7 @@ static TileRect rect_of(const Interior *p, uint64_t tile) {
     return t;
 }
 
-/* A tile has few pixels: divisions of 32 bits are several times cheaper. */
+/* The place `at` of a pixel of the tile. A tile has few pixels, and divisions of 32 bits are several times cheaper. */
 static void tile_pixel(const TileRect *t, uint32_t pixel, uint32_t at[3]) {
     uint32_t row = pixel / t->n[0];
     at[0] = t->lo[0] + pixel % t->n[0], at[1] = t->lo[1] + row % t->n[1], at[2] = t->lo[2] + row / t->n[1];
@@ -66,12 +66,12 @@ static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
 typedef struct Walk {
     const Interior *p;
     const TileRect *t;
-    uint32_t cls;   /* coset, when p->classes > 1 */
-    uint64_t pixel; /* of the tile */
-    uint32_t sample;
-    uint32_t at[3];
-    Pattern pattern;
-    bool fresh;
+    uint32_t cls;    /* coset, when p->classes > 1 */
+    uint64_t pixel;  /* of the tile */
+    uint32_t sample; /* of the pixel */
+    uint32_t at[3];  /* place of the pixel in the grid */
+    Pattern pattern; /* of the pixel */
+    bool fresh;      /* at and pattern are those of the pixel */
     uint32_t lane_pixel[BATCH];
 } Walk;
 

@@ -1,4 +1,4 @@
-/* The samples of f and of its derivatives, where it is smooth. */
+/* The interior term: samples of f and of its derivatives. */
 #ifndef SALTUS_SAMPLE_INTERIOR_H
 #define SALTUS_SAMPLE_INTERIOR_H
 
@@ -6,27 +6,28 @@
 
 typedef struct Interior {
     Run *run;
-    uint32_t half;  /* 0: all samples; 1, 2 */
-    uint32_t count; /* samples of a pixel */
-    uint32_t tile[3], tiles[3];
+    uint32_t half;              /* 0: all samples; 1 or 2: one half of them */
+    uint32_t count;             /* samples of a pixel */
+    uint32_t tile[3], tiles[3]; /* pixels of a tile, and tiles, by axis */
     uint64_t ntiles;
-    /* value: one of */
+    /* interior_image */
     float *image;
-    /* reverse */
-    const float *adjoint;
-    double factor; /* of every seed */
-    uint32_t classes;
-    double *const *targets;
-    /* forward */
+    /* interior_reverse */
+    const float *adjoint;   /* an image */
+    double factor;          /* of every seed */
+    uint32_t classes;       /* 1, or COSETS */
+    double *const *targets; /* sums [nfloats], by class */
+    /* interior_forward */
     const Directions *dirs;
-    float *const *out;
+    float *const *out; /* images, by direction */
 } Interior;
+/* half 0: all samples of a pixel; 1 or 2: one of the two halves. */
 SltStatus interior_image(Run *r, uint32_t half, float *image);
 SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double factor, uint32_t classes,
                            double *const *targets);
 SltStatus interior_forward(Run *r, const Directions *d, float *const *out);
-/* Integral over the domain of every channel, replicate r of n: value[channels]; gradient [channels][nfloats] when not
- * NULL. */
+/* The integral over the domain by one replicate of so many samples: value[channels]; gradient[channels][nfloats] when
+ * not NULL. */
 SltStatus interior_integral(Run *r, uint32_t replicate, uint64_t samples, double *value, double *gradient);
 
 #endif

@@ -1,5 +1,5 @@
-/* The default estimator: one lattice over the domain, shifted at random as a whole; every vertex owns one segment an
- * axis, so an evaluation of the region serves 2 d segments.
+/* The default estimator: one lattice over the domain, shifted at random as a whole; every vertex owns one segment along
+ * each axis, so one evaluation of the region serves two segments an axis.
  *
  * Along an axis the vertices are 0 (the border), 1 .. n (the lattice), n + 1 (the border): lines are clamped, nothing
  * is evaluated outside the domain. A tile owns the segments that start at its vertices, and evaluates a halo of one
@@ -19,20 +19,20 @@ enum { SPAN_MAX = 4096 + 8 };
 
 typedef struct Lattice {
     Boundary *y;
-    uint32_t n[3], tile[3], tiles[3];
-    double h[3], shift[3], base[3];
-    /* Fingers that leave their tiles, see follow.c: filled in merge, in the order of tiles. */
+    uint32_t n[3], tile[3], tiles[3]; /* by axis: inner vertices, vertices a tile owns, tiles */
+    double h[3], shift[3], base[3];   /* by axis: spacing, shift in parts of it, Segment.base */
+    /* For fingers that leave their tiles (follow.c). Filled in merge, in the order of tiles. */
     double (*threshold)[2]; /* of depths, by tile and axis */
-    struct Guest {
+    struct Guest {          /* a finger that leaves its tile */
         FollowExit at;
-        uint64_t tile, n; /* where it goes, its number */
+        uint64_t tile, n; /* the tile to which it goes; its place in the order of leaving */
     } *guest;
-    struct Known {
+    struct Known { /* what a tile has found by itself */
         FollowFound edge;
         uint64_t tile;
     } *known;
     uint64_t nguest, guest_cap, nknown, known_cap;
-    uint64_t *visit, nvisit; /* first guests of tiles */
+    uint64_t *visit, nvisit; /* [nvisit]: for each tile with guests the number of its first one */
     bool failed;
 } Lattice;
 
@@ -50,7 +50,8 @@ static double position(const Lattice *l, uint32_t axis, uint32_t e) {
     return s->lo[axis] + (e - 1 + l->shift[axis]) * l->h[axis];
 }
 
-/* What a tile covers: origins [e0, e1), vertices [v0, v0 + vn). */
+/* What a tile covers, by axis: it owns the edges that start at vertices [e0, e1) of the lattice, and evaluates vertices
+ * [v0, v0 + vn). */
 typedef struct Span {
     uint32_t e0[3], e1[3], v0[3], vn[3];
     uint64_t stride[3];
@@ -110,7 +111,7 @@ static void evaluate(const Lattice *l, Worker *w, const Span *sp) {
     if (fill) vertices_call(w, fill, at);
 }
 
-/* The threshold of depths of the tile's lines along an axis, from all of its vertices. */
+/* The threshold of depths for lines of the tile along an axis, from all of its vertices. */
 static double tile_threshold(const Worker *w, const Span *sp, uint32_t axis) {
     Spread spread;
     spread_clear(&spread);
@@ -123,7 +124,7 @@ static double tile_threshold(const Worker *w, const Span *sp, uint32_t axis) {
     return spread_threshold(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
 }
 
-/* Segments of one line of the tile, along `axis`, through vertex index `first` (its vertex 0). */
+/* Segments of one line of the tile along `axis`; `first`: index of the line's vertex 0. */
 static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uint64_t first, double threshold,
                  Segment *s) {
     Boundary *y = l->y;
@@ -179,7 +180,7 @@ static uint8_t coset(const Lattice *l, uint32_t dim, uint32_t p, uint32_t q) {
 double stratified_shift(double u, uint32_t r, uint32_t n, uint32_t d) {
     if (n < 2) return u;
     uint32_t place = r;
-    if (d == 1) { /* bits reversed; where n is no power of two, a step that has no factor in common with it */
+    if (d == 1) { /* r with its bits reversed; of n that is no power of two, r times a step without a factor of n */
         uint32_t bits = 0, step = (uint32_t)(0.618 * n) | 1;
         while (1u << bits < n) bits++;
         place = 0;
@@ -299,7 +300,7 @@ static int by_tile(const void *pa, const void *pb) {
     return a->tile != b->tile ? (a->tile < b->tile ? -1 : 1) : a->n < b->n ? -1 : a->n > b->n;
 }
 
-/* The first of known, which is in the order of tiles. */
+/* The first entry of `known` for a tile; entries are in the order of tiles. */
 static uint64_t first_known(const Lattice *l, uint64_t tile) {
     uint64_t lo = 0, hi = l->nknown;
     while (lo < hi) {
@@ -347,7 +348,7 @@ static SltStatus run_visits(Lattice *l) {
         if (!i || l->guest[i].tile != l->guest[i - 1].tile) l->visit[l->nvisit++] = i;
     PoolOptions *pool = &l->y->run->pool;
     double from = pool->from;
-    pool->from = pool->to; /* the progress has been made */
+    pool->from = pool->to; /* visits make no progress of their own */
     SltStatus st = run_tiles(l->y->run, l->nvisit, visit, merge_visit, l);
     pool->from = from;
     return st;

@@ -1,7 +1,8 @@
 /* The near-miss probe: an even number of crossings between two vertices leaves their regions equal and is not seen.
  * Where the same event is the nearest on four vertices in a row and |g| falls towards the middle edge from both sides,
- * steeply enough that the two lines meet below zero, the region is evaluated once where they meet. For convex |g| that
- * is exact. At the ends of a line, where a fourth vertex is missing, its slope is the gradient's. */
+ * so steeply that the straight lines through it from both sides meet below zero, the region is evaluated once where
+ * they meet. For convex |g| that is exact. At the ends of a line of the lattice, where the fourth vertex is missing,
+ * the gradient of g gives the slope on that side. */
 #include <assert.h>
 #include <float.h>
 #include <math.h>
@@ -12,13 +13,15 @@
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
 
-enum { READY, SLOPE_START, SLOPE_END };
+enum { READY, SLOPE_START, SLOPE_END }; /* a candidate, or one that still wants the slope at that end */
 
 typedef struct Candidate {
-    Segment s;
-    double g0, g1, s0, s1, len, t;
-    Event event; /* not of an integer or a ray: those have no slopes to ask for */
-    uint8_t kind;
+    Segment s;     /* the edge */
+    double g0, g1; /* |g| at its ends */
+    double s0, s1; /* slopes of |g| towards its start and behind its end */
+    double len, t; /* length of the edge; where the lines meet, in parts of it */
+    Event event;   /* of a comparison where a slope is wanted: others have none to ask for */
+    uint8_t kind;  /* READY, SLOPE_START or SLOPE_END */
 } Candidate;
 
 typedef struct Probes {
@@ -48,7 +51,7 @@ static void add(Worker *w, const Candidate *c) {
 }
 
 void near_probe(Worker *w, const Line *l, const Segment *like) {
-    uint32_t depth = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_K);
+    uint32_t loops = scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_K);
     for (uint32_t e = l->from; e < l->to && e + 1 < l->n; e++) {
         uint64_t v = l->first + e * l->stride, v1 = v + l->stride;
         uint32_t key = w->near_key[v];
@@ -63,7 +66,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         c.s0 = before ? (c.g0 - w->near_g[v - l->stride]) / (l->pos[e] - l->pos[e - 1]) : -HUGE_VAL;
         c.s1 = after ? (w->near_g[v1 + l->stride] - c.g1) / (l->pos[e + 2] - l->pos[e + 1]) : HUGE_VAL;
         if (!before) {
-            /* The known side alone must reach zero inside the edge. */
+            /* The line from the known side must reach zero inside the edge by itself. */
             if (!(c.s1 > 0) || !(c.g1 - c.s1 * c.len < 0)) continue;
             c.kind = SLOPE_START;
         } else if (!after) {
@@ -76,7 +79,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
         if (c.kind != READY &&
             (!w->batch.s->kernel[SLT_K_SITE_GRAD] || w->batch.s->site_kind[c.event.site] != SLT_SITE_COMPARE))
             continue;
-        for (uint32_t d = 0; d < depth; d++) c.event.k[d] = w->near_event[(d + 1) * w->vertex_cap + v];
+        for (uint32_t d = 0; d < loops; d++) c.event.k[d] = w->near_event[(d + 1) * w->vertex_cap + v];
         c.s = *like;
         c.s.a[like->axis] = l->pos[e], c.s.b[like->axis] = l->pos[e + 1];
         c.s.ta = 0, c.s.tb = 1, c.s.halvings = 0;
@@ -86,7 +89,7 @@ void near_probe(Worker *w, const Line *l, const Segment *like) {
     }
 }
 
-/* Gradients at the ends of lines, one site at a time. */
+/* The missing slopes of candidates, from gradients of g, one site at a time. */
 static void border_slopes(Worker *w, Probes *p) {
     Batch *b = &w->batch;
     uint64_t order[FIND];

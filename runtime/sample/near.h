@@ -1,4 +1,4 @@
-/* The near-miss probe on a line of vertices already evaluated. */
+/* The near-miss probe on a line of vertices that are already evaluated. A worker owns its candidates. */
 #ifndef SALTUS_SAMPLE_NEAR_H
 #define SALTUS_SAMPLE_NEAR_H
 
@@ -12,9 +12,11 @@ typedef struct Line {
     bool at_start, at_end;  /* vertex 0 / n-1 ends the line: one-sided gradients there */
     double threshold;       /* of depths: edges whose ends differ by more are searched already */
 } Line;
-/* `like` is a segment with everything but ends and hashes; its a and b hold the other coordinates. */
+/* Collects candidates among the edges of a line. `like` is a segment of it with all but ta, tb, marks and threshold;
+ * its a and b hold the coordinates across the line. */
 void near_probe(Worker *w, const Line *l, const Segment *like);
+/* Evaluates the candidates; those in which something lies go to the worker's finder. */
 void near_flush(Worker *w);
-bool near_init(Worker *w);
+bool near_init(Worker *w); /* false: memory ran out */
 
 #endif

@@ -1,4 +1,4 @@
-/* A call's state: workers, tiles, counts. */
+/* The state of a call: workers, tiles, counts, vertices. */
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
@@ -128,7 +128,7 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
     memcpy(w->hash + at, batch_out(b, SLT_OUT_HASH, 0), n * sizeof *w->hash);
     if (batch_has(b, SLT_OUT_DEPTH))
         for (uint32_t i = 0; i < n; i++) w->depth[at + i] = batch_get(b, SLT_OUT_DEPTH, 0, i);
-    uint32_t nwitness = b->layout->out[SLT_OUT_WITNESS].count, depth = b->layout->out[SLT_OUT_NEAR_K].count;
+    uint32_t nwitness = b->layout->out[SLT_OUT_WITNESS].count, loops = b->layout->out[SLT_OUT_NEAR_K].count;
     for (uint32_t k = 0; k < nwitness; k++)
         for (uint32_t i = 0; i < n; i++) w->witness[(at + i) * nwitness + k] = batch_get_int(b, SLT_OUT_WITNESS, k, i);
     if (!batch_has(b, SLT_OUT_NEAR_SITE)) return;
@@ -138,7 +138,7 @@ void vertices_call(Worker *w, uint32_t n, uint64_t at) {
         w->near_g[at + i] = (float)fabs(batch_get(b, SLT_OUT_NEAR_G, 0, i));
         w->near_key[at + i] = (uint32_t)site[i] * 0x9e3779b9u;
     }
-    for (uint32_t d = 0; d < depth; d++) {
+    for (uint32_t d = 0; d < loops; d++) {
         const int32_t *k = batch_out(b, SLT_OUT_NEAR_K, d);
         memcpy(w->near_event + (d + 1) * w->vertex_cap + at, k, n * sizeof *k);
         for (uint32_t i = 0; i < n; i++)

@@ -1,6 +1,6 @@
-/* A call: what all its threads share, and what each has for itself.
+/* One call: Run is what all its threads share, Worker what each has for itself.
  *
- * Run and Scene are read-only while tiles are worked on; a worker writes to itself alone (or to pixels that its tile
+ * Run and SltScene are read-only while tiles are worked on; a worker writes to itself alone (or to pixels that its tile
  * owns), and results are added in `merge`, in the order of tiles: the same bits from any number of threads. */
 #ifndef SALTUS_SAMPLE_RUN_H
 #define SALTUS_SAMPLE_RUN_H
@@ -15,17 +15,18 @@ struct Worker {
     Finder finder;
     Sink sink;
     CullLists cull;
-    uint32_t *hash;   /* of a tile of vertices, or of lines */
-    double *depth;    /* NULL without depth */
-    int32_t *witness; /* [vertex][of region]; NULL without */
-    float *near_g;    /* |g| of the nearest event, its key */
-    uint32_t *near_key;
-    int32_t *near_event; /* site, k0.. of it, SoA by vertex */
-    uint64_t vertex_cap;
-    double *value; /* of the tile: pixels or sums */
+    /* By vertex of a tile or of lines; NULL where the region kernel does not give it. */
+    uint32_t *hash;
+    double *depth;
+    int32_t *witness;    /* [vertex][witnesses of region] */
+    float *near_g;       /* |g| of the nearest event */
+    uint32_t *near_key;  /* a hash that tells nearest events apart */
+    int32_t *near_event; /* [1 + SLT_MAX_K][vertex_cap]: site and loop indices of the nearest event */
+    uint64_t vertex_cap; /* vertices that there is room for */
+    double *value;       /* pixels or sums of the tile */
     uint64_t value_cap;
     struct Probes *probes; /* candidates of near.c */
-    Follow *follow;        /* NULL: off */
+    Follow *follow;        /* NULL: fingers are not followed */
 };
 
 struct Run {
@@ -36,27 +37,29 @@ struct Run {
     Worker *worker;
     uint32_t nworkers;
     PoolOptions pool;
-    Moved *apart;   /* [COINCIDE_WAYS] */
-    SltStats stats; /* added to by merge */
+    Moved *apart;   /* [COINCIDE_WAYS]: for coincide.c; NULL: boundaries that coincide are not looked for */
+    SltStats stats; /* counts of the tiles merged so far */
     SltError *err;
-    double start;
+    double start; /* by pool_now() */
 };
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
 void stats_add(SltStats *to, const SltStats *s); /* to may be NULL */
-/* Workers with `accums` adjoint buffers and a sink. */
+/* Makes a worker for each thread, with `accums` adjoint buffers and a sink. */
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);
-/* Rays in an image, whose roots need not be finer than the pixels show. */
+/* Are these rays in an image, whose roots need not be finer than the pixels show? */
 bool run_is_coarse(const Run *r);
+/* pool_run with the run's options; user goes to work and merge. */
 SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user);
 /* In `merge`: the worker's counters join the run's. */
 void run_collect(Run *r, Worker *w);
+/* Room for n vertices; for n values, set to 0. False when memory runs out. */
 bool worker_vertices(Worker *w, uint64_t n);
-Mark worker_mark(const Worker *w, uint64_t vertex);
 bool worker_values(Worker *w, uint64_t n);
-/* Evaluates region on n samples of the batch: they are the vertices from `at` on. */
+Mark worker_mark(const Worker *w, uint64_t vertex);
+/* Evaluates region on n samples of the batch, which are the vertices from `at` on. */
 void vertices_call(Worker *w, uint32_t n, uint64_t at);
 
 #endif

@@ -1,5 +1,5 @@
 /* Scanlines: lines parallel to each axis through a box, each with its own phase and, for shaders that call rand(), its
- * own stream: both ends of every segment of a line see the same numbers, and the first of them goes by the golden ratio
+ * own stream: both ends of every segment of a line see the same numbers, the first of which goes by the golden ratio
  * from line to line. In image mode the boxes are tiles of pixels, so that pixels far apart do not share a stream. */
 #include <assert.h>
 #include <float.h>
@@ -14,14 +14,14 @@ enum { LINE_CHUNK = 8192, LINE_MAX = 4096 };
 
 typedef struct Scan {
     Boundary *y;
-    uint32_t box_pixels, boxes[3]; /* image mode */
-    uint32_t m[3], v, lines_1d;    /* integral mode: lines a side of the cross-section, probes a line */
-    uint64_t chunk[3], chunks[3], lines[3];
+    uint32_t box_pixels, boxes[3]; /* image mode: side of a box in pixels, boxes by axis */
+    uint32_t m[3], v, lines_1d;    /* integral mode: lines a side of the cross-section, vertices a line, lines in 1D */
+    uint64_t chunk[3], chunks[3], lines[3]; /* integral mode, by axis: lines of a tile, tiles, lines in all */
 } Scan;
 
 typedef struct Box {
     double lo[3], hi[3];
-    uint32_t m[3], v[3], lines_1d; /* by axis: lines a side, probes a line */
+    uint32_t m[3], v[3], lines_1d; /* by axis: lines a side, vertices a line; lines in 1D */
     uint64_t id;
 } Box;
 
@@ -39,7 +39,7 @@ static double shrink(const SltScene *s, double x, double other) {
     return x < other ? x + eps : x - eps;
 }
 
-/* Where line `l` of the axis runs, and its vertices. */
+/* Where line l along the axis runs, into seg, and positions of its vertices; returns how many. */
 static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t l, Segment *seg, double *pos) {
     const SltScene *s = k->y->run->s;
     uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->v[axis];

@@ -1,10 +1,9 @@
 /* Random segments: snap-crofton (a constant weight by Cauchy and Crofton) and snap-knn (the weights of Belhe et al.:
- * nearest-neighbour densities). For comparison, and as the unstructured fallback: their error falls with the square
- * root of the number of crossings.
+ * nearest-neighbour densities). For comparison: their error falls with the square root of the number of crossings.
  *
- * Crofton: centres stratified over the domain padded by half a length, uniform directions, weight |padded| / (n L c_d):
- * unbiased. The densities of snap-knn are consistent only for k growing with n: about one per cent of bias stays on a
- * circle, more near borders. */
+ * snap-crofton: n segments of length L, centres stratified over the domain padded by L/2, uniform directions, weight
+ * |padded domain| / (n L c_d) with c_d the mean of |cos|: unbiased. The densities of snap-knn are consistent only for a
+ * number of neighbours that grows with n: about one per cent of bias stays on a circle, more near borders. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +25,7 @@ typedef struct Snap {
 } Snap;
 
 static double mean_cosine(uint32_t dim) {
-    /* c_d = Gamma(d/2) / (sqrt(pi) Gamma((d+1)/2)): mean of |cos| over directions. */
+    /* By dimension d, Gamma(d/2) / (sqrt(pi) Gamma((d+1)/2)): the mean over directions. */
     static const double c[4] = {0, 1, 0.63661977236758134, 0.5};
     return c[dim];
 }
@@ -144,13 +143,14 @@ static double knn_weight(const Snap *s, uint64_t i, uint64_t from, uint64_t to) 
     const Crossing *c = &s->all[i];
     uint32_t dim = s->y->run->s->dim, n = 0;
     if (dim == 1) {
-        /* Points have no density along themselves: equal shares among the crossings that found the same one. */
+        /* In 1D a boundary is a point, which has no density: the crossings that found the same one have equal shares.
+         */
         uint32_t same = 0;
         for (uint64_t j = from; j < to; j++) same += fabs(s->all[j].x[0] - c->x[0]) <= s->length * 0x1p-10;
         return 1.0 / same;
     }
     uint32_t k = to - from - 1 < NEIGHBOURS ? (uint32_t)(to - from - 1) : NEIGHBOURS;
-    if (!k) return s->weight; /* alone on its branch */
+    if (!k) return s->weight; /* the only crossing of its site */
     double best[NEIGHBOURS];
     for (uint64_t j = i; j-- > from;) {
         double dx = c->x[0] - s->all[j].x[0];

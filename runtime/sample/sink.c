@@ -26,7 +26,7 @@ void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
     batch_set_event(b, lane, &c->event);
 }
 
-#define ROUNDED 0x1p-6 /* of a segment */
+#define ROUNDED 0x1p-6 /* part of a segment: a change of g on the bracket that its slope makes on this part is rounding */
 
 static double length(const double v[3], uint32_t dim) {
     double sum = 0;
@@ -47,9 +47,10 @@ static bool weigh(Sink *k, Crossing *c) {
     SltDrop reason;
     if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
     else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
-    /* g changed by far more than its gradient allows on the bracket: it jumps itself, or its root is multiple. Not if
-     * that is little beside what g does on the segment: far from the origin g is rounded by so much in single
-     * precision. */
+    /* g changed on the bracket by far more than its gradient allows: g itself jumps, or its root is multiple. Unless
+     * the change is little beside that of g on the segment: far from the origin, rounding in single precision makes as
+     * much.
+     */
     else if (fabs(c->ga) + fabs(c->gb) > sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
         reason = SLT_DROP_INCONSISTENT;
     else {
@@ -149,7 +150,7 @@ void sink_merge_splat(Sink *k, float *const *out, float *crossings) {
         }
 }
 
-/* ---- one group of one site and class, weights known, order[] packed */
+/* ---- a group of crossings order[0..n) of one site and class, with their weights */
 static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, bool missed) {
     uint32_t channels = k->b->s->channels;
     for (uint32_t ch = 0; ch < channels; ch++) {

@@ -1,5 +1,5 @@
-/* What becomes of crossings: weights, then adjoints, a splat into images, or a list. One sink a thread; it uses that
- * thread's batch, accumulators and finder, and owns what it keeps. */
+/* What becomes of crossings: weights, then adjoints, a splat into images, or a list. A worker owns one sink, which uses
+ * the worker's batch, accumulators and finder, and owns the splat and the crossings that it keeps. */
 #ifndef SALTUS_SAMPLE_SINK_H
 #define SALTUS_SAMPLE_SINK_H
 
@@ -7,40 +7,50 @@
 #include "runtime/sample/coincide.h"
 #include "runtime/sample/follow.h"
 
-typedef enum SinkKind { SINK_INTEGRAL, SINK_REVERSE, SINK_FORWARD, SINK_KEEP } SinkKind;
+typedef enum SinkKind {
+    SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
+    SINK_REVERSE,  /* adjoints weighed by an adjoint image */
+    SINK_FORWARD,  /* images of derivatives along directions */
+    SINK_KEEP      /* a list */
+} SinkKind;
+/* Directions in parameter space. */
 typedef struct Directions {
     uint32_t n;
-    void **flt; /* [n]: flt[nfloats] */
+    void **flt; /* [n]: flt[nfloats] each */
 } Directions;
 struct Sink {
     SinkKind kind;
     Batch *b;
     Accum *acc;
-    Finder *f; /* counters of dropped crossings */
+    Finder *f; /* its counts of dropped crossings */
     const Grid *grid;
-    double scale[3];        /* s_j of the weights */
-    const float *adjoint;   /* SINK_REVERSE */
-    uint32_t classes;       /* adjoint buffers of SINK_REVERSE: 1, or COSETS */
-    const Directions *dirs; /* SINK_FORWARD: into splat, double[dir][pixel of the rectangle][channel] */
-    double *splat;
-    float *count;       /* crossings, same rectangle, may be NULL */
-    uint64_t splat_cap; /* doubles of splat: it grows with the largest rectangle */
-    uint32_t rect_lo[3], rect_n[3];
-    Crossing *kept; /* SINK_KEEP */
+    double scale[3];                /* s_j of the weights: sides of the domain (integral) or of a pixel */
+    const float *adjoint;           /* SINK_REVERSE: an image */
+    uint32_t classes;               /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
+    const Directions *dirs;         /* SINK_FORWARD */
+    double *splat;                  /* SINK_FORWARD: [direction][pixel of the rectangle][channel] */
+    float *count;                   /* SINK_FORWARD: crossings, by pixel of the rectangle */
+    uint64_t splat_cap;             /* doubles in splat, enough for the largest rectangle so far */
+    uint32_t rect_lo[3], rect_n[3]; /* the rectangle: first pixel and number of pixels by axis */
+    Crossing *kept;                 /* SINK_KEEP: [nkept] */
     uint64_t nkept, kept_cap;
-    uint64_t *order;
+    uint64_t *order; /* [BATCH] */
     Coincide coincide;
-    Follow *follow; /* NULL: nobody asks */
-    bool clip;      /* drop crossings outside the domain */
-    bool failed;
+    Follow *follow; /* NULL: fingers are not followed */
+    bool clip;      /* drop crossings outside the domain, uncounted */
+    bool failed;    /* memory ran out */
 };
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g);
 void sink_free(Sink *k);
+/* Takes n <= BATCH crossings: Finder.full. */
 void sink_take(void *sink, Crossing *c, uint32_t n);
-/* g and its gradient at each crossing, then the weight; false in keep[] where nothing can be integrated. */
+/* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
+ * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);
-/* A lane of the site kernels. */
+/* Sets the inputs of a site kernel to the crossing's place and event. */
 void sink_put(Sink *k, uint32_t lane, const Crossing *c);
+/* SINK_FORWARD: the rectangle of pixels that crossings in [lo, hi] of the domain reach, all 0. False when memory runs
+ * out. */
 bool sink_rect(Sink *k, const double lo[3], const double hi[3]);
 /* Adds the rectangle to the images, in tile order. */
 void sink_merge_splat(Sink *k, float *const *out, float *crossings);
