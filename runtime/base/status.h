@@ -1,9 +1,8 @@
 /* Status codes and error texts shared by the runtime and the command.
  *
- * Every runtime function that can fail takes an `SltError *` (never NULL unless said) and returns
- * an SltStatus: SLT_OK, or the same code it left in the error. The codes are the exit statuses of
- * the command. An SltError is plain data owned by the caller; nothing in it needs freeing; one per
- * thread. */
+ * A runtime function that can fail takes an `SltError *` (never NULL unless said) and returns an SltStatus: SLT_OK, or
+ * the same code that it left in the error. The codes are the exit statuses of the command. An SltError is plain data,
+ * owned by the caller; nothing in it needs freeing; each thread has its own. */
 #ifndef SALTUS_RUNTIME_BASE_STATUS_H
 #define SALTUS_RUNTIME_BASE_STATUS_H
 

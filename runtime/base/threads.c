@@ -12,7 +12,7 @@ typedef struct Pool {
     PoolWork *work;
     PoolMerge *merge;
     void *user;
-    SltStatus status; /* the first that stopped it */
+    SltStatus status; /* why the tiles stopped: the first reason */
     pthread_mutex_t lock;
     pthread_cond_t turn;
 } Pool;
@@ -82,7 +82,7 @@ SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMer
     pthread_mutex_init(&p.lock, NULL);
     pthread_cond_init(&p.turn, NULL);
     threads[0] = (Thread){.pool = &p, .index = 0};
-    /* Fewer threads than wanted is slower, not wrong. */
+    /* A thread that cannot be started is done without: slower, not wrong. */
     for (; started < n; started++) {
         threads[started] = (Thread){.pool = &p, .index = started};
         if (pthread_create(&threads[started].id, NULL, run, &threads[started])) break;

@@ -18,10 +18,10 @@ typedef struct PoolOptions {
     volatile const int *cancel; /* may be NULL; non-zero: stop before the next tile. Status SLT_INTERRUPTED */
     void (*progress)(void *user, double fraction);
     void *progress_user;
-    double from, to; /* the part of the whole job that this call is, for `progress` */
+    double from, to; /* what `progress` gets as this call begins and ends: parts of the whole job */
 } PoolOptions;
 
-/* false: memory ran out; the call ends with SLT_LIMIT. */
+/* false: memory ran out; pool_run ends with SLT_LIMIT. */
 typedef bool PoolWork(void *user, uint32_t worker, uint64_t tile);
 typedef void PoolMerge(void *user, uint32_t worker, uint64_t tile);
 
@@ -29,7 +29,8 @@ typedef void PoolMerge(void *user, uint32_t worker, uint64_t tile);
 double pool_now(void);
 /* Threads to use when `wanted` are asked for (0: one a core), at most one a tile. */
 uint32_t pool_threads(uint32_t wanted, uint64_t tiles);
-/* Runs all tiles; the calling thread is worker 0. Returns after every thread has ended, whatever happened. */
+/* Runs all tiles; the calling thread is worker 0. err may be NULL. Returns after every thread has ended, whatever
+ * happened. */
 SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user, SltError *err);
 
 #endif

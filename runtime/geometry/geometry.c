@@ -1,4 +1,4 @@
-/* The seam: from a geometry to what implements it. */
+/* The seam: each function calls the GeometryOps of the geometry's kind. */
 #include "runtime/geometry/geometry.h"
 
 #include <assert.h>

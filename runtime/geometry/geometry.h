@@ -1,9 +1,10 @@
 /* Geometries at run time: the one seam between what kernels ask (saltus/query.h) and what answers.
  *
- * A geometry is made for numbers that live elsewhere, a slice of the parameters of a program, and follows them: it is
- * told which of them become others, and brings what it keeps beside them up to date before the next kernel runs. It
- * owns what it keeps and nothing else; the numbers are passed to every query, and must be those of the last make or
- * follow, or those that a moved copy was made for. Queries are thread-safe; everything else is not.
+ * A geometry is made for numbers that live elsewhere, a slice of the parameters of a program, and follows them:
+ * geometry_changed says which of the numbers become others, and geometry_follow brings the geometry's own structures up
+ * to date before the next kernel runs. A geometry owns these structures and nothing else; the numbers are passed to
+ * every query, and must be those of the last make or follow, or those that a moved copy was made for. Queries are
+ * thread-safe; everything else is not.
  *
  *   runtime/sample, bindings/c  ->  geometry.h  ->  geometry_NAME, one GeometryOps for each row of
  *                                                   saltus/geometries.def, in runtime/geometry/NAME/ */
@@ -21,42 +22,45 @@
 /* What a geometry is made from, beside its numbers. */
 typedef struct GeometrySource {
     SltGeometryKind kind;
-    uint32_t size[2];       /* of its grid */
+    uint32_t size[2];       /* of its grid: columns, rows */
     bool f64;               /* precision of its numbers and of rays */
     uint32_t queries;       /* bit (1 << SltQuery): those that will be asked; nothing is built for others */
-    float band;             /* SLT_QUERY_SHADOW, in the unit of its numbers */
-    SltStructure structure; /* what answers; never changes the answer */
+    float band;             /* of SLT_QUERY_SHADOW, in the unit of the numbers */
+    SltStructure structure; /* what searches; never changes the answer */
 } GeometrySource;
 
-/* The geometry is the caller's: geometry_free. */
+/* *out is the caller's, for geometry_free; NULL after an error. values: the numbers, float or double as from->f64 says.
+ */
 SltStatus geometry_make(SltGeometry **out, const GeometrySource *from, const void *values, SltError *err);
 void geometry_free(SltGeometry *g); /* NULL: nothing */
 
-/* The numbers `first` and on of its slice become others; */
+/* Notes that `count` numbers of the slice from `first` on will be others at the next geometry_follow. */
 void geometry_changed(SltGeometry *g, uint64_t first, uint64_t count);
-/* they have: what is kept beside them follows. Returns how many numbers it was looked at for; 0: nothing had changed.
- */
+/* values has the numbers that were noted as changed: updates the structures. Returns for how many numbers it looked; 0:
+ * none had been noted. */
 uint64_t geometry_follow(SltGeometry *g, const void *values);
 
-/* A copy that answers for the numbers `to`, near those that `g` answers for (`from`), without making anything: finite
- * differences. It lives no longer than `g`, and owns nothing. */
+/* A copy of g that answers for the numbers `to`, near the numbers `from` that g answers for, with g's structures: for
+ * finite differences. The copy owns nothing and lives no longer than g. */
 SltGeometry geometry_moved(const SltGeometry *g, const void *from, const void *to);
 
-size_t geometry_bytes(const SltGeometry *g);         /* held, without the numbers */
+size_t geometry_bytes(const SltGeometry *g);         /* of memory, without the numbers */
 const char *geometry_describe(const SltGeometry *g); /* one line for people; lives as long as the geometry */
 
-/* ---- for those who implement one: it begins with a Geometry, whose `shared.made` points to itself */
+/* ---- for the implementation of a geometry, whose struct begins with a Geometry; its shared.made points at the struct.
+ * The functions are those above for one kind. */
 typedef struct GeometryOps {
     SltStatus (*make)(SltGeometry **out, const GeometrySource *from, const void *values, SltError *err);
     void (*free)(SltGeometry *g);
     void (*changed)(SltGeometry *g, uint64_t first, uint64_t count);
     uint64_t (*follow)(SltGeometry *g, const void *values);
-    double (*growth)(const SltGeometry *g, const void *from, const void *to); /* by how much slack must rise; >= 0 */
+    double (*growth)(const SltGeometry *g, const void *from,
+                     const void *to); /* what a copy for `to` adds to slack, >= 0 */
     size_t (*bytes)(const SltGeometry *g);
     const char *(*describe)(const SltGeometry *g);
 } GeometryOps;
 typedef struct Geometry {
-    SltGeometry shared; /* the kernels' pointer is this one */
+    SltGeometry shared; /* what kernels get a pointer to */
     const GeometryOps *ops;
 } Geometry;
 #define GEOMETRY(id, name, ...) extern const GeometryOps geometry_##name;

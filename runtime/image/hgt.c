@@ -3,14 +3,14 @@
  *
  * Voids are filled from what is around them: averages of the samples that are there, over blocks of
  * doubling size, and then back down, each void taking the bilinear value of the coarser level. A tile
- * with more than a quarter of voids is refused: what a terrain is there, a guess should not decide. */
+ * with more than a quarter of voids is refused: so much terrain should not be a guess. */
 #include "internal.h"
 
 #include <stdlib.h>
 
 enum { VOID = -32768, MAX_LEVELS = 24 };
 
-/* One level: NaN-free values, and whether there is one. */
+/* One level: values without NaN, and for each whether it is known. */
 typedef struct Level {
     int side;
     float *value;

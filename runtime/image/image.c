@@ -123,7 +123,7 @@ SltStatus image_check_claim(const char *name, double width, double height, doubl
                            "samples)",
                            name, width, height, channels);
     }
-    /* deflate shrinks at most 1032 to 1, so beyond this the size is a lie (or a bomb) */
+    /* deflate shrinks at most 1032 to 1, so beyond this ratio the claimed size is a lie (or a bomb) */
     if (samples * 4 > 64.0 * (1 << 20) + 2048.0 * (double)file_size) {
         return status_fail(err, SLT_INPUT, "'%s' is damaged: %zu bytes cannot hold %.0f x %.0f pixels, %.0f channels",
                            name, file_size, width, height, channels);

@@ -1,4 +1,4 @@
-/* Images, arrays and pictures: everything of the runtime that touches a file.
+/* Images, arrays and pictures, and whole files in and out.
  *
  * An Image is floats in interleaved channels, **top row first**:
  *
@@ -6,8 +6,8 @@
  *
  * Colours are linear. Values are whatever they are: negative, above one, NaN and infinite numbers
  * survive every float format unchanged. Ownership: `image_free` releases what an Image holds; a
- * caller may also fill the struct with pointers of his own as a *view* for the writers (names and
- * attrs may be NULL) and then must not free it.
+ * caller may also fill the struct with pointers of its own as a *view* for the writers (names and
+ * attrs may be NULL), and must then not call image_free.
  *
  * Files: every reader takes untrusted input. A file that is missing, truncated, damaged or too
  * large gives an SltError that names it and the cause, leaves the result empty, and never costs
@@ -44,8 +44,8 @@ typedef struct ImageAttr {
 typedef struct Image {
     int width, height, channels;
     float *data;
-    char (*names)[IMAGE_NAME_SIZE]; /* one per channel: "R", "d.radius.G"; NULL: default names */
-    ImageAttr *attrs;
+    char (*names)[IMAGE_NAME_SIZE]; /* by channel: "R", "d.radius.G"; NULL: default names */
+    ImageAttr *attrs;               /* [attr_count] */
     int attr_count;
 } Image;
 
@@ -201,7 +201,7 @@ void colormap_diverging(double t, uint8_t rgb[3]);
 void colormap_sequential(double t, uint8_t rgb[3]);
 
 /* Draws one channel (or, with channel = -1, the mean of the root R G B) as a signed diverging map
- * with a colour bar, its scale in numbers and `title` (may be NULL) printed below, and writes a
+ * with a colour bar, the scale in numbers and `title` (may be NULL) printed below, and writes a
  * PNG. `scale` > 0 is the value of full colour; 0 takes the largest finite magnitude. Pictures
  * narrower than 256 pixels are enlarged by whole factors. */
 SltStatus image_write_diverging(const char *path, const Image *im, int channel, double scale, const char *title,

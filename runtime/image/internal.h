@@ -1,4 +1,4 @@
-/* Shared by the files of this folder only. */
+/* What the files of this folder share. */
 #ifndef SALTUS_RUNTIME_IMAGE_INTERNAL_H
 #define SALTUS_RUNTIME_IMAGE_INTERNAL_H
 
@@ -16,10 +16,12 @@ void image_bytes_append(Bytes *b, const void *data, size_t size);
 void image_bytes_write_at(Bytes *b, size_t offset, const void *data, size_t size); /* fills gaps with zeros */
 void image_bytes_printf(Bytes *b, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 void image_bytes_free(Bytes *b);
-/* Writes the file if what filled the buffer went well, passes its status on otherwise. Frees the buffer. */
+/* Writes the buffer to a file if `filled`, the status of what filled it, is SLT_OK; else returns that status. Frees the
+ * buffer. */
 SltStatus image_bytes_save(Bytes *b, const char *path, SltStatus filled, SltError *err);
 
-/* Refuses an image whose floats are out of all proportion to the file that claims it. */
+/* Refuses (SLT_INPUT) an image whose floats are out of all proportion to the bytes of the file that claims it, and
+ * (SLT_LIMIT) one that is too large. */
 SltStatus image_check_claim(const char *name, double width, double height, double channels, size_t file_size,
                             SltError *err);
 
@@ -30,8 +32,8 @@ int image_root_channels(const Image *im, int index[4]);
 /* The extension without its dot, in lower case, "" if there is none. */
 const char *image_path_extension(const char *path, char buf[16]);
 
-/* What formats.def names. A reader gets the whole file and leaves `out` empty on failure; a writer appends to `out`.
- * Both name the file `name` in messages, and their options are never NULL. */
+/* The functions that formats.def names. A reader gets the whole file and leaves `out` empty on failure; a writer
+ * appends to `out`. Both call the file `name` in messages, and their options are never NULL. */
 typedef SltStatus ImageReader(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt,
                               Image *out, SltError *err);
 typedef SltStatus ImageWriter(const char *name, const Image *im, const ImageWriteOptions *opt, Bytes *out,
@@ -44,7 +46,7 @@ typedef struct ImageFormat {
     bool as_table;
 } ImageFormat;
 
-/* That of the name's extension, or NULL. */
+/* The format of the name's extension, or NULL. */
 const ImageFormat *image_find_format(const char *name);
 
 #define FORMAT_READ(extension, ...) ImageReader image_decode_##extension;
@@ -53,7 +55,7 @@ const ImageFormat *image_find_format(const char *name);
 #undef FORMAT
 #undef FORMAT_READ
 
-/* npy.c: an array of either width from numbers of either; one of `narrow` and `wide` is NULL. */
+/* npy.c: a file of float64 (as_double) or float32 from numbers in `narrow` or `wide`, of which one is NULL. */
 SltStatus npy_encode(int rank, const size_t *shape, const float *narrow, const double *wide, bool as_double, Bytes *out,
                      SltError *err);
 

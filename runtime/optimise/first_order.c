@@ -1,6 +1,6 @@
-/* Adam, SGD, and what first-order optimisers share: each finite evaluation is accepted, and the next step is a
- * `direction` of the last gradients; a step that led nowhere is halved, and half-way through the allowed failures what
- * the last gradients left is forgotten. */
+/* Adam, SGD, and what first-order optimisers share: each finite evaluation is accepted, and `direction` makes the next
+ * step from the last gradients; a step to where the loss is not finite is halved, and half-way through the allowed
+ * failures the method's vectors are set to zero. */
 #include "internal.h"
 
 #include <math.h>
@@ -34,7 +34,7 @@ static void adam_denominators(Optimiser *o, const double *square, double correct
 
 /* Sampled gradients have heavy tails: where a silhouette ends, one crossing may weigh ten times what others do. Under
  * one second moment for the grid such an entry would move its own parameter by as many steps, and hold back all others
- * for as long as Adam remembers: it is cut to three times the largest so far. */
+ * for as long as Adam remembers: so an entry is cut to three times the largest so far. */
 static void limit_outliers(Optimiser *o, const double *square, double correction) {
     for (int k = 0; k < o->config.grid_count; k++) {
         const OptimiseGrid *g = &o->config.grids[k];

@@ -11,13 +11,15 @@
 #include <stdbool.h>
 
 typedef struct Numbers {
-    double best_loss, base_loss, reference_loss;
-    double step_scale; /* of `step`: halved by rejections and backtracking */
-    double slope;      /* L-BFGS: gradient at base times (u - base) */
-    int64_t state, started;
-    int64_t iterations, evaluations, rejected, failures, stalled, backtracks;
-    int64_t age;           /* Adam: gradients in the moments */
-    int64_t pairs, newest; /* L-BFGS: how many, and the slot of the last */
+    double best_loss, base_loss;               /* of `best`, of `base` */
+    double reference_loss;                     /* the best loss that the fall of the loss is measured from */
+    double step_scale;                         /* of `step`: halved by rejections and backtracking */
+    double slope;                              /* L-BFGS: gradient at base times (u - base) */
+    int64_t state, started;                    /* OptimiseState; whether there is a base */
+    int64_t iterations, evaluations, rejected; /* in all */
+    int64_t failures, stalled, backtracks;     /* in a row */
+    int64_t age;                               /* Adam: gradients in the moments */
+    int64_t pairs, newest;                     /* L-BFGS: how many, and the slot of the last */
     char reason[192];
 } Numbers;
 
@@ -30,10 +32,10 @@ typedef struct Method {
     void (*direction)(Optimiser *o); /* first-order methods: `step` from the gradient `g` and the vectors; else NULL */
     size_t vectors;                  /* of n doubles each; zero at the start, and part of checkpoints */
     bool pairs;                      /* keeps `history` pairs of steps and gradient differences */
-    bool same_loss;                  /* compares losses: one seed for all evaluations */
-    double rate;                     /* default_rate, where the config has none */
-    int patience;                    /* defaults of the config's, if not 0 */
-    double loss_tolerance;
+    bool same_loss;                  /* compares losses: all evaluations must be of the same samples */
+    double rate;                     /* the default of OptimiseConfig.default_rate */
+    int patience;                    /* the default of OptimiseConfig.patience; 0: off */
+    double loss_tolerance;           /* the default of OptimiseConfig.loss_tolerance */
 } Method;
 extern const Method optimise_methods[OPTIMISE_METHODS];
 
@@ -43,31 +45,31 @@ struct Optimiser {
     Numbers now;
     size_t persistent; /* doubles of block in a checkpoint */
     double *block;
-    /* persistent; all of n, in internal units (logarithms where asked) unless said */
+    /* Persistent: parts of block, of n doubles each, in internal units (logarithms where asked) unless said. */
     double *u;        /* the point to evaluate */
     double *params;   /* the same in the caller's units */
-    double *best;     /* caller's units */
+    double *best;     /* the best point, in the caller's units */
     double *base, *g; /* last accepted point and its gradient */
     double *step;     /* from base, before scaling and projection */
     double *vectors;  /* those of the method, one after the other; a first-order method's first is its momentum */
-    double *s, *y;    /* of a method with pairs: history x n */
-    /* scratch */
+    double *s, *y;    /* of a method with pairs: [history][n] steps, and differences of gradients */
+    /* Scratch of one call. fresh: the gradient of this evaluation. */
     double *fresh, *work, *grid_scratch, *alpha;
-    uint8_t *is_free;
-    /* fixed */
+    uint8_t *is_free; /* L-BFGS, [n]: not held at a bound */
+    /* Fixed. */
     double *lo, *hi;
     Laplacian **solvers; /* one per grid, NULL where lambda is 0; equal grids share one */
 };
 
 /* Moves to project(base + step_scale * step); false when that is base itself. */
 bool optimise_move_to_trial(Optimiser *o);
-/* The largest component of the gradient that the bounds do not block. */
+/* The largest magnitude of a component of the gradient g that the bounds do not block. */
 double optimise_projected_gradient(const Optimiser *o, const double *g);
 /* v := (I + lambda L)^-1 v on grid k, `times` times. */
 void optimise_smooth_grid(Optimiser *o, int k, double *v, int times);
 OptimiseState optimise_finish(Optimiser *o, OptimiseState state, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
-/* Tests the loss's stall and the gradient's size at an accepted point; true when it stopped. */
+/* At an accepted point: has the loss stalled, or is the gradient small enough? True when the optimiser has stopped. */
 bool optimise_has_converged(Optimiser *o);
 
 static inline double optimise_clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }

@@ -80,8 +80,8 @@ static void two_loop(Optimiser *o) {
     for (size_t i = 0; i < n; i++) q[i] = -q[i];
 }
 
-/* Moves to the trial of the present step_scale and notes the decrease that the linear model promises for it as
- * projected. False when it promises none. */
+/* Moves to the trial of the present step_scale, and notes the decrease that the linear model promises for the projected
+ * trial. False when the model promises none. */
 static bool place_trial(Optimiser *o) {
     bool moved = optimise_move_to_trial(o);
     double slope = 0;
@@ -110,7 +110,7 @@ static OptimiseState backtrack(Optimiser *o, double loss) {
     double factor = excess > 0 ? -0.5 * o->now.slope / excess : 0.5; /* the parabola's minimum */
     o->now.step_scale = t * fmin(fmax(factor, 0.1), 0.5);
     if (++o->now.backtracks <= MAX_BACKTRACKS && place_trial(o)) return OPTIMISE_EVALUATE;
-    if (o->now.pairs > 0) { /* a stale history may be to blame */
+    if (o->now.pairs > 0) { /* a stale history may be the cause */
         o->now.pairs = 0;
         return start_search(o);
     }

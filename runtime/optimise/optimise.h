@@ -13,8 +13,8 @@
  *
  * Inside, a parameter marked `log` is optimised as its logarithm; bounds are kept exactly by
  * projection. A loss or a gradient that is not finite never enters the state: the step is taken
- * back, shortened and counted; after `max_failures` in a row the optimiser stops and says so. What
- * was best so far is kept.
+ * back, shortened and counted; after `max_failures` in a row the optimiser stops and says so. The
+ * best point so far is kept.
  *
  * Everything is deterministic: the same calls give the same bits, also across save and load. An
  * Optimiser owns all its memory (copies of the config's arrays too); one thread at a time. */
@@ -56,39 +56,38 @@ typedef struct OptimiseGrid {
     double lambda; /* > 0; some tens make a smooth field of it, 0 means no preconditioning */
 } OptimiseGrid;
 
-/* Zero-initialise; zeros mean the default named. Arrays are copied; each has n entries or is NULL.
- * `start` is required. */
+/* Initialise with zeros: a 0 means the default named after the colon. Arrays are copied; each has n
+ * entries or is NULL. `start` is required. */
 typedef struct OptimiseConfig {
     size_t n;
     OptimiseMethod method;
     const double *start;         /* finite; moved into the bounds if outside */
     const double *learning_rate; /* > 0, or 0 to hold the parameter fixed; NULL: default_rate for
-                                    all. For L-BFGS: how far the first step may move each, and the
-                                    relative scale of the variables */
-    double default_rate;         /* that of the optimiser's row */
+                                    all. For L-BFGS: how far the first step may move each parameter,
+                                    and the relative scale of the variables */
+    double default_rate;         /* > 0: that of the optimiser's row */
     const double *lo, *hi;       /* lo <= hi; infinite or NULL for none */
     const uint8_t *log;          /* 1: optimise the logarithm; start must be > 0; the rate is in log units */
     const OptimiseGrid *grids;
     int grid_count;
     double beta1, beta2, epsilon; /* Adam: 0.9, 0.999, 1e-8 */
-    double momentum;              /* SGD: 0 (none) <= m < 1 */
-    int history;                  /* L-BFGS pairs: 10 */
-    double gradient_tolerance;    /* converged when no component of the projected gradient is larger;
-                                     default 0: exactly zero */
-    double loss_tolerance;        /* converged when the best loss fell by less than this, relatively, ... */
-    int patience;                 /* ... over so many iterations. Default: that of the optimiser's row, mostly off */
-    int max_failures;             /* non-finite evaluations in a row: 10 */
+    double momentum;              /* SGD, 0 <= m < 1: none */
+    int history;                  /* L-BFGS, pairs kept: 10 */
+    double gradient_tolerance;    /* converged when no component of the projected gradient is larger: exactly zero */
+    double loss_tolerance;        /* converged when the best loss fell by less than this part of itself ... */
+    int patience;                 /* ... in so many iterations: both from the optimiser's row, mostly off */
+    int max_failures;             /* non-finite evaluations in a row before the optimiser fails: 10 */
 } OptimiseConfig;
 
 typedef struct Optimiser Optimiser;
 
 /* optimise.c ---------------------------------------------------------------------------------- */
 
-/* By the name of its row ("adam"); false where there is none. */
+/* The method whose row has this name ("adam"); false where there is none. */
 bool optimise_find(const char *name, OptimiseMethod *method);
 const char *optimise_name(OptimiseMethod method);
 double optimise_rate(OptimiseMethod method); /* the default learning rate */
-/* Whether it compares the losses of different evaluations, so that all must be of the same samples. */
+/* Does the method compare the losses of different evaluations, so that all must be of the same samples? */
 bool optimise_wants_same_loss(OptimiseMethod method);
 
 /* NULL with err set: SLT_USAGE for a bad config (the text names the parameter's index), SLT_LIMIT
@@ -107,12 +106,10 @@ OptimiseState optimise_step(Optimiser *o, double loss, const double *gradient);
  * first finite one). */
 const double *optimise_best(const Optimiser *o, double *loss);
 
-/* Accepted steps (Adam, SGD: finite evaluations), all evaluations, and evaluations that were not
- * finite. */
-long optimise_evaluations(const Optimiser *o);
-long optimise_rejected(const Optimiser *o);
+long optimise_evaluations(const Optimiser *o); /* all */
+long optimise_rejected(const Optimiser *o);    /* those that were not finite */
 
-/* Why it stopped, in words; "" while it runs. */
+/* Why the optimiser stopped, in words; "" while it runs. */
 const char *optimise_reason(const Optimiser *o);
 
 /* checkpoint.c -------------------------------------------------------------------------------- */
@@ -130,15 +127,16 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
 
 /* laplacian.c --------------------------------------------------------------------------------- */
 
-typedef struct Laplacian Laplacian; /* I + lambda L of a width x height grid, L the Laplacian of its four-neighbourhood,
-                                       ready to be solved; for one thread at a time */
+/* I + lambda L of a width x height grid, L the Laplacian of its four-neighbourhood, ready to be solved; for one thread
+ * at a time. */
+typedef struct Laplacian Laplacian;
 
 /* 1 <= width * height <= 2^22, lambda >= 0 and finite. NULL with err set. */
 Laplacian *laplacian_create(int width, int height, double lambda, SltError *err);
 void laplacian_free(Laplacian *l);
 
-/* Solves (I + lambda L) x = b in place, for element i = y * width + x at data[x * stride_x + y *
- * stride_y]. `scratch` has width * height entries. Constants are kept, sums too. */
+/* Solves (I + lambda L) x = b in place, element (x, y) at data[x * stride_x + y * stride_y].
+ * `scratch` has width * height entries. Constants stay constant, and sums are kept. */
 void laplacian_solve(Laplacian *l, double *data, size_t stride_x, size_t stride_y, double *scratch);
 
 #ifdef __cplusplus

@@ -1,8 +1,8 @@
 /* Marching by safety shapes (cone.h), LANES rays at a time: each lane either steps to where the shape of its cell ends,
  * or, where that is near, runs the test of leaf.h on the cell and goes to the next. A step that may hold one crossing
  * (relaxed) is bisected when it ends at or below the surface: at points, not on grid lines, down to less than a cell;
- * leaf.h decides from there on. The ray that lies lower by `close` (more than all rounding errors) is what is followed:
- * it starts above the surface, so it crosses once; until then no test of leaf.h finds a hit. */
+ * leaf.h decides from there on. The march follows the ray lowered by `close`, which is more than all rounding errors:
+ * the lowered ray starts above the surface, so it crosses once, and until then no test of leaf.h finds a hit. */
 #define cone_gather FN(cone_gather)
 #define cone_walk FN(cone_walk)
 #define cone_run FN(cone_run)
@@ -12,7 +12,7 @@
 #undef CONE_LEAST
 #define CONE_LEAST 1.5 /* cells: a shorter step costs more than the test of a cell */
 
-/* Base and slope of the shapes at `at`. */
+/* Base and slope of the shapes number `at`. */
 INLINE void cone_gather(const FieldCones *c, vi at, vm on, vf *base, vf *slope) {
 #if LANES == 16 && !F64
     __m512i p = _mm512_mask_i32gather_epi32(_mm512_setzero_si512(), on, (__m512i)at, c->packed, 4);
@@ -78,7 +78,7 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
         class = i_sel(alongx, i_sel(r.xpos, zero, one), i_sel(r.ypos, i_all(2), i_all(3))) * i_all(w * h);
     }
     vm steps = m_lt(rspeed, f_all(FLT_MAXIMUM));
-    /* Where a ray is in its cell is known only up to rounding: so many cells. */
+    /* The place of a ray in its cell is known only up to rounding: to this part of a cell. */
     vf blur = f_all((flt)0.01) +
               f_all(unit) * (f_abs(r.ox) + f_abs(r.oy) + f_max(f_abs(r.te), f_abs(r.tl)) * f_max(adx, ady));
     if (c->relaxed && c->options.bounded) {
@@ -113,13 +113,13 @@ INLINE vi cone_walk(const Field *f, const flt *heights, const flt *rays, uint32_
         vm step = may & m_lt(f_all((flt)CONE_LEAST), u), stay = on & m_not(step);
         if (m_any(step)) {
             vf to = t + u * rspeed;
-            step = m_opaque(step & (m_lt(t, to))); /* rounding may leave no way at all */
+            step = m_opaque(step & (m_lt(t, to))); /* rounding may leave nothing of the step */
             stay = m_opaque(on & m_not(step));
             vm last = step & m_le(r.tl, to);
             to = f_min(to, r.tl);
             vm move = m_opaque(step & m_not(last));
             if (!relaxed) {
-                on = m_opaque(on & (m_not(last))); /* nothing of the terrain up to the end */
+                on = m_opaque(on & (m_not(last))); /* the shape is free up to the ray's end: no hit */
                 if (m_any(move)) {
                     vi ni, nj;
                     ray_locate(&r, to, move, w, h, &ni, &nj);
@@ -172,7 +172,7 @@ INLINE void cone_run(const Field *f, const void *heights, const void *rays, uint
         if (LANES < 32) bits &= (1u << LANES) - 1;
         if (rest >= LANES) {
             i_store(id + at, cone_walk(f, heights, p + at, width, m_make(bits), counts));
-        } else { /* the last lanes of a width that is no multiple */
+        } else { /* the last lanes of a width that is no multiple of LANES */
             flt some[8 * LANES] = {0};
             int32_t out[LANES];
             for (uint32_t row = 0; row < 8; row++)

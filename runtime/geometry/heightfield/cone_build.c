@@ -7,18 +7,18 @@
 
 #include "cone.h"
 
-/* A class's rays run within 45 degrees of (dx, dy); class 4 is all of them. Seen from cell (i, j), a ray that has come
- * u along its main axis lies in [i - u, i + 1 + u] x [j - u, j + 1 + u], and not before i (for +x). */
+/* The rays of class 0 to 3 run within 45 degrees of +x, -x, +y or -y; those of class 4 anywhere. A ray from cell (i, j)
+ * that has come u along its main axis lies in [i - u, i + 1 + u] x [j - u, j + 1 + u], and (class 0) not before i. */
 enum { ALL = 4 };
 
 typedef struct Builder {
     float *height; /* rows upwards; NaN, which blocks nothing, is -FLT_MAX */
     int32_t w, h;
     const FieldConeOptions *o;
-    const void *heights; /* as they came, rows downwards */
+    const void *heights; /* the caller's, rows downwards */
     bool f64;
-    double touch;     /* planes must pass higher than this above a surface to count: less than a step's distance from it
-                         (cone.inc.h) */
+    double touch; /* a plane counts where it passes a surface by more than this, which is less than the distance from
+                     the surface at which steps are made (cone.inc.h) */
     float *level[32]; /* level[0][j * lw + i]: the maximum over cell (i, j); above it over blocks of 2 x 2 */
     int32_t levels, lw[32], lh[32];
 } Builder;
@@ -72,7 +72,7 @@ static void window_maxima(const Squares *s, int32_t x0, int32_t x1, int32_t y0, 
     }
 }
 
-/* How far rings reach: 1, 2, 3, 4, then a quarter more each time. */
+/* The distance of the ring after that at distance u: 1, 2, 3, 4, then a quarter more each time. */
 static int32_t next_ring(int32_t u) { return u + most(1, u / 4); }
 
 static bool build_rings(float (*shapes)[2], const Builder *b, int32_t k) {
@@ -139,10 +139,10 @@ static int32_t way(int32_t k, int32_t i, int32_t j, int32_t x0, int32_t y0, int3
     }
 }
 
-/* Can a ray of the kinds that count start above cell (i, j) and hit the back of the triangle? Its plane must pass above
- * the surface of the cell somewhere, and not steeper than the bound along all directions from the cell to it. Only a
- * start that is clearly above (cone.inc.h: by 2^-19, in doubles 2^-30, of the heights' size) makes a step, so a plane
- * that merely touches the surface does not count: or a cell would limit itself. */
+/* Can a ray for which the shapes are made start above cell (i, j) and hit the back of the triangle? The triangle's
+ * plane must pass above the surface of the cell somewhere, and along some direction from the cell to the triangle be no
+ * steeper than the bound. Only a start that is clearly above (cone.inc.h: by 2^-19, in doubles 2^-30, of the heights'
+ * size) makes a step, so a plane that merely touches the surface does not count: else a cell would limit itself. */
 static bool limiting(const Builder *b, int32_t i, int32_t j, int32_t x, int32_t y, int32_t upper) {
     double h10 = exactly(b, x + 1, y), h01 = exactly(b, x, y + 1),
            corner = upper ? exactly(b, x + 1, y + 1) : exactly(b, x, y);
@@ -158,8 +158,9 @@ static bool limiting(const Builder *b, int32_t i, int32_t j, int32_t x, int32_t 
     float least_rise = larger(-gx * vx0, -gx * vx1) + larger(-gy * vy0, -gy * vy1),
           nx = larger(larger(vx0, -vx1), 0.0f), ny = larger(larger(vy0, -vy1), 0.0f);
     float fx = larger(fabsf(vx0), fabsf(vx1)), fy = larger(fabsf(vy0), fabsf(vy1));
-    float slope = -least_rise / sqrtf(least_rise > 0.0f ? nx * nx + ny * ny
-                                                        : fx * fx + fy * fy); /* 1/0: nothing is known, and it counts */
+    float slope =
+        -least_rise /
+        sqrtf(least_rise > 0.0f ? nx * nx + ny * ny : fx * fx + fy * fy); /* 1/0: not known, so the triangle counts */
     return !(slope > b->o->max_slope + 1e-5f * (1.0f + fabsf(slope)));
 }
 
@@ -193,7 +194,7 @@ static float cone_slope(const Builder *b, int32_t k, int32_t i, int32_t j, int32
             }
             continue;
         }
-        /* the child on the cell's side last, so that it comes first */
+        /* the child on the cell's side is pushed last, so that it is looked at first */
         int32_t cx = 2 * at_block.x, cy = 2 * at_block.y, nx = i >= (cx + 1) << (l - 1), ny = j >= (cy + 1) << (l - 1);
         for (int32_t n = 3; n >= 0; n--) {
             int32_t x = cx + (nx ^ (n & 1)), y = cy + (ny ^ (n >> 1));
@@ -225,7 +226,7 @@ static void build_cell(float shape[2], uint8_t *radius_out, const Builder *b, in
         if (found || radius == reach) break;
     }
     *radius_out = (uint8_t)radius;
-    if (radius == 0 && !b->o->exact) return; /* the rings' cone stands */
+    if (radius == 0 && !b->o->exact) return; /* the cone made from rings stays */
     float base = b->o->exact && limits > -FLT_MAX ? limits : all;
     float slope = cone_slope(b, k, i, j, radius, base);
     shape[1] = slope, shape[0] = base - slope * (float)radius;

@@ -40,7 +40,7 @@ static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", 
 static const uint32_t all_queries = (1u << SLT_QUERIES) - 1, searching = all_queries & ~(1u << SLT_QUERY_RISE);
 
 static const uint32_t hits =
-    1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED; /* what safety shapes serve; the rest has the mipmap */
+    1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED; /* served by safety shapes; the others by the mipmap */
 
 static bool make_cones(Field *f, const void *heights) {
     const FieldOptions *o = &f->options;
@@ -128,7 +128,8 @@ void field_refresh(SltGeometry *field, const void *heights, uint32_t x0, uint32_
     if (x0 >= x1 || y0 >= y1) return;
     if (f->mip.data) mipmap_refresh(f, heights, x0, y0, x1, y1);
     if (!f->cones.packed) return;
-    /* A height limits shapes all over the field, so all are made again; without memory for that, cell by cell it is. */
+    /* A height limits shapes all over the field, so all are made again; without memory for that, rays step cell by
+     * cell. */
     cone_free(&f->cones);
     if (!make_cones(f, heights)) describe(f);
     set_queries(f);
@@ -164,7 +165,7 @@ static void mark(Field *f, uint32_t x0, uint32_t x1, uint32_t y) {
     if (y >= f->y1) f->y1 = y + 1;
 }
 
-/* The rectangle around all that has changed. Rows of the data run downwards, those of the field upwards. */
+/* Grows the rectangle around all changed vertices. Rows of the data run downwards, those of the field upwards. */
 static void changed(SltGeometry *g, uint64_t first, uint64_t count) {
     Field *f = (Field *)g;
     const uint64_t end = first + count;

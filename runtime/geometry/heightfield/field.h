@@ -1,8 +1,10 @@
-/* Heightfields: the geometry behind runtime/geometry/geometry.h (geometry_heightfield), and what tests and benchmarks
- * ask of it beyond. Heights lie at most `slack` above those of the last make or refresh.
+/* Heightfields: geometry_heightfield is what runtime/geometry/geometry.h calls; the functions here are for tests and
+ * benchmarks, which ask more. Heights passed to a query lie at most `slack` above those of the last make or refresh.
  *
- *   heights (caller's)  ->  mipmap: level 1, 2 ... (maximum over 2x2, 4x4 ... cells)  ->  packets of 16, 8, 4 or 1 rays
- * ->  witnesses
+ *   heights (caller's)
+ *     ->  mipmap: level 1, 2 ... (maximum over 2 x 2, 4 x 4 ... cells)
+ *     ->  packets of 16, 8, 4 or 1 rays
+ *     ->  witnesses
  *
  * Only what the queries in use need is built: a naive field holds no memory of its own. */
 #ifndef SALTUS_HEIGHTFIELD_FIELD_H
@@ -30,21 +32,18 @@ typedef enum FieldIsa {
 } FieldIsa;
 
 typedef struct FieldOptions {
-    SltStructure
-        structure;    /* AUTO is MIPMAP: maxima of blocks of cells, built in milliseconds, for heights that change;
-                         CONE: safety shapes, for fields that stay as they are; NAIVE: cell by cell, the oracle */
-    uint32_t queries; /* bit 1 << SltQuery; 0: all */
-    float band;       /* SLT_QUERY_SHADOW, raw height units; infinity makes it CLEARANCE */
-    float slack;      /* see SltGeometry */
-    bool cone_exact;  /* cones: from the triangles that limit instead of from all terrain in rings: slower to make */
-    bool cone_directional; /* cones: four a cell, by the main direction of a ray */
-    float max_slope; /* cones: made for rays that rise at most so much a unit of horizontal length in grid space, others
-                        go cell by cell; 0: no bound */
-    FieldIsa isa;    /* for tests; a wider one than the machine has is SLT_USAGE */
+    SltStructure structure;
+    uint32_t queries;      /* bit (1 << SltQuery); 0: all */
+    float band;            /* of SLT_QUERY_SHADOW, in raw units of height; infinity makes it CLEARANCE */
+    float slack;           /* of SltGeometry, in raw units of height */
+    bool cone_exact;       /* CONE: FieldConeOptions.exact: slower to make */
+    bool cone_directional; /* CONE: FieldConeOptions.directional */
+    float max_slope;       /* CONE: FieldConeOptions.max_slope in grid space; 0: no bound */
+    FieldIsa isa;          /* wider than the machine has: SLT_USAGE */
 } FieldOptions;
 
-/* heights: w * h of float or double. `o` may be NULL: a mipmap for all queries. The field is the caller's: field_free.
- * Non-finite heights are allowed: NaN blocks nothing. */
+/* heights: w * h of float or, if f64, double. `o` may be NULL: a mipmap for all queries. *out is the caller's, for
+ * field_free. Non-finite heights are allowed: NaN blocks nothing. */
 SltStatus field_make(SltGeometry **out, const void *heights, bool f64, uint32_t w, uint32_t h, const FieldOptions *o,
                      SltError *err);
 
@@ -57,7 +56,7 @@ void field_free(SltGeometry *field); /* NULL: nothing */
 /* Bytes held for the structure, without the heights. */
 size_t field_bytes(const SltGeometry *field);
 
-/* One line for `explain`: structure, levels, instruction set. The string is static or lives in the field. */
+/* One line for people: structure, levels, instruction set. The string lives as long as the field. */
 const char *field_describe(const SltGeometry *field);
 
 /* ---- counting, for tests and benchmarks: one ray at a time, same answers, slower */
@@ -67,9 +66,9 @@ typedef struct FieldCounts {
 void field_count(const SltGeometry *field, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                  uint32_t width, int32_t *id, FieldCounts *counts);
 
-/* All silhouettes of one slice in one pass: o (3 numbers of the field's precision), direction d (2), window kmin < k <
- * kmax. Writes at most `cap` edges, nearest first, and returns how many there are. The same edges as
- * SLT_QUERY_SILHOUETTE called again with kmin = the k it found. counts may be NULL. */
+/* All silhouettes of one slice in one pass: from o[3] along d[2] (numbers of the field's precision), slopes kmin < k <
+ * kmax. Writes at most `cap` edges to id, nearest first, and returns how many there are: the edges that
+ * SLT_QUERY_SILHOUETTE gives when it is asked again and again with kmin = the last k. counts may be NULL. */
 uint32_t field_silhouettes(const SltGeometry *field, const void *heights, const void *o, const void *d, double kmin,
                            double kmax, int32_t *id, uint32_t cap, FieldCounts *counts);
 

@@ -11,16 +11,15 @@ enum {
 };
 
 /* Level l has ceil((w-1) / 2^l) x ceil((h-1) / 2^l) nodes, node (I, J) at data[base[l] + J * stride[l] + I]: the
- * maximum over the vertices of its cells, borders included. There is no level 0: the test of a cell reads its four
- * heights anyway. */
+ * maximum over the vertices of its cells, borders included. There is no level 0: the test of a cell reads the four
+ * heights at its corners anyway. */
 typedef struct Mipmap {
     float *data;
-    int32_t base[MIP_LEVELS],
-        stride[MIP_LEVELS]; /* entry 0 is that of level 1, so that a lane that is at a cell looks up something valid */
-    int32_t rows[MIP_LEVELS];
+    /* By level; entry 0 is that of level 1, so that a lane that is at a cell looks up something valid. */
+    int32_t base[MIP_LEVELS], stride[MIP_LEVELS], rows[MIP_LEVELS];
     int32_t top;  /* the last level */
     float max;    /* over all heights */
-    size_t count; /* of data */
+    size_t count; /* numbers in data */
 } Mipmap;
 
 typedef struct Field {
@@ -30,17 +29,16 @@ typedef struct Field {
     uint32_t x0, y0, x1, y1; /* vertices whose heights have changed since the last refresh, y upwards; x0 >= x1: none */
     FieldIsa isa;
     bool f64;
-    double magnitude; /* at least the largest finite |height| seen since the field was made: what rounding errors are
-                         measured with */
-    Mipmap mip;       /* data NULL where no query needs it */
-    FieldCones cones; /* packed NULL likewise */
-    char text[160];
+    double magnitude; /* the largest finite |height| since the field was made, or more: the scale of rounding errors */
+    Mipmap mip;       /* data is NULL where no query needs it */
+    FieldCones cones; /* packed is NULL where no query needs it */
+    char text[160];   /* field_describe */
 } Field;
 
 static inline const Field *field_impl(const SltGeometry *field) { return field->made; }
 
-/* Of a query: the field may be a copy of ours with another slack (finite differences); then a copy of the whole is made
- * in `room`. */
+/* The field that a query is asked of. `field` may be a copy with another slack (finite differences): then the whole is
+ * copied to `room`, with that slack. */
 static inline const Field *field_asked(const SltGeometry *field, Field *room) {
     const Field *f = field->made;
     if (field == &f->base.shared) return f;
@@ -49,7 +47,7 @@ static inline const Field *field_asked(const SltGeometry *field, Field *room) {
     return room;
 }
 
-/* Where field_silhouettes collects. */
+/* The edges that field_silhouettes collects; count goes on beyond cap. */
 typedef struct Slice {
     int32_t *id;
     uint32_t cap, count;
@@ -60,23 +58,24 @@ static inline void slice_add(Slice *s, int32_t id) {
     s->count++;
 }
 
-/* One line of level 1 from the three (or two: c == b) rows of vertices that its cells touch; returns the largest finite
- * |height|. Compiled for each instruction set. */
+/* What is compiled for each instruction set. */
 typedef struct FieldKernels {
     SltQueryFn *query[2][SLT_QUERIES]; /* [f64] */
-    SltQueryFn *cone[2];               /* trace and occluded by safety shapes (cone.inc.h) */
+    SltQueryFn *cone[2];               /* [f64]: trace and occluded by safety shapes (cone.inc.h) */
+    /* One row of level 1 from the three rows of vertices that its cells touch, or two: c == b; returns the largest
+     * finite |height|. Then one row of the next level from two rows of this. w: vertices, or nodes, of a row. */
     float (*first_level32)(const float *a, const float *b, const float *c, uint32_t w, float *out, float *scratch);
     double (*first_level64)(const double *a, const double *b, const double *c, uint32_t w, float *out, float *scratch);
     void (*next_level)(const float *a, const float *b, uint32_t w, float *out);
 } FieldKernels;
 
-/* naive.c */
+/* naive.c: cell by cell */
 extern SltQueryFn *const field_naive[2][SLT_QUERIES];
 void field_naive_count(const Field *f, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                        uint32_t width, int32_t *id, FieldCounts *counts);
 void field_naive_slice(const Field *f, const void *heights, const void *ray, Slice *slice, FieldCounts *counts);
 
-/* packet_*.c */
+/* packet_*.c: one instance for each instruction set */
 extern const FieldKernels field_scalar, field_sse2, field_avx2, field_avx512;
 void field_scalar_count(const Field *f, SltQuery what, const void *heights, const void *rays, uint64_t mask,
                         uint32_t width, int32_t *id, FieldCounts *counts);

@@ -1,11 +1,11 @@
 /* The one arithmetic that decides where a ray meets the terrain. Every structure and width uses these functions, so
  * that all give the same answer, bit for bit.
  *
- * A ray's path through the grid is a merge of two sorted lists, the parameters at which it crosses x = 0, 1 ... and y =
- * 0, 1 ... : line X is crossed at (X - ox) * (1 / dx), a monotone function of X in floating point too. All there is to
- * know about a cell (which side the ray leaves, when, whether it is visited at all) follows from comparing such
- * parameters, never from positions; so a traversal that jumps over blocks of cells stays on the same path as one that
- * goes cell by cell.
+ * A ray's path through the grid is a merge of two sorted lists: the parameters t at which the ray crosses the lines
+ * x = 0, 1 ... and y = 0, 1 ... Line X is crossed at (X - ox) * (1 / dx), a monotone function of X in floating point
+ * too. All there is to know about a cell (by which side the ray leaves it, when, whether it is visited at all) follows
+ * from comparing such parameters, never from positions; so a traversal that jumps over blocks of cells stays on the
+ * same path as one that goes cell by cell.
  *
  * What is decided, is decided at crossing points: where the ray leaves a cell (exit), where it crosses the cell's
  * diagonal between (diag), and at the two ends of the ray (start, end). At each, F = height of the ray - height of the
@@ -70,7 +70,7 @@ INLINE vf clamp01(vf a) { return f_min(f_max(a, f_all(0)), f_all(1)); }
 INLINE vm ray_setup(Ray *r, int w, int h, vm on) {
     const vf zero = f_all(0), inf = f_all((flt)INFINITY), w1 = f_all((flt)(w - 1)), h1 = f_all((flt)(h - 1));
     vf t0 = f_max(r->te, f_all(-FLT_BIG));
-    /* NaN and infinite components: 0 * them is NaN. A NaN in t0 or t1 fails the comparison (f_max above returns its
+    /* 0 times a NaN or infinite component is NaN. A NaN in t0 or t1 fails the comparison (f_max above returns its
      * second argument then, hence te). */
     vf finite = (r->ox * zero + r->oy * zero + r->oz * zero) + (r->dx * zero + r->dy * zero + r->dz * zero);
     on &= m_le(r->te, r->t1) & m_eq(finite, zero);
@@ -104,8 +104,8 @@ INLINE vm ray_setup(Ray *r, int w, int h, vm on) {
     return on & m_le(r->te, r->tl);
 }
 
-/* The cell that the ray is in just after t: counted in lines crossed (parameter <= t), so that it agrees with every
- * later comparison; the position is only where the count begins. */
+/* The cell that the ray is in just after t. It is counted in lines crossed (at parameters <= t), so that it agrees with
+ * every later comparison; the position is only where the count begins. */
 INLINE void ray_locate(const Ray *r, vf t, vm on, int w, int h, vi *ci, vi *cj) {
     vf x = f_min(f_max(r->ox + t * r->dx, f_all(0)), f_all((flt)(w - 2)));
     vf y = f_min(f_max(r->oy + t * r->dy, f_all(0)), f_all((flt)(h - 2)));
@@ -208,8 +208,8 @@ typedef struct Search {
     vm done;
 } Search;
 
-/* Event at t over terrain of height `terrain`; the lanes `on` have it. `tri` is the triangle before it, `edge` the
- * witness of the point itself. */
+/* A decision point at t over terrain of height `terrain`, in the lanes `on`. `tri` is the triangle before the point,
+ * `edge` the witness of the point itself. */
 INLINE void search_event(Search *s, SltQuery what, const Ray *r, vf t, vf terrain, vi tri, vi edge, vm on) {
     on = m_opaque(on & m_not(s->done));
     if (what == SLT_QUERY_TRACE || what == SLT_QUERY_OCCLUDED) {
@@ -221,8 +221,8 @@ INLINE void search_event(Search *s, SltQuery what, const Ray *r, vf t, vf terrai
         vm less = on & m_lt(c, s->best);
         if (what == SLT_QUERY_SHADOW) {
             less &= m_lt(gap, s->limit);
-            /* What comes after a point this deep and has a smaller F / t is deeper still, so outside the band. Only a
-             * point that is the least so far may end the search: others may be skipped. */
+            /* A later point with a smaller F / t is deeper still, so outside the band. Only the point with the least F
+             * / t so far may end the search: a structure may skip the others. */
             s->done |= less & m_le(gap, f_all(0) - s->limit) & m_lt(gap, f_all(0));
         }
         s->best = f_sel(less, c, s->best);
@@ -242,7 +242,7 @@ INLINE void search_event(Search *s, SltQuery what, const Ray *r, vf t, vf terrai
     }
 }
 
-/* te: blocked at once, the first candidate, or nothing. `id` and `terrain` are ray_start's. */
+/* The decision point at te: blocked at once, the first candidate, or nothing. `id` and `terrain` are ray_start's. */
 INLINE void search_start(Search *s, SltQuery what, const Ray *r, vf terrain, vi id, vm on) {
     if (what == SLT_QUERY_TRACE || what == SLT_QUERY_OCCLUDED) {
         vi face = i_sel(r->xface, i_sel(r->xpos, i_all(SLT_HEIGHTFIELD_WALL), i_all(SLT_HEIGHTFIELD_WALL - 1)),

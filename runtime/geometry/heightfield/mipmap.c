@@ -88,7 +88,7 @@ void mipmap_refresh(Field *f, const void *heights, uint32_t x0, uint32_t y0, uin
     uint32_t i0 = (x0 ? x0 - 1 : 0) >> 1, i1 = (x1 - 1 < w - 2 ? x1 - 1 : w - 2) >> 1;
     uint32_t j0 = (y0 ? y0 - 1 : 0) >> 1, j1 = (y1 - 1 < h - 2 ? y1 - 1 : h - 2) >> 1;
     if (scratch) fill(f, heights, i0, i1, j0, j1, scratch);
-    else /* no memory for a row: piece by piece */
+    else /* no memory for a whole row: one piece after another */
         for (uint32_t i = i0; i <= i1; i += 512) fill(f, heights, i, i + 511 < i1 ? i + 511 : i1, j0, j1, stack);
     if (scratch != stack) free(scratch);
 }

@@ -3,7 +3,8 @@
 #define naive_load FN(naive_load)
 #define naive_run FN(naive_run)
 
-/* Row layout of the rays: include/saltus/heightfield.h. Returns whether there is anything to search. */
+/* Reads ray `lane` of rays (rows as SltRayRow says) and begins its search. Returns whether there is anything to search.
+ */
 INLINE vm naive_load(Ray *r, Search *s, SltQuery what, const Field *f, const flt *rays, uint32_t width, uint32_t lane) {
     const flt *p = rays + lane;
     vm on = -1;

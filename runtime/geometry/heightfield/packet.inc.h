@@ -31,37 +31,37 @@
 #define packet_run FN(packet_run)
 #define Packet FN(Packet)
 
-/* The level where a walk begins that begins high above the terrain. Others begin at their cell: it is read for the
- * start anyway, and a ray from the ground seldom skips anything there; slices of silhouettes, often seen from above, at
- * level 1. */
-/* OCCLUDED looks at the ray so many grid lines ahead before it walks: a ridge that blocks is wide, and is often met at
- * once, where a walk would climb the levels and come down again. */
+/* Before OCCLUDED walks, it looks where the ray crosses the grid lines so far ahead: a ridge that blocks is wide, and
+ * is often met at once, where a walk would climb the levels and come down again. */
 #ifndef PROBES
 #define PROBES {10, 32}
 #endif
+/* The level where a walk begins that begins high above the terrain. Others begin at their cell, which is read for the
+ * start anyway, and a ray from the ground seldom skips anything there; slices of silhouettes, often seen from above, at
+ * level 1. */
 #ifndef START_FAR
 #define START_FAR 4
 #endif
 
-/* Where a direction is negative, the packet's coordinate is minus the real one: every ray then walks towards larger i,
- * j, cell i is the real ~i, line n the real -n, and (n - ox) / dx is the same with both signs turned, bit for bit.
- * Blocks of 2^l cells are the same blocks. */
-/* Searches for a blocked point. */
+/* Does the query search for a blocked point? */
 #undef HITS
 #define HITS(what) ((what) == SLT_QUERY_TRACE || (what) == SLT_QUERY_OCCLUDED)
 
+/* Where a direction is negative, the packet's coordinate is minus the real one: every ray then walks towards larger i,
+ * j, cell i is the real ~i, line n the real -n, and (n - ox) / dx is the same with both signs turned, bit for bit.
+ * Blocks of 2^l cells are the same blocks. */
 typedef struct Packet {
     Ray r;
     Search s;
     vf t, tx, ty;         /* where the lane is; where it leaves its node in x and in y */
     vf ox, oy, rdx, rdy;  /* of the ray in the packet's coordinates: rdx, rdy positive */
     vi i, j, level, size; /* the low corner of the node; size = 1 << level cells */
-    vi flipx, flipy;      /* -1 where turned */
+    vi flipx, flipy;      /* -1 where the packet's coordinate is minus the real one, else 0 */
     int top;              /* the highest level to go to */
     vf z, zband,
         reach;      /* z of the skipping test; reach: the longest |t| times the rounding unit, how z follows `best` */
     vm on, falling; /* falling: dz < 0 */
-    vi lane;        /* TRACE: whose answer it is, of the first `count` lanes */
+    vi lane;        /* TRACE: the ray whose answer it is, of the first `count` lanes */
     uint32_t count;
 } Packet;
 
@@ -76,7 +76,7 @@ INLINE vm packet_load(Ray *r, Search *s, SltQuery what, const Field *f, const fl
         r->dz = f_all(0), r->te = f_all(0), r->t1 = f_all(FLT_BIG);
     } else if (!HITS(what)) {
         if (what == SLT_QUERY_RISE) s->best = f_all((flt)-INFINITY);
-        r->te = f_max(f_all(FLT_TINY), r->te); /* keeps a NaN */
+        r->te = f_max(f_all(FLT_TINY), r->te); /* a NaN stays one */
     }
     return on;
 }
@@ -100,7 +100,7 @@ INLINE void packet_locate(Packet *p, const Field *f, SltQuery what, const flt *r
     p->zband = p->z - p->s.limit;
     p->falling = m_lt(r->dz, f_all(0));
 
-    /* Above the highest point of all nothing happens. */
+    /* Nothing happens while the ray is above the highest point of the terrain. */
     vf from = r->te;
     if (HITS(what) || what == SLT_QUERY_SHADOW) {
         vf z = p->z;
@@ -117,7 +117,7 @@ INLINE void packet_locate(Packet *p, const Field *f, SltQuery what, const flt *r
     p->top = m->top;
     if (what == SLT_QUERY_RISE)
         p->top = 0;                    /* a few cells to the next ridge, and every one of them counts: no level helps */
-    if (what == SLT_QUERY_CLEARANCE) { /* the g of a site is asked for windows of some cells */
+    if (what == SLT_QUERY_CLEARANCE) { /* sites ask for the clearance in windows of a few cells */
         vf way = f_max(f_abs(r->dx), f_abs(r->dy)) * (r->tl - r->te);
         if (!m_any(on & m_lt(f_all(8), way))) p->top = 1;
     }
@@ -196,7 +196,7 @@ INLINE void packet_node(Packet *p, const Mipmap *m, SltQuery what, Slice *slice)
     vi at = i_lookup(m->base, p->level) + ((p->j ^ p->flipy) >> p->level) * i_lookup(m->stride, p->level) +
             ((p->i ^ p->flipx) >> p->level);
     vm leave = m_opaque(look & m_lt(mip_gather(m->data, at, look), low)), down = look & m_not(leave);
-    if (what == SLT_QUERY_SILHOUETTE) { /* all in the node is lower: what was found is a peak */
+    if (what == SLT_QUERY_SILHOUETTE) { /* the whole node is lower: the edge that was found is a peak */
         vm peaks = leave & m_lt(p->t, tout) & m_not(mi_eq(p->s.id, i_all(SLT_WITNESS_NONE)));
         if (!slice) {
             p->on &= m_not(peaks);
@@ -323,7 +323,7 @@ INLINE void packet_walk2(const Field *f, SltQuery what, const flt *heights, cons
 }
 
 #if PACKS
-/* Answers so far. */
+/* Writes the answers so far. */
 INLINE void packet_store(const Packet *p, int32_t *id) {
     int32_t lane[LANES], found[LANES];
     i_store(lane, p->lane);
@@ -358,7 +358,7 @@ INLINE void packet_join(Packet *p, const Packet *q) {
     p->on = m_make((1u << p->count) - 1);
 }
 
-/* Two packets until one holds all rays that go on: p. */
+/* Walks two packets until one, p, holds all rays that go on. */
 INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltQuery what, const flt *heights, int32_t *id) {
     while (__builtin_popcount(m_bits(p->on)) + __builtin_popcount(m_bits(q->on)) > LANES) {
         vm cp = p->on & mi_eq(p->level, i_all(0)), cq = q->on & mi_eq(q->level, i_all(0));
@@ -372,7 +372,7 @@ INLINE void packet_pair(Packet *p, Packet *q, const Field *f, SltQuery what, con
     packet_join(p, q);
 }
 
-/* Where the rays begin. The heights there are on their way from memory while the next packet does the same. */
+/* Where the rays begin: asks for the heights there, which come from memory while the next packet does the same. */
 INLINE void packet_fetch(Packet *p, const Field *f, SltQuery what, const flt *heights, const flt *rays, uint32_t width,
                          uint64_t mask, uint32_t at) {
     const int w = (int)f->w, h = (int)f->h;
@@ -385,7 +385,7 @@ INLINE void packet_fetch(Packet *p, const Field *f, SltQuery what, const flt *he
         __builtin_prefetch(heights + vertex[n]), __builtin_prefetch(heights + vertex[n] - w);
 }
 
-/* From there until one packet, p, holds all rays that go on. */
+/* After packet_fetch: walks until one packet, p, holds all rays that go on. */
 INLINE void packet_two(Packet *p, Packet *q, const Field *f, SltQuery what, const flt *heights, int32_t *id) {
     packet_start(p, f, what, heights);
     packet_start(q, f, what, heights);
@@ -457,7 +457,7 @@ INLINE void packet_run(const Field *f, SltQuery what, const void *heights, const
         if (LANES < 32) bits &= (1u << LANES) - 1;
         if (rest >= LANES) {
             i_store(id + at, packet_walk(f, what, heights, p + at, width, m_make(bits), NULL, counts));
-        } else { /* the last lanes of a width that is no multiple */
+        } else { /* the last lanes of a width that is no multiple of LANES */
             flt some[8 * LANES] = {0};
             int32_t out[LANES];
             for (uint32_t row = 0; row < 8; row++)

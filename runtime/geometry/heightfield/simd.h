@@ -1,11 +1,14 @@
 /* The vector operations that leaf.h and packet.inc.h are written in. Before including: LANES (16, 8, 4 or 1) and F64 (0
  * or 1); the file's -m flags must allow them.
  *
- *   flt  float or double      vf  LANES of flt      vi  LANES of int32      vm  a mask: an integer or a vector,
- * combined with & | and m_not
+ *   flt  float or double
+ *   vf   LANES of flt
+ *   vi   LANES of int32
+ *   vm   a mask of LANES, an integer or a vector: combined with &, | and m_not
  *
  * + - * / are the operators of C; every operation rounds as IEEE says, so all widths agree bit for bit. f_min(a, b) is
- * a < b ? a : b and f_max(a, b) is a > b ? a : b: with a NaN they are b. May be included again with other values. */
+ * a < b ? a : b and f_max(a, b) is a > b ? a : b: where a or b is NaN both give b. May be included again with other
+ * values of LANES and F64. */
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
@@ -300,7 +303,8 @@ INLINE vf mip_gather(const float *p, vi at, vm m) { return m ? (vf)p[at] : 0; }
 INLINE vi i_lookup(const int32_t table[16], vi at) { return table[at]; }
 #endif
 
-/* clang's optimiser takes minutes over long chains of mask logic unless some links are opaque to it. Costs nothing. */
+/* Returns m. clang's optimiser takes minutes over long chains of mask logic unless some links are opaque to it; this
+ * costs nothing. */
 INLINE vm m_opaque(vm m) {
 #if defined(__clang__) && ((LANES == 16 && !F64) || (LANES == 8 && F64))
     __asm__("" : "+k"(m));
@@ -313,8 +317,8 @@ INLINE int m_any(vm m) { return m_bits(m) != 0; }
 /* Three corners of a cell: p[at + 1], p[at - w], and p[at + 1 - w] where `far`, else p[at]. */
 INLINE void f_corners(const flt *p, vi at, int w, vm far, vm on, vf *right, vf *up, vf *corner) {
 #if LANES == 16 && !F64
-    /* A gather costs the same whatever the mask is, and one of eight pairs no more than one of eight: where few lanes
-     * want a cell, all their heights are in two such. */
+    /* A gather costs the same whatever the mask is, and a gather of eight pairs no more than one of eight numbers:
+     * where few lanes want a cell, two gathers of pairs have all their heights. */
     const uint32_t bits = m_bits(on);
     if (__builtin_popcount(bits) <= 8) {
         const __m512i number = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
