@@ -100,7 +100,7 @@ static SltStatus measure(Bench *b, Curve *k, uint64_t samples) {
     return SLT_OK;
 }
 
-/* What the other precision makes of the same lattice: where f32 stops gaining. */
+/* The error of the same lattice in the other precision, which shows where f32 stops gaining. */
 static SltStatus measure_other(Bench *b, uint64_t samples) {
     SltProgram *own = b->p, *other = NULL;
     bool quiet = b->c->quiet;

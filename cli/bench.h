@@ -1,10 +1,10 @@
-/* The two halves of `bench`. */
+/* What bench.c and bench_kernels.c, the two halves of `bench`, share. */
 #ifndef SALTUS_CLI_BENCH_H
 #define SALTUS_CLI_BENCH_H
 
 #include "cli/cli.h"
 
-/* bench_kernels.c: nanoseconds a sample of every compiled kernel, one thread. */
+/* bench_kernels.c: prints nanoseconds a sample of every compiled kernel on one thread. An SltStatus. */
 int bench_kernels(Cli *c, SltProgram *p);
 
 #endif

@@ -71,7 +71,7 @@ static void write_kernel_header(FILE *h) {
     fputs(at + strlen(include), h);
 }
 
-/* Where its outputs are. */
+/* The declaration of a kernel, and where its outputs are. */
 static void write_kernel(FILE *h, const SltProgram *p, const char *stem, int k) {
     static const char *const names[SLT_ROLES] = {
 #define SLT_ROLE(id, ...) #id,

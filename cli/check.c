@@ -27,7 +27,7 @@ typedef struct Check {
     Row *rows;
     uint32_t n;
     double weight[4];
-    double *moved; /* parameters beside the program's own */
+    double *moved; /* [nfloats]: parameters near the program's own */
     SltStats stats;
     SltError err;
     uint64_t samples;
@@ -67,7 +67,7 @@ static double mean_of(const double *v, int n, double *se) {
     return m;
 }
 
-/* In the program's own precision the moved parameter is rounded: the step that was really taken. */
+/* The step that is really taken, as the moved parameter is rounded to the program's precision. */
 static double real_step(const Check *k, const Row *row, const double *base, double h) {
     if (k->p->opt.f64 || row->dir) return h;
     float up = (float)(base[row->index] + h), down = (float)(base[row->index] - h);
@@ -115,8 +115,8 @@ static void add_row(Check *k, const char *name, uint32_t index, double *dir, con
     row->step = scale * (k->p->opt.f64 ? 2e-3 : 5e-3);
 }
 
-/* Which rows: every component of small parameters, the largest of long ones and one random direction through the rest.
- */
+/* Makes the rows: every component of small parameters, the largest of long ones and one random direction through the
+ * rest. */
 static SltStatus choose_rows(Check *k, const double *g, const double *base) {
     uint32_t nf = slt_float_count(k->p);
     const uint8_t *mask = slt_wrt_mask(k->p);
@@ -258,7 +258,7 @@ static int check(Check *k) {
         row->ad = along(k, row, g, false);
         row->ad_se = along(k, row, g + size, true);
         s = difference(k, row, base);
-        /* A difference that moved no sample across a jump, in any replicate, has seen nothing: a wider step. */
+        /* A difference of 0 in every replicate moved no sample across a jump: it wants a wider step. */
         for (int wider = 0; wider < 4 && s == SLT_OK && row->fd == 0 && row->fd_se == 0 && row->ad != 0; wider++) {
             row->step *= 8;
             s = difference(k, row, base);

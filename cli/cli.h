@@ -1,7 +1,7 @@
-/* The command: options, compiling, reports and progress that the verbs share. One file per verb.
+/* The command: options, compiling, reports and progress that the verbs share. One file a verb.
  *
- * Standard output carries results only (one JSON object with --json), everything for people goes to standard error.
- * Exit statuses are SltStatus. */
+ * Standard output carries results only (with --json one JSON object), everything for people goes to standard error.
+ * Functions that return int return an SltStatus, which is the exit status, and have printed the error. */
 #ifndef SALTUS_CLI_H
 #define SALTUS_CLI_H
 
@@ -83,7 +83,7 @@ struct Cli {
     uint32_t iters;
     const char *optimizer, *checkpoint, *resume;
     uint32_t every;
-    Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all */
+    Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
     const char *loss_command;
     double loss_timeout;
@@ -95,16 +95,15 @@ struct Cli {
     double max_seconds, tolerance;
     /* explain */
     const char *at;
-    /* any option given, for verbs that must refuse */
-    bool samples_given, iters_given, optimizer_given;
-    char *args_storage[CLI_MAX_KEPT];
+    bool samples_given, iters_given, optimizer_given; /* the option was there */
+    char *args_storage[CLI_MAX_KEPT];                 /* malloc'd pieces of arguments, which members above point at */
     uint32_t nargs_storage;
 };
 
 /* options.c */
 enum { CLI_HELPED = -1 };                     /* help or version was printed: all is well, and nothing is left to do */
 int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus, or CLI_HELPED */
-int cli_choice(const char *names, const char *text); /* where in names, a|b|c, the text is; -1: nowhere */
+int cli_choice(const char *names, const char *text); /* the number of text in names, a|b|c; -1: it is not among them */
 void cli_help(FILE *out, const char *verb);
 int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
 
@@ -113,12 +112,12 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
-int cli_unknown_format(const Cli *c);            /* of the output: SLT_USAGE */
-/* The job's sizes for this program (dimension, defaults), and checks them. */
+int cli_unknown_format(const Cli *c);            /* prints that -o has no known extension, returns SLT_USAGE */
+/* Completes the job's sizes for this program (dimension, defaults), and checks them. */
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
 int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out);
-/* Ctrl-C sets the job's cancel flag; a second one ends the process. */
+/* From now on Ctrl-C sets the job's cancel flag, and a second Ctrl-C ends the process. */
 void cli_catch_interrupt(Cli *c);
 bool cli_interrupted(void);
 void cli_watch_time(
@@ -148,16 +147,16 @@ void report_stats_json(FILE *out, const SltStats *stats);
 void report_warnings_json(FILE *out, SltProgram *p);
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
-/* Components that --wrt names: name of each and its float index. Returns how many; names live in *names (malloc'd array
- * of malloc'd strings). */
+/* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd
+ * strings), for report_free_components. */
 uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index);
 void report_free_components(char **names, uint32_t *index, uint32_t n);
-/* Names one float component: "discs[3].centre.x". */
+/* The name of the float `index`: "discs[3].centre.x". */
 void report_component_name(const SltProgram *p, uint32_t index, char *buf, size_t size);
-/* The EXR layer of a component's derivative image: d.radius, d.centre.1 */
+/* The EXR layer of the derivative image of the float `index`: d.radius, d.centre.1 */
 void report_layer_name(const Cli *c, const SltProgram *p, uint32_t index, char *buf, size_t size);
 void report_metadata(Image *im, const Cli *c, const SltProgram *p);
-/* Channel names of the root: Y, R G, R G B, R G B A. */
+/* The name of channel c of an image of so many: Y, R G, R G B, R G B A. */
 const char *report_channel(uint32_t channels, uint32_t c);
 
 #endif

@@ -148,7 +148,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
         if (!told || p->session->nerrors == 0) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
-        /* A file that cannot be opened at all has no place in itself: say it as one of the program. */
+        /* A file that cannot be opened has no diagnostics: the library's last error says so. */
         return status;
     }
     SltError err = {0};

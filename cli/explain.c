@@ -223,7 +223,7 @@ static void json_point(const ExplainedPoint *m) {
     fputs(", \"trace\": [", stdout);
     for (uint32_t i = 0; i < m->ntrace; i++) {
         printf("%s{\"site\": %d, \"k\": [", i ? ", " : "", m->trace[i].site);
-        for (uint32_t k = 0; k < m->trace[i].depth; k++) printf("%s%d", k ? ", " : "", m->trace[i].k[k]);
+        for (uint32_t k = 0; k < m->trace[i].loops; k++) printf("%s%d", k ? ", " : "", m->trace[i].k[k]);
         printf("], \"g\": ");
         json_number(stdout, m->trace[i].g);
         if (m->trace[i].is_rounding) printf(", \"n\": "), json_number(stdout, m->trace[i].n);
@@ -255,7 +255,7 @@ static void print_point(const ExplainedPoint *m) {
     printf("\ntrace of %u site%s\n", m->ntrace, m->ntrace == 1 ? "" : "s");
     for (uint32_t i = 0; i < m->ntrace; i++) {
         printf("  site %d", m->trace[i].site);
-        for (uint32_t k = 0; k < m->trace[i].depth; k++) printf("%s%d", k ? "," : " at ", m->trace[i].k[k]);
+        for (uint32_t k = 0; k < m->trace[i].loops; k++) printf("%s%d", k ? "," : " at ", m->trace[i].k[k]);
         if (m->trace[i].is_rounding) printf("  v = %.9g  n = %.9g\n", m->trace[i].g, m->trace[i].n);
         else printf("  g = %.9g  %s\n", m->trace[i].g, m->trace[i].decision ? "true" : "false");
     }

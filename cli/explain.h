@@ -1,6 +1,6 @@
 /* What `saltus explain` says of a program, as data: explain_model.c looks inside the program and builds it once,
- * explain.c prints it as text or as JSON and looks at nothing else. A model lies in the session's arena and is valid as
- * long as its program; its strings may be the program's own. */
+ * explain.c prints the model as text or as JSON and looks at nothing else. A model lies in the session's arena and is
+ * valid as long as its program; its strings may be the program's own. */
 #ifndef SALTUS_CLI_EXPLAIN_H
 #define SALTUS_CLI_EXPLAIN_H
 
@@ -8,20 +8,20 @@
 #include "cli/cli.h"
 
 typedef struct ExplainedSite {
-    const char *kind, *file, *path, *text; /* file NULL: none; path: the functions it was inlined through */
+    const char *kind, *file, *path, *text; /* file NULL: no place; path: functions that the site was inlined through */
     uint32_t line, column;
     uint64_t max_events;
     bool skip_loop, is_live, is_static; /* live: its jumps reach the output; static: does not depend on x */
 } ExplainedSite;
 
 typedef struct ExplainedKernel {
-    const char *name, *left_out; /* left_out: why there is none, or NULL */
-    uint32_t ops, instructions;  /* of our IR; of LLVM's after its passes */
+    const char *name, *left_out; /* left_out: why the kernel was not made, or NULL */
+    uint32_t ops, instructions;  /* operations of our IR, instructions of LLVM's after its passes */
     uint64_t tape_bytes;         /* a lane */
     const char *tape;            /* the report on what is stored, or NULL */
 } ExplainedKernel;
 
-/* A parameter, and why it does without something. */
+/* A parameter that lacks a gradient or a structure, and why. */
 typedef struct ExplainedLack {
     const char *param, *why;
 } ExplainedLack;
@@ -30,8 +30,8 @@ typedef struct ExplainedGeometry {
     const char *name, *structure, *description; /* description NULL: nothing was built */
     uint32_t width, height;
     size_t bytes;
-    uint32_t queries, by_kernel[K_KINDS]; /* bit (1 << SltQuery): asked by any kernel, by this one */
-    uint32_t not_asked;                   /* but it would answer */
+    uint32_t queries, by_kernel[K_KINDS]; /* bit (1 << SltQuery): asked by any kernel, by kernels of a kind */
+    uint32_t not_asked;                   /* bit (1 << SltQuery): it would answer, but no kernel asks */
 } ExplainedGeometry;
 
 typedef struct Explained {
@@ -49,9 +49,9 @@ typedef struct Explained {
 
 /* The story of one point. */
 typedef struct TracedSite {
-    int32_t site, k[SLT_MAX_K]; /* k: the numbers of the loops around it */
-    uint32_t depth;             /* how many of k */
-    double g, n;                /* of a rounding: what was rounded, and to what */
+    int32_t site, k[SLT_MAX_K]; /* k: indices of the loops around the site, outermost first */
+    uint32_t loops;             /* how many of k */
+    double g, n;                /* g; of a rounding the number that was rounded, and n its result */
     bool decision, is_rounding;
 } TracedSite;
 typedef struct ExplainedPoint {
@@ -60,7 +60,7 @@ typedef struct ExplainedPoint {
     TracedSite *trace; /* in the order of execution */
     uint32_t ntrace;
     SltCrossing crossing; /* the nearest along the axes, on segments of an eighth of the domain to both sides */
-    uint32_t axis;
+    uint32_t axis;        /* along which the crossing lies */
 } ExplainedPoint;
 
 /* explain_model.c: an SltStatus. Compiles the kernels that the job of `c` needs. */

@@ -57,8 +57,8 @@ static void explain_sites(const Inside *e, Explained *out) {
 }
 
 /* ---- parameters without a gradient */
-/* What a reverse kernel adds to an adjoint has a derivative. Read off the finished code: the value kernel's own
- * dependences are hidden by the bit tricks of its sines and exponentials. */
+/* A parameter has a gradient where a reverse kernel adds to its adjoint. That is read off the reverse kernels' IR: in
+ * the value kernel the bit tricks of sines and exponentials hide dependences. */
 static void add_reach(Inside *e, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) add_reach(e, i->region[r]);
@@ -136,7 +136,7 @@ static const char *no_structure(const SltProgram *p, uint32_t param) {
     return geometry_queries(p, f) ? NULL : "no kernel searches it";
 }
 
-/* By geometries of this kind. */
+/* The queries that geometries of this kind answer, as bits. */
 static uint32_t answered(SltGeometryKind kind) {
     uint32_t queries = 0;
     for (int q = 0; q < SLT_QUERIES; q++)
@@ -244,7 +244,7 @@ static void on_trace(void *user, const char *text, uint32_t len, const double *v
                       .decision = v[1] != 0,
                       .is_rounding = text[0] == 'n',
                       .n = v[1],
-                      .depth = n - 3};
+                      .loops = n - 3};
     for (uint32_t k = 0; k + 3 < n && k < SLT_MAX_K; k++) s->k[k] = (int32_t)v[3 + k];
 }
 

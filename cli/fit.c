@@ -59,7 +59,7 @@ static int apply_scene_params(Fit *f) {
         }
         if (q->grad == 1 && nnames < CLI_MAX_LIST) names[nnames++] = q->name;
     }
-    /* "grad": true names what is optimised; otherwise everything but what says false. */
+    /* Where a parameter has "grad": true, those that have it are optimised; else all but those with false. */
     if (f->c->nwrt) return SLT_OK;
     if (!any_grad)
         for (uint32_t i = 0; i < slt_param_count(f->p); i++) {
@@ -391,7 +391,7 @@ static int run(Fit *f) {
     SltStatus status = slt_fit_begin(f->p, &f->opt, &fit, &err);
     if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
-    /* The program may run in another folder than we do. */
+    /* The loss program may run in another folder than the command. */
     for (uint32_t v = 0; c->loss_command && f->scene.loss_dir && v < f->scene.nviews; v++)
         absolute(&f->scene, &f->scene.views[v].target_path), absolute(&f->scene, &f->scene.views[v].mask_path);
     if (c->loss_command && !(f->loss = loss_start(c->loss_command, f->scene.loss_dir, c->loss_timeout, &err))) {
@@ -403,7 +403,7 @@ static int run(Fit *f) {
     progress_end(&f->progress);
     loss_stop(f->loss);
     SltStatus ended = slt_fit_end(fit, &f->result, &end_err);
-    /* An end on time is no error to tell of. */
+    /* A fit that ends at its time limit, with a result, is no error. */
     if (status != SLT_OK && stop != SLT_FIT_INTERRUPTED && (stop != SLT_FIT_TIME_LIMIT || !f->result.iterations))
         report(f, &err);
     if (ended != SLT_OK) return report(f, &end_err);

@@ -22,7 +22,7 @@ struct LossProgram {
     pid_t pid;
     int to, from; /* our ends of the pipes, not blocking */
     double timeout;
-    bool ended; /* and was waited for */
+    bool ended; /* the program has ended, and was waited for */
     int wait_status;
     char head[HEAD_MAX]; /* of the answer: up to the end of its line, and what came along behind it */
     size_t nhead;
@@ -56,7 +56,7 @@ LossProgram *loss_start(const char *command, const char *dir, double timeout, Sl
         free(l);
         return NULL;
     }
-    setpgid(l->pid, l->pid); /* whoever comes first */
+    setpgid(l->pid, l->pid); /* parent and child both do this: it must hold for whichever goes on first */
     l->to = in[1], l->from = out[0];
     close_fd(&in[0]);
     close_fd(&out[1]);
@@ -90,7 +90,7 @@ void loss_stop(LossProgram *l) {
     free(l);
 }
 
-/* Its input or output was closed: how did it end? */
+/* The program's input or output was closed: how did the program end? */
 static SltStatus fail_ended(LossProgram *l, const char *when, SltError *err) {
     if (!reap(l, 1)) return status_fail(err, SLT_CHECK_FAILED, "the loss program closed its pipe %s", when);
     if (WIFSIGNALED(l->wait_status))
@@ -214,7 +214,7 @@ static SltStatus converse(LossProgram *l, Exchange *x, double deadline, double *
             if (errno == EINTR) continue;
             return status_fail_errno(err, SLT_CHECK_FAILED, errno, "cannot wait for the loss program");
         }
-        /* First what it says: a program that explains itself and leaves should be heard. */
+        /* Read before looking for errors: a program that explains itself and leaves should be heard. */
         SltStatus status = fd[0].revents ? receive_some(l, x, loss, err) : SLT_OK;
         if (status == SLT_OK && fd[1].revents) status = send_some(l, x, err);
         if (status != SLT_OK) return status;

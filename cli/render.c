@@ -55,7 +55,7 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
     fputs("}\n", stdout);
 }
 
-/* The integral through the same door as its derivative, without any. */
+/* The integral, by slt_grad_integral without a gradient: this gives its standard error too. */
 static int render_integral(Cli *c, SltProgram *p) {
     SltError err = {0};
     SltStats stats = SLT_STATS_INIT;

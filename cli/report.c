@@ -1,4 +1,4 @@
-/* Results in the shape of the parameters. */
+/* Results in the shape of the parameters, statistics, warnings, names of components. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,5 +1,5 @@
-/* Inside the library's face: a program object owns its session, its parameter values and the kernels compiled so far.
- */
+/* Inside the library's face: a program object, which owns its session, its parameter values and the kernels compiled so
+ * far; and what the files of this folder share. One call at a time uses a program: in_use. */
 #ifndef SALTUS_BINDINGS_C_API_H
 #define SALTUS_BINDINGS_C_API_H
 
@@ -12,100 +12,108 @@
 #include "runtime/sample/estimate.h"
 #include "saltus/saltus.h"
 
-/* What is asked of a geometry. */
+/* What kernels ask of a geometry, and what was made for that. */
 typedef struct GeometryState {
-    uint32_t wanted, built;  /* bit (1 << SltQuery): in compiled kernels; what it was made for */
-    uint32_t made, followed; /* how often; tests look */
-    uint64_t followed_values;
+    uint32_t wanted, built; /* bit (1 << SltQuery): queries of compiled kernels; those that the geometry was made for */
+    uint32_t made, followed;  /* for tests: how often it was made, and how often it followed its numbers */
+    uint64_t followed_values; /* for tests: numbers that it looked at to follow */
 } GeometryState;
 
 struct SltProgram {
     Session *session;
-    Program *prog;  /* NULL after an error */
-    SltOptions opt; /* strings copied into the session */
+    Program *prog;  /* NULL where the shader did not compile */
+    SltOptions opt; /* what it points at lies in the session */
     PassCtx passes;
     Target target;
 
     atomic_bool in_use; /* by a public function that reads or writes what follows */
     bool ready;         /* compiled, with values: else only diagnostics may be asked for */
 
-    double *floats; /* master values */
-    void *flt;      /* the same in the program's precision; or those of the last call, when it had its own */
-    bool flt_lent;  /* flt holds a call's own values */
-    int32_t *ints;
-    uint8_t *wrt;       /* per float: differentiate */
-    bool *asset_loaded; /* per parameter */
+    double *floats;     /* [nfloats]: the values */
+    void *flt;          /* flt[nfloats]: the values in the program's precision; while flt_lent those of the last call */
+    bool flt_lent;      /* the last call had values of its own (SltJob.floats) */
+    int32_t *ints;      /* [nints] */
+    uint8_t *wrt;       /* [nfloats]: 1 where a gradient is wanted */
+    bool *asset_loaded; /* by parameter: its file has been read */
 
-    SltScene scene; /* kernels compiled so far */
-    Fn *fn[K_KINDS];
-    bool tried[K_KINDS]; /* asked for before; NULL in fn: the program has no use for it */
-    TapeReport tape[K_KINDS];
+    SltScene scene;      /* what the runtime sees; points into the members below */
+    Fn *fn[K_KINDS];     /* IR of the kernels compiled so far */
+    bool tried[K_KINDS]; /* asked for before: where fn is NULL all the same, the program has no use for the kernel */
+    TapeReport tape[K_KINDS]; /* of the reverse kernels */
     CompiledModule *modules[16];
     uint32_t nmodules;
     CompiledModule *module_of[K_KINDS];
-    SltKernel **cull_kernels;
-    uint32_t *cull_counts;
-    uint8_t *site_kind, *site_static, *site_skips;
-    uint8_t *dense;                 /* per float: some reverse kernel adds to its adjoint in place */
-    const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
-    uint32_t *geometry_base;
-    GeometryState *geometry_state;
+    SltKernel **cull_kernels;                      /* by [Cull] loop */
+    uint32_t *cull_counts;                         /* by [Cull] loop: iterations */
+    uint8_t *site_kind, *site_static, *site_skips; /* by site: see SltScene */
+    uint8_t *dense;                                /* [nfloats]: 1 where some reverse kernel adds to adj */
+    const SltGeometry **geometries;                /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
+    uint32_t *geometry_base;                       /* [prog->ngeometries]: where in flt its numbers begin */
+    GeometryState *geometry_state;                 /* [prog->ngeometries] */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
-                  uint32_t lane); /* print(); NULL: silent */
-    void *print_user;             /* as kernels call it: this program */
-    SltPrint *on_print;           /* the caller's */
+                  uint32_t lane); /* SltKernelArgs.print; NULL: silent */
+    void *print_user;             /* of print: this program */
+    SltPrint *on_print;           /* the caller's function (slt_set_print), which print calls */
     void *on_print_user;
-    double ms_front, ms_passes, ms_llvm;
-    bool cached; /* every module so far came from the cache */
+    double ms_front, ms_passes, ms_llvm; /* milliseconds spent compiling */
+    bool cached;                         /* every module so far came from the cache */
 
-    SltError error;
-    char *text[4]; /* malloc'd strings handed out: diagnostics text, JSON */
+    SltError error; /* slt_last_error */
+    char *text[4];  /* malloc'd strings handed out: diagnostics as text, as JSON */
 };
 
-/* kernels.c: makes sure that these kernels exist (those that the program needs), then fills p->scene. */
+/* ---- kernels.c: compiles those of the kernels that the program needs and lacks, then fills p->scene. */
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
-void api_forget_gradients(SltProgram *p); /* the kernels that depend on what is differentiated */
+void api_forget_gradients(SltProgram *p); /* frees the kernels that depend on p->wrt */
 void api_free_kernels(SltProgram *p);
-/* call.c. Public functions that touch what changes claim the program first; api_enter also fails, with a text, when it
- * did not compile. What succeeds is followed by api_release. */
+
+/* ---- call.c. A public function that reads or writes what changes claims the program first: api_claim is false where
+ * another call has it; api_enter also fails where the program did not compile, with a text. api_release follows what
+ * succeeded. */
 bool api_claim(const SltProgram *p);
 void api_release(const SltProgram *p);
 SltStatus api_enter(const SltProgram *p, SltError *err);
-/* Structs that begin with their size. `mine` is of this version, `known` bytes long; `theirs` may be of another.
- * api_struct_read leaves alone what theirs lacks; false: theirs has no size, or says what is not known here.
- * api_struct_write wants a size that was checked. */
+/* Structs that begin with their size: `mine` is of this version, `known` bytes long; `theirs`, the caller's, may be of
+ * another. api_struct_read copies theirs to mine, but for members that theirs lacks; false: theirs has no size, or sets
+ * members that are not known here. api_struct_write copies mine to theirs, whose size was checked. */
 bool api_struct_sized(const void *theirs);
 bool api_struct_read(void *mine, size_t known, const void *theirs);
 void api_struct_write(void *theirs, const void *mine, size_t known);
-SltStatus api_struct_unknown(SltError *err, const char *name); /* the error for it */
-/* A call that samples, from begin (which enters) to end (which is called whatever begin returned). */
+SltStatus api_struct_unknown(SltError *err, const char *name); /* the error where these are false */
+/* A call that samples: api_call_begin enters the program; api_call_end releases it, whatever begin returned. */
 typedef struct ApiCall {
-    SltProgram *p;                 /* NULL: not entered */
-    SltJob job;                    /* of this version */
-    SltStats own, *stats, *theirs; /* stats: NULL where the caller wants none */
+    SltProgram *p; /* NULL: not entered */
+    SltJob job;    /* the caller's, as a struct of this version */
+    SltStats own;
+    SltStats *stats, *theirs; /* &own, and the caller's, which gets own at the end; both NULL where none are wanted */
     SltError *err;
 } ApiCall;
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
-/* geometry.c */
+/* ---- geometry.c */
 bool api_geometries_init(SltProgram *p);
 void api_geometries_free(SltProgram *p);
-/* values[base..] are new, flt[base..] still old: tells geometries which of their numbers become others. */
+/* Says to geometries which of their numbers will change: those among base .. base + count - 1 where values[] differs
+ * from flt[], which is still old. */
 void api_geometries_watch(SltProgram *p, const double *values, uint32_t base, uint32_t count);
-uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << SltQuery) for every query on it */
-void api_geometries_want(SltProgram *p, const Fn *fn);  /* fn will run: the next api_geometries makes what it asks */
-SltStatus api_geometries(SltProgram *p, SltError *err); /* makes what compiled kernels ask, or has it follow */
-/* values.c */
+uint32_t api_geometry_queries(const Fn *fn, uint32_t geometry); /* bit (1 << SltQuery): what fn asks that geometry */
+void api_geometries_want(SltProgram *p, const Fn *fn); /* fn will run: the next api_geometries makes what fn asks for */
+/* Makes the geometries that compiled kernels ask for; those that are there follow their numbers in flt. */
+SltStatus api_geometries(SltProgram *p, SltError *err);
+
+/* ---- values.c */
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */
-void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new */
-SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt without entering */
-SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err); /* slt_set_text likewise */
+void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new: flt follows */
+SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
+SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err); /* slt_set_text, entered */
+/* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
-/* Upper bound on the events of one sample. */
-uint64_t api_event_bound(const SltProgram *p);
-bool api_near_miss(const SltProgram *p); /* do its kernels look for events that nearly decide differently? */
+
+/* ---- kernels.c: facts of the program */
+uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */
+bool api_near_miss(const SltProgram *p);       /* do its kernels note the nearest event, for the near-miss probe? */
 
 #endif

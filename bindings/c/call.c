@@ -40,7 +40,7 @@ bool api_struct_read(void *mine, size_t known, const void *theirs) {
 }
 
 void api_struct_write(void *theirs, const void *mine, size_t known) {
-    size_t size, head = sizeof size; /* theirs keeps its size */
+    size_t size, head = sizeof size; /* their size stays what it is */
     memcpy(&size, theirs, sizeof size);
     memcpy((char *)theirs + head, (const char *)mine + head, (size < known ? size : known) - head);
 }
@@ -50,8 +50,8 @@ SltStatus api_struct_unknown(SltError *err, const char *name) {
 }
 
 /* ---- a call that samples */
-/* `flt` and geometries follow the parameters of the call; those of the program come back when a
- * call wants them, so that many calls with their own parameters in a row change only what differs between them. */
+/* `flt` and geometries follow the parameters of the call. The program's own come back only when a call wants them, so
+ * that many calls with parameters of their own in a row change only what differs between them. */
 static void take_floats(SltProgram *p, const double *floats) {
     if (!floats && !p->flt_lent) return;
     api_flt_from(p, floats ? floats : p->floats, 0, p->prog->nfloats);
@@ -90,7 +90,7 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
 
 /* ---- print(): `{}` in the text is the next value */
 static void print_line(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane) {
-    enum { NUMBER = 40 }; /* more than one takes */
+    enum { NUMBER = 40 }; /* bytes: more than a number takes */
     const SltProgram *p = user;
     char line[1024];
     size_t at = 0;

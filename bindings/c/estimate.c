@@ -29,7 +29,7 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     return api_call_kernels(c, needs);
 }
 
-/* What is truly infinite is infinite, and counted. */
+/* A derivative that is infinite stays so in the result; it is counted. */
 static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
     if (!v || !stats) return;
     uint64_t bad = 0;

@@ -13,11 +13,11 @@
 #include "saltus/fit.h"
 
 enum { MAX_VALUES = 1 << 28 }; /* floats of an image */
-/* Flipped in the seed of the derivative behind a loss of the caller's: its samples are others than those of the image
- * that the adjoint came from. */
+/* Flipped in the seed of the derivative after a loss of the caller's, so that its samples are others than those of the
+ * image from which the adjoint came. */
 enum { OTHER_SAMPLES = 0x40000000 };
 
-/* A parameter that one view sees with another value: where it lies, and that value. */
+/* A parameter that has another value in one view: where it lies, and that value. */
 typedef struct OwnValue {
     ParamRef at;
     double *floats;
@@ -41,18 +41,18 @@ struct SltFit {
     OptimiseMethod method;
     uint32_t n, *index;     /* the active floats */
     double *gradient, *all; /* [n]; [nfloats], with minimize [channels][nfloats] */
-    double *own_floats;     /* [nfloats], [nints]: of the view in hand */
+    double *own_floats;     /* [nfloats], and own_ints [nints]: values in the view in hand */
     int32_t *own_ints;
     double *losses; /* [losses_cap] */
     size_t losses_cap;
     size_t nvalues;         /* floats of an image */
     float *image;           /* of the first view, the latest */
     float *other, *adjoint; /* with opt.loss: the image of any other view; the answer */
-    uint32_t iteration;     /* how many are done: so many losses there are */
+    uint32_t iteration;     /* how many are done: the length of losses */
     double start;           /* by pool_now() */
     SltFitStop stop;
     char reason[512];
-    bool unsaved; /* the checkpoint could not be written: not tried again */
+    bool unsaved; /* the checkpoint could not be written, and is not tried again */
 };
 
 const char *slt_fit_optimizer(uint32_t index) {
@@ -68,7 +68,7 @@ static SltStatus find_param(const SltProgram *p, const char *name, const char *w
 
 static SltStatus out_of_memory(SltError *err) { return status_fail(err, SLT_LIMIT, "out of memory for a fit"); }
 
-/* The options by the caller's version of the library, and that they make one problem. */
+/* Reads the caller's options, which may be of another version, and checks that they make one problem. */
 static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *err) {
     SltFitOptions *o = &f->opt;
     *o = SLT_FIT_OPTIONS_INIT;
@@ -114,7 +114,7 @@ static void *copy_of(const void *from, size_t count, size_t size) {
     return to;
 }
 
-/* Reads what a view sees with a value of its own, once, and puts the common value back. */
+/* Reads a value that a parameter has in one view, and puts the common value back. */
 static SltStatus read_value(SltProgram *p, const SltSet *set, OwnValue *v, SltError *err) {
     SltStatus status = find_param(p, set->name, "value of a view", &v->at, err);
     for (uint32_t i = 0; status == SLT_OK && i < v->at.fcount; i++)
@@ -138,7 +138,7 @@ static SltStatus read_value(SltProgram *p, const SltSet *set, OwnValue *v, SltEr
         }
         api_params_changed(p, v->at.fbase, v->at.fcount);
     }
-    /* What a view says is data, as a scene file is. */
+    /* A view's values are data, as a scene file is: a bad one is bad input. */
     if (status == SLT_USAGE) status = SLT_INPUT, err->status = SLT_INPUT;
     return status;
 }
@@ -165,7 +165,7 @@ static SltStatus read_views(SltFit *f, SltError *err) {
     return SLT_OK;
 }
 
-/* What a view sees goes with its calls: the program's parameters with the view's own values among them. */
+/* The calls of a view get the program's parameters with the view's own values among them. */
 static void use_view(SltFit *f, const View *v, SltJob *job) {
     job->floats = NULL, job->ints = NULL;
     if (!v->nvalues) return;
@@ -247,7 +247,7 @@ static SltStatus apply_mask(const SltFit *f, const SltFitMask *m, double *rate, 
     return SLT_OK;
 }
 
-/* Bounds and scales are those of the declarations. */
+/* Bounds and scales are [Range] and [Log] of the declarations. */
 static SltStatus make_optimiser(SltFit *f, SltError *err) {
     const SltFitOptions *o = &f->opt;
     size_t n = f->n;
@@ -300,7 +300,7 @@ static SltStatus make_optimiser(SltFit *f, SltError *err) {
 }
 
 /* ---- checkpoints: the losses so far go with the optimiser's state */
-/* What the checkpoint belongs to: shader, targets, values of the views, the caller's loss. */
+/* The key of a checkpoint: a hash of shader, targets, values of the views and the caller's loss. */
 static void hash_problem(Session *s, void *arg) {
     SltFit *f = arg;
     ArenaMark mark = arena_mark(&s->scratch);
@@ -465,8 +465,8 @@ SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
 }
 
 /* ---- one evaluation */
-/* The image goes out, the loss and its adjoint image come back; the derivative of the image is then taken with other
- * samples, so that what noise did to the adjoint is independent of what it does to the derivative. */
+/* The caller gets the image and gives its loss and adjoint image; the derivative of the image is then taken with other
+ * samples, so that the noise in the adjoint is independent of the noise in the derivative. */
 static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltError *err) {
     float *image = view == 0 ? f->image : f->other;
     SltFitRequest q = {.struct_size = sizeof q,
@@ -478,7 +478,7 @@ static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, doubl
                        .image = image};
     SltStatus status = slt_render(f->p, job, image, f->opt.stats, err);
     if (status == SLT_OK) status = f->opt.loss(f->opt.loss_user, &q, loss, f->adjoint, err);
-    /* The optimiser steps back from what is no number: it wants no gradient there. */
+    /* The optimiser steps back from a loss of NaN, and wants no gradient there. */
     if (status != SLT_OK || isnan(*loss)) return status;
     SltJob other = *job;
     other.seed ^= OTHER_SAMPLES;

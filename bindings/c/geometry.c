@@ -1,8 +1,7 @@
 /* Geometries that kernels search: from the first kernel that asks to the end of the program.
  *
- * One is made when compiled kernels hold a query on it, and only for the queries that they hold: no query, nothing is
- * built. It follows its numbers: those that really become others are told to it, and it is brought up to date before
- * the next estimate. */
+ * A geometry is made when compiled kernels hold a query on it, and only for the queries that they hold. It follows its
+ * numbers: it hears which of them really change, and is brought up to date before the next estimate. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -56,7 +55,7 @@ void api_geometries_watch(SltProgram *p, const double *values, uint32_t base, ui
         const GeometryInfo *info = &p->prog->geometries[g];
         uint64_t first = info->base, end = first + info->count, at = base > first ? base : first,
                  to = (uint64_t)base + count < end ? (uint64_t)base + count : end;
-        if (!p->geometries[g]) continue; /* it will be made from whatever its numbers are then */
+        if (!p->geometries[g]) continue; /* not made yet: it will be, from the numbers of that time */
         while (at < to) {
             while (at < to && same_bits(p, values, at)) at++;
             uint64_t from = at;

@@ -1,4 +1,5 @@
-/* Kernels on demand: what a call needs and is not there yet goes through the passes and the back end as one module. */
+/* Kernels on demand: those that a call needs and that are not there yet go through passes and back end as one module.
+ */
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -6,14 +7,14 @@
 #include "bindings/c/api.h"
 #include "compiler/pass/depend.h"
 
-/* Events of a sample up to which the near-miss probe is on by default, and regions are told apart by path: then a band
- * between two comparisons that is thinner than the spacing shows in the hash, though both its outsides look alike.
- * Above it, speed wins; see docs/estimators.md for the measurement. */
+/* Up to so many events a sample the near-miss probe is on by default, and regions are told apart by path: then a band
+ * between two comparisons that is thinner than the spacing shows in the hash, though f is the same on both sides of it.
+ * Above, speed wins; docs/estimators.md has the measurement. */
 enum { NEAR_MISS_EVENTS = 64 };
-/* Above this many sites the kernel of g alone is left out: the one with its gradient gives g as well, a little slower,
- * and compiling dominates. */
+/* Above this many sites `site`, the kernel of g alone, is left out: `site_grad` gives g as well, a little slower, and
+ * compiling dominates. */
 enum { LONE_SITE_KERNEL = 128 };
-/* Above this many bytes of per-lane accumulators the adjoints are added horizontally instead. */
+/* Above this many bytes of adjoints with a sum a lane, kernels add the lanes up themselves (flat_adj). */
 enum { LANE_ADJOINT_BYTES = 1 << 17 };
 
 static double now_ms(void) {
@@ -30,7 +31,7 @@ uint64_t api_event_bound(const SltProgram *p) {
 
 bool api_near_miss(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
-    bool any = false; /* the site of a ray has no g at a single point to be near 0 */
+    bool any = false; /* a site that is not a ray's: g of a ray needs two points, so at one it cannot be near 0 */
     for (uint32_t s = 0; s < primal->nsites; s++) any |= !ir_site_of_ray(primal->sites[s].kind);
     if (!any) return false;
     return p->opt.near_miss < 0 ? api_event_bound(p) <= NEAR_MISS_EVENTS : p->opt.near_miss > 0;
@@ -105,7 +106,7 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
     uint64_t reads = layout->reads;
     pipeline_kernel(&p->passes, bounds);
     *layout = pipeline_layout(bounds);
-    layout->reads |= reads; /* of any */
+    layout->reads |= reads; /* what any of them reads */
     api_geometries_want(p, bounds);
 }
 
@@ -208,7 +209,7 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
 
 void api_forget_gradients(SltProgram *p) {
     static const int kinds[] = {K_JVP, K_VJP, K_SITE_JVP, K_SITE_VJP};
-    for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->fn[k] != NULL; /* what was left out may be needed now */
+    for (int k = 0; k < K_KINDS; k++) p->tried[k] = p->fn[k] != NULL; /* kernels that were left out may be needed now */
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         p->fn[kinds[i]] = NULL;
         p->tried[kinds[i]] = false;

@@ -32,7 +32,7 @@ static char *own_file(void) {
     return exe;
 }
 
-/* ../share/saltus/stdlib of the folder of `file`, and of the one above it (lib/x86_64-linux-gnu/libsaltus.so). */
+/* ../share/saltus/stdlib from the folder of `file`, or from the folder above (lib/x86_64-linux-gnu/libsaltus.so). */
 static const char *stdlib_beside(Session *s, const char *file) {
     const char *slash = strrchr(file, '/');
     int n = slash ? (int)(slash - file) : 0;
@@ -43,8 +43,8 @@ static const char *stdlib_beside(Session *s, const char *file) {
     return NULL;
 }
 
-/* What the caller says, what the environment says, what was installed along, the tree it was built from, where it was
- * meant to be installed. */
+/* The first there is: what the caller says, what the environment says, what lies beside the library, the tree that the
+ * library was built from, where it was meant to be installed. */
 static const char *find_stdlib(Session *s, const SltOptions *opt) {
     if (opt->stdlib_dir) return opt->stdlib_dir;
     const char *env = getenv("SALTUS_STDLIB");
@@ -69,7 +69,8 @@ static const SltSet *copy_sets(Session *s, const SltSet *list, uint32_t n) {
     return copy;
 }
 
-/* Kernels are compiled long after the call that brought the options: nothing of the caller's may be left in them. */
+/* Kernels are compiled long after the call that brought the options: nothing in them may point at the caller's memory.
+ */
 static void copy_options(Session *s, void *user) {
     SltOptions *o = user;
     const char **dirs = ARENA_ARRAY(&s->session, const char *, o->nimport_dirs + 1);
@@ -92,7 +93,7 @@ typedef struct Compile {
     SltStatus status;
 } Compile;
 
-/* Where to dump, verify and stop. */
+/* The points in the pipeline at which to dump, verify and stop. */
 static SltStatus find_points(SltProgram *p) {
     const struct {
         const char *option, *text;
@@ -273,7 +274,7 @@ bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
     return d != NULL;
 }
 
-/* "" while the program is in use. */
+/* Diagnostics as a string that lives until the next of this slot; "" while the program is in use. */
 static const char *printed(SltProgram *p, int slot, void (*print)(const Session *, FILE *)) {
     size_t size = 0;
     char *text = NULL;
@@ -292,7 +293,7 @@ static void print_text(const Session *s, FILE *f) { diag_print_text(s, f, false)
 const char *slt_diagnostics_text(SltProgram *p) { return printed(p, 0, print_text); }
 const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_print_json); }
 
-/* ---- facts: zeros of a program that did not compile */
+/* ---- facts: 0 and "" where the program did not compile */
 uint32_t slt_dim(const SltProgram *p) { return p->prog ? p->prog->dim : 0; }
 uint32_t slt_channels(const SltProgram *p) { return p->prog ? p->prog->channels : 0; }
 const char *slt_entry(const SltProgram *p) { return p->prog ? p->prog->entry : ""; }

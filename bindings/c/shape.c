@@ -10,7 +10,7 @@ static void add_dimension(SltParam *out, uint32_t n) {
     else out->shape[SLT_MAX_RANK - 1] *= n;
 }
 
-/* A texture, a row of it, a texel or a channel: by how many numbers it has. */
+/* The part of a texture that `out` is follows from its count of numbers: all, a row, a texel or a channel. */
 static void describe_texels(const Param *q, SltParam *out) {
     uint32_t row = q->tex_w * q->tex_c;
     out->kind = SLT_KIND_FLOAT, out->fstride = 1;
@@ -62,7 +62,7 @@ static void count(const Type *t, uint32_t *floats, uint32_t *ints) {
 void shape_field(SltParam *q, uint32_t index) {
     const Type *t = q->layout;
     const Field *field = &t->fields[index];
-    static const Param plain; /* fields are no textures */
+    static const Param plain; /* a field is never a texture */
     for (uint32_t k = 0; k < index; k++) count(t->fields[k].type, &q->fbase, &q->ibase);
     q->fcount = q->icount = 0;
     count(field->type, &q->fcount, &q->icount);

@@ -19,7 +19,7 @@ void api_flt_from(SltProgram *p, const double *values, uint32_t base, uint32_t c
 }
 
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count) {
-    if (!p->flt_lent) api_flt_from(p, p->floats, base, count); /* else the next call takes all of floats */
+    if (!p->flt_lent) api_flt_from(p, p->floats, base, count); /* else the next call without its own copies them all */
 }
 
 uint32_t slt_float_count(const SltProgram *p) { return p->prog ? p->prog->nfloats : 0; }
@@ -164,7 +164,7 @@ static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
     case T_UINT: fprintf(out, "%u", (uint32_t)p->ints[index]); return;
     case T_INT: fprintf(out, "%d", p->ints[index]); return;
     default:
-        /* JSON has no infinities, and readers refuse what overflows: parameters say it in words. */
+        /* JSON has no infinities, and readers refuse numbers that overflow: parameters have "inf" and "-inf". */
         if (isinf(p->opt.f64 ? p->floats[index] : (double)(float)p->floats[index]))
             fputs(p->floats[index] > 0 ? "\"inf\"" : "\"-inf\"", out);
         else if (p->opt.f64) json_number(out, p->floats[index]);
@@ -195,7 +195,7 @@ char *slt_params_json(const SltProgram *p) {
     return text;
 }
 
-/* ---- JSON in: values go to staging vectors and are taken over only if all is well */
+/* ---- JSON in: values go to staging vectors, which replace the program's only if all is well */
 typedef struct Stage {
     SltProgram *p;
     double *floats;
@@ -315,7 +315,8 @@ static void stage_end(Stage *s, bool take) {
     free(s->ints);
 }
 
-/* Infinities are written as 1e999, which the JSON reader refuses: in place, "inf" and "-inf" are exactly as long. */
+/* The text may have infinities as 1e999, which the JSON reader refuses: "inf" and "-inf" take their place, which is
+ * exactly as long. */
 static void quote_infinities(char *text) {
     bool quoted = false;
     for (char *c = text; *c; c++) {
@@ -342,7 +343,7 @@ static json_t *parse_json(const char *text, const char *shown, SltError *err) {
 
 static SltStatus read_image_param(Stage *s, const Param *q, const char *path);
 
-/* {"file": "dem.exr"}: of a texture or a geometry, relative to the folder of the text. */
+/* {"file": "dem.exr"} as the value of a texture or a geometry; the path is relative to the folder of the text. */
 static SltStatus read_named_file(Stage *s, const Param *q, const char *file) {
     char path[4096];
     const char *slash = strrchr(s->shown, '/');
@@ -451,7 +452,7 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         free(bytes);
         if (!j) return SLT_INPUT;
         s->shown = path;
-        /* A file of `fit` works too: take this parameter out of it. */
+        /* In a file of `fit` the parameter's value stands under its name. */
         json_t *own =
             json_is_object(j) && (q->is_texture || q->type->kind != T_STRUCT) ? json_object_get(j, q->name) : NULL;
         status = read_param(s, q, own ? own : j);
@@ -488,7 +489,7 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
         char listed[256];
         if (!j && strchr(value, ',') && snprintf(listed, sizeof listed, "[%s]", value) < (int)sizeof listed)
             j = json_loads(listed, JSON_DECODE_ANY, &e);
-        if (!j) { /* 1., .5, 1e-3, inf: what strtod reads and JSON does not */
+        if (!j) { /* 1., .5, inf: strtod reads them, JSON does not */
             char *end;
             double v = strtod(value, &end);
             if (end != value && !*end) j = isfinite(v) ? json_real(v) : NULL;
@@ -566,7 +567,7 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
     return ok;
 }
 
-/* Dimensions of an asset, for the front end. */
+/* The dimensions of an asset, for the front end; *why on failure. */
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
     SltProgram *p = user;
     SltError err = {0};
