@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The values of SltStatus; the compiler does not include the runtime's header for three numbers. */
+/* Values of SltStatus, whose header (saltus/status.h) base does not include. */
 enum { STATUS_LIMIT = 6, STATUS_STOPPED = 7, STATUS_INTERNAL = 70 };
 
 static void budget_spent(void *user) {
