@@ -151,7 +151,7 @@ IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same) {
     return IR_RANGE_FINITE;
 }
 
-/* What may wrap is the whole type. */
+/* An integer that may wrap may be any. */
 static IrRange fit(const Inst *i, IrRange r) {
     if (i->type == TY_BOOL) return r.lo >= 0 && r.hi <= 1 ? r : (IrRange){0, 1, 0};
     if (i->type != TY_INT) return r;
@@ -173,9 +173,8 @@ static IrRange counter(const Inst *loop) { return between(0, (double)loop->imm.l
 
 typedef struct Flow {
     IrRange *range;
-    IrRange *next;  /* by id: what loops assign to a carried parameter, and what is stored in an array, found by the
-                       sweep before */
-    IrRange *found; /* the same, being found */
+    IrRange *next;  /* by id of a carried parameter or an array: what is assigned there, found by the sweep before */
+    IrRange *found; /* the same, as this sweep finds it */
 } Flow;
 
 static void sweep(Flow *f, const Block *b);
@@ -201,7 +200,7 @@ static void sweep_regions(Flow *f, const Inst *i) {
     }
 }
 
-/* The yields of loops lead with the flag to go on. */
+/* Of result `index` of a region; a loop yields the flag to go on first. */
 static IrRange result_of(const Flow *f, const Inst *i, uint32_t region, int64_t index) {
     return f->range[i->region[region]->last->args[index + (i->op == OP_loop)]->id];
 }
