@@ -1,4 +1,4 @@
-/* The checker's program: tables of every module, functions, the call graph, entry points. */
+/* The program as a whole: tables of every module, functions, the call graph, entry points. */
 #include "compiler/front/check/internal.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 /* Values known when the program is compiled.
  *
  * Folding runs bottom-up as nodes get their types, so a value is computed once, where it stands, by the rows of
- * ir/ops.def. Floats are kept in double whatever the precision of the program: lowering rounds once. Integers wrap to
+ * ir/ops.def. Floats are kept in double whatever the precision of the program: gen rounds once. Integers wrap to
  * 32 bits at every step, as in the program. Division by zero, shifts and conversions follow the language. */
 #include "compiler/front/check/internal.h"
 

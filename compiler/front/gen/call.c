@@ -210,7 +210,7 @@ static bool degrees(Linear *c, Block *b) {
             changed |= raise_to(i->args[0], degree(i->args[2]));
             break;
         case OP_acopy: changed |= raise_to(i->args[0], degree(i->args[1])); break;
-        case OP_alloc: break; /* what is stored tells */
+        case OP_alloc: break; /* the stores tell */
         default: changed |= raise_to(i, degree_of(c, i));
         }
     }

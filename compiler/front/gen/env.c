@@ -221,7 +221,7 @@ void loop_end(Lower *l, LoopCtx *c, Inst *go_on) {
         Var *v = c->carried.data[i];
         Inst *param = c->op->region[0]->params[i + 1];
         if (i >= c->ninitial) {
-            /* Added on demand: outside, the value before the loop is what the loop was given. */
+            /* For a variable that var_hidden added, the value before the loop is what the loop was given. */
             for (uint32_t j = c->mark; j < l->journal.len; j++)
                 if (l->journal.data[j].var == v) l->journal.data[j].old = c->op->args[i];
             v->value = c->op->args[i];

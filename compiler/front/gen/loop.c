@@ -94,10 +94,10 @@ typedef struct Counter {
     Var *var;
     int64_t step; /* 0: no counter */
     double fstep; /* of a float counter */
-    Operator op;  /* sym op bound */
+    Operator op;  /* the loop runs while sym op bound */
     Expr *bound;
     bool local;    /* declared in the for: not visible afterwards */
-    int64_t trips; /* at most; -1: not known */
+    int64_t trips; /* iterations at most; -1: not known */
     bool exact;
 } Counter;
 
@@ -170,7 +170,7 @@ static bool reads_assigned(Lower *l, const Expr *e, uint32_t stamp) {
 
 static int64_t ceil_div(int64_t a, int64_t b) { return a <= 0 ? 0 : (a + b - 1) / b; }
 
-/* Trips of i = [lo0, hi0]; i op [blo, bhi]; i += step. */
+/* Trips of `for (i = a; i op b; i += step)` with a in [lo0, hi0] and b in [blo, bhi]. */
 static int64_t count_trips(const Counter *c, int64_t lo0, int64_t hi0, int64_t blo, int64_t bhi) {
     switch (c->op) {
     case OPR_LT: return c->step > 0 ? ceil_div(bhi - lo0, c->step) : -1;
@@ -390,7 +390,8 @@ static void finish(Lower *l, LoopJob *job, LoopCtx *ctx, Inst *go_on) {
     bool outermost = l->frame->first_loop == ctx;
     loop_end(l, ctx, go_on);
     if (job->by_index)
-        var_set(l, job->counter.var, job->start); /* its value inside is not visible here, and nobody looks */
+        var_set(l, job->counter.var,
+                job->start); /* the counter's value inside is not visible here, and nobody reads it */
     if (outermost) site_flush_skips(l, ctx);
 }
 

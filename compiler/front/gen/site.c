@@ -22,7 +22,7 @@ static const char *short_text(Lower *l, Span span) {
         }
         text[at++] = c;
     }
-    while (cut && at && ((unsigned char)text[at - 1] & 0xC0) == 0x80) at--; /* no half of a UTF-8 letter */
+    while (cut && at && ((unsigned char)text[at - 1] & 0xC0) == 0x80) at--; /* do not cut a UTF-8 sequence */
     if (cut && at && (unsigned char)text[at - 1] >= 0xC0) at--;
     return arena_printf(l->arena, "%.*s%s", (int)at, text, cut ? "..." : "");
 }

@@ -1,4 +1,4 @@
-/* The parser's ground: tokens, errors, recovery. parse_internal.h explains the scheme. */
+/* The parser's ground: tokens, errors, recovery. internal.h explains the scheme. */
 #include "compiler/front/parse/internal.h"
 
 #include <string.h>
