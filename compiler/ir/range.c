@@ -59,8 +59,8 @@ static IrRange power(IrRange a, IrRange b) {
     return between(a.lo >= 0 ? 0 : -INFINITY, INFINITY, b.lo >= 0 && b.lo == b.hi ? a.inf : IR_POLE | IR_OVERFLOW);
 }
 
-/* Integers; a divisor that may be 0 or negative says nothing. Doubles hold quotients of 32-bit integers exactly enough
- * to truncate. */
+/* Of integers; nothing is known if the divisor may be 0 or negative. Doubles hold quotients of 32-bit integers exactly
+ * enough to truncate. */
 static IrRange int_quotient(IrRange a, IrRange b) {
     if (!(b.lo > 0)) return IR_RANGE_FINITE;
     return between(trunc(a.lo / (a.lo < 0 ? b.lo : b.hi)), trunc(a.hi / (a.hi < 0 ? b.hi : b.lo)), 0);
@@ -71,13 +71,13 @@ static IrRange int_remainder(IrRange a, IrRange b) {
     return between(a.lo >= 0 ? 0 : 1 - b.hi, fmin(fmax(a.hi, 0), b.hi - 1), 0);
 }
 
-/* The bits of a number that is not negative bound what is left of them. */
+/* a & b is at most an operand that is not negative. */
 static IrRange int_and(IrRange a, IrRange b) {
     if (a.lo < 0 && b.lo < 0) return IR_RANGE_FINITE;
     return between(0, a.lo < 0 ? b.hi : b.lo < 0 ? a.hi : fmin(a.hi, b.hi), 0);
 }
 
-/* By a known count, modulo 32: to the left (direction 1) or to the right (-1). */
+/* A shift by a known count, modulo 32: to the left (direction 1) or to the right (-1). */
 static IrRange int_shift(IrRange a, IrRange b, int direction) {
     if (b.lo != b.hi) return IR_RANGE_FINITE;
     int n = direction * (int)((int64_t)b.lo & 31);

@@ -276,7 +276,7 @@ static void seed_region(Vjp *v, Inst *i, uint32_t r) {
             vjp_add(v, i->region[r]->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
 }
 
-/* Only constants, which may stand outside as well? */
+/* Has the block no instruction? What its yield hands on stands outside then. */
 static bool hollow(const Block *b) { return b->first == NULL; }
 
 static void reverse_plain_if(Vjp *v, Inst *i, const bool skip[2]) {

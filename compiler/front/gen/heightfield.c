@@ -297,7 +297,7 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
     Inst *id = query(l, t, SLT_QUERY_RISE, &behind);
     Contact crest = evaluate(l, t, SLT_QUERY_RISE, &behind, id);
     Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), crest.t, sel(l, gen_is(l, id, SLT_WITNESS_AT_T0), behind.t0, far));
-    /* One cell of the ray's way. */
+    /* The t in which the ray crosses one cell, seen from above. */
     Inst *margin = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy))));
     Inst *pair[3] = {behind.t0, top, margin};
     int64_t site = l->sites.len;

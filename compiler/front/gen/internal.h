@@ -205,9 +205,9 @@ Var *var_hidden(Lower *l, LoopCtx *root, Inst *(*init)(Lower *, Builder *), IrTy
 typedef struct IfCtx {
     Inst *op;
     Builder outer, then_end;
-    uint32_t mark, born;
+    uint32_t mark, born; /* journal length and clock at the start */
     Vec(Var *) changed;
-    Vec(Inst *) first; /* their values at the end of the first branch */
+    Vec(Inst *) first; /* values of `changed` at the end of the first branch */
 } IfCtx;
 void if_begin(Lower *l, IfCtx *c, Inst *cond);
 void if_else(Lower *l, IfCtx *c);

@@ -311,7 +311,7 @@ static void gen_step(Lower *l, Stmt *s) {
     l->tag = tag;
 }
 
-/* Counts the loops that [MaxIters] ended although the condition held. `more`: it would go on after iteration k. */
+/* Counts the loops that [MaxIters] ended although the condition held. `more`: the condition holds after iteration k. */
 static Inst *cut_short(Lower *l, Inst *more, Inst *k, int64_t bound) {
     Inst *last = op2(l, OP_ieq, k, ki(l, bound - 1));
     Inst *cut = op2(l, OP_band, more, last);
@@ -432,8 +432,8 @@ static void gen_header_in_body(Lower *l, LoopJob *job) {
     finish(l, job, &ctx, more->value);
 }
 
-/* [Cull]: the runtime may leave iterations out, so k is the index and the bound is known: what is above a bound that is
- * not constant does nothing. */
+/* [Cull]: the runtime may leave iterations out, so k is the index and the IR loop has a constant bound; iterations
+ * beyond the source's own bound do nothing. */
 static void gen_cull(Lower *l, LoopJob *job) {
     Stmt *s = job->s;
     Counter *c = &job->counter;
