@@ -1,3 +1,4 @@
+/* Sessions: making and unwinding them, and their sources with the lines. */
 #include "compiler/base/session.h"
 
 #include <errno.h>

@@ -62,11 +62,11 @@ typedef struct Program {
     Fn *primal;         /* outputs: the channels; MATH rows, custom regions and sites in place */
     uint64_t init_fuel; /* instructions left for all initialiser functions, so that compiling ends */
     bool uses_rand, uses_pixel, uses_prints;
-    GeometryInfo *geometries; /* those with queries only: no query, no structure */
+    GeometryInfo *geometries; /* those that some query searches: the others need no structure */
     uint32_t ngeometries;
     uint32_t ncull;       /* [Cull] loops */
     Fn **cull_bounds;     /* [ncull] their bounds functions: input iteration, outputs lo.x lo.y hi.x hi.y */
-    Untracked *untracked; /* instructions of the primal: until a pass edits it */
+    Untracked *untracked; /* instructions of the primal; valid until a pass edits it */
     uint32_t nuntracked;
     Func *entry_func;
 } Program;

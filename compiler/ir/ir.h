@@ -125,7 +125,7 @@ typedef struct SiteInfo {
     SiteKind kind;
     Span span;           /* the comparison or the jumping builtin */
     const char *path;    /* "main > sd_scene" */
-    uint32_t depth;      /* loop indices that tell its events apart, <= SLT_MAX_K */
+    uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
     const char *text; /* short source text for explain: "d < 0.0" */
@@ -204,7 +204,7 @@ Inst *ir_loop(Builder *b, uint32_t ncarried, Inst *const *init,
               LoopInfo info); /* region[0] has k and the carried parameters */
 Inst *ir_yield(Builder *b, uint32_t n, Inst *const *values);
 Inst *ir_proj(Builder *b, Inst *structured,
-              uint32_t index); /* emitted behind it, or the existing one; type from its yield */
+              uint32_t index); /* behind `structured`, or the one that is there; type from the yield */
 /* A Builder at the end of a block (before its yield if it has one), before or behind an instruction. */
 Builder ir_at_end(Fn *fn, Block *b);
 Builder ir_before(Fn *fn, Inst *i);

@@ -224,7 +224,7 @@ static void sweep(Flow *f, const Block *b) {
             r = result_of(f, i->args[0], 0, i->imm.i);
             if (i->args[0]->op == OP_if_) r = join(r, result_of(f, i->args[0], 1, i->imm.i));
             break;
-        default: { /* a function of its arguments */
+        default: { /* a row: a function of its arguments */
             IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
             for (uint32_t k = 0; k < i->nargs && k < 3; k++) a[k] = f->range[i->args[k]->id];
             r = ir_range_row((Op)i->op, a[0], a[1], a[2], i->nargs > 1 && i->args[0] == i->args[1]);

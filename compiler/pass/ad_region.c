@@ -83,7 +83,7 @@ static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t n
 
 typedef struct Carried {
     Inst *param;    /* of the revloop */
-    Inst *primal;   /* the outer value whose adjoint it is, or NULL */
+    Inst *primal;   /* the outer value whose adjoint is carried, or NULL */
     uint32_t index; /* of the loop's carried value, if primal is NULL */
     Inst *init, *next, *result;
     bool inf, had; /* had: the adjoint was not zero before */

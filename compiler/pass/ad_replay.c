@@ -69,7 +69,8 @@ static bool left_out(const Vjp *v, const Inst *i, bool keeps) {
     return i->op == OP_loop && (v->taped[i->id] ? keeps : is_search_loop(i));
 }
 
-/* A loop that is left out must not write arrays: what it wrote would be missing. */
+/* May the loops of this block that left_out names be left out? None may write arrays: what it wrote would be missing.
+ */
 static bool can_leave_out(const Vjp *v, const Block *b, bool keeps) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (left_out(v, i, keeps) && writes_outside(i->region[0], i->region[0])) return false;

@@ -83,7 +83,7 @@ typedef struct Vjp {
     uint8_t *want;    /* by id: some rule mentions it */
     uint8_t *effect;  /* by id: an if_ or loop that writes active arrays */
     uint8_t *taped;   /* by id: a loop with something active in it */
-    uint8_t *stable;  /* by id of a load: its array is not written any more after it */
+    uint8_t *stable;  /* by id of a load: its array is not written any more after the load */
     uint32_t *stamp;  /* by id: `stamps` of the walk that saw the value last */
     uint32_t stamps;
     Vec(Ctx *) stack;

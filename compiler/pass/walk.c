@@ -1,3 +1,4 @@
+/* Walking, replacing, splicing, and threading values through control structure. */
 #include <string.h>
 
 #include "compiler/pass/walk.h"

@@ -1,9 +1,9 @@
 /* Discontinuities that nothing integrates.
  *
  * For every untagged comparison of floats and jumping builtin (recorded by front/gen): does its boundary function
- * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then it is warned
- * about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the position have
- * no curve: they are warned about and taken out. */
+ * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then the place is
+ * warned about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the
+ * position have no curve: they are warned about and taken out. */
 #include <math.h>
 #include <string.h>
 

@@ -13,7 +13,7 @@ int64_t const_wrap(TypeKind k, int64_t v) {
     return k == T_UINT ? (int64_t)(uint32_t)v : k == T_INT ? (int32_t)(uint32_t)v : v;
 }
 
-/* The row on one component, as a value of kind k; arguments that it does not have may be anything. */
+/* The row on one component, as a value of kind k; arguments that the row does not have may be anything. */
 static ConstNum apply(Op row, TypeKind k, ConstNum a, ConstNum b, ConstNum c) {
     const OpInfo *o = &ir_ops[row];
     bool f = o->arg == TY_FLT;

@@ -66,7 +66,7 @@ typedef struct FuncInfo {
     ModuleScope *scope;
     Vec(CallEdge) calls;
     Span rand_span; /* first direct call of rand(); file < 0: none */
-    Span cull_span; /* first [Cull] in it or in what it calls */
+    Span cull_span; /* first [Cull] in the function or in what it calls */
     uint8_t color;  /* call graph: 0 new, 1 on the stack, 2 done */
     bool signature_ok, duplicate;
     bool looked_for_site; /* first_site is known */
@@ -119,7 +119,7 @@ typedef struct Checker {
 /* check.c */
 /* The module's own name, else an imported one; NULL: none. Ambiguity is reported and gives &c->poison. */
 Decl *scope_find(Checker *c, const char *name, Span use);
-bool name_lost(const Checker *c, const char *name); /* it stands in what the parser skipped */
+bool name_lost(const Checker *c, const char *name); /* does the name stand in what the parser skipped? */
 ModuleScope *scope_of(Checker *c, const Module *m);
 FuncInfo *func_info(Checker *c, const Func *f);
 Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func); /* returns the old one */

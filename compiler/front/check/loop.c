@@ -296,7 +296,7 @@ static bool try_form(Loops *l, Stmt *st, Expr *e, bool flip, Form *f) {
     }
     g.start = start_in(st->init, sym);
     if (!g.start && sym->kind == SYM_LOCAL && l->writes[sym->id] == 1 && l->first[sym->id])
-        g.start = l->first[sym->id]->init; /* only this loop moves it */
+        g.start = l->first[sym->id]->init; /* only this loop moves the counter */
     *f = g;
     return true;
 }
@@ -342,7 +342,7 @@ static int64_t int_trips(const Form *f, Range a, Range b, Range type) {
     if (f->step == STEP_ADD) {
         if (up ? f->by.lo < 1 : f->by.hi > -1) return f->by.defer ? UNKNOWN : ENDLESS;
         if (up ? limit - 1 + f->by.hi > type.hi : limit + 1 + f->by.lo < type.lo)
-            return b.lo == b.hi ? ENDLESS : UNKNOWN; /* wraps around before it ends */
+            return b.lo == b.hi ? ENDLESS : UNKNOWN; /* the counter wraps around before the loop ends */
         return up ? (limit - a.lo + f->by.lo - 1) / f->by.lo : (a.hi - limit - f->by.hi - 1) / -f->by.hi;
     }
     if (f->by.lo < 2) return UNKNOWN;
@@ -465,9 +465,9 @@ static Trips count_trips(Loops *l, Stmt *st) {
     }
     if (st->kind == S_DO) {
         t.most = t.most < 1 ? 1 : t.most;
-        t.sym = NULL; /* its body may run once although the condition never holds */
+        t.sym = NULL; /* the body may run once although the condition never holds */
     }
-    if (!st->step) t.sym = NULL; /* stepped in the body: its range there is one step wider */
+    if (!st->step) t.sym = NULL; /* stepped in the body: the counter's range there is one step wider */
     if (t.most == ENDLESS) t.why = arena_printf(&l->c->s->session, "`%s` never reaches the bound", sym->name);
     else if (t.most > CHECK_MAX_TRIPS) t.why = unbounded_text(l);
     return t;

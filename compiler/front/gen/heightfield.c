@@ -174,7 +174,7 @@ static Inst *not_negative(Lower *l, Inst *id) { return op2(l, OP_imax, id, ki(l,
 
 /* What an evaluation finds. */
 typedef struct Contact {
-    Inst *t, *ground; /* ground: the raw height of the terrain there; NULL of a hit, where it is the ray's */
+    Inst *t, *ground; /* ground: raw height of the terrain there; NULL for a hit, where the ray has this height */
 } Contact;
 
 /* t where a ray meets the triangle (or the wall) that TRACE named; something finite where it named none. */

@@ -211,7 +211,7 @@ static Counter find_counter(Lower *l, Stmt *s, uint32_t stamp) {
     if (sym->kind != SYM_LOCAL && sym->kind != SYM_ARG) return c;
     Bind *b = gen_bind(l, sym);
     if (b->kind != BIND_VARS) return c;
-    if (b->vars->stamp == stamp || expr_assigns(s->expr)) return c; /* the body writes it */
+    if (b->vars->stamp == stamp || expr_assigns(s->expr)) return c; /* the body writes the counter */
     const Expr *cond = s->expr;
     if (cond->kind != E_BINARY) return c;
     Operator op = cond->op;
@@ -267,7 +267,7 @@ static void note_path(Lower *l, Diag *d) {
 
 typedef struct LoopPlan {
     int64_t bound; /* most runs of the body */
-    bool cut;      /* [MaxIters] may end it */
+    bool cut;      /* [MaxIters] may end the loop */
     bool exact;
 } LoopPlan;
 

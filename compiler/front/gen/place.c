@@ -332,7 +332,7 @@ Val place_load(Lower *l, const Place *p) {
     for (uint32_t i = 0; i < layout->n; i++)
         if (!layout->leaf[i].count) out.c[i] = load_leaf(l, p, i);
         else if (p->index) out.c[i] = copy_array(l, p->vars[i].value, p->index, &layout->leaf[i]);
-        else out.c[i] = p->vars[i].value; /* shared: whoever keeps it copies it */
+        else out.c[i] = p->vars[i].value; /* the array is shared: whoever keeps the value copies it */
     return out;
 }
 

@@ -66,7 +66,7 @@ void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind 
  *
  * One site stands for all iterations. Its boundary function must be continuous in x, and change sign exactly where the
  * decision "true in any iteration" changes. With s > 0 where an iteration is true, the running maximum of s is that, as
- * long as nothing was true; once it was, s is frozen: it is the boundary of the iteration in which it was first true.
+ * long as no iteration was true; then s is frozen: the boundary is that of the iteration that was true first.
  * && || and ! of comparisons are min, max and minus of their s. */
 
 static Inst *init_minus_infinity(Lower *l, Builder *b) {
