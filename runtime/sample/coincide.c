@@ -127,7 +127,7 @@ static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
            (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1) == c->hb;
 }
 
-/* The edge of a heightfield may be another edge of the grid when a height has moved: then nothing jumps where its g
+/* The edge that a ray passes may be another one when the geometry has moved: then nothing jumps where its g
  * says. That is a kink of its own, not a second boundary. */
 static bool gone(const Batch *b, uint32_t i) {
     return b->s->ngeometries &&
