@@ -8,18 +8,19 @@ typedef enum SltKernelKind {
     SLT_KERNELS
 } SltKernelKind;
 
-/* SltKernelArgs.in, and behind them what is the same for all samples. */
+/* Numbers that vary from sample to sample, in SltKernelArgs.in by their enumerator; behind them those that are the same
+ * for all samples, which lie in members of SltKernelArgs. */
 typedef enum SltInput {
 #define SLT_INPUT(id, ...) SLT_IN_##id,
 #include "saltus/kernel.def"
-    SLT_IN_VARYING, /* how many vary from sample to sample */
+    SLT_IN_VARYING, /* how many lie in SltKernelArgs.in */
     SLT_IN_LAST_VARYING = SLT_IN_VARYING - 1,
 #define SLT_UNIFORM(id, ...) SLT_IN_##id,
 #include "saltus/kernel.def"
     SLT_INPUTS
 } SltInput;
 
-/* SltLayout.out */
+/* What an output of a kernel is: SltLayout.out says where each role lies. */
 typedef enum SltRole {
 #define SLT_ROLE(id, ...) SLT_OUT_##id,
 #include "saltus/kernel.def"

@@ -1,11 +1,11 @@
 /* Jobs and results: what is to be estimated, how, and what came out. Plain data, owned by the caller.
  *
- * Structs that callers allocate, here and in saltus.h, begin with their size, so that a program and a library of other
- * versions understand each other. Start from SLT_JOB_INIT and its like. A shorter struct than the library's lacks
- * members that came later: these have their defaults, and nothing is written there. A longer one is a newer program's:
- * what the library does not know it leaves alone, but where it reads such a struct that part must be zero, else the
- * status is SLT_USAGE. A size of 0, a forgotten _INIT, is SLT_USAGE too. SltError and SltSet have no size: they never
- * change. */
+ * Structs that callers allocate, here, in saltus.h and in fit.h, begin with their size, so that a program and a library
+ * of different versions understand each other. Start from SLT_JOB_INIT and its like. A struct shorter than the
+ * library's lacks members that were added later: the library takes their defaults and writes nothing there. A longer
+ * one comes from a newer program: the library leaves alone the part that it does not know, but where it reads the
+ * struct that part must be zero, else the status is SLT_USAGE. A size of 0 (a forgotten _INIT) is SLT_USAGE too.
+ * Structs without a size (SltError, SltSet, SltFitNumber, SltFitMask) never change. */
 #ifndef SALTUS_JOB_H
 #define SALTUS_JOB_H
 
@@ -27,72 +27,74 @@ typedef enum SltFilter { SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN } 
 
 typedef struct SltJob {
     size_t struct_size;
-    bool integral;     /* the whole domain is one pixel */
-    uint32_t size[3];  /* image mode: pixels by axis (x, y, z); row 0 is the top */
-    uint32_t spp;      /* samples a pixel (integral mode: 0) */
-    uint64_t samples;  /* integral mode, in all */
-    uint64_t segments; /* boundary segments a pixel, or in all in integral mode; 0: as the samples */
-    SltFilter filter;
-    uint32_t seed, threads; /* threads 0: all cores */
-    SltEstimator estimator;
-    bool no_interior, no_boundary;
-    uint32_t replicates;        /* independent lattices for standard errors, integral mode; 0: 4. In image mode 1 */
-    double fd_step;             /* SLT_EST_FD; 0: by precision */
-    double time_limit;          /* seconds; 0: none. Status SLT_LIMIT */
-    volatile const int *cancel; /* non-zero: stop soon, status SLT_INTERRUPTED */
-    void (*progress)(void *user, double fraction);
+    bool integral;          /* the whole domain is one pixel; else image mode */
+    uint32_t size[3];       /* image mode: pixels along x, y, z, 1 to 2^24 each; axes beyond slt_dim do not count */
+    uint32_t spp;           /* image mode: samples a pixel */
+    uint64_t samples;       /* integral mode: samples in all */
+    uint64_t segments;      /* boundary segments, a pixel or in integral mode in all; 0: as many as samples */
+    SltFilter filter;       /* image mode */
+    uint32_t seed, threads; /* threads 0: all cores; the result is the same bits for any number */
+    SltEstimator estimator; /* of the boundary term */
+    bool no_interior, no_boundary; /* leave that part of a derivative out */
+    uint32_t replicates;           /* integral mode: lattices whose spread gives the standard errors; 0: 4 */
+    double fd_step;                /* SLT_EST_FD: the step h; 0: max(0.1, |parameter|) / 100 */
+    double time_limit;             /* seconds, then status SLT_LIMIT; 0: none */
+    volatile const int *cancel;    /* may be NULL; non-zero: stop soon, status SLT_INTERRUPTED */
+    void (*progress)(void *user, double fraction); /* may be NULL; fraction 0 to 1, one call at a time */
     void *progress_user;
-    /* The parameters of this call alone, slt_float_count and slt_int_count of them; NULL: those of the program, which
-     * neither are changed by it. */
+    /* Parameters for this call alone: floats[slt_float_count], ints[slt_int_count]; NULL: the program's own. The call
+     * leaves the program's own as they are. */
     const double *floats;
     const int32_t *ints;
 } SltJob;
 #define SLT_JOB_INIT ((SltJob){.struct_size = sizeof(SltJob), .size = {512, 512, 1}, .spp = 4})
 
-/* Why a crossing was not integrated (docs/estimators.md); coincident ones were, but have no derivative. */
+/* Why a crossing was not integrated (docs/estimators.md). g: the boundary function of its site. */
 typedef enum SltDrop {
-    SLT_DROP_ZERO_GRADIENT,
-    SLT_DROP_NOT_FINITE,
-    SLT_DROP_INCONSISTENT,
-    SLT_DROP_NO_EVENT,
-    SLT_DROP_NO_ROOT,
-    SLT_DROP_STATIC,
-    SLT_DROP_HALVINGS, /* key "depth": halved too often */
-    SLT_DROP_COINCIDENT,
+    SLT_DROP_ZERO_GRADIENT, /* g has no slope at the crossing */
+    SLT_DROP_NOT_FINITE,    /* g, its gradient or the jump is not finite */
+    SLT_DROP_INCONSISTENT, /* g changes by far more than its gradient allows: it jumps itself, or has a multiple root */
+    SLT_DROP_NO_EVENT,     /* f jumps, but no site decides differently: an untracked discontinuity */
+    SLT_DROP_NO_ROOT,      /* g has the same sign on both sides */
+    SLT_DROP_STATIC,       /* g does not depend on the position */
+    SLT_DROP_HALVINGS,     /* the segment was bisected too often; its JSON key is "depth", of the bisection */
+    SLT_DROP_COINCIDENT,   /* integrated, but another boundary lies there: the integral has no derivative */
     SLT_DROP_REASONS
 } SltDrop;
 extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_gradient", ... */
 
-/* Calls add to what is there: one struct can collect those of many calls. */
+/* Counts of a call. Calls add to what is there, so that one struct can collect those of many. */
 typedef struct SltStats {
     size_t struct_size;
     uint64_t samples, segments, crossings;
-    uint64_t evaluations; /* of f or of its path, for bench: every kernel counts */
-    uint64_t dropped[SLT_DROP_REASONS];
-    uint64_t truncated, asserts, nonfinite;
-    double seconds;
+    uint64_t evaluations;                   /* runs of any kernel on one sample */
+    uint64_t dropped[SLT_DROP_REASONS];     /* crossings, by SltDrop */
+    uint64_t truncated, asserts, nonfinite; /* loops cut at [MaxIters], asserts failed, results that are not finite */
+    double seconds;                         /* of wall time, in all */
     double seconds_interior, seconds_boundary;
 } SltStats;
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})
 
-/* Arrays of the caller; NULL: not wanted. */
+/* Results of slt_grad_integral. The arrays are the caller's, nfloats = slt_float_count; NULL: not wanted. */
 typedef struct SltIntegral {
     size_t struct_size;
     double *value, *value_stderr;       /* [channels] */
     double *gradient, *gradient_stderr; /* [channels][nfloats] */
-    double *interior, *boundary;        /* [channels][nfloats] */
-    double *missed_estimate;            /* [channels][nfloats]: what lines half as dense would have missed */
-    bool replicates;                    /* stderr_kind: "replicates" or "bound" */
+    double *interior, *boundary;        /* [channels][nfloats]: the two parts of the gradient */
+    double *missed_estimate;            /* [channels][nfloats]: the part that lines half as dense would have missed */
+    bool replicates;                    /* true: standard errors from replicates; false: upper bounds */
 } SltIntegral;
 #define SLT_INTEGRAL_INIT ((SltIntegral){.struct_size = sizeof(SltIntegral)})
 
-/* The story of one point (explain --at): the crossing found on a segment from a to b: fills what is found. */
+/* A crossing on the segment from a to b. Where none was found only `found` and `drop` say something. */
 typedef struct SltCrossing {
     size_t struct_size;
     bool found;
-    double x[3], t, g, dg[3], f_before[4], f_after[4];
-    int32_t site, k[8];
-    int drop; /* SltDrop, or -1 */
+    double x[3], t;                 /* x = a + t (b - a) */
+    double g, dg[3];                /* the boundary function there, nearly 0, and its gradient in x */
+    double f_before[4], f_after[4]; /* by channel: f on a's side and on b's side */
+    int32_t site, k[8];             /* the site, and the loop indices of its event, outermost first */
+    int drop;                       /* SltDrop: why it would not be integrated; -1: it would */
 } SltCrossing;
 #define SLT_CROSSING_INIT ((SltCrossing){.struct_size = sizeof(SltCrossing)})
 

@@ -16,41 +16,41 @@
 extern "C" {
 #endif
 
-/* Iterations of a [Cull] loop that may do something in this tile, ascending. */
+/* Iterations of one [Cull] loop that may do something in this tile. */
 typedef struct SltCullList {
-    const int32_t *items;
-    int32_t count; /* < 0: no list, run all */
+    const int32_t *items; /* [count], ascending */
+    int32_t count;        /* < 0: no list, every iteration runs */
 } SltCullList;
 
 typedef struct SltKernelArgs {
-    const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t; NULL where not read */
-    void *out[SLT_OUT_MAX];         /* by SltLayout.out: flt, or int32_t for integers and booleans */
+    const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t, one a sample; NULL where not read */
+    void *out[SLT_OUT_MAX];         /* by SltLayout.out, one a sample: flt, or int32_t for integers and booleans */
     const void *params;             /* flt[nfloats] */
     const int32_t *iparams;         /* int32_t[nints] */
-    const void *dparams;            /* flt[nfloats], forward mode */
-    /* Reverse mode. Layout by the kernel's AdjLayout: LANES: flt[nfloats][adj_width], summed over lanes by the caller
-     * once a tile; FLAT: flt[nfloats]. Parameters read at varying indices append pairs of index and value to the log
-     * instead, which the caller adds up in this order. */
+    const void *dparams;            /* forward mode: flt[nfloats], the direction in parameter space */
+    /* Reverse mode: adjoints of the parameters, to which kernels add. flt[nfloats][lanes], for the caller to sum over
+     * lanes once a tile; or flt[nfloats], as the kernel was compiled. For a parameter that is read at an index that
+     * differs between lanes, kernels append index and value to the log instead; the caller adds up the log in order. */
     void *adj;
-    uint32_t *log_index;       /* both with room for log_cap + SLT_PAD: kernels write whole vectors */
-    void *log_value;           /* flt */
-    uint64_t log_len, log_cap; /* at log_cap the kernel stops writing and goes on counting: grow and run again */
-    unsigned char *tape;       /* scratch of the reverse kernels, 64-byte aligned */
-    uint64_t tape_bytes;
-    int32_t resolution[2];
-    int32_t site;
-    const SltCullList *cull;         /* by cull_id, or NULL */
-    uint64_t counters[SLT_COUNTERS]; /* by SltCounter */
-    /* print(): values already as doubles; may be NULL (then nothing is printed) */
+    uint32_t *log_index; /* log_index and log_value have room for log_cap + SLT_PAD: kernels write whole vectors */
+    void *log_value;     /* flt */
+    uint64_t log_len, log_cap;       /* beyond log_cap entries are counted, not written: grow the log and run again */
+    unsigned char *tape;             /* scratch of the reverse kernels, 64-byte aligned */
+    uint64_t tape_bytes;             /* of tape, for all lanes */
+    int32_t resolution[2];           /* columns, rows of the image */
+    int32_t site;                    /* site kernels: which site */
+    const SltCullList *cull;         /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
+    uint64_t counters[SLT_COUNTERS]; /* by SltCounter: kernels add */
+    /* print() in a lane: the text with {} for each of the n values. NULL: nothing is printed. */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);
-    void *user;
-    const struct SltGeometry *const *geometries; /* that kernels search (saltus/query.h); NULL: none */
-    uint32_t n_valid; /* lanes beyond do not count in counters, prints and log (n without padding) */
+    void *user;                                  /* of print */
+    const struct SltGeometry *const *geometries; /* by number, for queries (saltus/query.h); NULL: none is asked */
+    uint32_t n_valid; /* n without padding: samples beyond do not count in counters, prints and log */
 } SltKernelArgs;
 
 typedef void SltKernel(SltKernelArgs *args, uint32_t n);
 
-/* What one kernel reads and writes. */
+/* Which inputs one kernel reads, and where its outputs are. */
 typedef struct SltLayout {
     uint64_t reads; /* bit (1 << SltInput) */
     struct {
