@@ -5,8 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Values of SltStatus, whose header (saltus/status.h) base does not include. */
-enum { STATUS_LIMIT = 6, STATUS_STOPPED = 7, STATUS_INTERNAL = 70 };
+#include "saltus/status.h"
 
 static void budget_spent(void *user) {
     Session *s = user;
@@ -62,12 +61,12 @@ void session_limit(Session *s, const char *fmt, ...) {
     va_start(ap, fmt);
     vsnprintf(s->unwind_text, sizeof s->unwind_text, fmt, ap);
     va_end(ap);
-    unwind(s, STATUS_LIMIT);
+    unwind(s, SLT_LIMIT);
 }
 
 void session_stop(Session *s) {
     snprintf(s->unwind_text, sizeof s->unwind_text, "stopped as asked");
-    unwind(s, STATUS_STOPPED);
+    unwind(s, SLT_STOPPED);
 }
 
 void ice(Session *s, const char *fmt, ...) {
@@ -77,7 +76,7 @@ void ice(Session *s, const char *fmt, ...) {
     vsnprintf(text, sizeof text, fmt, ap);
     va_end(ap);
     snprintf(s->unwind_text, sizeof s->unwind_text, "internal compiler error: %s", text);
-    unwind(s, STATUS_INTERNAL);
+    unwind(s, SLT_INTERNAL);
 }
 
 /* ---- sources ---- */

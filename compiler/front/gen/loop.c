@@ -437,7 +437,7 @@ static void gen_header_in_body(Lower *l, LoopJob *job) {
 static void gen_cull(Lower *l, LoopJob *job) {
     Stmt *s = job->s;
     Counter *c = &job->counter;
-    if (l->culls.len >= SLT_MAX_CULL) session_limit(l->s, "more than 64 [Cull] loops in one program");
+    if (l->culls.len >= SLT_MAX_CULL) session_limit(l->s, "more than %d [Cull] loops in one program", SLT_MAX_CULL);
     LoopInfo info = {.max_iters = (uint32_t)job->plan.bound, .cull = true, .cull_id = l->culls.len};
     Fn *bounds = gen_function(l, s->attrs.cull, s->attrs.cull->name, IN_ITERATION, 0, 4);
     ir_name_outputs(bounds, SLT_OUT_BOX);
