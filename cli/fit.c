@@ -241,7 +241,7 @@ static SltStatus write_relief(const char *path, const SltParam *q, const Image *
     return s;
 }
 
-/* Every texture and heightfield that was optimised: NAME.exr to go on with, NAME.png to look at. */
+/* Every texture and geometry that was optimised: NAME.exr to go on with, NAME.png to look at. */
 static SltStatus write_grids(Fit *f, SltError *err) {
     char path[4096], name[512];
     for (uint32_t k = 0; k < slt_param_count(f->p); k++) {

@@ -27,6 +27,7 @@ struct SltProgram {
     Target target;
 
     atomic_bool in_use; /* by a public function that reads or writes what follows */
+    atomic_uint fits;   /* under way: slt_wrt must not change what they optimise */
     bool ready;         /* compiled, with values: else only diagnostics may be asked for */
 
     double *floats;     /* [nfloats]: the values */

@@ -420,6 +420,7 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
         free_fit(f);
         return status;
     }
+    atomic_fetch_add(&p->fits, 1);
     f->start = pool_now();
     f->stop = f->iteration < f->opt.iterations ? SLT_FIT_RUNNING : SLT_FIT_ITERATIONS;
     *out = f;
@@ -460,6 +461,7 @@ SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
         status = status == SLT_OK ? set : status;
     }
     if (result && api_struct_sized(result)) fill_result(f, result);
+    atomic_fetch_sub(&f->p->fits, 1);
     free_fit(f);
     return status;
 }

@@ -149,7 +149,9 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
 SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
     SltStatus status = api_enter(p, err);
     if (status != SLT_OK) return status;
-    status = api_wrt(p, names, n, err);
+    status = atomic_load(&p->fits)
+                 ? status_fail(err, SLT_USAGE, "a fit of this program is under way: slt_fit_end first")
+                 : api_wrt(p, names, n, err);
     api_release(p);
     return status;
 }

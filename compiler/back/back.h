@@ -1,15 +1,15 @@
 /* The back end: SPMD emission of kernels through LLVM.
  *
  * One Fn becomes `void name(SltKernelArgs *, uint32_t n)`: W samples side by side, lanes = consecutive samples, values
- * that are the same in all lanes kept scalar. LLVM is given no fast-math flag. Compilation is a pure function of (IR
- * text, options): the cache key. */
+ * that are the same in all lanes kept scalar. LLVM is given no fast-math flag. Compilation is a pure function of IR and
+ * options; with the build of this library and LLVM's version they are the cache key. */
 #ifndef SALTUS_BACK_BACK_H
 #define SALTUS_BACK_BACK_H
 
 #include "compiler/ir/ir.h"
 #include "saltus/kernel.h"
 
-typedef enum AdjLayout { ADJ_LANES, ADJ_FLAT } AdjLayout;
+typedef enum AdjLayout { ADJ_LANES, ADJ_FLAT } AdjLayout; /* of SltKernelArgs.adj, which explains both */
 
 typedef struct Target {
     char cpu[64];          /* "native" is resolved by target_host */
@@ -17,7 +17,7 @@ typedef struct Target {
     uint32_t vector_bytes; /* 16, 32, 64 */
     bool has_fma;
 } Target;
-/* The host; SALTUS_TARGET=sse2|avx2|avx512 in the environment narrows it (for tests). */
+/* The processor that runs this; SALTUS_TARGET=sse2|avx2|avx512 in the environment narrows it (for tests). */
 void target_host(Target *t);
 bool target_named(Target *t, const char *name); /* "sse2", "avx2", "avx512", "native" */
 
@@ -36,8 +36,8 @@ typedef struct KernelRequest {
     Fn *fn;
 } KernelRequest;
 
-/* Marks the float parameters whose adjoints a reverse kernel (all its parts) adds in place; those that it reads at
- * varying indices alone go to the log. */
+/* dense[nfloats]: sets 1 for each element of the float vector whose adjoint a reverse kernel (all its parts) adds in
+ * place; the adjoints of those read only at varying indices go to the log. */
 void back_dense_adjoints(Fn *fn, uint8_t *dense);
 
 typedef struct CompiledModule CompiledModule;
@@ -49,14 +49,12 @@ int back_compile(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
                  const char **why);
 SltKernel *back_kernel(const CompiledModule *m, const char *name);
 uint32_t back_width(const CompiledModule *m);
-uint32_t
-back_instructions(const CompiledModule *m,
-                  const char *name); /* LLVM IR instructions after optimisation; machine ones in back_machine_bytes */
+uint32_t back_instructions(const CompiledModule *m, const char *name); /* of LLVM IR, after optimisation */
 uint32_t back_machine_bytes(const CompiledModule *m, const char *name);
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached);
 void back_free(CompiledModule *m);
-/* Ahead of time: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (written to path through the
- * system's linker: cc). */
+/* Ahead of time, to the file `path`: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (linked by the
+ * system's cc). Returns an SltStatus. */
 int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, const char *path,
               const char **why);
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */

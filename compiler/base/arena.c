@@ -1,3 +1,4 @@
+/* Arenas: a list of chunks, newest first; a mark is a chunk and a place in it. */
 #include "compiler/base/arena.h"
 
 #include <stdio.h>

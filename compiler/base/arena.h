@@ -26,7 +26,7 @@ typedef struct Arena {
 } Arena;
 typedef struct ArenaMark {
     ArenaChunk *head;
-    size_t at;
+    size_t at; /* bytes used of head */
 } ArenaMark;
 
 void arena_init(Arena *a, const char *name, ArenaBudget *budget);

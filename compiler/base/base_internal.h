@@ -14,7 +14,8 @@ int utf8_encode(uint32_t code, char out[4]);
 /* Controls, and the marks that reorder text on a terminal: never to be printed as they are. */
 bool utf8_unprintable(uint32_t code);
 
-/* diag.c: lines from 0. The start skips a byte order mark, the end stops before the line break. */
+/* diag.c: the line (from 0) of a byte, and a line's first byte (behind a byte order mark) and end (before its break).
+ */
 uint32_t source_line(const Source *src, uint32_t pos);
 uint32_t source_line_start(const Source *src, uint32_t line);
 uint32_t source_line_end(const Source *src, uint32_t line);

@@ -1,11 +1,11 @@
+/* Sessions: making and unwinding them, and their sources with the lines. */
 #include "compiler/base/session.h"
 
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* The values of SltStatus; the compiler does not include the runtime's header for three numbers. */
-enum { STATUS_LIMIT = 6, STATUS_STOPPED = 7, STATUS_INTERNAL = 70 };
+#include "saltus/status.h"
 
 static void budget_spent(void *user) {
     Session *s = user;
@@ -61,12 +61,12 @@ void session_limit(Session *s, const char *fmt, ...) {
     va_start(ap, fmt);
     vsnprintf(s->unwind_text, sizeof s->unwind_text, fmt, ap);
     va_end(ap);
-    unwind(s, STATUS_LIMIT);
+    unwind(s, SLT_LIMIT);
 }
 
 void session_stop(Session *s) {
     snprintf(s->unwind_text, sizeof s->unwind_text, "stopped as asked");
-    unwind(s, STATUS_STOPPED);
+    unwind(s, SLT_STOPPED);
 }
 
 void ice(Session *s, const char *fmt, ...) {
@@ -76,7 +76,7 @@ void ice(Session *s, const char *fmt, ...) {
     vsnprintf(text, sizeof text, fmt, ap);
     va_end(ap);
     snprintf(s->unwind_text, sizeof s->unwind_text, "internal compiler error: %s", text);
-    unwind(s, STATUS_INTERNAL);
+    unwind(s, SLT_INTERNAL);
 }
 
 /* ---- sources ---- */

@@ -57,7 +57,7 @@ typedef struct Diag {
 /* Largest source, in bytes. */
 #define SOURCE_MAX (16u << 20)
 
-/* Open addressing over pointers in the session arena: interned strings and reported diagnostics. */
+/* Open addressing over pointers in the session arena: interned strings, reported diagnostics, types of arrays. */
 typedef struct PtrTable {
     const void **slots;
     uint32_t *hashes;
@@ -71,36 +71,36 @@ typedef struct Session {
     uint32_t nsources, cap_sources;
     Diag *diags, **diags_end; /* in order of report; printed sorted by place */
     uint32_t nerrors, nwarnings;
-    uint32_t max_errors; /* 0: no limit is applied when printing; default 20 */
+    uint32_t max_errors; /* printed as text, and as many warnings; default 20, 0: all */
     jmp_buf *unwind;
-    int unwind_status; /* an SltStatus: SLT_LIMIT, SLT_STOPPED or SLT_INTERNAL once unwound */
+    int unwind_status; /* once unwound: SLT_LIMIT, SLT_STOPPED or SLT_INTERNAL */
     char unwind_text[256];
     const char *const *import_dirs;
     uint32_t nimport_dirs;
     const char *stdlib_dir;
     PtrTable strings, reported, array_types;
-    bool bad_input,
-        bad_usage; /* among the errors is one of an input file, of the command line: they choose the exit status */
+    bool bad_input; /* an error is of an input file, */
+    bool bad_usage; /* or of the command line: the exit status says so */
 } Session;
 
-/* Limits: 512 MiB is promised for any input; the default budget leaves room for LLVM. */
-/* Never NULL except when memory is out at once. Free with session_destroy, which takes NULL. */
+/* The compiler promises to stay below 512 MiB for any input; the default budget leaves LLVM its part. NULL only if not
+ * even the Session can be allocated. Free with session_destroy, which takes NULL. */
 Session *session_create(size_t budget_bytes /* 0: 384 MiB */);
 void session_destroy(Session *s);
 
-/* Everything that allocates in the session runs inside session_protect, except session_add_file and session_add_text,
- * which protect themselves. On unwinding the scratch arena goes back to where it was at the call. */
-/* Runs body(s, arg); returns 0, or the SltStatus of the unwinding (text in s->unwind_text). Nests. */
+/* Runs body(s, arg); returns 0, or the SltStatus of the unwinding (text in s->unwind_text). Nests. On unwinding the
+ * scratch arena goes back to where it was at the call. Everything that allocates in the session runs inside, except
+ * session_add_file and session_add_text, which protect themselves. */
 int session_protect(Session *s, void (*body)(Session *, void *), void *arg);
 _Noreturn void session_limit(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-/* Ends the body of session_protect where somebody asked for it: SLT_STOPPED. */
+/* Ends the body of session_protect where the user asked to stop (--stop-after): SLT_STOPPED. */
 _Noreturn void session_stop(Session *s);
 /* A fault of ours: never for bad input. */
 _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
 /* Reads a file ("-" is standard input) or takes text (copied; dir may be NULL: "."); returns the index in s->sources,
- * or -1 with errno-like text in *why (arena string; `why` may be NULL) or, for text, when the memory budget is spent. A
- * source beyond SOURCE_MAX bytes is added empty with too_large set. */
+ * or -1 with the system's text in *why (arena string; `why` may be NULL) or, for text, when the memory budget is spent.
+ * A source beyond SOURCE_MAX bytes is added empty with too_large set. */
 int session_add_file(Session *s, const char *path, const char **why);
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
 
@@ -122,8 +122,8 @@ const char *diag_explain(const char *code, Severity *severity, const char **titl
  * skipped; allocates nothing. */
 const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);
 
-/* A set of pointers that the caller compares: start with *at == UINT32_MAX, and table_next gives every item of this
- * hash, then NULL. Nothing may be inserted in between. Items are not NULL. */
+/* A table gives candidates, which the caller compares: start with *at == UINT32_MAX, and table_next gives every item of
+ * this hash, then NULL. Nothing may be inserted in between. Items are not NULL. */
 uint32_t hash_bytes(const void *data, size_t len);
 void table_insert(Session *s, PtrTable *t, const void *item, uint32_t hash);
 const void *table_next(const PtrTable *t, uint32_t hash, uint32_t *at);

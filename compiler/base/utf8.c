@@ -1,3 +1,4 @@
+/* Decoding, encoding and screen columns of UTF-8. */
 #include "compiler/base/base_internal.h"
 
 uint32_t utf8_decode(const char *text, size_t len, uint32_t *code) {

@@ -1,16 +1,16 @@
 /* The abstract syntax tree, before and after checking.
  *
- * parse.c builds it untyped; check.c resolves names, picks overloads, inserts every implicit conversion as an explicit
- * node and fills `type`; lower.c reads only checked trees without errors. Nodes live in the module arena. Types are
+ * parse/ builds it untyped; check/ resolves names, picks overloads, inserts every implicit conversion as an explicit
+ * node and fills `type`; gen/ reads only checked trees without errors. Nodes live in the module arena. Types are
  * interned: equal types are equal pointers.
  *
  * After checking:
  *  - every Expr has `type`, and operands already have exactly the type the operation wants (E_CONVERT and E_BROADCAST
- * nodes do the rest);
- *  - E_NAME has `sym`; E_CALL has `func`; E_BUILTIN has `builtin`; constants are not folded away but `is_const` +
- * `cval` are set where the language asks for constants (array sizes, MaxIters, case labels, trip counts) and for all
- * const globals;
- *  - `a op= b` is E_ASSIGN with `op` and b converted; the place is evaluated once;
+ *    nodes do the rest);
+ *  - E_NAME has `sym`; E_CALL has `func`; E_BUILTIN has `builtin`; constants are not folded away, but `is_const` and
+ *    `cval` are set where the language asks for constants (array sizes, MaxIters, case labels, trip counts) and for all
+ *    const globals;
+ *  - `a op= b` is E_ASSIGN with `op`, and b is converted; the place is evaluated once;
  *  - a texture call that narrows has an E_CONVERT from float4 to the narrower type around it. */
 #ifndef SALTUS_FRONT_AST_H
 #define SALTUS_FRONT_AST_H
@@ -47,7 +47,7 @@ struct Type {
     const char *name; /* as people write it: "float3", "Disc", "float[4][2]" */
     Field *fields;    /* struct; the Hit and Silhouette structs are predeclared */
     uint32_t nfields;
-    Type *next;          /* free for check.c */
+    Type *next;          /* the checker's own */
     uint32_t components; /* cache of type_components for structs and arrays; 0 until known */
 };
 
@@ -57,8 +57,8 @@ typedef struct Symbol Symbol;
 typedef struct Func Func;
 typedef struct Module Module;
 
-/* A type as written: parse.c leaves names unresolved, check.c resolves them into Type pointers. Names are interned.
- * `float[3] a[2]` has dims {2, 3}: outermost first, the declarator's before the type's own. */
+/* A type as written: the parser leaves names unresolved, the checker resolves them into Type pointers. Names are
+ * interned. `float[3] a[2]` has dims {2, 3}: outermost first, the declarator's before the type's own. */
 typedef struct TypeRef {
     const char *name; /* "float3", "void", "Disc", a typedef's name, "texture2D" */
     Span span;        /* of the name */
@@ -79,8 +79,8 @@ struct StructDecl {
     FieldDecl *fields;
     uint32_t nfields;
     Module *module;
-    Type *type;           /* filled by check.c */
-    uint32_t check_state; /* free for check.c */
+    Type *type;           /* filled by the checker */
+    uint32_t check_state; /* the checker's own */
     StructDecl *next;     /* in order of declaration */
 };
 /* typedef T name; (also `typedef float F3[3];` and `typedef float[3] F3;`) */
@@ -90,8 +90,8 @@ struct TypedefDecl {
     Span span; /* of the name */
     TypeRef *type_ref;
     Module *module;
-    Type *type;           /* filled by check.c */
-    uint32_t check_state; /* free for check.c */
+    Type *type;           /* filled by the checker */
+    uint32_t check_state; /* the checker's own */
     TypedefDecl *next;    /* in order of declaration */
 };
 
@@ -109,7 +109,7 @@ typedef enum ExprKind {
     E_ERROR,
     E_LITERAL,   /* cval */
     E_NAME,      /* sym */
-    E_UNARY,     /* op: OP_TOKEN of - + ! ~ ; a[0] */
+    E_UNARY,     /* op (- + ! ~) a[0] */
     E_BINARY,    /* op: + - * / % & | ^ << >> == != < <= > >= on equal operand types (shifts: result type of the left);
                     `*` with a matrix keeps its operand types: mat*mat, mat*vec, vec*mat, mat*scalar, scalar*mat */
     E_LOGIC,     /* op: && || , scalar bools, evaluates only what it needs */
@@ -143,8 +143,8 @@ typedef enum Builtin {
 enum { PLACED_EXTENT = 1, PLACED_HEIGHT = 2 };
 typedef struct GeometryType {
     const char *name;
-    uint32_t least; /* on each side of its grid */
-    uint32_t attributes;
+    uint32_t least;      /* values along each side of its grid */
+    uint32_t attributes; /* PLACED_ bits: which may stand before it */
 } GeometryType;
 extern const GeometryType geometry_types[SLT_GEOMETRIES];
 
@@ -157,8 +157,8 @@ typedef enum Method {
 typedef enum MethodKind { METHOD_SMOOTH, METHOD_JUMPS, METHOD_FIXED } MethodKind;
 typedef struct MethodInfo {
     const char *name;
-    uint32_t object; /* T_TEXTURE, or T_GEOMETRY + SltGeometryKind */
-    const char *signature;
+    uint32_t object;       /* T_TEXTURE, or T_GEOMETRY + SltGeometryKind */
+    const char *signature; /* result, then arguments: letters of methods.def */
     MethodKind kind;
     SltQuery query; /* SLT_QUERIES: none */
 } MethodInfo;
@@ -214,22 +214,24 @@ struct Expr {
     uint32_t depth;   /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
 };
 
-/* What parse.c leaves in an Expr (everything else is zero), names interned:
+/* What the parser leaves in an Expr (everything else is zero), names interned:
  *  E_LITERAL    type (bool, int, uint or float) and cval with n == 1; a string: type NULL, `name` its decoded text
  *  E_NAME       name
- *  E_CALL       name, args: also constructors of user types (`Disc(a, b)`) and builtins; check.c tells them apart
- *  E_CONSTRUCT  name of a type keyword, args: `float3(1.0)`, `int(v)`; a C cast `(float)v` or `(Disc)0` is the same
- * with explicit_cast E_METHOD     a[0], name, args: `t.sample(uv)` E_FIELD      a[0], name: `a.b`, swizzles too;
- * check.c tells them apart E_INDEX E_UNARY E_BINARY E_LOGIC E_COND E_ASSIGN E_INCDEC E_LIST E_COMMA as above; E_LEN is
- * E_CALL of "len" still E_ERROR      after a syntax error was reported E_ASSIGN has op OPR_NONE for plain `=`, and
- * OPR_ADD … for `+=` …; a[1] may be an E_LIST only in initialisers. */
+ *  E_CALL       name, args; also a constructor of a user's type (`Disc(a, b)`), a builtin, `len`
+ *  E_CONSTRUCT  name of a type keyword, args: `float3(1.0)`, `int(v)`; explicit_cast: a C cast, `(float)v`, `(Disc)0`
+ *  E_METHOD     a[0], name, args: `t.sample(uv)`
+ *  E_FIELD      a[0], name: `a.b`; also a swizzle
+ *  E_ASSIGN     a[0], a[1], op: OPR_NONE for plain `=`, OPR_ADD and so on for `+=` ...
+ *  E_LIST       args; stands only in initialisers
+ *  E_INDEX, E_UNARY, E_BINARY, E_LOGIC, E_COND, E_INCDEC, E_COMMA as above
+ *  E_ERROR      nothing: a syntax error was reported */
 
 typedef enum SymbolKind { SYM_LOCAL, SYM_ARG, SYM_CONST, SYM_PARAM } SymbolKind;
 typedef enum ArgMode { ARG_IN, ARG_OUT, ARG_INOUT } ArgMode;
 
 /* Attributes of parameters ([Range] and friends). */
 typedef struct ParamAttrs {
-    /* as parsed: constant expressions, evaluated into the numbers below by check.c when the has_ flag is set */
+    /* as parsed: constant expressions, which the checker evaluates into the numbers below and sets the has_ flag */
     Expr *range_args[2], *extent_args[4], *height_args[2];
     Span range_span, extent_span, height_span, color_span, log_span, nodiff_span;
     bool nodiff, color, log, has_range, has_extent, has_height;
@@ -248,7 +250,7 @@ struct Symbol {
     Expr *init;       /* local initialiser, const value, param value (NULL where open) */
     ConstVal cval;    /* SYM_CONST of scalar, vector or matrix type */
     Expr *array_init; /* SYM_CONST of array or struct type: its checked E_LIST */
-    uint32_t id;      /* dense number within the function (locals and arguments) */
+    uint32_t id;      /* dense within the function (locals, arguments); at file scope how far its check is (param.c) */
     /* parameters */
     ParamAttrs attrs;
     Func *init_func;              /* = init(f) */
@@ -261,7 +263,7 @@ struct Symbol {
     TypeRef *type_ref;
     bool is_const;          /* `const` local: it has an init and is never assigned */
     const char *init_name;  /* = init(f): the name f; `init` is NULL then, as for the next two */
-    const char *asset_text; /* = "file": the text as written (decoded), `asset` is what check.c resolves it to */
+    const char *asset_text; /* = "file": the text as written (decoded), `asset` is what the checker resolves it to */
     Expr **zeros_args;      /* = zeros(w, h[, channels]): 2 or 3 expressions, `zeros` is set */
     uint32_t nzeros_args;
     Span value_span; /* of the f, the string or the whole zeros(...) */
@@ -319,12 +321,11 @@ struct Stmt {
     uint32_t nstmts;
     SwitchCase *cases;
     uint32_t ncases;
-    Expr **
-        args; /* S_PRINT: values and string literals (E_LITERAL with name set, type NULL); S_ASSERT: its text, if any */
+    Expr **args; /* S_PRINT: values and strings (E_LITERAL with name set, type NULL); S_ASSERT: its text, if any */
     uint32_t nargs;
-    /* loops, filled by check.c */
+    /* loops, filled by the checker */
     int64_t trip_bound; /* most iterations that can run: [MaxIters], or proven from constants, len and outer counters;
-                           lower may refine */
+                           gen may find fewer */
     bool trip_exact;    /* the bound is proven, no [MaxIters] cut is needed */
     int64_t trip_count; /* the trip count where it is one constant (break and return may shorten it), else 0; for
                            definite assignment */
@@ -342,7 +343,8 @@ struct Func {
     const char *tangent_name; /* [Tangent(df)] */
     Span tangent_span;
     Func *tangent;
-    bool nodisc, uses_rand; /* [NoDisc] on a function covers its whole body (stdlib noise uses it) */
+    bool nodisc; /* [NoDisc] covers the whole body */
+    bool uses_rand;
     /* shaders */
     uint32_t dim; /* 1..3 */
     bool has_domain;
@@ -377,9 +379,8 @@ struct Module {
     bool is_main, is_stdlib;
     bool missing;          /* stands for a module that could not be loaded: unknown names may come from it */
     const char *real_path; /* what identifies the module */
-    uint32_t load_state;   /* of module.c */
-    const char *
-        *lost; /* names in what the parser skipped after syntax errors: nothing is said about their being unknown */
+    uint32_t load_state;   /* parse/module.c's own */
+    const char **lost;     /* names in what the parser skipped after syntax errors: not reported as unknown */
     uint32_t nlost;
     bool unusable; /* so broken that checking the rest would say nothing */
     Module *next;  /* every loaded module, in order of loading */
@@ -393,9 +394,9 @@ typedef struct ConstOverride {
     bool used;
 } ConstOverride;
 
-/* What assets tell the front end before any value is read: dimensions. Supplied by the caller, so that the compiler
- * does not read images. Returns false with *why set. kind: 't' texture (w, h, c), 'g' grid of numbers (w, h), 'a' array
- * table (dims[0..ndims) outermost first). */
+/* Tells the dimensions of an asset before any value is read. Supplied by the caller, so that the compiler does not read
+ * images. kind: 't' texture (w, h, c), 'g' grid of numbers (w, h), 'a' table of an array (dims[0..ndims) outermost
+ * first). Returns false with *why set. */
 typedef bool AssetProbe(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
 
 /* A file from the command line in place of a parameter's own value (`--param discs=@values.csv`): gives open sizes and
@@ -418,19 +419,20 @@ typedef struct FrontOptions {
     bool f64; /* EPSILON is that of binary64 */
 } FrontOptions;
 
-/* parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an error,
- * and so is a chain (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024
+/* parse/parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an
+ * error, and so is a chain (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024
  * statements. */
 Module *parse_module(Session *s, int file, const char *name);
-/* module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard
+/* parse/module.c: parses `file` and all it imports (imports resolved beside the file, in -I folders, in the standard
  * library). Returns the main module, the head of the list by `next`; a module imported twice is one entry of `imports`.
  * Never NULL. */
 Module *load_modules(Session *s, int file);
-/* check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules. Returns
- * the entry shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
+/* check/check.c: types, names, constants, definite assignment, returns, recursion, loops, attributes of all modules.
+ * Returns the entry shader, or NULL after reporting (also when the errors are elsewhere: look at s->nerrors). */
 Func *check_program(Session *s, Module *main, const FrontOptions *opt);
-/* type.c: every type but structs (check.c makes those, once each). Scalars (T_ERROR and T_VOID too), vectors, matrices
- * and resources are constants of the library and must not be written to; arrays are interned in the session. */
+/* type.c: every type but structs (the checker makes those, once each). Scalars (T_ERROR and T_VOID too), vectors,
+ * matrices and resources are constants of the library and must not be written to; arrays are interned in the session.
+ */
 Type *type_scalar(TypeKind k); /* also T_TEXTURE */
 Type *type_geometry(SltGeometryKind k);
 bool type_is_resource(const Type *t); /* a texture or a geometry */

@@ -12,24 +12,24 @@ typedef struct Param {
     const char *name; /* "radius", "module.name" */
     Type *type;
     Symbol *sym;
-    uint32_t fbase, fcount; /* slice of the float vector; textures: h*w*c texels, row 0 the top */
-    uint32_t ibase, icount;
-    bool differentiable; /* has floats, no [NoDiff] */
+    uint32_t fbase, fcount; /* slice of the float vector; textures: h*w*c numbers, row 0 the top */
+    uint32_t ibase, icount; /* slice of the int vector */
+    bool differentiable;    /* has floats, no [NoDiff] */
     ParamAttrs attrs;
     bool is_texture, is_geometry;
-    uint32_t tex_w, tex_h, tex_c;
-    const char *asset; /* initial value comes from this file (the caller loads it into floats); NULL: in init_* */
+    uint32_t tex_w, tex_h, tex_c; /* columns, rows, channels */
+    const char *asset; /* file of the first values, which the caller loads; NULL: they are in init_floats, init_ints */
 } Param;
 
-/* Its values are an image, tex_w x tex_h x tex_c. */
+/* Are the parameter's values an image, tex_w x tex_h x tex_c? */
 static inline bool param_is_image(const Param *q) { return q->is_texture || q->is_geometry; }
 
-/* One geometry that some query searches, by the number that queries name. */
+/* One geometry that some query searches; its index in Program.geometries is the query's imm.query.geometry. */
 typedef struct GeometryInfo {
     SltGeometryKind kind;
     uint32_t param;       /* index in Program.params */
     uint32_t base, count; /* its slice of the float vector */
-    uint32_t size[2];     /* of its grid */
+    uint32_t size[2];     /* of its grid: columns, rows */
     double band;      /* how near a ray has to come for its distance to count: one cell's size, in the values' unit */
     uint32_t queries; /* bit (1 << SltQuery): asked for somewhere in the primal */
 } GeometryInfo;
@@ -53,20 +53,20 @@ typedef struct Program {
     Session *session;
     const char *entry;
     uint32_t dim, channels; /* 1..3, 1..4 */
-    double lo[3], hi[3];
+    double lo[3], hi[3];    /* the domain */
     Param *params;
     uint32_t nparams;
     uint32_t nfloats, nints;
-    double *init_floats; /* values from the source (not of assets) */
+    double *init_floats; /* [nfloats], [nints]: values from the source; 0 where an asset's go */
     int32_t *init_ints;
-    Fn *primal;         /* outputs: the channels; MATH rows not lowered, custom regions in place, sites in place */
-    uint64_t init_fuel; /* instructions left for all initialiser functions: a compilation ends */
+    Fn *primal;         /* outputs: the channels; MATH rows, custom regions and sites in place */
+    uint64_t init_fuel; /* instructions left for all initialiser functions, so that compiling ends */
     bool uses_rand, uses_pixel, uses_prints;
-    GeometryInfo *geometries; /* those with queries only: no query, no structure */
+    GeometryInfo *geometries; /* those that some query searches: the others need no structure */
     uint32_t ngeometries;
-    uint32_t ncull; /* [Cull] loops; bounds functions as IR: outputs lo.x lo.y hi.x hi.y, input iteration */
-    Fn **cull_bounds;
-    Untracked *untracked; /* instructions of the primal: until a pass edits it */
+    uint32_t ncull;       /* [Cull] loops */
+    Fn **cull_bounds;     /* [ncull] their bounds functions: input iteration, outputs lo.x lo.y hi.x hi.y */
+    Untracked *untracked; /* instructions of the primal; valid until a pass edits it */
     uint32_t nuntracked;
     Func *entry_func;
 } Program;
@@ -77,11 +77,11 @@ typedef struct ProgramOptions {
     uint32_t seed; /* for rand() in initialiser functions */
 } ProgramOptions;
 
-/* lower.c: checked entry -> Program. Inlines every call (beyond 2^18 operations: an error that shows the call tree with
- * counts). NULL after reporting. */
+/* gen/gen.c: a checked entry becomes a Program. Inlines every call (beyond 2^18 operations: an error that shows the
+ * call tree with counts). NULL after reporting. */
 Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions *opt);
 
-/* front.c: the whole front end: load, check, lower. NULL if any error was reported. */
+/* front.c: the whole front end: load, check, generate. NULL if any error was reported. */
 Program *front_compile(Session *s, int file, const ProgramOptions *opt);
 
 /* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */

@@ -1,3 +1,4 @@
+/* The rows behind operators and builtins. */
 #include "compiler/front/rows.h"
 
 Op row_of_operator(Operator op, TypeKind k, bool *swap) {

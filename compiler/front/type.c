@@ -118,8 +118,8 @@ uint32_t type_components(const Type *t) {
         for (uint32_t i = 0; i < t->nfields && n < UINT32_MAX; i++) n += type_components(t->fields[i].type);
         break;
     }
-    /* Structs of structs of structs double at every level: without the cache the walk would, too. Constants never get
-     * here. */
+    /* Structs of structs may double at every level: without the cache the walk would, too. Constant types, which must
+     * not be written to, never get here. */
     ((Type *)t)->components = n < UINT32_MAX ? (uint32_t)n : UINT32_MAX;
     return t->components;
 }

@@ -411,7 +411,7 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         return true;
     case OP_print: exec_print(in, i, m); return true;
     case OP_query: return exec_query(in, i, m, dst);
-    case OP_window: { /* nothing to pair with: the ray's own */
+    case OP_window: { /* lanes form no pairs here: from each ray's own t, top and margin */
         for (uint32_t l = 0; l < in->lanes; l++)
             set_flt(in, dst, l,
                     i->imm.i & 1 ? get_flt(in, in->slot[i->args[1]->id], l) + get_flt(in, in->slot[i->args[2]->id], l)

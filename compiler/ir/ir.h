@@ -6,9 +6,11 @@
  * several results of a structured operation are proj instructions right behind it. The last instruction of every block
  * is a yield; the yield of the top block lists the outputs.
  *
- *     %0 = input x.0                       loop(%init)                      -> block: arg k, arg c ; ... ; yield
- * %continue, %next %1 = flt %0, %c                      %9 = proj 0 if_(%1) -> then: yield %a            else: yield %b
- *     %5 = proj 0
+ *     %1 = flt %0, %c
+ *     %2 = if_ %1 { yield %a } { yield %b }                                 the regions then and else
+ *     %3 = proj %2 #0                                                       the first result of %2
+ *     %4 = loop %init { (%k, %carried) ... yield %continue, %next }
+ *     %5 = proj %4 #0                                                       the last %next
  *
  * Ownership: everything lives in fn->arena (module arena); passes edit in place or clone. Dominance is by nesting: a
  * value is visible after its definition in its block and in the regions below. Not thread-safe. */
@@ -57,7 +59,7 @@ typedef enum SiteKind {
 #define SLT_SITE(id, ...) SITE_##id = SLT_SITE_##id,
 #include "saltus/kernel.def"
 } SiteKind;
-/* Of a ray that meets a geometry: g looks along a window of the ray. */
+/* Sites of a ray that meets a geometry, whose g looks along a window of the ray. */
 static inline bool ir_site_of_ray(SiteKind kind) { return kind == SITE_SILHOUETTE || kind == SITE_SHADOW; }
 
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
@@ -71,13 +73,14 @@ typedef struct LoopInfo {
     uint32_t max_iters; /* bound on the iterations of one execution, always > 0 */
     bool exact;         /* the trip count is this constant */
     bool cull;          /* [Cull]: the runtime's list of iterations may replace 0..max_iters-1 */
-    uint32_t cull_id;
-    uint32_t loop_id; /* dense number of the source loop, for explain */
+    uint32_t cull_id;   /* of a [Cull] loop: its index in Program.cull_bounds */
+    uint32_t loop_id;   /* dense number of the source loop, for explain */
 } LoopInfo;
 
+/* The immediate of an operation: ops.def says which has which. */
 typedef union Imm {
-    double f;
-    int64_t i;
+    double f;  /* constf */
+    int64_t i; /* consti, constb; others: the number of an input, result, site, counter */
     struct {
         uint32_t base, count;
     } slot; /* param, iparam, dparam, adj */
@@ -122,7 +125,7 @@ typedef struct SiteInfo {
     SiteKind kind;
     Span span;           /* the comparison or the jumping builtin */
     const char *path;    /* "main > sd_scene" */
-    uint32_t depth;      /* loop indices that tell its events apart, <= SLT_MAX_K */
+    uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
     const char *text; /* short source text for explain: "d < 0.0" */
@@ -140,14 +143,13 @@ struct Fn {
     Arena *arena;
     Block *body;
     Precision precision;
-    uint32_t dim, channels;
+    uint32_t dim, channels;  /* of the position, 1..3; of f, 1..SLT_MAX_CHANNELS */
     uint32_t nfloats, nints; /* sizes of the parameter vectors */
     SiteInfo *sites;
     uint32_t nsites;
-    Fn *next_part; /* a kernel over sites in several parts: each serves the sites it lists; NULL: the last, or the only
-                      one */
-    const uint8_t *serves; /* [nsites], NULL: all */
-    Output *outputs;       /* of each output of the top yield; NULL: nobody asks */
+    Fn *next_part;         /* a site kernel may come in parts, each for some sites; NULL: the last */
+    const uint8_t *serves; /* [nsites]: 1 where this part is for the site; NULL: for all */
+    Output *outputs;       /* what each value of the top yield is; NULL: they have no roles */
     uint32_t ninsts;       /* after ir_number */
 };
 
@@ -160,27 +162,27 @@ typedef struct OpInfo {
     const char *name;
     uint8_t nargs;  /* IR_MANY: any number */
     uint8_t result; /* IrType; for SPECIAL with '?': TY_VOID and the instruction says */
-    uint8_t arg;    /* IrType of the arguments of value rows, but for the condition of a select; else TY_VOID */
+    uint8_t arg;    /* IrType of a value row's arguments (a select's condition is TY_BOOL); else TY_VOID */
     uint8_t kind;   /* OpKind */
     bool special, math;
     bool compares, selects; /* a comparison; a choice between the second and the third argument */
-    uint16_t cost;          /* about how many vector additions it takes */
+    uint16_t cost;          /* in vector additions of the same width */
 } OpInfo;
 extern const OpInfo ir_ops[OP_COUNT];
 IrType ir_input_type(InputSlot slot);
-size_t ir_uniform_offset(InputSlot slot); /* in SltKernelArgs, of an input that is the same for all samples */
+size_t ir_uniform_offset(InputSlot slot); /* bytes from the start of SltKernelArgs; slot: an SLT_UNIFORM */
 
 /* ---- build.c
  * New instructions have id UINT32_MAX until the next ir_number. Constants have all bytes of imm defined, so imms
  * compare with memcmp. Functions that return a Builder leave fold false. With fold, besides what is exact, x + 0 gives
- * x, 0 - x gives -x and fma(a, b, 0) gives a*b (only the sign of a zero may differ), and zmul(x, 0) gives 0: set it in
- * code of derivatives and keys, not in passes that rewrite primal code. */
+ * x, 0 - x gives -x and fma(a, b, 0) gives a*b (only the sign of a zero may differ), and zmul(x, 0) gives 0: for
+ * derivatives and keys, not for passes that rewrite primal code. */
 typedef struct Builder {
     Fn *fn;
     Block *block;
     Inst *before; /* insert before this; NULL: at the end of block */
     Span span;    /* given to new instructions */
-    bool fold;    /* fold constants and exact identities while building (x*1, x+(-0), select of constants ...) */
+    bool fold;    /* fold constants and identities while building (x*1, x+(-0), select of constants ...) */
 } Builder;
 
 Fn *ir_fn(Session *s, Arena *arena, const char *name, Precision p);
@@ -202,13 +204,13 @@ Inst *ir_loop(Builder *b, uint32_t ncarried, Inst *const *init,
               LoopInfo info); /* region[0] has k and the carried parameters */
 Inst *ir_yield(Builder *b, uint32_t n, Inst *const *values);
 Inst *ir_proj(Builder *b, Inst *structured,
-              uint32_t index); /* emitted behind it, or the existing one; type from its yield */
-/* Builder at the end of a block (before its yield if it has one), or before an instruction. */
+              uint32_t index); /* behind `structured`, or the one that is there; type from the yield */
+/* A Builder at the end of a block (before its yield if it has one), before or behind an instruction. */
 Builder ir_at_end(Fn *fn, Block *b);
 Builder ir_before(Fn *fn, Inst *i);
 Builder ir_after(Fn *fn, Inst *i);
 static inline Inst *ir_yield_of(const Block *b) { return b->last; }
-/* Results of a structured operation (its yield's values, without the continue flag of loops). */
+/* How many results a structured operation has: its yield's values, without the continue flag of loops. */
 uint32_t ir_nresults(const Inst *i);
 void ir_replace_arg(Inst *i, uint32_t index, Inst *value);
 void ir_append_arg(Fn *fn, Inst *i, Inst *value);
@@ -216,14 +218,14 @@ void ir_unlink(Inst *i);
 uint32_t ir_number(Fn *fn);        /* dense ids in program order; returns the count */
 bool ir_is_numbered(const Fn *fn); /* ids are what ir_number would give */
 Fn *ir_clone(const Fn *fn, Arena *arena, const char *name);
-/* Clones instructions of a block behind the builder, with map[id] -> new value filled (ids from ir_number of the source
- * Fn). Nested regions are cloned whole; unmapped operands are kept as they are (for cloning inside the same Fn). */
+/* Clones instructions of a block to where the builder stands, with their regions, and enters each in `map`: [ninsts] of
+ * the source Fn, by dense id. Operands without an entry are kept as they are (for cloning inside the same Fn). */
 void ir_clone_insts(Builder *b, const Block *from, Inst *first, Inst *last_exclusive, Inst **map);
 /* Replaces every use of the instructions with map[id] != NULL, in the whole Fn. */
 void ir_replace_all(Fn *fn, Inst **map);
-void ir_name_outputs(Fn *fn, SltRole role); /* all of them, numbered */
+void ir_name_outputs(Fn *fn, SltRole role); /* gives all outputs this role, numbered from 0 */
 bool ir_is_const(const Inst *i);
-/* 32-bit mixing used for region keys, the same in kernels (as IR) and in C. */
+/* 32-bit mixing used for the region hash, the same in kernels (as IR) and in C. */
 uint32_t ir_mix(uint32_t h, uint32_t v);
 Inst *ir_mix_inst(Builder *b, Inst *h, Inst *v);
 /* 32 random bits: number n of a stream (Philox2x32-7). rand is (bits >> 8) * 2^-24 in both precisions, except number 0,
@@ -233,15 +235,14 @@ enum { IR_RAND_ROUNDS = 7 };
 #define IR_RAND_WEYL 0x9e3779b9u
 uint32_t ir_rand_u32(uint32_t stream, uint32_t n);
 
-/* ---- build_fold.c: the value a row has by identities and constants; may emit a cheaper row. NULL: emit as it stands.
- */
+/* ---- build_fold.c: the value of a row by identities and constants; may emit a cheaper row. NULL: there is none. */
 Inst *ir_simplify(Builder *b, Op op, Inst *const *args);
 
 /* ---- fold.c */
 /* The value of a value row on constants (imm.f of floats, imm.i of the others), MATH rows by the C library. */
 Imm ir_row(Op op, Precision p, const Imm args[3]);
-/* What instruction i is, if its arguments are constants; false where it must not be folded (MATH rows are folded only
- * after lower_math). */
+/* The value of i, if its arguments are constants; false where it must not be folded (MATH rows: lower_math makes
+ * foldable ones of them). */
 bool ir_fold(const Inst *i, Precision p, Imm *out);
 
 /* ---- print.c, parse.c: the text form; parse(print(fn)) is structurally equal. Parse errors become diagnostics. */
@@ -260,11 +261,12 @@ void ir_require(const Fn *fn, const char *when);
  * have the FLAT layout (varying indices too, never the log), arrays need no padding beyond n, and tape_bytes is a limit
  * (0: 256 MiB) on memory that the call allocates itself. MATH rows that are still there use the C library; rand is
  * exact. Several threads may run the same Fn if its ids are dense (ir_number). lanes: a power of two up to 64. Returns
- * an SltStatus: SLT_LIMIT (tape, memory), SLT_USAGE (an input or a field that the Fn reads is NULL, bad lanes),
+ * an SltStatus: SLT_LIMIT (tape, memory), SLT_USAGE (an array or a geometry that the Fn needs is NULL, bad lanes),
  * SLT_INTERNAL (broken IR). */
 struct SltKernelArgs;
 int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes);
-/* At most *fuel instructions, each for a whole vector; what is left comes back. SLT_LIMIT when it runs out. */
+/* The same within *fuel instructions, each counted once a vector; leaves in *fuel what was not used, and returns
+ * SLT_LIMIT when all was. */
 int ir_interpret_within(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel);
 
 #endif

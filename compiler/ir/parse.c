@@ -217,7 +217,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_iparam:
     case OP_dparam:
     case OP_adj: {
-        uint32_t base, count; /* not straight into imm: its members share bytes with nothing half-read */
+        uint32_t base, count; /* imm, a union, gets both at once */
         if (!want_char(p, '[') || !want_u32(p, &base) || !want_char(p, ',') || !want_u32(p, &count) ||
             !want_char(p, ']'))
             return false;

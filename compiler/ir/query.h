@@ -1,4 +1,5 @@
-/* The rows of saltus/queries.def as the compiler reads them: nothing else in it knows one query from another. */
+/* The rows of saltus/queries.def, which explains the columns, as the compiler reads them: nothing else here tells one
+ * query from another. */
 #ifndef SALTUS_IR_QUERY_H
 #define SALTUS_IR_QUERY_H
 
@@ -12,14 +13,14 @@ typedef enum QueryRole { ROLE_PLAIN, ROLE_SILHOUETTE, ROLE_SHADOW, ROLE_TOP } Qu
 
 typedef struct QueryRow {
     const char *name;
-    uint32_t geometries; /* bit (1 << SltGeometryKind) */
+    uint32_t geometries; /* that answer it: bits (1 << SltGeometryKind) */
     QueryRay ray;
     QueryWitness witness;
     QueryEvaluation evaluation;
     SltQuery weaker;
-    QueryWhen when;
+    QueryWhen when; /* `weaker` serves as well */
     QueryRole role;
-    const char *asked;
+    const char *asked; /* by what in the language */
 } QueryRow;
 extern const QueryRow query_rows[SLT_QUERIES];
 

@@ -59,8 +59,8 @@ static IrRange power(IrRange a, IrRange b) {
     return between(a.lo >= 0 ? 0 : -INFINITY, INFINITY, b.lo >= 0 && b.lo == b.hi ? a.inf : IR_POLE | IR_OVERFLOW);
 }
 
-/* Integers; a divisor that may be 0 or negative says nothing. Doubles hold quotients of 32-bit integers exactly enough
- * to truncate. */
+/* Of integers; nothing is known if the divisor may be 0 or negative. Doubles hold quotients of 32-bit integers exactly
+ * enough to truncate. */
 static IrRange int_quotient(IrRange a, IrRange b) {
     if (!(b.lo > 0)) return IR_RANGE_FINITE;
     return between(trunc(a.lo / (a.lo < 0 ? b.lo : b.hi)), trunc(a.hi / (a.hi < 0 ? b.hi : b.lo)), 0);
@@ -71,13 +71,13 @@ static IrRange int_remainder(IrRange a, IrRange b) {
     return between(a.lo >= 0 ? 0 : 1 - b.hi, fmin(fmax(a.hi, 0), b.hi - 1), 0);
 }
 
-/* The bits of a number that is not negative bound what is left of them. */
+/* a & b is at most an operand that is not negative. */
 static IrRange int_and(IrRange a, IrRange b) {
     if (a.lo < 0 && b.lo < 0) return IR_RANGE_FINITE;
     return between(0, a.lo < 0 ? b.hi : b.lo < 0 ? a.hi : fmin(a.hi, b.hi), 0);
 }
 
-/* By a known count, modulo 32: to the left (direction 1) or to the right (-1). */
+/* A shift by a known count, modulo 32: to the left (direction 1) or to the right (-1). */
 static IrRange int_shift(IrRange a, IrRange b, int direction) {
     if (b.lo != b.hi) return IR_RANGE_FINITE;
     int n = direction * (int)((int64_t)b.lo & 31);
@@ -151,7 +151,7 @@ IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same) {
     return IR_RANGE_FINITE;
 }
 
-/* What may wrap is the whole type. */
+/* An integer that may wrap may be any. */
 static IrRange fit(const Inst *i, IrRange r) {
     if (i->type == TY_BOOL) return r.lo >= 0 && r.hi <= 1 ? r : (IrRange){0, 1, 0};
     if (i->type != TY_INT) return r;
@@ -173,9 +173,8 @@ static IrRange counter(const Inst *loop) { return between(0, (double)loop->imm.l
 
 typedef struct Flow {
     IrRange *range;
-    IrRange *next;  /* by id: what loops assign to a carried parameter, and what is stored in an array, found by the
-                       sweep before */
-    IrRange *found; /* the same, being found */
+    IrRange *next;  /* by id of a carried parameter or an array: what is assigned there, found by the sweep before */
+    IrRange *found; /* the same, as this sweep finds it */
 } Flow;
 
 static void sweep(Flow *f, const Block *b);
@@ -201,7 +200,7 @@ static void sweep_regions(Flow *f, const Inst *i) {
     }
 }
 
-/* The yields of loops lead with the flag to go on. */
+/* Of result `index` of a region; a loop yields the flag to go on first. */
 static IrRange result_of(const Flow *f, const Inst *i, uint32_t region, int64_t index) {
     return f->range[i->region[region]->last->args[index + (i->op == OP_loop)]->id];
 }
@@ -225,7 +224,7 @@ static void sweep(Flow *f, const Block *b) {
             r = result_of(f, i->args[0], 0, i->imm.i);
             if (i->args[0]->op == OP_if_) r = join(r, result_of(f, i->args[0], 1, i->imm.i));
             break;
-        default: { /* a function of its arguments */
+        default: { /* a row: a function of its arguments */
             IrRange a[3] = {IR_RANGE_FINITE, IR_RANGE_FINITE, IR_RANGE_FINITE};
             for (uint32_t k = 0; k < i->nargs && k < 3; k++) a[k] = f->range[i->args[k]->id];
             r = ir_range_row((Op)i->op, a[0], a[1], a[2], i->nargs > 1 && i->args[0] == i->args[1]);

@@ -17,20 +17,19 @@
 enum { IR_OVERFLOW = 1, IR_POLE = 2 };
 typedef struct IrRange {
     double lo, hi;
-    uint8_t inf;
+    uint8_t inf; /* IR_OVERFLOW, IR_POLE */
 } IrRange;
 #define IR_RANGE_FINITE ((IrRange){-INFINITY, INFINITY, 0})
 #define IR_RANGE_CARRIED ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW})
 #define IR_RANGE_ANY ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE})
 #define IR_RANGE_INT ((IrRange){INT32_MIN, INT32_MAX, 0})
 
-/* Never zero? */
 static inline bool ir_range_nonzero(IrRange r) { return r.lo > 0 || r.hi < 0; }
 IrRange ir_range_const(double v);
 /* The range column of op, before integers wrap. same: the first two arguments are one value. */
 IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same);
 
-/* Forwards through a whole Fn with dense ids: range[id] of every value and block parameter. */
+/* Forwards through a whole Fn with dense ids: fills range[ninsts], by id of value or block parameter. */
 void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range);
 
 /* Backwards from one integer, a few operands deep, without looking at the rest of the Fn. known (may be NULL): ranges

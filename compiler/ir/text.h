@@ -21,10 +21,10 @@ void text_inst(Text *t, const Inst *i);
 extern const char *const ir_input_names[SLT_INPUTS];
 extern const char *const ir_site_kinds[SLT_SITE_KINDS];
 extern const char *const ir_counter_names[SLT_COUNTERS];
-/* Names of outputs: of a role that may have several, the number is behind it. */
+/* The name of an output: its role's text, with its number behind where the role may have several ("f.0", "hash"). */
 typedef struct OutputText {
     const char *text;
-    uint32_t most;
+    uint32_t most; /* outputs of this role in one Fn */
 } OutputText;
 extern const OutputText ir_output_texts[SLT_ROLES];
 extern const char ir_type_letters[TY_TAPE + 1]; /* . b i f a t */

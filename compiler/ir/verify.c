@@ -378,7 +378,7 @@ static void check_block(Verify *v, const Block *b) {
     if (hi > lo) memset(v->visible + lo, 0, (hi - lo) * sizeof *v->visible); /* out of sight outside the block */
 }
 
-/* A frame that no push makes cannot be popped. Which push meets which loop is the business of ad_vjp's own tests. */
+/* A frame that no push makes cannot be popped. Which push meets which loop, the tests of ad_vjp check. */
 static void check_frames(Verify *v) {
     for (uint32_t k = 0; k < v->revloops.len; k++) {
         const Inst *i = v->revloops.data[k];

@@ -1,11 +1,10 @@
-/* What the automatic differentiation passes share: rules, activity. Private to compiler/pass/ad_*.c and its
- * tests.
+/* What the automatic differentiation passes share: rules, activity. Private to compiler/pass/ad_*.c and tests/ad.
  *
  *   ad_rules.c       the partials column of ops.def, as code: emits it, or tells which values it mentions
  *   ad_activity.c    which values carry derivatives (varied and useful)
  *   ad_jvp.c         forward mode: ad_jvp, ad_grad_x
  *   ad_prepare.c     reverse mode, before: custom regions, ifs that hold loops, strip-mining
- *   ad_tape.c        reverse mode: how a primal value is had in the reverse sweep (stored, recomputed, read again)
+ *   ad_tape.c        reverse mode: how the sweep has a primal value (stored, recomputed, read again)
  *   ad_replay.c      reverse mode: segments and iterations that are run again
  *   ad_vjp.c         reverse mode: the sweep
  *   ad_region.c      reverse mode: loops and ifs
@@ -28,31 +27,33 @@ typedef struct AdTerm {
     Inst *v;     /* the value, or NULL: zero, or a product still waiting */
     Inst *x, *y; /* the product */
     IrRange range;
-    const Inst *key; /* the primal value that it is, or NULL: tells a*a from a*b without emitting */
+    const Inst *key; /* the primal value that the term is, or NULL: tells a*a from a*b without emitting */
     bool seed;       /* a multiple of the seed g */
     bool none;       /* no derivative at all */
 } AdTerm;
 
-enum { AD_MENTIONS_RESULT = 8 }; /* bits 0..2: arguments */
+enum { AD_MENTIONS_RESULT = 8 }; /* of a set of operands; bits 0..2: the arguments */
 
 typedef struct AdRule AdRule;
 struct AdRule {
     Builder b;
-    bool emit, fma;
-    /* The primal value v where code is being emitted. */
+    bool emit; /* false: only `mentions` is found */
+    bool fma;  /* products may be added by ffma */
+    /* Gives the primal value v where code is being emitted. */
     Inst *(*value)(void *user, Inst *v);
     void *user;
     const IrRange *range;  /* by id; may be NULL */
     const uint8_t *varied; /* by id; NULL: all but constants */
     /* of the partial at hand */
     const Inst *inst;
-    Inst *have[4];
-    uint32_t mentions;
+    Inst *have[4];     /* a, b, c, r as `value` gave them; NULL: not asked yet */
+    uint32_t mentions; /* bits */
 };
-/* The partial of value row i in argument `which` applied to the seed: {.none} where there is none. Emits at rule->b. */
+/* The partial of value row i in argument `which` applied to the seed g: {.none} where there is none. Emits at rule->b.
+ */
 AdTerm ad_partial(AdRule *rule, const Inst *i, uint32_t which, AdTerm g);
-/* Which of a, b, c, r that partial mentions (bits), without emitting; *inf: it may turn a finite seed infinite.
- * UINT32_MAX: no derivative. */
+/* Which of a, b, c, r that partial mentions (bits), without emitting; UINT32_MAX: no derivative. *inf: the partial may
+ * turn a finite seed infinite. */
 uint32_t ad_mentions(const Inst *i, uint32_t which, const IrRange *range, bool *inf);
 AdTerm ad_seed(Inst *v, bool inf);
 Inst *ad_term_value(AdRule *rule, AdTerm t);
@@ -60,7 +61,7 @@ Inst *ad_term_value(AdRule *rule, AdTerm t);
 Inst *ad_term_add(AdRule *rule, Inst *acc, AdTerm t);
 
 #ifdef SALTUS_AD_MUTATION
-/* Test builds only: the partial (op, arg) is spoilt: 0 negated, 1 doubled, 2 dropped. */
+/* Test builds only: spoils the partial of row `op` in argument `arg`; kind 0 negates it, 1 doubles it, 2 drops it. */
 extern int ad_mutation_op, ad_mutation_arg, ad_mutation_kind;
 #endif
 
@@ -68,7 +69,7 @@ extern int ad_mutation_op, ad_mutation_arg, ad_mutation_kind;
 typedef struct AdFacts {
     Fn *fn;
     Arena *arena;
-    uint32_t n;
+    uint32_t n;      /* ids */
     uint8_t *varied; /* by id: depends differentiably on what is differentiated; for arrays: their elements may */
     uint8_t *useful; /* by id: an output depends differentiably on it */
     IrRange *range;
@@ -90,17 +91,20 @@ Output ad_output(const Fn *fn, uint32_t index);
 Output ad_tangent_output(const Fn *fn, uint32_t index);
 
 /* ---- ad_prepare.c */
-/* Tags of loops: the inner loop of a strip-mined one, run again in the reverse sweep; a loop whose iterations are each
- * run again there. */
-enum { AD_TAG_SEGMENT = 1, AD_TAG_REPLAY = 2 };
+/* Tags of loops. */
+enum {
+    AD_TAG_SEGMENT = 1, /* the inner loop of a strip-mined one: the sweep runs it again as a whole */
+    AD_TAG_REPLAY = 2   /* the sweep runs each iteration again */
+};
 typedef struct AdLinks {
     Vec(Inst *) v;
 } AdLinks;
 void ad_expand_customs(Fn *fn, Arena *scratch, AdLinks *links);
 void ad_hoist_inputs(Fn *fn, Arena *scratch);
-/* Splits each if_ both of whose regions hold loops that `taped` names (by id), so that at most one region pushes
- * frames. True if any. */
+/* Splits each if_ both of whose regions hold loops with taped[id] != 0, so that at most one region pushes frames. True
+ * if any was split. */
 bool ad_split_ifs(Fn *fn, const uint8_t *taped);
+/* segment: iterations of the inner loop. */
 bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment);
 
 #endif

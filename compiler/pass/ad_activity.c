@@ -1,8 +1,8 @@
 /* Which values carry derivatives.
  *
  * varied: depends differentiably on something differentiated (forward from the parameters); useful: an output depends
- * differentiably on it (backward from the outputs). Only what is both gets a tangent or an adjoint. Arrays are one
- * value each. Both are least fixpoints over the loops. */
+ * differentiably on it (backward from the outputs). Only a value that is both gets a tangent or an adjoint. Arrays are
+ * one value each. Both are least fixpoints over the loops. */
 #include <string.h>
 
 #include "compiler/pass/ad.h"

@@ -20,7 +20,7 @@ typedef struct Jvp {
 } Jvp;
 
 static Inst *same_value(void *user, Inst *v) {
-    (void)user; /* forward mode sits beside the primal */
+    (void)user; /* tangents stand beside the primal, whose values are at hand */
     return v;
 }
 
@@ -189,7 +189,7 @@ static void jvp_inst(Jvp *j, Inst *i) {
 
 static void jvp_block(Jvp *j, Block *b) {
     for (Inst *i = b->first; i; i = i->next)
-        if (i->id < j->facts.n) jvp_inst(j, i); /* what is new is a tangent */
+        if (i->id < j->facts.n) jvp_inst(j, i); /* newer instructions are tangents */
 }
 
 static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t n, bool grad_x) {

@@ -1,5 +1,4 @@
-/* Reverse mode, before the sweep: shapes that the sweep does not know are turned into ones that it does. All of it
- * keeps the values. */
+/* Reverse mode, before the sweep: shapes that the sweep does not know become ones that it knows. Values stay. */
 #include <string.h>
 
 #include "compiler/pass/ad.h"

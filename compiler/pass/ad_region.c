@@ -83,7 +83,7 @@ static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t n
 
 typedef struct Carried {
     Inst *param;    /* of the revloop */
-    Inst *primal;   /* the outer value whose adjoint it is, or NULL */
+    Inst *primal;   /* the outer value whose adjoint is carried, or NULL */
     uint32_t index; /* of the loop's carried value, if primal is NULL */
     Inst *init, *next, *result;
     bool inf, had; /* had: the adjoint was not zero before */
@@ -276,7 +276,7 @@ static void seed_region(Vjp *v, Inst *i, uint32_t r) {
             vjp_add(v, i->region[r]->last->args[p->imm.i], ad_seed(v->adj[p->id].v, v->adj[p->id].inf));
 }
 
-/* Only constants, which may stand outside as well? */
+/* Has the block no instruction? What its yield hands on stands outside then. */
 static bool hollow(const Block *b) { return b->first == NULL; }
 
 static void reverse_plain_if(Vjp *v, Inst *i, const bool skip[2]) {

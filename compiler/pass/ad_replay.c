@@ -14,12 +14,12 @@
 
 /* ---- what can be run again */
 
-/* Reads an array from outside that may have been written since. */
+/* Does i read an array from outside the loop that may have been written since? */
 static bool reads_past(const Vjp *v, const Inst *i, const Block *loop) {
     return i->op == OP_load && !v->stable[i->id] && !walk_inside(i->args[0]->block, loop);
 }
 
-/* held: such reads are held in the frame, unless an inner loop makes them. */
+/* Can this block be run again? held: the frame holds what reads_past, unless an inner loop reads it. */
 static bool rerunnable(const Vjp *v, const Block *b, const Block *loop, bool held) {
     for (const Inst *i = b->first; i; i = i->next) {
         if ((i->op == OP_store || i->op == OP_acopy) && !walk_inside(i->args[0]->block, loop)) return false;
@@ -62,14 +62,15 @@ static bool searches_and_differs(const Vjp *v, const Block *b) {
     return false;
 }
 
-/* Loops that the second run leaves out; what they found is in the frame. Those without derivatives if they search.
- * Those with derivatives push frames, which belong to the run that searched: all of them then, or frames of two runs
- * would lie in the wrong order. */
+/* Does the second run leave this loop out? What it found is in the frame then. Of loops without derivatives, those that
+ * search. Loops with derivatives push frames, which belong to the run that searched: all of them if `keeps`, or frames
+ * of two runs would lie in the wrong order. */
 static bool left_out(const Vjp *v, const Inst *i, bool keeps) {
     return i->op == OP_loop && (v->taped[i->id] ? keeps : is_search_loop(i));
 }
 
-/* What they leave in arrays would be missing. */
+/* May the loops of this block that left_out names be left out? None may write arrays: what it wrote would be missing.
+ */
 static bool can_leave_out(const Vjp *v, const Block *b, bool keeps) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (left_out(v, i, keeps) && writes_outside(i->region[0], i->region[0])) return false;
@@ -273,7 +274,7 @@ static void propagate(Live *l, Inst *i) {
         if (owner->op != OP_if_) mark(l, owner->args[index + (owner->op == OP_revloop)]);
         return;
     }
-    case OP_loop: mark(l, i->region[0]->last->args[0]); return; /* whether it goes on */
+    case OP_loop: mark(l, i->region[0]->last->args[0]); return; /* the flag to go on */
     case OP_revloop: mark(l, i->args[0]); return;
     case OP_alloc:
         for (uint32_t w = 0; w < l->writes.len; w++)

@@ -80,8 +80,8 @@ static E e_sub(AdRule *R, E x, E y) {
 
 static bool same_operand(E x, E y) { return x.key && x.key == y.key; }
 
-/* s is the seed's side. Both guards give 0: a zero seed wins over an infinite slope, a zero slope over an infinite
- * seed. */
+/* s has the seed, p the slope. Both guards give 0: a zero seed wins over an infinite slope, a zero slope over an
+ * infinite seed. */
 static E seeded_product(AdRule *R, E s, E p) {
     E e = {.seed = true, .range = {-INFINITY, INFINITY, (s.range.inf | p.range.inf) & IR_POLE}};
     bool slope_zero = s.range.inf && !ir_range_nonzero(p.range);
@@ -158,8 +158,8 @@ static E e_row2(AdRule *R, Op op, E x, E y) {
 #define SEL(cond, x, y) e_select(R, cond, x, y)
 #define LT(x, y) e_compare(R, OP_flt, x, y)
 #define LE(x, y) e_compare(R, OP_fle, x, y)
-/* The other argument has it: also where they are equal, if that one is a constant, so that the slope at the kink is 0.
- */
+/* min or max takes the other argument: also where both are equal, if that one is a constant, so that the slope at the
+ * kink is 0. */
 #define TAKES(other, x, y) e_compare(R, fixed(R, other) ? OP_fle : OP_flt, x, y)
 #define EQ(x, y) e_compare(R, OP_feq, x, y)
 #define K(v) e_const(R, v)

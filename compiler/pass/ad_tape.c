@@ -103,7 +103,7 @@ static void cost_of(Vjp *v, Inst *i, Cost *c) {
     if (i->op == OP_arg && i->block->owner->op == OP_loop && i->imm.i == 0)
         return; /* iteration numbers are uniform: next to nothing */
     if (!cheap(v, i)) {
-        c->leaves += !v->want[i->id]; /* what a rule mentions will be there anyway */
+        c->leaves += !v->want[i->id]; /* a value that a rule mentions will be there anyway */
         return;
     }
     c->ops += i->nargs > 0;
@@ -173,7 +173,7 @@ Inst *tape_value(Vjp *v, Inst *i) {
     } else {
         Scope *s = c->scope;
         Inst *x = tape_forward(v, i);
-        const Scope *replay = s->replay ? s : s->over; /* where everything is there again */
+        const Scope *replay = s->replay ? s : s->over; /* all its values are there again */
         bool here = replay && x->block == replay->rev_block;
         Cost cost = {0};
         v->stamps++;
@@ -226,7 +226,7 @@ static void add_guard(Vjp *v, Scope *s, Inst *branch, uint32_t region) {
         vec_push(v->scratch, &s->guards, ((Guard){branch, tape_forward(v, branch)->args[0], region}));
 }
 
-/* Is x the carried parameter itself, but for guarded regions? */
+/* Is x the carried parameter itself where no guarded region is taken? */
 static bool passes(Vjp *v, Scope *s, const Block *body, Inst *x, const Inst *param) {
     if (x == param) return true;
     if (x->op != OP_proj || x->args[0]->op != OP_if_ || x->block != body) return false;
@@ -289,7 +289,7 @@ uint64_t tape_left(const Vjp *v, const Scope *s) {
     return ((s->framed ? s->frame_bytes : 0) + (s->replay && !s->keeps ? 0 : frames_below(v, s))) * s->trips;
 }
 
-/* The most that what is run again adds on top, one segment, one iteration at a time. */
+/* The most bytes that code run again adds on top, one segment, one iteration at a time. */
 uint64_t tape_on_top(const Vjp *v, const Scope *s) {
     uint64_t most = 0;
     for (uint32_t k = 0; k < v->scopes.len; k++) {

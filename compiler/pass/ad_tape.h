@@ -1,12 +1,11 @@
 /* State of one reverse sweep, shared by ad_vjp.c, ad_region.c, ad_tape.c and ad_replay.c.
  *
- * The sweep is emitted behind the primal, walking it backwards once. What it needs of the primal is asked for where it
- * is needed (tape_value), and only then is it decided how to have it; the forward part gets its pushes when a scope is
+ * The sweep is emitted behind the primal, walking it backwards once. A value of the primal is asked for where the sweep
+ * needs it (tape_value), and only then is it decided how to have it; the forward part gets its pushes when a scope is
  * closed. So nothing is stored that no rule asked for.
  *
- *   primal block  --Ctx-->  the block of the sweep where its reverse is being emitted
- *   Scope         one frame shape: the body of a loop, or the region of an if that holds loops; the top scope has no
- * frame */
+ *   Ctx    leads from a block of the primal to the block of the sweep where its reverse is being emitted
+ *   Scope  one frame shape: the body of a loop, or the region of an if that holds loops; the top scope has no frame */
 #ifndef SALTUS_PASS_AD_TAPE_H
 #define SALTUS_PASS_AD_TAPE_H
 
@@ -18,15 +17,15 @@ typedef struct RevBlock {
 } RevBlock;
 
 typedef struct Guard {
-    Inst *branch;    /* an if_ of the loop's body: without it the iteration changes nothing active */
-    Inst *cond;      /* its condition in the forward code */
-    uint32_t region; /* the region that does */
+    Inst *branch;    /* an if_ of the loop's body; where no guard is taken the iteration changes nothing active */
+    Inst *cond;      /* condition of `branch` in the forward code */
+    uint32_t region; /* of `branch`: the one that changes something */
 } Guard;
 
 typedef struct Hole { /* what code that is run again reads from outside */
     Inst *primal;
-    Inst *forward; /* the instance that pushes, if it is to be in the frame: carried values, witnesses */
-    Inst *at;      /* what the code reads until it is filled */
+    Inst *forward; /* where the frame is to hold the value (carried values, witnesses): the instance that is pushed */
+    Inst *at;      /* what the code reads until the hole is filled */
 } Hole;
 
 typedef Vec(Hole) Holes;
@@ -45,13 +44,16 @@ struct Scope {
     Vec(Inst *) what; /* the primal value of each, for the report */
     Vec(Guard) guards;
     Holes rerun_holes, replay_holes;
-    bool top, framed, sparse;
+    bool top;     /* the Fn itself */
+    bool framed;  /* pushes frames */
+    bool sparse;  /* pushes them only where a guard is taken */
     bool segment; /* the whole loop is run again, pushing */
     bool replay;  /* each iteration is run again, in rev_block, from what its frame holds */
-    bool keeps;   /* but not its inner loops: their frames are those of the first run */
-    Scope *over;  /* of an if around such loops: the replay whose rev_block has its values */
+    bool keeps;   /* of a replay: inner loops are not run again; their frames are those of the first run */
+    Scope *over;  /* of an if around loops that a replay keeps: that replay, whose rev_block has the if's values */
     uint64_t trips;
-    uint32_t frame_bytes, recomputed, region;
+    uint32_t frame_bytes, recomputed; /* bytes a lane; values computed again */
+    uint32_t region;                  /* of `owner` */
 };
 
 typedef struct Ctx {
@@ -81,8 +83,8 @@ typedef struct Vjp {
     uint8_t *want;    /* by id: some rule mentions it */
     uint8_t *effect;  /* by id: an if_ or loop that writes active arrays */
     uint8_t *taped;   /* by id: a loop with something active in it */
-    uint8_t *stable;  /* by id of a load: its array is not written any more after it */
-    uint32_t *stamp;  /* by id */
+    uint8_t *stable;  /* by id of a load: its array is not written any more after the load */
+    uint32_t *stamp;  /* by id: `stamps` of the walk that saw the value last */
     uint32_t stamps;
     Vec(Ctx *) stack;
     Vec(Scope *) scopes;
@@ -94,7 +96,7 @@ static inline Builder rev_builder(const Vjp *v, const RevBlock *r) {
     return (Builder){.fn = v->fn, .block = r->block, .before = r->before, .fold = true, .span = SPAN_NONE};
 }
 static inline Builder vjp_builder(const Vjp *v) { return rev_builder(v, vjp_here(v)->rev); }
-/* Has this result of a region an adjoint? Results that exports added have none. */
+/* Has this result of a region an adjoint? Results that tape_value added have none. */
 static inline bool vjp_seeded(const Vjp *v, const Inst *proj) {
     return proj->id < v->f.n && proj->type == TY_FLT && v->adj[proj->id].v;
 }
@@ -112,16 +114,16 @@ void vjp_loop(Vjp *v, Inst *i);
 
 /* ad_tape.c */
 Inst *tape_value(Vjp *v, Inst *primal);
-/* The instance of this primal instruction that has its value; the instance of a loop or an if that pushes. */
+/* Of a primal instruction: the instance that has its value; of a loop or an if, the instance that pushes. */
 Inst *tape_forward(const Vjp *v, Inst *primal);
 Inst *tape_run(const Vjp *v, Inst *primal);
 /* A tape mark of the forward code, as seen by the sweep. */
 Inst *tape_mark_value(Vjp *v, Inst *mark, bool direct);
-/* Inserts the push of a scope whose reverse has been emitted; false if it needs none. */
+/* Inserts the push of a scope whose reverse has been emitted. */
 void tape_push_frame(Vjp *v, Scope *s);
-/* x of the forward code goes into the frame, and is param in the sweep. */
+/* x of the forward code goes into the frame, and is `param` in the sweep; what: the primal value, for the report. */
 void tape_store(Vjp *v, Scope *s, Inst *x, Inst *param, Inst *what);
-/* Facts that decide storing: want, stable. */
+/* Finds the facts that decide storing: Vjp.want, Vjp.stable. */
 void tape_prepare(Vjp *v);
 bool tape_find_guards(Vjp *v, Inst *loop, Scope *s);
 uint64_t tape_bytes(const Vjp *v);
@@ -135,11 +137,11 @@ bool tape_can_replay(const Vjp *v, const Inst *loop, const Scope *s);
 bool tape_keeps(const Vjp *v, const Inst *loop);
 /* Is there a query in this block or below? */
 bool tape_searches(const Block *b);
-/* Clones a segment into the sweep, in the current block, to be run again with pushes; and fills its holes once the
- * sweep knows what it pushes. */
+/* Clones a segment into the sweep, in the current block, to be run again with pushes; and fills the clone's holes once
+ * the sweep knows what it pushes. */
 Inst *tape_rerun(Vjp *v, Scope *s, Inst *loop);
 void tape_fill_rerun(Vjp *v, Scope *s, Inst *mark_of_tape, Inst *rev);
-/* Clones one iteration into the body of its revloop; and fills its holes when that is complete. */
+/* Clones one iteration into the body of its revloop; and fills the clone's holes when that body is complete. */
 void tape_replay(Vjp *v, Scope *s, Block *body);
 void tape_fill_replay(Vjp *v, Scope *s);
 

@@ -1,7 +1,7 @@
 /* Reverse mode on structured IR: the primal, then one sweep backwards.
  *
  * Order of work: clone, strip-mine as planned, inline customs, hoist x, split ifs that hold loops on both sides, find
- * facts, emit the sweep. The first attempt stores; from what it stored it is decided which loops are replayed, and
+ * facts, emit the sweep. The first attempt replays nothing; what it stored decides which loops are replayed and,
  * while the worst-case tape is above the budget, which loop gets one more level of checkpoints. */
 #include <math.h>
 #include <string.h>
@@ -139,7 +139,7 @@ static void reverse_inst(Vjp *v, Inst *i) {
 }
 
 void vjp_block(Vjp *v, Block *b) {
-    /* Code that the sweep asks for lands in the forward part too: ids tell it apart. */
+    /* The sweep also adds code to the forward part: ids tell it apart. */
     for (Inst *i = b->last, *prev; i; i = prev) {
         prev = i->prev;
         if (i->id < v->f.n && i->op != OP_yield) reverse_inst(v, i);
@@ -160,7 +160,7 @@ static bool mark_regions(const AdFacts *f, Block *b, uint8_t *taped, uint8_t *ef
         any |= inner;
         *effects |= writes;
     }
-    /* a yield may hand on what is active outside: an overwrite of a carried value */
+    /* a yield may hand on a value that is active outside: it overwrites a carried value */
     for (uint32_t a = 0; b->owner && b->last && a < b->last->nargs; a++)
         any |= b->last->args[a]->type == TY_FLT && ad_active(f, b->last->args[a]);
     return any;
@@ -345,7 +345,7 @@ static uint32_t next_levels(const LoopPlan *p) {
     return 0;
 }
 
-/* Does the loop belong to a path: does the outermost loop or if around it, or it itself, ask a query? */
+/* Does the loop belong to a path: does it, or the outermost loop or if around it, ask a query? */
 static bool of_path(const Scope *s) {
     while (!s->parent->top) s = s->parent;
     return tape_searches(s->owner->region[s->region]);

@@ -99,7 +99,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
             break;
         case OP_detach: {
             Depend d = f->of[i->args[0]->id];
-            d.nnamed = 0, d.on &= (uint8_t)~DEPENDS_PARAM; /* said to be a constant */
+            d.nnamed = 0, d.on &= (uint8_t)~DEPENDS_PARAM; /* detach says that this is a constant */
             add(f, i, &d);
             break;
         }

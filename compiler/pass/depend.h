@@ -26,9 +26,9 @@ typedef struct Depend {
 
 typedef struct DependOptions {
     const Program *program; /* names the parameters, and only those that are differentiable count; NULL: all do */
-    const uint8_t *wrt; /* per float: only parameters of which an instruction may read such a float count; NULL: all */
-    bool whole_loops;   /* in doubt, yes: what stands in a loop also depends on its exit, and each of its results on all
-                           that it starts from */
+    const uint8_t *wrt; /* [nfloats]: a read of parameters counts if it may be of a float marked here; NULL: all do */
+    bool whole_loops; /* coarser: a value in a loop also depends on the loop's exit, and each result of the loop on all
+                         its initial values */
 } DependOptions;
 
 /* By id, in the session's scratch arena. Numbers the Fn. */

@@ -1,5 +1,5 @@
-/* custom ([Tangent] functions) -> its primal region in place. What differentiates runs before; what is left here only
- * needs values. */
+/* custom ([Tangent] functions) -> its primal region in place. AD takes derivatives from the tangent regions before;
+ * what is left here needs only values. */
 #include "compiler/pass/pass.h"
 
 typedef struct Lower {

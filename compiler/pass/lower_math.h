@@ -45,7 +45,7 @@ Inst *math_reduce(Gen *g, Inst *x, Inst *k, const double *parts, uint32_t n, dou
 Inst *math_two_product(Gen *g, Inst *a, Inst *b, Inst **low);
 
 /* lower_math_exp.c */
-enum { EXP_CLAMP_HIGH = 1, EXP_CLAMP_LOW = 2, EXP_CLAMP = 3 }; /* what the argument may exceed */
+enum { EXP_CLAMP_HIGH = 1, EXP_CLAMP_LOW = 2, EXP_CLAMP = 3 }; /* which end of its range the argument may exceed */
 Inst *math_exp(Gen *g, Inst *x, int clamp, int shift);         /* e^x 2^shift, shift 0 or -1 */
 Inst *math_exp2(Gen *g, Inst *x, Inst *low, int clamp);        /* 2^(x + low); low may be NULL */
 Inst *math_log(Gen *g, Inst *x);

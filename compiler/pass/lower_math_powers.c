@@ -1,4 +1,4 @@
-/* fpow with a small constant integer exponent -> products, at most 4 of them. Not part of lower_math: it changes
+/* fpow with a small constant integer exponent -> products, at most 4 of them. Not part of lower_math: the pass changes
  * floats, and whether an exponent is a constant may differ between kernels later, so it runs once, on the primal,
  * before variants are cut. */
 #include <math.h>

@@ -1,5 +1,5 @@
-/* a*b + c becomes ffma where the product has no other use. The only pass that changes floats: it runs once, on the
- * primal, before any variant is cut, so that every kernel and the interpreter round alike. */
+/* a*b + c becomes ffma where the product has no other use. Like opt_powers the pass changes floats, so it
+ * runs once, on the primal, before any variant is cut: every kernel and the interpreter round alike. */
 #include "compiler/pass/walk.h"
 
 static void count_uses(Block *b) {

@@ -8,7 +8,7 @@ static bool may_weaken(const Inst *i) {
 
 static bool is_none(const Inst *i) { return i->op == OP_consti && i->imm.i == SLT_WITNESS_NONE; }
 
-/* whole, by id: something asks more of it than whether it is NONE. */
+/* whole[id]: something asks more of this query's witness than whether it is NONE. */
 static void find_uses(const Block *b, bool *whole) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++)

@@ -21,7 +21,7 @@ static uint32_t conjuncts(Inst *cond, Fact *facts, uint32_t n) {
     return n;
 }
 
-/* What x is where the fact holds; NULL: it holds nowhere. */
+/* The value of x where the fact holds; NULL: the fact holds nowhere. */
 static Inst *where(Fact f, Inst *x) {
     if (f.flag->op == OP_constb) return (f.flag->imm.i != 0) == f.value ? x : NULL;
     if (x->op != OP_proj || f.flag->op != OP_proj || x->args[0] != f.flag->args[0] || x->args[0]->op != OP_if_)

@@ -21,7 +21,7 @@ static bool hoist(Block *b, Inst *loop, bool conditional) {
     const Block *body = loop->region[0];
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
-        if (i->op == OP_loop || i->op == OP_revloop) continue; /* its own invariants came out already */
+        if (i->op == OP_loop || i->op == OP_revloop) continue; /* the inner loop's invariants came out already */
         for (uint32_t r = 0; r < i->nregions; r++) changed |= hoist(i->region[r], loop, conditional || i->op == OP_if_);
         if (i->nregions || !walk_is_pure(i) || i->op == OP_site || i->op == OP_siten) continue;
         if ((conditional && !cheap(i)) || !invariant(i, body)) continue;

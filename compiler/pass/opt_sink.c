@@ -1,5 +1,6 @@
-/* What only one branch of an if_ uses moves into that branch: then it costs nothing where the branch is not taken. For
- * kernels with rare branches (the event kernel looks at g only of the event that it found). Nothing moves into loops.
+/* An instruction that only one branch of an if_ uses moves into that branch: then the instruction costs nothing where
+ * the branch is not taken. For kernels with rare branches (the event kernel looks at g only of the event that it
+ * found). Nothing moves into loops.
  */
 #include "compiler/pass/walk.h"
 

@@ -16,7 +16,7 @@ const PassInfo pass_info[PASS_ALL] = {
 
 /* ---- contracts */
 
-/* What of a Fn the contracts speak of. */
+/* What a Fn has of the things that contracts speak of. */
 typedef struct Census {
     uint32_t sites;
     uint8_t kinds; /* CUSTOM, RAND ... */

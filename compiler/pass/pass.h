@@ -21,7 +21,7 @@ typedef enum PassId {
     PASS_ALL
 } PassId;
 
-/* Behind which pass, of which kernel. */
+/* A point of the pipeline: behind a pass, of a kernel. */
 typedef struct PassPoint {
     PassId pass;        /* PASS_NONE: nowhere */
     const char *kernel; /* one of kernel_names, or "primal"; NULL: any */
@@ -29,11 +29,11 @@ typedef struct PassPoint {
 
 typedef struct PassCtx {
     Session *session;
-    const Program *program; /* whose Fns these are: names for warnings; NULL: no warnings */
+    const Program *program; /* whose Fns these are, for warnings; NULL: no warnings */
     PassPoint dump;         /* print the IR to standard error */
     PassPoint verify;       /* check the IR, and that the pass did what its row says */
     PassPoint stop_after;   /* print the IR to standard output, then unwind (session_stop) */
-    bool has_fma;           /* the target contracts */
+    bool has_fma;           /* the target has a fused multiply-add */
 } PassCtx;
 
 /* ---- passes.def: every pass */
@@ -57,57 +57,60 @@ extern const PassInfo pass_info[PASS_ALL]; /* [PASS_NONE] is empty */
 bool pass_run(PassCtx *ctx, PassStage stage, Fn *fn, PassId pass);
 /* Dumps, verifies and stops at a step. */
 void pass_step(PassCtx *ctx, PassStage stage, Fn *fn, PassId step);
-/* "opt_fold", "all", "vjp:opt_fold", "primal:all". NULL, or what is wrong with the text, with the nearest name. */
+/* Reads "opt_fold", "all", "vjp:opt_fold", "primal:all". Returns NULL, or what is wrong with the text, with the nearest
+ * name. */
 const char *pass_point(Arena *a, const char *text, PassPoint *out);
 
 /* ---- variant_*.c: primal -> new Fn in the same arena */
 typedef struct VariantOptions {
-    bool near_miss;    /* region: also the nearest event (near-miss probe) */
-    bool paper_argmin; /* event: the paper's argmin |g| instead of the first differing decision */
-    bool paper_forced; /* sides: the paper's forced branch */
-    bool path_hash;    /* region: decisions of the path instead of the provenance of the output */
+    bool near_miss;    /* region: also NEAR_*, the event with the least |g|, for the near-miss probe */
+    bool paper_argmin; /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
+    bool paper_forced; /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
+    bool path_hash;    /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
 } VariantOptions;
-/* Outputs are named by their roles; in brackets, where the program has such. */
+/* Behind each its outputs by their roles (kernel.def); in brackets those that some programs have. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */
 Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o); /* HASH [DEPTH] [WITNESS] [NEAR_*] */
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* SITE G K [BOUNDARY] [WINDOW] */
-Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F, and HASH .. WITNESS of region */
+Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F HASH [DEPTH] [WITNESS] */
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 
-/* ---- ad_*.c. wrt[i] != 0: float parameter i is differentiated (NULL: all). */
+/* ---- ad_*.c. wrt[i] != 0: element i of the float vector is differentiated (NULL: all). */
+/* Which loops are replayed: run again in the sweep, iteration by iteration, from carried values and witnesses. */
 enum {
-    AD_REPLAY_AUTO,
+    AD_REPLAY_AUTO, /* those with queries, where the frame gets smaller by it */
     AD_REPLAY_NEVER,
-    AD_REPLAY_ALWAYS,
-    AD_REPLAY_KEEP
-}; /* ALWAYS: every loop that can be; KEEP: and inner loops are treated as if they searched */
+    AD_REPLAY_ALWAYS, /* all that can be */
+    AD_REPLAY_KEEP    /* as ALWAYS, and inner loops are not run again, as if they searched */
+};
 typedef struct AdOptions {
     const uint8_t *wrt;
-    bool wrt_x; /* also (or only, with wrt_none) with respect to the position */
-    bool wrt_none;
-    uint32_t tape_budget; /* bytes per lane above which loops are checkpointed, in as many levels as it takes; 0: 64
-                             KiB, loops with queries 4 KiB */
-    uint8_t replay;       /* AD_REPLAY_*: iterations run again in the sweep, from their carried values and witnesses */
+    bool wrt_x;           /* also (or only, with wrt_none) with respect to the position */
+    bool wrt_none;        /* with respect to no parameter */
+    uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
+                             of which loops with queries 4 KiB */
+    uint8_t replay;       /* AD_REPLAY_* */
 } AdOptions;
-/* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come from dparam and IN_DX*. */
+/* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);
 /* Reverse: seeds IN_SEED0.. for the float outputs; adds to parameter adjoints (adj); outputs the float outputs [then,
  * with wrt_x, the adjoints of x]. */
 typedef struct TapeReport {
-    uint32_t frame_values;
+    uint32_t frame_values;   /* numbers in all frames, counted once a loop */
     uint64_t bytes_per_lane; /* worst case */
     const char *text;        /* what is stored, what recomputed, and why: for explain */
 } TapeReport;
 Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report);
 /* Gradient of the single float output in x by dim forward sweeps in one kernel: outputs g, dg/dx0.. */
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn);
-/* Parameters (float indices) that can influence the outputs differentiably; bit per float. */
+/* active[(nfloats + 7) / 8]: a bit for each element of the float vector that can influence the outputs differentiably.
+ */
 void ad_activity(const Fn *fn, uint8_t *active);
 
 /* ---- pipeline.c */
-/* Passes that may change floats or shape, once, on the primal, before variants are cut. */
+/* Runs once, on the primal, before variants are cut from it. */
 void pipeline_primal(PassCtx *ctx, Fn *primal);
-/* Cleans and lowers one kernel: slice, fold, cse, lower_custom, lower_rand, lower_math, fold, cse, dce. */
+/* Lowers and cleans one kernel, cut and differentiated. */
 void pipeline_kernel(PassCtx *ctx, Fn *fn);
 
 /* Kinds of kernels of which a program has one: all but CULL, of which it has one a loop. */
@@ -125,8 +128,8 @@ typedef struct KernelSet {
 } KernelSet;
 /* What a finished kernel reads and where its outputs are. */
 SltLayout pipeline_layout(const Fn *fn);
-/* The whole middle: needs[kind] says which kernels are wanted; those that the program has no use for stay NULL (no
- * site: no boundary kernel). */
+/* Everything between the front end and the back end. needs[kind]: which kernels are wanted; those that the program has
+ * no use for stay NULL (no site: no boundary kernel). */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,
                       const AdOptions *ad, KernelSet *out);
 

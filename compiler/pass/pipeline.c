@@ -20,7 +20,7 @@ _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for eac
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
     const PassStage stage = PASS_NEEDS_PRIMAL;
     pass_step(ctx, stage, fn, PASS_front);
-    RUN(warn_jumps); /* before anything moves: it knows the places that the front end recorded */
+    RUN(warn_jumps); /* first: the front end recorded instructions, which other passes move */
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);
@@ -28,7 +28,7 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     RUN(opt_cse);
     RUN(opt_licm);
     RUN(opt_powers);
-    RUN(opt_contract); /* with powers, the passes that change floats: none does from here on */
+    RUN(opt_contract); /* this and opt_powers change floats: no pass does from here on but lower_math */
     RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_dce);
@@ -134,7 +134,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     }
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
-        /* AD may have been given the same Fn that is a kernel of its own: each is finished once. */
+        /* AD may have been given a Fn that is a kernel of its own too: each is finished once. */
         if (k == K_VALUE) out->fn[k] = ir_clone(out->fn[k], out->fn[k]->arena, kernel_names[k]);
         for (Fn *part = out->fn[k]; part; part = part->next_part) {
             part->name = kernel_names[k];

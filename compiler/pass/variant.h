@@ -6,25 +6,25 @@
 
 /* A clone of the primal with [Tangent] regions inlined; without prints and counters when `silent`. */
 Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent);
-/* Silent; [Tangent] regions stay for the derivative, except those with sites inside. */
+/* A silent clone in which [Tangent] regions stay for the derivative, except those with sites inside. */
 Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *name);
 /* Sites become their decision (or integer) again. */
 void variant_drop_sites(Fn *fn);
 static inline bool variant_is_site(const Inst *i) { return i->op == OP_site || i->op == OP_siten; }
 static inline const SiteInfo *variant_site_info(const Fn *fn, const Inst *i) { return &fn->sites[i->imm.i]; }
 
-/* Loop indices of the deepest site. */
+/* How many loop indices the deepest site has. */
 uint32_t variant_site_depth(const Block *b);
-/* Thread.touches: every site. */
+/* A Thread.touches that answers true for sites. */
 bool variant_touches_site(Thread *t, const Inst *i);
 
-/* Key of the event: site number and loop indices, mixed: only equality counts. */
+/* Key of an event: its site number and loop indices, mixed; only equality counts. */
 Inst *variant_event_key(Builder *b, const Inst *site);
-/* Is any site of one of these kinds? */
+/* Is any site of a kind from..to, in the order of kernel.def? */
 bool variant_has_site(const Fn *fn, SiteKind from, SiteKind to);
 /* The boundary of an integer-valued site between n and n + 1. */
 Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n);
-/* Outputs of a variant, collected; then they replace those of the top block. */
+/* Outputs of a variant, as they are collected to replace those of the top block. */
 typedef struct Outputs {
     Inst *value[SLT_OUT_MAX];
     Output name[SLT_OUT_MAX];
@@ -36,24 +36,24 @@ void variant_set_outputs(Fn *fn, const Outputs *o);
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
 /* variant_ray.c: sites of rays. */
-Inst *variant_window_of(Fn *fn, Inst *site); /* args: t (INFINITY: free), top, margin */
-void variant_windows_of_pairs(Fn *fn);       /* event: of the two lanes */
-void variant_windows_of_inputs(Fn *fn);      /* site: what event found */
+Inst *variant_window_of(Fn *fn, Inst *site); /* the OP_window; args: t (INFINITY: free), top, margin */
+void variant_windows_of_pairs(Fn *fn);       /* event: windows from the hits of the two lanes */
+void variant_windows_of_inputs(Fn *fn);      /* site: windows that event found */
 bool variant_has_windows(const Fn *fn);
-bool variant_has_depth(const Fn *fn); /* silhouettes, which need the signature */
+bool variant_has_depth(const Fn *fn); /* are there silhouettes? They need DEPTH, the signature of ray depths */
 Inst *variant_depth(Fn *fn);          /* the signature, threaded through a clone; sites stay */
-/* Do the two lanes of a pair both hit, at depths whose signatures differ by more than IN_THRESHOLD? */
+/* Do the rays of the two lanes both hit, at depths whose signatures differ by more than IN_THRESHOLD? */
 Inst *variant_depths_apart(Builder *b, Inst *site, Inst *window);
-/* And if so, is there a ridge between the two? */
+/* And if so, is there a ridge between the two hits? */
 Inst *variant_ridge_between(Builder *b, Inst *window);
 
 enum { VARIANT_FOUND = 8 };
-/* The first searches for hits that stand in no loop, in program order: the same ones in every clone of a primal. Region
- * and sides tell what they found, so that event, at the same point, need not search again. */
+/* The first searches for hits that stand in no loop, in program order: the same ones in every clone of a primal.
+ * `region` and `sides` output their witnesses, so that `event`, at the same point, need not search again. */
 uint32_t variant_searches(const Fn *fn, Inst *search[SLT_WITNESSES]);
-/* region, sides: what they found, VARIANT_FOUND + witness; 0 where they did not run. */
+/* region, sides: outputs VARIANT_FOUND + witness of each search; 0 where it did not run. */
 void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o);
-/* event: they run only where the input, IN_WITNESS0 and on, is 0. */
+/* event: a search runs only where its input, IN_WITNESS0 and on, is 0. */
 void variant_use_witnesses(Fn *fn);
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */

@@ -2,10 +2,10 @@
  *
  * The ends run in lockstep as neighbouring lanes. At every site that both execute, the lanes compare their decisions;
  * the first that differs is the event: before it both ran the same code, so its g is one continuous function on the
- * segment and changes sign. After it nothing matters, and loops end. Output, per lane: site (-1: none), the lane's own
- * g, its loop indices, the boundary of an integer-valued site and the two ends of a ray's window. With paper_argmin
- * instead the executed event with the smallest |g| of the lane's own end, as in the paper: wrong up to 83 % of the time
- * where scales differ. */
+ * segment and changes sign. After the event nothing matters, and loops end. Output, per lane: site (-1: none), the
+ * lane's own g, its loop indices, the boundary of an integer-valued site and the two ends of a ray's window. With
+ * paper_argmin instead the executed event with the smallest |g| of the lane's own end, as in the paper: wrong up to 83
+ * % of the time where scales differ. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -35,7 +35,7 @@ static Inst *own_g(Builder *b, Fn *fn, Inst *i, Inst **boundary, Inst *window[2]
     return ir_emit2(b, OP_fsub, i->args[1], *boundary);
 }
 
-/* What the nearer hit runs into matters only as far as the farther hit (a miss is at infinity): see
+/* The top behind the nearer hit is looked for only as far as the farther hit (a miss is at infinity): see
  * variant_ridge_between. */
 static void climb_to_partner(Thread *t, Inst *i) {
     Builder b = ir_before(t->fn, i);
@@ -45,7 +45,7 @@ static void climb_to_partner(Thread *t, Inst *i) {
     ir_replace_arg(i, SLT_RAY_T1, ir_emit2(&b, OP_fmin, i->args[SLT_RAY_T1], other));
 }
 
-/* Once the pair's event is found, its rays go nowhere: t0 behind t1. */
+/* Once the pair's event is found, the pair's rays are empty: t0 behind t1. */
 static bool stop_search(Thread *t, Inst *i) {
     const Event *e = t->user;
     if (e->argmin) return false;
@@ -75,7 +75,7 @@ static bool event_at(Thread *t, Inst *i) {
         Inst *other = ir_special(&b, OP_partner, (IrType)i->type, 1, &i, (Imm){0});
         Inst *differ = ir_emit2(&b, i->op == OP_site ? OP_bxor : OP_fne, i, other);
         if (variant_site_info(t->fn, i)->kind == SITE_SILHOUETTE) {
-            /* Depths that differ are looked at more closely inside the branch. */
+            /* Where depths differ, the branch looks for a ridge between. */
             certain = differ;
             differ = ir_emit2(&b, OP_bor, differ, variant_depths_apart(&b, i, variant_window_of(t->fn, i)));
         }

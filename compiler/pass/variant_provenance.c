@@ -1,4 +1,5 @@
-/* The provenance hash: which definitions reached the outputs, instead of which way the path went.
+/* The provenance hash: which definitions reached the outputs, instead of which way the path went. It is used above 64
+ * events a sample.
  *
  * Every value has the set of hash atoms that its origin depends on. An ordinary operation has the union of its
  * operands' sets; at a join (if_ result or select) under a condition that depends on a jump, the value that comes
@@ -107,7 +108,7 @@ static void dep_block(Prov *p, Block *b) {
             d = p->dep[o->op == OP_if_ ? o->args[0]->id : o->region[0]->last->args[0]->id] != 0;
             for (uint32_t r = 0; r < o->nregions; r++) d |= p->dep[walk_results(o, o->region[r])[i->imm.i]->id];
         }
-        if (i->op == OP_if_ || i->op == OP_loop) d = false; /* its projections have it */
+        if (i->op == OP_if_ || i->op == OP_loop) d = false; /* its projections have the flag */
         dep_add(p, i, d);
     }
 }
@@ -203,7 +204,7 @@ static bool prov_loop_try(Prov *p, Inst *loop, uint32_t *group, uint32_t ngroups
         if (!seen[group[c]]) seen[group[c]] = true, out[group[c]] = s;
         else fits &= out[group[c]] == s;
     }
-    /* Even a failed attempt must leave a sound loop: its hashes die in the slice. */
+    /* Even a failed attempt must leave a sound loop; the hashes that it carries die in the slice. */
     Builder end = ir_before(p->fn, body->last);
     end.fold = true;
     for (uint32_t g = 0; g < ngroups; g++) ir_append_arg(p->fn, body->last, set_hash(p, &end, out[g]));
@@ -276,7 +277,8 @@ static void prov_select(Prov *p, Inst *i, uint32_t *next) {
 static void prov_block(Prov *p, Block *b, uint32_t *next) {
     for (Inst *i = b->first, *following; i; i = following) {
         following = i->next;
-        if (!is_original(p, i) || i->op == OP_proj || i->op == OP_yield) continue; /* ours, or set by its owner */
+        if (!is_original(p, i) || i->op == OP_proj || i->op == OP_yield)
+            continue; /* made by this pass, or set by its owner */
         if (i->op == OP_if_) {
             prov_if(p, i, next);
             continue;

@@ -15,7 +15,7 @@ static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
     if (v->tag == stamp) return NULL;
     v->tag = stamp;
     for (uint32_t a = v->nargs; a-- > 0;) {
-        if (variant_is_site(v) && a == 1) continue; /* its own g looks through its own window */
+        if (variant_is_site(v) && a == 1) continue; /* the site's own g looks through this window */
         Inst *w = find_window(v->args[a], site, stamp);
         if (w) return w;
     }
@@ -51,7 +51,7 @@ static void windows(Fn *fn, Block *b, Inst *(*make)(Builder *, Inst *)) {
 static Inst *partner(Builder *b, Inst *v) { return ir_special(b, OP_partner, (IrType)v->type, 1, &v, (Imm){0}); }
 
 typedef struct Pair {
-    Inst *near_t, *far_t, *top, *margin; /* top: of the nearer one */
+    Inst *near_t, *far_t, *top, *margin; /* t of the two hits; top: of the nearer */
 } Pair;
 
 static Pair pair_of(Builder *b, Inst *w) {
@@ -89,8 +89,8 @@ bool variant_has_windows(const Fn *fn) { return variant_has_site(fn, SITE_SILHOU
 
 bool variant_has_depth(const Fn *fn) { return variant_has_site(fn, SITE_SILHOUETTE, SITE_SILHOUETTE); }
 
-/* About log2 of t, straight between powers of two: only comparisons matter. Events are weighted by their keys, so that
- * two that change do not cancel. */
+/* About log2 of t, linear between powers of two: only comparisons matter. Events are weighted by their keys, so that
+ * the changes of two do not cancel. */
 static Inst *depth_of(Builder *b, Inst *site, Inst *t) {
     Inst *bits = ir_emit2(b, OP_isub, ir_emit1(b, OP_fasuint, t), ir_consti(b, 0x3f800000));
     Inst *weight =

@@ -1,10 +1,11 @@
 /* region (the paper's piecewise-constant variant): a hash of the decisions, so that two points with equal hashes see
  * one continuous piece of f.
  *
- * By default the provenance hash of variant_provenance.c. Path hash (programs with local arrays, or on request): the
- * keys of the events whose decision is true, combined by xor; integer-valued sites mix their integer in. All colour
- * arithmetic dies in the slice. With `near_miss` the record also carries the event with the smallest |g| that was
- * executed: the runtime's probe for features thinner than the spacing looks at it on neighbouring samples. */
+ * The hash is one of the path or of provenance. Path (VariantOptions.path_hash, which is set up to 64 events a sample;
+ * and programs with local arrays): the keys of the events whose decision is true, combined by xor; integer-valued sites
+ * mix their integer in. Provenance, above: variant_provenance.c. All colour arithmetic dies in the slice. With
+ * `near_miss` the kernel also outputs the executed event with the smallest |g|: the runtime's probe for features
+ * thinner than the spacing looks at it on neighbouring samples. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
@@ -22,7 +23,7 @@ static bool hash_at(Thread *t, Inst *i) {
     return true;
 }
 
-/* Sites of skipped loops only: their decision is used before them, so no provenance leads through them. */
+/* Only sites of skipped loops: their decision is used before them, so no provenance leads through them. */
 static bool touches_skipped(Thread *t, const Inst *i) {
     return variant_is_site(i) && variant_site_info(t->fn, i)->skip_loop;
 }
@@ -60,7 +61,7 @@ static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
     return ir_select(b, ir_emit2(b, OP_flt, ir_emit1(b, OP_fabs, up), ir_emit1(b, OP_fabs, down)), up, down);
 }
 
-/* The g of a ray's site is that of a pair: it is never near. */
+/* The g of a ray's site belongs to a pair of lanes, so such a site is never near. */
 static bool touches_near(Thread *t, const Inst *i) {
     return variant_is_site(i) && !ir_site_of_ray(variant_site_info(t->fn, i)->kind);
 }

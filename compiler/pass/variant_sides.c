@@ -1,5 +1,6 @@
-/* sides (two-sided): f and the region hash together. The runtime evaluates it at both ends of a verified bracket, so
- * that every predicate that differs jumps, also when it is tested twice, and no branch runs whose guard is false.
+/* sides (two-sided): f and the region hash together. The runtime evaluates this kernel at both ends of a
+ * verified bracket, so that every predicate that differs jumps, also one that is tested twice, and no branch runs whose
+ * guard is false.
  *
  * With paper_forced it is the paper's two-sided variant instead: at the crossing, the decision of the event (site, k..)
  * is forced to IN_SIDE > 0 and everything else follows from x. That form gives NaN where the forced side takes a root

@@ -94,7 +94,7 @@ Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *nam
     return fn;
 }
 
-/* What is differentiated is made from this: [Tangent] regions stay until pipeline_kernel. */
+/* jvp and vjp are made from this kernel: [Tangent] regions stay until pipeline_kernel. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal) {
     Fn *fn = ir_clone(primal, primal->arena, "value");
     variant_drop_sites(fn);

@@ -1,3 +1,4 @@
+/* Walking, replacing, splicing, and threading values through control structure. */
 #include <string.h>
 
 #include "compiler/pass/walk.h"
@@ -42,7 +43,7 @@ void walk_replace(Block *b, const Inst *from, Inst *to) {
     }
 }
 
-/* An unlinked instruction is nobody's: its op says that it forwards, its first operand where to. */
+/* An unlinked instruction is free for this: its op says that it forwards, its first operand where to. */
 void walk_forward(Fn *fn, Inst *i, Inst *to) {
     ir_unlink(i);
     i->op = OP_COUNT;
@@ -81,7 +82,7 @@ static bool touches_below(Thread *t, const Inst *i) {
     return false;
 }
 
-/* The proj at a known index, made behind the projections that are there already. */
+/* Threads the values through i: those that it changes become results, and carried values of a loop. */
 static void thread_structured(Thread *t, Inst *i) {
     Inst *before[16];
     memcpy(before, t->value, sizeof before);

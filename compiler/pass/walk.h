@@ -17,7 +17,7 @@ bool walk_inside(const Block *inner, const Block *outer);
 /* Rewrites the operands of i through map (ids), following chains. */
 void walk_remap(Inst *i, Inst **map);
 
-/* Replaces the operand `from` by `to` in a block and everything below it. */
+/* Replaces the operand `from` by `to` in a block and all regions below. */
 void walk_replace(Block *b, const Inst *from, Inst *to);
 
 /* For many replacements at once: an unlinked instruction forwards to the value that stands for it; one walk resolves
@@ -39,7 +39,7 @@ static inline Inst **walk_results(const Inst *structured, const Block *region) {
 typedef struct Thread {
     Fn *fn;
     uint32_t n;      /* how many values are threaded */
-    Inst *value[16]; /* the current values, by program point */
+    Inst *value[16]; /* the values at the instruction that the walk has reached */
     /* Updates value[] at i (insert code after i). True if anything changed. */
     bool (*at)(struct Thread *t, Inst *i);
     /* May i, or something below it, change a value? Decides where results are added. */
@@ -48,7 +48,7 @@ typedef struct Thread {
      * be NULL). */
     Inst *(*cont)(struct Thread *t, Builder *b, Inst *flag);
     void *user;
-    Inst *loop_k[SLT_MAX_K * 4];
+    Inst *loop_k[SLT_MAX_K * 4]; /* k of the `depth` loops around */
     uint32_t depth;
 } Thread;
 void thread_block(Thread *t, Block *b);

@@ -1,9 +1,9 @@
 /* Discontinuities that nothing integrates.
  *
- * For every untagged comparison of floats and jumping builtin (recorded while lowering): does its boundary function
- * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then it is warned
- * about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the position have
- * no curve: they are warned about and taken out. */
+ * For every untagged comparison of floats and jumping builtin (recorded by front/gen): does its boundary function
+ * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then the place is
+ * warned about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the
+ * position have no curve: they are warned about and taken out. */
 #include <math.h>
 #include <string.h>
 
@@ -282,7 +282,7 @@ static bool both_sides_equal(Warn *w, const Untracked *t, const Uses *uses) {
     p.seen.len = p.seen_node.len = 0;
     for (uint32_t u = 0; u < uses->len; u++) {
         const Inst *i = uses->data[u];
-        if (i->op == OP_bnot) continue; /* its uses are in the list as well */
+        if (i->op == OP_bnot) continue; /* the uses of the negation are in the list as well */
         if (i->op == OP_fsel || i->op == OP_isel || i->op == OP_bsel) {
             for (uint32_t k = 1; k < 3; k++)
                 if (i->args[k] == t->at || (i->args[k]->op == OP_bnot && i->args[k]->args[0] == t->at)) return false;
@@ -308,7 +308,7 @@ static bool if_alive(const Warn *w, const Inst *i) {
     return writes(i->region[0]) || writes(i->region[1]);
 }
 
-/* which[id]: index + 1 of the untracked comparison whose value (or negation) it is. */
+/* which[id]: index + 1 of the untracked comparison whose value (or negation) the instruction is; 0: of none. */
 static void collect_uses(Warn *w, Block *b, uint32_t *which, Uses *uses) {
     for (Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++) {
@@ -350,7 +350,7 @@ static void report_untracked(Warn *w) {
         if (t->g0) depend_merge(&d, &w->dep[t->g0->id]);
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
         if (t->kind == JUMP_ALWAYS) depend_merge(&d, &w->dep[t->at->id]);
-        if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* holds nowhere but on a curve */
+        if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
         if (!(d.on & DEPENDS_X) || !(d.on & DEPENDS_PARAM) || both_sides_equal(w, t, &uses[i])) continue;
         const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
                            : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"

@@ -12,9 +12,9 @@
  * values. `saltus fit` is made of these functions: the same problem gives the same bits there and here, on any number
  * of threads, in one go or resumed from a checkpoint.
  *
- * Until slt_fit_end nobody else may set the optimised parameters or change slt_wrt. Callbacks run on the calling thread
- * between estimates and may look at the program (slt_render, slt_floats). Structs begin with their size, as job.h
- * explains; those without a size never change. */
+ * Until slt_fit_end nobody else may set the optimised parameters, and slt_wrt refuses. Callbacks run on the calling
+ * thread between estimates and may look at the program (slt_render, slt_floats). Structs begin with their size, as
+ * job.h explains; those without a size never change. */
 #ifndef SALTUS_FIT_H
 #define SALTUS_FIT_H
 

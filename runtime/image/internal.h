@@ -51,7 +51,7 @@ const ImageFormat *image_find_format(const char *name);
 
 #define FORMAT_READ(extension, ...) ImageReader image_decode_##extension;
 #define FORMAT(extension, ...) FORMAT_READ(extension, ) ImageWriter image_encode_##extension;
-#include "formats.def"
+#include "runtime/image/formats.def"
 #undef FORMAT
 #undef FORMAT_READ
 

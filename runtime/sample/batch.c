@@ -6,19 +6,37 @@
 
 enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all bytes: NaN, -1 */ };
 
+/* A slot for every input that some kernel reads, and for as many outputs as a kernel has; one more takes what is
+ * written to inputs that none reads. Zeroed: an input that nobody writes must still be a valid number. */
+static bool make_slots(Batch *b) {
+    uint64_t reads = 0;
+    uint32_t ninputs = 0, noutputs = 0;
+    for (uint32_t kind = 0; kind < SLT_KERNELS; kind++) {
+        const SltLayout *layout = &b->s->layout[kind];
+        reads |= layout->reads;
+        for (uint32_t r = 0; r < SLT_ROLES; r++) {
+            uint32_t end = layout->out[r].count ? layout->out[r].first + layout->out[r].count : 0u;
+            if (end > noutputs) noutputs = end;
+        }
+    }
+    assert(noutputs <= SLT_OUT_MAX);
+    for (uint32_t i = 0; i < SLT_IN_VARYING; i++) ninputs += reads >> i & 1;
+    size_t bytes = (size_t)SLOT_BYTES * (1 + ninputs + noutputs);
+    unsigned char *p = b->memory = aligned_alloc(64, bytes), *unread = p;
+    if (!p) return false;
+    memset(p, 0, bytes);
+    for (uint32_t i = 0; i < SLT_IN_VARYING; i++) b->args.in[i] = reads >> i & 1 ? (p += SLOT_BYTES) : unread;
+    for (uint32_t i = 0; i < noutputs; i++) b->args.out[i] = p += SLOT_BYTES;
+    return true;
+}
+
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
     b->s = s, b->f64 = s->f64, b->grid = g;
     b->pixels = g && !g->integral;
     assert(s->channels <= SLT_MAX_CHANNELS && scene_outputs(s, SLT_K_REGION, SLT_OUT_WITNESS) <= SLT_WITNESSES);
     assert(scene_outputs(s, SLT_K_EVENT, SLT_OUT_K) <= SLT_MAX_K);
-    /* Zeroed: an input that nobody writes must still be a valid number. */
-    b->memory = aligned_alloc(64, (size_t)SLOT_BYTES * (SLT_IN_VARYING + SLT_OUT_MAX));
-    if (!b->memory) return false;
-    memset(b->memory, 0, (size_t)SLOT_BYTES * (SLT_IN_VARYING + SLT_OUT_MAX));
-    unsigned char *p = b->memory;
-    for (uint32_t i = 0; i < SLT_IN_VARYING; i++, p += SLOT_BYTES) b->args.in[i] = p;
-    for (uint32_t i = 0; i < SLT_OUT_MAX; i++, p += SLOT_BYTES) b->args.out[i] = p;
+    if (!make_slots(b)) return false;
     b->args.params = s->params, b->args.iparams = s->iparams;
     b->args.print = s->print, b->args.user = s->print_user;
     b->args.geometries = s->geometries;

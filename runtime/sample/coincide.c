@@ -127,8 +127,8 @@ static bool as_before(const Batch *b, const Crossing *c, uint32_t i) {
            (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1) == c->hb;
 }
 
-/* Has the boundary left lanes 2 i and 2 i + 1? The silhouette of a geometry may be another of its edges when a number
- * has moved: then nothing jumps where the g of the old edge says. That is a kink, not a second boundary. */
+/* Has the boundary left lanes 2 i and 2 i + 1? The edge that a ray passes may be another one when the geometry has
+ * moved: then nothing jumps where the g of the old edge says. That is a kink of its own, not a second boundary. */
 static bool gone(const Batch *b, uint32_t i) {
     return b->s->ngeometries &&
            batch_get_int(b, SLT_OUT_HASH, 0, 2 * i) == batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + 1);

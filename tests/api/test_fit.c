@@ -230,11 +230,13 @@ static void stopped_and_resumed(void **state) {
         SltFitStop stop = SLT_FIT_RUNNING;
         uint32_t steps = 0;
         assert_int_equal(slt_fit_begin(p, &o, &f, &err), SLT_OK);
+        assert_int_equal(slt_wrt(p, NULL, 0, &err), SLT_USAGE); /* it would take the ground away */
         for (; stop == SLT_FIT_RUNNING; steps++) assert_int_equal(slt_fit_step(f, &stop, &err), SLT_OK);
         assert_int_equal(steps, 4);
         assert_int_equal(slt_fit_step(f, &stop, &err), SLT_OK); /* nothing to do */
         rest = SLT_FIT_RESULT_INIT;
         assert_int_equal(slt_fit_end(f, &rest, &err), SLT_OK);
+        assert_int_equal(slt_wrt(p, NULL, 0, &err), SLT_OK);
         assert_int_equal(rest.stop, SLT_FIT_ITERATIONS);
         assert_int_equal(rest.iterations, 7);
         assert_memory_equal(rest.losses, whole.losses, 7 * sizeof(double));

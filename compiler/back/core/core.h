@@ -1,6 +1,6 @@
 /* What is known and decided of a kernel before an emitter writes an instruction, whatever the target: which values are
  * the same in all lanes, how lanes are cut into registers, how an if_ is run, how frames of the tape lie, and the cache
- * of what was emitted. It needs no LLVM, and knows of a target only what its Target says.
+ * of what was emitted. This folder needs no LLVM, and knows of a target only what its Target says.
  *
  * Plans lie in the session's scratch arena; the flags stay on the instructions until the next analysis of the function.
  */
@@ -9,19 +9,22 @@
 
 #include "compiler/back/back.h"
 
-/* Flags that the analysis leaves on instructions: the value differs between lanes; lanes part at this if_ or loop. */
-enum { BACK_VARYING = 1, BACK_DIVERGES = 2 };
+/* Flags that the analysis leaves on instructions. */
+enum {
+    BACK_VARYING = 1, /* the value differs between lanes */
+    BACK_DIVERGES = 2 /* lanes part at this if_ or loop */
+};
 
 enum { BACK_MAX_WIDTH = 64, BACK_MAX_PARTS = 32, BACK_MAX_CULL = 64 };
 #define BACK_MAX_FRAME (4u << 20) /* bytes of local arrays one kernel may keep on the stack */
 
 /* How the frames of one tape signature lie in memory: offsets in bytes from the frame's start. */
 typedef struct FrameClass {
-    uint32_t n;
-    uint8_t *types; /* IrType of each value */
-    bool *varying;
-    bool masked; /* a mask is stored with the frame */
-    uint32_t *offset, mask_offset, bytes;
+    uint32_t n;                           /* values */
+    uint8_t *types;                       /* [n] IrType */
+    bool *varying;                        /* [n] one element a lane */
+    bool masked;                          /* a mask is stored with the frame */
+    uint32_t *offset, mask_offset, bytes; /* of each value; of the mask; of the whole frame */
 } FrameClass;
 typedef Vec(FrameClass *) FrameTable;
 
@@ -48,7 +51,7 @@ unsigned back_type_bytes(const Plan *plan, uint8_t type); /* of one lane in memo
 uint32_t back_bits_bytes(const Plan *plan);               /* of a stored mask: whole bytes a part */
 
 /* ---- plan.c: lanes, parts and regions */
-/* Analyses `fn` and lays out its frames. A kernel that compares neighbouring lanes has 2 at least. */
+/* Analyses `fn` and lays out its frames. A kernel that compares neighbouring lanes has a width of 2 at least. */
 Plan back_plan(Fn *fn, const Target *target, uint32_t width);
 /* SLT_OK, or SLT_USAGE with a text (session arena). */
 int back_check_width(Session *s, uint32_t width, const char **why);
@@ -81,17 +84,17 @@ void back_split_flag(const Plan *plan, const Inst *flag, Conjuncts *out); /* add
 /* ---- key.c: the name of what an emitter makes of these kernels */
 typedef struct CacheKey {
     uint64_t hi, lo; /* XXH3-128 of everything that decides the code */
-    size_t len;      /* how much that was: a second opinion */
+    size_t len;      /* bytes hashed, compared as well */
 } CacheKey;
-/* `emitter` names the emitter and the version of what it relies on. False: nothing may be kept, for the key would not
- * name what made it. */
+/* `emitter` names the emitter and the version of what it relies on. False: the build of this library cannot be told, so
+ * nothing may be kept. */
 bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width,
                const char *emitter, CacheKey *out);
 
 /* ---- cache.c: the disk cache */
-/* NULL if there is no usable private folder; arena string otherwise. */
+/* `wanted` (BackOptions.cache_dir) or the default as an arena string; NULL if the folder is not private or usable. */
 const char *cache_folder(Arena *arena, const char *wanted);
-/* The cached payload (malloc'd), or NULL. */
+/* The cached payload (malloc'd, the caller's), or NULL. */
 unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size);
 bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const unsigned char *bytes, size_t size);
 

@@ -99,7 +99,7 @@ IfForm back_if_form(const Plan *plan, const Inst *i) {
 }
 
 /* ---- loop */
-/* Through one-sided branches whose empty side yields c: they blend under the mask already. */
+/* v may pass through one-sided branches whose empty side yields c: they blend under the mask already. */
 bool back_keeps_itself(const Plan *plan, const Inst *v, const Inst *c) {
     if (v == c) return true;
     if (v->op != OP_proj || v->args[0]->op != OP_if_) return false;

@@ -224,7 +224,7 @@ static void setup_block(Emit *e, const Block *b) {
             break;
         }
         case OP_param:
-        case OP_query: /* the heights are parameters, read or not by the kernel itself */
+        case OP_query: /* the search reads the geometry's numbers in the parameters */
             pointer_field(e, &e->params, offsetof(SltKernelArgs, params));
             break;
         case OP_iparam: pointer_field(e, &e->iparams, offsetof(SltKernelArgs, iparams)); break;

@@ -1,4 +1,4 @@
-/* Inside of the emitter for processors: its state and the seams between its files. Nobody outside compiler/back/cpu
+/* The insides of the emitter for x86-64: its state and the seams between its files. Nobody outside compiler/back/cpu
  * includes this.
  *
  * A value of the IR is P LLVM values, its parts: the W lanes of a varying value are cut into P vectors of L lanes that
@@ -40,9 +40,9 @@ typedef struct Emit {
     uint64_t frame_bytes; /* of local arrays so far */
     uint32_t since_split; /* instructions since the current block began */
     uint32_t nsplits;
-    unsigned md_invariant;
-    bool sse2_only;    /* no roundps: floor and friends are spelled out */
-    const char *error; /* set when the kernel cannot be compiled */
+    unsigned md_invariant; /* LLVM's number of "invariant.load" */
+    bool sse2_only;        /* no roundps: floor and friends are spelled out */
+    const char *error;     /* set when the kernel cannot be compiled */
 } Emit;
 
 #define LL(name) (e->ll->name)
@@ -61,7 +61,7 @@ Part emit_scalar(Emit *e, const Inst *i);                  /* a uniform value */
 void emit_parts(Emit *e, const Inst *i, Part *out);
 Part emit_splat(Emit *e, Part scalar);
 Part emit_int(Emit *e, LLVMTypeRef t, uint64_t v);
-/* A constant of the same shape (scalar or vector) as `like`. */
+/* A constant of type `shape`, which is `scalar` or a vector of it: f if is_float, else i. */
 Part emit_const_like(Emit *e, LLVMTypeRef shape, LLVMTypeRef scalar, double f, uint64_t i, bool is_float);
 Part emit_intrinsic(Emit *e, const char *name, LLVMTypeRef overload, Part *args, unsigned n);
 Part emit_field_ptr(Emit *e, size_t offset);
@@ -91,9 +91,9 @@ Part emit_at_byte(Emit *e, Part base, uint64_t offset);
 Part emit_all_on(Emit *e); /* the mask of one part, all lanes on */
 Part emit_gather(Emit *e, LLVMTypeRef scalar, Part pointers, unsigned align);
 void emit_scatter(Emit *e, Part value, Part pointers, unsigned align, Part mask); /* mask NULL: all lanes */
-/* `index` clamped to [0, count - 1], as cheaply as what is known about it allows: v, one part of its value. */
+/* `index` clamped to [0, count - 1], as cheaply as its range allows; v: one part of its value. */
 Part emit_clamped_index(Emit *e, const Inst *index, Part v, uint32_t count);
-Part emit_scalar_index(Emit *e, const Inst *index, uint32_t count); /* of a uniform one, as i64 */
+Part emit_scalar_index(Emit *e, const Inst *index, uint32_t count); /* a uniform index, clamped, as i64 */
 /* The executing lanes of part p whose sample the caller asked for, further narrowed by `cond` (may be NULL). */
 Part emit_counting_lanes(Emit *e, uint32_t p, Part cond);
 
@@ -114,7 +114,7 @@ void emit_revloop(Emit *e, Inst *i);
 /* ---- emit_pair.c: pairs of lanes */
 void emit_partner(Emit *e, const Part *in, Part *out);
 void emit_both(Emit *e, Inst *i);
-bool emit_pairs_apart(Emit *e, Inst *i); /* a band that asks for pairs that disagree: emitted as one, if it is one */
+bool emit_pairs_apart(Emit *e, Inst *i); /* band of "lanes differ" and `both` as one operation; false: i is another */
 
 /* ---- emit_effect.c: counters and print */
 void emit_count(Emit *e, Inst *i);
@@ -123,7 +123,7 @@ void emit_print(Emit *e, Inst *i);
 /* ---- emit_query.c: searches along rays */
 void emit_query(Emit *e, Inst *i);
 
-/* ---- codegen.c: LLVM module -> text, object or assembly. All errors in *why (malloc-free: scratch arena). */
+/* ---- codegen.c: LLVM module -> text, object or assembly. Kinds as for back_emit; errors in *why (scratch arena). */
 typedef struct Codegen {
     unsigned char *bytes; /* malloc'd; NULL on error */
     size_t size;

@@ -208,7 +208,7 @@ typedef struct LoopState {
     bool diverges;
     Part j;            /* iterations done */
     Part *live, *wide; /* the lanes still inside; the phis that carry them */
-    Part **result;     /* phis: results that are not carried as vectors */
+    Part **result;     /* phis of results that are not carried as vectors */
     bool *blend;       /* carried value r is blended in place */
     LLVMBasicBlockRef head;
 } LoopState;

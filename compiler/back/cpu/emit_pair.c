@@ -21,8 +21,8 @@ void emit_partner(Emit *e, const Part *in, Part *out) {
         out[p] = LL(BuildShuffleVector)(e->b, in[p], LL(GetPoison)(LL(TypeOf)(in[p])), LL(ConstVector)(pick, e->L), "");
 }
 
-/* differ & both, the heart of the event kernel: pairs whose lanes are on and disagree. On mask registers the whole of
- * it is done on one bit a pair, as integers, and spread to both lanes at the end. False where i is something else. */
+/* differ & both, the heart of the event kernel: pairs whose lanes are on and disagree. With mask registers all of this
+ * is done on one bit a pair, as integers, and spread to both lanes at the end. False where i is something else. */
 bool emit_pairs_apart(Emit *e, Inst *i) {
     const Inst *differ = i->args[0], *both = i->args[1];
     if (i->op != OP_band || both->op != OP_both || differ->op != OP_bxor || differ->args[1]->op != OP_partner ||
@@ -52,5 +52,5 @@ void emit_both(Emit *e, Inst *i) {
         out[0] = emit_int(e, e->t_i1, 1);
         return;
     }
-    emit_partner(e, e->mask, out); /* this lane is on wherever the answer is used */
+    emit_partner(e, e->mask, out); /* the partner's mask: this lane is on wherever the answer is used */
 }

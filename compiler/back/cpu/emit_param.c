@@ -19,8 +19,8 @@ void emit_param(Emit *e, Inst *i) {
 }
 
 typedef struct Log {
-    Part index, value; /* where it begins */
-    Part cap, len;     /* i64 */
+    Part index, value; /* pointers to the first entry */
+    Part cap, len;     /* entries, i64 */
 } Log;
 
 /* One instruction a vector where the processor moves the lanes of a mask together. */
@@ -76,7 +76,7 @@ static void log_adjoint(Emit *e, Inst *i) {
         index[p] = emit_clamped_index(e, i->args[0], index[p], i->imm.slot.count);
         index[p] = LL(BuildAdd)(e->b, index[p],
                                 emit_const_like(e, LL(TypeOf)(index[p]), e->t_i32, 0, i->imm.slot.base, false), "");
-        /* Zeros add nothing: texels of what is in shadow, heights that a query did not meet. */
+        /* Zeros add nothing: texels in shadow, numbers of a geometry that the ray did not meet. */
         Part some = LL(BuildFCmp)(e->b, LLVMRealUNE, value[p], LL(ConstNull)(LL(TypeOf)(value[p])), "");
         mask[p] = emit_counting_lanes(e, p, some);
     }

@@ -87,7 +87,7 @@ static void pop_frame(Emit *e, const FrameClass *c, Block *body, Part frame) {
     }
 }
 
-/* Pops frames until the mark. Lanes that were not there when a frame was pushed keep their carried values. */
+/* Pops frames until the mark. Lanes outside a frame's mask keep their carried values. */
 void emit_revloop(Emit *e, Inst *i) {
     Block *body = i->region[0];
     uint32_t carried = i->nargs - 1, nframe = body->nparams - carried;

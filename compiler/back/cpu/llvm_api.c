@@ -1,3 +1,4 @@
+/* Finds libLLVM and fills the table of its functions, once a process. */
 #include "compiler/back/cpu/llvm_api.h"
 #include "compiler/back/back.h"
 

@@ -1,4 +1,4 @@
-/* The checker's program: tables of every module, functions, the call graph, entry points. */
+/* The program as a whole: tables of every module, functions, the call graph, entry points. */
 #include "compiler/front/check/internal.h"
 
 #include <math.h>
@@ -100,7 +100,7 @@ Decl *scope_find(Checker *c, const char *name, Span use) {
     }
     if (!d && name_lost(c, name) && !is_language_name(c, name)) return &c->poison;
     if (!d && scope->incomplete && !is_language_name(c, name))
-        return &c->poison; /* it may come from the module that is missing */
+        return &c->poison; /* the name may come from the module that is missing */
     if (!other) return d;
     Diag *diag = diag_emit(c->s, DIAG_ambiguous_import, use, name);
     diag_note(c->s, diag, d->span, "declared in `%s`", d->module->name);
@@ -332,7 +332,7 @@ static void check_overload_set(Checker *c, Decl *d) {
                 func_info(c, d->funcs[i])->duplicate = true;
                 break;
             }
-    /* Calls see the first one: nothing is said about them because of this. */
+    /* Calls see the first declaration, so that a duplicate causes no further errors. */
     uint32_t kept = 0;
     for (uint32_t i = 0; i < d->nfuncs; i++)
         if (!func_info(c, d->funcs[i])->duplicate) d->funcs[kept++] = d->funcs[i];

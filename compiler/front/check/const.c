@@ -1,7 +1,7 @@
 /* Values known when the program is compiled.
  *
  * Folding runs bottom-up as nodes get their types, so a value is computed once, where it stands, by the rows of
- * ir/ops.def. Floats are kept in double whatever the precision of the program: lowering rounds once. Integers wrap to
+ * ir/ops.def. Floats are kept in double whatever the precision of the program: gen rounds once. Integers wrap to
  * 32 bits at every step, as in the program. Division by zero, shifts and conversions follow the language. */
 #include "compiler/front/check/internal.h"
 
@@ -13,7 +13,7 @@ int64_t const_wrap(TypeKind k, int64_t v) {
     return k == T_UINT ? (int64_t)(uint32_t)v : k == T_INT ? (int32_t)(uint32_t)v : v;
 }
 
-/* The row on one component, as a value of kind k; arguments that it does not have may be anything. */
+/* The row on one component, as a value of kind k; arguments that the row does not have may be anything. */
 static ConstNum apply(Op row, TypeKind k, ConstNum a, ConstNum b, ConstNum c) {
     const OpInfo *o = &ir_ops[row];
     bool f = o->arg == TY_FLT;

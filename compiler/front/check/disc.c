@@ -53,8 +53,8 @@ static void visit_own(Stmt *st, void (*f)(Expr *, void *), void *user) {
 typedef struct Cover {
     Discs *d;
     Expr *site, *equality;
-    Expr *computed; /* a site elsewhere that a value used here came from */
-    Func *called;   /* the function that it stands in */
+    Expr *computed; /* the site elsewhere that computed a value used here */
+    Func *called;   /* the function in which `computed` stands */
     bool error;
 } Cover;
 

@@ -89,7 +89,7 @@ static Expr *check_name(Checker *c, Expr *e) {
     }
     }
     e->sym = d->sym;
-    if (!d->sym->type) { /* its own value is being checked right now */
+    if (!d->sym->type) { /* the symbol's own value is being checked right now */
         diag_emit(c->s, DIAG_cyclic_const, d->span, d->name);
         return fail(c, e);
     }

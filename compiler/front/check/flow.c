@@ -187,7 +187,7 @@ static void flow_call(Flow *f, State *s, Expr *e) {
         bool place = is_variable(place_root(arg));
         if (e->func && e->func->args[i]->mode == ARG_OUT) flow_indices(f, s, arg);
         else if (!e->func && place && e->kind == E_CALL)
-            flow_indices(f, s, arg); /* the call was reported: it may have been an `out` */
+            flow_indices(f, s, arg); /* the call was reported: this argument may have been an `out` */
         else flow_expr(f, s, arg);
     }
     for (uint32_t i = 0; i < e->nargs; i++)
@@ -288,7 +288,7 @@ static void flow_loop(Flow *f, State *s, Stmt *st) {
         *s = no;
         if (cut) join(f, s, &end);
     } else if (st->trip_count < 1) {
-        if (cut) join(f, &no, s); /* [MaxIters] may end it behind the body */
+        if (cut) join(f, &no, s); /* [MaxIters] may end the loop behind the body */
         *s = no;
     } /* else: the body ran, *s is its end */
     join(f, s, &j.brk);

@@ -1,15 +1,15 @@
-/* The checker's insides, shared by check*.c only.
+/* The checker's insides: nobody else includes this.
  *
- * check.c        the program: module tables, functions, call graph, entry points
- * check_type.c   names of types, array sizes, conversions
- * check_expr.c   names, operators, fields, assignment
- * check_call.c   overloads, builtins, methods, constructors, lists
- * check_const.c  compile-time values
- * check_param.c  `const` and `param` at file scope: values, assets, attributes
- * check_stmt.c   statements, scopes, attributes of statements
- * check_loop.c   trip counts
- * check_flow.c   definite assignment and returns
- * check_disc.c   what [Disc] covers
+ * check.c   the program: module tables, functions, call graph, entry points
+ * type.c    names of types, array sizes, conversions
+ * expr.c    names, operators, fields, assignment
+ * call.c    overloads, builtins, methods, constructors, lists
+ * const.c   compile-time values
+ * param.c   `const` and `param` at file scope: values, assets, attributes
+ * stmt.c    statements, scopes, attributes of statements
+ * loop.c    trip counts
+ * flow.c    definite assignment and returns
+ * disc.c    what [Disc] covers
  *
  * The tree is rewritten in place. A declaration at file scope is checked when it is first needed, once, so every module
  * is linear in its size and order of declaration does not matter. T_ERROR absorbs: whatever has it was reported
@@ -66,11 +66,11 @@ typedef struct FuncInfo {
     ModuleScope *scope;
     Vec(CallEdge) calls;
     Span rand_span; /* first direct call of rand(); file < 0: none */
-    Span cull_span; /* first [Cull] in it or in what it calls */
+    Span cull_span; /* first [Cull] in the function or in what it calls */
     uint8_t color;  /* call graph: 0 new, 1 on the stack, 2 done */
     bool signature_ok, duplicate;
-    bool looked_for_site; /* first_site: the first jump written in its body, for notes */
-    Expr *first_site;
+    bool looked_for_site; /* first_site is known */
+    Expr *first_site;     /* the first jump written in the body, for notes; NULL: none */
 } FuncInfo;
 
 typedef struct Binding {
@@ -106,21 +106,20 @@ typedef struct Checker {
     NameMap builtin_funcs; /* -> (void *)(uintptr_t)Builtin */
     const char *name_len, *name_pi, *name_tau, *name_infinity, *name_epsilon;
     Type *t_error, *t_void, *t_bool, *t_int, *t_uint, *t_float, *t_texture, *t_hit, *t_silhouette;
-    Decl poison;
+    Decl poison; /* what a name stands for after its error was reported */
     Vec(CullLoop) culls;
 } Checker;
 
-#define CHECK_MAX_DEPTH                                                                                                \
-    6000 /* expressions and declarations nested in each other; the parser allows 4096 in one expression */
+#define CHECK_MAX_DEPTH 6000       /* nested expressions and declarations; the parser allows 4096 in one expression */
 #define CHECK_MAX_ARRAY (1u << 22) /* scalars in an array of any kind */
 #define CHECK_MAX_LOCAL (1u << 16) /* scalars in a local array: it lives in every lane */
-#define CHECK_MAX_TRIPS ((int64_t)1 << 24)
-#define CHECK_MAX_TEXELS ((uint64_t)1 << 28)
+#define CHECK_MAX_TRIPS ((int64_t)1 << 24)   /* iterations of a loop */
+#define CHECK_MAX_TEXELS ((uint64_t)1 << 28) /* numbers in a texture or geometry */
 
 /* check.c */
-Decl *scope_find(Checker *c, const char *name,
-                 Span use); /* own, then imported; reports ambiguity (then &c->poison); NULL: none */
-bool name_lost(const Checker *c, const char *name); /* it stands in what the parser skipped */
+/* The module's own name, else an imported one; NULL: none. Ambiguity is reported and gives &c->poison. */
+Decl *scope_find(Checker *c, const char *name, Span use);
+bool name_lost(const Checker *c, const char *name); /* does the name stand in what the parser skipped? */
 ModuleScope *scope_of(Checker *c, const Module *m);
 FuncInfo *func_info(Checker *c, const Func *f);
 Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func); /* returns the old one */
@@ -131,7 +130,7 @@ void func_signature(Checker *c, Func *f);         /* resolves argument and resul
 const char *func_text(Checker *c, const Func *f); /* "float f(float2, out int)" */
 void enter_depth(Checker *c);
 
-/* check_type.c */
+/* type.c */
 Type *resolve_type(Checker *c, TypeRef *ref, bool allow_open, uint32_t limit);
 TypeKind scalar_kind(const Type *t); /* of scalars, vectors, matrices; else T_ERROR */
 uint32_t width_of(const Type *t);    /* 1 for scalars, n for vectors, 0 for the rest */
@@ -144,45 +143,45 @@ Type *with_width(Checker *c, TypeKind kind, uint32_t width);
 Type *unify(Checker *c, Type *a, Type *b); /* the common type of two operands, or NULL */
 enum { CONV_BROADCAST = 1, CONV_NARROW = 2 };
 int conversion_cost(Expr *e, const Type *to, unsigned flags); /* 0 none needed, 1, or -1 impossible */
-Expr *convert(Checker *c, Expr *e, Type *to,
-              unsigned flags); /* reports; always returns a node of type `to` or T_ERROR */
+/* e as a node of type `to`; reports where that cannot be, and returns one of T_ERROR. */
+Expr *convert(Checker *c, Expr *e, Type *to, unsigned flags);
 Expr *convert_scalar_kind(Checker *c, Expr *e, TypeKind kind, bool explicit_cast);
 bool is_texture_result(const Expr *e);
 Expr *new_expr(Checker *c, ExprKind kind, const Expr *at, Type *type);
 Expr *fail(Checker *c, Expr *e); /* marks e as T_ERROR */
 
-/* check_expr.c */
+/* expr.c */
 Expr *check_expr(Checker *c, Expr *e);
 Expr *check_value(Checker *c, Expr *e);            /* not void, not a resource */
 Expr *check_init(Checker *c, Expr *e, Type *type); /* value or list, converted as an initialiser */
 Expr *check_condition(Checker *c, Expr *e, const char *what);
 Expr *check_binary_typed(Checker *c, Expr *e); /* operands checked */
 
-/* check_call.c */
+/* call.c */
 Expr *check_call(Checker *c, Expr *e);
 Expr *check_construct(Checker *c, Expr *e, Type *type); /* args not yet checked */
 Expr *check_method(Checker *c, Expr *e);
 Expr *check_list(Checker *c, Expr *e, Type *type);
 const char *types_text(Checker *c, Expr **args, uint32_t n);
 
-/* check_const.c */
+/* const.c */
 void const_fold(Checker *c, Expr *e); /* sets is_const and cval where the operands are constant */
 Expr *const_list(Expr *e);            /* the E_LIST behind a constant of array or struct type, or NULL */
-bool const_int(Checker *c, Expr *e, const char *what,
-               int64_t *out);              /* a checked expression as integer constant; reports */
+/* A checked expression as an integer constant; false after reporting that it is none. */
+bool const_int(Checker *c, Expr *e, const char *what, int64_t *out);
 int64_t const_wrap(TypeKind k, int64_t v); /* to the 32 bits of int or uint */
 
-/* check_param.c */
+/* param.c */
 void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 void check_param_decl(Checker *c, Symbol *sym, ModuleScope *scope);
 
-/* check_stmt.c */
+/* stmt.c */
 void check_body(Checker *c, Func *f);
-void visit_expr(Expr *e, void (*f)(Expr *, void *),
-                void *user); /* every node, children first, in order of evaluation */
-void visit_stmt(Stmt *s, void (*f)(Expr *, void *), void *user); /* every expression in it, nested statements too */
+/* f for every node, children first, in order of evaluation; of a statement, for those of nested ones too. */
+void visit_expr(Expr *e, void (*f)(Expr *, void *), void *user);
+void visit_stmt(Stmt *s, void (*f)(Expr *, void *), void *user);
 
-/* check_loop.c, check_flow.c, check_disc.c: passes over a typed body */
+/* loop.c, flow.c, disc.c: passes over a typed body */
 void check_loops(Checker *c, Func *f);
 void check_flow(Checker *c, Func *f);
 void check_discs(Checker *c, Func *f);

@@ -3,7 +3,7 @@
  * A loop is bounded if some counter of it moves by a constant towards a bound, and start, step and bound are known as
  * intervals from constants, len() and the counters of the loops around. Where an interval hangs on an argument of the
  * function (or on a local that is assigned more than once) the answer comes only after inlining: such a loop is left
- * with trip_bound 0, and lowering decides and reports. Everything else needs [MaxIters]. */
+ * with trip_bound 0, and gen decides and reports. Everything else needs [MaxIters]. */
 #include "compiler/front/check/internal.h"
 
 #include <math.h>
@@ -36,7 +36,7 @@ static Range full(TypeKind k, bool defer) {
 static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
 
-/* What may wrap is the whole type. */
+/* An integer that may wrap may be any. */
 static Range fit(TypeKind k, double lo, double hi, bool defer) {
     Range all = full(k, defer);
     return lo < all.lo || hi > all.hi ? all : (Range){(int64_t)lo, (int64_t)hi, defer};
@@ -69,7 +69,7 @@ static Range eval(Loops *l, const Expr *e) {
     TypeKind k = scalar_kind(e->type);
     if (e->is_const && is_scalar(e->type) && k != T_FLOAT) return (Range){e->cval.v[0].i, e->cval.v[0].i, false};
     if (!is_scalar(e->type)) return full(T_INT, false);
-    bool swap; /* of comparisons, which say nothing here */
+    bool swap; /* not used: only comparisons are swapped, and these have no range */
     switch (e->kind) {
     case E_NAME: return eval_name(l, e, k);
     case E_BINARY: {
@@ -168,7 +168,7 @@ typedef struct Form {
     double fby; /* float counters */
     const Expr *start;
     bool conjunction; /* other conditions may end it earlier: a bound, not a count */
-    const char *why;  /* it is none */
+    const char *why;  /* why the loop has no such form */
 } Form;
 
 static const Expr *strip(const Expr *e) {
@@ -296,7 +296,7 @@ static bool try_form(Loops *l, Stmt *st, Expr *e, bool flip, Form *f) {
     }
     g.start = start_in(st->init, sym);
     if (!g.start && sym->kind == SYM_LOCAL && l->writes[sym->id] == 1 && l->first[sym->id])
-        g.start = l->first[sym->id]->init; /* only this loop moves it */
+        g.start = l->first[sym->id]->init; /* only this loop moves the counter */
     *f = g;
     return true;
 }
@@ -342,7 +342,7 @@ static int64_t int_trips(const Form *f, Range a, Range b, Range type) {
     if (f->step == STEP_ADD) {
         if (up ? f->by.lo < 1 : f->by.hi > -1) return f->by.defer ? UNKNOWN : ENDLESS;
         if (up ? limit - 1 + f->by.hi > type.hi : limit + 1 + f->by.lo < type.lo)
-            return b.lo == b.hi ? ENDLESS : UNKNOWN; /* wraps around before it ends */
+            return b.lo == b.hi ? ENDLESS : UNKNOWN; /* the counter wraps around before the loop ends */
         return up ? (limit - a.lo + f->by.lo - 1) / f->by.lo : (a.hi - limit - f->by.hi - 1) / -f->by.hi;
     }
     if (f->by.lo < 2) return UNKNOWN;
@@ -375,7 +375,7 @@ static int64_t float_trips(const Form *f, double a, double b) {
 
 typedef struct Trips {
     int64_t most; /* or ENDLESS, UNKNOWN */
-    bool exact;   /* always exactly `most`, unless it breaks */
+    bool exact;   /* always exactly `most`, unless the body breaks */
     bool defer;
     Range counter; /* values inside the body */
     Symbol *sym;
@@ -465,9 +465,9 @@ static Trips count_trips(Loops *l, Stmt *st) {
     }
     if (st->kind == S_DO) {
         t.most = t.most < 1 ? 1 : t.most;
-        t.sym = NULL; /* its body may run once although the condition never holds */
+        t.sym = NULL; /* the body may run once although the condition never holds */
     }
-    if (!st->step) t.sym = NULL; /* stepped in the body: its range there is one step wider */
+    if (!st->step) t.sym = NULL; /* stepped in the body: the counter's range there is one step wider */
     if (t.most == ENDLESS) t.why = arena_printf(&l->c->s->session, "`%s` never reaches the bound", sym->name);
     else if (t.most > CHECK_MAX_TRIPS) t.why = unbounded_text(l);
     return t;

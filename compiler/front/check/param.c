@@ -15,7 +15,7 @@ static const char *qualified(Checker *c, const Symbol *sym, const Module *m) {
 
 /* ---- constants */
 
-/* A literal of the command line. Returns why it is none, or NULL. */
+/* Parses a literal of the command line. Returns what is wrong with it, or NULL. */
 static const char *parse_override(const char *text, TypeKind k, ConstVal *out) {
     out->n = 1;
     if (k == T_BOOL) {

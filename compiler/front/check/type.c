@@ -52,7 +52,7 @@ static Type *resolve_struct(Checker *c, StructDecl *d, Span use) {
     bool ok = true;
     uint64_t total = 0;
     if (!d->nfields && c->s->nerrors) {
-        ok = false; /* the parser has said so, or has skipped them */
+        ok = false; /* the parser reported the fields, or skipped them */
     } else if (!d->nfields) {
         diag_emit(c->s, DIAG_bad_struct, d->span, arena_printf(&c->s->session, "struct `%s` has no fields", d->name));
         ok = false;

@@ -1,4 +1,4 @@
-/* Builtin functions as ordinary operations. What jumps asks gen_site.c. */
+/* Builtin functions as ordinary operations. Those that jump ask site.c for a site. */
 #include <string.h>
 
 #include "compiler/front/gen/internal.h"
@@ -121,7 +121,7 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
         site_untracked(l, r, x, NULL, span, JUMP_ALWAYS);
         return r;
     }
-    default: { /* no more than its row */
+    default: { /* a builtin that is one row */
         Op row = row_of_builtin(b, k);
         return row == OP_COUNT ? NULL : !y ? op1(l, row, x) : !z ? op2(l, row, x, y) : op3(l, row, x, y, z);
     }

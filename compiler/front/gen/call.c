@@ -43,7 +43,7 @@ Val gen_inline(Lower *l, Func *f, const Bind *args, Span span) {
     return out;
 }
 
-/* ---- does a function assign to this argument? Then an array passed for it has to be copied. */
+/* ---- does a function assign to an argument? Then an array passed for the argument has to be copied. */
 static bool assigns_expr(const Expr *e, const Symbol *sym);
 static const Symbol *root_symbol(const Expr *e) {
     while (e->kind == E_FIELD || e->kind == E_SWIZZLE || e->kind == E_INDEX) e = e->a[0];
@@ -91,7 +91,7 @@ enum { DEG_NONE, DEG_LINEAR, DEG_BAD }; /* in Inst.flags: how a value depends on
 
 static bool is_zero(const Inst *i) { return i->op == OP_constf && i->imm.f == 0; }
 static uint8_t degree(const Inst *i) { return i->flags; }
-/* Written as a sum or a product of zeros; the folder keeps those, for the sake of NaN. */
+/* Is i a sum or a product of zeros? The folder keeps those, for the sake of NaN. */
 static bool null_within(const Inst *i, int depth) {
     if (is_zero(i)) return true;
     if (depth == 0) return false;
@@ -210,7 +210,7 @@ static bool degrees(Linear *c, Block *b) {
             changed |= raise_to(i->args[0], degree(i->args[2]));
             break;
         case OP_acopy: changed |= raise_to(i->args[0], degree(i->args[1])); break;
-        case OP_alloc: break; /* what is stored tells */
+        case OP_alloc: break; /* the stores tell */
         default: changed |= raise_to(i, degree_of(c, i));
         }
     }

@@ -54,8 +54,8 @@ void var_set(Lower *l, Var *v, Inst *x) {
 }
 
 /* A variable that exists from the start of loop `root`, found to be needed only now: it becomes a carried value of
- * every loop from there to here. Nothing has changed it in this iteration yet, so its value here is the innermost
- * parameter. */
+ * every loop from there to here. Nothing has changed the variable in this iteration yet, so its value here is
+ * the innermost parameter. */
 Var *var_hidden(Lower *l, LoopCtx *root, Inst *(*init)(Lower *, Builder *), IrType t) {
     Var *v = ARENA_NEW(l->arena, Var);
     v->type = t;
@@ -221,7 +221,7 @@ void loop_end(Lower *l, LoopCtx *c, Inst *go_on) {
         Var *v = c->carried.data[i];
         Inst *param = c->op->region[0]->params[i + 1];
         if (i >= c->ninitial) {
-            /* Added on demand: outside, the value before the loop is what the loop was given. */
+            /* For a variable that var_hidden added, the value before the loop is what the loop was given. */
             for (uint32_t j = c->mark; j < l->journal.len; j++)
                 if (l->journal.data[j].var == v) l->journal.data[j].old = c->op->args[i];
             v->value = c->op->args[i];
@@ -304,7 +304,7 @@ void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi) {
     *lo = (int64_t)r.lo, *hi = (int64_t)r.hi;
 }
 
-/* Into [0, n), without code where it is there already. */
+/* i clamped into [0, n), without code where its range is inside. */
 Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n) {
     int64_t lo, hi;
     range_get(l, i, &lo, &hi);

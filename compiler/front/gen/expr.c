@@ -82,7 +82,7 @@ static Inst *binary_scalar(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, 
     Inst *v = op2(l, row, swap ? b : a, swap ? a : b);
     if (k != T_FLOAT || !ir_ops[row].compares) return v;
     if (op != OPR_EQ && op != OPR_NE) return site_compare(l, v, a, b, span);
-    /* Mostly it holds on a curve at most, with the same branch on both sides; pass/warn.c knows when not. */
+    /* Mostly an equality holds on a curve at most, with the same branch on both sides; pass/warn.c knows when not. */
     site_untracked(l, v, a, b, span, JUMP_EQUALITY);
     return v;
 }

@@ -48,7 +48,7 @@ void gen_clearance_note(Lower *l, Clearance c) { vec_push(l->arena, &l->clearanc
 Inst *gen_clearance_bounded(Lower *l, Inst *value, const Clearance *c) {
     Inst *none = gen_is(l, c->search, SLT_WITNESS_NONE),
          *outside = op2(l, OP_flt, op2(l, OP_fmul, c->cell, kf(l, -0x1p-10)),
-                        c->gap); /* or so little inside that the search did not see it */
+                        c->gap); /* or the ray is so little inside that the search missed the box */
     return sel(l, none, sel(l, outside, c->gap, kf(l, __builtin_inf())), op2(l, OP_fmax, value, c->gap));
 }
 

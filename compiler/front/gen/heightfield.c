@@ -57,7 +57,7 @@ typedef struct Cell {
     Inst *lower;             /* u + v <= 1: the triangle at (0,0), cut off by the diagonal (1,0)-(0,1) */
 } Cell;
 
-/* `at` is in cells. */
+/* The two samples around `at` (in cells) and the weight u of the second. */
 static void cell_axis(Lower *l, Inst *at, uint32_t n, Inst **i0, Inst **i1, Inst **u) {
     at = op2(l, OP_fmin, op2(l, OP_fmax, at, kf(l, 0)), kf(l, (double)n - 1)); /* outside: the edge */
     Inst *base = op2(l, OP_fmin, op1(l, OP_ffloor, at), kf(l, n > 1 ? (double)n - 2 : 0));
@@ -131,7 +131,7 @@ static Val lookup(Lower *l, Expr *e, const Terrain *t) {
     }
     v.c[0] = op2(l, OP_fdiv, sel(l, c.lower, sub(l, a10, a00), sub(l, a11, a01)), kf(l, t->dx));
     v.c[1] = op2(l, OP_fdiv, sel(l, c.lower, sub(l, a01, a00), sub(l, a11, a10)), kf(l, t->dy));
-    /* Constant on each triangle: it jumps on the edges of the grid, which move with p. */
+    /* The gradient is constant on each triangle and jumps on the edges of the grid, which move with p. */
     for (uint32_t i = 0; i < 2; i++) site_untracked(l, v.c[i], p.c[0], p.c[1], e->span, JUMP_ALWAYS);
     return v;
 }
@@ -174,7 +174,7 @@ static Inst *not_negative(Lower *l, Inst *id) { return op2(l, OP_imax, id, ki(l,
 
 /* What an evaluation finds. */
 typedef struct Contact {
-    Inst *t, *ground; /* ground: the raw height of the terrain there; NULL of a hit, where it is the ray's */
+    Inst *t, *ground; /* ground: raw height of the terrain there; NULL for a hit, where the ray has this height */
 } Contact;
 
 /* t where a ray meets the triangle (or the wall) that TRACE named; something finite where it named none. */
@@ -297,7 +297,7 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
     Inst *id = query(l, t, SLT_QUERY_RISE, &behind);
     Contact crest = evaluate(l, t, SLT_QUERY_RISE, &behind, id);
     Inst *top = sel(l, op2(l, OP_ile, ki(l, 0), id), crest.t, sel(l, gen_is(l, id, SLT_WITNESS_AT_T0), behind.t0, far));
-    /* One cell of the ray's way. */
+    /* The t in which the ray crosses one cell, seen from above. */
     Inst *margin = op2(l, OP_fdiv, kf(l, 1), op1(l, OP_fsqrt, add(l, mul(l, r->dx, r->dx), mul(l, r->dy, r->dy))));
     Inst *pair[3] = {behind.t0, top, margin};
     int64_t site = l->sites.len;

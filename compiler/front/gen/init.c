@@ -26,7 +26,8 @@ static void put_const(Filler *f, const Type *t, const ConstVal *c) {
     }
 }
 
-/* Runs a Fn over n elements; returns the status. in: k0.. and streams. out: by output, doubles or ints. */
+/* Runs a Fn over n elements; returns an SltStatus. k: [nk][n], the inputs k0..; streams: [n]. out: of each output an
+ * array [n] of double or int32_t. */
 static int run(Lower *l, Fn *fn, uint32_t n, const int32_t *const *k, uint32_t nk, const int32_t *streams, void **out) {
     Program *p = l->program;
     Arena *scratch = &l->s->scratch;

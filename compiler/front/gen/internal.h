@@ -1,4 +1,4 @@
-/* Inside of gen: nobody else includes this.
+/* The insides of gen: nobody else includes this.
  *
  * gen.c            the program: parameters, entry, cull bounds, limits, outputs
  * env.c            local variables as SSA: journal, ifs, loops, ranges of integers
@@ -14,9 +14,9 @@
  * site.c           sites, [SkipLoop], the record of what is untagged
  * init.c           first values of parameters
  *
- * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being lowered. Every
- * change is written into a journal, so that an if_ finds out afterwards what its branches changed, and takes it back
- * before the other branch. */
+ * A local variable is one Var per scalar (or per array); its `value` is the SSA value at the point being generated.
+ * Every change is written into a journal: from it an if_ learns what its first branch changed, takes that back before
+ * the second, and merges what either changed. */
 #ifndef SALTUS_FRONT_GEN_INTERNAL_H
 #define SALTUS_FRONT_GEN_INTERNAL_H
 
@@ -28,8 +28,8 @@
 typedef struct Var {
     Inst *value; /* NULL: not assigned yet; an alloc for arrays, which never changes */
     IrType type;
-    uint32_t born; /* Lower.clock when made: an if_ merges only what is older than it */
-    uint32_t stamp;
+    uint32_t born;  /* Lower.clock when made: an if_ merges only what is older than it */
+    uint32_t stamp; /* Lower.stamps of the walk over variables that saw this one last */
 } Var;
 
 typedef struct Change {
@@ -45,7 +45,7 @@ typedef struct LeafType {
 } LeafType;
 typedef struct Layout {
     Type *type;
-    uint32_t n;
+    uint32_t n; /* leaves */
     LeafType *leaf;
     uint32_t nfloats, nints; /* scalars of each kind in a parameter of this type */
 } Layout;
@@ -54,20 +54,20 @@ typedef struct Layout {
 typedef struct Val {
     Type *type;
     uint32_t n;
-    Inst **c;
+    Inst **c; /* [n] */
 } Val;
 
 typedef enum PlaceKind { PLACE_VARS, PLACE_PARAM } PlaceKind;
 typedef struct Place {
     PlaceKind kind;
     Type *type;
-    Var *vars;   /* first leaf */
-    Inst *index; /* flattened index over the arrays indexed so far */
-    Symbol *param;
-    uint32_t foff, ioff; /* constant part of the offset in the parameter */
+    Var *vars;           /* PLACE_VARS: first leaf */
+    Inst *index;         /* of the arrays indexed so far, flattened */
+    Symbol *param;       /* PLACE_PARAM */
+    uint32_t foff, ioff; /* constant part of the offset in the parameter's floats and ints */
     Inst *fdyn, *idyn;   /* dynamic part, in [0, fspan] and [0, ispan] */
     uint32_t fspan, ispan;
-    bool selected; /* part of a vector or matrix: result component j is comp[j] (+ dyn * dyn_step) */
+    bool selected; /* part of a vector or matrix: component j of the value is comp[j] (+ dyn * dyn_step) */
     uint8_t comp[16], ncomp;
     Inst *dyn; /* in [0, dyn_count) */
     uint32_t dyn_step, dyn_count;
@@ -99,10 +99,10 @@ struct LoopCtx {
     Frame *frame;
     Inst *op, *k;
     Vec(Var *) carried; /* parameter i + 1 */
-    uint32_t ninitial;  /* later ones were added on demand */
+    uint32_t ninitial;  /* of `carried` at the start; var_hidden adds more */
     uint32_t mark;      /* journal length at the start */
-    uint64_t iters;
-    Builder after;
+    uint64_t iters;     /* at most */
+    Builder after;      /* behind the loop */
     Vec(SkipRec) skips; /* of the outermost loop of a function */
 };
 
@@ -112,9 +112,9 @@ struct Frame {
     Span call_span;
     Bind *bind;
     Var *ret;                  /* one a leaf of the result */
-    Var *ret_flag, *brk, *cnt; /* jumps that were taken; brk and cnt of the innermost target */
+    Var *ret_flag, *brk, *cnt; /* a return, break or continue was taken; brk and cnt: to the innermost target */
     LoopCtx *first_loop;       /* outermost of this function */
-    uint32_t depth;
+    uint32_t depth;            /* of calls */
 };
 
 typedef struct Tag {
@@ -122,10 +122,11 @@ typedef struct Tag {
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 
-/* The distance of a ray from a geometry, and the query behind it: where the geometry's box ends it jumps. */
+/* The distance of a ray from a geometry; the distance jumps where the geometry's box ends. */
 typedef struct Clearance {
-    Inst *value, *search;
-    Inst *gap, *cell; /* how much of t the ray lacks to touch the box (negative inside); the t of a cell's length */
+    Inst *value, *search; /* the distance; the query behind it */
+    Inst *gap;            /* how much of the ray's t is missing to touch the box; negative inside */
+    Inst *cell;           /* the t in which the ray covers a cell's length */
 } Clearance;
 
 typedef struct ConstArray {
@@ -136,8 +137,8 @@ typedef struct ConstArray {
 /* Facts about a function that do not depend on the call. */
 typedef struct FuncFacts {
     Func *func;
-    uint64_t ops, copies; /* estimated operations with all calls inlined; how often it is inlined in all */
-    uint64_t own;
+    uint64_t ops, own; /* estimated operations, with all calls inlined and without them */
+    uint64_t copies;   /* how often the function is inlined in all */
     bool rand, done;
 } FuncFacts;
 
@@ -151,11 +152,11 @@ typedef struct Lower {
     Frame *frame;
     LoopCtx *loop;
     Tag tag;
-    Inst *anchor; /* first instruction of the Fn */
-    Var *rand_counter;
+    Inst *anchor;      /* first instruction of the Fn */
+    Var *rand_counter; /* the number that the next rand() takes */
     Vec(Change) journal;
-    uint32_t clock, stamps;
-    Vec(IrRange) ranges; /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
+    uint32_t clock, stamps; /* counters behind Var.born, Var.stamp */
+    Vec(IrRange) ranges;    /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
     Vec(SiteInfo) sites;
     Vec(Untracked) untracked;
     Vec(ConstArray) const_arrays;
@@ -165,15 +166,17 @@ typedef struct Lower {
     Vec(Fn *) culls;
     Vec(GeometryInfo) geometries;
     Vec(Clearance) clearances;
-    uint32_t nops, nloops, depth; /* depth: regions around this place */
-    bool in_tangent, quiet;       /* quiet: not the shader itself (initialisers, bounds): no sites, no records */
+    uint32_t nops, nloops;
+    uint32_t depth;  /* regions around this place */
+    bool in_tangent; /* in a function that [Tangent] names: no sites, no records */
+    bool quiet;      /* not the shader itself (initialisers, bounds): no sites, no records */
     Layout *layout_cache[256];
     jmp_buf *giveup;
 } Lower;
 
-/* lower.c */
+/* gen.c */
 _Noreturn void gen_giveup(Lower *l);
-Lower gen_fresh(Lower *l, const char *name); /* for another Fn: quiet */
+Lower gen_fresh(Lower *l, const char *name); /* for another, quiet Fn of the same program */
 const Layout *gen_layout(Lower *l, Type *t);
 FuncFacts *gen_facts(Lower *l, Func *f);
 /* Parts [first, first + count) of what f returns; its int arguments are the inputs from `arg` on. */
@@ -181,7 +184,7 @@ Fn *gen_function(Lower *l, Func *f, const char *name, InputSlot arg, uint32_t fi
 _Noreturn void gen_too_large(Lower *l, Span span);
 IrType gen_ir_type(const Type *t);
 
-/* gen_env.c: emitting */
+/* env.c: emitting */
 Inst *op1(Lower *l, Op op, Inst *a);
 Inst *op2(Lower *l, Op op, Inst *a, Inst *b);
 Inst *op3(Lower *l, Op op, Inst *a, Inst *b, Inst *c);
@@ -202,9 +205,9 @@ Var *var_hidden(Lower *l, LoopCtx *root, Inst *(*init)(Lower *, Builder *), IrTy
 typedef struct IfCtx {
     Inst *op;
     Builder outer, then_end;
-    uint32_t mark, born;
+    uint32_t mark, born; /* journal length and clock at the start */
     Vec(Var *) changed;
-    Vec(Inst *) first; /* their values at the end of the first branch */
+    Vec(Inst *) first; /* values of `changed` at the end of the first branch */
 } IfCtx;
 void if_begin(Lower *l, IfCtx *c, Inst *cond);
 void if_else(Lower *l, IfCtx *c);
@@ -218,7 +221,7 @@ void range_set(Lower *l, Inst *i, int64_t lo, int64_t hi);
 void range_get(Lower *l, const Inst *i, int64_t *lo, int64_t *hi);
 Inst *clamp_index(Lower *l, Inst *i, bool is_unsigned, uint32_t n);
 
-/* gen_expr.c */
+/* expr.c */
 Val gen_expr(Lower *l, Expr *e);
 Inst *gen_scalar(Lower *l, Expr *e);
 Val val_new(Lower *l, Type *t);
@@ -230,30 +233,30 @@ bool expr_has_site(const Expr *e);
 bool expr_assigns(const Expr *e);
 Val const_val(Lower *l, Type *t, const ConstVal *c);
 
-/* gen_place.c */
+/* place.c */
 bool gen_is_place(const Expr *e);
 Place gen_place(Lower *l, Expr *e);
 Val place_load(Lower *l, const Place *p);
 void place_store(Lower *l, const Place *p, Val v);
 Val vars_load(Lower *l, Type *t, Var *vars);
-void vars_store(Lower *l, Type *t, Var *vars, Val v,
-                bool own); /* own: arrays of v may be taken over by a fresh variable */
+/* own: the variable is fresh and may take over the arrays of v. */
+void vars_store(Lower *l, Type *t, Var *vars, Val v, bool own);
 Place place_of_vars(Type *t, Var *vars);
 Symbol *gen_resource(Lower *l, const Expr *e);
 Bind *gen_bind(Lower *l, const Symbol *sym);
 Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint32_t span);
 
-/* gen_call.c */
+/* call.c */
 Val gen_call(Lower *l, Expr *e);
 Val gen_inline(Lower *l, Func *f, const Bind *args, Span span);
 const char *gen_path(Lower *l);
 
-/* gen_stmt.c, gen_loop.c */
+/* stmt.c, loop.c */
 void gen_stmt(Lower *l, Stmt *s);
 void gen_list(Lower *l, Stmt **stmts, uint32_t n);
 void gen_loop(Lower *l, Stmt *s);
 typedef struct Jumps {
-    bool falls, brk, cnt, ret;
+    bool falls, brk, cnt, ret; /* the statement may fall through, break, continue, return */
 } Jumps;
 Jumps stmt_jumps(const Stmt *s);
 Tag tag_for(Lower *l, const Stmt *s);
@@ -272,18 +275,19 @@ void gen_geometry_finish(Lower *l); /* of the whole entry: weaker queries, the t
 Val gen_matmul(Lower *l, Val a, Val b, Type *type);
 Inst *dot_n(Lower *l, Inst *const *a, Inst *const *b, uint32_t n);
 
-/* gen_site.c: the decision (or integer) to use; a site if the statement is tagged, else a record for the warning */
+/* site.c: each returns the decision (or integer) to use: a site if the statement is tagged, else one recorded for the
+ * warning */
 Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span);
 Inst *site_integer(Lower *l, SiteKind kind, Inst *n, Inst *v, Span span);
-/* Is this place a site? Then its number is the next one, which site_ray takes. Else it is recorded for the warning,
- * with t as what the jump depends on. */
+/* Is this place a site? Then the next site_ray makes it. Else it is recorded for the warning, with t as what the jump
+ * depends on. */
 bool site_wanted(Lower *l, Inst *hit, Inst *t, Span span);
 Inst *site_ray(Lower *l, SiteKind kind, Inst *hit, Inst *g, Span span);
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind);
 Inst *gen_skip_condition(Lower *l, Expr *cond, LoopCtx *root);
 void site_flush_skips(Lower *l, LoopCtx *root);
 
-/* gen_init.c */
+/* init.c */
 void gen_initial_values(Lower *l);
 
 #endif

@@ -94,10 +94,10 @@ typedef struct Counter {
     Var *var;
     int64_t step; /* 0: no counter */
     double fstep; /* of a float counter */
-    Operator op;  /* sym op bound */
+    Operator op;  /* the loop runs while sym op bound */
     Expr *bound;
     bool local;    /* declared in the for: not visible afterwards */
-    int64_t trips; /* at most; -1: not known */
+    int64_t trips; /* iterations at most; -1: not known */
     bool exact;
 } Counter;
 
@@ -170,7 +170,7 @@ static bool reads_assigned(Lower *l, const Expr *e, uint32_t stamp) {
 
 static int64_t ceil_div(int64_t a, int64_t b) { return a <= 0 ? 0 : (a + b - 1) / b; }
 
-/* Trips of i = [lo0, hi0]; i op [blo, bhi]; i += step. */
+/* Trips of `for (i = a; i op b; i += step)` with a in [lo0, hi0] and b in [blo, bhi]. */
 static int64_t count_trips(const Counter *c, int64_t lo0, int64_t hi0, int64_t blo, int64_t bhi) {
     switch (c->op) {
     case OPR_LT: return c->step > 0 ? ceil_div(bhi - lo0, c->step) : -1;
@@ -211,7 +211,7 @@ static Counter find_counter(Lower *l, Stmt *s, uint32_t stamp) {
     if (sym->kind != SYM_LOCAL && sym->kind != SYM_ARG) return c;
     Bind *b = gen_bind(l, sym);
     if (b->kind != BIND_VARS) return c;
-    if (b->vars->stamp == stamp || expr_assigns(s->expr)) return c; /* the body writes it */
+    if (b->vars->stamp == stamp || expr_assigns(s->expr)) return c; /* the body writes the counter */
     const Expr *cond = s->expr;
     if (cond->kind != E_BINARY) return c;
     Operator op = cond->op;
@@ -267,7 +267,7 @@ static void note_path(Lower *l, Diag *d) {
 
 typedef struct LoopPlan {
     int64_t bound; /* most runs of the body */
-    bool cut;      /* [MaxIters] may end it */
+    bool cut;      /* [MaxIters] may end the loop */
     bool exact;
 } LoopPlan;
 
@@ -311,7 +311,7 @@ static void gen_step(Lower *l, Stmt *s) {
     l->tag = tag;
 }
 
-/* Counts the loops that [MaxIters] ended although the condition held. `more`: it would go on after iteration k. */
+/* Counts the loops that [MaxIters] ended although the condition held. `more`: the condition holds after iteration k. */
 static Inst *cut_short(Lower *l, Inst *more, Inst *k, int64_t bound) {
     Inst *last = op2(l, OP_ieq, k, ki(l, bound - 1));
     Inst *cut = op2(l, OP_band, more, last);
@@ -390,7 +390,8 @@ static void finish(Lower *l, LoopJob *job, LoopCtx *ctx, Inst *go_on) {
     bool outermost = l->frame->first_loop == ctx;
     loop_end(l, ctx, go_on);
     if (job->by_index)
-        var_set(l, job->counter.var, job->start); /* its value inside is not visible here, and nobody looks */
+        var_set(l, job->counter.var,
+                job->start); /* the counter's value inside is not visible here, and nobody reads it */
     if (outermost) site_flush_skips(l, ctx);
 }
 
@@ -431,12 +432,12 @@ static void gen_header_in_body(Lower *l, LoopJob *job) {
     finish(l, job, &ctx, more->value);
 }
 
-/* [Cull]: the runtime may leave iterations out, so k is the index and the bound is known: what is above a bound that is
- * not constant does nothing. */
+/* [Cull]: the runtime may leave iterations out, so k is the index and the IR loop has a constant bound; iterations
+ * beyond the source's own bound do nothing. */
 static void gen_cull(Lower *l, LoopJob *job) {
     Stmt *s = job->s;
     Counter *c = &job->counter;
-    if (l->culls.len >= SLT_MAX_CULL) session_limit(l->s, "more than 64 [Cull] loops in one program");
+    if (l->culls.len >= SLT_MAX_CULL) session_limit(l->s, "more than %d [Cull] loops in one program", SLT_MAX_CULL);
     LoopInfo info = {.max_iters = (uint32_t)job->plan.bound, .cull = true, .cull_id = l->culls.len};
     Fn *bounds = gen_function(l, s->attrs.cull, s->attrs.cull->name, IN_ITERATION, 0, 4);
     ir_name_outputs(bounds, SLT_OUT_BOX);

@@ -116,7 +116,7 @@ static void index_array(Lower *l, Place *p, Type *t, Inst *index, bool is_unsign
     uint32_t n = p->type->n;
     if (p->kind == PLACE_VARS) {
         bool last = !p->index && t->kind != T_ARRAY && t->kind != T_STRUCT && !is_unsigned;
-        if (!last) index = clamp_index(l, index, is_unsigned, n); /* else the clamp of load and store is this one */
+        if (!last) index = clamp_index(l, index, is_unsigned, n); /* of the last one, load and store do the clamping */
         p->index = p->index ? op2(l, OP_iadd, op2(l, OP_imul, p->index, ki(l, n)), index) : index;
     } else {
         const Layout *e = gen_layout(l, t);
@@ -332,7 +332,7 @@ Val place_load(Lower *l, const Place *p) {
     for (uint32_t i = 0; i < layout->n; i++)
         if (!layout->leaf[i].count) out.c[i] = load_leaf(l, p, i);
         else if (p->index) out.c[i] = copy_array(l, p->vars[i].value, p->index, &layout->leaf[i]);
-        else out.c[i] = p->vars[i].value; /* shared: whoever keeps it copies it */
+        else out.c[i] = p->vars[i].value; /* the array is shared: whoever keeps the value copies it */
     return out;
 }
 

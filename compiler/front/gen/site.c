@@ -22,7 +22,7 @@ static const char *short_text(Lower *l, Span span) {
         }
         text[at++] = c;
     }
-    while (cut && at && ((unsigned char)text[at - 1] & 0xC0) == 0x80) at--; /* no half of a UTF-8 letter */
+    while (cut && at && ((unsigned char)text[at - 1] & 0xC0) == 0x80) at--; /* do not cut a UTF-8 sequence */
     if (cut && at && (unsigned char)text[at - 1] >= 0xC0) at--;
     return arena_printf(l->arena, "%.*s%s", (int)at, text, cut ? "..." : "");
 }
@@ -66,7 +66,7 @@ void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind 
  *
  * One site stands for all iterations. Its boundary function must be continuous in x, and change sign exactly where the
  * decision "true in any iteration" changes. With s > 0 where an iteration is true, the running maximum of s is that, as
- * long as nothing was true; once it was, s is frozen: it is the boundary of the iteration in which it was first true.
+ * long as no iteration was true; then s is frozen: the boundary is that of the iteration that was true first.
  * && || and ! of comparisons are min, max and minus of their s. */
 
 static Inst *init_minus_infinity(Lower *l, Builder *b) {

@@ -18,8 +18,8 @@ static Inst *clamp_to(Lower *l, Inst *i, uint32_t n) {
     return op2(l, OP_imax, op2(l, OP_imin, i, ki(l, (int64_t)n - 1)), ki(l, 0));
 }
 
-/* Continuous coordinate along one axis -> the two neighbours and the weight of the second. Outside the grid both are
- * the edge. */
+/* The two texels around a coordinate along one axis, and the weight of the second; outside the grid both are the edge.
+ */
 typedef struct Axis {
     Inst *i0, *i1, *t;
 } Axis;

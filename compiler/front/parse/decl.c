@@ -73,7 +73,7 @@ TypeRef *parse_declarator_dims(Parser *p, const TypeRef *base) {
     return t;
 }
 
-/* Where no value could give an open size. */
+/* Reports an open size where no value can give it. */
 static void need_sizes(Parser *p, const TypeRef *t, Span name, const char *what) {
     if (t->ndims && !t->dims[0]) parse_complain(p, DIAG_syntax, name, "an array that is %s needs its size", what);
 }
@@ -374,7 +374,7 @@ static void function_or_variable(Parser *p, const AttrVec *attrs) {
         TokenKind next = parse_peek(p, 1).kind;
         if (next == TOK_ASSIGN || next == TOK_SEMICOLON || next == TOK_COMMA || next == TOK_LBRACKET) {
             diag_emit(p->s, DIAG_global_variable, name_tok.span, name_tok.text);
-            /* With a value it is known as a constant, so that its uses are not errors too. */
+            /* A variable with a value is declared as a constant, so that its uses are not errors too. */
             AttrVec none = {0};
             if (next == TOK_ASSIGN) values(p, SYM_CONST, ret, &none);
             else p->panic = true;

@@ -61,7 +61,7 @@ Expr *parse_string(Parser *p) {
     e->name = p->tok.text;
     bool broken = p->tok.broken;
     parse_advance(p);
-    if (broken) p->panic = true; /* the lexer said it */
+    if (broken) p->panic = true; /* the lexer reported it */
     return e;
 }
 

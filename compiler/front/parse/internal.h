@@ -1,11 +1,10 @@
-/* The parser's own header, shared by parse.c (tokens, errors, recovery), parse_expr.c, parse_stmt.c, parse_attr.c and
- * parse_decl.c.
+/* The parser's own header, shared by parse.c (tokens, errors, recovery), expr.c, stmt.c, attr.c and decl.c.
  *
- * Recovery. The first error of a construct sets `panic`; while it is set nothing is reported and `expect` consumes
+ * Recovery. The first error of a construct sets `panic`; while it is set nothing is reported and parse_expect consumes
  * nothing, so the functions of the descent simply return. Four places end the panic by skipping tokens: a parenthesised
- * header (to its `)`), a braced list (to its
- * `}`), a statement (to `;`, `}` or a word that starts a statement on a new line) and a declaration at file scope. A
- * limit sets `stopped`: the token is then the end of the file for ever, and nothing more is reported.
+ * header (to its `)`), a braced list (to its `}`), a statement (to `;`, `}` or a word that starts a statement on a new
+ * line) and a declaration at file scope. A limit sets `stopped`: the token is then the end of the file for ever, and
+ * nothing more is reported.
  *
  * Depth. `expr_nest` and `stmt_nest` bound the descent itself; Expr.depth and `stmt_depth` bound the height of the
  * tree, which chains built by loops would otherwise grow without limit. Everything that later walks the tree by
@@ -27,7 +26,7 @@ typedef Vec(Expr *) ExprVec;
 typedef Vec(Stmt *) StmtVec;
 typedef Vec(Symbol *) SymbolVec;
 
-/* One attribute as written; parse_attr.c gives it its meaning. */
+/* One attribute as written; attr.c gives it its meaning. */
 typedef struct Attr {
     const char *name;
     Span span; /* of the name */
@@ -43,20 +42,19 @@ typedef struct Parser {
     Module *module;
     uint32_t prev_end; /* end of the token before `tok` */
     bool panic, stopped;
-    bool to_file_scope;   /* with panic: a `}` is missing and a declaration of file scope stands at `tok`; every block
-                             ends */
-    bool unclosed;        /* that was reported: a stray `}` at file scope is its consequence */
-    bool end_reported;    /* an error at the end of the file: the others there follow from it */
+    bool to_file_scope;   /* with panic: a `}` is missing and `tok` begins a declaration of file scope; blocks end */
+    bool unclosed;        /* the missing `}` was reported: a stray one at file scope follows from it */
+    bool end_reported;    /* an error at the end of the file was: the others there follow from it */
     uint32_t first_error; /* s->nerrors when this file was begun */
     uint32_t expr_nest, stmt_nest, stmt_depth;
-    uint64_t reserved_reported; /* a bit a keyword that was used as a name: said once */
+    uint64_t reserved_reported; /* a bit for each keyword that was reported as used for a name */
     StmtVec prints;             /* print and assert statements, in case the file declares functions of these names */
     Symbol **consts_end, **params_end;
     Func **funcs_end;
     StructDecl **structs_end;
     TypedefDecl **typedefs_end;
     Vec(Import) imports;
-    Vec(Span) skipped; /* from the line of an error to where the panic ended */
+    Vec(Span) skipped; /* each from the line of an error to where its panic ended */
 } Parser;
 
 /* parse.c */
@@ -87,7 +85,7 @@ void parse_skip_to_close(Parser *p, TokenKind close, bool past_semicolons);
 Span parse_join(Span a, Span b);
 Span parse_span_from(const Parser *p, Span first); /* from `first` to the last token consumed */
 
-/* parse_expr.c. All return an Expr, E_ERROR after an error. */
+/* expr.c. All return an Expr, E_ERROR after an error. */
 Expr *parse_expr(Parser *p);        /* with assignment, without comma */
 Expr *parse_comma_expr(Parser *p);  /* with comma: statements and `for` */
 Expr *parse_cond_expr(Parser *p);   /* without assignment: constants, labels, sizes */
@@ -96,14 +94,14 @@ Expr *parse_initialiser(Parser *p); /* an expression or a { list } */
 Expr **parse_arguments(Parser *p, Span open, bool strings, uint32_t *n);
 Expr *parse_string(Parser *p);
 
-/* parse_attr.c */
+/* attr.c */
 bool parse_attributes(Parser *p, AttrVec *out); /* [A, B(x)] [C] …; false when there are none */
 void attrs_to_param(Parser *p, const AttrVec *attrs, Symbol *sym);
 void attrs_to_func(Parser *p, const AttrVec *attrs, Func *f);
 void attrs_to_stmt(Parser *p, const AttrVec *attrs, StmtAttrs *out);
 void attrs_none(Parser *p, const AttrVec *attrs, const char *what);
 
-/* parse_stmt.c */
+/* stmt.c */
 Stmt *parse_block(Parser *p); /* at `{` */
 Stmt *parse_statement(Parser *p);
 /* `float f(float x) …`, told from `float3 c(1.0);` by what stands in the brackets. */
@@ -111,7 +109,7 @@ bool parse_at_function(const Parser *p);
 /* At a `struct` or `typedef` where none may stand: skips it, body and all. */
 void parse_skip_struct(Parser *p);
 
-/* parse_decl.c */
+/* decl.c */
 TypeRef *parse_type(Parser *p, const char *what);               /* name and [dims] before the declared name */
 TypeRef *parse_declarator_dims(Parser *p, const TypeRef *base); /* [dims] behind it, joined with those of the type */
 /* `static float x`, `uniform const int n`: says that the word means nothing here, and goes on behind it. */

@@ -1,3 +1,4 @@
+/* Bytes to tokens: blanks, numbers, strings, words, punctuators. */
 #include "compiler/front/parse/lex.h"
 
 #include <locale.h>

@@ -50,7 +50,7 @@ typedef struct Token {
     Span span;
     bool first_on_line;
     bool is_unsigned;
-    bool broken; /* a string without its end: what follows was meant to be in it */
+    bool broken; /* a string without its end: what follows was meant to be inside */
     Operator op;
     uint32_t integer;
     double number;

@@ -1,4 +1,4 @@
-/* The parser's ground: tokens, errors, recovery. parse_internal.h explains the scheme. */
+/* The parser's ground: tokens, errors, recovery. internal.h explains the scheme. */
 #include "compiler/front/parse/internal.h"
 
 #include <string.h>
@@ -42,7 +42,7 @@ bool parse_accept(Parser *p, TokenKind k) {
 
 static Diag *report(Parser *p, DiagCode code, Span span, const char *fmt, va_list ap) {
     if (p->panic || p->stopped) return NULL;
-    /* One error at the end of the file: every construct that is open there would have its own. */
+    /* Only one error at the end of the file, although every construct open there is one. */
     if (span.pos >= p->lx.len) {
         if (p->end_reported) return NULL;
         p->end_reported = true;

@@ -184,8 +184,8 @@ static Stmt *if_chain(Parser *p) {
         uint32_t before_end = p->prev_end;
         parse_attributes(p, &attrs);
         if (parse_at(p, TOK_IF) && !p->panic) continue;
-        /* The attributes belong to another statement, which reads them again (quietly reported errors are reported
-         * once). */
+        /* The attributes belong to another statement, which reads them again (an error is reported only once
+         * all the same). */
         if (!p->stopped) {
             p->lx = before;
             p->tok = before_tok;
