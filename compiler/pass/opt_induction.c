@@ -75,7 +75,7 @@ static bool induction_loop(Fn *fn, Inst *loop) {
             if (x) next = x;
         }
         if ((next->op != OP_iadd && next->op != OP_isub)) continue;
-        int64_t sum;
+        int64_t sum = 0;
         bool chain = next->args[0] != p;
         if (chain && !steps_from(next, p, &sum)) continue;
         Inst *step = next->args[1];
