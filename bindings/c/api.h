@@ -26,9 +26,11 @@ struct SltProgram {
     PassCtx passes;
     Target target;
 
-    atomic_bool in_use; /* by a public function that reads or writes what follows */
-    atomic_uint fits;   /* under way: slt_wrt must not change what they optimise */
-    bool ready;         /* compiled, with values: else only diagnostics may be asked for */
+    atomic_bool in_use;           /* by a public function that reads or writes what follows */
+    _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
+    atomic_bool in_fit;           /* like in_use, of calls on the holder's thread */
+    atomic_bool fitted;           /* between slt_fit_begin and slt_fit_end: slt_wrt and another fit must wait */
+    bool ready;                   /* compiled, with values: else only diagnostics may be asked for */
 
     double *floats;     /* [nfloats]: the values */
     void *flt;          /* flt[nfloats]: the values in the program's precision; while flt_lent those of the last call */
@@ -74,6 +76,11 @@ void api_free_kernels(SltProgram *p);
 bool api_claim(const SltProgram *p);
 void api_release(const SltProgram *p);
 SltStatus api_enter(const SltProgram *p, SltError *err);
+SltStatus api_enter_to_set(const SltProgram *p, SltError *err); /* and not from a callback of a fit */
+/* A fit holds its program while one of its functions runs: other threads are refused, calls from its callbacks may
+ * look. api_hold fails, with a text, where the program is in use; api_let_go ends it. */
+SltStatus api_hold(SltProgram *p, SltError *err);
+void api_let_go(SltProgram *p);
 /* Structs that begin with their size: `mine` is of this version, `known` bytes long; `theirs`, the caller's, may be of
  * another. api_struct_read copies theirs to mine, but for members that theirs lacks; false: theirs has no size, or sets
  * members that are not known here. api_struct_write copies mine to theirs, whose size was checked. */

@@ -6,17 +6,46 @@
 #include "bindings/c/api.h"
 
 /* ---- one user at a time */
-bool api_claim(const SltProgram *p) { return !atomic_exchange(&((SltProgram *)p)->in_use, true); }
+/* An address that no other living thread has. */
+static const void *this_thread(void) {
+    static _Thread_local char mark;
+    return &mark;
+}
 
-void api_release(const SltProgram *p) { atomic_store(&((SltProgram *)p)->in_use, false); }
+static bool holds(const SltProgram *p) { return atomic_load(&((SltProgram *)p)->holder) == this_thread(); }
+static atomic_bool *claim_of(const SltProgram *p) {
+    return holds(p) ? &((SltProgram *)p)->in_fit : &((SltProgram *)p)->in_use;
+}
+
+bool api_claim(const SltProgram *p) { return !atomic_exchange(claim_of(p), true); }
+
+void api_release(const SltProgram *p) { atomic_store(claim_of(p), false); }
 
 SltStatus api_enter(const SltProgram *p, SltError *err) {
+    if (err) *err = (SltError){0};
     if (!api_claim(p))
         return status_fail(err, SLT_USAGE,
                            "the program is in use: by another thread, or by the call whose callback asks");
     if (p->ready) return SLT_OK;
     api_release(p);
     return status_fail(err, SLT_USAGE, "the program did not compile");
+}
+
+SltStatus api_enter_to_set(const SltProgram *p, SltError *err) {
+    if (!holds(p)) return api_enter(p, err);
+    return status_fail(err, SLT_USAGE, "callbacks of a fit may look at its program, not change it");
+}
+
+SltStatus api_hold(SltProgram *p, SltError *err) {
+    if (holds(p)) return status_fail(err, SLT_USAGE, "the fit whose callback asks is not done");
+    SltStatus s = api_enter(p, err);
+    if (s == SLT_OK) atomic_store(&p->holder, this_thread());
+    return s;
+}
+
+void api_let_go(SltProgram *p) {
+    atomic_store(&p->holder, NULL);
+    api_release(p);
 }
 
 /* ---- structs that begin with their size */

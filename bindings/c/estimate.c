@@ -15,15 +15,22 @@ static void gradient_needs(const SltJob *j, bool forward, bool needs[K_KINDS]) {
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
 
-static SltStatus begin_value(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
+/* With opt.rgba8 the value kernel writes pixels, which are no numbers to add up. */
+static SltStatus begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
     SltStatus s = api_call_begin(c, p, job, stats, err);
+    if (s != SLT_OK || !p->opt.rgba8 || p->opt.interpret) return s;
+    return status_fail(err, SLT_USAGE, "a program compiled with rgba8 has pixels for values: slt_render_rgba8");
+}
+
+static SltStatus begin_value(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
+    SltStatus s = begin(c, p, job, stats, err);
     return s != SLT_OK ? s : api_call_kernels(c, needs_render);
 }
 
 static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bool forward, SltStats *stats,
                                 SltError *err) {
     bool needs[K_KINDS];
-    SltStatus s = api_call_begin(c, p, job, stats, err);
+    SltStatus s = begin(c, p, job, stats, err);
     if (s != SLT_OK) return s;
     gradient_needs(&c->job, forward, needs);
     return api_call_kernels(c, needs);
@@ -48,8 +55,6 @@ SltStatus slt_eval(SltProgram *p, const SltJob *job, uint64_t n, const double *x
                    SltStats *stats, SltError *err) {
     ApiCall c;
     SltStatus s = begin_value(&c, p, job, stats, err);
-    if (s == SLT_OK && p->opt.rgba8 && !p->opt.interpret)
-        s = status_fail(err, SLT_USAGE, "a program compiled with rgba8 has pixels for values");
     if (s == SLT_OK) s = slt_estimate_points(&p->scene, &c.job, n, x, streams, out, c.stats, err);
     return api_call_end(&c, s);
 }

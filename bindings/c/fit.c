@@ -300,15 +300,27 @@ static SltStatus make_optimiser(SltFit *f, SltError *err) {
 }
 
 /* ---- checkpoints: the losses so far go with the optimiser's state */
-/* The key of a checkpoint: a hash of shader, targets, values of the views and the caller's loss. */
+static uint32_t mix_double(uint32_t h, double v) {
+    uint32_t words[2];
+    memcpy(words, &v, sizeof words);
+    return ir_mix(ir_mix(h, words[0]), words[1]);
+}
+
+/* The key of a checkpoint: a hash of shader, fixed parameters, targets, masks, values of the views and what the loss
+ * is. */
 static void hash_problem(Session *s, void *arg) {
     SltFit *f = arg;
     ArenaMark mark = arena_mark(&s->scratch);
     uint32_t h = 1;
     for (const char *c = ir_print_string(f->p->prog->primal, &s->scratch); *c; c++) h = ir_mix(h, (uint8_t)*c);
     arena_reset(&s->scratch, mark);
+    for (uint32_t i = 0; i < f->p->prog->nfloats; i++)
+        if (!f->p->wrt[i]) h = mix_double(h, f->p->floats[i]);
+    for (uint32_t i = 0; i < f->p->prog->nints; i++) h = ir_mix(h, (uint32_t)f->p->ints[i]);
+    h = ir_mix(h, f->job.no_interior | f->job.no_boundary << 1 | (f->opt.loss != NULL) << 2 | f->opt.minimize << 3);
     for (uint32_t v = 0; v < f->nviews; v++) {
         const View *view = &f->views[v];
+        for (size_t i = 0; view->mask && i < f->nvalues; i++) h = mix_double(h, (double)view->mask[i]);
         for (size_t i = 0; view->target && i < f->nvalues; i++) {
             uint32_t bits;
             memcpy(&bits, &view->target[i], sizeof bits);
@@ -316,11 +328,7 @@ static void hash_problem(Session *s, void *arg) {
         }
         for (uint32_t k = 0; k < view->nvalues; k++) {
             const OwnValue *o = &view->values[k];
-            for (uint32_t i = 0; i < o->at.fcount; i++) {
-                uint32_t words[2];
-                memcpy(words, &o->floats[i], sizeof words);
-                h = ir_mix(ir_mix(h, words[0]), words[1]);
-            }
+            for (uint32_t i = 0; i < o->at.fcount; i++) h = mix_double(h, o->floats[i]);
             for (uint32_t i = 0; i < o->at.icount; i++) h = ir_mix(h, (uint32_t)o->ints[i]);
         }
     }
@@ -343,8 +351,7 @@ static SltStatus prepare_checkpoint(SltFit *f, SltError *err) {
     size_t size = 0;
     SltStatus status = optimise_load(f->optimiser, o->resume, f->key, &losses, &size, err);
     if (status != SLT_OK) return status;
-    size_t done = size / sizeof *f->losses;
-    f->iteration = done < o->iterations ? (uint32_t)done : o->iterations;
+    f->iteration = (uint32_t)(size / sizeof *f->losses);
     if (!room_for_losses(f, f->iteration)) status = out_of_memory(err);
     else if (f->iteration) memcpy(f->losses, losses, f->iteration * sizeof *f->losses);
     free(losses);
@@ -400,27 +407,23 @@ static SltStatus allocate(SltFit *f, SltError *err) {
     return f->gradient ? SLT_OK : out_of_memory(err);
 }
 
-SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **out, SltError *err) {
-    SltError mine = {0};
-    *out = NULL;
-    if (!err) err = &mine;
+/* Here and below: the program is held. */
+static SltStatus begin(SltProgram *p, const SltFitOptions *options, SltFit **out, SltError *err) {
+    if (atomic_load(&p->fitted))
+        return status_fail(err, SLT_USAGE, "a fit of this program is under way: slt_fit_end first");
     SltFit *f = calloc(1, sizeof *f);
     if (!f) return out_of_memory(err);
     f->p = p;
-    SltStatus status = api_enter(p, err);
-    if (status == SLT_OK) {
-        status = take_options(f, options, err);
-        if (status == SLT_OK) status = read_views(f, err);
-        if (status == SLT_OK) status = allocate(f, err);
-        if (status == SLT_OK) status = make_optimiser(f, err);
-        if (status == SLT_OK) status = prepare_checkpoint(f, err);
-        api_release(p);
-    }
+    SltStatus status = take_options(f, options, err);
+    if (status == SLT_OK) status = read_views(f, err);
+    if (status == SLT_OK) status = allocate(f, err);
+    if (status == SLT_OK) status = make_optimiser(f, err);
+    if (status == SLT_OK) status = prepare_checkpoint(f, err);
     if (status != SLT_OK) {
         free_fit(f);
         return status;
     }
-    atomic_fetch_add(&p->fits, 1);
+    atomic_store(&p->fitted, true);
     f->start = pool_now();
     f->stop = f->iteration < f->opt.iterations ? SLT_FIT_RUNNING : SLT_FIT_ITERATIONS;
     *out = f;
@@ -428,14 +431,13 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
 }
 
 /* The optimised floats lie in runs: whole parameters, mostly. */
-static SltStatus set_active(SltFit *f, const double *x, SltError *err) {
-    SltStatus status = SLT_OK;
-    for (uint32_t i = 0, n; i < f->n && status == SLT_OK; i += n) {
+static void set_active(SltFit *f, const double *x) {
+    for (uint32_t i = 0, n; i < f->n; i += n) {
         for (n = 1; i + n < f->n && f->index[i + n] == f->index[i] + n; n++) {
         }
-        status = slt_set_floats(f->p, f->index[i], n, x + i, err);
+        memcpy(f->p->floats + f->index[i], x + i, n * sizeof *x);
+        api_params_changed(f->p, f->index[i], n);
     }
-    return status;
 }
 
 static void fill_result(SltFit *f, SltFitResult *result) {
@@ -448,20 +450,14 @@ static void fill_result(SltFit *f, SltFitResult *result) {
     api_struct_write(result, &r, sizeof r);
 }
 
-SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
-    SltError mine = {0};
-    if (!f) return SLT_OK;
-    if (!err) err = &mine;
+static SltStatus end(SltFit *f, SltFitResult *result, SltError *err) {
     if (f->stop == SLT_FIT_RUNNING) f->stop = SLT_FIT_STOPPED;
     SltStatus status = save(f, err);
     double best;
     const double *x = optimise_best(f->optimiser, &best);
-    if (isfinite(best)) {
-        SltStatus set = set_active(f, x, status == SLT_OK ? err : &mine);
-        status = status == SLT_OK ? set : status;
-    }
+    if (isfinite(best)) set_active(f, x);
     if (result && api_struct_sized(result)) fill_result(f, result);
-    atomic_fetch_sub(&f->p->fits, 1);
+    atomic_store(&f->p->fitted, false);
     free_fit(f);
     return status;
 }
@@ -503,12 +499,13 @@ static SltStatus evaluate_integral(SltFit *f, SltJob *job, double *loss, SltErro
 
 /* The mean over the views of the loss at the optimiser's point, into *loss and f->gradient. */
 static SltStatus evaluate(SltFit *f, double *loss, SltError *err) {
-    SltStatus status = set_active(f, optimise_parameters(f->optimiser), err);
+    SltStatus status = SLT_OK;
     SltJob job = f->job;
+    set_active(f, optimise_parameters(f->optimiser));
     if (!optimise_wants_same_loss(f->method)) job.seed += 0x9e3779b9u * (f->iteration + 1);
     memset(f->gradient, 0, f->n * sizeof *f->gradient);
     *loss = 0;
-    if (status == SLT_OK && f->opt.minimize) return evaluate_integral(f, &job, loss, err);
+    if (f->opt.minimize) return evaluate_integral(f, &job, loss, err);
     for (uint32_t v = 0; v < f->nviews && status == SLT_OK; v++) {
         const View *view = &f->views[v];
         double one = 0;
@@ -572,27 +569,63 @@ static SltStatus step(SltFit *f, SltError *err) {
     return SLT_OK;
 }
 
+/* ---- the functions: each holds the program while it runs */
+SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **out, SltError *err) {
+    SltError mine = {0};
+    *out = NULL;
+    if (!err) err = &mine;
+    SltStatus status = api_hold(p, err);
+    if (status != SLT_OK) return status;
+    status = begin(p, options, out, err);
+    api_let_go(p);
+    return status;
+}
+
 SltStatus slt_fit_step(SltFit *f, SltFitStop *stop, SltError *err) {
     SltError mine = {0};
-    SltStatus status = f->stop == SLT_FIT_RUNNING ? step(f, err ? err : &mine) : SLT_OK;
+    if (!err) err = &mine;
+    SltStatus status = api_hold(f->p, err);
     *stop = f->stop;
+    if (status != SLT_OK) return status;
+    if (f->stop == SLT_FIT_RUNNING) status = step(f, err);
+    *stop = f->stop;
+    api_let_go(f->p);
+    return status;
+}
+
+SltStatus slt_fit_end(SltFit *f, SltFitResult *result, SltError *err) {
+    SltError mine = {0};
+    if (!f) return SLT_OK;
+    if (!err) err = &mine;
+    SltProgram *p = f->p;
+    SltStatus status = api_hold(p, err);
+    if (status != SLT_OK) return status;
+    status = end(f, result, err);
+    api_let_go(p);
     return status;
 }
 
 SltStatus slt_fit(SltProgram *p, const SltFitOptions *options, SltFitResult *result, SltError *err) {
+    SltError mine = {0};
     SltFit *f;
-    SltFitStop stop = SLT_FIT_RUNNING;
+    if (!err) err = &mine;
     if (result && !api_struct_sized(result)) return api_struct_unknown(err, "SltFitResult");
-    SltStatus status = slt_fit_begin(p, options, &f, err);
+    SltStatus status = api_hold(p, err);
+    bool held = status == SLT_OK;
+    if (held) status = begin(p, options, &f, err);
     if (status != SLT_OK) {
         SltFitResult none = SLT_FIT_RESULT_INIT;
         none.stop = SLT_FIT_FAILED;
         none.initial_loss = none.loss = NAN;
-        if (err) snprintf(none.reason, sizeof none.reason, "%s", err->text);
+        snprintf(none.reason, sizeof none.reason, "%s", err->text);
         if (result) api_struct_write(result, &none, sizeof none);
+        if (held) api_let_go(p);
         return status;
     }
-    while (status == SLT_OK && stop == SLT_FIT_RUNNING) status = slt_fit_step(f, &stop, err);
-    SltStatus ended = slt_fit_end(f, result, err);
+    while (status == SLT_OK && f->stop == SLT_FIT_RUNNING) status = step(f, err);
+    SltError why = *err;
+    SltStatus ended = end(f, result, err);
+    api_let_go(p);
+    if (ended == SLT_OK) *err = why;
     return ended == SLT_OK ? status : ended;
 }

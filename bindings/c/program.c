@@ -226,7 +226,7 @@ SltStatus slt_compile_string(const char *source, const char *shown_name, const S
 }
 
 void slt_program_free(SltProgram *p) {
-    if (!p || !api_claim(p)) return;
+    if (!p || atomic_load(&p->fitted) || !api_claim(p)) return;
     api_free_kernels(p);
     api_geometries_free(p);
     free(p->floats);

@@ -97,7 +97,7 @@ SltStatus slt_param_find(const SltProgram *p, const char *name, SltParam *out, S
 }
 
 SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const double *values, SltError *err) {
-    SltStatus status = api_enter(p, err);
+    SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
     if (count > p->prog->nfloats || base > p->prog->nfloats - count) {
         status = status_fail(err, SLT_USAGE, "floats %u..%u are outside the program's %u", base, base + count,
@@ -111,7 +111,7 @@ SltStatus slt_set_floats(SltProgram *p, uint32_t base, uint32_t count, const dou
 }
 
 SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32_t *values, SltError *err) {
-    SltStatus status = api_enter(p, err);
+    SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
     if (count > p->prog->nints || base > p->prog->nints - count)
         status = status_fail(err, SLT_USAGE, "integers %u..%u are outside the program's %u", base, base + count,
@@ -123,6 +123,7 @@ SltStatus slt_set_ints(SltProgram *p, uint32_t base, uint32_t count, const int32
 
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
     uint8_t *mask = calloc(p->prog->nfloats + 1, 1);
+    if (!names) n = 0;
     if (!mask) return status_fail(err, SLT_LIMIT, "out of memory");
     for (uint32_t i = 0; i < p->prog->nparams && n == 0; i++) {
         const Param *q = &p->prog->params[i];
@@ -147,9 +148,9 @@ SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError 
 }
 
 SltStatus slt_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err) {
-    SltStatus status = api_enter(p, err);
+    SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
-    status = atomic_load(&p->fits)
+    status = atomic_load(&p->fitted)
                  ? status_fail(err, SLT_USAGE, "a fit of this program is under way: slt_fit_end first")
                  : api_wrt(p, names, n, err);
     api_release(p);
@@ -389,7 +390,7 @@ static SltStatus set_params_json(SltProgram *p, const char *text, const char *sh
 }
 
 SltStatus slt_set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
-    SltStatus status = api_enter(p, err);
+    SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
     status = set_params_json(p, text, shown_name, err);
     api_release(p);
@@ -517,7 +518,7 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
 }
 
 SltStatus slt_set_text(SltProgram *p, const char *name, const char *value, SltError *err) {
-    SltStatus status = api_enter(p, err);
+    SltStatus status = api_enter_to_set(p, err);
     if (status != SLT_OK) return status;
     status = api_set_text(p, name, value, err);
     api_release(p);

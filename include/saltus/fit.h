@@ -12,9 +12,9 @@
  * values. `saltus fit` is made of these functions: the same problem gives the same bits there and here, on any number
  * of threads, in one go or resumed from a checkpoint.
  *
- * Until slt_fit_end nobody else may set the optimised parameters, and slt_wrt refuses. Callbacks run on the calling
- * thread between estimates and may look at the program (slt_render, slt_floats). Structs begin with their size, as
- * job.h explains; those without a size never change. */
+ * Until slt_fit_end nobody else may set the optimised parameters; slt_wrt and another fit are refused, and
+ * slt_program_free does nothing. Callbacks run on the calling thread between estimates and may look at the program
+ * (slt_render, slt_floats). Structs begin with their size, as job.h explains; those without a size never change. */
 #ifndef SALTUS_FIT_H
 #define SALTUS_FIT_H
 
@@ -108,9 +108,10 @@ typedef struct SltFitOptions {
     uint32_t patience;            /* ... in so many iterations: never; L-BFGS 1e-12 in 3 */
     uint32_t max_failures;        /* evaluations in a row that are not finite before the fit fails: 10 */
     /* Files. */
-    const char *checkpoint;   /* where the state is saved, at the end and as `every` says; NULL: nowhere */
-    uint32_t every;           /* iterations between saves; 0: only at the end */
-    const char *resume;       /* a checkpoint of the same problem to go on from; NULL: from the start */
+    const char *checkpoint; /* where the state is saved, at the end and as `every` says; NULL: nowhere */
+    uint32_t every;         /* iterations between saves; 0: only at the end */
+    const char *resume; /* a checkpoint of the same problem to go on from; NULL: from the start. Where it has as many
+                           iterations as wanted, or more, nothing is left to do */
     SltFitIterated *iterated; /* called after every evaluation, before the optimiser's step; may be NULL */
     void *iterated_user;
     SltStats *stats; /* the caller's until slt_fit_end: counts of all estimates are added to it; may be NULL */
@@ -160,7 +161,8 @@ SltStatus slt_fit_begin(SltProgram *p, const SltFitOptions *options, SltFit **ou
 /* One evaluation and one step of the optimiser; *stop is SLT_FIT_RUNNING while there is another to do. After the last,
  * or after an error, does nothing and returns SLT_OK. */
 SltStatus slt_fit_step(SltFit *fit, SltFitStop *stop, SltError *err);
-/* Saves the checkpoint, gives the program the best parameters found, and frees the fit (NULL: does nothing). */
+/* Saves the checkpoint, gives the program the best parameters found, and frees the fit (NULL: does nothing). SLT_USAGE:
+ * the program is in use; the fit is still there. */
 SltStatus slt_fit_end(SltFit *fit, SltFitResult *result, SltError *err);
 
 #ifdef __cplusplus

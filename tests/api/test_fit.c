@@ -1,6 +1,8 @@
 /* The library's fit: the same bits as the command on the same problem, resumed or in one go; what callbacks see and
  * decide; every way in which it ends. */
 #include <math.h>
+#include <pthread.h>
+#include <stdatomic.h>
 
 #include "tests/scratch.h"
 
@@ -519,12 +521,149 @@ static void held_and_tolerances(void **state) {
     slt_program_free(p);
 }
 
+/* ---- a fit holds its program */
+typedef struct Meddler {
+    SltProgram *p;
+    SltFit *fit;
+    SltStatus set, text, wrt, step, another, look;
+} Meddler;
+
+static bool meddle(void *user, const SltFitIteration *at) {
+    Meddler *m = user;
+    double ten = 10;
+    float pixels[4 * CHANNELS];
+    SltJob small = SLT_JOB_INIT;
+    SltFitOptions o = SLT_FIT_OPTIONS_INIT;
+    SltFitStop stop;
+    (void)at;
+    small.size[0] = small.size[1] = 2, small.spp = 1;
+    o.job = &small, o.minimize = true;
+    m->set = slt_set_floats(m->p, 0, 1, &ten, NULL);
+    m->text = slt_set_text(m->p, "light", "2", NULL);
+    m->wrt = slt_wrt(m->p, NULL, 0, NULL);
+    m->another = slt_fit(m->p, &o, NULL, NULL);
+    m->look = slt_render(m->p, &small, pixels, NULL, NULL);
+    if (m->fit) m->step = slt_fit_step(m->fit, &stop, NULL);
+    slt_program_free(m->p);
+    return false;
+}
+
+typedef struct Looker {
+    SltProgram *p;
+    atomic_bool end;
+    uint32_t refused, others;
+} Looker;
+
+static void *keep_looking(void *user) {
+    Looker *l = user;
+    float pixels[4 * CHANNELS];
+    SltJob small = SLT_JOB_INIT;
+    small.size[0] = small.size[1] = 2, small.spp = 1, small.threads = 1;
+    while (!atomic_load(&l->end)) {
+        SltStatus s = slt_render(l->p, &small, pixels, NULL, NULL);
+        if (s == SLT_USAGE) l->refused++;
+        else l->others += s != SLT_OK;
+    }
+    return NULL;
+}
+
+static void held_by_a_fit(void **state) {
+    (void)state;
+    SltJob job = image_job();
+    SltFitOptions o = two_views(&job);
+    SltFitResult quiet, disturbed = SLT_FIT_RESULT_INIT;
+    SltError err = {.status = SLT_LIMIT, .text = "of another call"};
+    SltProgram *p = compile(discs);
+    fit(p, &o, &quiet);
+    slt_program_free(p);
+    /* From callbacks: looking is served, changing is not. */
+    p = compile(discs);
+    Meddler m = {.p = p};
+    SltFitStop stop = SLT_FIT_RUNNING;
+    o.iterated = meddle, o.iterated_user = &m;
+    assert_int_equal(slt_fit_begin(p, &o, &m.fit, &err), SLT_OK);
+    assert_string_equal(err.text, "");
+    while (stop == SLT_FIT_RUNNING) assert_int_equal(slt_fit_step(m.fit, &stop, &err), SLT_OK);
+    assert_int_equal(slt_fit_end(m.fit, &disturbed, &err), SLT_OK);
+    assert_int_equal(m.look, SLT_OK);
+    SltStatus refused[] = {m.set, m.text, m.wrt, m.step, m.another};
+    for (int i = 0; i < 5; i++) assert_int_equal(refused[i], SLT_USAGE);
+    assert_int_equal(disturbed.iterations, quiet.iterations);
+    assert_memory_equal(disturbed.losses, quiet.losses, quiet.iterations * sizeof(double));
+    free(disturbed.losses);
+    /* From another thread: the looker is refused, not the fit. */
+    o.iterated = NULL;
+    slt_program_free(p);
+    p = compile(discs);
+    Looker l = {.p = p};
+    SltStatus status = SLT_USAGE;
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, keep_looking, &l), 0);
+    for (int i = 0; i < 1000 && status == SLT_USAGE; i++) { /* until it begins between two looks */
+        disturbed = SLT_FIT_RESULT_INIT;
+        status = slt_fit(p, &o, &disturbed, &err);
+    }
+    atomic_store(&l.end, true);
+    pthread_join(thread, NULL);
+    assert_int_equal(status, SLT_OK);
+    assert_int_equal(l.others, 0);
+    assert_memory_equal(disturbed.losses, quiet.losses, quiet.iterations * sizeof(double));
+    free(quiet.losses);
+    free(disturbed.losses);
+    slt_program_free(p);
+}
+
+/* A checkpoint belongs to all that makes the losses; one with more iterations than are wanted stays what it is. */
+static void whose_checkpoint(void **state) {
+    (void)state;
+    SltJob job = image_job();
+    SltFitOptions o = two_views(&job);
+    SltFitResult whole, part;
+    SltError err = {0};
+    char checkpoint[512];
+    snprintf(checkpoint, sizeof checkpoint, "%s", scratch_path("whose.bin"));
+    SltProgram *p = compile(discs);
+    fit(p, &o, &whole);
+    slt_program_free(p);
+    p = compile(discs);
+    o.checkpoint = checkpoint, o.iterations = 4;
+    fit(p, &o, &part);
+    free(part.losses);
+    slt_program_free(p);
+    p = compile(discs);
+    o.resume = checkpoint, o.iterations = 2;
+    part = SLT_FIT_RESULT_INIT;
+    assert_int_equal(slt_fit(p, &o, &part, &err), SLT_OK);
+    assert_int_equal(part.iterations, 4);
+    assert_memory_equal(part.losses, whole.losses, 4 * sizeof(double));
+    free(part.losses);
+    slt_program_free(p);
+    p = compile(discs);
+    o.checkpoint = NULL, o.iterations = 7;
+    fit(p, &o, &part);
+    assert_int_equal(part.iterations, 7);
+    assert_memory_equal(part.losses, whole.losses, 7 * sizeof(double));
+    free(part.losses);
+    slt_program_free(p);
+    free(whole.losses);
+    /* Another value of what is held, and a derivative without its jumps. */
+    for (int k = 0; k < 2; k++) {
+        SltFit *f;
+        p = compile(discs);
+        if (k == 0) assert_int_equal(slt_set_text(p, "light", "0.5", &err), SLT_OK);
+        job.no_boundary = k == 1;
+        assert_int_equal(slt_fit_begin(p, &o, &f, &err), SLT_INPUT);
+        slt_program_free(p);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(same_as_the_command),   cmocka_unit_test(minimised_integral),
         cmocka_unit_test(stopped_and_resumed),   cmocka_unit_test(cancelled),
         cmocka_unit_test(losses_of_the_callers), cmocka_unit_test(refusals),
         cmocka_unit_test(bad_targets),           cmocka_unit_test(held_and_tolerances),
+        cmocka_unit_test(held_by_a_fit),         cmocka_unit_test(whose_checkpoint),
     };
     return cmocka_run_group_tests(tests, set_up, scratch_drop);
 }
