@@ -4,7 +4,6 @@
 #include "compiler/front/gen/internal.h"
 #include "include/saltus/kernel.h"
 #include "include/saltus/status.h"
-#include "include/saltus/status.h"
 
 /* About two seconds in the interpreter. */
 enum { INIT_INSTRUCTIONS = 1 << 25 };
@@ -96,22 +95,66 @@ static void put_expr(Filler *f, Expr *e) {
 
 /* ---- init(f) */
 
-/* Where scalar number `out` of one element lies: floats and ints in order of declaration. */
-static void put_elements(Filler *f, const Type *elem, uint32_t first, uint32_t count, uint32_t n, void **out,
-                         bool single) {
-    const Layout *layout = gen_layout(f->l, (Type *)elem);
+/* Where the scalars of an element lie among its floats and ints, in the order in which gen_function gives them: leaf
+ * after leaf. A parameter has arrays element after element, so float2 p[2] is p.x[2] p.y[2] here and
+ * p[0].x p[0].y p[1].x p[1].y there. */
+typedef struct Slots {
+    uint32_t *slot;        /* by place in the leaves */
+    const uint32_t *start; /* [leaves]: the place of a leaf's first scalar */
+    uint32_t nfloats, nints;
+} Slots;
+
+/* Numbers one t, which is element `index` of its leaves; returns how many leaves t has. */
+static uint32_t number_scalars(Slots *s, const Type *t, uint32_t leaf, uint32_t index) {
+    uint32_t n = 0;
+    switch (t->kind) {
+    case T_VECTOR:
+    case T_MATRIX:
+        for (uint32_t parts = type_components(t); n < parts;) n += number_scalars(s, t->elem, leaf + n, index);
+        return n;
+    case T_ARRAY:
+        for (uint32_t i = 0; i < t->n; i++) n = number_scalars(s, t->elem, leaf, index * t->n + i);
+        return n;
+    case T_STRUCT:
+        for (uint32_t f = 0; f < t->nfields; f++) n += number_scalars(s, t->fields[f].type, leaf + n, index);
+        return n;
+    case T_BOOL:
+    case T_INT:
+    case T_UINT: s->slot[s->start[leaf] + index] = s->nints++; return 1;
+    case T_FLOAT: s->slot[s->start[leaf] + index] = s->nfloats++; return 1;
+    case T_ERROR:
+    case T_VOID:
+    case T_TEXTURE:
+    case T_GEOMETRY: break;
+    }
+    return 0;
+}
+
+static uint32_t *parameter_slots(Lower *l, const Type *elem, const Layout *layout) {
+    Arena *scratch = &l->s->scratch;
+    uint32_t *start = ARENA_ARRAY(scratch, uint32_t, layout->n + 1);
+    for (uint32_t i = 0; i < layout->n; i++)
+        start[i + 1] = start[i] + (layout->leaf[i].count ? layout->leaf[i].count : 1);
+    Slots s = {.slot = ARENA_ARRAY(scratch, uint32_t, start[layout->n] + 1), .start = start};
+    number_scalars(&s, elem, 0, 0);
+    return s.slot;
+}
+
+/* Stores scalars [first, first + count) of n elements. */
+static void put_elements(Filler *f, const Layout *layout, const uint32_t *slots, uint32_t first, uint32_t count,
+                         uint32_t n, void **out, bool single) {
     uint32_t at = 0;
-    for (uint32_t i = 0, nf = 0, ni = 0; i < layout->n; i++) {
+    for (uint32_t i = 0; i < layout->n; i++) {
         uint32_t parts = layout->leaf[i].count ? layout->leaf[i].count : 1;
+        bool is_float = layout->leaf[i].type == TY_FLT;
         for (uint32_t k = 0; k < parts; k++, at++) {
-            bool is_float = layout->leaf[i].type == TY_FLT;
-            uint32_t slot = is_float ? nf++ : ni++;
             if (at < first || at >= first + count) continue;
             void *from = out[at - first];
             for (uint32_t e = 0; e < n; e++)
                 if (is_float)
-                    f->floats[e * layout->nfloats + slot] = single ? (double)((float *)from)[e] : ((double *)from)[e];
-                else f->ints[e * layout->nints + slot] = ((int32_t *)from)[e];
+                    f->floats[e * layout->nfloats + slots[at]] =
+                        single ? (double)((float *)from)[e] : ((double *)from)[e];
+                else f->ints[e * layout->nints + slots[at]] = ((int32_t *)from)[e];
         }
     }
 }
@@ -135,6 +178,7 @@ static void run_init(Filler *f, Symbol *sym) {
         streams[e] = (int32_t)ir_mix(ir_mix(ir_mix(0x53a17u, l->opt->seed), sym->param_index), e);
     }
     const Layout *layout = gen_layout(l, elem);
+    const uint32_t *slots = parameter_slots(l, elem, layout);
     uint32_t total = layout->nfloats + layout->nints;
     bool single = l->opt->precision == PREC_F32;
     for (uint32_t first = 0; first < total; first += SLT_OUT_MAX) {
@@ -148,7 +192,7 @@ static void run_init(Filler *f, Symbol *sym) {
                       "the program exceeds a limit of the interpreter");
             gen_giveup(l);
         }
-        put_elements(f, elem, first, count, n, out, single);
+        put_elements(f, layout, slots, first, count, n, out, single);
     }
 }
 
