@@ -117,16 +117,31 @@ static SltStatus measure_other(Bench *b, uint64_t samples) {
     return (SltStatus)status;
 }
 
+/* Is `name`, of n bytes, the item of a list with commas that starts at `at`? */
+static bool is_item(const char *at, const char *name, size_t n) {
+    return !strncmp(at, name, n) && (at[n] == 0 || at[n] == ',');
+}
+
+static const char *next_item(const char *at) {
+    at = strchr(at, ',');
+    return at ? at + 1 : NULL;
+}
+
 static bool wanted(const Bench *b, const char *name) {
     if (!b->c->estimators) return true;
-    const char *at = b->c->estimators;
-    size_t n = strlen(name);
-    while (at) {
-        if (!strncmp(at, name, n) && (at[n] == 0 || at[n] == ',')) return true;
-        at = strchr(at, ',');
-        if (at) at++;
-    }
+    for (const char *at = b->c->estimators; at; at = next_item(at))
+        if (is_item(at, name, strlen(name))) return true;
     return false;
+}
+
+static int check_estimators(const Cli *c) {
+    for (const char *at = c->estimators; at; at = next_item(at)) {
+        bool known = false;
+        for (int e = 0; e < SLT_ESTIMATORS; e++) known |= is_item(at, names[e], strlen(names[e]));
+        if (!known)
+            return cli_usage(c, "--estimators: `%.*s` is none of %s", (int)strcspn(at, ","), at, cli_estimators + 1);
+    }
+    return SLT_OK;
 }
 
 /* ---- outputs */
@@ -297,8 +312,10 @@ static int bench(Bench *b) {
 
 int verb_bench(Cli *c) {
     Bench b = {.c = c};
+    int status = check_estimators(c);
+    if (status != SLT_OK) return status;
     cli_catch_interrupt(c);
-    int status = cli_compile(c, &b.p);
+    status = cli_compile(c, &b.p);
     if (status == SLT_OK) status = c->kernels ? bench_kernels(c, b.p) : bench(&b);
     free(b.reference);
     free(b.g);

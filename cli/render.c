@@ -1,6 +1,7 @@
 /* saltus render: the image of a shader, or with --integral the integral over its domain. */
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "cli/cli.h"
 
@@ -11,8 +12,7 @@ static int write_rgba8(Cli *c, SltProgram *p, SltStats *stats) {
     if (!pixels) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     SltStatus status = slt_render_rgba8(p, &c->job, pixels, stats, &err);
     if (status == SLT_OK && c->output) {
-        const char *dot = strrchr(c->output, '.');
-        if (dot && !strcmp(dot, ".png"))
+        if (image_can_write(c->output))
             status = image_write_png8(c->output, (int)w, (int)h, 4, (const uint8_t *)pixels, &err);
         else status = file_write_atomic(c->output, pixels, (size_t)w * h * 4, &err);
     }
@@ -83,8 +83,20 @@ static int render_integral(Cli *c, SltProgram *p) {
     return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
 }
 
+/* Packed pixels have no header: of the picture files only .png can hold them. */
+static int check_rgba8(const Cli *c) {
+    if (c->job.integral) return cli_usage(c, "--format rgba8 is for images: leave it out to have the integral");
+    const char *slash = c->output ? strrchr(c->output, '/') : NULL;
+    const char *dot = c->output ? strrchr(slash ? slash : c->output, '.') : NULL;
+    if (!dot || !strcasecmp(dot, ".png") || !strcmp(dot, ".raw")) return SLT_OK;
+    return cli_usage(c, "-o %s: --format rgba8 writes .png, or bare pixels as .raw%s", c->output,
+                     image_can_write(c->output) ? "; leave it out for this format" : "");
+}
+
 static int render(Cli *c, SltProgram *p) {
     int status = cli_prepare_job(c, p);
+    if (status != SLT_OK) return status;
+    status = c->opt.rgba8 ? check_rgba8(c) : SLT_OK;
     if (status != SLT_OK) return status;
     if (c->output && !image_can_write(c->output) && !c->opt.rgba8) return cli_unknown_format(c);
     if (c->job.integral) return render_integral(c, p);

@@ -358,6 +358,15 @@ class Bench(Case):
             self.assertEqual(set(p), {"samples", "evaluations", "seconds", "error"})
         self.run_cli("bench", "c.salt", "--samples", 512, "--repeats", 1, "-o", "c.salt", code=5)
 
+    def test_estimators(self):
+        """What --estimators names must be known, every one of it."""
+        self.put("c.salt", CIRCLE)
+        for names in ("nope", "", ",", "lattice,", "lattice,nope", "lat", "lattices", "Lattice"):
+            r = self.run_cli("bench", "c.salt", "--samples", 512, "--repeats", 1, "--estimators", names, code=2)
+            self.assertRegex(r.err, r"lattice\|.*fd")
+            self.assertEqual(r.out, "")
+        self.assertIn("`nope`", self.run_cli("bench", "c.salt", "--estimators", "lattice,nope", code=2).err)
+
     def test_kernels(self):
         self.put("c.salt", CIRCLE)
         j = self.json_cli("bench", "c.salt", "--kernels")

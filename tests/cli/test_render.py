@@ -189,6 +189,22 @@ class Render(Case):
         for w in (1, 4, 8, 16):
             self.run_cli("render", "r.salt", "--size", "33x7", "--format", "rgba8", "-o", "b.png", "--width", w)
             self.assertEqual(read_png(self.get("b.png"))[1], v)
+        self.run_cli("render", "r.salt", "--size", "33x7", "--format", "rgba8", "-o", "c.PNG")
+        self.assertEqual(self.get("c.PNG"), self.get("a.png"))
+        self.run_cli("render", "r.salt", "--size", "33x7", "--format", "rgba8", "-o", "d.raw")
+        self.assertEqual(list(self.get("d.raw")), list(v))
+
+    def test_rgba8_elsewhere(self):
+        """Pixels without a header are not written as if they were another format, nor integrated."""
+        self.put("r.salt", self.RAMP)
+        for name in ("a.exr", "a.npy", "a.pfm", "a.EXR", "a.jpg"):
+            r = self.run_cli("render", "r.salt", "--size", 4, "--format", "rgba8", "-o", name, code=2)
+            self.assertIn(".png", r.err)
+            self.assertFalse(os.path.exists(self.path(name)))
+        for extra in ([], ["--json"]):
+            r = self.run_cli("render", "r.salt", "--format", "rgba8", "--integral", *extra, code=2)
+            self.assertIn("leave it out", r.err)
+            self.assertEqual(r.out, "")
 
     def test_filters(self):
         self.put("c.salt", CIRCLE)
