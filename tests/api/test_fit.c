@@ -2,6 +2,7 @@
  * decide; every way in which it ends. */
 #include <math.h>
 #include <pthread.h>
+#include <sched.h>
 #include <stdatomic.h>
 
 #include "tests/scratch.h"
@@ -550,8 +551,8 @@ static bool meddle(void *user, const SltFitIteration *at) {
 
 typedef struct Looker {
     SltProgram *p;
-    atomic_bool end;
-    uint32_t refused, others;
+    atomic_bool go, end, ended;
+    atomic_uint refused, others;
 } Looker;
 
 static void *keep_looking(void *user) {
@@ -559,12 +560,22 @@ static void *keep_looking(void *user) {
     float pixels[4 * CHANNELS];
     SltJob small = SLT_JOB_INIT;
     small.size[0] = small.size[1] = 2, small.spp = 1, small.threads = 1;
-    while (!atomic_load(&l->end)) {
-        SltStatus s = slt_render(l->p, &small, pixels, NULL, NULL);
-        if (s == SLT_USAGE) l->refused++;
-        else l->others += s != SLT_OK;
-    }
+    while (!atomic_load(&l->go)) sched_yield();
+    while (!atomic_load(&l->end))
+        atomic_fetch_add(slt_render(l->p, &small, pixels, NULL, NULL) == SLT_USAGE ? &l->refused : &l->others, 1);
+    atomic_store(&l->ended, true);
     return NULL;
+}
+
+/* The looker begins in the first iteration, and has been refused before the second; it ends in the last. */
+static bool let_look(void *user, const SltFitIteration *at) {
+    Looker *l = user;
+    atomic_store(&l->go, true);
+    while (!atomic_load(&l->refused)) sched_yield();
+    if (at->iteration < 7) return false;
+    atomic_store(&l->end, true);
+    while (!atomic_load(&l->ended)) sched_yield();
+    return false;
 }
 
 static void held_by_a_fit(void **state) {
@@ -592,21 +603,19 @@ static void held_by_a_fit(void **state) {
     assert_memory_equal(disturbed.losses, quiet.losses, quiet.iterations * sizeof(double));
     free(disturbed.losses);
     /* From another thread: the looker is refused, not the fit. */
-    o.iterated = NULL;
     slt_program_free(p);
     p = compile(discs);
     Looker l = {.p = p};
-    SltStatus status = SLT_USAGE;
+    o.iterated = let_look, o.iterated_user = &l;
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, keep_looking, &l), 0);
-    for (int i = 0; i < 1000 && status == SLT_USAGE; i++) { /* until it begins between two looks */
-        disturbed = SLT_FIT_RESULT_INIT;
-        status = slt_fit(p, &o, &disturbed, &err);
-    }
-    atomic_store(&l.end, true);
+    disturbed = SLT_FIT_RESULT_INIT;
+    SltStatus status = slt_fit(p, &o, &disturbed, &err);
+    atomic_store(&l.go, true), atomic_store(&l.end, true);
     pthread_join(thread, NULL);
     assert_int_equal(status, SLT_OK);
-    assert_int_equal(l.others, 0);
+    assert_true(atomic_load(&l.refused) > 0);
+    assert_int_equal(atomic_load(&l.others), 0); /* none was served */
     assert_memory_equal(disturbed.losses, quiet.losses, quiet.iterations * sizeof(double));
     free(quiet.losses);
     free(disturbed.losses);
