@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bindings/c/api.h"
+#include "bindings/c/kernels.h"
 #include "cli/cli.h"
 #include "kernel_text.h" /* include/saltus/kernel.h as a string, made by the build */
 
@@ -150,7 +150,7 @@ static int build(Cli *c, SltProgram *p) {
         needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_JVP] =
             needs[K_SITE_VJP] = false;
     if (c->job.no_interior) needs[K_JVP] = needs[K_VJP] = false;
-    SltStatus status = api_kernels(p, needs, &err);
+    SltStatus status = api_kernels_unrun(p, needs, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     for (uint32_t f = 0; f < p->prog->ngeometries; f++)
         for (int k = 0; k < K_KINDS; k++)

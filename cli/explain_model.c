@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "bindings/c/kernels.h"
 #include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
 
@@ -192,7 +193,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     if (!c->job.no_boundary)
         needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] =
             true;
-    SltStatus status = api_kernels(p, needs, err);
+    SltStatus status = api_kernels_unrun(p, needs, err);
     if (status != SLT_OK) return status;
     depend_sites(g->primal, NULL, e.facts);
     mark_sites(g->primal->body, e.alive);

@@ -4,7 +4,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "bindings/c/api.h"
+#include "bindings/c/kernels.h"
 #include "compiler/pass/depend.h"
 
 /* Up to so many events a sample the near-miss probe is on by default, and regions are told apart by path: then a band
@@ -180,7 +180,7 @@ static void build_body(Session *s, void *arg) {
             p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
 }
 
-SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
     Request q = {.p = p, .err = err};
     bool any = false;
@@ -205,6 +205,15 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
     fill_scene(p);
     if (!p->scene.width) p->scene.width = 16;
     return SLT_OK;
+}
+
+SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+    Target here;
+    target_named(&here, "native");
+    if (!p->opt.interpret && !target_runs(&p->target, &here))
+        return status_fail(err, SLT_USAGE, "kernels for the target `%s` do not run on this processor (%s): use native",
+                           p->opt.target, here.cpu);
+    return api_kernels_unrun(p, needs, err);
 }
 
 void api_forget_gradients(SltProgram *p) {

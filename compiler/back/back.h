@@ -19,7 +19,8 @@ typedef struct Target {
 } Target;
 /* The processor that runs this; SALTUS_TARGET=sse2|avx2|avx512 in the environment narrows it (for tests). */
 void target_host(Target *t);
-bool target_named(Target *t, const char *name); /* "sse2", "avx2", "avx512", "native" */
+bool target_named(Target *t, const char *name);        /* "sse2", "avx2", "avx512", "native" (SALTUS_TARGET or not) */
+bool target_runs(const Target *t, const Target *here); /* do t's kernels run on a processor that is `here`? */
 
 typedef struct BackOptions {
     Target target;

@@ -234,6 +234,24 @@ static void test_bad_requests(void **state) {
     session_destroy(s);
 }
 
+/* A processor runs its own target and what is narrower. */
+static void test_target_runs(void **state) {
+    (void)state;
+    static const char *const names[3] = {"sse2", "avx2", "avx512"};
+    Target t, here;
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) {
+            assert_true(target_named(&t, names[i]) && target_named(&here, names[k]));
+            assert_int_equal(target_runs(&t, &here), i <= k);
+        }
+    Target no_fma = here;
+    no_fma.has_fma = false;
+    assert_false(target_runs(&here, &no_fma));
+    assert_true(target_runs(&no_fma, &here));
+    target_host(&t), target_named(&here, "native");
+    assert_true(target_runs(&t, &here) && target_runs(&here, &here));
+}
+
 /* The width depends on program and target alone: two vectors a value, one in very large kernels. */
 static void test_choose_width(void **state) {
     (void)state;
@@ -263,9 +281,9 @@ static void test_choose_width(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),
-        cmocka_unit_test(test_tape_limit),      cmocka_unit_test(test_files),
-        cmocka_unit_test(test_bad_requests),    cmocka_unit_test(test_choose_width),
+        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),        cmocka_unit_test(test_tape_limit),
+        cmocka_unit_test(test_files),           cmocka_unit_test(test_bad_requests), cmocka_unit_test(test_target_runs),
+        cmocka_unit_test(test_choose_width),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

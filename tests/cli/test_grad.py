@@ -107,6 +107,21 @@ shader float2 main(float2 x) {
                 self.assertAlmostEqual(g[p], want[p], delta=2e-5 if args != ["--interpret"] else 1e-4, msg=str((args, env)))
         self.run_cli("grad", "c.salt", "--target-cpu", "z80", code=2)
 
+    def test_target_that_this_processor_lacks(self):
+        """A wider target is refused where kernels would run, and only there."""
+        self.put("c.salt", CIRCLE)
+        runs = (["grad", "--samples", 512], ["render", "--size", 4], ["bench", "--kernels"])
+        for target in ("sse2", "avx2", "avx512"):
+            for verb, *args in runs:
+                r = self.run_cli(verb, "c.salt", *args, "--target-cpu", target, code=None)
+                if r.code:
+                    self.assertEqual(r.code, 2, r.err)
+                    self.assertIn("`%s`" % target, r.err)
+                    self.assertNotEqual(target, "sse2")
+            self.run_cli("render", "c.salt", "--size", 4, "--interpret", "--target-cpu", target)
+            self.run_cli("build", "c.salt", "-o", "c.o", "--target-cpu", target)
+            self.run_cli("explain", "c.salt", "--target-cpu", target)
+
     def test_human_table(self):
         self.put("c.salt", CIRCLE)
         r = self.run_cli("grad", "c.salt", "--samples", 1024)

@@ -35,6 +35,10 @@ bool target_named(Target *t, const char *name) {
     return true;
 }
 
+bool target_runs(const Target *t, const Target *here) {
+    return t->vector_bytes <= here->vector_bytes && (here->has_fma || !t->has_fma);
+}
+
 /* The environment may narrow the host, never widen it: kernels of a wider target would not run. */
 void target_host(Target *t) {
     set_host(t);
