@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bindings/c/kernels.h"
+#include "bindings/c/api.h"
 #include "cli/cli.h"
 #include "kernel_text.h" /* include/saltus/kernel.h as a string, made by the build */
 

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "bindings/c/kernels.h"
+#include "bindings/c/api.h"
 #include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
 

@@ -67,6 +67,9 @@ struct SltProgram {
 
 /* ---- kernels.c: compiles those of the kernels that the program needs and lacks, then fills p->scene. */
 SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+/* The same for kernels that are not run here: for objects of another machine, and to be shown. api_kernels refuses a
+ * target that this processor lacks; this does not. */
+SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err);
 void api_forget_gradients(SltProgram *p); /* frees the kernels that depend on p->wrt */
 void api_free_kernels(SltProgram *p);
 

@@ -4,7 +4,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "bindings/c/kernels.h"
+#include "bindings/c/api.h"
 #include "compiler/pass/depend.h"
 
 /* Up to so many events a sample the near-miss probe is on by default, and regions are told apart by path: then a band

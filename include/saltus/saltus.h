@@ -66,7 +66,8 @@ typedef struct SltOptions {
     uint32_t width;                  /* SIMD lanes: a power of two up to 64; 0: chosen from program and target */
     bool interpret;                  /* run in the interpreter: slow, the oracle */
     bool no_cache;                   /* compile afresh, and keep nothing on disk */
-    const char *target;              /* "native", "avx512", "avx2", "sse2"; NULL: $SALTUS_TARGET or native */
+    const char *target;              /* "native", "avx512", "avx2", "sse2"; NULL: $SALTUS_TARGET or native. One that the
+                                        processor lacks compiles, but what would run its kernels is SLT_USAGE */
     int near_miss;                   /* the near-miss probe: 0 off, 1 on, -1 on up to 64 events a sample */
     bool rgba8;                      /* the value kernel writes 8-bit pixels, for slt_render_rgba8 */
     bool paper_argmin, paper_forced; /* for comparison: the branch index and the two-sided variant of Belhe et al. */
