@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "tests/api/program.h"
+#include "tests/scratch.h"
 
 enum { SIDE = 24 };
 
@@ -278,13 +279,7 @@ static char *mine(const char *text) { return scribbled[nscribbled++] = strdup(te
 static void nothing_is_kept(void **state) {
     (void)state;
     SltError err;
-    char dir[] = "/tmp/saltus-api-XXXXXX", path[128];
-    assert_non_null(mkdtemp(dir));
-    snprintf(path, sizeof path, "%s/shapes.salt", dir);
-    FILE *f = fopen(path, "w");
-    assert_non_null(f);
-    fputs("float inside(float2 x, float r) { return length(x) - r; }\n", f);
-    fclose(f);
+    scratch_put("shapes.salt", "float inside(float2 x, float r) { return length(x) - r; }\n");
     char source[1024];
     snprintf(source, sizeof source,
              "import shapes;\nimport sdf;\nconst int N = 1;\nparam float r = 0.5;\n"
@@ -296,7 +291,7 @@ static void nothing_is_kept(void **state) {
     SltSet *set = malloc(sizeof *set);
     *set = (SltSet){mine("N"), mine("2")};
     const char **dirs = malloc(sizeof *dirs);
-    dirs[0] = mine(dir);
+    dirs[0] = mine(scratch);
     SltOptions *opt = malloc(sizeof *opt);
     *opt = SLT_OPTIONS_INIT;
     opt->entry = mine("two"), opt->set = set, opt->nset = 1, opt->import_dirs = dirs, opt->nimport_dirs = 1;
@@ -308,7 +303,7 @@ static void nothing_is_kept(void **state) {
     if (slt_compile_string(text, shown, opt, &p) != SLT_OK)
         fail_msg("%s%s", slt_diagnostics_text(p), slt_last_error(p));
     assert_ok(slt_wrt(p, (const char *const[]){wrt}, 1, &err));
-    unlink(path), rmdir(dir);
+    unlink(scratch_path("shapes.salt"));
     for (int i = 0; i < nscribbled; i++) memset(scribbled[i], 0xaa, strlen(scribbled[i])), free(scribbled[i]);
     memset(set, 0xaa, sizeof *set), memset(dirs, 0xaa, sizeof *dirs), memset(opt, 0xaa, sizeof *opt);
     free(set), free(dirs), free(opt);
@@ -331,5 +326,5 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(own_parameters), cmocka_unit_test(own_integers),
                                        cmocka_unit_test(other_versions), cmocka_unit_test(shapes),
                                        cmocka_unit_test(nothing_is_kept)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }
