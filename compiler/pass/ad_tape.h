@@ -37,7 +37,7 @@ struct Scope {
     Block *fwd_block;   /* where the frame is pushed: the owner's region in the forward code */
     Block *fwd_outer;   /* with one guard: the loop's body around fwd_block, whose values are visible too */
     Block *rev_block;   /* body of the revloop */
-    Inst *k;            /* placeholder of the iteration number, if asked for */
+    Inst *k;            /* parameter of rev_block that stands for the iteration number; NULL: not needed */
     Inst *fwd_k;        /* the iteration number in the forward code */
     Vec(Inst *) stored; /* values of the forward code, and the parameters of the revloop that they become */
     Vec(Inst *) params;

@@ -310,20 +310,25 @@ static char *read_text(const char *path) {
     return text;
 }
 
-static void layout(void **state) {
-    (void)state;
-    static const char path[] = SALTUS_TEST_DIR "/abi/layout.txt";
+static char *layout_text(void) {
     char *text = NULL;
     size_t size = 0;
     FILE *out = open_memstream(&text, &size);
     assert_non_null(out);
     write_layout(out);
     fclose(out);
+    return text;
+}
+
+static void layout(void **state) {
+    (void)state;
+    static const char path[] = SALTUS_TEST_DIR "/abi/layout.txt";
+    char *text = layout_text();
     const char *bless = getenv("BLESS");
     if (bless && !strcmp(bless, "1")) {
         FILE *f = fopen(path, "w");
         assert_non_null(f);
-        fwrite(text, 1, size, f);
+        fputs(text, f);
         fclose(f);
     }
     assert_string_equal(text, read_text(path));
@@ -335,12 +340,7 @@ static void complete(void **state) {
     (void)state;
     static const char *const headers[] = {"status.h", "job.h", "saltus.h", "fit.h"};
     static const char *const kinds[] = {"struct", "enum"};
-    char *text = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&text, &size);
-    assert_non_null(out);
-    write_layout(out);
-    fclose(out);
+    char *text = layout_text();
     for (size_t h = 0; h < sizeof headers / sizeof *headers; h++)
         for (int k = 0; k < 2; k++) {
             char path[512], begin[32], name[64], line[96];

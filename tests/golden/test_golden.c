@@ -12,6 +12,7 @@
 
 #include "bindings/c/api.h"
 #include "runtime/image/image.h"
+#include "tests/blessed.h"
 
 static char *kernels_text(const char *path) {
     SltOptions opt = SLT_OPTIONS_INIT;
@@ -44,18 +45,6 @@ static char *kernels_text(const char *path) {
     return text;
 }
 
-/* Says where the two first differ. */
-static bool same(const char *path, const char *want, const char *got) {
-    uint32_t line = 1;
-    size_t at = 0, start = 0;
-    for (; want[at] && want[at] == got[at]; at++)
-        if (want[at] == '\n') line++, start = at + 1;
-    if (!want[at] && !got[at]) return true;
-    print_error("%s:%u\n  was %.*s\n  is  %.*s\n(BLESS=1 accepts the change)\n", path, line,
-                (int)strcspn(want + start, "\n"), want + start, (int)strcspn(got + start, "\n"), got + start);
-    return false;
-}
-
 static void test_golden(void **state) {
     (void)state;
     const char *folder = SALTUS_TEST_DIR "/golden";
@@ -80,7 +69,7 @@ static void test_golden(void **state) {
         } else if (file_read_all(golden, &want, &size, &err) != SLT_OK) {
             print_error("%s\n", err.text);
             wrong++;
-        } else if (!same(golden, (const char *)want, got)) {
+        } else if (!blessed_same(golden, (const char *)want, got)) {
             wrong++;
         }
         free(want);

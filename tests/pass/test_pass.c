@@ -13,6 +13,7 @@
 #include "compiler/pass/pass.h"
 #include "runtime/image/image.h"
 #include "saltus/kernel.h"
+#include "tests/blessed.h"
 
 static const char becomes[] = "\n; ---- becomes\n";
 
@@ -83,20 +84,8 @@ static Fn *parse(Session *s, const char *path, const char *text) {
     return fn;
 }
 
-/* Says where the two first differ. */
-static bool same(const char *path, const char *want, const char *got) {
-    uint32_t line = 1;
-    size_t at = 0, start = 0;
-    for (; want[at] && want[at] == got[at]; at++)
-        if (want[at] == '\n') line++, start = at + 1;
-    if (!want[at] && !got[at]) return true;
-    print_error("%s: line %u of the result\n  was %.*s\n  is  %.*s\n(BLESS=1 accepts the change)\n", path, line,
-                (int)strcspn(want + start, "\n"), want + start, (int)strcspn(got + start, "\n"), got + start);
-    return false;
-}
-
 static void check_reads_back(Session *s, const char *path, const char *text) {
-    if (!same(path, text, ir_print_string(parse(s, path, text), &s->module)))
+    if (!blessed_same(path, text, ir_print_string(parse(s, path, text), &s->module)))
         fail_msg("%s: reads back as another", path);
 }
 
@@ -155,7 +144,7 @@ static bool try_file(Case *c) {
         assert_int_equal(file_write_atomic(c->path, text, strlen(text), &err), SLT_OK);
         free(text);
     } else {
-        good = same(c->path, c->want ? c->want : "", c->got);
+        good = blessed_same(c->path, c->want ? c->want : "", c->got);
     }
     session_destroy(s);
     free(c->input);
