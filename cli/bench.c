@@ -16,6 +16,7 @@ enum { MAX_POINTS = 16, MAX_REPEATS = 256 };
 static const char *const names[SLT_ESTIMATORS] = {
 #define SLT_ESTIMATOR(id, name, ...) name,
 #define SLT_DIFFERENCES(id, name, ...) name,
+#define SLT_CELLS(id, name, ...) name,
 #include "saltus/estimators.def"
 };
 

@@ -47,6 +47,7 @@ static const char cli_optimizers[] =
 static const char cli_estimators[] =
 #define SLT_ESTIMATOR(id, name, ...) "|" name
 #define SLT_DIFFERENCES(id, name, ...) "|" name
+#define SLT_CELLS(id, name, ...) "|" name
 #include "saltus/estimators.def"
     ;
 

@@ -41,7 +41,14 @@ static int grad_integral(Cli *c, SltProgram *p) {
     size_t n = (size_t)ch * slt_float_count(p) + 1;
     double *all = calloc(5 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
     if (!all) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    SltIntegral out = {sizeof out, value, value_se, all, all + n, all + 2 * n, all + 3 * n, all + 4 * n, false};
+    SltIntegral out = {.struct_size = sizeof out,
+                       .value = value,
+                       .value_stderr = value_se,
+                       .gradient = all,
+                       .gradient_stderr = all + n,
+                       .interior = all + 2 * n,
+                       .boundary = all + 3 * n,
+                       .missed_estimate = all + 4 * n};
     Progress pr;
     progress_begin(&pr, c, "grad");
     c->job.progress = progress_job, c->job.progress_user = &pr;

@@ -44,4 +44,15 @@ enum {
 #include "saltus/kernel.def"
 };
 
+/* What keeps a box from being settled besides its open events (SLT_OUT_BOX_STATE). */
+enum {
+    SLT_BOX_UNKNOWN = 1, /* a decision that is no event may go either way, or f or what decides has no bound */
+    SLT_BOX_ROUGH = 2    /* f, or a g, may be not smooth inside, at no seam: a root of 0, a pole */
+};
+/* Of g of one event on a box (SLT_OUT_G_STATE). */
+enum {
+    SLT_EDGE_JUMPS = 1, /* g may jump on the box: its gradient proves nothing, and a change of sign is no root */
+    SLT_EDGE_BENDS = 2  /* g is continuous, but its gradient may jump */
+};
+
 #endif

@@ -20,10 +20,15 @@ extern "C" {
 typedef enum SltEstimator {
 #define SLT_ESTIMATOR(id, ...) SLT_EST_##id,
 #define SLT_DIFFERENCES(id, ...) SLT_EST_##id,
+#define SLT_CELLS(id, ...) SLT_EST_##id,
 #include "saltus/estimators.def"
     SLT_ESTIMATORS
 } SltEstimator;
 typedef enum SltFilter { SLT_FILTER_BOX, SLT_FILTER_TENT, SLT_FILTER_GAUSSIAN } SltFilter;
+
+/* How the smooth part is integrated. AUTO: by quadrature where the estimator is SLT_EST_QUADRATURE or _AUTO and
+ * certifies the domain, else by samples. */
+typedef enum SltInterior { SLT_INTERIOR_AUTO, SLT_INTERIOR_SAMPLES, SLT_INTERIOR_QUADRATURE } SltInterior;
 
 typedef struct SltJob {
     size_t struct_size;
@@ -46,7 +51,15 @@ typedef struct SltJob {
      * leaves the program's own as they are. */
     const double *floats;
     const int32_t *ints;
+    /* SLT_EST_QUADRATURE, SLT_EST_AUTO */
+    SltInterior interior;
+    uint32_t gauss; /* points along a piece of a curve, 1 to SLT_GAUSS_MAX, the same everywhere; 0: as needed */
+    double error, abs_error;  /* refine until the stated error is below: relative to the largest component, or absolute;
+                                 0:  spend what the lattice would */
+    uint64_t max_evaluations; /* of points and boxes; then the result so far, and SltStats.stopped; 0: by `segments`,
+                                 and with an error wanted 2^32 */
 } SltJob;
+enum { SLT_GAUSS_MAX = 16 };
 #define SLT_JOB_INIT ((SltJob){.struct_size = sizeof(SltJob), .size = {512, 512, 1}, .spp = 4})
 
 /* Why a crossing was not integrated (docs/estimators.md). g: the boundary function of its site. */
@@ -63,6 +76,9 @@ typedef enum SltDrop {
 } SltDrop;
 extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_gradient", ... */
 
+/* What ended a refinement towards an error before it was reached. */
+typedef enum SltStop { SLT_STOP_NONE, SLT_STOP_EVALUATIONS, SLT_STOP_ROUNDING } SltStop;
+
 /* Counts of a call. Calls add to what is there, so that one struct can collect those of many. */
 typedef struct SltStats {
     size_t struct_size;
@@ -72,6 +88,14 @@ typedef struct SltStats {
     uint64_t truncated, asserts, nonfinite; /* loops cut at [MaxIters], asserts failed, results that are not finite */
     double seconds;                         /* of wall time, in all */
     double seconds_interior, seconds_boundary;
+    /* Estimators with cells; of the last call. */
+    bool cells;             /* cells were used, and the members below say something */
+    double certified;       /* share of the domain on which every jump of f is proven to be among those integrated */
+    double settled, curved; /* its two parts: no event is open; all that are open are curves with Gauss points */
+    double left;            /* measure of the rest, in units of the domain */
+    double left_bound;      /* what the rest can hide of a value, at most; NaN: not bounded */
+    uint64_t boxes;         /* evaluations of bounds, which count in `evaluations` too */
+    SltStop stopped;
 } SltStats;
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})
 
@@ -83,6 +107,10 @@ typedef struct SltIntegral {
     double *interior, *boundary;        /* [channels][nfloats]: the two parts of the gradient */
     double *missed_estimate;            /* [channels][nfloats]: the part that lines half as dense would have missed */
     bool replicates;                    /* true: standard errors from replicates; false: upper bounds */
+    /* Estimators with cells, where SltStats.cells is set: the standard errors are those of quadrature, of every part
+     * and of what was left over too. */
+    bool mixed;         /* some came from lines in what was left over */
+    double *left_bound; /* [channels][nfloats]: what the rest can hide of the gradient, at most; NaN: not bounded */
 } SltIntegral;
 #define SLT_INTEGRAL_INIT ((SltIntegral){.struct_size = sizeof(SltIntegral)})
 

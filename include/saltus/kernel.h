@@ -22,6 +22,12 @@ typedef struct SltCullList {
     int32_t count;        /* < 0: no list, every iteration runs */
 } SltCullList;
 
+/* Iterations of one listable loop that may do something somewhere in the boxes of one call of `bounds`. */
+typedef struct SltNoteList {
+    int32_t *items; /* room for all iterations of the loop; ascending */
+    int32_t count;
+} SltNoteList;
+
 typedef struct SltKernelArgs {
     const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t, one a sample; NULL where not read */
     void *out[SLT_OUT_MAX];         /* by SltLayout.out, one a sample: flt, or int32_t for integers and booleans */
@@ -34,12 +40,13 @@ typedef struct SltKernelArgs {
     void *adj;
     uint32_t *log_index; /* log_index and log_value have room for log_cap + SLT_PAD: kernels write whole vectors */
     void *log_value;     /* flt */
-    uint64_t log_len, log_cap;       /* beyond log_cap entries are counted, not written: grow the log and run again */
-    unsigned char *tape;             /* scratch of the reverse kernels, 64-byte aligned */
-    uint64_t tape_bytes;             /* of tape, for all lanes */
-    int32_t resolution[2];           /* columns, rows of the image */
-    int32_t site;                    /* site kernels: which site */
-    const SltCullList *cull;         /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
+    uint64_t log_len, log_cap; /* beyond log_cap entries are counted, not written: grow the log and run again */
+    unsigned char *tape;       /* scratch of the reverse kernels, 64-byte aligned */
+    uint64_t tape_bytes;       /* of tape, for all lanes */
+    int32_t resolution[2];     /* columns, rows of the image */
+    int32_t site;              /* site kernels: which site */
+    const SltCullList *cull;   /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
+    SltNoteList *note; /* bounds: the lists that it makes, by number of the loop as in `cull`; NULL: none is wanted */
     uint64_t counters[SLT_COUNTERS]; /* by SltCounter: kernels add */
     /* print() in a lane: the text with {} for each of the n values. NULL: nothing is printed. */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);

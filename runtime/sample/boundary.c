@@ -5,6 +5,7 @@
 
 static BoundaryRun *const estimators[SLT_ESTIMATORS] = {
 #define SLT_ESTIMATOR(id, name, run, ...) [SLT_EST_##id] = run,
+#define SLT_CELLS(id, ...) [SLT_EST_##id] = lattice_run, /* what bounds leave over goes to the lattice */
 #include "saltus/estimators.def"
 };
 

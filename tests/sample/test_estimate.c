@@ -17,7 +17,14 @@ typedef struct Result {
 static Result integrate_as(Oracle *o, SltJob j) {
     static Result r;
     memset(&r, 0, sizeof r);
-    SltIntegral out = {sizeof out, r.value, r.verr, r.grad, r.gerr, r.inter, r.bound, r.missed, false};
+    SltIntegral out = {.struct_size = sizeof out,
+                       .value = r.value,
+                       .value_stderr = r.verr,
+                       .gradient = r.grad,
+                       .gradient_stderr = r.gerr,
+                       .interior = r.inter,
+                       .boundary = r.bound,
+                       .missed_estimate = r.missed};
     SltError err;
     j.integral = true;
     SltStatus st = slt_estimate_integral(&o->scene, &j, &out, &r.stats, &err);
