@@ -1,0 +1,77 @@
+/* Cells of the domain, and the points that integrate over them.
+ *
+ * A tile (a box of the domain) is cut into cells until bounds prove of each that it is *settled*, nothing in it jumps
+ * or bends, or *curved*: the events that are open in it are graphs of functions over one face. Settled cells give
+ * points of a tensor Gauss rule; curved ones points along their curves, and points on both sides of these. What is left
+ * at the least size, or when the budget is spent, is handed over as it is. Saye, "High-order quadrature methods for
+ * implicitly defined surfaces and volumes in hyperrectangles" (2015), with bounds from the program itself.
+ *
+ * A worker owns one Cells, which uses the worker's batch. Everything handed to a CellSink lives for the time of that
+ * call. Deterministic: what comes out depends on tile, scene and options alone. */
+#ifndef SALTUS_QUADRATURE_CELLS_H
+#define SALTUS_QUADRATURE_CELLS_H
+
+#include "runtime/sample/finder.h"
+
+/* A box of the domain: all points of the program's precision with lo <= x <= hi. Neighbours share no point: the far
+ * corner of one is the float before the near corner of the next, while its measure goes up to there (`end`). */
+typedef struct Box {
+    double lo[3], hi[3], end[3];
+} Box;
+
+/* Each integral is taken twice on the same cells: by a rule of Q points, and by one of fewer whose distance from the
+ * first states the error. */
+typedef enum CellRule { CELL_FINE, CELL_COARSE, CELL_RULES } CellRule;
+
+/* A point in the volume of the domain. */
+typedef struct CellPoint {
+    double x[3], weight; /* of f in the integral: a volume */
+} CellPoint;
+
+typedef enum CellState { CELL_SETTLED, CELL_CURVED, CELL_LEFT } CellState;
+
+typedef struct CellSink {
+    /* n <= BATCH points along curves. Of each: event, x, dg, jump, before (f where g < 0), and weight: the derivative
+     * of the integral is the sum of weight * jump * d_theta g, jump being f where g > 0 less before. cls: its CellRule.
+     * Not called where CellOptions.curves is false. */
+    void (*curve)(void *user, Crossing *c, uint32_t n);
+    /* n <= BATCH points in the volume, of one rule; all lie in `within`, the cell or its tile. Not called where
+     * CellOptions.volume is false. */
+    void (*volume)(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within);
+    /* f is this constant in all of a cell, and no points are needed; NULL: points come all the same. */
+    void (*constant)(void *user, const Box *cell, const double *f);
+    /* A cell that is neither settled nor curved. bounds[2 * channels]: lo and hi of f by channel, infinite where not
+     * known. */
+    void (*left)(void *user, const Box *cell, const double *bounds);
+    /* For pictures and counts, every final cell; may be NULL. */
+    void (*cell)(void *user, const Box *cell, CellState state);
+    void *user;
+} CellSink;
+
+typedef struct CellOptions {
+    bool curves, volume; /* which points are wanted */
+    uint32_t gauss;      /* points along a piece of a curve and along each side of a cell, fine rule */
+    uint32_t coarse;     /* likewise of the coarse rule; 0: no coarse points */
+    bool fixed;          /* --gauss: pieces are not cut further where the two rules differ */
+    double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
+                         domain is wide; pieces that differ more are halved */
+    double least;     /* side of the least cell, in parts of the domain */
+    uint64_t budget;  /* evaluations that this tile may spend; 0: no limit */
+    /* Of an image: cells end where the filter bends, multiples of `grid` from `grid_lo` along each axis; 0: nowhere */
+    double grid[3], grid_lo[3];
+} CellOptions;
+
+typedef struct CellCounts {
+    double settled, curved, left;  /* measures, in units of the domain */
+    uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
+    bool spent;                    /* the budget was */
+} CellCounts;
+
+typedef struct Cells Cells;
+/* b, and what it points to, outlives the Cells. NULL when memory runs out. */
+Cells *cells_new(Batch *b, const double lo[3], const double hi[3]);
+void cells_free(Cells *c);
+/* Cuts the tile, hands everything over and adds to `counts`. False when memory runs out. */
+bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts);
+
+#endif
