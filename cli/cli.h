@@ -95,7 +95,7 @@ struct Cli {
     uint32_t repeats;
     double max_seconds, tolerance;
     /* explain */
-    const char *at;
+    const char *at, *cells;
     /* bound */
     const char *box;
     bool samples_given, iters_given, optimizer_given, estimator_given; /* the option was there */
