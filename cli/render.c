@@ -89,6 +89,8 @@ static int render_integral(Cli *c, SltProgram *p) {
 /* Packed pixels have no header: of the picture files only .png can hold them. */
 static int check_rgba8(const Cli *c) {
     if (c->job.integral) return cli_usage(c, "--format rgba8 is for images: leave it out to have the integral");
+    if (c->job.interior == SLT_INTERIOR_QUADRATURE)
+        return cli_usage(c, "--format rgba8 takes the middle of each pixel: leave it out to have pixels integrated");
     const char *slash = c->output ? strrchr(c->output, '/') : NULL;
     const char *dot = c->output ? strrchr(slash ? slash : c->output, '.') : NULL;
     if (!dot || !strcasecmp(dot, ".png") || !strcmp(dot, ".raw")) return SLT_OK;

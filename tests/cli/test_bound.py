@@ -85,6 +85,12 @@ class Options(Case):
                 r = self.run_cli("grad", "s.salt", *option, "--estimator", estimator, code=2)
                 self.assertIn(option[0], r.err)
 
+    def test_pixels_of_8_bits_are_not_integrated(self):
+        self.put("s.salt", CIRCLE)
+        r = self.run_cli("render", "s.salt", "--exact", "--format", "rgba8", "-o", "a.png", code=2)
+        self.assertIn("middle", r.err)
+        self.no_leftovers()
+
     def test_help_has_them(self):
         text = self.run_cli("grad", "--help").out
         for option in ("--error", "--abs-error", "--gauss", "--max-evaluations", "--interior"):
