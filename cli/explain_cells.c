@@ -202,11 +202,12 @@ SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err) {
     CellCounts counts = {0};
     SltStatus status = cut(p, &d, &counts, err);
     if (status == SLT_OK) status = write_picture(c->cells, p, &d, &counts, err);
-    if (status == SLT_OK && c->json)
-        printf(
-            "{\"outputs\": [\"%s\"], \"settled\": %.17g, \"curved\": %.17g, \"left\": %.17g, \"cells\": %zu, \"boxes\": %llu}\n",
-            c->cells, counts.settled, counts.curved, counts.left, d.ncells, (unsigned long long)counts.boxes);
-    else if (status == SLT_OK)
+    if (status == SLT_OK && c->json) {
+        fputs("{\"outputs\": [", stdout);
+        json_text(stdout, c->cells);
+        printf("], \"settled\": %.17g, \"curved\": %.17g, \"left\": %.17g, \"cells\": %zu, \"boxes\": %llu}\n",
+               counts.settled, counts.curved, counts.left, d.ncells, (unsigned long long)counts.boxes);
+    } else if (status == SLT_OK)
         printf("%zu cells: %.4g %% settled, %.4g %% curves, %.4g %% left; %llu boxes, %llu points\n", d.ncells,
                100 * counts.settled, 100 * counts.curved, 100 * counts.left, (unsigned long long)counts.boxes,
                (unsigned long long)counts.points);
