@@ -159,10 +159,10 @@ static Sample float_sample(Precision p, Domain d, bool point) {
     return s;
 }
 
-static Sample int_sample(Domain d, bool point) {
+static Sample int_sample(Precision p, Domain d, bool point) {
     enum { INTS = sizeof int_edges / sizeof *int_edges };
     int64_t v, lo, hi;
-    if (d == EXPONENT) v = (int64_t)below(2100) - 1050;
+    if (d == EXPONENT) v = (int64_t)below(p == PREC_F32 ? 254 : 2046) - (p == PREC_F32 ? 126 : 1022);
     else if (d == COUNT && below(4)) v = below(40);
     else if (below(2)) v = int_edges[below(INTS)] * (int64_t)(below(2) ? 1 : -1) - (int64_t)below(2);
     else v = below(2) ? (int32_t)next_random() : (int64_t)below(200) - 100;
@@ -171,6 +171,10 @@ static Sample int_sample(Domain d, bool point) {
     if (!point) {
         lo = below(4) ? v - (int64_t)ldexp(uniform(), (int)below(33)) : v;
         hi = below(4) ? v + (int64_t)ldexp(uniform(), (int)below(33)) : v;
+    }
+    if (d == EXPONENT) {
+        int64_t least = p == PREC_F32 ? -126 : -1022, most = 1 - least;
+        lo = lo < least ? least : lo, hi = hi > most ? most : hi;
     }
     return (Sample){(double)(lo < INT32_MIN ? INT32_MIN : lo), (double)(hi > INT32_MAX ? INT32_MAX : hi), (double)v};
 }
@@ -288,7 +292,7 @@ static void fill(Data *d, const Case *c) {
         for (uint32_t n = 0; n < N; n++) {
             bool point = c->kind[k] == POINT;
             Sample s = t == TY_FLT   ? float_sample(c->p, domain_of(c->op, k), point)
-                       : t == TY_INT ? int_sample(domain_of(c->op, k), point)
+                       : t == TY_INT ? int_sample(c->p, domain_of(c->op, k), point)
                                      : bool_sample(point);
             if (c->kind[k] == CONSTANT) s.lo = s.hi = s.v = c->constant;
             if (c->same && k == 1) s = d->sample[0][n];
@@ -380,6 +384,9 @@ static uint32_t each_case(Check *check, void *user) {
     return bad;
 }
 
+/* How many times N pairs a case gets: more in the longer target. */
+static uint32_t rounds(uint32_t few) { return getenv("ROUNDS") ? (uint32_t)atoi(getenv("ROUNDS")) : few; }
+
 /* The pairs of each case. */
 typedef struct Run {
     Session *s;
@@ -407,7 +414,7 @@ static bool interpreted(const Case *c, void *user) {
 static void test_rows(void **state) {
     (void)state;
     rng = 1;
-    Run r = {.s = session_create(0), .d = make_data(), .rounds = 1};
+    Run r = {.s = session_create(0), .d = make_data(), .rounds = rounds(1)};
     uint32_t bad = each_case(interpreted, &r);
     printf("%llu pairs\n", (unsigned long long)r.pairs);
     free_data(r.d);
@@ -415,9 +422,117 @@ static void test_rows(void **state) {
     assert_int_equal(bad, 0);
 }
 
+/* ---- the same in compiled kernels: some cases to a module */
+
+enum { MODULE = 24 };
+
+typedef struct Compiled {
+    Run run;
+    Case c[MODULE];
+    Fn *fn[MODULE];
+    uint32_t n, module, seen;
+    ArenaMark mark;
+    bool everywhere; /* every case on every target at every width, and not a few here and there */
+} Compiled;
+
+static bool same_bits(const void *a, const void *b, IrType t, Precision p) {
+    double x = get(a, t, p, 0), y = get(b, t, p, 0);
+    return (isnan(x) && isnan(y)) || !memcmp(a, b, t == TY_FLT && p == PREC_F64 ? 8 : 4);
+}
+
+static bool module_on(Compiled *m, const Target *target, uint32_t width, bool fma) {
+    if (target->has_fma != fma) return true;
+    KernelRequest k[MODULE];
+    char names[MODULE][8];
+    for (uint32_t j = 0; j < m->n; j++) {
+        snprintf(names[j], sizeof names[j], "f%u", j);
+        k[j] = (KernelRequest){names[j], m->fn[j]};
+    }
+    BackOptions o = {.target = *target, .width = width, .no_cache = true, .opt_level = 2};
+    CompiledModule *module = NULL;
+    const char *why = "";
+    if (back_compile(m->run.s, k, m->n, &o, &module, &why)) fail_msg("%s", why);
+    bool ok = true;
+    for (uint32_t j = 0; j < m->n; j++) {
+        const Case *c = &m->c[j];
+        IrType t = (IrType)ir_ops[c->op].result, types[OUTS] = {t, t, t, TY_BOOL, TY_BOOL};
+        size_t bytes = t == TY_FLT && c->p == PREC_F64 ? 8 : 4;
+        for (uint32_t round = 0; round < m->run.rounds && ok; round++) {
+            fill(m->run.d, c);
+            SltKernelArgs a = args_of(m->run.d, 1, N);
+            back_kernel(module, names[j])(&a, N);
+            m->run.pairs += N;
+            ok &= !contradictions(m->run.d, c, 1, N, true);
+            if (round) continue;
+            SltKernelArgs b = args_of(m->run.d, 0, N);
+            assert_int_equal(run(m->fn[j], &b, N, WIDTH), SLT_OK);
+            for (uint32_t out = 0; out < OUTS; out++)
+                for (uint32_t n = 0; n < N; n++) {
+                    size_t at = n * (out < OUT_JUMPS ? bytes : 4);
+                    const char *x = (const char *)m->run.d->out[0][out] + at,
+                               *y = (const char *)m->run.d->out[1][out] + at;
+                    if (same_bits(x, y, types[out], c->p) || !ok) continue;
+                    ok = false;
+                    printf(
+                        "%s, width %u: output %u is %.17g in a kernel and %.17g in the interpreter at %.17g of [%.17g, %.17g]\n",
+                        ir_ops[c->op].name, width, out, get(y, types[out], c->p, 0), get(x, types[out], c->p, 0),
+                        m->run.d->sample[0][n].v, m->run.d->sample[0][n].lo, m->run.d->sample[0][n].hi);
+                }
+        }
+    }
+    back_free(module);
+    return ok;
+}
+
+static bool module_ends(Compiled *m, bool fma) {
+    static const char *const names[] = {"sse2", "avx2", "avx512"};
+    static const uint32_t widths[] = {8, 16, 1, 32, 4, 64, 2};
+    bool ok = true;
+    Target host;
+    target_named(&host, "native");
+    for (uint32_t t = 0; t < 3 && m->n; t++) {
+        Target target;
+        target_named(&target, names[t]);
+        if (!target_runs(&target, &host)) continue;
+        for (uint32_t w = 0; w < 7; w++)
+            if (m->everywhere || w == (m->module + 3 * t) % 7) ok &= module_on(m, &target, widths[w], fma);
+    }
+    m->n = 0;
+    m->module++;
+    arena_reset(&m->run.s->module, m->mark);
+    return ok;
+}
+
+static bool compiled(const Case *c, void *user, bool fma) {
+    Compiled *m = user;
+    if ((c->op == OP_ffma && !fma) || (!m->everywhere && m->seen++ % 5)) return true;
+    m->c[m->n] = *c;
+    m->fn[m->n++] = lowered(m->run.s, c, fma);
+    return m->n < MODULE || module_ends(m, fma);
+}
+static bool compiled_fma(const Case *c, void *user) { return compiled(c, user, true); }
+static bool compiled_plain(const Case *c, void *user) { return compiled(c, user, false); }
+
+static void kernels(Check *check, bool fma) {
+    rng = 2;
+    Compiled m = {.run = {.s = session_create(0), .d = make_data(), .rounds = rounds(1)}, .everywhere = rounds(1) > 1};
+    m.mark = arena_mark(&m.run.s->module);
+    uint32_t bad = each_case(check, &m);
+    bad += !module_ends(&m, fma);
+    printf("%llu pairs\n", (unsigned long long)m.run.pairs);
+    free_data(m.run.d);
+    session_destroy(m.run.s);
+    assert_int_equal(bad, 0);
+}
+
+static void test_kernels(void **state) { (void)state, kernels(compiled_fma, true); }
+static void test_kernels_without_fma(void **state) { (void)state, kernels(compiled_plain, false); }
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_kernels),
+        cmocka_unit_test(test_kernels_without_fma),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
