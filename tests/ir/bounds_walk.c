@@ -67,7 +67,7 @@ static void follow(Running *g, const Walk *w, double sign, uint32_t n) {
     for (uint32_t k = 0; k < n; k++) {
         double v = get(w->out[OUT_VALUE], TY_FLT, w->c.p, k), lo = get(w->out[OUT_LO], TY_FLT, w->c.p, k),
                hi = get(w->out[OUT_HI], TY_FLT, w->c.p, k);
-        if (isnan(v)) continue;
+        if (isnan(v) || isnan(lo) || isnan(hi)) continue; /* nothing is known of boxes that end here */
         if (sign < 0) {
             double swap = lo;
             v = -v, lo = -hi, hi = -swap;
