@@ -13,7 +13,14 @@ static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > h
 
 static double least_of(const Effort *e) { return e->f64 ? LEAST_F64 : LEAST_F32; }
 
-void effort_begin(Effort *e, const Run *r, double lattice, double unproven) {
+/* Evaluations of a sweep with so many points a side, as far as boxes tell. */
+static double cost_of(uint32_t gauss, uint32_t dim, double cells) {
+    double coarse = gauss > 3 ? gauss - 2 : 2;
+    return cells * (2 + pow(gauss, dim) + pow(coarse, dim));
+}
+
+void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
+    static const double least_cells[3] = {128, 256, 1728}; /* of the tiles of a sweep */
     const SltJob *j = r->j;
     *e = (Effort){.relative = j->error,
                   .absolute = j->abs_error,
@@ -29,6 +36,8 @@ void effort_begin(Effort *e, const Run *r, double lattice, double unproven) {
     e->tolerance = 1e-2 * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
     e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
+    double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
+    while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
     /* Where nothing can be proven, cells go down to the least size in vain. */
     double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left */
     e->left_share = fmax(LEFT_SHARE, unproven);
@@ -59,12 +68,14 @@ static double goal_of(const Effort *e, double scale) {
     return fmax(goal, e->absolute);
 }
 
-bool effort_more(Effort *e, double rules, double left, double scale, uint64_t used, uint64_t cost, SltStop *stop) {
+bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
+                 SltStop *stop) {
     double goal = goal_of(e, scale);
     bool changed = false;
     *stop = SLT_STOP_NONE;
     if (!e->wanted || e->best <= goal) return false;
-    *stop = used + cost > e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
+    double next = (double)cost * (e->fixed ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
+    *stop = p->counts.spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
     if (*stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS) return false;
     if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
     if (rules > 0.25 * goal) {

@@ -2,7 +2,7 @@
 #ifndef SALTUS_QUADRATURE_EFFORT_H
 #define SALTUS_QUADRATURE_EFFORT_H
 
-#include "runtime/quadrature/sweep.h"
+#include "runtime/quadrature/inner.h"
 
 typedef struct Effort {
     bool wanted;               /* an error was asked for */
@@ -15,13 +15,14 @@ typedef struct Effort {
     uint32_t sweeps, stalls;
     double best, last; /* errors: the least so far, that of the last sweep */
 } Effort;
-/* lattice: evaluations that it would spend; unproven: as in Outlook. */
-void effort_begin(Effort *e, const Run *r, double lattice, double unproven);
+/* lattice: evaluations that it would spend. */
+void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook);
 /* The sweep's options and budget; `used`: evaluations so far. */
 void effort_apply(const Effort *e, Sweep *p, uint64_t used);
 /* After a sweep whose largest error is rules + left, of numbers whose largest is `scale`. Is it the best so far? */
 bool effort_took(Effort *e, double rules, double left);
 /* Is another sweep worth while? If not, `stop` says what ended it. cost: evaluations of the last sweep. */
-bool effort_more(Effort *e, double rules, double left, double scale, uint64_t used, uint64_t cost, SltStop *stop);
+bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
+                 SltStop *stop);
 
 #endif

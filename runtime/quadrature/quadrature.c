@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "runtime/quadrature/effort.h"
-#include "runtime/quadrature/inner.h"
 #include "runtime/sample/alloc.h"
 
 #define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
@@ -133,7 +132,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     Effort e;
     SltStop stop = SLT_STOP_NONE;
     if (st == SLT_OK) st = sweep_begin(&p);
-    if (st == SLT_OK) effort_begin(&e, &r, lattice, outlook.unproven);
+    if (st == SLT_OK) effort_begin(&e, &r, lattice, outlook);
     while (st == SLT_OK) {
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
@@ -143,7 +142,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         errors_of(&p, gradient, &rules, &left, &scale);
         if (effort_took(&e, rules, left)) put(&p, out), quadrature_state(&r, &p);
         uint64_t used = r.stats.evaluations;
-        if (!effort_more(&e, rules, left, scale, used, used - before, &stop)) break;
+        if (!effort_more(&e, &p, rules, left, scale, used, used - before, &stop)) break;
     }
     r.stats.stopped = stop, r.stats.seconds_boundary = pool_now() - r.start;
     sweep_end(&p);
