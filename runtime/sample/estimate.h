@@ -75,7 +75,12 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
 /* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 
-/* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. `half` 0: all samples of a pixel;
+/* The estimator that a job means: of SLT_EST_AUTO what a look at the program's bounds on a few hundred boxes decides,
+ * which needs the kernel `bounds` alone; of others the same. */
+SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);
+
+/* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. Sampled, unless the estimator is
+ * SLT_EST_QUADRATURE or the interior SLT_INTERIOR_QUADRATURE. `half` 0: all samples of a pixel;
  * 1 or 2: one of two independent halves of them (for squared losses). */
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
 
