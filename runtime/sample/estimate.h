@@ -52,7 +52,7 @@ typedef struct SltScene {
     const uint8_t *site_skips;  /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
     uint32_t nedges;            /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;   /* [nedges]: SltSiteKind */
-    uint32_t nlists;            /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull and .note */
+    uint32_t nlists;            /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count; /* [nlists]: iterations of each */
     int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
