@@ -56,7 +56,7 @@ typedef enum SltQuery {
 /* The numbers of a ray. Of a SLICE (queries.def), T0 is kmin, T1 is kmax and DZ is not read. A BOX of rays has twice as
  * many: the least of each, then the greatest; every ray has each of its numbers in between, the ends included. LIFT is
  * read of boxes alone: how high origins lie above the geometry below them, up to rounding of a few units in the last
- * place of either; then OZ is not read. NaN or infinite: not known. */
+ * place of either or of LIFT_OF; then OZ is not read. NaN or infinite: not known. */
 typedef enum SltRayRow {
     SLT_RAY_OX,
     SLT_RAY_OY,
@@ -66,7 +66,9 @@ typedef enum SltRayRow {
     SLT_RAY_DZ,
     SLT_RAY_T0,
     SLT_RAY_T1,
-    SLT_RAY_LIFT,
+    SLT_RAY_POINT_ROWS,
+    SLT_RAY_LIFT = SLT_RAY_POINT_ROWS,
+    SLT_RAY_LIFT_OF,
     SLT_RAY_ROWS,
     SLT_BOX_ROWS = 2 * SLT_RAY_ROWS
 } SltRayRow;
@@ -85,7 +87,7 @@ enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER =
 
 struct SltGeometry;
 /* Answers one query for `width` <= 64 rays into witness[width]; lanes outside mask get NONE. values: the geometry's
- * slice of the parameters. rays: flt[SLT_RAY_ROWS][width] (of boxes flt[SLT_BOX_ROWS][width]), flt being the precision that the geometry was made for. The
+ * slice of the parameters. rays: flt[SLT_RAY_POINT_ROWS][width] (of boxes flt[SLT_BOX_ROWS][width]), flt being the precision that the geometry was made for. The
  * same ray gets the same answer at every width, in every lane, and from every structure. Never allocates or fails;
  * thread-safe while nobody refreshes the geometry. */
 typedef void SltQueryFn(const struct SltGeometry *geometry, const void *values, const void *rays, uint64_t mask,

@@ -64,6 +64,7 @@ static void some_box(const Terrain *t, Rng *r, bool f64, double lo[SLT_RAY_ROWS]
     if (uniform(r) < 0.05) lo[3] = -fabs(hi[3]);
     lo[8] = lifted ? rounded(uniform(r) < 0.5 ? 1e-3 : between(r, -0.01, 0.05), f64) : NAN;
     hi[8] = lifted ? rounded(lo[8] + (uniform(r) < 0.3 ? 1e-3 : 0), f64) : NAN;
+    lo[9] = hi[9] = 0;
     for (int n = 0; n < 9; n++)
         if (lo[n] > hi[n]) lo[n] = hi[n];
 }

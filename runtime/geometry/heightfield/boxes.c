@@ -63,6 +63,7 @@ typedef struct Rays {
     Span lift, oz;            /* oz: all of it */
     double middle[3], way[3]; /* the middle ray */
     double unit, error[2];    /* error: of positions */
+    double lift_of;           /* magnitude of what the lift was computed from */
 } Rays;
 
 static double height(const Field *f, const void *heights, int i, int j) {
@@ -116,7 +117,7 @@ static Span times_over(const Rays *r, double x0, double x1, double y0, double y1
 
 /* How far a computed F may be from the true one over ground of slopes x and y, but for what grows with t (`climb`). */
 static double rounding(const Rays *r, double x, double y) {
-    double heights = most(r->oz) + r->f->magnitude + (double)r->f->base.shared.slack;
+    double heights = most(r->oz) + r->f->magnitude + (double)r->f->base.shared.slack + r->lift_of;
     return r->unit * heights + fabs(x) * r->error[0] + fabs(y) * r->error[1] + FLT_MIN;
 }
 
@@ -346,8 +347,8 @@ static int ask(const Field *f, const void *heights, const double row[SLT_BOX_ROW
     for (int a = 0; a < 3; a++) r.way[a] = 0.5 * (r.d[a].lo + r.d[a].hi);
     Span x = in[SLT_RAY_OX], y = in[SLT_RAY_OY], lift = in[SLT_RAY_LIFT];
     const double wide = (double)f->w - 1, high = (double)f->h - 1;
-    if (ordered(lift) && x.lo >= 0 && x.hi <= wide && y.lo >= 0 && y.hi <= high) {
-        r.on_terrain = true, r.lift = lift;
+    if (ordered(lift) && ordered(in[SLT_RAY_LIFT_OF]) && x.lo >= 0 && x.hi <= wide && y.lo >= 0 && y.hi <= high) {
+        r.on_terrain = true, r.lift = lift, r.lift_of = most(in[SLT_RAY_LIFT_OF]);
         return ask_on_terrain(&r, x, y);
     }
     if (!ordered(in[SLT_RAY_OZ])) return SLT_RAYS_EITHER;
