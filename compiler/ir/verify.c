@@ -321,6 +321,10 @@ static void check_special(Verify *v, const Inst *i) {
     case OP_query:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
         if (i->imm.query.what >= SLT_QUERIES) problem(v, i, "no such query");
+        else if (query_rows[i->imm.query.what].ray == RAY_BOX
+                     ? i->nargs != SLT_BOX_ROWS
+                     : i->nargs != SLT_RAY_POINT_ROWS && i->nargs != SLT_RAY_ROWS)
+            problem(v, i, "not the numbers of a ray");
         return;
     case OP_window:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
