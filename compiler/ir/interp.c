@@ -165,6 +165,25 @@ static void exec_print(Interp *in, const Inst *i, const Mask *m) {
     free(values);
 }
 
+/* ---- straight-line programs: chunks that run, choices that are settled or noted */
+
+static bool is_live(const SltPruned *p, int64_t chunk) {
+    const int32_t *c = p ? p->chunks : NULL;
+    while (c && *c < chunk) c++;
+    return !c || *c == chunk;
+}
+
+static void note_choice(Interp *in, const Inst *i, const Mask *m) {
+    for (uint32_t w = 0; w < 2 && in->args->choices; w++) {
+        uint64_t *bits = &in->args->choices[2 * i->imm.i + w];
+        const int32_t *may = in->slot[i->args[w]->id];
+        for (uint32_t l = 0; l < in->lanes && in->base + l < in->n; l++) {
+            uint64_t bit = (uint64_t)1 << ((in->base + l) % SLT_CHOICE_BOXES);
+            if (m->on[l]) *bits = may[l] ? *bits | bit : *bits & ~bit;
+        }
+    }
+}
+
 /* ---- arrays: row e of lanes elements is element e */
 
 static unsigned char *element(const Interp *in, const Inst *alloc, uint32_t e, uint32_t lane, uint32_t bytes) {
@@ -409,6 +428,14 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         for (uint32_t l = 0; l < in->lanes; l++)
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;
         return true;
+    case OP_live:
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = is_live(in->args->pruned, i->imm.i);
+        return true;
+    case OP_settled:
+        for (uint32_t l = 0; l < in->lanes; l++)
+            ((int32_t *)dst)[l] = in->args->pruned && in->args->pruned->settled[i->imm.i] != 0;
+        return true;
+    case OP_choice: note_choice(in, i, m); return true;
     case OP_print: exec_print(in, i, m); return true;
     case OP_query: return exec_query(in, i, m, dst);
     case OP_window: { /* lanes form no pairs here: from each ray's own t, top and margin */

@@ -9,6 +9,7 @@
 
 #include "compiler/front/front.h"
 #include "compiler/ir/ir.h"
+#include "saltus/chunks.h"
 #include "saltus/kernel.h"
 
 typedef enum PassId {
@@ -125,6 +126,7 @@ typedef struct KernelSet {
     Fn *fn[K_KINDS]; /* NULL: not needed */
     TapeReport tape[K_KINDS];
     SltLayout layout[K_KINDS];
+    const SltChunks *chunks; /* value, cut for pruning; NULL: it is not */
 } KernelSet;
 /* What a finished kernel reads and where its outputs are. */
 SltLayout pipeline_layout(const Fn *fn);

@@ -28,6 +28,13 @@ typedef struct SltNoteList {
     int32_t count;
 } SltNoteList;
 
+/* What a straight-line program does in this call, the same for all its samples: which of its chunks of operations run,
+ * and which of its choices (min, max, select) are known to be one operand. What is not run is never looked at. */
+typedef struct SltPruned {
+    const int32_t *chunks;  /* by number, ascending; ends with SLT_NO_CHUNK */
+    const int32_t *settled; /* [2 * choices] by 2 * choice + operand: -1, it is this operand, or 0 */
+} SltPruned;
+
 typedef struct SltKernelArgs {
     const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t, one a sample; NULL where not read */
     void *out[SLT_OUT_MAX];         /* by SltLayout.out, one a sample: flt, or int32_t for integers and booleans */
@@ -46,6 +53,10 @@ typedef struct SltKernelArgs {
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
     const SltCullList *cull;   /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
+    const SltPruned *pruned;   /* NULL: every chunk runs, no choice is settled */
+    /* bounds of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
+     * operand. Of chunks that did not run it says nothing. NULL: not wanted. */
+    uint64_t *choices;
     SltNoteList *note; /* bounds: the lists that it makes, by number of the loop as in `cull`; NULL: none is wanted */
     uint64_t counters[SLT_COUNTERS]; /* by SltCounter: kernels add */
     /* print() in a lane: the text with {} for each of the n values. NULL: nothing is printed. */
