@@ -13,8 +13,10 @@
 
 #include "runtime/sample/finder.h"
 
-/* A box of the domain: all points of the program's precision with lo <= x <= hi. Neighbours share no point: the far
- * corner of one is the float before the near corner of the next, while its measure goes up to there (`end`). */
+/* A box of the domain: all points of the program's precision with lo <= x <= hi. Its measure goes up to `end`. In
+ * general that is hi, and neighbours share the points of their face: of a jump between two adjacent floats both then
+ * lie in one of the boxes, even where the shape ends exactly on the face. Only where a box was cut at a seam, on whose
+ * two sides all is different, hi is the float before end, which belongs to the neighbour alone. */
 typedef struct Box {
     double lo[3], hi[3], end[3];
 } Box;
@@ -30,6 +32,7 @@ typedef struct CellPoint {
 
 typedef enum CellState { CELL_SETTLED, CELL_CURVED, CELL_LEFT } CellState;
 
+/* While a sink runs, args.cull of the batch holds the lists that are good for all it was given. */
 typedef struct CellSink {
     /* n <= BATCH points along curves. Of each: event, x, dg, jump, before (f where g < 0), and weight: the derivative
      * of the integral is the sum of weight * jump * d_theta g, jump being f where g > 0 less before. cls: its CellRule.

@@ -1,0 +1,250 @@
+/* Kernels on many points and boxes of many events, and what they prove of a cell. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+void cells_call(Cells *c, SltKernelKind kind, uint32_t n) {
+    if (kind == SLT_K_BOUNDS || kind == SLT_K_EDGE_BOUNDS) c->counts->boxes += n;
+    else c->counts->points += n;
+    batch_call(c->b, kind, n);
+}
+
+Probe *cells_probe(Cells *c, const Event *e, const double x[3]) {
+    if (!CELLS_ROOM(c, probe, 1)) return NULL;
+    Probe *p = &c->probe[c->nprobe++];
+    p->event = e;
+    memcpy(p->x, x, sizeof p->x);
+    return p;
+}
+
+Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]) {
+    if (!CELLS_ROOM(c, ask, 1)) return NULL;
+    Ask *a = &c->ask[c->nask++];
+    a->event = e;
+    memcpy(a->lo, lo, sizeof a->lo), memcpy(a->hi, hi, sizeof a->hi);
+    return a;
+}
+
+static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e) {
+    for (uint32_t d = 0; d < c->depth; d++) batch_set_int(c->b, SLT_IN_K0 + d, i, e->k[d]);
+    if (c->s->layout[kind].reads >> SLT_IN_BOUNDARY & 1) batch_set(c->b, SLT_IN_BOUNDARY, i, e->boundary);
+}
+
+/* order[]: 0 .. n - 1 so that equal sites stand together, and otherwise ascending. Returns where the group that starts
+ * at `from` ends. Sites of one call are few: one scan for each. */
+static uint32_t group(uint32_t *order, uint32_t from, uint32_t n, int32_t (*site)(const Cells *, uint32_t),
+                      const Cells *c) {
+    int32_t first = site(c, order[from]);
+    uint32_t end = from + 1;
+    while (end < n && site(c, order[end]) == first) end++;
+    for (uint32_t i = end; i < n; i++)
+        if (site(c, order[i]) == first) {
+            uint32_t keep = order[end];
+            order[end++] = order[i], order[i] = keep;
+        }
+    return end;
+}
+static int32_t probe_site(const Cells *c, uint32_t i) { return c->probe[i].event->site; }
+static int32_t ask_site(const Cells *c, uint32_t i) { return c->ask[i].event->site; }
+
+static bool ordered(Cells *c, uint32_t n) {
+    if (!cells_grow(c, &c->order, &c->order_cap, n, sizeof *c->order)) return false;
+    for (uint32_t i = 0; i < n; i++) c->order[i] = i;
+    return true;
+}
+
+bool cells_run_probes(Cells *c) {
+    Batch *b = c->b;
+    if (!ordered(c, c->nprobe)) return false;
+    for (uint32_t from = 0, end; from < c->nprobe; from = end) {
+        end = group(c->order, from, c->nprobe, probe_site, c);
+        if (end - from > BATCH) end = from + BATCH;
+        b->args.site = probe_site(c, c->order[from]);
+        for (uint32_t i = from; i < end; i++) {
+            const Probe *p = &c->probe[c->order[i]];
+            batch_set_x(b, i - from, p->x);
+            put_event(c, SLT_K_EDGE, i - from, p->event);
+        }
+        cells_call(c, SLT_K_EDGE, end - from);
+        for (uint32_t i = from; i < end; i++) {
+            Probe *p = &c->probe[c->order[i]];
+            p->g = batch_get(b, SLT_OUT_G, 0, i - from);
+            for (uint32_t d = 0; d < c->dim; d++) p->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i - from);
+        }
+    }
+    return true;
+}
+
+static void put_box(Cells *c, uint32_t i, const double lo[3], const double hi[3]) {
+    batch_set_x(c->b, i, lo);
+    for (uint32_t d = 0; d < c->dim; d++) batch_set(c->b, SLT_IN_H0 + d, i, hi[d]);
+}
+
+/* The whole line where an end is NaN. */
+static void read_ends(const Batch *b, SltRole lo, SltRole hi, uint32_t k, uint32_t i, double ends[2]) {
+    ends[0] = batch_get(b, lo, k, i), ends[1] = batch_get(b, hi, k, i);
+    if (!(ends[0] <= ends[1])) ends[0] = -HUGE_VAL, ends[1] = HUGE_VAL;
+}
+
+bool cells_run_asks(Cells *c) {
+    Batch *b = c->b;
+    if (!ordered(c, c->nask)) return false;
+    for (uint32_t from = 0, end; from < c->nask; from = end) {
+        end = group(c->order, from, c->nask, ask_site, c);
+        if (end - from > BATCH) end = from + BATCH;
+        b->args.site = ask_site(c, c->order[from]);
+        for (uint32_t i = from; i < end; i++) {
+            const Ask *a = &c->ask[c->order[i]];
+            put_box(c, i - from, a->lo, a->hi);
+            put_event(c, SLT_K_EDGE_BOUNDS, i - from, a->event);
+        }
+        cells_call(c, SLT_K_EDGE_BOUNDS, end - from);
+        for (uint32_t i = from; i < end; i++) {
+            Ask *a = &c->ask[c->order[i]];
+            read_ends(b, SLT_OUT_G_LO, SLT_OUT_G_HI, 0, i - from, a->g);
+            for (uint32_t d = 0; d < c->dim; d++) read_ends(b, SLT_OUT_DG_LO, SLT_OUT_DG_HI, d, i - from, a->slope[d]);
+            a->error = batch_get(b, SLT_OUT_G_ERROR, 0, i - from);
+            a->state = (uint32_t)batch_get_int(b, SLT_OUT_G_STATE, 0, i - from);
+        }
+    }
+    return true;
+}
+
+/* The open events of box i of the last call, each integer of a rounding an event of its own. */
+static void read_events(const Cells *c, Cell *cell, uint32_t i) {
+    const Batch *b = c->b;
+    int32_t open = batch_get_int(b, SLT_OUT_OPEN, 0, i);
+    cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
+    cell->nedges = 0;
+    if (cell->nopen > CELL_EVENTS) return;
+    uint32_t named = cell->nopen;
+    for (uint32_t e = 0; e < named; e++) {
+        Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
+        for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
+        double first = 0, last = 0;
+        bool rounds = c->s->edge_kind && c->s->edge_kind[event.site] != SLT_SITE_COMPARE;
+        if (rounds && batch_has(b, SLT_OUT_OPEN_FIRST)) {
+            first = batch_get(b, SLT_OUT_OPEN_FIRST, e, i), last = batch_get(b, SLT_OUT_OPEN_LAST, e, i);
+            if (!(last - first < CELL_EVENTS)) {
+                cell->nopen = CELL_EVENTS + 1;
+                return;
+            }
+        }
+        for (double at = first; at <= last; at += 1) {
+            if (cell->nedges == CELL_EVENTS) {
+                cell->nopen = CELL_EVENTS + 1;
+                return;
+            }
+            event.boundary = at;
+            CellEdge *edge = &cell->edge[cell->nedges++];
+            memset(edge, 0, sizeof *edge);
+            edge->event = event;
+        }
+    }
+}
+
+/* What the box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form
+ * g(centre) + gradient(box) . (x - centre). That one bounds g without rounding: rounding is added at both ends. */
+static void meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
+    double mean[2] = {centre->g[0], centre->g[1]}, scale = fmax(fabs(mean[0]), fabs(mean[1]));
+    memcpy(e->slope, box->slope, sizeof e->slope);
+    e->state = box->state, e->error = box->error;
+    bool smooth = !(box->state & SLT_EDGE_JUMPS);
+    for (uint32_t d = 0; d < c->dim; d++) {
+        double down = centre->lo[d] - box->lo[d], up = box->hi[d] - centre->hi[d];
+        double a = e->slope[d][0], z = e->slope[d][1];
+        e->rises[d] = (int8_t)(!smooth ? 0 : a > 0 && z < HUGE_VAL ? 1 : z < 0 && a > -HUGE_VAL ? -1 : 0);
+        /* t (x - centre) with t in [a, z]; an extent of 0 beside an unknown slope is 0 */
+        double ends[4] = {up > 0 ? a * up : 0, down > 0 ? -z * down : 0, up > 0 ? z * up : 0, down > 0 ? -a * down : 0};
+        mean[0] += fmin(0, fmin(ends[0], ends[1])), mean[1] += fmax(0, fmax(ends[2], ends[3]));
+        scale += up + down > 0 ? (fabs(a) + fabs(z)) * (up + down) : 0;
+    }
+    double rounding = 2 * box->error + 0x1p-50 * scale;
+    e->g[0] = box->g[0], e->g[1] = box->g[1];
+    if (smooth && mean[0] - rounding > e->g[0]) e->g[0] = mean[0] - rounding;
+    if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
+}
+
+static void put_boxes(Cells *c, const Cell *cell, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
+}
+
+bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
+    Batch *b = c->b;
+    put_boxes(c, cell, n);
+    cells_call(c, SLT_K_BOUNDS, n);
+    for (uint32_t i = 0; i < n; i++) {
+        cell[i].state = (uint32_t)batch_get_int(b, SLT_OUT_BOX_STATE, 0, i);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, ch, i, &cell[i].f[2 * ch]);
+        read_events(c, &cell[i], i);
+        cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
+    }
+    c->nask = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        if (cell[i].refine) continue;
+        double centre[3] = {0};
+        for (uint32_t d = 0; d < c->dim; d++)
+            centre[d] = cells_round(c, cell[i].box.lo[d] + 0.5 * (cell[i].box.hi[d] - cell[i].box.lo[d]));
+        for (uint32_t e = 0; e < cell[i].nedges; e++) {
+            if (!cells_ask(c, &cell[i].edge[e].event, cell[i].box.lo, cell[i].box.hi)) return false;
+            if (!cells_ask(c, &cell[i].edge[e].event, centre, centre)) return false;
+        }
+    }
+    if (!cells_run_asks(c)) return false;
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        if (cell[i].refine) continue;
+        uint32_t kept = 0;
+        for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
+            CellEdge *edge = &cell[i].edge[e];
+            meet(c, edge, &c->ask[at], &c->ask[at + 1]);
+            if (edge->g[0] > 0 || edge->g[1] < 0) continue; /* NaN is open */
+            if (kept != e) cell[i].edge[kept] = *edge;
+            kept++;
+        }
+        cell[i].nedges = kept;
+    }
+    return true;
+}
+
+enum { VARIES = 4 }; /* most that the slope along the height axis may vary in a cell, as a factor */
+
+/* How much d_axis g varies on the cell; infinite where it may be 0. */
+static double varies(const CellEdge *e, uint32_t axis) {
+    if (!e->rises[axis]) return HUGE_VAL;
+    double a = fabs(e->slope[axis][0]), z = fabs(e->slope[axis][1]);
+    return fmax(a, z) / fmin(a, z);
+}
+
+bool cells_choose_axes(const Cells *c, Cell *cell) {
+    uint32_t common = 0;
+    double least = HUGE_VAL;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        double worst = 0;
+        for (uint32_t e = 0; e < cell->nedges; e++) worst = fmax(worst, varies(&cell->edge[e], d));
+        if (worst < least) least = worst, common = d;
+    }
+    cell->axes = 0;
+    bool one = least <= VARIES; /* one axis for all saves work, and the volume needs it */
+    if (!one && c->o->volume) return false;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        CellEdge *edge = &cell->edge[e];
+        if (edge->state & SLT_EDGE_JUMPS) return false;
+        edge->axis = (int8_t)common;
+        if (!one) {
+            /* A seam has no curve to integrate along: that it does not jump is enough. */
+            if ((uint32_t)edge->event.site >= c->s->nsites) {
+                edge->axis = -1;
+                continue;
+            }
+            edge->axis = 0;
+            for (uint32_t d = 1; d < c->dim; d++)
+                if (varies(edge, d) < varies(edge, (uint32_t)edge->axis)) edge->axis = (int8_t)d;
+            if (!(varies(edge, (uint32_t)edge->axis) <= VARIES)) return false;
+        }
+        cell->axes |= 1u << edge->axis;
+    }
+    return true;
+}
