@@ -18,7 +18,7 @@ typedef struct PruneSet {
     int32_t *chunks, *settled; /* the arrays of `pruned` */
 } PruneSet;
 
-enum { PRUNE_LEVELS = 4 };
+enum { PRUNE_LEVELS = 3 };
 typedef struct Pruner {
     const SltChunks *c;
     uint64_t *choices;          /* [2 * nchoices]: noted by `bounds` */
@@ -35,5 +35,26 @@ void prune_boxes(Pruner *p, Batch *b, const PruneSet *parent, uint32_t n);
 void prune_walk(Pruner *p, const PruneSet *parent, uint32_t n);
 /* What runs in one of the boxes, as the set of `level` (from 1 on), which is not the parent's. */
 const PruneSet *prune_pick(Pruner *p, const PruneSet *parent, uint32_t box, uint32_t level);
+
+/* ---- prune_image.c: the pixels of an image by boxes of them, smaller until few operations are left. */
+typedef struct PixelRect {
+    uint32_t lo[3], n[3]; /* first pixel and pixels by axis, y upwards; 1 along axes that the domain lacks */
+} PixelRect;
+
+typedef struct PruneImage {
+    uint32_t dim, channels;
+    double lo[3], side[3]; /* of pixel 0: its corner, its sides */
+    double reach;          /* how far outside a pixel its samples may lie, in pixels */
+    void *user;
+    /* f has this value[channels] in all samples of the pixels. */
+    void (*constant)(void *user, const PixelRect *r, const double *value);
+    /* Calls `value` on the samples of the pixels, with these arguments. */
+    void (*sample)(void *user, const PixelRect *r, const SltPruned *pruned);
+} PruneImage;
+/* Can kernels of this scene be pruned? */
+bool prune_can(const SltScene *s);
+/* Pixels along a side of the rectangles that prune_image is best given. */
+uint32_t prune_tile(uint32_t dim);
+void prune_image(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r);
 
 #endif
