@@ -120,15 +120,15 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
     cell->nedges = 0;
     if (cell->nopen > CELL_EVENTS) return;
-    uint32_t named = cell->nopen;
-    for (uint32_t e = 0; e < named; e++) {
+    /* An entry of the list counts as often as it has boundaries. */
+    for (uint32_t e = 0; cell->nedges < cell->nopen; e++) {
         Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
         for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
         double first = 0, last = 0;
         bool rounds = c->s->edge_kind && c->s->edge_kind[event.site] != SLT_SITE_COMPARE;
         if (rounds && batch_has(b, SLT_OUT_OPEN_FIRST)) {
             first = batch_get(b, SLT_OUT_OPEN_FIRST, e, i), last = batch_get(b, SLT_OUT_OPEN_LAST, e, i);
-            if (!(last - first < CELL_EVENTS)) {
+            if (!(last >= first && last - first < CELL_EVENTS)) {
                 cell->nopen = CELL_EVENTS + 1;
                 return;
             }
