@@ -7,6 +7,7 @@
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/boundary.h"
+#include "runtime/sample/near.h"
 
 enum {
     ROUNDS = 6,        /* most rounds over cells whose tiles ran out of their budget */
@@ -258,6 +259,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         int set = l->stands > 1 ? (int)(i & 1) : -1;
         if (l->stands > 0 && !left_cell(v, l, p->lines, set)) return false;
     }
+    near_flush(v->w);
     finder_run(&v->w->finder, true);
     accum_close(&v->w->acc);
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
