@@ -166,13 +166,9 @@ static void meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre)
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
 }
 
-static void put_boxes(Cells *c, const Cell *cell, uint32_t n) {
-    for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
-}
-
-bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
+void cells_bound(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
-    put_boxes(c, cell, n);
+    for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call(c, SLT_K_BOUNDS, n);
     for (uint32_t i = 0; i < n; i++) {
         cell[i].state = (uint32_t)batch_get_int(b, SLT_OUT_BOX_STATE, 0, i);
@@ -181,9 +177,12 @@ bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
         read_events(c, &cell[i], i);
         cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
     }
+}
+
+bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     c->nask = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (cell[i].refine) continue;
+        if (cell[i].refine || cell[i].done) continue;
         double centre[3] = {0};
         for (uint32_t d = 0; d < c->dim; d++)
             centre[d] = cells_round(c, cell[i].box.lo[d] + 0.5 * (cell[i].box.hi[d] - cell[i].box.lo[d]));
@@ -195,7 +194,7 @@ bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
     if (!cells_run_asks(c)) return false;
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (cell[i].refine) continue;
+        if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0;
         for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
             CellEdge *edge = &cell[i].edge[e];
