@@ -118,9 +118,10 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
     cell->nedges = 0;
     if (cell->nopen > CELL_EVENTS) return;
-    uint32_t named = cell->nopen;
-    for (uint32_t e = 0; e < named; e++) {
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE); /* nopen counts boundaries of roundings */
+    for (uint32_t e = 0; e < named && e < cell->nopen; e++) {
         Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
+        if (event.site < 0) break;
         for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
         double first = 0, last = 0;
         bool rounds = c->s->edge_kind && c->s->edge_kind[event.site] != SLT_SITE_COMPARE;
