@@ -20,6 +20,9 @@ typedef struct Directions {
     uint32_t n;
     void **flt; /* [n]: flt[nfloats] each */
 } Directions;
+/* From double[nfloats] each. False when memory runs out; directions_free is due all the same. */
+bool directions_init(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs);
+void directions_free(Directions *d);
 struct Sink {
     SinkKind kind;
     Batch *b;
