@@ -115,7 +115,7 @@ static Bound quotient(Rule *r, Bound x, Bound y) {
 /* The value is NaN where the first argument is, and the first argument where the second is NaN. The whole line, which
  * may be NaN, and a NaN in the second would be dropped. */
 static Bound extreme(Rule *r, Bound x, Bound y) {
-    return bound_where(r, both(r, bound_is_number(r, x), has_ends(r, y)), bound_trend(r, UP));
+    return bound_where(r, bound_extreme_known(r, x, y), bound_trend(r, UP));
 }
 
 static Bound with_sign(Rule *r, Bound x, Bound y) {
@@ -137,7 +137,7 @@ static Bound within(Rule *r, double lo, double hi, Bound x) {
 /* ---- comparisons: certain only between ends that are no NaN. The whole line, which may be NaN, has an infinite end at
  * which < is false as it is on NaN; <= and == need a finite difference. */
 
-Bound bound_less(Rule *r, Bound x, Bound y) {
+static Bound less(Rule *r, Bound x, Bound y) {
     Inst *ends = has_ends(r, (Bound){x.lo, y.hi}), *back = has_ends(r, (Bound){y.lo, x.hi});
     if (SPOILED(SPOIL_EQUAL))
         return (Bound){both(r, lt(r, x.lo, y.lo), ends), not(r, both(r, le(r, y.hi, x.lo), back))};
@@ -154,7 +154,7 @@ static Bound less_equal(Rule *r, Bound x, Bound y) {
 static Bound equal(Rule *r, Bound x, Bound y) {
     Inst *certain = both(r, e2(r, OP_feq, x.lo, y.hi), e2(r, OP_feq, x.hi, y.lo));
     if (SPOILED(SPOIL_EQUAL)) certain = e2(r, OP_feq, x.lo, y.lo);
-    return (Bound){certain, not(r, either(r, bound_less(r, x, y).lo, bound_less(r, y, x).lo))};
+    return (Bound){certain, not(r, either(r, less(r, x, y).lo, less(r, y, x).lo))};
 }
 
 static Bound opposite(Rule *r, Bound x) { return (Bound){not(r, x.hi), not(r, x.lo)}; }
@@ -253,7 +253,7 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 #define ANGLE(x, y, ulps) bound_atan2(r, ulps, NULL)
 #define POWER(x, y, ulps) bound_pow(r, ulps)
 #define MANTISSA(x) bound_mantissa(r)
-#define LESS(x, y) bound_less(r, x, y)
+#define LESS(x, y) less(r, x, y)
 #define LESS_EQUAL(x, y) less_equal(r, x, y)
 #define EQUAL(x, y) equal(r, x, y)
 #define OPPOSITE(bound) opposite(r, bound)

@@ -78,7 +78,10 @@ Bound bound_even(Rule *r, Bound x);
 Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same);
 bool bound_all_points(const Bound *a, uint32_t n);
 Bound bound_row(Rule *r); /* the column, for arguments not all of which are points */
-Bound bound_less(Rule *r, Bound x, Bound y);
+/* Is the extreme of x and y known? It is NaN where x is. */
+static inline Inst *bound_extreme_known(Rule *r, Bound x, Bound y) {
+    return both(r, bound_is_number(r, x), has_ends(r, y));
+}
 
 /* bounds_math.c: elementary functions. ulps: the largest error of the row. */
 Bound bound_near(Rule *r, double ulps, Bound x);
