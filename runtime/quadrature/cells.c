@@ -28,7 +28,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     c->b = b, c->s = b->s, c->dim = b->s->dim, c->volume = 1;
     c->depth = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / SLT_MAX_OPEN;
     for (uint32_t d = 0; d < c->dim; d++) c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
-    bool made = cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
+    bool made = lists_init(&c->lists, c->s);
+    made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
     for (int r = 0; r < CELL_RULES; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
@@ -41,6 +42,7 @@ void cells_free(Cells *c) {
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->crossing);
     for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
+    lists_free(&c->lists);
     free(c);
 }
 
@@ -200,7 +202,8 @@ static bool refine(Cells *c, const Cell *cell, bool bends) {
         return true;
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends + bends};
+    c->stack[c->nstack++] =
+        (Node){.box = cell->box, .level = cell->level, .bends = cell->bends + bends, .lists = cell->lists};
     return true;
 }
 
@@ -238,6 +241,7 @@ static bool classify(Cells *c) {
 
 static bool work(Cells *c, const Node *node) {
     split(c, node);
+    lists_enter(&c->lists, c->b, node->lists);
     c->within = node->box;
     if (!cells_bound(c, c->cell, c->ncell)) return false;
     if (!classify(c)) return false;
@@ -261,10 +265,13 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = *tile};
-    while (c->nstack) {
+    const SltCullList *given = c->b->args.cull;
+    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    bool worked = true;
+    while (worked && c->nstack) {
         Node node = c->stack[--c->nstack];
-        if (!work(c, &node)) return false;
+        worked = work(c, &node);
     }
-    return true;
+    c->b->args.cull = given, c->b->args.note = NULL;
+    return worked;
 }

@@ -173,14 +173,19 @@ static void put_boxes(Cells *c, const Cell *cell, uint32_t n) {
 bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
     put_boxes(c, cell, n);
+    if (!lists_note(&c->lists, b)) return false;
     cells_call(c, SLT_K_BOUNDS, n);
+    uint64_t wanted = 0; /* lists: of boxes that may be cut further */
     for (uint32_t i = 0; i < n; i++) {
         cell[i].state = (uint32_t)batch_get_int(b, SLT_OUT_BOX_STATE, 0, i);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, ch, i, &cell[i].f[2 * ch]);
         read_events(c, &cell[i], i);
         cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
+        wanted |= (uint64_t)(cell[i].state || cell[i].nopen) << i;
     }
+    if (!lists_split(&c->lists, b, n, wanted)) return false;
+    for (uint32_t i = 0; i < n; i++) cell[i].lists = lists_of(&c->lists, i);
     c->nask = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine) continue;

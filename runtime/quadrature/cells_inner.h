@@ -15,6 +15,7 @@
 
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
+#include "runtime/quadrature/lists.h"
 
 enum {
     CELL_BOXES = 64, /* sub-boxes of a node */
@@ -40,6 +41,7 @@ typedef struct Cell {
     uint32_t nedges;       /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
+    ListsAt lists;                  /* of iterations that can matter here; where nothing is settled */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool refine;                    /* cannot be integrated as it is */
 } Cell;
@@ -99,6 +101,7 @@ typedef struct Ask {
 typedef struct Node {
     Box box;
     uint32_t level, bends;
+    ListsAt lists;
 } Node;
 
 struct Cells {
@@ -111,6 +114,7 @@ struct Cells {
     CellCounts *counts;
     uint64_t began; /* evaluations counted before this tile */
     bool failed;    /* memory ran out */
+    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
     GaussRule rule[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
