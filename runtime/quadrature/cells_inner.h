@@ -18,9 +18,9 @@
 #include "runtime/quadrature/lists.h"
 
 enum {
-    CELL_BOXES = 64, /* sub-boxes of a node */
+    CELL_BOXES = 72, /* halves of a node along all axes, and theirs: 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
-    CELL_BENDS = 5, /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* An open event of a cell, and what is proven of its g there. */
@@ -41,9 +41,9 @@ typedef struct Cell {
     uint32_t nedges;       /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
-    ListsAt lists;                  /* of iterations that can matter here; where nothing is settled */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool refine;                    /* cannot be integrated as it is */
+    bool done;                      /* nothing more is to be done with it */
 } Cell;
 
 /* A part of the base of a cell, and what is found there. */
@@ -118,8 +118,8 @@ struct Cells {
     GaussRule rule[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
-    Cell *cell; /* [ncell]: sub-boxes of the node in hand */
-    uint32_t ncell, cell_cap;
+    Cell *cell;                        /* [ncell]: sub-boxes of the node in hand */
+    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
@@ -162,8 +162,11 @@ bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
-/* Bounds of all cells of the node: closes events that the mean-value form proves closed. */
-bool cells_bound(Cells *c, Cell *cell, uint32_t n);
+/* What is decided in boxes and what is open. */
+bool cells_bound(Cells *c);
+/* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
+ * closed. */
+bool cells_close(Cells *c, Cell *cell, uint32_t n);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 

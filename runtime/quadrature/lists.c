@@ -14,14 +14,16 @@ bool lists_init(Lists *l, const SltScene *s) {
     for (uint32_t i = 0; i < s->nlists && s->list_noted; i++) l->any |= s->list_noted[i] != 0;
     if (!l->any) return true;
     l->current = alloc_zero(s->nlists, sizeof *l->current);
+    l->root = alloc_zero(s->nlists, sizeof *l->root);
     l->note = alloc_zero(s->nlists, sizeof *l->note);
     l->count = alloc_zero((uint64_t)s->nlists * SLT_PAD, sizeof *l->count);
     l->from = alloc_zero((uint64_t)s->nlists * SLT_PAD, sizeof *l->from);
-    return l->current && l->note && l->count && l->from;
+    return l->current && l->root && l->note && l->count && l->from;
 }
 
 void lists_free(Lists *l) {
-    free(l->current), free(l->items), free((void *)l->note), free(l->notes), free(l->count), free(l->from);
+    free(l->current), free(l->root), free(l->items), free((void *)l->note), free(l->notes), free(l->count),
+        free(l->from);
     memset(l, 0, sizeof *l);
 }
 
@@ -44,12 +46,13 @@ static bool is_root(ListsAt at) { return at.first == UINT64_MAX; }
 ListsAt lists_begin(Lists *l, Batch *b) {
     l->top = 0;
     for (uint32_t i = 0; i < l->s->nlists && l->any; i++)
-        l->current[i] = b->args.cull ? b->args.cull[i] : (SltCullList){NULL, NONE};
+        l->root[i] = b->args.cull ? b->args.cull[i] : (SltCullList){NULL, NONE};
     return (ListsAt){UINT64_MAX, 0};
 }
 
 /* Makes `current` those of l->node. */
 static void find_current(Lists *l) {
+    memcpy(l->current, l->root, l->s->nlists * sizeof *l->current);
     if (is_root(l->node)) return;
     const int32_t *item = l->items + l->node.first;
     for (uint32_t i = 0; i < l->s->nlists; i++) {
@@ -64,7 +67,7 @@ void lists_enter(Lists *l, Batch *b, ListsAt at) {
     if (!l->any) return;
     b->args.cull = l->current;
     l->node = at;
-    if (!is_root(at)) l->top = at.end;
+    l->top = at.end;
     find_current(l);
 }
 
@@ -115,7 +118,7 @@ bool lists_split(Lists *l, Batch *b, uint32_t n, uint64_t wanted) {
         if (l->s->list_noted[i]) settle(l->note[i], length(l, i), wanted, l->count + (uint64_t)i * SLT_PAD);
     uint64_t top = l->top;
     for (uint32_t box = 0; box < n; box++) {
-        l->at[box].first = top;
+        l->at[box].first = wanted >> box & 1 ? top : l->node.first;
         if (!(wanted >> box & 1)) continue;
         for (uint32_t i = 0; i < l->s->nlists; i++) top += 1 + l->count[(uint64_t)i * SLT_PAD + box];
     }

@@ -10,7 +10,8 @@
  *     lists_begin(l, b)                     args.cull of the batch as it stands is the root's
  *     lists_enter(l, b, at)                 the node's lists go into args.cull; those of nodes done with are dropped
  *     lists_note(l, b)                      before the one call of `bounds` on the boxes of the node
- *     lists_split(l, b, n, wanted)          behind it: makes the lists of those of the n boxes whose bit is set
+ *     lists_split(l, b, n, wanted)          behind it: makes the lists of those of the n boxes whose bit is set; the
+ *                                           others keep the node's
  *     at = lists_of(l, box)                 a name for them, which a child node keeps until it is entered
  *
  * Memory: a number an iteration and box that it may matter in, on the way from the root to the node. A worker has one
@@ -29,7 +30,8 @@ typedef struct ListsAt {
 typedef struct Lists {
     const SltScene *s;
     SltCullList *current; /* [s->nlists]: the node's; those that `bounds` does not make are the root's */
-    int32_t *items;       /* of all nodes that wait, by ListsAt */
+    SltCullList *root;
+    int32_t *items; /* of all nodes that wait, by ListsAt */
     uint64_t top, cap;
     SltNote **note; /* [s->nlists]: into `notes` */
     SltNote *notes; /* of one call */
@@ -47,5 +49,7 @@ void lists_enter(Lists *l, Batch *b, ListsAt at);
 bool lists_note(Lists *l, Batch *b);
 bool lists_split(Lists *l, Batch *b, uint32_t n, uint64_t wanted);
 static inline ListsAt lists_of(const Lists *l, uint32_t box) { return l->at[box]; }
+/* For a child that is no box of the split: what its parent has. */
+static inline ListsAt lists_of_node(const Lists *l) { return (ListsAt){l->node.first, l->top}; }
 
 #endif
