@@ -58,6 +58,11 @@ static void write_contract(FILE *h) {
     fputs("} SltCounter;\nenum {\n", h);
 #define SLT_LIMIT(id, value, what) write_number(h, "", #id, value, what);
 #include "saltus/kernel.def"
+    fputs("};\n/* of a box, and of g of one event on a box: bits */\nenum {\n", h);
+    write_number(h, "BOX_", "UNKNOWN", SLT_BOX_UNKNOWN, "something else decides");
+    write_number(h, "BOX_", "ROUGH", SLT_BOX_ROUGH, "f may be not smooth");
+    write_number(h, "EDGE_", "JUMPS", SLT_EDGE_JUMPS, "g may jump");
+    write_number(h, "EDGE_", "BENDS", SLT_EDGE_BENDS, "its gradient may");
     fputs("};\n#endif\n", h);
 }
 

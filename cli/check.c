@@ -1,7 +1,8 @@
 /* saltus check: the gradient of the integral against finite differences with common random numbers.
  *
  * For every parameter (the largest components of long ones, and a random direction through the rest) the derivative of
- * L = sum_c w_c I_c with fixed weights w is compared with central differences of L over independent replicates. A row
+ * L = sum_c w_c I_c with fixed weights w is compared with central differences of L over independent replicates, or, of
+ * estimators with cells, whose values have no noise but a stated error, with one difference. A row
  * passes when |AD - FD| <= z sqrt(se_AD^2 + se_FD^2 + truncation^2 + floor^2), with the truncation taken from a second,
  * doubled step. The slope of the Taylor remainder is 2 where L is smooth. */
 #include <math.h>
@@ -28,6 +29,7 @@ typedef struct Check {
     uint32_t n;
     double weight[4];
     double *moved; /* [nfloats]: parameters near the program's own */
+    bool cells;    /* values come from cells */
     SltStats stats;
     SltError err;
     uint64_t samples;
@@ -35,23 +37,31 @@ typedef struct Check {
 
 static const double weights[4] = {1.0, 0.7, 1.3, 0.4};
 
-/* L at the given parameters; NULL: the program's own. */
-static SltStatus value_of(Check *k, const double *floats, uint32_t seed, double *out) {
-    double v[4];
+/* L at the given parameters (NULL: the program's own), and its stated error where values come from cells, else 0. */
+typedef struct Value {
+    double v, error;
+} Value;
+static SltStatus value_of(Check *k, const double *floats, uint32_t seed, Value *out) {
+    double v[4], se[4];
+    SltStats stats = SLT_STATS_INIT;
     SltJob job = k->c->job;
     job.no_interior = job.no_boundary = true;
     job.replicates = 1;
     job.seed = seed;
     job.samples = k->samples;
     job.floats = floats;
-    SltIntegral r = {.struct_size = sizeof r, .value = v};
-    SltStatus s = slt_grad_integral(k->p, &job, &r, NULL, &k->err);
-    *out = 0;
-    for (uint32_t c = 0; s == SLT_OK && c < slt_channels(k->p); c++) *out += k->weight[c] * v[c];
+    SltIntegral r = {.struct_size = sizeof r, .value = v, .value_stderr = se};
+    SltStatus s = slt_grad_integral(k->p, &job, &r, &stats, &k->err);
+    *out = (Value){0};
+    for (uint32_t c = 0; s == SLT_OK && c < slt_channels(k->p); c++) {
+        out->v += k->weight[c] * v[c];
+        if (stats.cells) out->error += k->weight[c] * se[c];
+    }
+    k->cells = stats.cells;
     return s;
 }
 
-static SltStatus moved_value(Check *k, const Row *row, const double *base, double t, uint32_t seed, double *out) {
+static SltStatus moved_value(Check *k, const Row *row, const double *base, double t, uint32_t seed, Value *out) {
     uint32_t nf = slt_float_count(k->p);
     memcpy(k->moved, base, nf * sizeof *base);
     if (!row->dir) k->moved[row->index] += t;
@@ -75,22 +85,25 @@ static double real_step(const Check *k, const Row *row, const double *base, doub
 }
 
 static SltStatus difference(Check *k, Row *row, const double *base) {
-    double one[REPLICATES], two[REPLICATES], up, down, ignored, h = row->step, remainder[2] = {0};
-    for (int r = 0; r < REPLICATES; r++) {
+    double one[REPLICATES], two[REPLICATES], ignored, h = row->step, remainder[2] = {0}, stated = 0;
+    int n = k->cells ? 1 : REPLICATES;
+    for (int r = 0; r < n; r++) {
         uint32_t seed = k->c->job.seed + 7919u * (uint32_t)(r + 1);
-        double centre = 0;
+        Value centre, up, down;
         SltStatus s = value_of(k, NULL, seed, &centre);
         for (int twice = 0; twice < 2 && s == SLT_OK; twice++) {
             double step = h * (twice + 1), taken = real_step(k, row, base, step);
             s = moved_value(k, row, base, step, seed, &up);
             if (s == SLT_OK) s = moved_value(k, row, base, -step, seed, &down);
-            (twice ? two : one)[r] = (up - down) / (2 * taken);
-            remainder[twice] += (up - centre - taken * row->ad) / REPLICATES;
+            (twice ? two : one)[r] = (up.v - down.v) / (2 * taken);
+            remainder[twice] += (up.v - centre.v - taken * row->ad) / n;
+            if (!twice) stated = hypot(up.error, down.error) / (2 * taken);
         }
         if (s != SLT_OK) return s;
     }
-    row->fd = mean_of(one, REPLICATES, &row->fd_se);
-    row->truncation = fabs(mean_of(two, REPLICATES, &ignored) - row->fd) / 3;
+    row->fd = mean_of(one, n, &row->fd_se);
+    row->fd_se += stated;
+    row->truncation = fabs(mean_of(two, n, &ignored) - row->fd) / 3;
     row->slope = log2(fabs(remainder[1]) / fabs(remainder[0]));
     return SLT_OK;
 }
@@ -245,7 +258,8 @@ static int check(Check *k) {
     if (s == SLT_OK) s = choose_rows(k, total, base);
     /* As many samples a value as fit into a quarter of a minute. */
     k->samples = c->job.samples;
-    double start = cli_now(), v;
+    double start = cli_now();
+    Value v;
     if (s == SLT_OK) s = value_of(k, NULL, c->job.seed, &v);
     double each = cli_now() - start, planned = each * k->n * REPLICATES * 5;
     while (planned > 15 && k->samples > 4096) k->samples /= 2, planned /= 2;
@@ -276,7 +290,7 @@ static int check(Check *k) {
         double bar =
             sqrt(row->ad_se * row->ad_se + row->fd_se * row->fd_se + row->truncation * row->truncation + floor * floor);
         double ad2 = row->ad_se * row->ad_se, fd2 = row->fd_se * row->fd_se,
-               spread = ad2 * ad2 / (AD_REPLICATES - 1) + fd2 * fd2 / (REPLICATES - 1);
+               spread = k->cells ? 0 : ad2 * ad2 / (AD_REPLICATES - 1) + fd2 * fd2 / (REPLICATES - 1);
         double nu = spread > 0 ? fmin(bar * bar * bar * bar / spread, 1e6) : 1e6; /* Welch and Satterthwaite */
         row->z = bar > 0 ? normal_deviate((row->ad - row->fd) / bar, nu) : row->ad == row->fd ? 0 : INFINITY;
         row->pass = fabs(row->z) <= c->tolerance; /* false for NaN */

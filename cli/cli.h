@@ -95,9 +95,11 @@ struct Cli {
     uint32_t repeats;
     double max_seconds, tolerance;
     /* explain */
-    const char *at;
-    bool samples_given, iters_given, optimizer_given; /* the option was there */
-    char *args_storage[CLI_MAX_KEPT];                 /* malloc'd pieces of arguments, which members above point at */
+    const char *at, *cells;
+    /* bound */
+    const char *box;
+    bool samples_given, iters_given, optimizer_given, estimator_given; /* the option was there */
+    char *args_storage[CLI_MAX_KEPT]; /* malloc'd pieces of arguments, which members above point at */
     uint32_t nargs_storage;
 };
 
@@ -145,6 +147,14 @@ typedef struct ShapeValues {
 /* {"radius": X, "centre": [X, Y], ...} of what is differentiated: parameters, or the components named by --wrt. */
 void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const ShapeValues *v);
 void report_stats_json(FILE *out, const SltStats *stats);
+/* Of estimators with cells: shares of the domain, what is left and what it can hide, why refining stopped, each pair
+ * followed by ", "; nothing for the others. derivative: what the rest can hide of a derivative at most, NaN where that
+ * is not bounded; NULL: only values were wanted. */
+void report_cells_json(FILE *out, const SltStats *stats, const double *derivative);
+/* The same for people, in a line or two on standard error. */
+void report_cells(const Cli *c, const SltStats *stats, const double *derivative);
+/* The exit status of an estimate that succeeded: of failed asserts, or of a refinement that stopped early. */
+int report_status(const SltStats *stats);
 void report_warnings_json(FILE *out, SltProgram *p);
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */

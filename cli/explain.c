@@ -53,10 +53,10 @@ static void print_sites(const Explained *m) {
 }
 
 static void print_kernels(const Explained *m) {
-    printf("\nkernels (%u lanes of %s)\n  %-10s %10s %14s\n", m->width, m->f64 ? "f64" : "f32", "", "IR", "LLVM");
+    printf("\nkernels (%u lanes of %s)\n  %-12s %8s %14s\n", m->width, m->f64 ? "f64" : "f32", "", "IR", "LLVM");
     for (int k = 0; k < K_KINDS; k++)
         if (!m->kernels[k].left_out)
-            printf("  %-10s %10u %14u\n", m->kernels[k].name, m->kernels[k].ops, m->kernels[k].instructions);
+            printf("  %-12s %8u %14u\n", m->kernels[k].name, m->kernels[k].ops, m->kernels[k].instructions);
     for (int k = 0; k < K_KINDS; k++)
         if (m->kernels[k].tape)
             printf("\ntape of %s: at most %llu bytes a lane\n%s\n", m->kernels[k].name,
@@ -85,6 +85,27 @@ static void print_structures(const Explained *m) {
     if (!built) puts("  none");
 }
 
+static void print_place(const ExplainedPlace *at) {
+    printf("  %s:%u:%u  %s%s%s\n", at->file ? at->file : "?", at->line, at->column, at->what, *at->text ? "  " : "",
+           at->text);
+}
+
+static void print_bounds(const ExplainedBounds *b) {
+    printf("\nbounds\n");
+    if (b->boxes)
+        printf(
+            "  of %u equal boxes %.1f %% are settled, %.1f %% have open events alone, %.1f %% are unknown or rough\n",
+            b->boxes, 100.0 * b->settled / b->boxes, 100.0 * b->open / b->boxes, 100.0 * b->unknown / b->boxes);
+    if (b->nseams) puts("  seams, where f may jump or bend without [Disc]:");
+    for (uint32_t i = 0; i < b->nseams; i++) printf("  "), print_place(&b->seams[i]);
+    if (b->nunbounded) puts("  without bounds; a box where one of these decides is never settled:");
+    for (uint32_t i = 0; i < b->nunbounded; i++) printf("  "), print_place(&b->unbounded[i]);
+    for (uint32_t i = 0; i < b->nlists; i++)
+        printf("  list of a loop of %u iterations at %s:%u%s\n", b->lists[i].iterations,
+               b->lists[i].at.file ? b->lists[i].at.file : "?", b->lists[i].at.line,
+               b->lists[i].cull ? ": [Cull]" : "");
+}
+
 static void print_left_out(const Explained *m) {
     printf("\nleft out\n");
     for (int k = 0; k < K_KINDS; k++)
@@ -111,6 +132,7 @@ static void print_program(const Explained *m) {
     printf("\nparameters without a gradient\n");
     for (uint32_t i = 0; i < m->nno_gradient; i++) printf("  %s: %s\n", m->no_gradient[i].param, m->no_gradient[i].why);
     if (!m->nno_gradient) puts("  none");
+    print_bounds(&m->bounds);
     print_structures(m);
     print_left_out(m);
     printf("\ntime to compile: front end %.1f ms, passes %.1f ms, LLVM %.1f ms%s\n", m->ms_front, m->ms_passes,
@@ -180,6 +202,32 @@ static void json_geometries(const Explained *m) {
     }
 }
 
+static void json_places(const char *key, const ExplainedPlace *list, uint32_t n) {
+    printf("\"%s\": [", key);
+    for (uint32_t i = 0; i < n; i++) {
+        printf("%s{\"file\": ", i ? ", " : "");
+        json_text(stdout, list[i].file ? list[i].file : "");
+        printf(", \"line\": %u, \"column\": %u, \"what\": ", list[i].line, list[i].column);
+        json_text(stdout, list[i].what);
+        fputs(", \"text\": ", stdout);
+        json_text(stdout, list[i].text);
+        fputs("}", stdout);
+    }
+    fputs("], ", stdout);
+}
+
+static void json_bounds(const ExplainedBounds *b) {
+    printf("\"bounds\": {\"boxes\": %u, \"settled\": %u, \"open\": %u, \"unknown\": %u, ", b->boxes, b->settled,
+           b->open, b->unknown);
+    json_places("seams", b->seams, b->nseams);
+    json_places("unbounded", b->unbounded, b->nunbounded);
+    fputs("\"lists\": [", stdout);
+    for (uint32_t i = 0; i < b->nlists; i++)
+        printf("%s{\"line\": %u, \"iterations\": %u, \"cull\": %s}", i ? ", " : "", b->lists[i].at.line,
+               b->lists[i].iterations, b->lists[i].cull ? "true" : "false");
+    fputs("]}, ", stdout);
+}
+
 static void json_program(const Explained *m, SltProgram *p) {
     printf("{\"entry\": ");
     json_text(stdout, m->entry);
@@ -191,7 +239,9 @@ static void json_program(const Explained *m, SltProgram *p) {
     fputs("}, \"no_gradient\": {", stdout);
     bool first = true;
     for (uint32_t i = 0; i < m->nno_gradient; i++) json_pair(&first, m->no_gradient[i].param, m->no_gradient[i].why);
-    printf("}, \"structures\": {\"cull_lists\": %u, \"fields\": [", m->ncull);
+    fputs("}, ", stdout);
+    json_bounds(&m->bounds);
+    printf("\"structures\": {\"cull_lists\": %u, \"fields\": [", m->ncull);
     json_geometries(m);
     fputs("]}, \"left_out\": {", stdout);
     first = true;
@@ -310,11 +360,17 @@ static int explain_all(Cli *c, SltProgram *p) {
     return SLT_OK;
 }
 
+static int explain_tree(Cli *c, SltProgram *p) {
+    SltError err = {0};
+    SltStatus status = explain_cells(c, p, &err);
+    return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
+}
+
 int verb_explain(Cli *c) {
     if (is_code(c->file)) return explain_code(c);
     SltProgram *p;
     int status = cli_compile(c, &p);
-    if (status == SLT_OK) status = c->at ? explain_at(c, p) : explain_all(c, p);
+    if (status == SLT_OK) status = c->at ? explain_at(c, p) : c->cells ? explain_tree(c, p) : explain_all(c, p);
     slt_program_free(p);
     return status;
 }

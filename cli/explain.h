@@ -34,6 +34,28 @@ typedef struct ExplainedGeometry {
     uint32_t not_asked;                   /* bit (1 << SltQuery): it would answer, but no kernel asks */
 } ExplainedGeometry;
 
+/* A place in the source that bounds say something of. */
+typedef struct ExplainedPlace {
+    const char *file, *what, *text; /* file NULL: no place; what: "min", or why there is no bound */
+    uint32_t line, column;
+} ExplainedPlace;
+
+/* A loop of which the runtime may run listed iterations only. */
+typedef struct ExplainedList {
+    ExplainedPlace at;
+    uint32_t iterations;
+    bool cull; /* by [Cull]; else found */
+} ExplainedList;
+
+typedef struct ExplainedBounds {
+    ExplainedPlace *seams, *unbounded; /* unbounded: what no box can settle */
+    ExplainedList *lists;
+    uint32_t nseams, nunbounded, nlists;
+    /* Of equal boxes that fill the domain: how many there are, settled, with open events and nothing else, unknown.
+     * All 0: the kernels do not run here. */
+    uint32_t boxes, settled, open, unknown;
+} ExplainedBounds;
+
 typedef struct Explained {
     const char *entry;
     uint32_t dim, channels, nfloats, nints, width, ncull;
@@ -45,6 +67,7 @@ typedef struct Explained {
     ExplainedLack *no_gradient, *no_structure;
     ExplainedGeometry *geometries;
     uint32_t nsites, nno_gradient, nno_structure, ngeometries;
+    ExplainedBounds bounds;
 } Explained;
 
 /* The story of one point. */
@@ -65,6 +88,10 @@ typedef struct ExplainedPoint {
 
 /* explain_model.c: an SltStatus. Compiles the kernels that the job of `c` needs. */
 SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError *err);
+/* explain_bounds.c: of a program whose kernels are compiled. */
+SltStatus explain_bounds(SltProgram *p, ExplainedBounds *out, SltError *err);
+/* explain_cells.c: writes the picture c->cells. */
+SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err);
 SltStatus explain_point(SltProgram *p, const double x[3], ExplainedPoint *out, SltError *err);
 
 #endif

@@ -93,6 +93,8 @@ static const char *left_out(const Inside *e, int kind) {
     if (boundary && !jumps) return "no discontinuity reaches the output";
     if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary)
         return "no boundary moves with what is differentiated";
+    if (kind == K_EDGE || kind == K_EDGE_BOUNDS)
+        return e->p->scene.nedges ? "too large to bound its gradient" : "nothing jumps or bends";
     if (kind == K_SITE && e->p->fn[K_SITE_GRAD]) return "served by site_grad: there are many sites";
     if (boundary && e->c->job.no_boundary) return "--interior-only";
     if (!boundary && kind != K_VALUE && e->c->job.no_interior) return "--boundary-only";
@@ -189,7 +191,8 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
                 ARENA_ARRAY(arena, uint8_t, g->primal->nsites + 1),
                 ARENA_ARRAY(arena, uint8_t, g->primal->nsites + 1),
                 ARENA_ARRAY(arena, uint8_t, g->nfloats + 1)};
-    bool needs[K_KINDS] = {[K_VALUE] = true, [K_VJP] = !c->job.no_interior};
+    bool needs[K_KINDS] = {
+        [K_VALUE] = true, [K_VJP] = !c->job.no_interior, [K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
     if (!c->job.no_boundary)
         needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] =
             true;
@@ -218,7 +221,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     explain_kernels(&e, out);
     explain_geometries(&e, out);
     explain_params(&e, out);
-    return SLT_OK;
+    return explain_bounds(p, &out->bounds, err);
 }
 
 /* ---- one point */

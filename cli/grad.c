@@ -34,12 +34,30 @@ static void print_table(Cli *c, SltProgram *p, const double *g, const double *se
     report_free_components(names, index, n);
 }
 
+/* What the rest can hide of any component, at most; NaN where one is not bounded. */
+static double largest_bound(const double *v, size_t n) {
+    double largest = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (isnan(v[i])) return NAN;
+        largest = fmax(largest, v[i]);
+    }
+    return largest;
+}
+
+/* Of images and losses: the part that is left is not bounded. */
+static double image_bound(const SltStats *s) { return s->left > 0 ? NAN : 0; }
+
+static const char *stderr_kind(const SltStats *stats, bool mixed, bool replicates) {
+    if (stats->cells) return mixed ? "mixed" : "quadrature";
+    return replicates ? "replicates" : "bound";
+}
+
 static int grad_integral(Cli *c, SltProgram *p) {
     SltError err = {0};
     SltStats stats = SLT_STATS_INIT;
     uint32_t ch = slt_channels(p);
     size_t n = (size_t)ch * slt_float_count(p) + 1;
-    double *all = calloc(5 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
+    double *all = calloc(6 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
     if (!all) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     SltIntegral out = {.struct_size = sizeof out,
                        .value = value,
@@ -48,7 +66,8 @@ static int grad_integral(Cli *c, SltProgram *p) {
                        .gradient_stderr = all + n,
                        .interior = all + 2 * n,
                        .boundary = all + 3 * n,
-                       .missed_estimate = all + 4 * n};
+                       .missed_estimate = all + 4 * n,
+                       .left_bound = all + 5 * n};
     Progress pr;
     progress_begin(&pr, c, "grad");
     c->job.progress = progress_job, c->job.progress_user = &pr;
@@ -58,16 +77,19 @@ static int grad_integral(Cli *c, SltProgram *p) {
         free(all);
         return cli_fail(c, &err);
     }
+    double left = largest_bound(out.left_bound, n - 1);
     if (c->json) {
         fputs("{", stdout);
         json_list("integral", value, ch);
         json_list("integral_stderr", value_se, ch);
         json_shape("gradient", c, p, out.gradient, ch);
         json_shape("stderr", c, p, out.gradient_stderr, ch);
-        printf("\"stderr_kind\": \"%s\", ", out.replicates ? "replicates" : "bound");
+        printf("\"stderr_kind\": \"%s\", ", stderr_kind(&stats, out.mixed, out.replicates));
         json_shape("interior", c, p, out.interior, ch);
         json_shape("boundary", c, p, out.boundary, ch);
         json_shape("missed_estimate", c, p, out.missed_estimate, ch);
+        if (stats.cells) json_shape("gradient_left_bound", c, p, out.left_bound, ch);
+        report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
         report_warnings_json(stdout, p);
@@ -77,13 +99,14 @@ static int grad_integral(Cli *c, SltProgram *p) {
         for (uint32_t k = 0; k < ch; k++) printf(" %16.9g +- %-9.2g", value[k], value_se[k]);
         putchar('\n');
         print_table(c, p, out.gradient, out.gradient_stderr, ch);
-        if (!c->quiet)
+        if (!c->quiet && !stats.cells)
             fprintf(stderr, "saltus: %llu samples, %llu crossings, %.3f s\n", (unsigned long long)stats.samples,
                     (unsigned long long)stats.crossings, stats.seconds);
     }
+    report_cells(c, &stats, &left);
     report_dropped(c, &stats);
     free(all);
-    return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
+    return report_status(&stats);
 }
 
 static int grad_loss(Cli *c, SltProgram *p) {
@@ -119,13 +142,16 @@ static int grad_loss(Cli *c, SltProgram *p) {
         free(g);
         return cli_fail(c, &err);
     }
+    double left = image_bound(&stats);
     if (c->json) {
         fputs("{\"loss\": ", stdout);
         json_number(stdout, loss);
         fputs(", ", stdout);
         json_shape("gradient", c, p, g, 1);
         json_shape("stderr", c, p, g + n, 1);
-        fputs("\"stderr_kind\": \"bound\", ", stdout);
+        bool mixed = stats.left > 0 || c->job.interior == SLT_INTERIOR_SAMPLES;
+        printf("\"stderr_kind\": \"%s\", ", stderr_kind(&stats, mixed, false));
+        report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
         report_warnings_json(stdout, p);
@@ -134,9 +160,10 @@ static int grad_loss(Cli *c, SltProgram *p) {
         printf("%-28s %16.9g\n", "loss", loss);
         print_table(c, p, g, g + n, 1);
     }
+    report_cells(c, &stats, &left);
     report_dropped(c, &stats);
     free(g);
-    return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
+    return report_status(&stats);
 }
 
 /* Signed maps of every component side by side. */
@@ -258,12 +285,14 @@ static int grad_images(Cli *c, SltProgram *p) {
         free(layers);
     }
     if (status != SLT_OK) cli_fail(c, &err);
+    double left = image_bound(&stats);
     if (status == SLT_OK && c->json) {
         fputs("{\"outputs\": [", stdout);
         json_text(stdout, c->output);
         fputs("], \"components\": [", stdout);
         for (uint32_t k = 0; k < n; k++) fputs(k ? ", " : "", stdout), json_text(stdout, names[k]);
         fputs("], ", stdout);
+        report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
         report_warnings_json(stdout, p);
@@ -273,8 +302,9 @@ static int grad_images(Cli *c, SltProgram *p) {
                 (unsigned long long)stats.crossings, stats.seconds);
     }
     if (status == SLT_OK) {
+        report_cells(c, &stats, &left);
         report_dropped(c, &stats);
-        if (stats.asserts) status = SLT_CHECK_FAILED;
+        status = report_status(&stats);
     }
     free(out);
     free(dirs);

@@ -218,6 +218,13 @@ static int set_variant(Cli *c, const Option *o, const char *v) {
     return SLT_OK;
 }
 
+static int set_exact(Cli *c, const Option *o, const char *v) {
+    (void)o, (void)v;
+    c->job.estimator = SLT_EST_QUADRATURE, c->job.interior = SLT_INTERIOR_QUADRATURE;
+    c->estimator_given = true;
+    return SLT_OK;
+}
+
 /* Learning rates or smoothing: "0.1" for all parameters, or "radius=0.1,ink=0.01". */
 static int set_rates(Cli *c, const char *name, const char *v, Assign *list, uint32_t *n) {
     const char *parts[CLI_MAX_LIST];
@@ -324,6 +331,21 @@ static const Option *find_option(const Cli *c, const char *text, size_t len, int
     return NULL;
 }
 
+/* What asks for cells: it needs an estimator that has them, and without --estimator chooses one. */
+static int check_cells(Cli *c) {
+    const SltJob *j = &c->job;
+    const char *asked = j->error > 0                             ? "--error"
+                        : j->abs_error > 0                       ? "--abs-error"
+                        : j->gauss                               ? "--gauss"
+                        : j->max_evaluations                     ? "--max-evaluations"
+                        : j->interior == SLT_INTERIOR_QUADRATURE ? "--interior quadrature"
+                                                                 : NULL;
+    if (!asked) return SLT_OK;
+    if (!c->estimator_given) c->job.estimator = SLT_EST_AUTO;
+    if (j->estimator == SLT_EST_AUTO || j->estimator == SLT_EST_QUADRATURE) return SLT_OK;
+    return cli_usage(c, "%s is for --estimator quadrature or auto", asked);
+}
+
 int cli_parse(int argc, char **argv, Cli *c) {
     memset(c, 0, sizeof *c);
     c->opt = SLT_OPTIONS_INIT;
@@ -391,6 +413,8 @@ int cli_parse(int argc, char **argv, Cli *c) {
     if (c->file && c->expr) return cli_usage(c, "FILE and --expr were both given");
     if (c->job.no_interior && c->job.no_boundary)
         return cli_usage(c, "--interior-only and --boundary-only leave nothing");
+    int cells = check_cells(c);
+    if (cells != SLT_OK) return cells;
     c->opt.seed = c->job.seed, c->job.time_limit = c->max_seconds;
     c->opt.set = c->sets, c->opt.nset = c->nsets;
     c->opt.param_files = c->param_files, c->opt.nparam_files = c->nparam_files;

@@ -49,6 +49,7 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
     if (c->output) json_text(stdout, c->output);
     else fputs("null", stdout);
     fputs(", ", stdout);
+    report_cells_json(stdout, stats, NULL);
     report_stats_json(stdout, stats);
     fputs(", ", stdout);
     report_warnings_json(stdout, p);
@@ -70,6 +71,7 @@ static int render_integral(Cli *c, SltProgram *p) {
         fputs("], \"integral_stderr\": [", stdout);
         for (uint32_t k = 0; k < slt_channels(p); k++) fputs(k ? ", " : "", stdout), json_number(stdout, error[k]);
         fputs("], ", stdout);
+        report_cells_json(stdout, &stats, NULL);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
         report_warnings_json(stdout, p);
@@ -79,13 +81,16 @@ static int render_integral(Cli *c, SltProgram *p) {
             printf("%s%.9g +- %.2g", k ? "  " : "integral ", value[k], error[k]);
         putchar('\n');
     }
+    report_cells(c, &stats, NULL);
     report_dropped(c, &stats);
-    return stats.asserts ? SLT_CHECK_FAILED : SLT_OK;
+    return report_status(&stats);
 }
 
 /* Packed pixels have no header: of the picture files only .png can hold them. */
 static int check_rgba8(const Cli *c) {
     if (c->job.integral) return cli_usage(c, "--format rgba8 is for images: leave it out to have the integral");
+    if (c->job.interior == SLT_INTERIOR_QUADRATURE)
+        return cli_usage(c, "--format rgba8 takes the middle of each pixel: leave it out to have pixels integrated");
     const char *slash = c->output ? strrchr(c->output, '/') : NULL;
     const char *dot = c->output ? strrchr(slash ? slash : c->output, '.') : NULL;
     if (!dot || !strcasecmp(dot, ".png") || !strcmp(dot, ".raw")) return SLT_OK;
@@ -133,8 +138,9 @@ static int render(Cli *c, SltProgram *p) {
     }
     if (status == SLT_OK) {
         print_result(c, p, &stats, im.data, channels);
+        report_cells(c, &stats, NULL);
         report_dropped(c, &stats);
-        if (stats.asserts) status = SLT_CHECK_FAILED;
+        status = report_status(&stats);
     } else {
         cli_fail(c, &err);
     }

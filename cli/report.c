@@ -1,4 +1,5 @@
 /* Results in the shape of the parameters, statistics, warnings, names of components. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -63,6 +64,52 @@ void report_stats_json(FILE *out, const SltStats *s) {
     fprintf(out, "}, \"truncated\": %llu, \"asserts_failed\": %llu, \"nonfinite\": %llu, \"seconds\": ",
             (unsigned long long)s->truncated, (unsigned long long)s->asserts, (unsigned long long)s->nonfinite);
     json_number(out, s->seconds);
+}
+
+/* NaN, which JSON has as null, where it is not finite. */
+static double bounded(double v) { return isfinite(v) ? v : NAN; }
+
+void report_cells_json(FILE *out, const SltStats *s, const double *derivative) {
+    static const char *const stops[] = {"null", "\"evaluations\"", "\"rounding\""};
+    if (!s->cells) return;
+    const struct {
+        const char *key;
+        double v;
+    } list[] = {{"certified", s->certified},
+                {"settled", s->settled},
+                {"curved", s->curved},
+                {"left", s->left},
+                {"left_bound", bounded(derivative ? *derivative : s->left_bound)},
+                {"value_left_bound", bounded(s->left_bound)}};
+    for (size_t i = 0; i < sizeof list / sizeof *list; i++) {
+        fprintf(out, "\"%s\": ", list[i].key);
+        json_number(out, list[i].v);
+        fputs(", ", out);
+    }
+    fprintf(out, "\"boxes\": %llu, \"stopped\": %s, ", (unsigned long long)s->boxes, stops[s->stopped]);
+}
+
+void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
+    if (!s->cells || c->quiet || c->json) return;
+    fprintf(stderr, "saltus: %.4g %% certified (%.4g %% settled, %.4g %% curves), %llu evaluations, %.3f s\n",
+            100 * s->certified, 100 * s->settled, 100 * s->curved, (unsigned long long)s->evaluations, s->seconds);
+    if (s->left > 0) {
+        fprintf(stderr, "saltus: note: nothing is proven on the rest, %.2g of the domain; it hides ", s->left);
+        if (isfinite(s->left_bound)) fprintf(stderr, "at most %.2g of a value", s->left_bound);
+        else fputs("an unbounded part of a value", stderr);
+        if (derivative && isfinite(*derivative)) fprintf(stderr, ", at most %.2g of a derivative", *derivative);
+        else if (derivative) fputs("; of a derivative its part is estimated, not bounded", stderr);
+        fputc('\n', stderr);
+    }
+    if (s->stopped == SLT_STOP_EVALUATIONS)
+        fputs("saltus: warning: the error asked for was not reached: the evaluations ran out\n", stderr);
+    if (s->stopped == SLT_STOP_ROUNDING)
+        fputs("saltus: warning: the error asked for was not reached: rounding is larger\n", stderr);
+}
+
+int report_status(const SltStats *s) {
+    if (s->asserts) return SLT_CHECK_FAILED;
+    return s->stopped != SLT_STOP_NONE ? SLT_LIMIT : SLT_OK;
 }
 
 void report_warnings_json(FILE *out, SltProgram *p) {

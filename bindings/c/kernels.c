@@ -66,19 +66,25 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
+    s->nedges = p->nedges, s->edge_kind = p->edge_kind;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
-    s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
+    s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
+    s->nlists = p->nlists, s->list_count = p->list_counts;
     if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
 }
 
-static void find_cull_counts(const Block *b, uint32_t *counts) {
+/* Iterations of the loops with lists; *n becomes how many lists there are. */
+static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint32_t *n) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_loop && i->imm.loop.cull) counts[i->imm.loop.cull_id] = i->imm.loop.max_iters;
-        for (uint32_t r = 0; r < i->nregions; r++) find_cull_counts(i->region[r], counts);
+        if (i->op == OP_loop && i->imm.loop.cull) {
+            counts[i->imm.loop.cull_id] = i->imm.loop.max_iters;
+            if (i->imm.loop.cull_id >= *n) *n = i->imm.loop.cull_id + 1;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) find_list_counts(i->region[r], counts, n);
     }
 }
 
@@ -95,9 +101,17 @@ static void site_tables(SltProgram *p) {
         p->site_skips[s] = primal->sites[s].skip_loop;
         p->site_static[s] = !(facts[s] & DEPENDS_X);
     }
-    p->cull_counts = ARENA_ARRAY(a, uint32_t, p->prog->ncull + 1);
+    p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
-    find_cull_counts(primal->body, p->cull_counts);
+    p->nlists = p->prog->ncull;
+    find_list_counts(primal->body, p->list_counts, &p->nlists);
+}
+
+static void edge_table(SltProgram *p, const KernelSet *set) {
+    if (!set->edges || p->edge_kind) return; /* the same ones each time */
+    p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
+    p->nedges = set->nedges;
+    for (uint32_t e = 0; e < set->nedges; e++) p->edge_kind[e] = (uint8_t)set->edges[e].kind;
 }
 
 /* The bounds of a [Cull] loop, which have no variants. */
@@ -122,10 +136,12 @@ static void build_body(Session *s, void *arg) {
     KernelSet set;
     double start = now_ms();
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
+    edge_table(p, &set);
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++) finish_bounds(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;
 
+    if (set.chunks) p->scene.chunks = set.chunks;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
     uint32_t n = 0;

@@ -5,7 +5,7 @@
  * library's lacks members that were added later: the library takes their defaults and writes nothing there. A longer
  * one comes from a newer program: the library leaves alone the part that it does not know, but where it reads the
  * struct that part must be zero, else the status is SLT_USAGE. A size of 0 (a forgotten _INIT) is SLT_USAGE too.
- * Structs without a size (SltError, SltSet, SltFitNumber, SltFitMask) never change. */
+ * Structs without a size (SltError, SltSet, SltOpenEvent, SltFitNumber, SltFitMask) never change. */
 #ifndef SALTUS_JOB_H
 #define SALTUS_JOB_H
 
@@ -125,6 +125,35 @@ typedef struct SltCrossing {
     int drop;                       /* SltDrop: why it would not be integrated; -1: it would */
 } SltCrossing;
 #define SLT_CROSSING_INIT ((SltCrossing){.struct_size = sizeof(SltCrossing)})
+
+/* An event that may decide either way somewhere on a box: one of the list in SltBound, without a size of its own, so it
+ * will never change. The strings are the program's. */
+typedef struct SltOpenEvent {
+    int32_t edge;                   /* the site; numbers from slt_site_count on are seams */
+    uint32_t loops;                 /* how many of k */
+    int32_t k[8];                   /* indices of the loops around it, outermost first */
+    const char *kind, *file, *text; /* "compare", "floor", ...; file "" where there is no place; "d < r" */
+    uint32_t line, column;          /* from 1; 0 where there is no place */
+    double g[2];                    /* least and greatest value of its boundary function; infinite: not known */
+    double dg[3][2];                /* ... and of its derivatives along the axes */
+    double boundary[2]; /* of a rounding: the least and the greatest boundary of its integer; g is that of the least */
+    bool seam;          /* no [Disc]: f may jump or bend there, and moving it contributes nothing */
+    bool jumps, bends;  /* g itself may jump on the box; its derivatives may */
+} SltOpenEvent;
+
+/* What slt_bound knows of a box. settled: every decision goes one way at all of its points, and f is smooth there. */
+enum { SLT_BOUND_OPEN = 8 };
+typedef struct SltBound {
+    size_t struct_size;
+    bool settled;
+    bool unknown;    /* something decides that is no event, or has no bound: rand(), a ray, an endless march */
+    bool rough;      /* f may be not smooth where nothing decides: a root of 0, a pole */
+    uint32_t count;  /* events that may decide either way */
+    uint32_t listed; /* the first so many of them are in `open` */
+    SltOpenEvent open[SLT_BOUND_OPEN];
+    double lo[4], hi[4]; /* by channel: f lies between them at every point; infinite: not known */
+} SltBound;
+#define SLT_BOUND_INIT ((SltBound){.struct_size = sizeof(SltBound)})
 
 #ifdef __cplusplus
 }

@@ -210,6 +210,12 @@ SltStatus slt_eval(SltProgram *p, const SltJob *job, uint64_t n, const double *x
  * count. */
 SltStatus slt_crossing(SltProgram *p, const SltJob *job, const double a[3], const double b[3], uint32_t stream,
                        SltCrossing *out, SltError *err);
+/* What is known of n boxes, from interval arithmetic: lo[n][slt_dim] and hi[n][slt_dim] are their corners, which belong
+ * to them, anywhere, finite, rounded to the precision of the program as points are. Never wrong for any point that
+ * slt_eval takes, but not always all that is true: smaller boxes tell more (docs/bounds.md). Every out[n] has its size.
+ * Of the job only threads, time_limit, cancel, progress, floats and ints count. */
+SltStatus slt_bound(SltProgram *p, const SltJob *job, uint32_t n, const double *lo, const double *hi, SltBound *out,
+                    SltError *err);
 
 #ifdef __cplusplus
 }

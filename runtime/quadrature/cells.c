@@ -26,7 +26,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     Cells *c = calloc(1, sizeof *c);
     if (!c) return NULL;
     c->b = b, c->s = b->s, c->dim = b->s->dim, c->volume = 1;
-    c->depth = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / SLT_MAX_OPEN;
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    c->depth = named ? scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t d = 0; d < c->dim; d++) {
         c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
         c->width = fmax(c->width, hi[d] - lo[d]);
@@ -122,7 +123,7 @@ static void split(Cells *c, const Box *box, uint32_t level, uint32_t bends) {
                     cell->box.end[d] = at[d][i[d] + 1];
                     if (i[d] + 1 < n[d]) cell->box.hi[d] = at[d][i[d] + 1];
                 }
-                cell->level = level + 1, cell->bends = bends, cell->done = false, cell->axes = 0;
+                cell->level = level + 1, cell->bends = bends, cell->done = false, cell->axes = 0, cell->cuts = 0;
             }
 }
 
@@ -175,12 +176,16 @@ static bool settle(Cells *c, const Cell *cell) {
     }
 }
 
+bool cells_spent(Cells *c) {
+    if (c->o->budget && c->b->evaluations - c->began >= c->o->budget) c->counts->spent = true;
+    return c->counts->spent;
+}
+
 /* May it be cut further? */
 static bool divisible(Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
-    if (c->o->budget && c->counts->boxes + c->counts->points - c->began >= c->o->budget) c->counts->spent = true;
-    return room && !c->counts->spent && side(c, &cell->box) > c->o->least;
+    return room && !cells_spent(c) && side(c, &cell->box) > c->o->least;
 }
 
 /* The cell is cut further, or left over. */
@@ -261,9 +266,17 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
     return cells_integrate(c) && cells_integrate_smooth(c) && !c->failed;
 }
 
+/* The budget is spent: nothing more is asked of this part. */
+static void give_up(Cells *c, const Node *node) {
+    Cell cell = {.box = node->box};
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) cell.f[2 * ch] = -HUGE_VAL, cell.f[2 * ch + 1] = HUGE_VAL;
+    count_cell(c, &cell, CELL_LEFT);
+    c->sink->left(c->sink->user, &cell.box, cell.f);
+}
+
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
-    c->began = counts->boxes + counts->points;
+    c->began = c->b->evaluations;
     c->failed = false, c->nstack = c->nsmooth = c->npiece = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
@@ -286,6 +299,10 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
         uint32_t n = c->nstack < at_once ? c->nstack : at_once;
         c->nstack -= n;
         memcpy(node, c->stack + c->nstack, n * sizeof *node);
+        if (counts->spent) {
+            for (uint32_t i = 0; i < n; i++) give_up(c, &node[i]);
+            continue;
+        }
         if (c->s->nlists) c->within = node[0].box;
         if (!work(c, node, n)) return false;
         if (c->s->nlists) cells_flush(c);

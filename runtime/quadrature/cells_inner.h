@@ -42,6 +42,7 @@ typedef struct Cell {
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
+    uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
@@ -174,6 +175,9 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
+/* Sums of numbers that differ by less than this part of their size are the same. */
+static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
+bool cells_spent(Cells *c); /* has this tile used its budget up? */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);

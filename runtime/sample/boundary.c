@@ -12,7 +12,7 @@ static BoundaryRun *const estimators[SLT_ESTIMATORS] = {
 bool slt_estimate_by_differences(SltEstimator e) { return !estimators[e]; }
 
 void boundary_merge(Boundary *y, Worker *w) {
-    if (w->sink.kind == SINK_FORWARD) sink_merge_splat(&w->sink, y->out, y->crossings);
+    if (w->sink.kind == SINK_FORWARD) splat_merge(&w->sink.splat, y->out, y->crossings);
     else accum_merge(&w->acc, y->targets);
     run_collect(y->run, w);
 }

@@ -29,6 +29,13 @@ void stats_add(SltStats *to, const SltStats *s) {
     to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
     to->seconds += s->seconds;
     to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
+    stats_of_cells(to, s);
+}
+
+void stats_of_cells(SltStats *to, const SltStats *s) {
+    if (!to) return;
+    to->cells = s->cells, to->certified = s->certified, to->settled = s->settled, to->curved = s->curved;
+    to->left = s->left, to->left_bound = s->left_bound, to->boxes = s->boxes, to->stopped = s->stopped;
 }
 
 void run_end(Run *r, SltStats *stats) {
@@ -62,7 +69,7 @@ void run_free_workers(Run *r) {
     for (uint32_t i = 0; i < r->nworkers; i++) {
         Worker *w = &r->worker[i];
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
-            cull_lists_free(&w->cull, &r->cull);
+            cull_lists_free(&w->cull, &r->cull), prune_free(&w->pruner);
         free(w->hash), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key), free(w->near_event),
             free(w->value), free(w->probes), follow_free(w->follow);
     }

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/sample/alloc.h"
 #include "runtime/sample/sink.h"
 
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g) {
@@ -15,8 +16,27 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 }
 
 void sink_free(Sink *k) {
-    free(k->order), free(k->splat), free(k->count), free(k->kept);
+    free(k->order), free(k->kept);
+    splat_free(&k->splat);
     memset(k, 0, sizeof *k);
+}
+
+void directions_free(Directions *d) {
+    for (uint32_t i = 0; i < d->n && d->flt; i++) free(d->flt[i]);
+    free(d->flt);
+}
+
+bool directions_init(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs) {
+    d->n = n, d->flt = alloc_zero(n, sizeof *d->flt);
+    if (!d->flt) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        size_t size = s->f64 ? sizeof(double) : sizeof(float);
+        if (!(d->flt[i] = aligned_alloc(64, (s->nfloats * size + 64) / 64 * 64))) return false;
+        for (uint32_t p = 0; p < s->nfloats; p++)
+            if (s->f64) ((double *)d->flt[i])[p] = dirs[i][p];
+            else ((float *)d->flt[i])[p] = (float)dirs[i][p];
+    }
+    return true;
 }
 
 void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
@@ -75,83 +95,16 @@ void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *k
     }
 }
 
-/* ---- the rectangle of pixels that a tile's crossings can reach */
 bool sink_rect(Sink *k, const double lo[3], const double hi[3]) {
-    const Grid *g = k->grid;
-    uint64_t pixels = 1;
-    for (uint32_t d = 0; d < 3; d++) {
-        k->rect_lo[d] = 0, k->rect_n[d] = 1;
-        if (d >= g->dim) continue;
-        double reach = (g->filter == SLT_FILTER_BOX ? 1 : g->radius + 1) * g->side[d];
-        uint32_t a = grid_cell(g, d, lo[d] - reach), b = grid_cell(g, d, hi[d] + reach);
-        k->rect_lo[d] = a, k->rect_n[d] = b - a + 1;
-        pixels *= k->rect_n[d];
-    }
-    uint64_t need = pixels * k->dirs->n * k->b->s->channels;
-    if (need > k->splat_cap) {
-        free(k->splat), free(k->count);
-        k->splat = malloc(need * sizeof *k->splat);
-        k->count = malloc(pixels * sizeof *k->count);
-        k->splat_cap = k->splat && k->count ? need : 0;
-        if (!k->splat_cap) {
-            k->failed = true;
-            return false;
-        }
-    }
-    memset(k->splat, 0, need * sizeof *k->splat);
-    memset(k->count, 0, pixels * sizeof *k->count);
-    return true;
-}
-
-/* Adds value[channels] times the filters' weights at x to direction dir. */
-static void splat(Sink *k, const double x[3], uint32_t dir, const double *value) {
-    const Grid *g = k->grid;
-    uint32_t channels = k->b->s->channels, first[3] = {0}, n[3] = {1, 1, 1};
-    double w[3][GRID_REACH] = {{1}, {1}, {1}};
-    for (uint32_t d = 0; d < g->dim; d++) n[d] = grid_reach(g, d, x[d], &first[d], w[d]);
-    double *base = k->splat + (uint64_t)dir * k->rect_n[0] * k->rect_n[1] * k->rect_n[2] * channels;
-    for (uint32_t z = 0; z < n[2]; z++)
-        for (uint32_t y = 0; y < n[1]; y++)
-            for (uint32_t i = 0; i < n[0]; i++) {
-                uint64_t rx = first[0] + i - k->rect_lo[0], ry = first[1] + y - k->rect_lo[1],
-                         rz = first[2] + z - k->rect_lo[2];
-                if (rx >= k->rect_n[0] || ry >= k->rect_n[1] || rz >= k->rect_n[2]) continue;
-                double *to = base + ((rz * k->rect_n[1] + ry) * k->rect_n[0] + rx) * channels,
-                       weight = w[0][i] * w[1][y] * w[2][z];
-                for (uint32_t c = 0; c < channels; c++) to[c] += weight * value[c];
-            }
-}
-
-static void count_crossing(Sink *k, const double x[3]) {
-    uint64_t r[3];
-    for (uint32_t d = 0; d < 3; d++) {
-        r[d] = grid_cell(k->grid, d, x[d]) - k->rect_lo[d];
-        if (r[d] >= k->rect_n[d]) return;
-    }
-    k->count[(r[2] * k->rect_n[1] + r[1]) * k->rect_n[0] + r[0]] += 1;
-}
-
-void sink_merge_splat(Sink *k, float *const *out, float *crossings) {
-    const Grid *g = k->grid;
-    uint32_t channels = k->b->s->channels;
-    uint64_t pixels = (uint64_t)k->rect_n[0] * k->rect_n[1] * k->rect_n[2];
-    for (uint32_t z = 0; z < k->rect_n[2]; z++)
-        for (uint32_t y = 0; y < k->rect_n[1]; y++) {
-            uint64_t to = grid_index(g, k->rect_lo[0], k->rect_lo[1] + y, k->rect_lo[2] + z);
-            uint64_t from = ((uint64_t)z * k->rect_n[1] + y) * k->rect_n[0];
-            for (uint32_t d = 0; d < k->dirs->n; d++) {
-                const double *v = k->splat + (d * pixels + from) * channels;
-                float *o = out[d] + to * channels;
-                for (uint64_t i = 0; i < (uint64_t)k->rect_n[0] * channels; i++)
-                    if (v[i] != 0) o[i] = (float)((double)o[i] + v[i]);
-            }
-            if (crossings)
-                for (uint32_t i = 0; i < k->rect_n[0]; i++) crossings[to + i] += k->count[from + i];
-        }
+    bool ok = splat_begin(&k->splat, k->grid, k->dirs->n, k->b->s->channels, lo, hi);
+    k->failed |= !ok;
+    return ok;
 }
 
 /* ---- a group of crossings order[0..n) of one site and class, with their weights */
-static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, bool missed) {
+/* Adjoints by channel, into the buffers from `first` on, and into those from `again` on if it is not the same. */
+static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first,
+                          uint32_t again) {
     uint32_t channels = k->b->s->channels;
     for (uint32_t ch = 0; ch < channels; ch++) {
         bool any = false;
@@ -163,8 +116,8 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
             batch_set(k->b, SLT_IN_SEED0, i, seed);
         }
         if (!any) continue;
-        accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, ch);
-        if (missed) accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, channels + ch);
+        accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, first + ch);
+        if (again != first) accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, again + ch);
     }
 }
 
@@ -185,7 +138,7 @@ static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint
 static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
     Batch *b = k->b;
     uint32_t channels = b->s->channels;
-    for (uint32_t i = 0; i < n; i++) count_crossing(k, c[(uint32_t)order[i]].x);
+    for (uint32_t i = 0; i < n; i++) splat_count(&k->splat, c[(uint32_t)order[i]].x);
     for (uint32_t d = 0; d < k->dirs->n; d++) {
         for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
         b->args.dparams = k->dirs->flt[d];
@@ -195,7 +148,7 @@ static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint
             double gdot = batch_get(b, SLT_OUT_DG, 0, i), value[SLT_MAX_CHANNELS];
             if (gdot == 0) continue;
             for (uint32_t ch = 0; ch < channels; ch++) value[ch] = x->weight * x->jump[ch] * gdot;
-            splat(k, x->x, d, value);
+            splat_add(&k->splat, d, x->x, value);
         }
     }
 }
@@ -225,22 +178,54 @@ static uint32_t clip(const Sink *k, Crossing *c, uint32_t n) {
     return kept;
 }
 
+/* Sorts by site and class. */
+static void group(Sink *k, const Crossing *c, uint32_t n) {
+    assert(n <= BATCH);
+    for (uint32_t i = 0; i < n; i++)
+        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << 40 | (uint64_t)c[i].cls << 32 | i;
+    sort_keys(k->order, n);
+}
+
+/* The end of the group that begins at `from`, whose site the next calls are for. */
+static uint32_t group_end(Sink *k, const Crossing *c, uint32_t from, uint32_t n) {
+    uint32_t to = from + 1;
+    while (to < n && k->order[to] >> 32 == k->order[from] >> 32) to++;
+    k->b->args.site = c[(uint32_t)k->order[from]].event.site;
+    return to;
+}
+
+static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
+    if (!n) return;
+    uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
+    switch (k->kind) {
+    case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
+    case SINK_PARTS: emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 2 ? 4 : cls & 1) * channels); break;
+    case SINK_REVERSE: emit_reverse(k, c, order, n, k->classes > 1 ? cls : 0); break;
+    case SINK_FORWARD: emit_forward(k, c, order, n); break;
+    case SINK_KEEP: break;
+    }
+}
+
+void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
+    group(k, c, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        to = group_end(k, c, from, n);
+        emit(k, c, k->order + from, to - from);
+    }
+}
+
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
-    assert(n <= BATCH);
     if (k->clip) n = clip(k, c, n);
     if (k->kind == SINK_KEEP) {
         keep_all(k, c, n);
         return;
     }
-    for (uint32_t i = 0; i < n; i++)
-        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << 40 | (uint64_t)c[i].cls << 32 | i;
-    sort_keys(k->order, n);
+    group(k, c, n);
     for (uint32_t from = 0, to; from < n; from = to) {
-        for (to = from + 1; to < n && k->order[to] >> 32 == k->order[from] >> 32;) to++;
         bool keep[BATCH];
-        k->b->args.site = c[(uint32_t)k->order[from]].event.site;
-        uint32_t cls = c[(uint32_t)k->order[from]].cls, kept = 0;
+        uint32_t kept = 0;
+        to = group_end(k, c, from, n);
         sink_weigh(k, c, k->order + from, to - from, keep);
         coincide_group(k, c, k->order, keep, from, to, n);
         for (uint32_t i = from; i < to && k->follow; i++) {
@@ -249,13 +234,7 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         }
         for (uint32_t i = from; i < to; i++)
             if (keep[i - from]) k->order[from + kept++] = k->order[i];
-        if (!kept) continue;
-        switch (k->kind) {
-        case SINK_INTEGRAL: emit_integral(k, c, k->order + from, kept, cls != 0); break;
-        case SINK_REVERSE: emit_reverse(k, c, k->order + from, kept, k->classes > 1 ? cls : 0); break;
-        case SINK_FORWARD: emit_forward(k, c, k->order + from, kept); break;
-        case SINK_KEEP: break;
-        }
+        emit(k, c, k->order + from, kept);
     }
     if (k->coincide.n) coincide_count(k, c);
 }

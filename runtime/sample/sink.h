@@ -6,9 +6,11 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/coincide.h"
 #include "runtime/sample/follow.h"
+#include "runtime/sample/splat.h"
 
 typedef enum SinkKind {
     SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
+    SINK_PARTS,    /* adjoints by class (0 or 1) and channel; classes 2 and 3 are these and go into a fifth group too */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
     SINK_FORWARD,  /* images of derivatives along directions */
     SINK_KEEP      /* a list */
@@ -18,21 +20,21 @@ typedef struct Directions {
     uint32_t n;
     void **flt; /* [n]: flt[nfloats] each */
 } Directions;
+/* From double[nfloats] each. False when memory runs out; directions_free is due all the same. */
+bool directions_init(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs);
+void directions_free(Directions *d);
 struct Sink {
     SinkKind kind;
     Batch *b;
     Accum *acc;
     Finder *f; /* its counts of dropped crossings */
     const Grid *grid;
-    double scale[3];                /* s_j of the weights: sides of the domain (integral) or of a pixel */
-    const float *adjoint;           /* SINK_REVERSE: an image */
-    uint32_t classes;               /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
-    const Directions *dirs;         /* SINK_FORWARD */
-    double *splat;                  /* SINK_FORWARD: [direction][pixel of the rectangle][channel] */
-    float *count;                   /* SINK_FORWARD: crossings, by pixel of the rectangle */
-    uint64_t splat_cap;             /* doubles in splat, enough for the largest rectangle so far */
-    uint32_t rect_lo[3], rect_n[3]; /* the rectangle: first pixel and number of pixels by axis */
-    Crossing *kept;                 /* SINK_KEEP: [nkept] */
+    double scale[3];        /* s_j of the weights: sides of the domain (integral) or of a pixel */
+    const float *adjoint;   /* SINK_REVERSE: an image */
+    uint32_t classes;       /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
+    const Directions *dirs; /* SINK_FORWARD */
+    Splat splat;            /* SINK_FORWARD: a plane for each direction */
+    Crossing *kept;         /* SINK_KEEP: [nkept] */
     uint64_t nkept, kept_cap;
     uint64_t *order; /* [BATCH] */
     Coincide coincide;
@@ -44,6 +46,8 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 void sink_free(Sink *k);
 /* Takes n <= BATCH crossings: Finder.full. */
 void sink_take(void *sink, Crossing *c, uint32_t n);
+/* The same for n <= BATCH crossings that have their weights already. */
+void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);
@@ -52,7 +56,5 @@ void sink_put(Sink *k, uint32_t lane, const Crossing *c);
 /* SINK_FORWARD: the rectangle of pixels that crossings in [lo, hi] of the domain reach, all 0. False when memory runs
  * out. */
 bool sink_rect(Sink *k, const double lo[3], const double hi[3]);
-/* Adds the rectangle to the images, in tile order. */
-void sink_merge_splat(Sink *k, float *const *out, float *crossings);
 
 #endif
