@@ -16,17 +16,24 @@
 extern "C" {
 #endif
 
-/* Iterations of one [Cull] loop that may do something in this tile. */
+/* Iterations of one loop that may do something in this tile. */
 typedef struct SltCullList {
     const int32_t *items; /* [count], ascending */
     int32_t count;        /* < 0: no list, every iteration runs */
 } SltCullList;
 
-/* Iterations of one listable loop that may do something somewhere in the boxes of one call of `bounds`. */
-typedef struct SltNoteList {
-    int32_t *items; /* room for all iterations of the loop; ascending */
-    int32_t count;
-} SltNoteList;
+/* What one iteration of a loop does in the boxes of one call of `bounds`, which are SLT_PAD at most then: bit b is box
+ * b. An iteration that may do nothing in a box can be left out there, and so can all before one that overwrites. */
+typedef struct SltNote {
+    uint64_t may, must; /* it may change something; it surely overwrites all that the loop carries */
+} SltNote;
+
+/* What a straight-line program does in this call, the same for all its samples: which of its chunks of operations run,
+ * and which of its choices (min, max, select) are known to be one operand. What is not run is never looked at. */
+typedef struct SltPruned {
+    const int32_t *chunks;  /* by number, ascending; ends with SLT_NO_CHUNK */
+    const int32_t *settled; /* [2 * choices] by 2 * choice + operand: -1, it is this operand, or 0 */
+} SltPruned;
 
 typedef struct SltKernelArgs {
     const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t, one a sample; NULL where not read */
@@ -45,8 +52,13 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;       /* of tape, for all lanes */
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
-    const SltCullList *cull;   /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
-    SltNoteList *note; /* bounds: the lists that it makes, by number of the loop as in `cull`; NULL: none is wanted */
+    const SltPruned *pruned;   /* NULL: every chunk runs, no choice is settled */
+    /* bounds of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
+     * operand. Of chunks that did not run it says nothing. NULL: not wanted. */
+    uint64_t *choices;
+    const SltCullList *cull; /* by number of the list, as many as the program has; NULL: all iterations of all loops */
+    SltNote *const *note;    /* bounds: what it notes, by number of the list, then by place in the list (without one: by
+                                iteration); all 0 before. NULL: nothing is noted */
     uint64_t counters[SLT_COUNTERS]; /* by SltCounter: kernels add */
     /* print() in a lane: the text with {} for each of the n values. NULL: nothing is printed. */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);

@@ -26,7 +26,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     Cells *c = calloc(1, sizeof *c);
     if (!c) return NULL;
     c->b = b, c->s = b->s, c->dim = b->s->dim, c->volume = 1;
-    c->depth = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / SLT_MAX_OPEN;
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    c->depth = named ? scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t d = 0; d < c->dim; d++) c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
     bool made = cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;

@@ -121,7 +121,8 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     cell->nedges = 0;
     if (cell->nopen > CELL_EVENTS) return;
     /* An entry of the list counts as often as it has boundaries. */
-    for (uint32_t e = 0; cell->nedges < cell->nopen; e++) {
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    for (uint32_t e = 0; e < named && cell->nedges < cell->nopen; e++) {
         Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
         for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
         double first = 0, last = 0;
