@@ -60,6 +60,8 @@ static Boxed choose(Builder *b, Inst *which, Boxed p, Boxed q) {
 
 /* Either of the two, by something that is open itself. */
 static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open) {
+    if (p.is.lo == q.is.lo && p.is.hi == q.is.hi)
+        return (Boxed){p.is, open_union(b, open, open_union(b, p.open, q.open))};
     return (Boxed){.is = ir_bound_hull(b, p.is, q.is), .open = open_union(b, open, open_union(b, p.open, q.open))};
 }
 
@@ -91,8 +93,8 @@ static bool passes_through(const Block *region) { return region->first == region
 /* Where the condition holds on a part of the box only, the set that a result gets from it. */
 static Boxed joined(Boxes *x, Builder *b, const Inst *p, Boxed yes, Boxed no) {
     const Inst *i = p->args[0];
-    if (side(p, 0) == side(p, 1)) return yes;
-    return either(b, yes, no, bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)));
+    bool same = side(p, 0) == side(p, 1); /* but known better on either side */
+    return either(b, yes, no, same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)));
 }
 
 /* Values of one side for all results, under what its condition teaches. */

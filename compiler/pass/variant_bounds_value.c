@@ -282,10 +282,9 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
         Boxed p = value_of(x, of->args[0]), q;
         q = of->nargs > 1 ? value_of(x, of->args[1]) : p;
         Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs).bends;
-        if (!open) ice(x->to->session, "a seam around %s", ir_ops[of->op].name);
-        Inst *event = record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
+        Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
-        if (of->nargs > 1) { /* the set of the one that wins, where that is settled */
+        if (open && of->nargs > 1) { /* the set of the one that wins, where that is settled */
             Inst *below = not_above(b, p.is.hi, q.is.lo), *above = not_above(b, q.is.hi, p.is.lo);
             any = open_where(b, open, any, open_where(b, of->op == OP_fmin ? below : above, p.open, q.open));
         }
