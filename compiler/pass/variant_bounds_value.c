@@ -186,7 +186,7 @@ static bool uses(const Inst *cond, const Inst *v, uint32_t depth) {
 
 static void select_value(Boxes *x, Builder *b, const Inst *i) {
     const Inst *cond = i->args[0];
-    Boxed c = value_of(x, cond), v[2], r;
+    Boxed c = value_of(x, cond), v[2], r = {0};
     if (is_root_of(cond, i->args[1], i->args[2])) {
         x->value[i->id] = value_of(x, i->args[2]);
         return;
@@ -201,6 +201,7 @@ static void select_value(Boxes *x, Builder *b, const Inst *i) {
     r.is = ir_bound_row(b, (Op)i->op, (Bound[]){c.is, v[0].is, v[1].is}, 3, 0);
     Inst *open = open_union(b, joined, open_union(b, v[0].open, v[1].open));
     r.open = open_where(b, c.is.lo, v[0].open, open_where(b, c.is.hi, open, v[1].open));
+    r.error = error_larger(b, v[0].error, v[1].error);
     x->value[i->id] = r;
 }
 
@@ -317,11 +318,12 @@ static uint32_t same_arguments(const Inst *i) {
 
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Bound a[3];
+    Boxed arg[3] = {0};
     Inst *open = NULL;
     for (uint32_t k = 0; k < i->nargs; k++) {
-        Boxed v = value_of(x, i->args[k]);
-        a[k] = v.is;
-        open = open_union(b, open, v.open);
+        arg[k] = value_of(x, i->args[k]);
+        a[k] = arg[k].is;
+        open = open_union(b, open, arg[k].open);
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
     Inst *own = own_open(b, i, a, r.is);
@@ -333,6 +335,7 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    if (x->fact[i->id] & FACT_ERROR) r.error = bounds_error(x, b, i, arg, r.is);
     x->value[i->id] = r;
 }
 
@@ -347,6 +350,10 @@ static void copy(Boxes *x, Builder *b, const Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++) args[a] = value_of(x, i->args[a]).is.lo;
     Inst *c = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, args, i->imm);
     x->value[i->id] = point(c);
+    if (!(x->fact[i->id] & FACT_ERROR)) return;
+    Boxed arg[3] = {0};
+    for (uint32_t a = 0; a < i->nargs && a < 3; a++) arg[a] = value_of(x, i->args[a]);
+    x->value[i->id].error = bounds_error(x, b, i, arg, (Bound){c, c});
 }
 
 void bounds_value(Boxes *x, Builder *b, const Inst *i) {

@@ -355,6 +355,73 @@ static void run(const char *name, const char *source, double least) {
     }
 }
 
+/* g in binary32 differs from g in binary64, which stands for the exact one, by no more than the error that is stated.
+ * Constants and parameters of the source are numbers of binary32. */
+static void rounding(const char *name, const char *source) {
+    static Case t, wide;
+    t = (Case){.name = name, .p = compile(name, source, false, 8), .random = 5};
+    wide = (Case){.name = name, .p = compile(name, source, true, 4), .f64 = true};
+    io_make(&t.box, t.p);
+    io_make(&t.at, t.p);
+    io_make(&wide.at, wide.p);
+    double ratio = 0;
+    uint32_t compared = 0;
+    for (uint32_t edge = 0; edge < t.p->nedges; edge++) {
+        make_boxes(&t);
+        make_points(&t);
+        for (uint32_t k = 0; k < ROOM; k++)
+            for (uint32_t d = 0; d < 3; d++) set(&wide, wide.at.in[IN_X0 + d], k, get(&t, t.at.in[IN_X0 + d], k));
+        t.box.args.site = t.at.args.site = wide.at.args.site = (int32_t)edge;
+        for (uint32_t k = 0; k < ROOM; k++)
+            set(&t, t.at.in[IN_BOUNDARY], k, 1), set(&wide, wide.at.in[IN_BOUNDARY], k, 1);
+        for (uint32_t k = 0; k < BOXES; k++) set(&t, t.box.in[IN_BOUNDARY], k, 1);
+        for (uint32_t k = 0; k < ROOM; k++)
+            ((int32_t *)t.at.in[IN_K0])[k] = ((int32_t *)wide.at.in[IN_K0])[k] = ((int32_t *)t.box.in[IN_K0])[k] = 2;
+        call(&t, &t.box, K_EDGE_BOUNDS, BOXES);
+        call(&t, &t.at, K_EDGE, ROOM);
+        call(&wide, &wide.at, K_EDGE, ROOM);
+        for (uint32_t i = 0; i < BOXES; i++) {
+            if (((int32_t *)output(&t, &t.box, K_EDGE_BOUNDS, SLT_OUT_G_STATE, 0))[i] & SLT_EDGE_JUMPS) continue;
+            double error = get(&t, output(&t, &t.box, K_EDGE_BOUNDS, SLT_OUT_G_ERROR, 0), i);
+            for (uint32_t k = i * POINTS; k < (i + 1) * POINTS; k++, compared++) {
+                double near = get(&t, output(&t, &t.at, K_EDGE, SLT_OUT_G, 0), k);
+                double exact = get(&wide, output(&wide, &wide.at, K_EDGE, SLT_OUT_G, 0), k), off = fabs(near - exact);
+                if (!(off <= error)) fail_msg("%s: g of edge %u is off by %g, not %g", where(&t, i), edge, off, error);
+                if (error > 0) ratio = fmax(ratio, off / error);
+            }
+        }
+    }
+    if (getenv("SHOW")) printf("%-20s at most %.3f of the stated error\n", name, ratio);
+    assert_true(compared > 1000);
+    if (ratio < 0.02) fail_msg("%s: the stated error is %g times too large", name, 1 / ratio);
+    io_free(&t.box);
+    io_free(&t.at);
+    io_free(&wide.at);
+    slt_program_free(t.p);
+    slt_program_free(wide.p);
+}
+
+static void rounding_of_g(void **state) {
+    (void)state;
+    rounding("circle", "param float r = 0.375; [Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+                       "  [Disc] return length(x - 0.125) < r ? 1.0 : 0.0; }");
+    rounding("balls", "param float2 p[3] = {float2(0.25, 0.5), float2(-0.5, 0.125), float2(0.0, -0.625)};\n"
+                      "[Domain(-1.0, 1.0)] shader float main(float2 x) { float s = 0.0;\n"
+                      "  for (int i = 0; i < 3; i++) { float2 d = x - p[i]; s += 0.0625 / (dot(d, d) + 0.03125); }\n"
+                      "  [Disc] return s < 1.5 ? 1.0 : 0.0; }");
+    rounding("waves",
+             "param float w = 5.0; [Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+             "  float g = sin(w * x.x + exp(x.y)) * cos(3.0 * x.y) + pow(x.x + 1.25, 1.5) - atan2(x.y, x.x + 2.0);\n"
+             "  g += log(x.y + 1.5) * tanh(x.x) + sqrt(x.x + 1.125); [Disc] return g < 0.25 ? 1.0 : 0.0; }");
+    rounding("zone plate", "param float w = 64.0; [Domain(0.25, 1.0)] shader float main(float2 x) {\n"
+                           "  [Disc] return sin(w * dot(x, x)) < 0.0 ? 1.0 : 0.0; }");
+    rounding("nearest",
+             "param float2 p[4] = {float2(0.25, 0.5), float2(-0.5, 0.125), float2(0.0, -0.625), float2(1.0)};\n"
+             "[Domain(-1.0, 1.0)] shader float main(float2 x) { float best = 16.0, c = 0.0;\n"
+             "  for (int i = 0; i < 4; i++) { float2 d = x - p[i]; float q = dot(d, d);\n"
+             "    [Disc] if (q < best) { best = q; c = float(i); } } return c; }");
+}
+
 static void circle(void **state) {
     (void)state;
     run("circle",
@@ -394,8 +461,9 @@ static void programs(void **state) {
 
 int main(int argc, char **argv) {
     if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(circle), cmocka_unit_test(examples),
-                                       cmocka_unit_test(other_examples), cmocka_unit_test(programs)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(circle), cmocka_unit_test(rounding_of_g),
+                                       cmocka_unit_test(examples), cmocka_unit_test(other_examples),
+                                       cmocka_unit_test(programs)};
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
     printf("%llu pairs, %llu jumps\n", (unsigned long long)pairs, (unsigned long long)jumps);
     return failed;
