@@ -77,8 +77,8 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
 /* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 
-/* The estimator that a job means: of SLT_EST_AUTO what a look at the program's bounds on a few hundred boxes decides,
- * which needs the kernel `bounds` alone; of others the same. */
+/* SLT_EST_LATTICE instead of SLT_EST_AUTO where a look at the program's bounds on a few hundred boxes is enough to see
+ * that cells will not pay, which needs the kernel `bounds` alone. Else the job's estimator. */
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);
 
 /* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. Sampled, unless the estimator is
