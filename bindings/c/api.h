@@ -49,10 +49,12 @@ struct SltProgram {
     SltKernel **cull_kernels;                      /* by [Cull] loop */
     uint32_t *cull_counts;                         /* by [Cull] loop: iterations */
     uint8_t *site_kind, *site_static, *site_skips; /* by site: see SltScene */
-    uint8_t *dense;                                /* [nfloats]: 1 where some reverse kernel adds to adj */
-    const SltGeometry **geometries;                /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
-    uint32_t *geometry_base;                       /* [prog->ngeometries]: where in flt its numbers begin */
-    GeometryState *geometry_state;                 /* [prog->ngeometries] */
+    uint8_t *edge_kind;                            /* by edge; NULL until a kernel that knows edges was asked for */
+    uint32_t nedges;
+    uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
+    const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
+    uint32_t *geometry_base;        /* [prog->ngeometries]: where in flt its numbers begin */
+    GeometryState *geometry_state;  /* [prog->ngeometries] */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n,
                   uint32_t lane); /* SltKernelArgs.print; NULL: silent */
     void *print_user;             /* of print: this program */

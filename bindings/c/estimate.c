@@ -3,7 +3,7 @@
 
 #include "bindings/c/api.h"
 
-static const bool needs_render[K_KINDS] = {[K_VALUE] = true};
+static const bool needs_render[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
 
 static void gradient_needs(const SltJob *j, bool forward, bool needs[K_KINDS]) {
     for (int k = 0; k < K_KINDS; k++) needs[k] = false;

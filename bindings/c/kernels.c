@@ -66,6 +66,7 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
+    s->nedges = p->nedges, s->edge_kind = p->edge_kind;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
@@ -100,6 +101,13 @@ static void site_tables(SltProgram *p) {
     find_cull_counts(primal->body, p->cull_counts);
 }
 
+static void edge_table(SltProgram *p, const KernelSet *set) {
+    if (!set->edges || p->edge_kind) return; /* the same ones each time */
+    p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
+    p->nedges = set->nedges;
+    for (uint32_t e = 0; e < set->nedges; e++) p->edge_kind[e] = (uint8_t)set->edges[e].kind;
+}
+
 /* The bounds of a [Cull] loop, which have no variants. */
 static void finish_bounds(SltProgram *p, Fn *bounds) {
     SltLayout *layout = &p->scene.layout[SLT_K_CULL];
@@ -122,6 +130,7 @@ static void build_body(Session *s, void *arg) {
     KernelSet set;
     double start = now_ms();
     pipeline_kernels(&p->passes, p->prog, q->needs, &vo, &ad, &set);
+    edge_table(p, &set);
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++) finish_bounds(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;

@@ -31,18 +31,18 @@ _Static_assert(OP_COUNT < IR_MANY, "Inst.op is a byte");
 #define FOP(name_, n, cost_, lowering) {.name = #name_, FLOAT(n), .math = IS_##lowering, .cost = (cost_)},
 
 const OpInfo ir_ops[OP_COUNT] = {
-#define FOP1(name, value, partials, range, cost, domain, lowering, ...) FOP(name, 1, cost, lowering)
-#define FOP2(name, value, partials, range, cost, domain, lowering, ...) FOP(name, 2, cost, lowering)
-#define FOP3(name, value, partials, range, cost, domain, lowering, ...) FOP(name, 3, cost, lowering)
+#define FOP1(name, value, partials, bounds, events, range, cost, domain, lowering, ...) FOP(name, 1, cost, lowering)
+#define FOP2(name, value, partials, bounds, events, range, cost, domain, lowering, ...) FOP(name, 2, cost, lowering)
+#define FOP3(name, value, partials, bounds, events, range, cost, domain, lowering, ...) FOP(name, 3, cost, lowering)
 #define FCMP2(name_, ...) {.name = #name_, COMPARE(TY_FLT)},
-#define FSEL(name_, value, range, cost_)                                                                               \
+#define FSEL(name_, value, bounds, range, cost_)                                                                               \
     {.name = #name_, .nargs = 3, .result = TYPE_##name_, .arg = TYPE_##name_, .selects = true, .cost = (cost_)},
-#define IOP1(name_, value, range, cost_, ...) {.name = #name_, INT(1), .cost = (cost_)},
-#define IOP2(name_, value, range, cost_, ...) {.name = #name_, INT(2), .cost = (cost_)},
+#define IOP1(name_, value, bounds, range, cost_, ...) {.name = #name_, INT(1), .cost = (cost_)},
+#define IOP2(name_, value, bounds, range, cost_, ...) {.name = #name_, INT(2), .cost = (cost_)},
 #define ICMP2(name_, ...) {.name = #name_, COMPARE(TY_INT)},
 #define BOP1(name_, ...) {.name = #name_, BOOL(1)},
 #define BOP2(name_, ...) {.name = #name_, BOOL(2)},
-#define CONV(name_, result_, argument, value, range, cost_, ...)                                                       \
+#define CONV(name_, result_, argument, value, bounds, events, range, cost_, ...)                                                       \
     {.name = #name_, .nargs = 1, .result = TYPE_##result_, .arg = TYPE_##argument, .cost = (cost_)},
 #define SPECIAL(name_, signature, kind_, range, cost_, ...)                                                            \
     {.name = #name_,                                                                                                   \

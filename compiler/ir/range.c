@@ -132,17 +132,17 @@ IrRange ir_range_row(Op op, IrRange a, IrRange b, IrRange c, bool same) {
 #define ROW(name, range)                                                                                               \
     case OP_##name:                                                                                                    \
         return range;
-#define FOP1(name, value, partials, range, ...) ROW(name, range)
-#define FOP2(name, value, partials, range, ...) ROW(name, range)
-#define FOP3(name, value, partials, range, ...) ROW(name, range)
+#define FOP1(name, value, partials, bounds, events, range, ...) ROW(name, range)
+#define FOP2(name, value, partials, bounds, events, range, ...) ROW(name, range)
+#define FOP3(name, value, partials, bounds, events, range, ...) ROW(name, range)
 #define FCMP2(name, ...) ROW(name, IN(0, 1))
-#define FSEL(name, value, range, ...) ROW(name, range)
-#define IOP1(name, value, range, ...) ROW(name, range)
-#define IOP2(name, value, range, ...) ROW(name, range)
+#define FSEL(name, value, bounds, range, ...) ROW(name, range)
+#define IOP1(name, value, bounds, range, ...) ROW(name, range)
+#define IOP2(name, value, bounds, range, ...) ROW(name, range)
 #define ICMP2(name, ...) ROW(name, IN(0, 1))
 #define BOP1(name, ...) ROW(name, IN(0, 1))
 #define BOP2(name, ...) ROW(name, IN(0, 1))
-#define CONV(name, result, argument, value, range, ...) ROW(name, range)
+#define CONV(name, result, argument, value, bounds, events, range, ...) ROW(name, range)
 #define SPECIAL(name, signature, kind, range, ...) ROW(name, range)
 #include "compiler/ir/ops.def"
 #include "compiler/ir/ops_undef.h"

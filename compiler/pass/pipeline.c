@@ -100,6 +100,27 @@ SltLayout pipeline_layout(const Fn *fn) {
     return l;
 }
 
+/* Above this size edge_bounds is not made: it would compile for seconds. */
+enum { EDGE_BOUNDS_SIZE = 30000 };
+
+/* bounds, edge and edge_bounds, which know seams too. */
+static void box_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS], KernelSet *out) {
+    if (!needs[K_BOUNDS] && !needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
+    Fn *seamed = variant_seams(ctx, primal);
+    out->edges = seamed->sites, out->nedges = seamed->nsites;
+    if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, seamed);
+    if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
+    Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
+    for (Fn *part = variant_site(ctx, seamed); part; part = part->next_part) {
+        Fn *edge = ad_grad_x(ctx, part);
+        edge->serves = part->serves;
+        if (needs[K_EDGE_BOUNDS]) bounds = add_part(bounds, part, variant_edge_bounds(ctx, edge));
+        if (needs[K_EDGE]) edges = add_part(edges, part, edge);
+    }
+    if (out->fn[K_EDGE_BOUNDS] && walk_fn_size(out->fn[K_EDGE_BOUNDS]) > EDGE_BOUNDS_SIZE)
+        out->fn[K_EDGE_BOUNDS] = NULL;
+}
+
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
  */
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,
@@ -110,10 +131,11 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
 
-    Fn *chunks = needs[K_VALUE] ? variant_chunks(ctx, primal) : NULL;
-    if (chunks) out->chunks = variant_chunk_table(chunks);
     Fn *value = variant_value(ctx, primal);
-    if (needs[K_VALUE]) out->fn[K_VALUE] = chunks ? variant_value(ctx, chunks) : value;
+    if (needs[K_VALUE]) out->fn[K_VALUE] = value;
+    Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] ? variant_chunks(ctx, primal, &out->chunks) : NULL;
+    if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
+    if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
     if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &wrt, &out->tape[K_VJP]);
     if (jumps) {
@@ -134,6 +156,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             }
         }
     }
+    box_kernels(ctx, primal, needs, out);
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
         /* AD may have been given a Fn that is a kernel of its own too: each is finished once. */

@@ -122,10 +122,15 @@ static Inst *slice(Slicer *s, Builder *b, Inst *v) {
     return copy;
 }
 
+/* Not of a seam around a minimum or its kin. */
+static bool has_boundary(const Fn *fn, const Inst *site) {
+    return site->op == OP_siten && variant_site_info(fn, site)->kind != SITE_COMPARE;
+}
+
 /* g = a - b of a comparison, v - boundary of an integer-valued site. */
 static Inst *slice_g(Slicer *s, Builder *b, const Inst *site) {
     Inst *g = slice(s, b, site->args[1]);
-    if (g && site->op == OP_siten) g = ir_emit2(b, OP_fsub, g, ir_input(b, IN_BOUNDARY));
+    if (g && has_boundary(s->from, site)) g = ir_emit2(b, OP_fsub, g, ir_input(b, IN_BOUNDARY));
     return g;
 }
 
@@ -156,7 +161,7 @@ static bool capture_at(Thread *t, Inst *i) {
         match =
             ir_emit2(&b, OP_band, match, ir_emit2(&b, OP_ieq, ir_input(&b, (InputSlot)(IN_K0 + a - 2)), i->args[a]));
     Inst *g = i->args[1];
-    if (i->op == OP_siten) g = ir_emit2(&b, OP_fsub, g, ir_input(&b, IN_BOUNDARY));
+    if (has_boundary(t->fn, i)) g = ir_emit2(&b, OP_fsub, g, ir_input(&b, IN_BOUNDARY));
     t->value[0] = ir_select(&b, match, g, t->value[0]);
     t->value[1] = ir_emit2(&b, OP_bor, t->value[1], match);
     return true;

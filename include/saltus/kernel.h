@@ -29,10 +29,12 @@ typedef struct SltNoteList {
 } SltNoteList;
 
 /* What a straight-line program does in this call, the same for all its samples: which of its chunks of operations run,
- * and which of its choices (min, max, select) are known to be one operand. What is not run is never looked at. */
+ * which of its choices (min, max, select) are known to be one operand, and where chunks find the values of others: a
+ * choice that is one operand is not computed, who wants it reads the operand. What is not run is never looked at. */
 typedef struct SltPruned {
     const int32_t *chunks;  /* by number, ascending; ends with SLT_NO_CHUNK */
     const int32_t *settled; /* [2 * choices] by 2 * choice + operand: -1, it is this operand, or 0 */
+    const int32_t *from;    /* [imports]: which exported value */
 } SltPruned;
 
 typedef struct SltKernelArgs {
@@ -53,9 +55,9 @@ typedef struct SltKernelArgs {
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
     const SltCullList *cull;   /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
-    const SltPruned *pruned;   /* NULL: every chunk runs, no choice is settled */
-    /* bounds of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
-     * operand. Of chunks that did not run it says nothing. NULL: not wanted. */
+    const SltPruned *pruned;   /* prune, pruned: what runs; else NULL */
+    /* prune, of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
+     * operand. Of chunks that did not run it says nothing. */
     uint64_t *choices;
     SltNoteList *note; /* bounds: the lists that it makes, by number of the loop as in `cull`; NULL: none is wanted */
     uint64_t counters[SLT_COUNTERS]; /* by SltCounter: kernels add */

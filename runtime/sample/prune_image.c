@@ -1,4 +1,4 @@
-/* Boxes of pixels: the whole rectangle, then up to 64 parts of it in one call of `bounds`, each with what runs in it.
+/* Boxes of pixels: the whole rectangle, then up to 64 parts of it in one call of `prune`, each with what runs in it.
  */
 #include <math.h>
 
@@ -7,10 +7,7 @@
 /* Parts along a side, so that 64 make a call; and the side below which more boxes cost more than they save. */
 static const uint32_t parts[4] = {1, 64, 8, 4}, least[4] = {1, 256, 16, 8};
 
-bool prune_can(const SltScene *s) {
-    return s->chunks && (s->call || (s->kernel[SLT_K_BOUNDS] && s->kernel[SLT_K_VALUE])) &&
-           scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_F_LO) == s->channels;
-}
+bool prune_can(const SltScene *s) { return s->chunks && s->kernel[SLT_K_PRUNE] && s->kernel[SLT_K_PRUNED]; }
 
 uint32_t prune_tile(uint32_t dim) { return parts[dim] * least[dim]; }
 

@@ -10,9 +10,9 @@
 #include <cmocka.h>
 
 static const char *const policies[][2] = {
-#define FOP1(name, value, partials, range, cost, domain, lowering, policy) {#name, policy},
-#define FOP2(name, value, partials, range, cost, domain, lowering, policy) {#name, policy},
-#define FOP3(name, value, partials, range, cost, domain, lowering, policy) {#name, policy},
+#define FOP1(name, value, partials, bounds, events, range, cost, domain, lowering, policy) {#name, policy},
+#define FOP2(name, value, partials, bounds, events, range, cost, domain, lowering, policy) {#name, policy},
+#define FOP3(name, value, partials, bounds, events, range, cost, domain, lowering, policy) {#name, policy},
 #define FCMP2(name, ...)
 #define FSEL(name, ...)
 #define IOP1(name, ...)

@@ -13,9 +13,9 @@ typedef struct Row {
 } Row;
 
 static const Row rows[] = {
-#define FOP1(name, value, partials, range, cost, domain, ...) {OP_##name, 1, domain},
-#define FOP2(name, value, partials, range, cost, domain, ...) {OP_##name, 2, domain},
-#define FOP3(name, value, partials, range, cost, domain, ...) {OP_##name, 3, domain},
+#define FOP1(name, value, partials, bounds, events, range, cost, domain, ...) {OP_##name, 1, domain},
+#define FOP2(name, value, partials, bounds, events, range, cost, domain, ...) {OP_##name, 2, domain},
+#define FOP3(name, value, partials, bounds, events, range, cost, domain, ...) {OP_##name, 3, domain},
 #define FCMP2(name, ...)
 #define FSEL(name, ...)
 #define IOP1(name, ...)

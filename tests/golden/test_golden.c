@@ -25,7 +25,8 @@ static char *kernels_text(const char *path) {
         return NULL;
     }
     bool needs[K_KINDS];
-    for (int k = 0; k < K_KINDS; k++) needs[k] = k != K_JVP && k != K_SITE_JVP;
+    for (int k = 0; k < K_KINDS; k++)
+        needs[k] = k != K_JVP && k != K_SITE_JVP && k != K_EDGE && k != K_EDGE_BOUNDS && k != K_BOUNDS;
     SltError err = {0};
     char *text = NULL;
     size_t size;

@@ -70,7 +70,8 @@ typedef struct Noting { /* the point kernel that notes what its choices are */
 
 static void make_noting(Session *s, void *user) {
     Noting *n = user;
-    n->fn = ir_clone(variant_chunks(&n->p->passes, n->p->prog->primal), &s->module, "noting");
+    const SltChunks *table;
+    n->fn = variant_chunks(&n->p->passes, n->p->prog->primal, &table);
     variant_drop_sites(n->fn);
     pipeline_kernel(&n->p->passes, n->fn);
     KernelRequest r = {"noting", n->fn};
@@ -138,7 +139,7 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
     points_in(a, lo, side);
     unsigned char *want[2] = {malloc(POINTS * 8), malloc(POINTS * 8)};
     uint64_t *noted = malloc(bytes);
-    a->args.pruned = NULL, a->args.choices = noted;
+    a->args.pruned = &pr->set[0].pruned, a->args.choices = noted;
     memset(noted, 0xa5, bytes);
     assert_int_equal(ir_interpret(noting->fn, &a->args, POINTS, 16), SLT_OK);
     for (uint32_t k = 0; k < 2; k++) memcpy(want[k], a->args.out[k], POINTS * a->each);
@@ -148,6 +149,9 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
     same_outputs(a, want, what, tile);
     if (memcmp(noted, pr->choices, bytes)) fail_msg("%s: interpreter and kernel note other choices", what);
     a->args.choices = NULL;
+    p->scene.kernel[K_PRUNED](&a->args, POINTS);
+    same_outputs(a, want, what, tile);
+    a->args.pruned = NULL;
     p->scene.kernel[K_VALUE](&a->args, POINTS);
     same_outputs(a, want, what, tile);
 
@@ -167,9 +171,10 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
     for (uint32_t half = 0; half < 3; half++) {
         const PruneSet *set = half == 2 ? parent : prune_pick(pr, parent, half, 2);
         assert_true(length(set) <= whole);
-        p->scene.kernel[K_VALUE](&nowhere, POINTS);
+        nowhere.pruned = &pr->set[0].pruned;
+        p->scene.kernel[K_PRUNED](&nowhere, POINTS);
         a->args.pruned = &set->pruned;
-        p->scene.kernel[K_VALUE](&a->args, POINTS);
+        p->scene.kernel[K_PRUNED](&a->args, POINTS);
         a->args.pruned = NULL;
         uint32_t from = half == 1 ? 32 : 0, to = half == 0 ? 32 : POINTS;
         for (uint32_t k = 0; k < 2; k++)
@@ -178,7 +183,7 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
                          p->opt.target ? p->opt.target : "native", k, half, tile);
         a->args.pruned = &set->pruned;
         if (tile < 4) {
-            assert_int_equal(ir_interpret(p->fn[K_VALUE], &a->args, POINTS, 16), SLT_OK);
+            assert_int_equal(ir_interpret(p->fn[K_PRUNED], &a->args, POINTS, 16), SLT_OK);
             for (uint32_t k = 0; k < 2; k++)
                 if (memcmp((char *)a->args.out[k] + from * a->each, want[k] + from * a->each, (to - from) * a->each))
                     fail_msg("%s: interpreted, channel %u of half %u of tile %u is another", what, k, half, tile);
@@ -196,7 +201,7 @@ static void one_program(uint32_t seed, bool middle, bool f64, uint32_t width, co
     if (slt_compile_string(text, "random.salt", &o, &p) != SLT_OK)
         fail_msg("%s\n%s", slt_last_error(p), slt_diagnostics_text(p));
     SltError err = {0};
-    bool needs[K_KINDS] = {[K_VALUE] = true};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     if (api_kernels(p, needs, &err) != SLT_OK) fail_msg("%s", err.text);
     assert_non_null(p->scene.chunks);
     assert_true(p->scene.chunks->nchoices >= 64);
@@ -204,7 +209,7 @@ static void one_program(uint32_t seed, bool middle, bool f64, uint32_t width, co
     assert_int_equal(session_protect(p->session, make_noting, &noting), 0);
     assert_int_equal(noting.status, SLT_OK);
     Pruner pr;
-    assert_true(prune_init(&pr, &p->scene));
+    assert_true(prune_init(&pr, p->scene.chunks));
     Arrays a = arrays(p);
     Seen seen = {0};
     for (uint32_t tile = 0; tile < TILES; tile++) one_tile(p, &noting, &pr, &a, tile, &seen);
@@ -237,7 +242,7 @@ static void small_programs(void **unused) {
     SltProgram *p = NULL;
     assert_int_equal(slt_compile_string(text, "small.salt", &o, &p), SLT_OK);
     SltError err = {0};
-    bool needs[K_KINDS] = {[K_VALUE] = true};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
     assert_null(p->scene.chunks);
     slt_program_free(p);

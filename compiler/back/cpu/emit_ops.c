@@ -201,37 +201,37 @@ static Part value_part(Emit *e, const Inst *i, Part *x) {
 #define B_MATH emit_row(e, i, x)
 #define B_FCMP(p) fcmp(e, LLVMReal##p, x[0], x[1])
 #define B_ICMP(p) icmp(e, LLVMInt##p, x[0], x[1])
-#define FOP1(name, value, partials, range, cost, domain, lowering, ...)                                                             \
+#define FOP1(name, value, partials, bounds, events, range, cost, domain, lowering, ...)                                     \
     case OP_##name:                                                                                                    \
         return U_##lowering;
-#define FOP2(name, value, partials, range, cost, domain, lowering, ...)                                                             \
+#define FOP2(name, value, partials, bounds, events, range, cost, domain, lowering, ...)                                     \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define FOP3(name, value, partials, range, cost, domain, lowering, ...)                                                             \
+#define FOP3(name, value, partials, bounds, events, range, cost, domain, lowering, ...)                                     \
     case OP_##name:                                                                                                    \
         return T_##lowering;
-#define FCMP2(name, value, lowering)                                                                                   \
+#define FCMP2(name, value, bounds, lowering)                                                                                   \
     case OP_##name:                                                                                                    \
         return B_##lowering;
 #define FSEL(name, ...)                                                                                              \
     case OP_##name:                                                                                                    \
         return sel(e, x[0], x[1], x[2]);
-#define IOP1(name, value, range, cost, lowering)                                                                                    \
+#define IOP1(name, value, bounds, range, cost, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return U_##lowering;
-#define IOP2(name, value, range, cost, lowering)                                                                                    \
+#define IOP2(name, value, bounds, range, cost, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define ICMP2(name, value, lowering)                                                                                   \
+#define ICMP2(name, value, bounds, lowering)                                                                                   \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define BOP1(name, value, lowering)                                                                                    \
+#define BOP1(name, value, bounds, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return U_##lowering;
-#define BOP2(name, value, lowering)                                                                                    \
+#define BOP2(name, value, bounds, lowering)                                                                                    \
     case OP_##name:                                                                                                    \
         return B_##lowering;
-#define CONV(name, result, argument, value, range, cost, lowering)                                                                  \
+#define CONV(name, result, argument, value, bounds, events, range, cost, lowering)                                                                  \
     case OP_##name:                                                                                                    \
         return U_##lowering;
 #define SPECIAL(name, ...) case OP_##name:

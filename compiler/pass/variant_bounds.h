@@ -1,0 +1,108 @@
+/* What the files of the bounds transformation share: a Fn evaluated on boxes. Private to variant_bounds*.c.
+ *
+ *   variant_bounds.c         the kernels bounds and edge_bounds: inputs, outputs
+ *   variant_bounds_facts.c   which values differ within a box at all, and which may depend on something open
+ *   variant_bounds_value.c   one operation; decisions and the events they record; what a condition teaches
+ *   variant_bounds_flow.c    if_ and loop
+ *   variant_bounds_array.c   arrays, and parameters at an index that is not one number
+ *
+ * Every value of the source becomes a Boxed: bounds (ir/bounds.h), and a set, `open`, of what the value hangs on that
+ * may go either way on the box: away from the zeros of the events in it the value is a smooth function of the position
+ * (an integer or a boolean: constant). A value that is constant on the box has an empty set, whatever went in; that is
+ * how an event which a settled decision hides is forgotten. The set is a mask: a bit for each event that was recorded
+ * on the way, and OPEN_* for what has no event. */
+#ifndef SALTUS_PASS_VARIANT_BOUNDS_H
+#define SALTUS_PASS_VARIANT_BOUNDS_H
+
+#include "compiler/ir/bounds.h"
+#include "compiler/pass/variant.h"
+
+enum {
+    OPEN_SLOTS = 24, /* events of a box that are told apart; the first of the mask's bits */
+    OPEN_MORE = 1 << 24,
+    OPEN_JUMP = 1 << 25, /* may jump where no event says */
+    OPEN_BEND = 1 << 26  /* likewise, is continuous, but may be not smooth */
+};
+
+typedef struct Boxed {
+    Bound is;   /* of a value that is the same on all of the box: lo and hi are one instruction */
+    Inst *open; /* int; NULL: the empty set */
+} Boxed;
+
+/* Facts of a value of the source. */
+enum {
+    FACT_WIDE = 1, /* may differ within a box */
+    FACT_OPEN = 2  /* its set may be not empty */
+};
+
+/* A condition under which the transformation stands, that may hold on a part of the box only. */
+typedef struct PathStep {
+    Inst *certain; /* it holds on all of the box */
+    Inst *open;    /* the set of what it hangs on; NULL: empty */
+} PathStep;
+
+typedef struct BoxedArray {
+    Inst *lo, *hi, *open; /* allocs; hi NULL: elements are the same on all of the box; open NULL: sets are empty */
+    uint32_t path;        /* steps of the path that lead to the alloc */
+} BoxedArray;
+
+/* An override of a value's Boxed while a region is transformed. */
+typedef struct Undo {
+    uint32_t id;
+    Boxed was;
+} Undo;
+
+typedef struct Boxes {
+    PassCtx *ctx;
+    const Fn *from; /* dense ids */
+    Fn *to;
+    Arena *arena;
+    bool edges;        /* edge_bounds, prune: nothing is recorded */
+    uint8_t *fact;     /* by id: FACT_* */
+    Boxed *value;      /* by id */
+    BoxedArray *array; /* by id of the alloc */
+    Vec(PathStep) path;
+    Vec(Undo) undo;
+    /* Arrays of the events recorded so far; slots elements and one for those beyond. NULL: none can be recorded. */
+    uint32_t slots, depth;
+    Inst *recorded, *edge, *first, *last, *k[SLT_MAX_K]; /* `recorded`: one element, how many */
+} Boxes;
+
+/* variant_bounds_facts.c */
+void bounds_facts(Boxes *x);
+/* Facts of result `index` of a structured operation. */
+uint8_t bounds_result_fact(const Boxes *x, const Inst *structured, uint32_t index);
+static inline bool bounds_wide(const Boxes *x, const Inst *v) { return x->fact[v->id] & FACT_WIDE; }
+
+/* variant_bounds_value.c */
+void bounds_value(Boxes *x, Builder *b, const Inst *i);
+/* Sets of what is open. Unions know NULL; a select has its sets as ints. */
+Inst *open_union(Builder *b, Inst *p, Inst *q);
+Inst *open_where(Builder *b, Inst *cond, Inst *p, Inst *q); /* cond ? p : q, cond NULL: p */
+/* Integers and booleans, folded while built. */
+Inst *bounds_op1(Builder *b, Op op, Inst *p);
+Inst *bounds_op2(Builder *b, Op op, Inst *p, Inst *q);
+Inst *bounds_choose(Builder *b, Inst *cond, Inst *p, Inst *q);
+Inst *bounds_not(Builder *b, Inst *p);
+Inst *bounds_and(Builder *b, Inst *p, Inst *q); /* NULL is true */
+/* Narrows the bounds of what `cond` compares to where it is `truth`; bounds_forget takes that back. */
+uint32_t bounds_learn(Boxes *x, Builder *b, const Inst *cond, bool truth);
+void bounds_forget(Boxes *x, uint32_t mark);
+/* What a choice between two values adds to the set of its result: what the condition hangs on, or only a bend where the
+ * two are equal on the boundary. */
+Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no);
+static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b, OP_bxor, c.lo, c.hi); }
+
+/* variant_bounds_flow.c */
+void bounds_block(Boxes *x, Builder *b, const Block *from);
+void bounds_if(Boxes *x, Builder *b, const Inst *i);
+void bounds_loop(Boxes *x, Builder *b, const Inst *i);
+
+/* variant_bounds_array.c */
+void bounds_alloc(Boxes *x, Builder *b, const Inst *i);
+void bounds_load(Boxes *x, Builder *b, const Inst *i);
+void bounds_store(Boxes *x, Builder *b, const Inst *i);
+void bounds_acopy(Boxes *x, Builder *b, const Inst *i);
+void bounds_param(Boxes *x, Builder *b, const Inst *i);
+
+#endif

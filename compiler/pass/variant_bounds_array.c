@@ -1,0 +1,162 @@
+/* Bounds of local arrays and of parameters at an index that is not one number.
+ *
+ * An array becomes two, of low and of high ends, and a third for sets of what is open. A store replaces elements only
+ * where path and index are settled; else every element that it may hit is joined with the value. */
+#include "compiler/pass/variant_bounds.h"
+
+enum { SPAN = 32 }; /* parameters that are read one by one for bounds; above, nothing is said */
+
+static Inst *load(Builder *b, Inst *array, Inst *at) {
+    return ir_special(b, OP_load, array->imm.arr.elem, 2, (Inst *[]){array, at}, (Imm){0});
+}
+
+static void store(Builder *b, Inst *array, Inst *at, Inst *v) {
+    ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, at, v}, (Imm){0});
+}
+
+static Boxed load_element(Builder *b, const BoxedArray *a, Inst *at) {
+    Boxed v = {0};
+    v.is.lo = v.is.hi = load(b, a->lo, at);
+    if (a->hi) v.is.hi = load(b, a->hi, at);
+    if (a->open) v.open = load(b, a->open, at);
+    return v;
+}
+
+static void store_element(Builder *b, const BoxedArray *a, Inst *at, Boxed v) {
+    store(b, a->lo, at, v.is.lo);
+    if (a->hi) store(b, a->hi, at, v.is.hi);
+    if (a->open) store(b, a->open, at, v.open ? v.open : ir_consti(b, 0));
+}
+
+static Inst *alloc(Builder *b, uint32_t count, IrType elem) {
+    Imm imm = {0};
+    imm.arr.count = count;
+    imm.arr.elem = elem;
+    return ir_special(b, OP_alloc, TY_ARRAY, 0, NULL, imm);
+}
+
+void bounds_alloc(Boxes *x, Builder *b, const Inst *i) {
+    BoxedArray *a = &x->array[i->id];
+    uint8_t fact = x->fact[i->id];
+    *a = (BoxedArray){.lo = alloc(b, i->imm.arr.count, i->imm.arr.elem), .path = x->path.len};
+    if (fact & FACT_WIDE) a->hi = alloc(b, i->imm.arr.count, i->imm.arr.elem);
+    if (fact & FACT_OPEN) a->open = alloc(b, i->imm.arr.count, TY_INT);
+}
+
+/* An index within an array or a range of parameters. */
+static Inst *clamped(Builder *b, Inst *at, uint32_t count) {
+    return bounds_op2(b, OP_imin, bounds_op2(b, OP_imax, at, ir_consti(b, 0)), ir_consti(b, (int32_t)count - 1));
+}
+
+static Inst *next_index(Builder *b, Inst *at) { return ir_emit2(b, OP_iadd, at, ir_consti(b, 1)); }
+
+/* What holds of the path since the array's alloc: certain (NULL: surely), and the set of what it hangs on. */
+static PathStep path_since(Boxes *x, Builder *b, uint32_t from) {
+    PathStep p = {0};
+    for (uint32_t s = from; s < x->path.len; s++) {
+        p.certain = bounds_and(b, p.certain, x->path.data[s].certain);
+        p.open = open_union(b, p.open, x->path.data[s].open);
+    }
+    return p;
+}
+
+void bounds_load(Boxes *x, Builder *b, const Inst *i) {
+    const BoxedArray *a = &x->array[i->args[0]->id];
+    uint32_t count = i->args[0]->imm.arr.count;
+    Boxed at = x->value[i->args[1]->id];
+    if (!bounds_wide(x, i->args[1])) {
+        x->value[i->id] = load_element(b, a, at.is.lo);
+        return;
+    }
+    Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
+    Boxed first = load_element(b, a, from);
+    Inst *init[4] = {from, first.is.lo, first.is.hi, first.open ? first.open : ir_consti(b, 0)};
+    Inst *loop = ir_loop(b, 4, init, (LoopInfo){.max_iters = count});
+    Inst **p = loop->region[0]->params;
+    Builder in = ir_at_end(x->to, loop->region[0]);
+    Boxed v = load_element(&in, a, p[1]);
+    Bound hull = ir_bound_hull(&in, (Bound){p[2], p[3]}, v.is);
+    Inst *yield[5] = {ir_emit2(&in, OP_ilt, p[1], to), next_index(&in, p[1]), hull.lo, hull.hi,
+                      open_union(&in, p[4], v.open)};
+    ir_yield(&in, 5, yield);
+    Boxed r = {.is = {ir_proj(b, loop, 1), ir_proj(b, loop, 2)}};
+    r.open = open_union(b, ir_proj(b, loop, 3), at.open);
+    x->value[i->id] = r;
+}
+
+static Boxed weakened(Builder *b, const BoxedArray *a, Inst *at, Boxed v, Inst *strong, Inst *open) {
+    Boxed old = load_element(b, a, at), r;
+    Bound hull = ir_bound_hull(b, old.is, v.is);
+    r.is.lo = bounds_choose(b, strong, v.is.lo, hull.lo);
+    r.is.hi = bounds_choose(b, strong, v.is.hi, hull.hi);
+    r.open = open_where(b, strong, v.open, open_union(b, open, open_union(b, old.open, v.open)));
+    return r;
+}
+
+void bounds_store(Boxes *x, Builder *b, const Inst *i) {
+    const BoxedArray *a = &x->array[i->args[0]->id];
+    uint32_t count = i->args[0]->imm.arr.count;
+    Boxed at = x->value[i->args[1]->id], v = x->value[i->args[2]->id];
+    PathStep path = path_since(x, b, a->path);
+    Inst *open = open_union(b, path.open, at.open);
+    if (!bounds_wide(x, i->args[1])) {
+        store_element(b, a, at.is.lo, path.certain ? weakened(b, a, at.is.lo, v, path.certain, open) : v);
+        return;
+    }
+    Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
+    Inst *strong = bounds_and(b, path.certain, bounds_op2(b, OP_ieq, from, to));
+    Inst *loop = ir_loop(b, 1, &from, (LoopInfo){.max_iters = count});
+    Inst *j = loop->region[0]->params[1];
+    Builder in = ir_at_end(x->to, loop->region[0]);
+    store_element(&in, a, j, weakened(&in, a, j, v, strong, open));
+    Inst *yield[2] = {ir_emit2(&in, OP_ilt, j, to), next_index(&in, j)};
+    ir_yield(&in, 2, yield);
+}
+
+void bounds_acopy(Boxes *x, Builder *b, const Inst *i) {
+    const BoxedArray *to = &x->array[i->args[0]->id], *from = &x->array[i->args[1]->id];
+    uint32_t count = i->args[0]->imm.arr.count;
+    PathStep path = path_since(x, b, to->path);
+    if (!to->hi) {
+        ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){to->lo, from->lo}, (Imm){0});
+        return;
+    }
+    Inst *zero = ir_consti(b, 0);
+    Inst *loop = ir_loop(b, 0, NULL, (LoopInfo){.max_iters = count, .exact = true});
+    Inst *j = loop->region[0]->params[0];
+    Builder in = ir_at_end(x->to, loop->region[0]);
+    (void)zero;
+    Boxed v = load_element(&in, from, j);
+    store_element(&in, to, j, path.certain ? weakened(&in, to, j, v, path.certain, path.open) : v);
+    Inst *go_on = ir_emit2(&in, OP_ilt, j, ir_consti(&in, (int32_t)count - 1));
+    ir_yield(&in, 1, &go_on);
+}
+
+/* Elements from..to of a range of parameters, joined; whole where they are too many. */
+void bounds_param(Boxes *x, Builder *b, const Inst *i) {
+    uint32_t count = i->imm.slot.count;
+    Boxed at = x->value[i->args[0]->id];
+    if (!bounds_wide(x, i->args[0])) {
+        Inst *v = ir_special(b, (Op)i->op, (IrType)i->type, 1, &at.is.lo, i->imm);
+        x->value[i->id] = (Boxed){.is = {v, v}};
+        return;
+    }
+    Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
+    Inst *few = ir_emit2(b, OP_ilt, ir_emit2(b, OP_isub, to, from), ir_consti(b, SPAN));
+    Inst *end = bounds_choose(b, few, to, from);
+    Inst *first = ir_special(b, (Op)i->op, (IrType)i->type, 1, &from, i->imm);
+    Inst *init[3] = {from, first, first};
+    Inst *loop = ir_loop(b, 3, init, (LoopInfo){.max_iters = count < SPAN ? count : SPAN});
+    Inst **p = loop->region[0]->params;
+    Builder in = ir_at_end(x->to, loop->region[0]);
+    Inst *v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &p[1], i->imm);
+    Bound hull = ir_bound_hull(&in, (Bound){p[2], p[3]}, (Bound){v, v});
+    Inst *yield[4] = {ir_emit2(&in, OP_ilt, p[1], end), next_index(&in, p[1]), hull.lo, hull.hi};
+    ir_yield(&in, 4, yield);
+    Bound whole = ir_bound_whole(b, (IrType)i->type);
+    Boxed r;
+    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 1), whole.lo);
+    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 2), whole.hi);
+    r.open = at.open;
+    x->value[i->id] = r;
+}

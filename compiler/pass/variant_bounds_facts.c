@@ -1,0 +1,98 @@
+/* Which values differ within a box, and which may hang on something open: forwards, until nothing changes. */
+#include "compiler/pass/variant_bounds.h"
+
+typedef struct Flow {
+    const Boxes *x;
+    uint8_t *fact;
+    bool changed;
+} Flow;
+
+static void add(Flow *f, const Inst *to, uint8_t fact) {
+    if (fact & ~f->fact[to->id]) f->fact[to->id] |= fact, f->changed = true;
+}
+
+/* May a value row jump or bend for reasons of its own? Only what is known to be smooth may not. */
+static bool may_open(Op op) {
+    if (ir_ops[op].arg != TY_FLT || ir_ops[op].selects) return false;
+    switch (op) {
+    case OP_fadd:
+    case OP_fsub:
+    case OP_fmul:
+    case OP_fneg:
+    case OP_ffma:
+    case OP_fexp:
+    case OP_fexp2:
+    case OP_fsin:
+    case OP_fcos:
+    case OP_fatan:
+    case OP_fsinh:
+    case OP_fcosh:
+    case OP_ftanh:
+    case OP_ferf: return false;
+    default: return true;
+    }
+}
+
+uint8_t bounds_result_fact(const Boxes *x, const Inst *i, uint32_t index) {
+    uint8_t fact = 0;
+    for (uint32_t r = 0; r < i->nregions; r++) fact |= x->fact[walk_results(i, i->region[r])[index]->id];
+    if (i->op == OP_if_ && bounds_wide(x, i->args[0]) &&
+        i->region[0]->last->args[index] != i->region[1]->last->args[index])
+        fact |= FACT_WIDE | FACT_OPEN;
+    if (i->op == OP_loop && bounds_wide(x, i->region[0]->last->args[0])) fact |= FACT_WIDE | FACT_OPEN;
+    return fact;
+}
+
+/* partly: what stands here may run on a part of the box only. */
+static void flow(Flow *f, const Block *b, bool partly);
+
+static void flow_loop(Flow *f, const Inst *i, bool partly) {
+    const Block *body = i->region[0];
+    for (uint32_t p = 1; p < body->nparams; p++)
+        add(f, body->params[p], f->fact[i->args[p - 1]->id] | f->fact[body->last->args[p]->id]);
+    flow(f, body, partly || bounds_wide(f->x, body->last->args[0]));
+}
+
+static void flow(Flow *f, const Block *b, bool partly) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        uint8_t fact = 0;
+        switch ((Op)i->op) {
+        case OP_input:
+            if (i->imm.i <= IN_X2) fact = FACT_WIDE;
+            else if (i->imm.i <= IN_SAMPLE) fact = FACT_WIDE | FACT_OPEN;
+            break;
+        case OP_rand:
+        case OP_query:
+        case OP_window: fact = FACT_WIDE | FACT_OPEN; break;
+        case OP_store:
+            fact = f->fact[i->args[1]->id] | f->fact[i->args[2]->id];
+            add(f, i->args[0], partly || (fact & FACT_WIDE) ? fact | FACT_WIDE | FACT_OPEN : fact);
+            continue;
+        case OP_acopy:
+            add(f, i->args[0], (uint8_t)(f->fact[i->args[1]->id] | (partly ? FACT_WIDE | FACT_OPEN : 0)));
+            continue;
+        case OP_if_:
+            for (uint32_t r = 0; r < 2; r++) flow(f, i->region[r], partly || bounds_wide(f->x, i->args[0]));
+            continue;
+        case OP_loop: flow_loop(f, i, partly); continue;
+        case OP_proj: fact = bounds_result_fact(f->x, i->args[0], (uint32_t)i->imm.i); break;
+        case OP_choice:
+        case OP_give:
+        case OP_yield: continue;
+        case OP_take: fact = FACT_WIDE; break;
+        default:
+            for (uint32_t a = 0; a < i->nargs; a++) fact |= f->fact[i->args[a]->id];
+            if (variant_is_site(i)) fact = f->fact[i->args[0]->id];
+            if ((fact & FACT_WIDE) && (variant_is_site(i) || may_open((Op)i->op))) fact |= FACT_OPEN;
+        }
+        add(f, i, fact);
+    }
+}
+
+void bounds_facts(Boxes *x) {
+    Flow f = {.x = x, .fact = x->fact};
+    do {
+        f.changed = false;
+        flow(&f, x->from->body, false);
+    } while (f.changed);
+}

@@ -1,0 +1,408 @@
+/* Bounds of one operation: the row's (ir/bounds.h), and what may go either way in it.
+ *
+ * Comparisons, roundings, minima and their kin reach this as sites and seams (variant_seams.c), whose events are
+ * recorded where they are open. What has none marks the set of its value: OPEN_JUMP, OPEN_BEND. Where nothing is known
+ * of an operand (it may be NaN, or pass through a pole) any choice by it may jump as well. */
+#include "compiler/pass/variant_bounds.h"
+
+#include <math.h>
+
+/* ---- integers and booleans are folded while they are built: it is exact */
+
+static Builder folding(const Builder *b) {
+    Builder f = *b;
+    f.fold = true;
+    return f;
+}
+
+Inst *bounds_op1(Builder *b, Op op, Inst *p) {
+    Builder f = folding(b);
+    return ir_emit1(&f, op, p);
+}
+
+Inst *bounds_op2(Builder *b, Op op, Inst *p, Inst *q) {
+    Builder f = folding(b);
+    return ir_emit2(&f, op, p, q);
+}
+
+Inst *bounds_choose(Builder *b, Inst *cond, Inst *p, Inst *q) {
+    Builder f = folding(b);
+    return ir_select(&f, cond, p, q);
+}
+
+Inst *bounds_not(Builder *b, Inst *p) { return bounds_op1(b, OP_bnot, p); }
+
+Inst *bounds_and(Builder *b, Inst *p, Inst *q) { return !p ? q : !q ? p : bounds_op2(b, OP_band, p, q); }
+
+Inst *open_union(Builder *b, Inst *p, Inst *q) { return !p || p == q ? q : !q ? p : bounds_op2(b, OP_ior, p, q); }
+
+Inst *open_where(Builder *b, Inst *cond, Inst *p, Inst *q) {
+    if (!cond || p == q) return p;
+    return bounds_choose(b, cond, p ? p : ir_consti(b, 0), q ? q : ir_consti(b, 0));
+}
+
+static Inst *bits_where(Builder *b, Inst *cond, int32_t bits) {
+    return bounds_choose(b, cond, ir_consti(b, bits), ir_consti(b, 0));
+}
+
+static Inst *number(Builder *b, double v) { return ir_constf(b, v); }
+static Inst *less(Builder *b, Inst *p, Inst *q) { return bounds_op2(b, OP_flt, p, q); }
+static Inst *not_above(Builder *b, Inst *p, Inst *q) { return bounds_op2(b, OP_fle, p, q); }
+
+/* Nothing is known of it: it may be NaN. */
+static Inst *is_unknown(Builder *b, Bound v) { return bounds_not(b, ir_bound_is_number(b, v)); }
+
+/* ---- what a condition teaches */
+
+static void override(Boxes *x, const Inst *v, Boxed to) {
+    vec_push(x->arena, &x->undo, ((Undo){v->id, x->value[v->id]}));
+    x->value[v->id] = to;
+}
+
+static void raise_lo(Boxes *x, const Inst *v, Inst *lo) {
+    Boxed to = x->value[v->id];
+    to.is.lo = lo;
+    override(x, v, to);
+}
+
+static void lower_hi(Boxes *x, const Inst *v, Inst *hi) {
+    Boxed to = x->value[v->id];
+    to.is.hi = hi;
+    override(x, v, to);
+}
+
+/* Ends that hold one by one. */
+static Bound ends(Builder *b, Bound v) { return v.lo == v.hi ? v : ir_bound_ends(b, v); }
+
+/* p < q or p <= q holds: neither is NaN. An end that is NaN stays: nothing is known of the other either. */
+static void learn_below(Boxes *x, Builder *b, const Inst *p, const Inst *q) {
+    Bound vp = x->value[p->id].is, vq = x->value[q->id].is;
+    bool floats = p->type == TY_FLT;
+    Bound ep = floats ? ends(b, vp) : vp, eq = floats ? ends(b, vq) : vq;
+    if (bounds_wide(x, p)) lower_hi(x, p, ir_emit2(b, floats ? OP_fmin : OP_imin, vp.hi, eq.hi));
+    if (bounds_wide(x, q)) raise_lo(x, q, ir_emit2(b, floats ? OP_fmax : OP_imax, vq.lo, ep.lo));
+}
+
+/* p < q or p <= q does not hold. Of a NaN that would say nothing; the end taken over proves that the other operand is
+ * none. */
+static void learn_not_below(Boxes *x, Builder *b, const Inst *p, const Inst *q) {
+    if (p->type != TY_FLT) {
+        learn_below(x, b, q, p);
+        return;
+    }
+    Bound vp = x->value[p->id].is, vq = x->value[q->id].is;
+    Bound ep = ends(b, vp), eq = ends(b, vq);
+    if (bounds_wide(x, q)) {
+        Inst *better = bounds_op2(b, OP_band, less(b, ep.hi, vq.hi), ir_bound_is_number(b, vq));
+        lower_hi(x, q, bounds_choose(b, better, ep.hi, vq.hi));
+    }
+    if (bounds_wide(x, p)) {
+        Inst *better = bounds_op2(b, OP_band, less(b, vp.lo, eq.lo), ir_bound_is_number(b, vp));
+        raise_lo(x, p, bounds_choose(b, better, eq.lo, vp.lo));
+    }
+}
+
+static void learn(Boxes *x, Builder *b, const Inst *cond, bool truth) {
+    if (!bounds_wide(x, cond)) return;
+    const Inst *p = cond->nargs > 0 ? cond->args[0] : NULL, *q = cond->nargs > 1 ? cond->args[1] : NULL;
+    switch ((Op)cond->op) {
+    case OP_site:
+    case OP_bnot: learn(x, b, p, cond->op == OP_bnot ? !truth : truth); break;
+    case OP_band:
+        if (truth) learn(x, b, p, true), learn(x, b, q, true);
+        break;
+    case OP_bor:
+        if (!truth) learn(x, b, p, false), learn(x, b, q, false);
+        break;
+    case OP_flt:
+    case OP_fle:
+    case OP_ilt:
+    case OP_ile:
+        if (truth) learn_below(x, b, p, q);
+        else learn_not_below(x, b, p, q);
+        break;
+    case OP_feq:
+    case OP_ieq:
+        if (truth) learn_below(x, b, p, q), learn_below(x, b, q, p);
+        break;
+    case OP_fne:
+    case OP_ine:
+        if (!truth) learn_below(x, b, p, q), learn_below(x, b, q, p);
+        break;
+    default: break;
+    }
+    Inst *known = ir_constb(b, truth);
+    override(x, cond, (Boxed){.is = {known, known}});
+}
+
+uint32_t bounds_learn(Boxes *x, Builder *b, const Inst *cond, bool truth) {
+    uint32_t mark = x->undo.len;
+    learn(x, b, cond, truth);
+    return mark;
+}
+
+void bounds_forget(Boxes *x, uint32_t mark) {
+    while (x->undo.len > mark) {
+        Undo u = x->undo.data[--x->undo.len];
+        x->value[u.id] = u.was;
+    }
+}
+
+/* ---- choices */
+
+static const Inst *comparison(const Inst *cond) {
+    while (cond->op == OP_site) cond = cond->args[0];
+    return cond;
+}
+
+static bool is_number(const Inst *v, double n) { return v->op == OP_constf && v->imm.f == n; }
+
+/* a == 0 ? 0 : sqrt(a), as in `length` */
+static bool is_root_of(const Inst *cond, const Inst *yes, const Inst *no) {
+    return cond->op == OP_feq && no->op == OP_fsqrt && no->args[0] == cond->args[0] && is_number(cond->args[1], 0) &&
+           is_number(yes, 0);
+}
+
+Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no) {
+    Boxed c = x->value[cond->id];
+    const Inst *cmp = comparison(cond);
+    bool order = cmp->op == OP_flt || cmp->op == OP_fle;
+    bool meets = order && ((cmp->args[0] == yes && cmp->args[1] == no) || (cmp->args[0] == no && cmp->args[1] == yes));
+    if (!meets || !x->edges) return c.open;
+    Boxed p = x->value[yes->id], q = x->value[no->id];
+    Inst *nan = bounds_op2(b, OP_bor, is_unknown(b, p.is), is_unknown(b, q.is));
+    Inst *own = bounds_choose(b, nan, ir_consti(b, OPEN_JUMP), ir_consti(b, OPEN_BEND));
+    return open_union(b, open_where(b, bounds_undecided(b, c.is), own, NULL), open_union(b, p.open, q.open));
+}
+
+static Boxed value_of(const Boxes *x, const Inst *v) { return x->value[v->id]; }
+
+static bool uses(const Inst *cond, const Inst *v, uint32_t depth) {
+    if (cond == v) return true;
+    for (uint32_t a = 0; depth && cond->type == TY_BOOL && a < cond->nargs; a++)
+        if (uses(cond->args[a], v, depth - 1)) return true;
+    return false;
+}
+
+static void select_value(Boxes *x, Builder *b, const Inst *i) {
+    const Inst *cond = i->args[0];
+    Boxed c = value_of(x, cond), v[2], r;
+    if (is_root_of(cond, i->args[1], i->args[2])) {
+        x->value[i->id] = value_of(x, i->args[2]);
+        return;
+    }
+    Inst *joined = bounds_choice_open(x, b, cond, i->args[1], i->args[2]);
+    for (uint32_t s = 0; s < 2; s++) {
+        bool learns = uses(cond, i->args[1 + s], 4);
+        uint32_t mark = learns ? bounds_learn(x, b, cond, s == 0) : x->undo.len;
+        v[s] = value_of(x, i->args[1 + s]);
+        bounds_forget(x, mark);
+    }
+    r.is = ir_bound_row(b, (Op)i->op, (Bound[]){c.is, v[0].is, v[1].is}, 3, 0);
+    Inst *open = open_union(b, joined, open_union(b, v[0].open, v[1].open));
+    r.open = open_where(b, c.is.lo, v[0].open, open_where(b, c.is.hi, open, v[1].open));
+    x->value[i->id] = r;
+}
+
+/* ---- events */
+
+static void put(Builder *b, Inst *array, Inst *at, Inst *v) {
+    ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, at, v}, (Imm){0});
+}
+
+/* Where `open` holds, records the event of a site and gives its bit and `more`; elsewhere nothing. first, last: the
+ * boundaries of an integer, or NULL. */
+static Inst *record(Boxes *x, Builder *b, const Inst *site, Inst *open, Bound arg, Bound arg2, Inst *first, Inst *last,
+                    Inst *more) {
+    Inst *br = ir_if(b, open);
+    br->imm.i = IR_IF_RARE;
+    Builder in = ir_at_end(x->to, br->region[0]), out = ir_at_end(x->to, br->region[1]);
+    Inst *at = ir_special(&in, OP_load, TY_INT, 2, (Inst *[]){x->recorded, ir_consti(&in, 0)}, (Imm){0});
+    put(&in, x->edge, at, ir_consti(&in, (int32_t)site->imm.i));
+    for (uint32_t d = 0; d + 2 < site->nargs; d++) put(&in, x->k[d], at, value_of(x, site->args[d + 2]).is.lo);
+    if (x->first) {
+        put(&in, x->first, at, first ? first : number(&in, 0));
+        put(&in, x->last, at, last ? last : number(&in, 0));
+    }
+    put(&in, x->recorded, ir_consti(&in, 0), ir_emit2(&in, OP_iadd, at, ir_consti(&in, 1)));
+    Inst *told = ir_emit2(&in, OP_ilt, at, ir_consti(&in, (int32_t)x->slots));
+    Inst *bit = ir_select(&in, told, ir_emit2(&in, OP_ishl, ir_consti(&in, 1), at), ir_consti(&in, OPEN_MORE));
+    Inst *unknown = is_unknown(&in, arg);
+    if (arg2.lo) unknown = bounds_op2(&in, OP_bor, unknown, is_unknown(&in, arg2));
+    bit = open_union(&in, bit, bits_where(&in, unknown, OPEN_JUMP));
+    bit = open_union(&in, bit, more);
+    ir_yield(&in, 1, &bit);
+    Inst *none = ir_consti(&out, 0);
+    ir_yield(&out, 1, &none);
+    return ir_proj(b, br, 0);
+}
+
+static void site_value(Boxes *x, Builder *b, const Inst *i) {
+    const SiteInfo *info = variant_site_info(x->from, i);
+    Boxed v = value_of(x, i->args[0]);
+    if (!bounds_wide(x, i->args[0])) {
+        x->value[i->id] = v;
+        return;
+    }
+    if (ir_site_of_ray(info->kind) || info->skip_loop || !x->edge) {
+        v.open = open_union(b, v.open, bits_where(b, bounds_undecided(b, v.is), OPEN_JUMP));
+        x->value[i->id] = v;
+        return;
+    }
+    const Inst *cmp = comparison(i->args[0]);
+    bool pair = ir_ops[cmp->op].compares && ir_ops[cmp->op].arg == TY_FLT;
+    Bound p = value_of(x, pair ? cmp->args[0] : i->args[1]).is, q = {0};
+    if (pair) q = value_of(x, cmp->args[1]).is;
+    /* The set of an untagged comparison says that it may jump: its event says it better. */
+    Inst *more =
+        open_union(b, value_of(x, i->args[1]).open,
+                   pair ? open_union(b, value_of(x, cmp->args[0]).open, value_of(x, cmp->args[1]).open) : v.open);
+    v.open = record(x, b, i, bounds_undecided(b, v.is), p, q, NULL, NULL, more);
+    x->value[i->id] = v;
+}
+
+/* A rounding, or a seam around a minimum or its kin, whose value it passes on. */
+static void siten_value(Boxes *x, Builder *b, const Inst *i) {
+    const SiteInfo *info = variant_site_info(x->from, i);
+    const Inst *of = i->args[0];
+    Boxed v = value_of(x, of);
+    if (!bounds_wide(x, of)) {
+        x->value[i->id] = v;
+        return;
+    }
+    if (info->kind != SITE_COMPARE) {
+        Boxed arg = value_of(x, i->args[1]);
+        Inst *open = bounds_op2(b, OP_fne, v.is.lo, v.is.hi);
+        Builder f = folding(b);
+        Inst *last = x->first ? variant_boundary(&f, info->kind, ir_emit2(&f, OP_fsub, v.is.hi, number(b, 1))) : NULL;
+        Inst *first = x->first ? variant_boundary(&f, info->kind, v.is.lo) : NULL;
+        if (x->edge && !info->skip_loop) v.open = record(x, b, i, open, arg.is, (Bound){0}, first, last, arg.open);
+        else v.open = bits_where(b, open, OPEN_JUMP);
+    } else {
+        Boxed p = value_of(x, of->args[0]), q;
+        q = of->nargs > 1 ? value_of(x, of->args[1]) : p;
+        Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs).bends;
+        if (!open) ice(x->to->session, "a seam around %s", ir_ops[of->op].name);
+        Inst *event = record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
+        Inst *any = open_union(b, event, open_union(b, p.open, q.open));
+        if (of->nargs > 1) { /* the set of the one that wins, where that is settled */
+            Inst *below = not_above(b, p.is.hi, q.is.lo), *above = not_above(b, q.is.hi, p.is.lo);
+            any = open_where(b, open, any, open_where(b, of->op == OP_fmin ? below : above, p.open, q.open));
+        }
+        v.open = any;
+    }
+    x->value[i->id] = v;
+}
+
+/* ---- rows */
+
+/* What may go either way in the row itself, where no site or seam tells; NULL: nothing. */
+static Inst *own_open(Builder *b, const Inst *i, const Bound *a, Bound r) {
+    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects) return NULL;
+    if (ir_ops[i->op].result == TY_BOOL) return bits_where(b, bounds_undecided(b, r), OPEN_JUMP);
+    BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
+    Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
+    if (events.jumps) open = open_union(b, open, bits_where(b, events.jumps, OPEN_JUMP));
+    if (i->op == OP_fmin || i->op == OP_fmax) /* they drop a NaN in the second argument, and with it a jump */
+        open = open_union(b, open, bits_where(b, is_unknown(b, a[1]), OPEN_JUMP));
+    return open;
+}
+
+/* Bits of the arguments that are the first one's value. */
+static uint32_t same_arguments(const Inst *i) {
+    uint32_t same = 0;
+    for (uint32_t a = 1; a < i->nargs; a++)
+        if (i->args[a] == i->args[0]) same |= 1u << a | 1u;
+    return same;
+}
+
+static void row_value(Boxes *x, Builder *b, const Inst *i) {
+    Bound a[3];
+    Inst *open = NULL;
+    for (uint32_t k = 0; k < i->nargs; k++) {
+        Boxed v = value_of(x, i->args[k]);
+        a[k] = v.is;
+        open = open_union(b, open, v.open);
+    }
+    Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
+    Inst *own = own_open(b, i, a, r.is);
+    if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
+    /* The event of a rounding is told, and its conversion changes with it alone. */
+    bool told = (i->op == OP_f2i || i->op == OP_f2u) && i->args[0]->op == OP_siten &&
+                variant_site_info(x->from, i->args[0])->kind != SITE_COMPARE;
+    r.open = told ? open : open_union(b, open, own);
+    IrType t = (IrType)ir_ops[i->op].result;
+    if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
+    if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    x->value[i->id] = r;
+}
+
+static Boxed unknown_value(Builder *b, const Inst *i) {
+    return (Boxed){.is = ir_bound_whole(b, (IrType)i->type), .open = ir_consti(b, OPEN_JUMP)};
+}
+
+static Boxed point(Inst *v) { return (Boxed){.is = {v, v}}; }
+
+static void copy(Boxes *x, Builder *b, const Inst *i) {
+    Inst *args[8];
+    for (uint32_t a = 0; a < i->nargs; a++) args[a] = value_of(x, i->args[a]).is.lo;
+    Inst *c = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, args, i->imm);
+    x->value[i->id] = point(c);
+}
+
+void bounds_value(Boxes *x, Builder *b, const Inst *i) {
+    switch ((Op)i->op) {
+    case OP_input:
+        if (i->imm.i <= IN_X2)
+            x->value[i->id] =
+                (Boxed){.is = {ir_input(b, (InputSlot)i->imm.i), ir_input(b, (InputSlot)(IN_H0 + i->imm.i - IN_X0))}};
+        else if (bounds_wide(x, i)) x->value[i->id] = unknown_value(b, i);
+        else copy(x, b, i);
+        return;
+    case OP_rand:
+        x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 1)}, .open = ir_consti(b, OPEN_JUMP)};
+        return;
+    case OP_live:
+    case OP_settled: copy(x, b, i); return;
+    case OP_give: /* its lower and its upper end lie side by side */
+    case OP_take:
+        for (uint32_t end = 0; end < 2; end++) {
+            Imm imm = i->imm;
+            imm.frame.place = end, imm.frame.places = 2;
+            Bound v = i->op == OP_give ? value_of(x, i->args[0]).is : (Bound){0};
+            Inst *value = end ? v.hi : v.lo;
+            Inst *r = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, &value, imm);
+            if (i->op == OP_give) continue;
+            if (end) x->value[i->id].is.hi = r;
+            else x->value[i->id].is.lo = r;
+        }
+        return;
+    case OP_choice: {
+        Inst *may[2] = {value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.hi};
+        ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
+        return;
+    }
+    case OP_query:
+    case OP_window: x->value[i->id] = unknown_value(b, i); return;
+    case OP_param:
+    case OP_iparam: bounds_param(x, b, i); return;
+    case OP_detach: x->value[i->id] = value_of(x, i->args[0]); return;
+    case OP_site: site_value(x, b, i); return;
+    case OP_siten: siten_value(x, b, i); return;
+    case OP_fsel:
+    case OP_isel:
+    case OP_bsel:
+        if (bounds_wide(x, i->args[0])) {
+            select_value(x, b, i);
+            return;
+        }
+        break;
+    default: break;
+    }
+    if (!bounds_wide(x, i)) {
+        if (ir_ops[i->op].special && !ir_is_const(i)) ice(x->to->session, "bounds of %s", ir_ops[i->op].name);
+        copy(x, b, i);
+        return;
+    }
+    row_value(x, b, i);
+}

@@ -1,0 +1,209 @@
+/* Seams: the places where f, or a g, may jump or bend though no [Disc] says so, as sites of a clone of the primal.
+ *
+ * A comparison of floats that decides anything gets a site like a tagged one (g = a - b); a rounding, or the conversion
+ * to an integer, a siten. Minima, maxima and absolute values keep their row: a siten of kind COMPARE passes the value
+ * on and has the difference as its g. Numbers begin behind the real sites; where two operands are compared twice, both
+ * places have one number, for there is one curve. Only `bounds`, `edge` and `edge_bounds` are cut from this clone: no
+ * other kernel knows seams.
+ *
+ * Above EDGES sites and seams, for each of which `edge` has code, bends stay what they are, then jumps too. Where rays
+ * are searched nothing is bounded, so there are none. */
+#include "compiler/pass/depend.h"
+#include "compiler/pass/variant.h"
+
+enum { EDGES = 192 };
+
+typedef enum Class { CLASS_NONE, CLASS_JUMP, CLASS_BEND } Class;
+
+typedef struct Known {
+    const Inst *p, *q; /* what is compared */
+    const Inst *at;    /* visible where a seam may share its number */
+    uint32_t edge;
+} Known;
+
+typedef struct Seams {
+    Fn *fn;
+    Arena *arena;
+    const Depend *dep; /* by id of the clone before seams */
+    uint32_t n;        /* ids then */
+    bool *decides;     /* by id of a comparison or rounding: something else than its own site uses it */
+    Inst **seam;       /* by id: what stands for the value from now on */
+    Vec(SiteInfo) sites;
+    Vec(Known) known;
+    Inst *loop_k[SLT_MAX_K];
+    uint32_t depth; /* of loops around */
+    uint64_t events;
+    bool bends, jumps;
+    uint32_t count[3]; /* by Class, of candidates */
+} Seams;
+
+static bool moves(const Seams *s, const Inst *v) {
+    return v->id < s->n && (s->dep[v->id].on & (DEPENDS_X | DEPENDS_RAND)) == DEPENDS_X;
+}
+
+static bool rounds(Op op) { return op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc; }
+
+static Class class_of(const Seams *s, const Inst *i) {
+    switch ((Op)i->op) {
+    case OP_flt:
+    case OP_fle:
+    case OP_ffloor:
+    case OP_fceil:
+    case OP_fround:
+    case OP_ftrunc: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
+    case OP_f2i:
+    case OP_f2u: /* of a rounding: that one tells */
+        return moves(s, i) && i->args[0]->op != OP_siten && !rounds((Op)i->args[0]->op) ? CLASS_JUMP : CLASS_NONE;
+    case OP_fmin:
+    case OP_fmax:
+    case OP_fabs: return moves(s, i) ? CLASS_BEND : CLASS_NONE;
+    default: return CLASS_NONE;
+    }
+}
+
+static void find_users(Seams *s, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = 0; a < i->nargs; a++)
+            if (!(variant_is_site(i) && a == 0)) s->decides[i->args[a]->id] = true;
+        for (uint32_t r = 0; r < i->nregions; r++) find_users(s, i->region[r]);
+    }
+}
+
+static void count_block(Seams *s, const Block *b, uint32_t depth) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (depth <= SLT_MAX_K) s->count[class_of(s, i)]++;
+        for (uint32_t r = 0; r < i->nregions; r++) count_block(s, i->region[r], depth + (i->op == OP_loop));
+    }
+}
+
+static bool is_visible(const Inst *v, const Block *from) { return walk_inside(from, v->block); }
+
+/* The number of an edge that compares p with q at the same iteration. */
+static bool find_known(const Seams *s, const Block *b, const Inst *p, const Inst *q, uint32_t *edge) {
+    for (uint32_t k = s->known.len; k-- > 0;) {
+        const Known *known = &s->known.data[k];
+        bool same = (known->p == p && known->q == q) || (known->p == q && known->q == p);
+        if (!same || s->sites.data[known->edge].depth != s->depth || !is_visible(known->at, b)) continue;
+        *edge = known->edge;
+        return true;
+    }
+    return false;
+}
+
+static const char *name_of(const Inst *i) {
+    switch ((Op)i->op) {
+    case OP_fmin: return "min";
+    case OP_fmax: return "max";
+    case OP_fabs: return "abs";
+    case OP_flt: return "<";
+    case OP_fle: return "<=";
+    case OP_f2i: return "int";
+    case OP_f2u: return "uint";
+    default: return ir_ops[i->op].name + 1; /* ffloor, fceil ... */
+    }
+}
+
+static SiteKind kind_of(const Inst *i) {
+    switch ((Op)i->op) {
+    case OP_ffloor: return SITE_FLOOR;
+    case OP_fceil: return SITE_CEIL;
+    case OP_fround: return SITE_ROUND;
+    case OP_ftrunc:
+    case OP_f2i:
+    case OP_f2u: return SITE_TRUNC;
+    default: return SITE_COMPARE;
+    }
+}
+
+static uint32_t edge_of(Seams *s, const Inst *i, const Inst *p, const Inst *q) {
+    uint32_t edge = s->sites.len;
+    if (q && find_known(s, i->block, p, q, &edge)) return edge;
+    SiteInfo info = {.kind = kind_of(i), .span = i->span, .path = "", .depth = s->depth, .max_events = s->events};
+    info.text = name_of(i);
+    vec_push(s->arena, &s->sites, info);
+    if (q) vec_push(s->arena, &s->known, ((Known){p, q, i, edge}));
+    return edge;
+}
+
+/* The site of decision or value `of`; stands for it from now on. */
+static Inst *add_site(Seams *s, Builder *b, Op op, Inst *of, Inst *g, uint32_t edge) {
+    Inst *args[2 + SLT_MAX_K] = {of, g};
+    for (uint32_t d = 0; d < s->depth; d++) args[2 + d] = s->loop_k[d];
+    return ir_special(b, op, (IrType)of->type, 2 + s->depth, args, (Imm){.i = edge});
+}
+
+static void make_seam(Seams *s, Inst *i) {
+    Inst *p = i->args[0], *q = i->nargs > 1 ? i->args[1] : NULL;
+    uint32_t edge = edge_of(s, i, p, q);
+    if (i->op == OP_f2i || i->op == OP_f2u) {
+        Builder b = ir_before(s->fn, i);
+        ir_replace_arg(i, 0, add_site(s, &b, OP_siten, ir_emit1(&b, OP_ftrunc, p), p, edge));
+        return;
+    }
+    Builder b = ir_after(s->fn, i);
+    Inst *g = q ? ir_emit2(&b, OP_fsub, p, q) : p;
+    s->seam[i->id] = add_site(s, &b, i->type == TY_BOOL ? OP_site : OP_siten, i, g, edge);
+}
+
+static void walk(Seams *s, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        Class class = i->id < s->n ? class_of(s, i) : CLASS_NONE;
+        bool wanted = class == CLASS_JUMP ? s->jumps : class == CLASS_BEND && s->bends;
+        if (wanted && s->depth <= SLT_MAX_K) make_seam(s, i);
+        if (i->op == OP_site && ir_ops[i->args[0]->op].compares && i->args[0]->nargs == 2)
+            vec_push(s->arena, &s->known, ((Known){i->args[0]->args[0], i->args[0]->args[1], i, (uint32_t)i->imm.i}));
+        uint64_t events = s->events;
+        if (i->op == OP_loop) {
+            if (s->depth < SLT_MAX_K) s->loop_k[s->depth] = i->region[0]->params[0];
+            s->depth++;
+            s->events = s->events > (UINT64_MAX >> 32) ? UINT64_MAX >> 1 : s->events * i->imm.loop.max_iters;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) walk(s, i->region[r]);
+        if (i->op == OP_loop) s->depth--, s->events = events;
+    }
+}
+
+/* Everybody uses the seam, but a site the decision itself. */
+static void use_seams(const Seams *s, Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t a = variant_is_site(i) ? 1 : 0; a < i->nargs; a++) {
+            Inst *v = i->args[a];
+            if (v->id < s->n && s->seam[v->id] && s->seam[v->id] != i) i->args[a] = s->seam[v->id];
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) use_seams(s, i->region[r]);
+    }
+}
+
+static bool searches(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_query) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (searches(i->region[r])) return true;
+    }
+    return false;
+}
+
+Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
+    Fn *fn = variant_clone(ctx, primal, "seams", true);
+    opt_dce(ctx, fn);
+    if (searches(fn->body)) return fn;
+    Arena *scratch = &ctx->session->scratch;
+    ArenaMark mark = arena_mark(scratch);
+    Seams s = {.fn = fn, .arena = scratch, .events = 1};
+    s.dep = depend_values(fn, (DependOptions){0});
+    s.n = fn->ninsts;
+    s.decides = ARENA_ARRAY(scratch, bool, s.n + 1);
+    s.seam = ARENA_ARRAY(scratch, Inst *, s.n + 1);
+    for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
+    find_users(&s, fn->body);
+    count_block(&s, fn->body, 0);
+    s.jumps = fn->nsites + s.count[CLASS_JUMP] <= EDGES;
+    s.bends = s.jumps && fn->nsites + s.count[CLASS_JUMP] + s.count[CLASS_BEND] <= EDGES;
+    walk(&s, fn->body);
+    use_seams(&s, fn->body);
+    if (s.sites.len) fn->sites = arena_copy(fn->arena, s.sites.data, sizeof *s.sites.data * s.sites.len);
+    fn->nsites = s.sites.len;
+    arena_reset(scratch, mark);
+    return fn;
+}

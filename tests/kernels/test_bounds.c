@@ -1,0 +1,402 @@
+/* The bounds kernel and the edge kernels keep their word: on boxes large and of a few units in the last place, f at
+ * every point lies between its bounds, what jumps is an open event of the list or said to be unknown, and g and its
+ * gradient lie between theirs; compiled and interpreted kernels agree bit for bit.
+ *
+ *   test-kernels-bounds [rounds]    rounds: of boxes a program, 1 by default */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "bindings/c/api.h"
+
+enum { BOXES = 128, POINTS = 16, ROOM = BOXES * POINTS };
+
+static uint32_t rounds = 1;
+static uint64_t pairs, jumps; /* compared: points with bounds; jumps of f with lists */
+
+typedef struct Io {
+    void *in[SLT_IN_VARYING], *out[SLT_OUT_MAX];
+    SltKernelArgs args;
+} Io;
+
+typedef struct Case {
+    const char *name;
+    SltProgram *p;
+    bool f64;
+    uint64_t random;
+    double lo[ROOM][3], hi[BOXES][3]; /* boxes; lo is the points' too */
+    Io box, at;                       /* what kernels of boxes and of points read and write */
+} Case;
+
+static double unit(Case *t) {
+    t->random = t->random * 6364136223846793005ull + 1442695040888963407ull;
+    return (double)(t->random >> 11) * 0x1p-53;
+}
+
+static double get(const Case *t, const void *a, uint32_t i) {
+    return t->f64 ? ((const double *)a)[i] : (double)((const float *)a)[i];
+}
+
+static void set(const Case *t, void *a, uint32_t i, double v) {
+    if (t->f64) ((double *)a)[i] = v;
+    else ((float *)a)[i] = (float)v;
+}
+
+static double rounded(const Case *t, double v) { return t->f64 ? v : (double)(float)v; }
+
+static double step_up(const Case *t, double v, int n) {
+    for (int k = 0; k < n; k++) v = t->f64 ? nextafter(v, INFINITY) : (double)nextafterf((float)v, INFINITY);
+    return v;
+}
+
+static void io_make(Io *io, const SltProgram *p) {
+    memset(io, 0, sizeof *io);
+    for (int i = 0; i < SLT_IN_VARYING; i++) {
+        io->args.in[i] = io->in[i] = aligned_alloc(64, (ROOM + 64) * 8);
+        memset(io->in[i], 0, (ROOM + 64) * 8);
+    }
+    for (int i = 0; i < SLT_OUT_MAX; i++) io->args.out[i] = io->out[i] = aligned_alloc(64, (ROOM + 64) * 8);
+    io->args.params = p->flt, io->args.iparams = p->ints;
+    io->args.resolution[0] = io->args.resolution[1] = 16;
+}
+
+static void io_free(Io *io) {
+    for (int i = 0; i < SLT_IN_VARYING; i++) free(io->in[i]);
+    for (int i = 0; i < SLT_OUT_MAX; i++) free(io->out[i]);
+}
+
+static void *output(const Case *t, const Io *io, int kind, SltRole role, uint32_t k) {
+    return io->out[t->p->scene.layout[kind].out[role].first + k];
+}
+
+static uint32_t outputs(const Case *t, int kind, SltRole role) { return t->p->scene.layout[kind].out[role].count; }
+
+static void call(Case *t, Io *io, int kind, uint32_t n) {
+    io->args.n_valid = n;
+    for (int s = 0; s < SLT_IN_VARYING; s++)
+        for (uint32_t k = n; k < ((n + SLT_PAD - 1) & ~(uint32_t)(SLT_PAD - 1)); k++) /* the tail repeats the last */
+            if (ir_input_type((InputSlot)s) == TY_FLT) set(t, io->in[s], k, get(t, io->in[s], n - 1));
+            else ((int32_t *)io->in[s])[k] = ((int32_t *)io->in[s])[n - 1];
+    t->p->scene.kernel[kind](&io->args, n);
+}
+
+/* ---- boxes and points */
+
+static void make_boxes(Case *t) {
+    const Program *g = t->p->prog;
+    for (uint32_t i = 0; i < BOXES; i++) {
+        double size = pow(2, -20 * unit(t)), kind = unit(t);
+        for (uint32_t d = 0; d < 3; d++) {
+            double span = g->hi[d] - g->lo[d], at = g->lo[d] + span * unit(t);
+            double side = kind < 0.7 ? size * span : 0;
+            if (unit(t) < 0.15) at = g->lo[d] + span * floor(8 * unit(t)) / 8; /* dyadic corners */
+            t->lo[i][d] = rounded(t, at);
+            t->hi[i][d] =
+                kind < 0.85 ? fmax(rounded(t, at + side), t->lo[i][d]) : step_up(t, t->lo[i][d], (int)(4 * unit(t)));
+            set(t, t->box.in[IN_X0 + d], i, t->lo[i][d]);
+            set(t, t->box.in[IN_H0 + d], i, t->hi[i][d]);
+        }
+    }
+}
+
+/* POINTS points in every box: corners, and others. */
+static void make_points(Case *t) {
+    for (uint32_t i = 0; i < BOXES; i++)
+        for (uint32_t k = 0; k < POINTS; k++)
+            for (uint32_t d = 0; d < 3; d++) {
+                double lo = t->lo[i][d], hi = t->hi[i][d], v = lo + (hi - lo) * unit(t);
+                if (k < 4) v = k >> d & 1 ? hi : lo;
+                v = fmin(fmax(rounded(t, v), lo), hi);
+                set(t, t->at.in[IN_X0 + d], i * POINTS + k, v);
+            }
+}
+
+/* ---- checks */
+
+static const char *where(const Case *t, uint32_t i) {
+    static char text[400];
+    snprintf(text, sizeof text, "%s %s, box [%a, %a] x [%a, %a] x [%a, %a]", t->name, t->f64 ? "f64" : "f32",
+             t->lo[i][0], t->hi[i][0], t->lo[i][1], t->hi[i][1], t->lo[i][2], t->hi[i][2]);
+    return text;
+}
+
+/* v between ends, of which -inf and NaN, inf and NaN say nothing; a NaN only where both do. */
+static bool lies(double v, double lo, double hi) {
+    if (isnan(v)) return !(lo > -INFINITY) && !(hi < INFINITY);
+    return !(v < lo) && !(v > hi);
+}
+
+static void compare_interpreted(Case *t, Io *io, int kind, uint32_t n) {
+    Io want;
+    io_make(&want, t->p);
+    for (int i = 0; i < SLT_IN_VARYING; i++) want.args.in[i] = io->args.in[i];
+    want.args.site = io->args.site;
+    assert_int_equal(ir_interpret(t->p->fn[kind], &want.args, n, 16), SLT_OK);
+    const Fn *fn = t->p->fn[kind];
+    while (fn->next_part && !fn->serves[io->args.site]) fn = fn->next_part;
+    for (uint32_t o = 0; o < fn->body->last->nargs; o++)
+        for (uint32_t i = 0; i < n; i++) {
+            bool f = fn->body->last->args[o]->type == TY_FLT;
+            double x = f ? get(t, want.out[o], i) : ((int32_t *)want.out[o])[i];
+            double y = f ? get(t, io->out[o], i) : ((int32_t *)io->out[o])[i];
+            if (x != y && !(isnan(x) && isnan(y)))
+                fail_msg("%s: kernel %s, output %u: %.17g interpreted, %.17g compiled", where(t, i), kernel_names[kind],
+                         o, x, y);
+        }
+    io_free(&want);
+}
+
+static void check_values(Case *t) {
+    call(t, &t->at, K_VALUE, ROOM);
+    for (uint32_t i = 0; i < BOXES; i++)
+        for (uint32_t c = 0; c < t->p->prog->channels; c++) {
+            double lo = get(t, output(t, &t->box, K_BOUNDS, SLT_OUT_F_LO, c), i);
+            double hi = get(t, output(t, &t->box, K_BOUNDS, SLT_OUT_F_HI, c), i);
+            for (uint32_t k = 0; k < POINTS; k++, pairs++) {
+                double v = get(t, output(t, &t->at, K_VALUE, SLT_OUT_F, c), i * POINTS + k);
+                if (!lies(v, lo, hi))
+                    fail_msg("%s: f is %.17g at (%a, %a), not in [%.17g, %.17g]", where(t, i), v,
+                             get(t, t->at.in[IN_X0], i * POINTS + k), get(t, t->at.in[IN_X1], i * POINTS + k), lo, hi);
+            }
+        }
+}
+
+static int32_t state_of(const Case *t, uint32_t i) {
+    return ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_BOX_STATE, 0))[i];
+}
+static int32_t open_of(const Case *t, uint32_t i) {
+    return outputs(t, K_BOUNDS, SLT_OUT_OPEN) ? ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN, 0))[i] : 0;
+}
+
+/* Where nothing is open all points lie in one piece. */
+static uint32_t check_pieces(Case *t) {
+    uint32_t settled = 0;
+    bool hashes = t->p->fn[K_REGION] != NULL;
+    if (hashes) call(t, &t->at, K_REGION, ROOM);
+    for (uint32_t i = 0; i < BOXES; i++) {
+        if (state_of(t, i) || open_of(t, i)) continue;
+        settled++;
+        if (!hashes) continue;
+        const int32_t *h = (int32_t *)output(t, &t->at, K_REGION, SLT_OUT_HASH, 0) + i * POINTS;
+        for (uint32_t k = 1; k < POINTS; k++)
+            if (h[k] != h[0])
+                fail_msg("%s: settled, but (%a, %a) lies in another piece", where(t, i),
+                         get(t, t->at.in[IN_X0], i * POINTS + k), get(t, t->at.in[IN_X1], i * POINTS + k));
+    }
+    return settled;
+}
+
+/* Is an event told of box i? */
+static bool is_told(const Case *t, uint32_t i, int32_t edge, const int32_t *k, uint32_t depth) {
+    uint32_t told = outputs(t, K_BOUNDS, SLT_OUT_OPEN_EDGE),
+             most = told ? outputs(t, K_BOUNDS, SLT_OUT_OPEN_K) / told : 0;
+    for (uint32_t e = 0; e < told; e++) {
+        bool same = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, e))[i] == edge;
+        for (uint32_t d = 0; d < depth && d < most; d++)
+            same &= ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_K, e * most + d))[i] == k[d];
+        if (same) return true;
+    }
+    return false;
+}
+
+static int32_t hash_at(const Case *t, const Io *io, uint32_t i) {
+    return ((int32_t *)output(t, io, K_REGION, SLT_OUT_HASH, 0))[i];
+}
+
+/* Between two points in different pieces, brought together as near as numbers allow, one event differs: where f jumps
+ * there, the list has it, or the box says that it does not know. */
+static void check_list(Case *t) {
+    if (!t->p->fn[K_REGION] || !t->p->fn[K_EVENT] || !outputs(t, K_BOUNDS, SLT_OUT_OPEN)) return;
+    Io io;
+    io_make(&io, t->p);
+    uint32_t n = 0, box[BOXES];
+    for (uint32_t i = 0; i < BOXES; i++) {
+        if ((state_of(t, i) & SLT_BOX_UNKNOWN) || open_of(t, i) > SLT_MAX_OPEN) continue;
+        uint32_t a = i * POINTS, c = a + 1;
+        while (c < a + POINTS && hash_at(t, &t->at, c) == hash_at(t, &t->at, a)) c++;
+        if (c == a + POINTS) continue;
+        for (uint32_t d = 0; d < 3; d++)
+            set(t, io.in[IN_X0 + d], 2 * n, get(t, t->at.in[IN_X0 + d], a)),
+                set(t, io.in[IN_X0 + d], 2 * n + 1, get(t, t->at.in[IN_X0 + d], c));
+        box[n++] = i;
+    }
+    if (!n) {
+        io_free(&io);
+        return;
+    }
+    Io middle;
+    io_make(&middle, t->p);
+    for (uint32_t step = 0; step < 70; step++) {
+        for (uint32_t j = 0; j < n; j++)
+            for (uint32_t d = 0; d < 3; d++) {
+                double a = get(t, io.in[IN_X0 + d], 2 * j), c = get(t, io.in[IN_X0 + d], 2 * j + 1);
+                set(t, middle.in[IN_X0 + d], 2 * j, a);
+                set(t, middle.in[IN_X0 + d], 2 * j + 1, a + (c - a) / 2);
+            }
+        call(t, &middle, K_REGION, 2 * n);
+        for (uint32_t j = 0; j < n; j++) {
+            uint32_t end = 2 * j + (hash_at(t, &middle, 2 * j) != hash_at(t, &middle, 2 * j + 1));
+            for (uint32_t d = 0; d < 3; d++) set(t, io.in[IN_X0 + d], end, get(t, middle.in[IN_X0 + d], 2 * j + 1));
+        }
+    }
+    call(t, &io, K_VALUE, 2 * n);
+    memcpy(middle.out[0], io.out[0], (size_t)(2 * n) * 8);
+    call(t, &io, K_EVENT, 2 * n);
+    for (uint32_t j = 0; j < n; j++) {
+        double a = get(t, middle.out[0], 2 * j), c = get(t, middle.out[0], 2 * j + 1);
+        if (fabs(a - c) < 1e-3) continue; /* not a jump of the first channel */
+        int32_t site = ((int32_t *)output(t, &io, K_EVENT, SLT_OUT_SITE, 0))[2 * j], k[SLT_MAX_K] = {0};
+        uint32_t depth = outputs(t, K_EVENT, SLT_OUT_K);
+        for (uint32_t d = 0; d < depth; d++) k[d] = ((int32_t *)output(t, &io, K_EVENT, SLT_OUT_K, d))[2 * j];
+        if (site >= 0) depth = t->p->prog->primal->sites[site].depth;
+        pairs++, jumps++;
+        if (!is_told(t, box[j], site, k, depth))
+            fail_msg("%s: f jumps at (%a, %a) by site %d, which is not told", where(t, box[j]),
+                     get(t, io.in[IN_X0], 2 * j), get(t, io.in[IN_X1], 2 * j), site);
+    }
+    io_free(&io);
+    io_free(&middle);
+}
+
+/* g of every event that is told lies between its bounds, and its gradient where it is known. */
+static void check_edges(Case *t) {
+    if (!outputs(t, K_BOUNDS, SLT_OUT_OPEN) || !t->p->fn[K_EDGE] || !t->p->fn[K_EDGE_BOUNDS]) return;
+    uint32_t told = outputs(t, K_BOUNDS, SLT_OUT_OPEN_EDGE), depth = outputs(t, K_BOUNDS, SLT_OUT_OPEN_K) / told;
+    Io box, at;
+    io_make(&box, t->p);
+    io_make(&at, t->p);
+    bool checked = false;
+    for (uint32_t i = 0; i < BOXES; i += 3)
+        for (uint32_t e = 0; e < told && (int32_t)e < open_of(t, i); e++) {
+            int32_t edge = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, e))[i];
+            if (edge < 0) continue;
+            for (uint32_t d = 0; d < 3; d++) {
+                set(t, box.in[IN_X0 + d], 0, t->lo[i][d]);
+                set(t, box.in[IN_H0 + d], 0, t->hi[i][d]);
+                for (uint32_t k = 0; k < POINTS; k++)
+                    set(t, at.in[IN_X0 + d], k, get(t, t->at.in[IN_X0 + d], i * POINTS + k));
+            }
+            for (uint32_t d = 0; d < depth; d++) {
+                int32_t k = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_K, e * depth + d))[i];
+                ((int32_t *)box.in[IN_K0 + d])[0] = k;
+                for (uint32_t j = 0; j < POINTS; j++) ((int32_t *)at.in[IN_K0 + d])[j] = k;
+            }
+            double boundary = outputs(t, K_BOUNDS, SLT_OUT_OPEN_FIRST)
+                                  ? get(t, output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_FIRST, e), i)
+                                  : 0;
+            for (uint32_t j = 0; j < POINTS; j++) set(t, at.in[IN_BOUNDARY], j, boundary);
+            set(t, box.in[IN_BOUNDARY], 0, boundary);
+            box.args.site = at.args.site = edge;
+            call(t, &box, K_EDGE_BOUNDS, 1);
+            call(t, &at, K_EDGE, POINTS);
+            if (!checked || unit(t) < 0.05) compare_interpreted(t, &box, K_EDGE_BOUNDS, 1), checked = true;
+            double lo = get(t, output(t, &box, K_EDGE_BOUNDS, SLT_OUT_G_LO, 0), 0);
+            double hi = get(t, output(t, &box, K_EDGE_BOUNDS, SLT_OUT_G_HI, 0), 0);
+            for (uint32_t k = 0; k < POINTS; k++, pairs++) {
+                double g = get(t, output(t, &at, K_EDGE, SLT_OUT_G, 0), k);
+                if (!lies(g, lo, hi))
+                    fail_msg("%s: g of edge %d is %.17g, not in [%.17g, %.17g]", where(t, i), edge, g, lo, hi);
+                for (uint32_t d = 0; d < t->p->prog->dim; d++) {
+                    double slope = get(t, output(t, &at, K_EDGE, SLT_OUT_G_DX, d), k);
+                    double from = get(t, output(t, &box, K_EDGE_BOUNDS, SLT_OUT_DG_LO, d), 0);
+                    double to = get(t, output(t, &box, K_EDGE_BOUNDS, SLT_OUT_DG_HI, d), 0);
+                    if (!lies(slope, from, to))
+                        fail_msg("%s: slope %u of edge %d is %.17g, not in [%.17g, %.17g]", where(t, i), d, edge, slope,
+                                 from, to);
+                }
+            }
+        }
+    io_free(&box);
+    io_free(&at);
+}
+
+static SltProgram *compile(const char *name, const char *source, bool f64, uint32_t width) {
+    SltOptions o = SLT_OPTIONS_INIT;
+    o.f64 = f64, o.width = width, o.seed = 3, o.verify = true, o.no_cache = true, o.near_miss = 0;
+    SltProgram *p = NULL;
+    SltStatus s = source ? slt_compile_string(source, name, &o, &p) : slt_compile_file(name, &o, &p);
+    if (s != SLT_OK) fail_msg("%s: %s\n%s", name, slt_last_error(p), slt_diagnostics_text(p));
+    SltError err = {0};
+    bool needs[K_KINDS] = {[K_VALUE] = true,  [K_REGION] = true, [K_EVENT] = true,
+                           [K_BOUNDS] = true, [K_EDGE] = true,   [K_EDGE_BOUNDS] = true};
+    if (api_kernels(p, needs, &err) != SLT_OK) fail_msg("%s: %s", name, err.text);
+    return p;
+}
+
+/* least: share of the boxes that must come out settled. */
+static void run(const char *name, const char *source, double least) {
+    for (int f64 = 0; f64 < 2; f64++) {
+        static Case t;
+        t = (Case){.name = name, .p = compile(name, source, f64, f64 ? 4 : 8), .f64 = f64, .random = 1};
+        io_make(&t.box, t.p);
+        io_make(&t.at, t.p);
+        uint32_t settled = 0;
+        for (uint32_t r = 0; r < rounds; r++) {
+            make_boxes(&t);
+            make_points(&t);
+            call(&t, &t.box, K_BOUNDS, BOXES);
+            if (!r) compare_interpreted(&t, &t.box, K_BOUNDS, BOXES);
+            check_values(&t);
+            settled += check_pieces(&t);
+            check_list(&t);
+            check_edges(&t);
+        }
+        double share = settled / (double)(rounds * BOXES);
+        if (getenv("SHOW")) printf("%-40s %s settled %.3f\n", name, f64 ? "f64" : "f32", share);
+        if (share < least) fail_msg("%s: %.3f of the boxes are settled", name, share);
+        io_free(&t.box);
+        io_free(&t.at);
+        slt_program_free(t.p);
+    }
+}
+
+static void circle(void **state) {
+    (void)state;
+    run("circle",
+        "param float r = 0.4; [Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+        "  [Disc] if (length(x) < r) return 1.0 + 0.5 * sin(3.0 * x.x) * cos(2.0 * x.y); return 0.25; }",
+        0.5);
+}
+
+static void examples(void **state) {
+    (void)state;
+    run(SALTUS_TEST_DIR "/../examples/circle/circle.salt", NULL, 0.3);
+    run(SALTUS_TEST_DIR "/../examples/csg/csg.salt", NULL, 0.3);
+    run(SALTUS_TEST_DIR "/../examples/painterly_discs/discs.salt", NULL, 0.2);
+    run(SALTUS_TEST_DIR "/../examples/voronoi_mosaic/mosaic.salt", NULL, 0.2);
+}
+
+static void other_examples(void **state) {
+    (void)state;
+    run(SALTUS_TEST_DIR "/../examples/implicit_flower/flower.salt", NULL, 0.1);
+    run(SALTUS_TEST_DIR "/../examples/raymarch/raymarch.salt", NULL, 0.1);
+    run(SALTUS_TEST_DIR "/../examples/binary_grid/grid.salt", NULL, 0.1);
+    run(SALTUS_TEST_DIR "/../examples/checkerboard_tree/tree.salt", NULL, 0.1);
+    run(SALTUS_TEST_DIR "/../examples/high_frequency/zone_plate.salt", NULL, 0.1);
+    run(SALTUS_TEST_DIR "/../examples/thin_bands/bands.salt", NULL, 0.1);
+}
+
+static void programs(void **state) {
+    (void)state;
+    static const char *const names[] = {"circle", "discs", "grid_of_waves", "line",
+                                        "many",   "march", "nested",        "random"};
+    for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
+        char path[400];
+        snprintf(path, sizeof path, SALTUS_TEST_DIR "/programs/%s.salt", names[k]);
+        run(path, NULL, 0);
+    }
+}
+
+int main(int argc, char **argv) {
+    if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
+    const struct CMUnitTest tests[] = {cmocka_unit_test(circle), cmocka_unit_test(examples),
+                                       cmocka_unit_test(other_examples), cmocka_unit_test(programs)};
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    printf("%llu pairs, %llu jumps\n", (unsigned long long)pairs, (unsigned long long)jumps);
+    return failed;
+}
