@@ -3,16 +3,33 @@
 
 #include "bindings/c/api.h"
 
-static const bool needs_render[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
+static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE; }
+
+static void cell_needs(bool needs[K_KINDS]) {
+    needs[K_BOUNDS] = needs[K_EDGE] = needs[K_EDGE_BOUNDS] = needs[K_SIDES] = true;
+}
+
+static void value_needs(const SltJob *j, bool needs[K_KINDS]) {
+    for (int k = 0; k < K_KINDS; k++) needs[k] = k == K_VALUE;
+    if (by_cells(j)) cell_needs(needs);
+}
 
 static void gradient_needs(const SltJob *j, bool forward, bool needs[K_KINDS]) {
-    for (int k = 0; k < K_KINDS; k++) needs[k] = false;
-    needs[K_VALUE] = true;
+    value_needs(j, needs);
     if (slt_estimate_by_differences(j->estimator)) return;
     if (!j->no_interior) needs[forward ? K_JVP : K_VJP] = true;
     if (j->no_boundary) return;
     needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = true;
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
+}
+
+/* What SLT_EST_AUTO means for this program: its bounds say so, and are compiled first, alone. */
+static SltStatus settle(ApiCall *c) {
+    static const bool needs[K_KINDS] = {[K_BOUNDS] = true};
+    if (c->job.estimator != SLT_EST_AUTO) return SLT_OK;
+    SltStatus s = api_call_kernels(c, needs);
+    if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);
+    return s;
 }
 
 /* With opt.rgba8 the value kernel writes pixels, which are no numbers to add up. */
@@ -22,15 +39,24 @@ static SltStatus begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *s
     return status_fail(err, SLT_USAGE, "a program compiled with rgba8 has pixels for values: slt_render_rgba8");
 }
 
-static SltStatus begin_value(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
+static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err) {
+    bool needs[K_KINDS];
     SltStatus s = begin(c, p, job, stats, err);
-    return s != SLT_OK ? s : api_call_kernels(c, needs_render);
+    if (s != SLT_OK) return s;
+    /* Pixels are sampled unless they are to be exact. */
+    if (c->job.estimator == SLT_EST_AUTO && c->job.interior != SLT_INTERIOR_QUADRATURE)
+        c->job.estimator = SLT_EST_LATTICE;
+    s = settle(c);
+    value_needs(&c->job, needs);
+    needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
+    return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 
 static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bool forward, SltStats *stats,
                                 SltError *err) {
     bool needs[K_KINDS];
     SltStatus s = begin(c, p, job, stats, err);
+    if (s == SLT_OK) s = settle(c);
     if (s != SLT_OK) return s;
     gradient_needs(&c->job, forward, needs);
     return api_call_kernels(c, needs);
@@ -46,15 +72,17 @@ static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
 
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err) {
     ApiCall c;
-    SltStatus s = begin_value(&c, p, job, stats, err);
+    SltStatus s = begin_render(&c, p, job, stats, err);
     if (s == SLT_OK) s = slt_estimate_render(&p->scene, &c.job, 0, image, c.stats, err);
     return api_call_end(&c, s);
 }
 
 SltStatus slt_eval(SltProgram *p, const SltJob *job, uint64_t n, const double *x, const uint32_t *streams, double *out,
                    SltStats *stats, SltError *err) {
+    static const bool needs[K_KINDS] = {[K_VALUE] = true};
     ApiCall c;
-    SltStatus s = begin_value(&c, p, job, stats, err);
+    SltStatus s = begin(&c, p, job, stats, err);
+    if (s == SLT_OK) s = api_call_kernels(&c, needs);
     if (s == SLT_OK) s = slt_estimate_points(&p->scene, &c.job, n, x, streams, out, c.stats, err);
     return api_call_end(&c, s);
 }
@@ -103,7 +131,7 @@ SltStatus slt_crossing(SltProgram *p, const SltJob *job, const double a[3], cons
     SltJob own = SLT_JOB_INIT, values = SLT_JOB_INIT;
     if (!api_struct_sized(out)) return api_struct_unknown(err, "SltCrossing");
     if (job && !api_struct_read(&own, sizeof own, job)) return api_struct_unknown(err, "SltJob");
-    values.floats = own.floats, values.ints = own.ints;
+    values.floats = own.floats, values.ints = own.ints, values.estimator = SLT_EST_LATTICE;
     ApiCall c;
     SltCrossing found = SLT_CROSSING_INIT;
     SltStatus s = begin_gradient(&c, p, &values, true, NULL, err);

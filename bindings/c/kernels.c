@@ -72,14 +72,19 @@ static void fill_scene(SltProgram *p) {
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
-    s->cull_bounds = p->cull_kernels, s->cull_count = p->cull_counts;
+    s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
+    s->nlists = p->nlists, s->list_count = p->list_counts;
     if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
 }
 
-static void find_cull_counts(const Block *b, uint32_t *counts) {
+/* Iterations of the loops with lists; *n becomes how many lists there are. */
+static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint32_t *n) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_loop && i->imm.loop.cull) counts[i->imm.loop.cull_id] = i->imm.loop.max_iters;
-        for (uint32_t r = 0; r < i->nregions; r++) find_cull_counts(i->region[r], counts);
+        if (i->op == OP_loop && i->imm.loop.cull) {
+            counts[i->imm.loop.cull_id] = i->imm.loop.max_iters;
+            if (i->imm.loop.cull_id >= *n) *n = i->imm.loop.cull_id + 1;
+        }
+        for (uint32_t r = 0; r < i->nregions; r++) find_list_counts(i->region[r], counts, n);
     }
 }
 
@@ -96,9 +101,10 @@ static void site_tables(SltProgram *p) {
         p->site_skips[s] = primal->sites[s].skip_loop;
         p->site_static[s] = !(facts[s] & DEPENDS_X);
     }
-    p->cull_counts = ARENA_ARRAY(a, uint32_t, p->prog->ncull + 1);
+    p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
-    find_cull_counts(primal->body, p->cull_counts);
+    p->nlists = p->prog->ncull;
+    find_list_counts(primal->body, p->list_counts, &p->nlists);
 }
 
 static void edge_table(SltProgram *p, const KernelSet *set) {

@@ -32,8 +32,9 @@ typedef struct Interp {
     uint64_t frame_places;
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
-    int status;    /* anything but SLT_OK unwinds */
-    uint64_t fuel; /* instructions left */
+    uint32_t position[SLT_MAX_CULL]; /* by list: how many iterations its loop has begun before this one */
+    int status;                      /* anything but SLT_OK unwinds */
+    uint64_t fuel;                   /* instructions left */
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
 } Interp;
 
@@ -165,6 +166,16 @@ static void exec_print(Interp *in, const Inst *i, const Mask *m) {
         in->args->print(in->args->user, i->imm.text.text, i->imm.text.len, values, i->nargs, in->base + l);
     }
     free(values);
+}
+
+static void exec_note(Interp *in, const Inst *i, const int32_t *may, const int32_t *must, const Mask *m) {
+    if (!in->args->note) return;
+    SltNote *note = &in->args->note[i->imm.i][in->position[i->imm.i]];
+    for (uint32_t l = 0; l < in->lanes && in->base + l < SLT_PAD; l++) {
+        uint64_t box = (uint64_t)1 << (in->base + l);
+        if (m->on[l] && may[l]) note->may |= box;
+        if (m->on[l] && must[l]) note->must |= box;
+    }
 }
 
 /* ---- straight-line programs: chunks that run, choices that are settled or noted */
@@ -349,6 +360,7 @@ static bool exec_loop(Interp *in, const Inst *i, const Mask *m) {
     for (uint64_t trip = 0; any(in, &active); trip++) {
         if (list && trip >= (uint64_t)list->count) break;
         if (trip > guard) return fail(in, SLT_INTERNAL);
+        if (i->imm.loop.cull) in->position[i->imm.loop.cull_id] = (uint32_t)trip;
         for (uint32_t l = 0; l < in->lanes; l++) k[l] = list ? list->items[trip] : (int32_t)trip;
         if (!exec_block(in, body, &active)) return false;
         for (uint32_t c = 0; c < i->nargs; c++) { /* a value may be another parameter: read all before writing any */
@@ -385,7 +397,7 @@ static bool exec_query(Interp *in, const Inst *i, const Mask *m, void *dst) {
     const SltKernelArgs *args = in->args;
     if (!args->geometries || !args->geometries[i->imm.query.geometry] || !args->params) return fail(in, SLT_USAGE);
     const SltGeometry *g = args->geometries[i->imm.query.geometry];
-    _Alignas(64) unsigned char rays[SLT_RAY_ROWS * 64 * sizeof(double)];
+    _Alignas(64) unsigned char rays[SLT_BOX_ROWS * 64 * sizeof(double)];
     uint64_t on = 0;
     for (uint32_t l = 0; l < in->lanes; l++) on |= (uint64_t)(m->on[l] != 0) << l;
     size_t row = (size_t)in->lanes * in->flt;
@@ -452,6 +464,7 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         return true;
     case OP_choice: note_choice(in, i, m); return true;
     case OP_print: exec_print(in, i, m); return true;
+    case OP_note: exec_note(in, i, a, in->slot[i->args[1]->id], m); return true;
     case OP_query: return exec_query(in, i, m, dst);
     case OP_window: { /* lanes form no pairs here: from each ray's own t, top and margin */
         for (uint32_t l = 0; l < in->lanes; l++)

@@ -72,8 +72,9 @@ typedef struct Fn Fn;
 typedef struct LoopInfo {
     uint32_t max_iters; /* bound on the iterations of one execution, always > 0 */
     bool exact;         /* the trip count is this constant */
-    bool cull;          /* [Cull]: the runtime's list of iterations may replace 0..max_iters-1 */
-    uint32_t cull_id;   /* of a [Cull] loop: its index in Program.cull_bounds */
+    bool cull;          /* the runtime's list of iterations may replace 0..max_iters-1 */
+    bool found;         /* no [Cull] says so but opt_lists: a pass may take the list away */
+    uint32_t cull_id;   /* the list's number: [Cull] loops first, whose bounds are Program.cull_bounds */
     uint32_t loop_id;   /* dense number of the source loop, for explain */
 } LoopInfo;
 

@@ -233,6 +233,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_settled:
     case OP_choice:
     case OP_count:
+    case OP_note:
         if (!want_char(p, '#') || !want_integer(p, 0, UINT32_MAX, &v)) return false;
         imm->i = v;
         return true;
@@ -243,7 +244,8 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
             !want_u32(p, &imm->loop.loop_id))
             return false;
         imm->loop.exact = accept_word(p, "exact");
-        imm->loop.cull = accept_word(p, "cull");
+        imm->loop.found = accept_word(p, "list");
+        imm->loop.cull = imm->loop.found || accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);
     case OP_print: return want_string(p, &imm->text.text, &imm->text.len);
     case OP_give:

@@ -142,15 +142,16 @@ static void add_imm(Text *t, const Inst *i) {
     case OP_siten:
     case OP_proj:
     case OP_arg:
+    case OP_count:
     case OP_live:
     case OP_settled:
     case OP_choice:
-    case OP_count: text_add(t, " #%" PRId64, i->imm.i); break;
+    case OP_note: text_add(t, " #%" PRId64, i->imm.i); break;
     case OP_alloc: text_add(t, " %c[%" PRIu32 "]", letter((uint8_t)i->imm.arr.elem), i->imm.arr.count); break;
     case OP_loop:
         text_add(t, " max %" PRIu32 " id %" PRIu32, i->imm.loop.max_iters, i->imm.loop.loop_id);
         if (i->imm.loop.exact) text_add(t, " exact");
-        if (i->imm.loop.cull) text_add(t, " cull %" PRIu32, i->imm.loop.cull_id);
+        if (i->imm.loop.cull) text_add(t, " %s %" PRIu32, i->imm.loop.found ? "list" : "cull", i->imm.loop.cull_id);
         break;
     case OP_print:
         text_add(t, " ");

@@ -252,6 +252,7 @@ static void check_special(Verify *v, const Inst *i) {
     }
     case OP_loop:
         if (!i->imm.loop.max_iters) problem(v, i, "no bound on the iterations");
+        if (i->imm.loop.cull && i->imm.loop.cull_id >= SLT_MAX_CULL) problem(v, i, "list outside the %d", SLT_MAX_CULL);
         if (!regions_are(v, i, 1, 1)) return;
         want_params(v, i, 0, 1 + i->nargs);
         want_param(v, i, 0, 0, TY_INT);
@@ -318,6 +319,14 @@ static void check_special(Verify *v, const Inst *i) {
         want(v, i, 0, TY_BOOL);
         if (i->imm.i < 0 || i->imm.i >= SLT_COUNTERS) problem(v, i, "no such counter");
         return;
+    case OP_note: {
+        const Inst *loop = i->block->owner;
+        want(v, i, 0, TY_BOOL);
+        want(v, i, 1, TY_BOOL);
+        if (!loop || loop->op != OP_loop || !loop->imm.loop.cull || loop->imm.loop.cull_id != i->imm.i)
+            problem(v, i, "stands not in the body of the loop with its list");
+        return;
+    }
     case OP_print:
         if (i->imm.text.len && !i->imm.text.text) problem(v, i, "no text");
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
@@ -325,6 +334,10 @@ static void check_special(Verify *v, const Inst *i) {
     case OP_query:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
         if (i->imm.query.what >= SLT_QUERIES) problem(v, i, "no such query");
+        else if (query_rows[i->imm.query.what].ray == RAY_BOX
+                     ? i->nargs != SLT_BOX_ROWS
+                     : i->nargs != SLT_RAY_POINT_ROWS && i->nargs != SLT_RAY_ROWS)
+            problem(v, i, "not the numbers of a ray");
         return;
     case OP_window:
         for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_FLT);
@@ -366,7 +379,7 @@ static void check_inst(Verify *v, const Inst *i) {
     if (info->special) check_special(v, i);
     else check_value(v, i);
     bool void_op = structured || i->op == OP_adj || i->op == OP_store || i->op == OP_acopy || i->op == OP_yield ||
-                   i->op == OP_tapepush || i->op == OP_count || i->op == OP_print;
+                   i->op == OP_tapepush || i->op == OP_count || i->op == OP_print || i->op == OP_note;
     if (void_op && i->type != TY_VOID) problem(v, i, "has a type");
 }
 

@@ -191,8 +191,9 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
     LoopInfo info = loop->imm.loop;
     Block *old = loop->region[0];
     uint32_t n = info.max_iters, nseg = (n + segment - 1) / segment, carried = loop->nargs;
-    if (info.cull || segment < 2 || nseg < 2 || writes_outside(old, old)) return false;
+    if ((info.cull && !info.found) || segment < 2 || nseg < 2 || writes_outside(old, old)) return false;
 
+    info.cull = loop->imm.loop.cull = false;
     loop->region[0] = NULL;
     loop->nregions = 0;
     Block *outer = ir_block(fn, loop);

@@ -54,6 +54,7 @@ static void order_params(Vjp *v, Scope *s, Inst **carried, uint32_t ncarried) {
 static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t ncarried) {
     Block *b = s->rev_block;
     LoopInfo info = s->owner->imm.loop;
+    info.cull = false; /* an iteration that was left out adds 0 */
     b->nparams = 0;
     b->params = NULL;
     Inst *j = ir_block_param(v->fn, b, TY_INT);
@@ -157,7 +158,8 @@ static void reverse_scope(Vjp *v, Scope *s, Block *body, Carried *carried, uint3
     if (s->replay) tape_fill_replay(v, s);
 
     Inst *mark = NULL;
-    bool counts = loop && s->owner->imm.loop.exact && !s->owner->imm.loop.cull && !s->guards.len && !s->stored.len;
+    LoopInfo info = loop ? s->owner->imm.loop : (LoopInfo){0};
+    bool counts = info.exact && (!info.cull || info.found) && !s->guards.len && !s->stored.len;
     s->framed = !counts;
     if (counts) {
         make_counted(v, s, rev, params, kept);

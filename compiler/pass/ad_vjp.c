@@ -363,6 +363,9 @@ static uint64_t path_bytes(const Vjp *v) {
     return left + most;
 }
 
+/* A list that [Cull] promises stays; one that was found goes where the tape needs the loop cut. */
+static bool is_promised(const Inst *loop) { return loop->imm.loop.cull && !loop->imm.loop.found; }
+
 /* The loop that more levels would help most: the one that needs the most bytes in all, outermost first. */
 static LoopPlan *choose_level(const Vjp *v, Plan *plan, bool paths_only) {
     uint64_t most = 0;
@@ -370,7 +373,7 @@ static LoopPlan *choose_level(const Vjp *v, Plan *plan, bool paths_only) {
     for (uint32_t k = 0; k < v->scopes.len; k++) {
         const Scope *s = v->scopes.data[k];
         LoopPlan *p = s->top ? NULL : plan_of(plan, s);
-        if (!p || p->done || (paths_only && !of_path(s)) || s->owner->imm.loop.cull || !tape_can_rerun(v, s->owner) ||
+        if (!p || p->done || (paths_only && !of_path(s)) || is_promised(s->owner) || !tape_can_rerun(v, s->owner) ||
             !next_levels(p))
             continue;
         uint64_t bytes = tape_left(v, s) + tape_on_top(v, s);

@@ -1,5 +1,6 @@
 /* Where only the hit of a ray counts, not the point, any blocked point will do: a query becomes its weaker one
- * (queries.def, WEAKER_FOUND). Both agree on whether there is a hit, to the bit. */
+ * (queries.def, WEAKER_FOUND). Both agree on whether there is a hit, to the bit. And what only boxes of rays are asked
+ * with goes: the kernels' own rays are points. */
 #include "compiler/pass/walk.h"
 
 static bool may_weaken(const Inst *i) {
@@ -21,6 +22,7 @@ static void find_uses(const Block *b, bool *whole) {
 static bool replace(Block *b, const bool *whole) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_query && i->nargs == SLT_RAY_ROWS) i->nargs = SLT_RAY_POINT_ROWS, changed = true;
         if (may_weaken(i) && !whole[i->id]) i->imm.query.what = query_rows[i->imm.query.what].weaker, changed = true;
         for (uint32_t r = 0; r < i->nregions; r++) changed |= replace(i->region[r], whole);
     }

@@ -32,6 +32,7 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_dce);
+    RUN(opt_lists); /* last: it marks what the others left */
 }
 
 void pipeline_kernel(PassCtx *ctx, Fn *fn) {

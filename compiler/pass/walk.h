@@ -11,6 +11,8 @@ bool walk_is_pure(const Inst *i);
 /* Number of instructions in a block and all regions below (constants do not count). */
 uint32_t walk_size(const Block *b);
 uint32_t walk_fn_size(const Fn *fn); /* over all parts */
+/* opt_lists.c: may iterations of this loop be left out, where they change nothing? */
+bool walk_can_leave_out(const Fn *fn, const Inst *loop);
 /* Is block `inner` equal to `outer` or somewhere inside one of its regions? */
 bool walk_inside(const Block *inner, const Block *outer);
 

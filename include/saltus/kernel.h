@@ -16,17 +16,17 @@
 extern "C" {
 #endif
 
-/* Iterations of one [Cull] loop that may do something in this tile. */
+/* Iterations of one loop that may do something in this tile. */
 typedef struct SltCullList {
     const int32_t *items; /* [count], ascending */
     int32_t count;        /* < 0: no list, every iteration runs */
 } SltCullList;
 
-/* Iterations of one listable loop that may do something somewhere in the boxes of one call of `bounds`. */
-typedef struct SltNoteList {
-    int32_t *items; /* room for all iterations of the loop; ascending */
-    int32_t count;
-} SltNoteList;
+/* What one iteration of a loop does in the boxes of one call of `bounds`, which are SLT_PAD at most then: bit b is box
+ * b. An iteration that may do nothing in a box can be left out there, and so can all before one that overwrites. */
+typedef struct SltNote {
+    uint64_t may, must; /* it may change something; it surely overwrites all that the loop carries */
+} SltNote;
 
 /* What a straight-line program does in this call, the same for all its samples: which of its chunks of operations run,
  * which of its choices (min, max, select) are known to be one operand, and where chunks find the values of others: a
@@ -54,12 +54,13 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;       /* of tape, for all lanes */
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
-    const SltCullList *cull;   /* by number of the [Cull] loop; NULL: every iteration of all loops runs */
     const SltPruned *pruned;   /* prune, pruned: what runs; else NULL */
     /* prune, of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
      * operand. Of chunks that did not run it says nothing. */
     uint64_t *choices;
-    SltNoteList *note; /* bounds: the lists that it makes, by number of the loop as in `cull`; NULL: none is wanted */
+    const SltCullList *cull; /* by number of the list, as many as the program has; NULL: all iterations of all loops */
+    SltNote *const *note;    /* bounds: what it notes, by number of the list, then by place in the list (without one: by
+                                iteration); all 0 before. NULL: nothing is noted */
     uint64_t counters[SLT_COUNTERS]; /* by SltCounter: kernels add */
     /* print() in a lane: the text with {} for each of the n values. NULL: nothing is printed. */
     void (*print)(void *user, const char *text, uint32_t len, const double *values, uint32_t n, uint32_t lane);

@@ -44,7 +44,8 @@ enum {
  * kmax: an edge (a border edge where the geometry ends while k rises). k is looked at where the ray crosses edges, so
  * an origin on the surface, up to rounding, is well defined; one below it is taken for one on it RISE        the first
  * local maximum of k after t0, before t1: an edge, AT_T0 if k falls from t0 on, or AT_T1 if it rises up to t1. The top
- * of what a ray blocked at t0 runs into */
+ * of what a ray blocked at t0 runs into
+ * BLOCKED     of a box of rays: whether TRACE finds a point for all of them, for none, or that is not known */
 typedef enum SltQuery {
 #define QUERY(id, ...) SLT_QUERY_##id,
 #include "saltus/queries.def"
@@ -52,7 +53,10 @@ typedef enum SltQuery {
     SLT_QUERIES
 } SltQuery;
 
-/* The numbers of a ray. Of a SLICE (queries.def), T0 is kmin, T1 is kmax and DZ is not read. */
+/* The numbers of a ray. Of a SLICE (queries.def), T0 is kmin, T1 is kmax and DZ is not read. A BOX of rays has twice as
+ * many: the least of each, then the greatest; every ray has each of its numbers in between, the ends included. LIFT is
+ * read of boxes alone: how high origins lie above the geometry below them, up to rounding of a few units in the last
+ * place of either or of LIFT_OF; then OZ is not read. NaN or infinite: not known. */
 typedef enum SltRayRow {
     SLT_RAY_OX,
     SLT_RAY_OY,
@@ -62,7 +66,11 @@ typedef enum SltRayRow {
     SLT_RAY_DZ,
     SLT_RAY_T0,
     SLT_RAY_T1,
-    SLT_RAY_ROWS
+    SLT_RAY_POINT_ROWS,
+    SLT_RAY_LIFT = SLT_RAY_POINT_ROWS,
+    SLT_RAY_LIFT_OF,
+    SLT_RAY_ROWS,
+    SLT_BOX_ROWS = 2 * SLT_RAY_ROWS
 } SltRayRow;
 
 /* Witnesses below 0. Before a search, a dx or dy so small that its reciprocal overflows counts as 0, an infinite t as
@@ -73,12 +81,15 @@ enum {
     SLT_WITNESS_AT_T1 = -3,
     SLT_WITNESS_OWN = -4 /* from here down: what the geometry's header says */
 };
+/* Answers of BLOCKED. Of FREE and BLOCKED every ray of the box, decided by TRACE or OCCLUDED, is a case; EITHER says
+ * nothing. */
+enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER = 1 };
 
 struct SltGeometry;
 /* Answers one query for `width` <= 64 rays into witness[width]; lanes outside mask get NONE. values: the geometry's
- * slice of the parameters. rays: flt[SLT_RAY_ROWS][width], flt being the precision that the geometry was made for. The
- * same ray gets the same answer at every width, in every lane, and from every structure. Never allocates or fails;
- * thread-safe while nobody refreshes the geometry. */
+ * slice of the parameters. rays: flt[SLT_RAY_POINT_ROWS][width] (of boxes flt[SLT_BOX_ROWS][width]), flt being the
+ * precision that the geometry was made for. The same ray gets the same answer at every width, in every lane, and from
+ * every structure. Never allocates or fails; thread-safe while nobody refreshes the geometry. */
 typedef void SltQueryFn(const struct SltGeometry *geometry, const void *values, const void *rays, uint64_t mask,
                         uint32_t width, int32_t *witness);
 

@@ -1,24 +1,499 @@
-/* The bases of curved cells in pieces. */
+/* The bases of curved cells in pieces (2D): cut where a curve leaves the cell through the faces at the two ends of its
+ * height axis, and where curves meet. Both are roots of a function of one number, the place s on the base: g on a face,
+ * or phi(s) = g_j(s, h_i(s)) on the curve i. They are isolated by bounds: values at the two ends of a stretch and
+ * bounds of the slope in between prove that there is no root, or that there is at most one; else the stretch is halved.
+ */
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "runtime/quadrature/cells_inner.h"
 
-static bool whole_base(Cells *c, uint32_t i, int8_t axis) {
+enum { HALVINGS = 10, MEET_STEPS = 24, FACE = -1, ARC = -2 };
+
+/* A stretch of the base of a cell. */
+typedef struct Stretch {
+    uint32_t cell;
+    int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
+    uint8_t halvings;
+    bool asked;       /* slope[] is of this stretch; else of the cell */
+    double at[2];     /* the two ends, */
+    double height[2]; /* what the height is there, */
+    double value[2];  /* and the function */
+    double slope[2];  /* bounds of the function's slope */
+    double climb[2];  /* of the curve's */
+    double x[2];      /* root: place and height */
+    enum { OPEN, ROOT, DONE } state;
+} Stretch;
+
+/* A place where the base of a cell is cut, along `axis` as height axis. */
+typedef struct Cut {
+    uint32_t cell;
+    int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
+    double at;
+} Cut;
+
+static int base_axis(int axis) { return 1 - axis; }
+
+static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
+    if (!CELLS_ROOM(c, cut, 1)) return false;
+    c->cut[c->ncut++] = (Cut){.cell = cell, .axis = (int8_t)axis, .edge = edge, .at = at};
+    return true;
+}
+
+static Stretch *add_stretch(Cells *c, const Stretch *from) {
+    if (!CELLS_ROOM(c, stretch, 1)) return NULL;
+    c->stretch[c->nstretch] = *from;
+    return &c->stretch[c->nstretch++];
+}
+
+static const CellEdge *curve_of(const Cells *c, const Stretch *s) { return &c->cell[s->cell].edge[s->edge]; }
+static const CellEdge *tested(const Cells *c, const Stretch *s) {
+    return &c->cell[s->cell].edge[s->other < 0 ? s->edge : s->other];
+}
+
+/* ---- intervals */
+static void divide(const double a[2], const double b[2], double r[2]) { /* b does not hold 0 */
+    double q[4] = {a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]};
+    r[0] = fmin(fmin(q[0], q[1]), fmin(q[2], q[3])), r[1] = fmax(fmax(q[0], q[1]), fmax(q[2], q[3]));
+}
+
+/* The least that a function can be on a stretch of this width that has these values at its ends and at least and at
+ * most these slopes between. */
+static double least(double width, const double value[2], const double slope[2]) {
+    double spread = slope[1] - slope[0];
+    if (!(spread < HUGE_VAL)) return -HUGE_VAL;
+    if (!(spread > 0)) return fmin(value[0], value[1]);
+    double t = (value[0] - value[1] + slope[1] * width) / spread;
+    if (!(t > 0 && t < width)) return fmin(value[0], value[1]);
+    return fmin(value[0] + slope[0] * t, fmin(value[0], value[1]));
+}
+static double most(double width, const double value[2], const double slope[2]) {
+    const double v[2] = {-value[0], -value[1]}, s[2] = {-slope[1], -slope[0]};
+    return -least(width, v, s);
+}
+
+/* Bounds of slope on the curve of an edge with gradient bounds `a` of a function with gradient bounds `f`. */
+static void along(const double a[3][2], const double f[3][2], int axis, double climb[2], double slope[2]) {
+    int base = base_axis(axis);
+    divide(a[base], a[axis], climb);
+    double keep = climb[0];
+    climb[0] = -climb[1], climb[1] = -keep;
+    double p = f[axis][0] * climb[0], q = f[axis][0] * climb[1], r = f[axis][1] * climb[0], t = f[axis][1] * climb[1];
+    double rounding = 0x1p-48 * (fabs(p) + fabs(q) + fabs(r) + fabs(t) + fabs(f[base][0]) + fabs(f[base][1]));
+    slope[0] = f[base][0] + fmin(fmin(p, q), fmin(r, t)) - rounding;
+    slope[1] = f[base][1] + fmax(fmax(p, q), fmax(r, t)) + rounding;
+    if (!(rounding < HUGE_VAL)) slope[0] = -HUGE_VAL, slope[1] = HUGE_VAL;
+}
+
+/* ---- what is proven of a stretch */
+static void judge(Stretch *s, double error) { /* error: of the function's values */
+    double width = s->at[1] - s->at[0];
+    bool up[2] = {s->value[0] >= 0, s->value[1] >= 0};
+    /* A function that is the same all along has no root to cut at, be it 0. */
+    if (s->slope[0] == 0 && s->slope[1] == 0) s->state = DONE;
+    else if (up[0] == up[1] && (s->slope[0] >= 0 || s->slope[1] <= 0)) s->state = DONE;
+    else if (s->slope[0] > 0 || s->slope[1] < 0) s->state = up[0] == up[1] ? DONE : ROOT;
+    else if (least(width, s->value, s->slope) > error || most(width, s->value, s->slope) < -error) s->state = DONE;
+}
+
+/* Bounds of the function on the stretch itself, where those of the cell do not suffice. */
+static bool ask_more(Cells *c) {
+    c->nask = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        const Cell *cell = &c->cell[s->cell];
+        if (s->state != OPEN || cell->refine) continue;
+        const CellEdge *e = curve_of(c, s);
+        int axis = e->axis, base = base_axis(axis);
+        double lo[3] = {0}, hi[3] = {0};
+        lo[base] = s->at[0], hi[base] = s->at[1];
+        if (s->other == FACE) {
+            lo[axis] = hi[axis] = s->height[0];
+            if (!cells_ask(c, &e->event, lo, hi)) return false;
+            continue;
+        }
+        double width = s->at[1] - s->at[0];
+        lo[axis] = fmax(cell->box.lo[axis], cells_move(c, least(width, s->height, s->climb), -4, 0));
+        hi[axis] = fmin(cell->box.hi[axis], cells_move(c, most(width, s->height, s->climb), 4, 0));
+        if (!(lo[axis] <= hi[axis])) lo[axis] = cell->box.lo[axis], hi[axis] = cell->box.hi[axis];
+        lo[axis] = cells_round(c, lo[axis]), hi[axis] = cells_round(c, hi[axis]);
+        if (!cells_ask(c, &e->event, lo, hi) || !cells_ask(c, &tested(c, s)->event, lo, hi)) return false;
+    }
+    if (!cells_run_asks(c)) return false;
+    const Ask *a = c->ask;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->state != OPEN || c->cell[s->cell].refine) continue;
+        const CellEdge *e = curve_of(c, s);
+        const Ask *f = a;
+        if (s->other == FACE) {
+            const double *slope = a[0].slope[base_axis(e->axis)];
+            s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
+            a += 1;
+        } else {
+            double climb[2], slope[2], steep[3][2];
+            for (int d = 0; d < 2; d++) /* never worse than on the whole cell, where the height axis was chosen */
+                steep[d][0] = fmax(a[0].slope[d][0], e->slope[d][0]),
+                steep[d][1] = fmin(a[0].slope[d][1], e->slope[d][1]);
+            f = a + 1;
+            along(steep, f->slope, e->axis, climb, slope);
+            s->climb[0] = fmax(s->climb[0], climb[0]), s->climb[1] = fmin(s->climb[1], climb[1]);
+            s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
+            a += 2;
+        }
+        if (f->state & SLT_EDGE_JUMPS) {
+            c->cell[s->cell].refine = true;
+            continue;
+        }
+        if (f->g[0] > 0 || f->g[1] < 0) s->state = DONE;
+        else judge(s, 2 * f->error);
+    }
+    return true;
+}
+
+/* The height of the curve at end `end` of all stretches from `first` on; on faces it is known. */
+static bool take_heights(Cells *c, uint32_t first, int end) {
+    c->nroot = 0;
+    for (uint32_t i = first; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->other == FACE) continue;
+        const CellEdge *e = curve_of(c, s);
+        double x[3] = {0};
+        x[base_axis(e->axis)] = s->at[end];
+        if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
+    }
+    if (!cells_solve(c)) return false;
+    const Root *r = c->root;
+    for (uint32_t i = first; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->other != FACE) s->height[end] = (r++)->x[curve_of(c, s)->axis];
+    }
+    return true;
+}
+
+/* The value of the function there. */
+static bool take_values(Cells *c, uint32_t first, int end) {
+    c->nprobe = 0;
+    for (uint32_t i = first; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        const CellEdge *e = curve_of(c, s);
+        double x[3] = {0};
+        x[base_axis(e->axis)] = s->at[end], x[e->axis] = s->height[end];
+        if (!cells_probe(c, &tested(c, s)->event, x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = first; i < c->nstretch; i++) c->stretch[i].value[end] = c->probe[i - first].g;
+    return true;
+}
+
+/* Halves every open stretch: the far half is appended. */
+static bool halve(Cells *c) {
+    uint32_t n = c->nstretch;
+    for (uint32_t i = 0; i < n; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->state != OPEN || c->cell[s->cell].refine) continue;
+        double mid = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        if (++s->halvings > HALVINGS || !(mid > s->at[0] && mid < s->at[1])) {
+            c->cell[s->cell].refine = true;
+            continue;
+        }
+        Stretch far = *s;
+        far.at[0] = mid;
+        if (s->other != FACE) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
+        if (!add_stretch(c, &far)) return false;
+    }
+    if (!take_heights(c, n, 0) || !take_values(c, n, 0)) return false;
+    for (uint32_t i = 0, j = n; i < n; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->state != OPEN || c->cell[s->cell].refine) continue;
+        s->at[1] = c->stretch[j].at[0], s->height[1] = c->stretch[j].height[0], s->value[1] = c->stretch[j].value[0];
+        j++;
+    }
+    return true;
+}
+
+/* Until every stretch has at most one root. */
+static bool isolate(Cells *c) {
+    for (;;) {
+        uint32_t open = 0;
+        if (!ask_more(c)) return false;
+        for (uint32_t i = 0; i < c->nstretch; i++)
+            open += c->stretch[i].state == OPEN && !c->cell[c->stretch[i].cell].refine;
+        if (!open) return true;
+        if (!halve(c)) return false;
+    }
+}
+
+/* ---- where curves leave the cell */
+static bool cut_at_faces(Cells *c) {
+    c->nstretch = 0;
+    for (uint32_t i = 0; i < c->ncell; i++) {
+        Cell *cell = &c->cell[i];
+        for (uint32_t e = 0; cell->axes && e < cell->nedges; e++) {
+            const CellEdge *edge = &cell->edge[e];
+            if (edge->axis < 0) continue;
+            int base = base_axis(edge->axis);
+            for (int8_t face = 0; face < 2; face++) {
+                Stretch s = {.cell = i, .edge = (int8_t)e, .other = FACE};
+                s.at[0] = cell->box.lo[base], s.at[1] = cell->box.hi[base];
+                s.height[0] = s.height[1] = face ? cell->box.hi[edge->axis] : cell->box.lo[edge->axis];
+                s.slope[0] = edge->slope[base][0], s.slope[1] = edge->slope[base][1];
+                if (!add_stretch(c, &s)) return false;
+            }
+        }
+    }
+    if (!take_values(c, 0, 0) || !take_values(c, 0, 1)) return false;
+    for (uint32_t i = 0; i < c->nstretch; i++) judge(&c->stretch[i], 2 * curve_of(c, &c->stretch[i])->error);
+    if (!isolate(c)) return false;
+    c->nroot = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        const Cell *cell = &c->cell[s->cell];
+        if (s->state != ROOT || cell->refine) continue;
+        const CellEdge *e = curve_of(c, s);
+        int base = base_axis(e->axis);
+        double x[3] = {0}, part = s->value[0] / (s->value[0] - s->value[1]);
+        x[e->axis] = s->height[0];
+        Root *r = cells_root(c, cell, e, base, x, 0);
+        if (!r) return false;
+        r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
+        r->x[base] = cells_round(c, fmin(fmax(s->at[0] + part * (s->at[1] - s->at[0]), s->at[0]), s->at[1]));
+    }
+    if (!cells_solve(c)) return false;
+    const Root *r = c->root;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        int axis = curve_of(c, s)->axis;
+        if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(axis)])) return false;
+    }
+    return true;
+}
+
+/* ---- where curves meet */
+static int by_place(const void *a, const void *b) {
+    const Cut *p = a, *q = b;
+    if (p->cell != q->cell) return p->cell < q->cell ? -1 : 1;
+    if (p->axis != q->axis) return p->axis < q->axis ? -1 : 1;
+    return (p->at > q->at) - (p->at < q->at);
+}
+
+/* Every part of the base between cuts where the curve of an edge is the same one, or is not there. */
+static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
+    const Cell *cell = &c->cell[i];
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        int axis = cell->edge[e].axis, base = base_axis(axis);
+        if (axis < 0) continue;
+        Stretch s = {.cell = i, .edge = (int8_t)e, .other = ARC};
+        s.at[0] = cell->box.lo[base];
+        for (uint32_t k = 0; k <= cuts; k++) {
+            const Cut *cut = &c->cut[first_cut + k];
+            if (k < cuts && (cut->axis != axis || cut->edge != (int8_t)e)) continue;
+            s.at[1] = k < cuts ? cut->at : cell->box.hi[base];
+            if (s.at[1] > s.at[0] && !add_stretch(c, &s)) return false;
+            s.at[0] = s.at[1];
+        }
+    }
+    return true;
+}
+
+/* In place of each arc one stretch for every other event; each pair once, on the curve of one that has an axis. */
+static bool add_pairs(Cells *c) {
+    uint32_t arcs = c->nstretch;
+    for (uint32_t i = 0; i < arcs; i++) {
+        Stretch s = c->stretch[i];
+        const Cell *cell = &c->cell[s.cell];
+        for (uint32_t o = 0; o < cell->nedges; o++) {
+            if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && cell->edge[o].axis >= 0)) continue;
+            s.other = (int8_t)o;
+            along(cell->edge[s.edge].slope, cell->edge[o].slope, cell->edge[s.edge].axis, s.climb, s.slope);
+            if (!add_stretch(c, &s)) return false;
+        }
+    }
+    c->nstretch -= arcs;
+    memmove(c->stretch, c->stretch + arcs, c->nstretch * sizeof *c->stretch);
+    return true;
+}
+
+/* Drops stretches above whose middle the curve is not in the cell. */
+static bool keep_present(Cells *c) {
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        const CellEdge *e = curve_of(c, s);
+        const Box *box = &c->cell[s->cell].box;
+        double x[3] = {0};
+        x[base_axis(e->axis)] = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        for (int side = 0; side < 2; side++) {
+            x[e->axis] = side ? box->hi[e->axis] : box->lo[e->axis];
+            if (!cells_probe(c, &e->event, x)) return false;
+        }
+    }
+    if (!cells_run_probes(c)) return false;
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        double up = curve_of(c, &c->stretch[i])->rises[curve_of(c, &c->stretch[i])->axis];
+        if (up * c->probe[2 * i].g <= 0 && up * c->probe[2 * i + 1].g >= 0) c->stretch[kept++] = c->stretch[i];
+    }
+    c->nstretch = kept;
+    return true;
+}
+
+/* Are the two curves one? At both ends of a stretch and in its middle they are as near as rounding lets one tell. */
+static bool drop_coinciding(Cells *c) {
+    c->nroot = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        const CellEdge *e = curve_of(c, s);
+        if (s->state != OPEN) continue;
+        double x[3] = {0};
+        x[base_axis(e->axis)] = cells_round(c, s->at[0] + 0.382 * (s->at[1] - s->at[0]));
+        if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, 0.5 * (s->height[0] + s->height[1]))) return false;
+    }
+    if (!cells_solve(c)) return false;
+    c->nprobe = 0;
+    const Root *r = c->root;
+    for (uint32_t i = 0; i < c->nstretch; i++)
+        if (c->stretch[i].state == OPEN && !cells_probe(c, &tested(c, &c->stretch[i])->event, (r++)->x)) return false;
+    if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->state != OPEN) continue;
+        const CellEdge *o = tested(c, s);
+        const Box *box = &c->cell[s->cell].box;
+        double slope = 0, size = 0;
+        for (uint32_t d = 0; d < 2; d++) {
+            slope = fmax(slope, fabs(p->dg[d]));
+            size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
+        }
+        double width = box->end[0] - box->lo[0] + box->end[1] - box->lo[1];
+        double same = fmin(2 * o->error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), 0x1p-16 * slope * width);
+        if (fabs(p->g) <= same && fabs(s->value[0]) <= same && fabs(s->value[1]) <= same) s->state = DONE;
+        p++;
+    }
+    return true;
+}
+
+/* Newton's method in both coordinates for the one place of a stretch where the two curves meet. Those that do not
+ * converge there become open again, half as long. */
+static bool find_meetings(Cells *c, bool *again) {
+    *again = false;
+    uint32_t n = 0;
+    if (!cells_grow(c, &c->active, &c->active_cap, c->nstretch, sizeof *c->active)) return false;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        double part = s->value[0] / (s->value[0] - s->value[1]);
+        s->x[0] = s->at[0] + part * (s->at[1] - s->at[0]);
+        s->x[1] = s->height[0] + part * (s->height[1] - s->height[0]);
+        c->active[n++] = i;
+    }
+    for (int step = 0; step < MEET_STEPS && n; step++) {
+        c->nprobe = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Stretch *s = &c->stretch[c->active[i]];
+            const CellEdge *e = curve_of(c, s);
+            double x[3] = {0};
+            x[base_axis(e->axis)] = cells_round(c, s->x[0]), x[e->axis] = cells_round(c, s->x[1]);
+            if (!cells_probe(c, &e->event, x) || !cells_probe(c, &tested(c, s)->event, x)) return false;
+        }
+        if (!cells_run_probes(c)) return false;
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Stretch *s = &c->stretch[c->active[i]];
+            const Box *box = &c->cell[s->cell].box;
+            const Probe *p = &c->probe[2 * i], *q = p + 1;
+            int axis = curve_of(c, s)->axis, base = base_axis(axis);
+            double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
+            double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
+                   dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
+            double tiny = (c->b->f64 ? 0x1p-51 : 0x1p-22) * fmax(fabs(s->at[0]), fabs(s->at[1])),
+                   slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
+            double to = s->x[0] - ds, height = s->x[1] - dh;
+            bool inside = to >= s->at[0] - slack && to <= s->at[1] + slack; /* NaN is not */
+            bool converged = fabs(ds) <= tiny || (step > 6 && fabs(ds) <= 64 * tiny);
+            s->x[0] = fmin(fmax(to, s->at[0]), s->at[1]);
+            s->x[1] = fmin(fmax(height, box->lo[axis]), box->hi[axis]);
+            if (inside && converged) continue;
+            c->active[kept++] = c->active[i];
+        }
+        n = kept;
+    }
+    for (uint32_t i = 0; i < n; i++) c->stretch[c->active[i]].state = OPEN, *again = true;
+    return true;
+}
+
+static bool cut_at_meetings(Cells *c) {
+    if (c->ncut) qsort(c->cut, c->ncut, sizeof *c->cut, by_place);
+    c->nstretch = 0;
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < c->ncell; i++) {
+        uint32_t first = at;
+        while (at < c->ncut && c->cut[at].cell == i) at++;
+        if (c->cell[i].axes && !c->cell[i].refine && c->cell[i].nedges > 1 && !add_arcs(c, i, first, at - first))
+            return false;
+    }
+    if (!c->nstretch) return true;
+    if (!keep_present(c) || !take_heights(c, 0, 0) || !take_heights(c, 0, 1)) return false;
+    if (!add_pairs(c) || !take_values(c, 0, 0) || !take_values(c, 0, 1)) return false;
+    for (uint32_t i = 0; i < c->nstretch; i++) judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
+    if (!drop_coinciding(c)) return false;
+    for (bool again = true; again;) {
+        if (!isolate(c) || !find_meetings(c, &again)) return false;
+        if (again && !halve(c)) return false;
+        for (uint32_t i = 0; again && i < c->nstretch; i++)
+            if (c->stretch[i].state == OPEN) judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
+    }
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
+        if (!add_cut(c, s->cell, axis, -1, s->x[0])) return false;
+        if (other >= 0 && other != axis && !add_cut(c, s->cell, other, -1, s->x[1])) return false;
+    }
+    return true;
+}
+
+/* ---- pieces between the cuts */
+static bool add_piece(Cells *c, uint32_t i, int axis, double from, double to) {
     if (!CELLS_ROOM(c, piece, 1)) return false;
     Piece *p = &c->piece[c->npiece++];
     memset(p, 0, sizeof *p);
-    p->cell = i, p->axis = axis;
-    for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = c->cell[i].box.lo[d], p->at[d][1] = c->cell[i].box.end[d];
+    p->cell = i, p->axis = (int8_t)axis;
+    if (c->dim > 1) p->at[base_axis(axis)][0] = from, p->at[base_axis(axis)][1] = to;
+    return true;
+}
+
+static bool add_pieces(Cells *c) {
+    if (c->ncut) qsort(c->cut, c->ncut, sizeof *c->cut, by_place);
+    const Cut *cut = c->cut, *end = c->cut + c->ncut;
+    for (uint32_t i = 0; i < c->ncell; i++) {
+        const Cell *cell = &c->cell[i];
+        for (int axis = 0; axis < 2; axis++) {
+            int base = base_axis(axis);
+            bool wanted = cell->axes >> axis & 1 && !cell->refine;
+            double from = cell->box.lo[base], narrow = 0x1p-44 * (cell->box.end[base] - from);
+            for (; cut < end && cut->cell == i && cut->axis == axis; cut++) {
+                if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) continue;
+                if (!add_piece(c, i, axis, from, cut->at)) return false;
+                from = cut->at;
+            }
+            if (wanted && !add_piece(c, i, axis, from, cell->box.end[base])) return false;
+        }
+    }
     return true;
 }
 
 bool cells_cut_bases(Cells *c) {
-    c->npiece = 0;
+    c->npiece = c->ncut = 0;
+    if (c->dim == 2) return cut_at_faces(c) && cut_at_meetings(c) && add_pieces(c);
     for (uint32_t i = 0; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
         if (!cell->axes) continue;
-        if (c->dim > 1) cell->refine = true;
-        else if (!whole_base(c, i, 0)) return false;
+        if (c->dim == 3) cell->refine = true;
+        else if (!add_piece(c, i, 0, 0, 0)) return false;
     }
     return true;
 }

@@ -3,6 +3,7 @@
  *   cells.c         the tree: nodes, their sub-boxes, what is settled, points in it, what is left
  *   cells_edge.c    kernels at many points and boxes of many events; which open events are really open, and along
  *                   which axis each is a graph
+ *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_column.c  pieces of the base become columns, these roots, crossings and points of the volume
  *
@@ -16,9 +17,9 @@
 #include "runtime/quadrature/gauss.h"
 
 enum {
-    CELL_BOXES = 64, /* sub-boxes of a node */
+    CELL_BOXES = 72, /* halves of a node along all axes, and theirs: 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
-    CELL_BENDS = 5, /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* An open event of a cell, and what is proven of its g there. */
@@ -41,12 +42,13 @@ typedef struct Cell {
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool refine;                    /* cannot be integrated as it is */
+    bool done;                      /* nothing more is to be done with it */
 } Cell;
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, slope[3]; /* on the column above the middle; d height / d base */
-    bool open;               /* the curve is there, and its crossing changes the region */
+    bool open, twin;         /* the crossing changes the region; other curves lie on this one */
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
@@ -65,13 +67,19 @@ typedef struct Column {
     double x[3], weight;           /* x: of the base; weight: measure of the base */
 } Column;
 
+/* The root of g along one axis, in a bracket in which g is monotone. */
 typedef struct Root {
+    const Event *event;
+    double x[3];   /* where; of x[axis] only a guess until it is solved */
+    double lo, hi; /* the bracket: ends of the line, and later places where g was taken */
+    int8_t axis, rises;
+    bool ends[2];          /* g was taken at lo, at hi */
+    double g, dg[3], step; /* g and its gradient at x; the last step */
+    /* Of columns: */
     uint32_t column;
     uint8_t edge;
-    double lo, hi, x;      /* heights: the bracket, the root */
-    double g, dg[3], step; /* step: of the last iteration */
-    bool wanted;           /* f on its two sides */
-    double side[2];        /* heights on whose two sides g has different signs, next to the root */
+    bool wanted, twin; /* f on the two sides is; another event has its root here too */
+    double side[2];    /* places on the axis on whose two sides g has different signs, next to the root */
     double f[2][SLT_MAX_CHANNELS];
     uint32_t hash[2];
 } Root;
@@ -115,6 +123,10 @@ struct Cells {
     uint32_t ncolumn, column_cap;
     Root *root;
     uint32_t nroot, root_cap;
+    struct Stretch *stretch; /* cells_base.c */
+    uint32_t nstretch, stretch_cap;
+    struct Cut *cut;
+    uint32_t ncut, cut_cap;
     Probe *probe;
     uint32_t nprobe, probe_cap;
     Ask *ask;
@@ -147,10 +159,20 @@ bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
-/* Bounds of all cells of the node: closes events that the mean-value form proves closed. */
-bool cells_bound(Cells *c, Cell *cell, uint32_t n);
+/* What is decided in boxes and what is open. */
+void cells_bound(Cells *c, Cell *cell, uint32_t n);
+/* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
+ * closed. */
+bool cells_close(Cells *c, Cell *cell, uint32_t n);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
+
+/* ---- cells_root.c */
+Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
+/* All of root[nroot]. A root that lies outside of its line by rounding ends at the line's end. */
+bool cells_solve(Cells *c);
+/* f and the hash on the two sides of the roots that are wanted. */
+bool cells_take_sides(Cells *c);
 
 /* ---- cells_base.c: adds the pieces of a cell; sets cell->refine where they cannot be told apart */
 bool cells_cut_bases(Cells *c);

@@ -11,8 +11,6 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/alloc.h"
 
-enum { ACCUM_BLOCK = 16 };
-
 /* 64-byte aligned zeros. Of a large block the system gives only the pages that are touched: a heightfield of a million
  * heights has adjoints in the log alone. A small one comes from the heap, whose pages are there already in the next
  * call.

@@ -6,7 +6,8 @@
 #include "runtime/sample/batch.h"
 
 enum {
-    ACCUMS = 2 * SLT_MAX_CHANNELS, /* most buffers: for each channel its adjoints, and those that coarser lines miss */
+    ACCUMS = 5 * SLT_MAX_CHANNELS, /* most buffers: for each channel those of quadrature/sums.h */
+    ACCUM_BLOCK = 16,              /* parameters that are looked at together */
     COSETS = 4                     /* interleaved parts of an image, whose spread bounds the error of the whole */
 };
 

@@ -20,7 +20,7 @@ SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err) {
         if (!s->cull_bounds[i]) return SLT_OK; /* not compiled: every iteration runs */
     Batch b;
     if (!batch_init(&b, s, NULL) || !(c->box = alloc_zero(s->ncull, sizeof *c->box))) goto memory;
-    c->n = s->ncull, c->count = s->cull_count;
+    c->n = s->ncull, c->nlists = s->nlists > s->ncull ? s->nlists : s->ncull, c->count = s->cull_count;
     for (uint32_t i = 0; i < c->n; i++) {
         uint32_t count = c->count[i];
         double *box = c->box[i] = malloc(((size_t)count + 1) * 4 * sizeof *box);
@@ -44,8 +44,9 @@ memory:
 bool cull_lists_init(CullLists *l, const CullBoxes *c) {
     memset(l, 0, sizeof *l);
     if (!c->n) return true;
-    l->list = alloc_zero(c->n, sizeof *l->list), l->items = alloc_zero(c->n, sizeof *l->items);
+    l->list = alloc_zero(c->nlists, sizeof *l->list), l->items = alloc_zero(c->n, sizeof *l->items);
     if (!l->list || !l->items) return false;
+    for (uint32_t i = 0; i < c->nlists; i++) l->list[i].count = -1;
     for (uint32_t i = 0; i < c->n; i++)
         if (!(l->items[i] = malloc(((size_t)c->count[i] + 1) * sizeof *l->items[i]))) return false;
     return true;

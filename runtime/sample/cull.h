@@ -7,14 +7,15 @@
 
 typedef struct CullBoxes {
     uint32_t n;            /* [Cull] loops */
+    uint32_t nlists;       /* of the program, theirs first */
     double **box;          /* by loop: [count][4] lo.x lo.y hi.x hi.y */
     const uint32_t *count; /* by loop: iterations */
 } CullBoxes;
 SltStatus cull_boxes(CullBoxes *c, const SltScene *s, SltError *err);
 void cull_free(CullBoxes *c);
 typedef struct CullLists {
-    SltCullList *list; /* by loop */
-    int32_t **items;   /* by loop: room for all iterations */
+    SltCullList *list; /* by number of the list; those of no [Cull] loop stay without */
+    int32_t **items;   /* by [Cull] loop: room for all iterations */
 } CullLists;
 bool cull_lists_init(CullLists *l, const CullBoxes *c);
 void cull_lists_free(CullLists *l, const CullBoxes *c);

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/quadrature/quadrature.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
@@ -21,9 +22,35 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
+SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
+    if (j->estimator == SLT_EST_AUTO) return quadrature_choose(s, j, stats);
+    return j->estimator;
+}
+
+/* The job with an estimator that the scene has the kernels for; `own` is room for it. */
+static const SltJob *settle(const SltScene *s, const SltJob *j, SltJob *own, SltStats *stats) {
+    if (j->estimator != SLT_EST_AUTO && j->estimator != SLT_EST_QUADRATURE) return j;
+    *own = *j;
+    own->estimator = quadrature_can(s) ? slt_estimate_choose(s, j, stats) : SLT_EST_LATTICE;
+    return own;
+}
+
+static SltStatus render_integral(const SltScene *s, const SltJob *j, float *out, SltStats *stats, SltError *err) {
+    double value[SLT_MAX_CHANNELS] = {0};
+    SltIntegral i = SLT_INTEGRAL_INIT;
+    i.value = value;
+    SltStatus st = quadrature_integral(s, j, &i, stats, err);
+    for (uint32_t c = 0; c < s->channels && st == SLT_OK; c++) out[c] = (float)value[c];
+    return st;
+}
+
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats,
                               SltError *err) {
     Run r;
+    SltJob own;
+    if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE) j = settle(s, j, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE && half == 0 && j->interior != SLT_INTERIOR_SAMPLES)
+        return j->integral ? render_integral(s, j, out, stats, err) : quadrature_render(s, j, out, stats, err);
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && half == 0 && j->integral) {
         double value[SLT_MAX_CHANNELS] = {0};
@@ -38,34 +65,19 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
 }
 
 /* ---- forward */
-static void free_directions(Directions *d) {
-    for (uint32_t i = 0; i < d->n && d->flt; i++) free(d->flt[i]);
-    free(d->flt);
-}
-
-static bool make_directions(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs) {
-    d->n = n, d->flt = alloc_zero(n, sizeof *d->flt);
-    if (!d->flt) return false;
-    for (uint32_t i = 0; i < n; i++) {
-        size_t size = s->f64 ? sizeof(double) : sizeof(float);
-        if (!(d->flt[i] = aligned_alloc(64, (s->nfloats * size + 64) / 64 * 64))) return false;
-        for (uint32_t p = 0; p < s->nfloats; p++)
-            if (s->f64) ((double *)d->flt[i])[p] = dirs[i][p];
-            else ((float *)d->flt[i])[p] = (float)dirs[i][p];
-    }
-    return true;
-}
-
 SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
                                float *const *out, float *crossings, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a derivative image", err);
     if (st != SLT_OK || !ndir) return st;
     if (slt_estimate_by_differences(j->estimator)) return difference_forward(s, j, ndir, dirs, out, stats, err);
+    SltJob own;
+    j = settle(s, j, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE) return quadrature_forward(s, j, ndir, dirs, out, crossings, stats, err);
     Run r;
     Directions d = {0};
     st = run_begin(&r, s, j, err);
     uint64_t size = r.grid.pixels * s->channels;
-    if (st == SLT_OK && !make_directions(&d, s, ndir, dirs)) st = status_fail(err, SLT_LIMIT, "out of memory");
+    if (st == SLT_OK && !directions_init(&d, s, ndir, dirs)) st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < ndir; i++) memset(out[i], 0, size * sizeof(float));
         if (crossings) memset(crossings, 0, r.grid.pixels * sizeof(float));
@@ -80,7 +92,7 @@ SltStatus slt_estimate_forward(const SltScene *s, const SltJob *j, uint32_t ndir
         r.stats.seconds_boundary = pool_now() - t;
     }
     run_end(&r, stats);
-    free_directions(&d);
+    directions_free(&d);
     return st;
 }
 
@@ -114,11 +126,15 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     if (st != SLT_OK) return st;
     if (slt_estimate_by_differences(j->estimator))
         return difference_reverse(s, j, adjoint, gradient, stderr_bound, stats, err);
+    bool halves = adjoint[0] != adjoint[1];
+    SltJob own;
+    j = settle(s, j, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE && !halves)
+        return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
     Run r;
     uint32_t classes = stderr_bound ? COSETS : 1;
     double *part[COSETS] = {0};
     float *mean = NULL;
-    bool halves = adjoint[0] != adjoint[1];
     st = run_begin(&r, s, j, err);
     if (st != SLT_OK) {
         run_end(&r, stats);
@@ -168,9 +184,11 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
                             double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     SltStatus st = need_image(j, "a loss", err);
     if (st != SLT_OK) return st;
-    /* One sample a pixel has no second half: the adjoint comes from the same sample, and the loss is biased by the
-     * variance of the image. */
-    bool halves = j->spp > 1;
+    SltJob own;
+    j = settle(s, j, &own, stats);
+    /* Exact pixels have no variance, and need no halves. One sample a pixel has no second half: the adjoint comes from
+     * the same sample, and the loss is biased by the variance of the image. */
+    bool halves = j->spp > 1 && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
@@ -232,10 +250,11 @@ static void statistics(const double *rows, const double *other, uint32_t n, uint
 
 SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
                                 SltError *err) {
-    SltJob copy = *job;
+    SltJob copy = *job, own;
     copy.integral = true;
-    const SltJob *j = &copy;
-    if (slt_estimate_by_differences(j->estimator)) return difference_integral(s, j, out, stats, err);
+    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
+    const SltJob *j = settle(s, &copy, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE) return quadrature_integral(s, j, out, stats, err);
     Run r;
     Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
     bool gradient = out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;

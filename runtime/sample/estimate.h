@@ -52,7 +52,7 @@ typedef struct SltScene {
     const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
     uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
-    uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull and .note */
+    uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count;     /* [nlists]: iterations of each */
     const struct SltChunks *chunks; /* of prune and pruned (saltus/chunks.h); NULL: the program has no use for them */
     int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
@@ -76,7 +76,12 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
 /* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 
-/* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. `half` 0: all samples of a pixel;
+/* The estimator that a job means: of SLT_EST_AUTO what a look at the program's bounds on a few hundred boxes decides,
+ * which needs the kernel `bounds` alone; of others the same. */
+SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);
+
+/* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. Sampled, unless the estimator is
+ * SLT_EST_QUADRATURE or the interior SLT_INTERIOR_QUADRATURE. `half` 0: all samples of a pixel;
  * 1 or 2: one of two independent halves of them (for squared losses). */
 SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, float *out, SltStats *stats, SltError *err);
 

@@ -122,6 +122,14 @@ uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, dou
     return n;
 }
 
+double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b) {
+    double middle = g->lo[axis] + (p + 0.5) * g->side[axis];
+    double part = cumulative(g->filter, (b - middle) / g->side[axis], g->radius) -
+                  cumulative(g->filter, (a - middle) / g->side[axis], g->radius);
+    double mass = g->mass[axis] ? g->mass[axis][p] : 1;
+    return mass > 0 ? part / mass : 0;
+}
+
 double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u) {
     if (g->integral || g->filter == SLT_FILTER_BOX) return g->lo[axis] + (p + u) * g->side[axis];
     double from, to;

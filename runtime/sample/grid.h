@@ -31,6 +31,8 @@ enum { GRID_REACH = 6 }; /* most pixels along an axis whose filters reach a poin
 /* Pixels first, first + 1, ... whose filters reach x along an axis, and their normalised weights (1/length); returns
  * how many. */
 uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, double weight[GRID_REACH]);
+/* The part of pixel p's filter along an axis that lies between a and b. */
+double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b);
 /* The position along the axis of a sample of pixel p: u uniform in (0, 1) becomes distributed as the filter, over the
  * part of the domain that it covers. */
 double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u);

@@ -13,32 +13,32 @@
 #include "runtime/sample/batch.h"
 #include "saltus/chunks.h"
 
-/* What runs in one box: arrays of a Pruner, good until it picks for the same level again. */
-typedef struct PruneSet {
+/* A box that was picked: what runs in it, and what was found of the boxes inside it. */
+typedef struct PruneLevel {
     SltPruned pruned;
     int32_t *chunks, *settled, *from; /* the arrays of `pruned` */
     uint32_t *via;                    /* [nimports]: `from`, as an operation */
-} PruneSet;
+    uint64_t *choices;                /* [2 * nchoices]: noted by `prune` */
+    uint64_t *live;                   /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
+    uint64_t *runs;                   /* [nchunks]: by chunk, likewise */
+} PruneLevel;
 
-enum { PRUNE_LEVELS = 3 };
+enum { PRUNE_LEVELS = 4 };
 typedef struct Pruner {
     const SltChunks *c;
-    uint64_t *choices;          /* [2 * nchoices]: noted by `prune` */
-    uint64_t *live;             /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
-    uint64_t *runs;             /* [nchunks]: by chunk, likewise */
-    uint32_t *stamp, *is, *way; /* [nops]: what prune_pick found an operation to be, when; on the way there */
+    PruneLevel level[PRUNE_LEVELS]; /* [0]: everything, every chunk runs */
+    uint32_t *stamp, *is, *way;     /* [nops]: what prune_pick found an operation to be, when; on the way there */
     uint32_t picks;
-    PruneSet set[PRUNE_LEVELS]; /* [0]: every chunk, nothing settled */
 } Pruner;
 bool prune_init(Pruner *p, const SltChunks *c);
 void prune_free(Pruner *p);
-/* Calls `prune` on boxes 0 .. n-1 (n <= SLT_CHOICE_BOXES) of the batch's inputs, boxes inside the one of `parent`, and
- * finds what runs in each. Outputs of `prune` can be read from the batch afterwards. */
-void prune_boxes(Pruner *p, Batch *b, const PruneSet *parent, uint32_t n);
-/* The second half of it: from p->choices. */
-void prune_walk(Pruner *p, const PruneSet *parent, uint32_t n);
-/* What runs in one of the boxes, as the set of `level` (from 1 on), which is not the parent's. */
-const PruneSet *prune_pick(Pruner *p, const PruneSet *parent, uint32_t box, uint32_t level);
+/* Calls `prune` on boxes 0 .. n-1 (n <= SLT_CHOICE_BOXES) of the batch's inputs, boxes inside the one of this level,
+ * and finds what runs in each. Outputs of `prune` can be read from the batch afterwards. */
+void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n);
+/* The second half of it: from the level's choices. */
+void prune_walk(Pruner *p, uint32_t level, uint32_t n);
+/* One of these boxes becomes that of the next level. */
+void prune_pick(Pruner *p, uint32_t level, uint32_t box);
 
 /* ---- prune_image.c: the pixels of an image by boxes of them, smaller until few operations are left. */
 typedef struct PixelRect {
@@ -57,7 +57,7 @@ typedef struct PruneImage {
 } PruneImage;
 /* Has this scene prune and pruned? */
 bool prune_can(const SltScene *s);
-/* Pixels along a side of the rectangles that prune_image is best given. */
+/* Pixels along a side of the rectangles that prune_image is best given. Parts of parts of larger ones are larger. */
 uint32_t prune_tile(uint32_t dim);
 void prune_image(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r);
 

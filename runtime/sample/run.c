@@ -29,6 +29,13 @@ void stats_add(SltStats *to, const SltStats *s) {
     to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
     to->seconds += s->seconds;
     to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
+    stats_of_cells(to, s);
+}
+
+void stats_of_cells(SltStats *to, const SltStats *s) {
+    if (!to) return;
+    to->cells = s->cells, to->certified = s->certified, to->settled = s->settled, to->curved = s->curved;
+    to->left = s->left, to->left_bound = s->left_bound, to->boxes = s->boxes, to->stopped = s->stopped;
 }
 
 void run_end(Run *r, SltStats *stats) {

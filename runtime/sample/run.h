@@ -47,7 +47,9 @@ struct Run {
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
-void stats_add(SltStats *to, const SltStats *s); /* to may be NULL */
+/* to may be NULL. stats_of_cells: only the members about cells, which are not added up. */
+void stats_add(SltStats *to, const SltStats *s);
+void stats_of_cells(SltStats *to, const SltStats *s);
 /* Makes a worker for each thread, with `accums` adjoint buffers and a sink. */
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/sample/alloc.h"
 #include "runtime/sample/sink.h"
 
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g) {
@@ -18,6 +19,24 @@ void sink_free(Sink *k) {
     free(k->order), free(k->kept);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
+}
+
+void directions_free(Directions *d) {
+    for (uint32_t i = 0; i < d->n && d->flt; i++) free(d->flt[i]);
+    free(d->flt);
+}
+
+bool directions_init(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs) {
+    d->n = n, d->flt = alloc_zero(n, sizeof *d->flt);
+    if (!d->flt) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        size_t size = s->f64 ? sizeof(double) : sizeof(float);
+        if (!(d->flt[i] = aligned_alloc(64, (s->nfloats * size + 64) / 64 * 64))) return false;
+        for (uint32_t p = 0; p < s->nfloats; p++)
+            if (s->f64) ((double *)d->flt[i])[p] = dirs[i][p];
+            else ((float *)d->flt[i])[p] = (float)dirs[i][p];
+    }
+    return true;
 }
 
 void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
@@ -180,7 +199,7 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
     switch (k->kind) {
     case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
-    case SINK_PARTS: emit_integral(k, c, order, n, cls * channels, cls * channels); break;
+    case SINK_PARTS: emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 2 ? 4 : cls & 1) * channels); break;
     case SINK_REVERSE: emit_reverse(k, c, order, n, k->classes > 1 ? cls : 0); break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;

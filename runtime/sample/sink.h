@@ -10,7 +10,7 @@
 
 typedef enum SinkKind {
     SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
-    SINK_PARTS,    /* adjoints by class and channel */
+    SINK_PARTS,    /* adjoints by class (0 or 1) and channel; classes 2 and 3 are these and go into a fifth group too */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
     SINK_FORWARD,  /* images of derivatives along directions */
     SINK_KEEP      /* a list */
@@ -20,6 +20,9 @@ typedef struct Directions {
     uint32_t n;
     void **flt; /* [n]: flt[nfloats] each */
 } Directions;
+/* From double[nfloats] each. False when memory runs out; directions_free is due all the same. */
+bool directions_init(Directions *d, const SltScene *s, uint32_t n, const double *const *dirs);
+void directions_free(Directions *d);
 struct Sink {
     SinkKind kind;
     Batch *b;

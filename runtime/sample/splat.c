@@ -28,11 +28,12 @@ bool splat_begin(Splat *p, const Grid *g, uint32_t planes, uint32_t channels, co
     }
     uint64_t pixels = pixels_of(p);
     return room((void **)&p->value, &p->cap, pixels * planes * channels, sizeof *p->value) &&
-           room((void **)&p->count, &p->count_cap, pixels, sizeof *p->count);
+           room((void **)&p->count, &p->count_cap, pixels, sizeof *p->count) &&
+           room((void **)&p->share, &p->share_cap, (uint64_t)p->n[0] + p->n[1] + p->n[2], sizeof *p->share);
 }
 
 void splat_free(Splat *p) {
-    free(p->value), free(p->count);
+    free(p->value), free(p->count), free(p->share);
     memset(p, 0, sizeof *p);
 }
 
@@ -50,6 +51,28 @@ void splat_add(Splat *p, uint32_t plane, const double x[3], const double *value)
                 double *to = base + ((rz * p->n[1] + ry) * p->n[0] + rx) * channels,
                        weight = w[0][i] * w[1][y] * w[2][z];
                 for (uint32_t c = 0; c < channels; c++) to[c] += weight * value[c];
+            }
+}
+
+void splat_add_box(Splat *p, const double lo[3], const double hi[3], const double *value) {
+    const Grid *g = p->grid;
+    uint32_t from[3] = {0}, to[3] = {1, 1, 1};
+    double *share[3] = {p->share, p->share + p->n[0], p->share + p->n[0] + p->n[1]};
+    share[0][0] = share[1][0] = share[2][0] = 1;
+    for (uint32_t d = 0; d < g->dim; d++) {
+        double reach = (g->filter == SLT_FILTER_BOX ? 0 : g->radius) * g->side[d];
+        from[d] = grid_cell(g, d, lo[d] - reach), to[d] = grid_cell(g, d, hi[d] + reach) + 1;
+        from[d] = from[d] > p->lo[d] ? from[d] - p->lo[d] : 0;
+        to[d] = to[d] > p->lo[d] ? to[d] - p->lo[d] : 0;
+        if (to[d] > p->n[d]) to[d] = p->n[d];
+        for (uint32_t i = from[d]; i < to[d]; i++) share[d][i] = grid_share(g, d, p->lo[d] + i, lo[d], hi[d]);
+    }
+    for (uint32_t z = from[2]; z < to[2]; z++)
+        for (uint32_t y = from[1]; y < to[1]; y++)
+            for (uint32_t i = from[0]; i < to[0]; i++) {
+                double weight = share[0][i] * share[1][y] * share[2][z];
+                double *at = p->value + (((uint64_t)z * p->n[1] + y) * p->n[0] + i) * p->channels;
+                for (uint32_t c = 0; c < p->channels; c++) at[c] += weight * value[c];
             }
 }
 

@@ -1,5 +1,5 @@
-/* What leaves a kernel other than its outputs: print, counters, packed pixels, lists of iterations, the tape's limit;
- * and the emitted files. */
+/* What leaves a kernel other than its outputs: print, counters, packed pixels, lists of iterations and what is noted
+ * for them, the tape's limit; and the emitted files. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -108,6 +108,72 @@ static void test_rgba8(void **state) {
                 uint32_t r = (uint32_t)((cx < 1 ? cx : 1) * 255 + 0.5f), g = (uint32_t)((cy < 1 ? cy : 1) * 255 + 0.5f);
                 assert_int_equal(out[i], channels == 1 ? 0xff000000u | r | r << 8 | r << 16
                                                        : 0xff000000u | 128u << 16 | g << 8 | r);
+            }
+            back_free(m);
+            session_destroy(s);
+        }
+}
+
+/* if (k0 > 9) a loop over list 1 of twelve: notes (k0 + k) % 4 == 0 and k0 + 2 k > 70; output: the sum of k. An
+ * even number of operations that change nothing besides. */
+static Fn *noting(Session *s, int idle) {
+    Fn *fn = ir_fn(s, &s->module, "p", PREC_F32);
+    Builder b = ir_at_end(fn, fn->body);
+    Inst *k0 = ir_input(&b, IN_K0), *zero = ir_consti(&b, 0);
+    Inst *i = ir_if(&b, ir_emit2(&b, OP_ilt, ir_consti(&b, 9), k0));
+    Builder t = ir_at_end(fn, i->region[0]), e = ir_at_end(fn, i->region[1]);
+    Inst *loop =
+        ir_loop(&t, 1, &zero, (LoopInfo){.max_iters = 12, .exact = true, .cull = true, .found = true, .cull_id = 1});
+    Inst *k = loop->region[0]->params[0], *sum = loop->region[0]->params[1];
+    Builder in = ir_at_end(fn, loop->region[0]);
+    Inst *place = ir_emit2(&in, OP_iadd, k0, k), *low = ir_emit2(&in, OP_iand, place, ir_consti(&in, 3));
+    for (int n = 0; n < idle; n++) place = ir_emit2(&in, OP_ixor, place, k0);
+    Inst *what[2] = {ir_emit2(&in, OP_ieq, low, zero),
+                     ir_emit2(&in, OP_ilt, ir_consti(&in, 70), ir_emit2(&in, OP_iadd, place, k))};
+    ir_special(&in, OP_note, TY_VOID, 2, what, (Imm){.i = 1});
+    ir_yield(&in, 2, (Inst *[]){ir_emit2(&in, OP_ilt, k, ir_consti(&in, 11)), ir_emit2(&in, OP_iadd, sum, k)});
+    ir_yield(&t, 1, (Inst *[]){ir_proj(&t, loop, 0)});
+    ir_yield(&e, 1, &zero);
+    ir_yield(&b, 1, (Inst *[]){ir_proj(&b, i, 0)});
+    ir_number(fn);
+    return fn;
+}
+
+/* Compiled kernels of every width and the interpreter, a loop that is emitted once and one that is emitted twice, with
+ * a list and without. */
+static void test_notes(void **state) {
+    (void)state;
+    static const int32_t items[5] = {1, 2, 6, 7, 11};
+    _Alignas(64) int32_t k0[N], out[N];
+    for (int i = 0; i < N; i++) k0[i] = i;
+    for (uint32_t w = 1; w <= 64; w *= 2)
+        for (int idle = 0; idle <= 100; idle += 100) {
+            Session *s = session_create(0);
+            Fn *fn = noting(s, idle);
+            CompiledModule *m = compile(s, fn, w, false);
+            for (int count = -1; count <= 5; count += 2) {
+                SltCullList lists[2] = {{NULL, -1}, {items, count}};
+                int32_t n = count < 0 ? 12 : count, sum = 0;
+                for (int32_t j = 0; j < n; j++) sum += count < 0 ? j : items[j];
+                for (int interpreted = 0; interpreted < 2; interpreted++) {
+                    SltNote notes[13] = {{0}}, *of[2] = {NULL, notes};
+                    SltKernelArgs a = {
+                        .in = {[IN_K0] = k0}, .out = {out}, .n_valid = N, .cull = count < 0 ? NULL : lists, .note = of};
+                    if (interpreted) assert_int_equal(ir_interpret(fn, &a, N, w), 0);
+                    else back_kernel(m, "kernel")(&a, N);
+                    for (int32_t j = 0; j < 13; j++) {
+                        int32_t k = count < 0 ? j : j < n ? items[j] : 0;
+                        uint64_t may = 0, must = 0;
+                        for (int32_t i = 10; i < N && j < n; i++) {
+                            may |= (uint64_t)((i + k) % 4 == 0) << i;
+                            must |= (uint64_t)(i + 2 * k > 70) << i;
+                        }
+                        assert_true(notes[j].may == may && notes[j].must == must);
+                    }
+                    for (int i = 0; i < N; i++) assert_int_equal(out[i], i > 9 ? sum : 0);
+                    a.note = NULL; /* nobody wants them */
+                    if (!interpreted) back_kernel(m, "kernel")(&a, N);
+                }
             }
             back_free(m);
             session_destroy(s);
@@ -283,7 +349,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),        cmocka_unit_test(test_tape_limit),
         cmocka_unit_test(test_files),           cmocka_unit_test(test_bad_requests), cmocka_unit_test(test_target_runs),
-        cmocka_unit_test(test_choose_width),
+        cmocka_unit_test(test_choose_width),    cmocka_unit_test(test_notes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -39,6 +39,7 @@ static Fn *everything(TestFn *t, Precision p) {
     ir_yield(&arm, 2, (Inst *[]){up, one});
     arm = ir_at_end(fn, cond->region[1]);
     ir_yield(&arm, 2, (Inst *[]){body->params[1], zero});
+    ir_special(&in, OP_note, TY_VOID, 2, (Inst *[]){site, cmp}, (Imm){.i = 3});
     Inst *next = ir_proj(&in, cond, 0), *flag = ir_proj(&in, cond, 1);
     Inst *count = ir_emit2(&in, OP_iadd, body->params[2], flag);
     Inst *more = ir_emit2(&in, OP_ilt, count, ir_consti(&in, 9));
@@ -211,6 +212,8 @@ static void test_verifier(void **state) {
     });
     DAMAGE("no tapepush makes frames", ir_unlink(find(fn->body, OP_tapepush)));
     DAMAGE("the list is broken", find(fn->body, OP_param)->prev = NULL);
+    DAMAGE("stands not in the body of the loop with its list", find(fn->body, OP_note)->imm.i = 2);
+    DAMAGE("list outside the 64", find(fn->body, OP_loop)->imm.loop.cull_id = 64);
     DAMAGE("no such counter", find(fn->body, OP_count)->imm.i = 77);
     DAMAGE("arrays of different shapes", find(fn->body, OP_alloc)->imm.arr.count = 5);
     DAMAGE("the result is int, not float", find(fn->body, OP_ffma)->type = TY_INT);

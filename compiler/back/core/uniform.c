@@ -96,6 +96,7 @@ static void visit(Analysis *a, Fn *fn, Block *b, bool masked) {
         case OP_give:
         case OP_live:
         case OP_print:
+        case OP_note:
         case OP_adj: break;
         case OP_input: mark_if(a, i, i->imm.i < SLT_IN_VARYING); break;
         case OP_store:

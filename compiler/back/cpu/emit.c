@@ -212,6 +212,7 @@ void emit_outputs(Emit *e, const Inst *yield) {
 
 /* ---- what the kernel needs from its arguments, loaded once */
 static void setup_culls(Emit *e, uint32_t id);
+static void setup_notes(Emit *e, uint32_t id);
 
 static void setup_block(Emit *e, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
@@ -242,6 +243,7 @@ static void setup_block(Emit *e, const Block *b) {
         case OP_loop:
             if (i->imm.loop.cull) setup_culls(e, i->imm.loop.cull_id);
             break;
+        case OP_note: setup_notes(e, (uint32_t)i->imm.i); break;
         default: break;
         }
         for (uint32_t r = 0; r < i->nregions; r++) setup_block(e, i->region[r]);
@@ -251,7 +253,7 @@ static void setup_block(Emit *e, const Block *b) {
 /* items and count of one cull list; without a list the count is -1 and items some readable int. */
 static void setup_culls(Emit *e, uint32_t id) {
     if (id >= BACK_MAX_CULL) {
-        emit_fail(e, "more than %d [Cull] loops", BACK_MAX_CULL);
+        emit_fail(e, "more than %d loops with lists", BACK_MAX_CULL);
         return;
     }
     if (e->cull[id].items) return;
@@ -273,6 +275,18 @@ static void setup_culls(Emit *e, uint32_t id) {
     emit_incoming(e, e->cull[id].items, items, given);
     emit_incoming(e, e->cull[id].count, emit_int(e, e->t_i32, UINT32_MAX), from);
     emit_incoming(e, e->cull[id].count, count, given);
+}
+
+/* Where the notes of one list go: some readable pointer stands for the address where there are none. */
+static void setup_notes(Emit *e, uint32_t id) {
+    if (e->cull[id].notes) return;
+    Part scratch = emit_alloca(e, LL(ArrayType2)(e->t_i64, sizeof(SltNote) / 8), 1, 8);
+    Part notes = emit_load(e, e->t_ptr, emit_field_ptr(e, offsetof(SltKernelArgs, note)), 8, true);
+    Part wanted = LL(BuildICmp)(e->b, LLVMIntNE, notes, LL(ConstNull)(e->t_ptr), "");
+    Part from = LL(BuildSelect)(e->b, wanted, notes, e->args, "");
+    Part at = emit_load(e, e->t_ptr, emit_gep(e, e->t_ptr, from, emit_int(e, e->t_i64, id)), 8, true);
+    e->cull[id].notes = LL(BuildSelect)(e->b, wanted, at, scratch, "notes");
+    e->cull[id].noted = LL(BuildSExt)(e->b, wanted, e->t_i64, "noted");
 }
 
 /* Uniform arithmetic of the top block depends on nothing in the loop over samples: it is done once a call. LLVM cannot

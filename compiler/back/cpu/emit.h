@@ -16,6 +16,9 @@ typedef LLVMValueRef Part;
 
 typedef struct CullSlot {
     Part items, count;
+    Part place; /* of the iteration that is being emitted: in the list if there is one, else its number */
+    Part notes; /* address of the notes; NULL: the kernel makes none */
+    Part noted; /* i64: all ones where notes are wanted, else 0, and `notes` are scratch */
 } CullSlot;
 
 typedef struct ChunkState ChunkState;
@@ -127,8 +130,9 @@ void emit_take(Emit *e, Inst *i);
 void emit_settled(Emit *e, Inst *i);
 void emit_choice(Emit *e, const Inst *i);
 
-/* ---- emit_effect.c: counters and print */
+/* ---- emit_effect.c: counters, notes and print */
 void emit_count(Emit *e, Inst *i);
+void emit_note(Emit *e, Inst *i);
 void emit_print(Emit *e, Inst *i);
 
 /* ---- emit_query.c: searches along rays */

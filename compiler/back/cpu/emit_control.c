@@ -203,8 +203,13 @@ static void emit_if(Emit *e, Inst *i) {
 }
 
 /* ---- loop */
+/* Is a list given? Small loops are emitted twice, for yes and for no: then whoever gives none pays nothing. */
+typedef enum Listed { LISTED_NO, LISTED_YES, LISTED_PERHAPS } Listed;
+enum { SMALL_LOOP = 64 }; /* instructions of the body */
+
 typedef struct LoopState {
     Inst *i;
+    Listed listed;
     bool diverges;
     Part j;            /* iterations done */
     Part *live, *wide; /* the lanes still inside; the phis that carry them */
@@ -222,13 +227,19 @@ static Part *new_phis(Emit *e, LLVMTypeRef t, uint32_t n, const Part *init, LLVM
     return phi;
 }
 
-static Part iteration_number(Emit *e, const Inst *i, Part j) {
-    if (!i->imm.loop.cull) return j;
-    const CullSlot *c = &e->cull[i->imm.loop.cull_id];
-    Part none = LL(BuildICmp)(e->b, LLVMIntSLT, c->count, emit_int(e, e->t_i32, 0), "");
-    Part at = LL(BuildZExt)(e->b, LL(BuildSelect)(e->b, none, emit_int(e, e->t_i32, 0), j, ""), e->t_i64, "");
+static Part is_listed(Emit *e, const CullSlot *c) {
+    return LL(BuildICmp)(e->b, LLVMIntSGE, c->count, emit_int(e, e->t_i32, 0), "");
+}
+
+/* The number of the iteration, after j others. */
+static Part iteration_number(Emit *e, const LoopState *s) {
+    if (s->listed == LISTED_NO) return s->j;
+    const CullSlot *c = &e->cull[s->i->imm.loop.cull_id];
+    Part some = s->listed == LISTED_PERHAPS ? is_listed(e, c) : NULL, at = s->j;
+    if (some) at = LL(BuildSelect)(e->b, some, at, emit_int(e, e->t_i32, 0), "");
+    at = LL(BuildZExt)(e->b, at, e->t_i64, "");
     Part item = emit_load(e, e->t_i32, emit_gep(e, e->t_i32, c->items, at), 4, true);
-    return LL(BuildSelect)(e->b, none, j, item, "k");
+    return some ? LL(BuildSelect)(e->b, some, item, s->j, "k") : item;
 }
 
 static void loop_head(Emit *e, LoopState *s) {
@@ -265,7 +276,8 @@ static void loop_head(Emit *e, LoopState *s) {
         }
     }
     if (s->diverges) narrow(e, s->wide, s->live = new_parts(e));
-    emit_slot(e, body->params[0])[0] = iteration_number(e, i, s->j);
+    emit_slot(e, body->params[0])[0] = iteration_number(e, s);
+    if (i->imm.loop.cull) e->cull[i->imm.loop.cull_id].place = s->j;
 }
 
 /* Whether to go round again; fills the lanes that will. */
@@ -286,20 +298,20 @@ static Part loop_condition(Emit *e, LoopState *s, Part j_next, Part *live_next) 
         Part f = emit_scalar(e, c.uniform[u]);
         go = go ? LL(BuildAnd)(e->b, go, f, "") : f;
     }
-    if (s->i->imm.loop.cull) {
+    if (s->listed != LISTED_NO) {
         const CullSlot *list = &e->cull[s->i->imm.loop.cull_id];
         go = LL(BuildAnd)(e->b, go, LL(BuildICmp)(e->b, LLVMIntULT, j_next, list->count, ""), "");
     }
     return go;
 }
 
-static void emit_loop(Emit *e, Inst *i) {
+static void emit_loop_as(Emit *e, Inst *i, Listed listed) {
     Block *body = i->region[0];
-    LoopState s = {.i = i, .diverges = e->W > 1 && (i->flags & BACK_DIVERGES)};
+    LoopState s = {.i = i, .listed = listed, .diverges = e->W > 1 && (i->flags & BACK_DIVERGES)};
     uint32_t nc = body->nparams - 1;
     LLVMBasicBlockRef before = NULL, skip_join = NULL;
     Part(*init)[BACK_MAX_PARTS] = arena_alloc(e->arena, (nc + 1) * sizeof *init);
-    if (i->imm.loop.cull) { /* an empty list: no iteration, the results are the initial values */
+    if (listed != LISTED_NO) { /* an empty list: no iteration, the results are the initial values */
         LLVMBasicBlockRef some = emit_new_block(e, "some");
         skip_join = emit_new_block(e, "culled");
         Part empty = LL(BuildICmp)(e->b, LLVMIntEQ, e->cull[i->imm.loop.cull_id].count, emit_int(e, e->t_i32, 0), "");
@@ -363,6 +375,54 @@ static void emit_loop(Emit *e, Inst *i) {
                 v = phi;
             }
             emit_slot(e, p)[k] = v;
+        }
+}
+
+static void forget_values(Emit *e, const Block *b) {
+    for (uint32_t p = 0; p < b->nparams; p++) emit_slot(e, b->params[p])[0] = NULL;
+    for (const Inst *i = b->first; i; i = i->next) {
+        emit_slot(e, i)[0] = NULL;
+        for (uint32_t r = 0; r < i->nregions; r++) forget_values(e, i->region[r]);
+    }
+}
+
+static uint32_t size_of(const Block *b) {
+    uint32_t n = 0;
+    for (const Inst *i = b->first; i; i = i->next) {
+        n += !ir_is_const(i) && i->op != OP_proj && i->op != OP_yield;
+        for (uint32_t r = 0; r < i->nregions; r++) n += size_of(i->region[r]);
+    }
+    return n;
+}
+
+static void emit_loop(Emit *e, Inst *i) {
+    if (!i->imm.loop.cull || size_of(i->region[0]) > SMALL_LOOP) {
+        emit_loop_as(e, i, i->imm.loop.cull ? LISTED_PERHAPS : LISTED_NO);
+        return;
+    }
+    LLVMBasicBlockRef start[2] = {emit_new_block(e, "all"), emit_new_block(e, "listed")}, end[2],
+                      join = emit_new_block(e, "join");
+    const size_t n = proj_count(i) * e->P;
+    Part *x = ARENA_ARRAY(e->arena, Part, 2 * n + 1);
+    LL(BuildCondBr)(e->b, is_listed(e, &e->cull[i->imm.loop.cull_id]), start[1], start[0]);
+    for (uint32_t s = 0; s < 2 && !e->error; s++) {
+        emit_at(e, start[s]);
+        forget_values(e, i->region[0]);
+        emit_loop_as(e, i, s ? LISTED_YES : LISTED_NO);
+        Part *at = x + s * n;
+        for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
+            memcpy(at, emit_slot(e, p), back_value_parts(&e->plan, p) * sizeof *at);
+        end[s] = emit_here(e);
+        LL(BuildBr)(e->b, join);
+    }
+    if (e->error) return;
+    emit_at(e, join);
+    Part *at = x;
+    for (const Inst *p = next_proj(i, NULL); p; p = next_proj(i, p), at += e->P)
+        for (uint32_t k = 0; k < back_value_parts(&e->plan, p); k++) {
+            Part phi = emit_phi(e, value_type(e, p), "");
+            for (uint32_t s = 0; s < 2; s++) emit_incoming(e, phi, at[s * n + k], end[s]);
+            emit_slot(e, p)[k] = phi;
         }
 }
 

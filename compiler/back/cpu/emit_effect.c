@@ -1,4 +1,4 @@
-/* What leaves the kernel beside its outputs: counters and print. */
+/* What leaves the kernel beside its outputs: counters, notes and print. */
 #include "compiler/back/cpu/emit.h"
 
 typedef struct LaneLoop {
@@ -59,6 +59,36 @@ void emit_count(Emit *e, Inst *i) {
     emit_store(e, LL(BuildAdd)(e->b, emit_load(e, e->t_i64, at, 8, false), sum, ""), at, 8);
     LL(BuildBr)(e->b, done);
     emit_at(e, done);
+}
+
+/* One bit a lane where `cond` holds, shifted to the boxes of this vector. */
+static Part box_bits(Emit *e, const Inst *cond) {
+    Part m[BACK_MAX_PARTS], word = NULL;
+    LLVMTypeRef bits = LL(IntTypeInContext)(e->ctx, e->L);
+    emit_parts(e, cond, m);
+    emit_and_mask(e, m, m);
+    for (uint32_t p = 0; p < e->P; p++) {
+        Part part = e->W == 1 ? m[p] : LL(BuildBitCast)(e->b, m[p], bits, "");
+        if (e->L < 64) part = LL(BuildZExt)(e->b, part, e->t_i64, "");
+        if (p) part = LL(BuildShl)(e->b, part, emit_i64(e, (uint64_t)p * e->L), "");
+        word = word ? LL(BuildOr)(e->b, word, part, "") : part;
+    }
+    Part box = LL(BuildAnd)(e->b, e->i, emit_i64(e, SLT_PAD - 1), "");
+    return LL(BuildShl)(e->b, word, box, "");
+}
+
+/* Without a branch: where no notes are wanted they go to scratch. */
+void emit_note(Emit *e, Inst *i) {
+    static const size_t member[2] = {offsetof(SltNote, may), offsetof(SltNote, must)};
+    const CullSlot *c = &e->cull[i->imm.i];
+    Part place = LL(BuildAnd)(e->b, LL(BuildZExt)(e->b, c->place, e->t_i64, ""), c->noted, "");
+    Part note = emit_gep(e, e->t_i8, c->notes, LL(BuildMul)(e->b, place, emit_i64(e, sizeof(SltNote)), ""));
+    for (uint32_t a = 0; a < 2; a++) {
+        if (i->args[a]->op == OP_constb && !i->args[a]->imm.i) continue;
+        Part at = emit_at_byte(e, note, member[a]);
+        Part old = emit_load(e, e->t_i64, at, 8, false);
+        emit_store(e, LL(BuildOr)(e->b, old, box_bits(e, i->args[a]), ""), at, 8);
+    }
 }
 
 static Part as_double(Emit *e, const Inst *x, Part v) {

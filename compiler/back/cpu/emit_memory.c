@@ -84,6 +84,7 @@ void emit_memory_op(Emit *e, Inst *i) {
     case OP_choice: emit_choice(e, i); break;
     case OP_count: emit_count(e, i); break;
     case OP_print: emit_print(e, i); break;
+    case OP_note: emit_note(e, i); break;
     default: emit_fail(e, "%s is not supported by this back end", ir_ops[i->op].name);
     }
 }

@@ -16,7 +16,7 @@ void emit_query(Emit *e, Inst *i) {
     bool vector = emit_is_vector(e, i);
     uint32_t width = vector ? e->W : 1, flt = e->plan.flt_bytes;
     unsigned align = vector ? emit_part_align(e, flt) : flt, ialign = vector ? emit_part_align(e, 4) : 4;
-    Part rays = emit_alloca(e, e->t_i8, (uint64_t)SLT_RAY_ROWS * width * flt, 64),
+    Part rays = emit_alloca(e, e->t_i8, (uint64_t)i->nargs * width * flt, 64),
          witnesses = emit_alloca(e, e->t_i8, 4ull * width, 64);
     for (uint32_t a = 0; a < i->nargs; a++) {
         Part v[BACK_MAX_PARTS];

@@ -34,9 +34,9 @@ static uint32_t number_of(Lower *l, Searched of) {
 
 Inst *gen_query(Lower *l, Searched of, SltQuery what, const Ray *r) {
     uint32_t g = number_of(l, of);
-    Inst *args[SLT_RAY_ROWS] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1};
+    Inst *args[SLT_RAY_ROWS] = {r->x, r->y, r->z, r->dx, r->dy, r->dz, r->t0, r->t1, r->lift, r->lift_of};
     Imm imm = {.query = {g, what, l->geometries.data[g].base}};
-    return special(l, OP_query, TY_INT, SLT_RAY_ROWS, args, imm);
+    return special(l, OP_query, TY_INT, r->lift ? SLT_RAY_ROWS : SLT_RAY_POINT_ROWS, args, imm);
 }
 
 Inst *gen_found(Lower *l, Inst *witness) { return op2(l, OP_ine, witness, ki(l, SLT_WITNESS_NONE)); }

@@ -16,9 +16,10 @@ typedef Val GeometryMethod(Lower *l, Expr *e, const Symbol *sym);
 #include "saltus/geometries.def"
 #undef GEOMETRY
 
-/* A ray in the geometry's coordinates; of a slice (queries.def), t0 and t1 are the slopes kmin and kmax. */
+/* A ray in the geometry's coordinates; of a slice (queries.def), t0 and t1 are the slopes kmin and kmax. lift and
+ * lift_of: of SltRayRow; NULL: not known. */
 typedef struct Ray {
-    Inst *x, *y, *z, *dx, *dy, *dz, *t0, *t1;
+    Inst *x, *y, *z, *dx, *dy, *dz, *t0, *t1, *lift, *lift_of;
 } Ray;
 
 /* A parameter that is searched, with its band (GeometryInfo). */

@@ -6,6 +6,8 @@
  *
  * Under [Disc], `trace` and `occluded` are sites whose g is the clearance over a window of the ray (OP_window), the
  * same for both ends of a segment. */
+#include <math.h>
+
 #include "compiler/front/gen/geometry.h"
 #include "saltus/heightfield.h"
 
@@ -127,6 +129,7 @@ static Val lookup(Lower *l, Expr *e, const Terrain *t) {
     Inst *a01 = height_at(l, t, c.i0, c.j1), *a11 = height_at(l, t, c.i1, c.j1);
     if (e->method == M_HEIGHT) {
         v.c[0] = on_cell(l, &c, a00, a10, a01, a11);
+        vec_push(l->arena, &l->surfaces, ((Surface){t->sym, v.c[0], p.c[0], p.c[1]}));
         return v;
     }
     v.c[0] = op2(l, OP_fdiv, sel(l, c.lower, sub(l, a10, a00), sub(l, a11, a01)), kf(l, t->dx));
@@ -320,6 +323,43 @@ static Inst *ray_site(Lower *l, const Terrain *t, const Ray *r, SiteKind kind, I
     return site_ray(l, kind, hit, gen_clearance_bounded(l, c.value, &c), span);
 }
 
+/* ---- how high rays start above the terrain: bounds of rays (SLT_QUERY_BLOCKED) need it, for the interval of an
+ * origin's height says nothing of the ground right below */
+
+static bool is_ground(const Lower *l, const Terrain *t, const Inst *z, const Val *o) {
+    for (uint32_t i = 0; i < l->surfaces.len; i++) {
+        const Surface *s = &l->surfaces.data[i];
+        if (s->height == z && s->sym == t->sym && s->x == o->c[0] && s->y == o->c[1]) return true;
+    }
+    return false;
+}
+
+enum { LIFT_TERMS = 8 };
+
+/* z is the height of the ground at o, plus *lift (of which *size is the sum of magnitudes): looked for through sums. */
+static bool over_ground(Lower *l, const Terrain *t, Inst *z, const Val *o, Inst **lift, Inst **size, int depth) {
+    if (is_ground(l, t, z, o)) {
+        *lift = *size = kf(l, 0);
+        return true;
+    }
+    if (depth == LIFT_TERMS || (z->op != OP_fadd && z->op != OP_fsub)) return false;
+    for (int side = 0; side < (z->op == OP_fadd ? 2 : 1); side++) {
+        if (!over_ground(l, t, z->args[side], o, lift, size, depth + 1)) continue;
+        *lift = op2(l, (Op)z->op, *lift, z->args[1 - side]);
+        *size = add(l, *size, op1(l, OP_fabs, z->args[1 - side]));
+        return true;
+    }
+    return false;
+}
+
+static void find_lift(Lower *l, const Terrain *t, Ray *r, const Val *o) {
+    Inst *lift, *size;
+    if (!over_ground(l, t, o->c[2], o, &lift, &size, 0)) return;
+    Inst *scale = kf(l, t->scale);
+    r->lift = op2(l, OP_fdiv, lift, scale);
+    r->lift_of = op2(l, OP_fdiv, add(l, size, kf(l, fabs(t->offset))), scale);
+}
+
 static Val trace(Lower *l, Expr *e, const Terrain *t, const Ray *r, const Val *o, const Val *d) {
     Val v = val_new(l, e->type);
     Inst *id = query(l, t, SLT_QUERY_TRACE, r), *hit = gen_found(l, id);
@@ -370,6 +410,7 @@ Val gen_heightfield(Lower *l, Expr *e, const Symbol *sym) {
              .t0 = a,
              .t1 = b};
     r.dz = query_rows[method->query].ray == RAY_SLICE ? kf(l, 0) : op2(l, OP_fdiv, d.c[2], scale);
+    if (query_rows[method->query].ray == RAY_SEGMENT) find_lift(l, &t, &r, &o);
     if (e->method == M_TRACE) return trace(l, e, &t, &r, &o, &d);
     if (e->method == M_SILHOUETTE) return silhouette(l, e, &t, r);
     Val v = val_new(l, e->type);

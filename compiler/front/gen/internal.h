@@ -129,6 +129,12 @@ typedef struct Clearance {
     Inst *cell;           /* the t in which the ray covers a cell's length */
 } Clearance;
 
+/* A height of a geometry that was looked up at (x, y) of the world. */
+typedef struct Surface {
+    const Symbol *sym;
+    const Inst *height, *x, *y;
+} Surface;
+
 typedef struct ConstArray {
     Symbol *sym;
     Var *vars;
@@ -165,6 +171,7 @@ typedef struct Lower {
     uint32_t fact_cap;
     Vec(Fn *) culls;
     Vec(GeometryInfo) geometries;
+    Vec(Surface) surfaces;
     Vec(Clearance) clearances;
     uint32_t nops, nloops;
     uint32_t depth;  /* regions around this place */

@@ -38,6 +38,8 @@ static const char *const isa_names[FIELD_ISAS] = {"", "scalar", "SSE2", "AVX2", 
 
 /* RISE walks from where a ray is blocked to the next ridge, a few cells: packets, but no structure. */
 static const uint32_t all_queries = (1u << SLT_QUERIES) - 1, searching = all_queries & ~(1u << SLT_QUERY_RISE);
+/* Bounds need the levels whatever searches. */
+static const uint32_t bounding = 1u << SLT_QUERY_BLOCKED;
 
 static const uint32_t hits =
     1u << SLT_QUERY_TRACE | 1u << SLT_QUERY_OCCLUDED; /* served by safety shapes; the others by the mipmap */
@@ -59,18 +61,20 @@ static void describe(Field *f) {
     if (c->packed)
         snprintf(cones, sizeof cones, "%s%s safety shapes, ", c->classes > 1 ? "directional " : "",
                  c->relaxed ? "cylinder-cone" : "cone");
-    if (f->mip.data) snprintf(levels, sizeof levels, "maximum mipmap, %d levels, ", (int)f->mip.top);
-    if (c->packed || f->mip.data) snprintf(f->text, sizeof f->text, "%s%s%s", cones, levels, isa_names[f->isa]);
+    if (f->mip.data && f->options.structure != SLT_STRUCTURE_NAIVE)
+        snprintf(levels, sizeof levels, "maximum mipmap, %d levels, ", (int)f->mip.top);
+    if (*cones || *levels) snprintf(f->text, sizeof f->text, "%s%s%s", cones, levels, isa_names[f->isa]);
     else snprintf(f->text, sizeof f->text, "cell by cell");
 }
 
 static void set_queries(Field *f) {
     const FieldKernels *k = field_kernels(f->isa);
     for (int what = 0; what < SLT_QUERIES; what++) {
-        bool packets = f->mip.data || (what == SLT_QUERY_RISE && f->options.structure != SLT_STRUCTURE_NAIVE);
+        bool packets = f->options.structure != SLT_STRUCTURE_NAIVE && (f->mip.data || what == SLT_QUERY_RISE);
         SltQueryFn *q = packets ? k->query[f->f64][what] : NULL;
         f->base.shared.query[what] = q ? q : field_naive[f->f64][what];
     }
+    f->base.shared.query[SLT_QUERY_BLOCKED] = f->mip.data ? field_boxes : NULL;
     if (f->cones.packed)
         f->base.shared.query[SLT_QUERY_TRACE] = f->base.shared.query[SLT_QUERY_OCCLUDED] = k->cone[f->f64];
 }
@@ -96,7 +100,8 @@ SltStatus field_make(SltGeometry **out, const void *heights, bool f64, uint32_t 
     Field *f = calloc(1, sizeof *f);
     if (!f) return status_fail(err, SLT_LIMIT, "out of memory for a heightfield");
     if (o) f->options = *o;
-    if (!f->options.queries) f->options.queries = all_queries;
+    if (!f->options.queries)
+        f->options.queries = f->options.structure == SLT_STRUCTURE_NAIVE ? all_queries & ~bounding : all_queries;
     f->f64 = f64;
     f->w = w;
     f->h = h;
@@ -110,7 +115,8 @@ SltStatus field_make(SltGeometry **out, const void *heights, bool f64, uint32_t 
     }
     f->isa = f->options.isa ? f->options.isa : best_isa();
     const uint32_t cones = f->options.structure == SLT_STRUCTURE_CONE ? f->options.queries & hits : 0,
-                   levels = f->options.structure == SLT_STRUCTURE_NAIVE ? 0 : f->options.queries & searching & ~cones;
+                   levels = f->options.queries &
+                            (f->options.structure == SLT_STRUCTURE_NAIVE ? bounding : searching & ~cones);
     if ((levels && !mipmap_make(f, heights)) || (cones && !make_cones(f, heights))) {
         field_free(&f->base.shared);
         return status_fail(err, SLT_LIMIT, "out of memory for the structure of a heightfield of %u x %u", w, h);
@@ -208,7 +214,8 @@ void field_count(const SltGeometry *field, SltQuery what, const void *heights, c
     const Field *f = field_impl(field);
     if (f->cones.packed && hits >> what & 1 && !(f->cones.relaxed && field->slack > 0))
         field_scalar_cone_count(f, heights, rays, mask, width, id, counts);
-    else if (f->mip.data) field_scalar_count(f, what, heights, rays, mask, width, id, counts);
+    else if (f->mip.data && f->options.structure != SLT_STRUCTURE_NAIVE)
+        field_scalar_count(f, what, heights, rays, mask, width, id, counts);
     else field_naive_count(f, what, heights, rays, mask, width, id, counts);
 }
 
@@ -230,7 +237,7 @@ uint32_t field_silhouettes(const SltGeometry *field, const void *heights, const 
         ray32[6] = (float)kmin, ray32[7] = (float)kmax;
         ray = ray32;
     }
-    if (f->mip.data) field_scalar_slice(f, heights, ray, &slice, counts);
+    if (f->mip.data && f->options.structure != SLT_STRUCTURE_NAIVE) field_scalar_slice(f, heights, ray, &slice, counts);
     else field_naive_slice(f, heights, ray, &slice, counts);
     if (counts) counts->rays++;
     return slice.count;

@@ -84,6 +84,9 @@ void field_scalar_cone_count(const Field *f, const void *heights, const void *ra
 void field_scalar_slice(const Field *f, const void *heights, const void *ray, Slice *slice,
                         FieldCounts *counts); /* ray: width 1 */
 
+/* boxes.c: SLT_QUERY_BLOCKED, of either precision; the field has a mipmap */
+SltQueryFn field_boxes;
+
 /* mipmap.c */
 bool mipmap_make(Field *f, const void *heights);
 void mipmap_refresh(Field *f, const void *heights, uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1);

@@ -1,0 +1,373 @@
+/* Boxes of rays: are all of them blocked, or none (SLT_QUERY_BLOCKED)?
+ *
+ * Every ray is o + t d with o, d and the ends of t each anywhere in an interval. Over one triangle of the terrain
+ *
+ *     F = height of the ray - height of the terrain = (oz - T(o)) + t (dz - grad T . d)
+ *
+ * is affine in o and, for a given ray, in t: its least and greatest value over a polygon of origins and an interval of
+ * t are exact but for the interval of the slope, so a box of a thousandth of a cell is told apart as well as one of a
+ * hundred cells. Rays are *free* if F > 0 over every triangle that any of them may be over: a descent of the maximum
+ * mipmap, nearest nodes first, which skips what lies below all of the rays. They are *blocked* if at one t all of them
+ * are below the terrain; the descent tries that where the middle ray is below.
+ *
+ * Rays that start on the terrain are where shadows are asked for. Their oz is a height of the terrain at (ox, oy) and
+ * a little more, and the two intervals by themselves would allow origins under ground. So a box may say how high its
+ * origins lie above the terrain (SLT_RAY_LIFT): it is then cut at the triangles under it, over each of which oz is
+ * affine too.
+ *
+ * What is bounded is what the kernels decide: leaf.h compares F, rounded, at the points where rays cross lines of the
+ * grid. Between two of these F is linear, so that over true F the signs are the same but for rounding: of heights, of
+ * the order of their magnitude, and of positions, which the slope of the triangle makes an error of height. `unit` is
+ * 32 units in the last place, as in packet.inc.h: more than twice the sum of all errors. */
+#include "internal.h"
+
+#include <float.h>
+#include <math.h>
+
+enum {
+    CORNERS = 8,    /* of a polygon: a rectangle cut by one line has five */
+    UNDER = 16,     /* cells under a box of origins on the terrain; more are not worth the time: halve the box */
+    FOOTPRINT = 16, /* cells in which all rays of a box are at one t, likewise */
+    TRIES = 48,     /* cells at whose terrain rays may be, after which the answer is EITHER */
+    STACK = 3 * MIP_LEVELS + 4
+};
+
+typedef struct Span {
+    double lo, hi;
+} Span;
+
+static Span sum(Span a, Span b) { return (Span){a.lo + b.lo, a.hi + b.hi}; }
+static double most(Span a) { return fmax(fabs(a.lo), fabs(a.hi)); }
+/* The least and the greatest s * t. */
+static Span product(Span s, Span t) {
+    double a = s.lo * t.lo, b = s.lo * t.hi, c = s.hi * t.lo, d = s.hi * t.hi;
+    return (Span){fmin(fmin(a, b), fmin(c, d)), fmax(fmax(a, b), fmax(c, d))};
+}
+
+/* A plane z = at + x (x - ax) + y (y - ay): a triangle's. */
+typedef struct Plane {
+    double ax, ay, at, x, y;
+} Plane;
+
+/* The rays whose origins lie in one polygon. */
+typedef struct Rays {
+    const Field *f;
+    const void *heights;
+    Span d[3], sumd, t; /* sumd: of dx + dy; t: all that count, a superset */
+    double last, first; /* all rays are there at t from `first` to `last` */
+    double x[CORNERS], y[CORNERS];
+    int corners;
+    Span o[2], sumo;          /* around the polygon; sumo: of x + y */
+    bool on_terrain;          /* oz = ground + lift, else oz = lift */
+    Plane ground;             /* the triangle under the polygon */
+    Span lift, oz;            /* oz: all of it */
+    double middle[3], way[3]; /* the middle ray */
+    double unit, error[2];    /* error: of positions */
+    double lift_of;           /* magnitude of what the lift was computed from */
+} Rays;
+
+static double height(const Field *f, const void *heights, int i, int j) {
+    size_t at = (size_t)((int)f->h - 1 - j) * f->w + (size_t)i;
+    return f->f64 ? ((const double *)heights)[at] : (double)((const float *)heights)[at];
+}
+
+static Plane plane(const Rays *r, int i, int j, bool upper) {
+    double h10 = height(r->f, r->heights, i + 1, j), h01 = height(r->f, r->heights, i, j + 1);
+    if (!upper) {
+        double h00 = height(r->f, r->heights, i, j);
+        return (Plane){i, j, h00, h10 - h00, h01 - h00};
+    }
+    double h11 = height(r->f, r->heights, i + 1, j + 1);
+    return (Plane){i + 1, j + 1, h11, h11 - h01, h11 - h10};
+}
+
+static double plane_at(const Plane *p, double x, double y) { return p->at + p->x * (x - p->ax) + p->y * (y - p->ay); }
+
+/* The t, of those in `t`, at which a coordinate o + t d may lie in [a, b]; empty (lo > hi) if at none. */
+static Span times(Span o, Span d, double a, double b, Span t) {
+    Span way = {a - o.hi, b - o.lo}, none = {1, -1};
+    if (d.hi < 0) {
+        way = (Span){-way.hi, -way.lo};
+        d = (Span){-d.hi, -d.lo};
+    }
+    Span at = t;
+    if (d.lo > 0) {
+        at.lo = way.lo >= 0 ? way.lo / d.hi : way.lo / d.lo;
+        at.hi = way.hi >= 0 ? way.hi / d.lo : way.hi / d.hi;
+    } else if (t.lo >= 0 && way.lo > 0) { /* d.lo <= 0 <= d.hi */
+        if (d.hi == 0) return none;
+        at.lo = way.lo / d.hi;
+    } else if (t.lo >= 0 && way.hi < 0) {
+        if (d.lo == 0) return none;
+        at.lo = way.hi / d.lo;
+    } else if (d.lo == 0 && d.hi == 0 && (way.lo > 0 || way.hi < 0)) {
+        return none;
+    }
+    /* A NaN (0 times infinity is none here, infinity less infinity may be) restricts nothing. */
+    if (at.lo > t.lo) t.lo = at.lo - fabs(at.lo) * 0x1p-50;
+    if (at.hi < t.hi) t.hi = at.hi + fabs(at.hi) * 0x1p-50;
+    return t;
+}
+
+/* The t at which some ray may be over a rectangle of the ground. */
+static Span times_over(const Rays *r, double x0, double x1, double y0, double y1) {
+    Span t = times(r->o[0], r->d[0], x0 - r->error[0], x1 + r->error[0], r->t);
+    return t.lo <= t.hi ? times(r->o[1], r->d[1], y0 - r->error[1], y1 + r->error[1], t) : t;
+}
+
+/* How far a computed F may be from the true one over ground of slopes x and y, but for what grows with t (`climb`). */
+static double rounding(const Rays *r, double x, double y) {
+    double heights = most(r->oz) + r->f->magnitude + (double)r->f->base.shared.slack + r->lift_of;
+    return r->unit * heights + fabs(x) * r->error[0] + fabs(y) * r->error[1] + FLT_MIN;
+}
+
+/* dz, and what rounding of t dz makes of it. */
+static Span climb(const Rays *r) {
+    double error = r->unit * most(r->d[2]);
+    return (Span){r->d[2].lo - error, r->d[2].hi + error};
+}
+
+/* F at t = 0 over the plane p: over the corners of the polygon, lift included. */
+static Span start_above(const Rays *r, const Plane *p) {
+    Span a = {INFINITY, -INFINITY};
+    for (int c = 0; c < r->corners; c++) {
+        double over = (r->on_terrain ? plane_at(&r->ground, r->x[c], r->y[c]) : 0) - plane_at(p, r->x[c], r->y[c]);
+        if (!(over > -INFINITY && over < INFINITY)) return (Span){-INFINITY, INFINITY};
+        a = (Span){fmin(a.lo, over), fmax(a.hi, over)};
+    }
+    return sum(a, r->lift);
+}
+
+/* By how much F grows with t over the plane p. */
+static Span slope_above(const Rays *r, const Plane *p) {
+    Span x = product(r->d[0], (Span){p->x, p->x}), y = product(r->d[1], (Span){p->y, p->y});
+    Span z = climb(r);
+    return (Span){z.lo - x.hi - y.hi, z.hi - x.lo - y.lo};
+}
+
+/* F over a triangle at t, rounding included. NaN where heights are not finite. */
+static Span above(const Rays *r, const Plane *p, Span t) {
+    Span a = sum(start_above(r, p), product(slope_above(r, p), t));
+    double error = rounding(r, p->x, p->y);
+    return (Span){a.lo - error, a.hi + error};
+}
+
+/* Are no rays at the terrain in this cell, at t? */
+static bool free_in_cell(const Rays *r, int i, int j, Span t) {
+    double e = r->error[0] + r->error[1];
+    for (int upper = 0; upper < 2; upper++) {
+        Span over = times(r->sumo, r->sumd, i + j + upper - e, i + j + 1 + upper + e, t);
+        if (!(over.lo <= over.hi)) continue;
+        Plane p = plane(r, i, j, upper);
+        if (!(above(r, &p, over).lo > 0)) return false;
+    }
+    return true;
+}
+
+/* Are all rays below the terrain at t, inside the box? */
+static bool all_below(const Rays *r, double t) {
+    const int w = (int)r->f->w, h = (int)r->f->h;
+    if (!(t >= r->first && t <= r->last)) return false;
+    Span at = {t, t};
+    Span x = sum(r->o[0], product(r->d[0], at)), y = sum(r->o[1], product(r->d[1], at)),
+         s = sum(r->sumo, product(r->sumd, at));
+    if (!(x.lo - r->error[0] >= 0 && x.hi + r->error[0] <= w - 1)) return false;
+    if (!(y.lo - r->error[1] >= 0 && y.hi + r->error[1] <= h - 1)) return false;
+    int i0 = (int)(x.lo - r->error[0]), i1 = (int)(x.hi + r->error[0]);
+    int j0 = (int)(y.lo - r->error[1]), j1 = (int)(y.hi + r->error[1]);
+    i1 = i1 < w - 1 ? i1 : w - 2, j1 = j1 < h - 1 ? j1 : h - 2;
+    if ((i1 - i0 + 1) * (j1 - j0 + 1) > FOOTPRINT) return false;
+    double e = r->error[0] + r->error[1];
+    for (int j = j0; j <= j1; j++)
+        for (int i = i0; i <= i1; i++)
+            for (int upper = 0; upper < 2; upper++) {
+                if (s.hi + e < i + j + upper || s.lo - e > i + j + 1 + upper) continue;
+                Plane p = plane(r, i, j, upper);
+                if (!(above(r, &p, at).hi < 0)) return false;
+            }
+    return true;
+}
+
+/* The same where the middle ray is lowest in this cell. */
+static bool blocked_in_cell(const Rays *r, int i, int j) {
+    Span t = {r->first, r->last};
+    const double *o = r->middle, *d = r->way;
+    t = times((Span){o[0], o[0]}, (Span){d[0], d[0]}, i, i + 1, t);
+    if (t.lo <= t.hi) t = times((Span){o[1], o[1]}, (Span){d[1], d[1]}, j, j + 1, t);
+    if (!(t.lo <= t.hi)) return false;
+    double cross = (i + j + 1 - o[0] - o[1]) / (d[0] + d[1]);
+    double at[3] = {t.lo, t.hi, cross > t.lo && cross < t.hi ? cross : t.lo}, least = 0, best = NAN;
+    for (int n = 0; n < 3; n++) {
+        double x = o[0] + at[n] * d[0], y = o[1] + at[n] * d[1];
+        Plane p = plane(r, i, j, x + y >= i + j + 1);
+        double z = o[2] + at[n] * d[2] - plane_at(&p, x, y);
+        if (z < least) least = z, best = at[n];
+    }
+    return all_below(r, best);
+}
+
+typedef struct Node {
+    int level, i, j;
+} Node;
+
+/* The descent for one polygon of origins. */
+static int descend(const Rays *r) {
+    const Field *f = r->f;
+    const Mipmap *m = &f->mip;
+    const int cells[2] = {(int)f->w - 1, (int)f->h - 1}, near[2] = {r->way[0] >= 0, r->way[1] >= 0};
+    bool free = true;
+    int tries = 0;
+    for (int top = 0; top < m->stride[m->top] * m->rows[m->top]; top++) {
+        Node stack[STACK];
+        int n = 0;
+        stack[n++] = (Node){m->top, top % m->stride[m->top], top / m->stride[m->top]};
+        while (n) {
+            Node at = stack[--n];
+            int size = 1 << at.level, i = at.i * size, j = at.j * size;
+            int i1 = i + size < cells[0] ? i + size : cells[0], j1 = j + size < cells[1] ? j + size : cells[1];
+            if (i >= i1 || j >= j1) continue; /* beyond the border: the terrain has no such cells */
+            Span t = times_over(r, i, i1, j, j1);
+            if (!(t.lo <= t.hi)) continue;
+            if (!at.level) {
+                if (free_in_cell(r, i, j, t)) continue;
+                free = false;
+                if (blocked_in_cell(r, i, j)) return SLT_RAYS_BLOCKED;
+                if (++tries == TRIES) return SLT_RAYS_EITHER;
+                continue;
+            }
+            double top_height = (double)m->data[m->base[at.level] + at.j * m->stride[at.level] + at.i];
+            double low = r->oz.lo + product(climb(r), t).lo - rounding(r, 0, 0);
+            if (low > top_height + (double)f->base.shared.slack) continue;
+            /* The children, the nearest on top. */
+            for (int k = 3; k >= 0; k--)
+                stack[n++] = (Node){at.level - 1, 2 * at.i + ((k & 1) == near[0]), 2 * at.j + ((k >> 1) == near[1])};
+        }
+    }
+    return free ? SLT_RAYS_FREE : SLT_RAYS_EITHER;
+}
+
+/* Sets up what follows from the polygon. */
+static int ask_polygon(Rays *r) {
+    r->o[0] = r->o[1] = r->sumo = (Span){INFINITY, -INFINITY};
+    double mx = 0, my = 0;
+    Span ground = {INFINITY, -INFINITY};
+    for (int c = 0; c < r->corners; c++) {
+        double x = r->x[c], y = r->y[c];
+        r->o[0] = (Span){fmin(r->o[0].lo, x), fmax(r->o[0].hi, x)};
+        r->o[1] = (Span){fmin(r->o[1].lo, y), fmax(r->o[1].hi, y)};
+        r->sumo = (Span){fmin(r->sumo.lo, x + y), fmax(r->sumo.hi, x + y)};
+        mx += x / r->corners, my += y / r->corners;
+        double z = r->on_terrain ? plane_at(&r->ground, x, y) : 0;
+        ground = (Span){fmin(ground.lo, z), fmax(ground.hi, z)};
+    }
+    r->oz = sum(ground, r->lift);
+    r->middle[0] = mx, r->middle[1] = my;
+    r->middle[2] = (r->on_terrain ? plane_at(&r->ground, mx, my) : 0) + 0.5 * (r->lift.lo + r->lift.hi);
+    double side = (double)(r->f->w > r->f->h ? r->f->w : r->f->h);
+    for (int a = 0; a < 2; a++) r->error[a] = r->unit * (most(r->o[a]) + side) + FLT_MIN;
+    if (!(r->oz.lo <= r->oz.hi)) return SLT_RAYS_EITHER; /* NaN: heights that are not finite */
+    return descend(r);
+}
+
+/* Cuts the polygon by x + y <= s, or >= s. */
+static void cut(Rays *r, double s, bool above_it) {
+    double x[CORNERS], y[CORNERS];
+    int n = 0;
+    for (int c = 0; c < r->corners; c++) {
+        int next = c + 1 < r->corners ? c + 1 : 0;
+        double a = r->x[c] + r->y[c] - s, b = r->x[next] + r->y[next] - s;
+        if (above_it ? a >= 0 : a <= 0) x[n] = r->x[c], y[n++] = r->y[c];
+        if ((a < 0 && b > 0) || (a > 0 && b < 0)) {
+            double u = a / (a - b);
+            x[n] = r->x[c] + u * (r->x[next] - r->x[c]), y[n++] = r->y[c] + u * (r->y[next] - r->y[c]);
+        }
+    }
+    r->corners = n;
+    for (int c = 0; c < n; c++) r->x[c] = x[c], r->y[c] = y[c];
+}
+
+static void rectangle(Rays *r, double x0, double x1, double y0, double y1) {
+    const double x[4] = {x0, x1, x1, x0}, y[4] = {y0, y0, y1, y1};
+    r->corners = 4;
+    for (int c = 0; c < 4; c++) r->x[c] = x[c], r->y[c] = y[c];
+}
+
+/* Origins on the terrain: the answer of all the triangles under them. */
+static int ask_on_terrain(Rays *r, Span x, Span y) {
+    const int w = (int)r->f->w, h = (int)r->f->h;
+    int i0 = (int)floor(x.lo), i1 = (int)floor(x.hi), j0 = (int)floor(y.lo), j1 = (int)floor(y.hi), answer = 0;
+    if (i1 == w - 1) i1--;
+    if (j1 == h - 1) j1--;
+    if (i0 > i1) i0 = i1;
+    if (j0 > j1) j0 = j1;
+    if ((i1 - i0 + 1) * (j1 - j0 + 1) > UNDER) return SLT_RAYS_EITHER;
+    bool any = false;
+    for (int j = j0; j <= j1; j++)
+        for (int i = i0; i <= i1; i++)
+            for (int upper = 0; upper < 2; upper++) {
+                rectangle(r, fmax(x.lo, i), fmin(x.hi, i + 1), fmax(y.lo, j), fmin(y.hi, j + 1));
+                cut(r, i + j + 1, upper);
+                if (!r->corners) continue;
+                r->ground = plane(r, i, j, upper);
+                /* The line at the far end is that of the cell before too, where all heights are numbers. */
+                bool line = (i == x.hi && i > i0) || (j == y.hi && j > j0);
+                if (line && isfinite(r->ground.at + r->ground.x + r->ground.y)) continue;
+                int one = ask_polygon(r);
+                if (one == SLT_RAYS_EITHER || (any && one != answer)) return SLT_RAYS_EITHER;
+                answer = one, any = true;
+            }
+    return any ? answer : SLT_RAYS_EITHER;
+}
+
+static bool ordered(Span a) { return a.lo <= a.hi && a.lo > -INFINITY && a.hi < INFINITY; }
+
+static int ask(const Field *f, const void *heights, const double row[SLT_BOX_ROWS]) {
+    Span in[SLT_RAY_ROWS];
+    for (int n = 0; n < SLT_RAY_ROWS; n++) in[n] = (Span){row[n], row[n + SLT_RAY_ROWS]};
+    for (int n = SLT_RAY_OX; n <= SLT_RAY_DZ; n++)
+        if (n != SLT_RAY_OZ && !ordered(in[n])) return SLT_RAYS_EITHER;
+    const double big = f->f64 ? 1e300 : 1e30, flat = f->f64 ? 1 / DBL_MAX : 1 / (double)FLT_MAX;
+    Span t0 = in[SLT_RAY_T0], t1 = in[SLT_RAY_T1];
+    /* Differences of such heights overflow in the kernels. */
+    if (!(f->magnitude < 0.25 * (f->f64 ? DBL_MAX : (double)FLT_MAX))) return SLT_RAYS_EITHER;
+    if (!(t0.lo <= t0.hi) || !(t1.lo <= t1.hi)) return SLT_RAYS_EITHER;
+    Rays r = {.f = f,
+              .heights = heights,
+              .d = {in[SLT_RAY_DX], in[SLT_RAY_DY], in[SLT_RAY_DZ]},
+              .t = {fmax(t0.lo, -big), fmin(t1.hi, big)},
+              .first = fmax(t0.hi, -big),
+              .last = fmin(t1.lo, big),
+              .unit = f->f64 ? 0x1p-48 : 0x1p-19};
+    if (!(r.t.lo <= r.t.hi)) return SLT_RAYS_FREE; /* no ray has any t */
+    for (int a = 0; a < 2; a++) {                  /* so small a component may count as 0 */
+        if (r.d[a].lo > 0 && r.d[a].lo <= 2 * flat) r.d[a].lo = 0;
+        if (r.d[a].hi < 0 && r.d[a].hi >= -2 * flat) r.d[a].hi = 0;
+    }
+    r.sumd = sum(r.d[0], r.d[1]);
+    for (int a = 0; a < 3; a++) r.way[a] = 0.5 * (r.d[a].lo + r.d[a].hi);
+    Span x = in[SLT_RAY_OX], y = in[SLT_RAY_OY], lift = in[SLT_RAY_LIFT];
+    const double wide = (double)f->w - 1, high = (double)f->h - 1;
+    if (ordered(lift) && ordered(in[SLT_RAY_LIFT_OF]) && x.lo >= 0 && x.hi <= wide && y.lo >= 0 && y.hi <= high) {
+        r.on_terrain = true, r.lift = lift, r.lift_of = most(in[SLT_RAY_LIFT_OF]);
+        return ask_on_terrain(&r, x, y);
+    }
+    if (!ordered(in[SLT_RAY_OZ])) return SLT_RAYS_EITHER;
+    r.lift = in[SLT_RAY_OZ];
+    rectangle(&r, x.lo, x.hi, y.lo, y.hi);
+    return ask_polygon(&r);
+}
+
+void field_boxes(const SltGeometry *field, const void *heights, const void *rays, uint64_t mask, uint32_t width,
+                 int32_t *out) {
+    Field room;
+    const Field *f = field_asked(field, &room);
+    for (uint32_t lane = 0; lane < width; lane++) {
+        out[lane] = SLT_RAYS_FREE;
+        if (!(mask >> lane & 1)) continue;
+        double row[SLT_BOX_ROWS];
+        for (uint32_t n = 0; n < SLT_BOX_ROWS; n++)
+            row[n] =
+                f->f64 ? ((const double *)rays)[n * width + lane] : (double)((const float *)rays)[n * width + lane];
+        out[lane] = ask(f, heights, row);
+    }
+}

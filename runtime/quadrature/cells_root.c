@@ -1,0 +1,126 @@
+/* Roots of g along lines, many at once, and f on their two sides. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+enum { STEPS = 100, NARROW = 4 /* units in the last place from a root to each of its sides */ };
+
+static double unit(const Cells *c, const Root *r) {
+    return (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(r->lo), fabs(r->hi));
+}
+
+Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess) {
+    if (!CELLS_ROOM(c, root, 1)) return NULL;
+    Root *r = &c->root[c->nroot++];
+    memset(r, 0, sizeof *r);
+    r->event = &e->event, r->axis = (int8_t)axis, r->rises = e->rises[axis];
+    memcpy(r->x, x, sizeof r->x);
+    r->lo = cell->box.lo[axis], r->hi = cell->box.hi[axis];
+    r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
+    r->step = HUGE_VAL;
+    return r;
+}
+
+/* The next place to take g at; false: the one where it was taken is the root. A Newton step that leaves the bracket
+ * goes to an end of the line where g has not been taken yet; else, and where steps do not shrink, the bracket is
+ * halved. */
+static bool advance(const Cells *c, Root *r) {
+    double x = r->x[r->axis], to = x - r->g / r->dg[r->axis], shortest = unit(c, r);
+    bool below = (r->rises > 0) == (r->g < 0);
+    if (below) r->lo = x, r->ends[0] = true;
+    else r->hi = x, r->ends[1] = true;
+    if (r->g == 0 || fabs(to - x) <= shortest || r->hi - r->lo <= 2 * shortest) return false;
+    bool at_end = false;
+    if (to <= r->lo && !r->ends[0]) to = r->lo, at_end = true;
+    else if (to >= r->hi && !r->ends[1]) to = r->hi, at_end = true;
+    else if (!(to > r->lo && to < r->hi) || !(fabs(to - x) <= 0.5 * r->step)) to = r->lo + 0.5 * (r->hi - r->lo);
+    r->step = at_end ? HUGE_VAL : fabs(to - x);
+    to = cells_round(c, to);
+    if (to == x) return false; /* beyond the line's end by rounding, or the bracket has no room */
+    r->x[r->axis] = to;
+    return true;
+}
+
+bool cells_solve(Cells *c) {
+    uint32_t n = c->nroot;
+    if (!cells_grow(c, &c->active, &c->active_cap, n, sizeof *c->active)) return false;
+    for (uint32_t i = 0; i < n; i++) c->active[i] = i;
+    for (int step = 0; step < STEPS && n; step++) {
+        c->nprobe = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Root *r = &c->root[c->active[i]];
+            if (!cells_probe(c, r->event, r->x)) return false;
+        }
+        if (!cells_run_probes(c)) return false;
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Root *r = &c->root[c->active[i]];
+            r->g = c->probe[i].g;
+            memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
+            if (advance(c, r)) c->active[kept++] = c->active[i];
+        }
+        n = kept;
+    }
+    return true;
+}
+
+static const Box *root_box(const Cells *c, const Root *r) {
+    return &c->cell[c->piece[c->column[r->column].piece].cell].box;
+}
+
+static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far) {
+    Batch *b = c->b;
+    for (uint32_t i = 0; i < n; i++) {
+        Root *r = &c->root[active[i]];
+        const Box *box = root_box(c, r);
+        double x[3], lo = box->lo[r->axis], hi = box->hi[r->axis], d = r->twin ? 16 * far : far;
+        memcpy(x, r->x, sizeof x);
+        r->side[0] = fmax(lo, cells_move(c, r->x[r->axis], -d, hi - lo));
+        r->side[1] = fmin(hi, cells_move(c, r->x[r->axis], d, hi - lo));
+        for (uint32_t s = 0; s < 2; s++) x[r->axis] = r->side[s], batch_set_x(b, 2 * i + s, x);
+    }
+    cells_call(c, SLT_K_SIDES, 2 * n);
+    for (uint32_t i = 0; i < 2 * n; i++) {
+        Root *r = &c->root[active[i / 2]];
+        r->hash[i & 1] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) r->f[i & 1][ch] = batch_get(b, SLT_OUT_F, ch, i);
+    }
+}
+
+/* The sides are next to the root, and g has different signs there: where the region is the same, that is looked at, and
+ * the distance grows until it is so. */
+bool cells_take_sides(Cells *c) {
+    uint32_t n = 0;
+    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
+    for (uint32_t i = 0; i < c->nroot; i++)
+        if (c->root[i].wanted) c->active[n++] = i;
+    for (double far = NARROW; n; far *= 8) {
+        for (uint32_t from = 0; from < n; from += BATCH / 2)
+            call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);
+        if (far > 0x1p20) break;
+        uint32_t same = 0;
+        c->nprobe = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Root *r = &c->root[c->active[i]];
+            if (r->hash[0] != r->hash[1]) continue;
+            double x[3];
+            memcpy(x, r->x, sizeof x);
+            for (int s = 0; s < 2; s++) {
+                x[r->axis] = r->side[s];
+                if (!cells_probe(c, r->event, x)) return false;
+            }
+            c->active[same++] = c->active[i];
+        }
+        if (!cells_run_probes(c)) return false;
+        n = 0;
+        for (uint32_t i = 0; i < same; i++) {
+            const Root *r = &c->root[c->active[i]];
+            const Box *box = root_box(c, r);
+            double lo = r->rises * c->probe[2 * i].g, hi = r->rises * c->probe[2 * i + 1].g;
+            bool whole = r->side[0] <= box->lo[r->axis] && r->side[1] >= box->hi[r->axis];
+            if (!(lo < 0 && hi > 0) && !whole) c->active[n++] = c->active[i];
+        }
+    }
+    return true;
+}

@@ -1,0 +1,89 @@
+/* From the error wanted to rules, tolerances and sizes. */
+#include <math.h>
+
+#include "runtime/quadrature/effort.h"
+
+enum { SWEEPS = 10, PARTS_MAX = 16 };
+#define USUAL_GOAL 1e-7    /* where no error is asked for */
+#define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
+#define LEAST_F64 0x1p-34
+#define LEAST_F32 0x1p-17
+
+static double clamp(double v, double lo, double hi) { return v < lo ? lo : v > hi ? hi : v; }
+
+static double least_of(const Effort *e) { return e->f64 ? LEAST_F64 : LEAST_F32; }
+
+/* Evaluations of a sweep with so many points a side, as far as boxes tell. */
+static double cost_of(uint32_t gauss, uint32_t dim, double cells) {
+    double coarse = gauss > 3 ? gauss - 2 : 2;
+    return cells * (2 + pow(gauss, dim) + pow(coarse, dim));
+}
+
+void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
+    static const double least_cells[3] = {128, 256, 1728}; /* of the tiles of a sweep */
+    const SltJob *j = r->j;
+    *e = (Effort){.relative = j->error,
+                  .absolute = j->abs_error,
+                  .f64 = r->s->f64,
+                  .parts = 1,
+                  .best = INFINITY,
+                  .last = INFINITY};
+    e->wanted = j->error > 0 || j->abs_error > 0;
+    double goal = j->error > 0 ? j->error : USUAL_GOAL;
+    goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
+    e->fixed = j->gauss > 0;
+    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.7 * log10(goal)) + 1, 2, SLT_GAUSS_MAX);
+    e->tolerance = 1e-2 * goal;
+    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
+    e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
+    double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
+    while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
+    /* Where nothing can be proven, cells go down to the least size in vain. */
+    double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left */
+    e->left_share = fmax(LEFT_SHARE, unproven);
+    e->least = fmax(e->least, fmin(0.25, 4 * pow(unproven / paid, 1.0 / r->s->dim)));
+}
+
+void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
+    CellOptions *o = &p->options;
+    o->gauss = e->gauss, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
+    /* The coarse rule. Of one point, two tell the error as well. */
+    o->coarse = e->gauss > 3 ? e->gauss - 2 : e->gauss > 1 ? e->gauss - 1 : 2;
+    p->parts = e->parts, p->left_share = e->left_share;
+    p->budget = e->limit > used ? e->limit - used : 1;
+}
+
+bool effort_took(Effort *e, double rules, double left) {
+    double error = rules + left;
+    e->sweeps++;
+    e->stalls = error > 0.5 * e->last ? e->stalls + 1 : 0;
+    e->last = error;
+    if (!(error < e->best) && e->sweeps > 1) return false;
+    e->best = error;
+    return true;
+}
+
+static double goal_of(const Effort *e, double scale) {
+    double goal = e->relative > 0 ? e->relative * scale : 0;
+    return fmax(goal, e->absolute);
+}
+
+bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
+                 SltStop *stop) {
+    double goal = goal_of(e, scale);
+    bool changed = false;
+    *stop = SLT_STOP_NONE;
+    if (!e->wanted || e->best <= goal) return false;
+    double next = (double)cost * (e->fixed ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
+    *stop = p->counts.spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
+    if (*stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS) return false;
+    if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
+    if (rules > 0.25 * goal) {
+        changed = true;
+        e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), 1e-17);
+        if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;
+        else if (e->parts < PARTS_MAX) e->parts *= 2;
+        else changed = false;
+    }
+    return changed;
+}

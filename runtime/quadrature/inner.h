@@ -1,0 +1,21 @@
+/* What quadrature.c, images.c and choose.c share. */
+#ifndef SALTUS_QUADRATURE_INNER_H
+#define SALTUS_QUADRATURE_INNER_H
+
+#include "runtime/quadrature/sweep.h"
+#include "runtime/quadrature/quadrature.h"
+
+/* Does the program have a boundary term, and the kernels for it; `last`: SITE_VJP or SITE_JVP. */
+bool quadrature_has_boundary(const SltScene *s, SltKernelKind last);
+/* Segments of the lattice that the job speaks of: a pixel, or of an integral in all. */
+double quadrature_segments(const SltJob *j);
+/* What a few hundred boxes say of a program. */
+typedef struct Outlook {
+    double unproven; /* share of the domain where bounds prove nothing even on small boxes; 1: no bounds at all */
+    double cells;    /* how many there will be, about */
+} Outlook;
+Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats);
+/* The run's counts tell what the sweep has proven. */
+void quadrature_state(Run *r, const Sweep *p);
+
+#endif

@@ -1,0 +1,162 @@
+/* Where bounds prove nothing: a small lattice of lines through the cell, whose crossings the finder looks for, and
+ * samples between them. Every second line, and every second sample, belongs to a set of its own: two estimates, whose
+ * distance tells the error of their mean. */
+#include <math.h>
+
+#include "runtime/quadrature/sweep.h"
+#include "runtime/sample/depth.h"
+#include "runtime/sample/near.h"
+
+enum { SIDE_MAX = 34 }; /* vertices along a line: LEFT_LINES and the two ends */
+
+typedef struct Net {
+    uint32_t dim, n, side[3]; /* n: lines across each axis; side: vertices along each axis */
+    uint64_t stride[3];
+    double pos[3][SIDE_MAX];
+} Net;
+
+static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n) {
+    t->dim = v->w->batch.s->dim, t->n = n;
+    uint64_t stride = 1;
+    for (uint32_t d = 0; d < 3; d++) {
+        t->side[d] = d < t->dim ? n + 2 : 1, t->stride[d] = stride, t->pos[d][0] = 0;
+        stride *= t->side[d];
+        if (d >= t->dim) continue;
+        double h = (b->end[d] - b->lo[d]) / n;
+        t->pos[d][0] = b->lo[d], t->pos[d][n + 1] = b->end[d];
+        for (uint32_t k = 0; k < n; k++) t->pos[d][k + 1] = b->lo[d] + (k + 0.5) * h;
+    }
+}
+
+static uint64_t net_size(const Net *t) { return (uint64_t)t->side[0] * t->side[1] * t->side[2]; }
+
+static void net_place(const Net *t, uint64_t vertex, double x[3]) {
+    for (uint32_t d = 0; d < 3; d++) {
+        x[d] = t->pos[d][vertex % t->side[d]];
+        vertex /= t->side[d];
+    }
+}
+
+static void evaluate(SweepWorker *v, const Net *t) {
+    Batch *b = &v->w->batch;
+    uint64_t size = net_size(t);
+    for (uint64_t at = 0; at < size;) {
+        uint32_t n = size - at < BATCH ? (uint32_t)(size - at) : BATCH;
+        for (uint32_t i = 0; i < n; i++) {
+            double x[3];
+            net_place(t, at + i, x);
+            batch_set_x(b, i, x);
+        }
+        vertices_call(v->w, n, at);
+        at += n;
+    }
+}
+
+/* The segments of one line, from `first`, whose ends differ. */
+static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, double threshold, Segment *seg) {
+    Worker *w = v->w;
+    uint64_t stride = t->stride[axis];
+    uint8_t set = seg->cls, missed = v->sweep->kind == SWEEP_INTEGRAL ? 2 : 0;
+    for (uint32_t e = 0; e + 1 < t->side[axis]; e++) {
+        uint64_t a = first + e * stride, b = a + stride;
+        w->finder.segments++;
+        double own = threshold;
+        bool differ = w->hash[a] != w->hash[b];
+        if (w->depth && (differ || depth_differs(w->depth[a], w->depth[b], threshold))) {
+            own = depth_threshold(w->hash + first, w->depth + first, stride, e, t->side[axis], threshold);
+            differ |= depth_differs(w->depth[a], w->depth[b], own);
+        }
+        if (!differ) continue;
+        uint32_t pair = e & ~1u;
+        bool seen = pair + 2 >= t->side[axis] || w->hash[first + pair * stride] != w->hash[first + (pair + 2) * stride];
+        seg->cls = set | (seen ? 0 : missed);
+        seg->a[axis] = t->pos[axis][e], seg->b[axis] = t->pos[axis][e + 1];
+        finder_add(&w->finder, seg, worker_mark(w, a), worker_mark(w, b), own);
+    }
+    if (!scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) return;
+    seg->cls = set | missed;
+    Line line = {.pos = t->pos[axis],
+                 .first = first,
+                 .stride = stride,
+                 .n = t->side[axis],
+                 .to = t->side[axis] - 1,
+                 .at_start = true,
+                 .at_end = true,
+                 .threshold = threshold};
+    near_probe(w, &line, seg);
+}
+
+static bool lines(SweepWorker *v, const Net *t, const Box *box, double stands, int set) {
+    Sweep *p = v->sweep;
+    Worker *w = v->w;
+    if (!worker_vertices(w, net_size(t))) return false;
+    evaluate(v, t);
+    for (uint32_t axis = 0; axis < t->dim; axis++) {
+        uint32_t a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, from[3] = {0}, to[3] = {1, 1, 1};
+        double base = 1, threshold = HUGE_VAL;
+        uint64_t count = 1;
+        for (uint32_t d = 0; d < t->dim; d++) {
+            from[d] = 1, to[d] = t->n + 1;
+            if (d != axis) base *= box->end[d] - box->lo[d], count *= t->n;
+        }
+        /* Two sets: each has half of the lines. */
+        uint32_t sets = p->errors && t->dim > 1 ? 2 : 1;
+        base *= stands * (double)sets / (double)count;
+        if (w->depth) {
+            Spread spread;
+            spread_clear(&spread);
+            for (uint32_t q = from[b]; q < to[b]; q++)
+                for (uint32_t r = from[a]; r < to[a]; r++) {
+                    uint64_t first = r * t->stride[a] + q * t->stride[b];
+                    spread_line(&spread, w->hash + first, w->depth + first, t->stride[axis], t->side[axis]);
+                }
+            threshold = spread_threshold(&spread) * (w->finder.coarse ? DEPTH_COARSE : 1);
+        }
+        for (uint32_t q = from[b]; q < to[b]; q++)
+            for (uint32_t r = from[a]; r < to[a]; r++) {
+                Segment seg = {.base = base,
+                               .axis = (int8_t)axis,
+                               .cls = sets < 2  ? 0
+                                      : set < 0 ? (q + r) & 1
+                                                : (uint8_t)set};
+
+                seg.a[a] = seg.b[a] = t->pos[a][r], seg.a[b] = seg.b[b] = t->pos[b][q];
+                scan(v, t, axis, r * t->stride[a] + q * t->stride[b], threshold, &seg);
+            }
+    }
+    finder_run(&w->finder, false);
+    return true;
+}
+
+static void samples(SweepWorker *v, const Net *t, const Box *box, double stands, int own) {
+    CellPoint point[2][BATCH];
+    uint32_t n[2] = {0}, sets = v->sweep->errors ? 2 : 1, across[3];
+    uint64_t count = 1;
+    double m = 1;
+    for (uint32_t d = 0; d < 3; d++) {
+        across[d] = d < t->dim ? t->n : 1, count *= across[d];
+        if (d < t->dim) m *= box->end[d] - box->lo[d];
+    }
+    for (uint64_t i = 0; i < count; i++) {
+        uint64_t rest = i, parity = 0;
+        CellPoint x = {.weight = stands * m * sets / (double)count};
+        for (uint32_t d = 0; d < t->dim; d++) {
+            uint64_t k = rest % across[d];
+            rest /= across[d], parity += k;
+            x.x[d] = t->pos[d][k + 1];
+        }
+        uint32_t set = sets < 2 ? 0 : own < 0 ? parity & 1 : (uint32_t)own;
+        point[set][n[set]++] = x;
+        if (n[set] == BATCH) sweep_volume(v, point[set], n[set], (CellRule)set, box), n[set] = 0;
+    }
+    for (uint32_t set = 0; set < sets; set++)
+        if (n[set]) sweep_volume(v, point[set], n[set], (CellRule)set, box);
+}
+
+bool left_cell(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
+    Net t;
+    net_init(&t, v, &c->box, n);
+    if (v->sweep->options.curves && !lines(v, &t, &c->box, c->stands, set)) return false;
+    if (v->sweep->options.volume) samples(v, &t, &c->box, c->stands, set);
+    return true;
+}

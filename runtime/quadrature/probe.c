@@ -1,0 +1,76 @@
+/* Does quadrature pay? A few hundred boxes tell: nested ones around points spread over the domain. Of each point the
+ * largest box on which bounds prove enough is about the cell that will hold it, and the mean of 1 / volume over points
+ * is the number of cells. No clock is asked, and nothing is remembered. */
+#include <math.h>
+
+#include "runtime/quadrature/inner.h"
+
+enum {
+    POINTS = 48,   /* places that are looked at */
+    LEVELS = 5,    /* boxes around each; the sides go down by four */
+    CELL_COST = 32 /* evaluations that a cell costs, points and ancestors included */
+};
+#define UNPROVEN 0.1  /* quadrature does not pay where so large a part of the domain will be left over */
+#define IMAGE_CELLS 16.0 /* nor where an image has more cells a pixel than this */
+
+/* The box of a level around a place. */
+static void box_at(const SltScene *s, uint32_t point, uint32_t level, double lo[3], double hi[3]) {
+    static const uint32_t shift[3] = {0x3243f6a8, 0x885a308d, 0x313198a2}; /* digits of pi: no special places */
+    double side = ldexp(1, -2 * (int)(level + 1));
+    for (uint32_t d = 0; d < s->dim; d++) {
+        double u = rng_recurrence(s->dim, d, point, shift[d]), from = fmin(fmax(u - 0.5 * side, 0), 1 - side);
+        lo[d] = s->lo[d] + from * (s->hi[d] - s->lo[d]), hi[d] = lo[d] + side * (s->hi[d] - s->lo[d]);
+        if (!s->f64) lo[d] = (double)(float)lo[d], hi[d] = fmax(lo[d], (double)(float)hi[d]);
+    }
+}
+
+static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
+    for (uint32_t l = 0; l < LEVELS; l++)
+        for (uint32_t i = 0; i < POINTS; i++) {
+            double lo[3] = {0}, hi[3] = {0};
+            box_at(b->s, i, l, lo, hi);
+            batch_set_x(b, l * POINTS + i, lo);
+            for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, l * POINTS + i, hi[d]);
+        }
+    batch_call(b, SLT_K_BOUNDS, LEVELS * POINTS);
+    for (uint32_t l = 0; l < LEVELS; l++)
+        for (uint32_t i = 0; i < POINTS; i++) {
+            state[l][i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, l * POINTS + i);
+            open[l][i] = batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, l * POINTS + i) : 0;
+        }
+}
+
+Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
+    Outlook o = {.unproven = 1};
+    Batch b;
+    Grid g;
+    SltError err;
+    int32_t state[LEVELS][POINTS], open[LEVELS][POINTS];
+    if (!s->kernel[SLT_K_BOUNDS] || s->uses_rand || grid_init(&g, s, j, &err) != SLT_OK) return o;
+    bool ok = batch_init(&b, s, &g);
+    if (ok) {
+        uint32_t unproven = 0;
+        ask(&b, state, open);
+        for (uint32_t i = 0; i < POINTS; i++) {
+            uint32_t l = 0;
+            while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
+            if (l == LEVELS && state[l - 1][i] & SLT_BOX_UNKNOWN) unproven++;
+            o.cells += ldexp(1, 2 * (int)((l + 1) * s->dim)) / POINTS;
+        }
+        o.unproven = (double)unproven / POINTS;
+        SltStats own = SLT_STATS_INIT;
+        batch_collect(&b, &own);
+        if (stats) stats->evaluations += own.evaluations;
+    }
+    batch_free(&b), grid_free(&g);
+    return o;
+}
+
+SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
+    Outlook o = quadrature_outlook(s, j, stats);
+    double segments = quadrature_segments(j), lattice = segments / s->dim + (double)j->samples, pixels = 1;
+    for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
+    bool cheap = j->integral ? o.cells * CELL_COST <= lattice : o.cells <= IMAGE_CELLS * pixels;
+    if (j->error > 0 || j->abs_error > 0) cheap = true; /* the lattice reaches no error that is asked for */
+    return o.unproven <= UNPROVEN && cheap ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
+}

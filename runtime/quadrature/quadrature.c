@@ -1,0 +1,150 @@
+/* Integrals over the domain: sweeps until the stated error is small enough. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/quadrature/effort.h"
+#include "runtime/sample/alloc.h"
+
+#define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
+
+bool quadrature_can(const SltScene *s) {
+    if (s->uses_rand || !s->kernel[SLT_K_BOUNDS]) return false;
+    return !s->nedges || (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
+}
+
+bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
+    return s->nsites && s->kernel[SLT_K_REGION] && s->kernel[SLT_K_EVENT] && s->kernel[SLT_K_SIDES] &&
+           s->kernel[SLT_K_SITE] && s->kernel[SLT_K_SITE_GRAD] && s->kernel[last];
+}
+
+void quadrature_state(Run *r, const Sweep *p) {
+    SltStats *t = &r->stats;
+    t->cells = true;
+    t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
+    t->certified = t->settled + t->curved;
+    t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
+    t->boxes = p->counts.boxes, t->samples = p->counts.points;
+}
+
+/* The largest stated error of the gradient, or without one of the value: the rules' part and that of what is left. */
+static void errors_of(const Sweep *p, bool gradient, double *rules, double *left, double *scale) {
+    const SltScene *s = p->run->s;
+    const Sums *m = &p->sums;
+    *rules = *left = *scale = 0;
+    for (uint32_t c = 0; c < s->channels && !gradient; c++) {
+        *rules = fmax(*rules, p->f_error[c]), *left = fmax(*left, 2 * sqrt(p->f_variance[c]));
+        *scale = fmax(*scale, fabs(p->f[c]));
+    }
+    for (uint64_t i = 0; gradient && i < (uint64_t)m->rows * m->nfloats; i++) {
+        if (s->active && !s->active[i % m->nfloats]) continue;
+        *rules = fmax(*rules, m->error[i]);
+        *left = fmax(*left, sums_error(m, (uint32_t)(i / m->nfloats), (uint32_t)(i % m->nfloats)) - m->error[i]);
+        *scale = fmax(*scale, fabs(m->boundary[i] + m->interior[i]));
+    }
+}
+
+static void put(const Sweep *p, SltIntegral *out) {
+    const SltScene *s = p->run->s;
+    const Sums *m = &p->sums;
+    out->replicates = false, out->mixed = p->mixed;
+    for (uint32_t c = 0; c < s->channels; c++) {
+        if (out->value) out->value[c] = p->f[c];
+        if (out->value_stderr) out->value_stderr[c] = p->f_error[c] + 2 * sqrt(p->f_variance[c]);
+    }
+    for (uint32_t row = 0; row < s->channels; row++)
+        for (uint32_t q = 0; q < s->nfloats; q++) {
+            size_t at = (size_t)row * s->nfloats + q;
+            bool on = !s->active || s->active[q];
+            double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
+            if (out->gradient) out->gradient[at] = b + i;
+            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, row, q) : 0;
+            if (out->interior) out->interior[at] = i;
+            if (out->boundary) out->boundary[at] = b;
+            if (out->missed_estimate) out->missed_estimate[at] = 0;
+            if (out->left_bound) out->left_bound[at] = on && p->mixed ? NAN : 0;
+        }
+}
+
+double quadrature_segments(const SltJob *j) {
+    if (j->segments) return (double)j->segments;
+    return j->integral ? (double)(j->samples ? j->samples : 1) : (double)(j->spp ? j->spp : 1);
+}
+
+/* Nothing to hope for: the lattice does it all, and the answer says so. */
+static SltStatus by_lattice(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob j = *job;
+    SltStats own = SLT_STATS_INIT;
+    j.estimator = SLT_EST_LATTICE;
+    SltStatus st = slt_estimate_integral(s, &j, out, &own, err);
+    own.cells = true, own.left = 1, own.left_bound = NAN;
+    own.stopped = j.error > 0 || j.abs_error > 0 ? SLT_STOP_EVALUATIONS : SLT_STOP_NONE;
+    for (size_t i = 0; out->left_bound && i < (size_t)s->channels * s->nfloats; i++) out->left_bound[i] = NAN;
+    out->mixed = true;
+    stats_add(stats, &own);
+    return st;
+}
+
+/* SLT_INTERIOR_SAMPLES: value and interior from samples, as with the lattice; the boundary is added to them. */
+static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob j = *job;
+    size_t n = (size_t)s->channels * s->nfloats;
+    double *boundary = alloc_zero(n, sizeof *boundary), *error = alloc_zero(n, sizeof *error);
+    SltIntegral own = SLT_INTEGRAL_INIT;
+    own.boundary = boundary, own.gradient_stderr = error, own.left_bound = out->left_bound;
+    j.interior = SLT_INTERIOR_AUTO, j.no_interior = true;
+    SltStatus st =
+        boundary && error ? quadrature_integral(s, &j, &own, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    SltStats cells = stats ? *stats : (SltStats){0};
+    j = *job, j.no_boundary = true, j.estimator = SLT_EST_LATTICE;
+    if (st == SLT_OK) st = slt_estimate_integral(s, &j, out, stats, err);
+    for (size_t i = 0; i < n && st == SLT_OK; i++) {
+        if (out->gradient) out->gradient[i] += boundary[i];
+        if (out->gradient_stderr) out->gradient_stderr[i] += error[i];
+        if (out->boundary) out->boundary[i] = boundary[i];
+    }
+    out->mixed = own.mixed, out->replicates = false;
+    stats_of_cells(stats, &cells);
+    free(boundary), free(error);
+    return st;
+}
+
+static bool wants_gradient(const SltIntegral *out) {
+    return out->gradient || out->gradient_stderr || out->interior || out->boundary;
+}
+
+SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob j = *job;
+    Run r;
+    j.integral = true;
+    bool gradient = wants_gradient(out), value = out->value || out->value_stderr;
+    if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value)) return with_samples(s, &j, out, stats, err);
+    Outlook outlook = quadrature_outlook(s, &j, stats);
+    if (outlook.unproven > HOPELESS) return by_lattice(s, &j, out, stats, err);
+    SltStatus st = run_begin(&r, s, &j, err);
+    Sweep p = {.run = &r, .kind = SWEEP_INTEGRAL, .errors = true};
+    bool boundary = gradient && !j.no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
+    p.interior = gradient && !j.no_interior && s->kernel[SLT_K_VJP];
+    p.segments = boundary ? quadrature_segments(&j) : 0, p.samples = (double)j.samples;
+    p.options.curves = boundary, p.options.volume = p.interior || value;
+    double lattice = p.segments / s->dim + p.samples * (p.interior ? s->channels : 1);
+    Effort e;
+    SltStop stop = SLT_STOP_NONE;
+    if (st == SLT_OK) st = sweep_begin(&p);
+    if (st == SLT_OK) effort_begin(&e, &r, lattice, outlook);
+    while (st == SLT_OK) {
+        double rules, left, scale;
+        uint64_t before = r.stats.evaluations;
+        effort_apply(&e, &p, before);
+        r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
+        if ((st = sweep_run(&p)) != SLT_OK) break;
+        errors_of(&p, gradient, &rules, &left, &scale);
+        if (effort_took(&e, rules, left)) put(&p, out), quadrature_state(&r, &p);
+        uint64_t used = r.stats.evaluations;
+        if (!effort_more(&e, &p, rules, left, scale, used, used - before, &stop)) break;
+    }
+    r.stats.stopped = stop, r.stats.seconds_boundary = pool_now() - r.start;
+    sweep_end(&p);
+    run_end(&r, stats);
+    return st;
+}

@@ -1,0 +1,24 @@
+/* Estimators with cells: integrals, images and their derivatives by quadrature where bounds prove what happens, by
+ * lines and samples in what is left over. The functions are those of runtime/sample/estimate.h, which calls them;
+ * arguments are the same.
+ *
+ * Everything is integrated by two rules, whose distance is the stated error; with an error wanted the sweep over the
+ * domain is repeated with more points and smaller cells until it is reached. docs/estimators.md says more. */
+#ifndef SALTUS_QUADRATURE_QUADRATURE_H
+#define SALTUS_QUADRATURE_QUADRATURE_H
+
+#include "runtime/sample/estimate.h"
+
+/* Has the scene the kernels that cells need? Never with rand(), whose numbers are a dimension more. */
+bool quadrature_can(const SltScene *s);
+/* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there, for the program's bounds alone. */
+SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats);
+
+SltStatus quadrature_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+SltStatus quadrature_render(const SltScene *s, const SltJob *j, float *out, SltStats *stats, SltError *err);
+SltStatus quadrature_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
+                             float *const *out, float *crossings, SltStats *stats, SltError *err);
+SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *adjoint, double *gradient,
+                             double *stderr_bound, SltStats *stats, SltError *err);
+
+#endif

@@ -1,0 +1,49 @@
+/* Sums over tiles of what two rules give, and how far they are apart.
+ *
+ * A tile's adjoints lie in four groups of `rows` accumulators (SumGroup). Tiles are added in order, in double; the
+ * distance of the two rules is taken tile by tile and its absolute values are added, so that errors of different tiles
+ * do not cancel in the stated one. */
+#ifndef SALTUS_QUADRATURE_SUMS_H
+#define SALTUS_QUADRATURE_SUMS_H
+
+#include "runtime/sample/accum.h"
+
+/* Groups of accumulators: buffer group * rows + row. In cells the two rules; in what is left two sets of lines. */
+typedef enum SumGroup {
+    SUM_BOUNDARY_FINE,
+    SUM_BOUNDARY_COARSE,
+    SUM_INTERIOR_FINE,
+    SUM_INTERIOR_COARSE,
+    SUM_MISSED, /* of the boundary: the part that lines with half as many vertices would not see */
+    SUM_GROUPS
+} SumGroup;
+/* How the groups of a tile are to be read. */
+typedef enum SumMode {
+    SUM_ONE,   /* the fine groups alone */
+    SUM_RULES, /* fine, and its distance from coarse is the error */
+    SUM_SETS,  /* two independent estimates: their mean, and half their distance */
+    SUM_LINE   /* the same, but on one line: the boundary's fine group is exact */
+} SumMode;
+
+typedef struct Sums {
+    uint32_t rows, nfloats;      /* rows: channels of an integral, 1 of an image's gradient */
+    double *boundary, *interior; /* [rows][nfloats] */
+    double *error;               /* [rows][nfloats]: of the rules, and of rounding */
+    double *variance;            /* [rows][nfloats]: of independent sets */
+    double *tile;                /* [SUM_GROUPS * rows][nfloats]: of the tile in hand; 0 between tiles */
+    double *targets[ACCUMS];
+    double rounding; /* of a sum, in parts of it */
+    uint8_t *seen;   /* by block of parameters */
+    uint32_t *block; /* [blocks] */
+} Sums;
+/* False when memory runs out. */
+bool sums_init(Sums *m, const SltScene *s, uint32_t rows);
+void sums_free(Sums *m);
+void sums_clear(Sums *m);
+/* In `merge`: adds what a tile has gathered. lines: SUM_SETS, how many there are across what they cover: an
+ * estimate is not better than the share of one. */
+void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
+/* The stated error of a component. */
+double sums_error(const Sums *m, uint32_t row, uint32_t p);
+
+#endif

@@ -1,0 +1,374 @@
+/* Tiles, the points of their cells, and the list of what is left over. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/quadrature/sweep.h"
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/boundary.h"
+#include "runtime/sample/near.h"
+
+enum {
+    ROUNDS = 6,        /* most rounds over cells whose tiles ran out of their budget */
+    LEFT_CHUNK = 64,   /* cells of the list that are worked off together */
+    LEFT_LINES = 32,   /* most lines across a cell */
+    LEAST_BUDGET = 512 /* evaluations of a tile, below which a round makes no sense */
+};
+
+static bool grow(void **v, uint64_t n, uint64_t *cap, size_t size) {
+    if (n <= *cap) return true;
+    uint64_t more = 2 * n;
+    void *p = realloc(*v, more * size);
+    if (p) *v = p, *cap = more;
+    return p != NULL;
+}
+
+static SltStatus no_memory(const Sweep *p) { return status_fail(p->run->err, SLT_LIMIT, "out of memory"); }
+
+static double measure(const Box *b, uint32_t dim) {
+    double m = 1;
+    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d];
+    return m;
+}
+
+/* ---- points */
+/* f, and its adjoints by channel with these weights as seeds. */
+static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
+    Batch *b = &v->w->batch;
+    uint32_t channels = b->s->channels;
+    SumGroup group = rule == CELL_FINE ? SUM_INTERIOR_FINE : SUM_INTERIOR_COARSE;
+    if (!v->sweep->interior) {
+        batch_call(b, SLT_K_VALUE, n);
+        for (uint32_t c = 0; c < channels; c++)
+            for (uint32_t i = 0; i < n; i++) v->f[rule][c] += p[i].weight * batch_get(b, SLT_OUT_F, c, i);
+        return;
+    }
+    for (uint32_t c = 0; c < channels; c++) {
+        for (uint32_t o = 0; o < channels; o++)
+            for (uint32_t i = 0; i < n; i++) batch_set(b, SLT_IN_SEED0 + o, i, o == c ? p[i].weight : 0);
+        b->again = c > 0;
+        accum_call(&v->w->acc, b, SLT_K_VJP, n, group * channels + c);
+        for (uint32_t o = 0; c == 0 && o < channels; o++) /* the reverse kernel gives f as well */
+            for (uint32_t i = 0; i < n; i++) v->f[rule][o] += p[i].weight * batch_get(b, SLT_OUT_F, o, i);
+    }
+    b->again = false;
+}
+
+static void volume_image(SweepWorker *v, const CellPoint *p, uint32_t n) {
+    Sweep *q = v->sweep;
+    Batch *b = &v->w->batch;
+    double f[SLT_MAX_CHANNELS];
+    bool forward = q->kind == SWEEP_FORWARD;
+    for (uint32_t d = 0; d < (forward ? q->dirs->n : 1); d++) {
+        if (forward) b->args.dparams = q->dirs->flt[d];
+        b->again = d > 0;
+        batch_call(b, forward ? SLT_K_JVP : SLT_K_VALUE, n);
+        for (uint32_t i = 0; i < n; i++) {
+            for (uint32_t c = 0; c < b->s->channels; c++)
+                f[c] = p[i].weight * batch_get(b, forward ? SLT_OUT_DF : SLT_OUT_F, c, i);
+            splat_add(&v->splat, d, p[i].x, f);
+        }
+    }
+    b->again = false;
+}
+
+static void volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
+    Batch *b = &v->w->batch;
+    uint32_t channels = b->s->channels, used = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        double a[SLT_MAX_CHANNELS];
+        bool any = false;
+        grid_gather(&v->sweep->run->grid, v->sweep->adjoint, channels, p[i].x, a);
+        for (uint32_t c = 0; c < channels; c++) any |= a[c] != 0;
+        if (!any) continue; /* no pixel asks for it */
+        batch_set_x(b, used, p[i].x);
+        for (uint32_t c = 0; c < channels; c++) batch_set(b, SLT_IN_SEED0 + c, used, p[i].weight * a[c]);
+        used++;
+    }
+    accum_call(&v->w->acc, b, SLT_K_VJP, used, rule == CELL_FINE ? SUM_INTERIOR_FINE : SUM_INTERIOR_COARSE);
+}
+
+void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
+    SweepWorker *v = worker;
+    (void)within;
+    if (v->sweep->kind == SWEEP_REVERSE) {
+        volume_reverse(v, p, n, rule);
+        return;
+    }
+    for (uint32_t i = 0; i < n; i++) batch_set_x(&v->w->batch, i, p[i].x);
+    if (v->sweep->kind == SWEEP_INTEGRAL) volume_integral(v, p, n, rule);
+    else volume_image(v, p, n);
+}
+
+static void take_curve(void *worker, Crossing *c, uint32_t n) {
+    SweepWorker *v = worker;
+    sink_put_weighed(&v->w->sink, c, n);
+}
+
+/* A cell of one colour: of each pixel the part of its filter that lies there. */
+static void take_constant(void *worker, const Box *cell, const double *f) {
+    SweepWorker *v = worker;
+    uint32_t channels = v->sweep->run->s->channels;
+    double m = measure(cell, v->sweep->run->s->dim);
+    for (uint32_t c = 0; c < channels && v->sweep->kind == SWEEP_INTEGRAL; c++)
+        v->f[CELL_FINE][c] += m * f[c], v->f[CELL_COARSE][c] += m * f[c];
+    if (v->sweep->kind == SWEEP_RENDER) splat_add_box(&v->splat, cell->lo, cell->end, f);
+}
+
+static void take_left(void *worker, const Box *cell, const double *bounds) {
+    SweepWorker *v = worker;
+    if (!grow((void **)&v->left, v->nleft + 1, &v->left_cap, sizeof *v->left)) {
+        v->failed = true;
+        return;
+    }
+    LeftCell *l = &v->left[v->nleft++];
+    l->box = *cell, l->stands = 1;
+    memcpy(l->bounds, bounds, 2 * v->sweep->run->s->channels * sizeof *bounds);
+}
+
+/* ---- tiles */
+/* As for the lattice, the ends of the domain lie two units in the last place inside: a jump exactly on the border is no
+ * moving boundary inside it. */
+static double tile_end(const Sweep *p, uint32_t axis, double x) {
+    const SltScene *s = p->run->s;
+    double eps = 2 * (s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * fmax(fabs(s->lo[axis]), fabs(s->hi[axis]));
+    x = fmin(fmax(x, s->lo[axis] + eps), s->hi[axis] - eps);
+    return s->f64 ? x : (double)(float)x;
+}
+
+/* Tiles of an image are squares of pixels, of which cells are quarters of quarters. Tiles of an integral end at places
+ * that no shape is likely to have. */
+static double tile_edge(const Sweep *p, uint32_t axis, uint32_t k, uint32_t n, uint32_t pixels) {
+    const Grid *g = &p->run->grid;
+    if (!g->integral) return g->lo[axis] + fmin((double)k * pixels, g->n[axis]) * g->side[axis];
+    if (k == 0 || k == n) return k ? g->hi[axis] : g->lo[axis];
+    double golden = 0.61803398874989485 * (k + 0.37 * axis + 0.2);
+    return g->lo[axis] + (k + 0.2 * (golden - floor(golden) - 0.5)) / n * (g->hi[axis] - g->lo[axis]);
+}
+
+static SltStatus make_tiles(Sweep *p) {
+    static const uint32_t parts[3] = {8, 4, 3};
+    const Grid *g = &p->run->grid;
+    uint32_t n[3] = {1, 1, 1}, pixels[3];
+    uint64_t total = 1;
+    for (uint32_t d = 0; d < g->dim; d++) {
+        uint32_t large = g->dim == 1 ? 4096 : g->dim == 2 ? 64 : 16;
+        pixels[d] = g->n[d] > 2 * large ? large : large / 4;
+        n[d] = g->integral ? parts[g->dim - 1] * (p->parts ? p->parts : 1) : (g->n[d] + pixels[d] - 1) / pixels[d];
+        total *= n[d];
+    }
+    if (!grow((void **)&p->tile, total, &p->tile_cap, sizeof *p->tile)) return no_memory(p);
+    p->ntiles = total;
+    for (uint64_t t = 0; t < total; t++) {
+        Box *b = &p->tile[t];
+        uint64_t rest = t;
+        *b = (Box){0};
+        for (uint32_t d = 0; d < g->dim; d++) {
+            uint32_t k = (uint32_t)(rest % n[d]);
+            rest /= n[d];
+            b->lo[d] = tile_end(p, d, tile_edge(p, d, k, n[d], pixels[d]));
+            b->hi[d] = b->end[d] = tile_end(p, d, tile_edge(p, d, k + 1, n[d], pixels[d]));
+        }
+    }
+    return SLT_OK;
+}
+
+static void begin_tile(SweepWorker *v, const Box *box) {
+    v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = 0;
+    memset(v->f, 0, sizeof v->f);
+    cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
+}
+
+static bool begin_splat(SweepWorker *v, const Box *box) {
+    Sweep *p = v->sweep;
+    if (p->kind == SWEEP_FORWARD && !sink_rect(&v->w->sink, box->lo, box->end)) return false;
+    if (p->kind != SWEEP_RENDER && p->kind != SWEEP_FORWARD) return true;
+    uint32_t planes = p->kind == SWEEP_FORWARD ? p->dirs->n : 1;
+    return splat_begin(&v->splat, &p->run->grid, planes, p->run->s->channels, box->lo, box->end);
+}
+
+static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
+    Sweep *p = user;
+    SweepWorker *v = &p->worker[worker];
+    begin_tile(v, &p->tile[tile]);
+    if (!begin_splat(v, &p->tile[tile])) return false;
+    CellSink sink = {.curve = take_curve,
+                     .volume = sweep_volume,
+                     .constant =
+                         p->interior || p->kind == SWEEP_FORWARD || p->kind == SWEEP_REVERSE ? NULL : take_constant,
+                     .left = take_left,
+                     .user = v};
+    if (!cells_run(v->cells, &p->tile[tile], &p->options, &sink, &v->counts)) return false;
+    accum_close(&v->w->acc);
+    return !(v->failed || v->w->sink.failed || v->w->acc.failed);
+}
+
+static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
+    const SltScene *s = p->run->s;
+    if (p->kind == SWEEP_FORWARD) splat_merge(&v->w->sink.splat, p->out, p->crossings);
+    if (p->kind == SWEEP_RENDER || p->kind == SWEEP_FORWARD) splat_merge(&v->splat, p->out, NULL);
+    else sums_merge(&p->sums, &v->w->acc, mode, lines);
+    for (uint32_t c = 0; c < s->channels && p->kind == SWEEP_INTEGRAL; c++) {
+        double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
+        bool sets = mode == SUM_SETS || mode == SUM_LINE;
+        p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
+        if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
+        if (sets) p->f_variance[c] += 0.25 * d * d;
+    }
+    run_collect(p->run, v->w);
+}
+
+static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
+    Sweep *p = user;
+    SweepWorker *v = &p->worker[worker];
+    (void)tile;
+    CellCounts *t = &p->counts, *c = &v->counts;
+    t->settled += c->settled, t->curved += c->curved;
+    t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
+    merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, 1);
+    if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
+        p->worker[0].failed = true;
+        return;
+    }
+    memcpy(p->left + p->nleft, v->left, v->nleft * sizeof *v->left);
+    p->nleft += v->nleft;
+}
+
+/* ---- what is left */
+static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
+    Sweep *p = user;
+    SweepWorker *v = &p->worker[worker];
+    uint64_t from = chunk * LEFT_CHUNK, to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
+    Box hull = p->left[from].box;
+    for (uint64_t i = from; i < to; i++)
+        for (uint32_t d = 0; d < p->run->s->dim; d++) {
+            hull.lo[d] = fmin(hull.lo[d], p->left[i].box.lo[d]);
+            hull.end[d] = fmax(hull.end[d], p->left[i].box.end[d]);
+        }
+    begin_tile(v, &hull);
+    if (!begin_splat(v, &hull)) return false;
+    for (uint64_t i = from; i < to; i++) {
+        const LeftCell *l = &p->left[i];
+        double m = measure(&l->box, p->run->s->dim), most = 0;
+        for (uint32_t c = 0; c < p->run->s->channels; c++) {
+            double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
+            most = isnan(d) ? INFINITY : fmax(most, d);
+        }
+        v->counts.left += m / p->volume, v->left_bound += m * most;
+        int set = l->stands > 1 ? (int)(i & 1) : -1;
+        if (l->stands > 0 && !left_cell(v, l, p->lines, set)) return false;
+    }
+    near_flush(v->w);
+    finder_run(&v->w->finder, true);
+    accum_close(&v->w->acc);
+    return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
+}
+
+static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
+    Sweep *p = user;
+    SweepWorker *v = &p->worker[worker];
+    uint64_t cells = p->nleft - chunk * LEFT_CHUNK < LEFT_CHUNK ? p->nleft - chunk * LEFT_CHUNK : LEFT_CHUNK;
+    p->counts.left += v->counts.left, p->left_bound += v->left_bound;
+    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt((double)cells));
+}
+
+/* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
+ * for all, chosen in proportion to their measure. */
+static void plan_left(Sweep *p, uint64_t used) {
+    uint32_t dim = p->run->s->dim;
+    double left = 0, at = 0.5, sum = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, dim);
+    double spare = p->budget > used ? (double)(p->budget - used) : 0, most = fmax(spare / LEFT_COST, LEFT_CHUNK);
+    double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
+    if (p->budget) vertices = fmin(vertices, 0.5 * spare);
+    double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
+    p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
+    if (!p->budget || (double)p->nleft <= most) return;
+    for (uint64_t i = 0; i < p->nleft; i++) {
+        LeftCell *l = &p->left[i];
+        double expected = measure(&l->box, dim) / left * most;
+        sum += expected;
+        l->stands = sum >= at ? fmax(1, 1 / expected) : 0;
+        while (sum >= at) at += 1;
+    }
+}
+
+/* ---- a sweep */
+SltStatus sweep_begin(Sweep *p) {
+    Run *r = p->run;
+    const SltScene *s = r->s;
+    static const SinkKind kinds[] = {SINK_PARTS, SINK_KEEP, SINK_FORWARD, SINK_REVERSE};
+    p->volume = 1;
+    for (uint32_t d = 0; d < s->dim; d++) p->volume *= s->hi[d] - s->lo[d];
+    uint32_t rows = p->kind == SWEEP_INTEGRAL ? s->channels : p->kind == SWEEP_REVERSE ? 1 : 0;
+    if (!sums_init(&p->sums, s, rows)) return no_memory(p);
+    SltStatus st = run_workers(r, UINT32_MAX, SUM_GROUPS * rows, kinds[p->kind]);
+    if (st != SLT_OK) return st;
+    p->worker = alloc_zero(r->nworkers, sizeof *p->worker);
+    if (!p->worker) return no_memory(p);
+    for (uint32_t i = 0; i < r->nworkers; i++) {
+        SweepWorker *v = &p->worker[i];
+        v->sweep = p, v->w = &r->worker[i];
+        v->w->finder.coarse = run_is_coarse(r);
+        Sink *k = &v->w->sink;
+        k->adjoint = p->adjoint, k->classes = p->kind == SWEEP_REVERSE && p->errors ? 2 : 1, k->dirs = p->dirs;
+        if (!(v->cells = cells_new(&v->w->batch, s->lo, s->hi))) return no_memory(p);
+    }
+    return SLT_OK;
+}
+
+void sweep_end(Sweep *p) {
+    for (uint32_t i = 0; i < p->run->nworkers && p->worker; i++)
+        cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), free(p->worker[i].left);
+    free(p->worker), free(p->tile), free(p->left);
+    sums_free(&p->sums);
+    run_free_workers(p->run);
+}
+
+static bool is_large(const Sweep *p, const Box *b) {
+    const SltScene *s = p->run->s;
+    bool large = false;
+    for (uint32_t d = 0; d < s->dim; d++) large |= b->end[d] - b->lo[d] > 2 * p->options.least * (s->hi[d] - s->lo[d]);
+    return large;
+}
+
+/* Cells that were left because their tile had no evaluations to spare become tiles, if there are as many to spare for
+ * all of them as makes sense; what is left at the least size stays. */
+static bool again(Sweep *p, uint64_t spare) {
+    uint64_t kept = 0, tiles = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) tiles += is_large(p, &p->left[i].box);
+    if (!tiles || spare / tiles < LEAST_BUDGET || !grow((void **)&p->tile, tiles, &p->tile_cap, sizeof *p->tile))
+        return false;
+    p->ntiles = 0;
+    for (uint64_t i = 0; i < p->nleft; i++)
+        if (is_large(p, &p->left[i].box)) p->tile[p->ntiles++] = p->left[i].box;
+        else p->left[kept++] = p->left[i];
+    p->nleft = kept;
+    return true;
+}
+
+SltStatus sweep_run(Sweep *p) {
+    Run *r = p->run;
+    sums_clear(&p->sums);
+    p->counts = (CellCounts){0}, p->left_bound = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
+    memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
+        memset(p->f_variance, 0, sizeof p->f_variance);
+    uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
+    SltStatus st = make_tiles(p);
+    for (uint32_t round = 0; round < ROUNDS && st == SLT_OK && p->ntiles; round++) {
+        uint64_t used = r->stats.evaluations - start;
+        p->options.budget = p->budget ? (share > used ? share - used : 0) / p->ntiles + 1 : 0;
+        p->counts.spent = false;
+        st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
+        if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+        used = r->stats.evaluations - start;
+        if (st != SLT_OK || !p->counts.spent || !again(p, used < share ? share - used : 0)) break;
+    }
+    if (st == SLT_OK && p->nleft) {
+        plan_left(p, r->stats.evaluations - start);
+        p->mixed = true;
+        st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, left_work, left_merge, p);
+    }
+    return st;
+}

@@ -1,0 +1,84 @@
+/* One sweep over the domain: its tiles are cut into cells, whose points go through the kernels, and then lines and
+ * samples go through what is left over.
+ *
+ * A Sweep is made once a call, and run as often as the error asks for. What a tile gives is kept by its worker until
+ * `merge`; what is left is listed in the order of tiles, and its cells are worked off in chunks of the list: the same
+ * bits from any number of threads. */
+#ifndef SALTUS_QUADRATURE_SWEEP_H
+#define SALTUS_QUADRATURE_SWEEP_H
+
+#include "runtime/quadrature/cells.h"
+#include "runtime/quadrature/sums.h"
+#include "runtime/sample/run.h"
+
+typedef enum SweepKind {
+    SWEEP_INTEGRAL, /* value and gradient of every channel */
+    SWEEP_RENDER,   /* an image */
+    SWEEP_FORWARD,  /* derivative images */
+    SWEEP_REVERSE   /* the gradient of an image weighed by an adjoint image */
+} SweepKind;
+
+enum { LEFT_COST = 40 }; /* evaluations that a cell costs which is left over, in a plane */
+/* A cell that bounds leave over. */
+typedef struct LeftCell {
+    Box box;
+    double bounds[2 * SLT_MAX_CHANNELS]; /* as CellSink.left gets them */
+    double stands;                       /* for so many cells like it; 0: another one stands for it */
+} LeftCell;
+
+typedef struct SweepWorker SweepWorker;
+typedef struct Sweep {
+    Run *run;
+    SweepKind kind;
+    bool boundary, interior;  /* of the gradient: which parts are wanted */
+    bool value;               /* SWEEP_INTEGRAL: of f as well */
+    bool errors;              /* two rules, and two sets of lines */
+    const float *adjoint;     /* SWEEP_REVERSE: an image */
+    const Directions *dirs;   /* SWEEP_FORWARD */
+    float *const *out;        /* SWEEP_RENDER: one image; SWEEP_FORWARD: by direction */
+    float *crossings;         /* SWEEP_FORWARD: points of curves, by pixel; may be NULL */
+    double segments, samples; /* of lines and samples, in all, if everything were left */
+    CellOptions options;
+    uint32_t parts;    /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
+    uint64_t budget;   /* evaluations of the whole sweep, cells and what is left; 0: no limit */
+    double left_share; /* of the budget, for what is left */
+    /* What comes out. */
+    Sums sums; /* SWEEP_INTEGRAL, SWEEP_REVERSE */
+    double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */
+    double left_bound; /* what is left can hide of the value of any channel, at most; infinite: not bounded */
+    CellCounts counts;
+    /* Inner. */
+    SweepWorker *worker;
+    Box *tile;
+    uint64_t ntiles, tile_cap;
+    LeftCell *left;
+    uint64_t nleft, left_cap;
+    double volume;  /* of the domain */
+    uint32_t lines; /* across a cell that is left, along each axis */
+    bool mixed;     /* lines or samples were used */
+} Sweep;
+/* The members above `sums` are the caller's; `run` has begun. */
+SltStatus sweep_begin(Sweep *p);
+void sweep_end(Sweep *p);
+SltStatus sweep_run(Sweep *p);
+
+/* ---- what sweep.c and left.c share */
+struct SweepWorker {
+    Sweep *sweep;
+    Worker *w;
+    Cells *cells;
+    CellCounts counts;
+    LeftCell *left; /* [nleft]: of the tile in hand */
+    uint64_t nleft, left_cap;
+    double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
+    double left_bound;
+    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior */
+    bool failed; /* memory ran out */
+};
+/* Points of the volume: CellSink.volume. */
+void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within);
+/* Lines and samples in a cell; n: lines across it along each axis, even; set: -1, or to which set of estimates all of
+ * them belong. False when memory runs out. */
+bool left_cell(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
+
+#endif
