@@ -193,7 +193,7 @@ static void settle(Cells *c, const Cell *cell) {
 static bool divisible(Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
-    if (c->o->budget && c->counts->boxes + c->counts->points - c->began >= c->o->budget) c->counts->spent = true;
+    if (c->o->budget && c->b->evaluations - c->began >= c->o->budget) c->counts->spent = true;
     return room && !c->counts->spent && side(c, &cell->box) > c->o->least;
 }
 
@@ -276,9 +276,17 @@ static bool work(Cells *c, const Node *node) {
     return !c->failed;
 }
 
+/* The budget is spent: nothing more is asked of this part. */
+static void give_up(Cells *c, const Node *node) {
+    Cell cell = {.box = node->box};
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) cell.f[2 * ch] = -HUGE_VAL, cell.f[2 * ch + 1] = HUGE_VAL;
+    count_cell(c, &cell, CELL_LEFT);
+    c->sink->left(c->sink->user, &cell.box, cell.f);
+}
+
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
-    c->began = counts->boxes + counts->points;
+    c->began = c->b->evaluations;
     c->failed = false, c->nstack = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
@@ -287,7 +295,8 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->stack[c->nstack++] = (Node){.box = *tile};
     while (c->nstack) {
         Node node = c->stack[--c->nstack];
-        if (!work(c, &node)) return false;
+        if (counts->spent) give_up(c, &node);
+        else if (!work(c, &node)) return false;
     }
     return true;
 }

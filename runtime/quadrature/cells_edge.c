@@ -104,7 +104,9 @@ bool cells_run_asks(Cells *c) {
             Ask *a = &c->ask[c->order[i]];
             read_ends(b, SLT_OUT_G_LO, SLT_OUT_G_HI, 0, i - from, a->g);
             for (uint32_t d = 0; d < c->dim; d++) read_ends(b, SLT_OUT_DG_LO, SLT_OUT_DG_HI, d, i - from, a->slope[d]);
-            a->error = batch_get(b, SLT_OUT_G_ERROR, 0, i - from);
+            /* A kernel that cannot tell: then g must be far from 0 by what a hundred operations make. */
+            double size = fmax(fabs(a->g[0]), fabs(a->g[1])), ulp = c->b->f64 ? 0x1p-52 : 0x1p-23;
+            a->error = batch_has(b, SLT_OUT_G_ERROR) ? batch_get(b, SLT_OUT_G_ERROR, 0, i - from) : 128 * ulp * size;
             a->state = (uint32_t)batch_get_int(b, SLT_OUT_G_STATE, 0, i - from);
         }
     }
@@ -118,16 +120,16 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
     cell->nedges = 0;
     if (cell->nopen > CELL_EVENTS) return;
-    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE); /* nopen counts boundaries of roundings */
-    for (uint32_t e = 0; e < named && e < cell->nopen; e++) {
+    /* An entry of the list counts as often as it has boundaries. */
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    for (uint32_t e = 0; e < named && cell->nedges < cell->nopen; e++) {
         Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
-        if (event.site < 0) break;
         for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
         double first = 0, last = 0;
         bool rounds = c->s->edge_kind && c->s->edge_kind[event.site] != SLT_SITE_COMPARE;
         if (rounds && batch_has(b, SLT_OUT_OPEN_FIRST)) {
             first = batch_get(b, SLT_OUT_OPEN_FIRST, e, i), last = batch_get(b, SLT_OUT_OPEN_LAST, e, i);
-            if (!(last - first < CELL_EVENTS)) {
+            if (!(last >= first && last - first < CELL_EVENTS)) {
                 cell->nopen = CELL_EVENTS + 1;
                 return;
             }

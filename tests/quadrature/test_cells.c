@@ -6,6 +6,7 @@
 
 #include <cmocka.h>
 
+#include "tests/quadrature/discs.h"
 #include "tests/quadrature/run.h"
 
 static void near(const char *what, double is, double want, double tolerance) {
@@ -206,10 +207,41 @@ static void smooth_curves(void **state) {
     }
 }
 
+/* Relative L2 error over the 3 n derivatives. */
+static double discs_error(uint32_t n, double least, double most, uint32_t q, const CellOptions *options) {
+    double *p = malloc(3 * n * sizeof *p), *want = malloc(3 * n * sizeof *p), *is = calloc(3 * n, sizeof *p);
+    uint64_t random = n;
+    for (uint32_t i = 0; i < n; i++) {
+        p[3 * i] = disc_random(&random), p[3 * i + 1] = disc_random(&random);
+        p[3 * i + 2] = least + (most - least) * disc_random(&random);
+    }
+    Scene s;
+    scene_init(&s, 2, n, 0, disc_g, paint, p, 3 * n);
+    s.opaque = true;
+    discs_near(&s, p, n, (uint32_t)fmax(1, 0.5 / most));
+    CellOptions o = *options;
+    o.gauss = q;
+    Run r = run_scene(&s, &o, is);
+    discs_exact(p, n, want);
+    double off = 0, all = 0;
+    for (uint32_t i = 0; i < 3 * n; i++) off += (is[i] - want[i]) * (is[i] - want[i]), all += want[i] * want[i];
+    if (getenv("CELLS_SHOW")) printf("  %u discs, Q %u: %.2g, left %g\n", n, q, sqrt(off / all), r.counts.left);
+    free(p), free(want), free(is), free((void *)s.near), free((void *)s.near_start);
+    return sqrt(off / all);
+}
+
+static void opaque_discs(void **state) {
+    (void)state;
+    CellOptions o = run_options(3);
+    o.volume = false, o.least = 0x1p-20;
+    for (uint32_t q = 2; q < 8; q++) discs_error(200, .02, .1, q, &o);
+    for (uint32_t q = 3; q < 8; q++) discs_error(2000, .01, .04, q, &o);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(step_in_1d),  cmocka_unit_test(step_on_a_face),      cmocka_unit_test(nested_in_1d),
-        cmocka_unit_test(floor_in_1d), cmocka_unit_test(in_single_precision), cmocka_unit_test(circle), cmocka_unit_test(smooth_curves),
+        cmocka_unit_test(floor_in_1d), cmocka_unit_test(in_single_precision), cmocka_unit_test(circle), cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
