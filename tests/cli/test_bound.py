@@ -82,7 +82,8 @@ class Explain(Case):
 }""")
         b = self.json_cli("explain", "s.salt")["bounds"]
         self.assertEqual(sorted(s["line"] for s in b["seams"]), [3, 5, 6])
-        self.assertEqual([s["text"] for s in sorted(b["seams"], key=lambda s: s["line"])], ["max", "<", "floor"])
+        seams = sorted(b["seams"], key=lambda s: s["line"])
+        self.assertEqual([(s["text"], s["what"]) for s in seams], [("max", "kink"), ("<", "jump"), ("floor", "jump")])
         self.assertEqual([(u["line"], "rand()" in u["what"]) for u in b["unbounded"]], [(7, True)])
         self.assertEqual(b["boxes"], b["settled"] + b["open"] + b["unknown"])
         text = self.run_cli("explain", "s.salt").out
