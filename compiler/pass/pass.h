@@ -78,7 +78,7 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* 
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);     /* a primal in which seams are sites too: of the three below */
 Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);    /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
-Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE */
+Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */
 
 /* ---- ad_*.c. wrt[i] != 0: element i of the float vector is differentiated (NULL: all). */
 /* Which loops are replayed: run again in the sweep, iteration by iteration, from carried values and witnesses. */

@@ -29,7 +29,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
     c->depth = named ? scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t d = 0; d < c->dim; d++) c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
-    bool made = cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
+    bool made = lists_init(&c->lists, c->s);
+    made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
     for (int r = 0; r < CELL_RULES; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
@@ -42,6 +43,7 @@ void cells_free(Cells *c) {
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->crossing);
     for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
+    lists_free(&c->lists);
     free(c);
 }
 
@@ -206,7 +208,9 @@ static bool refine(Cells *c, Cell *cell) {
         return true;
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends};
+    uint32_t i = (uint32_t)(cell - c->cell);
+    ListsAt lists = i < c->nhalves ? lists_of_node(&c->lists) : lists_of(&c->lists, i - c->nhalves);
+    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends, .lists = lists};
     return true;
 }
 
@@ -247,7 +251,8 @@ static bool work(Cells *c, const Node *node) {
         split(c, &c->cell[i].box, c->cell[i].level, c->cell[i].bends);
     }
     first[halves] = c->ncell;
-    cells_bound(c, c->cell, c->ncell);
+    c->nhalves = halves;
+    if (!cells_bound(c)) return false;
     if (!cells_close(c, c->cell, halves)) return false;
     for (uint32_t i = 0; i < halves; i++) {
         Cell *cell = &c->cell[i];
@@ -292,11 +297,15 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = *tile};
-    while (c->nstack) {
+    const SltCullList *given = c->b->args.cull;
+    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    bool worked = true;
+    while (worked && c->nstack) {
         Node node = c->stack[--c->nstack];
+        lists_enter(&c->lists, c->b, node.lists);
         if (counts->spent) give_up(c, &node);
-        else if (!work(c, &node)) return false;
+        else worked = work(c, &node);
     }
-    return true;
+    c->b->args.cull = given, c->b->args.note = NULL;
+    return worked;
 }

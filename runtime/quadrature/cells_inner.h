@@ -15,6 +15,7 @@
 
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
+#include "runtime/quadrature/lists.h"
 
 enum {
     CELL_BOXES = 72, /* halves of a node along all axes, and theirs: 8 + 64 */
@@ -100,6 +101,7 @@ typedef struct Ask {
 typedef struct Node {
     Box box;
     uint32_t level, bends;
+    ListsAt lists;
 } Node;
 
 struct Cells {
@@ -112,11 +114,12 @@ struct Cells {
     CellCounts *counts;
     uint64_t began; /* evaluations counted before this tile */
     bool failed;    /* memory ran out */
+    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
     GaussRule rule[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
-    Cell *cell; /* [ncell]: sub-boxes of the node in hand */
-    uint32_t ncell, cell_cap;
+    Cell *cell;                        /* [ncell]: sub-boxes of the node in hand */
+    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
@@ -160,7 +163,7 @@ bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open. */
-void cells_bound(Cells *c, Cell *cell, uint32_t n);
+bool cells_bound(Cells *c);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
