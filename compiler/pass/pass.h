@@ -68,6 +68,7 @@ typedef struct VariantOptions {
     bool paper_argmin; /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
     bool paper_forced; /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
     bool path_hash;    /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
+    bool cells;        /* sides is for cells too: wanted also where no boundary moves */
 } VariantOptions;
 /* Behind each its outputs by their roles (kernel.def); in brackets those that some programs have. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */

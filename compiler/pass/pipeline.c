@@ -158,6 +158,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         }
     }
     box_kernels(ctx, primal, needs, out);
+    if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
+        out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
         /* AD may have been given a Fn that is a kernel of its own too: each is finished once. */
