@@ -212,7 +212,7 @@ Inst *ir_bound_is_point(Builder *b, Bound x) {
     if (is_point(x)) return ir_constb(b, true);
     switch (x.lo->type) {
     case TY_BOOL: return ir_emit1(b, OP_bnot, ir_emit2(b, OP_bxor, x.lo, x.hi));
-    case TY_INT: return ir_emit2(b, OP_ieq, x.lo, x.hi);
+    case TY_INT: return bound_int_is_point(b, x);
     default: return ir_emit2(b, OP_feq, x.lo, x.hi);
     }
 }
@@ -260,9 +260,8 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 #define CHOICE(cond, x, y) choice(r, cond, x, y)
 #define DIFFER(x, y) differ(r, x, y)
 #define WHOLE whole_int(r)
-#define POINTS(other) bound_points(r, other)
-#define SUM bound_sum(r)
-#define DIFFERENCE bound_sum(r)
+#define POINTS(other) (bound_points_begin(r), bound_points(r, other))
+#define SUM(x, y) sum(r)
 #define INT_PRODUCT(x, y) bound_product(r)
 #define INT_QUOTIENT(x, y) bound_quotient(r)
 #define REMAINDER(x, y) bound_remainder(r, false)
@@ -288,6 +287,13 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 static Bound choice(Rule *r, Bound cond, Bound x, Bound y) { return ir_bound_select(&r->b, cond, x, y); }
 static Bound whole_int(Rule *r) { return ir_bound_whole(&r->b, TY_INT); }
 static Bound where_ends(Rule *r, Bound x) { return bound_where_int(r, has_ends(r, r->arg[0]), x); }
+
+/* Sums of what mixes bits go on as points. */
+static Bound sum(Rule *r) {
+    bool ends = true;
+    for (uint32_t k = 0; k < r->n; k++) ends &= !bound_is_point_where(r->arg[k]);
+    return ends ? bound_sum(r) : POINTS(bound_sum(r));
+}
 
 static Bound even_trend(Rule *r, Bound x) {
     Bound m = bound_even(r, x), a = {max(r, m.lo, num(r, 0)), m.hi};

@@ -37,6 +37,7 @@ typedef struct Rule {
     Builder b; /* folds: only the sign of a zero end may differ, which says nothing */
     Op op;
     const Bound *arg;
+    Bound source[3], instead[3]; /* of bound_points */
     uint32_t n;
     bool same; /* the first two arguments are one value */
     bool f64;
@@ -92,7 +93,10 @@ Bound bound_atan2(Rule *r, double ulps, Inst **uncut);
 Bound bound_pow(Rule *r, double ulps);
 
 /* bounds_int.c: integers, conversions */
+bool bound_is_point_where(Bound x);
+void bound_points_begin(Rule *r);
 Bound bound_points(Rule *r, Bound other);
+Inst *bound_int_is_point(Builder *b, Bound x);
 Bound bound_sum(Rule *r);
 Bound bound_product(Rule *r);
 Bound bound_quotient(Rule *r);
