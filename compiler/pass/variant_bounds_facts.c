@@ -69,6 +69,9 @@ static void flow(Flow *f, const Block *b, bool partly) {
             if (i->imm.i <= IN_X2) fact = FACT_WIDE;
             else if (i->imm.i <= IN_SAMPLE) fact = FACT_WIDE | FACT_OPEN;
             break;
+        case OP_constf:
+            if (variant_is_uncaptured(i)) fact = FACT_WIDE | FACT_CAPTURE;
+            break;
         case OP_rand:
         case OP_query:
         case OP_window: fact = FACT_WIDE | FACT_OPEN; break;
@@ -88,6 +91,7 @@ static void flow(Flow *f, const Block *b, bool partly) {
         default:
             for (uint32_t a = 0; a < i->nargs; a++) fact |= f->fact[i->args[a]->id];
             if (variant_is_site(i)) fact = f->fact[i->args[0]->id];
+            if (i->op != OP_fmul && i->op != OP_fadd && i->op != OP_fsel) fact &= (uint8_t)~FACT_CAPTURE;
             if (rounds((Op)i->op)) fact |= FACT_ERROR;
             if ((fact & FACT_WIDE) && (variant_is_site(i) || may_open((Op)i->op))) fact |= FACT_OPEN;
         }

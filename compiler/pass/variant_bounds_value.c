@@ -5,6 +5,7 @@
  * of an operand (it may be NaN, or pass through a pole) any choice by it may jump as well. */
 #include "compiler/pass/variant_bounds.h"
 
+#include <float.h>
 #include <math.h>
 
 /* ---- integers and booleans are folded while they are built: it is exact */
@@ -146,6 +147,17 @@ void bounds_forget(Boxes *x, uint32_t mark) {
         Undo u = x->undo.data[--x->undo.len];
         x->value[u.id] = u.was;
     }
+}
+
+/* ---- capture */
+
+static double most(const Builder *b) { return b->fn->precision == PREC_F64 ? DBL_MAX : FLT_MAX; }
+
+Boxed bounds_nothing(Builder *b) { return (Boxed){.is = {number(b, most(b)), number(b, -most(b))}}; }
+
+Inst *bounds_is_nothing(Builder *b, Bound v) {
+    Bound none = bounds_nothing(b).is;
+    return bounds_op2(b, OP_band, bounds_op2(b, OP_feq, v.lo, none.lo), bounds_op2(b, OP_feq, v.hi, none.hi));
 }
 
 /* ---- choices */
@@ -395,6 +407,10 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         }
         break;
     default: break;
+    }
+    if ((x->fact[i->id] & FACT_CAPTURE) && i->op != OP_fsel) {
+        x->value[i->id] = bounds_nothing(b);
+        return;
     }
     if (!bounds_wide(x, i)) {
         if (ir_ops[i->op].special && !ir_is_const(i)) ice(x->to->session, "bounds of %s", ir_ops[i->op].name);
