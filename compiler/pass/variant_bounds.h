@@ -36,6 +36,7 @@ enum {
     FACT_WIDE = 1,   /* may differ within a box */
     FACT_OPEN = 2,   /* its set may be not empty */
     FACT_ERROR = 4,  /* a float that carries a rounding error, which is wanted */
+    FACT_SLOPE = 16, /* a float that is not constant between the jumps of others */
     FACT_CAPTURE = 8 /* g or its gradient on the way from the event, or nothing yet (VARIANT_UNCAPTURED) */
 };
 
@@ -79,6 +80,8 @@ void bounds_want_error(Boxes *x, const Inst *v); /* before bounds_facts */
 /* Facts of result `index` of a structured operation. */
 uint8_t bounds_result_fact(const Boxes *x, const Inst *structured, uint32_t index);
 static inline bool bounds_wide(const Boxes *x, const Inst *v) { return x->fact[v->id] & FACT_WIDE; }
+/* Does an argument change otherwise than by jumps? Else the operation has none of its own. */
+bool bounds_slopes(const Boxes *x, const Inst *i);
 
 /* variant_bounds_value.c */
 void bounds_value(Boxes *x, Builder *b, const Inst *i);

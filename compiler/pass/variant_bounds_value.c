@@ -253,7 +253,7 @@ static Inst *record(Boxes *x, Builder *b, const Inst *site, Inst *open, Bound ar
 static void site_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     Boxed v = value_of(x, i->args[0]);
-    if (!bounds_wide(x, i->args[0])) {
+    if (!bounds_wide(x, i->args[0]) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) { /* it follows jumps that are told */
         x->value[i->id] = v;
         return;
     }
@@ -279,7 +279,7 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     const Inst *of = i->args[0];
     Boxed v = value_of(x, of);
-    if (!bounds_wide(x, of)) {
+    if (!bounds_wide(x, of) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) {
         x->value[i->id] = v;
         return;
     }
@@ -309,8 +309,8 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
 /* ---- rows */
 
 /* What may go either way in the row itself, where no site or seam tells; NULL: nothing. */
-static Inst *own_open(Builder *b, const Inst *i, const Bound *a, Bound r) {
-    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects) return NULL;
+static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a, Bound r) {
+    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects || !bounds_slopes(x, i)) return NULL;
     if (ir_ops[i->op].result == TY_BOOL) return bits_where(b, bounds_undecided(b, r), OPEN_JUMP);
     BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
@@ -328,20 +328,6 @@ static uint32_t same_arguments(const Inst *i) {
     return same;
 }
 
-/* Is it an integer whose events are told? What rounds or converts it changes with them alone. */
-static bool is_rounded(const Boxes *x, const Inst *v) {
-    switch ((Op)v->op) {
-    case OP_siten: return variant_site_info(x->from, v)->kind != SITE_COMPARE;
-    case OP_ffloor:
-    case OP_fceil:
-    case OP_fround:
-    case OP_ftrunc:
-    case OP_f2i:
-    case OP_f2u: return is_rounded(x, v->args[0]);
-    default: return false;
-    }
-}
-
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Bound a[3];
     Boxed arg[3] = {0};
@@ -352,9 +338,9 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
         open = open_union(b, open, arg[k].open);
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
-    Inst *own = own_open(b, i, a, r.is);
+    Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
-    r.open = is_rounded(x, i) && is_rounded(x, i->args[0]) ? open : open_union(b, open, own);
+    r.open = open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);

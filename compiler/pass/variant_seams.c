@@ -9,7 +9,7 @@
  * `edge` has code for each of them, at worst the whole program: above EDGES of them, or COST operations, bends stay
  * what they are, then jumps too. Where rays are searched nothing is bounded, so there are none. */
 #include "compiler/pass/depend.h"
-#include "compiler/pass/variant.h"
+#include "compiler/pass/variant_bounds.h"
 
 enum { EDGES = 192, COST = 12000 };
 
@@ -25,6 +25,7 @@ typedef struct Seams {
     Fn *fn;
     Arena *arena;
     const Depend *dep; /* by id of the clone before seams */
+    Boxes facts;       /* likewise: bounds_facts alone */
     uint32_t n;        /* ids then */
     bool *decides;     /* by id of a comparison or rounding: something else than its own site uses it */
     Inst **seam;       /* by id: what stands for the value from now on */
@@ -37,24 +38,21 @@ typedef struct Seams {
     uint32_t count[3]; /* by Class, of candidates */
 } Seams;
 
-static bool moves(const Seams *s, const Inst *v) {
-    return v->id < s->n && (s->dep[v->id].on & (DEPENDS_X | DEPENDS_RAND)) == DEPENDS_X;
+/* Does it decide by something that changes with the position otherwise than by jumps, and that we know? */
+static bool moves(const Seams *s, const Inst *i) {
+    return bounds_slopes(&s->facts, i) && !(s->dep[i->id].on & DEPENDS_RAND);
 }
-
-static bool rounds(Op op) { return op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc; }
 
 static Class class_of(const Seams *s, const Inst *i) {
     switch ((Op)i->op) {
     case OP_flt:
-    case OP_fle: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
+    case OP_fle:
     case OP_f2i:
     case OP_f2u:
     case OP_ffloor:
     case OP_fceil:
     case OP_fround:
-    case OP_ftrunc: /* of a rounding: that one tells */
-        if (i->args[0]->op == OP_siten || rounds((Op)i->args[0]->op)) return CLASS_NONE;
-        return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
+    case OP_ftrunc: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
     case OP_fmin:
     case OP_fmax:
     case OP_fabs: return moves(s, i) ? CLASS_BEND : CLASS_NONE;
@@ -194,6 +192,8 @@ Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     Seams s = {.fn = fn, .arena = scratch, .events = 1};
     s.dep = depend_values(fn, (DependOptions){0});
     s.n = fn->ninsts;
+    s.facts = (Boxes){.ctx = ctx, .from = fn, .arena = scratch, .fact = ARENA_ARRAY(scratch, uint8_t, s.n + 1)};
+    bounds_facts(&s.facts);
     s.decides = ARENA_ARRAY(scratch, bool, s.n + 1);
     s.seam = ARENA_ARRAY(scratch, Inst *, s.n + 1);
     for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
