@@ -65,8 +65,8 @@ static Boxed choose(Builder *b, Inst *which, Boxed p, Boxed q) {
     return r;
 }
 
-/* Either of the two, by something that is open itself. Where nothing is captured on one side, g is that of the other,
- * and what was decided between them is only whether the event exists. */
+/* Either of the two, by something that is open itself. But an event is captured once: what holds g on both sides holds
+ * the same, and where one side has nothing, what was decided is only whether the event exists. */
 static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open, uint8_t fact) {
     Boxed r = {.error = error_larger(b, p.error, q.error)};
     bool same = p.is.lo == q.is.lo && p.is.hi == q.is.hi;
@@ -76,7 +76,7 @@ static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open, uint8_t fact) {
         return r;
     }
     Inst *no_p = bounds_is_nothing(b, p.is), *no_q = bounds_is_nothing(b, q.is);
-    Inst *both = open_union(b, open, open_union(b, p.open, q.open));
+    Inst *both = open_union(b, p.open, q.open);
     r.open = open_where(b, no_p, q.open, open_where(b, no_q, p.open, both));
     return r;
 }

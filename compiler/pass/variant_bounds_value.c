@@ -160,6 +160,14 @@ Inst *bounds_is_nothing(Builder *b, Bound v) {
     return bounds_op2(b, OP_band, bounds_op2(b, OP_feq, v.lo, none.lo), bounds_op2(b, OP_feq, v.hi, none.hi));
 }
 
+/* The value with which a capture begins: made of VARIANT_UNCAPTURED alone. */
+static bool is_first_nothing(const Boxes *x, const Inst *i) {
+    if (i->op == OP_constf) return true;
+    if (i->op == OP_fmul) return variant_is_uncaptured(i->args[0]) || variant_is_uncaptured(i->args[1]);
+    return i->op == OP_fadd && (x->fact[i->args[0]->id] & x->fact[i->args[1]->id] & FACT_CAPTURE) &&
+           is_first_nothing(x, i->args[0]) && is_first_nothing(x, i->args[1]);
+}
+
 /* ---- choices */
 
 static const Inst *comparison(const Inst *cond) {
@@ -175,11 +183,28 @@ static bool is_root_of(const Inst *cond, const Inst *yes, const Inst *no) {
            is_number(yes, 0);
 }
 
+static bool is_stored(const Block *b, const Inst *array) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if ((i->op == OP_store || i->op == OP_acopy) && i->args[0] == array) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (is_stored(i->region[r], array)) return true;
+    }
+    return false;
+}
+
+/* One value, or one element read twice while nothing is stored. */
+static bool is_same(const Inst *v, const Inst *w) {
+    if (v == w) return true;
+    if (v->op != OP_load || w->op != OP_load || v->args[0] != w->args[0] || v->args[1] != w->args[1]) return false;
+    return walk_inside(w->block, v->block) && !is_stored(v->block, v->args[0]);
+}
+
 Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no) {
     Boxed c = x->value[cond->id];
     const Inst *cmp = comparison(cond);
     bool order = cmp->op == OP_flt || cmp->op == OP_fle;
-    bool meets = order && ((cmp->args[0] == yes && cmp->args[1] == no) || (cmp->args[0] == no && cmp->args[1] == yes));
+    bool meets = order && ((is_same(cmp->args[0], yes) && is_same(cmp->args[1], no)) ||
+                           (is_same(cmp->args[0], no) && is_same(cmp->args[1], yes)));
     if (!meets || !x->edges) return c.open;
     Boxed p = x->value[yes->id], q = x->value[no->id];
     Inst *nan = bounds_op2(b, OP_bor, is_unknown(b, p.is), is_unknown(b, q.is));
@@ -394,7 +419,7 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         break;
     default: break;
     }
-    if ((x->fact[i->id] & FACT_CAPTURE) && i->op != OP_fsel) {
+    if ((x->fact[i->id] & FACT_CAPTURE) && is_first_nothing(x, i)) {
         x->value[i->id] = bounds_nothing(b);
         return;
     }

@@ -283,6 +283,9 @@ static Fn *cut(PassCtx *ctx, const Fn *primal, bool edges) {
     /* Dry run: which slices are independent, and do they stay linear in the program? */
     Fn *trial = ir_fn(ctx->session, scratch, "trial", primal->precision);
     for (uint32_t i = 0; i < sites.len; i++) {
+        bool again = captured[sites.data[i]->imm.i]; /* seams may share a number, and with it g */
+        for (uint32_t k = 0; k < nleaves && !again; k++) again = leaves[k].site == sites.data[i]->imm.i;
+        if (again) continue;
         s.fn = trial, s.site = sites.data[i], s.cost = 0, s.failed = false;
         s.limit = total < budget ? budget - total : 0;
         Builder b = ir_at_end(trial, trial->body);
