@@ -43,6 +43,7 @@ typedef struct Chain {
     IrType type[WATCHED];
     uint32_t n; /* outputs: 3 * n */
     bool boxed[FLOATS + INTS];
+    bool signs; /* copies them: that of a NaN is nobody's promise */
 } Chain;
 
 static Chain chain(Session *s, Precision p, bool ints) {
@@ -66,6 +67,7 @@ static Chain chain(Session *s, Precision p, bool ints) {
                                                                                       : pick(&b, v, n, type_of(op, k));
             is[k] = a[k].is, at[k] = a[k].at;
         }
+        c.signs |= op == OP_fcopysign;
         bool same = ir_ops[op].nargs > 1 && at[0] == at[1];
         v[n].is = ir_bound_row(&b, op, is, ir_ops[op].nargs, same ? 3 : 0);
         v[n].at = ir_emit(&b, op, ir_ops[op].nargs, at);
@@ -106,18 +108,11 @@ static void fill_inputs(Data *d, const Chain *c, Precision p) {
     }
 }
 
-/* The sign of a NaN is nobody's promise: what copies it may differ. */
-static bool copies_signs(const Fn *fn) {
-    for (const Inst *i = fn->body->first; i; i = i->next)
-        if (i->op == OP_fcopysign) return true;
-    return false;
-}
-
 /* Compiled, the chain gives the same bits. */
 static bool same_compiled(Session *s, const Chain *c, Data *d, void *const *out, Precision p) {
     BackOptions o = {.width = 1u << below(7), .no_cache = true, .opt_level = 2};
     target_named(&o.target, "native");
-    if (!o.target.has_fma || copies_signs(c->fn)) return true; /* they were lowered for a target that has it */
+    if (!o.target.has_fma || c->signs) return true; /* they were lowered for a target that has it */
     KernelRequest k = {"f", c->fn};
     CompiledModule *module = NULL;
     const char *why = "";
