@@ -62,7 +62,7 @@ typedef struct Boxes {
     const Fn *from; /* dense ids */
     Fn *to;
     Arena *arena;
-    bool edges;        /* edge_bounds: nothing is recorded, there are no sites */
+    bool edges;        /* edge_bounds, prune: nothing is recorded */
     uint8_t *fact;     /* by id: FACT_* */
     bool *wanted;      /* by id: its error is; NULL: no error is */
     Boxed *value;      /* by id */

@@ -95,7 +95,10 @@ static void flow(Flow *f, const Block *b, bool partly) {
             continue;
         case OP_loop: flow_loop(f, i, partly); continue;
         case OP_proj: fact = bounds_result_fact(f->x, i->args[0], (uint32_t)i->imm.i); break;
+        case OP_choice:
+        case OP_give:
         case OP_yield: continue;
+        case OP_take: fact = FACT_WIDE; break;
         default:
             for (uint32_t a = 0; a < i->nargs; a++) fact |= f->fact[i->args[a]->id];
             if (variant_is_site(i)) fact = f->fact[i->args[0]->id];

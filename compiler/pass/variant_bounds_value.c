@@ -402,6 +402,26 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_rand:
         x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 1)}, .open = ir_consti(b, OPEN_JUMP)};
         return;
+    case OP_live:
+    case OP_settled: copy(x, b, i); return;
+    case OP_give: /* its lower and its upper end lie side by side */
+    case OP_take:
+        for (uint32_t end = 0; end < 2; end++) {
+            Imm imm = i->imm;
+            imm.frame.place = end, imm.frame.places = 2;
+            Bound v = i->op == OP_give ? value_of(x, i->args[0]).is : (Bound){0};
+            Inst *value = end ? v.hi : v.lo;
+            Inst *r = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, &value, imm);
+            if (i->op == OP_give) continue;
+            if (end) x->value[i->id].is.hi = r;
+            else x->value[i->id].is.lo = r;
+        }
+        return;
+    case OP_choice: {
+        Inst *may[2] = {value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.hi};
+        ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
+        return;
+    }
     case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:

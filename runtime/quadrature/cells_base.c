@@ -461,7 +461,7 @@ static bool add_piece(Cells *c, uint32_t i, int axis, double from, double to) {
     if (!CELLS_ROOM(c, piece, 1)) return false;
     Piece *p = &c->piece[c->npiece++];
     memset(p, 0, sizeof *p);
-    p->cell = i, p->axis = (int8_t)axis;
+    p->cell = i, p->axis = (int8_t)axis, p->parts = 1, p->graded = c->o->volume && c->cell[i].state & SLT_BOX_ROUGH;
     if (c->dim > 1) p->at[base_axis(axis)][0] = from, p->at[base_axis(axis)][1] = to;
     return true;
 }

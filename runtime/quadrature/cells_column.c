@@ -5,19 +5,6 @@
 #include "runtime/quadrature/cells_inner.h"
 
 /* ---- what goes out */
-static void flush_points(Cells *c, CellRule r) {
-    uint32_t n = c->npoint[r];
-    c->npoint[r] = 0;
-    if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
-}
-
-void cells_emit_point(Cells *c, const double x[3], double weight, CellRule rule) {
-    if (c->npoint[rule] == BATCH) flush_points(c, rule);
-    CellPoint *p = &c->point[rule][c->npoint[rule]++];
-    memcpy(p->x, x, sizeof p->x);
-    p->weight = weight;
-}
-
 static void flush_crossings(Cells *c) {
     uint32_t n = c->ncrossing;
     c->ncrossing = 0;
@@ -26,7 +13,7 @@ static void flush_crossings(Cells *c) {
 
 void cells_flush(Cells *c) {
     flush_crossings(c);
-    for (int r = 0; r < CELL_RULES; r++) flush_points(c, (CellRule)r);
+    cells_flush_points(c);
 }
 
 /* ---- columns */
@@ -143,7 +130,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
-        e->twin = r->twin, e->height = r->x[p->axis];
+        e->twin = r->twin, e->height = r->x[p->axis], e->steep = r->dg[p->axis];
         for (uint32_t d = 0; d < c->dim; d++) e->slope[d] = -r->dg[d] / r->dg[p->axis];
         e->open = r->wanted && r->hash[0] != r->hash[1];
         if (!e->open && !c->o->volume) p->present &= ~(1u << r->edge);
@@ -153,7 +140,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 
 /* The columns of a piece and rule: in 1D the one there is, else at Gauss points of the base. */
 static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
-    const GaussRule *g = &c->rule[rule];
+    const GaussRule *g = c->piece[piece].graded ? &c->graded[rule] : &c->rule[rule];
     uint32_t n[3] = {1, 1, 1};
     if (!g->n) return true;
     for (uint32_t d = 0; d < c->dim; d++)
@@ -200,44 +187,134 @@ static void emit_crossing(Cells *c, const Root *r) {
     x->axis = r->axis, x->rising = 1, x->cls = k->rule;
 }
 
-/* Gauss points on a column, between one root and the next. */
-static void fill_column(Cells *c, const Column *k) {
-    const Piece *p = &c->piece[k->piece];
-    const Box *box = &c->cell[p->cell].box;
-    const GaussRule *g = &c->rule[k->rule];
-    double x[3], from = box->lo[p->axis], heights[CELL_EVENTS + 1];
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < k->nroots; i++) {
-        double h = c->root[k->first + i].x[p->axis];
-        uint32_t at = n++;
-        for (; at && heights[at - 1] > h; at--) heights[at] = heights[at - 1];
-        heights[at] = h;
+/* ---- is a piece short enough? */
+/* The integral of |jump| along the curve that the rule gives, by channel, and its moments in the position on the piece.
+ * The length of the curve's element is that of the tangent in the middle times (d_k g there) / d_k g: what the
+ * derivatives of the integral are made of. */
+static void measure_curve(const Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t edge,
+                          double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
+    const PieceEdge *e = &p->edge[edge];
+    double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
+    middle(c, p, mid);
+    for (uint32_t d = 0; d < c->dim; d++) {
+        if (d == (uint32_t)p->axis) continue;
+        half[d] = 0.5 * (p->at[d][1] - p->at[d][0]), tangent += e->slope[d] * e->slope[d];
     }
-    heights[n++] = box->end[p->axis];
-    memcpy(x, k->x, sizeof x);
-    for (uint32_t i = 0; i < n; from = heights[i++])
-        for (uint32_t q = 0; q < g->n && heights[i] > from; q++) {
-            x[p->axis] = from + g->x[q] * (heights[i] - from);
-            cells_emit_point(c, x, k->weight * g->w[q] * (heights[i] - from), (CellRule)k->rule);
+    mid[p->axis] = e->height;
+    half[p->axis] = 0.5 * (c->cell[p->cell].box.end[p->axis] - c->cell[p->cell].box.lo[p->axis]);
+    tangent = sqrt(tangent);
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = 0; i < k->nroots; i++) {
+            const Root *r = &c->root[k->first + i];
+            if (r->edge != edge) continue;
+            double w = k->weight * tangent * fabs(e->steep / r->dg[p->axis]);
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+                double jump = r->f[1][ch] - r->f[0][ch];
+                *most = fmax(*most, fabs(jump)), *total += w * fabs(jump);
+                sum[k->rule][ch][0] += w * jump;
+                for (uint32_t d = 0; d < c->dim; d++)
+                    sum[k->rule][ch][1 + d] += w * jump * (r->x[d] - mid[d]) / half[d];
+            }
         }
 }
 
-bool cells_integrate(Cells *c) {
-    if (!c->npiece) return true;
-    if (!find_present(c, 0) || !look_at_middles(c, 0)) return false;
-    c->ncolumn = c->nroot = 0;
-    for (uint32_t i = 0; i < c->npiece; i++)
+static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
+    for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
+        if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        measure_curve(c, p, from, to, e, sum, &most, &total);
+        double least = fmax(c->o->tolerance * most * c->width, cells_rounding(c) * total);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            for (uint32_t m = 0; m <= c->dim; m++)
+                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;
+    }
+    return true;
+}
+
+/* What rounding or a singularity keeps apart would be cut without end. */
+enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
+
+/* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
+ * a curve; else its base or its columns may be too long. */
+static void shorten(Cells *c, Piece *p, bool curves_agree) {
+    c->cell[p->cell].cuts++;
+    if (curves_agree && !p->graded) p->graded = true;
+    else if (curves_agree && (c->dim == 1 || p->parts < 1u << p->halvings)) p->parts *= 2;
+    else p->halve = true;
+}
+
+/* The halves of a piece whose base is too long. */
+static bool cut_piece(Cells *c, const Piece *p) {
+    uint32_t d = p->axis == 0 ? 1 : 0;
+    if (c->dim == 3) /* the longer side of the base */
+        for (uint32_t e = d + 1; e < 3; e++)
+            if (e != (uint32_t)p->axis && p->at[e][1] - p->at[e][0] > p->at[d][1] - p->at[d][0]) d = e;
+    for (int half = 0; half < 2; half++) {
+        if (!CELLS_ROOM(c, piece, 1)) return false;
+        Piece *q = &c->piece[c->npiece++];
+        *q = *p;
+        q->at[d][!half] = 0.5 * (p->at[d][0] + p->at[d][1]);
+        q->halvings++;
+    }
+    return true;
+}
+
+/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
+static bool integrate(Cells *c, uint32_t first) {
+    uint32_t n = c->npiece - first;
+    if (!find_present(c, first) || !look_at_middles(c, first)) return false;
+    c->ncolumn = c->nroot = c->nspot = 0;
+    if (!cells_grow(c, &c->first_column, &c->first_column_cap, n + 1, sizeof *c->first_column)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        c->first_column[i] = c->ncolumn;
         for (int r = 0; r < CELL_RULES; r++)
-            if ((c->piece[i].present || c->o->volume) && !add_columns(c, i, (CellRule)r)) return false;
+            if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
+    }
+    c->first_column[n] = c->ncolumn;
     if (!cells_solve(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         c->root[i].wanted = c->piece[c->column[c->root[i].column].piece].edge[c->root[i].edge].open;
     if (!cells_take_sides(c)) return false;
-    for (uint32_t i = 0; i < c->ncolumn; i++) {
-        const Column *k = &c->column[i];
-        for (uint32_t r = 0; r < k->nroots; r++)
-            if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
-        if (c->o->volume) fill_column(c, k);
+    if (c->o->volume && !cells_add_columns_of_points(c)) return false;
+    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
+    if (compare && c->nspot && !cells_take_values(c)) return false;
+    uint32_t spot = 0, kept = first;
+    for (uint32_t i = 0; i < n; i++) {
+        Piece *p = &c->piece[first + i];
+        const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
+        uint32_t end = spot;
+        while (end < c->nspot && c->spot[end].owner == first + i) end++;
+        bool agree = true, smooth = true;
+        if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
+        if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
+        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= PIECE_PARTS || c->cell[p->cell].cuts >= CELL_CUTS;
+        if ((agree && smooth) || last || cells_spent(c)) {
+            for (const Column *k = from; k < to; k++)
+                for (uint32_t r = 0; r < k->nroots; r++)
+                    if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+            cells_emit_spots(c, spot, end);
+        } else {
+            shorten(c, p, agree);
+            if (kept != first + i) c->piece[kept] = *p;
+            kept++;
+        }
+        spot = end;
     }
+    c->npiece = kept;
+    for (uint32_t i = first; i < kept; i++) {
+        Piece p = c->piece[i];
+        if (!p.halve) continue;
+        p.halve = false;
+        uint32_t last = c->npiece;
+        if (!cut_piece(c, &p)) return false;
+        c->piece[i] = c->piece[last], c->piece[last] = c->piece[last + 1], c->npiece--;
+    }
+    return true;
+}
+
+bool cells_integrate(Cells *c) {
+    enum { AT_ONCE = 64 }; /* pieces */
+    while (c->npiece)
+        if (!integrate(c, c->npiece > AT_ONCE ? c->npiece - AT_ONCE : 0)) return false;
     return true;
 }

@@ -5,7 +5,8 @@
  *                   which axis each is a graph
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
- *   cells_column.c  pieces of the base become columns, these roots, crossings and points of the volume
+ *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
  * above a point of the base, along the *height axis*. On a *piece* of the base the same curves lie in the same order
@@ -18,7 +19,7 @@
 #include "runtime/quadrature/lists.h"
 
 enum {
-    CELL_BOXES = 72, /* halves of a node along all axes, and theirs: 8 + 64 */
+    CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
@@ -42,6 +43,7 @@ typedef struct Cell {
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
+    uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
@@ -49,15 +51,18 @@ typedef struct Cell {
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, slope[3]; /* on the column above the middle; d height / d base */
+    double steep;            /* d g / d height there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
-    int8_t axis;      /* height axis */
-    double at[3][2];  /* by axis: the two ends, but of the height axis */
-    uint32_t present; /* bit by edge of the cell: the curve is there */
-    uint32_t halvings;
-    bool graded; /* f has a root singularity at an end of its columns: places are denser there */
+    int8_t axis;       /* height axis */
+    double at[3][2];   /* by axis: the two ends, but of the height axis */
+    uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t halvings; /* of its base */
+    uint32_t parts;    /* in which the columns are cut between roots */
+    bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
+    bool halve;        /* it is too long for the rules */
     PieceEdge edge[CELL_EVENTS];
 } Piece;
 
@@ -84,6 +89,19 @@ typedef struct Root {
     double f[2][SLT_MAX_CHANNELS];
     uint32_t hash[2];
 } Root;
+
+/* A point of the volume, before it is known whether its part is small enough. */
+typedef struct Spot {
+    uint32_t owner; /* piece, or smooth box */
+    uint8_t rule;
+    double x[3], weight, f[SLT_MAX_CHANNELS];
+} Spot;
+
+/* A box on which f is smooth. */
+typedef struct Smooth {
+    double lo[3], end[3];
+    uint32_t halvings;
+} Smooth;
 
 /* g of an event at a point, or on a box. */
 typedef struct Probe {
@@ -115,15 +133,23 @@ struct Cells {
     uint64_t began; /* evaluations counted before this tile */
     bool failed;    /* memory ran out */
     Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
-    GaussRule rule[CELL_RULES];
+    double width;   /* the longest side of the domain */
+    /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
+    GaussRule rule[CELL_RULES], graded[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
-    Cell *cell;                        /* [ncell]: sub-boxes of the node in hand */
+    Cell *cell;                        /* [ncell]: boxes in hand */
     uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
     uint32_t ncolumn, column_cap;
+    uint32_t *first_column; /* of each piece in hand */
+    uint32_t first_column_cap;
+    Spot *spot;
+    uint32_t nspot, spot_cap;
+    Smooth *smooth;
+    uint32_t nsmooth, smooth_cap;
     Root *root;
     uint32_t nroot, root_cap;
     struct Stretch *stretch; /* cells_base.c */
@@ -152,6 +178,9 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
+/* Sums of numbers that differ by less than this part of their size are the same. */
+static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
+bool cells_spent(Cells *c); /* has this tile used its budget up? */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
@@ -183,6 +212,15 @@ bool cells_cut_bases(Cells *c);
 /* ---- cells_column.c: integrates over all pieces */
 bool cells_integrate(Cells *c);
 void cells_flush(Cells *c);
-void cells_emit_point(Cells *c, const double x[3], double weight, CellRule rule);
+
+/* ---- cells_volume.c */
+bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
+bool cells_take_values(Cells *c);                                    /* f at all spots */
+bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
+bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
+void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
+bool cells_integrate_smooth(Cells *c);
+void cells_flush_points(Cells *c);
 
 #endif

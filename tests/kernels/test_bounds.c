@@ -498,6 +498,32 @@ static void programs(void **state) {
     }
 }
 
+/* Structure hides nothing: behind guards that are open, in loops that may have been left, in arrays, functions and
+ * structs g is known with its gradient. */
+static void structure(void **state) {
+    (void)state;
+    jumping = continuous = 0;
+    run("structure",
+        "struct Ball { float2 at; float r; };\n"
+        "param Ball balls[6] = init(place);\n"
+        "Ball place(int i) { Ball b; b.at = 0.2 + 0.6 * rand2(); b.r = 0.1 + 0.1 * rand(); return b; }\n"
+        "float inside(float2 x, Ball b) { return b.r - length(x - b.at); }\n"
+        "shader float main(float2 x) {\n"
+        "  float d[6], f = 0.1, m = -9.0; int best = 0;\n"
+        "  for (int i = 0; i < 6; i++) d[i] = inside(x, balls[i]);\n"
+        "  for (int i = 0; i < 6; i++) {\n"
+        "    [Disc] if (d[i] > 0.0) {\n"
+        "      [Disc] if (d[i] > 0.05) f += 0.5; else f = 0.2 * float(i);\n"
+        "      [Disc] if (x.x + x.y * 0.3 > 0.8) { f += 1.0; break; } } }\n"
+        "  for (int i = 0; i < 6; i++) { [Disc] if (d[i] > m) { m = d[i]; best = i; } }\n"
+        "  return f + balls[best].r; }",
+        0.5);
+    assert_int_equal(jumping, 0);
+    run(SALTUS_TEST_DIR "/programs/nested.salt", NULL, 0.5);
+    assert_int_equal(jumping, 0);
+    assert_true(continuous > 100);
+}
+
 /* Boundary functions that jump where no site says so: gradients know nothing of it. */
 static void jumping_g(void **state) {
     (void)state;
@@ -557,7 +583,8 @@ int main(int argc, char **argv) {
     if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
     const struct CMUnitTest tests[] = {cmocka_unit_test(circle),   cmocka_unit_test(rounding_of_g),
                                        cmocka_unit_test(examples), cmocka_unit_test(other_examples),
-                                       cmocka_unit_test(programs), cmocka_unit_test(jumping_g)};
+                                       cmocka_unit_test(programs), cmocka_unit_test(structure),
+                                       cmocka_unit_test(jumping_g)};
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
     printf("%llu pairs, %llu jumps\n", (unsigned long long)pairs, (unsigned long long)jumps);
     return failed;
