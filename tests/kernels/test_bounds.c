@@ -175,11 +175,21 @@ static int32_t open_of(const Case *t, uint32_t i) {
     return outputs(t, K_BOUNDS, SLT_OUT_OPEN) ? ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN, 0))[i] : 0;
 }
 
-/* Where nothing is open all points lie in one piece. */
+static bool has_array(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_alloc) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_array(i->region[r])) return true;
+    }
+    return false;
+}
+
+/* Where nothing is open all points lie in one piece. With arrays the hash is that of the path, in which events count
+ * too that later ones hide. */
 static uint32_t check_pieces(Case *t) {
     uint32_t settled = 0;
-    bool hashes = t->p->fn[K_REGION] != NULL;
-    if (hashes) call(t, &t->at, K_REGION, ROOM);
+    bool hashes = t->p->fn[K_REGION] && !has_array(t->p->prog->primal->body);
+    if (t->p->fn[K_REGION]) call(t, &t->at, K_REGION, ROOM);
     for (uint32_t i = 0; i < BOXES; i++) {
         if (state_of(t, i) || open_of(t, i)) continue;
         settled++;
