@@ -73,7 +73,7 @@ static void fill_scene(SltProgram *p) {
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
-    s->nlists = p->nlists, s->list_count = p->list_counts;
+    s->nlists = p->nlists, s->list_count = p->list_counts, s->list_noted = p->list_noted;
     if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
 }
 
@@ -85,6 +85,13 @@ static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint
             if (i->imm.loop.cull_id >= *n) *n = i->imm.loop.cull_id + 1;
         }
         for (uint32_t r = 0; r < i->nregions; r++) find_list_counts(i->region[r], counts, n);
+    }
+}
+
+static void find_noted(const Block *b, uint8_t *noted) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_note) noted[i->imm.i] = 1;
+        for (uint32_t r = 0; r < i->nregions; r++) find_noted(i->region[r], noted);
     }
 }
 
@@ -102,6 +109,7 @@ static void site_tables(SltProgram *p) {
         p->site_static[s] = !(facts[s] & DEPENDS_X);
     }
     p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
+    p->list_noted = ARENA_ARRAY(a, uint8_t, SLT_MAX_CULL);
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
     p->nlists = p->prog->ncull;
     find_list_counts(primal->body, p->list_counts, &p->nlists);
@@ -151,6 +159,7 @@ static void build_body(Session *s, void *arg) {
         p->tape[k] = set.tape[k];
         p->scene.layout[k] = set.layout[k];
         api_geometries_want(p, set.fn[k]);
+        if (k == K_BOUNDS) find_noted(set.fn[k]->body, p->list_noted);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
             back_dense_adjoints(set.fn[k], p->dense);

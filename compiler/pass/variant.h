@@ -64,4 +64,7 @@ void variant_drop_choices(Fn *fn);                /* for kernels that note none 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
 
+/* variant_lists.c: puts a `note` into every loop with a list whose iterations can be left out. */
+void variant_note_lists(PassCtx *ctx, Fn *fn);
+
 #endif

@@ -203,6 +203,10 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, bool edges) 
     return to;
 }
 
-Fn *variant_bounds(PassCtx *ctx, const Fn *seamed) { return on_boxes(ctx, seamed, "bounds", false); }
+Fn *variant_bounds(PassCtx *ctx, const Fn *seamed) {
+    Fn *noting = ir_clone(seamed, seamed->arena, "bounds.from");
+    variant_note_lists(ctx, noting);
+    return on_boxes(ctx, noting, "bounds", false);
+}
 
 Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge) { return on_boxes(ctx, edge, "edge_bounds", true); }

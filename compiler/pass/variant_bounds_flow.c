@@ -268,6 +268,10 @@ void bounds_block(Boxes *x, Builder *b, const Block *from) {
         case OP_load: bounds_load(x, b, i); break;
         case OP_store: bounds_store(x, b, i); break;
         case OP_acopy: bounds_acopy(x, b, i); break;
+        case OP_note: /* may it, and is it certain to (variant_lists.c) */
+            ir_special(b, OP_note, TY_VOID, 2, (Inst *[]){value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.lo},
+                       i->imm);
+            break;
         default: bounds_value(x, b, i);
         }
     }

@@ -316,6 +316,20 @@ static uint32_t same_arguments(const Inst *i) {
     return same;
 }
 
+/* Is it an integer whose events are told? What rounds or converts it changes with them alone. */
+static bool is_rounded(const Boxes *x, const Inst *v) {
+    switch ((Op)v->op) {
+    case OP_siten: return variant_site_info(x->from, v)->kind != SITE_COMPARE;
+    case OP_ffloor:
+    case OP_fceil:
+    case OP_fround:
+    case OP_ftrunc:
+    case OP_f2i:
+    case OP_f2u: return is_rounded(x, v->args[0]);
+    default: return false;
+    }
+}
+
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Bound a[3];
     Boxed arg[3] = {0};
@@ -328,10 +342,7 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
     Inst *own = own_open(b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
-    /* The event of a rounding is told, and its conversion changes with it alone. */
-    bool told = (i->op == OP_f2i || i->op == OP_f2u) && i->args[0]->op == OP_siten &&
-                variant_site_info(x->from, i->args[0])->kind != SITE_COMPARE;
-    r.open = told ? open : open_union(b, open, own);
+    r.open = is_rounded(x, i) && is_rounded(x, i->args[0]) ? open : open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);

@@ -32,7 +32,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
         c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
         c->width = fmax(c->width, hi[d] - lo[d]);
     }
-    bool made = cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
+    bool made = lists_init(&c->lists, c->s);
+    made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
     for (int r = 0; r < CELL_RULES; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
@@ -46,6 +47,7 @@ void cells_free(Cells *c) {
     free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth);
     for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
+    lists_free(&c->lists);
     free(c);
 }
 
@@ -123,7 +125,7 @@ static void split(Cells *c, const Box *box, uint32_t level, uint32_t bends) {
                     cell->box.end[d] = at[d][i[d] + 1];
                     if (i[d] + 1 < n[d]) cell->box.hi[d] = at[d][i[d] + 1];
                 }
-                cell->level = level + 1, cell->bends = bends, cell->done = false, cell->axes = 0;
+                cell->level = level + 1, cell->bends = bends, cell->done = false, cell->axes = 0, cell->cuts = 0;
             }
 }
 
@@ -176,12 +178,16 @@ static bool settle(Cells *c, const Cell *cell) {
     }
 }
 
+bool cells_spent(Cells *c) {
+    if (c->o->budget && c->b->evaluations - c->began >= c->o->budget) c->counts->spent = true;
+    return c->counts->spent;
+}
+
 /* May it be cut further? */
 static bool divisible(Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
-    if (c->o->budget && c->b->evaluations - c->began >= c->o->budget) c->counts->spent = true;
-    return room && !c->counts->spent && side(c, &cell->box) > c->o->least;
+    return room && !cells_spent(c) && side(c, &cell->box) > c->o->least;
 }
 
 /* The cell is cut further, or left over. */
@@ -193,7 +199,10 @@ static bool refine(Cells *c, Cell *cell) {
         return true;
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends};
+    uint32_t i = (uint32_t)(cell - c->cell);
+    bool split = c->lists.any && i >= c->nhalves;
+    ListsAt lists = split ? lists_of(&c->lists, i - c->nhalves) : lists_of_node(&c->lists);
+    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends, .lists = lists};
     return true;
 }
 
@@ -235,7 +244,8 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
         split(c, &c->cell[i].box, c->cell[i].level, c->cell[i].bends);
     }
     first[halves] = c->ncell;
-    cells_bound(c, c->cell, c->ncell);
+    c->nhalves = halves;
+    if (!cells_bound(c)) return false;
     if (!cells_close(c, c->cell, halves)) return false;
     for (uint32_t i = 0; i < halves; i++) {
         Cell *cell = &c->cell[i];
@@ -285,24 +295,28 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
         }
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = *tile};
+    const SltCullList *given = c->b->args.cull;
+    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
-    const uint32_t parts = c->dim == 1 ? 20 : c->dim == 2 ? 20 : 72;
-    uint32_t at_once = c->s->nlists ? 1 : CELL_BOXES / parts;
+    const uint32_t parts = c->dim < 3 ? 20 : 72;
+    uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
+    bool worked = true;
     c->within = *tile;
-    while (c->nstack) {
-        if (counts->spent) {
-            give_up(c, &c->stack[--c->nstack]);
-            continue;
-        }
+    while (worked && c->nstack) {
         Node node[CELL_BOXES / 20];
         uint32_t n = c->nstack < at_once ? c->nstack : at_once;
         c->nstack -= n;
         memcpy(node, c->stack + c->nstack, n * sizeof *node);
-        if (c->s->nlists) c->within = node[0].box;
-        if (!work(c, node, n)) return false;
-        if (c->s->nlists) cells_flush(c);
+        if (counts->spent) {
+            for (uint32_t i = 0; i < n; i++) give_up(c, &node[i]);
+            continue;
+        }
+        lists_enter(&c->lists, c->b, node[0].lists);
+        if (c->lists.any) c->within = node[0].box;
+        worked = work(c, node, n);
+        if (c->lists.any) cells_flush(c);
     }
     cells_flush(c);
-    return true;
+    c->b->args.cull = given, c->b->args.note = NULL;
+    return worked;
 }

@@ -192,7 +192,7 @@ static void emit_crossing(Cells *c, const Root *r) {
  * The length of the curve's element is that of the tangent in the middle times (d_k g there) / d_k g: what the
  * derivatives of the integral are made of. */
 static void measure_curve(const Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t edge,
-                          double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most) {
+                          double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
     const PieceEdge *e = &p->edge[edge];
     double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
     middle(c, p, mid);
@@ -210,7 +210,7 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
             double w = k->weight * tangent * fabs(e->steep / r->dg[p->axis]);
             for (uint32_t ch = 0; ch < c->s->channels; ch++) {
                 double jump = r->f[1][ch] - r->f[0][ch];
-                *most = fmax(*most, fabs(jump));
+                *most = fmax(*most, fabs(jump)), *total += w * fabs(jump);
                 sum[k->rule][ch][0] += w * jump;
                 for (uint32_t d = 0; d < c->dim; d++)
                     sum[k->rule][ch][1 + d] += w * jump * (r->x[d] - mid[d]) / half[d];
@@ -220,22 +220,24 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
 
 static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
     for (uint32_t e = 0; e < CELL_EVENTS; e++) {
-        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0;
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
-        measure_curve(c, p, from, to, e, sum, &most);
+        measure_curve(c, p, from, to, e, sum, &most, &total);
+        double least = fmax(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             for (uint32_t m = 0; m <= c->dim; m++)
-                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > c->o->tolerance * most * c->width)
-                    return false;
+                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;
     }
     return true;
 }
 
-enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024 };
+/* What rounding or a singularity keeps apart would be cut without end. */
+enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
  * a curve; else its base or its columns may be too long. */
-static void shorten(const Cells *c, Piece *p, bool curves_agree) {
+static void shorten(Cells *c, Piece *p, bool curves_agree) {
+    c->cell[p->cell].cuts++;
     if (curves_agree && !p->graded) p->graded = true;
     else if (curves_agree && (c->dim == 1 || p->parts < 1u << p->halvings)) p->parts *= 2;
     else p->halve = true;
@@ -285,7 +287,8 @@ static bool integrate(Cells *c, uint32_t first) {
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
-        if ((agree && smooth) || p->halvings >= PIECE_HALVINGS || p->parts >= PIECE_PARTS) {
+        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= PIECE_PARTS || c->cell[p->cell].cuts >= CELL_CUTS;
+        if ((agree && smooth) || last || cells_spent(c)) {
             for (const Column *k = from; k < to; k++)
                 for (uint32_t r = 0; r < k->nroots; r++)
                     if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);

@@ -16,6 +16,7 @@
 
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
+#include "runtime/quadrature/lists.h"
 
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
@@ -42,6 +43,7 @@ typedef struct Cell {
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
+    uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
@@ -117,6 +119,7 @@ typedef struct Ask {
 typedef struct Node {
     Box box;
     uint32_t level, bends;
+    ListsAt lists;
 } Node;
 
 struct Cells {
@@ -129,13 +132,14 @@ struct Cells {
     CellCounts *counts;
     uint64_t began; /* evaluations counted before this tile */
     bool failed;    /* memory ran out */
+    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
     double width;   /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
-    Cell *cell; /* [ncell]: boxes in hand */
-    uint32_t ncell, cell_cap;
+    Cell *cell;                        /* [ncell]: boxes in hand */
+    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
@@ -174,6 +178,9 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
+/* Sums of numbers that differ by less than this part of their size are the same. */
+static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
+bool cells_spent(Cells *c); /* has this tile used its budget up? */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
@@ -185,7 +192,7 @@ bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open. */
-void cells_bound(Cells *c, Cell *cell, uint32_t n);
+bool cells_bound(Cells *c);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);

@@ -4,7 +4,11 @@
 
 #include "runtime/quadrature/cells_inner.h"
 
-enum { STEPS = 100, NARROW = 4 /* units in the last place from a root to each of its sides */ };
+enum {
+    STEPS = 100,
+    NOISE = 256 /* units in the last place */,
+    NARROW = 4 /* units in the last place from a root to each of its sides */
+};
 
 static double unit(const Cells *c, const Root *r) {
     return (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(r->lo), fabs(r->hi));
@@ -30,7 +34,10 @@ static bool advance(const Cells *c, Root *r) {
     bool below = (r->rises > 0) == (r->g < 0);
     if (below) r->lo = x, r->ends[0] = true;
     else r->hi = x, r->ends[1] = true;
-    if (r->g == 0 || fabs(to - x) <= shortest || r->hi - r->lo <= 2 * shortest) return false;
+    /* Close to the root steps end where the rounding of g does. */
+    double step = fabs(to - x);
+    bool noise = step <= NOISE * shortest && !(step <= 0.25 * r->step);
+    if (r->g == 0 || step <= shortest || noise || r->hi - r->lo <= 2 * shortest) return false;
     bool at_end = false;
     if (to <= r->lo && !r->ends[0]) to = r->lo, at_end = true;
     else if (to >= r->hi && !r->ends[1]) to = r->hi, at_end = true;

@@ -90,7 +90,7 @@ bool cells_take_values(Cells *c) {
 
 /* Compares the integral of each channel and its moments in the position. */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
-    double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, lo[3], hi[3];
+    double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, lo[3], hi[3];
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
     for (uint32_t i = from; i < to; i++)
         for (uint32_t d = 0; d < c->dim; d++)
@@ -99,7 +99,7 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
         const Spot *s = &c->spot[i];
         for (uint32_t ch = 0; ch < c->s->channels; ch++) {
             double v = s->weight * s->f[ch];
-            most = fmax(most, fabs(s->f[ch]));
+            most = fmax(most, fabs(s->f[ch])), total += fabs(v);
             sum[s->rule][ch][0] += v;
             for (uint32_t d = 0; d < c->dim; d++)
                 if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
@@ -167,7 +167,7 @@ static bool integrate_last(Cells *c, uint32_t first) {
     for (uint32_t i = first; i < n; i++) {
         uint32_t end = at;
         while (end < c->nspot && c->spot[end].owner == i) end++;
-        if (!compare || c->smooth[i].halvings >= BOX_HALVINGS || cells_values_agree(c, at, end))
+        if (!compare || c->smooth[i].halvings >= BOX_HALVINGS || cells_spent(c) || cells_values_agree(c, at, end))
             cells_emit_spots(c, at, end);
         else c->smooth[kept++] = c->smooth[i];
         at = end;
