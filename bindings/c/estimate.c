@@ -48,6 +48,7 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
         c->job.estimator = SLT_EST_LATTICE;
     s = settle(c);
     value_needs(&c->job, needs);
+    needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
     return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 

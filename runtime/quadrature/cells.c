@@ -303,14 +303,14 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     bool worked = true;
     c->within = *tile;
     while (worked && c->nstack) {
+        if (counts->spent) {
+            give_up(c, &c->stack[--c->nstack]);
+            continue;
+        }
         Node node[CELL_BOXES / 20];
         uint32_t n = c->nstack < at_once ? c->nstack : at_once;
         c->nstack -= n;
         memcpy(node, c->stack + c->nstack, n * sizeof *node);
-        if (counts->spent) {
-            for (uint32_t i = 0; i < n; i++) give_up(c, &node[i]);
-            continue;
-        }
         lists_enter(&c->lists, c->b, node[0].lists);
         if (c->lists.any) c->within = node[0].box;
         worked = work(c, node, n);
