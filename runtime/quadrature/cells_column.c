@@ -122,7 +122,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
-        r->wanted = c->o->curves && is_site(c, &c->piece[c->column[r->column].piece], r->edge);
+        r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
+                    is_site(c, &c->piece[c->column[r->column].piece], r->edge);
     }
     if (!cells_take_sides(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
@@ -235,12 +236,19 @@ static bool curves_agree(const Cells *c, const Piece *p, const Column *from, con
 enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
- * a curve; else its base or its columns may be too long. */
-static void shorten(Cells *c, Piece *p, bool curves_agree) {
+ * a curve; else its base or its columns are too long. */
+static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from, const Column *to) {
+    Piece *p = &c->piece[i];
+    bool columns = c->dim == 1;
     c->cell[p->cell].cuts++;
-    if (curves_agree && !p->graded) p->graded = true;
-    else if (curves_agree && (c->dim == 1 || p->parts < 1u << p->halvings)) p->parts *= 2;
+    if (curves_agree && !p->graded) {
+        p->graded = true;
+        return true;
+    }
+    if (curves_agree && !columns && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (columns) p->parts *= 2;
     else p->halve = true;
+    return true;
 }
 
 /* The halves of a piece whose base is too long. */
@@ -287,14 +295,15 @@ static bool integrate(Cells *c, uint32_t first) {
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
-        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= PIECE_PARTS || c->cell[p->cell].cuts >= CELL_CUTS;
+        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
+                    c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             for (const Column *k = from; k < to; k++)
                 for (uint32_t r = 0; r < k->nroots; r++)
                     if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
             cells_emit_spots(c, spot, end);
         } else {
-            shorten(c, p, agree);
+            if (!shorten(c, first + i, agree, from, to)) return false;
             if (kept != first + i) c->piece[kept] = *p;
             kept++;
         }

@@ -35,13 +35,19 @@ typedef struct CellEdge {
 
 typedef struct Cell {
     Box box;
-    uint32_t level, bends; /* how often its ancestors were cut, and since when only because something bends */
+    uint32_t level, bends; /* how often its ancestors were cut, and of these because something bends */
+    uint32_t seams;        /* and at seams */
+    bool curves_done;      /* the curves in it were integrated already; the volume is not */
+    bool lonely;           /* few of its ancestor's parts were no cells: around a point */
+    int8_t cut;            /* edge along which it is cut; -1: none */
+    uint32_t node;         /* in hand */
     uint32_t state;        /* SLT_BOX_* */
     uint32_t nopen;        /* as the kernel counts: more than CELL_EVENTS where they are too many */
     uint32_t nedges;       /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
+    bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool done;                      /* nothing more is to be done with it */
@@ -75,8 +81,9 @@ typedef struct Column {
 /* The root of g along one axis, in a bracket in which g is monotone. */
 typedef struct Root {
     const Event *event;
-    double x[3];   /* where; of x[axis] only a guess until it is solved */
-    double lo, hi; /* the bracket: ends of the line, and later places where g was taken */
+    double x[3];       /* where; of x[axis] only a guess until it is solved */
+    double ends_at[2]; /* of the line */
+    double lo, hi;     /* the bracket: ends of the line, and later places where g was taken */
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
@@ -117,7 +124,9 @@ typedef struct Ask {
 
 typedef struct Node {
     Box box;
-    uint32_t level, bends;
+    uint32_t level, bends, seams; /* as in Cell */
+    bool whole;                   /* the box itself may be a cell: it was cut at a seam */
+    bool curves_done, lonely;     /* as in Cell */
 } Node;
 
 struct Cells {
@@ -193,6 +202,8 @@ void cells_bound(Cells *c, Cell *cell, uint32_t n);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
+/* An edge that runs along an axis, at which the cell may be cut exactly; -1: none. */
+int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 
@@ -200,6 +211,9 @@ bool cells_choose_axes(const Cells *c, Cell *cell);
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
 /* All of root[nroot]. A root that lies outside of its line by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
+/* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
+ * where it does not get lo = hi. */
+bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted. */
 bool cells_take_sides(Cells *c);
 
@@ -214,6 +228,8 @@ void cells_flush(Cells *c);
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+/* Do the rules differ along the columns of the fine rule, rather than along the base? */
+bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
 bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
