@@ -36,7 +36,7 @@ typedef struct ExplainedGeometry {
 
 /* A place in the source that bounds say something of. */
 typedef struct ExplainedPlace {
-    const char *file, *what, *text; /* file NULL: no place; what: "min", or why there is no bound */
+    const char *file, *what, *text; /* file NULL: no place; what: "kink", "jump", or why there is no bound */
     uint32_t line, column;
 } ExplainedPlace;
 

@@ -25,18 +25,20 @@ static void add_place(ExplainedPlace *list, uint32_t *n, ExplainedPlace at) {
     list[(*n)++] = at;
 }
 
+/* Minima, maxima and absolute values bend; other seams jump. The seam's text is the name of its operation. */
+static const char *seam_kind(const char *text) {
+    bool bends = !strcmp(text, "min") || !strcmp(text, "max") || !strcmp(text, "abs");
+    return bends ? "kink" : "jump";
+}
+
 static void explain_seams(const SltProgram *p, Arena *arena, ExplainedBounds *out) {
-    static const char *const kinds[SLT_SITE_KINDS] = {
-#define SLT_SITE(id, text, ...) text,
-#include "saltus/kernel.def"
-    };
     const Fn *fn = p->fn[K_BOUNDS];
     uint32_t sites = p->prog->primal->nsites;
     if (!fn || fn->nsites <= sites) return;
     out->seams = ARENA_ARRAY(arena, ExplainedPlace, fn->nsites - sites);
     for (uint32_t s = sites; s < fn->nsites; s++)
         add_place(out->seams, &out->nseams,
-                  place_of(p, fn->sites[s].span, kinds[fn->sites[s].kind], fn->sites[s].text));
+                  place_of(p, fn->sites[s].span, seam_kind(fn->sites[s].text), fn->sites[s].text));
 }
 
 /* Why no box settles what depends on this; NULL: it has bounds. */

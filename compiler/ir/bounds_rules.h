@@ -75,6 +75,11 @@ Inst *bound_is_number(Rule *r, Bound x);
  * whoever squares it makes it NaN; MAGNITUDE is what is not below 0. */
 Bound bound_even(Rule *r, Bound x);
 
+Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same);
+bool bound_all_points(const Bound *a, uint32_t n);
+Bound bound_row(Rule *r); /* the column, for arguments not all of which are points */
+Bound bound_less(Rule *r, Bound x, Bound y);
+
 /* bounds_math.c: elementary functions. ulps: the largest error of the row. */
 Bound bound_near(Rule *r, double ulps, Bound x);
 Bound bound_log(Rule *r, double ulps);

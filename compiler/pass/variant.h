@@ -57,11 +57,13 @@ void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o);
 void variant_use_witnesses(Fn *fn);
 
 /* variant_chunks.c: the primal with its long stretches of operations in chunks; NULL where it has none. */
-Fn *variant_chunks(PassCtx *ctx, const Fn *primal);
-const SltChunks *variant_chunk_table(Fn *chunks); /* in the Fn's arena */
-void variant_drop_choices(Fn *fn);                /* for kernels that note none */
+Fn *variant_chunks(PassCtx *ctx, const Fn *primal, const SltChunks **table); /* table: in the Fn's arena */
+void variant_drop_choices(Fn *fn);                                           /* for kernels that note none */
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
+
+/* variant_lists.c: puts a `note` into every loop with a list whose iterations can be left out. */
+void variant_note_lists(PassCtx *ctx, Fn *fn);
 
 #endif

@@ -19,6 +19,7 @@ static Boxed load_element(Builder *b, const BoxedArray *a, Inst *at) {
     v.is.lo = v.is.hi = load(b, a->lo, at);
     if (a->hi) v.is.hi = load(b, a->hi, at);
     if (a->open) v.open = load(b, a->open, at);
+    if (a->error) v.error = load(b, a->error, at);
     return v;
 }
 
@@ -26,6 +27,7 @@ static void store_element(Builder *b, const BoxedArray *a, Inst *at, Boxed v) {
     store(b, a->lo, at, v.is.lo);
     if (a->hi) store(b, a->hi, at, v.is.hi);
     if (a->open) store(b, a->open, at, v.open ? v.open : ir_consti(b, 0));
+    if (a->error) store(b, a->error, at, v.error ? v.error : ir_constf(b, 0));
 }
 
 static Inst *alloc(Builder *b, uint32_t count, IrType elem) {
@@ -41,6 +43,7 @@ void bounds_alloc(Boxes *x, Builder *b, const Inst *i) {
     *a = (BoxedArray){.lo = alloc(b, i->imm.arr.count, i->imm.arr.elem), .path = x->path.len};
     if (fact & FACT_WIDE) a->hi = alloc(b, i->imm.arr.count, i->imm.arr.elem);
     if (fact & FACT_OPEN) a->open = alloc(b, i->imm.arr.count, TY_INT);
+    if (fact & FACT_ERROR) a->error = alloc(b, i->imm.arr.count, TY_FLT);
 }
 
 /* An index within an array or a range of parameters. */
@@ -70,26 +73,32 @@ void bounds_load(Boxes *x, Builder *b, const Inst *i) {
     }
     Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
     Boxed first = load_element(b, a, from);
-    Inst *init[4] = {from, first.is.lo, first.is.hi, first.open ? first.open : ir_consti(b, 0)};
-    Inst *loop = ir_loop(b, 4, init, (LoopInfo){.max_iters = count});
+    Inst *init[5] = {from, first.is.lo, first.is.hi, first.open ? first.open : ir_consti(b, 0), first.error};
+    Inst *loop = ir_loop(b, first.error ? 5 : 4, init, (LoopInfo){.max_iters = count});
     Inst **p = loop->region[0]->params;
     Builder in = ir_at_end(x->to, loop->region[0]);
     Boxed v = load_element(&in, a, p[1]);
     Bound hull = ir_bound_hull(&in, (Bound){p[2], p[3]}, v.is);
-    Inst *yield[5] = {ir_emit2(&in, OP_ilt, p[1], to), next_index(&in, p[1]), hull.lo, hull.hi,
-                      open_union(&in, p[4], v.open)};
-    ir_yield(&in, 5, yield);
+    Inst *yield[6] = {ir_emit2(&in, OP_ilt, p[1], to),
+                      next_index(&in, p[1]),
+                      hull.lo,
+                      hull.hi,
+                      open_union(&in, p[4], v.open),
+                      first.error ? error_larger(&in, p[5], v.error) : NULL};
+    ir_yield(&in, first.error ? 6 : 5, yield);
     Boxed r = {.is = {ir_proj(b, loop, 1), ir_proj(b, loop, 2)}};
     r.open = open_union(b, ir_proj(b, loop, 3), at.open);
+    if (first.error) r.error = ir_proj(b, loop, 4);
     x->value[i->id] = r;
 }
 
 static Boxed weakened(Builder *b, const BoxedArray *a, Inst *at, Boxed v, Inst *strong, Inst *open) {
-    Boxed old = load_element(b, a, at), r;
+    Boxed old = load_element(b, a, at), r = {0};
     Bound hull = ir_bound_hull(b, old.is, v.is);
     r.is.lo = bounds_choose(b, strong, v.is.lo, hull.lo);
     r.is.hi = bounds_choose(b, strong, v.is.hi, hull.hi);
     r.open = open_where(b, strong, v.open, open_union(b, open, open_union(b, old.open, v.open)));
+    r.error = error_larger(b, old.error, v.error);
     return r;
 }
 
@@ -118,14 +127,13 @@ void bounds_acopy(Boxes *x, Builder *b, const Inst *i) {
     uint32_t count = i->args[0]->imm.arr.count;
     PathStep path = path_since(x, b, to->path);
     if (!to->hi) {
+        if (to->error && from->error) ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){to->error, from->error}, (Imm){0});
         ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){to->lo, from->lo}, (Imm){0});
         return;
     }
-    Inst *zero = ir_consti(b, 0);
     Inst *loop = ir_loop(b, 0, NULL, (LoopInfo){.max_iters = count, .exact = true});
     Inst *j = loop->region[0]->params[0];
     Builder in = ir_at_end(x->to, loop->region[0]);
-    (void)zero;
     Boxed v = load_element(&in, from, j);
     store_element(&in, to, j, path.certain ? weakened(&in, to, j, v, path.certain, path.open) : v);
     Inst *go_on = ir_emit2(&in, OP_ilt, j, ir_consti(&in, (int32_t)count - 1));
@@ -154,7 +162,7 @@ void bounds_param(Boxes *x, Builder *b, const Inst *i) {
     Inst *yield[4] = {ir_emit2(&in, OP_ilt, p[1], end), next_index(&in, p[1]), hull.lo, hull.hi};
     ir_yield(&in, 4, yield);
     Bound whole = ir_bound_whole(b, (IrType)i->type);
-    Boxed r;
+    Boxed r = {0};
     r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 1), whole.lo);
     r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 2), whole.hi);
     r.open = at.open;

@@ -7,7 +7,7 @@
 
 typedef Vec(Inst *) Insts;
 
-/* ---- a Boxed as the values that an operation yields or carries: lo, [hi], [open] by its facts */
+/* ---- a Boxed as the values that an operation yields or carries: lo, [hi], [open], [error] by its facts */
 
 static void pack(Boxes *x, Builder *b, Insts *to, uint8_t fact, Boxed v) {
     if ((v.is.lo != v.is.hi && !(fact & FACT_WIDE)) || (v.open && !(fact & FACT_OPEN)))
@@ -15,15 +15,19 @@ static void pack(Boxes *x, Builder *b, Insts *to, uint8_t fact, Boxed v) {
     vec_push(x->arena, to, v.is.lo);
     if (fact & FACT_WIDE) vec_push(x->arena, to, v.is.hi);
     if (fact & FACT_OPEN) vec_push(x->arena, to, v.open ? v.open : ir_consti(b, 0));
+    if (fact & FACT_ERROR) vec_push(x->arena, to, v.error ? v.error : ir_constf(b, 0));
 }
 
-static uint32_t packed(uint8_t fact) { return 1u + (fact & FACT_WIDE ? 1u : 0u) + (fact & FACT_OPEN ? 1u : 0u); }
+static uint32_t packed(uint8_t fact) {
+    return 1u + (fact & FACT_WIDE ? 1u : 0u) + (fact & FACT_OPEN ? 1u : 0u) + (fact & FACT_ERROR ? 1u : 0u);
+}
 
 static Boxed unpack_params(const Block *body, uint32_t *at, uint8_t fact) {
     Boxed v = {0};
     v.is.lo = v.is.hi = body->params[(*at)++];
     if (fact & FACT_WIDE) v.is.hi = body->params[(*at)++];
     if (fact & FACT_OPEN) v.open = body->params[(*at)++];
+    if (fact & FACT_ERROR) v.error = body->params[(*at)++];
     return v;
 }
 
@@ -32,6 +36,7 @@ static Boxed unpack_results(Builder *b, Inst *op, uint32_t *at, uint8_t fact) {
     v.is.lo = v.is.hi = ir_proj(b, op, (*at)++);
     if (fact & FACT_WIDE) v.is.hi = ir_proj(b, op, (*at)++);
     if (fact & FACT_OPEN) v.open = ir_proj(b, op, (*at)++);
+    if (fact & FACT_ERROR) v.error = ir_proj(b, op, (*at)++);
     return v;
 }
 
@@ -39,6 +44,7 @@ static Boxed unpack_results(Builder *b, Inst *op, uint32_t *at, uint8_t fact) {
 static Boxed with_facts(Boxed v, uint8_t fact) {
     if (!(fact & FACT_WIDE)) v.is.hi = v.is.lo;
     if (!(fact & FACT_OPEN)) v.open = NULL;
+    if (!(fact & FACT_ERROR)) v.error = NULL;
     return v;
 }
 
@@ -55,12 +61,17 @@ static Boxed choose(Builder *b, Inst *which, Boxed p, Boxed q) {
     r.is.lo = bounds_choose(b, which, p.is.lo, q.is.lo);
     r.is.hi = p.is.lo == p.is.hi && q.is.lo == q.is.hi ? r.is.lo : bounds_choose(b, which, p.is.hi, q.is.hi);
     r.open = p.open || q.open ? open_where(b, which, p.open, q.open) : NULL;
+    r.error = error_larger(b, p.error, q.error);
     return r;
 }
 
 /* Either of the two, by something that is open itself. */
 static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open) {
-    return (Boxed){.is = ir_bound_hull(b, p.is, q.is), .open = open_union(b, open, open_union(b, p.open, q.open))};
+    if (p.is.lo == q.is.lo && p.is.hi == q.is.hi)
+        return (Boxed){p.is, open_union(b, open, open_union(b, p.open, q.open)), error_larger(b, p.error, q.error)};
+    return (Boxed){.is = ir_bound_hull(b, p.is, q.is),
+                   .open = open_union(b, open, open_union(b, p.open, q.open)),
+                   .error = error_larger(b, p.error, q.error)};
 }
 
 /* ---- if_ */
@@ -91,8 +102,8 @@ static bool passes_through(const Block *region) { return region->first == region
 /* Where the condition holds on a part of the box only, the set that a result gets from it. */
 static Boxed joined(Boxes *x, Builder *b, const Inst *p, Boxed yes, Boxed no) {
     const Inst *i = p->args[0];
-    if (side(p, 0) == side(p, 1)) return yes;
-    return either(b, yes, no, bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)));
+    bool same = side(p, 0) == side(p, 1); /* but known better on either side */
+    return either(b, yes, no, same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)));
 }
 
 /* Values of one side for all results, under what its condition teaches. */
@@ -226,7 +237,7 @@ void bounds_loop(Boxes *x, Builder *b, const Inst *i) {
             Boxed before = unpack_params(in_body, &at, x->fact[p->id]);
             Boxed now = value_of(x, body->last->args[p->imm.i + 1]);
             now.open = open_union(&in, now.open, open);
-            Boxed both = {.is = ir_bound_hull(&in, before.is, now.is), .open = open_union(&in, before.open, now.open)};
+            Boxed both = either(&in, before, now, NULL);
             Boxed kept = choose(&in, leaving, choose(&in, left, both, now), before);
             pack(x, &in, &out, x->fact[p->id], kept);
         }
@@ -257,6 +268,10 @@ void bounds_block(Boxes *x, Builder *b, const Block *from) {
         case OP_load: bounds_load(x, b, i); break;
         case OP_store: bounds_store(x, b, i); break;
         case OP_acopy: bounds_acopy(x, b, i); break;
+        case OP_note: /* may it, and is it certain to (variant_lists.c) */
+            ir_special(b, OP_note, TY_VOID, 2, (Inst *[]){value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.lo},
+                       i->imm);
+            break;
         default: bounds_value(x, b, i);
         }
     }

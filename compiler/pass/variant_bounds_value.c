@@ -186,7 +186,7 @@ static bool uses(const Inst *cond, const Inst *v, uint32_t depth) {
 
 static void select_value(Boxes *x, Builder *b, const Inst *i) {
     const Inst *cond = i->args[0];
-    Boxed c = value_of(x, cond), v[2], r;
+    Boxed c = value_of(x, cond), v[2], r = {0};
     if (is_root_of(cond, i->args[1], i->args[2])) {
         x->value[i->id] = value_of(x, i->args[2]);
         return;
@@ -201,6 +201,7 @@ static void select_value(Boxes *x, Builder *b, const Inst *i) {
     r.is = ir_bound_row(b, (Op)i->op, (Bound[]){c.is, v[0].is, v[1].is}, 3, 0);
     Inst *open = open_union(b, joined, open_union(b, v[0].open, v[1].open));
     r.open = open_where(b, c.is.lo, v[0].open, open_where(b, c.is.hi, open, v[1].open));
+    r.error = error_larger(b, v[0].error, v[1].error);
     x->value[i->id] = r;
 }
 
@@ -282,10 +283,9 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
         Boxed p = value_of(x, of->args[0]), q;
         q = of->nargs > 1 ? value_of(x, of->args[1]) : p;
         Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs).bends;
-        if (!open) ice(x->to->session, "a seam around %s", ir_ops[of->op].name);
-        Inst *event = record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
+        Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
-        if (of->nargs > 1) { /* the set of the one that wins, where that is settled */
+        if (open && of->nargs > 1) { /* the set of the one that wins, where that is settled */
             Inst *below = not_above(b, p.is.hi, q.is.lo), *above = not_above(b, q.is.hi, p.is.lo);
             any = open_where(b, open, any, open_where(b, of->op == OP_fmin ? below : above, p.open, q.open));
         }
@@ -316,24 +316,37 @@ static uint32_t same_arguments(const Inst *i) {
     return same;
 }
 
+/* Is it an integer whose events are told? What rounds or converts it changes with them alone. */
+static bool is_rounded(const Boxes *x, const Inst *v) {
+    switch ((Op)v->op) {
+    case OP_siten: return variant_site_info(x->from, v)->kind != SITE_COMPARE;
+    case OP_ffloor:
+    case OP_fceil:
+    case OP_fround:
+    case OP_ftrunc:
+    case OP_f2i:
+    case OP_f2u: return is_rounded(x, v->args[0]);
+    default: return false;
+    }
+}
+
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Bound a[3];
+    Boxed arg[3] = {0};
     Inst *open = NULL;
     for (uint32_t k = 0; k < i->nargs; k++) {
-        Boxed v = value_of(x, i->args[k]);
-        a[k] = v.is;
-        open = open_union(b, open, v.open);
+        arg[k] = value_of(x, i->args[k]);
+        a[k] = arg[k].is;
+        open = open_union(b, open, arg[k].open);
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
     Inst *own = own_open(b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
-    /* The event of a rounding is told, and its conversion changes with it alone. */
-    bool told = (i->op == OP_f2i || i->op == OP_f2u) && i->args[0]->op == OP_siten &&
-                variant_site_info(x->from, i->args[0])->kind != SITE_COMPARE;
-    r.open = told ? open : open_union(b, open, own);
+    r.open = is_rounded(x, i) && is_rounded(x, i->args[0]) ? open : open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    if (x->fact[i->id] & FACT_ERROR) r.error = bounds_error(x, b, i, arg, r.is);
     x->value[i->id] = r;
 }
 
@@ -348,6 +361,10 @@ static void copy(Boxes *x, Builder *b, const Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++) args[a] = value_of(x, i->args[a]).is.lo;
     Inst *c = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, args, i->imm);
     x->value[i->id] = point(c);
+    if (!(x->fact[i->id] & FACT_ERROR)) return;
+    Boxed arg[3] = {0};
+    for (uint32_t a = 0; a < i->nargs && a < 3; a++) arg[a] = value_of(x, i->args[a]);
+    x->value[i->id].error = bounds_error(x, b, i, arg, (Bound){c, c});
 }
 
 void bounds_value(Boxes *x, Builder *b, const Inst *i) {
@@ -362,6 +379,26 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_rand:
         x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 1)}, .open = ir_consti(b, OPEN_JUMP)};
         return;
+    case OP_live:
+    case OP_settled: copy(x, b, i); return;
+    case OP_give: /* its lower and its upper end lie side by side */
+    case OP_take:
+        for (uint32_t end = 0; end < 2; end++) {
+            Imm imm = i->imm;
+            imm.frame.place = end, imm.frame.places = 2;
+            Bound v = i->op == OP_give ? value_of(x, i->args[0]).is : (Bound){0};
+            Inst *value = end ? v.hi : v.lo;
+            Inst *r = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, &value, imm);
+            if (i->op == OP_give) continue;
+            if (end) x->value[i->id].is.hi = r;
+            else x->value[i->id].is.lo = r;
+        }
+        return;
+    case OP_choice: {
+        Inst *may[2] = {value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.hi};
+        ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
+        return;
+    }
     case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:

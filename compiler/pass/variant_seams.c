@@ -6,12 +6,12 @@
  * places have one number, for there is one curve. Only `bounds`, `edge` and `edge_bounds` are cut from this clone: no
  * other kernel knows seams.
  *
- * Above EDGES sites and seams, for each of which `edge` has code, bends stay what they are, then jumps too. Where rays
- * are searched nothing is bounded, so there are none. */
+ * `edge` has code for each of them, at worst the whole program: above EDGES of them, or COST operations, bends stay
+ * what they are, then jumps too. Where rays are searched nothing is bounded, so there are none. */
 #include "compiler/pass/depend.h"
 #include "compiler/pass/variant.h"
 
-enum { EDGES = 192 };
+enum { EDGES = 192, COST = 12000 };
 
 typedef enum Class { CLASS_NONE, CLASS_JUMP, CLASS_BEND } Class;
 
@@ -46,14 +46,15 @@ static bool rounds(Op op) { return op == OP_ffloor || op == OP_fceil || op == OP
 static Class class_of(const Seams *s, const Inst *i) {
     switch ((Op)i->op) {
     case OP_flt:
-    case OP_fle:
+    case OP_fle: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
+    case OP_f2i:
+    case OP_f2u:
     case OP_ffloor:
     case OP_fceil:
     case OP_fround:
-    case OP_ftrunc: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
-    case OP_f2i:
-    case OP_f2u: /* of a rounding: that one tells */
-        return moves(s, i) && i->args[0]->op != OP_siten && !rounds((Op)i->args[0]->op) ? CLASS_JUMP : CLASS_NONE;
+    case OP_ftrunc: /* of a rounding: that one tells */
+        if (i->args[0]->op == OP_siten || rounds((Op)i->args[0]->op)) return CLASS_NONE;
+        return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
     case OP_fmin:
     case OP_fmax:
     case OP_fabs: return moves(s, i) ? CLASS_BEND : CLASS_NONE;
@@ -198,8 +199,10 @@ Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
     find_users(&s, fn->body);
     count_block(&s, fn->body, 0);
-    s.jumps = fn->nsites + s.count[CLASS_JUMP] <= EDGES;
-    s.bends = s.jumps && fn->nsites + s.count[CLASS_JUMP] + s.count[CLASS_BEND] <= EDGES;
+    uint32_t jumps = fn->nsites + s.count[CLASS_JUMP], all = jumps + s.count[CLASS_BEND];
+    uint64_t size = walk_size(fn->body);
+    s.jumps = jumps <= EDGES && jumps * size <= COST;
+    s.bends = s.jumps && all <= EDGES && all * size <= COST;
     walk(&s, fn->body);
     use_seams(&s, fn->body);
     if (s.sites.len) fn->sites = arena_copy(fn->arena, s.sites.data, sizeof *s.sites.data * s.sites.len);

@@ -32,7 +32,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
         c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
         c->width = fmax(c->width, hi[d] - lo[d]);
     }
-    bool made = cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
+    bool made = lists_init(&c->lists, c->s);
+    made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
     for (int r = 0; r < CELL_RULES; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
@@ -46,6 +47,7 @@ void cells_free(Cells *c) {
     free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth);
     for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
+    lists_free(&c->lists);
     free(c);
 }
 
@@ -125,7 +127,8 @@ static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, 
                 }
                 cell->level = node->level + !whole, cell->bends = node->bends, cell->seams = node->seams;
                 cell->curves_done = node->curves_done, cell->lonely = node->lonely, cell->cut = -1;
-                cell->node = in_hand, cell->done = false, cell->axes = 0, cell->cuts = 0;
+                cell->node = in_hand, cell->number = c->ncell - 1, cell->slice = -1, cell->rule = -1, cell->weight = 1;
+                cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = 0;
             }
 }
 
@@ -203,7 +206,10 @@ static bool settle_point(Cells *c, const Cell *cell) {
 
 static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
     if (!CELLS_ROOM(c, stack, 1)) return false;
+    bool listed = c->lists.any && cell->number >= c->nhalves;
+    ListsAt lists = listed ? lists_of(&c->lists, cell->number - c->nhalves) : lists_of_node(&c->lists);
     c->stack[c->nstack++] = (Node){.box = *box,
+                                   .lists = lists,
                                    .level = cell->level,
                                    .bends = cell->bends,
                                    .seams = cell->seams + whole,
@@ -283,6 +289,17 @@ static bool cut_cells(Cells *c) {
     return true;
 }
 
+/* 3D: those on which the rules differ are cut further, as long as that can be. */
+static bool integrate_solids(Cells *c) {
+    for (uint32_t i = 0, n = c->ncell; i < n; i++) {
+        if (!c->cell[i].axes) continue;
+        bool agree = true;
+        if (!cells_integrate_solid(c, i, divisible(c, &c->cell[i]), &agree)) return false;
+        c->cell[i].refine = !agree;
+    }
+    return true;
+}
+
 /* Marks the cells of nodes of which few parts are no cells. */
 static void find_lonely(Cells *c) {
     enum { FEW = 3 };
@@ -303,7 +320,8 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
         split(c, &c->cell[i].box, &node[c->cell[i].node], c->cell[i].node, false);
     }
     first[halves] = c->ncell;
-    cells_bound(c, c->cell, c->ncell);
+    c->nhalves = halves;
+    if (!cells_bound(c)) return false;
     if (!cells_close(c, c->cell, halves)) return false;
     for (uint32_t i = 0; i < halves; i++) {
         Cell *cell = &c->cell[i];
@@ -316,7 +334,8 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
     if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
     for (uint32_t i = halves; i < c->ncell; i++)
         if (!c->cell[i].done && !judge(c, &c->cell[i])) return false;
-    if (!cut_cells(c) || !cells_cut_bases(c)) return false;
+    if (!cut_cells(c)) return false;
+    if (c->dim < 3 ? !cells_cut_bases(c, 0) : !integrate_solids(c)) return false;
     find_lonely(c);
     for (uint32_t i = halves; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
@@ -333,7 +352,7 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
             if (!refine(c, &rest)) return false;
         } else count_cell(c, cell, CELL_CURVED);
     }
-    return cells_integrate(c) && cells_integrate_smooth(c) && !c->failed;
+    return (c->dim == 3 || cells_integrate(c)) && cells_integrate_smooth(c) && !c->failed;
 }
 
 /* The budget is spent: nothing more is asked of this part. */
@@ -363,24 +382,28 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
         }
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = *tile};
+    const SltCullList *given = c->b->args.cull;
+    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
-    const uint32_t parts = c->dim == 1 ? 20 : c->dim == 2 ? 20 : 72;
-    uint32_t at_once = c->s->nlists ? 1 : CELL_BOXES / parts;
+    const uint32_t parts = c->dim < 3 ? 20 : 72;
+    uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
+    bool worked = true;
     c->within = *tile;
-    while (c->nstack) {
+    while (worked && c->nstack) {
+        if (counts->spent) {
+            give_up(c, &c->stack[--c->nstack]);
+            continue;
+        }
         Node node[CELL_BOXES / 20];
         uint32_t n = c->nstack < at_once ? c->nstack : at_once;
         c->nstack -= n;
         memcpy(node, c->stack + c->nstack, n * sizeof *node);
-        if (counts->spent) {
-            for (uint32_t i = 0; i < n; i++) give_up(c, &node[i]);
-            continue;
-        }
-        if (c->s->nlists) c->within = node[0].box;
-        if (!work(c, node, n)) return false;
-        if (c->s->nlists) cells_flush(c);
+        lists_enter(&c->lists, c->b, node[0].lists);
+        if (c->lists.any) c->within = node[0].box;
+        worked = work(c, node, n);
+        if (c->lists.any) cells_flush(c);
     }
     cells_flush(c);
-    return true;
+    c->b->args.cull = given, c->b->args.note = NULL;
+    return worked;
 }

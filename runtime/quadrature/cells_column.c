@@ -142,33 +142,27 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 /* The columns of a piece and rule: in 1D the one there is, else at Gauss points of the base. */
 static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
     const GaussRule *g = c->piece[piece].graded ? &c->graded[rule] : &c->rule[rule];
-    uint32_t n[3] = {1, 1, 1};
-    if (!g->n) return true;
-    for (uint32_t d = 0; d < c->dim; d++)
-        if (d != (uint32_t)c->piece[piece].axis) n[d] = g->n;
-    for (uint32_t z = 0; z < n[2]; z++)
-        for (uint32_t y = 0; y < n[1]; y++)
-            for (uint32_t i = 0; i < n[0]; i++) {
-                const Piece *p = &c->piece[piece];
-                const uint32_t at[3] = {i, y, z};
-                double x[3] = {0}, mid[3] = {0}, weight = 1;
-                middle(c, p, mid);
-                for (uint32_t d = 0; d < c->dim; d++) {
-                    if (d == (uint32_t)p->axis) continue;
-                    x[d] = p->at[d][0] + g->x[at[d]] * (p->at[d][1] - p->at[d][0]);
-                    weight *= g->w[at[d]] * (p->at[d][1] - p->at[d][0]);
-                }
-                Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
-                if (!k) return false;
-                for (uint32_t e = 0; e < CELL_EVENTS; e++) {
-                    if (!(p->present >> e & 1)) continue;
-                    double height = p->edge[e].height;
-                    for (uint32_t d = 0; d < c->dim; d++)
-                        if (d != (uint32_t)p->axis) height += p->edge[e].slope[d] * (x[d] - mid[d]);
-                    if (!add_root(c, k, e, height)) return false;
-                    c->root[c->nroot - 1].twin = p->edge[e].twin;
-                }
-            }
+    const Cell *cell = &c->cell[c->piece[piece].cell];
+    if (cell->rule >= 0 && cell->rule != (int8_t)rule) return true;
+    for (uint32_t i = 0; i < (c->piece[piece].base < 0 ? g->n > 0 : g->n); i++) {
+        const Piece *p = &c->piece[piece];
+        double x[3] = {0}, mid[3] = {0}, weight = cell->weight;
+        middle(c, p, mid);
+        memcpy(x, mid, sizeof x);
+        if (p->base >= 0) {
+            double length = p->at[p->base][1] - p->at[p->base][0];
+            x[p->base] = p->at[p->base][0] + g->x[i] * length, weight *= g->w[i] * length;
+        }
+        Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
+        if (!k) return false;
+        for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+            if (!(p->present >> e & 1)) continue;
+            double height = p->edge[e].height;
+            if (p->base >= 0) height += p->edge[e].slope[p->base] * (x[p->base] - mid[p->base]);
+            if (!add_root(c, k, e, height)) return false;
+            c->root[c->nroot - 1].twin = p->edge[e].twin;
+        }
+    }
     return true;
 }
 
@@ -197,9 +191,9 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
     const PieceEdge *e = &p->edge[edge];
     double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
     middle(c, p, mid);
-    for (uint32_t d = 0; d < c->dim; d++) {
-        if (d == (uint32_t)p->axis) continue;
-        half[d] = 0.5 * (p->at[d][1] - p->at[d][0]), tangent += e->slope[d] * e->slope[d];
+    if (p->base >= 0) {
+        half[p->base] = 0.5 * (p->at[p->base][1] - p->at[p->base][0]);
+        tangent += e->slope[p->base] * e->slope[p->base];
     }
     mid[p->axis] = e->height;
     half[p->axis] = 0.5 * (c->cell[p->cell].box.end[p->axis] - c->cell[p->cell].box.lo[p->axis]);
@@ -253,22 +247,17 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
 
 /* The halves of a piece whose base is too long. */
 static bool cut_piece(Cells *c, const Piece *p) {
-    uint32_t d = p->axis == 0 ? 1 : 0;
-    if (c->dim == 3) /* the longer side of the base */
-        for (uint32_t e = d + 1; e < 3; e++)
-            if (e != (uint32_t)p->axis && p->at[e][1] - p->at[e][0] > p->at[d][1] - p->at[d][0]) d = e;
     for (int half = 0; half < 2; half++) {
         if (!CELLS_ROOM(c, piece, 1)) return false;
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
-        q->at[d][!half] = 0.5 * (p->at[d][0] + p->at[d][1]);
+        q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
         q->halvings++;
     }
     return true;
 }
 
-/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
-static bool integrate(Cells *c, uint32_t first) {
+bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     uint32_t n = c->npiece - first;
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
     c->ncolumn = c->nroot = c->nspot = 0;
@@ -284,8 +273,20 @@ static bool integrate(Cells *c, uint32_t first) {
         c->root[i].wanted = c->piece[c->column[c->root[i].column].piece].edge[c->root[i].edge].open;
     if (!cells_take_sides(c)) return false;
     if (c->o->volume && !cells_add_columns_of_points(c)) return false;
+    return !values || !c->nspot || cells_take_values(c);
+}
+
+void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t r = 0; r < k->nroots; r++)
+            if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+}
+
+/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
+static bool integrate(Cells *c, uint32_t first) {
+    uint32_t n = c->npiece - first;
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
-    if (compare && c->nspot && !cells_take_values(c)) return false;
+    if (!cells_evaluate(c, first, compare)) return false;
     uint32_t spot = 0, kept = first;
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
@@ -298,9 +299,7 @@ static bool integrate(Cells *c, uint32_t first) {
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
-            for (const Column *k = from; k < to; k++)
-                for (uint32_t r = 0; r < k->nroots; r++)
-                    if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+            cells_emit_columns(c, from, to);
             cells_emit_spots(c, spot, end);
         } else {
             if (!shorten(c, first + i, agree, from, to)) return false;

@@ -169,7 +169,7 @@ static void meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre)
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
 }
 
-void cells_bound(Cells *c, Cell *cell, uint32_t n) {
+static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call(c, SLT_K_BOUNDS, n);
@@ -180,6 +180,21 @@ void cells_bound(Cells *c, Cell *cell, uint32_t n) {
         read_events(c, &cell[i], i);
         cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
     }
+}
+
+bool cells_bound(Cells *c) {
+    if (!c->lists.any) {
+        bound_boxes(c, c->cell, c->ncell);
+        return true;
+    }
+    Cell *small = c->cell + c->nhalves;
+    uint32_t n = c->ncell - c->nhalves;
+    uint64_t wanted = 0;
+    bound_boxes(c, c->cell, c->nhalves);
+    if (!lists_note(&c->lists, c->b)) return false;
+    bound_boxes(c, small, n);
+    for (uint32_t i = 0; i < n; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
+    return lists_split(&c->lists, c->b, n, wanted);
 }
 
 bool cells_close(Cells *c, Cell *cell, uint32_t n) {

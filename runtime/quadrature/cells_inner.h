@@ -6,6 +6,7 @@
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -16,6 +17,7 @@
 
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
+#include "runtime/quadrature/lists.h"
 
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
@@ -40,10 +42,14 @@ typedef struct Cell {
     bool curves_done;      /* the curves in it were integrated already; the volume is not */
     bool lonely;           /* few of its ancestor's parts were no cells: around a point */
     int8_t cut;            /* edge along which it is cut; -1: none */
-    uint32_t node;         /* in hand */
-    uint32_t state;        /* SLT_BOX_* */
-    uint32_t nopen;        /* as the kernel counts: more than CELL_EVENTS where they are too many */
-    uint32_t nedges;       /* those that edge[] holds: may really be open */
+    uint32_t node, number; /* in hand; of the cell in c->cell */
+    /* A plane through a cell of 3D: the axis that it is across, its CellRule and the measure that it stands for; else
+     * -1, -1 and 1. */
+    int8_t slice, rule;
+    double weight;
+    uint32_t state;  /* SLT_BOX_* */
+    uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
+    uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
@@ -61,7 +67,7 @@ typedef struct PieceEdge {
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
-    int8_t axis;       /* height axis */
+    int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
     uint32_t halvings; /* of its base */
@@ -70,6 +76,13 @@ typedef struct Piece {
     bool halve;        /* it is too long for the rules */
     PieceEdge edge[CELL_EVENTS];
 } Piece;
+
+/* A place where the base of a cell is cut, along `axis` as height axis. */
+typedef struct Cut {
+    uint32_t cell;
+    int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
+    double at;
+} Cut;
 
 /* A point of the base with the line above it. */
 typedef struct Column {
@@ -127,6 +140,7 @@ typedef struct Node {
     uint32_t level, bends, seams; /* as in Cell */
     bool whole;                   /* the box itself may be a cell: it was cut at a seam */
     bool curves_done, lonely;     /* as in Cell */
+    ListsAt lists;
 } Node;
 
 struct Cells {
@@ -139,13 +153,14 @@ struct Cells {
     CellCounts *counts;
     uint64_t began; /* evaluations counted before this tile */
     bool failed;    /* memory ran out */
+    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
     double width;   /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
-    Cell *cell; /* [ncell]: boxes in hand */
-    uint32_t ncell, cell_cap;
+    Cell *cell;                        /* [ncell]: boxes in hand */
+    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
@@ -160,7 +175,7 @@ struct Cells {
     uint32_t nroot, root_cap;
     struct Stretch *stretch; /* cells_base.c */
     uint32_t nstretch, stretch_cap;
-    struct Cut *cut;
+    Cut *cut;
     uint32_t ncut, cut_cap;
     Probe *probe;
     uint32_t nprobe, probe_cap;
@@ -198,7 +213,7 @@ bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open. */
-void cells_bound(Cells *c, Cell *cell, uint32_t n);
+bool cells_bound(Cells *c);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
@@ -217,12 +232,21 @@ bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted. */
 bool cells_take_sides(Cells *c);
 
-/* ---- cells_base.c: adds the pieces of a cell; sets cell->refine where they cannot be told apart */
-bool cells_cut_bases(Cells *c);
+/* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
+ * curves cannot be told apart */
+bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
+bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 
-/* ---- cells_column.c: integrates over all pieces */
-bool cells_integrate(Cells *c);
+/* ---- cells_column.c */
+bool cells_integrate(Cells *c); /* over all pieces */
+/* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
+bool cells_evaluate(Cells *c, uint32_t first, bool values);
+void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
+
+/* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
+ * be told apart, or because the rules differ and `may_refine`. */
+bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
 
 /* ---- cells_volume.c */
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */

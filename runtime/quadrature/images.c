@@ -28,7 +28,7 @@ static void options_of(Sweep *p) {
         o->least = fmin(o->least, 1.0 / ((double)PIXEL_PARTS * g->n[d]));
     }
     p->segments = quadrature_segments(j) * (double)g->pixels, p->samples = (double)j->spp * (double)g->pixels;
-    p->budget = j->max_evaluations;
+    p->budget = j->max_evaluations, p->left_share = 0.25, p->only_if_left = 1;
 }
 
 static SltStatus finish(Run *r, Sweep *p, SltStatus st, SltStats *stats) {

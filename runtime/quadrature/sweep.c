@@ -255,7 +255,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
             double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
             most = isnan(d) ? INFINITY : fmax(most, d);
         }
-        v->counts.left += m / p->volume, v->left_bound += m * most;
+        v->left_bound += m * most;
         int set = l->stands > 1 ? (int)(i & 1) : -1;
         if (l->stands > 0 && !left_cell(v, l, p->lines, set)) return false;
     }
@@ -269,7 +269,7 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
     uint64_t cells = p->nleft - chunk * LEFT_CHUNK < LEFT_CHUNK ? p->nleft - chunk * LEFT_CHUNK : LEFT_CHUNK;
-    p->counts.left += v->counts.left, p->left_bound += v->left_bound;
+    p->left_bound += v->left_bound;
     merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt((double)cells));
 }
 
@@ -355,6 +355,7 @@ SltStatus sweep_run(Sweep *p) {
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
+    if (p->cells_budget && p->cells_budget < share) share = p->cells_budget;
     SltStatus st = make_tiles(p);
     for (uint32_t round = 0; round < ROUNDS && st == SLT_OK && p->ntiles; round++) {
         uint64_t used = r->stats.evaluations - start;
@@ -365,7 +366,10 @@ SltStatus sweep_run(Sweep *p) {
         used = r->stats.evaluations - start;
         if (st != SLT_OK || !p->counts.spent || !again(p, used < share ? share - used : 0)) break;
     }
-    if (st == SLT_OK && p->nleft) {
+    double left = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
+    p->counts.left = left;
+    if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {
         plan_left(p, r->stats.evaluations - start);
         p->mixed = true;
         st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, left_work, left_merge, p);

@@ -39,9 +39,11 @@ typedef struct Sweep {
     float *crossings;         /* SWEEP_FORWARD: points of curves, by pixel; may be NULL */
     double segments, samples; /* of lines and samples, in all, if everything were left */
     CellOptions options;
-    uint32_t parts;    /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
-    uint64_t budget;   /* evaluations of the whole sweep, cells and what is left; 0: no limit */
-    double left_share; /* of the budget, for what is left */
+    uint32_t parts;        /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
+    uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
+    double left_share;     /* of the budget, for what is left */
+    uint64_t cells_budget; /* of the cells alone, if less; 0: no limit of its own */
+    double only_if_left;   /* if cells leave over more than this share, the sweep ends with them */
     /* What comes out. */
     Sums sums; /* SWEEP_INTEGRAL, SWEEP_REVERSE */
     double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */

@@ -114,14 +114,14 @@ static uint64_t image_index(const Interior *p, const TileRect *t, uint64_t pixel
 }
 
 /* ---- value */
-static bool value_samples(Interior *p, Worker *w, const TileRect *at) {
+static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const TileRect *at) {
     Batch *b = &w->batch;
     TileRect t = *at;
     uint32_t channels = p->run->s->channels, n;
     if (!worker_values(w, t.pixels * channels)) return false;
     Walk k = {.p = p, .t = &t};
     while ((n = walk_fill(&k, b))) {
-        batch_call(b, SLT_K_VALUE, n);
+        batch_call(b, kernel, n);
         for (uint32_t c = 0; c < channels; c++)
             for (uint32_t i = 0; i < n; i++)
                 w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_F, c, i);
@@ -163,13 +163,13 @@ static void prune_sample(void *user, const PixelRect *r, const SltPruned *pruned
     TileRect t = {.pixels = (uint64_t)r->n[0] * r->n[1] * r->n[2]};
     memcpy(t.lo, r->lo, sizeof t.lo), memcpy(t.n, r->n, sizeof t.n);
     q->w->batch.args.pruned = pruned;
-    q->failed |= !value_samples(q->p, q->w, &t);
+    q->failed |= !value_samples(q->p, q->w, SLT_K_PRUNED, &t);
     q->w->batch.args.pruned = NULL;
 }
 
 static bool value_pruned(Interior *p, Worker *w, const TileRect *t) {
     const Grid *g = &p->run->grid;
-    if (!w->pruner.c && !prune_init(&w->pruner, p->run->s)) return false;
+    if (!w->pruner.c && !prune_init(&w->pruner, p->run->s->chunks)) return false;
     Pruning q = {.p = p, .w = w};
     PruneImage image = {.dim = g->dim,
                         .channels = p->run->s->channels,
@@ -189,7 +189,7 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     Worker *w = &p->run->worker[worker];
     TileRect t = rect_of(p, tile);
     select_cull(p, w, &t);
-    return prune_can(p->run->s) ? value_pruned(p, w, &t) : value_samples(p, w, &t);
+    return prune_can(p->run->s) ? value_pruned(p, w, &t) : value_samples(p, w, SLT_K_VALUE, &t);
 }
 
 static void plain_merge(void *user, uint32_t worker, uint64_t tile) {

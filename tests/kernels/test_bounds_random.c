@@ -155,6 +155,7 @@ static void try_seed(Session *s, uint64_t seed, RandomShape shape, Precision pre
     pipeline_kernel(&ctx, value);
     pipeline_kernel(&ctx, bounds);
     ir_require(bounds, "bounds");
+    if (getenv("SHOW")) ir_print(primal, stdout);
     r.value = value, r.bounds = bounds;
     r.layout = pipeline_layout(bounds);
     for (uint32_t k = 0; k < primal->nfloats; k++) set(&r, r.params, k, 2 * unit(&r) - 1);
@@ -173,6 +174,7 @@ static void body(Session *s, void *arg) {
     const char *only = getenv("SEED");
     for (uint64_t k = 0; k < seeds; k++) {
         uint64_t seed = only ? strtoull(only, NULL, 10) : job->first + k;
+        if (getenv("VERBOSE")) print_message("seed %llu\n", (unsigned long long)seed);
         try_seed(s, seed, job->shape, k % 2 ? PREC_F32 : PREC_F64);
     }
 }
@@ -180,7 +182,7 @@ static void body(Session *s, void *arg) {
 static void run(uint64_t first, RandomShape shape) {
     Job job = {first, shape};
     Session *s = session_create(0);
-    assert_int_equal(session_protect(s, body, &job), 0);
+    if (session_protect(s, body, &job)) fail_msg("%s", s->unwind_text);
     session_destroy(s);
 }
 

@@ -423,12 +423,62 @@ static void shaded_sphere(void **state) {
     assert_true(r.counts.left < 1e-9);
 }
 
+/* ---- 3D */
+static Num ball_g(const Scene *s, uint32_t e, const Num *x) {
+    Num sum = num(0);
+    if (e) return num_sub(num_add(x[0], num_add(num_scale(0.3, x[1]), num_scale(0.2, x[2]))), param(s, 4));
+    for (uint32_t d = 0; d < 3; d++) sum = num_add(sum, num_sqr(num_sub(x[d], param(s, d))));
+    return num_sub(sum, num_sqr(param(s, 3)));
+}
+static void ball(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.49, 0.31};
+    for (int volume = 0; volume < 2; volume++) {
+        Scene s;
+        scene_init(&s, 3, 1, 0, ball_g, inside_f, p, 4);
+        CellOptions o = run_options(6);
+        o.fixed = false, o.tolerance = 1e-7, o.volume = volume, o.least = 0x1p-8;
+        Run r = run_scene(&s, &o, NULL);
+        if (volume) near("volume", r.value[0], 4 * PI / 3 * pow(0.31, 3), 1e-7);
+        near("slope in the radius", r.slope[0][3], 4 * PI * 0.31 * 0.31, 1e-6);
+        near("slope in x", r.slope[0][0], 0, 1e-6);
+        near("slope in y", r.slope[0][1], 0, 1e-6);
+        assert_true(r.counts.left < 1e-6);
+    }
+}
+/* The part of a ball on one side of a slanted plane. */
+static void ball_cap(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.49, 0.31, 0.8};
+    Scene s;
+    scene_init(&s, 3, 2, 0, ball_g, both_f, p, 5);
+    CellOptions o = run_options(6);
+    o.fixed = false, o.tolerance = 1e-7, o.least = 0x1p-8;
+    Run r = run_scene(&s, &o, NULL);
+    double n = sqrt(1 + 0.09 + 0.04), d = (0.8 - 0.47 - 0.3 * 0.53 - 0.2 * 0.49) / n, R = 0.31,
+           ball = 4 * PI / 3 * R * R * R;
+    double below = PI * (R + d) * (R + d) * (2 * R - d) / 3; /* of the ball, where the plane's g < 0 */
+    near("value", r.value[0], 0.5 + 0.5 * ball + 2 * below, 1e-7);
+    near("slope in the plane", r.slope[0][4], 2 * PI * (R * R - d * d) / n, 1e-6);
+    near("slope in the radius", r.slope[0][3], 0.5 * 4 * PI * R * R + 2 * 2 * PI * R * (R + d), 1e-6);
+    assert_true(r.counts.left < 1e-6);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(step_in_1d),    cmocka_unit_test(step_on_a_face),      cmocka_unit_test(nested_in_1d),
-        cmocka_unit_test(floor_in_1d),   cmocka_unit_test(in_single_precision), cmocka_unit_test(circle),
-        cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),        cmocka_unit_test(lens),
-        cmocka_unit_test(triple_point),  cmocka_unit_test(rectangles),          cmocka_unit_test(stairs),
-        cmocka_unit_test(shaded_sphere)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(step_in_1d),
+                                       cmocka_unit_test(step_on_a_face),
+                                       cmocka_unit_test(nested_in_1d),
+                                       cmocka_unit_test(floor_in_1d),
+                                       cmocka_unit_test(in_single_precision),
+                                       cmocka_unit_test(circle),
+                                       cmocka_unit_test(smooth_curves),
+                                       cmocka_unit_test(opaque_discs),
+                                       cmocka_unit_test(lens),
+                                       cmocka_unit_test(triple_point),
+                                       cmocka_unit_test(rectangles),
+                                       cmocka_unit_test(stairs),
+                                       cmocka_unit_test(shaded_sphere),
+                                       cmocka_unit_test(ball),
+                                       cmocka_unit_test(ball_cap)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

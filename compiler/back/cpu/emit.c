@@ -336,7 +336,6 @@ void emit_control(Emit *e, Inst *i);
 
 void emit_block(Emit *e, Block *b) {
     for (Inst *i = b->first; i && !e->error; i = i->next) {
-        if (e->chunks) emit_chunk_operands(e, i);
         if (!ir_ops[i->op].special) {
             if (!emit_slot(e, i)[0]) {
                 if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);
