@@ -74,8 +74,8 @@ static double most(double width, const double value[2], const double slope[2]) {
     return -least(width, v, s);
 }
 
-/* Bounds of slope on the curve of an edge with gradient bounds `a` of a function with gradient bounds `f`. */
-static void along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2], double slope[2]) {
+void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
+                       double slope[2]) {
     divide(a[base], a[axis], climb);
     double keep = climb[0];
     climb[0] = -climb[1], climb[1] = -keep;
@@ -137,7 +137,7 @@ static bool ask_more(Cells *c) {
                 steep[d][0] = fmax(a[0].slope[d][0], e->slope[d][0]),
                 steep[d][1] = fmin(a[0].slope[d][1], e->slope[d][1]);
             f = a + 1;
-            along(steep, f->slope, base_axis(&c->cell[s->cell], e->axis), e->axis, climb, slope);
+            cells_slope_along(steep, f->slope, base_axis(&c->cell[s->cell], e->axis), e->axis, climb, slope);
             s->climb[0] = fmax(s->climb[0], climb[0]), s->climb[1] = fmin(s->climb[1], climb[1]);
             s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
             a += 2;
@@ -307,8 +307,8 @@ static bool add_pairs(Cells *c) {
         for (uint32_t o = 0; o < cell->nedges; o++) {
             if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && cell->edge[o].axis >= 0)) continue;
             s.other = (int8_t)o;
-            along(cell->edge[s.edge].slope, cell->edge[o].slope, base_axis(cell, cell->edge[s.edge].axis),
-                  cell->edge[s.edge].axis, s.climb, s.slope);
+            cells_slope_along(cell->edge[s.edge].slope, cell->edge[o].slope, base_axis(cell, cell->edge[s.edge].axis),
+                              cell->edge[s.edge].axis, s.climb, s.slope);
             if (!add_stretch(c, &s)) return false;
         }
     }

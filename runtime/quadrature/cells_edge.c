@@ -147,9 +147,9 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     }
 }
 
-/* What the box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form
- * g(centre) + gradient(box) . (x - centre). That one bounds g without rounding: rounding is added at both ends. */
-static void meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
+/* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
+ * ends. */
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
     double mean[2] = {centre->g[0], centre->g[1]}, scale = fmax(fabs(mean[0]), fabs(mean[1]));
     memcpy(e->slope, box->slope, sizeof e->slope);
     e->state = box->state, e->error = box->error;
@@ -216,7 +216,7 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
         uint32_t kept = 0;
         for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
             CellEdge *edge = &cell[i].edge[e];
-            meet(c, edge, &c->ask[at], &c->ask[at + 1]);
+            cells_meet(c, edge, &c->ask[at], &c->ask[at + 1]);
             if (edge->g[0] > 0 || edge->g[1] < 0) continue; /* NaN is open */
             if (kept != e) cell[i].edge[kept] = *edge;
             kept++;

@@ -217,6 +217,8 @@ bool cells_bound(Cells *c);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
+/* What a box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form. */
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre);
 /* An edge that runs along an axis, at which the cell may be cut exactly; -1: none. */
 int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
@@ -234,6 +236,10 @@ bool cells_take_sides(Cells *c);
 
 /* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
  * curves cannot be told apart */
+/* On the curve of an event with gradient bounds `a`, whose height axis is `axis`: bounds of how it climbs along the
+ * base, and of the slope there of a function with gradient bounds `f`. */
+void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
+                       double slope[2]);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 

@@ -10,20 +10,59 @@
 
 enum { SLABS = 24 };
 
-/* The axis across the planes: no curve's height axis, and such that in the planes curves are steep along the base too,
- * where that can be; -1: there is none. */
-static int axis_of_planes(const Cell *cell) {
-    int best = -1, most = -1;
-    for (int across = 0; across < 3; across++) {
-        int steep = 0;
-        if (cell->axes >> across & 1) continue;
-        for (uint32_t e = 0; e < cell->nedges; e++) {
-            int axis = cell->edge[e].axis;
-            steep += axis >= 0 && cell->edge[e].rises[3 - across - axis] != 0;
+/* May curves of the cell touch its faces inside, or each other, where no plane through a Gauss point need see it? Not
+ * if they move along the base all over the cell, for then they reach its edges, where slabs end; nor do those that stay
+ * off the faces across their height axis. Adds what must be asked for that. */
+static bool ask_faces(Cells *c, const Cell *cell, int across) {
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        if (edge->axis < 0 || edge->rises[3 - across - edge->axis]) continue;
+        for (int far = 0; far < 2; far++) {
+            double lo[3], hi[3], centre[3];
+            for (int d = 0; d < 3; d++) {
+                lo[d] = cell->box.lo[d], hi[d] = cell->box.hi[d];
+                if (d == edge->axis) lo[d] = hi[d] = far ? hi[d] : lo[d];
+                centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
+            }
+            if (!cells_ask(c, &edge->event, lo, hi) || !cells_ask(c, &edge->event, centre, centre)) return false;
         }
-        if (steep > most) best = across, most = steep;
     }
-    return best;
+    return true;
+}
+
+/* ask: what ask_faces asked, and behind it. */
+static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const Ask **ask) {
+    bool seen = true;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        if (edge->axis < 0) continue;
+        int base = 3 - across - edge->axis;
+        for (int far = 0; far < 2 && !edge->rises[base]; far++, *ask += 2) {
+            CellEdge face = *edge;
+            cells_meet(c, &face, &(*ask)[0], &(*ask)[1]);
+            seen &= face.g[0] > 0 || face.g[1] < 0;
+        }
+        for (uint32_t o = 0; o < cell->nedges; o++) {
+            double climb[2], slope[2];
+            if (o == e || (o < e && cell->edge[o].axis >= 0)) continue;
+            cells_slope_along(edge->slope, cell->edge[o].slope, base, edge->axis, climb, slope);
+            seen &= slope[0] > 0 || slope[1] < 0;
+        }
+    }
+    return seen;
+}
+
+/* The axis across the planes, no curve's height axis; -1: there is none that would do. */
+static bool axis_of_planes(Cells *c, const Cell *cell, int *axis) {
+    *axis = -1;
+    c->nask = 0;
+    for (int across = 0; across < 3; across++)
+        if (!(cell->axes >> across & 1) && !ask_faces(c, cell, across)) return false;
+    if (!cells_run_asks(c)) return false;
+    const Ask *ask = c->ask;
+    for (int across = 0; across < 3; across++)
+        if (!(cell->axes >> across & 1) && seen_by_planes(c, cell, across, &ask)) *axis = across;
+    return true;
 }
 
 /* The plane at x, a cell of 2D at the end of c->cell. */
@@ -121,7 +160,8 @@ static bool surfaces_agree(const Cells *c, const Cell *cell) {
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     double at[SLABS + 1];
     uint32_t slabs, first = c->ncell;
-    int across = axis_of_planes(&c->cell[i]);
+    int across;
+    if (!axis_of_planes(c, &c->cell[i], &across)) return false;
     *done = across >= 0;
     if (!*done) return true;
     if (!find_slabs(c, i, across, at, &slabs)) return false;
