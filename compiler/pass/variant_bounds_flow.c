@@ -65,13 +65,20 @@ static Boxed choose(Builder *b, Inst *which, Boxed p, Boxed q) {
     return r;
 }
 
-/* Either of the two, by something that is open itself. */
-static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open) {
-    if (p.is.lo == q.is.lo && p.is.hi == q.is.hi)
-        return (Boxed){p.is, open_union(b, open, open_union(b, p.open, q.open)), error_larger(b, p.error, q.error)};
-    return (Boxed){.is = ir_bound_hull(b, p.is, q.is),
-                   .open = open_union(b, open, open_union(b, p.open, q.open)),
-                   .error = error_larger(b, p.error, q.error)};
+/* Either of the two, by something that is open itself. But an event is captured once: what holds g on both sides holds
+ * the same, and where one side has nothing, what was decided is only whether the event exists. */
+static Boxed either(Builder *b, Boxed p, Boxed q, Inst *open, uint8_t fact) {
+    Boxed r = {.error = error_larger(b, p.error, q.error)};
+    bool same = p.is.lo == q.is.lo && p.is.hi == q.is.hi;
+    r.is = same ? p.is : ir_bound_hull(b, p.is, q.is);
+    if (!(fact & FACT_CAPTURE)) {
+        r.open = open_union(b, open, open_union(b, p.open, q.open));
+        return r;
+    }
+    Inst *no_p = bounds_is_nothing(b, p.is), *no_q = bounds_is_nothing(b, q.is);
+    Inst *both = open_union(b, p.open, q.open);
+    r.open = open_where(b, no_p, q.open, open_where(b, no_q, p.open, both));
+    return r;
 }
 
 /* ---- if_ */
@@ -103,7 +110,8 @@ static bool passes_through(const Block *region) { return region->first == region
 static Boxed joined(Boxes *x, Builder *b, const Inst *p, Boxed yes, Boxed no) {
     const Inst *i = p->args[0];
     bool same = side(p, 0) == side(p, 1); /* but known better on either side */
-    return either(b, yes, no, same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)));
+    return either(b, yes, no, same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)),
+                  x->fact[p->id]);
 }
 
 /* Values of one side for all results, under what its condition teaches. */
@@ -236,8 +244,7 @@ void bounds_loop(Boxes *x, Builder *b, const Inst *i) {
         for (const Inst *p = NULL; next_result(i, &p);) {
             Boxed before = unpack_params(in_body, &at, x->fact[p->id]);
             Boxed now = value_of(x, body->last->args[p->imm.i + 1]);
-            now.open = open_union(&in, now.open, open);
-            Boxed both = either(&in, before, now, NULL);
+            Boxed both = either(&in, before, now, open, x->fact[p->id]);
             Boxed kept = choose(&in, leaving, choose(&in, left, both, now), before);
             pack(x, &in, &out, x->fact[p->id], kept);
         }

@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "bindings/c/api.h"
+#include "compiler/pass/variant.h"
 
 enum { BOXES = 128, POINTS = 16, ROOM = BOXES * POINTS };
 
@@ -264,6 +265,13 @@ static void check_list(Case *t) {
     io_free(&middle);
 }
 
+/* The event does not exist at this point: what an edge kernel gives that ran past it. */
+static bool is_uncaptured(double v) {
+    uint64_t bits;
+    memcpy(&bits, &v, sizeof bits);
+    return (bits & ~(1ull << 63)) == VARIANT_UNCAPTURED;
+}
+
 /* Where g is said not to jump, it changes between two points by what its gradient allows: the mean value theorem, on
  * which cells rely. Rounded g may be off at either point. */
 static void check_mean_value(Case *t, const Io *box, const Io *at, uint32_t i, int32_t edge) {
@@ -275,6 +283,7 @@ static void check_mean_value(Case *t, const Io *box, const Io *at, uint32_t i, i
     double error = get(t, output(t, box, K_EDGE_BOUNDS, SLT_OUT_G_ERROR, 0), 0);
     const void *g = output(t, at, K_EDGE, SLT_OUT_G, 0);
     for (uint32_t k = 1; k < POINTS; k++) {
+        if (is_uncaptured(get(t, g, k)) || is_uncaptured(get(t, g, 0))) continue;
         double lo = 0, hi = 0, change = get(t, g, k) - get(t, g, 0);
         for (uint32_t d = 0; d < t->p->prog->dim; d++) {
             double step = get(t, at->in[IN_X0 + d], k) - get(t, at->in[IN_X0 + d], 0);
@@ -327,6 +336,7 @@ static void check_edges(Case *t) {
             check_mean_value(t, &box, &at, i, edge);
             for (uint32_t k = 0; k < POINTS; k++, pairs++) {
                 double g = get(t, output(t, &at, K_EDGE, SLT_OUT_G, 0), k);
+                if (is_uncaptured(g)) continue;
                 if (!lies(g, lo, hi))
                     fail_msg("%s: g of edge %d is %.17g, not in [%.17g, %.17g]", where(t, i), edge, g, lo, hi);
                 for (uint32_t d = 0; d < t->p->prog->dim; d++) {
@@ -413,6 +423,7 @@ static void rounding(const char *name, const char *source) {
             double error = get(&t, output(&t, &t.box, K_EDGE_BOUNDS, SLT_OUT_G_ERROR, 0), i);
             for (uint32_t k = i * POINTS; k < (i + 1) * POINTS; k++, compared++) {
                 double near = get(&t, output(&t, &t.at, K_EDGE, SLT_OUT_G, 0), k);
+                if (is_uncaptured(near)) continue;
                 double exact = get(&wide, output(&wide, &wide.at, K_EDGE, SLT_OUT_G, 0), k), off = fabs(near - exact);
                 if (!(off <= error)) fail_msg("%s: g of edge %u is off by %g, not %g", where(&t, i), edge, off, error);
                 if (error > 0) ratio = fmax(ratio, off / error);
