@@ -62,6 +62,7 @@ static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
     for (uint32_t o = c->first_op[k + 1]; o-- > c->first_op[k];) {
         const SltChunkOp *op = &c->op[o];
         uint64_t m = live[o];
+        if (!m) continue; /* most of a chunk that runs */
         if (op->choice < 0) {
             any |= m;
             live[op->arg[0]] |= m, live[op->arg[1]] |= m, live[op->arg[2]] |= m;
