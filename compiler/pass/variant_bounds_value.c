@@ -425,6 +425,7 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
+    case OP_dparam:
     case OP_iparam: bounds_param(x, b, i); return;
     case OP_detach: x->value[i->id] = value_of(x, i->args[0]); return;
     case OP_site: site_value(x, b, i); return;
