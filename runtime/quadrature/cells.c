@@ -240,13 +240,18 @@ static bool across_grid(const Cells *c, const Box *x) {
 static bool judge(Cells *c, Cell *cell) {
     enum { SEAMS = 24 };
     uint32_t sites = 0;
-    bool bends = cell->state & SLT_BOX_ROUGH && !cell->nedges; /* at curves, pieces are graded */
+    bool bends = false;
     for (uint32_t e = 0; e < cell->nedges && !cell->refine; e++) {
         sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
-    bool rough = !cell->refine && bends && cell->bends < CELL_BENDS;
-    if (!cell->refine && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
+    /* Pieces end where curves meet open seams, and at curves they are graded: else a few levels lead to where it bends.
+     */
+    bool rough = bends && sites == cell->nedges;
+    rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
+    rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
+    bool unknown = cell->state & SLT_BOX_UNKNOWN;
+    if (!cell->refine && !unknown && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
         cell->done = true;
         return settle(c, cell);
     }
@@ -254,7 +259,7 @@ static bool judge(Cells *c, Cell *cell) {
         cell->refine = true;
         return true;
     }
-    if (!rough && cells_choose_axes(c, cell) && (cell->common || !c->o->volume)) return true;
+    if (!rough && !unknown && cells_choose_axes(c, cell) && (cell->common || !c->o->volume)) return true;
     int axis, straight = cell->seams < SEAMS ? cells_straight_edge(c, cell, &axis) : -1;
     if (straight >= 0) cell->cut = (int8_t)straight, cell->done = true, cell->axes = 0;
     else if (rough || !cell->axes) cell->bends += rough, cell->refine = true, cell->axes = 0;

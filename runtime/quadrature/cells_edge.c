@@ -178,7 +178,10 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, ch, i, &cell[i].f[2 * ch]);
         read_events(c, &cell[i], i);
-        cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
+        /* What is not known may be so only because the box straddles a seam. */
+        bool seam = false;
+        for (uint32_t e = 0; e < cell[i].nedges; e++) seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
+        cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN && !seam);
     }
 }
 

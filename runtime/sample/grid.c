@@ -130,8 +130,7 @@ double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b) 
     return mass > 0 ? part / mass : 0;
 }
 
-double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u) {
-    if (g->integral || g->filter == SLT_FILTER_BOX) return g->lo[axis] + (p + u) * g->side[axis];
+double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
     double from, to;
     covered(g, p, axis, &from, &to);
     double q = cumulative(g->filter, from, g->radius) + u * g->mass[axis][p];
