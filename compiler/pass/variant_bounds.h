@@ -51,6 +51,12 @@ typedef struct BoxedArray {
     uint32_t path;                /* steps of the path that lead to the alloc */
 } BoxedArray;
 
+/* Of an if_: what its results are worth where result `index` is `truth`, which is what it takes to stay in a loop. */
+typedef struct Goal {
+    bool set, truth;
+    uint32_t index;
+} Goal;
+
 /* An override of a value's Boxed while a region is transformed. */
 typedef struct Undo {
     uint32_t id;
@@ -66,6 +72,8 @@ typedef struct Boxes {
     uint8_t *fact;     /* by id: FACT_* */
     bool *wanted;      /* by id: its error is; NULL: no error is */
     Boxed *value;      /* by id */
+    Goal *goal;        /* by id of the if_ */
+    Boxed *given;      /* by id of a result of an if_ with a goal: its value where that holds */
     BoxedArray *array; /* by id of the alloc */
     Vec(PathStep) path;
     Vec(Undo) undo;

@@ -368,7 +368,7 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     r.open = open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
-    if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);
     if (x->fact[i->id] & FACT_ERROR) r.error = bounds_error(x, b, i, arg, r.is);
     x->value[i->id] = r;
 }
@@ -425,6 +425,7 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
+    case OP_dparam:
     case OP_iparam: bounds_param(x, b, i); return;
     case OP_detach: x->value[i->id] = value_of(x, i->args[0]); return;
     case OP_site: site_value(x, b, i); return;
