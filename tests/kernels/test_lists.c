@@ -339,6 +339,15 @@ static const char scattered[] = SCATTER
     "    [Disc] if (length(x - dots[i].at) < dots[i].r) c = dots[i].ink * (u + w[i & 3]); }\n"
     "  return c; }";
 
+/* So many that the reverse sweep cuts the loop into segments; of the second nothing is stored, it counts backwards. */
+static const char many[] =
+    "param float r = 0.004; param float3 ink = float3(0.3, 0.2, 0.9);\n"
+    "float2 place(int i) { return float2(frac(0.618034 * float(i)), frac(0.754878 * float(i))); }\n"
+    "shader float3 main(float2 x) { float3 c = float3(0.1); float d = 1.0;\n"
+    "  for (int i = 0; i < 12000; i++) { [Disc] if (length(x - place(i)) < r) c = sin(c.zxy + ink * float(i)); }\n"
+    "  for (int i = 0; i < 3000; i++) d = abs(place(i).x - x.x) < 0.002 ? r * float(i) : d;\n"
+    "  return c + d; }";
+
 static void programs(void **state) {
     (void)state;
     check_lists("opaque", opaque, 0.03);
@@ -353,6 +362,7 @@ static void programs(void **state) {
     check_lists("inner", inner, 0.1);
     check_lists("layers", layers, 0.04);
     check_lists("swapped", swapped, 0.05);
+    check_lists("many", many, 0.01);
     check_lists("scattered", scattered, 0.05);
 }
 
