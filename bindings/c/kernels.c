@@ -49,7 +49,7 @@ static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; 
 
 typedef struct Request {
     SltProgram *p;
-    bool needs[K_KINDS], cull;
+    bool needs[K_KINDS], cull, cells;
     SltStatus status;
     SltError *err;
 } Request;
@@ -139,7 +139,8 @@ static void build_body(Session *s, void *arg) {
     VariantOptions vo = {.near_miss = api_near_miss(p),
                          .paper_argmin = p->opt.paper_argmin,
                          .paper_forced = p->opt.paper_forced,
-                         .path_hash = p->opt.path_hash || api_near_miss(p)};
+                         .path_hash = p->opt.path_hash || api_near_miss(p),
+                         .cells = q->cells};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();
@@ -199,6 +200,7 @@ static void build_body(Session *s, void *arg) {
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
+        if (back_width(m) > p->scene.widest) p->scene.widest = back_width(m);
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
@@ -209,8 +211,9 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
     Request q = {.p = p, .err = err};
     bool any = false;
+    q.cells = needs[K_EDGE] && !(p->tried[K_EDGE] && !p->nedges); /* without an edge no cell has two sides */
     for (int k = 0; k < K_KINDS; k++) {
-        q.needs[k] = needs[k] && !p->tried[k];
+        q.needs[k] = needs[k] && (!p->tried[k] || (k == K_SIDES && q.cells && !p->fn[k]));
         if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
         any |= q.needs[k];
     }
