@@ -112,7 +112,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, seamed);
     if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
-    for (Fn *part = variant_site(ctx, seamed); part; part = part->next_part) {
+    for (Fn *part = variant_edge(ctx, seamed); part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
         edge->serves = part->serves;
         if (needs[K_EDGE_BOUNDS]) bounds = add_part(bounds, part, variant_edge_bounds(ctx, edge));
@@ -158,6 +158,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         }
     }
     box_kernels(ctx, primal, needs, out);
+    if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
+        out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
         /* AD may have been given a Fn that is a kernel of its own too: each is finished once. */
