@@ -78,6 +78,7 @@ Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* 
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);     /* a primal in which seams are sites too: of the three below */
 Fn *variant_prune(PassCtx *ctx, const Fn *chunks);     /* F_LO F_HI; notes choices */
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed);      /* G, to be differentiated in x */
 Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);    /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
 Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */
 

@@ -112,7 +112,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, seamed);
     if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
-    for (Fn *part = variant_site(ctx, seamed); part; part = part->next_part) {
+    for (Fn *part = variant_edge(ctx, seamed); part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
         edge->serves = part->serves;
         if (needs[K_EDGE_BOUNDS]) bounds = add_part(bounds, part, variant_edge_bounds(ctx, edge));

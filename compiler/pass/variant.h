@@ -35,6 +35,11 @@ void variant_set_outputs(Fn *fn, const Outputs *o);
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
+/* Edge kernels that run the program up to their event have this NaN, and in each component of the gradient, until they
+ * are there: a number that no arithmetic makes. On boxes it is the bound of nothing. */
+#define VARIANT_UNCAPTURED 0x7ffcull << 48
+bool variant_is_uncaptured(const Inst *i);
+
 /* variant_ray.c: sites of rays. */
 Inst *variant_window_of(Fn *fn, Inst *site); /* the OP_window; args: t (INFINITY: free), top, margin */
 void variant_windows_of_pairs(Fn *fn);       /* event: windows from the hits of the two lanes */

@@ -4,7 +4,7 @@
  * where path and index are settled; else every element that it may hit is joined with the value. */
 #include "compiler/pass/variant_bounds.h"
 
-enum { SPAN = 32 }; /* parameters that are read one by one for bounds; above, nothing is said */
+enum { SPAN = 64 }; /* parameters that are read one by one for bounds; of more, nothing is said */
 
 static Inst *load(Builder *b, Inst *array, Inst *at) {
     return ir_special(b, OP_load, array->imm.arr.elem, 2, (Inst *[]){array, at}, (Imm){0});
@@ -140,7 +140,45 @@ void bounds_acopy(Boxes *x, Builder *b, const Inst *i) {
     ir_yield(&in, 1, &go_on);
 }
 
-/* Elements from..to of a range of parameters, joined; whole where they are too many. */
+/* ---- parameters */
+
+/* An index as row * stride + column, each with its bounds, as textures and arrays of structs have it. */
+typedef struct Grid {
+    Bound row, column;
+    Inst *stride; /* NULL: one row */
+} Grid;
+
+static bool is_stride(const Inst *i) {
+    return i->op == OP_imul && (ir_is_const(i->args[0]) || ir_is_const(i->args[1]));
+}
+
+static const Inst *find_rows(const Boxes *x, const Inst *i) {
+    if (!bounds_wide(x, i)) return NULL;
+    if (is_stride(i)) return i;
+    if (i->op != OP_iadd) return NULL;
+    const Inst *rows = find_rows(x, i->args[0]);
+    return rows ? rows : find_rows(x, i->args[1]);
+}
+
+/* Bounds of i without the term `rows`; NULL ends: it is nothing else. */
+static Bound without(Boxes *x, Builder *b, const Inst *i, const Inst *rows) {
+    if (i == rows) return (Bound){0};
+    if (i->op != OP_iadd || !bounds_wide(x, i)) return x->value[i->id].is;
+    Bound p = without(x, b, i->args[0], rows), q = without(x, b, i->args[1], rows);
+    return !p.lo ? q : !q.lo ? p : ir_bound_row(b, OP_iadd, (Bound[]){p, q}, 2, 0);
+}
+
+static Grid grid_of(Boxes *x, Builder *b, const Inst *index) {
+    const Inst *rows = find_rows(x, index);
+    if (!rows) return (Grid){.column = x->value[index->id].is};
+    uint32_t factor = ir_is_const(rows->args[0]) ? 0 : 1;
+    Grid g = {.row = x->value[rows->args[1 - factor]->id].is, .column = without(x, b, index, rows)};
+    g.stride = ir_consti(b, (int32_t)rows->args[factor]->imm.i);
+    if (!g.column.lo) g.column = ir_bound_point(ir_consti(b, 0));
+    return g;
+}
+
+/* All that index may be, joined, one by one; whole where that is too many. */
 void bounds_param(Boxes *x, Builder *b, const Inst *i) {
     uint32_t count = i->imm.slot.count;
     Boxed at = x->value[i->args[0]->id];
@@ -149,22 +187,34 @@ void bounds_param(Boxes *x, Builder *b, const Inst *i) {
         x->value[i->id] = (Boxed){.is = {v, v}};
         return;
     }
-    Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
-    Inst *few = ir_emit2(b, OP_ilt, ir_emit2(b, OP_isub, to, from), ir_consti(b, SPAN));
-    Inst *end = bounds_choose(b, few, to, from);
-    Inst *first = ir_special(b, (Op)i->op, (IrType)i->type, 1, &from, i->imm);
-    Inst *init[3] = {from, first, first};
-    Inst *loop = ir_loop(b, 3, init, (LoopInfo){.max_iters = count < SPAN ? count : SPAN});
+    Grid g = grid_of(x, b, i->args[0]);
+    if (!g.stride) g.column = (Bound){clamped(b, g.column.lo, count), clamped(b, g.column.hi, count)};
+    Inst *none = ir_consti(b, 0), *most = ir_consti(b, SPAN),
+         *columns = bounds_op2(b, OP_isub, g.column.hi, g.column.lo);
+    Inst *few = bounds_op2(b, OP_ult, columns, most), *row = none, *last_row = none;
+    if (g.stride) {
+        Inst *rows = bounds_op2(b, OP_isub, g.row.hi, g.row.lo);
+        Inst *cells = bounds_op2(b, OP_imul, next_index(b, rows), next_index(b, columns));
+        few = bounds_and(b, bounds_and(b, few, bounds_op2(b, OP_ult, rows, most)), bounds_op2(b, OP_ile, cells, most));
+        row = g.row.lo, last_row = bounds_choose(b, few, g.row.hi, g.row.lo);
+    }
+    Inst *last = bounds_choose(b, few, g.column.hi, g.column.lo), *first = g.column.lo;
+    Inst *start = g.stride ? ir_emit2(b, OP_iadd, ir_emit2(b, OP_imul, row, g.stride), first) : first;
+    Inst *v = ir_special(b, (Op)i->op, (IrType)i->type, 1, &start, i->imm);
+    Inst *init[4] = {row, first, v, v};
+    Inst *loop = ir_loop(b, 4, init, (LoopInfo){.max_iters = SPAN});
     Inst **p = loop->region[0]->params;
     Builder in = ir_at_end(x->to, loop->region[0]);
-    Inst *v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &p[1], i->imm);
-    Bound hull = ir_bound_hull(&in, (Bound){p[2], p[3]}, (Bound){v, v});
-    Inst *yield[4] = {ir_emit2(&in, OP_ilt, p[1], end), next_index(&in, p[1]), hull.lo, hull.hi};
-    ir_yield(&in, 4, yield);
+    Inst *index = g.stride ? ir_emit2(&in, OP_iadd, ir_emit2(&in, OP_imul, p[1], g.stride), p[2]) : p[2];
+    v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &index, i->imm);
+    Bound hull = ir_bound_hull(&in, (Bound){p[3], p[4]}, (Bound){v, v});
+    Inst *more = ir_emit2(&in, OP_ilt, p[2], last), *below = ir_emit2(&in, OP_ilt, p[1], last_row);
+    Inst *yield[5] = {bounds_op2(&in, OP_bor, more, below), bounds_choose(&in, more, p[1], next_index(&in, p[1])),
+                      bounds_choose(&in, more, next_index(&in, p[2]), first), hull.lo, hull.hi};
+    ir_yield(&in, 5, yield);
     Bound whole = ir_bound_whole(b, (IrType)i->type);
-    Boxed r = {0};
-    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 1), whole.lo);
-    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 2), whole.hi);
-    r.open = at.open;
+    Boxed r = {.open = at.open};
+    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 2), whole.lo);
+    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 3), whole.hi);
     x->value[i->id] = r;
 }

@@ -51,6 +51,14 @@ uint8_t bounds_result_fact(const Boxes *x, const Inst *i, uint32_t index) {
     return fact;
 }
 
+bool bounds_slopes(const Boxes *x, const Inst *i) {
+    for (uint32_t a = 0; a < i->nargs; a++)
+        if (x->fact[i->args[a]->id] & FACT_SLOPE) return true;
+    return false;
+}
+
+static bool is_rounding(Op op) { return op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc; }
+
 /* partly: what stands here may run on a part of the box only. */
 static void flow(Flow *f, const Block *b, bool partly);
 
@@ -66,14 +74,17 @@ static void flow(Flow *f, const Block *b, bool partly) {
         uint8_t fact = 0;
         switch ((Op)i->op) {
         case OP_input:
-            if (i->imm.i <= IN_X2) fact = FACT_WIDE;
+            if (i->imm.i <= IN_X2) fact = FACT_WIDE | FACT_SLOPE;
             else if (i->imm.i <= IN_SAMPLE) fact = FACT_WIDE | FACT_OPEN;
+            break;
+        case OP_constf:
+            if (variant_is_uncaptured(i)) fact = FACT_WIDE | FACT_SLOPE | FACT_CAPTURE;
             break;
         case OP_rand:
         case OP_query:
         case OP_window: fact = FACT_WIDE | FACT_OPEN; break;
         case OP_store:
-            fact = f->fact[i->args[1]->id] | f->fact[i->args[2]->id];
+            fact = f->fact[i->args[1]->id] | f->fact[i->args[2]->id]; /* an index has no slope */
             add(f, i->args[0], partly || (fact & FACT_WIDE) ? fact | FACT_WIDE | FACT_OPEN : fact);
             continue;
         case OP_acopy:
@@ -91,7 +102,9 @@ static void flow(Flow *f, const Block *b, bool partly) {
         default:
             for (uint32_t a = 0; a < i->nargs; a++) fact |= f->fact[i->args[a]->id];
             if (variant_is_site(i)) fact = f->fact[i->args[0]->id];
+            if (i->op != OP_fmul && i->op != OP_fadd && i->op != OP_fsel) fact &= (uint8_t)~FACT_CAPTURE;
             if (rounds((Op)i->op)) fact |= FACT_ERROR;
+            if (i->type != TY_FLT || is_rounding((Op)i->op)) fact &= (uint8_t)~FACT_SLOPE;
             if ((fact & FACT_WIDE) && (variant_is_site(i) || may_open((Op)i->op))) fact |= FACT_OPEN;
         }
         add(f, i, fact);

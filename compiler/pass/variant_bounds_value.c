@@ -5,6 +5,7 @@
  * of an operand (it may be NaN, or pass through a pole) any choice by it may jump as well. */
 #include "compiler/pass/variant_bounds.h"
 
+#include <float.h>
 #include <math.h>
 
 /* ---- integers and booleans are folded while they are built: it is exact */
@@ -148,6 +149,25 @@ void bounds_forget(Boxes *x, uint32_t mark) {
     }
 }
 
+/* ---- capture */
+
+static double most(const Builder *b) { return b->fn->precision == PREC_F64 ? DBL_MAX : FLT_MAX; }
+
+Boxed bounds_nothing(Builder *b) { return (Boxed){.is = {number(b, most(b)), number(b, -most(b))}}; }
+
+Inst *bounds_is_nothing(Builder *b, Bound v) {
+    Bound none = bounds_nothing(b).is;
+    return bounds_op2(b, OP_band, bounds_op2(b, OP_feq, v.lo, none.lo), bounds_op2(b, OP_feq, v.hi, none.hi));
+}
+
+/* The value with which a capture begins: made of VARIANT_UNCAPTURED alone. */
+static bool is_first_nothing(const Boxes *x, const Inst *i) {
+    if (i->op == OP_constf) return true;
+    if (i->op == OP_fmul) return variant_is_uncaptured(i->args[0]) || variant_is_uncaptured(i->args[1]);
+    return i->op == OP_fadd && (x->fact[i->args[0]->id] & x->fact[i->args[1]->id] & FACT_CAPTURE) &&
+           is_first_nothing(x, i->args[0]) && is_first_nothing(x, i->args[1]);
+}
+
 /* ---- choices */
 
 static const Inst *comparison(const Inst *cond) {
@@ -163,11 +183,28 @@ static bool is_root_of(const Inst *cond, const Inst *yes, const Inst *no) {
            is_number(yes, 0);
 }
 
+static bool is_stored(const Block *b, const Inst *array) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if ((i->op == OP_store || i->op == OP_acopy) && i->args[0] == array) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (is_stored(i->region[r], array)) return true;
+    }
+    return false;
+}
+
+/* One value, or one element read twice while nothing is stored. */
+static bool is_same(const Inst *v, const Inst *w) {
+    if (v == w) return true;
+    if (v->op != OP_load || w->op != OP_load || v->args[0] != w->args[0] || v->args[1] != w->args[1]) return false;
+    return walk_inside(w->block, v->block) && !is_stored(v->block, v->args[0]);
+}
+
 Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no) {
     Boxed c = x->value[cond->id];
     const Inst *cmp = comparison(cond);
     bool order = cmp->op == OP_flt || cmp->op == OP_fle;
-    bool meets = order && ((cmp->args[0] == yes && cmp->args[1] == no) || (cmp->args[0] == no && cmp->args[1] == yes));
+    bool meets = order && ((is_same(cmp->args[0], yes) && is_same(cmp->args[1], no)) ||
+                           (is_same(cmp->args[0], no) && is_same(cmp->args[1], yes)));
     if (!meets || !x->edges) return c.open;
     Boxed p = x->value[yes->id], q = x->value[no->id];
     Inst *nan = bounds_op2(b, OP_bor, is_unknown(b, p.is), is_unknown(b, q.is));
@@ -241,7 +278,7 @@ static Inst *record(Boxes *x, Builder *b, const Inst *site, Inst *open, Bound ar
 static void site_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     Boxed v = value_of(x, i->args[0]);
-    if (!bounds_wide(x, i->args[0])) {
+    if (!bounds_wide(x, i->args[0]) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) { /* it follows jumps that are told */
         x->value[i->id] = v;
         return;
     }
@@ -267,7 +304,7 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     const Inst *of = i->args[0];
     Boxed v = value_of(x, of);
-    if (!bounds_wide(x, of)) {
+    if (!bounds_wide(x, of) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) {
         x->value[i->id] = v;
         return;
     }
@@ -297,8 +334,8 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
 /* ---- rows */
 
 /* What may go either way in the row itself, where no site or seam tells; NULL: nothing. */
-static Inst *own_open(Builder *b, const Inst *i, const Bound *a, Bound r) {
-    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects) return NULL;
+static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a, Bound r) {
+    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects || !bounds_slopes(x, i)) return NULL;
     if (ir_ops[i->op].result == TY_BOOL) return bits_where(b, bounds_undecided(b, r), OPEN_JUMP);
     BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
@@ -316,20 +353,6 @@ static uint32_t same_arguments(const Inst *i) {
     return same;
 }
 
-/* Is it an integer whose events are told? What rounds or converts it changes with them alone. */
-static bool is_rounded(const Boxes *x, const Inst *v) {
-    switch ((Op)v->op) {
-    case OP_siten: return variant_site_info(x->from, v)->kind != SITE_COMPARE;
-    case OP_ffloor:
-    case OP_fceil:
-    case OP_fround:
-    case OP_ftrunc:
-    case OP_f2i:
-    case OP_f2u: return is_rounded(x, v->args[0]);
-    default: return false;
-    }
-}
-
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Bound a[3];
     Boxed arg[3] = {0};
@@ -340,12 +363,12 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
         open = open_union(b, open, arg[k].open);
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
-    Inst *own = own_open(b, i, a, r.is);
+    Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
-    r.open = is_rounded(x, i) && is_rounded(x, i->args[0]) ? open : open_union(b, open, own);
+    r.open = open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
-    if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);
     if (x->fact[i->id] & FACT_ERROR) r.error = bounds_error(x, b, i, arg, r.is);
     x->value[i->id] = r;
 }
@@ -402,6 +425,7 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
+    case OP_dparam:
     case OP_iparam: bounds_param(x, b, i); return;
     case OP_detach: x->value[i->id] = value_of(x, i->args[0]); return;
     case OP_site: site_value(x, b, i); return;
@@ -415,6 +439,10 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         }
         break;
     default: break;
+    }
+    if ((x->fact[i->id] & FACT_CAPTURE) && is_first_nothing(x, i)) {
+        x->value[i->id] = bounds_nothing(b);
+        return;
     }
     if (!bounds_wide(x, i)) {
         if (ir_ops[i->op].special && !ir_is_const(i)) ice(x->to->session, "bounds of %s", ir_ops[i->op].name);

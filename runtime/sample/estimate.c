@@ -189,6 +189,9 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
     if (st != SLT_OK) return st;
     SltJob own;
     j = settle(s, j, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES && gradient && !stderr_bound &&
+        j->filter == SLT_FILTER_BOX && !j->max_evaluations)
+        return quadrature_loss(s, j, target, mask, loss, gradient, image, stats, err);
     /* Exact pixels have no variance, and need no halves. One sample a pixel has no second half: the adjoint comes from
      * the same sample, and the loss is biased by the variance of the image. */
     bool halves = j->spp > 1 && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);

@@ -186,8 +186,9 @@ static void emit_rgba8(Emit *e, const Inst *yield) {
 
 static bool packs_rgba8(const Emit *e, const Inst *yield) {
     if (!e->opt->output_rgba8 || !yield->nargs) return false;
+    const Output *is = e->fn->outputs;
     for (uint32_t j = 0; j < yield->nargs; j++)
-        if (yield->args[j]->type != TY_FLT) return false;
+        if (yield->args[j]->type != TY_FLT || (is && is[j].role != SLT_OUT_F)) return false;
     return true;
 }
 
