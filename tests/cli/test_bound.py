@@ -142,8 +142,9 @@ class Estimate(Case):
         r = self.run_cli("grad", "c.salt", "--error", "1e-12", "--precision", "f64", "--max-evaluations", 500, code=6)
         self.assertIn("radius", r.out)
         self.assertIn("not reached", r.err)
-        j = self.json_cli("grad", "c.salt", "--error", "1e-15", "--precision", "f32", "--max-evaluations", "2^22", code=6)
-        self.assertIn(j["stopped"], ("rounding", "evaluations"))
+        j = self.json_cli("grad", "c.salt", "--error", "1e-15", "--precision", "f32", code=6)
+        self.assertEqual(j["stopped"], "rounding")
+        self.assertLess(j["evaluations"], 1e6)
 
     def test_fixed_rules_converge(self):
         self.put("c.salt", CIRCLE)
