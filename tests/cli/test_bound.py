@@ -175,6 +175,18 @@ class Estimate(Case):
                 want = sum(min(max((t - y) * h, 0), 1) for t in heights) / len(heights)
                 self.assertAlmostEqual(v[row * w + col], want, delta=2e-4)
 
+    def test_check(self):
+        """Values without noise: one difference says it, with a small error; a jump that was left out is seen."""
+        self.put("c.salt", CIRCLE)
+        j = self.json_cli("check", "c.salt", "--estimator", "quadrature", "--precision", "f64")
+        self.assertTrue(j["pass"])
+        radius = j["rows"][0]
+        self.assertEqual(radius["param"], "radius")
+        self.assertAlmostEqual(radius["fd"], 0.6 * math.pi, delta=1e-5)
+        self.assertLess(radius["fd_stderr"], 1e-3)
+        self.put("n.salt", CIRCLE.replace("[Disc]", "[NoDisc]"))
+        self.assertFalse(self.json_cli("check", "n.salt", "--estimator", "quadrature", "--precision", "f64", code=1)["pass"])
+
     def test_losses(self):
         self.put("c.salt", CIRCLE)
         self.run_cli("render", "c.salt", "--exact", "--size", 16, "--param", "radius=0.45", "-o", "t.exr")
