@@ -160,6 +160,17 @@ class Estimate(Case):
             self.assertNotIn("certified", j)
             self.assertIn(j["stderr_kind"], ("replicates", "bound"))
 
+    def test_nothing_to_find(self):
+        """Without a site, and without anything that bends: Gauss points alone."""
+        for dim, source in enumerate(("float x) { return exp(a * x); }", "float2 x) { return exp(a * x.x); }", "float3 x) { return exp(a * x.x) * x.y; }")):
+            self.put("s.salt", "param float a = 2.0; shader float main(" + source)
+            j = self.json_cli("grad", "s.salt", "--error", "1e-9", "--precision", "f64")
+            self.assertAlmostEqual(j["certified"], 1, delta=1e-9)
+            self.assertEqual((j["curved"], j["left"]), (0, 0))
+            scale = 0.5 if dim == 2 else 1
+            self.assertAlmostEqual(j["integral"][0], scale * (math.exp(2) - 1) / 2, delta=1e-8)
+            self.assertAlmostEqual(j["gradient"]["a"], scale * (math.exp(2) + 1) / 4, delta=1e-8)
+
     def test_exact_pixels(self):
         """Antialiasing that is exact: each pixel of a half plane is its covered part."""
         self.put("h.salt", "[Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (x.y < 0.3 + 0.2 * x.x) f = 1.0; return f; }")
