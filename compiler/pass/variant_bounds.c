@@ -184,6 +184,7 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, bool edges) 
     Boxes x = {.ctx = ctx, .from = from, .to = to, .arena = scratch, .edges = edges};
     x.fact = ARENA_ARRAY(scratch, uint8_t, n + 1);
     x.value = ARENA_ARRAY(scratch, Boxed, n + 1);
+    x.answer = ARENA_ARRAY(scratch, Inst *, n + 1);
     x.array = ARENA_ARRAY(scratch, BoxedArray, n + 1);
     bounds_facts(&x);
     Builder b = ir_at_end(to, to->body);

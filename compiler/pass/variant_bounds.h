@@ -4,6 +4,7 @@
  *   variant_bounds_facts.c   which values differ within a box at all, and which may depend on something open
  *   variant_bounds_value.c   one operation; decisions and the events they record; what a condition teaches
  *   variant_bounds_flow.c    if_ and loop
+ *   variant_bounds_query.c   queries along rays
  *   variant_bounds_array.c   arrays, and parameters at an index that is not one number
  *
  * Every value of the source becomes a Boxed: bounds (ir/bounds.h), and a set, `open`, of what the value hangs on that
@@ -60,6 +61,7 @@ typedef struct Boxes {
     bool edges;        /* edge_bounds: nothing is recorded, there are no sites */
     uint8_t *fact;     /* by id: FACT_* */
     Boxed *value;      /* by id */
+    Inst **answer;     /* by id of a query: what is known of its rays */
     BoxedArray *array; /* by id of the alloc */
     Vec(PathStep) path;
     Vec(Undo) undo;
@@ -97,6 +99,11 @@ static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b,
 void bounds_block(Boxes *x, Builder *b, const Block *from);
 void bounds_if(Boxes *x, Builder *b, const Inst *i);
 void bounds_loop(Boxes *x, Builder *b, const Inst *i);
+
+/* variant_bounds_query.c */
+void bounds_query(Boxes *x, Builder *b, const Inst *i);
+/* Bounds of a comparison that asks whether a ray meets anything; false: it is another one. */
+bool bounds_found(Boxes *x, Builder *b, const Inst *i);
 
 /* variant_bounds_array.c */
 void bounds_alloc(Boxes *x, Builder *b, const Inst *i);
