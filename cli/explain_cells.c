@@ -66,7 +66,9 @@ static SltStatus cut(SltProgram *p, Drawn *d, CellCounts *counts, SltError *err)
                                         [K_SIDES] = true,  [K_REGION] = true, [K_VALUE] = true};
     SltStatus status = api_kernels(p, needs, err);
     if (status != SLT_OK) return status;
-    if (!p->fn[K_BOUNDS]) return status_fail(err, SLT_USAGE, "the program has no bounds, so there are no cells");
+    bool edges = p->fn[K_EDGE] && p->fn[K_EDGE_BOUNDS];
+    if (!p->fn[K_BOUNDS] || (p->scene.nedges && !edges))
+        return status_fail(err, SLT_USAGE, "the program is too large for bounds, so there are no cells");
     Batch batch;
     Box domain = {0};
     for (uint32_t a = 0; a < p->prog->dim; a++) {
@@ -74,7 +76,11 @@ static SltStatus cut(SltProgram *p, Drawn *d, CellCounts *counts, SltError *err)
         domain.hi[a] = domain.end[a] = p->prog->hi[a];
     }
     CellSink sink = {.curve = take_curve, .left = take_left, .cell = take_cell, .user = d};
-    CellOptions o = {.curves = true, .gauss = GAUSS, .fixed = true, .least = LEAST, .budget = BUDGET};
+    CellOptions o = {.curves = p->fn[K_SIDES] != NULL, /* without: no boundary moves */
+                     .gauss = GAUSS,
+                     .fixed = true,
+                     .least = LEAST,
+                     .budget = BUDGET};
     Cells *cells = batch_init(&batch, &p->scene, NULL) ? cells_new(&batch, domain.lo, domain.hi) : NULL;
     bool done = cells && cells_run(cells, &domain, &o, &sink, counts) && !d->failed;
     cells_free(cells);

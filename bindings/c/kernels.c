@@ -141,6 +141,7 @@ static void build_body(Session *s, void *arg) {
         for (uint32_t c = 0; c < p->prog->ncull; c++) finish_bounds(p, p->prog->cull_bounds[c]);
     p->ms_passes += now_ms() - start;
 
+    if (set.chunks) p->scene.chunks = set.chunks;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
     uint32_t n = 0;

@@ -5,22 +5,32 @@
  * of an infinite end. The comments say where each rule keeps it. */
 #include "compiler/ir/bounds_rules.h"
 
+#ifdef SALTUS_BOUNDS_MUTATION
+int bound_mutation;
+#endif
+
 /* ---- shared */
 
 Bound bound_trend(Rule *r, uint32_t falls) {
     Inst *lo[3], *hi[3];
+    if (SPOILED(SPOIL_TREND)) falls &= (1u << r->n >> 1) - 1;
     for (uint32_t k = 0; k < r->n; k++) {
         bool down = falls >> k & 1;
         lo[k] = down ? r->arg[k].hi : r->arg[k].lo;
         hi[k] = down ? r->arg[k].lo : r->arg[k].hi;
     }
+    if (SPOILED(SPOIL_ENDS)) return (Bound){ir_emit(&r->b, r->op, r->n, hi), ir_emit(&r->b, r->op, r->n, lo)};
     return (Bound){ir_emit(&r->b, r->op, r->n, lo), ir_emit(&r->b, r->op, r->n, hi)};
 }
 
-Bound bound_where(Rule *r, Inst *ok, Bound x) { return (Bound){sel(r, ok, x.lo, num(r, NAN)), x.hi}; }
+Bound bound_where(Rule *r, Inst *ok, Bound x) {
+    if (SPOILED(SPOIL_WHERE)) return x;
+    return (Bound){sel(r, ok, x.lo, num(r, NAN)), x.hi};
+}
 
 /* -inf + inf is NaN as well. */
 Inst *bound_is_number(Rule *r, Bound x) {
+    if (SPOILED(SPOIL_LINE)) return has_ends(r, x);
     return is_point(x) ? is_number(r, x.lo) : is_number(r, e2(r, OP_fadd, x.lo, x.hi));
 }
 
@@ -43,6 +53,7 @@ static Inst *term(Rule *r, Inst *x, Inst *y, Inst *z) { return z ? e3(r, OP_ffma
 /* max(m, 0)*m is 0 where 0 is inside, and 0*-inf, NaN, of the whole line. */
 static Bound square(Rule *r, Bound x, Bound plus) {
     Bound m = bound_even(r, x);
+    if (SPOILED(SPOIL_SQUARE)) return (Bound){term(r, x.lo, x.lo, plus.lo), term(r, m.hi, m.hi, plus.hi)};
     return (Bound){term(r, max(r, m.lo, num(r, 0)), m.lo, plus.lo), term(r, m.hi, m.hi, plus.hi)};
 }
 
@@ -50,9 +61,9 @@ static Bound square(Rule *r, Bound x, Bound plus) {
 static Bound scaled(Rule *r, Bound x, Inst *p, Bound plus) {
     Inst *near = x.lo, *far = x.hi;
     if (p->op == OP_constf) {
-        if (p->imm.f < 0) near = x.hi, far = x.lo;
+        if (p->imm.f < 0 && !SPOILED(SPOIL_SIGN)) near = x.hi, far = x.lo;
     } else {
-        Inst *negative = lt(r, p, num(r, 0));
+        Inst *negative = SPOILED(SPOIL_SIGN) ? ir_constb(&r->b, false) : lt(r, p, num(r, 0));
         near = sel(r, negative, x.hi, x.lo);
         far = sel(r, negative, x.lo, x.hi);
     }
@@ -73,6 +84,7 @@ static Bound product(Rule *r, Bound x, Bound y, Bound plus) {
         a = term(r, x.lo, y.lo, plus.hi), b = term(r, x.lo, y.hi, plus.hi);
         c = term(r, x.hi, y.lo, plus.hi), d = term(r, x.hi, y.hi, plus.hi);
     }
+    if (SPOILED(SPOIL_CORNER)) a = b;
     return bound_where(r, known, (Bound){lo, max(r, max(r, d, c), max(r, a, b))});
 }
 
@@ -87,6 +99,7 @@ static Bound quotient(Rule *r, Bound x, Bound y) {
     }
     Inst *zero = num(r, 0), *above = lt(r, zero, y.lo), *below = lt(r, y.hi, zero);
     Inst *known = both(r, either(r, above, below), has_ends(r, y));
+    if (SPOILED(SPOIL_SIGN)) below = ir_constb(&r->b, false);
     if (is_constant(x) && isfinite(x.lo->imm.f)) {
         Inst *a = e2(r, OP_fdiv, x.lo, y.hi), *b = e2(r, OP_fdiv, x.lo, y.lo);
         return bound_where(r, known, x.lo->imm.f < 0 ? (Bound){b, a} : (Bound){a, b});
@@ -127,17 +140,21 @@ static Bound within(Rule *r, double lo, double hi, Bound x) {
 
 static Bound less(Rule *r, Bound x, Bound y) {
     Inst *ends = has_ends(r, (Bound){x.lo, y.hi}), *back = has_ends(r, (Bound){y.lo, x.hi});
+    if (SPOILED(SPOIL_EQUAL))
+        return (Bound){both(r, lt(r, x.lo, y.lo), ends), not(r, both(r, le(r, y.hi, x.lo), back))};
     return (Bound){both(r, lt(r, x.hi, y.lo), ends), not(r, both(r, le(r, y.hi, x.lo), back))};
 }
 
 static Bound less_equal(Rule *r, Bound x, Bound y) {
     Inst *ends = has_ends(r, (Bound){x.lo, y.hi}), *back = has_ends(r, (Bound){y.lo, x.hi});
     Inst *certain = le(r, e2(r, OP_fsub, x.hi, y.lo), num(r, 0));
+    if (SPOILED(SPOIL_EQUAL)) certain = le(r, x.hi, y.lo);
     return (Bound){both(r, certain, ends), not(r, both(r, lt(r, y.hi, x.lo), back))};
 }
 
 static Bound equal(Rule *r, Bound x, Bound y) {
     Inst *certain = both(r, e2(r, OP_feq, x.lo, y.hi), e2(r, OP_feq, x.hi, y.lo));
+    if (SPOILED(SPOIL_EQUAL)) certain = e2(r, OP_feq, x.lo, y.lo);
     return (Bound){certain, not(r, either(r, less(r, x, y).lo, less(r, y, x).lo))};
 }
 

@@ -11,6 +11,7 @@ static Inst *not_negative(Rule *r, Bound x) { return ile(r, int_num(r, 0), x.lo)
 static bool is_int(const Inst *i, int32_t v) { return i->op == OP_consti && (int32_t)i->imm.i == v; }
 
 Bound bound_where_int(Rule *r, Inst *ok, Bound x) {
+    if (SPOILED(SPOIL_WHERE)) return x;
     return (Bound){sel(r, ok, x.lo, int_num(r, INT32_MIN)), sel(r, ok, x.hi, int_num(r, INT32_MAX))};
 }
 
@@ -36,6 +37,7 @@ static Inst *point_value(Rule *r, Inst **ok) {
             *ok = both(r, *ok, e2(r, OP_ieq, x.lo, x.hi));
         }
     }
+    if (SPOILED(SPOIL_POINTS)) *ok = ir_constb(&r->b, true);
     return ir_emit(&r->b, r->op, r->n, v);
 }
 
@@ -167,6 +169,7 @@ Bound bound_if_positive(Rule *r, Bound x) {
 
 Bound bound_int_compare(Rule *r) {
     Bound x = r->arg[0], y = r->arg[1], c = {e2(r, r->op, x.hi, y.lo), e2(r, r->op, x.lo, y.hi)};
+    if (SPOILED(SPOIL_EQUAL)) c.lo = e2(r, r->op, x.lo, y.lo);
     if (r->op == OP_ilt || r->op == OP_ile) return c;
     /* numbers of one sign are in the same order as unsigned */
     Inst *zero = int_num(r, 0);
@@ -176,6 +179,7 @@ Bound bound_int_compare(Rule *r) {
 
 Bound bound_int_equal(Rule *r) {
     Bound x = r->arg[0], y = r->arg[1];
+    if (SPOILED(SPOIL_EQUAL)) return (Bound){e2(r, OP_ieq, x.lo, y.lo), ir_constb(&r->b, true)};
     return (Bound){both(r, e2(r, OP_ieq, x.lo, y.hi), e2(r, OP_ieq, x.hi, y.lo)),
                    both(r, ile(r, x.lo, y.hi), ile(r, y.lo, x.hi))};
 }
@@ -208,8 +212,10 @@ Bound bound_bits(Rule *r) {
 Bound bound_from_bits(Rule *r) {
     Bound x = r->arg[0], f = bound_trend(r, 0);
     Inst *zero = int_num(r, 0), *negative = e2(r, OP_ilt, x.hi, zero);
+    Inst *ok = either(r, negative, ile(r, zero, x.lo));
+    if (SPOILED(SPOIL_SIGN)) negative = ir_constb(&r->b, false);
     f = (Bound){sel(r, negative, f.hi, f.lo), sel(r, negative, f.lo, f.hi)};
-    return bound_where(r, either(r, negative, ile(r, zero, x.lo)), f);
+    return bound_where(r, ok, f);
 }
 
 /* The exponent of a normal number; of others what kernels and the interpreter may say. */

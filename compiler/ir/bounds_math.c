@@ -17,6 +17,7 @@ static Inst *slack(Rule *r, double ulps, Inst *x) {
 
 /* Where an overflow is an end, a value inside may still be finite. */
 Bound bound_near(Rule *r, double ulps, Bound x) {
+    if (SPOILED(SPOIL_WIDENING)) return x;
     Inst *lo = min(r, x.lo, num(r, greatest(r))), *hi = max(r, x.hi, num(r, -greatest(r)));
     return (Bound){e2(r, OP_fsub, lo, slack(r, ulps, lo)), e2(r, OP_fadd, hi, slack(r, ulps, hi))};
 }
@@ -39,11 +40,13 @@ static double wave_margin(const Rule *r) { return r->f64 ? 1e-9 : 4e-3; }
 
 /* Is there an integer in [lo - margin, hi + margin]? */
 static Inst *holds_integer(Rule *r, Inst *lo, Inst *hi, double margin) {
+    if (SPOILED(SPOIL_TURN)) lo = e2(r, OP_fadd, lo, num(r, 0.25)), hi = e2(r, OP_fadd, hi, num(r, 0.25));
     Inst *n = e1(r, OP_ffloor, e2(r, OP_fadd, hi, num(r, margin)));
     return le(r, e2(r, OP_fsub, lo, num(r, margin)), n);
 }
 
 static Inst *inside(Rule *r, double limit) {
+    if (SPOILED(SPOIL_FAR)) return ir_constb(&r->b, true);
     return both(r, le(r, num(r, -limit), r->arg[0].lo), le(r, r->arg[0].hi, num(r, limit)));
 }
 
@@ -102,7 +105,7 @@ Bound bound_atan2(Rule *r, double ulps, Inst **uncut) {
 static Bound power_corners(Rule *r, double ulps) {
     Bound x = r->arg[0], y = r->arg[1];
     Inst *zero = num(r, 0), *ok = either(r, lt(r, zero, x.lo), both(r, le(r, zero, x.lo), le(r, zero, y.lo)));
-    ok = both(r, ok, both(r, has_ends(r, x), bound_is_number(r, y)));
+    ok = both(r, ok, bound_is_number(r, y)); /* an end of x that is NaN stays at hi */
     Bound z;
     if (is_point(x) || is_point(y)) {
         Inst *p = e2(r, r->op, x.lo, y.lo), *q = e2(r, r->op, x.hi, y.hi);

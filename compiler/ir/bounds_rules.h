@@ -8,6 +8,31 @@
 
 #include "compiler/ir/bounds.h"
 
+/* Test builds only: one kind of mistake, made wherever it can be. Each must be noticed (tests/ir/test_bounds.c). */
+enum {
+    SPOIL_NOTHING,
+    SPOIL_WIDENING, /* elementary functions are not moved outward */
+    SPOIL_ENDS,     /* the ends of a trend are swapped */
+    SPOIL_TREND,    /* what falls in its last argument rises */
+    SPOIL_WHERE,    /* the condition of a bound is dropped */
+    SPOIL_NAN,      /* ends that are NaN count as ends */
+    SPOIL_LINE,     /* the whole line counts as numbers */
+    SPOIL_SQUARE,   /* the least square is that of an end */
+    SPOIL_CORNER,   /* a product forgets a corner */
+    SPOIL_SIGN,     /* a negative factor or divisor turns nothing */
+    SPOIL_TURN,     /* the extremes of waves, a quadrant off */
+    SPOIL_FAR,      /* waves and poles are trusted anywhere */
+    SPOIL_POINTS,   /* bits are mixed at one end */
+    SPOIL_EQUAL,    /* comparisons take the other end */
+    SPOIL_KINDS
+};
+#ifdef SALTUS_BOUNDS_MUTATION
+extern int bound_mutation;
+#define SPOILED(kind) (bound_mutation == (kind))
+#else
+#define SPOILED(kind) false
+#endif
+
 typedef struct Rule {
     Builder b; /* folds: only the sign of a zero end may differ, which says nothing */
     Op op;
@@ -41,7 +66,9 @@ Bound bound_trend(Rule *r, uint32_t falls);
 /* x where ok, else unknown. */
 Bound bound_where(Rule *r, Inst *ok, Bound x);
 /* Floats: no end is NaN. */
-static inline Inst *has_ends(Rule *r, Bound x) { return le(r, x.lo, x.hi); }
+static inline Inst *has_ends(Rule *r, Bound x) {
+    return SPOILED(SPOIL_NAN) ? ir_constb(&r->b, true) : le(r, x.lo, x.hi);
+}
 /* Floats: no end is NaN, nor is the bound the whole line: the value is a number. */
 Inst *bound_is_number(Rule *r, Bound x);
 /* The least and the greatest magnitude of a float, for even functions. Of the whole line the least is -inf, so that

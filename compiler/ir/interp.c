@@ -176,6 +176,25 @@ static void exec_note(Interp *in, const Inst *i, const int32_t *may, const int32
     }
 }
 
+/* ---- straight-line programs: chunks that run, choices that are settled or noted */
+
+static bool is_live(const SltPruned *p, int64_t chunk) {
+    const int32_t *c = p ? p->chunks : NULL;
+    while (c && *c < chunk) c++;
+    return !c || *c == chunk;
+}
+
+static void note_choice(Interp *in, const Inst *i, const Mask *m) {
+    for (uint32_t w = 0; w < 2 && in->args->choices; w++) {
+        uint64_t *bits = &in->args->choices[2 * i->imm.i + w];
+        const int32_t *may = in->slot[i->args[w]->id];
+        for (uint32_t l = 0; l < in->lanes && in->base + l < in->n; l++) {
+            uint64_t bit = (uint64_t)1 << ((in->base + l) % SLT_CHOICE_BOXES);
+            if (m->on[l]) *bits = may[l] ? *bits | bit : *bits & ~bit;
+        }
+    }
+}
+
 /* ---- arrays: row e of lanes elements is element e */
 
 static unsigned char *element(const Interp *in, const Inst *alloc, uint32_t e, uint32_t lane, uint32_t bytes) {
@@ -421,6 +440,14 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         for (uint32_t l = 0; l < in->lanes; l++)
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;
         return true;
+    case OP_live:
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = is_live(in->args->pruned, i->imm.i);
+        return true;
+    case OP_settled:
+        for (uint32_t l = 0; l < in->lanes; l++)
+            ((int32_t *)dst)[l] = in->args->pruned && in->args->pruned->settled[i->imm.i] != 0;
+        return true;
+    case OP_choice: note_choice(in, i, m); return true;
     case OP_print: exec_print(in, i, m); return true;
     case OP_note: exec_note(in, i, a, in->slot[i->args[1]->id], m); return true;
     case OP_query: return exec_query(in, i, m, dst);

@@ -229,6 +229,9 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_siten:
     case OP_window:
     case OP_proj:
+    case OP_live:
+    case OP_settled:
+    case OP_choice:
     case OP_count:
     case OP_note:
         if (!want_char(p, '#') || !want_integer(p, 0, UINT32_MAX, &v)) return false;

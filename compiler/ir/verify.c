@@ -302,6 +302,13 @@ static void check_special(Verify *v, const Inst *i) {
         vec_push(v->text.arena, &v->pushes, i);
         for (uint32_t k = 0; k < i->nargs; k++) want_scalar(v, i, k);
         return;
+    case OP_live:
+    case OP_settled:
+    case OP_choice:
+        for (uint32_t k = 0; k < i->nargs; k++) want(v, i, k, TY_BOOL);
+        if (i->op != OP_choice) want_result(v, i, TY_BOOL);
+        if (i->imm.i < 0 || i->imm.i > IR_MAX_OPS) problem(v, i, "no such chunk or choice");
+        return;
     case OP_count:
         want(v, i, 0, TY_BOOL);
         if (i->imm.i < 0 || i->imm.i >= SLT_COUNTERS) problem(v, i, "no such counter");

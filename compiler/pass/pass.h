@@ -9,6 +9,7 @@
 
 #include "compiler/front/front.h"
 #include "compiler/ir/ir.h"
+#include "saltus/chunks.h"
 #include "saltus/kernel.h"
 
 typedef enum PassId {
@@ -130,6 +131,7 @@ typedef struct KernelSet {
     SltLayout layout[K_KINDS];
     const SiteInfo *edges; /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;
+    const SltChunks *chunks; /* value, cut for pruning; NULL: it is not */
 } KernelSet;
 /* What a finished kernel reads and where its outputs are. */
 SltLayout pipeline_layout(const Fn *fn);

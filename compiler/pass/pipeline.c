@@ -132,8 +132,10 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
 
+    Fn *chunks = needs[K_VALUE] ? variant_chunks(ctx, primal) : NULL;
+    if (chunks) out->chunks = variant_chunk_table(chunks);
     Fn *value = variant_value(ctx, primal);
-    if (needs[K_VALUE]) out->fn[K_VALUE] = value;
+    if (needs[K_VALUE]) out->fn[K_VALUE] = chunks ? variant_value(ctx, chunks) : value;
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
     if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &wrt, &out->tape[K_VJP]);
     if (jumps) {

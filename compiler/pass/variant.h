@@ -56,6 +56,11 @@ void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o);
 /* event: a search runs only where its input, IN_WITNESS0 and on, is 0. */
 void variant_use_witnesses(Fn *fn);
 
+/* variant_chunks.c: the primal with its long stretches of operations in chunks; NULL where it has none. */
+Fn *variant_chunks(PassCtx *ctx, const Fn *primal);
+const SltChunks *variant_chunk_table(Fn *chunks); /* in the Fn's arena */
+void variant_drop_choices(Fn *fn);                /* for kernels that note none */
+
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
 

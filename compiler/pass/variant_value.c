@@ -98,6 +98,7 @@ Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *nam
 Fn *variant_value(PassCtx *ctx, const Fn *primal) {
     Fn *fn = ir_clone(primal, primal->arena, "value");
     variant_drop_sites(fn);
+    variant_drop_choices(fn);
     opt_dce(ctx, fn);
     return fn;
 }

@@ -28,6 +28,13 @@ typedef struct SltNote {
     uint64_t may, must; /* it may change something; it surely overwrites all that the loop carries */
 } SltNote;
 
+/* What a straight-line program does in this call, the same for all its samples: which of its chunks of operations run,
+ * and which of its choices (min, max, select) are known to be one operand. What is not run is never looked at. */
+typedef struct SltPruned {
+    const int32_t *chunks;  /* by number, ascending; ends with SLT_NO_CHUNK */
+    const int32_t *settled; /* [2 * choices] by 2 * choice + operand: -1, it is this operand, or 0 */
+} SltPruned;
+
 typedef struct SltKernelArgs {
     const void *in[SLT_IN_VARYING]; /* by SltInput: flt or int32_t, one a sample; NULL where not read */
     void *out[SLT_OUT_MAX];         /* by SltLayout.out, one a sample: flt, or int32_t for integers and booleans */
@@ -45,6 +52,10 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;       /* of tape, for all lanes */
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
+    const SltPruned *pruned;   /* NULL: every chunk runs, no choice is settled */
+    /* bounds of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
+     * operand. Of chunks that did not run it says nothing. NULL: not wanted. */
+    uint64_t *choices;
     const SltCullList *cull; /* by number of the list, as many as the program has; NULL: all iterations of all loops */
     SltNote *const *note;    /* bounds: what it notes, by number of the list, then by place in the list (without one: by
                                 iteration); all 0 before. NULL: nothing is noted */

@@ -87,9 +87,9 @@ enum { SLT_RAYS_FREE = SLT_WITNESS_NONE, SLT_RAYS_BLOCKED = 0, SLT_RAYS_EITHER =
 
 struct SltGeometry;
 /* Answers one query for `width` <= 64 rays into witness[width]; lanes outside mask get NONE. values: the geometry's
- * slice of the parameters. rays: flt[SLT_RAY_POINT_ROWS][width] (of boxes flt[SLT_BOX_ROWS][width]), flt being the precision that the geometry was made for. The
- * same ray gets the same answer at every width, in every lane, and from every structure. Never allocates or fails;
- * thread-safe while nobody refreshes the geometry. */
+ * slice of the parameters. rays: flt[SLT_RAY_POINT_ROWS][width] (of boxes flt[SLT_BOX_ROWS][width]), flt being the
+ * precision that the geometry was made for. The same ray gets the same answer at every width, in every lane, and from
+ * every structure. Never allocates or fails; thread-safe while nobody refreshes the geometry. */
 typedef void SltQueryFn(const struct SltGeometry *geometry, const void *values, const void *rays, uint64_t mask,
                         uint32_t width, int32_t *witness);
 

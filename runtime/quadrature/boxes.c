@@ -57,8 +57,9 @@ static void read_box(const SltScene *s, const Batch *b, uint32_t lane, BoxFacts 
     for (uint32_t c = 0; c < s->channels; c++) read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, c, lane, f->f[c]);
     if (!batch_has(b, SLT_OUT_OPEN)) return; /* nothing in the program decides or bends */
     f->open = (uint32_t)batch_get_int(b, SLT_OUT_OPEN, 0, lane);
-    f->loops = scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / SLT_MAX_OPEN;
-    for (uint32_t e = 0; e < SLT_MAX_OPEN && e < f->open; e++) {
+    uint32_t named = scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    f->loops = named ? scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
+    for (uint32_t e = 0; e < named && e < f->open; e++) {
         BoxEvent *event = &f->event[e];
         int32_t edge = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, lane);
         if (edge < 0) break;

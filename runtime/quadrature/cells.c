@@ -26,7 +26,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     Cells *c = calloc(1, sizeof *c);
     if (!c) return NULL;
     c->b = b, c->s = b->s, c->dim = b->s->dim, c->volume = 1;
-    c->depth = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / SLT_MAX_OPEN;
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    c->depth = named ? scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t d = 0; d < c->dim; d++) c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
     bool made = cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
@@ -96,30 +97,29 @@ static uint32_t cuts(const Cells *c, const Box *x, uint32_t d, uint32_t n, doubl
     return made;
 }
 
-/* The sub-boxes of a node, into c->cell. */
-static void split(Cells *c, const Node *node) {
-    static const uint32_t parts[4] = {1, 16, 4, 4};
-    enum { MOST = 16 };
-    double at[3][MOST + 1] = {{0}}, longest = side(c, &node->box);
+/* Appends the parts of a box to c->cell: in halves along every axis, in quarters in 1D. */
+static void split(Cells *c, const Box *box, uint32_t level, uint32_t bends) {
+    enum { MOST = 4 };
+    uint32_t parts = c->dim == 1 ? 4 : 2;
+    double at[3][MOST + 1] = {{0}}, longest = side(c, box);
     uint32_t n[3] = {1, 1, 1};
     for (uint32_t d = 0; d < c->dim; d++) {
         /* A side that is already far shorter than the others is left as it is. */
-        bool thin = (node->box.end[d] - node->box.lo[d]) / (c->hi[d] - c->lo[d]) < longest / parts[c->dim];
-        n[d] = cuts(c, &node->box, d, thin ? 1 : parts[c->dim], at[d]);
+        bool thin = (box->end[d] - box->lo[d]) / (c->hi[d] - c->lo[d]) < 0.6 * longest;
+        n[d] = cuts(c, box, d, thin ? 1 : parts, at[d]);
     }
-    c->ncell = 0;
     for (uint32_t z = 0; z < n[2]; z++)
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t x = 0; x < n[0]; x++) {
                 Cell *cell = &c->cell[c->ncell++];
                 const uint32_t i[3] = {x, y, z};
-                cell->box = node->box;
+                cell->box = *box;
                 for (uint32_t d = 0; d < c->dim; d++) {
                     cell->box.lo[d] = at[d][i[d]];
                     cell->box.end[d] = at[d][i[d] + 1];
                     if (i[d] + 1 < n[d]) cell->box.hi[d] = at[d][i[d] + 1];
                 }
-                cell->level = node->level + 1, cell->bends = node->bends;
+                cell->level = level + 1, cell->bends = bends, cell->done = false, cell->axes = 0;
             }
 }
 
@@ -189,18 +189,24 @@ static void settle(Cells *c, const Cell *cell) {
     }
 }
 
+/* May it be cut further? */
+static bool divisible(Cells *c, const Cell *cell) {
+    bool room = false;
+    for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
+    if (c->o->budget && c->b->evaluations - c->began >= c->o->budget) c->counts->spent = true;
+    return room && !c->counts->spent && side(c, &cell->box) > c->o->least;
+}
+
 /* The cell is cut further, or left over. */
-static bool refine(Cells *c, const Cell *cell, bool bends) {
-    bool divisible = false;
-    for (uint32_t d = 0; d < c->dim; d++) divisible |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
-    if (c->o->budget && c->counts->boxes + c->counts->points - c->began >= c->o->budget) c->counts->spent = true;
-    if (!divisible || c->counts->spent || side(c, &cell->box) <= c->o->least) {
+static bool refine(Cells *c, Cell *cell) {
+    cell->done = true, cell->axes = 0;
+    if (!divisible(c, cell)) {
         count_cell(c, cell, CELL_LEFT);
         c->sink->left(c->sink->user, &cell->box, cell->f);
         return true;
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
-    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends + bends};
+    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends};
     return true;
 }
 
@@ -211,51 +217,76 @@ static bool across_grid(const Cells *c, const Box *x) {
     return false;
 }
 
-/* Sorts the cells of a node: those that must be integrated along curves stay curved, the rest is done with. */
-static bool classify(Cells *c) {
-    for (uint32_t i = 0; i < c->ncell; i++) {
-        Cell *cell = &c->cell[i];
-        cell->axes = 0;
-        uint32_t sites = 0, bends = cell->state & SLT_BOX_ROUGH;
-        for (uint32_t e = 0; e < cell->nedges; e++) {
-            sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
-            bends |= cell->edge[e].state & SLT_EDGE_BENDS;
-        }
-        bool rough = bends && cell->bends < CELL_BENDS;
-        if (!cell->refine && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
-            settle(c, cell);
-            cell->nedges = 0;
-            continue;
-        }
-        if (cell->refine || rough || across_grid(c, &cell->box) || !cells_choose_axes(c, cell)) {
-            bool only = !cell->refine && rough;
-            cell->refine = true, cell->axes = 0;
-            if (!refine(c, cell, only)) return false;
-        }
+/* Settles a cell, or finds that it is curved, or that it must be refined. */
+static void judge(Cells *c, Cell *cell) {
+    uint32_t sites = 0, bends = cell->state & SLT_BOX_ROUGH;
+    for (uint32_t e = 0; e < cell->nedges && !cell->refine; e++) {
+        sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
+        bends |= cell->edge[e].state & SLT_EDGE_BENDS;
     }
-    return true;
+    bool rough = !cell->refine && bends && cell->bends < CELL_BENDS;
+    cell->bends += rough;
+    if (!cell->refine && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
+        settle(c, cell);
+        cell->done = true;
+    } else if (rough || across_grid(c, &cell->box) || (!cell->refine && !cells_choose_axes(c, cell))) {
+        cell->refine = true, cell->axes = 0;
+    }
 }
 
+/* A node's halves and the halves of these go through one call of `bounds`; the small ones count where the large one is
+ * no cell. */
 static bool work(Cells *c, const Node *node) {
-    split(c, node);
-    c->within = node->box;
-    if (!cells_bound(c, c->cell, c->ncell)) return false;
-    if (!classify(c)) return false;
+    enum { HALVES = 8 };
+    uint32_t first[HALVES + 1], halves;
+    c->ncell = 0, c->within = node->box;
+    split(c, &node->box, node->level, node->bends);
+    halves = c->ncell;
+    for (uint32_t i = 0; i < halves; i++) {
+        first[i] = c->ncell;
+        split(c, &c->cell[i].box, c->cell[i].level, c->cell[i].bends);
+    }
+    first[halves] = c->ncell;
+    cells_bound(c, c->cell, c->ncell);
+    if (!cells_close(c, c->cell, halves)) return false;
+    for (uint32_t i = 0; i < halves; i++) {
+        Cell *cell = &c->cell[i];
+        judge(c, cell);
+        bool deeper = cell->refine && divisible(c, cell);
+        for (uint32_t k = first[i]; k < first[i + 1]; k++) c->cell[k].done = !deeper, c->cell[k].bends = cell->bends;
+        if (deeper) cell->done = true;
+        else if (cell->refine && !refine(c, cell)) return false;
+    }
+    if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
+    for (uint32_t i = halves; i < c->ncell; i++) {
+        Cell *cell = &c->cell[i];
+        if (cell->done) continue;
+        judge(c, cell);
+        if (cell->refine && !refine(c, cell)) return false;
+    }
     if (!cells_cut_bases(c)) return false;
     for (uint32_t i = 0; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
         if (!cell->axes) continue;
         if (!cell->refine) count_cell(c, cell, CELL_CURVED);
-        else if (!refine(c, cell, false)) return false;
+        else if (!refine(c, cell)) return false;
     }
     if (!cells_integrate(c)) return false;
     cells_flush(c);
     return !c->failed;
 }
 
+/* The budget is spent: nothing more is asked of this part. */
+static void give_up(Cells *c, const Node *node) {
+    Cell cell = {.box = node->box};
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) cell.f[2 * ch] = -HUGE_VAL, cell.f[2 * ch + 1] = HUGE_VAL;
+    count_cell(c, &cell, CELL_LEFT);
+    c->sink->left(c->sink->user, &cell.box, cell.f);
+}
+
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
-    c->began = counts->boxes + counts->points;
+    c->began = c->b->evaluations;
     c->failed = false, c->nstack = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
@@ -264,7 +295,8 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->stack[c->nstack++] = (Node){.box = *tile};
     while (c->nstack) {
         Node node = c->stack[--c->nstack];
-        if (!work(c, &node)) return false;
+        if (counts->spent) give_up(c, &node);
+        else if (!work(c, &node)) return false;
     }
     return true;
 }

@@ -9,13 +9,12 @@
 
 #include "runtime/quadrature/cells_inner.h"
 
-enum { HALVINGS = 10, MEET_STEPS = 24 };
+enum { HALVINGS = 10, MEET_STEPS = 24, FACE = -1, ARC = -2 };
 
 /* A stretch of the base of a cell. */
 typedef struct Stretch {
     uint32_t cell;
-    int8_t edge, other; /* other < 0: g of `edge` on a face; else g of `other` on the curve of `edge` */
-    int8_t face;        /* 0: the near one */
+    int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
     uint8_t halvings;
     bool asked;       /* slope[] is of this stretch; else of the cell */
     double at[2];     /* the two ends, */
@@ -30,15 +29,15 @@ typedef struct Stretch {
 /* A place where the base of a cell is cut, along `axis` as height axis. */
 typedef struct Cut {
     uint32_t cell;
-    int8_t axis;
+    int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
     double at;
 } Cut;
 
 static int base_axis(int axis) { return 1 - axis; }
 
-static bool add_cut(Cells *c, uint32_t cell, int axis, double at) {
+static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
     if (!CELLS_ROOM(c, cut, 1)) return false;
-    c->cut[c->ncut++] = (Cut){.cell = cell, .axis = (int8_t)axis, .at = at};
+    c->cut[c->ncut++] = (Cut){.cell = cell, .axis = (int8_t)axis, .edge = edge, .at = at};
     return true;
 }
 
@@ -109,7 +108,7 @@ static bool ask_more(Cells *c) {
         int axis = e->axis, base = base_axis(axis);
         double lo[3] = {0}, hi[3] = {0};
         lo[base] = s->at[0], hi[base] = s->at[1];
-        if (s->other < 0) {
+        if (s->other == FACE) {
             lo[axis] = hi[axis] = s->height[0];
             if (!cells_ask(c, &e->event, lo, hi)) return false;
             continue;
@@ -128,7 +127,7 @@ static bool ask_more(Cells *c) {
         if (s->state != OPEN || c->cell[s->cell].refine) continue;
         const CellEdge *e = curve_of(c, s);
         const Ask *f = a;
-        if (s->other < 0) {
+        if (s->other == FACE) {
             const double *slope = a[0].slope[base_axis(e->axis)];
             s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
             a += 1;
@@ -153,25 +152,32 @@ static bool ask_more(Cells *c) {
     return true;
 }
 
-/* The height of the curve and the value of the function at end `end` of all stretches from `first` on; on faces the
- * height is known. */
-static bool take_ends(Cells *c, uint32_t first, int end) {
+/* The height of the curve at end `end` of all stretches from `first` on; on faces it is known. */
+static bool take_heights(Cells *c, uint32_t first, int end) {
     c->nroot = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
-        if (s->other < 0) continue;
+        if (s->other == FACE) continue;
         const CellEdge *e = curve_of(c, s);
         double x[3] = {0};
         x[base_axis(e->axis)] = s->at[end];
         if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
     }
     if (!cells_solve(c)) return false;
-    c->nprobe = 0;
     const Root *r = c->root;
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
+        if (s->other != FACE) s->height[end] = (r++)->x[curve_of(c, s)->axis];
+    }
+    return true;
+}
+
+/* The value of the function there. */
+static bool take_values(Cells *c, uint32_t first, int end) {
+    c->nprobe = 0;
+    for (uint32_t i = first; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
-        if (s->other >= 0) s->height[end] = (r++)->x[e->axis];
         double x[3] = {0};
         x[base_axis(e->axis)] = s->at[end], x[e->axis] = s->height[end];
         if (!cells_probe(c, &tested(c, s)->event, x)) return false;
@@ -194,10 +200,10 @@ static bool halve(Cells *c) {
         }
         Stretch far = *s;
         far.at[0] = mid;
-        if (s->other >= 0) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
+        if (s->other != FACE) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
         if (!add_stretch(c, &far)) return false;
     }
-    if (!take_ends(c, n, 0)) return false;
+    if (!take_heights(c, n, 0) || !take_values(c, n, 0)) return false;
     for (uint32_t i = 0, j = n; i < n; i++) {
         Stretch *s = &c->stretch[i];
         if (s->state != OPEN || c->cell[s->cell].refine) continue;
@@ -229,7 +235,7 @@ static bool cut_at_faces(Cells *c) {
             if (edge->axis < 0) continue;
             int base = base_axis(edge->axis);
             for (int8_t face = 0; face < 2; face++) {
-                Stretch s = {.cell = i, .edge = (int8_t)e, .other = -1, .face = face};
+                Stretch s = {.cell = i, .edge = (int8_t)e, .other = FACE};
                 s.at[0] = cell->box.lo[base], s.at[1] = cell->box.hi[base];
                 s.height[0] = s.height[1] = face ? cell->box.hi[edge->axis] : cell->box.lo[edge->axis];
                 s.slope[0] = edge->slope[base][0], s.slope[1] = edge->slope[base][1];
@@ -237,7 +243,7 @@ static bool cut_at_faces(Cells *c) {
             }
         }
     }
-    if (!take_ends(c, 0, 0) || !take_ends(c, 0, 1)) return false;
+    if (!take_values(c, 0, 0) || !take_values(c, 0, 1)) return false;
     for (uint32_t i = 0; i < c->nstretch; i++) judge(&c->stretch[i], 2 * curve_of(c, &c->stretch[i])->error);
     if (!isolate(c)) return false;
     c->nroot = 0;
@@ -260,7 +266,7 @@ static bool cut_at_faces(Cells *c) {
         const Stretch *s = &c->stretch[i];
         if (s->state != ROOT || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, (r++)->x[base_axis(axis)])) return false;
+        if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(axis)])) return false;
     }
     return true;
 }
@@ -273,28 +279,40 @@ static int by_place(const void *a, const void *b) {
     return (p->at > q->at) - (p->at < q->at);
 }
 
-/* Every part of the base between cuts on which curve i is there, for every other event j: one stretch. */
-static bool add_pairs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
+/* Every part of the base between cuts where the curve of an edge is the same one, or is not there. */
+static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
     const Cell *cell = &c->cell[i];
     for (uint32_t e = 0; e < cell->nedges; e++) {
-        const CellEdge *edge = &cell->edge[e];
-        if (edge->axis < 0) continue;
-        int axis = edge->axis, base = base_axis(axis);
-        for (uint32_t o = 0; o < cell->nedges; o++) {
-            /* Each pair once, on the curve of one that has an axis. */
-            if (o == e || (o < e && cell->edge[o].axis >= 0)) continue;
-            Stretch s = {.cell = i, .edge = (int8_t)e, .other = (int8_t)o};
-            along(edge->slope, cell->edge[o].slope, axis, s.climb, s.slope);
-            s.at[0] = cell->box.lo[base];
-            for (uint32_t k = 0; k <= cuts; k++) {
-                const Cut *cut = &c->cut[first_cut + k];
-                if (k < cuts && cut->axis != axis) continue;
-                s.at[1] = k < cuts ? cut->at : cell->box.hi[base];
-                if (s.at[1] > s.at[0] && !add_stretch(c, &s)) return false;
-                s.at[0] = s.at[1];
-            }
+        int axis = cell->edge[e].axis, base = base_axis(axis);
+        if (axis < 0) continue;
+        Stretch s = {.cell = i, .edge = (int8_t)e, .other = ARC};
+        s.at[0] = cell->box.lo[base];
+        for (uint32_t k = 0; k <= cuts; k++) {
+            const Cut *cut = &c->cut[first_cut + k];
+            if (k < cuts && (cut->axis != axis || cut->edge != (int8_t)e)) continue;
+            s.at[1] = k < cuts ? cut->at : cell->box.hi[base];
+            if (s.at[1] > s.at[0] && !add_stretch(c, &s)) return false;
+            s.at[0] = s.at[1];
         }
     }
+    return true;
+}
+
+/* In place of each arc one stretch for every other event; each pair once, on the curve of one that has an axis. */
+static bool add_pairs(Cells *c) {
+    uint32_t arcs = c->nstretch;
+    for (uint32_t i = 0; i < arcs; i++) {
+        Stretch s = c->stretch[i];
+        const Cell *cell = &c->cell[s.cell];
+        for (uint32_t o = 0; o < cell->nedges; o++) {
+            if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && cell->edge[o].axis >= 0)) continue;
+            s.other = (int8_t)o;
+            along(cell->edge[s.edge].slope, cell->edge[o].slope, cell->edge[s.edge].axis, s.climb, s.slope);
+            if (!add_stretch(c, &s)) return false;
+        }
+    }
+    c->nstretch -= arcs;
+    memmove(c->stretch, c->stretch + arcs, c->nstretch * sizeof *c->stretch);
     return true;
 }
 
@@ -328,20 +346,23 @@ static bool drop_coinciding(Cells *c) {
     for (uint32_t i = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
+        if (s->state != OPEN) continue;
         double x[3] = {0};
         x[base_axis(e->axis)] = cells_round(c, s->at[0] + 0.382 * (s->at[1] - s->at[0]));
         if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, 0.5 * (s->height[0] + s->height[1]))) return false;
     }
     if (!cells_solve(c)) return false;
     c->nprobe = 0;
+    const Root *r = c->root;
     for (uint32_t i = 0; i < c->nstretch; i++)
-        if (!cells_probe(c, &tested(c, &c->stretch[i])->event, c->root[i].x)) return false;
+        if (c->stretch[i].state == OPEN && !cells_probe(c, &tested(c, &c->stretch[i])->event, (r++)->x)) return false;
     if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
     for (uint32_t i = 0; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
+        if (s->state != OPEN) continue;
         const CellEdge *o = tested(c, s);
         const Box *box = &c->cell[s->cell].box;
-        const Probe *p = &c->probe[i];
         double slope = 0, size = 0;
         for (uint32_t d = 0; d < 2; d++) {
             slope = fmax(slope, fabs(p->dg[d]));
@@ -350,6 +371,7 @@ static bool drop_coinciding(Cells *c) {
         double width = box->end[0] - box->lo[0] + box->end[1] - box->lo[1];
         double same = fmin(2 * o->error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), 0x1p-16 * slope * width);
         if (fabs(p->g) <= same && fabs(s->value[0]) <= same && fabs(s->value[1]) <= same) s->state = DONE;
+        p++;
     }
     return true;
 }
@@ -410,11 +432,12 @@ static bool cut_at_meetings(Cells *c) {
     for (uint32_t i = 0; i < c->ncell; i++) {
         uint32_t first = at;
         while (at < c->ncut && c->cut[at].cell == i) at++;
-        if (c->cell[i].axes && !c->cell[i].refine && c->cell[i].nedges > 1 && !add_pairs(c, i, first, at - first))
+        if (c->cell[i].axes && !c->cell[i].refine && c->cell[i].nedges > 1 && !add_arcs(c, i, first, at - first))
             return false;
     }
     if (!c->nstretch) return true;
-    if (!keep_present(c) || !take_ends(c, 0, 0) || !take_ends(c, 0, 1)) return false;
+    if (!keep_present(c) || !take_heights(c, 0, 0) || !take_heights(c, 0, 1)) return false;
+    if (!add_pairs(c) || !take_values(c, 0, 0) || !take_values(c, 0, 1)) return false;
     for (uint32_t i = 0; i < c->nstretch; i++) judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
     if (!drop_coinciding(c)) return false;
     for (bool again = true; again;) {
@@ -427,8 +450,8 @@ static bool cut_at_meetings(Cells *c) {
         const Stretch *s = &c->stretch[i];
         if (s->state != ROOT || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, s->x[0])) return false;
-        if (other >= 0 && other != axis && !add_cut(c, s->cell, other, s->x[1])) return false;
+        if (!add_cut(c, s->cell, axis, -1, s->x[0])) return false;
+        if (other >= 0 && other != axis && !add_cut(c, s->cell, other, -1, s->x[1])) return false;
     }
     return true;
 }

@@ -104,7 +104,9 @@ bool cells_run_asks(Cells *c) {
             Ask *a = &c->ask[c->order[i]];
             read_ends(b, SLT_OUT_G_LO, SLT_OUT_G_HI, 0, i - from, a->g);
             for (uint32_t d = 0; d < c->dim; d++) read_ends(b, SLT_OUT_DG_LO, SLT_OUT_DG_HI, d, i - from, a->slope[d]);
-            a->error = batch_get(b, SLT_OUT_G_ERROR, 0, i - from);
+            /* A kernel that cannot tell: then g must be far from 0 by what a hundred operations make. */
+            double size = fmax(fabs(a->g[0]), fabs(a->g[1])), ulp = c->b->f64 ? 0x1p-52 : 0x1p-23;
+            a->error = batch_has(b, SLT_OUT_G_ERROR) ? batch_get(b, SLT_OUT_G_ERROR, 0, i - from) : 128 * ulp * size;
             a->state = (uint32_t)batch_get_int(b, SLT_OUT_G_STATE, 0, i - from);
         }
     }
@@ -118,15 +120,16 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
     cell->nedges = 0;
     if (cell->nopen > CELL_EVENTS) return;
-    uint32_t named = cell->nopen;
-    for (uint32_t e = 0; e < named; e++) {
+    /* An entry of the list counts as often as it has boundaries. */
+    uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
+    for (uint32_t e = 0; e < named && cell->nedges < cell->nopen; e++) {
         Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
         for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
         double first = 0, last = 0;
         bool rounds = c->s->edge_kind && c->s->edge_kind[event.site] != SLT_SITE_COMPARE;
         if (rounds && batch_has(b, SLT_OUT_OPEN_FIRST)) {
             first = batch_get(b, SLT_OUT_OPEN_FIRST, e, i), last = batch_get(b, SLT_OUT_OPEN_LAST, e, i);
-            if (!(last - first < CELL_EVENTS)) {
+            if (!(last >= first && last - first < CELL_EVENTS)) {
                 cell->nopen = CELL_EVENTS + 1;
                 return;
             }
@@ -166,13 +169,9 @@ static void meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre)
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
 }
 
-static void put_boxes(Cells *c, const Cell *cell, uint32_t n) {
-    for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
-}
-
-bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
+void cells_bound(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
-    put_boxes(c, cell, n);
+    for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call(c, SLT_K_BOUNDS, n);
     for (uint32_t i = 0; i < n; i++) {
         cell[i].state = (uint32_t)batch_get_int(b, SLT_OUT_BOX_STATE, 0, i);
@@ -181,9 +180,12 @@ bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
         read_events(c, &cell[i], i);
         cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
     }
+}
+
+bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     c->nask = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (cell[i].refine) continue;
+        if (cell[i].refine || cell[i].done) continue;
         double centre[3] = {0};
         for (uint32_t d = 0; d < c->dim; d++)
             centre[d] = cells_round(c, cell[i].box.lo[d] + 0.5 * (cell[i].box.hi[d] - cell[i].box.lo[d]));
@@ -195,7 +197,7 @@ bool cells_bound(Cells *c, Cell *cell, uint32_t n) {
     if (!cells_run_asks(c)) return false;
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
-        if (cell[i].refine) continue;
+        if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0;
         for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
             CellEdge *edge = &cell[i].edge[e];

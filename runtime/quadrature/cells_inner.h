@@ -17,9 +17,9 @@
 #include "runtime/quadrature/gauss.h"
 
 enum {
-    CELL_BOXES = 64, /* sub-boxes of a node */
+    CELL_BOXES = 72, /* halves of a node along all axes, and theirs: 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
-    CELL_BENDS = 5, /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* An open event of a cell, and what is proven of its g there. */
@@ -42,6 +42,7 @@ typedef struct Cell {
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool refine;                    /* cannot be integrated as it is */
+    bool done;                      /* nothing more is to be done with it */
 } Cell;
 
 /* A part of the base of a cell, and what is found there. */
@@ -158,8 +159,11 @@ bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
-/* Bounds of all cells of the node: closes events that the mean-value form proves closed. */
-bool cells_bound(Cells *c, Cell *cell, uint32_t n);
+/* What is decided in boxes and what is open. */
+void cells_bound(Cells *c, Cell *cell, uint32_t n);
+/* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
+ * closed. */
+bool cells_close(Cells *c, Cell *cell, uint32_t n);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 

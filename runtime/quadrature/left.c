@@ -5,6 +5,7 @@
 
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/depth.h"
+#include "runtime/sample/near.h"
 
 enum { SIDE_MAX = 34 }; /* vertices along a line: LEFT_LINES and the two ends */
 
@@ -55,6 +56,7 @@ static void evaluate(SweepWorker *v, const Net *t) {
 static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, double threshold, Segment *seg) {
     Worker *w = v->w;
     uint64_t stride = t->stride[axis];
+    uint8_t set = seg->cls, missed = v->sweep->kind == SWEEP_INTEGRAL ? 2 : 0;
     for (uint32_t e = 0; e + 1 < t->side[axis]; e++) {
         uint64_t a = first + e * stride, b = a + stride;
         w->finder.segments++;
@@ -65,9 +67,23 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
             differ |= depth_differs(w->depth[a], w->depth[b], own);
         }
         if (!differ) continue;
+        uint32_t pair = e & ~1u;
+        bool seen = pair + 2 >= t->side[axis] || w->hash[first + pair * stride] != w->hash[first + (pair + 2) * stride];
+        seg->cls = set | (seen ? 0 : missed);
         seg->a[axis] = t->pos[axis][e], seg->b[axis] = t->pos[axis][e + 1];
         finder_add(&w->finder, seg, worker_mark(w, a), worker_mark(w, b), own);
     }
+    if (!scene_outputs(w->batch.s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) return;
+    seg->cls = set | missed;
+    Line line = {.pos = t->pos[axis],
+                 .first = first,
+                 .stride = stride,
+                 .n = t->side[axis],
+                 .to = t->side[axis] - 1,
+                 .at_start = true,
+                 .at_end = true,
+                 .threshold = threshold};
+    near_probe(w, &line, seg);
 }
 
 static bool lines(SweepWorker *v, const Net *t, const Box *box, double stands, int set) {

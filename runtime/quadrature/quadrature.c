@@ -21,8 +21,8 @@ bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
 void quadrature_state(Run *r, const Sweep *p) {
     SltStats *t = &r->stats;
     t->cells = true;
-    t->settled = p->counts.settled / p->volume, t->curved = p->counts.curved / p->volume;
-    t->certified = t->settled + t->curved, t->left = p->counts.left;
+    t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
+    t->certified = t->settled + t->curved;
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }
@@ -78,7 +78,6 @@ static SltStatus by_lattice(const SltScene *s, const SltJob *job, SltIntegral *o
     j.estimator = SLT_EST_LATTICE;
     SltStatus st = slt_estimate_integral(s, &j, out, &own, err);
     own.cells = true, own.left = 1, own.left_bound = NAN;
-    for (uint32_t d = 0; d < s->dim; d++) own.left *= s->hi[d] - s->lo[d];
     own.stopped = j.error > 0 || j.abs_error > 0 ? SLT_STOP_EVALUATIONS : SLT_STOP_NONE;
     for (size_t i = 0; out->left_bound && i < (size_t)s->channels * s->nfloats; i++) out->left_bound[i] = NAN;
     out->mixed = true;

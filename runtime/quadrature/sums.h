@@ -14,6 +14,7 @@ typedef enum SumGroup {
     SUM_BOUNDARY_COARSE,
     SUM_INTERIOR_FINE,
     SUM_INTERIOR_COARSE,
+    SUM_MISSED, /* of the boundary: the part that lines with half as many vertices would not see */
     SUM_GROUPS
 } SumGroup;
 /* How the groups of a tile are to be read. */

@@ -7,6 +7,7 @@
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/boundary.h"
+#include "runtime/sample/near.h"
 
 enum {
     ROUNDS = 6,        /* most rounds over cells whose tiles ran out of their budget */
@@ -254,10 +255,11 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
             double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
             most = isnan(d) ? INFINITY : fmax(most, d);
         }
-        v->counts.left += m, v->left_bound += m * most;
+        v->counts.left += m / p->volume, v->left_bound += m * most;
         int set = l->stands > 1 ? (int)(i & 1) : -1;
         if (l->stands > 0 && !left_cell(v, l, p->lines, set)) return false;
     }
+    near_flush(v->w);
     finder_run(&v->w->finder, true);
     accum_close(&v->w->acc);
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
@@ -277,11 +279,11 @@ static void plan_left(Sweep *p, uint64_t used) {
     uint32_t dim = p->run->s->dim;
     double left = 0, at = 0.5, sum = 0;
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, dim);
-    double vertices = fmax(p->segments / dim, p->samples) * left / p->volume / (double)p->nleft;
-    double n = 2 * round(0.5 * pow(vertices, 1.0 / dim));
+    double spare = p->budget > used ? (double)(p->budget - used) : 0, most = fmax(spare / LEFT_COST, LEFT_CHUNK);
+    double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
+    if (p->budget) vertices = fmin(vertices, 0.5 * spare);
+    double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
     p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
-    double most = p->budget > used ? (double)(p->budget - used) / LEFT_COST : 0;
-    most = fmax(most, (double)LEFT_CHUNK);
     if (!p->budget || (double)p->nleft <= most) return;
     for (uint64_t i = 0; i < p->nleft; i++) {
         LeftCell *l = &p->left[i];

@@ -47,13 +47,14 @@ typedef struct SltScene {
     const int32_t *iparams; /* [nints] */
     const uint8_t *active;  /* [nfloats]: 1 where the gradient is wanted; NULL: everywhere */
     uint32_t nsites;
-    const uint8_t *site_kind;   /* [nsites]: SltSiteKind */
-    const uint8_t *site_static; /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
-    const uint8_t *site_skips;  /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
-    uint32_t nedges;            /* sites, then seams, which only `bounds` and the edge kernels know */
-    const uint8_t *edge_kind;   /* [nedges]: SltSiteKind */
-    uint32_t nlists;            /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
-    const uint32_t *list_count; /* [nlists]: iterations of each */
+    const uint8_t *site_kind;       /* [nsites]: SltSiteKind */
+    const uint8_t *site_static;     /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
+    const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
+    uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
+    const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
+    uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
+    const uint32_t *list_count;     /* [nlists]: iterations of each */
+    const struct SltChunks *chunks; /* `value` and `bounds` can be pruned (saltus/chunks.h); NULL: they cannot */
     int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
     uint64_t tape_bytes; /* a lane, the largest of all kernels */

@@ -114,14 +114,11 @@ static uint64_t image_index(const Interior *p, const TileRect *t, uint64_t pixel
 }
 
 /* ---- value */
-static bool value_work(void *user, uint32_t worker, uint64_t tile) {
-    Interior *p = user;
-    Worker *w = &p->run->worker[worker];
+static bool value_samples(Interior *p, Worker *w, const TileRect *at) {
     Batch *b = &w->batch;
-    TileRect t = rect_of(p, tile);
+    TileRect t = *at;
     uint32_t channels = p->run->s->channels, n;
     if (!worker_values(w, t.pixels * channels)) return false;
-    select_cull(p, w, &t);
     Walk k = {.p = p, .t = &t};
     while ((n = walk_fill(&k, b))) {
         batch_call(b, SLT_K_VALUE, n);
@@ -136,6 +133,65 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     return true;
 }
 
+/* Boxes of pixels of which only some chunks run: prune_image. */
+typedef struct Pruning {
+    Interior *p;
+    Worker *w;
+    bool failed;
+} Pruning;
+
+static void prune_constant(void *user, const PixelRect *r, const double *value) {
+    const Pruning *q = user;
+    const Interior *p = q->p;
+    uint32_t channels = p->run->s->channels;
+    float mean[SLT_MAX_CHANNELS];
+    for (uint32_t c = 0; c < channels; c++) {
+        double sum = 0; /* as it would be summed sample by sample */
+        for (uint32_t i = 0; i < p->count; i++) sum += value[c];
+        mean[c] = (float)(sum / p->count);
+    }
+    for (uint32_t z = 0; z < r->n[2]; z++)
+        for (uint32_t y = 0; y < r->n[1]; y++) {
+            float *o = p->image + grid_index(&p->run->grid, r->lo[0], r->lo[1] + y, r->lo[2] + z) * channels;
+            for (uint32_t x = 0; x < r->n[0]; x++)
+                for (uint32_t c = 0; c < channels; c++) *o++ = mean[c];
+        }
+}
+
+static void prune_sample(void *user, const PixelRect *r, const SltPruned *pruned) {
+    Pruning *q = user;
+    TileRect t = {.pixels = (uint64_t)r->n[0] * r->n[1] * r->n[2]};
+    memcpy(t.lo, r->lo, sizeof t.lo), memcpy(t.n, r->n, sizeof t.n);
+    q->w->batch.args.pruned = pruned;
+    q->failed |= !value_samples(q->p, q->w, &t);
+    q->w->batch.args.pruned = NULL;
+}
+
+static bool value_pruned(Interior *p, Worker *w, const TileRect *t) {
+    const Grid *g = &p->run->grid;
+    if (!w->pruner.c && !prune_init(&w->pruner, p->run->s)) return false;
+    Pruning q = {.p = p, .w = w};
+    PruneImage image = {.dim = g->dim,
+                        .channels = p->run->s->channels,
+                        .reach = g->filter == SLT_FILTER_BOX ? 0 : g->radius - 0.5,
+                        .user = &q,
+                        .constant = prune_constant,
+                        .sample = prune_sample};
+    PixelRect r;
+    memcpy(image.lo, g->lo, sizeof image.lo), memcpy(image.side, g->side, sizeof image.side);
+    memcpy(r.lo, t->lo, sizeof r.lo), memcpy(r.n, t->n, sizeof r.n);
+    prune_image(&w->pruner, &w->batch, &image, &r);
+    return !q.failed;
+}
+
+static bool value_work(void *user, uint32_t worker, uint64_t tile) {
+    Interior *p = user;
+    Worker *w = &p->run->worker[worker];
+    TileRect t = rect_of(p, tile);
+    select_cull(p, w, &t);
+    return prune_can(p->run->s) ? value_pruned(p, w, &t) : value_samples(p, w, &t);
+}
+
 static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
     Interior *p = user;
     TileRect t = rect_of(p, tile);
@@ -145,7 +201,7 @@ static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
 
 SltStatus interior_image(Run *r, uint32_t half, float *image) {
     Interior p = {.image = image, .classes = 1};
-    plan(&p, r, half, 32);
+    plan(&p, r, half, prune_can(r->s) && r->grid.dim == 2 ? prune_tile(2) : 32);
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, value_work, plain_merge, &p);
     run_free_workers(r);

@@ -69,7 +69,7 @@ void run_free_workers(Run *r) {
     for (uint32_t i = 0; i < r->nworkers; i++) {
         Worker *w = &r->worker[i];
         batch_free(&w->batch), accum_free(&w->acc), finder_free(&w->finder), sink_free(&w->sink),
-            cull_lists_free(&w->cull, &r->cull);
+            cull_lists_free(&w->cull, &r->cull), prune_free(&w->pruner);
         free(w->hash), free(w->depth), free(w->witness), free(w->near_g), free(w->near_key), free(w->near_event),
             free(w->value), free(w->probes), follow_free(w->follow);
     }

@@ -7,6 +7,7 @@
 
 #include "runtime/base/threads.h"
 #include "runtime/sample/cull.h"
+#include "runtime/sample/prune.h"
 #include "runtime/sample/sink.h"
 
 struct Worker {
@@ -15,6 +16,7 @@ struct Worker {
     Finder finder;
     Sink sink;
     CullLists cull;
+    Pruner pruner; /* its c is NULL: not made yet */
     /* By vertex of a tile or of lines; NULL where the region kernel does not give it. */
     uint32_t *hash;
     double *depth;

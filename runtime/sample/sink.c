@@ -199,7 +199,7 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
     switch (k->kind) {
     case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
-    case SINK_PARTS: emit_integral(k, c, order, n, cls * channels, cls * channels); break;
+    case SINK_PARTS: emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 2 ? 4 : cls & 1) * channels); break;
     case SINK_REVERSE: emit_reverse(k, c, order, n, k->classes > 1 ? cls : 0); break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;

@@ -10,7 +10,7 @@
 
 typedef enum SinkKind {
     SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
-    SINK_PARTS,    /* adjoints by class and channel */
+    SINK_PARTS,    /* adjoints by class (0 or 1) and channel; classes 2 and 3 are these and go into a fifth group too */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
     SINK_FORWARD,  /* images of derivatives along directions */
     SINK_KEEP      /* a list */

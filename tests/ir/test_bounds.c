@@ -1,397 +1,14 @@
 /* The bounds column: no point of a box contradicts the bound of its row, for every value row, in both precisions, by
- * the interpreter and by compiled kernels, which agree bit for bit.
- *
- * One Fn holds the row on a box and on a point of it; the pipeline lowers both as it does for kernels. Samples are
- * (box, point) pairs: edges of the number formats and of the rows, boxes of a few units in the last place, wide ones,
- * those of one point, unknown ones, and arguments that are one value. */
-#include <float.h>
-
+ * the interpreter and by compiled kernels, which agree bit for bit. Samples are edges of the number formats and of the
+ * rows, boxes of a few units in the last place, wide ones, those of one point, unknown ones, and arguments that are one
+ * value. ROUNDS=n in the environment: n times as many pairs, on every target at every width. */
 #include "compiler/back/back.h"
-#include "compiler/ir/bounds.h"
-#include "tests/ir/ir_test.h"
-
-enum { N = 4096, WIDTH = 16 };
-
-/* ---- samples */
-
-static uint64_t rng;
-static uint64_t next_random(void) {
-    uint64_t z = rng += 0x9e3779b97f4a7c15u;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return z ^ (z >> 31);
-}
-static uint32_t below(uint32_t n) { return (uint32_t)((next_random() >> 32) * n >> 32); }
-static double uniform(void) { return (double)(next_random() >> 11) * 0x1p-53; }
-
-static const double float_edges[] = {
-    0,
-    0,
-    0x1p-149,
-    0x1p-130,
-    0x1p-126,
-    0x1.8p-126,
-    0x1p-1074,
-    0x1p-1030,
-    0x1p-1022,
-    0.25,
-    0.5,
-    1,
-    1.5,
-    2,
-    3,
-    1e-10,
-    1e-30,
-    100,
-    88.5,
-    88.72,
-    87.3,
-    127.9,
-    126,
-    709.7,
-    708,
-    1023.5,
-    1e5,
-    99999,
-    1000,
-    1001,
-    1e8,
-    1e30,
-    3.4028234e38,
-    1e300,
-    DBL_MAX,
-    INFINITY,
-    INFINITY,
-    8388607.5,
-    2147483520.0,
-    0x1p31,
-    4294967040.0,
-    0x1p32,
-    0.78539816339744828,
-    1.5707963267948966,
-    3.1415926535897931,
-    4.71238898038469,
-    6.2831853071795862,
-    314.15926535897933,
-    0.70710678118654757,
-    1.4142135623730951,
-    0.625,
-    0.55,
-    0.875,
-    6,
-    4,
-};
-static const int32_t int_edges[] = {0,        1,  2,  3,  5,   7,     8,     15,         16,         31,
-                                    32,       33, 63, 64, 255, 65535, 65536, 0x3fffffff, 0x40000000, INT32_MAX - 1,
-                                    INT32_MAX};
-
-static double round_to(Precision p, double v) { return p == PREC_F32 ? (double)(float)v : v; }
-static double step(Precision p, double v, double to) {
-    return p == PREC_F32 ? (double)nextafterf((float)v, (float)to) : nextafter(v, to);
-}
-static double float_of_bits(Precision p) {
-    uint64_t bits = next_random();
-    uint32_t half = (uint32_t)bits;
-    float f;
-    double d;
-    memcpy(&f, &half, sizeof f);
-    memcpy(&d, &bits, sizeof d);
-    return p == PREC_F32 ? (double)f : d;
-}
-
-/* Where the interesting arguments of a row are. */
-typedef enum Domain { ANY, SMALL, UNIT, NORMAL, EXPONENT, COUNT } Domain;
-
-static double random_float(Precision p, Domain d) {
-    enum { EDGES = sizeof float_edges / sizeof *float_edges };
-    double v;
-    uint32_t r = below(16);
-    if (d == UNIT && r < 8) v = uniform() < 0.5 ? uniform() : 1 - ldexp(uniform(), -(int)below(24));
-    else if (r < 4) v = float_edges[below(EDGES)];
-    else if (r < 6) v = float_of_bits(p);
-    else if (r < 8) v = ldexp(uniform(), (int)below(40) - 20);
-    else if (r < 9) v = floor(uniform() * 40) * 0.5;
-    else if (r < 10) v = floor(uniform() * 40) * 1.5707963267948966;
-    else v = uniform() * (r < 13 ? 4 : 100);
-    v = round_to(p, below(2) ? v : -v);
-    if (d == NORMAL && !(fabs(v) >= (p == PREC_F32 ? FLT_MIN : DBL_MIN) && isfinite(v))) v = round_to(p, 1 + uniform());
-    return v;
-}
-
-typedef struct Sample {
-    double lo, hi, v;
-} Sample;
-
-/* An end of the box on the side of `to`. */
-static double end(Precision p, Domain d, double v, double to) {
-    double e = v;
-    uint32_t r = below(10);
-    if (r < 2) return v;
-    if (r < 5) {
-        for (uint32_t k = 1 + below(r == 4 ? 40 : 3); k > 0; k--) e = step(p, e, to);
-    } else if (r < 9) {
-        double other =
-            r < 7 ? v + (fabs(v) + 1e-3) * ldexp(uniform(), -(int)below(25)) * (to > 0 ? 1 : -1) : random_float(p, d);
-        e = round_to(p, other);
-        if (!(to > 0 ? e >= v : e <= v)) e = v;
-    } else {
-        e = to;
-    }
-    if (d == NORMAL && !(e * v > 0 && isfinite(e))) e = v;
-    return e;
-}
-
-static Sample float_sample(Precision p, Domain d, bool point) {
-    Sample s = {.v = d == NORMAL || below(40) ? random_float(p, d) : (double)NAN};
-    s.lo = s.hi = s.v;
-    if (point) return s;
-    if (isnan(s.v) || (d != NORMAL && !below(40))) {
-        uint32_t r = below(4);
-        s.lo = r & 1 ? NAN : isnan(s.v) || r < 2 ? -INFINITY : s.v;
-        s.hi = r >= 2 ? NAN : isnan(s.v) || r == 1 ? INFINITY : INFINITY;
-        if (r == 1) s.hi = isnan(s.v) ? 1 : -INFINITY; /* one NaN makes the other say nothing */
-        return s;
-    }
-    s.lo = end(p, d, s.v, -INFINITY);
-    s.hi = end(p, d, s.v, INFINITY);
-    if (s.lo == 0 && below(2)) s.lo = -s.lo; /* a zero end stands for both */
-    if (s.hi == 0 && below(2)) s.hi = -s.hi;
-    return s;
-}
-
-static Sample int_sample(Domain d, bool point) {
-    enum { INTS = sizeof int_edges / sizeof *int_edges };
-    int64_t v, lo, hi;
-    if (d == EXPONENT) v = (int64_t)below(2100) - 1050;
-    else if (d == COUNT && below(4)) v = below(40);
-    else if (below(2)) v = int_edges[below(INTS)] * (int64_t)(below(2) ? 1 : -1) - (int64_t)below(2);
-    else v = below(2) ? (int32_t)next_random() : (int64_t)below(200) - 100;
-    if (v < INT32_MIN) v = INT32_MIN;
-    lo = hi = v;
-    if (!point) {
-        lo = below(4) ? v - (int64_t)ldexp(uniform(), (int)below(33)) : v;
-        hi = below(4) ? v + (int64_t)ldexp(uniform(), (int)below(33)) : v;
-    }
-    return (Sample){(double)(lo < INT32_MIN ? INT32_MIN : lo), (double)(hi > INT32_MAX ? INT32_MAX : hi), (double)v};
-}
-
-static Sample bool_sample(bool point) {
-    uint32_t v = below(2), open = below(2) && !point;
-    return (Sample){open ? 0 : v, open ? 1 : v, v};
-}
-
-/* ---- a row on a box */
-
-typedef enum Kind { BOX, POINT, CONSTANT } Kind;
-typedef struct Case {
-    Op op;
-    Precision p;
-    Kind kind[3];
-    double constant;
-    bool same; /* the first two arguments are one value */
-} Case;
-
-static IrType type_of(Op op, uint32_t k) { return ir_ops[op].selects && k == 0 ? TY_BOOL : (IrType)ir_ops[op].arg; }
-
-static Domain domain_of(Op op, uint32_t k) {
-    switch (op) {
-    case OP_fasin:
-    case OP_facos: return UNIT;
-    case OP_fmant:
-    case OP_fexpo: return NORMAL;
-    case OP_ftwoi: return EXPONENT;
-    case OP_ishl:
-    case OP_ishr:
-    case OP_ushr: return k ? COUNT : ANY;
-    default: return ANY;
-    }
-}
-
-/* The inputs of argument k: near end, far end, point. */
-static InputSlot slot_of(IrType t, uint32_t k, uint32_t part) {
-    static const InputSlot flt[3] = {IN_X0, IN_H0, IN_SEED0}, ints[3] = {IN_K0, IN_K3, IN_SAMPLE};
-    return t == TY_FLT ? flt[part] + k : part < 2 ? ints[part] + k : k < 2 ? IN_K6 + k : IN_SAMPLE;
-}
-
-static Inst *argument(Builder *b, IrType t, uint32_t k, uint32_t part) {
-    Inst *i = ir_input(b, slot_of(t, k, part));
-    return t == TY_BOOL ? ir_emit2(b, OP_ine, i, ir_consti(b, 0)) : i;
-}
-
-enum { OUT_LO, OUT_HI, OUT_VALUE, OUT_JUMPS, OUT_BENDS, OUTS };
-
-static Fn *row_fn(Session *s, const Case *c) {
-    Fn *fn = ir_fn(s, &s->module, "f", c->p);
-    Builder b = ir_at_end(fn, fn->body);
-    const OpInfo *o = &ir_ops[c->op];
-    Bound a[3];
-    Inst *v[3];
-    for (uint32_t k = 0; k < o->nargs; k++) {
-        IrType t = type_of(c->op, k);
-        uint32_t from = c->same && k == 1 ? 0 : k;
-        if (c->kind[k] == CONSTANT) {
-            v[k] = t == TY_FLT   ? ir_constf(&b, c->constant)
-                   : t == TY_INT ? ir_consti(&b, (int32_t)c->constant)
-                                 : ir_constb(&b, c->constant > 0);
-            a[k] = ir_bound_point(v[k]);
-        } else {
-            v[k] = argument(&b, t, from, 2);
-            a[k] = c->kind[k] == POINT ? ir_bound_point(v[k])
-                                       : (Bound){argument(&b, t, from, 0), argument(&b, t, from, 1)};
-        }
-    }
-    if (c->same) a[1] = a[0], v[1] = v[0];
-    Bound r = ir_bound_row(&b, c->op, a, o->nargs, c->same ? 3 : 0);
-    BoundEvents e = ir_bound_events(&b, c->op, a, o->nargs);
-    Inst *no = ir_constb(&b, false);
-    Inst *out[OUTS] = {r.lo, r.hi, ir_emit(&b, c->op, o->nargs, v), e.jumps ? e.jumps : no, e.bends ? e.bends : no};
-    ir_yield(&b, OUTS, out);
-    return fn;
-}
-
-typedef struct Data {
-    void *in[SLT_IN_VARYING];
-    void *out[2][OUTS]; /* of the interpreter, of the kernel */
-    Sample sample[3][N];
-} Data;
-
-static Data *make_data(void) {
-    Data *d = calloc(1, sizeof *d);
-    for (int s = 0; s < SLT_IN_VARYING; s++)
-        d->in[s] = aligned_alloc(64, (N + SLT_PAD) * 8), memset(d->in[s], 0, (N + SLT_PAD) * 8);
-    for (int j = 0; j < OUTS; j++)
-        for (int w = 0; w < 2; w++) d->out[w][j] = aligned_alloc(64, (N + SLT_PAD) * 8);
-    return d;
-}
-
-static void free_data(Data *d) {
-    for (int s = 0; s < SLT_IN_VARYING; s++) free(d->in[s]);
-    for (int j = 0; j < OUTS; j++) free(d->out[0][j]), free(d->out[1][j]);
-    free(d);
-}
-
-static void put(void *to, IrType t, Precision p, uint32_t n, double v) {
-    if (t != TY_FLT) ((int32_t *)to)[n] = (int32_t)v;
-    else if (p == PREC_F32) ((float *)to)[n] = (float)v;
-    else ((double *)to)[n] = v;
-}
-
-static double get(const void *from, IrType t, Precision p, uint32_t n) {
-    return t != TY_FLT     ? ((const int32_t *)from)[n]
-           : p == PREC_F32 ? (double)((const float *)from)[n]
-                           : ((const double *)from)[n];
-}
-
-static void fill(Data *d, const Case *c) {
-    for (uint32_t k = 0; k < ir_ops[c->op].nargs; k++) {
-        IrType t = type_of(c->op, k);
-        for (uint32_t n = 0; n < N; n++) {
-            bool point = c->kind[k] == POINT;
-            Sample s = t == TY_FLT   ? float_sample(c->p, domain_of(c->op, k), point)
-                       : t == TY_INT ? int_sample(domain_of(c->op, k), point)
-                                     : bool_sample(point);
-            if (c->kind[k] == CONSTANT) s.lo = s.hi = s.v = c->constant;
-            if (c->same && k == 1) s = d->sample[0][n];
-            /* the bits of a NaN are nobody's promise */
-            if (c->op == OP_fasuint && isnan(s.v)) s = (Sample){1, 1, 1};
-            d->sample[k][n] = s;
-            if (c->same && k == 1) continue;
-            put(d->in[slot_of(t, k, 0)], t, c->p, n, s.lo);
-            put(d->in[slot_of(t, k, 1)], t, c->p, n, s.hi);
-            put(d->in[slot_of(t, k, 2)], t, c->p, n, s.v);
-        }
-    }
-}
-
-/* How many of n samples contradict; what is told of the first. */
-static uint32_t contradictions(const Data *d, const Case *c, uint32_t from, uint32_t n, bool tell) {
-    IrType t = (IrType)ir_ops[c->op].result;
-    uint32_t bad = 0;
-    for (uint32_t k = 0; k < n; k++) {
-        double lo = get(d->out[from][OUT_LO], t, c->p, k), hi = get(d->out[from][OUT_HI], t, c->p, k),
-               v = get(d->out[from][OUT_VALUE], t, c->p, k);
-        bool ok;
-        if (t == TY_FLT && (isnan(lo) || isnan(hi))) ok = true;
-        else if (t == TY_FLT && isnan(v)) ok = lo == -INFINITY && hi == INFINITY;
-        else if (t == TY_BOOL) ok = v ? hi : !lo;
-        else ok = lo <= v && v <= hi;
-        if (ok) continue;
-        if (!bad++ && tell) {
-            printf("%s %s: %.17g is not in [%.17g, %.17g] at", ir_ops[c->op].name, c->p == PREC_F32 ? "f32" : "f64", v,
-                   lo, hi);
-            for (uint32_t j = 0; j < ir_ops[c->op].nargs; j++)
-                printf(" %.17g of [%.17g, %.17g]%s", d->sample[j][k].v, d->sample[j][k].lo, d->sample[j][k].hi,
-                       c->kind[j] == CONSTANT ? " constant"
-                       : c->kind[j] == POINT  ? " point"
-                                              : "");
-            printf("%s\n", c->same ? " (the same)" : "");
-        }
-    }
-    return bad;
-}
-
-static SltKernelArgs args_of(Data *d, int which, uint32_t n) {
-    SltKernelArgs a = {.n_valid = n};
-    memcpy(a.in, d->in, sizeof a.in);
-    for (int j = 0; j < OUTS; j++) a.out[j] = d->out[which][j];
-    return a;
-}
-
-static Fn *lowered(Session *s, const Case *c, bool fma) {
-    Fn *fn = row_fn(s, c);
-    PassCtx ctx = {.session = s, .has_fma = fma};
-    pipeline_kernel(&ctx, fn);
-    check_sound(fn);
-    return fn;
-}
-
-/* ---- the cases: every row, its arguments boxes, points, constants, or one value */
-
-typedef bool Check(const Case *c, void *user);
-
-static const double constants[] = {0, 1, -1, 2, -3, 0.5, -2.5, 7, 1e30, INFINITY, NAN};
-
-static uint32_t each_case(Check *check, void *user) {
-    uint32_t bad = 0;
-    for (int op = 0; op < OP_COUNT; op++) {
-        const OpInfo *o = &ir_ops[op];
-        if (o->special || (getenv("ROW") && strcmp(getenv("ROW"), o->name))) continue;
-        for (int p = PREC_F32; p <= PREC_F64; p++) {
-            Case c = {.op = (Op)op, .p = (Precision)p};
-            bad += !check(&c, user);
-            for (uint32_t k = 0; k < o->nargs && o->nargs > 1; k++) {
-                Case one = c;
-                one.kind[k] = POINT;
-                bad += !check(&one, user);
-                one.kind[k] = CONSTANT;
-                for (size_t j = 0; j < sizeof constants / sizeof *constants; j++) {
-                    one.constant = constants[j];
-                    bool is_float = type_of((Op)op, k) == TY_FLT;
-                    if (!is_float && (one.constant != floor(one.constant) || fabs(one.constant) > 1e9)) continue;
-                    if ((j + (uint32_t)op) % 3 && !o->math) bad += !check(&one, user);
-                }
-            }
-            if (o->nargs > 1 && !o->selects) {
-                c.same = true;
-                bad += !check(&c, user);
-            }
-        }
-    }
-    return bad;
-}
-
-/* The pairs of each case. */
-typedef struct Run {
-    Session *s;
-    Data *d;
-    uint64_t pairs;
-    uint32_t rounds;
-} Run;
+#include "tests/ir/bounds_pairs.h"
 
 static bool interpreted(const Case *c, void *user) {
     Run *run_ = user;
     ArenaMark m = arena_mark(&run_->s->module);
-    Fn *fn = lowered(run_->s, c, true);
+    Fn *fn = lowered(run_->s, c, true, true);
     bool ok = true;
     for (uint32_t k = 0; k < run_->rounds && ok; k++) {
         fill(run_->d, c);
@@ -407,7 +24,7 @@ static bool interpreted(const Case *c, void *user) {
 static void test_rows(void **state) {
     (void)state;
     rng = 1;
-    Run r = {.s = session_create(0), .d = make_data(), .rounds = 1};
+    Run r = {.s = session_create(0), .d = make_data(), .rounds = rounds(1)};
     uint32_t bad = each_case(interpreted, &r);
     printf("%llu pairs\n", (unsigned long long)r.pairs);
     free_data(r.d);
@@ -415,9 +32,117 @@ static void test_rows(void **state) {
     assert_int_equal(bad, 0);
 }
 
+/* ---- the same in compiled kernels: some cases to a module */
+
+enum { MODULE = 24 };
+
+typedef struct Compiled {
+    Run run;
+    Case c[MODULE];
+    Fn *fn[MODULE];
+    uint32_t n, module, seen;
+    ArenaMark mark;
+    bool everywhere; /* every case on every target at every width, and not a few here and there */
+} Compiled;
+
+static bool same_bits(const void *a, const void *b, IrType t, Precision p) {
+    double x = get(a, t, p, 0), y = get(b, t, p, 0);
+    return (isnan(x) && isnan(y)) || !memcmp(a, b, t == TY_FLT && p == PREC_F64 ? 8 : 4);
+}
+
+static bool module_on(Compiled *m, const Target *target, uint32_t width, bool fma) {
+    if (target->has_fma != fma) return true;
+    KernelRequest k[MODULE];
+    char names[MODULE][8];
+    for (uint32_t j = 0; j < m->n; j++) {
+        snprintf(names[j], sizeof names[j], "f%u", j);
+        k[j] = (KernelRequest){names[j], m->fn[j]};
+    }
+    BackOptions o = {.target = *target, .width = width, .no_cache = true, .opt_level = 2};
+    CompiledModule *module = NULL;
+    const char *why = "";
+    if (back_compile(m->run.s, k, m->n, &o, &module, &why)) fail_msg("%s", why);
+    bool ok = true;
+    for (uint32_t j = 0; j < m->n; j++) {
+        const Case *c = &m->c[j];
+        IrType t = (IrType)ir_ops[c->op].result, types[OUTS] = {t, t, t, TY_BOOL, TY_BOOL};
+        size_t bytes = t == TY_FLT && c->p == PREC_F64 ? 8 : 4;
+        for (uint32_t round = 0; round < m->run.rounds && ok; round++) {
+            fill(m->run.d, c);
+            SltKernelArgs a = args_of(m->run.d, 1, N);
+            back_kernel(module, names[j])(&a, N);
+            m->run.pairs += N;
+            ok &= !contradictions(m->run.d, c, 1, N, true);
+            if (round) continue;
+            SltKernelArgs b = args_of(m->run.d, 0, N);
+            assert_int_equal(run(m->fn[j], &b, N, WIDTH), SLT_OK);
+            for (uint32_t out = 0; out < OUTS; out++)
+                for (uint32_t n = 0; n < N; n++) {
+                    size_t at = n * (out < OUT_JUMPS ? bytes : 4);
+                    const char *x = (const char *)m->run.d->out[0][out] + at,
+                               *y = (const char *)m->run.d->out[1][out] + at;
+                    if (same_bits(x, y, types[out], c->p) || !ok) continue;
+                    ok = false;
+                    printf(
+                        "%s, width %u: output %u is %.17g in a kernel and %.17g in the interpreter at %.17g of [%.17g, %.17g]\n",
+                        ir_ops[c->op].name, width, out, get(y, types[out], c->p, 0), get(x, types[out], c->p, 0),
+                        m->run.d->sample[0][n].v, m->run.d->sample[0][n].lo, m->run.d->sample[0][n].hi);
+                }
+        }
+    }
+    back_free(module);
+    return ok;
+}
+
+static bool module_ends(Compiled *m, bool fma) {
+    static const char *const names[] = {"sse2", "avx2", "avx512"};
+    static const uint32_t widths[] = {8, 16, 1, 32, 4, 64, 2};
+    bool ok = true;
+    Target host;
+    target_named(&host, "native");
+    for (uint32_t t = 0; t < 3 && m->n; t++) {
+        Target target;
+        target_named(&target, names[t]);
+        if (!target_runs(&target, &host)) continue;
+        for (uint32_t w = 0; w < 7; w++)
+            if (m->everywhere || w == (m->module + 3 * t) % 7) ok &= module_on(m, &target, widths[w], fma);
+    }
+    m->n = 0;
+    m->module++;
+    arena_reset(&m->run.s->module, m->mark);
+    return ok;
+}
+
+static bool compiled(const Case *c, void *user, bool fma) {
+    Compiled *m = user;
+    if ((c->op == OP_ffma && !fma) || (!m->everywhere && m->seen++ % 5)) return true;
+    m->c[m->n] = *c;
+    m->fn[m->n++] = lowered(m->run.s, c, fma, true);
+    return m->n < MODULE || module_ends(m, fma);
+}
+static bool compiled_fma(const Case *c, void *user) { return compiled(c, user, true); }
+static bool compiled_plain(const Case *c, void *user) { return compiled(c, user, false); }
+
+static void kernels(Check *check, bool fma) {
+    rng = 2;
+    Compiled m = {.run = {.s = session_create(0), .d = make_data(), .rounds = rounds(1)}, .everywhere = rounds(1) > 1};
+    m.mark = arena_mark(&m.run.s->module);
+    uint32_t bad = each_case(check, &m);
+    bad += !module_ends(&m, fma);
+    printf("%llu pairs\n", (unsigned long long)m.run.pairs);
+    free_data(m.run.d);
+    session_destroy(m.run.s);
+    assert_int_equal(bad, 0);
+}
+
+static void test_kernels(void **state) { (void)state, kernels(compiled_fma, true); }
+static void test_kernels_without_fma(void **state) { (void)state, kernels(compiled_plain, false); }
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_kernels),
+        cmocka_unit_test(test_kernels_without_fma),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

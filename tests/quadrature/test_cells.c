@@ -6,6 +6,7 @@
 
 #include <cmocka.h>
 
+#include "tests/quadrature/discs.h"
 #include "tests/quadrature/run.h"
 
 static void near(const char *what, double is, double want, double tolerance) {
@@ -138,10 +139,109 @@ static void circle(void **state) {
         }
 }
 
+static Num ring_g(const Scene *s, uint32_t e, const Num *x) {
+    (void)e;
+    Num dx = num_sub(x[0], num(0.47)), dy = num_sub(x[1], num(0.53));
+    Num r = num_sqrt(num_add(num_sqr(dx), num_sqr(dy)));
+    return num_sub(num_sqr(num_sub(r, param(s, 0))), num_sqr(param(s, 1)));
+}
+/* An implicit flower without atan2: r^2 - (a + b cos 5 phi) by the polynomial Re (x + i y)^5. */
+static Num flower_g(const Scene *s, uint32_t e, const Num *x) {
+    (void)e;
+    Num u = num_scale(2, num_sub(x[0], num(0.51))), v = num_scale(2, num_sub(x[1], num(0.49)));
+    Num uu = num_sqr(u), vv = num_sqr(v), rr = num_add(uu, vv);
+    Num five = num_mul(u, num_add(num_sub(num_sqr(uu), num_scale(10, num_mul(uu, vv))), num_scale(5, num_sqr(vv))));
+    Num r = num_sqrt(rr), rrr = num_mul(rr, r);
+    /* r^4 - a r^3 - b r^-1 Re, times what keeps it a polynomial of r */
+    return num_sub(num_sub(num_mul(rr, rrr), num_mul(param(s, 0), num_sqr(rr))), num_mul(param(s, 1), five));
+}
+static Num metaballs_g(const Scene *s, uint32_t e, const Num *x) {
+    static const double at[8][3] = {{.22, .31, .05}, {.41, .27, .07}, {.63, .36, .06}, {.77, .61, .08},
+                                    {.52, .71, .05}, {.31, .66, .07}, {.18, .52, .04}, {.71, .22, .05}};
+    Num sum = num(0);
+    (void)e;
+    for (int i = 0; i < 8; i++) {
+        Num dx = num_sub(x[0], num(at[i][0])), dy = num_sub(x[1], num(at[i][1]));
+        Num rr = num_add(num_add(num_sqr(dx), num_sqr(dy)), num(1e-4));
+        sum = num_add(sum, num_scale(at[i][2] * at[i][2], num_inv(rr)));
+    }
+    return num_sub(param(s, 0), sum);
+}
+static Num blobs_g(const Scene *s, uint32_t e, const Num *x) {
+    (void)e;
+    return num_add(num_mul(num_sin(num_scale(56.1, x[0])), num_sin(num_scale(55.3, x[1]))), param(s, 0));
+}
+static Num zone_g(const Scene *s, uint32_t e, const Num *x) {
+    (void)e;
+    Num dx = num_sub(x[0], num(0.47)), dy = num_sub(x[1], num(0.53));
+    return num_sub(num_sin(num_scale(480, num_add(num_sqr(dx), num_sqr(dy)))), param(s, 0));
+}
+
+typedef struct Smooth {
+    const char *name;
+    Num (*g)(const Scene *, uint32_t, const Num *);
+    double p[2];
+    uint32_t np;
+} Smooth;
+static void smooth_curves(void **state) {
+    (void)state;
+    static const Smooth of[] = {{"ring", ring_g, {0.3, 0.005}, 2},  {"flower", flower_g, {0.5, 0.2}, 2},
+                                {"metaballs", metaballs_g, {1}, 1}, {"blobs", blobs_g, {0.3}, 1},
+                                {"zone plate", zone_g, {0.1}, 1}};
+    for (int i = 0; i < 5; i++) {
+        if (getenv("ONLY") && atoi(getenv("ONLY")) != i) continue;
+        double want[3] = {0};
+        printf("%s\n", of[i].name);
+        for (uint32_t q = 12; q >= 2; q -= 2) {
+            Scene s;
+            scene_init(&s, 2, 1, 0, of[i].g, inside_f, of[i].p, of[i].np);
+            CellOptions o = run_options(q);
+            o.volume = getenv("CELLS_VOLUME") != NULL;
+            o.budget = 3000000;
+            Run r = run_scene(&s, &o, NULL);
+            double is[3] = {r.value[0], r.slope[0][0], r.slope[0][1]};
+            if (q == 12) memcpy(want, is, sizeof want);
+            for (uint32_t k = !o.volume; k <= of[i].np; k++)
+                printf("  Q %u: %.12g relative %.2g\n", q, is[k], fabs(is[k] / want[k] - 1));
+        }
+    }
+}
+
+/* Relative L2 error over the 3 n derivatives. */
+static double discs_error(uint32_t n, double least, double most, uint32_t q, const CellOptions *options) {
+    double *p = malloc(3 * n * sizeof *p), *want = malloc(3 * n * sizeof *p), *is = calloc(3 * n, sizeof *p);
+    uint64_t random = n;
+    for (uint32_t i = 0; i < n; i++) {
+        p[3 * i] = disc_random(&random), p[3 * i + 1] = disc_random(&random);
+        p[3 * i + 2] = least + (most - least) * disc_random(&random);
+    }
+    Scene s;
+    scene_init(&s, 2, n, 0, disc_g, paint, p, 3 * n);
+    s.opaque = true;
+    discs_near(&s, p, n, (uint32_t)fmax(1, 0.5 / most));
+    CellOptions o = *options;
+    o.gauss = q;
+    Run r = run_scene(&s, &o, is);
+    discs_exact(p, n, want);
+    double off = 0, all = 0;
+    for (uint32_t i = 0; i < 3 * n; i++) off += (is[i] - want[i]) * (is[i] - want[i]), all += want[i] * want[i];
+    if (getenv("CELLS_SHOW")) printf("  %u discs, Q %u: %.2g, left %g\n", n, q, sqrt(off / all), r.counts.left);
+    free(p), free(want), free(is), free((void *)s.near), free((void *)s.near_start);
+    return sqrt(off / all);
+}
+
+static void opaque_discs(void **state) {
+    (void)state;
+    CellOptions o = run_options(3);
+    o.volume = false, o.least = 0x1p-20;
+    for (uint32_t q = 2; q < 8; q++) discs_error(200, .02, .1, q, &o);
+    for (uint32_t q = 3; q < 8; q++) discs_error(2000, .01, .04, q, &o);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(step_in_1d),  cmocka_unit_test(step_on_a_face),      cmocka_unit_test(nested_in_1d),
-        cmocka_unit_test(floor_in_1d), cmocka_unit_test(in_single_precision), cmocka_unit_test(circle),
+        cmocka_unit_test(floor_in_1d), cmocka_unit_test(in_single_precision), cmocka_unit_test(circle), cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -336,6 +336,7 @@ void emit_control(Emit *e, Inst *i);
 
 void emit_block(Emit *e, Block *b) {
     for (Inst *i = b->first; i && !e->error; i = i->next) {
+        if (e->chunks) emit_chunk_operands(e, i);
         if (!ir_ops[i->op].special) {
             if (!emit_slot(e, i)[0]) {
                 if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);
@@ -350,6 +351,7 @@ void emit_block(Emit *e, Block *b) {
         case OP_constb:
         case OP_proj:
         case OP_arg:
+        case OP_live:
         case OP_yield: break;
         case OP_input:
             if (!emit_slot(e, i)[0]) emit_input(e, i);
@@ -361,6 +363,12 @@ void emit_block(Emit *e, Block *b) {
             else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
             break;
         case OP_if_:
+            if (i->args[0]->op == OP_live) {
+                i = emit_chunks(e, i);
+                break;
+            }
+            emit_control(e, i);
+            break;
         case OP_loop: emit_control(e, i); break;
         case OP_revloop: emit_revloop(e, i); break;
         case OP_rand:
@@ -447,6 +455,7 @@ const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRe
     setup_block(e, k->fn->body);
     uint32_t nout = packs_rgba8(e, yield) ? 1 : yield->nargs;
     for (uint32_t j = 0; j < nout; j++) pointer_field(e, &e->out[j], offsetof(SltKernelArgs, out) + j * sizeof(void *));
+    emit_chunks_setup(e);
     hoist_uniform(e);
     Part end = LL(BuildZExt)(e->b, e->n, e->t_i64, "end");
     LLVMBasicBlockRef from = emit_here(e);

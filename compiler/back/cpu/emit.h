@@ -21,6 +21,8 @@ typedef struct CullSlot {
     Part noted; /* i64: all ones where notes are wanted, else 0, and `notes` are scratch */
 } CullSlot;
 
+typedef struct ChunkState ChunkState;
+
 typedef struct Emit {
     const LlvmApi *ll;
     const BackOptions *opt;
@@ -40,6 +42,7 @@ typedef struct Emit {
     CullSlot cull[BACK_MAX_CULL];
     Part *mask;           /* P parts, or NULL: all lanes */
     Part *val;            /* by id * P + part */
+    ChunkState *chunks;   /* of a straight-line program in chunks; NULL: it is not */
     uint64_t frame_bytes; /* of local arrays so far */
     uint32_t since_split; /* instructions since the current block began */
     uint32_t nsplits;
@@ -118,6 +121,13 @@ void emit_revloop(Emit *e, Inst *i);
 void emit_partner(Emit *e, const Part *in, Part *out);
 void emit_both(Emit *e, Inst *i);
 bool emit_pairs_apart(Emit *e, Inst *i); /* band of "lanes differ" and `both` as one operation; false: i is another */
+
+/* ---- emit_chunks.c: straight-line programs in chunks */
+void emit_chunks_setup(Emit *e);                  /* once a kernel, in its setup */
+Inst *emit_chunks(Emit *e, Inst *first);          /* a run of them; returns its last instruction */
+void emit_chunk_operands(Emit *e, const Inst *i); /* in a chunk: what i needs of others */
+void emit_settled(Emit *e, Inst *i);
+void emit_choice(Emit *e, const Inst *i);
 
 /* ---- emit_effect.c: counters, notes and print */
 void emit_count(Emit *e, Inst *i);

@@ -6,8 +6,8 @@
  *     ->  packets of 16, 8, 4 or 1 rays
  *     ->  witnesses
  *
- * Only what the queries in use need is built: a naive field holds no memory of its own, unless it is asked BLOCKED, which
- * needs the mipmap. */
+ * Only what the queries in use need is built: a naive field holds no memory of its own, unless it is asked BLOCKED,
+ * which needs the mipmap. */
 #ifndef SALTUS_HEIGHTFIELD_FIELD_H
 #define SALTUS_HEIGHTFIELD_FIELD_H
 
