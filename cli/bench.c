@@ -2,7 +2,8 @@
  *
  * The error is the root mean square over independent seeds of ||gradient - reference|| / ||reference||. The reference
  * is quadrature where that states a far smaller error than any curve can show, else a lattice of 64 times the largest
- * number of samples (averaged over seeds). Seconds are the median of the runs; evaluations count every kernel call on a
+ * number of samples (averaged over seeds). Samples double along a curve; of quadrature it is the number of Gauss points
+ * that grows, unless --gauss has fixed it. Seconds are the median of the runs; evaluations count every kernel call on a
  * sample and every box. */
 #include <errno.h>
 #include <math.h>
@@ -23,6 +24,7 @@ static const char *const names[SLT_ESTIMATORS] = {
 
 typedef struct Point {
     uint64_t samples;
+    uint32_t gauss; /* of quadrature: points along a piece; 0: by samples */
     double evaluations, seconds, error;
 } Point;
 
@@ -47,8 +49,9 @@ typedef struct Bench {
     Curve other;         /* the lattice in the other precision, at the largest number of samples */
 } Bench;
 
-static SltStatus gradient(Bench *b, SltEstimator e, uint64_t samples, uint32_t seed, SltStats *stats) {
+static SltStatus gradient(Bench *b, SltEstimator e, uint64_t samples, uint32_t gauss, uint32_t seed, SltStats *stats) {
     SltJob job = b->c->job;
+    if (gauss) job.gauss = gauss;
     job.estimator = e;
     job.samples = samples;
     job.segments = 0;
@@ -89,11 +92,11 @@ static SltStatus make_reference(Bench *b, uint64_t largest) {
     uint64_t samples = largest * 64;
     SltStats stats = SLT_STATS_INIT;
     double start = cli_now();
-    s = gradient(b, SLT_EST_LATTICE, largest, 999331, &stats);
+    s = gradient(b, SLT_EST_LATTICE, largest, 0, 999331, &stats);
     double each = cli_now() - start;
     while (each * (double)samples / (double)largest * SEEDS > 20 && samples > largest * 4) samples /= 2;
     for (int r = 0; r < SEEDS && s == SLT_OK; r++) {
-        s = gradient(b, SLT_EST_LATTICE, samples, 999331u + 7u * (uint32_t)(r + 1), &stats);
+        s = gradient(b, SLT_EST_LATTICE, samples, 0, 999331u + 7u * (uint32_t)(r + 1), &stats);
         for (size_t i = 0; i < b->size; i++) b->reference[i] += b->g[i] / SEEDS;
     }
     b->norm = norm(b->reference, b->size);
@@ -105,14 +108,14 @@ static int compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static SltStatus measure(Bench *b, Curve *k, uint64_t samples) {
+static SltStatus measure(Bench *b, Curve *k, uint64_t samples, uint32_t gauss) {
     double seconds[MAX_REPEATS], square = 0, evaluations = 0;
     uint32_t repeats = b->c->repeats < MAX_REPEATS ? b->c->repeats : MAX_REPEATS;
     double start = cli_now();
     uint32_t done = 0;
     for (uint32_t r = 0; r < repeats; r++) {
         SltStats stats = SLT_STATS_INIT;
-        SltStatus s = gradient(b, k->estimator, samples, b->c->job.seed + 104729u * (r + 1), &stats);
+        SltStatus s = gradient(b, k->estimator, samples, gauss, b->c->job.seed + 104729u * (r + 1), &stats);
         if (s != SLT_OK) return s;
         if (k->estimator == SLT_EST_QUADRATURE && !stats.cells) {
             k->skipped = "the program has no bounds";
@@ -126,7 +129,7 @@ static SltStatus measure(Bench *b, Curve *k, uint64_t samples) {
         if (cli_now() - start > b->budget && done >= 3) break;
     }
     qsort(seconds, done, sizeof *seconds, compare);
-    k->at[k->n++] = (Point){samples, evaluations / done, seconds[done / 2], sqrt(square / done)};
+    k->at[k->n++] = (Point){samples, gauss, evaluations / done, seconds[done / 2], sqrt(square / done)};
     return SLT_OK;
 }
 
@@ -140,7 +143,7 @@ static SltStatus measure_other(Bench *b, uint64_t samples) {
     b->other = (Curve){.name = b->c->opt.f64 ? "lattice, f32" : "lattice, f64", .estimator = SLT_EST_LATTICE};
     if (status == SLT_OK) {
         b->p = other;
-        status = measure(b, &b->other, samples);
+        status = measure(b, &b->other, samples, 0);
         b->p = own;
     }
     slt_program_free(other);
@@ -180,12 +183,12 @@ static char *make_csv(const Bench *b) {
     size_t size;
     FILE *out = open_memstream(&text, &size);
     if (!out) return NULL;
-    fputs("estimator,samples,evaluations,seconds,relative_rmse\n", out);
+    fputs("estimator,samples,evaluations,seconds,relative_rmse,gauss\n", out);
     for (int e = 0; e < SLT_ESTIMATORS; e++)
         for (int i = 0; i < b->curves[e].n; i++) {
             const Point *q = &b->curves[e].at[i];
-            fprintf(out, "%s,%llu,%.0f,%.9g,%.9g\n", b->curves[e].name, (unsigned long long)q->samples, q->evaluations,
-                    q->seconds, q->error);
+            fprintf(out, "%s,%llu,%.0f,%.9g,%.9g,%u\n", b->curves[e].name, (unsigned long long)q->samples,
+                    q->evaluations, q->seconds, q->error, q->gauss);
         }
     fclose(out);
     return text;
@@ -215,6 +218,7 @@ static char *make_json(const Bench *b) {
             json_number(out, q->seconds);
             fputs(", \"error\": ", out);
             json_number(out, q->error);
+            if (q->gauss) fprintf(out, ", \"gauss\": %u", q->gauss);
             fputs("}", out);
         }
         fputs("]", out);
@@ -284,8 +288,9 @@ static void print_table(const Bench *b) {
     for (int e = 0; e < SLT_ESTIMATORS; e++) {
         for (int i = 0; i < b->curves[e].n; i++) {
             const Point *q = &b->curves[e].at[i];
-            printf("%-14s %12llu %14.0f %12.3g %14.3g\n", b->curves[e].name, (unsigned long long)q->samples,
-                   q->evaluations, q->seconds, q->error);
+            if (q->gauss) printf("%-14s %9s %2u", b->curves[e].name, "gauss", q->gauss);
+            else printf("%-14s %12llu", b->curves[e].name, (unsigned long long)q->samples);
+            printf(" %14.0f %12.3g %14.3g\n", q->evaluations, q->seconds, q->error);
         }
         if (b->curves[e].skipped) printf("%-14s left out: %s\n", b->curves[e].name, b->curves[e].skipped);
     }
@@ -326,8 +331,11 @@ static int bench(Bench *b) {
         }
         if (slt_uses_rand(b->p) && e == SLT_EST_LATTICE)
             k->skipped = "rand() is called: the lattice is cut into scanlines";
-        for (uint64_t n = smallest; n <= largest && k->n < MAX_POINTS && s == SLT_OK; n *= 2) {
-            s = measure(b, k, n);
+        bool by_gauss = e == SLT_EST_QUADRATURE && !c->job.gauss;
+        for (uint32_t q = 2; by_gauss && q <= SLT_GAUSS_MAX && !k->skipped && s == SLT_OK; q += 2)
+            s = measure(b, k, largest, q);
+        for (uint64_t n = smallest; !by_gauss && n <= largest && k->n < MAX_POINTS && s == SLT_OK; n *= 2) {
+            s = measure(b, k, n, 0);
             progress_update(&pr, (++done) / (SLT_ESTIMATORS * 11.0), names[e]);
             if (!k->n || k->at[k->n - 1].seconds > b->budget) break;
         }

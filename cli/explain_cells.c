@@ -26,6 +26,7 @@ typedef struct Drawn {
     size_t ncells, cells_cap;
     double (*point)[2];
     size_t npoints, points_cap;
+    uint32_t channels;
     bool failed; /* memory ran out */
 } Drawn;
 
@@ -53,7 +54,9 @@ static void take_cell(void *user, const Box *cell, CellState state) {
 static void take_curve(void *user, Crossing *c, uint32_t n) {
     Drawn *d = user;
     for (uint32_t i = 0; i < n && !d->failed; i++) {
-        if (c[i].cls != CELL_FINE) continue;
+        bool moves = false; /* what is hidden jumps by 0 */
+        for (uint32_t k = 0; k < d->channels; k++) moves |= c[i].jump[k] != 0;
+        if (c[i].cls != CELL_FINE || !moves) continue;
         d->failed |= !grow((void **)&d->point, sizeof *d->point, d->npoints, &d->points_cap);
         if (!d->failed) memcpy(d->point[d->npoints++], c[i].x, sizeof *d->point);
     }
@@ -204,7 +207,7 @@ static SltStatus write_picture(const char *path, SltProgram *p, const Drawn *d, 
 
 SltStatus explain_cells(const Cli *c, SltProgram *p, SltError *err) {
     if (p->prog->dim > 2) return status_fail(err, SLT_USAGE, "--cells draws domains of one and two dimensions");
-    Drawn d = {0};
+    Drawn d = {.channels = p->prog->channels};
     CellCounts counts = {0};
     SltStatus status = cut(p, &d, &counts, err);
     if (status == SLT_OK) status = write_picture(c->cells, p, &d, &counts, err);

@@ -19,15 +19,20 @@ static void json_shape(const char *key, Cli *c, SltProgram *p, const double *dat
     fputs(", ", stdout);
 }
 
-/* The gradient as a table, at most `rows` components, the largest first where there are more. */
-static void print_table(Cli *c, SltProgram *p, const double *g, const double *se, uint32_t channels) {
+/* A number and its error, with as many digits as may be right. */
+static void print_number(double v, double se, bool cells) {
+    printf(cells ? " %21.14g +- %-9.2g" : " %16.9g +- %-9.2g", v, se);
+}
+
+/* The gradient as a table, its first components where there are many. */
+static void print_table(Cli *c, SltProgram *p, const double *g, const double *se, uint32_t channels, bool cells) {
     uint32_t *index, nf = slt_float_count(p);
     char **names;
     uint32_t n = report_components(c, p, &names, &index), shown = n < CLI_MAX_COMPONENTS ? n : CLI_MAX_COMPONENTS;
     for (uint32_t i = 0; i < shown; i++) {
         printf("%-28s", names[i]);
         for (uint32_t k = 0; k < channels; k++)
-            printf(" %16.9g +- %-9.2g", g[(size_t)k * nf + index[i]], se ? se[(size_t)k * nf + index[i]] : 0.0);
+            print_number(g[(size_t)k * nf + index[i]], se[(size_t)k * nf + index[i]], cells);
         putchar('\n');
     }
     if (n > shown) printf("... and %u more components (--json prints all)\n", n - shown);
@@ -96,9 +101,9 @@ static int grad_integral(Cli *c, SltProgram *p) {
         fputs("}\n", stdout);
     } else {
         printf("%-28s", "integral");
-        for (uint32_t k = 0; k < ch; k++) printf(" %16.9g +- %-9.2g", value[k], value_se[k]);
+        for (uint32_t k = 0; k < ch; k++) print_number(value[k], value_se[k], stats.cells);
         putchar('\n');
-        print_table(c, p, out.gradient, out.gradient_stderr, ch);
+        print_table(c, p, out.gradient, out.gradient_stderr, ch, stats.cells);
         if (!c->quiet && !stats.cells)
             fprintf(stderr, "saltus: %llu samples, %llu crossings, %.3f s\n", (unsigned long long)stats.samples,
                     (unsigned long long)stats.crossings, stats.seconds);
@@ -158,7 +163,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         fputs("}\n", stdout);
     } else {
         printf("%-28s %16.9g\n", "loss", loss);
-        print_table(c, p, g, g + n, 1);
+        print_table(c, p, g, g + n, 1, stats.cells);
     }
     report_cells(c, &stats, &left);
     report_dropped(c, &stats);

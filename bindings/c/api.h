@@ -49,6 +49,7 @@ struct SltProgram {
     SltKernel **cull_kernels;                      /* by [Cull] loop */
     uint32_t nlists;                               /* loops with lists, [Cull] loops first */
     uint32_t *list_counts;                         /* [SLT_MAX_CULL]: iterations of each */
+    uint8_t *list_noted;                           /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips; /* by site: see SltScene */
     uint8_t *edge_kind;                            /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
@@ -105,6 +106,9 @@ typedef struct ApiCall {
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
+/* ---- pixels.c, squares.c: images of 8-bit pixels */
+double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell); /* of a pixel; cells go up */
+SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);
 /* ---- geometry.c */
 bool api_geometries_init(SltProgram *p);
 void api_geometries_free(SltProgram *p);

@@ -3,7 +3,7 @@
 
 #include "bindings/c/api.h"
 
-static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE; }
+static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE || j->estimator == SLT_EST_AUTO; }
 
 static void cell_needs(bool needs[K_KINDS]) {
     needs[K_BOUNDS] = needs[K_EDGE] = needs[K_EDGE_BOUNDS] = needs[K_SIDES] = true;
@@ -36,7 +36,7 @@ static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, b
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
 
-/* What SLT_EST_AUTO means for this program: its bounds say so, and are compiled first, alone. */
+/* Bounds are compiled first, alone: they may say that no other kernel of cells is needed. */
 static SltStatus settle(ApiCall *c) {
     static const bool needs[K_KINDS] = {[K_BOUNDS] = true};
     if (c->job.estimator != SLT_EST_AUTO) return SLT_OK;
@@ -61,6 +61,7 @@ static SltStatus begin_render(ApiCall *c, SltProgram *p, const SltJob *job, SltS
         c->job.estimator = SLT_EST_LATTICE;
     s = settle(c);
     value_needs(&c->job, needs);
+    needs[K_PRUNE] = needs[K_PRUNED] = !by_cells(&c->job) && !c->job.integral;
     return s != SLT_OK ? s : api_call_kernels(c, needs);
 }
 

@@ -49,7 +49,7 @@ static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; 
 
 typedef struct Request {
     SltProgram *p;
-    bool needs[K_KINDS], cull;
+    bool needs[K_KINDS], cull, cells;
     SltStatus status;
     SltError *err;
 } Request;
@@ -73,7 +73,7 @@ static void fill_scene(SltProgram *p) {
     s->print = p->print, s->print_user = p->print_user;
     s->ncull = g->ncull;
     s->cull_bounds = p->cull_kernels, s->cull_count = p->list_counts;
-    s->nlists = p->nlists, s->list_count = p->list_counts;
+    s->nlists = p->nlists, s->list_count = p->list_counts, s->list_noted = p->list_noted;
     if (p->opt.interpret) s->call = interpret, s->call_user = p, s->flat_adj = true;
 }
 
@@ -85,6 +85,13 @@ static void find_list_counts(const Block *b, uint32_t counts[SLT_MAX_CULL], uint
             if (i->imm.loop.cull_id >= *n) *n = i->imm.loop.cull_id + 1;
         }
         for (uint32_t r = 0; r < i->nregions; r++) find_list_counts(i->region[r], counts, n);
+    }
+}
+
+static void find_noted(const Block *b, uint8_t *noted) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_note) noted[i->imm.i] = 1;
+        for (uint32_t r = 0; r < i->nregions; r++) find_noted(i->region[r], noted);
     }
 }
 
@@ -102,6 +109,7 @@ static void site_tables(SltProgram *p) {
         p->site_static[s] = !(facts[s] & DEPENDS_X);
     }
     p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
+    p->list_noted = ARENA_ARRAY(a, uint8_t, SLT_MAX_CULL);
     p->cull_kernels = ARENA_ARRAY(a, SltKernel *, p->prog->ncull + 1);
     p->nlists = p->prog->ncull;
     find_list_counts(primal->body, p->list_counts, &p->nlists);
@@ -131,7 +139,8 @@ static void build_body(Session *s, void *arg) {
     VariantOptions vo = {.near_miss = api_near_miss(p),
                          .paper_argmin = p->opt.paper_argmin,
                          .paper_forced = p->opt.paper_forced,
-                         .path_hash = p->opt.path_hash || api_near_miss(p)};
+                         .path_hash = p->opt.path_hash || api_near_miss(p),
+                         .cells = q->cells};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();
@@ -151,6 +160,7 @@ static void build_body(Session *s, void *arg) {
         p->tape[k] = set.tape[k];
         p->scene.layout[k] = set.layout[k];
         api_geometries_want(p, set.fn[k]);
+        if (k == K_BOUNDS) find_noted(set.fn[k]->body, p->list_noted);
         if (k == K_VJP || k == K_SITE_VJP) {
             if (!p->dense) p->dense = ARENA_ARRAY(&s->module, uint8_t, p->prog->nfloats + 1);
             back_dense_adjoints(set.fn[k], p->dense);
@@ -190,6 +200,7 @@ static void build_body(Session *s, void *arg) {
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
+        if (back_width(m) > p->scene.widest) p->scene.widest = back_width(m);
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
@@ -200,8 +211,9 @@ SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
     Request q = {.p = p, .err = err};
     bool any = false;
+    q.cells = needs[K_EDGE] && !(p->tried[K_EDGE] && !p->nedges); /* without an edge no cell has two sides */
     for (int k = 0; k < K_KINDS; k++) {
-        q.needs[k] = needs[k] && !p->tried[k];
+        q.needs[k] = needs[k] && (!p->tried[k] || (k == K_SIDES && q.cells && !p->fn[k]));
         if (k == K_SITE && p->prog->primal->nsites > LONE_SITE_KERNEL) q.needs[k] = false;
         any |= q.needs[k];
     }

@@ -1,4 +1,4 @@
-/* The bounds and events columns of ops.def as code: the vocabulary, and the rules of arithmetic, choices and booleans.
+/* The bounds column of ops.def as code: the vocabulary, and the rules of arithmetic, choices and booleans.
  *
  * What is unknown must not get lost. An addition or a product of an end that is NaN is NaN, and so is inf - inf and
  * 0 * inf; but a minimum drops a NaN in its second argument, and a function with a bounded image makes a finite number
@@ -88,8 +88,8 @@ static Bound product(Rule *r, Bound x, Bound y, Bound plus) {
     return bound_where(r, known, (Bound){lo, max(r, max(r, d, c), max(r, a, b))});
 }
 
-/* Unknown where the divisor may be 0. A negative divisor is turned, with the dividend; then each end of the quotient
- * takes the divisor's end that its sign asks for. inf/inf is the one NaN that is left. */
+/* Unknown where the divisor may be 0. By a negative one the dividend's ends change places; then each end of the
+ * quotient takes the divisor's end that its dividend's sign asks for. inf/inf is the one NaN that is left. */
 static Bound quotient(Rule *r, Bound x, Bound y) {
     if (is_point(y)) {
         Inst *a = e2(r, OP_fdiv, x.lo, y.lo), *b = e2(r, OP_fdiv, x.hi, y.lo);
@@ -99,24 +99,23 @@ static Bound quotient(Rule *r, Bound x, Bound y) {
     }
     Inst *zero = num(r, 0), *above = lt(r, zero, y.lo), *below = lt(r, y.hi, zero);
     Inst *known = both(r, either(r, above, below), has_ends(r, y));
-    if (SPOILED(SPOIL_SIGN)) below = ir_constb(&r->b, false);
     if (is_constant(x) && isfinite(x.lo->imm.f)) {
         Inst *a = e2(r, OP_fdiv, x.lo, y.hi), *b = e2(r, OP_fdiv, x.lo, y.lo);
         return bound_where(r, known, x.lo->imm.f < 0 ? (Bound){b, a} : (Bound){a, b});
     }
     Inst *top = num(r, INFINITY);
     Inst *finite = either(r, lt(r, e2(r, OP_fsub, x.hi, x.lo), top), lt(r, e2(r, OP_fsub, y.hi, y.lo), top));
-    Inst *lo = sel(r, below, e1(r, OP_fneg, x.hi), x.lo), *hi = sel(r, below, e1(r, OP_fneg, x.lo), x.hi);
-    Inst *near = sel(r, below, e1(r, OP_fneg, y.hi), y.lo), *far = sel(r, below, e1(r, OP_fneg, y.lo), y.hi);
+    if (SPOILED(SPOIL_SIGN)) below = ir_constb(&r->b, false);
+    Inst *lo = sel(r, below, x.hi, x.lo), *hi = sel(r, below, x.lo, x.hi);
     return bound_where(r, both(r, known, finite),
-                       (Bound){e2(r, OP_fdiv, lo, sel(r, lt(r, lo, zero), near, far)),
-                               e2(r, OP_fdiv, hi, sel(r, lt(r, hi, zero), far, near))});
+                       (Bound){e2(r, OP_fdiv, lo, sel(r, lt(r, lo, zero), y.lo, y.hi)),
+                               e2(r, OP_fdiv, hi, sel(r, lt(r, hi, zero), y.hi, y.lo))});
 }
 
 /* The value is NaN where the first argument is, and the first argument where the second is NaN. The whole line, which
  * may be NaN, and a NaN in the second would be dropped. */
 static Bound extreme(Rule *r, Bound x, Bound y) {
-    return bound_where(r, both(r, bound_is_number(r, x), has_ends(r, y)), bound_trend(r, UP));
+    return bound_where(r, bound_extreme_known(r, x, y), bound_trend(r, UP));
 }
 
 static Bound with_sign(Rule *r, Bound x, Bound y) {
@@ -175,7 +174,7 @@ static Bound may_be_inf(Rule *r, Bound x) {
     return (Bound){ir_constb(&r->b, false), not(r, finite)};
 }
 
-static Rule rule_at(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same) {
+Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same) {
     Rule r = {.b = *b, .op = op, .arg = a, .n = n, .same = (same & 3) == 3, .f64 = b->fn->precision == PREC_F64};
     r.b.fold = true;
     return r;
@@ -184,7 +183,7 @@ static Rule rule_at(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same
 /* The minimum keeps a NaN at x.lo, the maximum one at y.hi; the sum finds the other two. */
 Bound ir_bound_hull(Builder *b, Bound x, Bound y) {
     if (x.lo == y.lo && x.hi == y.hi) return x;
-    Rule r = rule_at(b, OP_fmin, NULL, 0, 0);
+    Rule r = bound_rule(b, OP_fmin, NULL, 0, 0);
     switch (x.lo->type) {
     case TY_BOOL: return (Bound){both(&r, x.lo, y.lo), either(&r, x.hi, y.hi)};
     case TY_INT: return (Bound){e2(&r, OP_imin, x.lo, y.lo), e2(&r, OP_imax, x.hi, y.hi)};
@@ -195,7 +194,7 @@ Bound ir_bound_hull(Builder *b, Bound x, Bound y) {
 }
 
 Bound ir_bound_select(Builder *b, Bound cond, Bound x, Bound y) {
-    Rule r = rule_at(b, OP_fsel, NULL, 0, 0);
+    Rule r = bound_rule(b, OP_fsel, NULL, 0, 0);
     Bound p = {sel(&r, cond.hi, x.lo, y.lo), sel(&r, cond.hi, x.hi, y.hi)};
     if (is_point(cond)) return p;
     return ir_bound_hull(&r.b, p, (Bound){sel(&r, cond.lo, x.lo, y.lo), sel(&r, cond.lo, x.hi, y.hi)});
@@ -213,19 +212,19 @@ Inst *ir_bound_is_point(Builder *b, Bound x) {
     if (is_point(x)) return ir_constb(b, true);
     switch (x.lo->type) {
     case TY_BOOL: return ir_emit1(b, OP_bnot, ir_emit2(b, OP_bxor, x.lo, x.hi));
-    case TY_INT: return ir_emit2(b, OP_ieq, x.lo, x.hi);
+    case TY_INT: return bound_int_is_point(b, x);
     default: return ir_emit2(b, OP_feq, x.lo, x.hi);
     }
 }
 
 Inst *ir_bound_is_number(Builder *b, Bound x) {
-    Rule r = rule_at(b, OP_fmin, NULL, 0, 0);
+    Rule r = bound_rule(b, OP_fmin, NULL, 0, 0);
     return bound_is_number(&r, x);
 }
 
 Bound ir_bound_ends(Builder *b, Bound x) {
     if (is_constant(x) && !isnan(x.lo->imm.f)) return x;
-    Rule r = rule_at(b, OP_fmin, NULL, 0, 0);
+    Rule r = bound_rule(b, OP_fmin, NULL, 0, 0);
     Inst *known = has_ends(&r, x);
     return (Bound){sel(&r, known, x.lo, num(&r, -INFINITY)), sel(&r, known, x.hi, num(&r, INFINITY))};
 }
@@ -261,9 +260,8 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 #define CHOICE(cond, x, y) choice(r, cond, x, y)
 #define DIFFER(x, y) differ(r, x, y)
 #define WHOLE whole_int(r)
-#define POINTS(other) bound_points(r, other)
-#define SUM bound_sum(r)
-#define DIFFERENCE bound_sum(r)
+#define POINTS(other) (bound_points_begin(r), bound_points(r, other))
+#define SUM(x, y) sum(r)
 #define INT_PRODUCT(x, y) bound_product(r)
 #define INT_QUOTIENT(x, y) bound_quotient(r)
 #define REMAINDER(x, y) bound_remainder(r, false)
@@ -290,6 +288,13 @@ static Bound choice(Rule *r, Bound cond, Bound x, Bound y) { return ir_bound_sel
 static Bound whole_int(Rule *r) { return ir_bound_whole(&r->b, TY_INT); }
 static Bound where_ends(Rule *r, Bound x) { return bound_where_int(r, has_ends(r, r->arg[0]), x); }
 
+/* Sums of what mixes bits go on as points. */
+static Bound sum(Rule *r) {
+    bool ends = true;
+    for (uint32_t k = 0; k < r->n; k++) ends &= !bound_is_point_where(r->arg[k]);
+    return ends ? bound_sum(r) : POINTS(bound_sum(r));
+}
+
 static Bound even_trend(Rule *r, Bound x) {
     Bound m = bound_even(r, x), a = {max(r, m.lo, num(r, 0)), m.hi};
     Rule on = *r;
@@ -298,7 +303,7 @@ static Bound even_trend(Rule *r, Bound x) {
 }
 
 /* a, b, c stand for the bounds of the arguments only while ops.def is read. */
-static Bound row(Rule *r) {
+Bound bound_row(Rule *r) {
 #define a (r->arg[0])
 #define b (r->arg[1])
 #define c (r->arg[2])
@@ -329,105 +334,20 @@ static Bound row(Rule *r) {
     ice(r->b.fn->session, "ir_bound_row: %s is no value row", ir_ops[r->op].name);
 }
 
-static bool all_points(const Bound *a, uint32_t n) {
+bool bound_all_points(const Bound *a, uint32_t n) {
     for (uint32_t k = 0; k < n; k++)
         if (!is_point(a[k])) return false;
     return true;
 }
 
 Bound ir_bound_row(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same) {
-    if (all_points(a, n)) {
+    if (bound_all_points(a, n)) {
         Inst *args[3];
         for (uint32_t k = 0; k < n; k++) args[k] = a[k].lo;
         Builder exact = *b;
         exact.fold = false;
         return ir_bound_point(ir_emit(&exact, op, n, args));
     }
-    Rule r = rule_at(b, op, a, n, same);
-    return row(&r);
-}
-
-/* ---- the events column */
-
-static Inst *contains_zero(Rule *r, Bound x) {
-    Inst *zero = num(r, 0), *apart = either(r, lt(r, zero, x.lo), lt(r, x.hi, zero));
-    return not(r, both(r, apart, has_ends(r, x)));
-}
-
-static Inst *varies(Rule *r, Bound x) { return not(r, ir_bound_is_point(&r->b, x)); }
-
-static BoundEvents jumps(Inst *i) { return (BoundEvents){.jumps = i}; }
-static BoundEvents bends(Inst *i) { return (BoundEvents){.bends = i}; }
-
-/* Both arguments may be the value. */
-static Inst *meet(Rule *r, Bound x, Bound y) { return not(r, either(r, less(r, x, y).lo, less(r, y, x).lo)); }
-
-static Inst *corner(Rule *r, Bound x) {
-    Inst *zero = num(r, 0), *apart = either(r, le(r, zero, x.lo), le(r, x.hi, zero));
-    return not(r, both(r, apart, has_ends(r, x)));
-}
-
-static Inst *not_inside_1(Rule *r, Bound x) { return not(r, both(r, lt(r, num(r, -1), x.lo), lt(r, x.hi, num(r, 1)))); }
-
-static Inst *cut(Rule *r) {
-    Inst *uncut;
-    bound_atan2(r, 0, &uncut);
-    return not(r, uncut);
-}
-
-/* An exponent that is a positive integer leaves nothing to happen. */
-static BoundEvents power_ends(Rule *r, Bound x, Bound y) {
-    if (is_constant(y) && y.lo->imm.f > 0 && y.lo->imm.f == floor(y.lo->imm.f)) return (BoundEvents){0};
-    Inst *positive = both(r, lt(r, num(r, 0), x.lo), has_ends(r, x));
-    Inst *rooted = both(r, both(r, le(r, num(r, 0), x.lo), lt(r, num(r, 0), y.lo)), has_ends(r, x));
-    return (BoundEvents){not(r, either(r, positive, rooted)), not(r, positive)};
-}
-
-#define SMOOTH (BoundEvents){0}
-#define STEPS jumps(varies(r, row(r)))
-#define STEPS_UNKNOWN jumps(not(r, has_ends(r, row(r))))
-#define POLE(x) jumps(contains_zero(r, x))
-#define CORNER(x) bends(corner(r, x))
-#define ROOT(x) bends(not(r, both(r, lt(r, num(r, 0), (x).lo), has_ends(r, x))))
-#define MEET(x, y) bends(meet(r, x, y))
-#define ENDS_AT_1(x) bends(not_inside_1(r, x))
-#define CUT(x, y) jumps(cut(r))
-#define POWER_ENDS(x, y) power_ends(r, x, y)
-#define DECIDES(bound) jumps(varies(r, bound))
-
-static BoundEvents events(Rule *r) {
-#define a (r->arg[0])
-#define b (r->arg[1])
-#define c (r->arg[2])
-#define ROW(name, event)                                                                                               \
-    case OP_##name:                                                                                                    \
-        return event;
-#define FOP1(name, value, partials, bounds, events, ...) ROW(name, events)
-#define FOP2(name, value, partials, bounds, events, ...) ROW(name, events)
-#define FOP3(name, value, partials, bounds, events, ...) ROW(name, events)
-#define FCMP2(name, ...) ROW(name, STEPS)
-#define FSEL(name, ...) ROW(name, DECIDES(a))
-#define IOP1(name, ...) case OP_##name:
-#define IOP2(name, ...) case OP_##name:
-#define ICMP2(name, ...) case OP_##name:
-#define BOP1(name, ...) case OP_##name:
-#define BOP2(name, ...) case OP_##name:
-#define CONV(name, result, argument, value, bounds, events, ...) ROW(name, events)
-#define SPECIAL(name, ...) case OP_##name:
-    switch (r->op) {
-#include "compiler/ir/ops.def"
-#include "compiler/ir/ops_undef.h"
-    case OP_COUNT: break;
-    }
-#undef a
-#undef b
-#undef c
-#undef ROW
-    return SMOOTH;
-}
-
-BoundEvents ir_bound_events(Builder *b, Op op, const Bound *a, uint32_t n) {
-    if (all_points(a, n)) return (BoundEvents){0};
-    Rule r = rule_at(b, op, a, n, 0);
-    return events(&r);
+    Rule r = bound_rule(b, op, a, n, same);
+    return bound_row(&r);
 }

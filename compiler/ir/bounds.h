@@ -38,6 +38,7 @@ typedef struct BoundEvents {
     Inst *bends; /* continuous, but may not be differentiable */
 } BoundEvents;
 BoundEvents ir_bound_events(Builder *b, Op op, const Bound *a, uint32_t n);
+bool ir_bound_has_events(Op op); /* is there a box on which the row has any? */
 
 /* Holds for what x holds for and for what y holds for. */
 Bound ir_bound_hull(Builder *b, Bound x, Bound y);

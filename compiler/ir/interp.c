@@ -28,6 +28,8 @@ typedef struct Interp {
     unsigned char *memory;
     void **slot; /* by id: lanes elements; arrays: count rows of lanes elements */
     void **next; /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
+    unsigned char *frame;  /* of give and take: frame_places times lanes elements of 8 bytes */
+    uint64_t frame_places;
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
     uint32_t position[SLT_MAX_CULL]; /* by list: how many iterations its loop has begun before this one */
@@ -179,9 +181,20 @@ static void exec_note(Interp *in, const Inst *i, const int32_t *may, const int32
 /* ---- straight-line programs: chunks that run, choices that are settled or noted */
 
 static bool is_live(const SltPruned *p, int64_t chunk) {
-    const int32_t *c = p ? p->chunks : NULL;
-    while (c && *c < chunk) c++;
-    return !c || *c == chunk;
+    const int32_t *c = p->chunks;
+    while (*c < chunk) c++;
+    return *c == chunk;
+}
+
+static bool exec_frame(Interp *in, const Inst *i, const Mask *m) {
+    bool gives = i->op == OP_give;
+    uint64_t which = gives ? i->imm.frame.which : (uint64_t)in->args->pruned->from[i->imm.frame.which];
+    which = which * i->imm.frame.places + i->imm.frame.place;
+    if (which >= in->frame_places) return fail(in, SLT_USAGE);
+    unsigned char *at = in->frame + which * in->lanes * 8;
+    if (gives) copy_masked(in, at, in->slot[i->args[0]->id], i->args[0]->type, m);
+    else copy_masked(in, in->slot[i->id], at, i->type, m);
+    return true;
 }
 
 static void note_choice(Interp *in, const Inst *i, const Mask *m) {
@@ -440,12 +453,14 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         for (uint32_t l = 0; l < in->lanes; l++)
             if (((const int32_t *)a)[l] && counts(in, m, l)) in->args->counters[i->imm.i]++;
         return true;
+    case OP_give:
+    case OP_take: return exec_frame(in, i, m);
     case OP_live:
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = is_live(in->args->pruned, i->imm.i);
         return true;
     case OP_settled:
         for (uint32_t l = 0; l < in->lanes; l++)
-            ((int32_t *)dst)[l] = in->args->pruned && in->args->pruned->settled[i->imm.i] != 0;
+            ((int32_t *)dst)[l] = in->args->pruned->settled[i->imm.i] != 0;
         return true;
     case OP_choice: note_choice(in, i, m); return true;
     case OP_print: exec_print(in, i, m); return true;
@@ -512,6 +527,8 @@ static void layout_block(Layout *y, const Block *b) {
     }
     for (const Inst *i = b->first; i; i = i->next) {
         layout_value(y, i);
+        uint64_t places = i->op == OP_give ? (i->imm.frame.which + 1ull) * i->imm.frame.places : 0;
+        if (places > y->in->frame_places) y->in->frame_places = places;
         if (y->place && ir_is_const(i)) fill_const(y->in, i);
         for (uint32_t r = 0; r < i->nregions; r++) layout_block(y, i->region[r]);
     }
@@ -521,11 +538,13 @@ static bool set_up(Interp *in) {
     uint32_t ids = ir_is_numbered(in->fn) ? in->fn->ninsts : ir_number((Fn *)in->fn);
     Layout y = {.in = in};
     layout_block(&y, in->fn->body);
+    if (in->frame_places && !in->args->pruned) return fail(in, SLT_USAGE);
     if (y.top > max_slot_bytes) return fail(in, SLT_LIMIT);
     in->slot = calloc(ids + 1, sizeof *in->slot);
     in->next = calloc(ids + 1, sizeof *in->next);
     in->memory = calloc(y.top + 64, 1);
-    if (!in->slot || !in->next || !in->memory) return fail(in, SLT_LIMIT);
+    in->frame = calloc(in->frame_places * in->lanes + 1, 8);
+    if (!in->slot || !in->next || !in->memory || !in->frame) return fail(in, SLT_LIMIT);
     y = (Layout){.in = in, .place = true};
     layout_block(&y, in->fn->body);
     return true;
@@ -568,6 +587,7 @@ int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t 
         }
     }
     free(in.tape);
+    free(in.frame);
     free(in.memory);
     free(in.next);
     free(in.slot);

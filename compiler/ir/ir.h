@@ -95,6 +95,9 @@ typedef union Imm {
         uint32_t len;
     } text; /* print */
     struct {
+        uint32_t which, place, places; /* give, take: a value may have several places, its lower and upper ends */
+    } frame;
+    struct {
         uint32_t geometry, what, base;
     } query; /* what: SltQuery; base: the geometry's first float parameter */
 } Imm;

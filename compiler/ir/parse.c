@@ -248,6 +248,15 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         imm->loop.cull = imm->loop.found || accept_word(p, "cull");
         return !imm->loop.cull || want_u32(p, &imm->loop.cull_id);
     case OP_print: return want_string(p, &imm->text.text, &imm->text.len);
+    case OP_give:
+    case OP_take: {
+        uint32_t which, place, places;
+        if (!want_char(p, '[') || !want_u32(p, &which) || !want_char(p, ',') || !want_u32(p, &place) ||
+            !want_word(p, "of") || !want_u32(p, &places) || !want_char(p, ']'))
+            return false;
+        imm->frame.which = which, imm->frame.place = place, imm->frame.places = places;
+        return true;
+    }
     case OP_query:
         return want_word(p, "geometry") && want_u32(p, &imm->query.geometry) && want_word(p, "what") &&
                want_u32(p, &imm->query.what) && want_word(p, "base") && want_u32(p, &imm->query.base);

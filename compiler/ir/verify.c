@@ -309,6 +309,12 @@ static void check_special(Verify *v, const Inst *i) {
         if (i->op != OP_choice) want_result(v, i, TY_BOOL);
         if (i->imm.i < 0 || i->imm.i > IR_MAX_OPS) problem(v, i, "no such chunk or choice");
         return;
+    case OP_give:
+    case OP_take:
+        if (i->nargs) want_scalar(v, i, 0);
+        if (i->imm.frame.place >= i->imm.frame.places || i->imm.frame.places > 2 || i->imm.frame.which > IR_MAX_OPS)
+            problem(v, i, "no such place");
+        return;
     case OP_count:
         want(v, i, 0, TY_BOOL);
         if (i->imm.i < 0 || i->imm.i >= SLT_COUNTERS) problem(v, i, "no such counter");

@@ -4,8 +4,8 @@
  * An iteration can be left out where every carried value passes through it unchanged and the loop goes on. So there
  * must be decisions for which all of them do: a search over the choices (if_, selects, minima) through which they come.
  * A loop with a break can have a list, the iteration that leaves is one that matters; a ray march, where the way
- * changes in all iterations but that one, cannot. An inner loop can: its list serves all its executions. Nothing but
- * carried values may leave the body. Marks only: without a list nothing runs otherwise. */
+ * changes in all iterations but that one, cannot. An inner loop can if the outer one cannot: its list serves all its
+ * executions. Nothing but carried values may leave the body. Marks only: without a list nothing runs otherwise. */
 #include "compiler/pass/walk.h"
 
 enum { LEAST = 8 /* iterations that a list is worth */, MAX_STEPS = 4096 };
@@ -87,7 +87,10 @@ static bool reach(const Goal *g, const Choice *made, uint32_t *steps) {
         if (g->p) return false;
         one.v = v->args[0], one.value = !g->value;
         return reach(&one, made, steps);
-    case OP_site: one.v = v->args[0]; return reach(&one, made, steps);
+    case OP_site:
+    case OP_siten: /* of a minimum: `bounds` asks again, of a clone with seams */
+        one.v = v->args[0];
+        return reach(&one, made, steps);
     case OP_fmin:
     case OP_fmax:
     case OP_imin:
@@ -108,7 +111,8 @@ static bool reach(const Goal *g, const Choice *made, uint32_t *steps) {
 /* Does anything leave the block but the values that it yields? */
 static bool leaves(const Fn *fn, const Block *b, const Block *body) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (ir_ops[i->op].kind == KIND_EFFECT) return true;
+        bool cut = b == body && i->op == OP_count && i->imm.i == COUNTER_TRUNCATED; /* by an iteration that leaves */
+        if (ir_ops[i->op].kind == KIND_EFFECT && !cut) return true;
         if ((i->op == OP_store || i->op == OP_acopy) && !walk_inside(i->args[0]->block, body)) return true;
         if ((i->op == OP_site || i->op == OP_siten) && fn->sites[i->imm.i].skip_loop) return true;
         for (uint32_t r = 0; r < i->nregions; r++)
@@ -146,9 +150,9 @@ static uint32_t lists(const Block *b) {
 static bool mark(const Fn *fn, Block *b, uint32_t *next) {
     bool changed = false;
     for (Inst *i = b->first; i; i = i->next) {
-        for (uint32_t r = 0; r < i->nregions; r++) changed |= mark(fn, i->region[r], next);
-        if (i->op != OP_loop || i->imm.loop.cull || i->imm.loop.max_iters < LEAST || *next >= SLT_MAX_CULL) continue;
-        if (!walk_can_leave_out(fn, i)) continue;
+        bool listed = i->op == OP_loop && walk_can_leave_out(fn, i);
+        for (uint32_t r = 0; r < i->nregions && !listed; r++) changed |= mark(fn, i->region[r], next);
+        if (!listed || i->imm.loop.cull || i->imm.loop.max_iters < LEAST || *next >= SLT_MAX_CULL) continue;
         i->imm.loop.cull = i->imm.loop.found = true;
         i->imm.loop.cull_id = (*next)++;
         changed = true;

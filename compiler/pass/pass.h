@@ -68,6 +68,7 @@ typedef struct VariantOptions {
     bool paper_argmin; /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
     bool paper_forced; /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
     bool path_hash;    /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
+    bool cells;        /* sides is for cells too: wanted also where no boundary moves */
 } VariantOptions;
 /* Behind each its outputs by their roles (kernel.def); in brackets those that some programs have. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */
@@ -76,8 +77,10 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* 
 Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F HASH [DEPTH] [WITNESS] */
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);     /* a primal in which seams are sites too: of the three below */
+Fn *variant_prune(PassCtx *ctx, const Fn *chunks);     /* F_LO F_HI; notes choices */
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed);      /* G, to be differentiated in x */
 Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);    /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
-Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE */
+Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */
 
 /* ---- ad_*.c. wrt[i] != 0: element i of the float vector is differentiated (NULL: all). */
 /* Which loops are replayed: run again in the sweep, iteration by iteration, from carried values and witnesses. */
@@ -129,9 +132,9 @@ typedef struct KernelSet {
     Fn *fn[K_KINDS]; /* NULL: not needed */
     TapeReport tape[K_KINDS];
     SltLayout layout[K_KINDS];
-    const SiteInfo *edges; /* sites, then seams; only where bounds or an edge kernel was asked for */
+    const SltChunks *chunks; /* of prune and pruned; NULL: the program has no use for them */
+    const SiteInfo *edges;   /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;
-    const SltChunks *chunks; /* value, cut for pruning; NULL: it is not */
 } KernelSet;
 /* What a finished kernel reads and where its outputs are. */
 SltLayout pipeline_layout(const Fn *fn);

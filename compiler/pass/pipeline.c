@@ -112,7 +112,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, seamed);
     if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
-    for (Fn *part = variant_site(ctx, seamed); part; part = part->next_part) {
+    for (Fn *part = variant_edge(ctx, seamed); part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
         edge->serves = part->serves;
         if (needs[K_EDGE_BOUNDS]) bounds = add_part(bounds, part, variant_edge_bounds(ctx, edge));
@@ -132,10 +132,11 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
 
-    Fn *chunks = needs[K_VALUE] ? variant_chunks(ctx, primal) : NULL;
-    if (chunks) out->chunks = variant_chunk_table(chunks);
     Fn *value = variant_value(ctx, primal);
-    if (needs[K_VALUE]) out->fn[K_VALUE] = chunks ? variant_value(ctx, chunks) : value;
+    if (needs[K_VALUE]) out->fn[K_VALUE] = value;
+    Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] ? variant_chunks(ctx, primal, &out->chunks) : NULL;
+    if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
+    if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
     if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &wrt, &out->tape[K_VJP]);
     if (jumps) {
@@ -157,6 +158,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         }
     }
     box_kernels(ctx, primal, needs, out);
+    if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
+        out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
     for (int k = 0; k < K_KINDS; k++) {
         if (!out->fn[k]) continue;
         /* AD may have been given a Fn that is a kernel of its own too: each is finished once. */

@@ -35,6 +35,11 @@ void variant_set_outputs(Fn *fn, const Outputs *o);
 /* Adds the region hash to a clone (sites stay in place): returns its final value at the end of the top block. */
 Inst *variant_hash(PassCtx *ctx, Fn *fn, const VariantOptions *o);
 
+/* Edge kernels that run the program up to their event have this NaN, and in each component of the gradient, until they
+ * are there: a number that no arithmetic makes. On boxes it is the bound of nothing. */
+#define VARIANT_UNCAPTURED 0x7ffcull << 48
+bool variant_is_uncaptured(const Inst *i);
+
 /* variant_ray.c: sites of rays. */
 Inst *variant_window_of(Fn *fn, Inst *site); /* the OP_window; args: t (INFINITY: free), top, margin */
 void variant_windows_of_pairs(Fn *fn);       /* event: windows from the hits of the two lanes */
@@ -57,11 +62,13 @@ void variant_witnesses(Fn *fn, uint32_t n, Inst *const *search, Outputs *o);
 void variant_use_witnesses(Fn *fn);
 
 /* variant_chunks.c: the primal with its long stretches of operations in chunks; NULL where it has none. */
-Fn *variant_chunks(PassCtx *ctx, const Fn *primal);
-const SltChunks *variant_chunk_table(Fn *chunks); /* in the Fn's arena */
-void variant_drop_choices(Fn *fn);                /* for kernels that note none */
+Fn *variant_chunks(PassCtx *ctx, const Fn *primal, const SltChunks **table); /* table: in the Fn's arena */
+void variant_drop_choices(Fn *fn);                                           /* for kernels that note none */
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);
+
+/* variant_lists.c: puts a `note` into every loop with a list whose iterations can be left out. */
+void variant_note_lists(PassCtx *ctx, Fn *fn);
 
 #endif

@@ -126,6 +126,18 @@ static Inst *is_bounded(Builder *b, Bound v) {
                       bounds_op2(b, OP_flt, v.hi, ir_constf(b, INFINITY)));
 }
 
+/* Bounds of f, behind the outputs that are there. */
+static void value_outputs(Boxes *x, Builder *b, Outputs *o) {
+    const Inst *yield = x->from->body->last;
+    for (uint32_t end = 0; end < 2; end++)
+        for (uint32_t c = 0; c < yield->nargs; c++) {
+            Bound v = ir_bound_ends(b, x->value[yield->args[c]->id].is);
+            variant_output(o, end ? SLT_OUT_F_HI : SLT_OUT_F_LO, c, end ? v.hi : v.lo);
+        }
+    ir_yield(b, 0, NULL);
+    variant_set_outputs(x->to, o);
+}
+
 static void box_outputs(Boxes *x, Builder *b) {
     const Inst *yield = x->from->body->last;
     Inst *open = NULL, *bounded = NULL;
@@ -140,31 +152,7 @@ static void box_outputs(Boxes *x, Builder *b) {
     Outputs o = {0};
     variant_output(&o, SLT_OUT_BOX_STATE, 0, state);
     if (x->edge) name_events(x, b, open, &o);
-    for (uint32_t end = 0; end < 2; end++)
-        for (uint32_t c = 0; c < yield->nargs; c++) {
-            Bound v = ir_bound_ends(b, x->value[yield->args[c]->id].is);
-            variant_output(&o, end ? SLT_OUT_F_HI : SLT_OUT_F_LO, c, end ? v.hi : v.lo);
-        }
-    ir_yield(b, 0, NULL);
-    variant_set_outputs(x->to, &o);
-}
-
-/* The larger end, in absolute value. */
-static Inst *magnitude(Builder *b, Inst *lo, Inst *hi) {
-    return ir_emit2(b, OP_fmax, ir_emit1(b, OP_fabs, lo), ir_emit1(b, OP_fabs, hi));
-}
-
-/* How far rounding takes g: so many units in the last place of its largest value, and of a position as the gradient
- * carries it to g. Measured, not proven: 75 at most of the first alone, for sums of many terms. */
-enum { ERROR_UNITS = 128 };
-static Inst *rounding_of(Builder *b, Bound g, uint32_t dim, const Bound *slope) {
-    Inst *sum = magnitude(b, g.lo, g.hi);
-    for (uint32_t d = 0; d < dim; d++) {
-        Inst *x = magnitude(b, ir_input(b, (InputSlot)(IN_X0 + d)), ir_input(b, (InputSlot)(IN_H0 + d)));
-        sum = ir_emit2(b, OP_fadd, sum, ir_emit2(b, OP_fmul, magnitude(b, slope[d].lo, slope[d].hi), x));
-    }
-    double unit = b->fn->precision == PREC_F64 ? 0x1p-53 : 0x1p-24;
-    return ir_emit2(b, OP_fmul, sum, ir_constf(b, ERROR_UNITS * unit));
+    value_outputs(x, b, &o);
 }
 
 /* g, then its gradient */
@@ -186,14 +174,15 @@ static void edge_outputs(Boxes *x, Builder *b) {
                            bounds_choose(b, jumps, whole, end ? v.hi : v.lo));
         }
     variant_output(&o, SLT_OUT_G_STATE, 0, state);
-    Bound slope[3];
-    for (uint32_t d = 1; d < yield->nargs; d++) slope[d - 1] = ir_bound_ends(b, x->value[yield->args[d]->id].is);
-    variant_output(&o, SLT_OUT_G_ERROR, 0, rounding_of(b, ends, yield->nargs - 1, slope));
+    Inst *error = g.error ? ir_emit2(b, OP_fadd, g.error, g.error) : ir_constf(b, 0);
+    variant_output(&o, SLT_OUT_G_ERROR, 0, error);
     ir_yield(b, 0, NULL);
     variant_set_outputs(x->to, &o);
 }
 
-static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, bool edges) {
+typedef enum BoxKernel { OF_VALUE, OF_EDGE, OF_CHUNKS } BoxKernel;
+
+static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel kind) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     uint32_t n = ir_number((Fn *)from);
@@ -202,23 +191,37 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, bool edges) 
     to->nfloats = from->nfloats, to->nints = from->nints;
     to->sites = from->sites, to->nsites = from->nsites;
     to->serves = from->serves;
-    Boxes x = {.ctx = ctx, .from = from, .to = to, .arena = scratch, .edges = edges};
+    Boxes x = {.ctx = ctx, .from = from, .to = to, .arena = scratch, .edges = kind != OF_VALUE};
     x.fact = ARENA_ARRAY(scratch, uint8_t, n + 1);
     x.value = ARENA_ARRAY(scratch, Boxed, n + 1);
     x.answer = ARENA_ARRAY(scratch, Inst *, n + 1);
+    x.goal = ARENA_ARRAY(scratch, Goal, n + 1);
+    x.given = ARENA_ARRAY(scratch, Boxed, n + 1);
     x.array = ARENA_ARRAY(scratch, BoxedArray, n + 1);
+    if (kind == OF_EDGE) {
+        x.wanted = ARENA_ARRAY(scratch, bool, n + 1);
+        bounds_want_error(&x, from->body->last->args[0]);
+    }
     bounds_facts(&x);
     Builder b = ir_at_end(to, to->body);
-    if (!edges) make_room(&x, &b);
+    if (kind == OF_VALUE) make_room(&x, &b);
     bounds_block(&x, &b, from->body);
     b.span = SPAN_NONE;
-    if (edges) edge_outputs(&x, &b);
-    else box_outputs(&x, &b);
+    Outputs none = {0};
+    if (kind == OF_EDGE) edge_outputs(&x, &b);
+    else if (kind == OF_VALUE) box_outputs(&x, &b);
+    else value_outputs(&x, &b, &none); /* what is open concerns nobody, and goes */
     arena_reset(scratch, mark);
     opt_dce(ctx, to);
     return to;
 }
 
-Fn *variant_bounds(PassCtx *ctx, const Fn *seamed) { return on_boxes(ctx, seamed, "bounds", false); }
+Fn *variant_bounds(PassCtx *ctx, const Fn *seamed) {
+    Fn *noting = ir_clone(seamed, seamed->arena, "bounds.from");
+    variant_note_lists(ctx, noting);
+    return on_boxes(ctx, noting, "bounds", OF_VALUE);
+}
 
-Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge) { return on_boxes(ctx, edge, "edge_bounds", true); }
+Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge) { return on_boxes(ctx, edge, "edge_bounds", OF_EDGE); }
+
+Fn *variant_prune(PassCtx *ctx, const Fn *chunks) { return on_boxes(ctx, chunks, "prune", OF_CHUNKS); }

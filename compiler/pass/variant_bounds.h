@@ -3,6 +3,7 @@
  *   variant_bounds.c         the kernels bounds and edge_bounds: inputs, outputs
  *   variant_bounds_facts.c   which values differ within a box at all, and which may depend on something open
  *   variant_bounds_value.c   one operation; decisions and the events they record; what a condition teaches
+ *   variant_bounds_error.c   how far a value as computed is from what exact arithmetic gives
  *   variant_bounds_flow.c    if_ and loop
  *   variant_bounds_query.c   queries along rays
  *   variant_bounds_array.c   arrays, and parameters at an index that is not one number
@@ -26,14 +27,18 @@ enum {
 };
 
 typedef struct Boxed {
-    Bound is;   /* of a value that is the same on all of the box: lo and hi are one instruction */
-    Inst *open; /* int; NULL: the empty set */
+    Bound is;    /* of a value that is the same on all of the box: lo and hi are one instruction */
+    Inst *open;  /* int; NULL: the empty set */
+    Inst *error; /* of floats, FACT_ERROR: how far from its value without rounding, at most; NULL: not at all */
 } Boxed;
 
 /* Facts of a value of the source. */
 enum {
-    FACT_WIDE = 1, /* may differ within a box */
-    FACT_OPEN = 2  /* its set may be not empty */
+    FACT_WIDE = 1,   /* may differ within a box */
+    FACT_OPEN = 2,   /* its set may be not empty */
+    FACT_ERROR = 4,  /* a float that carries a rounding error, which is wanted */
+    FACT_SLOPE = 16, /* a float that is not constant between the jumps of others */
+    FACT_CAPTURE = 8 /* g or its gradient on the way from the event, or nothing yet (VARIANT_UNCAPTURED) */
 };
 
 /* A condition under which the transformation stands, that may hold on a part of the box only. */
@@ -43,9 +48,15 @@ typedef struct PathStep {
 } PathStep;
 
 typedef struct BoxedArray {
-    Inst *lo, *hi, *open; /* allocs; hi NULL: elements are the same on all of the box; open NULL: sets are empty */
-    uint32_t path;        /* steps of the path that lead to the alloc */
+    Inst *lo, *hi, *open, *error; /* allocs; NULL: as in a Boxed, for all elements */
+    uint32_t path;                /* steps of the path that lead to the alloc */
 } BoxedArray;
+
+/* Of an if_: what its results are worth where result `index` is `truth`, which is what it takes to stay in a loop. */
+typedef struct Goal {
+    bool set, truth;
+    uint32_t index;
+} Goal;
 
 /* An override of a value's Boxed while a region is transformed. */
 typedef struct Undo {
@@ -58,10 +69,13 @@ typedef struct Boxes {
     const Fn *from; /* dense ids */
     Fn *to;
     Arena *arena;
-    bool edges;        /* edge_bounds: nothing is recorded, there are no sites */
+    bool edges;        /* edge_bounds, prune: nothing is recorded */
     uint8_t *fact;     /* by id: FACT_* */
+    bool *wanted;      /* by id: its error is; NULL: no error is */
     Boxed *value;      /* by id */
     Inst **answer;     /* by id of a query: what is known of its rays */
+    Goal *goal;        /* by id of the if_ */
+    Boxed *given;      /* by id of a result of an if_ with a goal: its value where that holds */
     BoxedArray *array; /* by id of the alloc */
     Vec(PathStep) path;
     Vec(Undo) undo;
@@ -72,9 +86,12 @@ typedef struct Boxes {
 
 /* variant_bounds_facts.c */
 void bounds_facts(Boxes *x);
+void bounds_want_error(Boxes *x, const Inst *v); /* before bounds_facts */
 /* Facts of result `index` of a structured operation. */
 uint8_t bounds_result_fact(const Boxes *x, const Inst *structured, uint32_t index);
 static inline bool bounds_wide(const Boxes *x, const Inst *v) { return x->fact[v->id] & FACT_WIDE; }
+/* Does an argument change otherwise than by jumps? Else the operation has none of its own. */
+bool bounds_slopes(const Boxes *x, const Inst *i);
 
 /* variant_bounds_value.c */
 void bounds_value(Boxes *x, Builder *b, const Inst *i);
@@ -93,7 +110,15 @@ void bounds_forget(Boxes *x, uint32_t mark);
 /* What a choice between two values adds to the set of its result: what the condition hangs on, or only a bend where the
  * two are equal on the boundary. */
 Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no);
+/* What was not captured: least and greatest the wrong way round, so that every hull forgets it. */
+Boxed bounds_nothing(Builder *b);
+Inst *bounds_is_nothing(Builder *b, Bound v);
 static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b, OP_bxor, c.lo, c.hi); }
+
+/* variant_bounds_error.c */
+/* Of the result of float row i, from those of its arguments; NULL: none. */
+Inst *bounds_error(Boxes *x, Builder *b, const Inst *i, const Boxed *a, Bound result);
+Inst *error_larger(Builder *b, Inst *p, Inst *q); /* NULL is 0 */
 
 /* variant_bounds_flow.c */
 void bounds_block(Boxes *x, Builder *b, const Block *from);

@@ -4,7 +4,7 @@
  * where path and index are settled; else every element that it may hit is joined with the value. */
 #include "compiler/pass/variant_bounds.h"
 
-enum { SPAN = 32 }; /* parameters that are read one by one for bounds; above, nothing is said */
+enum { SPAN = 64 }; /* parameters that are read one by one for bounds; of more, nothing is said */
 
 static Inst *load(Builder *b, Inst *array, Inst *at) {
     return ir_special(b, OP_load, array->imm.arr.elem, 2, (Inst *[]){array, at}, (Imm){0});
@@ -19,6 +19,7 @@ static Boxed load_element(Builder *b, const BoxedArray *a, Inst *at) {
     v.is.lo = v.is.hi = load(b, a->lo, at);
     if (a->hi) v.is.hi = load(b, a->hi, at);
     if (a->open) v.open = load(b, a->open, at);
+    if (a->error) v.error = load(b, a->error, at);
     return v;
 }
 
@@ -26,6 +27,7 @@ static void store_element(Builder *b, const BoxedArray *a, Inst *at, Boxed v) {
     store(b, a->lo, at, v.is.lo);
     if (a->hi) store(b, a->hi, at, v.is.hi);
     if (a->open) store(b, a->open, at, v.open ? v.open : ir_consti(b, 0));
+    if (a->error) store(b, a->error, at, v.error ? v.error : ir_constf(b, 0));
 }
 
 static Inst *alloc(Builder *b, uint32_t count, IrType elem) {
@@ -41,6 +43,7 @@ void bounds_alloc(Boxes *x, Builder *b, const Inst *i) {
     *a = (BoxedArray){.lo = alloc(b, i->imm.arr.count, i->imm.arr.elem), .path = x->path.len};
     if (fact & FACT_WIDE) a->hi = alloc(b, i->imm.arr.count, i->imm.arr.elem);
     if (fact & FACT_OPEN) a->open = alloc(b, i->imm.arr.count, TY_INT);
+    if (fact & FACT_ERROR) a->error = alloc(b, i->imm.arr.count, TY_FLT);
 }
 
 /* An index within an array or a range of parameters. */
@@ -70,26 +73,32 @@ void bounds_load(Boxes *x, Builder *b, const Inst *i) {
     }
     Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
     Boxed first = load_element(b, a, from);
-    Inst *init[4] = {from, first.is.lo, first.is.hi, first.open ? first.open : ir_consti(b, 0)};
-    Inst *loop = ir_loop(b, 4, init, (LoopInfo){.max_iters = count});
+    Inst *init[5] = {from, first.is.lo, first.is.hi, first.open ? first.open : ir_consti(b, 0), first.error};
+    Inst *loop = ir_loop(b, first.error ? 5 : 4, init, (LoopInfo){.max_iters = count});
     Inst **p = loop->region[0]->params;
     Builder in = ir_at_end(x->to, loop->region[0]);
     Boxed v = load_element(&in, a, p[1]);
     Bound hull = ir_bound_hull(&in, (Bound){p[2], p[3]}, v.is);
-    Inst *yield[5] = {ir_emit2(&in, OP_ilt, p[1], to), next_index(&in, p[1]), hull.lo, hull.hi,
-                      open_union(&in, p[4], v.open)};
-    ir_yield(&in, 5, yield);
+    Inst *yield[6] = {ir_emit2(&in, OP_ilt, p[1], to),
+                      next_index(&in, p[1]),
+                      hull.lo,
+                      hull.hi,
+                      open_union(&in, p[4], v.open),
+                      first.error ? error_larger(&in, p[5], v.error) : NULL};
+    ir_yield(&in, first.error ? 6 : 5, yield);
     Boxed r = {.is = {ir_proj(b, loop, 1), ir_proj(b, loop, 2)}};
     r.open = open_union(b, ir_proj(b, loop, 3), at.open);
+    if (first.error) r.error = ir_proj(b, loop, 4);
     x->value[i->id] = r;
 }
 
 static Boxed weakened(Builder *b, const BoxedArray *a, Inst *at, Boxed v, Inst *strong, Inst *open) {
-    Boxed old = load_element(b, a, at), r;
+    Boxed old = load_element(b, a, at), r = {0};
     Bound hull = ir_bound_hull(b, old.is, v.is);
     r.is.lo = bounds_choose(b, strong, v.is.lo, hull.lo);
     r.is.hi = bounds_choose(b, strong, v.is.hi, hull.hi);
     r.open = open_where(b, strong, v.open, open_union(b, open, open_union(b, old.open, v.open)));
+    r.error = error_larger(b, old.error, v.error);
     return r;
 }
 
@@ -118,21 +127,58 @@ void bounds_acopy(Boxes *x, Builder *b, const Inst *i) {
     uint32_t count = i->args[0]->imm.arr.count;
     PathStep path = path_since(x, b, to->path);
     if (!to->hi) {
+        if (to->error && from->error) ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){to->error, from->error}, (Imm){0});
         ir_special(b, OP_acopy, TY_VOID, 2, (Inst *[]){to->lo, from->lo}, (Imm){0});
         return;
     }
-    Inst *zero = ir_consti(b, 0);
     Inst *loop = ir_loop(b, 0, NULL, (LoopInfo){.max_iters = count, .exact = true});
     Inst *j = loop->region[0]->params[0];
     Builder in = ir_at_end(x->to, loop->region[0]);
-    (void)zero;
     Boxed v = load_element(&in, from, j);
     store_element(&in, to, j, path.certain ? weakened(&in, to, j, v, path.certain, path.open) : v);
     Inst *go_on = ir_emit2(&in, OP_ilt, j, ir_consti(&in, (int32_t)count - 1));
     ir_yield(&in, 1, &go_on);
 }
 
-/* Elements from..to of a range of parameters, joined; whole where they are too many. */
+/* ---- parameters */
+
+/* An index as row * stride + column, each with its bounds, as textures and arrays of structs have it. */
+typedef struct Grid {
+    Bound row, column;
+    Inst *stride; /* NULL: one row */
+} Grid;
+
+static bool is_stride(const Inst *i) {
+    return i->op == OP_imul && (ir_is_const(i->args[0]) || ir_is_const(i->args[1]));
+}
+
+static const Inst *find_rows(const Boxes *x, const Inst *i) {
+    if (!bounds_wide(x, i)) return NULL;
+    if (is_stride(i)) return i;
+    if (i->op != OP_iadd) return NULL;
+    const Inst *rows = find_rows(x, i->args[0]);
+    return rows ? rows : find_rows(x, i->args[1]);
+}
+
+/* Bounds of i without the term `rows`; NULL ends: it is nothing else. */
+static Bound without(Boxes *x, Builder *b, const Inst *i, const Inst *rows) {
+    if (i == rows) return (Bound){0};
+    if (i->op != OP_iadd || !bounds_wide(x, i)) return x->value[i->id].is;
+    Bound p = without(x, b, i->args[0], rows), q = without(x, b, i->args[1], rows);
+    return !p.lo ? q : !q.lo ? p : ir_bound_row(b, OP_iadd, (Bound[]){p, q}, 2, 0);
+}
+
+static Grid grid_of(Boxes *x, Builder *b, const Inst *index) {
+    const Inst *rows = find_rows(x, index);
+    if (!rows) return (Grid){.column = x->value[index->id].is};
+    uint32_t factor = ir_is_const(rows->args[0]) ? 0 : 1;
+    Grid g = {.row = x->value[rows->args[1 - factor]->id].is, .column = without(x, b, index, rows)};
+    g.stride = ir_consti(b, (int32_t)rows->args[factor]->imm.i);
+    if (!g.column.lo) g.column = ir_bound_point(ir_consti(b, 0));
+    return g;
+}
+
+/* All that index may be, joined, one by one; whole where that is too many. */
 void bounds_param(Boxes *x, Builder *b, const Inst *i) {
     uint32_t count = i->imm.slot.count;
     Boxed at = x->value[i->args[0]->id];
@@ -141,22 +187,34 @@ void bounds_param(Boxes *x, Builder *b, const Inst *i) {
         x->value[i->id] = (Boxed){.is = {v, v}};
         return;
     }
-    Inst *from = clamped(b, at.is.lo, count), *to = clamped(b, at.is.hi, count);
-    Inst *few = ir_emit2(b, OP_ilt, ir_emit2(b, OP_isub, to, from), ir_consti(b, SPAN));
-    Inst *end = bounds_choose(b, few, to, from);
-    Inst *first = ir_special(b, (Op)i->op, (IrType)i->type, 1, &from, i->imm);
-    Inst *init[3] = {from, first, first};
-    Inst *loop = ir_loop(b, 3, init, (LoopInfo){.max_iters = count < SPAN ? count : SPAN});
+    Grid g = grid_of(x, b, i->args[0]);
+    if (!g.stride) g.column = (Bound){clamped(b, g.column.lo, count), clamped(b, g.column.hi, count)};
+    Inst *none = ir_consti(b, 0), *most = ir_consti(b, SPAN),
+         *columns = bounds_op2(b, OP_isub, g.column.hi, g.column.lo);
+    Inst *few = bounds_op2(b, OP_ult, columns, most), *row = none, *last_row = none;
+    if (g.stride) {
+        Inst *rows = bounds_op2(b, OP_isub, g.row.hi, g.row.lo);
+        Inst *cells = bounds_op2(b, OP_imul, next_index(b, rows), next_index(b, columns));
+        few = bounds_and(b, bounds_and(b, few, bounds_op2(b, OP_ult, rows, most)), bounds_op2(b, OP_ile, cells, most));
+        row = g.row.lo, last_row = bounds_choose(b, few, g.row.hi, g.row.lo);
+    }
+    Inst *last = bounds_choose(b, few, g.column.hi, g.column.lo), *first = g.column.lo;
+    Inst *start = g.stride ? ir_emit2(b, OP_iadd, ir_emit2(b, OP_imul, row, g.stride), first) : first;
+    Inst *v = ir_special(b, (Op)i->op, (IrType)i->type, 1, &start, i->imm);
+    Inst *init[4] = {row, first, v, v};
+    Inst *loop = ir_loop(b, 4, init, (LoopInfo){.max_iters = SPAN});
     Inst **p = loop->region[0]->params;
     Builder in = ir_at_end(x->to, loop->region[0]);
-    Inst *v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &p[1], i->imm);
-    Bound hull = ir_bound_hull(&in, (Bound){p[2], p[3]}, (Bound){v, v});
-    Inst *yield[4] = {ir_emit2(&in, OP_ilt, p[1], end), next_index(&in, p[1]), hull.lo, hull.hi};
-    ir_yield(&in, 4, yield);
+    Inst *index = g.stride ? ir_emit2(&in, OP_iadd, ir_emit2(&in, OP_imul, p[1], g.stride), p[2]) : p[2];
+    v = ir_special(&in, (Op)i->op, (IrType)i->type, 1, &index, i->imm);
+    Bound hull = ir_bound_hull(&in, (Bound){p[3], p[4]}, (Bound){v, v});
+    Inst *more = ir_emit2(&in, OP_ilt, p[2], last), *below = ir_emit2(&in, OP_ilt, p[1], last_row);
+    Inst *yield[5] = {bounds_op2(&in, OP_bor, more, below), bounds_choose(&in, more, p[1], next_index(&in, p[1])),
+                      bounds_choose(&in, more, next_index(&in, p[2]), first), hull.lo, hull.hi};
+    ir_yield(&in, 5, yield);
     Bound whole = ir_bound_whole(b, (IrType)i->type);
-    Boxed r;
-    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 1), whole.lo);
-    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 2), whole.hi);
-    r.open = at.open;
+    Boxed r = {.open = at.open};
+    r.is.lo = bounds_choose(b, few, ir_proj(b, loop, 2), whole.lo);
+    r.is.hi = bounds_choose(b, few, ir_proj(b, loop, 3), whole.hi);
     x->value[i->id] = r;
 }

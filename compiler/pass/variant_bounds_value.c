@@ -5,6 +5,7 @@
  * of an operand (it may be NaN, or pass through a pole) any choice by it may jump as well. */
 #include "compiler/pass/variant_bounds.h"
 
+#include <float.h>
 #include <math.h>
 
 /* ---- integers and booleans are folded while they are built: it is exact */
@@ -148,6 +149,25 @@ void bounds_forget(Boxes *x, uint32_t mark) {
     }
 }
 
+/* ---- capture */
+
+static double most(const Builder *b) { return b->fn->precision == PREC_F64 ? DBL_MAX : FLT_MAX; }
+
+Boxed bounds_nothing(Builder *b) { return (Boxed){.is = {number(b, most(b)), number(b, -most(b))}}; }
+
+Inst *bounds_is_nothing(Builder *b, Bound v) {
+    Bound none = bounds_nothing(b).is;
+    return bounds_op2(b, OP_band, bounds_op2(b, OP_feq, v.lo, none.lo), bounds_op2(b, OP_feq, v.hi, none.hi));
+}
+
+/* The value with which a capture begins: made of VARIANT_UNCAPTURED alone. */
+static bool is_first_nothing(const Boxes *x, const Inst *i) {
+    if (i->op == OP_constf) return true;
+    if (i->op == OP_fmul) return variant_is_uncaptured(i->args[0]) || variant_is_uncaptured(i->args[1]);
+    return i->op == OP_fadd && (x->fact[i->args[0]->id] & x->fact[i->args[1]->id] & FACT_CAPTURE) &&
+           is_first_nothing(x, i->args[0]) && is_first_nothing(x, i->args[1]);
+}
+
 /* ---- choices */
 
 static const Inst *comparison(const Inst *cond) {
@@ -163,11 +183,28 @@ static bool is_root_of(const Inst *cond, const Inst *yes, const Inst *no) {
            is_number(yes, 0);
 }
 
+static bool is_stored(const Block *b, const Inst *array) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if ((i->op == OP_store || i->op == OP_acopy) && i->args[0] == array) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (is_stored(i->region[r], array)) return true;
+    }
+    return false;
+}
+
+/* One value, or one element read twice while nothing is stored. */
+static bool is_same(const Inst *v, const Inst *w) {
+    if (v == w) return true;
+    if (v->op != OP_load || w->op != OP_load || v->args[0] != w->args[0] || v->args[1] != w->args[1]) return false;
+    return walk_inside(w->block, v->block) && !is_stored(v->block, v->args[0]);
+}
+
 Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no) {
     Boxed c = x->value[cond->id];
     const Inst *cmp = comparison(cond);
     bool order = cmp->op == OP_flt || cmp->op == OP_fle;
-    bool meets = order && ((cmp->args[0] == yes && cmp->args[1] == no) || (cmp->args[0] == no && cmp->args[1] == yes));
+    bool meets = order && ((is_same(cmp->args[0], yes) && is_same(cmp->args[1], no)) ||
+                           (is_same(cmp->args[0], no) && is_same(cmp->args[1], yes)));
     if (!meets || !x->edges) return c.open;
     Boxed p = x->value[yes->id], q = x->value[no->id];
     Inst *nan = bounds_op2(b, OP_bor, is_unknown(b, p.is), is_unknown(b, q.is));
@@ -186,7 +223,7 @@ static bool uses(const Inst *cond, const Inst *v, uint32_t depth) {
 
 static void select_value(Boxes *x, Builder *b, const Inst *i) {
     const Inst *cond = i->args[0];
-    Boxed c = value_of(x, cond), v[2], r;
+    Boxed c = value_of(x, cond), v[2], r = {0};
     if (is_root_of(cond, i->args[1], i->args[2])) {
         x->value[i->id] = value_of(x, i->args[2]);
         return;
@@ -201,6 +238,7 @@ static void select_value(Boxes *x, Builder *b, const Inst *i) {
     r.is = ir_bound_row(b, (Op)i->op, (Bound[]){c.is, v[0].is, v[1].is}, 3, 0);
     Inst *open = open_union(b, joined, open_union(b, v[0].open, v[1].open));
     r.open = open_where(b, c.is.lo, v[0].open, open_where(b, c.is.hi, open, v[1].open));
+    r.error = error_larger(b, v[0].error, v[1].error);
     x->value[i->id] = r;
 }
 
@@ -240,7 +278,7 @@ static Inst *record(Boxes *x, Builder *b, const Inst *site, Inst *open, Bound ar
 static void site_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     Boxed v = value_of(x, i->args[0]);
-    if (!bounds_wide(x, i->args[0])) {
+    if (!bounds_wide(x, i->args[0]) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) { /* it follows jumps that are told */
         x->value[i->id] = v;
         return;
     }
@@ -266,7 +304,7 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
     const Inst *of = i->args[0];
     Boxed v = value_of(x, of);
-    if (!bounds_wide(x, of)) {
+    if (!bounds_wide(x, of) || !(x->fact[i->args[1]->id] & FACT_SLOPE)) {
         x->value[i->id] = v;
         return;
     }
@@ -282,10 +320,9 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
         Boxed p = value_of(x, of->args[0]), q;
         q = of->nargs > 1 ? value_of(x, of->args[1]) : p;
         Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs).bends;
-        if (!open) ice(x->to->session, "a seam around %s", ir_ops[of->op].name);
-        Inst *event = record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
+        Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
-        if (of->nargs > 1) { /* the set of the one that wins, where that is settled */
+        if (open && of->nargs > 1) { /* the set of the one that wins, where that is settled */
             Inst *below = not_above(b, p.is.hi, q.is.lo), *above = not_above(b, q.is.hi, p.is.lo);
             any = open_where(b, open, any, open_where(b, of->op == OP_fmin ? below : above, p.open, q.open));
         }
@@ -297,8 +334,8 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
 /* ---- rows */
 
 /* What may go either way in the row itself, where no site or seam tells; NULL: nothing. */
-static Inst *own_open(Builder *b, const Inst *i, const Bound *a, Bound r) {
-    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects) return NULL;
+static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a, Bound r) {
+    if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects || !bounds_slopes(x, i)) return NULL;
     if (ir_ops[i->op].result == TY_BOOL) return bits_where(b, bounds_undecided(b, r), OPEN_JUMP);
     BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
@@ -318,22 +355,21 @@ static uint32_t same_arguments(const Inst *i) {
 
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Bound a[3];
+    Boxed arg[3] = {0};
     Inst *open = NULL;
     for (uint32_t k = 0; k < i->nargs; k++) {
-        Boxed v = value_of(x, i->args[k]);
-        a[k] = v.is;
-        open = open_union(b, open, v.open);
+        arg[k] = value_of(x, i->args[k]);
+        a[k] = arg[k].is;
+        open = open_union(b, open, arg[k].open);
     }
     Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
-    Inst *own = own_open(b, i, a, r.is);
+    Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
-    /* The event of a rounding is told, and its conversion changes with it alone. */
-    bool told = (i->op == OP_f2i || i->op == OP_f2u) && i->args[0]->op == OP_siten &&
-                variant_site_info(x->from, i->args[0])->kind != SITE_COMPARE;
-    r.open = told ? open : open_union(b, open, own);
+    r.open = open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
-    if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);
+    if (x->fact[i->id] & FACT_ERROR) r.error = bounds_error(x, b, i, arg, r.is);
     x->value[i->id] = r;
 }
 
@@ -348,6 +384,10 @@ static void copy(Boxes *x, Builder *b, const Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++) args[a] = value_of(x, i->args[a]).is.lo;
     Inst *c = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, args, i->imm);
     x->value[i->id] = point(c);
+    if (!(x->fact[i->id] & FACT_ERROR)) return;
+    Boxed arg[3] = {0};
+    for (uint32_t a = 0; a < i->nargs && a < 3; a++) arg[a] = value_of(x, i->args[a]);
+    x->value[i->id].error = bounds_error(x, b, i, arg, (Bound){c, c});
 }
 
 void bounds_value(Boxes *x, Builder *b, const Inst *i) {
@@ -367,8 +407,29 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_ine:
         if (bounds_wide(x, i) && bounds_found(x, b, i)) return;
         break;
+    case OP_live:
+    case OP_settled: copy(x, b, i); return;
+    case OP_give: /* its lower and its upper end lie side by side */
+    case OP_take:
+        for (uint32_t end = 0; end < 2; end++) {
+            Imm imm = i->imm;
+            imm.frame.place = end, imm.frame.places = 2;
+            Bound v = i->op == OP_give ? value_of(x, i->args[0]).is : (Bound){0};
+            Inst *value = end ? v.hi : v.lo;
+            Inst *r = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, &value, imm);
+            if (i->op == OP_give) continue;
+            if (end) x->value[i->id].is.hi = r;
+            else x->value[i->id].is.lo = r;
+        }
+        return;
+    case OP_choice: {
+        Inst *may[2] = {value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.hi};
+        ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
+        return;
+    }
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
+    case OP_dparam:
     case OP_iparam: bounds_param(x, b, i); return;
     case OP_detach: x->value[i->id] = value_of(x, i->args[0]); return;
     case OP_site: site_value(x, b, i); return;
@@ -382,6 +443,10 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         }
         break;
     default: break;
+    }
+    if ((x->fact[i->id] & FACT_CAPTURE) && is_first_nothing(x, i)) {
+        x->value[i->id] = bounds_nothing(b);
+        return;
     }
     if (!bounds_wide(x, i)) {
         if (ir_ops[i->op].special && !ir_is_const(i)) ice(x->to->session, "bounds of %s", ir_ops[i->op].name);

@@ -1,11 +1,11 @@
 /* Straight-line programs in chunks, so that kernels can leave out what a settled choice makes idle.
  *
  * A long expression of min, max and select needs, in one small place, few of its operations: where a < b on a whole
- * tile, nothing of b matters to min(a, b). (Keeter 2020 prunes such an expression and interprets the rest; here the
- * code stays as it was compiled.) Operands share values, so skipping what is private to an operand gains little and
- * costs a test an operation. Instead the top block is cut into chunks of consecutive operations,
+ * tile, nothing of b matters to min(a, b), and it is a. (Keeter 2020 prunes such an expression and interprets the rest;
+ * here the code stays as it was compiled.) Operands share values, so skipping what is private to an operand gains
+ * little and costs a test an operation. Instead the top block is cut into chunks of consecutive operations,
  *
- *     %n = live #chunk;  %c = if_ %n { 16 operations; yield what is used outside } { yield 0.. };  %p = proj %c #0 ..
+ *     %n = live #chunk;  if_ %n { %a = take [import]; 16 operations; give [export], %z; yield } { yield }
  *
  * and each choice says what it may be, and looks only at the operand that it is known to be:
  *
@@ -13,33 +13,47 @@
  *     %t = fsel settled #2c, first, fmin first, second
  *     %r = fsel settled #2c+1, second, %t
  *
- * All bits are the same in all samples of a call. `bounds`, cut from the same chunks, notes the choices of boxes
- * (variant_bounds); runtime/sample/prune.h turns them into the chunks that run. With every chunk live and no choice
- * settled the values are those of the program, and a value that is never looked at may be anything. */
+ * Whoever takes %r from another chunk may be told to take what %r is known to be: of a thousand nested choices of which
+ * one is open, one chunk runs. All that is the same in all samples of a call. `prune`, cut from the same chunks, notes
+ * the choices of boxes (variant_bounds.c); runtime/sample/prune.h makes an SltPruned of them. With every chunk live and
+ * no choice settled the values are those of the program; one that is never looked at may be anything. */
 #include <string.h>
 
 #include "compiler/pass/variant.h"
 
 enum {
     CHUNK = 16,     /* operations: a chunk costs a jump, and runs whole for one live operation */
-    MIN_OPS = 1000, /* below, a kernel is fast enough, and its values stay in registers */
+    MIN_OPS = 1000, /* below, a kernel is fast enough */
     MIN_CHOICES = 64,
-    MIN_RUN = 4 * CHUNK, /* consecutive operations that are worth cutting */
-    DECORATION = 1       /* Inst.flags: belongs to the choice before it */
+    MIN_RUN = 4 * CHUNK /* consecutive operations that are worth cutting */
 };
-enum { UNIFORM = 1, AHEAD = 2 }; /* Inst.tag: stays ahead of the chunks; is it uniform too? */
+/* Inst.tag, of instructions of the top block: stays ahead of the chunks, and is it uniform too; goes into a chunk, also
+ * what was added to a choice, or only for its sake. */
+enum { UNIFORM = 1, AHEAD, OPERATION, ADDED, NOTED };
+
+enum { NONE = 1 << 30 }; /* stands for the number of operations while that is not known */
 
 typedef struct Chunks {
     Fn *fn;
     uint32_t nchunks, nchoices;
-    uint32_t *chunk; /* by id: 1 + the chunk of an instruction of the top block; 0: none */
-    bool *used;      /* by id: outside its chunk */
-    Inst **proj;     /* by id: what stands for it there */
+    uint32_t *chunk;        /* by id: 1 + the chunk of an instruction of the top block; 0: none */
+    Inst **stands;          /* by id: what was made of a choice */
+    bool *used;             /* by id: outside its chunk */
+    uint32_t *op, *number;  /* by id: 1 + the number of an operation; of an exported value; 0: it is none */
+    uint32_t *seen, *taken; /* by id: 1 + the chunk that imported it last (outside: nchunks + 1), and the number */
+    Inst **take;            /* by id: that import */
+    uint32_t nexports;
+    Vec(SltChunkOp) ops;
+    Vec(int32_t) exported;
+    Vec(uint32_t) import;
+    Vec(uint32_t) first_op;
+    Vec(uint32_t) first_choice;
+    Vec(uint32_t) first_import;
 } Chunks;
 
 static bool is_choice(const Inst *i) { return i->op == OP_fmin || i->op == OP_fmax || ir_ops[i->op].selects; }
 static bool is_read(const Inst *i) { return i->op == OP_param || i->op == OP_iparam || i->op == OP_dparam; }
-static bool in_chunk(const Inst *i) { return !ir_ops[i->op].special || i->op == OP_settled || i->op == OP_choice; }
+static bool in_chunk(const Inst *i) { return i->tag >= OPERATION; }
 
 static void move_before(Inst *i, Inst *at) {
     ir_unlink(i);
@@ -58,22 +72,25 @@ static bool is_uniform(const Inst *i) {
 }
 
 /* Inputs, parameters at known places, and arithmetic of those that are the same for all samples go ahead of all chunks,
- * where kernels compute what is uniform once a call. Tags every instruction of the top block; returns how many
- * operations are left, `choices` of which are choices. */
-static uint32_t lift_uniform(Fn *fn, uint32_t *choices) {
+ * where kernels compute what is uniform once a call. Tags what stays behind that is long enough to be cut; is it worth
+ * it? */
+static bool tag_operations(Fn *fn) {
     Inst *stays = NULL; /* the first that does */
-    uint32_t ops = 0;
-    *choices = 0;
     for (Inst *i = fn->body->first, *next; i; i = next) {
         next = i->next;
-        i->flags = 0;
         i->tag = is_uniform(i) ? UNIFORM : i->op == OP_input ? AHEAD : 0;
         if (i->tag && stays) move_before(i, stays);
-        if (i->tag) continue;
-        if (!stays) stays = i;
-        ops += in_chunk(i), *choices += is_choice(i);
+        if (!i->tag && !stays) stays = i;
     }
-    return ops;
+    uint32_t ops = 0, choices = 0;
+    for (Inst *i = stays, *end; i; i = end) {
+        uint32_t length = 0;
+        for (end = i; end && !ir_ops[end->op].special; end = end->next) length++;
+        for (Inst *j = i; j != end && length >= MIN_RUN; j = j->next)
+            j->tag = OPERATION, ops++, choices += is_choice(j);
+        if (end == i) end = i->next;
+    }
+    return ops >= MIN_OPS && choices >= MIN_CHOICES;
 }
 
 /* What decides a choice: is it its second operand (min, max), its first (select)? */
@@ -87,37 +104,37 @@ static void decorate(Chunks *c, Inst *i) {
     bool select = ir_ops[i->op].selects;
     Inst *first = i->args[select], *second = i->args[select + 1], *last = i->next;
     Builder b = ir_before(c->fn, last);
-    Inst *is = decision(&b, i), *not = ir_emit1(&b, OP_bnot, is);
     Imm number = {.i = c->nchoices}, settled = {.i = 2 * (int64_t)c->nchoices};
     c->nchoices++;
-    ir_special(&b, OP_choice, TY_VOID, 2, select ? (Inst *[]){is, not} : (Inst *[]){not, is}, number);
     Inst *known = ir_special(&b, OP_settled, TY_BOOL, 0, NULL, settled);
     Inst *r = ir_select(&b, known, first, i);
     settled.i++;
     known = ir_special(&b, OP_settled, TY_BOOL, 0, NULL, settled);
     r = ir_select(&b, known, second, r);
-    c->proj[i->id] = r;
-    for (Inst *d = i->next; d != last; d = d->next) d->flags = DECORATION;
+    c->stands[i->id] = r;
+    for (Inst *d = i->next; d != last; d = d->next) d->tag = ADDED;
+    Inst *is = decision(&b, i), *not = ir_emit1(&b, OP_bnot, is);
+    ir_special(&b, OP_choice, TY_VOID, 2, select ? (Inst *[]){is, not} : (Inst *[]){not, is}, number);
+    for (Inst *d = r->next; d != last; d = d->next) d->tag = NOTED;
 }
 
 static void use_decorated(const Chunks *c, Inst *i) {
     for (uint32_t a = 0; a < i->nargs; a++)
-        if (i->args[a]->id != UINT32_MAX && c->proj[i->args[a]->id]) i->args[a] = c->proj[i->args[a]->id];
+        if (i->args[a]->id != UINT32_MAX && c->stands[i->args[a]->id]) i->args[a] = c->stands[i->args[a]->id];
     for (uint32_t r = 0; r < i->nregions; r++)
         for (Inst *j = i->region[r]->first; j; j = j->next) use_decorated(c, j);
 }
 
-/* Numbers the chunks of each run of operations that is long enough. */
-static void cut(Chunks *c) {
-    for (Inst *i = c->fn->body->first, *end; i; i = end) {
-        uint32_t length = 0, n = 0;
-        for (end = i; end && in_chunk(end) && !end->tag; end = end->next) length += !(end->flags & DECORATION);
-        if (end == i) end = i->next;
-        if (length < MIN_RUN) continue;
-        for (Inst *j = i; j != end; j = j->next) {
-            if (!(j->flags & DECORATION) && n++ % CHUNK == 0) c->nchunks++;
-            c->chunk[j->id] = c->nchunks;
+static void number_chunks(Chunks *c) {
+    uint32_t n = 0;
+    bool before = false;
+    for (Inst *i = c->fn->body->first; i; i = i->next) {
+        if (in_chunk(i)) {
+            if (!before) n = 0;
+            if (i->tag == OPERATION && n++ % CHUNK == 0) c->nchunks++;
+            c->chunk[i->id] = c->nchunks;
         }
+        before = in_chunk(i);
     }
 }
 
@@ -132,71 +149,155 @@ static void mark_uses(Chunks *c, const Block *b, uint32_t chunk) {
     }
 }
 
+/* x, of another chunk, for the chunk `to` (outside: nchunks + 1). */
+static Inst *import(Chunks *c, Builder *b, Inst *x, uint32_t to) {
+    if (c->seen[x->id] == to) return c->take[x->id];
+    Imm imm = {0};
+    imm.frame.which = c->import.len, imm.frame.places = 1;
+    c->seen[x->id] = to, c->taken[x->id] = c->import.len;
+    vec_push(c->fn->arena, &c->import, c->op[x->id] - 1);
+    return c->take[x->id] = ir_special(b, OP_take, (IrType)x->type, 0, NULL, imm);
+}
+
+/* The min, max or select inside what was made of it, and the last instruction of that. */
+static bool is_raw(const Inst *i) { return i->tag == OPERATION && i->next->tag == ADDED; }
+static bool is_whole(const Inst *i) { return i->tag == ADDED && i->next->tag == NOTED; }
+
+static bool is_other(const Chunks *c, const Inst *x, uint32_t chunk) {
+    return x->id != UINT32_MAX && c->chunk[x->id] && c->chunk[x->id] != chunk;
+}
+
+static uint32_t value_number(const Chunks *c, const Inst *x, uint32_t chunk, uint32_t none) {
+    if (is_other(c, x, chunk)) return none + 1 + c->taken[x->id];
+    return c->op[x->id] ? c->op[x->id] - 1 : none;
+}
+
+static SltChunkOp operation(const Chunks *c, const Inst *i, uint32_t chunk, bool raw) {
+    SltChunkOp op = {{NONE, NONE, NONE}, -1};
+    for (uint32_t a = 0; a < i->nargs; a++) op.arg[a] = value_number(c, i->args[a], chunk, NONE);
+    if (!raw) return op;
+    op.choice = (int32_t)c->nchoices;
+    if (ir_ops[i->op].selects) op = (SltChunkOp){{op.arg[1], op.arg[2], op.arg[0]}, op.choice};
+    return op;
+}
+
+static void add_operation(Chunks *c, const Inst *i, SltChunkOp op) {
+    vec_push(c->fn->arena, &c->ops, op);
+    vec_push(c->fn->arena, &c->exported, c->used[i->id] ? (int32_t)c->nexports : -1);
+    c->op[i->id] = c->ops.len;
+}
+
 /* The instructions from `first` on that belong to its chunk go into an if_; returns what follows. */
 static Inst *make_chunk(Chunks *c, Inst *first) {
     Fn *fn = c->fn;
     uint32_t chunk = c->chunk[first->id];
+    vec_push(fn->arena, &c->first_op, c->ops.len);
+    vec_push(fn->arena, &c->first_import, c->import.len);
+    vec_push(fn->arena, &c->first_choice, c->nchoices);
     Builder b = ir_before(fn, first);
-    Inst *live = ir_special(&b, OP_live, TY_BOOL, 0, NULL, (Imm){.i = chunk - 1}), *guard = ir_if(&b, live);
+    Inst *guard = ir_if(&b, ir_special(&b, OP_live, TY_BOOL, 0, NULL, (Imm){.i = chunk - 1}));
     Builder then = ir_at_end(fn, guard->region[0]), other = ir_at_end(fn, guard->region[1]);
     Inst *run = ir_yield(&then, 0, NULL), *next = first;
-    Vec(Inst *) values = {0};
-    Vec(Inst *) zeros = {0};
+    ir_yield(&other, 0, NULL);
+    SltChunkOp choice = {0};
     for (Inst *i = first; i && i->id != UINT32_MAX && c->chunk[i->id] == chunk; i = next) {
         next = i->next;
+        bool raw = is_raw(i), whole = is_whole(i);
         move_before(i, run);
+        Builder at = ir_before(fn, i);
+        Inst *source[3] = {0}; /* numbers belong to what is taken, not to the taking */
+        for (uint32_t a = 0; a < i->nargs && a < 3; a++) {
+            source[a] = i->args[a];
+            if (is_other(c, i->args[a], chunk)) import(c, &at, i->args[a], chunk);
+        }
+        if (raw) choice = operation(c, i, chunk, true);
+        else if (whole) add_operation(c, i, choice);
+        else if (i->tag == OPERATION) add_operation(c, i, operation(c, i, chunk, false));
+        c->nchoices += whole;
+        for (uint32_t a = 0; a < i->nargs && a < 3; a++)
+            if (is_other(c, source[a], chunk)) i->args[a] = c->take[source[a]->id];
         if (!c->used[i->id]) continue;
-        ir_append_arg(fn, run, i);
-        vec_push(fn->arena, &values, i);
-        vec_push(fn->arena, &zeros, ir_zero(&other, (IrType)i->type));
+        Imm imm = {0};
+        imm.frame.which = c->nexports++, imm.frame.places = 1;
+        Builder behind = ir_before(fn, run);
+        ir_special(&behind, OP_give, TY_VOID, 1, &i, imm);
     }
-    ir_yield(&other, zeros.len, zeros.data);
-    b = ir_after(fn, guard);
-    for (uint32_t r = 0; r < values.len; r++) c->proj[values.data[r]->id] = ir_proj(&b, guard, r);
     return next;
 }
 
-static void use_projs(Chunks *c, Block *b, uint32_t chunk) {
-    for (Inst *i = b->first; i; i = i->next) {
-        bool guard = i->op == OP_if_ && i->args[0]->op == OP_live;
-        for (uint32_t a = 0; a < i->nargs; a++) {
-            Inst *x = i->args[a];
-            if (x->id != UINT32_MAX && c->proj[x->id] && c->chunk[x->id] != chunk) i->args[a] = c->proj[x->id];
-        }
-        for (uint32_t r = 0; r < i->nregions; r++)
-            use_projs(c, i->region[r], guard && r == 0 ? (uint32_t)i->args[0]->imm.i + 1 : chunk);
+/* Uses outside all chunks, in i or below it; imports go ahead of i, which stands in the top block. */
+static void use_imports(Chunks *c, Inst *i, Inst *below) {
+    for (uint32_t a = 0; a < below->nargs; a++) {
+        Builder b = ir_before(c->fn, i);
+        if (is_other(c, below->args[a], 0)) below->args[a] = import(c, &b, below->args[a], c->nchunks + 1);
     }
+    for (uint32_t r = 0; r < below->nregions; r++)
+        for (Inst *j = below->region[r]->first; j; j = j->next) use_imports(c, i, j);
 }
 
 static void number(Chunks *c) {
     Arena *scratch = &c->fn->session->scratch;
     uint32_t n = ir_number(c->fn) + 1;
-    c->chunk = ARENA_ARRAY(scratch, uint32_t, n);
-    c->used = ARENA_ARRAY(scratch, bool, n);
-    c->proj = ARENA_ARRAY(scratch, Inst *, n);
+    c->chunk = ARENA_ARRAY(scratch, uint32_t, n), c->used = ARENA_ARRAY(scratch, bool, n);
+    c->op = ARENA_ARRAY(scratch, uint32_t, n), c->seen = ARENA_ARRAY(scratch, uint32_t, n);
+    c->taken = ARENA_ARRAY(scratch, uint32_t, n);
+    c->stands = ARENA_ARRAY(scratch, Inst *, n), c->take = ARENA_ARRAY(scratch, Inst *, n);
 }
 
-Fn *variant_chunks(PassCtx *ctx, const Fn *primal) {
+static bool has_effects(const Block *b) {
+    bool any = false;
+    for (const Inst *i = b->first; i; i = i->next) {
+        any |= i->op == OP_print || i->op == OP_count;
+        for (uint32_t r = 0; r < i->nregions; r++) any |= has_effects(i->region[r]);
+    }
+    return any;
+}
+
+static const SltChunks *table(Chunks *c) {
+    for (uint32_t o = 0; o < c->ops.len; o++)
+        for (uint32_t a = 0; a < 3; a++)
+            if (c->ops.data[o].arg[a] >= NONE) c->ops.data[o].arg[a] -= NONE - c->ops.len;
+    SltChunks *t = ARENA_NEW(c->fn->arena, SltChunks);
+    *t = (SltChunks){.nops = c->ops.len,
+                     .nchunks = c->nchunks,
+                     .nchoices = c->nchoices,
+                     .nimports = c->import.len,
+                     .op = c->ops.data,
+                     .first_op = c->first_op.data,
+                     .first_choice = c->first_choice.data,
+                     .first_import = c->first_import.data,
+                     .import = c->import.data,
+                     .exported = c->exported.data,
+                     .effects = has_effects(c->fn->body)};
+    return t;
+}
+
+Fn *variant_chunks(PassCtx *ctx, const Fn *primal, const SltChunks **out) {
     Fn *fn = variant_clone(ctx, primal, "chunks", false);
+    *out = NULL;
+    if (!tag_operations(fn)) return NULL;
     ArenaMark m = arena_mark(&ctx->session->scratch);
     Chunks c = {.fn = fn};
-    uint32_t choices, ops = lift_uniform(fn, &choices);
-    if (ops >= MIN_OPS && choices >= MIN_CHOICES) {
-        number(&c);
-        for (Inst *i = fn->body->first, *next; i; i = next) {
-            next = i->next;
-            use_decorated(&c, i);
-            if (is_choice(i) && !i->tag) decorate(&c, i);
-        }
-        number(&c);
-        cut(&c);
-        mark_uses(&c, fn->body, 0);
-        for (Inst *i = fn->body->first, *next; i; i = next)
-            next = i->id != UINT32_MAX && c.chunk[i->id] ? make_chunk(&c, i) : i->next;
-        use_projs(&c, fn->body, 0);
+    number(&c);
+    for (Inst *i = fn->body->first, *next; i; i = next) {
+        next = i->next;
+        use_decorated(&c, i);
+        if (i->tag == OPERATION && is_choice(i)) decorate(&c, i);
     }
+    c.nchoices = 0; /* counted again, chunk by chunk, in the same order */
+    number(&c);
+    number_chunks(&c);
+    mark_uses(&c, fn->body, 0);
+    for (Inst *i = fn->body->first, *next; i; i = next)
+        next = i->id != UINT32_MAX && c.chunk[i->id] ? make_chunk(&c, i) : i->next;
+    vec_push(fn->arena, &c.first_op, c.ops.len);
+    vec_push(fn->arena, &c.first_choice, c.nchoices);
+    vec_push(fn->arena, &c.first_import, c.import.len);
+    for (Inst *i = fn->body->first; i; i = i->next)
+        if (i->op != OP_if_ || i->args[0]->op != OP_live) use_imports(&c, i, i);
+    *out = table(&c);
     arena_reset(&ctx->session->scratch, m);
-    return c.nchunks ? fn : NULL;
+    return fn;
 }
 
 static void drop_choices(Block *b) {
@@ -208,73 +309,3 @@ static void drop_choices(Block *b) {
 }
 
 void variant_drop_choices(Fn *fn) { drop_choices(fn->body); }
-
-/* ---- what the runtime must know */
-typedef struct Table {
-    const Fn *fn;
-    uint32_t *op; /* by id: 1 + the number of an operation; 0: it is none */
-    Vec(SltChunkOp) ops;
-    Vec(uint32_t) first_op;
-    Vec(uint32_t) first_choice;
-    Vec(uint32_t) roots;
-    uint32_t nchoices;
-    bool effects;
-} Table;
-
-/* The value behind a proj of a chunk. */
-static const Inst *source(const Inst *x) {
-    bool of_chunk = x->op == OP_proj && x->args[0]->op == OP_if_ && x->args[0]->args[0]->op == OP_live;
-    return of_chunk ? ir_yield_of(x->args[0]->region[0])->args[x->imm.i] : x;
-}
-
-static void add_chunk(Table *t, const Block *chunk) {
-    Arena *arena = t->fn->arena;
-    vec_push(arena, &t->first_op, t->ops.len);
-    vec_push(arena, &t->first_choice, t->nchoices);
-    for (const Inst *i = chunk->first; i; i = i->next) {
-        t->nchoices += i->op == OP_choice;
-        if (ir_ops[i->op].special) continue;
-        SltChunkOp op = {{0, 0, 0}, -1};
-        bool by_settled = ir_ops[i->op].selects && i->args[0]->op == OP_settled;
-        if (by_settled) op.settled = (int32_t)i->args[0]->imm.i;
-        for (uint32_t a = by_settled; a < i->nargs; a++) op.arg[a - by_settled] = t->op[source(i->args[a])->id];
-        vec_push(arena, &t->ops, op);
-        t->op[i->id] = t->ops.len;
-    }
-}
-
-static void add_roots(Table *t, const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        t->effects |= i->op == OP_print || i->op == OP_count;
-        bool chunk = b == t->fn->body && i->op == OP_if_ && i->args[0]->op == OP_live;
-        for (uint32_t a = 0; a < i->nargs; a++) {
-            uint32_t op = t->op[source(i->args[a])->id];
-            if (op && i->op != OP_proj) vec_push(t->fn->arena, &t->roots, op - 1);
-        }
-        for (uint32_t r = 0; r < i->nregions && !chunk; r++) add_roots(t, i->region[r]);
-    }
-}
-
-const SltChunks *variant_chunk_table(Fn *fn) {
-    Table t = {.fn = fn};
-    ArenaMark m = arena_mark(&fn->session->scratch);
-    t.op = ARENA_ARRAY(&fn->session->scratch, uint32_t, ir_number(fn) + 1);
-    for (const Inst *i = fn->body->first; i; i = i->next)
-        if (i->op == OP_if_ && i->args[0]->op == OP_live) add_chunk(&t, i->region[0]);
-    add_roots(&t, fn->body);
-    arena_reset(&fn->session->scratch, m);
-    SltChunks *c = ARENA_NEW(fn->arena, SltChunks);
-    *c = (SltChunks){.nops = t.ops.len,
-                     .nchunks = t.first_op.len,
-                     .nchoices = t.nchoices,
-                     .nroots = t.roots.len,
-                     .op = t.ops.data,
-                     .effects = t.effects};
-    vec_push(fn->arena, &t.first_op, t.ops.len);
-    vec_push(fn->arena, &t.first_choice, t.nchoices);
-    c->first_op = t.first_op.data, c->first_choice = t.first_choice.data, c->root = t.roots.data;
-    for (uint32_t o = 0; o < c->nops; o++) /* numbers from 1 so far, 0: none */
-        for (uint32_t a = 0; a < 3; a++)
-            t.ops.data[o].arg[a] = t.ops.data[o].arg[a] ? t.ops.data[o].arg[a] - 1 : c->nops;
-    return c;
-}

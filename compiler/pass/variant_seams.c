@@ -6,25 +6,27 @@
  * places have one number, for there is one curve. Only `bounds`, `edge` and `edge_bounds` are cut from this clone: no
  * other kernel knows seams.
  *
- * Above EDGES sites and seams, for each of which `edge` has code, bends stay what they are, then jumps too. Where rays
- * are searched nothing is bounded, so there are none. */
+ * `edge` has code for each of them, at worst the whole program: above EDGES of them, or COST operations, bends stay
+ * what they are, then jumps too. Where rays are searched nothing is bounded, so there are none. */
 #include "compiler/pass/depend.h"
-#include "compiler/pass/variant.h"
+#include "compiler/pass/variant_bounds.h"
 
-enum { EDGES = 192 };
+enum { EDGES = 192, COST = 12000 };
 
 typedef enum Class { CLASS_NONE, CLASS_JUMP, CLASS_BEND } Class;
 
 typedef struct Known {
     const Inst *p, *q; /* what is compared */
-    const Inst *at;    /* visible where a seam may share its number */
+    const Inst *at;    /* visible where a seam may share its number, */
     uint32_t edge;
+    Inst *g; /* and its g, of one sign everywhere */
 } Known;
 
 typedef struct Seams {
     Fn *fn;
     Arena *arena;
     const Depend *dep; /* by id of the clone before seams */
+    Boxes facts;       /* likewise: bounds_facts alone */
     uint32_t n;        /* ids then */
     bool *decides;     /* by id of a comparison or rounding: something else than its own site uses it */
     Inst **seam;       /* by id: what stands for the value from now on */
@@ -37,23 +39,21 @@ typedef struct Seams {
     uint32_t count[3]; /* by Class, of candidates */
 } Seams;
 
-static bool moves(const Seams *s, const Inst *v) {
-    return v->id < s->n && (s->dep[v->id].on & (DEPENDS_X | DEPENDS_RAND)) == DEPENDS_X;
+/* Does it decide by something that changes with the position otherwise than by jumps, and that we know? */
+static bool moves(const Seams *s, const Inst *i) {
+    return bounds_slopes(&s->facts, i) && !(s->dep[i->id].on & DEPENDS_RAND);
 }
-
-static bool rounds(Op op) { return op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc; }
 
 static Class class_of(const Seams *s, const Inst *i) {
     switch ((Op)i->op) {
     case OP_flt:
     case OP_fle:
+    case OP_f2i:
+    case OP_f2u:
     case OP_ffloor:
     case OP_fceil:
     case OP_fround:
     case OP_ftrunc: return s->decides[i->id] && moves(s, i) ? CLASS_JUMP : CLASS_NONE;
-    case OP_f2i:
-    case OP_f2u: /* of a rounding: that one tells */
-        return moves(s, i) && i->args[0]->op != OP_siten && !rounds((Op)i->args[0]->op) ? CLASS_JUMP : CLASS_NONE;
     case OP_fmin:
     case OP_fmax:
     case OP_fabs: return moves(s, i) ? CLASS_BEND : CLASS_NONE;
@@ -78,16 +78,15 @@ static void count_block(Seams *s, const Block *b, uint32_t depth) {
 
 static bool is_visible(const Inst *v, const Block *from) { return walk_inside(from, v->block); }
 
-/* The number of an edge that compares p with q at the same iteration. */
-static bool find_known(const Seams *s, const Block *b, const Inst *p, const Inst *q, uint32_t *edge) {
+/* An edge that compares p with q at the same iteration. */
+static const Known *find_known(const Seams *s, const Block *b, const Inst *p, const Inst *q) {
     for (uint32_t k = s->known.len; k-- > 0;) {
         const Known *known = &s->known.data[k];
         bool same = (known->p == p && known->q == q) || (known->p == q && known->q == p);
         if (!same || s->sites.data[known->edge].depth != s->depth || !is_visible(known->at, b)) continue;
-        *edge = known->edge;
-        return true;
+        return known;
     }
-    return false;
+    return NULL;
 }
 
 static const char *name_of(const Inst *i) {
@@ -115,14 +114,11 @@ static SiteKind kind_of(const Inst *i) {
     }
 }
 
-static uint32_t edge_of(Seams *s, const Inst *i, const Inst *p, const Inst *q) {
-    uint32_t edge = s->sites.len;
-    if (q && find_known(s, i->block, p, q, &edge)) return edge;
+static uint32_t new_edge(Seams *s, const Inst *i) {
     SiteInfo info = {.kind = kind_of(i), .span = i->span, .path = "", .depth = s->depth, .max_events = s->events};
     info.text = name_of(i);
     vec_push(s->arena, &s->sites, info);
-    if (q) vec_push(s->arena, &s->known, ((Known){p, q, i, edge}));
-    return edge;
+    return s->sites.len - 1;
 }
 
 /* The site of decision or value `of`; stands for it from now on. */
@@ -134,14 +130,16 @@ static Inst *add_site(Seams *s, Builder *b, Op op, Inst *of, Inst *g, uint32_t e
 
 static void make_seam(Seams *s, Inst *i) {
     Inst *p = i->args[0], *q = i->nargs > 1 ? i->args[1] : NULL;
-    uint32_t edge = edge_of(s, i, p, q);
     if (i->op == OP_f2i || i->op == OP_f2u) {
         Builder b = ir_before(s->fn, i);
-        ir_replace_arg(i, 0, add_site(s, &b, OP_siten, ir_emit1(&b, OP_ftrunc, p), p, edge));
+        ir_replace_arg(i, 0, add_site(s, &b, OP_siten, ir_emit1(&b, OP_ftrunc, p), p, new_edge(s, i)));
         return;
     }
+    const Known *known = q ? find_known(s, i->block, p, q) : NULL;
+    uint32_t edge = known ? known->edge : new_edge(s, i);
     Builder b = ir_after(s->fn, i);
-    Inst *g = q ? ir_emit2(&b, OP_fsub, p, q) : p;
+    Inst *g = known ? known->g : q ? ir_emit2(&b, OP_fsub, p, q) : p;
+    if (q && !known) vec_push(s->arena, &s->known, ((Known){p, q, i, edge, g}));
     s->seam[i->id] = add_site(s, &b, i->type == TY_BOOL ? OP_site : OP_siten, i, g, edge);
 }
 
@@ -152,7 +150,8 @@ static void walk(Seams *s, Block *b) {
         bool wanted = class == CLASS_JUMP ? s->jumps : class == CLASS_BEND && s->bends;
         if (wanted && s->depth <= SLT_MAX_K) make_seam(s, i);
         if (i->op == OP_site && ir_ops[i->args[0]->op].compares && i->args[0]->nargs == 2)
-            vec_push(s->arena, &s->known, ((Known){i->args[0]->args[0], i->args[0]->args[1], i, (uint32_t)i->imm.i}));
+            vec_push(s->arena, &s->known,
+                     ((Known){i->args[0]->args[0], i->args[0]->args[1], i, (uint32_t)i->imm.i, i->args[1]}));
         uint64_t events = s->events;
         if (i->op == OP_loop) {
             if (s->depth < SLT_MAX_K) s->loop_k[s->depth] = i->region[0]->params[0];
@@ -193,13 +192,17 @@ Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     Seams s = {.fn = fn, .arena = scratch, .events = 1};
     s.dep = depend_values(fn, (DependOptions){0});
     s.n = fn->ninsts;
+    s.facts = (Boxes){.ctx = ctx, .from = fn, .arena = scratch, .fact = ARENA_ARRAY(scratch, uint8_t, s.n + 1)};
+    bounds_facts(&s.facts);
     s.decides = ARENA_ARRAY(scratch, bool, s.n + 1);
     s.seam = ARENA_ARRAY(scratch, Inst *, s.n + 1);
     for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
     find_users(&s, fn->body);
     count_block(&s, fn->body, 0);
-    s.jumps = fn->nsites + s.count[CLASS_JUMP] <= EDGES;
-    s.bends = s.jumps && fn->nsites + s.count[CLASS_JUMP] + s.count[CLASS_BEND] <= EDGES;
+    uint32_t jumps = fn->nsites + s.count[CLASS_JUMP], all = jumps + s.count[CLASS_BEND];
+    uint64_t size = walk_size(fn->body);
+    s.jumps = jumps <= EDGES && jumps * size <= COST;
+    s.bends = s.jumps && all <= EDGES && all * size <= COST;
     walk(&s, fn->body);
     use_seams(&s, fn->body);
     if (s.sites.len) fn->sites = arena_copy(fn->arena, s.sites.data, sizeof *s.sites.data * s.sites.len);

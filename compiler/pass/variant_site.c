@@ -171,8 +171,28 @@ static Inst *stop_when_captured(Thread *t, Builder *b, Inst *flag) {
     return ir_emit2(b, OP_band, flag, ir_emit1(b, OP_bnot, t->value[1]));
 }
 
+bool variant_is_uncaptured(const Inst *i) {
+    uint64_t bits;
+    memcpy(&bits, &i->imm.f, sizeof bits);
+    return i->op == OP_constf && bits == VARIANT_UNCAPTURED;
+}
+
+/* No number, and of the edge kernels the gradient is none either. */
+static Inst *uncaptured(Builder *b, bool edges) {
+    if (!edges) return ir_constf(b, __builtin_nan(""));
+    uint64_t bits = VARIANT_UNCAPTURED;
+    double nan;
+    memcpy(&nan, &bits, sizeof nan);
+    Inst *sum = NULL;
+    for (uint32_t d = 0; d < b->fn->dim; d++) {
+        Inst *term = ir_emit2(b, OP_fmul, ir_input(b, (InputSlot)(IN_X0 + d)), ir_constf(b, nan));
+        sum = sum ? ir_emit2(b, OP_fadd, sum, term) : term;
+    }
+    return sum;
+}
+
 /* The captured g, emitted at the end of `into`. */
-static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const uint8_t *wanted) {
+static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const uint8_t *wanted, bool edges) {
     Fn *copy = ir_clone(primal, primal->arena, "capture");
     Builder b = copy->body->first ? ir_before(copy, copy->body->first) : ir_at_end(copy, copy->body);
     Thread t = {.fn = copy,
@@ -181,7 +201,7 @@ static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const u
                 .touches = touches_capture,
                 .cont = stop_when_captured,
                 .user = (void *)wanted};
-    t.value[0] = ir_constf(&b, __builtin_nan(""));
+    t.value[0] = uncaptured(&b, edges);
     t.value[1] = ir_constb(&b, false);
     thread_block(&t, copy->body);
     Outputs g = {0};
@@ -240,7 +260,7 @@ static void finish_part(Fn *fn, Builder *b, Inst *g, const uint8_t *serves) {
     variant_drop_sites(fn);
 }
 
-Fn *variant_site(PassCtx *ctx, const Fn *primal) {
+static Fn *cut(PassCtx *ctx, const Fn *primal, bool edges) {
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     Fn *from = ir_clone(primal, primal->arena, "site.from");
@@ -263,6 +283,9 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
     /* Dry run: which slices are independent, and do they stay linear in the program? */
     Fn *trial = ir_fn(ctx->session, scratch, "trial", primal->precision);
     for (uint32_t i = 0; i < sites.len; i++) {
+        bool again = captured[sites.data[i]->imm.i]; /* seams may share a number, and with it g */
+        for (uint32_t k = 0; k < nleaves && !again; k++) again = leaves[k].site == sites.data[i]->imm.i;
+        if (again) continue;
         s.fn = trial, s.site = sites.data[i], s.cost = 0, s.failed = false;
         s.limit = total < budget ? budget - total : 0;
         Builder b = ir_at_end(trial, trial->body);
@@ -299,7 +322,7 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
         Fn *fn = new_part(ctx, primal);
         Builder b = ir_at_end(fn, fn->body);
         b.fold = true;
-        Inst *g = emit_capture(ctx, &b, variant_differentiable_clone(ctx, primal, "capture"), captured);
+        Inst *g = emit_capture(ctx, &b, variant_differentiable_clone(ctx, primal, "capture"), captured, edges);
         finish_part(fn, &b, g, arena_copy(fn->arena, captured, primal->nsites + 1));
         *end = fn;
     }
@@ -307,3 +330,7 @@ Fn *variant_site(PassCtx *ctx, const Fn *primal) {
     for (Fn *fn = first; fn; fn = fn->next_part) opt_dce(ctx, fn);
     return first;
 }
+
+Fn *variant_site(PassCtx *ctx, const Fn *primal) { return cut(ctx, primal, false); }
+
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed) { return cut(ctx, seamed, true); }

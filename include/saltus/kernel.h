@@ -29,10 +29,12 @@ typedef struct SltNote {
 } SltNote;
 
 /* What a straight-line program does in this call, the same for all its samples: which of its chunks of operations run,
- * and which of its choices (min, max, select) are known to be one operand. What is not run is never looked at. */
+ * which of its choices (min, max, select) are known to be one operand, and where chunks find the values of others: a
+ * choice that is one operand is not computed, who wants it reads the operand. What is not run is never looked at. */
 typedef struct SltPruned {
     const int32_t *chunks;  /* by number, ascending; ends with SLT_NO_CHUNK */
     const int32_t *settled; /* [2 * choices] by 2 * choice + operand: -1, it is this operand, or 0 */
+    const int32_t *from;    /* [imports]: which exported value */
 } SltPruned;
 
 typedef struct SltKernelArgs {
@@ -52,9 +54,9 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;       /* of tape, for all lanes */
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
-    const SltPruned *pruned;   /* NULL: every chunk runs, no choice is settled */
-    /* bounds of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
-     * operand. Of chunks that did not run it says nothing. NULL: not wanted. */
+    const SltPruned *pruned;   /* prune, pruned: what runs; else NULL */
+    /* prune, of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
+     * operand. Of chunks that did not run it says nothing. */
     uint64_t *choices;
     const SltCullList *cull; /* by number of the list, as many as the program has; NULL: all iterations of all loops */
     SltNote *const *note;    /* bounds: what it notes, by number of the list, then by place in the list (without one: by

@@ -5,19 +5,6 @@
 #include "runtime/quadrature/cells_inner.h"
 
 /* ---- what goes out */
-static void flush_points(Cells *c, CellRule r) {
-    uint32_t n = c->npoint[r];
-    c->npoint[r] = 0;
-    if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
-}
-
-void cells_emit_point(Cells *c, const double x[3], double weight, CellRule rule) {
-    if (c->npoint[rule] == BATCH) flush_points(c, rule);
-    CellPoint *p = &c->point[rule][c->npoint[rule]++];
-    memcpy(p->x, x, sizeof p->x);
-    p->weight = weight;
-}
-
 static void flush_crossings(Cells *c) {
     uint32_t n = c->ncrossing;
     c->ncrossing = 0;
@@ -26,7 +13,7 @@ static void flush_crossings(Cells *c) {
 
 void cells_flush(Cells *c) {
     flush_crossings(c);
-    for (int r = 0; r < CELL_RULES; r++) flush_points(c, (CellRule)r);
+    cells_flush_points(c);
 }
 
 /* ---- columns */
@@ -135,7 +122,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
-        r->wanted = c->o->curves && is_site(c, &c->piece[c->column[r->column].piece], r->edge);
+        r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
+                    is_site(c, &c->piece[c->column[r->column].piece], r->edge);
     }
     if (!cells_take_sides(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
@@ -143,7 +131,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
-        e->twin = r->twin, e->height = r->x[p->axis];
+        e->twin = r->twin, e->height = r->x[p->axis], e->steep = r->dg[p->axis];
         for (uint32_t d = 0; d < c->dim; d++) e->slope[d] = -r->dg[d] / r->dg[p->axis];
         e->open = r->wanted && r->hash[0] != r->hash[1];
         if (!e->open && !c->o->volume) p->present &= ~(1u << r->edge);
@@ -153,34 +141,28 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 
 /* The columns of a piece and rule: in 1D the one there is, else at Gauss points of the base. */
 static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
-    const GaussRule *g = &c->rule[rule];
-    uint32_t n[3] = {1, 1, 1};
-    if (!g->n) return true;
-    for (uint32_t d = 0; d < c->dim; d++)
-        if (d != (uint32_t)c->piece[piece].axis) n[d] = g->n;
-    for (uint32_t z = 0; z < n[2]; z++)
-        for (uint32_t y = 0; y < n[1]; y++)
-            for (uint32_t i = 0; i < n[0]; i++) {
-                const Piece *p = &c->piece[piece];
-                const uint32_t at[3] = {i, y, z};
-                double x[3] = {0}, mid[3] = {0}, weight = 1;
-                middle(c, p, mid);
-                for (uint32_t d = 0; d < c->dim; d++) {
-                    if (d == (uint32_t)p->axis) continue;
-                    x[d] = p->at[d][0] + g->x[at[d]] * (p->at[d][1] - p->at[d][0]);
-                    weight *= g->w[at[d]] * (p->at[d][1] - p->at[d][0]);
-                }
-                Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
-                if (!k) return false;
-                for (uint32_t e = 0; e < CELL_EVENTS; e++) {
-                    if (!(p->present >> e & 1)) continue;
-                    double height = p->edge[e].height;
-                    for (uint32_t d = 0; d < c->dim; d++)
-                        if (d != (uint32_t)p->axis) height += p->edge[e].slope[d] * (x[d] - mid[d]);
-                    if (!add_root(c, k, e, height)) return false;
-                    c->root[c->nroot - 1].twin = p->edge[e].twin;
-                }
-            }
+    const GaussRule *g = c->piece[piece].graded ? &c->graded[rule] : &c->rule[rule];
+    const Cell *cell = &c->cell[c->piece[piece].cell];
+    if (cell->rule >= 0 && cell->rule != (int8_t)rule) return true;
+    for (uint32_t i = 0; i < (c->piece[piece].base < 0 ? g->n > 0 : g->n); i++) {
+        const Piece *p = &c->piece[piece];
+        double x[3] = {0}, mid[3] = {0}, weight = cell->weight;
+        middle(c, p, mid);
+        memcpy(x, mid, sizeof x);
+        if (p->base >= 0) {
+            double length = p->at[p->base][1] - p->at[p->base][0];
+            x[p->base] = p->at[p->base][0] + g->x[i] * length, weight *= g->w[i] * length;
+        }
+        Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
+        if (!k) return false;
+        for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+            if (!(p->present >> e & 1)) continue;
+            double height = p->edge[e].height;
+            if (p->base >= 0) height += p->edge[e].slope[p->base] * (x[p->base] - mid[p->base]);
+            if (!add_root(c, k, e, height)) return false;
+            c->root[c->nroot - 1].twin = p->edge[e].twin;
+        }
+    }
     return true;
 }
 
@@ -200,44 +182,147 @@ static void emit_crossing(Cells *c, const Root *r) {
     x->axis = r->axis, x->rising = 1, x->cls = k->rule;
 }
 
-/* Gauss points on a column, between one root and the next. */
-static void fill_column(Cells *c, const Column *k) {
-    const Piece *p = &c->piece[k->piece];
-    const Box *box = &c->cell[p->cell].box;
-    const GaussRule *g = &c->rule[k->rule];
-    double x[3], from = box->lo[p->axis], heights[CELL_EVENTS + 1];
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < k->nroots; i++) {
-        double h = c->root[k->first + i].x[p->axis];
-        uint32_t at = n++;
-        for (; at && heights[at - 1] > h; at--) heights[at] = heights[at - 1];
-        heights[at] = h;
+/* ---- is a piece short enough? */
+/* The integral of |jump| along the curve that the rule gives, by channel, and its moments in the position on the piece.
+ * The length of the curve's element is that of the tangent in the middle times (d_k g there) / d_k g: what the
+ * derivatives of the integral are made of. */
+static void measure_curve(const Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t edge,
+                          double sum[CELL_RULES][SLT_MAX_CHANNELS][4], double *most, double *total) {
+    const PieceEdge *e = &p->edge[edge];
+    double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
+    middle(c, p, mid);
+    if (p->base >= 0) {
+        half[p->base] = 0.5 * (p->at[p->base][1] - p->at[p->base][0]);
+        tangent += e->slope[p->base] * e->slope[p->base];
     }
-    heights[n++] = box->end[p->axis];
-    memcpy(x, k->x, sizeof x);
-    for (uint32_t i = 0; i < n; from = heights[i++])
-        for (uint32_t q = 0; q < g->n && heights[i] > from; q++) {
-            x[p->axis] = from + g->x[q] * (heights[i] - from);
-            cells_emit_point(c, x, k->weight * g->w[q] * (heights[i] - from), (CellRule)k->rule);
+    mid[p->axis] = e->height;
+    half[p->axis] = 0.5 * (c->cell[p->cell].box.end[p->axis] - c->cell[p->cell].box.lo[p->axis]);
+    tangent = sqrt(tangent);
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = 0; i < k->nroots; i++) {
+            const Root *r = &c->root[k->first + i];
+            if (r->edge != edge) continue;
+            double w = k->weight * tangent * fabs(e->steep / r->dg[p->axis]);
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+                double jump = r->f[1][ch] - r->f[0][ch];
+                *most = fmax(*most, fabs(jump)), *total += w * fabs(jump);
+                sum[k->rule][ch][0] += w * jump;
+                for (uint32_t d = 0; d < c->dim; d++)
+                    sum[k->rule][ch][1 + d] += w * jump * (r->x[d] - mid[d]) / half[d];
+            }
         }
 }
 
-bool cells_integrate(Cells *c) {
-    if (!c->npiece) return true;
-    if (!find_present(c, 0) || !look_at_middles(c, 0)) return false;
-    c->ncolumn = c->nroot = 0;
-    for (uint32_t i = 0; i < c->npiece; i++)
+static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
+    for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
+        if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        measure_curve(c, p, from, to, e, sum, &most, &total);
+        double least = fmax(c->o->tolerance * most * c->width, cells_rounding(c) * total);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            for (uint32_t m = 0; m <= c->dim; m++)
+                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;
+    }
+    return true;
+}
+
+/* What rounding or a singularity keeps apart would be cut without end. */
+enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
+
+/* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
+ * a curve; else its base or its columns are too long. */
+static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from, const Column *to) {
+    Piece *p = &c->piece[i];
+    bool columns = c->dim == 1;
+    c->cell[p->cell].cuts++;
+    if (curves_agree && !p->graded) {
+        p->graded = true;
+        return true;
+    }
+    if (curves_agree && !columns && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (columns) p->parts *= 2;
+    else p->halve = true;
+    return true;
+}
+
+/* The halves of a piece whose base is too long. */
+static bool cut_piece(Cells *c, const Piece *p) {
+    for (int half = 0; half < 2; half++) {
+        if (!CELLS_ROOM(c, piece, 1)) return false;
+        Piece *q = &c->piece[c->npiece++];
+        *q = *p;
+        q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
+        q->halvings++;
+    }
+    return true;
+}
+
+bool cells_evaluate(Cells *c, uint32_t first, bool values) {
+    uint32_t n = c->npiece - first;
+    if (!find_present(c, first) || !look_at_middles(c, first)) return false;
+    c->ncolumn = c->nroot = c->nspot = 0;
+    if (!cells_grow(c, &c->first_column, &c->first_column_cap, n + 1, sizeof *c->first_column)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        c->first_column[i] = c->ncolumn;
         for (int r = 0; r < CELL_RULES; r++)
-            if ((c->piece[i].present || c->o->volume) && !add_columns(c, i, (CellRule)r)) return false;
+            if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
+    }
+    c->first_column[n] = c->ncolumn;
     if (!cells_solve(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         c->root[i].wanted = c->piece[c->column[c->root[i].column].piece].edge[c->root[i].edge].open;
     if (!cells_take_sides(c)) return false;
-    for (uint32_t i = 0; i < c->ncolumn; i++) {
-        const Column *k = &c->column[i];
+    if (c->o->volume && !cells_add_columns_of_points(c)) return false;
+    return !values || !c->nspot || cells_take_values(c);
+}
+
+void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+    for (const Column *k = from; k < to; k++)
         for (uint32_t r = 0; r < k->nroots; r++)
             if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
-        if (c->o->volume) fill_column(c, k);
+}
+
+/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
+static bool integrate(Cells *c, uint32_t first) {
+    uint32_t n = c->npiece - first;
+    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
+    if (!cells_evaluate(c, first, compare)) return false;
+    uint32_t spot = 0, kept = first;
+    for (uint32_t i = 0; i < n; i++) {
+        Piece *p = &c->piece[first + i];
+        const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
+        uint32_t end = spot;
+        while (end < c->nspot && c->spot[end].owner == first + i) end++;
+        bool agree = true, smooth = true;
+        if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
+        if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
+        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
+                    c->cell[p->cell].cuts >= CELL_CUTS;
+        if ((agree && smooth) || last || cells_spent(c)) {
+            cells_emit_columns(c, from, to);
+            cells_emit_spots(c, spot, end);
+        } else {
+            if (!shorten(c, first + i, agree, from, to)) return false;
+            if (kept != first + i) c->piece[kept] = *p;
+            kept++;
+        }
+        spot = end;
     }
+    c->npiece = kept;
+    for (uint32_t i = first; i < kept; i++) {
+        Piece p = c->piece[i];
+        if (!p.halve) continue;
+        p.halve = false;
+        uint32_t last = c->npiece;
+        if (!cut_piece(c, &p)) return false;
+        c->piece[i] = c->piece[last], c->piece[last] = c->piece[last + 1], c->npiece--;
+    }
+    return true;
+}
+
+bool cells_integrate(Cells *c) {
+    enum { AT_ONCE = 64 }; /* pieces */
+    while (c->npiece)
+        if (!integrate(c, c->npiece > AT_ONCE ? c->npiece - AT_ONCE : 0)) return false;
     return true;
 }

@@ -5,7 +5,9 @@
  *                   which axis each is a graph
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
- *   cells_column.c  pieces of the base become columns, these roots, crossings and points of the volume
+ *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_solid.c   3D: planes through a cell, each a cell of 2D
+ *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
  * above a point of the base, along the *height axis*. On a *piece* of the base the same curves lie in the same order
@@ -15,9 +17,10 @@
 
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
+#include "runtime/quadrature/lists.h"
 
 enum {
-    CELL_BOXES = 72, /* halves of a node along all axes, and theirs: 8 + 64 */
+    CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
@@ -34,13 +37,24 @@ typedef struct CellEdge {
 
 typedef struct Cell {
     Box box;
-    uint32_t level, bends; /* how often its ancestors were cut, and since when only because something bends */
-    uint32_t state;        /* SLT_BOX_* */
-    uint32_t nopen;        /* as the kernel counts: more than CELL_EVENTS where they are too many */
-    uint32_t nedges;       /* those that edge[] holds: may really be open */
+    uint32_t level, bends; /* how often its ancestors were cut, and of these because something bends */
+    uint32_t seams;        /* and at seams */
+    bool curves_done;      /* the curves in it were integrated already; the volume is not */
+    bool lonely;           /* few of its ancestor's parts were no cells: around a point */
+    int8_t cut;            /* edge along which it is cut; -1: none */
+    uint32_t node, number; /* in hand; of the cell in c->cell */
+    /* A plane through a cell of 3D: the axis that it is across, its CellRule and the measure that it stands for; else
+     * -1, -1 and 1. */
+    int8_t slice, rule;
+    double weight;
+    uint32_t state;  /* SLT_BOX_* */
+    uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
+    uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
+    bool common;                    /* it is one, for seams too: the volume can be integrated */
+    uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
@@ -48,17 +62,27 @@ typedef struct Cell {
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, slope[3]; /* on the column above the middle; d height / d base */
+    double steep;            /* d g / d height there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
-    int8_t axis;      /* height axis */
-    double at[3][2];  /* by axis: the two ends, but of the height axis */
-    uint32_t present; /* bit by edge of the cell: the curve is there */
-    uint32_t halvings;
-    bool graded; /* f has a root singularity at an end of its columns: places are denser there */
+    int8_t axis, base; /* height axis; that of the base, -1 in 1D */
+    double at[3][2];   /* by axis: the two ends, but of the height axis */
+    uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t halvings; /* of its base */
+    uint32_t parts;    /* in which the columns are cut between roots */
+    bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
+    bool halve;        /* it is too long for the rules */
     PieceEdge edge[CELL_EVENTS];
 } Piece;
+
+/* A place where the base of a cell is cut, along `axis` as height axis. */
+typedef struct Cut {
+    uint32_t cell;
+    int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
+    double at;
+} Cut;
 
 /* A point of the base with the line above it. */
 typedef struct Column {
@@ -70,8 +94,9 @@ typedef struct Column {
 /* The root of g along one axis, in a bracket in which g is monotone. */
 typedef struct Root {
     const Event *event;
-    double x[3];   /* where; of x[axis] only a guess until it is solved */
-    double lo, hi; /* the bracket: ends of the line, and later places where g was taken */
+    double x[3];       /* where; of x[axis] only a guess until it is solved */
+    double ends_at[2]; /* of the line */
+    double lo, hi;     /* the bracket: ends of the line, and later places where g was taken */
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
@@ -83,6 +108,19 @@ typedef struct Root {
     double f[2][SLT_MAX_CHANNELS];
     uint32_t hash[2];
 } Root;
+
+/* A point of the volume, before it is known whether its part is small enough. */
+typedef struct Spot {
+    uint32_t owner; /* piece, or smooth box */
+    uint8_t rule;
+    double x[3], weight, f[SLT_MAX_CHANNELS];
+} Spot;
+
+/* A box on which f is smooth. */
+typedef struct Smooth {
+    double lo[3], end[3];
+    uint32_t halvings;
+} Smooth;
 
 /* g of an event at a point, or on a box. */
 typedef struct Probe {
@@ -99,7 +137,10 @@ typedef struct Ask {
 
 typedef struct Node {
     Box box;
-    uint32_t level, bends;
+    uint32_t level, bends, seams; /* as in Cell */
+    bool whole;                   /* the box itself may be a cell: it was cut at a seam */
+    bool curves_done, lonely;     /* as in Cell */
+    ListsAt lists;
 } Node;
 
 struct Cells {
@@ -112,20 +153,29 @@ struct Cells {
     CellCounts *counts;
     uint64_t began; /* evaluations counted before this tile */
     bool failed;    /* memory ran out */
-    GaussRule rule[CELL_RULES];
+    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
+    double width;   /* the longest side of the domain */
+    /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
+    GaussRule rule[CELL_RULES], graded[CELL_RULES];
     Node *stack; /* nodes to be worked on */
     uint32_t nstack, stack_cap;
-    Cell *cell; /* [ncell]: sub-boxes of the node in hand */
-    uint32_t ncell, cell_cap;
+    Cell *cell;                        /* [ncell]: boxes in hand */
+    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
     uint32_t ncolumn, column_cap;
+    uint32_t *first_column; /* of each piece in hand */
+    uint32_t first_column_cap;
+    Spot *spot;
+    uint32_t nspot, spot_cap;
+    Smooth *smooth;
+    uint32_t nsmooth, smooth_cap;
     Root *root;
     uint32_t nroot, root_cap;
     struct Stretch *stretch; /* cells_base.c */
     uint32_t nstretch, stretch_cap;
-    struct Cut *cut;
+    Cut *cut;
     uint32_t ncut, cut_cap;
     Probe *probe;
     uint32_t nprobe, probe_cap;
@@ -149,6 +199,9 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
 
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
+/* Sums of numbers that differ by less than this part of their size are the same. */
+static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
+bool cells_spent(Cells *c); /* has this tile used its budget up? */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
@@ -160,10 +213,14 @@ bool cells_run_asks(Cells *c);                             /* ask[nask] */
 Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open. */
-void cells_bound(Cells *c, Cell *cell, uint32_t n);
+bool cells_bound(Cells *c);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
+/* What a box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form. */
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre);
+/* An edge that runs along an axis, at which the cell may be cut exactly; -1: none. */
+int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 
@@ -171,15 +228,42 @@ bool cells_choose_axes(const Cells *c, Cell *cell);
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
 /* All of root[nroot]. A root that lies outside of its line by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
+/* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
+ * where it does not get lo = hi. */
+bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted. */
 bool cells_take_sides(Cells *c);
 
-/* ---- cells_base.c: adds the pieces of a cell; sets cell->refine where they cannot be told apart */
-bool cells_cut_bases(Cells *c);
+/* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
+ * curves cannot be told apart */
+/* On the curve of an event with gradient bounds `a`, whose height axis is `axis`: bounds of how it climbs along the
+ * base, and of the slope there of a function with gradient bounds `f`. */
+void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
+                       double slope[2]);
+bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
+bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 
-/* ---- cells_column.c: integrates over all pieces */
-bool cells_integrate(Cells *c);
+/* ---- cells_column.c */
+bool cells_integrate(Cells *c); /* over all pieces */
+/* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
+bool cells_evaluate(Cells *c, uint32_t first, bool values);
+void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
-void cells_emit_point(Cells *c, const double x[3], double weight, CellRule rule);
+
+/* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
+ * be told apart, or because the rules differ and `may_refine`. */
+bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
+
+/* ---- cells_volume.c */
+bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
+bool cells_take_values(Cells *c);                                    /* f at all spots */
+bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+/* Do the rules differ along the columns of the fine rule, rather than along the base? */
+bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
+void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
+bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
+void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
+bool cells_integrate_smooth(Cells *c);
+void cells_flush_points(Cells *c);
 
 #endif

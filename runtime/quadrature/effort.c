@@ -15,7 +15,7 @@ static double least_of(const Effort *e) { return e->f64 ? LEAST_F64 : LEAST_F32;
 
 /* Evaluations of a sweep with so many points a side, as far as boxes tell. */
 static double cost_of(uint32_t gauss, uint32_t dim, double cells) {
-    double coarse = gauss > 3 ? gauss - 2 : 2;
+    double coarse = gauss > 1 ? gauss - 1 : 2;
     return cells * (2 + pow(gauss, dim) + pow(coarse, dim));
 }
 
@@ -32,9 +32,10 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     double goal = j->error > 0 ? j->error : USUAL_GOAL;
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
-    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.7 * log10(goal)) + 1, 2, SLT_GAUSS_MAX);
+    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
     e->tolerance = 1e-2 * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
+    e->given = j->max_evaluations > 0;
     e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
     while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
@@ -48,7 +49,7 @@ void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     CellOptions *o = &p->options;
     o->gauss = e->gauss, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
     /* The coarse rule. Of one point, two tell the error as well. */
-    o->coarse = e->gauss > 3 ? e->gauss - 2 : e->gauss > 1 ? e->gauss - 1 : 2;
+    o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
     p->parts = e->parts, p->left_share = e->left_share;
     p->budget = e->limit > used ? e->limit - used : 1;
 }
@@ -64,8 +65,8 @@ bool effort_took(Effort *e, double rules, double left) {
 }
 
 static double goal_of(const Effort *e, double scale) {
-    double goal = e->relative > 0 ? e->relative * scale : 0;
-    return fmax(goal, e->absolute);
+    double relative = e->wanted ? e->relative : USUAL_GOAL;
+    return fmax(relative * scale, e->absolute);
 }
 
 bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
@@ -73,10 +74,14 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     double goal = goal_of(e, scale);
     bool changed = false;
     *stop = SLT_STOP_NONE;
-    if (!e->wanted || e->best <= goal) return false;
+    if (e->best <= goal) return false;
     double next = (double)cost * (e->fixed ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
-    *stop = p->counts.spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
-    if (*stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS) return false;
+    bool spent = p->counts.spent && !p->cells_budget;
+    *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
+    bool over = *stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS;
+    if (!e->wanted && !(spent && e->given)) *stop = SLT_STOP_NONE; /* what ends it was not asked for */
+    if (over || (e->fixed && !e->wanted)) return false;
+    if (p->counts.spent) return true; /* the next one may spend more */
     if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
     if (rules > 0.25 * goal) {
         changed = true;

@@ -5,7 +5,7 @@
 #include "runtime/quadrature/inner.h"
 
 typedef struct Effort {
-    bool wanted;               /* an error was asked for */
+    bool wanted, given;        /* an error was asked for; a number of evaluations was */
     double relative, absolute; /* what was asked for; 0: not */
     bool fixed, f64;
     uint32_t gauss, parts;   /* points of the fine rule; by how much tiles are smaller than at first */

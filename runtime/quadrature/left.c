@@ -153,10 +153,14 @@ static void samples(SweepWorker *v, const Net *t, const Box *box, double stands,
         if (n[set]) sweep_volume(v, point[set], n[set], (CellRule)set, box);
 }
 
-bool left_cell(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
+bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
     Net t;
     net_init(&t, v, &c->box, n);
-    if (v->sweep->options.curves && !lines(v, &t, &c->box, c->stands, set)) return false;
-    if (v->sweep->options.volume) samples(v, &t, &c->box, c->stands, set);
-    return true;
+    return lines(v, &t, &c->box, c->stands, set);
+}
+
+void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
+    Net t;
+    net_init(&t, v, &c->box, n);
+    samples(v, &t, &c->box, c->stands, set);
 }

@@ -1,16 +1,22 @@
-/* Does quadrature pay? A few hundred boxes tell: nested ones around points spread over the domain. Of each point the
- * largest box on which bounds prove enough is about the cell that will hold it, and the mean of 1 / volume over points
- * is the number of cells. No clock is asked, and nothing is remembered. */
+/* Does quadrature pay? First a few hundred boxes tell, for which bounds alone must be compiled: nested ones around
+ * points spread over the domain. Of each point the largest box on which bounds prove enough is about the cell that will
+ * hold it, and the mean of 1 / volume over points is the number of cells. Where that looks well, a few small tiles are
+ * cut into cells in earnest. No clock is asked, and nothing is remembered. */
 #include <math.h>
 
 #include "runtime/quadrature/inner.h"
 
 enum {
-    POINTS = 48,   /* places that are looked at */
-    LEVELS = 5,    /* boxes around each; the sides go down by four */
-    CELL_COST = 32 /* evaluations that a cell costs, points and ancestors included */
+    POINTS = 48,       /* places that are looked at */
+    LEVELS = 5,        /* boxes around each; the sides go down by four */
+    CELL_COST = 32,    /* evaluations that a cell costs, points and ancestors included */
+    TRIALS = 16,       /* tiles of the trial */
+    TRIAL_BUDGET = 400 /* evaluations of each */
 };
 #define UNPROVEN 0.1  /* quadrature does not pay where so large a part of the domain will be left over */
+#define TRIAL_LEFT 0.25   /* nor where so much of the trial is left over */
+#define DEARER 2.0        /* nor where cells cost so many times what the lattice does, */
+#define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
 #define IMAGE_CELLS 16.0 /* nor where an image has more cells a pixel than this */
 
 /* The box of a level around a place. */
@@ -73,4 +79,57 @@ SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *sta
     bool cheap = j->integral ? o.cells * CELL_COST <= lattice : o.cells <= IMAGE_CELLS * pixels;
     if (j->error > 0 || j->abs_error > 0) cheap = true; /* the lattice reaches no error that is asked for */
     return o.unproven <= UNPROVEN && cheap ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
+}
+
+static void no_curve(void *user, Crossing *c, uint32_t n) { (void)user, (void)c, (void)n; }
+static void no_volume(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
+    (void)user, (void)p, (void)n, (void)rule, (void)within;
+}
+static void no_left(void *user, const Box *cell, const double *bounds) { (void)user, (void)cell, (void)bounds; }
+
+/* The tile of a trial: 1/64 of the domain wide, or four pixels. */
+static Box trial_tile(const Grid *g, bool f64, uint32_t k) {
+    static const uint32_t shift[3] = {0x299f31d0, 0x082efa98, 0xec4e6c89};
+    Box t = {.lo = {0}};
+    for (uint32_t d = 0; d < g->dim; d++) {
+        double side = fmin(1, fmax(1.0 / 64, g->integral ? 0 : 4.0 / g->n[d]));
+        double at = rng_recurrence(g->dim, d, k, shift[d]) * (1 - side), width = g->hi[d] - g->lo[d];
+        t.lo[d] = g->lo[d] + at * width, t.end[d] = g->lo[d] + (at + side) * width;
+        if (!f64) t.lo[d] = (double)(float)t.lo[d], t.end[d] = (double)(float)t.end[d];
+        t.hi[d] = t.end[d];
+    }
+    return t;
+}
+
+SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats) {
+    static const CellSink sink = {.curve = no_curve, .volume = no_volume, .left = no_left};
+    CellOptions o = {.curves = true, .volume = true, .gauss = 3, .coarse = 2, .tolerance = 1e-4, .least = 1e-5};
+    Batch b;
+    Grid g;
+    SltError err;
+    CellCounts counts = {0};
+    double pixels = 1;
+    if (grid_init(&g, s, j, &err) != SLT_OK) return SLT_EST_LATTICE;
+    for (uint32_t d = 0; d < s->dim; d++) {
+        pixels *= g.n[d];
+        if (!g.integral) o.grid[d] = g.filter == SLT_FILTER_BOX ? g.side[d] : 0.5 * g.side[d], o.grid_lo[d] = g.lo[d];
+    }
+    bool ok = batch_init(&b, s, &g);
+    Cells *cells = ok ? cells_new(&b, s->lo, s->hi) : NULL;
+    ok &= cells != NULL;
+    o.budget = TRIAL_BUDGET, o.fixed = !g.integral;
+    for (uint32_t k = 0; k < TRIALS && ok; k++) {
+        Box tile = trial_tile(&g, s->f64, k);
+        counts.spent = false;
+        ok = cells_run(cells, &tile, &o, &sink, &counts);
+    }
+    SltStats own = SLT_STATS_INIT;
+    if (ok) batch_collect(&b, &own);
+    if (stats) stats->evaluations += own.evaluations;
+    cells_free(cells), batch_free(&b), grid_free(&g);
+    double done = counts.settled + counts.curved, all = done + counts.left;
+    double lattice = pixels * (quadrature_segments(j) / s->dim + (double)(j->integral ? j->samples : j->spp));
+    bool wanted = j->error > 0 || j->abs_error > 0;
+    bool cheap = wanted || (double)own.evaluations / all <= (j->integral ? DEARER : DEARER_IMAGE) * lattice;
+    return ok && cheap && counts.left <= TRIAL_LEFT * all ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
 }

@@ -6,6 +6,8 @@
 #include "runtime/quadrature/effort.h"
 #include "runtime/sample/alloc.h"
 
+#define TURNING 0.3     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
+#define TURNED_LEFT 0.2 /* and the share beyond which the lattice is turned to */
 #define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
 
 bool quadrature_can(const SltScene *s) {
@@ -93,8 +95,8 @@ static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral 
     SltIntegral own = SLT_INTEGRAL_INIT;
     own.boundary = boundary, own.gradient_stderr = error, own.left_bound = out->left_bound;
     j.interior = SLT_INTERIOR_AUTO, j.no_interior = true;
-    SltStatus st =
-        boundary && error ? quadrature_integral(s, &j, &own, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    SltStatus st = boundary && error ? quadrature_integral(s, &j, &own, NULL, stats, err)
+                                     : status_fail(err, SLT_LIMIT, "out of memory");
     SltStats cells = stats ? *stats : (SltStats){0};
     j = *job, j.no_boundary = true, j.estimator = SLT_EST_LATTICE;
     if (st == SLT_OK) st = slt_estimate_integral(s, &j, out, stats, err);
@@ -113,7 +115,8 @@ static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary;
 }
 
-SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral *out, bool *turned, SltStats *stats,
+                              SltError *err) {
     SltJob j = *job;
     Run r;
     j.integral = true;
@@ -136,8 +139,14 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
         effort_apply(&e, &p, before);
+        bool trial = turned && !e.wanted && !e.sweeps;
+        p.cells_budget = trial ? (uint64_t)(TURNING * lattice) : 0, p.only_if_left = trial ? TURNED_LEFT : 1;
         r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
         if ((st = sweep_run(&p)) != SLT_OK) break;
+        if (p.counts.left > p.only_if_left) {
+            *turned = true;
+            break;
+        }
         errors_of(&p, gradient, &rules, &left, &scale);
         if (effort_took(&e, rules, left)) put(&p, out), quadrature_state(&r, &p);
         uint64_t used = r.stats.evaluations;

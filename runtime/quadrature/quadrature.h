@@ -11,14 +11,21 @@
 
 /* Has the scene the kernels that cells need? Never with rand(), whose numbers are a dimension more. */
 bool quadrature_can(const SltScene *s);
-/* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there, for the program's bounds alone. */
+/* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there. quadrature_choose asks the program's
+ * bounds alone; if they look well, quadrature_try makes cells of a few tiles, with all kernels. */
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats);
+SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats);
 
-SltStatus quadrature_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+/* turned (may be NULL): set, with nothing in `out`, where the first cells show that the lattice does better. */
+SltStatus quadrature_integral(const SltScene *s, const SltJob *j, SltIntegral *out, bool *turned, SltStats *stats,
+                              SltError *err);
 SltStatus quadrature_render(const SltScene *s, const SltJob *j, float *out, SltStats *stats, SltError *err);
 SltStatus quadrature_forward(const SltScene *s, const SltJob *j, uint32_t ndir, const double *const *dirs,
                              float *const *out, float *crossings, SltStats *stats, SltError *err);
 SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *adjoint, double *gradient,
                              double *stderr_bound, SltStats *stats, SltError *err);
+/* Under the box filter alone. */
+SltStatus quadrature_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
+                          double *gradient, float *image, SltStats *stats, SltError *err);
 
 #endif

@@ -23,15 +23,18 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
 }
 
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
-    if (j->estimator == SLT_EST_AUTO) return quadrature_choose(s, j, stats);
-    return j->estimator;
+    if (j->estimator != SLT_EST_AUTO) return j->estimator;
+    return quadrature_choose(s, j, stats) == SLT_EST_LATTICE ? SLT_EST_LATTICE : SLT_EST_AUTO;
 }
 
 /* The job with an estimator that the scene has the kernels for; `own` is room for it. */
 static const SltJob *settle(const SltScene *s, const SltJob *j, SltJob *own, SltStats *stats) {
     if (j->estimator != SLT_EST_AUTO && j->estimator != SLT_EST_QUADRATURE) return j;
     *own = *j;
-    own->estimator = quadrature_can(s) ? slt_estimate_choose(s, j, stats) : SLT_EST_LATTICE;
+    if (!quadrature_can(s)) own->estimator = SLT_EST_LATTICE;
+    else if (j->estimator == SLT_EST_AUTO)
+        own->estimator =
+            quadrature_choose(s, j, stats) == SLT_EST_LATTICE ? SLT_EST_LATTICE : quadrature_try(s, j, stats);
     return own;
 }
 
@@ -39,7 +42,7 @@ static SltStatus render_integral(const SltScene *s, const SltJob *j, float *out,
     double value[SLT_MAX_CHANNELS] = {0};
     SltIntegral i = SLT_INTEGRAL_INIT;
     i.value = value;
-    SltStatus st = quadrature_integral(s, j, &i, stats, err);
+    SltStatus st = quadrature_integral(s, j, &i, NULL, stats, err);
     for (uint32_t c = 0; c < s->channels && st == SLT_OK; c++) out[c] = (float)value[c];
     return st;
 }
@@ -186,6 +189,9 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
     if (st != SLT_OK) return st;
     SltJob own;
     j = settle(s, j, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES && gradient && !stderr_bound &&
+        j->filter == SLT_FILTER_BOX && !j->max_evaluations)
+        return quadrature_loss(s, j, target, mask, loss, gradient, image, stats, err);
     /* Exact pixels have no variance, and need no halves. One sample a pixel has no second half: the adjoint comes from
      * the same sample, and the loss is biased by the variance of the image. */
     bool halves = j->spp > 1 && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
@@ -263,8 +269,13 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
     SltJob copy = *job, own;
     copy.integral = true;
     if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
+    bool choice = copy.estimator == SLT_EST_AUTO, turned = false;
     const SltJob *j = settle(s, &copy, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE) return quadrature_integral(s, j, out, stats, err);
+    if (j->estimator == SLT_EST_QUADRATURE) {
+        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
+        if (!turned) return done;
+        own.estimator = SLT_EST_LATTICE;
+    }
     Run r;
     Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
     bool gradient = out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;

@@ -39,7 +39,8 @@ typedef struct SltScene {
     bool flat_adj;                  /* SltKernelArgs.adj is flt[nfloats]; else flt[nfloats][width] */
     const uint8_t *dense; /* [nfloats]: 1 where a kernel may add to adj; the others get their adjoints through the log
                              alone. NULL: all */
-    uint32_t width;       /* lanes of a kernel */
+    uint32_t width;       /* lanes of a reverse kernel */
+    uint32_t widest;      /* most lanes of any kernel; 0: SLT_PAD */
     uint32_t dim, channels;
     double lo[3], hi[3]; /* the domain, by axis */
     uint32_t nfloats, nints;
@@ -54,7 +55,8 @@ typedef struct SltScene {
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
     uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count;     /* [nlists]: iterations of each */
-    const struct SltChunks *chunks; /* `value` and `bounds` can be pruned (saltus/chunks.h); NULL: they cannot */
+    const uint8_t *list_noted;      /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
+    const struct SltChunks *chunks; /* of prune and pruned (saltus/chunks.h); NULL: the program has no use for them */
     int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
     uint64_t tape_bytes; /* a lane, the largest of all kernels */
@@ -76,8 +78,8 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
 /* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 
-/* The estimator that a job means: of SLT_EST_AUTO what a look at the program's bounds on a few hundred boxes decides,
- * which needs the kernel `bounds` alone; of others the same. */
+/* SLT_EST_LATTICE instead of SLT_EST_AUTO where a look at the program's bounds on a few hundred boxes is enough to see
+ * that cells will not pay, which needs the kernel `bounds` alone. Else the job's estimator. */
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);
 
 /* out[((z*h + y)*w + x)*channels + c], top row first; in integral mode out[channels]. Sampled, unless the estimator is

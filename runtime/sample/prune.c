@@ -5,85 +5,150 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/prune.h"
 
-bool prune_init(Pruner *p, const SltScene *s) {
-    const SltChunks *c = s->chunks;
+static bool level_init(PruneLevel *l, const SltChunks *c) {
+    l->chunks = alloc_zero((size_t)c->nchunks + 1, sizeof *l->chunks);
+    l->settled = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *l->settled);
+    l->from = alloc_zero((size_t)c->nimports + 1, sizeof *l->from);
+    l->via = alloc_zero((size_t)c->nimports + 1, sizeof *l->via);
+    l->choices = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *l->choices);
+    l->live = alloc_zero((size_t)c->nops + 1 + c->nimports, sizeof *l->live);
+    l->runs = alloc_zero((size_t)c->nchunks + 1, sizeof *l->runs);
+    if (!l->chunks || !l->settled || !l->from || !l->via || !l->choices || !l->live || !l->runs) return false;
+    l->pruned = (SltPruned){l->chunks, l->settled, l->from};
+    /* Every chunk runs, and takes what the program says. */
+    for (uint32_t k = 0; k < c->nchunks; k++) l->chunks[k] = (int32_t)k;
+    l->chunks[c->nchunks] = SLT_NO_CHUNK;
+    for (uint32_t i = 0; i < c->nimports; i++) l->via[i] = c->import[i], l->from[i] = c->exported[c->import[i]];
+    return true;
+}
+
+bool prune_init(Pruner *p, const SltChunks *c) {
     *p = (Pruner){.c = c};
-    p->choices = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *p->choices);
-    p->live = alloc_zero((size_t)c->nops + 1, sizeof *p->live);
-    p->runs = alloc_zero((size_t)c->nchunks + 1, sizeof *p->runs);
-    bool ok = p->choices && p->live && p->runs;
-    for (uint32_t l = 0; l < PRUNE_LEVELS && ok; l++) {
-        PruneSet *set = &p->set[l];
-        set->chunks = alloc_zero((size_t)c->nchunks + 1, sizeof *set->chunks);
-        set->settled = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *set->settled);
-        set->pruned = (SltPruned){set->chunks, set->settled};
-        if (!(ok = set->chunks && set->settled)) break;
-        for (uint32_t k = 0; k < c->nchunks; k++) set->chunks[k] = (int32_t)k;
-        set->chunks[c->nchunks] = SLT_NO_CHUNK;
-    }
+    p->stamp = alloc_zero((size_t)c->nops + 1, sizeof *p->stamp);
+    p->is = alloc_zero((size_t)c->nops + 1, sizeof *p->is);
+    p->way = alloc_zero((size_t)c->nops + 1, sizeof *p->way);
+    bool ok = p->stamp && p->is && p->way;
+    for (uint32_t l = 0; l < PRUNE_LEVELS && ok; l++) ok = level_init(&p->level[l], c);
     if (!ok) prune_free(p);
     return ok;
 }
 
 void prune_free(Pruner *p) {
-    for (uint32_t l = 0; l < PRUNE_LEVELS; l++) free(p->set[l].chunks), free(p->set[l].settled);
-    free(p->choices), free(p->live), free(p->runs);
+    for (uint32_t k = 0; k < PRUNE_LEVELS; k++) {
+        PruneLevel *l = &p->level[k];
+        free(l->chunks), free(l->settled), free(l->from), free(l->via), free(l->choices), free(l->live), free(l->runs);
+    }
+    free(p->stamp), free(p->is), free(p->way);
     memset(p, 0, sizeof *p);
 }
 
-/* The boxes in which choice k / 2 is known to be operand k % 2: as in the parent, else where it may not be the other.
- */
-static uint64_t settled_in(const Pruner *p, const PruneSet *parent, uint32_t k) {
-    uint64_t here = (uint64_t)(int64_t)parent->settled[k], other = (uint64_t)(int64_t)parent->settled[k ^ 1];
-    return here | (~other & ~p->choices[k ^ 1]);
+/* The boxes in which a choice is known to be its first operand, its second: as around them, else where it may not be
+ * the other. */
+typedef struct Settled {
+    uint64_t is[2];
+} Settled;
+
+static Settled settled_in(const PruneLevel *l, uint32_t choice) {
+    const uint64_t *may = l->choices + 2 * (size_t)choice;
+    const int32_t *around = l->settled + 2 * (size_t)choice;
+    uint64_t first = (uint64_t)(int64_t)around[0], second = (uint64_t)(int64_t)around[1];
+    return (Settled){{first | (~second & ~may[1]), second | (~first & ~may[0])}};
 }
 
-void prune_walk(Pruner *p, const PruneSet *parent, uint32_t n) {
-    const SltChunks *c = p->c;
-    uint64_t *live = p->live, all = n < 64 ? ((uint64_t)1 << n) - 1 : UINT64_MAX;
-    uint32_t count = 0;
-    for (; parent->chunks[count] != SLT_NO_CHUNK; count++) {
-        uint32_t k = (uint32_t)parent->chunks[count], first = c->first_op[k];
-        memset(live + first, 0, (c->first_op[k + 1] - first) * sizeof *live);
-    }
-    for (uint32_t r = 0; r < c->nroots; r++) live[c->root[r]] = all;
-    while (count--) {
-        uint32_t k = (uint32_t)parent->chunks[count];
-        uint64_t any = 0;
-        for (uint32_t o = c->first_op[k + 1]; o-- > c->first_op[k];) {
-            const SltChunkOp *op = &c->op[o];
-            uint64_t m = live[o];
+/* Settled choices do not make a chunk run: unless they are a number of no chunk, which then lies nowhere but there. */
+static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
+    uint64_t *live = l->live, any = 0;
+    live[c->nops] = 0;
+    for (uint32_t o = c->first_op[k + 1]; o-- > c->first_op[k];) {
+        const SltChunkOp *op = &c->op[o];
+        uint64_t m = live[o];
+        if (!m) continue; /* most of a chunk that runs */
+        if (op->choice < 0) {
             any |= m;
-            if (op->settled < 0) {
-                live[op->arg[0]] |= m, live[op->arg[1]] |= m, live[op->arg[2]] |= m;
-            } else {
-                uint64_t is = settled_in(p, parent, (uint32_t)op->settled);
-                live[op->arg[0]] |= m & is, live[op->arg[1]] |= m & ~is;
-            }
+            live[op->arg[0]] |= m, live[op->arg[1]] |= m, live[op->arg[2]] |= m;
+        } else {
+            Settled s = settled_in(l, (uint32_t)op->choice);
+            uint64_t open = m & ~(s.is[0] | s.is[1]);
+            any |= open;
+            live[op->arg[0]] |= m & ~s.is[1], live[op->arg[1]] |= m & ~s.is[0], live[op->arg[2]] |= open;
         }
-        p->runs[k] = any;
     }
+    return any | live[c->nops];
 }
 
-void prune_boxes(Pruner *p, Batch *b, const PruneSet *parent, uint32_t n) {
-    assert(n <= SLT_CHOICE_BOXES);
-    b->args.pruned = &parent->pruned, b->args.choices = p->choices;
-    batch_call(b, SLT_K_BOUNDS, n);
-    b->args.pruned = NULL, b->args.choices = NULL;
-    prune_walk(p, parent, n);
-}
-
-const PruneSet *prune_pick(Pruner *p, const PruneSet *parent, uint32_t box, uint32_t level) {
+void prune_walk(Pruner *p, uint32_t level, uint32_t n) {
     const SltChunks *c = p->c;
-    PruneSet *set = &p->set[level];
-    assert(level > 0 && level < PRUNE_LEVELS && set != parent);
-    uint32_t n = 0;
-    for (const int32_t *k = parent->chunks; *k != SLT_NO_CHUNK; k++) {
-        if (!(p->runs[*k] >> box & 1)) continue;
-        set->chunks[n++] = *k;
-        for (uint32_t s = 2 * c->first_choice[*k]; s < 2 * c->first_choice[*k + 1]; s++)
-            set->settled[s] = -(int32_t)(settled_in(p, parent, s) >> box & 1);
+    PruneLevel *l = &p->level[level];
+    uint64_t *live = l->live, *imports = live + c->nops + 1, all = n < 64 ? ((uint64_t)1 << n) - 1 : UINT64_MAX;
+    uint32_t count = 0, outside = c->first_import[c->nchunks];
+    for (; l->chunks[count] != SLT_NO_CHUNK; count++) {
+        uint32_t k = (uint32_t)l->chunks[count], op = c->first_op[k], import = c->first_import[k];
+        memset(live + op, 0, (c->first_op[k + 1] - op) * sizeof *live);
+        memset(imports + import, 0, (c->first_import[k + 1] - import) * sizeof *live);
     }
-    set->chunks[n] = SLT_NO_CHUNK;
-    return set;
+    for (uint32_t i = outside; i < c->nimports; i++) imports[i] = all, live[l->via[i]] |= all;
+    while (count--) {
+        uint32_t k = (uint32_t)l->chunks[count];
+        l->runs[k] = walk_chunk(c, l, k);
+        for (uint32_t i = c->first_import[k]; i < c->first_import[k + 1]; i++) live[l->via[i]] |= imports[i];
+    }
+}
+
+void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
+    PruneLevel *l = &p->level[level];
+    assert(n <= SLT_CHOICE_BOXES);
+    b->args.pruned = &l->pruned, b->args.choices = l->choices;
+    batch_call(b, SLT_K_PRUNE, n);
+    b->args.pruned = NULL, b->args.choices = NULL;
+    prune_walk(p, level, n);
+}
+
+/* The operation whose value an exported one has in the box: settled choices passed, as far as what they are lies in
+ * memory: the last operation that is reached from another chunk. */
+static uint32_t source(Pruner *p, const PruneLevel *l, uint32_t op, uint32_t box) {
+    const SltChunks *c = p->c;
+    uint32_t n = 0;
+    while (p->stamp[op] != p->picks) {
+        uint32_t at = op;
+        p->way[n++] = op;
+        while (at < c->nops && c->op[at].choice >= 0) {
+            Settled s = settled_in(l, (uint32_t)c->op[at].choice);
+            bool first = s.is[0] >> box & 1, second = s.is[1] >> box & 1;
+            if (!first && !second) break;
+            at = c->op[at].arg[!first];
+        }
+        if (at <= c->nops) break; /* it is of this chunk, or of none: `op` has its value */
+        op = l->via[at - c->nops - 1];
+    }
+    uint32_t is = p->stamp[op] == p->picks ? p->is[op] : op;
+    for (uint32_t k = 0; k < n; k++) p->stamp[p->way[k]] = p->picks, p->is[p->way[k]] = is;
+    return is;
+}
+
+static void pick_imports(Pruner *p, const PruneLevel *l, PruneLevel *to, uint32_t first, uint32_t end, uint32_t box) {
+    const SltChunks *c = p->c;
+    for (uint32_t i = first; i < end; i++) {
+        if (l->live[c->nops + 1 + i] >> box & 1) to->via[i] = source(p, l, l->via[i], box);
+        to->from[i] = c->exported[to->via[i]];
+    }
+}
+
+void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
+    const SltChunks *c = p->c;
+    assert(level + 1 < PRUNE_LEVELS);
+    const PruneLevel *l = &p->level[level];
+    PruneLevel *to = &p->level[level + 1];
+    if (!++p->picks) memset(p->stamp, 0, c->nops * sizeof *p->stamp), p->picks = 1;
+    uint32_t n = 0;
+    for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
+        if (!(l->runs[*k] >> box & 1)) continue;
+        to->chunks[n++] = *k;
+        for (uint32_t h = c->first_choice[*k]; h < c->first_choice[*k + 1]; h++) {
+            Settled s = settled_in(l, h);
+            for (uint32_t w = 0; w < 2; w++) to->settled[2 * h + w] = -(int32_t)(s.is[w] >> box & 1);
+        }
+        pick_imports(p, l, to, c->first_import[*k], c->first_import[*k + 1], box);
+    }
+    pick_imports(p, l, to, c->first_import[c->nchunks], c->nimports, box);
+    to->chunks[n] = SLT_NO_CHUNK;
 }

@@ -1,9 +1,10 @@
 /* Straight-line programs: which chunks of operations run in a box, and which choices are settled there.
  *
- * `bounds` on a box notes what each choice (min, max, select) may be. Backwards from what is used outside the chunks
- * follows which operations matter: of a settled choice one operand only. A chunk runs if one of its operations matters.
- * 64 boxes are walked at once, a bit each; boxes inside a box start from its chunks alone, and the walk is as short as
- * those. (Keeter 2020; he shortens a program for each box, here one compiled program leaves chunks out.)
+ * `prune` on a box notes what each choice (min, max, select) may be. Backwards from what is used outside the chunks
+ * follows which operations matter: of a settled choice one operand only, and not the choice itself, for whoever wants
+ * it reads the operand. A chunk runs if one of its operations matters. 64 boxes are walked at once, a bit each; boxes
+ * inside a box start from its chunks alone, and the walk is as short as those. (Keeter 2020; he shortens a program for
+ * each box, here one compiled program leaves chunks out.)
  *
  * A Pruner belongs to one thread. */
 #ifndef SALTUS_SAMPLE_PRUNE_H
@@ -12,29 +13,32 @@
 #include "runtime/sample/batch.h"
 #include "saltus/chunks.h"
 
-/* What runs in one box: arrays of a Pruner, good until it picks for the same level again. */
-typedef struct PruneSet {
+/* A box that was picked: what runs in it, and what was found of the boxes inside it. */
+typedef struct PruneLevel {
     SltPruned pruned;
-    int32_t *chunks, *settled; /* the arrays of `pruned` */
-} PruneSet;
+    int32_t *chunks, *settled, *from; /* the arrays of `pruned` */
+    uint32_t *via;                    /* [nimports]: `from`, as an operation */
+    uint64_t *choices;                /* [2 * nchoices]: noted by `prune` */
+    uint64_t *live;                   /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
+    uint64_t *runs;                   /* [nchunks]: by chunk, likewise */
+} PruneLevel;
 
-enum { PRUNE_LEVELS = 3 };
+enum { PRUNE_LEVELS = 4 };
 typedef struct Pruner {
     const SltChunks *c;
-    uint64_t *choices;          /* [2 * nchoices]: noted by `bounds` */
-    uint64_t *live;             /* [nops + 1]: by operation, a bit a box */
-    uint64_t *runs;             /* [nchunks]: by chunk, likewise */
-    PruneSet set[PRUNE_LEVELS]; /* [0]: every chunk, nothing settled */
+    PruneLevel level[PRUNE_LEVELS]; /* [0]: everything, every chunk runs */
+    uint32_t *stamp, *is, *way;     /* [nops]: what prune_pick found an operation to be, when; on the way there */
+    uint32_t picks;
 } Pruner;
-bool prune_init(Pruner *p, const SltScene *s); /* s->chunks is not NULL */
+bool prune_init(Pruner *p, const SltChunks *c);
 void prune_free(Pruner *p);
-/* Calls `bounds` on boxes 0 .. n-1 (n <= SLT_CHOICE_BOXES) of the batch's inputs, boxes inside the one of `parent`, and
- * finds what runs in each. Outputs of `bounds` can be read from the batch afterwards. */
-void prune_boxes(Pruner *p, Batch *b, const PruneSet *parent, uint32_t n);
-/* The second half of it: from p->choices. */
-void prune_walk(Pruner *p, const PruneSet *parent, uint32_t n);
-/* What runs in one of the boxes, as the set of `level` (from 1 on), which is not the parent's. */
-const PruneSet *prune_pick(Pruner *p, const PruneSet *parent, uint32_t box, uint32_t level);
+/* Calls `prune` on boxes 0 .. n-1 (n <= SLT_CHOICE_BOXES) of the batch's inputs, boxes inside the one of this level,
+ * and finds what runs in each. Outputs of `prune` can be read from the batch afterwards. */
+void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n);
+/* The second half of it: from the level's choices. */
+void prune_walk(Pruner *p, uint32_t level, uint32_t n);
+/* One of these boxes becomes that of the next level. */
+void prune_pick(Pruner *p, uint32_t level, uint32_t box);
 
 /* ---- prune_image.c: the pixels of an image by boxes of them, smaller until few operations are left. */
 typedef struct PixelRect {
@@ -48,13 +52,14 @@ typedef struct PruneImage {
     void *user;
     /* f has this value[channels] in all samples of the pixels. */
     void (*constant)(void *user, const PixelRect *r, const double *value);
-    /* Calls `value` on the samples of the pixels, with these arguments. */
+    /* Calls `pruned` on the samples of the pixels, with these arguments. */
     void (*sample)(void *user, const PixelRect *r, const SltPruned *pruned);
 } PruneImage;
-/* Can kernels of this scene be pruned? */
+/* Has this scene prune and pruned? */
 bool prune_can(const SltScene *s);
-/* Pixels along a side of the rectangles that prune_image is best given. */
-uint32_t prune_tile(uint32_t dim);
+/* Pixels along a side of the rectangles that prune_image is best given: of large ones the first boxes cost least, but
+ * an image should have some for each thread. */
+uint32_t prune_tile(uint32_t dim, const uint32_t n[3]);
 void prune_image(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r);
 
 #endif

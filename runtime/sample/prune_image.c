@@ -1,18 +1,25 @@
-/* Boxes of pixels: the whole rectangle, then up to 64 parts of it in one call of `bounds`, each with what runs in it.
+/* Boxes of pixels: the whole rectangle, then up to 64 parts of it in one call of `prune`, each with what runs in it.
  */
 #include <math.h>
 
 #include "runtime/sample/prune.h"
 
-/* Parts along a side, so that 64 make a call; and the side below which more boxes cost more than they save. */
-static const uint32_t parts[4] = {1, 64, 8, 4}, least[4] = {1, 256, 16, 8};
+/* Parts along a side, so that a few vectors of them make a call; and the side below which more boxes cost more than
+ * they save. */
+static const uint32_t parts[4] = {1, 16, 8, 2}, least[4] = {1, 64, 8, 8};
 
-bool prune_can(const SltScene *s) {
-    return s->chunks && (s->call || (s->kernel[SLT_K_BOUNDS] && s->kernel[SLT_K_VALUE])) &&
-           scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_F_LO) == s->channels;
+bool prune_can(const SltScene *s) { return s->chunks && s->kernel[SLT_K_PRUNE] && s->kernel[SLT_K_PRUNED]; }
+
+uint32_t prune_tile(uint32_t dim, const uint32_t n[3]) {
+    enum { ENOUGH = 16 };
+    uint32_t side = parts[dim] * parts[dim] * least[dim];
+    for (; side > parts[dim] * least[dim]; side /= 2) {
+        uint64_t tiles = 1;
+        for (uint32_t d = 0; d < dim; d++) tiles *= (n[d] + side - 1) / side;
+        if (tiles >= ENOUGH) break;
+    }
+    return side;
 }
-
-uint32_t prune_tile(uint32_t dim) { return parts[dim] * least[dim]; }
 
 static void set_box(Batch *b, const PruneImage *image, uint32_t i, const PixelRect *r) {
     /* Some more than the pixels, so that no sample falls out by rounding. */
@@ -45,34 +52,34 @@ static uint32_t cut(const PruneImage *image, const PixelRect *r, uint32_t side, 
     return n;
 }
 
-static void visit(Pruner *p, Batch *b, const PruneImage *image, const PruneSet *parent, const PixelRect *r,
-                  uint32_t side, uint32_t level) {
+static uint32_t longest_side(const PruneImage *image, const PixelRect *r) {
+    uint32_t longest = 1;
+    for (uint32_t d = 0; d < image->dim; d++) longest = r->n[d] > longest ? r->n[d] : longest;
+    return longest;
+}
+
+/* r, the box of this level, by parts with sides of so many pixels. */
+static void visit(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r, uint32_t side, uint32_t level) {
     PixelRect part[SLT_CHOICE_BOXES];
     double value[SLT_CHOICE_BOXES][SLT_MAX_CHANNELS];
     bool constant[SLT_CHOICE_BOXES];
     uint32_t n = cut(image, r, side, part);
     for (uint32_t i = 0; i < n; i++) set_box(b, image, i, &part[i]);
-    prune_boxes(p, b, parent, n);
+    prune_boxes(p, b, level, n);
     for (uint32_t i = 0; i < n; i++) constant[i] = !p->c->effects && is_constant(b, image, i, value[i]);
     for (uint32_t i = 0; i < n; i++) {
         if (constant[i]) {
             image->constant(image->user, &part[i], value[i]);
             continue;
         }
-        const PruneSet *set = prune_pick(p, parent, i, level);
-        uint32_t longest = 0;
-        for (uint32_t d = 0; d < image->dim; d++) longest = part[i].n[d] > longest ? part[i].n[d] : longest;
-        if (n == 1 && longest > least[image->dim]) { /* noted choices are those of the next call from here on */
-            uint32_t below = (longest + parts[image->dim] - 1) / parts[image->dim];
-            visit(p, b, image, set, &part[i], below > least[image->dim] ? below : least[image->dim], level + 1);
-        } else {
-            image->sample(image->user, &part[i], &set->pruned);
-        }
+        prune_pick(p, level, i);
+        uint32_t longest = longest_side(image, &part[i]), below = (longest + parts[image->dim] - 1) / parts[image->dim];
+        if (longest > least[image->dim] && level + 2 < PRUNE_LEVELS)
+            visit(p, b, image, &part[i], below > least[image->dim] ? below : least[image->dim], level + 1);
+        else image->sample(image->user, &part[i], &p->level[level + 1].pruned);
     }
 }
 
 void prune_image(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r) {
-    uint32_t longest = 0;
-    for (uint32_t d = 0; d < image->dim; d++) longest = r->n[d] > longest ? r->n[d] : longest;
-    visit(p, b, image, &p->set[0], r, longest ? longest : 1, 1);
+    visit(p, b, image, r, longest_side(image, r), 0);
 }

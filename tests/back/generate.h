@@ -17,6 +17,7 @@ typedef struct Gen {
     uint32_t depth, budget, loops;
     bool effects; /* counters, adjoints */
     bool fma, pairs;
+    bool forward; /* nothing of the reverse mode: no tape */
 } Gen;
 
 static uint32_t gen_next(Gen *g) {
@@ -248,7 +249,7 @@ static void gen_body(Gen *g, Builder *b, uint32_t n) {
         uint32_t r = gen_below(g, 20);
         if (r == 0 && g->depth < 4) gen_loop(g, b);
         else if (r <= 2 && g->depth < 4) gen_if(g, b);
-        else if (r == 3 && g->depth < 3) gen_tape(g, b);
+        else if (r == 3 && g->depth < 3 && !g->forward) gen_tape(g, b);
         else if (r <= 7) gen_memory(g, b);
         else if (r == 8 && g->pairs) gen_pair(g, b);
         else gen_value(g, b);
@@ -256,13 +257,9 @@ static void gen_body(Gen *g, Builder *b, uint32_t n) {
 }
 
 /* A program of about `size` instructions with the outputs of its last values. */
-static Fn *gen_program(Session *s, uint64_t seed, Precision p, uint32_t size, bool fma, bool pairs) {
-    Gen g = {.fn = ir_fn(s, &s->module, "f", p),
-             .state = seed * 0x9e3779b97f4a7c15ull + 1,
-             .budget = size,
-             .effects = true,
-             .fma = fma,
-             .pairs = pairs};
+static Fn *gen_fn(Session *s, Gen g, uint64_t seed, Precision p, uint32_t size) {
+    g.fn = ir_fn(s, &s->module, "f", p);
+    g.state = seed * 0x9e3779b97f4a7c15ull + 1, g.budget = size;
     g.fn->nfloats = GEN_FLOATS;
     g.fn->nints = GEN_INTS;
     Builder b = ir_at_end(g.fn, g.fn->body);
@@ -290,6 +287,10 @@ static Fn *gen_program(Session *s, uint64_t seed, Precision p, uint32_t size, bo
     ir_yield(&b, 12, out);
     ir_number(g.fn);
     return g.fn;
+}
+
+static inline Fn *gen_wild(Session *s, uint64_t seed, Precision p, uint32_t size, bool fma, bool pairs) {
+    return gen_fn(s, (Gen){.effects = true, .fma = fma, .pairs = pairs}, seed, p, size);
 }
 
 #endif

@@ -338,7 +338,7 @@ static void one_program(Session *s, uint64_t seed, uint32_t size) {
     rng = seed * 77 + 5;
     Precision p = seed & 1 ? PREC_F64 : PREC_F32;
     bool pairs = seed % 5 == 0;
-    Fn *fn = gen_program(s, seed, p, size, seed % 4 == 3, pairs);
+    Fn *fn = gen_wild(s, seed, p, size, seed % 4 == 3, pairs);
     const char *text = "";
     if (!ir_verify(fn, &s->module, &text)) {
         fprintf(stderr, "seed %llu: %s\n", (unsigned long long)seed, text);

@@ -1,5 +1,6 @@
 """saltus bound: what is proven of a box, and boxes that are none; the options of estimators with cells."""
 import itertools
+import math
 import random
 
 from harness import *
@@ -66,6 +67,121 @@ class Bound(Case):
     def test_without_a_box_it_is_the_domain(self):
         self.put("s.salt", self.SHADERS[1])
         self.assertEqual(self.run_cli("bound", "s.salt").out, self.run_cli("bound", "s.salt", "--box", "-1,1").out)
+
+
+class Explain(Case):
+    def test_seams_and_what_has_no_bounds(self):
+        self.put("s.salt", """param float r = 0.5;
+[Domain(-1.0, 1.0)] shader float main(float2 x) {
+    float f = max(x.x,
+                  0.2);
+    if (x.y < 0.3) f = f + 1.0;
+    f = f + floor(4.0 * x.x);
+    [Disc] if (length(x) < r) f = f + rand();
+    return f;
+}""")
+        b = self.json_cli("explain", "s.salt")["bounds"]
+        self.assertEqual(sorted(s["line"] for s in b["seams"]), [3, 5, 6])
+        seams = sorted(b["seams"], key=lambda s: s["line"])
+        self.assertEqual([(s["text"], s["what"]) for s in seams], [("max", "kink"), ("<", "jump"), ("floor", "jump")])
+        self.assertEqual([(u["line"], "rand()" in u["what"]) for u in b["unbounded"]], [(7, True)])
+        self.assertEqual(b["boxes"], b["settled"] + b["open"] + b["unknown"])
+        text = self.run_cli("explain", "s.salt").out
+        self.assertIn("s.salt:7:", text[text.index("without bounds"):])
+
+    def test_picture(self):
+        import xml.dom.minidom
+        self.put("c.salt", CIRCLE)
+        self.put("one.salt", "[Domain(-1.0, 1.0)] shader float main(float x) { float f = 0.0; [Disc] if (x * x < 0.25) f = 1.0 + x; return f; }")
+        for name in ("c", "one"):
+            j = self.json_cli("explain", name + ".salt", "--cells", name + ".svg")
+            self.assertAlmostEqual(j["settled"] + j["curved"] + j["left"], 1, delta=1e-6)
+            self.assertEqual(j["outputs"], [name + ".svg"])
+            self.assertLess(j["left"], 1e-3)
+            svg = xml.dom.minidom.parseString(self.get(name + ".svg")).documentElement
+            self.assertEqual(svg.tagName, "svg")
+            self.assertEqual(sum(p.getAttribute("d").count("z") for p in svg.getElementsByTagName("path")), j["cells"])
+            self.assertEqual(len(svg.getElementsByTagName("text")), 3)
+            self.assertTrue(svg.getElementsByTagName("image")[0].getAttribute("href").startswith("data:image/png;base64,"))
+        # The points of the circle lie on it: 720 pixels for the domain [-1, 1], y down.
+        circles = xml.dom.minidom.parseString(self.get("c.svg")).getElementsByTagName("circle")
+        self.assertGreater(len(circles), 20)
+        for p in circles:
+            x, y = float(p.getAttribute("cx")) / 360 - 1, 1 - float(p.getAttribute("cy")) / 360
+            self.assertAlmostEqual(math.hypot(x - 0.1, y + 0.05), 0.4, delta=1e-4)
+        self.put("three.salt", "shader float main(float3 x) { return x.x; }")
+        self.run_cli("explain", "three.salt", "--cells", "a.svg", code=2)
+        self.run_cli("explain", "c.salt", "--cells", "nowhere/a.svg", code=5)
+
+
+class Estimate(Case):
+    """What estimators with cells print."""
+
+    def test_json(self):
+        self.put("c.salt", CIRCLE)
+        j = self.json_cli("grad", "c.salt", "--error", "1e-9", "--precision", "f64")
+        self.assertEqual((j["stderr_kind"], j["left"], j["left_bound"], j["stopped"]), ("quadrature", 0, 0, None))
+        self.assertAlmostEqual(j["certified"], 1, delta=1e-9)
+        self.assertAlmostEqual(j["settled"] + j["curved"], j["certified"], delta=1e-9)
+        self.assertTrue(0 < j["boxes"] < j["evaluations"] < 100000)
+        self.assertAlmostEqual(j["gradient"]["radius"], 0.75 * 2 * math.pi * 0.4, delta=4e-9)
+        self.assertAlmostEqual(j["integral"][0], 1 + 0.75 * math.pi * 0.16, delta=4e-9)
+        self.assertEqual(set(j["gradient_left_bound"]), set(j["gradient"]))
+        text = self.run_cli("grad", "c.salt", "--error", "1e-9", "--precision", "f64")
+        self.assertIn("certified", text.err)
+        self.assertIn("1.8849555", text.out)
+        j = self.json_cli("grad", "c.salt", "--estimator", "lattice")
+        self.assertFalse({"certified", "left", "left_bound", "stopped"} & set(j))
+
+    def test_stopped(self):
+        """The result is printed all the same."""
+        self.put("c.salt", CIRCLE)
+        j = self.json_cli("grad", "c.salt", "--error", "1e-12", "--precision", "f64", "--max-evaluations", 500, code=6)
+        self.assertEqual(j["stopped"], "evaluations")
+        self.assertIn("radius", j["gradient"])
+        r = self.run_cli("grad", "c.salt", "--error", "1e-12", "--precision", "f64", "--max-evaluations", 500, code=6)
+        self.assertIn("radius", r.out)
+        self.assertIn("not reached", r.err)
+        j = self.json_cli("grad", "c.salt", "--error", "1e-15", "--precision", "f32", code=6)
+        self.assertEqual(j["stopped"], "rounding")
+
+    def test_fixed_rules_converge(self):
+        self.put("c.salt", CIRCLE)
+        error = [abs(self.json_cli("grad", "c.salt", "--gauss", q, "--estimator", "quadrature", "--precision", "f64")["gradient"]["radius"] - 0.6 * math.pi) for q in (2, 4, 6)]
+        self.assertLess(error[1], error[0] / 10)
+        self.assertLess(error[2], error[1] / 10)
+
+    def test_nothing_to_certify(self):
+        """rand() has no bounds: the lattice, and no word of cells."""
+        self.put("r.salt", "param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = rand(); [Disc] if (length(x) < r) f = 2.0; return f; }")
+        for estimator in ("quadrature", "auto"):
+            j = self.json_cli("grad", "r.salt", "--estimator", estimator, "--samples", 4096)
+            self.assertNotIn("certified", j)
+            self.assertIn(j["stderr_kind"], ("replicates", "bound"))
+
+    def test_exact_pixels(self):
+        """Antialiasing that is exact: each pixel of a half plane is its covered part."""
+        self.put("h.salt", "[Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (x.y < 0.3 + 0.2 * x.x) f = 1.0; return f; }")
+        self.run_cli("render", "h.salt", "--exact", "--size", 8, "-o", "h.npy")
+        (h, w), v = read_npy(self.get("h.npy"))[0][:2], read_npy(self.get("h.npy"))[1]
+        def below(a, b):  # of pixel columns from a to b, the mean of the clamped height over the row from y to y + 1/8
+            n = 1000
+            return [min(max(0.3 + 0.2 * (a + (b - a) * (i + 0.5) / n), 0), 1) for i in range(n)]
+        for row in range(h):
+            y = 1 - (row + 1) / h
+            for col in range(w):
+                heights = below(col / w, (col + 1) / w)
+                want = sum(min(max((t - y) * h, 0), 1) for t in heights) / len(heights)
+                self.assertAlmostEqual(v[row * w + col], want, delta=2e-4)
+
+    def test_losses(self):
+        self.put("c.salt", CIRCLE)
+        self.run_cli("render", "c.salt", "--exact", "--size", 16, "--param", "radius=0.45", "-o", "t.exr")
+        self.run_cli("render", "c.salt", "--exact", "--size", 16, "-o", "a.exr")
+        for kind in (["--target", "t.exr"], ["--adjoint", "a.exr"]):
+            j = self.json_cli("grad", "c.salt", "--size", 16, "--estimator", "quadrature", *kind)
+            self.assertLessEqual({"certified", "left", "left_bound", "stopped", "evaluations", "loss"}, set(j))
+            self.assertIn(j["stderr_kind"], ("quadrature", "mixed"))
 
 
 class Options(Case):

@@ -334,9 +334,9 @@ class Explain(Case):
         return self.json_cli("explain", *args)["kernels"]
 
     def test_pay_for_what_you_use(self):
-        """No boundary kernels without a site; what --wrt leaves out has no code."""
+        """No boundary kernels without a site; what --wrt leaves out has no code. explain tries bounds."""
         self.put("s.salt", SMOOTH)
-        self.assertEqual(set(self.kernels("s.salt")), {"value", "vjp"})
+        self.assertEqual(set(self.kernels("s.salt")), {"value", "vjp", "bounds"})
         self.put("c.salt", CIRCLE)
         whole, ink, radius = (self.kernels("c.salt", *w) for w in ([], ["--wrt", "ink"], ["--wrt", "radius"]))
         self.assertLess(radius["site_vjp"]["ops"], whole["site_vjp"]["ops"])

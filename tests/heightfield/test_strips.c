@@ -178,8 +178,8 @@ static const char real[] = "[Extent(0, 0, 1, 1)] [Height(0.0001, 0.0)] param hei
                            "    return 0.0;\n"
                            "}\n";
 
-/* By 2^22 segments whose lines have no gaps: stated 0.12 %, and 0.01 % of it missed. Lines with gaps: 2^28 segments are
- * 0.5 % short of it (they double what is missed for every halving), and differences of the value agree: REAL_FD. */
+/* By 2^22 segments whose lines have no gaps: stated 0.12 %. Lines with gaps come near it as they become denser: 2^28
+ * segments are 0.5 % short of it, 2^22 segments 4.4 %. */
 static const double real_sun[3] = {-0.12590934719628422, -0.0275051312744381, -0.6091652143950341};
 
 static SltProgram *load_real(bool f64, int near_miss) {

@@ -105,7 +105,8 @@ static inline double border(void) {
     static const double pieces[] = {0.5, 1, 0.41421356237309503, 0.625, 0.55, 0.875, 0.25, 2, 1.4142135623730951};
     enum { PIECES = sizeof pieces / sizeof *pieces };
     double whole = floor(ldexp(uniform(), (int)below(10)));
-    switch (below(4)) {
+    switch (below(5)) {
+    case 4: return ldexp(1 + uniform(), 22 + (int)below(5)); /* reductions of angles give up */
     case 0: return pieces[below(PIECES)];
     case 1: return (whole + 0.5) * (below(2) ? 0.69314718055994531 : 0.34657359027997264);
     case 2: return ldexp(below(2) ? 0.70710678118654757 : 1, (int)below(200) - 100);

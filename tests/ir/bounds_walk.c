@@ -15,11 +15,14 @@ typedef struct Walk {
     CompiledModule *module;
     SltKernel *kernel;
     Case c;
-    void *lo, *hi, *at, *out[OUTS];
+    uint32_t along;
+    void *lo, *hi, *at, *other, *out[OUTS];
 } Walk;
 
-static void open_walk(Walk *w, Op op, Precision p, const char *target_name) {
-    *w = (Walk){.s = session_create(0), .c = {.op = op, .p = p}};
+/* along: which of two arguments is walked; the other is a point. */
+static void open_walk(Walk *w, Op op, Precision p, const char *target_name, uint32_t along) {
+    *w = (Walk){.s = session_create(0), .c = {.op = op, .p = p}, .along = along};
+    w->c.kind[1 - along] = POINT;
     Target target;
     target_named(&target, target_name);
     KernelRequest k = {"f", lowered(w->s, &w->c, target.has_fma, false)};
@@ -28,12 +31,13 @@ static void open_walk(Walk *w, Op op, Precision p, const char *target_name) {
     if (back_compile(w->s, &k, 1, &o, &w->module, &why)) fail_msg("%s", why);
     w->kernel = back_kernel(w->module, "f");
     size_t bytes = (CHUNK + SLT_PAD) * sizeof(double);
-    w->lo = aligned_alloc(64, bytes), w->hi = aligned_alloc(64, bytes), w->at = aligned_alloc(64, bytes);
+    w->lo = aligned_alloc(64, bytes), w->hi = aligned_alloc(64, bytes), w->at = aligned_alloc(64, bytes),
+    w->other = aligned_alloc(64, bytes);
     for (int j = 0; j < OUTS; j++) w->out[j] = aligned_alloc(64, bytes);
 }
 
 static void close_walk(Walk *w) {
-    free(w->lo), free(w->hi), free(w->at);
+    free(w->lo), free(w->hi), free(w->at), free(w->other);
     for (int j = 0; j < OUTS; j++) free(w->out[j]);
     back_free(w->module);
     session_destroy(w->s);
@@ -41,7 +45,8 @@ static void close_walk(Walk *w) {
 
 static void evaluate(Walk *w) {
     SltKernelArgs a = {.n_valid = CHUNK};
-    a.in[IN_X0] = w->lo, a.in[IN_H0] = w->hi, a.in[IN_SEED0] = w->at;
+    a.in[IN_X0 + w->along] = w->lo, a.in[IN_H0 + w->along] = w->hi, a.in[IN_SEED0 + w->along] = w->at;
+    a.in[IN_SEED1 - w->along] = w->other;
     for (int j = 0; j < OUTS; j++) a.out[j] = w->out[j];
     w->kernel(&a, CHUNK);
 }
@@ -67,7 +72,7 @@ static void follow(Running *g, const Walk *w, double sign, uint32_t n) {
     for (uint32_t k = 0; k < n; k++) {
         double v = get(w->out[OUT_VALUE], TY_FLT, w->c.p, k), lo = get(w->out[OUT_LO], TY_FLT, w->c.p, k),
                hi = get(w->out[OUT_HI], TY_FLT, w->c.p, k);
-        if (isnan(v)) continue;
+        if (isnan(v) || isnan(lo) || isnan(hi)) continue; /* nothing is known of boxes that end here */
         if (sign < 0) {
             double swap = lo;
             v = -v, lo = -hi, hi = -swap;
@@ -102,7 +107,7 @@ static const Running start = {.most = -INFINITY, .least_end = -INFINITY};
 
 static uint64_t walk_all(const Rising *is, const char *target) {
     Walk w;
-    open_walk(&w, is->op, PREC_F32, target);
+    open_walk(&w, is->op, PREC_F32, target, 0);
     Running g = start;
     uint32_t first = is->even ? 0x7f800001u : 0;
     for (uint64_t k = first; k < FLOATS; k += CHUNK) {
@@ -122,7 +127,7 @@ static uint64_t walk_all(const Rising *is, const char *target) {
 
 static uint64_t walk_stretches(const Rising *is, const char *target) {
     Walk w;
-    open_walk(&w, is->op, PREC_F64, target);
+    open_walk(&w, is->op, PREC_F64, target, 0);
     Running all = start;
     rng = 4;
     for (int stretch = 0; stretch < 400; stretch++) {
@@ -148,10 +153,58 @@ static uint64_t walk_stretches(const Rising *is, const char *target) {
     return all.bad;
 }
 
+/* pow and atan2 along one argument, the other a point: they rise or fall by its side. */
+static uint64_t walk_lines(Op op, Precision p, const char *target, uint32_t along) {
+    Walk w;
+    open_walk(&w, op, p, target, along);
+    Running all = start;
+    rng = 6;
+    for (int stretch = 0; stretch < 400; stretch++) {
+        double x = below(2) ? 4 * uniform() : border(), y = below(3) ? 8 * uniform() - 4 : border(), sign;
+        if (op == OP_fpow) sign = along == 0 ? (y < 0 ? -1 : 1) : (y = fabs(y)) < 1 ? -1 : 1;
+        else sign = along == 0 ? 1 : y < 0 ? 1 : -1;
+        if (op == OP_fatan2 && along == 0) y = fabs(y);
+        x = round_to(p, x), y = round_to(p, y);
+        if (op == OP_fpow && along == 1 && y == 1) continue;
+        uint32_t stride = 1u << below(p == PREC_F32 ? 6 : 20);
+        for (int64_t j = 0; j < CHUNK; j++) {
+            int64_t by = (int64_t)stride * (j - CHUNK / 2), bits;
+            int32_t bits32;
+            double v = x;
+            if (p == PREC_F32) {
+                float f = (float)x;
+                memcpy(&bits32, &f, sizeof f);
+                bits32 += (int32_t)by;
+                if (bits32 < 0) bits32 = 0;
+                memcpy(&f, &bits32, sizeof f);
+                v = (double)f;
+            } else {
+                memcpy(&bits, &v, sizeof v);
+                bits += by;
+                if (bits < 0) bits = 0;
+                memcpy(&v, &bits, sizeof v);
+            }
+            put(w.at, TY_FLT, p, (uint32_t)j, v), put(w.lo, TY_FLT, p, (uint32_t)j, v),
+                put(w.hi, TY_FLT, p, (uint32_t)j, v);
+            put(w.other, TY_FLT, p, (uint32_t)j, y);
+        }
+        evaluate(&w);
+        Running g = start;
+        follow(&g, &w, sign, CHUNK);
+        all.n += g.n, all.bad += g.bad, all.drop = fmax(all.drop, g.drop);
+    }
+    printf("%-6s %s %s along argument %u: %llu values, falls by %.2f units, %llu outside\n", ir_ops[op].name,
+           p == PREC_F32 ? "f32" : "f64", target, along, (unsigned long long)all.n, all.drop,
+           (unsigned long long)all.bad);
+    fflush(stdout);
+    close_walk(&w);
+    return all.bad;
+}
+
 /* Boxes of `size` consecutive floats, every point of each. */
 static uint64_t walk_boxes(Op op, const char *target, uint32_t size, double from, double to) {
     Walk w;
-    open_walk(&w, op, PREC_F32, target);
+    open_walk(&w, op, PREC_F32, target, 0);
     uint64_t bad = 0, n = 0, unknown = 0;
     uint32_t k = 0x7f800001u;
     for (bool more = true; more;) {
@@ -179,17 +232,24 @@ static uint64_t walk_boxes(Op op, const char *target, uint32_t size, double from
     return bad;
 }
 
-int main(void) {
+static bool asked(Op op, int argc, char **argv) { return argc < 2 || !strcmp(argv[1], ir_ops[op].name); }
+
+/* bounds-walk [ROW] */
+int main(int argc, char **argv) {
     static const char *const targets[] = {"avx2", "sse2"};
-    static const Op waves[] = {OP_fsin, OP_fcos, OP_ftan};
+    static const Op waves[] = {OP_fsin, OP_fcos, OP_ftan}, pairs[] = {OP_fpow, OP_fatan2};
     uint64_t bad = 0;
     for (int t = 0; t < 2; t++) {
-        for (int k = 0; k < RISING; k++) bad += walk_stretches(&rising[k], targets[t]);
+        for (uint32_t k = 0; k < 8; k++)
+            if (asked(pairs[k & 1], argc, argv)) bad += walk_lines(pairs[k & 1], k >> 1 & 1, targets[t], k >> 2);
+        for (int k = 0; k < RISING; k++)
+            if (asked(rising[k].op, argc, argv)) bad += walk_stretches(&rising[k], targets[t]);
         for (int k = 0; k < 3; k++)
-            for (uint32_t size = 16; size <= 65536; size *= 64)
-                bad += walk_boxes(waves[k], targets[t], size, 1e-3, 2e5);
+            for (uint32_t size = 16; size <= 65536 && asked(waves[k], argc, argv); size *= 64)
+                bad += walk_boxes(waves[k], targets[t], size, 1e-3, 1e4);
     }
     for (int t = 0; t < 2; t++)
-        for (int k = 0; k < RISING; k++) bad += walk_all(&rising[k], targets[t]);
+        for (int k = 0; k < RISING; k++)
+            if (asked(rising[k].op, argc, argv)) bad += walk_all(&rising[k], targets[t]);
     return bad > 0;
 }

@@ -70,7 +70,8 @@ typedef struct Noting { /* the point kernel that notes what its choices are */
 
 static void make_noting(Session *s, void *user) {
     Noting *n = user;
-    n->fn = ir_clone(variant_chunks(&n->p->passes, n->p->prog->primal), &s->module, "noting");
+    const SltChunks *table;
+    n->fn = variant_chunks(&n->p->passes, n->p->prog->primal, &table);
     variant_drop_sites(n->fn);
     pipeline_kernel(&n->p->passes, n->fn);
     KernelRequest r = {"noting", n->fn};
@@ -120,7 +121,7 @@ static void two_boxes(uint64_t *bits, uint32_t n) {
         bits[k] = (uint64_t)((bits[k] & UINT32_MAX) != 0) | (uint64_t)(bits[k] >> 32 != 0) << 1;
 }
 
-static uint32_t length(const PruneSet *s) {
+static uint32_t length(const PruneLevel *s) {
     uint32_t n = 0;
     while (s->chunks[n] != SLT_NO_CHUNK) n++;
     return n;
@@ -133,31 +134,34 @@ typedef struct Seen {
 static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint32_t tile, Seen *seen) {
     const char *what = p->opt.f64 ? "f64" : "f32";
     const SltChunks *c = p->scene.chunks;
-    size_t bytes = 2 * (size_t)c->nchoices * sizeof *pr->choices;
+    size_t bytes = 2 * (size_t)c->nchoices * sizeof *pr->level[0].choices;
     double side = exp2(-(double)below(12)), lo[2] = {4 * uniform() - 2, 4 * uniform() - 2};
     points_in(a, lo, side);
     unsigned char *want[2] = {malloc(POINTS * 8), malloc(POINTS * 8)};
     uint64_t *noted = malloc(bytes);
-    a->args.pruned = NULL, a->args.choices = noted;
+    a->args.pruned = &pr->level[0].pruned, a->args.choices = noted;
     memset(noted, 0xa5, bytes);
     assert_int_equal(ir_interpret(noting->fn, &a->args, POINTS, 16), SLT_OK);
     for (uint32_t k = 0; k < 2; k++) memcpy(want[k], a->args.out[k], POINTS * a->each);
-    a->args.choices = pr->choices;
-    memset(pr->choices, 0x5a, bytes);
+    a->args.choices = pr->level[0].choices;
+    memset(pr->level[0].choices, 0x5a, bytes);
     back_kernel(noting->module, "noting")(&a->args, POINTS);
     same_outputs(a, want, what, tile);
-    if (memcmp(noted, pr->choices, bytes)) fail_msg("%s: interpreter and kernel note other choices", what);
+    if (memcmp(noted, pr->level[0].choices, bytes)) fail_msg("%s: interpreter and kernel note other choices", what);
     a->args.choices = NULL;
+    p->scene.kernel[K_PRUNED](&a->args, POINTS);
+    same_outputs(a, want, what, tile);
+    a->args.pruned = NULL;
     p->scene.kernel[K_VALUE](&a->args, POINTS);
     same_outputs(a, want, what, tile);
 
-    /* The whole tile, then its halves inside it; each half's points are alone in the first half of the arrays. */
-    for (uint32_t k = 0; k < 2 * c->nchoices; k++) pr->choices[k] = pr->choices[k] != 0;
-    prune_walk(pr, &pr->set[0], 1);
-    const PruneSet *parent = prune_pick(pr, &pr->set[0], 0, 1);
-    memcpy(pr->choices, noted, bytes), two_boxes(pr->choices, 2 * c->nchoices);
-    prune_walk(pr, parent, 2);
-    uint32_t whole = length(parent);
+    /* The whole tile, then its halves inside it. */
+    for (uint32_t k = 0; k < 2 * c->nchoices; k++) pr->level[0].choices[k] = noted[k] != 0;
+    prune_walk(pr, 0, 1);
+    prune_pick(pr, 0, 0);
+    memcpy(pr->level[1].choices, noted, bytes), two_boxes(pr->level[1].choices, 2 * c->nchoices);
+    prune_walk(pr, 1, 2);
+    uint32_t whole = length(&pr->level[1]);
     seen->run += whole, seen->all += c->nchunks;
     SltKernelArgs nowhere = a->args; /* NaN in all that the kernel leaves behind it */
     _Alignas(64) float nan32[POINTS + SLT_PAD];
@@ -165,11 +169,13 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
     for (uint32_t i = 0; i < POINTS + SLT_PAD; i++) nan32[i] = NAN, nan64[i] = NAN;
     for (uint32_t d = 0; d < 2; d++) nowhere.in[IN_X0 + d] = p->opt.f64 ? (void *)nan64 : (void *)nan32;
     for (uint32_t half = 0; half < 3; half++) {
-        const PruneSet *set = half == 2 ? parent : prune_pick(pr, parent, half, 2);
+        const PruneLevel *set = &pr->level[half == 2 ? 1 : 2];
+        if (half < 2) prune_pick(pr, 1, half);
         assert_true(length(set) <= whole);
-        p->scene.kernel[K_VALUE](&nowhere, POINTS);
+        nowhere.pruned = &pr->level[0].pruned;
+        p->scene.kernel[K_PRUNED](&nowhere, POINTS);
         a->args.pruned = &set->pruned;
-        p->scene.kernel[K_VALUE](&a->args, POINTS);
+        p->scene.kernel[K_PRUNED](&a->args, POINTS);
         a->args.pruned = NULL;
         uint32_t from = half == 1 ? 32 : 0, to = half == 0 ? 32 : POINTS;
         for (uint32_t k = 0; k < 2; k++)
@@ -178,7 +184,7 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
                          p->opt.target ? p->opt.target : "native", k, half, tile);
         a->args.pruned = &set->pruned;
         if (tile < 4) {
-            assert_int_equal(ir_interpret(p->fn[K_VALUE], &a->args, POINTS, 16), SLT_OK);
+            assert_int_equal(ir_interpret(p->fn[K_PRUNED], &a->args, POINTS, 16), SLT_OK);
             for (uint32_t k = 0; k < 2; k++)
                 if (memcmp((char *)a->args.out[k] + from * a->each, want[k] + from * a->each, (to - from) * a->each))
                     fail_msg("%s: interpreted, channel %u of half %u of tile %u is another", what, k, half, tile);
@@ -196,7 +202,7 @@ static void one_program(uint32_t seed, bool middle, bool f64, uint32_t width, co
     if (slt_compile_string(text, "random.salt", &o, &p) != SLT_OK)
         fail_msg("%s\n%s", slt_last_error(p), slt_diagnostics_text(p));
     SltError err = {0};
-    bool needs[K_KINDS] = {[K_VALUE] = true};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     if (api_kernels(p, needs, &err) != SLT_OK) fail_msg("%s", err.text);
     assert_non_null(p->scene.chunks);
     assert_true(p->scene.chunks->nchoices >= 64);
@@ -204,7 +210,7 @@ static void one_program(uint32_t seed, bool middle, bool f64, uint32_t width, co
     assert_int_equal(session_protect(p->session, make_noting, &noting), 0);
     assert_int_equal(noting.status, SLT_OK);
     Pruner pr;
-    assert_true(prune_init(&pr, &p->scene));
+    assert_true(prune_init(&pr, p->scene.chunks));
     Arrays a = arrays(p);
     Seen seen = {0};
     for (uint32_t tile = 0; tile < TILES; tile++) one_tile(p, &noting, &pr, &a, tile, &seen);
@@ -237,7 +243,7 @@ static void small_programs(void **unused) {
     SltProgram *p = NULL;
     assert_int_equal(slt_compile_string(text, "small.salt", &o, &p), SLT_OK);
     SltError err = {0};
-    bool needs[K_KINDS] = {[K_VALUE] = true};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
     assert_null(p->scene.chunks);
     slt_program_free(p);

@@ -90,6 +90,15 @@ static inline Run run_scene(Scene *s, const CellOptions *o, double *many) {
         printf("  cells %llu boxes %llu points %llu  settled %.4g curved %.4g left %.2g  %.4f s\n",
                (unsigned long long)r.counts.cells, (unsigned long long)r.counts.boxes,
                (unsigned long long)r.counts.points, r.counts.settled, r.counts.curved, r.counts.left, r.seconds);
+    static const struct {
+        const char *name;
+        int kind;
+    } kinds[] = {
+        {"bounds", SLT_K_BOUNDS}, {"edge_bounds", SLT_K_EDGE_BOUNDS}, {"edge", SLT_K_EDGE}, {"sides", SLT_K_SIDES}};
+    if (getenv("CELLS_SHOW"))
+        for (int i = 0; i < 4; i++)
+            printf("  %s %llu calls of %.1f%s", kinds[i].name, (unsigned long long)s->calls[kinds[i].kind],
+                   (double)s->lanes[kinds[i].kind] / (double)(s->calls[kinds[i].kind] + 1e-9), i < 3 ? "," : "\n");
     return r;
 }
 

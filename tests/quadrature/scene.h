@@ -21,7 +21,10 @@ struct Scene {
     SltScene slt;
     uint32_t nevents, nseams; /* the last nseams events are seams */
     Num (*g)(const Scene *s, uint32_t event, const Num x[3]);
+    /* The same g at a point, the same bits, for scenes that are asked often; NULL: none. */
+    double (*point)(const Scene *s, uint32_t event, const double x[3], double dg[3]);
     void (*f)(Look *l, double *f);
+    uint64_t calls[SLT_KERNELS], lanes[SLT_KERNELS];
     bool opaque; /* event e is where e is seen; of those that are the last hides the others */
     bool (*rough)(const Scene *s, const Num x[3]);
     const double *p;                   /* parameters */
@@ -135,7 +138,9 @@ static inline void paint(Look *l, double *f) {
     f[0] = 0;
     for (uint32_t j = n; j-- > 0;) {
         uint32_t e = near ? near[j] : j;
-        if (l->scene->g(l->scene, e, l->at).v.lo < 0) {
+        double dg[3];
+        const Scene *s = l->scene;
+        if ((s->point ? s->point(s, e, l->x, dg) : s->g(s, e, l->at).v.lo) < 0) {
             l->hash = mix(e + 1);
             f[0] = (double)(mix(e) & 255) / 255;
             return;
@@ -145,6 +150,7 @@ static inline void paint(Look *l, double *f) {
 
 static inline void scene_call(void *user, int kind, SltKernelArgs *a, uint32_t n) {
     Scene *s = user;
+    s->calls[kind]++, s->lanes[kind] += n;
     for (uint32_t i = 0; i < n; i++) {
         Num x[3], g;
         switch (kind) {
@@ -152,6 +158,12 @@ static inline void scene_call(void *user, int kind, SltKernelArgs *a, uint32_t n
         case SLT_K_EDGE:
         case SLT_K_EDGE_BOUNDS: {
             bool box = kind == SLT_K_EDGE_BOUNDS;
+            if (!box && s->point && a->site == 0) {
+                double dg[3], at[3] = {scene_in(s, a, SLT_IN_X0, i), scene_in(s, a, SLT_IN_X1, i), 0};
+                scene_out(s, a, kind, SLT_OUT_G, 0, i, s->point(s, scene_event(s, a, i), at, dg));
+                for (uint32_t d = 0; d < s->slt.dim; d++) scene_out(s, a, kind, SLT_OUT_G_DX, d, i, dg[d]);
+                break;
+            }
             scene_point(s, a, i, box, x);
             g = s->g(s, scene_event(s, a, i), x);
             if (s->rounds && a->site == 0) g = num_sub(g, num(scene_in(s, a, SLT_IN_BOUNDARY, i)));

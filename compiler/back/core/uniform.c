@@ -93,6 +93,7 @@ static void visit(Analysis *a, Fn *fn, Block *b, bool masked) {
         case OP_arg:
         case OP_count:
         case OP_choice:
+        case OP_give:
         case OP_live:
         case OP_print:
         case OP_note:
@@ -107,7 +108,8 @@ static void visit(Analysis *a, Fn *fn, Block *b, bool masked) {
         case OP_site:
         case OP_siten:
         case OP_partner: mark_if(a, i, varies(i->args[0])); break;
-        case OP_settled: mark_if(a, i, true); break; /* it picks vectors: a mask costs one load */
+        case OP_settled: /* it picks vectors: a mask costs one load */
+        case OP_take: mark_if(a, i, true); break;
         case OP_both: mark_if(a, i, masked); break;
         case OP_tapepush: note_push(a, fn, i, masked); break;
         case OP_if_:

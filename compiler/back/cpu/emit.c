@@ -186,8 +186,9 @@ static void emit_rgba8(Emit *e, const Inst *yield) {
 
 static bool packs_rgba8(const Emit *e, const Inst *yield) {
     if (!e->opt->output_rgba8 || !yield->nargs) return false;
+    const Output *is = e->fn->outputs;
     for (uint32_t j = 0; j < yield->nargs; j++)
-        if (yield->args[j]->type != TY_FLT) return false;
+        if (yield->args[j]->type != TY_FLT || (is && is[j].role != SLT_OUT_F)) return false;
     return true;
 }
 
@@ -336,7 +337,6 @@ void emit_control(Emit *e, Inst *i);
 
 void emit_block(Emit *e, Block *b) {
     for (Inst *i = b->first; i && !e->error; i = i->next) {
-        if (e->chunks) emit_chunk_operands(e, i);
         if (!ir_ops[i->op].special) {
             if (!emit_slot(e, i)[0]) {
                 if (i->op != OP_band || !emit_pairs_apart(e, i)) emit_value_op(e, i);

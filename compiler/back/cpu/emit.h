@@ -123,9 +123,10 @@ void emit_both(Emit *e, Inst *i);
 bool emit_pairs_apart(Emit *e, Inst *i); /* band of "lanes differ" and `both` as one operation; false: i is another */
 
 /* ---- emit_chunks.c: straight-line programs in chunks */
-void emit_chunks_setup(Emit *e);                  /* once a kernel, in its setup */
-Inst *emit_chunks(Emit *e, Inst *first);          /* a run of them; returns its last instruction */
-void emit_chunk_operands(Emit *e, const Inst *i); /* in a chunk: what i needs of others */
+void emit_chunks_setup(Emit *e);         /* once a kernel, in its setup */
+Inst *emit_chunks(Emit *e, Inst *first); /* a run of them; returns its last instruction */
+void emit_give(Emit *e, const Inst *i);
+void emit_take(Emit *e, Inst *i);
 void emit_settled(Emit *e, Inst *i);
 void emit_choice(Emit *e, const Inst *i);
 

@@ -78,6 +78,8 @@ void emit_memory_op(Emit *e, Inst *i) {
         else emit_slot(e, i)[0] = emit_scalar(e, i->args[0]);
         break;
     case OP_both: emit_both(e, i); break;
+    case OP_give: emit_give(e, i); break;
+    case OP_take: emit_take(e, i); break;
     case OP_settled: emit_settled(e, i); break;
     case OP_choice: emit_choice(e, i); break;
     case OP_count: emit_count(e, i); break;

@@ -1,0 +1,206 @@
+/* Points of the volume: between the roots of columns, and in boxes on which f is smooth. Where the two rules differ the
+ * part is halved. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+enum { BOX_HALVINGS = 36 }; /* of a smooth box, along one axis at a time */
+
+/* ---- what goes out */
+static void flush_points(Cells *c, CellRule r) {
+    uint32_t n = c->npoint[r];
+    c->npoint[r] = 0;
+    if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
+}
+
+void cells_flush_points(Cells *c) {
+    for (int r = 0; r < CELL_RULES; r++) flush_points(c, (CellRule)r);
+}
+
+static void emit(Cells *c, const double x[3], double weight, CellRule rule) {
+    if (c->npoint[rule] == BATCH) flush_points(c, rule);
+    CellPoint *p = &c->point[rule][c->npoint[rule]++];
+    memcpy(p->x, x, sizeof p->x);
+    p->weight = weight;
+}
+
+void cells_emit_spots(Cells *c, uint32_t from, uint32_t to) {
+    for (uint32_t i = from; i < to; i++) emit(c, c->spot[i].x, c->spot[i].weight, (CellRule)c->spot[i].rule);
+}
+
+void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
+    double x[3] = {0}, weight = 1;
+    for (uint32_t d = 0; d < c->dim; d++)
+        x[d] = cells_round(c, lo[d] + 0.5 * (end[d] - lo[d])), weight *= end[d] - lo[d];
+    for (int r = 0; r < CELL_RULES; r++)
+        if (c->rule[r].n) emit(c, x, weight, (CellRule)r);
+}
+
+/* ---- spots */
+static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
+    if (!CELLS_ROOM(c, spot, 1)) return false;
+    Spot *s = &c->spot[c->nspot++];
+    *s = (Spot){.owner = owner, .rule = rule, .weight = weight};
+    for (uint32_t d = 0; d < c->dim; d++) s->x[d] = cells_round(c, x[d]);
+    return true;
+}
+
+/* On a column, between one root and the next. */
+static bool fill_column(Cells *c, const Column *k, CellRule rule) {
+    const Piece *p = &c->piece[k->piece];
+    const Box *box = &c->cell[p->cell].box;
+    const GaussRule *g = &c->rule[rule];
+    double x[3], from = box->lo[p->axis], heights[CELL_EVENTS + 1];
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < k->nroots; i++) {
+        double h = c->root[k->first + i].x[p->axis];
+        uint32_t at = n++;
+        for (; at && heights[at - 1] > h; at--) heights[at] = heights[at - 1];
+        heights[at] = h;
+    }
+    heights[n++] = box->end[p->axis];
+    memcpy(x, k->x, sizeof x);
+    for (uint32_t i = 0; i < n; from = heights[i++])
+        for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
+            double t = (q / g->n + g->x[q % g->n]) / p->parts, w = g->w[q % g->n] / p->parts;
+            if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
+            x[p->axis] = from + t * (heights[i] - from);
+            if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
+        }
+    return true;
+}
+
+bool cells_add_columns_of_points(Cells *c) {
+    for (uint32_t i = 0; i < c->ncolumn; i++)
+        if (c->cell[c->piece[c->column[i].piece].cell].common &&
+            !fill_column(c, &c->column[i], (CellRule)c->column[i].rule))
+            return false;
+    return true;
+}
+
+/* f at the spots from `first` on. */
+static bool take_values(Cells *c, uint32_t first) {
+    for (uint32_t from = first; from < c->nspot; from += BATCH) {
+        uint32_t n = c->nspot - from < BATCH ? c->nspot - from : BATCH;
+        for (uint32_t i = 0; i < n; i++) batch_set_x(c->b, i, c->spot[from + i].x);
+        cells_call(c, SLT_K_SIDES, n);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            for (uint32_t i = 0; i < n; i++) c->spot[from + i].f[ch] = batch_get(c->b, SLT_OUT_F, ch, i);
+    }
+    return true;
+}
+
+bool cells_take_values(Cells *c) { return take_values(c, 0); }
+
+bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ) {
+    uint32_t first = c->nspot;
+    for (const Column *k = from; k < to; k++)
+        for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
+            if (!fill_column(c, k, (CellRule)r)) return false;
+    if (!take_values(c, first)) return false;
+    *differ = !cells_values_agree(c, first, c->nspot);
+    c->nspot = first;
+    return true;
+}
+
+/* Compares the integral of each channel and its moments in the position. */
+bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
+    double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, lo[3], hi[3];
+    for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
+    for (uint32_t i = from; i < to; i++)
+        for (uint32_t d = 0; d < c->dim; d++)
+            lo[d] = fmin(lo[d], c->spot[i].x[d]), hi[d] = fmax(hi[d], c->spot[i].x[d]);
+    for (uint32_t i = from; i < to; i++) {
+        const Spot *s = &c->spot[i];
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+            double v = s->weight * s->f[ch];
+            most = fmax(most, fabs(s->f[ch])), total += fabs(v);
+            sum[s->rule][ch][0] += v;
+            for (uint32_t d = 0; d < c->dim; d++)
+                if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
+        }
+    }
+    for (uint32_t ch = 0; ch < c->s->channels; ch++)
+        for (uint32_t m = 0; m <= c->dim; m++)
+            if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > c->o->tolerance * most * c->volume)
+                return false;
+    return true;
+}
+
+/* ---- smooth boxes */
+bool cells_settle_box(Cells *c, const double lo[3], const double end[3]) {
+    if (!CELLS_ROOM(c, smooth, 1)) return false;
+    Smooth *s = &c->smooth[c->nsmooth++];
+    s->halvings = 0;
+    memcpy(s->lo, lo, sizeof s->lo), memcpy(s->end, end, sizeof s->end);
+    return true;
+}
+
+/* Points of the tensor rule. */
+static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
+    const Smooth *s = &c->smooth[owner];
+    const GaussRule *r = &c->rule[rule];
+    uint32_t n[3] = {1, 1, 1};
+    for (uint32_t d = 0; d < c->dim; d++) n[d] = r->n;
+    if (!r->n) return true;
+    for (uint32_t z = 0; z < n[2]; z++)
+        for (uint32_t y = 0; y < n[1]; y++)
+            for (uint32_t i = 0; i < n[0]; i++) {
+                const uint32_t at[3] = {i, y, z};
+                double x[3] = {0}, weight = 1;
+                for (uint32_t d = 0; d < c->dim; d++) {
+                    x[d] = s->lo[d] + r->x[at[d]] * (s->end[d] - s->lo[d]);
+                    weight *= r->w[at[d]] * (s->end[d] - s->lo[d]);
+                }
+                if (!add_spot(c, owner, x, weight, rule)) return false;
+            }
+    return true;
+}
+
+static bool halve_box(Cells *c, const Smooth *s) {
+    uint32_t axis = 0;
+    for (uint32_t d = 1; d < c->dim; d++)
+        if (s->end[d] - s->lo[d] > s->end[axis] - s->lo[axis]) axis = d;
+    for (int half = 0; half < 2; half++) {
+        if (!CELLS_ROOM(c, smooth, 1)) return false;
+        Smooth *h = &c->smooth[c->nsmooth++];
+        *h = *s;
+        *(half ? &h->lo[axis] : &h->end[axis]) = 0.5 * (s->lo[axis] + s->end[axis]);
+        h->halvings++;
+    }
+    return true;
+}
+
+static bool integrate_last(Cells *c, uint32_t first) {
+    uint32_t n = c->nsmooth, at = 0, kept = first;
+    bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
+    c->nspot = 0;
+    for (uint32_t i = first; i < n; i++)
+        for (uint8_t r = 0; r < CELL_RULES; r++)
+            if (!fill_box(c, i, r)) return false;
+    if (compare && !cells_take_values(c)) return false;
+    for (uint32_t i = first; i < n; i++) {
+        uint32_t end = at;
+        while (end < c->nspot && c->spot[end].owner == i) end++;
+        if (!compare || c->smooth[i].halvings >= BOX_HALVINGS || cells_spent(c) || cells_values_agree(c, at, end))
+            cells_emit_spots(c, at, end);
+        else c->smooth[kept++] = c->smooth[i];
+        at = end;
+    }
+    c->nsmooth = kept;
+    for (uint32_t i = first; i < kept; i++) {
+        Smooth s = c->smooth[i];
+        uint32_t last = c->nsmooth;
+        if (!halve_box(c, &s)) return false;
+        c->smooth[i] = c->smooth[last], c->smooth[last] = c->smooth[last + 1], c->nsmooth--;
+    }
+    return true;
+}
+
+bool cells_integrate_smooth(Cells *c) {
+    enum { AT_ONCE = 16 };
+    while (c->nsmooth)
+        if (!integrate_last(c, c->nsmooth > AT_ONCE ? c->nsmooth - AT_ONCE : 0)) return false;
+    return true;
+}
