@@ -364,6 +364,8 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);
+    if (ir_ops[i->op].selects)
+        r.open = open_where(b, a[0].lo, arg[1].open, arg[2].open); /* by a condition of one value */
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);
@@ -400,6 +402,11 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_rand:
         x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 1)}, .open = ir_consti(b, OPEN_JUMP)};
         return;
+    case OP_query: bounds_query(x, b, i); return;
+    case OP_ieq:
+    case OP_ine:
+        if (bounds_wide(x, i) && bounds_found(x, b, i)) return;
+        break;
     case OP_live:
     case OP_settled: copy(x, b, i); return;
     case OP_give: /* its lower and its upper end lie side by side */
@@ -420,7 +427,6 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
         return;
     }
-    case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
     case OP_dparam:

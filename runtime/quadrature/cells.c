@@ -245,9 +245,9 @@ static bool judge(Cells *c, Cell *cell) {
         sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
-    /* Pieces end where curves meet open seams, and at curves they are graded: else a few levels lead to where it bends.
-     */
-    bool rough = bends && sites == cell->nedges;
+    /* Pieces end where curves meet, and at curves they are graded. What bends a g is an edge itself, open here too; if
+     * it is not, a few levels lead to where it bends. */
+    bool rough = bends && cell->nedges < 2;
     rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
     rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
     bool unknown = cell->state & SLT_BOX_UNKNOWN;
@@ -388,7 +388,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
     const SltCullList *given = c->b->args.cull;
-    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    c->stack[c->nstack++] = (Node){.box = *tile, .whole = true, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
     const uint32_t parts = c->dim < 3 ? 20 : 72;
     uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
