@@ -100,6 +100,12 @@ static void print_bounds(const ExplainedBounds *b) {
     for (uint32_t i = 0; i < b->nseams; i++) printf("  "), print_place(&b->seams[i]);
     if (b->nunbounded) puts("  without bounds; a box where one of these decides is never settled:");
     for (uint32_t i = 0; i < b->nunbounded; i++) printf("  "), print_place(&b->unbounded[i]);
+    for (uint32_t i = 0; i < b->nwide; i++) print_place(&b->wide[i]);
+    if (b->crowded)
+        puts("  too many kinks for seams of their own, or too large a program: boxes with a kink are rough or unknown");
+    if (b->chunks)
+        printf("  pruned: %u chunks of operations, which run where one of %u choices needs them\n", b->chunks,
+               b->choices);
     for (uint32_t i = 0; i < b->nlists; i++)
         printf("  list of a loop of %u iterations at %s:%u%s\n", b->lists[i].iterations,
                b->lists[i].at.file ? b->lists[i].at.file : "?", b->lists[i].at.line,
@@ -221,6 +227,8 @@ static void json_bounds(const ExplainedBounds *b) {
            b->open, b->unknown);
     json_places("seams", b->seams, b->nseams);
     json_places("unbounded", b->unbounded, b->nunbounded);
+    json_places("wide", b->wide, b->nwide);
+    printf("\"crowded\": %s, \"chunks\": %u, \"choices\": %u, ", b->crowded ? "true" : "false", b->chunks, b->choices);
     fputs("\"lists\": [", stdout);
     for (uint32_t i = 0; i < b->nlists; i++)
         printf("%s{\"line\": %u, \"iterations\": %u, \"cull\": %s}", i ? ", " : "", b->lists[i].at.line,

@@ -48,11 +48,13 @@ typedef struct ExplainedList {
 } ExplainedList;
 
 typedef struct ExplainedBounds {
-    ExplainedPlace *seams, *unbounded; /* unbounded: what no box can settle */
+    ExplainedPlace *seams, *unbounded, *wide; /* unbounded: what no box can settle; wide: what only small ones can */
     ExplainedList *lists;
-    uint32_t nseams, nunbounded, nlists;
-    /* Of equal boxes that fill the domain: how many there are, settled, with open events and nothing else, unknown.
-     * All 0: the kernels do not run here. */
+    uint32_t nseams, nunbounded, nwide, nlists;
+    bool crowded;             /* it has so many places for seams that some have none */
+    uint32_t chunks, choices; /* a straight-line program that is pruned; else 0 */
+    /* Of equal boxes that fill the domain: how many there are, settled, with open events and nothing else, unknown or
+     * rough. All 0: the kernels do not run here. */
     uint32_t boxes, settled, open, unknown;
 } ExplainedBounds;
 

@@ -2,7 +2,9 @@
 #include <string.h>
 
 #include "cli/explain.h"
+#include "compiler/pass/depend.h"
 #include "compiler/pass/walk.h"
+#include "saltus/chunks.h"
 
 enum { TRIAL = 4096 /* boxes at most */ };
 
@@ -45,7 +47,7 @@ static void explain_seams(const SltProgram *p, Arena *arena, ExplainedBounds *ou
 static const char *why_unbounded(const Inst *i) {
     switch ((Op)i->op) {
     case OP_rand: return "rand() is any number in [0, 1)";
-    case OP_query: return "a ray has no bounds";
+    case OP_query: return "what a ray meets has no bounds";
     case OP_input:
         if (i->imm.i == IN_PIXEL0 || i->imm.i == IN_PIXEL1) return "pixel() is any pixel";
         return i->imm.i == IN_SAMPLE ? "sample_index() is any sample" : NULL;
@@ -57,12 +59,39 @@ static void find_unbounded(const SltProgram *p, const Block *b, ExplainedBounds 
     for (const Inst *i = b->first; i; i = i->next) {
         const char *why = why_unbounded(i);
         if (why) add_place(out->unbounded, &out->nunbounded, place_of(p, i->span, why, NULL));
+        if (i->op == OP_loop && !i->imm.loop.exact)
+            add_place(out->wide, &out->nwide,
+                      place_of(p, i->span, "a loop that ends by a condition: bounds widen from iteration to iteration",
+                               NULL));
         if (i->op == OP_loop && i->imm.loop.cull)
             out->lists[out->nlists++] = (ExplainedList){.at = place_of(p, i->span, "loop", NULL),
                                                         .iterations = i->imm.loop.max_iters,
                                                         .cull = i->imm.loop.cull_id < p->prog->ncull};
         for (uint32_t r = 0; r < i->nregions; r++) find_unbounded(p, i->region[r], out);
     }
+}
+
+/* Minima, maxima and absolute values that differ within the domain, which would be seams. */
+static bool has_bends(const Depend *on, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        bool bends = i->op == OP_fmin || i->op == OP_fmax || i->op == OP_fabs;
+        if (bends && on[i->id].on & DEPENDS_X) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_bends(on, i->region[r])) return true;
+    }
+    return false;
+}
+
+/* Seams are given up, kinks first, where the program has too many of them or is too large. */
+static bool is_crowded(SltProgram *p, const ExplainedBounds *b) {
+    if (!p->fn[K_BOUNDS] || p->prog->ngeometries) return false;
+    for (uint32_t i = 0; i < b->nseams; i++)
+        if (!strcmp(b->seams[i].what, "kink")) return false;
+    Arena *scratch = &p->session->scratch;
+    ArenaMark mark = arena_mark(scratch);
+    bool crowded = has_bends(depend_values(p->prog->primal, (DependOptions){0}), p->prog->primal->body);
+    arena_reset(scratch, mark);
+    return crowded;
 }
 
 /* Boxes of 1/16 to 1/4096 of each side, by the dimension. */
@@ -87,7 +116,7 @@ static SltStatus try_boxes(SltProgram *p, Arena *arena, ExplainedBounds *out, Sl
     out->boxes = n;
     for (uint32_t i = 0; i < n; i++)
         if (b[i].settled) out->settled++;
-        else if (b[i].unknown) out->unknown++;
+        else if (b[i].unknown || b[i].rough) out->unknown++;
         else out->open++;
     return SLT_OK;
 }
@@ -96,8 +125,11 @@ SltStatus explain_bounds(SltProgram *p, ExplainedBounds *out, SltError *err) {
     Arena *arena = &p->session->session;
     uint32_t n = walk_size(p->prog->primal->body) + 1;
     *out = (ExplainedBounds){.unbounded = ARENA_ARRAY(arena, ExplainedPlace, n),
+                             .wide = ARENA_ARRAY(arena, ExplainedPlace, n),
                              .lists = ARENA_ARRAY(arena, ExplainedList, n)};
     explain_seams(p, arena, out);
     find_unbounded(p, p->prog->primal->body, out);
+    out->crowded = is_crowded(p, out);
+    if (p->scene.chunks) out->chunks = p->scene.chunks->nchunks, out->choices = p->scene.chunks->nchoices;
     return p->fn[K_BOUNDS] ? try_boxes(p, arena, out, err) : SLT_OK;
 }

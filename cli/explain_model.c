@@ -93,6 +93,7 @@ static const char *left_out(const Inside *e, int kind) {
     if (boundary && !jumps) return "no discontinuity reaches the output";
     if (boundary && !e->p->fn[K_REGION] && !e->c->job.no_boundary)
         return "no boundary moves with what is differentiated";
+    if (kind == K_PRUNE || kind == K_PRUNED) return "no large straight-line program";
     if (kind == K_EDGE || kind == K_EDGE_BOUNDS)
         return e->p->scene.nedges ? "too large to bound its gradient" : "nothing jumps or bends";
     if (kind == K_SITE && e->p->fn[K_SITE_GRAD]) return "served by site_grad: there are many sites";

@@ -90,7 +90,12 @@ void report_cells_json(FILE *out, const SltStats *s, const double *derivative) {
 }
 
 void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
-    if (!s->cells || c->quiet || c->json) return;
+    if (c->quiet || c->json) return;
+    if (!s->cells) {
+        if (c->job.estimator == SLT_EST_QUADRATURE)
+            fputs("saltus: note: no cells, nothing is certified: `saltus explain` says what has no bounds\n", stderr);
+        return;
+    }
     fprintf(stderr, "saltus: %.4g %% certified (%.4g %% settled, %.4g %% curves), %llu evaluations, %.3f s\n",
             100 * s->certified, 100 * s->settled, 100 * s->curved, (unsigned long long)s->evaluations, s->seconds);
     if (s->left > 0) {

@@ -106,6 +106,9 @@ typedef struct ApiCall {
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
+/* ---- pixels.c, squares.c: images of 8-bit pixels */
+double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell); /* of a pixel; cells go up */
+SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);
 /* ---- geometry.c */
 bool api_geometries_init(SltProgram *p);
 void api_geometries_free(SltProgram *p);

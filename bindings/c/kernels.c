@@ -200,6 +200,7 @@ static void build_body(Session *s, void *arg) {
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
+        if (back_width(m) > p->scene.widest) p->scene.widest = back_width(m);
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)

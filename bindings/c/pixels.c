@@ -4,6 +4,7 @@
 
 #include "bindings/c/api.h"
 #include "runtime/base/threads.h"
+#include "runtime/sample/prune.h"
 
 enum { ROWS = 8 };
 
@@ -26,9 +27,9 @@ static void set(const SltProgram *p, void *a, uint32_t i, double v) {
     else ((float *)a)[i] = (float)v;
 }
 
-static double place(const Pixels *q, uint32_t axis, double cell) {
-    const Program *g = q->p->prog;
-    return g->lo[axis] + (g->hi[axis] - g->lo[axis]) * (cell + 0.5) / q->job->size[axis];
+double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell) {
+    const Program *g = p->prog;
+    return g->lo[axis] + (g->hi[axis] - g->lo[axis]) * (cell + 0.5) / job->size[axis];
 }
 
 static bool worker_init(Pixels *q, PixelWorker *w) {
@@ -42,8 +43,8 @@ static bool worker_init(Pixels *q, PixelWorker *w) {
     memset(w->zero, 0, (size_t)n * 8);
     for (uint32_t i = 0; i < n; i++) {
         uint32_t x = i < width ? i : width - 1;
-        set(q->p, w->x[0], i, place(q, 0, x));
-        set(q->p, w->x[2], i, place(q, 2, 0));
+        set(q->p, w->x[0], i, api_middle(q->p, q->job, 0, x));
+        set(q->p, w->x[2], i, api_middle(q->p, q->job, 2, 0));
         w->pixel[0][i] = (int32_t)x;
     }
     for (int s = 0; s < SLT_IN_VARYING; s++) w->args.in[s] = w->zero;
@@ -69,7 +70,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     uint32_t width = q->job->size[0], height = q->job->size[1], n = (width + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
     for (uint32_t row = (uint32_t)tile * ROWS; row < height && row < (tile + 1) * ROWS; row++) {
         for (uint32_t i = 0; i < n; i++) {
-            set(q->p, w->x[1], i, place(q, 1, height - 1 - row));
+            set(q->p, w->x[1], i, api_middle(q->p, q->job, 1, height - 1 - row));
             w->pixel[1][i] = (int32_t)row;
         }
         q->p->scene.kernel[SLT_K_VALUE](&w->args, width);
@@ -102,7 +103,7 @@ static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltS
 }
 
 SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
-    static const bool needs[K_KINDS] = {[K_VALUE] = true};
+    static const bool needs[K_KINDS] = {[K_VALUE] = true, [K_PRUNE] = true, [K_PRUNED] = true};
     ApiCall c;
     SltStatus s = api_call_begin(&c, p, job, stats, err);
     if (s == SLT_OK && (p->opt.interpret || !p->opt.rgba8))
@@ -110,6 +111,7 @@ SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, S
     if (s == SLT_OK && (p->prog->dim == 3 || p->prog->uses_rand))
         s = status_fail(err, SLT_USAGE, "8-bit pixels are for 1D and 2D domains without rand()");
     if (s == SLT_OK) s = api_call_kernels(&c, needs);
-    if (s == SLT_OK) s = render(p, &c.job, pixels, c.stats, err);
+    bool squares = s == SLT_OK && p->scene.dim == 2 && prune_can(&p->scene);
+    if (s == SLT_OK) s = (squares ? api_render_squares : render)(p, &c.job, pixels, c.stats, err);
     return api_call_end(&c, s);
 }

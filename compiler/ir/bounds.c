@@ -115,7 +115,7 @@ static Bound quotient(Rule *r, Bound x, Bound y) {
 /* The value is NaN where the first argument is, and the first argument where the second is NaN. The whole line, which
  * may be NaN, and a NaN in the second would be dropped. */
 static Bound extreme(Rule *r, Bound x, Bound y) {
-    return bound_where(r, both(r, bound_is_number(r, x), has_ends(r, y)), bound_trend(r, UP));
+    return bound_where(r, bound_extreme_known(r, x, y), bound_trend(r, UP));
 }
 
 static Bound with_sign(Rule *r, Bound x, Bound y) {
@@ -137,7 +137,7 @@ static Bound within(Rule *r, double lo, double hi, Bound x) {
 /* ---- comparisons: certain only between ends that are no NaN. The whole line, which may be NaN, has an infinite end at
  * which < is false as it is on NaN; <= and == need a finite difference. */
 
-Bound bound_less(Rule *r, Bound x, Bound y) {
+static Bound less(Rule *r, Bound x, Bound y) {
     Inst *ends = has_ends(r, (Bound){x.lo, y.hi}), *back = has_ends(r, (Bound){y.lo, x.hi});
     if (SPOILED(SPOIL_EQUAL))
         return (Bound){both(r, lt(r, x.lo, y.lo), ends), not(r, both(r, le(r, y.hi, x.lo), back))};
@@ -154,7 +154,7 @@ static Bound less_equal(Rule *r, Bound x, Bound y) {
 static Bound equal(Rule *r, Bound x, Bound y) {
     Inst *certain = both(r, e2(r, OP_feq, x.lo, y.hi), e2(r, OP_feq, x.hi, y.lo));
     if (SPOILED(SPOIL_EQUAL)) certain = e2(r, OP_feq, x.lo, y.lo);
-    return (Bound){certain, not(r, either(r, bound_less(r, x, y).lo, bound_less(r, y, x).lo))};
+    return (Bound){certain, not(r, either(r, less(r, x, y).lo, less(r, y, x).lo))};
 }
 
 static Bound opposite(Rule *r, Bound x) { return (Bound){not(r, x.hi), not(r, x.lo)}; }
@@ -212,7 +212,7 @@ Inst *ir_bound_is_point(Builder *b, Bound x) {
     if (is_point(x)) return ir_constb(b, true);
     switch (x.lo->type) {
     case TY_BOOL: return ir_emit1(b, OP_bnot, ir_emit2(b, OP_bxor, x.lo, x.hi));
-    case TY_INT: return ir_emit2(b, OP_ieq, x.lo, x.hi);
+    case TY_INT: return bound_int_is_point(b, x);
     default: return ir_emit2(b, OP_feq, x.lo, x.hi);
     }
 }
@@ -253,16 +253,15 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 #define ANGLE(x, y, ulps) bound_atan2(r, ulps, NULL)
 #define POWER(x, y, ulps) bound_pow(r, ulps)
 #define MANTISSA(x) bound_mantissa(r)
-#define LESS(x, y) bound_less(r, x, y)
+#define LESS(x, y) less(r, x, y)
 #define LESS_EQUAL(x, y) less_equal(r, x, y)
 #define EQUAL(x, y) equal(r, x, y)
 #define OPPOSITE(bound) opposite(r, bound)
 #define CHOICE(cond, x, y) choice(r, cond, x, y)
 #define DIFFER(x, y) differ(r, x, y)
 #define WHOLE whole_int(r)
-#define POINTS(other) bound_points(r, other)
-#define SUM bound_sum(r)
-#define DIFFERENCE bound_sum(r)
+#define POINTS(other) (bound_points_begin(r), bound_points(r, other))
+#define SUM(x, y) sum(r)
 #define INT_PRODUCT(x, y) bound_product(r)
 #define INT_QUOTIENT(x, y) bound_quotient(r)
 #define REMAINDER(x, y) bound_remainder(r, false)
@@ -288,6 +287,13 @@ Bound ir_bound_ends(Builder *b, Bound x) {
 static Bound choice(Rule *r, Bound cond, Bound x, Bound y) { return ir_bound_select(&r->b, cond, x, y); }
 static Bound whole_int(Rule *r) { return ir_bound_whole(&r->b, TY_INT); }
 static Bound where_ends(Rule *r, Bound x) { return bound_where_int(r, has_ends(r, r->arg[0]), x); }
+
+/* Sums of what mixes bits go on as points. */
+static Bound sum(Rule *r) {
+    bool ends = true;
+    for (uint32_t k = 0; k < r->n; k++) ends &= !bound_is_point_where(r->arg[k]);
+    return ends ? bound_sum(r) : POINTS(bound_sum(r));
+}
 
 static Bound even_trend(Rule *r, Bound x) {
     Bound m = bound_even(r, x), a = {max(r, m.lo, num(r, 0)), m.hi};

@@ -14,8 +14,8 @@ static BoundEvents bends(Inst *i) { return (BoundEvents){.bends = i}; }
 
 /* Both arguments may be the value: a bend, and a jump where the second may be NaN, which the row passes over. */
 static BoundEvents meet(Rule *r, Bound x, Bound y) {
-    Inst *apart = either(r, bound_less(r, x, y).lo, bound_less(r, y, x).lo);
-    return (BoundEvents){not(r, bound_is_number(r, y)), not(r, apart)};
+    Inst *apart = either(r, lt(r, x.hi, y.lo), lt(r, y.hi, x.lo));
+    return (BoundEvents){not(r, bound_is_number(r, y)), not(r, both(r, apart, bound_extreme_known(r, x, y)))};
 }
 
 static Inst *corner(Rule *r, Bound x) {

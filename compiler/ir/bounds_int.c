@@ -1,56 +1,67 @@
 /* Bounds of integers and conversions.
  *
  * Integers wrap: ends that would leave the range show by their order, and the bound is then the whole range. What mixes
- * bits (hashes) is exact where its arguments are points at run time, and unknown elsewhere. Along a chain of such rows
- * the bound is sel(ok, v, least) and sel(ok, v, greatest): each row reads v and ok from there, and the selects between
- * have no use. */
+ * bits (hashes) is exact where its arguments are points at run time. Along a chain of such rows the bound is sel(ok, v,
+ * least) and sel(ok, v, greatest) with two constants: each row reads v and ok from there, and the selects between have
+ * no use. */
 #include "compiler/ir/bounds_rules.h"
 
 static Inst *ile(Rule *r, Inst *x, Inst *y) { return e2(r, OP_ile, x, y); }
 static Inst *not_negative(Rule *r, Bound x) { return ile(r, int_num(r, 0), x.lo); }
-static bool is_int(const Inst *i, int32_t v) { return i->op == OP_consti && (int32_t)i->imm.i == v; }
 
 Bound bound_where_int(Rule *r, Inst *ok, Bound x) {
     if (SPOILED(SPOIL_WHERE)) return x;
     return (Bound){sel(r, ok, x.lo, int_num(r, INT32_MIN)), sel(r, ok, x.hi, int_num(r, INT32_MAX))};
 }
 
-/* Is x written as v where ok, else unknown? */
-static bool is_point_or_whole(Bound x) {
-    return x.lo->op == OP_isel && x.hi->op == OP_isel && x.lo->args[0] == x.hi->args[0] &&
-           x.lo->args[1] == x.hi->args[1] && is_int(x.lo->args[2], INT32_MIN) && is_int(x.hi->args[2], INT32_MAX);
+/* Is x written as v where ok, else as two constants? */
+bool bound_is_point_where(Bound x) {
+    return !is_point(x) && x.lo->op == OP_isel && x.hi->op == OP_isel && x.lo->args[0] == x.hi->args[0] &&
+           x.lo->args[1] == x.hi->args[1] && x.lo->args[2]->op == OP_consti && x.hi->args[2]->op == OP_consti;
+}
+
+Inst *bound_int_is_point(Builder *b, Bound x) {
+    return bound_is_point_where(x) ? x.lo->args[0] : ir_emit2(b, OP_ieq, x.lo, x.hi);
 }
 
 /* The row of the values that the arguments have where they are points; *ok: where they are. */
-static Inst *point_value(Rule *r, Inst **ok) {
+static Inst *point_value(Rule *r, const Bound *arg, Inst **ok) {
     Inst *v[3];
     *ok = ir_constb(&r->b, true);
     for (uint32_t k = 0; k < r->n; k++) {
-        Bound x = r->arg[k];
-        if (is_point(x)) {
-            v[k] = x.lo;
-        } else if (is_point_or_whole(x)) {
-            v[k] = x.lo->args[1];
-            *ok = both(r, *ok, x.lo->args[0]);
-        } else {
-            v[k] = x.lo;
-            *ok = both(r, *ok, e2(r, OP_ieq, x.lo, x.hi));
-        }
+        v[k] = bound_is_point_where(arg[k]) ? arg[k].lo->args[1] : arg[k].lo;
+        if (!is_point(arg[k])) *ok = both(r, *ok, bound_int_is_point(&r->b, arg[k]));
     }
     if (SPOILED(SPOIL_POINTS)) *ok = ir_constb(&r->b, true);
     return ir_emit(&r->b, r->op, r->n, v);
 }
 
-static bool any_point_or_whole(const Rule *r) {
-    for (uint32_t k = 0; k < r->n; k++)
-        if (is_point_or_whole(r->arg[k])) return true;
-    return false;
+/* Where such arguments are no points, the rule of the row is asked for what they are then: constants, which fold. They
+ * must cease to be points at once, with all others points; else for what they are at worst. */
+void bound_points_begin(Rule *r) {
+    const Inst *ok = NULL;
+    bool any = false, together = true;
+    for (uint32_t k = 0; k < r->n; k++) {
+        r->source[k] = r->arg[k];
+        if (is_point(r->arg[k])) continue;
+        bool where = bound_is_point_where(r->arg[k]);
+        any |= where;
+        together &= where && (!ok || r->arg[k].lo->args[0] == ok);
+        if (where) ok = r->arg[k].lo->args[0];
+    }
+    for (uint32_t k = 0; k < r->n && any; k++) {
+        Bound *x = &r->instead[k];
+        *x = r->arg[k];
+        if (is_point(*x)) continue;
+        if (together) *x = (Bound){x->lo->args[2], x->hi->args[2]};
+        else *x = ir_bound_whole(&r->b, TY_INT);
+    }
+    if (any) r->arg = r->instead;
 }
 
-/* One of what is bounded by `other`, which is exact where the arguments are points. */
+/* other: the rule, after bound_points_begin. */
 Bound bound_points(Rule *r, Bound other) {
-    Inst *ok, *v = point_value(r, &ok);
-    if (any_point_or_whole(r)) return bound_where_int(r, ok, (Bound){v, v});
+    Inst *ok, *v = point_value(r, r->source, &ok);
     return (Bound){sel(r, ok, v, other.lo), sel(r, ok, v, other.hi)};
 }
 
@@ -59,7 +70,6 @@ Bound bound_unwrapped(Rule *r, Bound x) { return bound_where_int(r, ile(r, x.lo,
 
 /* Sum or difference. Where both arguments have a width, the result's may exceed the range of integers by itself. */
 Bound bound_sum(Rule *r) {
-    if (any_point_or_whole(r)) return bound_points(r, r->arg[0]);
     Bound x = r->arg[0], y = r->arg[1], s = bound_trend(r, r->op == OP_isub ? 2 : 0);
     Inst *ok = ile(r, s.lo, s.hi);
     if (!is_point(x) && !is_point(y)) {
@@ -84,7 +94,6 @@ static Inst *size(Rule *r, Bound x) {
 }
 
 Bound bound_product(Rule *r) {
-    if (any_point_or_whole(r)) return r->arg[0]; /* bound_points takes no more */
     Bound x = r->arg[0], y = r->arg[1];
     Inst *m = size(r, x), *n = size(r, y), *zero = int_num(r, 0);
     Inst *fits = both(r, e2(r, OP_ieq, e2(r, OP_umulh, m, n), zero), ile(r, zero, e2(r, OP_imul, m, n)));

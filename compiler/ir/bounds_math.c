@@ -34,9 +34,9 @@ Bound bound_log(Rule *r, double ulps) {
 }
 
 static const double one_over_pi = 0.318309886183790671538;
-/* Up to here the reduction keeps its promise; the relative error of x/pi stays far below `margin`. */
-static const double wave_limit = 1e5;
-static double wave_margin(const Rule *r) { return r->f64 ? 1e-9 : 4e-3; }
+/* Up to here the error of x/2pi, relative 2^-23 or 2^-52, stays below half the margin. */
+static double wave_limit(const Rule *r) { return r->f64 ? 1e5 : 4096; }
+static double wave_margin(const Rule *r) { return r->f64 ? 1e-9 : 4e-4; }
 
 /* Is there an integer in [lo - margin, hi + margin]? */
 static Inst *holds_integer(Rule *r, Inst *lo, Inst *hi, double margin) {
@@ -56,7 +56,7 @@ Bound bound_wave(Rule *r, double ulps, double phase) {
     Inst *turns = num(r, one_over_pi / 2);
     Inst *lo = e2(r, OP_fsub, e2(r, OP_fmul, x.lo, turns), num(r, phase));
     Inst *hi = e2(r, OP_fsub, e2(r, OP_fmul, x.hi, turns), num(r, phase));
-    Inst *half = num(r, 0.5), *near = inside(r, wave_limit);
+    Inst *half = num(r, 0.5), *near = inside(r, wave_limit(r));
     Inst *top = holds_integer(r, lo, hi, wave_margin(r));
     Inst *bottom = holds_integer(r, e2(r, OP_fadd, lo, half), e2(r, OP_fadd, hi, half), wave_margin(r));
     Inst *p = e1(r, r->op, x.lo), *q = e1(r, r->op, x.hi);
@@ -72,7 +72,7 @@ Bound bound_wave(Rule *r, double ulps, double phase) {
  * are the wrong way round. */
 Bound bound_tan(Rule *r, double ulps) {
     Bound x = r->arg[0];
-    double limit = r->f64 ? wave_limit : 1e3, margin = r->f64 ? 1e-9 : 1e-3;
+    double limit = wave_limit(r), margin = 2 * wave_margin(r);
     Inst *turns = num(r, one_over_pi), *lo = e2(r, OP_fmul, x.lo, turns), *hi = e2(r, OP_fmul, x.hi, turns);
     Inst *n = e1(r, OP_fround, lo), *reach = num(r, 0.5 - margin);
     Inst *between = both(r, lt(r, e2(r, OP_fsub, n, lo), reach), lt(r, e2(r, OP_fsub, hi, n), reach));

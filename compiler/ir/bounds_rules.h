@@ -37,6 +37,7 @@ typedef struct Rule {
     Builder b; /* folds: only the sign of a zero end may differ, which says nothing */
     Op op;
     const Bound *arg;
+    Bound source[3], instead[3]; /* of bound_points */
     uint32_t n;
     bool same; /* the first two arguments are one value */
     bool f64;
@@ -78,7 +79,10 @@ Bound bound_even(Rule *r, Bound x);
 Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same);
 bool bound_all_points(const Bound *a, uint32_t n);
 Bound bound_row(Rule *r); /* the column, for arguments not all of which are points */
-Bound bound_less(Rule *r, Bound x, Bound y);
+/* Is the extreme of x and y known? It is NaN where x is. */
+static inline Inst *bound_extreme_known(Rule *r, Bound x, Bound y) {
+    return both(r, bound_is_number(r, x), has_ends(r, y));
+}
 
 /* bounds_math.c: elementary functions. ulps: the largest error of the row. */
 Bound bound_near(Rule *r, double ulps, Bound x);
@@ -89,7 +93,10 @@ Bound bound_atan2(Rule *r, double ulps, Inst **uncut);
 Bound bound_pow(Rule *r, double ulps);
 
 /* bounds_int.c: integers, conversions */
+bool bound_is_point_where(Bound x);
+void bound_points_begin(Rule *r);
 Bound bound_points(Rule *r, Bound other);
+Inst *bound_int_is_point(Builder *b, Bound x);
 Bound bound_sum(Rule *r);
 Bound bound_product(Rule *r);
 Bound bound_quotient(Rule *r);

@@ -57,6 +57,13 @@ static Inst *selects(Builder *b, Op op, Inst *cond, Inst *x, Inst *y) {
     if (cond->op == OP_constb) return cond->imm.i ? x : y;
     if (x == y) return x;
     if (cond->op == OP_bnot) return ir_emit3(b, op, cond->args[0], y, x);
+    /* the same question once more */
+    if (y->op == op && y->args[0] == cond) {
+        Inst *yes = y->args[1];
+        bool same = yes == x || (yes->op == x->op && yes->op == OP_consti && yes->imm.i == x->imm.i);
+        return same ? y : ir_emit3(b, op, cond, x, y->args[2]);
+    }
+    if (x->op == op && x->args[0] == cond) return ir_emit3(b, op, cond, x->args[1], y);
     if (op == OP_bsel) {
         if (is_b(x, true)) return ir_emit2(b, OP_bor, cond, y);
         if (is_b(y, false)) return ir_emit2(b, OP_band, cond, x);

@@ -90,111 +90,167 @@ static bool next_result(const Inst *owner, const Inst **p) {
 
 static const Inst *side(const Inst *proj, uint32_t r) { return proj->args[0]->region[r]->last->args[proj->imm.i]; }
 
-static void uniform_if(Boxes *x, Builder *b, const Inst *i) {
+/* ---- goals: to go on, a loop needs certain results of the ifs in its body. What is carried around is taken as it is
+ * then: behind `if (c) break;` c is false, whatever the box leaves open. */
+
+/* Where v must be `truth`, what must ifs give? */
+static void want_truth(Boxes *x, const Inst *v, bool truth) {
+    if (v->op == OP_bnot) want_truth(x, v->args[0], !truth);
+    if (v->op == (truth ? OP_band : OP_bor))
+        for (uint32_t a = 0; a < 2; a++) want_truth(x, v->args[a], truth);
+    if (v->op != OP_proj || v->args[0]->op != OP_if_ || x->goal[v->args[0]->id].set) return;
+    x->goal[v->args[0]->id] = (Goal){.set = true, .truth = truth, .index = (uint32_t)v->imm.i};
+    for (uint32_t r = 0; r < 2; r++) want_truth(x, side(v, r), truth);
+}
+
+/* The region after which the goal is missed; 2: there is none. */
+static uint32_t missing(const Boxes *x, const Inst *i) {
+    const Goal *goal = &x->goal[i->id];
+    for (uint32_t r = 0; r < 2 && goal->set; r++) {
+        const Inst *got = i->region[r]->last->args[goal->index];
+        if (got->op == OP_constb && (got->imm.i != 0) != goal->truth) return r;
+    }
+    return 2;
+}
+
+static Boxed value_given(const Boxes *x, const Inst *v) {
+    return v->op == OP_proj && x->goal[v->args[0]->id].set ? x->given[v->id] : value_of(x, v);
+}
+
+/* ---- the results of an if_, and behind them, with a goal, the same where it is reached */
+
+typedef struct Results {
+    uint32_t n, all;        /* how many, and with those of the goal */
+    const Inst **proj;      /* [all] */
+    Boxed *side[2], *value; /* [all] */
+} Results;
+
+static Results results_of(const Boxes *x, const Inst *i) {
+    Results t = {0};
+    for (const Inst *p = NULL; next_result(i, &p);) t.n++;
+    t.all = x->goal[i->id].set ? 2 * t.n : t.n;
+    t.proj = ARENA_ARRAY(x->arena, const Inst *, t.all + 1);
+    for (uint32_t r = 0; r < 2; r++) t.side[r] = ARENA_ARRAY(x->arena, Boxed, t.all + 1);
+    t.value = ARENA_ARRAY(x->arena, Boxed, t.all + 1);
+    uint32_t n = 0;
+    for (const Inst *p = NULL; next_result(i, &p); n++)
+        for (uint32_t k = n; k < t.all; k += t.n) t.proj[k] = p;
+    return t;
+}
+
+/* What region r makes of the results, before what it has learned is forgotten. */
+static void take_side(const Boxes *x, Results *t, uint32_t r) {
+    for (uint32_t k = 0; k < t->all; k++) {
+        const Inst *v = side(t->proj[k], r);
+        t->side[r][k] = k < t->n ? value_of(x, v) : value_given(x, v);
+    }
+}
+
+static void yield_all(Boxes *x, Builder *b, const Results *t, const Boxed *v) {
+    Insts out = {0};
+    for (uint32_t k = 0; k < t->all; k++) pack(x, b, &out, x->fact[t->proj[k]->id], v[k]);
+    ir_yield(b, out.len, out.data);
+}
+
+static void read_all(Boxes *x, Builder *b, const Results *t, Inst *br, Boxed *v) {
+    uint32_t at = 0;
+    for (uint32_t k = 0; k < t->all; k++) v[k] = unpack_results(b, br, &at, x->fact[t->proj[k]->id]);
+}
+
+static void uniform_if(Boxes *x, Builder *b, const Inst *i, Results *t) {
     Inst *br = ir_if(b, value_of(x, i->args[0]).is.lo);
     br->imm = i->imm;
     for (uint32_t r = 0; r < 2; r++) {
         Builder in = ir_at_end(x->to, br->region[r]);
         bounds_block(x, &in, i->region[r]);
-        Insts out = {0};
-        for (const Inst *p = NULL; next_result(i, &p);) pack(x, &in, &out, x->fact[p->id], value_of(x, side(p, r)));
-        ir_yield(&in, out.len, out.data);
+        take_side(x, t, r);
+        yield_all(x, &in, t, t->side[r]);
     }
-    uint32_t at = 0;
-    for (const Inst *p = NULL; next_result(i, &p);) x->value[p->id] = unpack_results(b, br, &at, x->fact[p->id]);
+    read_all(x, b, t, br, t->value);
 }
 
 static bool passes_through(const Block *region) { return region->first == region->last; }
 
-/* Where the condition holds on a part of the box only, the set that a result gets from it. */
-static Boxed joined(Boxes *x, Builder *b, const Inst *p, Boxed yes, Boxed no) {
-    const Inst *i = p->args[0];
+/* A result where the condition holds on a part of the box only. */
+static Boxed joined(Boxes *x, Builder *b, const Results *t, uint32_t k) {
+    const Inst *p = t->proj[k], *i = p->args[0];
+    uint32_t miss = missing(x, i);
+    if (k >= t->n && miss < 2) return t->side[!miss][k];
     bool same = side(p, 0) == side(p, 1); /* but known better on either side */
-    return either(b, yes, no, same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)),
-                  x->fact[p->id]);
+    return either(b, t->side[0][k], t->side[1][k],
+                  same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)), x->fact[p->id]);
+}
+
+/* The result `whole` where the condition surely leads to one side. One of the goal does not ask where it leads. */
+static Boxed unless_whole(Boxes *x, Builder *b, const Results *t, uint32_t k, Inst *wholly, Boxed whole, Boxed other) {
+    return k >= t->n && missing(x, t->proj[k]->args[0]) < 2 ? other : choose(b, wholly, whole, other);
 }
 
 /* Values of one side for all results, under what its condition teaches. */
-static void region_values(Boxes *x, Builder *b, const Inst *i, uint32_t r, Boxed *out) {
+static void region_values(Boxes *x, Builder *b, const Inst *i, uint32_t r, Results *t) {
     Boxed cond = value_of(x, i->args[0]);
     vec_push(x->arena, &x->path, ((PathStep){r ? bounds_not(b, cond.is.hi) : cond.is.lo, cond.open}));
     uint32_t mark = bounds_learn(x, b, i->args[0], r == 0);
     bounds_block(x, b, i->region[r]);
-    uint32_t n = 0;
-    for (const Inst *p = NULL; next_result(i, &p);) out[n++] = value_of(x, side(p, r));
+    take_side(x, t, r);
     bounds_forget(x, mark);
     x->path.len--;
 }
 
-static void yield_all(Boxes *x, Builder *b, const Inst *i, const Boxed *v) {
-    Insts out = {0};
-    uint32_t n = 0;
-    for (const Inst *p = NULL; next_result(i, &p); n++) pack(x, b, &out, x->fact[p->id], v[n]);
-    ir_yield(b, out.len, out.data);
+static void zeros(Builder *b, const Results *t, Boxed *v) {
+    for (uint32_t k = 0; k < t->all; k++) v[k] = zero(b, t->proj[k]->type);
 }
 
-static void read_all(Boxes *x, Builder *b, const Inst *i, Inst *br, Boxed *v) {
-    uint32_t at = 0, n = 0;
-    for (const Inst *p = NULL; next_result(i, &p); n++) v[n] = unpack_results(b, br, &at, x->fact[p->id]);
-}
-
-static void open_if(Boxes *x, Builder *b, const Inst *i) {
-    Boxed cond = value_of(x, i->args[0]);
+static void open_if(Boxes *x, Builder *b, const Inst *i, Results *t) {
+    Boxed cond = value_of(x, i->args[0]), *result = t->value;
     Inst *certain = cond.is.lo, *possible = cond.is.hi, *maybe_not = bounds_not(b, certain);
-    uint32_t n = 0;
-    for (const Inst *p = NULL; next_result(i, &p);) n++;
-    Boxed *v[2] = {ARENA_ARRAY(x->arena, Boxed, n + 1), ARENA_ARRAY(x->arena, Boxed, n + 1)};
-    Boxed *result = ARENA_ARRAY(x->arena, Boxed, n + 1);
     bool through[2] = {passes_through(i->region[0]), passes_through(i->region[1])};
     uint32_t r = through[0] ? 1 : 0; /* the side that does something */
     if (through[0] && through[1]) {
-        for (r = 0; r < 2; r++) region_values(x, b, i, r, v[r]);
-        n = 0;
-        for (const Inst *p = NULL; next_result(i, &p); n++)
-            result[n] = choose(b, certain, v[0][n], choose(b, possible, joined(x, b, p, v[0][n], v[1][n]), v[1][n]));
+        for (r = 0; r < 2; r++) region_values(x, b, i, r, t);
+        for (uint32_t k = 0; k < t->all; k++)
+            result[k] =
+                unless_whole(x, b, t, k, certain, t->side[0][k],
+                             unless_whole(x, b, t, k, bounds_not(b, possible), t->side[1][k], joined(x, b, t, k)));
     } else if (through[!r]) {
         Inst *br = ir_if(b, r ? maybe_not : possible);
         br->imm = i->imm;
         Builder in = ir_at_end(x->to, br->region[0]), out = ir_at_end(x->to, br->region[1]);
-        region_values(x, &in, i, r, v[r]);
-        region_values(x, &in, i, !r, v[!r]);
+        region_values(x, &in, i, r, t);
+        region_values(x, &in, i, !r, t);
         Inst *wholly = r ? bounds_not(&in, possible) : certain;
-        n = 0;
-        for (const Inst *p = NULL; next_result(i, &p); n++)
-            result[n] = choose(&in, wholly, v[r][n], joined(x, &in, p, v[0][n], v[1][n]));
-        yield_all(x, &in, i, result);
-        n = 0;
-        for (const Inst *p = NULL; next_result(i, &p); n++) v[!r][n] = value_of(x, side(p, !r));
-        yield_all(x, &out, i, v[!r]);
-        read_all(x, b, i, br, result);
+        for (uint32_t k = 0; k < t->all; k++)
+            result[k] = unless_whole(x, &in, t, k, wholly, t->side[r][k], joined(x, &in, t, k));
+        yield_all(x, &in, t, result);
+        take_side(x, t, !r);
+        yield_all(x, &out, t, t->side[!r]);
+        read_all(x, b, t, br, result);
     } else {
         Inst *first = ir_if(b, possible);
         first->imm = i->imm;
         Builder in = ir_at_end(x->to, first->region[0]), out = ir_at_end(x->to, first->region[1]);
-        region_values(x, &in, i, 0, v[0]);
-        yield_all(x, &in, i, v[0]);
-        n = 0;
-        for (const Inst *p = NULL; next_result(i, &p); n++) v[1][n] = zero(&out, p->type);
-        yield_all(x, &out, i, v[1]);
-        read_all(x, b, i, first, v[0]);
+        region_values(x, &in, i, 0, t);
+        yield_all(x, &in, t, t->side[0]);
+        zeros(&out, t, t->side[1]);
+        yield_all(x, &out, t, t->side[1]);
+        read_all(x, b, t, first, t->side[0]);
         Inst *second = ir_if(b, maybe_not);
         second->imm = i->imm;
         in = ir_at_end(x->to, second->region[0]), out = ir_at_end(x->to, second->region[1]);
-        region_values(x, &in, i, 1, v[1]);
-        n = 0;
-        for (const Inst *p = NULL; next_result(i, &p); n++)
-            result[n] = choose(&in, possible, joined(x, &in, p, v[0][n], v[1][n]), v[1][n]);
-        yield_all(x, &in, i, result);
-        yield_all(x, &out, i, v[0]);
-        read_all(x, b, i, second, result);
+        region_values(x, &in, i, 1, t);
+        for (uint32_t k = 0; k < t->all; k++)
+            result[k] = unless_whole(x, &in, t, k, bounds_not(&in, possible), t->side[1][k], joined(x, &in, t, k));
+        yield_all(x, &in, t, result);
+        yield_all(x, &out, t, t->side[0]);
+        read_all(x, b, t, second, result);
     }
-    n = 0;
-    for (const Inst *p = NULL; next_result(i, &p); n++) x->value[p->id] = result[n];
 }
 
 void bounds_if(Boxes *x, Builder *b, const Inst *i) {
-    if (bounds_wide(x, i->args[0])) open_if(x, b, i);
-    else uniform_if(x, b, i);
+    Results t = results_of(x, i);
+    if (bounds_wide(x, i->args[0])) open_if(x, b, i, &t);
+    else uniform_if(x, b, i, &t);
+    for (uint32_t k = 0; k < t.all; k++) (k < t.n ? x->value : x->given)[t.proj[k]->id] = t.value[k];
 }
 
 /* ---- loop */
@@ -229,13 +285,16 @@ void bounds_loop(Boxes *x, Builder *b, const Inst *i) {
         left = in_body->params[at++], left_open = in_body->params[at++];
         vec_push(x->arena, &x->path, ((PathStep){bounds_not(&in, left), left_open}));
     }
+    if (leaves) want_truth(x, flag, true);
     bounds_block(x, &in, body);
     if (leaves) x->path.len--;
     Boxed go_on = value_of(x, flag);
     Insts out = {0};
     vec_push(x->arena, &out, go_on.is.hi);
+    uint32_t mark = leaves ? bounds_learn(x, &in, flag, true) : 0;
     for (uint32_t c = 0; c < i->nargs; c++)
-        pack(x, &in, &out, x->fact[body->params[c + 1]->id], value_of(x, body->last->args[c + 1]));
+        pack(x, &in, &out, x->fact[body->params[c + 1]->id], value_given(x, body->last->args[c + 1]));
+    if (leaves) bounds_forget(x, mark);
     if (leaves) {
         Inst *leaving = bounds_not(&in, go_on.is.lo);
         Inst *open = open_union(&in, left_open, go_on.open);

@@ -347,8 +347,6 @@ static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a,
     BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
     if (events.jumps) open = open_union(b, open, bits_where(b, events.jumps, OPEN_JUMP));
-    if (i->op == OP_fmin || i->op == OP_fmax) /* they drop a NaN in the second argument, and with it a jump */
-        open = open_union(b, open, bits_where(b, is_unknown(b, a[1]), OPEN_JUMP));
     return open;
 }
 
@@ -375,7 +373,7 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     r.open = open_union(b, open, own);
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
-    if (r.open && t == TY_INT) r.open = open_where(b, bounds_op2(b, OP_ine, r.is.lo, r.is.hi), r.open, NULL);
+    if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);
     if (x->fact[i->id] & FACT_ERROR) r.error = bounds_error(x, b, i, arg, r.is);
     x->value[i->id] = r;
 }
@@ -409,6 +407,11 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_rand:
         x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 1)}, .open = ir_consti(b, OPEN_JUMP)};
         return;
+    case OP_query: bounds_query(x, b, i); return;
+    case OP_ieq:
+    case OP_ine:
+        if (bounds_wide(x, i) && bounds_found(x, b, i)) return;
+        break;
     case OP_live:
     case OP_settled: copy(x, b, i); return;
     case OP_give: /* its lower and its upper end lie side by side */
@@ -429,7 +432,6 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
         return;
     }
-    case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
     case OP_dparam:

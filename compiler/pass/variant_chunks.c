@@ -159,6 +159,10 @@ static Inst *import(Chunks *c, Builder *b, Inst *x, uint32_t to) {
     return c->take[x->id] = ir_special(b, OP_take, (IrType)x->type, 0, NULL, imm);
 }
 
+/* The min, max or select inside what was made of it, and the last instruction of that. */
+static bool is_raw(const Inst *i) { return i->tag == OPERATION && i->next->tag == ADDED; }
+static bool is_whole(const Inst *i) { return i->tag == ADDED && i->next->tag == NOTED; }
+
 static bool is_other(const Chunks *c, const Inst *x, uint32_t chunk) {
     return x->id != UINT32_MAX && c->chunk[x->id] && c->chunk[x->id] != chunk;
 }
@@ -168,10 +172,16 @@ static uint32_t value_number(const Chunks *c, const Inst *x, uint32_t chunk, uin
     return c->op[x->id] ? c->op[x->id] - 1 : none;
 }
 
-static void add_operation(Chunks *c, const Inst *i, uint32_t chunk) {
-    bool by_settled = i->tag == ADDED;
-    SltChunkOp op = {{NONE, NONE, NONE}, by_settled ? (int32_t)i->args[0]->imm.i : -1};
-    for (uint32_t a = by_settled; a < i->nargs; a++) op.arg[a - by_settled] = value_number(c, i->args[a], chunk, NONE);
+static SltChunkOp operation(const Chunks *c, const Inst *i, uint32_t chunk, bool raw) {
+    SltChunkOp op = {{NONE, NONE, NONE}, -1};
+    for (uint32_t a = 0; a < i->nargs; a++) op.arg[a] = value_number(c, i->args[a], chunk, NONE);
+    if (!raw) return op;
+    op.choice = (int32_t)c->nchoices;
+    if (ir_ops[i->op].selects) op = (SltChunkOp){{op.arg[1], op.arg[2], op.arg[0]}, op.choice};
+    return op;
+}
+
+static void add_operation(Chunks *c, const Inst *i, SltChunkOp op) {
     vec_push(c->fn->arena, &c->ops, op);
     vec_push(c->fn->arena, &c->exported, c->used[i->id] ? (int32_t)c->nexports : -1);
     c->op[i->id] = c->ops.len;
@@ -189,8 +199,10 @@ static Inst *make_chunk(Chunks *c, Inst *first) {
     Builder then = ir_at_end(fn, guard->region[0]), other = ir_at_end(fn, guard->region[1]);
     Inst *run = ir_yield(&then, 0, NULL), *next = first;
     ir_yield(&other, 0, NULL);
+    SltChunkOp choice = {0};
     for (Inst *i = first; i && i->id != UINT32_MAX && c->chunk[i->id] == chunk; i = next) {
         next = i->next;
+        bool raw = is_raw(i), whole = is_whole(i);
         move_before(i, run);
         Builder at = ir_before(fn, i);
         Inst *source[3] = {0}; /* numbers belong to what is taken, not to the taking */
@@ -198,8 +210,10 @@ static Inst *make_chunk(Chunks *c, Inst *first) {
             source[a] = i->args[a];
             if (is_other(c, i->args[a], chunk)) import(c, &at, i->args[a], chunk);
         }
-        if (i->op == OP_choice) c->nchoices++;
-        else if (i->tag != NOTED && i->op != OP_settled) add_operation(c, i, chunk);
+        if (raw) choice = operation(c, i, chunk, true);
+        else if (whole) add_operation(c, i, choice);
+        else if (i->tag == OPERATION) add_operation(c, i, operation(c, i, chunk, false));
+        c->nchoices += whole;
         for (uint32_t a = 0; a < i->nargs && a < 3; a++)
             if (is_other(c, source[a], chunk)) i->args[a] = c->take[source[a]->id];
         if (!c->used[i->id]) continue;

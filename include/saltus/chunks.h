@@ -12,7 +12,8 @@
 typedef struct SltChunkOp {
     /* What it reads, of its own chunk: an operation, by number; nops: none of a chunk; nops + 1 + i: import i. */
     uint32_t arg[3];
-    int32_t settled; /* >= 0: it is arg[0] where this place of SltPruned.settled is set, else arg[1]. -1: any operation */
+    int32_t
+        choice; /* >= 0: it is arg[0] or arg[1], and arg[2] is read where that is not settled. -1: it is no choice */
 } SltChunkOp;
 
 typedef struct SltChunks {

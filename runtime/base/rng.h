@@ -23,6 +23,10 @@ void rng_block(uint32_t seed, RngPurpose purpose, uint32_t lane, uint64_t counte
 static inline double rng_unit(uint32_t word) { return ((double)word + 0.5) * 0x1p-32; }
 /* Coordinate `dim` of point `index` of an additive recurrence in `dims` (1 to 4) dimensions (the generalised golden
  * ratio of Roberts), shifted by shift / 2^32: in [0, 1). */
-double rng_recurrence(uint32_t dims, uint32_t dim, uint64_t index, uint32_t shift);
+extern const uint64_t rng_ratio[4][4];
+static inline double rng_recurrence(uint32_t dims, uint32_t dim, uint64_t index, uint32_t shift) {
+    uint64_t v = ((uint64_t)shift << 32 | 0x80000000u) + index * rng_ratio[dims - 1][dim];
+    return (double)(v >> 11) * 0x1p-53;
+}
 
 #endif

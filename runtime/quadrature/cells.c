@@ -104,9 +104,9 @@ static uint32_t cuts(const Cells *c, const Box *x, uint32_t d, uint32_t n, doubl
 }
 
 /* Appends the parts of a box to c->cell: in halves along every axis, in quarters in 1D. */
-static void split(Cells *c, const Box *box, uint32_t level, uint32_t bends) {
+static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, bool whole) {
     enum { MOST = 4 };
-    uint32_t parts = c->dim == 1 ? 4 : 2;
+    uint32_t parts = whole ? 1 : c->dim == 1 ? 4 : 2;
     double at[3][MOST + 1] = {{0}}, longest = side(c, box);
     uint32_t n[3] = {1, 1, 1};
     for (uint32_t d = 0; d < c->dim; d++) {
@@ -125,7 +125,10 @@ static void split(Cells *c, const Box *box, uint32_t level, uint32_t bends) {
                     cell->box.end[d] = at[d][i[d] + 1];
                     if (i[d] + 1 < n[d]) cell->box.hi[d] = at[d][i[d] + 1];
                 }
-                cell->level = level + 1, cell->bends = bends, cell->done = false, cell->axes = 0, cell->cuts = 0;
+                cell->level = node->level + !whole, cell->bends = node->bends, cell->seams = node->seams;
+                cell->curves_done = node->curves_done, cell->lonely = node->lonely, cell->cut = -1;
+                cell->node = in_hand, cell->number = c->ncell - 1, cell->slice = -1, cell->rule = -1, cell->weight = 1;
+                cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = 0;
             }
 }
 
@@ -183,26 +186,46 @@ bool cells_spent(Cells *c) {
     return c->counts->spent;
 }
 
+#define LONELY 0x1p-12 /* how much smaller cells around points may be */
+
 /* May it be cut further? */
 static bool divisible(Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
-    return room && !cells_spent(c) && side(c, &cell->box) > c->o->least;
+    /* Around points little is left, and each level costs the same; along curves each costs twice the one before. */
+    double least = c->o->least * (cell->lonely ? LONELY : 1);
+    return room && !cells_spent(c) && side(c, &cell->box) > least;
+}
+
+/* What remains of the volume where the curves are known: around a point, no larger than rounding. */
+static bool settle_point(Cells *c, const Cell *cell) {
+    count_cell(c, cell, CELL_CURVED);
+    cells_emit_middle(c, cell->box.lo, cell->box.end);
+    return true;
+}
+
+static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
+    if (!CELLS_ROOM(c, stack, 1)) return false;
+    bool listed = c->lists.any && cell->number >= c->nhalves;
+    ListsAt lists = listed ? lists_of(&c->lists, cell->number - c->nhalves) : lists_of_node(&c->lists);
+    c->stack[c->nstack++] = (Node){.box = *box,
+                                   .lists = lists,
+                                   .level = cell->level,
+                                   .bends = cell->bends,
+                                   .seams = cell->seams + whole,
+                                   .whole = whole,
+                                   .curves_done = cell->curves_done,
+                                   .lonely = cell->lonely};
+    return true;
 }
 
 /* The cell is cut further, or left over. */
 static bool refine(Cells *c, Cell *cell) {
     cell->done = true, cell->axes = 0;
-    if (!divisible(c, cell)) {
-        count_cell(c, cell, CELL_LEFT);
-        c->sink->left(c->sink->user, &cell->box, cell->f);
-        return true;
-    }
-    if (!CELLS_ROOM(c, stack, 1)) return false;
-    uint32_t i = (uint32_t)(cell - c->cell);
-    bool split = c->lists.any && i >= c->nhalves;
-    ListsAt lists = split ? lists_of(&c->lists, i - c->nhalves) : lists_of_node(&c->lists);
-    c->stack[c->nstack++] = (Node){.box = cell->box, .level = cell->level, .bends = cell->bends, .lists = lists};
+    if (divisible(c, cell)) return push(c, cell, &cell->box, false);
+    if (cell->curves_done) return settle_point(c, cell);
+    count_cell(c, cell, CELL_LEFT);
+    c->sink->left(c->sink->user, &cell->box, cell->f);
     return true;
 }
 
@@ -213,23 +236,81 @@ static bool across_grid(const Cells *c, const Box *x) {
     return false;
 }
 
-/* Settles a cell, or finds that it is curved, or that it must be refined. */
+/* Settles a cell, or finds that it is curved, or where it is to be cut, or that it must be refined. */
 static bool judge(Cells *c, Cell *cell) {
+    enum { SEAMS = 24 };
     uint32_t sites = 0;
-    bool bends = cell->state & SLT_BOX_ROUGH && !cell->nedges; /* at curves, pieces are graded */
+    bool bends = false;
     for (uint32_t e = 0; e < cell->nedges && !cell->refine; e++) {
         sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
-    bool rough = !cell->refine && bends && cell->bends < CELL_BENDS;
-    cell->bends += rough;
-    if (!cell->refine && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
+    /* Pieces end where curves meet open seams, and at curves they are graded: else a few levels lead to where it bends.
+     */
+    bool rough = bends && sites == cell->nedges;
+    rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
+    rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
+    bool unknown = cell->state & SLT_BOX_UNKNOWN;
+    if (!cell->refine && !unknown && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
         cell->done = true;
         return settle(c, cell);
     }
-    if (rough || across_grid(c, &cell->box) || (!cell->refine && !cells_choose_axes(c, cell)))
-        cell->refine = true, cell->axes = 0;
+    if (cell->refine || across_grid(c, &cell->box)) {
+        cell->refine = true;
+        return true;
+    }
+    if (!rough && !unknown && cells_choose_axes(c, cell) && (cell->common || !c->o->volume)) return true;
+    int axis, straight = cell->seams < SEAMS ? cells_straight_edge(c, cell, &axis) : -1;
+    if (straight >= 0) cell->cut = (int8_t)straight, cell->done = true, cell->axes = 0;
+    else if (rough || !cell->axes) cell->bends += rough, cell->refine = true, cell->axes = 0;
     return true;
+}
+
+/* Cells that have a straight edge become two, that share no point: what jumps or bends there does so in neither. */
+static bool cut_cells(Cells *c) {
+    int axis;
+    c->nroot = 0;
+    for (uint32_t i = 0; i < c->ncell; i++) {
+        const Cell *cell = &c->cell[i];
+        if (cell->cut < 0) continue;
+        cells_straight_edge(c, cell, &axis);
+        double middle[3] = {0};
+        for (uint32_t d = 0; d < c->dim; d++) middle[d] = cells_round(c, 0.5 * (cell->box.lo[d] + cell->box.hi[d]));
+        if (!cells_root(c, cell, &cell->edge[cell->cut], axis, middle, middle[axis])) return false;
+    }
+    if (!c->nroot) return true;
+    if (!cells_solve(c) || !cells_narrow(c)) return false;
+    const Root *r = c->root;
+    for (uint32_t i = 0; i < c->ncell; i++) {
+        Cell *cell = &c->cell[i];
+        if (cell->cut < 0) continue;
+        Box near = cell->box, far = cell->box;
+        near.hi[r->axis] = r->lo, near.end[r->axis] = far.lo[r->axis] = r->hi;
+        bool cut = r->lo < r->hi;
+        r++;
+        if (!cut && !refine(c, cell)) return false; /* it does not decide there after all */
+        if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
+    }
+    return true;
+}
+
+/* 3D: those on which the rules differ are cut further, as long as that can be. */
+static bool integrate_solids(Cells *c) {
+    for (uint32_t i = 0, n = c->ncell; i < n; i++) {
+        if (!c->cell[i].axes) continue;
+        bool agree = true;
+        if (!cells_integrate_solid(c, i, divisible(c, &c->cell[i]), &agree)) return false;
+        c->cell[i].refine = !agree;
+    }
+    return true;
+}
+
+/* Marks the cells of nodes of which few parts are no cells. */
+static void find_lonely(Cells *c) {
+    enum { FEW = 3 };
+    uint32_t count[CELL_BOXES] = {0};
+    for (uint32_t i = 0; i < c->ncell; i++) count[c->cell[i].node] += c->cell[i].refine && !c->cell[i].done;
+    for (uint32_t i = 0; i < c->ncell; i++) c->cell[i].lonely = count[c->cell[i].node] <= FEW;
 }
 
 /* The halves of nodes and the halves of these go through one call of `bounds`; the small ones count where the large one
@@ -237,11 +318,11 @@ static bool judge(Cells *c, Cell *cell) {
 static bool work(Cells *c, const Node *node, uint32_t nodes) {
     uint32_t first[CELL_BOXES + 1], halves;
     c->ncell = 0;
-    for (uint32_t i = 0; i < nodes; i++) split(c, &node[i].box, node[i].level, node[i].bends);
+    for (uint32_t i = 0; i < nodes; i++) split(c, &node[i].box, &node[i], i, node[i].whole);
     halves = c->ncell;
     for (uint32_t i = 0; i < halves; i++) {
         first[i] = c->ncell;
-        split(c, &c->cell[i].box, c->cell[i].level, c->cell[i].bends);
+        split(c, &c->cell[i].box, &node[c->cell[i].node], c->cell[i].node, false);
     }
     first[halves] = c->ncell;
     c->nhalves = halves;
@@ -256,25 +337,36 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
         else if (cell->refine && !refine(c, cell)) return false;
     }
     if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
+    for (uint32_t i = halves; i < c->ncell; i++)
+        if (!c->cell[i].done && !judge(c, &c->cell[i])) return false;
+    if (!cut_cells(c)) return false;
+    if (c->dim < 3 ? !cells_cut_bases(c, 0) : !integrate_solids(c)) return false;
+    find_lonely(c);
     for (uint32_t i = halves; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
-        if (cell->done) continue;
-        if (!judge(c, cell)) return false;
-        if (cell->refine && !refine(c, cell)) return false;
+        if (cell->refine && !cell->done && !cell->axes && !refine(c, cell)) return false;
     }
-    if (!cells_cut_bases(c)) return false;
     for (uint32_t i = 0; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
         if (!cell->axes) continue;
-        if (!cell->refine) count_cell(c, cell, CELL_CURVED);
-        else if (!refine(c, cell)) return false;
+        if (cell->refine) {
+            if (!refine(c, cell)) return false;
+        } else if (c->o->volume && !cell->common) { /* its volume is another matter */
+            Cell rest = *cell;
+            rest.curves_done = true;
+            if (!refine(c, &rest)) return false;
+        } else count_cell(c, cell, CELL_CURVED);
     }
-    return cells_integrate(c) && cells_integrate_smooth(c) && !c->failed;
+    return (c->dim == 3 || cells_integrate(c)) && cells_integrate_smooth(c) && !c->failed;
 }
 
 /* The budget is spent: nothing more is asked of this part. */
 static void give_up(Cells *c, const Node *node) {
     Cell cell = {.box = node->box};
+    if (node->curves_done) {
+        settle_point(c, &cell);
+        return;
+    }
     for (uint32_t ch = 0; ch < c->s->channels; ch++) cell.f[2 * ch] = -HUGE_VAL, cell.f[2 * ch + 1] = HUGE_VAL;
     count_cell(c, &cell, CELL_LEFT);
     c->sink->left(c->sink->user, &cell.box, cell.f);
@@ -296,7 +388,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
     const SltCullList *given = c->b->args.cull;
-    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    c->stack[c->nstack++] = (Node){.box = *tile, .whole = true, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
     const uint32_t parts = c->dim < 3 ? 20 : 72;
     uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;

@@ -1,7 +1,8 @@
-/* The bases of curved cells in pieces (2D): cut where a curve leaves the cell through the faces at the two ends of its
- * height axis, and where curves meet. Both are roots of a function of one number, the place s on the base: g on a face,
- * or phi(s) = g_j(s, h_i(s)) on the curve i. They are isolated by bounds: values at the two ends of a stretch and
- * bounds of the slope in between prove that there is no root, or that there is at most one; else the stretch is halved.
+/* The bases of curved cells in pieces (2D, and planes of 3D): cut where a curve leaves the cell through the faces at
+ * the two ends of its height axis, and where curves meet. Both are roots of a function of one number, the place s on
+ * the base: g on a face, or phi(s) = g_j(s, h_i(s)) on the curve i. They are isolated by bounds: values at the two ends
+ * of a stretch and bounds of the slope in between prove that there is no root, or that there is at most one; else the
+ * stretch is halved.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -26,14 +27,14 @@ typedef struct Stretch {
     enum { OPEN, ROOT, DONE } state;
 } Stretch;
 
-/* A place where the base of a cell is cut, along `axis` as height axis. */
-typedef struct Cut {
-    uint32_t cell;
-    int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
-    double at;
-} Cut;
+/* The axis of the base, of the plane that the cell lies in. */
+static int base_axis(const Cell *cell, int axis) { return (cell->slice < 0 ? 1 : 3 - cell->slice) - axis; }
 
-static int base_axis(int axis) { return 1 - axis; }
+/* A point above s on the base. */
+static void place(const Cell *cell, int axis, double s, double height, double x[3]) {
+    memcpy(x, cell->box.lo, 3 * sizeof *x);
+    x[base_axis(cell, axis)] = s, x[axis] = height;
+}
 
 static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
     if (!CELLS_ROOM(c, cut, 1)) return false;
@@ -73,9 +74,8 @@ static double most(double width, const double value[2], const double slope[2]) {
     return -least(width, v, s);
 }
 
-/* Bounds of slope on the curve of an edge with gradient bounds `a` of a function with gradient bounds `f`. */
-static void along(const double a[3][2], const double f[3][2], int axis, double climb[2], double slope[2]) {
-    int base = base_axis(axis);
+void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
+                       double slope[2]) {
     divide(a[base], a[axis], climb);
     double keep = climb[0];
     climb[0] = -climb[1], climb[1] = -keep;
@@ -105,11 +105,10 @@ static bool ask_more(Cells *c) {
         const Cell *cell = &c->cell[s->cell];
         if (s->state != OPEN || cell->refine) continue;
         const CellEdge *e = curve_of(c, s);
-        int axis = e->axis, base = base_axis(axis);
-        double lo[3] = {0}, hi[3] = {0};
-        lo[base] = s->at[0], hi[base] = s->at[1];
+        int axis = e->axis;
+        double lo[3], hi[3];
+        place(cell, axis, s->at[0], s->height[0], lo), place(cell, axis, s->at[1], s->height[0], hi);
         if (s->other == FACE) {
-            lo[axis] = hi[axis] = s->height[0];
             if (!cells_ask(c, &e->event, lo, hi)) return false;
             continue;
         }
@@ -128,16 +127,17 @@ static bool ask_more(Cells *c) {
         const CellEdge *e = curve_of(c, s);
         const Ask *f = a;
         if (s->other == FACE) {
-            const double *slope = a[0].slope[base_axis(e->axis)];
+            const double *slope = a[0].slope[base_axis(&c->cell[s->cell], e->axis)];
             s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
             a += 1;
         } else {
             double climb[2], slope[2], steep[3][2];
-            for (int d = 0; d < 2; d++) /* never worse than on the whole cell, where the height axis was chosen */
+            for (uint32_t d = 0; d < c->dim;
+                 d++) /* never worse than on the whole cell, where the height axis was chosen */
                 steep[d][0] = fmax(a[0].slope[d][0], e->slope[d][0]),
                 steep[d][1] = fmin(a[0].slope[d][1], e->slope[d][1]);
             f = a + 1;
-            along(steep, f->slope, e->axis, climb, slope);
+            cells_slope_along(steep, f->slope, base_axis(&c->cell[s->cell], e->axis), e->axis, climb, slope);
             s->climb[0] = fmax(s->climb[0], climb[0]), s->climb[1] = fmin(s->climb[1], climb[1]);
             s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
             a += 2;
@@ -159,8 +159,8 @@ static bool take_heights(Cells *c, uint32_t first, int end) {
         Stretch *s = &c->stretch[i];
         if (s->other == FACE) continue;
         const CellEdge *e = curve_of(c, s);
-        double x[3] = {0};
-        x[base_axis(e->axis)] = s->at[end];
+        double x[3];
+        place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
         if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
     }
     if (!cells_solve(c)) return false;
@@ -178,8 +178,8 @@ static bool take_values(Cells *c, uint32_t first, int end) {
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
-        double x[3] = {0};
-        x[base_axis(e->axis)] = s->at[end], x[e->axis] = s->height[end];
+        double x[3];
+        place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
         if (!cells_probe(c, &tested(c, s)->event, x)) return false;
     }
     if (!cells_run_probes(c)) return false;
@@ -226,14 +226,14 @@ static bool isolate(Cells *c) {
 }
 
 /* ---- where curves leave the cell */
-static bool cut_at_faces(Cells *c) {
+static bool cut_at_faces(Cells *c, uint32_t first) {
     c->nstretch = 0;
-    for (uint32_t i = 0; i < c->ncell; i++) {
+    for (uint32_t i = first; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
         for (uint32_t e = 0; cell->axes && e < cell->nedges; e++) {
             const CellEdge *edge = &cell->edge[e];
             if (edge->axis < 0) continue;
-            int base = base_axis(edge->axis);
+            int base = base_axis(cell, edge->axis);
             for (int8_t face = 0; face < 2; face++) {
                 Stretch s = {.cell = i, .edge = (int8_t)e, .other = FACE};
                 s.at[0] = cell->box.lo[base], s.at[1] = cell->box.hi[base];
@@ -252,9 +252,9 @@ static bool cut_at_faces(Cells *c) {
         const Cell *cell = &c->cell[s->cell];
         if (s->state != ROOT || cell->refine) continue;
         const CellEdge *e = curve_of(c, s);
-        int base = base_axis(e->axis);
-        double x[3] = {0}, part = s->value[0] / (s->value[0] - s->value[1]);
-        x[e->axis] = s->height[0];
+        int base = base_axis(cell, e->axis);
+        double x[3], part = s->value[0] / (s->value[0] - s->value[1]);
+        place(cell, e->axis, s->at[0], s->height[0], x);
         Root *r = cells_root(c, cell, e, base, x, 0);
         if (!r) return false;
         r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
@@ -266,7 +266,7 @@ static bool cut_at_faces(Cells *c) {
         const Stretch *s = &c->stretch[i];
         if (s->state != ROOT || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(axis)])) return false;
+        if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(&c->cell[s->cell], axis)])) return false;
     }
     return true;
 }
@@ -283,7 +283,7 @@ static int by_place(const void *a, const void *b) {
 static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
     const Cell *cell = &c->cell[i];
     for (uint32_t e = 0; e < cell->nedges; e++) {
-        int axis = cell->edge[e].axis, base = base_axis(axis);
+        int axis = cell->edge[e].axis, base = base_axis(cell, axis);
         if (axis < 0) continue;
         Stretch s = {.cell = i, .edge = (int8_t)e, .other = ARC};
         s.at[0] = cell->box.lo[base];
@@ -307,7 +307,8 @@ static bool add_pairs(Cells *c) {
         for (uint32_t o = 0; o < cell->nedges; o++) {
             if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && cell->edge[o].axis >= 0)) continue;
             s.other = (int8_t)o;
-            along(cell->edge[s.edge].slope, cell->edge[o].slope, cell->edge[s.edge].axis, s.climb, s.slope);
+            cells_slope_along(cell->edge[s.edge].slope, cell->edge[o].slope, base_axis(cell, cell->edge[s.edge].axis),
+                              cell->edge[s.edge].axis, s.climb, s.slope);
             if (!add_stretch(c, &s)) return false;
         }
     }
@@ -323,10 +324,9 @@ static bool keep_present(Cells *c) {
         const Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
         const Box *box = &c->cell[s->cell].box;
-        double x[3] = {0};
-        x[base_axis(e->axis)] = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
         for (int side = 0; side < 2; side++) {
-            x[e->axis] = side ? box->hi[e->axis] : box->lo[e->axis];
+            place(&c->cell[s->cell], e->axis, middle, side ? box->hi[e->axis] : box->lo[e->axis], x);
             if (!cells_probe(c, &e->event, x)) return false;
         }
     }
@@ -347,8 +347,8 @@ static bool drop_coinciding(Cells *c) {
         const Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
         if (s->state != OPEN) continue;
-        double x[3] = {0};
-        x[base_axis(e->axis)] = cells_round(c, s->at[0] + 0.382 * (s->at[1] - s->at[0]));
+        double x[3];
+        place(&c->cell[s->cell], e->axis, cells_round(c, s->at[0] + 0.382 * (s->at[1] - s->at[0])), 0, x);
         if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, 0.5 * (s->height[0] + s->height[1]))) return false;
     }
     if (!cells_solve(c)) return false;
@@ -364,11 +364,12 @@ static bool drop_coinciding(Cells *c) {
         const CellEdge *o = tested(c, s);
         const Box *box = &c->cell[s->cell].box;
         double slope = 0, size = 0;
-        for (uint32_t d = 0; d < 2; d++) {
+        for (uint32_t d = 0; d < c->dim; d++) {
             slope = fmax(slope, fabs(p->dg[d]));
             size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
         }
-        double width = box->end[0] - box->lo[0] + box->end[1] - box->lo[1];
+        double width = 0;
+        for (uint32_t d = 0; d < c->dim; d++) width += box->end[d] - box->lo[d];
         double same = fmin(2 * o->error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), 0x1p-16 * slope * width);
         if (fabs(p->g) <= same && fabs(s->value[0]) <= same && fabs(s->value[1]) <= same) s->state = DONE;
         p++;
@@ -395,8 +396,8 @@ static bool find_meetings(Cells *c, bool *again) {
         for (uint32_t i = 0; i < n; i++) {
             const Stretch *s = &c->stretch[c->active[i]];
             const CellEdge *e = curve_of(c, s);
-            double x[3] = {0};
-            x[base_axis(e->axis)] = cells_round(c, s->x[0]), x[e->axis] = cells_round(c, s->x[1]);
+            double x[3];
+            place(&c->cell[s->cell], e->axis, cells_round(c, s->x[0]), cells_round(c, s->x[1]), x);
             if (!cells_probe(c, &e->event, x) || !cells_probe(c, &tested(c, s)->event, x)) return false;
         }
         if (!cells_run_probes(c)) return false;
@@ -405,15 +406,17 @@ static bool find_meetings(Cells *c, bool *again) {
             Stretch *s = &c->stretch[c->active[i]];
             const Box *box = &c->cell[s->cell].box;
             const Probe *p = &c->probe[2 * i], *q = p + 1;
-            int axis = curve_of(c, s)->axis, base = base_axis(axis);
+            int axis = curve_of(c, s)->axis, base = base_axis(&c->cell[s->cell], axis);
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
                    dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
-            double tiny = (c->b->f64 ? 0x1p-51 : 0x1p-22) * fmax(fabs(s->at[0]), fabs(s->at[1])),
+            double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = fmax(fabs(s->at[0]), fabs(s->at[1])) / unit,
                    slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
             double to = s->x[0] - ds, height = s->x[1] - dh;
             bool inside = to >= s->at[0] - slack && to <= s->at[1] + slack; /* NaN is not */
-            bool converged = fabs(ds) <= tiny || (step > 6 && fabs(ds) <= 64 * tiny);
+            double far = fabs(ds) / tiny;
+            far = fmax(far, fabs(dh) * unit / fmax(fabs(box->lo[axis]), fabs(box->hi[axis])));
+            bool converged = far <= 1 || (step > 6 && far <= 64);
             s->x[0] = fmin(fmax(to, s->at[0]), s->at[1]);
             s->x[1] = fmin(fmax(height, box->lo[axis]), box->hi[axis]);
             if (inside && converged) continue;
@@ -425,14 +428,14 @@ static bool find_meetings(Cells *c, bool *again) {
     return true;
 }
 
-static bool cut_at_meetings(Cells *c) {
+static bool cut_at_meetings(Cells *c, uint32_t first) {
     if (c->ncut) qsort(c->cut, c->ncut, sizeof *c->cut, by_place);
     c->nstretch = 0;
     uint32_t at = 0;
-    for (uint32_t i = 0; i < c->ncell; i++) {
-        uint32_t first = at;
+    for (uint32_t i = first; i < c->ncell; i++) {
+        uint32_t from = at;
         while (at < c->ncut && c->cut[at].cell == i) at++;
-        if (c->cell[i].axes && !c->cell[i].refine && c->cell[i].nedges > 1 && !add_arcs(c, i, first, at - first))
+        if (c->cell[i].axes && !c->cell[i].refine && c->cell[i].nedges > 1 && !add_arcs(c, i, from, at - from))
             return false;
     }
     if (!c->nstretch) return true;
@@ -457,43 +460,49 @@ static bool cut_at_meetings(Cells *c) {
 }
 
 /* ---- pieces between the cuts */
-static bool add_piece(Cells *c, uint32_t i, int axis, double from, double to) {
+static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, double to) {
     if (!CELLS_ROOM(c, piece, 1)) return false;
+    const Cell *cell = &c->cell[i];
     Piece *p = &c->piece[c->npiece++];
     memset(p, 0, sizeof *p);
-    p->cell = i, p->axis = (int8_t)axis, p->parts = 1, p->graded = c->o->volume && c->cell[i].state & SLT_BOX_ROUGH;
-    if (c->dim > 1) p->at[base_axis(axis)][0] = from, p->at[base_axis(axis)][1] = to;
+    p->cell = i, p->axis = (int8_t)axis, p->base = (int8_t)base, p->parts = 1;
+    p->graded = c->o->volume && cell->state & SLT_BOX_ROUGH;
+    for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
+    if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
     return true;
 }
 
-static bool add_pieces(Cells *c) {
-    if (c->ncut) qsort(c->cut, c->ncut, sizeof *c->cut, by_place);
+static bool add_pieces(Cells *c, uint32_t first) {
     const Cut *cut = c->cut, *end = c->cut + c->ncut;
-    for (uint32_t i = 0; i < c->ncell; i++) {
+    for (uint32_t i = first; i < c->ncell; i++) {
         const Cell *cell = &c->cell[i];
-        for (int axis = 0; axis < 2; axis++) {
-            int base = base_axis(axis);
+        for (int axis = 0; axis < (int)c->dim; axis++) {
             bool wanted = cell->axes >> axis & 1 && !cell->refine;
+            if (axis == cell->slice) continue;
+            int base = base_axis(cell, axis);
             double from = cell->box.lo[base], narrow = 0x1p-44 * (cell->box.end[base] - from);
             for (; cut < end && cut->cell == i && cut->axis == axis; cut++) {
                 if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) continue;
-                if (!add_piece(c, i, axis, from, cut->at)) return false;
+                if (!add_piece(c, i, axis, base, from, cut->at)) return false;
                 from = cut->at;
             }
-            if (wanted && !add_piece(c, i, axis, from, cell->box.end[base])) return false;
+            if (wanted && !add_piece(c, i, axis, base, from, cell->box.end[base])) return false;
         }
     }
     return true;
 }
 
-bool cells_cut_bases(Cells *c) {
-    c->npiece = c->ncut = 0;
-    if (c->dim == 2) return cut_at_faces(c) && cut_at_meetings(c) && add_pieces(c);
-    for (uint32_t i = 0; i < c->ncell; i++) {
-        Cell *cell = &c->cell[i];
-        if (!cell->axes) continue;
-        if (c->dim == 3) cell->refine = true;
-        else if (!add_piece(c, i, 0, 0, 0)) return false;
-    }
+bool cells_cut_planes(Cells *c, uint32_t first) {
+    c->ncut = 0;
+    if (!cut_at_faces(c, first) || !cut_at_meetings(c, first)) return false;
+    if (c->ncut) qsort(c->cut, c->ncut, sizeof *c->cut, by_place);
+    return true;
+}
+
+bool cells_cut_bases(Cells *c, uint32_t first) {
+    c->npiece = 0;
+    if (c->dim > 1) return cells_cut_planes(c, first) && add_pieces(c, first);
+    for (uint32_t i = first; i < c->ncell; i++)
+        if (c->cell[i].axes && !add_piece(c, i, 0, -1, 0, 0)) return false;
     return true;
 }

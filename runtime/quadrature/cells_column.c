@@ -122,7 +122,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
-        r->wanted = c->o->curves && is_site(c, &c->piece[c->column[r->column].piece], r->edge);
+        r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
+                    is_site(c, &c->piece[c->column[r->column].piece], r->edge);
     }
     if (!cells_take_sides(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
@@ -141,33 +142,27 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 /* The columns of a piece and rule: in 1D the one there is, else at Gauss points of the base. */
 static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
     const GaussRule *g = c->piece[piece].graded ? &c->graded[rule] : &c->rule[rule];
-    uint32_t n[3] = {1, 1, 1};
-    if (!g->n) return true;
-    for (uint32_t d = 0; d < c->dim; d++)
-        if (d != (uint32_t)c->piece[piece].axis) n[d] = g->n;
-    for (uint32_t z = 0; z < n[2]; z++)
-        for (uint32_t y = 0; y < n[1]; y++)
-            for (uint32_t i = 0; i < n[0]; i++) {
-                const Piece *p = &c->piece[piece];
-                const uint32_t at[3] = {i, y, z};
-                double x[3] = {0}, mid[3] = {0}, weight = 1;
-                middle(c, p, mid);
-                for (uint32_t d = 0; d < c->dim; d++) {
-                    if (d == (uint32_t)p->axis) continue;
-                    x[d] = p->at[d][0] + g->x[at[d]] * (p->at[d][1] - p->at[d][0]);
-                    weight *= g->w[at[d]] * (p->at[d][1] - p->at[d][0]);
-                }
-                Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
-                if (!k) return false;
-                for (uint32_t e = 0; e < CELL_EVENTS; e++) {
-                    if (!(p->present >> e & 1)) continue;
-                    double height = p->edge[e].height;
-                    for (uint32_t d = 0; d < c->dim; d++)
-                        if (d != (uint32_t)p->axis) height += p->edge[e].slope[d] * (x[d] - mid[d]);
-                    if (!add_root(c, k, e, height)) return false;
-                    c->root[c->nroot - 1].twin = p->edge[e].twin;
-                }
-            }
+    const Cell *cell = &c->cell[c->piece[piece].cell];
+    if (cell->rule >= 0 && cell->rule != (int8_t)rule) return true;
+    for (uint32_t i = 0; i < (c->piece[piece].base < 0 ? g->n > 0 : g->n); i++) {
+        const Piece *p = &c->piece[piece];
+        double x[3] = {0}, mid[3] = {0}, weight = cell->weight;
+        middle(c, p, mid);
+        memcpy(x, mid, sizeof x);
+        if (p->base >= 0) {
+            double length = p->at[p->base][1] - p->at[p->base][0];
+            x[p->base] = p->at[p->base][0] + g->x[i] * length, weight *= g->w[i] * length;
+        }
+        Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
+        if (!k) return false;
+        for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+            if (!(p->present >> e & 1)) continue;
+            double height = p->edge[e].height;
+            if (p->base >= 0) height += p->edge[e].slope[p->base] * (x[p->base] - mid[p->base]);
+            if (!add_root(c, k, e, height)) return false;
+            c->root[c->nroot - 1].twin = p->edge[e].twin;
+        }
+    }
     return true;
 }
 
@@ -196,9 +191,9 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
     const PieceEdge *e = &p->edge[edge];
     double mid[3] = {0}, half[3] = {1, 1, 1}, tangent = 1;
     middle(c, p, mid);
-    for (uint32_t d = 0; d < c->dim; d++) {
-        if (d == (uint32_t)p->axis) continue;
-        half[d] = 0.5 * (p->at[d][1] - p->at[d][0]), tangent += e->slope[d] * e->slope[d];
+    if (p->base >= 0) {
+        half[p->base] = 0.5 * (p->at[p->base][1] - p->at[p->base][0]);
+        tangent += e->slope[p->base] * e->slope[p->base];
     }
     mid[p->axis] = e->height;
     half[p->axis] = 0.5 * (c->cell[p->cell].box.end[p->axis] - c->cell[p->cell].box.lo[p->axis]);
@@ -235,32 +230,34 @@ static bool curves_agree(const Cells *c, const Piece *p, const Column *from, con
 enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
- * a curve; else its base or its columns may be too long. */
-static void shorten(Cells *c, Piece *p, bool curves_agree) {
+ * a curve; else its base or its columns are too long. */
+static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from, const Column *to) {
+    Piece *p = &c->piece[i];
+    bool columns = c->dim == 1;
     c->cell[p->cell].cuts++;
-    if (curves_agree && !p->graded) p->graded = true;
-    else if (curves_agree && (c->dim == 1 || p->parts < 1u << p->halvings)) p->parts *= 2;
+    if (curves_agree && !p->graded) {
+        p->graded = true;
+        return true;
+    }
+    if (curves_agree && !columns && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (columns) p->parts *= 2;
     else p->halve = true;
+    return true;
 }
 
 /* The halves of a piece whose base is too long. */
 static bool cut_piece(Cells *c, const Piece *p) {
-    uint32_t d = p->axis == 0 ? 1 : 0;
-    if (c->dim == 3) /* the longer side of the base */
-        for (uint32_t e = d + 1; e < 3; e++)
-            if (e != (uint32_t)p->axis && p->at[e][1] - p->at[e][0] > p->at[d][1] - p->at[d][0]) d = e;
     for (int half = 0; half < 2; half++) {
         if (!CELLS_ROOM(c, piece, 1)) return false;
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
-        q->at[d][!half] = 0.5 * (p->at[d][0] + p->at[d][1]);
+        q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
         q->halvings++;
     }
     return true;
 }
 
-/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
-static bool integrate(Cells *c, uint32_t first) {
+bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     uint32_t n = c->npiece - first;
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
     c->ncolumn = c->nroot = c->nspot = 0;
@@ -276,8 +273,20 @@ static bool integrate(Cells *c, uint32_t first) {
         c->root[i].wanted = c->piece[c->column[c->root[i].column].piece].edge[c->root[i].edge].open;
     if (!cells_take_sides(c)) return false;
     if (c->o->volume && !cells_add_columns_of_points(c)) return false;
+    return !values || !c->nspot || cells_take_values(c);
+}
+
+void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t r = 0; r < k->nroots; r++)
+            if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+}
+
+/* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
+static bool integrate(Cells *c, uint32_t first) {
+    uint32_t n = c->npiece - first;
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
-    if (compare && c->nspot && !cells_take_values(c)) return false;
+    if (!cells_evaluate(c, first, compare)) return false;
     uint32_t spot = 0, kept = first;
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
@@ -287,14 +296,13 @@ static bool integrate(Cells *c, uint32_t first) {
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
-        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= PIECE_PARTS || c->cell[p->cell].cuts >= CELL_CUTS;
+        bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
+                    c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
-            for (const Column *k = from; k < to; k++)
-                for (uint32_t r = 0; r < k->nroots; r++)
-                    if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+            cells_emit_columns(c, from, to);
             cells_emit_spots(c, spot, end);
         } else {
-            shorten(c, p, agree);
+            if (!shorten(c, first + i, agree, from, to)) return false;
             if (kept != first + i) c->piece[kept] = *p;
             kept++;
         }

@@ -147,9 +147,9 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     }
 }
 
-/* What the box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form
- * g(centre) + gradient(box) . (x - centre). That one bounds g without rounding: rounding is added at both ends. */
-static void meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
+/* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
+ * ends. */
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
     double mean[2] = {centre->g[0], centre->g[1]}, scale = fmax(fabs(mean[0]), fabs(mean[1]));
     memcpy(e->slope, box->slope, sizeof e->slope);
     e->state = box->state, e->error = box->error;
@@ -178,7 +178,12 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, ch, i, &cell[i].f[2 * ch]);
         read_events(c, &cell[i], i);
-        cell[i].refine = cell[i].nopen > CELL_EVENTS || (cell[i].state & SLT_BOX_UNKNOWN);
+        /* What is not known may be so only because the box straddles a seam. */
+        bool seam = false;
+        for (uint32_t e = 0; e < cell[i].nedges; e++) seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
+        /* Pairs of curves cost more than smaller cells, but around points where many meet. */
+        uint32_t most = cell[i].lonely ? CELL_EVENTS : c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
+        cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam);
     }
 }
 
@@ -216,7 +221,7 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
         uint32_t kept = 0;
         for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
             CellEdge *edge = &cell[i].edge[e];
-            meet(c, edge, &c->ask[at], &c->ask[at + 1]);
+            cells_meet(c, edge, &c->ask[at], &c->ask[at + 1]);
             if (edge->g[0] > 0 || edge->g[1] < 0) continue; /* NaN is open */
             if (kept != e) cell[i].edge[kept] = *edge;
             kept++;
@@ -235,33 +240,52 @@ static double varies(const CellEdge *e, uint32_t axis) {
     return fmax(a, z) / fmin(a, z);
 }
 
+int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        /* The curve of a site must have been integrated before the cell is cut along it. */
+        if (!cell->curves_done && (uint32_t)edge->event.site < c->s->nsites) continue;
+        uint32_t moves = 0;
+        for (uint32_t d = 0; d < c->dim; d++) {
+            if (edge->slope[d][0] == 0 && edge->slope[d][1] == 0) continue;
+            moves++, *axis = (int)d;
+        }
+        if (moves == 1 && edge->rises[*axis]) return (int)e;
+    }
+    return -1;
+}
+
 bool cells_choose_axes(const Cells *c, Cell *cell) {
     uint32_t common = 0;
     double least = HUGE_VAL;
+    cell->axes = 0;
+    for (uint32_t e = 0; e < cell->nedges; e++)
+        if (cell->edge[e].state & SLT_EDGE_JUMPS) return false;
     for (uint32_t d = 0; d < c->dim; d++) {
         double worst = 0;
         for (uint32_t e = 0; e < cell->nedges; e++) worst = fmax(worst, varies(&cell->edge[e], d));
         if (worst < least) least = worst, common = d;
     }
-    cell->axes = 0;
-    bool one = least <= VARIES; /* one axis for all saves work, and the volume needs it */
-    if (!one && c->o->volume) return false;
+    cell->common = least <= VARIES;
+    if (cell->common) { /* one axis for all saves work, and the volume needs it */
+        for (uint32_t e = 0; e < cell->nedges; e++) cell->edge[e].axis = (int8_t)common;
+        cell->axes = 1u << common;
+        return true;
+    }
+    if (cell->curves_done || !c->o->curves) return false;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         CellEdge *edge = &cell->edge[e];
-        if (edge->state & SLT_EDGE_JUMPS) return false;
-        edge->axis = (int8_t)common;
-        if (!one) {
-            /* A seam has no curve to integrate along: that it does not jump is enough. */
-            if ((uint32_t)edge->event.site >= c->s->nsites) {
-                edge->axis = -1;
-                continue;
-            }
-            edge->axis = 0;
-            for (uint32_t d = 1; d < c->dim; d++)
-                if (varies(edge, d) < varies(edge, (uint32_t)edge->axis)) edge->axis = (int8_t)d;
-            if (!(varies(edge, (uint32_t)edge->axis) <= VARIES)) return false;
+        /* A seam has no curve to integrate along: that it does not jump is enough. */
+        edge->axis = -1;
+        if ((uint32_t)edge->event.site >= c->s->nsites) continue;
+        edge->axis = 0;
+        for (uint32_t d = 1; d < c->dim; d++)
+            if (varies(edge, d) < varies(edge, (uint32_t)edge->axis)) edge->axis = (int8_t)d;
+        if (!(varies(edge, (uint32_t)edge->axis) <= VARIES)) {
+            cell->axes = 0;
+            return false;
         }
         cell->axes |= 1u << edge->axis;
     }
-    return true;
+    return cell->axes != 0;
 }

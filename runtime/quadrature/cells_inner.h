@@ -6,6 +6,7 @@
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -21,7 +22,8 @@
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
-    CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_FEW_EVENTS = 4, /* of a cell that is not yet small, in 2D */
+    CELL_BENDS = 10,     /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* An open event of a cell, and what is proven of its g there. */
@@ -36,13 +38,23 @@ typedef struct CellEdge {
 
 typedef struct Cell {
     Box box;
-    uint32_t level, bends; /* how often its ancestors were cut, and since when only because something bends */
-    uint32_t state;        /* SLT_BOX_* */
-    uint32_t nopen;        /* as the kernel counts: more than CELL_EVENTS where they are too many */
-    uint32_t nedges;       /* those that edge[] holds: may really be open */
+    uint32_t level, bends; /* how often its ancestors were cut, and of these because something bends */
+    uint32_t seams;        /* and at seams */
+    bool curves_done;      /* the curves in it were integrated already; the volume is not */
+    bool lonely;           /* few of its ancestor's parts were no cells: around a point */
+    int8_t cut;            /* edge along which it is cut; -1: none */
+    uint32_t node, number; /* in hand; of the cell in c->cell */
+    /* A plane through a cell of 3D: the axis that it is across, its CellRule and the measure that it stands for; else
+     * -1, -1 and 1. */
+    int8_t slice, rule;
+    double weight;
+    uint32_t state;  /* SLT_BOX_* */
+    uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
+    uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
+    bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool done;                      /* nothing more is to be done with it */
@@ -56,7 +68,7 @@ typedef struct PieceEdge {
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
-    int8_t axis;       /* height axis */
+    int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
     uint32_t halvings; /* of its base */
@@ -65,6 +77,13 @@ typedef struct Piece {
     bool halve;        /* it is too long for the rules */
     PieceEdge edge[CELL_EVENTS];
 } Piece;
+
+/* A place where the base of a cell is cut, along `axis` as height axis. */
+typedef struct Cut {
+    uint32_t cell;
+    int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
+    double at;
+} Cut;
 
 /* A point of the base with the line above it. */
 typedef struct Column {
@@ -76,8 +95,9 @@ typedef struct Column {
 /* The root of g along one axis, in a bracket in which g is monotone. */
 typedef struct Root {
     const Event *event;
-    double x[3];   /* where; of x[axis] only a guess until it is solved */
-    double lo, hi; /* the bracket: ends of the line, and later places where g was taken */
+    double x[3];       /* where; of x[axis] only a guess until it is solved */
+    double ends_at[2]; /* of the line */
+    double lo, hi;     /* the bracket: ends of the line, and later places where g was taken */
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
@@ -118,7 +138,9 @@ typedef struct Ask {
 
 typedef struct Node {
     Box box;
-    uint32_t level, bends;
+    uint32_t level, bends, seams; /* as in Cell */
+    bool whole;                   /* the box itself may be a cell: it was cut at a seam */
+    bool curves_done, lonely;     /* as in Cell */
     ListsAt lists;
 } Node;
 
@@ -154,7 +176,7 @@ struct Cells {
     uint32_t nroot, root_cap;
     struct Stretch *stretch; /* cells_base.c */
     uint32_t nstretch, stretch_cap;
-    struct Cut *cut;
+    Cut *cut;
     uint32_t ncut, cut_cap;
     Probe *probe;
     uint32_t nprobe, probe_cap;
@@ -196,6 +218,10 @@ bool cells_bound(Cells *c);
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
+/* What a box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form. */
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre);
+/* An edge that runs along an axis, at which the cell may be cut exactly; -1: none. */
+int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 
@@ -203,20 +229,38 @@ bool cells_choose_axes(const Cells *c, Cell *cell);
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
 /* All of root[nroot]. A root that lies outside of its line by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
+/* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
+ * where it does not get lo = hi. */
+bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted. */
 bool cells_take_sides(Cells *c);
 
-/* ---- cells_base.c: adds the pieces of a cell; sets cell->refine where they cannot be told apart */
-bool cells_cut_bases(Cells *c);
+/* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
+ * curves cannot be told apart */
+/* On the curve of an event with gradient bounds `a`, whose height axis is `axis`: bounds of how it climbs along the
+ * base, and of the slope there of a function with gradient bounds `f`. */
+void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
+                       double slope[2]);
+bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
+bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 
-/* ---- cells_column.c: integrates over all pieces */
-bool cells_integrate(Cells *c);
+/* ---- cells_column.c */
+bool cells_integrate(Cells *c); /* over all pieces */
+/* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
+bool cells_evaluate(Cells *c, uint32_t first, bool values);
+void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
+
+/* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
+ * be told apart, or because the rules differ and `may_refine`. */
+bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
 
 /* ---- cells_volume.c */
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+/* Do the rules differ along the columns of the fine rule, rather than along the base? */
+bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
 bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */

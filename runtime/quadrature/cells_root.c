@@ -20,7 +20,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     memset(r, 0, sizeof *r);
     r->event = &e->event, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
-    r->lo = cell->box.lo[axis], r->hi = cell->box.hi[axis];
+    r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
     r->step = HUGE_VAL;
     return r;
@@ -68,6 +68,61 @@ bool cells_solve(Cells *c) {
             if (advance(c, r)) c->active[kept++] = c->active[i];
         }
         n = kept;
+    }
+    return true;
+}
+
+/* Is x on the near side of where g changes its sign? */
+static bool near_side(const Root *r, double g) { return (g < 0) == (r->rises > 0); }
+
+/* g at lo (place 0) and hi (1), or only between (2), of the n active roots. */
+static bool probe_bracket(Cells *c, uint32_t n, bool middle) {
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Root *r = &c->root[c->active[i]];
+        double x[3];
+        memcpy(x, r->x, sizeof x);
+        for (int end = 0; end < (middle ? 1 : 2); end++) {
+            x[r->axis] = middle ? cells_round(c, r->lo + 0.5 * (r->hi - r->lo)) : end ? r->hi : r->lo;
+            if (!cells_probe(c, r->event, x)) return false;
+        }
+    }
+    return cells_run_probes(c);
+}
+
+bool cells_narrow(Cells *c) {
+    uint32_t n = 0;
+    if (!cells_grow(c, &c->active, &c->active_cap, 2 * c->nroot, sizeof *c->active)) return false;
+    for (uint32_t i = 0; i < c->nroot; i++) c->active[n++] = i;
+    for (double far = NARROW; n; far *= 8) { /* places on the two sides */
+        for (uint32_t i = 0; i < n; i++) {
+            Root *r = &c->root[c->active[i]];
+            r->lo = fmax(r->ends_at[0], cells_move(c, r->x[r->axis], -far, 0));
+            r->hi = fmin(r->ends_at[1], cells_move(c, r->x[r->axis], far, 0));
+        }
+        if (!probe_bracket(c, n, false)) return false;
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            Root *r = &c->root[c->active[i]];
+            if (near_side(r, c->probe[2 * i].g) && !near_side(r, c->probe[2 * i + 1].g)) continue;
+            if (far < 0x1p40) c->active[kept++] = c->active[i];
+            else r->hi = r->lo;
+        }
+        n = kept;
+    }
+    for (uint32_t i = 0; i < c->nroot; i++) c->active[n++] = i;
+    while (n) {
+        uint32_t kept = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Root *r = &c->root[c->active[i]];
+            if (cells_next(c, r->lo, HUGE_VAL) < r->hi) c->active[kept++] = c->active[i];
+        }
+        n = kept;
+        if (!probe_bracket(c, n, true)) return false;
+        for (uint32_t i = 0; i < n; i++) {
+            Root *r = &c->root[c->active[i]];
+            *(near_side(r, c->probe[i].g) ? &r->lo : &r->hi) = c->probe[i].x[r->axis];
+        }
     }
     return true;
 }

@@ -47,10 +47,10 @@ static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight,
 }
 
 /* On a column, between one root and the next. */
-static bool fill_column(Cells *c, const Column *k) {
+static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     const Box *box = &c->cell[p->cell].box;
-    const GaussRule *g = &c->rule[k->rule];
+    const GaussRule *g = &c->rule[rule];
     double x[3], from = box->lo[p->axis], heights[CELL_EVENTS + 1];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
@@ -66,25 +66,42 @@ static bool fill_column(Cells *c, const Column *k) {
             double t = (q / g->n + g->x[q % g->n]) / p->parts, w = g->w[q % g->n] / p->parts;
             if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
             x[p->axis] = from + t * (heights[i] - from);
-            if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), k->rule)) return false;
+            if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
         }
     return true;
 }
 
 bool cells_add_columns_of_points(Cells *c) {
     for (uint32_t i = 0; i < c->ncolumn; i++)
-        if (!fill_column(c, &c->column[i])) return false;
+        if (c->cell[c->piece[c->column[i].piece].cell].common &&
+            !fill_column(c, &c->column[i], (CellRule)c->column[i].rule))
+            return false;
     return true;
 }
 
-bool cells_take_values(Cells *c) {
-    for (uint32_t from = 0; from < c->nspot; from += BATCH) {
+/* f at the spots from `first` on. A program without edges has no `sides`. */
+static bool take_values(Cells *c, uint32_t first) {
+    SltKernelKind kind = c->s->kernel[SLT_K_SIDES] ? SLT_K_SIDES : SLT_K_VALUE;
+    for (uint32_t from = first; from < c->nspot; from += BATCH) {
         uint32_t n = c->nspot - from < BATCH ? c->nspot - from : BATCH;
         for (uint32_t i = 0; i < n; i++) batch_set_x(c->b, i, c->spot[from + i].x);
-        cells_call(c, SLT_K_SIDES, n);
+        cells_call(c, kind, n);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             for (uint32_t i = 0; i < n; i++) c->spot[from + i].f[ch] = batch_get(c->b, SLT_OUT_F, ch, i);
     }
+    return true;
+}
+
+bool cells_take_values(Cells *c) { return take_values(c, 0); }
+
+bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ) {
+    uint32_t first = c->nspot;
+    for (const Column *k = from; k < to; k++)
+        for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
+            if (!fill_column(c, k, (CellRule)r)) return false;
+    if (!take_values(c, first)) return false;
+    *differ = !cells_values_agree(c, first, c->nspot);
+    c->nspot = first;
     return true;
 }
 

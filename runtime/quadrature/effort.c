@@ -15,7 +15,7 @@ static double least_of(const Effort *e) { return e->f64 ? LEAST_F64 : LEAST_F32;
 
 /* Evaluations of a sweep with so many points a side, as far as boxes tell. */
 static double cost_of(uint32_t gauss, uint32_t dim, double cells) {
-    double coarse = gauss > 3 ? gauss - 2 : 2;
+    double coarse = gauss > 1 ? gauss - 1 : 2;
     return cells * (2 + pow(gauss, dim) + pow(coarse, dim));
 }
 
@@ -32,7 +32,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     double goal = j->error > 0 ? j->error : USUAL_GOAL;
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
-    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.7 * log10(goal)) + 1, 2, SLT_GAUSS_MAX);
+    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
     e->tolerance = 1e-2 * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
     e->given = j->max_evaluations > 0;
@@ -49,7 +49,7 @@ void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     CellOptions *o = &p->options;
     o->gauss = e->gauss, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
     /* The coarse rule. Of one point, two tell the error as well. */
-    o->coarse = e->gauss > 3 ? e->gauss - 2 : e->gauss > 1 ? e->gauss - 1 : 2;
+    o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
     p->parts = e->parts, p->left_share = e->left_share;
     p->budget = e->limit > used ? e->limit - used : 1;
 }
@@ -85,7 +85,7 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
     if (rules > 0.25 * goal) {
         changed = true;
-        e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), 1e-17);
+        e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
         if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;
         else if (e->parts < PARTS_MAX) e->parts *= 2;
         else changed = false;

@@ -9,14 +9,15 @@
 
 enum { PIXEL_PARTS = 16 }; /* of a pixel's side: the least cell */
 
-/* Points along each side of a cell for as many samples a pixel: as many as they are, squared or cubed. */
+/* Points along each side of a cell: in a pixel without an edge one more, squared or cubed, than samples are asked for.
+ */
 static uint32_t points_of(const SltJob *j, uint32_t dim) {
     if (j->gauss) return j->gauss;
-    double n = round(pow(j->spp ? j->spp : 1, 1.0 / dim));
+    double n = 1 + round(pow(j->spp ? j->spp : 1, 1.0 / dim));
     return n < 2 ? 2 : n > SLT_GAUSS_MAX ? SLT_GAUSS_MAX : (uint32_t)n;
 }
 
-static void options_of(Sweep *p) {
+void quadrature_image_options(Sweep *p) {
     const Grid *g = &p->run->grid;
     const SltJob *j = p->run->j;
     CellOptions *o = &p->options;
@@ -31,7 +32,7 @@ static void options_of(Sweep *p) {
     p->budget = j->max_evaluations, p->left_share = 0.25, p->only_if_left = 1;
 }
 
-static SltStatus finish(Run *r, Sweep *p, SltStatus st, SltStats *stats) {
+SltStatus quadrature_image_end(Run *r, Sweep *p, SltStatus st, SltStats *stats) {
     if (st == SLT_OK) quadrature_state(r, p), r->stats.stopped = p->counts.spent ? SLT_STOP_EVALUATIONS : SLT_STOP_NONE;
     sweep_end(p);
     run_end(r, stats);
@@ -44,12 +45,12 @@ SltStatus quadrature_render(const SltScene *s, const SltJob *j, float *out, SltS
     Sweep p = {.run = &r, .kind = SWEEP_RENDER, .out = &out, .options.volume = true};
     if (st == SLT_OK) st = sweep_begin(&p);
     if (st == SLT_OK) {
-        options_of(&p);
+        quadrature_image_options(&p);
         memset(out, 0, r.grid.pixels * s->channels * sizeof *out);
         st = sweep_run(&p);
         r.stats.seconds_interior = pool_now() - r.start;
     }
-    return finish(&r, &p, st, stats);
+    return quadrature_image_end(&r, &p, st, stats);
 }
 
 /* SLT_INTERIOR_SAMPLES: the interior as with the lattice, the boundary by quadrature. Is that wanted? Then the two
@@ -92,13 +93,13 @@ SltStatus quadrature_forward(const SltScene *s, const SltJob *j, uint32_t ndir, 
     if (st == SLT_OK && !directions_init(&d, s, ndir, dirs)) st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) st = sweep_begin(&p);
     if (st == SLT_OK) {
-        options_of(&p);
+        quadrature_image_options(&p);
         for (uint32_t i = 0; i < ndir; i++) memset(out[i], 0, r.grid.pixels * s->channels * sizeof(float));
         if (crossings) memset(crossings, 0, r.grid.pixels * sizeof(float));
         st = sweep_run(&p);
         r.stats.seconds_boundary = pool_now() - r.start;
     }
-    st = finish(&r, &p, st, stats);
+    st = quadrature_image_end(&r, &p, st, stats);
     directions_free(&d);
     return st;
 }
@@ -130,7 +131,7 @@ SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *ad
     p.options.volume = !j->no_interior && s->kernel[SLT_K_VJP];
     if (st == SLT_OK) st = sweep_begin(&p);
     if (st == SLT_OK) {
-        options_of(&p);
+        quadrature_image_options(&p);
         st = sweep_run(&p);
         r.stats.seconds_boundary = pool_now() - r.start;
     }
@@ -139,5 +140,5 @@ SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *ad
         gradient[i] = on ? p.sums.boundary[i] + p.sums.interior[i] : 0;
         if (stderr_bound) stderr_bound[i] = on ? sums_error(&p.sums, 0, i) : 0;
     }
-    return finish(&r, &p, st, stats);
+    return quadrature_image_end(&r, &p, st, stats);
 }

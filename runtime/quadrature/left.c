@@ -57,6 +57,7 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
     Worker *w = v->w;
     uint64_t stride = t->stride[axis];
     uint8_t set = seg->cls, missed = v->sweep->kind == SWEEP_INTEGRAL ? 2 : 0;
+    if (missed) set |= 4;
     for (uint32_t e = 0; e + 1 < t->side[axis]; e++) {
         uint64_t a = first + e * stride, b = a + stride;
         w->finder.segments++;
@@ -153,10 +154,14 @@ static void samples(SweepWorker *v, const Net *t, const Box *box, double stands,
         if (n[set]) sweep_volume(v, point[set], n[set], (CellRule)set, box);
 }
 
-bool left_cell(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
+bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
     Net t;
     net_init(&t, v, &c->box, n);
-    if (v->sweep->options.curves && !lines(v, &t, &c->box, c->stands, set)) return false;
-    if (v->sweep->options.volume) samples(v, &t, &c->box, c->stands, set);
-    return true;
+    return lines(v, &t, &c->box, c->stands, set);
+}
+
+void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
+    Net t;
+    net_init(&t, v, &c->box, n);
+    samples(v, &t, &c->box, c->stands, set);
 }

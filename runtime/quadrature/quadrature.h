@@ -24,5 +24,8 @@ SltStatus quadrature_forward(const SltScene *s, const SltJob *j, uint32_t ndir, 
                              float *const *out, float *crossings, SltStats *stats, SltError *err);
 SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *adjoint, double *gradient,
                              double *stderr_bound, SltStats *stats, SltError *err);
+/* Under the box filter alone. */
+SltStatus quadrature_loss(const SltScene *s, const SltJob *j, const float *target, const float *mask, double *loss,
+                          double *gradient, float *image, SltStats *stats, SltError *err);
 
 #endif

@@ -73,7 +73,7 @@ static void volume_image(SweepWorker *v, const CellPoint *p, uint32_t n) {
     b->again = false;
 }
 
-static void volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
+void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
     Batch *b = &v->w->batch;
     uint32_t channels = b->s->channels, used = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -93,17 +93,19 @@ void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, c
     SweepWorker *v = worker;
     (void)within;
     if (v->sweep->kind == SWEEP_REVERSE) {
-        volume_reverse(v, p, n, rule);
+        sweep_volume_reverse(v, p, n, rule);
         return;
     }
     for (uint32_t i = 0; i < n; i++) batch_set_x(&v->w->batch, i, p[i].x);
     if (v->sweep->kind == SWEEP_INTEGRAL) volume_integral(v, p, n, rule);
     else volume_image(v, p, n);
+    if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_points(&v->kept, &v->w->batch.args, p, n);
 }
 
 static void take_curve(void *worker, Crossing *c, uint32_t n) {
     SweepWorker *v = worker;
-    sink_put_weighed(&v->w->sink, c, n);
+    if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_crossings(&v->kept, &v->w->batch.args, c, n);
+    else sink_put_weighed(&v->w->sink, c, n);
 }
 
 /* A cell of one colour: of each pixel the part of its filter that lies there. */
@@ -150,9 +152,11 @@ static double tile_edge(const Sweep *p, uint32_t axis, uint32_t k, uint32_t n, u
 static SltStatus make_tiles(Sweep *p) {
     static const uint32_t parts[3] = {8, 4, 3};
     const Grid *g = &p->run->grid;
-    uint32_t n[3] = {1, 1, 1}, pixels[3];
+    uint32_t *n = p->tiles, *pixels = p->pixels;
     uint64_t total = 1;
-    for (uint32_t d = 0; d < g->dim; d++) {
+    for (uint32_t d = 0; d < 3; d++) {
+        n[d] = pixels[d] = 1;
+        if (d >= g->dim) continue;
         uint32_t large = g->dim == 1 ? 4096 : g->dim == 2 ? 64 : 16;
         pixels[d] = g->n[d] > 2 * large ? large : large / 4;
         n[d] = g->integral ? parts[g->dim - 1] * (p->parts ? p->parts : 1) : (g->n[d] + pixels[d] - 1) / pixels[d];
@@ -175,7 +179,8 @@ static SltStatus make_tiles(Sweep *p) {
 }
 
 static void begin_tile(SweepWorker *v, const Box *box) {
-    v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = 0;
+    v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
+    kept_clear(&v->kept);
     memset(v->f, 0, sizeof v->f);
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
 }
@@ -183,7 +188,7 @@ static void begin_tile(SweepWorker *v, const Box *box) {
 static bool begin_splat(SweepWorker *v, const Box *box) {
     Sweep *p = v->sweep;
     if (p->kind == SWEEP_FORWARD && !sink_rect(&v->w->sink, box->lo, box->end)) return false;
-    if (p->kind != SWEEP_RENDER && p->kind != SWEEP_FORWARD) return true;
+    if (p->kind == SWEEP_INTEGRAL || p->kind == SWEEP_REVERSE) return true;
     uint32_t planes = p->kind == SWEEP_FORWARD ? p->dirs->n : 1;
     return splat_begin(&v->splat, &p->run->grid, planes, p->run->s->channels, box->lo, box->end);
 }
@@ -195,11 +200,11 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
     if (!begin_splat(v, &p->tile[tile])) return false;
     CellSink sink = {.curve = take_curve,
                      .volume = sweep_volume,
-                     .constant =
-                         p->interior || p->kind == SWEEP_FORWARD || p->kind == SWEEP_REVERSE ? NULL : take_constant,
+                     .constant = p->interior || p->kind >= SWEEP_FORWARD ? NULL : take_constant,
                      .left = take_left,
                      .user = v};
     if (!cells_run(v->cells, &p->tile[tile], &p->options, &sink, &v->counts)) return false;
+    if (p->kind == SWEEP_LOSS && !loss_tile(v, tile)) return false;
     accum_close(&v->w->acc);
     return !(v->failed || v->w->sink.failed || v->w->acc.failed);
 }
@@ -224,8 +229,10 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     SweepWorker *v = &p->worker[worker];
     (void)tile;
     CellCounts *t = &p->counts, *c = &v->counts;
-    t->settled += c->settled, t->curved += c->curved;
+    t->settled += c->settled, t->curved += c->curved, t->left += c->left;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
+    p->loss += v->loss, p->left_bound += v->left_bound;
+    if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
     merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, 1);
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
@@ -236,6 +243,15 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
 }
 
 /* ---- what is left */
+double sweep_hidden(const Sweep *p, const LeftCell *l) {
+    double most = 0;
+    for (uint32_t c = 0; c < p->run->s->channels; c++) {
+        double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
+        most = isnan(d) ? INFINITY : fmax(most, d);
+    }
+    return most * measure(&l->box, p->run->s->dim);
+}
+
 static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
@@ -250,14 +266,11 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     if (!begin_splat(v, &hull)) return false;
     for (uint64_t i = from; i < to; i++) {
         const LeftCell *l = &p->left[i];
-        double m = measure(&l->box, p->run->s->dim), most = 0;
-        for (uint32_t c = 0; c < p->run->s->channels; c++) {
-            double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
-            most = isnan(d) ? INFINITY : fmax(most, d);
-        }
-        v->left_bound += m * most;
+        v->left_bound += sweep_hidden(p, l);
         int set = l->stands > 1 ? (int)(i & 1) : -1;
-        if (l->stands > 0 && !left_cell(v, l, p->lines, set)) return false;
+        if (!(l->stands > 0)) continue;
+        if (p->options.curves && !left_lines(v, l, p->lines, set)) return false;
+        if (p->options.volume) left_samples(v, l, p->lines, set);
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
@@ -268,9 +281,11 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
 static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
-    uint64_t cells = p->nleft - chunk * LEFT_CHUNK < LEFT_CHUNK ? p->nleft - chunk * LEFT_CHUNK : LEFT_CHUNK;
+    (void)chunk;
+    /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
+    double crossed = fmax(1, (double)v->w->finder.crossings / (2 * p->lines));
     p->left_bound += v->left_bound;
-    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt((double)cells));
+    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt(crossed));
 }
 
 /* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
@@ -298,10 +313,10 @@ static void plan_left(Sweep *p, uint64_t used) {
 SltStatus sweep_begin(Sweep *p) {
     Run *r = p->run;
     const SltScene *s = r->s;
-    static const SinkKind kinds[] = {SINK_PARTS, SINK_KEEP, SINK_FORWARD, SINK_REVERSE};
+    static const SinkKind kinds[] = {SINK_PARTS, SINK_KEEP, SINK_FORWARD, SINK_REVERSE, SINK_REVERSE};
     p->volume = 1;
     for (uint32_t d = 0; d < s->dim; d++) p->volume *= s->hi[d] - s->lo[d];
-    uint32_t rows = p->kind == SWEEP_INTEGRAL ? s->channels : p->kind == SWEEP_REVERSE ? 1 : 0;
+    uint32_t rows = p->kind == SWEEP_INTEGRAL ? s->channels : p->kind >= SWEEP_REVERSE ? 1 : 0;
     if (!sums_init(&p->sums, s, rows)) return no_memory(p);
     SltStatus st = run_workers(r, UINT32_MAX, SUM_GROUPS * rows, kinds[p->kind]);
     if (st != SLT_OK) return st;
@@ -313,6 +328,7 @@ SltStatus sweep_begin(Sweep *p) {
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->classes = p->kind == SWEEP_REVERSE && p->errors ? 2 : 1, k->dirs = p->dirs;
+        if (!kept_init(&v->kept, s)) return no_memory(p);
         if (!(v->cells = cells_new(&v->w->batch, s->lo, s->hi))) return no_memory(p);
     }
     return SLT_OK;
@@ -320,7 +336,8 @@ SltStatus sweep_begin(Sweep *p) {
 
 void sweep_end(Sweep *p) {
     for (uint32_t i = 0; i < p->run->nworkers && p->worker; i++)
-        cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), free(p->worker[i].left);
+        cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), kept_free(&p->worker[i].kept),
+            free(p->worker[i].left);
     free(p->worker), free(p->tile), free(p->left);
     sums_free(&p->sums);
     run_free_workers(p->run);
@@ -351,7 +368,7 @@ static bool again(Sweep *p, uint64_t spare) {
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
-    p->counts = (CellCounts){0}, p->left_bound = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
+    p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
@@ -368,7 +385,7 @@ SltStatus sweep_run(Sweep *p) {
     }
     double left = 0;
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
-    p->counts.left = left;
+    if (p->kind != SWEEP_LOSS) p->counts.left = left;
     if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {
         plan_left(p, r->stats.evaluations - start);
         p->mixed = true;

@@ -7,7 +7,7 @@
 #ifndef SALTUS_QUADRATURE_SWEEP_H
 #define SALTUS_QUADRATURE_SWEEP_H
 
-#include "runtime/quadrature/cells.h"
+#include "runtime/quadrature/kept.h"
 #include "runtime/quadrature/sums.h"
 #include "runtime/sample/run.h"
 
@@ -15,7 +15,8 @@ typedef enum SweepKind {
     SWEEP_INTEGRAL, /* value and gradient of every channel */
     SWEEP_RENDER,   /* an image */
     SWEEP_FORWARD,  /* derivative images */
-    SWEEP_REVERSE   /* the gradient of an image weighed by an adjoint image */
+    SWEEP_REVERSE,  /* the gradient of an image weighed by an adjoint image */
+    SWEEP_LOSS      /* a squared loss and its gradient, under the box filter: loss.c */
 } SweepKind;
 
 enum { LEFT_COST = 40 }; /* evaluations that a cell costs which is left over, in a plane */
@@ -30,14 +31,16 @@ typedef struct SweepWorker SweepWorker;
 typedef struct Sweep {
     Run *run;
     SweepKind kind;
-    bool boundary, interior;  /* of the gradient: which parts are wanted */
-    bool value;               /* SWEEP_INTEGRAL: of f as well */
-    bool errors;              /* two rules, and two sets of lines */
-    const float *adjoint;     /* SWEEP_REVERSE: an image */
-    const Directions *dirs;   /* SWEEP_FORWARD */
-    float *const *out;        /* SWEEP_RENDER: one image; SWEEP_FORWARD: by direction */
-    float *crossings;         /* SWEEP_FORWARD: points of curves, by pixel; may be NULL */
-    double segments, samples; /* of lines and samples, in all, if everything were left */
+    bool boundary, interior;    /* of the gradient: which parts are wanted */
+    bool value;                 /* SWEEP_INTEGRAL: of f as well */
+    bool errors;                /* two rules, and two sets of lines */
+    const float *adjoint;       /* SWEEP_REVERSE: an image */
+    const float *target, *mask; /* SWEEP_LOSS: images; mask may be NULL */
+    float *image, *weighed;     /* SWEEP_LOSS: the render, which may be NULL; room for the adjoint image */
+    const Directions *dirs;     /* SWEEP_FORWARD */
+    float *const *out;          /* SWEEP_RENDER: one image; SWEEP_FORWARD: by direction */
+    float *crossings;           /* SWEEP_FORWARD: points of curves, by pixel; may be NULL */
+    double segments, samples;   /* of lines and samples, in all, if everything were left */
     CellOptions options;
     uint32_t parts;        /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
     uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
@@ -47,11 +50,13 @@ typedef struct Sweep {
     /* What comes out. */
     Sums sums; /* SWEEP_INTEGRAL, SWEEP_REVERSE */
     double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */
+    double loss;       /* SWEEP_LOSS: sum over pixels and channels */
     double left_bound; /* what is left can hide of the value of any channel, at most; infinite: not bounded */
     CellCounts counts;
     /* Inner. */
     SweepWorker *worker;
     Box *tile;
+    uint32_t pixels[3], tiles[3]; /* by axis: of an image's tile; tiles of the first round */
     uint64_t ntiles, tile_cap;
     LeftCell *left;
     uint64_t nleft, left_cap;
@@ -73,14 +78,22 @@ struct SweepWorker {
     LeftCell *left; /* [nleft]: of the tile in hand */
     uint64_t nleft, left_cap;
     double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
-    double left_bound;
-    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior */
+    double left_bound, loss;
+    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;   /* SWEEP_LOSS */
     bool failed; /* memory ran out */
 };
+/* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
+double sweep_hidden(const Sweep *p, const LeftCell *l);
+/* Derivatives of f at points, weighed by the adjoint image. */
+void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule);
 /* Points of the volume: CellSink.volume. */
 void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within);
-/* Lines and samples in a cell; n: lines across it along each axis, even; set: -1, or to which set of estimates all of
- * them belong. False when memory runs out. */
-bool left_cell(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
+/* ---- left.c: lines, or samples, in a cell; n: lines across it along each axis, even; set: -1, or to which set of
+ * estimates all of them belong. False when memory runs out. */
+bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
+void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
+/* ---- loss.c: the gradient of a tile whose points are kept. False when memory runs out. */
+bool loss_tile(SweepWorker *v, uint64_t tile);
 
 #endif

@@ -8,7 +8,7 @@ enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all 
 
 /* A slot for every input that some kernel reads, and for as many outputs as a kernel has; one more takes what is
  * written to inputs that none reads. Zeroed: an input that nobody writes must still be a valid number. */
-static bool make_slots(Batch *b) {
+static bool make_slots(Batch *b, uint64_t *read) {
     uint64_t reads = 0;
     uint32_t ninputs = 0, noutputs = 0;
     for (uint32_t kind = 0; kind < SLT_KERNELS; kind++) {
@@ -19,6 +19,7 @@ static bool make_slots(Batch *b) {
             if (end > noutputs) noutputs = end;
         }
     }
+    *read = reads;
     assert(noutputs <= SLT_OUT_MAX);
     for (uint32_t i = 0; i < SLT_IN_VARYING; i++) ninputs += reads >> i & 1;
     size_t bytes = (size_t)SLOT_BYTES * (1 + ninputs + noutputs);
@@ -36,12 +37,15 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     b->pixels = g && !g->integral;
     assert(s->channels <= SLT_MAX_CHANNELS && scene_outputs(s, SLT_K_REGION, SLT_OUT_WITNESS) <= SLT_WITNESSES);
     assert(scene_outputs(s, SLT_K_EVENT, SLT_OUT_K) <= SLT_MAX_K);
-    if (!make_slots(b)) return false;
+    uint64_t reads = 0;
+    if (!make_slots(b, &reads)) return false;
+    bool image = b->pixels;
+    b->pixels &= (reads >> SLT_IN_PIXEL0 & 3) != 0;
     b->args.params = s->params, b->args.iparams = s->iparams;
     b->args.print = s->print, b->args.user = s->print_user;
     b->args.geometries = s->geometries;
     b->args.resolution[0] = b->args.resolution[1] = 1;
-    if (b->pixels) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
+    if (image) b->args.resolution[0] = (int32_t)g->n[0], b->args.resolution[1] = (int32_t)g->n[1];
     uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
     b->args.tape_bytes = (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63;
     b->args.tape = b->tape = aligned_alloc(64, b->args.tape_bytes);
@@ -96,14 +100,17 @@ static void pad(Batch *b, uint32_t n, uint32_t end) {
 #define SLT_INPUT(id, text, type, tail, ...) {type, tail},
 #include "saltus/kernel.def"
     };
-    for (uint32_t slot = 0; slot < SLT_IN_VARYING; slot++) {
-        if (!(b->layout->reads >> slot & 1)) continue;
+    for (uint64_t left = b->layout->reads & ((1ull << SLT_IN_VARYING) - 1); left; left &= left - 1) {
+        uint32_t slot = (uint32_t)__builtin_ctzll(left);
         bool zero = row[slot].tail == ZERO;
         void *v = (void *)b->args.in[slot];
-        for (uint32_t i = n; i < end; i++)
-            if (row[slot].type == INT) ((int32_t *)v)[i] = zero ? 0 : ((int32_t *)v)[n - 1];
-            else if (b->f64) ((double *)v)[i] = zero ? 0 : ((double *)v)[n - 1];
-            else ((float *)v)[i] = zero ? 0 : ((float *)v)[n - 1];
+        if (row[slot].type == FLT && b->f64) {
+            uint64_t *to = v, last = zero ? 0 : to[n - 1];
+            for (uint32_t i = n; i < end; i++) to[i] = last;
+        } else {
+            uint32_t *to = v, last = zero ? 0 : to[n - 1];
+            for (uint32_t i = n; i < end; i++) to[i] = last;
+        }
     }
 }
 
@@ -129,7 +136,7 @@ static void run(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
 
 static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
     assert(kernel && n <= BATCH);
-    uint32_t end = (n + SLT_PAD - 1) / SLT_PAD * SLT_PAD;
+    uint32_t step = b->s->call || !b->s->widest ? (uint32_t)SLT_PAD : b->s->widest, end = (n + step - 1) / step * step;
     b->layout = &b->s->layout[kind];
     b->args.n_valid = n;
     if (end != n) pad(b, n, end);
@@ -140,7 +147,9 @@ void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     if (!n) return;
     b->evaluations += n;
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
-    b->args.print = kind == SLT_K_VALUE || kind == SLT_K_PRUNED ? b->s->print : NULL; /* derivatives run at the same samples as the value */
+    b->args.print = kind == SLT_K_VALUE || kind == SLT_K_PRUNED
+                        ? b->s->print
+                        : NULL; /* derivatives run at the same samples as the value */
     call(b, kind, b->s->kernel[kind], n);
     if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
 }

@@ -12,7 +12,7 @@ enum { BATCH = 1024 }; /* most samples of a call */
 typedef struct Batch {
     const SltScene *s;
     SltKernelArgs args;
-    bool f64, pixels; /* pixels: batch_set_x also sets the inputs of pixel() */
+    bool f64, pixels; /* pixels: some kernel asks for pixel(), and batch_set_x sets it */
     const Grid *grid;
     void *memory;            /* of all inputs and outputs */
     unsigned char *tape;     /* scratch of reverse kernels */

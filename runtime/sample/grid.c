@@ -130,8 +130,7 @@ double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b) 
     return mass > 0 ? part / mass : 0;
 }
 
-double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u) {
-    if (g->integral || g->filter == SLT_FILTER_BOX) return g->lo[axis] + (p + u) * g->side[axis];
+double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u) {
     double from, to;
     covered(g, p, axis, &from, &to);
     double q = cumulative(g->filter, from, g->radius) + u * g->mass[axis][p];
@@ -141,6 +140,14 @@ double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u) {
 }
 
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out) {
+    if (g->filter == SLT_FILTER_BOX && !g->integral) {
+        uint32_t at[3] = {0};
+        double weight = 1;
+        for (uint32_t d = 0; d < g->dim; d++) at[d] = grid_cell(g, d, x[d]), weight *= 1 / g->side[d];
+        const float *a = adjoint + grid_index(g, at[0], at[1], at[2]) * channels;
+        for (uint32_t c = 0; c < channels; c++) out[c] = weight * (double)a[c];
+        return;
+    }
     uint32_t first[3] = {0}, n[3] = {1, 1, 1};
     double w[3][GRID_REACH] = {{1}, {1}, {1}};
     for (uint32_t d = 0; d < g->dim; d++) n[d] = grid_reach(g, d, x[d], &first[d], w[d]);

@@ -35,7 +35,11 @@ uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, dou
 double grid_share(const Grid *g, uint32_t axis, uint32_t p, double a, double b);
 /* The position along the axis of a sample of pixel p: u uniform in (0, 1) becomes distributed as the filter, over the
  * part of the domain that it covers. */
-double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u);
+double grid_place_filtered(const Grid *g, uint32_t axis, uint32_t p, double u); /* of a filter that is no box */
+static inline double grid_place(const Grid *g, uint32_t axis, uint32_t p, double u) {
+    if (!g->integral && g->filter != SLT_FILTER_BOX) return grid_place_filtered(g, axis, p, u);
+    return g->lo[axis] + (p + u) * g->side[axis];
+}
 /* out[channels] = sum over pixels of adjoint * filter at x. */
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out);
 

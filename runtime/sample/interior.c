@@ -18,12 +18,17 @@ static uint32_t half_count(const SltJob *j, uint32_t half) {
     return half == 1 ? first : spp - first > 0 ? spp - first : 1;
 }
 
-static void plan(Interior *p, Run *r, uint32_t half, uint32_t side2) {
+/* Pixels along a side of a tile as large as a square one of side2. */
+static uint32_t tile_side(const Run *r, uint32_t side2) {
+    return r->grid.dim == 1 ? side2 * side2 : r->grid.dim == 2 ? side2 : side2 / 4;
+}
+
+static void plan(Interior *p, Run *r, uint32_t half, uint32_t side) {
     const Grid *g = &r->grid;
     p->run = r, p->half = half, p->count = half_count(r->j, half);
     p->ntiles = 1;
     for (uint32_t d = 0; d < 3; d++) {
-        p->tile[d] = d >= g->dim ? 1 : g->dim == 1 ? side2 * side2 : g->dim == 2 ? side2 : side2 / 4;
+        p->tile[d] = d >= g->dim ? 1 : side;
         p->tiles[d] = (g->n[d] + p->tile[d] - 1) / p->tile[d];
         p->ntiles *= p->tiles[d];
     }
@@ -201,7 +206,7 @@ static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
 
 SltStatus interior_image(Run *r, uint32_t half, float *image) {
     Interior p = {.image = image, .classes = 1};
-    plan(&p, r, half, prune_can(r->s) && r->grid.dim == 2 ? prune_tile(2) : 32);
+    plan(&p, r, half, prune_can(r->s) ? prune_tile(r->grid.dim, r->grid.n) : tile_side(r, 32));
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, value_work, plain_merge, &p);
     run_free_workers(r);
@@ -248,7 +253,7 @@ SltStatus interior_reverse(Run *r, uint32_t half, const float *adjoint, double f
                            double *const *targets) {
     if (!r->s->kernel[SLT_K_VJP]) return SLT_OK;
     Interior p = {.adjoint = adjoint, .factor = factor, .classes = classes, .targets = targets};
-    plan(&p, r, half, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32);
+    plan(&p, r, half, tile_side(r, r->s->nfloats > 1u << 14 && !r->s->ncull ? 64 : 32));
     SltStatus st = run_workers(r, p.ntiles, classes, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, reverse_work, reverse_merge, &p);
     run_free_workers(r);
@@ -287,7 +292,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
 SltStatus interior_forward(Run *r, const Directions *dirs, float *const *out) {
     if (!r->s->kernel[SLT_K_JVP]) return SLT_OK;
     Interior p = {.dirs = dirs, .out = out, .classes = 1};
-    plan(&p, r, 0, 32);
+    plan(&p, r, 0, tile_side(r, 32));
     SltStatus st = run_workers(r, p.ntiles, 0, SINK_KEEP);
     if (st == SLT_OK) st = run_tiles(r, p.ntiles, forward_work, plain_merge, &p);
     run_free_workers(r);

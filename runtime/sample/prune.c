@@ -42,27 +42,38 @@ void prune_free(Pruner *p) {
     memset(p, 0, sizeof *p);
 }
 
-/* The boxes in which choice k / 2 is known to be operand k % 2: as around them, else where it may not be the other. */
-static uint64_t settled_in(const PruneLevel *l, uint32_t k) {
-    uint64_t here = (uint64_t)(int64_t)l->settled[k], other = (uint64_t)(int64_t)l->settled[k ^ 1];
-    return here | (~other & ~l->choices[k ^ 1]);
+/* The boxes in which a choice is known to be its first operand, its second: as around them, else where it may not be
+ * the other. */
+typedef struct Settled {
+    uint64_t is[2];
+} Settled;
+
+static Settled settled_in(const PruneLevel *l, uint32_t choice) {
+    const uint64_t *may = l->choices + 2 * (size_t)choice;
+    const int32_t *around = l->settled + 2 * (size_t)choice;
+    uint64_t first = (uint64_t)(int64_t)around[0], second = (uint64_t)(int64_t)around[1];
+    return (Settled){{first | (~second & ~may[1]), second | (~first & ~may[0])}};
 }
 
+/* Settled choices do not make a chunk run: unless they are a number of no chunk, which then lies nowhere but there. */
 static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
     uint64_t *live = l->live, any = 0;
     live[c->nops] = 0;
     for (uint32_t o = c->first_op[k + 1]; o-- > c->first_op[k];) {
         const SltChunkOp *op = &c->op[o];
         uint64_t m = live[o];
-        if (op->settled < 0) {
+        if (!m) continue; /* most of a chunk that runs */
+        if (op->choice < 0) {
             any |= m;
             live[op->arg[0]] |= m, live[op->arg[1]] |= m, live[op->arg[2]] |= m;
         } else {
-            uint64_t is = settled_in(l, (uint32_t)op->settled);
-            live[op->arg[0]] |= m & is, live[op->arg[1]] |= m & ~is;
+            Settled s = settled_in(l, (uint32_t)op->choice);
+            uint64_t open = m & ~(s.is[0] | s.is[1]);
+            any |= open;
+            live[op->arg[0]] |= m & ~s.is[1], live[op->arg[1]] |= m & ~s.is[0], live[op->arg[2]] |= open;
         }
     }
-    return any | live[c->nops]; /* a choice that is a number of no chunk lies nowhere but here */
+    return any | live[c->nops];
 }
 
 void prune_walk(Pruner *p, uint32_t level, uint32_t n) {
@@ -100,9 +111,11 @@ static uint32_t source(Pruner *p, const PruneLevel *l, uint32_t op, uint32_t box
     while (p->stamp[op] != p->picks) {
         uint32_t at = op;
         p->way[n++] = op;
-        while (at < c->nops && c->op[at].settled >= 0) {
-            const SltChunkOp *o = &c->op[at];
-            at = o->arg[!(settled_in(l, (uint32_t)o->settled) >> box & 1)];
+        while (at < c->nops && c->op[at].choice >= 0) {
+            Settled s = settled_in(l, (uint32_t)c->op[at].choice);
+            bool first = s.is[0] >> box & 1, second = s.is[1] >> box & 1;
+            if (!first && !second) break;
+            at = c->op[at].arg[!first];
         }
         if (at <= c->nops) break; /* it is of this chunk, or of none: `op` has its value */
         op = l->via[at - c->nops - 1];
@@ -130,8 +143,10 @@ void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
     for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
         if (!(l->runs[*k] >> box & 1)) continue;
         to->chunks[n++] = *k;
-        for (uint32_t s = 2 * c->first_choice[*k]; s < 2 * c->first_choice[*k + 1]; s++)
-            to->settled[s] = -(int32_t)(settled_in(l, s) >> box & 1);
+        for (uint32_t h = c->first_choice[*k]; h < c->first_choice[*k + 1]; h++) {
+            Settled s = settled_in(l, h);
+            for (uint32_t w = 0; w < 2; w++) to->settled[2 * h + w] = -(int32_t)(s.is[w] >> box & 1);
+        }
         pick_imports(p, l, to, c->first_import[*k], c->first_import[*k + 1], box);
     }
     pick_imports(p, l, to, c->first_import[c->nchunks], c->nimports, box);

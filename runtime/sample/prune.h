@@ -57,8 +57,9 @@ typedef struct PruneImage {
 } PruneImage;
 /* Has this scene prune and pruned? */
 bool prune_can(const SltScene *s);
-/* Pixels along a side of the rectangles that prune_image is best given. Parts of parts of larger ones are larger. */
-uint32_t prune_tile(uint32_t dim);
+/* Pixels along a side of the rectangles that prune_image is best given: of large ones the first boxes cost least, but
+ * an image should have some for each thread. */
+uint32_t prune_tile(uint32_t dim, const uint32_t n[3]);
 void prune_image(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r);
 
 #endif

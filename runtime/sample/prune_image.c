@@ -4,13 +4,22 @@
 
 #include "runtime/sample/prune.h"
 
-/* Parts along a side, so that about a vector of them makes a call; and the side below which more boxes cost more than
+/* Parts along a side, so that a few vectors of them make a call; and the side below which more boxes cost more than
  * they save. */
-static const uint32_t parts[4] = {1, 16, 4, 2}, least[4] = {1, 64, 8, 8};
+static const uint32_t parts[4] = {1, 16, 8, 2}, least[4] = {1, 64, 8, 8};
 
 bool prune_can(const SltScene *s) { return s->chunks && s->kernel[SLT_K_PRUNE] && s->kernel[SLT_K_PRUNED]; }
 
-uint32_t prune_tile(uint32_t dim) { return parts[dim] * parts[dim] * least[dim]; }
+uint32_t prune_tile(uint32_t dim, const uint32_t n[3]) {
+    enum { ENOUGH = 16 };
+    uint32_t side = parts[dim] * parts[dim] * least[dim];
+    for (; side > parts[dim] * least[dim]; side /= 2) {
+        uint64_t tiles = 1;
+        for (uint32_t d = 0; d < dim; d++) tiles *= (n[d] + side - 1) / side;
+        if (tiles >= ENOUGH) break;
+    }
+    return side;
+}
 
 static void set_box(Batch *b, const PruneImage *image, uint32_t i, const PixelRect *r) {
     /* Some more than the pixels, so that no sample falls out by rounding. */

@@ -232,19 +232,24 @@ static uint64_t walk_boxes(Op op, const char *target, uint32_t size, double from
     return bad;
 }
 
-int main(void) {
+static bool asked(Op op, int argc, char **argv) { return argc < 2 || !strcmp(argv[1], ir_ops[op].name); }
+
+/* bounds-walk [ROW] */
+int main(int argc, char **argv) {
     static const char *const targets[] = {"avx2", "sse2"};
-    static const Op waves[] = {OP_fsin, OP_fcos, OP_ftan};
+    static const Op waves[] = {OP_fsin, OP_fcos, OP_ftan}, pairs[] = {OP_fpow, OP_fatan2};
     uint64_t bad = 0;
     for (int t = 0; t < 2; t++) {
-        for (uint32_t k = 0; k < 4; k++)
-            bad += walk_lines(OP_fpow, k & 1, targets[t], k >> 1) + walk_lines(OP_fatan2, k & 1, targets[t], k >> 1);
-        for (int k = 0; k < RISING; k++) bad += walk_stretches(&rising[k], targets[t]);
+        for (uint32_t k = 0; k < 8; k++)
+            if (asked(pairs[k & 1], argc, argv)) bad += walk_lines(pairs[k & 1], k >> 1 & 1, targets[t], k >> 2);
+        for (int k = 0; k < RISING; k++)
+            if (asked(rising[k].op, argc, argv)) bad += walk_stretches(&rising[k], targets[t]);
         for (int k = 0; k < 3; k++)
-            for (uint32_t size = 16; size <= 65536; size *= 64)
-                bad += walk_boxes(waves[k], targets[t], size, 1e-3, 2e5);
+            for (uint32_t size = 16; size <= 65536 && asked(waves[k], argc, argv); size *= 64)
+                bad += walk_boxes(waves[k], targets[t], size, 1e-3, 1e4);
     }
     for (int t = 0; t < 2; t++)
-        for (int k = 0; k < RISING; k++) bad += walk_all(&rising[k], targets[t]);
+        for (int k = 0; k < RISING; k++)
+            if (asked(rising[k].op, argc, argv)) bad += walk_all(&rising[k], targets[t]);
     return bad > 0;
 }

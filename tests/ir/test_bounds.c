@@ -244,6 +244,50 @@ static void test_events(void **state) {
     assert_int_equal(bad, 0);
 }
 
+/* ---- tightness: a box that holds one ordinary point has the row's value, or what widening makes of it */
+
+static void test_points_are_tight(void **state) {
+    (void)state;
+    rng = 8;
+    Session *s = session_create(0);
+    Data *d = make_data();
+    uint32_t bad = 0;
+    for (int op = 0; op < OP_COUNT; op++)
+        for (int p = PREC_F32; p <= PREC_F64; p++) {
+            const OpInfo *o = &ir_ops[op];
+            if (o->special || op == OP_fmant) continue; /* a mantissa is in [1, 2] */
+            Case c = {.op = (Op)op, .p = (Precision)p};
+            ArenaMark m = arena_mark(&s->module);
+            Fn *fn = lowered(s, &c, true, false);
+            fill(d, &c);
+            for (uint32_t k = 0; k < o->nargs; k++)
+                for (uint32_t n = 0; n < N; n++) {
+                    IrType t = type_of((Op)op, k);
+                    double v = t == TY_FLT   ? round_to(c.p, 0.1 + 0.8 * uniform())
+                               : t == TY_INT ? 1 + below(90)
+                                             : below(2);
+                    for (uint32_t part = 0; part < 3; part++) put(d->in[slot_of(t, k, part)], t, c.p, n, v);
+                }
+            SltKernelArgs a = args_of(d, 0, N);
+            assert_int_equal(run(fn, &a, N, WIDTH), SLT_OK);
+            double slack = !o->math ? 0 : (p == PREC_F32 ? FLT_EPSILON : DBL_EPSILON) * 20;
+            bool ok = true;
+            for (uint32_t n = 0; n < N && ok; n++) {
+                IrType t = (IrType)o->result;
+                double lo = get(d->out[0][OUT_LO], t, c.p, n), hi = get(d->out[0][OUT_HI], t, c.p, n),
+                       v = get(d->out[0][OUT_VALUE], t, c.p, n);
+                if (t == TY_BOOL) ok = lo == v && hi == v;
+                else ok = v - lo <= fabs(v) * slack && hi - v <= fabs(v) * slack;
+                if (!ok) printf("%s: %.17g has the bound [%.17g, %.17g]\n", o->name, v, lo, hi);
+            }
+            bad += !ok;
+            arena_reset(&s->module, m);
+        }
+    free_data(d);
+    session_destroy(s);
+    assert_int_equal(bad, 0);
+}
+
 /* ---- costs */
 
 /* Additions that the bound of a row takes after the pipeline (constants are free), its arguments being boxes, or the
@@ -294,8 +338,12 @@ static void test_costs(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_rows),   cmocka_unit_test(test_kernels), cmocka_unit_test(test_kernels_without_fma),
-        cmocka_unit_test(test_events), cmocka_unit_test(test_costs),
+        cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_kernels),
+        cmocka_unit_test(test_kernels_without_fma),
+        cmocka_unit_test(test_events),
+        cmocka_unit_test(test_points_are_tight),
+        cmocka_unit_test(test_costs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

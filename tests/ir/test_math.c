@@ -1,5 +1,6 @@
 /* Accuracy of lower_math: every elementary function, both precisions, with and without fma, against the C library's
  * long double. */
+#include "compiler/ir/bounds.h"
 #include "compiler/pass/lower_math.h"
 #include "tests/ir/ir_test.h"
 
@@ -254,6 +255,57 @@ static void test_overflow(void **state) {
     free(d);
 }
 
+/* The bounds column widens by at least twice the error that is allowed above. */
+static void test_widening(void **state) {
+    (void)state;
+    enum { ROW_POINTS = 500 };
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++)
+        for (int p = PREC_F32; p <= PREC_F64; p++) {
+            const Case *c = &cases[k];
+            if (c->op == OP_frsqrt) continue; /* correctly rounded operations, which rise */
+            TestFn t = open_fn((Precision)p);
+            Bound a[2] = {{ir_input(&t.b, IN_X0), ir_input(&t.b, IN_H0)},
+                          {ir_input(&t.b, IN_X1), ir_input(&t.b, IN_H1)}};
+            Bound r = ir_bound_row(&t.b, c->op, a, ir_ops[c->op].nargs, 0);
+            ir_yield(&t.b, 2, (Inst *[]){r.lo, r.hi});
+            PassCtx ctx = {.session = t.s, .has_fma = true};
+            lower_math(&ctx, t.fn);
+            uint64_t state_ = 99 + k;
+            double in[2][ROW_POINTS], out[2][ROW_POINTS];
+            float in32[2][ROW_POINTS], out32[2][ROW_POINTS];
+            for (uint32_t j = 0; j < ROW_POINTS; j++)
+                for (int s = 0; s < 2; s++) {
+                    in[s][j] = s && c->op == OP_fpow ? uniform(&state_) * 4 - 2 : sample(c, p == PREC_F32, &state_);
+                    in32[s][j] = (float)in[s][j];
+                }
+            SltKernelArgs args = {0};
+            for (int s = 0; s < 2; s++) {
+                args.in[IN_X0 + s] = args.in[IN_H0 + s] = p == PREC_F32 ? (void *)in32[s] : in[s];
+                args.out[s] = p == PREC_F32 ? (void *)out32[s] : out[s];
+            }
+            assert_int_equal(run(t.fn, &args, ROW_POINTS, 4), SLT_OK);
+            uint32_t seen = 0;
+            for (uint32_t j = 0; j < ROW_POINTS; j++) {
+                double lo = p == PREC_F32 ? (double)out32[0][j] : out[0][j],
+                       hi = p == PREC_F32 ? (double)out32[1][j] : out[1][j];
+                /* not where the image ends, results are tiny, or nothing is known */
+                if (!(hi - lo < INFINITY) || fabs(hi) < (p == PREC_F32 ? 1e-30 : 1e-290)) continue;
+                if (fabs(lo) >= 1 && (c->op == OP_fsin || c->op == OP_fcos)) continue;
+                if (fabs(hi) >= 1 && (c->op == OP_fsin || c->op == OP_fcos || c->op == OP_ftanh || c->op == OP_ferf))
+                    continue;
+                if (fabs(lo) >= 1 && (c->op == OP_ftanh || c->op == OP_ferf)) continue;
+                double ulp = ldexp(1, ilogb(hi) - (p == PREC_F32 ? 23 : 52)),
+                       allowed = p == PREC_F32 ? c->ulp32 : c->ulp64;
+                seen++;
+                if (hi - lo < 4 * allowed * ulp)
+                    fail_msg("%s: [%.17g, %.17g] is narrower than twice %g ulp to each side", ir_ops[c->op].name, lo,
+                             hi, allowed);
+            }
+            if (c->lo > -1e4) assert_true(seen > ROW_POINTS / 20);
+            close_fn(&t);
+        }
+}
+
 /* pow(x, n) as products: values and the exponents it leaves alone. */
 static void test_powers(void **state) {
     (void)state;
@@ -285,7 +337,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_f32_fma),   cmocka_unit_test(test_f32_plain), cmocka_unit_test(test_f64_fma),
         cmocka_unit_test(test_f64_plain), cmocka_unit_test(test_edges),     cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_powers),
+        cmocka_unit_test(test_powers),    cmocka_unit_test(test_widening),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

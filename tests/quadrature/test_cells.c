@@ -252,11 +252,241 @@ static void opaque_discs(void **state) {
     assert_true(discs_error(2000, .01, .04, 4, &o) < 1e-7);
 }
 
+/* ---- several events */
+static Num discs2_g(const Scene *s, uint32_t e, const Num *x) {
+    Num dx = num_sub(x[0], param(s, 3 * e)), dy = num_sub(x[1], param(s, 3 * e + 1));
+    return num_sub(num_add(num_sqr(dx), num_sqr(dy)), num_sqr(param(s, 3 * e + 2)));
+}
+static void both_f(Look *l, double *f) { f[0] = decide(l, 0) ? decide(l, 1) ? 3 : 1 : 0.5; }
+/* A lens is nested in a disc; the arc of the second circle outside of the first is never looked at. */
+static void lens(void **state) {
+    (void)state;
+    /* The last: equal discs, symmetric about the middle of the domain, in both axes aligned. */
+    static const double p[3][6] = {{0.41, 0.47, 0.29, 0.63, 0.55, 0.26},
+                                   {0.4, 0.5, 0.25, 0.6, 0.5, 0.25},
+                                   {0.375, 0.375, 0.25, 0.625, 0.625, 0.25}};
+    for (int i = 0; i < 3; i++)
+        for (int volume = 0; volume < 2; volume++) {
+            Scene s;
+            scene_init(&s, 2, 2, 0, discs2_g, both_f, p[i], 6);
+            CellOptions o = run_options(6);
+            o.fixed = false, o.tolerance = volume ? 1e-9 : 1e-11, o.volume = volume;
+            Run r = run_scene(&s, &o, NULL);
+            double D = hypot(p[i][3] - p[i][0], p[i][4] - p[i][1]), a = p[i][2], b = p[i][5];
+            double ca = acos((D * D + a * a - b * b) / (2 * D * a)), cb = acos((D * D + b * b - a * a) / (2 * D * b));
+            double area = a * a * (ca - sin(2 * ca) / 2) + b * b * (cb - sin(2 * cb) / 2);
+            if (volume) near("value", r.value[0], 0.5 + 0.5 * PI * a * a + 2 * area, 1e-7);
+            near("first radius", r.slope[0][2], a * (0.5 * 2 * PI + 2 * 2 * ca), 1e-8);
+            near("second radius", r.slope[0][5], b * 2 * 2 * cb, 1e-8);
+            assert_true(r.counts.left < 1e-9);
+        }
+}
+
+/* A line that leaves a disc where the two have no height axis in common. */
+static Num chord_g(const Scene *s, uint32_t e, const Num *x) {
+    return e ? circle_g(s, e, x) : num_sub(x[1], param(s, 3));
+}
+static void chord(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.31, 0.57};
+    Scene s;
+    scene_init(&s, 2, 2, 0, chord_g, both_f, p, 4);
+    CellOptions o = run_options(8);
+    o.volume = false;
+    Run r = run_scene(&s, &o, NULL);
+    near("slope in the line", r.slope[0][3], 0.5 + 2 * 2 * sqrt(0.31 * 0.31 - 0.04 * 0.04), 1e-12);
+    assert_true(r.counts.left == 0);
+}
+
+/* The nearest of three seeds: three lines that meet in a point. */
+static Num seed_g(const Scene *s, uint32_t e, const Num *x) {
+    static const uint32_t pair[3][2] = {{1, 0}, {2, 0}, {2, 1}};
+    Num d[2];
+    for (int k = 0; k < 2; k++) {
+        uint32_t n = pair[e][k];
+        d[k] = num_add(num_sqr(num_sub(x[0], param(s, 2 * n))), num_sqr(num_sub(x[1], param(s, 2 * n + 1))));
+    }
+    return num_sub(d[0], d[1]);
+}
+static void nearest_f(Look *l, double *f) {
+    uint32_t best = decide(l, 0) ? 1 : 0;
+    if (decide(l, best ? 2 : 1)) best = 2;
+    f[0] = best == 0 ? 1 : best == 1 ? 2 : 4;
+}
+/* The integral over a polygon cut by half planes, exactly: the area nearest to seed k. */
+static double area_nearest(const double *p, uint32_t k) {
+    double v[16][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}}, w[16][2], area = 0;
+    int n = 4;
+    for (uint32_t j = 0; j < 3; j++) {
+        if (j == k) continue;
+        double a = 2 * (p[2 * j] - p[2 * k]), b = 2 * (p[2 * j + 1] - p[2 * k + 1]);
+        double c =
+            p[2 * j] * p[2 * j] + p[2 * j + 1] * p[2 * j + 1] - p[2 * k] * p[2 * k] - p[2 * k + 1] * p[2 * k + 1];
+        int m = 0;
+        for (int i = 0; i < n; i++) {
+            double *u = v[i], *t = v[(i + 1) % n], gu = a * u[0] + b * u[1] - c, gt = a * t[0] + b * t[1] - c;
+            if (gu <= 0) memcpy(w[m++], u, sizeof w[0]);
+            if ((gu < 0) != (gt < 0))
+                for (int d = 0; d < 2; d++) w[m][d] = u[d] + gu / (gu - gt) * (t[d] - u[d]);
+            m += (gu < 0) != (gt < 0);
+        }
+        memcpy(v, w, sizeof v), n = m;
+    }
+    for (int i = 0; i < n; i++) area += 0.5 * (v[i][0] * v[(i + 1) % n][1] - v[(i + 1) % n][0] * v[i][1]);
+    return area;
+}
+static double nearest_value(const double *p) {
+    return area_nearest(p, 0) + 2 * area_nearest(p, 1) + 4 * area_nearest(p, 2);
+}
+static void triple_point(void **state) {
+    (void)state;
+    static const double p[2][6] = {{0.2, 0.3, 0.8, 0.4, 0.45, 0.85}, {0.25, 0.25, 0.75, 0.25, 0.5, 0.75}};
+    for (int i = 0; i < 2; i++)
+        for (int volume = 0; volume < 2; volume++) {
+            Scene s;
+            scene_init(&s, 2, 3, 0, seed_g, nearest_f, p[i], 6);
+            CellOptions o = run_options(4);
+            o.fixed = false, o.tolerance = 1e-11, o.volume = volume;
+            Run r = run_scene(&s, &o, NULL);
+            if (volume) near("value", r.value[0], nearest_value(p[i]), 1e-8);
+            for (int k = 0; k < 6; k++) {
+                double q[6], side[2];
+                for (int t = 0; t < 2; t++) {
+                    memcpy(q, p[i], sizeof q), q[k] += t ? 1e-4 : -1e-4;
+                    side[t] = nearest_value(q);
+                }
+                near("slope", r.slope[0][k], (side[1] - side[0]) / 2e-4, 1e-6);
+            }
+        }
+}
+
+/* A rectangle as the sign of its distance, which bends at three seams; and as two conditions along the axes. */
+static Num rectangle_g(const Scene *s, uint32_t e, const Num *x) {
+    Num u = num_sub(x[0], param(s, 0)), v = num_sub(x[1], param(s, 1));
+    if (e == 1) return u;
+    if (e == 2) return v;
+    Num a = num_sub(num_abs(u), param(s, 2)), b = num_sub(num_abs(v), param(s, 3));
+    return e ? num_sub(a, b) : num_max(a, b);
+}
+static Num quadrant_g(const Scene *s, uint32_t e, const Num *x) { return num_sub(x[e], param(s, e)); }
+static void quadrant_f(Look *l, double *f) { f[0] = decide(l, 0) ? decide(l, 1) ? 2 : 1 : decide(l, 1) ? 4 : 0; }
+static void rectangles(void **state) {
+    (void)state;
+    const double p[2][4] = {{0.43, 0.51, 0.217, 0.134}, {0.5, 0.5, 0.25, 0.125}};
+    for (int i = 0; i < 4; i++) {
+        const double *q = p[i / 2];
+        Scene s;
+        CellOptions o = run_options(4);
+        o.volume = i & 1;
+        scene_init(&s, 2, 1, 3, rectangle_g, inside_f, q, 4);
+        Run r = run_scene(&s, &o, NULL);
+        if (o.volume) near("area", r.value[0], 4 * q[2] * q[3], 1e-10);
+        near("in its centre", r.slope[0][0], 0, 1e-7); /* the corners are left over */
+        near("in its width", r.slope[0][2], 4 * q[3], 1e-7);
+        near("in its height", r.slope[0][3], 4 * q[2], 1e-7);
+        scene_init(&s, 2, 2, 0, quadrant_g, quadrant_f, q, 2);
+        r = run_scene(&s, &o, NULL);
+        if (o.volume) near("area", r.value[0], 2 * q[0] * q[1] + q[0] * (1 - q[1]) + 4 * (1 - q[0]) * q[1], 1e-10);
+        near("in x", r.slope[0][0], -2 * q[1] + (1 - q[1]), 1e-10);
+        near("in y", r.slope[0][1], q[0] + 4 * (1 - q[0]), 1e-10);
+        assert_true(r.counts.left < 1e-9);
+    }
+}
+
+/* g jumps at untagged seams: the heights of steps. */
+static Num stairs_g(const Scene *s, uint32_t e, const Num *x) {
+    Num u = num_sub(num_scale(4, x[0]), num(0.3));
+    if (e) return num_sub(u, num(e - 1));
+    Num step = num_floor(u);
+    return num_sub(x[1], num_mul(param(s, 0), num_add(num_mul(step, step), num(1))));
+}
+static void stairs(void **state) {
+    (void)state;
+    const double p = 0.09;
+    for (int volume = 0; volume < 2; volume++) {
+        Scene s;
+        scene_init(&s, 2, 1, 4, stairs_g, inside_f, &p, 1);
+        CellOptions o = run_options(4);
+        o.volume = volume;
+        Run r = run_scene(&s, &o, NULL);
+        double slope = 0.075 * 2 + 0.25 * (1 + 2 + 5) + 0.175 * 10;
+        if (volume) near("area", r.value[0], p * slope, 1e-10);
+        near("slope", r.slope[0][0], slope, 1e-10);
+        assert_true(r.counts.left < 1e-9);
+    }
+}
+
+/* A sphere that is darkest at its edge: f has a root there, and does not jump. */
+static void sphere_f(Look *l, double *f) {
+    double dx = l->x[0] - 0.47, dy = l->x[1] - 0.53, in = 1 - (dx * dx + dy * dy) / (0.31 * 0.31);
+    f[0] = decide(l, 0) && in > 0 ? sqrt(in) : 0;
+}
+static bool sphere_rough(const Scene *s, const Num *x) {
+    Num g = circle_g(s, 0, x);
+    return g.v.lo <= 0 && g.v.hi >= 0;
+}
+static void shaded_sphere(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.31};
+    Scene s;
+    scene_init(&s, 2, 1, 0, circle_g, sphere_f, p, 3);
+    s.rough = sphere_rough;
+    CellOptions o = run_options(6);
+    o.fixed = false, o.tolerance = 1e-8;
+    Run r = run_scene(&s, &o, NULL);
+    near("value", r.value[0], 2 * PI * 0.31 * 0.31 / 3, 1e-7);
+    near("slope", r.slope[0][2], 0, 1e-6);
+    assert_true(r.counts.left < 1e-9);
+}
+
+/* ---- 3D */
+static Num ball_g(const Scene *s, uint32_t e, const Num *x) {
+    Num sum = num(0);
+    if (e) return num_sub(num_add(x[0], num_add(num_scale(0.3, x[1]), num_scale(0.2, x[2]))), param(s, 4));
+    for (uint32_t d = 0; d < 3; d++) sum = num_add(sum, num_sqr(num_sub(x[d], param(s, d))));
+    return num_sub(sum, num_sqr(param(s, 3)));
+}
+static void ball(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.49, 0.31};
+    for (int volume = 0; volume < 2; volume++) {
+        Scene s;
+        scene_init(&s, 3, 1, 0, ball_g, inside_f, p, 4);
+        CellOptions o = run_options(6);
+        o.fixed = false, o.tolerance = 1e-7, o.volume = volume, o.least = 0x1p-8;
+        Run r = run_scene(&s, &o, NULL);
+        if (volume) near("volume", r.value[0], 4 * PI / 3 * pow(0.31, 3), 1e-7);
+        near("slope in the radius", r.slope[0][3], 4 * PI * 0.31 * 0.31, 1e-6);
+        near("slope in x", r.slope[0][0], 0, 1e-6);
+        near("slope in y", r.slope[0][1], 0, 1e-6);
+        assert_true(r.counts.left < 1e-6);
+    }
+}
+/* The part of a ball on one side of a slanted plane. */
+static void ball_cap(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.49, 0.31, 0.8};
+    Scene s;
+    scene_init(&s, 3, 2, 0, ball_g, both_f, p, 5);
+    CellOptions o = run_options(6);
+    o.fixed = false, o.tolerance = 1e-7, o.least = 0x1p-8;
+    Run r = run_scene(&s, &o, NULL);
+    double n = sqrt(1 + 0.09 + 0.04), d = (0.8 - 0.47 - 0.3 * 0.53 - 0.2 * 0.49) / n, R = 0.31,
+           ball = 4 * PI / 3 * R * R * R;
+    double below = PI * (R + d) * (R + d) * (2 * R - d) / 3; /* of the ball, where the plane's g < 0 */
+    near("value", r.value[0], 0.5 + 0.5 * ball + 2 * below, 1e-7);
+    near("slope in the plane", r.slope[0][4], 2 * PI * (R * R - d * d) / n, 1e-6);
+    near("slope in the radius", r.slope[0][3], 0.5 * 4 * PI * R * R + 2 * 2 * PI * R * (R + d), 1e-6);
+    assert_true(r.counts.left < 1e-6);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(step_in_1d),    cmocka_unit_test(step_on_a_face),      cmocka_unit_test(nested_in_1d),
         cmocka_unit_test(floor_in_1d),   cmocka_unit_test(in_single_precision), cmocka_unit_test(circle),
-        cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),
-    };
+        cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),        cmocka_unit_test(lens),
+        cmocka_unit_test(chord),         cmocka_unit_test(triple_point),        cmocka_unit_test(rectangles),
+        cmocka_unit_test(stairs),        cmocka_unit_test(shaded_sphere),       cmocka_unit_test(ball),
+        cmocka_unit_test(ball_cap)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -32,6 +32,15 @@ static void make_more(void) {
          SHADER3("param float r = 0.7; param float h = 0.3;", UNIT,
                  "[Disc] return length(x) < r && x.z > h ? 1.0 : 0.0;"),
          .want = {{"r", 2 * PI * 0.7 * 0.4}, {"h", -PI * (0.49 - 0.09)}});
+    CASE(
+        "a march that a comparison ends",
+        SHADER2(
+            "param float p = 0.3;", "",
+            "float t = 0.0; for (int i = 0; i < 4; i++) { [Disc] if (t * t + x.x * t > x.y) break; t += p; } return t;"),
+        /* p times the areas A(t) above y = t^2 + x t, t = 0, p, 2 p, 3 p: 1 - t^2 - t / 2, and (1 - t^2)^2 / (2 t)
+         * where the curve leaves through y = 1 */
+        .want = {{"p", 1 + 0.76 + 0.34 + 0.19 * 0.19 / 1.8 +
+                           0.3 * (-1.1 - 2 * 1.7 - 3 * (2 * 0.19 + 0.19 * 0.19 / (2 * 0.81)))}});
     CASE("product of conditions",
          SHADER2(
              "param float a = 0.5; param float b = 0.4;", UNIT,
@@ -42,34 +51,58 @@ static void make_more(void) {
 
 /* Streams are one dimension more than cells have. */
 static bool random_program(const Case *c) { return strstr(c->source, "rand()") != NULL; }
-static bool beyond(const Case *c) {
-    return strstr(c->source, "float3 x") || strstr(c->name, "own cut") || strstr(c->name, "checkerboard") ||
-           strstr(c->name, "square root guarded");
+/* What cells are not up to yet: edges of solids along the axes, a root of f at the curve in single precision. */
+static bool beyond(const Case *c, bool f64) {
+    static const char *const names[] = {"box", "cylinder", "spherical cap"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (!strcmp(c->name, names[i])) return true;
+    return !f64 && strstr(c->name, "square root guarded");
 }
+
+/* Jumps of both signs that lines in what is left may step over all at once. */
+static bool understated(const Case *c) { return strstr(c->name, "own cut") || !strcmp(c->name, "spherical cap"); }
 
 static void run(const Case *c, bool f64) {
     SltJob job = SLT_JOB_INIT;
     job.integral = true, job.threads = 2, job.estimator = SLT_EST_QUADRATURE;
     job.error = f64 ? 1e-7 : 1e-5, job.max_evaluations = 1u << 25;
-    SltStats s = run_case(c, &job, f64, f64 ? 1e-6 : 1e-5, 0);
+    /* In single precision a strip of a hundred units in the last place is known no better than it says. */
+    SltStats s = run_case(c, &job, f64, f64 ? 1e-6 : 1e-5, f64 ? 0 : 1);
     if (getenv("SALTUS_PRINT"))
         printf("    %llu evaluations, settled %.4f curved %.4f left %.2g, %.4f s\n", (unsigned long long)s.evaluations,
                s.settled, s.curved, s.left, s.seconds);
+}
+/* What is stated is true, whatever was asked for. */
+static void stated(void **state) {
+    const Case *c = *state;
+    for (int i = 0; i < 4; i++) {
+        SltJob job = SLT_JOB_INIT;
+        job.integral = true, job.threads = 2, job.estimator = SLT_EST_QUADRATURE;
+        job.samples = i < 2 ? 1 << 12 : 1 << 16;
+        if (i & 1) job.error = i < 2 ? 1e-2 : 1e-4, job.max_evaluations = 1u << 22;
+        run_case(c, &job, true, 1e-12, 1);
+    }
 }
 static void run_f32(void **state) { run(*state, false); }
 static void run_f64(void **state) { run(*state, true); }
 
 int main(void) {
     make_cases(), make_more();
-    static struct CMUnitTest tests[160];
-    static char names[160][96];
+    static struct CMUnitTest tests[256];
+    static char names[256][96];
     int n = 0;
     for (int i = 0; i < ncases; i++)
         for (int f64 = 0; f64 < 2; f64++) {
-            if ((cases[i].f64_only && !f64) || random_program(&cases[i]) || beyond(&cases[i])) continue;
+            if ((cases[i].f64_only && !f64) || random_program(&cases[i]) || beyond(&cases[i], f64)) continue;
             snprintf(names[n], sizeof names[n], "%s, %s", cases[i].name, f64 ? "f64" : "f32");
             tests[n] = (struct CMUnitTest){names[n], f64 ? run_f64 : run_f32, NULL, NULL, &cases[i]};
             n++;
         }
+    for (int i = 0; i < ncases; i++) {
+        if (random_program(&cases[i]) || understated(&cases[i])) continue;
+        snprintf(names[n], sizeof names[n], "%s, what is stated", cases[i].name);
+        tests[n] = (struct CMUnitTest){names[n], stated, NULL, NULL, &cases[i]};
+        n++;
+    }
     return _cmocka_run_group_tests("closed forms", tests, (size_t)n, NULL, NULL);
 }

@@ -170,13 +170,12 @@ static void gradient_of_an_image(void **state) {
 }
 
 /* The loss is that of the exact image, and its gradient that of the loss. */
-static void a_loss(void **state) {
-    (void)state;
+static void loss_of(SltFilter filter) {
     Scene s;
     float target[PIXELS], image[PIXELS];
     make(&s);
     for (int i = 0; i < PIXELS; i++) target[i] = (float)cos(0.4 * i);
-    SltJob j = job_of(SLT_FILTER_TENT);
+    SltJob j = job_of(filter);
     double loss, gradient[3], sides[2], moved[3] = {disc[0], disc[1], disc[2]};
     assert_int_equal(slt_estimate_loss(&s.slt, &j, target, NULL, &loss, gradient, NULL, image, NULL, NULL), SLT_OK);
     double sum = 0;
@@ -193,11 +192,23 @@ static void a_loss(void **state) {
     }
 }
 
+static void a_loss(void **state) {
+    (void)state;
+    loss_of(SLT_FILTER_TENT);
+}
+static void a_loss_in_one_sweep(void **state) {
+    (void)state;
+    loss_of(SLT_FILTER_BOX);
+}
+
 int main(void) {
     for (int filter = 0; filter < 3; filter++)
         for (int i = 0; i < SIDE; i++) masses[filter][i] = mass((SltFilter)filter, i);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(pixels_are_exact), cmocka_unit_test(filters_keep_constants),
-                                       cmocka_unit_test(derivative_images), cmocka_unit_test(gradient_of_an_image),
-                                       cmocka_unit_test(a_loss)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(pixels_are_exact),
+                                       cmocka_unit_test(filters_keep_constants),
+                                       cmocka_unit_test(derivative_images),
+                                       cmocka_unit_test(gradient_of_an_image),
+                                       cmocka_unit_test(a_loss),
+                                       cmocka_unit_test(a_loss_in_one_sweep)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

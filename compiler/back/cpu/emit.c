@@ -186,8 +186,9 @@ static void emit_rgba8(Emit *e, const Inst *yield) {
 
 static bool packs_rgba8(const Emit *e, const Inst *yield) {
     if (!e->opt->output_rgba8 || !yield->nargs) return false;
+    const Output *is = e->fn->outputs;
     for (uint32_t j = 0; j < yield->nargs; j++)
-        if (yield->args[j]->type != TY_FLT) return false;
+        if (yield->args[j]->type != TY_FLT || (is && is[j].role != SLT_OUT_F)) return false;
     return true;
 }
 
@@ -243,6 +244,8 @@ static void setup_block(Emit *e, const Block *b) {
         case OP_loop:
             if (i->imm.loop.cull) setup_culls(e, i->imm.loop.cull_id);
             break;
+        case OP_item:
+        case OP_items: setup_culls(e, (uint32_t)i->imm.i); break;
         case OP_note: setup_notes(e, (uint32_t)i->imm.i); break;
         default: break;
         }

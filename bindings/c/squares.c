@@ -1,0 +1,122 @@
+/* 8-bit pixels of a 2D program in chunks: squares of pixels, whose boxes say which chunks run (runtime/sample/prune.h).
+ * The same bits as row by row. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "bindings/c/api.h"
+#include "runtime/base/threads.h"
+#include "runtime/sample/prune.h"
+
+typedef struct Squares Squares;
+typedef struct SquareWorker {
+    const Squares *all;
+    Batch batch;
+    Pruner pruner;
+} SquareWorker;
+
+struct Squares {
+    SltProgram *p;
+    const SltJob *job;
+    uint32_t *out;
+    uint32_t n[3], side, across; /* pixels; of a square; squares in a row of them */
+    double *x, *y;               /* middles of columns, and of rows from below */
+    SquareWorker *worker;
+};
+
+static uint32_t *pixels_of(const Squares *s, const PixelRect *r, uint32_t y) {
+    return s->out + (size_t)(s->n[1] - 1 - (r->lo[1] + y)) * s->n[0] + r->lo[0];
+}
+
+/* As channel8 of back/cpu/emit.c. */
+static uint32_t channel8(bool f64, double v) {
+    double x = v > 0 ? v : 0;
+    x = x < 1 ? x : 1;
+    return f64 ? (uint32_t)(x * 255 + 0.5) : (uint32_t)((float)x * 255.0f + 0.5f);
+}
+
+static void constant(void *user, const PixelRect *r, const double *value) {
+    const Squares *s = ((SquareWorker *)user)->all;
+    uint32_t word = 0xff000000u;
+    for (uint32_t c = 0; c < 3; c++) word |= channel8(s->p->opt.f64, value[s->p->scene.channels >= 3 ? c : 0]) << 8 * c;
+    for (uint32_t y = 0; y < r->n[1]; y++)
+        for (uint32_t x = 0; x < r->n[0]; x++) pixels_of(s, r, y)[x] = word;
+}
+
+static void sample(void *user, const PixelRect *r, const SltPruned *pruned) {
+    SquareWorker *w = user;
+    const Squares *s = w->all;
+    Batch *b = &w->batch;
+    uint32_t rows = BATCH / r->n[0];
+    for (uint32_t from = 0, to; from < r->n[1]; from = to) {
+        uint32_t n = 0;
+        to = from + rows < r->n[1] ? from + rows : r->n[1];
+        for (uint32_t y = r->lo[1] + from; y < r->lo[1] + to; y++)
+            for (uint32_t x = r->lo[0]; x < r->lo[0] + r->n[0]; x++, n++) {
+                batch_set(b, SLT_IN_X0, n, s->x[x]);
+                batch_set(b, SLT_IN_X1, n, s->y[y]);
+                batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)x);
+                batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(s->n[1] - 1 - y));
+            }
+        b->args.pruned = pruned;
+        batch_call(b, SLT_K_PRUNED, n);
+        b->args.pruned = NULL;
+        const uint32_t *words = batch_out(b, SLT_OUT_F, 0);
+        for (uint32_t y = from; y < to; y++, words += r->n[0])
+            memcpy(pixels_of(s, r, y), words, r->n[0] * sizeof *words);
+    }
+}
+
+static bool work(void *user, uint32_t worker, uint64_t tile) {
+    Squares *s = user;
+    SquareWorker *w = &s->worker[worker];
+    const SltScene *scene = &s->p->scene;
+    PruneImage image = {
+        .dim = scene->dim, .channels = scene->channels, .user = w, .constant = constant, .sample = sample};
+    PixelRect r = {.n = {1, 1, 1}};
+    uint32_t at[2] = {(uint32_t)(tile % s->across), (uint32_t)(tile / s->across)};
+    for (uint32_t d = 0; d < 2; d++) {
+        image.lo[d] = scene->lo[d], image.side[d] = (scene->hi[d] - scene->lo[d]) / s->n[d];
+        r.lo[d] = at[d] * s->side;
+        r.n[d] = s->n[d] - r.lo[d] < s->side ? s->n[d] - r.lo[d] : s->side;
+    }
+    prune_image(&w->pruner, &w->batch, &image, &r);
+    return true;
+}
+
+static void merge(void *user, uint32_t worker, uint64_t tile) { (void)user, (void)worker, (void)tile; }
+
+static bool begin(Squares *s, uint32_t threads) {
+    s->x = malloc((size_t)s->n[0] * sizeof *s->x), s->y = malloc((size_t)s->n[1] * sizeof *s->y);
+    s->worker = calloc(threads, sizeof *s->worker);
+    bool ok = s->x && s->y && s->worker;
+    for (uint32_t i = 0; ok && i < s->n[0]; i++) s->x[i] = api_middle(s->p, s->job, 0, i);
+    for (uint32_t i = 0; ok && i < s->n[1]; i++) s->y[i] = api_middle(s->p, s->job, 1, i);
+    for (uint32_t t = 0; ok && t < threads; t++) {
+        SquareWorker *w = &s->worker[t];
+        w->all = s;
+        ok = batch_init(&w->batch, &s->p->scene, NULL) && prune_init(&w->pruner, s->p->scene.chunks);
+        for (uint32_t d = 0; ok && d < 2; d++) w->batch.args.resolution[d] = (int32_t)s->job->size[d];
+    }
+    return ok;
+}
+
+SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err) {
+    Squares s = {.p = p, .job = job, .out = pixels, .n = {job->size[0], job->size[1]}};
+    s.side = prune_tile(2, s.n);
+    s.across = (s.n[0] + s.side - 1) / s.side;
+    uint64_t tiles = (uint64_t)s.across * ((s.n[1] + s.side - 1) / s.side);
+    uint32_t threads = pool_threads(job->threads, tiles);
+    double start = pool_now();
+    bool ok = begin(&s, threads);
+    PoolOptions o = {.threads = threads,
+                     .cancel = job->cancel,
+                     .progress = job->progress,
+                     .progress_user = job->progress_user,
+                     .to = 1,
+                     .deadline = job->time_limit > 0 ? start + job->time_limit : 0};
+    SltStatus status = ok ? pool_run(&o, tiles, work, merge, &s, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    if (stats) stats->samples += (uint64_t)s.n[0] * s.n[1], stats->seconds += pool_now() - start;
+    for (uint32_t t = 0; s.worker && t < threads; t++) batch_free(&s.worker[t].batch), prune_free(&s.worker[t].pruner);
+    free(s.x), free(s.y), free(s.worker);
+    return status;
+}

@@ -1,0 +1,179 @@
+/* Curved cells of 3D: Gauss points along one axis, through each a plane, in which the cell is one of 2D. Along that
+ * axis the cell is cut into slabs where the picture in the plane changes at an edge of the cell: where a curve passes
+ * an edge, or two meet on a face. Where it changes inside, curves that touch a face, the rules differ and the cell is
+ * cut further. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+enum { SLABS = 24 };
+
+/* May curves of the cell touch its faces inside, or each other, where no plane through a Gauss point need see it? Not
+ * if they move along the base all over the cell, for then they reach its edges, where slabs end; nor do those that stay
+ * off the faces across their height axis. Adds what must be asked for that. */
+static bool ask_faces(Cells *c, const Cell *cell, int across) {
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        if (edge->axis < 0 || edge->rises[3 - across - edge->axis]) continue;
+        for (int far = 0; far < 2; far++) {
+            double lo[3], hi[3], centre[3];
+            for (int d = 0; d < 3; d++) {
+                lo[d] = cell->box.lo[d], hi[d] = cell->box.hi[d];
+                if (d == edge->axis) lo[d] = hi[d] = far ? hi[d] : lo[d];
+                centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
+            }
+            if (!cells_ask(c, &edge->event, lo, hi) || !cells_ask(c, &edge->event, centre, centre)) return false;
+        }
+    }
+    return true;
+}
+
+/* ask: what ask_faces asked, and behind it. */
+static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const Ask **ask) {
+    bool seen = true;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        if (edge->axis < 0) continue;
+        int base = 3 - across - edge->axis;
+        for (int far = 0; far < 2 && !edge->rises[base]; far++, *ask += 2) {
+            CellEdge face = *edge;
+            cells_meet(c, &face, &(*ask)[0], &(*ask)[1]);
+            seen &= face.g[0] > 0 || face.g[1] < 0;
+        }
+        for (uint32_t o = 0; o < cell->nedges; o++) {
+            double climb[2], slope[2];
+            if (o == e || (o < e && cell->edge[o].axis >= 0)) continue;
+            cells_slope_along(edge->slope, cell->edge[o].slope, base, edge->axis, climb, slope);
+            seen &= slope[0] > 0 || slope[1] < 0;
+        }
+    }
+    return seen;
+}
+
+/* The axis across the planes, no curve's height axis; -1: there is none that would do. */
+static bool axis_of_planes(Cells *c, const Cell *cell, int *axis) {
+    *axis = -1;
+    c->nask = 0;
+    for (int across = 0; across < 3; across++)
+        if (!(cell->axes >> across & 1) && !ask_faces(c, cell, across)) return false;
+    if (!cells_run_asks(c)) return false;
+    const Ask *ask = c->ask;
+    for (int across = 0; across < 3; across++)
+        if (!(cell->axes >> across & 1) && seen_by_planes(c, cell, across, &ask)) *axis = across;
+    return true;
+}
+
+/* The plane at x, a cell of 2D at the end of c->cell. */
+static Cell *add_plane(Cells *c, uint32_t i, int across, double x, double weight, int8_t rule) {
+    if (!CELLS_ROOM(c, cell, 1)) return NULL;
+    Cell *p = &c->cell[c->ncell++];
+    *p = c->cell[i];
+    p->slice = (int8_t)across, p->rule = rule, p->weight = weight;
+    p->box.lo[across] = p->box.hi[across] = p->box.end[across] = cells_round(c, x);
+    return p;
+}
+
+static int ascending(const void *a, const void *b) {
+    const double *p = a, *q = b;
+    return (*p > *q) - (*p < *q);
+}
+
+/* Where slabs end: places along `across` where a face that runs along it is cut. at[0 .. *n]. */
+static bool find_slabs(Cells *c, uint32_t i, int across, double at[SLABS + 1], uint32_t *n) {
+    uint32_t first = c->ncell, count = 0;
+    for (int d = 0; d < 3; d++) {
+        if (d == across) continue;
+        for (int far = 0; far < 2; far++) {
+            const Box *box = &c->cell[i].box;
+            Cell *p = add_plane(c, i, d, far ? box->hi[d] : box->lo[d], 1, -1);
+            if (!p) return false;
+            /* Where the face is across the height axis curves must be graphs over the base in it. */
+            bool graphs = true;
+            for (uint32_t e = 0; e < p->nedges; e++) {
+                CellEdge *edge = &p->edge[e];
+                if (edge->axis < 0) continue;
+                if (edge->axis == d) edge->axis = (int8_t)(3 - across - d);
+                graphs &= edge->rises[edge->axis] != 0;
+            }
+            if (!graphs) c->ncell--;
+        }
+    }
+    bool good = cells_cut_planes(c, first);
+    at[count++] = c->cell[i].box.lo[across];
+    for (uint32_t k = 0; k < c->ncut && count < SLABS; k++) {
+        const Cell *p = &c->cell[c->cut[k].cell];
+        if (3 - p->slice - c->cut[k].axis == across) at[count++] = c->cut[k].at;
+    }
+    c->ncell = first;
+    at[count] = c->cell[i].box.end[across];
+    qsort(at, count + 1, sizeof *at, ascending);
+    *n = 0;
+    for (uint32_t k = 1; k <= count; k++)
+        if (at[k] - at[*n] > 0x1p-40 * (at[count] - at[0]) || k == count) at[++*n] = at[k];
+    return good;
+}
+
+static bool add_planes(Cells *c, uint32_t i, int across, const double *at, uint32_t slabs) {
+    for (uint32_t s = 0; s < slabs; s++)
+        for (int8_t r = 0; r < CELL_RULES; r++)
+            for (uint32_t q = 0; q < c->rule[r].n; q++) {
+                double width = at[s + 1] - at[s];
+                if (!add_plane(c, i, across, at[s] + c->rule[r].x[q] * width, c->rule[r].w[q] * width, r)) return false;
+            }
+    return true;
+}
+
+/* The integral of |jump| over the surface of each event, by rule, with moments in the position. */
+static bool surfaces_agree(const Cells *c, const Cell *cell) {
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, steep = 0;
+        for (int d = 0; d < 3; d++) {
+            double s = 0.5 * (cell->edge[e].slope[d][0] + cell->edge[e].slope[d][1]);
+            steep += s * s;
+        }
+        steep = sqrt(steep);
+        for (uint32_t i = 0; i < c->nroot; i++) {
+            const Root *r = &c->root[i];
+            const Column *k = &c->column[r->column];
+            if (r->edge != e || !r->wanted) continue;
+            double w = k->weight * steep / fabs(r->dg[r->axis]);
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+                double jump = r->f[1][ch] - r->f[0][ch];
+                most = fmax(most, fabs(jump)), total += w * fabs(jump);
+                sum[k->rule][ch][0] += w * jump;
+                for (int d = 0; d < 3; d++) {
+                    double side = cell->box.end[d] - cell->box.lo[d];
+                    sum[k->rule][ch][1 + d] += w * jump * (2 * (r->x[d] - cell->box.lo[d]) / side - 1);
+                }
+            }
+        }
+        double least = fmax(c->o->tolerance * most * c->width * c->width, cells_rounding(c) * total);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            for (int m = 0; m < 4; m++)
+                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;
+    }
+    return true;
+}
+
+bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
+    double at[SLABS + 1];
+    uint32_t slabs, first = c->ncell;
+    int across;
+    if (!axis_of_planes(c, &c->cell[i], &across)) return false;
+    *done = across >= 0;
+    if (!*done) return true;
+    if (!find_slabs(c, i, across, at, &slabs)) return false;
+    if (!add_planes(c, i, across, at, slabs) || !cells_cut_bases(c, first)) return false;
+    for (uint32_t k = first; k < c->ncell; k++) *done &= !c->cell[k].refine;
+    bool compare = !c->o->fixed && may_refine && c->rule[CELL_COARSE].n;
+    if (*done && !cells_evaluate(c, 0, compare)) return false;
+    if (*done && compare) *done = surfaces_agree(c, &c->cell[i]) && (!c->nspot || cells_values_agree(c, 0, c->nspot));
+    if (*done) {
+        cells_emit_columns(c, c->column, c->column + c->ncolumn);
+        cells_emit_spots(c, 0, c->nspot);
+    }
+    c->ncell = first;
+    return true;
+}
