@@ -309,6 +309,20 @@ static void check_mean_value(Case *t, const Io *box, const Io *at, uint32_t i, i
     }
 }
 
+/* Is entry e of the list of box i the same event as an earlier one? */
+static bool is_told_before(const Case *t, uint32_t i, uint32_t e) {
+    uint32_t told = outputs(t, K_BOUNDS, SLT_OUT_OPEN_EDGE), depth = outputs(t, K_BOUNDS, SLT_OUT_OPEN_K) / told;
+    for (uint32_t f = 0; f < e; f++) {
+        bool same = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, e))[i] ==
+                    ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, f))[i];
+        for (uint32_t d = 0; d < depth; d++)
+            same &= ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_K, e * depth + d))[i] ==
+                    ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_K, f * depth + d))[i];
+        if (same) return true;
+    }
+    return false;
+}
+
 /* g of every event that is told lies between its bounds, and its gradient where it is known. */
 static void check_edges(Case *t) {
     if (!outputs(t, K_BOUNDS, SLT_OUT_OPEN) || !t->p->fn[K_EDGE] || !t->p->fn[K_EDGE_BOUNDS]) return;
@@ -320,7 +334,8 @@ static void check_edges(Case *t) {
     for (uint32_t i = 0; i < BOXES; i++)
         for (uint32_t e = 0; e < told && (int32_t)e < open_of(t, i); e++) {
             int32_t edge = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, e))[i];
-            if (edge < 0) continue;
+            if (edge < 0) break;
+            if (is_told_before(t, i, e)) fail_msg("%s: an event of edge %d is told twice", where(t, i), edge);
             for (uint32_t d = 0; d < 3; d++) {
                 set(t, box.in[IN_X0 + d], 0, t->lo[i][d]);
                 set(t, box.in[IN_H0 + d], 0, t->hi[i][d]);
