@@ -32,6 +32,15 @@ static void make_more(void) {
          SHADER3("param float r = 0.7; param float h = 0.3;", UNIT,
                  "[Disc] return length(x) < r && x.z > h ? 1.0 : 0.0;"),
          .want = {{"r", 2 * PI * 0.7 * 0.4}, {"h", -PI * (0.49 - 0.09)}});
+    CASE(
+        "a march that a comparison ends",
+        SHADER2(
+            "param float p = 0.3;", "",
+            "float t = 0.0; for (int i = 0; i < 4; i++) { [Disc] if (t * t + x.x * t > x.y) break; t += p; } return t;"),
+        /* p times the areas A(t) above y = t^2 + x t, t = 0, p, 2 p, 3 p: 1 - t^2 - t / 2, and (1 - t^2)^2 / (2 t)
+         * where the curve leaves through y = 1 */
+        .want = {{"p", 1 + 0.76 + 0.34 + 0.19 * 0.19 / 1.8 +
+                           0.3 * (-1.1 - 2 * 1.7 - 3 * (2 * 0.19 + 0.19 * 0.19 / (2 * 0.81)))}});
     CASE("product of conditions",
          SHADER2(
              "param float a = 0.5; param float b = 0.4;", UNIT,
