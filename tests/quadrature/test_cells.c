@@ -416,6 +416,30 @@ static void stairs(void **state) {
     }
 }
 
+/* A site that jumps where an untagged seam does, with something behind the seam that makes cells be cut there: nothing
+ * of the site is lost unseen. */
+static Num coinciding_g(const Scene *s, uint32_t e, const Num *x) {
+    if (e == 0) return stairs_g(s, 0, x);
+    if (e == 1) return num_sub(x[0], num(0.325)); /* the seam 4 x - 0.3 = 1 */
+    return stairs_g(s, e - 1, x);
+}
+static void coinciding_f(Look *l, double *f) { f[0] = (decide(l, 0) ? 1 : 0) + (decide(l, 1) ? 10 : 0); }
+static void site_on_a_seam(void **state) {
+    (void)state;
+    const double p = 0.09;
+    for (int volume = 0; volume < 2; volume++) {
+        Scene s;
+        scene_init(&s, 2, 2, 4, coinciding_g, coinciding_f, &p, 1);
+        CellOptions o = run_options(4);
+        o.volume = volume, o.least = 0x1p-8;
+        Run r = run_scene(&s, &o, NULL);
+        double seen = r.jumps[1], slope = 0.075 * 2 + 0.25 * (1 + 2 + 5) + 0.175 * 10;
+        near("slope", r.slope[0][0], slope, 50 * r.counts.left + 1e-10);
+        /* The line x = 0.325 is 1 long. */
+        if (!(fabs(seen - 1) < 1e-9) && !(r.counts.left > 0)) fail_msg("%g of the line, and nothing left over", seen);
+    }
+}
+
 /* A sphere that is darkest at its edge: f has a root there, and does not jump. */
 static void sphere_f(Look *l, double *f) {
     double dx = l->x[0] - 0.47, dy = l->x[1] - 0.53, in = 1 - (dx * dx + dy * dy) / (0.31 * 0.31);
@@ -526,6 +550,7 @@ int main(void) {
                                        cmocka_unit_test(triple_point),
                                        cmocka_unit_test(rectangles),
                                        cmocka_unit_test(stairs),
+                                       cmocka_unit_test(site_on_a_seam),
                                        cmocka_unit_test(shaded_sphere),
                                        cmocka_unit_test(specks),
                                        cmocka_unit_test(ball),
