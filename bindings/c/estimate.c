@@ -14,11 +14,24 @@ static void value_needs(const SltJob *j, bool needs[K_KINDS]) {
     if (by_cells(j)) cell_needs(needs);
 }
 
-static void gradient_needs(const SltJob *j, bool forward, bool needs[K_KINDS]) {
+/* Bounds of rays are asked for where shadows may be thinner than the lattice: runtime/sample/prove.h. Not beside
+ * silhouettes: which ridge a ray meets is never settled, so bounds would cost and prove nothing. */
+static bool proves_lines(const SltProgram *p, const SltJob *j) {
+    const Fn *primal = p->prog->primal;
+    bool shadows = false, silhouettes = false, wanted = j->integral ? p->opt.near_miss != 0 : p->opt.near_miss > 0;
+    for (uint32_t s = 0; s < primal->nsites; s++) {
+        shadows |= primal->sites[s].kind == SITE_SHADOW;
+        silhouettes |= primal->sites[s].kind == SITE_SILHOUETTE;
+    }
+    return shadows && !silhouettes && wanted && j->estimator == SLT_EST_LATTICE && primal->dim == 2;
+}
+
+static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, bool needs[K_KINDS]) {
     value_needs(j, needs);
     if (slt_estimate_by_differences(j->estimator)) return;
     if (!j->no_interior) needs[forward ? K_JVP : K_VJP] = true;
     if (j->no_boundary) return;
+    if (proves_lines(p, j)) needs[K_BOUNDS] = true;
     needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = true;
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
@@ -58,7 +71,7 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     SltStatus s = begin(c, p, job, stats, err);
     if (s == SLT_OK) s = settle(c);
     if (s != SLT_OK) return s;
-    gradient_needs(&c->job, forward, needs);
+    gradient_needs(p, &c->job, forward, needs);
     return api_call_kernels(c, needs);
 }
 

@@ -26,9 +26,9 @@ typedef struct Interp {
     uint32_t n, lanes, base; /* samples of the call; lanes of a vector; first sample of this vector */
     uint32_t flt;            /* bytes of a float */
     unsigned char *memory;
-    void **slot; /* by id: lanes elements; arrays: count rows of lanes elements */
-    void **next; /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
-    unsigned char *frame;  /* of give and take: frame_places times lanes elements of 8 bytes */
+    void **slot;          /* by id: lanes elements; arrays: count rows of lanes elements */
+    void **next;          /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
+    unsigned char *frame; /* of give and take: frame_places times lanes elements of 8 bytes */
     uint64_t frame_places;
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
@@ -467,8 +467,7 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = is_live(in->args->pruned, i->imm.i);
         return true;
     case OP_settled:
-        for (uint32_t l = 0; l < in->lanes; l++)
-            ((int32_t *)dst)[l] = in->args->pruned->settled[i->imm.i] != 0;
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = in->args->pruned->settled[i->imm.i] != 0;
         return true;
     case OP_choice: note_choice(in, i, m); return true;
     case OP_print: exec_print(in, i, m); return true;

@@ -194,6 +194,7 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
     Boxes x = {.ctx = ctx, .from = from, .to = to, .arena = scratch, .edges = kind != OF_VALUE};
     x.fact = ARENA_ARRAY(scratch, uint8_t, n + 1);
     x.value = ARENA_ARRAY(scratch, Boxed, n + 1);
+    x.answer = ARENA_ARRAY(scratch, Inst *, n + 1);
     x.goal = ARENA_ARRAY(scratch, Goal, n + 1);
     x.given = ARENA_ARRAY(scratch, Boxed, n + 1);
     x.array = ARENA_ARRAY(scratch, BoxedArray, n + 1);

@@ -5,6 +5,7 @@
  *   variant_bounds_value.c   one operation; decisions and the events they record; what a condition teaches
  *   variant_bounds_error.c   how far a value as computed is from what exact arithmetic gives
  *   variant_bounds_flow.c    if_ and loop
+ *   variant_bounds_query.c   queries along rays
  *   variant_bounds_array.c   arrays, and parameters at an index that is not one number
  *
  * Every value of the source becomes a Boxed: bounds (ir/bounds.h), and a set, `open`, of what the value hangs on that
@@ -72,6 +73,7 @@ typedef struct Boxes {
     uint8_t *fact;     /* by id: FACT_* */
     bool *wanted;      /* by id: its error is; NULL: no error is */
     Boxed *value;      /* by id */
+    Inst **answer;     /* by id of a query: what is known of its rays */
     Goal *goal;        /* by id of the if_ */
     Boxed *given;      /* by id of a result of an if_ with a goal: its value where that holds */
     BoxedArray *array; /* by id of the alloc */
@@ -122,6 +124,11 @@ Inst *error_larger(Builder *b, Inst *p, Inst *q); /* NULL is 0 */
 void bounds_block(Boxes *x, Builder *b, const Block *from);
 void bounds_if(Boxes *x, Builder *b, const Inst *i);
 void bounds_loop(Boxes *x, Builder *b, const Inst *i);
+
+/* variant_bounds_query.c */
+void bounds_query(Boxes *x, Builder *b, const Inst *i);
+/* Bounds of a comparison that asks whether a ray meets anything; false: it is another one. */
+bool bounds_found(Boxes *x, Builder *b, const Inst *i);
 
 /* variant_bounds_array.c */
 void bounds_alloc(Boxes *x, Builder *b, const Inst *i);

@@ -340,8 +340,6 @@ static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a,
     BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
     if (events.jumps) open = open_union(b, open, bits_where(b, events.jumps, OPEN_JUMP));
-    if (i->op == OP_fmin || i->op == OP_fmax) /* they drop a NaN in the second argument, and with it a jump */
-        open = open_union(b, open, bits_where(b, is_unknown(b, a[1]), OPEN_JUMP));
     return open;
 }
 
@@ -402,6 +400,11 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     case OP_rand:
         x->value[i->id] = (Boxed){.is = {number(b, 0), number(b, 1)}, .open = ir_consti(b, OPEN_JUMP)};
         return;
+    case OP_query: bounds_query(x, b, i); return;
+    case OP_ieq:
+    case OP_ine:
+        if (bounds_wide(x, i) && bounds_found(x, b, i)) return;
+        break;
     case OP_live:
     case OP_settled: copy(x, b, i); return;
     case OP_give: /* its lower and its upper end lie side by side */
@@ -422,7 +425,6 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);
         return;
     }
-    case OP_query:
     case OP_window: x->value[i->id] = unknown_value(b, i); return;
     case OP_param:
     case OP_dparam:

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/sample/prove.h"
 #include "runtime/sample/search.h"
 
 bool finder_init(Finder *f, Batch *b) {
@@ -27,7 +28,8 @@ bool finder_init(Finder *f, Batch *b) {
 }
 
 void finder_free(Finder *f) {
-    free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->found), free(f->items), free(f->order);
+    free(f->alike), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->found), free(f->items),
+        free(f->order);
     memset(f, 0, sizeof *f);
 }
 
@@ -83,6 +85,11 @@ void finder_push(Finder *f, const Segment *s) {
 
 void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
     s->ta = 0, s->tb = 1, s->ma = a, s->mb = b, s->threshold = threshold, s->halvings = 0, s->cut = 0;
+    s->touches = 0;
+    if (f->proves && !search_differ(a, b, threshold)) {
+        prove_add(f, s, 0, 1, a, b);
+        return;
+    }
     s->state = a.hash == b.hash ? SEARCH_HALVE : SEARCH_ROOT;
     finder_push(f, s);
 }
@@ -96,7 +103,10 @@ Mark batch_mark(const Batch *b, uint32_t i) {
 }
 
 void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state, double cut) {
-    if (!search_differ(a, b, s->threshold)) return;
+    if (!search_differ(a, b, s->threshold)) {
+        if (f->proves && tb > ta && s->halvings < search_most_halvings(f->s)) prove_add(f, s, ta, tb, a, b);
+        return;
+    }
     if (!(tb > ta) || s->halvings >= search_most_halvings(f->s)) {
         f->dropped[SLT_DROP_HALVINGS]++;
         return;
@@ -391,8 +401,11 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         SearchState behind = window ? window_next_state(it, it->s.tb - hi, jumped) : SEARCH_ROOT,
                     front = window ? window_next_state(it, lo - it->s.ta, jumped) : SEARCH_ROOT;
         double near = window && !jumped && it->s.state == SEARCH_ROOT ? NEAR_PADS * it->pad : 0;
-        search_push_cut(f, &it->s, hi, it->s.tb, after, it->s.mb, behind, near > 0 ? hi + near : 0);
-        search_push_cut(f, &it->s, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
+        Segment beside = it->s;
+        if (jumped) beside.touches = (uint8_t)(TOUCH_A | (it->s.touches & TOUCH_B));
+        search_push_cut(f, &beside, hi, it->s.tb, after, it->s.mb, behind, near > 0 ? hi + near : 0);
+        if (jumped) beside.touches = (uint8_t)(TOUCH_B | (it->s.touches & TOUCH_A));
+        search_push_cut(f, &beside, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
     }
 }
 
@@ -411,7 +424,7 @@ static uint32_t halve(Finder *f, Item *items, uint32_t n) {
 /* Segments of a scene with rays wait until there are this many, so that neighbours come into one batch. */
 enum { TOGETHER = 16 * FIND };
 
-void finder_run(Finder *f, bool all) {
+static void run_stack(Finder *f, bool all) {
     Item *items = f->items;
     if (search_has_windows(f->s)) {
         if (!all && f->n < TOGETHER) return;
@@ -435,5 +448,12 @@ void finder_run(Finder *f, bool all) {
         }
         if (n) verify(f, items, n);
     }
+}
+
+void finder_run(Finder *f, bool all) {
+    do {
+        prove_run(f, all);
+        run_stack(f, all);
+    } while (all && (f->n || f->nalike) && !f->failed);
     if (all && f->nfound) f->full(f->full_user, f->found, f->nfound), f->nfound = 0;
 }

@@ -26,6 +26,8 @@ typedef enum SearchState {
     SEARCH_DOUBT  /* the depths differ, but there is no event: is it a slope? */
 } SearchState;
 
+enum { TOUCH_A = 1, TOUCH_B = 2 };
+
 typedef struct Segment {
     double a[3], b[3];      /* ends of the whole segment; x(t) = a + t (b - a) */
     double ta, tb;          /* the part still to be searched */
@@ -39,6 +41,7 @@ typedef struct Segment {
     uint8_t cls; /* class: of a reverse sink which adjoint buffer; in an integral not 0 where coarser lines miss it */
     uint8_t halvings; /* how often the segment was cut */
     uint8_t state;    /* SearchState */
+    uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
     double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
@@ -77,6 +80,12 @@ struct Finder {
     struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
+    /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
+     * those that only the last halving found */
+    Segment *alike; /* [nalike] */
+    uint32_t nalike, alike_cap;
+    uint64_t unproven; /* parts of the least length that bounds left open */
+    bool proves, prove_classes;
     bool coarse;     /* rays in an image: a root to 2^-9 of a segment, less than a hundredth of a pixel, will do */
     bool halve_only; /* as Belhe et al. search: bisection on the hash down to 2^-15 */
     bool failed;     /* memory ran out */

@@ -14,8 +14,9 @@
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
+#include "runtime/sample/prove.h"
 
-enum { SPAN_MAX = 4096 + 8 };
+enum { SPAN_MAX = 4096 + 8, SPAN_2D = 128 + 8 }; /* vertices of a tile along an axis */
 
 typedef struct Lattice {
     Boundary *y;
@@ -32,6 +33,7 @@ typedef struct Lattice {
         uint64_t tile;
     } *known;
     uint64_t nguest, guest_cap, nknown, known_cap;
+    bool *proves;            /* by tile: its lines have no gaps (prove.h), and fingers are not followed into it */
     uint64_t *visit, nvisit; /* [nvisit]: for each tile with guests the number of its first one */
     bool failed;
 } Lattice;
@@ -144,18 +146,22 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
             if (ha != hb || depth_differs(da, db, threshold))
                 own = depth_threshold(hash, depth, stride, v, sp->vn[axis], threshold);
         }
-        if (ha == hb && !depth_differs(da, db, own)) continue;
+        bool alike = ha == hb && !depth_differs(da, db, own);
+        if (alike && (!w->finder.proves || w->settled[first + v * stride] >> axis & 1)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
         s->edge = w->follow ? (uint32_t)(first + v * stride) + 1 : 0;
-        searched[v] = true;
-        if (integral) {
+        searched[v] = !alike;
+        if (integral && w->finder.proves) {
+            s->cls = 0;
+        } else if (integral) {
             uint32_t p = (e & ~1u) - sp->v0[axis];
             s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride] &&
                      !(depth && depth_differs(depth[p * stride], depth[(p + 2) * stride], own));
         }
         finder_add(&w->finder, s, worker_mark(w, first + v * stride), worker_mark(w, first + (v + 1) * stride), own);
     }
-    if (w->follow) follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
+    if (w->follow && !w->finder.proves)
+        follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
     if (scene_outputs(y->run->s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
         if (integral) s->cls = 0;
         Line line = {.pos = pos,
@@ -213,6 +219,72 @@ static FollowTile follow_tile(const Lattice *l, const Span *sp) {
     return t;
 }
 
+/* Do bounds settle enough of the tile's edges to be worth asking? Some of them, spread evenly, say so. */
+static bool tile_proves(const Lattice *l, Worker *w, const Span *sp) {
+    enum { ASKED = 64, ENOUGH = ASKED / 4 };
+    const SltScene *s = l->y->run->s;
+    /* Where fingers would be followed. */
+    if (!w->follow || !s->kernel[SLT_K_BOUNDS] || !scene_outputs(s, SLT_K_EVENT, SLT_OUT_WINDOW)) return false;
+    uint32_t edges[2], settled = 0;
+    for (uint32_t d = 0; d < 2; d++) edges[d] = sp->vn[d] - 1;
+    for (uint32_t i = 0; i < ASKED; i++) {
+        uint32_t axis = i & 1, at[2];
+        for (uint32_t d = 0; d < 2; d++) at[d] = (uint32_t)(rng_recurrence(2, d, i, 0) * edges[d]);
+        Segment e = {.tb = 1};
+        for (uint32_t d = 0; d < 2; d++) e.a[d] = sp->pos[d][at[d]], e.b[d] = sp->pos[d][at[d] + (d == axis)];
+        prove_set_box(&w->batch, i, &e, 0, 1);
+    }
+    batch_call(&w->batch, SLT_K_BOUNDS, ASKED);
+    for (uint32_t i = 0; i < ASKED; i++) settled += prove_is_settled(&w->batch, i);
+    return settled >= ENOUGH;
+}
+
+typedef struct Block {
+    uint16_t at[2], size; /* first vertex in the tile, edges a side */
+} Block;
+enum { BLOCK = 16, BLOCK_LEAST = 2, BLOCKS = (SPAN_2D / BLOCK_LEAST + 1) * (SPAN_2D / BLOCK_LEAST + 1) };
+
+/* Notes the edges of blocks of the lattice that are settled as a whole, blocks of BLOCK by BLOCK edges and their
+ * quarters. */
+static void settle_blocks(Worker *w, const Span *sp) {
+    Batch *b = &w->batch;
+    Block now[BLOCKS], next[BLOCKS];
+    uint32_t n = 0;
+    memset(w->settled, 0, (uint64_t)sp->vn[0] * sp->vn[1]);
+    for (uint16_t y = 0; y + 1u < sp->vn[1]; y += BLOCK)
+        for (uint16_t x = 0; x + 1u < sp->vn[0]; x += BLOCK) now[n++] = (Block){{x, y}, BLOCK};
+    while (n) {
+        uint32_t more = 0;
+        for (uint32_t from = 0; from < n; from += BATCH) {
+            uint32_t count = n - from < BATCH ? n - from : BATCH;
+            for (uint32_t i = 0; i < count; i++)
+                for (uint32_t d = 0; d < 2; d++) {
+                    uint32_t first = now[from + i].at[d], last = first + now[from + i].size;
+                    batch_set(b, SLT_IN_X0 + d, i, sp->pos[d][first]);
+                    batch_set(b, SLT_IN_H0 + d, i, sp->pos[d][last < sp->vn[d] ? last : sp->vn[d] - 1]);
+                }
+            batch_call(b, SLT_K_BOUNDS, count);
+            for (uint32_t i = 0; i < count; i++) {
+                Block k = now[from + i];
+                if (!prove_is_settled(b, i)) {
+                    uint16_t half = k.size / 2;
+                    for (uint16_t c = 0; c < 4 && half >= BLOCK_LEAST; c++) {
+                        Block q = {{(uint16_t)(k.at[0] + (c & 1) * half), (uint16_t)(k.at[1] + (c >> 1) * half)}, half};
+                        if (q.at[0] + 1u < sp->vn[0] && q.at[1] + 1u < sp->vn[1]) next[more++] = q;
+                    }
+                    continue;
+                }
+                for (uint32_t y = k.at[1]; y <= k.at[1] + k.size && y < sp->vn[1]; y++)
+                    for (uint32_t x = k.at[0]; x <= k.at[0] + k.size && x < sp->vn[0]; x++)
+                        w->settled[y * sp->stride[1] + x] |=
+                            (uint8_t)((x < k.at[0] + k.size) | (y < k.at[1] + k.size) << 1);
+            }
+        }
+        memcpy(now, next, more * sizeof *now);
+        n = more;
+    }
+}
+
 static bool work(void *user, uint32_t worker, uint64_t tile) {
     Lattice *l = user;
     Boundary *y = l->y;
@@ -227,6 +299,9 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     cull_select(&y->run->cull, &w->cull, &w->batch, lo, hi);
     if (w->sink.kind == SINK_FORWARD && !sink_rect(&w->sink, lo, hi)) return false;
     evaluate(l, w, &sp);
+    w->finder.proves = tile_proves(l, w, &sp);
+    if (w->finder.proves) settle_blocks(w, &sp);
+    w->finder.prove_classes = y->run->grid.integral;
     FollowTile follow;
     if (w->follow) {
         follow = follow_tile(l, &sp);
@@ -280,6 +355,8 @@ static void merge(void *user, uint32_t worker, uint64_t tile) {
     Worker *w = &l->y->run->worker[worker];
     if (w->follow) {
         uint32_t n;
+        l->proves[tile] = w->finder.proves;
+        l->y->run->proven |= w->finder.proves;
         const FollowExit *out = follow_exits(w->follow, &n);
         if (!room((void **)&l->guest, l->nguest + n, &l->guest_cap, sizeof *l->guest)) l->failed = true, n = 0;
         for (uint32_t i = 0; i < n; i++) {
@@ -316,6 +393,11 @@ static bool visit(void *user, uint32_t worker, uint64_t number) {
     Boundary *y = l->y;
     Worker *w = &y->run->worker[worker];
     uint64_t from = l->visit[number], tile = l->guest[from].tile;
+    w->finder.proves = false;
+    if (l->proves[tile]) {
+        accum_close(&w->acc);
+        return true;
+    }
     Span sp;
     span_of(l, tile, &sp);
     double lo[3], hi[3];
@@ -389,11 +471,14 @@ SltStatus lattice_run(Boundary *y, SinkKind kind) {
             if (o != d) l.base[d] *= l.h[o];
     }
     bool follows = y->run->nworkers && y->run->worker[0].follow;
-    if (follows && !(l.threshold = alloc_zero(tiles, sizeof *l.threshold)))
+    if (follows && (!(l.threshold = alloc_zero(tiles, sizeof *l.threshold)) ||
+                    !(l.proves = alloc_zero(tiles, sizeof *l.proves)))) {
+        free(l.threshold);
         return status_fail(y->run->err, SLT_LIMIT, "out of memory");
+    }
     SltStatus st = run_tiles(y->run, tiles, work, merge, &l);
     if (st == SLT_OK && l.failed) st = status_fail(y->run->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) st = run_visits(&l);
-    free(l.threshold), free(l.guest), free(l.known), free(l.visit);
+    free(l.threshold), free(l.proves), free(l.guest), free(l.known), free(l.visit);
     return st;
 }

@@ -24,6 +24,7 @@ struct Worker {
     float *near_g;       /* |g| of the nearest event */
     uint32_t *near_key;  /* a hash that tells nearest events apart */
     int32_t *near_event; /* [1 + SLT_MAX_K][vertex_cap]: site and loop indices of the nearest event */
+    uint8_t *settled;    /* bits (1 << axis): nothing can jump on the edge that starts here */
     uint64_t vertex_cap; /* vertices that there is room for */
     double *value;       /* pixels or sums of the tile */
     uint64_t value_cap;
@@ -39,6 +40,7 @@ struct Run {
     Worker *worker;
     uint32_t nworkers;
     PoolOptions pool;
+    bool proven;    /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
     Moved *apart;   /* [COINCIDE_WAYS]: for coincide.c; NULL: boundaries that coincide are not looked for */
     SltStats stats; /* counts of the tiles merged so far */
     SltError *err;

@@ -1,0 +1,119 @@
+/* Parts of segments between alike ends: settled, halved, or given up. */
+#include <assert.h>
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+
+#include "runtime/sample/prove.h"
+#include "runtime/sample/search.h"
+
+bool prove_is_settled(const Batch *b, uint32_t i) {
+    if (batch_get_int(b, SLT_OUT_BOX_STATE, 0, i) & SLT_BOX_UNKNOWN) return false;
+    if (!batch_has(b, SLT_OUT_OPEN) || !batch_get_int(b, SLT_OUT_OPEN, 0, i)) return true;
+    /* Seams bend f, or jump where nothing is integrated. Are they all that is open? */
+    uint32_t named = b->layout->out[SLT_OUT_OPEN_EDGE].count, n = 0;
+    for (; n < named; n++) {
+        int32_t edge = batch_get_int(b, SLT_OUT_OPEN_EDGE, n, i);
+        if (edge < 0) return true;
+        if ((uint32_t)edge < b->s->nsites) return false;
+    }
+    return batch_get_int(b, SLT_OUT_OPEN, 0, i) <= (int32_t)named;
+}
+
+void prove_set_box(Batch *b, uint32_t i, const Segment *s, double ta, double tb) {
+    double lo[3], hi[3];
+    segment_at(s, ta, lo), segment_at(s, tb, hi);
+    for (uint32_t d = 0; d < b->s->dim; d++) {
+        batch_set(b, SLT_IN_X0 + d, i, fmin(lo[d], hi[d]));
+        batch_set(b, SLT_IN_H0 + d, i, fmax(lo[d], hi[d]));
+    }
+}
+
+void prove_add(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b) {
+    if (f->nalike == f->alike_cap) {
+        uint32_t cap = f->alike_cap ? 2 * f->alike_cap : 8 * BATCH;
+        Segment *more = realloc(f->alike, cap * sizeof *more);
+        if (!more) {
+            f->failed = true;
+            return;
+        }
+        f->alike = more, f->alike_cap = cap;
+    }
+    Segment *part = &f->alike[f->nalike++];
+    *part = *s;
+    part->ta = ta, part->tb = tb, part->ma = a, part->mb = b, part->cut = 0, part->event_threshold = 0;
+    part->state = SEARCH_ROOT;
+}
+
+/* The least part of this segment: PROVE_LEAST, or a few units in the last place of the position. */
+static double least(const Finder *f, const Segment *s) {
+    double len = 0, mag = 0;
+    for (uint32_t d = 0; d < f->s->dim; d++) {
+        len = fmax(len, fabs(s->b[d] - s->a[d]));
+        mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
+    }
+    return fmax(PROVE_LEAST, 8 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+}
+
+/* Touching a crossing, a part is not settled: the box is that of its far half. */
+static void box_of(const Segment *s, double *ta, double *tb) {
+    double mid = 0.5 * (s->ta + s->tb);
+    *ta = s->touches == TOUCH_A ? mid : s->ta;
+    *tb = s->touches == TOUCH_B ? mid : s->tb;
+}
+
+/* The parts part[0..n), which bounds leave open, are halved. */
+static void halve(Finder *f, Segment *part, uint32_t n) {
+    Batch *b = f->b;
+    for (uint32_t i = 0; i < n; i++) {
+        double x[3];
+        segment_at(&part[i], 0.5 * (part[i].ta + part[i].tb), x);
+        batch_set_x(b, i, x);
+        batch_set_stream(b, i, part[i].stream, part[i].rand0);
+    }
+    batch_call(b, SLT_K_REGION, n);
+    for (uint32_t i = 0; i < n; i++) {
+        Segment *s = &part[i];
+        uint8_t touches = s->touches;
+        double ta = s->ta, tb = s->tb, mid = 0.5 * (ta + tb);
+        Mark a = s->ma, e = s->mb, m = batch_mark(b, i);
+        /* What the last halving finds is about what the next ones would. */
+        if (f->prove_classes) s->cls = mid - ta <= least(f, s);
+        s->touches = touches & TOUCH_B;
+        search_push(f, s, mid, tb, m, e, SEARCH_ROOT);
+        s->touches = touches & TOUCH_A;
+        search_push(f, s, ta, mid, a, m, SEARCH_ROOT);
+    }
+}
+
+void prove_run(Finder *f, bool all) {
+    Batch *b = f->b;
+    Segment part[FIND];
+    while (f->nalike && !f->failed && (all || f->nalike >= FIND)) {
+        uint32_t n = f->nalike < FIND ? f->nalike : FIND, kept = 0, open = 0;
+        f->nalike -= n;
+        for (uint32_t i = 0; i < n; i++) {
+            const Segment *s = &f->alike[f->nalike + i];
+            double ta, tb;
+            if (s->touches && s->tb - s->ta <= least(f, s)) {
+                f->unproven++;
+                continue;
+            }
+            part[kept] = *s;
+            box_of(s, &ta, &tb);
+            prove_set_box(b, kept++, s, ta, tb);
+        }
+        if (kept) batch_call(b, SLT_K_BOUNDS, kept);
+        for (uint32_t i = 0; i < kept; i++) {
+            Segment *s = &part[i];
+            double mid = 0.5 * (s->ta + s->tb);
+            bool settled = prove_is_settled(b, i);
+            if (settled && s->touches == TOUCH_A) prove_add(f, s, s->ta, mid, s->ma, s->mb);
+            else if (settled && s->touches == TOUCH_B) prove_add(f, s, mid, s->tb, s->ma, s->mb);
+            else if (settled) continue;
+            else if (s->tb - s->ta > least(f, s)) part[open++] = *s;
+            else f->unproven++;
+        }
+        if (open) halve(f, part, open);
+    }
+}
