@@ -9,7 +9,7 @@
 #include "runtime/sample/finder.h"
 
 /* The least part of a segment that is halved no more. */
-#define PROVE_LEAST 0x1p-10
+#define PROVE_LEAST 0x1p-9
 
 /* Is nothing open on box i that a site could jump at, after a call of the kernel bounds? */
 bool prove_is_settled(const Batch *b, uint32_t i);
