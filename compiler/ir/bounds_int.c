@@ -16,7 +16,7 @@ Bound bound_where_int(Rule *r, Inst *ok, Bound x) {
 
 /* Is x written as v where ok, else as two constants? */
 bool bound_is_point_where(Bound x) {
-    return x.lo->op == OP_isel && x.hi->op == OP_isel && x.lo->args[0] == x.hi->args[0] &&
+    return !is_point(x) && x.lo->op == OP_isel && x.hi->op == OP_isel && x.lo->args[0] == x.hi->args[0] &&
            x.lo->args[1] == x.hi->args[1] && x.lo->args[2]->op == OP_consti && x.hi->args[2]->op == OP_consti;
 }
 

@@ -26,9 +26,9 @@ typedef struct Interp {
     uint32_t n, lanes, base; /* samples of the call; lanes of a vector; first sample of this vector */
     uint32_t flt;            /* bytes of a float */
     unsigned char *memory;
-    void **slot; /* by id: lanes elements; arrays: count rows of lanes elements */
-    void **next; /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
-    unsigned char *frame;  /* of give and take: frame_places times lanes elements of 8 bytes */
+    void **slot;          /* by id: lanes elements; arrays: count rows of lanes elements */
+    void **next;          /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
+    unsigned char *frame; /* of give and take: frame_places times lanes elements of 8 bytes */
     uint64_t frame_places;
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
@@ -407,6 +407,14 @@ static bool exec_query(Interp *in, const Inst *i, const Mask *m, void *dst) {
     return true;
 }
 
+static void exec_item(Interp *in, const Inst *i, int32_t *dst, const int32_t *a) {
+    const SltCullList *list = in->args->cull ? &in->args->cull[i->imm.i] : NULL;
+    int32_t n = list ? list->count : -1;
+    for (uint32_t l = 0; l < in->lanes; l++)
+        if (i->op == OP_items) dst[l] = n < 0 ? a[l] : n ? n : 1;
+        else dst[l] = n > 0 && a[l] >= 0 ? list->items[a[l] < n ? a[l] : n - 1] : a[l];
+}
+
 static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     void *dst = in->slot[i->id];
     void *a = i->nargs ? in->slot[i->args[0]->id] : NULL;
@@ -459,11 +467,12 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = is_live(in->args->pruned, i->imm.i);
         return true;
     case OP_settled:
-        for (uint32_t l = 0; l < in->lanes; l++)
-            ((int32_t *)dst)[l] = in->args->pruned->settled[i->imm.i] != 0;
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = in->args->pruned->settled[i->imm.i] != 0;
         return true;
     case OP_choice: note_choice(in, i, m); return true;
     case OP_print: exec_print(in, i, m); return true;
+    case OP_item:
+    case OP_items: exec_item(in, i, dst, a); return true;
     case OP_note: exec_note(in, i, a, in->slot[i->args[1]->id], m); return true;
     case OP_query: return exec_query(in, i, m, dst);
     case OP_window: { /* lanes form no pairs here: from each ray's own t, top and margin */

@@ -233,6 +233,8 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
     case OP_settled:
     case OP_choice:
     case OP_count:
+    case OP_item:
+    case OP_items:
     case OP_note:
         if (!want_char(p, '#') || !want_integer(p, 0, UINT32_MAX, &v)) return false;
         imm->i = v;

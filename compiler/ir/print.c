@@ -146,6 +146,8 @@ static void add_imm(Text *t, const Inst *i) {
     case OP_live:
     case OP_settled:
     case OP_choice:
+    case OP_item:
+    case OP_items:
     case OP_note: text_add(t, " #%" PRId64, i->imm.i); break;
     case OP_alloc: text_add(t, " %c[%" PRIu32 "]", letter((uint8_t)i->imm.arr.elem), i->imm.arr.count); break;
     case OP_loop:

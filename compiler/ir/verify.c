@@ -319,6 +319,12 @@ static void check_special(Verify *v, const Inst *i) {
         want(v, i, 0, TY_BOOL);
         if (i->imm.i < 0 || i->imm.i >= SLT_COUNTERS) problem(v, i, "no such counter");
         return;
+    case OP_item:
+    case OP_items:
+        want(v, i, 0, TY_INT);
+        want_result(v, i, TY_INT);
+        if (i->imm.i < 0 || i->imm.i >= SLT_MAX_CULL) problem(v, i, "no such list");
+        return;
     case OP_note: {
         const Inst *loop = i->block->owner;
         want(v, i, 0, TY_BOOL);

@@ -193,7 +193,9 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
     uint32_t n = info.max_iters, nseg = (n + segment - 1) / segment, carried = loop->nargs;
     if ((info.cull && !info.found) || segment < 2 || nseg < 2 || writes_outside(old, old)) return false;
 
-    info.cull = loop->imm.loop.cull = false;
+    bool listed = info.cull;
+    info.cull = loop->imm.loop.cull = false; /* the two loops go over places of the list */
+    Builder before = ir_before(fn, loop);
     loop->region[0] = NULL;
     loop->nregions = 0;
     Block *outer = ir_block(fn, loop);
@@ -208,7 +210,8 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
 
     LoopInfo inner_info = info;
     inner_info.max_iters = segment;
-    inner_info.exact = info.exact && n % segment == 0;
+    inner_info.exact = info.exact && n % segment == 0 && !listed;
+    if (listed) loop->imm.loop.exact = false;
     Inst *inner = ir_loop(&b, carried + 1, state, inner_info);
     inner->tag = AD_TAG_SEGMENT | loop->tag;
     loop->tag = 0;
@@ -217,15 +220,25 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
     ir_block_param(fn, old, TY_BOOL); /* whether the loop wanted to go on */
     Inst *j = old->params[0];
     Builder top = {.fn = fn, .block = old, .before = old->first, .span = loop->span};
-    Inst *k = ir_emit2(&top, OP_iadd, base, j);
+    Inst *place = ir_emit2(&top, OP_iadd, base, j), *k = place;
+    if (listed) k = ir_special(&top, OP_item, TY_INT, 1, &place, (Imm){.i = info.cull_id});
     walk_replace(old, j, k);
-    k->args[0] = base;
-    k->args[1] = j;
+    place->args[0] = base;
+    place->args[1] = j;
+    if (listed) k->args[0] = place;
     Inst *yield = old->last;
     Builder end = ir_at_end(fn, old);
     Inst *go = yield->args[0];
     Inst *on = ir_emit2(&end, OP_band, go, ir_emit2(&end, OP_ilt, j, ir_consti(&end, (int32_t)segment - 1)));
-    if (n % segment) on = ir_emit2(&end, OP_band, on, ir_emit2(&end, OP_ilt, k, ir_consti(&end, (int32_t)n - 1)));
+    Inst *many = NULL;
+    if (listed) {
+        Inst *all = ir_consti(&before, (int32_t)n);
+        many = ir_special(&before, OP_items, TY_INT, 1, &all, (Imm){.i = info.cull_id});
+        Inst *next_place = ir_emit2(&end, OP_iadd, place, ir_consti(&end, 1));
+        on = ir_emit2(&end, OP_band, on, ir_emit2(&end, OP_ilt, next_place, many));
+    } else if (n % segment) {
+        on = ir_emit2(&end, OP_band, on, ir_emit2(&end, OP_ilt, k, ir_consti(&end, (int32_t)n - 1)));
+    }
     ir_replace_arg(yield, 0, on);
     ir_append_arg(fn, yield, go);
 
@@ -234,6 +247,10 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment) {
     for (uint32_t c = 0; c <= carried; c++) next[c + 1] = ir_proj(&after, inner, c);
     after = ir_at_end(fn, outer);
     next[0] = ir_emit2(&after, OP_band, next[carried + 1], last_segment);
+    if (listed) {
+        Inst *next_base = ir_emit2(&after, OP_iadd, base, ir_consti(&after, (int32_t)segment));
+        next[0] = ir_emit2(&after, OP_band, next[0], ir_emit2(&after, OP_ilt, next_base, many));
+    }
     ir_yield(&after, carried + 1, next);
     return true;
 }

@@ -54,13 +54,19 @@ static void order_params(Vjp *v, Scope *s, Inst **carried, uint32_t ncarried) {
 static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t ncarried) {
     Block *b = s->rev_block;
     LoopInfo info = s->owner->imm.loop;
-    info.cull = false; /* an iteration that was left out adds 0 */
     b->nparams = 0;
     b->params = NULL;
     Inst *j = ir_block_param(v->fn, b, TY_INT);
     Builder top = {.fn = v->fn, .block = b, .before = b->first, .fold = true, .span = s->owner->span};
+    Inst *last = ir_consti(&top, (int32_t)info.max_iters - 1);
+    if (info.cull) { /* over places of the list, from the last to the first */
+        Inst *all = ir_consti(&top, (int32_t)info.max_iters);
+        all = ir_special(&top, OP_items, TY_INT, 1, &all, (Imm){.i = info.cull_id});
+        last = ir_emit2(&top, OP_isub, all, ir_consti(&top, 1));
+    }
     if (s->k) {
-        Inst *k = ir_emit2(&top, OP_isub, ir_consti(&top, (int32_t)info.max_iters - 1), j);
+        Inst *k = ir_emit2(&top, OP_isub, last, j);
+        if (info.cull) k = ir_special(&top, OP_item, TY_INT, 1, &k, (Imm){.i = info.cull_id});
         walk_replace(b, s->k, k);
     }
     Inst **params = ARENA_ARRAY(v->fn->arena, Inst *, ncarried + 1);
@@ -70,7 +76,8 @@ static void make_counted(Vjp *v, Scope *s, Inst *rev, Inst **carried, uint32_t n
     b->nparams = ncarried + 1;
     Builder end = ir_at_end(v->fn, b);
     end.fold = true;
-    Inst *on = ir_emit2(&end, OP_ilt, j, ir_consti(&end, (int32_t)info.max_iters - 1));
+    Inst *on = ir_emit2(&end, OP_ilt, j, last);
+    info.exact &= !info.cull, info.cull = false;
     Inst *yield = b->last, **args = ARENA_ARRAY(v->fn->arena, Inst *, yield->nargs + 1);
     args[0] = on;
     for (uint32_t a = 0; a < yield->nargs; a++) args[a + 1] = yield->args[a];

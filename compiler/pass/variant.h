@@ -15,6 +15,9 @@ static inline const SiteInfo *variant_site_info(const Fn *fn, const Inst *i) { r
 
 /* How many loop indices the deepest site has. */
 uint32_t variant_site_depth(const Block *b);
+/* variant_lead.c: where the event of IN_SITE and IN_K0.. is one of a site that is wanted[], the conditions on the way
+ * lead to it. */
+void variant_lead_to_events(Fn *fn, const uint8_t *wanted);
 /* A Thread.touches that answers true for sites. */
 bool variant_touches_site(Thread *t, const Inst *i);
 

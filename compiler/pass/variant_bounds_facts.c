@@ -13,27 +13,8 @@ static void add(Flow *f, const Inst *to, uint8_t fact) {
     if (fact & ~f->fact[to->id]) f->fact[to->id] |= fact, f->changed = true;
 }
 
-/* May a value row jump or bend for reasons of its own? Only what is known to be smooth may not. */
-static bool may_open(Op op) {
-    if (ir_ops[op].arg != TY_FLT || ir_ops[op].selects) return false;
-    switch (op) {
-    case OP_fadd:
-    case OP_fsub:
-    case OP_fmul:
-    case OP_fneg:
-    case OP_ffma:
-    case OP_fexp:
-    case OP_fexp2:
-    case OP_fsin:
-    case OP_fcos:
-    case OP_fatan:
-    case OP_fsinh:
-    case OP_fcosh:
-    case OP_ftanh:
-    case OP_ferf: return false;
-    default: return true;
-    }
-}
+/* May a value row jump or bend for reasons of its own? */
+static bool may_open(Op op) { return ir_ops[op].arg == TY_FLT && !ir_ops[op].selects && ir_bound_has_events(op); }
 
 /* Rows whose result is what its arguments are, or one of them, are exact; those of integers carry none. */
 static bool rounds(Op op) {

@@ -340,8 +340,6 @@ static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a,
     BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
     if (events.jumps) open = open_union(b, open, bits_where(b, events.jumps, OPEN_JUMP));
-    if (i->op == OP_fmin || i->op == OP_fmax) /* they drop a NaN in the second argument, and with it a jump */
-        open = open_union(b, open, bits_where(b, is_unknown(b, a[1]), OPEN_JUMP));
     return open;
 }
 

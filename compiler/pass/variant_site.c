@@ -194,6 +194,7 @@ static Inst *uncaptured(Builder *b, bool edges) {
 /* The captured g, emitted at the end of `into`. */
 static Inst *emit_capture(PassCtx *ctx, Builder *into, const Fn *primal, const uint8_t *wanted, bool edges) {
     Fn *copy = ir_clone(primal, primal->arena, "capture");
+    if (edges) variant_lead_to_events(copy, wanted);
     Builder b = copy->body->first ? ir_before(copy, copy->body->first) : ir_at_end(copy, copy->body);
     Thread t = {.fn = copy,
                 .n = 2,

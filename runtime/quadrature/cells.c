@@ -388,7 +388,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
     const SltCullList *given = c->b->args.cull;
-    c->stack[c->nstack++] = (Node){.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    c->stack[c->nstack++] = (Node){.box = *tile, .whole = true, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
     const uint32_t parts = c->dim < 3 ? 20 : 72;
     uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;

@@ -22,7 +22,8 @@
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
-    CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_FEW_EVENTS = 4, /* of a cell that is not yet small, in 2D */
+    CELL_BENDS = 10,     /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* An open event of a cell, and what is proven of its g there. */

@@ -79,12 +79,13 @@ bool cells_add_columns_of_points(Cells *c) {
     return true;
 }
 
-/* f at the spots from `first` on. */
+/* f at the spots from `first` on. A program without edges has no `sides`. */
 static bool take_values(Cells *c, uint32_t first) {
+    SltKernelKind kind = c->s->kernel[SLT_K_SIDES] ? SLT_K_SIDES : SLT_K_VALUE;
     for (uint32_t from = first; from < c->nspot; from += BATCH) {
         uint32_t n = c->nspot - from < BATCH ? c->nspot - from : BATCH;
         for (uint32_t i = 0; i < n; i++) batch_set_x(c->b, i, c->spot[from + i].x);
-        cells_call(c, SLT_K_SIDES, n);
+        cells_call(c, kind, n);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             for (uint32_t i = 0; i < n; i++) c->spot[from + i].f[ch] = batch_get(c->b, SLT_OUT_F, ch, i);
     }

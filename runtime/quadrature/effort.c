@@ -85,7 +85,7 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
     if (rules > 0.25 * goal) {
         changed = true;
-        e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), 1e-17);
+        e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
         if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;
         else if (e->parts < PARTS_MAX) e->parts *= 2;
         else changed = false;

@@ -9,7 +9,8 @@
 
 enum { PIXEL_PARTS = 16 }; /* of a pixel's side: the least cell */
 
-/* Points along each side of a cell: in a pixel without an edge one more, squared or cubed, than samples are asked for. */
+/* Points along each side of a cell: in a pixel without an edge one more, squared or cubed, than samples are asked for.
+ */
 static uint32_t points_of(const SltJob *j, uint32_t dim) {
     if (j->gauss) return j->gauss;
     double n = 1 + round(pow(j->spp ? j->spp : 1, 1.0 / dim));

@@ -57,6 +57,7 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
     Worker *w = v->w;
     uint64_t stride = t->stride[axis];
     uint8_t set = seg->cls, missed = v->sweep->kind == SWEEP_INTEGRAL ? 2 : 0;
+    if (missed) set |= 4;
     for (uint32_t e = 0; e + 1 < t->side[axis]; e++) {
         uint64_t a = first + e * stride, b = a + stride;
         w->finder.segments++;

@@ -55,16 +55,15 @@ static uint32_t touched(Sums *m, const Accum *a) {
 }
 
 /* Two estimates become one, with its error. */
-static double join(const Sums *m, double fine, double coarse, SumMode mode, double least, double *error,
-                   double *variance) {
+static double join(const Sums *m, double fine, double coarse, SumMode mode, double *error, double *variance) {
     if (mode == SUM_ONE) return fine;
     if (mode == SUM_RULES) {
         *error += fabs(fine - coarse) + m->rounding * fabs(fine);
         return fine;
     }
-    double mean = 0.5 * (fine + coarse), e = fmax(0.5 * fabs(fine - coarse), least * fabs(mean));
+    double e = 0.5 * (fine - coarse);
     *variance += e * e;
-    return mean;
+    return 0.5 * (fine + coarse);
 }
 
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
@@ -80,11 +79,12 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
                     double *from = &m->targets[g * m->rows + row][p];
                     v[g] = *from, *from = 0;
                 }
-                m->boundary[at] +=
-                    join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE], mode == SUM_LINE ? SUM_ONE : mode,
-                         1.0 / lines, &m->error[at], &m->variance[at]);
+                double share = v[SUM_SIZE] / lines;
+                m->variance[at] += share * share;
+                m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE],
+                                        mode == SUM_LINE ? SUM_ONE : mode, &m->error[at], &m->variance[at]);
                 m->interior[at] += join(m, v[SUM_INTERIOR_FINE], v[SUM_INTERIOR_COARSE],
-                                        mode == SUM_LINE ? SUM_SETS : mode, 0, &m->error[at], &m->variance[at]);
+                                        mode == SUM_LINE ? SUM_SETS : mode, &m->error[at], &m->variance[at]);
             }
         }
 }

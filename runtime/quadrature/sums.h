@@ -14,7 +14,7 @@ typedef enum SumGroup {
     SUM_BOUNDARY_COARSE,
     SUM_INTERIOR_FINE,
     SUM_INTERIOR_COARSE,
-    SUM_MISSED, /* of the boundary: the part that lines with half as many vertices would not see */
+    SUM_SIZE, /* of the boundary that lines have found, jumps of both signs alike */
     SUM_GROUPS
 } SumGroup;
 /* How the groups of a tile are to be read. */
@@ -40,8 +40,8 @@ typedef struct Sums {
 bool sums_init(Sums *m, const SltScene *s, uint32_t rows);
 void sums_free(Sums *m);
 void sums_clear(Sums *m);
-/* In `merge`: adds what a tile has gathered. lines: SUM_SETS, how many there are across what they cover: an
- * estimate is not better than the share of one. */
+/* In `merge`: adds what a tile has gathered. lines: SUM_SETS, how many independent ones there are; an estimate is not
+ * better than the share of one in the size of the boundary. */
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* The stated error of a component. */
 double sums_error(const Sums *m, uint32_t row, uint32_t p);

@@ -281,9 +281,11 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
 static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
-    uint64_t cells = p->nleft - chunk * LEFT_CHUNK < LEFT_CHUNK ? p->nleft - chunk * LEFT_CHUNK : LEFT_CHUNK;
+    (void)chunk;
+    /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
+    double crossed = fmax(1, (double)v->w->finder.crossings / (2 * p->lines));
     p->left_bound += v->left_bound;
-    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt((double)cells));
+    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt(crossed));
 }
 
 /* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand

@@ -147,7 +147,9 @@ void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     if (!n) return;
     b->evaluations += n;
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
-    b->args.print = kind == SLT_K_VALUE || kind == SLT_K_PRUNED ? b->s->print : NULL; /* derivatives run at the same samples as the value */
+    b->args.print = kind == SLT_K_VALUE || kind == SLT_K_PRUNED
+                        ? b->s->print
+                        : NULL; /* derivatives run at the same samples as the value */
     call(b, kind, b->s->kernel[kind], n);
     if (b->again) b->args.counters[SLT_COUNT_TRUNCATED] = truncated, b->args.counters[SLT_COUNT_ASSERT] = asserts;
 }

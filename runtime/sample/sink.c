@@ -121,6 +121,19 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
     }
 }
 
+/* Of crossings of lines: how much there is of the boundary, jumps of both signs alike; those that coarser lines miss
+ * count twice. */
+static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first, bool missed) {
+    for (uint32_t ch = 0; ch < k->b->s->channels; ch++) {
+        for (uint32_t i = 0; i < n; i++) {
+            const Crossing *x = &c[(uint32_t)order[i]];
+            sink_put(k, i, x);
+            batch_set(k->b, SLT_IN_SEED0, i, (missed ? 2 : 1) * fabs(x->weight * x->jump[ch]));
+        }
+        accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, first + ch);
+    }
+}
+
 static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t cls) {
     uint32_t channels = k->b->s->channels, used = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -199,7 +212,10 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
     switch (k->kind) {
     case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
-    case SINK_PARTS: emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 2 ? 4 : cls & 1) * channels); break;
+    case SINK_PARTS:
+        emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 1) * channels);
+        if (cls & 4) emit_size(k, c, order, n, 4 * channels, cls & 2);
+        break;
     case SINK_REVERSE: emit_reverse(k, c, order, n, k->classes > 1 ? cls : 0); break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;

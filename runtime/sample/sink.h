@@ -10,7 +10,8 @@
 
 typedef enum SinkKind {
     SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
-    SINK_PARTS,    /* adjoints by class (0 or 1) and channel; classes 2 and 3 are these and go into a fifth group too */
+    SINK_PARTS,    /* adjoints by set (bit 0 of the class) and channel; bit 2: a fifth group gets their size, bit 1:
+                      twice, as coarser lines miss them */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
     SINK_FORWARD,  /* images of derivatives along directions */
     SINK_KEEP      /* a list */

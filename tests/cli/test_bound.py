@@ -144,6 +144,7 @@ class Estimate(Case):
         self.assertIn("not reached", r.err)
         j = self.json_cli("grad", "c.salt", "--error", "1e-15", "--precision", "f32", code=6)
         self.assertEqual(j["stopped"], "rounding")
+        self.assertLess(j["evaluations"], 1e6)
 
     def test_fixed_rules_converge(self):
         self.put("c.salt", CIRCLE)
@@ -159,6 +160,17 @@ class Estimate(Case):
             self.assertNotIn("certified", j)
             self.assertIn(j["stderr_kind"], ("replicates", "bound"))
 
+    def test_nothing_to_find(self):
+        """Without a site, and without anything that bends: Gauss points alone."""
+        for dim, source in enumerate(("float x) { return exp(a * x); }", "float2 x) { return exp(a * x.x); }", "float3 x) { return exp(a * x.x) * x.y; }")):
+            self.put("s.salt", "param float a = 2.0; shader float main(" + source)
+            j = self.json_cli("grad", "s.salt", "--error", "1e-9", "--precision", "f64")
+            self.assertAlmostEqual(j["certified"], 1, delta=1e-9)
+            self.assertEqual((j["curved"], j["left"]), (0, 0))
+            scale = 0.5 if dim == 2 else 1
+            self.assertAlmostEqual(j["integral"][0], scale * (math.exp(2) - 1) / 2, delta=1e-8)
+            self.assertAlmostEqual(j["gradient"]["a"], scale * (math.exp(2) + 1) / 4, delta=1e-8)
+
     def test_exact_pixels(self):
         """Antialiasing that is exact: each pixel of a half plane is its covered part."""
         self.put("h.salt", "[Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (x.y < 0.3 + 0.2 * x.x) f = 1.0; return f; }")
@@ -173,6 +185,18 @@ class Estimate(Case):
                 heights = below(col / w, (col + 1) / w)
                 want = sum(min(max((t - y) * h, 0), 1) for t in heights) / len(heights)
                 self.assertAlmostEqual(v[row * w + col], want, delta=2e-4)
+
+    def test_check(self):
+        """Values without noise: one difference says it, with a small error; a jump that was left out is seen."""
+        self.put("c.salt", CIRCLE)
+        j = self.json_cli("check", "c.salt", "--estimator", "quadrature", "--precision", "f64")
+        self.assertTrue(j["pass"])
+        radius = j["rows"][0]
+        self.assertEqual(radius["param"], "radius")
+        self.assertAlmostEqual(radius["fd"], 0.6 * math.pi, delta=1e-5)
+        self.assertLess(radius["fd_stderr"], 1e-3)
+        self.put("n.salt", CIRCLE.replace("[Disc]", "[NoDisc]"))
+        self.assertFalse(self.json_cli("check", "n.salt", "--estimator", "quadrature", "--precision", "f64", code=1)["pass"])
 
     def test_losses(self):
         self.put("c.salt", CIRCLE)

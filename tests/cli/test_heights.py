@@ -17,7 +17,7 @@ SCENES = {
     "cast": "[Disc] bool b = h.occluded(float3(x, 0.5), float3(0.4, 0.2, -sun), 0.0, 1e9); return b ? 0.0 : 1.0;",
     "silhouette": "Silhouette s = h.silhouette(float3(x, 1.0), float2(1.0, 0.1), -sun, 1.0); return s.found ? s.slope : 0.0;",
 }
-ALL = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise"}
+ALL = {"trace", "occluded", "clearance", "shadow", "silhouette", "rise", "blocked"}
 
 
 class Structures(Case):

@@ -1,6 +1,7 @@
 /* Bounds of bounds: random expressions of all value rows, on a box and on its points. What one row leaves unknown,
  * wraps or keeps exact (hashes of points) the next ones take up. ROUNDS=n in the environment: n times as many
  * expressions. */
+#include "compiler/back/back.h"
 #include "tests/ir/bounds_pairs.h"
 
 enum { FLOATS = 3, INTS = 2, ROWS = 24, WATCHED = 12 };
@@ -42,6 +43,7 @@ typedef struct Chain {
     IrType type[WATCHED];
     uint32_t n; /* outputs: 3 * n */
     bool boxed[FLOATS + INTS];
+    bool signs; /* copies them: that of a NaN is nobody's promise */
 } Chain;
 
 static Chain chain(Session *s, Precision p, bool ints) {
@@ -65,6 +67,7 @@ static Chain chain(Session *s, Precision p, bool ints) {
                                                                                       : pick(&b, v, n, type_of(op, k));
             is[k] = a[k].is, at[k] = a[k].at;
         }
+        c.signs |= op == OP_fcopysign;
         bool same = ir_ops[op].nargs > 1 && at[0] == at[1];
         v[n].is = ir_bound_row(&b, op, is, ir_ops[op].nargs, same ? 3 : 0);
         v[n].at = ir_emit(&b, op, ir_ops[op].nargs, at);
@@ -105,6 +108,34 @@ static void fill_inputs(Data *d, const Chain *c, Precision p) {
     }
 }
 
+/* Compiled, the chain gives the same bits. */
+static bool same_compiled(Session *s, const Chain *c, Data *d, void *const *out, Precision p) {
+    BackOptions o = {.width = 1u << below(7), .no_cache = true, .opt_level = 2};
+    target_named(&o.target, "native");
+    if (!o.target.has_fma || c->signs) return true; /* they were lowered for a target that has it */
+    KernelRequest k = {"f", c->fn};
+    CompiledModule *module = NULL;
+    const char *why = "";
+    if (back_compile(s, &k, 1, &o, &module, &why)) fail_msg("%s", why);
+    SltKernelArgs a = {.n_valid = N};
+    memcpy(a.in, d->in, sizeof a.in);
+    for (int j = 0; j < 3 * WATCHED; j++) a.out[j] = aligned_alloc(64, (N + SLT_PAD) * 8);
+    back_kernel(module, "f")(&a, N);
+    back_free(module);
+    bool same = true;
+    for (uint32_t j = 0; j < 3 * WATCHED; j++) {
+        IrType t = c->type[j / 3];
+        for (uint32_t n = 0; n < N; n++) {
+            double x = get(out[j], t, p, n), y = get(a.out[j], t, p, n);
+            if ((isnan(x) && isnan(y)) || (x == y && !signbit(x) == !signbit(y))) continue;
+            if (same) printf("output %u of sample %u: %.17g, compiled %.17g\n", j, n, x, y);
+            same = false;
+        }
+        free(a.out[j]);
+    }
+    return same;
+}
+
 static void test_chains(void **state) {
     (void)state;
     rng = getenv("SEED") ? strtoull(getenv("SEED"), NULL, 10) : 5;
@@ -122,6 +153,7 @@ static void test_chains(void **state) {
         memcpy(a.in, d->in, sizeof a.in);
         for (int j = 0; j < 3 * WATCHED; j++) a.out[j] = out[j];
         assert_int_equal(run(c.fn, &a, N, WIDTH), SLT_OK);
+        if (program % 4 == 0) bad += !same_compiled(s, &c, d, out, p);
         bool told = false;
         for (uint32_t k = 0; k < WATCHED; k++)
             for (uint32_t n = 0; n < N; n++, pairs++) {

@@ -287,6 +287,10 @@ static void test_builder_fold(void **state) {
     assert_ptr_equal(ir_select(b, on, x, y), x);
     assert_ptr_equal(ir_select(b, less, x, x), x);
     assert_ptr_equal(ir_select(b, less, on, off), less);
+    Inst *first = ir_select(b, less, x, y), *again = ir_select(b, less, first, two);
+    assert_true(again->args[1] == x && again->args[2] == two); /* the same question twice */
+    assert_ptr_equal(ir_select(b, less, x, first), first);
+    assert_ptr_equal(ir_select(b, less, two, first)->args[2], y);
     assert_ptr_equal(ir_emit2(b, OP_band, less, on), less);
     assert_ptr_equal(ir_emit2(b, OP_bor, less, on), on);
     assert_int_equal(ir_emit2(b, OP_bxor, on, less)->op, OP_bnot);

@@ -549,6 +549,7 @@ static void jumping_g(void **state) {
         {"min hides", "x.y - min(p, sqrt(x.x - 0.4))"},
         {"max hides", "x.y - p * max(0.5, log(x.x - 0.4))"},
         {"pole", "x.y - clamp(p / (x.x - 0.43), 0.1, 0.6)"},
+        {"narrowed", "x.y - (bits(x.x) > 0.3 ? p : bits(x.x))"},
         {"infinite", "x.y - 1.0 / (1.0 + p / abs(x.x - 0.5))"},
         {"not a number", "x.y - (isnan(sqrt(x.x - 0.4)) ? p : 2.0 * p)"},
         {"overflow", "x.y - min(p, exp(exp(exp(9.0 * x.x))) - exp(exp(exp(9.0 * x.x))))"},
@@ -582,6 +583,7 @@ static void jumping_g(void **state) {
             "float count(float u, float v) { float s = 0.0; [MaxIters(9)] for (int i = 0; i < int(6.0 * u); i++) s += 0.5 * v; return s; }\n"
             "float leave(float u, float v) { float s = 0.0; for (int i = 0; i < 9; i++) {\n"
             "  s += 0.1; if (s > u) break; } return s * v * 5.0; }\n"
+            "float bits(float u) { return asfloat(0x7f700000u + uint(2.0e6 * u)); }\n"
             "[Domain(0.0, 1.0)] shader float main(float2 x) {\n"
             "  [NoDisc] float g = %s;\n"
             "  float f = 0.25; [Disc] if (g < 0.0) f = 1.0; return f; }",

@@ -1,7 +1,7 @@
 /* Kernels with the lists that `bounds` makes, down a tree of boxes, against kernels without: f and its derivatives have
  * the same bits at every point of the box; `bounds` itself says the same of f, and keeps no more open.
  *
- *   test-kernels-lists [rounds]    rounds: ways down the tree a program, 4 by default */
+ *   test-kernels-lists [rounds]    rounds: ways down the tree a program, 2 by default */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,7 +17,7 @@
 
 enum { SIDE = 4, BOXES = 16, DEPTH = 6, POINTS = 48, FLOATS = 4096 };
 
-static uint32_t rounds = 4;
+static uint32_t rounds = 2;
 
 typedef struct Case {
     const char *name;
@@ -339,6 +339,15 @@ static const char scattered[] = SCATTER
     "    [Disc] if (length(x - dots[i].at) < dots[i].r) c = dots[i].ink * (u + w[i & 3]); }\n"
     "  return c; }";
 
+/* So many that the reverse sweep cuts the loop into segments; of the second nothing is stored, it counts backwards. */
+static const char many[] =
+    "param float r = 0.004; param float3 ink = float3(0.3, 0.2, 0.9);\n"
+    "float2 place(int i) { return float2(frac(0.618034 * float(i)), frac(0.754878 * float(i))); }\n"
+    "shader float3 main(float2 x) { float3 c = float3(0.1); float d = 1.0;\n"
+    "  for (int i = 0; i < 12000; i++) { [Disc] if (length(x - place(i)) < r) c = sin(c.zxy + ink * float(i)); }\n"
+    "  for (int i = 0; i < 3000; i++) d = abs(place(i).x - x.x) < 0.002 ? r * float(i) : d;\n"
+    "  return c + d; }";
+
 static void programs(void **state) {
     (void)state;
     check_lists("opaque", opaque, 0.03);
@@ -353,6 +362,7 @@ static void programs(void **state) {
     check_lists("inner", inner, 0.1);
     check_lists("layers", layers, 0.04);
     check_lists("swapped", swapped, 0.05);
+    check_lists("many", many, 0.01);
     check_lists("scattered", scattered, 0.05);
 }
 
@@ -363,8 +373,95 @@ static void examples(void **state) {
     check_lists(SALTUS_TEST_DIR "/../examples/shadow_art/face.salt", NULL, 0.5);
 }
 
+/* ---- loops by chance: conditions under conditions, values and flags that pass, swap, join and overwrite */
+typedef struct Text {
+    Case *t; /* whose random numbers these are */
+    char *at, *end;
+} Text;
+
+__attribute__((format(printf, 2, 3))) static void say(Text *w, const char *fmt, ...) {
+    va_list ap;
+    va_start(ap, fmt);
+    w->at += vsnprintf(w->at, (size_t)(w->end - w->at), fmt, ap);
+    va_end(ap);
+    assert_true(w->at < w->end);
+}
+static uint32_t below(Text *w, uint32_t n) { return (uint32_t)(unit(w->t) * n); }
+
+static void say_number(Text *w) {
+    static const char *const e[] = {"e", "a", "b", "dots[i].ink.y", "0.5 * a + e", "x.y", "dots[i].r", "-b", "0.25"};
+    say(w, "%s", e[below(w, sizeof e / sizeof *e)]);
+}
+
+static void say_condition(Text *w) {
+    static const char *const c[] = {
+        "e < 0.0",    "e < 0.05",          "h", "!g", "a < b", "e < a", "dots[i].ink.x < 0.4", "x.x < 0.5",
+        "i % 3 == 1", "dots[i].at.y < x.y"};
+    uint32_t n = sizeof c / sizeof *c;
+    if (below(w, 3)) say(w, "%s", c[below(w, n)]);
+    else say(w, "%s %s %s", c[below(w, n)], below(w, 2) ? "&&" : "||", c[below(w, n)]);
+}
+
+static void say_statements(Text *w, uint32_t depth) {
+    for (uint32_t n = 1 + below(w, 2); n; n--) {
+        uint32_t kind = below(w, depth ? 9 : 5);
+        if (kind == 0) say(w, "a = "), say_number(w), say(w, ";\n");
+        else if (kind == 1) say(w, "b = %s(b, ", below(w, 2) ? "min" : "max"), say_number(w), say(w, ");\n");
+        else if (kind == 2) say(w, "h = %s ", below(w, 2) ? "h ||" : "h &&"), say_condition(w), say(w, ";\n");
+        else if (kind == 3) say(w, "%s", below(w, 2) ? "{ float s = a; a = b; b = s; }\n" : "g = !g;\n");
+        else if (kind == 4) say(w, "a = ("), say_condition(w), say(w, ") ? "), say_number(w), say(w, " : a;\n");
+        else {
+            say(w, "%s", below(w, 2) ? "if (" : "[Disc] if (e < 0.01 && "), say_condition(w), say(w, ") {\n"),
+                say_statements(w, depth - 1), say(w, "}\n");
+            if (!below(w, 3)) say(w, "else {\n"), say_statements(w, depth - 1), say(w, "}\n");
+        }
+    }
+}
+
+/* Interpreted: compiling would take most of the time. */
+static void random_loops(void **state) {
+    (void)state;
+    uint32_t listed = 0;
+    for (uint64_t seed = 1; seed <= 60 * (uint64_t)rounds; seed++) {
+        static Case t;
+        static char source[1 << 14];
+        t = (Case){.name = source, .random = seed * 0x9e3779b97f4a7c15u};
+        Text w = {&t, source, source + sizeof source};
+        say(&w, "%s",
+            SCATTER "shader float3 main(float2 x) { float a = 0.5; float b = 0.7; bool h = false; bool g = true;\n"
+                    "for (int i = 0; i < 80; i++) { float e = length(x - dots[i].at) - dots[i].r;\n"
+                    "[Disc] if (e < 0.02) {\n");
+        say_statements(&w, 3);
+        say(&w, "}\n");
+        if (!below(&w, 4))
+            say(&w, "[Disc] if (e < -0.02) { %s}\n",
+                below(&w, 2) ? "break; " : "a = e; b = 1.0; h = true; g = false; ");
+        say(&w, "}\nreturn float3(a, b, (h ? 1.0 : 0.0) + (g ? 0.5 : 0.0)); }");
+        SltOptions o = SLT_OPTIONS_INIT;
+        o.f64 = seed & 1, o.seed = 3, o.verify = true, o.near_miss = 0, o.interpret = true;
+        SltStatus st = slt_compile_string(source, "random.salt", &o, &t.p);
+        if (st != SLT_OK) fail_msg("%s\n%s", source, slt_diagnostics_text(t.p));
+        SltError err = {0};
+        bool needs[K_KINDS] = {[K_VALUE] = true, [K_VJP] = true, [K_REGION] = true, [K_BOUNDS] = true};
+        if (api_kernels(t.p, needs, &err) != SLT_OK) fail_msg("%s\n%s", source, err.text);
+        const SltScene *s = &t.p->scene;
+        if (s->nlists && s->list_noted[0]) {
+            listed++;
+            assert_true(batch_init(&t.b, s, NULL) && lists_init(&t.lists, s));
+            Box domain = {{0, 0}, {1, 1}};
+            walk_down(&t, &domain);
+            lists_free(&t.lists);
+            batch_free(&t.b);
+        }
+        slt_program_free(t.p);
+    }
+    if (getenv("SHOW")) printf("%u loops have lists\n", listed);
+    assert_true(listed > 20 * rounds);
+}
+
 int main(int argc, char **argv) {
     if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(programs), cmocka_unit_test(examples)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(programs), cmocka_unit_test(examples),
+                                       cmocka_unit_test(random_loops)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

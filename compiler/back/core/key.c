@@ -61,6 +61,8 @@ static void hash_block(XXH3_state_t *state, const Block *b, size_t *len) {
         case OP_live:
         case OP_settled:
         case OP_choice:
+        case OP_item:
+        case OP_items:
         case OP_note: memcpy(w + 4, &i->imm.i, sizeof i->imm.i); break;
         default: break;
         }

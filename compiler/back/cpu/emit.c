@@ -244,6 +244,8 @@ static void setup_block(Emit *e, const Block *b) {
         case OP_loop:
             if (i->imm.loop.cull) setup_culls(e, i->imm.loop.cull_id);
             break;
+        case OP_item:
+        case OP_items: setup_culls(e, (uint32_t)i->imm.i); break;
         case OP_note: setup_notes(e, (uint32_t)i->imm.i); break;
         default: break;
         }

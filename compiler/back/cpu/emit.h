@@ -133,6 +133,7 @@ void emit_choice(Emit *e, const Inst *i);
 /* ---- emit_effect.c: counters, notes and print */
 void emit_count(Emit *e, Inst *i);
 void emit_note(Emit *e, Inst *i);
+void emit_item(Emit *e, Inst *i); /* item, items */
 void emit_print(Emit *e, Inst *i);
 
 /* ---- emit_query.c: searches along rays */

@@ -1,4 +1,4 @@
-/* What leaves the kernel beside its outputs: counters, notes and print. */
+/* What leaves the kernel beside its outputs: counters, notes and print; lists that come in. */
 #include "compiler/back/cpu/emit.h"
 
 typedef struct LaneLoop {
@@ -89,6 +89,28 @@ void emit_note(Emit *e, Inst *i) {
         Part old = emit_load(e, e->t_i64, at, 8, false);
         emit_store(e, LL(BuildOr)(e->b, old, box_bits(e, i->args[a]), ""), at, 8);
     }
+}
+
+/* Places stay inside the list whatever the loop does: a place too far gives the last item. */
+void emit_item(Emit *e, Inst *i) {
+    if (emit_is_vector(e, i)) {
+        emit_fail(e, "a place in a list that differs between lanes");
+        return;
+    }
+    const CullSlot *c = &e->cull[i->imm.i];
+    Part a = emit_scalar(e, i->args[0]), zero = emit_int(e, e->t_i32, 0), one = emit_int(e, e->t_i32, 1), v;
+    if (i->op == OP_items) {
+        Part x[2] = {c->count, one}, given = LL(BuildICmp)(e->b, LLVMIntSGE, c->count, zero, "");
+        v = LL(BuildSelect)(e->b, given, emit_intrinsic(e, "llvm.smax", e->t_i32, x, 2), a, "");
+    } else {
+        Part x[2] = {a, LL(BuildSub)(e->b, c->count, one, "")},
+             some = LL(BuildICmp)(e->b, LLVMIntSGT, c->count, zero, "");
+        Part at = LL(BuildSelect)(e->b, some, emit_intrinsic(e, "llvm.umin", e->t_i32, x, 2), zero, "");
+        Part item =
+            emit_load(e, e->t_i32, emit_gep(e, e->t_i32, c->items, LL(BuildZExt)(e->b, at, e->t_i64, "")), 4, true);
+        v = LL(BuildSelect)(e->b, some, item, a, "");
+    }
+    emit_slot(e, i)[0] = v;
 }
 
 static Part as_double(Emit *e, const Inst *x, Part v) {

@@ -85,6 +85,8 @@ void emit_memory_op(Emit *e, Inst *i) {
     case OP_count: emit_count(e, i); break;
     case OP_print: emit_print(e, i); break;
     case OP_note: emit_note(e, i); break;
+    case OP_item:
+    case OP_items: emit_item(e, i); break;
     default: emit_fail(e, "%s is not supported by this back end", ir_ops[i->op].name);
     }
 }
