@@ -364,6 +364,8 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);
+    if (ir_ops[i->op].selects)
+        r.open = open_where(b, a[0].lo, arg[1].open, arg[2].open); /* by a condition of one value */
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);

@@ -245,9 +245,9 @@ static bool judge(Cells *c, Cell *cell) {
         sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
-    /* Pieces end where curves meet open seams, and at curves they are graded: else a few levels lead to where it bends.
-     */
-    bool rough = bends && sites == cell->nedges;
+    /* Pieces end where curves meet, and at curves they are graded. What bends a g is an edge itself, open here too; if
+     * it is not, a few levels lead to where it bends. */
+    bool rough = bends && cell->nedges < 2;
     rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
     rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
     bool unknown = cell->state & SLT_BOX_UNKNOWN;

@@ -410,11 +410,13 @@ static bool find_meetings(Cells *c, bool *again) {
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
                    dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
-            double tiny = (c->b->f64 ? 0x1p-51 : 0x1p-22) * fmax(fabs(s->at[0]), fabs(s->at[1])),
+            double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = fmax(fabs(s->at[0]), fabs(s->at[1])) / unit,
                    slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
             double to = s->x[0] - ds, height = s->x[1] - dh;
             bool inside = to >= s->at[0] - slack && to <= s->at[1] + slack; /* NaN is not */
-            bool converged = fabs(ds) <= tiny || (step > 6 && fabs(ds) <= 64 * tiny);
+            double far = fabs(ds) / tiny;
+            far = fmax(far, fabs(dh) * unit / fmax(fabs(box->lo[axis]), fabs(box->hi[axis])));
+            bool converged = far <= 1 || (step > 6 && far <= 64);
             s->x[0] = fmin(fmax(to, s->at[0]), s->at[1]);
             s->x[1] = fmin(fmax(height, box->lo[axis]), box->hi[axis]);
             if (inside && converged) continue;

@@ -282,6 +282,22 @@ static void lens(void **state) {
         }
 }
 
+/* A line that leaves a disc where the two have no height axis in common. */
+static Num chord_g(const Scene *s, uint32_t e, const Num *x) {
+    return e ? circle_g(s, e, x) : num_sub(x[1], param(s, 3));
+}
+static void chord(void **state) {
+    (void)state;
+    const double p[] = {0.47, 0.53, 0.31, 0.57};
+    Scene s;
+    scene_init(&s, 2, 2, 0, chord_g, both_f, p, 4);
+    CellOptions o = run_options(8);
+    o.volume = false;
+    Run r = run_scene(&s, &o, NULL);
+    near("slope in the line", r.slope[0][3], 0.5 + 2 * 2 * sqrt(0.31 * 0.31 - 0.04 * 0.04), 1e-12);
+    assert_true(r.counts.left == 0);
+}
+
 /* The nearest of three seeds: three lines that meet in a point. */
 static Num seed_g(const Scene *s, uint32_t e, const Num *x) {
     static const uint32_t pair[3][2] = {{1, 0}, {2, 0}, {2, 1}};
@@ -465,20 +481,12 @@ static void ball_cap(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(step_in_1d),
-                                       cmocka_unit_test(step_on_a_face),
-                                       cmocka_unit_test(nested_in_1d),
-                                       cmocka_unit_test(floor_in_1d),
-                                       cmocka_unit_test(in_single_precision),
-                                       cmocka_unit_test(circle),
-                                       cmocka_unit_test(smooth_curves),
-                                       cmocka_unit_test(opaque_discs),
-                                       cmocka_unit_test(lens),
-                                       cmocka_unit_test(triple_point),
-                                       cmocka_unit_test(rectangles),
-                                       cmocka_unit_test(stairs),
-                                       cmocka_unit_test(shaded_sphere),
-                                       cmocka_unit_test(ball),
-                                       cmocka_unit_test(ball_cap)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(step_in_1d),    cmocka_unit_test(step_on_a_face),      cmocka_unit_test(nested_in_1d),
+        cmocka_unit_test(floor_in_1d),   cmocka_unit_test(in_single_precision), cmocka_unit_test(circle),
+        cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),        cmocka_unit_test(lens),
+        cmocka_unit_test(chord),         cmocka_unit_test(triple_point),        cmocka_unit_test(rectangles),
+        cmocka_unit_test(stairs),        cmocka_unit_test(shaded_sphere),       cmocka_unit_test(ball),
+        cmocka_unit_test(ball_cap)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
