@@ -5,13 +5,9 @@
 
 static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE || j->estimator == SLT_EST_AUTO; }
 
-static void cell_needs(bool needs[K_KINDS]) {
-    needs[K_BOUNDS] = needs[K_EDGE] = needs[K_EDGE_BOUNDS] = needs[K_SIDES] = true;
-}
-
 static void value_needs(const SltJob *j, bool needs[K_KINDS]) {
     for (int k = 0; k < K_KINDS; k++) needs[k] = k == K_VALUE;
-    if (by_cells(j)) cell_needs(needs);
+    needs[K_SIDES] = by_cells(j);
 }
 
 /* Bounds of rays are asked for where shadows may be thinner than the lattice: runtime/sample/prove.h. Not beside
@@ -36,13 +32,17 @@ static void gradient_needs(const SltProgram *p, const SltJob *j, bool forward, b
     needs[forward ? K_SITE_JVP : K_SITE_VJP] = true;
 }
 
-/* Bounds are compiled first, alone: they may say that no other kernel of cells is needed. */
+/* Kernels of cells. Bounds come first, alone: they may say that the others are not needed. These are a module of their
+ * own as well: where SLT_EST_AUTO turns to the lattice after all, its kernels are as wide as without them. */
 static SltStatus settle(ApiCall *c) {
-    static const bool needs[K_KINDS] = {[K_BOUNDS] = true};
-    if (c->job.estimator != SLT_EST_AUTO) return SLT_OK;
-    SltStatus s = api_call_kernels(c, needs);
-    if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);
-    return s;
+    static const bool bounds[K_KINDS] = {[K_BOUNDS] = true},
+                      cells[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
+    SltStatus s = SLT_OK;
+    if (c->job.estimator == SLT_EST_AUTO) {
+        s = api_call_kernels(c, bounds);
+        if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);
+    }
+    return s == SLT_OK && by_cells(&c->job) ? api_call_kernels(c, cells) : s;
 }
 
 /* With opt.rgba8 the value kernel writes pixels, which are no numbers to add up. */

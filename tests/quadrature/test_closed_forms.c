@@ -83,6 +83,36 @@ static void stated(void **state) {
         run_case(c, &job, true, 1e-12, 1);
     }
 }
+/* Where cells do not pay, SLT_EST_AUTO is the lattice, bit for bit: a march whose steps bounds cannot follow. */
+static void auto_turns(void **state) {
+    (void)state;
+    static const char source[] =
+        "param float r = 0.4; param float h = 0.3; [Domain(-1.0, 1.0)] shader float main(float2 x) { float t = 0.0; "
+        "for (int i = 0; i < 40; i++) { float3 p = float3(x, t - 2.0); float d = min(length(p) - r, p.y + h + 0.1 * "
+        "sin(9.0 * p.x) * sin(7.0 * p.z)); t += 0.7 * d; } [Disc] return t < 3.0 ? t : 0.0; }";
+    for (int f64 = 0; f64 < 2; f64++) {
+        SltOptions o = SLT_OPTIONS_INIT;
+        SltJob job = SLT_JOB_INIT;
+        SltError err = {0};
+        double gradient[2][2], value[2];
+        o.f64 = f64 != 0;
+        job.integral = true, job.samples = 1 << 12, job.threads = 2;
+        for (int i = 0; i < 2; i++) {
+            SltProgram *p = NULL;
+            SltIntegral out = SLT_INTEGRAL_INIT;
+            SltStats stats = SLT_STATS_INIT;
+            job.estimator = i ? SLT_EST_AUTO : SLT_EST_LATTICE;
+            out.value = &value[i], out.gradient = gradient[i];
+            assert_int_equal(slt_compile_string(source, "march", &o, &p), SLT_OK);
+            if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+            assert_false(stats.cells);
+            slt_program_free(p);
+        }
+        assert_memory_equal(&value[1], &value[0], sizeof value[0]);
+        assert_memory_equal(gradient[1], gradient[0], sizeof gradient[0]);
+    }
+}
+
 static void run_f32(void **state) { run(*state, false); }
 static void run_f64(void **state) { run(*state, true); }
 
@@ -104,5 +134,6 @@ int main(void) {
         tests[n] = (struct CMUnitTest){names[n], stated, NULL, NULL, &cases[i]};
         n++;
     }
+    tests[n++] = (struct CMUnitTest){"auto turns to the lattice", auto_turns, NULL, NULL, NULL};
     return _cmocka_run_group_tests("closed forms", tests, (size_t)n, NULL, NULL);
 }
