@@ -310,9 +310,15 @@ static bool cut_cells(Cells *c) {
         if (cell->cut < 0) continue;
         Box near = cell->box, far = cell->box;
         near.hi[r->axis] = r->lo, near.end[r->axis] = far.lo[r->axis] = r->hi;
-        bool cut = r->lo < r->hi; /* else it does not decide there after all */
+        bool cut = r->lo < r->hi, lost = false; /* else it does not decide there after all */
         for (uint32_t k = c->active[r - c->root]; k < c->active[r - c->root + 1]; k += 2)
-            cut &= (c->probe[k].g < 0) == (c->probe[k + 1].g < 0);
+            lost |= (c->probe[k].g < 0) != (c->probe[k + 1].g < 0);
+        if (cut && lost) { /* the gap itself is left over */
+            Cell gap = *cell;
+            gap.box.lo[r->axis] = r->lo, gap.box.hi[r->axis] = gap.box.end[r->axis] = r->hi;
+            count_cell(c, &gap, CELL_LEFT);
+            c->sink->left(c->sink->user, &gap.box, gap.f);
+        }
         r++;
         if (!cut && !refine(c, cell)) return false;
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
