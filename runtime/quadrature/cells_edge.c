@@ -182,7 +182,7 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         bool seam = false;
         for (uint32_t e = 0; e < cell[i].nedges; e++) seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
-        uint32_t most = cell[i].lonely ? CELL_EVENTS : c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
+        uint32_t most = !cell[i].lonely && !seam && c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
         cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam);
     }
 }
