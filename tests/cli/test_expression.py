@@ -1,4 +1,6 @@
 """Long straight-line programs: an expression of thousands of operations, line by line a shader (expression.py)."""
+import math
+
 from expression import shader
 from harness import *
 
@@ -36,7 +38,6 @@ class Prospero(Case):
         self.assertLess(r["evaluations"], 0.9 * r["samples"])
         self.assertAlmostEqual(inside, r["mean"][0], delta=0.01)
 
-    def test_explained(self):
-        r = self.json_cli("explain", "p.salt")
-        self.assertGreater(r["pruning"]["choices"], 2000)
-        self.assertGreater(r["pruning"]["chunks"], 300)
+
+if __name__ == "__main__":
+    unittest.main()
