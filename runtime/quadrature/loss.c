@@ -1,24 +1,41 @@
 /* A squared loss and its gradient in one sweep. Under the box filter a pixel is what the cells inside it give, so that
  * a tile's pixels, and with them the adjoint of the loss, are known when its cells are done: their points are kept so
  * long, and evaluated once more for the derivatives. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "runtime/quadrature/inner.h"
 #include "runtime/sample/near.h"
 
-/* Pixels of the tile, their loss, and the adjoint image there. */
-static void weigh(SweepWorker *v, uint64_t tile) {
-    const Sweep *p = v->sweep;
+/* The pixels of a tile, by axis: from .. to - 1. */
+static void pixels_of(const Sweep *p, uint64_t tile, uint32_t from[3], uint32_t to[3]) {
     const Grid *g = &p->run->grid;
-    const Splat *sp = &v->splat;
-    uint32_t channels = p->run->s->channels, from[3] = {0}, to[3] = {1, 1, 1};
-    double each = 1 / ((double)g->pixels * channels);
-    for (uint32_t d = 0; d < g->dim; d++) {
+    for (uint32_t d = 0; d < 3; d++) {
+        from[d] = 0, to[d] = 1;
+        if (d >= g->dim) continue;
         from[d] = (uint32_t)(tile % p->tiles[d]) * p->pixels[d];
         to[d] = from[d] + p->pixels[d] < g->n[d] ? from[d] + p->pixels[d] : g->n[d];
         tile /= p->tiles[d];
     }
+}
+
+/* A point on the far face of the tile lies in a pixel of another one, whose adjoint is not known yet: it moves by units
+ * in the last place. */
+static void into_tile(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]) {
+    for (uint32_t d = 0; d < g->dim; d++) {
+        while (grid_cell(g, d, x[d]) >= to[d]) x[d] = nextafter(fmin(x[d], g->lo[d] + to[d] * g->side[d]), -HUGE_VAL);
+        while (grid_cell(g, d, x[d]) < from[d]) x[d] = nextafter(fmax(x[d], g->lo[d] + from[d] * g->side[d]), HUGE_VAL);
+    }
+}
+
+/* Pixels of the tile, their loss, and the adjoint image there. */
+static void weigh(SweepWorker *v, const uint32_t from[3], const uint32_t to[3]) {
+    const Sweep *p = v->sweep;
+    const Grid *g = &p->run->grid;
+    const Splat *sp = &v->splat;
+    uint32_t channels = p->run->s->channels;
+    double each = 1 / ((double)g->pixels * channels);
     for (uint32_t z = from[2]; z < to[2]; z++)
         for (uint32_t y = from[1]; y < to[1]; y++)
             for (uint32_t x = from[0]; x < to[0]; x++) {
@@ -43,7 +60,11 @@ bool loss_tile(SweepWorker *v, uint64_t tile) {
         v->left_bound += sweep_hidden(p, &v->left[i]);
         left_samples(v, &v->left[i], p->lines, -1);
     }
-    weigh(v, tile);
+    uint32_t from[3], to[3];
+    pixels_of(p, tile, from, to);
+    weigh(v, from, to);
+    for (uint64_t i = 0; i < k->ncrossing; i++) into_tile(&p->run->grid, from, to, k->crossing[i].x);
+    for (uint64_t i = 0; i < k->npoint; i++) into_tile(&p->run->grid, from, to, k->point[i].x);
     b->again = true;
     for (uint64_t i = 0; i < k->ngroup; i++) {
         const KeptGroup *g = &k->group[i];
@@ -52,8 +73,11 @@ bool loss_tile(SweepWorker *v, uint64_t tile) {
         else if (p->interior) sweep_volume_reverse(v, k->point + g->first, g->n, CELL_FINE);
     }
     b->args.cull = given, b->again = false;
-    for (uint64_t i = 0; i < v->nleft && p->options.curves; i++)
-        if (!left_lines(v, &v->left[i], p->lines, -1)) return false;
+    for (uint64_t i = 0; i < v->nleft && p->options.curves; i++) {
+        LeftCell cell = v->left[i];
+        into_tile(&p->run->grid, from, to, cell.box.lo), into_tile(&p->run->grid, from, to, cell.box.end);
+        if (!left_lines(v, &cell, p->lines, -1)) return false;
+    }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     return !v->w->finder.failed;

@@ -8,6 +8,7 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/near.h"
+#include "runtime/sample/prove.h"
 
 enum {
     ROUNDS = 6,        /* most rounds over cells whose tiles ran out of their budget */
@@ -325,6 +326,7 @@ SltStatus sweep_begin(Sweep *p) {
     for (uint32_t i = 0; i < r->nworkers; i++) {
         SweepWorker *v = &p->worker[i];
         v->sweep = p, v->w = &r->worker[i];
+        v->w->finder.proves = p->kind == SWEEP_INTEGRAL && prove_serves(s);
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->classes = p->kind == SWEEP_REVERSE && p->errors ? 2 : 1, k->dirs = p->dirs;
