@@ -7,7 +7,7 @@ static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATUR
 
 static void value_needs(const SltJob *j, bool needs[K_KINDS]) {
     for (int k = 0; k < K_KINDS; k++) needs[k] = k == K_VALUE;
-    needs[K_SIDES] = by_cells(j);
+    if (by_cells(j)) needs[K_BOUNDS] = needs[K_EDGE] = needs[K_EDGE_BOUNDS] = needs[K_SIDES] = true;
 }
 
 /* Bounds of rays are asked for where shadows may be thinner than the lattice: runtime/sample/prove.h. Not beside
