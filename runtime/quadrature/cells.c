@@ -426,7 +426,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
     bool worked = true;
     c->within = *tile;
-    while (worked && c->nstack) {
+    while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
         if (counts->spent) {
             give_up(c, &c->stack[--c->nstack]);
             continue;
