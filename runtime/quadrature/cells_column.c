@@ -90,14 +90,14 @@ static void find_twins(Cells *c, const Column *k) {
     Piece *p = &c->piece[k->piece];
     const Cell *cell = &c->cell[p->cell];
     double width = cell->box.end[p->axis] - cell->box.lo[p->axis];
-    double size = fmax(fabs(cell->box.lo[p->axis]), fabs(cell->box.hi[p->axis]));
+    double size = larger(fabs(cell->box.lo[p->axis]), fabs(cell->box.hi[p->axis]));
     for (uint32_t i = 1; i < k->nroots; i++)
         for (uint32_t j = 0; j < i; j++) {
             Root *r = &c->root[k->first + i], *s = &c->root[k->first + j];
             if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
             double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
                            2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
-            double same = fmin(error + size * (c->b->f64 ? 0x1p-49 : 0x1p-21), 0x1p-16 * width);
+            double same = smaller(error + size * (c->b->f64 ? 0x1p-49 : 0x1p-21), 0x1p-16 * width);
             if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
             bool later = is_site(c, p, s->edge) || !is_site(c, p, r->edge);
             p->present &= ~(1u << (later ? r->edge : s->edge));
@@ -205,7 +205,7 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
             double w = k->weight * tangent * fabs(e->steep / r->dg[p->axis]);
             for (uint32_t ch = 0; ch < c->s->channels; ch++) {
                 double jump = r->f[1][ch] - r->f[0][ch];
-                *most = fmax(*most, fabs(jump)), *total += w * fabs(jump);
+                *most = larger(*most, fabs(jump)), *total += w * fabs(jump);
                 sum[k->rule][ch][0] += w * jump;
                 for (uint32_t d = 0; d < c->dim; d++)
                     sum[k->rule][ch][1 + d] += w * jump * (r->x[d] - mid[d]) / half[d];
@@ -218,7 +218,7 @@ static bool curves_agree(const Cells *c, const Piece *p, const Column *from, con
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
         measure_curve(c, p, from, to, e, sum, &most, &total);
-        double least = fmax(c->o->tolerance * most * c->width, cells_rounding(c) * total);
+        double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             for (uint32_t m = 0; m <= c->dim; m++)
                 if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;

@@ -19,6 +19,10 @@
 #include "runtime/quadrature/gauss.h"
 #include "runtime/quadrature/lists.h"
 
+/* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
@@ -158,7 +162,9 @@ struct Cells {
     double width;   /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
-    Node *stack; /* nodes to be worked on */
+    GaussRule of[GAUSS_MAX + 1]; /* by number of points */
+    double bits;                 /* log2 of what the coarse rule may err by on a part of the volume */
+    Node *stack;                 /* nodes to be worked on */
     uint32_t nstack, stack_cap;
     Cell *cell;                        /* [ncell]: boxes in hand */
     uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */

@@ -46,11 +46,22 @@ static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight,
     return true;
 }
 
+/* The rule along a part of the volume of that length: of n points it errs by (length / scale)^2n, and the scale on
+ * which f varies is taken for half the domain. Where it is shorter the two rules differ, and the part is halved. */
+static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
+    const GaussRule *full = &c->rule[r];
+    int bits = c->o->fixed || !full->n ? 0 : ilogb(length / (0.5 * c->width)) + 1;
+    if (bits >= 0) return full;
+    double n = 1 + ceil(c->bits / (2 * bits));
+    uint32_t points = n < 2 ? 2 : n < c->rule[CELL_FINE].n ? (uint32_t)n : c->rule[CELL_FINE].n;
+    points -= r == CELL_COARSE && points > 1;
+    return points < full->n ? &c->of[points] : full;
+}
+
 /* On a column, between one root and the next. */
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     const Box *box = &c->cell[p->cell].box;
-    const GaussRule *g = &c->rule[rule];
     double x[3], from = box->lo[p->axis], heights[CELL_EVENTS + 1];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
@@ -61,13 +72,15 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     }
     heights[n++] = box->end[p->axis];
     memcpy(x, k->x, sizeof x);
-    for (uint32_t i = 0; i < n; from = heights[i++])
+    for (uint32_t i = 0; i < n; from = heights[i++]) {
+        const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from);
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
             double t = (q / g->n + g->x[q % g->n]) / p->parts, w = g->w[q % g->n] / p->parts;
             if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
             x[p->axis] = from + t * (heights[i] - from);
             if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
         }
+    }
     return true;
 }
 
@@ -111,12 +124,12 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
     for (uint32_t i = from; i < to; i++)
         for (uint32_t d = 0; d < c->dim; d++)
-            lo[d] = fmin(lo[d], c->spot[i].x[d]), hi[d] = fmax(hi[d], c->spot[i].x[d]);
+            lo[d] = smaller(lo[d], c->spot[i].x[d]), hi[d] = larger(hi[d], c->spot[i].x[d]);
     for (uint32_t i = from; i < to; i++) {
         const Spot *s = &c->spot[i];
         for (uint32_t ch = 0; ch < c->s->channels; ch++) {
             double v = s->weight * s->f[ch];
-            most = fmax(most, fabs(s->f[ch])), total += fabs(v);
+            most = larger(most, fabs(s->f[ch])), total += fabs(v);
             sum[s->rule][ch][0] += v;
             for (uint32_t d = 0; d < c->dim; d++)
                 if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
@@ -141,18 +154,18 @@ bool cells_settle_box(Cells *c, const double lo[3], const double end[3]) {
 /* Points of the tensor rule. */
 static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
     const Smooth *s = &c->smooth[owner];
-    const GaussRule *r = &c->rule[rule];
+    const GaussRule *r[3] = {NULL};
     uint32_t n[3] = {1, 1, 1};
-    for (uint32_t d = 0; d < c->dim; d++) n[d] = r->n;
-    if (!r->n) return true;
+    if (!c->rule[rule].n) return true;
+    for (uint32_t d = 0; d < c->dim; d++) r[d] = rule_along(c, (CellRule)rule, s->end[d] - s->lo[d]), n[d] = r[d]->n;
     for (uint32_t z = 0; z < n[2]; z++)
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t i = 0; i < n[0]; i++) {
                 const uint32_t at[3] = {i, y, z};
                 double x[3] = {0}, weight = 1;
                 for (uint32_t d = 0; d < c->dim; d++) {
-                    x[d] = s->lo[d] + r->x[at[d]] * (s->end[d] - s->lo[d]);
-                    weight *= r->w[at[d]] * (s->end[d] - s->lo[d]);
+                    x[d] = s->lo[d] + r[d]->x[at[d]] * (s->end[d] - s->lo[d]);
+                    weight *= r[d]->w[at[d]] * (s->end[d] - s->lo[d]);
                 }
                 if (!add_spot(c, owner, x, weight, rule)) return false;
             }
