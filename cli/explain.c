@@ -98,7 +98,7 @@ static void print_bounds(const ExplainedBounds *b) {
             b->boxes, 100.0 * b->settled / b->boxes, 100.0 * b->open / b->boxes, 100.0 * b->unknown / b->boxes);
     if (b->nseams) puts("  seams, where f may jump or bend without [Disc]:");
     for (uint32_t i = 0; i < b->nseams; i++) printf("  "), print_place(&b->seams[i]);
-    if (b->nunbounded) puts("  without bounds; a box where one of these decides is never settled:");
+    if (b->nunbounded) puts("  without bounds, so that what depends on them is open or unknown:");
     for (uint32_t i = 0; i < b->nunbounded; i++) printf("  "), print_place(&b->unbounded[i]);
     for (uint32_t i = 0; i < b->nwide; i++) print_place(&b->wide[i]);
     if (b->crowded)

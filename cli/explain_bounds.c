@@ -47,7 +47,7 @@ static void explain_seams(const SltProgram *p, Arena *arena, ExplainedBounds *ou
 static const char *why_unbounded(const Inst *i) {
     switch ((Op)i->op) {
     case OP_rand: return "rand() is any number in [0, 1)";
-    case OP_query: return "what a ray meets has no bounds";
+    case OP_query: return "a ray: bounds know at most whether it is blocked";
     case OP_input:
         if (i->imm.i == IN_PIXEL0 || i->imm.i == IN_PIXEL1) return "pixel() is any pixel";
         return i->imm.i == IN_SAMPLE ? "sample_index() is any sample" : NULL;

@@ -14,6 +14,7 @@ enum {
     GAUSS = 4,
     BUDGET = 1 << 21 /* evaluations: a program that nothing can be proven of must end too */
 };
+#define HIDDEN 1e-5   /* jumps below this part of f are rounding */
 #define LEAST 0x1p-10 /* side of the least cell, in parts of the domain: less than a pixel of the picture */
 
 typedef struct DrawnCell {
@@ -54,8 +55,8 @@ static void take_cell(void *user, const Box *cell, CellState state) {
 static void take_curve(void *user, Crossing *c, uint32_t n) {
     Drawn *d = user;
     for (uint32_t i = 0; i < n && !d->failed; i++) {
-        bool moves = false; /* what is hidden jumps by 0 */
-        for (uint32_t k = 0; k < d->channels; k++) moves |= c[i].jump[k] != 0;
+        bool moves = false; /* what is hidden jumps by no more than the two adjacent points differ */
+        for (uint32_t k = 0; k < d->channels; k++) moves |= fabs(c[i].jump[k]) > HIDDEN * fabs(c[i].before[k]);
         if (c[i].cls != CELL_FINE || !moves) continue;
         d->failed |= !grow((void **)&d->point, sizeof *d->point, d->npoints, &d->points_cap);
         if (!d->failed) memcpy(d->point[d->npoints++], c[i].x, sizeof *d->point);

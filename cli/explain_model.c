@@ -192,8 +192,9 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
                 ARENA_ARRAY(arena, uint8_t, g->primal->nsites + 1),
                 ARENA_ARRAY(arena, uint8_t, g->primal->nsites + 1),
                 ARENA_ARRAY(arena, uint8_t, g->nfloats + 1)};
-    bool needs[K_KINDS] = {
-        [K_VALUE] = true, [K_VJP] = !c->job.no_interior, [K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
+    bool needs[K_KINDS] = {[K_VALUE] = true, [K_VJP] = !c->job.no_interior, [K_BOUNDS] = true,
+                           [K_EDGE] = true,  [K_EDGE_BOUNDS] = true,        [K_PRUNE] = true,
+                           [K_PRUNED] = true};
     if (!c->job.no_boundary)
         needs[K_REGION] = needs[K_EVENT] = needs[K_SIDES] = needs[K_SITE] = needs[K_SITE_GRAD] = needs[K_SITE_VJP] =
             true;

@@ -74,6 +74,8 @@ SltStatus api_kernels(SltProgram *p, const bool needs[K_KINDS], SltError *err);
 /* The same for kernels that are not run here: for objects of another machine, and to be shown. api_kernels refuses a
  * target that this processor lacks; this does not. */
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err);
+/* cull_check.c: warns of [Cull] loops that do something outside their boxes. After the bounds of these are lowered. */
+void api_check_cull(SltProgram *p);
 void api_forget_gradients(SltProgram *p); /* frees the kernels that depend on p->wrt */
 void api_free_kernels(SltProgram *p);
 

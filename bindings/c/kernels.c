@@ -148,6 +148,7 @@ static void build_body(Session *s, void *arg) {
     edge_table(p, &set);
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++) finish_bounds(p, p->prog->cull_bounds[c]);
+    if (q->cull && p->opt.verify) api_check_cull(p);
     p->ms_passes += now_ms() - start;
 
     if (set.chunks) p->scene.chunks = set.chunks;

@@ -42,6 +42,7 @@ static void make_room(Boxes *x, Builder *b) {
     take_census(x, x->from->body, &c);
     if (!c.events) return;
     x->slots = (uint32_t)c.events, x->depth = c.depth;
+    x->known = ARENA_ARRAY(x->arena, Recorded, x->from->nsites);
     x->recorded = room(b, TY_INT, 1);
     x->edge = room(b, TY_INT, x->slots + 1);
     for (uint32_t d = 0; d < c.depth; d++) x->k[d] = room(b, TY_INT, x->slots + 1);

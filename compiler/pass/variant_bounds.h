@@ -64,6 +64,12 @@ typedef struct Undo {
     Boxed was;
 } Undo;
 
+/* Where an event of an edge was recorded; seams that share its number find it there. */
+typedef struct Recorded {
+    const Inst *site;
+    Inst *bit; /* in the sets; 0 where it is not open */
+} Recorded;
+
 typedef struct Boxes {
     PassCtx *ctx;
     const Fn *from; /* dense ids */
@@ -81,6 +87,7 @@ typedef struct Boxes {
     Vec(Undo) undo;
     /* Arrays of the events recorded so far; slots elements and one for those beyond. NULL: none can be recorded. */
     uint32_t slots, depth;
+    Recorded *known;                                     /* by edge */
     Inst *recorded, *edge, *first, *last, *k[SLT_MAX_K]; /* `recorded`: one element, how many */
 } Boxes;
 

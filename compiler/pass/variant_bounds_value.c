@@ -248,31 +248,38 @@ static void put(Builder *b, Inst *array, Inst *at, Inst *v) {
     ir_special(b, OP_store, TY_VOID, 3, (Inst *[]){array, at, v}, (Imm){0});
 }
 
-/* Where `open` holds, records the event of a site and gives its bit and `more`; elsewhere nothing. first, last: the
- * boundaries of an integer, or NULL. */
+/* Where `open` holds, records the event of a site and gives its bit and `more`; elsewhere nothing. An event that was
+ * recorded before, by a seam of the same number, keeps its bit. first, last: the boundaries of an integer, or NULL. */
 static Inst *record(Boxes *x, Builder *b, const Inst *site, Inst *open, Bound arg, Bound arg2, Inst *first, Inst *last,
                     Inst *more) {
+    Recorded *known = &x->known[site->imm.i];
+    bool again = known->site && walk_inside(site->block, known->site->block);
     Inst *br = ir_if(b, open);
     br->imm.i = IR_IF_RARE;
     Builder in = ir_at_end(x->to, br->region[0]), out = ir_at_end(x->to, br->region[1]);
-    Inst *at = ir_special(&in, OP_load, TY_INT, 2, (Inst *[]){x->recorded, ir_consti(&in, 0)}, (Imm){0});
+    Inst *zero = ir_consti(&in, 0), *trash = ir_consti(&in, (int32_t)x->slots);
+    Inst *n = ir_special(&in, OP_load, TY_INT, 2, (Inst *[]){x->recorded, zero}, (Imm){0});
+    Inst *has = again ? bounds_op2(&in, OP_ine, known->bit, zero) : NULL,
+         *at = again ? ir_select(&in, has, trash, n) : n;
     put(&in, x->edge, at, ir_consti(&in, (int32_t)site->imm.i));
     for (uint32_t d = 0; d + 2 < site->nargs; d++) put(&in, x->k[d], at, value_of(x, site->args[d + 2]).is.lo);
     if (x->first) {
         put(&in, x->first, at, first ? first : number(&in, 0));
         put(&in, x->last, at, last ? last : number(&in, 0));
     }
-    put(&in, x->recorded, ir_consti(&in, 0), ir_emit2(&in, OP_iadd, at, ir_consti(&in, 1)));
-    Inst *told = ir_emit2(&in, OP_ilt, at, ir_consti(&in, (int32_t)x->slots));
-    Inst *bit = ir_select(&in, told, ir_emit2(&in, OP_ishl, ir_consti(&in, 1), at), ir_consti(&in, OPEN_MORE));
+    Inst *next = ir_emit2(&in, OP_iadd, n, ir_consti(&in, 1));
+    put(&in, x->recorded, zero, again ? ir_select(&in, has, n, next) : next);
+    Inst *told = ir_emit2(&in, OP_ilt, n, trash);
+    Inst *bit = ir_select(&in, told, ir_emit2(&in, OP_ishl, ir_consti(&in, 1), n), ir_consti(&in, OPEN_MORE));
+    if (again) bit = ir_select(&in, has, known->bit, bit);
     Inst *unknown = is_unknown(&in, arg);
     if (arg2.lo) unknown = bounds_op2(&in, OP_bor, unknown, is_unknown(&in, arg2));
-    bit = open_union(&in, bit, bits_where(&in, unknown, OPEN_JUMP));
-    bit = open_union(&in, bit, more);
-    ir_yield(&in, 1, &bit);
+    Inst *set = open_union(&in, open_union(&in, bit, bits_where(&in, unknown, OPEN_JUMP)), more);
+    ir_yield(&in, 2, (Inst *[]){bit, set});
     Inst *none = ir_consti(&out, 0);
-    ir_yield(&out, 1, &none);
-    return ir_proj(b, br, 0);
+    ir_yield(&out, 2, (Inst *[]){none, none});
+    if (!again) *known = (Recorded){site, ir_proj(b, br, 0)};
+    return ir_proj(b, br, 1);
 }
 
 static void site_value(Boxes *x, Builder *b, const Inst *i) {
@@ -364,6 +371,8 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);
+    if (ir_ops[i->op].selects)
+        r.open = open_where(b, a[0].lo, arg[1].open, arg[2].open); /* by a condition of one value */
     IrType t = (IrType)ir_ops[i->op].result;
     if (r.open && t == TY_BOOL) r.open = open_where(b, bounds_undecided(b, r.is), r.open, NULL);
     if (r.open && t == TY_INT) r.open = open_where(b, ir_bound_is_point(b, r.is), NULL, r.open);

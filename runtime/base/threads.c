@@ -39,7 +39,7 @@ uint32_t pool_threads(uint32_t wanted, uint64_t tiles) {
     return wanted;
 }
 
-static SltStatus stop_reason(const PoolOptions *o) {
+SltStatus pool_stop_reason(const PoolOptions *o) {
     if (o->cancel && *o->cancel) return SLT_INTERRUPTED;
     if (o->deadline > 0 && pool_now() > o->deadline) return SLT_LIMIT;
     return SLT_OK;
@@ -51,7 +51,7 @@ static void *run(void *arg) {
     pthread_mutex_lock(&p->lock);
     for (;;) {
         if (p->status == SLT_OK && p->next < p->tiles) {
-            SltStatus stop = stop_reason(p->o);
+            SltStatus stop = pool_stop_reason(p->o);
             if (stop != SLT_OK) p->status = stop, pthread_cond_broadcast(&p->turn);
         }
         if (p->status != SLT_OK || p->next >= p->tiles) break;

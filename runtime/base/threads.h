@@ -29,6 +29,9 @@ typedef void PoolMerge(void *user, uint32_t worker, uint64_t tile);
 double pool_now(void);
 /* Threads to use when `wanted` are asked for (0: one a core), at most one a tile. */
 uint32_t pool_threads(uint32_t wanted, uint64_t tiles);
+/* Why the tiles must stop now; SLT_OK: they need not. For work that may be long: what it leaves undone is not asked
+ * for, since the pool ends with this status. */
+SltStatus pool_stop_reason(const PoolOptions *o);
 /* Runs all tiles; the calling thread is worker 0. err may be NULL. Returns after every thread has ended, whatever
  * happened. */
 SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user, SltError *err);

@@ -245,9 +245,9 @@ static bool judge(Cells *c, Cell *cell) {
         sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
-    /* Pieces end where curves meet open seams, and at curves they are graded: else a few levels lead to where it bends.
-     */
-    bool rough = bends && sites == cell->nedges;
+    /* Pieces end where curves meet, and at curves they are graded. What bends a g is an edge itself, open here too; if
+     * it is not, a few levels lead to where it bends. */
+    bool rough = bends && cell->nedges < 2;
     rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
     rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
     bool unknown = cell->state & SLT_BOX_UNKNOWN;
@@ -266,6 +266,21 @@ static bool judge(Cells *c, Cell *cell) {
     return true;
 }
 
+/* Asks whether a site of a cell jumps in the very gap in which it is to be cut: g at the two sides. */
+static bool probe_gap(Cells *c, const Cell *cell, const Root *r) {
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        if ((uint32_t)edge->event.site >= c->s->nsites || cells_straight_axis(c, edge) != r->axis) continue;
+        double x[3];
+        memcpy(x, r->x, sizeof x);
+        for (int side = 0; side < 2; side++) {
+            x[r->axis] = side ? r->hi : r->lo;
+            if (!cells_probe(c, &edge->event, x)) return false;
+        }
+    }
+    return true;
+}
+
 /* Cells that have a straight edge become two, that share no point: what jumps or bends there does so in neither. */
 static bool cut_cells(Cells *c) {
     int axis;
@@ -281,14 +296,31 @@ static bool cut_cells(Cells *c) {
     if (!c->nroot) return true;
     if (!cells_solve(c) || !cells_narrow(c)) return false;
     const Root *r = c->root;
+    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot + 1, sizeof *c->active)) return false;
+    c->nprobe = 0;
+    for (uint32_t i = 0, n = 0; i < c->ncell; i++) {
+        if (c->cell[i].cut < 0) continue;
+        c->active[n] = c->nprobe; /* where its probes begin */
+        if (!c->cell[i].curves_done && !probe_gap(c, &c->cell[i], &c->root[n])) return false;
+        c->active[++n] = c->nprobe;
+    }
+    if (!cells_run_probes(c)) return false;
     for (uint32_t i = 0; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
         if (cell->cut < 0) continue;
         Box near = cell->box, far = cell->box;
         near.hi[r->axis] = r->lo, near.end[r->axis] = far.lo[r->axis] = r->hi;
-        bool cut = r->lo < r->hi;
+        bool cut = r->lo < r->hi, lost = false; /* else it does not decide there after all */
+        for (uint32_t k = c->active[r - c->root]; k < c->active[r - c->root + 1]; k += 2)
+            lost |= (c->probe[k].g < 0) != (c->probe[k + 1].g < 0);
+        if (cut && lost) { /* the gap itself is left over */
+            Cell gap = *cell;
+            gap.box.lo[r->axis] = r->lo, gap.box.hi[r->axis] = gap.box.end[r->axis] = r->hi;
+            count_cell(c, &gap, CELL_LEFT);
+            c->sink->left(c->sink->user, &gap.box, gap.f);
+        }
         r++;
-        if (!cut && !refine(c, cell)) return false; /* it does not decide there after all */
+        if (!cut && !refine(c, cell)) return false;
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
     }
     return true;
@@ -394,7 +426,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
     bool worked = true;
     c->within = *tile;
-    while (worked && c->nstack) {
+    while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
         if (counts->spent) {
             give_up(c, &c->stack[--c->nstack]);
             continue;

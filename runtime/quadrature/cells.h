@@ -11,6 +11,7 @@
 #ifndef SALTUS_QUADRATURE_CELLS_H
 #define SALTUS_QUADRATURE_CELLS_H
 
+#include "runtime/base/threads.h"
 #include "runtime/sample/finder.h"
 
 /* A box of the domain: all points of the program's precision with lo <= x <= hi. Its measure goes up to `end`. In
@@ -59,7 +60,8 @@ typedef struct CellOptions {
     double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
                          domain is wide; pieces that differ more are halved */
     double least;     /* side of the least cell, in parts of the domain */
-    uint64_t budget;  /* evaluations that this tile may spend, those of the sink included; 0: no limit */
+    const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
+    uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */
     /* Of an image: cells end where the filter bends, multiples of `grid` from `grid_lo` along each axis; 0: nowhere */
     double grid[3], grid_lo[3];
 } CellOptions;

@@ -182,7 +182,7 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         bool seam = false;
         for (uint32_t e = 0; e < cell[i].nedges; e++) seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
-        uint32_t most = cell[i].lonely ? CELL_EVENTS : c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
+        uint32_t most = !cell[i].lonely && !seam && c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
         cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam);
     }
 }
@@ -240,17 +240,21 @@ static double varies(const CellEdge *e, uint32_t axis) {
     return fmax(a, z) / fmin(a, z);
 }
 
+int cells_straight_axis(const Cells *c, const CellEdge *e) {
+    int axis = -1, moves = 0;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        if (e->slope[d][0] == 0 && e->slope[d][1] == 0) continue;
+        moves++, axis = (int)d;
+    }
+    return moves == 1 && e->rises[axis] ? axis : -1;
+}
+
 int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
     for (uint32_t e = 0; e < cell->nedges; e++) {
-        const CellEdge *edge = &cell->edge[e];
         /* The curve of a site must have been integrated before the cell is cut along it. */
-        if (!cell->curves_done && (uint32_t)edge->event.site < c->s->nsites) continue;
-        uint32_t moves = 0;
-        for (uint32_t d = 0; d < c->dim; d++) {
-            if (edge->slope[d][0] == 0 && edge->slope[d][1] == 0) continue;
-            moves++, *axis = (int)d;
-        }
-        if (moves == 1 && edge->rises[*axis]) return (int)e;
+        if (!cell->curves_done && (uint32_t)cell->edge[e].event.site < c->s->nsites) continue;
+        *axis = cells_straight_axis(c, &cell->edge[e]);
+        if (*axis >= 0) return (int)e;
     }
     return -1;
 }

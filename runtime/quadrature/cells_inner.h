@@ -220,7 +220,9 @@ bool cells_bound(Cells *c);
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
 /* What a box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form. */
 void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre);
-/* An edge that runs along an axis, at which the cell may be cut exactly; -1: none. */
+/* The axis along which alone g changes; -1: there is none. */
+int cells_straight_axis(const Cells *c, const CellEdge *e);
+/* An edge that is straight, at which the cell may be cut exactly; -1: none. */
 int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);

@@ -67,9 +67,10 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
             own = depth_threshold(w->hash + first, w->depth + first, stride, e, t->side[axis], threshold);
             differ |= depth_differs(w->depth[a], w->depth[b], own);
         }
-        if (!differ) continue;
+        if (!differ && !w->finder.proves) continue;
         uint32_t pair = e & ~1u;
-        bool seen = pair + 2 >= t->side[axis] || w->hash[first + pair * stride] != w->hash[first + (pair + 2) * stride];
+        bool seen = w->finder.proves || pair + 2 >= t->side[axis] ||
+                    w->hash[first + pair * stride] != w->hash[first + (pair + 2) * stride];
         seg->cls = set | (seen ? 0 : missed);
         seg->a[axis] = t->pos[axis][e], seg->b[axis] = t->pos[axis][e + 1];
         finder_add(&w->finder, seg, worker_mark(w, a), worker_mark(w, b), own);

@@ -72,7 +72,16 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     return o;
 }
 
+/* Does f hang on rays? Bounds of these settle much and make no curves: the lattice, whose lines then have no gaps
+ * (runtime/sample/prove.h), says more for the same evaluations. */
+static bool asks_rays(const SltScene *s) {
+    for (uint32_t i = 0; i < s->nsites; i++)
+        if (s->site_kind[i] == SLT_SITE_SILHOUETTE || s->site_kind[i] == SLT_SITE_SHADOW) return true;
+    return false;
+}
+
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
+    if (asks_rays(s) && !(j->error > 0 || j->abs_error > 0)) return SLT_EST_LATTICE;
     Outlook o = quadrature_outlook(s, j, stats);
     double segments = quadrature_segments(j), lattice = segments / s->dim + (double)j->samples, pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];

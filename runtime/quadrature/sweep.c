@@ -8,6 +8,7 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/near.h"
+#include "runtime/sample/prove.h"
 
 enum {
     ROUNDS = 6,        /* most rounds over cells whose tiles ran out of their budget */
@@ -264,7 +265,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         }
     begin_tile(v, &hull);
     if (!begin_splat(v, &hull)) return false;
-    for (uint64_t i = from; i < to; i++) {
+    for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
         int set = l->stands > 1 ? (int)(i & 1) : -1;
@@ -312,6 +313,7 @@ static void plan_left(Sweep *p, uint64_t used) {
 /* ---- a sweep */
 SltStatus sweep_begin(Sweep *p) {
     Run *r = p->run;
+    p->options.pool = &r->pool;
     const SltScene *s = r->s;
     static const SinkKind kinds[] = {SINK_PARTS, SINK_KEEP, SINK_FORWARD, SINK_REVERSE, SINK_REVERSE};
     p->volume = 1;
@@ -325,6 +327,7 @@ SltStatus sweep_begin(Sweep *p) {
     for (uint32_t i = 0; i < r->nworkers; i++) {
         SweepWorker *v = &p->worker[i];
         v->sweep = p, v->w = &r->worker[i];
+        v->w->finder.proves = p->kind == SWEEP_INTEGRAL && prove_serves(s);
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->classes = p->kind == SWEEP_REVERSE && p->errors ? 2 : 1, k->dirs = p->dirs;

@@ -222,9 +222,7 @@ static FollowTile follow_tile(const Lattice *l, const Span *sp) {
 /* Do bounds settle enough of the tile's edges to be worth asking? Some of them, spread evenly, say so. */
 static bool tile_proves(const Lattice *l, Worker *w, const Span *sp) {
     enum { ASKED = 64, ENOUGH = ASKED / 4 };
-    const SltScene *s = l->y->run->s;
-    /* Where fingers would be followed. */
-    if (!w->follow || !s->kernel[SLT_K_BOUNDS] || !scene_outputs(s, SLT_K_EVENT, SLT_OUT_WINDOW)) return false;
+    if (!w->follow || !prove_serves(l->y->run->s)) return false; /* where fingers would be followed */
     uint32_t edges[2], settled = 0;
     for (uint32_t d = 0; d < 2; d++) edges[d] = sp->vn[d] - 1;
     for (uint32_t i = 0; i < ASKED; i++) {

@@ -7,6 +7,15 @@
 #include "runtime/sample/prove.h"
 #include "runtime/sample/search.h"
 
+bool prove_serves(const SltScene *s) {
+    bool shadows = false;
+    for (uint32_t i = 0; i < s->nsites; i++) {
+        if (s->site_kind[i] == SLT_SITE_SILHOUETTE) return false;
+        shadows |= s->site_kind[i] == SLT_SITE_SHADOW;
+    }
+    return shadows && s->kernel[SLT_K_BOUNDS];
+}
+
 bool prove_is_settled(const Batch *b, uint32_t i) {
     if (batch_get_int(b, SLT_OUT_BOX_STATE, 0, i) & SLT_BOX_UNKNOWN) return false;
     if (!batch_has(b, SLT_OUT_OPEN) || !batch_get_int(b, SLT_OUT_OPEN, 0, i)) return true;

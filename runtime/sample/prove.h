@@ -9,8 +9,11 @@
 #include "runtime/sample/finder.h"
 
 /* The least part of a segment that is halved no more. */
-#define PROVE_LEAST 0x1p-10
+#define PROVE_LEAST 0x1p-9
 
+/* Can bounds prove lines of this scene? Its sites of rays are shadows: which ridge a ray meets is never settled, so
+ * beside silhouettes bounds would cost and prove nothing. */
+bool prove_serves(const SltScene *s);
 /* Is nothing open on box i that a site could jump at, after a call of the kernel bounds? */
 bool prove_is_settled(const Batch *b, uint32_t i);
 /* Sets box i: from x(ta) to x(tb) of the segment. */

@@ -459,9 +459,42 @@ static void random_loops(void **state) {
     assert_true(listed > 20 * rounds);
 }
 
+/* [Cull] is a promise; under verify a box that is too small is told, and one that is not is not. */
+static void promises(void **state) {
+    (void)state;
+    static const char *const reach[2] = {"dots[i].r", "0.8 * dots[i].r"};
+    for (int wrong = 0; wrong < 2; wrong++) {
+        char source[2048];
+        snprintf(source, sizeof source,
+                 "%sfloat4 box(int i) { return float4(dots[i].at - %s, dots[i].at + %s); }\n"
+                 "shader float3 main(float2 x) { float3 c = float3(0.1);\n"
+                 "  [Cull(box)] for (int i = 0; i < 80; i++) {\n"
+                 "    [Disc] if (length(x - dots[i].at) < dots[i].r) c = lerp(c, dots[i].ink, 0.5); }\n"
+                 "  return c; }",
+                 SCATTER, reach[wrong], reach[wrong]);
+        for (int f64 = 0; f64 < 2; f64++) {
+            SltOptions o = SLT_OPTIONS_INIT;
+            o.f64 = f64, o.verify = true, o.no_cache = true;
+            SltProgram *p = NULL;
+            SltError err = {0};
+            bool needs[K_KINDS] = {[K_VALUE] = true};
+            assert_int_equal(slt_compile_string(source, "promise.salt", &o, &p), SLT_OK);
+            assert_int_equal(api_kernels(p, needs, &err), SLT_OK);
+            uint32_t told = 0;
+            for (uint32_t i = 0; i < slt_diagnostic_count(p); i++) {
+                SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
+                assert_true(slt_diagnostic(p, i, &d));
+                if (!strcmp(d.code, "W0403")) told++, assert_int_equal(d.line, 7);
+            }
+            assert_int_equal(told, wrong);
+            slt_program_free(p);
+        }
+    }
+}
+
 int main(int argc, char **argv) {
     if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
     const struct CMUnitTest tests[] = {cmocka_unit_test(programs), cmocka_unit_test(examples),
-                                       cmocka_unit_test(random_loops)};
+                                       cmocka_unit_test(random_loops), cmocka_unit_test(promises)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -13,8 +13,9 @@ enum { RUN_PARAMS = 8 };
 typedef struct Run {
     Scene *s;
     double value[CELL_RULES], slope[CELL_RULES][RUN_PARAMS];
-    double *many; /* [np]: derivatives of scenes of many parameters, 3 an event; else NULL */
-    double left;  /* of the domain, as handed over */
+    double *many;    /* [np]: derivatives of scenes of many parameters, 3 an event; else NULL */
+    double jumps[8]; /* length of the curves of the first events, where f jumps */
+    double left;     /* of the domain, as handed over */
     CellCounts counts;
     double seconds;
 } Run;
@@ -25,7 +26,9 @@ static inline void run_curve(void *user, Crossing *c, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         Num x[3] = {num(c[i].x[0]), num(c[i].x[1]), num(c[i].x[2])};
         uint32_t sites = s->nevents - s->nseams, e = (uint32_t)c[i].event.k[0] % sites;
-        double w = c[i].weight * c[i].jump[0];
+        double w = c[i].weight * c[i].jump[0], slope = 0;
+        for (int d = 0; d < 3; d++) slope += c[i].dg[d] * c[i].dg[d];
+        if (e < 8 && c[i].cls == CELL_FINE && c[i].jump[0] != 0) r->jumps[e] += c[i].weight * sqrt(slope);
         if (r->many) {
             for (uint32_t p = 3 * e; p < 3 * e + 3 && c[i].cls == CELL_FINE; p++)
                 s->moved = p, r->many[p] += w * s->g(s, e, x).d[3].lo;

@@ -416,6 +416,30 @@ static void stairs(void **state) {
     }
 }
 
+/* A site that jumps where an untagged seam does, with something behind the seam that makes cells be cut there: nothing
+ * of the site is lost unseen. */
+static Num coinciding_g(const Scene *s, uint32_t e, const Num *x) {
+    if (e == 0) return stairs_g(s, 0, x);
+    if (e == 1) return num_sub(x[0], num(0.325)); /* the seam 4 x - 0.3 = 1 */
+    return stairs_g(s, e - 1, x);
+}
+static void coinciding_f(Look *l, double *f) { f[0] = (decide(l, 0) ? 1 : 0) + (decide(l, 1) ? 10 : 0); }
+static void site_on_a_seam(void **state) {
+    (void)state;
+    const double p = 0.09;
+    for (int volume = 0; volume < 2; volume++) {
+        Scene s;
+        scene_init(&s, 2, 2, 4, coinciding_g, coinciding_f, &p, 1);
+        CellOptions o = run_options(4);
+        o.volume = volume, o.least = 0x1p-8;
+        Run r = run_scene(&s, &o, NULL);
+        double seen = r.jumps[1], slope = 0.075 * 2 + 0.25 * (1 + 2 + 5) + 0.175 * 10;
+        near("slope", r.slope[0][0], slope, 1e-10);
+        /* The line x = 0.325 is 1 long. */
+        if (!(fabs(seen - 1) < 1e-9) && !(r.counts.left > 0)) fail_msg("%g of the line, and nothing left over", seen);
+    }
+}
+
 /* A sphere that is darkest at its edge: f has a root there, and does not jump. */
 static void sphere_f(Look *l, double *f) {
     double dx = l->x[0] - 0.47, dy = l->x[1] - 0.53, in = 1 - (dx * dx + dy * dy) / (0.31 * 0.31);
@@ -437,6 +461,38 @@ static void shaded_sphere(void **state) {
     near("value", r.value[0], 2 * PI * 0.31 * 0.31 / 3, 1e-7);
     near("slope", r.slope[0][2], 0, 1e-6);
     assert_true(r.counts.left < 1e-9);
+}
+
+/* ---- small things */
+/* A disc or a ring, anywhere, down to a millionth of the domain: it is found, or its place is reported as left over. */
+static Num speck_g(const Scene *s, uint32_t e, const Num *x) {
+    (void)e;
+    Num dx = num_sub(x[0], param(s, 0)), dy = num_sub(x[1], param(s, 1)), r = num_add(num_sqr(dx), num_sqr(dy));
+    if (s->p[3] == 0) return num_sub(r, num_sqr(param(s, 2)));
+    return num_sub(num_abs(num_sub(num_sqrt(r), param(s, 2))), num(s->p[3]));
+}
+static void specks(void **state) {
+    (void)state;
+    uint64_t random = 7;
+    for (int i = 0; i < 60; i++) {
+        double p[4] = {disc_random(&random), disc_random(&random), pow(10, -1 - 5 * disc_random(&random)), 0};
+        if (i % 2) p[3] = p[2] * pow(10, -0.5 - 1.5 * disc_random(&random));
+        if (p[0] < p[2] * 1.1 || p[0] > 1 - p[2] * 1.1 || p[1] < p[2] * 1.1 || p[1] > 1 - p[2] * 1.1) continue;
+        Scene s;
+        scene_init(&s, 2, 1, 0, speck_g, inside_f, p, 4);
+        CellOptions o = run_options(6);
+        o.volume = false, o.fixed = false, o.tolerance = 1e-7 * p[2], o.least = 0x1p-20;
+        Run r = run_scene(&s, &o, NULL);
+        /* the integral is pi r^2, and 4 pi r w of a ring of half width w */
+        double want = p[3] == 0 ? 2 * PI * p[2] : 4 * PI * p[3];
+        bool found = fabs(r.slope[0][2] / want - 1) < 1e-6;
+        bool reported = r.left > 0;
+        if (!found && !reported)
+            printf("speck %d at %g %g, radius %g, half width %g: %g instead of %g\n", i, p[0], p[1], p[2], p[3],
+                   r.slope[0][2], want);
+        assert_true(found || reported);
+        if (p[3] == 0) assert_true(found);
+    }
 }
 
 /* ---- 3D */
@@ -481,12 +537,23 @@ static void ball_cap(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(step_in_1d),    cmocka_unit_test(step_on_a_face),      cmocka_unit_test(nested_in_1d),
-        cmocka_unit_test(floor_in_1d),   cmocka_unit_test(in_single_precision), cmocka_unit_test(circle),
-        cmocka_unit_test(smooth_curves), cmocka_unit_test(opaque_discs),        cmocka_unit_test(lens),
-        cmocka_unit_test(chord),         cmocka_unit_test(triple_point),        cmocka_unit_test(rectangles),
-        cmocka_unit_test(stairs),        cmocka_unit_test(shaded_sphere),       cmocka_unit_test(ball),
-        cmocka_unit_test(ball_cap)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(step_in_1d),
+                                       cmocka_unit_test(step_on_a_face),
+                                       cmocka_unit_test(nested_in_1d),
+                                       cmocka_unit_test(floor_in_1d),
+                                       cmocka_unit_test(in_single_precision),
+                                       cmocka_unit_test(circle),
+                                       cmocka_unit_test(smooth_curves),
+                                       cmocka_unit_test(opaque_discs),
+                                       cmocka_unit_test(lens),
+                                       cmocka_unit_test(chord),
+                                       cmocka_unit_test(triple_point),
+                                       cmocka_unit_test(rectangles),
+                                       cmocka_unit_test(stairs),
+                                       cmocka_unit_test(site_on_a_seam),
+                                       cmocka_unit_test(shaded_sphere),
+                                       cmocka_unit_test(specks),
+                                       cmocka_unit_test(ball),
+                                       cmocka_unit_test(ball_cap)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

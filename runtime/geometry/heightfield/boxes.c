@@ -312,7 +312,15 @@ static bool middle_meets(const Rays *r) {
 
 typedef struct Node {
     int level, i, j;
+    Span t; /* when rays may be over it */
 } Node;
+
+/* Are all rays above everything in the node? */
+static bool passes_over(const Rays *r, const Node *at) {
+    const Mipmap *m = &r->f->mip;
+    double top = (double)m->data[m->base[at->level] + at->j * m->stride[at->level] + at->i];
+    return r->oz.lo + product(r->climb, at->t).lo - r->rounding > top + (double)r->f->base.shared.slack;
+}
 
 /* Nodes [lo, hi] along an axis, of the cells over which rays are at t. */
 static bool node_range(const Rays *r, int axis, int cells, Span t, int level, int range[2]) {
@@ -347,29 +355,38 @@ static int descend(Rays *r) {
     for (int start = 0; start < columns * rows; start++) {
         int column = start % columns, row = start / columns, n = 0;
         Node stack[STACK];
-        stack[n++] = (Node){level, near[0] ? range[0][0] + column : range[0][1] - column,
-                            near[1] ? range[1][0] + row : range[1][1] - row};
+        Node first = {level, near[0] ? range[0][0] + column : range[0][1] - column,
+                      near[1] ? range[1][0] + row : range[1][1] - row, r->t};
+        int size = 1 << level;
+        first.t = times_over(r, first.i * size, (first.i + 1) * size, first.j * size, (first.j + 1) * size);
+        if (first.t.lo <= first.t.hi && !passes_over(r, &first)) stack[n++] = first;
         while (n) {
             Node at = stack[--n];
-            int size = 1 << at.level, i = at.i * size, j = at.j * size;
-            int i1 = i + size < cells[0] ? i + size : cells[0], j1 = j + size < cells[1] ? j + size : cells[1];
-            if (i >= i1 || j >= j1) continue; /* beyond the border: the terrain has no such cells */
-            Span t = times_over(r, i, i1, j, j1);
-            if (!(t.lo <= t.hi)) continue;
             if (!at.level) {
-                if (free_in_cell(r, i, j, t)) continue;
+                if (free_in_cell(r, at.i, at.j, at.t)) continue;
                 if (free && !middle_meets(r)) return SLT_RAYS_EITHER;
                 free = false;
-                if (blocked_in_cell(r, i, j)) return SLT_RAYS_BLOCKED;
+                if (blocked_in_cell(r, at.i, at.j)) return SLT_RAYS_BLOCKED;
                 if (++tries == TRIES) return SLT_RAYS_EITHER;
                 continue;
             }
-            double top = (double)m->data[m->base[at.level] + at.j * m->stride[at.level] + at.i];
-            double low = r->oz.lo + product(r->climb, t).lo - r->rounding;
-            if (low > top + (double)f->base.shared.slack) continue;
-            /* The children, the nearest on top. */
-            for (int k = 3; k >= 0; k--)
-                stack[n++] = (Node){at.level - 1, 2 * at.i + ((k & 1) == near[0]), 2 * at.j + ((k >> 1) == near[1])};
+            /* The two halves along each axis make four children, the nearest on top. */
+            int half = 1 << (at.level - 1), corner[2] = {2 * at.i, 2 * at.j};
+            Span t[2][2];
+            for (int a = 0; a < 2; a++)
+                for (int k = 0; k < 2; k++) {
+                    double low = (double)(corner[a] + k) * half;
+                    t[a][k] = times(r->o[a], &r->way_d[a], low - r->error[a], low + half + r->error[a], at.t);
+                }
+            for (int k = 3; k >= 0; k--) {
+                int x = (k & 1) == near[0], y = (k >> 1) == near[1];
+                Node child = {at.level - 1,
+                              corner[0] + x,
+                              corner[1] + y,
+                              {larger(t[0][x].lo, t[1][y].lo), smaller(t[0][x].hi, t[1][y].hi)}};
+                if (child.i * half >= cells[0] || child.j * half >= cells[1]) continue; /* no such cells */
+                if (child.t.lo <= child.t.hi && (!child.level || !passes_over(r, &child))) stack[n++] = child;
+            }
         }
     }
     return free ? SLT_RAYS_FREE : SLT_RAYS_EITHER;

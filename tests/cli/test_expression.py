@@ -1,0 +1,43 @@
+"""Long straight-line programs: an expression of thousands of operations, line by line a shader (expression.py)."""
+import math
+
+from expression import shader
+from harness import *
+
+
+class Expression(Case):
+    def test_converted(self):
+        """A disc without a square, and where its edge is."""
+        self.put("d.salt", shader("# a comment\n_0 var-x\n_1 var-y\n_2 square _0\n_3 square _1\n_4 add _2 _3\n_5 sqrt _4\n_6 const 0.75\n_7 sub _5 _6\n"
+                                  "_8 const -0.25\n_9 sub _0 _8\n_a neg _9\n_b max _7 _a\n"))
+        r = self.json_cli("render", "d.salt", "--integral", "--samples", 1 << 16, "--seed", 3)
+        whole, x = math.pi * 0.75**2, 0.25 / 0.75
+        cut = 0.75**2 * (math.acos(x) - x * math.sqrt(1 - x * x))
+        self.assertAlmostEqual(r["integral"][0], whole - cut, delta=5e-3)
+
+
+class Prospero(Case):
+    """prospero.vm of $SALTUS_DATA: text of 7 866 operations, most of them min and max."""
+
+    def setUp(self):
+        file = os.path.join(os.environ.get("SALTUS_DATA", ""), "prospero.vm")
+        if not os.path.isfile(file):
+            self.skipTest("SALTUS_DATA has no prospero.vm")
+        super().setUp()
+        with open(file) as f:
+            self.put("p.salt", shader(f.read()))
+
+    def test_image(self):
+        """One sample in the middle of each pixel: pruned the same bytes as by points; most pixels are not sampled."""
+        size = 192
+        self.run_cli("render", "p.salt", "--format", "rgba8", "--size", size, "-o", "p.raw")
+        with open(self.path("p.raw"), "rb") as f:
+            pixels = f.read()
+        inside = sum(pixels[k] > 127 for k in range(0, len(pixels), 4)) / size**2
+        r = self.json_cli("render", "p.salt", "--size", size, "--spp", 4)
+        self.assertLess(r["evaluations"], 0.9 * r["samples"])
+        self.assertAlmostEqual(inside, r["mean"][0], delta=0.01)
+
+
+if __name__ == "__main__":
+    unittest.main()
