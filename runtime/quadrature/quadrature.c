@@ -12,6 +12,9 @@
 
 bool quadrature_can(const SltScene *s) {
     if (s->uses_rand || !s->kernel[SLT_K_BOUNDS]) return false;
+    /* A [SkipLoop] boundary is one of many iterations, which bounds know one by one. */
+    for (uint32_t i = 0; i < s->nsites && s->site_skips; i++)
+        if (s->site_skips[i]) return false;
     return !s->nedges || (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
 }
 

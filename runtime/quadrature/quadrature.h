@@ -9,7 +9,8 @@
 
 #include "runtime/sample/estimate.h"
 
-/* Has the scene the kernels that cells need? Never with rand(), whose numbers are a dimension more. */
+/* Has the scene the kernels that cells need? Never with rand(), whose numbers are a dimension more, nor with [SkipLoop]
+ * boundaries. */
 bool quadrature_can(const SltScene *s);
 /* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there. quadrature_choose asks the program's
  * bounds alone; if they look well, quadrature_try makes cells of a few tiles, with all kernels. */

@@ -41,6 +41,11 @@ static void make_more(void) {
          * where the curve leaves through y = 1 */
         .want = {{"p", 1 + 0.76 + 0.34 + 0.19 * 0.19 / 1.8 +
                            0.3 * (-1.1 - 2 * 1.7 - 3 * (2 * 0.19 + 0.19 * 0.19 / (2 * 0.81)))}});
+    CASE("union of intervals under [SkipLoop]",
+         SHADER1("param float w = 0.3;",
+                 "bool hit = false; for (int i = 0; i < 3; i++) { float c = 0.2 + 0.1 * float(i); [Disc] [SkipLoop] if "
+                 "(abs(x - c - 0.5 * w) - 0.5 * w < 0.0) hit = true; } return hit ? 1.0 : 0.0;"),
+         .want = {{"w", 1}});
     CASE("product of conditions",
          SHADER2(
              "param float a = 0.5; param float b = 0.4;", UNIT,
