@@ -279,12 +279,15 @@ static int by_place(const void *a, const void *b) {
     return (p->at > q->at) - (p->at < q->at);
 }
 
+/* On faces of a solid an event may have an axis to look along, and be no graph. */
+static bool is_graph(const CellEdge *e) { return e->axis >= 0 && e->rises[e->axis]; }
+
 /* Every part of the base between cuts where the curve of an edge is the same one, or is not there. */
 static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
     const Cell *cell = &c->cell[i];
     for (uint32_t e = 0; e < cell->nedges; e++) {
         int axis = cell->edge[e].axis, base = base_axis(cell, axis);
-        if (axis < 0) continue;
+        if (!is_graph(&cell->edge[e])) continue;
         Stretch s = {.cell = i, .edge = (int8_t)e, .other = ARC};
         s.at[0] = cell->box.lo[base];
         for (uint32_t k = 0; k <= cuts; k++) {
@@ -305,7 +308,7 @@ static bool add_pairs(Cells *c) {
         Stretch s = c->stretch[i];
         const Cell *cell = &c->cell[s.cell];
         for (uint32_t o = 0; o < cell->nedges; o++) {
-            if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && cell->edge[o].axis >= 0)) continue;
+            if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && is_graph(&cell->edge[o]))) continue;
             s.other = (int8_t)o;
             cells_slope_along(cell->edge[s.edge].slope, cell->edge[o].slope, base_axis(cell, cell->edge[s.edge].axis),
                               cell->edge[s.edge].axis, s.climb, s.slope);

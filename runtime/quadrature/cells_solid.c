@@ -37,10 +37,12 @@ static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const A
         const CellEdge *edge = &cell->edge[e];
         if (edge->axis < 0) continue;
         int base = 3 - across - edge->axis;
+        /* What does not move along the base meets faces in lines along it, from one of the cell's edges to another. */
+        bool still = edge->slope[base][0] == 0 && edge->slope[base][1] == 0;
         for (int far = 0; far < 2 && !edge->rises[base]; far++, *ask += 2) {
             CellEdge face = *edge;
             cells_meet(c, &face, &(*ask)[0], &(*ask)[1]);
-            seen &= face.g[0] > 0 || face.g[1] < 0;
+            seen &= still || face.g[0] > 0 || face.g[1] < 0;
         }
         for (uint32_t o = 0; o < cell->nedges; o++) {
             double climb[2], slope[2];
@@ -80,7 +82,8 @@ static int ascending(const void *a, const void *b) {
     return (*p > *q) - (*p < *q);
 }
 
-/* Where slabs end: places along `across` where a face that runs along it is cut. at[0 .. *n]. */
+/* Where slabs end: places along `across` where a face that runs along it is cut. at[0 .. *n]; 0 slabs: they cannot be
+ * told apart, or are too many. */
 static bool find_slabs(Cells *c, uint32_t i, int across, double at[SLABS + 1], uint32_t *n) {
     uint32_t first = c->ncell, count = 0;
     for (int d = 0; d < 3; d++) {
@@ -89,27 +92,26 @@ static bool find_slabs(Cells *c, uint32_t i, int across, double at[SLABS + 1], u
             const Box *box = &c->cell[i].box;
             Cell *p = add_plane(c, i, d, far ? box->hi[d] : box->lo[d], 1, -1);
             if (!p) return false;
-            /* Where the face is across the height axis curves must be graphs over the base in it. */
-            bool graphs = true;
-            for (uint32_t e = 0; e < p->nedges; e++) {
-                CellEdge *edge = &p->edge[e];
-                if (edge->axis < 0) continue;
-                if (edge->axis == d) edge->axis = (int8_t)(3 - across - d);
-                graphs &= edge->rises[edge->axis] != 0;
-            }
-            if (!graphs) c->ncell--;
+            /* Across its height axis a curve need not be a graph: then only where it passes the face's ends is known.
+             */
+            for (uint32_t e = 0; e < p->nedges; e++)
+                if (p->edge[e].axis == d) p->edge[e].axis = (int8_t)(3 - across - d);
         }
     }
     bool good = cells_cut_planes(c, first);
     at[count++] = c->cell[i].box.lo[across];
-    for (uint32_t k = 0; k < c->ncut && count < SLABS; k++) {
+    bool apart = true;
+    for (uint32_t k = first; k < c->ncell; k++) apart &= !c->cell[k].refine;
+    for (uint32_t k = 0; k < c->ncut; k++) {
         const Cell *p = &c->cell[c->cut[k].cell];
-        if (3 - p->slice - c->cut[k].axis == across) at[count++] = c->cut[k].at;
+        if (3 - p->slice - c->cut[k].axis != across) continue;
+        if (count < SLABS) at[count++] = c->cut[k].at;
+        else apart = false;
     }
-    c->ncell = first;
+    c->ncell = first, *n = 0;
+    if (!apart) return good;
     at[count] = c->cell[i].box.end[across];
     qsort(at, count + 1, sizeof *at, ascending);
-    *n = 0;
     for (uint32_t k = 1; k <= count; k++)
         if (at[k] - at[*n] > 0x1p-40 * (at[count] - at[0]) || k == count) at[++*n] = at[k];
     return good;
@@ -165,6 +167,8 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     *done = across >= 0;
     if (!*done) return true;
     if (!find_slabs(c, i, across, at, &slabs)) return false;
+    *done = slabs > 0;
+    if (!*done) return true;
     if (!add_planes(c, i, across, at, slabs) || !cells_cut_bases(c, first)) return false;
     for (uint32_t k = first; k < c->ncell; k++) *done &= !c->cell[k].refine;
     bool compare = !c->o->fixed && may_refine && c->rule[CELL_COARSE].n;

@@ -56,16 +56,15 @@ static void make_more(void) {
 
 /* Streams are one dimension more than cells have. */
 static bool random_program(const Case *c) { return strstr(c->source, "rand()") != NULL; }
-/* What cells are not up to yet: edges of solids along the axes, a root of f at the curve in single precision. */
+/* What cells are not up to yet: edges of solids along which a boundary function bends, a root of f at the curve in
+ * single precision. */
 static bool beyond(const Case *c, bool f64) {
-    static const char *const names[] = {"box", "cylinder", "spherical cap"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        if (!strcmp(c->name, names[i])) return true;
+    if (!strcmp(c->name, "box")) return true;
     return !f64 && strstr(c->name, "square root guarded");
 }
 
 /* Jumps of both signs that lines in what is left may step over all at once. */
-static bool understated(const Case *c) { return strstr(c->name, "own cut") || !strcmp(c->name, "spherical cap"); }
+static bool understated(const Case *c) { return strstr(c->name, "own cut"); }
 
 static void run(const Case *c, bool f64) {
     SltJob job = SLT_JOB_INIT;
