@@ -198,10 +198,13 @@ static bool divisible(Cells *c, const Cell *cell) {
     return room && !cells_spent(c) && side(c, &cell->box) > least;
 }
 
-/* What remains of the volume where the curves are known: around a point, no larger than rounding. */
-static bool settle_point(Cells *c, const Cell *cell) {
+/* What remains of the volume where the curves are known: around a point or an edge of the least size, or larger where
+ * the budget was spent. */
+static bool sample(Cells *c, const Cell *cell) {
     count_cell(c, cell, CELL_CURVED);
-    cells_emit_middle(c, cell->box.lo, cell->box.end);
+    if (!c->o->volume) return true;
+    cells_emit_few(c, &cell->box);
+    if (c->sink->sampled) c->sink->sampled(c->sink->user, &cell->box, cell->f);
     return true;
 }
 
@@ -224,7 +227,7 @@ static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
 static bool refine(Cells *c, Cell *cell) {
     cell->done = true, cell->axes = 0;
     if (divisible(c, cell)) return push(c, cell, &cell->box, false);
-    if (cell->curves_done) return settle_point(c, cell);
+    if (cell->curves_done) return sample(c, cell);
     count_cell(c, cell, CELL_LEFT);
     c->sink->left(c->sink->user, &cell->box, cell->f);
     return true;
@@ -393,16 +396,22 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
     return (c->dim == 3 || cells_integrate(c)) && cells_integrate_smooth(c) && !c->failed;
 }
 
-/* The budget is spent: nothing more is asked of this part. */
+/* The budget is spent: nothing more is asked of this part but its range, where that alone tells its error. */
 static void give_up(Cells *c, const Node *node) {
-    Cell cell = {.box = node->box};
+    Cell *cell = &c->cell[0];
+    memset(cell, 0, sizeof *cell);
+    cell->box = node->box, cell->curves_done = node->curves_done;
     if (node->curves_done) {
-        settle_point(c, &cell);
+        lists_enter(&c->lists, c->b, node->lists);
+        if (c->lists.any) c->within = node->box;
+        cells_bound_range(c, cell);
+        sample(c, cell);
+        if (c->lists.any) cells_flush(c);
         return;
     }
-    for (uint32_t ch = 0; ch < c->s->channels; ch++) cell.f[2 * ch] = -HUGE_VAL, cell.f[2 * ch + 1] = HUGE_VAL;
-    count_cell(c, &cell, CELL_LEFT);
-    c->sink->left(c->sink->user, &cell.box, cell.f);
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) cell->f[2 * ch] = -HUGE_VAL, cell->f[2 * ch + 1] = HUGE_VAL;
+    count_cell(c, cell, CELL_LEFT);
+    c->sink->left(c->sink->user, &cell->box, cell->f);
 }
 
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {

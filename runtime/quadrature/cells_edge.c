@@ -187,6 +187,8 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     }
 }
 
+void cells_bound_range(Cells *c, Cell *cell) { bound_boxes(c, cell, 1); }
+
 bool cells_bound(Cells *c) {
     if (!c->lists.any) {
         bound_boxes(c, c->cell, c->ncell);

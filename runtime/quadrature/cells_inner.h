@@ -221,6 +221,7 @@ Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
 Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open. */
 bool cells_bound(Cells *c);
+void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
@@ -272,6 +273,8 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
 bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
+/* The middle against two places beside it: rules that differ where f is not constant. */
+void cells_emit_few(Cells *c, const Box *cell);
 bool cells_integrate_smooth(Cells *c);
 void cells_flush_points(Cells *c);
 

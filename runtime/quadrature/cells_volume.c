@@ -37,6 +37,20 @@ void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
         if (c->rule[r].n) emit(c, x, weight, (CellRule)r);
 }
 
+void cells_emit_few(Cells *c, const Box *cell) {
+    double x[CELL_RULES][2][3] = {{{0}}}, weight = 1;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        double lo = cell->lo[d], width = cell->end[d] - lo;
+        weight *= width;
+        for (int i = 0; i < 2; i++) {
+            x[CELL_FINE][i][d] = smaller(cells_round(c, lo + 0.5 * width), cell->hi[d]);
+            x[CELL_COARSE][i][d] = smaller(cells_round(c, lo + (0.25 + 0.5 * i) * width), cell->hi[d]);
+        }
+    }
+    if (c->rule[CELL_FINE].n) emit(c, x[CELL_FINE][0], weight, CELL_FINE);
+    for (int i = 0; i < 2 && c->rule[CELL_COARSE].n; i++) emit(c, x[CELL_COARSE][i], 0.5 * weight, CELL_COARSE);
+}
+
 /* ---- spots */
 static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
     if (!CELLS_ROOM(c, spot, 1)) return false;

@@ -74,7 +74,10 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     double goal = goal_of(e, scale);
     bool changed = false;
     *stop = SLT_STOP_NONE;
-    if (e->best <= goal) return false;
+    if (e->best <= goal) { /* of the gradient; of the value something may be left */
+        if (!e->wanted && p->short_of_volume && e->given) *stop = SLT_STOP_EVALUATIONS;
+        return false;
+    }
     double next = (double)cost * (e->fixed ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
     bool spent = p->counts.spent && !p->cells_budget;
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;

@@ -38,7 +38,7 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
     const Sums *m = &p->sums;
     *rules = *left = *scale = 0;
     for (uint32_t c = 0; c < s->channels && !gradient; c++) {
-        *rules = fmax(*rules, p->f_error[c]), *left = fmax(*left, 2 * sqrt(p->f_variance[c]));
+        *rules = fmax(*rules, p->f_error[c]), *left = fmax(*left, 2 * sqrt(p->f_variance[c]) + p->f_hidden[c]);
         *scale = fmax(*scale, fabs(p->f[c]));
     }
     for (uint64_t i = 0; gradient && i < (uint64_t)m->rows * m->nfloats; i++) {
@@ -55,7 +55,7 @@ static void put(const Sweep *p, SltIntegral *out) {
     out->replicates = false, out->mixed = p->mixed;
     for (uint32_t c = 0; c < s->channels; c++) {
         if (out->value) out->value[c] = p->f[c];
-        if (out->value_stderr) out->value_stderr[c] = p->f_error[c] + 2 * sqrt(p->f_variance[c]);
+        if (out->value_stderr) out->value_stderr[c] = p->f_error[c] + 2 * sqrt(p->f_variance[c]) + p->f_hidden[c];
     }
     for (uint32_t row = 0; row < s->channels; row++)
         for (uint32_t q = 0; q < s->nfloats; q++) {

@@ -130,6 +130,18 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
     memcpy(l->bounds, bounds, 2 * v->sweep->run->s->channels * sizeof *bounds);
 }
 
+/* What a cell that is only sampled can hide of the value. */
+static void take_sampled(void *worker, const Box *cell, const double *bounds) {
+    SweepWorker *v = worker;
+    double m = measure(cell, v->sweep->run->s->dim), most = 0;
+    for (uint32_t c = 0; c < v->sweep->run->s->channels; c++) {
+        double range = bounds[2 * c + 1] - bounds[2 * c];
+        if (range < HUGE_VAL) v->hidden[c] += m * range; /* else the rules alone tell */
+        most = isnan(range) ? INFINITY : fmax(most, range);
+    }
+    v->left_bound += m * most, v->volume_sampled |= most > 0;
+}
+
 /* ---- tiles */
 /* As for the lattice, the ends of the domain lie two units in the last place inside: a jump exactly on the border is no
  * moving boundary inside it. */
@@ -181,8 +193,9 @@ static SltStatus make_tiles(Sweep *p) {
 
 static void begin_tile(SweepWorker *v, const Box *box) {
     v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
+    v->volume_sampled = false;
     kept_clear(&v->kept);
-    memset(v->f, 0, sizeof v->f);
+    memset(v->f, 0, sizeof v->f), memset(v->hidden, 0, sizeof v->hidden);
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
 }
 
@@ -203,6 +216,7 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
                      .volume = sweep_volume,
                      .constant = p->interior || p->kind >= SWEEP_FORWARD ? NULL : take_constant,
                      .left = take_left,
+                     .sampled = take_sampled,
                      .user = v};
     if (!cells_run(v->cells, &p->tile[tile], &p->options, &sink, &v->counts)) return false;
     if (p->kind == SWEEP_LOSS && !loss_tile(v, tile)) return false;
@@ -221,6 +235,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
         if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
+        p->f_hidden[c] += v->hidden[c];
     }
     run_collect(p->run, v->w);
 }
@@ -233,6 +248,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     t->settled += c->settled, t->curved += c->curved, t->left += c->left;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
+    p->short_of_volume |= c->spent && v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
     merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, 1);
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
@@ -372,8 +388,9 @@ SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
+    p->short_of_volume = false;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
-        memset(p->f_variance, 0, sizeof p->f_variance);
+        memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
     if (p->cells_budget && p->cells_budget < share) share = p->cells_budget;
     SltStatus st = make_tiles(p);

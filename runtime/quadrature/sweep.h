@@ -50,7 +50,9 @@ typedef struct Sweep {
     /* What comes out. */
     Sums sums; /* SWEEP_INTEGRAL, SWEEP_REVERSE */
     double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */
-    double loss;       /* SWEEP_LOSS: sum over pixels and channels */
+    double f_hidden[SLT_MAX_CHANNELS]; /* what cells whose volume is only sampled can hide of it, at most */
+    bool short_of_volume;              /* evaluations ran out where curves were known, but not the volume beside them */
+    double loss;                       /* SWEEP_LOSS: sum over pixels and channels */
     double left_bound; /* what is left can hide of the value of any channel, at most; infinite: not bounded */
     CellCounts counts;
     /* Inner. */
@@ -78,10 +80,12 @@ struct SweepWorker {
     LeftCell *left; /* [nleft]: of the tile in hand */
     uint64_t nleft, left_cap;
     double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
+    double hidden[SLT_MAX_CHANNELS];        /* as Sweep.f_hidden */
     double left_bound, loss;
-    Splat splat; /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;   /* SWEEP_LOSS */
-    bool failed; /* memory ran out */
+    Splat splat;         /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;           /* SWEEP_LOSS */
+    bool volume_sampled; /* of a cell of the tile */
+    bool failed;         /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);

@@ -87,6 +87,37 @@ static void stated(void **state) {
         run_case(c, &job, true, 1e-12, 1);
     }
 }
+/* Evaluations that end when all curves are integrated, but not all of the volume: the value says so. */
+static void volume_that_is_sampled(void **state) {
+    (void)state;
+    static const char source[] = "param float r = 0.5; param float h = 0.6; [Domain(-1.0, 1.0)] shader float "
+                                 "main(float3 x) { [Disc] return length(x.xy) < r && abs(x.z) < h ? 1.0 : 0.0; }";
+    SltOptions o = SLT_OPTIONS_INIT;
+    SltProgram *p = NULL;
+    SltError err = {0};
+    uint32_t coarse = 0;
+    o.f64 = true;
+    assert_int_equal(slt_compile_string(source, "cylinder", &o, &p), SLT_OK);
+    for (double most = 3e5; most < 2e6; most *= 1.15) {
+        SltJob job = SLT_JOB_INIT;
+        SltIntegral out = SLT_INTEGRAL_INIT;
+        SltStats s = SLT_STATS_INIT;
+        double value, error, gradient[2];
+        job.integral = true, job.threads = 2, job.estimator = SLT_EST_QUADRATURE;
+        job.max_evaluations = (uint64_t)most;
+        out.value = &value, out.value_stderr = &error, out.gradient = gradient;
+        if (slt_grad_integral(p, &job, &out, &s, &err) != SLT_OK) fail_msg("%s", err.text);
+        double off = fabs(value - PI * 0.25 * 1.2);
+        if (s.left > 0) continue;
+        if (!(off <= error && off <= s.left_bound + 1e-6))
+            fail_msg("%g evaluations: off by %g, stated %g", most, off, error);
+        coarse += off > 1e-6;
+        if (error > 1e-6) assert_int_equal(s.stopped, SLT_STOP_EVALUATIONS);
+    }
+    assert_true(coarse > 0);
+    slt_program_free(p);
+}
+
 /* Where cells do not pay, SLT_EST_AUTO is the lattice, bit for bit: a march whose steps bounds cannot follow. */
 static void auto_turns(void **state) {
     (void)state;
@@ -138,6 +169,7 @@ int main(void) {
         tests[n] = (struct CMUnitTest){names[n], stated, NULL, NULL, &cases[i]};
         n++;
     }
+    tests[n++] = (struct CMUnitTest){"volume that is sampled", volume_that_is_sampled, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"auto turns to the lattice", auto_turns, NULL, NULL, NULL};
     return _cmocka_run_group_tests("closed forms", tests, (size_t)n, NULL, NULL);
 }
