@@ -67,6 +67,7 @@ static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, do
             own = depth_threshold(w->hash + first, w->depth + first, stride, e, t->side[axis], threshold);
             differ |= depth_differs(w->depth[a], w->depth[b], own);
         }
+        v->differ += differ;
         if (!differ && !w->finder.proves) continue;
         uint32_t pair = e & ~1u;
         bool seen = w->finder.proves || pair + 2 >= t->side[axis] ||

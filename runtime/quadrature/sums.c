@@ -55,10 +55,11 @@ static uint32_t touched(Sums *m, const Accum *a) {
 }
 
 /* Two estimates become one, with its error. */
-static double join(const Sums *m, double fine, double coarse, SumMode mode, double *error, double *variance) {
+static double join(const Sums *m, double fine, double coarse, SumMode mode, double terms, double *error,
+                   double *variance) {
     if (mode == SUM_ONE) return fine;
     if (mode == SUM_RULES) {
-        *error += fabs(fine - coarse) + m->rounding * fabs(fine);
+        *error += fabs(fine - coarse) + m->rounding * terms * fabs(fine);
         return fine;
     }
     double e = 0.5 * (fine - coarse);
@@ -82,9 +83,9 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
                 double share = v[SUM_SIZE] / lines;
                 m->variance[at] += share * share;
                 m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE],
-                                        mode == SUM_LINE ? SUM_ONE : mode, &m->error[at], &m->variance[at]);
+                                        mode == SUM_LINE ? SUM_ONE : mode, lines, &m->error[at], &m->variance[at]);
                 m->interior[at] += join(m, v[SUM_INTERIOR_FINE], v[SUM_INTERIOR_COARSE],
-                                        mode == SUM_LINE ? SUM_SETS : mode, &m->error[at], &m->variance[at]);
+                                        mode == SUM_LINE ? SUM_SETS : mode, lines, &m->error[at], &m->variance[at]);
             }
         }
 }
@@ -92,4 +93,19 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
 double sums_error(const Sums *m, uint32_t row, uint32_t p) {
     size_t at = (size_t)row * m->nfloats + p;
     return m->error[at] + SURE * sqrt(m->variance[at]);
+}
+
+void sums_unnamed(Sums *m, const uint8_t *active, double left) {
+    for (size_t row = 0; row < m->rows; row++) {
+        double sum = 0, met = 0, largest = 0, usual;
+        size_t first = row * m->nfloats;
+        for (size_t at = first; at < first + m->nfloats; at++) {
+            if (active && !active[at - first]) continue;
+            if (m->variance[at] > 0) sum += sqrt(m->variance[at]), met++;
+            largest = fmax(largest, fabs(m->boundary[at] + m->interior[at]));
+        }
+        usual = met > 0 ? sum / met : left * largest;
+        for (size_t at = first; at < first + m->nfloats; at++)
+            if (!active || active[at - first]) m->variance[at] = fmax(m->variance[at], usual * usual);
+    }
 }

@@ -41,8 +41,12 @@ bool sums_init(Sums *m, const SltScene *s, uint32_t rows);
 void sums_free(Sums *m);
 void sums_clear(Sums *m);
 /* In `merge`: adds what a tile has gathered. lines: SUM_SETS, how many independent ones there are; an estimate is not
- * better than the share of one in the size of the boundary. */
+ * better than the share of one in the size of the boundary. SUM_RULES: by how much more than a few hundred terms
+ * round. */
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
+/* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
+ * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
+void sums_unnamed(Sums *m, const uint8_t *active, double left);
 /* The stated error of a component. */
 double sums_error(const Sums *m, uint32_t row, uint32_t p);
 

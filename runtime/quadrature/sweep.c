@@ -11,10 +11,10 @@
 #include "runtime/sample/prove.h"
 
 enum {
-    ROUNDS = 6,        /* most rounds over cells whose tiles ran out of their budget */
-    LEFT_CHUNK = 64,   /* cells of the list that are worked off together */
-    LEFT_LINES = 32,   /* most lines across a cell */
-    LEAST_BUDGET = 512 /* evaluations of a tile, below which a round makes no sense */
+    ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
+    ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
+    LEFT_LINES = 32,      /* most lines across a cell */
+    LEAST_BUDGET = 512    /* evaluations of a tile, below which a round makes no sense */
 };
 
 static bool grow(void **v, uint64_t n, uint64_t *cap, size_t size) {
@@ -105,6 +105,8 @@ void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, c
 
 static void take_curve(void *worker, Crossing *c, uint32_t n) {
     SweepWorker *v = worker;
+    for (uint32_t ch = 0; ch < v->sweep->run->s->channels; ch++)
+        for (uint32_t i = 0; i < n; i++) v->jump[ch] = fmax(v->jump[ch], fabs(c[i].jump[ch]));
     if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_crossings(&v->kept, &v->w->batch.args, c, n);
     else sink_put_weighed(&v->w->sink, c, n);
 }
@@ -126,7 +128,7 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
         return;
     }
     LeftCell *l = &v->left[v->nleft++];
-    l->box = *cell, l->stands = 1;
+    l->box = *cell, l->stands = l->asked = 1;
     memcpy(l->bounds, bounds, 2 * v->sweep->run->s->channels * sizeof *bounds);
 }
 
@@ -136,7 +138,7 @@ static void take_sampled(void *worker, const Box *cell, const double *bounds) {
     double m = measure(cell, v->sweep->run->s->dim), most = 0;
     for (uint32_t c = 0; c < v->sweep->run->s->channels; c++) {
         double range = bounds[2 * c + 1] - bounds[2 * c];
-        if (range < HUGE_VAL) v->hidden[c] += m * range; /* else the rules alone tell */
+        if (range < HUGE_VAL) v->f_hidden[c] += m * range; /* else the rules alone tell */
         most = isnan(range) ? INFINITY : fmax(most, range);
     }
     v->left_bound += m * most, v->volume_sampled |= most > 0;
@@ -195,7 +197,7 @@ static void begin_tile(SweepWorker *v, const Box *box) {
     v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
     v->volume_sampled = false;
     kept_clear(&v->kept);
-    memset(v->f, 0, sizeof v->f), memset(v->hidden, 0, sizeof v->hidden);
+    memset(v->f, 0, sizeof v->f), memset(v->f_hidden, 0, sizeof v->f_hidden);
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
 }
 
@@ -235,7 +237,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
         if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
-        p->f_hidden[c] += v->hidden[c];
+        p->f_hidden[c] += v->f_hidden[c];
     }
     run_collect(p->run, v->w);
 }
@@ -250,7 +252,9 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
-    merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, 1);
+    /* Roundings of so many terms in each of a few lanes. */
+    double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
+    merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
         return;
@@ -269,11 +273,18 @@ double sweep_hidden(const Sweep *p, const LeftCell *l) {
     return most * measure(&l->box, p->run->s->dim);
 }
 
+double left_divisor(const SweepWorker *v) {
+    /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
+    double lines = v->sweep->lines;
+    return lines * sqrt(fmax(1, (double)v->w->finder.crossings / (2 * lines)));
+}
+
 static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
     uint64_t from = chunk * LEFT_CHUNK, to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
     Box hull = p->left[from].box;
+    bool seen[LEFT_CHUNK] = {false};
     for (uint64_t i = from; i < to; i++)
         for (uint32_t d = 0; d < p->run->s->dim; d++) {
             hull.lo[d] = fmin(hull.lo[d], p->left[i].box.lo[d]);
@@ -285,12 +296,17 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
         int set = l->stands > 1 ? (int)(i & 1) : -1;
+        uint64_t differ = v->differ;
+        seen[i - from] = false;
         if (!(l->stands > 0)) continue;
         if (p->options.curves && !left_lines(v, l, p->lines, set)) return false;
         if (p->options.volume) left_samples(v, l, p->lines, set);
+        seen[i - from] = v->differ != differ;
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
+    bool states = p->kind == SWEEP_INTEGRAL && p->errors && p->options.curves;
+    if (states && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen)) return false;
     accum_close(&v->w->acc);
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
 }
@@ -299,10 +315,8 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
-    /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
-    double crossed = fmax(1, (double)v->w->finder.crossings / (2 * p->lines));
     p->left_bound += v->left_bound;
-    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, p->lines * sqrt(crossed));
+    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, left_divisor(v));
 }
 
 /* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
@@ -317,11 +331,15 @@ static void plan_left(Sweep *p, uint64_t used) {
     double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
     p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
     if (!p->budget || (double)p->nleft <= most) return;
+    /* Of a quarter of what can be spent. */
+    most = fmax(0.75 * most, LEFT_CHUNK);
+    uint64_t every = (uint64_t)((double)p->nleft * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
     for (uint64_t i = 0; i < p->nleft; i++) {
         LeftCell *l = &p->left[i];
         double expected = measure(&l->box, dim) / left * most;
         sum += expected;
         l->stands = sum >= at ? fmax(1, 1 / expected) : 0;
+        l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
         while (sum >= at) at += 1;
     }
 }
@@ -356,7 +374,7 @@ SltStatus sweep_begin(Sweep *p) {
 void sweep_end(Sweep *p) {
     for (uint32_t i = 0; i < p->run->nworkers && p->worker; i++)
         cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), kept_free(&p->worker[i].kept),
-            free(p->worker[i].left);
+            free(p->worker[i].left), free(p->worker[i].hidden);
     free(p->worker), free(p->tile), free(p->left);
     sums_free(&p->sums);
     run_free_workers(p->run);
@@ -388,7 +406,7 @@ SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
-    p->short_of_volume = false;
+    p->short_of_volume = p->unnamed = false;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
@@ -409,7 +427,13 @@ SltStatus sweep_run(Sweep *p) {
     if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {
         plan_left(p, r->stats.evaluations - start);
         p->mixed = true;
+        for (uint32_t i = 0; i < r->nworkers; i++) {
+            p->worker[i].unnamed = false;
+            for (uint32_t c = 0; c < r->s->channels; c++) p->jump[c] = fmax(p->jump[c], p->worker[i].jump[c]);
+        }
         st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, left_work, left_merge, p);
+        for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
+        if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left);
     }
     return st;
 }

@@ -19,12 +19,17 @@ typedef enum SweepKind {
     SWEEP_LOSS      /* a squared loss and its gradient, under the box filter: loss.c */
 } SweepKind;
 
-enum { LEFT_COST = 40 }; /* evaluations that a cell costs which is left over, in a plane */
+enum {
+    LEFT_COST = 40,  /* evaluations that a cell costs which is left over, in a plane */
+    HIDDEN_COST = 8, /* and what it costs to tell what is open in a cell in which nothing is looked for */
+    LEFT_CHUNK = 64  /* cells of the list of what is left that are worked off together */
+};
 /* A cell that bounds leave over. */
 typedef struct LeftCell {
     Box box;
     double bounds[2 * SLT_MAX_CHANNELS]; /* as CellSink.left gets them */
     double stands;                       /* for so many cells like it; 0: another one stands for it */
+    double asked;                        /* for so many cells bounds tell what lines may have missed; 0: not asked */
 } LeftCell;
 
 typedef struct SweepWorker SweepWorker;
@@ -62,9 +67,11 @@ typedef struct Sweep {
     uint64_t ntiles, tile_cap;
     LeftCell *left;
     uint64_t nleft, left_cap;
-    double volume;  /* of the domain */
-    uint32_t lines; /* across a cell that is left, along each axis */
-    bool mixed;     /* lines or samples were used */
+    double volume;                 /* of the domain */
+    uint32_t lines;                /* across a cell that is left, along each axis */
+    bool mixed;                    /* lines or samples were used */
+    bool unnamed;                  /* more events are open in what is left than bounds name */
+    double jump[SLT_MAX_CHANNELS]; /* the largest at the curves of cells */
 } Sweep;
 /* The members above `sums` are the caller's; `run` has begun. */
 SltStatus sweep_begin(Sweep *p);
@@ -80,12 +87,16 @@ struct SweepWorker {
     LeftCell *left; /* [nleft]: of the tile in hand */
     uint64_t nleft, left_cap;
     double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
-    double hidden[SLT_MAX_CHANNELS];        /* as Sweep.f_hidden */
+    double f_hidden[SLT_MAX_CHANNELS];      /* as in Sweep */
     double left_bound, loss;
-    Splat splat;         /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;           /* SWEEP_LOSS */
-    bool volume_sampled; /* of a cell of the tile */
-    bool failed;         /* memory ran out */
+    bool volume_sampled;           /* of a cell of the tile */
+    double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
+    bool unnamed;
+    uint64_t differ;       /* segments of lines whose ends differ, so far */
+    struct Hidden *hidden; /* hidden.c: room for a chunk; NULL until it is needed */
+    Splat splat;           /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;             /* SWEEP_LOSS */
+    bool failed;           /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);
@@ -97,6 +108,11 @@ void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, c
  * estimates all of them belong. False when memory runs out. */
 bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
+/* What crossings of the chunk in hand are divided by for the error of its lines. */
+double left_divisor(const SweepWorker *v);
+/* ---- hidden.c: adds to the stated error what lines may have missed in n <= LEFT_CHUNK cells; seen[i]: they have met
+ * something in cell i. After the finder has run. False when memory runs out. */
+bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen);
 /* ---- loss.c: the gradient of a tile whose points are kept. False when memory runs out. */
 bool loss_tile(SweepWorker *v, uint64_t tile);
 

@@ -230,6 +230,15 @@ void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
     }
 }
 
+void sink_put_size(Sink *k, const Crossing *c, uint32_t n) {
+    uint32_t size = 4 * k->b->s->channels;
+    group(k, c, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        to = group_end(k, c, from, n);
+        emit_integral(k, c, k->order + from, to - from, size, size);
+    }
+}
+
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);

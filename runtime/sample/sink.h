@@ -49,6 +49,8 @@ void sink_free(Sink *k);
 void sink_take(void *sink, Crossing *c, uint32_t n);
 /* The same for n <= BATCH crossings that have their weights already. */
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n);
+/* SINK_PARTS: weight * jump into the group of sizes alone. n <= BATCH. */
+void sink_put_size(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);

@@ -173,6 +173,22 @@ static void what_stops(void **state) {
     near("slope in the width", a.slope[3], 4 * PI * 0.3, 1e-12);
 }
 
+/* A disc so small that lines meet none of it, in cells that bounds leave: what is stated says that it may be there. */
+static void what_lines_miss(void **state) {
+    (void)state;
+    static const double dot[] = {0.823, 0.471, 1e-4};
+    Scene s;
+    SltJob j = SLT_JOB_INIT;
+    j.samples = j.segments = 1 << 12;
+    estimates_unknown = right_third;
+    scene_init(&s, 2, 1, 0, circle_g, circle_f, dot, 3);
+    estimates_init(&s);
+    Answer a = ask(&s, &j);
+    estimates_unknown = NULL;
+    assert_true(a.stats.left > 0.3 && a.slope[2] == 0);
+    assert_true(2 * PI * 1e-4 <= 2 * a.error[2]);
+}
+
 static void more_points(void **state) {
     (void)state;
     Scene s;
@@ -214,8 +230,8 @@ static void the_same_bits(void **state) {
 int main(void) {
     show = getenv("SALTUS_PRINT") != NULL;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_step),           cmocka_unit_test(a_circle),   cmocka_unit_test(without_certificate),
-        cmocka_unit_test(an_error_is_kept), cmocka_unit_test(what_stops), cmocka_unit_test(more_points),
-        cmocka_unit_test(the_same_bits)};
+        cmocka_unit_test(a_step),           cmocka_unit_test(a_circle),       cmocka_unit_test(without_certificate),
+        cmocka_unit_test(an_error_is_kept), cmocka_unit_test(what_stops),     cmocka_unit_test(more_points),
+        cmocka_unit_test(the_same_bits),    cmocka_unit_test(what_lines_miss)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
