@@ -126,6 +126,8 @@ static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b,
 /* Of the result of float row i, from those of its arguments; NULL: none. */
 Inst *bounds_error(Boxes *x, Builder *b, const Inst *i, const Boxed *a, Bound result);
 Inst *error_larger(Builder *b, Inst *p, Inst *q); /* NULL is 0 */
+/* Of which ? p : q, where `which` is settled on the box: that of the side which is taken. */
+Inst *error_where(Builder *b, Inst *which, Inst *p, Inst *q);
 
 /* variant_bounds_flow.c */
 void bounds_block(Boxes *x, Builder *b, const Block *from);

@@ -16,6 +16,10 @@ static Inst *times(Builder *b, Inst *e, Inst *factor) { return e ? ir_emit2(b, O
 
 Inst *error_larger(Builder *b, Inst *p, Inst *q) { return !p || p == q ? q : !q ? p : ir_emit2(b, OP_fmax, p, q); }
 
+Inst *error_where(Builder *b, Inst *which, Inst *p, Inst *q) {
+    return p == q ? p : bounds_choose(b, which, p ? p : number(b, 0), q ? q : number(b, 0));
+}
+
 static Inst *negative(Builder *b, Inst *v) { return ir_emit1(b, OP_fneg, v); }
 
 /* The largest, and the least, magnitude on the box; of a box that holds 0 the least is not positive. */
@@ -88,7 +92,7 @@ Inst *bounds_error(Boxes *x, Builder *b, const Inst *i, const Boxed *a, Bound r)
     case OP_fmin:
     case OP_fmax: return error_larger(b, a[0].error, a[1].error);
     case OP_fcopysign: return a[0].error;
-    case OP_fsel: return error_larger(b, a[1].error, a[2].error);
+    case OP_fsel: return error_where(b, a[0].is.lo, a[1].error, a[2].error); /* by a condition of one value */
     case OP_fadd:
     case OP_fsub: return with_rounding(x, b, r, 0.5, plus(b, a[0].error, a[1].error));
     case OP_fmul:

@@ -61,7 +61,7 @@ static Boxed choose(Builder *b, Inst *which, Boxed p, Boxed q) {
     r.is.lo = bounds_choose(b, which, p.is.lo, q.is.lo);
     r.is.hi = p.is.lo == p.is.hi && q.is.lo == q.is.hi ? r.is.lo : bounds_choose(b, which, p.is.hi, q.is.hi);
     r.open = p.open || q.open ? open_where(b, which, p.open, q.open) : NULL;
-    r.error = error_larger(b, p.error, q.error);
+    r.error = error_where(b, which, p.error, q.error);
     return r;
 }
 

@@ -238,7 +238,8 @@ static void select_value(Boxes *x, Builder *b, const Inst *i) {
     r.is = ir_bound_row(b, (Op)i->op, (Bound[]){c.is, v[0].is, v[1].is}, 3, 0);
     Inst *open = open_union(b, joined, open_union(b, v[0].open, v[1].open));
     r.open = open_where(b, c.is.lo, v[0].open, open_where(b, c.is.hi, open, v[1].open));
-    r.error = error_larger(b, v[0].error, v[1].error);
+    Inst *larger = error_larger(b, v[0].error, v[1].error);
+    r.error = error_where(b, c.is.lo, v[0].error, error_where(b, c.is.hi, larger, v[1].error));
     x->value[i->id] = r;
 }
 

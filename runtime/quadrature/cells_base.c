@@ -11,20 +11,21 @@
 #include "runtime/quadrature/cells_inner.h"
 
 enum { HALVINGS = 10, MEET_STEPS = 24, FACE = -1, ARC = -2 };
+#define NARROW 0x1p-44 /* parts of a base that are shorter are no pieces */
 
 /* A stretch of the base of a cell. */
 typedef struct Stretch {
     uint32_t cell;
     int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
     uint8_t halvings;
-    bool asked;       /* slope[] is of this stretch; else of the cell */
-    double at[2];     /* the two ends, */
-    double height[2]; /* what the height is there, */
-    double value[2];  /* and the function */
-    double slope[2];  /* bounds of the function's slope */
-    double climb[2];  /* of the curve's */
-    double x[2];      /* root: place and height */
-    enum { OPEN, ROOT, DONE } state;
+    bool asked;                           /* slope[] is of this stretch; else of the cell */
+    double at[2];                         /* the two ends, */
+    double height[2];                     /* what the height is there, */
+    double value[2];                      /* and the function */
+    double slope[2];                      /* bounds of the function's slope */
+    double climb[2];                      /* of the curve's */
+    double x[2];                          /* root: place and height */
+    enum { OPEN, ROOT, MET, DONE } state; /* MET: around a root that is known as well as numbers go */
 } Stretch;
 
 /* The axis of the base, of the plane that the cell lies in. */
@@ -187,14 +188,37 @@ static bool take_values(Cells *c, uint32_t first, int end) {
     return true;
 }
 
-/* Halves every open stretch: the far half is appended. */
+/* Does the function change its sign along it? Where it bends on the very curve that the stretch follows, as a running
+ * minimum does where three regions meet, its slope is never proven to have one sign, however short the stretch. */
+static bool crosses(const Stretch *s) { return (s->value[0] >= 0) != (s->value[1] >= 0); }
+
+/* No longer than rounding lets places on it be told apart. */
+static bool is_tiny(const Cells *c, const Stretch *s) {
+    enum { ULPS = 16 };
+    const Cell *cell = &c->cell[s->cell];
+    int base = base_axis(cell, curve_of(c, s)->axis);
+    double ulp = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(s->at[0]), fabs(s->at[1]));
+    return s->at[1] - s->at[0] <= fmax(ULPS * ulp, NARROW * (cell->box.end[base] - cell->box.lo[base]));
+}
+
+/* Halves every open stretch: the far half is appended. One across which the sign changes is followed down to where
+ * numbers end, which is far cheaper than smaller cells. */
 static bool halve(Cells *c) {
     uint32_t n = c->nstretch;
     for (uint32_t i = 0; i < n; i++) {
         Stretch *s = &c->stretch[i];
-        if (s->state != OPEN || c->cell[s->cell].refine) continue;
+        const Cell *cell = &c->cell[s->cell];
+        if (s->state != OPEN || cell->refine) continue;
         double mid = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
-        if (++s->halvings > HALVINGS || !(mid > s->at[0] && mid < s->at[1])) {
+        bool inside = mid > s->at[0] && mid < s->at[1];
+        if (crosses(s)) s->halvings = 0;
+        else s->halvings++;
+        if (!inside || is_tiny(c, s)) {
+            s->state = !crosses(s) ? DONE : s->other == FACE ? ROOT : MET;
+            s->x[0] = mid, s->x[1] = 0.5 * (s->height[0] + s->height[1]);
+            continue;
+        }
+        if (s->halvings > HALVINGS) {
             c->cell[s->cell].refine = true;
             continue;
         }
@@ -454,7 +478,7 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
     }
     for (uint32_t i = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];
-        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
         if (!add_cut(c, s->cell, axis, -1, s->x[0])) return false;
         if (other >= 0 && other != axis && !add_cut(c, s->cell, other, -1, s->x[1])) return false;
@@ -483,7 +507,7 @@ static bool add_pieces(Cells *c, uint32_t first) {
             bool wanted = cell->axes >> axis & 1 && !cell->refine;
             if (axis == cell->slice) continue;
             int base = base_axis(cell, axis);
-            double from = cell->box.lo[base], narrow = 0x1p-44 * (cell->box.end[base] - from);
+            double from = cell->box.lo[base], narrow = NARROW * (cell->box.end[base] - from);
             for (; cut < end && cut->cell == i && cut->axis == axis; cut++) {
                 if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) continue;
                 if (!add_piece(c, i, axis, base, from, cut->at)) return false;

@@ -233,13 +233,16 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     return true;
 }
 
-enum { VARIES = 4 }; /* most that the slope along the height axis may vary in a cell, as a factor */
+enum {
+    VARIES = 4,      /* most that the slope along the height axis may vary in a cell, as a factor */
+    VARIES_BENT = 64 /* of a g that bends, which smaller cells do not mend; pieces end where it does */
+};
 
-/* How much d_axis g varies on the cell; infinite where it may be 0. */
+/* How much d_axis g varies on the cell, in parts of what it may; infinite where it may be 0. */
 static double varies(const CellEdge *e, uint32_t axis) {
     if (!e->rises[axis]) return HUGE_VAL;
     double a = fabs(e->slope[axis][0]), z = fabs(e->slope[axis][1]);
-    return fmax(a, z) / fmin(a, z);
+    return fmax(a, z) / fmin(a, z) / (e->state & SLT_EDGE_BENDS ? VARIES_BENT : VARIES);
 }
 
 int cells_straight_axis(const Cells *c, const CellEdge *e) {
@@ -272,7 +275,7 @@ bool cells_choose_axes(const Cells *c, Cell *cell) {
         for (uint32_t e = 0; e < cell->nedges; e++) worst = fmax(worst, varies(&cell->edge[e], d));
         if (worst < least) least = worst, common = d;
     }
-    cell->common = least <= VARIES;
+    cell->common = least <= 1;
     if (cell->common) { /* one axis for all saves work, and the volume needs it */
         for (uint32_t e = 0; e < cell->nedges; e++) cell->edge[e].axis = (int8_t)common;
         cell->axes = 1u << common;
@@ -287,7 +290,7 @@ bool cells_choose_axes(const Cells *c, Cell *cell) {
         edge->axis = 0;
         for (uint32_t d = 1; d < c->dim; d++)
             if (varies(edge, d) < varies(edge, (uint32_t)edge->axis)) edge->axis = (int8_t)d;
-        if (!(varies(edge, (uint32_t)edge->axis) <= VARIES)) {
+        if (!(varies(edge, (uint32_t)edge->axis) <= 1)) {
             cell->axes = 0;
             return false;
         }

@@ -497,6 +497,13 @@ static void rounding_of_g(void **state) {
     (void)state;
     rounding("circle", "param float r = 0.375; [Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
                        "  [Disc] return length(x - 0.125) < r ? 1.0 : 0.0; }");
+    rounding("nearest of far", /* what best was before it was set at all brings no error along */
+             "param float2 p[3] = {float2(0.25, 0.5), float2(-0.5, 0.125), float2(0.0, -0.625)};\n"
+             "[Domain(-1.0, 1.0)] shader float main(float2 x) {\n"
+             "  float best = 1e9; float f = 0.0;\n"
+             "  for (int i = 0; i < 3; i++) { float2 v = x - p[i]; float d = dot(v, v);\n"
+             "    [Disc] if (d < best) { best = d; f = float(i); } }\n"
+             "  return f; }");
     rounding("balls", "param float2 p[3] = {float2(0.25, 0.5), float2(-0.5, 0.125), float2(0.0, -0.625)};\n"
                       "[Domain(-1.0, 1.0)] shader float main(float2 x) { float s = 0.0;\n"
                       "  for (int i = 0; i < 3; i++) { float2 d = x - p[i]; s += 0.0625 / (dot(d, d) + 0.03125); }\n"

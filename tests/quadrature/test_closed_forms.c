@@ -148,6 +148,47 @@ static void auto_turns(void **state) {
     }
 }
 
+/* Where three regions of a nearest seed meet, the g of the last one bends on the curve between the other two. */
+static void three_regions(void **state) {
+    (void)state;
+    for (int turn = 0; turn < 12; turn++) {
+        const double vertex[2] = {0.1, 0.05}, value[3] = {0, 1, 3}, angle[3] = {0.17, 1.9, 2.6};
+        double at[3][2], want = 0;
+        for (int i = 0; i < 3; i++) {
+            double a = angle[i] + 0.5 * turn;
+            at[i][0] = vertex[0] + 0.5 * cos(a), at[i][1] = vertex[1] + 0.5 * sin(a);
+        }
+        for (int i = 0; i < 3; i += 2) { /* the edges of region 1 move by w / (2 |p - q|) */
+            double a = 0.5 * (angle[1] + angle[i]) + 0.5 * turn;
+            double far = fmin(fabs(((cos(a) > 0 ? 1 : -1) - vertex[0]) / cos(a)),
+                              fabs(((sin(a) > 0 ? 1 : -1) - vertex[1]) / sin(a)));
+            want += (value[1] - value[i]) * far / (2 * hypot(at[1][0] - at[i][0], at[1][1] - at[i][1]));
+        }
+        char source[900];
+        snprintf(source, sizeof source,
+                 "param float w = 0.0; param float2 p[3] = {float2(%.17g, %.17g), float2(%.17g, %.17g), "
+                 "float2(%.17g, %.17g)};\n" UNIT "shader float main(float2 x) { float best = 1e9, f = 0.0;\n"
+                 "for (int i = 0; i < 3; i++) { float2 v = x - p[i]; float d = dot(v, v) - (i == 1 ? w : 0.0);\n"
+                 "[Disc] if (d < best) { best = d; f = float(i == 2 ? 3 : i); } } return f; }",
+                 at[0][0], at[0][1], at[1][0], at[1][1], at[2][0], at[2][1]);
+        SltOptions o = SLT_OPTIONS_INIT;
+        o.f64 = true;
+        SltProgram *p = NULL;
+        if (slt_compile_string(source, "three regions", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+        SltJob job = SLT_JOB_INIT;
+        job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = 1e-6;
+        double g[7] = {0};
+        SltIntegral out = {.struct_size = sizeof out, .gradient = g};
+        SltStats stats = SLT_STATS_INIT;
+        SltError err = {0};
+        if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+        if (!(fabs(g[0] - want) < 1e-6)) fail_msg("turn %d: %.12g, exact %.12g", turn, g[0], want);
+        if (stats.left > 0 || stats.evaluations > 20000)
+            fail_msg("turn %d: left %g, %llu evaluations", turn, stats.left, (unsigned long long)stats.evaluations);
+        slt_program_free(p);
+    }
+}
+
 static void run_f32(void **state) { run(*state, false); }
 static void run_f64(void **state) { run(*state, true); }
 
@@ -170,6 +211,7 @@ int main(void) {
         n++;
     }
     tests[n++] = (struct CMUnitTest){"volume that is sampled", volume_that_is_sampled, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"three regions", three_regions, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"auto turns to the lattice", auto_turns, NULL, NULL, NULL};
     return _cmocka_run_group_tests("closed forms", tests, (size_t)n, NULL, NULL);
 }

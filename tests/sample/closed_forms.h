@@ -33,7 +33,7 @@ typedef struct Case {
  * inside the other. */
 static double arc_inside(double r, double R, double d) { return 2 * r * acos((d * d + r * r - R * R) / (2 * d * r)); }
 
-static Case cases[64];
+static Case cases[128];
 static int ncases;
 static void add(Case c) { cases[ncases++] = c; }
 #define CASE(title, text, ...) add((Case){.name = title, .source = text, __VA_ARGS__})
