@@ -158,17 +158,8 @@ static double next_line(const Cells *c, const Box *x, uint32_t d, double from) {
     return at < line - 1e-9 * step ? at : line;
 }
 
-static bool settle(Cells *c, const Cell *cell) {
-    count_cell(c, cell, CELL_SETTLED);
-    if (!c->o->volume) return true;
-    bool constant = is_constant(c, cell);
-    if (constant && c->sink->constant) {
-        double f[SLT_MAX_CHANNELS];
-        for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
-        c->sink->constant(c->sink->user, &cell->box, f);
-        return true;
-    }
-    const Box *x = &cell->box;
+/* Points of the whole box, part by part of the grid. */
+static bool fill(Cells *c, const Box *x, bool constant) {
     double lo[3] = {0}, end[3] = {1, 1, 1};
     uint32_t last = c->dim - 1;
     for (uint32_t d = 0; d < c->dim; d++) lo[d] = x->lo[d], end[d] = next_line(c, x, d, x->lo[d]);
@@ -180,6 +171,17 @@ static bool settle(Cells *c, const Cell *cell) {
         if (d > last) return true;
         lo[d] = end[d], end[d] = next_line(c, x, d, lo[d]);
     }
+}
+
+static bool settle(Cells *c, const Cell *cell) {
+    count_cell(c, cell, CELL_SETTLED);
+    if (!c->o->volume) return true;
+    bool constant = is_constant(c, cell);
+    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant);
+    double f[SLT_MAX_CHANNELS];
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
+    c->sink->constant(c->sink->user, &cell->box, f);
+    return true;
 }
 
 bool cells_spent(Cells *c) {
@@ -198,11 +200,11 @@ static bool divisible(Cells *c, const Cell *cell) {
     return room && !cells_spent(c) && side(c, &cell->box) > least;
 }
 
-/* What remains of the volume where the curves are known: around a point, no larger than rounding. */
-static bool settle_point(Cells *c, const Cell *cell) {
+/* What remains of the volume where the curves are known: around a point, or when the budget is spent. Of a box in which
+ * f jumps the two rules differ by about what they err. */
+static bool settle_rest(Cells *c, const Cell *cell) {
     count_cell(c, cell, CELL_CURVED);
-    cells_emit_middle(c, cell->box.lo, cell->box.end);
-    return true;
+    return fill(c, &cell->box, false);
 }
 
 static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
@@ -224,7 +226,7 @@ static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
 static bool refine(Cells *c, Cell *cell) {
     cell->done = true, cell->axes = 0;
     if (divisible(c, cell)) return push(c, cell, &cell->box, false);
-    if (cell->curves_done) return settle_point(c, cell);
+    if (cell->curves_done) return settle_rest(c, cell);
     count_cell(c, cell, CELL_LEFT);
     c->sink->left(c->sink->user, &cell->box, cell->f);
     return true;
@@ -394,15 +396,18 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
 }
 
 /* The budget is spent: nothing more is asked of this part. */
-static void give_up(Cells *c, const Node *node) {
+static bool give_up(Cells *c, const Node *node) {
     Cell cell = {.box = node->box};
     if (node->curves_done) {
-        settle_point(c, &cell);
-        return;
+        lists_enter(&c->lists, c->b, node->lists);
+        if (!settle_rest(c, &cell) || !cells_integrate_smooth(c)) return false;
+        if (c->lists.any) cells_flush(c); /* with these lists */
+        return true;
     }
     for (uint32_t ch = 0; ch < c->s->channels; ch++) cell.f[2 * ch] = -HUGE_VAL, cell.f[2 * ch + 1] = HUGE_VAL;
     count_cell(c, &cell, CELL_LEFT);
     c->sink->left(c->sink->user, &cell.box, cell.f);
+    return true;
 }
 
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
@@ -430,7 +435,8 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->within = *tile;
     while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
         if (counts->spent) {
-            give_up(c, &c->stack[--c->nstack]);
+            Node rest = c->stack[--c->nstack];
+            worked = give_up(c, &rest);
             continue;
         }
         Node node[CELL_BOXES / 20];
