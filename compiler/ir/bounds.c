@@ -174,8 +174,9 @@ static Bound may_be_inf(Rule *r, Bound x) {
     return (Bound){ir_constb(&r->b, false), not(r, finite)};
 }
 
-Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same) {
-    Rule r = {.b = *b, .op = op, .arg = a, .n = n, .same = (same & 3) == 3, .f64 = b->fn->precision == PREC_F64};
+Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t known) {
+    Rule r = {.b = *b, .op = op, .arg = a, .n = n, .f64 = b->fn->precision == PREC_F64};
+    r.same = known & BOUND_SAME, r.no_minus_0 = known & BOUND_NO_MINUS_0;
     r.b.fold = true;
     return r;
 }
@@ -340,7 +341,7 @@ bool bound_all_points(const Bound *a, uint32_t n) {
     return true;
 }
 
-Bound ir_bound_row(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same) {
+Bound ir_bound_row(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t known) {
     if (bound_all_points(a, n)) {
         Inst *args[3];
         for (uint32_t k = 0; k < n; k++) args[k] = a[k].lo;
@@ -348,6 +349,6 @@ Bound ir_bound_row(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same)
         exact.fold = false;
         return ir_bound_point(ir_emit(&exact, op, n, args));
     }
-    Rule r = bound_rule(b, op, a, n, same);
+    Rule r = bound_rule(b, op, a, n, known);
     return bound_row(&r);
 }

@@ -27,9 +27,13 @@ typedef struct Bound {
 static inline Bound ir_bound_point(Inst *v) { return (Bound){v, v}; }
 Bound ir_bound_whole(Builder *b, IrType t);
 
-/* The bounds column of value row op on the bounds a[0..n) of its arguments. same: bit k is set where argument k is the
- * same value as argument 0 in the source (bits 0 and 1: x*x, a square, which is not negative). */
-Bound ir_bound_row(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same);
+/* What is known of the arguments of a row beside their bounds, bits. */
+enum {
+    BOUND_SAME = 1,      /* the first two are one value: x*x, a square, which is not negative */
+    BOUND_NO_MINUS_0 = 2 /* the first is never -0, as a magnitude is not */
+};
+/* The bounds column of value row op on the bounds a[0..n) of its arguments. known: BOUND_*. */
+Bound ir_bound_row(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t known);
 
 /* The events column: what else may happen to the row on the box, as booleans; NULL: never. Meant are events of its own:
  * what jumps or bends in its arguments is theirs. */
@@ -37,7 +41,7 @@ typedef struct BoundEvents {
     Inst *jumps; /* may be discontinuous in float arguments, or have a pole or an end of its domain */
     Inst *bends; /* continuous, but may not be differentiable */
 } BoundEvents;
-BoundEvents ir_bound_events(Builder *b, Op op, const Bound *a, uint32_t n);
+BoundEvents ir_bound_events(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t known);
 bool ir_bound_has_events(Op op); /* is there a box on which the row has any? */
 
 /* Holds for what x holds for and for what y holds for. */

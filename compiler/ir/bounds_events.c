@@ -119,9 +119,9 @@ bool ir_bound_has_events(Op op) {
 
 static bool is_never(const Inst *i) { return i->op == OP_constb && !i->imm.i; }
 
-BoundEvents ir_bound_events(Builder *b, Op op, const Bound *a, uint32_t n) {
+BoundEvents ir_bound_events(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t known) {
     if (bound_all_points(a, n)) return (BoundEvents){0};
-    Rule r = bound_rule(b, op, a, n, 0);
+    Rule r = bound_rule(b, op, a, n, known);
     BoundEvents e = events(&r);
     if (e.jumps && is_never(e.jumps)) e.jumps = NULL;
     if (e.bends && is_never(e.bends)) e.bends = NULL;

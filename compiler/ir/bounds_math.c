@@ -82,12 +82,16 @@ Bound bound_tan(Rule *r, double ulps) {
 }
 
 /* The angle of a box that holds neither the origin nor a part of the cut (y = 0, x <= 0): the corners at which it is
- * least and greatest. uncut, if asked for, is all that is made. */
+ * least and greatest. To y that is never -0 the cut's upper side belongs. uncut, if asked for, is all that is made. */
 Bound bound_atan2(Rule *r, double ulps, Inst **uncut) {
     Bound y = r->arg[0], x = r->arg[1];
     Inst *zero = num(r, 0), *below = lt(r, y.hi, zero);
     Inst *clear = either(r, either(r, lt(r, zero, y.lo), below), lt(r, zero, x.lo));
     Inst *known = is_number(r, e2(r, OP_fadd, e2(r, OP_fadd, y.lo, y.hi), e2(r, OP_fadd, x.lo, x.hi)));
+    if (r->no_minus_0) { /* the end may be, as it stands for both zeros */
+        clear = either(r, clear, both(r, le(r, zero, y.lo), lt(r, x.hi, zero)));
+        y.lo = e1(r, OP_fabs, y.lo);
+    }
     clear = both(r, clear, known);
     if (uncut) {
         *uncut = clear;

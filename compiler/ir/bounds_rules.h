@@ -39,7 +39,7 @@ typedef struct Rule {
     const Bound *arg;
     Bound source[3], instead[3]; /* of bound_points */
     uint32_t n;
-    bool same; /* the first two arguments are one value */
+    bool same, no_minus_0; /* BOUND_SAME, BOUND_NO_MINUS_0 */
     bool f64;
 } Rule;
 
@@ -76,7 +76,7 @@ Inst *bound_is_number(Rule *r, Bound x);
  * whoever squares it makes it NaN; MAGNITUDE is what is not below 0. */
 Bound bound_even(Rule *r, Bound x);
 
-Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t same);
+Rule bound_rule(Builder *b, Op op, const Bound *a, uint32_t n, uint32_t known);
 bool bound_all_points(const Bound *a, uint32_t n);
 Bound bound_row(Rule *r); /* the column, for arguments not all of which are points */
 /* Is the extreme of x and y known? It is NaN where x is. */

@@ -327,7 +327,7 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
     } else {
         Boxed p = value_of(x, of->args[0]), q;
         q = of->nargs > 1 ? value_of(x, of->args[1]) : p;
-        Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs).bends;
+        Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs, 0).bends;
         Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
         if (open && of->nargs > 1) { /* the set of the one that wins, where that is settled */
@@ -341,22 +341,23 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
 
 /* ---- rows */
 
+/* BOUND_*. */
+static uint32_t known_of_arguments(const Inst *i) {
+    const Inst *first = i->args[0];
+    bool same = i->nargs > 1 && first == i->args[1];
+    while (first->op == OP_siten) first = first->args[0]; /* a seam */
+    bool square = first->op == OP_fmul && first->args[0] == first->args[1];
+    return (same ? BOUND_SAME : 0) | (first->op == OP_fabs || square ? BOUND_NO_MINUS_0 : 0);
+}
+
 /* What may go either way in the row itself, where no site or seam tells; NULL: nothing. */
 static Inst *own_open(const Boxes *x, Builder *b, const Inst *i, const Bound *a, Bound r) {
     if (ir_ops[i->op].arg != TY_FLT || ir_ops[i->op].selects || !bounds_slopes(x, i)) return NULL;
     if (ir_ops[i->op].result == TY_BOOL) return bits_where(b, bounds_undecided(b, r), OPEN_JUMP);
-    BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs);
+    BoundEvents events = ir_bound_events(b, (Op)i->op, a, i->nargs, known_of_arguments(i));
     Inst *open = events.bends ? bits_where(b, events.bends, OPEN_BEND) : NULL;
     if (events.jumps) open = open_union(b, open, bits_where(b, events.jumps, OPEN_JUMP));
     return open;
-}
-
-/* Bits of the arguments that are the first one's value. */
-static uint32_t same_arguments(const Inst *i) {
-    uint32_t same = 0;
-    for (uint32_t a = 1; a < i->nargs; a++)
-        if (i->args[a] == i->args[0]) same |= 1u << a | 1u;
-    return same;
 }
 
 static void row_value(Boxes *x, Builder *b, const Inst *i) {
@@ -368,7 +369,7 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
         a[k] = arg[k].is;
         open = open_union(b, open, arg[k].open);
     }
-    Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, same_arguments(i))};
+    Boxed r = {.is = ir_bound_row(b, (Op)i->op, a, i->nargs, known_of_arguments(i))};
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);

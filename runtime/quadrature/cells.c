@@ -158,17 +158,8 @@ static double next_line(const Cells *c, const Box *x, uint32_t d, double from) {
     return at < line - 1e-9 * step ? at : line;
 }
 
-static bool settle(Cells *c, const Cell *cell) {
-    count_cell(c, cell, CELL_SETTLED);
-    if (!c->o->volume) return true;
-    bool constant = is_constant(c, cell);
-    if (constant && c->sink->constant) {
-        double f[SLT_MAX_CHANNELS];
-        for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
-        c->sink->constant(c->sink->user, &cell->box, f);
-        return true;
-    }
-    const Box *x = &cell->box;
+/* Points of the whole box, part by part of the grid. */
+static bool fill(Cells *c, const Box *x, bool constant) {
     double lo[3] = {0}, end[3] = {1, 1, 1};
     uint32_t last = c->dim - 1;
     for (uint32_t d = 0; d < c->dim; d++) lo[d] = x->lo[d], end[d] = next_line(c, x, d, x->lo[d]);
@@ -180,6 +171,17 @@ static bool settle(Cells *c, const Cell *cell) {
         if (d > last) return true;
         lo[d] = end[d], end[d] = next_line(c, x, d, lo[d]);
     }
+}
+
+static bool settle(Cells *c, const Cell *cell) {
+    count_cell(c, cell, CELL_SETTLED);
+    if (!c->o->volume) return true;
+    bool constant = is_constant(c, cell);
+    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant);
+    double f[SLT_MAX_CHANNELS];
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
+    c->sink->constant(c->sink->user, &cell->box, f);
+    return true;
 }
 
 bool cells_spent(Cells *c) {
@@ -439,7 +441,8 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->within = *tile;
     while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
         if (counts->spent) {
-            give_up(c, &c->stack[--c->nstack]);
+            Node rest = c->stack[--c->nstack];
+            give_up(c, &rest);
             continue;
         }
         Node node[CELL_BOXES / 20];

@@ -132,7 +132,8 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
     return true;
 }
 
-/* Compares the integral of each channel and its moments in the position. */
+/* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
+ * of positions makes is no difference. */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
     double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, lo[3], hi[3];
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
@@ -149,10 +150,14 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
                 if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
         }
     }
-    for (uint32_t ch = 0; ch < c->s->channels; ch++)
-        for (uint32_t m = 0; m <= c->dim; m++)
-            if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > c->o->tolerance * most * c->volume)
-                return false;
+    double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
+    for (uint32_t m = 0; m <= c->dim; m++) {
+        double noise = unit * total;
+        if (m && hi[m - 1] > lo[m - 1]) noise *= 1 + larger(fabs(lo[m - 1]), fabs(hi[m - 1])) / (hi[m - 1] - lo[m - 1]);
+        double most_apart = larger(c->o->tolerance * most * c->volume, noise);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > most_apart) return false;
+    }
     return true;
 }
 

@@ -206,7 +206,8 @@ typedef struct Case {
     Precision p;
     Kind kind[3];
     double constant;
-    bool same; /* the first two arguments are one value */
+    bool same;      /* the first two arguments are one value */
+    bool magnitude; /* the first is |what the pair holds| */
 } Case;
 
 static inline IrType type_of(Op op, uint32_t k) {
@@ -261,9 +262,11 @@ static inline Fn *row_fn(Session *s, const Case *c, bool events) {
         }
     }
     if (c->same) a[1] = a[0], v[1] = v[0];
-    Bound r = ir_bound_row(&b, c->op, a, o->nargs, c->same ? 3 : 0);
+    if (c->magnitude) a[0] = ir_bound_row(&b, OP_fabs, a, 1, 0), v[0] = ir_emit1(&b, OP_fabs, v[0]);
+    uint32_t known = (c->same ? BOUND_SAME : 0) | (c->magnitude ? BOUND_NO_MINUS_0 : 0);
+    Bound r = ir_bound_row(&b, c->op, a, o->nargs, known);
     BoundEvents e = {0};
-    if (events) e = ir_bound_events(&b, c->op, a, o->nargs);
+    if (events) e = ir_bound_events(&b, c->op, a, o->nargs, known);
     Inst *no = ir_constb(&b, false);
     Inst *out[OUTS] = {r.lo, r.hi, ir_emit(&b, c->op, o->nargs, v), e.jumps ? e.jumps : no, e.bends ? e.bends : no};
     ir_yield(&b, OUTS, out);
@@ -345,7 +348,7 @@ static inline uint32_t contradictions(const Data *d, const Case *c, uint32_t fro
                        c->kind[j] == CONSTANT ? " constant"
                        : c->kind[j] == POINT  ? " point"
                                               : "");
-            printf("%s\n", c->same ? " (the same)" : "");
+            printf("%s\n", c->same ? " (the same)" : c->magnitude ? " (of a magnitude)" : "");
         }
     }
     return bad;
@@ -395,6 +398,8 @@ static inline uint32_t each_case(Check *check, void *user) {
             if (o->nargs > 1 && !o->selects) {
                 c.same = true;
                 bad += !check(&c, user);
+                c.same = false, c.magnitude = (IrType)o->arg == TY_FLT;
+                if (c.magnitude) bad += !check(&c, user);
             }
         }
     }

@@ -212,15 +212,23 @@ static const Event event_list[] = {
     {OP_fmant, 1, 1.5, 0, 0, true, false},
 };
 
+/* Of the magnitude of the first argument. */
+static const Event magnitude_list[] = {
+    {OP_fatan2, -1, 1, -1, -0.5, false, false},
+    {OP_fatan2, 0, 1, -1, -0.5, false, false},
+    {OP_fatan2, -1, 1, -1, 0, true, false},
+};
+
 static void test_events(void **state) {
     (void)state;
     Session *s = session_create(0);
     Data *d = make_data();
     uint32_t bad = 0;
-    for (size_t k = 0; k < sizeof event_list / sizeof *event_list; k++) {
-        const Event *e = &event_list[k];
+    const size_t n = sizeof event_list / sizeof *event_list, more = sizeof magnitude_list / sizeof *magnitude_list;
+    for (size_t k = 0; k < n + more; k++) {
+        const Event *e = k < n ? &event_list[k] : &magnitude_list[k - n];
         for (int p = PREC_F32; p <= PREC_F64; p++) {
-            Case c = {.op = e->op, .p = (Precision)p};
+            Case c = {.op = e->op, .p = (Precision)p, .magnitude = k >= n};
             put(d->in[IN_X0], TY_FLT, c.p, 0, e->lo), put(d->in[IN_H0], TY_FLT, c.p, 0, e->hi);
             put(d->in[IN_X1], TY_FLT, c.p, 0, e->lo2), put(d->in[IN_H1], TY_FLT, c.p, 0, e->hi2);
             put(d->in[IN_SEED0], TY_FLT, c.p, 0, e->lo), put(d->in[IN_SEED1], TY_FLT, c.p, 0, e->lo2);

@@ -69,7 +69,7 @@ static Chain chain(Session *s, Precision p, bool ints) {
         }
         c.signs |= op == OP_fcopysign;
         bool same = ir_ops[op].nargs > 1 && at[0] == at[1];
-        v[n].is = ir_bound_row(&b, op, is, ir_ops[op].nargs, same ? 3 : 0);
+        v[n].is = ir_bound_row(&b, op, is, ir_ops[op].nargs, same ? BOUND_SAME : 0);
         v[n].at = ir_emit(&b, op, ir_ops[op].nargs, at);
         if (v[n].is.lo->type == TY_FLT && !below(8)) v[n].is = ir_bound_ends(&b, v[n].is);
         n++;

@@ -49,6 +49,7 @@ typedef struct Case {
     long asserts, truncated, prints, sites, samples, samples_truncated, samples_failed;
     double tol[2], total_tol;
     bool ok, disc_auto;
+    bool quadrature; /* the totals by quadrature too */
 } Case;
 
 /* ---- results of one file: lines of text for the parent */
@@ -146,6 +147,7 @@ static void read_comment(Case *c, const char *s, int line, const char *file) {
     if ((a = directive(s, "value")) && (*a == '(' || *a == ':' || isdigit((unsigned char)*a))) read_point(c, a, line);
     else if ((a = directive(s, "error")) && (*a == ' ' || *a == ':' || *a == '\n')) read_message(c, a, 1, line, file);
     else if ((a = directive(s, "warning")) && (*a == ' ' || *a == ':' || *a == '\n')) read_message(c, a, 2, line, file);
+    else if ((a = directive(s, "quadrature:"))) c->quadrature = strncmp(a, "too", 3) == 0;
     else if ((a = directive(s, "integral:"))) read_total(c, "", 0, a, line);
     else if ((a = directive(s, "grad "))) {
         size_t n = strcspn(a, ":\n");
@@ -346,19 +348,22 @@ static void check_values(Case *c, bool f64) {
     }
 }
 
-static void check_totals(Case *c, SltProgram *p, bool f64) {
+static void check_totals(Case *c, SltProgram *p, bool f64, SltEstimator estimator) {
     SltError err = {0};
     SltStats stats = SLT_STATS_INIT;
     SltJob job = SLT_JOB_INIT;
     job.integral = true, job.samples = job.segments = (uint64_t)c->samples, job.threads = 1, job.seed = 1;
+    job.estimator = estimator;
+    bool lattice = estimator == SLT_EST_LATTICE;
+    const char *by = lattice ? "" : " by quadrature";
     uint32_t n = slt_channels(p), nf = slt_float_count(p);
     double *memory = calloc((size_t)n * (nf + 1) + 1, sizeof *memory);
     SltIntegral r = {.struct_size = sizeof r, .value = memory, .gradient = memory + n};
     if (slt_grad_integral(p, &job, &r, &stats, &err) != SLT_OK)
         wrong(c, "%s: no integral: %s", f64 ? "f64" : "f32", err.text);
-    if (c->samples_truncated >= 0 && (long)stats.truncated != c->samples_truncated)
+    if (lattice && c->samples_truncated >= 0 && (long)stats.truncated != c->samples_truncated)
         wrong(c, "%ld samples cut short in the integral, not %ld", (long)stats.truncated, c->samples_truncated);
-    if (c->samples_failed >= 0 && (long)stats.asserts != c->samples_failed)
+    if (lattice && c->samples_failed >= 0 && (long)stats.asserts != c->samples_failed)
         wrong(c, "%ld failed asserts in the integral, not %ld", (long)stats.asserts, c->samples_failed);
     for (int i = 0; i < c->ntotals && !failures; i++) {
         const Total *t = &c->totals[i];
@@ -371,8 +376,8 @@ static void check_totals(Case *c, SltProgram *p, bool f64) {
         for (uint32_t k = 0; k < n; k++) {
             double got = t->name[0] ? r.gradient[(size_t)k * nf + q.fbase] : r.value[k];
             if (!close_to(got, t->v[k], c->total_tol))
-                wrong(c, "line %d: %s: %s%s of channel %u is %.9g, not %.9g", t->line, f64 ? "f64" : "f32",
-                      t->name[0] ? "derivative by " : "integral", t->name, k, got, t->v[k]);
+                wrong(c, "line %d: %s: %s%s of channel %u%s is %.9g, not %.9g", t->line, f64 ? "f64" : "f32",
+                      t->name[0] ? "derivative by " : "integral", t->name, k, by, got, t->v[k]);
         }
     }
     free(memory);
@@ -423,7 +428,10 @@ static void run_case(Case *c, const char *path) {
         if (seconds > 5) wrong(c, "the front end took %.1f s", seconds);
         if (s == SLT_OK && c->sites >= 0 && (long)slt_site_count(p) != c->sites)
             wrong(c, "%u sites, not %ld", slt_site_count(p), c->sites);
-        if (s == SLT_OK && c->ntotals) check_totals(c, p, f64);
+        if (s == SLT_OK && c->ntotals) {
+            check_totals(c, p, f64, SLT_EST_LATTICE);
+            if (c->quadrature) check_totals(c, p, f64, SLT_EST_QUADRATURE);
+        }
         slt_program_free(p);
         if (s == SLT_OK && c->npoints) check_values(c, f64);
         if (failures) break;
