@@ -11,9 +11,9 @@ static bool (*estimates_unknown)(const Scene *s, const SltKernelArgs *a, uint32_
 static inline double estimates_g(Scene *s, SltKernelArgs *a, uint32_t event, uint32_t i, uint32_t moved, double dg[3]) {
     Num x[3];
     scene_point(s, a, i, false, x);
-    s->moved = moved;
-    Num g = s->g(s, event, x);
-    s->moved = s->np;
+    Scene own = *s; /* threads share s */
+    own.moved = moved;
+    Num g = own.g(&own, event, x);
     for (uint32_t d = 0; d < 3 && dg; d++) dg[d] = g.d[d].lo;
     return moved < s->np ? g.d[3].lo : g.v.lo;
 }
