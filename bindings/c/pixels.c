@@ -3,8 +3,8 @@
 #include <string.h>
 
 #include "bindings/c/api.h"
-#include "runtime/base/threads.h"
 #include "runtime/sample/prune.h"
+#include "runtime/sample/run.h"
 
 enum { ROWS = 8 };
 
@@ -89,12 +89,7 @@ static SltStatus render(SltProgram *p, const SltJob *job, uint32_t *pixels, SltS
     bool ok = q.worker != NULL;
     for (uint32_t t = 0; ok && t < threads; t++) ok = worker_init(&q, &q.worker[t]);
     double start = pool_now();
-    PoolOptions o = {.threads = threads,
-                     .cancel = job->cancel,
-                     .progress = job->progress,
-                     .progress_user = job->progress_user,
-                     .to = 1,
-                     .deadline = job->time_limit > 0 ? start + job->time_limit : 0};
+    PoolOptions o = pool_of_job(job, threads);
     SltStatus s = ok ? pool_run(&o, tiles, work, merge, &q, err) : status_fail(err, SLT_LIMIT, "out of memory");
     if (stats) stats->samples += (uint64_t)job->size[0] * job->size[1], stats->seconds += pool_now() - start;
     for (uint32_t t = 0; q.worker && t < threads; t++) worker_free(&q.worker[t]);

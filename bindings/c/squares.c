@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "bindings/c/api.h"
-#include "runtime/base/threads.h"
 #include "runtime/sample/prune.h"
+#include "runtime/sample/run.h"
 
 typedef struct Squares Squares;
 typedef struct SquareWorker {
@@ -108,12 +108,7 @@ SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels,
     uint32_t threads = pool_threads(job->threads, tiles);
     double start = pool_now();
     bool ok = begin(&s, threads);
-    PoolOptions o = {.threads = threads,
-                     .cancel = job->cancel,
-                     .progress = job->progress,
-                     .progress_user = job->progress_user,
-                     .to = 1,
-                     .deadline = job->time_limit > 0 ? start + job->time_limit : 0};
+    PoolOptions o = pool_of_job(job, threads);
     SltStatus status = ok ? pool_run(&o, tiles, work, merge, &s, err) : status_fail(err, SLT_LIMIT, "out of memory");
     if (stats) stats->samples += (uint64_t)s.n[0] * s.n[1], stats->seconds += pool_now() - start;
     for (uint32_t t = 0; s.worker && t < threads; t++) batch_free(&s.worker[t].batch), prune_free(&s.worker[t].pruner);

@@ -139,12 +139,7 @@ SltStatus slt_estimate_boxes(const SltScene *s, const SltJob *j, uint64_t n, con
     uint64_t tiles = n / TILE + (n % TILE != 0);
     uint32_t threads = pool_threads(j->threads, tiles);
     double start = pool_now();
-    PoolOptions o = {.threads = threads,
-                     .deadline = j->time_limit > 0 ? start + j->time_limit : 0,
-                     .cancel = j->cancel,
-                     .progress = j->progress,
-                     .progress_user = j->progress_user,
-                     .to = 1};
+    PoolOptions o = pool_of_job(j, threads);
     q.worker = alloc_zero(threads, sizeof *q.worker);
     bool memory = q.worker != NULL;
     for (uint32_t t = 0; t < threads && memory; t++) memory = batch_init(&q.worker[t].batch, s, NULL);

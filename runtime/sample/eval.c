@@ -52,12 +52,7 @@ SltStatus slt_estimate_points(const SltScene *s, const SltJob *j, uint64_t n, co
     uint64_t tiles = n / BATCH + (n % BATCH != 0);
     uint32_t threads = pool_threads(j->threads, tiles);
     double start = pool_now();
-    PoolOptions o = {.threads = threads,
-                     .deadline = j->time_limit > 0 ? start + j->time_limit : 0,
-                     .cancel = j->cancel,
-                     .progress = j->progress,
-                     .progress_user = j->progress_user,
-                     .to = 1};
+    PoolOptions o = pool_of_job(j, threads);
     p.batch = alloc_zero(threads, sizeof *p.batch);
     bool memory = p.batch != NULL;
     for (uint32_t t = 0; t < threads && memory; t++) memory = batch_init(&p.batch[t], s, NULL);

@@ -8,12 +8,19 @@
 #include "runtime/sample/near.h"
 #include "runtime/sample/run.h"
 
+PoolOptions pool_of_job(const SltJob *j, uint32_t threads) {
+    return (PoolOptions){.threads = threads,
+                         .deadline = j->time_limit > 0 ? pool_now() + j->time_limit : 0,
+                         .cancel = j->cancel,
+                         .progress = j->progress,
+                         .progress_user = j->progress_user,
+                         .to = 1};
+}
+
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err) {
     memset(r, 0, sizeof *r);
     r->s = s, r->j = j, r->err = err, r->start = pool_now();
-    r->pool.deadline = j->time_limit > 0 ? r->start + j->time_limit : 0;
-    r->pool.cancel = j->cancel, r->pool.progress = j->progress, r->pool.progress_user = j->progress_user;
-    r->pool.from = 0, r->pool.to = 1;
+    r->pool = pool_of_job(j, 0); /* run_tiles says how many threads */
     if (err) err->status = SLT_OK, err->text[0] = 0;
     if (!s->width) return status_fail(err, SLT_INTERNAL, "a scene without a width");
     SltStatus st = grid_init(&r->grid, s, j, err);

@@ -46,6 +46,8 @@ struct Run {
     SltError *err;
     double start; /* by pool_now() */
 };
+/* The pool of a job that starts now, with so many threads: its deadline, cancel and progress. */
+PoolOptions pool_of_job(const SltJob *j, uint32_t threads);
 SltStatus run_begin(Run *r, const SltScene *s, const SltJob *j, SltError *err);
 /* Adds the run's counts to `stats` (may be NULL) and frees everything. */
 void run_end(Run *r, SltStats *stats);
