@@ -3,7 +3,7 @@
 
 #include "runtime/quadrature/effort.h"
 
-enum { SWEEPS = 10, PARTS_MAX = 16 };
+enum { SWEEPS = 10, PARTS_MAX = 16, LEFT_MOST = 1 << 21 };
 #define USUAL_GOAL 1e-7    /* where no error is asked for */
 #define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
 #define LEAST_F64 0x1p-34
@@ -40,7 +40,8 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
     while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
     /* Where nothing can be proven, cells go down to the least size in vain. */
-    double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left */
+    double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left, */
+    paid = fmin(paid, LEFT_MOST);                                            /* and held in memory */
     e->left_share = fmax(LEFT_SHARE, unproven);
     e->least = fmax(e->least, fmin(0.25, 4 * pow(unproven / paid, 1.0 / r->s->dim)));
 }
@@ -50,7 +51,7 @@ void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     o->gauss = e->gauss, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
     /* The coarse rule. Of one point, two tell the error as well. */
     o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
-    p->parts = e->parts, p->left_share = e->left_share;
+    p->parts = e->parts, p->left_share = e->left_share, p->least_ever = least_of(e);
     p->budget = e->limit > used ? e->limit - used : 1;
 }
 
