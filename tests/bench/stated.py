@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Stated errors of quadrature against true ones, over the programs of tests/lang and the examples.
+"""Stated errors of quadrature against true ones, over the programs of tests/bench/stated, of tests/lang and the examples.
 
-    tests/bench/stated.py build/bin/saltus [--cache DIR] [--only TEXT] [--more GLOB] [--verbose] [-- options of grad]
+    tests/bench/stated.py build/bin/saltus [--cache DIR] [--only TEXT] [--verbose] [-- options of grad]
 
 The truth is quadrature to 1e-11 where that certifies the whole domain and agrees with the lattice, else the lattice
 with 2^24 segments, whose own error is given the benefit of the doubt. Answers are kept in the cache."""
@@ -44,7 +44,7 @@ def truth(saltus, path, cache):
     if os.path.exists(kept):
         return json.load(open(kept))
     wide = ["--precision", "f64"]
-    line = grad(saltus, path, wide + ["--segments", "2^24", "--samples", "2^22"])
+    line = grad(saltus, path, wide + ["--estimator", "lattice", "--segments", "2^24", "--samples", "2^22"])
     if not line or not line["g"]:
         json.dump(None, open(kept, "w"))
         return None
@@ -66,14 +66,14 @@ def truth(saltus, path, cache):
 def main():
     p = argparse.ArgumentParser()
     p.add_argument("saltus"), p.add_argument("--cache", default="/tmp/stated"), p.add_argument("--only", default="")
-    p.add_argument("--verbose", action="store_true"), p.add_argument("--more", default="")
+    p.add_argument("--verbose", action="store_true")
     own, _, rest = " ".join(sys.argv[1:]).partition(" -- ")
     a = p.parse_args(own.split())
     a.options = rest.split()
     os.makedirs(a.cache, exist_ok=True)
     options = ["--estimator", "quadrature", *(a.options or ["--precision", "f64"])]
     paths = sorted(glob.glob(os.path.join(ROOT, "tests/lang/*.salt")) + glob.glob(os.path.join(ROOT, "examples/*/*.salt"))
-                   + (glob.glob(a.more)))
+                   + glob.glob(os.path.join(ROOT, "tests/bench/stated/*.salt")))
     programs = components = small = wrongs = 0
     ratios, evaluations = [], 0
     for path in paths:
