@@ -20,7 +20,6 @@ enum {
     DEEPER_ROUNDS = 12,   /* this often, each time into parts so many times smaller */
     DEEPER = 16
 };
-#define DEEPER_SHARE 0.25 /* of what the sweep has cost */
 
 static bool grow(void **v, uint64_t n, uint64_t *cap, size_t size) {
     if (n <= *cap) return true;
@@ -457,7 +456,7 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
     SltStatus st = SLT_OK;
     bool spent = p->counts.spent;
     double least = p->options.least;
-    uint64_t used = r->stats.evaluations - start, most = used + (uint64_t)(DEEPER_SHARE * (double)used);
+    uint64_t used = r->stats.evaluations - start, most = used + (uint64_t)(p->deeper * (double)used);
     if (p->budget && share < most) most = share;
     for (uint32_t round = 0; round < DEEPER_ROUNDS && st == SLT_OK; round++) {
         used = r->stats.evaluations - start;

@@ -47,7 +47,8 @@ typedef struct Sweep {
     float *crossings;           /* SWEEP_FORWARD: points of curves, by pixel; may be NULL */
     double segments, samples;   /* of lines and samples, in all, if everything were left */
     CellOptions options;
-    double least_ever;     /* cells that are left at options.least are cut down to this size where that is cheap */
+    double least_ever, deeper; /* cells that are left at options.least are cut down to this size, for so many times what
+                                  the sweep has cost */
     uint32_t parts;        /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
     uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
     double left_share;     /* of the budget, for what is left */
