@@ -143,9 +143,9 @@ static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const Ti
     }
     const double *v = w->value;
     for (; rects--; t++)
-        for (uint32_t i = 0; i < t->pixels; i++, v += channels) {
-            float *o = p->image + image_index(p, t, i) * channels;
-            for (uint32_t c = 0; c < channels; c++) o[c] = (float)(v[c] / p->count);
+        for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
+            float *o = p->image + image_index(p, t, row * t->n[0]) * channels;
+            for (uint32_t i = 0; i < t->n[0] * channels; i++) *o++ = (float)(*v++ / p->count);
         }
     return true;
 }
