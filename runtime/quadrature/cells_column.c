@@ -235,11 +235,11 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
     Piece *p = &c->piece[i];
     bool columns = c->dim == 1;
     c->cell[p->cell].cuts++;
-    if (curves_agree && !p->graded) {
+    if (curves_agree && !p->graded && !c->o->flat) {
         p->graded = true;
         return true;
     }
-    if (curves_agree && !columns && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (curves_agree && !columns && !c->o->flat && !cells_columns_differ(c, from, to, &columns)) return false;
     if (columns) p->parts *= 2;
     else p->halve = true;
     return true;
