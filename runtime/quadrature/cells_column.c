@@ -215,8 +215,8 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
 
 static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
     for (uint32_t e = 0; e < CELL_EDGES; e++) {
-        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
