@@ -93,7 +93,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
         json_shape("interior", c, p, out.interior, ch);
         json_shape("boundary", c, p, out.boundary, ch);
         json_shape("missed_estimate", c, p, out.missed_estimate, ch);
-        if (stats.cells) json_shape("gradient_left_bound", c, p, out.left_bound, ch);
+        json_shape("gradient_left_bound", c, p, out.left_bound, ch);
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);

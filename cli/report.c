@@ -71,16 +71,17 @@ static double bounded(double v) { return isfinite(v) ? v : NAN; }
 
 void report_cells_json(FILE *out, const SltStats *s, const double *derivative) {
     static const char *const stops[] = {"null", "\"evaluations\"", "\"rounding\""};
-    if (!s->cells) return;
+    if (!s->cells && !derivative) return;
+    double left = s->cells ? s->left : 1, unknown = NAN; /* without cells nothing is proven */
     const struct {
         const char *key;
         double v;
     } list[] = {{"certified", s->certified},
                 {"settled", s->settled},
                 {"curved", s->curved},
-                {"left", s->left},
-                {"left_bound", bounded(derivative ? *derivative : s->left_bound)},
-                {"value_left_bound", bounded(s->left_bound)}};
+                {"left", left},
+                {"left_bound", s->cells ? bounded(derivative ? *derivative : s->left_bound) : unknown},
+                {"value_left_bound", s->cells ? bounded(s->left_bound) : unknown}};
     for (size_t i = 0; i < sizeof list / sizeof *list; i++) {
         fprintf(out, "\"%s\": ", list[i].key);
         json_number(out, list[i].v);

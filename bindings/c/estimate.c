@@ -38,6 +38,8 @@ static SltStatus settle(ApiCall *c) {
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true},
                       cells[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
     SltStatus s = SLT_OK;
+    if (c->job.estimator == SLT_EST_AUTO && !slt_estimate_has_choice(&c->p->scene, &c->job))
+        c->job.estimator = SLT_EST_LATTICE;
     if (c->job.estimator == SLT_EST_AUTO) {
         s = api_call_kernels(c, bounds);
         if (s == SLT_OK) c->job.estimator = slt_estimate_choose(&c->p->scene, &c->job, c->stats);

@@ -42,28 +42,26 @@ static void constant(void *user, const PixelRect *r, const double *value) {
         for (uint32_t x = 0; x < r->n[0]; x++) pixels_of(s, r, y)[x] = word;
 }
 
-static void sample(void *user, const PixelRect *r, const SltPruned *pruned) {
+static void sample(void *user, const PixelRect *r, uint32_t n, const SltPruned *pruned) {
     SquareWorker *w = user;
     const Squares *s = w->all;
     Batch *b = &w->batch;
-    uint32_t rows = BATCH / r->n[0];
-    for (uint32_t from = 0, to; from < r->n[1]; from = to) {
-        uint32_t n = 0;
-        to = from + rows < r->n[1] ? from + rows : r->n[1];
-        for (uint32_t y = r->lo[1] + from; y < r->lo[1] + to; y++)
-            for (uint32_t x = r->lo[0]; x < r->lo[0] + r->n[0]; x++, n++) {
-                batch_set(b, SLT_IN_X0, n, s->x[x]);
-                batch_set(b, SLT_IN_X1, n, s->y[y]);
-                batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)x);
-                batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(s->n[1] - 1 - y));
+    uint32_t pixels = 0;
+    for (uint32_t k = 0; k < n; k++)
+        for (uint32_t y = r[k].lo[1]; y < r[k].lo[1] + r[k].n[1]; y++)
+            for (uint32_t x = r[k].lo[0]; x < r[k].lo[0] + r[k].n[0]; x++, pixels++) {
+                batch_set(b, SLT_IN_X0, pixels, s->x[x]);
+                batch_set(b, SLT_IN_X1, pixels, s->y[y]);
+                batch_set_int(b, SLT_IN_PIXEL0, pixels, (int32_t)x);
+                batch_set_int(b, SLT_IN_PIXEL1, pixels, (int32_t)(s->n[1] - 1 - y));
             }
-        b->args.pruned = pruned;
-        batch_call(b, SLT_K_PRUNED, n);
-        b->args.pruned = NULL;
-        const uint32_t *words = batch_out(b, SLT_OUT_F, 0);
-        for (uint32_t y = from; y < to; y++, words += r->n[0])
-            memcpy(pixels_of(s, r, y), words, r->n[0] * sizeof *words);
-    }
+    b->args.pruned = pruned;
+    batch_call(b, SLT_K_PRUNED, pixels);
+    b->args.pruned = NULL;
+    const uint32_t *word = batch_out(b, SLT_OUT_F, 0);
+    for (uint32_t k = 0; k < n; k++)
+        for (uint32_t y = 0; y < r[k].n[1]; y++, word += r[k].n[0])
+            memcpy(pixels_of(s, &r[k], y), word, r[k].n[0] * sizeof *word);
 }
 
 static bool work(void *user, uint32_t worker, uint64_t tile) {

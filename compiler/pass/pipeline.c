@@ -13,6 +13,8 @@ _Static_assert(K_CULL == SLT_KERNELS - 1, "K_KINDS counts the kinds before it");
 _Static_assert(IN_K7 - IN_K0 + 1 == SLT_MAX_K, "a loop index for each loop around a site");
 _Static_assert(IN_SEED3 - IN_SEED0 + 1 == SLT_MAX_CHANNELS, "a seed for each channel");
 _Static_assert(SLT_IN_VARYING <= 64, "SltLayout.reads has a bit for each");
+_Static_assert(IN_GIVEN0_K0 - IN_GIVEN0 == SLT_GIVEN, "an input for each event that is given");
+_Static_assert(IN_GIVEN2_K1 - IN_GIVEN0_K0 + 1 == SLT_GIVEN * SLT_GIVEN_K, "and for each of its loop indices");
 _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for each witness");
 
 #define RUN(pass) pass_run(ctx, stage, fn, PASS_##pass)

@@ -18,6 +18,8 @@ uint32_t variant_site_depth(const Block *b);
 /* variant_lead.c: where the event of IN_SITE and IN_K0.. is one of a site that is wanted[], the conditions on the way
  * lead to it. */
 void variant_lead_to_events(Fn *fn, const uint8_t *wanted);
+/* variant_given.c: decisions, minima and their kin of a seamed Fn become what the inputs GIVEN0.. say of them. */
+void variant_take_given(Fn *fn);
 /* A Thread.touches that answers true for sites. */
 bool variant_touches_site(Thread *t, const Inst *i);
 

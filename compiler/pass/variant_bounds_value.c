@@ -103,12 +103,36 @@ static void learn_not_below(Boxes *x, Builder *b, const Inst *p, const Inst *q) 
     }
 }
 
+/* A decision that may be given instead (variant_given.c): by a condition and a value that are the same on all of the
+ * box.
+ */
+static bool may_be_given(const Boxes *x, const Inst *v) {
+    return v->op == OP_bsel && !bounds_wide(x, v->args[0]) && !bounds_wide(x, v->args[1]);
+}
+
+static void learn(Boxes *x, Builder *b, const Inst *cond, bool truth);
+
+/* One that is given says nothing of what it compares. */
+static void learn_unless_given(Boxes *x, Builder *b, const Inst *cond, bool truth) {
+    Inst *given = x->value[cond->args[0]->id].is.lo;
+    uint32_t mark = x->undo.len;
+    learn(x, b, cond->args[2], truth);
+    for (uint32_t k = x->undo.len; k-- > mark;) {
+        Bound was = x->undo.data[k].was.is, *is = &x->value[x->undo.data[k].id].is;
+        is->lo = bounds_choose(b, given, was.lo, is->lo);
+        is->hi = bounds_choose(b, given, was.hi, is->hi);
+    }
+}
+
 static void learn(Boxes *x, Builder *b, const Inst *cond, bool truth) {
     if (!bounds_wide(x, cond)) return;
     const Inst *p = cond->nargs > 0 ? cond->args[0] : NULL, *q = cond->nargs > 1 ? cond->args[1] : NULL;
     switch ((Op)cond->op) {
     case OP_site:
     case OP_bnot: learn(x, b, p, cond->op == OP_bnot ? !truth : truth); break;
+    case OP_bsel:
+        if (may_be_given(x, cond)) learn_unless_given(x, b, cond, truth);
+        break;
     case OP_band:
         if (truth) learn(x, b, p, true), learn(x, b, q, true);
         break;
@@ -170,8 +194,8 @@ static bool is_first_nothing(const Boxes *x, const Inst *i) {
 
 /* ---- choices */
 
-static const Inst *comparison(const Inst *cond) {
-    while (cond->op == OP_site) cond = cond->args[0];
+static const Inst *comparison(const Boxes *x, const Inst *cond) {
+    while (cond->op == OP_site || may_be_given(x, cond)) cond = cond->args[cond->op == OP_site ? 0 : 2];
     return cond;
 }
 
@@ -201,7 +225,7 @@ static bool is_same(const Inst *v, const Inst *w) {
 
 Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes, const Inst *no) {
     Boxed c = x->value[cond->id];
-    const Inst *cmp = comparison(cond);
+    const Inst *cmp = comparison(x, cond);
     bool order = cmp->op == OP_flt || cmp->op == OP_fle;
     bool meets = order && ((is_same(cmp->args[0], yes) && is_same(cmp->args[1], no)) ||
                            (is_same(cmp->args[0], no) && is_same(cmp->args[1], yes)));
@@ -295,7 +319,7 @@ static void site_value(Boxes *x, Builder *b, const Inst *i) {
         x->value[i->id] = v;
         return;
     }
-    const Inst *cmp = comparison(i->args[0]);
+    const Inst *cmp = comparison(x, i->args[0]);
     bool pair = ir_ops[cmp->op].compares && ir_ops[cmp->op].arg == TY_FLT;
     Bound p = value_of(x, pair ? cmp->args[0] : i->args[1]).is, q = {0};
     if (pair) q = value_of(x, cmp->args[1]).is;

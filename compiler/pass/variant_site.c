@@ -334,4 +334,8 @@ static Fn *cut(PassCtx *ctx, const Fn *primal, bool edges) {
 
 Fn *variant_site(PassCtx *ctx, const Fn *primal) { return cut(ctx, primal, false); }
 
-Fn *variant_edge(PassCtx *ctx, const Fn *seamed) { return cut(ctx, seamed, true); }
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed) {
+    Fn *taking = ir_clone(seamed, seamed->arena, "edge.from");
+    variant_take_given(taking);
+    return cut(ctx, taking, true);
+}

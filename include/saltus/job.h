@@ -60,7 +60,7 @@ typedef struct SltJob {
                                  and with an error wanted 2^32 */
 } SltJob;
 enum { SLT_GAUSS_MAX = 16 };
-#define SLT_JOB_INIT ((SltJob){.struct_size = sizeof(SltJob), .size = {512, 512, 1}, .spp = 4})
+#define SLT_JOB_INIT ((SltJob){.struct_size = sizeof(SltJob), .size = {512, 512, 1}, .spp = 4, .estimator = SLT_EST_AUTO})
 
 /* Why a crossing was not integrated (docs/estimators.md). g: the boundary function of its site. */
 typedef enum SltDrop {

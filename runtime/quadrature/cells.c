@@ -53,7 +53,7 @@ void cells_free(Cells *c) {
     if (!c) return;
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
-    free(c->spot), free(c->smooth);
+    free(c->spot), free(c->smooth), free(c->trial);
     for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
     lists_free(&c->lists);
     free(c);
@@ -288,8 +288,32 @@ static bool probe_gap(Cells *c, const Cell *cell, const Root *r) {
         memcpy(x, r->x, sizeof x);
         for (int side = 0; side < 2; side++) {
             x[r->axis] = side ? r->hi : r->lo;
-            if (!cells_probe(c, &edge->event, x)) return false;
+            if (!cells_probe(c, edge, x)) return false;
         }
+    }
+    return true;
+}
+
+/* Beside the gap g has one sign all over the two faces, however it is rounded there; else the parts would not be
+ * settled. Of one that does not the bracket becomes empty. */
+static bool check_faces(Cells *c) {
+    c->nask = 0;
+    const Root *r = c->root;
+    for (uint32_t i = 0; i < c->ncell; i++) {
+        const Cell *cell = &c->cell[i];
+        if (cell->cut < 0) continue;
+        for (int side = 0; side < 2; side++) {
+            Box face = cell->box;
+            face.lo[r->axis] = face.hi[r->axis] = side ? r->hi : r->lo;
+            if (!cells_ask(c, &cell->edge[cell->cut], face.lo, face.hi)) return false;
+        }
+        r++;
+    }
+    if (!cells_run_asks(c)) return false;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        const Ask *near = &c->ask[2 * i], *far = near + 1;
+        bool settled = (near->g[1] < 0 && far->g[0] >= 0) || (near->g[0] >= 0 && far->g[1] < 0);
+        if (!settled) c->root[i].hi = c->root[i].lo;
     }
     return true;
 }
@@ -307,7 +331,7 @@ static bool cut_cells(Cells *c) {
         if (!cells_root(c, cell, &cell->edge[cell->cut], axis, middle, middle[axis])) return false;
     }
     if (!c->nroot) return true;
-    if (!cells_solve(c) || !cells_narrow(c)) return false;
+    if (!cells_solve(c) || !cells_narrow(c) || !check_faces(c)) return false;
     const Root *r = c->root;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot + 1, sizeof *c->active)) return false;
     c->nprobe = 0;
@@ -333,7 +357,8 @@ static bool cut_cells(Cells *c) {
             c->sink->left(c->sink->user, &gap.box, gap.f);
         }
         r++;
-        if (!cut && !refine(c, cell)) return false;
+        if (!cut && cells_choose_axes(c, cell)) cell->done = false;
+        else if (!cut && !refine(c, cell)) return false;
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
     }
     return true;

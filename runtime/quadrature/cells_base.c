@@ -110,7 +110,7 @@ static bool ask_more(Cells *c) {
         double lo[3], hi[3];
         place(cell, axis, s->at[0], s->height[0], lo), place(cell, axis, s->at[1], s->height[0], hi);
         if (s->other == FACE) {
-            if (!cells_ask(c, &e->event, lo, hi)) return false;
+            if (!cells_ask(c, e, lo, hi)) return false;
             continue;
         }
         double width = s->at[1] - s->at[0];
@@ -118,7 +118,7 @@ static bool ask_more(Cells *c) {
         hi[axis] = fmin(cell->box.hi[axis], cells_move(c, most(width, s->height, s->climb), 4, 0));
         if (!(lo[axis] <= hi[axis])) lo[axis] = cell->box.lo[axis], hi[axis] = cell->box.hi[axis];
         lo[axis] = cells_round(c, lo[axis]), hi[axis] = cells_round(c, hi[axis]);
-        if (!cells_ask(c, &e->event, lo, hi) || !cells_ask(c, &tested(c, s)->event, lo, hi)) return false;
+        if (!cells_ask(c, e, lo, hi) || !cells_ask(c, tested(c, s), lo, hi)) return false;
     }
     if (!cells_run_asks(c)) return false;
     const Ask *a = c->ask;
@@ -181,7 +181,7 @@ static bool take_values(Cells *c, uint32_t first, int end) {
         const CellEdge *e = curve_of(c, s);
         double x[3];
         place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-        if (!cells_probe(c, &tested(c, s)->event, x)) return false;
+        if (!cells_probe(c, tested(c, s), x)) return false;
     }
     if (!cells_run_probes(c)) return false;
     for (uint32_t i = first; i < c->nstretch; i++) c->stretch[i].value[end] = c->probe[i - first].g;
@@ -333,6 +333,7 @@ static bool add_pairs(Cells *c) {
         const Cell *cell = &c->cell[s.cell];
         for (uint32_t o = 0; o < cell->nedges; o++) {
             if (o == (uint32_t)s.edge || (o < (uint32_t)s.edge && is_graph(&cell->edge[o]))) continue;
+            if (cells_contradict(&cell->edge[o], &cell->edge[s.edge])) continue;
             s.other = (int8_t)o;
             cells_slope_along(cell->edge[s.edge].slope, cell->edge[o].slope, base_axis(cell, cell->edge[s.edge].axis),
                               cell->edge[s.edge].axis, s.climb, s.slope);
@@ -354,7 +355,7 @@ static bool keep_present(Cells *c) {
         double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
         for (int side = 0; side < 2; side++) {
             place(&c->cell[s->cell], e->axis, middle, side ? box->hi[e->axis] : box->lo[e->axis], x);
-            if (!cells_probe(c, &e->event, x)) return false;
+            if (!cells_probe(c, e, x)) return false;
         }
     }
     if (!cells_run_probes(c)) return false;
@@ -382,22 +383,13 @@ static bool drop_coinciding(Cells *c) {
     c->nprobe = 0;
     const Root *r = c->root;
     for (uint32_t i = 0; i < c->nstretch; i++)
-        if (c->stretch[i].state == OPEN && !cells_probe(c, &tested(c, &c->stretch[i])->event, (r++)->x)) return false;
+        if (c->stretch[i].state == OPEN && !cells_probe(c, tested(c, &c->stretch[i]), (r++)->x)) return false;
     if (!cells_run_probes(c)) return false;
     const Probe *p = c->probe;
     for (uint32_t i = 0; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
         if (s->state != OPEN) continue;
-        const CellEdge *o = tested(c, s);
-        const Box *box = &c->cell[s->cell].box;
-        double slope = 0, size = 0;
-        for (uint32_t d = 0; d < c->dim; d++) {
-            slope = fmax(slope, fabs(p->dg[d]));
-            size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
-        }
-        double width = 0;
-        for (uint32_t d = 0; d < c->dim; d++) width += box->end[d] - box->lo[d];
-        double same = fmin(2 * o->error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), 0x1p-16 * slope * width);
+        double same = cells_nearly_0(c, &c->cell[s->cell].box, tested(c, s)->error, p->dg);
         if (fabs(p->g) <= same && fabs(s->value[0]) <= same && fabs(s->value[1]) <= same) s->state = DONE;
         p++;
     }
@@ -425,7 +417,7 @@ static bool find_meetings(Cells *c, bool *again) {
             const CellEdge *e = curve_of(c, s);
             double x[3];
             place(&c->cell[s->cell], e->axis, cells_round(c, s->x[0]), cells_round(c, s->x[1]), x);
-            if (!cells_probe(c, &e->event, x) || !cells_probe(c, &tested(c, s)->event, x)) return false;
+            if (!cells_probe(c, e, x) || !cells_probe(c, tested(c, s), x)) return false;
         }
         if (!cells_run_probes(c)) return false;
         uint32_t kept = 0;

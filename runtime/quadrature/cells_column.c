@@ -63,14 +63,14 @@ static bool find_present(Cells *c, uint32_t first) {
         for (uint32_t e = 0; e < cell->nedges; e++)
             for (int s = 0; s < 2 && p->present >> e & 1; s++) {
                 x[p->axis] = s ? cell->box.hi[p->axis] : cell->box.lo[p->axis];
-                if (!cells_probe(c, &cell->edge[e].event, x)) return false;
+                if (!cells_probe(c, &cell->edge[e], x)) return false;
             }
     }
     if (!cells_run_probes(c)) return false;
     const Probe *at = c->probe;
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
-        for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+        for (uint32_t e = 0; e < CELL_EDGES; e++) {
             if (!(p->present >> e & 1)) continue;
             double up = c->cell[p->cell].edge[e].rises[p->axis];
             if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
@@ -114,10 +114,10 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         middle(c, p, x);
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
-        for (uint32_t e = 0; e < CELL_EVENTS; e++)
+        for (uint32_t e = 0; e < CELL_EDGES; e++)
             if (p->present >> e & 1 && !add_root(c, k, e, NAN)) return false;
     }
-    if (!cells_solve(c)) return false;
+    if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
@@ -155,7 +155,7 @@ static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
         }
         Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
         if (!k) return false;
-        for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+        for (uint32_t e = 0; e < CELL_EDGES; e++) {
             if (!(p->present >> e & 1)) continue;
             double height = p->edge[e].height;
             if (p->base >= 0) height += p->edge[e].slope[p->base] * (x[p->base] - mid[p->base]);
@@ -172,7 +172,7 @@ static void emit_crossing(Cells *c, const Root *r) {
     if (c->ncrossing == BATCH) flush_crossings(c);
     Crossing *x = &c->crossing[c->ncrossing++];
     memset(x, 0, sizeof *x);
-    x->event = *r->event;
+    x->event = r->of->event;
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
     x->g = r->g;
     x->weight = k->weight / fabs(r->dg[r->axis]);
@@ -214,7 +214,7 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
 }
 
 static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
-    for (uint32_t e = 0; e < CELL_EVENTS; e++) {
+    for (uint32_t e = 0; e < CELL_EDGES; e++) {
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
         measure_curve(c, p, from, to, e, sum, &most, &total);

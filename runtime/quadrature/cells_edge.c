@@ -10,25 +10,44 @@ void cells_call(Cells *c, SltKernelKind kind, uint32_t n) {
     batch_call(c->b, kind, n);
 }
 
-Probe *cells_probe(Cells *c, const Event *e, const double x[3]) {
+static const Given nothing_given = {.n = 0};
+
+static Probe *add_probe(Cells *c, const Event *e, const Given *given, const double x[3]) {
     if (!CELLS_ROOM(c, probe, 1)) return NULL;
     Probe *p = &c->probe[c->nprobe++];
-    p->event = e;
+    p->event = e, p->given = given;
     memcpy(p->x, x, sizeof p->x);
     return p;
 }
 
-Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]) {
+Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]) { return add_probe(c, &e->event, &e->given, x); }
+
+Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]) { return add_probe(c, e, &nothing_given, x); }
+
+bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]) {
+    double centre[3] = {0};
+    for (uint32_t d = 0; d < c->dim; d++) centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
+    return cells_ask(c, e, lo, hi) && cells_ask(c, e, centre, centre);
+}
+
+Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]) {
     if (!CELLS_ROOM(c, ask, 1)) return NULL;
     Ask *a = &c->ask[c->nask++];
-    a->event = e;
+    a->event = &e->event, a->given = &e->given;
     memcpy(a->lo, lo, sizeof a->lo), memcpy(a->hi, hi, sizeof a->hi);
     return a;
 }
 
-static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e) {
+static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
     for (uint32_t d = 0; d < c->depth; d++) batch_set_int(c->b, SLT_IN_K0 + d, i, e->k[d]);
     if (c->s->layout[kind].reads >> SLT_IN_BOUNDARY & 1) batch_set(c->b, SLT_IN_BOUNDARY, i, e->boundary);
+    if (!(c->s->layout[kind].reads >> SLT_IN_GIVEN0 & 1)) return;
+    for (uint32_t j = 0; j < SLT_GIVEN; j++) {
+        bool is = j < given->n;
+        batch_set_int(c->b, SLT_IN_GIVEN0 + j, i, is ? 2 * (given->is[j].site + 1) + given->is[j].below : 0);
+        for (uint32_t d = 0; d < SLT_GIVEN_K && is; d++)
+            batch_set_int(c->b, SLT_IN_GIVEN0_K0 + SLT_GIVEN_K * j + d, i, given->is[j].k[d]);
+    }
 }
 
 /* order[]: 0 .. n - 1 so that equal sites stand together, and otherwise ascending. Returns where the group that starts
@@ -64,7 +83,7 @@ bool cells_run_probes(Cells *c) {
         for (uint32_t i = from; i < end; i++) {
             const Probe *p = &c->probe[c->order[i]];
             batch_set_x(b, i - from, p->x);
-            put_event(c, SLT_K_EDGE, i - from, p->event);
+            put_event(c, SLT_K_EDGE, i - from, p->event, p->given);
         }
         cells_call(c, SLT_K_EDGE, end - from);
         for (uint32_t i = from; i < end; i++) {
@@ -97,7 +116,7 @@ bool cells_run_asks(Cells *c) {
         for (uint32_t i = from; i < end; i++) {
             const Ask *a = &c->ask[c->order[i]];
             put_box(c, i - from, a->lo, a->hi);
-            put_event(c, SLT_K_EDGE_BOUNDS, i - from, a->event);
+            put_event(c, SLT_K_EDGE_BOUNDS, i - from, a->event, a->given);
         }
         cells_call(c, SLT_K_EDGE_BOUNDS, end - from);
         for (uint32_t i = from; i < end; i++) {
@@ -211,29 +230,28 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     c->nask = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
-        double centre[3] = {0};
-        for (uint32_t d = 0; d < c->dim; d++)
-            centre[d] = cells_round(c, cell[i].box.lo[d] + 0.5 * (cell[i].box.hi[d] - cell[i].box.lo[d]));
-        for (uint32_t e = 0; e < cell[i].nedges; e++) {
-            if (!cells_ask(c, &cell[i].edge[e].event, cell[i].box.lo, cell[i].box.hi)) return false;
-            if (!cells_ask(c, &cell[i].edge[e].event, centre, centre)) return false;
-        }
+        for (uint32_t e = 0; e < cell[i].nedges; e++)
+            if (!cells_ask_both(c, &cell[i].edge[e], cell[i].box.lo, cell[i].box.hi)) return false;
     }
     if (!cells_run_asks(c)) return false;
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0;
+        cell[i].nevents = cell[i].nedges;
         for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
             CellEdge *edge = &cell[i].edge[e];
             cells_meet(c, edge, &c->ask[at], &c->ask[at + 1]);
-            if (edge->g[0] > 0 || edge->g[1] < 0) continue; /* NaN is open */
+            edge->before = (uint8_t)e;
+            cell[i].event[e] = edge->event;
+            cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */
+            if (cell[i].sign[e]) continue;
             if (kept != e) cell[i].edge[kept] = *edge;
             kept++;
         }
         cell[i].nedges = kept;
     }
-    return true;
+    return cells_give(c, cell, n);
 }
 
 enum {

@@ -3,6 +3,7 @@
  *   cells.c         the tree: nodes, their sub-boxes, what is settled, points in it, what is left
  *   cells_edge.c    kernels at many points and boxes of many events; which open events are really open, and along
  *                   which axis each is a graph
+ *   cells_given.c   events whose g others change: what these decide is given
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_column.c  pieces of the base become columns, these roots and crossings
@@ -26,16 +27,31 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
-    CELL_FEW_EVENTS = 4, /* of a cell that is not yet small, in 2D */
-    CELL_BENDS = 10,     /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
+    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
+    CELL_BENDS = 10,              /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
-/* An open event of a cell, and what is proven of its g there. */
+/* What other events of the cell are taken to decide. */
+typedef struct Given {
+    uint32_t n;
+    struct {
+        int32_t site, k[SLT_GIVEN_K];
+        uint8_t event; /* which one in Cell.event */
+        bool below;    /* where its g < 0 */
+    } is[SLT_GIVEN];
+} Given;
+
+/* An open event of a cell, and what is proven of its g there. An event whose g others change has an edge for each way
+ * in which these may decide (cells_given.c): a g that is smooth in all of the cell, and that of the program where they
+ * do decide so. */
 typedef struct CellEdge {
     Event event;
+    Given given;
     double g[2], slope[3][2]; /* lo and hi of g, and of its gradient */
     double error;             /* g as computed is no farther than this from g without rounding */
     uint32_t state;           /* SLT_EDGE_* */
+    uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
     int8_t rises[3];          /* sign of d_axis g, where it has one; else 0 */
     int8_t axis;              /* height axis */
 } CellEdge;
@@ -55,7 +71,11 @@ typedef struct Cell {
     uint32_t state;  /* SLT_BOX_* */
     uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
     uint32_t nedges; /* those that edge[] holds: may really be open */
-    CellEdge edge[CELL_EVENTS];
+    CellEdge edge[CELL_EDGES];
+    /* What the kernel called open, in the order of execution, and what sign its g has after all; 0: it is open. */
+    uint32_t nevents;
+    Event event[CELL_EVENTS];
+    int8_t sign[CELL_EVENTS];
     double f[2 * SLT_MAX_CHANNELS]; /* lo and hi by channel */
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool common;                    /* it is one, for seams too: the volume can be integrated */
@@ -79,7 +99,7 @@ typedef struct Piece {
     uint32_t parts;    /* in which the columns are cut between roots */
     bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
     bool halve;        /* it is too long for the rules */
-    PieceEdge edge[CELL_EVENTS];
+    PieceEdge edge[CELL_EDGES];
 } Piece;
 
 /* A place where the base of a cell is cut, along `axis` as height axis. */
@@ -98,7 +118,7 @@ typedef struct Column {
 
 /* The root of g along one axis, in a bracket in which g is monotone. */
 typedef struct Root {
-    const Event *event;
+    const CellEdge *of;
     double x[3];       /* where; of x[axis] only a guess until it is solved */
     double ends_at[2]; /* of the line */
     double lo, hi;     /* the bracket: ends of the line, and later places where g was taken */
@@ -130,11 +150,13 @@ typedef struct Smooth {
 /* g of an event at a point, or on a box. */
 typedef struct Probe {
     const Event *event;
+    const Given *given;
     double x[3];
     double g, dg[3];
 } Probe;
 typedef struct Ask {
     const Event *event;
+    const Given *given;
     double lo[3], hi[3];
     double g[2], slope[3][2], error; /* as in CellEdge */
     uint32_t state;
@@ -191,6 +213,8 @@ struct Cells {
     uint32_t nask, ask_cap;
     uint32_t *active; /* roots that are still worked on */
     uint32_t active_cap;
+    struct Trial *trial; /* cells_given.c */
+    uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
     uint32_t order_cap;
     Crossing *crossing; /* [ncrossing], room for BATCH */
@@ -224,8 +248,11 @@ double cells_move(const Cells *c, double v, double n, double scale);
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_asks(Cells *c);                             /* ask[nask] */
-Probe *cells_probe(Cells *c, const Event *e, const double x[3]);
-Ask *cells_ask(Cells *c, const Event *e, const double lo[3], const double hi[3]);
+Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
+Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
+Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
+/* The box and its centre, for cells_meet. */
+bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open. */
 bool cells_bound(Cells *c);
 void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
@@ -241,6 +268,16 @@ int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 
+/* ---- cells_given.c */
+/* Of those that are not done and need not be refined: edges for the ways in which others decide. */
+bool cells_give(Cells *c, Cell *cell, uint32_t n);
+bool cells_same_event(const Event *e, const Event *f);
+/* Can no point lie on the curves of both, because they need another event to decide differently? */
+bool cells_contradict(const CellEdge *e, const CellEdge *f);
+/* At the roots of columns: drops curves from pieces on which what they have given does not hold. */
+bool cells_drop_wrong(Cells *c);
+/* g this near to 0 may be 0 but for rounding; dg: its gradient, error: of g. */
+double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]);
 /* ---- cells_root.c */
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
 /* All of root[nroot]. A root that lies outside of its line by rounding ends at the line's end. */

@@ -18,7 +18,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     if (!CELLS_ROOM(c, root, 1)) return NULL;
     Root *r = &c->root[c->nroot++];
     memset(r, 0, sizeof *r);
-    r->event = &e->event, r->axis = (int8_t)axis, r->rises = e->rises[axis];
+    r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
@@ -57,7 +57,7 @@ bool cells_solve(Cells *c) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
-            if (!cells_probe(c, r->event, r->x)) return false;
+            if (!cells_probe(c, r->of, r->x)) return false;
         }
         if (!cells_run_probes(c)) return false;
         uint32_t kept = 0;
@@ -84,7 +84,7 @@ static bool probe_bracket(Cells *c, uint32_t n, bool middle) {
         memcpy(x, r->x, sizeof x);
         for (int end = 0; end < (middle ? 1 : 2); end++) {
             x[r->axis] = middle ? cells_round(c, r->lo + 0.5 * (r->hi - r->lo)) : end ? r->hi : r->lo;
-            if (!cells_probe(c, r->event, x)) return false;
+            if (!cells_probe(c, r->of, x)) return false;
         }
     }
     return cells_run_probes(c);
@@ -170,7 +170,7 @@ bool cells_take_sides(Cells *c) {
             memcpy(x, r->x, sizeof x);
             for (int s = 0; s < 2; s++) {
                 x[r->axis] = r->side[s];
-                if (!cells_probe(c, r->event, x)) return false;
+                if (!cells_probe(c, r->of, x)) return false;
             }
             c->active[same++] = c->active[i];
         }

@@ -24,7 +24,7 @@ static bool ask_faces(Cells *c, const Cell *cell, int across) {
                 if (d == edge->axis) lo[d] = hi[d] = far ? hi[d] : lo[d];
                 centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
             }
-            if (!cells_ask(c, &edge->event, lo, hi) || !cells_ask(c, &edge->event, centre, centre)) return false;
+            if (!cells_ask(c, edge, lo, hi) || !cells_ask(c, edge, centre, centre)) return false;
         }
     }
     return true;

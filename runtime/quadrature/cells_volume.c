@@ -76,7 +76,7 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     const Box *box = &c->cell[p->cell].box;
-    double x[3], from = box->lo[p->axis], heights[CELL_EVENTS + 1];
+    double x[3], from = box->lo[p->axis], heights[CELL_EDGES + 1];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
         double h = c->root[k->first + i].x[p->axis];

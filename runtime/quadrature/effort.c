@@ -4,7 +4,8 @@
 #include "runtime/quadrature/effort.h"
 
 enum { SWEEPS = 10, PARTS_MAX = 16 };
-#define USUAL_GOAL 1e-7    /* where no error is asked for */
+#define USUAL_GOAL 1e-7    /* where no error is asked for: */
+#define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
 #define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
@@ -29,7 +30,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
                   .best = INFINITY,
                   .last = INFINITY};
     e->wanted = j->error > 0 || j->abs_error > 0;
-    double goal = j->error > 0 ? j->error : USUAL_GOAL;
+    double goal = j->error > 0 ? j->error : e->wanted || j->gauss ? USUAL_GOAL : FIRST_GOAL;
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);

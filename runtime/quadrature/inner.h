@@ -9,6 +9,8 @@
 bool quadrature_has_boundary(const SltScene *s, SltKernelKind last);
 /* Segments of the lattice that the job speaks of: a pixel, or of an integral in all. */
 double quadrature_segments(const SltJob *j);
+/* Evaluations that the lattice spends on the job: a sample is one of f and one of the adjoint of each channel. */
+double quadrature_lattice(const SltScene *s, const SltJob *j, bool boundary, bool interior);
 /* What a few hundred boxes say of a program. */
 typedef struct Outlook {
     double unproven; /* share of the domain where bounds prove nothing even on small boxes; 1: no bounds at all */

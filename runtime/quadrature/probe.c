@@ -14,8 +14,9 @@ enum {
     TRIAL_BUDGET = 400 /* evaluations of each */
 };
 #define UNPROVEN 0.1  /* quadrature does not pay where so large a part of the domain will be left over */
-#define TRIAL_LEFT 0.25   /* nor where so much of the trial is left over */
-#define DEARER 2.0        /* nor where cells cost so many times what the lattice does, */
+#define TRIAL_LEFT 0.05        /* nor where so much of the trial is left over, */
+#define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
+#define DEARER 0.4        /* nor where cells cost more than this part of what the lattice does, */
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
 #define IMAGE_CELLS 16.0 /* nor where an image has more cells a pixel than this */
 
@@ -80,19 +81,29 @@ static bool asks_rays(const SltScene *s) {
     return false;
 }
 
+static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
+
+bool quadrature_hopes(const SltScene *s, const SltJob *j) {
+    return quadrature_may(s) && (wants_error(j) || !asks_rays(s));
+}
+
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
-    if (asks_rays(s) && !(j->error > 0 || j->abs_error > 0)) return SLT_EST_LATTICE;
+    if (!quadrature_hopes(s, j)) return SLT_EST_LATTICE;
     Outlook o = quadrature_outlook(s, j, stats);
-    double segments = quadrature_segments(j), lattice = segments / s->dim + (double)j->samples, pixels = 1;
+    double lattice = quadrature_lattice(s, j, true, !j->no_interior), pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     bool cheap = j->integral ? o.cells * CELL_COST <= lattice : o.cells <= IMAGE_CELLS * pixels;
-    if (j->error > 0 || j->abs_error > 0) cheap = true; /* the lattice reaches no error that is asked for */
+    if (wants_error(j)) cheap = true; /* the lattice reaches no error that is asked for */
     return o.unproven <= UNPROVEN && cheap ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
 }
 
-static void no_curve(void *user, Crossing *c, uint32_t n) { (void)user, (void)c, (void)n; }
-static void no_volume(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
-    (void)user, (void)p, (void)n, (void)rule, (void)within;
+/* What the sinks of a sweep would evaluate at the points, which the trial does not. */
+typedef struct Cost {
+    uint64_t curve, volume; /* points */
+} Cost;
+static void count_curve(void *user, Crossing *c, uint32_t n) { (void)c, ((Cost *)user)->curve += n; }
+static void count_volume(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
+    (void)p, (void)rule, (void)within, ((Cost *)user)->volume += n;
 }
 static void no_left(void *user, const Box *cell, const double *bounds) { (void)user, (void)cell, (void)bounds; }
 
@@ -111,18 +122,16 @@ static Box trial_tile(const Grid *g, bool f64, uint32_t k) {
 }
 
 SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats) {
-    static const CellSink sink = {.curve = no_curve, .volume = no_volume, .left = no_left};
+    Cost cost = {0};
+    CellSink sink = {.curve = count_curve, .volume = count_volume, .left = no_left, .user = &cost};
     CellOptions o = {.curves = true, .volume = true, .gauss = 3, .coarse = 2, .tolerance = 1e-4, .least = 1e-5};
     Batch b;
     Grid g;
     SltError err;
     CellCounts counts = {0};
-    double pixels = 1;
     if (grid_init(&g, s, j, &err) != SLT_OK) return SLT_EST_LATTICE;
-    for (uint32_t d = 0; d < s->dim; d++) {
-        pixels *= g.n[d];
+    for (uint32_t d = 0; d < s->dim; d++)
         if (!g.integral) o.grid[d] = g.filter == SLT_FILTER_BOX ? g.side[d] : 0.5 * g.side[d], o.grid_lo[d] = g.lo[d];
-    }
     bool ok = batch_init(&b, s, &g);
     Cells *cells = ok ? cells_new(&b, s->lo, s->hi) : NULL;
     ok &= cells != NULL;
@@ -137,8 +146,9 @@ SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats)
     if (stats) stats->evaluations += own.evaluations;
     cells_free(cells), batch_free(&b), grid_free(&g);
     double done = counts.settled + counts.curved, all = done + counts.left;
-    double lattice = pixels * (quadrature_segments(j) / s->dim + (double)(j->integral ? j->samples : j->spp));
-    bool wanted = j->error > 0 || j->abs_error > 0;
-    bool cheap = wanted || (double)own.evaluations / all <= (j->integral ? DEARER : DEARER_IMAGE) * lattice;
-    return ok && cheap && counts.left <= TRIAL_LEFT * all ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
+    double spent = (double)(own.evaluations + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : s->channels);
+    double lattice = quadrature_lattice(s, j, true, !j->no_interior);
+    bool cheap = wants_error(j) || spent / all <= (j->integral ? DEARER : DEARER_IMAGE) * lattice;
+    return ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all ? SLT_EST_QUADRATURE
+                                                                                                 : SLT_EST_LATTICE;
 }

@@ -6,15 +6,20 @@
 #include "runtime/quadrature/effort.h"
 #include "runtime/sample/alloc.h"
 
-#define TURNING 0.3     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
-#define TURNED_LEFT 0.2 /* and the share beyond which the lattice is turned to */
+#define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
+#define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
 #define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
 
-bool quadrature_can(const SltScene *s) {
-    if (s->uses_rand || !s->kernel[SLT_K_BOUNDS]) return false;
+bool quadrature_may(const SltScene *s) {
+    if (s->uses_rand) return false;
     /* A [SkipLoop] boundary is one of many iterations, which bounds know one by one. */
     for (uint32_t i = 0; i < s->nsites && s->site_skips; i++)
         if (s->site_skips[i]) return false;
+    return true;
+}
+
+bool quadrature_can(const SltScene *s) {
+    if (!quadrature_may(s) || !s->kernel[SLT_K_BOUNDS]) return false;
     return !s->nedges || (s->kernel[SLT_K_EDGE] && s->kernel[SLT_K_EDGE_BOUNDS] && s->kernel[SLT_K_SIDES]);
 }
 
@@ -76,6 +81,12 @@ double quadrature_segments(const SltJob *j) {
     return j->integral ? (double)(j->samples ? j->samples : 1) : (double)(j->spp ? j->spp : 1);
 }
 
+double quadrature_lattice(const SltScene *s, const SltJob *j, bool boundary, bool interior) {
+    double pixels = 1, samples = (double)(j->integral ? j->samples : j->spp);
+    for (uint32_t d = 0; d < s->dim && !j->integral; d++) pixels *= j->size[d];
+    return pixels * ((boundary ? quadrature_segments(j) / s->dim : 0) + samples * (1 + (interior ? s->channels : 0)));
+}
+
 /* Nothing to hope for: the lattice does it all, and the answer says so. */
 static SltStatus by_lattice(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltJob j = *job;
@@ -84,7 +95,6 @@ static SltStatus by_lattice(const SltScene *s, const SltJob *job, SltIntegral *o
     SltStatus st = slt_estimate_integral(s, &j, out, &own, err);
     own.cells = true, own.left = 1, own.left_bound = NAN;
     own.stopped = j.error > 0 || j.abs_error > 0 ? SLT_STOP_EVALUATIONS : SLT_STOP_NONE;
-    for (size_t i = 0; out->left_bound && i < (size_t)s->channels * s->nfloats; i++) out->left_bound[i] = NAN;
     out->mixed = true;
     stats_add(stats, &own);
     return st;
@@ -102,7 +112,9 @@ static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral 
                                      : status_fail(err, SLT_LIMIT, "out of memory");
     SltStats cells = stats ? *stats : (SltStats){0};
     j = *job, j.no_boundary = true, j.estimator = SLT_EST_LATTICE;
-    if (st == SLT_OK) st = slt_estimate_integral(s, &j, out, stats, err);
+    SltIntegral smooth = *out;
+    smooth.left_bound = NULL;
+    if (st == SLT_OK) st = slt_estimate_integral(s, &j, &smooth, stats, err);
     for (size_t i = 0; i < n && st == SLT_OK; i++) {
         if (out->gradient) out->gradient[i] += boundary[i];
         if (out->gradient_stderr) out->gradient_stderr[i] += error[i];
@@ -133,7 +145,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     p.interior = gradient && !j.no_interior && s->kernel[SLT_K_VJP];
     p.segments = boundary ? quadrature_segments(&j) : 0, p.samples = (double)j.samples;
     p.options.curves = boundary, p.options.volume = p.interior || value;
-    double lattice = p.segments / s->dim + p.samples * (p.interior ? s->channels : 1);
+    double lattice = quadrature_lattice(s, &j, boundary, p.interior);
     Effort e;
     SltStop stop = SLT_STOP_NONE;
     if (st == SLT_OK) st = sweep_begin(&p);

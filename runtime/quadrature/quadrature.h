@@ -9,9 +9,12 @@
 
 #include "runtime/sample/estimate.h"
 
-/* Has the scene the kernels that cells need? Never with rand(), whose numbers are a dimension more, nor with [SkipLoop]
- * boundaries. */
+/* Can there be cells? Never with rand(), whose numbers are a dimension more, nor with [SkipLoop] boundaries. */
+bool quadrature_may(const SltScene *s);
+/* And has the scene the kernels that they need? */
 bool quadrature_can(const SltScene *s);
+/* False where SLT_EST_AUTO is the lattice whatever bounds say. */
+bool quadrature_hopes(const SltScene *s, const SltJob *j);
 /* SLT_EST_QUADRATURE or SLT_EST_LATTICE for a job: what SLT_EST_AUTO means there. quadrature_choose asks the program's
  * bounds alone; if they look well, quadrature_try makes cells of a few tiles, with all kernels. */
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats);

@@ -22,6 +22,10 @@ static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {
     return status_fail(err, SLT_USAGE, "%s needs an image, not an integral", what);
 }
 
+bool slt_estimate_has_choice(const SltScene *s, const SltJob *j) {
+    return j->estimator == SLT_EST_AUTO && quadrature_hopes(s, j);
+}
+
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
     if (j->estimator != SLT_EST_AUTO) return j->estimator;
     return quadrature_choose(s, j, stats) == SLT_EST_LATTICE ? SLT_EST_LATTICE : SLT_EST_AUTO;
@@ -268,6 +272,8 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
                                 SltError *err) {
     SltJob copy = *job, own;
     copy.integral = true;
+    uint64_t all = (uint64_t)s->channels * s->nfloats;
+    for (uint64_t i = 0; i < all && out->left_bound; i++) out->left_bound[i] = NAN; /* cells prove more */
     if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
     bool choice = copy.estimator == SLT_EST_AUTO, turned = false;
     const SltJob *j = settle(s, &copy, &own, stats);
@@ -277,7 +283,7 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
         own.estimator = SLT_EST_LATTICE;
     }
     Run r;
-    Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
+    Replicates k = {.n = j->replicates ? j->replicates : 4, .size = all};
     bool gradient = out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK) {

@@ -78,6 +78,8 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
 /* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 
+/* False where SLT_EST_AUTO is SLT_EST_LATTICE whatever the program's bounds say, which then need not be compiled. */
+bool slt_estimate_has_choice(const SltScene *s, const SltJob *j);
 /* SLT_EST_LATTICE instead of SLT_EST_AUTO where a look at the program's bounds on a few hundred boxes is enough to see
  * that cells will not pay, which needs the kernel `bounds` alone. Else the job's estimator. */
 SltEstimator slt_estimate_choose(const SltScene *s, const SltJob *j, SltStats *stats);

@@ -51,12 +51,6 @@ static TileRect rect_of(const Interior *p, uint64_t tile) {
     return t;
 }
 
-/* The place `at` of a pixel of the tile. A tile has few pixels, and divisions of 32 bits are several times cheaper. */
-static void tile_pixel(const TileRect *t, uint32_t pixel, uint32_t at[3]) {
-    uint32_t row = pixel / t->n[0];
-    at[0] = t->lo[0] + pixel % t->n[0], at[1] = t->lo[1] + row % t->n[1], at[2] = t->lo[2] + row / t->n[1];
-}
-
 static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
     const Grid *g = &p->run->grid;
     double lo[3], hi[3], grow = g->filter == SLT_FILTER_BOX ? 0.01 : g->radius;
@@ -67,21 +61,37 @@ static void select_cull(const Interior *p, Worker *w, const TileRect *t) {
     cull_select(&p->run->cull, &w->cull, &w->batch, lo, hi);
 }
 
-/* A walk over the samples of a tile, all or those of one coset. */
+/* A walk over the samples of rectangles of pixels, all or those of one coset. */
 typedef struct Walk {
     const Interior *p;
-    const TileRect *t;
+    const TileRect *t, *end;
     uint32_t cls;    /* coset, when p->classes > 1 */
-    uint64_t pixel;  /* of the tile */
+    uint32_t pixel;  /* in the order of the walk: rectangle by rectangle, row by row upwards */
     uint32_t sample; /* of the pixel */
     uint32_t at[3];  /* place of the pixel in the grid */
     Pattern pattern; /* of the pixel */
-    bool fresh;      /* at and pattern are those of the pixel */
+    bool fresh;      /* the pattern is that of the pixel */
     uint32_t lane_pixel[BATCH];
 } Walk;
 
-static void walk_pixel(Walk *k) {
-    tile_pixel(k->t, (uint32_t)k->pixel, k->at);
+/* Sets all but lane_pixel, which is long. */
+static void walk_begin(Walk *k, const Interior *p, const TileRect *t, uint32_t n, uint32_t cls) {
+    k->p = p, k->t = t, k->end = t + n, k->cls = cls;
+    k->pixel = k->sample = 0, k->fresh = false;
+    memcpy(k->at, t->lo, sizeof k->at);
+}
+
+static void next_pixel(Walk *k) {
+    const TileRect *t = k->t;
+    k->pixel++, k->sample = 0, k->fresh = false;
+    for (uint32_t d = 0; d < 3; d++) {
+        if (++k->at[d] < t->lo[d] + t->n[d]) return;
+        k->at[d] = t->lo[d];
+    }
+    if (++k->t < k->end) memcpy(k->at, k->t->lo, sizeof k->at);
+}
+
+static void walk_pattern(Walk *k) {
     const Run *r = k->p->run;
     pattern_init(&k->pattern, r->s, r->j->seed, RNG_PIXEL, k->p->half,
                  grid_index(&r->grid, k->at[0], k->at[1], k->at[2]));
@@ -93,13 +103,9 @@ static uint32_t walk_fill(Walk *k, Batch *b) {
     const Interior *p = k->p;
     const Grid *g = &p->run->grid;
     uint32_t n = 0;
-    for (; n < BATCH && k->pixel < k->t->pixels; k->sample++) {
-        if (k->sample >= p->count) {
-            k->pixel++, k->sample = UINT32_MAX, k->fresh = false;
-            continue;
-        }
-        if (!k->fresh) walk_pixel(k);
+    for (; n < BATCH && k->t < k->end; ++k->sample < p->count ? (void)0 : next_pixel(k)) {
         if (p->classes > 1 && ((k->at[0] + 2 * k->at[1] + k->at[2] + k->sample) & (COSETS - 1)) != k->cls) continue;
+        if (!k->fresh) walk_pattern(k);
         for (uint32_t d = 0; d < g->dim; d++)
             batch_set(b, SLT_IN_X0 + d, n, grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
         batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)k->at[0]);
@@ -107,34 +113,38 @@ static uint32_t walk_fill(Walk *k, Batch *b) {
         batch_set_int(b, SLT_IN_SAMPLE, n, (int32_t)k->sample);
         if (p->run->s->uses_rand)
             batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, g->dim, k->sample));
-        k->lane_pixel[n++] = (uint32_t)k->pixel;
+        k->lane_pixel[n++] = k->pixel;
     }
     return n;
 }
 
-static uint64_t image_index(const Interior *p, const TileRect *t, uint64_t pixel) {
-    uint32_t at[3];
-    tile_pixel(t, (uint32_t)pixel, at);
-    return grid_index(&p->run->grid, at[0], at[1], at[2]);
+/* Where in an image a pixel of the tile is, given by its number in the walk. A tile has few pixels, and divisions of 32
+ * bits are several times cheaper. */
+static uint64_t image_index(const Interior *p, const TileRect *t, uint32_t pixel) {
+    uint32_t row = pixel / t->n[0];
+    return grid_index(&p->run->grid, t->lo[0] + pixel % t->n[0], t->lo[1] + row % t->n[1], t->lo[2] + row / t->n[1]);
 }
 
 /* ---- value */
-static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const TileRect *at) {
+static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const TileRect *t, uint32_t rects) {
     Batch *b = &w->batch;
-    TileRect t = *at;
     uint32_t channels = p->run->s->channels, n;
-    if (!worker_values(w, t.pixels * channels)) return false;
-    Walk k = {.p = p, .t = &t};
-    while ((n = walk_fill(&k, b))) {
+    uint64_t pixels = 0;
+    for (uint32_t k = 0; k < rects; k++) pixels += t[k].pixels;
+    if (!worker_values(w, pixels * channels)) return false;
+    Walk k;
+    for (walk_begin(&k, p, t, rects, 0); (n = walk_fill(&k, b));) {
         batch_call(b, kernel, n);
         for (uint32_t c = 0; c < channels; c++)
             for (uint32_t i = 0; i < n; i++)
                 w->value[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_F, c, i);
     }
-    for (uint64_t i = 0; i < t.pixels; i++) {
-        float *o = p->image + image_index(p, &t, i) * channels;
-        for (uint32_t c = 0; c < channels; c++) o[c] = (float)(w->value[i * channels + c] / p->count);
-    }
+    const double *v = w->value;
+    for (; rects--; t++)
+        for (uint32_t i = 0; i < t->pixels; i++, v += channels) {
+            float *o = p->image + image_index(p, t, i) * channels;
+            for (uint32_t c = 0; c < channels; c++) o[c] = (float)(v[c] / p->count);
+        }
     return true;
 }
 
@@ -163,12 +173,15 @@ static void prune_constant(void *user, const PixelRect *r, const double *value) 
         }
 }
 
-static void prune_sample(void *user, const PixelRect *r, const SltPruned *pruned) {
+static void prune_sample(void *user, const PixelRect *r, uint32_t n, const SltPruned *pruned) {
     Pruning *q = user;
-    TileRect t = {.pixels = (uint64_t)r->n[0] * r->n[1] * r->n[2]};
-    memcpy(t.lo, r->lo, sizeof t.lo), memcpy(t.n, r->n, sizeof t.n);
+    TileRect t[SLT_CHOICE_BOXES];
+    for (uint32_t k = 0; k < n; k++) {
+        t[k].pixels = (uint64_t)r[k].n[0] * r[k].n[1] * r[k].n[2];
+        memcpy(t[k].lo, r[k].lo, sizeof t->lo), memcpy(t[k].n, r[k].n, sizeof t->n);
+    }
     q->w->batch.args.pruned = pruned;
-    q->failed |= !value_samples(q->p, q->w, SLT_K_PRUNED, &t);
+    q->failed |= !value_samples(q->p, q->w, SLT_K_PRUNED, t, n);
     q->w->batch.args.pruned = NULL;
 }
 
@@ -194,7 +207,7 @@ static bool value_work(void *user, uint32_t worker, uint64_t tile) {
     Worker *w = &p->run->worker[worker];
     TileRect t = rect_of(p, tile);
     select_cull(p, w, &t);
-    return prune_can(p->run->s) ? value_pruned(p, w, &t) : value_samples(p, w, SLT_K_VALUE, &t);
+    return prune_can(p->run->s) ? value_pruned(p, w, &t) : value_samples(p, w, SLT_K_VALUE, &t, 1);
 }
 
 static void plain_merge(void *user, uint32_t worker, uint64_t tile) {
@@ -223,9 +236,9 @@ static bool reverse_work(void *user, uint32_t worker, uint64_t tile) {
     select_cull(p, w, &t);
     double factor = p->factor / p->count;
     for (uint32_t cls = 0; cls < p->classes; cls++) {
-        Walk k = {.p = p, .t = &t, .cls = cls};
-        while ((n = walk_fill(&k, b))) {
-            uint64_t last = UINT64_MAX;
+        Walk k;
+        for (walk_begin(&k, p, &t, 1, cls); (n = walk_fill(&k, b));) {
+            uint32_t last = UINT32_MAX;
             const float *a = NULL;
             bool any = false;
             for (uint32_t i = 0; i < n; i++) {
@@ -270,8 +283,8 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
     uint64_t plane = t.pixels * channels;
     if (!worker_values(w, plane * p->dirs->n)) return false;
     select_cull(p, w, &t);
-    Walk k = {.p = p, .t = &t};
-    while ((n = walk_fill(&k, b)))
+    Walk k;
+    for (walk_begin(&k, p, &t, 1, 0); (n = walk_fill(&k, b));)
         for (uint32_t d = 0; d < p->dirs->n; d++) {
             b->args.dparams = p->dirs->flt[d];
             b->again = d > 0;
@@ -282,7 +295,7 @@ static bool forward_work(void *user, uint32_t worker, uint64_t tile) {
                     v[(uint64_t)k.lane_pixel[i] * channels + c] += batch_get(b, SLT_OUT_DF, c, i);
         }
     for (uint32_t d = 0; d < p->dirs->n; d++)
-        for (uint64_t i = 0; i < t.pixels; i++) {
+        for (uint32_t i = 0; i < t.pixels; i++) {
             float *o = p->out[d] + image_index(p, &t, i) * channels;
             for (uint32_t c = 0; c < channels; c++) o[c] = (float)(w->value[d * plane + i * channels + c] / p->count);
         }

@@ -24,10 +24,9 @@ static bool level_init(PruneLevel *l, const SltChunks *c) {
 
 bool prune_init(Pruner *p, const SltChunks *c) {
     *p = (Pruner){.c = c};
-    p->stamp = alloc_zero((size_t)c->nops + 1, sizeof *p->stamp);
-    p->is = alloc_zero((size_t)c->nops + 1, sizeof *p->is);
+    p->found = alloc_zero((size_t)c->nops + 1, sizeof *p->found);
     p->way = alloc_zero((size_t)c->nops + 1, sizeof *p->way);
-    bool ok = p->stamp && p->is && p->way;
+    bool ok = p->found && p->way;
     for (uint32_t l = 0; l < PRUNE_LEVELS && ok; l++) ok = level_init(&p->level[l], c);
     if (!ok) prune_free(p);
     return ok;
@@ -38,21 +37,18 @@ void prune_free(Pruner *p) {
         PruneLevel *l = &p->level[k];
         free(l->chunks), free(l->settled), free(l->from), free(l->via), free(l->choices), free(l->live), free(l->runs);
     }
-    free(p->stamp), free(p->is), free(p->way);
+    free(p->found), free(p->way);
     memset(p, 0, sizeof *p);
 }
 
-/* The boxes in which a choice is known to be its first operand, its second: as around them, else where it may not be
- * the other. */
-typedef struct Settled {
-    uint64_t is[2];
-} Settled;
-
-static Settled settled_in(const PruneLevel *l, uint32_t choice) {
-    const uint64_t *may = l->choices + 2 * (size_t)choice;
+/* In which boxes a choice is known to be its first operand, its second: as around them, else where it may not be the
+ * other. Takes the place of what it may be. */
+static const uint64_t *settle(PruneLevel *l, uint32_t choice) {
+    uint64_t *is = l->choices + 2 * (size_t)choice, may[2] = {is[0], is[1]};
     const int32_t *around = l->settled + 2 * (size_t)choice;
     uint64_t first = (uint64_t)(int64_t)around[0], second = (uint64_t)(int64_t)around[1];
-    return (Settled){{first | (~second & ~may[1]), second | (~first & ~may[0])}};
+    is[0] = first | (~second & ~may[1]), is[1] = second | (~first & ~may[0]);
+    return is;
 }
 
 /* Settled choices do not make a chunk run: unless they are a number of no chunk, which then lies nowhere but there. */
@@ -67,26 +63,26 @@ static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
             any |= m;
             live[op->arg[0]] |= m, live[op->arg[1]] |= m, live[op->arg[2]] |= m;
         } else {
-            Settled s = settled_in(l, (uint32_t)op->choice);
-            uint64_t open = m & ~(s.is[0] | s.is[1]);
+            const uint64_t *is = settle(l, (uint32_t)op->choice);
+            uint64_t open = m & ~(is[0] | is[1]);
             any |= open;
-            live[op->arg[0]] |= m & ~s.is[1], live[op->arg[1]] |= m & ~s.is[0], live[op->arg[2]] |= open;
+            live[op->arg[0]] |= m & ~is[1], live[op->arg[1]] |= m & ~is[0], live[op->arg[2]] |= open;
         }
     }
     return any | live[c->nops];
 }
 
-void prune_walk(Pruner *p, uint32_t level, uint32_t n) {
+void prune_walk(Pruner *p, uint32_t level, uint64_t boxes) {
     const SltChunks *c = p->c;
     PruneLevel *l = &p->level[level];
-    uint64_t *live = l->live, *imports = live + c->nops + 1, all = n < 64 ? ((uint64_t)1 << n) - 1 : UINT64_MAX;
+    uint64_t *live = l->live, *imports = live + c->nops + 1;
     uint32_t count = 0, outside = c->first_import[c->nchunks];
     for (; l->chunks[count] != SLT_NO_CHUNK; count++) {
         uint32_t k = (uint32_t)l->chunks[count], op = c->first_op[k], import = c->first_import[k];
         memset(live + op, 0, (c->first_op[k + 1] - op) * sizeof *live);
         memset(imports + import, 0, (c->first_import[k + 1] - import) * sizeof *live);
     }
-    for (uint32_t i = outside; i < c->nimports; i++) imports[i] = all, live[l->via[i]] |= all;
+    for (uint32_t i = outside; i < c->nimports; i++) imports[i] = boxes, live[l->via[i]] |= boxes;
     while (count--) {
         uint32_t k = (uint32_t)l->chunks[count];
         l->runs[k] = walk_chunk(c, l, k);
@@ -100,7 +96,6 @@ void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
     b->args.pruned = &l->pruned, b->args.choices = l->choices;
     batch_call(b, SLT_K_PRUNE, n);
     b->args.pruned = NULL, b->args.choices = NULL;
-    prune_walk(p, level, n);
 }
 
 /* The operation whose value an exported one has in the box: settled choices passed, as far as what they are lies in
@@ -108,29 +103,30 @@ void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
 static uint32_t source(Pruner *p, const PruneLevel *l, uint32_t op, uint32_t box) {
     const SltChunks *c = p->c;
     uint32_t n = 0;
-    while (p->stamp[op] != p->picks) {
+    while (p->found[op].in != p->picks) {
         uint32_t at = op;
         p->way[n++] = op;
         while (at < c->nops && c->op[at].choice >= 0) {
-            Settled s = settled_in(l, (uint32_t)c->op[at].choice);
-            bool first = s.is[0] >> box & 1, second = s.is[1] >> box & 1;
+            const uint64_t *is = l->choices + 2 * (size_t)c->op[at].choice;
+            bool first = is[0] >> box & 1, second = is[1] >> box & 1;
             if (!first && !second) break;
             at = c->op[at].arg[!first];
         }
         if (at <= c->nops) break; /* it is of this chunk, or of none: `op` has its value */
         op = l->via[at - c->nops - 1];
     }
-    uint32_t is = p->stamp[op] == p->picks ? p->is[op] : op;
-    for (uint32_t k = 0; k < n; k++) p->stamp[p->way[k]] = p->picks, p->is[p->way[k]] = is;
+    uint32_t is = p->found[op].in == p->picks ? p->found[op].is : op;
+    for (uint32_t k = 0; k < n; k++) p->found[p->way[k]] = (PruneFound){p->picks, is};
     return is;
 }
 
 static void pick_imports(Pruner *p, const PruneLevel *l, PruneLevel *to, uint32_t first, uint32_t end, uint32_t box) {
     const SltChunks *c = p->c;
-    for (uint32_t i = first; i < end; i++) {
-        if (l->live[c->nops + 1 + i] >> box & 1) to->via[i] = source(p, l, l->via[i], box);
-        to->from[i] = c->exported[to->via[i]];
-    }
+    for (uint32_t i = first; i < end; i++)
+        if (l->live[c->nops + 1 + i] >> box & 1) {
+            to->via[i] = source(p, l, l->via[i], box);
+            to->from[i] = c->exported[to->via[i]];
+        }
 }
 
 void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
@@ -138,15 +134,13 @@ void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
     assert(level + 1 < PRUNE_LEVELS);
     const PruneLevel *l = &p->level[level];
     PruneLevel *to = &p->level[level + 1];
-    if (!++p->picks) memset(p->stamp, 0, c->nops * sizeof *p->stamp), p->picks = 1;
+    if (!++p->picks) memset(p->found, 0, c->nops * sizeof *p->found), p->picks = 1;
     uint32_t n = 0;
     for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
         if (!(l->runs[*k] >> box & 1)) continue;
         to->chunks[n++] = *k;
-        for (uint32_t h = c->first_choice[*k]; h < c->first_choice[*k + 1]; h++) {
-            Settled s = settled_in(l, h);
-            for (uint32_t w = 0; w < 2; w++) to->settled[2 * h + w] = -(int32_t)(s.is[w] >> box & 1);
-        }
+        for (uint32_t h = 2 * c->first_choice[*k]; h < 2 * c->first_choice[*k + 1]; h++)
+            to->settled[h] = -(int32_t)(l->choices[h] >> box & 1);
         pick_imports(p, l, to, c->first_import[*k], c->first_import[*k + 1], box);
     }
     pick_imports(p, l, to, c->first_import[c->nchunks], c->nimports, box);

@@ -18,26 +18,32 @@ typedef struct PruneLevel {
     SltPruned pruned;
     int32_t *chunks, *settled, *from; /* the arrays of `pruned` */
     uint32_t *via;                    /* [nimports]: `from`, as an operation */
-    uint64_t *choices;                /* [2 * nchoices]: noted by `prune` */
-    uint64_t *live;                   /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
-    uint64_t *runs;                   /* [nchunks]: by chunk, likewise */
+    uint64_t *choices; /* [2 * nchoices]: noted by `prune`; of choices that matter, settled by the walk */
+    uint64_t *live;    /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
+    uint64_t *runs;    /* [nchunks]: by chunk, likewise */
 } PruneLevel;
+
+/* What prune_pick found an operation to be, and in which pick. */
+typedef struct PruneFound {
+    uint32_t in, is;
+} PruneFound;
 
 enum { PRUNE_LEVELS = 4 };
 typedef struct Pruner {
     const SltChunks *c;
     PruneLevel level[PRUNE_LEVELS]; /* [0]: everything, every chunk runs */
-    uint32_t *stamp, *is, *way;     /* [nops]: what prune_pick found an operation to be, when; on the way there */
+    PruneFound *found;              /* [nops] */
+    uint32_t *way;                  /* [nops]: operations passed on the way to what one is */
     uint32_t picks;
 } Pruner;
 bool prune_init(Pruner *p, const SltChunks *c);
 void prune_free(Pruner *p);
-/* Calls `prune` on boxes 0 .. n-1 (n <= SLT_CHOICE_BOXES) of the batch's inputs, boxes inside the one of this level,
- * and finds what runs in each. Outputs of `prune` can be read from the batch afterwards. */
+/* Calls `prune` on boxes 0 .. n-1 (n <= SLT_CHOICE_BOXES) of the batch's inputs, boxes inside the one of this level.
+ * Its outputs can be read from the batch afterwards. */
 void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n);
-/* The second half of it: from the level's choices. */
-void prune_walk(Pruner *p, uint32_t level, uint32_t n);
-/* One of these boxes becomes that of the next level. */
+/* Finds what runs in each of these boxes, a bit each, from the choices that were noted of them. */
+void prune_walk(Pruner *p, uint32_t level, uint64_t boxes);
+/* A box that was walked becomes that of the next level. */
 void prune_pick(Pruner *p, uint32_t level, uint32_t box);
 
 /* ---- prune_image.c: the pixels of an image by boxes of them, smaller until few operations are left. */
@@ -52,8 +58,9 @@ typedef struct PruneImage {
     void *user;
     /* f has this value[channels] in all samples of the pixels. */
     void (*constant)(void *user, const PixelRect *r, const double *value);
-    /* Calls `pruned` on the samples of the pixels, with these arguments. */
-    void (*sample)(void *user, const PixelRect *r, const SltPruned *pruned);
+    /* Calls `pruned` on the samples of the pixels of all n rectangles, in 2D together at most BATCH, with these
+     * arguments. */
+    void (*sample)(void *user, const PixelRect *r, uint32_t n, const SltPruned *pruned);
 } PruneImage;
 /* Has this scene prune and pruned? */
 bool prune_can(const SltScene *s);

@@ -160,7 +160,7 @@ static void one_tile(SltProgram *p, Noting *noting, Pruner *pr, Arrays *a, uint3
     prune_walk(pr, 0, 1);
     prune_pick(pr, 0, 0);
     memcpy(pr->level[1].choices, noted, bytes), two_boxes(pr->level[1].choices, 2 * c->nchoices);
-    prune_walk(pr, 1, 2);
+    prune_walk(pr, 1, 3);
     uint32_t whole = length(&pr->level[1]);
     seen->run += whole, seen->all += c->nchunks;
     SltKernelArgs nowhere = a->args; /* NaN in all that the kernel leaves behind it */

@@ -26,7 +26,7 @@ static Answer ask(const Scene *s, const SltJob *job) {
     SltIntegral out = SLT_INTEGRAL_INIT;
     SltError err;
     j.integral = true;
-    if (j.estimator == SLT_EST_LATTICE) j.estimator = SLT_EST_QUADRATURE;
+    if (j.estimator == SLT_EST_AUTO) j.estimator = SLT_EST_QUADRATURE;
     out.value = &a.value, out.value_stderr = &a.value_error, out.gradient = a.slope, out.gradient_stderr = a.error;
     a.status = slt_estimate_integral(&s->slt, &j, &out, &a.stats, &err);
     if (show)
@@ -64,7 +64,7 @@ static void a_step(void **state) {
     Answer a = ask(&s, &j);
     assert_int_equal(a.status, SLT_OK);
     double value = 2.5 * t + t * t / 2 + exp(1) - exp(t), slope = 2.5 + t - exp(t);
-    near("value", a.value, value, 1e-12), near("slope", a.slope[0], slope, 1e-12);
+    near("value", a.value, value, 1e-11), near("slope", a.slope[0], slope, 1e-12);
     assert_true(a.stats.cells && a.stats.left == 0 && fabs(a.stats.certified - 1) < 1e-12);
     assert_true(a.error[0] >= fabs(a.slope[0] - slope) && a.error[0] < 1e-12);
     assert_true(a.value_error >= fabs(a.value - value));

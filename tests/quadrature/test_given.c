@@ -1,0 +1,109 @@
+/* Events whose g other decisions change: their jumps and bends cost no more than other meetings of curves. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "saltus/saltus.h"
+
+typedef struct Nested {
+    const char *name, *source;
+    struct {
+        const char *param;
+        double value;
+    } want[4];
+    uint64_t most; /* evaluations; 0: a million */
+} Nested;
+
+/* The moment of the curve x = a - t y of a tagged read, seen through y = h + x / 10: with a = 0.43, t = 0.2 and reads p
+ * = 0.71, q = 0.22. Where it leaves the lines of p and of q: */
+#define AT(h) (((h) + 0.1 * 0.43) / (1 + 0.1 * 0.2))
+#define BESIDE(h) (0.43 - 0.2 * AT(h))
+/* of 1 + a - t y and of y times it, from one to the other; of 1 + x from 0 to x */
+#define ARC(y) ((1.43 - 0.1 * (y)) * (y))
+#define TURN(y) ((0.715 - 0.2 / 3 * (y)) * (y) * (y))
+#define RAMP(x) ((x) + 0.5 * (x) * (x))
+
+#define NESTED "param float a = 0.43; param float p = 0.71; param float q = 0.22; param float t = 0.2; "
+
+static const Nested nested[] = {
+    {"a number that a jump replaces",
+     NESTED "shader float main(float x) { float h = q; [Disc] if (x < a) h = p; [Disc] if (x < h) return 1.0 + x; "
+            "return 0.0; }",
+     /* below a it is below p, above a above q: the jump is at a */
+     .want = {{"a", 1.43}, {"p", 0}, {"q", 0}}, .most = 2000},
+    {"that is read on the near side",
+     NESTED "shader float main(float x) { float h = p; [Disc] if (x < a) h = q; [Disc] if (x < h) return 1.0 + x; "
+            "return 0.0; }",
+     .want = {{"a", -1.43}, {"p", 1.71}, {"q", 1.22}}, .most = 2000},
+    {"a height that a jump replaces",
+     NESTED "shader float main(float2 x) { float h = q; [Disc] if (x.x + t * x.y < a) h = p; [Disc] if (x.y < h + 0.1 "
+            "* x.x) return 1.0 + x.x; return 0.0; }",
+     .want = {{"a", ARC(AT(0.71)) - ARC(AT(0.22))},
+              {"p", RAMP(BESIDE(0.71))},
+              {"q", 1.5 - RAMP(BESIDE(0.22))},
+              {"t", TURN(AT(0.22)) - TURN(AT(0.71))}}},
+    {"a height of a solid",
+     NESTED "shader float main(float3 x) { [Disc] float h = x.x + t * x.y < a ? p : q; [Disc] if (x.z < h + 0.1 * x.x) "
+            "return 1.0 + x.x; return 0.0; }",
+     .want = {{"a", 0.49 * (1.43 - 0.1)},
+              {"p", 0.43 - 0.1 + 0.5 * (0.43 * 0.43 - 0.2 * 0.43 + 0.04 / 3)},
+              {"t", -0.49 * (0.715 - 0.2 / 3)}}},
+    {"stairs of a loop",
+     "param float a = 0.13; param float q = 0.11; param float s = 0.2; shader float main(float2 x) { float h = q; for "
+     "(int i = 0; i < 3; i++) { [Disc] if (x.x < a + 0.3 * float(i)) h += s; } [Disc] return x.y < h ? 1.0 : 0.0; }",
+     /* q + s (3 a + 0.9) */
+     .want = {{"a", 0.6}, {"q", 1}, {"s", 3 * 0.13 + 0.9}}},
+    {"elements of an array",
+     "param float a = 0.31; param float b = 0.74; param float p = 0.6; param float q = 0.25; shader float main(float2 "
+     "x) { float h[2] = {q, q}; [Disc] if (x.x < a) h[0] = p; [Disc] if (x.x < b) h[1] = p; float s = 0.0; for (int i "
+     "= 0; i < 2; i++) s += h[i]; [Disc] return x.y < 0.7 * s ? 1.0 : 0.0; }",
+     .want = {{"a", 0.7 * 0.35}, {"b", 0.7 * 0.35}, {"p", 0.7 * 1.05}, {"q", 0.7 * 0.95}}},
+    {"minima and maxima",
+     "param float a = 0.31; param float b = 0.74; param float c = 0.45; shader float main(float2 x) { float d = "
+     "min(max(x.x - a, x.y - b), x.x + x.y - c); [Disc] return d < 0.0 ? 1.0 : 0.0; }",
+     /* a b and the triangle of side c, less the part of it inside: beyond a there is one of side c - a */
+     .want = {{"a", 0.74 - 0.14}, {"b", 0.31}, {"c", 0.14}}},
+    {"a bound under another",
+     NESTED "shader float main(float2 x) { float h = q; [Disc] if (x.x < a) { h = p; [Disc] if (x.y < t) h = x.y; } "
+            "[Disc] return x.x < h ? 1.0 : 0.0; }",
+     /* all of x < a, but for y < t: of that x < y */
+     .want = {{"a", 0.8}, {"p", 0}, {"q", 0}, {"t", 0.2 - 0.43}}},
+};
+
+static void exact(void **state) {
+    const Nested *c = *state;
+    SltOptions o = SLT_OPTIONS_INIT;
+    o.f64 = true;
+    SltProgram *p = NULL;
+    if (slt_compile_string(c->source, c->name, &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    SltJob job = SLT_JOB_INIT;
+    job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = 1e-9, job.threads = 2;
+    double g[8] = {0};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = g};
+    SltStats stats = SLT_STATS_INIT;
+    SltError err = {0};
+    if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+    for (int w = 0; w < 4 && c->want[w].param; w++) {
+        SltParam q = SLT_PARAM_INIT;
+        assert_int_equal(slt_param_find(p, c->want[w].param, &q, &err), SLT_OK);
+        if (!(fabs(g[q.fbase] - c->want[w].value) <= 1e-9))
+            fail_msg("d/d%s = %.12g, exact %.12g", q.name, g[q.fbase], c->want[w].value);
+    }
+    if (getenv("SALTUS_PRINT")) printf("    %llu evaluations\n", (unsigned long long)stats.evaluations);
+    if (stats.left > 0) fail_msg("left %g", stats.left);
+    if (stats.evaluations > (c->most ? c->most : 1000000))
+        fail_msg("%llu evaluations", (unsigned long long)stats.evaluations);
+    slt_program_free(p);
+}
+
+int main(void) {
+    enum { N = sizeof nested / sizeof *nested };
+    struct CMUnitTest tests[N];
+    for (int i = 0; i < N; i++) tests[i] = (struct CMUnitTest){nested[i].name, exact, NULL, NULL, (void *)&nested[i]};
+    return _cmocka_run_group_tests("given", tests, N, NULL, NULL);
+}
