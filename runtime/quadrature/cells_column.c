@@ -215,8 +215,8 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
 
 static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
     for (uint32_t e = 0; e < CELL_EDGES; e++) {
-        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
@@ -237,11 +237,11 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
     c->cell[p->cell].cuts++;
     uint32_t halvings = p->halvings + (uint32_t)ilogb(p->parts) + 1;
     if (halvings > c->counts->halvings) c->counts->halvings = halvings;
-    if (curves_agree && !p->graded) {
+    if (curves_agree && !p->graded && !c->o->flat) {
         p->graded = true;
         return true;
     }
-    if (curves_agree && !columns && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (curves_agree && !columns && !c->o->flat && !cells_columns_differ(c, from, to, &columns)) return false;
     if (columns) p->parts *= 2;
     else p->halve = true;
     return true;

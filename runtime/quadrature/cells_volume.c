@@ -72,11 +72,9 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
     return points < full->n ? &c->of[points] : full;
 }
 
-/* On a column, between one root and the next. */
-static bool fill_column(Cells *c, const Column *k, CellRule rule) {
+/* Where the parts of a column end, ascending; the last one at the end of the cell. */
+static uint32_t part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
     const Piece *p = &c->piece[k->piece];
-    const Box *box = &c->cell[p->cell].box;
-    double x[3], from = box->lo[p->axis], heights[CELL_EDGES + 1];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
         double h = c->root[k->first + i].x[p->axis];
@@ -84,7 +82,15 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
         for (; at && heights[at - 1] > h; at--) heights[at] = heights[at - 1];
         heights[at] = h;
     }
-    heights[n++] = box->end[p->axis];
+    heights[n++] = c->cell[p->cell].box.end[p->axis];
+    return n;
+}
+
+/* On a column, between one root and the next. */
+static bool fill_column(Cells *c, const Column *k, CellRule rule) {
+    const Piece *p = &c->piece[k->piece];
+    double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
+    uint32_t n = part_ends(c, k, heights);
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from);
@@ -98,11 +104,39 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     return true;
 }
 
+/* f is constant in each part between two curves: of all columns of a piece and rule one point, in the longest of them.
+ */
+static bool fill_parts(Cells *c, const Column *from, const Column *to) {
+    const Piece *p = &c->piece[from->piece];
+    double weight[CELL_EDGES + 1] = {0}, longest[CELL_EDGES + 1] = {0}, x[CELL_EDGES + 1][3];
+    uint32_t n = 0;
+    for (const Column *k = from; k < to; k++) {
+        double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
+        n = part_ends(c, k, heights);
+        for (uint32_t i = 0; i < n; last = heights[i++]) {
+            double length = heights[i] - last;
+            if (!(length > 0)) continue;
+            weight[i] += k->weight * length;
+            if (length <= longest[i]) continue;
+            longest[i] = length;
+            memcpy(x[i], k->x, sizeof x[i]);
+            x[i][p->axis] = last + 0.5 * length;
+        }
+    }
+    for (uint32_t i = 0; i < n; i++)
+        if (weight[i] > 0 && !add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
+    return true;
+}
+
 bool cells_add_columns_of_points(Cells *c) {
-    for (uint32_t i = 0; i < c->ncolumn; i++)
-        if (c->cell[c->piece[c->column[i].piece].cell].common &&
-            !fill_column(c, &c->column[i], (CellRule)c->column[i].rule))
-            return false;
+    for (uint32_t i = 0, end; i < c->ncolumn; i = end) {
+        const Column *k = &c->column[i];
+        end = i + 1;
+        while (c->o->flat && end < c->ncolumn && k->piece == c->column[end].piece && k->rule == c->column[end].rule)
+            end++;
+        if (!c->cell[c->piece[k->piece].cell].common) continue;
+        if (!(c->o->flat ? fill_parts(c, k, &c->column[end]) : fill_column(c, k, (CellRule)k->rule))) return false;
+    }
     return true;
 }
 
@@ -151,7 +185,7 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
         }
     }
     double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
-    for (uint32_t m = 0; m <= c->dim; m++) {
+    for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
         double noise = unit * total;
         if (m && hi[m - 1] > lo[m - 1]) noise *= 1 + larger(fabs(lo[m - 1]), fabs(hi[m - 1])) / (hi[m - 1] - lo[m - 1]);
         double most_apart = larger(c->o->tolerance * most * c->volume, noise);

@@ -6,7 +6,10 @@
 
 #include "runtime/quadrature/sweep.h"
 
-enum { PLACES = 3 }; /* where g is asked in a cell: in its middle and off it on two sides, as it may be NaN in a part */
+enum {
+    FEW = 16,  /* cells in all, of which two sets of lines tell little */
+    PLACES = 3 /* where g is asked in a cell: in its middle and off it on two sides, as it may be NaN in a part */
+};
 
 typedef struct Hidden {
     uint32_t n;
@@ -171,7 +174,10 @@ bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen
         h->part[i] = dropped ? cell->stands : cell->stands > 0 ? 2.0 * b->s->dim / p->lines : sqrt(cell->asked);
         if (!read_open(b, i, h)) v->unnamed = true;
         if (dropped && h->n == before) v->unnamed = true;
-        if (seen[h->index[i]] && !dropped) h->n = before;
+        if (!seen[h->index[i]] || dropped) continue;
+        /* Of many cells the two sets of lines tell the error; of a few they may agree by chance. */
+        if (p->nleft > FEW) h->n = before;
+        else h->part[i] = cell->stands / p->lines;
     }
     if (!h->n) return true;
     find_jumps(v, h->of, lanes, h);

@@ -53,6 +53,7 @@ typedef struct SltScene {
     const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
     uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
+    bool flat;                      /* between edges neither f nor its derivatives change with the position */
     uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count;     /* [nlists]: iterations of each */
     const uint8_t *list_noted;      /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
