@@ -235,6 +235,8 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
     Piece *p = &c->piece[i];
     bool columns = c->dim == 1;
     c->cell[p->cell].cuts++;
+    uint32_t halvings = p->halvings + (uint32_t)ilogb(p->parts) + 1;
+    if (halvings > c->counts->halvings) c->counts->halvings = halvings;
     if (curves_agree && !p->graded && !c->o->flat) {
         p->graded = true;
         return true;
