@@ -7,6 +7,11 @@ enum { SWEEPS = 10, PARTS_MAX = 16 };
 #define USUAL_GOAL 1e-7    /* where no error is asked for: */
 #define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
 #define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
+/* Shadows, whose curves are followed through cells that are left: the number of cells, not a budget, is from the
+ * segments. Four times what all of them would cost if the whole domain were left, for each segment; of this cells leave
+ * so much to the curves. */
+#define MARCH_SEGMENT (4 * MARCH_COST)
+#define MARCH_SHARE 0.75
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
 
@@ -44,6 +49,13 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left */
     e->left_share = fmax(LEFT_SHARE, unproven);
     e->least = fmax(e->least, fmin(0.25, 4 * pow(unproven / paid, 1.0 / r->s->dim)));
+}
+
+void effort_marches(Effort *e, const Sweep *p) {
+    e->marches = true;
+    if (!e->given && !e->wanted) e->limit = (uint64_t)fmax((double)e->limit, MARCH_SEGMENT * p->segments);
+    e->left_share = MARCH_SHARE;
+    e->least = clamp(1 / sqrt(p->segments), least_of(e), 0x1p-4);
 }
 
 void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
@@ -84,9 +96,10 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
     bool over = *stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS;
     if (!e->wanted && !(spent && e->given)) *stop = SLT_STOP_NONE; /* what ends it was not asked for */
-    if (over || (e->fixed && !e->wanted)) return false;
+    if (over || ((e->fixed || e->marches) && !e->wanted)) return false;
     if (p->counts.spent) return true; /* the next one may spend more */
-    if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
+    if (left > 0.25 * goal && e->least > least_of(e))
+        e->least = fmax(e->least / (e->marches ? 4 : 64), least_of(e)), changed = true;
     if (rules > 0.25 * goal) {
         changed = true;
         e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
