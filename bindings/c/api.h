@@ -51,6 +51,7 @@ struct SltProgram {
     uint32_t *list_counts;                         /* [SLT_MAX_CULL]: iterations of each */
     uint8_t *list_noted;                           /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips; /* by site: see SltScene */
+    bool steps;                                    /* as in SltScene */
     uint8_t *edge_kind;                            /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */

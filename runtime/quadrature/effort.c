@@ -34,7 +34,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
-    e->tolerance = 1e-2 * goal;
+    e->tolerance = 3e-2 * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
     e->given = j->max_evaluations > 0;
     e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
