@@ -7,6 +7,7 @@ enum { SWEEPS = 10, PARTS_MAX = 16 };
 #define USUAL_GOAL 1e-7    /* where no error is asked for: */
 #define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
 #define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
+#define LEAST_CELLS 0x1p-6 /* most that the least cell may be, in parts of a usual one */
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
 
@@ -35,7 +36,8 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     e->fixed = j->gauss > 0;
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
     e->tolerance = 3e-2 * goal;
-    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
+    double usual = pow(fmax(outlook.cells, least_cells[r->s->dim - 1]), -1.0 / r->s->dim); /* side of a cell */
+    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
     e->given = j->max_evaluations > 0;
     e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
