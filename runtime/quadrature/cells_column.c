@@ -53,6 +53,13 @@ static void middle(const Cells *c, const Piece *p, double x[3]) {
     for (uint32_t d = 0; d < c->dim; d++) x[d] = 0.5 * (p->at[d][0] + p->at[d][1]);
 }
 
+/* Where g is about 0 between two places on an axis: the height as a function of g, a cubic through both. */
+static double guess_height(const Probe at[2], int axis) {
+    double g0 = at[0].g, g1 = at[1].g, t = g0 / (g0 - g1), u = 1 - t, s0 = at[0].dg[axis], s1 = at[1].dg[axis];
+    return u * u * (1 + 2 * t) * at[0].x[axis] + t * t * (3 - 2 * t) * at[1].x[axis] +
+           (g1 - g0) * t * u * (u / s0 - t / s1);
+}
+
 /* Which curves are there: g has different signs at the two ends of the column above the middle. */
 static bool find_present(Cells *c, uint32_t first) {
     c->nprobe = 0;
@@ -76,6 +83,7 @@ static bool find_present(Cells *c, uint32_t first) {
             if (!(p->present >> e & 1)) continue;
             double up = c->cell[p->cell].edge[e].rises[p->axis];
             if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
+            p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
             at += 2;
         }
     }
@@ -117,7 +125,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
         for (uint32_t e = 0; e < CELL_EDGES; e++)
-            if (p->present >> e & 1 && !add_root(c, k, e, NAN)) return false;
+            if (p->present >> e & 1 && !add_root(c, k, e, p->edge[e].height)) return false;
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
@@ -255,8 +263,9 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
     double apart = 0;
     bool agree = true;
     for (uint32_t e = 0; e < CELL_EDGES; e++) {
-        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        memset(sum, 0, sizeof sum); /* of those few alone */
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)

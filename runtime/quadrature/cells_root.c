@@ -11,7 +11,7 @@ enum {
 };
 
 static double unit(const Cells *c, const Root *r) {
-    return (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(r->lo), fabs(r->hi));
+    return (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(r->lo), fabs(r->hi));
 }
 
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess) {

@@ -35,8 +35,9 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
-    e->tolerance = 3e-2 * goal;
     double usual = pow(fmax(outlook.cells, least_cells[r->s->dim - 1]), -1.0 / r->s->dim); /* side of a cell */
+    /* Components are as large as shapes are: a few cells wide. */
+    e->tolerance = fmin(3e-2, 10 * usual) * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
     e->given = j->max_evaluations > 0;
     e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
