@@ -66,7 +66,7 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
-    s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->steps = p->steps;
+    s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
@@ -103,7 +103,6 @@ static void site_tables(SltProgram *p) {
     p->site_static = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     uint8_t *facts = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     depend_sites(p->prog->primal, NULL, facts);
-    p->steps = depend_steps(p->prog->primal);
     for (uint32_t s = 0; s < primal->nsites; s++) {
         p->site_kind[s] = (uint8_t)primal->sites[s].kind;
         p->site_skips[s] = primal->sites[s].skip_loop;
@@ -119,7 +118,7 @@ static void site_tables(SltProgram *p) {
 static void edge_table(SltProgram *p, const KernelSet *set) {
     if (!set->edges || p->edge_kind) return; /* the same ones each time */
     p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
-    p->nedges = set->nedges;
+    p->nedges = set->nedges, p->flat = set->flat;
     for (uint32_t e = 0; e < set->nedges; e++) p->edge_kind[e] = (uint8_t)set->edges[e].kind;
 }
 

@@ -56,22 +56,6 @@ static bool chooses(const Inst *i) {
            op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
 }
 
-/* Does the result change only where a decision does, whatever the operands? Bits of a float are no decision. */
-static bool decides(const Inst *i) {
-    Op op = (Op)i->op;
-    return i->type == TY_BOOL || op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc ||
-           op == OP_siten || op == OP_f2i || op == OP_f2u;
-}
-
-static void add_operands(Flow *f, const Inst *i) {
-    bool steps = decides(i);
-    for (uint32_t a = 0; a < i->nargs; a++) {
-        Depend d = f->of[i->args[a]->id];
-        if (steps) d.on &= (uint8_t)~DEPENDS_MOVES;
-        add(f, i, &d);
-    }
-}
-
 /* control: what the conditions around the block depend on; exits: those of them that end loops, if whole_loops. */
 static void flow(Flow *f, Block *b, Depend control, Depend exits);
 
@@ -96,8 +80,6 @@ static void flow_proj(Flow *f, const Inst *i) {
         add_value(f, i, owner->region[1]->last->args[at]);
         add_value(f, i, owner->args[0]);
     }
-    /* Its derivative is a program of its own, which may ask for the position. */
-    if (owner->op == OP_custom) add_flags(f, i, DEPENDS_MOVES);
     if (owner->op == OP_loop) {
         add_value(f, i, owner->region[0]->last->args[0]);
         for (uint32_t a = 0; f->options.whole_loops && a < owner->nargs; a++) add_value(f, i, owner->args[a]);
@@ -108,7 +90,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
     for (Inst *i = b->first; i; i = i->next) {
         switch ((Op)i->op) {
         case OP_input:
-            if (i->imm.i <= IN_X2) add_flags(f, i, DEPENDS_X | DEPENDS_MOVES);
+            if (i->imm.i <= IN_X2) add_flags(f, i, DEPENDS_X);
             break;
         case OP_rand: add_flags(f, i, DEPENDS_RAND); break;
         case OP_param:
@@ -144,7 +126,8 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
             break;
         case OP_proj: flow_proj(f, i); break;
         case OP_yield: break;
-        default: add_operands(f, i);
+        default:
+            for (uint32_t a = 0; a < i->nargs; a++) add_value(f, i, i->args[a]);
         }
         if (exits.on) add(f, i, &exits);
         if (chooses(i) && (f->of[i->id].on & DEPENDS_X)) add_flags(f, i, DEPENDS_PIECES);
@@ -158,16 +141,6 @@ const Depend *depend_values(Fn *fn, DependOptions options) {
         flow(&f, fn->body, (Depend){0}, (Depend){0});
     } while (f.changed);
     return f.of;
-}
-
-bool depend_steps(Fn *fn) {
-    ArenaMark m = arena_mark(&fn->session->scratch);
-    const Depend *of = depend_values(fn, (DependOptions){0});
-    const Inst *outputs = fn->body->last;
-    bool steps = true;
-    for (uint32_t a = 0; a < outputs->nargs; a++) steps &= !(of[outputs->args[a]->id].on & DEPENDS_MOVES);
-    arena_reset(&fn->session->scratch, m);
-    return steps;
 }
 
 static void find_sites(const Block *b, const Depend *of, uint8_t *site) {

@@ -13,9 +13,8 @@ enum {
     DEPENDS_X = 1, /* the position */
     DEPENDS_PARAM = 2,
     DEPENDS_RAND = 4,
-    DEPENDS_PIECES = 8, /* chosen from several values, where the choice depends on the position: the value may be
-                           constant, or equal to another, on an area */
-    DEPENDS_MOVES = 16  /* the position changes it between decisions too: not by conditions and roundings alone */
+    DEPENDS_PIECES = 8 /* chosen from several values, where the choice depends on the position: the value may be
+                          constant, or equal to another, on an area */
 };
 enum { DEPEND_NAMED = 3 };
 
@@ -38,8 +37,5 @@ const Depend *depend_values(Fn *fn, DependOptions options);
 bool depend_merge(Depend *to, const Depend *from);
 /* site[nsites] gets the DEPENDS_* flags of the boundary function of each site, with whole_loops. Numbers the Fn. */
 void depend_sites(Fn *fn, const uint8_t *wrt, uint8_t *site);
-/* Is every output a step function of the position? Where nothing decides, it and its derivatives in parameters are then
- * constant, to the last bit. Numbers the Fn. */
-bool depend_steps(Fn *fn);
 
 #endif

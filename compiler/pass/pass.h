@@ -77,6 +77,7 @@ Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* 
 Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F HASH [DEPTH] [WITNESS] */
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
 Fn *variant_seams(PassCtx *ctx, const Fn *primal);     /* a primal in which seams are sites too: of the three below */
+bool variant_is_flat(PassCtx *ctx, const Fn *seamed);  /* does f change with the position by jumps alone? */
 Fn *variant_prune(PassCtx *ctx, const Fn *chunks);     /* F_LO F_HI; notes choices */
 Fn *variant_edge(PassCtx *ctx, const Fn *seamed);      /* G, to be differentiated in x */
 Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);    /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
@@ -135,6 +136,8 @@ typedef struct KernelSet {
     const SltChunks *chunks; /* of prune and pruned; NULL: the program has no use for them */
     const SiteInfo *edges;   /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;
+    bool flat; /* likewise: between the jumps of sites and seams neither f nor its derivatives change with the position
+                */
 } KernelSet;
 /* What a finished kernel reads and where its outputs are. */
 SltLayout pipeline_layout(const Fn *fn);

@@ -106,11 +106,22 @@ SltLayout pipeline_layout(const Fn *fn) {
 /* Above this size edge_bounds is not made: it would compile for seconds. */
 enum { EDGE_BOUNDS_SIZE = 30000 };
 
+/* A derivative of its own may change with the position where the value does not. */
+static bool has_custom(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_custom) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_custom(i->region[r])) return true;
+    }
+    return false;
+}
+
 /* bounds, edge and edge_bounds, which know seams too. */
 static void box_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS], KernelSet *out) {
     if (!needs[K_BOUNDS] && !needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     Fn *seamed = variant_seams(ctx, primal);
     out->edges = seamed->sites, out->nedges = seamed->nsites;
+    out->flat = variant_is_flat(ctx, seamed) && !has_custom(primal->body);
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, seamed);
     if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];

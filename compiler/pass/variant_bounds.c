@@ -223,6 +223,19 @@ Fn *variant_bounds(PassCtx *ctx, const Fn *seamed) {
     return on_boxes(ctx, noting, "bounds", OF_VALUE);
 }
 
+bool variant_is_flat(PassCtx *ctx, const Fn *seamed) {
+    Arena *scratch = &ctx->session->scratch;
+    ArenaMark mark = arena_mark(scratch);
+    uint32_t n = ir_number((Fn *)seamed);
+    Boxes x = {.ctx = ctx, .from = seamed, .arena = scratch, .fact = ARENA_ARRAY(scratch, uint8_t, n + 1)};
+    bounds_facts(&x);
+    const Inst *yield = seamed->body->last;
+    bool flat = true;
+    for (uint32_t c = 0; c < yield->nargs; c++) flat &= !(x.fact[yield->args[c]->id] & FACT_SLOPE);
+    arena_reset(scratch, mark);
+    return flat;
+}
+
 Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge) { return on_boxes(ctx, edge, "edge_bounds", OF_EDGE); }
 
 Fn *variant_prune(PassCtx *ctx, const Fn *chunks) { return on_boxes(ctx, chunks, "prune", OF_CHUNKS); }

@@ -331,6 +331,12 @@ static void site_value(Boxes *x, Builder *b, const Inst *i) {
     x->value[i->id] = v;
 }
 
+/* The set of a minimum or maximum: `any` where it may be either, else that of the one that wins. */
+static Inst *open_unless_settled(Builder *b, Op op, Inst *either, Inst *any, Boxed p, Boxed q) {
+    Inst *below = not_above(b, p.is.hi, q.is.lo), *above = not_above(b, q.is.hi, p.is.lo);
+    return open_where(b, either, any, open_where(b, op == OP_fmin ? below : above, p.open, q.open));
+}
+
 /* A rounding, or a seam around a minimum or its kin, whose value it passes on. */
 static void siten_value(Boxes *x, Builder *b, const Inst *i) {
     const SiteInfo *info = variant_site_info(x->from, i);
@@ -354,11 +360,7 @@ static void siten_value(Boxes *x, Builder *b, const Inst *i) {
         Inst *open = ir_bound_events(b, (Op)of->op, (Bound[]){p.is, q.is}, of->nargs, 0).bends;
         Inst *event = !open ? NULL : record(x, b, i, open, p.is, q.is, NULL, NULL, NULL);
         Inst *any = open_union(b, event, open_union(b, p.open, q.open));
-        if (open && of->nargs > 1) { /* the set of the one that wins, where that is settled */
-            Inst *below = not_above(b, p.is.hi, q.is.lo), *above = not_above(b, q.is.hi, p.is.lo);
-            any = open_where(b, open, any, open_where(b, of->op == OP_fmin ? below : above, p.open, q.open));
-        }
-        v.open = any;
+        v.open = open && of->nargs > 1 ? open_unless_settled(b, of->op, open, any, p, q) : any;
     }
     x->value[i->id] = v;
 }
@@ -397,6 +399,9 @@ static void row_value(Boxes *x, Builder *b, const Inst *i) {
     Inst *own = own_open(x, b, i, a, r.is);
     if (own && !(x->fact[i->id] & FACT_OPEN)) ice(x->to->session, "%s may jump or bend", ir_ops[i->op].name);
     r.open = open_union(b, open, own);
+    Inst *either =
+        r.open && (i->op == OP_fmin || i->op == OP_fmax) ? ir_bound_events(b, (Op)i->op, a, 2, 0).bends : NULL;
+    if (either) r.open = open_unless_settled(b, (Op)i->op, either, r.open, arg[0], arg[1]);
     if (ir_ops[i->op].selects)
         r.open = open_where(b, a[0].lo, arg[1].open, arg[2].open); /* by a condition of one value */
     IrType t = (IrType)ir_ops[i->op].result;

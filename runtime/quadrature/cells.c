@@ -22,6 +22,12 @@ bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size
     return true;
 }
 
+static bool asks_rays_alone(const SltScene *s) {
+    for (uint32_t i = 0; i < s->nsites; i++)
+        if (!cells_is_ray(s, (int32_t)i)) return false;
+    return s->nsites > 0;
+}
+
 Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     Cells *c = calloc(1, sizeof *c);
     if (!c) return NULL;
@@ -32,6 +38,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
         c->lo[d] = lo[d], c->hi[d] = hi[d], c->volume *= hi[d] - lo[d];
         c->width = fmax(c->width, hi[d] - lo[d]);
     }
+    c->rays = asks_rays_alone(c->s);
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
@@ -177,7 +184,7 @@ static bool settle(Cells *c, const Cell *cell) {
     count_cell(c, cell, CELL_SETTLED);
     if (!c->o->volume) return true;
     bool constant = is_constant(c, cell);
-    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant || c->s->steps);
+    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant || c->o->flat);
     double f[SLT_MAX_CHANNELS];
     for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
     c->sink->constant(c->sink->user, &cell->box, f);
@@ -377,7 +384,7 @@ static void find_lonely(Cells *c) {
 }
 
 /* The halves of nodes and the halves of these go through one call of `bounds`; the small ones count where the large one
- * is no cell. */
+ * is no cell. Where nothing is ever a curve no shape of a cell is better than another: halves are enough. */
 static bool work(Cells *c, const Node *node, uint32_t nodes) {
     uint32_t first[CELL_BOXES + 1], halves;
     c->ncell = 0;
@@ -385,7 +392,7 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
     halves = c->ncell;
     for (uint32_t i = 0; i < halves; i++) {
         first[i] = c->ncell;
-        split(c, &c->cell[i].box, &node[c->cell[i].node], c->cell[i].node, false);
+        if (!c->rays) split(c, &c->cell[i].box, &node[c->cell[i].node], c->cell[i].node, false);
     }
     first[halves] = c->ncell;
     c->nhalves = halves;
@@ -396,7 +403,7 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
         if (!judge(c, cell)) return false;
         bool deeper = cell->refine && divisible(c, cell);
         for (uint32_t k = first[i]; k < first[i + 1]; k++) c->cell[k].done = !deeper, c->cell[k].bends = cell->bends;
-        if (deeper) cell->done = true;
+        if (deeper && !c->rays) cell->done = true;
         else if (cell->refine && !refine(c, cell)) return false;
     }
     if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
@@ -460,7 +467,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     const SltCullList *given = c->b->args.cull;
     c->stack[c->nstack++] = (Node){.box = *tile, .whole = true, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
-    const uint32_t parts = c->dim < 3 ? 20 : 72;
+    const uint32_t parts = c->rays ? 1u << c->dim : c->dim < 3 ? 20 : 72;
     uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
     bool worked = true;
     c->within = *tile;
@@ -470,7 +477,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
             give_up(c, &rest);
             continue;
         }
-        Node node[CELL_BOXES / 20];
+        Node node[CELL_BOXES / 2];
         uint32_t n = c->nstack < at_once ? c->nstack : at_once;
         c->nstack -= n;
         memcpy(node, c->stack + c->nstack, n * sizeof *node);

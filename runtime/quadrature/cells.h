@@ -59,7 +59,9 @@ typedef struct CellOptions {
     bool curves, volume; /* which points are wanted */
     uint32_t gauss;      /* points along a piece of a curve and along each side of a cell, fine rule */
     uint32_t coarse;     /* likewise of the coarse rule; 0: no coarse points */
-    bool fixed;          /* --gauss: pieces are not cut further where the two rules differ */
+    bool flat;  /* f and its derivatives, times the filter, are constant between curves and seams: a place for each part
+                 */
+    bool fixed; /* --gauss: pieces are not cut further where the two rules differ */
     double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
                          domain is wide; pieces that differ more are halved */
     double least;     /* side of the least cell, in parts of the domain */

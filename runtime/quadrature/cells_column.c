@@ -159,7 +159,7 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open;
-        if (c->s->steps || along == 0) r->sides = edge->sides;
+        if (c->o->flat || along == 0) r->sides = edge->sides;
         if (along != 0) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);
@@ -173,7 +173,7 @@ static double length_of(const Piece *p) { return p->base < 0 ? 0 : p->at[p->base
  * (length * bend)^2n. Planes of a solid have points in common, and f between curves may need more than these do. */
 static void choose_points(const Cells *c, Piece *p) {
     enum { FIRST = 3 }; /* as long as nothing is known */
-    uint32_t full = c->rule[CELL_FINE].n, least = c->o->volume && !c->s->steps ? full - (full > 3) : 2;
+    uint32_t full = c->rule[CELL_FINE].n, least = c->o->volume && !c->o->flat ? full - (full > 3) : 2;
     double bend = p->bend > 0 ? p->bend : c->bend, length = length_of(p), n = FIRST;
     if (p->points) return;
     p->points = (uint8_t)full;
@@ -297,11 +297,11 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
         p->points = (uint8_t)(p->points > before ? p->points : full);
         return true;
     }
-    if (curves_agree && !p->graded && !c->s->steps) {
+    if (curves_agree && !p->graded && !c->o->flat) {
         p->graded = true;
         return true;
     }
-    if (curves_agree && !columns && !c->s->steps && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (curves_agree && !columns && !c->o->flat && !cells_columns_differ(c, from, to, &columns)) return false;
     if (columns) p->parts *= 2;
     else p->halve = true;
     return true;

@@ -228,11 +228,14 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
             read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, ch, i, &cell[i].f[2 * ch]);
         read_events(c, &cell[i], i);
         /* What is not known may be so only because the box straddles a seam. */
-        bool seam = false;
-        for (uint32_t e = 0; e < cell[i].nedges; e++) seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
+        bool seam = false, ray = false;
+        for (uint32_t e = 0; e < cell[i].nedges; e++) {
+            seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
+            ray |= cells_is_ray(c->s, cell[i].edge[e].event.site);
+        }
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
         uint32_t most = !cell[i].lonely && !seam && c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
-        cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam);
+        cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam) || ray;
     }
 }
 

@@ -183,6 +183,7 @@ struct Cells {
     const SltScene *s;
     double lo[3], hi[3], volume; /* of the domain */
     uint32_t dim, depth;         /* depth: loop indices of an event */
+    bool rays;                   /* every site is about rays, of which bounds make no curves */
     const CellOptions *o;
     const CellSink *sink;
     CellCounts *counts;
@@ -238,6 +239,12 @@ struct Cells {
 bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size);
 #define CELLS_ROOM(c, name, extra)                                                                                     \
     cells_grow(c, &(c)->name, &(c)->name##_cap, (c)->n##name + (extra), sizeof *(c)->name)
+
+/* Is the site about a ray? Of these bounds know whether they are open, and no curve. */
+static inline bool cells_is_ray(const SltScene *s, int32_t site) {
+    return (uint32_t)site < s->nsites &&
+           (s->site_kind[site] == SLT_SITE_SHADOW || s->site_kind[site] == SLT_SITE_SILHOUETTE);
+}
 
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }

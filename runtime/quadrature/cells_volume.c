@@ -72,8 +72,8 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
     return points < full->n ? &c->of[points] : full;
 }
 
-/* Where the curves cut a column, ascending, and its far end: returns how many. */
-static uint32_t cut_column(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
+/* Where the parts of a column end, ascending; the last one at the end of the cell. */
+static uint32_t part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
     const Piece *p = &c->piece[k->piece];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
@@ -90,7 +90,7 @@ static uint32_t cut_column(const Cells *c, const Column *k, double heights[CELL_
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
-    uint32_t n = cut_column(c, k, heights);
+    uint32_t n = part_ends(c, k, heights);
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from);
@@ -104,60 +104,51 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     return true;
 }
 
-/* A step function has one value between two curves all along a piece: one place, where they are farthest apart, stands
- * for that part of all its columns from .. to - 1. */
-static bool fill_steps(Cells *c, const Column *from, const Column *to) {
+/* f is constant in each part between two curves: of all columns of a piece and rule one point, in the longest of them.
+ */
+static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
-    double measure[CELL_EDGES + 1][CELL_RULES] = {{0}}, widest[CELL_EDGES + 1] = {0}, heights[CELL_EDGES + 1];
-    double place[CELL_EDGES + 1][3];
+    double weight[CELL_EDGES + 1] = {0}, longest[CELL_EDGES + 1] = {0}, x[CELL_EDGES + 1][3];
     uint32_t n = 0;
     for (const Column *k = from; k < to; k++) {
-        double low = c->cell[p->cell].box.lo[p->axis];
-        n = cut_column(c, k, heights);
-        for (uint32_t i = 0; i < n; low = heights[i++]) {
-            double width = heights[i] - low;
-            measure[i][k->rule] += k->weight * width;
-            if (!(width > widest[i])) continue;
-            widest[i] = width;
-            memcpy(place[i], k->x, sizeof place[i]);
-            place[i][p->axis] = low + 0.5 * width;
+        double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
+        n = part_ends(c, k, heights);
+        for (uint32_t i = 0; i < n; last = heights[i++]) {
+            double length = heights[i] - last;
+            if (!(length > 0)) continue;
+            weight[i] += k->weight * length;
+            if (length <= longest[i]) continue;
+            longest[i] = length;
+            memcpy(x[i], k->x, sizeof x[i]);
+            x[i][p->axis] = last + 0.5 * length;
         }
     }
     for (uint32_t i = 0; i < n; i++)
-        for (uint8_t r = 0; r < CELL_RULES; r++)
-            if (measure[i][r] > 0 && !add_spot(c, from->piece, place[i], measure[i][r], r)) return false;
+        if (weight[i] > 0 && !add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
     return true;
 }
 
 bool cells_add_columns_of_points(Cells *c) {
     for (uint32_t i = 0, end; i < c->ncolumn; i = end) {
-        uint32_t piece = c->column[i].piece;
-        for (end = i + 1; end < c->ncolumn && c->column[end].piece == piece;) end++;
-        if (!c->cell[c->piece[piece].cell].common) continue;
-        if (c->s->steps && !fill_steps(c, &c->column[i], &c->column[end])) return false;
-        for (uint32_t k = i; k < end && !c->s->steps; k++)
-            if (!fill_column(c, &c->column[k], (CellRule)c->column[k].rule)) return false;
+        const Column *k = &c->column[i];
+        end = i + 1;
+        while (c->o->flat && end < c->ncolumn && k->piece == c->column[end].piece && k->rule == c->column[end].rule)
+            end++;
+        if (!c->cell[c->piece[k->piece].cell].common) continue;
+        if (!(c->o->flat ? fill_parts(c, k, &c->column[end]) : fill_column(c, k, (CellRule)k->rule))) return false;
     }
     return true;
-}
-
-/* Two rules may share a place. */
-static bool is_repeated(const Cells *c, uint32_t first, uint32_t i) {
-    return i > first && !memcmp(c->spot[i].x, c->spot[i - 1].x, sizeof c->spot[i].x);
 }
 
 /* f at the spots from `first` on. A program without edges has no `sides`. */
 static bool take_values(Cells *c, uint32_t first) {
     SltKernelKind kind = c->s->kernel[SLT_K_SIDES] ? SLT_K_SIDES : SLT_K_VALUE;
-    for (uint32_t from = first, to; from < c->nspot; from = to) {
-        uint32_t n = 0, at = 0;
-        for (to = from; to < c->nspot && n < BATCH; to++)
-            if (!is_repeated(c, from, to)) batch_set_x(c->b, n++, c->spot[to].x);
+    for (uint32_t from = first; from < c->nspot; from += BATCH) {
+        uint32_t n = c->nspot - from < BATCH ? c->nspot - from : BATCH;
+        for (uint32_t i = 0; i < n; i++) batch_set_x(c->b, i, c->spot[from + i].x);
         cells_call(c, kind, n);
-        for (uint32_t i = from; i < to; i++) {
-            at += i > from && !is_repeated(c, from, i);
-            for (uint32_t ch = 0; ch < c->s->channels; ch++) c->spot[i].f[ch] = batch_get(c->b, SLT_OUT_F, ch, at);
-        }
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            for (uint32_t i = 0; i < n; i++) c->spot[from + i].f[ch] = batch_get(c->b, SLT_OUT_F, ch, i);
     }
     return true;
 }
@@ -175,8 +166,8 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
     return true;
 }
 
-/* Compares the integral of each channel and its moments in the position, which places that stand for others do not
- * give. Less than the rounding of f and, in moments, of positions makes is no difference. */
+/* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
+ * of positions makes is no difference. */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
     double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, lo[3], hi[3];
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
@@ -194,7 +185,7 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
         }
     }
     double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
-    for (uint32_t m = 0; m <= (c->s->steps ? 0 : c->dim); m++) {
+    for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
         double noise = unit * total;
         if (m && hi[m - 1] > lo[m - 1]) noise *= 1 + larger(fabs(lo[m - 1]), fabs(hi[m - 1])) / (hi[m - 1] - lo[m - 1]);
         double most_apart = larger(c->o->tolerance * most * c->volume, noise);

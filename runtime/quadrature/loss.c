@@ -20,15 +20,6 @@ static void pixels_of(const Sweep *p, uint64_t tile, uint32_t from[3], uint32_t 
     }
 }
 
-/* A point on the far face of the tile lies in a pixel of another one, whose adjoint is not known yet: it moves by units
- * in the last place. */
-static void into_tile(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]) {
-    for (uint32_t d = 0; d < g->dim; d++) {
-        while (grid_cell(g, d, x[d]) >= to[d]) x[d] = nextafter(fmin(x[d], g->lo[d] + to[d] * g->side[d]), -HUGE_VAL);
-        while (grid_cell(g, d, x[d]) < from[d]) x[d] = nextafter(fmax(x[d], g->lo[d] + from[d] * g->side[d]), HUGE_VAL);
-    }
-}
-
 /* Pixels of the tile, their loss, and the adjoint image there. */
 static void weigh(SweepWorker *v, const uint32_t from[3], const uint32_t to[3]) {
     const Sweep *p = v->sweep;
@@ -63,8 +54,9 @@ bool loss_tile(SweepWorker *v, uint64_t tile) {
     uint32_t from[3], to[3];
     pixels_of(p, tile, from, to);
     weigh(v, from, to);
-    for (uint64_t i = 0; i < k->ncrossing; i++) into_tile(&p->run->grid, from, to, k->crossing[i].x);
-    for (uint64_t i = 0; i < k->npoint; i++) into_tile(&p->run->grid, from, to, k->point[i].x);
+    /* A point on the far face lies in a pixel of another tile, whose adjoint is not known yet. */
+    for (uint64_t i = 0; i < k->ncrossing; i++) grid_into(&p->run->grid, from, to, k->crossing[i].x);
+    for (uint64_t i = 0; i < k->npoint; i++) grid_into(&p->run->grid, from, to, k->point[i].x);
     b->again = true;
     for (uint64_t i = 0; i < k->ngroup; i++) {
         const KeptGroup *g = &k->group[i];
@@ -75,7 +67,7 @@ bool loss_tile(SweepWorker *v, uint64_t tile) {
     b->args.cull = given, b->again = false;
     for (uint64_t i = 0; i < v->nleft && p->options.curves; i++) {
         LeftCell cell = v->left[i];
-        into_tile(&p->run->grid, from, to, cell.box.lo), into_tile(&p->run->grid, from, to, cell.box.end);
+        grid_into(&p->run->grid, from, to, cell.box.lo), grid_into(&p->run->grid, from, to, cell.box.end);
         if (!left_lines(v, &cell, p->lines, -1)) return false;
     }
     near_flush(v->w);

@@ -348,6 +348,7 @@ static void plan_left(Sweep *p, uint64_t used) {
 SltStatus sweep_begin(Sweep *p) {
     Run *r = p->run;
     p->options.pool = &r->pool;
+    p->options.flat = r->s->flat && (r->grid.integral || r->grid.filter == SLT_FILTER_BOX);
     const SltScene *s = r->s;
     static const SinkKind kinds[] = {SINK_PARTS, SINK_KEEP, SINK_FORWARD, SINK_REVERSE, SINK_REVERSE};
     p->volume = 1;

@@ -48,12 +48,12 @@ typedef struct SltScene {
     const int32_t *iparams; /* [nints] */
     const uint8_t *active;  /* [nfloats]: 1 where the gradient is wanted; NULL: everywhere */
     uint32_t nsites;
-    const uint8_t *site_kind;   /* [nsites]: SltSiteKind */
-    const uint8_t *site_static; /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
-    const uint8_t *site_skips;  /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
-    uint32_t nedges;            /* sites, then seams, which only `bounds` and the edge kernels know */
-    const uint8_t *edge_kind;   /* [nedges]: SltSiteKind */
-    bool steps; /* f is a step function of x: where nothing decides, f and its derivatives in parameters are constant */
+    const uint8_t *site_kind;       /* [nsites]: SltSiteKind */
+    const uint8_t *site_static;     /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
+    const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
+    uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
+    const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
+    bool flat;                      /* between edges neither f nor its derivatives change with the position */
     uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count;     /* [nlists]: iterations of each */
     const uint8_t *list_noted;      /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */

@@ -3,6 +3,7 @@
  * A pixel is the mean of f under its filter over the part of the domain that the filter covers: samples are drawn from
  * the filter (so every sample belongs to one pixel and weighs the same), and crossings use the same normalised filter
  * as a weight. */
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -98,6 +99,14 @@ SltStatus grid_init(Grid *g, const SltScene *s, const SltJob *j, SltError *err) 
 
 void grid_free(Grid *g) {
     for (int d = 0; d < 3; d++) free(g->mass[d]), g->mass[d] = NULL;
+}
+
+void grid_into(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]) {
+    for (uint32_t d = 0; d < g->dim; d++) {
+        double unit = DBL_EPSILON * fmax(fabs(g->lo[d]), fabs(g->hi[d])), step;
+        for (step = unit; grid_cell(g, d, x[d]) >= to[d]; step *= 2) x[d] = g->lo[d] + to[d] * g->side[d] - step;
+        for (step = unit; grid_cell(g, d, x[d]) < from[d]; step *= 2) x[d] = g->lo[d] + from[d] * g->side[d] + step;
+    }
 }
 
 uint32_t grid_reach(const Grid *g, uint32_t axis, double x, uint32_t *first, double weight[GRID_REACH]) {

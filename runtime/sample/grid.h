@@ -27,6 +27,8 @@ static inline uint32_t grid_cell(const Grid *g, uint32_t axis, double x) {
     if (!(c > 0)) return 0;
     return c >= g->n[axis] ? g->n[axis] - 1 : (uint32_t)c;
 }
+/* Moves x by units in the last place, of the ends of the domain, until its pixel is one of from .. to - 1. */
+void grid_into(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]);
 enum { GRID_REACH = 6 }; /* most pixels along an axis whose filters reach a point */
 /* Pixels first, first + 1, ... whose filters reach x along an axis, and their normalised weights (1/length); returns
  * how many. */

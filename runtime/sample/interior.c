@@ -102,17 +102,19 @@ static void walk_pattern(Walk *k) {
 static uint32_t walk_fill(Walk *k, Batch *b) {
     const Interior *p = k->p;
     const Grid *g = &p->run->grid;
+    const uint32_t dim = g->dim;
+    const bool rand = p->run->s->uses_rand;
     uint32_t n = 0;
     for (; n < BATCH && k->t < k->end; ++k->sample < p->count ? (void)0 : next_pixel(k)) {
         if (p->classes > 1 && ((k->at[0] + 2 * k->at[1] + k->at[2] + k->sample) & (COSETS - 1)) != k->cls) continue;
         if (!k->fresh) walk_pattern(k);
-        for (uint32_t d = 0; d < g->dim; d++)
+        for (uint32_t d = 0; d < dim; d++)
             batch_set(b, SLT_IN_X0 + d, n, grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
         batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)k->at[0]);
         batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(g->n[1] - 1 - k->at[1]));
         batch_set_int(b, SLT_IN_SAMPLE, n, (int32_t)k->sample);
-        if (p->run->s->uses_rand)
-            batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, g->dim, k->sample));
+        if (rand)
+            batch_set_stream(b, n, pattern_stream(&k->pattern, k->sample), pattern_at(&k->pattern, dim, k->sample));
         k->lane_pixel[n++] = k->pixel;
     }
     return n;
@@ -141,9 +143,9 @@ static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const Ti
     }
     const double *v = w->value;
     for (; rects--; t++)
-        for (uint32_t i = 0; i < t->pixels; i++, v += channels) {
-            float *o = p->image + image_index(p, t, i) * channels;
-            for (uint32_t c = 0; c < channels; c++) o[c] = (float)(v[c] / p->count);
+        for (uint32_t row = 0; row < t->n[1] * t->n[2]; row++) {
+            float *o = p->image + image_index(p, t, row * t->n[0]) * channels;
+            for (uint32_t i = 0; i < t->n[0] * channels; i++) *o++ = (float)(*v++ / p->count);
         }
     return true;
 }
@@ -165,12 +167,14 @@ static void prune_constant(void *user, const PixelRect *r, const double *value) 
         for (uint32_t i = 0; i < p->count; i++) sum += value[c];
         mean[c] = (float)(sum / p->count);
     }
+    const Grid *g = &p->run->grid;
+    float *first = p->image + grid_index(g, r->lo[0], r->lo[1], r->lo[2]) * channels, *o = first;
+    for (uint32_t x = 0; x < r->n[0]; x++)
+        for (uint32_t c = 0; c < channels; c++) *o++ = mean[c];
     for (uint32_t z = 0; z < r->n[2]; z++)
-        for (uint32_t y = 0; y < r->n[1]; y++) {
-            float *o = p->image + grid_index(&p->run->grid, r->lo[0], r->lo[1] + y, r->lo[2] + z) * channels;
-            for (uint32_t x = 0; x < r->n[0]; x++)
-                for (uint32_t c = 0; c < channels; c++) *o++ = mean[c];
-        }
+        for (uint32_t y = z ? 0 : 1; y < r->n[1]; y++)
+            memcpy(p->image + grid_index(g, r->lo[0], r->lo[1] + y, r->lo[2] + z) * channels, first,
+                   (size_t)r->n[0] * channels * sizeof *first);
 }
 
 static void prune_sample(void *user, const PixelRect *r, uint32_t n, const SltPruned *pruned) {

@@ -5,6 +5,9 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/prune.h"
 
+/* In the place of an operation: the value lies in no memory that other chunks see. */
+#define NOWHERE UINT32_MAX
+
 static bool level_init(PruneLevel *l, const SltChunks *c) {
     l->chunks = alloc_zero((size_t)c->nchunks + 1, sizeof *l->chunks);
     l->settled = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *l->settled);
@@ -13,7 +16,10 @@ static bool level_init(PruneLevel *l, const SltChunks *c) {
     l->choices = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *l->choices);
     l->live = alloc_zero((size_t)c->nops + 1 + c->nimports, sizeof *l->live);
     l->runs = alloc_zero((size_t)c->nchunks + 1, sizeof *l->runs);
-    if (!l->chunks || !l->settled || !l->from || !l->via || !l->choices || !l->live || !l->runs) return false;
+    l->is = alloc_zero((size_t)c->nchoices * SLT_CHOICE_BOXES + 1, sizeof *l->is);
+    l->passed = alloc_zero((size_t)c->nchoices + 1, sizeof *l->passed);
+    if (!l->chunks || !l->settled || !l->from || !l->via || !l->choices || !l->live || !l->runs || !l->is || !l->passed)
+        return false;
     l->pruned = (SltPruned){l->chunks, l->settled, l->from};
     /* Every chunk runs, and takes what the program says. */
     for (uint32_t k = 0; k < c->nchunks; k++) l->chunks[k] = (int32_t)k;
@@ -24,9 +30,7 @@ static bool level_init(PruneLevel *l, const SltChunks *c) {
 
 bool prune_init(Pruner *p, const SltChunks *c) {
     *p = (Pruner){.c = c};
-    p->found = alloc_zero((size_t)c->nops + 1, sizeof *p->found);
-    p->way = alloc_zero((size_t)c->nops + 1, sizeof *p->way);
-    bool ok = p->found && p->way;
+    bool ok = true;
     for (uint32_t l = 0; l < PRUNE_LEVELS && ok; l++) ok = level_init(&p->level[l], c);
     if (!ok) prune_free(p);
     return ok;
@@ -36,8 +40,8 @@ void prune_free(Pruner *p) {
     for (uint32_t k = 0; k < PRUNE_LEVELS; k++) {
         PruneLevel *l = &p->level[k];
         free(l->chunks), free(l->settled), free(l->from), free(l->via), free(l->choices), free(l->live), free(l->runs);
+        free(l->is), free(l->passed);
     }
-    free(p->found), free(p->way);
     memset(p, 0, sizeof *p);
 }
 
@@ -63,6 +67,7 @@ static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
             any |= m;
             live[op->arg[0]] |= m, live[op->arg[1]] |= m, live[op->arg[2]] |= m;
         } else {
+            l->passed[l->npassed++] = o;
             const uint64_t *is = settle(l, (uint32_t)op->choice);
             uint64_t open = m & ~(is[0] | is[1]);
             any |= open;
@@ -72,10 +77,56 @@ static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
     return any | live[c->nops];
 }
 
+void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
+    PruneLevel *l = &p->level[level];
+    assert(n <= SLT_CHOICE_BOXES);
+    b->args.pruned = &l->pruned, b->args.choices = l->choices;
+    batch_call(b, SLT_K_PRUNE, n);
+    b->args.pruned = NULL, b->args.choices = NULL;
+}
+
+/* By box, what a choice is. Rows are as short as the boxes allow: fewer lines of cache. */
+static uint32_t *row_of(const PruneLevel *l, int32_t choice) { return l->is + (size_t)choice * l->stride; }
+
+/* Where the value of an operand of a choice lies in memory, in each box: the operation that exports it. A value that
+ * only its own chunk has lies nowhere. */
+static const uint32_t *operand(const SltChunks *c, const PruneLevel *l, uint32_t arg, uint32_t n, uint32_t *own) {
+    if (arg > c->nops) arg = l->via[arg - c->nops - 1];
+    if (arg < c->nops && c->op[arg].choice >= 0) return row_of(l, c->op[arg].choice);
+    uint32_t is = arg < c->nops && c->exported[arg] >= 0 ? arg : NOWHERE;
+    for (uint32_t k = 0; k < n; k++) own[k] = is;
+    return own;
+}
+
+/* What a choice is in each box: an operand that is settled, as far as that lies in memory, else itself. */
+static void pass_choice(const SltChunks *c, PruneLevel *l, uint32_t o, uint32_t n) {
+    const SltChunkOp *op = &c->op[o];
+    const uint64_t *settled = l->choices + 2 * (size_t)op->choice, live = l->live[o];
+    uint32_t *is = row_of(l, op->choice), here = c->exported[o] >= 0 ? o : NOWHERE;
+    uint32_t own[2][SLT_CHOICE_BOXES];
+    if (!((settled[0] | settled[1]) & live)) { /* the same in all boxes, mostly */
+        for (uint32_t k = 0; k < n; k++) is[k] = here;
+        return;
+    }
+    bool first = !(live & ~settled[0]), second = !(live & ~settled[1]);
+    if (first || second) {
+        const uint32_t *of = operand(c, l, op->arg[!first], n, own[0]);
+        for (uint32_t k = 0; k < n; k++) is[k] = of[k] == NOWHERE ? here : of[k];
+        return;
+    }
+    const uint32_t *of[2] = {operand(c, l, op->arg[0], n, own[0]), operand(c, l, op->arg[1], n, own[1])};
+    for (uint32_t k = 0; k < n; k++) {
+        uint32_t which = settled[0] >> k & 1 ? of[0][k] : settled[1] >> k & 1 ? of[1][k] : NOWHERE;
+        is[k] = which == NOWHERE ? here : which;
+    }
+}
+
 void prune_walk(Pruner *p, uint32_t level, uint64_t boxes) {
     const SltChunks *c = p->c;
     PruneLevel *l = &p->level[level];
     uint64_t *live = l->live, *imports = live + c->nops + 1;
+    uint32_t n = boxes ? 64 - (uint32_t)__builtin_clzll(boxes) : 0;
+    l->stride = n <= 16 ? 16 : SLT_CHOICE_BOXES;
     uint32_t count = 0, outside = c->first_import[c->nchunks];
     for (; l->chunks[count] != SLT_NO_CHUNK; count++) {
         uint32_t k = (uint32_t)l->chunks[count], op = c->first_op[k], import = c->first_import[k];
@@ -88,45 +139,21 @@ void prune_walk(Pruner *p, uint32_t level, uint64_t boxes) {
         l->runs[k] = walk_chunk(c, l, k);
         for (uint32_t i = c->first_import[k]; i < c->first_import[k + 1]; i++) live[l->via[i]] |= imports[i];
     }
+    while (l->npassed) pass_choice(c, l, l->passed[--l->npassed], n); /* operands first */
 }
 
-void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
-    PruneLevel *l = &p->level[level];
-    assert(n <= SLT_CHOICE_BOXES);
-    b->args.pruned = &l->pruned, b->args.choices = l->choices;
-    batch_call(b, SLT_K_PRUNE, n);
-    b->args.pruned = NULL, b->args.choices = NULL;
-}
-
-/* The operation whose value an exported one has in the box: settled choices passed, as far as what they are lies in
- * memory: the last operation that is reached from another chunk. */
-static uint32_t source(Pruner *p, const PruneLevel *l, uint32_t op, uint32_t box) {
-    const SltChunks *c = p->c;
-    uint32_t n = 0;
-    while (p->found[op].in != p->picks) {
-        uint32_t at = op;
-        p->way[n++] = op;
-        while (at < c->nops && c->op[at].choice >= 0) {
-            const uint64_t *is = l->choices + 2 * (size_t)c->op[at].choice;
-            bool first = is[0] >> box & 1, second = is[1] >> box & 1;
-            if (!first && !second) break;
-            at = c->op[at].arg[!first];
-        }
-        if (at <= c->nops) break; /* it is of this chunk, or of none: `op` has its value */
-        op = l->via[at - c->nops - 1];
+/* What does not matter in the box stays as it is. No branch depends on it: it would be guessed wrongly half the time.
+ */
+static void pick_imports(const SltChunks *c, const PruneLevel *l, PruneLevel *to, uint32_t first, uint32_t end,
+                         uint32_t box) {
+    for (uint32_t i = first; i < end; i++) {
+        uint32_t op = l->via[i];
+        int32_t choice = c->op[op].choice;
+        bool passed = (l->live[c->nops + 1 + i] >> box & 1) & (choice >= 0);
+        uint32_t is = row_of(l, passed ? choice : 0)[box];
+        op = passed ? is : op;
+        to->via[i] = op, to->from[i] = c->exported[op];
     }
-    uint32_t is = p->found[op].in == p->picks ? p->found[op].is : op;
-    for (uint32_t k = 0; k < n; k++) p->found[p->way[k]] = (PruneFound){p->picks, is};
-    return is;
-}
-
-static void pick_imports(Pruner *p, const PruneLevel *l, PruneLevel *to, uint32_t first, uint32_t end, uint32_t box) {
-    const SltChunks *c = p->c;
-    for (uint32_t i = first; i < end; i++)
-        if (l->live[c->nops + 1 + i] >> box & 1) {
-            to->via[i] = source(p, l, l->via[i], box);
-            to->from[i] = c->exported[to->via[i]];
-        }
 }
 
 void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
@@ -134,15 +161,14 @@ void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
     assert(level + 1 < PRUNE_LEVELS);
     const PruneLevel *l = &p->level[level];
     PruneLevel *to = &p->level[level + 1];
-    if (!++p->picks) memset(p->found, 0, c->nops * sizeof *p->found), p->picks = 1;
     uint32_t n = 0;
     for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
         if (!(l->runs[*k] >> box & 1)) continue;
         to->chunks[n++] = *k;
         for (uint32_t h = 2 * c->first_choice[*k]; h < 2 * c->first_choice[*k + 1]; h++)
             to->settled[h] = -(int32_t)(l->choices[h] >> box & 1);
-        pick_imports(p, l, to, c->first_import[*k], c->first_import[*k + 1], box);
+        pick_imports(c, l, to, c->first_import[*k], c->first_import[*k + 1], box);
     }
-    pick_imports(p, l, to, c->first_import[c->nchunks], c->nimports, box);
+    pick_imports(c, l, to, c->first_import[c->nchunks], c->nimports, box);
     to->chunks[n] = SLT_NO_CHUNK;
 }

@@ -18,23 +18,18 @@ typedef struct PruneLevel {
     SltPruned pruned;
     int32_t *chunks, *settled, *from; /* the arrays of `pruned` */
     uint32_t *via;                    /* [nimports]: `from`, as an operation */
-    uint64_t *choices; /* [2 * nchoices]: noted by `prune`; of choices that matter, settled by the walk */
-    uint64_t *live;    /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
-    uint64_t *runs;    /* [nchunks]: by chunk, likewise */
+    uint64_t *choices;         /* [2 * nchoices]: noted by `prune`; of choices that matter, settled by the walk */
+    uint64_t *live;            /* [nops + 1 + nimports]: by value (SltChunkOp.arg), a bit a box */
+    uint64_t *runs;            /* [nchunks]: by chunk, likewise */
+    uint32_t *is;              /* [nchoices][stride]: the operation that a choice that matters is, by box */
+    uint32_t stride;           /* boxes of a row, 16 or SLT_CHOICE_BOXES */
+    uint32_t *passed, npassed; /* [nchoices]: operations that are choices and matter, while they are walked */
 } PruneLevel;
-
-/* What prune_pick found an operation to be, and in which pick. */
-typedef struct PruneFound {
-    uint32_t in, is;
-} PruneFound;
 
 enum { PRUNE_LEVELS = 4 };
 typedef struct Pruner {
     const SltChunks *c;
     PruneLevel level[PRUNE_LEVELS]; /* [0]: everything, every chunk runs */
-    PruneFound *found;              /* [nops] */
-    uint32_t *way;                  /* [nops]: operations passed on the way to what one is */
-    uint32_t picks;
 } Pruner;
 bool prune_init(Pruner *p, const SltChunks *c);
 void prune_free(Pruner *p);

@@ -38,6 +38,13 @@ class Prospero(Case):
         self.assertLess(r["evaluations"], 0.9 * r["samples"])
         self.assertAlmostEqual(inside, r["mean"][0], delta=0.01)
 
+    def test_derivatives(self):
+        """The text lies inside the domain: its area shrinks with the square of the scale, and moving it changes nothing."""
+        r = self.json_cli("grad", "p.salt", "--integral", "--estimator", "lattice", "--segments", 1 << 20, "--samples", 1 << 20)
+        self.assertAlmostEqual(r["gradient"]["scale"], -2 * r["integral"][0], delta=0.03)
+        for shift in r["gradient"]["shift"]:
+            self.assertAlmostEqual(shift, 0, delta=0.1)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -20,6 +20,7 @@ enum { BOXES = 128, POINTS = 16, ROOM = BOXES * POINTS };
 static uint32_t rounds = 1;
 static uint64_t pairs, jumps;        /* compared: points with bounds; jumps of f with lists */
 static uint64_t continuous, jumping; /* boxes on which g is said not to jump, and the others */
+static uint64_t given;               /* events that were given */
 
 typedef struct Io {
     void *in[SLT_IN_VARYING], *out[SLT_OUT_MAX];
@@ -349,7 +350,28 @@ static bool is_told_before(const Case *t, uint32_t i, uint32_t e) {
     return false;
 }
 
-/* g of every event that is told lies between its bounds, and its gradient where it is known. */
+/* Gives the edge kernels some of the events that are told of box i, with signs by chance: whatever they are, g is a
+ * function of its own. */
+static void give_some(Case *t, Io *box, Io *at, uint32_t i, uint32_t told, uint32_t depth, bool any) {
+    for (uint32_t j = 0; j < SLT_GIVEN; j++) {
+        uint32_t e = (uint32_t)(unit(t) * fmin(told, open_of(t, i)));
+        int32_t edge = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, e))[i];
+        bool gives = any && edge >= 0 && unit(t) < 0.7;
+        int32_t code = gives ? 2 * (edge + 1) + (unit(t) < 0.5) : 0;
+        ((int32_t *)box->in[IN_GIVEN0 + j])[0] = code;
+        for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[IN_GIVEN0 + j])[k] = code;
+        for (uint32_t d = 0; d < depth && d < SLT_GIVEN_K; d++) {
+            uint32_t slot = IN_GIVEN0_K0 + SLT_GIVEN_K * j + d;
+            int32_t index = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_K, e * depth + d))[i];
+            ((int32_t *)box->in[slot])[0] = index;
+            for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = index;
+        }
+        given += gives;
+    }
+}
+
+/* g of every event that is told lies between its bounds, and its gradient where it is known; of some with the decisions
+ * of others given. */
 static void check_edges(Case *t) {
     if (!outputs(t, K_BOUNDS, SLT_OUT_OPEN) || !t->p->fn[K_EDGE] || !t->p->fn[K_EDGE_BOUNDS]) return;
     uint32_t told = outputs(t, K_BOUNDS, SLT_OUT_OPEN_EDGE), depth = outputs(t, K_BOUNDS, SLT_OUT_OPEN_K) / told;
@@ -358,9 +380,10 @@ static void check_edges(Case *t) {
     io_make(&at, t->p);
     bool checked = false;
     for (uint32_t i = 0; i < BOXES; i++)
-        for (uint32_t e = 0; e < told && (int32_t)e < open_of(t, i); e++) {
+        for (uint32_t way = 0, e = 0; e < told && (int32_t)e < open_of(t, i); way++, e += way % 2 == 0) {
             int32_t edge = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_EDGE, e))[i];
             if (edge < 0) break;
+            give_some(t, &box, &at, i, told, depth, way % 2 == 1);
             if (is_told_before(t, i, e)) fail_msg("%s: an event of edge %d is told twice", where(t, i), edge);
             for (uint32_t d = 0; d < 3; d++) {
                 set(t, box.in[IN_X0 + d], 0, t->lo[i][d]);
@@ -648,6 +671,7 @@ int main(int argc, char **argv) {
                                        cmocka_unit_test(programs), cmocka_unit_test(structure),
                                        cmocka_unit_test(jumping_g)};
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    printf("%llu pairs, %llu jumps\n", (unsigned long long)pairs, (unsigned long long)jumps);
+    printf("%llu pairs, %llu jumps, %llu given\n", (unsigned long long)pairs, (unsigned long long)jumps,
+           (unsigned long long)given);
     return failed;
 }

@@ -56,12 +56,8 @@ static void make_more(void) {
 
 /* Streams are one dimension more than cells have. */
 static bool random_program(const Case *c) { return strstr(c->source, "rand()") != NULL; }
-/* What cells are not up to yet: edges of solids along which a boundary function bends, a root of f at the curve in
- * single precision. */
-static bool beyond(const Case *c, bool f64) {
-    if (!strcmp(c->name, "box")) return true;
-    return !f64 && strstr(c->name, "square root guarded");
-}
+/* What cells are not up to yet: a root of f at the curve in single precision. */
+static bool beyond(const Case *c, bool f64) { return !f64 && strstr(c->name, "square root guarded"); }
 
 /* Jumps of both signs that lines in what is left may step over all at once. */
 static bool understated(const Case *c) { return strstr(c->name, "own cut") || strstr(c->name, "spherical cap"); }

@@ -9,6 +9,9 @@
 
 #include <cmocka.h>
 
+#include <float.h>
+
+#include "runtime/sample/grid.h"
 #include "tests/quadrature/estimates.h"
 
 #define PI 3.14159265358979323846
@@ -192,6 +195,22 @@ static void loss_of(SltFilter filter) {
     }
 }
 
+/* Out of the next tile in a few steps, and not far, wherever the border lies: from 0 units in the last place of x would
+ * take for ever. */
+static void into_a_tile(void **state) {
+    (void)state;
+    static const double lo[] = {-1, 0, -1e-6, 3, -1e9};
+    for (int k = 0; k < 5; k++)
+        for (int far = 0; far < 2; far++) {
+            double width = k == 2 ? 2e-6 : 2, at = lo[k] + 0.5 * width;
+            Grid g = {.dim = 1, .n = {128, 1, 1}, .lo = {lo[k]}, .hi = {lo[k] + width}, .side = {width / 128}};
+            uint32_t from[3] = {far ? 64 : 0}, to[3] = {far ? 128 : 64};
+            double x[3] = {far ? nextafter(at, -HUGE_VAL) : at};
+            grid_into(&g, from, to, x);
+            assert_true(grid_cell(&g, 0, x[0]) >= from[0] && grid_cell(&g, 0, x[0]) < to[0]);
+            assert_true(fabs(x[0] - at) <= 8 * DBL_EPSILON * fmax(fabs(lo[k]), fabs(lo[k] + width)));
+        }
+}
 static void a_loss(void **state) {
     (void)state;
     loss_of(SLT_FILTER_TENT);
@@ -204,11 +223,9 @@ static void a_loss_in_one_sweep(void **state) {
 int main(void) {
     for (int filter = 0; filter < 3; filter++)
         for (int i = 0; i < SIDE; i++) masses[filter][i] = mass((SltFilter)filter, i);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(pixels_are_exact),
-                                       cmocka_unit_test(filters_keep_constants),
-                                       cmocka_unit_test(derivative_images),
-                                       cmocka_unit_test(gradient_of_an_image),
-                                       cmocka_unit_test(a_loss),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(pixels_are_exact),   cmocka_unit_test(filters_keep_constants),
+                                       cmocka_unit_test(derivative_images),  cmocka_unit_test(gradient_of_an_image),
+                                       cmocka_unit_test(into_a_tile),        cmocka_unit_test(a_loss),
                                        cmocka_unit_test(a_loss_in_one_sweep)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -18,7 +18,7 @@
 
 static const struct {
     const char *name, *source;
-    bool steps;
+    bool flat;
 } cases[] = {
     {"constant inks", PAINTED("k[i]"), true},
     {"shaded inks", PAINTED("k[i] * x.x"), false},
@@ -54,7 +54,7 @@ static SltProgram *compile(const char *source) {
     SltOptions o = SLT_OPTIONS_INIT;
     SltProgram *p;
     o.f64 = true, o.no_cache = true, o.stdlib_dir = SALTUS_STDLIB_BUILD;
-    if (slt_compile_string(source, "steps", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    if (slt_compile_string(source, "flat", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
     return p;
 }
 
@@ -63,9 +63,9 @@ static void known(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         SltProgram *p = compile(cases[i].source);
         SltError err = {0};
-        bool needs[K_KINDS] = {[K_VALUE] = true};
+        bool needs[K_KINDS] = {[K_VALUE] = true, [K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
         if (api_kernels(p, needs, &err) != SLT_OK) fail_msg("%s: %s", cases[i].name, err.text);
-        if (p->scene.steps != cases[i].steps) fail_msg("%s", cases[i].name);
+        if (p->scene.flat != cases[i].flat) fail_msg("%s", cases[i].name);
         slt_program_free(p);
     }
 }
@@ -84,7 +84,7 @@ static void cheaper(void **state) {
         job.integral = true, job.threads = 1, job.estimator = SLT_EST_QUADRATURE, job.error = 1e-9;
         out.gradient = gradient[i], stats[i] = (SltStats)SLT_STATS_INIT;
         if (slt_grad_integral(p, &job, &out, &stats[i], &err) != SLT_OK) fail_msg("%s", err.text);
-        assert_true(p->scene.steps == !i && stats[i].certified > 1 - 1e-9);
+        assert_true(p->scene.flat == !i && stats[i].certified > 1 - 1e-9);
         slt_program_free(p);
     }
     for (int k = 0; k < 8; k++) assert_true(fabs(gradient[0][k] - gradient[1][k]) < 1e-8);
