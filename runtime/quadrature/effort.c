@@ -3,9 +3,14 @@
 
 #include "runtime/quadrature/effort.h"
 
-enum { SWEEPS = 10, PARTS_MAX = 16 };
+enum { SWEEPS = 10, PARTS_MAX = 16, LEFT_MOST = 1 << 21 };
 #define USUAL_GOAL 1e-7    /* where no error is asked for: */
 #define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
+#define FILLS 1e-3   /* a share of the domain that is no neighbourhood of curves */
+#define DEARER 8.0   /* the next sweep may cost so many times the last one, */
+#define CHEAP 1e6    /* or as if that had cost so much */
+#define DEEPER 0.25  /* of what a sweep costs, for cutting on what it leaves: at first, */
+#define DEEPEST 4.0  /* and at most */
 #define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
 #define LEAST_CELLS 0x1p-6 /* most that the least cell may be, in parts of a usual one */
 #define LEAST_F64 0x1p-34
@@ -28,6 +33,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
                   .absolute = j->abs_error,
                   .f64 = r->s->f64,
                   .parts = 1,
+                  .deeper = DEEPER,
                   .best = INFINITY,
                   .last = INFINITY};
     e->wanted = j->error > 0 || j->abs_error > 0;
@@ -44,7 +50,8 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
     while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
     /* Where nothing can be proven, cells go down to the least size in vain. */
-    double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left */
+    double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left, */
+    paid = fmin(paid, LEFT_MOST);                                            /* and held in memory */
     e->left_share = fmax(LEFT_SHARE, unproven);
     e->least = fmax(e->least, fmin(0.25, 4 * pow(unproven / paid, 1.0 / r->s->dim)));
 }
@@ -54,7 +61,7 @@ void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     o->gauss = e->gauss, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
     /* The coarse rule. Of one point, two tell the error as well. */
     o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
-    p->parts = e->parts, p->left_share = e->left_share;
+    p->parts = e->parts, p->left_share = e->left_share, p->least_ever = least_of(e), p->deeper = e->deeper;
     p->budget = e->limit > used ? e->limit - used : 1;
 }
 
@@ -73,6 +80,14 @@ static double goal_of(const Effort *e, double scale) {
     return fmax(relative * scale, e->absolute);
 }
 
+/* By how much cells may be smaller in the next sweep: what is left fills a part of the domain, or lies along curves,
+ * and should not cost far more than all did. */
+static double shrink(const Sweep *p, uint64_t cost) {
+    double dim = p->run->s->dim - (p->counts.left > FILLS ? 0 : 1), cells = (double)p->nleft;
+    if (!(dim > 0) || !(cells > 0)) return 64;
+    return clamp(pow(DEARER * fmax((double)cost, CHEAP) / (LEFT_COST * cells), 1 / dim), 2, 64);
+}
+
 bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
                  SltStop *stop) {
     double goal = goal_of(e, scale);
@@ -82,15 +97,20 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
         if (!e->wanted && p->short_of_volume && e->given) *stop = SLT_STOP_EVALUATIONS;
         return false;
     }
-    double next = (double)cost * (e->fixed ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
+    bool rougher = left > 0.25 * goal, finer = rules > 0.25 * goal; /* what there is too much of */
+    double next = (double)cost * (e->fixed || !finer ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
     bool spent = p->counts.spent && !p->cells_budget;
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
+    if (e->stalls >= 2 && left > rules) *stop = SLT_STOP_EVALUATIONS; /* no number of them seems to be enough */
     bool over = *stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS;
     if (!e->wanted && !(spent && e->given)) *stop = SLT_STOP_NONE; /* what ends it was not asked for */
     if (over || (e->fixed && !e->wanted)) return false;
     if (p->counts.spent) return true; /* the next one may spend more */
-    if (left > 0.25 * goal && e->least > least_of(e)) e->least = fmax(e->least / 64, least_of(e)), changed = true;
-    if (rules > 0.25 * goal) {
+    if (rougher && e->least > least_of(e)) {
+        changed = true;
+        e->least = fmax(e->least / shrink(p, cost), least_of(e)), e->deeper = fmin(4 * e->deeper, DEEPEST);
+    }
+    if (finer) {
         changed = true;
         e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
         if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;

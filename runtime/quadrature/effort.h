@@ -8,10 +8,10 @@ typedef struct Effort {
     bool wanted, given;        /* an error was asked for; a number of evaluations was */
     double relative, absolute; /* what was asked for; 0: not */
     bool fixed, f64;
-    uint32_t gauss, parts;   /* points of the fine rule; by how much tiles are smaller than at first */
-    double tolerance, least; /* as in CellOptions */
-    double left_share;       /* as in Sweep */
-    uint64_t limit;          /* evaluations in all */
+    uint32_t gauss, parts;     /* points of the fine rule; by how much tiles are smaller than at first */
+    double tolerance, least;   /* as in CellOptions */
+    double left_share, deeper; /* as in Sweep */
+    uint64_t limit;            /* evaluations in all */
     uint32_t sweeps, stalls;
     double best, last; /* errors: the least so far, that of the last sweep */
 } Effort;

@@ -1,5 +1,5 @@
-/* What lines may have stepped over in cells that are left: bounds say which events are open there, and each of these
- * weighs as a curve through the middle of its cell. */
+/* What lines may have stepped over in cells that are left, or met and could not integrate: bounds say which events are
+ * open there, and each of these weighs as a curve of its g does that crosses the cell somewhere. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,12 +10,14 @@ enum { PLACES = 3 }; /* where g is asked in a cell: in its middle and off it on 
 
 typedef struct Hidden {
     uint32_t n;
-    LeftCell of[LEFT_CHUNK]; /* those that are asked */
+    LeftCell of[LEFT_CHUNK];   /* those that are asked */
+    uint8_t index[LEFT_CHUNK]; /* of them in the chunk */
     Crossing crossing[LEFT_CHUNK * SLT_MAX_OPEN];
     uint8_t cell[LEFT_CHUNK * SLT_MAX_OPEN];
-    double steep[LEFT_CHUNK * SLT_MAX_OPEN]; /* least |grad g| of a curve g = 0 in the cell, as places tell; 0: none */
+    double range[LEFT_CHUNK * SLT_MAX_OPEN]; /* by how much g changes across the cell, the least that a place tells; 0:
+                                                none does */
     double jump[LEFT_CHUNK][SLT_MAX_CHANNELS];
-    double part[LEFT_CHUNK]; /* of a whole curve, that lines may have missed */
+    double part[LEFT_CHUNK]; /* of a whole curve, that is not among what lines have found */
 } Hidden;
 
 static double middle(const Box *b, uint32_t d, double t) { return b->lo[d] + t * (b->end[d] - b->lo[d]); }
@@ -41,7 +43,7 @@ static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
         Crossing *c = &h->crossing[h->n];
         *c = (Crossing){.event = {.site = edge, .boundary = first + floor(0.5 * count)}, .base = count, .axis = -1};
         for (uint32_t k = 0; k < depth; k++) c->event.k[k] = batch_get_int(b, SLT_OUT_OPEN_K, e * depth + k, i);
-        h->steep[h->n] = 0, h->cell[h->n++] = (uint8_t)i;
+        h->range[h->n] = 0, h->cell[h->n++] = (uint8_t)i;
     }
     return open >= 0 && n >= (uint32_t)open;
 }
@@ -74,9 +76,8 @@ static void find_jumps(SweepWorker *v, const LeftCell *l, uint32_t n, Hidden *h)
     }
 }
 
-/* g at the places of each event's cell: a curve in it is about as steep as g is there, and not flatter than it must be
- * to come to 0 within the cell. */
-static void find_slopes(SweepWorker *v, const LeftCell *l, Hidden *h) {
+/* The places of each event's cell: there g changes by its slope times the sides, and by enough to come to 0. */
+static void find_ranges(SweepWorker *v, const LeftCell *l, Hidden *h) {
     static const double at[PLACES] = {0.5, 0.9, 0.1};
     Batch *b = &v->w->batch;
     uint32_t lane[LEFT_CHUNK * SLT_MAX_OPEN];
@@ -85,88 +86,101 @@ static void find_slopes(SweepWorker *v, const LeftCell *l, Hidden *h) {
         for (uint32_t i = 0; i < h->n; i++)
             if ((uint32_t)h->crossing[i].event.site == site) lane[n++] = i;
         b->args.site = (int32_t)site;
-        for (int place = 0; place < PLACES && n; place++) {
-            for (uint32_t i = 0; i < n; i++) {
-                Crossing *c = &h->crossing[lane[i]];
-                const Box *box = &l[h->cell[lane[i]]].box;
-                for (uint32_t d = 0; d < b->s->dim; d++) c->dg[d] = middle(box, d, at[place]);
-                batch_set_x(b, i, c->dg);
-                batch_set_event(b, i, &c->event);
-            }
-            batch_call(b, SLT_K_SITE_GRAD, n);
-            for (uint32_t i = 0; i < n; i++) {
-                uint32_t k = lane[i];
-                const Box *box = &l[h->cell[k]].box;
-                double slope = 0, half = 0, g = fabs(batch_get(b, SLT_OUT_G, 0, i));
-                for (uint32_t d = 0; d < b->s->dim; d++) {
-                    double dg = batch_get(b, SLT_OUT_G_DX, d, i), side = 0.5 * (box->end[d] - box->lo[d]);
-                    slope += dg * dg, half += side * side;
+        for (uint32_t from = 0; from < n; from += BATCH)
+            for (int place = 0; place < PLACES; place++) {
+                uint32_t m = n - from < BATCH ? n - from : BATCH;
+                for (uint32_t i = 0; i < m; i++) {
+                    Crossing *c = &h->crossing[lane[from + i]];
+                    const Box *box = &l[h->cell[lane[from + i]]].box;
+                    for (uint32_t d = 0; d < b->s->dim; d++) c->dg[d] = middle(box, d, at[place]);
+                    batch_set_x(b, i, c->dg);
+                    batch_set_event(b, i, &c->event);
                 }
-                double steep = fmax(sqrt(slope), g / sqrt(half));
-                bool told = isfinite(slope) && isfinite(g) && steep > 0 && isfinite(steep);
-                if (!told || (h->steep[k] > 0 && h->steep[k] <= steep)) continue;
-                h->steep[k] = steep;
-                memcpy(h->crossing[k].x, h->crossing[k].dg, sizeof h->crossing[k].x);
+                batch_call(b, SLT_K_SITE_GRAD, m);
+                for (uint32_t i = 0; i < m; i++) {
+                    uint32_t k = lane[from + i];
+                    const Box *box = &l[h->cell[k]].box;
+                    double range = 0, g = fabs(batch_get(b, SLT_OUT_G, 0, i));
+                    for (uint32_t d = 0; d < b->s->dim; d++)
+                        range += fabs(batch_get(b, SLT_OUT_G_DX, d, i)) * (box->end[d] - box->lo[d]);
+                    bool told = isfinite(range) && isfinite(g);
+                    range = fmax(range, 2 * g);
+                    if (!told || !(range > 0) || (h->range[k] > 0 && h->range[k] <= range)) continue;
+                    h->range[k] = range;
+                    memcpy(h->crossing[k].x, h->crossing[k].dg, sizeof h->crossing[k].x);
+                }
             }
-        }
     }
 }
 
-bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen) {
-    Sweep *p = v->sweep;
-    Batch *b = &v->w->batch;
-    uint32_t dim = b->s->dim, kept = 0;
-    Hidden *h = v->hidden;
-    if (!h) h = v->hidden = malloc(sizeof *h);
-    if (!h) return false;
-    h->n = 0;
-    LeftCell *of = h->of;
-    uint32_t lanes = 0;
-    bool met[LEFT_CHUNK];
-    for (uint32_t i = 0; i < n; i++)
-        if (l[i].asked > 0) met[lanes] = seen[i], of[lanes++] = l[i];
-    if (!lanes) return true;
-    for (uint32_t i = 0; i < lanes; i++) {
-        batch_set_x(b, i, of[i].box.lo);
-        for (uint32_t d = 0; d < dim; d++) batch_set(b, SLT_IN_H0 + d, i, of[i].box.hi[d]);
-    }
-    b->args.note = NULL;
-    batch_call(b, SLT_K_BOUNDS, lanes);
-    for (uint32_t i = 0; i < lanes; i++) {
-        uint32_t before = h->n;
-        /* What fits between lines is closed: it goes round once. */
-        h->part[i] = of[i].stands > 0 ? 2.0 * dim / p->lines : sqrt(of[i].asked);
-        if (!read_open(b, i, h)) v->unnamed = true;
-        if (met[i]) h->n = before;
-    }
-    if (!h->n) return true;
-    find_jumps(v, of, lanes, h);
-    find_slopes(v, of, h);
-    for (uint32_t i = 0; i < h->n; i++) {
-        if (!(h->steep[i] > 0)) continue;
-        const Box *box = &of[h->cell[i]].box;
-        Crossing *c = &h->crossing[kept];
-        double volume = 1, longest = 0, most = 0;
-        for (uint32_t d = 0; d < dim; d++) {
-            double side = box->end[d] - box->lo[d];
-            volume *= side, longest = fmax(longest, side);
-        }
-        *c = h->crossing[i];
-        c->weight = c->base * h->part[h->cell[i]] * volume / longest / h->steep[i];
-        for (uint32_t k = 0; k < b->s->channels; k++)
-            c->jump[k] = h->jump[h->cell[i]][k], most = fmax(most, c->jump[k]);
-        if (!isfinite(c->weight) || !(most > 0)) continue;
-        kept++;
-    }
-    if (!kept) return true;
-    /* They err independently, whichever way each moves: signs by chance, and sizes that seldom cancel. What is merged
-     * is divided as sizes of crossings are. */
-    for (uint32_t i = 0; i < kept; i++) {
+/* Of a curve g = 0 through a box whose place is not known: the mean over the values of g of the integral of
+ * delta(g). False: nothing is known of g. */
+static bool weigh(const SweepWorker *v, const Hidden *h, uint32_t i, const Box *box, Crossing *c) {
+    double volume = 1, most = 0;
+    uint32_t cell = h->cell[i];
+    if (!(h->range[i] > 0)) return false;
+    for (uint32_t d = 0; d < v->w->batch.s->dim; d++) volume *= box->end[d] - box->lo[d];
+    *c = h->crossing[i];
+    c->weight = c->base * h->part[cell] * volume / h->range[i];
+    for (uint32_t k = 0; k < v->w->batch.s->channels; k++) c->jump[k] = h->jump[cell][k], most = fmax(most, c->jump[k]);
+    return isfinite(c->weight) && most > 0;
+}
+
+/* They err independently, whichever way each moves: signs by chance, and sizes that seldom cancel. What is merged is
+ * divided as sizes of crossings are. */
+static void put(SweepWorker *v, Hidden *h, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++) {
         uint32_t mixed = (i + 1) * 0x9e3779b1u;
         mixed ^= mixed >> 15, mixed *= 0x85ebca6bu, mixed ^= mixed >> 13;
         double chance = (mixed & 1 ? 1 : -1) * (0.6 + 0.8 * (mixed >> 8) * 0x1p-24);
         h->crossing[i].weight *= chance * left_divisor(v);
     }
-    sink_put_size(&v->w->sink, h->crossing, kept);
+    for (uint32_t from = 0; from < n; from += BATCH)
+        sink_put_size(&v->w->sink, h->crossing + from, n - from < BATCH ? n - from : BATCH);
+}
+
+/* Bounds of the cells that are asked, one lane each; returns how many those are. */
+static uint32_t ask(SweepWorker *v, const LeftCell *l, uint32_t n, Hidden *h) {
+    Batch *b = &v->w->batch;
+    uint32_t lanes = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (l[i].asked > 0) h->index[lanes] = (uint8_t)i, h->of[lanes++] = l[i];
+    for (uint32_t i = 0; i < lanes; i++) {
+        batch_set_x(b, i, h->of[i].box.lo);
+        for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, i, h->of[i].box.hi[d]);
+    }
+    b->args.note = NULL;
+    if (lanes) batch_call(b, SLT_K_BOUNDS, lanes);
+    return lanes;
+}
+
+bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen, const bool *lost) {
+    Sweep *p = v->sweep;
+    Batch *b = &v->w->batch;
+    uint32_t kept = 0;
+    Hidden *h = v->hidden;
+    if (!h) h = v->hidden = malloc(sizeof *h);
+    if (!h) return false;
+    h->n = 0;
+    uint32_t lanes = ask(v, l, n, h);
+    for (uint32_t i = 0; i < lanes; i++) {
+        uint32_t before = h->n;
+        const LeftCell *cell = &h->of[i];
+        bool dropped = lost[h->index[i]];
+        /* What fits between lines is closed: it goes round once. What was dropped is a whole curve. */
+        h->part[i] = dropped ? cell->stands : cell->stands > 0 ? 2.0 * b->s->dim / p->lines : sqrt(cell->asked);
+        if (!read_open(b, i, h)) v->unnamed = true;
+        if (dropped && h->n == before) v->unnamed = true;
+        if (seen[h->index[i]] && !dropped) h->n = before;
+    }
+    if (!h->n) return true;
+    find_jumps(v, h->of, lanes, h);
+    find_ranges(v, h->of, h);
+    for (uint32_t i = 0; i < h->n; i++) {
+        Crossing c;
+        if (weigh(v, h, i, &h->of[h->cell[i]].box, &c)) h->crossing[kept++] = c;
+        else if (lost[h->index[h->cell[i]]]) v->unnamed = true;
+    }
+    put(v, h, kept);
     return true;
 }

@@ -2,29 +2,45 @@
  * samples between them. Every second line, and every second sample, belongs to a set of its own: two estimates, whose
  * distance tells the error of their mean. */
 #include <math.h>
+#include <string.h>
 
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
 
-enum { SIDE_MAX = 34 }; /* vertices along a line: LEFT_LINES and the two ends */
+enum {
+    SIDE_MAX = 34, /* vertices along a line: LEFT_LINES and the two ends */
+    GAP_LINES = 8  /* through a gap, for each line through another cell */
+};
 
 typedef struct Net {
-    uint32_t dim, n, side[3]; /* n: lines across each axis; side: vertices along each axis */
+    uint32_t dim, n[3], side[3]; /* n: lines across each axis; side: vertices along each axis */
     uint64_t stride[3];
     double pos[3][SIDE_MAX];
 } Net;
 
+/* In [0, 1), of a place and a number. */
+static double chance(double place, uint32_t k) {
+    uint64_t bits;
+    memcpy(&bits, &place, sizeof bits);
+    bits ^= 0x9e3779b97f4a7c15u * (k + 1);
+    bits ^= bits >> 31, bits *= 0xbf58476d1ce4e5b9u, bits ^= bits >> 29, bits *= 0x94d049bb133111ebu;
+    return (double)((bits ^ bits >> 32) >> 11) * 0x1p-53;
+}
+
 static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n) {
-    t->dim = v->w->batch.s->dim, t->n = n;
+    t->dim = v->w->batch.s->dim;
     uint64_t stride = 1;
+    uint32_t more = GAP_LINES * n < SIDE_MAX - 2 ? GAP_LINES * n : SIDE_MAX - 2;
+    int gap = sweep_gap(v->sweep, b); /* lines run across it alone */
     for (uint32_t d = 0; d < 3; d++) {
-        t->side[d] = d < t->dim ? n + 2 : 1, t->stride[d] = stride, t->pos[d][0] = 0;
+        t->n[d] = gap < 0 ? n : gap == (int)d ? 0 : more;
+        t->side[d] = d < t->dim ? t->n[d] + 2 : 1, t->stride[d] = stride, t->pos[d][0] = 0;
         stride *= t->side[d];
         if (d >= t->dim) continue;
-        double h = (b->end[d] - b->lo[d]) / n;
-        t->pos[d][0] = b->lo[d], t->pos[d][n + 1] = b->end[d];
-        for (uint32_t k = 0; k < n; k++) t->pos[d][k + 1] = b->lo[d] + (k + 0.5) * h;
+        double h = (b->end[d] - b->lo[d]) / t->n[d];
+        t->pos[d][0] = b->lo[d], t->pos[d][t->n[d] + 1] = b->end[d];
+        for (uint32_t k = 0; k < t->n[d]; k++) t->pos[d][k + 1] = b->lo[d] + (k + 0.5) * h;
     }
 }
 
@@ -56,8 +72,9 @@ static void evaluate(SweepWorker *v, const Net *t) {
 static void scan(SweepWorker *v, const Net *t, uint32_t axis, uint64_t first, double threshold, Segment *seg) {
     Worker *w = v->w;
     uint64_t stride = t->stride[axis];
-    uint8_t set = seg->cls, missed = v->sweep->kind == SWEEP_INTEGRAL ? 2 : 0;
-    if (missed) set |= 4;
+    /* A line in one dimension is exact, but for what it stepped over. */
+    bool sized = v->sweep->errors;
+    uint8_t set = (uint8_t)(seg->cls | (sized && t->dim > 1 ? 4 : 0)), missed = sized ? 2 | 4 : 0;
     for (uint32_t e = 0; e + 1 < t->side[axis]; e++) {
         uint64_t a = first + e * stride, b = a + stride;
         w->finder.segments++;
@@ -99,9 +116,10 @@ static bool lines(SweepWorker *v, const Net *t, const Box *box, double stands, i
         double base = 1, threshold = HUGE_VAL;
         uint64_t count = 1;
         for (uint32_t d = 0; d < t->dim; d++) {
-            from[d] = 1, to[d] = t->n + 1;
-            if (d != axis) base *= box->end[d] - box->lo[d], count *= t->n;
+            from[d] = 1, to[d] = t->n[d] + 1;
+            if (d != axis) base *= box->end[d] - box->lo[d], count *= t->n[d];
         }
+        if (!count) continue;
         /* Two sets: each has half of the lines. */
         uint32_t sets = p->errors && t->dim > 1 ? 2 : 1;
         base *= stands * (double)sets / (double)count;
@@ -119,6 +137,7 @@ static bool lines(SweepWorker *v, const Net *t, const Box *box, double stands, i
             for (uint32_t r = from[a]; r < to[a]; r++) {
                 Segment seg = {.base = base,
                                .axis = (int8_t)axis,
+                               .owner = v->owner,
                                .cls = sets < 2  ? 0
                                       : set < 0 ? (q + r) & 1
                                                 : (uint8_t)set};
@@ -131,22 +150,26 @@ static bool lines(SweepWorker *v, const Net *t, const Box *box, double stands, i
     return true;
 }
 
-static void samples(SweepWorker *v, const Net *t, const Box *box, double stands, int own) {
+/* Where errors are stated, samples lie anywhere in their strata: in the middle of them, a boundary along the axes would
+ * give both sets the same, however wrong. */
+static void samples(SweepWorker *v, uint32_t lines, const Box *box, double stands, int own) {
+    const uint32_t dim = v->w->batch.s->dim;
     CellPoint point[2][BATCH];
     uint32_t n[2] = {0}, sets = v->sweep->errors ? 2 : 1, across[3];
     uint64_t count = 1;
     double m = 1;
     for (uint32_t d = 0; d < 3; d++) {
-        across[d] = d < t->dim ? t->n : 1, count *= across[d];
-        if (d < t->dim) m *= box->end[d] - box->lo[d];
+        across[d] = d < dim ? lines : 1, count *= across[d];
+        if (d < dim) m *= box->end[d] - box->lo[d];
     }
     for (uint64_t i = 0; i < count; i++) {
         uint64_t rest = i, parity = 0;
         CellPoint x = {.weight = stands * m * sets / (double)count};
-        for (uint32_t d = 0; d < t->dim; d++) {
+        for (uint32_t d = 0; d < dim; d++) {
             uint64_t k = rest % across[d];
             rest /= across[d], parity += k;
-            x.x[d] = t->pos[d][k + 1];
+            double h = (box->end[d] - box->lo[d]) / lines;
+            x.x[d] = box->lo[d] + (k + (sets < 2 ? 0.5 : chance(box->lo[d] + k * h, (uint32_t)i))) * h;
         }
         uint32_t set = sets < 2 ? 0 : own < 0 ? parity & 1 : (uint32_t)own;
         point[set][n[set]++] = x;
@@ -162,8 +185,4 @@ bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
     return lines(v, &t, &c->box, c->stands, set);
 }
 
-void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
-    Net t;
-    net_init(&t, v, &c->box, n);
-    samples(v, &t, &c->box, c->stands, set);
-}
+void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set) { samples(v, n, &c->box, c->stands, set); }

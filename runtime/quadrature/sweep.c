@@ -14,7 +14,11 @@ enum {
     ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
     ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
     LEFT_LINES = 32,      /* most lines across a cell */
-    LEAST_BUDGET = 512    /* evaluations of a tile, below which a round makes no sense */
+    SMOOTH_HALVINGS = 4,  /* pieces that must be halved more often are not smooth */
+    LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
+    DEEPER_BUDGET = 192,  /* and of a cell at the least size, to cut it further, */
+    DEEPER_ROUNDS = 12,   /* this often, each time into parts so many times smaller */
+    DEEPER = 16
 };
 
 static bool grow(void **v, uint64_t n, uint64_t *cap, size_t size) {
@@ -128,8 +132,10 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
         return;
     }
     LeftCell *l = &v->left[v->nleft++];
+    const double *known = v->within ? v->within->bounds : NULL;
     l->box = *cell, l->stands = l->asked = 1;
-    memcpy(l->bounds, bounds, 2 * v->sweep->run->s->channels * sizeof *bounds);
+    for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
+        l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
 
 /* What a cell that is only sampled can hide of the value. */
@@ -213,6 +219,7 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
     begin_tile(v, &p->tile[tile]);
+    v->within = p->nparents ? &p->parent[tile] : NULL;
     if (!begin_splat(v, &p->tile[tile])) return false;
     CellSink sink = {.curve = take_curve,
                      .volume = sweep_volume,
@@ -235,7 +242,8 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
         bool sets = mode == SUM_SETS || mode == SUM_LINE;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
-        if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
+        if (mode == SUM_RULES)
+            p->f_error[c] += sums_rules_error(&p->sums, d, fabs(fine)) + p->sums.rounding * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
         p->f_hidden[c] += v->f_hidden[c];
     }
@@ -252,6 +260,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
+    p->sums.smooth = !c->spent && c->halvings <= SMOOTH_HALVINGS;
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
     merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
@@ -284,7 +293,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     uint64_t from = chunk * LEFT_CHUNK, to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
     Box hull = p->left[from].box;
-    bool seen[LEFT_CHUNK] = {false};
+    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false};
     for (uint64_t i = from; i < to; i++)
         for (uint32_t d = 0; d < p->run->s->dim; d++) {
             hull.lo[d] = fmin(hull.lo[d], p->left[i].box.lo[d]);
@@ -292,12 +301,13 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         }
     begin_tile(v, &hull);
     if (!begin_splat(v, &hull)) return false;
+    v->w->finder.lost = lost;
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
         int set = l->stands > 1 ? (int)(i & 1) : -1;
         uint64_t differ = v->differ;
-        seen[i - from] = false;
+        v->owner = (uint8_t)(i - from);
         if (!(l->stands > 0)) continue;
         if (p->options.curves && !left_lines(v, l, p->lines, set)) return false;
         if (p->options.volume) left_samples(v, l, p->lines, set);
@@ -305,8 +315,9 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
-    bool states = p->kind == SWEEP_INTEGRAL && p->errors && p->options.curves;
-    if (states && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen)) return false;
+    v->w->finder.lost = NULL;
+    if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
+        return false;
     accum_close(&v->w->acc);
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
 }
@@ -319,12 +330,20 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, left_divisor(v));
 }
 
+/* How large a piece of a boundary a cell may hold: its largest face. A gap between two floats holds as much as the cell
+ * that it was cut from. */
+static double face(const Box *b, uint32_t dim) {
+    double m = 1, shortest = HUGE_VAL;
+    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
+    return shortest > 0 ? m / shortest : 0;
+}
+
 /* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
- * for all, chosen in proportion to their measure. */
+ * for all, chosen in proportion to their measure and to what they may hold of boundaries. */
 static void plan_left(Sweep *p, uint64_t used) {
     uint32_t dim = p->run->s->dim;
-    double left = 0, at = 0.5, sum = 0;
-    for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, dim);
+    double left = 0, faces = 0, at = 0.5, sum = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, dim), faces += face(&p->left[i].box, dim);
     double spare = p->budget > used ? (double)(p->budget - used) : 0, most = fmax(spare / LEFT_COST, LEFT_CHUNK);
     double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
     if (p->budget) vertices = fmin(vertices, 0.5 * spare);
@@ -336,7 +355,8 @@ static void plan_left(Sweep *p, uint64_t used) {
     uint64_t every = (uint64_t)((double)p->nleft * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
     for (uint64_t i = 0; i < p->nleft; i++) {
         LeftCell *l = &p->left[i];
-        double expected = measure(&l->box, dim) / left * most;
+        double part = measure(&l->box, dim) / left, of_faces = face(&l->box, dim) / faces;
+        double expected = (p->options.curves ? 0.5 * (part + of_faces) : part) * most;
         sum += expected;
         l->stands = sum >= at ? fmax(1, 1 / expected) : 0;
         l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
@@ -365,7 +385,7 @@ SltStatus sweep_begin(Sweep *p) {
         v->w->finder.proves = p->kind == SWEEP_INTEGRAL && prove_serves(s);
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
-        k->adjoint = p->adjoint, k->classes = p->kind == SWEEP_REVERSE && p->errors ? 2 : 1, k->dirs = p->dirs;
+        k->adjoint = p->adjoint, k->sizes = p->kind == SWEEP_REVERSE && p->errors, k->dirs = p->dirs;
         if (!kept_init(&v->kept, s)) return no_memory(p);
         if (!(v->cells = cells_new(&v->w->batch, s->lo, s->hi))) return no_memory(p);
     }
@@ -376,10 +396,23 @@ void sweep_end(Sweep *p) {
     for (uint32_t i = 0; i < p->run->nworkers && p->worker; i++)
         cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), kept_free(&p->worker[i].kept),
             free(p->worker[i].left), free(p->worker[i].hidden);
-    free(p->worker), free(p->tile), free(p->left);
+    free(p->worker), free(p->tile), free(p->left), free(p->parent);
     sums_free(&p->sums);
     run_free_workers(p->run);
 }
+
+int sweep_gap(const Sweep *p, const Box *b) {
+    const SltScene *s = p->run->s;
+    int axis = -1;
+    for (uint32_t d = 0; d < s->dim; d++) {
+        double next = s->f64 ? nextafter(b->lo[d], HUGE_VAL) : (double)nextafterf((float)b->lo[d], HUGE_VALF);
+        if (next >= b->end[d]) axis = (int)d;
+    }
+    return axis;
+}
+
+/* Between two floats there is nothing to be cut. */
+static bool is_gap(const Sweep *p, const Box *b) { return sweep_gap(p, b) >= 0; }
 
 static bool is_large(const Sweep *p, const Box *b) {
     const SltScene *s = p->run->s;
@@ -392,20 +425,57 @@ static bool is_large(const Sweep *p, const Box *b) {
  * all of them as makes sense; what is left at the least size stays. */
 static bool again(Sweep *p, uint64_t spare) {
     uint64_t kept = 0, tiles = 0;
-    for (uint64_t i = 0; i < p->nleft; i++) tiles += is_large(p, &p->left[i].box);
+    for (uint64_t i = 0; i < p->nleft; i++) tiles += is_large(p, &p->left[i].box) && !is_gap(p, &p->left[i].box);
     if (!tiles || spare / tiles < LEAST_BUDGET || !grow((void **)&p->tile, tiles, &p->tile_cap, sizeof *p->tile))
         return false;
     p->ntiles = 0;
     for (uint64_t i = 0; i < p->nleft; i++)
-        if (is_large(p, &p->left[i].box)) p->tile[p->ntiles++] = p->left[i].box;
+        if (is_large(p, &p->left[i].box) && !is_gap(p, &p->left[i].box)) p->tile[p->ntiles++] = p->left[i].box;
         else p->left[kept++] = p->left[i];
     p->nleft = kept;
     return true;
 }
 
+/* The cells that are left become tiles, but for gaps; false where there is nothing to cut, or no memory. */
+static bool begin_deeper(Sweep *p) {
+    uint64_t kept = 0;
+    p->ntiles = p->nparents = 0;
+    if (!grow((void **)&p->tile, p->nleft, &p->tile_cap, sizeof *p->tile)) return false;
+    if (!grow((void **)&p->parent, p->nleft, &p->parent_cap, sizeof *p->parent)) return false;
+    for (uint64_t i = 0; i < p->nleft; i++)
+        if (is_gap(p, &p->left[i].box)) p->left[kept++] = p->left[i];
+        else p->tile[p->ntiles++] = p->left[i].box, p->parent[p->nparents++] = p->left[i];
+    p->nleft = kept;
+    return p->ntiles > 0;
+}
+
+/* An event may be open in a cell of the least size because bounds are loose there, or around a point: a few more boxes
+ * tell. Where they do not, along curves, cells would become ever more: so it is done for a small share of what the
+ * sweep has cost. */
+static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
+    Run *r = p->run;
+    SltStatus st = SLT_OK;
+    bool spent = p->counts.spent;
+    double least = p->options.least;
+    uint64_t used = r->stats.evaluations - start, most = used + (uint64_t)(p->deeper * (double)used);
+    if (p->budget && share < most) most = share;
+    for (uint32_t round = 0; round < DEEPER_ROUNDS && st == SLT_OK; round++) {
+        used = r->stats.evaluations - start;
+        uint64_t spare = most > used ? most - used : 0;
+        if (!p->nleft || spare / p->nleft < DEEPER_BUDGET || p->options.least <= p->least_ever) break;
+        if (!begin_deeper(p)) break;
+        p->options.budget = spare / p->ntiles, p->options.least = fmax(p->options.least / DEEPER, p->least_ever);
+        st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
+        if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+    }
+    p->counts.spent = spent, p->options.least = least, p->nparents = 0;
+    return st;
+}
+
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
+    p->sums.gauss = p->options.gauss;
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
     p->short_of_volume = p->unnamed = false;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
@@ -422,6 +492,7 @@ SltStatus sweep_run(Sweep *p) {
         used = r->stats.evaluations - start;
         if (st != SLT_OK || !p->counts.spent || !again(p, used < share ? share - used : 0)) break;
     }
+    if (st == SLT_OK && p->errors && !p->cells_budget) st = deepen(p, start, share);
     double left = 0;
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;

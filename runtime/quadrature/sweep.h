@@ -47,6 +47,8 @@ typedef struct Sweep {
     float *crossings;           /* SWEEP_FORWARD: points of curves, by pixel; may be NULL */
     double segments, samples;   /* of lines and samples, in all, if everything were left */
     CellOptions options;
+    double least_ever, deeper; /* cells that are left at options.least are cut down to this size, for so many times what
+                                  the sweep has cost */
     uint32_t parts;        /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
     uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
     double left_share;     /* of the budget, for what is left */
@@ -67,6 +69,8 @@ typedef struct Sweep {
     uint64_t ntiles, tile_cap;
     LeftCell *left;
     uint64_t nleft, left_cap;
+    LeftCell *parent; /* [nparents]: of the tiles, where they are cells that were left; else none */
+    uint64_t nparents, parent_cap;
     double volume;                 /* of the domain */
     uint32_t lines;                /* across a cell that is left, along each axis */
     bool mixed;                    /* lines or samples were used */
@@ -92,14 +96,18 @@ struct SweepWorker {
     bool volume_sampled;           /* of a cell of the tile */
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
     bool unnamed;
-    uint64_t differ;       /* segments of lines whose ends differ, so far */
-    struct Hidden *hidden; /* hidden.c: room for a chunk; NULL until it is needed */
-    Splat splat;           /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
-    Kept kept;             /* SWEEP_LOSS */
-    bool failed;           /* memory ran out */
+    uint64_t differ;        /* segments of lines whose ends differ, so far */
+    const LeftCell *within; /* the cell that the tile is; NULL: no such one */
+    uint8_t owner;          /* which cell of its chunk lines go through: Segment.owner */
+    struct Hidden *hidden;  /* hidden.c: room for a chunk; NULL until it is needed */
+    Splat splat;            /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
+    Kept kept;              /* SWEEP_LOSS */
+    bool failed;            /* memory ran out */
 };
 /* What bounds say that a cell which is left can hide of the value: measure times the largest range of a channel. */
 double sweep_hidden(const Sweep *p, const LeftCell *l);
+/* The axis along which a box is but a gap between two floats, whose two sides nothing can be put between; -1: none. */
+int sweep_gap(const Sweep *p, const Box *b);
 /* Derivatives of f at points, weighed by the adjoint image. */
 void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule);
 /* Points of the volume: CellSink.volume. */
@@ -111,8 +119,8 @@ void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 /* What crossings of the chunk in hand are divided by for the error of its lines. */
 double left_divisor(const SweepWorker *v);
 /* ---- hidden.c: adds to the stated error what lines may have missed in n <= LEFT_CHUNK cells; seen[i]: they have met
- * something in cell i. After the finder has run. False when memory runs out. */
-bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen);
+ * something in cell i; lost[i]: and could not integrate it. After the finder has run. False when memory runs out. */
+bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen, const bool *lost);
 /* ---- loss.c: the gradient of a tile whose points are kept. False when memory runs out. */
 bool loss_tile(SweepWorker *v, uint64_t tile);
 

@@ -94,6 +94,11 @@ void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
     finder_push(f, s);
 }
 
+void finder_drop(Finder *f, SltDrop reason, uint8_t owner) {
+    f->dropped[reason]++;
+    if (f->lost) f->lost[owner] = true;
+}
+
 Mark batch_mark(const Batch *b, uint32_t i) {
     Mark m = {.hash = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)};
     if (batch_has(b, SLT_OUT_DEPTH)) m.depth = batch_get(b, SLT_OUT_DEPTH, 0, i);
@@ -108,7 +113,7 @@ void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, 
         return;
     }
     if (!(tb > ta) || s->halvings >= search_most_halvings(f->s)) {
-        f->dropped[SLT_DROP_HALVINGS]++;
+        finder_drop(f, SLT_DROP_HALVINGS, s->owner);
         return;
     }
     Segment part = *s;
@@ -165,7 +170,7 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
             window_ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
             return;
         }
-        f->dropped[reason]++;
+        finder_drop(f, reason, s->owner);
         return;
     }
     assert(f->nsplit < FIND);
@@ -302,7 +307,7 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         if (it.event.site < 0 || (uint32_t)it.event.site >= f->s->nsites) {
             split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
         } else if (f->s->site_static && f->s->site_static[it.event.site]) {
-            f->dropped[SLT_DROP_STATIC]++;
+            finder_drop(f, SLT_DROP_STATIC, it.s.owner);
         } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
         } else if (it.s.tb - it.s.ta <= it.tol && window_site(f->s, it.event.site)) {
@@ -347,7 +352,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     }
     f->crossings++;
     if (!finite) {
-        f->dropped[SLT_DROP_NOT_FINITE]++;
+        finder_drop(f, SLT_DROP_NOT_FINITE, it->s.owner);
         return;
     }
     if (!jumps) return;
@@ -370,6 +375,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     c.bracket = sqrt(len) * (hi - lo + slack);
     c.rising = it->ga < it->gb ? 1 : -1;
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
+    c.owner = it->s.owner;
     c.event = it->event;
     c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge;
     *found_slot(f) = c;

@@ -42,6 +42,7 @@ typedef struct Segment {
     uint8_t halvings; /* how often the segment was cut */
     uint8_t state;    /* SearchState */
     uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
+    uint8_t owner;    /* whose it is: an index of Finder.lost */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
     double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
@@ -57,7 +58,7 @@ typedef struct Crossing {
     double base, rand0;     /* from here to edge: of the segment */
     int32_t stream;
     int8_t axis, rising; /* rising: 1 where g grows from a to b, else -1 */
-    uint8_t cls;
+    uint8_t cls, owner;
     uint32_t edge;
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
@@ -80,6 +81,7 @@ struct Finder {
     struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
+    bool *lost; /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
      * those that only the last halving found */
     Segment *alike; /* [nalike] */
@@ -99,6 +101,8 @@ void finder_free(Finder *f);
 void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold);
 /* Adds a segment with all of its members set. */
 void finder_push(Finder *f, const Segment *s);
+/* Counts a crossing that cannot be integrated. */
+void finder_drop(Finder *f, SltDrop reason, uint8_t owner);
 /* Works off full batches of the stack; with `all` everything. */
 void finder_run(Finder *f, bool all);
 /* x = a + t (b - a). */

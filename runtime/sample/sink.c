@@ -79,7 +79,7 @@ static bool weigh(Sink *k, Crossing *c) {
         if (isfinite(c->weight)) return true;
         reason = SLT_DROP_NOT_FINITE;
     }
-    k->f->dropped[reason]++;
+    finder_drop(k->f, reason, c->owner);
     return false;
 }
 
@@ -134,18 +134,21 @@ static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_
     }
 }
 
-static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t cls) {
+/* Into the buffer `which`. size: 0, or as emit_size how much there is of the boundary where an adjoint is, so many
+ * times; what was not found by a line has a sign of its own. */
+static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t which, double size) {
     uint32_t channels = k->b->s->channels, used = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
         double a[SLT_MAX_CHANNELS], seed = 0;
         grid_gather(k->grid, k->adjoint, channels, x->x, a);
-        for (uint32_t ch = 0; ch < channels; ch++) seed += a[ch] * x->jump[ch];
+        for (uint32_t ch = 0; ch < channels; ch++) seed += size > 0 ? fabs(a[ch] * x->jump[ch]) : a[ch] * x->jump[ch];
         if (seed == 0) continue; /* no pixel asks for it */
+        seed *= size > 0 ? size * (x->axis >= 0 ? fabs(x->weight) : x->weight) : x->weight;
         sink_put(k, used, x);
-        batch_set(k->b, SLT_IN_SEED0, used++, seed * x->weight);
+        batch_set(k->b, SLT_IN_SEED0, used++, seed);
     }
-    accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, cls);
+    accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, which);
 }
 
 static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
@@ -207,6 +210,9 @@ static uint32_t group_end(Sink *k, const Crossing *c, uint32_t from, uint32_t n)
     return to;
 }
 
+/* Of crossings by quadrature: the group of buffers that sizes go to, as SUM_SIZE. */
+enum { SIZE_GROUP = 4 };
+
 static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
     if (!n) return;
     uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
@@ -214,9 +220,12 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
     case SINK_PARTS:
         emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 1) * channels);
-        if (cls & 4) emit_size(k, c, order, n, 4 * channels, cls & 2);
+        if (cls & 4) emit_size(k, c, order, n, SIZE_GROUP * channels, cls & 2);
         break;
-    case SINK_REVERSE: emit_reverse(k, c, order, n, k->classes > 1 ? cls : 0); break;
+    case SINK_REVERSE:
+        emit_reverse(k, c, order, n, k->sizes ? cls & 1 : k->classes > 1 ? cls : 0, 0);
+        if (k->sizes && cls & 4) emit_reverse(k, c, order, n, SIZE_GROUP, cls & 2 ? 2 : 1);
+        break;
     case SINK_FORWARD: emit_forward(k, c, order, n); break;
     case SINK_KEEP: break;
     }
@@ -231,11 +240,12 @@ void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
 }
 
 void sink_put_size(Sink *k, const Crossing *c, uint32_t n) {
-    uint32_t size = 4 * k->b->s->channels;
+    uint32_t size = SIZE_GROUP * k->b->s->channels;
     group(k, c, n);
     for (uint32_t from = 0, to; from < n; from = to) {
         to = group_end(k, c, from, n);
-        emit_integral(k, c, k->order + from, to - from, size, size);
+        if (k->kind == SINK_REVERSE) emit_reverse(k, c, k->order + from, to - from, SIZE_GROUP, 1);
+        else emit_integral(k, c, k->order + from, to - from, size, size);
     }
 }
 

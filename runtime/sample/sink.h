@@ -33,6 +33,7 @@ struct Sink {
     double scale[3];        /* s_j of the weights: sides of the domain (integral) or of a pixel */
     const float *adjoint;   /* SINK_REVERSE: an image */
     uint32_t classes;       /* SINK_REVERSE: adjoint buffers, 1 or COSETS */
+    bool sizes;             /* SINK_REVERSE: classes as of SINK_PARTS, sizes included */
     const Directions *dirs; /* SINK_FORWARD */
     Splat splat;            /* SINK_FORWARD: a plane for each direction */
     Crossing *kept;         /* SINK_KEEP: [nkept] */
@@ -49,7 +50,7 @@ void sink_free(Sink *k);
 void sink_take(void *sink, Crossing *c, uint32_t n);
 /* The same for n <= BATCH crossings that have their weights already. */
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n);
-/* SINK_PARTS: weight * jump into the group of sizes alone. n <= BATCH. */
+/* weight * jump into the group of sizes alone; SINK_REVERSE: of the sum of what the adjoint weighs. n <= BATCH. */
 void sink_put_size(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */

@@ -1,0 +1,47 @@
+"""Stated errors of quadrature: never smaller than true ones, where bounds prove little."""
+from harness import *
+
+HEAD = "param float a = 0.37; param float b = 0.61; param float c = 0.23; "
+
+
+class Left(Case):
+    """What cells leave over, on programs whose derivatives are known."""
+
+    def ask(self, source, *options, code=0):
+        self.put("s.salt", HEAD + source)
+        return self.json_cli("grad", "s.salt", "--estimator", "quadrature", "--precision", "f64", *options, code=code)
+
+    def holds(self, j, want, most):
+        for name, value in want.items():
+            self.assertLessEqual(abs(j["gradient"][name] - value), j["stderr"][name] + 1e-12, name)
+            self.assertLessEqual(j["stderr"][name], most, name)
+
+    def test_a_cut_between_two_floats(self):
+        """The angle jumps from pi to -pi along y = a: cells end there, on its two sides, and nothing is left but a gap
+        without a measure. A lower half of 1 - x, and the ray of direction c."""
+        j = self.ask("shader float main(float2 x) { [Disc] if (atan2(x.y - a, x.x - b) > c) return 1.0; return x.x; }")
+        self.holds(j, {"a": -0.5}, 0.4)
+        self.assertGreater(j["left"], 0)
+
+    def test_a_gradient_of_zero(self):
+        """What lines find and cannot integrate counts as what it would weigh."""
+        j = self.ask("shader float main(float2 x) { float d = x.x - a; [Disc] if (d * d * d > 0.0) return 1.0; return b; }")
+        self.holds(j, {"a": -0.39}, 1.5)
+
+    def test_a_pole(self):
+        j = self.ask("shader float main(float2 x) { [Disc] if (tan(3.0 * x.x + a) < 2.0 * x.y) return 1.0; return 0.3 * b; }")
+        self.holds(j, {"a": 0.0198793}, 0.2)
+
+    def test_boxes_close_what_is_only_loose(self):
+        """A node: a point is left at every size of cells, and nothing of it matters."""
+        j = self.ask("shader float main(float2 x) { float2 d = x - float2(a, b); [Disc] if (d.x * d.y > 0.0) return 1.0 + c; return 0.0; }")
+        self.holds(j, {"a": 1.23 * 0.22, "b": -1.23 * 0.26}, 1e-9)
+
+    def test_a_step_in_one_dimension(self):
+        """Lines are exact there."""
+        j = self.ask("shader float main(float x) { float h = b; [Disc] if (x < a) h = c; [Disc] if (x < h) return 1.0; return 0.0; }")
+        self.holds(j, {"a": -1, "b": 1, "c": 1}, 1e-9)
+
+
+if __name__ == "__main__":
+    unittest.main()
