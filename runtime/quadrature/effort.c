@@ -120,7 +120,8 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     if (p->counts.spent) return true; /* the next one may spend more */
     if (rougher && e->least > least_of(e)) {
         changed = true;
-        e->least = fmax(e->least / (e->marches ? 4 : shrink(p, cost)), least_of(e)), e->deeper = fmin(4 * e->deeper, DEEPEST);
+        e->least = fmax(e->least / (e->marches ? 4 : shrink(p, cost)), least_of(e)),
+        e->deeper = fmin(4 * e->deeper, DEEPEST);
     }
     if (finer) {
         changed = true;
