@@ -53,7 +53,7 @@ void cells_free(Cells *c) {
     if (!c) return;
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
-    free(c->spot), free(c->smooth), free(c->trial);
+    free(c->spot), free(c->smooth), free(c->sides), free(c->trial);
     for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
     lists_free(&c->lists);
     free(c);
@@ -184,7 +184,7 @@ static bool settle(Cells *c, const Cell *cell) {
     count_cell(c, cell, CELL_SETTLED);
     if (!c->o->volume) return true;
     bool constant = is_constant(c, cell);
-    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant);
+    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant || c->o->flat);
     double f[SLT_MAX_CHANNELS];
     for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
     c->sink->constant(c->sink->user, &cell->box, f);
@@ -451,7 +451,7 @@ static void give_up(Cells *c, const Node *node) {
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
-    c->failed = false, c->nstack = c->nsmooth = c->npiece = 0;
+    c->failed = false, c->nstack = c->nsmooth = c->npiece = 0, c->bend = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;

@@ -483,7 +483,7 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     if (!CELLS_ROOM(c, piece, 1)) return false;
     const Cell *cell = &c->cell[i];
     Piece *p = &c->piece[c->npiece++];
-    memset(p, 0, sizeof *p);
+    memset(p, 0, offsetof(Piece, edge)); /* edges that are present get theirs */
     p->cell = i, p->axis = (int8_t)axis, p->base = (int8_t)base, p->parts = 1;
     p->graded = c->o->volume && cell->state & SLT_BOX_ROUGH;
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];

@@ -16,6 +16,8 @@ void cells_flush(Cells *c) {
     cells_flush_points(c);
 }
 
+#define AIM 0.1 /* of the tolerance: how far apart rules that are chosen should be */
+
 /* ---- columns */
 static Column *add_column(Cells *c, uint32_t piece, uint8_t rule, const double x[3], double weight) {
     if (!CELLS_ROOM(c, column, 1)) return NULL;
@@ -51,6 +53,13 @@ static void middle(const Cells *c, const Piece *p, double x[3]) {
     for (uint32_t d = 0; d < c->dim; d++) x[d] = 0.5 * (p->at[d][0] + p->at[d][1]);
 }
 
+/* Where g is about 0 between two places on an axis: the height as a function of g, a cubic through both. */
+static double guess_height(const Probe at[2], int axis) {
+    double g0 = at[0].g, g1 = at[1].g, t = g0 / (g0 - g1), u = 1 - t, s0 = at[0].dg[axis], s1 = at[1].dg[axis];
+    return u * u * (1 + 2 * t) * at[0].x[axis] + t * t * (3 - 2 * t) * at[1].x[axis] +
+           (g1 - g0) * t * u * (u / s0 - t / s1);
+}
+
 /* Which curves are there: g has different signs at the two ends of the column above the middle. */
 static bool find_present(Cells *c, uint32_t first) {
     c->nprobe = 0;
@@ -74,6 +83,7 @@ static bool find_present(Cells *c, uint32_t first) {
             if (!(p->present >> e & 1)) continue;
             double up = c->cell[p->cell].edge[e].rises[p->axis];
             if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
+            p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
             at += 2;
         }
     }
@@ -107,7 +117,7 @@ static void find_twins(Cells *c, const Column *k) {
 
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
-    c->ncolumn = c->nroot = 0;
+    c->ncolumn = c->nroot = c->nsides = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
         const Piece *p = &c->piece[i];
         double x[3] = {0};
@@ -115,7 +125,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
         for (uint32_t e = 0; e < CELL_EDGES; e++)
-            if (p->present >> e & 1 && !add_root(c, k, e, NAN)) return false;
+            if (p->present >> e & 1 && !add_root(c, k, e, p->edge[e].height)) return false;
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
@@ -131,43 +141,77 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
-        e->twin = r->twin, e->height = r->x[p->axis], e->steep = r->dg[p->axis];
-        for (uint32_t d = 0; d < c->dim; d++) e->slope[d] = -r->dg[d] / r->dg[p->axis];
-        e->open = r->wanted && r->hash[0] != r->hash[1];
+        e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides;
+        memcpy(e->dg, r->dg, sizeof e->dg);
+        e->open = r->wanted && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
         if (!e->open && !c->o->volume) p->present &= ~(1u << r->edge);
     }
     return true;
 }
 
+/* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */
+static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
+    const Piece *p = &c->piece[piece];
+    for (uint32_t e = 0; e < CELL_EDGES; e++) {
+        if (!(p->present >> e & 1)) continue;
+        const PieceEdge *edge = &p->edge[e];
+        double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
+        if (!add_root(c, k, e, edge->height + slope * along)) return false;
+        Root *r = &c->root[c->nroot - 1];
+        r->twin = edge->twin, r->wanted = edge->open;
+        if (c->o->flat || along == 0) r->sides = edge->sides;
+        if (along != 0) continue;
+        r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
+        memcpy(r->dg, edge->dg, sizeof r->dg);
+    }
+    return true;
+}
+
+static double length_of(const Piece *p) { return p->base < 0 ? 0 : p->at[p->base][1] - p->at[p->base][0]; }
+
+/* Points that make two rules agree on a piece whose curves bend like those before it: a rule of n points errs by
+ * (length * bend)^2n. Planes of a solid have points in common, and f between curves may need more than these do. */
+static void choose_points(const Cells *c, Piece *p) {
+    enum { FIRST = 3 }; /* as long as nothing is known */
+    uint32_t full = c->rule[CELL_FINE].n, least = c->o->volume && !c->o->flat ? full - (full > 3) : 2;
+    double bend = p->bend > 0 ? p->bend : c->bend, length = length_of(p), n = FIRST;
+    if (p->points) return;
+    p->points = (uint8_t)full;
+    if (c->o->fixed || !c->rule[CELL_COARSE].n || p->graded || c->cell[p->cell].slice >= 0) return;
+    if (bend * length > 0)
+        n = 1 + ceil(0.5 * log(AIM * c->o->tolerance * c->width / length) / log(smaller(bend * length, 0.5)));
+    if (n < full) p->points = (uint8_t)larger(n, smaller(least, full));
+}
+
+static const GaussRule *rule_of(const Cells *c, const Piece *p, CellRule rule) {
+    if (p->graded) return &c->graded[rule];
+    uint32_t n = p->points - (rule == CELL_COARSE);
+    return p->points < c->rule[CELL_FINE].n ? &c->of[n] : &c->rule[rule];
+}
+
 /* The columns of a piece and rule: in 1D the one there is, else at Gauss points of the base. */
 static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
-    const GaussRule *g = c->piece[piece].graded ? &c->graded[rule] : &c->rule[rule];
+    const GaussRule *g = rule_of(c, &c->piece[piece], rule);
     const Cell *cell = &c->cell[c->piece[piece].cell];
     if (cell->rule >= 0 && cell->rule != (int8_t)rule) return true;
     for (uint32_t i = 0; i < (c->piece[piece].base < 0 ? g->n > 0 : g->n); i++) {
         const Piece *p = &c->piece[piece];
-        double x[3] = {0}, mid[3] = {0}, weight = cell->weight;
-        middle(c, p, mid);
-        memcpy(x, mid, sizeof x);
+        double x[3] = {0}, along = 0, weight = cell->weight;
+        middle(c, p, x);
         if (p->base >= 0) {
             double length = p->at[p->base][1] - p->at[p->base][0];
-            x[p->base] = p->at[p->base][0] + g->x[i] * length, weight *= g->w[i] * length;
+            if (2 * i + 1 != g->n) along = (g->x[i] - 0.5) * length;
+            x[p->base] += along, weight *= g->w[i] * length;
         }
         Column *k = add_column(c, piece, (uint8_t)rule, x, weight);
-        if (!k) return false;
-        for (uint32_t e = 0; e < CELL_EDGES; e++) {
-            if (!(p->present >> e & 1)) continue;
-            double height = p->edge[e].height;
-            if (p->base >= 0) height += p->edge[e].slope[p->base] * (x[p->base] - mid[p->base]);
-            if (!add_root(c, k, e, height)) return false;
-            c->root[c->nroot - 1].twin = p->edge[e].twin;
-        }
+        if (!k || !add_roots(c, piece, k, along)) return false;
     }
     return true;
 }
 
 static void emit_crossing(Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
+    const Sides *s = cells_sides(c, r);
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
     if (c->ncrossing == BATCH) flush_crossings(c);
     Crossing *x = &c->crossing[c->ncrossing++];
@@ -177,8 +221,8 @@ static void emit_crossing(Cells *c, const Root *r) {
     x->g = r->g;
     x->weight = k->weight / fabs(r->dg[r->axis]);
     for (uint32_t ch = 0; ch < c->s->channels; ch++)
-        x->before[ch] = r->f[below][ch], x->jump[ch] = r->f[!below][ch] - r->f[below][ch];
-    x->ha = r->hash[below], x->hb = r->hash[!below];
+        x->before[ch] = s->f[below][ch], x->jump[ch] = s->f[!below][ch] - s->f[below][ch];
+    x->ha = s->hash[below], x->hb = s->hash[!below];
     x->axis = r->axis, x->rising = 1, x->cls = k->rule;
 }
 
@@ -193,7 +237,7 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
     middle(c, p, mid);
     if (p->base >= 0) {
         half[p->base] = 0.5 * (p->at[p->base][1] - p->at[p->base][0]);
-        tangent += e->slope[p->base] * e->slope[p->base];
+        tangent += e->dg[p->base] * e->dg[p->base] / (e->dg[p->axis] * e->dg[p->axis]);
     }
     mid[p->axis] = e->height;
     half[p->axis] = 0.5 * (c->cell[p->cell].box.end[p->axis] - c->cell[p->cell].box.lo[p->axis]);
@@ -202,9 +246,10 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
         for (uint32_t i = 0; i < k->nroots; i++) {
             const Root *r = &c->root[k->first + i];
             if (r->edge != edge) continue;
-            double w = k->weight * tangent * fabs(e->steep / r->dg[p->axis]);
+            const Sides *s = cells_sides(c, r);
+            double w = k->weight * tangent * fabs(e->dg[p->axis] / r->dg[p->axis]);
             for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-                double jump = r->f[1][ch] - r->f[0][ch];
+                double jump = s->f[1][ch] - s->f[0][ch];
                 *most = larger(*most, fabs(jump)), *total += w * fabs(jump);
                 sum[k->rule][ch][0] += w * jump;
                 for (uint32_t d = 0; d < c->dim; d++)
@@ -213,17 +258,27 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
         }
 }
 
-static bool curves_agree(const Cells *c, const Piece *p, const Column *from, const Column *to) {
+/* Do the rules agree on the curves of a piece? Sets its bend. */
+static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to) {
+    double apart = 0;
+    bool agree = true;
     for (uint32_t e = 0; e < CELL_EDGES; e++) {
+        double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
         if (!(p->present >> e & 1) || !p->edge[e].open) continue;
-        double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0;
+        memset(sum, 0, sizeof sum); /* of those few alone */
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
-            for (uint32_t m = 0; m <= c->dim; m++)
-                if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > least) return false;
+            for (uint32_t m = 0; m <= c->dim; m++) {
+                double d = fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]);
+                agree &= d <= least;
+                if (total > 0) apart = larger(apart, d / total);
+            }
     }
-    return true;
+    uint32_t coarse = rule_of(c, p, CELL_COARSE)->n;
+    double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
+    if (p->base >= 0) p->bend = apart > floor ? pow(apart, 0.5 / coarse) / length_of(p) : 0.5 * c->bend;
+    return agree;
 }
 
 /* What rounding or a singularity keeps apart would be cut without end. */
@@ -235,6 +290,13 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
     Piece *p = &c->piece[i];
     bool columns = c->dim == 1;
     c->cell[p->cell].cuts++;
+    uint32_t before = p->points, full = c->rule[CELL_FINE].n;
+    if (before < full) {
+        p->points = 0;
+        choose_points(c, p);
+        p->points = (uint8_t)(p->points > before ? p->points : full);
+        return true;
+    }
     uint32_t halvings = p->halvings + (uint32_t)ilogb(p->parts) + 1;
     if (halvings > c->counts->halvings) c->counts->halvings = halvings;
     if (curves_agree && !p->graded && !c->o->flat) {
@@ -254,6 +316,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
+        q->points = 0;
         q->halvings++;
     }
     return true;
@@ -266,14 +329,12 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     if (!cells_grow(c, &c->first_column, &c->first_column_cap, n + 1, sizeof *c->first_column)) return false;
     for (uint32_t i = 0; i < n; i++) {
         c->first_column[i] = c->ncolumn;
+        choose_points(c, &c->piece[first + i]);
         for (int r = 0; r < CELL_RULES; r++)
             if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    if (!cells_solve(c)) return false;
-    for (uint32_t i = 0; i < c->nroot; i++)
-        c->root[i].wanted = c->piece[c->column[c->root[i].column].piece].edge[c->root[i].edge].open;
-    if (!cells_take_sides(c)) return false;
+    if (!cells_solve(c) || !cells_take_sides(c)) return false;
     if (c->o->volume && !cells_add_columns_of_points(c)) return false;
     return !values || !c->nspot || cells_take_values(c);
 }
@@ -290,6 +351,7 @@ static bool integrate(Cells *c, uint32_t first) {
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
     if (!cells_evaluate(c, first, compare)) return false;
     uint32_t spot = 0, kept = first;
+    double bent = 0, length = 0;
     for (uint32_t i = 0; i < n; i++) {
         Piece *p = &c->piece[first + i];
         const Column *from = &c->column[c->first_column[i]], *to = &c->column[c->first_column[i + 1]];
@@ -297,6 +359,7 @@ static bool integrate(Cells *c, uint32_t first) {
         while (end < c->nspot && c->spot[end].owner == first + i) end++;
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
+        if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
         if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
@@ -310,6 +373,7 @@ static bool integrate(Cells *c, uint32_t first) {
         }
         spot = end;
     }
+    if (length > 0) c->bend = c->bend > 0 ? 0.5 * (c->bend + bent / length) : bent / length;
     c->npiece = kept;
     for (uint32_t i = first; i < kept; i++) {
         Piece p = c->piece[i];

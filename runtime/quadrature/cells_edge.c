@@ -38,8 +38,8 @@ Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[
     return a;
 }
 
-static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
-    for (uint32_t d = 0; d < c->depth; d++) batch_set_int(c->b, SLT_IN_K0 + d, i, e->k[d]);
+/* What kernels of an event may ask for besides the loops around it. */
+static void put_details(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
     if (c->s->layout[kind].reads >> SLT_IN_BOUNDARY & 1) batch_set(c->b, SLT_IN_BOUNDARY, i, e->boundary);
     if (!(c->s->layout[kind].reads >> SLT_IN_GIVEN0 & 1)) return;
     for (uint32_t j = 0; j < SLT_GIVEN; j++) {
@@ -48,6 +48,11 @@ static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, 
         for (uint32_t d = 0; d < SLT_GIVEN_K && is; d++)
             batch_set_int(c->b, SLT_IN_GIVEN0_K0 + SLT_GIVEN_K * j + d, i, given->is[j].k[d]);
     }
+}
+
+static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
+    for (uint32_t d = 0; d < c->depth; d++) batch_set_int(c->b, SLT_IN_K0 + d, i, e->k[d]);
+    put_details(c, kind, i, e, given);
 }
 
 /* order[]: 0 .. n - 1 so that equal sites stand together, and otherwise ascending. Returns where the group that starts
@@ -73,24 +78,49 @@ static bool ordered(Cells *c, uint32_t n) {
     return true;
 }
 
-bool cells_run_probes(Cells *c) {
+/* Probes are what most evaluations are: input by input, and below output by output. */
+static void put_probes(Cells *c, const uint32_t *order, uint32_t n) {
     Batch *b = c->b;
+    const Probe *probe = c->probe;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        void *x = (void *)b->args.in[SLT_IN_X0 + d];
+        if (b->f64)
+            for (uint32_t i = 0; i < n; i++) ((double *)x)[i] = probe[order[i]].x[d];
+        else
+            for (uint32_t i = 0; i < n; i++) ((float *)x)[i] = (float)probe[order[i]].x[d];
+    }
+    for (uint32_t d = 0; d < c->depth; d++) {
+        int32_t *k = (int32_t *)b->args.in[SLT_IN_K0 + d];
+        for (uint32_t i = 0; i < n; i++) k[i] = probe[order[i]].event->k[d];
+    }
+    if (c->s->layout[SLT_K_EDGE].reads & (1ull << SLT_IN_BOUNDARY | 1ull << SLT_IN_GIVEN0))
+        for (uint32_t i = 0; i < n; i++) put_details(c, SLT_K_EDGE, i, probe[order[i]].event, probe[order[i]].given);
+    if (b->pixels)
+        for (uint32_t i = 0; i < n; i++) batch_set_x(b, i, probe[order[i]].x);
+}
+
+static void take_probes(Cells *c, const uint32_t *order, uint32_t n) {
+    const Batch *b = c->b;
+    Probe *probe = c->probe;
+    for (uint32_t k = 0; k <= c->dim; k++) {
+        const void *v = k ? batch_out(b, SLT_OUT_G_DX, k - 1) : batch_out(b, SLT_OUT_G, 0);
+        if (b->f64)
+            for (uint32_t i = 0; i < n; i++) *(k ? &probe[order[i]].dg[k - 1] : &probe[order[i]].g) = ((double *)v)[i];
+        else
+            for (uint32_t i = 0; i < n; i++)
+                *(k ? &probe[order[i]].dg[k - 1] : &probe[order[i]].g) = (double)((float *)v)[i];
+    }
+}
+
+bool cells_run_probes(Cells *c) {
     if (!ordered(c, c->nprobe)) return false;
     for (uint32_t from = 0, end; from < c->nprobe; from = end) {
         end = group(c->order, from, c->nprobe, probe_site, c);
         if (end - from > BATCH) end = from + BATCH;
-        b->args.site = probe_site(c, c->order[from]);
-        for (uint32_t i = from; i < end; i++) {
-            const Probe *p = &c->probe[c->order[i]];
-            batch_set_x(b, i - from, p->x);
-            put_event(c, SLT_K_EDGE, i - from, p->event, p->given);
-        }
+        c->b->args.site = probe_site(c, c->order[from]);
+        put_probes(c, c->order + from, end - from);
         cells_call(c, SLT_K_EDGE, end - from);
-        for (uint32_t i = from; i < end; i++) {
-            Probe *p = &c->probe[c->order[i]];
-            p->g = batch_get(b, SLT_OUT_G, 0, i - from);
-            for (uint32_t d = 0; d < c->dim; d++) p->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i - from);
-        }
+        take_probes(c, c->order + from, end - from);
     }
     return true;
 }

@@ -86,8 +86,8 @@ typedef struct Cell {
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
-    double height, slope[3]; /* on the column above the middle; d height / d base */
-    double steep;            /* d g / d height there */
+    double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
+    uint32_t sides;          /* as in Root, there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
 } PieceEdge;
 typedef struct Piece {
@@ -99,6 +99,8 @@ typedef struct Piece {
     uint32_t parts;    /* in which the columns are cut between roots */
     bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
     bool halve;        /* it is too long for the rules */
+    uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
+    double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 
@@ -116,6 +118,13 @@ typedef struct Column {
     double x[3], weight;           /* x: of the base; weight: measure of the base */
 } Column;
 
+/* What lies on the two sides of a root. */
+typedef struct Sides {
+    double at[2]; /* places on the axis on whose two sides g has different signs, next to the root */
+    double f[2][SLT_MAX_CHANNELS];
+    uint32_t hash[2];
+} Sides;
+
 /* The root of g along one axis, in a bracket in which g is monotone. */
 typedef struct Root {
     const CellEdge *of;
@@ -129,9 +138,8 @@ typedef struct Root {
     uint32_t column;
     uint8_t edge;
     bool wanted, twin; /* f on the two sides is; another event has its root here too */
-    double side[2];    /* places on the axis on whose two sides g has different signs, next to the root */
-    double f[2][SLT_MAX_CHANNELS];
-    uint32_t hash[2];
+    bool solved;
+    uint32_t sides; /* where they are: c->sides[sides - 1]; 0: not known */
 } Root;
 
 /* A point of the volume, before it is known whether its part is small enough. */
@@ -186,6 +194,7 @@ struct Cells {
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     GaussRule of[GAUSS_MAX + 1]; /* by number of points */
+    double bend;                 /* Piece.bend of late: for those that come next */
     double bits;                 /* log2 of what the coarse rule may err by on a part of the volume */
     Node *stack;                 /* nodes to be worked on */
     uint32_t nstack, stack_cap;
@@ -203,6 +212,8 @@ struct Cells {
     uint32_t nsmooth, smooth_cap;
     Root *root;
     uint32_t nroot, root_cap;
+    Sides *sides;
+    uint32_t nsides, sides_cap;
     struct Stretch *stretch; /* cells_base.c */
     uint32_t nstretch, stretch_cap;
     Cut *cut;
@@ -280,13 +291,14 @@ bool cells_drop_wrong(Cells *c);
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]);
 /* ---- cells_root.c */
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
-/* All of root[nroot]. A root that lies outside of its line by rounding ends at the line's end. */
+/* All of root[nroot] that are not solved. A root that lies outside of its line by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
  * where it does not get lo = hi. */
 bool cells_narrow(Cells *c);
-/* f and the hash on the two sides of the roots that are wanted. */
+/* f and the hash on the two sides of the roots that are wanted, where they are not known. */
 bool cells_take_sides(Cells *c);
+static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
 /* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
  * curves cannot be told apart */

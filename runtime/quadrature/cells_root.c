@@ -11,7 +11,7 @@ enum {
 };
 
 static double unit(const Cells *c, const Root *r) {
-    return (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(r->lo), fabs(r->hi));
+    return (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(r->lo), fabs(r->hi));
 }
 
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess) {
@@ -50,9 +50,10 @@ static bool advance(const Cells *c, Root *r) {
 }
 
 bool cells_solve(Cells *c) {
-    uint32_t n = c->nroot;
-    if (!cells_grow(c, &c->active, &c->active_cap, n, sizeof *c->active)) return false;
-    for (uint32_t i = 0; i < n; i++) c->active[i] = i;
+    uint32_t n = 0;
+    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
+    for (uint32_t i = 0; i < c->nroot; i++)
+        if (!c->root[i].solved) c->active[n++] = i;
     for (int step = 0; step < STEPS && n; step++) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
@@ -65,7 +66,8 @@ bool cells_solve(Cells *c) {
             Root *r = &c->root[c->active[i]];
             r->g = c->probe[i].g;
             memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
-            if (advance(c, r)) c->active[kept++] = c->active[i];
+            r->solved = !advance(c, r);
+            if (!r->solved) c->active[kept++] = c->active[i];
         }
         n = kept;
     }
@@ -134,19 +136,20 @@ static const Box *root_box(const Cells *c, const Root *r) {
 static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) {
-        Root *r = &c->root[active[i]];
+        const Root *r = &c->root[active[i]];
         const Box *box = root_box(c, r);
         double x[3], lo = box->lo[r->axis], hi = box->hi[r->axis], d = r->twin ? 16 * far : far;
+        double *at = c->sides[r->sides - 1].at;
         memcpy(x, r->x, sizeof x);
-        r->side[0] = fmax(lo, cells_move(c, r->x[r->axis], -d, hi - lo));
-        r->side[1] = fmin(hi, cells_move(c, r->x[r->axis], d, hi - lo));
-        for (uint32_t s = 0; s < 2; s++) x[r->axis] = r->side[s], batch_set_x(b, 2 * i + s, x);
+        at[0] = larger(lo, cells_move(c, r->x[r->axis], -d, hi - lo));
+        at[1] = smaller(hi, cells_move(c, r->x[r->axis], d, hi - lo));
+        for (uint32_t s = 0; s < 2; s++) x[r->axis] = at[s], batch_set_x(b, 2 * i + s, x);
     }
     cells_call(c, SLT_K_SIDES, 2 * n);
     for (uint32_t i = 0; i < 2 * n; i++) {
-        Root *r = &c->root[active[i / 2]];
-        r->hash[i & 1] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i);
-        for (uint32_t ch = 0; ch < c->s->channels; ch++) r->f[i & 1][ch] = batch_get(b, SLT_OUT_F, ch, i);
+        Sides *s = &c->sides[c->root[active[i / 2]].sides - 1];
+        s->hash[i & 1] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) s->f[i & 1][ch] = batch_get(b, SLT_OUT_F, ch, i);
     }
 }
 
@@ -156,7 +159,11 @@ bool cells_take_sides(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
-        if (c->root[i].wanted) c->active[n++] = i;
+        if (c->root[i].wanted && !c->root[i].sides) {
+            if (!CELLS_ROOM(c, sides, 1)) return false;
+            c->root[i].sides = ++c->nsides;
+            c->active[n++] = i;
+        }
     for (double far = NARROW; n; far *= 8) {
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);
@@ -165,11 +172,12 @@ bool cells_take_sides(Cells *c) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
-            if (r->hash[0] != r->hash[1]) continue;
+            const Sides *sides = cells_sides(c, r);
+            if (sides->hash[0] != sides->hash[1]) continue;
             double x[3];
             memcpy(x, r->x, sizeof x);
             for (int s = 0; s < 2; s++) {
-                x[r->axis] = r->side[s];
+                x[r->axis] = sides->at[s];
                 if (!cells_probe(c, r->of, x)) return false;
             }
             c->active[same++] = c->active[i];
@@ -180,7 +188,8 @@ bool cells_take_sides(Cells *c) {
             const Root *r = &c->root[c->active[i]];
             const Box *box = root_box(c, r);
             double lo = r->rises * c->probe[2 * i].g, hi = r->rises * c->probe[2 * i + 1].g;
-            bool whole = r->side[0] <= box->lo[r->axis] && r->side[1] >= box->hi[r->axis];
+            const double *at = cells_sides(c, r)->at;
+            bool whole = at[0] <= box->lo[r->axis] && at[1] >= box->hi[r->axis];
             if (!(lo < 0 && hi > 0) && !whole) c->active[n++] = c->active[i];
         }
     }

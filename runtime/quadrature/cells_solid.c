@@ -140,9 +140,10 @@ static bool surfaces_agree(const Cells *c, const Cell *cell) {
             const Root *r = &c->root[i];
             const Column *k = &c->column[r->column];
             if (r->edge != e || !r->wanted) continue;
+            const Sides *sides = cells_sides(c, r);
             double w = k->weight * steep / fabs(r->dg[r->axis]);
             for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-                double jump = r->f[1][ch] - r->f[0][ch];
+                double jump = sides->f[1][ch] - sides->f[0][ch];
                 most = fmax(most, fabs(jump)), total += w * fabs(jump);
                 sum[k->rule][ch][0] += w * jump;
                 for (int d = 0; d < 3; d++) {

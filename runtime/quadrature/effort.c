@@ -12,6 +12,12 @@ enum { SWEEPS = 10, PARTS_MAX = 16, LEFT_MOST = 1 << 21 };
 #define DEEPER 0.25  /* of what a sweep costs, for cutting on what it leaves: at first, */
 #define DEEPEST 4.0  /* and at most */
 #define LEFT_SHARE 0.25    /* of a budget, for what is left over; more where more will be */
+/* Shadows, whose curves are followed through cells that are left: the number of cells, not a budget, is from the
+ * segments. Four times what all of them would cost if the whole domain were left, for each segment; of this cells leave
+ * so much to the curves. */
+#define MARCH_SEGMENT (4 * MARCH_COST)
+#define MARCH_SHARE 0.75
+#define LEAST_CELLS 0x1p-6 /* most that the least cell may be, in parts of a usual one */
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
 
@@ -40,8 +46,10 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
-    e->tolerance = 1e-2 * goal;
-    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), 0x1p-10);
+    double usual = pow(fmax(outlook.cells, least_cells[r->s->dim - 1]), -1.0 / r->s->dim); /* side of a cell */
+    /* Components are as large as shapes are: a few cells wide. */
+    e->tolerance = fmin(3e-2, 10 * usual) * goal;
+    e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
     e->given = j->max_evaluations > 0;
     e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
@@ -51,6 +59,13 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     paid = fmin(paid, LEFT_MOST);                                            /* and held in memory */
     e->left_share = fmax(LEFT_SHARE, unproven);
     e->least = fmax(e->least, fmin(0.25, 4 * pow(unproven / paid, 1.0 / r->s->dim)));
+}
+
+void effort_marches(Effort *e, const Sweep *p) {
+    e->marches = true;
+    if (!e->given && !e->wanted) e->limit = (uint64_t)fmax((double)e->limit, MARCH_SEGMENT * p->segments);
+    e->left_share = MARCH_SHARE;
+    e->least = clamp(1 / sqrt(p->segments), least_of(e), 0x1p-4);
 }
 
 void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
@@ -101,11 +116,12 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     if (e->stalls >= 2 && left > rules) *stop = SLT_STOP_EVALUATIONS; /* no number of them seems to be enough */
     bool over = *stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS;
     if (!e->wanted && !(spent && e->given)) *stop = SLT_STOP_NONE; /* what ends it was not asked for */
-    if (over || (e->fixed && !e->wanted)) return false;
+    if (over || ((e->fixed || e->marches) && !e->wanted)) return false;
     if (p->counts.spent) return true; /* the next one may spend more */
     if (rougher && e->least > least_of(e)) {
         changed = true;
-        e->least = fmax(e->least / shrink(p, cost), least_of(e)), e->deeper = fmin(4 * e->deeper, DEEPEST);
+        e->least = fmax(e->least / (e->marches ? 4 : shrink(p, cost)), least_of(e)),
+        e->deeper = fmin(4 * e->deeper, DEEPEST);
     }
     if (finer) {
         changed = true;

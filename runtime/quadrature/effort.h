@@ -7,7 +7,7 @@
 typedef struct Effort {
     bool wanted, given;        /* an error was asked for; a number of evaluations was */
     double relative, absolute; /* what was asked for; 0: not */
-    bool fixed, f64;
+    bool fixed, f64, marches;  /* marches: as in Sweep */
     uint32_t gauss, parts;     /* points of the fine rule; by how much tiles are smaller than at first */
     double tolerance, least;   /* as in CellOptions */
     double left_share, deeper; /* as in Sweep */
@@ -17,6 +17,9 @@ typedef struct Effort {
 } Effort;
 /* lattice: evaluations that it would spend. */
 void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook);
+/* Of a sweep that follows curves: cells as many across as the square root of the segments; what they leave costs most.
+ */
+void effort_marches(Effort *e, const Sweep *p);
 /* The sweep's options and budget; `used`: evaluations so far. */
 void effort_apply(const Effort *e, Sweep *p, uint64_t used);
 /* After a sweep whose largest error is rules + left, of numbers whose largest is `scale`. Is it the best so far? */

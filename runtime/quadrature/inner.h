@@ -5,6 +5,9 @@
 #include "runtime/quadrature/sweep.h"
 #include "runtime/quadrature/quadrature.h"
 
+/* Does f hang on shadows and no views of terrain, in a plane's integral? Then curves are followed through what cells
+ * leave: march.c. */
+bool quadrature_marches(const SltScene *s, const SltJob *j);
 /* Does the program have a boundary term, and the kernels for it; `last`: SITE_VJP or SITE_JVP. */
 bool quadrature_has_boundary(const SltScene *s, SltKernelKind last);
 /* Segments of the lattice that the job speaks of: a pixel, or of an integral in all. */

@@ -73,8 +73,18 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     return o;
 }
 
-/* Does f hang on rays? Bounds of these settle much and make no curves: the lattice, whose lines then have no gaps
- * (runtime/sample/prove.h), says more for the same evaluations. */
+bool quadrature_marches(const SltScene *s, const SltJob *j) {
+    bool views = false, shadows = false;
+    for (uint32_t i = 0; i < s->nsites; i++) {
+        views |= s->site_kind[i] == SLT_SITE_SILHOUETTE;
+        shadows |= s->site_kind[i] == SLT_SITE_SHADOW;
+    }
+    return shadows && !views && j->integral && s->dim == 2;
+}
+
+/* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations;
+ * for shadows alone march.c says more still, but near the border of a terrain, where bounds settle little, it costs ten
+ * times as much. */
 static bool asks_rays(const SltScene *s) {
     for (uint32_t i = 0; i < s->nsites; i++)
         if (s->site_kind[i] == SLT_SITE_SILHOUETTE || s->site_kind[i] == SLT_SITE_SHADOW) return true;

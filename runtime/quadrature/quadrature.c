@@ -8,6 +8,7 @@
 
 #define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
 #define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
+#define TURNED_MARCH 0.75 /* that of shadows */
 #define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
 
 bool quadrature_may(const SltScene *s) {
@@ -101,15 +102,20 @@ static SltStatus by_lattice(const SltScene *s, const SltJob *job, SltIntegral *o
 }
 
 /* SLT_INTERIOR_SAMPLES: value and interior from samples, as with the lattice; the boundary is added to them. */
-static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral *out, bool *turned, SltStats *stats,
+                              SltError *err) {
     SltJob j = *job;
     size_t n = (size_t)s->channels * s->nfloats;
     double *boundary = alloc_zero(n, sizeof *boundary), *error = alloc_zero(n, sizeof *error);
     SltIntegral own = SLT_INTEGRAL_INIT;
     own.boundary = boundary, own.gradient_stderr = error, own.left_bound = out->left_bound;
     j.interior = SLT_INTERIOR_AUTO, j.no_interior = true;
-    SltStatus st = boundary && error ? quadrature_integral(s, &j, &own, NULL, stats, err)
+    SltStatus st = boundary && error ? quadrature_integral(s, &j, &own, turned, stats, err)
                                      : status_fail(err, SLT_LIMIT, "out of memory");
+    if (turned && *turned) {
+        free(boundary), free(error);
+        return st;
+    }
     SltStats cells = stats ? *stats : (SltStats){0};
     j = *job, j.no_boundary = true, j.estimator = SLT_EST_LATTICE;
     SltIntegral smooth = *out;
@@ -136,11 +142,12 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     Run r;
     j.integral = true;
     bool gradient = wants_gradient(out), value = out->value || out->value_stderr;
-    if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value)) return with_samples(s, &j, out, stats, err);
+    if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
+        return with_samples(s, &j, out, turned, stats, err);
     Outlook outlook = quadrature_outlook(s, &j, stats);
     if (outlook.unproven > HOPELESS) return by_lattice(s, &j, out, stats, err);
     SltStatus st = run_begin(&r, s, &j, err);
-    Sweep p = {.run = &r, .kind = SWEEP_INTEGRAL, .errors = true};
+    Sweep p = {.run = &r, .kind = SWEEP_INTEGRAL, .errors = true, .marches = quadrature_marches(s, &j)};
     bool boundary = gradient && !j.no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
     p.interior = gradient && !j.no_interior && s->kernel[SLT_K_VJP];
     p.segments = boundary ? quadrature_segments(&j) : 0, p.samples = (double)j.samples;
@@ -150,12 +157,14 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     SltStop stop = SLT_STOP_NONE;
     if (st == SLT_OK) st = sweep_begin(&p);
     if (st == SLT_OK) effort_begin(&e, &r, lattice, outlook);
+    if (st == SLT_OK && p.marches) effort_marches(&e, &p);
     while (st == SLT_OK) {
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
         effort_apply(&e, &p, before);
         bool trial = turned && !e.wanted && !e.sweeps;
-        p.cells_budget = trial ? (uint64_t)(TURNING * lattice) : 0, p.only_if_left = trial ? TURNED_LEFT : 1;
+        p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
+        p.only_if_left = !trial ? 1 : p.marches ? TURNED_MARCH : TURNED_LEFT;
         r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
         if ((st = sweep_run(&p)) != SLT_OK) break;
         if (p.counts.left > p.only_if_left) {

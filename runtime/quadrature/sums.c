@@ -93,9 +93,13 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
                 double share = v[SUM_SIZE] / lines;
                 m->variance[at] += share * share;
                 m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE],
-                                        mode == SUM_LINE ? SUM_ONE : mode, lines, &m->error[at], &m->variance[at]);
+                                        mode == SUM_LINE     ? SUM_ONE
+                                        : mode == SUM_CURVES ? SUM_RULES
+                                                             : mode,
+                                        lines, &m->error[at], &m->variance[at]);
                 m->interior[at] += join(m, v[SUM_INTERIOR_FINE], v[SUM_INTERIOR_COARSE],
-                                        mode == SUM_LINE ? SUM_SETS : mode, lines, &m->error[at], &m->variance[at]);
+                                        mode == SUM_LINE || mode == SUM_CURVES ? SUM_SETS : mode, lines, &m->error[at],
+                                        &m->variance[at]);
             }
         }
 }

@@ -19,10 +19,11 @@ typedef enum SumGroup {
 } SumGroup;
 /* How the groups of a tile are to be read. */
 typedef enum SumMode {
-    SUM_ONE,   /* the fine groups alone */
-    SUM_RULES, /* fine, and its distance from coarse is the error */
-    SUM_SETS,  /* two independent estimates: their mean, and half their distance */
-    SUM_LINE   /* the same, but on one line: the boundary's fine group is exact */
+    SUM_ONE,    /* the fine groups alone */
+    SUM_RULES,  /* fine, and its distance from coarse is the error */
+    SUM_SETS,   /* two independent estimates: their mean, and half their distance */
+    SUM_CURVES, /* two rules of the boundary, two estimates of the rest */
+    SUM_LINE    /* the same, but on one line: the boundary's fine group is exact */
 } SumMode;
 
 typedef struct Sums {

@@ -125,6 +125,8 @@ static void take_constant(void *worker, const Box *cell, const double *f) {
     if (v->sweep->kind == SWEEP_RENDER) splat_add_box(&v->splat, cell->lo, cell->end, f);
 }
 
+bool sweep_room_left(SweepWorker *v) { return grow((void **)&v->left, v->nleft + 1, &v->left_cap, sizeof *v->left); }
+
 static void take_left(void *worker, const Box *cell, const double *bounds) {
     SweepWorker *v = worker;
     if (!grow((void **)&v->left, v->nleft + 1, &v->left_cap, sizeof *v->left)) {
@@ -133,7 +135,7 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
     }
     LeftCell *l = &v->left[v->nleft++];
     const double *known = v->within ? v->within->bounds : NULL;
-    l->box = *cell, l->stands = l->asked = 1;
+    l->box = *cell, l->halvings = 0, l->stands = l->asked = 1;
     for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
@@ -240,7 +242,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
     else sums_merge(&p->sums, &v->w->acc, mode, lines);
     for (uint32_t c = 0; c < s->channels && p->kind == SWEEP_INTEGRAL; c++) {
         double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
-        bool sets = mode == SUM_SETS || mode == SUM_LINE;
+        bool sets = mode == SUM_SETS || mode == SUM_LINE || mode == SUM_CURVES;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
         if (mode == SUM_RULES)
             p->f_error[c] += sums_rules_error(&p->sums, d, fabs(fine)) + p->sums.rounding * fabs(fine);
@@ -284,6 +286,7 @@ double sweep_hidden(const Sweep *p, const LeftCell *l) {
 
 double left_divisor(const SweepWorker *v) {
     /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
+    if (v->sweep->marches) return 1;
     double lines = v->sweep->lines;
     return lines * sqrt(fmax(1, (double)v->w->finder.crossings / (2 * lines)));
 }
@@ -309,13 +312,14 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
         uint64_t differ = v->differ;
         v->owner = (uint8_t)(i - from);
         if (!(l->stands > 0)) continue;
-        if (p->options.curves && !left_lines(v, l, p->lines, set)) return false;
+        if (p->options.curves && !p->marches && !left_lines(v, l, p->lines, set)) return false;
         if (p->options.volume) left_samples(v, l, p->lines, set);
-        seen[i - from] = v->differ != differ;
+        seen[i - from] = p->marches || v->differ != differ; /* march.c has asked already */
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     v->w->finder.lost = NULL;
+    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from))) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;
     accum_close(&v->w->acc);
@@ -327,7 +331,8 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
     p->left_bound += v->left_bound;
-    merge_sums(p, v, !p->errors ? SUM_ONE : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS, left_divisor(v));
+    SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
+    merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
 }
 
 /* How large a piece of a boundary a cell may hold: its largest face. A gap between two floats holds as much as the cell
@@ -344,12 +349,14 @@ static void plan_left(Sweep *p, uint64_t used) {
     uint32_t dim = p->run->s->dim;
     double left = 0, faces = 0, at = 0.5, sum = 0;
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, dim), faces += face(&p->left[i].box, dim);
-    double spare = p->budget > used ? (double)(p->budget - used) : 0, most = fmax(spare / LEFT_COST, LEFT_CHUNK);
+    double spare = p->budget > used ? (double)(p->budget - used) : 0,
+           most = fmax(spare / (p->marches ? MARCH_COST : LEFT_COST), LEFT_CHUNK);
     double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
     if (p->budget) vertices = fmin(vertices, 0.5 * spare);
     double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
     p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
     if (!p->budget || (double)p->nleft <= most) return;
+    p->sampled = true;
     /* Of a quarter of what can be spent. */
     most = fmax(0.75 * most, LEFT_CHUNK);
     uint64_t every = (uint64_t)((double)p->nleft * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
@@ -374,6 +381,7 @@ SltStatus sweep_begin(Sweep *p) {
     p->volume = 1;
     for (uint32_t d = 0; d < s->dim; d++) p->volume *= s->hi[d] - s->lo[d];
     uint32_t rows = p->kind == SWEEP_INTEGRAL ? s->channels : p->kind >= SWEEP_REVERSE ? 1 : 0;
+    p->marches &= p->options.curves;
     if (!sums_init(&p->sums, s, rows)) return no_memory(p);
     SltStatus st = run_workers(r, UINT32_MAX, SUM_GROUPS * rows, kinds[p->kind]);
     if (st != SLT_OK) return st;
@@ -382,7 +390,7 @@ SltStatus sweep_begin(Sweep *p) {
     for (uint32_t i = 0; i < r->nworkers; i++) {
         SweepWorker *v = &p->worker[i];
         v->sweep = p, v->w = &r->worker[i];
-        v->w->finder.proves = p->kind == SWEEP_INTEGRAL && prove_serves(s);
+        v->w->finder.proves = p->kind == SWEEP_INTEGRAL && prove_serves(s) && !p->marches;
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->sizes = p->kind == SWEEP_REVERSE && p->errors, k->dirs = p->dirs;
@@ -395,7 +403,7 @@ SltStatus sweep_begin(Sweep *p) {
 void sweep_end(Sweep *p) {
     for (uint32_t i = 0; i < p->run->nworkers && p->worker; i++)
         cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), kept_free(&p->worker[i].kept),
-            free(p->worker[i].left), free(p->worker[i].hidden);
+            free(p->worker[i].left), free(p->worker[i].hidden), free(p->worker[i].march);
     free(p->worker), free(p->tile), free(p->left), free(p->parent);
     sums_free(&p->sums);
     run_free_workers(p->run);
@@ -477,7 +485,7 @@ SltStatus sweep_run(Sweep *p) {
     sums_clear(&p->sums);
     p->sums.gauss = p->options.gauss;
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
-    p->short_of_volume = p->unnamed = false;
+    p->short_of_volume = p->unnamed = p->sampled = false;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
@@ -492,7 +500,7 @@ SltStatus sweep_run(Sweep *p) {
         used = r->stats.evaluations - start;
         if (st != SLT_OK || !p->counts.spent || !again(p, used < share ? share - used : 0)) break;
     }
-    if (st == SLT_OK && p->errors && !p->cells_budget) st = deepen(p, start, share);
+    if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;

@@ -21,6 +21,7 @@ typedef enum SweepKind {
 
 enum {
     LEFT_COST = 40,  /* evaluations that a cell costs which is left over, in a plane */
+    MARCH_COST = 64, /* the same, where curves are followed; 36 to 50 on real ground */
     HIDDEN_COST = 8, /* and what it costs to tell what is open in a cell in which nothing is looked for */
     LEFT_CHUNK = 64  /* cells of the list of what is left that are worked off together */
 };
@@ -30,6 +31,7 @@ typedef struct LeftCell {
     double bounds[2 * SLT_MAX_CHANNELS]; /* as CellSink.left gets them */
     double stands;                       /* for so many cells like it; 0: another one stands for it */
     double asked;                        /* for so many cells bounds tell what lines may have missed; 0: not asked */
+    uint8_t halvings, set; /* march.c: how often it was quartered; of two sets of cells that stand for others */
 } LeftCell;
 
 typedef struct SweepWorker SweepWorker;
@@ -73,6 +75,8 @@ typedef struct Sweep {
     uint64_t nparents, parent_cap;
     double volume;                 /* of the domain */
     uint32_t lines;                /* across a cell that is left, along each axis */
+    bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
+    bool sampled;                  /* cells that are left stand for others */
     bool mixed;                    /* lines or samples were used */
     bool unnamed;                  /* more events are open in what is left than bounds name */
     double jump[SLT_MAX_CHANNELS]; /* the largest at the curves of cells */
@@ -100,6 +104,7 @@ struct SweepWorker {
     const LeftCell *within; /* the cell that the tile is; NULL: no such one */
     uint8_t owner;          /* which cell of its chunk lines go through: Segment.owner */
     struct Hidden *hidden;  /* hidden.c: room for a chunk; NULL until it is needed */
+    struct March *march;    /* march.c, likewise */
     Splat splat;            /* SWEEP_RENDER, SWEEP_FORWARD: planes of the interior; SWEEP_LOSS: pixels of the tile */
     Kept kept;              /* SWEEP_LOSS */
     bool failed;            /* memory ran out */
@@ -118,6 +123,11 @@ bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 /* What crossings of the chunk in hand are divided by for the error of its lines. */
 double left_divisor(const SweepWorker *v);
+/* ---- march.c: the curves in n <= LEFT_CHUNK cells, where `marches`; they have no other lines. False when memory runs
+ * out. */
+bool left_curves(SweepWorker *v, const LeftCell *c, uint32_t n);
+/* Room for one more cell in v->left; false when memory runs out. */
+bool sweep_room_left(SweepWorker *v);
 /* ---- hidden.c: adds to the stated error what lines may have missed in n <= LEFT_CHUNK cells; seen[i]: they have met
  * something in cell i; lost[i]: and could not integrate it. After the finder has run. False when memory runs out. */
 bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen, const bool *lost);

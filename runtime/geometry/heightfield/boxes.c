@@ -32,6 +32,8 @@ enum {
     STACK = 3 * MIP_LEVELS + 4
 };
 
+#define BEFORE 0.9375 /* of the way to the border */
+
 typedef struct Span {
     double lo, hi;
 } Span;
@@ -291,6 +293,10 @@ static bool blocked_in_cell(const Rays *r, int i, int j) {
             if (z < least) least = z, best = t, normal = n, line = (int)lines[n][k];
         }
     if (least < 0 && all_below_at(r, normal, line)) return true;
+    /* At the border of the box some rays may have left it: a little before. */
+    int last = normal == 0 ? (int)r->f->w - 1 : (int)r->f->h - 1;
+    bool border = normal < 2 && (line == 0 || line == last);
+    if (least < 0 && border && all_below(r, r->first + BEFORE * (best - r->first))) return true;
     if (r->last < r->first) return false;
     /* Ends of the rays, and origins under ground. */
     if (!(least < 0)) best = r->first;
