@@ -264,8 +264,10 @@ Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with n
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* The box and its centre, for cells_meet. */
 bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
-/* What is decided in boxes and what is open. */
-bool cells_bound(Cells *c);
+/* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
+ * lists of iterations. */
+void cells_bound_halves(Cells *c);
+bool cells_bound_small(Cells *c);
 void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
