@@ -1,5 +1,5 @@
-/* The tree of cells: a node's sub-boxes go through one call of `bounds`; each is settled, curved, a node again, or left
- * over. */
+/* The tree of cells: a node's halves go through `bounds`, and the halves of those of them that must be cut; each is
+ * settled, curved, a node again, or left over. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -43,7 +43,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     bool made = lists_init(&c->lists, c->s);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
-    for (int r = 0; r < CELL_RULES; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
+    for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
     cells_free(c);
     return NULL;
@@ -54,7 +54,7 @@ void cells_free(Cells *c) {
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth), free(c->sides), free(c->trial);
-    for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
+    for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
     free(c);
 }
@@ -383,32 +383,38 @@ static void find_lonely(Cells *c) {
     for (uint32_t i = 0; i < c->ncell; i++) c->cell[i].lonely = count[c->cell[i].node] <= FEW;
 }
 
-/* The halves of nodes and the halves of these go through one call of `bounds`; the small ones count where the large one
- * is no cell. Where nothing is ever a curve no shape of a cell is better than another: halves are enough. */
+/* Cuts those of the halves of nodes that are no cells in halves. Where nothing is ever a curve no shape of a cell is
+ * better than another: these are nodes. */
+static bool split_halves(Cells *c, const Node *node) {
+    for (uint32_t i = 0; i < c->nhalves; i++) {
+        Cell *cell = &c->cell[i];
+        if (!cell->refine) continue;
+        if (c->rays || !divisible(c, cell)) {
+            if (!refine(c, cell)) return false;
+            continue;
+        }
+        cell->done = true;
+        uint32_t first = c->ncell;
+        split(c, &cell->box, &node[cell->node], cell->node, false);
+        for (uint32_t k = first; k < c->ncell; k++) c->cell[k].bends = cell->bends;
+    }
+    return true;
+}
+
+/* The halves of nodes go through one call of `bounds`, and the halves of these through another. */
 static bool work(Cells *c, const Node *node, uint32_t nodes) {
-    uint32_t first[CELL_BOXES + 1], halves;
     c->ncell = 0;
     for (uint32_t i = 0; i < nodes; i++) split(c, &node[i].box, &node[i], i, node[i].whole);
-    halves = c->ncell;
-    for (uint32_t i = 0; i < halves; i++) {
-        first[i] = c->ncell;
-        if (!c->rays) split(c, &c->cell[i].box, &node[c->cell[i].node], c->cell[i].node, false);
-    }
-    first[halves] = c->ncell;
-    c->nhalves = halves;
-    if (!cells_bound(c)) return false;
-    if (!cells_close(c, c->cell, halves)) return false;
-    for (uint32_t i = 0; i < halves; i++) {
-        Cell *cell = &c->cell[i];
-        if (!judge(c, cell)) return false;
-        bool deeper = cell->refine && divisible(c, cell);
-        for (uint32_t k = first[i]; k < first[i + 1]; k++) c->cell[k].done = !deeper, c->cell[k].bends = cell->bends;
-        if (deeper && !c->rays) cell->done = true;
-        else if (cell->refine && !refine(c, cell)) return false;
-    }
+    c->nhalves = c->ncell;
+    cells_bound_halves(c);
+    if (!cells_close(c, c->cell, c->nhalves)) return false;
+    for (uint32_t i = 0; i < c->nhalves; i++)
+        if (!judge(c, &c->cell[i])) return false;
+    const uint32_t halves = c->nhalves;
+    if (!split_halves(c, node) || !cells_bound_small(c)) return false;
     if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
     for (uint32_t i = halves; i < c->ncell; i++)
-        if (!c->cell[i].done && !judge(c, &c->cell[i])) return false;
+        if (!judge(c, &c->cell[i])) return false;
     if (!cut_cells(c)) return false;
     if (c->dim < 3 ? !cells_cut_bases(c, 0) : !integrate_solids(c)) return false;
     find_lonely(c);
