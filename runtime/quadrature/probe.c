@@ -7,12 +7,12 @@
 #include "runtime/quadrature/inner.h"
 
 enum {
-    POINTS = 48,       /* places that are looked at */
-    LEVELS = 5,        /* boxes around each; the sides go down by four */
-    CELL_COST = 32,    /* evaluations that a cell costs, points and ancestors included */
-    TRIALS = 16,       /* tiles of the trial */
-    TRIAL_BUDGET = 400 /* evaluations of each */
+    POINTS = 48,    /* places that are looked at */
+    LEVELS = 5,     /* boxes around each; the sides go down by four */
+    CELL_COST = 32, /* evaluations that a cell costs, points and ancestors included */
+    TRIALS = 16     /* tiles of the trial */
 };
+static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each, by dimension */
 #define UNPROVEN 0.1  /* quadrature does not pay where so large a part of the domain will be left over */
 #define TRIAL_LEFT 0.05        /* nor where so much of the trial is left over, */
 #define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
@@ -120,12 +120,13 @@ static void count_volume(void *user, const CellPoint *p, uint32_t n, CellRule ru
 }
 static void no_left(void *user, const Box *cell, const double *bounds) { (void)user, (void)cell, (void)bounds; }
 
-/* The tile of a trial: 1/64 of the domain wide, or four pixels. */
+/* The tile of a trial, so wide that its own cost does not matter beside that of all such tiles; or four pixels. */
 static Box trial_tile(const Grid *g, bool f64, uint32_t k) {
     static const uint32_t shift[3] = {0x299f31d0, 0x082efa98, 0xec4e6c89};
+    static const double wide[3] = {1.0 / 64, 1.0 / 64, 1.0 / 16};
     Box t = {.lo = {0}};
     for (uint32_t d = 0; d < g->dim; d++) {
-        double side = fmin(1, fmax(1.0 / 64, g->integral ? 0 : 4.0 / g->n[d]));
+        double side = fmin(1, fmax(wide[g->dim - 1], g->integral ? 0 : 4.0 / g->n[d]));
         double at = rng_recurrence(g->dim, d, k, shift[d]) * (1 - side), width = g->hi[d] - g->lo[d];
         t.lo[d] = g->lo[d] + at * width, t.end[d] = g->lo[d] + (at + side) * width;
         if (!f64) t.lo[d] = (double)(float)t.lo[d], t.end[d] = (double)(float)t.end[d];
@@ -148,7 +149,7 @@ SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats)
     bool ok = batch_init(&b, s, &g);
     Cells *cells = ok ? cells_new(&b, s->lo, s->hi) : NULL;
     ok &= cells != NULL;
-    o.budget = TRIAL_BUDGET, o.fixed = !g.integral;
+    o.budget = trial_budget[g.dim - 1], o.fixed = !g.integral;
     for (uint32_t k = 0; k < TRIALS && ok; k++) {
         Box tile = trial_tile(&g, s->f64, k);
         counts.spent = false;

@@ -60,7 +60,7 @@ static bool random_program(const Case *c) { return strstr(c->source, "rand()") !
 static bool beyond(const Case *c, bool f64) { return !f64 && strstr(c->name, "square root guarded"); }
 
 /* Jumps of both signs that lines in what is left may step over all at once. */
-static bool understated(const Case *c) { return strstr(c->name, "own cut") || strstr(c->name, "spherical cap"); }
+static bool understated(const Case *c) { return strstr(c->name, "own cut"); }
 
 static void run(const Case *c, bool f64) {
     SltJob job = SLT_JOB_INIT;
