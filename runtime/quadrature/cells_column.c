@@ -5,14 +5,14 @@
 #include "runtime/quadrature/cells_inner.h"
 
 /* ---- what goes out */
-static void flush_crossings(Cells *c) {
-    uint32_t n = c->ncrossing;
-    c->ncrossing = 0;
-    if (n) c->sink->curve(c->sink->user, c->crossing, n);
+static void flush_crossings(Cells *c, CellRule r) {
+    uint32_t n = c->ncrossing[r];
+    c->ncrossing[r] = 0;
+    if (n) c->sink->curve(c->sink->user, c->crossing[r], n);
 }
 
 void cells_flush(Cells *c) {
-    flush_crossings(c);
+    for (int r = 0; r < CELL_RULES; r++) flush_crossings(c, (CellRule)r);
     cells_flush_points(c);
 }
 
@@ -79,8 +79,7 @@ static bool find_present(Cells *c, uint32_t first) {
     const Probe *at = c->probe;
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
-        for (uint32_t e = 0; e < CELL_EDGES; e++) {
-            if (!(p->present >> e & 1)) continue;
+        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
             double up = c->cell[p->cell].edge[e].rises[p->axis];
             if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
             p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
@@ -124,8 +123,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         middle(c, p, x);
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
-        for (uint32_t e = 0; e < CELL_EDGES; e++)
-            if (p->present >> e & 1 && !add_root(c, k, e, p->edge[e].height)) return false;
+        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);)
+            if (!add_root(c, k, e, p->edge[e].height)) return false;
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
@@ -152,8 +151,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 /* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */
 static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     const Piece *p = &c->piece[piece];
-    for (uint32_t e = 0; e < CELL_EDGES; e++) {
-        if (!(p->present >> e & 1)) continue;
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
         double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
@@ -213,8 +211,8 @@ static void emit_crossing(Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     const Sides *s = cells_sides(c, r);
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
-    if (c->ncrossing == BATCH) flush_crossings(c);
-    Crossing *x = &c->crossing[c->ncrossing++];
+    if (c->ncrossing[k->rule] == BATCH) flush_crossings(c, (CellRule)k->rule);
+    Crossing *x = &c->crossing[k->rule][c->ncrossing[k->rule]++];
     memset(x, 0, sizeof *x);
     x->event = r->of->event;
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
@@ -262,9 +260,9 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
 static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to) {
     double apart = 0;
     bool agree = true;
-    for (uint32_t e = 0; e < CELL_EDGES; e++) {
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
-        if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        if (!p->edge[e].open) continue;
         memset(sum, 0, sizeof sum); /* of those few alone */
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);

@@ -228,12 +228,20 @@ struct Cells {
     uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
     uint32_t order_cap;
-    Crossing *crossing; /* [ncrossing], room for BATCH */
-    uint32_t ncrossing;
+    Crossing *crossing[CELL_RULES]; /* [ncrossing], room for BATCH each */
+    uint32_t ncrossing[CELL_RULES];
     CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
     uint32_t npoint[CELL_POINTS];
     Box within; /* of the points */
 };
+
+/* The next edge of a set of bits, ascending, which is taken out of it; false: it is empty. */
+static inline bool cells_take_edge(uint32_t *set, uint32_t *edge) {
+    if (!*set) return false;
+    *edge = (uint32_t)__builtin_ctz(*set);
+    *set &= *set - 1;
+    return true;
+}
 
 /* Room for one more element; false, and `failed`, when memory runs out. */
 bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size);
