@@ -455,10 +455,28 @@ static void give_up(Cells *c, const Node *node) {
     c->sink->left(c->sink->user, &cell->box, cell->f);
 }
 
+/* Takes up to `most` of the nodes that wait; how many. The largest come first: what a budget leaves over is then small
+ * everywhere, and not all of a corner. The last ones come first where there are lists, which lie in a stack, and when
+ * more wait than memory is meant for. */
+static uint32_t take_nodes(Cells *c, uint32_t most, Node *node) {
+    enum { WAITING = 1 << 15 };
+    bool oldest = !c->lists.any && c->o->budget && c->nstack - c->oldest < WAITING;
+    uint32_t waiting = c->nstack - c->oldest, n = waiting < most ? waiting : most;
+    memcpy(node, c->stack + (oldest ? c->oldest : c->nstack - n), n * sizeof *node);
+    if (oldest) c->oldest += n;
+    else c->nstack -= n;
+    if (c->oldest > WAITING || c->oldest == c->nstack) { /* the room of those that are done */
+        c->nstack -= c->oldest;
+        memmove(c->stack, c->stack + c->oldest, c->nstack * sizeof *c->stack);
+        c->oldest = 0;
+    }
+    return n;
+}
+
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
-    c->failed = false, c->nstack = c->nsmooth = c->npiece = 0, c->bend = 0;
+    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = 0, c->bend = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
@@ -479,15 +497,12 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     bool worked = true;
     c->within = *tile;
     while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
+        Node node[CELL_BOXES / 2];
+        uint32_t n = take_nodes(c, counts->spent ? 1 : at_once, node);
         if (counts->spent) {
-            Node rest = c->stack[--c->nstack];
-            give_up(c, &rest);
+            give_up(c, node);
             continue;
         }
-        Node node[CELL_BOXES / 2];
-        uint32_t n = c->nstack < at_once ? c->nstack : at_once;
-        c->nstack -= n;
-        memcpy(node, c->stack + c->nstack, n * sizeof *node);
         lists_enter(&c->lists, c->b, node[0].lists);
         if (c->lists.any) c->within = node[0].box;
         worked = work(c, node, n);

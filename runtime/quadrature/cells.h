@@ -80,7 +80,6 @@ typedef struct CellOptions {
 typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
-    uint32_t halvings;             /* the most that any piece was halved because the two rules differed */
     bool spent;                    /* the budget was */
 } CellCounts;
 

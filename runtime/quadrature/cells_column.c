@@ -295,8 +295,6 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
         p->points = (uint8_t)(p->points > before ? p->points : full);
         return true;
     }
-    uint32_t halvings = p->halvings + (uint32_t)ilogb(p->parts) + 1;
-    if (halvings > c->counts->halvings) c->counts->halvings = halvings;
     if (curves_agree && !p->graded && !c->o->flat) {
         p->graded = true;
         return true;

@@ -193,13 +193,13 @@ struct Cells {
     double width;   /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
-    GaussRule of[GAUSS_MAX + 1]; /* by number of points */
-    double bend;                 /* Piece.bend of late: for those that come next */
-    double bits;                 /* log2 of what the coarse rule may err by on a part of the volume */
-    Node *stack;                 /* nodes to be worked on */
-    uint32_t nstack, stack_cap;
-    Cell *cell;                        /* [ncell]: boxes in hand */
-    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
+    GaussRule of[GAUSS_MAX + 1];        /* by number of points */
+    double bend;                        /* Piece.bend of late: for those that come next */
+    double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
+    Node *stack;                        /* nodes to be worked on */
+    uint32_t oldest, nstack, stack_cap; /* stack[oldest .. nstack - 1] wait */
+    Cell *cell;                         /* [ncell]: boxes in hand */
+    uint32_t ncell, nhalves, cell_cap;  /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;

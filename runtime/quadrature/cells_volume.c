@@ -287,7 +287,6 @@ static bool halve_box(Cells *c, const Smooth *s) {
         *(half ? &h->lo[axis] : &h->end[axis]) = 0.5 * (s->lo[axis] + s->end[axis]);
         h->halvings++;
     }
-    if (s->halvings + 1 > c->counts->halvings) c->counts->halvings = s->halvings + 1;
     return true;
 }
 

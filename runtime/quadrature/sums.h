@@ -35,8 +35,6 @@ typedef struct Sums {
     double *tile;                /* [SUM_GROUPS * rows][nfloats]: of the tile in hand; 0 between tiles */
     double *targets[ACCUMS];
     double rounding; /* of a sum, in parts of it */
-    uint32_t gauss;  /* the caller's: points of the fine rule, */
-    bool smooth;     /* and is the tile one where rules converge exponentially? */
     uint8_t *seen;   /* by block of parameters */
     uint32_t *block; /* [blocks] */
 } Sums;
@@ -51,8 +49,6 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
  * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
 void sums_unnamed(Sums *m, const uint8_t *active, double left);
-/* The error of the fine rule, of a number about as large as `size`, which is d from the coarse one. */
-double sums_rules_error(const Sums *m, double d, double size);
 /* The stated error of a component. */
 double sums_error(const Sums *m, uint32_t row, uint32_t p);
 

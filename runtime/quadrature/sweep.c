@@ -14,7 +14,6 @@ enum {
     ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
     ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
     LEFT_LINES = 32,      /* most lines across a cell */
-    SMOOTH_HALVINGS = 4,  /* pieces that must be halved more often are not smooth */
     LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
     DEEPER_BUDGET = 192,  /* and of a cell at the least size, to cut it further, */
     DEEPER_ROUNDS = 12,   /* this often, each time into parts so many times smaller */
@@ -253,8 +252,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
         bool sets = mode == SUM_SETS || mode == SUM_LINE || mode == SUM_CURVES;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
-        if (mode == SUM_RULES)
-            p->f_error[c] += sums_rules_error(&p->sums, d, fabs(fine)) + p->sums.rounding * fabs(fine);
+        if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
         p->f_hidden[c] += v->f_hidden[c];
     }
@@ -271,7 +269,6 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
-    p->sums.smooth = !c->spent && c->halvings <= SMOOTH_HALVINGS;
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
     merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
@@ -492,7 +489,6 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
-    p->sums.gauss = p->options.gauss;
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
     p->short_of_volume = p->unnamed = p->sampled = false;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
