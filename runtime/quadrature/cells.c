@@ -42,7 +42,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
-    made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
+    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = malloc(BATCH * sizeof *c->crossing[r])) != NULL;
     for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
     cells_free(c);
@@ -52,8 +52,9 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
 void cells_free(Cells *c) {
     if (!c) return;
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
-    free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
+    free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth), free(c->sides), free(c->trial);
+    for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
     free(c);

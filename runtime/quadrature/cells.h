@@ -42,8 +42,8 @@ typedef enum CellState { CELL_SETTLED, CELL_CURVED, CELL_LEFT } CellState;
 /* While a sink runs, args.cull of the batch holds the lists that are good for all it was given. */
 typedef struct CellSink {
     /* n <= BATCH points along curves. Of each: event, x, dg, jump, before (f where g < 0), and weight: the derivative
-     * of the integral is the sum of weight * jump * d_theta g, jump being f where g > 0 less before. cls: its CellRule.
-     * Not called where CellOptions.curves is false. */
+     * of the integral is the sum of weight * jump * d_theta g, jump being f where g > 0 less before. cls: its CellRule,
+     * the same of all. Not called where CellOptions.curves is false. */
     void (*curve)(void *user, Crossing *c, uint32_t n);
     /* n <= BATCH points in the volume, of one rule or of both; all lie in `within`, the cell or its tile. Not called
      * where CellOptions.volume is false. */

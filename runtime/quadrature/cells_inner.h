@@ -134,12 +134,13 @@ typedef struct Root {
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
+    double before[3];      /* the place before x, g and its slope there; NaN: there was none */
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
-    bool wanted, twin; /* f on the two sides is; another event has its root here too */
-    bool solved;
-    uint32_t sides; /* where they are: c->sides[sides - 1]; 0: not known */
+    bool wanted, twin;  /* f on the two sides is; another event has its root here too */
+    bool solved, waits; /* waits: for a better guess */
+    uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
 } Root;
 
 /* A point of the volume, before it is known whether its part is small enough. */
@@ -228,12 +229,20 @@ struct Cells {
     uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
     uint32_t order_cap;
-    Crossing *crossing; /* [ncrossing], room for BATCH */
-    uint32_t ncrossing;
+    Crossing *crossing[CELL_RULES]; /* [ncrossing], room for BATCH each */
+    uint32_t ncrossing[CELL_RULES];
     CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
     uint32_t npoint[CELL_POINTS];
     Box within; /* of the points */
 };
+
+/* The next edge of a set of bits, ascending, which is taken out of it; false: it is empty. */
+static inline bool cells_take_edge(uint32_t *set, uint32_t *edge) {
+    if (!*set) return false;
+    *edge = (uint32_t)__builtin_ctz(*set);
+    *set &= *set - 1;
+    return true;
+}
 
 /* Room for one more element; false, and `failed`, when memory runs out. */
 bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size);
@@ -293,7 +302,14 @@ bool cells_drop_wrong(Cells *c);
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]);
 /* ---- cells_root.c */
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
-/* All of root[nroot] that are not solved. A root that lies outside of its line by rounding ends at the line's end. */
+/* Where g is about 0 between two places with these g and slopes: the place as a function of g, a cubic through both. */
+static inline double cells_between(const double x[2], const double g[2], const double slope[2]) {
+    double t = g[0] / (g[0] - g[1]), u = 1 - t;
+    return u * u * (1 + 2 * t) * x[0] + t * t * (3 - 2 * t) * x[1] +
+           (g[1] - g[0]) * t * u * (u / slope[0] - t / slope[1]);
+}
+/* All of root[nroot] that are not solved and do not wait. A root that lies outside of its line by rounding ends at the
+ * line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
  * where it does not get lo = hi. */

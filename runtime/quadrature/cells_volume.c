@@ -38,22 +38,40 @@ void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
         if (c->rule[r].n) emit(c, x, weight, (CellRule)r);
 }
 
+/* Of one piece, CellOptions.flat, part by part: the spots of the two rules, ascending; NULL: of that rule it has none.
+ */
+typedef struct PartSpots {
+    const Spot *fine, *coarse;                    /* of the part */
+    const Spot *at[CELL_RULES], *end[CELL_RULES]; /* what comes then */
+} PartSpots;
+
+static PartSpots parts_of(const Cells *c, uint32_t from, uint32_t to) {
+    uint32_t coarse = from;
+    while (coarse < to && c->spot[coarse].rule == CELL_FINE) coarse++;
+    const Spot *s = c->spot;
+    return (PartSpots){.at = {s + from, s + coarse}, .end = {s + coarse, s + to}};
+}
+
+static bool next_part(PartSpots *p) {
+    p->fine = p->at[CELL_FINE] < p->end[CELL_FINE] ? p->at[CELL_FINE] : NULL;
+    p->coarse = p->at[CELL_COARSE] < p->end[CELL_COARSE] ? p->at[CELL_COARSE] : NULL;
+    if (p->fine && p->coarse && p->fine->part > p->coarse->part) p->fine = NULL;
+    if (p->fine && p->coarse && p->fine->part < p->coarse->part) p->coarse = NULL;
+    p->at[CELL_FINE] += p->fine != NULL, p->at[CELL_COARSE] += p->coarse != NULL;
+    return p->fine || p->coarse;
+}
+
 static double part_noise(const Cells *c, double measure) { return (c->b->f64 ? 0x1p-50 : 0x1p-21) * measure; }
 
 /* Parts of one piece: what both rules make of equal measure goes out once. */
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
-    const Spot *coarse[CELL_EDGES + 1] = {NULL};
-    for (uint32_t i = from; i < to; i++)
-        if (c->spot[i].rule == CELL_COARSE) coarse[c->spot[i].part] = &c->spot[i];
-    for (uint32_t i = from; i < to; i++) {
-        const Spot *s = &c->spot[i], *other = coarse[s->part];
-        if (s->rule != CELL_FINE) continue;
-        bool both = other && fabs(other->weight - s->weight) <= part_noise(c, s->weight);
-        emit(c, s->x, s->weight, both ? CELL_BOTH : CELL_FINE);
-        if (both) coarse[s->part] = NULL;
+    PartSpots p = parts_of(c, from, to);
+    while (next_part(&p)) {
+        double weight = p.fine ? p.fine->weight : 0;
+        bool both = p.fine && p.coarse && fabs(p.coarse->weight - weight) <= part_noise(c, weight);
+        if (p.fine) emit(c, p.fine->x, weight, both ? CELL_BOTH : CELL_FINE);
+        if (p.coarse && !both) emit(c, p.coarse->x, p.coarse->weight, CELL_COARSE);
     }
-    for (uint32_t i = 0; i <= CELL_EDGES; i++)
-        if (coarse[i]) emit(c, coarse[i]->x, coarse[i]->weight, CELL_COARSE);
 }
 
 void cells_emit_few(Cells *c, const Box *cell) {
@@ -74,8 +92,8 @@ void cells_emit_few(Cells *c, const Box *cell) {
 static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
     if (!CELLS_ROOM(c, spot, 1)) return false;
     Spot *s = &c->spot[c->nspot++];
-    *s = (Spot){.owner = owner, .rule = rule, .weight = weight};
-    for (uint32_t d = 0; d < c->dim; d++) s->x[d] = cells_round(c, x[d]);
+    s->owner = owner, s->rule = rule, s->part = 0, s->weight = weight; /* and f comes later */
+    for (uint32_t d = 0; d < 3; d++) s->x[d] = d < c->dim ? cells_round(c, x[d]) : 0;
     return true;
 }
 
@@ -127,11 +145,12 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
  */
 static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
-    double weight[CELL_EDGES + 1] = {0}, longest[CELL_EDGES + 1] = {0}, x[CELL_EDGES + 1][3];
-    uint32_t n = 0;
+    double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
+    uint32_t n = from->nroots + 1; /* as of all its columns */
+    for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
     for (const Column *k = from; k < to; k++) {
         double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
-        n = part_ends(c, k, heights);
+        part_ends(c, k, heights);
         for (uint32_t i = 0; i < n; last = heights[i++]) {
             double length = heights[i] - last;
             if (!(length > 0)) continue;
@@ -151,12 +170,12 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
 }
 
 bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
-    double more[CELL_EDGES + 1] = {0}, apart = 0, total = 0;
-    for (uint32_t i = from; i < to; i++) {
-        const Spot *s = &c->spot[i];
-        more[s->part] += s->rule == CELL_FINE ? s->weight : -s->weight, total += s->weight;
+    double apart = 0, total = 0;
+    PartSpots p = parts_of(c, from, to);
+    while (next_part(&p)) {
+        double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
+        apart += fabs(fine - coarse), total += fine + coarse;
     }
-    for (uint32_t i = 0; i <= CELL_EDGES; i++) apart += fabs(more[i]);
     return apart <= larger(c->o->tolerance * c->volume, part_noise(c, total));
 }
 
