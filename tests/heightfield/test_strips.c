@@ -167,7 +167,7 @@ static void test_posts(void **state) {
             assert_true(lost > 0.02);
             assert_true(off < 0.003 && worst < 2);
             off = compare("324 posts, curves", &c, want, &worst);
-            assert_true(off < 0.003 && worst < 2);
+            assert_true((off < 0.0015 || seed) && worst < 1);
         }
         slt_program_free(gaps), slt_program_free(p);
     }
@@ -222,11 +222,11 @@ static void test_real(void **state) {
         assert_true(off < 0.012 && worst < 2.5);
     }
     /* Curves have no seed. Other cells, and fewer of them: */
-    static const uint64_t segments[] = {1 << 18, 200000, 150000};
-    for (uint32_t k = 0; k < (seeds > 1 ? 3 : 2); k++) {
+    static const uint64_t segments[] = {1 << 18, 200000, 1 << 14, 1 << 16, 1 << 20};
+    for (uint32_t k = 0; k < (seeds > 1 ? 5 : 2); k++) {
         Found c = run(p, SLT_EST_QUADRATURE, segments[k], 0);
         double off = compare("real ground, curves", &c, real_sun, &worst);
-        assert_true(off < 0.003 && worst < 2);
+        assert_true((off < 0.0015 || segments[k] < 1 << 17) && worst < 1);
     }
     slt_program_free(gaps), slt_program_free(p);
 }
