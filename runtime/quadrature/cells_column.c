@@ -297,8 +297,6 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from,
         p->points = (uint8_t)(p->points > before ? p->points : full);
         return true;
     }
-    uint32_t halvings = p->halvings + (uint32_t)ilogb(p->parts) + 1;
-    if (halvings > c->counts->halvings) c->counts->halvings = halvings;
     if (curves_agree && !p->graded && !c->o->flat) {
         p->graded = true;
         return true;
@@ -349,7 +347,7 @@ void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
 static bool integrate(Cells *c, uint32_t first) {
     uint32_t n = c->npiece - first;
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
-    if (!cells_evaluate(c, first, compare)) return false;
+    if (!cells_evaluate(c, first, compare && !c->o->flat)) return false;
     uint32_t spot = 0, kept = first;
     double bent = 0, length = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -360,12 +358,14 @@ static bool integrate(Cells *c, uint32_t first) {
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
-        if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
+        if (compare && c->o->volume)
+            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end);
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             cells_emit_columns(c, from, to);
-            cells_emit_spots(c, spot, end);
+            if (c->o->flat) cells_emit_parts(c, spot, end);
+            else cells_emit_spots(c, spot, end);
         } else {
             if (!shorten(c, first + i, agree, from, to)) return false;
             if (kept != first + i) c->piece[kept] = *p;

@@ -144,8 +144,8 @@ typedef struct Root {
 
 /* A point of the volume, before it is known whether its part is small enough. */
 typedef struct Spot {
-    uint32_t owner; /* piece, or smooth box */
-    uint8_t rule;
+    uint32_t owner;     /* piece, or smooth box */
+    uint8_t rule, part; /* part: CellOptions.flat, which one of the piece */
     double x[3], weight, f[SLT_MAX_CHANNELS];
 } Spot;
 
@@ -193,13 +193,13 @@ struct Cells {
     double width;   /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
-    GaussRule of[GAUSS_MAX + 1]; /* by number of points */
-    double bend;                 /* Piece.bend of late: for those that come next */
-    double bits;                 /* log2 of what the coarse rule may err by on a part of the volume */
-    Node *stack;                 /* nodes to be worked on */
-    uint32_t nstack, stack_cap;
-    Cell *cell;                        /* [ncell]: boxes in hand */
-    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
+    GaussRule of[GAUSS_MAX + 1];        /* by number of points */
+    double bend;                        /* Piece.bend of late: for those that come next */
+    double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
+    Node *stack;                        /* nodes to be worked on */
+    uint32_t oldest, nstack, stack_cap; /* stack[oldest .. nstack - 1] wait */
+    Cell *cell;                         /* [ncell]: boxes in hand */
+    uint32_t ncell, nhalves, cell_cap;  /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
@@ -230,8 +230,8 @@ struct Cells {
     uint32_t order_cap;
     Crossing *crossing; /* [ncrossing], room for BATCH */
     uint32_t ncrossing;
-    CellPoint *point[CELL_RULES]; /* [npoint], room for BATCH each */
-    uint32_t npoint[CELL_RULES];
+    CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
+    uint32_t npoint[CELL_POINTS];
     Box within; /* of the points */
 };
 
@@ -264,8 +264,10 @@ Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with n
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* The box and its centre, for cells_meet. */
 bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
-/* What is decided in boxes and what is open. */
-bool cells_bound(Cells *c);
+/* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
+ * lists of iterations. */
+void cells_bound_halves(Cells *c);
+bool cells_bound_small(Cells *c);
 void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
@@ -324,9 +326,12 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+/* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
+bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
+void cells_emit_parts(Cells *c, uint32_t from, uint32_t to);               /* of one piece, CellOptions.flat */
 bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
 /* The middle against two places beside it: rules that differ where f is not constant. */

@@ -15,7 +15,7 @@ static void flush_points(Cells *c, CellRule r) {
 }
 
 void cells_flush_points(Cells *c) {
-    for (int r = 0; r < CELL_RULES; r++) flush_points(c, (CellRule)r);
+    for (int r = 0; r < CELL_POINTS; r++) flush_points(c, (CellRule)r);
 }
 
 static void emit(Cells *c, const double x[3], double weight, CellRule rule) {
@@ -33,8 +33,27 @@ void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
     double x[3] = {0}, weight = 1;
     for (uint32_t d = 0; d < c->dim; d++)
         x[d] = cells_round(c, lo[d] + 0.5 * (end[d] - lo[d])), weight *= end[d] - lo[d];
-    for (int r = 0; r < CELL_RULES; r++)
+    if (c->o->flat && c->rule[CELL_COARSE].n) emit(c, x, weight, CELL_BOTH);
+    for (int r = 0; r < CELL_RULES && !(c->o->flat && c->rule[CELL_COARSE].n); r++)
         if (c->rule[r].n) emit(c, x, weight, (CellRule)r);
+}
+
+static double part_noise(const Cells *c, double measure) { return (c->b->f64 ? 0x1p-50 : 0x1p-21) * measure; }
+
+/* Parts of one piece: what both rules make of equal measure goes out once. */
+void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
+    const Spot *coarse[CELL_EDGES + 1] = {NULL};
+    for (uint32_t i = from; i < to; i++)
+        if (c->spot[i].rule == CELL_COARSE) coarse[c->spot[i].part] = &c->spot[i];
+    for (uint32_t i = from; i < to; i++) {
+        const Spot *s = &c->spot[i], *other = coarse[s->part];
+        if (s->rule != CELL_FINE) continue;
+        bool both = other && fabs(other->weight - s->weight) <= part_noise(c, s->weight);
+        emit(c, s->x, s->weight, both ? CELL_BOTH : CELL_FINE);
+        if (both) coarse[s->part] = NULL;
+    }
+    for (uint32_t i = 0; i <= CELL_EDGES; i++)
+        if (coarse[i]) emit(c, coarse[i]->x, coarse[i]->weight, CELL_COARSE);
 }
 
 void cells_emit_few(Cells *c, const Box *cell) {
@@ -123,9 +142,22 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
             x[i][p->axis] = last + 0.5 * length;
         }
     }
-    for (uint32_t i = 0; i < n; i++)
-        if (weight[i] > 0 && !add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        if (!(weight[i] > 0)) continue;
+        if (!add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
+        c->spot[c->nspot - 1].part = (uint8_t)i;
+    }
     return true;
+}
+
+bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
+    double more[CELL_EDGES + 1] = {0}, apart = 0, total = 0;
+    for (uint32_t i = from; i < to; i++) {
+        const Spot *s = &c->spot[i];
+        more[s->part] += s->rule == CELL_FINE ? s->weight : -s->weight, total += s->weight;
+    }
+    for (uint32_t i = 0; i <= CELL_EDGES; i++) apart += fabs(more[i]);
+    return apart <= larger(c->o->tolerance * c->volume, part_noise(c, total));
 }
 
 bool cells_add_columns_of_points(Cells *c) {
@@ -236,7 +268,6 @@ static bool halve_box(Cells *c, const Smooth *s) {
         *(half ? &h->lo[axis] : &h->end[axis]) = 0.5 * (s->lo[axis] + s->end[axis]);
         h->halvings++;
     }
-    if (s->halvings + 1 > c->counts->halvings) c->counts->halvings = s->halvings + 1;
     return true;
 }
 

@@ -48,7 +48,7 @@ static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][PO
 }
 
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
-    Outlook o = {.unproven = 1};
+    Outlook o = {.unproven = 1, .side = 1};
     Batch b;
     Grid g;
     SltError err;
@@ -56,14 +56,17 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     if (!s->kernel[SLT_K_BOUNDS] || s->uses_rand || grid_init(&g, s, j, &err) != SLT_OK) return o;
     bool ok = batch_init(&b, s, &g);
     if (ok) {
-        uint32_t unproven = 0;
+        uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
         ask(&b, state, open);
         for (uint32_t i = 0; i < POINTS; i++) {
             uint32_t l = 0;
             while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
             if (l == LEVELS && state[l - 1][i] & SLT_BOX_UNKNOWN) unproven++;
             o.cells += ldexp(1, 2 * (int)((l + 1) * s->dim)) / POINTS;
+            finest[l]++;
         }
+        while ((places += finest[level]) <= POINTS / 2) level++;
+        o.side = ldexp(1, -2 * (int)(level + 1));
         o.unproven = (double)unproven / POINTS;
         SltStats own = SLT_STATS_INIT;
         batch_collect(&b, &own);

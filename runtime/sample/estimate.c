@@ -55,8 +55,9 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
                               SltError *err) {
     Run r;
     SltJob own;
+    bool cells = half == 0 && j->interior != SLT_INTERIOR_SAMPLES && !(j->centred && !j->integral);
     if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE) j = settle(s, j, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE && half == 0 && j->interior != SLT_INTERIOR_SAMPLES)
+    if (j->estimator == SLT_EST_QUADRATURE && cells)
         return j->integral ? render_integral(s, j, out, stats, err) : quadrature_render(s, j, out, stats, err);
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && half == 0 && j->integral) {
@@ -198,7 +199,8 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
         return quadrature_loss(s, j, target, mask, loss, gradient, image, stats, err);
     /* Exact pixels have no variance, and need no halves. One sample a pixel has no second half: the adjoint comes from
      * the same sample, and the loss is biased by the variance of the image. */
-    bool halves = j->spp > 1 && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
+    bool halves =
+        j->spp > 1 && !j->centred && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
