@@ -337,7 +337,6 @@ static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
     p->left_bound += v->left_bound;
-    p->sums.smooth = false; /* march.c: halvings of cells, not points of a rule */
     SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
     merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
 }
