@@ -42,7 +42,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
-    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = malloc(BATCH * sizeof *c->crossing[r])) != NULL;
+    /* What a curve does not set of its crossings stays 0. */
+    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = calloc(BATCH, sizeof *c->crossing[r])) != NULL;
     for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
     cells_free(c);

@@ -17,12 +17,13 @@ static double unit(const Cells *c, const Root *r) {
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess) {
     if (!CELLS_ROOM(c, root, 1)) return NULL;
     Root *r = &c->root[c->nroot++];
-    memset(r, 0, sizeof *r);
+    r->ends[0] = r->ends[1] = r->wanted = r->twin = r->solved = r->waits = false; /* its other members come later */
+    r->column = r->sides = 0, r->edge = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
-    r->step = HUGE_VAL, r->before[0] = NAN;
+    r->step = HUGE_VAL, r->before[0] = r->before[1] = r->before[2] = NAN;
     return r;
 }
 
