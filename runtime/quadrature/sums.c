@@ -54,22 +54,13 @@ static uint32_t touched(Sums *m, const Accum *a) {
     return n;
 }
 
-#define SAFE 10.0 /* times what exponential convergence says, */
-#define MOST 0.1  /* and never less than this part of the distance */
-
-/* Rules of Q and of Q - 1 points that are d apart: that is the error of the lower one. Errors of smooth pieces fall as
- * size * r^-Q, and r^-Q is (d / size)^(Q / (Q - 1)). */
-double sums_rules_error(const Sums *m, double d, double size) {
-    if (!m->smooth || m->gauss < 2 || !(d < size)) return d;
-    return d * fmax(MOST, fmin(1, SAFE * pow(d / size, 1.0 / (m->gauss - 1))));
-}
-
-/* Two estimates become one, with its error. */
+/* Two estimates become one, with its error. Of rules their distance is the error of the lower one: how much better the
+ * higher one is, a tile cannot tell, in whose distance a few pieces that bend count among many that do not. */
 static double join(const Sums *m, double fine, double coarse, SumMode mode, double terms, double *error,
                    double *variance) {
     if (mode == SUM_ONE) return fine;
     if (mode == SUM_RULES) {
-        *error += sums_rules_error(m, fabs(fine - coarse), fabs(fine)) + m->rounding * terms * fabs(fine);
+        *error += fabs(fine - coarse) + m->rounding * terms * fabs(fine);
         return fine;
     }
     double e = 0.5 * (fine - coarse);
@@ -90,6 +81,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
                     double *from = &m->targets[g * m->rows + row][p];
                     v[g] = *from, *from = 0;
                 }
+                v[SUM_INTERIOR_FINE] += v[SUM_INTERIOR_BOTH], v[SUM_INTERIOR_COARSE] += v[SUM_INTERIOR_BOTH];
                 double share = v[SUM_SIZE] / lines;
                 m->variance[at] += share * share;
                 m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE],

@@ -1,6 +1,6 @@
 /* Sums over tiles of what two rules give, and how far they are apart.
  *
- * A tile's adjoints lie in four groups of `rows` accumulators (SumGroup). Tiles are added in order, in double; the
+ * A tile's adjoints lie in groups of `rows` accumulators (SumGroup). Tiles are added in order, in double; the
  * distance of the two rules is taken tile by tile and its absolute values are added, so that errors of different tiles
  * do not cancel in the stated one. */
 #ifndef SALTUS_QUADRATURE_SUMS_H
@@ -14,7 +14,8 @@ typedef enum SumGroup {
     SUM_BOUNDARY_COARSE,
     SUM_INTERIOR_FINE,
     SUM_INTERIOR_COARSE,
-    SUM_SIZE, /* of the boundary that lines have found, jumps of both signs alike */
+    SUM_SIZE,          /* of the boundary that lines have found, jumps of both signs alike */
+    SUM_INTERIOR_BOTH, /* what is the same in both rules; behind SUM_SIZE, which sink_put_size knows by number */
     SUM_GROUPS
 } SumGroup;
 /* How the groups of a tile are to be read. */
@@ -34,8 +35,6 @@ typedef struct Sums {
     double *tile;                /* [SUM_GROUPS * rows][nfloats]: of the tile in hand; 0 between tiles */
     double *targets[ACCUMS];
     double rounding; /* of a sum, in parts of it */
-    uint32_t gauss;  /* the caller's: points of the fine rule, */
-    bool smooth;     /* and is the tile one where rules converge exponentially? */
     uint8_t *seen;   /* by block of parameters */
     uint32_t *block; /* [blocks] */
 } Sums;
@@ -50,8 +49,6 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
  * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
 void sums_unnamed(Sums *m, const uint8_t *active, double left);
-/* The error of the fine rule, of a number about as large as `size`, which is d from the coarse one. */
-double sums_rules_error(const Sums *m, double d, double size);
 /* The stated error of a component. */
 double sums_error(const Sums *m, uint32_t row, uint32_t p);
 

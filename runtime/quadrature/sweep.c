@@ -14,7 +14,6 @@ enum {
     ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
     ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
     LEFT_LINES = 32,      /* most lines across a cell */
-    SMOOTH_HALVINGS = 4,  /* pieces that must be halved more often are not smooth */
     LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
     DEEPER_BUDGET = 192,  /* and of a cell at the least size, to cut it further, */
     DEEPER_ROUNDS = 12,   /* this often, each time into parts so many times smaller */
@@ -38,15 +37,24 @@ static double measure(const Box *b, uint32_t dim) {
 }
 
 /* ---- points */
+static SumGroup interior_group(CellRule rule) {
+    return rule == CELL_FINE ? SUM_INTERIOR_FINE : rule == CELL_BOTH ? SUM_INTERIOR_BOTH : SUM_INTERIOR_COARSE;
+}
+
+static void add_value(SweepWorker *v, CellRule rule, uint32_t channel, double f) {
+    for (int r = 0; r < CELL_RULES; r++)
+        if (rule == CELL_BOTH || r == (int)rule) v->f[r][channel] += f;
+}
+
 /* f, and its adjoints by channel with these weights as seeds. */
 static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
     Batch *b = &v->w->batch;
     uint32_t channels = b->s->channels;
-    SumGroup group = rule == CELL_FINE ? SUM_INTERIOR_FINE : SUM_INTERIOR_COARSE;
+    SumGroup group = interior_group(rule);
     if (!v->sweep->interior) {
         batch_call(b, SLT_K_VALUE, n);
         for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t i = 0; i < n; i++) v->f[rule][c] += p[i].weight * batch_get(b, SLT_OUT_F, c, i);
+            for (uint32_t i = 0; i < n; i++) add_value(v, rule, c, p[i].weight * batch_get(b, SLT_OUT_F, c, i));
         return;
     }
     for (uint32_t c = 0; c < channels; c++) {
@@ -55,7 +63,7 @@ static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, Cell
         b->again = c > 0;
         accum_call(&v->w->acc, b, SLT_K_VJP, n, group * channels + c);
         for (uint32_t o = 0; c == 0 && o < channels; o++) /* the reverse kernel gives f as well */
-            for (uint32_t i = 0; i < n; i++) v->f[rule][o] += p[i].weight * batch_get(b, SLT_OUT_F, o, i);
+            for (uint32_t i = 0; i < n; i++) add_value(v, rule, o, p[i].weight * batch_get(b, SLT_OUT_F, o, i));
     }
     b->again = false;
 }
@@ -91,7 +99,7 @@ void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRu
         for (uint32_t c = 0; c < channels; c++) batch_set(b, SLT_IN_SEED0 + c, used, p[i].weight * a[c]);
         used++;
     }
-    accum_call(&v->w->acc, b, SLT_K_VJP, used, rule == CELL_FINE ? SUM_INTERIOR_FINE : SUM_INTERIOR_COARSE);
+    accum_call(&v->w->acc, b, SLT_K_VJP, used, interior_group(rule));
 }
 
 void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
@@ -244,8 +252,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
         bool sets = mode == SUM_SETS || mode == SUM_LINE || mode == SUM_CURVES;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
-        if (mode == SUM_RULES)
-            p->f_error[c] += sums_rules_error(&p->sums, d, fabs(fine)) + p->sums.rounding * fabs(fine);
+        if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
         p->f_hidden[c] += v->f_hidden[c];
     }
@@ -262,7 +269,6 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
-    p->sums.smooth = !c->spent && c->halvings <= SMOOTH_HALVINGS;
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
     merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
@@ -483,7 +489,6 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
-    p->sums.gauss = p->options.gauss;
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
     p->short_of_volume = p->unnamed = p->sampled = false;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),

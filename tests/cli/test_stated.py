@@ -43,5 +43,27 @@ class Left(Case):
         self.holds(j, {"a": -1, "b": 1, "c": 1}, 1e-9)
 
 
+class Rules(Case):
+    """Where all is certified: the distance of two rules, on pieces that converge slowly beside others that do not."""
+
+    def check(self, body):
+        self.put("s.salt", HEAD + "shader float main(float2 x) { %s }" % body)
+        ask = lambda *o: self.json_cli("grad", "s.salt", "--estimator", "quadrature", "--precision", "f64", *o)
+        best = ask("--error", "1e-11")
+        for options in ((), ("--error", "1e-3"), ("--error", "1e-4"), ("--error", "1e-7")):
+            j = ask(*options)
+            self.assertEqual(j["left"], 0)
+            for name, value in best["gradient"].items():
+                most = j["stderr"][name] + best["stderr"][name] + 1e-12
+                self.assertLessEqual(abs(j["gradient"][name] - value), most, (name, options))
+
+    def test_a_power_at_its_zero(self):
+        self.check("[Disc] if (pow(x.x, 1.0 + b) + pow(x.y, 0.5 + a) < 0.7 + c) return 1.0; return 0.2 * x.x;")
+
+    def test_a_gear(self):
+        self.check("float2 p = x - 0.5; float2 u = p / max(length(p), 1e-3); float k = 4.0 * u.x * u.x * u.x - 3.0 * u.x; "
+                   "[Disc] if (length(p) < 0.3 + 0.2 * a * k) return exp(-c * dot(p, p)) + b; return 0.0;")
+
+
 if __name__ == "__main__":
     unittest.main()
