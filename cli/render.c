@@ -101,6 +101,9 @@ static int check_rgba8(const Cli *c) {
 static int render(Cli *c, SltProgram *p) {
     int status = cli_prepare_job(c, p);
     if (status != SLT_OK) return status;
+    if (c->job.centred && (c->job.integral || c->job.interior == SLT_INTERIOR_QUADRATURE))
+        return cli_usage(c, "--centres is for images that are sampled: leave out %s",
+                         c->job.integral ? "--integral" : "--exact and --interior quadrature");
     status = c->opt.rgba8 ? check_rgba8(c) : SLT_OK;
     if (status != SLT_OK) return status;
     if (c->output && !image_can_write(c->output) && !c->opt.rgba8) return cli_unknown_format(c);

@@ -90,8 +90,16 @@ void report_cells_json(FILE *out, const SltStats *s, const double *derivative) {
     fprintf(out, "\"boxes\": %llu, \"stopped\": %s, ", (unsigned long long)s->boxes, stops[s->stopped]);
 }
 
+static void report_stop(const SltStats *s) {
+    if (s->stopped == SLT_STOP_EVALUATIONS)
+        fputs("saltus: warning: the error asked for was not reached: the evaluations ran out\n", stderr);
+    if (s->stopped == SLT_STOP_ROUNDING)
+        fputs("saltus: warning: the error asked for was not reached: rounding is larger\n", stderr);
+}
+
 void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
     if (c->quiet || c->json) return;
+    report_stop(s);
     if (!s->cells) {
         if (c->job.estimator == SLT_EST_QUADRATURE)
             fputs("saltus: note: no cells, nothing is certified: `saltus explain` says what has no bounds\n", stderr);
@@ -107,10 +115,6 @@ void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
         else if (derivative) fputs("; of a derivative its part is estimated, not bounded", stderr);
         fputc('\n', stderr);
     }
-    if (s->stopped == SLT_STOP_EVALUATIONS)
-        fputs("saltus: warning: the error asked for was not reached: the evaluations ran out\n", stderr);
-    if (s->stopped == SLT_STOP_ROUNDING)
-        fputs("saltus: warning: the error asked for was not reached: rounding is larger\n", stderr);
 }
 
 int report_status(const SltStats *s) {

@@ -29,7 +29,7 @@ static void set(const SltProgram *p, void *a, uint32_t i, double v) {
 
 double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell) {
     const Program *g = p->prog;
-    return g->lo[axis] + (g->hi[axis] - g->lo[axis]) * (cell + 0.5) / job->size[axis];
+    return g->lo[axis] + (cell + 0.5) * ((g->hi[axis] - g->lo[axis]) / job->size[axis]); /* as grid_middle */
 }
 
 static bool worker_init(Pixels *q, PixelWorker *w) {

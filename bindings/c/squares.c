@@ -38,8 +38,10 @@ static void constant(void *user, const PixelRect *r, const double *value) {
     const Squares *s = ((SquareWorker *)user)->all;
     uint32_t word = 0xff000000u;
     for (uint32_t c = 0; c < 3; c++) word |= channel8(s->p->opt.f64, value[s->p->scene.channels >= 3 ? c : 0]) << 8 * c;
-    for (uint32_t y = 0; y < r->n[1]; y++)
-        for (uint32_t x = 0; x < r->n[0]; x++) pixels_of(s, r, y)[x] = word;
+    for (uint32_t y = 0; y < r->n[1]; y++) {
+        uint32_t *pixels = pixels_of(s, r, y), n = r->n[0];
+        for (uint32_t x = 0; x < n; x++) pixels[x] = word;
+    }
 }
 
 static void sample(void *user, const PixelRect *r, uint32_t n, const SltPruned *pruned) {

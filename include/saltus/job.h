@@ -58,6 +58,8 @@ typedef struct SltJob {
                                  absolute; 0: spend what the lattice would */
     uint64_t max_evaluations; /* of points and boxes; then the result so far, and SltStats.stopped; 0: by `segments`,
                                  and with an error wanted 2^32 */
+    bool centred; /* image mode: one sample in the middle of each pixel, whatever spp and the filter are; of slt_render
+                     and of the smooth part of derivatives, where these are sampled */
 } SltJob;
 enum { SLT_GAUSS_MAX = 16 };
 #define SLT_JOB_INIT ((SltJob){.struct_size = sizeof(SltJob), .size = {512, 512, 1}, .spp = 4, .estimator = SLT_EST_AUTO})

@@ -1,5 +1,5 @@
-/* The tree of cells: a node's sub-boxes go through one call of `bounds`; each is settled, curved, a node again, or left
- * over. */
+/* The tree of cells: a node's halves go through `bounds`, and the halves of those of them that must be cut; each is
+ * settled, curved, a node again, or left over. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,8 +42,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
-    made &= (c->crossing = malloc(BATCH * sizeof *c->crossing)) != NULL;
-    for (int r = 0; r < CELL_RULES; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
+    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = malloc(BATCH * sizeof *c->crossing[r])) != NULL;
+    for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
     cells_free(c);
     return NULL;
@@ -52,9 +52,10 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
 void cells_free(Cells *c) {
     if (!c) return;
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
-    free(c->active), free(c->order), free(c->crossing), free(c->stretch), free(c->cut), free(c->first_column);
+    free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth), free(c->sides), free(c->trial);
-    for (int r = 0; r < CELL_RULES; r++) free(c->point[r]);
+    for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
+    for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
     free(c);
 }
@@ -383,32 +384,38 @@ static void find_lonely(Cells *c) {
     for (uint32_t i = 0; i < c->ncell; i++) c->cell[i].lonely = count[c->cell[i].node] <= FEW;
 }
 
-/* The halves of nodes and the halves of these go through one call of `bounds`; the small ones count where the large one
- * is no cell. Where nothing is ever a curve no shape of a cell is better than another: halves are enough. */
+/* Cuts those of the halves of nodes that are no cells in halves. Where nothing is ever a curve no shape of a cell is
+ * better than another: these are nodes. */
+static bool split_halves(Cells *c, const Node *node) {
+    for (uint32_t i = 0; i < c->nhalves; i++) {
+        Cell *cell = &c->cell[i];
+        if (!cell->refine) continue;
+        if (c->rays || !divisible(c, cell)) {
+            if (!refine(c, cell)) return false;
+            continue;
+        }
+        cell->done = true;
+        uint32_t first = c->ncell;
+        split(c, &cell->box, &node[cell->node], cell->node, false);
+        for (uint32_t k = first; k < c->ncell; k++) c->cell[k].bends = cell->bends;
+    }
+    return true;
+}
+
+/* The halves of nodes go through one call of `bounds`, and the halves of these through another. */
 static bool work(Cells *c, const Node *node, uint32_t nodes) {
-    uint32_t first[CELL_BOXES + 1], halves;
     c->ncell = 0;
     for (uint32_t i = 0; i < nodes; i++) split(c, &node[i].box, &node[i], i, node[i].whole);
-    halves = c->ncell;
-    for (uint32_t i = 0; i < halves; i++) {
-        first[i] = c->ncell;
-        if (!c->rays) split(c, &c->cell[i].box, &node[c->cell[i].node], c->cell[i].node, false);
-    }
-    first[halves] = c->ncell;
-    c->nhalves = halves;
-    if (!cells_bound(c)) return false;
-    if (!cells_close(c, c->cell, halves)) return false;
-    for (uint32_t i = 0; i < halves; i++) {
-        Cell *cell = &c->cell[i];
-        if (!judge(c, cell)) return false;
-        bool deeper = cell->refine && divisible(c, cell);
-        for (uint32_t k = first[i]; k < first[i + 1]; k++) c->cell[k].done = !deeper, c->cell[k].bends = cell->bends;
-        if (deeper && !c->rays) cell->done = true;
-        else if (cell->refine && !refine(c, cell)) return false;
-    }
+    c->nhalves = c->ncell;
+    cells_bound_halves(c);
+    if (!cells_close(c, c->cell, c->nhalves)) return false;
+    for (uint32_t i = 0; i < c->nhalves; i++)
+        if (!judge(c, &c->cell[i])) return false;
+    const uint32_t halves = c->nhalves;
+    if (!split_halves(c, node) || !cells_bound_small(c)) return false;
     if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
     for (uint32_t i = halves; i < c->ncell; i++)
-        if (!c->cell[i].done && !judge(c, &c->cell[i])) return false;
+        if (!judge(c, &c->cell[i])) return false;
     if (!cut_cells(c)) return false;
     if (c->dim < 3 ? !cells_cut_bases(c, 0) : !integrate_solids(c)) return false;
     find_lonely(c);
@@ -448,10 +455,28 @@ static void give_up(Cells *c, const Node *node) {
     c->sink->left(c->sink->user, &cell->box, cell->f);
 }
 
+/* Takes up to `most` of the nodes that wait; how many. The largest come first: what a budget leaves over is then small
+ * everywhere, and not all of a corner. The last ones come first where there are lists, which lie in a stack, and when
+ * more wait than memory is meant for. */
+static uint32_t take_nodes(Cells *c, uint32_t most, Node *node) {
+    enum { WAITING = 1 << 15 };
+    bool oldest = !c->lists.any && c->o->budget && c->nstack - c->oldest < WAITING;
+    uint32_t waiting = c->nstack - c->oldest, n = waiting < most ? waiting : most;
+    memcpy(node, c->stack + (oldest ? c->oldest : c->nstack - n), n * sizeof *node);
+    if (oldest) c->oldest += n;
+    else c->nstack -= n;
+    if (c->oldest > WAITING || c->oldest == c->nstack) { /* the room of those that are done */
+        c->nstack -= c->oldest;
+        memmove(c->stack, c->stack + c->oldest, c->nstack * sizeof *c->stack);
+        c->oldest = 0;
+    }
+    return n;
+}
+
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
-    c->failed = false, c->nstack = c->nsmooth = c->npiece = 0, c->bend = 0;
+    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = 0, c->bend = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
@@ -472,15 +497,12 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     bool worked = true;
     c->within = *tile;
     while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
+        Node node[CELL_BOXES / 2];
+        uint32_t n = take_nodes(c, counts->spent ? 1 : at_once, node);
         if (counts->spent) {
-            Node rest = c->stack[--c->nstack];
-            give_up(c, &rest);
+            give_up(c, node);
             continue;
         }
-        Node node[CELL_BOXES / 2];
-        uint32_t n = c->nstack < at_once ? c->nstack : at_once;
-        c->nstack -= n;
-        memcpy(node, c->stack + c->nstack, n * sizeof *node);
         lists_enter(&c->lists, c->b, node[0].lists);
         if (c->lists.any) c->within = node[0].box;
         worked = work(c, node, n);

@@ -24,7 +24,13 @@ typedef struct Box {
 
 /* Each integral is taken twice on the same cells: by a rule of Q points, and by one of fewer whose distance from the
  * first states the error. */
-typedef enum CellRule { CELL_FINE, CELL_COARSE, CELL_RULES } CellRule;
+typedef enum CellRule {
+    CELL_FINE,
+    CELL_COARSE,
+    CELL_RULES,
+    CELL_BOTH = CELL_RULES, /* of a point of the volume, CellOptions.flat: it is one of either */
+    CELL_POINTS
+} CellRule;
 
 /* A point in the volume of the domain. */
 typedef struct CellPoint {
@@ -36,11 +42,11 @@ typedef enum CellState { CELL_SETTLED, CELL_CURVED, CELL_LEFT } CellState;
 /* While a sink runs, args.cull of the batch holds the lists that are good for all it was given. */
 typedef struct CellSink {
     /* n <= BATCH points along curves. Of each: event, x, dg, jump, before (f where g < 0), and weight: the derivative
-     * of the integral is the sum of weight * jump * d_theta g, jump being f where g > 0 less before. cls: its CellRule.
-     * Not called where CellOptions.curves is false. */
+     * of the integral is the sum of weight * jump * d_theta g, jump being f where g > 0 less before. cls: its CellRule,
+     * the same of all. Not called where CellOptions.curves is false. */
     void (*curve)(void *user, Crossing *c, uint32_t n);
-    /* n <= BATCH points in the volume, of one rule; all lie in `within`, the cell or its tile. Not called where
-     * CellOptions.volume is false. */
+    /* n <= BATCH points in the volume, of one rule or of both; all lie in `within`, the cell or its tile. Not called
+     * where CellOptions.volume is false. */
     void (*volume)(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within);
     /* f is this constant in all of a cell, and no points are needed; NULL: points come all the same. */
     void (*constant)(void *user, const Box *cell, const double *f);

@@ -5,14 +5,14 @@
 #include "runtime/quadrature/cells_inner.h"
 
 /* ---- what goes out */
-static void flush_crossings(Cells *c) {
-    uint32_t n = c->ncrossing;
-    c->ncrossing = 0;
-    if (n) c->sink->curve(c->sink->user, c->crossing, n);
+static void flush_crossings(Cells *c, CellRule r) {
+    uint32_t n = c->ncrossing[r];
+    c->ncrossing[r] = 0;
+    if (n) c->sink->curve(c->sink->user, c->crossing[r], n);
 }
 
 void cells_flush(Cells *c) {
-    flush_crossings(c);
+    for (int r = 0; r < CELL_RULES; r++) flush_crossings(c, (CellRule)r);
     cells_flush_points(c);
 }
 
@@ -53,11 +53,9 @@ static void middle(const Cells *c, const Piece *p, double x[3]) {
     for (uint32_t d = 0; d < c->dim; d++) x[d] = 0.5 * (p->at[d][0] + p->at[d][1]);
 }
 
-/* Where g is about 0 between two places on an axis: the height as a function of g, a cubic through both. */
 static double guess_height(const Probe at[2], int axis) {
-    double g0 = at[0].g, g1 = at[1].g, t = g0 / (g0 - g1), u = 1 - t, s0 = at[0].dg[axis], s1 = at[1].dg[axis];
-    return u * u * (1 + 2 * t) * at[0].x[axis] + t * t * (3 - 2 * t) * at[1].x[axis] +
-           (g1 - g0) * t * u * (u / s0 - t / s1);
+    return cells_between((double[2]){at[0].x[axis], at[1].x[axis]}, (double[2]){at[0].g, at[1].g},
+                         (double[2]){at[0].dg[axis], at[1].dg[axis]});
 }
 
 /* Which curves are there: g has different signs at the two ends of the column above the middle. */
@@ -79,8 +77,7 @@ static bool find_present(Cells *c, uint32_t first) {
     const Probe *at = c->probe;
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
-        for (uint32_t e = 0; e < CELL_EDGES; e++) {
-            if (!(p->present >> e & 1)) continue;
+        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
             double up = c->cell[p->cell].edge[e].rises[p->axis];
             if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
             p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
@@ -124,8 +121,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         middle(c, p, x);
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
-        for (uint32_t e = 0; e < CELL_EDGES; e++)
-            if (p->present >> e & 1 && !add_root(c, k, e, p->edge[e].height)) return false;
+        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);)
+            if (!add_root(c, k, e, p->edge[e].height)) return false;
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
@@ -152,8 +149,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 /* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */
 static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     const Piece *p = &c->piece[piece];
-    for (uint32_t e = 0; e < CELL_EDGES; e++) {
-        if (!(p->present >> e & 1)) continue;
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
         double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
@@ -209,12 +205,45 @@ static bool add_columns(Cells *c, uint32_t piece, CellRule rule) {
     return true;
 }
 
+#define STRAIGHT 0x1p-30 /* of the height of a cell: so little a curve departs from its tangent */
+
+/* Roots of the fine rule are solved: those of the coarse one lie on cubics through their neighbours, for the points of
+ * rules of n and n - 1 points alternate. */
+static void guess_coarse(Cells *c, const Column *from, const Column *to) {
+    const Piece *p = &c->piece[from->piece];
+    const Column *coarse = from;
+    while (coarse < to && coarse->rule == CELL_FINE) coarse++;
+    bool alternate = p->base >= 0 && coarse - from == to - coarse + 1;
+    for (uint32_t k = 0; coarse + k < to; k++)
+        for (uint32_t i = 0; i < coarse[k].nroots; i++) {
+            Root *r = &c->root[coarse[k].first + i];
+            const Root *a = &c->root[from[k].first + i], *b = &c->root[from[k + 1].first + i];
+            r->waits = false;
+            if (r->solved || !alternate) continue;
+            double width = b->x[p->base] - a->x[p->base], t = (r->x[p->base] - a->x[p->base]) / width, u = 1 - t;
+            double climb[2] = {-a->dg[p->base] / a->dg[p->axis], -b->dg[p->base] / b->dg[p->axis]};
+            double guess = u * u * (1 + 2 * t) * a->x[p->axis] + t * t * (3 - 2 * t) * b->x[p->axis] +
+                           t * u * width * (u * climb[0] - t * climb[1]);
+            /* Of a straight curve the guess from the middle is the better one. */
+            bool straight = fabs(guess - r->x[p->axis]) <= STRAIGHT * (r->hi - r->lo);
+            if (!straight && guess > r->lo && guess < r->hi) r->x[p->axis] = cells_round(c, guess);
+        }
+}
+
+static bool solve_columns(Cells *c, const uint32_t *first, uint32_t pieces) {
+    for (uint32_t i = 0; i < c->nroot; i++) c->root[i].waits = c->column[c->root[i].column].rule == CELL_COARSE;
+    if (!cells_solve(c)) return false;
+    for (uint32_t i = 0; i < pieces; i++)
+        if (first[i] < first[i + 1]) guess_coarse(c, &c->column[first[i]], &c->column[first[i + 1]]);
+    return cells_solve(c);
+}
+
 static void emit_crossing(Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     const Sides *s = cells_sides(c, r);
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
-    if (c->ncrossing == BATCH) flush_crossings(c);
-    Crossing *x = &c->crossing[c->ncrossing++];
+    if (c->ncrossing[k->rule] == BATCH) flush_crossings(c, (CellRule)k->rule);
+    Crossing *x = &c->crossing[k->rule][c->ncrossing[k->rule]++];
     memset(x, 0, sizeof *x);
     x->event = r->of->event;
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
@@ -262,9 +291,9 @@ static void measure_curve(const Cells *c, const Piece *p, const Column *from, co
 static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Column *to) {
     double apart = 0;
     bool agree = true;
-    for (uint32_t e = 0; e < CELL_EDGES; e++) {
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
-        if (!(p->present >> e & 1) || !p->edge[e].open) continue;
+        if (!p->edge[e].open) continue;
         memset(sum, 0, sizeof sum); /* of those few alone */
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
@@ -332,7 +361,7 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
             if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    if (!cells_solve(c) || !cells_take_sides(c)) return false;
+    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c)) return false;
     if (c->o->volume && !cells_add_columns_of_points(c)) return false;
     return !values || !c->nspot || cells_take_values(c);
 }
@@ -347,7 +376,7 @@ void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
 static bool integrate(Cells *c, uint32_t first) {
     uint32_t n = c->npiece - first;
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
-    if (!cells_evaluate(c, first, compare)) return false;
+    if (!cells_evaluate(c, first, compare && !c->o->flat)) return false;
     uint32_t spot = 0, kept = first;
     double bent = 0, length = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -358,12 +387,14 @@ static bool integrate(Cells *c, uint32_t first) {
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
-        if (compare && c->o->volume) smooth = cells_values_agree(c, spot, end);
+        if (compare && c->o->volume)
+            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end);
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             cells_emit_columns(c, from, to);
-            cells_emit_spots(c, spot, end);
+            if (c->o->flat) cells_emit_parts(c, spot, end);
+            else cells_emit_spots(c, spot, end);
         } else {
             if (!shorten(c, first + i, agree, from, to)) return false;
             if (kept != first + i) c->piece[kept] = *p;

@@ -241,18 +241,16 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
 
 void cells_bound_range(Cells *c, Cell *cell) { bound_boxes(c, cell, 1); }
 
-bool cells_bound(Cells *c) {
-    if (!c->lists.any) {
-        bound_boxes(c, c->cell, c->ncell);
-        return true;
-    }
+void cells_bound_halves(Cells *c) { bound_boxes(c, c->cell, c->nhalves); }
+
+bool cells_bound_small(Cells *c) {
     Cell *small = c->cell + c->nhalves;
     uint32_t n = c->ncell - c->nhalves;
     uint64_t wanted = 0;
-    bound_boxes(c, c->cell, c->nhalves);
+    if (!n) return true;
     if (!lists_note(&c->lists, c->b)) return false;
     bound_boxes(c, small, n);
-    for (uint32_t i = 0; i < n; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
+    for (uint32_t i = 0; i < n && c->lists.any; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
     return lists_split(&c->lists, c->b, n, wanted);
 }
 

@@ -134,18 +134,19 @@ typedef struct Root {
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
+    double before[3];      /* the place before x, g and its slope there; NaN: there was none */
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
-    bool wanted, twin; /* f on the two sides is; another event has its root here too */
-    bool solved;
-    uint32_t sides; /* where they are: c->sides[sides - 1]; 0: not known */
+    bool wanted, twin;  /* f on the two sides is; another event has its root here too */
+    bool solved, waits; /* waits: for a better guess */
+    uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
 } Root;
 
 /* A point of the volume, before it is known whether its part is small enough. */
 typedef struct Spot {
-    uint32_t owner; /* piece, or smooth box */
-    uint8_t rule;
+    uint32_t owner;     /* piece, or smooth box */
+    uint8_t rule, part; /* part: CellOptions.flat, which one of the piece */
     double x[3], weight, f[SLT_MAX_CHANNELS];
 } Spot;
 
@@ -193,13 +194,13 @@ struct Cells {
     double width;   /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
-    GaussRule of[GAUSS_MAX + 1]; /* by number of points */
-    double bend;                 /* Piece.bend of late: for those that come next */
-    double bits;                 /* log2 of what the coarse rule may err by on a part of the volume */
-    Node *stack;                 /* nodes to be worked on */
-    uint32_t nstack, stack_cap;
-    Cell *cell;                        /* [ncell]: boxes in hand */
-    uint32_t ncell, nhalves, cell_cap; /* the first nhalves are the large ones */
+    GaussRule of[GAUSS_MAX + 1];        /* by number of points */
+    double bend;                        /* Piece.bend of late: for those that come next */
+    double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
+    Node *stack;                        /* nodes to be worked on */
+    uint32_t oldest, nstack, stack_cap; /* stack[oldest .. nstack - 1] wait */
+    Cell *cell;                         /* [ncell]: boxes in hand */
+    uint32_t ncell, nhalves, cell_cap;  /* the first nhalves are the large ones */
     Piece *piece;
     uint32_t npiece, piece_cap;
     Column *column;
@@ -228,12 +229,20 @@ struct Cells {
     uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
     uint32_t order_cap;
-    Crossing *crossing; /* [ncrossing], room for BATCH */
-    uint32_t ncrossing;
-    CellPoint *point[CELL_RULES]; /* [npoint], room for BATCH each */
-    uint32_t npoint[CELL_RULES];
+    Crossing *crossing[CELL_RULES]; /* [ncrossing], room for BATCH each */
+    uint32_t ncrossing[CELL_RULES];
+    CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
+    uint32_t npoint[CELL_POINTS];
     Box within; /* of the points */
 };
+
+/* The next edge of a set of bits, ascending, which is taken out of it; false: it is empty. */
+static inline bool cells_take_edge(uint32_t *set, uint32_t *edge) {
+    if (!*set) return false;
+    *edge = (uint32_t)__builtin_ctz(*set);
+    *set &= *set - 1;
+    return true;
+}
 
 /* Room for one more element; false, and `failed`, when memory runs out. */
 bool cells_grow(Cells *c, void *array, uint32_t *cap, uint32_t need, size_t size);
@@ -264,8 +273,10 @@ Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with n
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* The box and its centre, for cells_meet. */
 bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
-/* What is decided in boxes and what is open. */
-bool cells_bound(Cells *c);
+/* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
+ * lists of iterations. */
+void cells_bound_halves(Cells *c);
+bool cells_bound_small(Cells *c);
 void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
@@ -291,7 +302,14 @@ bool cells_drop_wrong(Cells *c);
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]);
 /* ---- cells_root.c */
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
-/* All of root[nroot] that are not solved. A root that lies outside of its line by rounding ends at the line's end. */
+/* Where g is about 0 between two places with these g and slopes: the place as a function of g, a cubic through both. */
+static inline double cells_between(const double x[2], const double g[2], const double slope[2]) {
+    double t = g[0] / (g[0] - g[1]), u = 1 - t;
+    return u * u * (1 + 2 * t) * x[0] + t * t * (3 - 2 * t) * x[1] +
+           (g[1] - g[0]) * t * u * (u / slope[0] - t / slope[1]);
+}
+/* All of root[nroot] that are not solved and do not wait. A root that lies outside of its line by rounding ends at the
+ * line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
  * where it does not get lo = hi. */
@@ -324,9 +342,12 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+/* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
+bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
+void cells_emit_parts(Cells *c, uint32_t from, uint32_t to);               /* of one piece, CellOptions.flat */
 bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
 /* The middle against two places beside it: rules that differ where f is not constant. */

@@ -22,7 +22,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
-    r->step = HUGE_VAL;
+    r->step = HUGE_VAL, r->before[0] = NAN;
     return r;
 }
 
@@ -38,6 +38,11 @@ static bool advance(const Cells *c, Root *r) {
     double step = fabs(to - x);
     bool noise = step <= NOISE * shortest && !(step <= 0.25 * r->step);
     if (r->g == 0 || step <= shortest || noise || r->hi - r->lo <= 2 * shortest) return false;
+    /* Two places tell more than one: of order 2.7 instead of 2. */
+    double dg = r->dg[r->axis], both = cells_between((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
+                                                     (double[2]){r->before[2], dg});
+    if (fabs(both - to) <= 0.5 * step) to = both;
+    r->before[0] = x, r->before[1] = r->g, r->before[2] = dg;
     bool at_end = false;
     if (to <= r->lo && !r->ends[0]) to = r->lo, at_end = true;
     else if (to >= r->hi && !r->ends[1]) to = r->hi, at_end = true;
@@ -53,7 +58,7 @@ bool cells_solve(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
-        if (!c->root[i].solved) c->active[n++] = i;
+        if (!c->root[i].solved && !c->root[i].waits) c->active[n++] = i;
     for (int step = 0; step < STEPS && n; step++) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {

@@ -15,7 +15,7 @@ static void flush_points(Cells *c, CellRule r) {
 }
 
 void cells_flush_points(Cells *c) {
-    for (int r = 0; r < CELL_RULES; r++) flush_points(c, (CellRule)r);
+    for (int r = 0; r < CELL_POINTS; r++) flush_points(c, (CellRule)r);
 }
 
 static void emit(Cells *c, const double x[3], double weight, CellRule rule) {
@@ -33,8 +33,45 @@ void cells_emit_middle(Cells *c, const double lo[3], const double end[3]) {
     double x[3] = {0}, weight = 1;
     for (uint32_t d = 0; d < c->dim; d++)
         x[d] = cells_round(c, lo[d] + 0.5 * (end[d] - lo[d])), weight *= end[d] - lo[d];
-    for (int r = 0; r < CELL_RULES; r++)
+    if (c->o->flat && c->rule[CELL_COARSE].n) emit(c, x, weight, CELL_BOTH);
+    for (int r = 0; r < CELL_RULES && !(c->o->flat && c->rule[CELL_COARSE].n); r++)
         if (c->rule[r].n) emit(c, x, weight, (CellRule)r);
+}
+
+/* Of one piece, CellOptions.flat, part by part: the spots of the two rules, ascending; NULL: of that rule it has none.
+ */
+typedef struct PartSpots {
+    const Spot *fine, *coarse;                    /* of the part */
+    const Spot *at[CELL_RULES], *end[CELL_RULES]; /* what comes then */
+} PartSpots;
+
+static PartSpots parts_of(const Cells *c, uint32_t from, uint32_t to) {
+    uint32_t coarse = from;
+    while (coarse < to && c->spot[coarse].rule == CELL_FINE) coarse++;
+    const Spot *s = c->spot;
+    return (PartSpots){.at = {s + from, s + coarse}, .end = {s + coarse, s + to}};
+}
+
+static bool next_part(PartSpots *p) {
+    p->fine = p->at[CELL_FINE] < p->end[CELL_FINE] ? p->at[CELL_FINE] : NULL;
+    p->coarse = p->at[CELL_COARSE] < p->end[CELL_COARSE] ? p->at[CELL_COARSE] : NULL;
+    if (p->fine && p->coarse && p->fine->part > p->coarse->part) p->fine = NULL;
+    if (p->fine && p->coarse && p->fine->part < p->coarse->part) p->coarse = NULL;
+    p->at[CELL_FINE] += p->fine != NULL, p->at[CELL_COARSE] += p->coarse != NULL;
+    return p->fine || p->coarse;
+}
+
+static double part_noise(const Cells *c, double measure) { return (c->b->f64 ? 0x1p-50 : 0x1p-21) * measure; }
+
+/* Parts of one piece: what both rules make of equal measure goes out once. */
+void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
+    PartSpots p = parts_of(c, from, to);
+    while (next_part(&p)) {
+        double weight = p.fine ? p.fine->weight : 0;
+        bool both = p.fine && p.coarse && fabs(p.coarse->weight - weight) <= part_noise(c, weight);
+        if (p.fine) emit(c, p.fine->x, weight, both ? CELL_BOTH : CELL_FINE);
+        if (p.coarse && !both) emit(c, p.coarse->x, p.coarse->weight, CELL_COARSE);
+    }
 }
 
 void cells_emit_few(Cells *c, const Box *cell) {
@@ -55,8 +92,8 @@ void cells_emit_few(Cells *c, const Box *cell) {
 static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
     if (!CELLS_ROOM(c, spot, 1)) return false;
     Spot *s = &c->spot[c->nspot++];
-    *s = (Spot){.owner = owner, .rule = rule, .weight = weight};
-    for (uint32_t d = 0; d < c->dim; d++) s->x[d] = cells_round(c, x[d]);
+    s->owner = owner, s->rule = rule, s->part = 0, s->weight = weight; /* and f comes later */
+    for (uint32_t d = 0; d < 3; d++) s->x[d] = d < c->dim ? cells_round(c, x[d]) : 0;
     return true;
 }
 
@@ -108,11 +145,12 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
  */
 static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
-    double weight[CELL_EDGES + 1] = {0}, longest[CELL_EDGES + 1] = {0}, x[CELL_EDGES + 1][3];
-    uint32_t n = 0;
+    double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
+    uint32_t n = from->nroots + 1; /* as of all its columns */
+    for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
     for (const Column *k = from; k < to; k++) {
         double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
-        n = part_ends(c, k, heights);
+        part_ends(c, k, heights);
         for (uint32_t i = 0; i < n; last = heights[i++]) {
             double length = heights[i] - last;
             if (!(length > 0)) continue;
@@ -123,9 +161,22 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
             x[i][p->axis] = last + 0.5 * length;
         }
     }
-    for (uint32_t i = 0; i < n; i++)
-        if (weight[i] > 0 && !add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        if (!(weight[i] > 0)) continue;
+        if (!add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
+        c->spot[c->nspot - 1].part = (uint8_t)i;
+    }
     return true;
+}
+
+bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
+    double apart = 0, total = 0;
+    PartSpots p = parts_of(c, from, to);
+    while (next_part(&p)) {
+        double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
+        apart += fabs(fine - coarse), total += fine + coarse;
+    }
+    return apart <= larger(c->o->tolerance * c->volume, part_noise(c, total));
 }
 
 bool cells_add_columns_of_points(Cells *c) {

@@ -17,7 +17,7 @@ enum { SWEEPS = 10, PARTS_MAX = 16, LEFT_MOST = 1 << 21 };
  * so much to the curves. */
 #define MARCH_SEGMENT (4 * MARCH_COST)
 #define MARCH_SHARE 0.75
-#define LEAST_CELLS 0x1p-6 /* most that the least cell may be, in parts of a usual one */
+#define LEAST_CELLS 0x1p-3 /* most that the least cell may be, in parts of a usual one */
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
 
@@ -46,7 +46,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
-    double usual = pow(fmax(outlook.cells, least_cells[r->s->dim - 1]), -1.0 / r->s->dim); /* side of a cell */
+    double usual = fmin(outlook.side, pow(least_cells[r->s->dim - 1], -1.0 / r->s->dim)); /* side of a cell */
     /* Components are as large as shapes are: a few cells wide. */
     e->tolerance = fmin(3e-2, 10 * usual) * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);

@@ -18,6 +18,7 @@ double quadrature_lattice(const SltScene *s, const SltJob *j, bool boundary, boo
 typedef struct Outlook {
     double unproven; /* share of the domain where bounds prove nothing even on small boxes; 1: no bounds at all */
     double cells;    /* how many there will be, about */
+    double side;     /* of a usual one (the median over places), in parts of the domain */
 } Outlook;
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats);
 /* The run's counts tell what the sweep has proven. */

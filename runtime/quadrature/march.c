@@ -4,12 +4,14 @@
  * catches it. So two crossings of the sides of a small cell, and the slope of g at both, say what lies between them:
  * one piece, or two that meet where the tangents do (Kobbelt et al., "Feature sensitive surface extraction from volume
  * data", 2001). Lines count how often they cross a curve, and err by a share of one line at the end of every piece;
- * this errs only where a cell holds more than two. Squares that are not so simple are quartered; so are those whose
- * sides nothing crosses, and what is beside the curves of simple ones: bounds say which quarters are open.
+ * this errs only where a cell holds more than two, and a look around the place where they meet notices most of those.
+ * Squares that are not so simple are quartered; so are those whose sides nothing crosses, and what is beside the curves
+ * of simple ones: bounds say which quarters are open. The least squares are looked at along their sides as well.
  *
- * The stated error has three parts: what the last halving found, which is about as much as it left (the coarse rule is
- * without it); how much it matters at which end of a chain of two pieces g is taken, from chunk to chunk by chance (the
- * group of sizes); and what is open in the least squares and was not seen (hidden.c). */
+ * The stated error has three parts: what the least squares hold that is not simple, or that their corners do not tell
+ * of, which is more than they miss (the coarse rule is without it); how much it matters at which end of a chain of two
+ * pieces g is taken, from chunk to chunk by chance (the group of sizes); and what is open in the least squares and was
+ * not seen, or not integrated (hidden.c). */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,12 +23,23 @@
 enum {
     SQUARES = 64, /* in hand at once */
     MOST = 4,     /* crossings of the sides of a square that are made sense of */
+    AROUND = 4,   /* places that are looked at around a joint */
     FOUND = 16 * SQUARES,
-    HALVINGS = 5 /* of a cell that is left */
+    HALVINGS = 4, /* of a cell that is left */
+    PIECES = 8,   /* of a side of a square that is not halved, each looked at by itself */
+    RIM = 4 * PIECES
 };
 #define STRAIGHT 0x1p-6  /* sine of the angle below which two pieces are one */
+#define NEAR 0x1p-4      /* how far from a joint these are, in parts of the pieces */
+#define BENT 0.25        /* sine of the angle below which they lie across both pieces */
 #define LEAST_F32 0x1p-15 /* sides of squares that are not halved, in parts of the largest coordinate: rounding of */
 #define LEAST_F64 0x1p-44 /* rays leaves more and more of them open */
+
+/* Where curves turn inside a square: that of crossing i at at[i], where that of other[i] begins. */
+typedef struct Joints {
+    double at[MOST][2];
+    uint32_t other[MOST];
+} Joints;
 
 /* What crosses the sides of a cell in hand, in the order of its circumference. */
 typedef struct Square {
@@ -36,19 +49,20 @@ typedef struct Square {
         double at; /* number of the side, and how far along it */
         const Crossing *x;
     } met[MOST];
+    Joints joints;
+    bool simple; /* and these are all there is to it */
+    bool lost;   /* something crosses a side that could not be integrated */
 } Square;
-
-/* Where curves turn inside a square: that of crossing i at at[i], where that of other[i] begins. */
-typedef struct Joints {
-    double at[MOST][2];
-    uint32_t other[MOST];
-} Joints;
 
 typedef struct March {
     SweepWorker *v;
     uint32_t n, nsquare, npart, nout, nsize, nlast;
-    LeftCell cell[SQUARES], last[LEFT_CHUNK]; /* last: nothing was seen in them, and they are cut no further */
+    LeftCell cell[SQUARES];
+    LeftCell last[LEFT_CHUNK];  /* nothing was seen in them, and they are cut no further, */
+    bool last_lost[LEFT_CHUNK]; /* or not all of it could be integrated */
     Square square[SQUARES];
+    Mark mark[RIM * SQUARES]; /* around them */
+    bool lost[SQUARES];       /* Finder.lost */
     struct {
         Box box;
         const LeftCell *of;
@@ -74,12 +88,12 @@ static void flush(March *m) {
     m->nout = m->nsize = 0;
 }
 
-/* The crossing stands for so much of its curve; or, as well, for `as_well`. Of cells that stand for others every second
- * one belongs to a set of its own, as in left.c. */
-static void put(March *m, const LeftCell *of, const Crossing *x, double length, double as_well) {
+/* The crossing stands for so much of its curve; or, as well, for `as_well`. Only what is sure is in the coarse rule. Of
+ * cells that stand for others every second one belongs to a set of its own, as in left.c. */
+static void put(March *m, const LeftCell *of, const Crossing *x, bool sure, double length, double as_well) {
     if (m->nout + CELL_RULES > BATCH || m->nsize == BATCH) flush(m);
     bool sampled = m->v->sweep->sampled;
-    uint32_t rules = sampled || (of->halvings && is_last(m, of)) ? 1 : CELL_RULES;
+    uint32_t rules = sampled || !sure ? 1 : CELL_RULES;
     for (uint32_t rule = 0; rule < rules; rule++) {
         Crossing *c = &m->out[m->nout++];
         *c = *x;
@@ -154,20 +168,87 @@ static void note_quarters(March *m, const Square *q, const Joints *j) {
     }
 }
 
-/* Puts what crosses a square, if it is simple; else false. */
-static bool take(March *m, const Square *q) {
-    Joints one, other;
-    if (q->n != 2 && q->n != 4) return false;
-    bool first = join(q, 0, &one), second = q->n == 4 && join(q, 1, &other);
-    if (first == second) return false; /* or either is possible */
-    const Joints *j = first ? &one : &other;
+static void find_joints(Square *q) {
+    Joints other;
+    if (q->lost || (q->n != 2 && q->n != 4)) return;
+    bool first = join(q, 0, &q->joints), second = q->n == 4 && join(q, 1, &other);
+    if (second) q->joints = other;
+    q->simple = first != second; /* or either is possible */
+}
+
+/* Places around the joint of crossing i: one between its two pieces, and three on the other side of them. */
+static void around(const Square *q, uint32_t i, double place[AROUND][2]) {
+    const double *at = q->joints.at[i], *a = q->met[i].x->x, *b = q->met[q->joints.other[i]].x->x;
+    for (int d = 0; d < 2; d++) {
+        double along = NEAR * (a[d] - at[d]), back = NEAR * (b[d] - at[d]);
+        place[0][d] = at[d] + along + back, place[1][d] = at[d] - along - back;
+        place[2][d] = at[d] + along - back, place[3][d] = at[d] - along + back;
+    }
+    double to_a[2] = {a[0] - at[0], a[1] - at[1]}, to_b[2] = {b[0] - at[0], b[1] - at[1]};
+    if (fabs(turn(to_a, to_b)) > BENT * hypot(to_a[0], to_a[1]) * hypot(to_b[0], to_b[1])) return;
+    for (int d = 0; d < 2; d++) { /* they go on in nearly one direction, or back: what lies between them is thin */
+        double along = 0.5 * NEAR * (b[d] - a[d]), off = 0.5 * NEAR * (d ? b[0] - a[0] : a[1] - b[1]);
+        place[0][d] = at[d] + off, place[1][d] = at[d] - off;
+        place[2][d] = at[d] - off + along, place[3][d] = at[d] - off - along;
+    }
+}
+
+static bool is_inside(const Box *box, const double x[2]) {
+    return x[0] >= box->lo[0] && x[0] <= box->end[0] && x[1] >= box->lo[1] && x[1] <= box->end[1];
+}
+
+/* Crossings and slopes would be the same if a third piece cut the corner between two off, or the first went on past it:
+ * around the joint things look otherwise. */
+static void check_joints(March *m) {
+    Batch *b = &m->v->w->batch;
+    struct {
+        Square *q;
+        bool inside[AROUND];
+    } of[BATCH / AROUND];
+    for (uint32_t k = 0; k < m->nsquare;) {
+        uint32_t n = 0;
+        for (; k < m->nsquare && n + MOST / 2 <= BATCH / AROUND; k++) {
+            Square *q = &m->square[k];
+            for (uint32_t i = 0; q->simple && i < q->n; i++) {
+                double place[AROUND][2];
+                if (q->joints.other[i] < i) continue;
+                around(q, i, place);
+                of[n].q = q;
+                for (uint32_t p = 0; p < AROUND; p++) {
+                    of[n].inside[p] = is_inside(&q->of->box, place[p]);
+                    batch_set_x(b, n * AROUND + p, (double[3]){place[p][0], place[p][1], 0});
+                }
+                n++;
+            }
+        }
+        if (n) batch_call(b, SLT_K_REGION, n * AROUND);
+        for (uint32_t i = 0; i < n; i++) {
+            Mark between = batch_mark(b, i * AROUND);
+            for (uint32_t p = 1; p < AROUND; p++)
+                if (of[i].inside[0] && of[i].inside[p])
+                    of[i].q->simple &= search_differ(between, batch_mark(b, i * AROUND + p), HUGE_VAL);
+        }
+    }
+}
+
+/* Do its corners tell of all that crosses the square? Else only pieces of its sides do, and what these miss is less
+ * than they add. */
+static bool corners_tell(const Square *q) {
+    for (uint32_t i = 1; i < q->n; i++)
+        if (floor(q->met[i].at) == floor(q->met[i - 1].at)) return false;
+    return true;
+}
+
+/* Puts what crosses a square that is simple. */
+static void take(March *m, const Square *q) {
+    const Joints *j = &q->joints;
+    bool sure = corners_tell(q);
     for (uint32_t i = 0; i < q->n; i++) {
         const double *x = q->met[i].x->x, *y = q->met[j->other[i]].x->x;
         double length = hypot(j->at[i][0] - x[0], j->at[i][1] - x[1]);
-        put(m, q->of, q->met[i].x, length, 0.5 * (length + hypot(j->at[i][0] - y[0], j->at[i][1] - y[1])));
+        put(m, q->of, q->met[i].x, sure, length, 0.5 * (length + hypot(j->at[i][0] - y[0], j->at[i][1] - y[1])));
     }
     if (!is_last(m, q->of)) note_quarters(m, q, j);
-    return true;
 }
 
 /* ---- all squares in hand */
@@ -176,41 +257,70 @@ static const struct {
     uint8_t axis, from, to;
 } sides[4] = {{0, 0, 1}, {1, 1, 3}, {0, 3, 2}, {1, 2, 0}};
 
-static void corner(const Box *box, uint32_t k, double x[3]) {
-    for (uint32_t d = 0; d < 2; d++) x[d] = k >> d & 1 ? box->end[d] : box->lo[d];
+/* Pieces of each side. A tip that comes in and goes out by one side is not seen from the corners: a square is halved as
+ * bounds leave it open, but in the least one the rest of its tips would be missed. */
+static uint32_t pieces(const March *m, const LeftCell *c) { return is_last(m, c) ? PIECES : 1; }
+
+/* The point around the box at k of PIECES a side, from corner 0. */
+static void on_rim(const March *m, const Box *box, uint32_t k, double x[3]) {
+    uint32_t side = k % RIM / PIECES, step = k % PIECES;
+    for (uint32_t d = 0; d < 2; d++) {
+        double from = sides[side].from >> d & 1 ? box->end[d] : box->lo[d];
+        double to = sides[side].to >> d & 1 ? box->end[d] : box->lo[d];
+        x[d] = from + (to - from) * step / PIECES;
+        if (!m->v->w->batch.s->f64) x[d] = (double)(float)x[d];
+    }
     x[2] = 0;
 }
+
+/* The square and the place on its rim that a crossing was found from. */
+static Square *square_of(March *m, const Crossing *x) { return &m->square[(x->edge - 1) / RIM]; }
+static uint32_t rim_of(const Crossing *x) { return (x->edge - 1) % RIM; }
 
 static void collect(void *march, Crossing *c, uint32_t n) {
     March *m = march;
     for (uint32_t i = 0; i < n; i++)
         if (m->n < FOUND) m->found[m->n++] = c[i];
-        else m->square[(c[i].edge - 1) / 4].n = MOST + 1; /* is quartered, with its neighbours */
+        else square_of(m, &c[i])->lost = true;
+}
+
+/* What the points around the squares look like. */
+static void look(March *m) {
+    Batch *b = &m->v->w->batch;
+    uint32_t of[BATCH];
+    for (uint32_t i = 0; i < m->nsquare;) {
+        uint32_t n = 0;
+        for (; i < m->nsquare && n + RIM <= BATCH; i++)
+            for (uint32_t k = 0; k < RIM; k += PIECES / pieces(m, &m->cell[i])) {
+                double x[3];
+                on_rim(m, &m->cell[i].box, k, x);
+                batch_set_x(b, n, x), of[n++] = RIM * i + k;
+            }
+        batch_call(b, SLT_K_REGION, n);
+        for (uint32_t p = 0; p < n; p++) m->mark[of[p]] = batch_mark(b, p);
+    }
 }
 
 /* Where the sides of the squares are crossed. */
 static void cross(March *m) {
-    Worker *w = m->v->w;
-    Batch *b = &w->batch;
-    Mark mark[4 * SQUARES];
-    double x[3];
-    for (uint32_t i = 0; i < m->nsquare; i++) m->square[i] = (Square){.of = &m->cell[i]};
-    for (uint32_t i = 0; i < 4 * m->nsquare; i++) corner(&m->cell[i / 4].box, i % 4, x), batch_set_x(b, i, x);
-    batch_call(b, SLT_K_REGION, 4 * m->nsquare);
-    for (uint32_t i = 0; i < 4 * m->nsquare; i++) mark[i] = batch_mark(b, i);
-    void (*full)(void *, Crossing *, uint32_t) = w->finder.full;
-    void *user = w->finder.full_user;
-    w->finder.full = collect, w->finder.full_user = m, m->n = 0;
-    for (uint32_t i = 0; i < 4 * m->nsquare; i++) {
-        const Mark *from = &mark[i / 4 * 4 + sides[i % 4].from], *to = &mark[i / 4 * 4 + sides[i % 4].to];
-        w->finder.segments++;
-        if (!search_differ(*from, *to, HUGE_VAL)) continue;
-        Segment s = {.base = 1, .axis = -1, .edge = i + 1};
-        corner(&m->cell[i / 4].box, sides[i % 4].from, s.a), corner(&m->cell[i / 4].box, sides[i % 4].to, s.b);
-        finder_add(&w->finder, &s, *from, *to, HUGE_VAL);
-    }
-    finder_run(&w->finder, true);
-    w->finder.full = full, w->finder.full_user = user;
+    Finder *f = &m->v->w->finder;
+    for (uint32_t i = 0; i < m->nsquare; i++) m->square[i] = (Square){.of = &m->cell[i]}, m->lost[i] = false;
+    look(m);
+    void (*full)(void *, Crossing *, uint32_t) = f->full;
+    void *user = f->full_user;
+    f->full = collect, f->full_user = m, f->lost = m->lost, m->n = 0;
+    for (uint32_t i = 0; i < m->nsquare; i++)
+        for (uint32_t k = 0, step = PIECES / pieces(m, &m->cell[i]); k < RIM; k += step) {
+            Mark from = m->mark[RIM * i + k], to = m->mark[RIM * i + (k + step) % RIM];
+            f->segments++;
+            if (!search_differ(from, to, HUGE_VAL)) continue;
+            Segment s = {.base = 1, .axis = -1, .edge = RIM * i + k + 1, .owner = (uint8_t)i};
+            on_rim(m, &m->cell[i].box, k, s.a), on_rim(m, &m->cell[i].box, k + step, s.b);
+            finder_add(f, &s, from, to, HUGE_VAL);
+        }
+    finder_run(f, true);
+    f->full = full, f->full_user = user, f->lost = NULL;
+    for (uint32_t i = 0; i < m->nsquare; i++) m->square[i].lost |= m->lost[i];
 }
 
 /* The slope of g at what was found, site by site, and 1 / |slope| as weight. */
@@ -230,12 +340,13 @@ static void weigh(March *m) {
 static void gather(March *m) {
     for (uint32_t i = 0; i < m->n; i++) {
         const Crossing *x = &m->found[i];
-        Square *q = &m->square[(x->edge - 1) / 4];
-        if (!m->keep[i] || q->n >= MOST) {
+        Square *q = square_of(m, x);
+        q->lost |= !m->keep[i];
+        if (q->lost || q->n >= MOST) {
             q->n = MOST + 1;
             continue;
         }
-        double at = (x->edge - 1) % 4 + x->t;
+        double at = (double)rim_of(x) / PIECES + x->t / pieces(m, q->of);
         uint32_t k = q->n++;
         for (; k && q->met[k - 1].at > at; k--) q->met[k] = q->met[k - 1];
         q->met[k].at = at, q->met[k].x = x;
@@ -246,19 +357,19 @@ static void gather(March *m) {
 static void put_lines(March *m) {
     for (uint32_t i = 0; i < m->n; i++) {
         const Crossing *x = &m->found[i];
-        const Square *q = &m->square[(x->edge - 1) / 4];
-        uint8_t axis = sides[(x->edge - 1) % 4].axis;
+        const Square *q = square_of(m, x);
+        uint8_t axis = sides[rim_of(x) / PIECES].axis;
         double half = 0.5 * (q->of->box.end[1 - axis] - q->of->box.lo[1 - axis]);
         double length = half * fabs(x->dg[axis]) / hypot(x->dg[0], x->dg[1]);
-        if (m->keep[i] && q->of->asked < 0) put(m, q->of, x, length, length);
+        if (m->keep[i] && q->of->asked < 0) put(m, q->of, x, false, length, length);
     }
 }
 
 static bool hidden(March *m) {
-    static const bool none[LEFT_CHUNK] = {false}; /* neither seen nor lost */
+    static const bool none[LEFT_CHUNK] = {false}; /* was seen */
     uint32_t n = m->nlast;
     m->nlast = 0;
-    return left_hidden(m->v, m->last, n, none, none);
+    return left_hidden(m->v, m->last, n, none, m->last_lost);
 }
 
 /* Simple squares are done; of the others quarters are noted, or what their sides tell must do. */
@@ -266,14 +377,14 @@ static bool sort_out(March *m) {
     m->npart = 0;
     for (uint32_t i = 0; i < m->nsquare; i++) {
         Square *q = &m->square[i];
-        if (take(m, q)) continue;
-        if (!is_last(m, q->of)) {
+        if (q->simple) {
+            take(m, q);
+        } else if (!is_last(m, q->of)) {
             note_quarters(m, q, NULL);
-        } else if (q->n) {
-            q->of->asked = -1; /* put_lines */
         } else {
-            m->last[m->nlast++] = *q->of;
+            if (q->lost || !q->n) m->last_lost[m->nlast] = q->lost, m->last[m->nlast++] = *q->of;
             if (m->nlast == LEFT_CHUNK && !hidden(m)) return false;
+            q->of->asked = -1; /* put_lines */
         }
     }
     put_lines(m);
@@ -313,6 +424,8 @@ bool left_curves(SweepWorker *v, const LeftCell *cell, uint32_t n) {
         v->nleft -= m->nsquare;
         memcpy(m->cell, v->left + v->nleft, m->nsquare * sizeof *m->cell);
         cross(m), weigh(m), gather(m);
+        for (uint32_t i = 0; i < m->nsquare; i++) find_joints(&m->square[i]);
+        check_joints(m);
         if (!sort_out(m) || !deeper(m)) return false;
     }
     flush(m);

@@ -7,12 +7,12 @@
 #include "runtime/quadrature/inner.h"
 
 enum {
-    POINTS = 48,       /* places that are looked at */
-    LEVELS = 5,        /* boxes around each; the sides go down by four */
-    CELL_COST = 32,    /* evaluations that a cell costs, points and ancestors included */
-    TRIALS = 16,       /* tiles of the trial */
-    TRIAL_BUDGET = 400 /* evaluations of each */
+    POINTS = 48,    /* places that are looked at */
+    LEVELS = 5,     /* boxes around each; the sides go down by four */
+    CELL_COST = 32, /* evaluations that a cell costs, points and ancestors included */
+    TRIALS = 16     /* tiles of the trial */
 };
+static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each, by dimension */
 #define UNPROVEN 0.1  /* quadrature does not pay where so large a part of the domain will be left over */
 #define TRIAL_LEFT 0.05        /* nor where so much of the trial is left over, */
 #define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
@@ -48,7 +48,7 @@ static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][PO
 }
 
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
-    Outlook o = {.unproven = 1};
+    Outlook o = {.unproven = 1, .side = 1};
     Batch b;
     Grid g;
     SltError err;
@@ -56,14 +56,17 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     if (!s->kernel[SLT_K_BOUNDS] || s->uses_rand || grid_init(&g, s, j, &err) != SLT_OK) return o;
     bool ok = batch_init(&b, s, &g);
     if (ok) {
-        uint32_t unproven = 0;
+        uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
         ask(&b, state, open);
         for (uint32_t i = 0; i < POINTS; i++) {
             uint32_t l = 0;
             while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
             if (l == LEVELS && state[l - 1][i] & SLT_BOX_UNKNOWN) unproven++;
             o.cells += ldexp(1, 2 * (int)((l + 1) * s->dim)) / POINTS;
+            finest[l]++;
         }
+        while ((places += finest[level]) <= POINTS / 2) level++;
+        o.side = ldexp(1, -2 * (int)(level + 1));
         o.unproven = (double)unproven / POINTS;
         SltStats own = SLT_STATS_INIT;
         batch_collect(&b, &own);
@@ -117,12 +120,13 @@ static void count_volume(void *user, const CellPoint *p, uint32_t n, CellRule ru
 }
 static void no_left(void *user, const Box *cell, const double *bounds) { (void)user, (void)cell, (void)bounds; }
 
-/* The tile of a trial: 1/64 of the domain wide, or four pixels. */
+/* The tile of a trial, so wide that its own cost does not matter beside that of all such tiles; or four pixels. */
 static Box trial_tile(const Grid *g, bool f64, uint32_t k) {
     static const uint32_t shift[3] = {0x299f31d0, 0x082efa98, 0xec4e6c89};
+    static const double wide[3] = {1.0 / 64, 1.0 / 64, 1.0 / 16};
     Box t = {.lo = {0}};
     for (uint32_t d = 0; d < g->dim; d++) {
-        double side = fmin(1, fmax(1.0 / 64, g->integral ? 0 : 4.0 / g->n[d]));
+        double side = fmin(1, fmax(wide[g->dim - 1], g->integral ? 0 : 4.0 / g->n[d]));
         double at = rng_recurrence(g->dim, d, k, shift[d]) * (1 - side), width = g->hi[d] - g->lo[d];
         t.lo[d] = g->lo[d] + at * width, t.end[d] = g->lo[d] + (at + side) * width;
         if (!f64) t.lo[d] = (double)(float)t.lo[d], t.end[d] = (double)(float)t.end[d];
@@ -145,7 +149,7 @@ SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats)
     bool ok = batch_init(&b, s, &g);
     Cells *cells = ok ? cells_new(&b, s->lo, s->hi) : NULL;
     ok &= cells != NULL;
-    o.budget = TRIAL_BUDGET, o.fixed = !g.integral;
+    o.budget = trial_budget[g.dim - 1], o.fixed = !g.integral;
     for (uint32_t k = 0; k < TRIALS && ok; k++) {
         Box tile = trial_tile(&g, s->f64, k);
         counts.spent = false;

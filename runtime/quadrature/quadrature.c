@@ -93,9 +93,8 @@ static SltStatus by_lattice(const SltScene *s, const SltJob *job, SltIntegral *o
     SltJob j = *job;
     SltStats own = SLT_STATS_INIT;
     j.estimator = SLT_EST_LATTICE;
-    SltStatus st = slt_estimate_integral(s, &j, out, &own, err);
+    SltStatus st = slt_estimate_sampled(s, &j, out, &own, err);
     own.cells = true, own.left = 1, own.left_bound = NAN;
-    own.stopped = j.error > 0 || j.abs_error > 0 ? SLT_STOP_EVALUATIONS : SLT_STOP_NONE;
     out->mixed = true;
     stats_add(stats, &own);
     return st;
@@ -128,6 +127,7 @@ static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral 
     }
     out->mixed = own.mixed, out->replicates = false;
     stats_of_cells(stats, &cells);
+    if (stats && st == SLT_OK && slt_estimate_beyond(s, job, out) > 1) stats->stopped = SLT_STOP_EVALUATIONS;
     free(boundary), free(error);
     return st;
 }

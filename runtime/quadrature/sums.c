@@ -81,6 +81,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
                     double *from = &m->targets[g * m->rows + row][p];
                     v[g] = *from, *from = 0;
                 }
+                v[SUM_INTERIOR_FINE] += v[SUM_INTERIOR_BOTH], v[SUM_INTERIOR_COARSE] += v[SUM_INTERIOR_BOTH];
                 double share = v[SUM_SIZE] / lines;
                 m->variance[at] += share * share;
                 m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE],

@@ -1,6 +1,6 @@
 /* Sums over tiles of what two rules give, and how far they are apart.
  *
- * A tile's adjoints lie in four groups of `rows` accumulators (SumGroup). Tiles are added in order, in double; the
+ * A tile's adjoints lie in groups of `rows` accumulators (SumGroup). Tiles are added in order, in double; the
  * distance of the two rules is taken tile by tile and its absolute values are added, so that errors of different tiles
  * do not cancel in the stated one. */
 #ifndef SALTUS_QUADRATURE_SUMS_H
@@ -14,7 +14,8 @@ typedef enum SumGroup {
     SUM_BOUNDARY_COARSE,
     SUM_INTERIOR_FINE,
     SUM_INTERIOR_COARSE,
-    SUM_SIZE, /* of the boundary that lines have found, jumps of both signs alike */
+    SUM_SIZE,          /* of the boundary that lines have found, jumps of both signs alike */
+    SUM_INTERIOR_BOTH, /* what is the same in both rules; behind SUM_SIZE, which sink_put_size knows by number */
     SUM_GROUPS
 } SumGroup;
 /* How the groups of a tile are to be read. */

@@ -37,15 +37,24 @@ static double measure(const Box *b, uint32_t dim) {
 }
 
 /* ---- points */
+static SumGroup interior_group(CellRule rule) {
+    return rule == CELL_FINE ? SUM_INTERIOR_FINE : rule == CELL_BOTH ? SUM_INTERIOR_BOTH : SUM_INTERIOR_COARSE;
+}
+
+static void add_value(SweepWorker *v, CellRule rule, uint32_t channel, double f) {
+    for (int r = 0; r < CELL_RULES; r++)
+        if (rule == CELL_BOTH || r == (int)rule) v->f[r][channel] += f;
+}
+
 /* f, and its adjoints by channel with these weights as seeds. */
 static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule) {
     Batch *b = &v->w->batch;
     uint32_t channels = b->s->channels;
-    SumGroup group = rule == CELL_FINE ? SUM_INTERIOR_FINE : SUM_INTERIOR_COARSE;
+    SumGroup group = interior_group(rule);
     if (!v->sweep->interior) {
         batch_call(b, SLT_K_VALUE, n);
         for (uint32_t c = 0; c < channels; c++)
-            for (uint32_t i = 0; i < n; i++) v->f[rule][c] += p[i].weight * batch_get(b, SLT_OUT_F, c, i);
+            for (uint32_t i = 0; i < n; i++) add_value(v, rule, c, p[i].weight * batch_get(b, SLT_OUT_F, c, i));
         return;
     }
     for (uint32_t c = 0; c < channels; c++) {
@@ -54,7 +63,7 @@ static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, Cell
         b->again = c > 0;
         accum_call(&v->w->acc, b, SLT_K_VJP, n, group * channels + c);
         for (uint32_t o = 0; c == 0 && o < channels; o++) /* the reverse kernel gives f as well */
-            for (uint32_t i = 0; i < n; i++) v->f[rule][o] += p[i].weight * batch_get(b, SLT_OUT_F, o, i);
+            for (uint32_t i = 0; i < n; i++) add_value(v, rule, o, p[i].weight * batch_get(b, SLT_OUT_F, o, i));
     }
     b->again = false;
 }
@@ -90,7 +99,7 @@ void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRu
         for (uint32_t c = 0; c < channels; c++) batch_set(b, SLT_IN_SEED0 + c, used, p[i].weight * a[c]);
         used++;
     }
-    accum_call(&v->w->acc, b, SLT_K_VJP, used, rule == CELL_FINE ? SUM_INTERIOR_FINE : SUM_INTERIOR_COARSE);
+    accum_call(&v->w->acc, b, SLT_K_VJP, used, interior_group(rule));
 }
 
 void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {

@@ -55,8 +55,9 @@ SltStatus slt_estimate_render(const SltScene *s, const SltJob *j, int half, floa
                               SltError *err) {
     Run r;
     SltJob own;
+    bool cells = half == 0 && j->interior != SLT_INTERIOR_SAMPLES && !(j->centred && !j->integral);
     if (j->estimator == SLT_EST_QUADRATURE || j->interior == SLT_INTERIOR_QUADRATURE) j = settle(s, j, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE && half == 0 && j->interior != SLT_INTERIOR_SAMPLES)
+    if (j->estimator == SLT_EST_QUADRATURE && cells)
         return j->integral ? render_integral(s, j, out, stats, err) : quadrature_render(s, j, out, stats, err);
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK && half == 0 && j->integral) {
@@ -198,7 +199,8 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
         return quadrature_loss(s, j, target, mask, loss, gradient, image, stats, err);
     /* Exact pixels have no variance, and need no halves. One sample a pixel has no second half: the adjoint comes from
      * the same sample, and the loss is biased by the variance of the image. */
-    bool halves = j->spp > 1 && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
+    bool halves =
+        j->spp > 1 && !j->centred && !(j->estimator == SLT_EST_QUADRATURE && j->interior != SLT_INTERIOR_SAMPLES);
     uint64_t pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     uint64_t n = pixels * s->channels;
@@ -268,23 +270,15 @@ static void add_missing(const double *missed, uint32_t n, uint64_t size, double 
     }
 }
 
-SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
-                                SltError *err) {
-    SltJob copy = *job, own;
-    copy.integral = true;
-    uint64_t all = (uint64_t)s->channels * s->nfloats;
-    for (uint64_t i = 0; i < all && out->left_bound; i++) out->left_bound[i] = NAN; /* cells prove more */
-    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
-    bool choice = copy.estimator == SLT_EST_AUTO, turned = false;
-    const SltJob *j = settle(s, &copy, &own, stats);
-    if (j->estimator == SLT_EST_QUADRATURE) {
-        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
-        if (!turned) return done;
-        own.estimator = SLT_EST_LATTICE;
-    }
+static bool wants_gradient(const SltIntegral *out) {
+    return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
+}
+
+/* Lines and samples, as many as the job says. */
+static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
-    Replicates k = {.n = j->replicates ? j->replicates : 4, .size = all};
-    bool gradient = out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
+    Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
+    bool gradient = wants_gradient(out);
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK) {
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
@@ -331,6 +325,77 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
     free(k.value), free(k.interior), free(k.boundary), free(k.missed);
     run_end(&r, stats);
     return st;
+}
+
+double slt_estimate_beyond(const SltScene *s, const SltJob *j, const SltIntegral *out) {
+    bool gradient = out->gradient && out->gradient_stderr;
+    const double *v = gradient ? out->gradient : out->value, *e = gradient ? out->gradient_stderr : out->value_stderr;
+    uint64_t n = (uint64_t)s->channels * (gradient ? s->nfloats : 1);
+    double error = 0, scale = 0;
+    if (!(j->error > 0 || j->abs_error > 0) || !v || !e) return 0;
+    for (uint64_t i = 0; i < n; i++) {
+        if (gradient && s->active && !s->active[i % s->nfloats]) continue;
+        error = fmax(error, isfinite(e[i]) ? e[i] : HUGE_VAL), scale = fmax(scale, fabs(v[i]));
+    }
+    return error > 0 ? error / fmax(j->error * scale, j->abs_error) : 0;
+}
+
+/* Errors of lines fall with about the 3/4th power of their number, those of random samples with its root. */
+#define RATE 0.75
+#define LIMIT 0x1p32 /* evaluations, where the job has none */
+
+SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
+    SltJob j = *job;
+    SltIntegral all = *out;
+    uint64_t n = (uint64_t)s->channels * s->nfloats;
+    bool gradient = wants_gradient(out);
+    double *room = alloc_zero(2 * (n + s->channels), sizeof *room), limit = LIMIT, used = 0;
+    if (!room) return status_fail(err, SLT_LIMIT, "out of memory");
+    if (gradient && !all.gradient) all.gradient = room;
+    if (gradient && !all.gradient_stderr) all.gradient_stderr = room + n;
+    if (!all.value) all.value = room + 2 * n;
+    if (!all.value_stderr) all.value_stderr = room + 2 * n + s->channels;
+    if (j.max_evaluations) limit = (double)j.max_evaluations;
+    SltStop stop = SLT_STOP_NONE;
+    SltStatus st;
+    for (;;) {
+        SltStats own = SLT_STATS_INIT;
+        st = sampled_once(s, &j, &all, &own, err);
+        stats_add(stats, &own);
+        double beyond = st == SLT_OK ? slt_estimate_beyond(s, &j, &all) : 0, cost = (double)own.evaluations;
+        if (beyond <= 1) break;
+        used += cost;
+        if (used + cost * pow(beyond, 1 / RATE) > limit) { /* there is no hope */
+            stop = SLT_STOP_EVALUATIONS;
+            break;
+        }
+        double more = fmin(fmax(pow(beyond, 1 / RATE), 2), 16);
+        j.samples = (uint64_t)(more * (double)j.samples) + 1;
+        if (j.segments) j.segments = (uint64_t)(more * (double)j.segments) + 1;
+    }
+    if (stats) stats->stopped = stop;
+    out->replicates = all.replicates, out->mixed = all.mixed;
+    free(room);
+    return st;
+}
+
+SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats,
+                                SltError *err) {
+    SltJob copy = *job, own;
+    copy.integral = true;
+    bool choice = copy.estimator == SLT_EST_AUTO, cells = choice || copy.estimator == SLT_EST_QUADRATURE;
+    if (!cells) copy.error = copy.abs_error = 0; /* these spend what they are given */
+    for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
+        out->left_bound[i] = NAN; /* cells prove more */
+    if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);
+    bool turned = false;
+    const SltJob *j = settle(s, &copy, &own, stats);
+    if (j->estimator == SLT_EST_QUADRATURE) {
+        SltStatus done = quadrature_integral(s, j, out, choice ? &turned : NULL, stats, err);
+        if (!turned) return done;
+        own.estimator = SLT_EST_LATTICE;
+    }
+    return slt_estimate_sampled(s, j, out, stats, err);
 }
 
 /* ---- one segment */

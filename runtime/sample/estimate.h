@@ -76,6 +76,12 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
     return s->layout[kind].out[role].count;
 }
 
+/* The integral by lines and samples: as many as the job says, or, where it wants an error, until that is reached;
+ * SltStats.stopped says where it was not. */
+SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+/* The largest stated error of an integral, in parts of what the job wants it to be; 0: it wants none. */
+double slt_estimate_beyond(const SltScene *s, const SltJob *j, const SltIntegral *out);
+
 /* Does this estimator difference renders, so that it needs no kernel but `value`? */
 bool slt_estimate_by_differences(SltEstimator e);
 

@@ -42,6 +42,9 @@ static inline double grid_place(const Grid *g, uint32_t axis, uint32_t p, double
     if (!g->integral && g->filter != SLT_FILTER_BOX) return grid_place_filtered(g, axis, p, u);
     return g->lo[axis] + (p + u) * g->side[axis];
 }
+static inline double grid_middle(const Grid *g, uint32_t axis, uint32_t p) {
+    return g->lo[axis] + (p + 0.5) * g->side[axis];
+}
 /* out[channels] = sum over pixels of adjoint * filter at x. */
 void grid_gather(const Grid *g, const float *adjoint, uint32_t channels, const double x[3], double *out);
 

@@ -12,7 +12,7 @@
 enum { INTEGRAL_TILE = 8192 };
 
 static uint32_t half_count(const SltJob *j, uint32_t half) {
-    uint32_t spp = j->spp ? j->spp : 1;
+    uint32_t spp = j->spp && !j->centred ? j->spp : 1;
     if (half == 0) return spp;
     uint32_t first = (spp + 1) / 2;
     return half == 1 ? first : spp - first > 0 ? spp - first : 1;
@@ -103,13 +103,15 @@ static uint32_t walk_fill(Walk *k, Batch *b) {
     const Interior *p = k->p;
     const Grid *g = &p->run->grid;
     const uint32_t dim = g->dim;
-    const bool rand = p->run->s->uses_rand;
+    const bool rand = p->run->s->uses_rand, centred = p->run->j->centred;
     uint32_t n = 0;
     for (; n < BATCH && k->t < k->end; ++k->sample < p->count ? (void)0 : next_pixel(k)) {
         if (p->classes > 1 && ((k->at[0] + 2 * k->at[1] + k->at[2] + k->sample) & (COSETS - 1)) != k->cls) continue;
-        if (!k->fresh) walk_pattern(k);
+        if (!k->fresh && (rand || !centred)) walk_pattern(k);
         for (uint32_t d = 0; d < dim; d++)
-            batch_set(b, SLT_IN_X0 + d, n, grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
+            batch_set(b, SLT_IN_X0 + d, n,
+                      centred ? grid_middle(g, d, k->at[d])
+                              : grid_place(g, d, k->at[d], pattern_at(&k->pattern, d, k->sample)));
         batch_set_int(b, SLT_IN_PIXEL0, n, (int32_t)k->at[0]);
         batch_set_int(b, SLT_IN_PIXEL1, n, (int32_t)(g->n[1] - 1 - k->at[1]));
         batch_set_int(b, SLT_IN_SAMPLE, n, (int32_t)k->sample);
@@ -195,7 +197,7 @@ static bool value_pruned(Interior *p, Worker *w, const TileRect *t) {
     Pruning q = {.p = p, .w = w};
     PruneImage image = {.dim = g->dim,
                         .channels = p->run->s->channels,
-                        .reach = g->filter == SLT_FILTER_BOX ? 0 : g->radius - 0.5,
+                        .reach = p->run->j->centred || g->filter == SLT_FILTER_BOX ? 0 : g->radius - 0.5,
                         .user = &q,
                         .constant = prune_constant,
                         .sample = prune_sample};

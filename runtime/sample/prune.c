@@ -85,39 +85,57 @@ void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
     b->args.pruned = NULL, b->args.choices = NULL;
 }
 
+/* Boxes of which rows are worked on at once: short loops of a known length, which become vectors. */
+enum { GROUP = 16 };
+
 /* By box, what a choice is. Rows are as short as the boxes allow: fewer lines of cache. */
 static uint32_t *row_of(const PruneLevel *l, int32_t choice) { return l->is + (size_t)choice * l->stride; }
 
+static void fill(uint32_t *row, uint32_t stride, uint32_t value) {
+    for (uint32_t g = 0; g < stride; g += GROUP)
+        for (uint32_t k = 0; k < GROUP; k++) row[g + k] = value;
+}
+
+/* All ones in the lanes of those boxes of a group that are in the set. */
+static void spread(uint64_t set, uint32_t group, uint32_t lane[GROUP]) {
+    uint32_t bits = (uint32_t)(set >> group) & 0xffffu;
+    for (uint32_t k = 0; k < GROUP; k++) lane[k] = bits & 1u << k ? UINT32_MAX : 0;
+}
+
 /* Where the value of an operand of a choice lies in memory, in each box: the operation that exports it. A value that
  * only its own chunk has lies nowhere. */
-static const uint32_t *operand(const SltChunks *c, const PruneLevel *l, uint32_t arg, uint32_t n, uint32_t *own) {
+static const uint32_t *operand(const SltChunks *c, const PruneLevel *l, uint32_t arg, uint32_t *own) {
     if (arg > c->nops) arg = l->via[arg - c->nops - 1];
     if (arg < c->nops && c->op[arg].choice >= 0) return row_of(l, c->op[arg].choice);
     uint32_t is = arg < c->nops && c->exported[arg] >= 0 ? arg : NOWHERE;
-    for (uint32_t k = 0; k < n; k++) own[k] = is;
+    fill(own, l->stride, is);
     return own;
 }
 
 /* What a choice is in each box: an operand that is settled, as far as that lies in memory, else itself. */
-static void pass_choice(const SltChunks *c, PruneLevel *l, uint32_t o, uint32_t n) {
+static void pass_choice(const SltChunks *c, PruneLevel *l, uint32_t o) {
     const SltChunkOp *op = &c->op[o];
-    const uint64_t *settled = l->choices + 2 * (size_t)op->choice, live = l->live[o];
-    uint32_t *is = row_of(l, op->choice), here = c->exported[o] >= 0 ? o : NOWHERE;
-    uint32_t own[2][SLT_CHOICE_BOXES];
-    if (!((settled[0] | settled[1]) & live)) { /* the same in all boxes, mostly */
-        for (uint32_t k = 0; k < n; k++) is[k] = here;
+    const uint64_t *settled = l->choices + 2 * (size_t)op->choice;
+    uint32_t *is = row_of(l, op->choice), here = c->exported[o] >= 0 ? o : NOWHERE, own[2][SLT_CHOICE_BOXES];
+    if (!((settled[0] | settled[1]) & l->live[o])) { /* the same in all boxes, mostly */
+        fill(is, l->stride, here);
         return;
     }
-    bool first = !(live & ~settled[0]), second = !(live & ~settled[1]);
-    if (first || second) {
-        const uint32_t *of = operand(c, l, op->arg[!first], n, own[0]);
-        for (uint32_t k = 0; k < n; k++) is[k] = of[k] == NOWHERE ? here : of[k];
+    if (!(l->live[o] & ~settled[0]) || !(l->live[o] & ~settled[1])) {
+        const uint32_t *of = operand(c, l, op->arg[(l->live[o] & ~settled[0]) != 0], own[0]);
+        for (uint32_t g = 0; g < l->stride; g += GROUP)
+            for (uint32_t k = g; k < g + GROUP; k++) is[k] = of[k] == NOWHERE ? here : of[k];
         return;
     }
-    const uint32_t *of[2] = {operand(c, l, op->arg[0], n, own[0]), operand(c, l, op->arg[1], n, own[1])};
-    for (uint32_t k = 0; k < n; k++) {
-        uint32_t which = settled[0] >> k & 1 ? of[0][k] : settled[1] >> k & 1 ? of[1][k] : NOWHERE;
-        is[k] = which == NOWHERE ? here : which;
+    const uint32_t *first = operand(c, l, op->arg[0], own[0]), *second = operand(c, l, op->arg[1], own[1]);
+    for (uint32_t g = 0; g < l->stride; g += GROUP) {
+        uint32_t to_first[GROUP], to_second[GROUP];
+        spread(settled[0], g, to_first), spread(settled[1], g, to_second);
+        for (uint32_t k = 0; k < GROUP; k++) {
+            uint32_t other = (second[g + k] & to_second[k]) | (NOWHERE & ~to_second[k]);
+            uint32_t which = (first[g + k] & to_first[k]) | (other & ~to_first[k]);
+            is[g + k] = which == NOWHERE ? here : which;
+        }
     }
 }
 
@@ -126,7 +144,7 @@ void prune_walk(Pruner *p, uint32_t level, uint64_t boxes) {
     PruneLevel *l = &p->level[level];
     uint64_t *live = l->live, *imports = live + c->nops + 1;
     uint32_t n = boxes ? 64 - (uint32_t)__builtin_clzll(boxes) : 0;
-    l->stride = n <= 16 ? 16 : SLT_CHOICE_BOXES;
+    l->stride = n <= GROUP ? GROUP : SLT_CHOICE_BOXES;
     uint32_t count = 0, outside = c->first_import[c->nchunks];
     for (; l->chunks[count] != SLT_NO_CHUNK; count++) {
         uint32_t k = (uint32_t)l->chunks[count], op = c->first_op[k], import = c->first_import[k];
@@ -139,21 +157,29 @@ void prune_walk(Pruner *p, uint32_t level, uint64_t boxes) {
         l->runs[k] = walk_chunk(c, l, k);
         for (uint32_t i = c->first_import[k]; i < c->first_import[k + 1]; i++) live[l->via[i]] |= imports[i];
     }
-    while (l->npassed) pass_choice(c, l, l->passed[--l->npassed], n); /* operands first */
+    while (l->npassed) pass_choice(c, l, l->passed[--l->npassed]); /* operands first */
 }
 
 /* What does not matter in the box stays as it is. No branch depends on it: it would be guessed wrongly half the time.
  */
 static void pick_imports(const SltChunks *c, const PruneLevel *l, PruneLevel *to, uint32_t first, uint32_t end,
                          uint32_t box) {
+    const SltChunkOp *const ops = c->op;
+    const uint64_t *const live = l->live + c->nops + 1;
+    const uint32_t *const from = l->via, *const is = l->is + box, stride = l->stride;
+    uint32_t *const via = to->via;
+    int32_t *const place = to->from;
     for (uint32_t i = first; i < end; i++) {
-        uint32_t op = l->via[i];
-        int32_t choice = c->op[op].choice;
-        bool passed = (l->live[c->nops + 1 + i] >> box & 1) & (choice >= 0);
-        uint32_t is = row_of(l, passed ? choice : 0)[box];
-        op = passed ? is : op;
-        to->via[i] = op, to->from[i] = c->exported[op];
+        uint32_t op = from[i];
+        int32_t choice = ops[op].choice;
+        uint32_t passed = -(uint32_t)(live[i] >> box & 1) & ~(uint32_t)(choice >> 31); /* all ones: it is another */
+        op = (is[(size_t)((uint32_t)choice & passed) * stride] & passed) | (op & ~passed);
+        via[i] = op, place[i] = c->exported[op];
     }
+}
+
+static void pick_choices(const uint64_t *restrict settled, int32_t *restrict to, uint32_t n, uint32_t box) {
+    for (uint32_t h = 0; h < n; h++) to[h] = -(int32_t)(settled[h] >> box & 1);
 }
 
 void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
@@ -162,13 +188,12 @@ void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
     const PruneLevel *l = &p->level[level];
     PruneLevel *to = &p->level[level + 1];
     uint32_t n = 0;
-    for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
-        if (!(l->runs[*k] >> box & 1)) continue;
-        to->chunks[n++] = *k;
-        for (uint32_t h = 2 * c->first_choice[*k]; h < 2 * c->first_choice[*k + 1]; h++)
-            to->settled[h] = -(int32_t)(l->choices[h] >> box & 1);
-        pick_imports(c, l, to, c->first_import[*k], c->first_import[*k + 1], box);
+    for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) to->chunks[n] = *k, n += l->runs[*k] >> box & 1;
+    to->chunks[n] = SLT_NO_CHUNK;
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t k = (uint32_t)to->chunks[i], h = 2 * c->first_choice[k];
+        pick_choices(l->choices + h, to->settled + h, 2 * c->first_choice[k + 1] - h, box);
+        pick_imports(c, l, to, c->first_import[k], c->first_import[k + 1], box);
     }
     pick_imports(c, l, to, c->first_import[c->nchunks], c->nimports, box);
-    to->chunks[n] = SLT_NO_CHUNK;
 }

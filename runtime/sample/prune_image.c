@@ -5,10 +5,11 @@
 
 #include "runtime/sample/prune.h"
 
-/* Parts along a side, so that they fill a vector or a few; and sides of the boxes that are picked last and of their
- * parts: to pick what runs in a smaller box costs more than it saves, but a smaller box more often has one value, and
- * to see that costs little. */
-static const uint32_t parts[4] = {1, 16, 4, 4}, picked[4] = {1, 256, 16, 16}, least[4] = {1, 16, 4, 4};
+/* Parts along a side, so that they fill a vector or a few, and the most of a call; and sides of the boxes that are
+ * picked last and of their parts: to pick what runs in a smaller box costs more than it saves, but a smaller box more
+ * often has one value, and to see that costs little. */
+static const uint32_t parts[4] = {1, 16, 4, 4}, most[4] = {1, 64, 8, 4}, picked[4] = {1, 256, 16, 16},
+                      least[4] = {1, 16, 4, 4};
 
 bool prune_can(const SltScene *s) { return s->chunks && s->kernel[SLT_K_PRUNE] && s->kernel[SLT_K_PRUNED]; }
 
@@ -79,7 +80,7 @@ static uint64_t cut_and_fill(Pruner *p, Batch *b, const PruneImage *image, const
 static void visit(Pruner *p, Batch *b, const PruneImage *image, const PixelRect *r, uint32_t level) {
     PixelRect part[SLT_CHOICE_BOXES];
     uint32_t dim = image->dim, longest = longest_side(image, r), side = least[dim];
-    while (side * parts[dim] < longest) side *= parts[dim];
+    while (side * most[dim] < longest) side *= parts[dim];
     uint64_t boxes = cut_and_fill(p, b, image, r, side, level, part);
     if (!boxes) return;
     if (side < picked[dim] || level + 1 == PRUNE_LEVELS) {

@@ -115,6 +115,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltJob, error);
     MEMBER(SltJob, abs_error);
     MEMBER(SltJob, max_evaluations);
+    MEMBER(SltJob, centred);
     END(SltJob);
     STRUCT(SltStats);
     MEMBER(SltStats, struct_size);

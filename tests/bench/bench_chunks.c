@@ -1,5 +1,5 @@
 /* A 2D program in chunks, one value a pixel: its whole kernel, called in the middle of each pixel, against slt_render
- * and slt_render_rgba8, in turn on one thread. Least processor time of all rounds.
+ * (centred) and slt_render_rgba8, in turn on one thread. Least processor time of all rounds.
  *
  *     bench-chunks FILE.salt [avx512|avx2|sse2 [f64]] */
 #include <stdio.h>
@@ -51,7 +51,7 @@ int main(int argc, char **argv) {
     if (argc < 2) return 2;
     SltProgram *floats = open_program(argc, argv, false), *bytes = open_program(argc, argv, true);
     SltJob job = SLT_JOB_INIT;
-    job.size[0] = job.size[1] = SIZE, job.spp = 1, job.threads = 1;
+    job.size[0] = job.size[1] = SIZE, job.spp = 1, job.threads = 1, job.centred = true;
     float *image = malloc(SIZE * SIZE * slt_channels(floats) * sizeof *image);
     uint32_t *pixels = malloc(SIZE * SIZE * sizeof *pixels);
     double least[3] = {1e9, 1e9, 1e9}, start;

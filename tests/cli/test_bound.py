@@ -147,6 +147,19 @@ class Estimate(Case):
         self.assertEqual(j["stopped"], "rounding")
         self.assertLess(j["evaluations"], 1e6)
 
+    def test_an_error_without_cells(self):
+        """Lines and samples go on too, or say that they will not get there."""
+        self.put("r.salt", "param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = rand(); [Disc] if (length(x) < r) f = 2.0; return f; }")
+        j = self.json_cli("grad", "r.salt", "--samples", 4096, "--error", "5e-3")
+        self.assertLess(j["stderr"]["r"], 5e-3 * j["gradient"]["r"])
+        self.assertGreater(j["samples"], 2 * 4096)
+        self.assertEqual(j["stopped"], None)
+        for estimator in ("auto", "quadrature"):
+            j = self.json_cli("grad", "r.salt", "--samples", 4096, "--error", "1e-7", "--estimator", estimator, code=6)
+            self.assertEqual(j["stopped"], "evaluations")
+        r = self.run_cli("grad", "r.salt", "--samples", 4096, "--error", "1e-7", code=6)
+        self.assertIn("not reached", r.err)
+
     def test_fixed_rules_converge(self):
         self.put("c.salt", CIRCLE)
         error = [abs(self.json_cli("grad", "c.salt", "--gauss", q, "--estimator", "quadrature", "--precision", "f64")["gradient"]["radius"] - 0.6 * math.pi) for q in (2, 4, 6)]

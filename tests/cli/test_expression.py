@@ -33,6 +33,8 @@ class Prospero(Case):
         self.run_cli("render", "p.salt", "--format", "rgba8", "--size", size, "-o", "p.raw")
         with open(self.path("p.raw"), "rb") as f:
             pixels = f.read()
+        self.run_cli("render", "p.salt", "--centres", "--size", size, "-o", "p.npy")
+        self.assertEqual([255 * v for v in read_npy(self.get("p.npy"))[1]], list(pixels[::4]))
         inside = sum(pixels[k] > 127 for k in range(0, len(pixels), 4)) / size**2
         r = self.json_cli("render", "p.salt", "--size", size, "--spp", 4)
         self.assertLess(r["evaluations"], 0.9 * r["samples"])

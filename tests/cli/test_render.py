@@ -196,6 +196,22 @@ class Render(Case):
         self.run_cli("render", "r.salt", "--size", "33x7", "--format", "rgba8", "-o", "d.raw")
         self.assertEqual(list(self.get("d.raw")), list(v))
 
+    def test_centres(self):
+        """One sample in the middle of each pixel, whatever else is said about samples."""
+        self.put("x.salt", "[Domain(0.0, 1.0)] shader float2 main(float2 x) { return x; }")
+        self.run_cli("render", "x.salt", "--size", "8x4", "--centres", "-o", "a.npy")
+        v = read_npy(self.get("a.npy"))[1]
+        self.assertEqual(list(v), [c for row in range(4) for col in range(8) for c in ((col + 0.5) / 8, (3.5 - row) / 4)])
+        for args in (["--spp", 9], ["--seed", 7], ["--filter", "gaussian"], ["--threads", 1], ["--estimator", "quadrature"]):
+            self.run_cli("render", "x.salt", "--size", "8x4", "--centres", *args, "-o", "b.npy")
+            self.assertEqual(self.get("b.npy"), self.get("a.npy"))
+        for args in (["--integral"], ["--exact"], ["--interior", "quadrature"]):
+            self.assertIn("--centres", self.run_cli("render", "x.salt", "--centres", *args, code=2).err)
+        self.put("r.salt", "shader float main(float2 x) { return rand(); }")
+        self.run_cli("render", "r.salt", "--size", 16, "--centres", "-o", "c.npy")
+        v = read_npy(self.get("c.npy"))[1]
+        self.assertAlmostEqual(sum(v) / 256, 0.5, delta=0.1)
+
     def test_rgba8_elsewhere(self):
         """Pixels without a header are not written as if they were another format, nor integrated."""
         self.put("r.salt", self.RAMP)

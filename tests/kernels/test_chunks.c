@@ -259,7 +259,7 @@ static char *shapes(uint32_t dim, uint32_t n) {
     return text;
 }
 
-/* The whole image has the same bits whether it is pruned or not. */
+/* The whole image has the same bits whether it is pruned or not. spp 0: centred. */
 static void one_image(uint32_t dim, bool f64, uint32_t width, bool interpret, SltFilter filter, uint32_t spp) {
     static const uint32_t sizes[3][3] = {{5003, 1, 1}, {423, 317, 1}, {37, 29, 23}};
     char *text = shapes(dim, dim == 1 ? 230 : 170);
@@ -270,7 +270,7 @@ static void one_image(uint32_t dim, bool f64, uint32_t width, bool interpret, Sl
     SltJob job = SLT_JOB_INIT;
     memcpy(job.size, sizes[dim - 1], sizeof job.size);
     if (interpret) job.size[0] /= 8, job.size[1] = (job.size[1] + 7) / 8, job.size[2] = (job.size[2] + 7) / 8;
-    job.filter = filter, job.spp = spp, job.threads = 2;
+    job.filter = filter, job.spp = spp, job.centred = !spp, job.threads = 2;
     size_t n = (size_t)job.size[0] * job.size[1] * job.size[2] * 2;
     float *pruned = malloc(n * sizeof *pruned), *whole = malloc(n * sizeof *whole);
     SltStats with = SLT_STATS_INIT, without = SLT_STATS_INIT;
@@ -293,6 +293,8 @@ static void images(void **unused) {
     one_image(2, true, 0, false, SLT_FILTER_GAUSSIAN, 3);
     one_image(2, false, 1, false, SLT_FILTER_TENT, 2);
     one_image(3, false, 0, false, SLT_FILTER_BOX, 3);
+    one_image(2, false, 0, false, SLT_FILTER_GAUSSIAN, 0);
+    one_image(3, true, 0, false, SLT_FILTER_BOX, 0);
     one_image(2, false, 0, true, SLT_FILTER_BOX, 1);
 }
 

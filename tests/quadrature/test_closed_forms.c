@@ -60,7 +60,7 @@ static bool random_program(const Case *c) { return strstr(c->source, "rand()") !
 static bool beyond(const Case *c, bool f64) { return !f64 && strstr(c->name, "square root guarded"); }
 
 /* Jumps of both signs that lines in what is left may step over all at once. */
-static bool understated(const Case *c) { return strstr(c->name, "own cut") || strstr(c->name, "spherical cap"); }
+static bool understated(const Case *c) { return strstr(c->name, "own cut"); }
 
 static void run(const Case *c, bool f64) {
     SltJob job = SLT_JOB_INIT;
@@ -72,7 +72,7 @@ static void run(const Case *c, bool f64) {
         printf("    %llu evaluations, settled %.4f curved %.4f left %.2g, %.4f s\n", (unsigned long long)s.evaluations,
                s.settled, s.curved, s.left, s.seconds);
 }
-/* What is stated is true, whatever was asked for. */
+/* What is stated is true, whatever was asked for: twice that, since the part of what is left is a standard error. */
 static void stated(void **state) {
     const Case *c = *state;
     for (int i = 0; i < 4; i++) {
@@ -80,7 +80,7 @@ static void stated(void **state) {
         job.integral = true, job.threads = 2, job.estimator = SLT_EST_QUADRATURE;
         job.samples = i < 2 ? 1 << 12 : 1 << 16;
         if (i & 1) job.error = i < 2 ? 1e-2 : 1e-4, job.max_evaluations = 1u << 22;
-        run_case(c, &job, true, 1e-12, 1);
+        run_case(c, &job, true, 1e-12, 2);
     }
 }
 /* Evaluations that end when all curves are integrated, but not all of the volume: the value says so. */
