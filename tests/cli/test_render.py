@@ -464,7 +464,7 @@ class Errors(Case):
         self.assertAlmostEqual(auto["gradient"]["r"], 1.0, delta=1e-3)
 
 
-class Errors(Case):
+class Wanted(Case):
     SOURCE = "param float r = 0.61; [Domain(-1.0, 1.0)] shader float main(float2 x) { [Disc] if (length(x) < r) return 1.0 + x.x; return 0.0; }"
 
     def test_an_error_is_wanted(self):
