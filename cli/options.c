@@ -342,6 +342,9 @@ static int check_cells(Cli *c) {
                                                                  : NULL;
     if (!asked) return SLT_OK;
     if (!c->estimator_given) c->job.estimator = SLT_EST_AUTO;
+    /* Samples of an image state no error: it is integrated. */
+    if (!c->estimator_given && c->verb->bit == RENDER && (j->error > 0 || j->abs_error > 0))
+        c->job.estimator = SLT_EST_QUADRATURE, c->job.interior = SLT_INTERIOR_QUADRATURE;
     if (j->estimator == SLT_EST_AUTO || j->estimator == SLT_EST_QUADRATURE) return SLT_OK;
     return cli_usage(c, "%s is for --estimator quadrature or auto", asked);
 }

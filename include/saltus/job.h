@@ -54,8 +54,8 @@ typedef struct SltJob {
     /* SLT_EST_QUADRATURE, SLT_EST_AUTO */
     SltInterior interior;
     uint32_t gauss; /* points along a piece of a curve, 1 to SLT_GAUSS_MAX, the same everywhere; 0: as needed */
-    double error, abs_error;  /* refine until the stated error is below: relative to the largest component, or absolute;
-                                 0:  spend what the lattice would */
+    double error, abs_error;  /* refine until the stated error is below: relative to the largest component, or pixel, or
+                                 absolute; 0: spend what the lattice would */
     uint64_t max_evaluations; /* of points and boxes; then the result so far, and SltStats.stopped; 0: by `segments`,
                                  and with an error wanted 2^32 */
     bool centred; /* image mode: one sample in the middle of each pixel, whatever spp and the filter are; of slt_render

@@ -7,7 +7,8 @@
 enum {
     STEPS = 100,
     NOISE = 256 /* units in the last place */,
-    NARROW = 4 /* units in the last place from a root to each of its sides */
+    NARROW = 4, /* units in the last place from a root to each of its sides, */
+    FAR = 4     /* and so many times farther f is taken once more where it may be a root there */
 };
 
 static double unit(const Cells *c, const Root *r) {
@@ -159,10 +160,61 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
     }
 }
 
-/* The sides are next to the root, and g has different signs there: where the region is the same, that is looked at, and
- * the distance grows until it is so. */
-bool cells_take_sides(Cells *c) {
+/* The rounding of g matters less than its slope, from the root to both of its sides: what the program decides there is
+ * no chance. */
+static bool is_sure(const Root *r, const Sides *s) {
+    double reach = smaller(r->x[r->axis] - s->at[0], s->at[1] - r->x[r->axis]);
+    return fabs(r->dg[r->axis]) * reach > 2 * r->of->error;
+}
+
+/* Has g the signs that it should have at the sides, as probed? Where the region differs, at those that are no ends of
+ * the cell; where it does not, beyond what the program, which may round a comparison in another way, takes for 0. */
+static bool has_signs(const Cells *c, const Root *r, const Probe at[2]) {
+    const Sides *s = cells_sides(c, r);
+    const Box *box = root_box(c, r);
+    double lo = r->rises * at[0].g, hi = r->rises * at[1].g;
+    bool begins = s->at[0] <= box->lo[r->axis], ends = s->at[1] >= box->hi[r->axis];
+    if (s->hash[0] != s->hash[1]) return (lo < 0 || begins) && (hi > 0 || ends);
+    double noise = cells_nearly_0(c, box, r->of->error, r->dg);
+    return (lo < -noise && hi > noise) || (begins && ends);
+}
+
+/* f may climb from a side like a root of the distance, of which the nearest floats see a good part: f at four times the
+ * distance shows it. Twice what is near less what is far has no such part, of a straight f neither. */
+static bool extrapolate_sides(Cells *c, uint32_t known) {
+    Batch *b = c->b;
     uint32_t n = 0;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        const Root *r = &c->root[i];
+        const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
+        if (r->wanted && r->sides > known && !c->o->flat && cell->state & SLT_BOX_ROUGH) c->active[n++] = i;
+    }
+    for (uint32_t from = 0; from < n; from += BATCH / 2) {
+        uint32_t lanes = n - from < BATCH / 2 ? 2 * (n - from) : BATCH;
+        for (uint32_t i = 0; i < lanes; i++) {
+            const Root *r = &c->root[c->active[from + i / 2]];
+            const Box *box = root_box(c, r);
+            double x[3], at = cells_sides(c, r)->at[i & 1], far = r->x[r->axis] + FAR * (at - r->x[r->axis]);
+            memcpy(x, r->x, sizeof x);
+            x[r->axis] = far >= box->lo[r->axis] && far <= box->hi[r->axis] ? cells_round(c, far) : at;
+            batch_set_x(b, i, x);
+        }
+        cells_call(c, SLT_K_SIDES, lanes);
+        for (uint32_t i = 0; i < lanes; i++) {
+            Sides *s = &c->sides[c->root[c->active[from + i / 2]].sides - 1];
+            if (s->hash[i & 1] != (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)) continue; /* another curve is near */
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+                double f = 2 * s->f[i & 1][ch] - batch_get(b, SLT_OUT_F, ch, i);
+                if (isfinite(f)) s->f[i & 1][ch] = f;
+            }
+        }
+    }
+    return true;
+}
+
+/* The sides are next to the root, and g has different signs there: the distance grows until it is so. */
+bool cells_take_sides(Cells *c) {
+    uint32_t n = 0, known = c->nsides;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         if (c->root[i].wanted && !c->root[i].sides) {
@@ -174,30 +226,24 @@ bool cells_take_sides(Cells *c) {
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);
         if (far > 0x1p20) break;
-        uint32_t same = 0;
+        uint32_t asked = 0;
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
             const Sides *sides = cells_sides(c, r);
-            if (sides->hash[0] != sides->hash[1]) continue;
+            if (is_sure(r, sides)) continue;
             double x[3];
             memcpy(x, r->x, sizeof x);
             for (int s = 0; s < 2; s++) {
                 x[r->axis] = sides->at[s];
                 if (!cells_probe(c, r->of, x)) return false;
             }
-            c->active[same++] = c->active[i];
+            c->active[asked++] = c->active[i];
         }
         if (!cells_run_probes(c)) return false;
         n = 0;
-        for (uint32_t i = 0; i < same; i++) {
-            const Root *r = &c->root[c->active[i]];
-            const Box *box = root_box(c, r);
-            double lo = r->rises * c->probe[2 * i].g, hi = r->rises * c->probe[2 * i + 1].g;
-            const double *at = cells_sides(c, r)->at;
-            bool whole = at[0] <= box->lo[r->axis] && at[1] >= box->hi[r->axis];
-            if (!(lo < 0 && hi > 0) && !whole) c->active[n++] = c->active[i];
-        }
+        for (uint32_t i = 0; i < asked; i++)
+            if (!has_signs(c, &c->root[c->active[i]], c->probe + 2 * i)) c->active[n++] = c->active[i];
     }
-    return true;
+    return extrapolate_sides(c, known);
 }

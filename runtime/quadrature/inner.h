@@ -25,6 +25,6 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats);
 void quadrature_state(Run *r, const Sweep *p);
 /* Of the sweeps of images: options from the job, and the end of a call. */
 void quadrature_image_options(Sweep *p);
-SltStatus quadrature_image_end(Run *r, Sweep *p, SltStatus st, SltStats *stats);
+SltStatus quadrature_image_end(Run *r, Sweep *p, SltStatus st, SltStop stop, SltStats *stats);
 
 #endif

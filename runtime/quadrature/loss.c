@@ -94,7 +94,7 @@ SltStatus quadrature_loss(const SltScene *s, const SltJob *j, const float *targe
     for (uint32_t i = 0; i < s->nfloats && st == SLT_OK; i++)
         gradient[i] = !s->active || s->active[i] ? p.sums.boundary[i] + p.sums.interior[i] : 0;
     if (st == SLT_OK && loss) *loss = p.loss;
-    st = quadrature_image_end(&r, &p, st, stats);
+    st = quadrature_image_end(&r, &p, st, p.counts.spent ? SLT_STOP_EVALUATIONS : SLT_STOP_NONE, stats);
     free(p.weighed);
     return st;
 }

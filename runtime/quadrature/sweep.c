@@ -105,6 +105,7 @@ void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRu
 void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
     SweepWorker *v = worker;
     (void)within;
+    if (rule == CELL_COARSE && !v->sweep->errors) return;
     if (v->sweep->kind == SWEEP_REVERSE) {
         sweep_volume_reverse(v, p, n, rule);
         return;
@@ -115,8 +116,17 @@ void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, c
     if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_points(&v->kept, &v->w->batch.args, p, n);
 }
 
+/* Where no errors are kept, the lower rule is there for pieces to be cut by. */
+static uint32_t fine_alone(Crossing *c, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (c[i].cls == CELL_FINE) c[kept++] = c[i];
+    return kept;
+}
+
 static void take_curve(void *worker, Crossing *c, uint32_t n) {
     SweepWorker *v = worker;
+    if (!v->sweep->errors) n = fine_alone(c, n);
     for (uint32_t ch = 0; ch < v->sweep->run->s->channels; ch++)
         for (uint32_t i = 0; i < n; i++) v->jump[ch] = fmax(v->jump[ch], fabs(c[i].jump[ch]));
     if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_crossings(&v->kept, &v->w->batch.args, c, n);

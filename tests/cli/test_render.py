@@ -1,4 +1,6 @@
 """saltus render, parameters, sizes, diagnostics and exit statuses."""
+import math
+
 from harness import *
 
 
@@ -460,6 +462,21 @@ class Errors(Case):
         auto = self.json_cli("grad", "w.salt", "--samples", 4096, "--disc", "auto")
         self.assertEqual(auto["warnings"], [])
         self.assertAlmostEqual(auto["gradient"]["r"], 1.0, delta=1e-3)
+
+
+class Wanted(Case):
+    SOURCE = "param float r = 0.61; [Domain(-1.0, 1.0)] shader float main(float2 x) { [Disc] if (length(x) < r) return 1.0 + x.x; return 0.0; }"
+
+    def test_an_error_is_wanted(self):
+        """Pixels are integrated then, until they are known so well; or what ended it is said."""
+        self.put("s.salt", self.SOURCE)
+        ask = lambda *o, code=0: self.json_cli("render", "s.salt", "--size", "32", "-o", "o.pfm", "--precision", "f64", *o, code=code)
+        reached = ask("--error", "1e-5")
+        self.assertIsNone(reached["stopped"])
+        self.assertGreater(reached["certified"], 1 - 1e-9)
+        self.assertAlmostEqual(reached["mean"][0], math.pi * 0.61 ** 2 / 4, delta=1e-5)
+        self.assertEqual(ask("--error", "1e-9", code=6)["stopped"], "rounding")
+        self.assertEqual(ask("--abs-error", "1e-5", "--max-evaluations", "3000", code=6)["stopped"], "evaluations")
 
 
 if __name__ == "__main__":

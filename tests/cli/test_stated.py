@@ -1,4 +1,6 @@
 """Stated errors of quadrature: never smaller than true ones, where bounds prove little."""
+import math
+
 from harness import *
 
 HEAD = "param float a = 0.37; param float b = 0.61; param float c = 0.23; "
@@ -63,6 +65,16 @@ class Rules(Case):
     def test_a_gear(self):
         self.check("float2 p = x - 0.5; float2 u = p / max(length(p), 1e-3); float k = 4.0 * u.x * u.x * u.x - 3.0 * u.x; "
                    "[Disc] if (length(p) < 0.3 + 0.2 * a * k) return exp(-c * dot(p, p)) + b; return 0.0;")
+
+    def test_a_root_at_the_edge(self):
+        """Shading that falls like a root of the distance: the nearest floats to the curve see a hundredth of it."""
+        self.put("s.salt", HEAD + "shader float main(float2 x) { float2 d = x - float2(a, b); float q = dot(d, d); "
+                 "[Disc] if (q < c * c) return sqrt(max(c * c - q, 0.0)); return 0.1; }")
+        want = {"a": 0, "b": 0, "c": 2 * math.pi * 0.23 * (0.23 - 0.1)}
+        for options in (("f64",), ("f64", "--error", "1e-4"), ("f64", "--gauss", "12"), ("f32", "--error", "1e-4")):
+            j = self.json_cli("grad", "s.salt", "--estimator", "quadrature", "--precision", *options)
+            for name, value in want.items():
+                self.assertLessEqual(abs(j["gradient"][name] - value), j["stderr"][name] + 1e-12, (name, options))
 
 
 if __name__ == "__main__":

@@ -143,6 +143,44 @@ static void derivative_images(void **state) {
     }
 }
 
+/* However few points are asked for at first, and however curves lie in the pixels. */
+static void an_error_is_reached(void **state) {
+    (void)state;
+    static const double dirs[2][3] = {{0, 0, 1}, {1, 0, 0}};
+    const double *along_dirs[2] = {dirs[0], dirs[1]};
+    Scene s;
+    float image[2][PIXELS], *out[2] = {image[0], image[1]}, adjoint[PIXELS];
+    make(&s);
+    for (int i = 0; i < PIXELS; i++) adjoint[i] = (float)sin(1.7 * i) + 0.3f;
+    const float *both[2] = {adjoint, adjoint};
+    SltJob j = job_of(SLT_FILTER_TENT), most = j;
+    double rough[3], gradient[3], error[3];
+    SltStats stats = SLT_STATS_INIT;
+    j.spp = 1, j.error = 3e-6;
+    assert_int_equal(slt_estimate_forward(&s.slt, &j, 2, along_dirs, out, NULL, &stats, NULL), SLT_OK);
+    assert_int_equal(stats.stopped, SLT_STOP_NONE);
+    for (int y = 0; y < SIDE; y++)
+        for (int x = 0; x < SIDE; x++) {
+            double radius, shift;
+            int at = (SIDE - 1 - y) * SIDE + x;
+            slopes(SLT_FILTER_TENT, x, y, &radius, &shift);
+            near("slope in the radius", x, y, (double)image[0][at], radius, 1e-5);
+            near("slope in x", x, y, (double)image[1][at], shift, 1e-5);
+        }
+    j.error = 1e-9;
+    assert_int_equal(slt_estimate_reverse(&s.slt, &j, both, gradient, error, &stats, NULL), SLT_OK);
+    assert_int_equal(stats.stopped, SLT_STOP_NONE);
+    most.gauss = SLT_GAUSS_MAX;
+    assert_int_equal(slt_estimate_reverse(&s.slt, &most, both, rough, NULL, NULL, NULL), SLT_OK);
+    for (int p = 0; p < 3; p++) near("gradient", p, 0, gradient[p], rough[p], error[p] + 1e-10);
+    j.max_evaluations = 2000;
+    assert_int_equal(slt_estimate_forward(&s.slt, &j, 2, along_dirs, out, NULL, &stats, NULL), SLT_OK);
+    assert_int_equal(stats.stopped, SLT_STOP_EVALUATIONS);
+    j.max_evaluations = 0;
+    assert_int_equal(slt_estimate_render(&s.slt, &j, 0, image[0], &stats, NULL), SLT_OK);
+    assert_int_equal(stats.stopped, SLT_STOP_ROUNDING); /* pixels are floats */
+}
+
 /* The gradient of a weighed image is the sum of its weighed derivatives. */
 static void gradient_of_an_image(void **state) {
     (void)state;
@@ -223,9 +261,13 @@ static void a_loss_in_one_sweep(void **state) {
 int main(void) {
     for (int filter = 0; filter < 3; filter++)
         for (int i = 0; i < SIDE; i++) masses[filter][i] = mass((SltFilter)filter, i);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(pixels_are_exact),   cmocka_unit_test(filters_keep_constants),
-                                       cmocka_unit_test(derivative_images),  cmocka_unit_test(gradient_of_an_image),
-                                       cmocka_unit_test(into_a_tile),        cmocka_unit_test(a_loss),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(pixels_are_exact),
+                                       cmocka_unit_test(filters_keep_constants),
+                                       cmocka_unit_test(derivative_images),
+                                       cmocka_unit_test(gradient_of_an_image),
+                                       cmocka_unit_test(an_error_is_reached),
+                                       cmocka_unit_test(into_a_tile),
+                                       cmocka_unit_test(a_loss),
                                        cmocka_unit_test(a_loss_in_one_sweep)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
