@@ -38,7 +38,12 @@ static SltStatus settle(ApiCall *c) {
     static const bool bounds[K_KINDS] = {[K_BOUNDS] = true},
                       cells[K_KINDS] = {[K_BOUNDS] = true, [K_EDGE] = true, [K_EDGE_BOUNDS] = true};
     SltStatus s = SLT_OK;
-    if (c->job.estimator == SLT_EST_AUTO && !slt_estimate_has_choice(&c->p->scene, &c->job))
+    /* These variants are for comparison: their sides are not the ones that cells ask for. */
+    bool paper = c->p->opt.paper_argmin || c->p->opt.paper_forced;
+    if (paper && c->job.estimator == SLT_EST_QUADRATURE)
+        return status_fail(c->err, SLT_USAGE,
+                           "quadrature has no use for the paper's variants: leave them, or the estimator");
+    if (c->job.estimator == SLT_EST_AUTO && (paper || !slt_estimate_has_choice(&c->p->scene, &c->job)))
         c->job.estimator = SLT_EST_LATTICE;
     if (c->job.estimator == SLT_EST_AUTO) {
         s = api_call_kernels(c, bounds);

@@ -42,7 +42,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
-    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = malloc(BATCH * sizeof *c->crossing[r])) != NULL;
+    /* What a curve does not set of its crossings stays 0. */
+    for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = calloc(BATCH, sizeof *c->crossing[r])) != NULL;
     for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
     if (made) return c;
     cells_free(c);
@@ -280,11 +281,13 @@ static bool judge(Cells *c, Cell *cell) {
     return true;
 }
 
-/* Asks whether a site of a cell jumps in the very gap in which it is to be cut: g at the two sides. */
+/* Asks whether a site of a cell decides differently on the two sides of the very gap in which it is to be cut, because
+ * its curve lies there or because its g jumps over 0: g at the two sides. */
 static bool probe_gap(Cells *c, const Cell *cell, const Root *r) {
     for (uint32_t e = 0; e < cell->nedges; e++) {
         const CellEdge *edge = &cell->edge[e];
-        if ((uint32_t)edge->event.site >= c->s->nsites || cells_straight_axis(c, edge) != r->axis) continue;
+        if ((uint32_t)edge->event.site >= c->s->nsites) continue;
+        if (!(edge->state & SLT_EDGE_JUMPS) && cells_straight_axis(c, edge) != r->axis) continue;
         double x[3];
         memcpy(x, r->x, sizeof x);
         for (int side = 0; side < 2; side++) {

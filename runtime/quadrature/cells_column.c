@@ -244,7 +244,6 @@ static void emit_crossing(Cells *c, const Root *r) {
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
     if (c->ncrossing[k->rule] == BATCH) flush_crossings(c, (CellRule)k->rule);
     Crossing *x = &c->crossing[k->rule][c->ncrossing[k->rule]++];
-    memset(x, 0, sizeof *x);
     x->event = r->of->event;
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
     x->g = r->g;
@@ -294,7 +293,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0;
         if (!p->edge[e].open) continue;
-        memset(sum, 0, sizeof sum); /* of those few alone */
+        for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
         measure_curve(c, p, from, to, e, sum, &most, &total);
         double least = larger(c->o->tolerance * most * c->width, cells_rounding(c) * total);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)

@@ -18,12 +18,13 @@ static double unit(const Cells *c, const Root *r) {
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess) {
     if (!CELLS_ROOM(c, root, 1)) return NULL;
     Root *r = &c->root[c->nroot++];
-    memset(r, 0, sizeof *r);
+    r->ends[0] = r->ends[1] = r->wanted = r->twin = r->solved = r->waits = false; /* its other members come later */
+    r->column = r->sides = 0, r->edge = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
-    r->step = HUGE_VAL, r->before[0] = NAN;
+    r->step = HUGE_VAL, r->before[0] = r->before[1] = r->before[2] = NAN;
     return r;
 }
 
@@ -159,6 +160,25 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
     }
 }
 
+/* The rounding of g matters less than its slope, from the root to both of its sides: what the program decides there is
+ * no chance. */
+static bool is_sure(const Root *r, const Sides *s) {
+    double reach = smaller(r->x[r->axis] - s->at[0], s->at[1] - r->x[r->axis]);
+    return fabs(r->dg[r->axis]) * reach > 2 * r->of->error;
+}
+
+/* Has g the signs that it should have at the sides, as probed? Where the region differs, at those that are no ends of
+ * the cell; where it does not, beyond what the program, which may round a comparison in another way, takes for 0. */
+static bool has_signs(const Cells *c, const Root *r, const Probe at[2]) {
+    const Sides *s = cells_sides(c, r);
+    const Box *box = root_box(c, r);
+    double lo = r->rises * at[0].g, hi = r->rises * at[1].g;
+    bool begins = s->at[0] <= box->lo[r->axis], ends = s->at[1] >= box->hi[r->axis];
+    if (s->hash[0] != s->hash[1]) return (lo < 0 || begins) && (hi > 0 || ends);
+    double noise = cells_nearly_0(c, box, r->of->error, r->dg);
+    return (lo < -noise && hi > noise) || (begins && ends);
+}
+
 /* f may climb from a side like a root of the distance, of which the nearest floats see a good part: f at four times the
  * distance shows it. Twice what is near less what is far has no such part, of a straight f neither. */
 static bool extrapolate_sides(Cells *c, uint32_t known) {
@@ -192,8 +212,7 @@ static bool extrapolate_sides(Cells *c, uint32_t known) {
     return true;
 }
 
-/* The sides are next to the root, and g has different signs there: where the region is the same, that is looked at, and
- * the distance grows until it is so. */
+/* The sides are next to the root, and g has different signs there: the distance grows until it is so. */
 bool cells_take_sides(Cells *c) {
     uint32_t n = 0, known = c->nsides;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
@@ -207,30 +226,24 @@ bool cells_take_sides(Cells *c) {
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);
         if (far > 0x1p20) break;
-        uint32_t same = 0;
+        uint32_t asked = 0;
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
             const Sides *sides = cells_sides(c, r);
-            if (sides->hash[0] != sides->hash[1]) continue;
+            if (is_sure(r, sides)) continue;
             double x[3];
             memcpy(x, r->x, sizeof x);
             for (int s = 0; s < 2; s++) {
                 x[r->axis] = sides->at[s];
                 if (!cells_probe(c, r->of, x)) return false;
             }
-            c->active[same++] = c->active[i];
+            c->active[asked++] = c->active[i];
         }
         if (!cells_run_probes(c)) return false;
         n = 0;
-        for (uint32_t i = 0; i < same; i++) {
-            const Root *r = &c->root[c->active[i]];
-            const Box *box = root_box(c, r);
-            double lo = r->rises * c->probe[2 * i].g, hi = r->rises * c->probe[2 * i + 1].g;
-            const double *at = cells_sides(c, r)->at;
-            bool whole = at[0] <= box->lo[r->axis] && at[1] >= box->hi[r->axis];
-            if (!(lo < 0 && hi > 0) && !whole) c->active[n++] = c->active[i];
-        }
+        for (uint32_t i = 0; i < asked; i++)
+            if (!has_signs(c, &c->root[c->active[i]], c->probe + 2 * i)) c->active[n++] = c->active[i];
     }
     return extrapolate_sides(c, known);
 }

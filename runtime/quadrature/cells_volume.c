@@ -220,7 +220,8 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
 /* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
  * of positions makes is no difference. */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
-    double sum[CELL_RULES][SLT_MAX_CHANNELS][4] = {{{0}}}, most = 0, total = 0, lo[3], hi[3];
+    double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, lo[3], hi[3];
+    for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
     for (uint32_t i = from; i < to; i++)
         for (uint32_t d = 0; d < c->dim; d++)

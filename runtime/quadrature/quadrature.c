@@ -116,7 +116,7 @@ static SltStatus with_samples(const SltScene *s, const SltJob *job, SltIntegral 
         return st;
     }
     SltStats cells = stats ? *stats : (SltStats){0};
-    j = *job, j.no_boundary = true, j.estimator = SLT_EST_LATTICE;
+    j = *job, j.no_boundary = true, j.estimator = SLT_EST_LATTICE, j.error = j.abs_error = 0;
     SltIntegral smooth = *out;
     smooth.left_bound = NULL;
     if (st == SLT_OK) st = slt_estimate_integral(s, &j, &smooth, stats, err);

@@ -383,8 +383,7 @@ SltStatus slt_estimate_integral(const SltScene *s, const SltJob *job, SltIntegra
                                 SltError *err) {
     SltJob copy = *job, own;
     copy.integral = true;
-    bool choice = copy.estimator == SLT_EST_AUTO, cells = choice || copy.estimator == SLT_EST_QUADRATURE;
-    if (!cells) copy.error = copy.abs_error = 0; /* these spend what they are given */
+    bool choice = copy.estimator == SLT_EST_AUTO;
     for (uint64_t i = 0; i < (uint64_t)s->channels * s->nfloats && out->left_bound; i++)
         out->left_bound[i] = NAN; /* cells prove more */
     if (slt_estimate_by_differences(copy.estimator)) return difference_integral(s, &copy, out, stats, err);

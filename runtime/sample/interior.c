@@ -130,10 +130,60 @@ static uint64_t image_index(const Interior *p, const TileRect *t, uint32_t pixel
 }
 
 /* ---- value */
+/* One sample in the middle of each pixel, without random numbers: nothing to draw, nothing to add up. Fills up to BATCH
+ * lanes with whole rows of rectangles, which are no longer than that, from `t` and `row` on; at[] is where in the image
+ * they begin. */
+typedef struct Rows {
+    const TileRect *t, *end;
+    uint32_t row, n;
+    struct {
+        float *to;
+        uint32_t n;
+    } at[BATCH];
+} Rows;
+
+static uint32_t fill_rows(const Interior *p, Batch *b, Rows *k) {
+    const Grid *g = &p->run->grid;
+    uint32_t lanes = 0;
+    for (k->n = 0; k->t < k->end && lanes + k->t->n[0] <= BATCH; k->n++) {
+        const TileRect *t = k->t;
+        uint32_t y = t->lo[1] + k->row % t->n[1], z = t->lo[2] + k->row / t->n[1];
+        double middle[3] = {0, grid_middle(g, 1, y), grid_middle(g, 2, z)};
+        k->at[k->n].to = p->image + grid_index(g, t->lo[0], y, z) * p->run->s->channels, k->at[k->n].n = t->n[0];
+        for (uint32_t x = t->lo[0]; x < t->lo[0] + t->n[0]; x++, lanes++) {
+            batch_set(b, SLT_IN_X0, lanes, grid_middle(g, 0, x));
+            for (uint32_t d = 1; d < g->dim; d++) batch_set(b, SLT_IN_X0 + d, lanes, middle[d]);
+            batch_set_int(b, SLT_IN_PIXEL0, lanes, (int32_t)x);
+            batch_set_int(b, SLT_IN_PIXEL1, lanes, (int32_t)(g->n[1] - 1 - y));
+        }
+        if (++k->row == t->n[1] * t->n[2]) k->t++, k->row = 0;
+    }
+    return lanes;
+}
+
+static void middle_samples(const Interior *p, Worker *w, SltKernelKind kernel, const TileRect *t, uint32_t rects) {
+    Batch *b = &w->batch;
+    uint32_t channels = p->run->s->channels, n;
+    Rows k; /* `at` is long, and fill_rows sets it */
+    k.t = t, k.end = t + rects, k.row = 0;
+    assert(t->n[0] <= BATCH);
+    while ((n = fill_rows(p, b, &k))) {
+        batch_call(b, kernel, n);
+        for (uint32_t c = 0; c < channels; c++)
+            for (uint32_t r = 0, i = 0; r < k.n; r++)
+                for (uint32_t x = 0; x < k.at[r].n; x++)
+                    k.at[r].to[x * channels + c] = (float)batch_get(b, SLT_OUT_F, c, i++);
+    }
+}
+
 static bool value_samples(Interior *p, Worker *w, SltKernelKind kernel, const TileRect *t, uint32_t rects) {
     Batch *b = &w->batch;
     uint32_t channels = p->run->s->channels, n;
     uint64_t pixels = 0;
+    if (p->run->j->centred && !p->run->s->uses_rand) {
+        middle_samples(p, w, kernel, t, rects);
+        return true;
+    }
     for (uint32_t k = 0; k < rects; k++) pixels += t[k].pixels;
     if (!worker_values(w, pixels * channels)) return false;
     Walk k;
@@ -159,6 +209,14 @@ typedef struct Pruning {
     bool failed;
 } Pruning;
 
+/* Most rows are of four pixels: no place to call memcpy. */
+static void fill_row(float *o, uint32_t n, const float *value, uint32_t channels) {
+    float first = value[0];
+    for (uint32_t x = 0; x < n && channels == 1; x++) o[x] = first;
+    for (uint32_t x = 0; x < n && channels > 1; x++)
+        for (uint32_t c = 0; c < channels; c++) *o++ = value[c];
+}
+
 static void prune_constant(void *user, const PixelRect *r, const double *value) {
     const Pruning *q = user;
     const Interior *p = q->p;
@@ -170,13 +228,10 @@ static void prune_constant(void *user, const PixelRect *r, const double *value) 
         mean[c] = (float)(sum / p->count);
     }
     const Grid *g = &p->run->grid;
-    float *first = p->image + grid_index(g, r->lo[0], r->lo[1], r->lo[2]) * channels, *o = first;
-    for (uint32_t x = 0; x < r->n[0]; x++)
-        for (uint32_t c = 0; c < channels; c++) *o++ = mean[c];
     for (uint32_t z = 0; z < r->n[2]; z++)
-        for (uint32_t y = z ? 0 : 1; y < r->n[1]; y++)
-            memcpy(p->image + grid_index(g, r->lo[0], r->lo[1] + y, r->lo[2] + z) * channels, first,
-                   (size_t)r->n[0] * channels * sizeof *first);
+        for (uint32_t y = 0; y < r->n[1]; y++)
+            fill_row(p->image + grid_index(g, r->lo[0], r->lo[1] + y, r->lo[2] + z) * channels, r->n[0], mean,
+                     channels);
 }
 
 static void prune_sample(void *user, const PixelRect *r, uint32_t n, const SltPruned *pruned) {

@@ -28,6 +28,12 @@ static void make_more(void) {
          SHADER2("param float r = 0.6; param float k = 40.0;", UNIT,
                  "[Disc] return length(x) < r ? exp(-k * (x.x - 0.2) * (x.x - 0.2)) : 0.0;"),
          .want = {{"r", 0.614520466874609 /* r times the integral over the angle, by the trapezoidal rule */}});
+    CASE("a line by a polynomial that cancels",
+         SHADER2(
+             "param float t = 0.9;", "",
+             "float y = x.x + 0.1 * x.y; float v = ((((y - 5.0) * y + 10.0) * y - 10.0) * y + 5.0) * y; [Disc] return "
+             "v < t ? 1.0 : 0.0;"),
+         .want = {{"t", 1 / (5 * pow(0.1, 0.8)) /* v is 1 - (1 - y)^5 */}});
     CASE("spherical cap",
          SHADER3("param float r = 0.7; param float h = 0.3;", UNIT,
                  "[Disc] return length(x) < r && x.z > h ? 1.0 : 0.0;"),
