@@ -200,7 +200,8 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
  * ends. */
 void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
     double mean[2] = {centre->g[0], centre->g[1]}, scale = fmax(fabs(mean[0]), fabs(mean[1]));
-    memcpy(e->slope, box->slope, sizeof e->slope);
+    for (uint32_t d = 0; d < 3; d++)
+        for (int end = 0; end < 2; end++) e->slope[d][end] = d < c->dim ? box->slope[d][end] : 0;
     e->state = box->state, e->error = box->error;
     bool smooth = !(box->state & SLT_EDGE_JUMPS);
     for (uint32_t d = 0; d < c->dim; d++) {

@@ -115,3 +115,15 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left) {
             if (!active || active[at - first]) m->variance[at] = fmax(m->variance[at], usual * usual);
     }
 }
+
+void sums_sampled(Sums *m, const uint8_t *active, double share) {
+    if (!(share > 0)) return;
+    for (size_t row = 0; row < m->rows; row++) {
+        size_t first = row * m->nfloats;
+        double all = 0;
+        for (size_t p = 0; p < m->nfloats; p++)
+            if (!active || active[p]) all += fabs(m->interior[first + p]);
+        for (size_t p = 0; p < m->nfloats; p++)
+            if (!active || active[p]) m->variance[first + p] += 0.25 * share * share * all * all;
+    }
+}

@@ -49,6 +49,9 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
  * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
 void sums_unnamed(Sums *m, const uint8_t *active, double left);
+/* In that share of the domain the volume is only sampled: which parameters it belongs to is not known. Adds to each
+ * error what a part like it, on average, has of all of them together. */
+void sums_sampled(Sums *m, const uint8_t *active, double share);
 /* The stated error of a component. */
 double sums_error(const Sums *m, uint32_t row, uint32_t p);
 

@@ -167,7 +167,8 @@ static void take_sampled(void *worker, const Box *cell, const double *bounds) {
         if (range < HUGE_VAL) v->f_hidden[c] += m * range; /* else the rules alone tell */
         most = isnan(range) ? INFINITY : fmax(most, range);
     }
-    v->left_bound += m * most, v->volume_sampled |= most > 0;
+    v->left_bound += m * most;
+    v->volume_sampled += m; /* where f is one colour its derivatives may differ */
 }
 
 /* ---- tiles */
@@ -221,7 +222,7 @@ static SltStatus make_tiles(Sweep *p) {
 
 static void begin_tile(SweepWorker *v, const Box *box) {
     v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
-    v->volume_sampled = false;
+    v->volume_sampled = 0;
     kept_clear(&v->kept);
     memset(v->f, 0, sizeof v->f), memset(v->f_hidden, 0, sizeof v->f_hidden);
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
@@ -277,7 +278,8 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     t->settled += c->settled, t->curved += c->curved, t->left += c->left;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
-    p->short_of_volume |= c->spent && v->volume_sampled;
+    p->short_of_volume |= c->spent && v->volume_sampled > 0;
+    p->volume_sampled += v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
@@ -500,7 +502,7 @@ SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
     p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
-    p->short_of_volume = p->unnamed = p->sampled = false;
+    p->short_of_volume = p->unnamed = p->sampled = false, p->volume_sampled = 0;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
@@ -517,6 +519,7 @@ SltStatus sweep_run(Sweep *p) {
     }
     if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;
+    if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;
     if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {

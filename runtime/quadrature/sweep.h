@@ -74,6 +74,7 @@ typedef struct Sweep {
     LeftCell *parent; /* [nparents]: of the tiles, where they are cells that were left; else none */
     uint64_t nparents, parent_cap;
     double volume;                 /* of the domain */
+    double volume_sampled;         /* measure of cells whose volume is only sampled */
     uint32_t lines;                /* across a cell that is left, along each axis */
     bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
     bool sampled;                  /* cells that are left stand for others */
@@ -97,7 +98,7 @@ struct SweepWorker {
     double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
     double f_hidden[SLT_MAX_CHANNELS];      /* as in Sweep */
     double left_bound, loss;
-    bool volume_sampled;           /* of a cell of the tile */
+    double volume_sampled;         /* measure of cells of the tile whose volume is only sampled */
     double jump[SLT_MAX_CHANNELS]; /* as in Sweep; of this worker's tiles */
     bool unnamed;
     uint64_t differ;        /* segments of lines whose ends differ, so far */

@@ -66,6 +66,15 @@ class Rules(Case):
         self.check("float2 p = x - 0.5; float2 u = p / max(length(p), 1e-3); float k = 4.0 * u.x * u.x * u.x - 3.0 * u.x; "
                    "[Disc] if (length(p) < 0.3 + 0.2 * a * k) return exp(-c * dot(p, p)) + b; return 0.0;")
 
+    def test_volume_that_is_only_sampled(self):
+        """Where three inks meet, the one that no point has met may have a part: the evaluations end before that is known."""
+        path = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../examples/voronoi_mosaic/mosaic.salt")
+        ask = lambda *o: self.json_cli("grad", path, "--integral", "--estimator", "quadrature", "--precision", "f64", *o)
+        best, j = ask("--error", "1e-7"), ask()
+        for seed, error, want in zip(j["gradient"]["seeds"], j["stderr"]["seeds"], best["gradient"]["seeds"]):
+            for c in range(3):
+                self.assertLessEqual(abs(seed["ink"][c][c] - want["ink"][c][c]), error["ink"][c][c] + 1e-12)
+
     def test_a_root_at_the_edge(self):
         """Shading that falls like a root of the distance: the nearest floats to the curve see a hundredth of it."""
         self.put("s.salt", HEAD + "shader float main(float2 x) { float2 d = x - float2(a, b); float q = dot(d, d); "
