@@ -33,7 +33,7 @@ void quadrature_state(Run *r, const Sweep *p) {
     SltStats *t = &r->stats;
     t->cells = true;
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
-    t->certified = t->settled + t->curved;
+    t->certified = fmin(1, t->settled + t->curved); /* sums round */
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }
