@@ -66,6 +66,16 @@ class Rules(Case):
         self.check("float2 p = x - 0.5; float2 u = p / max(length(p), 1e-3); float k = 4.0 * u.x * u.x * u.x - 3.0 * u.x; "
                    "[Disc] if (length(p) < 0.3 + 0.2 * a * k) return exp(-c * dot(p, p)) + b; return 0.0;")
 
+    def test_threads(self):
+        """Cells of edges that have decisions given: the same bits, and as many evaluations, on any number of threads."""
+        path = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../examples/voronoi_mosaic/mosaic.salt")
+        seen = set()
+        for threads in (1, 2, 3, 5):
+            j = self.json_cli("grad", path, "--integral", "--estimator", "quadrature", "--precision", "f64", "--threads", threads)
+            j.pop("seconds")
+            seen.add(str(j))
+        self.assertEqual(len(seen), 1)
+
     def test_volume_that_is_only_sampled(self):
         """Where three inks meet, the one that no point has met may have a part: the evaluations end before that is known."""
         path = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../examples/voronoi_mosaic/mosaic.salt")
