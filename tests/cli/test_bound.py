@@ -160,6 +160,13 @@ class Estimate(Case):
         r = self.run_cli("grad", "r.salt", "--samples", 4096, "--error", "1e-7", code=6)
         self.assertIn("not reached", r.err)
 
+    def test_a_small_sphere_by_default(self):
+        """A trial of tiles must not cost more than cells of all sizes would: no sample meets so small a solid."""
+        self.put("s.salt", "param float r = 0.001; [Domain(-1.0, 1.0)] shader float main(float3 x) { [Disc] return length(x - 0.3) < r ? 1.0 : 0.0; }")
+        j = self.json_cli("grad", "s.salt", "--precision", "f64")
+        self.assertEqual(j["stderr_kind"], "quadrature")
+        self.assertAlmostEqual(j["gradient"]["r"], 4 * math.pi * 1e-6, delta=1e-8)
+
     def test_a_g_that_jumps_over_0(self):
         """Where an untagged floor makes a tagged decision, nothing is certified there, and the crossing is said to be dropped."""
         self.put("j.salt", "param float t = 0.3; shader float main(float2 x) { [NoDisc] float k = floor(4.0 * x.x - t); [Disc] if (k + 0.0001 * (x.x - 0.3) < 1.5) return 1.0; return 0.0; }")
