@@ -78,15 +78,17 @@ static void run(const Case *c, bool f64) {
         printf("    %llu evaluations, settled %.4f curved %.4f left %.2g, %.4f s\n", (unsigned long long)s.evaluations,
                s.settled, s.curved, s.left, s.seconds);
 }
-/* What is stated is true, whatever was asked for: twice that, since the part of what is left is a standard error. */
+/* What is stated is true, whatever was asked for. Of the cap 4096 samples leave a sixteenth of the domain to lines that
+ * meet 140 crossings: their two sets tell the error of their mean to a half. */
 static void stated(void **state) {
     const Case *c = *state;
+    double times = strcmp(c->name, "spherical cap") ? 1 : 1.5;
     for (int i = 0; i < 4; i++) {
         SltJob job = SLT_JOB_INIT;
         job.integral = true, job.threads = 2, job.estimator = SLT_EST_QUADRATURE;
         job.samples = i < 2 ? 1 << 12 : 1 << 16;
         if (i & 1) job.error = i < 2 ? 1e-2 : 1e-4, job.max_evaluations = 1u << 22;
-        run_case(c, &job, true, 1e-12, 2);
+        run_case(c, &job, true, 1e-12, times);
     }
 }
 /* Evaluations that end when all curves are integrated, but not all of the volume: the value says so. */
