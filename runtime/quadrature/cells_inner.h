@@ -6,6 +6,7 @@
  *   cells_given.c   events whose g others change: what these decide is given
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
+ *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
@@ -215,7 +216,7 @@ struct Cells {
     uint32_t nroot, root_cap;
     Sides *sides;
     uint32_t nsides, sides_cap;
-    struct Stretch *stretch; /* cells_base.c */
+    struct Stretch *stretch; /* cells_stretch.h */
     uint32_t nstretch, stretch_cap;
     Cut *cut;
     uint32_t ncut, cut_cap;
@@ -318,7 +319,7 @@ bool cells_narrow(Cells *c);
 bool cells_take_sides(Cells *c);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
-/* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
+/* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
  * curves cannot be told apart */
 /* On the curve of an event with gradient bounds `a`, whose height axis is `axis`: bounds of how it climbs along the
  * base, and of the slope there of a function with gradient bounds `f`. */
