@@ -16,6 +16,64 @@ static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
 }
 
 /* ---- where curves leave the cell */
+/* Both ends of all stretches, which are whole faces. */
+static bool take_corners(Cells *c) {
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
+        const CellEdge *e = curve_of(c, s);
+        for (int end = 0; end < 2; end++) {
+            double x[3];
+            place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
+            if (!cells_probe(c, e, x)) return false;
+        }
+    }
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        Stretch *s = &c->stretch[i];
+        Cell *cell = &c->cell[s->cell];
+        CellEdge *e = &cell->edge[s->edge];
+        int base = base_axis(cell, e->axis);
+        for (int end = 0; end < 2; end++) {
+            const Probe *p = &c->probe[2 * i + (uint32_t)end];
+            s->value[end] = p->g;
+            e->corner[i & 1][end] = (Corner){p->g, p->dg[base], p->dg[e->axis]};
+        }
+    }
+    return true;
+}
+
+/* What is known of stretch i, a face, when roots are isolated and solved: r is its root, or NULL. */
+static void note_face(Cells *c, uint32_t i, const Root *r) {
+    const Stretch *s = &c->stretch[i];
+    Cell *cell = &c->cell[s->cell];
+    CellEdge *e = &cell->edge[s->edge];
+    int base = base_axis(cell, e->axis);
+    const Corner *k = e->corner[i & 1];
+    bool whole = s->at[0] <= cell->box.lo[base] && s->at[1] >= cell->box.hi[base];
+    bool clear = fabs(k[0].g) > 2 * e->error && fabs(k[1].g) > 2 * e->error; /* NaN is not */
+    e->sure[i & 1] = whole && clear && (r != NULL) == ((k[0].g < 0) != (k[1].g < 0));
+    if (r) e->leaves[i & 1] = r->x[base];
+}
+
+bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height) {
+    if (!e->sure[0] || !e->sure[1]) return false;
+    double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
+    double ends[2] = {cell->box.lo[e->axis], cell->box.hi[e->axis]};
+    bool side[2];
+    for (int face = 0; face < 2; face++) {
+        const Corner *k = e->corner[face];
+        bool leaves = (k[0].g < 0) != (k[1].g < 0);
+        side[face] = (leaves && s > e->leaves[face] ? k[1].g : k[0].g) > 0;
+        g[face] = u * u * (1 + 2 * t) * k[0].g + t * t * (1 + 2 * u) * k[1].g +
+                  t * u * width * (u * k[0].along - t * k[1].along);
+        up[face] = u * k[0].up + t * k[1].up;
+    }
+    *present = side[0] != side[1] && side[1] == (e->rises[e->axis] > 0);
+    *height = cells_between(ends, g, up);
+    return true;
+}
+
 static bool cut_at_faces(Cells *c, uint32_t first) {
     c->nstretch = 0;
     for (uint32_t i = first; i < c->ncell; i++) {
@@ -33,7 +91,8 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
             }
         }
     }
-    if (!stretch_values(c, 0, 0) || !stretch_values(c, 0, 1)) return false;
+    uint32_t faces = c->nstretch; /* halves of them come behind */
+    if (!take_corners(c)) return false;
     for (uint32_t i = 0; i < c->nstretch; i++) stretch_judge(&c->stretch[i], 2 * curve_of(c, &c->stretch[i])->error);
     if (!stretch_isolate(c)) return false;
     c->nroot = 0;
@@ -54,7 +113,9 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
     const Root *r = c->root;
     for (uint32_t i = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];
-        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        if (c->cell[s->cell].refine) continue;
+        if (i < faces) note_face(c, i, s->state == ROOT ? r : NULL);
+        if (s->state != ROOT) continue;
         int axis = curve_of(c, s)->axis;
         if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(&c->cell[s->cell], axis)])) return false;
     }
@@ -113,12 +174,22 @@ static bool add_pairs(Cells *c) {
 
 /* Drops stretches above whose middle the curve is not in the cell. */
 static bool keep_present(Cells *c) {
+    bool present;
     c->nprobe = 0;
     for (uint32_t i = 0; i < c->nstretch; i++) {
-        const Stretch *s = &c->stretch[i];
+        Stretch *s = &c->stretch[i];
+        const Cell *cell = &c->cell[s->cell];
         const CellEdge *e = curve_of(c, s);
-        const Box *box = &c->cell[s->cell].box;
-        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        const Box *box = &cell->box;
+        int base = base_axis(cell, e->axis);
+        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1])), at;
+        if (cells_told_by_corners(cell, e, base, middle, &present, &at)) {
+            s->state = present ? OPEN : DONE;
+            for (int end = 0; end < 2; end++)
+                cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
+            continue;
+        }
+        s->state = ROOT; /* to be asked */
         for (int side = 0; side < 2; side++) {
             place(&c->cell[s->cell], e->axis, middle, side ? box->hi[e->axis] : box->lo[e->axis], x);
             if (!cells_probe(c, e, x)) return false;
@@ -126,9 +197,15 @@ static bool keep_present(Cells *c) {
     }
     if (!cells_run_probes(c)) return false;
     uint32_t kept = 0;
+    const Probe *p = c->probe;
     for (uint32_t i = 0; i < c->nstretch; i++) {
-        double up = curve_of(c, &c->stretch[i])->rises[curve_of(c, &c->stretch[i])->axis];
-        if (up * c->probe[2 * i].g <= 0 && up * c->probe[2 * i + 1].g >= 0) c->stretch[kept++] = c->stretch[i];
+        Stretch *s = &c->stretch[i];
+        if (s->state == ROOT) {
+            double up = curve_of(c, s)->rises[curve_of(c, s)->axis];
+            s->state = up * p[0].g <= 0 && up * p[1].g >= 0 ? OPEN : DONE;
+            p += 2;
+        }
+        if (s->state == OPEN) c->stretch[kept++] = *s;
     }
     c->nstretch = kept;
     return true;

@@ -40,7 +40,7 @@ static bool add_root(Cells *c, Column *k, uint32_t edge, double guess) {
 
 /* ---- pieces */
 /* Bit by edge: those whose curve is asked for along this axis. */
-static uint32_t asked(const Cells *c, const Piece *p) {
+static uint32_t wanted(const Cells *c, const Piece *p) {
     const Cell *cell = &c->cell[p->cell];
     uint32_t bits = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
@@ -58,7 +58,8 @@ static double guess_height(const Probe at[2], int axis) {
                          (double[2]){at[0].dg[axis], at[1].dg[axis]});
 }
 
-/* Which curves are there: g has different signs at the two ends of the column above the middle. */
+/* Which curves are there: g has different signs at the two ends of the column above the middle. Where the corners of
+ * the cell tell, nothing is asked. */
 static bool find_present(Cells *c, uint32_t first) {
     c->nprobe = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
@@ -66,22 +67,29 @@ static bool find_present(Cells *c, uint32_t first) {
         const Cell *cell = &c->cell[p->cell];
         double x[3] = {0};
         middle(c, p, x);
-        p->present = asked(c, p);
-        for (uint32_t e = 0; e < cell->nedges; e++)
-            for (int s = 0; s < 2 && p->present >> e & 1; s++) {
-                x[p->axis] = s ? cell->box.hi[p->axis] : cell->box.lo[p->axis];
-                if (!cells_probe(c, &cell->edge[e], x)) return false;
+        p->present = p->asked = 0;
+        for (uint32_t set = wanted(c, p), e; cells_take_edge(&set, &e);) {
+            const CellEdge *edge = &cell->edge[e];
+            bool present;
+            if (p->base >= 0 && cells_told_by_corners(cell, edge, p->base, x[p->base], &present, &p->edge[e].height)) {
+                p->present |= (uint32_t)present << e;
+                continue;
             }
+            p->asked |= 1u << e;
+            for (int s = 0; s < 2; s++) {
+                x[p->axis] = s ? cell->box.hi[p->axis] : cell->box.lo[p->axis];
+                if (!cells_probe(c, edge, x)) return false;
+            }
+        }
     }
     if (!cells_run_probes(c)) return false;
     const Probe *at = c->probe;
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
-        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
+        for (uint32_t set = p->asked, e; cells_take_edge(&set, &e); at += 2) {
             double up = c->cell[p->cell].edge[e].rises[p->axis];
-            if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
+            if (up * at[0].g <= 0 && up * at[1].g >= 0) p->present |= 1u << e;
             p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
-            at += 2;
         }
     }
     return true;

@@ -43,6 +43,11 @@ typedef struct Given {
     } is[SLT_GIVEN];
 } Given;
 
+/* g and its slopes along the base and along the height axis in a corner of a cell of 2D. */
+typedef struct Corner {
+    double g, along, up;
+} Corner;
+
 /* An open event of a cell, and what is proven of its g there. An event whose g others change has an edge for each way
  * in which these may decide (cells_given.c): a g that is smooth in all of the cell, and that of the program where they
  * do decide so. */
@@ -55,6 +60,11 @@ typedef struct CellEdge {
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
     int8_t rises[3];          /* sign of d_axis g, where it has one; else 0 */
     int8_t axis;              /* height axis */
+    /* By face across it, by end of the base. sure: of a face that the signs of g all over it are those in its corners,
+     * which change where the curve leaves the cell, if they do. cells_base.c sets them. */
+    bool sure[2];
+    double leaves[2];
+    Corner corner[2][2];
 } CellEdge;
 
 typedef struct Cell {
@@ -96,6 +106,7 @@ typedef struct Piece {
     int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t asked;    /* likewise: whether it is was asked of the program, not of corners */
     uint32_t halvings; /* of its base */
     uint32_t parts;    /* in which the columns are cut between roots */
     bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
@@ -319,12 +330,16 @@ bool cells_narrow(Cells *c);
 bool cells_take_sides(Cells *c);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
-/* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
- * curves cannot be told apart */
+/* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on;
+ * cell->refine where curves cannot be told apart */
 /* On the curve of an event with gradient bounds `a`, whose height axis is `axis`: bounds of how it climbs along the
  * base, and of the slope there of a function with gradient bounds `f`. */
 void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
                        double slope[2]);
+/* Is the curve of an edge in the cell above s on the base? Then `height` is about where. False: the corners do not
+ * tell.
+ */
+bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 
