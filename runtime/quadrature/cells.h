@@ -65,6 +65,7 @@ typedef struct CellOptions {
     bool curves, volume; /* which points are wanted */
     uint32_t gauss;      /* points along a piece of a curve and along each side of a cell, fine rule */
     uint32_t coarse;     /* likewise of the coarse rule; 0: no coarse points */
+    uint32_t few;        /* at least along a piece that is short for how its curve bends; less than 2: 2 */
     bool flat;  /* f and its derivatives, times the filter, are constant between curves and seams: a place for each part
                  */
     bool fixed; /* --gauss: pieces are not cut further where the two rules differ */
