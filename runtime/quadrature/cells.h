@@ -71,7 +71,8 @@ typedef struct CellOptions {
     bool fixed; /* --gauss: pieces are not cut further where the two rules differ */
     double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
                          domain is wide; pieces that differ more are halved */
-    double least;     /* side of the least cell, in parts of the domain */
+    double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
+    double least; /* side of the least cell, in parts of the domain */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
     uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */
     /* Of an image: cells end where the filter bends, multiples of `grid` from `grid_lo` along each axis; 0: nowhere */
@@ -82,6 +83,7 @@ typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
     bool spent;                    /* the budget was */
+    bool loose;                    /* roots ended where CellOptions.slack lets them */
 } CellCounts;
 
 typedef struct Cells Cells;

@@ -43,6 +43,10 @@ static bool take_corners(Cells *c) {
     return true;
 }
 
+static bool is_whole(const Cell *cell, const Stretch *s, int base) {
+    return s->at[0] <= cell->box.lo[base] && s->at[1] >= cell->box.hi[base];
+}
+
 /* What is known of stretch i, a face, when roots are isolated and solved: r is its root, or NULL. */
 static void note_face(Cells *c, uint32_t i, const Root *r) {
     const Stretch *s = &c->stretch[i];
@@ -50,9 +54,8 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
     CellEdge *e = &cell->edge[s->edge];
     int base = base_axis(cell, e->axis);
     const Corner *k = e->corner[i & 1];
-    bool whole = s->at[0] <= cell->box.lo[base] && s->at[1] >= cell->box.hi[base];
     bool clear = fabs(k[0].g) > 2 * e->error && fabs(k[1].g) > 2 * e->error; /* NaN is not */
-    e->sure[i & 1] = whole && clear && (r != NULL) == ((k[0].g < 0) != (k[1].g < 0));
+    e->sure[i & 1] = is_whole(cell, s, base) && clear && (r != NULL) == ((k[0].g < 0) != (k[1].g < 0));
     if (r) e->leaves[i & 1] = r->x[base];
 }
 
@@ -103,11 +106,17 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         const CellEdge *e = curve_of(c, s);
         int base = base_axis(cell, e->axis);
         double x[3], part = s->value[0] / (s->value[0] - s->value[1]);
+        double guess = s->at[0] + part * (s->at[1] - s->at[0]);
+        if (i < faces && is_whole(cell, s, base)) {
+            const Corner *k = e->corner[i & 1];
+            double both = cells_between(s->at, s->value, (double[2]){k[0].along, k[1].along});
+            if (both > s->at[0] && both < s->at[1]) guess = both;
+        }
         place(cell, e->axis, s->at[0], s->height[0], x);
         Root *r = cells_root(c, cell, e, base, x, 0);
         if (!r) return false;
         r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
-        r->x[base] = cells_round(c, fmin(fmax(s->at[0] + part * (s->at[1] - s->at[0]), s->at[0]), s->at[1]));
+        r->x[base] = cells_round(c, fmin(fmax(guess, s->at[0]), s->at[1]));
     }
     if (!cells_solve(c)) return false;
     const Root *r = c->root;

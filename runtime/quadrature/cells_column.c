@@ -164,6 +164,9 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open;
         if (c->o->flat || along == 0) r->sides = edge->sides;
+        /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
+        bool asked = r->wanted && !r->sides;
+        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
         if (along != 0) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);

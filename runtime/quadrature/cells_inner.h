@@ -146,7 +146,9 @@ typedef struct Root {
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
-    double before[3];      /* the place before x, g and its slope there; NaN: there was none */
+    double before[2];      /* the place before x, and g there; NaN: there was none */
+    double dg_before[3];
+    double slack; /* how far from it the root may end, in parts of its line; 0: at the last floats */
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
@@ -207,6 +209,7 @@ struct Cells {
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     GaussRule of[GAUSS_MAX + 1];        /* by number of points */
+    double slack;                       /* Root.slack of columns at which f is not asked */
     double bend;                        /* Piece.bend of late: for those that come next */
     double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
     Node *stack;                        /* nodes to be worked on */
@@ -320,8 +323,9 @@ static inline double cells_between(const double x[2], const double g[2], const d
     return u * u * (1 + 2 * t) * x[0] + t * t * (3 - 2 * t) * x[1] +
            (g[1] - g[0]) * t * u * (u / slope[0] - t / slope[1]);
 }
-/* All of root[nroot] that are not solved and do not wait. A root that lies outside of its line by rounding ends at the
- * line's end. */
+/* All of root[nroot] that are not solved and do not wait. Where there is slack g is not asked again at the place where
+ * cubics say that the root is: there g is taken for 0, and its slope for theirs. A root that lies outside of its line
+ * by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
  * where it does not get lo = hi. */

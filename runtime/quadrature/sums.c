@@ -60,7 +60,7 @@ static double join(const Sums *m, double fine, double coarse, SumMode mode, doub
                    double *variance) {
     if (mode == SUM_ONE) return fine;
     if (mode == SUM_RULES) {
-        *error += fabs(fine - coarse) + m->rounding * terms * fabs(fine);
+        *error += fabs(fine - coarse) + (m->rounding * terms + m->roots) * fabs(fine);
         return fine;
     }
     double e = 0.5 * (fine - coarse);

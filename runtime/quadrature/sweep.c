@@ -263,7 +263,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
         bool sets = mode == SUM_SETS || mode == SUM_LINE || mode == SUM_CURVES;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
-        if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
+        if (mode == SUM_RULES) p->f_error[c] += d + (p->sums.rounding + p->sums.roots) * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
         p->f_hidden[c] += v->f_hidden[c];
     }
@@ -283,7 +283,9 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
+    p->sums.roots = c->loose ? p->options.slack : 0;
     merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
+    p->sums.roots = 0;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
         return;
