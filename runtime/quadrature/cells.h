@@ -81,6 +81,11 @@ typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
     bool spent;                    /* the budget was */
+    /* Where f jumps at seams that tagged decisions hang on, which nothing integrates: measure of the cells, which count
+     * as settled or curved all the same; the integral of |jump| along them, by channel; 1 + the first such seam, 0:
+     * none */
+    double upset, upset_jump[SLT_MAX_CHANNELS];
+    uint32_t upset_edge;
 } CellCounts;
 
 typedef struct Cells Cells;
