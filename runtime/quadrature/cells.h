@@ -84,6 +84,11 @@ typedef struct CellCounts {
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
     bool spent;                    /* the budget was */
     bool loose;                    /* roots ended where CellOptions.slack lets them */
+    /* Where f jumps at seams that tagged decisions hang on, which nothing integrates: measure of the cells, which count
+     * as settled or curved all the same; the integral of |jump| along them, by channel; 1 + the first such seam, 0:
+     * none */
+    double upset, upset_jump[SLT_MAX_CHANNELS];
+    uint32_t upset_edge;
 } CellCounts;
 
 typedef struct Cells Cells;

@@ -44,7 +44,8 @@ static uint32_t wanted(const Cells *c, const Piece *p) {
     const Cell *cell = &c->cell[p->cell];
     uint32_t bits = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
-        if (cell->edge[e].axis == p->axis && (c->o->volume || (uint32_t)cell->edge[e].event.site < c->s->nsites))
+        if (cell->edge[e].axis == p->axis && (c->o->volume || (uint32_t)cell->edge[e].event.site < c->s->nsites ||
+                                              cells_upsets(c, cell->edge[e].event.site)))
             bits |= 1u << e;
     return bits;
 }
@@ -138,7 +139,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
         r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
-                    is_site(c, &c->piece[c->column[r->column].piece], r->edge);
+                    (is_site(c, &c->piece[c->column[r->column].piece], r->edge) || cells_upsets(c, r->of->event.site));
     }
     if (!cells_take_sides(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
@@ -148,8 +149,9 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         if (!(p->present >> r->edge & 1)) continue;
         e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides;
         memcpy(e->dg, r->dg, sizeof e->dg);
-        e->open = r->wanted && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
-        if (!e->open && !c->o->volume) p->present &= ~(1u << r->edge);
+        e->upset = r->wanted && cells_is_upset(c, r);
+        e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
+        if (!e->open && !e->upset && !c->o->volume) p->present &= ~(1u << r->edge);
     }
     return true;
 }
@@ -407,6 +409,7 @@ static bool integrate(Cells *c, uint32_t first) {
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             cells_emit_columns(c, from, to);
+            cells_add_upset(c, p, NULL);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);
         } else {

@@ -9,6 +9,7 @@
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
+ *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -92,6 +93,7 @@ typedef struct Cell {
     bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
+    bool upset;                     /* its measure is in CellCounts.upset already */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
 
@@ -100,6 +102,7 @@ typedef struct PieceEdge {
     double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
     uint32_t sides;          /* as in Root, there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
+    bool upset;              /* a seam, where f jumps */
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
@@ -187,9 +190,9 @@ typedef struct Ask {
 
 typedef struct Node {
     Box box;
-    uint32_t level, bends, seams; /* as in Cell */
-    bool whole;                   /* the box itself may be a cell: it was cut at a seam */
-    bool curves_done, lonely;     /* as in Cell */
+    uint32_t level, bends, seams;    /* as in Cell */
+    bool whole;                      /* the box itself may be a cell: it was cut at a seam */
+    bool curves_done, lonely, upset; /* as in Cell */
     ListsAt lists;
 } Node;
 
@@ -357,6 +360,14 @@ void cells_flush(Cells *c);
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
+
+/* ---- cells_upset.c */
+bool cells_upsets(const Cells *c, int32_t edge);    /* must the two sides of a seam be compared? */
+bool cells_is_upset(const Cells *c, const Root *r); /* of which the sides were taken: does f jump there? */
+/* Counts what f jumps by along the curves of a piece that goes out; owner: the cell that is charged, NULL: its own. */
+void cells_add_upset(Cells *c, const Piece *p, Cell *owner);
+/* The same of the face in which a cell is cut at a seam, r. */
+void cells_check_cut(Cells *c, Cell *cell, const Root *r);
 
 /* ---- cells_volume.c */
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */

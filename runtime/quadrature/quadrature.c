@@ -30,9 +30,12 @@ bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
 
 void quadrature_state(Run *r, const Sweep *p) {
     SltStats *t = &r->stats;
+    const SltScene *s = r->s;
     t->cells = true;
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
-    t->certified = fmin(1, t->settled + t->curved); /* sums round */
+    t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
+    if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
+    t->certified = fmax(0, fmin(1, t->settled + t->curved) - t->upset); /* sums round */
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }

@@ -118,6 +118,16 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left) {
     }
 }
 
+void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]) {
+    double all = 0; /* an image's gradient has one row for all channels */
+    for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) all += jump[c];
+    for (size_t row = 0; row < m->rows; row++) {
+        double half = (m->rows == 1 ? all : jump[row]) / SURE;
+        for (size_t p = 0; p < m->nfloats; p++)
+            if (!active || active[p]) m->variance[row * m->nfloats + p] += half * half;
+    }
+}
+
 void sums_sampled(Sums *m, const uint8_t *active, double share) {
     if (!(share > 0)) return;
     for (size_t row = 0; row < m->rows; row++) {
