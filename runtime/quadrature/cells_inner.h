@@ -293,7 +293,6 @@ bool cells_choose_axes(const Cells *c, Cell *cell);
 /* ---- cells_given.c */
 /* Of those that are not done and need not be refined: edges for the ways in which others decide. */
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
-bool cells_same_event(const Event *e, const Event *f);
 /* Can no point lie on the curves of both, because they need another event to decide differently? */
 bool cells_contradict(const CellEdge *e, const CellEdge *f);
 /* At the roots of columns: drops curves from pieces on which what they have given does not hold. */

@@ -1,11 +1,11 @@
-/* Boundaries that coincide but move differently: counted, because there the integral has no derivative and the whole
- * jump went to the first.
+/* Boundaries that coincide but move differently: found by a few crossings of each batch, for the search gives the whole
+ * jump to the first of them.
  *
  * One picture does not show whether another boundary lies on a crossing: the same predicate may be tested twice, or
  * guard another one. Moving the parameters a little does. The crossing's own boundary goes where its g says; if the
  * regions on its two sides are still what they were, everything that jumped moved along. If not, and if there is
  * nothing else near by, a second boundary has come apart from the first. At most COINCIDE_MAX crossings of a batch are
- * asked, and stand for all. */
+ * asked; where one has come apart, all are untied. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -31,21 +31,24 @@ enum {
 #define FLAT 0.1
 
 void coincide_end(Run *r) {
-    for (int side = 0; side < COINCIDE_WAYS && r->apart; side++) moved_free(&r->apart[side]);
+    for (int side = 0; side < UNTIE_WAYS && r->apart; side++) moved_free(&r->apart->move[side]);
     free(r->apart);
     r->apart = NULL;
 }
 
-bool coincide_begin(Run *r, double bracket) {
+double coincide_step(double bracket) { return fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST); }
+
+void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->half); }
+
+bool coincide_begin(Run *r, double step) {
     const SltScene *s = r->s;
     if (r->apart || !s->nfloats || s->nfloats > MOST_FLOATS || !s->active) return true;
     double *dir = alloc_zero(s->nfloats, sizeof *dir);
-    Moved *m = alloc_zero(COINCIDE_WAYS, sizeof *m);
+    Apart *m = alloc_zero(1, sizeof *m);
     bool memory = dir && m, ok = memory, any = false;
-    double step = fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST);
     /* Forth and back, because one boundary may hide behind the other; along two directions, because along one both may
      * happen to move alike. */
-    for (uint32_t side = 0; side < COINCIDE_WAYS && ok; side++) {
+    for (uint32_t side = 0; side < UNTIE_WAYS && ok; side++) {
         for (uint32_t p = 0; p < s->nfloats; p++) {
             uint32_t u[4];
             if (!s->active[p]) continue;
@@ -54,9 +57,10 @@ bool coincide_begin(Run *r, double bracket) {
             dir[p] = step * (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])) * fmax(0.1, fabs(v));
             any = true;
         }
-        ok = any && scene_move(&m[side], s, dir, 0, side & 1 ? -1 : 1);
+        ok = any && scene_move(&m->move[side], s, dir, 0, side & 1 ? -1 : 1);
     }
     free(dir);
+    if (m) m->step = step;
     r->apart = m;
     if (!ok) coincide_end(r);
     return memory && (ok || !any);
@@ -96,10 +100,10 @@ static double way_of(const SltScene *s, const Crossing *x, double g) {
 }
 
 /* How far the boundaries of crossings which[0..n), of one site, go with each move of the parameters. */
-static void find_ways(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS]) {
+static void find_ways(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][UNTIE_WAYS]) {
     Batch *b = k->b;
-    for (uint32_t side = 0; side < COINCIDE_WAYS; side++) {
-        use(b, &k->coincide.apart[side].scene);
+    for (uint32_t side = 0; side < UNTIE_WAYS; side++) {
+        use(b, &k->coincide.apart->move[side].scene);
         for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[which[i]]);
         batch_call(b, SLT_K_SITE, n);
         for (uint32_t i = 0; i < n; i++) way[i][side] = way_of(b->s, &c[which[i]], batch_get(b, SLT_OUT_G, 0, i));
@@ -116,7 +120,7 @@ void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const boo
         /* At a [SkipLoop] another iteration may decide when the parameters have moved. */
         const uint8_t *skips = k->b->s->site_skips;
         if (!keep[i - from] || (skips && skips[c[(uint32_t)order[i]].event.site])) continue;
-        q->which[q->n] = (uint32_t)order[i], q->stands[q->n++] = all - i < share ? all - i : share;
+        q->which[q->n++] = (uint32_t)order[i];
     }
     if (q->n > first) find_ways(k, c, q->which + first, q->n - first, q->way + first);
 }
@@ -148,7 +152,7 @@ static void place(Batch *b, uint32_t i, const Crossing *c, double at, double bes
 /* The longest of the ways; NAN where one is. */
 static double farthest(const double *way) {
     double far = 0;
-    for (uint32_t side = 0; side < COINCIDE_WAYS && !isnan(far); side++)
+    for (uint32_t side = 0; side < UNTIE_WAYS && !isnan(far); side++)
         far = fabs(way[side]) <= far ? far : fabs(way[side]);
     return far;
 }
@@ -161,7 +165,7 @@ static double reach(const SltScene *s, const Crossing *c, const double *way, dou
 }
 
 /* apart[i]: from the boundary of crossing which[i] a second one has come apart. */
-static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][COINCIDE_WAYS],
+static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, double way[][UNTIE_WAYS],
                  double typical, bool *apart) {
     Batch *b = k->b;
     const SltScene *s = b->s;
@@ -173,8 +177,8 @@ static void tear(Sink *k, const Crossing *c, const uint32_t *which, uint32_t n, 
         apart[i] = false;
         if (near) at[kept++] = i;
     }
-    for (uint32_t side = 0; side < COINCIDE_WAYS; side++) {
-        use(b, &k->coincide.apart[side].scene);
+    for (uint32_t side = 0; side < UNTIE_WAYS; side++) {
+        use(b, &k->coincide.apart->move[side].scene);
         for (uint32_t i = 0; i < kept; i++) {
             const Crossing *x = &c[which[at[i]]];
             place(b, i, x, way[at[i]][side], margin(x, way[at[i]][side]));
@@ -201,7 +205,7 @@ static bool elsewhere(Sink *k, const Crossing *c, double typical) {
     uint32_t dim = b->s->dim, steep = 0, zero = 0;
     uint64_t order = 0, dropped[SLT_DROP_REASONS];
     bool keep, apart;
-    double way[1][COINCIDE_WAYS], square = 0;
+    double way[1][UNTIE_WAYS], square = 0;
     if (dim == 1) return true;
     for (uint32_t d = 0; d < dim; d++)
         square += c->dg[d] * c->dg[d], steep = fabs(c->dg[d]) > fabs(c->dg[steep]) ? d : steep;
@@ -227,13 +231,89 @@ static bool elsewhere(Sink *k, const Crossing *c, double typical) {
     return apart;
 }
 
-void coincide_count(Sink *k, const Crossing *c) {
+/* ---- untying */
+enum { PARTS = UNTIE_EVENTS * BATCH };
+
+/* The parts of a crossing: each with its event, and its part of the jump along the crossing's segment. */
+static void add_parts(Coincide *q, const Crossing *c, const Tie *t, uint32_t channels) {
+    double along = c->rising > 0 ? 1 : -1;
+    for (uint32_t e = 0; e < t->n; e++) {
+        Crossing part = *c;
+        part.event = t->event[e], part.ga = part.gb = 0;
+        for (uint32_t ch = 0; ch < channels && !t->whole; ch++) part.jump[ch] = along * t->jump[e][ch];
+        q->part[q->nparts++] = part;
+        for (uint32_t ch = 0; ch < channels; ch++) part.jump[ch] = along * t->half[e][ch];
+        if (t->kink) q->half[q->nhalves++] = part;
+    }
+}
+
+static bool room(Sink *k) {
     Coincide *q = &k->coincide;
-    bool apart[COINCIDE_MAX];
+    if (!q->untie) q->untie = untie_new(k->b);
+    if (!q->part) q->part = malloc(PARTS * sizeof *q->part);
+    if (!q->half) q->half = malloc(PARTS * sizeof *q->half);
+    return q->untie && q->part && q->half;
+}
+
+/* Those whose weight is known move to the front; returns how many. */
+static uint32_t weigh_parts(Sink *k, Crossing *c, uint32_t n) {
+    uint32_t kept = 0;
+    for (uint32_t from = 0; from < n; from += BATCH) {
+        uint64_t order[BATCH];
+        bool keep[BATCH], known[BATCH];
+        uint32_t all = n - from < BATCH ? n - from : BATCH;
+        for (uint32_t i = 0; i < all; i++) order[i] = (uint64_t)(uint32_t)c[from + i].event.site << 32 | i;
+        sort_keys(order, all);
+        for (uint32_t i = 0, to; i < all; i = to) {
+            for (to = i + 1; to < all && order[to] >> 32 == order[i] >> 32;) to++;
+            k->b->args.site = (int32_t)(order[i] >> 32);
+            sink_weigh(k, c + from, order + i, to - i, keep);
+            for (uint32_t j = i; j < to; j++) known[(uint32_t)order[j]] = keep[j - i];
+        }
+        for (uint32_t i = 0; i < all; i++)
+            if (known[i]) c[kept++] = c[from + i];
+    }
+    return kept;
+}
+
+static void untie_some(Sink *k, const Crossing *c, const uint32_t *which, bool *const *keep, uint32_t n,
+                       double typical) {
+    Coincide *q = &k->coincide;
+    Tie tie[UNTIE_MOST];
+    k->failed |= !untie(q->untie, q->apart, c, which, n, tie);
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[which[i]];
+        if (!tie[i].n || (tie[i].whole && event_same(&tie[i].event[0], &x->event))) continue;
+        if (tie[i].kink && elsewhere(k, x, typical)) k->f->dropped[SLT_DROP_COINCIDENT]++;
+        else tie[i].kink = false;
+        *keep[i] = false;
+        add_parts(q, x, &tie[i], k->b->s->channels);
+    }
+}
+
+void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
+    Coincide *q = &k->coincide;
+    bool apart[COINCIDE_MAX], any = false;
     double typical = 0;
+    q->nparts = q->nhalves = 0;
     for (uint32_t i = 0; i < q->n; i++) typical = fmax(typical, farthest(q->way[i])); /* fmax passes over NAN */
-    tear(k, c, q->which, q->n, q->way, typical, apart);
-    for (uint32_t i = 0; i < q->n; i++)
-        if (apart[i] && elsewhere(k, &c[q->which[i]], typical)) k->f->dropped[SLT_DROP_COINCIDENT] += q->stands[i];
+    if (q->n) tear(k, c, q->which, q->n, q->way, typical, apart);
+    for (uint32_t i = 0; i < q->n; i++) any |= apart[i];
     q->n = 0;
+    if (!any) return;
+    if (!room(k)) {
+        k->failed = true;
+        return;
+    }
+    const uint8_t *skips = k->b->s->site_skips;
+    for (uint32_t i = 0; i < n;) {
+        uint32_t which[UNTIE_MOST], m = 0;
+        bool *kept[UNTIE_MOST];
+        for (; i < n && m < UNTIE_MOST; i++) {
+            if (!keep[i] || (skips && skips[c[(uint32_t)order[i]].event.site])) continue;
+            which[m] = (uint32_t)order[i], kept[m++] = &keep[i];
+        }
+        if (m) untie_some(k, c, which, kept, m, typical);
+    }
+    q->nparts = weigh_parts(k, q->part, q->nparts), q->nhalves = weigh_parts(k, q->half, q->nhalves);
 }
