@@ -80,6 +80,7 @@ typedef struct CellOptions {
 typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
+    uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative */
     bool spent;                    /* the budget was */
 } CellCounts;
 

@@ -7,6 +7,7 @@
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_tied.c    curves that lie on each other: whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
@@ -19,6 +20,7 @@
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
 #include "runtime/quadrature/lists.h"
+#include "runtime/sample/untie.h"
 
 /* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -87,7 +89,7 @@ typedef struct Cell {
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
-    uint32_t sides;          /* as in Root, there */
+    uint32_t sides, tie;     /* as in Root, there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
 } PieceEdge;
 typedef struct Piece {
@@ -141,6 +143,7 @@ typedef struct Root {
     bool wanted, twin;  /* f on the two sides is; another event has its root here too */
     bool solved, waits; /* waits: for a better guess */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
+    uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
 
 /* A point of the volume, before it is known whether its part is small enough. */
@@ -225,6 +228,10 @@ struct Cells {
     uint32_t nask, ask_cap;
     uint32_t *active; /* roots that are still worked on */
     uint32_t active_cap;
+    Tie *tie;
+    uint32_t ntie, tie_cap;
+    Apart *apart; /* cells_tied.c: made when first needed */
+    Untie *untie;
     struct Trial *trial; /* cells_given.c */
     uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
@@ -332,6 +339,16 @@ bool cells_integrate(Cells *c); /* over all pieces */
 bool cells_evaluate(Cells *c, uint32_t first, bool values);
 void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
+/* An empty crossing of a rule, which is to be handed over. */
+Crossing *cells_add_crossing(Cells *c, uint8_t rule);
+/* The crossing that a root with known sides is. */
+void cells_crossing(const Cells *c, const Root *r, Crossing *x);
+
+/* ---- cells_tied.c */
+/* Sets the ties of roots active[0 .. n), on which other curves lie. */
+bool cells_tie(Cells *c, uint32_t n);
+/* The crossings of the tied roots among those that are wanted. */
+bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */

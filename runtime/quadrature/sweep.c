@@ -276,6 +276,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     (void)tile;
     CellCounts *t = &p->counts, *c = &v->counts;
     t->settled += c->settled, t->curved += c->curved, t->left += c->left;
+    p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && v->volume_sampled > 0;

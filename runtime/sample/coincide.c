@@ -15,13 +15,12 @@
 #include "runtime/sample/run.h"
 
 enum {
-    MOST_FLOATS = 1 << 16, /* a program with more parameters is not asked: moving them would cost more than it tells */
     AROUND = 4,            /* `reach` looks this many times as far as the boundary moved */
     ALONG = 16,            /* `elsewhere` goes aside by the segment's length divided by this */
     NEWTON = 3             /* steps of `elsewhere` back to g = 0 */
 };
-/* A parameter p is moved by about STEP * max(0.1, |p|): by STEP_BRACKETS times the bracket of roots (in a domain of
- * size 1) where that is more, but at most by STEP_MOST. */
+/* Parameters are moved by STEP: by STEP_BRACKETS times the bracket of roots (in a domain of size 1) where that is more,
+ * but at most by STEP_MOST. */
 #define STEP 0x1p-15
 #define STEP_MOST 0x1p-9
 #define STEP_BRACKETS 0x1p7
@@ -30,40 +29,15 @@ enum {
 /* Below this squared cosine between segment and gradient of g the crossing of a moved boundary runs away. */
 #define FLAT 0.1
 
-void coincide_end(Run *r) {
-    for (int side = 0; side < UNTIE_WAYS && r->apart; side++) moved_free(&r->apart->move[side]);
-    free(r->apart);
-    r->apart = NULL;
-}
-
 double coincide_step(double bracket) { return fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST); }
 
 void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->half); }
 
-bool coincide_begin(Run *r, double step) {
-    const SltScene *s = r->s;
-    if (r->apart || !s->nfloats || s->nfloats > MOST_FLOATS || !s->active) return true;
-    double *dir = alloc_zero(s->nfloats, sizeof *dir);
-    Apart *m = alloc_zero(1, sizeof *m);
-    bool memory = dir && m, ok = memory, any = false;
-    /* Forth and back, because one boundary may hide behind the other; along two directions, because along one both may
-     * happen to move alike. */
-    for (uint32_t side = 0; side < UNTIE_WAYS && ok; side++) {
-        for (uint32_t p = 0; p < s->nfloats; p++) {
-            uint32_t u[4];
-            if (!s->active[p]) continue;
-            rng_block(r->j->seed, RNG_COINCIDE, side / 2, p, u);
-            double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
-            dir[p] = step * (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])) * fmax(0.1, fabs(v));
-            any = true;
-        }
-        ok = any && scene_move(&m->move[side], s, dir, 0, side & 1 ? -1 : 1);
-    }
-    free(dir);
-    if (m) m->step = step;
-    r->apart = m;
-    if (!ok) coincide_end(r);
-    return memory && (ok || !any);
+bool coincide_begin(Run *r, double step) { return r->apart || apart_new(r->s, r->j->seed, step, &r->apart); }
+
+void coincide_end(Run *r) {
+    apart_free(r->apart);
+    r->apart = NULL;
 }
 
 static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.geometries = s->geometries; }

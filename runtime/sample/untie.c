@@ -10,9 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "runtime/sample/alloc.h"
 #include "runtime/sample/untie.h"
 
 enum {
+    MOST_FLOATS = 1 << 16, /* a program with more parameters is not asked */
     AROUND = 4, /* a search reaches so many times as far as the crossing's own boundary moves, */
     TRIES = 3   /* and again as many times farther where others have gone farther */
 };
@@ -36,6 +38,36 @@ struct Untie {
     Order order[UNTIE_MOST][UNTIE_WAYS], *into;
     uint32_t move;
 };
+
+void apart_free(Apart *a) {
+    for (int m = 0; m < UNTIE_WAYS && a; m++) moved_free(&a->move[m]);
+    free(a);
+}
+
+bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out) {
+    if (!s->nfloats || s->nfloats > MOST_FLOATS || !s->active) return true;
+    double *dir = alloc_zero(s->nfloats, sizeof *dir);
+    Apart *a = alloc_zero(1, sizeof *a);
+    bool memory = dir && a, ok = memory, any = false;
+    /* Forth and back, because one boundary may hide behind the other; along two directions, because along one both may
+     * happen to move alike. */
+    for (uint32_t m = 0; m < UNTIE_WAYS && ok; m++) {
+        for (uint32_t p = 0; p < s->nfloats; p++) {
+            uint32_t u[4];
+            if (!s->active[p]) continue;
+            rng_block(seed, RNG_COINCIDE, m / 2, p, u);
+            double v = s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
+            dir[p] = step * (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0])) * fmax(0.1, fabs(v));
+            any = true;
+        }
+        ok = any && scene_move(&a->move[m], s, dir, 0, m & 1 ? -1 : 1);
+    }
+    free(dir);
+    if (a) a->step = step;
+    if (ok) *out = a;
+    else apart_free(a);
+    return memory && (ok || !any);
+}
 
 /* Finder.full: the crossings of one move, which say by `edge` whose they are. */
 static void take(void *user, Crossing *c, uint32_t n) {

@@ -16,6 +16,10 @@ typedef struct Apart {
     Moved move[UNTIE_WAYS];
     double step; /* by how much a parameter of size 1 was moved */
 } Apart;
+/* A parameter p is moved by about step * max(0.1, |p|). *out stays NULL where there is nothing to move, or so much that
+ * it would cost more than it tells. False when memory runs out. */
+bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out);
+void apart_free(Apart *a);
 
 /* What a crossing's jump consists of; n = 0: it is all its own event's, as far as one can tell. */
 typedef struct Tie {
