@@ -7,7 +7,9 @@
 
 /* How far parameters are moved: far beyond the rounding of roots, and not as far as the next curve. */
 #define STEP_F64 0x1p-26
-#define STEP_F32 0x1p-12
+#define STEP_F32 0x1p-14
+
+#define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
 static bool ready(Cells *c) {
     if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
@@ -19,10 +21,16 @@ bool cells_tie(Cells *c, uint32_t n) {
     for (uint32_t from = 0; from < n && c->apart; from += UNTIE_MOST) {
         uint32_t most = n - from < UNTIE_MOST ? n - from : UNTIE_MOST, which[UNTIE_MOST];
         Crossing x[UNTIE_MOST];
+        double room[UNTIE_MOST];
         Tie tie[UNTIE_MOST];
         memset(x, 0, sizeof x);
-        for (uint32_t i = 0; i < most; i++) cells_crossing(c, &c->root[c->active[from + i]], &x[i]), which[i] = i;
-        if (!untie(c->untie, c->apart, x, which, most, tie)) return false;
+        for (uint32_t i = 0; i < most; i++) {
+            const Root *r = &c->root[c->active[from + i]];
+            const Piece *p = &c->piece[c->column[r->column].piece];
+            cells_crossing(c, r, &x[i]);
+            which[i] = i, room[i] = p->base < 0 ? HUGE_VAL : ROOM * (p->at[p->base][1] - p->at[p->base][0]);
+        }
+        if (!untie(c->untie, c->apart, x, which, most, room, tie)) return false;
         for (uint32_t i = 0; i < most; i++) {
             Root *r = &c->root[c->active[from + i]];
             if (!tie[i].n || (tie[i].whole && event_same(&tie[i].event[0], &x[i].event))) continue;

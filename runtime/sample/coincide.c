@@ -85,18 +85,53 @@ static void find_ways(Sink *k, const Crossing *c, const uint32_t *which, uint32_
     use(b, b->s);
 }
 
-void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to,
-                    uint32_t all) {
-    Coincide *q = &k->coincide;
-    uint32_t share = (all + COINCIDE_MAX - 1) / COINCIDE_MAX, first = q->n;
-    if (!q->apart) return;
-    for (uint32_t i = (from + share - 1) / share * share; i < to; i += share) {
-        /* At a [SkipLoop] another iteration may decide when the parameters have moved. */
-        const uint8_t *skips = k->b->s->site_skips;
-        if (!keep[i - from] || (skips && skips[c[(uint32_t)order[i]].event.site])) continue;
-        q->which[q->n++] = (uint32_t)order[i];
+/* ---- suspects */
+static uint32_t mix(uint32_t h, uint32_t v) { /* ir_mix, of which keys of events are made */
+    uint32_t x = h * 0x9e3779b1u + v;
+    x = (x ^ x >> 16) * 0x7feb352du;
+    x = (x ^ x >> 15) * 0x846ca68bu;
+    return x ^ x >> 16;
+}
+
+/* Is it the crossing's event alone that makes the two hashes differ? Where hashes are those of the path they tell, for
+ * they are sums of the keys of what has decided; of how many loops the key is made the event does not say. */
+static bool is_alone(const Crossing *c) {
+    uint32_t key = mix(0x9e3779b9u, (uint32_t)c->event.site + 1), differ = c->ha ^ c->hb;
+    double n = floor(c->event.boundary);
+    for (uint32_t d = 0;; d++) {
+        if (key == differ) return true;
+        for (int by = -1; by < 1; by++) { /* an integer that changes to the next */
+            uint32_t below = (uint32_t)(int32_t)fmin(fmax(n + by, -0x1p30), 0x1p30);
+            if ((mix(key, below) ^ mix(key, below + 1)) == differ) return true;
+        }
+        if (d == SLT_MAX_K) return false;
+        key = mix(key, (uint32_t)c->event.k[d]);
     }
-    if (q->n > first) find_ways(k, c, q->which + first, q->n - first, q->way + first);
+}
+
+/* Moves those of order[0 .. n) that are kept and may be not alone to list; how many. */
+static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t n,
+                              uint32_t *list) {
+    const uint8_t *skips = k->b->s->site_skips; /* another iteration may decide when the parameters have moved */
+    uint32_t suspects = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        if (keep[i] && !(skips && skips[x->event.site]) && !is_alone(x)) list[suspects++] = i;
+    }
+    return suspects;
+}
+
+/* Chooses among the suspects, which are ordered by site, and finds their ways. */
+static void choose(Sink *k, const Crossing *c, const uint64_t *order, const uint32_t *suspect, uint32_t n) {
+    Coincide *q = &k->coincide;
+    uint32_t share = (n + COINCIDE_MAX - 1) / COINCIDE_MAX;
+    q->n = 0;
+    for (uint32_t i = 0; i < n; i += share) q->which[q->n++] = (uint32_t)order[suspect[i]];
+    for (uint32_t from = 0, to; from < q->n; from = to) {
+        int32_t site = k->b->args.site = c[q->which[from]].event.site;
+        for (to = from + 1; to < q->n && c[q->which[to]].event.site == site;) to++;
+        find_ways(k, c, q->which + from, to - from, q->way + from);
+    }
 }
 
 /* Are the regions of lanes 2 i and 2 i + 1 those on the two sides of the crossing? */
@@ -250,44 +285,41 @@ static uint32_t weigh_parts(Sink *k, Crossing *c, uint32_t n) {
     return kept;
 }
 
-static void untie_some(Sink *k, const Crossing *c, const uint32_t *which, bool *const *keep, uint32_t n,
-                       double typical) {
+static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, const uint32_t *suspect,
+                       uint32_t n, double typical) {
     Coincide *q = &k->coincide;
     Tie tie[UNTIE_MOST];
-    k->failed |= !untie(q->untie, q->apart, c, which, n, tie);
+    uint32_t which[UNTIE_MOST];
+    for (uint32_t i = 0; i < n; i++) which[i] = (uint32_t)order[suspect[i]];
+    k->failed |= !untie(q->untie, q->apart, c, which, n, NULL, tie);
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[which[i]];
         if (!tie[i].n || (tie[i].whole && event_same(&tie[i].event[0], &x->event))) continue;
         if (tie[i].kink && elsewhere(k, x, typical)) k->f->dropped[SLT_DROP_COINCIDENT]++;
         else tie[i].kink = false;
-        *keep[i] = false;
+        keep[suspect[i]] = false;
         add_parts(q, x, &tie[i], k->b->s->channels);
     }
 }
 
 void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
     Coincide *q = &k->coincide;
+    uint32_t suspect[BATCH], suspects = q->apart ? find_suspects(k, c, order, keep, n, suspect) : 0;
     bool apart[COINCIDE_MAX], any = false;
     double typical = 0;
     q->nparts = q->nhalves = 0;
+    if (!suspects) return;
+    choose(k, c, order, suspect, suspects);
     for (uint32_t i = 0; i < q->n; i++) typical = fmax(typical, farthest(q->way[i])); /* fmax passes over NAN */
-    if (q->n) tear(k, c, q->which, q->n, q->way, typical, apart);
+    tear(k, c, q->which, q->n, q->way, typical, apart);
     for (uint32_t i = 0; i < q->n; i++) any |= apart[i];
-    q->n = 0;
     if (!any) return;
     if (!room(k)) {
         k->failed = true;
         return;
     }
-    const uint8_t *skips = k->b->s->site_skips;
-    for (uint32_t i = 0; i < n;) {
-        uint32_t which[UNTIE_MOST], m = 0;
-        bool *kept[UNTIE_MOST];
-        for (; i < n && m < UNTIE_MOST; i++) {
-            if (!keep[i] || (skips && skips[c[(uint32_t)order[i]].event.site])) continue;
-            which[m] = (uint32_t)order[i], kept[m++] = &keep[i];
-        }
-        if (m) untie_some(k, c, which, kept, m, typical);
-    }
+    for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
+        untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST,
+                   typical);
     q->nparts = weigh_parts(k, q->part, q->nparts), q->nhalves = weigh_parts(k, q->half, q->nhalves);
 }

@@ -23,13 +23,10 @@ void coincide_end(Run *r);
 /* The step where roots are known to this part of the domain. */
 double coincide_step(double bracket);
 void coincide_free(Coincide *q);
-/* Chooses among crossings order[from..to) of a batch of `all`: they are of one site and have their gradients; those
- * with keep[] false are passed over. */
-void coincide_group(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t from, uint32_t to,
-                    uint32_t all);
-/* When all groups of a batch of n have been given: asks the chosen crossings. If something has come apart at one of
- * them, every crossing that is kept is untied: those that are not their own event's alone are kept no longer, their
- * parts are, as crossings with weights. Counts SLT_DROP_COINCIDENT. keep[i] is of order[i]. */
+/* After all n of a batch have their weights: asks some of those at which other events decide differently too. If
+ * something has come apart at one of them, all of these are untied: those that are not their own event's alone are kept
+ * no longer, their parts are, as crossings with weights. Counts SLT_DROP_COINCIDENT. keep[i] is of order[i], which goes
+ * by site. */
 void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n);
 
 #endif

@@ -292,7 +292,6 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
     for (uint32_t from = 0, to; from < n; from = to) {
         to = group_end(k, c, from, n);
         sink_weigh(k, c, k->order + from, to - from, keep + from);
-        coincide_group(k, c, k->order, keep + from, from, to, n);
         for (uint32_t i = from; i < to && k->follow; i++) {
             const Crossing *x = &c[(uint32_t)k->order[i]];
             if (keep[i] && x->edge) follow_note(k->follow, x);

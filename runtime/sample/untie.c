@@ -250,7 +250,8 @@ static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
     t->whole = t->n == 1, t->kink = apart > SAME * size;
 }
 
-bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, Tie *tie) {
+bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, const double *room,
+           Tie *tie) {
     Batch *b = u->b;
     const SltCullList *lists = b->args.cull; /* good where nothing has moved */
     bool done[UNTIE_MOST];
@@ -274,13 +275,17 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
             use(b, &apart->move[u->move].scene);
             search(u, c, which, n, done, reach);
         }
-        for (uint32_t i = 0; i < n; i++) reach[i] *= AROUND;
+        for (uint32_t i = 0; i < n; i++) {
+            bool whole = true;
+            for (uint32_t m = 0; m < UNTIE_WAYS; m++) whole &= u->order[i][m].whole;
+            if (!whole) reach[i] *= AROUND;
+        }
     }
     use(b, b->s);
     b->args.cull = lists;
     for (uint32_t i = 0; i < n; i++) {
         combine(u->order[i], b->s->channels, &tie[i]);
-        if (done[i]) tie[i].n = 0;
+        if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0;
     }
     return !u->finder.failed;
 }

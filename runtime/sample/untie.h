@@ -36,7 +36,9 @@ typedef struct Untie Untie;
 Untie *untie_new(Batch *b);
 void untie_free(Untie *u);
 /* The ties of crossings which[0 .. n) of c, n <= UNTIE_MOST, which have event, place, g and its gradient, jump and
- * hashes; of each, `rising` says whether its jump is towards growing g. False when memory runs out. */
-bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, Tie *tie);
+ * hashes; of each, `rising` says whether its jump is towards growing g. room[i]: farther than this other boundaries
+ * may be near, which look like a kink; NULL: anything goes. False when memory runs out. */
+bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, const double *room,
+           Tie *tie);
 
 #endif
