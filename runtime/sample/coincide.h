@@ -5,13 +5,10 @@
 
 #include "runtime/sample/untie.h"
 
-enum { COINCIDE_MAX = 8 }; /* crossings asked, of one batch */
 typedef struct Coincide {
-    const Apart *apart;                     /* scenes with moved parameters; NULL: nothing is looked for */
-    uint32_t n, which[COINCIDE_MAX];        /* crossings to ask */
-    double way[COINCIDE_MAX][UNTIE_WAYS];   /* how far each one's boundary goes with each move, along its segment */
-    Untie *untie;                           /* NULL: not needed so far */
-    Crossing *part, *half;                  /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
+    const Apart *apart;    /* scenes with moved parameters; NULL: nothing is looked for */
+    Untie *untie;          /* NULL: not needed so far */
+    Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
     uint32_t nparts, nhalves;
 } Coincide;
 typedef struct Run Run;

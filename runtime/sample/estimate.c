@@ -286,7 +286,8 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
         k.missed = alloc_zero(k.n * k.size, sizeof(double));
         k.half = alloc_zero(k.size, sizeof(double));
-        if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half) st = status_fail(err, SLT_LIMIT, "out of memory");
+        if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
+            st = status_fail(err, SLT_LIMIT, "out of memory");
     }
     for (uint32_t i = 0; i < k.n && st == SLT_OK; i++) {
         double t = pool_now(), step = 1.0 / k.n;

@@ -15,8 +15,8 @@
 
 enum {
     MOST_FLOATS = 1 << 16, /* a program with more parameters is not asked */
-    AROUND = 4, /* a search reaches so many times as far as the crossing's own boundary moves, */
-    TRIES = 3   /* and again as many times farther where others have gone farther */
+    AROUND = 4,            /* a search reaches so many times as far as the crossing's own boundary moves, */
+    TRIES = 3              /* and again as many times farther where others have gone farther */
 };
 #define LEAST 0.25     /* of a step: the shortest reach, in parts of the domain */
 #define SURE 0x1p-4    /* the way of a boundary is known to this part of it */
@@ -197,8 +197,7 @@ static void search(Untie *u, const Crossing *c, const uint32_t *which, uint32_t 
     for (uint32_t k = 0; k < lanes; k++) {
         const Crossing *x = &c[which[lane[k]]];
         Mark from = batch_mark(b, 2 * k), to = batch_mark(b, 2 * k + 1);
-        Segment s = {
-            .base = 1, .stream = x->stream, .rand0 = x->rand0, .axis = -1, .edge = 1 + lane[k]};
+        Segment s = {.base = 1, .stream = x->stream, .rand0 = x->rand0, .axis = -1, .edge = 1 + lane[k]};
         u->order[lane[k]][u->move].n = 0;
         beside(b, x, -reach[lane[k]], s.a), beside(b, x, reach[lane[k]], s.b);
         if (from.hash != to.hash) finder_add(&u->finder, &s, from, to, HUGE_VAL);
