@@ -54,7 +54,8 @@ void cells_free(Cells *c) {
     if (!c) return;
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
-    free(c->spot), free(c->smooth), free(c->sides), free(c->trial);
+    free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
+    untie_free(c->untie), apart_free(c->apart);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);

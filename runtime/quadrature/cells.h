@@ -82,6 +82,7 @@ typedef struct CellOptions {
 typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
+    uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative */
     bool spent;                    /* the budget was */
     bool loose;                    /* roots ended where CellOptions.slack lets them */
     /* Where f jumps at seams that tagged decisions hang on, which nothing integrates: measure of the cells, which count

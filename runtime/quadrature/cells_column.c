@@ -121,9 +121,28 @@ static void find_twins(Cells *c, const Column *k) {
         }
 }
 
+/* Those wanted on which other curves lie, and whose sides differ: whose the jump is. */
+static bool tie_roots(Cells *c) {
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        const Root *r = &c->root[i];
+        if (!r->wanted || !r->twin || cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1]) continue;
+        c->active[n++] = i;
+    }
+    return !n || cells_tie(c, n);
+}
+
+/* Whose it is, the middle of a piece tells for all of it; how much, only where f is flat. */
+static bool tie_columns(Cells *c) {
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++)
+        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole) c->active[n++] = i;
+    return !n || cells_tie(c, n);
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
-    c->ncolumn = c->nroot = c->nsides = 0;
+    c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
         const Piece *p = &c->piece[i];
         double x[3] = {0};
@@ -141,13 +160,13 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
                     (is_site(c, &c->piece[c->column[r->column].piece], r->edge) || cells_upsets(c, r->of->event.site));
     }
-    if (!cells_take_sides(c)) return false;
+    if (!cells_take_sides(c) || !tie_roots(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Root *r = &c->root[i];
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
-        e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides;
+        e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
         memcpy(e->dg, r->dg, sizeof e->dg);
         e->upset = r->wanted && cells_is_upset(c, r);
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
@@ -164,7 +183,7 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
         Root *r = &c->root[c->nroot - 1];
-        r->twin = edge->twin, r->wanted = edge->open;
+        r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         if (c->o->flat || along == 0) r->sides = edge->sides;
         /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
         bool asked = r->wanted && !r->sides;
@@ -252,20 +271,30 @@ static bool solve_columns(Cells *c, const uint32_t *first, uint32_t pieces) {
     return cells_solve(c);
 }
 
-static void emit_crossing(Cells *c, const Root *r) {
-    const Column *k = &c->column[r->column];
+void cells_crossing(const Cells *c, const Root *r, Crossing *x) {
     const Sides *s = cells_sides(c, r);
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
-    if (c->ncrossing[k->rule] == BATCH) flush_crossings(c, (CellRule)k->rule);
-    Crossing *x = &c->crossing[k->rule][c->ncrossing[k->rule]++];
     x->event = r->of->event;
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
     x->g = r->g;
-    x->weight = k->weight / fabs(r->dg[r->axis]);
     for (uint32_t ch = 0; ch < c->s->channels; ch++)
         x->before[ch] = s->f[below][ch], x->jump[ch] = s->f[!below][ch] - s->f[below][ch];
     x->ha = s->hash[below], x->hb = s->hash[!below];
-    x->axis = r->axis, x->rising = 1, x->cls = k->rule;
+    x->axis = r->axis, x->rising = 1;
+}
+
+Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
+    if (c->ncrossing[rule] == BATCH) flush_crossings(c, (CellRule)rule);
+    Crossing *x = &c->crossing[rule][c->ncrossing[rule]++];
+    x->cls = rule;
+    return x;
+}
+
+static void emit_crossing(Cells *c, const Root *r) {
+    const Column *k = &c->column[r->column];
+    Crossing *x = cells_add_crossing(c, k->rule);
+    cells_crossing(c, r, x);
+    x->weight = k->weight / fabs(r->dg[r->axis]);
 }
 
 /* ---- is a piece short enough? */
@@ -377,15 +406,20 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
             if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c)) return false;
+    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c) || !tie_columns(c)) return false;
     if (c->o->volume && !cells_add_columns_of_points(c)) return false;
     return !values || !c->nspot || cells_take_values(c);
 }
 
 void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+    bool tied = false;
     for (const Column *k = from; k < to; k++)
-        for (uint32_t r = 0; r < k->nroots; r++)
-            if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+        for (uint32_t r = 0; r < k->nroots; r++) {
+            const Root *root = &c->root[k->first + r];
+            tied |= root->tie && root->wanted;
+            if (root->wanted && !root->tie) emit_crossing(c, root);
+        }
+    if (tied && !cells_emit_tied(c, from, to)) c->failed = true;
 }
 
 /* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */

@@ -8,6 +8,7 @@
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_tied.c    curves that lie on each other: whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
@@ -21,6 +22,7 @@
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
 #include "runtime/quadrature/lists.h"
+#include "runtime/sample/untie.h"
 
 /* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -100,7 +102,7 @@ typedef struct Cell {
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
-    uint32_t sides;          /* as in Root, there */
+    uint32_t sides, tie;     /* as in Root, there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
     bool upset;              /* a seam, where f jumps */
 } PieceEdge;
@@ -158,6 +160,7 @@ typedef struct Root {
     bool wanted, twin;  /* f on the two sides is; another event has its root here too */
     bool solved, waits; /* waits: for a better guess */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
+    uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
 
 /* A point of the volume, before it is known whether its part is small enough. */
@@ -243,6 +246,10 @@ struct Cells {
     uint32_t nask, ask_cap;
     uint32_t *active; /* roots that are still worked on */
     uint32_t active_cap;
+    Tie *tie;
+    uint32_t ntie, tie_cap;
+    Apart *apart; /* cells_tied.c: made when first needed */
+    Untie *untie;
     struct Trial *trial; /* cells_given.c */
     uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
@@ -311,7 +318,6 @@ bool cells_choose_axes(const Cells *c, Cell *cell);
 /* ---- cells_given.c */
 /* Of those that are not done and need not be refined: edges for the ways in which others decide. */
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
-bool cells_same_event(const Event *e, const Event *f);
 /* Can no point lie on the curves of both, because they need another event to decide differently? */
 bool cells_contradict(const CellEdge *e, const CellEdge *f);
 /* At the roots of columns: drops curves from pieces on which what they have given does not hold. */
@@ -356,6 +362,16 @@ bool cells_integrate(Cells *c); /* over all pieces */
 bool cells_evaluate(Cells *c, uint32_t first, bool values);
 void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
+/* An empty crossing of a rule, which is to be handed over. */
+Crossing *cells_add_crossing(Cells *c, uint8_t rule);
+/* The crossing that a root with known sides is. */
+void cells_crossing(const Cells *c, const Root *r, Crossing *x);
+
+/* ---- cells_tied.c */
+/* Sets the ties of roots active[0 .. n), on which other curves lie. */
+bool cells_tie(Cells *c, uint32_t n);
+/* The crossings of the tied roots among those that are wanted. */
+bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */

@@ -19,7 +19,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     if (!CELLS_ROOM(c, root, 1)) return NULL;
     Root *r = &c->root[c->nroot++];
     r->ends[0] = r->ends[1] = r->wanted = r->twin = r->solved = r->waits = false; /* its other members come later */
-    r->column = r->sides = 0, r->edge = 0;
+    r->column = r->sides = r->tie = 0, r->edge = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
