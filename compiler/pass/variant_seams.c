@@ -7,7 +7,7 @@
  * other kernel knows seams.
  *
  * `edge` has code for each of them, at worst the whole program: above EDGES of them, or COST operations, bends stay
- * what they are, then jumps too. Where rays are searched nothing is bounded, so there are none. */
+ * what they are, then jumps too. */
 #include "compiler/pass/depend.h"
 #include "compiler/pass/slice.h"
 #include "compiler/pass/variant_bounds.h"
@@ -206,19 +206,9 @@ static bool decides_integers(const Program *p) {
     return false;
 }
 
-static bool searches(const Block *b) {
-    for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_query) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (searches(i->region[r])) return true;
-    }
-    return false;
-}
-
 Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     Fn *fn = variant_clone(ctx, primal, "seams", true);
     opt_dce(ctx, fn);
-    if (searches(fn->body)) return fn;
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     Seams s = {.fn = fn, .arena = scratch, .events = 1};
