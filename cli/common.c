@@ -156,7 +156,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (c->params_file) {
         uint8_t *bytes;
         size_t size;
-        if (file_read_all(c->params_file, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
+        if (file_read_all(c->params_file, &file_text, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
         status = slt_set_params_json(p, (const char *)bytes, c->params_file, &err);
         free(bytes);
         if (status != SLT_OK) return cli_fail(c, &err);

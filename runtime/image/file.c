@@ -15,7 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { READ_LIMIT = INT_MAX };
+enum { HOLE_LIMIT = 64 << 20 }; /* bytes of a file that may be holes */
 
 bool image_bytes_reserve(Bytes *b, size_t capacity) {
     if (b->failed) return false;
@@ -68,55 +68,83 @@ void image_bytes_free(Bytes *b) {
     *b = (Bytes){0};
 }
 
-SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltError *err) {
+/* What a path names that is no file of bytes; NULL for a regular file. */
+static const char *describe_kind(mode_t mode) {
+    return S_ISREG(mode)    ? NULL
+           : S_ISDIR(mode)  ? "it is a folder"
+           : S_ISFIFO(mode) ? "it is a pipe, and a file is wanted"
+           : S_ISSOCK(mode) ? "it is a socket, and a file is wanted"
+                            : "it is a device, and a file is wanted";
+}
+
+/* 0, or an errno value; *got: how much there was. */
+static int read_fully(int fd, uint8_t *to, size_t size, size_t *got) {
+    *got = 0;
+    while (*got < size) {
+        ssize_t n = read(fd, to + *got, size - *got);
+        if (n == 0) break;
+        if (n > 0) *got += (size_t)n;
+        else if (errno != EINTR) return errno;
+    }
+    return 0;
+}
+
+int file_open_regular(const char *path, size_t *size, const char **why) {
+    struct stat st;
+    /* The other end of a pipe may never come: to open it must not wait either. */
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    *why = NULL;
+    if (fd < 0 || fstat(fd, &st) != 0) {
+        *why = errno == ENXIO ? describe_kind(S_IFSOCK) : strerror(errno);
+    } else {
+        *why = describe_kind(st.st_mode);
+        double stored = 512.0 * (double)st.st_blocks;
+        if (!*why && (double)st.st_size - stored > HOLE_LIMIT)
+            *why = "it is sparse: most of the bytes that it claims are not there";
+        *size = *why ? 0 : (size_t)st.st_size;
+    }
+    if (!*why) return fd;
+    if (fd >= 0) close(fd);
+    return -1;
+}
+
+const FileKind file_binary = {.limit = INT_MAX};
+const FileKind file_text = {.limit = 64 << 20};
+
+SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes, size_t *size, SltError *err) {
+    size_t claimed = 0;
+    const char *why;
     *bytes = NULL;
     *size = 0;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0) return status_fail_errno(err, SLT_INPUT, errno, "cannot open '%s'", path);
-    struct stat st;
-    if (fstat(fd, &st) != 0) {
-        int code = errno;
+    int fd = file_open_regular(path, &claimed, &why);
+    if (fd < 0) return status_fail(err, SLT_INPUT, "cannot read '%s': %s", path, why);
+    if (claimed > kind->limit) {
         close(fd);
-        return status_fail_errno(err, SLT_INPUT, code, "cannot read '%s'", path);
+        return status_fail(err, SLT_LIMIT, "cannot read '%s': larger than %zu MiB", path, (kind->limit >> 20) + 1);
     }
-    if (S_ISDIR(st.st_mode)) {
-        close(fd);
-        return status_fail(err, SLT_INPUT, "cannot read '%s': it is a folder", path);
-    }
-    if (S_ISREG(st.st_mode) && st.st_size > READ_LIMIT) {
-        close(fd);
-        return status_fail(err, SLT_LIMIT, "cannot read '%s': larger than 2 GiB", path);
-    }
-    Bytes b = {0};
+    uint8_t head[sizeof kind->magic], *data = NULL;
+    size_t known = strlen(kind->magic), got = 0;
+    int code = read_fully(fd, head, known, &got);
     SltStatus status = SLT_OK;
-    image_bytes_reserve(&b, S_ISREG(st.st_mode) ? (size_t)st.st_size + 1 : 65536);
-    for (;;) {
-        if (!image_bytes_reserve(&b, b.size + 1 < b.capacity ? b.capacity : b.size + 65536)) {
-            status = status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", path);
-            break;
-        }
-        size_t want = b.capacity - b.size - 1;
-        ssize_t got = read(fd, b.data + b.size, want);
-        if (got < 0 && errno == EINTR) continue;
-        if (got < 0) {
-            status = status_fail_errno(err, SLT_INPUT, errno, "cannot read '%s'", path);
-            break;
-        }
-        if (got == 0) break;
-        b.size += (size_t)got;
-        if (b.size > READ_LIMIT) { /* a pipe or a device has no size to check beforehand */
-            status = status_fail(err, SLT_LIMIT, "cannot read '%s': larger than 2 GiB", path);
-            break;
-        }
+    if (code) {
+        status = status_fail_errno(err, SLT_INPUT, code, "cannot read '%s'", path);
+    } else if (got < known || memcmp(head, kind->magic, known) != 0) {
+        status = status_fail(err, SLT_INPUT, "cannot read '%s': it is not %s", path, kind->name);
+    } else if (!(data = malloc(claimed + 1))) {
+        status = status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", path);
+    } else {
+        memcpy(data, head, known);
+        code = read_fully(fd, data + known, claimed - known, &got); /* what is added meanwhile is not read */
+        if (code) status = status_fail_errno(err, SLT_INPUT, code, "cannot read '%s'", path);
     }
     close(fd);
     if (status != SLT_OK) {
-        image_bytes_free(&b);
+        free(data);
         return status;
     }
-    b.data[b.size] = 0;
-    *bytes = b.data;
-    *size = b.size;
+    data[known + got] = 0;
+    *bytes = data;
+    *size = known + got;
     return SLT_OK;
 }
 

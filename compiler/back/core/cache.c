@@ -72,7 +72,7 @@ static bool write_all(int fd, const void *from, size_t n) {
 }
 
 unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size) {
-    int fd = open(entry_path(arena, folder, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    int fd = open(entry_path(arena, folder, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     if (fd < 0) return NULL;
     EntryHead h;
     struct stat st;
