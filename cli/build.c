@@ -143,6 +143,17 @@ static char *make_header(const SltProgram *p, const char *stem) {
     return text;
 }
 
+/* A header that is there and does not say that it was made here. */
+static bool is_foreign(const char *path) {
+    char head[512] = {0};
+    FILE *f = fopen(path, "rb");
+    if (!f) return false;
+    size_t n = fread(head, 1, sizeof head - 1, f);
+    fclose(f);
+    head[n] = 0;
+    return !strstr(head, "made by saltus");
+}
+
 static int build(Cli *c, SltProgram *p) {
     if (!c->output) return cli_usage(c, "build wants -o out.o, .s, .ll, .so or .h");
     char kind = kind_of(c->output), stem[128];
@@ -169,7 +180,13 @@ static int build(Cli *c, SltProgram *p) {
     if (!header_path) return free(header), SLT_LIMIT;
     strcpy(header_path, c->output);
     strcpy(strrchr(header_path, '.'), ".h");
-    if (kind != 'h') {
+    unsigned char *code = NULL;
+    size_t size = 0;
+    if (kind != 'h' && is_foreign(header_path)) {
+        status = status_fail(&err, SLT_OUTPUT,
+                             "'%s' would be overwritten by the header, and was not made by saltus: choose another name",
+                             header_path);
+    } else if (kind != 'h') {
         KernelRequest req[K_KINDS];
         uint32_t n = 0;
         for (int k = 0; k < K_KINDS; k++)
@@ -181,10 +198,15 @@ static int build(Cli *c, SltProgram *p) {
                           .opt_level = 2,
                           .output_rgba8 = c->opt.rgba8};
         const char *why = NULL;
-        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, c->output, &why);
+        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, &code, &size, &why);
         if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");
     }
+    FileGroup outputs;
+    file_group_begin(&outputs);
+    if (status == SLT_OK && code) status = file_write_atomic(c->output, code, size, &err);
     if (status == SLT_OK) status = file_write_atomic(header_path, header, strlen(header), &err);
+    status = file_group_end(&outputs, status, &err);
+    free(code);
     if (status == SLT_OK && c->json) {
         fputs("{\"outputs\": [", stdout);
         json_text(stdout, c->output);

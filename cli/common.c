@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
@@ -124,6 +125,25 @@ static void on_print(void *user, const char *line, const double *values, uint32_
     fwrite(text, 1, (size_t)length, stderr);
 }
 
+static bool is_same_file(const char *a, const char *b) {
+    struct stat x, y;
+    return a && b && !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+/* An output that is a source or the scene is a slip of the hand. */
+static int refuse_sources(const Cli *c, const SltProgram *p) {
+    const char *const outputs[] = {c->output, c->checkpoint, c->cells};
+    for (size_t k = 0; k < sizeof outputs / sizeof *outputs; k++) {
+        bool same = is_same_file(outputs[k], c->scene);
+        for (uint32_t i = 0; i < p->session->nsources; i++)
+            same |= is_same_file(outputs[k], p->session->sources[i].path);
+        if (!same) continue;
+        fprintf(stderr, "saltus: '%s' is a source of this run, and would be overwritten\n", outputs[k]);
+        return SLT_OUTPUT;
+    }
+    return SLT_OK;
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
@@ -152,6 +172,8 @@ int cli_compile(Cli *c, SltProgram **out) {
         return status;
     }
     SltError err = {0};
+    status = (SltStatus)refuse_sources(c, p);
+    if (status != SLT_OK) return status;
     slt_set_print(p, on_print, NULL, NULL);
     if (c->params_file) {
         uint8_t *bytes;

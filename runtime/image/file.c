@@ -1,4 +1,4 @@
-/* Whole files in and out. */
+/* Growing byte buffers, and whole files in. */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE
 #endif
@@ -12,7 +12,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 enum { HOLE_LIMIT = 64 << 20 }; /* bytes of a file that may be holes */
@@ -146,92 +145,6 @@ SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes,
     *bytes = data;
     *size = known + got;
     return SLT_OK;
-}
-
-/* 0, or an errno value */
-static int write_fully(int fd, const uint8_t *p, size_t size) {
-    while (size > 0) {
-        ssize_t n = write(fd, p, size < (1u << 30) ? size : (1u << 30));
-        if (n < 0 && errno == EINTR) continue;
-        if (n < 0) return errno;
-        if (n == 0) return EIO;
-        p += n;
-        size -= (size_t)n;
-    }
-    return 0;
-}
-
-static int sync_file(int fd) {
-    while (fsync(fd) != 0) {
-        if (errno == EINVAL || errno == EROFS || errno == ENOTSUP) return 0; /* this file system has nothing to sync */
-        if (errno != EINTR) return errno;
-    }
-    return 0;
-}
-
-static SltStatus write_special(const char *path, const void *data, size_t size, SltError *err) {
-    int fd = open(path, O_WRONLY | O_CLOEXEC);
-    int code = fd < 0 ? errno : write_fully(fd, data, size);
-    if (fd >= 0 && close(fd) != 0 && !code) code = errno;
-    return code ? status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", path) : SLT_OK;
-}
-
-/* A file beside the target that no other process has; its mode follows the umask, which mkstemp's
- * does not. */
-static int open_temporary(const char *target, char **name) {
-    size_t room = strlen(target) + 40;
-    *name = malloc(room);
-    if (!*name) {
-        errno = ENOMEM;
-        return -1;
-    }
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    uint64_t salt = (uint64_t)now.tv_nsec ^ ((uint64_t)getpid() << 32) ^ (uint64_t)(uintptr_t)*name;
-    for (int attempt = 0; attempt < 100; attempt++) {
-        salt = salt * 6364136223846793005u + 1442695040888963407u;
-        snprintf(*name, room, "%s.%08x.tmp", target, (unsigned)(salt >> 32));
-        int fd = open(*name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (fd >= 0 || errno != EEXIST) return fd;
-    }
-    return -1;
-}
-
-static void sync_folder_of(const char *target) {
-    char *folder = strdup(target);
-    if (!folder) return;
-    char *slash = strrchr(folder, '/');
-    if (slash == folder) slash[1] = 0;
-    else if (slash) *slash = 0;
-    int fd = open(slash ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (fd >= 0) {
-        sync_file(fd); /* the file is already whole; a folder that cannot be synced is no reason to
-                          fail */
-        close(fd);
-    }
-    free(folder);
-}
-
-SltStatus file_write_atomic(const char *path, const void *data, size_t size, SltError *err) {
-    struct stat st;
-    bool exists = stat(path, &st) == 0;
-    if (exists && S_ISDIR(st.st_mode)) return status_fail(err, SLT_OUTPUT, "cannot write '%s': it is a folder", path);
-    if (exists && !S_ISREG(st.st_mode)) return write_special(path, data, size, err);
-    char *real = exists ? realpath(path, NULL) : NULL; /* replace what a link points to, not the link */
-    const char *target = real ? real : path;
-    char *temporary = NULL;
-    int fd = open_temporary(target, &temporary);
-    int code = fd < 0 ? errno : 0;
-    if (!code && exists && fchmod(fd, st.st_mode & 07777) != 0) code = 0; /* some file systems have no modes */
-    if (!code) code = write_fully(fd, data, size);
-    if (!code) code = sync_file(fd);
-    if (fd >= 0 && close(fd) != 0 && !code) code = errno;
-    if (!code && rename(temporary, target) != 0) code = errno;
-    if (code && fd >= 0) unlink(temporary);
-    if (!code) sync_folder_of(target);
-    free(temporary);
-    free(real);
-    return code ? status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", path) : SLT_OK;
 }
 
 SltStatus image_bytes_save(Bytes *b, const char *path, SltStatus filled, SltError *err) {
