@@ -144,6 +144,21 @@ static int refuse_sources(const Cli *c, const SltProgram *p) {
     return SLT_OK;
 }
 
+/* NaN and infinities are values like others; whoever meant something else should hear of it. */
+static void warn_not_finite(const Cli *c, const SltProgram *p) {
+    for (uint32_t i = 0; i < slt_param_count(p) && !c->quiet; i++) {
+        SltParam q = SLT_PARAM_INIT;
+        slt_param(p, i, &q);
+        if (q.is_texture) continue;
+        const double *v = slt_floats(p) + q.fbase;
+        for (uint32_t k = 0; k < q.fcount; k++) {
+            if (isfinite(v[k])) continue;
+            fprintf(stderr, "saltus: warning: parameter `%s` is %s\n", q.name, isnan(v[k]) ? "nan" : "infinite");
+            break;
+        }
+    }
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
@@ -185,6 +200,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     }
     for (uint32_t i = 0; i < c->nparams; i++)
         if (slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK) return cli_fail(c, &err);
+    warn_not_finite(c, p);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
     return SLT_OK;
 }
