@@ -16,11 +16,14 @@ enum {
     LINES = 12,  /* an axis */
     SETS = 3,    /* of parameters */
     HALVINGS = 40,
-    EACH = 24,  /* changes of a decision that are looked at, of each set of parameters, at most */
-    FEWEST = 3, /* and in all, at least */
+    EACH = 24,   /* changes of a decision that are looked at, of each set of parameters, at most */
+    FEWEST = 3,  /* and in all, at least */
+    NEARER = 14, /* steps of the search for a place where one that never changed does */
     FUEL = 1 << 19
 };
 #define NOTHING 1e-5 /* of the largest |f|: a difference after all halvings that is none */
+#define TOUCHES 1e-6 /* part of |g| that is left where it tends to 0 */
+#define SHRINK 0.25  /* of the box that is searched, in a step */
 #define AWAY 0.25    /* by which parameters differ from their values, of max(0.1, |p|) */
 
 typedef struct Change {
@@ -37,6 +40,8 @@ typedef struct Probe {
     uint32_t *which;          /* by id: decision + 1 */
     uint32_t *seen;           /* [n][LANES]: a hash of all that the decision was */
     uint32_t *tested, *jumps; /* [n] */
+    double *near;             /* [n][LANES]: the least |g| of its comparisons */
+    double (*nearest)[4];     /* [n]: the least on the lines, and where */
     Change change[LANES];
     uint32_t nchanges, *found; /* found: [n] with these parameters */
     double *params;            /* [nfloats] */
@@ -57,13 +62,16 @@ static void watch(void *user, const Inst *i, const void *const *slot, const uint
     uint32_t at = p->which[i->id];
     if (!at) return;
     bool sign = by_argument(i);
-    const void *v = slot[sign ? p->list[at - 1]->g0->id : i->id];
+    const Untracked *t = p->list[at - 1];
+    const double *a = t->g1 ? slot[t->g0->id] : NULL, *b = t->g1 ? slot[t->g1->id] : NULL;
+    const void *v = slot[sign ? t->g0->id : i->id];
     for (uint32_t l = 0; l < LANES; l++) {
         if (!on[l]) continue;
         uint32_t value;
         if (sign) value = ((const double *)v)[l] < 0;
         else if (i->type == TY_FLT) value = (uint32_t)(int32_t)fmin(fmax(((const double *)v)[l], -1e9), 1e9);
         else value = ((const uint32_t *)v)[l];
+        if (b) p->near[(at - 1) * LANES + l] = fmin(p->near[(at - 1) * LANES + l], fabs(a[l] - b[l]));
         uint32_t *h = &p->seen[(at - 1) * LANES + l];
         *h = ir_mix(*h, value + 1);
     }
@@ -80,6 +88,7 @@ static bool run(Probe *p) {
     a.in[SLT_IN_RAND0] = half;
     for (uint32_t c = 0; c < p->program->channels; c++) a.out[c] = p->f[c];
     memset(p->seen, 0, p->n * LANES * sizeof *p->seen);
+    for (uint32_t i = 0; i < p->n * LANES; i++) p->near[i] = HUGE_VAL;
     int status = ir_interpret_watched(&p->fn, &a, LANES, LANES, &p->fuel, watch, p);
     p->failed |= status != SLT_OK;
     return !p->failed;
@@ -110,6 +119,11 @@ static void look_along(Probe *p, uint32_t axis, uint32_t line) {
         for (uint32_t c = 0; c < p->program->channels; c++)
             if (isfinite(p->f[c][l])) p->largest = fmax(p->largest, fabs(p->f[c][l]));
     for (uint32_t k = 0; k < p->n; k++)
+        for (uint32_t l = 0; l < LANES; l++) {
+            if (!(p->near[k * LANES + l] < p->nearest[k][0])) continue;
+            p->nearest[k][0] = p->near[k * LANES + l], memcpy(p->nearest[k] + 1, x[l], sizeof x[l]);
+        }
+    for (uint32_t k = 0; k < p->n; k++)
         for (uint32_t l = 0; l + 1 < LANES && p->nchanges < LANES; l++) {
             const uint32_t *seen = &p->seen[k * LANES];
             if (l % POINTS == POINTS - 1 || seen[l] == seen[l + 1] || p->found[k] >= EACH / (p->n > 2 ? 2 : 1))
@@ -119,6 +133,38 @@ static void look_along(Probe *p, uint32_t axis, uint32_t line) {
             memcpy(c->a, x[l], sizeof c->a), memcpy(c->b, x[l + 1], sizeof c->b);
             p->found[k]++;
         }
+}
+
+/* One that did not change on the lines: points around where it came nearest to it, ever closer, until some differ.
+ * Where its g tends to 0 and no side is ever the other one it decides on no area, as the guard of a length, and does no
+ * harm. */
+static void look_closer(Probe *p, uint32_t k) {
+    const Program *g = p->program;
+    double *best = p->nearest[k], x[LANES][3], reach = 1.0 / LINES, first = best[0];
+    for (uint32_t step = 0; step < NEARER && best[0] < HUGE_VAL && p->nchanges < LANES; step++, reach *= SHRINK) {
+        uint32_t across = g->dim == 1 ? LANES : g->dim == 2 ? 8 : 4;
+        double centre[3] = {best[1], best[2], best[3]};
+        for (uint32_t l = 0; l < LANES; l++) {
+            for (uint32_t d = 0, at = l; d < 3; d++, at /= across) {
+                double t = reach * ((2.0 * (at % across) + 1) / across - 1), side = g->hi[d] - g->lo[d];
+                x[l][d] = d < g->dim ? fmin(fmax(centre[d] + t * side, g->lo[d]), g->hi[d]) : 0;
+            }
+            if (l == LANES - 1) memcpy(x[l], centre, sizeof centre); /* what the others are compared with */
+            set_point(p, l, x[l]);
+        }
+        if (!run(p)) return;
+        const uint32_t *seen = &p->seen[k * LANES];
+        for (uint32_t l = 0; l + 1 < LANES; l++) {
+            if (p->near[k * LANES + l] < best[0]) best[0] = p->near[k * LANES + l], memcpy(best + 1, x[l], sizeof x[l]);
+            if (seen[l] == seen[LANES - 1] || p->nchanges == LANES || p->found[k] == FEWEST) continue;
+            Change *c = &p->change[p->nchanges++];
+            *c = (Change){.decision = k, .before = seen[LANES - 1]};
+            memcpy(c->a, centre, sizeof c->a), memcpy(c->b, x[l], sizeof c->b);
+            p->found[k]++;
+        }
+        if (p->found[k]) return;
+    }
+    if (best[0] < TOUCHES * first) p->tested[k]++;
 }
 
 /* Bisects all changes at once, and compares f on the two sides of each. */
@@ -174,15 +220,20 @@ void warn_probe(PassCtx *ctx, const Fn *fn, const Untracked **list, uint32_t n, 
     p->seen = ARENA_ARRAY(scratch, uint32_t, (size_t)n *LANES);
     p->tested = ARENA_ARRAY(scratch, uint32_t, n), p->jumps = ARENA_ARRAY(scratch, uint32_t, n);
     p->found = ARENA_ARRAY(scratch, uint32_t, n);
+    p->near = ARENA_ARRAY(scratch, double, (size_t)n *LANES);
+    p->nearest = (double(*)[4])ARENA_ARRAY(scratch, double, (size_t)n * 4);
     p->params = ARENA_ARRAY(scratch, double, ctx->program->nfloats + 1);
     for (uint32_t k = 0; k < n; k++) p->which[list[k]->at->id] = k + 1;
     for (uint32_t set = 0; set < SETS && !p->failed; set++) {
         set_params(p, set);
         p->nchanges = 0;
         memset(p->found, 0, n * sizeof *p->found);
+        for (uint32_t k = 0; k < n; k++) p->nearest[k][0] = HUGE_VAL;
         for (uint32_t d = 0; d < p->program->dim; d++)
             for (uint32_t line = 0; line < (p->program->dim > 1 ? LINES : 4) && !p->failed; line += LANES / POINTS)
                 look_along(p, d, line);
+        for (uint32_t k = 0; k < n && !p->failed; k++)
+            if (!p->found[k]) look_closer(p, k);
         if (!p->failed) judge(p);
     }
     for (uint32_t k = 0; k < n && !p->failed; k++) shows[k] = p->tested[k] < FEWEST || p->jumps[k];

@@ -242,7 +242,6 @@ static bool find(SteepProbe *p, const Steep *steep) {
     qsort(p->step, p->n, sizeof *p->step, by_change);
     p->found = p->n;
     if (p->n > STEEP_STEPS) p->n = STEEP_STEPS;
-    for (uint32_t i = 0; i < p->n; i++) p->step[i].whole = fabs(p->step[i].fb - p->step[i].fa);
     for (uint32_t k = 0; k < FINER && halve(p, STAYS, true);) k++;
     for (uint32_t i = 0; i < p->n; i++) p->step[i].jump |= !p->step[i].done || is_narrow(p, &p->step[i]);
     uint32_t before = p->n;

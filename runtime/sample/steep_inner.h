@@ -11,8 +11,7 @@ enum { STEEP_STEPS = 64 }; /* changes that are kept, at most */
 /* A change of f between two points of a line. */
 typedef struct SteepStep {
     double x[3], a, b, fa, fb;           /* x[axis] is a's; of its channel */
-    double first, whole;                 /* |change| at first, and when it was found to stay together */
-    double excess;                       /* over the smaller of those beside it */
+    double first, excess;                /* |change| between the points of the line; by how much it exceeds the next */
     uint32_t axis, point, channel, hash; /* it lay between this point of its line and the next */
     int32_t stream;                      /* the line */
     bool asked, done;                    /* done: halved further it comes apart */

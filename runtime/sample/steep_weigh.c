@@ -12,7 +12,7 @@
 #include "runtime/sample/steep_inner.h"
 
 enum { PARTS = 2 /* of the lines, whose distance is the error of what they say */, FEW = 32 };
-#define UNSEEN 0.5      /* part of what ramps weigh by which the estimate may be off */
+#define UNSEEN 0.35     /* part of what ramps weigh by which the estimate may be off */
 #define NARROW 0x1p-6   /* in image mode: of a pixel; ramps are that narrow where samples do not show them */
 #define SURE 2.0        /* distances of the two parts */
 
@@ -83,7 +83,7 @@ static void add_ramps(Weights *w) {
     slopes(p, p->n, slope, normal);
     for (uint32_t i = 0; i < p->n; i++) {
         const SteepStep *t = &p->step[i];
-        double width = t->whole / fabs(slope[i]);
+        double width = t->first / fabs(slope[i]);
         bool known = !t->jump && slope[i] != 0 && isfinite(width);
         weight[i] = known ? share * section(p, t->axis) * normal[i] * width : 0;
         line[i] = (uint32_t)t->stream;
