@@ -153,7 +153,7 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
     }
     LeftCell *l = &v->left[v->nleft++];
     const double *known = v->within ? v->within->bounds : NULL;
-    l->box = *cell, l->halvings = 0, l->stands = l->asked = 1;
+    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1;
     for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
@@ -337,7 +337,7 @@ static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     v->w->finder.lost = NULL;
-    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from))) return false;
+    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;
     accum_close(&v->w->acc);
@@ -387,6 +387,29 @@ static void plan_left(Sweep *p, uint64_t used) {
         l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
         while (sum >= at) at += 1;
     }
+}
+
+/* Would curves through what is left cost too much? How many evaluations a cell takes hangs on how loose bounds are
+ * there, and how many curves it holds: a few cells tell, all over the list. */
+static bool march_is_dear(Sweep *p, uint64_t used) {
+    SweepWorker *v = &p->worker[0];
+    LeftCell cell[LEFT_CHUNK];
+    Box hull = p->left[0].box;
+    uint32_t n = p->nleft < LEFT_CHUNK ? (uint32_t)p->nleft : LEFT_CHUNK;
+    for (uint32_t i = 0; i < n; i++) {
+        cell[i] = p->left[(2 * i + 1) * p->nleft / (2 * n)];
+        for (uint32_t d = 0; d < p->run->s->dim; d++) {
+            hull.lo[d] = fmin(hull.lo[d], cell[i].box.lo[d]);
+            hull.end[d] = fmax(hull.end[d], cell[i].box.end[d]);
+        }
+    }
+    SltStats before = p->run->stats;
+    begin_tile(v, &hull);
+    v->failed |= !left_curves(v, cell, n, true);
+    run_collect(p->run, v->w);
+    uint64_t evaluations = p->run->stats.evaluations;
+    p->run->stats = before, p->run->stats.evaluations = evaluations; /* what was found is found again */
+    return (double)used + (double)(evaluations - before.evaluations) / n * (double)p->nleft > p->only_if_cost;
 }
 
 /* ---- a sweep */
@@ -522,7 +545,11 @@ SltStatus sweep_run(Sweep *p) {
     if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
     for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;
-    if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {
+    p->gave_up = left > p->only_if_left;
+    if (st == SLT_OK && p->nleft && !p->gave_up && p->only_if_cost > 0)
+        p->gave_up = march_is_dear(p, r->stats.evaluations - start);
+    if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+    if (st == SLT_OK && p->nleft && !p->gave_up) {
         plan_left(p, r->stats.evaluations - start);
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {

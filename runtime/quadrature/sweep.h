@@ -31,7 +31,8 @@ typedef struct LeftCell {
     double bounds[2 * SLT_MAX_CHANNELS]; /* as CellSink.left gets them */
     double stands;                       /* for so many cells like it; 0: another one stands for it */
     double asked;                        /* for so many cells bounds tell what lines may have missed; 0: not asked */
-    uint8_t halvings, set; /* march.c: how often it was quartered; of two sets of cells that stand for others */
+    uint8_t halvings, loose, set; /* march.c: how often it was quartered, and in vain; of two sets of cells that stand
+                                     for others */
 } LeftCell;
 
 typedef struct SweepWorker SweepWorker;
@@ -55,11 +56,13 @@ typedef struct Sweep {
     uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
     double left_share;     /* of the budget, for what is left */
     uint64_t cells_budget; /* of the cells alone, if less; 0: no limit of its own */
-    double only_if_left;   /* if cells leave over more than this share, the sweep ends with them */
+    double only_if_left;   /* if cells leave over more than this share, the sweep ends with them; */
+    double only_if_cost;   /* or, where it marches, if it would cost more evaluations than this; 0: no matter */
     /* What comes out. */
     Sums sums; /* SWEEP_INTEGRAL, SWEEP_REVERSE */
     double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */
     double f_hidden[SLT_MAX_CHANNELS]; /* what cells whose volume is only sampled can hide of it, at most */
+    bool gave_up;                      /* it has ended so */
     bool short_of_volume;              /* evaluations ran out where curves were known, but not the volume beside them */
     double loss;                       /* SWEEP_LOSS: sum over pixels and channels */
     double left_bound; /* what is left can hide of the value of any channel, at most; infinite: not bounded */
@@ -124,9 +127,9 @@ bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 /* What crossings of the chunk in hand are divided by for the error of its lines. */
 double left_divisor(const SweepWorker *v);
-/* ---- march.c: the curves in n <= LEFT_CHUNK cells, where `marches`; they have no other lines. False when memory runs
- * out. */
-bool left_curves(SweepWorker *v, const LeftCell *c, uint32_t n);
+/* ---- march.c: the curves in n <= LEFT_CHUNK cells, where `marches`; they have no other lines. dry: nothing comes out
+ * but what it costs. False when memory runs out. */
+bool left_curves(SweepWorker *v, const LeftCell *c, uint32_t n, bool dry);
 /* Room for one more cell in v->left; false when memory runs out. */
 bool sweep_room_left(SweepWorker *v);
 /* ---- hidden.c: adds to the stated error what lines may have missed in n <= LEFT_CHUNK cells; seen[i]: they have met
