@@ -486,6 +486,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
+    c->slack = o->slack;
     c->bits = log2(fmin(10 * o->tolerance, 0.5));
     for (int r = 0; r < CELL_RULES; r++) {
         c->graded[r] = c->rule[r];

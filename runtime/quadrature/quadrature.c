@@ -8,7 +8,6 @@
 
 #define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
 #define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
-#define TURNED_MARCH 0.75 /* that of shadows */
 #define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
 
 bool quadrature_may(const SltScene *s) {
@@ -165,9 +164,10 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
         effort_apply(&e, &p, before);
+        /* Of shadows no trial is made: they are the lattice's at once, unless an error is asked for. */
         bool trial = turned && !e.wanted && !e.sweeps;
-        p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
-        p.only_if_left = !trial ? 1 : p.marches ? TURNED_MARCH : TURNED_LEFT;
+        p.cells_budget = trial ? (uint64_t)(TURNING * lattice) : 0;
+        p.only_if_left = trial ? TURNED_LEFT : 1;
         r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
         if ((st = sweep_run(&p)) != SLT_OK) break;
         if (p.counts.left > p.only_if_left) {

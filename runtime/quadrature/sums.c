@@ -60,7 +60,7 @@ static double join(const Sums *m, double fine, double coarse, SumMode mode, doub
                    double *variance) {
     if (mode == SUM_ONE) return fine;
     if (mode == SUM_RULES) {
-        *error += fabs(fine - coarse) + m->rounding * terms * fabs(fine);
+        *error += fabs(fine - coarse) + (m->rounding * terms + m->roots) * fabs(fine);
         return fine;
     }
     double e = 0.5 * (fine - coarse);
@@ -76,11 +76,13 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
             uint32_t p0 = m->block[i] * ACCUM_BLOCK, p1 = p0 + ACCUM_BLOCK < m->nfloats ? p0 + ACCUM_BLOCK : m->nfloats;
             for (uint32_t p = p0; p < p1; p++) {
                 double v[SUM_GROUPS];
+                bool any = false;
                 size_t at = (size_t)row * m->nfloats + p;
                 for (uint32_t g = 0; g < SUM_GROUPS; g++) {
                     double *from = &m->targets[g * m->rows + row][p];
-                    v[g] = *from, *from = 0;
+                    v[g] = *from, any |= *from != 0, *from = 0;
                 }
+                if (!any) continue; /* most of a block that a tile has touched */
                 v[SUM_INTERIOR_FINE] += v[SUM_INTERIOR_BOTH], v[SUM_INTERIOR_COARSE] += v[SUM_INTERIOR_BOTH];
                 double share = v[SUM_SIZE] / lines;
                 m->variance[at] += share * share;

@@ -35,6 +35,7 @@ typedef struct Sums {
     double *tile;                /* [SUM_GROUPS * rows][nfloats]: of the tile in hand; 0 between tiles */
     double *targets[ACCUMS];
     double rounding; /* of a sum, in parts of it */
+    double roots;    /* and what roots that end at less than the last floats make of it: CellOptions.slack */
     uint8_t *seen;   /* by block of parameters */
     uint32_t *block; /* [blocks] */
 } Sums;
