@@ -107,11 +107,11 @@ bool sink_rect(Sink *k, const double lo[3], const double hi[3]) {
 static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first,
                           uint32_t again) {
     uint32_t channels = k->b->s->channels;
+    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     for (uint32_t ch = 0; ch < channels; ch++) {
         bool any = false;
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            sink_put(k, i, x);
             double seed = x->weight * x->jump[ch];
             any |= seed != 0;
             batch_set(k->b, SLT_IN_SEED0, i, seed);
@@ -125,10 +125,10 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
 /* Of crossings of lines: how much there is of the boundary, jumps of both signs alike; those that coarser lines miss
  * count twice. */
 static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first, bool missed) {
+    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     for (uint32_t ch = 0; ch < k->b->s->channels; ch++) {
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            sink_put(k, i, x);
             batch_set(k->b, SLT_IN_SEED0, i, (missed ? 2 : 1) * fabs(x->weight * x->jump[ch]));
         }
         accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, first + ch);
