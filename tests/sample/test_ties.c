@@ -95,7 +95,11 @@ static void integral(SltProgram *p, SltJob j, double *value, double *gradient, d
 /* Differences of the value; returns the largest. */
 static double differences(SltProgram *p, double *want) {
     uint32_t n = slt_float_count(p);
-    SltJob j = {.struct_size = sizeof j, .estimator = SLT_EST_QUADRATURE, .abs_error = 1e-11, .threads = 2};
+    SltJob j = {.struct_size = sizeof j,
+                .estimator = SLT_EST_QUADRATURE,
+                .abs_error = 1e-11,
+                .max_evaluations = 1 << 16,
+                .threads = 2};
     double largest = 0, h = 1e-5;
     for (uint32_t i = 0; i < n; i++) {
         double at = slt_floats(p)[i], v[2];
