@@ -53,7 +53,7 @@ struct SltProgram {
     uint8_t *site_kind, *site_static, *site_skips; /* by site: see SltScene */
     uint8_t *edge_kind;                            /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
-    bool flat;                      /* see SltScene */
+    bool flat, chunked;             /* see SltScene */
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
     const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
     uint32_t *geometry_base;        /* [prog->ngeometries]: where in flt its numbers begin */
