@@ -28,7 +28,7 @@ typedef struct SltChunks {
      * than one comparison. The edge kernels give that difference, of one choice, as exported value `nexports`, and take
      * it as import `nimports`. */
     const int8_t *below;
-    bool effects;                 /* the program prints or counts: a box whose value is known must be sampled too */
+    bool effects; /* the program prints or counts: a box whose value is known must be sampled too */
 } SltChunks;
 
 #endif

@@ -4,6 +4,7 @@
  *   cells_edge.c    kernels at many points and boxes of many events; which open events are really open, and along
  *                   which axis each is a graph
  *   cells_given.c   events whose g others change: what these decide is given
+ *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_column.c  pieces of the base become columns, these roots and crossings
@@ -30,9 +31,9 @@ enum {
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
-    CELL_GIVEN = 8,   /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
+    CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3, /* of these most that are open in a cell */
-    CELL_BENDS = 10,              /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* What other events of the cell are taken to decide. */
@@ -192,13 +193,13 @@ struct Cells {
     const CellOptions *o;
     const CellSink *sink;
     CellCounts *counts;
-    uint64_t began; /* evaluations counted before this tile */
-    bool failed;    /* memory ran out */
-    bool prunes;    /* a straight-line program, of which only some chunks run in a node */
-    Pruner pruner;  /* its level PRUNED is the node's */
+    uint64_t began;                  /* evaluations counted before this tile */
+    bool failed;                     /* memory ran out */
+    bool prunes;                     /* a straight-line program, of which only some chunks run in a node */
+    Pruner pruner;                   /* its level PRUNED is the node's */
     int32_t *runs[SLT_CHOICE_BOXES]; /* by box of the last call, what will run in nodes made of it; NULL: as here */
-    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
-    double width;   /* the longest side of the domain */
+    Lists lists;                     /* of loops that have them: args.cull is the node's while it is worked on */
+    double width;                    /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     GaussRule of[GAUSS_MAX + 1];        /* by number of points */
