@@ -165,6 +165,7 @@ static bool weigh_ramps(SteepProbe *p, const SltIntegral *out, const double *int
             *unseen |= d > (out->gradient_stderr ? 2 * out->gradient_stderr[at] : 0), off[at] += d;
         }
     }
+    if (!*unseen) memset(off, 0, w.size * sizeof *off);
     memory &= !w.acc.failed;
     weights_free(&w);
     return memory;
