@@ -16,9 +16,10 @@ enum {
     LINES = 12,  /* an axis */
     SETS = 3,    /* of parameters */
     HALVINGS = 40,
-    EACH = 24,   /* changes of a decision that are looked at, of each set of parameters, at most */
-    FEWEST = 3,  /* and in all, at least */
-    NEARER = 14, /* steps of the search for a place where one that never changed does */
+    EACH = 24,         /* changes of a decision that are looked at, of each set of parameters, at most */
+    FEWEST = 3,        /* and in all, at least */
+    NEARER = 14,       /* steps of the search for a place where one that never changed does */
+    LARGEST = 1 << 15, /* instructions of a program: all values of all lanes have memory */
     FUEL = 1 << 19
 };
 #define NOTHING 1e-5 /* of the largest |f|: a difference after all halvings that is none */
@@ -212,7 +213,7 @@ static void set_params(Probe *p, uint32_t set) {
 void warn_probe(PassCtx *ctx, const Fn *fn, const Untracked **list, uint32_t n, bool *shows) {
     Arena *scratch = &ctx->session->scratch;
     for (uint32_t k = 0; k < n; k++) shows[k] = true;
-    if (!n || !ctx->program->init_floats || ctx->program->ngeometries) return;
+    if (!n || !ctx->program->init_floats || ctx->program->ngeometries || fn->ninsts > LARGEST) return;
     Probe *p = ARENA_NEW(scratch, Probe);
     p->program = ctx->program, p->fn = *fn, p->fn.precision = PREC_F64;
     p->list = list, p->n = n, p->fuel = FUEL;

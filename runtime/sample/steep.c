@@ -9,13 +9,14 @@
 #include "runtime/sample/steep_inner.h"
 
 enum {
-    SHARE = 32, /* of the evaluations spent, one for a point of a line */
-    FEWEST = 256,
+    SHARE = 48, /* of the evaluations spent, one for a point of a line */
+    FEWEST = 192,
+    AGAIN = 4096, /* of the second look, where the first found something */
     MOST = 4096,
     ON_LINE = 16, /* points of a line, at least */
     HALVINGS = 8, /* after which a change must not have become smaller */
     FINER = 44,   /* and then, as long as it stays together */
-    FLOATS = 16   /* wide at most is a jump */
+    FLOATS = 64   /* wide at most is a jump */
 };
 #define TOGETHER 0.4  /* part of a change that is left after all halvings, at least, */
 #define STAYS 0.75    /* or after one, where its width is sought */
@@ -251,8 +252,8 @@ static bool find(SteepProbe *p, const Steep *steep) {
     return memory;
 }
 
-static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, uint64_t spent) {
-    double n = fmin(fmax((double)spent / SHARE, FEWEST), MOST) / s->dim;
+static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, double n) {
+    n /= s->dim;
     p->points = s->dim == 1 ? (uint32_t)fmin(n, BATCH) : (uint32_t)fmax(sqrt(n), ON_LINE);
     p->lines = s->dim == 1 ? 1 : (uint32_t)fmax(n / p->points, 1);
     p->room = p->lines * p->points * s->dim / 16 + 8;
@@ -263,6 +264,17 @@ static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, uint64_t
     bool ok = p->step && batch_init(&p->batch, p->s, g);
     p->batch.again = true; /* what they count has been counted by the estimate */
     return ok;
+}
+
+static void probe_free(SteepProbe *p, Run *r) {
+    batch_collect(&p->batch, &r->stats);
+    batch_free(&p->batch);
+    free(p->step);
+    *p = (SteepProbe){0};
+}
+
+static bool look(SteepProbe *p, const SltScene *s, Run *r, double n, const Steep *steep) {
+    return probe_init(p, s, &r->grid, n) && find(p, steep);
 }
 
 static void report(const SteepProbe *p, Steep *steep) {
@@ -283,14 +295,17 @@ SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *ou
     SteepProbe p = {0};
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK) {
-        bool memory = probe_init(&p, s, &r.grid, spent) && find(&p, steep);
+        double n = fmin(fmax((double)spent / SHARE, FEWEST), MOST);
+        bool memory = look(&p, s, &r, n, steep);
+        if (memory && p.n && n < AGAIN) { /* few lines do not tell what it weighs */
+            probe_free(&p, &r);
+            memory = look(&p, s, &r, AGAIN, steep);
+        }
         if (memory && p.n) memory = steep_weigh(&p, &r, out);
         if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
         else report(&p, steep);
-        batch_collect(&p.batch, &r.stats);
-        batch_free(&p.batch);
+        probe_free(&p, &r);
     }
-    free(p.step);
     double seconds = stats ? stats->seconds : 0;
     if (stats) stats->evaluations += r.stats.evaluations, stats->seconds = seconds + pool_now() - r.start;
     run_end(&r, NULL);

@@ -2,7 +2,7 @@
  * ramps narrower than the samples, as tanh(1e6 * d). Nothing integrates the first, and samples, or Gauss points, that
  * lie beside the second see a derivative of 0 on both sides of it.
  *
- * After an estimate f is looked at on a few lines through the domain, at about one point for every thirty that the
+ * After an estimate f is looked at on a few lines through the domain, at about one point for every fifty that the
  * estimate took. Where neighbours of one region differ by more than their neighbours do, the change is halved; one that
  * stays together in a 256th of the segment, and moves with the parameters, is kept. What a ramp adds to the derivative
  * is then known from its own slope, and compared with what the estimate found: one that it has seen is forgotten. */

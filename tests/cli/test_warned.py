@@ -1,4 +1,6 @@
 """Nothing silent, nothing for nothing: programs whose derivative lacks the motion of a jump are warned about, those that are continuous are not."""
+import math
+
 from harness import *
 
 HEAD = "param float p = 0.4; param float q = 0.3; param float w[3] = {0.2, 0.3, 0.5};\n[Domain(-1.0, 1.0)]\nshader float main(float2 x) {\n"
@@ -152,6 +154,29 @@ class Kinds(Case):
         found = self.sort(ARITHMETIC)
         self.counted("arithmetic warned about", found, ARITHMETIC)
         self.assertEqual(set(ARITHMETIC) - found, set())
+
+    def test_errors_hold_what_is_lost(self):
+        """The disc's circumference, or the line's length, times the jump."""
+        disc = 2.0 * math.pi * 0.4
+        truth = {"tanh": 2 * disc, "quotient": disc, "soft_sign": 2 * disc, "huge": disc, "hill": disc, "normalize": -4, "max_over": disc, "algebraic": -4, "atan_ramp": -2}
+        for name, want in truth.items():
+            self.put("s.salt", HEAD + ARITHMETIC[name] + "\n}\n")
+            for options in (), ("--precision", "f64"), ("--estimator", "lattice"):
+                j = self.json_cli("grad", "s.salt", "--integral", *options)
+                off = abs(j["gradient"]["p"] - want)
+                self.assertLessEqual(off, 2 * j["stderr"]["p"] + 2e-3 * abs(want), (name, options))
+                if off > 0.1 * abs(want):
+                    self.assertLess(j["certified"], 0.999, (name, options))
+                self.assertEqual(j["stderr"]["q"], 0)
+
+    def test_text_names_the_operation(self):
+        self.put("s.salt", HEAD + "float d = p - length(x);\nreturn tanh(1e6 * d);\n}\n")
+        r = self.run_cli("grad", "s.salt", "--integral")
+        self.assertIn("s.salt:5:", r.err)
+        self.assertIn("W0405", r.err)
+        r = self.run_cli("grad", "s.salt", "-o", "d.npy", "--size", "64x64")
+        self.assertIn("W0405", r.err)
+        self.assertNotIn("W0405", self.run_cli("grad", "s.salt", "--integral", "--quiet").err)
 
     def test_continuous_programs(self):
         found = self.sort(CONTINUOUS)
