@@ -103,7 +103,9 @@ static void tell(Session *s, void *user) {
         for (uint32_t d = 0; d < p->prog->dim; d++) x = arena_printf(scratch, "%s%s%.7g", x, d ? ", " : "", at->a[d]);
         double apart = 0;
         for (uint32_t d = 0; d < 3; d++) apart = fmax(apart, fabs(at->b[d] - at->a[d]));
-        how = at->jump ? "f jumps" : arena_printf(scratch, "f changes within %.1g", apart);
+        how = at->peak   ? "f has a narrow peak, larger than what was sampled"
+              : at->jump ? "f jumps"
+                         : arena_printf(scratch, "f changes within %.1g", apart);
         diag_emit(s, DIAG_steep, t.culprit, how, fabs(at->change), p->prog->dim > 1 ? "(" : "", x,
                   p->prog->dim > 1 ? ")" : "");
     }

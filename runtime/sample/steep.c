@@ -84,7 +84,10 @@ static void look_at_line(SteepProbe *p, uint32_t axis, uint32_t line, uint32_t f
         for (uint32_t i = 0; i + 1 < p->points; i++) {
             double next = steep_f(p, c, first + i + 1), change = fabs(next - f), after = 0;
             bool same = hash_at(p, first + i) == hash_at(p, first + i + 1) && isfinite(change);
-            if (isfinite(next)) p->largest = fmax(p->largest, fabs(next));
+            if (isfinite(next)) {
+                p->largest = fmax(p->largest, fabs(next));
+                p->seen[c][0] = fmin(p->seen[c][0], next), p->seen[c][1] = fmax(p->seen[c][1], next);
+            }
             if (i + 2 < p->points && hash_at(p, first + i + 1) == hash_at(p, first + i + 2))
                 after = fabs(steep_f(p, c, first + i + 2) - next);
             double least = isfinite(after) ? fmin(before, after) : before;
@@ -258,6 +261,7 @@ static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, double n
     p->lines = s->dim == 1 ? 1 : (uint32_t)fmax(n / p->points, 1);
     p->room = p->lines * p->points * s->dim / 16 + 8;
     if (p->room > BATCH) p->room = BATCH;
+    for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) p->seen[c][0] = HUGE_VAL, p->seen[c][1] = -HUGE_VAL;
     p->quiet = *s, p->quiet.print = NULL, p->s = &p->quiet;
     /* What look_along adds before the best are kept. */
     p->step = alloc_zero(p->room + (size_t)BATCH * s->channels, sizeof *p->step);
@@ -287,6 +291,21 @@ static void report(const SteepProbe *p, Steep *steep) {
     steep->share = steep->n ? fmin(1, (double)p->found / ((double)p->lines * p->points * p->s->dim)) : 0;
 }
 
+/* Where the lines found nothing. */
+static bool look_for_peak(SteepProbe *p, SltIntegral *out, Steep *steep) {
+    SteepPeak peak;
+    bool seen = false;
+    if (!steep_find_peak(p, &peak)) return true;
+    if (out && !steep_weigh_peak(p, &peak, out, &seen)) return false;
+    if (seen) return true;
+    SteepPlace *o = &steep->place[steep->n++];
+    *o = (SteepPlace){.change = peak.over, .peak = true};
+    memcpy(o->a, peak.x, sizeof o->a), memcpy(o->b, peak.x, sizeof o->b);
+    for (uint32_t d = 0; d < p->s->dim; d++) o->b[d] = steep_round(p, fmin(p->s->hi[d], 2 * peak.hi[d] - peak.lo[d]));
+    steep->share = 1.0 / ((double)p->lines * p->points * p->s->dim);
+    return true;
+}
+
 SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *out, uint64_t spent, Steep *steep,
                              SltStats *stats, SltError *err) {
     if ((s->nedges && s->flat) || s->ngeometries || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
@@ -302,8 +321,9 @@ SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *ou
             memory = look(&p, s, &r, AGAIN, steep);
         }
         if (memory && p.n) memory = steep_weigh(&p, &r, out);
+        if (memory) report(&p, steep);
+        if (memory && !steep->n) memory = look_for_peak(&p, out, steep);
         if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
-        else report(&p, steep);
         probe_free(&p, &r);
     }
     double seconds = stats ? stats->seconds : 0;

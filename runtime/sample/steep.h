@@ -17,6 +17,7 @@ typedef struct SteepPlace {
     double change;     /* by so much, in its channel; not finite: by more than any number */
     int32_t stream;    /* of random numbers at both */
     bool jump;         /* a and b are neighbours, nearly: no slope is to be seen */
+    bool peak;         /* f is larger, or smaller, by that at a than on all lines; b: beside it */
 } SteepPlace;
 typedef struct Steep {
     uint32_t n; /* the first of them, the steepest; 0: there is nothing of the kind */

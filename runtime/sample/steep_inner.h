@@ -19,14 +19,23 @@ typedef struct SteepStep {
     bool seen;                           /* and integrated: nothing is lost */
 } SteepStep;
 
+/* A peak between the lines. */
+typedef struct SteepPeak {
+    double x[3], f;      /* f is so large, or small, there, in its channel, */
+    double over;         /* which is more than anything seen by so much */
+    double lo[3], hi[3]; /* around where it is nearly that */
+    uint32_t channel;
+} SteepPeak;
+
 typedef struct SteepProbe {
     const SltScene *s; /* &quiet: nothing is printed */
     SltScene quiet;
     Batch batch;
     uint32_t points, lines; /* of a line; of an axis */
     SteepStep *step;
-    uint32_t n, room, found; /* found: before only some were kept */
-    double largest;          /* |f| on the lines */
+    uint32_t n, room, found;          /* found: before only some were kept */
+    double largest;                   /* |f| on the lines */
+    double seen[SLT_MAX_CHANNELS][2]; /* least and greatest f on them */
 } SteepProbe;
 
 double steep_round(const SteepProbe *p, double x);
@@ -40,6 +49,11 @@ double steep_f(const SteepProbe *p, uint32_t channel, uint32_t i);
 double steep_move_of(const SltScene *s, uint32_t q);
 /* hit[i] becomes true where the change p->step[from + i] is elsewhere with other parameters. */
 void steep_moved(SteepProbe *p, const SltScene *moved, uint32_t from, uint32_t n, bool *hit);
+/* ---- steep_peak.c: false where there is none, or it is too wide to hide. */
+bool steep_find_peak(SteepProbe *p, SteepPeak *peak);
+/* ---- steep_weigh.c: a peak that the estimate has not seen joins its errors; *seen: it has. False when memory runs
+ * out. */
+bool steep_weigh_peak(SteepProbe *p, const SteepPeak *peak, SltIntegral *out, bool *seen);
 /* ---- steep_weigh.c: which changes the estimate has seen; and what the others weigh joins its errors. False when
  * memory runs out. */
 bool steep_weigh(SteepProbe *p, Run *r, SltIntegral *out);

@@ -171,6 +171,54 @@ static bool weigh_ramps(SteepProbe *p, const SltIntegral *out, const double *int
     return memory;
 }
 
+/* Points all over the place of a peak and four times as far, by parity. Returns its part of the integral of f. */
+static double add_peak(Weights *w, const SteepPeak *k) {
+    SteepProbe *p = w->p;
+    uint32_t across = p->s->dim == 1 ? BATCH : p->s->dim == 2 ? 32 : 10, n = 1, line[BATCH];
+    double weight[BATCH];
+    for (uint32_t d = 0; d < p->s->dim; d++) n *= across;
+    for (uint32_t i = 0; i < n; i++) {
+        double x[3] = {0};
+        weight[i] = 1, line[i] = 0;
+        for (uint32_t d = 0, at = i; d < p->s->dim; d++, at /= across) {
+            double wide = 2 * (k->hi[d] - k->lo[d]), middle = 0.5 * (k->lo[d] + k->hi[d]);
+            double lo = fmax(middle - wide, p->s->lo[d]), hi = fmin(middle + wide, p->s->hi[d]);
+            x[d] = steep_round(p, lo + (at % across + 0.5) / across * (hi - lo));
+            weight[i] *= (hi - lo) / across, line[i] += at % across;
+        }
+        batch_set_x(&p->batch, i, x);
+        batch_set_stream(&p->batch, i, 0, 0.5);
+    }
+    add(w, RAMPS, n, weight, line);
+    double sum = 0; /* the reverse kernel gives f as well */
+    for (uint32_t i = 0; i < n; i++) sum += weight[i] * steep_f(p, k->channel, i);
+    return sum;
+}
+
+bool steep_weigh_peak(SteepProbe *p, const SteepPeak *peak, SltIntegral *out, bool *seen) {
+    Weights w;
+    *seen = true;
+    if (!p->s->kernel[SLT_K_VJP] || !(out->interior || out->gradient)) return true;
+    bool memory = weights_init(&w, p);
+    double value = 0;
+    if (memory) {
+        value = add_peak(&w, peak), add_smooth(&w);
+        collect(&w);
+    }
+    for (uint64_t at = 0; memory && at < w.size; at++) {
+        if (p->s->active && !p->s->active[at % p->s->nfloats]) continue;
+        double d = distance(&w, at, out->interior ? out->interior[at] : out->gradient[at]);
+        if (!(d > (out->gradient_stderr ? 2 * out->gradient_stderr[at] : 0))) continue;
+        *seen = false, out->mixed = true;
+        if (out->gradient_stderr) out->gradient_stderr[at] += d;
+        if (out->left_bound) out->left_bound[at] = NAN;
+    }
+    if (!*seen && out->value_stderr) out->value_stderr[peak->channel] += fabs(value);
+    memory &= !w.acc.failed;
+    weights_free(&w);
+    return memory;
+}
+
 /* All that jumps, weighed as if it moved by 1, to the components whose parameters move it. */
 static bool weigh_jumps(SteepProbe *p, double *off) {
     const SltScene *s = p->s;
