@@ -88,6 +88,7 @@ struct Cli {
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
     const char *loss_command;
+    bool allow_commands; /* of scenes */
     double loss_timeout;
     bool loss_timeout_given;
     /* bench */
@@ -124,8 +125,9 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
 /* From now on Ctrl-C sets the job's cancel flag, and a second Ctrl-C ends the process. */
 void cli_catch_interrupt(Cli *c);
 bool cli_interrupted(void);
-void cli_watch_time(
-    const Cli *c);    /* ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step */
+/* Ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step; --sandbox sets limits of its own.
+ */
+void cli_watch_time(Cli *c);
 double cli_now(void); /* seconds, monotonic */
 
 /* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
