@@ -79,6 +79,7 @@ struct Cli {
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;
     bool json, quiet;
+    uint32_t told; /* diagnostics that have been printed */
     /* grad, fit */
     const char *target, *adjoint;
     bool minimize;
@@ -116,6 +117,7 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
+void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
 int cli_unknown_format(const Cli *c);            /* prints that -o has no known extension, returns SLT_USAGE */
 /* Completes the job's sizes for this program (dimension, defaults), and checks them. */
