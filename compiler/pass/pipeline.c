@@ -29,8 +29,9 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     if (RUN(opt_unroll)) RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_licm);
+    RUN(opt_roots); /* before the next two make other shapes of powers and of smoothstep */
     RUN(opt_powers);
-    RUN(opt_contract); /* this and opt_powers change floats: no pass does from here on but lower_math */
+    RUN(opt_contract); /* these three change floats: no pass does from here on but lower_math */
     RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_dce);
