@@ -64,6 +64,7 @@ typedef struct Verb {
 struct Cli {
     const Verb *verb;
     const char *file, *expr;
+    const char *scene; /* the file that `file` was found in */
     SltOptions opt;
     SltJob job;
     bool size_given, spp_given;

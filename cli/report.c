@@ -97,6 +97,17 @@ static void report_stop(const SltStats *s) {
         fputs("saltus: warning: the error asked for was not reached: rounding is larger\n", stderr);
 }
 
+/* Else the certificate would be believed of these jumps too. */
+static void report_upset(const SltStats *s) {
+    if (!(s->upset > 0)) return;
+    fprintf(
+        stderr,
+        "saltus: warning: line %u: f jumps where this jump, which is not tagged, makes a [Disc] decide otherwise. The "
+        "derivative lacks its motion: tag it. The stated error grows by the size of the jumps, as if they moved by 1; "
+        "%.2g of the domain is not certified for it\n",
+        s->upset_line, s->upset);
+}
+
 void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
     if (c->quiet || c->json) return;
     report_stop(s);
@@ -107,6 +118,7 @@ void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
     }
     fprintf(stderr, "saltus: %.4g %% certified (%.4g %% settled, %.4g %% curves), %llu evaluations, %.3f s\n",
             100 * s->certified, 100 * s->settled, 100 * s->curved, (unsigned long long)s->evaluations, s->seconds);
+    report_upset(s);
     if (s->left > 0) {
         fprintf(stderr, "saltus: note: nothing is proven on the rest, %.2g of the domain; it hides ", s->left);
         if (isfinite(s->left_bound)) fprintf(stderr, "at most %.2g of a value", s->left_bound);

@@ -67,6 +67,7 @@ static void fill_scene(SltProgram *p) {
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat;
+    s->edge_upsets = p->edge_upsets, s->edge_line = p->edge_line;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;
@@ -119,7 +120,17 @@ static void edge_table(SltProgram *p, const KernelSet *set) {
     if (!set->edges || p->edge_kind) return; /* the same ones each time */
     p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
     p->nedges = set->nedges, p->flat = set->flat;
-    for (uint32_t e = 0; e < set->nedges; e++) p->edge_kind[e] = (uint8_t)set->edges[e].kind;
+    for (uint32_t e = 0; e < set->nedges; e++) {
+        p->edge_kind[e] = (uint8_t)set->edges[e].kind;
+        if (!set->edges[e].upsets) continue;
+        if (!p->edge_upsets) {
+            p->edge_upsets = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
+            p->edge_line = ARENA_ARRAY(&p->session->module, uint32_t, set->nedges + 1);
+        }
+        uint32_t column;
+        span_position(p->session, set->edges[e].span, &p->edge_line[e], &column);
+        p->edge_upsets[e] = (uint8_t)set->edges[e].upsets;
+    }
 }
 
 /* The bounds of a [Cull] loop, which have no variants. */

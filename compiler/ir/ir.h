@@ -125,6 +125,13 @@ struct Block {
 };
 
 /* One static site: one place in the source inlined through one chain of calls. */
+/* What a seam that moves with a parameter may change at its jump, though nothing crosses 0 there. */
+typedef enum SeamUpset {
+    UPSETS_NOTHING,
+    UPSETS_SITES,   /* decisions of sites */
+    UPSETS_INTEGERS /* or tagged ones of integers, which are no sites */
+} SeamUpset;
+
 typedef struct SiteInfo {
     SiteKind kind;
     Span span;           /* the comparison or the jumping builtin */
@@ -132,6 +139,7 @@ typedef struct SiteInfo {
     uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
+    SeamUpset upsets; /* of a seam */
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
 

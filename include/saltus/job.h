@@ -98,6 +98,9 @@ typedef struct SltStats {
     double left_bound;      /* what the rest can hide of a value, at most; NaN: not bounded */
     uint64_t boxes;         /* evaluations of bounds, which count in `evaluations` too */
     SltStop stopped;
+    double upset; /* measure of cells in which f jumps where an untagged jump makes a [Disc] decide otherwise; it is
+                     part of settled or curved, not of certified */
+    uint32_t upset_line; /* where the first such jump stands in the source; 0: there is none */
 } SltStats;
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})
 

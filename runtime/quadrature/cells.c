@@ -54,7 +54,8 @@ void cells_free(Cells *c) {
     if (!c) return;
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
-    free(c->spot), free(c->smooth), free(c->sides), free(c->trial);
+    free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
+    untie_free(c->untie), apart_free(c->apart);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
@@ -137,6 +138,7 @@ static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, 
                 }
                 cell->level = node->level + !whole, cell->bends = node->bends, cell->seams = node->seams;
                 cell->curves_done = node->curves_done, cell->lonely = node->lonely, cell->cut = -1;
+                cell->upset = node->upset;
                 cell->node = in_hand, cell->number = c->ncell - 1, cell->slice = -1, cell->rule = -1, cell->weight = 1;
                 cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = 0;
             }
@@ -230,7 +232,8 @@ static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
                                    .seams = cell->seams + whole,
                                    .whole = whole,
                                    .curves_done = cell->curves_done,
-                                   .lonely = cell->lonely};
+                                   .lonely = cell->lonely,
+                                   .upset = cell->upset};
     return true;
 }
 
@@ -257,7 +260,8 @@ static bool judge(Cells *c, Cell *cell) {
     uint32_t sites = 0;
     bool bends = false;
     for (uint32_t e = 0; e < cell->nedges && !cell->refine; e++) {
-        sites += (uint32_t)cell->edge[e].event.site < c->s->nsites;
+        int32_t edge = cell->edge[e].event.site;
+        sites += (uint32_t)edge < c->s->nsites || (!cell->curves_done && cells_upsets(c, edge));
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
     /* Pieces end where curves meet, and at curves they are graded. What bends a g is an edge itself, open here too; if
@@ -360,7 +364,7 @@ static bool cut_cells(Cells *c) {
             count_cell(c, &gap, CELL_LEFT);
             c->sink->left(c->sink->user, &gap.box, gap.f);
         }
-        r++;
+        cells_check_cut(c, cell, r++);
         if (!cut && cells_choose_axes(c, cell)) cell->done = false;
         else if (!cut && !refine(c, cell)) return false;
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
@@ -483,6 +487,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;
+    c->slack = o->slack;
     c->bits = log2(fmin(10 * o->tolerance, 0.5));
     for (int r = 0; r < CELL_RULES; r++) {
         c->graded[r] = c->rule[r];

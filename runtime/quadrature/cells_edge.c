@@ -334,9 +334,9 @@ bool cells_choose_axes(const Cells *c, Cell *cell) {
     if (cell->curves_done || !c->o->curves) return false;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         CellEdge *edge = &cell->edge[e];
-        /* A seam has no curve to integrate along: that it does not jump is enough. */
+        /* A seam has no curve to integrate along, but to look along: that it does not jump is enough. */
         edge->axis = -1;
-        if ((uint32_t)edge->event.site >= c->s->nsites) continue;
+        if ((uint32_t)edge->event.site >= c->s->nsites && !cells_upsets(c, edge->event.site)) continue;
         edge->axis = 0;
         for (uint32_t d = 1; d < c->dim; d++)
             if (varies(edge, d) < varies(edge, (uint32_t)edge->axis)) edge->axis = (int8_t)d;

@@ -20,17 +20,13 @@ typedef struct Trial {
     CellEdge way[2];
 } Trial;
 
-bool cells_same_event(const Event *e, const Event *f) {
-    return e->site == f->site && e->boundary == f->boundary && !memcmp(e->k, f->k, sizeof e->k);
-}
-
 bool cells_contradict(const CellEdge *e, const CellEdge *f) {
     if (!e->given.n && !f->given.n) return false;
     for (uint32_t i = 0; i < e->given.n; i++)
         for (uint32_t j = 0; j < f->given.n; j++)
             if (e->given.is[i].event == f->given.is[j].event && e->given.is[i].below != f->given.is[j].below)
                 return true;
-    return cells_same_event(&e->event, &f->event);
+    return event_same(&e->event, &f->event);
 }
 
 /* ---- which events are given */
@@ -43,7 +39,7 @@ static bool is_given(const CellEdge *e, uint32_t event) {
 /* May this event be given to the edge? Of roundings and in deep loops kernels cannot. */
 static bool may_give(const Cells *c, const Cell *cell, const CellEdge *e, uint32_t event) {
     const Event *f = &cell->event[event];
-    if (is_given(e, event) || cells_same_event(f, &e->event)) return false;
+    if (is_given(e, event) || event_same(f, &e->event)) return false;
     if (c->s->edge_kind && c->s->edge_kind[f->site] != SLT_SITE_COMPARE) return false;
     for (uint32_t d = SLT_GIVEN_K; d < c->depth; d++)
         if (f->k[d]) return false;
@@ -155,7 +151,7 @@ double cells_nearly_0(const Cells *c, const Box *box, double error, const double
 static double error_of(const Cell *cell, uint32_t event) {
     double error = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
-        if (cells_same_event(&cell->edge[e].event, &cell->event[event])) error = fmax(error, cell->edge[e].error);
+        if (event_same(&cell->edge[e].event, &cell->event[event])) error = fmax(error, cell->edge[e].error);
     return error;
 }
 

@@ -8,7 +8,6 @@
 
 #define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
 #define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
-#define TURNED_MARCH 0.75 /* that of shadows */
 #define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
 
 bool quadrature_may(const SltScene *s) {
@@ -31,9 +30,12 @@ bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
 
 void quadrature_state(Run *r, const Sweep *p) {
     SltStats *t = &r->stats;
+    const SltScene *s = r->s;
     t->cells = true;
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
-    t->certified = fmin(1, t->settled + t->curved); /* sums round */
+    t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
+    if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
+    t->certified = fmax(0, fmin(1, t->settled + t->curved) - t->upset); /* sums round */
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }
@@ -162,9 +164,10 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
         effort_apply(&e, &p, before);
+        /* Of shadows no trial is made: they are the lattice's at once, unless an error is asked for. */
         bool trial = turned && !e.wanted && !e.sweeps;
-        p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
-        p.only_if_left = !trial ? 1 : p.marches ? TURNED_MARCH : TURNED_LEFT;
+        p.cells_budget = trial ? (uint64_t)(TURNING * lattice) : 0;
+        p.only_if_left = trial ? TURNED_LEFT : 1;
         r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
         if ((st = sweep_run(&p)) != SLT_OK) break;
         if (p.counts.left > p.only_if_left) {

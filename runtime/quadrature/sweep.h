@@ -87,7 +87,12 @@ SltStatus sweep_begin(Sweep *p);
 void sweep_end(Sweep *p);
 SltStatus sweep_run(Sweep *p);
 
-/* ---- what sweep.c and left.c share */
+/* ---- what sweep.c, sweep_left.c and left.c share */
+static inline double sweep_measure(const Box *b, uint32_t dim) {
+    double m = 1;
+    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d];
+    return m;
+}
 struct SweepWorker {
     Sweep *sweep;
     Worker *w;
@@ -114,6 +119,17 @@ struct SweepWorker {
 double sweep_hidden(const Sweep *p, const LeftCell *l);
 /* The axis along which a box is but a gap between two floats, whose two sides nothing can be put between; -1: none. */
 int sweep_gap(const Sweep *p, const Box *b);
+/* Nothing is summed up yet, and lists of culling are those of the box; then planes of pixels. False when memory runs
+ * out. */
+void sweep_begin_tile(SweepWorker *v, const Box *box);
+bool sweep_begin_splat(SweepWorker *v, const Box *box);
+/* In `merge`: what the worker's tile, or chunk, has gathered. lines: as of sums_merge. */
+void sweep_merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines);
+/* ---- sweep_left.c: lines across a cell such that all of them together cost what is wanted; then the chunks of the
+ * list. */
+void sweep_plan_left(Sweep *p, uint64_t used);
+bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk);
+void sweep_left_merge(void *user, uint32_t worker, uint64_t chunk);
 /* Derivatives of f at points, weighed by the adjoint image. */
 void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule);
 /* Points of the volume: CellSink.volume. */

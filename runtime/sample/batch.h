@@ -5,6 +5,8 @@
 #define SALTUS_SAMPLE_BATCH_H
 
 #include <assert.h>
+#include <string.h>
+
 #include "runtime/sample/grid.h"
 
 enum { BATCH = 1024 }; /* most samples of a call */
@@ -55,6 +57,10 @@ typedef struct Event {
     double boundary;            /* of a rounding: where its integer changes */
     double window[2];           /* of a ray: the stretch of it that g looks along, as parameters t */
 } Event;
+/* Do both tell of the same decision? A ray's window is only where to look for it. */
+static inline bool event_same(const Event *e, const Event *f) {
+    return e->site == f->site && e->boundary == f->boundary && !memcmp(e->k, f->k, sizeof e->k);
+}
 /* All of the event but its site, which is args.site for all samples. */
 void batch_set_event(Batch *b, uint32_t i, const Event *e);
 /* rand0: number 0 of the stream, in [0, 1); rounding to the program's precision keeps it below 1. */

@@ -9,7 +9,8 @@
 #include "runtime/sample/splat.h"
 
 typedef enum SinkKind {
-    SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
+    SINK_INTEGRAL, /* adjoints by channel, again those of crossings that coarser lines miss, and what boundaries that
+                      coincide add to the error */
     SINK_PARTS,    /* adjoints by set (bit 0 of the class) and channel; bit 2: a fifth group gets their size, bit 1:
                       twice, as coarser lines miss them */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
