@@ -222,7 +222,7 @@ static int build(Cli *c, SltProgram *p) {
         fputs("], \"prefix\": ", stdout);
         json_text(stdout, stem);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, NULL);
         fputs("}\n", stdout);
     }
     free(header);

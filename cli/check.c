@@ -222,7 +222,7 @@ static void print_rows(const Check *k, bool all_pass) {
         fputs("], ", stdout);
         report_stats_json(stdout, &k->stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, k->p);
+        report_warnings_json(stdout, k->p, &k->stats);
         fputs("}\n", stdout);
         return;
     }
@@ -296,8 +296,7 @@ static int check(Check *k) {
         row->pass = fabs(row->z) <= c->tolerance; /* false for NaN */
         all_pass &= row->pass;
     }
-    uint64_t dropped = 0;
-    for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += k->stats.dropped[r];
+    uint64_t dropped = report_lost(&k->stats);
     if (s == SLT_OK) {
         if (dropped * 100 > k->stats.crossings + dropped) {
             fprintf(stderr, "saltus: more than 1 %% of the crossings were dropped\n");

@@ -143,6 +143,17 @@ bool sink_rect(Sink *k, const double lo[3], const double hi[3]) {
     return ok;
 }
 
+/* 1 or -1, by the place. */
+static double sign_of(const Crossing *x) {
+    uint64_t bits = 0, mixed = 0;
+    for (uint32_t d = 0; d < 3; d++) {
+        memcpy(&bits, &x->x[d], sizeof bits);
+        mixed = (mixed ^ bits) * 0x9e3779b97f4a7c15u;
+        mixed ^= mixed >> 29;
+    }
+    return mixed >> 40 & 1 ? 1 : -1;
+}
+
 /* ---- a group of crossings order[0..n) of one site and class, with their weights */
 /* Adjoints by channel, into the buffers from `first` on, and into those from `again` on if it is not the same. */
 static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first,
@@ -153,7 +164,7 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
         bool any = false;
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            double seed = x->weight * x->jump[ch];
+            double seed = x->weight * x->jump[ch] * (k->any_sign ? sign_of(x) : 1);
             any |= seed != 0;
             batch_set(k->b, SLT_IN_SEED0, i, seed);
         }
