@@ -171,7 +171,9 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
             window_ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
             return;
         }
-        finder_drop(f, reason, s->owner);
+        /* A jump that stands still adds nothing. */
+        bool stands = reason == SLT_DROP_NO_EVENT && f->s->still && !search_has_windows(f->s);
+        if (!stands) finder_drop(f, reason, s->owner);
         return;
     }
     assert(f->nsplit < FIND);
