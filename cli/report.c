@@ -146,12 +146,9 @@ static uint64_t met(const SltStats *s) {
     return s->crossings + report_lost(s) - s->dropped[SLT_DROP_ZERO_GRADIENT] - s->dropped[SLT_DROP_INCONSISTENT];
 }
 
-/* More than a thousandth of the crossings? */
-static bool many(const SltStats *s, uint64_t n) { return n * 1000 > met(s); }
-
 static bool dropped_text(const SltStats *s, char *buf, size_t size) {
     uint64_t lost = report_lost(s);
-    if (!many(s, lost)) return false;
+    if (lost * 1000 <= met(s)) return false;
     int at = snprintf(buf, size, "%llu of %llu crossings were dropped:", (unsigned long long)lost,
                       (unsigned long long)met(s));
     for (int r = 0; r < SLT_DROP_REASONS; r++)
@@ -161,12 +158,14 @@ static bool dropped_text(const SltStats *s, char *buf, size_t size) {
     return true;
 }
 
+/* Where boundaries coincide and move apart, the integral has a derivative to each side, and none. */
 static bool coincident_text(const SltStats *s, char *buf, size_t size) {
     uint64_t n = s->dropped[SLT_DROP_COINCIDENT];
-    if (!many(s, n)) return false;
-    snprintf(buf, size, "at %llu of %llu crossings boundaries coincide that move differently: the integral has a kink",
-             (unsigned long long)n, (unsigned long long)met(s));
-    return true;
+    snprintf(buf, size,
+             "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
+             "between those to the two sides, half their difference is part of the error (%llu places)",
+             (unsigned long long)n);
+    return n > 0;
 }
 
 static const struct {
@@ -189,8 +188,10 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
     char text[TEXT];
     for (int i = 0; i < SAMPLED && s; i++) {
         if (!sampled[i].text(s, text, sizeof text)) continue;
-        fprintf(out, "%s{\"severity\":2,\"code\":\"%s\",\"source\":\"saltus\",\"message\":", first ? "" : ", ",
-                sampled[i].code);
+        fprintf(out,
+                "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
+                "\"character\": 0}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": ",
+                first ? "" : ", ", sampled[i].code);
         json_text(out, text);
         fputc('}', out);
         first = false;
