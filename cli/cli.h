@@ -160,8 +160,9 @@ void report_cells_json(FILE *out, const SltStats *stats, const double *derivativ
 void report_cells(const Cli *c, const SltStats *stats, const double *derivative);
 /* The exit status of an estimate that succeeded: of failed asserts, or of a refinement that stopped early. */
 int report_status(const SltStats *stats);
-/* s: of the call, which may add to them; NULL: none. */
-void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s);
+/* Of the compiler, and of what was sampled; stats: NULL where nothing was. */
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
+uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
 /* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd
