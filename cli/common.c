@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/time.h>
 #include <time.h>
@@ -10,6 +11,9 @@
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
+
+enum { SANDBOX_SECONDS = 60 };
+#define SANDBOX_BYTES ((rlim_t)4 << 30)
 
 double cli_now(void) {
     struct timespec t;
@@ -45,7 +49,12 @@ static void on_alarm(int sig) {
     _exit(SLT_LIMIT);
 }
 
-void cli_watch_time(const Cli *c) {
+void cli_watch_time(Cli *c) {
+    if (c->opt.sandbox) {
+        const struct rlimit memory = {SANDBOX_BYTES, SANDBOX_BYTES};
+        setrlimit(RLIMIT_DATA, &memory);
+        if (c->max_seconds <= 0) c->max_seconds = SANDBOX_SECONDS;
+    }
     if (c->max_seconds <= 0) return;
     double grace = c->max_seconds * 1.25 + 2;
     struct itimerval t = {

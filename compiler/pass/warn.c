@@ -316,7 +316,7 @@ static void report_untracked(Warn *w) {
     collect_uses(w, w->fn->body, which, uses);
     for (uint32_t i = 0; i < n; i++) {
         const Untracked *t = &program->untracked[i];
-        if (!w->live[t->at->id]) continue;
+        if (!w->live[t->at->id] || t->kind == JUMP_SKIPPED) continue;
         if (t->kind == JUMP_INTEGER) {
             report_stepping(w, t->at, t->span);
             continue;
@@ -346,6 +346,7 @@ static void report_untracked(Warn *w) {
         const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
                            : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"
                                                                                : "this value, which cannot be a site,";
+        w->ctx->untracked = true;
         diag_emit(w->ctx->session, DIAG_untracked, t->span, what, param_list(w, &of[i]));
     }
 }
