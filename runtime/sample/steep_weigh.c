@@ -174,8 +174,8 @@ static bool weigh_ramps(SteepProbe *p, const SltIntegral *out, const double *int
 /* Points all over the place of a peak and four times as far, by parity. Returns its part of the integral of f. */
 static double add_peak(Weights *w, const SteepPeak *k) {
     SteepProbe *p = w->p;
-    uint32_t across = p->s->dim == 1 ? BATCH : p->s->dim == 2 ? 32 : 10, n = 1, line[BATCH];
-    double weight[BATCH];
+    uint32_t across = p->s->dim == 1 ? BATCH : p->s->dim == 2 ? 32 : 10, n = 1, line[BATCH] = {0};
+    double weight[BATCH] = {0};
     for (uint32_t d = 0; d < p->s->dim; d++) n *= across;
     for (uint32_t i = 0; i < n; i++) {
         double x[3] = {0};
