@@ -23,6 +23,12 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
 }
 
+bool boundary_in_order(const Run *r) {
+    return estimators[r->j->estimator] == lattice_run && r->grid.integral && r->s->dim > 1 && !r->s->uses_rand;
+}
+
+bool boundary_sketches(const Run *r) { return boundary_in_order(r) && r->s->dim == 2; }
+
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
     Run *r = y->run;
     const SltScene *s = r->s;
@@ -30,7 +36,8 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                s->kernel[SLT_K_SITE_GRAD] &&
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t accums = kind == SINK_INTEGRAL ? 2 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
+    uint32_t sums = boundary_sketches(r) ? 2 + SKETCHES : 2;
+    uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     if (st == SLT_OK && !coincide_begin(r, root_tolerance(run_is_coarse(r)) / fmax(1, lines)))

@@ -9,7 +9,7 @@ typedef struct Boundary {
     uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
     double segments;                /* a pixel, or of an integral in all */
     double *const *targets;         /* sums [nfloats]. SINK_INTEGRAL: by channel, then by channel the part that coarser
-                                       lines miss; SINK_REVERSE: by class */
+                                       lines miss, then the sketches, by channel each; SINK_REVERSE: by class */
     float *const *out;              /* SINK_FORWARD: images, by direction */
     float *crossings;               /* SINK_FORWARD: crossings a pixel; may be NULL */
     const float *adjoint;           /* SINK_REVERSE: an image */
@@ -22,6 +22,10 @@ SltStatus boundary_run(Boundary *y, SinkKind kind);
 typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 #define SLT_ESTIMATOR(id, name, run, ...) BoundaryRun run;
 #include "saltus/estimators.def"
+/* Are the lines of all replicates together evenly spaced, so that replicates do not err independently? */
+bool boundary_in_order(const Run *r);
+/* Does an integral get the sketches of its lines (sketch.h)? Only those of a lattice in a plane are in order. */
+bool boundary_sketches(const Run *r);
 /* Sets up a worker's sink for this boundary before its first tile. */
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);

@@ -434,6 +434,19 @@ static SltStatus run_visits(Lattice *l) {
     return st;
 }
 
+/* The lattices of all replicates are one family of lines an axis. */
+static void begin_sketches(const Lattice *l, const uint32_t shift[4]) {
+    const Boundary *y = l->y;
+    uint32_t replicates = y->replicates ? y->replicates : 1;
+    Sketch k = {.seed = y->run->j->seed};
+    for (uint32_t d = 0; d < 2; d++) {
+        double fine = rng_unit(shift[d]) * replicates;
+        k.lo[d] = y->run->s->lo[d], k.step[d] = l->h[d] / replicates, k.phase[d] = fine - floor(fine);
+        k.lines[d] = l->n[d] * replicates;
+    }
+    for (uint32_t i = 0; i < y->run->nworkers; i++) y->run->worker[i].sink.sketch = k;
+}
+
 SltStatus lattice_run(Boundary *y, SinkKind kind) {
     const SltScene *s = y->run->s;
     const Grid *g = &y->run->grid;
@@ -468,6 +481,7 @@ SltStatus lattice_run(Boundary *y, SinkKind kind) {
         for (uint32_t o = 0; o < s->dim; o++)
             if (o != d) l.base[d] *= l.h[o];
     }
+    if (kind == SINK_INTEGRAL && boundary_sketches(y->run)) begin_sketches(&l, shift);
     bool follows = y->run->nworkers && y->run->worker[0].follow;
     if (follows && (!(l.threshold = alloc_zero(tiles, sizeof *l.threshold)) ||
                     !(l.proves = alloc_zero(tiles, sizeof *l.proves)))) {

@@ -43,7 +43,9 @@ static double shrink(const SltScene *s, double x, double other) {
 static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t l, Segment *seg, double *pos) {
     const SltScene *s = k->y->run->s;
     uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->v[axis];
-    bool strata = k->y->replicates > 1, spread = s->dim == 3 && k->y->run->grid.integral;
+    /* With random numbers the lines of a replicate must not be a function of those of another: what rand() does to f is
+     * no function of the place, and strata of one shift would say nothing of it. */
+    bool strata = k->y->replicates > 1 && !s->uses_rand, spread = s->dim == 3 && k->y->run->grid.integral;
     rng_block(k->y->run->j->seed, RNG_BOX, strata ? axis : lane, b->id, shift);
     rng_block(k->y->run->j->seed, RNG_LINE, lane, b->id << 32 | l, own);
     uint64_t rest = l;
@@ -61,7 +63,7 @@ static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t 
         }
         uint64_t i = rest % b->m[d];
         rest /= b->m[d];
-        double t = stratified_shift(rng_unit(shift[at]), k->y->replicate, k->y->replicates, at);
+        double t = stratified_shift(rng_unit(shift[at]), k->y->replicate, strata ? k->y->replicates : 1, at);
         at++;
         seg->a[d] = seg->b[d] = b->lo[d] + (i + t) / b->m[d] * (b->hi[d] - b->lo[d]);
     }

@@ -121,6 +121,28 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
     }
 }
 
+/* Into the sketches, which come after the sums by channel and those that coarser lines miss. */
+static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
+    uint32_t channels = k->b->s->channels;
+    double weight[BATCH][SKETCHES];
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
+    }
+    for (uint32_t q = 0; q < SKETCHES; q++)
+        for (uint32_t ch = 0; ch < channels; ch++) {
+            uint32_t used = 0;
+            for (uint32_t i = 0; i < n; i++) {
+                const Crossing *x = &c[(uint32_t)order[i]];
+                double seed = weight[i][q] * x->weight * x->jump[ch];
+                if (seed == 0) continue;
+                sink_put(k, used, x);
+                batch_set(k->b, SLT_IN_SEED0, used++, seed);
+            }
+            accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, (2 + q) * channels + ch);
+        }
+}
+
 /* Of crossings of lines: how much there is of the boundary, jumps of both signs alike; those that coarser lines miss
  * count twice. */
 static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first, bool missed) {
@@ -217,7 +239,10 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     if (!n) return;
     uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
     switch (k->kind) {
-    case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
+    case SINK_INTEGRAL:
+        emit_integral(k, c, order, n, 0, cls ? channels : 0);
+        if (k->sketch.lines[0]) emit_sketches(k, c, order, n);
+        break;
     case SINK_PARTS:
         emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 1) * channels);
         if (cls & 4) emit_size(k, c, order, n, SIZE_GROUP * channels, cls & 2);

@@ -6,10 +6,12 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/coincide.h"
 #include "runtime/sample/follow.h"
+#include "runtime/sample/sketch.h"
 #include "runtime/sample/splat.h"
 
 typedef enum SinkKind {
-    SINK_INTEGRAL, /* adjoints by channel, and again those of crossings that coarser lines miss */
+    SINK_INTEGRAL, /* adjoints by channel, again those of crossings that coarser lines miss, and their sketches, where
+                      there are any */
     SINK_PARTS,    /* adjoints by set (bit 0 of the class) and channel; bit 2: a fifth group gets their size, bit 1:
                       twice, as coarser lines miss them */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
@@ -41,6 +43,7 @@ struct Sink {
     uint64_t *order; /* [BATCH] */
     Coincide coincide;
     Follow *follow; /* NULL: fingers are not followed */
+    Sketch sketch;  /* SINK_INTEGRAL */
     bool clip;      /* drop crossings outside the domain, uncounted */
     bool failed;    /* memory ran out */
 };
