@@ -21,6 +21,7 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->finder.coarse = run_is_coarse(y->run);
     w->sink.coincide.apart = y->run->apart;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
+    w->sink.misses = kind == SINK_INTEGRAL || (kind == SINK_REVERSE && y->misses);
 }
 
 bool boundary_in_order(const Run *r) {
@@ -37,7 +38,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
     uint32_t sums = boundary_sketches(r) ? 2 + SKETCHES : 2;
-    uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes : 0;
+    uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     if (st == SLT_OK && !coincide_begin(r, root_tolerance(run_is_coarse(r)) / fmax(1, lines)))

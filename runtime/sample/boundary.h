@@ -8,13 +8,15 @@ typedef struct Boundary {
     Run *run;
     uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
     double segments;                /* a pixel, or of an integral in all */
-    double *const *targets;         /* sums [nfloats]. SINK_INTEGRAL: by channel, then by channel the part that coarser
-                                       lines miss, then the sketches, by channel each; SINK_REVERSE: by class */
-    float *const *out;              /* SINK_FORWARD: images, by direction */
-    float *crossings;               /* SINK_FORWARD: crossings a pixel; may be NULL */
-    const float *adjoint;           /* SINK_REVERSE: an image */
-    const Directions *dirs;         /* SINK_FORWARD */
-    uint32_t classes;               /* SINK_REVERSE: 1, or COSETS */
+    double *const
+        *targets;           /* sums [nfloats]. SINK_INTEGRAL: by channel, then by channel the part that coarser
+                               lines miss, then the sketches, by channel each; SINK_REVERSE: by class, then as `misses` says */
+    float *const *out;      /* SINK_FORWARD: images, by direction */
+    float *crossings;       /* SINK_FORWARD: crossings a pixel; may be NULL */
+    const float *adjoint;   /* SINK_REVERSE: an image */
+    const Directions *dirs; /* SINK_FORWARD */
+    uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
+    bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);

@@ -141,7 +141,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
     Run r;
     uint32_t classes = stderr_bound ? COSETS : 1;
-    double *part[COSETS] = {0};
+    double *part[COSETS] = {0}, *missed = NULL;
     float *mean = NULL;
     st = run_begin(&r, s, j, err);
     if (st != SLT_OK) {
@@ -154,6 +154,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     if (classes == 1) part[0] = gradient;
     for (uint32_t c = 0; c < classes && classes > 1; c++)
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
+    if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
@@ -171,19 +172,23 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         /* On one line every crossing is exact: there is no spread to measure. */
         uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
         if (classes > 1) clear_parts(part, classes, s->nfloats);
+        double *targets[COSETS + 1] = {0};
+        memcpy(targets, part, own * sizeof *part);
+        targets[own] = missed;
         Boundary y = {.run = &r,
                       .segments = segments_of(j),
                       .adjoint = halves ? mean : adjoint[0],
                       .classes = own,
-                      .targets = part};
+                      .misses = classes > 1,
+                      .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
     }
     r.stats.seconds_boundary = pool_now() - t;
-    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]);
+    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
-    free(mean);
+    free(mean), free(missed);
     run_end(&r, stats);
     return st;
 }
@@ -299,13 +304,14 @@ static void line_errors(const Replicates *k, double *error) {
     }
 }
 
-/* Lines without gaps miss what is narrower than their last halving, about as much as that one found: a part of the
- * error, and none that the replicates differ by. */
+/* What is missed is a part of the error, and none that the replicates differ by: of lines without gaps what is narrower
+ * than their last halving, about as much as that one found; of others see thin.h. */
 static void add_missing(const double *missed, uint32_t n, uint64_t size, double *error) {
     for (uint64_t i = 0; i < size; i++) {
-        double sum = 0;
+        double sum = 0, v = 0;
         for (uint32_t k = 0; k < n; k++) sum += missed[k * size + i] / n;
-        error[i] += fabs(sum);
+        for (uint32_t k = 0; k < n; k++) v += (missed[k * size + i] - sum) * (missed[k * size + i] - sum);
+        error[i] += fabs(sum) + (n > 1 ? sqrt(v / (n - 1) / n) : 0);
     }
 }
 
@@ -370,7 +376,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         statistics(k.interior, NULL, k.n, k.size, out->interior, NULL);
         statistics(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
         statistics(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
-        if (r.proven && out->gradient_stderr) add_missing(k.missed, k.n, k.size, out->gradient_stderr);
+        if (out->gradient_stderr) add_missing(k.missed, k.n, k.size, out->gradient_stderr);
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.sketch);

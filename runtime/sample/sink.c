@@ -16,7 +16,7 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 }
 
 void sink_free(Sink *k) {
-    free(k->order), free(k->kept);
+    free(k->order), free(k->kept), free(k->thin);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
 }
@@ -191,16 +191,16 @@ static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint
     }
 }
 
+static bool room(Sink *k, Crossing **list, uint64_t *cap, uint64_t n) {
+    if (n <= *cap) return true;
+    Crossing *more = realloc(*list, 2 * n * sizeof *more);
+    if (!more) k->failed = true;
+    else *list = more, *cap = 2 * n;
+    return more != NULL;
+}
+
 static void keep_all(Sink *k, const Crossing *c, uint32_t n) {
-    if (k->nkept + n > k->kept_cap) {
-        uint64_t cap = 2 * (k->nkept + n);
-        Crossing *more = realloc(k->kept, cap * sizeof *more);
-        if (!more) {
-            k->failed = true;
-            return;
-        }
-        k->kept = more, k->kept_cap = cap;
-    }
+    if (!room(k, &k->kept, &k->kept_cap, k->nkept + n)) return;
     memcpy(k->kept + k->nkept, c, n * sizeof *c);
     k->nkept += n;
 }
@@ -264,6 +264,16 @@ void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
     }
 }
 
+void sink_put_missed(Sink *k, const Crossing *c, uint32_t n) {
+    uint32_t missed = k->b->s->channels;
+    group(k, c, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        to = group_end(k, c, from, n);
+        if (k->kind == SINK_REVERSE) emit_reverse(k, c, k->order + from, to - from, k->classes, 0);
+        else emit_integral(k, c, k->order + from, to - from, missed, missed);
+    }
+}
+
 void sink_put_size(Sink *k, const Crossing *c, uint32_t n) {
     uint32_t size = SIZE_GROUP * k->b->s->channels;
     group(k, c, n);
@@ -292,8 +302,12 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
             const Crossing *x = &c[(uint32_t)k->order[i]];
             if (keep[i - from] && x->edge) follow_note(k->follow, x);
         }
-        for (uint32_t i = from; i < to; i++)
-            if (keep[i - from]) k->order[from + kept++] = k->order[i];
+        for (uint32_t i = from; i < to; i++) {
+            if (!keep[i - from]) continue;
+            const Crossing *x = &c[(uint32_t)k->order[i]];
+            if (x->thin && k->misses && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
+            k->order[from + kept++] = k->order[i];
+        }
         emit(k, c, k->order + from, kept);
     }
     if (k->coincide.n) coincide_count(k, c);

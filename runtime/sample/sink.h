@@ -44,8 +44,11 @@ struct Sink {
     Coincide coincide;
     Follow *follow; /* NULL: fingers are not followed */
     Sketch sketch;  /* SINK_INTEGRAL */
-    bool clip;      /* drop crossings outside the domain, uncounted */
-    bool failed;    /* memory ran out */
+    Crossing *thin; /* [nthin]: of this tile, for thin.h; only where `misses` */
+    uint64_t nthin, thin_cap;
+    bool misses; /* there are sums of what is missed: SINK_INTEGRAL, and as the last buffer SINK_REVERSE */
+    bool clip;   /* drop crossings outside the domain, uncounted */
+    bool failed; /* memory ran out */
 };
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g);
 void sink_free(Sink *k);
@@ -55,6 +58,8 @@ void sink_take(void *sink, Crossing *c, uint32_t n);
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n);
 /* weight * jump into the group of sizes alone; SINK_REVERSE: of the sum of what the adjoint weighs. n <= BATCH. */
 void sink_put_size(Sink *k, const Crossing *c, uint32_t n);
+/* The same into the sums of what is missed alone. */
+void sink_put_missed(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);

@@ -22,7 +22,7 @@ from coverage_programs import PROGRAMS, pixel_adjoint
 
 ROUNDING = 4e-6  # of the largest component: single precision, roots to 2^-15 of a segment
 QUICK = ("1D two sides", "2D curved disc", "2D curved parabola", "straight slope 0.5", "straight box", "straight short edge",
-         "random radius", "random blurred disc", "images shaded")
+         "thin ring 0.0001", "thin hairs", "random radius", "random blurred disc", "images shaded")
 WANTED = {2: 0.90, 4: 0.99}
 RATIO = (0.4, 1.5)
 
