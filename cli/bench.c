@@ -272,6 +272,8 @@ static SltStatus write_folder(Bench *b) {
         char *text;
     } files[] = {{"bench.csv", make_csv(b)}, {"bench.json", make_json(b)}, {"bench.svg", make_svg(b)}};
     SltStatus s = SLT_OK;
+    FileGroup outputs;
+    file_group_begin(&outputs);
     for (size_t i = 0; i < 3; i++) {
         char path[4096];
         if (s == SLT_OK &&
@@ -280,7 +282,7 @@ static SltStatus write_folder(Bench *b) {
         if (s == SLT_OK) s = file_write_atomic(path, files[i].text, strlen(files[i].text), &b->err);
         free(files[i].text);
     }
-    return s;
+    return file_group_end(&outputs, s, &b->err);
 }
 
 static void print_table(const Bench *b) {

@@ -1,6 +1,7 @@
 /* saltus build: ahead-of-time code (.o .s .ll .so) and a C header beside it, or the header alone (.h). */
 #include <assert.h>
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -91,6 +92,12 @@ static void write_kernel(FILE *h, const SltProgram *p, const char *stem, int k) 
     fprintf(h, " */\nvoid %s_%s(SltKernelArgs *args, uint32_t n);\n", stem, kernel_names[k]);
 }
 
+/* Exact, and a constant in every C and C++. */
+static void write_float(FILE *h, const char *before, double v) {
+    if (isfinite(v)) fprintf(h, "%s%.17g", before, v);
+    else fprintf(h, "%s%s", before, isnan(v) ? "(0.0 / 0.0)" : v > 0 ? "(1.0 / 0.0)" : "(-1.0 / 0.0)");
+}
+
 static char *make_header(const SltProgram *p, const char *stem) {
     char *text = NULL, id[256];
     size_t size = 0;
@@ -100,7 +107,8 @@ static char *make_header(const SltProgram *p, const char *stem) {
     fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n",
             stem, p->prog->entry, slt_version(), stem, stem);
     write_kernel_header(h);
-    fprintf(h, "\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt, stem);
+    fprintf(h, "\n#include <string.h>\n\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt,
+            stem);
     fprintf(h, "enum { %s_DIM = %u, %s_CHANNELS = %u, %s_FLOATS = %u, %s_INTS = %u };\n\n", stem, p->prog->dim, stem,
             p->prog->channels, stem, p->prog->nfloats, stem, p->prog->nints);
     fprintf(h,
@@ -117,7 +125,7 @@ static char *make_header(const SltProgram *p, const char *stem) {
     if (p->prog->nfloats <= 65536) {
         fprintf(h, "static const %s_flt %s_params[%u] = {", stem, stem, p->prog->nfloats ? p->prog->nfloats : 1);
         for (uint32_t i = 0; i < p->prog->nfloats; i++)
-            fprintf(h, "%s%a", i % 8 ? ", " : i ? ",\n    " : "\n    ", p->floats[i]);
+            write_float(h, i % 8 ? ", " : i ? ",\n    " : "\n    ", p->floats[i]);
         fprintf(h, "%s};\n", p->prog->nfloats ? "\n" : "0");
         fprintf(h, "static const int32_t %s_iparams[%u] = {", stem, p->prog->nints ? p->prog->nints : 1);
         for (uint32_t i = 0; i < p->prog->nints; i++) fprintf(h, "%s%d", i ? ", " : "", p->ints[i]);
@@ -129,9 +137,10 @@ static char *make_header(const SltProgram *p, const char *stem) {
         h,
         "\n/* f at n points: x[axis] and out[channel] are arrays readable and writable up to n rounded up to 64, 64-byte aligned. */\n"
         "static inline void %s_eval(const %s_flt *params, const int32_t *iparams, const %s_flt *const *x, %s_flt *const *out, uint32_t n) {\n"
-        "    static const int32_t zero[64];\n"
-        "    SltKernelArgs args = {0};\n"
+        "    static const int32_t zero[64] = {0};\n"
+        "    SltKernelArgs args;\n"
         "    int i;\n"
+        "    memset(&args, 0, sizeof args);\n"
         "    for (i = 0; i < SLT_IN_VARYING; i++) args.in[i] = n <= 64 ? (const void *)zero : (const void *)x[0];\n"
         "    for (i = 0; i < %s_DIM; i++) args.in[i] = x[i];\n"
         "    for (i = 0; i < %s_CHANNELS; i++) args.out[i] = out[i];\n"
@@ -141,6 +150,17 @@ static char *make_header(const SltProgram *p, const char *stem) {
     fprintf(h, "\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
     fclose(h);
     return text;
+}
+
+/* A header that is there and does not say that it was made here. */
+static bool is_foreign(const char *path) {
+    char head[512] = {0};
+    FILE *f = fopen(path, "rb");
+    if (!f) return false;
+    size_t n = fread(head, 1, sizeof head - 1, f);
+    fclose(f);
+    head[n] = 0;
+    return !strstr(head, "made by saltus");
 }
 
 static int build(Cli *c, SltProgram *p) {
@@ -169,7 +189,13 @@ static int build(Cli *c, SltProgram *p) {
     if (!header_path) return free(header), SLT_LIMIT;
     strcpy(header_path, c->output);
     strcpy(strrchr(header_path, '.'), ".h");
-    if (kind != 'h') {
+    unsigned char *code = NULL;
+    size_t size = 0;
+    if (kind != 'h' && is_foreign(header_path)) {
+        status = status_fail(&err, SLT_OUTPUT,
+                             "'%s' would be overwritten by the header, and was not made by saltus: choose another name",
+                             header_path);
+    } else if (kind != 'h') {
         KernelRequest req[K_KINDS];
         uint32_t n = 0;
         for (int k = 0; k < K_KINDS; k++)
@@ -181,10 +207,15 @@ static int build(Cli *c, SltProgram *p) {
                           .opt_level = 2,
                           .output_rgba8 = c->opt.rgba8};
         const char *why = NULL;
-        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, c->output, &why);
+        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, &code, &size, &why);
         if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");
     }
+    FileGroup outputs;
+    file_group_begin(&outputs);
+    if (status == SLT_OK && code) status = file_write_atomic(c->output, code, size, &err);
     if (status == SLT_OK) status = file_write_atomic(header_path, header, strlen(header), &err);
+    status = file_group_end(&outputs, status, &err);
+    free(code);
     if (status == SLT_OK && c->json) {
         fputs("{\"outputs\": [", stdout);
         json_text(stdout, c->output);
@@ -192,7 +223,7 @@ static int build(Cli *c, SltProgram *p) {
         fputs("], \"prefix\": ", stdout);
         json_text(stdout, stem);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, NULL);
         fputs("}\n", stdout);
     }
     free(header);

@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
@@ -124,6 +125,40 @@ static void on_print(void *user, const char *line, const double *values, uint32_
     fwrite(text, 1, (size_t)length, stderr);
 }
 
+static bool is_same_file(const char *a, const char *b) {
+    struct stat x, y;
+    return a && b && !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+/* An output that is a source or the scene is a slip of the hand. */
+static int refuse_sources(const Cli *c, const SltProgram *p) {
+    const char *const outputs[] = {c->output, c->checkpoint, c->cells};
+    for (size_t k = 0; k < sizeof outputs / sizeof *outputs; k++) {
+        bool same = is_same_file(outputs[k], c->scene);
+        for (uint32_t i = 0; i < p->session->nsources; i++)
+            same |= is_same_file(outputs[k], p->session->sources[i].path);
+        if (!same) continue;
+        fprintf(stderr, "saltus: '%s' is a source of this run, and would be overwritten\n", outputs[k]);
+        return SLT_OUTPUT;
+    }
+    return SLT_OK;
+}
+
+/* NaN and infinities are values like others; whoever meant something else should hear of it. */
+static void warn_not_finite(const Cli *c, const SltProgram *p) {
+    for (uint32_t i = 0; i < slt_param_count(p) && !c->quiet; i++) {
+        SltParam q = SLT_PARAM_INIT;
+        slt_param(p, i, &q);
+        if (q.is_texture) continue;
+        const double *v = slt_floats(p) + q.fbase;
+        for (uint32_t k = 0; k < q.fcount; k++) {
+            if (isfinite(v[k])) continue;
+            fprintf(stderr, "saltus: warning: parameter `%s` is %s\n", q.name, isnan(v[k]) ? "nan" : "infinite");
+            break;
+        }
+    }
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
@@ -152,17 +187,20 @@ int cli_compile(Cli *c, SltProgram **out) {
         return status;
     }
     SltError err = {0};
+    status = (SltStatus)refuse_sources(c, p);
+    if (status != SLT_OK) return status;
     slt_set_print(p, on_print, NULL, NULL);
     if (c->params_file) {
         uint8_t *bytes;
         size_t size;
-        if (file_read_all(c->params_file, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
+        if (file_read_all(c->params_file, &file_text, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
         status = slt_set_params_json(p, (const char *)bytes, c->params_file, &err);
         free(bytes);
         if (status != SLT_OK) return cli_fail(c, &err);
     }
     for (uint32_t i = 0; i < c->nparams; i++)
         if (slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK) return cli_fail(c, &err);
+    warn_not_finite(c, p);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
     return SLT_OK;
 }

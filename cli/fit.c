@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "cli/fit.h"
 #include "cli/loss.h"
@@ -277,8 +278,6 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     char path[4096];
     const char *dir = f->c->output;
     uint32_t ch = slt_channels(f->p);
-    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
-        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
     SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
     if (s == SLT_OK) s = file_write_atomic(path, json, strlen(json), err);
     double *x = malloc((f->result.iterations + 1) * sizeof *x);
@@ -329,6 +328,34 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     return s;
 }
 
+/* A folder that a fit has not filled before may hold a file of a name that would be written: somebody else's. */
+static SltStatus check_folder(const Fit *f, SltError *err) {
+    static const char *const usual[] = {"loss.svg", "loss.csv", "image.exr", "image.png", "strip.png"};
+    char path[4096], name[512];
+    const char *dir = f->c->output;
+    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
+        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
+    SltStatus s = join(path, sizeof path, dir, "fitted.json", err);
+    if (s != SLT_OK || access(path, F_OK) == 0) return s;
+    uint32_t params = slt_param_count(f->p), n = sizeof usual / sizeof *usual + 2 * params;
+    for (uint32_t k = 0; k < n; k++) {
+        SltParam q = SLT_PARAM_INIT;
+        if (k >= 2 * params) snprintf(name, sizeof name, "%s", usual[k - 2 * params]);
+        else slt_param(f->p, k / 2, &q), snprintf(name, sizeof name, "%.500s.%s", q.name, k & 1 ? "png" : "exr");
+        if (k < 2 * params && !q.is_texture && !q.is_heightfield) continue;
+        if ((s = join(path, sizeof path, dir, name, err)) != SLT_OK) return s;
+        if (access(path, F_OK) == 0)
+            return status_fail(err, SLT_OUTPUT,
+                               "'%s' is there, and %s holds no earlier fit: choose another folder for -o", path, dir);
+    }
+    return SLT_OK;
+}
+
+static bool wants_folder(const Cli *c) {
+    size_t n = c->output ? strlen(c->output) : 0;
+    return n && !(n > 5 && !strcmp(c->output + n - 5, ".json"));
+}
+
 static const char *const stop_names[] = {
     [SLT_FIT_ITERATIONS] = "iters",        [SLT_FIT_CONVERGED] = "converged",    [SLT_FIT_STOPPED] = "stopped",
     [SLT_FIT_INTERRUPTED] = "interrupted", [SLT_FIT_TIME_LIMIT] = "interrupted", [SLT_FIT_FAILED] = "failed"};
@@ -338,10 +365,11 @@ static int write_outputs(Fit *f) {
     char *json = slt_params_json(f->p);
     SltStatus s = json ? SLT_OK : status_fail(&err, SLT_LIMIT, "out of memory");
     if (s == SLT_OK && f->c->output) {
-        size_t n = strlen(f->c->output);
-        if (n > 5 && !strcmp(f->c->output + n - 5, ".json"))
-            s = file_write_atomic(f->c->output, json, strlen(json), &err);
-        else s = write_folder(f, json, &err);
+        FileGroup outputs;
+        file_group_begin(&outputs);
+        if (wants_folder(f->c)) s = write_folder(f, json, &err);
+        else s = file_write_atomic(f->c->output, json, strlen(json), &err);
+        s = file_group_end(&outputs, s, &err);
     }
     if (s == SLT_OK && f->c->json) {
         fputs("{\"initial_loss\": ", stdout);
@@ -356,7 +384,7 @@ static int write_outputs(Fit *f) {
         printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", stop_names[f->result.stop], json);
         if (f->c->output) json_text(stdout, f->c->output);
         fputs("], ", stdout);
-        report_warnings_json(stdout, f->p);
+        report_warnings_json(stdout, f->p, &f->stats);
         fputs("}\n", stdout);
     } else if (s == SLT_OK) {
         printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,
@@ -388,7 +416,8 @@ static int run(Fit *f) {
     SltFit *fit;
     SltError err = {0}, end_err = {0};
     SltFitStop stop = SLT_FIT_RUNNING;
-    SltStatus status = slt_fit_begin(f->p, &f->opt, &fit, &err);
+    SltStatus status = wants_folder(c) ? check_folder(f, &err) : SLT_OK; /* now, and not after hours */
+    if (status == SLT_OK) status = slt_fit_begin(f->p, &f->opt, &fit, &err);
     if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
     /* The loss program may run in another folder than the command. */
@@ -437,6 +466,7 @@ int verb_fit(Cli *c) {
     cli_catch_interrupt(c);
     const char *scene_file = c->file;
     if (scene_is(c->file)) {
+        c->scene = scene_file;
         status = scene_read(c, scene_file, &f.scene);
         if (status == SLT_OK) c->file = f.scene.shader;
     }

@@ -298,7 +298,7 @@ int scene_read(Cli *c, const char *path, Scene *scene) {
     SltError err = {0};
     uint8_t *bytes;
     size_t size;
-    if (file_read_all(path, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
+    if (file_read_all(path, &file_text, &bytes, &size, &err) != SLT_OK) return cli_fail(c, &err);
     const char *slash = strrchr(path, '/');
     scene->dir = scene_keep(scene, strndup(path, slash ? (size_t)(slash + 1 - path) : 0));
     json_error_t e;

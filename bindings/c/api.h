@@ -51,9 +51,11 @@ struct SltProgram {
     uint32_t *list_counts;                         /* [SLT_MAX_CULL]: iterations of each */
     uint8_t *list_noted;                           /* [SLT_MAX_CULL]: 1 where `bounds` notes which can matter */
     uint8_t *site_kind, *site_static, *site_skips; /* by site: see SltScene */
+    uint8_t *edge_upsets;                          /* as edge_kind; NULL: no seam does */
+    uint32_t *edge_line;                           /* likewise: of the source */
     uint8_t *edge_kind;                            /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
-    bool flat;                      /* see SltScene */
+    bool flat, chunked;             /* see SltScene */
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
     const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
     uint32_t *geometry_base;        /* [prog->ngeometries]: where in flt its numbers begin */

@@ -449,7 +449,7 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
     if (ends_with(path, ".json")) {
         uint8_t *bytes;
         size_t size;
-        SltStatus status = file_read_all(path, &bytes, &size, s->err);
+        SltStatus status = file_read_all(path, &file_text, &bytes, &size, s->err);
         if (status != SLT_OK) return status;
         json_t *j = parse_json((const char *)bytes, path, s->err);
         free(bytes);
@@ -548,7 +548,8 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
     uint8_t *bytes = NULL;
     size_t size;
     json_t *root = NULL, *rows;
-    if (file_read_all(path, &bytes, &size, &err) == SLT_OK) root = parse_json((const char *)bytes, path, &err);
+    if (file_read_all(path, &file_text, &bytes, &size, &err) == SLT_OK)
+        root = parse_json((const char *)bytes, path, &err);
     free(bytes);
     if (!root) {
         *why = arena_printf(&p->session->session, "%s", err.text);
@@ -602,7 +603,7 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
     if (ends_with(path, ".json")) {
         uint8_t *bytes;
         size_t size;
-        if (file_read_all(path, &bytes, &size, &err) != SLT_OK) {
+        if (file_read_all(path, &file_text, &bytes, &size, &err) != SLT_OK) {
             *why = arena_printf(&p->session->session, "%s", err.text);
             return false;
         }

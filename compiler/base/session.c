@@ -1,9 +1,16 @@
 /* Sessions: making and unwinding them, and their sources with the lines. */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE
+#endif
 #include "compiler/base/session.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "saltus/status.h"
 
@@ -128,8 +135,8 @@ static int add_source(Session *s, const char *path, const char *dir, const char 
 typedef struct AddArgs {
     const char *path, *dir, *text;
     size_t len;
-    int error, result;
-    const char *why;
+    int result;
+    const char *refused, *why;
 } AddArgs;
 
 static void add_text_body(Session *s, void *arg) {
@@ -144,12 +151,26 @@ int session_add_text(Session *s, const char *shown_path, const char *dir, const 
 
 static void add_file_body(Session *s, void *arg) {
     AddArgs *a = arg;
-    if (a->error) a->why = arena_printf(&s->session, "%s", strerror(a->error));
+    if (a->refused) a->why = arena_printf(&s->session, "%s", a->refused);
     else a->result = add_source(s, a->path, strcmp(a->path, "-") ? folder_of(s, a->path) : ".", a->text, a->len);
 }
 
-/* Reads at most SOURCE_MAX + 1 bytes, so that a device or a pipe without an end is a limit and not a hang. Returns an
- * errno value. */
+/* A pipe or a device may never answer, and opening one must not wait either: only files are sources, and standard input
+ * by its own name. */
+static FILE *open_source(const char *path, const char **why) {
+    struct stat st;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (fd < 0 || fstat(fd, &st)) *why = strerror(errno);
+    else if (S_ISDIR(st.st_mode)) *why = strerror(EISDIR);
+    else if (!S_ISREG(st.st_mode)) *why = "it is a pipe or a device, and a file is wanted (`-` reads standard input)";
+    FILE *f = *why ? NULL : fdopen(fd, "rb");
+    if (!f && !*why) *why = strerror(errno);
+    if (!f && fd >= 0) close(fd);
+    return f;
+}
+
+/* Reads at most SOURCE_MAX + 1 bytes, so that an input without an end is a limit and not a hang. Returns an errno
+ * value. */
 static int read_all(FILE *f, char **text, size_t *len) {
     size_t cap = 1 << 16;
     char *buf = malloc(cap);
@@ -171,10 +192,11 @@ int session_add_file(Session *s, const char *path, const char **why) {
     AddArgs a = {.path = path, .result = -1};
     char *text = NULL;
     bool standard_input = !strcmp(path, "-");
+    const char *refused = NULL;
     errno = 0;
-    FILE *f = standard_input ? stdin : fopen(path, "rb");
-    if (f) a.error = read_all(f, &text, &a.len);
-    else a.error = errno ? errno : EIO;
+    FILE *f = standard_input ? stdin : open_source(path, &refused);
+    int error = f ? read_all(f, &text, &a.len) : 0;
+    a.refused = error ? strerror(error) : refused;
     if (f && !standard_input) fclose(f);
     a.text = text;
     int status = session_protect(s, add_file_body, &a);

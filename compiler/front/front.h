@@ -38,7 +38,8 @@ typedef enum JumpKind {
     JUMP_COMPARE,
     JUMP_EQUALITY, /* == or !=: jumps only where it holds on an area */
     JUMP_BUILTIN,
-    JUMP_ALWAYS /* a value that jumps and cannot be a site */
+    JUMP_ALWAYS, /* a value that jumps and cannot be a site */
+    JUMP_INTEGER /* a comparison of integers under [Disc], which jumps where they do */
 } JumpKind;
 
 /* An untagged place that may jump. The front end records them; pass/warn.c judges. */

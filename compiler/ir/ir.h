@@ -64,6 +64,7 @@ static inline bool ir_site_of_ray(SiteKind kind) { return kind == SITE_SILHOUETT
 
 #define IR_IF_RARE 1         /* imm.i of an if_ whose condition hardly ever holds: always a real branch */
 #define IR_MAX_OPS (1u << 18)
+#define IR_MAX_PLACES 16 /* of a value that chunks hand to each other: ends and more, of it and of its derivatives */
 
 typedef struct Inst Inst;
 typedef struct Block Block;
@@ -125,6 +126,13 @@ struct Block {
 };
 
 /* One static site: one place in the source inlined through one chain of calls. */
+/* What a seam that moves with a parameter may change at its jump, though nothing crosses 0 there. */
+typedef enum SeamUpset {
+    UPSETS_NOTHING,
+    UPSETS_SITES,   /* decisions of sites */
+    UPSETS_INTEGERS /* or tagged ones of integers, which are no sites */
+} SeamUpset;
+
 typedef struct SiteInfo {
     SiteKind kind;
     Span span;           /* the comparison or the jumping builtin */
@@ -132,6 +140,7 @@ typedef struct SiteInfo {
     uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
+    SeamUpset upsets; /* of a seam */
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
 

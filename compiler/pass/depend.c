@@ -56,6 +56,34 @@ static bool chooses(const Inst *i) {
            op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
 }
 
+/* Operations of floats whose results are constant between jumps. A site's own jumps are tagged. */
+static bool steps(const Inst *i) {
+    Op op = (Op)i->op;
+    if (op == OP_site || op == OP_siten || op == OP_query || op == OP_window) return false;
+    return op == OP_ffloor || op == OP_fceil || op == OP_fround || op == OP_ftrunc ||
+           (i->nargs && (i->type == TY_INT || i->type == TY_BOOL));
+}
+
+bool depend_jumps(const Depend *of, const Inst *i) {
+    uint8_t on = 0;
+    for (uint32_t a = 0; a < i->nargs; a++) on |= of[i->args[a]->id].on;
+    return steps(i) && (on & DEPENDS_SLOPE) && (on & DEPENDS_PARAM);
+}
+
+/* What it depends on for its operands' sake. */
+static void flow_operands(Flow *f, const Inst *i) {
+    bool site = i->op == OP_site || i->op == OP_siten;
+    Depend d = {0};
+    for (uint32_t a = 0; a < i->nargs; a++) {
+        Depend arg = f->of[i->args[a]->id];
+        if (site && a == 0) arg.on &= (uint8_t)~DEPENDS_JUMPS;
+        depend_merge(&d, &arg);
+    }
+    if (steps(i) || site) d.on &= (uint8_t)~DEPENDS_SLOPE;
+    if (depend_jumps(f->of, i)) d.on |= DEPENDS_JUMPS;
+    add(f, i, &d);
+}
+
 /* control: what the conditions around the block depend on; exits: those of them that end loops, if whole_loops. */
 static void flow(Flow *f, Block *b, Depend control, Depend exits);
 
@@ -90,7 +118,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
     for (Inst *i = b->first; i; i = i->next) {
         switch ((Op)i->op) {
         case OP_input:
-            if (i->imm.i <= IN_X2) add_flags(f, i, DEPENDS_X);
+            if (i->imm.i <= IN_X2) add_flags(f, i, DEPENDS_X | DEPENDS_SLOPE);
             break;
         case OP_rand: add_flags(f, i, DEPENDS_RAND); break;
         case OP_param:
@@ -126,8 +154,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
             break;
         case OP_proj: flow_proj(f, i); break;
         case OP_yield: break;
-        default:
-            for (uint32_t a = 0; a < i->nargs; a++) add_value(f, i, i->args[a]);
+        default: flow_operands(f, i);
         }
         if (exits.on) add(f, i, &exits);
         if (chooses(i) && (f->of[i->id].on & DEPENDS_X)) add_flags(f, i, DEPENDS_PIECES);

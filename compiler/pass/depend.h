@@ -13,8 +13,10 @@ enum {
     DEPENDS_X = 1, /* the position */
     DEPENDS_PARAM = 2,
     DEPENDS_RAND = 4,
-    DEPENDS_PIECES = 8 /* chosen from several values, where the choice depends on the position: the value may be
-                          constant, or equal to another, on an area */
+    DEPENDS_PIECES = 8, /* chosen from several values, where the choice depends on the position: the value may be
+                           constant, or equal to another, on an area */
+    DEPENDS_SLOPE = 16, /* the position, otherwise than by jumps */
+    DEPENDS_JUMPS = 32  /* jumps that no [Disc] tags, and whose places move with a parameter */
 };
 enum { DEPEND_NAMED = 3 };
 
@@ -33,6 +35,8 @@ typedef struct DependOptions {
 
 /* By id, in the session's scratch arena. Numbers the Fn. */
 const Depend *depend_values(Fn *fn, DependOptions options);
+/* Does it jump by itself, somewhere that moves with a parameter? of: what its operands depend on. */
+bool depend_jumps(const Depend *of, const Inst *i);
 /* Adds `from`; true if that was new. */
 bool depend_merge(Depend *to, const Depend *from);
 /* site[nsites] gets the DEPENDS_* flags of the boundary function of each site, with whole_loops. Numbers the Fn. */

@@ -7,8 +7,9 @@
  * other kernel knows seams.
  *
  * `edge` has code for each of them, at worst the whole program: above EDGES of them, or COST operations, bends stay
- * what they are, then jumps too. Where rays are searched nothing is bounded, so there are none. */
+ * what they are, then jumps too. */
 #include "compiler/pass/depend.h"
+#include "compiler/pass/slice.h"
 #include "compiler/pass/variant_bounds.h"
 
 enum { EDGES = 192, COST = 12000 };
@@ -25,11 +26,13 @@ typedef struct Known {
 typedef struct Seams {
     Fn *fn;
     Arena *arena;
-    const Depend *dep; /* by id of the clone before seams */
-    Boxes facts;       /* likewise: bounds_facts alone */
-    uint32_t n;        /* ids then */
-    bool *decides;     /* by id of a comparison or rounding: something else than its own site uses it */
-    Inst **seam;       /* by id: what stands for the value from now on */
+    const Depend *dep;  /* by id of the clone before seams */
+    Boxes facts;        /* likewise: bounds_facts alone */
+    uint32_t n;         /* ids then */
+    const bool *tagged; /* likewise: a tagged decision comes from it */
+    bool integers;      /* so may some that are no sites, of integers */
+    bool *decides;      /* by id of a comparison or rounding: something else than its own site uses it */
+    Inst **seam;        /* by id: what stands for the value from now on */
     Vec(SiteInfo) sites;
     Vec(Known) known;
     Inst *loop_k[SLT_MAX_K];
@@ -114,9 +117,15 @@ static SiteKind kind_of(const Inst *i) {
     }
 }
 
+/* May a decision that is tagged jump where this does, at a place that moves? */
+static SeamUpset upset_of(const Seams *s, const Inst *i) {
+    if (class_of(s, i) != CLASS_JUMP || !depend_jumps(s->dep, i)) return UPSETS_NOTHING;
+    return s->integers ? UPSETS_INTEGERS : s->tagged[i->id] ? UPSETS_SITES : UPSETS_NOTHING;
+}
+
 static uint32_t new_edge(Seams *s, const Inst *i) {
     SiteInfo info = {.kind = kind_of(i), .span = i->span, .path = "", .depth = s->depth, .max_events = s->events};
-    info.text = name_of(i);
+    info.text = name_of(i), info.upsets = upset_of(s, i);
     vec_push(s->arena, &s->sites, info);
     return s->sites.len - 1;
 }
@@ -137,6 +146,8 @@ static void make_seam(Seams *s, Inst *i) {
     }
     const Known *known = q ? find_known(s, i->block, p, q) : NULL;
     uint32_t edge = known ? known->edge : new_edge(s, i);
+    if (known && edge >= s->fn->nsites && upset_of(s, i) > s->sites.data[edge].upsets)
+        s->sites.data[edge].upsets = upset_of(s, i);
     Builder b = ir_after(s->fn, i);
     Inst *g = known ? known->g : q ? ir_emit2(&b, OP_fsub, p, q) : p;
     if (q && !known) vec_push(s->arena, &s->known, ((Known){p, q, i, edge, g}));
@@ -174,29 +185,42 @@ static void use_seams(const Seams *s, Block *b) {
     }
 }
 
-static bool searches(const Block *b) {
+static void add_sites(Slice *from, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_query) return true;
-        for (uint32_t r = 0; r < i->nregions; r++)
-            if (searches(i->region[r])) return true;
+        if (variant_is_site(i))
+            for (uint32_t a = 1; a < i->nargs; a++) slice_add(from, i->args[a]);
+        for (uint32_t r = 0; r < i->nregions; r++) add_sites(from, i->region[r]);
     }
+}
+
+static void find_tagged(Seams *s) {
+    Slice from = slice_begin(s->fn, s->arena, false);
+    add_sites(&from, s->fn->body);
+    slice_close(&from);
+    s->tagged = from.in;
+}
+
+static bool decides_integers(const Program *p) {
+    for (uint32_t u = 0; p && u < p->nuntracked; u++)
+        if (p->untracked[u].kind == JUMP_INTEGER) return true;
     return false;
 }
 
 Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     Fn *fn = variant_clone(ctx, primal, "seams", true);
     opt_dce(ctx, fn);
-    if (searches(fn->body)) return fn;
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);
     Seams s = {.fn = fn, .arena = scratch, .events = 1};
-    s.dep = depend_values(fn, (DependOptions){0});
+    s.dep = depend_values(fn, (DependOptions){.program = ctx->program});
     s.n = fn->ninsts;
     s.facts = (Boxes){.ctx = ctx, .from = fn, .arena = scratch, .fact = ARENA_ARRAY(scratch, uint8_t, s.n + 1)};
     bounds_facts(&s.facts);
     s.decides = ARENA_ARRAY(scratch, bool, s.n + 1);
     s.seam = ARENA_ARRAY(scratch, Inst *, s.n + 1);
     for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
+    s.integers = decides_integers(ctx->program);
+    find_tagged(&s);
     find_users(&s, fn->body);
     count_block(&s, fn->body, 0);
     uint32_t jumps = fn->nsites + s.count[CLASS_JUMP], all = jumps + s.count[CLASS_BEND];

@@ -3,11 +3,13 @@
  * For every untagged comparison of floats and jumping builtin (recorded by front/gen): does its boundary function
  * depend on the position and on a differentiable parameter, and can its outcome reach an output? Then the place is
  * warned about, unless both sides are equal where the boundary is 0. Sites whose boundary does not depend on the
- * position have no curve: they are warned about and taken out. */
+ * position have no curve: they are warned about and taken out; so are, but for being taken out, those whose boundary
+ * function changes with the position by untagged jumps alone. */
 #include <math.h>
 #include <string.h>
 
 #include "compiler/pass/depend.h"
+#include "compiler/pass/slice.h"
 
 enum { PROOF_BUDGET = 600 }; /* instructions looked at for one comparison */
 
@@ -16,71 +18,9 @@ typedef struct Warn {
     Fn *fn;
     Arena *scratch;
     const Depend *dep; /* by id */
-    bool *live;
-    Vec(Inst *) work;
-    Inst **stores, **next_store; /* by id of the alloc; chained by id */
+    bool *live;        /* by id: can reach an output */
+    Inst **inst;       /* by id */
 } Warn;
-
-/* ---- what can reach an output */
-
-static void mark(Warn *w, Inst *i) {
-    if (!i || w->live[i->id]) return;
-    w->live[i->id] = true;
-    vec_push(w->scratch, &w->work, i);
-}
-
-static void mark_control(Warn *w, const Block *b) {
-    for (; b && b->owner; b = b->owner->block) {
-        if (b->owner->op == OP_if_) mark(w, b->owner->args[0]);
-        if (b->owner->op == OP_loop) mark(w, b->last->args[0]);
-    }
-}
-
-static void mark_stores(Warn *w, const Inst *array) {
-    for (Inst *s = w->stores[array->id]; s; s = w->next_store[s->id]) {
-        w->live[s->id] = true;
-        for (uint32_t a = 1; a < s->nargs; a++) mark(w, s->args[a]);
-        mark_control(w, s->block);
-    }
-}
-
-static void propagate(Warn *w, Inst *i) {
-    if (i->op == OP_arg) {
-        const Block *b = i->block;
-        uint32_t at = (uint32_t)i->imm.i;
-        if (!b->owner) return;
-        if (b->owner->op == OP_loop && at > 0) {
-            mark(w, b->owner->args[at - 1]);
-            mark(w, b->last->args[at]);
-            mark(w, b->last->args[0]);
-        } else if (b->owner->op == OP_custom && at < b->owner->nargs) {
-            mark(w, b->owner->args[at]);
-        }
-        return;
-    }
-    if (i->op == OP_proj) {
-        Inst *op = i->args[0];
-        uint32_t at = (uint32_t)i->imm.i + (op->op == OP_loop ? 1 : 0);
-        mark(w, op->region[0]->last->args[at]);
-        if (op->op == OP_if_) mark(w, op->region[1]->last->args[at]), mark(w, op->args[0]);
-        if (op->op == OP_loop) mark(w, op->region[0]->last->args[0]);
-        return;
-    }
-    if (i->op == OP_alloc) {
-        mark_stores(w, i);
-        return;
-    }
-    for (uint32_t a = 0; a < i->nargs; a++) mark(w, i->args[a]);
-}
-
-static void collect(Warn *w, Block *b) {
-    for (Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_store || i->op == OP_acopy)
-            w->next_store[i->id] = w->stores[i->args[0]->id], w->stores[i->args[0]->id] = i;
-        if (i->op == OP_site && w->fn->sites[i->imm.i].skip_loop) mark(w, i);
-        for (uint32_t r = 0; r < i->nregions; r++) collect(w, i->region[r]);
-    }
-}
 
 /* ---- are both sides equal on the boundary?
  *
@@ -335,6 +275,32 @@ static const char *param_list(Warn *w, const Depend *d) {
     return text;
 }
 
+/* ---- tagged decisions that jumps make which are not tagged */
+
+/* The first of the jumps that v hangs on. */
+static const Inst *find_jump(Warn *w, Inst *v) {
+    Slice from = slice_begin(w->fn, w->scratch, false);
+    slice_add(&from, v);
+    slice_close(&from);
+    const Inst *first = NULL;
+    for (uint32_t id = 0; id < w->fn->ninsts; id++)
+        if (from.in[id] && w->inst[id] && depend_jumps(w->dep, w->inst[id]) && (!first || id < first->id))
+            first = w->inst[id];
+    return first;
+}
+
+/* Nothing crosses 0 where a decision by constants changes, so nothing there is integrated. */
+static void report_stepping(Warn *w, Inst *g, Span span) {
+    const Depend *d = &w->dep[g->id];
+    if (!(d->on & DEPENDS_JUMPS) || d->on & DEPENDS_SLOPE) return;
+    /* Sites of skipped loops have their decision used before them: it is tagged, and does not look so. */
+    for (uint32_t s = 0; s < w->fn->nsites; s++)
+        if (w->fn->sites[s].skip_loop) return;
+    const Inst *jump = find_jump(w, g);
+    Diag *diag = diag_emit(w->ctx->session, DIAG_stepping, span, param_list(w, d));
+    if (diag && jump) diag_note(w->ctx->session, diag, jump->span, "it jumps here: [Disc] belongs on this statement");
+}
+
 static void report_untracked(Warn *w) {
     const Program *program = w->ctx->program;
     uint32_t n = program->nuntracked;
@@ -346,6 +312,10 @@ static void report_untracked(Warn *w) {
     for (uint32_t i = 0; i < n; i++) {
         const Untracked *t = &program->untracked[i];
         if (!w->live[t->at->id]) continue;
+        if (t->kind == JUMP_INTEGER) {
+            report_stepping(w, t->at, t->span);
+            continue;
+        }
         Depend d = {0};
         if (t->g0) depend_merge(&d, &w->dep[t->g0->id]);
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
@@ -365,6 +335,21 @@ static void report_static(Warn *w, const Inst *site, Span span) {
     if (!w->ctx->program || !w->live[site->id]) return;
     if (d->on & DEPENDS_PARAM) diag_emit(w->ctx->session, DIAG_static_disc, span, param_list(w, d));
     else if (d->on & DEPENDS_RAND) diag_emit(w->ctx->session, DIAG_static_disc, span, "random numbers");
+}
+
+static void report_decisions(Warn *w, const Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) report_decisions(w, i->region[r]);
+        if ((i->op == OP_site || i->op == OP_siten) && w->live[i->id] && !ir_site_of_ray(w->fn->sites[i->imm.i].kind))
+            report_stepping(w, i->args[1], w->fn->sites[i->imm.i].span);
+    }
+}
+
+static void find_insts(Warn *w, Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        w->inst[i->id] = i;
+        for (uint32_t r = 0; r < i->nregions; r++) find_insts(w, i->region[r]);
+    }
 }
 
 typedef struct Renumber {
@@ -408,11 +393,20 @@ static void number_windows(Block *b, const Renumber *to) {
     }
 }
 
+static void keep_skipped(const Fn *fn, Slice *live, const Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_site && fn->sites[i->imm.i].skip_loop) slice_add(live, i);
+        for (uint32_t r = 0; r < i->nregions; r++) keep_skipped(fn, live, i->region[r]);
+    }
+}
+
 static void find_live(Warn *w) {
     Inst *outputs = w->fn->body->last;
-    collect(w, w->fn->body);
-    for (uint32_t i = 0; i < outputs->nargs; i++) mark(w, outputs->args[i]);
-    while (w->work.len) propagate(w, w->work.data[--w->work.len]);
+    Slice live = slice_begin(w->fn, w->scratch, true);
+    keep_skipped(w->fn, &live, w->fn->body);
+    for (uint32_t i = 0; i < outputs->nargs; i++) slice_add(&live, outputs->args[i]);
+    slice_close(&live);
+    w->live = live.in;
 }
 
 bool warn_jumps(PassCtx *ctx, Fn *fn) {
@@ -421,11 +415,10 @@ bool warn_jumps(PassCtx *ctx, Fn *fn) {
     uint32_t n = ir_number(fn);
     Warn w = {.ctx = ctx, .fn = fn, .scratch = scratch};
     w.dep = depend_values(fn, (DependOptions){.program = ctx->program});
-    w.live = ARENA_ARRAY(scratch, bool, n + 1);
-    w.stores = ARENA_ARRAY(scratch, Inst *, n + 1);
-    w.next_store = ARENA_ARRAY(scratch, Inst *, n + 1);
+    w.inst = ARENA_ARRAY(scratch, Inst *, n + 1);
+    find_insts(&w, fn->body);
     find_live(&w);
-    if (ctx->program) report_untracked(&w);
+    if (ctx->program) report_untracked(&w), report_decisions(&w, fn->body);
 
     Renumber to = {.map = ARENA_ARRAY(scratch, Inst *, n + 1),
                    .infos = ARENA_ARRAY(fn->arena, SiteInfo, fn->nsites + 1),

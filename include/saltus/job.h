@@ -73,7 +73,7 @@ typedef enum SltDrop {
     SLT_DROP_NO_ROOT,      /* g has the same sign on both sides */
     SLT_DROP_STATIC,       /* g does not depend on the position */
     SLT_DROP_HALVINGS,     /* the segment was bisected too often; its JSON key is "depth", of the bisection */
-    SLT_DROP_COINCIDENT,   /* integrated, but another boundary lies there: the integral has no derivative */
+    SLT_DROP_COINCIDENT,   /* integrated, but boundaries lie there that move apart: the integral has no derivative */
     SLT_DROP_REASONS
 } SltDrop;
 extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_gradient", ... */
@@ -98,6 +98,9 @@ typedef struct SltStats {
     double left_bound;      /* what the rest can hide of a value, at most; NaN: not bounded */
     uint64_t boxes;         /* evaluations of bounds, which count in `evaluations` too */
     SltStop stopped;
+    double upset; /* measure of cells in which f jumps where an untagged jump makes a [Disc] decide otherwise; it is
+                     part of settled or curved, not of certified */
+    uint32_t upset_line; /* where the first such jump stands in the source; 0: there is none */
 } SltStats;
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})
 

@@ -31,13 +31,13 @@ typedef struct Stream {
  * buffer, and what the rest of it holds must not depend on what memory held before. */
 static void *alloc_bounded(size_t bytes) { return bytes > BLOCK_LIMIT ? NULL : calloc(1, bytes ? bytes : 1); }
 
+/* The stream that this thread reads or writes. The core complains with its writer locked, and to ask the context for
+ * its user data then would wait for that lock for ever. */
+static _Thread_local Stream *speaking;
+
 static void keep_message(exr_const_context_t ctx, exr_result_t code, const char *msg) {
-    void *user = NULL;
-    (void)code;
-    if (ctx && exr_get_user_data(ctx, &user) == EXR_ERR_SUCCESS && user) {
-        Stream *s = user;
-        if (!s->message[0] && msg) snprintf(s->message, sizeof s->message, "%s", msg);
-    }
+    (void)ctx, (void)code;
+    if (speaking && !speaking->message[0] && msg) snprintf(speaking->message, sizeof speaking->message, "%s", msg);
 }
 
 static int64_t stream_size(exr_const_context_t ctx, void *user) {
@@ -136,7 +136,8 @@ static bool name_taken(const Channel *list, int n, const char *name) {
 
 /* What the parts of a file amount to. */
 typedef struct Plan {
-    exr_attr_box2i_t data, display;
+    exr_attr_box2i_t data; /* the least window that holds those of all parts */
+    exr_attr_box2i_t display;
     Channel *channels;
     int count, parts;
 } Plan;
@@ -155,11 +156,13 @@ static SltStatus plan_part(exr_context_t ctx, const Stream *s, Plan *plan, int p
         plan->data = data;
         rc = exr_get_display_window(ctx, part, &plan->display);
         if (rc) return fail_core(s, rc, "read", SLT_INPUT, err);
-    } else if (memcmp(&data, &plan->data, sizeof data) != 0) {
-        return status_fail(err, SLT_INPUT, "cannot read '%s': part %d covers another window than the first part",
-                           s->name, part + 1);
     }
-    double width = (double)data.max.x - data.min.x + 1, height = (double)data.max.y - data.min.y + 1;
+    exr_attr_box2i_t *all = &plan->data; /* every part has a window of its own; outside it is 0 */
+    all->min.x = data.min.x < all->min.x ? data.min.x : all->min.x;
+    all->min.y = data.min.y < all->min.y ? data.min.y : all->min.y;
+    all->max.x = data.max.x > all->max.x ? data.max.x : all->max.x;
+    all->max.y = data.max.y > all->max.y ? data.max.y : all->max.y;
+    double width = (double)all->max.x - all->min.x + 1, height = (double)all->max.y - all->min.y + 1;
     SltStatus status =
         image_check_claim(s->name, width, height, (double)plan->count + list->num_channels, s->size, err);
     if (status != SLT_OK) return status;
@@ -319,26 +322,33 @@ static SltStatus decode_chunk(exr_context_t ctx, const Stream *s, const Plan *pl
 static SltStatus decode_part(exr_context_t ctx, const Stream *s, const Plan *plan, int part, Image *im, SltError *err) {
     exr_storage_t storage;
     exr_chunk_info_t info;
+    exr_attr_box2i_t own;
     Decoder d = {.pipe = EXR_DECODE_PIPELINE_INITIALIZER};
     SltStatus status = SLT_OK;
     exr_result_t rc = exr_get_storage(ctx, part, &storage);
-    if (rc == EXR_ERR_SUCCESS && storage == EXR_STORAGE_SCANLINE) {
+    rc = rc ? rc : exr_get_data_window(ctx, part, &own);
+    if (rc) return fail_core(s, rc, "read", SLT_INPUT, err);
+    int64_t width = (int64_t)own.max.x - own.min.x + 1, height = (int64_t)own.max.y - own.min.y + 1;
+    int64_t left = (int64_t)own.min.x - plan->data.min.x, top = (int64_t)own.min.y - plan->data.min.y;
+    if (storage == EXR_STORAGE_SCANLINE) {
         int32_t lines;
         rc = exr_get_scanlines_per_chunk(ctx, part, &lines);
-        for (int64_t y = 0; !rc && !status && lines > 0 && y < im->height; y += lines) {
-            rc = exr_read_scanline_chunk_info(ctx, part, (int)(y + plan->data.min.y), &info);
+        for (int64_t y = 0; !rc && !status && lines > 0 && y < height; y += lines) {
+            rc = exr_read_scanline_chunk_info(ctx, part, (int)(y + own.min.y), &info);
             if (!rc) {
-                status =
-                    decode_chunk(ctx, s, plan, part, &d, &info, 0, (int64_t)info.start_y - plan->data.min.y, im, err);
+                status = decode_chunk(ctx, s, plan, part, &d, &info, left, (int64_t)info.start_y - plan->data.min.y, im,
+                                      err);
             }
         }
-    } else if (rc == EXR_ERR_SUCCESS) {
+    } else {
         int32_t tile_w, tile_h;
         rc = exr_get_tile_sizes(ctx, part, 0, 0, &tile_w, &tile_h);
-        for (int64_t ty = 0; !rc && !status && ty * tile_h < im->height; ty++) {
-            for (int64_t tx = 0; !rc && !status && tx * tile_w < im->width; tx++) {
+        for (int64_t ty = 0; !rc && !status && ty * tile_h < height; ty++) {
+            for (int64_t tx = 0; !rc && !status && tx * tile_w < width; tx++) {
                 rc = exr_read_tile_chunk_info(ctx, part, (int)tx, (int)ty, 0, 0, &info);
-                if (!rc) status = decode_chunk(ctx, s, plan, part, &d, &info, tx * tile_w, ty * tile_h, im, err);
+                if (!rc)
+                    status =
+                        decode_chunk(ctx, s, plan, part, &d, &info, left + tx * tile_w, top + ty * tile_h, im, err);
             }
         }
     }
@@ -419,9 +429,11 @@ SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, 
     *out = (Image){0};
     if (size < 8 || memcmp(bytes, "\x76\x2f\x31\x01", 4) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not an OpenEXR file", name);
+    speaking = &s;
     exr_result_t rc = exr_start_read(&ctx, name, &init);
     SltStatus status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
     if (ctx) exr_finish(&ctx);
+    speaking = NULL;
     free(plan.channels);
     if (status != SLT_OK) image_free(out);
     return status;
@@ -530,6 +542,7 @@ SltStatus image_encode_exr(const char *name, const Image *im, const ImageWriteOp
     exr_context_initializer_t init = initializer(&s);
     exr_context_t ctx = NULL;
     int *slots = malloc((size_t)im->channels * sizeof *slots);
+    speaking = &s;
     /* never a real path: the core would unlink it after an error */
     exr_result_t rc =
         slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init) : EXR_ERR_OUT_OF_MEMORY;
@@ -540,6 +553,7 @@ SltStatus image_encode_exr(const char *name, const Image *im, const ImageWriteOp
         exr_result_t end = exr_finish(&ctx);
         rc = rc ? rc : end;
     }
+    speaking = NULL;
     free(slots);
     if (rc || s.out.failed) {
         image_bytes_free(&s.out);

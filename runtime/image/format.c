@@ -2,17 +2,21 @@
 #include "internal.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
+#include <unistd.h>
 
 static const ImageFormat formats[] = {
-#define FORMAT(extension, as_table) {#extension, image_decode_##extension, image_encode_##extension, as_table},
-#define FORMAT_READ(extension, as_table) {#extension, image_decode_##extension, NULL, as_table},
+#define ROW(extension, write, as_table, name, magic) \
+    {#extension, image_decode_##extension, write, as_table, {INT_MAX, name, magic}},
+#define FORMAT(extension, ...) ROW(extension, image_encode_##extension, __VA_ARGS__)
+#define FORMAT_READ(extension, ...) ROW(extension, NULL, __VA_ARGS__)
 #include "formats.def"
 #undef FORMAT
 #undef FORMAT_READ
+#undef ROW
 };
 enum { FORMATS = sizeof formats / sizeof *formats };
 
@@ -61,13 +65,15 @@ SltStatus image_read(const char *path, const ImageReadOptions *opt, Image *out, 
     uint8_t *bytes;
     size_t size;
     *out = (Image){0};
-    struct stat st;
-    if (stat(path, &st) == 0 && !S_ISREG(st.st_mode) && !S_ISDIR(st.st_mode)) {
-        /* a device may have no end: not a byte is read of what could not be decoded */
-        const ImageFormat *format = image_find_format(path);
-        if (!format) return refuse(path, false, err);
+    const ImageFormat *format = image_find_format(path);
+    if (!format) {
+        const char *why;
+        int fd = file_open_regular(path, &size, &why);
+        if (fd < 0) return status_fail(err, SLT_INPUT, "cannot read '%s': %s", path, why);
+        close(fd);
+        return refuse(path, false, err);
     }
-    SltStatus status = file_read_all(path, &bytes, &size, err);
+    SltStatus status = file_read_all(path, &format->kind, &bytes, &size, err);
     if (status == SLT_OK) status = image_decode(path, bytes, size, opt, out, err);
     free(bytes);
     return status;

@@ -185,13 +185,39 @@ void table_free(Table *t);
 
 /* file.c -------------------------------------------------------------------------------------- */
 
-/* Reads a whole file (at most 2 GiB) into malloc'd memory with a NUL added after it. */
-SltStatus file_read_all(const char *path, uint8_t **bytes, size_t *size, SltError *err);
+/* What a file must be to be read at all. Nothing is allocated for one that is not. */
+typedef struct FileKind {
+    size_t limit;     /* bytes */
+    const char *name; /* "a PNG file"; wanted with `magic` */
+    char magic[9];    /* its first bytes, none of them 0; "": any */
+} FileKind;
+
+extern const FileKind file_binary; /* at most 2 GiB */
+extern const FileKind file_text;   /* at most 64 MiB: numbers as text take many times their length in memory */
+
+/* Opens a regular file for reading; -1 and the reason (of static life or strerror's) if there is none, or if it is a
+ * folder, a pipe, a device, a socket or mostly holes. Never waits. */
+int file_open_regular(const char *path, size_t *size, const char **why);
+
+/* Reads a whole regular file into malloc'd memory with a NUL added after it. */
+SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes, size_t *size, SltError *err);
+
+/* file_write.c -------------------------------------------------------------------------------- */
 
 /* Writes a file whole or not at all: a temporary file in the same folder, fsync, rename, fsync of
- * the folder. On any failure the temporary file is removed and what was at `path` stays. A symbolic
- * link is followed; what is not a regular file (a device, a pipe) is written directly. */
+ * the folder. On any failure the temporary file is removed and what was at `path` stays; what a killed
+ * process left is removed by the next one that writes there. A symbolic link is followed; what is not
+ * a regular file (a device, a pipe) is written directly. */
 SltStatus file_write_atomic(const char *path, const void *data, size_t size, SltError *err);
+
+/* What this thread writes between begin and end appears together: each file is whole on the disk before the first takes
+ * its place, and with a `status` other than SLT_OK none does. Returns the status, or why a place could not be taken. */
+typedef struct FileGroup {
+    struct Staged *first, **last;
+} FileGroup;
+
+void file_group_begin(FileGroup *g);
+SltStatus file_group_end(FileGroup *g, SltStatus status, SltError *err);
 
 /* colormap.c ---------------------------------------------------------------------------------- */
 

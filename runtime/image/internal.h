@@ -44,13 +44,14 @@ typedef struct ImageFormat {
     ImageReader *read;
     ImageWriter *write;
     bool as_table;
+    FileKind kind;
 } ImageFormat;
 
 /* The format of the name's extension, or NULL. */
 const ImageFormat *image_find_format(const char *name);
 
 #define FORMAT_READ(extension, ...) ImageReader image_decode_##extension;
-#define FORMAT(extension, ...) FORMAT_READ(extension, ) ImageWriter image_encode_##extension;
+#define FORMAT(extension, ...) FORMAT_READ(extension, __VA_ARGS__) ImageWriter image_encode_##extension;
 #include "runtime/image/formats.def"
 #undef FORMAT
 #undef FORMAT_READ

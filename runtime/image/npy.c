@@ -194,7 +194,7 @@ SltStatus npy_read(const char *path, NumArray *out, SltError *err) {
     uint8_t *bytes;
     size_t size;
     *out = (NumArray){0};
-    SltStatus status = file_read_all(path, &bytes, &size, err);
+    SltStatus status = file_read_all(path, &image_find_format(".npy")->kind, &bytes, &size, err);
     status = status ? status : npy_decode(path, bytes, size, out, err);
     free(bytes);
     return status;

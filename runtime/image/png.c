@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { CHUNK_LIMIT = 8 << 20, CHUNK_CACHE = 64 };
+enum { CHUNK_LIMIT = 8 << 20, CHUNK_CACHE = 64, SIGNATURE = 8, CHUNK_FRAME = 12 /* length, name, checksum */ };
 
 typedef struct Png {
     png_structp png;
@@ -20,7 +20,8 @@ typedef struct Png {
     uint8_t *pixels;
     png_bytep *rows;
     int width, height, channels, bits;
-    Bytes *out; /* writing */
+    double gamma; /* of the file's chunk gAMA; 0: the curve of sRGB */
+    Bytes *out;   /* writing */
     SltStatus status;
     jmp_buf escape;
 } Png;
@@ -54,13 +55,33 @@ static void write_bytes(png_structp png, png_bytep from, size_t n) {
 
 static void flush_bytes(png_structp png) { (void)png; }
 
+/* libpng allocates what a chunk claims before it looks at what is there. NULL, or what is wrong. */
+static const char *check_chunks(const uint8_t *bytes, size_t size) {
+    for (size_t at = SIGNATURE; at < size;) {
+        if (size - at < CHUNK_FRAME) return "the file ends too early";
+        const uint8_t *c = bytes + at;
+        size_t claimed = (size_t)c[0] << 24 | (size_t)c[1] << 16 | (size_t)c[2] << 8 | c[3];
+        if (claimed > size - at - CHUNK_FRAME) return "a chunk claims more bytes than the file has";
+        at += CHUNK_FRAME + claimed;
+        if (!memcmp(c + 4, "IEND", 4)) return NULL;
+    }
+    return "the file ends too early";
+}
+
 /* Reads header and pixels into p->pixels, 8 or 16 bits in host order. Longjmps on error. */
 static void read_pixels(Png *p, const char *name, SltError *err) {
     png_set_read_fn(p->png, p, read_bytes);
     png_set_user_limits(p->png, IMAGE_MAX_SIDE, IMAGE_MAX_SIDE);
     png_set_chunk_malloc_max(p->png, CHUNK_LIMIT);
     png_set_chunk_cache_max(p->png, CHUNK_CACHE);
+    /* Of what is not needed to decode pixels only the two that tell the curve are looked into. */
+    static const png_byte curve[] = "gAMA\0sRGB";
+    png_set_keep_unknown_chunks(p->png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
+    png_set_keep_unknown_chunks(p->png, PNG_HANDLE_CHUNK_AS_DEFAULT, curve, 2);
     png_read_info(p->png, p->info);
+    int intent;
+    double gamma = 0;
+    if (!png_get_sRGB(p->png, p->info, &intent) && png_get_gAMA(p->png, p->info, &gamma) && gamma > 0) p->gamma = gamma;
     double width = png_get_image_width(p->png, p->info), height = png_get_image_height(p->png, p->info);
     p->status = image_check_claim(name, width, height, 4, p->size, err);
     if (p->status != SLT_OK) longjmp(p->escape, 1);
@@ -101,9 +122,12 @@ static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
         image_free(out);
         return status_fail(err, SLT_LIMIT, "out of memory");
     }
+    /* 1 / 2.2, as most writers round it, is meant as sRGB's: the standard says to prefer that curve where both are
+     * given */
+    bool is_srgb = p->gamma == 0 || fabs(p->gamma - 1 / 2.2) < 1e-3;
     for (int i = 0; i < levels; i++) {
         float v = (float)i / (float)(levels - 1);
-        linear[i] = raw ? v : image_decode_srgb(v);
+        linear[i] = raw ? v : is_srgb ? image_decode_srgb(v) : (float)pow(v, 1 / p->gamma);
     }
     size_t total = (size_t)p->width * (size_t)p->height * (size_t)p->channels;
     bool has_alpha = p->channels == 2 || p->channels == 4;
@@ -120,8 +144,10 @@ static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
 SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
                            SltError *err) {
     *out = (Image){0};
-    if (size < 8 || png_sig_cmp(bytes, 0, 8) != 0)
+    if (size < SIGNATURE || png_sig_cmp(bytes, 0, SIGNATURE) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not a PNG file", name);
+    const char *wrong = check_chunks(bytes, size);
+    if (wrong) return status_fail(err, SLT_INPUT, "cannot read '%s': %s", name, wrong);
     Png *p = calloc(1, sizeof *p);
     if (p) {
         *p = (Png){.bytes = bytes, .size = size, .status = SLT_INPUT};

@@ -162,7 +162,7 @@ SltStatus table_read(const char *path, Table *out, SltError *err) {
     if (!strcmp(ext, "csv") || !strcmp(ext, "tsv") || !strcmp(ext, "txt")) {
         uint8_t *bytes;
         size_t size;
-        SltStatus status = file_read_all(path, &bytes, &size, err);
+        SltStatus status = file_read_all(path, &file_text, &bytes, &size, err);
         status = status ? status : table_decode_csv(path, bytes, size, out, err);
         free(bytes);
         return status;

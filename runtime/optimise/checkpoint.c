@@ -122,7 +122,7 @@ SltStatus optimise_load(Optimiser *o, const char *path, const char *key, void **
     Numbers now;
     if (blob) *blob = NULL;
     if (blob_size) *blob_size = 0;
-    SltStatus status = file_read_all(path, &bytes, &size, err);
+    SltStatus status = file_read_all(path, &file_binary, &bytes, &size, err);
     if (status != SLT_OK) return status;
     status = check_file(o, path, key, bytes, size, &head, err);
     const uint8_t *p = bytes + sizeof head;

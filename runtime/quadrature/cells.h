@@ -65,12 +65,14 @@ typedef struct CellOptions {
     bool curves, volume; /* which points are wanted */
     uint32_t gauss;      /* points along a piece of a curve and along each side of a cell, fine rule */
     uint32_t coarse;     /* likewise of the coarse rule; 0: no coarse points */
+    uint32_t few;        /* at least along a piece that is short for how its curve bends; less than 2: 2 */
     bool flat;  /* f and its derivatives, times the filter, are constant between curves and seams: a place for each part
                  */
     bool fixed; /* --gauss: pieces are not cut further where the two rules differ */
     double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
                          domain is wide; pieces that differ more are halved */
-    double least;     /* side of the least cell, in parts of the domain */
+    double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
+    double least; /* side of the least cell, in parts of the domain */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
     uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */
     /* Of an image: cells end where the filter bends, multiples of `grid` from `grid_lo` along each axis; 0: nowhere */
@@ -80,7 +82,14 @@ typedef struct CellOptions {
 typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
+    uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative */
     bool spent;                    /* the budget was */
+    bool loose;                    /* roots ended where CellOptions.slack lets them */
+    /* Where f jumps at seams that tagged decisions hang on, which nothing integrates: measure of the cells, which count
+     * as settled or curved all the same; the integral of |jump| along them, by channel; 1 + the first such seam, 0:
+     * none */
+    double upset, upset_jump[SLT_MAX_CHANNELS];
+    uint32_t upset_edge;
 } CellCounts;
 
 typedef struct Cells Cells;

@@ -1,41 +1,13 @@
 /* The bases of curved cells in pieces (2D, and planes of 3D): cut where a curve leaves the cell through the faces at
- * the two ends of its height axis, and where curves meet. Both are roots of a function of one number, the place s on
- * the base: g on a face, or phi(s) = g_j(s, h_i(s)) on the curve i. They are isolated by bounds: values at the two ends
- * of a stretch and bounds of the slope in between prove that there is no root, or that there is at most one; else the
- * stretch is halved.
- */
+ * the two ends of its height axis, and where curves meet. Both are roots along stretches of the base
+ * (cells_stretch.h). */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/quadrature/cells_inner.h"
+#include "runtime/quadrature/cells_stretch.h"
 
-enum { HALVINGS = 10, MEET_STEPS = 24, FACE = -1, ARC = -2 };
-#define NARROW 0x1p-44 /* parts of a base that are shorter are no pieces */
-
-/* A stretch of the base of a cell. */
-typedef struct Stretch {
-    uint32_t cell;
-    int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
-    uint8_t halvings;
-    bool asked;                           /* slope[] is of this stretch; else of the cell */
-    double at[2];                         /* the two ends, */
-    double height[2];                     /* what the height is there, */
-    double value[2];                      /* and the function */
-    double slope[2];                      /* bounds of the function's slope */
-    double climb[2];                      /* of the curve's */
-    double x[2];                          /* root: place and height */
-    enum { OPEN, ROOT, MET, DONE } state; /* MET: around a root that is known as well as numbers go */
-} Stretch;
-
-/* The axis of the base, of the plane that the cell lies in. */
-static int base_axis(const Cell *cell, int axis) { return (cell->slice < 0 ? 1 : 3 - cell->slice) - axis; }
-
-/* A point above s on the base. */
-static void place(const Cell *cell, int axis, double s, double height, double x[3]) {
-    memcpy(x, cell->box.lo, 3 * sizeof *x);
-    x[base_axis(cell, axis)] = s, x[axis] = height;
-}
+enum { MEET_STEPS = 24 };
 
 static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
     if (!CELLS_ROOM(c, cut, 1)) return false;
@@ -43,213 +15,68 @@ static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
     return true;
 }
 
-static Stretch *add_stretch(Cells *c, const Stretch *from) {
-    if (!CELLS_ROOM(c, stretch, 1)) return NULL;
-    c->stretch[c->nstretch] = *from;
-    return &c->stretch[c->nstretch++];
-}
-
-static const CellEdge *curve_of(const Cells *c, const Stretch *s) { return &c->cell[s->cell].edge[s->edge]; }
-static const CellEdge *tested(const Cells *c, const Stretch *s) {
-    return &c->cell[s->cell].edge[s->other < 0 ? s->edge : s->other];
-}
-
-/* ---- intervals */
-static void divide(const double a[2], const double b[2], double r[2]) { /* b does not hold 0 */
-    double q[4] = {a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]};
-    r[0] = fmin(fmin(q[0], q[1]), fmin(q[2], q[3])), r[1] = fmax(fmax(q[0], q[1]), fmax(q[2], q[3]));
-}
-
-/* The least that a function can be on a stretch of this width that has these values at its ends and at least and at
- * most these slopes between. */
-static double least(double width, const double value[2], const double slope[2]) {
-    double spread = slope[1] - slope[0];
-    if (!(spread < HUGE_VAL)) return -HUGE_VAL;
-    if (!(spread > 0)) return fmin(value[0], value[1]);
-    double t = (value[0] - value[1] + slope[1] * width) / spread;
-    if (!(t > 0 && t < width)) return fmin(value[0], value[1]);
-    return fmin(value[0] + slope[0] * t, fmin(value[0], value[1]));
-}
-static double most(double width, const double value[2], const double slope[2]) {
-    const double v[2] = {-value[0], -value[1]}, s[2] = {-slope[1], -slope[0]};
-    return -least(width, v, s);
-}
-
-void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
-                       double slope[2]) {
-    divide(a[base], a[axis], climb);
-    double keep = climb[0];
-    climb[0] = -climb[1], climb[1] = -keep;
-    double p = f[axis][0] * climb[0], q = f[axis][0] * climb[1], r = f[axis][1] * climb[0], t = f[axis][1] * climb[1];
-    double rounding = 0x1p-48 * (fabs(p) + fabs(q) + fabs(r) + fabs(t) + fabs(f[base][0]) + fabs(f[base][1]));
-    slope[0] = f[base][0] + fmin(fmin(p, q), fmin(r, t)) - rounding;
-    slope[1] = f[base][1] + fmax(fmax(p, q), fmax(r, t)) + rounding;
-    if (!(rounding < HUGE_VAL)) slope[0] = -HUGE_VAL, slope[1] = HUGE_VAL;
-}
-
-/* ---- what is proven of a stretch */
-static void judge(Stretch *s, double error) { /* error: of the function's values */
-    double width = s->at[1] - s->at[0];
-    bool up[2] = {s->value[0] >= 0, s->value[1] >= 0};
-    /* A function that is the same all along has no root to cut at, be it 0. */
-    if (s->slope[0] == 0 && s->slope[1] == 0) s->state = DONE;
-    else if (up[0] == up[1] && (s->slope[0] >= 0 || s->slope[1] <= 0)) s->state = DONE;
-    else if (s->slope[0] > 0 || s->slope[1] < 0) s->state = up[0] == up[1] ? DONE : ROOT;
-    else if (least(width, s->value, s->slope) > error || most(width, s->value, s->slope) < -error) s->state = DONE;
-}
-
-/* Bounds of the function on the stretch itself, where those of the cell do not suffice. */
-static bool ask_more(Cells *c) {
-    c->nask = 0;
-    for (uint32_t i = 0; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        const Cell *cell = &c->cell[s->cell];
-        if (s->state != OPEN || cell->refine) continue;
-        const CellEdge *e = curve_of(c, s);
-        int axis = e->axis;
-        double lo[3], hi[3];
-        place(cell, axis, s->at[0], s->height[0], lo), place(cell, axis, s->at[1], s->height[0], hi);
-        if (s->other == FACE) {
-            if (!cells_ask(c, e, lo, hi)) return false;
-            continue;
-        }
-        double width = s->at[1] - s->at[0];
-        lo[axis] = fmax(cell->box.lo[axis], cells_move(c, least(width, s->height, s->climb), -4, 0));
-        hi[axis] = fmin(cell->box.hi[axis], cells_move(c, most(width, s->height, s->climb), 4, 0));
-        if (!(lo[axis] <= hi[axis])) lo[axis] = cell->box.lo[axis], hi[axis] = cell->box.hi[axis];
-        lo[axis] = cells_round(c, lo[axis]), hi[axis] = cells_round(c, hi[axis]);
-        if (!cells_ask(c, e, lo, hi) || !cells_ask(c, tested(c, s), lo, hi)) return false;
-    }
-    if (!cells_run_asks(c)) return false;
-    const Ask *a = c->ask;
-    for (uint32_t i = 0; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        if (s->state != OPEN || c->cell[s->cell].refine) continue;
-        const CellEdge *e = curve_of(c, s);
-        const Ask *f = a;
-        if (s->other == FACE) {
-            const double *slope = a[0].slope[base_axis(&c->cell[s->cell], e->axis)];
-            s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
-            a += 1;
-        } else {
-            double climb[2], slope[2], steep[3][2];
-            for (uint32_t d = 0; d < c->dim;
-                 d++) /* never worse than on the whole cell, where the height axis was chosen */
-                steep[d][0] = fmax(a[0].slope[d][0], e->slope[d][0]),
-                steep[d][1] = fmin(a[0].slope[d][1], e->slope[d][1]);
-            f = a + 1;
-            cells_slope_along(steep, f->slope, base_axis(&c->cell[s->cell], e->axis), e->axis, climb, slope);
-            s->climb[0] = fmax(s->climb[0], climb[0]), s->climb[1] = fmin(s->climb[1], climb[1]);
-            s->slope[0] = fmax(s->slope[0], slope[0]), s->slope[1] = fmin(s->slope[1], slope[1]);
-            a += 2;
-        }
-        if (f->state & SLT_EDGE_JUMPS) {
-            c->cell[s->cell].refine = true;
-            continue;
-        }
-        if (f->g[0] > 0 || f->g[1] < 0) s->state = DONE;
-        else judge(s, 2 * f->error);
-    }
-    return true;
-}
-
-/* The height of the curve at end `end` of all stretches from `first` on; on faces it is known. */
-static bool take_heights(Cells *c, uint32_t first, int end) {
-    c->nroot = 0;
-    for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        if (s->other == FACE) continue;
-        const CellEdge *e = curve_of(c, s);
-        double x[3];
-        place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
-        if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
-    }
-    if (!cells_solve(c)) return false;
-    const Root *r = c->root;
-    for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        if (s->other != FACE) s->height[end] = (r++)->x[curve_of(c, s)->axis];
-    }
-    return true;
-}
-
-/* The value of the function there. */
-static bool take_values(Cells *c, uint32_t first, int end) {
+/* ---- where curves leave the cell */
+/* Both ends of all stretches, which are whole faces. */
+static bool take_corners(Cells *c) {
     c->nprobe = 0;
-    for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
+    for (uint32_t i = 0; i < c->nstretch; i++) {
+        const Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
-        double x[3];
-        place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-        if (!cells_probe(c, tested(c, s), x)) return false;
+        for (int end = 0; end < 2; end++) {
+            double x[3];
+            place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
+            if (!cells_probe(c, e, x)) return false;
+        }
     }
     if (!cells_run_probes(c)) return false;
-    for (uint32_t i = first; i < c->nstretch; i++) c->stretch[i].value[end] = c->probe[i - first].g;
-    return true;
-}
-
-/* Does the function change its sign along it? Where it bends on the very curve that the stretch follows, as a running
- * minimum does where three regions meet, its slope is never proven to have one sign, however short the stretch. */
-static bool crosses(const Stretch *s) { return (s->value[0] >= 0) != (s->value[1] >= 0); }
-
-/* No longer than rounding lets places on it be told apart. */
-static bool is_tiny(const Cells *c, const Stretch *s) {
-    enum { ULPS = 16 };
-    const Cell *cell = &c->cell[s->cell];
-    int base = base_axis(cell, curve_of(c, s)->axis);
-    double ulp = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(s->at[0]), fabs(s->at[1]));
-    return s->at[1] - s->at[0] <= fmax(ULPS * ulp, NARROW * (cell->box.end[base] - cell->box.lo[base]));
-}
-
-/* Halves every open stretch: the far half is appended. One across which the sign changes is followed down to where
- * numbers end, which is far cheaper than smaller cells. */
-static bool halve(Cells *c) {
-    uint32_t n = c->nstretch;
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
-        const Cell *cell = &c->cell[s->cell];
-        if (s->state != OPEN || cell->refine) continue;
-        double mid = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
-        bool inside = mid > s->at[0] && mid < s->at[1];
-        if (crosses(s)) s->halvings = 0;
-        else s->halvings++;
-        if (!inside || is_tiny(c, s)) {
-            s->state = !crosses(s) ? DONE : s->other == FACE ? ROOT : MET;
-            s->x[0] = mid, s->x[1] = 0.5 * (s->height[0] + s->height[1]);
-            continue;
+        Cell *cell = &c->cell[s->cell];
+        CellEdge *e = &cell->edge[s->edge];
+        int base = base_axis(cell, e->axis);
+        for (int end = 0; end < 2; end++) {
+            const Probe *p = &c->probe[2 * i + (uint32_t)end];
+            s->value[end] = p->g;
+            e->corner[i & 1][end] = (Corner){p->g, p->dg[base], p->dg[e->axis]};
         }
-        if (s->halvings > HALVINGS) {
-            c->cell[s->cell].refine = true;
-            continue;
-        }
-        Stretch far = *s;
-        far.at[0] = mid;
-        if (s->other != FACE) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
-        if (!add_stretch(c, &far)) return false;
-    }
-    if (!take_heights(c, n, 0) || !take_values(c, n, 0)) return false;
-    for (uint32_t i = 0, j = n; i < n; i++) {
-        Stretch *s = &c->stretch[i];
-        if (s->state != OPEN || c->cell[s->cell].refine) continue;
-        s->at[1] = c->stretch[j].at[0], s->height[1] = c->stretch[j].height[0], s->value[1] = c->stretch[j].value[0];
-        j++;
     }
     return true;
 }
 
-/* Until every stretch has at most one root. */
-static bool isolate(Cells *c) {
-    for (;;) {
-        uint32_t open = 0;
-        if (!ask_more(c)) return false;
-        for (uint32_t i = 0; i < c->nstretch; i++)
-            open += c->stretch[i].state == OPEN && !c->cell[c->stretch[i].cell].refine;
-        if (!open) return true;
-        if (!halve(c)) return false;
-    }
+static bool is_whole(const Cell *cell, const Stretch *s, int base) {
+    return s->at[0] <= cell->box.lo[base] && s->at[1] >= cell->box.hi[base];
 }
 
-/* ---- where curves leave the cell */
+/* What is known of stretch i, a face, when roots are isolated and solved: r is its root, or NULL. */
+static void note_face(Cells *c, uint32_t i, const Root *r) {
+    const Stretch *s = &c->stretch[i];
+    Cell *cell = &c->cell[s->cell];
+    CellEdge *e = &cell->edge[s->edge];
+    int base = base_axis(cell, e->axis);
+    const Corner *k = e->corner[i & 1];
+    bool clear = fabs(k[0].g) > 2 * e->error && fabs(k[1].g) > 2 * e->error; /* NaN is not */
+    e->sure[i & 1] = is_whole(cell, s, base) && clear && (r != NULL) == ((k[0].g < 0) != (k[1].g < 0));
+    if (r) e->leaves[i & 1] = r->x[base];
+}
+
+bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height) {
+    if (!e->sure[0] || !e->sure[1]) return false;
+    double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
+    double ends[2] = {cell->box.lo[e->axis], cell->box.hi[e->axis]};
+    bool side[2];
+    for (int face = 0; face < 2; face++) {
+        const Corner *k = e->corner[face];
+        bool leaves = (k[0].g < 0) != (k[1].g < 0);
+        side[face] = (leaves && s > e->leaves[face] ? k[1].g : k[0].g) > 0;
+        g[face] = u * u * (1 + 2 * t) * k[0].g + t * t * (1 + 2 * u) * k[1].g +
+                  t * u * width * (u * k[0].along - t * k[1].along);
+        up[face] = u * k[0].up + t * k[1].up;
+    }
+    *present = side[0] != side[1] && side[1] == (e->rises[e->axis] > 0);
+    *height = cells_between(ends, g, up);
+    return true;
+}
+
 static bool cut_at_faces(Cells *c, uint32_t first) {
     c->nstretch = 0;
     for (uint32_t i = first; i < c->ncell; i++) {
@@ -263,13 +90,14 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
                 s.at[0] = cell->box.lo[base], s.at[1] = cell->box.hi[base];
                 s.height[0] = s.height[1] = face ? cell->box.hi[edge->axis] : cell->box.lo[edge->axis];
                 s.slope[0] = edge->slope[base][0], s.slope[1] = edge->slope[base][1];
-                if (!add_stretch(c, &s)) return false;
+                if (!stretch_add(c, &s)) return false;
             }
         }
     }
-    if (!take_values(c, 0, 0) || !take_values(c, 0, 1)) return false;
-    for (uint32_t i = 0; i < c->nstretch; i++) judge(&c->stretch[i], 2 * curve_of(c, &c->stretch[i])->error);
-    if (!isolate(c)) return false;
+    uint32_t faces = c->nstretch; /* halves of them come behind */
+    if (!take_corners(c)) return false;
+    for (uint32_t i = 0; i < c->nstretch; i++) stretch_judge(&c->stretch[i], 2 * curve_of(c, &c->stretch[i])->error);
+    if (!stretch_isolate(c)) return false;
     c->nroot = 0;
     for (uint32_t i = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];
@@ -278,17 +106,25 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         const CellEdge *e = curve_of(c, s);
         int base = base_axis(cell, e->axis);
         double x[3], part = s->value[0] / (s->value[0] - s->value[1]);
+        double guess = s->at[0] + part * (s->at[1] - s->at[0]);
+        if (i < faces && is_whole(cell, s, base)) {
+            const Corner *k = e->corner[i & 1];
+            double both = cells_between(s->at, s->value, (double[2]){k[0].along, k[1].along});
+            if (both > s->at[0] && both < s->at[1]) guess = both;
+        }
         place(cell, e->axis, s->at[0], s->height[0], x);
         Root *r = cells_root(c, cell, e, base, x, 0);
         if (!r) return false;
         r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
-        r->x[base] = cells_round(c, fmin(fmax(s->at[0] + part * (s->at[1] - s->at[0]), s->at[0]), s->at[1]));
+        r->x[base] = cells_round(c, fmin(fmax(guess, s->at[0]), s->at[1]));
     }
     if (!cells_solve(c)) return false;
     const Root *r = c->root;
     for (uint32_t i = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];
-        if (s->state != ROOT || c->cell[s->cell].refine) continue;
+        if (c->cell[s->cell].refine) continue;
+        if (i < faces) note_face(c, i, s->state == ROOT ? r : NULL);
+        if (s->state != ROOT) continue;
         int axis = curve_of(c, s)->axis;
         if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(&c->cell[s->cell], axis)])) return false;
     }
@@ -318,7 +154,7 @@ static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
             const Cut *cut = &c->cut[first_cut + k];
             if (k < cuts && (cut->axis != axis || cut->edge != (int8_t)e)) continue;
             s.at[1] = k < cuts ? cut->at : cell->box.hi[base];
-            if (s.at[1] > s.at[0] && !add_stretch(c, &s)) return false;
+            if (s.at[1] > s.at[0] && !stretch_add(c, &s)) return false;
             s.at[0] = s.at[1];
         }
     }
@@ -337,7 +173,7 @@ static bool add_pairs(Cells *c) {
             s.other = (int8_t)o;
             cells_slope_along(cell->edge[s.edge].slope, cell->edge[o].slope, base_axis(cell, cell->edge[s.edge].axis),
                               cell->edge[s.edge].axis, s.climb, s.slope);
-            if (!add_stretch(c, &s)) return false;
+            if (!stretch_add(c, &s)) return false;
         }
     }
     c->nstretch -= arcs;
@@ -347,12 +183,22 @@ static bool add_pairs(Cells *c) {
 
 /* Drops stretches above whose middle the curve is not in the cell. */
 static bool keep_present(Cells *c) {
+    bool present;
     c->nprobe = 0;
     for (uint32_t i = 0; i < c->nstretch; i++) {
-        const Stretch *s = &c->stretch[i];
+        Stretch *s = &c->stretch[i];
+        const Cell *cell = &c->cell[s->cell];
         const CellEdge *e = curve_of(c, s);
-        const Box *box = &c->cell[s->cell].box;
-        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        const Box *box = &cell->box;
+        int base = base_axis(cell, e->axis);
+        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1])), at;
+        if (cells_told_by_corners(cell, e, base, middle, &present, &at)) {
+            s->state = present ? OPEN : DONE;
+            for (int end = 0; end < 2; end++)
+                cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
+            continue;
+        }
+        s->state = ROOT; /* to be asked */
         for (int side = 0; side < 2; side++) {
             place(&c->cell[s->cell], e->axis, middle, side ? box->hi[e->axis] : box->lo[e->axis], x);
             if (!cells_probe(c, e, x)) return false;
@@ -360,9 +206,15 @@ static bool keep_present(Cells *c) {
     }
     if (!cells_run_probes(c)) return false;
     uint32_t kept = 0;
+    const Probe *p = c->probe;
     for (uint32_t i = 0; i < c->nstretch; i++) {
-        double up = curve_of(c, &c->stretch[i])->rises[curve_of(c, &c->stretch[i])->axis];
-        if (up * c->probe[2 * i].g <= 0 && up * c->probe[2 * i + 1].g >= 0) c->stretch[kept++] = c->stretch[i];
+        Stretch *s = &c->stretch[i];
+        if (s->state == ROOT) {
+            double up = curve_of(c, s)->rises[curve_of(c, s)->axis];
+            s->state = up * p[0].g <= 0 && up * p[1].g >= 0 ? OPEN : DONE;
+            p += 2;
+        }
+        if (s->state == OPEN) c->stretch[kept++] = *s;
     }
     c->nstretch = kept;
     return true;
@@ -458,15 +310,15 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
             return false;
     }
     if (!c->nstretch) return true;
-    if (!keep_present(c) || !take_heights(c, 0, 0) || !take_heights(c, 0, 1)) return false;
-    if (!add_pairs(c) || !take_values(c, 0, 0) || !take_values(c, 0, 1)) return false;
-    for (uint32_t i = 0; i < c->nstretch; i++) judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
+    if (!keep_present(c) || !stretch_heights(c, 0, 0) || !stretch_heights(c, 0, 1)) return false;
+    if (!add_pairs(c) || !stretch_values(c, 0, 0) || !stretch_values(c, 0, 1)) return false;
+    for (uint32_t i = 0; i < c->nstretch; i++) stretch_judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
     if (!drop_coinciding(c)) return false;
     for (bool again = true; again;) {
-        if (!isolate(c) || !find_meetings(c, &again)) return false;
-        if (again && !halve(c)) return false;
+        if (!stretch_isolate(c) || !find_meetings(c, &again)) return false;
+        if (again && !stretch_halve(c)) return false;
         for (uint32_t i = 0; again && i < c->nstretch; i++)
-            if (c->stretch[i].state == OPEN) judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
+            if (c->stretch[i].state == OPEN) stretch_judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
     }
     for (uint32_t i = 0; i < c->nstretch; i++) {
         const Stretch *s = &c->stretch[i];

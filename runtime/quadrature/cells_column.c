@@ -40,11 +40,12 @@ static bool add_root(Cells *c, Column *k, uint32_t edge, double guess) {
 
 /* ---- pieces */
 /* Bit by edge: those whose curve is asked for along this axis. */
-static uint32_t asked(const Cells *c, const Piece *p) {
+static uint32_t wanted(const Cells *c, const Piece *p) {
     const Cell *cell = &c->cell[p->cell];
     uint32_t bits = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
-        if (cell->edge[e].axis == p->axis && (c->o->volume || (uint32_t)cell->edge[e].event.site < c->s->nsites))
+        if (cell->edge[e].axis == p->axis && (c->o->volume || (uint32_t)cell->edge[e].event.site < c->s->nsites ||
+                                              cells_upsets(c, cell->edge[e].event.site)))
             bits |= 1u << e;
     return bits;
 }
@@ -58,7 +59,8 @@ static double guess_height(const Probe at[2], int axis) {
                          (double[2]){at[0].dg[axis], at[1].dg[axis]});
 }
 
-/* Which curves are there: g has different signs at the two ends of the column above the middle. */
+/* Which curves are there: g has different signs at the two ends of the column above the middle. Where the corners of
+ * the cell tell, nothing is asked. */
 static bool find_present(Cells *c, uint32_t first) {
     c->nprobe = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
@@ -66,22 +68,29 @@ static bool find_present(Cells *c, uint32_t first) {
         const Cell *cell = &c->cell[p->cell];
         double x[3] = {0};
         middle(c, p, x);
-        p->present = asked(c, p);
-        for (uint32_t e = 0; e < cell->nedges; e++)
-            for (int s = 0; s < 2 && p->present >> e & 1; s++) {
-                x[p->axis] = s ? cell->box.hi[p->axis] : cell->box.lo[p->axis];
-                if (!cells_probe(c, &cell->edge[e], x)) return false;
+        p->present = p->asked = 0;
+        for (uint32_t set = wanted(c, p), e; cells_take_edge(&set, &e);) {
+            const CellEdge *edge = &cell->edge[e];
+            bool present;
+            if (p->base >= 0 && cells_told_by_corners(cell, edge, p->base, x[p->base], &present, &p->edge[e].height)) {
+                p->present |= (uint32_t)present << e;
+                continue;
             }
+            p->asked |= 1u << e;
+            for (int s = 0; s < 2; s++) {
+                x[p->axis] = s ? cell->box.hi[p->axis] : cell->box.lo[p->axis];
+                if (!cells_probe(c, edge, x)) return false;
+            }
+        }
     }
     if (!cells_run_probes(c)) return false;
     const Probe *at = c->probe;
     for (uint32_t i = first; i < c->npiece; i++) {
         Piece *p = &c->piece[i];
-        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
+        for (uint32_t set = p->asked, e; cells_take_edge(&set, &e); at += 2) {
             double up = c->cell[p->cell].edge[e].rises[p->axis];
-            if (!(up * at[0].g <= 0 && up * at[1].g >= 0)) p->present &= ~(1u << e);
+            if (up * at[0].g <= 0 && up * at[1].g >= 0) p->present |= 1u << e;
             p->edge[e].height = guess_height(at, p->axis); /* NaN where it is not there, or a slope is 0 */
-            at += 2;
         }
     }
     return true;
@@ -112,9 +121,28 @@ static void find_twins(Cells *c, const Column *k) {
         }
 }
 
+/* Those wanted on which other curves lie, and whose sides differ: whose the jump is. */
+static bool tie_roots(Cells *c) {
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        const Root *r = &c->root[i];
+        if (!r->wanted || !r->twin || cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1]) continue;
+        c->active[n++] = i;
+    }
+    return !n || cells_tie(c, n);
+}
+
+/* Whose it is, the middle of a piece tells for all of it; how much, only where f is flat. */
+static bool tie_columns(Cells *c) {
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++)
+        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole) c->active[n++] = i;
+    return !n || cells_tie(c, n);
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
-    c->ncolumn = c->nroot = c->nsides = 0;
+    c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
         const Piece *p = &c->piece[i];
         double x[3] = {0};
@@ -130,18 +158,19 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
         r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
-                    is_site(c, &c->piece[c->column[r->column].piece], r->edge);
+                    (is_site(c, &c->piece[c->column[r->column].piece], r->edge) || cells_upsets(c, r->of->event.site));
     }
-    if (!cells_take_sides(c)) return false;
+    if (!cells_take_sides(c) || !tie_roots(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Root *r = &c->root[i];
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
-        e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides;
+        e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
         memcpy(e->dg, r->dg, sizeof e->dg);
-        e->open = r->wanted && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
-        if (!e->open && !c->o->volume) p->present &= ~(1u << r->edge);
+        e->upset = r->wanted && cells_is_upset(c, r);
+        e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
+        if (!e->open && !e->upset && !c->o->volume) p->present &= ~(1u << r->edge);
     }
     return true;
 }
@@ -154,8 +183,11 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
         Root *r = &c->root[c->nroot - 1];
-        r->twin = edge->twin, r->wanted = edge->open;
+        r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         if (c->o->flat || along == 0) r->sides = edge->sides;
+        /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
+        bool asked = r->wanted && !r->sides;
+        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
         if (along != 0) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);
@@ -176,7 +208,8 @@ static void choose_points(const Cells *c, Piece *p) {
     if (c->o->fixed || !c->rule[CELL_COARSE].n || p->graded || c->cell[p->cell].slice >= 0) return;
     if (bend * length > 0)
         n = 1 + ceil(0.5 * log(AIM * c->o->tolerance * c->width / length) / log(smaller(bend * length, 0.5)));
-    if (n < full) p->points = (uint8_t)larger(n, smaller(least, full));
+    n = larger(n, larger(least, c->o->few));
+    if (n < full) p->points = (uint8_t)n;
 }
 
 static const GaussRule *rule_of(const Cells *c, const Piece *p, CellRule rule) {
@@ -238,20 +271,30 @@ static bool solve_columns(Cells *c, const uint32_t *first, uint32_t pieces) {
     return cells_solve(c);
 }
 
-static void emit_crossing(Cells *c, const Root *r) {
-    const Column *k = &c->column[r->column];
+void cells_crossing(const Cells *c, const Root *r, Crossing *x) {
     const Sides *s = cells_sides(c, r);
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
-    if (c->ncrossing[k->rule] == BATCH) flush_crossings(c, (CellRule)k->rule);
-    Crossing *x = &c->crossing[k->rule][c->ncrossing[k->rule]++];
     x->event = r->of->event;
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
     x->g = r->g;
-    x->weight = k->weight / fabs(r->dg[r->axis]);
     for (uint32_t ch = 0; ch < c->s->channels; ch++)
         x->before[ch] = s->f[below][ch], x->jump[ch] = s->f[!below][ch] - s->f[below][ch];
     x->ha = s->hash[below], x->hb = s->hash[!below];
-    x->axis = r->axis, x->rising = 1, x->cls = k->rule;
+    x->axis = r->axis, x->rising = 1;
+}
+
+Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
+    if (c->ncrossing[rule] == BATCH) flush_crossings(c, (CellRule)rule);
+    Crossing *x = &c->crossing[rule][c->ncrossing[rule]++];
+    x->cls = rule;
+    return x;
+}
+
+static void emit_crossing(Cells *c, const Root *r) {
+    const Column *k = &c->column[r->column];
+    Crossing *x = cells_add_crossing(c, k->rule);
+    cells_crossing(c, r, x);
+    x->weight = k->weight / fabs(r->dg[r->axis]);
 }
 
 /* ---- is a piece short enough? */
@@ -305,7 +348,10 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
     }
     uint32_t coarse = rule_of(c, p, CELL_COARSE)->n;
     double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
-    if (p->base >= 0) p->bend = apart > floor ? pow(apart, 0.5 / coarse) / length_of(p) : 0.5 * c->bend;
+    if (p->base >= 0) {
+        double most = pow(larger(apart, floor), 0.5 / coarse) / length_of(p);
+        p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
+    }
     return agree;
 }
 
@@ -360,15 +406,20 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
             if ((c->piece[first + i].present || c->o->volume) && !add_columns(c, first + i, (CellRule)r)) return false;
     }
     c->first_column[n] = c->ncolumn;
-    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c)) return false;
+    if (!solve_columns(c, c->first_column, n) || !cells_take_sides(c) || !tie_columns(c)) return false;
     if (c->o->volume && !cells_add_columns_of_points(c)) return false;
     return !values || !c->nspot || cells_take_values(c);
 }
 
 void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+    bool tied = false;
     for (const Column *k = from; k < to; k++)
-        for (uint32_t r = 0; r < k->nroots; r++)
-            if (c->root[k->first + r].wanted) emit_crossing(c, &c->root[k->first + r]);
+        for (uint32_t r = 0; r < k->nroots; r++) {
+            const Root *root = &c->root[k->first + r];
+            tied |= root->tie && root->wanted;
+            if (root->wanted && !root->tie) emit_crossing(c, root);
+        }
+    if (tied && !cells_emit_tied(c, from, to)) c->failed = true;
 }
 
 /* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
@@ -392,6 +443,7 @@ static bool integrate(Cells *c, uint32_t first) {
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             cells_emit_columns(c, from, to);
+            cells_add_upset(c, p, NULL);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);
         } else {

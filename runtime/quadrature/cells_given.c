@@ -20,17 +20,13 @@ typedef struct Trial {
     CellEdge way[2];
 } Trial;
 
-bool cells_same_event(const Event *e, const Event *f) {
-    return e->site == f->site && e->boundary == f->boundary && !memcmp(e->k, f->k, sizeof e->k);
-}
-
 bool cells_contradict(const CellEdge *e, const CellEdge *f) {
     if (!e->given.n && !f->given.n) return false;
     for (uint32_t i = 0; i < e->given.n; i++)
         for (uint32_t j = 0; j < f->given.n; j++)
             if (e->given.is[i].event == f->given.is[j].event && e->given.is[i].below != f->given.is[j].below)
                 return true;
-    return cells_same_event(&e->event, &f->event);
+    return event_same(&e->event, &f->event);
 }
 
 /* ---- which events are given */
@@ -43,8 +39,9 @@ static bool is_given(const CellEdge *e, uint32_t event) {
 /* May this event be given to the edge? Of roundings and in deep loops kernels cannot. */
 static bool may_give(const Cells *c, const Cell *cell, const CellEdge *e, uint32_t event) {
     const Event *f = &cell->event[event];
-    if (is_given(e, event) || cells_same_event(f, &e->event)) return false;
-    if (c->s->edge_kind && c->s->edge_kind[f->site] != SLT_SITE_COMPARE) return false;
+    if (is_given(e, event) || event_same(f, &e->event)) return false;
+    bool choice = (uint32_t)f->site >= c->s->nedges;
+    if (!choice && c->s->edge_kind && c->s->edge_kind[f->site] != SLT_SITE_COMPARE) return false;
     for (uint32_t d = SLT_GIVEN_K; d < c->depth; d++)
         if (f->k[d]) return false;
     bool site = (uint32_t)f->site < c->s->nsites;
@@ -54,7 +51,8 @@ static bool may_give(const Cells *c, const Cell *cell, const CellEdge *e, uint32
 /* The last one before the edge that may be given, for what comes last overrides what came before; false: there is none,
  * or no need. */
 static bool next_event(const Cells *c, const Cell *cell, CellEdge *e, uint32_t *event) {
-    if (!(e->state & (SLT_EDGE_JUMPS | SLT_EDGE_BENDS)) || e->given.n == SLT_GIVEN) return false;
+    if (!(e->state & (SLT_EDGE_JUMPS | SLT_EDGE_BENDS))) return false;
+    if (e->given.n == (c->prunes ? CELL_GIVEN : SLT_GIVEN)) return false;
     while (e->before > 0)
         if (may_give(c, cell, e, --e->before)) {
             *event = e->before;
@@ -128,7 +126,7 @@ static void put_ways(Cell *cell, const Trial *t) {
 }
 
 bool cells_give(Cells *c, Cell *cell, uint32_t n) {
-    if (!(c->s->layout[SLT_K_EDGE_BOUNDS].reads >> SLT_IN_GIVEN0 & 1)) return true;
+    if (!c->prunes && !(c->s->layout[SLT_K_EDGE_BOUNDS].reads >> SLT_IN_GIVEN0 & 1)) return true;
     for (;;) {
         if (!add_trials(c, cell, n)) return false;
         if (!c->ntrial) return true;
@@ -155,7 +153,7 @@ double cells_nearly_0(const Cells *c, const Box *box, double error, const double
 static double error_of(const Cell *cell, uint32_t event) {
     double error = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
-        if (cells_same_event(&cell->edge[e].event, &cell->event[event])) error = fmax(error, cell->edge[e].error);
+        if (event_same(&cell->edge[e].event, &cell->event[event])) error = fmax(error, cell->edge[e].error);
     return error;
 }
 

@@ -4,10 +4,14 @@
  *   cells_edge.c    kernels at many points and boxes of many events; which open events are really open, and along
  *                   which axis each is a graph
  *   cells_given.c   events whose g others change: what these decide is given
+ *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
+ *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
+ *   cells_tied.c    curves that lie on each other: whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
+ *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -19,6 +23,8 @@
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
 #include "runtime/quadrature/lists.h"
+#include "runtime/sample/prune.h"
+#include "runtime/sample/untie.h"
 
 /* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -29,7 +35,9 @@ enum {
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
-    CELL_BENDS = 10,              /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
+    CELL_CHOICES = 3, /* of these most that are open in a cell */
+    CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* What other events of the cell are taken to decide. */
@@ -39,8 +47,13 @@ typedef struct Given {
         int32_t site, k[SLT_GIVEN_K];
         uint8_t event; /* which one in Cell.event */
         bool below;    /* where its g < 0 */
-    } is[SLT_GIVEN];
+    } is[CELL_GIVEN];
 } Given;
+
+/* g and its slopes along the base and along the height axis in a corner of a cell of 2D. */
+typedef struct Corner {
+    double g, along, up;
+} Corner;
 
 /* An open event of a cell, and what is proven of its g there. An event whose g others change has an edge for each way
  * in which these may decide (cells_given.c): a g that is smooth in all of the cell, and that of the program where they
@@ -54,6 +67,11 @@ typedef struct CellEdge {
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
     int8_t rises[3];          /* sign of d_axis g, where it has one; else 0 */
     int8_t axis;              /* height axis */
+    /* By face across it, by end of the base. sure: of a face that the signs of g all over it are those in its corners,
+     * which change where the curve leaves the cell, if they do. cells_base.c sets them. */
+    bool sure[2];
+    double leaves[2];
+    Corner corner[2][2];
 } CellEdge;
 
 typedef struct Cell {
@@ -81,20 +99,23 @@ typedef struct Cell {
     bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
+    bool upset;                     /* its measure is in CellCounts.upset already */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
-    uint32_t sides;          /* as in Root, there */
+    uint32_t sides, tie;     /* as in Root, there */
     bool open, twin;         /* the crossing changes the region; other curves lie on this one */
+    bool upset;              /* a seam, where f jumps */
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
     int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t asked;    /* likewise: whether it is was asked of the program, not of corners */
     uint32_t halvings; /* of its base */
     uint32_t parts;    /* in which the columns are cut between roots */
     bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
@@ -134,13 +155,16 @@ typedef struct Root {
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
     double g, dg[3], step; /* g and its gradient at x; the last step */
-    double before[3];      /* the place before x, g and its slope there; NaN: there was none */
+    double before[2];      /* the place before x, and g there; NaN: there was none */
+    double dg_before[3];
+    double slack; /* how far from it the root may end, in parts of its line; 0: at the last floats */
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
     bool wanted, twin;  /* f on the two sides is; another event has its root here too */
     bool solved, waits; /* waits: for a better guess */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
+    uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
 
 /* A point of the volume, before it is known whether its part is small enough. */
@@ -173,10 +197,11 @@ typedef struct Ask {
 
 typedef struct Node {
     Box box;
-    uint32_t level, bends, seams; /* as in Cell */
-    bool whole;                   /* the box itself may be a cell: it was cut at a seam */
-    bool curves_done, lonely;     /* as in Cell */
+    uint32_t level, bends, seams;    /* as in Cell */
+    bool whole;                      /* the box itself may be a cell: it was cut at a seam */
+    bool curves_done, lonely, upset; /* as in Cell */
     ListsAt lists;
+    int32_t *runs; /* straight-line programs: what runs in it (prune_keep), its own; NULL: everything */
 } Node;
 
 struct Cells {
@@ -188,13 +213,17 @@ struct Cells {
     const CellOptions *o;
     const CellSink *sink;
     CellCounts *counts;
-    uint64_t began; /* evaluations counted before this tile */
-    bool failed;    /* memory ran out */
-    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
-    double width;   /* the longest side of the domain */
+    uint64_t began;                  /* evaluations counted before this tile */
+    bool failed;                     /* memory ran out */
+    bool prunes;                     /* a straight-line program, of which only some chunks run in a node */
+    Pruner pruner;                   /* its level PRUNED is the node's */
+    int32_t *runs[SLT_CHOICE_BOXES]; /* by box of the last call, what will run in nodes made of it; NULL: as here */
+    Lists lists;                     /* of loops that have them: args.cull is the node's while it is worked on */
+    double width;                    /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     GaussRule of[GAUSS_MAX + 1];        /* by number of points */
+    double slack;                       /* Root.slack of columns at which f is not asked */
     double bend;                        /* Piece.bend of late: for those that come next */
     double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
     Node *stack;                        /* nodes to be worked on */
@@ -215,7 +244,7 @@ struct Cells {
     uint32_t nroot, root_cap;
     Sides *sides;
     uint32_t nsides, sides_cap;
-    struct Stretch *stretch; /* cells_base.c */
+    struct Stretch *stretch; /* cells_stretch.h */
     uint32_t nstretch, stretch_cap;
     Cut *cut;
     uint32_t ncut, cut_cap;
@@ -225,6 +254,10 @@ struct Cells {
     uint32_t nask, ask_cap;
     uint32_t *active; /* roots that are still worked on */
     uint32_t active_cap;
+    Tie *tie;
+    uint32_t ntie, tie_cap;
+    Apart *apart; /* cells_tied.c: made when first needed */
+    Untie *untie;
     struct Trial *trial; /* cells_given.c */
     uint32_t ntrial, trial_cap;
     uint32_t *order; /* of probes and asks, by edge */
@@ -290,10 +323,27 @@ int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 
+/* ---- cells_prune.c: straight-line programs (saltus/chunks.h). Choice c is edge nedges + c. */
+enum { CELL_PRUNED = 1 }; /* level of the Pruner */
+bool cells_prune_init(Cells *c);
+void cells_prune_free(Cells *c);
+void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: none, everything runs */
+/* Calls `bounds` on the n boxes of the batch. */
+void cells_call_bounds(Cells *c, uint32_t n);
+/* Behind it: the choices that are open in box i, ahead of the events that are. */
+void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
+/* Of the edges that are open: drops choices between two values of which each is the other in all of the cell. event[e]:
+ * which one of the cell edge e is. */
+void cells_close_choices(const Cells *c, Cell *cell, uint32_t *event);
+/* Keeps what runs in boxes that may become nodes. False when memory runs out. */
+bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
+int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */
+/* For calls of the edge kernels: the choices that are given are settled; and then no more. */
+void cells_give_choices(Cells *c, const Given *given, bool on);
+bool cells_same_choices(const Cells *c, const Given *p, const Given *q);
 /* ---- cells_given.c */
 /* Of those that are not done and need not be refined: edges for the ways in which others decide. */
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
-bool cells_same_event(const Event *e, const Event *f);
 /* Can no point lie on the curves of both, because they need another event to decide differently? */
 bool cells_contradict(const CellEdge *e, const CellEdge *f);
 /* At the roots of columns: drops curves from pieces on which what they have given does not hold. */
@@ -308,8 +358,9 @@ static inline double cells_between(const double x[2], const double g[2], const d
     return u * u * (1 + 2 * t) * x[0] + t * t * (3 - 2 * t) * x[1] +
            (g[1] - g[0]) * t * u * (u / slope[0] - t / slope[1]);
 }
-/* All of root[nroot] that are not solved and do not wait. A root that lies outside of its line by rounding ends at the
- * line's end. */
+/* All of root[nroot] that are not solved and do not wait. Where there is slack g is not asked again at the place where
+ * cubics say that the root is: there g is taken for 0, and its slope for theirs. A root that lies outside of its line
+ * by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
  * where it does not get lo = hi. */
@@ -318,12 +369,16 @@ bool cells_narrow(Cells *c);
 bool cells_take_sides(Cells *c);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
-/* ---- cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on; cell->refine where
- * curves cannot be told apart */
+/* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on;
+ * cell->refine where curves cannot be told apart */
 /* On the curve of an event with gradient bounds `a`, whose height axis is `axis`: bounds of how it climbs along the
  * base, and of the slope there of a function with gradient bounds `f`. */
 void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
                        double slope[2]);
+/* Is the curve of an edge in the cell above s on the base? Then `height` is about where. False: the corners do not
+ * tell.
+ */
+bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 
@@ -333,10 +388,28 @@ bool cells_integrate(Cells *c); /* over all pieces */
 bool cells_evaluate(Cells *c, uint32_t first, bool values);
 void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
+/* An empty crossing of a rule, which is to be handed over. */
+Crossing *cells_add_crossing(Cells *c, uint8_t rule);
+/* The crossing that a root with known sides is. */
+void cells_crossing(const Cells *c, const Root *r, Crossing *x);
+
+/* ---- cells_tied.c */
+/* Sets the ties of roots active[0 .. n), on which other curves lie. */
+bool cells_tie(Cells *c, uint32_t n);
+/* The crossings of the tied roots among those that are wanted. */
+bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
+
+/* ---- cells_upset.c */
+bool cells_upsets(const Cells *c, int32_t edge);    /* must the two sides of a seam be compared? */
+bool cells_is_upset(const Cells *c, const Root *r); /* of which the sides were taken: does f jump there? */
+/* Counts what f jumps by along the curves of a piece that goes out; owner: the cell that is charged, NULL: its own. */
+void cells_add_upset(Cells *c, const Piece *p, Cell *owner);
+/* The same of the face in which a cell is cut at a seam, r. */
+void cells_check_cut(Cells *c, Cell *cell, const Root *r);
 
 /* ---- cells_volume.c */
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */

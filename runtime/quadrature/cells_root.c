@@ -19,13 +19,39 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     if (!CELLS_ROOM(c, root, 1)) return NULL;
     Root *r = &c->root[c->nroot++];
     r->ends[0] = r->ends[1] = r->wanted = r->twin = r->solved = r->waits = false; /* its other members come later */
-    r->column = r->sides = 0, r->edge = 0;
+    r->column = r->sides = r->tie = 0, r->edge = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
-    r->step = HUGE_VAL, r->before[0] = r->before[1] = r->before[2] = NAN;
+    r->slack = 0, r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;
     return r;
+}
+
+/* The slope of the cubic with these values and slopes at two places, at another one. */
+static double slope_at(const double x[2], const double g[2], const double slope[2], double at) {
+    double width = x[1] - x[0], t = (at - x[0]) / width, mean = (g[1] - g[0]) / width;
+    return slope[0] * (1 - t) * (1 - 3 * t) + slope[1] * t * (3 * t - 2) + 6 * t * (1 - t) * mean;
+}
+
+/* Is `to` near enough that nothing more need be asked? Newton's step alone errs by the square of its length, in parts
+ * of the line, on which slopes change by as much as they may in a cell; the cubic through the place before by that
+ * times the square of the distance of the two, its slope by a length less. */
+static bool ends_here(const Cells *c, Root *r, double newton, double both) {
+    double line = r->ends_at[1] - r->ends_at[0], x = r->x[r->axis], dg = r->dg[r->axis];
+    double step = fabs(newton - x), back = fabs(x - r->before[0]);
+    bool cubic = step * back * back <= r->slack * line * line * line && step <= back; /* NaN is not */
+    double to = cubic ? both : newton;
+    if (!cubic && !(step <= r->slack * line)) return false;
+    if (!(to >= r->ends_at[0] && to <= r->ends_at[1])) return false;
+    for (uint32_t d = 0; cubic && d < c->dim; d++)
+        if (d == (uint32_t)r->axis)
+            r->dg[d] = slope_at((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
+                                (double[2]){r->dg_before[d], dg}, to);
+        else r->dg[d] += (r->dg[d] - r->dg_before[d]) / (x - r->before[0]) * (to - x);
+    r->x[r->axis] = cells_round(c, to), r->g = 0;
+    c->counts->loose = true;
+    return true;
 }
 
 /* The next place to take g at; false: the one where it was taken is the root. A Newton step that leaves the bracket
@@ -42,9 +68,11 @@ static bool advance(const Cells *c, Root *r) {
     if (r->g == 0 || step <= shortest || noise || r->hi - r->lo <= 2 * shortest) return false;
     /* Two places tell more than one: of order 2.7 instead of 2. */
     double dg = r->dg[r->axis], both = cells_between((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
-                                                     (double[2]){r->before[2], dg});
+                                                     (double[2]){r->dg_before[r->axis], dg});
+    if (r->slack > 0 && ends_here(c, r, to, both)) return false;
     if (fabs(both - to) <= 0.5 * step) to = both;
-    r->before[0] = x, r->before[1] = r->g, r->before[2] = dg;
+    r->before[0] = x, r->before[1] = r->g;
+    memcpy(r->dg_before, r->dg, sizeof r->dg);
     bool at_end = false;
     if (to <= r->lo && !r->ends[0]) to = r->lo, at_end = true;
     else if (to >= r->hi && !r->ends[1]) to = r->hi, at_end = true;

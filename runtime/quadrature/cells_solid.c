@@ -178,6 +178,7 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     if (*done) {
         cells_emit_columns(c, c->column, c->column + c->ncolumn);
         cells_emit_spots(c, 0, c->nspot);
+        for (uint32_t k = 0; k < c->npiece; k++) cells_add_upset(c, &c->piece[k], &c->cell[i]);
     }
     c->ncell = first;
     return true;

@@ -61,7 +61,9 @@ static bool next_part(PartSpots *p) {
     return p->fine || p->coarse;
 }
 
-static double part_noise(const Cells *c, double measure) { return (c->b->f64 ? 0x1p-50 : 0x1p-21) * measure; }
+static double part_noise(const Cells *c, double measure) {
+    return larger(c->b->f64 ? 0x1p-50 : 0x1p-21, c->slack) * measure;
+}
 
 /* Parts of one piece: what both rules make of equal measure goes out once. */
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {

@@ -17,6 +17,8 @@ enum { SWEEPS = 10, PARTS_MAX = 16, LEFT_MOST = 1 << 21 };
  * so much to the curves. */
 #define MARCH_SEGMENT (4 * MARCH_COST)
 #define MARCH_SHARE 0.75
+#define SLACK 0x1p-8 /* of roots, in parts of the tolerance */
+#define SLACK_MOST 0x1p-20
 #define LEAST_CELLS 0x1p-3 /* most that the least cell may be, in parts of a usual one */
 #define LEAST_F64 0x1p-34
 #define LEAST_F32 0x1p-17
@@ -38,6 +40,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
                   .absolute = j->abs_error,
                   .f64 = r->s->f64,
                   .parts = 1,
+                  .few = 2,
                   .deeper = DEEPER,
                   .best = INFINITY,
                   .last = INFINITY};
@@ -70,7 +73,9 @@ void effort_marches(Effort *e, const Sweep *p) {
 
 void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     CellOptions *o = &p->options;
-    o->gauss = e->gauss, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
+    o->gauss = e->gauss, o->few = e->few, o->fixed = e->fixed, o->tolerance = e->tolerance, o->least = e->least;
+    double slack = fmin(SLACK * e->tolerance, SLACK_MOST);
+    o->slack = e->fixed || slack < (e->f64 ? 0x1p-40 : 0x1p-20) ? 0 : slack;
     /* The coarse rule. Of one point, two tell the error as well. */
     o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
     p->parts = e->parts, p->left_share = e->left_share, p->least_ever = least_of(e), p->deeper = e->deeper;
@@ -126,6 +131,8 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     if (finer) {
         changed = true;
         e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
+        /* How a curve bends does not tell how what is integrated along it varies. */
+        e->few += e->stalls ? e->gauss : 2;
         if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;
         else if (e->parts < PARTS_MAX) e->parts *= 2;
         else changed = false;

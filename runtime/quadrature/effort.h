@@ -9,6 +9,7 @@ typedef struct Effort {
     double relative, absolute; /* what was asked for; 0: not */
     bool fixed, f64, marches;  /* marches: as in Sweep */
     uint32_t gauss, parts;     /* points of the fine rule; by how much tiles are smaller than at first */
+    uint32_t few;              /* as in CellOptions */
     double tolerance, least;   /* as in CellOptions */
     double left_share, deeper; /* as in Sweep */
     uint64_t limit;            /* evaluations in all */

@@ -8,8 +8,8 @@
 
 #define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
 #define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
-#define TURNED_MARCH 0.75 /* that of shadows */
-#define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
+#define MARCH_MOST 100.0 /* evaluations for a segment, beyond which curves of shadows are not followed: each costs a
+                          * quarter of the time of one of lines without gaps, of which there are 8 to 60 */
 
 bool quadrature_may(const SltScene *s) {
     if (s->uses_rand) return false;
@@ -31,9 +31,12 @@ bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
 
 void quadrature_state(Run *r, const Sweep *p) {
     SltStats *t = &r->stats;
+    const SltScene *s = r->s;
     t->cells = true;
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
-    t->certified = fmin(1, t->settled + t->curved); /* sums round */
+    t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
+    if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
+    t->certified = fmax(0, fmin(1, t->settled + t->curved) - t->upset); /* sums round */
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }
@@ -145,7 +148,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
         return with_samples(s, &j, out, turned, stats, err);
     Outlook outlook = quadrature_outlook(s, &j, stats);
-    if (outlook.unproven > HOPELESS) return by_lattice(s, &j, out, stats, err);
+    if (outlook.unproven > QUADRATURE_HOPELESS) return by_lattice(s, &j, out, stats, err);
     SltStatus st = run_begin(&r, s, &j, err);
     Sweep p = {.run = &r, .kind = SWEEP_INTEGRAL, .errors = true, .marches = quadrature_marches(s, &j)};
     bool boundary = gradient && !j.no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
@@ -164,10 +167,11 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         effort_apply(&e, &p, before);
         bool trial = turned && !e.wanted && !e.sweeps;
         p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
-        p.only_if_left = !trial ? 1 : p.marches ? TURNED_MARCH : TURNED_LEFT;
+        p.only_if_left = trial && !p.marches ? TURNED_LEFT : 1;
         r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
+        p.only_if_cost = trial && p.marches ? MARCH_MOST * p.segments : 0;
         if ((st = sweep_run(&p)) != SLT_OK) break;
-        if (p.counts.left > p.only_if_left) {
+        if (p.gave_up) {
             *turned = true;
             break;
         }

@@ -60,7 +60,7 @@ static double join(const Sums *m, double fine, double coarse, SumMode mode, doub
                    double *variance) {
     if (mode == SUM_ONE) return fine;
     if (mode == SUM_RULES) {
-        *error += fabs(fine - coarse) + m->rounding * terms * fabs(fine);
+        *error += fabs(fine - coarse) + (m->rounding * terms + m->roots) * fabs(fine);
         return fine;
     }
     double e = 0.5 * (fine - coarse);
@@ -76,11 +76,13 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
             uint32_t p0 = m->block[i] * ACCUM_BLOCK, p1 = p0 + ACCUM_BLOCK < m->nfloats ? p0 + ACCUM_BLOCK : m->nfloats;
             for (uint32_t p = p0; p < p1; p++) {
                 double v[SUM_GROUPS];
+                bool any = false;
                 size_t at = (size_t)row * m->nfloats + p;
                 for (uint32_t g = 0; g < SUM_GROUPS; g++) {
                     double *from = &m->targets[g * m->rows + row][p];
-                    v[g] = *from, *from = 0;
+                    v[g] = *from, any |= *from != 0, *from = 0;
                 }
+                if (!any) continue; /* most of a block that a tile has touched */
                 v[SUM_INTERIOR_FINE] += v[SUM_INTERIOR_BOTH], v[SUM_INTERIOR_COARSE] += v[SUM_INTERIOR_BOTH];
                 double share = v[SUM_SIZE] / lines;
                 m->variance[at] += share * share;
@@ -113,6 +115,16 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left) {
         usual = met > 0 ? sum / met : left * largest;
         for (size_t at = first; at < first + m->nfloats; at++)
             if (!active || active[at - first]) m->variance[at] = fmax(m->variance[at], usual * usual);
+    }
+}
+
+void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]) {
+    double all = 0; /* an image's gradient has one row for all channels */
+    for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) all += jump[c];
+    for (size_t row = 0; row < m->rows; row++) {
+        double half = (m->rows == 1 ? all : jump[row]) / SURE;
+        for (size_t p = 0; p < m->nfloats; p++)
+            if (!active || active[p]) m->variance[row * m->nfloats + p] += half * half;
     }
 }
 

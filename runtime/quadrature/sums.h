@@ -35,6 +35,7 @@ typedef struct Sums {
     double *tile;                /* [SUM_GROUPS * rows][nfloats]: of the tile in hand; 0 between tiles */
     double *targets[ACCUMS];
     double rounding; /* of a sum, in parts of it */
+    double roots;    /* and what roots that end at less than the last floats make of it: CellOptions.slack */
     uint8_t *seen;   /* by block of parameters */
     uint32_t *block; /* [blocks] */
 } Sums;
@@ -49,6 +50,9 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
  * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
 void sums_unnamed(Sums *m, const uint8_t *active, double left);
+/* f jumps along curves that nothing integrates: jump[channel] is the integral of |jump| along them. How fast these move
+ * is not known; what is added is right for curves that move by 1 when a parameter changes by 1. */
+void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]);
 /* In that share of the domain the volume is only sampled: which parameters it belongs to is not known. Adds to each
  * error what a part like it, on average, has of all of them together. */
 void sums_sampled(Sums *m, const uint8_t *active, double share);

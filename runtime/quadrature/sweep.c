@@ -13,7 +13,6 @@
 enum {
     ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
     ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
-    LEFT_LINES = 32,      /* most lines across a cell */
     LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
     DEEPER_BUDGET = 192,  /* and of a cell at the least size, to cut it further, */
     DEEPER_ROUNDS = 12,   /* this often, each time into parts so many times smaller */
@@ -29,12 +28,6 @@ static bool grow(void **v, uint64_t n, uint64_t *cap, size_t size) {
 }
 
 static SltStatus no_memory(const Sweep *p) { return status_fail(p->run->err, SLT_LIMIT, "out of memory"); }
-
-static double measure(const Box *b, uint32_t dim) {
-    double m = 1;
-    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d];
-    return m;
-}
 
 /* ---- points */
 static SumGroup interior_group(CellRule rule) {
@@ -137,7 +130,7 @@ static void take_curve(void *worker, Crossing *c, uint32_t n) {
 static void take_constant(void *worker, const Box *cell, const double *f) {
     SweepWorker *v = worker;
     uint32_t channels = v->sweep->run->s->channels;
-    double m = measure(cell, v->sweep->run->s->dim);
+    double m = sweep_measure(cell, v->sweep->run->s->dim);
     for (uint32_t c = 0; c < channels && v->sweep->kind == SWEEP_INTEGRAL; c++)
         v->f[CELL_FINE][c] += m * f[c], v->f[CELL_COARSE][c] += m * f[c];
     if (v->sweep->kind == SWEEP_RENDER) splat_add_box(&v->splat, cell->lo, cell->end, f);
@@ -153,7 +146,7 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
     }
     LeftCell *l = &v->left[v->nleft++];
     const double *known = v->within ? v->within->bounds : NULL;
-    l->box = *cell, l->halvings = 0, l->stands = l->asked = 1;
+    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1;
     for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
@@ -161,7 +154,7 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
 /* What a cell that is only sampled can hide of the value. */
 static void take_sampled(void *worker, const Box *cell, const double *bounds) {
     SweepWorker *v = worker;
-    double m = measure(cell, v->sweep->run->s->dim), most = 0;
+    double m = sweep_measure(cell, v->sweep->run->s->dim), most = 0;
     for (uint32_t c = 0; c < v->sweep->run->s->channels; c++) {
         double range = bounds[2 * c + 1] - bounds[2 * c];
         if (range < HUGE_VAL) v->f_hidden[c] += m * range; /* else the rules alone tell */
@@ -220,7 +213,7 @@ static SltStatus make_tiles(Sweep *p) {
     return SLT_OK;
 }
 
-static void begin_tile(SweepWorker *v, const Box *box) {
+void sweep_begin_tile(SweepWorker *v, const Box *box) {
     v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
     v->volume_sampled = 0;
     kept_clear(&v->kept);
@@ -228,7 +221,7 @@ static void begin_tile(SweepWorker *v, const Box *box) {
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
 }
 
-static bool begin_splat(SweepWorker *v, const Box *box) {
+bool sweep_begin_splat(SweepWorker *v, const Box *box) {
     Sweep *p = v->sweep;
     if (p->kind == SWEEP_FORWARD && !sink_rect(&v->w->sink, box->lo, box->end)) return false;
     if (p->kind == SWEEP_INTEGRAL || p->kind == SWEEP_REVERSE) return true;
@@ -239,9 +232,9 @@ static bool begin_splat(SweepWorker *v, const Box *box) {
 static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
-    begin_tile(v, &p->tile[tile]);
+    sweep_begin_tile(v, &p->tile[tile]);
     v->within = p->nparents ? &p->parent[tile] : NULL;
-    if (!begin_splat(v, &p->tile[tile])) return false;
+    if (!sweep_begin_splat(v, &p->tile[tile])) return false;
     CellSink sink = {.curve = take_curve,
                      .volume = sweep_volume,
                      .constant = p->interior || p->kind >= SWEEP_FORWARD ? NULL : take_constant,
@@ -254,7 +247,7 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
     return !(v->failed || v->w->sink.failed || v->w->acc.failed);
 }
 
-static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
+void sweep_merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
     const SltScene *s = p->run->s;
     if (p->kind == SWEEP_FORWARD) splat_merge(&v->w->sink.splat, p->out, p->crossings);
     if (p->kind == SWEEP_RENDER || p->kind == SWEEP_FORWARD) splat_merge(&v->splat, p->out, NULL);
@@ -263,7 +256,7 @@ static void merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines) {
         double fine = v->f[0][c], coarse = v->f[1][c], d = fabs(fine - coarse);
         bool sets = mode == SUM_SETS || mode == SUM_LINE || mode == SUM_CURVES;
         p->f[c] += sets ? 0.5 * (fine + coarse) : fine;
-        if (mode == SUM_RULES) p->f_error[c] += d + p->sums.rounding * fabs(fine);
+        if (mode == SUM_RULES) p->f_error[c] += d + (p->sums.rounding + p->sums.roots) * fabs(fine);
         if (sets) p->f_variance[c] += 0.25 * d * d;
         p->f_hidden[c] += v->f_hidden[c];
     }
@@ -276,6 +269,10 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     (void)tile;
     CellCounts *t = &p->counts, *c = &v->counts;
     t->settled += c->settled, t->curved += c->curved, t->left += c->left;
+    t->upset += c->upset;
+    for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++) t->upset_jump[ch] += c->upset_jump[ch];
+    if (c->upset_edge && (!t->upset_edge || c->upset_edge < t->upset_edge)) t->upset_edge = c->upset_edge;
+    p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
     p->short_of_volume |= c->spent && v->volume_sampled > 0;
@@ -283,110 +280,15 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
-    merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
+    p->sums.roots = c->loose ? p->options.slack : 0;
+    sweep_merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
+    p->sums.roots = 0;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
         return;
     }
     memcpy(p->left + p->nleft, v->left, v->nleft * sizeof *v->left);
     p->nleft += v->nleft;
-}
-
-/* ---- what is left */
-double sweep_hidden(const Sweep *p, const LeftCell *l) {
-    double most = 0;
-    for (uint32_t c = 0; c < p->run->s->channels; c++) {
-        double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
-        most = isnan(d) ? INFINITY : fmax(most, d);
-    }
-    return most * measure(&l->box, p->run->s->dim);
-}
-
-double left_divisor(const SweepWorker *v) {
-    /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
-    if (v->sweep->marches) return 1;
-    double lines = v->sweep->lines;
-    return lines * sqrt(fmax(1, (double)v->w->finder.crossings / (2 * lines)));
-}
-
-static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
-    Sweep *p = user;
-    SweepWorker *v = &p->worker[worker];
-    uint64_t from = chunk * LEFT_CHUNK, to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
-    Box hull = p->left[from].box;
-    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false};
-    for (uint64_t i = from; i < to; i++)
-        for (uint32_t d = 0; d < p->run->s->dim; d++) {
-            hull.lo[d] = fmin(hull.lo[d], p->left[i].box.lo[d]);
-            hull.end[d] = fmax(hull.end[d], p->left[i].box.end[d]);
-        }
-    begin_tile(v, &hull);
-    if (!begin_splat(v, &hull)) return false;
-    v->w->finder.lost = lost;
-    for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
-        const LeftCell *l = &p->left[i];
-        v->left_bound += sweep_hidden(p, l);
-        int set = l->stands > 1 ? (int)(i & 1) : -1;
-        uint64_t differ = v->differ;
-        v->owner = (uint8_t)(i - from);
-        if (!(l->stands > 0)) continue;
-        if (p->options.curves && !p->marches && !left_lines(v, l, p->lines, set)) return false;
-        if (p->options.volume) left_samples(v, l, p->lines, set);
-        seen[i - from] = p->marches || v->differ != differ; /* march.c has asked already */
-    }
-    near_flush(v->w);
-    finder_run(&v->w->finder, true);
-    v->w->finder.lost = NULL;
-    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from))) return false;
-    if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
-        return false;
-    accum_close(&v->w->acc);
-    return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
-}
-
-static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
-    Sweep *p = user;
-    SweepWorker *v = &p->worker[worker];
-    (void)chunk;
-    p->left_bound += v->left_bound;
-    SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
-    merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
-}
-
-/* How large a piece of a boundary a cell may hold: its largest face. A gap between two floats holds as much as the cell
- * that it was cut from. */
-static double face(const Box *b, uint32_t dim) {
-    double m = 1, shortest = HUGE_VAL;
-    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
-    return shortest > 0 ? m / shortest : 0;
-}
-
-/* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
- * for all, chosen in proportion to their measure and to what they may hold of boundaries. */
-static void plan_left(Sweep *p, uint64_t used) {
-    uint32_t dim = p->run->s->dim;
-    double left = 0, faces = 0, at = 0.5, sum = 0;
-    for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, dim), faces += face(&p->left[i].box, dim);
-    double spare = p->budget > used ? (double)(p->budget - used) : 0,
-           most = fmax(spare / (p->marches ? MARCH_COST : LEFT_COST), LEFT_CHUNK);
-    double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
-    if (p->budget) vertices = fmin(vertices, 0.5 * spare);
-    double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
-    p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
-    if (!p->budget || (double)p->nleft <= most) return;
-    p->sampled = true;
-    /* Of a quarter of what can be spent. */
-    most = fmax(0.75 * most, LEFT_CHUNK);
-    uint64_t every = (uint64_t)((double)p->nleft * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
-    for (uint64_t i = 0; i < p->nleft; i++) {
-        LeftCell *l = &p->left[i];
-        double part = measure(&l->box, dim) / left, of_faces = face(&l->box, dim) / faces;
-        double expected = (p->options.curves ? 0.5 * (part + of_faces) : part) * most;
-        sum += expected;
-        l->stands = sum >= at ? fmax(1, 1 / expected) : 0;
-        l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
-        while (sum >= at) at += 1;
-    }
 }
 
 /* ---- a sweep */
@@ -519,17 +421,22 @@ SltStatus sweep_run(Sweep *p) {
     }
     if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;
+    if (p->errors) sums_upset(&p->sums, r->s->active, p->counts.upset_jump);
     if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
-    for (uint64_t i = 0; i < p->nleft; i++) left += measure(&p->left[i].box, r->s->dim) / p->volume;
+    for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;
-    if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {
-        plan_left(p, r->stats.evaluations - start);
+    p->gave_up = left > p->only_if_left;
+    if (st == SLT_OK && p->nleft && !p->gave_up && p->only_if_cost > 0)
+        p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);
+    if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+    if (st == SLT_OK && p->nleft && !p->gave_up) {
+        sweep_plan_left(p, r->stats.evaluations - start);
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {
             p->worker[i].unnamed = false;
             for (uint32_t c = 0; c < r->s->channels; c++) p->jump[c] = fmax(p->jump[c], p->worker[i].jump[c]);
         }
-        st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, left_work, left_merge, p);
+        st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, sweep_left_work, sweep_left_merge, p);
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
         if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left);
     }

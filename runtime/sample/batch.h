@@ -5,6 +5,8 @@
 #define SALTUS_SAMPLE_BATCH_H
 
 #include <assert.h>
+#include <string.h>
+
 #include "runtime/sample/grid.h"
 
 enum { BATCH = 1024 }; /* most samples of a call */
@@ -15,6 +17,8 @@ typedef struct Batch {
     bool f64, pixels; /* pixels: some kernel asks for pixel(), and batch_set_x sets it */
     const Grid *grid;
     void *memory;            /* of all inputs and outputs */
+    SltPruned all;           /* straight-line programs: every chunk runs. args.pruned, where nobody knows better */
+    void *all_memory;        /* of its arrays, and of choices that nobody asks for */
     unsigned char *tape;     /* scratch of reverse kernels */
     const SltLayout *layout; /* of the kernel that was called last: where its outputs are */
     unsigned char *poison;   /* builds with asserts: the array of NaN for inputs that are not read */
@@ -22,6 +26,8 @@ typedef struct Batch {
     bool again; /* the samples have been through a kernel that counts: cuts and failed asserts must not count twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
+/* For calls to come: this is what runs, and there its choices are noted. NULL: everything, and nowhere. */
+void batch_prune(Batch *b, const SltPruned *pruned, uint64_t *choices);
 void batch_free(Batch *b);
 void batch_collect(Batch *b, SltStats *t); /* adds the counts of all calls to t, and sets them to 0 */
 /* Input `slot` (an SltInput) of sample i. */
@@ -55,6 +61,10 @@ typedef struct Event {
     double boundary;            /* of a rounding: where its integer changes */
     double window[2];           /* of a ray: the stretch of it that g looks along, as parameters t */
 } Event;
+/* Do both tell of the same decision? A ray's window is only where to look for it. */
+static inline bool event_same(const Event *e, const Event *f) {
+    return e->site == f->site && e->boundary == f->boundary && !memcmp(e->k, f->k, sizeof e->k);
+}
 /* All of the event but its site, which is args.site for all samples. */
 void batch_set_event(Batch *b, uint32_t i, const Event *e);
 /* rand0: number 0 of the stream, in [0, 1); rounding to the program's precision keeps it below 1. */

@@ -37,11 +37,11 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                s->kernel[SLT_K_SITE_GRAD] &&
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t sums = boundary_sketches(r) ? 2 + SKETCHES : 2;
+    uint32_t sums = boundary_sketches(r) ? 3 + SKETCHES : 3;
     uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
-    if (st == SLT_OK && !coincide_begin(r, root_tolerance(run_is_coarse(r)) / fmax(1, lines)))
+    if (st == SLT_OK && !coincide_begin(r, coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines))))
         st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);

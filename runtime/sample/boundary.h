@@ -8,9 +8,9 @@ typedef struct Boundary {
     Run *run;
     uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
     double segments;                /* a pixel, or of an integral in all */
-    double *const
-        *targets;           /* sums [nfloats]. SINK_INTEGRAL: by channel, then by channel the part that coarser
-                               lines miss, then the sketches, by channel each; SINK_REVERSE: by class, then as `misses` says */
+    double *const *targets; /* sums [nfloats]. SINK_INTEGRAL: by channel, by channel the part that coarser lines miss,
+                               by channel what boundaries that coincide leave open, then the sketches, by channel each;
+                               SINK_REVERSE: by class, then as `misses` says */
     float *const *out;      /* SINK_FORWARD: images, by direction */
     float *crossings;       /* SINK_FORWARD: crossings a pixel; may be NULL */
     const float *adjoint;   /* SINK_REVERSE: an image */

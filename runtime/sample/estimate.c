@@ -246,6 +246,7 @@ typedef struct Replicates {
     uint64_t size;                        /* channels * nfloats */
     double *value;                        /* [n][channels] */
     double *interior, *boundary, *missed; /* [n][size] */
+    double *half;                         /* [size]: the sum over all, of what boundaries that coincide leave open */
     double *sketch;                       /* [SKETCHES][size]: of the sum over all replicates; NULL: none */
 } Replicates;
 
@@ -329,9 +330,11 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         k.value = alloc_zero(k.n * (size_t)s->channels, sizeof(double));
         k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
         k.missed = alloc_zero(k.n * k.size, sizeof(double));
+        k.half = alloc_zero(k.size, sizeof(double));
         if (boundary_sketches(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
-        if (!k.value || !k.interior || !k.boundary || !k.missed) st = status_fail(err, SLT_LIMIT, "out of memory");
+        if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
+            st = status_fail(err, SLT_LIMIT, "out of memory");
     }
     for (uint32_t i = 0; i < k.n && st == SLT_OK; i++) {
         double t = pool_now(), step = 1.0 / k.n;
@@ -346,8 +349,9 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         for (uint32_t c = 0; c < s->channels; c++) {
             targets[c] = k.boundary + i * k.size + (uint64_t)c * s->nfloats;
             targets[s->channels + c] = k.missed + i * k.size + (uint64_t)c * s->nfloats;
+            targets[2 * s->channels + c] = k.half + (uint64_t)c * s->nfloats;
             for (uint32_t q = 0; q < SKETCHES && k.sketch; q++)
-                targets[(2 + q) * s->channels + c] = k.sketch + q * k.size + (uint64_t)c * s->nfloats;
+                targets[(3 + q) * s->channels + c] = k.sketch + q * k.size + (uint64_t)c * s->nfloats;
         }
         Boundary y = {.run = &r,
                       .replicate = i,
@@ -376,10 +380,11 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         statistics(k.interior, NULL, k.n, k.size, out->interior, NULL);
         statistics(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
         statistics(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
+        for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
         if (out->gradient_stderr) add_missing(k.missed, k.n, k.size, out->gradient_stderr);
         out->replicates = true;
     }
-    free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.sketch);
+    free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     run_end(&r, stats);
     return st;
 }

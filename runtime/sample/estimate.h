@@ -29,6 +29,13 @@
 
 /* Compiled (or interpreted) kernels and what the runtime must know of the program. It owns nothing. A NULL kernel is
  * one that the program does not need. */
+/* What may change at the jump of a seam that moves with a parameter, though no g crosses 0 there. */
+typedef enum SltUpset {
+    SLT_UPSETS_NOTHING,
+    SLT_UPSETS_SITES, /* what sites decide, and so the hash */
+    SLT_UPSETS_UNSEEN /* decisions that are no sites */
+} SltUpset;
+
 typedef struct SltScene {
     /* Not NULL: kernels are interpreted, and every call of a kernel goes through this function. */
     void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
@@ -53,12 +60,15 @@ typedef struct SltScene {
     const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
     uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
+    const uint8_t *edge_upsets;     /* [nedges]: SltUpset; NULL: none */
+    const uint32_t *edge_line;      /* [nedges]: of the source; NULL: not known */
     bool flat;                      /* between edges neither f nor its derivatives change with the position */
     uint32_t nlists;                /* loops with lists, [Cull] loops first: lengths of SltKernelArgs.cull, .note */
     const uint32_t *list_count;     /* [nlists]: iterations of each */
     const uint8_t *list_noted;      /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
     const struct SltChunks *chunks; /* of prune and pruned (saltus/chunks.h); NULL: the program has no use for them */
-    int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
+    bool chunked; /* bounds and the edge kernels are in chunks too: its choices are edges behind all others */
+    int follow;   /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
     uint64_t tape_bytes; /* a lane, the largest of all kernels */
     uint32_t ncull;

@@ -42,6 +42,7 @@ void stats_add(SltStats *to, const SltStats *s) {
 void stats_of_cells(SltStats *to, const SltStats *s) {
     if (!to) return;
     to->cells = s->cells, to->certified = s->certified, to->settled = s->settled, to->curved = s->curved;
+    to->upset = s->upset, to->upset_line = s->upset_line;
     to->left = s->left, to->left_bound = s->left_bound, to->boxes = s->boxes, to->stopped = s->stopped;
 }
 

@@ -41,7 +41,7 @@ struct Run {
     uint32_t nworkers;
     PoolOptions pool;
     bool proven;    /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
-    Moved *apart;   /* [COINCIDE_WAYS]: for coincide.c; NULL: boundaries that coincide are not looked for */
+    Apart *apart;   /* for coincide.c; NULL: boundaries that coincide are not looked for */
     SltStats stats; /* counts of the tiles merged so far */
     SltError *err;
     double start; /* by pool_now() */

@@ -17,6 +17,7 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 
 void sink_free(Sink *k) {
     free(k->order), free(k->kept), free(k->thin);
+    coincide_free(&k->coincide);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
 }
@@ -106,11 +107,11 @@ bool sink_rect(Sink *k, const double lo[3], const double hi[3]) {
 static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first,
                           uint32_t again) {
     uint32_t channels = k->b->s->channels;
+    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     for (uint32_t ch = 0; ch < channels; ch++) {
         bool any = false;
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            sink_put(k, i, x);
             double seed = x->weight * x->jump[ch];
             any |= seed != 0;
             batch_set(k->b, SLT_IN_SEED0, i, seed);
@@ -121,7 +122,7 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
     }
 }
 
-/* Into the sketches, which come after the sums by channel and those that coarser lines miss. */
+/* Into the sketches, which come after the other sums. */
 static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
     uint32_t channels = k->b->s->channels;
     double weight[BATCH][SKETCHES];
@@ -139,17 +140,17 @@ static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uin
                 sink_put(k, used, x);
                 batch_set(k->b, SLT_IN_SEED0, used++, seed);
             }
-            accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, (2 + q) * channels + ch);
+            accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, (3 + q) * channels + ch);
         }
 }
 
 /* Of crossings of lines: how much there is of the boundary, jumps of both signs alike; those that coarser lines miss
  * count twice. */
 static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first, bool missed) {
+    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
     for (uint32_t ch = 0; ch < k->b->s->channels; ch++) {
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            sink_put(k, i, x);
             batch_set(k->b, SLT_IN_SEED0, i, (missed ? 2 : 1) * fabs(x->weight * x->jump[ch]));
         }
         accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, first + ch);
@@ -284,6 +285,36 @@ void sink_put_size(Sink *k, const Crossing *c, uint32_t n) {
     }
 }
 
+/* Half of how much two orders of boundaries differ belongs to the error: of a whole integral to sums of its own, of two
+ * sets of lines, or four, so much to one and as much less to another, that this is what their spread says of it. */
+#define OF_FOUR 0.6123724356957945
+
+static void put_half(Sink *k, Crossing *c, uint32_t n) {
+    uint32_t channels = k->b->s->channels;
+    bool sets = k->kind == SINK_PARTS || (k->kind == SINK_REVERSE && (k->sizes || k->classes > 1));
+    double part = k->kind == SINK_REVERSE && !k->sizes ? OF_FOUR : 1;
+    if (k->kind == SINK_INTEGRAL) {
+        group(k, c, n);
+        for (uint32_t from = 0, to; from < n; from = to) {
+            to = group_end(k, c, from, n);
+            emit_integral(k, c, k->order + from, to - from, 2 * channels, 2 * channels);
+        }
+    }
+    for (uint32_t set = 0; set < 2 && sets; set++) {
+        for (uint32_t i = 0; i < n; i++) c[i].cls = (uint8_t)set, c[i].weight *= set ? -1 : part;
+        sink_put_weighed(k, c, n);
+    }
+}
+
+/* What has become of crossings that were untied. */
+static void put_parts(Sink *k) {
+    const Coincide *q = &k->coincide;
+    for (uint32_t from = 0; from < q->nparts; from += BATCH)
+        sink_put_weighed(k, q->part + from, q->nparts - from < BATCH ? q->nparts - from : BATCH);
+    for (uint32_t from = 0; from < q->nhalves; from += BATCH)
+        put_half(k, q->half + from, q->nhalves - from < BATCH ? q->nhalves - from : BATCH);
+}
+
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);
@@ -291,24 +322,27 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         keep_all(k, c, n);
         return;
     }
+    bool keep[BATCH];
     group(k, c, n);
     for (uint32_t from = 0, to; from < n; from = to) {
-        bool keep[BATCH];
-        uint32_t kept = 0;
         to = group_end(k, c, from, n);
-        sink_weigh(k, c, k->order + from, to - from, keep);
-        coincide_group(k, c, k->order, keep, from, to, n);
+        sink_weigh(k, c, k->order + from, to - from, keep + from);
         for (uint32_t i = from; i < to && k->follow; i++) {
             const Crossing *x = &c[(uint32_t)k->order[i]];
-            if (keep[i - from] && x->edge) follow_note(k->follow, x);
+            if (keep[i] && x->edge) follow_note(k->follow, x);
         }
+    }
+    coincide_settle(k, c, k->order, keep, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        uint32_t kept = 0;
+        to = group_end(k, c, from, n);
         for (uint32_t i = from; i < to; i++) {
-            if (!keep[i - from]) continue;
+            if (!keep[i]) continue;
             const Crossing *x = &c[(uint32_t)k->order[i]];
             if (x->thin && k->misses && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
             k->order[from + kept++] = k->order[i];
         }
         emit(k, c, k->order + from, kept);
     }
-    if (k->coincide.n) coincide_count(k, c);
+    if (k->coincide.nparts) put_parts(k);
 }

@@ -10,8 +10,8 @@
 #include "runtime/sample/splat.h"
 
 typedef enum SinkKind {
-    SINK_INTEGRAL, /* adjoints by channel, again those of crossings that coarser lines miss, and their sketches, where
-                      there are any */
+    SINK_INTEGRAL, /* adjoints by channel, again those of crossings that coarser lines miss, what boundaries that
+                      coincide add to the error, and sketches of lines, where there are any */
     SINK_PARTS,    /* adjoints by set (bit 0 of the class) and channel; bit 2: a fifth group gets their size, bit 1:
                       twice, as coarser lines miss them */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */

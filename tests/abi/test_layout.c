@@ -138,6 +138,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, left_bound);
     MEMBER(SltStats, boxes);
     MEMBER(SltStats, stopped);
+    MEMBER(SltStats, upset);
+    MEMBER(SltStats, upset_line);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);

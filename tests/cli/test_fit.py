@@ -227,8 +227,13 @@ int main(void) {
         self.run_cli("build", "c.salt", code=2)
         self.run_cli("build", "c.salt", "-o", "no/out.o", code=5)
         if shutil.which("cc"):
-            for std in ("-std=c99", "-std=c17"):
-                subprocess.run(["cc", std, "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "-x", "c", "out.h"], cwd=self.dir, check=True)
+            self.put("odd.salt", "param float a = 0.1;\nparam float b = 1e-40;\nparam float c[3] = {1.0, 2.0, 3.0};\nparam int n = -3;\nshader float2 main(float2 x) { return float2(a + b, c[0] + float(n)); }")
+            self.run_cli("build", "odd.salt", "-o", "odd.h", "--param", "a=inf", "--param", "b=-inf", "--param", "c[1]=nan", "--precision", "f64")
+            for name in ("out.h", "odd.h"):
+                self.put("use.c", '#include "%s"\nint main(void) { return 0; }\n' % name)
+                for compiler, language, std in (("cc", "c", "c99"), ("cc", "c", "c17"), ("c++", "c++", "c++11"), ("c++", "c++", "c++17"), ("clang++-19", "c++", "c++14")):
+                    if shutil.which(compiler):
+                        subprocess.run([compiler, "-std=" + std, "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "-x", language, "use.c"], cwd=self.dir, check=True)
 
     @unittest.skipUnless(shutil.which("cc"), "no C compiler")
     def test_linked(self):

@@ -53,8 +53,15 @@ class Basics(Case):
         self.put("c.salt", CIRCLE)
         for n, name in enumerate(("old", "new")):
             os.mkdir(self.path(name))
-            shutil.copy(BIN, self.path(name + "/saltus"))
-            os.utime(self.path(name + "/saltus"), (n + 1, n + 1))
+            with open(BIN, "rb") as f:
+                program = f.read()
+            note = struct.pack("<III4s", 4, 20, 3, b"GNU")  # the build id: 20 bytes that the linker makes of the others
+            self.assertEqual(program.count(note), 1)
+            at = program.index(note) + len(note)
+            program = program[:at] + bytes([n]) + program[at + 1:]
+            self.put(name + "/saltus", program)  # of one size and, as reproducible builds are, of one time
+            os.chmod(self.path(name + "/saltus"), 0o755)
+            os.utime(self.path(name + "/saltus"), (1, 1))
 
         def cached(program, folder):
             env = self.environment({"PATH": self.path(folder) + ":" + os.environ["PATH"]})
@@ -67,6 +74,50 @@ class Basics(Case):
         self.assertTrue(cached(self.path("old/saltus"), "old"))
         self.assertFalse(cached("saltus", "new"))
         self.assertTrue(cached("saltus", "new"))
+
+    def test_sources_are_no_pipes(self):
+        """Nothing is waited for: a pipe, a device and a folder are refused by name."""
+        os.mkfifo(self.path("pipe.salt"))
+        os.mkdir(self.path("folder.salt"))
+        for name, word in (("pipe.salt", "pipe"), ("/dev/zero", "device"), ("folder.salt", "directory")):
+            r = self.run_cli("render", name, "--size", 4, "-o", "a.png", code=4)
+            self.assertIn(word, r.err)
+        self.put("c.salt", CIRCLE)
+        r = self.run_cli("render", "c.salt", "--size", 4, "-o", "a.png", "--params", "pipe.salt", code=4)
+        self.assertIn("pipe", r.err)
+        self.no_leftovers("c.salt", "pipe.salt", "folder.salt")
+
+    def test_sources_are_kept(self):
+        """An output that is a source is refused, by whatever name, and so is a header that somebody else wrote."""
+        self.put("c.salt", CIRCLE)
+        os.symlink("c.salt", self.path("link.png"))
+        for verb, *args in (("render",), ("grad",), ("fit", "--minimize"), ("bench", "--samples", 512), ("build",)):
+            r = self.run_cli(verb, "c.salt", *args, "-o", "link.png", code=5)
+            self.assertIn("source", r.err)
+        self.assertEqual(self.get("c.salt").decode(), CIRCLE)
+        self.put("k.h", "int mine;\n")
+        r = self.run_cli("build", "c.salt", "-o", "k.o", code=5)
+        self.assertIn("k.h", r.err)
+        self.assertEqual(sorted(os.listdir(self.dir)), ["c.salt", "cache", "k.h", "link.png"])
+        self.run_cli("build", "c.salt", "-o", "m.o")
+        self.run_cli("build", "c.salt", "-o", "m.o")  # its own header it writes again
+
+    def test_killed_runs_leave_nothing(self):
+        """What a killed run left beside an output goes with the next run; what another run writes stays."""
+        import fcntl
+        self.put("c.salt", CIRCLE)
+        self.put(".saltus-00000001.tmp", "left")
+        self.put(".saltus-00000002.tmp", "held")
+        with open(self.path(".saltus-00000002.tmp")) as held:
+            fcntl.flock(held, fcntl.LOCK_EX)
+            self.run_cli("render", "c.salt", "--size", 4, "-o", "a.png")
+        self.assertEqual(sorted(os.listdir(self.dir)), [".saltus-00000002.tmp", "a.png", "c.salt", "cache"])
+
+    def test_long_names(self):
+        self.put("c.salt", CIRCLE)
+        name = "a" * 251 + ".png"  # as long as a name may be
+        self.run_cli("render", "c.salt", "--size", 4, "-o", name)
+        self.assertEqual(self.get(name)[:4], b"\x89PNG")
 
     def test_passes(self):
         """The IR behind a pass, by name; an unknown one is an error before anything is compiled."""

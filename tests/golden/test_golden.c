@@ -67,7 +67,7 @@ static void test_golden(void **state) {
             wrong++;
         } else if (getenv("BLESS")) {
             assert_int_equal(file_write_atomic(golden, got, strlen(got), &err), SLT_OK);
-        } else if (file_read_all(golden, &want, &size, &err) != SLT_OK) {
+        } else if (file_read_all(golden, &file_binary, &want, &size, &err) != SLT_OK) {
             print_error("%s\n", err.text);
             wrong++;
         } else if (!blessed_same(golden, (const char *)want, got)) {

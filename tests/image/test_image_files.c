@@ -1,10 +1,12 @@
 /* Images from elsewhere and from nowhere good: foreign EXR layouts, truncated and flipped files,
  * limits, full disks. */
 #include <dirent.h>
+#include <fcntl.h>
 #include <math.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "tests/scratch.h"
 
@@ -15,6 +17,7 @@
 #endif
 
 #include <png.h>
+#include <zlib.h>
 
 #include "runtime/image/image.h"
 
@@ -32,6 +35,7 @@ typedef struct Foreign {
     const char *channels[6];
     int sampling;
     int parts;
+    int shift; /* of each part's data window from that of the part before it */
 } Foreign;
 
 enum { TILE = 16 };
@@ -102,7 +106,9 @@ static void write_foreign(const char *path, const Foreign *f) {
         static const char *const names[] = {"left", "right"};
         int index;
         check(exr_add_part(ctx, names[p], f->storage, &index));
-        check(exr_initialize_required_attr(ctx, p, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
+        exr_attr_box2i_t own = data;
+        own.min.x += p * f->shift, own.max.x += p * f->shift, own.min.y += p * f->shift, own.max.y += p * f->shift;
+        check(exr_initialize_required_attr(ctx, p, &display, &own, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
                                            f->compression));
         if (f->storage == EXR_STORAGE_TILED || f->storage == EXR_STORAGE_DEEP_TILED)
             check(exr_set_tile_descriptor(ctx, p, TILE, TILE, EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN));
@@ -117,7 +123,7 @@ static void write_foreign(const char *path, const Foreign *f) {
         check(exr_get_scanlines_per_chunk(ctx, p, &lines));
         for (int y = 0; y < f->height; y += lines) {
             exr_chunk_info_t info;
-            check(exr_write_scanline_chunk_info(ctx, p, f->y0 + y, &info));
+            check(exr_write_scanline_chunk_info(ctx, p, f->y0 + p * f->shift + y, &info));
             encode_chunk(ctx, f, p, &info, 0, y);
         }
     }
@@ -227,6 +233,37 @@ static void exr_windows(void **state) {
     write_foreign(scratch_path("w.exr"), &f);
     assert_int_equal(image_read(scratch_path("w.exr"), NULL, &im, &err), SLT_LIMIT);
     assert_null(im.data);
+}
+
+/* Each part where its window says, in the display window of the first. */
+static void exr_windows_of_parts(void **state) {
+    (void)state;
+    SltError err = {0};
+    for (int tiled = 0; tiled < 2; tiled++) {
+        Image im;
+        Foreign f = {.width = 20,
+                     .height = 18,
+                     .x0 = 1,
+                     .y0 = 2,
+                     .display = {0, 0, 25, 25},
+                     .storage = tiled ? EXR_STORAGE_TILED : EXR_STORAGE_SCANLINE,
+                     .compression = EXR_COMPRESSION_ZIP,
+                     .type = EXR_PIXEL_FLOAT,
+                     .parts = 2,
+                     .shift = 3,
+                     .channels = {"Y"}};
+        write_foreign(scratch_path("pw.exr"), &f);
+        must(image_read(scratch_path("pw.exr"), NULL, &im, &err), &err);
+        assert_true(im.width == 26 && im.height == 26 && im.channels == 2);
+        for (int y = 0; y < 26; y++)
+            for (int x = 0; x < 26; x++)
+                for (int p = 0; p < 2; p++) {
+                    int u = x - 1 - 3 * p, v = y - 2 - 3 * p;
+                    bool inside = u >= 0 && u < 20 && v >= 0 && v < 18;
+                    assert_true(im.data[(y * 26 + x) * 2 + p] == (inside ? (float)value_of(p, 0, u, v) : 0));
+                }
+        image_free(&im);
+    }
 }
 
 static void exr_parts_and_refusals(void **state) {
@@ -360,7 +397,7 @@ static void torture_file(const char *path, bool refuse) {
     uint8_t *bytes;
     size_t size;
     SltError err = {0};
-    must(file_read_all(path, &bytes, &size, &err), &err);
+    must(file_read_all(path, &file_binary, &bytes, &size, &err), &err);
     torture(path, bytes, size, refuse);
     free(bytes);
 }
@@ -491,7 +528,7 @@ static void huge_claims(void **state) {
     write_foreign(scratch_path("h.exr"), &f);
     uint8_t *bytes;
     size_t size;
-    must(file_read_all(scratch_path("h.exr"), &bytes, &size, &err), &err);
+    must(file_read_all(scratch_path("h.exr"), &file_binary, &bytes, &size, &err), &err);
     int edited = 0;
     for (size_t i = 0; i + 16 <= size; i++) {
         static const uint8_t window[16] = {0, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 3, 0, 0, 0};
@@ -516,6 +553,85 @@ static int count_entries(const char *path) {
     return n;
 }
 
+/* Whoever waits for the other end of a pipe, or reads what a hole claims, waits or pays for nothing. */
+static void no_plain_files(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im;
+    Table t;
+    const char *path = scratch_path("pipe.png");
+    assert_int_equal(mkfifo(path, 0600), 0);
+    assert_int_equal(image_read(path, NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "pipe"));
+    path = scratch_path("hole.csv");
+    assert_int_equal(close(open(path, O_CREAT | O_WRONLY, 0600)), 0);
+    assert_int_equal(truncate(path, 1 << 30), 0);
+    assert_int_equal(table_read(path, &t, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "sparse"));
+    path = scratch_path("text.png"); /* its first bytes are enough to know */
+    must(file_write_atomic(path, "not a picture", 13, &err), &err);
+    assert_int_equal(image_read(path, NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "not a PNG file"));
+}
+
+static void put_be32(uint8_t *p, uint32_t v) {
+    for (int i = 0; i < 4; i++) p[i] = (uint8_t)(v >> (24 - 8 * i));
+}
+
+/* 57 bytes: a header, and a chunk that claims two gigabytes. None of them is allocated. */
+static void png_claims(void **state) {
+    (void)state;
+    static const char *const names[] = {"IDAT", "PLTE", "iCCP", "zTXt", "tRNS", "eXIf", "abCd"};
+    uint8_t bytes[57] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR";
+    SltError err = {0};
+    Image im;
+    bytes[19] = 8, bytes[23] = 8, bytes[24] = 8;
+    put_be32(bytes + 29, (uint32_t)crc32(0, bytes + 12, 17));
+    for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
+        struct rlimit old, tight;
+        put_be32(bytes + 33, 0x7fffffff);
+        memcpy(bytes + 37, names[k], 4);
+        assert_int_equal(getrlimit(RLIMIT_DATA, &old), 0);
+        tight = old, tight.rlim_cur = 256 << 20;
+#ifndef __SANITIZE_ADDRESS__
+        assert_int_equal(setrlimit(RLIMIT_DATA, &tight), 0);
+#endif
+        SltStatus status = image_decode("a.png", bytes, sizeof bytes, NULL, &im, &err);
+        assert_int_equal(setrlimit(RLIMIT_DATA, &old), 0);
+        assert_int_equal(status, SLT_INPUT);
+        assert_non_null(strstr(err.text, "claims"));
+    }
+}
+
+/* A file's gamma decides its curve: 1.0 means linear; 1/2.2 means sRGB. */
+static void png_gamma(void **state) {
+    (void)state;
+    SltError err = {0};
+    Image im, back;
+    uint8_t *bytes, *with;
+    size_t size;
+    must(image_create(&im, 2, 2, 1, &err), &err);
+    for (int i = 0; i < 4; i++) im.data[i] = 0.25f;
+    must(image_encode("a.png", &im, &(ImageWriteOptions){.raw = true}, &bytes, &size, &err), &err);
+    for (int kind = 0; kind < 2; kind++) {
+        with = malloc(size + 16); /* gAMA belongs before IDAT; ours ends with it right behind the header */
+        memcpy(with, bytes, 33);
+        put_be32(with + 33, 4), memcpy(with + 37, "gAMA", 4), put_be32(with + 41, kind ? 45455 : 100000);
+        put_be32(with + 45, (uint32_t)crc32(0, with + 37, 8));
+        memcpy(with + 49, bytes + 33, size - 33);
+        must(image_decode("a.png", with, size + 16, NULL, &back, &err), &err);
+        float v = 64 / 255.0f;
+        assert_float_equal(back.data[0], kind ? image_decode_srgb(v) : v, 1e-6);
+        image_free(&back);
+        must(image_decode("a.png", with, size + 16, &(ImageReadOptions){.raw = true}, &back, &err), &err);
+        assert_float_equal(back.data[0], v, 1e-6);
+        image_free(&back);
+        free(with);
+    }
+    image_free(&im);
+    free(bytes);
+}
+
 static void missing_files(void **state) {
     (void)state;
     SltError err = {0};
@@ -526,7 +642,9 @@ static void missing_files(void **state) {
     assert_int_equal(image_read(scratch, NULL, &im, &err), SLT_INPUT);
     assert_non_null(strstr(err.text, "folder"));
     assert_int_equal(image_read("/dev/zero", NULL, &im, &err), SLT_INPUT); /* and at once */
-    assert_non_null(strstr(err.text, "extension"));
+    assert_non_null(strstr(err.text, "device"));
+    assert_int_equal(image_read(scratch_path("a.bmp"), NULL, &im, &err), SLT_INPUT);
+    assert_non_null(strstr(err.text, "No such file"));
     assert_int_equal(table_read(scratch_path("a.xyz"), &t, &err), SLT_INPUT);
     must(image_create(&im, 2, 2, 1, &err), &err);
     assert_int_equal(image_write(scratch_path("a.bmp"), &im, NULL, &err), SLT_USAGE);
@@ -564,7 +682,7 @@ static void atomic_write(void **state) {
     assert_int_equal(status, SLT_OUTPUT);
     assert_non_null(strstr(err.text, "File too large"));
     assert_int_equal(count_entries(scratch), before); /* no temporary file stays */
-    must(file_read_all(keep, &bytes, &size, &err), &err);
+    must(file_read_all(keep, &file_binary, &bytes, &size, &err), &err);
     assert_int_equal(size, 5);
     assert_memory_equal(bytes, "newer", 5);
     free(bytes);
@@ -580,7 +698,7 @@ static void atomic_write(void **state) {
     must(file_write_atomic(scratch_path("link"), "via link", 8, &err), &err);
     assert_int_equal(lstat(scratch_path("link"), &st), 0);
     assert_true(S_ISLNK(st.st_mode));
-    must(file_read_all(keep, &bytes, &size, &err), &err);
+    must(file_read_all(keep, &file_binary, &bytes, &size, &err), &err);
     assert_memory_equal(bytes, "via link", 8);
     free(bytes);
     assert_int_equal(file_write_atomic(scratch, "x", 1, &err), SLT_OUTPUT);
@@ -589,11 +707,20 @@ static void atomic_write(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exr_layouts),  cmocka_unit_test(png_layouts),
-        cmocka_unit_test(exr_windows),  cmocka_unit_test(exr_parts_and_refusals),
-        cmocka_unit_test(damaged_exr),  cmocka_unit_test(damaged_png),
-        cmocka_unit_test(damaged_flat), cmocka_unit_test(hgt_tiles),
-        cmocka_unit_test(huge_claims),  cmocka_unit_test(missing_files),
+        cmocka_unit_test(exr_layouts),
+        cmocka_unit_test(png_layouts),
+        cmocka_unit_test(exr_windows),
+        cmocka_unit_test(exr_windows_of_parts),
+        cmocka_unit_test(exr_parts_and_refusals),
+        cmocka_unit_test(damaged_exr),
+        cmocka_unit_test(damaged_png),
+        cmocka_unit_test(damaged_flat),
+        cmocka_unit_test(hgt_tiles),
+        cmocka_unit_test(huge_claims),
+        cmocka_unit_test(missing_files),
+        cmocka_unit_test(no_plain_files),
+        cmocka_unit_test(png_claims),
+        cmocka_unit_test(png_gamma),
         cmocka_unit_test(atomic_write),
     };
     return cmocka_run_group_tests(tests, scratch_make, scratch_drop);

@@ -510,7 +510,7 @@ static void damaged_checkpoints(void **state) {
         optimise_free(f);
     }
     size_t length;
-    assert_int_equal(file_read_all(path, &bytes, &length, &err), SLT_OK);
+    assert_int_equal(file_read_all(path, &file_binary, &bytes, &length, &err), SLT_OK);
     double before[2];
     memcpy(before, optimise_parameters(o), sizeof before);
     for (size_t n = 0; n < length; n += 3) {
@@ -539,7 +539,7 @@ static void names(void **state) {
     uint8_t *page;
     size_t size;
     SltError err = {0};
-    assert_int_equal(file_read_all(SALTUS_TEST_DIR "/../docs/command.md", &page, &size, &err), SLT_OK);
+    assert_int_equal(file_read_all(SALTUS_TEST_DIR "/../docs/command.md", &file_binary, &page, &size, &err), SLT_OK);
     for (int k = 0; k < OPTIMISE_METHODS; k++) {
         OptimiseMethod found;
         const char *name = optimise_name((OptimiseMethod)k);

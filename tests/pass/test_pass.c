@@ -129,7 +129,7 @@ static bool try_file(Case *c) {
     uint8_t *bytes = NULL;
     size_t size;
     SltError err = {0};
-    if (file_read_all(c->path, &bytes, &size, &err) != SLT_OK) fail_msg("%s", err.text);
+    if (file_read_all(c->path, &file_binary, &bytes, &size, &err) != SLT_OK) fail_msg("%s", err.text);
     c->input = strndup((const char *)bytes, size);
     free(bytes);
     char *end = strstr(c->input, becomes);

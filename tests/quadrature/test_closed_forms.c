@@ -52,6 +52,9 @@ static void make_more(void) {
                  "bool hit = false; for (int i = 0; i < 3; i++) { float c = 0.2 + 0.1 * float(i); [Disc] [SkipLoop] if "
                  "(abs(x - c - 0.5 * w) - 0.5 * w < 0.0) hit = true; } return hit ? 1.0 : 0.0;"),
          .want = {{"w", 1}});
+    CASE("a straight line that moves as a wave",
+         SHADER2("param float t = 0.0;", "", "[Disc] return x.y - 0.513 > t * sin(40.0 * x.x) ? 1.0 : 0.0;"),
+         .want = {{"t", (cos(40) - 1) / 40}});
     CASE("product of conditions",
          SHADER2(
              "param float a = 0.5; param float b = 0.4;", UNIT,

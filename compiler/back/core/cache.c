@@ -9,6 +9,7 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <xxhash.h>
@@ -72,7 +73,7 @@ static bool write_all(int fd, const void *from, size_t n) {
 }
 
 unsigned char *cache_read(Arena *arena, const char *folder, const CacheKey *key, size_t *size) {
-    int fd = open(entry_path(arena, folder, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    int fd = open(entry_path(arena, folder, key), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     if (fd < 0) return NULL;
     EntryHead h;
     struct stat st;
@@ -107,7 +108,15 @@ static int by_age(const void *x, const void *y) {
     return (a->used.tv_nsec > b->used.tv_nsec) - (a->used.tv_nsec < b->used.tv_nsec);
 }
 
-/* Removes the entries unused for longest until the folder is within its size. */
+/* A writer holds a lock on its temporary file: one that nobody holds is what a killed run left. */
+static bool is_abandoned(int folder, const char *name) {
+    int fd = strncmp(name, "tmp-", 4) ? -1 : openat(folder, name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    bool free_to_lock = fd >= 0 && !flock(fd, LOCK_EX | LOCK_NB);
+    if (fd >= 0) close(fd);
+    return free_to_lock;
+}
+
+/* Removes what killed runs left, and the entries unused for longest until the folder is within its size. */
 static void trim(const char *folder) {
     DIR *d = opendir(folder);
     if (!d) return;
@@ -119,6 +128,7 @@ static void trim(const char *folder) {
         if (strlen(f->d_name) >= sizeof all->name || fstatat(dirfd(d), f->d_name, &st, AT_SYMLINK_NOFOLLOW) ||
             !S_ISREG(st.st_mode))
             continue;
+        if (is_abandoned(dirfd(d), f->d_name) && !unlinkat(dirfd(d), f->d_name, 0)) continue;
         if (n == cap) {
             cap = cap ? 2 * cap : 64;
             Aged *more = realloc(all, cap * sizeof *all);
@@ -152,6 +162,7 @@ bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const un
     char *temp = arena_printf(arena, "%s/tmp-XXXXXX", folder);
     int fd = mkostemp(temp, O_CLOEXEC);
     if (fd < 0) return false;
+    (void)flock(fd, LOCK_EX); /* ours, as long as we live */
     bool ok = write_all(fd, &h, sizeof h) && write_all(fd, bytes, size);
     ok = !close(fd) && ok;
     ok = ok && !rename(temp, entry_path(arena, folder, key));

@@ -1,25 +1,69 @@
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* dl_iterate_phdr */
+#endif
 /* The key of a compilation: a hash of what the emitter reads, of the options and of the build that emits. */
-#include <dlfcn.h>
+#include <elf.h>
 #include <link.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <xxhash.h>
 
 #include "compiler/back/core/core.h"
 
-/* A new build of the compiler may emit other code for the same IR: the file that holds this function names the emitter.
- * Of a program the loader knows no file: dli_fname is what it was called by, and means nothing if a shell searched it
- * in $PATH. NULL: the file is gone. */
-static const char *emitter_stamp(Arena *a) {
-    Dl_info info;
-    struct stat st;
-    void *self, *map;
-    const char *(*f)(Arena *) = emitter_stamp;
-    memcpy(&self, &f, sizeof self);
-    if (!dladdr1(self, &info, &map, RTLD_DL_LINKMAP)) return NULL;
-    const char *file = ((struct link_map *)map)->l_name;
-    if (stat(file[0] ? file : "/proc/self/exe", &st)) return NULL;
-    return arena_printf(a, "%lld.%09ld.%lld", (long long)st.st_mtim.tv_sec, st.st_mtim.tv_nsec, (long long)st.st_size);
+/* A new build of the compiler may emit other code for the same IR, and nothing outside its own bytes says so: builds
+ * may share times, sizes and version numbers. The linker's build id is a hash of them; an object without one (a static
+ * library in a program that is linked without) is hashed where it lies in memory, as far as nobody writes there. */
+typedef struct Emitter {
+    const void *self; /* an address of the object that emits */
+    XXH3_state_t *state;
+    bool found;
+} Emitter;
+
+static bool holds(const struct dl_phdr_info *o, const void *p) {
+    for (unsigned i = 0; i < o->dlpi_phnum; i++) {
+        const ElfW(Phdr) *h = &o->dlpi_phdr[i];
+        uintptr_t at = (uintptr_t)p - o->dlpi_addr - h->p_vaddr;
+        if (h->p_type == PT_LOAD && at < h->p_memsz) return true;
+    }
+    return false;
+}
+
+/* The GNU build id among the notes of one segment; its length, 0 if it is not there. */
+static size_t find_build_id(const unsigned char *note, size_t size, const unsigned char **id) {
+    while (size >= sizeof(ElfW(Nhdr))) {
+        ElfW(Nhdr) h;
+        memcpy(&h, note, sizeof h);
+        size_t name = (h.n_namesz + 3) & ~(size_t)3, whole = sizeof h + name + ((h.n_descsz + 3) & ~(size_t)3);
+        if (whole > size) break;
+        *id = note + sizeof h + name;
+        if (h.n_type == NT_GNU_BUILD_ID && h.n_namesz == 4 && !memcmp(note + sizeof h, "GNU", 4)) return h.n_descsz;
+        note += whole, size -= whole;
+    }
+    return 0;
+}
+
+static int hash_emitter(struct dl_phdr_info *o, size_t size, void *user) {
+    Emitter *e = user;
+    (void)size;
+    if (!holds(o, e->self)) return 0;
+    for (int whole = 0; whole < 2 && !e->found; whole++)
+        for (unsigned i = 0; i < o->dlpi_phnum; i++) {
+            const ElfW(Phdr) *h = &o->dlpi_phdr[i];
+            const unsigned char *at = (const unsigned char *)(o->dlpi_addr + h->p_vaddr), *id = at;
+            size_t n = 0;
+            if (!whole && h->p_type == PT_NOTE) n = find_build_id(at, h->p_memsz, &id);
+            if (whole && h->p_type == PT_LOAD && h->p_flags & PF_R && !(h->p_flags & PF_W)) n = h->p_filesz;
+            if (!n) continue;
+            XXH3_128bits_update(e->state, id, n);
+            e->found = true;
+        }
+    return 1;
+}
+
+static bool hash_build(XXH3_state_t *state) {
+    static const char self;
+    Emitter e = {&self, state, false};
+    dl_iterate_phdr(hash_emitter, &e);
+    return e.found;
 }
 
 /* The meaning of a block, without names and places: what the emitter reads, and nothing else. Ids are dense and in
@@ -78,17 +122,16 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
                const char *emitter, CacheKey *out) {
     Arena *a = &s->scratch;
     XXH3_state_t *state = XXH3_createState();
-    const char *stamp = emitter_stamp(a);
     CacheKey key = {0};
-    if (!state || !stamp) {
+    if (state) XXH3_128bits_reset(state);
+    if (!state || !hash_build(state)) {
         XXH3_freeState(state);
         return false;
     }
-    XXH3_128bits_reset(state);
     char *head =
-        arena_printf(a, "saltus %s %s cpu %s features %s vector %u fma %d width %u adj %d opt %u rgba8 %d kernels %u\n",
-                     stamp, emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma,
-                     width, (int)o->adj, o->opt_level, o->output_rgba8, n);
+        arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d width %u adj %d opt %u rgba8 %d kernels %u\n",
+                     emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma, width,
+                     (int)o->adj, o->opt_level, o->output_rgba8, n);
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {

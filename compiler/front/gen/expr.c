@@ -80,7 +80,11 @@ static Inst *binary_scalar(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, 
     if (k == T_BOOL && op == OPR_EQ) return op1(l, OP_bnot, op2(l, OP_bxor, a, b));
     if (row == OP_COUNT) ice(l->s, "no binary operator %d", (int)op);
     Inst *v = op2(l, row, swap ? b : a, swap ? a : b);
-    if (k != T_FLOAT || !ir_ops[row].compares) return v;
+    if (!ir_ops[row].compares) return v;
+    if (k != T_FLOAT) {
+        if (l->tag.disc && !l->tag.nodisc) site_untracked(l, v, a, b, span, JUMP_INTEGER);
+        return v;
+    }
     if (op != OPR_EQ && op != OPR_NE) return site_compare(l, v, a, b, span);
     /* Mostly an equality holds on a curve at most, with the same branch on both sides; pass/warn.c knows when not. */
     site_untracked(l, v, a, b, span, JUMP_EQUALITY);

@@ -32,8 +32,6 @@ enum {
     STACK = 3 * MIP_LEVELS + 4
 };
 
-#define BEFORE 0.9375 /* of the way to the border */
-
 typedef struct Span {
     double lo, hi;
 } Span;
@@ -276,6 +274,20 @@ static bool all_below_at(const Rays *r, int normal, int n) {
     return true;
 }
 
+/* Are all rays that enter or leave the box through its border (a line x or y = n) below the terrain beside it, where
+ * the last one has come in or before the first one has left? */
+static bool all_below_beside(const Rays *r, int normal, int n, bool enters) {
+    const Span any = {-INFINITY, INFINITY};
+    double inside = n + (n ? -2 : 2) * r->error[normal], t = enters ? r->first : r->last;
+    if (!(r->way_d[normal].d.lo > 0)) return false;
+    for (int c = 0; c < r->corners; c++) {
+        double o = corner_along(r, normal, c);
+        Span at = times((Span){o, o}, &r->way_d[normal], inside, inside, any);
+        t = enters ? larger(t, at.hi) : smaller(t, at.lo);
+    }
+    return all_below(r, t);
+}
+
 /* Are all rays below the terrain at one t, or at one line of the grid, where the middle ray is in this cell? */
 static bool blocked_in_cell(const Rays *r, int i, int j) {
     const double *o = r->middle, *d = r->way;
@@ -293,14 +305,13 @@ static bool blocked_in_cell(const Rays *r, int i, int j) {
             if (z < least) least = z, best = t, normal = n, line = (int)lines[n][k];
         }
     if (least < 0 && all_below_at(r, normal, line)) return true;
-    /* At the border of the box some rays may have left it: a little before. */
     int last = normal == 0 ? (int)r->f->w - 1 : (int)r->f->h - 1;
     bool border = normal < 2 && (line == 0 || line == last);
-    if (least < 0 && border && all_below(r, r->first + BEFORE * (best - r->first))) return true;
+    if (least < 0 && border && all_below_beside(r, normal, line, (line == 0) == (d[normal] > 0))) return true;
     if (r->last < r->first) return false;
     /* Ends of the rays, and origins under ground. */
-    if (!(least < 0)) best = r->first;
-    return all_below(r, best);
+    if (least < 0) return all_below(r, best);
+    return all_below(r, r->first) || all_below(r, r->last);
 }
 
 /* Does the middle ray meet anything? If not, not all rays do. */

@@ -1,0 +1,56 @@
+/* Stretches of the base of a cell, on which a function of one number, the place s, is followed: g on a face, or
+ * phi(s) = g_j(s, h_i(s)) on the curve i. Its roots are isolated by bounds: values at the two ends of a stretch and
+ * bounds of the slope in between prove that there is no root, or that there is at most one; else the stretch is halved.
+ */
+#ifndef SALTUS_QUADRATURE_CELLS_STRETCH_H
+#define SALTUS_QUADRATURE_CELLS_STRETCH_H
+
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+enum { FACE = -1, ARC = -2 };
+#define NARROW 0x1p-44 /* parts of a base that are shorter are no pieces */
+
+/* A stretch of the base of a cell. */
+typedef struct Stretch {
+    uint32_t cell;
+    int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
+    uint8_t halvings;
+    bool asked;                           /* slope[] is of this stretch; else of the cell */
+    double at[2];                         /* the two ends, */
+    double height[2];                     /* what the height is there, */
+    double value[2];                      /* and the function */
+    double slope[2];                      /* bounds of the function's slope */
+    double climb[2];                      /* of the curve's */
+    double x[2];                          /* root: place and height */
+    enum { OPEN, ROOT, MET, DONE } state; /* MET: around a root that is known as well as numbers go */
+} Stretch;
+
+/* The axis of the base, of the plane that the cell lies in. */
+static inline int base_axis(const Cell *cell, int axis) { return (cell->slice < 0 ? 1 : 3 - cell->slice) - axis; }
+
+/* A point above s on the base. */
+static inline void place(const Cell *cell, int axis, double s, double height, double x[3]) {
+    memcpy(x, cell->box.lo, 3 * sizeof *x);
+    x[base_axis(cell, axis)] = s, x[axis] = height;
+}
+
+static inline const CellEdge *curve_of(const Cells *c, const Stretch *s) { return &c->cell[s->cell].edge[s->edge]; }
+static inline const CellEdge *tested(const Cells *c, const Stretch *s) {
+    return &c->cell[s->cell].edge[s->other < 0 ? s->edge : s->other];
+}
+
+Stretch *stretch_add(Cells *c, const Stretch *from);
+/* What values and slopes prove; error: of the function's values. */
+void stretch_judge(Stretch *s, double error);
+/* The height of the curve at end `end` of all stretches from `first` on; on faces it is known. */
+bool stretch_heights(Cells *c, uint32_t first, int end);
+/* The value of the function there. */
+bool stretch_values(Cells *c, uint32_t first, int end);
+/* Halves every open stretch: the far half is appended. */
+bool stretch_halve(Cells *c);
+/* Until every stretch has at most one root. */
+bool stretch_isolate(Cells *c);
+
+#endif

@@ -1,0 +1,83 @@
+/* Curves that lie on each other, as far as rounding lets one tell, are integrated as one; but what jumps there need not
+ * be the first one's, nor all of it one's: untie.c. Whose it is does not change along a piece. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+/* How far parameters are moved: far beyond the rounding of roots, and not as far as the next curve. */
+#define STEP_F64 0x1p-26
+#define STEP_F32 0x1p-14
+
+#define ROOM 0.25 /* of a piece: at its ends other curves meet it */
+
+static bool ready(Cells *c) {
+    if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
+    return c->untie || (c->untie = untie_new(c->b));
+}
+
+bool cells_tie(Cells *c, uint32_t n) {
+    if (!ready(c)) return false;
+    for (uint32_t from = 0; from < n && c->apart; from += UNTIE_MOST) {
+        uint32_t most = n - from < UNTIE_MOST ? n - from : UNTIE_MOST, which[UNTIE_MOST];
+        Crossing x[UNTIE_MOST];
+        double room[UNTIE_MOST];
+        Tie tie[UNTIE_MOST];
+        memset(x, 0, sizeof x);
+        for (uint32_t i = 0; i < most; i++) {
+            const Root *r = &c->root[c->active[from + i]];
+            const Piece *p = &c->piece[c->column[r->column].piece];
+            cells_crossing(c, r, &x[i]);
+            which[i] = i, room[i] = p->base < 0 ? HUGE_VAL : ROOM * (p->at[p->base][1] - p->at[p->base][0]);
+        }
+        if (!untie(c->untie, c->apart, x, which, most, room, tie)) return false;
+        for (uint32_t i = 0; i < most; i++) {
+            Root *r = &c->root[c->active[from + i]];
+            if (!tie[i].n || (tie[i].whole && event_same(&tie[i].event[0], &x[i].event))) continue;
+            if (!CELLS_ROOM(c, tie, 1)) return false;
+            c->tie[c->ntie++] = tie[i];
+            r->tie = c->ntie;
+        }
+    }
+    return true;
+}
+
+/* One event's part of the crossing x, with its own g, whose gradient may point the other way. */
+static void emit_part(Cells *c, const Crossing *x, const Column *k, const Tie *t, uint32_t e, const Probe *p) {
+    double along = p->dg[x->axis] * x->dg[x->axis] < 0 ? -1 : 1, weight = k->weight / fabs(p->dg[x->axis]);
+    if (!isfinite(weight)) return;
+    /* The lower rule is off by as much as the orders leave open: so their distance says it. */
+    for (int half = 0; half < 1 + (t->kink && k->rule == CELL_FINE); half++) {
+        Crossing *part = cells_add_crossing(c, half ? CELL_COARSE : k->rule);
+        uint8_t rule = part->cls;
+        *part = *x;
+        part->cls = rule, part->event = t->event[e], part->g = p->g, part->weight = weight;
+        memcpy(part->dg, p->dg, sizeof part->dg);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            part->jump[ch] = along * (half ? t->half[e][ch] : t->whole ? x->jump[ch] : t->jump[e][ch]);
+    }
+}
+
+bool cells_emit_tied(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = 0; i < k->nroots; i++) {
+            const Root *r = &c->root[k->first + i];
+            const Tie *t = r->wanted && r->tie ? &c->tie[r->tie - 1] : NULL;
+            for (uint32_t e = 0; t && e < t->n; e++)
+                if (!cells_probe_event(c, &t->event[e], r->x)) return false;
+        }
+    if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = 0; i < k->nroots; i++) {
+            const Root *r = &c->root[k->first + i];
+            if (!r->wanted || !r->tie) continue;
+            const Tie *t = &c->tie[r->tie - 1];
+            Crossing x = {.event = {0}};
+            cells_crossing(c, r, &x);
+            if (t->kink && k->rule == CELL_FINE) c->counts->coincident++;
+            for (uint32_t e = 0; e < t->n; e++) emit_part(c, &x, k, t, e, p++);
+        }
+    return true;
+}

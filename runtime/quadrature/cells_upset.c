@@ -1,0 +1,93 @@
+/* Seams that move with a parameter and by whose jump a tagged decision may change, though no g crosses 0 there
+ * (SltScene.edge_upsets). f then jumps along a curve that nothing integrates. On a piece of a curve nothing else that
+ * decides changes, so its middle tells of all of it; where cells are cut at a straight seam a few places do. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+bool cells_upsets(const Cells *c, int32_t edge) {
+    if ((uint32_t)edge >= c->s->nedges) return false; /* a choice of a straight-line program: it tells nothing of f */
+    return c->s->edge_upsets && c->o->curves && c->s->edge_upsets[edge] != SLT_UPSETS_NOTHING;
+}
+
+/* Does f jump between the two sides, and a decision with it? More than floats so near to each other differ anyway. */
+static bool jumps(const Cells *c, int32_t edge, const Sides *s) {
+    double slack = (c->b->f64 ? 0x1p-30 : 0x1p-12);
+    bool decided = s->hash[0] != s->hash[1] || c->s->edge_upsets[edge] == SLT_UPSETS_UNSEEN, any = false;
+    for (uint32_t ch = 0; ch < c->s->channels && decided; ch++) {
+        double p = s->f[0][ch], q = s->f[1][ch];
+        any |= !(fabs(p - q) <= slack * (fabs(p) + fabs(q))); /* NaN is one */
+    }
+    return any;
+}
+
+bool cells_is_upset(const Cells *c, const Root *r) {
+    return cells_upsets(c, r->of->event.site) && !r->twin && jumps(c, r->of->event.site, cells_sides(c, r));
+}
+
+/* size: of the curve or surface. */
+static void add(Cells *c, Cell *cell, int32_t edge, const Sides *s, double size) {
+    CellCounts *n = c->counts;
+    double part = 1;
+    for (uint32_t d = 0; d < c->dim; d++) part *= (cell->box.end[d] - cell->box.lo[d]) / (c->hi[d] - c->lo[d]);
+    if (!cell->upset) n->upset += part;
+    cell->upset = true;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double jump = fabs(s->f[1][ch] - s->f[0][ch]);
+        n->upset_jump[ch] += isfinite(jump) ? jump * size : HUGE_VAL;
+    }
+    if (!n->upset_edge || (uint32_t)edge + 1 < n->upset_edge) n->upset_edge = (uint32_t)edge + 1;
+}
+
+void cells_add_upset(Cells *c, const Piece *p, Cell *owner) {
+    const Cell *cell = &c->cell[p->cell];
+    if (!c->s->edge_upsets || cell->rule == CELL_COARSE) return;
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
+        const PieceEdge *edge = &p->edge[e];
+        if (!edge->upset) continue;
+        double size = cell->weight * (p->base < 0 ? 1 : p->at[p->base][1] - p->at[p->base][0]), steep = 0;
+        for (uint32_t d = 0; d < c->dim; d++) steep += edge->dg[d] * edge->dg[d];
+        add(c, owner ? owner : &c->cell[p->cell], cell->edge[e].event.site, &c->sides[edge->sides - 1],
+            size * sqrt(steep) / fabs(edge->dg[p->axis]));
+    }
+}
+
+/* Places of a face, off the dyadic ones. */
+static uint32_t face_places(const Cells *c, const Cell *cell, int axis, double x[][3]) {
+    enum { LINE = 8, SIDE = 4 };
+    uint32_t n[3] = {1, 1, 1}, count = 0;
+    for (uint32_t d = 0; d < c->dim; d++) n[d] = (int)d == axis ? 1 : c->dim == 2 ? LINE : SIDE;
+    for (uint32_t k = 0; k < n[2]; k++)
+        for (uint32_t j = 0; j < n[1]; j++)
+            for (uint32_t i = 0; i < n[0]; i++) {
+                const uint32_t at[3] = {i, j, k};
+                for (uint32_t d = 0; d < 3; d++)
+                    x[count][d] = d >= c->dim
+                                      ? 0
+                                      : cells_round(c, cell->box.lo[d] + (at[d] + 0.4873) / n[d] *
+                                                                             (cell->box.hi[d] - cell->box.lo[d]));
+                count++;
+            }
+    return count;
+}
+
+void cells_check_cut(Cells *c, Cell *cell, const Root *r) {
+    enum { PLACES = 16 };
+    if (cell->curves_done || !cells_upsets(c, r->of->event.site) || !(r->lo < r->hi)) return;
+    double x[PLACES][3], area = 1;
+    uint32_t n = face_places(c, cell, r->axis, x);
+    Batch *b = c->b;
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t s = 0; s < 2; s++) x[i][r->axis] = s ? r->hi : r->lo, batch_set_x(b, 2 * i + s, x[i]);
+    cells_call(c, SLT_K_SIDES, 2 * n);
+    for (uint32_t d = 0; d < c->dim; d++) area *= (int)d == r->axis ? 1 : cell->box.end[d] - cell->box.lo[d];
+    for (uint32_t i = 0; i < n; i++) {
+        Sides sides;
+        for (uint32_t s = 0; s < 2; s++) {
+            sides.hash[s] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + s);
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) sides.f[s][ch] = batch_get(b, SLT_OUT_F, ch, 2 * i + s);
+        }
+        if (jumps(c, r->of->event.site, &sides)) add(c, cell, r->of->event.site, &sides, area / n);
+    }
+}

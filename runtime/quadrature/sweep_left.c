@@ -1,0 +1,126 @@
+/* What is left over: its list, worked off in chunks, and how much each of its cells gets. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/sweep.h"
+#include "runtime/sample/near.h"
+
+enum { LEFT_LINES = 32 }; /* most lines across a cell */
+
+double sweep_hidden(const Sweep *p, const LeftCell *l) {
+    double most = 0;
+    for (uint32_t c = 0; c < p->run->s->channels; c++) {
+        double d = l->bounds[2 * c + 1] - l->bounds[2 * c];
+        most = isnan(d) ? INFINITY : fmax(most, d);
+    }
+    return most * sweep_measure(&l->box, p->run->s->dim);
+}
+
+double left_divisor(const SweepWorker *v) {
+    /* A curve crosses about two lines an axis and cell for each line across; cells err independently. */
+    if (v->sweep->marches) return 1;
+    double lines = v->sweep->lines;
+    return lines * sqrt(fmax(1, (double)v->w->finder.crossings / (2 * lines)));
+}
+
+bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk) {
+    Sweep *p = user;
+    SweepWorker *v = &p->worker[worker];
+    uint64_t from = chunk * LEFT_CHUNK, to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
+    Box hull = p->left[from].box;
+    bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false};
+    for (uint64_t i = from; i < to; i++)
+        for (uint32_t d = 0; d < p->run->s->dim; d++) {
+            hull.lo[d] = fmin(hull.lo[d], p->left[i].box.lo[d]);
+            hull.end[d] = fmax(hull.end[d], p->left[i].box.end[d]);
+        }
+    sweep_begin_tile(v, &hull);
+    if (!sweep_begin_splat(v, &hull)) return false;
+    v->w->finder.lost = lost;
+    for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
+        const LeftCell *l = &p->left[i];
+        v->left_bound += sweep_hidden(p, l);
+        int set = l->stands > 1 ? (int)(i & 1) : -1;
+        uint64_t differ = v->differ;
+        v->owner = (uint8_t)(i - from);
+        if (!(l->stands > 0)) continue;
+        if (p->options.curves && !p->marches && !left_lines(v, l, p->lines, set)) return false;
+        if (p->options.volume) left_samples(v, l, p->lines, set);
+        seen[i - from] = p->marches || v->differ != differ; /* march.c has asked already */
+    }
+    near_flush(v->w);
+    finder_run(&v->w->finder, true);
+    v->w->finder.lost = NULL;
+    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
+    if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
+        return false;
+    accum_close(&v->w->acc);
+    return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
+}
+
+void sweep_left_merge(void *user, uint32_t worker, uint64_t chunk) {
+    Sweep *p = user;
+    SweepWorker *v = &p->worker[worker];
+    (void)chunk;
+    p->left_bound += v->left_bound;
+    SumMode mode = p->marches && !p->sampled ? SUM_CURVES : p->run->s->dim == 1 ? SUM_LINE : SUM_SETS;
+    sweep_merge_sums(p, v, p->errors ? mode : SUM_ONE, left_divisor(v));
+}
+
+/* How large a piece of a boundary a cell may hold: its largest face. A gap between two floats holds as much as the cell
+ * that it was cut from. */
+static double face(const Box *b, uint32_t dim) {
+    double m = 1, shortest = HUGE_VAL;
+    for (uint32_t d = 0; d < dim; d++) m *= b->end[d] - b->lo[d], shortest = fmin(shortest, b->end[d] - b->lo[d]);
+    return shortest > 0 ? m / shortest : 0;
+}
+
+/* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
+ * for all, chosen in proportion to their measure and to what they may hold of boundaries. */
+void sweep_plan_left(Sweep *p, uint64_t used) {
+    uint32_t dim = p->run->s->dim;
+    double left = 0, faces = 0, at = 0.5, sum = 0;
+    for (uint64_t i = 0; i < p->nleft; i++)
+        left += sweep_measure(&p->left[i].box, dim), faces += face(&p->left[i].box, dim);
+    double spare = p->budget > used ? (double)(p->budget - used) : 0,
+           most = fmax(spare / (p->marches ? MARCH_COST : LEFT_COST), LEFT_CHUNK);
+    double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
+    if (p->budget) vertices = fmin(vertices, 0.5 * spare);
+    double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
+    p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
+    if (!p->budget || (double)p->nleft <= most) return;
+    p->sampled = true;
+    /* Of a quarter of what can be spent. */
+    most = fmax(0.75 * most, LEFT_CHUNK);
+    uint64_t every = (uint64_t)((double)p->nleft * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
+    for (uint64_t i = 0; i < p->nleft; i++) {
+        LeftCell *l = &p->left[i];
+        double part = sweep_measure(&l->box, dim) / left, of_faces = face(&l->box, dim) / faces;
+        double expected = (p->options.curves ? 0.5 * (part + of_faces) : part) * most;
+        sum += expected;
+        l->stands = sum >= at ? fmax(1, 1 / expected) : 0;
+        l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
+        while (sum >= at) at += 1;
+    }
+}
+
+bool sweep_march_is_dear(Sweep *p, uint64_t used) {
+    SweepWorker *v = &p->worker[0];
+    LeftCell cell[LEFT_CHUNK];
+    Box hull = p->left[0].box;
+    uint32_t n = p->nleft < LEFT_CHUNK ? (uint32_t)p->nleft : LEFT_CHUNK;
+    for (uint32_t i = 0; i < n; i++) {
+        cell[i] = p->left[(2 * i + 1) * p->nleft / (2 * n)];
+        for (uint32_t d = 0; d < p->run->s->dim; d++) {
+            hull.lo[d] = fmin(hull.lo[d], cell[i].box.lo[d]);
+            hull.end[d] = fmax(hull.end[d], cell[i].box.end[d]);
+        }
+    }
+    SltStats before = p->run->stats;
+    sweep_begin_tile(v, &hull);
+    v->failed |= !left_curves(v, cell, n, true);
+    run_collect(p->run, v->w);
+    uint64_t evaluations = p->run->stats.evaluations;
+    p->run->stats = before, p->run->stats.evaluations = evaluations; /* what was found is found again */
+    return (double)used + (double)(evaluations - before.evaluations) / n * (double)p->nleft > p->only_if_cost;
+}
