@@ -5,6 +5,7 @@
 
 #include "runtime/quadrature/quadrature.h"
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/bars.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
@@ -241,81 +242,6 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
 }
 
 /* ---- integral */
-typedef struct Replicates {
-    uint32_t n;
-    uint64_t size;                        /* channels * nfloats */
-    double *value;                        /* [n][channels] */
-    double *interior, *boundary, *missed; /* [n][size] */
-    double *half;                         /* [size]: the sum over all, of what boundaries that coincide leave open */
-    double *sketch;                       /* [SKETCHES][size]: of the sum over all replicates; NULL: none */
-} Replicates;
-
-/* A spread of few is itself uncertain: by so much it grows to be a bar two of which hold 95.4 % of the answers, as of a
- * normal deviate (Student's t with n - 1 degrees of freedom, after Wallace 1959). */
-static double spread_factor(uint32_t n) {
-    double nu = n - 1.0, z = 2 * (8 * nu + 3) / (8 * nu + 1);
-    return 0.5 * sqrt(nu * expm1(z * z / nu));
-}
-
-/* Of n rows of `size` numbers, to which `other` is added when not NULL: the mean into `mean`, its standard error into
- * `error`; either may be NULL. */
-static void statistics(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean,
-                       double *error) {
-    for (uint64_t i = 0; i < size; i++) {
-        double sum = 0, v = 0;
-        for (uint32_t k = 0; k < n; k++) sum += rows[k * size + i] + (other ? other[k * size + i] : 0);
-        sum /= n;
-        for (uint32_t k = 0; k < n; k++) {
-            double e = rows[k * size + i] + (other ? other[k * size + i] : 0) - sum;
-            v += e * e;
-        }
-        if (mean) mean[i] = sum;
-        if (error) error[i] = n > 1 ? spread_factor(n) * sqrt(v / (n - 1) / n) : 0;
-    }
-}
-
-/* Lines in space: replicates are interleaved parts of one even sequence, whose mean errs by far less than four of their
- * kind would. By how much is measured: tests/bench/coverage.py. */
-#define INTERLEAVED 0.25
-
-/* Adds to the squares of errors of the interior those of the boundary, `part` of what independent replicates would say.
- */
-static void spread_errors(const Replicates *k, double part, double *error) {
-    for (uint64_t i = 0; i < k->size; i++) {
-        double sum = 0, v = 0;
-        for (uint32_t r = 0; r < k->n; r++) sum += k->boundary[r * k->size + i] / k->n;
-        for (uint32_t r = 0; r < k->n; r++) v += pow(k->boundary[r * k->size + i] - sum, 2);
-        double spread = k->n > 1 ? part * spread_factor(k->n) * sqrt(v / (k->n - 1) / k->n) : 0;
-        error[i] = hypot(error[i], spread);
-    }
-}
-
-/* Lattices in a plane: replicates are strata of one family of lines, and their spread says more of the distance between
- * lines of one replicate than of the family: too much where edges bend, and nothing where each has met an edge equally
- * often. What is stated adds the squares of a part of it and of what differences of lines say, which is exact for edges
- * that end. */
-static void line_errors(const Replicates *k, double *error) {
-    for (uint64_t i = 0; i < k->size; i++) {
-        double sum = 0, v = 0, sketch[SKETCHES];
-        for (uint32_t r = 0; r < k->n; r++) sum += k->boundary[r * k->size + i] / k->n;
-        for (uint32_t r = 0; r < k->n; r++) v += pow(k->boundary[r * k->size + i] - sum, 2);
-        for (uint32_t q = 0; q < SKETCHES; q++) sketch[q] = k->sketch[q * k->size + i] / k->n;
-        double spread = k->n > 1 ? v / (k->n - 1) / k->n : 0;
-        error[i] = sqrt(error[i] * error[i] + 0.3 * spread + sketch_variance(sketch));
-    }
-}
-
-/* What is missed is a part of the error, and none that the replicates differ by: of lines without gaps what is narrower
- * than their last halving, about as much as that one found; of others see thin.h. */
-static void add_missing(const double *missed, uint32_t n, uint64_t size, double *error) {
-    for (uint64_t i = 0; i < size; i++) {
-        double sum = 0, v = 0;
-        for (uint32_t k = 0; k < n; k++) sum += missed[k * size + i] / n;
-        for (uint32_t k = 0; k < n; k++) v += (missed[k * size + i] - sum) * (missed[k * size + i] - sum);
-        error[i] += fabs(sum) + (n > 1 ? sqrt(v / (n - 1) / n) : 0);
-    }
-}
-
 static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
 }
@@ -367,21 +293,20 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             mask_inactive(s, k.interior + row * s->nfloats), mask_inactive(s, k.boundary + row * s->nfloats);
             mask_inactive(s, k.missed + row * s->nfloats);
         }
-        statistics(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
-        bool apart = k.sketch || (s->dim == 3 && !s->uses_rand && boundary_in_order(&r));
-        statistics(k.interior, k.boundary, k.n, k.size, out->gradient, apart ? NULL : out->gradient_stderr);
+        bars_of_rows(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
+        bool apart = boundary_in_order(&r);
+        bars_of_rows(k.interior, k.boundary, k.n, k.size, out->gradient, apart ? NULL : out->gradient_stderr);
         if (apart && out->gradient_stderr) {
-            statistics(k.interior, NULL, k.n, k.size, NULL, out->gradient_stderr);
-            if (k.sketch) line_errors(&k, out->gradient_stderr);
-            else spread_errors(&k, INTERLEAVED, out->gradient_stderr);
+            bars_of_rows(k.interior, NULL, k.n, k.size, NULL, out->gradient_stderr);
+            bars_add_boundary(&k, out->gradient_stderr);
             for (uint32_t c = 0; c < s->channels; c++)
                 mask_inactive(s, out->gradient_stderr + (uint64_t)c * s->nfloats);
         }
-        statistics(k.interior, NULL, k.n, k.size, out->interior, NULL);
-        statistics(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
-        statistics(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
+        bars_of_rows(k.interior, NULL, k.n, k.size, out->interior, NULL);
+        bars_of_rows(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
+        bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
-        if (out->gradient_stderr) add_missing(k.missed, k.n, k.size, out->gradient_stderr);
+        if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
