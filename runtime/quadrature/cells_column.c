@@ -16,6 +16,7 @@ void cells_flush(Cells *c) {
     cells_flush_points(c);
 }
 
+#define MOVED 0.25 /* what rounding makes of a root, in parts of its bound */
 #define AIM 0.1 /* of the tolerance: how far apart rules that are chosen should be */
 
 /* ---- columns */
@@ -411,15 +412,43 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     return !values || !c->nspot || cells_take_values(c);
 }
 
-void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
+ * that the distance of the two rules tells what comes of it. */
+static bool move_roots(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        const Probe *at = c->probe;
+        for (const Column *k = from; k < to; k++)
+            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
+                Root *r = &c->root[k->first + i];
+                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
+                if (!r->wanted || !(slope > 0)) continue;
+                if (pass) {
+                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
+                    at++;
+                    continue;
+                }
+                memcpy(x, r->x, sizeof x);
+                double far = larger(cells_rounding(c) / 32 * fabs(x[r->axis]), MOVED * error / slope);
+                double moved = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
+                x[r->axis] = smaller(larger(moved, r->ends_at[0]), r->ends_at[1]);
+                if (!cells_probe(c, r->of, x)) return false;
+            }
+        if (!pass && !cells_run_probes(c)) return false;
+    }
+    return true;
+}
+
+bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     bool tied = false;
+    if (!c->b->f64 && !move_roots(c, from, to)) return false;
     for (const Column *k = from; k < to; k++)
         for (uint32_t r = 0; r < k->nroots; r++) {
             const Root *root = &c->root[k->first + r];
             tied |= root->tie && root->wanted;
             if (root->wanted && !root->tie) emit_crossing(c, root);
         }
-    if (tied && !cells_emit_tied(c, from, to)) c->failed = true;
+    return !tied || cells_emit_tied(c, from, to);
 }
 
 /* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
@@ -442,7 +471,7 @@ static bool integrate(Cells *c, uint32_t first) {
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
-            cells_emit_columns(c, from, to);
+            if (!cells_emit_columns(c, from, to)) return false;
             cells_add_upset(c, p, NULL);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);

@@ -360,7 +360,7 @@ bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them 
 bool cells_integrate(Cells *c); /* over all pieces */
 /* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
 bool cells_evaluate(Cells *c, uint32_t first, bool values);
-void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
+bool cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
 /* An empty crossing of a rule, which is to be handed over. */
 Crossing *cells_add_crossing(Cells *c, uint8_t rule);
