@@ -54,7 +54,7 @@ static void json_bound(const SltBound *b, SltProgram *p) {
         json_ends((double[]){b->lo[c], b->hi[c]});
     }
     fputs("], ", stdout);
-    report_warnings_json(stdout, p);
+    report_warnings_json(stdout, p, NULL);
     fputs("}\n", stdout);
 }
 

@@ -107,7 +107,8 @@ static char *make_header(const SltProgram *p, const char *stem) {
     fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n",
             stem, p->prog->entry, slt_version(), stem, stem);
     write_kernel_header(h);
-    fprintf(h, "\n#include <string.h>\n\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt, stem);
+    fprintf(h, "\n#include <string.h>\n\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\ntypedef %s %s_flt;\n", flt,
+            stem);
     fprintf(h, "enum { %s_DIM = %u, %s_CHANNELS = %u, %s_FLOATS = %u, %s_INTS = %u };\n\n", stem, p->prog->dim, stem,
             p->prog->channels, stem, p->prog->nfloats, stem, p->prog->nints);
     fprintf(h,
@@ -222,7 +223,7 @@ static int build(Cli *c, SltProgram *p) {
         fputs("], \"prefix\": ", stdout);
         json_text(stdout, stem);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, NULL);
         fputs("}\n", stdout);
     }
     free(header);

@@ -222,7 +222,7 @@ static void print_rows(const Check *k, bool all_pass) {
         fputs("], ", stdout);
         report_stats_json(stdout, &k->stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, k->p);
+        report_warnings_json(stdout, k->p, &k->stats);
         fputs("}\n", stdout);
         return;
     }
@@ -297,7 +297,7 @@ static int check(Check *k) {
         all_pass &= row->pass;
     }
     uint64_t dropped = 0;
-    for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += k->stats.dropped[r];
+    for (int r = 0; r < SLT_DROP_COINCIDENT; r++) dropped += k->stats.dropped[r];
     if (s == SLT_OK) {
         if (dropped * 100 > k->stats.crossings + dropped) {
             fprintf(stderr, "saltus: more than 1 %% of the crossings were dropped\n");

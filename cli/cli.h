@@ -156,7 +156,8 @@ void report_cells_json(FILE *out, const SltStats *stats, const double *derivativ
 void report_cells(const Cli *c, const SltStats *stats, const double *derivative);
 /* The exit status of an estimate that succeeded: of failed asserts, or of a refinement that stopped early. */
 int report_status(const SltStats *stats);
-void report_warnings_json(FILE *out, SltProgram *p);
+/* s: of the call, which may add to them; NULL: none. */
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s);
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
 /* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd

@@ -262,7 +262,7 @@ static void json_program(const Explained *m, SltProgram *p) {
         if (m->kernels[k].left_out) json_pair(&first, m->kernels[k].name, m->kernels[k].left_out);
     printf("}, \"width\": %u, \"compile_ms\": {\"front\": %.3f, \"passes\": %.3f, \"llvm\": %.3f}, \"cached\": %s, ",
            m->width, m->ms_front, m->ms_passes, m->ms_llvm, m->cached ? "true" : "false");
-    report_warnings_json(stdout, p);
+    report_warnings_json(stdout, p, NULL);
     fputs("}\n", stdout);
 }
 

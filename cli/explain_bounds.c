@@ -84,7 +84,7 @@ static bool has_bends(const Depend *on, const Block *b) {
 
 /* Seams are given up, kinks first, where the program has too many of them or is too large. */
 static bool is_crowded(SltProgram *p, const ExplainedBounds *b) {
-    if (!p->fn[K_BOUNDS] || p->prog->ngeometries) return false;
+    if (!p->fn[K_BOUNDS] || p->prog->ngeometries || p->chunked) return false; /* of chunks choices are seams */
     for (uint32_t i = 0; i < b->nseams; i++)
         if (!strcmp(b->seams[i].what, "kink")) return false;
     Arena *scratch = &p->session->scratch;

@@ -384,7 +384,7 @@ static int write_outputs(Fit *f) {
         printf(", \"stopped\": \"%s\", \"params\": %s, \"outputs\": [", stop_names[f->result.stop], json);
         if (f->c->output) json_text(stdout, f->c->output);
         fputs("], ", stdout);
-        report_warnings_json(stdout, f->p);
+        report_warnings_json(stdout, f->p, &f->stats);
         fputs("}\n", stdout);
     } else if (s == SLT_OK) {
         printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,

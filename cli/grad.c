@@ -97,7 +97,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else {
         printf("%-28s", "integral");
@@ -159,7 +159,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else {
         printf("%-28s %16.9g\n", "loss", loss);
@@ -300,7 +300,7 @@ static int grad_images(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, &left);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else if (status == SLT_OK && !c->quiet) {
         fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n", c->output, n, n == 1 ? "" : "s",

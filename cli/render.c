@@ -52,7 +52,7 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
     report_cells_json(stdout, stats, NULL);
     report_stats_json(stdout, stats);
     fputs(", ", stdout);
-    report_warnings_json(stdout, p);
+    report_warnings_json(stdout, p, stats);
     fputs("}\n", stdout);
 }
 
@@ -74,7 +74,7 @@ static int render_integral(Cli *c, SltProgram *p) {
         report_cells_json(stdout, &stats, NULL);
         report_stats_json(stdout, &stats);
         fputs(", ", stdout);
-        report_warnings_json(stdout, p);
+        report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else {
         for (uint32_t k = 0; k < slt_channels(p); k++)

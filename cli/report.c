@@ -134,7 +134,11 @@ int report_status(const SltStats *s) {
     return s->stopped != SLT_STOP_NONE ? SLT_LIMIT : SLT_OK;
 }
 
-void report_warnings_json(FILE *out, SltProgram *p) {
+/* Where boundaries coincide and move apart, the integral has a derivative to each side, and none. */
+static const char kinks[] = "boundaries coincide and move apart: the integral has no derivative there; what is printed "
+                            "lies halfway between those to the two sides, half their difference is part of the error";
+
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
     const char *lines = slt_diagnostics_json(p);
     bool first = true;
     fputs("\"warnings\": [", out);
@@ -145,20 +149,29 @@ void report_warnings_json(FILE *out, SltProgram *p) {
         first = false;
         lines += n + (end != NULL);
     }
+    if (s && s->dropped[SLT_DROP_COINCIDENT])
+        fprintf(
+            out,
+            "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
+            "\"character\": 0}}, \"severity\": 2, \"code\": \"coincident\", \"source\": \"saltus\", \"message\": \"%s\"}",
+            first ? "" : ", ", kinks);
     fputc(']', out);
 }
 
 void report_dropped(const Cli *c, const SltStats *s) {
     uint64_t dropped = 0;
-    for (int r = 0; r < SLT_DROP_REASONS; r++) dropped += s->dropped[r];
+    for (int r = 0; r < SLT_DROP_COINCIDENT; r++) dropped += s->dropped[r];
     uint64_t all = s->crossings + dropped;
     if (!c->quiet && dropped * 1000 > all) {
         fprintf(stderr, "saltus: warning: %llu of %llu crossings were dropped:", (unsigned long long)dropped,
                 (unsigned long long)all);
-        for (int r = 0; r < SLT_DROP_REASONS; r++)
+        for (int r = 0; r < SLT_DROP_COINCIDENT; r++)
             if (s->dropped[r]) fprintf(stderr, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
         fputc('\n', stderr);
     }
+    if (s->dropped[SLT_DROP_COINCIDENT] && !c->quiet)
+        fprintf(stderr, "saltus: warning: %s (%llu places)\n", kinks,
+                (unsigned long long)s->dropped[SLT_DROP_COINCIDENT]);
     if (s->truncated && !c->quiet)
         fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
     if (s->nonfinite && !c->quiet)

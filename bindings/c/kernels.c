@@ -66,7 +66,7 @@ static void fill_scene(SltProgram *p) {
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
-    s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat;
+    s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->chunked = p->chunked;
     s->edge_upsets = p->edge_upsets, s->edge_line = p->edge_line;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
@@ -119,7 +119,7 @@ static void site_tables(SltProgram *p) {
 static void edge_table(SltProgram *p, const KernelSet *set) {
     if (!set->edges || p->edge_kind) return; /* the same ones each time */
     p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
-    p->nedges = set->nedges, p->flat = set->flat;
+    p->nedges = set->nedges, p->flat = set->flat, p->chunked = set->chunked;
     for (uint32_t e = 0; e < set->nedges; e++) {
         p->edge_kind[e] = (uint8_t)set->edges[e].kind;
         if (!set->edges[e].upsets) continue;
@@ -141,6 +141,37 @@ static void finish_bounds(SltProgram *p, Fn *bounds) {
     *layout = pipeline_layout(bounds);
     layout->reads |= reads; /* what any of them reads */
     api_geometries_want(p, bounds);
+}
+
+/* One module of n kernels; NULL: none, and the request says why. */
+static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req, uint32_t n, unsigned opt_level) {
+    SltProgram *p = q->p;
+    BackOptions bo = {.target = p->target,
+                      .width = p->opt.width,
+                      .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
+                      .no_cache = p->opt.no_cache,
+                      .opt_level = opt_level,
+                      .output_rgba8 = p->opt.rgba8};
+    CompiledModule *m = NULL;
+    const char *why = NULL;
+    double start = now_ms(), emit, llvm;
+    int status = back_compile(s, req, n, &bo, &m, &why);
+    p->ms_llvm += now_ms() - start;
+    if (status != SLT_OK) {
+        q->status = status_fail(q->err, (SltStatus)status, "%s", why ? why : "the back end failed");
+        return NULL;
+    }
+    p->modules[p->nmodules++] = m;
+    bool cached;
+    back_times(m, &emit, &llvm, &cached);
+    p->cached &= cached;
+    return m;
+}
+
+/* Kernels on boxes of a straight-line program are as long as it is and thirty times over, but run a few chunks of that
+ * at once: it is compiling them that takes time. */
+static bool is_long(const KernelSet *set, int kind) {
+    return set->chunked && (kind == K_BOUNDS || kind == K_EDGE || kind == K_EDGE_BOUNDS);
 }
 
 static void build_body(Session *s, void *arg) {
@@ -165,7 +196,8 @@ static void build_body(Session *s, void *arg) {
     if (set.chunks) p->scene.chunks = set.chunks;
     for (int k = 0; k < K_KINDS; k++) p->tried[k] |= q->needs[k];
     KernelRequest req[K_KINDS + SLT_MAX_CULL];
-    uint32_t n = 0;
+    KernelRequest long_req[K_KINDS];
+    uint32_t n = 0, nlong = 0;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
         p->fn[k] = set.fn[k];
@@ -179,36 +211,21 @@ static void build_body(Session *s, void *arg) {
         }
         if (set.tape[k].bytes_per_lane > p->scene.tape_bytes) p->scene.tape_bytes = set.tape[k].bytes_per_lane;
         if (p->opt.interpret) p->scene.kernel[k] = interpreted;
+        else if (is_long(&set, k)) long_req[nlong++] = (KernelRequest){kernel_names[k], set.fn[k]};
         else req[n++] = (KernelRequest){kernel_names[k], set.fn[k]};
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
             req[n++] = (KernelRequest){arena_printf(&s->module, "cull%u", c), p->prog->cull_bounds[c]};
-    if (!n) return;
+    if (!n && !nlong) return;
     size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
     if (q->needs[K_VJP] || q->needs[K_SITE_VJP]) p->scene.flat_adj = lane_bytes > LANE_ADJOINT_BYTES;
-    BackOptions bo = {.target = p->target,
-                      .width = p->opt.width,
-                      .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
-                      .no_cache = p->opt.no_cache,
-                      .opt_level = 2,
-                      .output_rgba8 = p->opt.rgba8};
-    CompiledModule *m = NULL;
-    const char *why = NULL;
-    start = now_ms();
-    int status = back_compile(s, req, n, &bo, &m, &why);
-    p->ms_llvm += now_ms() - start;
-    if (status != SLT_OK) {
-        q->status = status_fail(q->err, (SltStatus)status, "%s", why ? why : "the back end failed");
-        return;
-    }
-    p->modules[p->nmodules++] = m;
-    double emit, llvm;
-    bool cached;
-    back_times(m, &emit, &llvm, &cached);
-    p->cached &= cached;
+    CompiledModule *usual = NULL, *large = NULL;
+    if (n && !(usual = compile(s, q, req, n, 2))) return;
+    if (nlong && !(large = compile(s, q, long_req, nlong, 0))) return;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
+        CompiledModule *m = is_long(&set, k) ? large : usual;
         p->scene.kernel[k] = back_kernel(m, kernel_names[k]);
         p->module_of[k] = m;
         if (k == K_VJP || k == K_SITE_VJP || !p->scene.width) p->scene.width = back_width(m);
@@ -216,7 +233,7 @@ static void build_body(Session *s, void *arg) {
     }
     if (q->cull)
         for (uint32_t c = 0; c < p->prog->ncull; c++)
-            p->cull_kernels[c] = back_kernel(m, arena_printf(&s->module, "cull%u", c));
+            p->cull_kernels[c] = back_kernel(usual, arena_printf(&s->module, "cull%u", c));
 }
 
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {

@@ -57,9 +57,9 @@ static void sample(void *user, const PixelRect *r, uint32_t n, const SltPruned *
                 batch_set_int(b, SLT_IN_PIXEL0, pixels, (int32_t)x);
                 batch_set_int(b, SLT_IN_PIXEL1, pixels, (int32_t)(s->n[1] - 1 - y));
             }
-    b->args.pruned = pruned;
+    batch_prune(b, pruned, NULL);
     batch_call(b, SLT_K_PRUNED, pixels);
-    b->args.pruned = NULL;
+    batch_prune(b, NULL, NULL);
     const uint32_t *word = batch_out(b, SLT_OUT_F, 0);
     for (uint32_t k = 0; k < n; k++)
         for (uint32_t y = 0; y < r[k].n[1]; y++, word += r[k].n[0])

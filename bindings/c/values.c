@@ -548,7 +548,8 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
     uint8_t *bytes = NULL;
     size_t size;
     json_t *root = NULL, *rows;
-    if (file_read_all(path, &file_text, &bytes, &size, &err) == SLT_OK) root = parse_json((const char *)bytes, path, &err);
+    if (file_read_all(path, &file_text, &bytes, &size, &err) == SLT_OK)
+        root = parse_json((const char *)bytes, path, &err);
     free(bytes);
     if (!root) {
         *why = arena_printf(&p->session->session, "%s", err.text);

@@ -312,7 +312,8 @@ static void check_special(Verify *v, const Inst *i) {
     case OP_give:
     case OP_take:
         if (i->nargs) want_scalar(v, i, 0);
-        if (i->imm.frame.place >= i->imm.frame.places || i->imm.frame.places > 2 || i->imm.frame.which > IR_MAX_OPS)
+        if (i->imm.frame.place >= i->imm.frame.places || i->imm.frame.places > IR_MAX_PLACES ||
+            i->imm.frame.which > IR_MAX_OPS)
             problem(v, i, "no such place");
         return;
     case OP_count:

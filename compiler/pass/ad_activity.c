@@ -64,6 +64,7 @@ static void varied_in(Walk *w, Block *b) {
         case OP_input: on = f->o->wrt_x && i->imm.i >= IN_X0 && i->imm.i <= IN_X2; break;
         case OP_detach: on = i->tag && v[f->links[i->tag - 1]->id]; break;
         case OP_load: on = i->type == TY_FLT && v[i->args[0]->id]; break;
+        case OP_take: on = i->type == TY_FLT; break; /* of which chunk is not known */
         case OP_store:
             if (v[i->args[2]->id]) set(w, v, i->args[0]);
             break;
@@ -105,6 +106,7 @@ static void useful_in(Walk *w, Block *b) {
     uint8_t *u = f->useful;
     for (Inst *i = b->last; i; i = i->prev) {
         switch ((Op)i->op) {
+        case OP_give: useful_arg(w, i->args[0]); continue;
         case OP_store:
             if (u[i->args[0]->id]) useful_arg(w, i->args[2]);
             continue;

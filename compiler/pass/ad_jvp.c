@@ -37,8 +37,23 @@ static Inst *tangent_or_zero(const Jvp *j, Builder *b, const Inst *v, uint32_t d
 
 static void jvp_block(Jvp *j, Block *b);
 
+/* One select of tangents, not a sum of two: on boxes a sum of hulls with 0 would be wider than the hull. */
+static void jvp_select(Jvp *j, Inst *i) {
+    for (uint32_t d = 0; d < j->n; d++) {
+        const Inst *yes = i->args[1], *no = i->args[2];
+        if (!tangent(j, yes, d) && !tangent(j, no, d)) continue;
+        Builder *b = &j->rule.b;
+        set_tangent(j, i, d, ir_select(b, i->args[0], tangent_or_zero(j, b, yes, d), tangent_or_zero(j, b, no, d)));
+        for (uint32_t a = 1; a < 3; a++) j->inf[i->id] |= i->args[a]->id < j->facts.n && j->inf[i->args[a]->id];
+    }
+}
+
 static void jvp_row(Jvp *j, Inst *i) {
     bool inf = false;
+    if (ir_ops[i->op].selects) {
+        jvp_select(j, i);
+        return;
+    }
     for (uint32_t d = 0; d < j->n; d++) {
         Inst *sum = NULL;
         for (uint32_t a = 0; a < i->nargs; a++) {
@@ -139,6 +154,23 @@ static void jvp_custom(Jvp *j, Inst *i) {
     }
 }
 
+/* Values that chunks hand to each other (variant_chunks.c) lie with their tangents side by side: whoever takes one does
+ * not know which. */
+static void jvp_frame(Jvp *j, Builder *b, Inst *i) {
+    i->imm.frame.places = 1 + j->n;
+    for (uint32_t d = 0; d < j->n; d++) {
+        Imm imm = i->imm;
+        imm.frame.place = 1 + d;
+        if (i->op == OP_take) {
+            if (i->type == TY_FLT) set_tangent(j, i, d, ir_special(b, OP_take, TY_FLT, 0, NULL, imm));
+        } else if (i->args[0]->type == TY_FLT) {
+            Inst *t = tangent_or_zero(j, b, i->args[0], d);
+            ir_special(b, OP_give, TY_VOID, 1, &t, imm);
+        }
+    }
+    if (i->op == OP_take) j->inf[i->id] = j->any_inf;
+}
+
 static void jvp_inst(Jvp *j, Inst *i) {
     j->rule.b = ir_after(j->fn, i);
     j->rule.b.fold = true;
@@ -155,6 +187,8 @@ static void jvp_inst(Jvp *j, Inst *i) {
         if (j->grad_x) set_tangent(j, i, (uint32_t)(i->imm.i - IN_X0), ir_constf(b, 1));
         else set_tangent(j, i, 0, ir_input(b, (InputSlot)(IN_DX0 + (i->imm.i - IN_X0))));
         return;
+    case OP_give:
+    case OP_take: jvp_frame(j, b, i); return;
     case OP_alloc:
         for (uint32_t d = 0; active(j, i) && d < j->n; d++)
             set_tangent(j, i, d, ir_special(b, OP_alloc, TY_ARRAY, 0, NULL, i->imm));

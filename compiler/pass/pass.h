@@ -76,11 +76,12 @@ Fn *variant_region(PassCtx *ctx, const Fn *primal, const VariantOptions *o); /* 
 Fn *variant_event(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* SITE G K [BOUNDARY] [WINDOW] */
 Fn *variant_sides(PassCtx *ctx, const Fn *primal, const VariantOptions *o);  /* F HASH [DEPTH] [WITNESS] */
 Fn *variant_site(PassCtx *ctx, const Fn *primal);                            /* G */
-Fn *variant_seams(PassCtx *ctx, const Fn *primal);     /* a primal in which seams are sites too: of the three below */
-bool variant_is_flat(PassCtx *ctx, const Fn *seamed);  /* does f change with the position by jumps alone? */
-Fn *variant_prune(PassCtx *ctx, const Fn *chunks);     /* F_LO F_HI; notes choices */
-Fn *variant_edge(PassCtx *ctx, const Fn *seamed);      /* G, to be differentiated in x */
-Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);    /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
+Fn *variant_seams(PassCtx *ctx, const Fn *primal);    /* a primal in which seams are sites too: of the three below */
+bool variant_is_flat(PassCtx *ctx, const Fn *seamed); /* does f change with the position by jumps alone? */
+Fn *variant_prune(PassCtx *ctx, const Fn *chunks);    /* F_LO F_HI; notes choices */
+Fn *variant_edge(PassCtx *ctx, const Fn *seamed);     /* G, to be differentiated in x */
+Fn *variant_chunk_edges(PassCtx *ctx, const Fn *chunks, const SltChunks *table); /* likewise */
+Fn *variant_bounds(PassCtx *ctx, const Fn *seamed);                              /* BOX_STATE [OPEN OPEN_*] F_LO F_HI */
 Fn *variant_edge_bounds(PassCtx *ctx, const Fn *edge); /* of `edge`: G_LO G_HI DG_LO DG_HI G_STATE G_ERROR */
 
 /* ---- ad_*.c. wrt[i] != 0: element i of the float vector is differentiated (NULL: all). */
@@ -134,6 +135,7 @@ typedef struct KernelSet {
     TapeReport tape[K_KINDS];
     SltLayout layout[K_KINDS];
     const SltChunks *chunks; /* of prune and pruned; NULL: the program has no use for them */
+    bool chunked;            /* bounds and the edge kernels have them too; set with edges */
     const SiteInfo *edges;   /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;
     bool flat; /* likewise: between the jumps of sites and seams neither f nor its derivatives change with the position

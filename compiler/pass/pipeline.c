@@ -117,13 +117,22 @@ static bool has_custom(const Block *b) {
 }
 
 /* bounds, edge and edge_bounds, which know seams too. */
-static void box_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS], KernelSet *out) {
+static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const bool needs[K_KINDS], KernelSet *out) {
     if (!needs[K_BOUNDS] && !needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     Fn *seamed = variant_seams(ctx, primal);
     out->edges = seamed->sites, out->nedges = seamed->nsites;
     out->flat = variant_is_flat(ctx, seamed) && !has_custom(primal->body);
-    if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, seamed);
+    /* What decides outside the chunks has seams of its own, with which the numbers of choices would get mixed up. */
+    if (chunks && (seamed->nsites != primal->nsites || has_custom(primal->body))) chunks = NULL;
+    out->chunked = chunks != NULL;
+    if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, chunks ? chunks : seamed);
     if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
+    if (chunks && primal->nsites) {
+        Fn *edge = ad_grad_x(ctx, variant_chunk_edges(ctx, chunks, out->chunks));
+        if (needs[K_EDGE_BOUNDS]) out->fn[K_EDGE_BOUNDS] = variant_edge_bounds(ctx, edge);
+        if (needs[K_EDGE]) out->fn[K_EDGE] = edge;
+        return;
+    }
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
     for (Fn *part = variant_edge(ctx, seamed); part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
@@ -147,7 +156,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
 
     Fn *value = variant_value(ctx, primal);
     if (needs[K_VALUE]) out->fn[K_VALUE] = value;
-    Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] ? variant_chunks(ctx, primal, &out->chunks) : NULL;
+    bool boxes = needs[K_BOUNDS] || needs[K_EDGE] || needs[K_EDGE_BOUNDS];
+    Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] || boxes ? variant_chunks(ctx, primal, &out->chunks) : NULL;
     if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
     if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
@@ -170,7 +180,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             }
         }
     }
-    box_kernels(ctx, primal, needs, out);
+    box_kernels(ctx, primal, chunks, needs, out);
     if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
         out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
     for (int k = 0; k < K_KINDS; k++) {

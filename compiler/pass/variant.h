@@ -69,6 +69,12 @@ void variant_use_witnesses(Fn *fn);
 /* variant_chunks.c: the primal with its long stretches of operations in chunks; NULL where it has none. */
 Fn *variant_chunks(PassCtx *ctx, const Fn *primal, const SltChunks **table); /* table: in the Fn's arena */
 void variant_drop_choices(Fn *fn);                                           /* for kernels that note none */
+/* The comparison that alone decides a choice, and which operand it is where that holds; NULL: there is none. */
+const Inst *variant_choice_comparison(const Inst *choice, uint32_t *operand);
+/* variant_chunk_edges.c */
+void variant_give_differences(Fn *chunks, const SltChunks *table); /* in the place of choices */
+/* captured, g of a site, or the difference of the choice that is asked for. */
+Inst *variant_take_difference(Builder *b, const SltChunks *table, Inst *captured);
 
 /* variant_provenance.c: the hash of the outputs' origin, or NULL where the program keeps the path hash. */
 Inst *variant_provenance(PassCtx *ctx, Fn *fn);

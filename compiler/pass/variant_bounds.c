@@ -192,7 +192,12 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
     to->nfloats = from->nfloats, to->nints = from->nints;
     to->sites = from->sites, to->nsites = from->nsites;
     to->serves = from->serves;
-    Boxes x = {.ctx = ctx, .from = from, .to = to, .arena = scratch, .edges = kind != OF_VALUE};
+    Boxes x = {.ctx = ctx,
+               .from = from,
+               .to = to,
+               .arena = scratch,
+               .edges = kind != OF_VALUE,
+               .ends_alone = kind == OF_CHUNKS};
     x.fact = ARENA_ARRAY(scratch, uint8_t, n + 1);
     x.value = ARENA_ARRAY(scratch, Boxed, n + 1);
     x.answer = ARENA_ARRAY(scratch, Inst *, n + 1);

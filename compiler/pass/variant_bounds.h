@@ -76,8 +76,10 @@ typedef struct Boxes {
     Fn *to;
     Arena *arena;
     bool edges;        /* edge_bounds, prune: nothing is recorded */
+    bool ends_alone;   /* prune: chunks hand on lower and upper ends, and nothing else */
     uint8_t *fact;     /* by id: FACT_* */
     bool *wanted;      /* by id: its error is; NULL: no error is */
+    bool wants_given;  /* ... and those of all that chunks give */
     Boxed *value;      /* by id */
     Inst **answer;     /* by id of a query: what is known of its rays */
     Goal *goal;        /* by id of the if_ */

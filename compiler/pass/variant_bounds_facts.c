@@ -79,7 +79,10 @@ static void flow(Flow *f, const Block *b, bool partly) {
         case OP_choice:
         case OP_give:
         case OP_yield: continue;
-        case OP_take: fact = FACT_WIDE; break;
+        case OP_take: /* of a tangent it is not asked what it hangs on */
+            fact = FACT_WIDE;
+            if (!f->x->ends_alone && !i->imm.frame.place) fact |= FACT_OPEN | FACT_SLOPE | FACT_ERROR;
+            break;
         default:
             for (uint32_t a = 0; a < i->nargs; a++) fact |= f->fact[i->args[a]->id];
             if (variant_is_site(i)) fact = f->fact[i->args[0]->id];
@@ -104,10 +107,19 @@ static void want_stores(Boxes *x, const Block *b, const Inst *array) {
     }
 }
 
+/* Whatever chunks hand on may be what is taken. */
+static void want_given(Boxes *x, const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_give && !i->imm.frame.place) want(x, i->args[0]);
+        for (uint32_t r = 0; r < i->nregions; r++) want_given(x, i->region[r]);
+    }
+}
+
 static void want(Boxes *x, const Inst *v) {
     if ((v->type != TY_FLT && v->type != TY_ARRAY) || x->wanted[v->id]) return;
     x->wanted[v->id] = true;
     if (v->op == OP_alloc) want_stores(x, x->from->body, v);
+    if (v->op == OP_take && !x->wants_given) x->wants_given = true, want_given(x, x->from->body);
     if (v->op == OP_arg) {
         const Inst *loop = v->block->owner;
         want(x, loop->args[v->imm.i - 1]), want(x, v->block->last->args[v->imm.i]);

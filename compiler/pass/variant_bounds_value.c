@@ -428,6 +428,39 @@ static void copy(Boxes *x, Builder *b, const Inst *i) {
     x->value[i->id].error = bounds_error(x, b, i, arg, (Bound){c, c});
 }
 
+/* ---- chunks: a lower and an upper end lie side by side, for the value and each of its tangents; behind them all what
+ * the value hangs on, and its error */
+
+static Imm place(const Boxes *x, const Inst *i, uint32_t p) {
+    Imm imm = i->imm;
+    imm.frame.place = p, imm.frame.places = 2 * i->imm.frame.places + (x->ends_alone ? 0 : 2);
+    return imm;
+}
+
+static void give(Boxes *x, Builder *b, const Inst *i) {
+    const Inst *of = i->args[0];
+    Boxed v = value_of(x, of);
+    uint32_t p = i->imm.frame.place, behind = 2 * i->imm.frame.places;
+    ir_special(b, OP_give, TY_VOID, 1, &v.is.lo, place(x, i, 2 * p));
+    ir_special(b, OP_give, TY_VOID, 1, &v.is.hi, place(x, i, 2 * p + 1));
+    if (p > 0 || x->ends_alone) return;
+    if (!v.open) v.open = ir_consti(b, 0);
+    ir_special(b, OP_give, TY_VOID, 1, &v.open, place(x, i, behind));
+    if (of->type != TY_FLT || !x->wanted) return;
+    if (!v.error) v.error = number(b, 0);
+    ir_special(b, OP_give, TY_VOID, 1, &v.error, place(x, i, behind + 1));
+}
+
+static void take(Boxes *x, Builder *b, const Inst *i) {
+    Boxed *v = &x->value[i->id];
+    IrType type = (IrType)i->type;
+    uint32_t p = i->imm.frame.place, behind = 2 * i->imm.frame.places;
+    *v = (Boxed){.is.lo = ir_special(b, OP_take, type, 0, NULL, place(x, i, 2 * p)),
+                 .is.hi = ir_special(b, OP_take, type, 0, NULL, place(x, i, 2 * p + 1))};
+    if (x->fact[i->id] & FACT_OPEN) v->open = ir_special(b, OP_take, TY_INT, 0, NULL, place(x, i, behind));
+    if (x->fact[i->id] & FACT_ERROR) v->error = ir_special(b, OP_take, TY_FLT, 0, NULL, place(x, i, behind + 1));
+}
+
 void bounds_value(Boxes *x, Builder *b, const Inst *i) {
     switch ((Op)i->op) {
     case OP_input:
@@ -447,19 +480,8 @@ void bounds_value(Boxes *x, Builder *b, const Inst *i) {
         break;
     case OP_live:
     case OP_settled: copy(x, b, i); return;
-    case OP_give: /* its lower and its upper end lie side by side */
-    case OP_take:
-        for (uint32_t end = 0; end < 2; end++) {
-            Imm imm = i->imm;
-            imm.frame.place = end, imm.frame.places = 2;
-            Bound v = i->op == OP_give ? value_of(x, i->args[0]).is : (Bound){0};
-            Inst *value = end ? v.hi : v.lo;
-            Inst *r = ir_special(b, (Op)i->op, (IrType)i->type, i->nargs, &value, imm);
-            if (i->op == OP_give) continue;
-            if (end) x->value[i->id].is.hi = r;
-            else x->value[i->id].is.lo = r;
-        }
-        return;
+    case OP_give: give(x, b, i); return;
+    case OP_take: take(x, b, i); return;
     case OP_choice: {
         Inst *may[2] = {value_of(x, i->args[0]).is.hi, value_of(x, i->args[1]).is.hi};
         ir_special(b, OP_choice, TY_VOID, 2, may, i->imm);

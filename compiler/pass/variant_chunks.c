@@ -45,6 +45,7 @@ typedef struct Chunks {
     uint32_t nexports;
     Vec(SltChunkOp) ops;
     Vec(int32_t) exported;
+    Vec(int8_t) below;
     Vec(uint32_t) import;
     Vec(uint32_t) first_op;
     Vec(uint32_t) first_choice;
@@ -71,6 +72,18 @@ static bool is_uniform(const Inst *i) {
     return true;
 }
 
+/* What a site decides by stays beside it, where bounds see what it compares; unless operations use it too. */
+static void untag_decisions(Block *b) {
+    for (Inst *i = b->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) untag_decisions(i->region[r]);
+        Inst *by = i->op == OP_site ? i->args[0] : NULL;
+        bool used = !by || by->tag != OPERATION || !ir_ops[by->op].compares;
+        for (const Inst *j = used ? NULL : by->next; j; j = j->next)
+            for (uint32_t a = 0; a < j->nargs; a++) used |= j->args[a] == by && j->tag == OPERATION;
+        if (!used) by->tag = 0;
+    }
+}
+
 /* Inputs, parameters at known places, and arithmetic of those that are the same for all samples go ahead of all chunks,
  * where kernels compute what is uniform once a call. Tags what stays behind that is long enough to be cut; is it worth
  * it? */
@@ -90,7 +103,9 @@ static bool tag_operations(Fn *fn) {
             j->tag = OPERATION, ops++, choices += is_choice(j);
         if (end == i) end = i->next;
     }
-    return ops >= MIN_OPS && choices >= MIN_CHOICES;
+    if (ops < MIN_OPS || choices < MIN_CHOICES) return false;
+    untag_decisions(fn->body);
+    return true;
 }
 
 /* What decides a choice: is it its second operand (min, max), its first (select)? */
@@ -187,6 +202,19 @@ static void add_operation(Chunks *c, const Inst *i, SltChunkOp op) {
     c->op[i->id] = c->ops.len;
 }
 
+const Inst *variant_choice_comparison(const Inst *choice, uint32_t *operand) {
+    for (*operand = 0; *operand < 2; ++*operand) {
+        const Inst *is = choice->args[*operand];
+        if (is->op == OP_flt || is->op == OP_fle) return is;
+    }
+    return NULL;
+}
+
+static int8_t operand_below(const Inst *choice) {
+    uint32_t operand;
+    return variant_choice_comparison(choice, &operand) ? (int8_t)operand : -1;
+}
+
 /* The instructions from `first` on that belong to its chunk go into an if_; returns what follows. */
 static Inst *make_chunk(Chunks *c, Inst *first) {
     Fn *fn = c->fn;
@@ -213,6 +241,7 @@ static Inst *make_chunk(Chunks *c, Inst *first) {
         if (raw) choice = operation(c, i, chunk, true);
         else if (whole) add_operation(c, i, choice);
         else if (i->tag == OPERATION) add_operation(c, i, operation(c, i, chunk, false));
+        else if (i->op == OP_choice) vec_push(fn->arena, &c->below, operand_below(i));
         c->nchoices += whole;
         for (uint32_t a = 0; a < i->nargs && a < 3; a++)
             if (is_other(c, source[a], chunk)) i->args[a] = c->take[source[a]->id];
@@ -262,12 +291,14 @@ static const SltChunks *table(Chunks *c) {
                      .nchunks = c->nchunks,
                      .nchoices = c->nchoices,
                      .nimports = c->import.len,
+                     .nexports = c->nexports,
                      .op = c->ops.data,
                      .first_op = c->first_op.data,
                      .first_choice = c->first_choice.data,
                      .first_import = c->first_import.data,
                      .import = c->import.data,
                      .exported = c->exported.data,
+                     .below = c->below.data,
                      .effects = has_effects(c->fn->body)};
     return t;
 }

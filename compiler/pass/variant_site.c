@@ -334,6 +334,21 @@ static Fn *cut(PassCtx *ctx, const Fn *primal, bool edges) {
 
 Fn *variant_site(PassCtx *ctx, const Fn *primal) { return cut(ctx, primal, false); }
 
+/* One part that serves all sites and choices. */
+Fn *variant_chunk_edges(PassCtx *ctx, const Fn *chunks, const SltChunks *table) {
+    Fn *from = ir_clone(chunks, chunks->arena, "edge.from"), *fn = new_part(ctx, chunks);
+    variant_take_given(from);
+    variant_give_differences(from, table);
+    uint8_t *all = ARENA_ARRAY(fn->arena, uint8_t, chunks->nsites + 1);
+    memset(all, 1, chunks->nsites);
+    Builder b = ir_at_end(fn, fn->body);
+    b.fold = true;
+    Inst *g = emit_capture(ctx, &b, from, all, true);
+    finish_part(fn, &b, variant_take_difference(&b, table, g), all);
+    opt_dce(ctx, fn);
+    return fn;
+}
+
 Fn *variant_edge(PassCtx *ctx, const Fn *seamed) {
     Fn *taking = ir_clone(seamed, seamed->arena, "edge.from");
     variant_take_given(taking);

@@ -17,14 +17,18 @@ typedef struct SltChunkOp {
 } SltChunkOp;
 
 typedef struct SltChunks {
-    uint32_t nops, nchunks, nchoices, nimports;
+    uint32_t nops, nchunks, nchoices, nimports, nexports;
     const SltChunkOp *op;         /* [nops], each behind what it reads, chunk by chunk */
     const uint32_t *first_op;     /* [nchunks + 1] */
     const uint32_t *first_choice; /* [nchunks + 1] */
     const uint32_t *first_import; /* [nchunks + 1]; those behind the last chunk's are used outside */
     const uint32_t *import;       /* [nimports]: which operation */
     const int32_t *exported;      /* [nops]: its number among exported values (SltPruned.from), or -1 */
-    bool effects;                 /* the program prints or counts: a box whose value is known must be sampled too */
+    /* [nchoices]: the operand that it is where the difference of what it compares is below 0; -1: it is decided by more
+     * than one comparison. The edge kernels give that difference, of one choice, as exported value `nexports`, and take
+     * it as import `nimports`. */
+    const int8_t *below;
+    bool effects; /* the program prints or counts: a box whose value is known must be sampled too */
 } SltChunks;
 
 #endif

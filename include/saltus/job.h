@@ -73,7 +73,7 @@ typedef enum SltDrop {
     SLT_DROP_NO_ROOT,      /* g has the same sign on both sides */
     SLT_DROP_STATIC,       /* g does not depend on the position */
     SLT_DROP_HALVINGS,     /* the segment was bisected too often; its JSON key is "depth", of the bisection */
-    SLT_DROP_COINCIDENT,   /* integrated, but another boundary lies there: the integral has no derivative */
+    SLT_DROP_COINCIDENT,   /* integrated, but boundaries lie there that move apart: the integral has no derivative */
     SLT_DROP_REASONS
 } SltDrop;
 extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_gradient", ... */

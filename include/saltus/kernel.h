@@ -54,9 +54,9 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;       /* of tape, for all lanes */
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
-    const SltPruned *pruned;   /* prune, pruned: what runs; else NULL */
-    /* prune, of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it may be this
-     * operand. Of chunks that did not run it says nothing. */
+    const SltPruned *pruned;   /* kernels of a straight-line program in chunks: what runs; else NULL */
+    /* prune and such bounds, of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it
+     * may be this operand. Of chunks that did not run it says nothing. */
     uint64_t *choices;
     const SltCullList *cull; /* by number of the list, as many as the program has; NULL: all iterations of all loops */
     SltNote *const *note;    /* bounds: what it notes, by number of the list, then by place in the list (without one: by

@@ -40,7 +40,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     }
     c->rays = asks_rays_alone(c->s);
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
-    bool made = lists_init(&c->lists, c->s);
+    bool made = lists_init(&c->lists, c->s) && cells_prune_init(c);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
     /* What a curve does not set of its crossings stays 0. */
     for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = calloc(BATCH, sizeof *c->crossing[r])) != NULL;
@@ -52,6 +52,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
 
 void cells_free(Cells *c) {
     if (!c) return;
+    cells_prune_free(c);
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
@@ -224,9 +225,12 @@ static bool sample(Cells *c, const Cell *cell) {
 static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
     if (!CELLS_ROOM(c, stack, 1)) return false;
     bool listed = c->lists.any && cell->number >= c->nhalves;
+    int32_t *runs = cells_take_chunks(c, cell->number >= c->nhalves && !whole ? (int)(cell->number - c->nhalves) : -1);
+    if (c->prunes && !runs) return false;
     ListsAt lists = listed ? lists_of(&c->lists, cell->number - c->nhalves) : lists_of_node(&c->lists);
     c->stack[c->nstack++] = (Node){.box = *box,
                                    .lists = lists,
+                                   .runs = runs,
                                    .level = cell->level,
                                    .bends = cell->bends,
                                    .seams = cell->seams + whole,
@@ -264,6 +268,8 @@ static bool judge(Cells *c, Cell *cell) {
         sites += (uint32_t)edge < c->s->nsites || (!cell->curves_done && cells_upsets(c, edge));
         bends |= (cell->edge[e].state & SLT_EDGE_BENDS) != 0;
     }
+    /* Of choices f may only hang by what they decide: nothing any more. */
+    if (c->prunes && !sites && !cell->state) cell->nedges = 0, bends = false;
     /* Pieces end where curves meet, and at curves they are graded. What bends a g is an edge itself, open here too; if
      * it is not, a few levels lead to where it bends. */
     bool rough = bends && cell->nedges < 2;
@@ -445,10 +451,11 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
 }
 
 /* The budget is spent: nothing more is asked of this part but its range, where that alone tells its error. */
-static void give_up(Cells *c, const Node *node) {
+static void give_up(Cells *c, Node *node) {
     Cell *cell = &c->cell[0];
     memset(cell, 0, sizeof *cell);
     cell->box = node->box, cell->curves_done = node->curves_done;
+    cells_enter_chunks(c, node);
     if (node->curves_done) {
         lists_enter(&c->lists, c->b, node->lists);
         if (c->lists.any) c->within = node->box;
@@ -483,6 +490,7 @@ static uint32_t take_nodes(Cells *c, uint32_t most, Node *node) {
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts) {
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
+    while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
     c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = 0, c->bend = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
@@ -501,7 +509,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->stack[c->nstack++] = (Node){.box = *tile, .whole = true, .lists = lists_begin(&c->lists, c->b)};
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
     const uint32_t parts = c->rays ? 1u << c->dim : c->dim < 3 ? 20 : 72;
-    uint32_t at_once = c->lists.any ? 1 : CELL_BOXES / parts;
+    uint32_t at_once = c->lists.any || c->prunes ? 1 : CELL_BOXES / parts;
     bool worked = true;
     c->within = *tile;
     while (worked && c->nstack && !(o->pool && pool_stop_reason(o->pool) != SLT_OK)) {
@@ -512,10 +520,12 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
             continue;
         }
         lists_enter(&c->lists, c->b, node[0].lists);
+        cells_enter_chunks(c, node);
         if (c->lists.any) c->within = node[0].box;
         worked = work(c, node, n);
         if (c->lists.any) cells_flush(c);
     }
+    batch_prune(c->b, NULL, NULL);
     cells_flush(c);
     c->b->args.cull = given, c->b->args.note = NULL;
     return worked;

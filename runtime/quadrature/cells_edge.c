@@ -42,12 +42,15 @@ Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[
 static void put_details(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
     if (c->s->layout[kind].reads >> SLT_IN_BOUNDARY & 1) batch_set(c->b, SLT_IN_BOUNDARY, i, e->boundary);
     if (!(c->s->layout[kind].reads >> SLT_IN_GIVEN0 & 1)) return;
-    for (uint32_t j = 0; j < SLT_GIVEN; j++) {
-        bool is = j < given->n;
-        batch_set_int(c->b, SLT_IN_GIVEN0 + j, i, is ? 2 * (given->is[j].site + 1) + given->is[j].below : 0);
-        for (uint32_t d = 0; d < SLT_GIVEN_K && is; d++)
-            batch_set_int(c->b, SLT_IN_GIVEN0_K0 + SLT_GIVEN_K * j + d, i, given->is[j].k[d]);
+    uint32_t n = 0;
+    for (uint32_t j = 0; j < given->n && n < SLT_GIVEN; j++) {
+        if ((uint32_t)given->is[j].site >= c->s->nedges) continue; /* a choice, which is settled instead */
+        batch_set_int(c->b, SLT_IN_GIVEN0 + n, i, 2 * (given->is[j].site + 1) + given->is[j].below);
+        for (uint32_t d = 0; d < SLT_GIVEN_K; d++)
+            batch_set_int(c->b, SLT_IN_GIVEN0_K0 + SLT_GIVEN_K * n + d, i, given->is[j].k[d]);
+        n++;
     }
+    for (; n < SLT_GIVEN; n++) batch_set_int(c->b, SLT_IN_GIVEN0 + n, i, 0);
 }
 
 static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, const Given *given) {
@@ -55,22 +58,29 @@ static void put_event(Cells *c, SltKernelKind kind, uint32_t i, const Event *e, 
     put_details(c, kind, i, e, given);
 }
 
+/* May two of them go through one call? */
+typedef bool Together(const Cells *c, uint32_t i, uint32_t k);
+
 /* order[]: 0 .. n - 1 so that equal sites stand together, and otherwise ascending. Returns where the group that starts
  * at `from` ends. Sites of one call are few: one scan for each. */
-static uint32_t group(uint32_t *order, uint32_t from, uint32_t n, int32_t (*site)(const Cells *, uint32_t),
-                      const Cells *c) {
-    int32_t first = site(c, order[from]);
-    uint32_t end = from + 1;
-    while (end < n && site(c, order[end]) == first) end++;
+static uint32_t group(uint32_t *order, uint32_t from, uint32_t n, Together *together, const Cells *c) {
+    uint32_t first = order[from], end = from + 1;
+    while (end < n && together(c, first, order[end])) end++;
     for (uint32_t i = end; i < n; i++)
-        if (site(c, order[i]) == first) {
+        if (together(c, first, order[i])) {
             uint32_t keep = order[end];
             order[end++] = order[i], order[i] = keep;
         }
     return end;
 }
-static int32_t probe_site(const Cells *c, uint32_t i) { return c->probe[i].event->site; }
-static int32_t ask_site(const Cells *c, uint32_t i) { return c->ask[i].event->site; }
+static bool probes_together(const Cells *c, uint32_t i, uint32_t k) {
+    const Probe *p = &c->probe[i], *q = &c->probe[k];
+    return p->event->site == q->event->site && cells_same_choices(c, p->given, q->given);
+}
+static bool asks_together(const Cells *c, uint32_t i, uint32_t k) {
+    const Ask *p = &c->ask[i], *q = &c->ask[k];
+    return p->event->site == q->event->site && cells_same_choices(c, p->given, q->given);
+}
 
 static bool ordered(Cells *c, uint32_t n) {
     if (!cells_grow(c, &c->order, &c->order_cap, n, sizeof *c->order)) return false;
@@ -115,11 +125,14 @@ static void take_probes(Cells *c, const uint32_t *order, uint32_t n) {
 bool cells_run_probes(Cells *c) {
     if (!ordered(c, c->nprobe)) return false;
     for (uint32_t from = 0, end; from < c->nprobe; from = end) {
-        end = group(c->order, from, c->nprobe, probe_site, c);
+        end = group(c->order, from, c->nprobe, probes_together, c);
         if (end - from > BATCH) end = from + BATCH;
-        c->b->args.site = probe_site(c, c->order[from]);
+        const Probe *first = &c->probe[c->order[from]];
+        c->b->args.site = first->event->site;
         put_probes(c, c->order + from, end - from);
+        cells_give_choices(c, first->given, true);
         cells_call(c, SLT_K_EDGE, end - from);
+        cells_give_choices(c, first->given, false);
         take_probes(c, c->order + from, end - from);
     }
     return true;
@@ -140,15 +153,18 @@ bool cells_run_asks(Cells *c) {
     Batch *b = c->b;
     if (!ordered(c, c->nask)) return false;
     for (uint32_t from = 0, end; from < c->nask; from = end) {
-        end = group(c->order, from, c->nask, ask_site, c);
+        end = group(c->order, from, c->nask, asks_together, c);
         if (end - from > BATCH) end = from + BATCH;
-        b->args.site = ask_site(c, c->order[from]);
+        const Ask *first = &c->ask[c->order[from]];
+        b->args.site = first->event->site;
         for (uint32_t i = from; i < end; i++) {
             const Ask *a = &c->ask[c->order[i]];
             put_box(c, i - from, a->lo, a->hi);
             put_event(c, SLT_K_EDGE_BOUNDS, i - from, a->event, a->given);
         }
+        cells_give_choices(c, first->given, true);
         cells_call(c, SLT_K_EDGE_BOUNDS, end - from);
+        cells_give_choices(c, first->given, false);
         for (uint32_t i = from; i < end; i++) {
             Ask *a = &c->ask[c->order[i]];
             read_ends(b, SLT_OUT_G_LO, SLT_OUT_G_HI, 0, i - from, a->g);
@@ -222,12 +238,13 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) 
 static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
-    cells_call(c, SLT_K_BOUNDS, n);
+    cells_call_bounds(c, n);
     for (uint32_t i = 0; i < n; i++) {
         cell[i].state = (uint32_t)batch_get_int(b, SLT_OUT_BOX_STATE, 0, i);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             read_ends(b, SLT_OUT_F_LO, SLT_OUT_F_HI, ch, i, &cell[i].f[2 * ch]);
         read_events(c, &cell[i], i);
+        cells_add_choices(c, &cell[i], i);
         /* What is not known may be so only because the box straddles a seam. */
         bool seam = false, ray = false;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
@@ -252,7 +269,7 @@ bool cells_bound_small(Cells *c) {
     if (!lists_note(&c->lists, c->b)) return false;
     bound_boxes(c, small, n);
     for (uint32_t i = 0; i < n && c->lists.any; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
-    return lists_split(&c->lists, c->b, n, wanted);
+    return cells_keep_chunks(c, n, UINT64_MAX) && lists_split(&c->lists, c->b, n, wanted);
 }
 
 bool cells_close(Cells *c, Cell *cell, uint32_t n) {
@@ -266,7 +283,7 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
-        uint32_t kept = 0;
+        uint32_t kept = 0, event[CELL_EVENTS];
         cell[i].nevents = cell[i].nedges;
         for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
             CellEdge *edge = &cell[i].edge[e];
@@ -276,9 +293,10 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */
             if (cell[i].sign[e]) continue;
             if (kept != e) cell[i].edge[kept] = *edge;
-            kept++;
+            event[kept++] = e;
         }
         cell[i].nedges = kept;
+        if (c->prunes) cells_close_choices(c, &cell[i], event);
     }
     return cells_give(c, cell, n);
 }

@@ -40,7 +40,8 @@ static bool is_given(const CellEdge *e, uint32_t event) {
 static bool may_give(const Cells *c, const Cell *cell, const CellEdge *e, uint32_t event) {
     const Event *f = &cell->event[event];
     if (is_given(e, event) || event_same(f, &e->event)) return false;
-    if (c->s->edge_kind && c->s->edge_kind[f->site] != SLT_SITE_COMPARE) return false;
+    bool choice = (uint32_t)f->site >= c->s->nedges;
+    if (!choice && c->s->edge_kind && c->s->edge_kind[f->site] != SLT_SITE_COMPARE) return false;
     for (uint32_t d = SLT_GIVEN_K; d < c->depth; d++)
         if (f->k[d]) return false;
     bool site = (uint32_t)f->site < c->s->nsites;
@@ -50,7 +51,8 @@ static bool may_give(const Cells *c, const Cell *cell, const CellEdge *e, uint32
 /* The last one before the edge that may be given, for what comes last overrides what came before; false: there is none,
  * or no need. */
 static bool next_event(const Cells *c, const Cell *cell, CellEdge *e, uint32_t *event) {
-    if (!(e->state & (SLT_EDGE_JUMPS | SLT_EDGE_BENDS)) || e->given.n == SLT_GIVEN) return false;
+    if (!(e->state & (SLT_EDGE_JUMPS | SLT_EDGE_BENDS))) return false;
+    if (e->given.n == (c->prunes ? CELL_GIVEN : SLT_GIVEN)) return false;
     while (e->before > 0)
         if (may_give(c, cell, e, --e->before)) {
             *event = e->before;
@@ -124,7 +126,7 @@ static void put_ways(Cell *cell, const Trial *t) {
 }
 
 bool cells_give(Cells *c, Cell *cell, uint32_t n) {
-    if (!(c->s->layout[SLT_K_EDGE_BOUNDS].reads >> SLT_IN_GIVEN0 & 1)) return true;
+    if (!c->prunes && !(c->s->layout[SLT_K_EDGE_BOUNDS].reads >> SLT_IN_GIVEN0 & 1)) return true;
     for (;;) {
         if (!add_trials(c, cell, n)) return false;
         if (!c->ntrial) return true;

@@ -4,6 +4,7 @@
  *   cells_edge.c    kernels at many points and boxes of many events; which open events are really open, and along
  *                   which axis each is a graph
  *   cells_given.c   events whose g others change: what these decide is given
+ *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
@@ -22,6 +23,7 @@
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
 #include "runtime/quadrature/lists.h"
+#include "runtime/sample/prune.h"
 #include "runtime/sample/untie.h"
 
 /* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
@@ -33,7 +35,9 @@ enum {
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
-    CELL_BENDS = 10,              /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
+    CELL_CHOICES = 3, /* of these most that are open in a cell */
+    CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* What other events of the cell are taken to decide. */
@@ -43,7 +47,7 @@ typedef struct Given {
         int32_t site, k[SLT_GIVEN_K];
         uint8_t event; /* which one in Cell.event */
         bool below;    /* where its g < 0 */
-    } is[SLT_GIVEN];
+    } is[CELL_GIVEN];
 } Given;
 
 /* g and its slopes along the base and along the height axis in a corner of a cell of 2D. */
@@ -197,6 +201,7 @@ typedef struct Node {
     bool whole;                      /* the box itself may be a cell: it was cut at a seam */
     bool curves_done, lonely, upset; /* as in Cell */
     ListsAt lists;
+    int32_t *runs; /* straight-line programs: what runs in it (prune_keep), its own; NULL: everything */
 } Node;
 
 struct Cells {
@@ -208,10 +213,13 @@ struct Cells {
     const CellOptions *o;
     const CellSink *sink;
     CellCounts *counts;
-    uint64_t began; /* evaluations counted before this tile */
-    bool failed;    /* memory ran out */
-    Lists lists;    /* of loops that have them: args.cull is the node's while it is worked on */
-    double width;   /* the longest side of the domain */
+    uint64_t began;                  /* evaluations counted before this tile */
+    bool failed;                     /* memory ran out */
+    bool prunes;                     /* a straight-line program, of which only some chunks run in a node */
+    Pruner pruner;                   /* its level PRUNED is the node's */
+    int32_t *runs[SLT_CHOICE_BOXES]; /* by box of the last call, what will run in nodes made of it; NULL: as here */
+    Lists lists;                     /* of loops that have them: args.cull is the node's while it is worked on */
+    double width;                    /* the longest side of the domain */
     /* graded: substituted t^2 (3 - 2 t), which makes roots at the ends polynomials */
     GaussRule rule[CELL_RULES], graded[CELL_RULES];
     GaussRule of[GAUSS_MAX + 1];        /* by number of points */
@@ -315,6 +323,24 @@ int cells_straight_edge(const Cells *c, const Cell *cell, int *axis);
 /* Chooses height axes; false: the cell must be cut. */
 bool cells_choose_axes(const Cells *c, Cell *cell);
 
+/* ---- cells_prune.c: straight-line programs (saltus/chunks.h). Choice c is edge nedges + c. */
+enum { CELL_PRUNED = 1 }; /* level of the Pruner */
+bool cells_prune_init(Cells *c);
+void cells_prune_free(Cells *c);
+void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: none, everything runs */
+/* Calls `bounds` on the n boxes of the batch. */
+void cells_call_bounds(Cells *c, uint32_t n);
+/* Behind it: the choices that are open in box i, ahead of the events that are. */
+void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
+/* Of the edges that are open: drops choices between two values of which each is the other in all of the cell. event[e]:
+ * which one of the cell edge e is. */
+void cells_close_choices(const Cells *c, Cell *cell, uint32_t *event);
+/* Keeps what runs in boxes that may become nodes. False when memory runs out. */
+bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
+int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */
+/* For calls of the edge kernels: the choices that are given are settled; and then no more. */
+void cells_give_choices(Cells *c, const Given *given, bool on);
+bool cells_same_choices(const Cells *c, const Given *p, const Given *q);
 /* ---- cells_given.c */
 /* Of those that are not done and need not be refined: edges for the ways in which others decide. */
 bool cells_give(Cells *c, Cell *cell, uint32_t n);

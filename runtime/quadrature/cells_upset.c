@@ -7,6 +7,7 @@
 #include "runtime/quadrature/cells_inner.h"
 
 bool cells_upsets(const Cells *c, int32_t edge) {
+    if ((uint32_t)edge >= c->s->nedges) return false; /* a choice of a straight-line program: it tells nothing of f */
     return c->s->edge_upsets && c->o->curves && c->s->edge_upsets[edge] != SLT_UPSETS_NOTHING;
 }
 

@@ -5,6 +5,8 @@
 #include "runtime/quadrature/sweep.h"
 #include "runtime/quadrature/quadrature.h"
 
+#define QUADRATURE_HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
+
 /* Does f hang on shadows and no views of terrain, in a plane's integral? Then curves are followed through what cells
  * leave: march.c. */
 bool quadrature_marches(const SltScene *s, const SltJob *j);

@@ -25,7 +25,9 @@ enum {
     MOST = 4,     /* crossings of the sides of a square that are made sense of */
     AROUND = 4,   /* places that are looked at around a joint */
     FOUND = 16 * SQUARES,
-    HALVINGS = 4, /* of a cell that is left */
+    HALVINGS = 4, /* of a cell that is left, */
+    LOOSE = 2,    /* but so often where nothing is seen and bounds settle not even a quarter: they are loose there, or
+                     rounding is large */
     PIECES = 8,   /* of a side of a square that is not halved, each looked at by itself */
     RIM = 4 * PIECES
 };
@@ -56,6 +58,7 @@ typedef struct Square {
 
 typedef struct March {
     SweepWorker *v;
+    bool dry; /* nothing is put */
     uint32_t n, nsquare, npart, nout, nsize, nlast;
     LeftCell cell[SQUARES];
     LeftCell last[LEFT_CHUNK];  /* nothing was seen in them, and they are cut no further, */
@@ -79,12 +82,14 @@ static bool is_last(const March *m, const LeftCell *c) {
         side = fmax(side, c->box.end[d] - c->box.lo[d]);
         size = fmax(size, fmax(fabs(s->lo[d]), fabs(s->hi[d])));
     }
-    return c->halvings >= HALVINGS || side <= (s->f64 ? LEAST_F64 : LEAST_F32) * size;
+    return c->halvings >= HALVINGS || c->loose >= LOOSE || side <= (s->f64 ? LEAST_F64 : LEAST_F32) * size;
 }
 
 static void flush(March *m) {
-    sink_put_weighed(&m->v->w->sink, m->out, m->nout);
-    sink_put_size(&m->v->w->sink, m->size, m->nsize);
+    if (!m->dry) {
+        sink_put_weighed(&m->v->w->sink, m->out, m->nout);
+        sink_put_size(&m->v->w->sink, m->size, m->nsize);
+    }
     m->nout = m->nsize = 0;
 }
 
@@ -369,7 +374,7 @@ static bool hidden(March *m) {
     static const bool none[LEFT_CHUNK] = {false}; /* was seen */
     uint32_t n = m->nlast;
     m->nlast = 0;
-    return left_hidden(m->v, m->last, n, none, m->last_lost);
+    return m->dry || left_hidden(m->v, m->last, n, none, m->last_lost);
 }
 
 /* Simple squares are done; of the others quarters are noted, or what their sides tell must do. */
@@ -401,19 +406,25 @@ static bool deeper(March *m) {
     }
     b->args.note = NULL;
     batch_call(b, SLT_K_BOUNDS, m->npart);
-    for (uint32_t i = 0; i < m->npart; i++) {
-        if (prove_is_settled(b, i)) continue;
-        if (!sweep_room_left(v)) return false;
-        LeftCell *c = &v->left[v->nleft++];
-        *c = *m->part[i].of, c->box = m->part[i].box, c->halvings++;
+    for (uint32_t i = 0, end; i < m->npart; i = end) {
+        const LeftCell *of = m->part[i].of;
+        uint32_t open = 0;
+        for (end = i; end < m->npart && m->part[end].of == of; end++) open += !prove_is_settled(b, end);
+        for (uint32_t k = i; k < end; k++) {
+            if (prove_is_settled(b, k)) continue;
+            if (!sweep_room_left(v)) return false;
+            LeftCell *c = &v->left[v->nleft++];
+            *c = *of, c->box = m->part[k].box, c->halvings++;
+            c->loose = open == 4 && !m->square[of - m->cell].n ? of->loose + 1 : 0;
+        }
     }
     return true;
 }
 
-bool left_curves(SweepWorker *v, const LeftCell *cell, uint32_t n) {
+bool left_curves(SweepWorker *v, const LeftCell *cell, uint32_t n, bool dry) {
     March *m = v->march ? v->march : (v->march = malloc(sizeof *m));
     if (!m) return false;
-    m->v = v, m->nout = m->nsize = m->nlast = 0;
+    m->v = v, m->dry = dry, m->nout = m->nsize = m->nlast = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (!(cell[i].stands > 0)) continue;
         if (!sweep_room_left(v)) return false;

@@ -85,9 +85,8 @@ bool quadrature_marches(const SltScene *s, const SltJob *j) {
     return shadows && !views && j->integral && s->dim == 2;
 }
 
-/* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations;
- * for shadows alone march.c says more still, but near the border of a terrain, where bounds settle little, it costs ten
- * times as much. */
+/* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,
+ * but for shadows alone march.c says more still. */
 static bool asks_rays(const SltScene *s) {
     for (uint32_t i = 0; i < s->nsites; i++)
         if (s->site_kind[i] == SLT_SITE_SILHOUETTE || s->site_kind[i] == SLT_SITE_SHADOW) return true;
@@ -97,12 +96,14 @@ static bool asks_rays(const SltScene *s) {
 static bool wants_error(const SltJob *j) { return j->error > 0 || j->abs_error > 0; }
 
 bool quadrature_hopes(const SltScene *s, const SltJob *j) {
-    return quadrature_may(s) && (wants_error(j) || !asks_rays(s));
+    return quadrature_may(s) && (wants_error(j) || !asks_rays(s) || quadrature_marches(s, j));
 }
 
 SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *stats) {
     if (!quadrature_hopes(s, j)) return SLT_EST_LATTICE;
     Outlook o = quadrature_outlook(s, j, stats);
+    /* What cells leave over tells more, when they are made. */
+    if (quadrature_marches(s, j)) return o.unproven <= QUADRATURE_HOPELESS ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
     double lattice = quadrature_lattice(s, j, true, !j->no_interior), pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
     bool cheap = j->integral ? o.cells * CELL_COST <= lattice : o.cells <= IMAGE_CELLS * pixels;
@@ -136,6 +137,7 @@ static Box trial_tile(const Grid *g, bool f64, uint32_t k) {
 }
 
 SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats) {
+    if (quadrature_marches(s, j)) return SLT_EST_QUADRATURE;
     Cost cost = {0};
     CellSink sink = {.curve = count_curve, .volume = count_volume, .left = no_left, .user = &cost};
     CellOptions o = {.curves = true, .volume = true, .gauss = 3, .coarse = 2, .tolerance = 1e-4, .least = 1e-5};

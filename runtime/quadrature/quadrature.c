@@ -8,7 +8,8 @@
 
 #define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
 #define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
-#define HOPELESS 0.5 /* share of the domain without bounds, beyond which cells are not tried */
+#define MARCH_MOST 100.0 /* evaluations for a segment, beyond which curves of shadows are not followed: each costs a
+                          * quarter of the time of one of lines without gaps, of which there are 8 to 60 */
 
 bool quadrature_may(const SltScene *s) {
     if (s->uses_rand) return false;
@@ -147,7 +148,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
         return with_samples(s, &j, out, turned, stats, err);
     Outlook outlook = quadrature_outlook(s, &j, stats);
-    if (outlook.unproven > HOPELESS) return by_lattice(s, &j, out, stats, err);
+    if (outlook.unproven > QUADRATURE_HOPELESS) return by_lattice(s, &j, out, stats, err);
     SltStatus st = run_begin(&r, s, &j, err);
     Sweep p = {.run = &r, .kind = SWEEP_INTEGRAL, .errors = true, .marches = quadrature_marches(s, &j)};
     bool boundary = gradient && !j.no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
@@ -164,13 +165,13 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         double rules, left, scale;
         uint64_t before = r.stats.evaluations;
         effort_apply(&e, &p, before);
-        /* Of shadows no trial is made: they are the lattice's at once, unless an error is asked for. */
         bool trial = turned && !e.wanted && !e.sweeps;
-        p.cells_budget = trial ? (uint64_t)(TURNING * lattice) : 0;
-        p.only_if_left = trial ? TURNED_LEFT : 1;
+        p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
+        p.only_if_left = trial && !p.marches ? TURNED_LEFT : 1;
         r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
+        p.only_if_cost = trial && p.marches ? MARCH_MOST * p.segments : 0;
         if ((st = sweep_run(&p)) != SLT_OK) break;
-        if (p.counts.left > p.only_if_left) {
+        if (p.gave_up) {
             *turned = true;
             break;
         }

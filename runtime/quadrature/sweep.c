@@ -146,7 +146,7 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
     }
     LeftCell *l = &v->left[v->nleft++];
     const double *known = v->within ? v->within->bounds : NULL;
-    l->box = *cell, l->halvings = 0, l->stands = l->asked = 1;
+    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1;
     for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
@@ -425,7 +425,11 @@ SltStatus sweep_run(Sweep *p) {
     if (p->errors) sums_sampled(&p->sums, r->s->active, p->volume_sampled / p->volume);
     for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, r->s->dim) / p->volume;
     if (p->kind != SWEEP_LOSS) p->counts.left = left;
-    if (st == SLT_OK && p->nleft && !(left > p->only_if_left)) {
+    p->gave_up = left > p->only_if_left;
+    if (st == SLT_OK && p->nleft && !p->gave_up && p->only_if_cost > 0)
+        p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);
+    if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+    if (st == SLT_OK && p->nleft && !p->gave_up) {
         sweep_plan_left(p, r->stats.evaluations - start);
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {

@@ -31,7 +31,8 @@ typedef struct LeftCell {
     double bounds[2 * SLT_MAX_CHANNELS]; /* as CellSink.left gets them */
     double stands;                       /* for so many cells like it; 0: another one stands for it */
     double asked;                        /* for so many cells bounds tell what lines may have missed; 0: not asked */
-    uint8_t halvings, set; /* march.c: how often it was quartered; of two sets of cells that stand for others */
+    uint8_t halvings, loose, set; /* march.c: how often it was quartered, and in vain; of two sets of cells that stand
+                                     for others */
 } LeftCell;
 
 typedef struct SweepWorker SweepWorker;
@@ -55,11 +56,13 @@ typedef struct Sweep {
     uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
     double left_share;     /* of the budget, for what is left */
     uint64_t cells_budget; /* of the cells alone, if less; 0: no limit of its own */
-    double only_if_left;   /* if cells leave over more than this share, the sweep ends with them */
+    double only_if_left;   /* if cells leave over more than this share, the sweep ends with them; */
+    double only_if_cost;   /* or, where it marches, if it would cost more evaluations than this; 0: no matter */
     /* What comes out. */
     Sums sums; /* SWEEP_INTEGRAL, SWEEP_REVERSE */
     double f[SLT_MAX_CHANNELS], f_error[SLT_MAX_CHANNELS], f_variance[SLT_MAX_CHANNELS]; /* SWEEP_INTEGRAL: the value */
     double f_hidden[SLT_MAX_CHANNELS]; /* what cells whose volume is only sampled can hide of it, at most */
+    bool gave_up;                      /* it has ended so */
     bool short_of_volume;              /* evaluations ran out where curves were known, but not the volume beside them */
     double loss;                       /* SWEEP_LOSS: sum over pixels and channels */
     double left_bound; /* what is left can hide of the value of any channel, at most; infinite: not bounded */
@@ -128,6 +131,9 @@ void sweep_merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines);
 /* ---- sweep_left.c: lines across a cell such that all of them together cost what is wanted; then the chunks of the
  * list. */
 void sweep_plan_left(Sweep *p, uint64_t used);
+/* Would curves through what is left cost too much? How many evaluations a cell takes hangs on how loose bounds are
+ * there, and how many curves it holds: a few cells tell, all over the list. */
+bool sweep_march_is_dear(Sweep *p, uint64_t used);
 bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk);
 void sweep_left_merge(void *user, uint32_t worker, uint64_t chunk);
 /* Derivatives of f at points, weighed by the adjoint image. */
@@ -140,9 +146,9 @@ bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 void left_samples(SweepWorker *v, const LeftCell *c, uint32_t n, int set);
 /* What crossings of the chunk in hand are divided by for the error of its lines. */
 double left_divisor(const SweepWorker *v);
-/* ---- march.c: the curves in n <= LEFT_CHUNK cells, where `marches`; they have no other lines. False when memory runs
- * out. */
-bool left_curves(SweepWorker *v, const LeftCell *c, uint32_t n);
+/* ---- march.c: the curves in n <= LEFT_CHUNK cells, where `marches`; they have no other lines. dry: nothing comes out
+ * but what it costs. False when memory runs out. */
+bool left_curves(SweepWorker *v, const LeftCell *c, uint32_t n, bool dry);
 /* Room for one more cell in v->left; false when memory runs out. */
 bool sweep_room_left(SweepWorker *v);
 /* ---- hidden.c: adds to the stated error what lines may have missed in n <= LEFT_CHUNK cells; seen[i]: they have met

@@ -51,7 +51,7 @@ bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk) {
     near_flush(v->w);
     finder_run(&v->w->finder, true);
     v->w->finder.lost = NULL;
-    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from))) return false;
+    if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;
     accum_close(&v->w->acc);
@@ -102,4 +102,25 @@ void sweep_plan_left(Sweep *p, uint64_t used) {
         l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
         while (sum >= at) at += 1;
     }
+}
+
+bool sweep_march_is_dear(Sweep *p, uint64_t used) {
+    SweepWorker *v = &p->worker[0];
+    LeftCell cell[LEFT_CHUNK];
+    Box hull = p->left[0].box;
+    uint32_t n = p->nleft < LEFT_CHUNK ? (uint32_t)p->nleft : LEFT_CHUNK;
+    for (uint32_t i = 0; i < n; i++) {
+        cell[i] = p->left[(2 * i + 1) * p->nleft / (2 * n)];
+        for (uint32_t d = 0; d < p->run->s->dim; d++) {
+            hull.lo[d] = fmin(hull.lo[d], cell[i].box.lo[d]);
+            hull.end[d] = fmax(hull.end[d], cell[i].box.end[d]);
+        }
+    }
+    SltStats before = p->run->stats;
+    sweep_begin_tile(v, &hull);
+    v->failed |= !left_curves(v, cell, n, true);
+    run_collect(p->run, v->w);
+    uint64_t evaluations = p->run->stats.evaluations;
+    p->run->stats = before, p->run->stats.evaluations = evaluations; /* what was found is found again */
+    return (double)used + (double)(evaluations - before.evaluations) / n * (double)p->nleft > p->only_if_cost;
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "runtime/sample/batch.h"
+#include "saltus/chunks.h"
 
 enum { SLOT_BYTES = (BATCH + SLT_PAD) * sizeof(double), POISON = 0xff /* of all bytes: NaN, -1 */ };
 
@@ -31,6 +32,30 @@ static bool make_slots(Batch *b, uint64_t *read) {
     return true;
 }
 
+/* Every chunk of the program runs, no choice is settled, and chunks take what the program says. */
+static bool run_all(Batch *b) {
+    const SltChunks *c = b->s->chunks;
+    if (!c) return true;
+    size_t chunks = c->nchunks + 1, operands = 2 * (size_t)c->nchoices, imports = c->nimports + 1;
+    b->all_memory = calloc(1, operands * sizeof(uint64_t) + (chunks + operands + imports) * sizeof(int32_t));
+    if (!b->all_memory) return false;
+    int32_t *list = (int32_t *)((uint64_t *)b->all_memory + operands), *settled = list + chunks;
+    int32_t *from = settled + operands;
+    for (uint32_t k = 0; k < c->nchunks; k++) list[k] = (int32_t)k;
+    list[c->nchunks] = SLT_NO_CHUNK;
+    for (uint32_t i = 0; i < c->nimports; i++) from[i] = c->exported[c->import[i]];
+    from[c->nimports] = (int32_t)c->nexports;
+    b->all = (SltPruned){list, settled, from};
+    batch_prune(b, NULL, NULL);
+    return true;
+}
+
+void batch_prune(Batch *b, const SltPruned *pruned, uint64_t *choices) {
+    if (!b->all_memory) return;
+    b->args.pruned = pruned ? pruned : &b->all;
+    b->args.choices = choices ? choices : b->all_memory;
+}
+
 bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     memset(b, 0, sizeof *b);
     b->s = s, b->f64 = s->f64, b->grid = g;
@@ -49,6 +74,7 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
     uint64_t lanes = s->width > SLT_PAD ? s->width : SLT_PAD;
     b->args.tape_bytes = (s->tape_bytes * lanes + 4096 + 63) & ~(uint64_t)63;
     b->args.tape = b->tape = aligned_alloc(64, b->args.tape_bytes);
+    if (!run_all(b)) return false;
 #ifndef NDEBUG
     b->poison = aligned_alloc(64, SLOT_BYTES);
     if (!b->poison) return false;
@@ -58,8 +84,8 @@ bool batch_init(Batch *b, const SltScene *s, const Grid *g) {
 }
 
 void batch_free(Batch *b) {
-    free(b->memory), free(b->tape), free(b->poison);
-    b->memory = NULL, b->tape = b->poison = NULL;
+    free(b->memory), free(b->tape), free(b->poison), free(b->all_memory);
+    b->memory = b->all_memory = NULL, b->tape = b->poison = NULL;
 }
 
 void batch_collect(Batch *b, SltStats *t) {

@@ -17,6 +17,8 @@ typedef struct Batch {
     bool f64, pixels; /* pixels: some kernel asks for pixel(), and batch_set_x sets it */
     const Grid *grid;
     void *memory;            /* of all inputs and outputs */
+    SltPruned all;           /* straight-line programs: every chunk runs. args.pruned, where nobody knows better */
+    void *all_memory;        /* of its arrays, and of choices that nobody asks for */
     unsigned char *tape;     /* scratch of reverse kernels */
     const SltLayout *layout; /* of the kernel that was called last: where its outputs are */
     unsigned char *poison;   /* builds with asserts: the array of NaN for inputs that are not read */
@@ -24,6 +26,8 @@ typedef struct Batch {
     bool again; /* the samples have been through a kernel that counts: cuts and failed asserts must not count twice */
 } Batch;
 bool batch_init(Batch *b, const SltScene *s, const Grid *g);
+/* For calls to come: this is what runs, and there its choices are noted. NULL: everything, and nowhere. */
+void batch_prune(Batch *b, const SltPruned *pruned, uint64_t *choices);
 void batch_free(Batch *b);
 void batch_collect(Batch *b, SltStats *t); /* adds the counts of all calls to t, and sets them to 0 */
 /* Input `slot` (an SltInput) of sample i. */

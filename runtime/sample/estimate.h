@@ -67,7 +67,8 @@ typedef struct SltScene {
     const uint32_t *list_count;     /* [nlists]: iterations of each */
     const uint8_t *list_noted;      /* [nlists]: 1 where `bounds` notes which of them can matter; NULL: nowhere */
     const struct SltChunks *chunks; /* of prune and pruned (saltus/chunks.h); NULL: the program has no use for them */
-    int follow; /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
+    bool chunked; /* bounds and the edge kernels are in chunks too: its choices are edges behind all others */
+    int follow;   /* fingers are followed from line to line of a lattice: 0 never, 1 but not rays in images, 2 always */
     bool uses_rand;
     uint64_t tape_bytes; /* a lane, the largest of all kernels */
     uint32_t ncull;

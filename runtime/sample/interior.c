@@ -241,9 +241,9 @@ static void prune_sample(void *user, const PixelRect *r, uint32_t n, const SltPr
         t[k].pixels = (uint64_t)r[k].n[0] * r[k].n[1] * r[k].n[2];
         memcpy(t[k].lo, r[k].lo, sizeof t->lo), memcpy(t[k].n, r[k].n, sizeof t->n);
     }
-    q->w->batch.args.pruned = pruned;
+    batch_prune(&q->w->batch, pruned, NULL);
     q->failed |= !value_samples(q->p, q->w, SLT_K_PRUNED, t, n);
-    q->w->batch.args.pruned = NULL;
+    batch_prune(&q->w->batch, NULL, NULL);
 }
 
 static bool value_pruned(Interior *p, Worker *w, const TileRect *t) {

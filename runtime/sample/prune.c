@@ -11,7 +11,7 @@
 static bool level_init(PruneLevel *l, const SltChunks *c) {
     l->chunks = alloc_zero((size_t)c->nchunks + 1, sizeof *l->chunks);
     l->settled = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *l->settled);
-    l->from = alloc_zero((size_t)c->nimports + 1, sizeof *l->from);
+    l->from = alloc_zero((size_t)c->nimports + 1, sizeof *l->from); /* and the difference of a choice */
     l->via = alloc_zero((size_t)c->nimports + 1, sizeof *l->via);
     l->choices = alloc_zero(2 * (size_t)c->nchoices + 1, sizeof *l->choices);
     l->live = alloc_zero((size_t)c->nops + 1 + c->nimports, sizeof *l->live);
@@ -25,6 +25,7 @@ static bool level_init(PruneLevel *l, const SltChunks *c) {
     for (uint32_t k = 0; k < c->nchunks; k++) l->chunks[k] = (int32_t)k;
     l->chunks[c->nchunks] = SLT_NO_CHUNK;
     for (uint32_t i = 0; i < c->nimports; i++) l->via[i] = c->import[i], l->from[i] = c->exported[c->import[i]];
+    l->from[c->nimports] = (int32_t)c->nexports;
     return true;
 }
 
@@ -80,9 +81,9 @@ static uint64_t walk_chunk(const SltChunks *c, PruneLevel *l, uint32_t k) {
 void prune_boxes(Pruner *p, Batch *b, uint32_t level, uint32_t n) {
     PruneLevel *l = &p->level[level];
     assert(n <= SLT_CHOICE_BOXES);
-    b->args.pruned = &l->pruned, b->args.choices = l->choices;
+    batch_prune(b, &l->pruned, l->choices);
     batch_call(b, SLT_K_PRUNE, n);
-    b->args.pruned = NULL, b->args.choices = NULL;
+    batch_prune(b, NULL, NULL);
 }
 
 /* Boxes of which rows are worked on at once: short loops of a known length, which become vectors. */
@@ -196,4 +197,64 @@ void prune_pick(Pruner *p, uint32_t level, uint32_t box) {
         pick_imports(c, l, to, c->first_import[k], c->first_import[k + 1], box);
     }
     pick_imports(c, l, to, c->first_import[c->nchunks], c->nimports, box);
+}
+
+uint32_t prune_open(const Pruner *p, uint32_t level, uint32_t box, int32_t *choice, uint32_t most) {
+    const SltChunks *c = p->c;
+    const PruneLevel *l = &p->level[level];
+    uint32_t n = 0;
+    for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
+        if (!(l->runs[*k] >> box & 1)) continue;
+        for (uint32_t o = c->first_op[*k]; o < c->first_op[*k + 1]; o++) {
+            int32_t is = c->op[o].choice;
+            if (is < 0 || !(l->live[o] >> box & 1)) continue;
+            const uint64_t *settled = l->choices + 2 * (size_t)is;
+            if ((settled[0] | settled[1]) >> box & 1) continue;
+            if (n == most) return most + 1;
+            choice[n++] = is;
+        }
+    }
+    return n;
+}
+
+/* Of each chunk what of its choices is settled, and whence its imports come; then those used outside. */
+static uint32_t kept_size(const SltChunks *c, const int32_t *chunks) {
+    uint32_t n = 2 + c->nimports - c->first_import[c->nchunks];
+    for (const int32_t *k = chunks; *k != SLT_NO_CHUNK; k++)
+        n += 1 + 2 * (c->first_choice[*k + 1] - c->first_choice[*k]) + c->first_import[*k + 1] - c->first_import[*k];
+    return n;
+}
+
+int32_t *prune_keep(const Pruner *p, uint32_t level) {
+    const SltChunks *c = p->c;
+    const PruneLevel *l = &p->level[level];
+    int32_t *kept = malloc(kept_size(c, l->chunks) * sizeof *kept), *to = kept;
+    if (!kept) return NULL;
+    for (const int32_t *k = l->chunks; *k != SLT_NO_CHUNK; k++) {
+        *to++ = *k;
+        for (uint32_t h = 2 * c->first_choice[*k]; h < 2 * c->first_choice[*k + 1]; h++) *to++ = l->settled[h];
+        for (uint32_t i = c->first_import[*k]; i < c->first_import[*k + 1]; i++) *to++ = (int32_t)l->via[i];
+    }
+    *to++ = SLT_NO_CHUNK;
+    for (uint32_t i = c->first_import[c->nchunks]; i < c->nimports; i++) *to++ = (int32_t)l->via[i];
+    return kept;
+}
+
+static const int32_t *enter_imports(const SltChunks *c, PruneLevel *l, const int32_t *kept, uint32_t first,
+                                    uint32_t end) {
+    for (uint32_t i = first; i < end; i++) l->via[i] = (uint32_t)*kept++, l->from[i] = c->exported[l->via[i]];
+    return kept;
+}
+
+void prune_enter(Pruner *p, uint32_t level, const int32_t *kept) {
+    const SltChunks *c = p->c;
+    PruneLevel *l = &p->level[level];
+    uint32_t n = 0;
+    for (int32_t k; (k = *kept++) != SLT_NO_CHUNK;) {
+        l->chunks[n++] = k;
+        for (uint32_t h = 2 * c->first_choice[k]; h < 2 * c->first_choice[k + 1]; h++) l->settled[h] = *kept++;
+        kept = enter_imports(c, l, kept, c->first_import[k], c->first_import[k + 1]);
+    }
+    l->chunks[n] = SLT_NO_CHUNK;
+    enter_imports(c, l, kept, c->first_import[c->nchunks], c->nimports);
 }

@@ -41,6 +41,13 @@ void prune_walk(Pruner *p, uint32_t level, uint64_t boxes);
 /* A box that was walked becomes that of the next level. */
 void prune_pick(Pruner *p, uint32_t level, uint32_t box);
 
+/* Choices that matter in a box that was walked and are open there, up to `most`, ascending; how many, or most + 1. */
+uint32_t prune_open(const Pruner *p, uint32_t level, uint32_t box, int32_t *choice, uint32_t most);
+/* What runs in the box of this level, for later: prune_enter makes it that level's box again. The caller frees it; NULL
+ * when memory runs out. */
+int32_t *prune_keep(const Pruner *p, uint32_t level);
+void prune_enter(Pruner *p, uint32_t level, const int32_t *kept);
+
 /* ---- prune_image.c: the pixels of an image by boxes of them, smaller until few operations are left. */
 typedef struct PixelRect {
     uint32_t lo[3], n[3]; /* first pixel and pixels by axis, y upwards; 1 along axes that the domain lacks */

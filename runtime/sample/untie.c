@@ -228,25 +228,25 @@ static void gather_events(const Order *o, Tie *t) {
 /* The mean over pairs of moves, forth and back, of which both are known; those of a pair are the two orders. How much
  * these differ is that of the first pair: of two, one might take away what the other gives. */
 static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
-    uint32_t pairs = 0;
-    bool first = true;
-    double size = 0, apart = 0;
+    uint32_t pairs = 0, kinks = 0;
     memset(t, 0, sizeof *t);
     for (uint32_t m = 0; m < UNTIE_WAYS; m += 2)
         if (order[m].whole && order[m + 1].whole) gather_events(&order[m], t), gather_events(&order[m + 1], t), pairs++;
-    for (uint32_t m = 0; m < UNTIE_WAYS; m += 2) {
+    for (uint32_t m = 0, seen = 0; m < UNTIE_WAYS; m += 2) {
+        double size = 0, apart = 0;
         if (!order[m].whole || !order[m + 1].whole) continue;
         for (uint32_t e = 0; e < t->n; e++) {
             const double *forth = jump_of(&order[m], &t->event[e]), *back = jump_of(&order[m + 1], &t->event[e]);
             for (uint32_t ch = 0; ch < channels; ch++) {
                 double d = 0.5 * (forth[ch] - back[ch]);
-                t->jump[e][ch] += 0.5 * (forth[ch] + back[ch]) / pairs, t->half[e][ch] += first ? d : 0;
+                t->jump[e][ch] += 0.5 * (forth[ch] + back[ch]) / pairs, t->half[e][ch] += seen ? 0 : d;
                 size = fmax(size, fmax(fabs(forth[ch]), fabs(back[ch]))), apart = fmax(apart, fabs(d));
             }
         }
-        first = false;
+        kinks += apart > SAME * size, seen++;
     }
-    t->whole = t->n == 1, t->kink = apart > SAME * size;
+    /* Two that happen to move alike along one direction, up to rounding, look like a kink there. */
+    t->whole = t->n == 1, t->kink = kinks && kinks == pairs;
 }
 
 bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, const double *room,

@@ -5,7 +5,42 @@ from expression import shader
 from harness import *
 
 
+def discs_and_boxes(n):
+    """n x n shapes apart, as one formula of more than 2000 operations, and what they cover."""
+    lines, area, whole, h = ["x var-x", "y var-y"], 0.0, None, 1.8 / n
+
+    def op(*words):
+        lines.append(" ".join(["t%d" % len(lines), *map(str, words)]))
+        return lines[-1].split()[0]
+
+    for i in range(n):
+        for j in range(n):
+            r = 0.3 * h * (1 + 0.2 * math.sin(i + 2 * j))
+            u = op("sub", "x", op("const", -0.9 + h * (i + 0.5) + 0.011 * math.sin(7 * i + j)))
+            v = op("sub", "y", op("const", -0.9 + h * (j + 0.5) + 0.009 * math.cos(3 * i + 5 * j)))
+            c, d = op("const", r), op("const", 0.8 * r)
+            if (i + j) % 2:
+                g, area = op("sub", op("add", op("square", u), op("square", v)), op("mul", c, c)), area + math.pi * r * r
+            else:
+                sides = [op("max", op("sub", w, m), op("sub", op("neg", w), m)) for w, m in ((u, c), (v, d))]
+                g, area = op("max", *sides), area + 3.2 * r * r
+            whole = op("min", whole, g) if whole else g
+    return "\n".join(lines), area
+
+
 class Expression(Case):
+    def test_certified(self):
+        """Every choice is a seam in the cells where it is open: nothing is left, and what is stated holds."""
+        text, area = discs_and_boxes(14)
+        self.put("s.salt", shader(text))
+        r = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64", "--error", "1e-6",
+                          "--max-evaluations", 1 << 21)
+        self.assertAlmostEqual(r["integral"][0], area, delta=2e-6)
+        self.assertAlmostEqual(r["gradient"]["scale"], -2 * area, delta=2e-6)
+        for shift in r["gradient"]["shift"]:
+            self.assertAlmostEqual(shift, 0, delta=2e-6)
+        self.assertAlmostEqual(r["certified"], 1, delta=1e-9)
+
     def test_converted(self):
         """A disc without a square, and where its edge is."""
         self.put("d.salt", shader("# a comment\n_0 var-x\n_1 var-y\n_2 square _0\n_3 square _1\n_4 add _2 _3\n_5 sqrt _4\n_6 const 0.75\n_7 sub _5 _6\n"

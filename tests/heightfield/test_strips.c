@@ -182,6 +182,9 @@ static void test_posts(void **state) {
             off = compare("324 posts, curves", &c, want, &worst);
             assert_true((off < 0.0015 || seed) && worst < 1);
         }
+        Found d = run(p, SLT_EST_AUTO, 1 << 20, 0);
+        assert_true(compare("324 posts, by default", &d, want, &worst) < 0.0015 && worst < 1);
+        assert_true(d.stats.cells);
         slt_program_free(gaps), slt_program_free(p);
     }
 }
@@ -300,12 +303,43 @@ static void test_real(void **state) {
         double off = compare("real ground, curves", &c, real_sun, &worst);
         assert_true((off < 0.0015 || segments[k] < 1 << 17) && worst < 1);
     }
+    /* By default, where so many segments pay for following them. */
+    Found d = run(p, SLT_EST_AUTO, 1 << 20, 0), few = run(p, SLT_EST_AUTO, 1 << 14, 0);
+    assert_true(compare("real ground, by default", &d, real_sun, &worst) < 0.0015 && worst < 1);
+    assert_true(d.stats.cells && !few.stats.cells);
     slt_program_free(gaps), slt_program_free(p);
+}
+
+/* Where bounds settle nothing for rounding, the halving of cells ends soon. */
+static void test_rounding(void **state) {
+    (void)state;
+    SltProgram *p = compile("param heightfield h = zeros(12, 12);\n"
+                            "shader float main(float2 x) {\n"
+                            "    float3 p = float3(x, h.height(x) + 1e-5);\n"
+                            "    [Disc] if (h.occluded(p, float3(0.5, -0.4, 0.5), 0.0, 1e9)) return 0.0;\n"
+                            "    return 1.0;\n"
+                            "}\n",
+                            false, -1);
+    double v[12 * 12];
+    for (uint32_t i = 0; i < 12 * 12; i++) v[i] = 0.2 * (i * 2654435761u >> 8) * 0x1p-24;
+    set_heights(p, v, 12 * 12);
+    SltStats stats = SLT_STATS_INIT;
+    SltError err;
+    SltJob j = SLT_JOB_INIT;
+    uint32_t n = slt_float_count(p);
+    double *g = calloc(n, sizeof *g);
+    SltIntegral out = {.struct_size = sizeof out, .gradient = g};
+    j.segments = 1 << 16, j.samples = 16, j.no_interior = true, j.estimator = SLT_EST_QUADRATURE;
+    if (slt_grad_integral(p, &j, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+    print_message("rounding: %llu evaluations\n", (unsigned long long)stats.evaluations);
+    assert_true(stats.evaluations < 16000000);
+    free(g), slt_program_free(p);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_posts),   cmocka_unit_test(test_few_evaluations),
                                        cmocka_unit_test(test_error),   cmocka_unit_test(test_mixed),
-                                       cmocka_unit_test(test_threads), cmocka_unit_test(test_real)};
+                                       cmocka_unit_test(test_threads), cmocka_unit_test(test_rounding),
+                                       cmocka_unit_test(test_real)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
