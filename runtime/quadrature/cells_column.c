@@ -101,27 +101,6 @@ static bool is_site(const Cells *c, const Piece *p, uint32_t e) {
     return (uint32_t)c->cell[p->cell].edge[e].event.site < c->s->nsites;
 }
 
-/* Curves that lie on each other, as far as rounding lets one tell, are one: a condition that is asked twice, an edge
- * that two shapes share. The first site stands for all of them; the jump there is that of all together. */
-static void find_twins(Cells *c, const Column *k) {
-    Piece *p = &c->piece[k->piece];
-    const Cell *cell = &c->cell[p->cell];
-    double width = cell->box.end[p->axis] - cell->box.lo[p->axis];
-    double size = larger(fabs(cell->box.lo[p->axis]), fabs(cell->box.hi[p->axis]));
-    for (uint32_t i = 1; i < k->nroots; i++)
-        for (uint32_t j = 0; j < i; j++) {
-            Root *r = &c->root[k->first + i], *s = &c->root[k->first + j];
-            if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
-            double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
-                           2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
-            double same = smaller(error + size * (c->b->f64 ? 0x1p-49 : 0x1p-21), 0x1p-16 * width);
-            if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
-            bool later = is_site(c, p, s->edge) || !is_site(c, p, r->edge);
-            p->present &= ~(1u << (later ? r->edge : s->edge));
-            (later ? s : r)->twin = true;
-        }
-}
-
 /* Those wanted on which other curves lie, and whose sides differ: whose the jump is. */
 static bool tie_roots(Cells *c) {
     uint32_t n = 0;
@@ -154,20 +133,21 @@ static bool look_at_middles(Cells *c, uint32_t first) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
-    for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
+    cells_find_twins(c);
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
         r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
                     (is_site(c, &c->piece[c->column[r->column].piece], r->edge) || cells_upsets(c, r->of->event.site));
     }
-    if (!cells_take_sides(c) || !tie_roots(c)) return false;
+    if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Root *r = &c->root[i];
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
         e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
+        e->band = r->band;
         memcpy(e->dg, r->dg, sizeof e->dg);
         e->upset = r->wanted && cells_is_upset(c, r);
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
@@ -185,7 +165,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
-        if (c->o->flat || along == 0) r->sides = edge->sides;
+        r->band = edge->band;
+        if (c->o->flat || along == 0 || r->band) r->sides = edge->sides;
         /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
         bool asked = r->wanted && !r->sides;
         r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
@@ -294,7 +275,10 @@ Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
 static void emit_crossing(Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     Crossing *x = cells_add_crossing(c, k->rule);
-    cells_crossing(c, r, x);
+    Root of = *r;
+    if (r->band) cells_count_band(c, r);
+    of.sides += r->band && k->rule == CELL_COARSE; /* cells_part_twins */
+    cells_crossing(c, &of, x);
     x->weight = k->weight / fabs(r->dg[r->axis]);
 }
 

@@ -11,13 +11,13 @@
 
 #define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
-static bool ready(Cells *c) {
+bool cells_ready_to_tie(Cells *c) {
     if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
     return c->untie || (c->untie = untie_new(c->b));
 }
 
 bool cells_tie(Cells *c, uint32_t n) {
-    if (!ready(c)) return false;
+    if (!cells_ready_to_tie(c)) return false;
     for (uint32_t from = 0; from < n && c->apart; from += UNTIE_MOST) {
         uint32_t most = n - from < UNTIE_MOST ? n - from : UNTIE_MOST, which[UNTIE_MOST];
         Crossing x[UNTIE_MOST];

@@ -36,7 +36,7 @@ void quadrature_state(Run *r, const Sweep *p) {
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
     t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
     if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
-    t->certified = fmax(0, fmin(1, t->settled + t->curved) - t->upset); /* sums round */
+    t->certified = fmax(0, fmin(1, t->settled + t->curved) - t->upset - p->counts.banded); /* sums round */
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }
