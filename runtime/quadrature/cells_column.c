@@ -16,7 +16,9 @@ void cells_flush(Cells *c) {
     cells_flush_points(c);
 }
 
-#define MOVED 0.25 /* what rounding makes of a root, in parts of its bound */
+/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
+ * closed curve do alike may cancel. */
+static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
 #define AIM 0.1 /* of the tolerance: how far apart rules that are chosen should be */
 
 /* ---- columns */
@@ -166,7 +168,7 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
-        if (c->o->flat || along == 0 || r->band) r->sides = edge->sides;
+        if (c->o->flat || (along == 0 && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
         /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
         bool asked = r->wanted && !r->sides;
         r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
@@ -396,6 +398,13 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     return !values || !c->nspot || cells_take_values(c);
 }
 
+static bool by_chance(const double x[3]) {
+    uint64_t bits[3], all;
+    memcpy(bits, x, sizeof bits);
+    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
+    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
+}
+
 /* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
  * that the distance of the two rules tells what comes of it. */
 static bool move_roots(Cells *c, const Column *from, const Column *to) {
@@ -413,9 +422,10 @@ static bool move_roots(Cells *c, const Column *from, const Column *to) {
                     continue;
                 }
                 memcpy(x, r->x, sizeof x);
-                double far = larger(cells_rounding(c) / 32 * fabs(x[r->axis]), MOVED * error / slope);
-                double moved = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
-                x[r->axis] = smaller(larger(moved, r->ends_at[0]), r->ends_at[1]);
+                const double *by = moved[by_chance(x)];
+                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
+                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
+                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
                 if (!cells_probe(c, r->of, x)) return false;
             }
         if (!pass && !cells_run_probes(c)) return false;

@@ -204,6 +204,8 @@ static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far)
         const Box *box = root_box(c, r);
         double x[3], width = box->hi[r->axis] - box->lo[r->axis], d = r->twin ? 16 * far : far, reach[2], ends[2];
         double *at = c->sides[r->sides - 1].at;
+        /* What f changes by from the root to there is more than rounding in f32: the rules differ by as much. */
+        if (!c->b->f64 && c->column[r->column].rule == CELL_COARSE) d *= 2;
         memcpy(x, r->x, sizeof x);
         find_reach(c, r, reach);
         find_ends(c, r, ends);

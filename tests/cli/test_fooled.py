@@ -1,6 +1,7 @@
 """Programs made to fool a certificate: a tagged decision that changes by jumps which are not tagged. What [NoDisc] hides
 the same program with [Disc] in its place shows: that is the truth."""
 import math
+import os
 
 from harness import *
 
@@ -72,6 +73,18 @@ class Fooled(Case):
             j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64")
             self.assertGreater(j["certified"], 1 - 1e-9, body)
 
+
+    def test_stated_f32(self):
+        """Rounding of roots, and of how far from them f is taken, is part of what f32 states."""
+        stated = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "bench", "stated")
+        for name in "coincide_seam one_sin one_cbrt abs1 frac node expo".split():
+            path = os.path.join(stated, name + ".salt")
+            ask = lambda precision, error: self.json_cli("grad", path, "--integral", "--estimator", "quadrature", "--precision", precision, "--error", error)
+            f32, f64 = ask("f32", "1e-4"), ask("f64", "1e-9")
+            size = max(map(abs, f64["gradient"].values()))
+            for p, want in f64["gradient"].items():
+                with self.subTest(name, parameter=p):
+                    self.assertLess(abs(f32["gradient"][p] - want), 2 * f32["stderr"][p] + 1e-9 * size)
 
     def test_thin(self):
         """What is thinner than rounding lets one see is found all the same, or not certified."""
