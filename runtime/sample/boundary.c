@@ -21,6 +21,7 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->finder.coarse = run_is_coarse(y->run);
     w->sink.coincide.apart = y->run->apart;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
+    w->sink.any_sign = y->any_sign;
 }
 
 SltStatus boundary_run(Boundary *y, SinkKind kind) {

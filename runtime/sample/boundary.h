@@ -15,6 +15,7 @@ typedef struct Boundary {
     const float *adjoint;           /* SINK_REVERSE: an image */
     const Directions *dirs;         /* SINK_FORWARD */
     uint32_t classes;               /* SINK_REVERSE: 1, or COSETS */
+    bool any_sign;                  /* SINK_INTEGRAL: each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
@@ -25,6 +26,10 @@ typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 /* Sets up a worker's sink for this boundary before its first tile. */
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
+
+/* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], what the crossings weigh that the run
+ * has dropped: as many as were found weigh, in the mean. Infinite where none was found. segments: of one replicate. */
+SltStatus lost_add(Run *r, double segments, uint32_t replicates, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

@@ -325,6 +325,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         statistics(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
         if (r.proven && out->gradient_stderr) add_missing(k.missed, k.n, k.size, out->gradient_stderr);
+        if (gradient && !j->no_boundary) st = lost_add(&r, segments_of(j) / k.n, k.n, out->gradient_stderr);
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half);

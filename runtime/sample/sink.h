@@ -42,6 +42,7 @@ struct Sink {
     uint64_t *order; /* [BATCH] */
     Coincide coincide;
     Follow *follow; /* NULL: fingers are not followed */
+    bool any_sign;  /* SINK_INTEGRAL: each crossing counts with a random sign */
     bool clip;      /* drop crossings outside the domain, uncounted */
     bool failed;    /* memory ran out */
 };
