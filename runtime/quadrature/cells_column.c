@@ -118,7 +118,8 @@ static bool tie_roots(Cells *c) {
 static bool tie_columns(Cells *c) {
     uint32_t n = 0;
     for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++)
-        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole) c->active[n++] = i;
+        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole && !c->tie[c->root[i].tie - 1].untold)
+            c->active[n++] = i;
     return !n || cells_tie(c, n);
 }
 
@@ -375,6 +376,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
+        q->beyond[!half] = 0;
         q->points = 0;
         q->halvings++;
     }
@@ -466,6 +468,7 @@ static bool integrate(Cells *c, uint32_t first) {
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             if (!cells_emit_columns(c, from, to)) return false;
+            cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);

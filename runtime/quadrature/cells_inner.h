@@ -123,6 +123,8 @@ typedef struct Piece {
     bool halve;        /* it is too long for the rules */
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
+    int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there */
+    double beyond[2];  /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 
@@ -130,7 +132,7 @@ typedef struct Piece {
 typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
-    double at;
+    double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
 } Cut;
 
 /* A point of the base with the line above it. */
@@ -384,6 +386,8 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
 bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
+/* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */
+void cells_emit_beyond(Cells *c, const Piece *p);
 
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */

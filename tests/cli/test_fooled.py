@@ -86,6 +86,22 @@ class Fooled(Case):
                 with self.subTest(name, parameter=p):
                     self.assertLess(abs(f32["gradient"][p] - want), 2 * f32["stderr"][p] + 1e-9 * size)
 
+    def test_touching(self):
+        """Where curves touch each other, or the border, rounding hides a piece of them that is no small part of f32."""
+        disc = "[Disc] if (length(x - float2(%s, 0.0)) < %s) f %s; "
+        for name, body, want in (
+            ("border", disc % (0.5, "r", "= 1.0"), {"r": math.pi}),
+            ("disc in a disc", disc % (0.0, "w", "= 1.0") + disc % (0.25, "r - 0.25", "+= 2.0"), {"w": math.pi, "r": math.pi}),
+            ("two at the border", disc % (-0.5, "r", "= 1.0") + disc % (0.5, "r", "= 2.0"), {"r": 3 * math.pi}),
+        ):
+            for precision in ("f32", "f64"):
+                self.put("s.salt", "param float r = 0.5; param float w = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; %s return f; }" % body)
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", precision)
+                for p, v in want.items():
+                    with self.subTest(name, precision=precision, parameter=p):
+                        self.assertLess(abs(j["gradient"][p] - v), 2 * j["stderr"][p])
+                        self.assertLess(j["stderr"][p], 2e-3 * v)
+
     def test_thin(self):
         """What is thinner than rounding lets one see is found all the same, or not certified."""
         disc = "float d = length(x - float2(0.123, 0.05)) - r; "
