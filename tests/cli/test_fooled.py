@@ -101,6 +101,7 @@ class Fooled(Case):
                     with self.subTest(name, precision=precision, parameter=p):
                         self.assertLess(abs(j["gradient"][p] - v), 2 * j["stderr"][p])
                         self.assertLess(j["stderr"][p], 2e-3 * v)
+                        self.assertEqual((j["certified"], j["left"]), (1, 0))
 
     def test_thin(self):
         """What is thinner than rounding lets one see is found all the same, or not certified."""
