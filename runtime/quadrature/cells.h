@@ -83,8 +83,9 @@ typedef struct CellCounts {
     double settled, curved, left;  /* measures, in units of the domain */
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
     uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative */
-    bool spent;                    /* the budget was */
-    bool loose;                    /* roots ended where CellOptions.slack lets them */
+    double banded; /* measure of cells, counted as curved, with curves whose order rounding hides; f depends on it */
+    bool spent;    /* the budget was */
+    bool loose;    /* roots ended where CellOptions.slack lets them */
     /* Where f jumps at seams that tagged decisions hang on, which nothing integrates: measure of the cells, which count
      * as settled or curved all the same; the integral of |jump| along them, by channel; 1 + the first such seam, 0:
      * none */

@@ -9,9 +9,9 @@
 
 enum { MEET_STEPS = 24 };
 
-static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at) {
+static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at, double beyond) {
     if (!CELLS_ROOM(c, cut, 1)) return false;
-    c->cut[c->ncut++] = (Cut){.cell = cell, .axis = (int8_t)axis, .edge = edge, .at = at};
+    c->cut[c->ncut++] = (Cut){.cell = cell, .axis = (int8_t)axis, .edge = edge, .at = at, .beyond = beyond};
     return true;
 }
 
@@ -77,6 +77,17 @@ bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double
     return true;
 }
 
+/* Tiles end a little inside of the domain. A curve that leaves through such an end goes on to the border: far, where it
+ * runs along it. Twice as far as its tangent says, as a curve that touches the border does. */
+static double beyond_of(const Cells *c, const Stretch *s, const Root *r) {
+    int axis = curve_of(c, s)->axis, base = r->axis;
+    double lo = s->height[0] - c->lo[axis], hi = c->hi[axis] - s->height[0];
+    double strip = smaller(lo, hi), size = larger(fabs(c->lo[axis]), fabs(c->hi[axis]));
+    if (!(strip <= (c->b->f64 ? 0x1p-50 : 0x1p-21) * size)) return 0;
+    double beyond = 2 * strip * fabs(r->dg[axis] / r->dg[base]);
+    return beyond < c->hi[base] - c->lo[base] ? beyond : 0; /* NaN is not */
+}
+
 static bool cut_at_faces(Cells *c, uint32_t first) {
     c->nstretch = 0;
     for (uint32_t i = first; i < c->ncell; i++) {
@@ -126,7 +137,8 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         if (i < faces) note_face(c, i, s->state == ROOT ? r : NULL);
         if (s->state != ROOT) continue;
         int axis = curve_of(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, s->edge, (r++)->x[base_axis(&c->cell[s->cell], axis)])) return false;
+        if (!add_cut(c, s->cell, axis, s->edge, r->x[r->axis], beyond_of(c, s, r))) return false;
+        r++;
     }
     return true;
 }
@@ -324,14 +336,15 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
         const Stretch *s = &c->stretch[i];
         if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, -1, s->x[0])) return false;
-        if (other >= 0 && other != axis && !add_cut(c, s->cell, other, -1, s->x[1])) return false;
+        if (!add_cut(c, s->cell, axis, -1, s->x[0], 0)) return false;
+        if (other >= 0 && other != axis && !add_cut(c, s->cell, other, -1, s->x[1], 0)) return false;
     }
     return true;
 }
 
 /* ---- pieces between the cuts */
-static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, double to) {
+static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, double to, const Cut *begin,
+                      const Cut *end) {
     if (!CELLS_ROOM(c, piece, 1)) return false;
     const Cell *cell = &c->cell[i];
     Piece *p = &c->piece[c->npiece++];
@@ -340,6 +353,8 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     p->graded = c->o->volume && cell->state & SLT_BOX_ROUGH;
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
     if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
+    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond;
+    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond;
     return true;
 }
 
@@ -351,13 +366,14 @@ static bool add_pieces(Cells *c, uint32_t first) {
             bool wanted = cell->axes >> axis & 1 && !cell->refine;
             if (axis == cell->slice) continue;
             int base = base_axis(cell, axis);
+            const Cut *last = NULL;
             double from = cell->box.lo[base], narrow = NARROW * (cell->box.end[base] - from);
             for (; cut < end && cut->cell == i && cut->axis == axis; cut++) {
                 if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) continue;
-                if (!add_piece(c, i, axis, base, from, cut->at)) return false;
-                from = cut->at;
+                if (!add_piece(c, i, axis, base, from, cut->at, last, cut)) return false;
+                from = cut->at, last = cut;
             }
-            if (wanted && !add_piece(c, i, axis, base, from, cell->box.end[base])) return false;
+            if (wanted && !add_piece(c, i, axis, base, from, cell->box.end[base], last, NULL)) return false;
         }
     }
     return true;
@@ -374,6 +390,22 @@ bool cells_cut_bases(Cells *c, uint32_t first) {
     c->npiece = 0;
     if (c->dim > 1) return cells_cut_planes(c, first) && add_pieces(c, first);
     for (uint32_t i = first; i < c->ncell; i++)
-        if (c->cell[i].axes && !add_piece(c, i, 0, -1, 0, 0)) return false;
+        if (c->cell[i].axes && !add_piece(c, i, 0, -1, 0, 0, NULL, NULL)) return false;
     return true;
+}
+
+/* What lies between the end of the cell and the border of the domain is no more than an error. */
+void cells_emit_beyond(Cells *c, const Piece *p) {
+    for (int end = 0; end < 2; end++) {
+        const PieceEdge *e = &p->edge[p->leaving[end]];
+        if (!(p->beyond[end] > 0) || !(p->present >> p->leaving[end] & 1) || !e->open) continue;
+        const CellEdge *edge = &c->cell[p->cell].edge[p->leaving[end]];
+        Root r = {.of = edge, .g = e->g, .sides = e->sides, .axis = p->axis, .rises = edge->rises[p->axis]};
+        for (uint32_t d = 0; d < c->dim; d++) r.x[d] = 0.5 * (p->at[d][0] + p->at[d][1]);
+        r.x[p->axis] = e->height;
+        memcpy(r.dg, e->dg, sizeof r.dg);
+        Crossing *x = cells_add_crossing(c, CELL_COARSE);
+        cells_crossing(c, &r, x);
+        x->weight = p->beyond[end] / fabs(e->dg[p->axis]);
+    }
 }

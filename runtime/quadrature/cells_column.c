@@ -16,6 +16,9 @@ void cells_flush(Cells *c) {
     cells_flush_points(c);
 }
 
+/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
+ * closed curve do alike may cancel. */
+static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
 #define AIM 0.1 /* of the tolerance: how far apart rules that are chosen should be */
 
 /* ---- columns */
@@ -100,27 +103,6 @@ static bool is_site(const Cells *c, const Piece *p, uint32_t e) {
     return (uint32_t)c->cell[p->cell].edge[e].event.site < c->s->nsites;
 }
 
-/* Curves that lie on each other, as far as rounding lets one tell, are one: a condition that is asked twice, an edge
- * that two shapes share. The first site stands for all of them; the jump there is that of all together. */
-static void find_twins(Cells *c, const Column *k) {
-    Piece *p = &c->piece[k->piece];
-    const Cell *cell = &c->cell[p->cell];
-    double width = cell->box.end[p->axis] - cell->box.lo[p->axis];
-    double size = larger(fabs(cell->box.lo[p->axis]), fabs(cell->box.hi[p->axis]));
-    for (uint32_t i = 1; i < k->nroots; i++)
-        for (uint32_t j = 0; j < i; j++) {
-            Root *r = &c->root[k->first + i], *s = &c->root[k->first + j];
-            if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
-            double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
-                           2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
-            double same = smaller(error + size * (c->b->f64 ? 0x1p-49 : 0x1p-21), 0x1p-16 * width);
-            if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
-            bool later = is_site(c, p, s->edge) || !is_site(c, p, r->edge);
-            p->present &= ~(1u << (later ? r->edge : s->edge));
-            (later ? s : r)->twin = true;
-        }
-}
-
 /* Those wanted on which other curves lie, and whose sides differ: whose the jump is. */
 static bool tie_roots(Cells *c) {
     uint32_t n = 0;
@@ -136,7 +118,8 @@ static bool tie_roots(Cells *c) {
 static bool tie_columns(Cells *c) {
     uint32_t n = 0;
     for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++)
-        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole) c->active[n++] = i;
+        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole && !c->tie[c->root[i].tie - 1].untold)
+            c->active[n++] = i;
     return !n || cells_tie(c, n);
 }
 
@@ -153,20 +136,21 @@ static bool look_at_middles(Cells *c, uint32_t first) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
-    for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
+    cells_find_twins(c);
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
         r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
                     (is_site(c, &c->piece[c->column[r->column].piece], r->edge) || cells_upsets(c, r->of->event.site));
     }
-    if (!cells_take_sides(c) || !tie_roots(c)) return false;
+    if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Root *r = &c->root[i];
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
         e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
+        e->band = r->band;
         memcpy(e->dg, r->dg, sizeof e->dg);
         e->upset = r->wanted && cells_is_upset(c, r);
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
@@ -184,7 +168,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         if (!add_root(c, k, e, edge->height + slope * along)) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
-        if (c->o->flat || along == 0) r->sides = edge->sides;
+        r->band = edge->band;
+        if (c->o->flat || (along == 0 && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
         /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
         bool asked = r->wanted && !r->sides;
         r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
@@ -293,7 +278,10 @@ Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
 static void emit_crossing(Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     Crossing *x = cells_add_crossing(c, k->rule);
-    cells_crossing(c, r, x);
+    Root of = *r;
+    if (r->band) cells_count_band(c, r);
+    of.sides += r->band && k->rule == CELL_COARSE; /* cells_part_twins */
+    cells_crossing(c, &of, x);
     x->weight = k->weight / fabs(r->dg[r->axis]);
 }
 
@@ -388,6 +376,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
+        q->beyond[!half] = 0;
         q->points = 0;
         q->halvings++;
     }
@@ -411,15 +400,51 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     return !values || !c->nspot || cells_take_values(c);
 }
 
-void cells_emit_columns(Cells *c, const Column *from, const Column *to) {
+static bool by_chance(const double x[3]) {
+    uint64_t bits[3], all;
+    memcpy(bits, x, sizeof bits);
+    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
+    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
+}
+
+/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
+ * that the distance of the two rules tells what comes of it. */
+static bool move_roots(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        const Probe *at = c->probe;
+        for (const Column *k = from; k < to; k++)
+            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
+                Root *r = &c->root[k->first + i];
+                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
+                if (!r->wanted || !(slope > 0)) continue;
+                if (pass) {
+                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
+                    at++;
+                    continue;
+                }
+                memcpy(x, r->x, sizeof x);
+                const double *by = moved[by_chance(x)];
+                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
+                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
+                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
+                if (!cells_probe(c, r->of, x)) return false;
+            }
+        if (!pass && !cells_run_probes(c)) return false;
+    }
+    return true;
+}
+
+bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     bool tied = false;
+    if (!c->b->f64 && !move_roots(c, from, to)) return false;
     for (const Column *k = from; k < to; k++)
         for (uint32_t r = 0; r < k->nroots; r++) {
             const Root *root = &c->root[k->first + r];
             tied |= root->tie && root->wanted;
             if (root->wanted && !root->tie) emit_crossing(c, root);
         }
-    if (tied && !cells_emit_tied(c, from, to)) c->failed = true;
+    return !tied || cells_emit_tied(c, from, to);
 }
 
 /* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
@@ -442,7 +467,8 @@ static bool integrate(Cells *c, uint32_t first) {
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
-            cells_emit_columns(c, from, to);
+            if (!cells_emit_columns(c, from, to)) return false;
+            cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);

@@ -9,7 +9,8 @@
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
- *   cells_tied.c    curves that lie on each other: whose the jump is
+ *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
+ *   cells_tied.c    whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
@@ -99,7 +100,7 @@ typedef struct Cell {
     bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
-    bool upset;                     /* its measure is in CellCounts.upset already */
+    bool upset, band;               /* its measure is in CellCounts.upset, in .banded already */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
 
@@ -107,7 +108,7 @@ typedef struct Cell {
 typedef struct PieceEdge {
     double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
     uint32_t sides, tie;     /* as in Root, there */
-    bool open, twin;         /* the crossing changes the region; other curves lie on this one */
+    bool open, twin, band;   /* the crossing changes the region; other curves lie on this one; as in Root */
     bool upset;              /* a seam, where f jumps */
 } PieceEdge;
 typedef struct Piece {
@@ -122,6 +123,8 @@ typedef struct Piece {
     bool halve;        /* it is too long for the rules */
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
+    int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there */
+    double beyond[2];  /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 
@@ -129,7 +132,7 @@ typedef struct Piece {
 typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
-    double at;
+    double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
 } Cut;
 
 /* A point of the base with the line above it. */
@@ -162,7 +165,9 @@ typedef struct Root {
     uint32_t column;
     uint8_t edge;
     bool wanted, twin;  /* f on the two sides is; another event has its root here too */
+    bool band;          /* one of a pair, of which the order is not known: cells_part_twins */
     bool solved, waits; /* waits: for a better guess */
+    uint32_t other;     /* c->root[other - 1] stands for this one; 0: it stands for itself */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
     uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
@@ -381,19 +386,33 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
 bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
+/* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */
+void cells_emit_beyond(Cells *c, const Piece *p);
 
 /* ---- cells_column.c */
 bool cells_integrate(Cells *c); /* over all pieces */
 /* Columns, roots and spots of the pieces from `first` on: first_column[i - first] is that of piece i. */
 bool cells_evaluate(Cells *c, uint32_t first, bool values);
-void cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
+bool cells_emit_columns(Cells *c, const Column *from, const Column *to); /* crossings */
 void cells_flush(Cells *c);
 /* An empty crossing of a rule, which is to be handed over. */
 Crossing *cells_add_crossing(Cells *c, uint8_t rule);
 /* The crossing that a root with known sides is. */
 void cells_crossing(const Cells *c, const Root *r, Crossing *x);
 
+/* ---- cells_twins.c */
+/* Of roots of a column that lie on each other one stays, which stands for all. */
+void cells_find_twins(Cells *c);
+/* Looks between those whose two sides are alike. A band that is seen there parts them; where none is, parameters that
+ * are moved tell whether the one hides the other, or rounding both. Of these each has sides for the fine rule and,
+ * behind them, for the coarse one, which differ by as much as their order decides. */
+bool cells_part_twins(Cells *c);
+/* Counts the cell of a root whose order is not known as not certified, once. */
+void cells_count_band(Cells *c, const Root *r);
+
 /* ---- cells_tied.c */
+/* Sets up c->apart, if it can be, and c->untie; false when memory runs out. */
+bool cells_ready_to_tie(Cells *c);
 /* Sets the ties of roots active[0 .. n), on which other curves lie. */
 bool cells_tie(Cells *c, uint32_t n);
 /* The crossings of the tied roots among those that are wanted. */

@@ -18,8 +18,9 @@ static double unit(const Cells *c, const Root *r) {
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess) {
     if (!CELLS_ROOM(c, root, 1)) return NULL;
     Root *r = &c->root[c->nroot++];
-    r->ends[0] = r->ends[1] = r->wanted = r->twin = r->solved = r->waits = false; /* its other members come later */
-    r->column = r->sides = r->tie = 0, r->edge = 0;
+    r->ends[0] = r->ends[1] = r->wanted = r->twin = r->band = r->solved = r->waits =
+        false; /* its other members come later */
+    r->column = r->sides = r->tie = r->other = 0, r->edge = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
@@ -168,16 +169,48 @@ static const Box *root_box(const Cells *c, const Root *r) {
     return &c->cell[c->piece[c->column[r->column].piece].cell].box;
 }
 
+/* Where sides end: at the ends of the cell, and halfway to other curves, of which `reach` tells the nearest. What lies
+ * beyond one is not this one's. */
+static void find_reach(const Cells *c, const Root *r, double reach[2]) {
+    const Column *k = &c->column[r->column];
+    const Piece *p = &c->piece[k->piece];
+    const Box *box = &c->cell[p->cell].box;
+    double at = r->x[r->axis];
+    reach[0] = box->lo[r->axis], reach[1] = box->hi[r->axis];
+    for (uint32_t i = 0; i < k->nroots; i++) {
+        const Root *other = &c->root[k->first + i];
+        if (other->edge == r->edge || !(p->present >> other->edge & 1)) continue;
+        double to = other->x[r->axis], middle = cells_round(c, at + 0.5 * (to - at));
+        if (middle > reach[0] && middle < at && to < middle) reach[0] = middle;
+        if (middle < reach[1] && middle > at && to > middle) reach[1] = middle;
+    }
+}
+
+/* The lowest and the highest of those that a root stands for. */
+static void find_ends(const Cells *c, const Root *r, double ends[2]) {
+    const Column *k = &c->column[r->column];
+    ends[0] = ends[1] = r->x[r->axis];
+    for (uint32_t i = k->first; r->twin && i < k->first + k->nroots; i++) {
+        double x = c->root[i].x[r->axis];
+        if (!c->root[i].other || &c->root[c->root[i].other - 1] != r) continue;
+        ends[0] = smaller(ends[0], x), ends[1] = larger(ends[1], x);
+    }
+}
+
 static void call_sides(Cells *c, const uint32_t *active, uint32_t n, double far) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) {
         const Root *r = &c->root[active[i]];
         const Box *box = root_box(c, r);
-        double x[3], lo = box->lo[r->axis], hi = box->hi[r->axis], d = r->twin ? 16 * far : far;
+        double x[3], width = box->hi[r->axis] - box->lo[r->axis], d = r->twin ? 16 * far : far, reach[2], ends[2];
         double *at = c->sides[r->sides - 1].at;
+        /* What f changes by from the root to there is more than rounding in f32: the rules differ by as much. */
+        if (!c->b->f64 && c->column[r->column].rule == CELL_COARSE) d *= 2;
         memcpy(x, r->x, sizeof x);
-        at[0] = larger(lo, cells_move(c, r->x[r->axis], -d, hi - lo));
-        at[1] = smaller(hi, cells_move(c, r->x[r->axis], d, hi - lo));
+        find_reach(c, r, reach);
+        find_ends(c, r, ends);
+        at[0] = larger(reach[0], cells_move(c, ends[0], -d, width));
+        at[1] = smaller(reach[1], cells_move(c, ends[1], d, width));
         for (uint32_t s = 0; s < 2; s++) x[r->axis] = at[s], batch_set_x(b, 2 * i + s, x);
     }
     cells_call(c, SLT_K_SIDES, 2 * n);

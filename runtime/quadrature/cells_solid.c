@@ -176,7 +176,7 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     if (*done && !cells_evaluate(c, 0, compare)) return false;
     if (*done && compare) *done = surfaces_agree(c, &c->cell[i]) && (!c->nspot || cells_values_agree(c, 0, c->nspot));
     if (*done) {
-        cells_emit_columns(c, c->column, c->column + c->ncolumn);
+        if (!cells_emit_columns(c, c->column, c->column + c->ncolumn)) return false;
         cells_emit_spots(c, 0, c->nspot);
         for (uint32_t k = 0; k < c->npiece; k++) cells_add_upset(c, &c->piece[k], &c->cell[i]);
     }

@@ -11,13 +11,28 @@
 
 #define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
-static bool ready(Cells *c) {
+bool cells_ready_to_tie(Cells *c) {
     if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
     return c->untie || (c->untie = untie_new(c->b));
 }
 
+/* Other boundaries are near, as where two touch, and moves do not tell: each of those that lie here may have all of the
+ * jump, or nothing. */
+static void share(const Cells *c, const Root *r, const Crossing *x, Tie *t) {
+    const Column *k = &c->column[r->column];
+    t->event[0] = x->event, t->n = 1;
+    for (uint32_t i = k->first; i < k->first + k->nroots && t->n < UNTIE_EVENTS; i++)
+        if (c->root[i].other && &c->root[c->root[i].other - 1] == r &&
+            (uint32_t)c->root[i].of->event.site < c->s->nsites)
+            t->event[t->n++] = c->root[i].of->event;
+    if (t->n == 1) t->n = 0;
+    for (uint32_t e = 0; e < t->n; e++)
+        for (uint32_t ch = 0; ch < c->s->channels; ch++)
+            t->jump[e][ch] = x->jump[ch] / t->n, t->half[e][ch] = x->jump[ch] * (t->n - 1) / t->n;
+}
+
 bool cells_tie(Cells *c, uint32_t n) {
-    if (!ready(c)) return false;
+    if (!cells_ready_to_tie(c)) return false;
     for (uint32_t from = 0; from < n && c->apart; from += UNTIE_MOST) {
         uint32_t most = n - from < UNTIE_MOST ? n - from : UNTIE_MOST, which[UNTIE_MOST];
         Crossing x[UNTIE_MOST];
@@ -33,6 +48,7 @@ bool cells_tie(Cells *c, uint32_t n) {
         if (!untie(c->untie, c->apart, x, which, most, room, tie)) return false;
         for (uint32_t i = 0; i < most; i++) {
             Root *r = &c->root[c->active[from + i]];
+            if (tie[i].untold) share(c, r, &x[i], &tie[i]);
             if (!tie[i].n || (tie[i].whole && event_same(&tie[i].event[0], &x[i].event))) continue;
             if (!CELLS_ROOM(c, tie, 1)) return false;
             c->tie[c->ntie++] = tie[i];
@@ -47,7 +63,7 @@ static void emit_part(Cells *c, const Crossing *x, const Column *k, const Tie *t
     double along = p->dg[x->axis] * x->dg[x->axis] < 0 ? -1 : 1, weight = k->weight / fabs(p->dg[x->axis]);
     if (!isfinite(weight)) return;
     /* The lower rule is off by as much as the orders leave open: so their distance says it. */
-    for (int half = 0; half < 1 + (t->kink && k->rule == CELL_FINE); half++) {
+    for (int half = 0; half < 1 + ((t->kink || t->untold) && k->rule == CELL_FINE); half++) {
         Crossing *part = cells_add_crossing(c, half ? CELL_COARSE : k->rule);
         uint8_t rule = part->cls;
         *part = *x;

@@ -8,6 +8,7 @@
 
 #define TURNING 0.4     /* of what the lattice costs: what cells may cost before it is seen what they leave over, */
 #define TURNED_LEFT 0.02 /* and the share beyond which the lattice is turned to */
+#define EDGES 0x1p-16 /* share that rounding may take from the measure of all cells */
 #define MARCH_MOST 100.0 /* evaluations for a segment, beyond which curves of shadows are not followed: each costs a
                           * quarter of the time of one of lines without gaps, of which there are 8 to 60 */
 
@@ -36,7 +37,10 @@ void quadrature_state(Run *r, const Sweep *p) {
     t->settled = p->counts.settled, t->curved = p->counts.curved, t->left = p->counts.left;
     t->upset = fmin(p->counts.upset, 1), t->upset_line = 0;
     if (p->counts.upset_edge && s->edge_line) t->upset_line = s->edge_line[p->counts.upset_edge - 1];
-    t->certified = fmax(0, fmin(1, t->settled + t->curved) - t->upset); /* sums round */
+    /* Sums round, and tiles end two floats inside of the domain. */
+    double all = t->settled + t->curved;
+    bool whole = all > 1 || (!(t->left > 0) && all > 1 - EDGES);
+    t->certified = fmax(0, (whole ? 1 : all) - t->upset - p->counts.banded);
     t->left_bound = isfinite(p->left_bound) ? p->left_bound : NAN;
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }

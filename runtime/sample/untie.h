@@ -27,8 +27,9 @@ typedef struct Tie {
     Event event[UNTIE_EVENTS];
     double jump[UNTIE_EVENTS][SLT_MAX_CHANNELS]; /* towards growing g of the crossing: the mean of the orders */
     double half[UNTIE_EVENTS][SLT_MAX_CHANNELS]; /* kink: half of how much forth and back differ */
-    bool whole; /* one event has all of it, whatever the order: the jump is that of the crossing */
-    bool kink;  /* it depends on the order: the integral has no derivative */
+    bool whole;  /* one event has all of it, whatever the order: the jump is that of the crossing */
+    bool kink;   /* it depends on the order: the integral has no derivative */
+    bool untold; /* n = 0, and it may be another's all the same */
 } Tie;
 
 typedef struct Untie Untie;

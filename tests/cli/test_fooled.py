@@ -1,5 +1,8 @@
 """Programs made to fool a certificate: a tagged decision that changes by jumps which are not tagged. What [NoDisc] hides
 the same program with [Disc] in its place shows: that is the truth."""
+import math
+import os
+
 from harness import *
 
 HEAD = "param float t = 0.3; param float w = 0.21; "
@@ -69,6 +72,62 @@ class Fooled(Case):
             self.put("s.salt", HEAD + "shader float main(float2 x) { %s }" % body)
             j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64")
             self.assertGreater(j["certified"], 1 - 1e-9, body)
+
+
+    def test_stated_f32(self):
+        """Rounding of roots, and of how far from them f is taken, is part of what f32 states."""
+        stated = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "bench", "stated")
+        for name in "coincide_seam one_sin one_cbrt abs1 frac node expo".split():
+            path = os.path.join(stated, name + ".salt")
+            ask = lambda precision, error: self.json_cli("grad", path, "--integral", "--estimator", "quadrature", "--precision", precision, "--error", error)
+            f32, f64 = ask("f32", "1e-4"), ask("f64", "1e-9")
+            size = max(map(abs, f64["gradient"].values()))
+            for p, want in f64["gradient"].items():
+                with self.subTest(name, parameter=p):
+                    self.assertLess(abs(f32["gradient"][p] - want), 2 * f32["stderr"][p] + 1e-9 * size)
+
+    def test_touching(self):
+        """Where curves touch each other, or the border, rounding hides a piece of them that is no small part of f32."""
+        disc = "[Disc] if (length(x - float2(%s, 0.0)) < %s) f %s; "
+        for name, body, want in (
+            ("border", disc % (0.5, "r", "= 1.0"), {"r": math.pi}),
+            ("disc in a disc", disc % (0.0, "w", "= 1.0") + disc % (0.25, "r - 0.25", "+= 2.0"), {"w": math.pi, "r": math.pi}),
+            ("two at the border", disc % (-0.5, "r", "= 1.0") + disc % (0.5, "r", "= 2.0"), {"r": 3 * math.pi}),
+        ):
+            for precision in ("f32", "f64"):
+                self.put("s.salt", "param float r = 0.5; param float w = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) { float f = 0.0; %s return f; }" % body)
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", precision)
+                for p, v in want.items():
+                    with self.subTest(name, precision=precision, parameter=p):
+                        self.assertLess(abs(j["gradient"][p] - v), 2 * j["stderr"][p])
+                        self.assertLess(j["stderr"][p], 2e-3 * v)
+                        self.assertEqual((j["certified"], j["left"]), (1, 0))
+
+    def test_thin(self):
+        """What is thinner than rounding lets one see is found all the same, or not certified."""
+        disc = "float d = length(x - float2(0.123, 0.05)) - r; "
+        bodies = {
+            "ring": ("float2 x", disc + "[Disc] if (abs(d) < w) return 1.0; return 0.0;", 1.6 * math.pi),
+            "ring of two": ("float2 x", disc + "[Disc] if (d > 0.0 && d < w) return 1.0; return 0.0;", 0.8 * math.pi),
+            "ring of two, nested": ("float2 x", disc + "float f = 0.5; [Disc] if (d < w) f = 2.5; [Disc] if (d < 0.0) f = 0.5; return f;", 1.6 * math.pi),
+            "band": ("float2 x", "float u = 0.6 * x.x + 0.8 * x.y - r; [Disc] if (u > 0.0 && u < w) return 1.0 + x.x; return 0.0;", None),
+            "part": ("float x", "float u = x - r; [Disc] if (u > 0.0 && u < w) return 1.0; return 0.0;", 1),
+        }
+        for name, (point, body, want) in bodies.items():
+            for f64 in (False, True):
+                for w in ("1e-3", "1e-5", "3e-6", "1e-6", "1e-7", "1e-8", "1e-10"):
+                    if f64 and float(w) < 1e-7:
+                        continue
+                    self.put("s.salt", "param float r = 0.4; param float w = %s; [Domain(-1.0, 1.0)] shader float main(%s) { %s }" % (w, point, body))
+                    j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64" if f64 else "f32")
+                    if want is None: # the integral of 1 + x along the line, from one side of the square to the other
+                        lo, hi = (0.4 - 0.8) / 0.6, 1.0
+                        want = (hi - lo) * (1 + 0.5 * (lo + hi)) / 0.8
+                    off, bar = abs(j["gradient"]["w"] - want), j["stderr"]["w"]
+                    with self.subTest(name, w=w, f64=f64):
+                        if j["certified"] > 1 - 1e-6:
+                            self.assertLess(off, (1e-5 if f64 else 1e-3) * want + 2 * float(w) * 7, j)
+                        self.assertLess(off, 4 * bar + (1e-5 if f64 else 1e-3) * want + 2 * float(w) * 7, j)
 
 
 if __name__ == "__main__":

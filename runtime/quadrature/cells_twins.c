@@ -1,0 +1,249 @@
+/* Curves that lie on each other as far as rounding lets one tell: a condition that is asked twice, an edge that two
+ * shapes share; or the two sides of a band, thinner than the bound of rounding is. The first site stands for all of
+ * them, and the jump there is that of all together.
+ *
+ * Where f is the same on the two sides of all together, nothing is lost if the one hides the other, or the band. So it
+ * is looked for: halfway between the roots, as the program decides there; and if it is not seen, with parameters moved
+ * so that the curves come apart, in the one order and in the other. What is seen in one order alone rounding hides from
+ * view: the mean of the two is given, half of how they differ is an error, and the cell is not certified. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+/* Units in the last place: */
+#define WIDE 8   /* what lies between roots so far apart is no chance of rounding; */
+#define APART 16 /* curves that were moved so far from each other can be told apart */
+
+static bool is_site(const Cells *c, const Root *r) { return (uint32_t)r->of->event.site < c->s->nsites; }
+
+static double unit(const Cells *c, double size) { return size * (c->b->f64 ? 0x1p-52 : 0x1p-23); }
+
+static void find_twins(Cells *c, const Column *k) {
+    Piece *p = &c->piece[k->piece];
+    const Cell *cell = &c->cell[p->cell];
+    double width = cell->box.end[p->axis] - cell->box.lo[p->axis];
+    double size = larger(fabs(cell->box.lo[p->axis]), fabs(cell->box.hi[p->axis]));
+    for (uint32_t i = 1; i < k->nroots; i++)
+        for (uint32_t j = 0; j < i; j++) {
+            Root *r = &c->root[k->first + i], *s = &c->root[k->first + j];
+            if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
+            double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
+                           2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
+            double same = smaller(error + 8 * unit(c, size), 0x1p-16 * width);
+            if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
+            bool later = is_site(c, s) || !is_site(c, r);
+            Root *stays = later ? s : r, *goes = later ? r : s;
+            p->present &= ~(1u << goes->edge);
+            stays->twin = true, goes->other = (uint32_t)(stays - c->root) + 1;
+        }
+}
+
+void cells_find_twins(Cells *c) {
+    for (uint32_t i = 0; i < c->ncolumn; i++) find_twins(c, &c->column[i]);
+}
+
+static Root *stands_for(const Cells *c, uint32_t i) { return &c->root[c->root[i].other - 1]; }
+
+/* Both count again, each with its sides, of which those of the one that stood for the other are known. */
+static bool restore(Cells *c, Root *r, Root *stood, uint32_t more) {
+    if (!CELLS_ROOM(c, sides, more)) return false;
+    r->sides = c->nsides + 1, c->nsides += more;
+    for (uint32_t i = 0; i < more; i++) c->sides[r->sides - 1 + i] = *cells_sides(c, stood);
+    c->piece[c->column[r->column].piece].present |= 1u << r->edge;
+    r->wanted = is_site(c, r);
+    r->twin = stood->twin = false, r->other = 0;
+    return true;
+}
+
+/* At x region and f are these, and not those on the two sides. */
+static bool part(Cells *c, Root *r, Root *stood, double x, uint32_t lane) {
+    if (!restore(c, r, stood, 1)) return false;
+    for (int upper = 0; upper < 2; upper++) {
+        bool first = (stood->x[r->axis] < r->x[r->axis]) == !upper;
+        Sides *s = &c->sides[(first ? stood : r)->sides - 1];
+        s->at[!upper] = x, s->hash[!upper] = (uint32_t)batch_get_int(c->b, SLT_OUT_HASH, 0, lane);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) s->f[!upper][ch] = batch_get(c->b, SLT_OUT_F, ch, lane);
+    }
+    return true;
+}
+
+static bool is_beside(const Sides *s, uint32_t hash) { return hash == s->hash[0] || hash == s->hash[1]; }
+
+/* Is f the same on both sides, whatever is decided there? */
+static bool is_alike(const Cells *c, const Sides *s) {
+    bool alike = true;
+    double slack = c->b->f64 ? 0x1p-30 : 0x1p-12;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++)
+        alike &= fabs(s->f[1][ch] - s->f[0][ch]) <= slack * (fabs(s->f[0][ch]) + fabs(s->f[1][ch]));
+    return alike || s->hash[0] == s->hash[1];
+}
+
+/* After others were parted: the root that is nearest now stands for it. */
+static void choose_other(const Cells *c, Root *r) {
+    const Column *k = &c->column[r->column];
+    double least = HUGE_VAL;
+    for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
+        const Root *s = &c->root[i];
+        double d = fabs(s->x[s->axis] - r->x[r->axis]);
+        if (s == r || !s->wanted || !s->sides || !(d < least)) continue;
+        least = d, r->other = i + 1;
+    }
+    stands_for(c, (uint32_t)(r - c->root))->twin = true;
+}
+
+/* Halfway between the roots of active[0 .. n) and those that stand for them, where that is far enough from both. Those
+ * that something was parted from in this very round stay, to be asked once more. */
+static bool look_between(Cells *c, uint32_t *n) {
+    uint32_t again = 0;
+    for (uint32_t from = 0; from < *n; from += BATCH) {
+        uint32_t lanes = *n - from < BATCH ? *n - from : BATCH;
+        double middle[BATCH];
+        for (uint32_t i = 0; i < lanes; i++) {
+            const Root *r = &c->root[c->active[from + i]], *s = stands_for(c, c->active[from + i]);
+            double x[3];
+            memcpy(x, r->x, sizeof x);
+            x[r->axis] = middle[i] = cells_round(c, 0.5 * (r->x[r->axis] + s->x[r->axis]));
+            batch_set_x(c->b, i, x);
+        }
+        cells_call(c, SLT_K_SIDES, lanes);
+        for (uint32_t i = 0; i < lanes; i++) {
+            uint32_t at = c->active[from + i], hash = (uint32_t)batch_get_int(c->b, SLT_OUT_HASH, 0, i);
+            Root *r = &c->root[at], *s = stands_for(c, at);
+            double p = r->x[r->axis], q = s->x[r->axis];
+            bool wide = fabs(p - q) >= WIDE * unit(c, larger(fabs(p), fabs(q)));
+            r->twin = s->twin && is_alike(c, cells_sides(c, s)); /* to be moved, if nothing is seen */
+            if (!s->twin) c->active[again++] = at;
+            else if (wide && !is_beside(cells_sides(c, s), hash) && !part(c, r, s, middle[i], i)) return false;
+        }
+    }
+    for (uint32_t i = 0; i < again; i++) choose_other(c, &c->root[c->active[i]]);
+    *n = again;
+    return true;
+}
+
+/* What the jump of a root is, upwards, after one move; told: the two curves came apart, and nothing else is near. */
+typedef struct Order {
+    bool told, seen;
+    double jump[SLT_MAX_CHANNELS];
+} Order;
+
+enum { AT_ONCE = 64, PLACES = 3 }; /* pairs; below both, between, above both */
+
+static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.geometries = s->geometries; }
+
+/* The orders of pairs active[from .. from + n) after one move of the parameters. */
+static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Order *order) {
+    double x[AT_ONCE][PLACES];
+    bool lower[AT_ONCE]; /* the one that is to return lies below */
+    Batch *b = c->b;
+    c->nprobe = 0;
+    use(b, moved);
+    for (uint32_t i = 0; i < n; i++) {
+        const Root *r = &c->root[c->active[from + i]], *s = stands_for(c, c->active[from + i]);
+        if (!cells_probe(c, r->of, s->x) || !cells_probe(c, s->of, s->x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        const Root *s = stands_for(c, c->active[from + i]);
+        const Probe *p = &c->probe[2 * i], *q = p + 1;
+        double at = s->x[s->axis], r = at - p->g / p->dg[s->axis], t = at - q->g / q->dg[s->axis], d = fabs(r - t);
+        double place[PLACES] = {smaller(r, t) - 0.5 * d, 0.5 * (r + t), larger(r, t) + 0.5 * d};
+        lower[i] = r < t;
+        order[i].told = d >= APART * unit(c, larger(fabs(r), fabs(t))) && place[0] > c->lo[s->axis] &&
+                        place[2] < c->hi[s->axis]; /* NaN is not */
+        for (uint32_t k = 0; k < PLACES; k++) {
+            double to[3];
+            memcpy(to, s->x, sizeof to);
+            to[s->axis] = x[i][k] = order[i].told ? cells_round(c, place[k]) : at;
+            batch_set_x(b, PLACES * i + k, to);
+        }
+    }
+    cells_call(c, SLT_K_SIDES, PLACES * n);
+    for (uint32_t i = 0; i < n; i++) {
+        const Sides *s = cells_sides(c, stands_for(c, c->active[from + i]));
+        uint32_t lane = PLACES * i, hash[PLACES];
+        for (uint32_t k = 0; k < PLACES; k++) hash[k] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, lane + k);
+        order[i].told &= hash[0] == s->hash[0] && hash[2] == s->hash[1];
+        order[i].seen = order[i].told && !is_beside(s, hash[1]);
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+            double f = batch_get(b, SLT_OUT_F, ch, lane + 1);
+            order[i].jump[ch] = !order[i].seen ? 0
+                                : lower[i]     ? f - batch_get(b, SLT_OUT_F, ch, lane)
+                                               : batch_get(b, SLT_OUT_F, ch, lane + 2) - f;
+        }
+    }
+    return true;
+}
+
+/* A pair of orders, forth and back: sides of which the jump is their mean, and those for the coarse rule. */
+static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2]) {
+    if (!stood->twin) return true; /* another curve was parted from it, that is nearer */
+    if (!restore(c, r, stood, 2) || !CELLS_ROOM(c, sides, 2)) return false;
+    const Sides of = *cells_sides(c, stood);
+    stood->sides = c->nsides + 1, c->nsides += 2;
+    r->band = stood->band = true;
+    for (uint32_t i = 0; i < 4; i++) {
+        bool own = i < 2, coarse = i & 1;
+        Sides *s = &c->sides[(own ? r : stood)->sides - 1 + coarse];
+        *s = of, s->hash[1] = ~of.hash[0];
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+            double jump = coarse ? order[1].jump[ch] : 0.5 * (order[0].jump[ch] + order[1].jump[ch]);
+            s->f[1][ch] = of.f[0][ch] + (own ? jump : -jump);
+        }
+    }
+    return true;
+}
+
+static bool move_apart(Cells *c, uint32_t n) {
+    if (!cells_ready_to_tie(c)) return false;
+    const SltCullList *lists = c->b->args.cull; /* good where nothing has moved */
+    bool memory = true;
+    c->b->args.cull = NULL;
+    for (uint32_t from = 0; from < n && c->apart && memory; from += AT_ONCE) {
+        uint32_t most = n - from < AT_ONCE ? n - from : AT_ONCE;
+        Order order[UNTIE_WAYS][AT_ONCE];
+        for (uint32_t m = 0; m < UNTIE_WAYS && memory; m++)
+            memory = see(c, &c->apart->move[m].scene, from, most, order[m]);
+        for (uint32_t i = 0; i < most && memory; i++)
+            for (uint32_t m = 0; m < UNTIE_WAYS; m += 2) {
+                const Order *forth = &order[m][i], *back = &order[m + 1][i];
+                if (!forth->told || !back->told) continue;
+                uint32_t at = c->active[from + i];
+                const Order both[2] = {*forth, *back};
+                if (forth->seen || back->seen) memory = keep_pair(c, &c->root[at], stands_for(c, at), both);
+                break;
+            }
+    }
+    use(c->b, c->s);
+    c->b->args.cull = lists;
+    return memory;
+}
+
+bool cells_part_twins(Cells *c) {
+    uint32_t n = 0;
+    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        if (!c->root[i].other) continue;
+        const Root *s = stands_for(c, i);
+        if (is_site(c, &c->root[i]) && s->wanted && s->sides) c->active[n++] = i;
+    }
+    if (!n) return true;
+    while (n)
+        if (!look_between(c, &n)) return false;
+    for (uint32_t i = 0; i < c->nroot; i++)
+        if (c->root[i].other && c->root[i].twin && stands_for(c, i)->twin) c->active[n++] = i;
+    return !n || move_apart(c, n);
+}
+
+void cells_count_band(Cells *c, const Root *r) {
+    Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
+    const Sides *s = cells_sides(c, r);
+    if (cell->band || cell->rule == CELL_COARSE || !memcmp(s[0].f[1], s[1].f[1], c->s->channels * sizeof(double)))
+        return;
+    double part = cell->weight / c->volume;
+    for (uint32_t d = 0; d < c->dim; d++)
+        if ((int)d != cell->slice) part *= cell->box.end[d] - cell->box.lo[d];
+    cell->band = true, c->counts->banded += part;
+    c->counts->coincident++;
+}
