@@ -303,6 +303,7 @@ static int check(Check *k) {
             all_pass = false;
         }
         print_rows(k, all_pass);
+        if (!c->quiet) cli_tell(c, k->p);
         report_dropped(c, &k->stats);
         if (k->stats.asserts) all_pass = false;
     }

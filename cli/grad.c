@@ -109,6 +109,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
                     (unsigned long long)stats.crossings, stats.seconds);
     }
     report_cells(c, &stats, &left);
+    if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(all);
     return report_status(&stats);
@@ -166,6 +167,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         print_table(c, p, g, g + n, 1, stats.cells);
     }
     report_cells(c, &stats, &left);
+    if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(g);
     return report_status(&stats);
@@ -308,6 +310,7 @@ static int grad_images(Cli *c, SltProgram *p) {
     }
     if (status == SLT_OK) {
         report_cells(c, &stats, &left);
+        if (!c->quiet) cli_tell(c, p);
         report_dropped(c, &stats);
         status = report_status(&stats);
     }

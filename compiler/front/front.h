@@ -70,6 +70,8 @@ typedef struct Program {
     Fn **cull_bounds;     /* [ncull] their bounds functions: input iteration, outputs lo.x lo.y hi.x hi.y */
     Untracked *untracked; /* instructions of the primal; valid until a pass edits it */
     uint32_t nuntracked;
+    Span *silenced; /* places that would be untracked but for [NoDisc] */
+    uint32_t nsilenced;
     Func *entry_func;
 } Program;
 

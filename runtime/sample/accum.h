@@ -6,7 +6,7 @@
 #include "runtime/sample/batch.h"
 
 enum {
-    ACCUMS = 6 * SLT_MAX_CHANNELS, /* most buffers: for each channel those of quadrature/sums.h */
+    ACCUMS = 9 * SLT_MAX_CHANNELS, /* most buffers: for each channel three sums and the sketches of lines */
     ACCUM_BLOCK = 16,              /* parameters that are looked at together */
     COSETS = 4                     /* interleaved parts of an image, whose spread bounds the error of the whole */
 };

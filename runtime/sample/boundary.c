@@ -22,7 +22,14 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->sink.coincide.apart = y->run->apart;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
     w->sink.any_sign = y->any_sign;
+    w->sink.misses = kind == SINK_INTEGRAL || (kind == SINK_REVERSE && y->misses);
 }
+
+bool boundary_in_order(const Run *r) {
+    return estimators[r->j->estimator] == lattice_run && r->grid.integral && r->s->dim > 1 && !r->s->uses_rand;
+}
+
+bool boundary_sketches(const Run *r) { return boundary_in_order(r) && r->s->dim == 2; }
 
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
     Run *r = y->run;
@@ -31,7 +38,8 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                s->kernel[SLT_K_SITE_GRAD] &&
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t accums = kind == SINK_INTEGRAL ? 3 * s->channels : kind == SINK_REVERSE ? y->classes : 0;
+    uint32_t sums = boundary_sketches(r) && !y->any_sign ? 3 + SKETCHES : 3;
+    uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
     if (st == SLT_OK && !coincide_begin(r, coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines))))

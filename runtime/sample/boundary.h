@@ -8,14 +8,16 @@ typedef struct Boundary {
     Run *run;
     uint32_t replicate, replicates; /* its number, and how many there are; their shifts are strata of one another */
     double segments;                /* a pixel, or of an integral in all */
-    double *const *targets;         /* sums [nfloats]. SINK_INTEGRAL: by channel, then by channel the part that coarser
-                                       lines miss; SINK_REVERSE: by class */
-    float *const *out;              /* SINK_FORWARD: images, by direction */
-    float *crossings;               /* SINK_FORWARD: crossings a pixel; may be NULL */
-    const float *adjoint;           /* SINK_REVERSE: an image */
-    const Directions *dirs;         /* SINK_FORWARD */
-    uint32_t classes;               /* SINK_REVERSE: 1, or COSETS */
-    bool any_sign;                  /* SINK_INTEGRAL: each crossing counts with a random sign */
+    double *const *targets; /* sums [nfloats]. SINK_INTEGRAL: by channel, by channel the part that coarser lines miss,
+                               by channel what boundaries that coincide leave open, then the sketches, by channel each;
+                               SINK_REVERSE: by class, then as `misses` says */
+    float *const *out;      /* SINK_FORWARD: images, by direction */
+    float *crossings;       /* SINK_FORWARD: crossings a pixel; may be NULL */
+    const float *adjoint;   /* SINK_REVERSE: an image */
+    const Directions *dirs; /* SINK_FORWARD */
+    uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
+    bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
+    bool any_sign;          /* SINK_INTEGRAL: each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
@@ -23,6 +25,10 @@ SltStatus boundary_run(Boundary *y, SinkKind kind);
 typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 #define SLT_ESTIMATOR(id, name, run, ...) BoundaryRun run;
 #include "saltus/estimators.def"
+/* Are the lines of all replicates together evenly spaced, so that replicates do not err independently? */
+bool boundary_in_order(const Run *r);
+/* Does an integral get the sketches of its lines (sketch.h)? Only those of a lattice in a plane are in order. */
+bool boundary_sketches(const Run *r);
 /* Sets up a worker's sink for this boundary before its first tile. */
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);

@@ -6,6 +6,7 @@
 
 #include "runtime/geometry/geometry.h"
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/bars.h"
 #include "runtime/sample/difference.h"
 #include "runtime/sample/interior.h"
 
@@ -130,7 +131,7 @@ static void spread(const double *v, uint32_t n, uint32_t channels, uint32_t c, d
     for (uint32_t i = 0; i < n; i++) sum += v[i * channels + c];
     sum /= n;
     for (uint32_t i = 0; i < n; i++) var += (v[i * channels + c] - sum) * (v[i * channels + c] - sum);
-    *mean = sum, *error = n > 1 ? sqrt(var / (n - 1) / n) : 0;
+    *mean = sum, *error = n > 1 ? bars_factor(n) * sqrt(var / (n - 1) / n) : 0;
 }
 
 SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {

@@ -5,6 +5,7 @@
 
 #include "runtime/quadrature/quadrature.h"
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/bars.h"
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/interior.h"
@@ -141,7 +142,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         return quadrature_reverse(s, j, adjoint[0], gradient, stderr_bound, stats, err);
     Run r;
     uint32_t classes = stderr_bound ? COSETS : 1;
-    double *part[COSETS] = {0};
+    double *part[COSETS] = {0}, *missed = NULL;
     float *mean = NULL;
     st = run_begin(&r, s, j, err);
     if (st != SLT_OK) {
@@ -154,6 +155,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     if (classes == 1) part[0] = gradient;
     for (uint32_t c = 0; c < classes && classes > 1; c++)
         memory &= (part[c] = alloc_zero(s->nfloats, sizeof **part)) != NULL;
+    if (classes > 1) memory &= (missed = alloc_zero(s->nfloats, sizeof *missed)) != NULL;
     if (halves && !j->no_boundary) memory &= (mean = malloc(size * sizeof *mean)) != NULL;
     memset(gradient, 0, s->nfloats * sizeof *gradient);
     if (stderr_bound) memset(stderr_bound, 0, s->nfloats * sizeof *stderr_bound);
@@ -171,19 +173,23 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
         /* On one line every crossing is exact: there is no spread to measure. */
         uint32_t own = s->dim == 1 && !s->uses_rand ? 1 : classes;
         if (classes > 1) clear_parts(part, classes, s->nfloats);
+        double *targets[COSETS + 1] = {0};
+        memcpy(targets, part, own * sizeof *part);
+        targets[own] = missed;
         Boundary y = {.run = &r,
                       .segments = segments_of(j),
                       .adjoint = halves ? mean : adjoint[0],
                       .classes = own,
-                      .targets = part};
+                      .misses = classes > 1,
+                      .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
     }
     r.stats.seconds_boundary = pool_now() - t;
-    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]);
+    for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
-    free(mean);
+    free(mean), free(missed);
     run_end(&r, stats);
     return st;
 }
@@ -236,41 +242,6 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
 }
 
 /* ---- integral */
-typedef struct Replicates {
-    uint32_t n;
-    uint64_t size;                        /* channels * nfloats */
-    double *value;                        /* [n][channels] */
-    double *interior, *boundary, *missed; /* [n][size] */
-    double *half;                         /* [size]: the sum over all, of what boundaries that coincide leave open */
-} Replicates;
-
-/* Of n rows of `size` numbers, to which `other` is added when not NULL: the mean into `mean`, its standard error into
- * `error`; either may be NULL. */
-static void statistics(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean,
-                       double *error) {
-    for (uint64_t i = 0; i < size; i++) {
-        double sum = 0, v = 0;
-        for (uint32_t k = 0; k < n; k++) sum += rows[k * size + i] + (other ? other[k * size + i] : 0);
-        sum /= n;
-        for (uint32_t k = 0; k < n; k++) {
-            double e = rows[k * size + i] + (other ? other[k * size + i] : 0) - sum;
-            v += e * e;
-        }
-        if (mean) mean[i] = sum;
-        if (error) error[i] = n > 1 ? sqrt(v / (n - 1) / n) : 0;
-    }
-}
-
-/* Lines without gaps miss what is narrower than their last halving, about as much as that one found: a part of the
- * error, and none that the replicates differ by. */
-static void add_missing(const double *missed, uint32_t n, uint64_t size, double *error) {
-    for (uint64_t i = 0; i < size; i++) {
-        double sum = 0;
-        for (uint32_t k = 0; k < n; k++) sum += missed[k * size + i] / n;
-        error[i] += fabs(sum);
-    }
-}
-
 static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
 }
@@ -286,6 +257,8 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
         k.missed = alloc_zero(k.n * k.size, sizeof(double));
         k.half = alloc_zero(k.size, sizeof(double));
+        if (boundary_sketches(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
+            st = status_fail(err, SLT_LIMIT, "out of memory");
         if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
             st = status_fail(err, SLT_LIMIT, "out of memory");
     }
@@ -303,6 +276,8 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             targets[c] = k.boundary + i * k.size + (uint64_t)c * s->nfloats;
             targets[s->channels + c] = k.missed + i * k.size + (uint64_t)c * s->nfloats;
             targets[2 * s->channels + c] = k.half + (uint64_t)c * s->nfloats;
+            for (uint32_t q = 0; q < SKETCHES && k.sketch; q++)
+                targets[(3 + q) * s->channels + c] = k.sketch + q * k.size + (uint64_t)c * s->nfloats;
         }
         Boundary y = {.run = &r,
                       .replicate = i,
@@ -318,17 +293,24 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
             mask_inactive(s, k.interior + row * s->nfloats), mask_inactive(s, k.boundary + row * s->nfloats);
             mask_inactive(s, k.missed + row * s->nfloats);
         }
-        statistics(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
-        statistics(k.interior, k.boundary, k.n, k.size, out->gradient, out->gradient_stderr);
-        statistics(k.interior, NULL, k.n, k.size, out->interior, NULL);
-        statistics(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
-        statistics(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
+        bars_of_rows(k.value, NULL, k.n, s->channels, out->value, out->value_stderr);
+        bool apart = boundary_in_order(&r);
+        bars_of_rows(k.interior, k.boundary, k.n, k.size, out->gradient, apart ? NULL : out->gradient_stderr);
+        if (apart && out->gradient_stderr) {
+            bars_of_rows(k.interior, NULL, k.n, k.size, NULL, out->gradient_stderr);
+            bars_add_boundary(&k, out->gradient_stderr);
+            for (uint32_t c = 0; c < s->channels; c++)
+                mask_inactive(s, out->gradient_stderr + (uint64_t)c * s->nfloats);
+        }
+        bars_of_rows(k.interior, NULL, k.n, k.size, out->interior, NULL);
+        bars_of_rows(k.boundary, NULL, k.n, k.size, out->boundary, NULL);
+        bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
-        if (r.proven && out->gradient_stderr) add_missing(k.missed, k.n, k.size, out->gradient_stderr);
+        if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
         if (gradient && !j->no_boundary) st = lost_add(&r, segments_of(j) / k.n, k.n, out->gradient_stderr);
         out->replicates = true;
     }
-    free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half);
+    free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
     run_end(&r, stats);
     return st;
 }

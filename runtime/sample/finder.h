@@ -45,6 +45,7 @@ typedef struct Segment {
     uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
     uint8_t owner;    /* whose it is: an index of Finder.lost */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
+    uint32_t thin;    /* beside which run of one vertex it lies: thin.h */
     double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
 
@@ -61,7 +62,7 @@ typedef struct Crossing {
     int32_t stream;
     int8_t axis, rising; /* rising: 1 where g grows from a to b, else -1 */
     uint8_t cls, owner;
-    uint32_t edge;
+    uint32_t edge, thin;
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 

@@ -16,6 +16,7 @@
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/depth.h"
 #include "runtime/sample/follow.h"
+#include "runtime/sample/thin.h"
 #include "runtime/sample/run.h"
 
 enum {
@@ -237,7 +238,8 @@ static void look(Follow *f, Worker *w, const Probe *probe, uint32_t n) {
         Segment s = {.base = t->base[axis],
                      .axis = (int8_t)axis,
                      .cls = t->classes > 1 ? (uint8_t)((line + t->first[other]) & 3) : 0,
-                     .edge = (uint32_t)v + 1};
+                     .edge = (uint32_t)v + 1,
+                     .thin = THIN_FOUND};
         s.a[other] = s.b[other] = t->pos[other][line];
         s.a[axis] = t->pos[axis][p->edge], s.b[axis] = p->at;
         finder_add(&w->finder, &s, a, m, threshold);

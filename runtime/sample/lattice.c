@@ -15,6 +15,7 @@
 #include "runtime/sample/depth.h"
 #include "runtime/sample/near.h"
 #include "runtime/sample/prove.h"
+#include "runtime/sample/thin.h"
 
 enum { SPAN_MAX = 4096 + 8, SPAN_2D = 128 + 8 }; /* vertices of a tile along an axis */
 
@@ -134,7 +135,16 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
     const uint32_t *hash = w->hash + first;
     const double *depth = w->depth ? w->depth + first : NULL;
     const double *pos = sp->pos[axis];
-    bool integral = y->run->grid.integral, searched[SPAN_MAX];
+    bool searched[SPAN_MAX];
+    Line line = {.pos = pos,
+                 .first = first,
+                 .stride = stride,
+                 .n = sp->vn[axis],
+                 .from = sp->e0[axis] - sp->v0[axis],
+                 .to = sp->e1[axis] - sp->v0[axis],
+                 .at_start = sp->v0[axis] == 0,
+                 .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2,
+                 .threshold = threshold};
     if (w->follow) memset(searched, 0, sp->vn[axis] * sizeof *searched);
     w->finder.segments += sp->e1[axis] - sp->e0[axis];
     for (uint32_t e = sp->e0[axis]; e < sp->e1[axis]; e++) {
@@ -149,30 +159,15 @@ static void scan(const Lattice *l, Worker *w, const Span *sp, uint32_t axis, uin
         bool alike = ha == hb && !depth_differs(da, db, own);
         if (alike && (!w->finder.proves || w->settled[first + v * stride] >> axis & 1)) continue;
         s->a[axis] = pos[v], s->b[axis] = pos[v + 1];
+        s->thin = w->sink.misses && !alike && !w->finder.proves ? thin_edge(w, &line, v, axis) : 0;
         s->edge = w->follow ? (uint32_t)(first + v * stride) + 1 : 0;
         searched[v] = !alike;
-        if (integral && w->finder.proves) {
-            s->cls = 0;
-        } else if (integral) {
-            uint32_t p = (e & ~1u) - sp->v0[axis];
-            s->cls = (e | 1u) <= l->n[axis] && hash[p * stride] == hash[(p + 2) * stride] &&
-                     !(depth && depth_differs(depth[p * stride], depth[(p + 2) * stride], own));
-        }
         finder_add(&w->finder, s, worker_mark(w, first + v * stride), worker_mark(w, first + (v + 1) * stride), own);
     }
     if (w->follow && !w->finder.proves)
         follow_line(w->follow, axis, (uint32_t)(first / sp->stride[1 - axis]), searched);
     if (scene_outputs(y->run->s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
-        if (integral) s->cls = 0;
-        Line line = {.pos = pos,
-                     .first = first,
-                     .stride = stride,
-                     .n = sp->vn[axis],
-                     .from = sp->e0[axis] - sp->v0[axis],
-                     .to = sp->e1[axis] - sp->v0[axis],
-                     .at_start = sp->v0[axis] == 0,
-                     .at_end = sp->v0[axis] + sp->vn[axis] == l->n[axis] + 2,
-                     .threshold = threshold};
+        s->thin = 0;
         near_probe(w, &line, s);
     }
     finder_run(&w->finder, false);
@@ -327,6 +322,7 @@ static bool work(void *user, uint32_t worker, uint64_t tile) {
     near_flush(w);
     finder_run(&w->finder, true);
     if (w->follow && !follow_run(w)) return false;
+    thin_flush(w, sp.stride);
     accum_close(&w->acc);
     return !(w->finder.failed || w->sink.failed || w->acc.failed);
 }
@@ -409,6 +405,7 @@ static bool visit(void *user, uint32_t worker, uint64_t number) {
         follow_known(w->follow, &l->known[i].edge);
     for (uint64_t i = from; i < l->nguest && l->guest[i].tile == tile; i++) follow_enter(w->follow, &l->guest[i].at);
     if (!follow_run(w)) return false;
+    thin_flush(w, sp.stride);
     accum_close(&w->acc);
     return !(w->finder.failed || w->sink.failed || w->acc.failed);
 }
@@ -432,6 +429,19 @@ static SltStatus run_visits(Lattice *l) {
     SltStatus st = run_tiles(l->y->run, l->nvisit, visit, merge_visit, l);
     pool->from = from;
     return st;
+}
+
+/* The lattices of all replicates are one family of lines an axis. */
+static void begin_sketches(const Lattice *l, const uint32_t shift[4]) {
+    const Boundary *y = l->y;
+    uint32_t replicates = y->replicates ? y->replicates : 1;
+    Sketch k = {.seed = y->run->j->seed};
+    for (uint32_t d = 0; d < 2; d++) {
+        double fine = rng_unit(shift[d]) * replicates;
+        k.lo[d] = y->run->s->lo[d], k.step[d] = l->h[d] / replicates, k.phase[d] = fine - floor(fine);
+        k.lines[d] = l->n[d] * replicates;
+    }
+    for (uint32_t i = 0; i < y->run->nworkers; i++) y->run->worker[i].sink.sketch = k;
 }
 
 SltStatus lattice_run(Boundary *y, SinkKind kind) {
@@ -468,6 +478,7 @@ SltStatus lattice_run(Boundary *y, SinkKind kind) {
         for (uint32_t o = 0; o < s->dim; o++)
             if (o != d) l.base[d] *= l.h[o];
     }
+    if (kind == SINK_INTEGRAL && !y->any_sign && boundary_sketches(y->run)) begin_sketches(&l, shift);
     bool follows = y->run->nworkers && y->run->worker[0].follow;
     if (follows && (!(l.threshold = alloc_zero(tiles, sizeof *l.threshold)) ||
                     !(l.proves = alloc_zero(tiles, sizeof *l.proves)))) {

@@ -43,6 +43,15 @@ static bool meets(Candidate *c) {
     return true;
 }
 
+double near_meets(const double g[4], const double pos[4]) {
+    Candidate c = {.g0 = g[1],
+                   .g1 = g[2],
+                   .s0 = (g[1] - g[0]) / (pos[1] - pos[0]),
+                   .s1 = (g[3] - g[2]) / (pos[3] - pos[2]),
+                   .len = pos[2] - pos[1]};
+    return meets(&c) ? pos[1] + c.t * c.len : NAN;
+}
+
 static void add(Worker *w, const Candidate *c) {
     Probes *p = w->probes;
     assert(p->n < FIND);

@@ -7,7 +7,7 @@
 
 #include "runtime/sample/boundary.h"
 #include "runtime/sample/depth.h"
-#include "runtime/sample/near.h"
+#include "runtime/sample/thin.h"
 
 enum { LINE_CHUNK = 8192, LINE_MAX = 4096 };
 #define GOLDEN 0.61803398874989485
@@ -43,7 +43,9 @@ static double shrink(const SltScene *s, double x, double other) {
 static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t l, Segment *seg, double *pos) {
     const SltScene *s = k->y->run->s;
     uint32_t shift[4], own[4], lane = k->y->replicate * 4 + axis, v = b->v[axis];
-    bool strata = k->y->replicates > 1, spread = s->dim == 3 && k->y->run->grid.integral;
+    /* With random numbers the lines of a replicate must not be a function of those of another: what rand() does to f is
+     * no function of the place, and strata of one shift would say nothing of it. */
+    bool strata = k->y->replicates > 1 && !s->uses_rand, spread = s->dim == 3 && k->y->run->grid.integral;
     rng_block(k->y->run->j->seed, RNG_BOX, strata ? axis : lane, b->id, shift);
     rng_block(k->y->run->j->seed, RNG_LINE, lane, b->id << 32 | l, own);
     uint64_t rest = l;
@@ -61,7 +63,7 @@ static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t 
         }
         uint64_t i = rest % b->m[d];
         rest /= b->m[d];
-        double t = stratified_shift(rng_unit(shift[at]), k->y->replicate, k->y->replicates, at);
+        double t = stratified_shift(rng_unit(shift[at]), k->y->replicate, strata ? k->y->replicates : 1, at);
         at++;
         seg->a[d] = seg->b[d] = b->lo[d] + (i + t) / b->m[d] * (b->hi[d] - b->lo[d]);
     }
@@ -109,6 +111,15 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
         uint64_t first = (l - from) * n;
         const uint32_t *hash = w->hash + first;
         const double *depth = w->depth ? w->depth + first : NULL;
+        Line line = {.pos = pos,
+                     .first = first,
+                     .stride = 1,
+                     .n = n,
+                     .from = 0,
+                     .to = n - 1,
+                     .at_start = true,
+                     .at_end = true,
+                     .threshold = threshold};
         w->finder.segments += n - 1;
         for (uint32_t e = 0; e + 1 < n; e++) {
             double da = 0, db = 0, own = threshold;
@@ -119,30 +130,20 @@ static void scan_lines(Scan *k, Worker *w, const Box *b, uint32_t axis, uint64_t
             }
             if (hash[e] == hash[e + 1] && !depth_differs(da, db, own)) continue;
             seg.a[axis] = pos[e], seg.b[axis] = pos[e + 1];
-            uint32_t pair = e & ~1u;
-            if (y->run->grid.integral)
-                seg.cls = pair + 2 < n && hash[pair] == hash[pair + 2] &&
-                          !(depth && depth_differs(depth[pair], depth[pair + 2], own));
-            else seg.cls = y->classes > 1 ? (uint8_t)(l & 3) : 0;
+            seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);
+            seg.thin = w->sink.misses ? thin_edge(w, &line, e, axis) : 0;
             finder_add(&w->finder, &seg, worker_mark(w, first + e), worker_mark(w, first + e + 1), own);
         }
         if (scene_outputs(s, SLT_K_REGION, SLT_OUT_NEAR_SITE)) {
             seg.cls = y->run->grid.integral || y->classes < 2 ? 0 : (uint8_t)(l & 3);
-            Line line = {.pos = pos,
-                         .first = first,
-                         .stride = 1,
-                         .n = n,
-                         .from = 0,
-                         .to = n - 1,
-                         .at_start = true,
-                         .at_end = true,
-                         .threshold = threshold};
+            seg.thin = 0;
             near_probe(w, &line, &seg);
         }
         finder_run(&w->finder, false);
     }
     near_flush(w);
     finder_run(&w->finder, true);
+    thin_flush(w, (uint64_t[]){1, 1, 1});
 }
 
 static bool work(void *user, uint32_t worker, uint64_t tile) {

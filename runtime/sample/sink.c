@@ -16,7 +16,7 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 }
 
 void sink_free(Sink *k) {
-    free(k->order), free(k->kept);
+    free(k->order), free(k->kept), free(k->thin);
     coincide_free(&k->coincide);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
@@ -174,6 +174,28 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
     }
 }
 
+/* Into the sketches, which come after the other sums. */
+static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) {
+    uint32_t channels = k->b->s->channels;
+    double weight[BATCH][SKETCHES];
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
+    }
+    for (uint32_t q = 0; q < SKETCHES; q++)
+        for (uint32_t ch = 0; ch < channels; ch++) {
+            uint32_t used = 0;
+            for (uint32_t i = 0; i < n; i++) {
+                const Crossing *x = &c[(uint32_t)order[i]];
+                double seed = weight[i][q] * x->weight * x->jump[ch];
+                if (seed == 0) continue;
+                sink_put(k, used, x);
+                batch_set(k->b, SLT_IN_SEED0, used++, seed);
+            }
+            accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, (3 + q) * channels + ch);
+        }
+}
+
 /* Of crossings of lines: how much there is of the boundary, jumps of both signs alike; those that coarser lines miss
  * count twice. */
 static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first, bool missed) {
@@ -222,16 +244,16 @@ static void emit_forward(Sink *k, const Crossing *c, const uint64_t *order, uint
     }
 }
 
+static bool room(Sink *k, Crossing **list, uint64_t *cap, uint64_t n) {
+    if (n <= *cap) return true;
+    Crossing *more = realloc(*list, 2 * n * sizeof *more);
+    if (!more) k->failed = true;
+    else *list = more, *cap = 2 * n;
+    return more != NULL;
+}
+
 static void keep_all(Sink *k, const Crossing *c, uint32_t n) {
-    if (k->nkept + n > k->kept_cap) {
-        uint64_t cap = 2 * (k->nkept + n);
-        Crossing *more = realloc(k->kept, cap * sizeof *more);
-        if (!more) {
-            k->failed = true;
-            return;
-        }
-        k->kept = more, k->kept_cap = cap;
-    }
+    if (!room(k, &k->kept, &k->kept_cap, k->nkept + n)) return;
     memcpy(k->kept + k->nkept, c, n * sizeof *c);
     k->nkept += n;
 }
@@ -270,7 +292,10 @@ static void emit(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n) 
     if (!n) return;
     uint32_t cls = c[(uint32_t)order[0]].cls, channels = k->b->s->channels;
     switch (k->kind) {
-    case SINK_INTEGRAL: emit_integral(k, c, order, n, 0, cls ? channels : 0); break;
+    case SINK_INTEGRAL:
+        emit_integral(k, c, order, n, 0, cls ? channels : 0);
+        if (k->sketch.lines[0]) emit_sketches(k, c, order, n);
+        break;
     case SINK_PARTS:
         emit_integral(k, c, order, n, (cls & 1) * channels, (cls & 1) * channels);
         if (cls & 4) emit_size(k, c, order, n, SIZE_GROUP * channels, cls & 2);
@@ -289,6 +314,16 @@ void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
     for (uint32_t from = 0, to; from < n; from = to) {
         to = group_end(k, c, from, n);
         emit(k, c, k->order + from, to - from);
+    }
+}
+
+void sink_put_missed(Sink *k, const Crossing *c, uint32_t n) {
+    uint32_t missed = k->b->s->channels;
+    group(k, c, n);
+    for (uint32_t from = 0, to; from < n; from = to) {
+        to = group_end(k, c, from, n);
+        if (k->kind == SINK_REVERSE) emit_reverse(k, c, k->order + from, to - from, k->classes, 0);
+        else emit_integral(k, c, k->order + from, to - from, missed, missed);
     }
 }
 
@@ -353,8 +388,12 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
     for (uint32_t from = 0, to; from < n; from = to) {
         uint32_t kept = 0;
         to = group_end(k, c, from, n);
-        for (uint32_t i = from; i < to; i++)
-            if (keep[i]) k->order[from + kept++] = k->order[i];
+        for (uint32_t i = from; i < to; i++) {
+            if (!keep[i]) continue;
+            const Crossing *x = &c[(uint32_t)k->order[i]];
+            if (x->thin && k->misses && room(k, &k->thin, &k->thin_cap, k->nthin + 1)) k->thin[k->nthin++] = *x;
+            k->order[from + kept++] = k->order[i];
+        }
         emit(k, c, k->order + from, kept);
     }
     if (k->coincide.nparts) put_parts(k);

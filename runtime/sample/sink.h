@@ -6,11 +6,12 @@
 #include "runtime/sample/accum.h"
 #include "runtime/sample/coincide.h"
 #include "runtime/sample/follow.h"
+#include "runtime/sample/sketch.h"
 #include "runtime/sample/splat.h"
 
 typedef enum SinkKind {
-    SINK_INTEGRAL, /* adjoints by channel, again those of crossings that coarser lines miss, and what boundaries that
-                      coincide add to the error */
+    SINK_INTEGRAL, /* adjoints by channel, again those of crossings that coarser lines miss, what boundaries that
+                      coincide add to the error, and sketches of lines, where there are any */
     SINK_PARTS,    /* adjoints by set (bit 0 of the class) and channel; bit 2: a fifth group gets their size, bit 1:
                       twice, as coarser lines miss them */
     SINK_REVERSE,  /* adjoints weighed by an adjoint image */
@@ -43,8 +44,12 @@ struct Sink {
     Coincide coincide;
     Follow *follow; /* NULL: fingers are not followed */
     bool any_sign;  /* SINK_INTEGRAL: each crossing counts with a random sign */
-    bool clip;      /* drop crossings outside the domain, uncounted */
-    bool failed;    /* memory ran out */
+    Sketch sketch;  /* SINK_INTEGRAL */
+    Crossing *thin; /* [nthin]: of this tile, for thin.h; only where `misses` */
+    uint64_t nthin, thin_cap;
+    bool misses; /* there are sums of what is missed: SINK_INTEGRAL, and as the last buffer SINK_REVERSE */
+    bool clip;   /* drop crossings outside the domain, uncounted */
+    bool failed; /* memory ran out */
 };
 bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Grid *g);
 void sink_free(Sink *k);
@@ -54,6 +59,8 @@ void sink_take(void *sink, Crossing *c, uint32_t n);
 void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n);
 /* weight * jump into the group of sizes alone; SINK_REVERSE: of the sum of what the adjoint weighs. n <= BATCH. */
 void sink_put_size(Sink *k, const Crossing *c, uint32_t n);
+/* The same into the sums of what is missed alone. */
+void sink_put_missed(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);

@@ -58,8 +58,9 @@ static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, con
 }
 
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind) {
-    if (l->quiet || l->in_tangent || l->tag.nodisc || ir_is_const(at)) return;
-    vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));
+    if (l->quiet || l->in_tangent || ir_is_const(at)) return;
+    if (l->tag.nodisc) vec_push(l->arena, &l->silenced, span);
+    else vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));
 }
 
 /* ---- [SkipLoop]

@@ -1,0 +1,60 @@
+/* Means and bars. What is 0.3 and 0.25 here was measured: tests/bench/coverage.py. */
+#include <math.h>
+#include <stddef.h>
+
+#include "runtime/sample/bars.h"
+#include "runtime/sample/sketch.h"
+
+/* After Wallace 1959. */
+double bars_factor(uint32_t n) {
+    double nu = n - 1.0, z = 2 * (8 * nu + 3) / (8 * nu + 1);
+    return 0.5 * sqrt(nu * expm1(z * z / nu));
+}
+
+/* The mean of component i of n rows, and the square of its standard error. */
+static double mean_of(const double *rows, const double *other, uint32_t n, uint64_t size, uint64_t i,
+                      double *variance) {
+    double sum = 0, v = 0;
+    for (uint32_t k = 0; k < n; k++) sum += rows[k * size + i] + (other ? other[k * size + i] : 0);
+    sum /= n;
+    for (uint32_t k = 0; k < n; k++) {
+        double e = rows[k * size + i] + (other ? other[k * size + i] : 0) - sum;
+        v += e * e;
+    }
+    *variance = n > 1 ? v / (n - 1) / n : 0;
+    return sum;
+}
+
+void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error) {
+    double factor = n > 1 ? bars_factor(n) : 0, v;
+    for (uint64_t i = 0; i < size; i++) {
+        double m = mean_of(rows, other, n, size, i, &v);
+        if (mean) mean[i] = m;
+        if (error) error[i] = factor * sqrt(v);
+    }
+}
+
+/* In a plane replicates are strata of one family of lines, and their spread says more of the distance between lines of
+ * one replicate than of the family: too much where edges bend, and nothing where each has met an edge equally often.
+ * What differences of lines say is exact for edges that end; a part of the spread is for noise from line to line.
+ * In space they are interleaved parts of one even sequence, whose mean errs by far less than four of their kind would.
+ */
+void bars_add_boundary(const Replicates *k, double *error) {
+    double part = k->n > 1 ? 0.25 * bars_factor(k->n) : 0, sketch[SKETCHES], v;
+    for (uint64_t i = 0; i < k->size; i++) {
+        mean_of(k->boundary, NULL, k->n, k->size, i, &v);
+        for (uint32_t q = 0; q < SKETCHES && k->sketch; q++) sketch[q] = k->sketch[q * k->size + i] / k->n;
+        error[i] = sqrt(error[i] * error[i] + (k->sketch ? 0.3 * v + sketch_variance(sketch) : part * part * v));
+    }
+}
+
+/* What is missed is a part of the error, and none that the replicates differ by: of lines without gaps what is narrower
+ * than their last halving, about as much as that one found; of others see thin.h. It is known as well as replicates
+ * agree on it. */
+void bars_add_missed(const Replicates *k, double *error) {
+    double v;
+    for (uint64_t i = 0; i < k->size; i++) {
+        error[i] += fabs(mean_of(k->missed, NULL, k->n, k->size, i, &v));
+        error[i] += sqrt(v);
+    }
+}

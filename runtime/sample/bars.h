@@ -1,0 +1,25 @@
+/* From replicates to means and the bars beside them: two bars hold 95.4 % of the answers, as of a normal deviate. Plain
+ * arithmetic on arrays of the caller. */
+#ifndef SALTUS_SAMPLE_BARS_H
+#define SALTUS_SAMPLE_BARS_H
+
+#include <stdint.h>
+
+typedef struct Replicates {
+    uint32_t n;
+    uint64_t size;                        /* channels * nfloats */
+    double *value;                        /* [n][channels] */
+    double *interior, *boundary, *missed; /* [n][size] */
+    double *half;                         /* [size]: the sum over all, of what boundaries that coincide leave open */
+    double *sketch;                       /* [SKETCHES][size]: of the sum over all replicates; NULL: none */
+} Replicates;
+/* By how much the standard error of the mean of n is too small a bar: Student's t with n - 1 degrees of freedom. */
+double bars_factor(uint32_t n);
+/* Of n independent rows of `size` numbers, to which `other` is added when not NULL: the mean into `mean`, its bar into
+ * `error`; either may be NULL. */
+void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error);
+/* Add the error of the boundary term, and what is missed of it, to bars of the interior. */
+void bars_add_boundary(const Replicates *k, double *error);
+void bars_add_missed(const Replicates *k, double *error);
+
+#endif

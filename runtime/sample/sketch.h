@@ -1,0 +1,26 @@
+/* The error of lines that are evenly spaced, from the lines themselves. The lattices of all replicates together are one
+ * family of lines an axis, and their mean is in error by what their sums do between lines: a family with a random
+ * shift errs, where a sum jumps by a, by a / sqrt(12) spacings, and less where it only bends. The second differences of
+ * neighbouring lines' sums see both: twice a squared for a jump.
+ *
+ * Sums by line are too many to keep where there are many parameters. SKETCHES random sums of all second differences are
+ * kept instead, each with a random sign and each in one of them: the mean of their squares is the same, and a
+ * crossing needs only its own line to know how often it counts in each. Differences go round: the shift is one of a
+ * period, and what differs between the two ends of the domain is in error like a jump. */
+#ifndef SALTUS_SAMPLE_SKETCH_H
+#define SALTUS_SAMPLE_SKETCH_H
+
+#include <stdint.h>
+
+enum { SKETCHES = 6 };
+
+typedef struct Sketch {
+    double lo[2], step[2], phase[2]; /* by the axis across which lines lie: line i is at lo + (i + phase) * step */
+    uint32_t lines[2], seed;         /* lines[0] 0: no sketches */
+} Sketch;
+/* How often what is found at x, on a line along `axis`, counts in each sketch. */
+void sketch_weights(const Sketch *k, const double x[3], int axis, double weight[SKETCHES]);
+/* The variance of the sum over all lines, from a component of the sketches of that sum. */
+double sketch_variance(const double sketch[SKETCHES]);
+
+#endif

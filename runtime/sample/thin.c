@@ -1,0 +1,140 @@
+/* What lines do not see, from what they see by chance: thin.h. */
+#include <math.h>
+#include <stdlib.h>
+
+#include "runtime/sample/depth.h"
+#include "runtime/sample/thin.h"
+
+#define MOST 0x1p15 /* that one run stands for: roots are not known better than that */
+enum { SHIFTS = 16 };
+
+/* May the near-miss probe see a run? */
+typedef enum Probe {
+    PROBE_BLIND, /* no */
+    PROBE_SURE,  /* the line ends near by, where it has gradients to ask */
+    PROBE_TRY    /* perhaps: all it looks at is known */
+} Probe;
+/* Segment.thin from THIN_FIRST on: the run's vertex, the axis, the probe, and whether the edge lies behind the vertex.
+ */
+enum { THIN_FIRST = 2, AXES = 3, PROBES = 3 };
+
+static bool alike(const Worker *w, const Line *l, uint64_t a, uint64_t b) {
+    return w->hash[a] == w->hash[b] && !(w->depth && depth_differs(w->depth[a], w->depth[b], l->threshold));
+}
+
+static uint64_t vertex(const Line *l, uint32_t v) { return l->first + v * l->stride; }
+
+static Probe probe_of(const Worker *w, const Line *l, uint32_t v) {
+    if (!w->near_key) return PROBE_BLIND;
+    uint64_t a = vertex(l, v - 1), b = vertex(l, v + 1);
+    if (w->near_event[a] < 0 || w->near_key[a] != w->near_key[b]) return PROBE_BLIND;
+    if (v < 2 || v + 2 >= l->n) return PROBE_SURE;
+    uint64_t before = vertex(l, v - 2), after = vertex(l, v + 2);
+    return w->near_key[before] == w->near_key[a] && w->near_key[after] == w->near_key[a] ? PROBE_TRY : PROBE_BLIND;
+}
+
+static bool is_run(const Worker *w, const Line *l, uint32_t v) {
+    return v > 0 && v + 1 < l->n && alike(w, l, vertex(l, v - 1), vertex(l, v + 1)) &&
+           !alike(w, l, vertex(l, v), vertex(l, v + 1));
+}
+
+/* Of neighbours that are runs of each other every second counts. */
+static bool counts(const Worker *w, const Line *l, uint32_t v) {
+    uint32_t row = 0;
+    while (row <= v && is_run(w, l, v - row)) row++;
+    return row & 1;
+}
+
+uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis) {
+    for (uint32_t end = 0; end < 2; end++) {
+        if (!counts(w, l, v + end)) continue;
+        uint64_t run = (vertex(l, v + end) * AXES + axis) * PROBES + probe_of(w, l, v + end);
+        return THIN_FIRST + 2 * (uint32_t)run + (end ? 0 : 1);
+    }
+    return 0;
+}
+
+/* The parabola through (0, 0), (x, g) and (x2, g2), at t. */
+static double parabola(double t, double x, double g, double x2, double g2) {
+    double slope = g / x, bend = (g2 / x2 - slope) / (x2 - x);
+    return t * (slope + bend * (t - x));
+}
+
+/* Does |g| go on between a run and the vertex beside it as between that and the next one? A slope that doubles or
+ * halves is no parabola, but something that the spacing does not resolve. */
+static bool resolved(double x, double g, double h, double g2) {
+    double inner = g / x, outer = (g2 - g) / h;
+    return outer < 2 * inner && inner < 2 * outer;
+}
+
+/* How often the probe finds a run that no vertex meets. The run goes from 0 to `length`, with |g| on both sides as on
+ * the vertices beside it: those before it at -before and so on. */
+static double finds(const Worker *w, uint64_t run, uint64_t stride, double before, double length, double after,
+                    double h) {
+    const float *g = w->near_g;
+    double g1 = (double)g[run - stride], g2 = (double)g[run - 2 * stride], found = 0;
+    double g3 = (double)g[run + stride], g4 = (double)g[run + 2 * stride];
+    if (!resolved(before, g1, h, g2) || !resolved(after, g3, h, g4)) return 0;
+    for (int k = 0; k < SHIFTS; k++) {
+        double right = length + (h - length) * (k + 0.5) / SHIFTS, left = right - h;
+        double pos[4] = {left - h, left, right, right + h}, at[4];
+        for (int i = 0; i < 2; i++) {
+            at[i] = parabola(-pos[i], before, g1, before + h, g2);
+            at[2 + i] = parabola(pos[2 + i] - length, after, g3, after + h, g4);
+        }
+        double meet = near_meets(at, pos);
+        found += meet >= 0 && meet <= length;
+    }
+    return found / SHIFTS;
+}
+
+/* By run, and along its line. */
+static int by_run(const void *pa, const void *pb) {
+    const Crossing *a = pa, *b = pb;
+    if (a->thin != b->thin) return a->thin < b->thin ? -1 : 1;
+    double p = a->x[a->axis], q = b->x[b->axis];
+    return p < q ? -1 : p > q;
+}
+
+/* How many runs like this one, between crossings a and b, were missed for each that was found. */
+static double stands_for(const Worker *w, const Crossing *a, const Crossing *b, const uint64_t stride[3]) {
+    uint64_t code = (a->thin - THIN_FIRST) / 2, run = code / PROBES / AXES;
+    double h = 0, length = b->x[a->axis] - a->x[a->axis], chance;
+    for (uint32_t d = 0; d < w->batch.s->dim; d++) h += fabs(a->direction[d]);
+    if (!(length < h) || code % PROBES == PROBE_SURE) return 0;
+    chance = length / h;
+    if (code % PROBES == PROBE_TRY) /* t of a crossing is where it lies on its edge, from the vertex before it. */
+        chance += (1 - chance) * finds(w, run, stride[a->axis], a->t * h, length, (1 - b->t) * h, h);
+    return fmin(1 / chance, MOST) - 1;
+}
+
+/* The pairs among n crossings in order, weighed by what they stand for, and those that were found by following, go to
+ * the front; returns how many. */
+static uint64_t pair(const Worker *w, Crossing *c, uint64_t n, const uint64_t stride[3]) {
+    uint64_t kept = 0;
+    for (uint64_t i = 0; i < n; i++) {
+        if (c[i].thin == THIN_FOUND) {
+            c[kept] = c[i], c[kept++].weight *= -1;
+            continue;
+        }
+        /* The last crossing before the vertex, the first behind it. */
+        if (i + 1 == n || c[i].thin & 1 || c[i + 1].thin != c[i].thin + 1) continue;
+        double more = stands_for(w, &c[i], &c[i + 1], stride);
+        for (uint64_t k = i; k < i + 2 && more > 0; k++) {
+            Crossing x = c[k];
+            x.weight *= more;
+            c[kept++] = x;
+        }
+        i++;
+    }
+    return kept;
+}
+
+void thin_flush(Worker *w, const uint64_t stride[3]) {
+    Sink *k = &w->sink;
+    if (!k->nthin) return;
+    qsort(k->thin, k->nthin, sizeof *k->thin, by_run);
+    uint64_t n = pair(w, k->thin, k->nthin, stride);
+    for (uint64_t i = 0; i < n; i += BATCH) sink_put_missed(k, k->thin + i, (uint32_t)fmin(BATCH, (double)(n - i)));
+    k->nthin = 0;
+}
