@@ -138,6 +138,22 @@ int report_status(const SltStats *s) {
 static const char kinks[] = "boundaries coincide and move apart: the integral has no derivative there; what is printed "
                             "lies halfway between those to the two sides, half their difference is part of the error";
 
+/* Far from the origin, or with very many lines. */
+static void few_ulps(char *text, size_t size, const SltStats *s) {
+    snprintf(text, size,
+             "in single precision coordinates here have %.2g steps from line to line, fewer than %d: "
+             "errors are larger than stated; --precision f64, or a domain nearer to the origin",
+             s->ulps, SLT_FEW_ULPS);
+}
+
+/* A warning without a place in the source. */
+static void warn_json(FILE *out, bool first, const char *code, const char *text) {
+    fprintf(out,
+            "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
+            "\"character\": 0}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": \"%s\"}",
+            first ? "" : ", ", code, text);
+}
+
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
     const char *lines = slt_diagnostics_json(p);
     bool first = true;
@@ -149,12 +165,12 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
         first = false;
         lines += n + (end != NULL);
     }
-    if (s && s->dropped[SLT_DROP_COINCIDENT])
-        fprintf(
-            out,
-            "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
-            "\"character\": 0}}, \"severity\": 2, \"code\": \"coincident\", \"source\": \"saltus\", \"message\": \"%s\"}",
-            first ? "" : ", ", kinks);
+    if (s && s->dropped[SLT_DROP_COINCIDENT]) warn_json(out, first, "coincident", kinks), first = false;
+    if (s && s->ulps > 0) {
+        char text[256];
+        few_ulps(text, sizeof text, s);
+        warn_json(out, first, "few_ulps", text);
+    }
     fputc(']', out);
 }
 
@@ -172,6 +188,11 @@ void report_dropped(const Cli *c, const SltStats *s) {
     if (s->dropped[SLT_DROP_COINCIDENT] && !c->quiet)
         fprintf(stderr, "saltus: warning: %s (%llu places)\n", kinks,
                 (unsigned long long)s->dropped[SLT_DROP_COINCIDENT]);
+    if (s->ulps > 0 && !c->quiet) {
+        char text[256];
+        few_ulps(text, sizeof text, s);
+        fprintf(stderr, "saltus: warning: %s\n", text);
+    }
     if (s->truncated && !c->quiet)
         fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
     if (s->nonfinite && !c->quiet)

@@ -140,6 +140,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, stopped);
     MEMBER(SltStats, upset);
     MEMBER(SltStats, upset_line);
+    MEMBER(SltStats, ulps);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);
