@@ -331,14 +331,14 @@ static int check(Check *k) {
         row->pass = fabs(row->z) <= c->tolerance; /* false for NaN */
         all_pass &= row->pass;
     }
-    uint64_t dropped = 0;
-    for (int r = 0; r < SLT_DROP_COINCIDENT; r++) dropped += k->stats.dropped[r];
+    uint64_t dropped = report_lost(&k->stats);
     if (s == SLT_OK) {
         const char *other = NULL;
         if (dropped * 100 > k->stats.crossings + dropped) other = "more than 1 % of the crossings were dropped";
         if (k->stats.asserts) other = "an assert failed";
         if (other) all_pass = false;
         print_rows(k, all_pass, other);
+        if (!c->quiet) cli_tell(c, k->p);
         report_dropped(c, &k->stats);
     }
     free(g);

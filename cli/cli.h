@@ -79,6 +79,7 @@ struct Cli {
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;
     bool json, quiet;
+    uint32_t told; /* diagnostics that have been printed */
     /* grad, fit */
     const char *target, *adjoint;
     bool minimize;
@@ -88,6 +89,7 @@ struct Cli {
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
     const char *loss_command;
+    bool allow_commands; /* of scenes */
     double loss_timeout;
     bool loss_timeout_given;
     /* bench */
@@ -115,6 +117,7 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
  * on failure. */
 int cli_compile(Cli *c, SltProgram **out);
+void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
 int cli_unknown_format(const Cli *c);            /* prints that -o has no known extension, returns SLT_USAGE */
 /* Completes the job's sizes for this program (dimension, defaults), and checks them. */
@@ -124,8 +127,9 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
 /* From now on Ctrl-C sets the job's cancel flag, and a second Ctrl-C ends the process. */
 void cli_catch_interrupt(Cli *c);
 bool cli_interrupted(void);
-void cli_watch_time(
-    const Cli *c);    /* ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step */
+/* Ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step; --sandbox sets limits of its own.
+ */
+void cli_watch_time(Cli *c);
 double cli_now(void); /* seconds, monotonic */
 
 /* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
@@ -156,8 +160,9 @@ void report_cells_json(FILE *out, const SltStats *stats, const double *derivativ
 void report_cells(const Cli *c, const SltStats *stats, const double *derivative);
 /* The exit status of an estimate that succeeded: of failed asserts, or of a refinement that stopped early. */
 int report_status(const SltStats *stats);
-/* s: of the call, which may add to them; NULL: none. */
-void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s);
+/* Of the compiler, and of what was sampled; stats: NULL where nothing was. */
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
+uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
 /* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd

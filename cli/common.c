@@ -3,6 +3,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/time.h>
 #include <time.h>
@@ -10,6 +11,9 @@
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
+
+enum { SANDBOX_SECONDS = 60 };
+#define SANDBOX_BYTES ((rlim_t)4 << 30)
 
 double cli_now(void) {
     struct timespec t;
@@ -45,7 +49,12 @@ static void on_alarm(int sig) {
     _exit(SLT_LIMIT);
 }
 
-void cli_watch_time(const Cli *c) {
+void cli_watch_time(Cli *c) {
+    if (c->opt.sandbox) {
+        const struct rlimit memory = {SANDBOX_BYTES, SANDBOX_BYTES};
+        setrlimit(RLIMIT_DATA, &memory);
+        if (c->max_seconds <= 0) c->max_seconds = SANDBOX_SECONDS;
+    }
     if (c->max_seconds <= 0) return;
     double grace = c->max_seconds * 1.25 + 2;
     struct itimerval t = {
@@ -125,6 +134,18 @@ static void on_print(void *user, const char *line, const double *values, uint32_
     fwrite(text, 1, (size_t)length, stderr);
 }
 
+void cli_tell(Cli *c, SltProgram *p) {
+    Session *s = p->session;
+    Diag *all = s->diags, *first = all;
+    for (uint32_t i = 0; i < c->told && first; i++) first = first->next;
+    if (!first) return;
+    s->diags = first;
+    if (c->json) diag_print_json(s, stderr);
+    else diag_print_text(s, stderr, isatty(2) && !getenv("NO_COLOR"));
+    s->diags = all;
+    c->told = slt_diagnostic_count(p);
+}
+
 static bool is_same_file(const char *a, const char *b) {
     struct stat x, y;
     return a && b && !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
@@ -176,10 +197,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     *out = p;
     if (!p) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     bool told = slt_diagnostic_count(p) > 0;
-    if (told && !(c->quiet && status == SLT_OK)) {
-        if (c->json) diag_print_json(p->session, stderr);
-        else diag_print_text(p->session, stderr, isatty(2) && !getenv("NO_COLOR"));
-    }
+    if (told && !(c->quiet && status == SLT_OK)) cli_tell(c, p);
+    c->told = slt_diagnostic_count(p);
     if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
         if (!told || p->session->nerrors == 0) fprintf(stderr, "saltus: %s\n", slt_last_error(p));

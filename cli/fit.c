@@ -437,6 +437,7 @@ static int run(Fit *f) {
         report(f, &err);
     if (ended != SLT_OK) return report(f, &end_err);
     if (!has_outcome(f, status)) return status;
+    if (!c->quiet) cli_tell(c, f->p);
     report_dropped(c, &f->stats);
     int written = write_outputs(f);
     if (written == SLT_OK) written = status;

@@ -129,6 +129,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
     }
     report_cells(c, &stats, &left);
     report_missed(c, p, &out, n - 1);
+    if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(all);
     return report_status(&stats);
@@ -186,6 +187,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         print_table(c, p, g, g + n, 1, stats.cells);
     }
     report_cells(c, &stats, &left);
+    if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(g);
     return report_status(&stats);
@@ -328,6 +330,7 @@ static int grad_images(Cli *c, SltProgram *p) {
     }
     if (status == SLT_OK) {
         report_cells(c, &stats, &left);
+        if (!c->quiet) cli_tell(c, p);
         report_dropped(c, &stats);
         status = report_status(&stats);
     }

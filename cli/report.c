@@ -134,25 +134,54 @@ int report_status(const SltStats *s) {
     return s->stopped != SLT_STOP_NONE ? SLT_LIMIT : SLT_OK;
 }
 
+/* ---- warnings of what was sampled */
+uint64_t report_lost(const SltStats *s) {
+    uint64_t lost = 0;
+    for (int r = 0; r < SLT_DROP_REASONS; r++) lost += r == SLT_DROP_COINCIDENT ? 0 : s->dropped[r];
+    return lost;
+}
+
+/* Some were counted as crossings before they were dropped. */
+static uint64_t met(const SltStats *s) {
+    return s->crossings + report_lost(s) - s->dropped[SLT_DROP_ZERO_GRADIENT] - s->dropped[SLT_DROP_INCONSISTENT];
+}
+
+static bool dropped_text(const SltStats *s, char *buf, size_t size) {
+    uint64_t lost = report_lost(s);
+    if (lost * 1000 <= met(s)) return false;
+    int at = snprintf(buf, size, "%llu of %llu crossings were dropped:", (unsigned long long)lost,
+                      (unsigned long long)met(s));
+    for (int r = 0; r < SLT_DROP_REASONS; r++)
+        if (s->dropped[r] && r != SLT_DROP_COINCIDENT)
+            at +=
+                snprintf(buf + at, size - (size_t)at, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
+    return true;
+}
+
 /* Where boundaries coincide and move apart, the integral has a derivative to each side, and none. */
-static const char kinks[] = "boundaries coincide and move apart: the integral has no derivative there; what is printed "
-                            "lies halfway between those to the two sides, half their difference is part of the error";
+static bool coincident_text(const SltStats *s, char *buf, size_t size) {
+    uint64_t n = s->dropped[SLT_DROP_COINCIDENT];
+    snprintf(buf, size,
+             "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
+             "between those to the two sides, half their difference is part of the error (%llu places)",
+             (unsigned long long)n);
+    return n > 0;
+}
 
 /* Far from the origin, or with very many lines. */
-static void few_ulps(char *text, size_t size, const SltStats *s) {
-    snprintf(text, size,
-             "in single precision coordinates here have %.2g steps from line to line, fewer than %d: "
-             "errors are larger than stated; --precision f64, or a domain nearer to the origin",
+static bool ulps_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(buf, size,
+             "in single precision coordinates here have %.2g steps from line to line, fewer than %d: errors are larger "
+             "than stated; --precision f64, or a domain nearer to the origin",
              s->ulps, SLT_FEW_ULPS);
+    return s->ulps > 0;
 }
 
-/* A warning without a place in the source. */
-static void warn_json(FILE *out, bool first, const char *code, const char *text) {
-    fprintf(out,
-            "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
-            "\"character\": 0}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": \"%s\"}",
-            first ? "" : ", ", code, text);
-}
+static const struct {
+    const char *code;
+    bool (*text)(const SltStats *s, char *buf, size_t size); /* false: there is nothing to warn of */
+} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text}};
+enum { SAMPLED = sizeof sampled / sizeof *sampled, TEXT = 512 };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
     const char *lines = slt_diagnostics_json(p);
@@ -165,34 +194,24 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
         first = false;
         lines += n + (end != NULL);
     }
-    if (s && s->dropped[SLT_DROP_COINCIDENT]) warn_json(out, first, "coincident", kinks), first = false;
-    if (s && s->ulps > 0) {
-        char text[256];
-        few_ulps(text, sizeof text, s);
-        warn_json(out, first, "few_ulps", text);
+    char text[TEXT];
+    for (int i = 0; i < SAMPLED && s; i++) {
+        if (!sampled[i].text(s, text, sizeof text)) continue;
+        fprintf(out,
+                "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
+                "\"character\": 0}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": ",
+                first ? "" : ", ", sampled[i].code);
+        json_text(out, text);
+        fputc('}', out);
+        first = false;
     }
     fputc(']', out);
 }
 
 void report_dropped(const Cli *c, const SltStats *s) {
-    uint64_t dropped = 0;
-    for (int r = 0; r < SLT_DROP_COINCIDENT; r++) dropped += s->dropped[r];
-    uint64_t all = s->crossings + dropped;
-    if (!c->quiet && dropped * 1000 > all) {
-        fprintf(stderr, "saltus: warning: %llu of %llu crossings were dropped:", (unsigned long long)dropped,
-                (unsigned long long)all);
-        for (int r = 0; r < SLT_DROP_COINCIDENT; r++)
-            if (s->dropped[r]) fprintf(stderr, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
-        fputc('\n', stderr);
-    }
-    if (s->dropped[SLT_DROP_COINCIDENT] && !c->quiet)
-        fprintf(stderr, "saltus: warning: %s (%llu places)\n", kinks,
-                (unsigned long long)s->dropped[SLT_DROP_COINCIDENT]);
-    if (s->ulps > 0 && !c->quiet) {
-        char text[256];
-        few_ulps(text, sizeof text, s);
-        fprintf(stderr, "saltus: warning: %s\n", text);
-    }
+    char text[TEXT];
+    for (int i = 0; i < SAMPLED && !c->quiet; i++)
+        if (sampled[i].text(s, text, sizeof text)) fprintf(stderr, "saltus: warning: %s\n", text);
     if (s->truncated && !c->quiet)
         fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
     if (s->nonfinite && !c->quiet)

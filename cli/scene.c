@@ -57,12 +57,18 @@ static char *relative(Reader *r, const char *path) {
     return scene_keep(r->s, out);
 }
 
+/* NULL: the scene may name the file. */
+static const char *refusal(const Reader *r, const char *text, const char *path) {
+    return r->c->opt.sandbox ? sandbox_refusal(r->s->dir, text, path) : NULL;
+}
+
 static int text_of(Reader *r, json_t *root, const char *key, char **out, bool path) {
     json_t *j = json_object_get(root, key);
     if (!j) return SLT_OK;
     if (!json_is_string(j)) return bad(r, key, "a string is wanted");
     *out = path ? relative(r, json_string_value(j)) : scene_keep(r->s, strdup(json_string_value(j)));
-    return SLT_OK;
+    const char *why = path && *out ? refusal(r, json_string_value(j), *out) : NULL;
+    return why ? bad(r, key, why) : SLT_OK;
 }
 
 static int number_of(Reader *r, json_t *root, const char *key, double lo, double hi, double *out) {
@@ -214,7 +220,12 @@ static int read_loss(Reader *r, json_t *root) {
     if (status != SLT_OK) return status;
     if (!command || !*command) return bad(r, "loss", "`command` is missing");
     if (timeout > 0 && !r->c->loss_timeout_given) r->c->loss_timeout = timeout;
-    if (!r->c->loss_command) r->c->loss_command = command, r->s->loss_dir = r->s->dir;
+    if (r->c->loss_command) return SLT_OK;
+    if (r->c->opt.sandbox) return bad(r, "loss", "a sandbox starts no commands of scenes");
+    if (!r->c->allow_commands)
+        return bad(r, "loss",
+                   "it wants to start a program: with --allow-commands it may, or type it behind --loss-command");
+    r->c->loss_command = command, r->s->loss_dir = r->s->dir;
     return SLT_OK;
 }
 

@@ -65,6 +65,7 @@ struct SltProgram {
     void *print_user;             /* of print: this program */
     SltPrint *on_print;           /* the caller's function (slt_set_print), which print calls */
     void *on_print_user;
+    bool steep_looked, steep_told;       /* steep.c: of images; of a change that has no place in the source */
     double ms_front, ms_passes, ms_llvm; /* milliseconds spent compiling */
     bool cached;                         /* every module so far came from the cache */
 
@@ -111,6 +112,9 @@ typedef struct ApiCall {
 SltStatus api_call_begin(ApiCall *c, SltProgram *p, const SltJob *job, SltStats *stats, SltError *err);
 SltStatus api_call_kernels(ApiCall *c, const bool needs[K_KINDS]);
 SltStatus api_call_end(ApiCall *c, SltStatus status);
+/* steep.c: after an estimate that took so many evaluations: warns of changes of f that nothing explains, and adds what
+ * they weigh to the errors of `out`. NULL: of an image, of which only the first is looked at. */
+SltStatus api_steep(ApiCall *c, SltIntegral *out, uint64_t spent);
 /* ---- pixels.c, squares.c: images of 8-bit pixels */
 double api_middle(const SltProgram *p, const SltJob *job, uint32_t axis, uint32_t cell); /* of a pixel; cells go up */
 SltStatus api_render_squares(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);

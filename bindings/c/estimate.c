@@ -115,12 +115,21 @@ SltStatus slt_eval(SltProgram *p, const SltJob *job, uint64_t n, const double *x
     return api_call_end(&c, s);
 }
 
+/* What `after` has counted more than `before`; without counts, what the job's samples take at least. */
+static uint64_t spent(const ApiCall *c, uint64_t before) {
+    if (c->stats) return c->stats->evaluations - before;
+    return c->job.samples;
+}
+static uint64_t counted(const ApiCall *c) { return c->stats ? c->stats->evaluations : 0; }
+
 SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const double *const *dirs, float *const *out,
                           float *crossings, SltStats *stats, SltError *err) {
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, true, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
+    uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_forward(&p->scene, &c.job, ndir, dirs, out, crossings, c.stats, err);
+    if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
     return api_call_end(&c, s);
 }
 
@@ -130,7 +139,9 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
+    uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, gradient, stderr_bound, c.stats, err);
+    if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
     if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, c.stats);
     return api_call_end(&c, s);
 }
@@ -140,8 +151,10 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) note_ulps(&c, false);
+    uint64_t before = counted(&c);
     if (s == SLT_OK)
         s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, gradient, stderr_bound, image, c.stats, err);
+    if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
     if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, c.stats);
     return api_call_end(&c, s);
 }
@@ -152,7 +165,9 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
     if (s == SLT_OK) note_ulps(&c, true);
+    uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
+    if (s == SLT_OK) s = api_steep(&c, &wanted, spent(&c, before));
     if (s == SLT_OK) count_nonfinite(wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, c.stats);
     if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);
     return api_call_end(&c, s);

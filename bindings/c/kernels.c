@@ -68,6 +68,7 @@ static void fill_scene(SltProgram *p) {
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->chunked = p->chunked;
     s->edge_upsets = p->edge_upsets, s->edge_line = p->edge_line;
+    s->still = !p->passes.untracked;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
     s->geometries = p->geometries, s->ngeometries = g->ngeometries, s->geometry_base = p->geometry_base;

@@ -127,6 +127,7 @@ static void compile_body(Session *s, void *arg) {
     } else {
         file = session_add_text(s, c->shown, ".", c->text, strlen(c->text));
     }
+    if (p->opt.sandbox && file >= 0) s->sandbox = s->sources[file].dir;
     ConstOverride *overrides = ARENA_ARRAY(&s->session, ConstOverride, p->opt.nset + 1);
     for (uint32_t i = 0; i < p->opt.nset; i++)
         overrides[i] = (ConstOverride){p->opt.set[i].name, p->opt.set[i].value, false};

@@ -204,3 +204,25 @@ int session_add_file(Session *s, const char *path, const char **why) {
     if (why) *why = status ? s->unwind_text : a.why;
     return status ? -1 : a.result;
 }
+
+static bool climbs(const char *text) {
+    for (const char *at = text; (at = strstr(at, "..")); at += 2)
+        if ((at == text || at[-1] == '/') && (!at[2] || at[2] == '/')) return true;
+    return false;
+}
+
+const char *sandbox_refusal(const char *folder, const char *text, const char *path) {
+    if (text[0] == '/') return "a sandbox allows no absolute paths";
+    if (climbs(text)) return "a sandbox allows no `..` in paths";
+    char *root = realpath(*folder ? folder : ".", NULL), *real = realpath(path, NULL);
+    size_t n = root ? strlen(root) : 0;
+    bool inside = !real || (root && !strncmp(real, root, n) && (real[n] == '/' || (n && root[n - 1] == '/')));
+    free(root);
+    free(real);
+    return inside ? NULL : "a link leads out of the sandbox";
+}
+
+bool session_allows(const Session *s, const char *text, const char *path, const char **why) {
+    *why = s->sandbox ? sandbox_refusal(s->sandbox, text, path) : NULL;
+    return !*why;
+}

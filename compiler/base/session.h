@@ -78,6 +78,7 @@ typedef struct Session {
     const char *const *import_dirs;
     uint32_t nimport_dirs;
     const char *stdlib_dir;
+    const char *sandbox; /* the folder that holds all files which sources may name; NULL: they may name any */
     PtrTable strings, reported, array_types;
     bool bad_input; /* an error is of an input file, */
     bool bad_usage; /* or of the command line: the exit status says so */
@@ -103,6 +104,12 @@ _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(print
  * A source beyond SOURCE_MAX bytes is added empty with too_large set. */
 int session_add_file(Session *s, const char *path, const char **why);
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
+
+/* May a source that wrote `text` read the file `path`? If not, *why (of static life) says so. What does not exist may be
+ * read. */
+bool session_allows(const Session *s, const char *text, const char *path, const char **why);
+/* The same for any folder. NULL: allowed. */
+const char *sandbox_refusal(const char *folder, const char *text, const char *path);
 
 /* Reports; the same code at the same span is reported once. Returns the Diag so that notes can be attached (never
  * NULL). */

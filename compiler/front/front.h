@@ -39,10 +39,11 @@ typedef enum JumpKind {
     JUMP_EQUALITY, /* == or !=: jumps only where it holds on an area */
     JUMP_BUILTIN,
     JUMP_ALWAYS, /* a value that jumps and cannot be a site */
-    JUMP_INTEGER /* a comparison of integers under [Disc], which jumps where they do */
+    JUMP_INTEGER, /* a comparison of integers under [Disc], which jumps where they do */
+    JUMP_SKIPPED  /* of one iteration, under [SkipLoop]: tagged, and no site by itself; opt_skips.c */
 } JumpKind;
 
-/* An untagged place that may jump. The front end records them; pass/warn.c judges. */
+/* A place that may jump and is no site. The front end records them; pass/warn.c judges. */
 typedef struct Untracked {
     Inst *at;      /* the comparison, or the value that jumps */
     Inst *g0, *g1; /* g = g0 - g1; g1 may be NULL */
@@ -69,6 +70,8 @@ typedef struct Program {
     Fn **cull_bounds;     /* [ncull] their bounds functions: input iteration, outputs lo.x lo.y hi.x hi.y */
     Untracked *untracked; /* instructions of the primal; valid until a pass edits it */
     uint32_t nuntracked;
+    Span *silenced; /* places that would be untracked but for [NoDisc] */
+    uint32_t nsilenced;
     Func *entry_func;
 } Program;
 

@@ -36,6 +36,8 @@ typedef struct Interp {
     int status;                      /* anything but SLT_OK unwinds */
     uint64_t fuel;                   /* instructions left */
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
+    IrWatch *watch; /* NULL: nobody watches */
+    void *watch_user;
 } Interp;
 
 static bool exec_block(Interp *in, const Block *b, const Mask *m);
@@ -492,11 +494,13 @@ static bool exec_block(Interp *in, const Block *b, const Mask *m) {
         if (in->fuel-- == 0) return fail(in, SLT_LIMIT);
         if (ir_ops[i->op].special) {
             if (!exec_special(in, i, m)) return false;
+            if (in->watch) in->watch(in->watch_user, i, (const void *const *)slot, m->on);
             continue;
         }
         const void *x = slot[i->args[0]->id];
         const void *y = i->nargs > 1 ? slot[i->args[1]->id] : NULL, *z = i->nargs > 2 ? slot[i->args[2]->id] : NULL;
         in->eval(i->op, in->lanes, slot[i->id], x, y, z);
+        if (in->watch) in->watch(in->watch_user, i, (const void *const *)slot, m->on);
     }
     return true;
 }
@@ -578,6 +582,11 @@ int ir_interpret(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes) 
 }
 
 int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel) {
+    return ir_interpret_watched(fn, args, n, lanes, fuel, NULL, NULL);
+}
+
+int ir_interpret_watched(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel, IrWatch *watch,
+                         void *user) {
     if (!lanes || lanes > MAX_LANES || (lanes & (lanes - 1))) return SLT_USAGE;
     if (!n) return SLT_OK;
     while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site]))
@@ -585,6 +594,7 @@ int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t 
     bool f32 = fn->precision == PREC_F32;
     Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK, .fuel = *fuel};
     in.eval = f32 ? rows_eval_f32 : rows_eval_f64;
+    in.watch = watch, in.watch_user = user;
     in.tape_limit = args->tape_bytes ? args->tape_bytes : default_tape_bytes;
     if (set_up(&in)) {
         Mask all = {{0}};

@@ -140,6 +140,7 @@ typedef struct SiteInfo {
     uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
+    bool still; /* untagged, and does not move: opt_masks.c; where bounds hold it is a seam like others */
     SeamUpset upsets; /* of a seam */
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
@@ -281,5 +282,9 @@ int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t 
 /* The same within *fuel instructions, each counted once a vector; leaves in *fuel what was not used, and returns
  * SLT_LIMIT when all was. */
 int ir_interpret_within(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel);
+/* The same; after each instruction `watch` sees the values so far, slot[id][lane], and which lanes are active. */
+typedef void IrWatch(void *user, const Inst *i, const void *const *slot, const uint8_t *on);
+int ir_interpret_watched(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel,
+                         IrWatch *watch, void *user);
 
 #endif

@@ -225,6 +225,7 @@ char *ir_print_string(const Fn *fn, Arena *arena) {
         text_add(&t, "site %s depth %" PRIu32 " events %" PRIu64, ir_site_kinds[site->kind], site->depth,
                  site->max_events);
         if (site->skip_loop) text_add(&t, " skip");
+        if (site->still) text_add(&t, " still");
         text_add(&t, " path ");
         add_string(&t, site->path);
         text_add(&t, " text ");

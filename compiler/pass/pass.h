@@ -31,6 +31,7 @@ typedef struct PassPoint {
 typedef struct PassCtx {
     Session *session;
     const Program *program; /* whose Fns these are, for warnings; NULL: no warnings */
+    bool untracked;         /* set by warn_jumps: some jump that moves is not tagged */
     PassPoint dump;         /* print the IR to standard error */
     PassPoint verify;       /* check the IR, and that the pass did what its row says */
     PassPoint stop_after;   /* print the IR to standard output, then unwind (session_stop) */

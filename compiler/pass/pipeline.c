@@ -22,15 +22,18 @@ _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for eac
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
     const PassStage stage = PASS_NEEDS_PRIMAL;
     pass_step(ctx, stage, fn, PASS_front);
-    RUN(warn_jumps); /* first: the front end recorded instructions, which other passes move */
+    RUN(opt_skips);
+    RUN(opt_masks); /* first these three: the front end recorded instructions, which other passes move */
+    RUN(warn_jumps);
     RUN(opt_fold);
     RUN(opt_induction);
     RUN(opt_dce);
     if (RUN(opt_unroll)) RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_licm);
+    RUN(opt_roots); /* before the next two make other shapes of powers and of smoothstep */
     RUN(opt_powers);
-    RUN(opt_contract); /* this and opt_powers change floats: no pass does from here on but lower_math */
+    RUN(opt_contract); /* these three change floats: no pass does from here on but lower_math */
     RUN(opt_fold);
     RUN(opt_cse);
     RUN(opt_dce);

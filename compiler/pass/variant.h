@@ -10,6 +10,7 @@ Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent)
 Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *name);
 /* Sites become their decision (or integer) again. */
 void variant_drop_sites(Fn *fn);
+void variant_drop_still(Fn *fn); /* only those that are not tagged, and stand still */
 static inline bool variant_is_site(const Inst *i) { return i->op == OP_site || i->op == OP_siten; }
 static inline const SiteInfo *variant_site_info(const Fn *fn, const Inst *i) { return &fn->sites[i->imm.i]; }
 

@@ -208,6 +208,7 @@ static bool decides_integers(const Program *p) {
 
 Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     Fn *fn = variant_clone(ctx, primal, "seams", true);
+    variant_drop_still(fn);
     opt_dce(ctx, fn);
     Arena *scratch = &ctx->session->scratch;
     ArenaMark mark = arena_mark(scratch);

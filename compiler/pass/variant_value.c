@@ -18,16 +18,21 @@ Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent)
     return fn;
 }
 
-static void drop_sites(Fn *fn, Block *b) {
+static void drop_sites(Fn *fn, Block *b, bool only_still) {
     for (Inst *i = b->first, *next; i; i = next) {
         next = i->next;
-        for (uint32_t r = 0; r < i->nregions; r++) drop_sites(fn, i->region[r]);
-        if (variant_is_site(i)) walk_forward(fn, i, i->args[0]);
+        for (uint32_t r = 0; r < i->nregions; r++) drop_sites(fn, i->region[r], only_still);
+        if (variant_is_site(i) && (!only_still || variant_site_info(fn, i)->still)) walk_forward(fn, i, i->args[0]);
     }
 }
 
 void variant_drop_sites(Fn *fn) {
-    drop_sites(fn, fn->body);
+    drop_sites(fn, fn->body, false);
+    walk_resolve_forwards(fn->body);
+}
+
+void variant_drop_still(Fn *fn) {
+    drop_sites(fn, fn->body, true);
     walk_resolve_forwards(fn->body);
 }
 

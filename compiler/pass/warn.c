@@ -10,6 +10,7 @@
 
 #include "compiler/pass/depend.h"
 #include "compiler/pass/slice.h"
+#include "compiler/pass/warn.h"
 
 enum { PROOF_BUDGET = 600 }; /* instructions looked at for one comparison */
 
@@ -307,11 +308,15 @@ static void report_untracked(Warn *w) {
     if (!n) return;
     uint32_t *which = ARENA_ARRAY(w->scratch, uint32_t, w->fn->ninsts + 1);
     Uses *uses = ARENA_ARRAY(w->scratch, Uses, n);
+    const Untracked **ask = ARENA_ARRAY(w->scratch, const Untracked *, n),
+                    **probe = ARENA_ARRAY(w->scratch, const Untracked *, n);
+    Depend *of = ARENA_ARRAY(w->scratch, Depend, n);
+    uint32_t asked = 0;
     for (uint32_t i = 0; i < n; i++) which[program->untracked[i].at->id] = i + 1;
     collect_uses(w, w->fn->body, which, uses);
     for (uint32_t i = 0; i < n; i++) {
         const Untracked *t = &program->untracked[i];
-        if (!w->live[t->at->id]) continue;
+        if (!w->live[t->at->id] || t->kind == JUMP_SKIPPED) continue;
         if (t->kind == JUMP_INTEGER) {
             report_stepping(w, t->at, t->span);
             continue;
@@ -321,11 +326,28 @@ static void report_untracked(Warn *w) {
         if (t->g1) depend_merge(&d, &w->dep[t->g1->id]);
         if (t->kind == JUMP_ALWAYS) depend_merge(&d, &w->dep[t->at->id]);
         if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
-        if (!(d.on & DEPENDS_X) || !(d.on & DEPENDS_PARAM) || both_sides_equal(w, t, &uses[i])) continue;
+        if (!(d.on & DEPENDS_PARAM) || !(d.on & (DEPENDS_X | DEPENDS_RAND)) || both_sides_equal(w, t, &uses[i]))
+            continue;
+        if (!(d.on & DEPENDS_X)) {
+            diag_emit(w->ctx->session, DIAG_static_disc, t->span, param_list(w, &d));
+            continue;
+        }
+        of[asked] = d, ask[asked++] = t;
+    }
+    /* A value that cannot be a site changes everywhere: nothing can be told by where it does. */
+    bool *shows = ARENA_ARRAY(w->scratch, bool, asked + 1);
+    uint32_t probed = 0;
+    for (uint32_t i = 0; i < asked; i++)
+        if (ask[i]->kind != JUMP_ALWAYS) probe[probed++] = ask[i];
+    warn_probe(w->ctx, w->fn, probe, probed, shows);
+    for (uint32_t i = 0, at = 0; i < asked; i++) {
+        const Untracked *t = ask[i];
+        if (t->kind != JUMP_ALWAYS && !shows[at++]) continue;
         const char *what = t->kind == JUMP_COMPARE || t->kind == JUMP_EQUALITY ? "this comparison"
                            : t->kind == JUMP_BUILTIN                           ? "the argument of this jumping function"
                                                                                : "this value, which cannot be a site,";
-        diag_emit(w->ctx->session, DIAG_untracked, t->span, what, param_list(w, &d));
+        w->ctx->untracked = true;
+        diag_emit(w->ctx->session, DIAG_untracked, t->span, what, param_list(w, &of[i]));
     }
 }
 

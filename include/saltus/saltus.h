@@ -78,6 +78,8 @@ typedef struct SltOptions {
     const char *verify_after; /* [KERNEL:]PASS: verify the IR after this pass only */
     const char *stop_after;   /* [KERNEL:]PASS: print the IR to standard output and stop compiling: SLT_STOPPED, here or
                                  from the call that first needs the kernel */
+    bool sandbox; /* the source is not trusted: files that it names must lie below its own folder, where no link leads
+                     out; what the caller names (import_dirs, param_files, values) is free */
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.struct_size = sizeof(SltOptions), .near_miss = -1})
 

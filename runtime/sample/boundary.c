@@ -21,6 +21,7 @@ void boundary_bind(Boundary *y, Worker *w, SinkKind kind) {
     w->finder.coarse = run_is_coarse(y->run);
     w->sink.coincide.apart = y->run->apart;
     w->sink.kind = kind, w->sink.adjoint = y->adjoint, w->sink.classes = y->classes, w->sink.dirs = y->dirs;
+    w->sink.any_sign = y->any_sign;
     w->sink.misses = kind == SINK_INTEGRAL || (kind == SINK_REVERSE && y->misses);
 }
 
@@ -37,7 +38,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                s->kernel[SLT_K_SITE_GRAD] &&
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t sums = boundary_sketches(r) ? 3 + SKETCHES : 3;
+    uint32_t sums = boundary_sketches(r) && !y->any_sign ? 3 + SKETCHES : 3;
     uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);

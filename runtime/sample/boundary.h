@@ -17,6 +17,7 @@ typedef struct Boundary {
     const Directions *dirs; /* SINK_FORWARD */
     uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
     bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
+    bool any_sign;          /* SINK_INTEGRAL: each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
@@ -31,6 +32,10 @@ bool boundary_sketches(const Run *r);
 /* Sets up a worker's sink for this boundary before its first tile. */
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
+
+/* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], what the crossings weigh that the run
+ * has dropped: as many as were found weigh, in the mean. Infinite where none was found. segments: of one replicate. */
+SltStatus lost_add(Run *r, double segments, uint32_t replicates, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

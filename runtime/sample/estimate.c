@@ -318,6 +318,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
         if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
+        if (gradient && !j->no_boundary) st = lost_add(&r, segments_of(j) / k.n, k.n, out->gradient_stderr);
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);

@@ -155,8 +155,9 @@ static void flush_split(Finder *f) {
             window_doubt(f, s, mid, m);
             continue;
         }
-        SearchState state =
-            s->cut != 0 ? SEARCH_AGAIN : SEARCH_ROOT; /* a cut beside a root need not shorten the part */
+        SearchState state = s->cut != 0               ? SEARCH_AGAIN /* a cut beside a root need not shorten the part */
+                            : s->state == SEARCH_FLAT ? SEARCH_FLAT
+                                                      : SEARCH_ROOT;
         search_push(f, s, mid, s->tb, m, e, state);
         search_push(f, s, s->ta, mid, a, m, state);
     }
@@ -170,7 +171,9 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
             window_ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
             return;
         }
-        finder_drop(f, reason, s->owner);
+        /* A jump that stands still adds nothing. */
+        bool stands = reason == SLT_DROP_NO_EVENT && f->s->still && !search_has_windows(f->s);
+        if (!stands) finder_drop(f, reason, s->owner);
         return;
     }
     assert(f->nsplit < FIND);
@@ -272,6 +275,8 @@ static bool usable(const Finder *f, const Item *it) {
     return window_site(f->s, it->event.site) && !isnan(it->ga) && !isnan(it->gb);
 }
 
+static bool changes_sign(const Item *it) { return it->ga != 0 && it->gb != 0 && !same_sign(it->ga, it->gb); }
+
 /* The event of lane i, after a call of the event kernel. */
 static Event event_of(const Batch *b, uint32_t i) {
     Event e = {.site = batch_get_int(b, SLT_OUT_SITE, 0, i)};
@@ -310,9 +315,9 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             finder_drop(f, SLT_DROP_STATIC, it.s.owner);
         } else if (!usable(f, &it)) {
             split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
-        } else if (it.s.tb - it.s.ta <= it.tol && window_site(f->s, it.event.site)) {
+        } else if (it.s.tb - it.s.ta <= it.tol && (window_site(f->s, it.event.site) || !changes_sign(&it))) {
             /* The part is as short as can be: g is zero on it but for rounding, and if not, weigh in sink.c drops it.
-             */
+             * It may be flat on a side. */
             it.x1 = 0.5 * (it.s.ta + it.s.tb), it.exact = true, it.left = 0;
             items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
@@ -358,15 +363,16 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     if (!jumps) return;
     c.t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
-    if (it->exact && it->s.tb - it->s.ta <= it->tol && window_site(f->s, it->event.site)) {
-        c.ga = it->ga, c.gb = it->gb, slack = 2 * window_padding(f, &it->s, it->tol);
+    if (it->exact && it->s.tb - it->s.ta <= it->tol) {
+        c.ga = it->ga, c.gb = it->gb;
+        if (window_site(f->s, it->event.site)) slack = 2 * window_padding(f, &it->s, it->tol);
     } else if (!it->exact) {
         /* The secant's zero inside the final bracket is much closer to the root than the bracket's ends. */
         double t = it->x1 + (it->x2 - it->x1) * (it->f1 / (it->f1 - it->f2));
         c.t = t >= lo && t <= hi ? t : 0.5 * (lo + hi); /* also where an end of g is infinite */
         c.ga = it->f1, c.gb = it->f2;
     }
-    segment_at(&it->s, c.t, c.x);
+    segment_at(&it->s, c.t, c.x), segment_at(&it->s, lo, c.side[0]), segment_at(&it->s, hi, c.side[1]);
     double len = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
         c.direction[d] = it->s.b[d] - it->s.a[d];
@@ -404,8 +410,15 @@ static void verify(Finder *f, Item *items, uint32_t n) {
             it->s.halvings < search_most_halvings(f->s))
             window_ask_again(f, &it->s, lo, hi, before, after);
         else if (jumped) accept(f, it, lo, hi, before, after, 2 * i);
-        SearchState behind = window ? window_next_state(it, it->s.tb - hi, jumped) : SEARCH_ROOT,
-                    front = window ? window_next_state(it, lo - it->s.ta, jumped) : SEARCH_ROOT;
+        /* g is 0 at an end of the part, and nothing jumps there: it is flat, and says nothing of where the decision
+         * changes. */
+        bool flat = !jumped && it->exact && (it->ga == 0 || it->gb == 0);
+        SearchState behind = window ? window_next_state(it, it->s.tb - hi, jumped)
+                             : flat ? SEARCH_FLAT
+                                    : SEARCH_ROOT,
+                    front = window ? window_next_state(it, lo - it->s.ta, jumped)
+                            : flat ? SEARCH_FLAT
+                                   : SEARCH_ROOT;
         double near = window && !jumped && it->s.state == SEARCH_ROOT ? NEAR_PADS * it->pad : 0;
         Segment beside = it->s;
         if (jumped) beside.touches = (uint8_t)(TOUCH_A | (it->s.touches & TOUCH_B));
@@ -447,8 +460,7 @@ static void run_stack(Finder *f, bool all) {
         if (f->halve_only) {
             n = halve(f, items, n);
         } else {
-            n = ask_events(f, items,
-                           search_has_depth(f->s) || search_has_windows(f->s) ? window_take_halves(f, items, n) : n);
+            n = ask_events(f, items, window_take_halves(f, items, n));
             flush_split(f);
             if (n) solve(f, items, n);
         }

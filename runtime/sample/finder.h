@@ -16,14 +16,15 @@ typedef struct Mark {
 /* The mark of sample i, after a call of the region or sides kernel. */
 Mark batch_mark(const Batch *b, uint32_t i);
 
-/* What is to be done with a part of a segment. All but the first are for scenes with rays: window.c. The order of the
- * first three is that of tries. */
+/* What is to be done with a part of a segment. All but the first and the last are for scenes with rays: window.c. The
+ * order of the first three is that of tries. */
 typedef enum SearchState {
     SEARCH_ROOT,  /* ask for the event and look for the root of its g */
     SEARCH_AGAIN, /* the same, a second time without a bisection in between */
     SEARCH_HALVE, /* bisect before asking for an event */
     SEARCH_FRESH, /* a short bracket, for which `event` is to choose the window of its own ends */
-    SEARCH_DOUBT  /* the depths differ, but there is no event: is it a slope? */
+    SEARCH_DOUBT, /* the depths differ, but there is no event: is it a slope? */
+    SEARCH_FLAT   /* g is 0 on a stretch: bisect on the region down to the tolerance, and then ask for the event */
 } SearchState;
 
 enum { TOUCH_A = 1, TOUCH_B = 2 };
@@ -51,6 +52,7 @@ typedef struct Segment {
 typedef struct Crossing {
     Event event;
     double x[3], t;                  /* x = a + t (b - a) on the segment */
+    double side[2][3];               /* the ends of the final bracket */
     double before[SLT_MAX_CHANNELS]; /* f on a's side */
     double jump[SLT_MAX_CHANNELS];   /* f on b's side, less before */
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */

@@ -56,8 +56,9 @@ static double length(const double v[3], uint32_t dim) {
 }
 
 /* Along a line: base * d_i g * s_i^2 / sum (s_j d_j g)^2, with the sign of the jump along the line. On a random
- * segment: base / |grad g|, with the jump turned towards growing g. */
-static bool weigh(Sink *k, Crossing *c) {
+ * segment: base / |grad g|, with the jump turned towards growing g. False, with the reason, where there is no weight.
+ */
+static bool weigh(const Sink *k, Crossing *c, SltDrop *reason) {
     uint32_t dim = k->b->s->dim;
     double scaled = 0, plain = 0, along = 0;
     for (uint32_t d = 0; d < dim; d++) {
@@ -65,41 +66,92 @@ static bool weigh(Sink *k, Crossing *c) {
         scaled += v * v, plain += c->dg[d] * c->dg[d];
         along += c->dg[d] * c->direction[d];
     }
-    SltDrop reason;
-    if (!isfinite(scaled) || !isfinite(plain)) reason = SLT_DROP_NOT_FINITE;
-    else if (!(scaled > 0) || !(plain > 0)) reason = SLT_DROP_ZERO_GRADIENT;
+    if (!isfinite(scaled) || !isfinite(plain)) *reason = SLT_DROP_NOT_FINITE;
+    else if (!(scaled > 0) || !(plain > 0)) *reason = SLT_DROP_ZERO_GRADIENT;
     /* g changed on the bracket by far more than its gradient allows: g itself jumps, or its root is multiple. Unless
      * the change is little beside that of g on the segment: far from the origin, rounding in single precision makes as
      * much.
      */
     else if (fabs(c->ga) + fabs(c->gb) > sqrt(plain) * fmax(32 * c->bracket, ROUNDED * length(c->direction, dim)))
-        reason = SLT_DROP_INCONSISTENT;
+        *reason = SLT_DROP_INCONSISTENT;
     else {
         if (c->axis >= 0) c->weight = c->base * c->dg[c->axis] * k->scale[c->axis] * k->scale[c->axis] / scaled;
         else c->weight = c->base * (along < 0 ? -1 : 1) / sqrt(plain);
         if (isfinite(c->weight)) return true;
-        reason = SLT_DROP_NOT_FINITE;
+        *reason = SLT_DROP_NOT_FINITE;
     }
-    finder_drop(k->f, reason, c->owner);
     return false;
 }
 
-void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
+/* g and its gradient from lane i of the kernel. */
+static void take_gradient(const Sink *k, Crossing *c, uint32_t lane) {
+    c->g = batch_get(k->b, SLT_OUT_G, 0, lane);
+    for (uint32_t d = 0; d < k->b->s->dim; d++) c->dg[d] = batch_get(k->b, SLT_OUT_G_DX, d, lane);
+}
+
+static double steepness(const Crossing *c, uint32_t dim) {
+    double steep = length(c->dg, dim);
+    return isfinite(steep) ? steep : 0;
+}
+
+/* At a root where g is flat on one side, or its slope 0 or infinite, the ends of the bracket may have a gradient, and
+ * the ratios of its components are those of the boundary: the crossing moves to the end where g is steeper. Crossings
+ * at[0..n), n <= FIND. */
+static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32_t *at, uint32_t n, bool *keep) {
     Batch *b = k->b;
+    for (uint32_t i = 0; i < 2 * n; i++) {
+        Crossing *x = &c[(uint32_t)order[at[i / 2]]];
+        sink_put(k, i, x);
+        batch_set_x(b, i, x->side[i % 2]);
+    }
+    batch_call(b, SLT_K_SITE_GRAD, 2 * n);
+    for (uint32_t i = 0; i < n; i++) {
+        Crossing *x = &c[(uint32_t)order[at[i]]], end[2] = {*x, *x};
+        for (uint32_t e = 0; e < 2; e++) take_gradient(k, &end[e], 2 * i + e);
+        uint32_t e = steepness(&end[1], b->s->dim) > steepness(&end[0], b->s->dim);
+        SltDrop reason;
+        keep[at[i]] = weigh(k, &end[e], &reason);
+        if (!keep[at[i]]) {
+            finder_drop(k->f, reason, x->owner);
+            continue;
+        }
+        memcpy(end[e].x, x->side[e], sizeof x->x);
+        *x = end[e];
+    }
+}
+
+void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep) {
+    uint32_t failed[BATCH], nfailed = 0;
+    SltDrop reason;
     for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
-    batch_call(b, SLT_K_SITE_GRAD, n);
+    batch_call(k->b, SLT_K_SITE_GRAD, n);
     for (uint32_t i = 0; i < n; i++) {
         Crossing *x = &c[(uint32_t)order[i]];
-        x->g = batch_get(b, SLT_OUT_G, 0, i);
-        for (uint32_t d = 0; d < b->s->dim; d++) x->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i);
-        keep[i] = weigh(k, x);
+        take_gradient(k, x, i);
+        keep[i] = weigh(k, x, &reason);
+        if (keep[i]) continue;
+        if (x->bracket > 0) failed[nfailed++] = i;
+        else finder_drop(k->f, reason, x->owner);
     }
+    for (uint32_t from = 0; from < nfailed; from += FIND)
+        weigh_ends(k, c, order, failed + from, nfailed - from < FIND ? nfailed - from : FIND, keep);
 }
 
 bool sink_rect(Sink *k, const double lo[3], const double hi[3]) {
     bool ok = splat_begin(&k->splat, k->grid, k->dirs->n, k->b->s->channels, lo, hi);
     k->failed |= !ok;
     return ok;
+}
+
+/* 1 or -1, by the place. */
+static double sign_of(const Crossing *x) {
+    uint64_t bits = 0, mixed = 0;
+    for (uint32_t d = 0; d < 3; d++) {
+        memcpy(&bits, &x->x[d], sizeof bits);
+        mixed = (mixed ^ bits) * 0x9e3779b97f4a7c15u;
+        mixed ^= mixed >> 29;
+    }
+    return mixed >> 40 & 1 ? 1 : -1;
 }
 
 /* ---- a group of crossings order[0..n) of one site and class, with their weights */
@@ -112,7 +164,7 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
         bool any = false;
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            double seed = x->weight * x->jump[ch];
+            double seed = x->weight * x->jump[ch] * (k->any_sign ? sign_of(x) : 1);
             any |= seed != 0;
             batch_set(k->b, SLT_IN_SEED0, i, seed);
         }

@@ -75,7 +75,8 @@ SearchState window_next_state(const Item *it, double length, bool jumped) {
 uint32_t window_take_halves(Finder *f, Item *items, uint32_t n) {
     uint32_t kept = 0;
     for (uint32_t i = 0; i < n; i++)
-        if (items[i].s.state == SEARCH_HALVE && items[i].s.tb - items[i].s.ta > items[i].tol)
+        if ((items[i].s.state == SEARCH_HALVE || items[i].s.state == SEARCH_FLAT) &&
+            items[i].s.tb - items[i].s.ta > items[i].tol)
             assert(f->nsplit < FIND), f->split[f->nsplit++] = items[i].s;
         else items[kept++] = items[i];
     return kept;

@@ -123,7 +123,10 @@ class Loss(Case):
         scene = {"shader": "e.salt", "size": [16, 16], "spp": 8, "params": {"r": {"value": 0.28, "grad": True}}, "loss": {"command": self.command(log="log"), "timeout": 30},
                  "views": [{"target": "t.pfm"}, {"params": {"gain": 0.5}}], "optimizer": {"iters": 2}, "output": "out"}
         self.put("s/scene.json", json.dumps(scene))
-        j = self.run_cli("fit", "s/scene.json", "--json").json
+        for refused in ((), ("--sandbox",), ("--sandbox", "--allow-commands")):  # nothing is started that was not asked for
+            self.run_cli("fit", "s/scene.json", *refused, code=4)
+        self.assertFalse(os.path.exists(self.path("s/log")))
+        j = self.run_cli("fit", "s/scene.json", "--json", "--allow-commands").json
         q = self.requests("s/log")  # the command runs in the scene's folder
         self.assertEqual([(r["iteration"], r["view"], r["views"]) for r in q], [(0, 0, 2), (0, 1, 2), (1, 0, 2), (1, 1, 2)])
         self.assertTrue(q[0]["target"].endswith("t.pfm"))
@@ -134,7 +137,7 @@ class Loss(Case):
         for key, bad in (("command", 3), ("command", ""), ("timeout", -1), ("comand", "x")):
             scene["loss"] = {"command": "true", key: bad}
             self.put("s/scene.json", json.dumps(scene))
-            self.run_cli("fit", "s/scene.json", code=4)
+            self.run_cli("fit", "s/scene.json", "--allow-commands", code=4)
 
     def test_failures(self):
         """Every one of them at once and late: status, text, and what is written."""

@@ -102,6 +102,47 @@ class Basics(Case):
         self.run_cli("build", "c.salt", "-o", "m.o")
         self.run_cli("build", "c.salt", "-o", "m.o")  # its own header it writes again
 
+    def test_sandbox(self):
+        """A source that is not trusted names files below its own folder: no absolute paths, no parents, no links out."""
+        secret = "secret-7f3a"
+        self.put("outside.csv", "1,2\n3,4\n")
+        self.put("outside.salt", "// %s\nfloat k() { return 1.0; }\n" % secret)
+        self.put("outside.png", secret)
+        self.put("in/below/a.csv", "1,2\n3,4\n")
+        self.put("in/ok.salt", "float k() { return 1.0; }\n")
+        os.symlink("../outside.csv", self.path("in/link.csv"))
+        os.symlink("../outside.salt", self.path("in/stolen.salt"))
+        os.symlink("below/a.csv", self.path("in/kept.csv"))
+        shader = 'param float a[][2] = "%s";\nshader float main(float2 x) { return a[0][0]; }\n'
+        for name, allowed in (("below/a.csv", True), ("kept.csv", True), ("../outside.csv", False), ("below/../../outside.csv", False), (self.path("outside.csv"), False), ("link.csv", False)):
+            self.put("in/s.salt", shader % name)
+            r = self.run_cli("render", "in/s.salt", "--sandbox", "--size", 4, code=0 if allowed else 4)
+            self.assertEqual("sandbox" in r.err, not allowed, r.err)
+            self.run_cli("render", "in/s.salt", "--size", 4)
+        for module, allowed in (("ok", True), ("sdf", True), ("stolen", False)):
+            self.put("in/m.salt", "import %s;\nshader float main(float2 x) { return 1.0; }\n" % module)
+            r = self.run_cli("render", "in/m.salt", "--sandbox", "--size", 4, code=0 if allowed else None)
+            self.assertEqual("sandbox" in r.err, not allowed, r.err)
+            self.assertNotIn(secret, r.err)
+            self.assertEqual(r.code == 0, allowed)
+        self.put("in/t.salt", shader % "below/a.csv")  # what the caller names is the caller's matter
+        self.run_cli("render", "in/t.salt", "--sandbox", "--size", 4, "--param", "a=@outside.csv")
+        self.put("in/c.salt", CIRCLE)
+        scene = {"shader": "c.salt", "size": [8, 8], "target": "../outside.png", "optimizer": {"iters": 1}}
+        for key, value in (("target", "../outside.png"), ("target", self.path("outside.png")), ("output", "../elsewhere"), ("shader", "../outside.salt")):
+            self.put("in/scene.json", json.dumps({**scene, key: value}))
+            r = self.run_cli("fit", "in/scene.json", "--sandbox", code=4)
+            self.assertIn("sandbox", r.err)
+            self.assertNotIn(secret, r.err)
+        self.assertFalse(os.path.exists(self.path("elsewhere")))
+
+    def test_sandbox_budgets(self):
+        self.put("slow.salt", "shader float main(float2 x) { float s = 0.0; for (int i = 0; i < 100000; i++) s += sin(x.x * i + s); return s; }")
+        self.run_cli("render", "slow.salt", "--sandbox", "--max-seconds", "0.5", "--size", 512, "--spp", 64, "-o", "a.exr", code=6)
+        self.put("big.salt", "shader float4 main(float2 x) { return x.xyxy; }")
+        limited = self.run_cli("render", "big.salt", "--sandbox", "--size", "8192", "-o", "big.exr", code=None)
+        self.assertIn(limited.code, (0, 6))
+
     def test_killed_runs_leave_nothing(self):
         """What a killed run left beside an output goes with the next run; what another run writes stays."""
         import fcntl

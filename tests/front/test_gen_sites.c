@@ -211,7 +211,12 @@ static const WarnCase warn_cases[] = {
     {WMAIN("float d = x.x - p; float r = q; if (d > 0.0) { r = q + d * 3.0; } return r;"), NULL, NULL, 0},
     {WMAIN("float d = x.x - p; if (!(d >= 0.0)) return d * d; return sin(d);"), NULL, NULL, 0},
     {WMAIN("float d = x.x - p; return d < 0.0 ? -d : d + 0.1;"), "W0401", "`p`", 1},
-    {WMAIN("float d = x.x - p; return d > 0.0 && x.y > 0.0 ? d : 0.0;"), "W0401", "`p`", 1},
+    {WMAIN("float d = x.x - p; return d > 0.0 && x.y > 0.0 ? d : 0.0;"), NULL, NULL, 0}, /* where it moves f is 0 */
+    {WMAIN("float d = x.x - p; return d > 0.0 && x.y > 0.0 ? d + 0.1 : 0.0;"), "W0401", "`p`", 1},
+    {WMAIN("return rand() < p ? 1.0 : x.x;"), "W0402", "`p`", 1},
+    {WMAIN("return isnan(sqrt(x.x - p)) ? 1.0 : x.y;"), "W0401", "`p`", 1},
+    {WMAIN("return cos(atan2(x.y - p, x.x));"), NULL, NULL, 0},
+    {WMAIN("float t = 4.0 * x.x + p; return floor(t) + frac(t);"), NULL, NULL, 0},
     {WMAIN("[Disc] if (p < q) return 1.0; return x.x;"), "W0402", "`p` and `q`", 1},
     {WMAIN("[Disc] if (rand() < 0.5) return 1.0; return x.x;"), "W0402", "random numbers", 1},
     {WMAIN("[Disc] if (rand() * x.x < p) return 1.0; return x.x;"), NULL, NULL, 0},

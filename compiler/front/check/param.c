@@ -148,12 +148,20 @@ static const char *asset_path(Checker *c, const Symbol *sym, const Module *m) {
     return arena_printf(&c->s->session, "%s%s%s", dir, dir[n - 1] == '/' ? "" : "/", text);
 }
 
+static ParamFile *file_override(Checker *c, const char *name) {
+    for (uint32_t i = 0; c->opt && i < c->opt->nfiles; i++)
+        if (!strcmp(c->opt->files[i].name, name)) return &c->opt->files[i];
+    return NULL;
+}
+
 static bool probe_asset(Checker *c, Symbol *sym, char kind, uint32_t dims[4], uint32_t *ndims) {
     const char *why = NULL;
     bool ok = false;
     *ndims = 0;
+    bool own = !file_override(c, sym->doc_name); /* the source names it, and not the caller */
     if (!c->opt || !c->opt->probe) why = "files cannot be read here";
-    else ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
+    else if (!own || session_allows(c->s, sym->asset_text, sym->asset, &why))
+        ok = c->opt->probe(c->opt->probe_user, sym->asset, kind, dims, ndims, &why);
     if (ok) return true;
     diag_emit(c->s, DIAG_bad_asset, sym->value_span.file >= 0 ? sym->value_span : sym->span, sym->asset,
               why ? why : "unknown reason");
@@ -293,12 +301,6 @@ static bool check_init_func(Checker *c, Symbol *sym) {
     for (uint32_t i = 0; i < d->nfuncs && i < 8; i++)
         diag_note(s, diag, d->funcs[i]->name_span, "candidate: `%s`", func_text(c, d->funcs[i]));
     return false;
-}
-
-static ParamFile *file_override(Checker *c, const char *name) {
-    for (uint32_t i = 0; c->opt && i < c->opt->nfiles; i++)
-        if (!strcmp(c->opt->files[i].name, name)) return &c->opt->files[i];
-    return NULL;
 }
 
 static bool param_error(Checker *c, const Symbol *sym, const char *text) {

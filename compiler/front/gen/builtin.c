@@ -89,6 +89,12 @@ static Inst *atan2_scalar(Lower *l, Inst *y, Inst *x, Span span) {
     return r;
 }
 
+/* A decision of the argument that has no boundary function. */
+static Inst *jumping(Lower *l, Inst *decision, Inst *x, Span span) {
+    site_untracked(l, decision, x, NULL, span, JUMP_BUILTIN);
+    return decision;
+}
+
 /* One component of a component-wise builtin. */
 static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind k, Span span) {
     bool f = k == T_FLOAT;
@@ -114,7 +120,10 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     case B_step: return sel(l, site_compare(l, op2(l, OP_flt, y, x), y, x, span), kf(l, 0), kf(l, 1));
     case B_smoothstep: return smoothstep_scalar(l, x, y, z);
     case B_atan2: return atan2_scalar(l, x, y, span);
-    case B_isfinite: return op1(l, OP_bnot, op2(l, OP_bor, op1(l, OP_fisnan, x), op1(l, OP_fisinf, x)));
+    case B_isnan: return jumping(l, op1(l, OP_fisnan, x), x, span);
+    case B_isinf: return jumping(l, op1(l, OP_fisinf, x), x, span);
+    case B_isfinite:
+        return op1(l, OP_bnot, jumping(l, op2(l, OP_bor, op1(l, OP_fisnan, x), op1(l, OP_fisinf, x)), x, span));
     case B_detach: return x->type == TY_FLT ? op1(l, OP_detach, x) : x;
     case B_asuint: {
         Inst *r = op1(l, OP_fasuint, x);

@@ -303,6 +303,7 @@ static void gen_entry(Lower *l, Func *entry) {
     p->ngeometries = l->geometries.len;
     p->untracked = l->untracked.data;
     p->nuntracked = l->untracked.len;
+    p->silenced = l->silenced.data, p->nsilenced = l->silenced.len;
     gen_prune_loops(l);
     ir_require(l->fn, "lowering");
     p->primal = l->fn;

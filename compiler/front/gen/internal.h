@@ -165,6 +165,7 @@ typedef struct Lower {
     Vec(IrRange) ranges;    /* of integers, by Inst.tag: what ir_range_of cannot see; 0 is unused */
     Vec(SiteInfo) sites;
     Vec(Untracked) untracked;
+    Vec(Span) silenced;
     Vec(ConstArray) const_arrays;
     Vec(FuncFacts *) facts; /* in order of discovery: callees first */
     FuncFacts **fact_table; /* by hash of the Func */

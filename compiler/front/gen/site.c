@@ -58,8 +58,9 @@ static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, con
 }
 
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind) {
-    if (l->quiet || l->in_tangent || l->tag.nodisc || ir_is_const(at)) return;
-    vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));
+    if (l->quiet || l->in_tangent || ir_is_const(at)) return;
+    if (l->tag.nodisc) vec_push(l->arena, &l->silenced, span);
+    else vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));
 }
 
 /* ---- [SkipLoop]
@@ -85,6 +86,11 @@ static Inst *init_zero(Lower *l, Builder *b) {
 typedef struct Oriented {
     Inst *decision, *s;
 } Oriented;
+
+static void note_skipped(Lower *l, Inst *decision, Inst *a, Inst *b, Span span) {
+    if (l->quiet || l->in_tangent || ir_is_const(decision)) return;
+    vec_push(l->arena, &l->untracked, ((Untracked){decision, a, b, span, JUMP_SKIPPED}));
+}
 
 static Oriented skip_truth(Lower *l, Expr *e);
 
@@ -114,6 +120,7 @@ static Oriented skip_truth(Lower *l, Expr *e) {
         Inst *a = gen_scalar(l, e->a[0]), *b = gen_scalar(l, e->a[1]);
         bool greater = e->op == OPR_GT || e->op == OPR_GE, or_equal = e->op == OPR_LE || e->op == OPR_GE;
         Inst *d = op2(l, or_equal ? OP_fle : OP_flt, greater ? b : a, greater ? a : b);
+        note_skipped(l, d, a, b, e->span);
         return (Oriented){d, greater ? op2(l, OP_fsub, a, b) : op2(l, OP_fsub, b, a)};
     }
     Inst *d = gen_scalar(l, e); /* not a comparison of floats: no boundary of its own */
@@ -166,6 +173,7 @@ Inst *site_compare(Lower *l, Inst *decision, Inst *a, Inst *b, Span span) {
     Inst *g = gen_clearance_compare(l, a, b);
     if (!g) g = op2(l, OP_fsub, a, b);
     if (l->tag.skip) {
+        note_skipped(l, decision, a, b, span);
         record_guarded(l, decision, g, span);
         return decision;
     }

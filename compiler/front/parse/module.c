@@ -138,7 +138,7 @@ static Module *resolve(Loader *l, const Frame *frame, const Import *im) {
         return stand_in(s, im);
     }
     const char *why;
-    int file = session_add_file(s, path, &why);
+    int file = in_stdlib || session_allows(s, im->name, path, &why) ? session_add_file(s, path, &why) : -1;
     if (file < 0) {
         diag_emit(s, DIAG_import_unreadable, im->span, path, why);
         return stand_in(s, im);

@@ -1,0 +1,11 @@
+/* What warn.c asks of the other files of its pass. */
+#ifndef SALTUS_PASS_WARN_H
+#define SALTUS_PASS_WARN_H
+
+#include "compiler/pass/pass.h"
+
+/* ---- warn_probe.c: shows[k] becomes false where f was seen on both sides of changes of the decision list[k], and does
+ * not jump there. The Fn, a primal, is numbered. */
+void warn_probe(PassCtx *ctx, const Fn *fn, const Untracked **list, uint32_t n, bool *shows);
+
+#endif

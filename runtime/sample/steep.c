@@ -1,0 +1,313 @@
+/* Lines through the domain, the changes of f on them, and which of these halving does not make smaller. What they
+ * weigh: steep_weigh.c. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/alloc.h"
+#include "runtime/sample/steep_inner.h"
+
+enum {
+    SHARE = 48, /* of the evaluations spent, one for a point of a line */
+    FEWEST = 192,
+    AGAIN = 4096, /* of the second look, where the first found something */
+    MOST = 4096,
+    ON_LINE = 16, /* points of a line, at least */
+    HALVINGS = 8, /* after which a change must not have become smaller */
+    FINER = 44,   /* and then, as long as it stays together */
+    FLOATS = 64   /* wide at most is a jump */
+};
+#define TOGETHER 0.4  /* part of a change that is left after all halvings, at least, */
+#define STAYS 0.75    /* or after one, where its width is sought */
+#define VISIBLE 1e-3  /* a change of less, of the largest |f| on the lines, is not looked at */
+#define STEP 0x1p-9   /* by which the parameters move, of max(0.1, |p|) */
+#define MOVED 0.25    /* part of a change that must come or go at an end where it moves with them */
+
+static double domain_size(const SltScene *s, uint32_t axis) { return s->hi[axis] - s->lo[axis]; }
+
+double steep_round(const SteepProbe *p, double x) { return p->s->f64 ? x : (double)(float)x; }
+
+void steep_evaluate(SteepProbe *p, uint32_t n) {
+    batch_call(&p->batch, p->s->kernel[SLT_K_SIDES] ? SLT_K_SIDES : SLT_K_VALUE, n);
+}
+
+double steep_f(const SteepProbe *p, uint32_t channel, uint32_t i) {
+    return batch_get(&p->batch, SLT_OUT_F, channel, i);
+}
+
+static uint32_t hash_at(const SteepProbe *p, uint32_t i) {
+    return batch_has(&p->batch, SLT_OUT_HASH) ? ((const uint32_t *)batch_out(&p->batch, SLT_OUT_HASH, 0))[i] : 0;
+}
+
+void steep_put(SteepProbe *p, uint32_t i, const SteepStep *t, double at) {
+    double x[3];
+    memcpy(x, t->x, sizeof x);
+    x[t->axis] = at;
+    batch_set_x(&p->batch, i, x);
+    batch_set_stream(&p->batch, i, t->stream, 0.5);
+}
+
+/* ---- the lines */
+static double golden(uint32_t k, double from) { return fmod(from + 0.61803398874989485 * k, 1); }
+
+/* Point i of line `line` of an axis: lines by the R2 sequence over its cross-section, each with a phase of its own. */
+void steep_place(const SteepProbe *p, uint32_t axis, uint32_t line, uint32_t i, double x[3]) {
+    for (uint32_t d = 0, across = 0; d < 3; d++) {
+        double t = 0;
+        if (d >= p->s->dim) {
+            x[d] = 0;
+            continue;
+        }
+        if (d == axis) t = (i + 0.1 + 0.8 * golden(line, 0.37)) / p->points;
+        else if (p->s->dim == 2) t = (line + 0.25 + 0.5 * golden(line, 0.61)) / p->lines;
+        else t = fmod(0.5 + (line + 1) * (across++ ? 0.56984029099805327 : 0.75487766624669276), 1);
+        x[d] = steep_round(p, p->s->lo[d] + t * domain_size(p->s, d));
+    }
+}
+
+static int by_excess(const void *a, const void *b) {
+    const SteepStep *x = a, *y = b;
+    return x->excess > y->excess ? -1 : x->excess < y->excess;
+}
+
+/* Keeps the changes that exceed those beside them by most. */
+static void keep_best(SteepProbe *p) {
+    if (p->n <= p->room) return;
+    qsort(p->step, p->n, sizeof *p->step, by_excess);
+    p->n = p->room;
+}
+
+static void look_at_line(SteepProbe *p, uint32_t axis, uint32_t line, uint32_t first) {
+    for (uint32_t c = 0; c < p->s->channels; c++) {
+        double before = 0, f = steep_f(p, c, first);
+        for (uint32_t i = 0; i + 1 < p->points; i++) {
+            double next = steep_f(p, c, first + i + 1), change = fabs(next - f), after = 0;
+            bool same = hash_at(p, first + i) == hash_at(p, first + i + 1) && isfinite(change);
+            if (isfinite(next)) p->largest = fmax(p->largest, fabs(next));
+            if (i + 2 < p->points && hash_at(p, first + i + 1) == hash_at(p, first + i + 2))
+                after = fabs(steep_f(p, c, first + i + 2) - next);
+            double least = isfinite(after) ? fmin(before, after) : before;
+            if (same && change > least) {
+                SteepStep *t = &p->step[p->n++];
+                *t = (SteepStep){
+                    .axis = axis, .point = i, .channel = c, .stream = (int32_t)line, .excess = change - least};
+                double end[3];
+                steep_place(p, axis, line, i, t->x), steep_place(p, axis, line, i + 1, end);
+                t->a = t->x[axis], t->b = end[axis], t->fa = f, t->fb = next, t->first = change;
+                t->hash = hash_at(p, first + i);
+            }
+            before = same ? change : 0, f = next;
+        }
+    }
+}
+
+/* The lines of one axis, as many at once as a call takes. */
+static void look_along(SteepProbe *p, uint32_t axis) {
+    uint32_t at_once = BATCH / p->points;
+    for (uint32_t from = 0; from < p->lines; from += at_once) {
+        uint32_t n = p->lines - from < at_once ? p->lines - from : at_once;
+        for (uint32_t k = 0; k < n; k++)
+            for (uint32_t i = 0; i < p->points; i++) {
+                double x[3];
+                steep_place(p, axis, from + k, i, x);
+                batch_set_x(&p->batch, k * p->points + i, x);
+                batch_set_stream(&p->batch, k * p->points + i, (int32_t)(from + k), 0.5);
+            }
+        steep_evaluate(p, n * p->points);
+        for (uint32_t k = 0; k < n; k++) look_at_line(p, axis, from + k, k * p->points);
+        keep_best(p);
+    }
+}
+
+/* ---- halving */
+/* One halving of every change; those that fall below `part` of what they were, or come apart, are dropped, or, with
+ * `stay`, left as they were. */
+static bool halve(SteepProbe *p, double part, bool stay) {
+    uint32_t kept = 0, asked = 0;
+    for (uint32_t i = 0; i < p->n; i++) {
+        SteepStep *t = &p->step[i];
+        double middle = steep_round(p, 0.5 * (t->a + t->b));
+        t->asked = !t->done && middle != t->a && middle != t->b;
+        if (t->asked) steep_put(p, asked++, t, middle);
+        else t->jump |= !t->done;
+    }
+    steep_evaluate(p, asked);
+    for (uint32_t i = 0, k = 0; i < p->n; i++) {
+        SteepStep t = p->step[i];
+        if (t.asked) {
+            double middle = steep_round(p, 0.5 * (t.a + t.b)), f = steep_f(p, t.channel, k);
+            bool same = hash_at(p, k++) == t.hash && isfinite(f), near = fabs(f - t.fa) > fabs(t.fb - f);
+            double change = near ? fabs(f - t.fa) : fabs(t.fb - f);
+            bool pole = stay && !isfinite(f); /* between two numbers: 0 / 0, a pole */
+            bool together = same && change >= part * (stay ? fabs(t.fb - t.fa) : t.first);
+            if (!together && !stay) continue;
+            if (together && near) t.b = middle, t.fb = f;
+            else if (together) t.a = middle, t.fa = f;
+            t.done = !together, t.jump |= pole;
+        }
+        p->step[kept++] = t;
+    }
+    p->n = kept;
+    return asked > 0;
+}
+
+/* ---- do they move? */
+static bool any_active(const SltScene *s) {
+    for (uint32_t q = 0; q < s->nfloats; q++)
+        if (!s->active || s->active[q]) return true;
+    return false;
+}
+
+double steep_move_of(const SltScene *s, uint32_t q) {
+    double v = s->f64 ? ((const double *)s->params)[q] : (double)((const float *)s->params)[q];
+    return STEP * fmax(0.1, fabs(v));
+}
+
+void steep_moved(SteepProbe *p, const SltScene *moved, uint32_t from, uint32_t n, bool *hit) {
+    p->batch.args.params = moved->params, p->batch.args.geometries = moved->geometries;
+    for (uint32_t i = 0; i < n; i++) {
+        const SteepStep *t = &p->step[from + i];
+        steep_put(p, 2 * i, t, t->a), steep_put(p, 2 * i + 1, t, t->b);
+    }
+    steep_evaluate(p, 2 * n);
+    for (uint32_t i = 0; i < n; i++) {
+        const SteepStep *t = &p->step[from + i];
+        double a = steep_f(p, t->channel, 2 * i), b = steep_f(p, t->channel, 2 * i + 1), all = fabs(t->fb - t->fa);
+        hit[i] |= !(fmax(fabs(a - t->fa), fabs(b - t->fb)) < MOVED * all); /* what is not a number has moved too */
+    }
+    p->batch.args.params = p->s->params, p->batch.args.geometries = p->s->geometries;
+}
+
+/* Drops what stays where it is: the grain of a texture, a pattern. */
+static bool drop_static(SteepProbe *p) {
+    bool hit[STEEP_STEPS] = {false}, memory = true;
+    double *dir = alloc_zero(p->s->nfloats, sizeof *dir);
+    for (uint32_t side = 0; dir && side < 4 && memory; side++) { /* forth and back, along two directions */
+        Moved m;
+        for (uint32_t q = 0; q < p->s->nfloats; q++) {
+            uint32_t u[4];
+            if (p->s->active && !p->s->active[q]) continue;
+            rng_block(0, RNG_COINCIDE, side / 2, q, u);
+            dir[q] = steep_move_of(p->s, q) * (u[1] & 1 ? 1 : -1) * (0.5 + 0.5 * rng_unit(u[0]));
+        }
+        memory = scene_move(&m, p->s, dir, 0, side & 1 ? -1 : 1);
+        if (memory) steep_moved(p, &m.scene, 0, p->n, hit);
+        moved_free(&m);
+    }
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < p->n; i++)
+        if (hit[i]) p->step[kept++] = p->step[i];
+    p->n = kept;
+    free(dir);
+    return dir && memory;
+}
+
+/* ---- the whole */
+static int by_change(const void *a, const void *b) {
+    const SteepStep *x = a, *y = b;
+    double u = fabs(x->fb - x->fa), v = fabs(y->fb - y->fa);
+    return u > v ? -1 : u < v;
+}
+
+static void place_of(const SteepStep *t, SteepPlace *o) {
+    memcpy(o->a, t->x, sizeof o->a), memcpy(o->b, t->x, sizeof o->b);
+    o->a[t->axis] = t->a, o->b[t->axis] = t->b;
+    o->change = t->fb - t->fa, o->stream = t->stream, o->jump = t->jump;
+}
+
+static void drop_known(SteepProbe *p, const Steep *steep) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; steep->known && i < p->n; i++) {
+        SteepPlace at;
+        place_of(&p->step[i], &at);
+        if (!steep->known(steep->user, &at)) p->step[kept++] = p->step[i];
+    }
+    if (steep->known) p->n = kept;
+}
+
+/* A few floats wide: there is no slope to be had. */
+static bool is_narrow(const SteepProbe *p, const SteepStep *t) {
+    double unit = p->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
+    return t->b - t->a < FLOATS * unit * fmax(fabs(p->s->lo[t->axis]), fabs(p->s->hi[t->axis]));
+}
+
+static bool find(SteepProbe *p, const Steep *steep) {
+    const SltScene *s = p->s;
+    for (uint32_t d = 0; d < s->dim; d++) look_along(p, d);
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < p->n; i++)
+        if (p->step[i].first > VISIBLE * p->largest) p->step[kept++] = p->step[i];
+    p->n = kept;
+    for (uint32_t k = 0; k < HALVINGS && halve(p, TOGETHER, false);) k++;
+    qsort(p->step, p->n, sizeof *p->step, by_change);
+    p->found = p->n;
+    if (p->n > STEEP_STEPS) p->n = STEEP_STEPS;
+    for (uint32_t k = 0; k < FINER && halve(p, STAYS, true);) k++;
+    for (uint32_t i = 0; i < p->n; i++) p->step[i].jump |= !p->step[i].done || is_narrow(p, &p->step[i]);
+    uint32_t before = p->n;
+    bool memory = !p->n || drop_static(p);
+    drop_known(p, steep);
+    p->found = before ? p->found * p->n / before : 0;
+    return memory;
+}
+
+static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, double n) {
+    n /= s->dim;
+    p->points = s->dim == 1 ? (uint32_t)fmin(n, BATCH) : (uint32_t)fmax(sqrt(n), ON_LINE);
+    p->lines = s->dim == 1 ? 1 : (uint32_t)fmax(n / p->points, 1);
+    p->room = p->lines * p->points * s->dim / 16 + 8;
+    if (p->room > BATCH) p->room = BATCH;
+    p->quiet = *s, p->quiet.print = NULL, p->s = &p->quiet;
+    /* What look_along adds before the best are kept. */
+    p->step = alloc_zero(p->room + (size_t)BATCH * s->channels, sizeof *p->step);
+    bool ok = p->step && batch_init(&p->batch, p->s, g);
+    p->batch.again = true; /* what they count has been counted by the estimate */
+    return ok;
+}
+
+static void probe_free(SteepProbe *p, Run *r) {
+    batch_collect(&p->batch, &r->stats);
+    batch_free(&p->batch);
+    free(p->step);
+    *p = (SteepProbe){0};
+}
+
+static bool look(SteepProbe *p, const SltScene *s, Run *r, double n, const Steep *steep) {
+    return probe_init(p, s, &r->grid, n) && find(p, steep);
+}
+
+static void report(const SteepProbe *p, Steep *steep) {
+    for (uint32_t i = 0; i < p->n; i++) {
+        const SteepStep *t = &p->step[i];
+        if (t->seen) continue;
+        if (steep->n == STEEP_PLACES) break;
+        place_of(t, &steep->place[steep->n++]);
+    }
+    steep->share = steep->n ? fmin(1, (double)p->found / ((double)p->lines * p->points * p->s->dim)) : 0;
+}
+
+SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *out, uint64_t spent, Steep *steep,
+                             SltStats *stats, SltError *err) {
+    if ((s->nedges && s->flat) || s->ngeometries || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
+    if (s->nsites && !s->kernel[SLT_K_SIDES]) return SLT_OK;
+    Run r;
+    SteepProbe p = {0};
+    SltStatus st = run_begin(&r, s, j, err);
+    if (st == SLT_OK) {
+        double n = fmin(fmax((double)spent / SHARE, FEWEST), MOST);
+        bool memory = look(&p, s, &r, n, steep);
+        if (memory && p.n && n < AGAIN) { /* few lines do not tell what it weighs */
+            probe_free(&p, &r);
+            memory = look(&p, s, &r, AGAIN, steep);
+        }
+        if (memory && p.n) memory = steep_weigh(&p, &r, out);
+        if (!memory) st = status_fail(err, SLT_LIMIT, "out of memory");
+        else report(&p, steep);
+        probe_free(&p, &r);
+    }
+    double seconds = stats ? stats->seconds : 0;
+    if (stats) stats->evaluations += r.stats.evaluations, stats->seconds = seconds + pool_now() - r.start;
+    run_end(&r, NULL);
+    return st;
+}

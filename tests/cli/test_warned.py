@@ -1,0 +1,188 @@
+"""Nothing silent, nothing for nothing: programs whose derivative lacks the motion of a jump are warned about, those that are continuous are not."""
+import math
+
+from harness import *
+
+HEAD = "param float p = 0.4; param float q = 0.3; param float w[3] = {0.2, 0.3, 0.5};\n[Domain(-1.0, 1.0)]\nshader float main(float2 x) {\n"
+
+# Jumps that decisions make.
+DECISIONS = {
+    "stipple": "if (rand() < p) return 1.0; return 0.0;",
+    "stipple_int": "int i = int(rand() * 8.0 * p); return 1.0 * i;",
+    "stipple_select": "return select(rand() < p, x.x * x.x, 0.0);",
+    "stipple_step": "return step(rand(), p) * x.y * x.y;",
+    "stipple_floor": "return floor(3.0 * rand() + p);",
+    "stipple_vector": "float2 u = rand2(); return u.x + u.y < p ? 1.0 : 0.0;",
+    "stipple_sign": "return sign(rand() - p);",
+    "choice_of_light": "float u = rand(); float c = 0.0; int k = 2; for (int i = 0; i < 3; i++) { c += w[i]; if (u < c) { k = i; break; } } return 1.0 * k * k;",
+    "rejection": "float2 u = float2(0.0); for (int i = 0; i < 16; i++) { u = 2.0 * rand2() - 1.0; if (dot(u, u) < p * p) break; } return dot(u, u);",
+    "roulette": "float t = 1.0; for (int i = 0; i < 8; i++) { if (rand() > p) break; t += 1.0; } return t;",
+    "roulette_weighed": "float t = 1.0; for (int i = 0; i < 6; i++) { if (rand() > p) break; t += 1.0 / q; } return t;",
+    "both": "if (rand() * x.x < p) return 1.0; return 0.0;",
+    "isnan": "float v = sqrt(p - length(x)); return isnan(v) ? 0.0 : 1.0;",
+    "isinf": "float v = exp(1000.0 * (x.x - p)); return isinf(v) ? 1.0 : 0.0;",
+    "isfinite": "float v = log(x.x - p); return isfinite(v) ? 1.0 : 0.0;",
+    "isnan_if": "if (isnan(acos(x.x + q))) return x.y; return 2.0;",
+    "disc": "return length(x) < p ? 1.0 : 0.0;",
+    "disc_if": "if (length(x) < p) return x.x + 2.0; return q;",
+    "stripes": "return floor(4.0 * x.x + p) * q;",
+    "saw": "return frac(4.0 * x.x + p);",
+    "index": "return w[int(1.5 * (x.x + 1.0 + 0.1 * p))];",
+    "checker": "int i = int(floor(4.0 * (x.x + p))) + int(floor(4.0 * x.y)); return (i & 1) == 0 ? 1.0 : 0.0;",
+    "angle": "return atan2(x.y - p, x.x - q);",
+    "sign": "return sign(x.x - p) * (1.0 + x.y);",
+    "step": "return step(p, x.x) * x.y * x.y;",
+    "steps_of_two": "float d = x.x - p; return (d > 0.0 ? 1.0 : 0.0) + (d < 0.0 ? 0.5 : 0.0);",
+    "small": "float d = x.x - p; return 10.0 + (d > 0.0 ? 0.01 : 0.0);",
+    "slope_too": "float d = x.x - p; return d > 0.0 ? 1.0 + d * d : 0.5 * d;",
+    "hidden_mostly": "float f = x.x < p ? 1.0 : 0.0; return x.y > 0.8 ? f : 0.0;",
+    "zero_now": "float d = x.x - p; return d > 0.0 ? q - 0.3 : 0.0;",
+    "early_out": "for (int i = 0; i < 3; i++) if (length(x - 0.3 * i) < w[i]) return 1.0 + i; return 0.0;",
+    "minimum": "float best = 1e9; int k = 0; for (int i = 0; i < 3; i++) { float d = length(x - w[i] * i); if (d < best) { best = d; k = i; } } return 1.0 * k;",
+    "huber_wrong": "float a = abs(x.x - p); return a < 0.1 ? 0.5 * a * a : 0.1 * a;",
+    "round": "return round(3.0 * x.x + p);",
+    "fmod": "return fmod(x.x + 2.0 + p, 0.5);",
+    "bits": "return (asuint(p - length(x)) >> 31) == 0u ? 1.0 : 0.0;",
+}
+
+# Jumps made by arithmetic, and ramps narrower than the samples: d is the signed distance of a disc.
+ARITHMETIC = {
+    "tanh": "float d = p - length(x); return tanh(1e6 * d);",
+    "saturate_single": "float d = p - length(x); return saturate(1e9 * d);",
+    "logistic": "float d = p - length(x); return 1.0 / (1.0 + exp(-1e5 * d));",
+    "hill": "float v = max(p - length(x), 0.0); return v / (v + 1e-12);",
+    "soft_sign": "float d = p - length(x); return d / (abs(d) + 1e-9);",
+    "huge": "float d = p - length(x); return saturate(1e30 * d);",
+    "quotient": "float d = p - length(x); return 0.5 + 0.5 * d / abs(d);",
+    "root": "float d = p - length(x); return d / sqrt(d * d);",
+    "normalize": "return normalize(float2(x.x - p, 0.0)).x;",
+    "atan": "return atan(1.0 / (x.x - p));",
+    "divided_by_0": "float d = p - length(x); float z = q - 0.3; return saturate(d / z);",
+    "smoothstep": "return smoothstep(p, p, length(x));",
+    "max_over": "float d = p - length(x); return max(d, 0.0) / d;",
+    "steep_step": "return smoothstep(p, p + 1e-8, length(x));",
+    "power": "return 1.0 / (1.0 + pow(length(x) / p, 1e6));",
+    "gauss_edge": "float d = p - length(x); return exp(-1e10 * max(-d, 0.0) * max(-d, 0.0));",
+    "atan_ramp": "return atan(1e7 * (x.x - p)) / PI;",
+    "algebraic": "float d = x.x - p; return d / sqrt(d * d + 1e-14);",
+    "coloured": "float d = p - length(x); return lerp(0.2 + x.x, 0.9 - x.y, saturate(1e8 * d + 0.5));",
+    "square": "float2 d = abs(x) - p; return tanh(1e6 * max(d.x, d.y));",
+    "moved": "return tanh(1e6 * (length(x - float2(p, q)) - 0.25));",
+    "exponent": "return exp(-exp(1e5 * (x.x + x.y - p)));",
+    "shaded": "float d = p - length(x); return (1.0 + x.x * x.y) * (0.5 + 0.5 * tanh(1e6 * d)) + 0.1 * sin(3.0 * x.x);",
+    "beside_a_disc": "float f = 0.0; [Disc] if (length(x - 0.5) < q) f = 1.0; return f + tanh(1e6 * (p - length(x)));",
+}
+
+CONTINUOUS = {
+    "huber": "float d = x.x - p; float a = abs(d); if (a < 0.1) return 0.5 * d * d; return 0.1 * (a - 0.05);",
+    "huber_2d": "float a = length(x) - p; return abs(a) < q ? 0.5 * a * a : q * (abs(a) - 0.5 * q);",
+    "smoothstep": "float t = (x.x - p) / 0.2; if (t < 0.0) return 0.0; if (t > 1.0) return 1.0; return t * t * (3.0 - 2.0 * t);",
+    "abs": "float d = x.x - p; return d < 0.0 ? -d : d;",
+    "abs_if": "float d = x.x - p; if (d < 0.0) d = -d; return d;",
+    "relu": "float d = p - length(x); if (d > 0.0) return d; return 0.0;",
+    "leaky": "float d = p - length(x); return d > 0.0 ? d : 0.1 * d;",
+    "elu": "float d = p - length(x); return d > 0.0 ? d : exp(d) - 1.0;",
+    "max": "float a = x.x - p, b = x.y - q; return a > b ? a : b;",
+    "clamp": "float v = 2.0 * x.x + p; if (v < 0.0) v = 0.0; if (v > 1.0) v = 1.0; return v;",
+    "sort": "float a = x.x + p, b = x.y; if (a > b) { float t = a; a = b; b = t; } return a + 2.0 * b;",
+    "b_spline": "float t = abs(x.x - p) / 0.3; if (t < 1.0) return 2.0 / 3.0 - t * t + 0.5 * t * t * t; if (t < 2.0) { float u = 2.0 - t; return u * u * u / 6.0; } return 0.0;",
+    "catmull": "float t = abs(x.x - p) / q; if (t < 1.0) return 1.5 * t * t * t - 2.5 * t * t + 1.0; if (t < 2.0) return -0.5 * t * t * t + 2.5 * t * t - 4.0 * t + 2.0; return 0.0;",
+    "hat": "float t = abs(x.x - p) / q; return t < 1.0 ? 1.0 - t : 0.0;",
+    "bump": "float t = dot(x - p, x - p) / (q * q); return t < 1.0 ? (1.0 - t) * (1.0 - t) : 0.0;",
+    "box": "float2 d = abs(x) - float2(p, q); if (d.x > 0.0 && d.y > 0.0) return length(d); return d.x > d.y ? d.x : d.y;",
+    "box_sdf": "float2 d = abs(x) - float2(p, q); return length(max(d, 0.0)) + min(max(d.x, d.y), 0.0);",
+    "capsule": "float h = x.x / p; if (h < 0.0) h = 0.0; if (h > 1.0) h = 1.0; return length(x - float2(p * h, 0.0)) - q;",
+    "smooth_min": "float a = length(x) - p, b = length(x - 0.5) - q, h = 0.2 - abs(a - b); if (h > 0.0) return min(a, b) - h * h / 0.8; return min(a, b);",
+    "sinc": "float t = 9.0 * (x.x - p); return abs(t) < 1e-3 ? 1.0 - t * t / 6.0 : sin(t) / t;",
+    "sinc_at_0": "float t = 9.0 * (x.x - p); return t == 0.0 ? 1.0 : sin(t) / t;",
+    "guarded": "float l = length(x - p); return l > 1e-6 ? l * l / l : 0.0;",
+    "guarded_normal": "float2 d = x - p; float l = dot(d, d); return l > 0.0 ? d.x * d.y / sqrt(l) : 0.0;",
+    "floor_and_frac": "float t = 4.0 * x.x + p; return floor(t) + frac(t);",
+    "value_noise": "float t = 4.0 * (x.x + 2.0 + p); float i = floor(t), f = t - i; return lerp(sin(7.0 * i), sin(7.0 * (i + 1.0)), f * f * (3.0 - 2.0 * f));",
+    "triangle": "return abs(frac(4.0 * x.x + p) - 0.5);",
+    "repeated": "float t = frac(3.0 * x.x + p); return t * (1.0 - t);",
+    "table": "float t = saturate(0.5 + 0.5 * x.x * p) * 2.0; int i = min(int(t), 1); return lerp(w[i], w[i + 1], t - i);",
+    "angle": "return cos(atan2(x.y - p, x.x));",
+    "rose": "return length(x) - p - 0.1 * sin(5.0 * atan2(x.y, x.x - q));",
+    "angle_squared": "float a = atan2(x.y, x.x + p); return a * a;",
+    "square_of_sign": "float d = x.x - p; return sign(d) * d;",
+    "step_times_0": "float d = x.x - p; return step(0.0, d) * d * d;",
+    "softplus": "float t = 8.0 * (x.x - p); return t > 20.0 ? t : log(1.0 + exp(t));",
+    "log_sum": "float a = x.x - p, b = x.y - q; return a > b ? a + log(1.0 + exp(b - a)) : b + log(1.0 + exp(a - b));",
+    "quintic": "float t = saturate((length(x) - p) / q); return t * t * t * (t * (6.0 * t - 15.0) + 10.0);",
+    "srgb": "float v = saturate(0.5 * (x.x + 1.0) * (0.5 + p)); return v < 0.5 ? 2.0 * v * v : 1.0 - 2.0 * (1.0 - v) * (1.0 - v);",
+    "fresnel": "float c = x.x - p; if (c < 0.0) { c = -c; } float s = 1.0 - c * c; return s > 0.0 ? s * s * s : 0.0;",
+    "reflected": "float t = x.x + p; if (t > 1.0) t = 2.0 - t; if (t < -0.5) t = -1.0 - t; return t * t;",
+    "two_guards": "float d = length(x) - p; if (d <= 0.0) return 0.0; if (d >= 0.5) return 0.25; return d * d;",
+    "shading": "float3 n = normalize(float3(x * p, 1.0)); return max(dot(n, normalize(float3(0.3, q, 1.0))), 0.0);",
+    "waves": "return sin(20.0 * x.x + p) * cos(17.0 * x.y * q);",
+    "steep_but_seen": "return tanh(40.0 * (p - length(x)));",
+    "roots": "return sqrt(max(p - length(x), 0.0));",
+    "narrow_peak": "float d = x.x - p; return 1.0 / (1.0 + 400.0 * d * d);",
+    "tagged": "[Disc] if (length(x) < p) return 1.0 + x.x; return 0.0;",
+    "tagged_stripes": "[Disc] float k = floor(5.0 * x.x + p); return k * x.y;",
+    "random": "return (rand() + p) * (rand() * x.x + q);",
+    "random_fixed": "float k = rand() < 0.3 ? 1.0 : 2.0; return k * p * x.x;",
+    "jump_that_stays": "float s = x.x / abs(x.x); return s * p + q * x.y;",
+    "grain_that_stays": "return frac(sin(dot(floor(16.0 * x), float2(12.9898, 78.233))) * 43758.5453) * p;",
+    "silenced": "[NoDisc] if (length(x) < p) return 1.0; return q;",
+}
+
+
+# A threshold that nothing in the domain reaches, though it might with other parameters.
+NEVER = {"softplus"}
+
+
+class Kinds(Case):
+    def codes(self, body):
+        self.put("s.salt", HEAD + body + "\n}\n")
+        j = self.json_cli("grad", "s.salt", "--integral")
+        return {d["code"] for d in j["warnings"] if d["code"].startswith("W04")}
+
+    def sort(self, programs):
+        return {name for name, body in programs.items() if self.codes(body)}
+
+    def counted(self, what, found, programs):
+        print(f"{what}: {len(found)} of {len(programs)}", file=sys.stderr)
+
+    def test_decisions(self):
+        found = self.sort(DECISIONS)
+        self.counted("decisions warned about", found, DECISIONS)
+        self.assertEqual(set(DECISIONS) - found, set())
+
+    def test_arithmetic(self):
+        found = self.sort(ARITHMETIC)
+        self.counted("arithmetic warned about", found, ARITHMETIC)
+        self.assertEqual(set(ARITHMETIC) - found, set())
+
+    def test_errors_hold_what_is_lost(self):
+        """The disc's circumference, or the line's length, times the jump."""
+        disc = 2.0 * math.pi * 0.4
+        truth = {"tanh": 2 * disc, "quotient": disc, "soft_sign": 2 * disc, "huge": disc, "hill": disc, "normalize": -4, "max_over": disc, "algebraic": -4, "atan_ramp": -2}
+        for name, want in truth.items():
+            self.put("s.salt", HEAD + ARITHMETIC[name] + "\n}\n")
+            for options in (), ("--precision", "f64"), ("--estimator", "lattice"):
+                j = self.json_cli("grad", "s.salt", "--integral", *options)
+                off = abs(j["gradient"]["p"] - want)
+                self.assertLessEqual(off, 2 * j["stderr"]["p"] + 2e-3 * abs(want), (name, options))
+                if off > 0.1 * abs(want):
+                    self.assertLess(j["certified"], 0.999, (name, options))
+                self.assertEqual(j["stderr"]["q"], 0)
+
+    def test_text_names_the_operation(self):
+        self.put("s.salt", HEAD + "float d = p - length(x);\nreturn tanh(1e6 * d);\n}\n")
+        r = self.run_cli("grad", "s.salt", "--integral")
+        self.assertIn("s.salt:5:", r.err)
+        self.assertIn("W0405", r.err)
+        r = self.run_cli("grad", "s.salt", "-o", "d.npy", "--size", "64x64")
+        self.assertIn("W0405", r.err)
+        self.assertNotIn("W0405", self.run_cli("grad", "s.salt", "--integral", "--quiet").err)
+
+    def test_continuous_programs(self):
+        found = self.sort(CONTINUOUS)
+        self.counted("continuous programs warned about", found, CONTINUOUS)
+        self.assertEqual(found, NEVER)
+
+
+if __name__ == "__main__":
+    unittest.main()
