@@ -226,6 +226,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltOptions, field);
     MEMBER(SltOptions, verify_after);
     MEMBER(SltOptions, stop_after);
+    MEMBER(SltOptions, sandbox);
     END(SltOptions);
     STRUCT(SltDiagnostic);
     MEMBER(SltDiagnostic, struct_size);
