@@ -57,6 +57,25 @@ static const char *stderr_kind(const SltStats *stats, bool mixed, bool replicate
     return replicates ? "replicates" : "bound";
 }
 
+/* What lines are thought to have missed, where that is most of the error: the component of which most is missed. */
+static void report_missed(const Cli *c, const SltProgram *p, const SltIntegral *r, size_t n) {
+    size_t worst = 0;
+    double largest = 0;
+    for (size_t i = 0; i < n; i++) {
+        largest = fmax(largest, fabs(r->gradient[i]));
+        if (fabs(r->missed_estimate[i]) > fabs(r->missed_estimate[worst])) worst = i;
+    }
+    double missed = n ? r->missed_estimate[worst] : 0;
+    if (!n || c->quiet || c->json) return;
+    if (fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return;
+    char name[256];
+    report_component_name(p, (uint32_t)(worst % slt_float_count(p)), name, sizeof name);
+    fprintf(stderr,
+            "saltus: warning: lines miss what is narrower than their spacing: of %s an estimated %.3g beside the %.6g "
+            "above; more --segments, or --estimator quadrature\n",
+            name, missed, r->gradient[worst]);
+}
+
 static int grad_integral(Cli *c, SltProgram *p) {
     SltError err = {0};
     SltStats stats = SLT_STATS_INIT;
@@ -109,6 +128,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
                     (unsigned long long)stats.crossings, stats.seconds);
     }
     report_cells(c, &stats, &left);
+    report_missed(c, p, &out, n - 1);
     if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(all);

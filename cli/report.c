@@ -168,10 +168,19 @@ static bool coincident_text(const SltStats *s, char *buf, size_t size) {
     return n > 0;
 }
 
+/* Far from the origin, or with very many lines. */
+static bool ulps_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(buf, size,
+             "in single precision coordinates here have %.2g steps from line to line, fewer than %d: errors are larger "
+             "than stated; --precision f64, or a domain nearer to the origin",
+             s->ulps, SLT_FEW_ULPS);
+    return s->ulps > 0;
+}
+
 static const struct {
     const char *code;
     bool (*text)(const SltStats *s, char *buf, size_t size); /* false: there is nothing to warn of */
-} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}};
+} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled, TEXT = 512 };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {

@@ -82,6 +82,14 @@ static SltStatus begin_gradient(ApiCall *c, SltProgram *p, const SltJob *job, bo
     return api_call_kernels(c, needs);
 }
 
+/* Where single precision tells too few places apart, the caller is told. */
+static void note_ulps(ApiCall *c, bool integral) {
+    if (!c->stats) return;
+    c->job.integral |= integral;
+    double ulps = slt_estimate_ulps(&c->p->scene, &c->job);
+    c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
+}
+
 /* A derivative that is infinite stays so in the result; it is counted. */
 static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
     if (!v || !stats) return;
@@ -118,6 +126,7 @@ SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const
                           float *crossings, SltStats *stats, SltError *err) {
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, true, stats, err);
+    if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_forward(&p->scene, &c.job, ndir, dirs, out, crossings, c.stats, err);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -129,6 +138,7 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     const float *both[2] = {adjoint, adjoint};
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, gradient, stderr_bound, c.stats, err);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
@@ -140,6 +150,7 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
                         double *gradient, double *stderr_bound, float *image, SltStats *stats, SltError *err) {
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     if (s == SLT_OK)
         s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, gradient, stderr_bound, image, c.stats, err);
@@ -153,6 +164,7 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     if (!api_struct_read(&wanted, sizeof wanted, out)) return api_struct_unknown(err, "SltIntegral");
     ApiCall c;
     SltStatus s = begin_gradient(&c, p, job, false, stats, err);
+    if (s == SLT_OK) note_ulps(&c, true);
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
     if (s == SLT_OK) s = api_steep(&c, &wanted, spent(&c, before));

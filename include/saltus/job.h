@@ -101,7 +101,10 @@ typedef struct SltStats {
     double upset; /* measure of cells in which f jumps where an untagged jump makes a [Disc] decide otherwise; it is
                      part of settled or curved, not of certified */
     uint32_t upset_line; /* where the first such jump stands in the source; 0: there is none */
+    double ulps;         /* of coordinates in single precision between neighbouring lines, where they are fewer than
+                            SLT_FEW_ULPS: answers are then wrong by more than is stated; 0: enough. Of the last call */
 } SltStats;
+enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})
 
 /* Results of slt_grad_integral. The arrays are the caller's, nfloats = slt_float_count; NULL: not wanted. */
@@ -110,8 +113,9 @@ typedef struct SltIntegral {
     double *value, *value_stderr;       /* [channels] */
     double *gradient, *gradient_stderr; /* [channels][nfloats] */
     double *interior, *boundary;        /* [channels][nfloats]: the two parts of the gradient */
-    double *missed_estimate;            /* [channels][nfloats]: the part that lines half as dense would have missed */
-    bool replicates;                    /* true: standard errors from replicates; false: upper bounds */
+    double *missed_estimate; /* [channels][nfloats]: what lines are thought to have missed; not in the gradient,
+                                but in its error */
+    bool replicates;         /* true: standard errors from replicates; false: upper bounds */
     /* Estimators with cells, where SltStats.cells is set: the standard errors are those of quadrature, of every part
      * and of what was left over too. */
     bool mixed;         /* some came from lines in what was left over */

@@ -134,12 +134,28 @@ static void spread(const double *v, uint32_t n, uint32_t channels, uint32_t c, d
     *mean = sum, *error = n > 1 ? bars_factor(n) * sqrt(var / (n - 1) / n) : 0;
 }
 
+/* Differences by a step of h in parameter p, of all replicates: up[n][channels]; `down` is room for as many. */
+static SltStatus integral_differences(const SltScene *s, const SltJob *j, uint32_t p, double h, uint32_t n, double *up,
+                                      double *down, SltStats *stats, SltError *err) {
+    SltStatus st = SLT_OK;
+    for (int side = 0; side < 2 && st == SLT_OK; side++) {
+        Moved m;
+        st = scene_move(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
+                                                       : status_fail(err, SLT_LIMIT, "out of memory");
+        moved_free(&m);
+    }
+    for (uint32_t i = 0; i < n * s->channels; i++) up[i] = (up[i] - down[i]) / (2 * h);
+    return st;
+}
+
 SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     uint32_t n = j->replicates ? j->replicates : 4, channels = s->channels;
     uint64_t size = (uint64_t)channels * s->nfloats;
     double *up = alloc_zero((size_t)n * channels, sizeof *up), *down = alloc_zero((size_t)n * channels, sizeof *down),
+           *wide = alloc_zero((size_t)n * channels, sizeof *wide),
            *arrays[] = {out->gradient, out->gradient_stderr, out->interior, out->boundary, out->missed_estimate};
-    SltStatus st = up && down ? integrals(s, j, n, up, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
+    SltStatus st =
+        up && down && wide ? integrals(s, j, n, up, stats, err) : status_fail(err, SLT_LIMIT, "out of memory");
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         if (arrays[i]) memset(arrays[i], 0, size * sizeof **arrays);
     for (uint32_t c = 0; c < channels && st == SLT_OK; c++) {
@@ -151,21 +167,19 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
     for (uint32_t p = 0; p < s->nfloats && st == SLT_OK; p++) {
         if (s->active && !s->active[p]) continue;
         double h = step_of(j, param_get(s, p));
-        for (int side = 0; side < 2 && st == SLT_OK; side++) {
-            Moved m;
-            st = scene_move(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
-                                                           : status_fail(err, SLT_LIMIT, "out of memory");
-            moved_free(&m);
-        }
-        for (uint32_t i = 0; i < n * channels; i++) up[i] = (up[i] - down[i]) / (2 * h);
+        st = integral_differences(s, j, p, h, n, up, down, stats, err);
+        /* What the step itself leaves out goes with its square: twice the step says how much. */
+        if (st == SLT_OK && out->gradient_stderr) st = integral_differences(s, j, p, 2 * h, n, wide, down, stats, err);
         for (uint32_t c = 0; c < channels && st == SLT_OK; c++) {
-            double mean, error;
+            double mean, error, other, ignored;
             spread(up, n, channels, c, &mean, &error);
+            spread(wide, n, channels, c, &other, &ignored);
+            if (out->gradient_stderr) error = hypot(error, (other - mean) / 3);
             if (out->gradient) out->gradient[(uint64_t)c * s->nfloats + p] = mean;
             if (out->gradient_stderr) out->gradient_stderr[(uint64_t)c * s->nfloats + p] = error;
         }
     }
     out->replicates = true;
-    free(up), free(down);
+    free(up), free(down), free(wide);
     return st;
 }

@@ -1,4 +1,5 @@
 /* One function a question: how interior and boundary terms, halves and replicates make an answer. */
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +17,16 @@ const char *const slt_drop_names[SLT_DROP_REASONS] = {"zero_gradient", "not_fini
 static double segments_of(const SltJob *j) {
     if (j->segments) return (double)j->segments;
     return j->integral ? (double)(j->samples ? j->samples : 1) : (double)(j->spp ? j->spp : 1);
+}
+
+double slt_estimate_ulps(const SltScene *s, const SltJob *j) {
+    double least = HUGE_VAL, replicates = j->replicates ? j->replicates : 4;
+    double lines = pow(segments_of(j) / (j->integral ? replicates : 1) / s->dim, 1.0 / s->dim);
+    for (uint32_t d = 0; d < s->dim && !s->f64; d++) {
+        double spacing = (s->hi[d] - s->lo[d]) / fmax(1, lines * (j->integral ? 1 : j->size[d]));
+        least = fmin(least, spacing / ((double)FLT_EPSILON * fmax(fabs(s->lo[d]), fabs(s->hi[d]))));
+    }
+    return least;
 }
 
 static SltStatus need_image(const SltJob *j, const char *what, SltError *err) {

@@ -90,6 +90,9 @@ static inline uint32_t scene_outputs(const SltScene *s, SltKernelKind kind, SltR
 /* The integral by lines and samples: as many as the job says, or, where it wants an error, until that is reached;
  * SltStats.stopped says where it was not. */
 SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err);
+/* Single precision: how many units in the last place of a coordinate lie between neighbouring lines of a lattice for
+ * this job, along the axis where that is least; infinite in double precision. */
+double slt_estimate_ulps(const SltScene *s, const SltJob *j);
 /* The largest stated error of an integral, in parts of what the job wants it to be; 0: it wants none. */
 double slt_estimate_beyond(const SltScene *s, const SltJob *j, const SltIntegral *out);
 

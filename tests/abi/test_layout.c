@@ -140,6 +140,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, stopped);
     MEMBER(SltStats, upset);
     MEMBER(SltStats, upset_line);
+    MEMBER(SltStats, ulps);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);
@@ -225,6 +226,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltOptions, field);
     MEMBER(SltOptions, verify_after);
     MEMBER(SltOptions, stop_after);
+    MEMBER(SltOptions, sandbox);
     END(SltOptions);
     STRUCT(SltDiagnostic);
     MEMBER(SltDiagnostic, struct_size);

@@ -288,6 +288,43 @@ class Losses(Case):
         self.assertIn("resized", r.err)
 
 
+class Bars(Case):
+    """What is printed beside a derivative covers what lines miss, and says so where it is much."""
+    HAIRS = ("param float w = 4e-4;\n[Domain(-1.0, 1.0)]\nshader float main(float2 x) { float f = 0.0; for (int i = 0; i < 90; i++) { float a = 0.07 * i;"
+             " [Disc] if (abs(x.x * cos(a) + x.y * sin(a) - 0.02 * (i %% 7)) < %s) f += 1.0; } return f; }")
+
+    def test_missed(self):
+        """Hairs of 90 events, where there is no probe: the truth is 403 for thin ones, and nothing is missed of wide ones."""
+        for width, missed in (("w", True), ("100.0 * w", False)):
+            self.put("h.salt", self.HAIRS % width)
+            j = self.json_cli("grad", "h.salt", "--integral", "--estimator", "lattice")
+            g, e, m = j["gradient"]["w"], j["stderr"]["w"], j["missed_estimate"]["w"]
+            (self.assertGreater if missed else self.assertLess)(abs(m), (0.1 if missed else 2e-3) * abs(g))
+            self.assertGreaterEqual(e, abs(m))
+            r = self.run_cli("grad", "h.salt", "--integral", "--estimator", "lattice")
+            self.assertEqual("lines miss" in r.err, missed)
+
+    def test_missed_in_images(self):
+        """100 discs, none as wide as the distance of lines: the stated error of a loss holds what is missed."""
+        self.put("d.salt", "param float r = 0.002;\nshader float main(float2 x) { float f = 0.0; for (int i = 0; i < 10; i++) { for (int j = 0; j < 10; j++) {"
+                 " [Disc] if (length(x - float2(0.05 + 0.1 * i, 0.0513 + 0.1 * j)) < r) f = 1.0; } } return f; }")
+        self.put("one.salt", "shader float main(float2 x) { return 1.0; }")
+        self.run_cli("render", "one.salt", "-o", "one.pfm", "--size", "64")
+        j = self.json_cli("grad", "d.salt", "--adjoint", "one.pfm", "--size", "64", "--estimator", "lattice")
+        want = 64 * 64 * 200 * 3.14159265 * 0.002
+        self.assertLess(abs(j["gradient"]["r"] - want), 3 * j["stderr"]["r"])
+
+    def test_far_away(self):
+        """In f32 a domain that far has 16 places a side: silence would be a lie."""
+        self.put("f.salt", "param float r = 0.4;\n[Domain(1000000.0, 1000001.0)]\nshader float main(float2 x) { [Disc] if (length(x - 1000000.5) < r) return 1.0; return 0.0; }")
+        for options in ((), ("--estimator", "lattice")):
+            self.assertIn("few_ulps", [w["code"] for w in self.json_cli("grad", "f.salt", "--integral", *options)["warnings"]])
+        self.assertIn("single precision", self.run_cli("grad", "f.salt", "--integral").err)
+        self.assertEqual([], self.json_cli("grad", "f.salt", "--integral", "--precision", "f64")["warnings"])
+        self.put("c.salt", CIRCLE)
+        self.assertEqual([], self.json_cli("grad", "c.salt", "--integral")["warnings"])
+
+
 class Check(Case):
     def test_pass(self):
         self.put("c.salt", CIRCLE)
@@ -309,6 +346,20 @@ class Check(Case):
         self.assertFalse(self.json_cli("check", "w.salt", "--samples", 65536, code=1)["pass"])
         self.put("t.salt", "float df(float a, float da) { return 3.0 * da; }\n[Tangent(df)] float f(float a) { return a * a; }\nparam float p = 0.7;\nshader float main(float2 x) { return f(p) * x.x; }")
         self.run_cli("check", "t.salt", "--samples", 4096, code=1)
+        self.assertRegex(r.out, r"FAIL: 1 of 1 rows: r \(z -?[0-9.e+]+\)")
+
+    def test_step(self):
+        """What a step leaves out is part of the error: a large one does not fail, and is not hidden. sinh(2 h)/2h - 1 is 0.026."""
+        self.put("e.salt", "param float a = 1.0;\nshader float main(float x) { return exp(2.0 * a * x) * x; }")
+        j = self.json_cli("check", "e.salt", "--precision", "f64", "--step", "0.2")
+        self.assertEqual(j["rows"][0]["step"], 0.2)
+        self.assertTrue(j["pass"])
+        self.assertGreater(j["rows"][0]["truncation"], 0.5 * abs(j["rows"][0]["fd"] - j["rows"][0]["ad"]))
+        d = self.json_cli("grad", "e.salt", "--integral", "--precision", "f64", "--estimator", "fd", "--step", "0.2")
+        a = self.json_cli("grad", "e.salt", "--integral", "--precision", "f64")
+        off = abs(d["gradient"]["a"] - a["gradient"]["a"])
+        self.assertLess(off, 2 * d["stderr"]["a"])
+        self.assertGreater(off, 0.3 * d["stderr"]["a"])
 
 
 class Explain(Case):

@@ -306,7 +306,8 @@ static void test_slack(void **state) {
     r.scene.geometries = geometries, r.scene.ngeometries = 1, r.scene.geometry_base = &base;
     r.low = HUGE_VAL;
     integrate(&r, (SltJob){.samples = 64, .estimator = SLT_EST_FD, .fd_step = 0.125});
-    assert_true(r.slack >= 0.375 && r.slack < 0.3751 && r.low == 0.25);
+    /* Twice the step, which the error is from, is the farthest. */
+    assert_true(r.slack >= 0.5 && r.slack < 0.5001 && r.low == 0.25);
     assert_true(field.slack == 0.25f);
     geometry_free(made);
 }
