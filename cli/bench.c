@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 
 #include "cli/bench.h"
+#include "runtime/base/text.h"
 
 enum { MAX_POINTS = 16, MAX_REPEATS = 256 };
 
@@ -179,9 +180,8 @@ static int check_estimators(const Cli *c) {
 
 /* ---- outputs */
 static char *make_csv(const Bench *b) {
-    char *text = NULL;
-    size_t size;
-    FILE *out = open_memstream(&text, &size);
+    Text text;
+    FILE *out = text_open(&text);
     if (!out) return NULL;
     fputs("estimator,samples,evaluations,seconds,relative_rmse,gauss\n", out);
     for (int e = 0; e < SLT_ESTIMATORS; e++)
@@ -190,14 +190,12 @@ static char *make_csv(const Bench *b) {
             fprintf(out, "%s,%llu,%.0f,%.9g,%.9g,%u\n", b->curves[e].name, (unsigned long long)q->samples,
                     q->evaluations, q->seconds, q->error, q->gauss);
         }
-    fclose(out);
-    return text;
+    return text_close(&text);
 }
 
 static char *make_json(const Bench *b) {
-    char *text = NULL;
-    size_t size;
-    FILE *out = open_memstream(&text, &size);
+    Text text;
+    FILE *out = text_open(&text);
     if (!out) return NULL;
     fputs("{\"shader\": ", out);
     json_text(out, b->c->expr ? b->c->expr : b->c->file);
@@ -241,8 +239,7 @@ static char *make_json(const Bench *b) {
         first = false;
     }
     fputs("}}\n", out);
-    fclose(out);
-    return text;
+    return text_close(&text);
 }
 
 static char *make_svg(Bench *b) {
@@ -278,7 +275,8 @@ static SltStatus write_folder(Bench *b) {
         char path[4096];
         if (s == SLT_OK &&
             (!files[i].text || snprintf(path, sizeof path, "%s/%s", dir, files[i].name) >= (int)sizeof path))
-            s = status_fail(&b->err, SLT_OUTPUT, "%s/%s cannot be made", dir, files[i].name);
+            s = status_fail(&b->err, files[i].text ? SLT_OUTPUT : SLT_LIMIT, "%s/%s: %s", dir, files[i].name,
+                            files[i].text ? "the path is too long" : "out of memory");
         if (s == SLT_OK) s = file_write_atomic(path, files[i].text, strlen(files[i].text), &b->err);
         free(files[i].text);
     }
@@ -307,10 +305,9 @@ static int bench(Bench *b) {
     int status = cli_prepare_job(c, b->p);
     if (status != SLT_OK) return status;
     b->size = (size_t)slt_channels(b->p) * slt_float_count(b->p);
-    b->reference = calloc(b->size + 1, sizeof *b->reference);
-    b->g = calloc(b->size + 1, sizeof *b->g);
-    b->stated = calloc(b->size + 1, sizeof *b->stated);
-    if (!b->reference || !b->g || !b->stated) return SLT_LIMIT;
+    b->reference = cli_need(calloc(b->size + 1, sizeof *b->reference));
+    b->g = cli_need(calloc(b->size + 1, sizeof *b->g));
+    b->stated = cli_need(calloc(b->size + 1, sizeof *b->stated));
     uint64_t largest = c->job.samples, smallest = largest >> 10 > 256 ? largest >> 10 : 256;
     uint32_t active = 0;
     for (uint32_t i = 0; i < slt_float_count(b->p); i++) active += slt_wrt_mask(b->p)[i];
@@ -346,13 +343,14 @@ static int bench(Bench *b) {
     progress_end(&pr);
     if (s == SLT_OK && c->output) s = write_folder(b);
     if (s == SLT_OK && c->json) {
-        char *json = make_json(b);
-        fputs(json ? json : "{}\n", stdout);
+        char *json = cli_need(make_json(b));
+        fputs(json, stdout);
         free(json);
     } else if (s == SLT_OK) {
         print_table(b);
     }
-    return s == SLT_OK ? SLT_OK : cli_fail(c, &b->err);
+    /* what did not compile in the other precision has said so */
+    return s == SLT_OK || b->err.status == SLT_OK ? (int)s : cli_fail(c, &b->err);
 }
 
 int verb_bench(Cli *c) {

@@ -1,12 +1,14 @@
 /* saltus build: ahead-of-time code (.o .s .ll .so) and a C header beside it, or the header alone (.h). */
 #include <assert.h>
 #include <ctype.h>
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
+#include "runtime/base/text.h"
 #include "kernel_text.h" /* include/saltus/kernel.h as a string, made by the build */
 
 static char kind_of(const char *path) {
@@ -99,9 +101,9 @@ static void write_float(FILE *h, const char *before, double v) {
 }
 
 static char *make_header(const SltProgram *p, const char *stem) {
-    char *text = NULL, id[256];
-    size_t size = 0;
-    FILE *h = open_memstream(&text, &size);
+    char id[256];
+    Text text;
+    FILE *h = text_open(&text);
     if (!h) return NULL;
     const char *flt = p->opt.f64 ? "double" : "float";
     fprintf(h, "/* %s: kernels of shader `%s`, made by saltus %s. */\n#ifndef %s_SALTUS_H\n#define %s_SALTUS_H\n\n",
@@ -148,15 +150,14 @@ static char *make_header(const SltProgram *p, const char *stem) {
         "    %s_value(&args, n);\n}\n",
         stem, stem, stem, stem, stem, stem, stem);
     fprintf(h, "\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
-    fclose(h);
-    return text;
+    return text_close(&text);
 }
 
 /* A header that is there and does not say that it was made here. */
 static bool is_foreign(const char *path) {
     char head[512] = {0};
     FILE *f = fopen(path, "rb");
-    if (!f) return false;
+    if (!f) return errno != ENOENT && errno != ENOTDIR; /* what cannot be read may be anybody's */
     size_t n = fread(head, 1, sizeof head - 1, f);
     fclose(f);
     head[n] = 0;
@@ -185,8 +186,7 @@ static int build(Cli *c, SltProgram *p) {
                     kernel_names[k], p->prog->params[p->prog->geometries[f].param].name);
     char *header = make_header(p, stem);
     if (!header) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
-    char *header_path = malloc(strlen(c->output) + 4);
-    if (!header_path) return free(header), SLT_LIMIT;
+    char *header_path = cli_need(malloc(strlen(c->output) + 4));
     strcpy(header_path, c->output);
     strcpy(strrchr(header_path, '.'), ".h");
     unsigned char *code = NULL;

@@ -283,11 +283,10 @@ static int check(Check *k) {
     if (status != SLT_OK) return status;
     uint32_t nf = slt_float_count(k->p), ch = slt_channels(k->p);
     size_t size = (size_t)ch * nf + 1;
-    double *g = calloc(2 * size, sizeof *g), *base = malloc((nf + 1) * sizeof *base),
-           *total = calloc(nf + 1, sizeof *total);
-    k->rows = calloc(MAX_ROWS, sizeof *k->rows);
-    k->moved = malloc((nf + 1) * sizeof *k->moved);
-    if (!g || !base || !total || !k->rows || !k->moved) return free(g), free(base), free(total), SLT_LIMIT;
+    double *g = cli_need(calloc(2 * size, sizeof *g)), *base = cli_need(malloc((nf + 1) * sizeof *base)),
+           *total = cli_need(calloc(nf + 1, sizeof *total));
+    k->rows = cli_need(calloc(MAX_ROWS, sizeof *k->rows));
+    k->moved = cli_need(malloc((nf + 1) * sizeof *k->moved));
     memcpy(base, slt_floats(k->p), nf * sizeof *base);
     memcpy(k->weight, weights, sizeof k->weight);
     SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size};

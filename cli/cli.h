@@ -119,7 +119,10 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
 int cli_compile(Cli *c, SltProgram **out);
 void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
-int cli_unknown_format(const Cli *c);            /* prints that -o has no known extension, returns SLT_USAGE */
+/* `p`, what an allocation returned. Where that is nothing the command says so and ends with status 6: it has nothing to
+ * tidy up that the system does not, as long as no output is staged. */
+void *cli_need(void *p);
+int cli_unknown_format(const Cli *c); /* prints that -o has no known extension, returns SLT_USAGE */
 /* Completes the job's sizes for this program (dimension, defaults), and checks them. */
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */

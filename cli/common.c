@@ -78,24 +78,25 @@ int cli_fail(const Cli *c, const SltError *err) {
     return err->status;
 }
 
+void *cli_need(void *p) {
+    if (p) return p;
+    fputs("saltus: out of memory\n", stderr);
+    exit(SLT_LIMIT);
+}
+
 static char *read_stdin(void) {
     size_t cap = 1 << 16, n = 0;
-    char *text = malloc(cap + 1);
-    while (text) {
+    char *text = cli_need(malloc(cap + 1));
+    for (;;) {
         size_t got = fread(text + n, 1, cap - n, stdin);
         n += got;
         if (got == 0) break;
         if (n == cap) {
             if (cap > 64u << 20) break; /* the front end refuses it with a message */
-            char *more = realloc(text, (cap *= 2) + 1);
-            if (!more) {
-                free(text);
-                return NULL;
-            }
-            text = more;
+            text = cli_need(realloc(text, (cap *= 2) + 1));
         }
     }
-    if (text) text[n] = 0;
+    text[n] = 0;
     return text;
 }
 
@@ -107,8 +108,7 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
     c->opt.disc_auto = true;
     for (int t = 0; t < 4; t++) {
         size_t size = strlen(c->expr) + 256;
-        char *source = malloc(size);
-        if (!source) return SLT_LIMIT;
+        char *source = cli_need(malloc(size));
         snprintf(source, size, "import sdf; import color; import noise;\nshader %s main(float2 x) { return\n%s\n; }\n",
                  types[t], c->expr);
         SltProgram *p = NULL;
@@ -188,20 +188,20 @@ int cli_compile(Cli *c, SltProgram **out) {
         status = compile_expr(c, &p);
     } else if (!strcmp(c->file, "-")) {
         char *text = read_stdin();
-        if (!text) return fputs("saltus: standard input could not be read\n", stderr), SLT_INPUT;
         status = slt_compile_string(text, "-", &c->opt, &p);
         free(text);
     } else {
         status = slt_compile_file(c->file, &c->opt, &p);
     }
     *out = p;
-    if (!p) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    cli_need(p);
     bool told = slt_diagnostic_count(p) > 0;
     if (told && !(c->quiet && status == SLT_OK)) cli_tell(c, p);
     c->told = slt_diagnostic_count(p);
     if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
-        if (!told || p->session->nerrors == 0) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
+        bool listed = told && p->session->nerrors && status != SLT_LIMIT;
+        if (!listed) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
         /* A file that cannot be opened has no diagnostics: the library's last error says so. */
         return status;
     }
@@ -275,8 +275,8 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
     image_free(&root);
     if (status != SLT_OK) return cli_fail(c, &err);
     size_t n = (size_t)w * (size_t)h * slt_channels(p);
-    *out = malloc(n * sizeof **out);
-    if (*out) memcpy(*out, fitted.data, n * sizeof **out);
+    *out = cli_need(malloc(n * sizeof **out));
+    memcpy(*out, fitted.data, n * sizeof **out);
     image_free(&fitted);
-    return *out ? SLT_OK : SLT_LIMIT;
+    return SLT_OK;
 }

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "cli/explain.h"
+#include "runtime/base/text.h"
 #include "runtime/quadrature/cells.h"
 
 enum {
@@ -182,9 +183,8 @@ static void write_legend(FILE *out, const Drawn *d, const CellCounts *n, const F
 
 static SltStatus write_picture(const char *path, SltProgram *p, const Drawn *d, const CellCounts *counts,
                                SltError *err) {
-    char *text = NULL;
-    size_t size;
-    FILE *out = open_memstream(&text, &size);
+    Text made;
+    FILE *out = text_open(&made);
     if (!out) return status_fail(err, SLT_LIMIT, "out of memory");
     Frame f = make_frame(p->prog);
     fprintf(
@@ -198,10 +198,9 @@ static SltStatus write_picture(const char *path, SltProgram *p, const Drawn *d, 
     write_points(out, d, &f, p->prog->dim);
     write_legend(out, d, counts, &f);
     fputs("</svg>\n", out);
-    bool whole = !ferror(out);
-    fclose(out);
-    if (status == SLT_OK && !whole) status = status_fail(err, SLT_LIMIT, "out of memory");
-    if (status == SLT_OK) status = file_write_atomic(path, text, size, err);
+    char *text = text_close(&made);
+    if (status == SLT_OK && !text) status = status_fail(err, SLT_LIMIT, "out of memory");
+    if (status == SLT_OK) status = file_write_atomic(path, text, made.size, err);
     free(text);
     return status;
 }

@@ -9,6 +9,7 @@
 
 #include "cli/fit.h"
 #include "cli/loss.h"
+#include "runtime/base/text.h"
 #include "saltus/fit.h"
 
 enum { FRAMES = 6 };
@@ -51,8 +52,7 @@ static int apply_scene_params(Fit *f) {
         if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK)
             return err.status = SLT_INPUT, cli_fail(f->c, &err);
         if (set && q->file) {
-            char *at = malloc(strlen(q->file) + 2);
-            if (!at) return SLT_LIMIT;
+            char *at = cli_need(malloc(strlen(q->file) + 2));
             sprintf(at, "@%s", q->file);
             SltStatus status = slt_set_text(f->p, q->name, at, &err);
             free(at);
@@ -80,10 +80,9 @@ static int apply_scene_params(Fit *f) {
 static int collect_numbers(Fit *f) {
     Cli *c = f->c;
     SltFitOptions *o = &f->opt;
-    f->rates = calloc(c->nlr + f->scene.nparams + 1, sizeof *f->rates);
-    f->smooth = calloc(c->nsmooth + f->scene.nparams + 1, sizeof *f->smooth);
-    f->masks = calloc(f->scene.nparams + 1, sizeof *f->masks);
-    if (!f->rates || !f->smooth || !f->masks) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    f->rates = cli_need(calloc(c->nlr + f->scene.nparams + 1, sizeof *f->rates));
+    f->smooth = cli_need(calloc(c->nsmooth + f->scene.nparams + 1, sizeof *f->smooth));
+    f->masks = cli_need(calloc(f->scene.nparams + 1, sizeof *f->masks));
     o->rates = f->rates, o->smooth = f->smooth, o->rate_masks = f->masks;
     for (uint32_t k = 0; k < c->nlr; k++)
         if (!c->lr[k].name) f->rates[o->nrates++].value = strtod(c->lr[k].value, NULL);
@@ -108,11 +107,10 @@ static int collect_numbers(Fit *f) {
         ImageReadOptions raw = {.raw = true};
         if (image_read(q->mask, &raw, &im, &err) != SLT_OK) return cli_fail(c, &err);
         size_t cells = (size_t)im.width * (size_t)im.height;
-        float *factors = malloc((cells + 1) * sizeof *factors);
-        for (size_t i = 0; factors && i < cells; i++) factors[i] = im.data[i * (size_t)im.channels];
+        float *factors = cli_need(malloc((cells + 1) * sizeof *factors));
+        for (size_t i = 0; i < cells; i++) factors[i] = im.data[i * (size_t)im.channels];
         f->masks[o->nrate_masks++] = (SltFitMask){q->name, (uint32_t)im.width, (uint32_t)im.height, factors};
         image_free(&im);
-        if (!factors) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
     }
     return SLT_OK;
 }
@@ -123,8 +121,7 @@ static int read_targets(Fit *f) {
     if (c->target && f->scene.nviews) return cli_usage(c, "--target and the scene's views were both given");
     if (c->minimize && c->loss_command) return cli_usage(c, "--minimize and --loss-command are two losses");
     if (c->target || (c->loss_command && !f->scene.nviews)) {
-        f->scene.views = calloc(1, sizeof *f->scene.views);
-        if (!f->scene.views) return SLT_LIMIT;
+        f->scene.views = cli_need(calloc(1, sizeof *f->scene.views));
         f->scene.nviews = 1;
         f->scene.views[0].target_path = (char *)c->target;
     }
@@ -151,8 +148,7 @@ static int read_targets(Fit *f) {
 }
 
 static int collect_views(Fit *f) {
-    f->views = calloc(f->scene.nviews + 1, sizeof *f->views);
-    if (!f->views) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    f->views = cli_need(calloc(f->scene.nviews + 1, sizeof *f->views));
     for (uint32_t v = 0; v < f->scene.nviews; v++) {
         const View *view = &f->scene.views[v];
         f->views[v] = SLT_FIT_VIEW_INIT;
@@ -285,21 +281,20 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     PlotSeries series = {.name = "loss", .x = x, .y = f->result.losses, .count = (int)f->result.iterations};
     PlotOptions plot = {.title = "loss", .x_label = "iteration", .y_label = "loss", .log_y = true};
     char *svg = s == SLT_OK && x && f->result.iterations ? plot_svg(&plot, &series, 1, err) : NULL;
+    if (s == SLT_OK && !svg && f->result.iterations) s = x ? err->status : status_fail(err, SLT_LIMIT, "out of memory");
     if (svg && (s = join(path, sizeof path, dir, "loss.svg", err)) == SLT_OK)
         s = file_write_atomic(path, svg, strlen(svg), err);
     free(svg);
     free(x);
-    char *csv = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&csv, &size);
-    if (out) {
-        fputs("iteration,loss\n", out);
-        for (uint32_t i = 0; i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
-        fclose(out);
-        if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
-            s = file_write_atomic(path, csv, size, err);
-        free(csv);
-    }
+    Text text;
+    FILE *out = text_open(&text);
+    if (out) fputs("iteration,loss\n", out);
+    for (uint32_t i = 0; out && i < f->result.iterations; i++) fprintf(out, "%u,%.17g\n", i + 1, f->result.losses[i]);
+    char *csv = text_close(&text);
+    if (s == SLT_OK && !csv) s = status_fail(err, SLT_LIMIT, "out of memory");
+    if (s == SLT_OK && (s = join(path, sizeof path, dir, "loss.csv", err)) == SLT_OK)
+        s = file_write_atomic(path, csv, text.size, err);
+    free(csv);
     if (s == SLT_OK) s = write_grids(f, err);
     if (s != SLT_OK || f->c->minimize) return s;
     Image im;
@@ -320,7 +315,7 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     Image target = {.width = im.width, .height = im.height, .channels = im.channels, .data = f->scene.views[0].target},
           film;
     if (target.data) strip[n++] = &target;
-    if (s == SLT_OK && image_film_strip(strip, n, 4, &film, err) == SLT_OK) {
+    if (s == SLT_OK && (s = image_film_strip(strip, n, 4, &film, err)) == SLT_OK) {
         if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, NULL, err);
         image_free(&film);
     }

@@ -113,7 +113,8 @@ static SltStatus fail_line(const char *line, size_t n, const char *what, SltErro
 
 static SltStatus read_head(const char *line, size_t n, double *loss, SltError *err) {
     json_error_t e;
-    json_t *j = json_loadb(line, n, JSON_REJECT_DUPLICATES, &e), *value, *error;
+    json_t *j = json_read(line, n, JSON_REJECT_DUPLICATES, &e), *value, *error;
+    if (!j && json_no_memory(&e)) return status_fail(err, SLT_LIMIT, "out of memory");
     if (!j) return fail_line(line, n, e.text, err);
     value = json_object_get(j, "loss");
     error = json_object_get(j, "error");

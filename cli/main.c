@@ -1,11 +1,25 @@
 /* The command: parses the line and runs its verb. */
 #include <stdlib.h>
 #include <signal.h>
+#include <unistd.h>
 
 #include "cli/cli.h"
+#include "compiler/back/back.h"
+
+/* Nothing of ours aborts, but C++ behind LLVM does. */
+static void on_abort(int sig) {
+    static const char memory[] = "saltus: out of memory while LLVM was loaded\n", fault[] = "saltus: internal fault\n";
+    bool opens = back_opens_llvm();
+    (void)sig;
+    ssize_t ignored = opens ? write(2, memory, sizeof memory - 1) : write(2, fault, sizeof fault - 1);
+    (void)ignored;
+    _exit(opens ? SLT_LIMIT : SLT_INTERNAL);
+}
 
 int main(int argc, char **argv) {
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, reported as such */
+    signal(SIGABRT, on_abort);
+    signal(SIGXFSZ, SIG_IGN); /* and so is a file beyond the system's limit */
     static Cli c;
     int status = cli_parse(argc, argv, &c);
     if (status == SLT_OK) {

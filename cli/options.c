@@ -51,9 +51,8 @@ static bool parse_whole(const char *text, uint64_t lo, uint64_t hi, uint64_t *ou
 }
 
 static char *keep(Cli *c, const char *text) {
-    char *copy = strdup(text);
-    if (!copy || c->nargs_storage == CLI_MAX_KEPT) return free(copy), NULL;
-    return c->args_storage[c->nargs_storage++] = copy;
+    if (c->nargs_storage == CLI_MAX_KEPT) return NULL;
+    return c->args_storage[c->nargs_storage++] = cli_need(strdup(text));
 }
 
 /* "name=value"; false without an =. */

@@ -291,9 +291,8 @@ void report_layer_name(const Cli *c, const SltProgram *p, uint32_t index, char *
 
 uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index) {
     uint32_t n = 0, cap = slt_float_count(p);
-    *names = calloc(cap + 1, sizeof **names);
-    *index = calloc(cap + 1, sizeof **index);
-    if (!*names || !*index) return 0;
+    *names = cli_need(calloc(cap + 1, sizeof **names));
+    *index = cli_need(calloc(cap + 1, sizeof **index));
     const uint8_t *mask = slt_wrt_mask(p);
     (void)c;
     for (uint32_t i = 0; i < cap; i++) {
@@ -301,7 +300,7 @@ uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uin
         if (n < CLI_MAX_COMPONENTS) {
             char buf[512];
             report_component_name(p, i, buf, sizeof buf);
-            (*names)[n] = strdup(buf);
+            (*names)[n] = cli_need(strdup(buf));
         }
         (*index)[n++] = i;
     }
@@ -325,6 +324,7 @@ void report_metadata(Image *im, const Cli *c, const SltProgram *p) {
     if (slt_float_count(p) <= 4096) {
         char *params = slt_params_json(p);
         if (params) image_set_text(im, "saltus:params", params);
+        else im->incomplete = true;
         free(params);
     }
 }

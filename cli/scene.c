@@ -41,17 +41,13 @@ static int known_keys(Reader *r, json_t *object, const char *where, const char *
 #define KEYS(...) (const char *const[]){__VA_ARGS__}, sizeof((const char *const[]){__VA_ARGS__}) / sizeof(const char *)
 
 char *scene_keep(Scene *s, char *text) {
-    char **more = realloc(s->strings, (s->nstrings + 1) * sizeof *more);
-    if (!more) return free(text), NULL;
-    s->strings = more;
-    s->strings[s->nstrings++] = text;
-    return text;
+    s->strings = cli_need(realloc(s->strings, (s->nstrings + 1) * sizeof *s->strings));
+    return s->strings[s->nstrings++] = cli_need(text);
 }
 
 static char *relative(Reader *r, const char *path) {
     size_t n = strlen(r->s->dir) + strlen(path) + 2;
-    char *out = malloc(n);
-    if (!out) return NULL;
+    char *out = cli_need(malloc(n));
     if (path[0] == '/') snprintf(out, n, "%s", path);
     else snprintf(out, n, "%s%s", r->s->dir, path);
     return scene_keep(r->s, out);
@@ -129,12 +125,10 @@ static int read_params(Reader *r, json_t *root) {
     const char *key;
     if (!params) return SLT_OK;
     if (!json_is_object(params)) return bad(r, "params", "an object of parameters is wanted");
-    r->s->params = calloc(json_object_size(params) + 1, sizeof *r->s->params);
-    if (!r->s->params) return SLT_LIMIT;
+    r->s->params = cli_need(calloc(json_object_size(params) + 1, sizeof *r->s->params));
     json_object_foreach(params, key, j) {
         FitParam *p = &r->s->params[r->s->nparams++];
         *p = (FitParam){.name = scene_keep(r->s, strdup(key)), .grad = -1, .lr = -1, .smooth = -1};
-        if (!p->name) return SLT_LIMIT;
         json_t *value = j;
         if (is_spec(j)) {
             int status = known_keys(r, j, key, KEYS("value", "file", "grad", "lr", "smooth", "mask"));
@@ -170,19 +164,17 @@ static int read_view(Reader *r, json_t *j, View *v) {
     const char *key;
     if (!params) return SLT_OK;
     if (!json_is_object(params)) return bad(r, "views.params", "an object is wanted");
-    v->params = calloc(json_object_size(params) + 1, sizeof *v->params);
-    if (!v->params) return SLT_LIMIT;
+    v->params = cli_need(calloc(json_object_size(params) + 1, sizeof *v->params));
     json_object_foreach(params, key, value) {
         char *text = NULL, *file = NULL;
         if (json_is_object(value) && json_object_size(value) == 1 && json_object_get(value, "file")) {
             status = text_of(r, value, "file", &file, true);
             if (status != SLT_OK) return status;
-            text = malloc(strlen(file) + 2);
-            if (text) sprintf(text, "@%s", file);
+            text = cli_need(malloc(strlen(file) + 2));
+            sprintf(text, "@%s", file);
         } else {
             text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17));
         }
-        if (!text) return SLT_LIMIT;
         v->params[v->nparams++] = (SltSet){scene_keep(r->s, strdup(key)), scene_keep(r->s, text)};
     }
     return SLT_OK;
@@ -193,8 +185,7 @@ static int read_views(Reader *r, json_t *root) {
     size_t n = views ? json_array_size(views) : 0;
     if (views && (!json_is_array(views) || n == 0)) return bad(r, "views", "a list of views is wanted");
     if (!views && !json_object_get(root, "target")) return SLT_OK;
-    r->s->views = calloc(n + 1, sizeof *r->s->views);
-    if (!r->s->views) return SLT_LIMIT;
+    r->s->views = cli_need(calloc(n + 1, sizeof *r->s->views));
     if (!views) {
         View *v = &r->s->views[r->s->nviews++];
         int status = text_of(r, root, "target", &v->target_path, true);
@@ -313,8 +304,9 @@ int scene_read(Cli *c, const char *path, Scene *scene) {
     const char *slash = strrchr(path, '/');
     scene->dir = scene_keep(scene, strndup(path, slash ? (size_t)(slash + 1 - path) : 0));
     json_error_t e;
-    json_t *root = json_loadb((const char *)bytes, size, JSON_REJECT_DUPLICATES, &e);
+    json_t *root = json_read((const char *)bytes, size, JSON_REJECT_DUPLICATES, &e);
     free(bytes);
+    if (!root && json_no_memory(&e)) cli_need(NULL);
     if (!root) {
         fprintf(stderr, "saltus: %s:%d:%d: %s\n", path, e.line, e.column, e.text);
         return SLT_INPUT;

@@ -42,7 +42,8 @@ static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
     const Fn *fn = kind == K_SITE && !p->fn[K_SITE] ? p->fn[K_SITE_GRAD] : p->fn[kind];
     int status = ir_interpret(fn, args, n, 16);
     if (status != SLT_OK && p->error.status == SLT_OK)
-        status_fail(&p->error, (SltStatus)status, "the interpreter stopped in kernel %s", kernel_names[kind]);
+        status_fail(&p->error, (SltStatus)status, "%sthe interpreter stopped in kernel %s",
+                    status == SLT_LIMIT ? "out of memory: " : "", kernel_names[kind]);
 }
 
 static void interpreted(SltKernelArgs *args, uint32_t n) { (void)args, (void)n; }

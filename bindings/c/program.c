@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "bindings/c/api.h"
+#include "runtime/base/text.h"
 
 static double now_ms(void) {
     struct timespec t;
@@ -277,13 +278,12 @@ bool slt_diagnostic(const SltProgram *p, uint32_t index, SltDiagnostic *out) {
 
 /* Diagnostics as a string that lives until the next of this slot; "" while the program is in use. */
 static const char *printed(SltProgram *p, int slot, void (*print)(const Session *, FILE *)) {
-    size_t size = 0;
-    char *text = NULL;
+    Text made;
     if (!api_claim(p)) return "";
-    FILE *f = open_memstream(&text, &size);
-    if (f) {
-        print(p->session, f);
-        fclose(f);
+    FILE *f = text_open(&made);
+    if (f) print(p->session, f);
+    char *text = text_close(&made);
+    if (text) {
         free(p->text[slot]);
         p->text[slot] = text;
     }

@@ -8,6 +8,7 @@
 #include "bindings/c/api.h"
 #include "bindings/c/shape.h"
 #include "runtime/base/json.h"
+#include "runtime/base/text.h"
 #include "runtime/image/image.h"
 
 /* ---- the flat vectors */
@@ -176,10 +177,9 @@ static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
 }
 
 char *slt_params_json(const SltProgram *p) {
-    char *text = NULL;
-    size_t size = 0;
+    Text text;
     if (api_enter(p, NULL) != SLT_OK) return NULL;
-    FILE *out = open_memstream(&text, &size);
+    FILE *out = text_open(&text);
     if (!out) return api_release(p), NULL;
     fputs("{\n", out);
     for (uint32_t i = 0; i < p->prog->nparams; i++) {
@@ -193,9 +193,8 @@ char *slt_params_json(const SltProgram *p) {
         fputs(i + 1 < p->prog->nparams ? ",\n" : "\n", out);
     }
     fputs("}\n", out);
-    fclose(out);
     api_release(p);
-    return text;
+    return text_close(&text);
 }
 
 /* ---- JSON in: values go to staging vectors, which replace the program's only if all is well */
@@ -338,9 +337,10 @@ static json_t *parse_json(const char *text, const char *shown, SltError *err) {
     char *copy = strdup(text);
     if (!copy) return status_fail(err, SLT_LIMIT, "out of memory for %s", shown), NULL;
     quote_infinities(copy);
-    json_t *j = json_loads(copy, JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &e);
+    json_t *j = json_read(copy, strlen(copy), JSON_DECODE_ANY | JSON_REJECT_DUPLICATES, &e);
     free(copy);
-    if (!j) status_fail(err, SLT_INPUT, "%s:%d:%d: %s", shown, e.line, e.column, e.text);
+    if (!j && json_no_memory(&e)) status_fail(err, SLT_LIMIT, "%s: out of memory", shown);
+    else if (!j) status_fail(err, SLT_INPUT, "%s:%d:%d: %s", shown, e.line, e.column, e.text);
     return j;
 }
 
@@ -488,10 +488,10 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
         else status = read_param_file(&s, ref.param, value + 1);
     } else if (status == SLT_OK) {
         json_error_t e;
-        json_t *j = json_loads(value, JSON_DECODE_ANY, &e);
+        json_t *j = json_read(value, strlen(value), JSON_DECODE_ANY, &e);
         char listed[256];
         if (!j && strchr(value, ',') && snprintf(listed, sizeof listed, "[%s]", value) < (int)sizeof listed)
-            j = json_loads(listed, JSON_DECODE_ANY, &e);
+            j = json_read(listed, strlen(listed), JSON_DECODE_ANY, &e);
         if (!j) { /* 1., .5, inf: strtod reads them, JSON does not */
             char *end;
             double v = strtod(value, &end);
@@ -502,7 +502,8 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
                 return SLT_OK;
             }
         }
-        if (!j)
+        if (!j && json_no_memory(&e)) status = status_fail(err, SLT_LIMIT, "`%s`: out of memory", name);
+        else if (!j)
             status =
                 status_fail(err, SLT_USAGE, "`%s=%s`: a number, a list like [1, 2] or @file is wanted", name, value);
         else {
@@ -541,6 +542,13 @@ SltStatus api_load_assets(SltProgram *p, SltError *err) {
     return SLT_OK;
 }
 
+/* A limit is no mistake of the program: it ends the compilation. */
+static bool cannot_probe(SltProgram *p, const SltError *err, const char **why) {
+    if (err->status == SLT_LIMIT) session_limit(p->session, "%s", err->text);
+    *why = arena_printf(&p->session->session, "%s", err->text);
+    return false;
+}
+
 /* Rows of texels, or an object (a file of `fit`) that holds them under the name of the parameter that `path` was given
  * for. */
 static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint32_t *ndims, const char **why) {
@@ -551,10 +559,7 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
     if (file_read_all(path, &file_text, &bytes, &size, &err) == SLT_OK)
         root = parse_json((const char *)bytes, path, &err);
     free(bytes);
-    if (!root) {
-        *why = arena_printf(&p->session->session, "%s", err.text);
-        return false;
-    }
+    if (!root) return cannot_probe(p, &err, why);
     rows = root;
     for (uint32_t k = 0; k < p->opt.nparam_files && json_is_object(root); k++)
         if (!strcmp(p->opt.param_files[k].value, path)) rows = json_object_get(root, p->opt.param_files[k].name);
@@ -579,10 +584,7 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
     if (kind == 't' || kind == 'g') {
         Image im;
         ImageReadOptions raw = {.raw = kind == 'g'};
-        if (image_read(path, &raw, &im, &err) != SLT_OK) {
-            *why = arena_printf(&p->session->session, "%s", err.text);
-            return false;
-        }
+        if (image_read(path, &raw, &im, &err) != SLT_OK) return cannot_probe(p, &err, why);
         dims[0] = (uint32_t)im.width, dims[1] = (uint32_t)im.height,
         dims[2] = kind == 'g' ? 1 : (uint32_t)(im.channels > 4 ? 4 : im.channels);
         *ndims = 3;
@@ -591,10 +593,7 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
     }
     if (ends_with(path, ".npy")) {
         NumArray a;
-        if (npy_read(path, &a, &err) != SLT_OK) {
-            *why = arena_printf(&p->session->session, "%s", err.text);
-            return false;
-        }
+        if (npy_read(path, &a, &err) != SLT_OK) return cannot_probe(p, &err, why);
         *ndims = (uint32_t)a.rank;
         for (int d = 0; d < a.rank; d++) dims[d] = (uint32_t)a.shape[d];
         npy_free(&a);
@@ -603,14 +602,12 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
     if (ends_with(path, ".json")) {
         uint8_t *bytes;
         size_t size;
-        if (file_read_all(path, &file_text, &bytes, &size, &err) != SLT_OK) {
-            *why = arena_printf(&p->session->session, "%s", err.text);
-            return false;
-        }
+        if (file_read_all(path, &file_text, &bytes, &size, &err) != SLT_OK) return cannot_probe(p, &err, why);
         json_t *j = parse_json((const char *)bytes, path, &err);
         free(bytes);
         if (!j || !json_is_array(j)) {
-            *why = j ? "a JSON list is wanted" : arena_printf(&p->session->session, "%s", err.text);
+            if (!j) return cannot_probe(p, &err, why);
+            *why = "a JSON list is wanted";
             json_decref(j);
             return false;
         }
@@ -620,10 +617,7 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
         return true;
     }
     Table t;
-    if (table_read(path, &t, &err) != SLT_OK) {
-        *why = arena_printf(&p->session->session, "%s", err.text);
-        return false;
-    }
+    if (table_read(path, &t, &err) != SLT_OK) return cannot_probe(p, &err, why);
     *ndims = 2;
     dims[0] = (uint32_t)t.rows, dims[1] = (uint32_t)t.cols;
     table_free(&t);

@@ -60,5 +60,6 @@ int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions 
               size_t *size, const char **why);
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */
 const char *back_llvm_file(void);    /* the library tried first, or the name the loader is asked for; loads nothing */
+bool back_opens_llvm(void);          /* this thread loads LLVM: what aborts now has no memory */
 
 #endif

@@ -48,6 +48,7 @@ static void add_chunk(Arena *a, size_t bytes) {
     /* Near the end of the budget a chunk shrinks to what is left instead of failing early. */
     if (size > left - sizeof(ArenaChunk)) size = bytes;
     ArenaChunk *c = malloc(sizeof *c + size);
+    b->refused = !c;
     if (!c) fail(a);
     *c = (ArenaChunk){.older = a->head, .size = size};
     b->used += sizeof *c + size;

@@ -9,12 +9,14 @@
 #define SALTUS_BASE_ARENA_H
 
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 typedef struct ArenaBudget {
     size_t used, limit;       /* bytes over all arenas that share this budget */
     void (*fail)(void *user); /* never returns */
+    bool refused;             /* by the system, and not by the limit: why it fails */
     void *user;
 } ArenaBudget;
 

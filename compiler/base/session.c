@@ -16,6 +16,7 @@
 
 static void budget_spent(void *user) {
     Session *s = user;
+    if (s->budget.refused) session_limit(s, "out of memory");
     session_limit(s, "out of memory: the program needs more than %zu MiB to compile", s->budget.limit >> 20);
 }
 
@@ -135,7 +136,7 @@ static int add_source(Session *s, const char *path, const char *dir, const char 
 typedef struct AddArgs {
     const char *path, *dir, *text;
     size_t len;
-    int result;
+    int result, error;
     const char *refused, *why;
 } AddArgs;
 
@@ -144,13 +145,20 @@ static void add_text_body(Session *s, void *arg) {
     a->result = add_source(s, a->path, a->dir ? a->dir : ".", a->text, a->len);
 }
 
+/* What stopped an addition for want of memory stops the compilation as well, where there is one. */
+static int added(Session *s, int status, const AddArgs *a) {
+    if (status && s->unwind) unwind(s, status);
+    return status ? -1 : a->result;
+}
+
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len) {
     AddArgs a = {.path = shown_path, .dir = dir, .text = text, .len = len, .result = -1};
-    return session_protect(s, add_text_body, &a) ? -1 : a.result;
+    return added(s, session_protect(s, add_text_body, &a), &a);
 }
 
 static void add_file_body(Session *s, void *arg) {
     AddArgs *a = arg;
+    if (a->error == ENOMEM) session_limit(s, "cannot read `%s`: out of memory", a->path);
     if (a->refused) a->why = arena_printf(&s->session, "%s", a->refused);
     else a->result = add_source(s, a->path, strcmp(a->path, "-") ? folder_of(s, a->path) : ".", a->text, a->len);
 }
@@ -193,16 +201,16 @@ int session_add_file(Session *s, const char *path, const char **why) {
     char *text = NULL;
     bool standard_input = !strcmp(path, "-");
     const char *refused = NULL;
-    errno = 0;
+    errno = 0; /* a stream that there is no memory for has no words of its own */
     FILE *f = standard_input ? stdin : open_source(path, &refused);
-    int error = f ? read_all(f, &text, &a.len) : 0;
-    a.refused = error ? strerror(error) : refused;
+    a.error = f ? read_all(f, &text, &a.len) : errno;
+    a.refused = f && a.error ? strerror(a.error) : refused;
     if (f && !standard_input) fclose(f);
     a.text = text;
     int status = session_protect(s, add_file_body, &a);
     free(text);
     if (why) *why = status ? s->unwind_text : a.why;
-    return status ? -1 : a.result;
+    return added(s, status, &a);
 }
 
 static bool climbs(const char *text) {

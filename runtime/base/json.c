@@ -1,6 +1,7 @@
 #include "runtime/base/json.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,4 +40,33 @@ void json_text(FILE *out, const char *utf8) {
         else if (*s < 0x20) fprintf(out, "\\u%04x", *s);
         else fputc(*s, out);
     fputc('"', out);
+}
+
+/* jansson takes its memory here, unless its user has given it other functions. */
+static _Thread_local bool refused;
+
+static void *take(size_t bytes) {
+    void *p = malloc(bytes);
+    if (!p) refused = true;
+    return p;
+}
+
+static void watch_memory(void) {
+    json_malloc_t take_now;
+    json_free_t give_now;
+    json_get_alloc_funcs(&take_now, &give_now);
+    if (take_now == malloc && give_now == free) json_set_alloc_funcs(take, free);
+}
+
+bool json_no_memory(const json_error_t *e) { return json_error_code(e) == json_error_out_of_memory; }
+
+json_t *json_read(const char *text, size_t size, size_t flags, json_error_t *e) {
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, watch_memory);
+    refused = false;
+    json_t *j = json_loadb(text, size, flags, e);
+    if (!refused) return j;
+    json_decref(j);
+    e->text[JSON_ERROR_TEXT_LENGTH - 1] = json_error_out_of_memory; /* where json_error_code finds it */
+    return NULL;
 }

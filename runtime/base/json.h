@@ -1,8 +1,11 @@
-/* Writing JSON: strings escaped, numbers printed so that reading them back gives the same bits. Reading is jansson's.
+/* Writing JSON: strings escaped, numbers printed so that reading them back gives the same bits. Reading is jansson's,
+ * which goes on with a shorter number or string where there is no memory for the whole of it: here there is none then.
  */
 #ifndef SALTUS_RUNTIME_BASE_JSON_H
 #define SALTUS_RUNTIME_BASE_JSON_H
 
+#include <jansson.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 
@@ -12,5 +15,9 @@ void json_number(FILE *out, double v);
 /* The shortest decimal that reads back as the same float. */
 void json_number_f32(FILE *out, float v);
 void json_text(FILE *out, const char *utf8);
+
+/* json_loadb; NULL where the memory was out at any time, of which the error then knows. */
+json_t *json_read(const char *text, size_t size, size_t flags, json_error_t *e);
+bool json_no_memory(const json_error_t *e);
 
 #endif

@@ -3,6 +3,7 @@
 #endif
 #include "status.h"
 
+#include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -19,6 +20,7 @@ SltStatus status_fail(SltError *err, SltStatus status, const char *fmt, ...) {
 }
 
 SltStatus status_fail_errno(SltError *err, SltStatus status, int code, const char *fmt, ...) {
+    if (code == ENOMEM) status = SLT_LIMIT;
     if (err) {
         char buf[128];
         va_list args;
@@ -27,7 +29,8 @@ SltStatus status_fail_errno(SltError *err, SltStatus status, int code, const cha
         vsnprintf(err->text, sizeof err->text, fmt, args);
         va_end(args);
         size_t at = strlen(err->text);
-        snprintf(err->text + at, sizeof err->text - at, ": %s", strerror_r(code, buf, sizeof buf));
+        const char *why = code == ENOMEM ? "out of memory" : strerror_r(code, buf, sizeof buf);
+        snprintf(err->text + at, sizeof err->text - at, ": %s", why);
     }
     return status;
 }

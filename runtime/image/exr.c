@@ -12,6 +12,7 @@
 
 #include "internal.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -86,8 +87,10 @@ static exr_context_initializer_t initializer(Stream *s) {
 }
 
 static SltStatus fail_core(const Stream *s, exr_result_t code, const char *doing, SltStatus status, SltError *err) {
-    if (code == EXR_ERR_OUT_OF_MEMORY)
-        return status_fail(err, SLT_LIMIT, "cannot %s '%s': a block of it needs too much memory", doing, s->name);
+    /* zlib's failures to allocate come as damaged data, and a block beyond our own limit leaves errno alone */
+    if (code == EXR_ERR_OUT_OF_MEMORY || errno == ENOMEM)
+        return status_fail(err, SLT_LIMIT, "cannot %s '%s': %s", doing, s->name,
+                           errno == ENOMEM ? "out of memory" : "a block of it needs too much memory");
     const char *text = s->message[0] ? s->message : exr_get_default_error_message(code);
     const char *file = strstr(text, s->name); /* the core prefixes some texts with the name */
     if (file == text && text[strlen(s->name)] == ':') {
@@ -430,6 +433,7 @@ SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, 
     if (size < 8 || memcmp(bytes, "\x76\x2f\x31\x01", 4) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not an OpenEXR file", name);
     speaking = &s;
+    errno = 0;
     exr_result_t rc = exr_start_read(&ctx, name, &init);
     SltStatus status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
     if (ctx) exr_finish(&ctx);
@@ -543,6 +547,7 @@ SltStatus image_encode_exr(const char *name, const Image *im, const ImageWriteOp
     exr_context_t ctx = NULL;
     int *slots = malloc((size_t)im->channels * sizeof *slots);
     speaking = &s;
+    errno = 0;
     /* never a real path: the core would unlink it after an error */
     exr_result_t rc =
         slots ? exr_start_write(&ctx, "/dev/null/saltus.exr", EXR_WRITE_FILE_DIRECTLY, &init) : EXR_ERR_OUT_OF_MEMORY;
@@ -554,6 +559,7 @@ SltStatus image_encode_exr(const char *name, const Image *im, const ImageWriteOp
         rc = rc ? rc : end;
     }
     speaking = NULL;
+    if (rc && errno == ENOMEM) rc = EXR_ERR_OUT_OF_MEMORY;
     free(slots);
     if (rc || s.out.failed) {
         image_bytes_free(&s.out);

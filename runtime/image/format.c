@@ -104,5 +104,6 @@ SltStatus image_encode(const char *name, const Image *im, const ImageWriteOption
 
 SltStatus image_write(const char *path, const Image *im, const ImageWriteOptions *opt, SltError *err) {
     Bytes b = {0};
+    if (im->incomplete) return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", path);
     return image_bytes_save(&b, path, encode(path, im, opt, &b, err), err);
 }

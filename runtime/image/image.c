@@ -93,7 +93,7 @@ bool image_set_text(Image *im, const char *name, const char *text) {
     ImageAttr *a = copy ? touch_attr(im, name) : NULL;
     if (!a) {
         free(copy);
-        return false;
+        return !(im->incomplete = true);
     }
     free(a->text);
     a->text = copy;
@@ -102,7 +102,7 @@ bool image_set_text(Image *im, const char *name, const char *text) {
 
 bool image_set_number(Image *im, const char *name, double number) {
     ImageAttr *a = touch_attr(im, name);
-    if (!a) return false;
+    if (!a) return !(im->incomplete = true);
     free(a->text);
     a->text = NULL;
     a->number = number;

@@ -47,6 +47,7 @@ typedef struct Image {
     char (*names)[IMAGE_NAME_SIZE]; /* by channel: "R", "d.radius.G"; NULL: default names */
     ImageAttr *attrs;               /* [attr_count] */
     int attr_count;
+    bool incomplete; /* an attribute was lost for want of memory: such an image is not written */
 } Image;
 
 /* image.c ------------------------------------------------------------------------------------- */

@@ -2,6 +2,7 @@
  * survive one lives in a struct on the heap or is volatile-free because it is set before setjmp. */
 #include "internal.h"
 
+#include <errno.h>
 #include <math.h>
 #include <png.h>
 #include <setjmp.h>
@@ -28,6 +29,7 @@ typedef struct Png {
 
 static void on_error(png_structp png, png_const_charp msg) {
     Png *p = png_get_error_ptr(png);
+    if (errno == ENOMEM) p->status = SLT_LIMIT, msg = "out of memory"; /* libpng and zlib say many things then */
     if (!p->message[0]) snprintf(p->message, sizeof p->message, "%s", msg);
     longjmp(p->escape, 1);
 }
@@ -160,6 +162,7 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
         return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
     }
     SltStatus status;
+    errno = 0;
     if (setjmp(p->escape) == 0) {
         read_pixels(p, name, err);
         status = to_floats(p, opt->raw, out, err);
@@ -194,6 +197,7 @@ static SltStatus png_encode(const char *name, int width, int height, int channel
         return status_fail(err, SLT_LIMIT, "cannot write '%s': out of memory", name);
     }
     SltStatus status = SLT_OK;
+    errno = 0;
     if (setjmp(p->escape) == 0) {
         size_t row = (size_t)width * (size_t)channels * (size_t)(bits / 8);
         png_set_write_fn(p->png, p, write_bytes, flush_bytes);

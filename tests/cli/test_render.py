@@ -1,5 +1,6 @@
 """saltus render, parameters, sizes, diagnostics and exit statuses."""
 import math
+import resource
 
 from harness import *
 
@@ -554,6 +555,16 @@ class Errors(Case):
         auto = self.json_cli("grad", "w.salt", "--samples", 4096, "--disc", "auto")
         self.assertEqual(auto["warnings"], [])
         self.assertAlmostEqual(auto["gradient"]["r"], 1.0, delta=1e-3)
+
+    def test_a_file_beyond_the_limit_of_the_system_is_a_failed_write(self):
+        self.put("circle.salt", CIRCLE)
+        self.put("out.pfm", "old")
+        p = subprocess.run([BIN, "render", "circle.salt", "--interpret", "--size", "64x64", "-o", "out.pfm"], cwd=self.dir, env=self.environment(),
+                           capture_output=True, timeout=120, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)))
+        self.assertEqual(p.returncode, 5, p.stderr)
+        self.assertIn(b"File too large", p.stderr)
+        self.assertEqual(self.get("out.pfm"), b"old")
+        self.assertEqual([n for n in os.listdir(self.dir) if n.endswith(".tmp")], [])
 
 
 class Wanted(Case):

@@ -201,24 +201,39 @@ static void generate(Session *s, void *arg) {
     j->out->llvm_ms = now_ms() - start;
 }
 
+static void dispose(Job *j) {
+    if (guard_broken()) return; /* it may be locked for ever */
+    if (j->tm) j->api.DisposeTargetMachine(j->tm);
+    if (j->layout) j->api.DisposeTargetData(j->layout);
+    if (j->mod) j->api.DisposeModule(j->mod);
+    if (j->ctx) j->api.ContextDispose(j->ctx);
+    j->tm = NULL, j->layout = NULL, j->mod = NULL, j->ctx = NULL;
+}
+
+static void generate_guarded(Session *s, void *arg) {
+    Job *j = arg;
+    guard_begin(&j->api, s);
+    generate(s, j);
+    dispose(j);
+}
+
 int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, uint32_t width, char kind,
                  Codegen *out, const char **why) {
     Job j = {.session = s, .k = k, .n = n, .o = o, .width = width, .kind = kind, .out = out};
     *out = (Codegen){0};
-    const char *missing = llvm_open(&j.api);
+    bool no_memory;
+    const char *missing = llvm_open(&j.api, &no_memory);
     if (missing) {
         *why = arena_printf(&s->session, "cannot load LLVM: %s", missing);
-        return SLT_INPUT;
+        return no_memory ? SLT_LIMIT : SLT_INPUT;
     }
-    int status = session_protect(s, generate, &j);
+    int status = session_protect(s, generate_guarded, &j);
+    guard_end();
     if (status && !j.status) {
         j.status = status;
         j.why = arena_printf(&s->session, "%s", s->unwind_text);
     }
-    if (j.tm) j.api.DisposeTargetMachine(j.tm);
-    if (j.layout) j.api.DisposeTargetData(j.layout);
-    if (j.mod) j.api.DisposeModule(j.mod);
-    if (j.ctx) j.api.ContextDispose(j.ctx);
+    dispose(&j); /* what our own limits left */
     if (j.status) {
         free(out->bytes);
         out->bytes = NULL;

@@ -1,4 +1,5 @@
 /* Kernels in memory: from the disk cache if it has them, else through LLVM; loaded either way by load.c. */
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -92,12 +93,14 @@ static int compile(Session *s, const KernelRequest *k, uint32_t n, const BackOpt
     if (status) return status;
     m->emit_ms = g.emit_ms;
     m->llvm_ms = g.llvm_ms;
+    errno = 0;
     unsigned char *payload = make_payload(&g, n, &size);
     free(g.bytes);
     if (!payload || !adopt(m, payload, size, &bad)) {
+        bool no_memory = !payload || errno == ENOMEM;
         free(payload);
-        *why = arena_printf(&s->session, "cannot load the compiled kernels: %s", bad ? bad : "out of memory");
-        return SLT_INTERNAL;
+        *why = arena_printf(&s->session, "cannot load the compiled kernels: %s", no_memory ? "out of memory" : bad);
+        return no_memory ? SLT_LIMIT : SLT_INTERNAL;
     }
     if (folder)
         (void)cache_write(&s->scratch, folder, &key, payload,

@@ -3,6 +3,7 @@
 #include "compiler/back/back.h"
 
 #include <dlfcn.h>
+#include <errno.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <unistd.h>
@@ -23,13 +24,22 @@ const char *back_llvm_file(void) {
     return absolute && access(files[0], R_OK) == 0 ? files[0] : files[absolute];
 }
 
-const char *llvm_open(LlvmApi *api) {
+const char *llvm_open(LlvmApi *api, bool *no_memory) {
     void *h = NULL;
+    *no_memory = guard_broken();
+    if (*no_memory) return "it ran out of memory in this process before";
+    guard_open(true);
     for (unsigned i = 0; !h && i < sizeof files / sizeof *files; i++) {
         if (files[i][0] == '/' && access(files[i], R_OK) != 0) continue;
+        errno = 0;
         h = dlopen(files[i], RTLD_NOW | RTLD_LOCAL);
+        *no_memory = !h && errno == ENOMEM;
+        if (*no_memory) break; /* of the file that is there: others would only be said to be missing */
     }
-    if (!h) return dlerror();
+    guard_open(false);
+    if (*no_memory) return "out of memory";
+    const char *why = h ? NULL : dlerror();
+    if (!h) return why ? why : "the loader gives no reason";
     api->handle = h;
 #define FN(name)                                                                                                       \
     *(void **)&api->name = dlsym(h, "LLVM" #name);                                                                     \

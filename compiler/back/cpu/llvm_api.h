@@ -14,6 +14,8 @@
 #include <llvm-c/Transforms/PassBuilder.h>
 #include <llvm/Config/llvm-config.h>
 
+#include <stdbool.h>
+
 typedef struct LlvmApi {
     void *handle;
 #define FN(name) __typeof__(LLVM##name) *name;
@@ -22,7 +24,15 @@ typedef struct LlvmApi {
 } LlvmApi;
 
 /* Fills the table; returns NULL, or why LLVM cannot be used (static text or dlerror's). Thread-safe. The library stays
- * loaded. */
-const char *llvm_open(LlvmApi *api);
+ * loaded. *no_memory: that is why. */
+const char *llvm_open(LlvmApi *api, bool *no_memory);
+
+/* ---- guard.c: memory that is out inside LLVM */
+typedef struct Session Session;
+bool guard_broken(void);      /* LLVM gave up before: it must not be called again */
+void guard_open(bool begins); /* around the loading of the library */
+void guard_begin(const LlvmApi *ll,
+                 Session *s); /* from here to guard_end this thread calls LLVM under `s`'s protection */
+void guard_end(void);
 
 #endif

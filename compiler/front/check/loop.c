@@ -36,6 +36,11 @@ static Range full(TypeKind k, bool defer) {
 static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
 
+static int64_t times(int64_t a, int64_t b) {
+    int64_t p;
+    return __builtin_mul_overflow(a, b, &p) ? INT64_MAX : p; /* of two positive numbers */
+}
+
 /* An integer that may wrap may be any. */
 static Range fit(TypeKind k, double lo, double hi, bool defer) {
     Range all = full(k, defer);
@@ -349,7 +354,7 @@ static int64_t int_trips(const Form *f, Range a, Range b, Range type) {
     int64_t n = 0;
     if (f->step == STEP_MUL) {
         if (!up || a.lo < 1) return UNKNOWN;
-        if ((limit - 1) * f->by.hi > type.hi) return UNKNOWN;
+        if (times(limit - 1, f->by.hi) > type.hi) return UNKNOWN; /* so that v stays within the type below */
         for (int64_t v = a.lo; v < limit; v *= f->by.lo) n++;
         return n;
     }
