@@ -41,10 +41,10 @@ typedef struct SltJob {
     uint32_t seed, threads; /* threads 0: all cores; the result is the same bits for any number */
     SltEstimator estimator; /* of the boundary term */
     bool no_interior, no_boundary; /* leave that part of a derivative out */
-    uint32_t replicates;           /* integral mode: lattices whose spread gives the standard errors; 0: 4 */
-    double fd_step;                /* SLT_EST_FD: the step h; 0: max(0.1, |parameter|) / 100 */
-    double time_limit;             /* seconds, then status SLT_LIMIT; 0: none */
-    volatile const int *cancel;    /* may be NULL; non-zero: stop soon, status SLT_INTERRUPTED */
+    uint32_t replicates; /* integral mode: lattices whose spread gives the standard errors; 0: 4, or 8 with rand() */
+    double fd_step;      /* SLT_EST_FD: the step h; 0: max(0.1, |parameter|) / 100 */
+    double time_limit;   /* seconds, then status SLT_LIMIT; 0: none */
+    volatile const int *cancel;                    /* may be NULL; non-zero: stop soon, status SLT_INTERRUPTED */
     void (*progress)(void *user, double fraction); /* may be NULL; fraction 0 to 1, one call at a time */
     void *progress_user;
     /* Parameters for this call alone: floats[slt_float_count], ints[slt_int_count]; NULL: the program's own. The call

@@ -260,7 +260,10 @@ static bool wants_gradient(const SltIntegral *out) {
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
-    Replicates k = {.n = j->replicates ? j->replicates : 4, .size = (uint64_t)s->channels * s->nfloats};
+    Replicates k = {.n = j->replicates  ? j->replicates
+                         : s->uses_rand ? 8
+                                        : 4,
+                    .size = (uint64_t)s->channels * s->nfloats};
     bool gradient = wants_gradient(out);
     SltStatus st = run_begin(&r, s, j, err);
     if (st == SLT_OK) {
