@@ -374,11 +374,27 @@ static int explain_tree(Cli *c, SltProgram *p) {
     return status == SLT_OK ? SLT_OK : cli_fail(c, &err);
 }
 
+typedef struct Explaining {
+    Cli *c;
+    SltProgram *p;
+    int status;
+} Explaining;
+
+/* What is explained lies in the session's memory. */
+static void explain(Session *s, void *user) {
+    Explaining *e = user;
+    (void)s;
+    e->status = e->c->at ? explain_at(e->c, e->p) : e->c->cells ? explain_tree(e->c, e->p) : explain_all(e->c, e->p);
+}
+
 int verb_explain(Cli *c) {
     if (is_code(c->file)) return explain_code(c);
     SltProgram *p;
     int status = cli_compile(c, &p);
-    if (status == SLT_OK) status = c->at ? explain_at(c, p) : c->cells ? explain_tree(c, p) : explain_all(c, p);
+    Explaining e = {c, p, SLT_OK};
+    if (status == SLT_OK && (status = session_protect(p->session, explain, &e)) != SLT_OK)
+        fprintf(stderr, "saltus: %s\n", p->session->unwind_text);
+    else if (status == SLT_OK) status = e.status;
     slt_program_free(p);
     return status;
 }

@@ -38,6 +38,12 @@ static bool on_command_line(const Cli *c, const char *name) {
     return false;
 }
 
+/* Wrong usage of the library is a mistake in the scene; other causes keep their status. */
+static int fail_scene(Fit *f, SltError *err) {
+    if (err->status == SLT_USAGE) err->status = SLT_INPUT;
+    return cli_fail(f->c, err);
+}
+
 static int apply_scene_params(Fit *f) {
     SltError err = {0};
     const char *names[CLI_MAX_LIST];
@@ -47,10 +53,9 @@ static int apply_scene_params(Fit *f) {
     for (uint32_t k = 0; k < f->scene.nparams; k++) {
         FitParam *q = &f->scene.params[k];
         SltParam found = SLT_PARAM_INIT;
-        if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return err.status = SLT_INPUT, cli_fail(f->c, &err);
+        if (slt_param_find(f->p, q->name, &found, &err) != SLT_OK) return fail_scene(f, &err);
         bool set = !on_command_line(f->c, q->name);
-        if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK)
-            return err.status = SLT_INPUT, cli_fail(f->c, &err);
+        if (set && q->value && slt_set_text(f->p, q->name, q->value, &err) != SLT_OK) return fail_scene(f, &err);
         if (set && q->file) {
             char *at = cli_need(malloc(strlen(q->file) + 2));
             sprintf(at, "@%s", q->file);
@@ -71,8 +76,7 @@ static int apply_scene_params(Fit *f) {
                 off |= f->scene.params[k].grad == 0 && !strcmp(f->scene.params[k].name, q.name);
             if (!off && nnames < CLI_MAX_LIST) names[nnames++] = q.name;
         }
-    if (f->scene.nparams && nnames && slt_wrt(f->p, names, nnames, &err) != SLT_OK)
-        return err.status = SLT_INPUT, cli_fail(f->c, &err);
+    if (f->scene.nparams && nnames && slt_wrt(f->p, names, nnames, &err) != SLT_OK) return fail_scene(f, &err);
     return SLT_OK;
 }
 
