@@ -140,7 +140,7 @@ typedef struct SiteInfo {
     uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
-    bool still; /* untagged, and does not move: opt_masks.c; where bounds hold it is a seam like others */
+    bool still;       /* untagged, and does not move: opt_masks.c; where bounds hold it is a seam like others */
     SeamUpset upsets; /* of a seam */
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
