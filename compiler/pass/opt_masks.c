@@ -4,7 +4,8 @@
  * piece of a tagged curve between a mask's edge and the next vertex is seen only if the mask is part of the region, and
  * what jumps at the mask's edge is that edge, not the tagged curve. Sites that do not move cost a search where they
  * cross a line, so only those are made on which another site hangs: in its condition, or comparisons in its g; none in
- * loops, and none that would take the program over the limit of the path hash. */
+ * loops, and none that would take the program over the limit of the path hash. None either where rays are searched: what
+ * finds the window of a ray's site does not look through sites that stand still. */
 #include <string.h>
 
 #include "compiler/pass/depend.h"
@@ -76,9 +77,15 @@ static void make_site(Fn *fn, const Untracked *t, SiteKind kind, SiteInfo *info)
     ir_replace_arg(site, 0, t->at);
 }
 
+static bool has_rays(const Fn *fn) {
+    for (uint32_t i = 0; i < fn->nsites; i++)
+        if (ir_site_of_ray(fn->sites[i].kind)) return true;
+    return false;
+}
+
 bool opt_masks(PassCtx *ctx, Fn *fn) {
     const Program *p = ctx->program;
-    if (!p || !p->nuntracked || !fn->nsites) return false;
+    if (!p || !p->nuntracked || !fn->nsites || has_rays(fn)) return false;
     Arena *scratch = &ctx->session->scratch;
     ArenaMark at = arena_mark(scratch);
     uint32_t n = ir_number(fn), before = fn->nsites, count = 0;

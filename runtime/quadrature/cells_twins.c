@@ -12,12 +12,18 @@
 #include "runtime/quadrature/cells_inner.h"
 
 /* Units in the last place: */
-#define WIDE 8   /* what lies between roots so far apart is no chance of rounding; */
+#define WIDE 8   /* what lies between roots so far apart, and farther than half the bound of rounding, is no chance of it; */
 #define APART 16 /* curves that were moved so far from each other can be told apart */
 
 static bool is_site(const Cells *c, const Root *r) { return (uint32_t)r->of->event.site < c->s->nsites; }
 
 static double unit(const Cells *c, double size) { return size * (c->b->f64 ? 0x1p-52 : 0x1p-23); }
+
+/* Of a root's place: of numbers as large as its cell has, for next to 0 places are finer than what g makes of them. */
+static double unit_at(const Cells *c, const Root *r) {
+    const Box *b = &c->cell[c->piece[c->column[r->column].piece].cell].box;
+    return unit(c, larger(fabs(b->lo[r->axis]), fabs(b->hi[r->axis])));
+}
 
 static void find_twins(Cells *c, const Column *k) {
     Piece *p = &c->piece[k->piece];
@@ -111,7 +117,8 @@ static bool look_between(Cells *c, uint32_t *n) {
             uint32_t at = c->active[from + i], hash = (uint32_t)batch_get_int(c->b, SLT_OUT_HASH, 0, i);
             Root *r = &c->root[at], *s = stands_for(c, at);
             double p = r->x[r->axis], q = s->x[r->axis];
-            bool wide = fabs(p - q) >= WIDE * unit(c, larger(fabs(p), fabs(q)));
+            double noise = 0.5 * (r->of->error / fabs(r->dg[r->axis]) + s->of->error / fabs(s->dg[s->axis]));
+            bool wide = fabs(p - q) >= WIDE * unit_at(c, r) && fabs(p - q) > noise;
             r->twin = s->twin && is_alike(c, cells_sides(c, s)); /* to be moved, if nothing is seen */
             if (!s->twin) c->active[again++] = at;
             else if (wide && !is_beside(cells_sides(c, s), hash) && !part(c, r, s, middle[i], i)) return false;
@@ -150,8 +157,8 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
         double at = s->x[s->axis], r = at - p->g / p->dg[s->axis], t = at - q->g / q->dg[s->axis], d = fabs(r - t);
         double place[PLACES] = {smaller(r, t) - 0.5 * d, 0.5 * (r + t), larger(r, t) + 0.5 * d};
         lower[i] = r < t;
-        order[i].told = d >= APART * unit(c, larger(fabs(r), fabs(t))) && place[0] > c->lo[s->axis] &&
-                        place[2] < c->hi[s->axis]; /* NaN is not */
+        order[i].told =
+            d >= APART * unit_at(c, s) && place[0] > c->lo[s->axis] && place[2] < c->hi[s->axis]; /* NaN is not */
         for (uint32_t k = 0; k < PLACES; k++) {
             double to[3];
             memcpy(to, s->x, sizeof to);
@@ -245,5 +252,4 @@ void cells_count_band(Cells *c, const Root *r) {
     for (uint32_t d = 0; d < c->dim; d++)
         if ((int)d != cell->slice) part *= cell->box.end[d] - cell->box.lo[d];
     cell->band = true, c->counts->banded += part;
-    c->counts->coincident++;
 }
