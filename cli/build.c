@@ -210,8 +210,9 @@ static int build(Cli *c, SltProgram *p) {
                           .opt_level = 2,
                           .output_rgba8 = c->opt.rgba8};
         const char *why = NULL;
-        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, &code, &size, &why);
+        status = (SltStatus)back_emit(p->session, req, n, &bo, kind == 'S' ? 'o' : kind, &code, &size, &why);
         if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");
+        else if (kind == 'S') status = cli_link(&code, &size, &err);
     }
     FileGroup outputs;
     file_group_begin(&outputs);
