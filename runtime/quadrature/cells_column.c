@@ -123,6 +123,13 @@ static bool tie_columns(Cells *c) {
     return !n || cells_tie(c, n);
 }
 
+/* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be known
+ * of the curve. */
+static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
+    if (!c->o->flat || !r->wanted || r->twin || r->band || !is_site(c, p, r->edge)) return false;
+    return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
     c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
@@ -154,7 +161,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         memcpy(e->dg, r->dg, sizeof e->dg);
         e->upset = r->wanted && cells_is_upset(c, r);
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
-        if (!e->open && !e->upset && !c->o->volume) p->present &= ~(1u << r->edge);
+        if (!e->open && !e->upset && (!c->o->volume || is_hidden(c, p, r))) p->present &= ~(1u << r->edge);
     }
     return true;
 }
