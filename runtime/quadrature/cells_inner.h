@@ -306,6 +306,9 @@ double cells_move(const Cells *c, double v, double n, double scale);
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_asks(Cells *c);                             /* ask[nask] */
+/* g and its gradient at root[active[0 .. n)], where one call does for all of them and needs no more than they hold;
+ * false: it does not. */
+bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);

@@ -85,23 +85,33 @@ static bool advance(const Cells *c, Root *r) {
     return true;
 }
 
+/* g of the n active roots where they are now. */
+static bool probe_roots(Cells *c, uint32_t n) {
+    if (cells_run_roots(c, n)) return true;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Root *r = &c->root[c->active[i]];
+        if (!cells_probe(c, r->of, r->x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        Root *r = &c->root[c->active[i]];
+        r->g = c->probe[i].g;
+        memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
+    }
+    return true;
+}
+
 bool cells_solve(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         if (!c->root[i].solved && !c->root[i].waits) c->active[n++] = i;
     for (int step = 0; step < STEPS && n; step++) {
-        c->nprobe = 0;
-        for (uint32_t i = 0; i < n; i++) {
-            const Root *r = &c->root[c->active[i]];
-            if (!cells_probe(c, r->of, r->x)) return false;
-        }
-        if (!cells_run_probes(c)) return false;
+        if (!probe_roots(c, n)) return false;
         uint32_t kept = 0;
         for (uint32_t i = 0; i < n; i++) {
             Root *r = &c->root[c->active[i]];
-            r->g = c->probe[i].g;
-            memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
             r->solved = !advance(c, r);
             if (!r->solved) c->active[kept++] = c->active[i];
         }
