@@ -123,8 +123,8 @@ static bool tie_columns(Cells *c) {
     return !n || cells_tie(c, n);
 }
 
-/* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be known
- * of the curve. */
+/* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be
+ * known of the curve. */
 static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
     if (!c->o->flat || !r->wanted || r->twin || r->band || !is_site(c, p, r->edge)) return false;
     return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];

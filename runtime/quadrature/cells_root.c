@@ -7,9 +7,9 @@
 enum {
     STEPS = 100,
     NOISE = 256 /* units in the last place */,
-    NARROW = 4, /* units in the last place from a root to each of its sides, */
+    NARROW = 4,  /* units in the last place from a root to each of its sides, */
     ASIDE = 256, /* and where f is flat, which is the same there: no root is so far from where it was taken to be */
-    FAR = 4     /* and so many times farther f is taken once more where it may be a root there */
+    FAR = 4      /* and so many times farther f is taken once more where it may be a root there */
 };
 
 static double unit(const Cells *c, const Root *r) {
