@@ -383,7 +383,7 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
     c.owner = it->s.owner;
     c.event = it->event;
-    c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin;
+    c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin, c.line = it->s.line;
     *found_slot(f) = c;
 }
 

@@ -180,7 +180,8 @@ static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uin
     double weight[BATCH][SKETCHES];
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
+        if (k->sketch.apart[0]) sketch_weights_spread(&k->sketch, x->line, x->axis, weight[i]);
+        else sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
     }
     for (uint32_t q = 0; q < SKETCHES; q++)
         for (uint32_t ch = 0; ch < channels; ch++) {
