@@ -10,6 +10,7 @@ enum {
     NARROW = 4, /* units in the last place from a root to each of its sides, */
     FAR = 4     /* and so many times farther f is taken once more where it may be a root there */
 };
+#define MOST_FAR 0x1p20 /* units from a root to its sides */
 
 static double unit(const Cells *c, const Root *r) {
     return (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(r->lo), fabs(r->hi));
@@ -273,7 +274,8 @@ static bool extrapolate_sides(Cells *c, uint32_t known) {
     return true;
 }
 
-/* The sides are next to the root, and g has different signs there: the distance grows until it is so. */
+/* The sides are next to the root, and g has different signs there: the distance grows until it is so, at last to the
+ * ends of the column, where it must be. */
 bool cells_take_sides(Cells *c) {
     uint32_t n = 0, known = c->nsides;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
@@ -284,9 +286,10 @@ bool cells_take_sides(Cells *c) {
             c->active[n++] = i;
         }
     for (double far = NARROW; n; far *= 8) {
+        if (far > MOST_FAR) far = HUGE_VAL;
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);
-        if (far > 0x1p20) break;
+        if (far == HUGE_VAL) break;
         uint32_t asked = 0;
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
