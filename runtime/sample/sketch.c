@@ -41,15 +41,15 @@ Sketch sketch_spread(uint32_t lines, uint32_t seed) {
 }
 
 /* Each way from line to line sees the edges across it; a line goes one of them by chance. Lines beside an edge do not
- * err by chance but make up for each other along it: the variance of their sum is about a fortieth of the mean square
- * of these differences. */
+ * err by chance but make up for each other along it: the variance of their sum is about a twenty-fourth of the mean
+ * square of these differences. */
 void sketch_weights_spread(const Sketch *k, uint32_t line, int axis, double weight[SKETCHES]) {
     uint32_t key = k->seed * 0x85ebca6bu + (uint32_t)axis * 0x9e3779b9u;
     for (uint32_t i = 0; i < SKETCHES; i++) weight[i] = 0;
     for (uint32_t way = 0; way < SKETCH_WAYS; way++) {
         uint64_t apart = k->apart[way], lines = k->lines[0];
         if (apart >= lines) continue;
-        double size = sqrt(0.6 * (double)lines / (double)(lines - apart));
+        double size = sqrt((double)lines / (double)(lines - apart));
         for (int end = 0; end < 2; end++) {
             if (end ? line < apart : line + apart >= lines) continue;
             uint32_t own = mix(key ^ mix((uint32_t)(end ? line - apart : line)));
