@@ -9,9 +9,15 @@ enum {
     NOISE = 256 /* units in the last place */,
     NARROW = 4,  /* units in the last place from a root to each of its sides, */
     ASIDE = 256, /* and where f is flat, which is the same there: no root is so far from where it was taken to be */
-    FAR = 4      /* and so many times farther f is taken once more where it may be a root there */
+    FAR = 4,     /* and so many times farther f is taken once more where it may be a root there, or steep: */
+    LOOKED = 16  /* of so many roots one is looked at */
 };
 #define MOST_FAR 0x1p20 /* units from a root to its sides */
+
+/* Changes of f between floats beside a root, in parts of its jump: what matters, and what may be no straight line. */
+#define STEEP 0x1p-15
+#define STEEP_F64 0x1p-40
+#define BENDS 0x1p-2
 
 static double unit(const Cells *c, const Root *r) {
     return (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(r->lo), fabs(r->hi));
@@ -256,37 +262,77 @@ static bool has_signs(const Cells *c, const Root *r, const Probe at[2]) {
     return (lo < -noise && hi > noise) || (begins && ends);
 }
 
-/* f may climb from a side like a root of the distance, of which the nearest floats see a good part: f at four times the
- * distance shows it. Twice what is near less what is far has no such part, of a straight f neither. */
-static bool extrapolate_sides(Cells *c, uint32_t known) {
-    Batch *b = c->b;
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < c->nroot; i++) {
-        const Root *r = &c->root[i];
-        const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
-        if (r->wanted && r->sides > known && !c->o->flat && cell->state & SLT_BOX_ROUGH) c->active[n++] = i;
+/* f at FAR times the distance of a side, from which f is carried on to the root. It may climb from there like a root of
+ * the distance, of which the nearest floats see a good part: twice what is near less what is far has no such part. Else
+ * f is straight. */
+static double carried_on(const Root *r, double near, double far, double f_near, double f_far, bool rough) {
+    if (rough) return 2 * f_near - f_far;
+    return f_near + (f_near - f_far) * (near - r->x[r->axis]) / (far - near);
+}
+
+/* Does f change between near and far by more than these parts of its jump? */
+static bool is_steep(const Cells *c, const Sides *s, uint32_t side, const double far[SLT_MAX_CHANNELS], double parts) {
+    double unit = c->b->f64 ? 0x1p-52 : 0x1p-23;
+    bool steep = false;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double jump = fabs(s->f[1][ch] - s->f[0][ch]), f = s->f[side][ch];
+        steep |= fabs(far[ch] - f) > parts * jump + 8 * unit * fabs(f);
     }
+    return steep;
+}
+
+static bool is_rough(const Cells *c, const Root *r) {
+    return c->cell[c->piece[c->column[r->column].piece].cell].state & SLT_BOX_ROUGH;
+}
+
+/* Of active[0..n). only_look: f stays what it is. Returns whether it is steep anywhere. */
+static bool take_far(Cells *c, uint32_t n, bool only_look) {
+    Batch *b = c->b;
+    bool steep = false;
     for (uint32_t from = 0; from < n; from += BATCH / 2) {
         uint32_t lanes = n - from < BATCH / 2 ? 2 * (n - from) : BATCH;
+        double place[BATCH];
         for (uint32_t i = 0; i < lanes; i++) {
             const Root *r = &c->root[c->active[from + i / 2]];
             const Box *box = root_box(c, r);
             double x[3], at = cells_sides(c, r)->at[i & 1], far = r->x[r->axis] + FAR * (at - r->x[r->axis]);
             memcpy(x, r->x, sizeof x);
-            x[r->axis] = far >= box->lo[r->axis] && far <= box->hi[r->axis] ? cells_round(c, far) : at;
+            place[i] = x[r->axis] = far >= box->lo[r->axis] && far <= box->hi[r->axis] ? cells_round(c, far) : at;
             batch_set_x(b, i, x);
         }
         cells_call(c, SLT_K_SIDES, lanes);
         for (uint32_t i = 0; i < lanes; i++) {
-            Sides *s = &c->sides[c->root[c->active[from + i / 2]].sides - 1];
+            const Root *r = &c->root[c->active[from + i / 2]];
+            Sides *s = &c->sides[r->sides - 1];
+            double at = s->at[i & 1], f[SLT_MAX_CHANNELS];
             if (s->hash[i & 1] != (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)) continue; /* another curve is near */
-            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-                double f = 2 * s->f[i & 1][ch] - batch_get(b, SLT_OUT_F, ch, i);
-                if (isfinite(f)) s->f[i & 1][ch] = f;
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = batch_get(b, SLT_OUT_F, ch, i);
+            steep |= is_steep(c, s, i & 1, f, c->b->f64 ? STEEP_F64 : STEEP);
+            /* By so much f may also bend: then the two rules, of which one keeps its sides, differ by all of it. */
+            bool bends = !is_rough(c, r) && c->column[r->column].rule == CELL_COARSE && is_steep(c, s, i & 1, f, BENDS);
+            for (uint32_t ch = 0; ch < c->s->channels && !only_look && !bends && place[i] != at; ch++) {
+                double v = carried_on(r, at, place[i], s->f[i & 1][ch], f[ch], is_rough(c, r));
+                if (isfinite(v)) s->f[i & 1][ch] = v;
             }
         }
     }
-    return true;
+    return steep;
+}
+
+/* f on the sides becomes f at the root where it may be rough, and where some roots show that it is steep. */
+static void extrapolate_sides(Cells *c, uint32_t known) {
+    uint32_t n = 0, smooth = 0;
+    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++) {
+        const Root *r = &c->root[i];
+        if (r->wanted && r->sides > known && !r->twin && !is_rough(c, r) && smooth++ % LOOKED == 0) c->active[n++] = i;
+    }
+    bool steep = take_far(c, n, true);
+    n = 0;
+    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++) {
+        const Root *r = &c->root[i];
+        if (r->wanted && r->sides > known && (is_rough(c, r) || (steep && !r->twin))) c->active[n++] = i;
+    }
+    take_far(c, n, false);
 }
 
 /* The sides are next to the root, and g has different signs there: the distance grows until it is so, at last to the
@@ -324,5 +370,6 @@ bool cells_take_sides(Cells *c) {
         for (uint32_t i = 0; i < asked; i++)
             if (!has_signs(c, &c->root[c->active[i]], c->probe + 2 * i)) c->active[n++] = c->active[i];
     }
-    return extrapolate_sides(c, known);
+    extrapolate_sides(c, known);
+    return true;
 }
