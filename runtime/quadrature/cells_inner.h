@@ -12,6 +12,7 @@
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
+ *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut
  *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
@@ -263,6 +264,9 @@ struct Cells {
     uint32_t active_cap;
     Tie *tie;
     uint32_t ntie, tie_cap;
+    struct Gap *gap; /* cells_gap.c */
+    uint32_t ngap, gap_cap;
+    Cell *face;   /* likewise */
     Apart *apart; /* cells_tied.c: made when first needed */
     Untie *untie;
     struct Trial *trial; /* cells_given.c */
@@ -299,7 +303,8 @@ static inline bool cells_is_ray(const SltScene *s, int32_t site) {
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
 /* Sums of numbers that differ by less than this part of their size are the same. */
 static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
-bool cells_spent(Cells *c); /* has this tile used its budget up? */
+bool cells_spent(Cells *c);                                       /* has this tile used its budget up? */
+void cells_leave(Cells *c, const Box *box, const double *bounds); /* CellSink.left */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
@@ -320,7 +325,8 @@ bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const doubl
  * lists of iterations. */
 void cells_bound_halves(Cells *c);
 bool cells_bound_small(Cells *c);
-void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n); /* of others; `lonely` is the caller's */
+void cells_bound_range(Cells *c, Cell *cell);             /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
@@ -426,6 +432,12 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
+
+/* ---- cells_gap.c */
+/* The cell is cut in the gap of r: if a site's curve may lie there, that waits for cells_integrate_gaps, for which the
+ * cells stay in hand; what it cannot integrate is left over. */
+bool cells_add_gap(Cells *c, uint32_t cell, const Root *r);
+bool cells_integrate_gaps(Cells *c);
 
 /* ---- cells_upset.c */
 bool cells_upsets(const Cells *c, int32_t edge);    /* must the two sides of a seam be compared? */
