@@ -39,6 +39,7 @@ enum {
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3, /* of these most that are open in a cell */
+    CELL_SHAPES = 64, /* in hand at once */
     CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
@@ -178,9 +179,17 @@ typedef struct Root {
 /* A point of the volume, before it is known whether its part is small enough. */
 typedef struct Spot {
     uint32_t owner;     /* piece, or smooth box */
-    uint8_t rule, part; /* part: CellOptions.flat, which one of the piece */
+    uint8_t rule, part; /* part: CellOptions.flat, which one of the piece; */
+    bool hashed;        /* its hash is known */
+    uint32_t hash;
     double x[3], weight, f[SLT_MAX_CHANNELS];
 } Spot;
+
+/* CellOptions.flat: parts of one hash, and how large they are by each rule; of none where both are 0. */
+typedef struct Shape {
+    uint32_t hash;
+    double x[3], fine, coarse;
+} Shape;
 
 /* A box on which f is smooth. */
 typedef struct Smooth {
@@ -277,7 +286,8 @@ struct Cells {
     uint32_t ncrossing[CELL_RULES];
     CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
     uint32_t npoint[CELL_POINTS];
-    Box within; /* of the points */
+    Shape shape[CELL_SHAPES]; /* by hash */
+    Box within;               /* of the points */
 };
 
 /* The next edge of a set of bits, ascending, which is taken out of it; false: it is empty. */
