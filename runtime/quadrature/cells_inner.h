@@ -309,6 +309,11 @@ static inline bool cells_is_ray(const SltScene *s, int32_t site) {
            (s->site_kind[site] == SLT_SITE_SHADOW || s->site_kind[site] == SLT_SITE_SILHOUETTE);
 }
 
+/* Is what the edge kernels know of the site levels of a wave, and not its g? */
+static inline bool cells_is_wave(const SltScene *s, int32_t edge) {
+    return s->edge_kind && s->edge_kind[edge] == SLT_SITE_WAVE;
+}
+
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
 /* Sums of numbers that differ by less than this part of their size are the same. */
@@ -322,7 +327,8 @@ double cells_move(const Cells *c, double v, double n, double scale);
 /* ---- cells_edge.c */
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
-bool cells_run_asks(Cells *c);                             /* ask[nask] */
+bool cells_run_site_probes(Cells *c); /* the same of sites' own g, which the edges of waves are only levels of */
+bool cells_run_asks(Cells *c);        /* ask[nask] */
 /* g and its gradient at root[active[0 .. n)], where one call does for all of them and needs no more than they hold;
  * false: it does not. */
 bool cells_run_roots(Cells *c, uint32_t n);
@@ -372,6 +378,8 @@ bool cells_same_choices(const Cells *c, const Given *p, const Given *q);
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
 /* Can no point lie on the curves of both, because they need another event to decide differently? */
 bool cells_contradict(const CellEdge *e, const CellEdge *f);
+/* Do they ask where one and the same function has two different values? */
+bool cells_are_levels(const Event *e, const Event *f);
 /* At the roots of columns: drops curves from pieces on which what they have given does not hold. */
 bool cells_drop_wrong(Cells *c);
 /* g this near to 0 may be 0 but for rounding; dg: its gradient, error: of g. */
@@ -393,6 +401,8 @@ bool cells_solve(Cells *c);
 bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted, where they are not known. */
 bool cells_take_sides(Cells *c);
+/* In f32, of roots that go out: those of the coarse rule are moved, and slopes are those of the sites. */
+bool cells_round_roots(Cells *c, const Column *from, const Column *to);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
 /* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on;
