@@ -123,6 +123,13 @@ static bool tie_columns(Cells *c) {
     return !n || cells_tie(c, n);
 }
 
+/* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be
+ * known of the curve. */
+static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
+    if (!c->o->flat || !r->wanted || r->twin || r->band || !is_site(c, p, r->edge)) return false;
+    return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
     c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
@@ -132,8 +139,10 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         middle(c, p, x);
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
-        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);)
+        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
+            if (!c->o->flat) c->root[c->nroot - 1].slack = -1; /* its sides lie next to it */
+        }
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     cells_find_twins(c);
@@ -154,7 +163,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         memcpy(e->dg, r->dg, sizeof e->dg);
         e->upset = r->wanted && cells_is_upset(c, r);
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
-        if (!e->open && !e->upset && !c->o->volume) p->present &= ~(1u << r->edge);
+        if (!e->open && !e->upset && (!c->o->volume || is_hidden(c, p, r))) p->present &= ~(1u << r->edge);
     }
     return true;
 }
@@ -170,9 +179,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
         if (c->o->flat || (along == 0 && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
-        /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
-        bool asked = r->wanted && !r->sides;
-        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
+        bool asked = r->wanted && !r->sides; /* next to the root these must lie */
+        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
         if (along != 0) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);

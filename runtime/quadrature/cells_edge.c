@@ -75,11 +75,11 @@ static uint32_t group(uint32_t *order, uint32_t from, uint32_t n, Together *toge
 }
 static bool probes_together(const Cells *c, uint32_t i, uint32_t k) {
     const Probe *p = &c->probe[i], *q = &c->probe[k];
-    return p->event->site == q->event->site && cells_same_choices(c, p->given, q->given);
+    return p->event->site == q->event->site && (!c->prunes || cells_same_choices(c, p->given, q->given));
 }
 static bool asks_together(const Cells *c, uint32_t i, uint32_t k) {
     const Ask *p = &c->ask[i], *q = &c->ask[k];
-    return p->event->site == q->event->site && cells_same_choices(c, p->given, q->given);
+    return p->event->site == q->event->site && (!c->prunes || cells_same_choices(c, p->given, q->given));
 }
 
 static bool ordered(Cells *c, uint32_t n) {
@@ -120,6 +120,38 @@ static void take_probes(Cells *c, const uint32_t *order, uint32_t n) {
             for (uint32_t i = 0; i < n; i++)
                 *(k ? &probe[order[i]].dg[k - 1] : &probe[order[i]].g) = (double)((float *)v)[i];
     }
+}
+
+/* Do all active roots ask the same kernel call, and none for more than its loops? */
+static bool are_plain(const Cells *c, uint32_t n) {
+    const uint64_t more = 1ull << SLT_IN_BOUNDARY | 1ull << SLT_IN_GIVEN0;
+    if (c->prunes || c->b->pixels || c->s->layout[SLT_K_EDGE].reads & more) return false;
+    int32_t site = n ? c->root[c->active[0]].of->event.site : 0;
+    for (uint32_t i = 1; i < n && c->s->nedges > 1; i++)
+        if (c->root[c->active[i]].of->event.site != site) return false;
+    return true;
+}
+
+bool cells_run_roots(Cells *c, uint32_t n) {
+    if (!are_plain(c, n)) return false;
+    Batch *b = c->b;
+    for (uint32_t from = 0; from < n; from += BATCH) {
+        const uint32_t lanes = n - from < BATCH ? n - from : BATCH, *active = c->active + from;
+        for (uint32_t i = 0; i < lanes; i++) {
+            const Root *r = &c->root[active[i]];
+            const int32_t *k = r->of->event.k;
+            for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_X0 + d, i, r->x[d]);
+            for (uint32_t d = 0; d < c->depth; d++) batch_set_int(b, SLT_IN_K0 + d, i, k[d]);
+        }
+        b->args.site = c->root[active[0]].of->event.site;
+        cells_call(c, SLT_K_EDGE, lanes);
+        for (uint32_t i = 0; i < lanes; i++) {
+            Root *r = &c->root[active[i]];
+            r->g = batch_get(b, SLT_OUT_G, 0, i);
+            for (uint32_t d = 0; d < c->dim; d++) r->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i);
+        }
+    }
+    return true;
 }
 
 bool cells_run_probes(Cells *c) {

@@ -160,7 +160,9 @@ typedef struct Root {
     double g, dg[3], step; /* g and its gradient at x; the last step */
     double before[2];      /* the place before x, and g there; NaN: there was none */
     double dg_before[3];
-    double slack; /* how far from it the root may end, in parts of its line; 0: at the last floats */
+    /* How far from it the root may end, in parts of its line; 0: at the last floats. Less than 0: and there g is asked,
+     * not taken for what cubics say. */
+    double slack;
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
@@ -306,6 +308,9 @@ double cells_move(const Cells *c, double v, double n, double scale);
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_asks(Cells *c);                             /* ask[nask] */
+/* g and its gradient at root[active[0 .. n)], where one call does for all of them and needs no more than they hold;
+ * false: it does not. */
+bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
@@ -363,8 +368,8 @@ static inline double cells_between(const double x[2], const double g[2], const d
     return u * u * (1 + 2 * t) * x[0] + t * t * (3 - 2 * t) * x[1] +
            (g[1] - g[0]) * t * u * (u / slope[0] - t / slope[1]);
 }
-/* All of root[nroot] that are not solved and do not wait. Where there is slack g is not asked again at the place where
- * cubics say that the root is: there g is taken for 0, and its slope for theirs. A root that lies outside of its line
+/* All of root[nroot] that are not solved and do not wait. By Root.slack g is not asked again at the place where cubics
+ * say that the root is: there g is taken for 0, and its slope for theirs. A root that lies outside of its line
  * by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those

@@ -7,9 +7,10 @@
 enum {
     STEPS = 100,
     NOISE = 256 /* units in the last place */,
-    NARROW = 4, /* units in the last place from a root to each of its sides, */
-    FAR = 4,    /* and so many times farther f is taken once more where it may be a root there, or steep: */
-    LOOKED = 16 /* of so many roots one is looked at */
+    NARROW = 4,  /* units in the last place from a root to each of its sides, */
+    ASIDE = 256, /* and where f is flat, which is the same there: no root is so far from where it was taken to be */
+    FAR = 4,     /* and so many times farther f is taken once more where it may be a root there, or steep: */
+    LOOKED = 16  /* of so many roots one is looked at */
 };
 #define MOST_FAR 0x1p20 /* units from a root to its sides */
 
@@ -32,7 +33,8 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
-    r->slack = 0, r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;
+    r->slack = c->b->f64 && !(e->state & SLT_EDGE_BENDS) ? 0 : -1; /* a slope that jumps is no cubic's */
+    r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;
     return r;
 }
 
@@ -47,8 +49,9 @@ static double slope_at(const double x[2], const double g[2], const double slope[
  * times the square of the distance of the two, its slope by a length less. */
 static bool ends_here(const Cells *c, Root *r, double newton, double both) {
     double line = r->ends_at[1] - r->ends_at[0], x = r->x[r->axis], dg = r->dg[r->axis];
-    double step = fabs(newton - x), back = fabs(x - r->before[0]);
-    bool cubic = step * back * back <= r->slack * line * line * line && step <= back; /* NaN is not */
+    double step = fabs(newton - x), back = fabs(x - r->before[0]), off = step * back * back, all = line * line;
+    bool last = off <= 0.25 * unit(c, r) * all; /* NaN is not */
+    bool cubic = (last || off <= r->slack * line * all) && step <= back;
     double to = cubic ? both : newton;
     if (!cubic && !(step <= r->slack * line)) return false;
     if (!(to >= r->ends_at[0] && to <= r->ends_at[1])) return false;
@@ -58,7 +61,7 @@ static bool ends_here(const Cells *c, Root *r, double newton, double both) {
                                 (double[2]){r->dg_before[d], dg}, to);
         else r->dg[d] += (r->dg[d] - r->dg_before[d]) / (x - r->before[0]) * (to - x);
     r->x[r->axis] = cells_round(c, to), r->g = 0;
-    c->counts->loose = true;
+    c->counts->loose |= !(cubic && last);
     return true;
 }
 
@@ -75,9 +78,11 @@ static bool advance(const Cells *c, Root *r) {
     bool noise = step <= NOISE * shortest && !(step <= 0.25 * r->step);
     if (r->g == 0 || step <= shortest || noise || r->hi - r->lo <= 2 * shortest) return false;
     /* Two places tell more than one: of order 2.7 instead of 2. */
-    double dg = r->dg[r->axis], both = cells_between((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
-                                                     (double[2]){r->dg_before[r->axis], dg});
-    if (r->slack > 0 && ends_here(c, r, to, both)) return false;
+    double dg = r->dg[r->axis], both = NAN;
+    if (!isnan(r->before[0]))
+        both = cells_between((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
+                             (double[2]){r->dg_before[r->axis], dg});
+    if (r->slack >= 0 && ends_here(c, r, to, both)) return false;
     if (fabs(both - to) <= 0.5 * step) to = both;
     r->before[0] = x, r->before[1] = r->g;
     memcpy(r->dg_before, r->dg, sizeof r->dg);
@@ -92,23 +97,33 @@ static bool advance(const Cells *c, Root *r) {
     return true;
 }
 
+/* g of the n active roots where they are now. */
+static bool probe_roots(Cells *c, uint32_t n) {
+    if (cells_run_roots(c, n)) return true;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Root *r = &c->root[c->active[i]];
+        if (!cells_probe(c, r->of, r->x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        Root *r = &c->root[c->active[i]];
+        r->g = c->probe[i].g;
+        memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
+    }
+    return true;
+}
+
 bool cells_solve(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         if (!c->root[i].solved && !c->root[i].waits) c->active[n++] = i;
     for (int step = 0; step < STEPS && n; step++) {
-        c->nprobe = 0;
-        for (uint32_t i = 0; i < n; i++) {
-            const Root *r = &c->root[c->active[i]];
-            if (!cells_probe(c, r->of, r->x)) return false;
-        }
-        if (!cells_run_probes(c)) return false;
+        if (!probe_roots(c, n)) return false;
         uint32_t kept = 0;
         for (uint32_t i = 0; i < n; i++) {
             Root *r = &c->root[c->active[i]];
-            r->g = c->probe[i].g;
-            memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
             r->solved = !advance(c, r);
             if (!r->solved) c->active[kept++] = c->active[i];
         }
@@ -331,7 +346,7 @@ bool cells_take_sides(Cells *c) {
             c->root[i].sides = ++c->nsides;
             c->active[n++] = i;
         }
-    for (double far = NARROW; n; far *= 8) {
+    for (double far = c->o->flat && c->b->f64 ? ASIDE : NARROW; n; far *= 8) {
         if (far > MOST_FAR) far = HUGE_VAL;
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);

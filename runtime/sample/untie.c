@@ -284,7 +284,7 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
     b->args.cull = lists;
     for (uint32_t i = 0; i < n; i++) {
         combine(u->order[i], b->s->channels, &tie[i]);
-        if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0;
+        if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0, tie[i].kink = false;
         tie[i].untold = !done[i] && !tie[i].n;
     }
     return !u->finder.failed;
