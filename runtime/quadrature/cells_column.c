@@ -197,7 +197,8 @@ static void choose_points(const Cells *c, Piece *p) {
     p->points = (uint8_t)full;
     if (c->o->fixed || !c->rule[CELL_COARSE].n || p->graded || c->cell[p->cell].slice >= 0) return;
     if (bend * length > 0)
-        n = 1 + ceil(0.5 * log(AIM * c->o->tolerance * c->width / length) / log(smaller(bend * length, 0.5)));
+        n = 1 + ceil(0.5 * logf((float)(AIM * c->o->tolerance * c->width / length)) /
+                     logf((float)smaller(bend * length, 0.5)));
     n = larger(n, larger(least, c->o->few));
     if (n < full) p->points = (uint8_t)n;
 }
@@ -343,7 +344,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
     uint32_t coarse = rule_of(c, p, CELL_COARSE)->n;
     double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
     if (p->base >= 0) {
-        double most = pow(larger(apart, floor), 0.5 / coarse) / length_of(p);
+        double most = powf((float)larger(apart, floor), 0.5f / (float)coarse) / length_of(p);
         p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
     }
     return agree;

@@ -272,7 +272,7 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) 
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
 }
 
-static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call_bounds(c, n);
@@ -296,9 +296,9 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     }
 }
 
-void cells_bound_range(Cells *c, Cell *cell) { bound_boxes(c, cell, 1); }
+void cells_bound_range(Cells *c, Cell *cell) { cells_bound_boxes(c, cell, 1); }
 
-void cells_bound_halves(Cells *c) { bound_boxes(c, c->cell, c->nhalves); }
+void cells_bound_halves(Cells *c) { cells_bound_boxes(c, c->cell, c->nhalves); }
 
 bool cells_bound_small(Cells *c) {
     Cell *small = c->cell + c->nhalves;
@@ -306,7 +306,7 @@ bool cells_bound_small(Cells *c) {
     uint64_t wanted = 0;
     if (!n) return true;
     if (!lists_note(&c->lists, c->b)) return false;
-    bound_boxes(c, small, n);
+    cells_bound_boxes(c, small, n);
     for (uint32_t i = 0; i < n && c->lists.any; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
     return cells_keep_chunks(c, n, UINT64_MAX) && lists_split(&c->lists, c->b, n, wanted);
 }
