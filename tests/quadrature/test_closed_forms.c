@@ -266,6 +266,30 @@ static void hue_wheel(void **state) {
     }
 }
 
+/* A g that is flat on a side, and that no rule knows, leaves all of its curve over: what --error asks for is out of
+ * reach, and is told from the first sweep. */
+static void out_of_reach(void **state) {
+    (void)state;
+    SltOptions o = SLT_OPTIONS_INIT;
+    o.f64 = true;
+    SltProgram *p = NULL;
+    const char *source = SHADER2("param float r = 0.5;", UNIT,
+                                 "float v = r * r - dot(x, x); float g = v > 0.0 ? v * v : 0.0; [Disc] if (g > 0.0) "
+                                 "return 1.0; return 0.0;");
+    if (slt_compile_string(source, "flat", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    SltJob job = SLT_JOB_INIT;
+    job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = 1e-5;
+    double g = 0, error = 0;
+    SltIntegral out = {.struct_size = sizeof out, .gradient = &g, .gradient_stderr = &error};
+    SltStats stats = SLT_STATS_INIT;
+    SltError err = {0};
+    if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+    if (stats.stopped != SLT_STOP_EVALUATIONS || stats.evaluations > 20000000)
+        fail_msg("stopped %d, %llu evaluations", (int)stats.stopped, (unsigned long long)stats.evaluations);
+    if (!(fabs(g - PI) <= 2 * error) || !(error < 0.2)) fail_msg("%.9g +- %.2g, exact %.9g", g, error, PI);
+    slt_program_free(p);
+}
+
 static void run_f32(void **state) { run(*state, false); }
 static void run_f64(void **state) { run(*state, true); }
 
@@ -292,6 +316,7 @@ int main(void) {
     tests[n++] = (struct CMUnitTest){"hue wheel", hue_wheel, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"volume that is sampled", volume_that_is_sampled, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"three regions", three_regions, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"out of reach", out_of_reach, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"auto turns to the lattice", auto_turns, NULL, NULL, NULL};
     return _cmocka_run_group_tests("closed forms", tests, (size_t)n, NULL, NULL);
 }
