@@ -90,7 +90,7 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to) {
             for (uint32_t e = 0; t && e < t->n; e++)
                 if (!cells_probe_event(c, &t->event[e], r->x)) return false;
         }
-    if (!cells_run_probes(c)) return false;
+    if (!cells_run_site_probes(c)) return false;
     const Probe *p = c->probe;
     for (const Column *k = from; k < to; k++)
         for (uint32_t i = 0; i < k->nroots; i++) {
