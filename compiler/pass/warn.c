@@ -328,6 +328,7 @@ static void report_untracked(Warn *w) {
         if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
         if (!(d.on & DEPENDS_PARAM) || !(d.on & (DEPENDS_X | DEPENDS_RAND)) || both_sides_equal(w, t, &uses[i]))
             continue;
+        if ((d.on & DEPENDS_JUMPS) && !(d.on & (DEPENDS_SLOPE | DEPENDS_RAND))) continue; /* those are asked */
         if (!(d.on & DEPENDS_X)) {
             diag_emit(w->ctx->session, DIAG_static_disc, t->span, param_list(w, &d));
             continue;
@@ -339,7 +340,7 @@ static void report_untracked(Warn *w) {
     uint32_t probed = 0;
     for (uint32_t i = 0; i < asked; i++)
         if (ask[i]->kind != JUMP_ALWAYS) probe[probed++] = ask[i];
-    warn_probe(w->ctx, w->fn, probe, probed, shows);
+    warn_probe(w->ctx, w->fn, w->dep, probe, probed, shows);
     for (uint32_t i = 0, at = 0; i < asked; i++) {
         const Untracked *t = ask[i];
         if (t->kind != JUMP_ALWAYS && !shows[at++]) continue;
@@ -447,7 +448,9 @@ bool warn_jumps(PassCtx *ctx, Fn *fn) {
                    .number = ARENA_ARRAY(scratch, int32_t, fn->nsites + 1)};
     for (uint32_t i = 0; i < fn->nsites; i++) to.number[i] = -1;
     drop_static(&w, fn->body, &to);
-    bool changed = to.kept != fn->nsites;
+    /* Numbers go by the order of the program, which a pass that makes sites leaves to this one. */
+    bool changed = false;
+    for (uint32_t i = 0; i < fn->nsites; i++) changed |= to.number[i] != (int32_t)i;
     if (changed) {
         number_windows(fn->body, &to);
         for (uint32_t i = 0; i < n; i++) /* a decision may be that of another dropped site */

@@ -162,6 +162,8 @@ add("3D", "shaded sphere", if_("length(x - c) < r", "1.0 + x.z"), {"r": 0.5, "c"
     lambda r, c: {"r": 4 * pi * r * r * (1 + c[2]), "c": [0, 0, 4 / 3 * pi * r ** 3]}, dim=3)
 add("3D", "box", if_("abs(x.x) < w.x && abs(x.y) < w.y && abs(x.z) < w.z"), {"w": (0.5, 0.41, 0.33)},
     lambda w: {"w": [8 * w[1] * w[2], 8 * w[0] * w[2], 8 * w[0] * w[1]]}, dim=3)
+add("3D", "box by maxima", "float3 d = abs(x) - w; " + if_("max(d.x, max(d.y, d.z)) < 0.0"), {"w": (0.4, 0.5, 0.3)},
+    lambda w: {"w": [8 * w[1] * w[2], 8 * w[0] * w[2], 8 * w[0] * w[1]]}, dim=3)
 add("3D", "plane", if_("x.x + 0.5 * x.y + 0.25 * x.z < t"), {"t": 0.05}, lambda t: {"t": 4}, dim=3)
 add("3D", "cylinder", if_("length(x.xy) < r && abs(x.z) < h"), {"r": 0.5, "h": 0.4},
     lambda r, h: {"r": 4 * pi * r * h, "h": 2 * pi * r * r}, dim=3)
