@@ -266,6 +266,37 @@ shader float main(float2 x) {
 """)
 
 
+
+def rough(x, y):
+    """Noise from sample to sample, the same in every run."""
+    return 0.05 * (round(4096 * x) * 7919 + round(4096 * y) * 104729 % 8191 * 31 % 1009) % 97 / 97
+
+
+def spikes(x, y):
+    return 0.03 + (0.3 if round(32 * x) % 7 == 3 and round(32 * y) % 5 == 2 else 0.0)
+
+
+VIEW = """[Domain(-1.0, 1.0)]
+shader float main(float2 x) {
+    Camera c = look_at(eye, float3(0.5, 0.5, 0.1), float3(0.0, 0.0, 1.0));
+    [Disc] Hit v = h.trace(c.eye, camera_ray(c, x, 0.8), 0.0, 1e9);
+    if (!v.hit) return sky;
+    float light = 0.1 + 0.5 * max(v.normal.x, 0.0);
+%s    return light;
+}
+"""
+terrain("rough shadows", 33, rough, {"sun": (0.6, 0.3, 0.12), "light": 1.0}, CAST % "h.height(x) + 0.002")
+terrain("spike shadows", 33, spikes, {"sun": (-0.5, -0.23, 0.2), "light": 1.0}, CAST % "h.height(x) + 0.002")
+terrain("clearance", 33, bumps, {"sun": (0.6, 0.3, 0.12), "light": 1.0}, """shader float main(float2 x) {
+    [Disc] if (h.clearance(float3(x, h.height(x) + 0.002), sun, 0.05, 1e9) < 0.0) return 0.0;
+    return light;
+}
+""")
+terrain("view of spikes", 33, spikes, {"eye": (0.4, -0.7, 0.45), "sky": 0.8}, VIEW % "")
+terrain("view of rough ground", 33, rough, {"eye": (0.4, -0.7, 0.25), "sky": 0.8}, VIEW % "")
+terrain("view with shadows", 33, bumps, {"eye": (0.4, -0.7, 0.45), "sun": (0.6, 0.3, 0.2), "sky": 0.8},
+        VIEW % "    [Disc] if (h.occluded(float3(v.p, h.height(v.p) + 0.002), sun, 0.0, 1e9)) light *= 0.3;\n")
+
 # ---- images: the gradient of the sum of adjoint * image
 def image(name, body, params, weighted, size=64, **more):
     """weighted(adjoint, **params): the exact gradient, where adjoint(x, y) is constant in each pixel."""
