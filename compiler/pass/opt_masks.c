@@ -86,9 +86,9 @@ bool opt_masks(PassCtx *ctx, Fn *fn) {
     look_at_sites(&m, fn->body);
     slice_close(&m.conditions), slice_close(&m.boundaries);
     const Untracked **chosen = ARENA_ARRAY(scratch, const Untracked *, p->nuntracked);
-    SiteKind kind;
+    SiteKind *kind = ARENA_ARRAY(scratch, SiteKind, p->nuntracked); /* before the first site changes operands */
     for (uint32_t u = 0; u < p->nuntracked; u++)
-        if (kind_of(&p->untracked[u], &kind) && stands_still(&m, &p->untracked[u], dep)) {
+        if (kind_of(&p->untracked[u], &kind[count]) && stands_still(&m, &p->untracked[u], dep)) {
             m.tagged[p->untracked[u].at->id] = true;
             chosen[count++] = &p->untracked[u];
         }
@@ -97,8 +97,7 @@ bool opt_masks(PassCtx *ctx, Fn *fn) {
     for (uint32_t i = 0; i < count; i++) {
         const Untracked *t = chosen[i];
         SiteInfo *info = &sites[fn->nsites];
-        kind_of(t, &kind);
-        *info = (SiteInfo){.kind = kind, .span = t->span, .still = true, .text = "untagged, stands still"};
+        *info = (SiteInfo){.kind = kind[i], .span = t->span, .still = true, .text = "untagged, stands still"};
         walk_make_site(fn, t->at, t->g0, t->g1, info);
     }
     bool changed = fn->nsites > before;

@@ -328,6 +328,7 @@ static void report_untracked(Warn *w) {
         if (t->kind == JUMP_EQUALITY && !(d.on & DEPENDS_PIECES)) continue; /* the equality holds on a curve at most */
         if (!(d.on & DEPENDS_PARAM) || !(d.on & (DEPENDS_X | DEPENDS_RAND)) || both_sides_equal(w, t, &uses[i]))
             continue;
+        if ((d.on & DEPENDS_JUMPS) && !(d.on & (DEPENDS_SLOPE | DEPENDS_RAND))) continue; /* those are asked */
         if (!(d.on & DEPENDS_X)) {
             diag_emit(w->ctx->session, DIAG_static_disc, t->span, param_list(w, &d));
             continue;
@@ -339,7 +340,7 @@ static void report_untracked(Warn *w) {
     uint32_t probed = 0;
     for (uint32_t i = 0; i < asked; i++)
         if (ask[i]->kind != JUMP_ALWAYS) probe[probed++] = ask[i];
-    warn_probe(w->ctx, w->fn, probe, probed, shows);
+    warn_probe(w->ctx, w->fn, w->dep, probe, probed, shows);
     for (uint32_t i = 0, at = 0; i < asked; i++) {
         const Untracked *t = ask[i];
         if (t->kind != JUMP_ALWAYS && !shows[at++]) continue;

@@ -2,10 +2,10 @@
 #ifndef SALTUS_PASS_WARN_H
 #define SALTUS_PASS_WARN_H
 
-#include "compiler/pass/pass.h"
+#include "compiler/pass/depend.h"
 
 /* ---- warn_probe.c: shows[k] becomes false where f was seen on both sides of changes of the decision list[k], and does
- * not jump there. The Fn, a primal, is numbered. */
-void warn_probe(PassCtx *ctx, const Fn *fn, const Untracked **list, uint32_t n, bool *shows);
+ * not jump there. The Fn, a primal, is numbered; dep is by id. */
+void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked **list, uint32_t n, bool *shows);
 
 #endif

@@ -20,8 +20,12 @@ typedef struct Trial {
     CellEdge way[2];
 } Trial;
 
+bool cells_are_levels(const Event *e, const Event *f) {
+    return e->site == f->site && e->boundary != f->boundary && !memcmp(e->k, f->k, sizeof e->k);
+}
+
 bool cells_contradict(const CellEdge *e, const CellEdge *f) {
-    if (!e->given.n && !f->given.n) return false;
+    if (!e->given.n && !f->given.n) return cells_are_levels(&e->event, &f->event); /* of one function */
     for (uint32_t i = 0; i < e->given.n; i++)
         for (uint32_t j = 0; j < f->given.n; j++)
             if (e->given.is[i].event == f->given.is[j].event && e->given.is[i].below != f->given.is[j].below)

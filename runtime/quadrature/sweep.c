@@ -314,7 +314,7 @@ SltStatus sweep_begin(Sweep *p) {
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->sizes = p->kind == SWEEP_REVERSE && p->errors, k->dirs = p->dirs;
-        if (!kept_init(&v->kept, s)) return no_memory(p);
+        if (!kept_init(&v->kept, s) || (rows && !accum_folds(&v->w->acc))) return no_memory(p);
         if (!(v->cells = cells_new(&v->w->batch, s->lo, s->hi))) return no_memory(p);
     }
     return SLT_OK;

@@ -478,7 +478,7 @@ SltStatus lattice_run(Boundary *y, SinkKind kind) {
         for (uint32_t o = 0; o < s->dim; o++)
             if (o != d) l.base[d] *= l.h[o];
     }
-    if (kind == SINK_INTEGRAL && !y->any_sign && boundary_sketches(y->run)) begin_sketches(&l, shift);
+    if (kind == SINK_INTEGRAL && !y->any_sign && boundary_in_order(y->run)) begin_sketches(&l, shift);
     bool follows = y->run->nworkers && y->run->worker[0].follow;
     if (follows && (!(l.threshold = alloc_zero(tiles, sizeof *l.threshold)) ||
                     !(l.proves = alloc_zero(tiles, sizeof *l.proves)))) {

@@ -45,6 +45,38 @@ DECISIONS = {
     "bits": "return (asuint(p - length(x)) >> 31) == 0u ? 1.0 : 0.0;",
 }
 
+# Roundings and loops of whose many jumps few matter.
+FEW = {
+    "third_ring": "int k = int(50.0 * (length(x) - p)); return k == 3 ? 1.0 : 0.0;",
+    "last_floor": "return saturate(floor(200.0 * (x.x - p)));",
+    "innermost_rings": "return min(floor(64.0 * length(x) / p), 3.0);",
+    "last_iteration": "int n = 0; for (int i = 0; i < 100; i++) { if (0.01 * i < p - length(x)) n = i; } return n >= 37 ? 1.0 : 0.0;",
+    "beside_much": "float f = 1000.0 * x.x * x.x; if (x.x < p) f += 1e-3; return f;",
+    "clamped_int": "int k = int(1e9 * (p - length(x))); return clamp(k, 0, 1);",
+    "many_ints": "int k = int(1e4 * (p - length(x))); return k > 0 ? 1.0 : 0.0;",
+    "band_y": "float f = x.x < p ? 1.0 : 0.0; return x.y > 0.985 ? f : 0.0;",
+    "mod11": "int k = int(floor(300.0 * (length(x) + p))); return k % 11 == 5 && k > 150 && k < 160 ? 1.0 : 0.0;",
+    "gauss_int": "float k = floor(64.0 * length(x) / p); return exp(-10.0 * (k - 3.0) * (k - 3.0));",
+    "gauss_int2": "float k = floor(64.0 * length(x) / p); return exp(-10.0 * (k - 77.0) * (k - 77.0));",
+    "table3": "float t[4] = {0.0, 0.0, 0.0, 1.0}; return t[clamp(int(20.0 * (p - length(x)) - 4.0), 0, 3)];",
+    "square_ij": "int a = int(30.0 * x.x / p), b = int(30.0 * x.y / p); return a == 7 && b == 11 ? 1.0 : 0.0;",
+    "count17": "int m = 0; [MaxIters(60)] while (0.02 * float(m) < length(x) - p) m++; return m == 17 ? 1.0 : 0.0;",
+    "bits": "uint k = uint(abs(100.0 * (x.x - p))); return (k & 64u) != 0u && (k & 32u) != 0u ? 1.0 : 0.0;",
+    "modfl": "return fmod(floor(128.0 * (x.x + 2.0 + p)), 64.0) == 0.0 ? 1.0 : 0.0;",
+    "powfl": "return pow(saturate(floor(100.0 * (x.x - p)) * 0.01 + 0.5), 60.0);",
+    "corner": "return floor(3.0 * (x.x + x.y) + p) > 5.0 ? 1.0 : 0.0;",
+    "nested": "int k = int(9.0 * length(x) / p); int m = k * k - 5 * k; return m == -6 && x.x > 0.0 ? x.y : 0.0;",
+    "small_jump_big_f": "float f = 1e4 * x.y; if (length(x) < p) f += 1e-2; return f;",
+    "ceil_sel": "float c = ceil(40.0 * (length(x) - p)); return c > 3.0 && c < 5.0 ? 1.0 : 0.0;",
+    "hash_pick": "uint k = uint(int(20.0 * (x.x + 2.0 + p))); return (hash(k) & 31u) == 3u ? 1.0 : 0.0;",
+    "frac_gate": "float t = frac(40.0 * x.x + p); return t > 0.98 ? 1.0 : 0.0;",
+    "argmin": "float best = 1e9; int k = 0; for (int i = 0; i < 8; i++) { float d = length(x - float2(p * cos(1.0 * i), q * sin(1.0 * i))); if (d < best) { best = d; k = i; } } return k == 6 ? 1.0 : 0.0;",
+    "int_cast_scale": "int k = int(1e6 * (x.x - p)); return k > 0 ? 1.0 : 0.0;",
+    "round_tie": "return round(2.0 * (x.x - p)) == 1.0 ? 2.0 : 1.0;",
+    "cond_or": "bool a = x.x > p, b = x.y > 0.97; return a && b ? 1.0 : 0.0;",
+    "accum": "float s = 0.0; for (int i = 0; i < 20; i++) { s += step(p + 0.05 * i, length(x)); } return s > 11.5 ? 1.0 : 0.0;",
+}
+
 # Jumps made by arithmetic, and ramps narrower than the samples: d is the signed distance of a disc.
 ARITHMETIC = {
     "tanh": "float d = p - length(x); return tanh(1e6 * d);",
@@ -126,6 +158,25 @@ CONTINUOUS = {
     "random_fixed": "float k = rand() < 0.3 ? 1.0 : 2.0; return k * p * x.x;",
     "jump_that_stays": "float s = x.x / abs(x.x); return s * p + q * x.y;",
     "grain_that_stays": "return frac(sin(dot(floor(16.0 * x), float2(12.9898, 78.233))) * 43758.5453) * p;",
+    "fbm": "float s = 0.0, a = 0.5; float2 v = 3.0 * x + p; for (int o = 0; o < 4; o++) { float2 i = floor(v); float2 f = v - i; f = f * f * (3.0 - 2.0 * f); float h00 = frac(sin(dot(i, float2(12.9898, 78.233))) * 43.5453), h10 = frac(sin(dot(i + float2(1.0, 0.0), float2(12.9898, 78.233))) * 43.5453), h01 = frac(sin(dot(i + float2(0.0, 1.0), float2(12.9898, 78.233))) * 43.5453), h11 = frac(sin(dot(i + 1.0, float2(12.9898, 78.233))) * 43.5453); s += a * lerp(lerp(h00, h10, f.x), lerp(h01, h11, f.x), f.y); a *= 0.5; v *= 2.0; } return s;",
+    "noise50": "float2 v = 50.0 * x + p; float2 i = floor(v); float2 f = v - i; f = f * f * (3.0 - 2.0 * f); float a = sin(3.0 * i.x + 5.0 * i.y), b = sin(3.0 * (i.x + 1.0) + 5.0 * i.y), c = sin(3.0 * i.x + 5.0 * (i.y + 1.0)), e = sin(3.0 * (i.x + 1.0) + 5.0 * (i.y + 1.0)); return lerp(lerp(a, b, f.x), lerp(c, e, f.x), f.y);",
+    "takagi": "float s = 0.0, v = x.x + p; for (int i = 0; i < 7; i++) { s += abs(frac(v) - 0.5) / pow(2.0, 1.0 * i); v *= 2.0; } return s;",
+    "table_lerp": "float t = saturate(0.5 * (x.x + 1.0) + 0.1 * p) * 2.0; int i = clamp(int(t), 0, 1); return lerp(w[i], w[i + 1], t - float(i));",
+    "mirror": "float v = 5.0 * (x.x + p); int k = int(floor(v)); float f = v - float(k); return (k & 1) == 0 ? f : 1.0 - f;",
+    "repeat_sdf": "float2 c = frac(3.0 * x + p) - 0.5; return length(c) - 0.2 < 0.0 ? 0.0 : (length(c) - 0.2);",
+    "clamped": "float v = 20.0 * (x.x - p); int k = clamp(int(floor(v)), 0, 3); return float(k) + saturate(v - float(k));",
+    "cull": "float f = 0.0; if (length(x - p) < q + 0.1) { [Disc] if (length(x - p) < q) f = 1.0; } return f;",
+    "cull_box": "float f = 0.0; float2 d = abs(x - float2(p, q)); if (d.x < 0.3 && d.y < 0.3) { [Disc] if (dot(d, d) < 0.04 ) f = 1.0 + x.x; } return f;",
+    "culled_loop": "float f = 0.0; for (int i = 0; i < 3; i++) { float l = length(x - w[i]); if (l > 0.3) continue; f += (0.3 - l) * (0.3 - l); } return f;",
+    "argmin_d": "float best = 1e9; for (int i = 0; i < 3; i++) { float d = length(x - w[i] * i); if (d < best) best = d; } return best;",
+    "kaleido": "float2 y = x - p; for (int i = 0; i < 4; i++) { y = abs(y) - 0.3; if (y.x < y.y) y = y.yx; } return y.x + 2.0 * y.y;",
+    "wave_abs": "float v = 6.0 * x.x + p; float k = round(v); return abs(v - k);",
+    "smooth_pulse": "float t = frac(2.0 * x.x + p); return t < 0.5 ? 16.0 * t * t * (0.5 - t) * (0.5 - t) : 0.0;",
+    "pieces4": "float v = 2.0 * (x.x + 1.0) * (1.0 + 0.1 * p); if (v < 1.0) return v; if (v < 2.0) return 1.0 + 2.0 * (v - 1.0); if (v < 3.0) return 3.0 - (v - 2.0); return 2.0 + 0.5 * (v - 3.0);",
+    "worley": "float2 v = 2.0 * x + p; float2 i = floor(v); float best = 9.0; for (int a = -2; a < 3; a++) for (int b = -2; b < 3; b++) { float2 c = i + float2(1.0 * a, 1.0 * b); float2 o = 0.5 + 0.4 * sin(float2(12.0 * c.x + 7.0 * c.y, 5.0 * c.x + 11.0 * c.y)); best = min(best, length(v - c - o)); } return best;",
+    "gradient_noise": "float v = 7.0 * (x.x + 2.0 + p); float i = floor(v), f = v - i; float g0 = sin(12.9898 * i), g1 = sin(12.9898 * (i + 1.0)); float u = f * f * f * (f * (6.0 * f - 15.0) + 10.0); return lerp(g0 * f, g1 * (f - 1.0), u);",
+    "tri_int": "int k = int(floor(8.0 * (x.x + p))); float f = 8.0 * (x.x + p) - k; float u = abs(f - 0.5); return u * u;",
+    "polar": "float2 d = x - float2(p, q); float a = atan2(d.y, d.x), n = 3.0 * a / PI; float f = abs(n - 2.0 * round(0.5 * n)); return f * dot(d, d);",
     "silenced": "[NoDisc] if (length(x) < p) return 1.0; return q;",
 }
 
@@ -150,6 +201,11 @@ class Kinds(Case):
         found = self.sort(DECISIONS)
         self.counted("decisions warned about", found, DECISIONS)
         self.assertEqual(set(DECISIONS) - found, set())
+
+    def test_few_of_many(self):
+        found = self.sort(FEW)
+        self.counted("decisions of which few matter, warned about", found, FEW)
+        self.assertEqual(set(FEW) - found, set())
 
     def test_arithmetic(self):
         found = self.sort(ARITHMETIC)

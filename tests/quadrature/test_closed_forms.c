@@ -156,6 +156,20 @@ static void auto_turns(void **state) {
 }
 
 /* Where three regions of a nearest seed meet, the g of the last one bends on the curve between the other two. */
+/* error: absolute. */
+static void integral_of(const char *source, bool f64, double error, SltIntegral *out) {
+    SltOptions o = SLT_OPTIONS_INIT;
+    o.f64 = f64;
+    SltProgram *p = NULL;
+    if (slt_compile_string(source, "integral", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    SltJob job = SLT_JOB_INIT;
+    job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.abs_error = error;
+    SltStats stats = SLT_STATS_INIT;
+    SltError err = {0};
+    if (slt_grad_integral(p, &job, out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+    slt_program_free(p);
+}
+
 static void three_regions(void **state) {
     (void)state;
     for (int turn = 0; turn < 12; turn++) {
@@ -196,6 +210,62 @@ static void three_regions(void **state) {
     }
 }
 
+/* Edges that are parallel to an axis but for a little, as those of a regular polygon written with cos and sin are: one
+ * of the two axes is no axis to see them as a graph over. */
+static void nearly_parallel(void **state) {
+    static const double tilt[] = {0, 6e-17, 1e-14, 1e-12, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1};
+    (void)state;
+    for (int i = 0; i < 4 * (int)(sizeof tilt / sizeof *tilt); i++) {
+        char source[400];
+        bool f64 = i & 1, across = i & 2;
+        double e = tilt[i / 4], c[3] = {0, across ? 1 : e, across ? e : 1};
+        snprintf(source, sizeof source,
+                 "param float r = 0.6;\n" UNIT "shader float main(float2 x) { "
+                 "[Disc] return x.x * %.17g + x.y * %.17g < r ? 1.0 : 0.0; }",
+                 c[1], c[2]);
+        double gradient = 0, bar = 0;
+        SltIntegral out = {.struct_size = sizeof out, .gradient = &gradient, .gradient_stderr = &bar};
+        integral_of(source, f64, 0, &out);
+        if (!(fabs(gradient - 2) <= 4 * bar + (f64 ? 1e-9 : 1e-5)) || !(bar < (f64 ? 1e-6 : 1e-3)))
+            fail_msg("%g x + %g y, %s: %.12g +- %g, 2 is true", c[1], c[2], f64 ? "f64" : "f32", gradient, bar);
+    }
+}
+
+static void regular_polygons(void **state) {
+    (void)state;
+    for (int n = 4; n <= 16; n += 4)
+        for (int f64 = 0; f64 < 2; f64++) {
+            char source[500];
+            snprintf(source, sizeof source,
+                     "param float r = 0.6;\n" UNIT "shader float main(float2 x) { bool out_of = false; for (int i = 0; "
+                     "i < %d; i++) { float a = TAU * float(i) / %d.0; [Disc] if (dot(x, float2(cos(a), sin(a))) > r) "
+                     "out_of = true; } return out_of ? 0.0 : 1.0; }",
+                     n, n);
+            double gradient = 0, bar = 0, want = 2 * n * 0.6 * tan(PI / n);
+            SltIntegral out = {.struct_size = sizeof out, .gradient = &gradient, .gradient_stderr = &bar};
+            integral_of(source, f64, 1e-5, &out);
+            if (!(fabs(gradient - want) <= 4 * bar + (f64 ? 1e-9 : 1e-5)) || !(bar < 1e-4))
+                fail_msg("%d sides, %s: %.12g +- %g, %.12g is true", n, f64 ? "f64" : "f32", gradient, bar, want);
+        }
+}
+
+/* f is periodic and goes through whole periods: its integral stands still. Kinks, and the wrap of frac, lie in what is
+ * left over; where the samples there fell the same in all cells, the error was thirty million times what was stated. */
+static void hue_wheel(void **state) {
+    (void)state;
+    for (int i = 0; i < 8; i++) {
+        char source[400];
+        snprintf(source, sizeof source,
+                 "param float r = %.17g;\n" UNIT "shader float main(float2 x) { float h = frac(x.x * 0.5 + 0.5 + r) * "
+                 "6.0; return saturate(2.0 - abs(h - 2.0)) + 0.25 * saturate(2.0 - abs(h - 4.0)); }",
+                 0.1 + 0.1 * i);
+        double gradient = 0, bar = 0;
+        SltIntegral out = {.struct_size = sizeof out, .gradient = &gradient, .gradient_stderr = &bar};
+        integral_of(source, true, 1e-2, &out);
+        if (!(fabs(gradient) <= 3 * bar + 1e-9) || !(bar < 0.02)) fail_msg("turn %d: %g +- %g", i, gradient, bar);
+    }
+}
+
 static void run_f32(void **state) { run(*state, false); }
 static void run_f64(void **state) { run(*state, true); }
 
@@ -217,6 +287,9 @@ int main(void) {
         tests[n] = (struct CMUnitTest){names[n], stated, NULL, NULL, &cases[i]};
         n++;
     }
+    tests[n++] = (struct CMUnitTest){"edges nearly parallel to an axis", nearly_parallel, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"regular polygons", regular_polygons, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"hue wheel", hue_wheel, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"volume that is sampled", volume_that_is_sampled, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"three regions", three_regions, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"auto turns to the lattice", auto_turns, NULL, NULL, NULL};

@@ -59,6 +59,11 @@ static void make_flat_cases(void) {
             "float f = 0.0; for (int i = 0; i < " n "; i++) { float turn = float(i) * 2.399963; float2 c = 0.3 * "     \
             "float2(cos(turn), sin(turn)); " body " } return f;")
 #define STRIPES "frac(16.0 * (x.x - c.x)) < 0.5"
+    CASE("a wall of bricks", /* a rounding of a rounding: of area 1 - (1 - m)^2 */
+         SHADER2("param float m = 0.08;", "",
+                 "float2 q = x * float2(4.0, 8.0); float row = floor(q.y); if ((int(row) & 1) == 1) q.x += 0.5; "
+                 "float2 c = frac(q); [Disc] if (c.x < m || c.y < m) return 1.0; return 0.0;"),
+         .want = {{"m", 2 * 0.92}});
     CASE("masks in a loop", IN_LOOP("8", "if (" STRIPES ") { [Disc] if (length(x - c) < r) f += 1.0; }"),
          .want = {{"r", 8 * PI * 0.3}});
     CASE("masks by continue", IN_LOOP("8", "if (!(" STRIPES ")) continue; [Disc] if (length(x - c) < r) f += 1.0;"),
