@@ -227,19 +227,24 @@ static bool move_apart(Cells *c, uint32_t n) {
     return memory;
 }
 
+/* Does a root stand for it of which f on the two sides is known? That one may have gone itself, where three lie in a
+ * row. */
+static bool may_part(const Cells *c, uint32_t i) {
+    if (!c->root[i].other || !is_site(c, &c->root[i])) return false;
+    const Root *s = stands_for(c, i);
+    return s->wanted && s->sides;
+}
+
 bool cells_part_twins(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
-    for (uint32_t i = 0; i < c->nroot; i++) {
-        if (!c->root[i].other) continue;
-        const Root *s = stands_for(c, i);
-        if (is_site(c, &c->root[i]) && s->wanted && s->sides) c->active[n++] = i;
-    }
+    for (uint32_t i = 0; i < c->nroot; i++)
+        if (may_part(c, i)) c->active[n++] = i;
     if (!n) return true;
     while (n)
         if (!look_between(c, &n)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
-        if (c->root[i].other && c->root[i].twin && stands_for(c, i)->twin) c->active[n++] = i;
+        if (may_part(c, i) && c->root[i].twin && stands_for(c, i)->twin) c->active[n++] = i;
     return !n || move_apart(c, n);
 }
 
