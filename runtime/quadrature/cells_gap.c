@@ -41,7 +41,8 @@ typedef struct Place {
 /* A site that decides differently on the two sides. */
 typedef struct Decided {
     const CellEdge *edge;
-    bool rises, by[2]; /* by: the piece of g on that side tells how it moves */
+    bool rises;
+    bool is_0[2]; /* g is, on the very face: which piece it has there is no matter of where its curve lies */
 } Decided;
 
 bool cells_add_gap(Cells *c, uint32_t cell, const Root *r) {
@@ -192,6 +193,11 @@ static void take_places(Cells *c, Place *p, uint32_t n) {
     }
 }
 
+static void on_face(const Gap *g, const double at[3], int side, double x[3]) {
+    memcpy(x, at, 3 * sizeof *x);
+    x[g->axis] = side ? g->box.hi[g->axis] : g->box.lo[g->axis];
+}
+
 /* Beside the gap, where the rounding of g decides no longer. */
 static void beside(const Cells *c, const Gap *g, const double at[3], int side, double x[3]) {
     const Box *box = &c->cell[g->cell].box;
@@ -206,8 +212,7 @@ static bool has_event(const CellEdge *edge, const Decided *d, uint32_t n) {
     return has;
 }
 
-/* The sites that decide differently on the two sides of a place. False where g jumps, or its slopes do not tell how its
- * curve moves; `memory` where that runs out. */
+/* The sites that decide differently on the two sides of a place. False where g jumps; `memory` where that runs out. */
 static bool find_decided(Cells *c, const Place *p, Decided *d, uint32_t *n, bool *memory) {
     const Gap *g = p->of;
     const Cell *cell = &c->cell[g->cell];
@@ -218,28 +223,21 @@ static bool find_decided(Cells *c, const Place *p, Decided *d, uint32_t *n, bool
         const CellEdge *edge = &cell->edge[e];
         if ((uint32_t)edge->event.site >= c->s->nsites || has_event(edge, all, events)) continue;
         all[events++] = (Decided){.edge = edge};
-        for (int k = 0; k < 4; k++) {
+        for (int side = 0; side < 2; side++) {
             double x[3];
-            if (k < 2) memcpy(x, p->x, sizeof x), x[g->axis] = k ? g->box.hi[g->axis] : g->box.lo[g->axis];
-            else beside(c, g, p->x, k - 2, x);
+            on_face(g, p->x, side, x);
             if (!cells_probe_event(c, &edge->event, x)) return *memory = false;
         }
     }
     if (!cells_run_probes(c)) return *memory = false;
     for (uint32_t e = 0; e < events; e++) {
-        const Probe *at = &c->probe[4 * e];
-        if ((at[0].g < 0) == (at[1].g < 0)) continue;
-        double slope = 0, step = at[1].x[g->axis] - at[0].x[g->axis];
-        bool rises = at[0].g < 0;
-        for (int side = 0; side < 2; side++) {
-            double up = at[2 + side].dg[g->axis];
-            all[e].by[side] = rises ? up > 0 : up < 0;
-            slope = fmax(slope, fabs(up));
-        }
-        all[e].rises = rises;
-        bool goes = fabs(at[1].g - at[0].g) <= NEAR_0 * (all[e].edge->error + slope * step); /* NaN does not */
-        if (!goes || !(all[e].by[0] || all[e].by[1])) return false;
-        d[(*n)++] = all[e];
+        const Probe *lo = &c->probe[2 * e], *hi = lo + 1;
+        if ((lo->g < 0) == (hi->g < 0)) continue;
+        double slope = fmax(fabs(lo->dg[g->axis]), fabs(hi->dg[g->axis])), step = hi->x[g->axis] - lo->x[g->axis];
+        if (!(fabs(hi->g - lo->g) <= NEAR_0 * (all[e].edge->error + slope * step))) return false; /* NaN is not */
+        d[*n] = all[e];
+        d[*n].rises = lo->g < 0, d[*n].is_0[0] = lo->g == 0, d[*n].is_0[1] = hi->g == 0;
+        ++*n;
     }
     return *n > 0;
 }
@@ -297,27 +295,47 @@ static void emit(Cells *c, const Place *p, const Decided *d, const Probe *at, ui
     x->axis = p->of->axis, x->rising = 1;
 }
 
-/* Of several sites that lie there each may have all of the jump, or nothing. */
-static bool emit_places(Cells *c, const Place *p, uint32_t n, const Decided *d, uint32_t sites) {
+/* g and its slopes at n places, by place, site and side. */
+static bool take_slopes(Cells *c, const Place *p, uint32_t n, const Decided *d, uint32_t sites) {
     c->nprobe = 0;
     for (uint32_t i = 0; i < n; i++)
         for (uint32_t e = 0; e < sites; e++)
             for (int side = 0; side < 2; side++) {
                 double x[3];
-                beside(c, p[i].of, p[i].x, side, x);
-                if (d[e].by[side] && !cells_probe_event(c, &d[e].edge->event, x)) return false;
+                if (d[e].is_0[side]) beside(c, p[i].of, p[i].x, side, x);
+                else on_face(p[i].of, p[i].x, side, x);
+                if (!cells_probe_event(c, &d[e].edge->event, x)) return false;
             }
-    if (!cells_run_probes(c)) return false;
-    const Probe *at = c->probe;
+    return cells_run_probes(c);
+}
+
+/* by[]: at all of these places the piece of g on that side has the slope that its change asks for. */
+static bool find_pieces(const Cells *c, const Place *p, uint32_t n, const Decided *d, uint32_t sites, uint32_t e,
+                        bool by[2]) {
+    by[0] = by[1] = true;
     for (uint32_t i = 0; i < n; i++)
+        for (int side = 0; side < 2; side++) {
+            double up = c->probe[2 * (sites * i + e) + (uint32_t)side].dg[p->of->axis];
+            by[side] &= d[e].rises ? up > 0 : up < 0;
+        }
+    return by[0] || by[1];
+}
+
+/* Of several sites that lie there each may have all of the jump, or nothing. */
+static bool emit_places(Cells *c, const Place *p, uint32_t n, const Decided *d, uint32_t sites) {
+    bool by[CELL_EDGES][2], told = true;
+    if (!take_slopes(c, p, n, d, sites)) return false;
+    for (uint32_t e = 0; e < sites; e++) told &= find_pieces(c, p, n, d, sites, e, by[e]);
+    if (!told) leave(c, p->of);
+    const Probe *at = c->probe;
+    for (uint32_t i = 0; i < n && told; i++)
         for (uint32_t e = 0; e < sites; e++) {
-            bool both = d[e].by[0] && d[e].by[1], fine = p[i].rule == CELL_FINE;
-            for (int side = 0; side < 2; side++) {
-                if (!d[e].by[side]) continue;
+            bool both = by[e][0] && by[e][1], fine = p[i].rule == CELL_FINE;
+            for (int side = 0; side < 2; side++, at++) {
+                if (!by[e][side]) continue;
                 if (fine) emit(c, &p[i], &d[e], at, CELL_FINE, (both ? 0.5 : 1) / sites);
                 if (fine && sites > 1) emit(c, &p[i], &d[e], at, CELL_COARSE, (both ? 0.5 : 1) * (sites - 1) / sites);
                 if (!fine && !(both && side)) emit(c, &p[i], &d[e], at, CELL_COARSE, 1.0 / sites);
-                at++;
             }
         }
     return true;

@@ -139,6 +139,7 @@ typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
+    double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
 
 /* A point of the base with the line above it. */

@@ -55,8 +55,11 @@ static bool ends_here(const Cells *c, Root *r, double newton, double both) {
     double to = cubic ? both : newton;
     if (!cubic && !(step <= r->slack * line)) return false;
     if (!(to >= r->ends_at[0] && to <= r->ends_at[1])) return false;
+    /* Of two near places g tells less than it rounds: a slope there is better carried on from the slopes alone. */
+    double noise = 6 * r->of->error / fabs(dg) * step / (back * back), straight = step * back / all;
+    bool curved = noise + off / (line * all) <= straight;
     for (uint32_t d = 0; cubic && d < c->dim; d++)
-        if (d == (uint32_t)r->axis)
+        if (d == (uint32_t)r->axis && curved)
             r->dg[d] = slope_at((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
                                 (double[2]){r->dg_before[d], dg}, to);
         else r->dg[d] += (r->dg[d] - r->dg_before[d]) / (x - r->before[0]) * (to - x);

@@ -35,10 +35,11 @@ static double *sums_of(Accum *a, uint32_t p) {
 bool accum_fold_log(Accum *a, uint32_t which) {
     AdjointBuffer *b = &a->buf[which];
     for (uint64_t e = 0; e < b->log_len; e++) {
-        if (b->log_index[e] >= a->s->nfloats) continue;
+        double v = a->s->f64 ? ((const double *)b->log_value)[e] : (double)((const float *)b->log_value)[e];
+        if (v == 0 || b->log_index[e] >= a->s->nfloats) continue; /* of a colour all channels but one are 0 */
         double *sum = sums_of(a, b->log_index[e]);
         if (!sum) return false;
-        sum[which] += a->s->f64 ? ((const double *)b->log_value)[e] : (double)((const float *)b->log_value)[e];
+        sum[which] += v;
     }
     b->log_len = 0;
     return true;

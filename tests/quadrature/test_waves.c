@@ -107,7 +107,7 @@ static void roots_of_a_line(void **state) {
     }
 }
 
-/* Two zone plates of 76 rings in the unit disc. */
+/* Two zone plates of 76 rings in the unit disc; roots whose slopes rounding spoils would take many times as much. */
 static void zone_plates(void **state) {
     (void)state;
     static const char *const source[] = {
@@ -119,7 +119,8 @@ static void zone_plates(void **state) {
         Result r = integrate(source[i], true, 1e-9);
         if (getenv("SALTUS_PRINT"))
             printf("    %llu evaluations, %.3f s\n", (unsigned long long)r.stats.evaluations, r.stats.seconds);
-        if (r.stats.evaluations > 2500000) fail_msg("%llu evaluations", (unsigned long long)r.stats.evaluations);
+        if (r.stats.evaluations > (i ? 850000 : 2000000))
+            fail_msg("%llu evaluations", (unsigned long long)r.stats.evaluations);
         if (r.stats.stopped != SLT_STOP_NONE) fail_msg("stopped");
     }
 }
