@@ -151,7 +151,7 @@ double cells_nearly_0(const Cells *c, const Box *box, double error, const double
         size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
         width += box->end[d] - box->lo[d];
     }
-    return fmin(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), 0x1p-16 * slope * width);
+    return fmin(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), cells_reach(c->b->f64) * slope * width);
 }
 
 static double error_of(const Cell *cell, uint32_t event) {

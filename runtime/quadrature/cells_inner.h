@@ -43,6 +43,10 @@ enum {
     CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
+/* Rounding may blur what lies so far apart, in parts of a cell, and no farther. In f32 it does reach so far: around the
+ * place where curves touch, cells are small. */
+static inline double cells_reach(bool f64) { return f64 ? 0x1p-16 : 0x1p-6; }
+
 /* What other events of the cell are taken to decide. */
 typedef struct Given {
     uint32_t n;

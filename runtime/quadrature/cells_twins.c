@@ -36,7 +36,7 @@ static void find_twins(Cells *c, const Column *k) {
             if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
             double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
                            2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
-            double same = smaller(error + 8 * unit(c, size), 0x1p-16 * width);
+            double same = smaller(error + 8 * unit(c, size), cells_reach(c->b->f64) * width);
             if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
             bool later = is_site(c, s) || !is_site(c, r);
             Root *stays = later ? s : r, *goes = later ? r : s;

@@ -3,6 +3,17 @@
 #include "tests/sample/closed_forms.h"
 
 static void make_more(void) {
+    /* Near the point of contact rounding decides what lies between: in f32 along 1e-4 of the curve. */
+    CASE("a disc less one that touches it inside",
+         SHADER2("param float r = 0.3;", UNIT,
+                 "float s = max(length(x) - r, -(length(x - float2(0.2, 0.0)) - 0.1)); [Disc] if (s < 0.0) return 1.0; "
+                 "return 0.0;"),
+         .want = {{"r", 2 * PI * 0.3}});
+    CASE("a disc on one that it touches inside",
+         SHADER2("param float r = 0.25; param float R = 0.5;", UNIT,
+                 "float f = 0.0; [Disc] if (length(x) < R) f = 1.0; [Disc] if (length(x - float2(0.25, 0.0)) < r) f += "
+                 "2.0; return f;"),
+         .want = {{"r", 4 * PI * 0.25}, {"R", 2 * PI * 0.5}});
     CASE(
         "rotated ellipse with shading",
         SHADER2("param float s = 1.0;", UNIT,
