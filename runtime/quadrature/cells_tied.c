@@ -11,10 +11,6 @@
 
 #define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
-const Apart *cells_apart(Cells *c) {
-    return c->apart || apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart) ? c->apart : NULL;
-}
-
 bool cells_ready_to_tie(Cells *c) {
     if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
     return c->untie || (c->untie = untie_new(c->b));
@@ -78,7 +74,6 @@ static void emit_part(Cells *c, const Crossing *x, const Column *k, const Tie *t
         Crossing *part = cells_add_crossing(c, half ? CELL_COARSE : k->rule);
         uint8_t rule = part->cls;
         *part = *x;
-        part->untied = true;
         part->cls = rule, part->event = t->event[e], part->g = p->g, part->weight = weight;
         memcpy(part->dg, p->dg, sizeof part->dg);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)

@@ -58,7 +58,6 @@ typedef struct Crossing {
     double jump[SLT_MAX_CHANNELS];   /* f on b's side, less before */
     float doubt[SLT_MAX_CHANNELS];   /* by how much the jump may be another: flank.c */
     bool doubted;                    /* any is not 0 */
-    bool untied;                     /* a part of a tie, whose kink is known */
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a */
     uint32_t ha, hb;        /* hashes of the regions on a's and b's side */

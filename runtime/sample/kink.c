@@ -93,37 +93,31 @@ static bool may_bend(const SltScene *s, int32_t site) {
     return s->site_kind[site] == SLT_SITE_COMPARE && !(s->site_skips && s->site_skips[site]);
 }
 
-/* Those of every `each` kept crossings that lie on a kink, which[] of order[], by pair[]; returns how many. */
-static uint32_t look(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t n, uint32_t each,
-                     uint32_t *which, uint32_t *pair) {
-    const Crossing *at[BATCH] = {NULL};
-    uint32_t seen = 0, nat = 0, kinks = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        const Crossing *x = &c[(uint32_t)order[i]];
-        if (!keep[i] || x->untied || !may_bend(k->b->s, x->event.site) || seen++ % each) continue;
-        which[nat] = i, at[nat++] = x;
-    }
-    if (!nat || !find(k, at, nat, pair)) return 0;
-    for (uint32_t i = 0; i < nat; i++) {
-        if (pair[i] == PAIRS || !is_kink(k, at[i], pair[i])) continue;
-        which[kinks] = which[i], pair[kinks++] = pair[i];
-    }
-    return kinks;
-}
-
 void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
     Kinks *q = &k->coincide.kinks;
-    uint32_t which[BATCH], pair[BATCH], kinks;
+    const Crossing *at[BATCH];
+    uint32_t which[BATCH], pair[BATCH], nat = 0;
     memset(q->n, 0, sizeof q->n);
-    if (!k->coincide.apart || !look(k, c, order, keep, n, EACH, which, pair)) return;
-    kinks = look(k, c, order, keep, n, 1, which, pair);
-    for (uint32_t i = 0; i < kinks; i++) {
+    if (!k->coincide.apart) return;
+    /* First a few of them. */
+    for (uint32_t look = EACH; look; look = look == EACH ? 1 : 0) {
+        uint32_t seen = 0;
+        nat = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Crossing *x = &c[(uint32_t)order[i]];
+            if (!keep[i] || !may_bend(k->b->s, x->event.site) || seen++ % look) continue;
+            which[nat] = i, at[nat++] = x;
+        }
+        if (!find(k, at, nat, pair)) return;
+    }
+    for (uint32_t i = 0; i < nat; i++) {
+        if (pair[i] == PAIRS || !is_kink(k, at[i], pair[i])) continue;
         Crossing **list = &q->at[pair[i]];
         if (!*list && !(*list = malloc(BATCH * sizeof **list))) {
             k->failed = true;
             return;
         }
-        (*list)[q->n[pair[i]]++] = c[(uint32_t)order[which[i]]];
+        (*list)[q->n[pair[i]]++] = *at[i];
         keep[which[i]] = false;
         k->f->dropped[SLT_DROP_COINCIDENT]++;
     }
