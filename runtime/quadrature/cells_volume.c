@@ -53,6 +53,7 @@ typedef struct PartSpots {
 } PartSpots;
 
 static PartSpots parts_of(const Cells *c, uint32_t from, uint32_t to) {
+    if (from == to) return (PartSpots){0}; /* there may be no list */
     uint32_t coarse = from;
     while (coarse < to && c->spot[coarse].rule == CELL_FINE) coarse++;
     const Spot *s = c->spot;
@@ -64,7 +65,8 @@ static bool next_part(PartSpots *p) {
     p->coarse = p->at[CELL_COARSE] < p->end[CELL_COARSE] ? p->at[CELL_COARSE] : NULL;
     if (p->fine && p->coarse && p->fine->part > p->coarse->part) p->fine = NULL;
     if (p->fine && p->coarse && p->fine->part < p->coarse->part) p->coarse = NULL;
-    p->at[CELL_FINE] += p->fine != NULL, p->at[CELL_COARSE] += p->coarse != NULL;
+    if (p->fine) p->at[CELL_FINE]++;
+    if (p->coarse) p->at[CELL_COARSE]++;
     return p->fine || p->coarse;
 }
 

@@ -283,6 +283,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     p->sums.roots = c->loose ? p->options.slack : 0;
     sweep_merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
     p->sums.roots = 0;
+    if (!v->nleft) return;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
         return;

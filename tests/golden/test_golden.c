@@ -70,7 +70,7 @@ static void test_golden(void **state) {
         } else if (file_read_all(golden, &file_binary, &want, &size, &err) != SLT_OK) {
             print_error("%s\n", err.text);
             wrong++;
-        } else if (!blessed_same(golden, (const char *)want, got)) {
+        } else if (!blessed_same_ir(golden, (const char *)want, got)) {
             wrong++;
         }
         free(want);

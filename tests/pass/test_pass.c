@@ -144,7 +144,7 @@ static bool try_file(Case *c) {
         assert_int_equal(file_write_atomic(c->path, text, strlen(text), &err), SLT_OK);
         free(text);
     } else {
-        good = blessed_same(c->path, c->want ? c->want : "", c->got);
+        good = blessed_same_ir(c->path, c->want ? c->want : "", c->got);
     }
     session_destroy(s);
     free(c->input);

@@ -150,7 +150,8 @@ static inline void paint(Look *l, double *f) {
 
 static inline void scene_call(void *user, int kind, SltKernelArgs *a, uint32_t n) {
     Scene *s = user;
-    s->calls[kind]++, s->lanes[kind] += n;
+    __atomic_fetch_add(&s->calls[kind], 1, __ATOMIC_RELAXED); /* threads share the scene */
+    __atomic_fetch_add(&s->lanes[kind], n, __ATOMIC_RELAXED);
     for (uint32_t i = 0; i < n; i++) {
         Num x[3], g;
         switch (kind) {
