@@ -167,17 +167,11 @@ static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
         Stretch s = {.cell = i, .edge = (int8_t)e, .other = ARC};
         s.at[0] = cell->box.lo[base];
         for (uint32_t k = 0; k <= cuts; k++) {
-<<<<<<< HEAD
-            const Cut *cut = &c->cut[first_cut + k];
-            if (k < cuts && (cut->axis != axis || cut->edge != (int8_t)e)) continue;
-            s.at[1] = k < cuts ? cut->at : cell->box.hi[base];
-            s.known[1] = k < cuts && !isnan(cut->height);
-            if (s.known[1]) s.height[1] = cut->height;
-=======
             const Cut *cut = k < cuts ? &c->cut[first_cut + k] : NULL;
             if (cut && (cut->axis != axis || cut->edge != (int8_t)e)) continue;
             s.at[1] = cut ? cut->at : cell->box.hi[base];
->>>>>>> faults
+            s.known[1] = cut && !isnan(cut->height);
+            if (s.known[1]) s.height[1] = cut->height;
             if (s.at[1] > s.at[0] && !stretch_add(c, &s)) return false;
             s.at[0] = s.at[1], s.height[0] = s.height[1], s.known[0] = s.known[1];
         }
