@@ -43,12 +43,13 @@ static uint32_t mix(uint32_t h, uint32_t v) { /* ir_mix, of which keys of events
 
 /* Is it the crossing's event alone that makes the two hashes differ? Where hashes are those of the path they tell, for
  * they are sums of the keys of what has decided; of how many loops the key is made the event does not say. */
-static bool is_alone(const Crossing *c) {
+static bool is_alone(const SltScene *s, const Crossing *c) {
+    bool rounds = s->site_kind[c->event.site] != SLT_SITE_COMPARE; /* a comparison has no integer, but loops' indices */
     uint32_t key = mix(0x9e3779b9u, (uint32_t)c->event.site + 1), differ = c->ha ^ c->hb;
     double n = floor(c->event.boundary);
     for (uint32_t d = 0;; d++) {
         if (key == differ) return true;
-        for (int by = -1; by < 1; by++) { /* an integer that changes to the next */
+        for (int by = -1; by < 1 && rounds; by++) { /* an integer that changes to the next */
             uint32_t below = (uint32_t)(int32_t)fmin(fmax(n + by, -0x1p30), 0x1p30);
             if ((mix(key, below) ^ mix(key, below + 1)) == differ) return true;
         }
@@ -66,7 +67,7 @@ static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *
         const Crossing *x = &c[(uint32_t)order[i]];
         bool skips = s->site_skips && s->site_skips[x->event.site],   /* other iterations may decide for moved ones, */
             ray = s->site_kind[x->event.site] >= SLT_SITE_SILHOUETTE; /* another edge be the one that a ray passes */
-        if (keep[i] && !skips && !ray && !is_alone(x)) list[suspects++] = i;
+        if (keep[i] && !skips && !ray && !is_alone(s, x)) list[suspects++] = i;
     }
     return suspects;
 }
