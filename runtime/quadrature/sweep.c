@@ -432,12 +432,14 @@ SltStatus sweep_run(Sweep *p) {
     if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
     if (st == SLT_OK && p->nleft && !p->gave_up) {
         sweep_plan_left(p, r->stats.evaluations - start);
+        if (p->options.curves && !p->marches && !sweep_apart_left(p)) return no_memory(p);
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {
             p->worker[i].unnamed = false;
             for (uint32_t c = 0; c < r->s->channels; c++) p->jump[c] = fmax(p->jump[c], p->worker[i].jump[c]);
         }
         st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, sweep_left_work, sweep_left_merge, p);
+        apart_free(p->apart), p->apart = NULL;
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
         if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left);
     }

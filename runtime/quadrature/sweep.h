@@ -79,6 +79,7 @@ typedef struct Sweep {
     double volume;                 /* of the domain */
     double volume_sampled;         /* measure of cells whose volume is only sampled */
     uint32_t lines;                /* across a cell that is left, along each axis */
+    Apart *apart;                  /* for boundaries that coincide there; NULL: not looked for */
     bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
     bool sampled;                  /* cells that are left stand for others */
     bool mixed;                    /* lines or samples were used */
@@ -134,6 +135,8 @@ void sweep_plan_left(Sweep *p, uint64_t used);
 /* Would curves through what is left cost too much? How many evaluations a cell takes hangs on how loose bounds are
  * there, and how many curves it holds: a few cells tell, all over the list. */
 bool sweep_march_is_dear(Sweep *p, uint64_t used);
+/* Before them: moves the parameters, for boundaries that coincide there. False when memory runs out. */
+bool sweep_apart_left(Sweep *p);
 bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk);
 void sweep_left_merge(void *user, uint32_t worker, uint64_t chunk);
 /* Derivatives of f at points, weighed by the adjoint image. */

@@ -37,6 +37,7 @@ bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk) {
     sweep_begin_tile(v, &hull);
     if (!sweep_begin_splat(v, &hull)) return false;
     v->w->finder.lost = lost;
+    v->w->sink.coincide.apart = p->apart, v->w->sink.coincide.no_kinks = true;
     for (uint64_t i = from; i < to && pool_stop_reason(&p->run->pool) == SLT_OK; i++) {
         const LeftCell *l = &p->left[i];
         v->left_bound += sweep_hidden(p, l);
@@ -50,7 +51,7 @@ bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk) {
     }
     near_flush(v->w);
     finder_run(&v->w->finder, true);
-    v->w->finder.lost = NULL;
+    v->w->finder.lost = NULL, v->w->sink.coincide.apart = NULL;
     if (p->marches && !left_curves(v, &p->left[from], (uint32_t)(to - from), false)) return false;
     if (p->errors && p->options.curves && !left_hidden(v, &p->left[from], (uint32_t)(to - from), seen, lost))
         return false;
@@ -102,6 +103,16 @@ void sweep_plan_left(Sweep *p, uint64_t used) {
         l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
         while (sum >= at) at += 1;
     }
+}
+
+bool sweep_apart_left(Sweep *p) {
+    const SltScene *s = p->run->s;
+    double longest = 0;
+    for (uint64_t i = 0; i < p->nleft; i++)
+        for (uint32_t d = 0; d < s->dim; d++)
+            longest = fmax(longest, (p->left[i].box.end[d] - p->left[i].box.lo[d]) / (s->hi[d] - s->lo[d]));
+    double step = coincide_step(root_tolerance(run_is_coarse(p->run)) * longest / p->lines, s->f64 ? 0x1p-26 : 0x1p-14);
+    return apart_new(s, p->run->j->seed, step, &p->apart);
 }
 
 bool sweep_march_is_dear(Sweep *p, uint64_t used) {

@@ -29,6 +29,8 @@ bool boundary_in_order(const Run *r) {
     return estimators[r->j->estimator] == lattice_run && r->grid.integral && r->s->dim > 1 && !r->s->uses_rand;
 }
 
+#define STEP 0x1p-15 /* by which parameters are moved, for boundaries that coincide: no less, whatever is known of roots */
+
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
     Run *r = y->run;
     const SltScene *s = r->s;
@@ -40,7 +42,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
     uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);
-    if (st == SLT_OK && !coincide_begin(r, coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines))))
+    if (st == SLT_OK && !coincide_begin(r, coincide_step(root_tolerance(run_is_coarse(r)) / fmax(1, lines), STEP)))
         st = status_fail(r->err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) {
         for (uint32_t i = 0; i < r->nworkers; i++) boundary_bind(y, &r->worker[i], kind);

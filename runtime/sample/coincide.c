@@ -16,13 +16,12 @@ enum {
     ALONG = 16, /* `elsewhere` goes aside by the segment's length divided by this */
     NEWTON = 3  /* and so many steps back to g = 0 */
 };
-/* Parameters are moved by STEP: by STEP_BRACKETS times the bracket of roots (in a domain of size 1) where that is more,
- * but at most by STEP_MOST. */
-#define STEP 0x1p-15
+/* Parameters are moved by STEP_BRACKETS times the bracket of roots (in a domain of size 1), but at most by STEP_MOST.
+ */
 #define STEP_MOST 0x1p-9
 #define STEP_BRACKETS 0x1p7
 
-double coincide_step(double bracket) { return fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST); }
+double coincide_step(double bracket, double least) { return fmin(fmax(least, STEP_BRACKETS * bracket), STEP_MOST); }
 
 void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->half), kink_free(&q->kinks); }
 

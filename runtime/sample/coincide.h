@@ -12,6 +12,7 @@ typedef struct Kinks {
 } Kinks;
 typedef struct Coincide {
     const Apart *apart;    /* scenes with moved parameters; NULL: nothing is looked for */
+    bool no_kinks;         /* of one g: in small parts of a domain its corners are never far */
     Untie *untie;          /* NULL: not needed so far */
     Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
     uint32_t nparts, nhalves;
@@ -23,8 +24,8 @@ typedef struct Sink Sink;
 /* Before the first crossing: moves the parameters, one of size 1 by `step`. False when memory runs out. */
 bool coincide_begin(Run *r, double step);
 void coincide_end(Run *r);
-/* The step where roots are known to this part of the domain. */
-double coincide_step(double bracket);
+/* The step where roots are known to this part of the domain; at least `least`. */
+double coincide_step(double bracket, double least);
 void coincide_free(Coincide *q);
 /* After all n of a batch have their weights: asks some of those at which other events decide differently too. If
  * something has come apart at one of them, all of these are untied: those that are not their own event's alone are kept

@@ -98,7 +98,7 @@ void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, 
     const Crossing *at[BATCH];
     uint32_t which[BATCH], pair[BATCH], nat = 0;
     memset(q->n, 0, sizeof q->n);
-    if (!k->coincide.apart) return;
+    if (!k->coincide.apart || k->coincide.no_kinks) return;
     /* First a few of them. */
     for (uint32_t look = EACH; look; look = look == EACH ? 1 : 0) {
         uint32_t seen = 0;

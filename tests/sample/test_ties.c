@@ -76,6 +76,23 @@ static const Case cases[] = {
      "param float w = 0.5; param float2 c = float2(0.0, 0.1);" HEAD
      "[Disc] if (abs(x.x - c.x) < w && abs(x.y - c.y) < w) f = 2.0; [Disc] if (abs(c.x - x.x) < w) f += 1.0; return f; }",
      false},
+    /* Two iterations of one site, the first and the second, whose indices are next to each other like integers. */
+    {"bars of one loop on each other",
+     "param float v[2] = { 0.3, 0.3 };" HEAD
+     "for (int i = 0; i < 2; i++) [Disc] if (x.x < v[i]) f += 1.0 + i; return f; }",
+     false},
+    {"bars of one loop that touch",
+     "param float h = 0.25;" HEAD
+     "for (int i = 0; i < 3; i++) [Disc] if (abs(x.x - 0.5 * i + 0.5) < h) f += 1.0 + i; return f; }",
+     false},
+    {"discs of one loop on each other",
+     "param float3 a[2] = { float3(0.1, 0.05, 0.4), float3(0.1, 0.05, 0.4) };" HEAD
+     "for (int i = 0; i < 2; i++) [Disc] if (distance(x, a[i].xy) < a[i].z) f += 1.0 + i; return f; }",
+     false},
+    {"on a line, of one loop",
+     "param float v[2] = { 0.3, 0.3 }; [Domain(-1.0, 1.0)] shader float main(float x) { float f = 0.0;"
+     "for (int i = 0; i < 2; i++) [Disc] if (x < v[i]) f += 1.0 + i; return f; }",
+     false},
 };
 
 static SltProgram *compile(const char *source, bool f64) {
@@ -98,7 +115,7 @@ static double differences(SltProgram *p, double *want) {
     SltJob j = {.struct_size = sizeof j,
                 .estimator = SLT_EST_QUADRATURE,
                 .abs_error = 1e-11,
-                .max_evaluations = 1 << 16,
+                .max_evaluations = 1 << 18,
                 .threads = 2};
     double largest = 0, h = 1e-5;
     for (uint32_t i = 0; i < n; i++) {
