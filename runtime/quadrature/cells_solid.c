@@ -30,6 +30,24 @@ static bool ask_faces(Cells *c, const Cell *cell, int across) {
     return true;
 }
 
+/* Is a within `slack` of `times` b? */
+static bool is_near(const double a[2], const double b[2], double times, double slack) {
+    bool turned = times < 0;
+    return fabs(a[0] - times * b[turned]) <= slack && fabs(a[1] - times * b[!turned]) <= slack;
+}
+
+/* Is it the same surface, up to a factor of its g? Its bounds say so where it comes from the same operations; then the
+ * two touch all over the cell, and every plane sees it. */
+static bool is_same(const Cells *c, const CellEdge *e, const CellEdge *o) {
+    const double *up = e->slope[e->axis], *other = o->slope[e->axis], times = (up[0] + up[1]) / (other[0] + other[1]);
+    bool same = is_near(e->g, o->g, times, 2 * (e->error + fabs(times) * o->error)); /* NaN is not */
+    for (int d = 0; d < 3; d++) {
+        double size = fabs(e->slope[d][0]) + fabs(e->slope[d][1]);
+        same &= is_near(e->slope[d], o->slope[d], times, (c->b->f64 ? 0x1p-48 : 0x1p-19) * size);
+    }
+    return same;
+}
+
 /* ask: what ask_faces asked, and behind it. */
 static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const Ask **ask) {
     bool seen = true;
@@ -46,7 +64,7 @@ static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const A
         }
         for (uint32_t o = 0; o < cell->nedges; o++) {
             double climb[2], slope[2];
-            if (o == e || (o < e && cell->edge[o].axis >= 0)) continue;
+            if (o == e || (o < e && cell->edge[o].axis >= 0) || is_same(c, edge, &cell->edge[o])) continue;
             cells_slope_along(edge->slope, cell->edge[o].slope, base, edge->axis, climb, slope);
             seen &= slope[0] > 0 || slope[1] < 0;
         }

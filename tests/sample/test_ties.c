@@ -169,7 +169,67 @@ static void test_ties(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) check(&cases[i]);
 }
 
+/* Surfaces, with derivatives in closed form. */
+static const struct {
+    const char *name, *source;
+    double want[2], least; /* which part of the domain quadrature certifies, at least */
+} volumes[] = {
+    {"planes",
+     "param float a = 0.1; param float b = 0.1; [Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0;"
+     "[Disc] if (x.z < a) f += 1.0; [Disc] if (x.z < b) f += 2.0; return f; }",
+     {4, 8},
+     1},
+    {"planes of one loop",
+     "param float v[2] = { 0.5, 0.5 }; [Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0;"
+     "for (int i = 0; i < 2; i++) [Disc] if (x.x < v[i]) f += 1.0 + i; return f; }",
+     {4, 8},
+     1},
+    {"spheres of one loop",
+     "param float v[2] = { 0.5, 0.5 }; [Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0;"
+     "for (int i = 0; i < 2; i++) [Disc] if (length(x) < v[i]) f += 1.0 + i; return f; }",
+     {3.14159265358979, 6.28318530717959},
+     1},
+    {"planes given in two ways",
+     "param float a = 0.1; param float b = 0.1; [Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0;"
+     "[Disc] if (x.z < a) f += 1.0; [Disc] if (3.0 * x.z - 3.0 * b < 0.0) f += 2.0; return f; }",
+     {4, 8},
+     1},
+    {"spheres given in two ways, which cells leave over",
+     "param float a = 0.5; param float b = 0.5; [Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0;"
+     "[Disc] if (length(x) < a) f += 1.0; [Disc] if (dot(x, x) < b * b) f += 2.0; return f; }",
+     {3.14159265358979, 6.28318530717959},
+     0.9},
+    {"slabs that touch",
+     "param float2 h = float2(0.25, 0.25); [Domain(-1.0, 1.0)] shader float main(float3 x) { float f = 0.0;"
+     "for (int i = 0; i < 2; i++) [Disc] if (abs(x.x - 0.5 * i + 0.25) < h[i]) f += 1.0 + i; return f; }",
+     {8, 16},
+     1},
+};
+
+static void test_volumes(void **state) {
+    (void)state;
+    static const SltEstimator estimators[] = {SLT_EST_QUADRATURE, SLT_EST_AUTO, SLT_EST_LATTICE};
+    for (size_t i = 0; i < sizeof volumes / sizeof *volumes; i++)
+        for (int w = 0; w < 6; w++) {
+            SltStats stats = SLT_STATS_INIT;
+            double value, got[2], error[2];
+            SltProgram *p = compile(volumes[i].source, w & 1);
+            SltJob j = {.struct_size = sizeof j, .estimator = estimators[w / 2], .samples = 1 << 16, .threads = 2};
+            integral(p, j, &value, got, error, &stats);
+            slt_program_free(p);
+            print_message("%s, way %d: %g +- %.2g, %g +- %.2g, certified %g\n", volumes[i].name, w, got[0], error[0],
+                          got[1], error[1], stats.certified);
+            const double *want = volumes[i].want;
+            for (int k = 0; k < 2; k++)
+                if (!(fabs(got[k] - want[k]) <= fmax(0.01 * want[k], 2 * error[k])))
+                    fail_msg("%s, way %d: %g is not %g", volumes[i].name, w, got[k], want[k]);
+            assert_true(fabs(got[1] * want[0] / want[1] - got[0]) <= 0.01 * want[0]); /* none has what is the other's */
+            assert_true(w / 2 > 0 || stats.certified >= volumes[i].least);
+            assert_int_equal(stats.dropped[SLT_DROP_COINCIDENT], 0);
+        }
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ties)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ties), cmocka_unit_test(test_volumes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
