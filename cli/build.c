@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
@@ -153,15 +154,20 @@ static char *make_header(const SltProgram *p, const char *stem) {
     return text_close(&text);
 }
 
-/* A header that is there and does not say that it was made here. */
-static bool is_foreign(const char *path) {
-    char head[512] = {0};
-    FILE *f = fopen(path, "rb");
-    if (!f) return errno != ENOENT && errno != ENOTDIR; /* what cannot be read may be anybody's */
-    size_t n = fread(head, 1, sizeof head - 1, f);
-    fclose(f);
-    head[n] = 0;
-    return !strstr(head, "made by saltus");
+/* SLT_OUTPUT for a header that is there and does not say that it was made here. */
+static SltStatus check_header(const char *path, SltError *err) {
+    uint8_t *text;
+    size_t size;
+    if (access(path, F_OK) != 0 && (errno == ENOENT || errno == ENOTDIR)) return SLT_OK;
+    SltStatus s = file_read_all(path, &file_text, &text, &size, err);
+    if (s != SLT_OK) return s == SLT_LIMIT ? s : (err->status = SLT_OUTPUT);
+    if (size > 512) text[512] = 0; /* it says so at its head */
+    if (!strstr((char *)text, "made by saltus"))
+        s = status_fail(err, SLT_OUTPUT,
+                        "'%s' would be overwritten by the header, and was not made by saltus: choose another name",
+                        path);
+    free(text);
+    return s;
 }
 
 static int build(Cli *c, SltProgram *p) {
@@ -191,11 +197,8 @@ static int build(Cli *c, SltProgram *p) {
     strcpy(strrchr(header_path, '.'), ".h");
     unsigned char *code = NULL;
     size_t size = 0;
-    if (kind != 'h' && is_foreign(header_path)) {
-        status = status_fail(&err, SLT_OUTPUT,
-                             "'%s' would be overwritten by the header, and was not made by saltus: choose another name",
-                             header_path);
-    } else if (kind != 'h') {
+    if (kind != 'h') status = check_header(header_path, &err);
+    if (kind != 'h' && status == SLT_OK) {
         KernelRequest req[K_KINDS];
         uint32_t n = 0;
         for (int k = 0; k < K_KINDS; k++)
@@ -207,8 +210,9 @@ static int build(Cli *c, SltProgram *p) {
                           .opt_level = 2,
                           .output_rgba8 = c->opt.rgba8};
         const char *why = NULL;
-        status = (SltStatus)back_emit(p->session, req, n, &bo, kind, &code, &size, &why);
+        status = (SltStatus)back_emit(p->session, req, n, &bo, kind == 'S' ? 'o' : kind, &code, &size, &why);
         if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");
+        else if (kind == 'S') status = cli_link(&code, &size, &err);
     }
     FileGroup outputs;
     file_group_begin(&outputs);

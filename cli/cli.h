@@ -135,6 +135,10 @@ bool cli_interrupted(void);
 void cli_watch_time(Cli *c);
 double cli_now(void); /* seconds, monotonic */
 
+/* link.c: replaces the malloc'd bytes of an object by those of the shared library that it was linked into; none on
+ * failure. */
+SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err);
+
 /* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
 typedef struct Progress {
     bool on;

@@ -101,6 +101,14 @@ static char *read_stdin(void) {
 }
 
 /* An expression becomes a shader of the first of float, float2, float3, float4 that it fits. */
+/* Whether another type of the result may help: not where a standard module could not be read. */
+static bool errs_in_expr(const SltProgram *p) {
+    SltDiagnostic d = SLT_DIAGNOSTIC_INIT;
+    for (uint32_t i = 0; slt_diagnostic(p, i, &d); i++)
+        if (d.severity == 1 && (strcmp(d.file, "<expr>") != 0 || d.line == 1)) return false;
+    return true;
+}
+
 static SltStatus compile_expr(Cli *c, SltProgram **out) {
     static const char *const types[] = {"float", "float2", "float3", "float4"};
     SltProgram *first = NULL;
@@ -114,7 +122,7 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
         SltProgram *p = NULL;
         status = slt_compile_string(source, "<expr>", &c->opt, &p);
         free(source);
-        if (status != SLT_PROGRAM) {
+        if (status != SLT_PROGRAM || !errs_in_expr(p)) {
             slt_program_free(first);
             *out = p;
             return status;

@@ -19,7 +19,8 @@ typedef struct Inside {
 /* ---- sites */
 static const char *site_kind_name(SiteKind k) {
     switch (k) {
-    case SITE_COMPARE: return "comparison";
+    case SITE_COMPARE:
+    case SITE_WAVE: return "comparison";
     case SITE_FLOOR: return "floor";
     case SITE_CEIL: return "ceil";
     case SITE_ROUND: return "round";

@@ -24,8 +24,8 @@ typedef struct Fit {
     SltFitNumber *rates, *smooth;
     LossProgram *loss; /* of --loss-command, while it runs */
     Progress progress;
-    Image frames[FRAMES]; /* of the first view, spread over the fit */
-    uint32_t nframes;
+    Image frames[FRAMES]; /* of the first view, spread over the fit; of a folder only */
+    uint32_t nframes;     /* taken so far */
     double start;
     SltFitResult result;
     SltStats stats;
@@ -179,12 +179,19 @@ static SltStatus ask_program(void *user, const SltFitRequest *request, double *l
     return loss_exchange(f->loss, &q, request->image, loss, adjoint, err);
 }
 
+/* Before the fit: a picture that there is no memory for is no reason to lose hours of work, nor to leave it out. */
+static SltStatus create_frames(Fit *f, SltError *err) {
+    const uint32_t *size = f->c->job.size;
+    SltStatus s = SLT_OK;
+    for (uint32_t k = 0; k < FRAMES - 1 && k < f->c->iters && s == SLT_OK; k++)
+        s = image_create(&f->frames[k], (int)size[0], (int)size[1], (int)slt_channels(f->p), err);
+    return s;
+}
+
 static void keep_frame(Fit *f, const float *image) {
     Image *im = &f->frames[f->nframes];
-    uint32_t ch = slt_channels(f->p);
-    SltError err = {0};
-    if (image_create(im, (int)f->c->job.size[0], (int)f->c->job.size[1], (int)ch, &err) != SLT_OK) return;
-    memcpy(im->data, image, (size_t)im->width * (size_t)im->height * ch * sizeof(float));
+    if (!im->data) return;
+    memcpy(im->data, image, (size_t)im->width * (size_t)im->height * (size_t)im->channels * sizeof(float));
     f->nframes++;
 }
 
@@ -416,6 +423,7 @@ static int run(Fit *f) {
     SltError err = {0}, end_err = {0};
     SltFitStop stop = SLT_FIT_RUNNING;
     SltStatus status = wants_folder(c) ? check_folder(f, &err) : SLT_OK; /* now, and not after hours */
+    if (status == SLT_OK && wants_folder(c) && !c->minimize) status = create_frames(f, &err);
     if (status == SLT_OK) status = slt_fit_begin(f->p, &f->opt, &fit, &err);
     if (status != SLT_OK) return report(f, &err);
     f->start = cli_now();
@@ -472,7 +480,7 @@ int verb_fit(Cli *c) {
     }
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
-    for (uint32_t k = 0; k < f.nframes; k++) image_free(&f.frames[k]);
+    for (uint32_t k = 0; k < FRAMES; k++) image_free(&f.frames[k]);
     for (uint32_t k = 0; k < f.opt.nrate_masks; k++) free((void *)f.masks[k].factors);
     free(f.views);
     free(f.masks);

@@ -2,12 +2,14 @@
 # What is checked of the sources beside the tests: ./bootstrap check [WHAT ...], without an argument `format memory`.
 #
 #   format    the sources are as .clang-format breaks them
-#   memory    the quick tests under the sanitizers of addresses and undefined behaviour, in build/memory
+#   memory    the quick tests under the sanitizers of addresses, leaks and undefined behaviour, in build/memory
 #   threads   the tests that share work between threads under the sanitizer of threads, in build/threads
+#   fuzz      tests/fuzz with clang's engine and sanitizers, in build/fuzz: each target SECONDS_EACH (default 600) long
 #   tidy      clang-tidy over everything: minutes of every core
-#   all       these four, and under `memory` all tests but the examples
+#   all       these but `fuzz`, and under `memory` all tests but the examples
 #
-# Builds stay, so a second run compiles what changed. JOBS=n: so many at once (default: all cores).
+# Builds stay, so a second run compiles what changed. JOBS=n: so many at once (default: all cores). Sanitizers are clang's
+# where it is installed. TESTS=REGEX: those tests instead of the chosen ones.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -17,6 +19,12 @@ threaded='^(base|api|optimise)\.|^sample\.(coincide|estimate|images)|^quadrature
 
 configure() { # folder, options of cmake
     cmake -S . -B "$1" -G Ninja "${@:2}" >/dev/null
+}
+
+configure_sanitized() { # folder, options of cmake
+    local clang
+    clang=$(command -v clang-19 || true)
+    configure "$1" ${clang:+-DCMAKE_C_COMPILER="$clang"} "${@:2}"
 }
 
 # Builds what the tests that match need, and runs them: folder, pattern, options of ctest.
@@ -34,7 +42,7 @@ check_format() {
 }
 
 check_memory() { # all tests, or those of a pattern
-    configure build/memory -DSALTUS_SANITIZE=address,undefined
+    configure_sanitized build/memory -DSALTUS_SANITIZE=address,undefined
     if [ -n "${1:-}" ]; then
         run_tests build/memory "$1"
     else
@@ -44,8 +52,23 @@ check_memory() { # all tests, or those of a pattern
 }
 
 check_threads() {
-    configure build/threads -DSALTUS_SANITIZE=thread
-    run_tests build/threads "$threaded"
+    configure_sanitized build/threads -DSALTUS_SANITIZE=thread
+    run_tests build/threads "${TESTS:-$threaded}"
+}
+
+# What the engine adds to the corpus stays in build/fuzz/corpus, what it finds lies in build/fuzz/found.
+check_fuzz() {
+    configure_sanitized build/fuzz -DSALTUS_FUZZ=ON -DSALTUS_SANITIZE=address,undefined
+    local name failed=0
+    for name in source json scene image object; do
+        cmake --build build/fuzz -j "$jobs" --target "fuzz-$name"
+        mkdir -p "build/fuzz/corpus/$name" build/fuzz/found
+        local options=(-max_total_time="${SECONDS_EACH:-600}" -rss_limit_mb=1024 -timeout=60 -close_fd_mask=3 -artifact_prefix="build/fuzz/found/$name-")
+        [ "$name" = source ] && options+=(-dict=tests/fuzz/salt.dict)
+        echo "fuzz-$name"
+        "build/fuzz/tests/fuzz-$name" "${options[@]}" "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" || failed=1
+    done
+    return $failed
 }
 
 check_tidy() {
@@ -57,8 +80,9 @@ check_tidy() {
 for what in "$@"; do
     case "$what" in
     format) check_format ;;
-    memory) check_memory "$quick" ;;
+    memory) check_memory "${TESTS:-$quick}" ;;
     threads) check_threads ;;
+    fuzz) check_fuzz ;;
     tidy) check_tidy ;;
     all)
         check_format
@@ -67,7 +91,7 @@ for what in "$@"; do
         check_tidy
         ;;
     *)
-        sed -n '2,10s/^# \{0,1\}//p' "$0"
+        sed -n '2,13s/^# \{0,1\}//p' "$0"
         echo "check: unknown \`$what\`" >&2
         exit 2
         ;;

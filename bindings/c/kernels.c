@@ -25,7 +25,8 @@ static double now_ms(void) {
 
 uint64_t api_event_bound(const SltProgram *p) {
     uint64_t n = 0;
-    for (uint32_t s = 0; s < p->prog->primal->nsites; s++) n += p->prog->primal->sites[s].max_events;
+    const Fn *primal = p->prog->primal;
+    for (uint32_t s = 0; s < primal->nsites; s++) n += primal->sites[s].still ? 0 : primal->sites[s].max_events;
     return n;
 }
 

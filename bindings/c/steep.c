@@ -60,7 +60,8 @@ static bool trace(Tracing *t, const SteepPlace *at) {
     const SltProgram *p = t->p;
     double in[3][ENDS], zero[ENDS] = {0}, half[ENDS];
     int32_t stream[ENDS] = {at->stream, at->stream};
-    SltKernelArgs a = {.params = p->flt, .iparams = p->scene.iparams, .resolution = {1, 1}};
+    SltKernelArgs a = {
+        .params = p->flt, .iparams = p->scene.iparams, .geometries = p->scene.geometries, .resolution = {1, 1}};
     for (uint32_t s = 0; s < SLT_IN_VARYING; s++) a.in[s] = zero;
     for (uint32_t d = 0; d < 3; d++) {
         for (uint32_t e = 0; e < ENDS; e++) {

@@ -54,8 +54,8 @@ uint32_t back_instructions(const CompiledModule *m, const char *name); /* of LLV
 uint32_t back_machine_bytes(const CompiledModule *m, const char *name);
 void back_times(const CompiledModule *m, double *emit_ms, double *llvm_ms, bool *cached);
 void back_free(CompiledModule *m);
-/* Ahead of time, the bytes of a file: kind 'o' object, 's' assembly, 'l' LLVM IR text, 'S' shared library (linked by
- * the system's cc). They are malloc'd. Returns an SltStatus. */
+/* Ahead of time, the bytes of a file: kind 'o' object, 's' assembly, 'l' LLVM IR text. They are malloc'd. Returns an
+ * SltStatus. */
 int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, unsigned char **bytes,
               size_t *size, const char **why);
 const char *back_llvm_version(void); /* of the headers; another major version at run time is refused */

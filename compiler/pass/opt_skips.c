@@ -153,28 +153,6 @@ static void drop_skipped(Fn *fn, Block *b) {
     }
 }
 
-/* A site of every iteration; false: in too many loops. */
-static bool make_site(Fn *fn, const Untracked *t, SiteInfo *info) {
-    Inst *args[2 + SLT_MAX_K] = {t->at};
-    uint32_t depth = 0;
-    *info = (SiteInfo){.kind = SITE_COMPARE, .span = t->span, .path = fn->name, .max_events = 1, .text = "every step"};
-    for (const Block *b = t->at->block; b->owner; b = b->owner->block) depth += b->owner->op == OP_loop;
-    if (depth > SLT_MAX_K) return false;
-    uint32_t at = info->depth = depth;
-    for (const Block *b = t->at->block; b->owner; b = b->owner->block) {
-        if (b->owner->op != OP_loop) continue;
-        args[2 + --at] = b->params[0];
-        info->max_events *= b->owner->imm.loop.max_iters;
-    }
-    Builder b = ir_after(fn, t->at);
-    b.span = t->span;
-    args[1] = ir_emit2(&b, OP_fsub, t->g0, t->g1);
-    Inst *site = ir_special(&b, OP_site, TY_BOOL, 2 + depth, args, (Imm){.i = fn->nsites++});
-    walk_replace(fn->body, t->at, site);
-    ir_replace_arg(site, 0, t->at);
-    return true;
-}
-
 bool opt_skips(PassCtx *ctx, Fn *fn) {
     const Program *p = ctx->program;
     uint32_t count = 0;
@@ -197,8 +175,12 @@ bool opt_skips(PassCtx *ctx, Fn *fn) {
         memcpy(sites, fn->sites, fn->nsites * sizeof *sites);
         drop_skipped(fn, fn->body);
         fn->sites = sites;
-        for (uint32_t u = 0; u < p->nuntracked; u++)
-            if (p->untracked[u].kind == JUMP_SKIPPED) make_site(fn, &p->untracked[u], &sites[fn->nsites]);
+        for (uint32_t u = 0; u < p->nuntracked; u++) {
+            const Untracked *t = &p->untracked[u];
+            if (t->kind != JUMP_SKIPPED) continue;
+            sites[fn->nsites] = (SiteInfo){.kind = SITE_COMPARE, .span = t->span, .text = "every step"};
+            walk_make_site(fn, t->at, t->g0, t->g1, &sites[fn->nsites]);
+        }
     }
     arena_reset(scratch, at);
     return equal != NULL;

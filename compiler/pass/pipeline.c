@@ -128,6 +128,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     /* What decides outside the chunks has seams of its own, with which the numbers of choices would get mixed up. */
     if (chunks && (seamed->nsites != primal->nsites || has_custom(primal->body))) chunks = NULL;
     out->chunked = chunks != NULL;
+    if (!chunks) variant_waves(ctx, seamed);
     if (needs[K_BOUNDS]) out->fn[K_BOUNDS] = variant_bounds(ctx, chunks ? chunks : seamed);
     if (!needs[K_EDGE] && !needs[K_EDGE_BOUNDS]) return;
     if (chunks && primal->nsites) {

@@ -30,6 +30,12 @@ Inst *variant_event_key(Builder *b, const Inst *site);
 bool variant_has_site(const Fn *fn, SiteKind from, SiteKind to);
 /* The boundary of an integer-valued site between n and n + 1. */
 Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n);
+/* variant_waves.c: in a seamed Fn the sites whose g is a wave get the kind WAVE, and as g that of one of its levels. */
+void variant_waves(PassCtx *ctx, Fn *seamed);
+/* Of such a site: u, and where its levels lie: pi m + (-1)^m angle + phase. */
+void variant_wave_of(const Inst *site, const Inst **u, const Inst **angle, const Inst **phase);
+/* The least and the greatest of the levels that lie on [lo, hi]. */
+void variant_wave_levels(Builder *b, Inst *lo, Inst *hi, Inst *angle, Inst *phase, Inst **first, Inst **last);
 /* Outputs of a variant, as they are collected to replace those of the top block. */
 typedef struct Outputs {
     Inst *value[SLT_OUT_MAX];

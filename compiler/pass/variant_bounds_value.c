@@ -327,7 +327,15 @@ static void site_value(Boxes *x, Builder *b, const Inst *i) {
     Inst *more =
         open_union(b, value_of(x, i->args[1]).open,
                    pair ? open_union(b, value_of(x, cmp->args[0]).open, value_of(x, cmp->args[1]).open) : v.open);
-    v.open = record(x, b, i, bounds_undecided(b, v.is), p, q, NULL, NULL, more);
+    Inst *first = NULL, *last = NULL;
+    if (info->kind == SITE_WAVE) { /* what is open are levels of u, and g there is that of one of them */
+        const Inst *u, *angle, *phase;
+        variant_wave_of(i, &u, &angle, &phase);
+        p = value_of(x, u).is, more = open_union(b, more, value_of(x, u).open);
+        Inst *at = value_of(x, angle).is.lo;
+        if (x->first) variant_wave_levels(b, p.lo, p.hi, at, value_of(x, phase).is.lo, &first, &last);
+    }
+    v.open = record(x, b, i, bounds_undecided(b, v.is), p, q, first, last, more);
     x->value[i->id] = v;
 }
 

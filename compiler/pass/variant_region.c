@@ -61,9 +61,12 @@ static Inst *near_g(Builder *b, const Fn *fn, const Inst *site) {
     return ir_select(b, ir_emit2(b, OP_flt, ir_emit1(b, OP_fabs, up), ir_emit1(b, OP_fabs, down)), up, down);
 }
 
-/* The g of a ray's site belongs to a pair of lanes, so such a site is never near. */
+/* The g of a ray's site belongs to a pair of lanes, so such a site is never near. Nor is one that stands still: what is
+ * thin beside it weighs nothing. */
 static bool touches_near(Thread *t, const Inst *i) {
-    return variant_is_site(i) && !ir_site_of_ray(variant_site_info(t->fn, i)->kind);
+    if (!variant_is_site(i)) return false;
+    const SiteInfo *info = variant_site_info(t->fn, i);
+    return !ir_site_of_ray(info->kind) && !info->still;
 }
 
 static bool near_at(Thread *t, Inst *i) {

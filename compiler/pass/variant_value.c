@@ -74,6 +74,7 @@ Inst *variant_boundary(Builder *b, SiteKind kind, Inst *n) {
     case SITE_FMOD:
         return ir_select(b, ir_emit2(b, OP_flt, n, ir_constf(b, 0)), n, ir_emit2(b, OP_fadd, n, ir_constf(b, 1)));
     case SITE_COMPARE:
+    case SITE_WAVE:
     case SITE_SILHOUETTE:
     case SITE_SHADOW: break;
     }

@@ -60,6 +60,30 @@ void walk_resolve_forwards(Block *b) {
     }
 }
 
+bool walk_make_site(Fn *fn, Inst *at, Inst *g0, Inst *g1, SiteInfo *info) {
+    Inst *args[2 + SLT_MAX_K] = {at};
+    uint32_t depth = 0;
+    for (const Block *b = at->block; b->owner; b = b->owner->block) depth += b->owner->op == OP_loop;
+    if (depth > SLT_MAX_K) return false;
+    info->path = fn->name, info->max_events = 1, info->depth = depth;
+    uint32_t outer = depth;
+    for (const Block *b = at->block; b->owner; b = b->owner->block) {
+        if (b->owner->op != OP_loop) continue;
+        uint64_t iters = b->owner->imm.loop.max_iters;
+        args[2 + --outer] = b->params[0];
+        info->max_events = info->max_events > UINT64_MAX / iters ? UINT64_MAX : info->max_events * iters;
+    }
+    Builder b = ir_after(fn, at);
+    b.span = info->span;
+    args[1] = g1 ? ir_emit2(&b, OP_fsub, g0, g1) : g0;
+    bool compares = at->type == TY_BOOL;
+    Inst *site =
+        ir_special(&b, compares ? OP_site : OP_siten, (IrType)at->type, 2 + depth, args, (Imm){.i = fn->nsites++});
+    walk_replace(fn->body, at, site);
+    ir_replace_arg(site, 0, at);
+    return true;
+}
+
 void walk_splice(Block *from, Inst *at) {
     Block *to = at->block;
     for (Inst *i = from->first, *next; i; i = next) {

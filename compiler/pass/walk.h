@@ -27,6 +27,10 @@ void walk_replace(Block *b, const Inst *from, Inst *to);
 void walk_forward(Fn *fn, Inst *i, Inst *to);
 void walk_resolve_forwards(Block *b);
 
+/* Makes the decision `at` a site with this g, of every iteration of the loops around it: it stands for `at` from then
+ * on. Completes info, which has room in fn->sites. false: in too many loops. */
+bool walk_make_site(Fn *fn, Inst *at, Inst *g0, Inst *g1, SiteInfo *info);
+
 /* Moves every instruction of `from` except its yield before `at`; the yield is dropped. */
 void walk_splice(Block *from, Inst *at);
 

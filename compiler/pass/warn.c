@@ -448,7 +448,9 @@ bool warn_jumps(PassCtx *ctx, Fn *fn) {
                    .number = ARENA_ARRAY(scratch, int32_t, fn->nsites + 1)};
     for (uint32_t i = 0; i < fn->nsites; i++) to.number[i] = -1;
     drop_static(&w, fn->body, &to);
-    bool changed = to.kept != fn->nsites;
+    /* Numbers go by the order of the program, which a pass that makes sites leaves to this one. */
+    bool changed = false;
+    for (uint32_t i = 0; i < fn->nsites; i++) changed |= to.number[i] != (int32_t)i;
     if (changed) {
         number_windows(fn->body, &to);
         for (uint32_t i = 0; i < n; i++) /* a decision may be that of another dropped site */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 static int special(FILE *out, double v) {
+    if (v == 0) return fputs(signbit(v) ? "-0" : "0", out), 1; /* what most numbers of large outputs are */
     if (isnan(v)) return fputs("null", out), 1;
     if (isinf(v)) return fputs(v > 0 ? "1e999" : "-1e999", out), 1;
     return 0;

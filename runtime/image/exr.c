@@ -432,10 +432,12 @@ SltStatus image_decode_exr(const char *name, const uint8_t *bytes, size_t size, 
     *out = (Image){0};
     if (size < 8 || memcmp(bytes, "\x76\x2f\x31\x01", 4) != 0)
         return status_fail(err, SLT_INPUT, "cannot read '%s': it is not an OpenEXR file", name);
+    SltStatus status = image_check_exr_headers(name, bytes, size, err);
+    if (status != SLT_OK) return status;
     speaking = &s;
     errno = 0;
     exr_result_t rc = exr_start_read(&ctx, name, &init);
-    SltStatus status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
+    status = rc ? fail_core(&s, rc, "read", SLT_INPUT, err) : read_parts(ctx, &s, &plan, out, err);
     if (ctx) exr_finish(&ctx);
     speaking = NULL;
     free(plan.channels);

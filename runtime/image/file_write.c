@@ -15,11 +15,13 @@
 #include <time.h>
 #include <unistd.h>
 
-/* A file that is whole under a name of its own, and where it belongs. */
+/* A file that is whole under a name of its own, and where it belongs. Files that appear together keep the old one under
+ * a second name until all are in place. */
 typedef struct Staged {
     struct Staged *next;
-    int fd; /* open and locked, so that nobody takes it for what a killed run left */
-    char *temporary, *target;
+    int fd, kept_fd; /* open and locked, so that nobody takes them for what a killed run left */
+    char *temporary, *target, *kept;
+    bool replaces, placed;
 } Staged;
 
 /* The group that this thread's outputs go to; NULL: each by itself. */
@@ -86,9 +88,12 @@ static void sweep_folder_of(const char *path) {
     if (d) closedir(d);
 }
 
-/* A file beside the target that no other process has. Its mode follows the umask, which mkstemp's does not; its name is
- * short, because the target's may be as long as the system allows. */
-static int open_temporary(const char *target, char **name) {
+/* -1 with errno EEXIST: the name is taken. */
+typedef int Maker(const char *target, const char *name);
+
+/* Makes a file beside the target under a name that no other process has. The name is short, because the target's may be
+ * as long as the system allows. */
+static int make_beside(const char *target, Maker *make, char **name) {
     size_t folder = folder_length(target), room = folder + 40;
     *name = malloc(room);
     if (!*name) {
@@ -101,12 +106,21 @@ static int open_temporary(const char *target, char **name) {
     for (int attempt = 0; attempt < 100; attempt++) {
         salt = salt * 6364136223846793005u + 1442695040888963407u;
         snprintf(*name, room, "%.*s.saltus-%08x.tmp", (int)folder, target, (unsigned)(salt >> 32));
-        int fd = open(*name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-        if (fd >= 0) (void)flock(fd, LOCK_EX); /* where there are no locks, nothing is swept either */
-        if (fd >= 0 || errno != EEXIST) return fd;
+        int made = make(target, *name);
+        if (made >= 0 || errno != EEXIST) return made;
     }
     return -1;
 }
+
+/* Its mode follows the umask, which mkstemp's does not. */
+static int open_new(const char *target, const char *name) {
+    (void)target;
+    int fd = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (fd >= 0) (void)flock(fd, LOCK_EX); /* where there are no locks, nothing is swept either */
+    return fd;
+}
+
+static int link_old(const char *target, const char *name) { return link(target, name); }
 
 static void sync_folder_of(const char *target) {
     int fd = open_folder(target);
@@ -118,8 +132,10 @@ static void sync_folder_of(const char *target) {
 static void free_staged(Staged *s) {
     if (!s) return;
     if (s->fd >= 0) close(s->fd);
+    if (s->kept_fd >= 0) close(s->kept_fd);
     free(s->temporary);
     free(s->target);
+    free(s->kept);
     free(s);
 }
 
@@ -127,7 +143,8 @@ static void free_staged(Staged *s) {
 static Staged *stage(const char *path, const struct stat *old, const void *data, size_t size, int *code) {
     Staged *s = calloc(1, sizeof *s);
     if (s) {
-        s->fd = -1;
+        s->fd = s->kept_fd = -1;
+        s->replaces = old;
         s->target = old ? realpath(path, NULL) : NULL; /* replaces what a link points to, not the link */
         if (!s->target) s->target = strdup(path);
     }
@@ -137,7 +154,7 @@ static Staged *stage(const char *path, const struct stat *old, const void *data,
         return NULL;
     }
     sweep_folder_of(s->target);
-    s->fd = open_temporary(s->target, &s->temporary);
+    s->fd = make_beside(s->target, open_new, &s->temporary);
     *code = s->fd < 0 ? errno : 0;
     if (!*code && old) (void)fchmod(s->fd, old->st_mode & 07777); /* some file systems have no modes */
     if (!*code) *code = write_fully(s->fd, data, size);
@@ -149,15 +166,31 @@ static Staged *stage(const char *path, const struct stat *old, const void *data,
 }
 
 static SltStatus put_in_place(Staged *s, SltError *err) {
-    SltStatus status = SLT_OK;
-    if (rename(s->temporary, s->target) != 0) {
-        status = status_fail_errno(err, SLT_OUTPUT, errno, "cannot write '%s'", s->target);
-        unlink(s->temporary);
-    } else {
-        sync_folder_of(s->target);
-    }
+    s->placed = rename(s->temporary, s->target) == 0;
+    return s->placed ? SLT_OK : status_fail_errno(err, SLT_OUTPUT, errno, "cannot write '%s'", s->target);
+}
+
+/* The old file under a second name. A file system without hard links keeps none, and what takes its place stays. */
+static SltStatus keep_old(Staged *s, SltError *err) {
+    if (!s->replaces) return SLT_OK;
+    s->kept_fd = open(s->target, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    if (s->kept_fd >= 0) (void)flock(s->kept_fd, LOCK_EX | LOCK_NB); /* whoever cannot read it cannot sweep it either */
+    if (make_beside(s->target, link_old, &s->kept) == 0) return SLT_OK;
+    bool without = errno == EPERM || errno == EOPNOTSUPP || errno == ENOSYS || errno == EMLINK || errno == EXDEV;
+    int code = errno;
+    free(s->kept);
+    s->kept = NULL;
+    return without ? SLT_OK : status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", s->target);
+}
+
+/* Removes what is not wanted any longer; if the group `failed`, what was there before takes its place again. */
+static void settle(Staged *s, bool failed) {
+    if (!s->placed) unlink(s->temporary);
+    if (failed && s->placed && s->kept) rename(s->kept, s->target);
+    else if (failed && s->placed && !s->replaces) unlink(s->target);
+    else if (s->kept) unlink(s->kept);
+    if (!failed) sync_folder_of(s->target); /* not between two places: nothing may go wrong there */
     free_staged(s);
-    return status;
 }
 
 SltStatus file_write_atomic(const char *path, const void *data, size_t size, SltError *err) {
@@ -168,7 +201,11 @@ SltStatus file_write_atomic(const char *path, const void *data, size_t size, Slt
     if (exists && !S_ISREG(st.st_mode)) return write_special(path, data, size, err);
     Staged *s = stage(path, exists ? &st : NULL, data, size, &code);
     if (!s) return status_fail_errno(err, SLT_OUTPUT, code, "cannot write '%s'", path);
-    if (!group) return put_in_place(s, err);
+    if (!group) {
+        SltStatus status = put_in_place(s, err);
+        settle(s, status != SLT_OK);
+        return status;
+    }
     *group->last = s, group->last = &s->next;
     return SLT_OK;
 }
@@ -180,14 +217,11 @@ void file_group_begin(FileGroup *g) {
 
 SltStatus file_group_end(FileGroup *g, SltStatus status, SltError *err) {
     group = NULL;
+    for (Staged *s = g->first; s && s->next && status == SLT_OK; s = s->next) status = keep_old(s, err);
+    for (Staged *s = g->first; s && status == SLT_OK; s = s->next) status = put_in_place(s, err);
     for (Staged *s = g->first, *next; s; s = next) {
         next = s->next;
-        if (status == SLT_OK) {
-            status = put_in_place(s, err);
-        } else {
-            unlink(s->temporary);
-            free_staged(s);
-        }
+        settle(s, status != SLT_OK);
     }
     *g = (FileGroup){0};
     return status;

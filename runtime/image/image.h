@@ -212,7 +212,9 @@ SltStatus file_read_all(const char *path, const FileKind *kind, uint8_t **bytes,
 SltStatus file_write_atomic(const char *path, const void *data, size_t size, SltError *err);
 
 /* What this thread writes between begin and end appears together: each file is whole on the disk before the first takes
- * its place, and with a `status` other than SLT_OK none does. Returns the status, or why a place could not be taken. */
+ * its place, and with a `status` other than SLT_OK none does. Where one place cannot be taken, what was there before is
+ * put back in the others; a file system without hard links keeps no old file to put back, and a process that is killed
+ * between two places leaves them different. Returns the status, or why a place could not be taken. */
 typedef struct FileGroup {
     struct Staged *first, **last;
 } FileGroup;

@@ -25,6 +25,9 @@ SltStatus image_bytes_save(Bytes *b, const char *path, SltStatus filled, SltErro
 SltStatus image_check_claim(const char *name, double width, double height, double channels, size_t file_size,
                             SltError *err);
 
+/* exr_header.c: refuses (SLT_LIMIT) headers with so many attributes or channels that reading them would not end. */
+SltStatus image_check_exr_headers(const char *name, const uint8_t *bytes, size_t size, SltError *err);
+
 /* Channel indices of the root layer in picture order (R G B [A], Y [A], or the first ones); returns
  * how many, 1 to 4. */
 int image_root_channels(const Image *im, int index[4]);

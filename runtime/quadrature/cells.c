@@ -56,7 +56,7 @@ void cells_free(Cells *c) {
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
     free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
-    untie_free(c->untie), apart_free(c->apart);
+    untie_free(c->untie), apart_free(c->apart), free(c->gap), free(c->face);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
@@ -146,13 +146,20 @@ static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, 
 }
 
 /* ---- what becomes of a cell */
-static void count_cell(Cells *c, const Cell *cell, CellState state) {
-    double part = measure(c, &cell->box) / c->volume;
+static void count_box(Cells *c, const Box *box, CellState state) {
+    double part = measure(c, box) / c->volume;
     *(state == CELL_SETTLED  ? &c->counts->settled
       : state == CELL_CURVED ? &c->counts->curved
                              : &c->counts->left) += part;
     c->counts->cells++;
-    if (c->sink->cell) c->sink->cell(c->sink->user, &cell->box, state);
+    if (c->sink->cell) c->sink->cell(c->sink->user, box, state);
+}
+
+static void count_cell(Cells *c, const Cell *cell, CellState state) { count_box(c, &cell->box, state); }
+
+void cells_leave(Cells *c, const Box *box, const double *bounds) {
+    count_box(c, box, CELL_LEFT);
+    c->sink->left(c->sink->user, box, bounds);
 }
 
 static bool is_constant(const Cells *c, const Cell *cell) {
@@ -246,8 +253,7 @@ static bool refine(Cells *c, Cell *cell) {
     cell->done = true, cell->axes = 0;
     if (divisible(c, cell)) return push(c, cell, &cell->box, false);
     if (cell->curves_done) return sample(c, cell);
-    count_cell(c, cell, CELL_LEFT);
-    c->sink->left(c->sink->user, &cell->box, cell->f);
+    cells_leave(c, &cell->box, cell->f);
     return true;
 }
 
@@ -291,23 +297,6 @@ static bool judge(Cells *c, Cell *cell) {
     return true;
 }
 
-/* Asks whether a site of a cell decides differently on the two sides of the very gap in which it is to be cut, because
- * its curve lies there or because its g jumps over 0: g at the two sides. */
-static bool probe_gap(Cells *c, const Cell *cell, const Root *r) {
-    for (uint32_t e = 0; e < cell->nedges; e++) {
-        const CellEdge *edge = &cell->edge[e];
-        if ((uint32_t)edge->event.site >= c->s->nsites) continue;
-        if (!(edge->state & SLT_EDGE_JUMPS) && cells_straight_axis(c, edge) != r->axis) continue;
-        double x[3];
-        memcpy(x, r->x, sizeof x);
-        for (int side = 0; side < 2; side++) {
-            x[r->axis] = side ? r->hi : r->lo;
-            if (!cells_probe(c, edge, x)) return false;
-        }
-    }
-    return true;
-}
-
 /* Beside the gap g has one sign all over the two faces, however it is rounded there; else the parts would not be
  * settled. Of one that does not the bracket becomes empty. */
 static bool check_faces(Cells *c) {
@@ -347,35 +336,19 @@ static bool cut_cells(Cells *c) {
     if (!c->nroot) return true;
     if (!cells_solve(c) || !cells_narrow(c) || !check_faces(c)) return false;
     const Root *r = c->root;
-    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot + 1, sizeof *c->active)) return false;
-    c->nprobe = 0;
-    for (uint32_t i = 0, n = 0; i < c->ncell; i++) {
-        if (c->cell[i].cut < 0) continue;
-        c->active[n] = c->nprobe; /* where its probes begin */
-        if (!c->cell[i].curves_done && !probe_gap(c, &c->cell[i], &c->root[n])) return false;
-        c->active[++n] = c->nprobe;
-    }
-    if (!cells_run_probes(c)) return false;
     for (uint32_t i = 0; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
         if (cell->cut < 0) continue;
         Box near = cell->box, far = cell->box;
         near.hi[r->axis] = r->lo, near.end[r->axis] = far.lo[r->axis] = r->hi;
-        bool cut = r->lo < r->hi, lost = false; /* else it does not decide there after all */
-        for (uint32_t k = c->active[r - c->root]; k < c->active[r - c->root + 1]; k += 2)
-            lost |= (c->probe[k].g < 0) != (c->probe[k + 1].g < 0);
-        if (cut && lost) { /* the gap itself is left over */
-            Cell gap = *cell;
-            gap.box.lo[r->axis] = r->lo, gap.box.hi[r->axis] = gap.box.end[r->axis] = r->hi;
-            count_cell(c, &gap, CELL_LEFT);
-            c->sink->left(c->sink->user, &gap.box, gap.f);
-        }
+        bool cut = r->lo < r->hi; /* else it does not decide there after all */
+        if (cut && !cells_add_gap(c, i, r)) return false;
         cells_check_cut(c, cell, r++);
         if (!cut && cells_choose_axes(c, cell)) cell->done = false;
         else if (!cut && !refine(c, cell)) return false;
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
     }
-    return true;
+    return cells_integrate_gaps(c);
 }
 
 /* 3D: those on which the rules differ are cut further, as long as that can be. */
@@ -465,8 +438,7 @@ static void give_up(Cells *c, Node *node) {
         return;
     }
     for (uint32_t ch = 0; ch < c->s->channels; ch++) cell->f[2 * ch] = -HUGE_VAL, cell->f[2 * ch + 1] = HUGE_VAL;
-    count_cell(c, cell, CELL_LEFT);
-    c->sink->left(c->sink->user, &cell->box, cell->f);
+    cells_leave(c, &cell->box, cell->f);
 }
 
 /* Takes up to `most` of the nodes that wait; how many. The largest come first: what a budget leaves over is then small
@@ -491,7 +463,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
-    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = 0, c->bend = 0;
+    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0;
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;

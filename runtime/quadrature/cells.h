@@ -100,5 +100,8 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]);
 void cells_free(Cells *c);
 /* Cuts the tile, hands everything over and adds to `counts`. False when memory runs out. */
 bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *sink, CellCounts *counts);
+/* Scenes with parameters moved far beyond the rounding of roots; NULL: there are none, or no memory. */
+typedef struct Apart Apart;
+const Apart *cells_apart(Cells *c);
 
 #endif

@@ -7,11 +7,11 @@
 
 #include "runtime/quadrature/cells_stretch.h"
 
-enum { MEET_STEPS = 24 };
+enum { MEET_STEPS = 24, STEEP = 4 };
 
-static bool add_cut(Cells *c, uint32_t cell, int axis, int8_t edge, double at, double beyond) {
+static bool add_cut(Cells *c, const Cut *cut) {
     if (!CELLS_ROOM(c, cut, 1)) return false;
-    c->cut[c->ncut++] = (Cut){.cell = cell, .axis = (int8_t)axis, .edge = edge, .at = at, .beyond = beyond};
+    c->cut[c->ncut++] = *cut;
     return true;
 }
 
@@ -136,8 +136,12 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         if (c->cell[s->cell].refine) continue;
         if (i < faces) note_face(c, i, s->state == ROOT ? r : NULL);
         if (s->state != ROOT) continue;
-        int axis = curve_of(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, s->edge, r->x[r->axis], beyond_of(c, s, r))) return false;
+        int8_t axis = curve_of(c, s)->axis;
+        /* Where the curve is steep the last floats of the base are many of its height. */
+        bool steep = !(fabs(r->dg[r->axis]) <= STEEP * fabs(r->dg[axis]));
+        Cut cut = {.cell = s->cell, .axis = axis, .edge = s->edge, .at = r->x[r->axis]};
+        cut.beyond = beyond_of(c, s, r), cut.height = steep ? NAN : s->height[0];
+        if (!add_cut(c, &cut)) return false;
         r++;
     }
     return true;
@@ -166,8 +170,10 @@ static bool add_arcs(Cells *c, uint32_t i, uint32_t first_cut, uint32_t cuts) {
             const Cut *cut = &c->cut[first_cut + k];
             if (k < cuts && (cut->axis != axis || cut->edge != (int8_t)e)) continue;
             s.at[1] = k < cuts ? cut->at : cell->box.hi[base];
+            s.known[1] = k < cuts && !isnan(cut->height);
+            if (s.known[1]) s.height[1] = cut->height;
             if (s.at[1] > s.at[0] && !stretch_add(c, &s)) return false;
-            s.at[0] = s.at[1];
+            s.at[0] = s.at[1], s.height[0] = s.height[1], s.known[0] = s.known[1];
         }
     }
     return true;
@@ -207,7 +213,7 @@ static bool keep_present(Cells *c) {
         if (cells_told_by_corners(cell, e, base, middle, &present, &at)) {
             s->state = present ? OPEN : DONE;
             for (int end = 0; end < 2; end++)
-                cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
+                if (!s->known[end]) cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
             continue;
         }
         s->state = ROOT; /* to be asked */
@@ -336,8 +342,10 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
         const Stretch *s = &c->stretch[i];
         if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
-        if (!add_cut(c, s->cell, axis, -1, s->x[0], 0)) return false;
-        if (other >= 0 && other != axis && !add_cut(c, s->cell, other, -1, s->x[1], 0)) return false;
+        if (!add_cut(c, &(Cut){.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]})) return false;
+        if (other >= 0 && other != axis &&
+            !add_cut(c, &(Cut){.cell = s->cell, .axis = (int8_t)other, .edge = -1, .at = s->x[1]}))
+            return false;
     }
     return true;
 }

@@ -16,9 +16,6 @@ void cells_flush(Cells *c) {
     cells_flush_points(c);
 }
 
-/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
- * closed curve do alike may cancel. */
-static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
 #define AIM 0.1 /* of the tolerance: how far apart rules that are chosen should be */
 
 /* ---- columns */
@@ -123,6 +120,13 @@ static bool tie_columns(Cells *c) {
     return !n || cells_tie(c, n);
 }
 
+/* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be
+ * known of the curve. */
+static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
+    if (!c->o->flat || !r->wanted || r->twin || r->band || !is_site(c, p, r->edge)) return false;
+    return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
     c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
@@ -132,8 +136,10 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         middle(c, p, x);
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
-        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);)
+        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
+            if (!c->o->flat) c->root[c->nroot - 1].slack = -1; /* its sides lie next to it */
+        }
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
     cells_find_twins(c);
@@ -155,7 +161,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         memcpy(e->dg, r->dg, sizeof e->dg);
         e->upset = r->wanted && cells_is_upset(c, r);
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
-        if (!e->open && !e->upset && !c->o->volume) p->present &= ~(1u << r->edge);
+        if (!e->open && !e->upset && (!c->o->volume || is_hidden(c, p, r))) p->present &= ~(1u << r->edge);
     }
     return true;
 }
@@ -171,9 +177,8 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
         if (c->o->flat || (along == 0 && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
-        /* Next to a root that is asked for its sides these must lie; a slope that jumps is no cubic's. */
-        bool asked = r->wanted && !r->sides;
-        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? 0 : c->slack;
+        bool asked = r->wanted && !r->sides; /* next to the root these must lie */
+        r->slack = asked || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
         if (along != 0) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);
@@ -193,7 +198,8 @@ static void choose_points(const Cells *c, Piece *p) {
     p->points = (uint8_t)full;
     if (c->o->fixed || !c->rule[CELL_COARSE].n || p->graded || c->cell[p->cell].slice >= 0) return;
     if (bend * length > 0)
-        n = 1 + ceil(0.5 * log(AIM * c->o->tolerance * c->width / length) / log(smaller(bend * length, 0.5)));
+        n = 1 + ceil(0.5 * logf((float)(AIM * c->o->tolerance * c->width / length)) /
+                     logf((float)smaller(bend * length, 0.5)));
     n = larger(n, larger(least, c->o->few));
     if (n < full) p->points = (uint8_t)n;
 }
@@ -261,6 +267,7 @@ void cells_crossing(const Cells *c, const Root *r, Crossing *x) {
     const Sides *s = cells_sides(c, r);
     uint32_t below = r->rises > 0 ? 0 : 1; /* the side where g < 0 */
     x->event = r->of->event;
+    if (cells_is_wave(c->s, r->of->event.site)) x->event.boundary = 0; /* a level, which only the edge kernels know */
     memcpy(x->x, r->x, sizeof x->x), memcpy(x->dg, r->dg, sizeof x->dg);
     x->g = r->g;
     for (uint32_t ch = 0; ch < c->s->channels; ch++)
@@ -272,7 +279,7 @@ void cells_crossing(const Cells *c, const Root *r, Crossing *x) {
 Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
     if (c->ncrossing[rule] == BATCH) flush_crossings(c, (CellRule)rule);
     Crossing *x = &c->crossing[rule][c->ncrossing[rule]++];
-    x->cls = rule;
+    x->cls = rule, x->untied = false;
     return x;
 }
 
@@ -338,7 +345,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
     uint32_t coarse = rule_of(c, p, CELL_COARSE)->n;
     double floor = c->b->f64 ? 0x1p-40 : 0x1p-16; /* what rounding may make of it, moments of thin pieces included */
     if (p->base >= 0) {
-        double most = pow(larger(apart, floor), 0.5 / coarse) / length_of(p);
+        double most = powf((float)larger(apart, floor), 0.5f / (float)coarse) / length_of(p);
         p->bend = apart > floor || !(c->bend > 0) ? most : smaller(0.5 * c->bend, most);
     }
     return agree;
@@ -401,44 +408,9 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     return !values || !c->nspot || cells_take_values(c);
 }
 
-static bool by_chance(const double x[3]) {
-    uint64_t bits[3], all;
-    memcpy(bits, x, sizeof bits);
-    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
-    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
-}
-
-/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
- * that the distance of the two rules tells what comes of it. */
-static bool move_roots(Cells *c, const Column *from, const Column *to) {
-    c->nprobe = 0;
-    for (int pass = 0; pass < 2; pass++) {
-        const Probe *at = c->probe;
-        for (const Column *k = from; k < to; k++)
-            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
-                Root *r = &c->root[k->first + i];
-                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
-                if (!r->wanted || !(slope > 0)) continue;
-                if (pass) {
-                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
-                    at++;
-                    continue;
-                }
-                memcpy(x, r->x, sizeof x);
-                const double *by = moved[by_chance(x)];
-                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
-                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
-                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
-                if (!cells_probe(c, r->of, x)) return false;
-            }
-        if (!pass && !cells_run_probes(c)) return false;
-    }
-    return true;
-}
-
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     bool tied = false;
-    if (!c->b->f64 && !move_roots(c, from, to)) return false;
+    if (!c->b->f64 && !cells_round_roots(c, from, to)) return false;
     for (const Column *k = from; k < to; k++)
         for (uint32_t r = 0; r < k->nroots; r++) {
             const Root *root = &c->root[k->first + r];

@@ -75,11 +75,11 @@ static uint32_t group(uint32_t *order, uint32_t from, uint32_t n, Together *toge
 }
 static bool probes_together(const Cells *c, uint32_t i, uint32_t k) {
     const Probe *p = &c->probe[i], *q = &c->probe[k];
-    return p->event->site == q->event->site && cells_same_choices(c, p->given, q->given);
+    return p->event->site == q->event->site && (!c->prunes || cells_same_choices(c, p->given, q->given));
 }
 static bool asks_together(const Cells *c, uint32_t i, uint32_t k) {
     const Ask *p = &c->ask[i], *q = &c->ask[k];
-    return p->event->site == q->event->site && cells_same_choices(c, p->given, q->given);
+    return p->event->site == q->event->site && (!c->prunes || cells_same_choices(c, p->given, q->given));
 }
 
 static bool ordered(Cells *c, uint32_t n) {
@@ -89,7 +89,7 @@ static bool ordered(Cells *c, uint32_t n) {
 }
 
 /* Probes are what most evaluations are: input by input, and below output by output. */
-static void put_probes(Cells *c, const uint32_t *order, uint32_t n) {
+static void put_probes(Cells *c, SltKernelKind kind, const uint32_t *order, uint32_t n) {
     Batch *b = c->b;
     const Probe *probe = c->probe;
     for (uint32_t d = 0; d < c->dim; d++) {
@@ -103,8 +103,8 @@ static void put_probes(Cells *c, const uint32_t *order, uint32_t n) {
         int32_t *k = (int32_t *)b->args.in[SLT_IN_K0 + d];
         for (uint32_t i = 0; i < n; i++) k[i] = probe[order[i]].event->k[d];
     }
-    if (c->s->layout[SLT_K_EDGE].reads & (1ull << SLT_IN_BOUNDARY | 1ull << SLT_IN_GIVEN0))
-        for (uint32_t i = 0; i < n; i++) put_details(c, SLT_K_EDGE, i, probe[order[i]].event, probe[order[i]].given);
+    if (c->s->layout[kind].reads & (1ull << SLT_IN_BOUNDARY | 1ull << SLT_IN_GIVEN0))
+        for (uint32_t i = 0; i < n; i++) put_details(c, kind, i, probe[order[i]].event, probe[order[i]].given);
     if (b->pixels)
         for (uint32_t i = 0; i < n; i++) batch_set_x(b, i, probe[order[i]].x);
 }
@@ -122,21 +122,58 @@ static void take_probes(Cells *c, const uint32_t *order, uint32_t n) {
     }
 }
 
-bool cells_run_probes(Cells *c) {
+/* Do all active roots ask the same kernel call, and none for more than its loops and boundary? */
+static bool are_plain(const Cells *c, uint32_t n) {
+    if (c->prunes || c->b->pixels || c->s->layout[SLT_K_EDGE].reads & 1ull << SLT_IN_GIVEN0) return false;
+    int32_t site = n ? c->root[c->active[0]].of->event.site : 0;
+    for (uint32_t i = 1; i < n && c->s->nedges > 1; i++)
+        if (c->root[c->active[i]].of->event.site != site) return false;
+    return true;
+}
+
+bool cells_run_roots(Cells *c, uint32_t n) {
+    if (!are_plain(c, n)) return false;
+    Batch *b = c->b;
+    bool levels = c->s->layout[SLT_K_EDGE].reads & 1ull << SLT_IN_BOUNDARY;
+    for (uint32_t from = 0; from < n; from += BATCH) {
+        const uint32_t lanes = n - from < BATCH ? n - from : BATCH, *active = c->active + from;
+        for (uint32_t i = 0; i < lanes; i++) {
+            const Root *r = &c->root[active[i]];
+            const int32_t *k = r->of->event.k;
+            for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_X0 + d, i, r->x[d]);
+            for (uint32_t d = 0; d < c->depth; d++) batch_set_int(b, SLT_IN_K0 + d, i, k[d]);
+            if (levels) batch_set(b, SLT_IN_BOUNDARY, i, r->of->event.boundary);
+        }
+        b->args.site = c->root[active[0]].of->event.site;
+        cells_call(c, SLT_K_EDGE, lanes);
+        for (uint32_t i = 0; i < lanes; i++) {
+            Root *r = &c->root[active[i]];
+            r->g = batch_get(b, SLT_OUT_G, 0, i);
+            for (uint32_t d = 0; d < c->dim; d++) r->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i);
+        }
+    }
+    return true;
+}
+
+static bool run_probes(Cells *c, SltKernelKind kind) {
     if (!ordered(c, c->nprobe)) return false;
     for (uint32_t from = 0, end; from < c->nprobe; from = end) {
         end = group(c->order, from, c->nprobe, probes_together, c);
         if (end - from > BATCH) end = from + BATCH;
         const Probe *first = &c->probe[c->order[from]];
         c->b->args.site = first->event->site;
-        put_probes(c, c->order + from, end - from);
+        put_probes(c, kind, c->order + from, end - from);
         cells_give_choices(c, first->given, true);
-        cells_call(c, SLT_K_EDGE, end - from);
+        cells_call(c, kind, end - from);
         cells_give_choices(c, first->given, false);
         take_probes(c, c->order + from, end - from);
     }
     return true;
 }
+
+bool cells_run_probes(Cells *c) { return run_probes(c, SLT_K_EDGE); }
+
+bool cells_run_site_probes(Cells *c) { return run_probes(c, SLT_K_SITE_GRAD); }
 
 static void put_box(Cells *c, uint32_t i, const double lo[3], const double hi[3]) {
     batch_set_x(c->b, i, lo);
@@ -235,7 +272,7 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) 
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
 }
 
-static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call_bounds(c, n);
@@ -246,20 +283,22 @@ static void bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         read_events(c, &cell[i], i);
         cells_add_choices(c, &cell[i], i);
         /* What is not known may be so only because the box straddles a seam. */
-        bool seam = false, ray = false;
+        bool seam = false, ray = false, levels = true;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
+            levels &= !e || cells_are_levels(&cell[i].edge[0].event, &cell[i].edge[e].event);
             seam |= (uint32_t)cell[i].edge[e].event.site >= c->s->nsites;
             ray |= cells_is_ray(c->s, cell[i].edge[e].event.site);
         }
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
-        uint32_t most = !cell[i].lonely && !seam && c->dim == 2 ? CELL_FEW_EVENTS : CELL_EVENTS;
+        bool few = !cell[i].lonely && !seam && !levels && c->dim == 2;
+        uint32_t most = few ? CELL_FEW_EVENTS : CELL_EVENTS;
         cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam) || ray;
     }
 }
 
-void cells_bound_range(Cells *c, Cell *cell) { bound_boxes(c, cell, 1); }
+void cells_bound_range(Cells *c, Cell *cell) { cells_bound_boxes(c, cell, 1); }
 
-void cells_bound_halves(Cells *c) { bound_boxes(c, c->cell, c->nhalves); }
+void cells_bound_halves(Cells *c) { cells_bound_boxes(c, c->cell, c->nhalves); }
 
 bool cells_bound_small(Cells *c) {
     Cell *small = c->cell + c->nhalves;
@@ -267,7 +306,7 @@ bool cells_bound_small(Cells *c) {
     uint64_t wanted = 0;
     if (!n) return true;
     if (!lists_note(&c->lists, c->b)) return false;
-    bound_boxes(c, small, n);
+    cells_bound_boxes(c, small, n);
     for (uint32_t i = 0; i < n && c->lists.any; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
     return cells_keep_chunks(c, n, UINT64_MAX) && lists_split(&c->lists, c->b, n, wanted);
 }

@@ -20,8 +20,12 @@ typedef struct Trial {
     CellEdge way[2];
 } Trial;
 
+bool cells_are_levels(const Event *e, const Event *f) {
+    return e->site == f->site && e->boundary != f->boundary && !memcmp(e->k, f->k, sizeof e->k);
+}
+
 bool cells_contradict(const CellEdge *e, const CellEdge *f) {
-    if (!e->given.n && !f->given.n) return false;
+    if (!e->given.n && !f->given.n) return cells_are_levels(&e->event, &f->event); /* of one function */
     for (uint32_t i = 0; i < e->given.n; i++)
         for (uint32_t j = 0; j < f->given.n; j++)
             if (e->given.is[i].event == f->given.is[j].event && e->given.is[i].below != f->given.is[j].below)
@@ -147,7 +151,7 @@ double cells_nearly_0(const Cells *c, const Box *box, double error, const double
         size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
         width += box->end[d] - box->lo[d];
     }
-    return fmin(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), 0x1p-16 * slope * width);
+    return fmin(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), cells_reach(c->b->f64) * slope * width);
 }
 
 static double error_of(const Cell *cell, uint32_t event) {

@@ -12,6 +12,7 @@
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
+ *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut
  *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
@@ -38,8 +39,13 @@ enum {
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3, /* of these most that are open in a cell */
+    CELL_SHAPES = 64, /* in hand at once */
     CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
 };
+
+/* Rounding may blur what lies so far apart, in parts of a cell, and no farther. In f32 it does reach so far: around the
+ * place where curves touch, cells are small. */
+static inline double cells_reach(bool f64) { return f64 ? 0x1p-16 : 0x1p-6; }
 
 /* What other events of the cell are taken to decide. */
 typedef struct Given {
@@ -133,6 +139,7 @@ typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
+    double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
 
 /* A point of the base with the line above it. */
@@ -160,7 +167,9 @@ typedef struct Root {
     double g, dg[3], step; /* g and its gradient at x; the last step */
     double before[2];      /* the place before x, and g there; NaN: there was none */
     double dg_before[3];
-    double slack; /* how far from it the root may end, in parts of its line; 0: at the last floats */
+    /* How far from it the root may end, in parts of its line; 0: at the last floats. Less than 0: and there g is asked,
+     * not taken for what cubics say. */
+    double slack;
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
@@ -175,9 +184,17 @@ typedef struct Root {
 /* A point of the volume, before it is known whether its part is small enough. */
 typedef struct Spot {
     uint32_t owner;     /* piece, or smooth box */
-    uint8_t rule, part; /* part: CellOptions.flat, which one of the piece */
+    uint8_t rule, part; /* part: CellOptions.flat, which one of the piece; */
+    bool hashed;        /* its hash is known */
+    uint32_t hash;
     double x[3], weight, f[SLT_MAX_CHANNELS];
 } Spot;
+
+/* CellOptions.flat: parts of one hash, and how large they are by each rule; of none where both are 0. */
+typedef struct Shape {
+    uint32_t hash;
+    double x[3], fine, coarse;
+} Shape;
 
 /* A box on which f is smooth. */
 typedef struct Smooth {
@@ -261,6 +278,9 @@ struct Cells {
     uint32_t active_cap;
     Tie *tie;
     uint32_t ntie, tie_cap;
+    struct Gap *gap; /* cells_gap.c */
+    uint32_t ngap, gap_cap;
+    Cell *face;   /* likewise */
     Apart *apart; /* cells_tied.c: made when first needed */
     Untie *untie;
     struct Trial *trial; /* cells_given.c */
@@ -271,7 +291,8 @@ struct Cells {
     uint32_t ncrossing[CELL_RULES];
     CellPoint *point[CELL_POINTS]; /* [npoint], room for BATCH each */
     uint32_t npoint[CELL_POINTS];
-    Box within; /* of the points */
+    Shape shape[CELL_SHAPES]; /* by hash */
+    Box within;               /* of the points */
 };
 
 /* The next edge of a set of bits, ascending, which is taken out of it; false: it is empty. */
@@ -293,11 +314,17 @@ static inline bool cells_is_ray(const SltScene *s, int32_t site) {
            (s->site_kind[site] == SLT_SITE_SHADOW || s->site_kind[site] == SLT_SITE_SILHOUETTE);
 }
 
+/* Is what the edge kernels know of the site levels of a wave, and not its g? */
+static inline bool cells_is_wave(const SltScene *s, int32_t edge) {
+    return s->edge_kind && s->edge_kind[edge] == SLT_SITE_WAVE;
+}
+
 /* ---- numbers of the program's precision */
 static inline double cells_round(const Cells *c, double v) { return c->b->f64 ? v : (double)(float)v; }
 /* Sums of numbers that differ by less than this part of their size are the same. */
 static inline double cells_rounding(const Cells *c) { return c->b->f64 ? 0x1p-46 : 0x1p-18; }
-bool cells_spent(Cells *c); /* has this tile used its budget up? */
+bool cells_spent(Cells *c);                                       /* has this tile used its budget up? */
+void cells_leave(Cells *c, const Box *box, const double *bounds); /* CellSink.left */
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
@@ -305,7 +332,11 @@ double cells_move(const Cells *c, double v, double n, double scale);
 /* ---- cells_edge.c */
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
-bool cells_run_asks(Cells *c);                             /* ask[nask] */
+bool cells_run_site_probes(Cells *c); /* the same of sites' own g, which the edges of waves are only levels of */
+bool cells_run_asks(Cells *c);        /* ask[nask] */
+/* g and its gradient at root[active[0 .. n)], where one call does for all of them and needs no more than they hold;
+ * false: it does not. */
+bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
@@ -315,7 +346,8 @@ bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const doubl
  * lists of iterations. */
 void cells_bound_halves(Cells *c);
 bool cells_bound_small(Cells *c);
-void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n); /* of others; `lonely` is the caller's */
+void cells_bound_range(Cells *c, Cell *cell);             /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
@@ -351,6 +383,8 @@ bool cells_same_choices(const Cells *c, const Given *p, const Given *q);
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
 /* Can no point lie on the curves of both, because they need another event to decide differently? */
 bool cells_contradict(const CellEdge *e, const CellEdge *f);
+/* Do they ask where one and the same function has two different values? */
+bool cells_are_levels(const Event *e, const Event *f);
 /* At the roots of columns: drops curves from pieces on which what they have given does not hold. */
 bool cells_drop_wrong(Cells *c);
 /* g this near to 0 may be 0 but for rounding; dg: its gradient, error: of g. */
@@ -363,8 +397,8 @@ static inline double cells_between(const double x[2], const double g[2], const d
     return u * u * (1 + 2 * t) * x[0] + t * t * (3 - 2 * t) * x[1] +
            (g[1] - g[0]) * t * u * (u / slope[0] - t / slope[1]);
 }
-/* All of root[nroot] that are not solved and do not wait. Where there is slack g is not asked again at the place where
- * cubics say that the root is: there g is taken for 0, and its slope for theirs. A root that lies outside of its line
+/* All of root[nroot] that are not solved and do not wait. By Root.slack g is not asked again at the place where cubics
+ * say that the root is: there g is taken for 0, and its slope for theirs. A root that lies outside of its line
  * by rounding ends at the line's end. */
 bool cells_solve(Cells *c);
 /* Narrows the brackets of solved roots to two adjacent numbers, between which g changes from < 0 to >= 0 or back. Those
@@ -372,6 +406,8 @@ bool cells_solve(Cells *c);
 bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted, where they are not known. */
 bool cells_take_sides(Cells *c);
+/* In f32, of roots that go out: those of the coarse rule are moved, and slopes are those of the sites. */
+bool cells_round_roots(Cells *c, const Column *from, const Column *to);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
 /* ---- cells_stretch.c and cells_base.c, for cells of one and two dimensions and planes of 3D, from cell[first] on;
@@ -421,6 +457,12 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
+
+/* ---- cells_gap.c */
+/* The cell is cut in the gap of r: if a site's curve may lie there, that waits for cells_integrate_gaps, for which the
+ * cells stay in hand; what it cannot integrate is left over. */
+bool cells_add_gap(Cells *c, uint32_t cell, const Root *r);
+bool cells_integrate_gaps(Cells *c);
 
 /* ---- cells_upset.c */
 bool cells_upsets(const Cells *c, int32_t edge); /* must the two sides of a seam be compared? */

@@ -7,10 +7,17 @@
 enum {
     STEPS = 100,
     NOISE = 256 /* units in the last place */,
-    NARROW = 4, /* units in the last place from a root to each of its sides, */
-    FAR = 4     /* and so many times farther f is taken once more where it may be a root there */
+    NARROW = 4,  /* units in the last place from a root to each of its sides, */
+    ASIDE = 256, /* and where f is flat, which is the same there: no root is so far from where it was taken to be */
+    FAR = 4,     /* and so many times farther f is taken once more where it may be a root there, or steep: */
+    LOOKED = 16  /* of so many roots one is looked at */
 };
 #define MOST_FAR 0x1p20 /* units from a root to its sides */
+
+/* Changes of f between floats beside a root, in parts of its jump: what matters, and what may be no straight line. */
+#define STEEP 0x1p-15
+#define STEEP_F64 0x1p-40
+#define BENDS 0x1p-2
 
 static double unit(const Cells *c, const Root *r) {
     return (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(r->lo), fabs(r->hi));
@@ -26,7 +33,8 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
-    r->slack = 0, r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;
+    r->slack = c->b->f64 && !(e->state & SLT_EDGE_BENDS) ? 0 : -1; /* a slope that jumps is no cubic's */
+    r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;
     return r;
 }
 
@@ -41,18 +49,22 @@ static double slope_at(const double x[2], const double g[2], const double slope[
  * times the square of the distance of the two, its slope by a length less. */
 static bool ends_here(const Cells *c, Root *r, double newton, double both) {
     double line = r->ends_at[1] - r->ends_at[0], x = r->x[r->axis], dg = r->dg[r->axis];
-    double step = fabs(newton - x), back = fabs(x - r->before[0]);
-    bool cubic = step * back * back <= r->slack * line * line * line && step <= back; /* NaN is not */
+    double step = fabs(newton - x), back = fabs(x - r->before[0]), off = step * back * back, all = line * line;
+    bool last = off <= 0.25 * unit(c, r) * all; /* NaN is not */
+    bool cubic = (last || off <= r->slack * line * all) && step <= back;
     double to = cubic ? both : newton;
     if (!cubic && !(step <= r->slack * line)) return false;
     if (!(to >= r->ends_at[0] && to <= r->ends_at[1])) return false;
+    /* Of two near places g tells less than it rounds: a slope there is better carried on from the slopes alone. */
+    double noise = 6 * r->of->error / fabs(dg) * step / (back * back), straight = step * back / all;
+    bool curved = noise + off / (line * all) <= straight;
     for (uint32_t d = 0; cubic && d < c->dim; d++)
-        if (d == (uint32_t)r->axis)
+        if (d == (uint32_t)r->axis && curved)
             r->dg[d] = slope_at((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
                                 (double[2]){r->dg_before[d], dg}, to);
         else r->dg[d] += (r->dg[d] - r->dg_before[d]) / (x - r->before[0]) * (to - x);
     r->x[r->axis] = cells_round(c, to), r->g = 0;
-    c->counts->loose = true;
+    c->counts->loose |= !(cubic && last);
     return true;
 }
 
@@ -69,9 +81,11 @@ static bool advance(const Cells *c, Root *r) {
     bool noise = step <= NOISE * shortest && !(step <= 0.25 * r->step);
     if (r->g == 0 || step <= shortest || noise || r->hi - r->lo <= 2 * shortest) return false;
     /* Two places tell more than one: of order 2.7 instead of 2. */
-    double dg = r->dg[r->axis], both = cells_between((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
-                                                     (double[2]){r->dg_before[r->axis], dg});
-    if (r->slack > 0 && ends_here(c, r, to, both)) return false;
+    double dg = r->dg[r->axis], both = NAN;
+    if (!isnan(r->before[0]))
+        both = cells_between((double[2]){r->before[0], x}, (double[2]){r->before[1], r->g},
+                             (double[2]){r->dg_before[r->axis], dg});
+    if (r->slack >= 0 && ends_here(c, r, to, both)) return false;
     if (fabs(both - to) <= 0.5 * step) to = both;
     r->before[0] = x, r->before[1] = r->g;
     memcpy(r->dg_before, r->dg, sizeof r->dg);
@@ -86,23 +100,33 @@ static bool advance(const Cells *c, Root *r) {
     return true;
 }
 
+/* g of the n active roots where they are now. */
+static bool probe_roots(Cells *c, uint32_t n) {
+    if (cells_run_roots(c, n)) return true;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Root *r = &c->root[c->active[i]];
+        if (!cells_probe(c, r->of, r->x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        Root *r = &c->root[c->active[i]];
+        r->g = c->probe[i].g;
+        memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
+    }
+    return true;
+}
+
 bool cells_solve(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         if (!c->root[i].solved && !c->root[i].waits) c->active[n++] = i;
     for (int step = 0; step < STEPS && n; step++) {
-        c->nprobe = 0;
-        for (uint32_t i = 0; i < n; i++) {
-            const Root *r = &c->root[c->active[i]];
-            if (!cells_probe(c, r->of, r->x)) return false;
-        }
-        if (!cells_run_probes(c)) return false;
+        if (!probe_roots(c, n)) return false;
         uint32_t kept = 0;
         for (uint32_t i = 0; i < n; i++) {
             Root *r = &c->root[c->active[i]];
-            r->g = c->probe[i].g;
-            memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
             r->solved = !advance(c, r);
             if (!r->solved) c->active[kept++] = c->active[i];
         }
@@ -241,37 +265,77 @@ static bool has_signs(const Cells *c, const Root *r, const Probe at[2]) {
     return (lo < -noise && hi > noise) || (begins && ends);
 }
 
-/* f may climb from a side like a root of the distance, of which the nearest floats see a good part: f at four times the
- * distance shows it. Twice what is near less what is far has no such part, of a straight f neither. */
-static bool extrapolate_sides(Cells *c, uint32_t known) {
-    Batch *b = c->b;
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < c->nroot; i++) {
-        const Root *r = &c->root[i];
-        const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
-        if (r->wanted && r->sides > known && !c->o->flat && cell->state & SLT_BOX_ROUGH) c->active[n++] = i;
+/* f at FAR times the distance of a side, from which f is carried on to the root. It may climb from there like a root of
+ * the distance, of which the nearest floats see a good part: twice what is near less what is far has no such part. Else
+ * f is straight. */
+static double carried_on(const Root *r, double near, double far, double f_near, double f_far, bool rough) {
+    if (rough) return 2 * f_near - f_far;
+    return f_near + (f_near - f_far) * (near - r->x[r->axis]) / (far - near);
+}
+
+/* Does f change between near and far by more than these parts of its jump? */
+static bool is_steep(const Cells *c, const Sides *s, uint32_t side, const double far[SLT_MAX_CHANNELS], double parts) {
+    double unit = c->b->f64 ? 0x1p-52 : 0x1p-23;
+    bool steep = false;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double jump = fabs(s->f[1][ch] - s->f[0][ch]), f = s->f[side][ch];
+        steep |= fabs(far[ch] - f) > parts * jump + 8 * unit * fabs(f);
     }
+    return steep;
+}
+
+static bool is_rough(const Cells *c, const Root *r) {
+    return c->cell[c->piece[c->column[r->column].piece].cell].state & SLT_BOX_ROUGH;
+}
+
+/* Of active[0..n). only_look: f stays what it is. Returns whether it is steep anywhere. */
+static bool take_far(Cells *c, uint32_t n, bool only_look) {
+    Batch *b = c->b;
+    bool steep = false;
     for (uint32_t from = 0; from < n; from += BATCH / 2) {
         uint32_t lanes = n - from < BATCH / 2 ? 2 * (n - from) : BATCH;
+        double place[BATCH];
         for (uint32_t i = 0; i < lanes; i++) {
             const Root *r = &c->root[c->active[from + i / 2]];
             const Box *box = root_box(c, r);
             double x[3], at = cells_sides(c, r)->at[i & 1], far = r->x[r->axis] + FAR * (at - r->x[r->axis]);
             memcpy(x, r->x, sizeof x);
-            x[r->axis] = far >= box->lo[r->axis] && far <= box->hi[r->axis] ? cells_round(c, far) : at;
+            place[i] = x[r->axis] = far >= box->lo[r->axis] && far <= box->hi[r->axis] ? cells_round(c, far) : at;
             batch_set_x(b, i, x);
         }
         cells_call(c, SLT_K_SIDES, lanes);
         for (uint32_t i = 0; i < lanes; i++) {
-            Sides *s = &c->sides[c->root[c->active[from + i / 2]].sides - 1];
+            const Root *r = &c->root[c->active[from + i / 2]];
+            Sides *s = &c->sides[r->sides - 1];
+            double at = s->at[i & 1], f[SLT_MAX_CHANNELS];
             if (s->hash[i & 1] != (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, i)) continue; /* another curve is near */
-            for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-                double f = 2 * s->f[i & 1][ch] - batch_get(b, SLT_OUT_F, ch, i);
-                if (isfinite(f)) s->f[i & 1][ch] = f;
+            for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = batch_get(b, SLT_OUT_F, ch, i);
+            steep |= is_steep(c, s, i & 1, f, c->b->f64 ? STEEP_F64 : STEEP);
+            /* By so much f may also bend: then the two rules, of which one keeps its sides, differ by all of it. */
+            bool bends = !is_rough(c, r) && c->column[r->column].rule == CELL_COARSE && is_steep(c, s, i & 1, f, BENDS);
+            for (uint32_t ch = 0; ch < c->s->channels && !only_look && !bends && place[i] != at; ch++) {
+                double v = carried_on(r, at, place[i], s->f[i & 1][ch], f[ch], is_rough(c, r));
+                if (isfinite(v)) s->f[i & 1][ch] = v;
             }
         }
     }
-    return true;
+    return steep;
+}
+
+/* f on the sides becomes f at the root where it may be rough, and where some roots show that it is steep. */
+static void extrapolate_sides(Cells *c, uint32_t known) {
+    uint32_t n = 0, smooth = 0;
+    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++) {
+        const Root *r = &c->root[i];
+        if (r->wanted && r->sides > known && !r->twin && !is_rough(c, r) && smooth++ % LOOKED == 0) c->active[n++] = i;
+    }
+    bool steep = take_far(c, n, true);
+    n = 0;
+    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++) {
+        const Root *r = &c->root[i];
+        if (r->wanted && r->sides > known && (is_rough(c, r) || (steep && !r->twin))) c->active[n++] = i;
+    }
+    take_far(c, n, false);
 }
 
 /* The sides are next to the root, and g has different signs there: the distance grows until it is so, at last to the
@@ -285,7 +349,7 @@ bool cells_take_sides(Cells *c) {
             c->root[i].sides = ++c->nsides;
             c->active[n++] = i;
         }
-    for (double far = NARROW; n; far *= 8) {
+    for (double far = c->o->flat && c->b->f64 ? ASIDE : NARROW; n; far *= 8) {
         if (far > MOST_FAR) far = HUGE_VAL;
         for (uint32_t from = 0; from < n; from += BATCH / 2)
             call_sides(c, c->active + from, n - from < BATCH / 2 ? n - from : BATCH / 2, far);
@@ -309,5 +373,69 @@ bool cells_take_sides(Cells *c) {
         for (uint32_t i = 0; i < asked; i++)
             if (!has_signs(c, &c->root[c->active[i]], c->probe + 2 * i)) c->active[n++] = c->active[i];
     }
-    return extrapolate_sides(c, known);
+    extrapolate_sides(c, known);
+    return true;
+}
+
+/* ---- what rounding makes of them, in f32 */
+/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
+ * closed curve do alike may cancel. */
+static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
+
+static bool by_chance(const double x[3]) {
+    uint64_t bits[3], all;
+    memcpy(bits, x, sizeof bits);
+    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
+    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
+}
+
+/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
+ * that the distance of the two rules tells what comes of it. */
+static bool move_roots(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        const Probe *at = c->probe;
+        for (const Column *k = from; k < to; k++)
+            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
+                Root *r = &c->root[k->first + i];
+                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
+                if (!r->wanted || !(slope > 0)) continue;
+                if (pass) {
+                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
+                    at++;
+                    continue;
+                }
+                memcpy(x, r->x, sizeof x);
+                const double *by = moved[by_chance(x)];
+                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
+                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
+                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
+                if (!cells_probe(c, r->of, x)) return false;
+            }
+        if (!pass && !cells_run_probes(c)) return false;
+    }
+    return true;
+}
+
+/* In f32 the site's own slope at a root, as rounded, is not that of the edge, which is a level of a wave: what it is
+ * divided by is rounded likewise. */
+static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = k->first; i < k->first + k->nroots; i++)
+            if (c->root[i].wanted && cells_is_wave(c->s, c->root[i].of->event.site) &&
+                !cells_probe(c, c->root[i].of, c->root[i].x))
+                return false;
+    if (!cells_run_site_probes(c)) return false;
+    const Probe *at = c->probe;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
+            Root *r = &c->root[i];
+            if (r->wanted && cells_is_wave(c->s, r->of->event.site)) memcpy(r->dg, (at++)->dg, sizeof r->dg);
+        }
+    return true;
+}
+
+bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
+    return move_roots(c, from, to) && take_own_slopes(c, from, to);
 }

@@ -114,7 +114,7 @@ bool stretch_heights(Cells *c, uint32_t first, int end) {
     c->nroot = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
-        if (s->other == FACE) continue;
+        if (s->other == FACE || s->known[end]) continue;
         const CellEdge *e = curve_of(c, s);
         double x[3];
         place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
@@ -124,7 +124,7 @@ bool stretch_heights(Cells *c, uint32_t first, int end) {
     const Root *r = c->root;
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
-        if (s->other != FACE) s->height[end] = (r++)->x[curve_of(c, s)->axis];
+        if (s->other != FACE && !s->known[end]) s->height[end] = (r++)->x[curve_of(c, s)->axis];
     }
     return true;
 }
@@ -179,6 +179,7 @@ bool stretch_halve(Cells *c) {
         }
         Stretch far = *s;
         far.at[0] = mid;
+        far.known[0] = false;
         if (s->other != FACE) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
         if (!stretch_add(c, &far)) return false;
     }

@@ -17,7 +17,7 @@ typedef struct Stretch {
     uint32_t cell;
     int8_t edge, other; /* FACE: g of `edge` on a face; ARC: nothing yet; else g of `other` on the curve of `edge` */
     uint8_t halvings;
-    bool asked;                           /* slope[] is of this stretch; else of the cell */
+    bool known[2];                        /* height[] is, for the curve leaves the cell there */
     double at[2];                         /* the two ends, */
     double height[2];                     /* what the height is there, */
     double value[2];                      /* and the function */

@@ -11,6 +11,10 @@
 
 #define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
+const Apart *cells_apart(Cells *c) {
+    return c->apart || apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart) ? c->apart : NULL;
+}
+
 bool cells_ready_to_tie(Cells *c) {
     if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
     return c->untie || (c->untie = untie_new(c->b));
@@ -20,12 +24,17 @@ bool cells_ready_to_tie(Cells *c) {
  * jump, or nothing. */
 static void share(const Cells *c, const Root *r, const Crossing *x, Tie *t) {
     const Column *k = &c->column[r->column];
+    bool others = false;
     t->event[0] = x->event, t->n = 1;
-    for (uint32_t i = k->first; i < k->first + k->nroots && t->n < UNTIE_EVENTS; i++)
-        if (c->root[i].other && &c->root[c->root[i].other - 1] == r &&
-            (uint32_t)c->root[i].of->event.site < c->s->nsites)
-            t->event[t->n++] = c->root[i].of->event;
-    if (t->n == 1) t->n = 0;
+    for (uint32_t i = k->first; i < k->first + k->nroots && t->n < UNTIE_EVENTS; i++) {
+        const Event *event = &c->root[i].of->event;
+        if (!c->root[i].other || &c->root[c->root[i].other - 1] != r) continue;
+        bool counts = (uint32_t)event->site < c->s->nsites; /* and once, however many pieces its g has there */
+        others |= counts;
+        for (uint32_t e = 0; e < t->n; e++) counts &= !event_same(event, &t->event[e]);
+        if (counts) t->event[t->n++] = *event;
+    }
+    if (!others) t->n = 0;
     for (uint32_t e = 0; e < t->n; e++)
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             t->jump[e][ch] = x->jump[ch] / t->n, t->half[e][ch] = x->jump[ch] * (t->n - 1) / t->n;
@@ -49,7 +58,9 @@ bool cells_tie(Cells *c, uint32_t n) {
         for (uint32_t i = 0; i < most; i++) {
             Root *r = &c->root[c->active[from + i]];
             if (tie[i].untold) share(c, r, &x[i], &tie[i]);
-            if (!tie[i].n || (tie[i].whole && event_same(&tie[i].event[0], &x[i].event))) continue;
+            /* Of several pieces of one g the program takes one, which may not be that of the edge. */
+            bool own = !r->of->given.n && tie[i].whole && event_same(&tie[i].event[0], &x[i].event);
+            if (!tie[i].n || own) continue;
             if (!CELLS_ROOM(c, tie, 1)) return false;
             c->tie[c->ntie++] = tie[i];
             r->tie = c->ntie;
@@ -67,6 +78,7 @@ static void emit_part(Cells *c, const Crossing *x, const Column *k, const Tie *t
         Crossing *part = cells_add_crossing(c, half ? CELL_COARSE : k->rule);
         uint8_t rule = part->cls;
         *part = *x;
+        part->untied = true;
         part->cls = rule, part->event = t->event[e], part->g = p->g, part->weight = weight;
         memcpy(part->dg, p->dg, sizeof part->dg);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
@@ -83,7 +95,7 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to) {
             for (uint32_t e = 0; t && e < t->n; e++)
                 if (!cells_probe_event(c, &t->event[e], r->x)) return false;
         }
-    if (!cells_run_probes(c)) return false;
+    if (!cells_run_site_probes(c)) return false;
     const Probe *p = c->probe;
     for (const Column *k = from; k < to; k++)
         for (uint32_t i = 0; i < k->nroots; i++) {

@@ -36,7 +36,7 @@ static void find_twins(Cells *c, const Column *k) {
             if (!(p->present >> r->edge & 1) || !(p->present >> s->edge & 1)) continue;
             double error = 2 * cell->edge[r->edge].error / fabs(r->dg[p->axis]) +
                            2 * cell->edge[s->edge].error / fabs(s->dg[p->axis]);
-            double same = smaller(error + 8 * unit(c, size), 0x1p-16 * width);
+            double same = smaller(error + 8 * unit(c, size), cells_reach(c->b->f64) * width);
             if (!(fabs(r->x[p->axis] - s->x[p->axis]) <= same)) continue;
             bool later = is_site(c, s) || !is_site(c, r);
             Root *stays = later ? s : r, *goes = later ? r : s;
@@ -227,19 +227,24 @@ static bool move_apart(Cells *c, uint32_t n) {
     return memory;
 }
 
+/* Does a root stand for it of which f on the two sides is known? That one may have gone itself, where three lie in a
+ * row. */
+static bool may_part(const Cells *c, uint32_t i) {
+    if (!c->root[i].other || !is_site(c, &c->root[i])) return false;
+    const Root *s = stands_for(c, i);
+    return s->wanted && s->sides;
+}
+
 bool cells_part_twins(Cells *c) {
     uint32_t n = 0;
     if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
-    for (uint32_t i = 0; i < c->nroot; i++) {
-        if (!c->root[i].other) continue;
-        const Root *s = stands_for(c, i);
-        if (is_site(c, &c->root[i]) && s->wanted && s->sides) c->active[n++] = i;
-    }
+    for (uint32_t i = 0; i < c->nroot; i++)
+        if (may_part(c, i)) c->active[n++] = i;
     if (!n) return true;
     while (n)
         if (!look_between(c, &n)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
-        if (c->root[i].other && c->root[i].twin && stands_for(c, i)->twin) c->active[n++] = i;
+        if (may_part(c, i) && c->root[i].twin && stands_for(c, i)->twin) c->active[n++] = i;
     return !n || move_apart(c, n);
 }
 

@@ -14,7 +14,14 @@ static void flush_points(Cells *c, CellRule r) {
     if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
 }
 
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse);
+
 void cells_flush_points(Cells *c) {
+    for (int i = 0; i < CELL_SHAPES; i++) {
+        const Shape *s = &c->shape[i];
+        if (s->fine > 0 || s->coarse > 0) emit_parts(c, s->x, s->fine, s->coarse);
+        c->shape[i].fine = c->shape[i].coarse = 0;
+    }
     for (int r = 0; r < CELL_POINTS; r++) flush_points(c, (CellRule)r);
 }
 
@@ -65,14 +72,31 @@ static double part_noise(const Cells *c, double measure) {
     return larger(c->b->f64 ? 0x1p-50 : 0x1p-21, c->slack) * measure;
 }
 
-/* Parts of one piece: what both rules make of equal measure goes out once. */
+/* Measures by the two rules: what both make equal goes out once, and else what the coarse one has more or less. */
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse) {
+    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= part_noise(c, fine);
+    if (fine > 0) emit(c, x, fine, both ? CELL_BOTH : CELL_FINE);
+    if (both && !same) emit(c, x, coarse - fine, CELL_COARSE);
+}
+
+/* Parts of one piece. Those with the same hash, of a cell or of many, are parts of one shape: one point does for all.
+ */
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
     PartSpots p = parts_of(c, from, to);
     while (next_part(&p)) {
-        double weight = p.fine ? p.fine->weight : 0;
-        bool both = p.fine && p.coarse && fabs(p.coarse->weight - weight) <= part_noise(c, weight);
-        if (p.fine) emit(c, p.fine->x, weight, both ? CELL_BOTH : CELL_FINE);
-        if (p.coarse && !both) emit(c, p.coarse->x, p.coarse->weight, CELL_COARSE);
+        const Spot *spot = p.fine ? p.fine : p.coarse;
+        double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
+        if (!spot->hashed) {
+            emit_parts(c, spot->x, fine, coarse);
+            continue;
+        }
+        Shape *s = &c->shape[spot->hash % CELL_SHAPES];
+        if (s->hash != spot->hash && (s->fine > 0 || s->coarse > 0)) {
+            emit_parts(c, s->x, s->fine, s->coarse);
+            s->fine = s->coarse = 0;
+        }
+        if (!(s->fine > 0 || s->coarse > 0)) s->hash = spot->hash, memcpy(s->x, spot->x, sizeof s->x);
+        s->fine += fine, s->coarse += coarse;
     }
 }
 
@@ -94,7 +118,7 @@ void cells_emit_few(Cells *c, const Box *cell) {
 static bool add_spot(Cells *c, uint32_t owner, const double x[3], double weight, uint8_t rule) {
     if (!CELLS_ROOM(c, spot, 1)) return false;
     Spot *s = &c->spot[c->nspot++];
-    s->owner = owner, s->rule = rule, s->part = 0, s->weight = weight; /* and f comes later */
+    s->owner = owner, s->rule = rule, s->part = 0, s->hashed = false, s->weight = weight; /* and f comes later */
     for (uint32_t d = 0; d < 3; d++) s->x[d] = d < c->dim ? cells_round(c, x[d]) : 0;
     return true;
 }
@@ -143,12 +167,33 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     return true;
 }
 
+/* The hashes of the parts of a column, where the sides of open curves tell them. */
+static void part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *hash) {
+    const Piece *p = &c->piece[k->piece];
+    const Root *root = &c->root[k->first];
+    for (uint32_t i = 0; i < k->nroots; i++) {
+        const PieceEdge *e = &p->edge[root[i].edge];
+        double at = root[i].x[p->axis];
+        uint32_t below = 0; /* the part that ends at the root */
+        if (!e->open || !e->sides || e->twin || e->band || e->tie) continue;
+        for (uint32_t j = 0; j < k->nroots; j++) {
+            double other = root[j].x[p->axis];
+            below += other < at || (other == at && j < i);
+        }
+        const Sides *s = &c->sides[e->sides - 1];
+        known[below] = known[below + 1] = true, hash[below] = s->hash[0], hash[below + 1] = s->hash[1];
+    }
+}
+
 /* f is constant in each part between two curves: of all columns of a piece and rule one point, in the longest of them.
  */
 static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     const Piece *p = &c->piece[from->piece];
     double weight[CELL_EDGES + 1], longest[CELL_EDGES + 1], x[CELL_EDGES + 1][3];
     uint32_t n = from->nroots + 1; /* as of all its columns */
+    bool known[CELL_EDGES + 1] = {false};
+    uint32_t hash[CELL_EDGES + 1] = {0};
+    part_hashes(c, from, known, hash);
     for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
     for (const Column *k = from; k < to; k++) {
         double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
@@ -166,7 +211,8 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     for (uint32_t i = 0; i < n; i++) {
         if (!(weight[i] > 0)) continue;
         if (!add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
-        c->spot[c->nspot - 1].part = (uint8_t)i;
+        Spot *s = &c->spot[c->nspot - 1];
+        s->part = (uint8_t)i, s->hashed = known[i], s->hash = hash[i];
     }
     return true;
 }

@@ -105,6 +105,17 @@ static double shrink(const Sweep *p, uint64_t cost) {
     return clamp(pow(DEARER * fmax((double)cost, CHEAP) / (LEFT_COST * cells), 1 / dim), 2, 64);
 }
 
+/* Can what is left ever be as little as is wanted? Along curves its error falls at best as the cells that are left grow
+ * in number, or as slowly as it did from the last sweep to this; around points they do not grow, and cost next to
+ * nothing. */
+static bool is_hopeless(const Effort *e, const Sweep *p, double left, double goal, uint64_t used) {
+    double work = LEFT_COST * (double)p->nleft, falls = 1, more;
+    if (e->left > left && work > e->work && e->work > 0) falls = fmin(1, log(e->left / left) / log(work / e->work));
+    if (e->sweeps > 1 && !(e->left > left) && work > e->work) falls = 0.25;
+    more = work * pow(left / goal, 1 / falls);
+    return left > goal && (double)used + more > (double)e->limit;
+}
+
 bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
                  SltStop *stop) {
     double goal = goal_of(e, scale);
@@ -119,6 +130,8 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     bool spent = p->counts.spent && !p->cells_budget;
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
     if (e->stalls >= 2 && left > rules) *stop = SLT_STOP_EVALUATIONS; /* no number of them seems to be enough */
+    if (!e->given && is_hopeless(e, p, left, goal, used)) *stop = SLT_STOP_EVALUATIONS;
+    e->left = left, e->work = LEFT_COST * (double)p->nleft;
     bool over = *stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS;
     if (!e->wanted && !(spent && e->given)) *stop = SLT_STOP_NONE; /* what ends it was not asked for */
     if (over || ((e->fixed || e->marches) && !e->wanted)) return false;

@@ -15,6 +15,7 @@ typedef struct Effort {
     uint64_t limit;            /* evaluations in all */
     uint32_t sweeps, stalls;
     double best, last; /* errors: the least so far, that of the last sweep */
+    double left, work; /* of the last sweep: the error of what is left, and what its cells cost */
 } Effort;
 /* lattice: evaluations that it would spend. */
 void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook);

@@ -19,10 +19,11 @@ typedef struct Net {
     double pos[3][SIDE_MAX];
 } Net;
 
-/* In [0, 1), of a place and a number. */
-static double chance(double place, uint32_t k) {
-    uint64_t bits;
-    memcpy(&bits, &place, sizeof bits);
+/* In [0, 1), of a place and a number. All of the place counts: cells that stand above each other must not err alike. */
+static double chance(const double place[3], uint32_t k) {
+    uint64_t part[3], bits = 0;
+    memcpy(part, place, sizeof part);
+    for (uint32_t d = 0; d < 3; d++) bits = (bits ^ part[d]) * 0xff51afd7ed558ccdu, bits ^= bits >> 32;
     bits ^= 0x9e3779b97f4a7c15u * (k + 1);
     bits ^= bits >> 31, bits *= 0xbf58476d1ce4e5b9u, bits ^= bits >> 29, bits *= 0x94d049bb133111ebu;
     return (double)((bits ^ bits >> 32) >> 11) * 0x1p-53;
@@ -169,7 +170,7 @@ static void samples(SweepWorker *v, uint32_t lines, const Box *box, double stand
             uint64_t k = rest % across[d];
             rest /= across[d], parity += k;
             double h = (box->end[d] - box->lo[d]) / lines;
-            x.x[d] = box->lo[d] + (k + (sets < 2 ? 0.5 : chance(box->lo[d] + k * h, (uint32_t)i))) * h;
+            x.x[d] = box->lo[d] + (k + (sets < 2 ? 0.5 : chance(box->lo, (uint32_t)(dim * i + d)))) * h;
         }
         uint32_t set = sets < 2 ? 0 : own < 0 ? parity & 1 : (uint32_t)own;
         point[set][n[set]++] = x;

@@ -8,9 +8,10 @@
  * Squares that are not so simple are quartered; so are those whose sides nothing crosses, and what is beside the curves
  * of simple ones: bounds say which quarters are open. The least squares are looked at along their sides as well.
  *
- * The stated error has three parts: what the least squares hold that is not simple, or that their corners do not tell
- * of, which is more than they miss (the coarse rule is without it); how much it matters at which end of a chain of two
- * pieces g is taken, from chunk to chunk by chance (the group of sizes); and what is open in the least squares and was
+ * The stated error has four parts: what half as many places on the sides of the least squares would not see, twice, for
+ * as much or more is missed by all of them, and always of one sign (the coarse rule lacks it twice); by how much the
+ * sides of a least square that is not simple disagree, from square to square by chance (the group of sizes); how much
+ * it matters at which end of a chain of two pieces g is taken, likewise; and what is open in the least squares and was
  * not seen, or not integrated (hidden.c). */
 #include <math.h>
 #include <stdlib.h>
@@ -93,19 +94,20 @@ static void flush(March *m) {
     m->nout = m->nsize = 0;
 }
 
-/* The crossing stands for so much of its curve; or, as well, for `as_well`. Only what is sure is in the coarse rule. Of
- * cells that stand for others every second one belongs to a set of its own, as in left.c. */
-static void put(March *m, const LeftCell *of, const Crossing *x, bool sure, double length, double as_well) {
+/* The crossing stands for so much of its curve, give or take so much. What is not sure may be missed as often
+ * as it is found, or twice: the coarse rule lacks it twice. Of cells
+ * that stand for others every second one belongs to a set of its own, as in left.c. */
+static void put(March *m, const LeftCell *of, const Crossing *x, bool sure, double length, double give) {
     if (m->nout + CELL_RULES > BATCH || m->nsize == BATCH) flush(m);
     bool sampled = m->v->sweep->sampled;
-    uint32_t rules = sampled || !sure ? 1 : CELL_RULES;
-    for (uint32_t rule = 0; rule < rules; rule++) {
+    for (uint32_t rule = 0; rule < (sampled ? 1 : CELL_RULES); rule++) {
         Crossing *c = &m->out[m->nout++];
         *c = *x;
-        c->weight *= of->stands * length * (sampled ? 2 : 1), c->cls = sampled ? of->set : (uint8_t)rule;
+        c->weight *= of->stands * length * (sampled ? 2 : rule && !sure ? -1 : 1);
+        c->cls = sampled ? of->set : (uint8_t)rule;
     }
-    if (length == as_well) return;
-    m->size[m->nsize] = *x, m->size[m->nsize++].weight *= of->stands * (length - as_well);
+    if (give == 0) return;
+    m->size[m->nsize] = *x, m->size[m->nsize++].weight *= of->stands * give;
 }
 
 /* ---- one square */
@@ -236,22 +238,27 @@ static void check_joints(March *m) {
     }
 }
 
-/* Do its corners tell of all that crosses the square? Else only pieces of its sides do, and what these miss is less
- * than they add. */
-static bool corners_tell(const Square *q) {
-    for (uint32_t i = 1; i < q->n; i++)
-        if (floor(q->met[i].at) == floor(q->met[i - 1].at)) return false;
-    return true;
+/* Pieces of each side. A tip that comes in and goes out by one side is not seen from the corners: a square is halved as
+ * bounds leave it open, but in the least one the rest of its tips would be missed. */
+static uint32_t pieces(const March *m, const LeftCell *c) { return is_last(m, c) ? PIECES : 1; }
+
+/* Would half as many places on the rim have told of the crossing? Of tips that reach a little way into a square, those
+ * that they miss are at least as much again as all places do. */
+static bool half_tells(const March *m, const Square *q, double at) {
+    uint32_t of = RIM * (uint32_t)(q - m->square), span = 2 * PIECES / pieces(m, q->of);
+    uint32_t from = (uint32_t)(at * PIECES) / span * span;
+    return search_differ(m->mark[of + from], m->mark[of + (from + span) % RIM], HUGE_VAL);
 }
 
 /* Puts what crosses a square that is simple. */
 static void take(March *m, const Square *q) {
     const Joints *j = &q->joints;
-    bool sure = corners_tell(q);
     for (uint32_t i = 0; i < q->n; i++) {
         const double *x = q->met[i].x->x, *y = q->met[j->other[i]].x->x;
         double length = hypot(j->at[i][0] - x[0], j->at[i][1] - x[1]);
-        put(m, q->of, q->met[i].x, sure, length, 0.5 * (length + hypot(j->at[i][0] - y[0], j->at[i][1] - y[1])));
+        double other = hypot(j->at[i][0] - y[0], j->at[i][1] - y[1]);
+        bool sure = !is_last(m, q->of) || half_tells(m, q, q->met[i].at);
+        put(m, q->of, q->met[i].x, sure, length, 0.25 * (length - other)); /* the distance of two rules, see SURE */
     }
     if (!is_last(m, q->of)) note_quarters(m, q, j);
 }
@@ -261,10 +268,6 @@ static void take(March *m, const Square *q) {
 static const struct {
     uint8_t axis, from, to;
 } sides[4] = {{0, 0, 1}, {1, 1, 3}, {0, 3, 2}, {1, 2, 0}};
-
-/* Pieces of each side. A tip that comes in and goes out by one side is not seen from the corners: a square is halved as
- * bounds leave it open, but in the least one the rest of its tips would be missed. */
-static uint32_t pieces(const March *m, const LeftCell *c) { return is_last(m, c) ? PIECES : 1; }
 
 /* The point around the box at k of PIECES a side, from corner 0. */
 static void on_rim(const March *m, const Box *box, uint32_t k, double x[3]) {
@@ -358,15 +361,16 @@ static void gather(March *m) {
     }
 }
 
-/* The least squares that are not simple: two lines an axis, each for half of the square. */
+/* The least squares that are not simple: two lines an axis, each for half of the square. Two sides that meet in a
+ * corner are one estimate, and those across from them another; which of two neighbours says more, is chance. */
 static void put_lines(March *m) {
     for (uint32_t i = 0; i < m->n; i++) {
         const Crossing *x = &m->found[i];
         const Square *q = square_of(m, x);
-        uint8_t axis = sides[rim_of(x) / PIECES].axis;
+        uint32_t side = rim_of(x) / PIECES, axis = sides[side].axis, odd = (uint32_t)(q - m->square) & 1;
         double half = 0.5 * (q->of->box.end[1 - axis] - q->of->box.lo[1 - axis]);
         double length = half * fabs(x->dg[axis]) / hypot(x->dg[0], x->dg[1]);
-        if (m->keep[i] && q->of->asked < 0) put(m, q->of, x, false, length, length);
+        if (m->keep[i] && q->of->asked < 0) put(m, q->of, x, true, length, (side < 2) == odd ? length : -length);
     }
 }
 

@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "runtime/quadrature/inner.h"
+#include "runtime/sample/prove.h"
 
 enum {
     POINTS = 48,    /* places that are looked at */
@@ -77,12 +78,7 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
 }
 
 bool quadrature_marches(const SltScene *s, const SltJob *j) {
-    bool views = false, shadows = false;
-    for (uint32_t i = 0; i < s->nsites; i++) {
-        views |= s->site_kind[i] == SLT_SITE_SILHOUETTE;
-        shadows |= s->site_kind[i] == SLT_SITE_SHADOW;
-    }
-    return shadows && !views && j->integral && s->dim == 2;
+    return prove_only_shadows(s) && j->integral && s->dim == 2;
 }
 
 /* Does f hang on rays? Bounds of these settle much and make no curves: the lattice says more for the same evaluations,

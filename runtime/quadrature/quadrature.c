@@ -174,8 +174,8 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
         effort_apply(&e, &p, before);
         bool trial = turned && !e.wanted && !e.sweeps;
         p.cells_budget = trial && !p.marches ? (uint64_t)(TURNING * lattice) : 0;
-        p.only_if_left = trial && !p.marches ? TURNED_LEFT : 1;
-        r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1; /* how many sweeps there will be is not known */
+        p.only_if_left = trial && !p.marches ? TURNED_LEFT : HUGE_VAL; /* of shares, which round */
+        r.pool.from = e.sweeps ? 1 : 0, r.pool.to = 1;                 /* how many sweeps there will be is not known */
         p.only_if_cost = trial && p.marches ? MARCH_MOST * p.segments : 0;
         if ((st = sweep_run(&p)) != SLT_OK) break;
         if (p.gave_up) {

@@ -12,21 +12,16 @@
 bool sums_init(Sums *m, const SltScene *s, uint32_t rows) {
     memset(m, 0, sizeof *m);
     m->rows = rows, m->nfloats = s->nfloats;
-    size_t n = (size_t)rows * s->nfloats, blocks = s->nfloats / ACCUM_BLOCK + 1;
+    size_t n = (size_t)rows * s->nfloats;
     /* A lane adds up some hundred terms of a tile in the program's precision. */
     m->rounding = 8 * (s->f64 ? DBL_EPSILON : (double)FLT_EPSILON);
     m->boundary = alloc_zero(n, sizeof(double)), m->interior = alloc_zero(n, sizeof(double));
     m->error = alloc_zero(n, sizeof(double)), m->variance = alloc_zero(n, sizeof(double));
-    m->tile = alloc_zero(SUM_GROUPS * n, sizeof(double));
-    m->seen = alloc_zero(blocks, sizeof *m->seen), m->block = alloc_zero(blocks, sizeof *m->block);
-    if (!m->boundary || !m->interior || !m->error || !m->variance || !m->tile || !m->seen || !m->block) return false;
-    for (uint32_t i = 0; i < SUM_GROUPS * rows; i++) m->targets[i] = m->tile + (size_t)i * s->nfloats;
-    return true;
+    return m->boundary && m->interior && m->error && m->variance;
 }
 
 void sums_free(Sums *m) {
-    free(m->boundary), free(m->interior), free(m->error), free(m->variance), free(m->tile), free(m->seen),
-        free(m->block);
+    free(m->boundary), free(m->interior), free(m->error), free(m->variance);
     memset(m, 0, sizeof *m);
 }
 
@@ -34,24 +29,6 @@ void sums_clear(Sums *m) {
     size_t bytes = (size_t)m->rows * m->nfloats * sizeof(double);
     memset(m->boundary, 0, bytes), memset(m->interior, 0, bytes);
     memset(m->error, 0, bytes), memset(m->variance, 0, bytes);
-}
-
-/* Blocks of parameters that the tile has touched. */
-static uint32_t touched(Sums *m, const Accum *a) {
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < a->n; i++) {
-        const AdjointBuffer *b = &a->buf[i];
-        for (uint32_t t = 0; t < b->ntouched; t++) {
-            uint32_t k = b->touched[t] / ACCUM_BLOCK;
-            if (!m->seen[k]) m->seen[k] = 1, m->block[n++] = k;
-        }
-        for (uint64_t e = 0; e < b->log_len; e++) {
-            uint32_t k = b->log_index[e] / ACCUM_BLOCK;
-            if (b->log_index[e] < m->nfloats && !m->seen[k]) m->seen[k] = 1, m->block[n++] = k;
-        }
-    }
-    for (uint32_t i = 0; i < n; i++) m->seen[m->block[i]] = 0;
-    return n;
 }
 
 /* Two estimates become one, with its error. Of rules their distance is the error of the lower one: how much better the
@@ -69,33 +46,23 @@ static double join(const Sums *m, double fine, double coarse, SumMode mode, doub
 }
 
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
-    uint32_t n = touched(m, a);
-    accum_merge(a, m->targets);
-    for (uint32_t i = 0; i < n; i++)
-        for (uint32_t row = 0; row < m->rows; row++) {
-            uint32_t p0 = m->block[i] * ACCUM_BLOCK, p1 = p0 + ACCUM_BLOCK < m->nfloats ? p0 + ACCUM_BLOCK : m->nfloats;
-            for (uint32_t p = p0; p < p1; p++) {
-                double v[SUM_GROUPS];
-                bool any = false;
-                size_t at = (size_t)row * m->nfloats + p;
-                for (uint32_t g = 0; g < SUM_GROUPS; g++) {
-                    double *from = &m->targets[g * m->rows + row][p];
-                    v[g] = *from, any |= *from != 0, *from = 0;
-                }
-                if (!any) continue; /* most of a block that a tile has touched */
-                v[SUM_INTERIOR_FINE] += v[SUM_INTERIOR_BOTH], v[SUM_INTERIOR_COARSE] += v[SUM_INTERIOR_BOTH];
-                double share = v[SUM_SIZE] / lines;
-                m->variance[at] += share * share;
-                m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE], v[SUM_BOUNDARY_COARSE],
-                                        mode == SUM_LINE     ? SUM_ONE
-                                        : mode == SUM_CURVES ? SUM_RULES
-                                                             : mode,
-                                        lines, &m->error[at], &m->variance[at]);
-                m->interior[at] += join(m, v[SUM_INTERIOR_FINE], v[SUM_INTERIOR_COARSE],
-                                        mode == SUM_LINE || mode == SUM_CURVES ? SUM_SETS : mode, lines, &m->error[at],
-                                        &m->variance[at]);
-            }
+    const SumMode boundary = mode == SUM_LINE ? SUM_ONE : mode == SUM_CURVES ? SUM_RULES : mode;
+    const SumMode interior = mode == SUM_LINE || mode == SUM_CURVES ? SUM_SETS : mode;
+    const Folded *f = &a->folded;
+    const uint32_t rows = m->rows;
+    for (uint32_t i = 0; i < f->n; i++) {
+        const double *v = f->sum + (size_t)i * a->n;
+        for (uint32_t row = 0; row < rows; row++, v++) {
+            size_t at = (size_t)row * m->nfloats + f->parameter[i];
+            double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
+            m->variance[at] += share * share;
+            m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE * rows], v[SUM_BOUNDARY_COARSE * rows], boundary, lines,
+                                    &m->error[at], &m->variance[at]);
+            m->interior[at] += join(m, v[SUM_INTERIOR_FINE * rows] + both, v[SUM_INTERIOR_COARSE * rows] + both,
+                                    interior, lines, &m->error[at], &m->variance[at]);
         }
+    }
+    accum_unfold(a);
 }
 
 double sums_error(const Sums *m, uint32_t row, uint32_t p) {

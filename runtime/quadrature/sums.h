@@ -32,20 +32,16 @@ typedef struct Sums {
     double *boundary, *interior; /* [rows][nfloats] */
     double *error;               /* [rows][nfloats]: of the rules, and of rounding */
     double *variance;            /* [rows][nfloats]: of independent sets */
-    double *tile;                /* [SUM_GROUPS * rows][nfloats]: of the tile in hand; 0 between tiles */
-    double *targets[ACCUMS];
-    double rounding; /* of a sum, in parts of it */
-    double roots;    /* and what roots that end at less than the last floats make of it: CellOptions.slack */
-    uint8_t *seen;   /* by block of parameters */
-    uint32_t *block; /* [blocks] */
+    double rounding;             /* of a sum, in parts of it */
+    double roots; /* and what roots that end at less than the last floats make of it: CellOptions.slack */
 } Sums;
 /* False when memory runs out. */
 bool sums_init(Sums *m, const SltScene *s, uint32_t rows);
 void sums_free(Sums *m);
 void sums_clear(Sums *m);
-/* In `merge`: adds what a tile has gathered. lines: SUM_SETS, how many independent ones there are; an estimate is not
- * better than the share of one in the size of the boundary. SUM_RULES: by how much more than a few hundred terms
- * round. */
+/* In `merge`: adds what a tile has gathered, which was folded. lines: SUM_SETS, how many independent ones there are; an
+ * estimate is not better than the share of one in the size of the boundary. SUM_RULES: by how much more than a few
+ * hundred terms round. */
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
  * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */

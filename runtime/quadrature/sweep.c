@@ -123,7 +123,7 @@ static void take_curve(void *worker, Crossing *c, uint32_t n) {
     for (uint32_t ch = 0; ch < v->sweep->run->s->channels; ch++)
         for (uint32_t i = 0; i < n; i++) v->jump[ch] = fmax(v->jump[ch], fabs(c[i].jump[ch]));
     if (v->sweep->kind == SWEEP_LOSS) v->failed |= !kept_crossings(&v->kept, &v->w->batch.args, c, n);
-    else sink_put_weighed(&v->w->sink, c, n);
+    else if ((n = sweep_kinks(v, c, n))) sink_put_weighed(&v->w->sink, c, n);
 }
 
 /* A cell of one colour: of each pixel the part of its filter that lies there. */
@@ -314,7 +314,7 @@ SltStatus sweep_begin(Sweep *p) {
         v->w->finder.coarse = run_is_coarse(r);
         Sink *k = &v->w->sink;
         k->adjoint = p->adjoint, k->sizes = p->kind == SWEEP_REVERSE && p->errors, k->dirs = p->dirs;
-        if (!kept_init(&v->kept, s)) return no_memory(p);
+        if (!kept_init(&v->kept, s) || (rows && !accum_folds(&v->w->acc))) return no_memory(p);
         if (!(v->cells = cells_new(&v->w->batch, s->lo, s->hi))) return no_memory(p);
     }
     return SLT_OK;

@@ -157,4 +157,7 @@ bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen
 /* ---- loss.c: the gradient of a tile whose points are kept. False when memory runs out. */
 bool loss_tile(SweepWorker *v, uint64_t tile);
 
+/* ---- sweep_kinks.c: integrates those of n <= BATCH crossings that lie on kinks; how many are left, at the front. */
+uint32_t sweep_kinks(SweepWorker *v, Crossing *c, uint32_t n);
+
 #endif

@@ -17,6 +17,8 @@
  */
 enum { FEW_BYTES = 1 << 20 };
 
+enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache */
+
 static void *zero_pages(uint64_t bytes) {
     if (bytes <= FEW_BYTES) {
         void *few = aligned_alloc(64, (bytes + 63) & ~(uint64_t)63);
@@ -60,7 +62,7 @@ void accum_free(Accum *a) {
         free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     }
     free_pages(a->scratch, a->bytes + 64);
-    free(a->blocks);
+    free(a->blocks), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
     memset(a, 0, sizeof *a);
 }
 
@@ -114,6 +116,7 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
         b->evaluations -= n;
     }
     buf->log_len += len;
+    if (a->folded.slot && buf->log_len > FOLD) a->failed |= !accum_fold_log(a, which);
 }
 
 /* All bits zero? In integers, which the compiler may reorder: most blocks of most tiles are zero, and cost this loop.
@@ -158,6 +161,7 @@ void accum_close(Accum *a) {
         }
         buf->dirty = false;
     }
+    if (a->folded.slot) a->failed |= !accum_fold(a);
 }
 
 static void add_log(const AdjointBuffer *buf, bool f64, uint32_t nfloats, double *to) {

@@ -21,9 +21,16 @@ typedef struct AdjointBuffer {
     unsigned char *log_value;  /* flt */
     uint64_t log_len, log_cap; /* entries */
 } AdjointBuffer;
+/* accum_fold.c: the sums of a tile, of the parameters alone that it touches. */
+typedef struct Folded {
+    uint32_t n, cap, *parameter; /* [n] */
+    uint32_t *slot;              /* by parameter: 1 and which of them; 0: none. NULL: nothing is folded */
+    double *sum;                 /* [n][buffers] */
+} Folded;
 typedef struct Accum {
     const SltScene *s;
-    uint32_t n;             /* buffers */
+    uint32_t n; /* buffers */
+    Folded folded;
     uint64_t stride, bytes; /* of adj: bytes a parameter, bytes in all */
     AdjointBuffer buf[ACCUMS];
     uint32_t *blocks, nblocks; /* first parameter of each block of 16 that kernels may add to */
@@ -38,5 +45,13 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
  * targets[which][nfloats], and empties the buffers. */
 void accum_close(Accum *a);
 void accum_merge(Accum *a, double *const *targets);
+
+/* ---- accum_fold.c: instead of accum_merge. Where parameters are many a tile logs each of those that it touches often:
+ * from now on a log that gets long, and at accum_close all there is, goes into a->folded. False when memory runs out.
+ */
+bool accum_folds(Accum *a);
+bool accum_fold_log(Accum *a, uint32_t which);
+bool accum_fold(Accum *a);
+void accum_unfold(Accum *a); /* what was folded has been taken over */
 
 #endif

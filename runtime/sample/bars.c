@@ -1,4 +1,4 @@
-/* Means and bars. What is 0.3 and 0.25 here was measured: tests/bench/coverage.py. */
+/* Means and bars. */
 #include <math.h>
 #include <stddef.h>
 
@@ -34,17 +34,16 @@ void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t 
     }
 }
 
-/* In a plane replicates are strata of one family of lines, and their spread says more of the distance between lines of
- * one replicate than of the family: too much where edges bend, and nothing where each has met an edge equally often.
- * What differences of lines say is exact for edges that end; a part of the spread is for noise from line to line.
- * In space they are interleaved parts of one even sequence, whose mean errs by far less than four of their kind would.
- */
-void bars_add_boundary(const Replicates *k, double *error) {
-    double part = k->n > 1 ? 0.25 * bars_factor(k->n) : 0, sketch[SKETCHES], v;
+/* Replicates are parts of one family of lines, and their spread says more of the distance between lines of one
+ * replicate than of the family: too much where edges bend or lines are spread over a cross-section, and nothing where
+ * each has met an edge equally often. What differences of lines say is exact for edges that end; a part of the spread
+ * is for noise from line to line. */
+void bars_add_boundary(const Replicates *k, double part, double *error) {
+    double sketch[SKETCHES], v;
     for (uint64_t i = 0; i < k->size; i++) {
         mean_of(k->boundary, NULL, k->n, k->size, i, &v);
-        for (uint32_t q = 0; q < SKETCHES && k->sketch; q++) sketch[q] = k->sketch[q * k->size + i] / k->n;
-        error[i] = sqrt(error[i] * error[i] + (k->sketch ? 0.3 * v + sketch_variance(sketch) : part * part * v));
+        for (uint32_t q = 0; q < SKETCHES; q++) sketch[q] = k->sketch[q * k->size + i] / k->n;
+        error[i] = sqrt(error[i] * error[i] + part * v + sketch_variance(sketch));
     }
 }
 

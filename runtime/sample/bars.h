@@ -18,8 +18,11 @@ double bars_factor(uint32_t n);
 /* Of n independent rows of `size` numbers, to which `other` is added when not NULL: the mean into `mean`, its bar into
  * `error`; either may be NULL. */
 void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error);
-/* Add the error of the boundary term, and what is missed of it, to bars of the interior. */
-void bars_add_boundary(const Replicates *k, double *error);
+/* Parts of the spread of replicates that belong to the error of their lines, measured: tests/bench/coverage.py. */
+#define BARS_PLANE 0.3
+#define BARS_SPACE 0.05
+/* Add the error of the boundary term (sketches are due), and what is missed of it, to bars of the interior. */
+void bars_add_boundary(const Replicates *k, double part, double *error);
 void bars_add_missed(const Replicates *k, double *error);
 
 #endif

@@ -29,8 +29,6 @@ bool boundary_in_order(const Run *r) {
     return estimators[r->j->estimator] == lattice_run && r->grid.integral && r->s->dim > 1 && !r->s->uses_rand;
 }
 
-bool boundary_sketches(const Run *r) { return boundary_in_order(r) && r->s->dim == 2; }
-
 SltStatus boundary_run(Boundary *y, SinkKind kind) {
     Run *r = y->run;
     const SltScene *s = r->s;
@@ -38,7 +36,7 @@ SltStatus boundary_run(Boundary *y, SinkKind kind) {
                s->kernel[SLT_K_SITE_GRAD] &&
                (kind == SINK_FORWARD ? s->kernel[SLT_K_SITE_JVP] : s->kernel[SLT_K_SITE_VJP]);
     if (!can || !s->nsites || !(y->segments > 0)) return SLT_OK;
-    uint32_t sums = boundary_sketches(r) && !y->any_sign ? 3 + SKETCHES : 3;
+    uint32_t sums = boundary_in_order(r) && !y->any_sign ? 3 + SKETCHES : 3;
     uint32_t accums = kind == SINK_INTEGRAL ? sums * s->channels : kind == SINK_REVERSE ? y->classes + y->misses : 0;
     SltStatus st = run_workers(r, UINT32_MAX, accums, kind);
     double lines = pow(y->segments / s->dim, 1.0 / s->dim) * (r->grid.integral ? 1 : r->grid.n[0]);

@@ -25,10 +25,9 @@ SltStatus boundary_run(Boundary *y, SinkKind kind);
 typedef SltStatus BoundaryRun(Boundary *y, SinkKind kind);
 #define SLT_ESTIMATOR(id, name, run, ...) BoundaryRun run;
 #include "saltus/estimators.def"
-/* Are the lines of all replicates together evenly spaced, so that replicates do not err independently? */
+/* Are the lines of all replicates together evenly spaced, so that replicates do not err independently? Then sketches
+ * (sketch.h) tell how the lines of an integral err. */
 bool boundary_in_order(const Run *r);
-/* Does an integral get the sketches of its lines (sketch.h)? Only those of a lattice in a plane are in order. */
-bool boundary_sketches(const Run *r);
 /* Sets up a worker's sink for this boundary before its first tile. */
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);

@@ -14,7 +14,7 @@
 enum {
     ASKED = 8,  /* suspects of a batch, before all are */
     ALONG = 16, /* `elsewhere` goes aside by the segment's length divided by this */
-    NEWTON = 3  /* steps of `elsewhere` back to g = 0 */
+    NEWTON = 3  /* and so many steps back to g = 0 */
 };
 /* Parameters are moved by STEP: by STEP_BRACKETS times the bracket of roots (in a domain of size 1) where that is more,
  * but at most by STEP_MOST. */
@@ -24,7 +24,7 @@ enum {
 
 double coincide_step(double bracket) { return fmin(fmax(STEP, STEP_BRACKETS * bracket), STEP_MOST); }
 
-void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->half); }
+void coincide_free(Coincide *q) { untie_free(q->untie), free(q->part), free(q->half), kink_free(&q->kinks); }
 
 bool coincide_begin(Run *r, double step) { return r->apart || apart_new(r->s, r->j->seed, step, &r->apart); }
 
@@ -95,8 +95,7 @@ static bool room(Sink *k) {
     return q->untie && q->part && q->half;
 }
 
-/* Those whose weight is known move to the front; returns how many. */
-static uint32_t weigh_parts(Sink *k, Crossing *c, uint32_t n) {
+uint32_t coincide_weigh(Sink *k, Crossing *c, uint32_t n) {
     uint32_t kept = 0;
     for (uint32_t from = 0; from < n; from += BATCH) {
         uint64_t order[BATCH];
@@ -116,16 +115,13 @@ static uint32_t weigh_parts(Sink *k, Crossing *c, uint32_t n) {
     return kept;
 }
 
-/* A corner with a hidden boundary looks like a kink, but only there: is there one a little further along, too? */
-static bool elsewhere(Sink *k, const Crossing *c) {
+bool coincide_aside(Sink *k, const Crossing *c, Crossing *x) {
     Batch *b = k->b;
-    Crossing x = *c;
-    uint32_t dim = b->s->dim, steep = 0, zero = 0;
+    uint32_t dim = b->s->dim, steep = 0;
     uint64_t order = 0, dropped[SLT_DROP_REASONS];
     bool keep;
     double square = 0, length = 0;
-    Tie tie;
-    if (dim == 1) return true;
+    *x = *c;
     for (uint32_t d = 0; d < dim; d++) {
         square += c->dg[d] * c->dg[d], steep = fabs(c->dg[d]) > fabs(c->dg[steep]) ? d : steep;
         length += c->direction[d] * c->direction[d];
@@ -133,18 +129,28 @@ static bool elsewhere(Sink *k, const Crossing *c) {
     /* Along the tangent that has no part of a third axis, and back to g = 0. */
     uint32_t other = steep == 0 ? 1 : 0;
     double by = sqrt(length / square) / ALONG;
-    x.x[other] += by * c->dg[steep], x.x[steep] -= by * c->dg[other];
+    x->x[other] += by * c->dg[steep], x->x[steep] -= by * c->dg[other];
     b->args.site = c->event.site;
     memcpy(dropped, k->f->dropped, sizeof dropped); /* x is no crossing, and must not be counted as dropped */
     for (uint32_t step = 0; step < NEWTON; step++) {
-        sink_weigh(k, &x, &order, 1, &keep);
+        sink_weigh(k, x, &order, 1, &keep);
         square = 0;
-        for (uint32_t d = 0; d < dim; d++) square += x.dg[d] * x.dg[d];
-        for (uint32_t d = 0; d < dim && step + 1 < NEWTON; d++) x.x[d] -= x.g * x.dg[d] / square;
+        for (uint32_t d = 0; d < dim; d++) square += x->dg[d] * x->dg[d];
+        for (uint32_t d = 0; d < dim && step + 1 < NEWTON; d++) x->x[d] -= x->g * x->dg[d] / square;
     }
     memcpy(k->f->dropped, dropped, sizeof dropped);
-    k->failed |= keep && !untie(k->coincide.untie, k->coincide.apart, &x, &zero, 1, NULL, &tie);
-    return keep && tie.n && tie.kink;
+    return keep;
+}
+
+/* A corner with a hidden boundary looks like a kink, but only there: is there one a little further along, too? */
+static bool elsewhere(Sink *k, const Crossing *c) {
+    Crossing x;
+    uint32_t zero = 0;
+    Tie tie;
+    if (k->b->s->dim == 1) return true;
+    if (!coincide_aside(k, c, &x)) return false;
+    k->failed |= !untie(k->coincide.untie, k->coincide.apart, &x, &zero, 1, NULL, &tie);
+    return tie.n && tie.kink;
 }
 
 /* Has the crossing a tie in which its event is not alone? */
@@ -192,5 +198,5 @@ void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *ke
     if (!any_tied(k, c, order, suspect, suspects)) return;
     for (uint32_t from = 0; from < suspects; from += UNTIE_MOST)
         untie_some(k, c, order, keep, suspect + from, suspects - from < UNTIE_MOST ? suspects - from : UNTIE_MOST);
-    q->nparts = weigh_parts(k, q->part, q->nparts), q->nhalves = weigh_parts(k, q->half, q->nhalves);
+    q->nparts = coincide_weigh(k, q->part, q->nparts), q->nhalves = coincide_weigh(k, q->half, q->nhalves);
 }

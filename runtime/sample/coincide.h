@@ -5,11 +5,17 @@
 
 #include "runtime/sample/untie.h"
 
+/* Crossings whose g bends where the parameters are: kink.c. */
+typedef struct Kinks {
+    Crossing *at[UNTIE_WAYS / 2]; /* [n]: by the pair of moves that shows it, room for BATCH each */
+    uint32_t n[UNTIE_WAYS / 2];
+} Kinks;
 typedef struct Coincide {
     const Apart *apart;    /* scenes with moved parameters; NULL: nothing is looked for */
     Untie *untie;          /* NULL: not needed so far */
     Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
     uint32_t nparts, nhalves;
+    Kinks kinks;
 } Coincide;
 typedef struct Run Run;
 typedef struct Sink Sink;
@@ -25,5 +31,14 @@ void coincide_free(Coincide *q);
  * no longer, their parts are, as crossings with weights. Counts SLT_DROP_COINCIDENT. keep[i] is of order[i], which goes
  * by site. */
 void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n);
+/* Weighs crossings anew; those whose weight is known move to the front. Returns how many. */
+uint32_t coincide_weigh(Sink *k, Crossing *c, uint32_t n);
+/* Another point of the crossing's boundary, a little further along: *x, with g and its gradient. Not in 1D. */
+bool coincide_aside(Sink *k, const Crossing *c, Crossing *x);
+
+/* kink.c. Of the kept crossings those whose g bends are kept no longer, but in Coincide.kinks. Counts
+ * SLT_DROP_COINCIDENT. */
+void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n);
+void kink_free(Kinks *q);
 
 #endif

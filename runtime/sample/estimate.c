@@ -271,7 +271,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         k.interior = alloc_zero(k.n * k.size, sizeof(double)), k.boundary = alloc_zero(k.n * k.size, sizeof(double));
         k.missed = alloc_zero(k.n * k.size, sizeof(double));
         k.half = alloc_zero(k.size, sizeof(double));
-        if (boundary_sketches(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
+        if (boundary_in_order(&r) && gradient && !(k.sketch = alloc_zero(SKETCHES * k.size, sizeof(double))))
             st = status_fail(err, SLT_LIMIT, "out of memory");
         if (!k.value || !k.interior || !k.boundary || !k.missed || !k.half)
             st = status_fail(err, SLT_LIMIT, "out of memory");
@@ -312,7 +312,7 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         bars_of_rows(k.interior, k.boundary, k.n, k.size, out->gradient, apart ? NULL : out->gradient_stderr);
         if (apart && out->gradient_stderr) {
             bars_of_rows(k.interior, NULL, k.n, k.size, NULL, out->gradient_stderr);
-            bars_add_boundary(&k, out->gradient_stderr);
+            bars_add_boundary(&k, s->dim == 3 ? BARS_SPACE : BARS_PLANE, out->gradient_stderr);
             for (uint32_t c = 0; c < s->channels; c++)
                 mask_inactive(s, out->gradient_stderr + (uint64_t)c * s->nfloats);
         }

@@ -52,23 +52,25 @@ void segment_at(const Segment *s, double t, double x[3]) {
     for (int d = 0; d < 3; d++) x[d] = s->a[d] == s->b[d] ? s->a[d] : (1 - t) * s->a[d] + t * s->b[d];
 }
 
-static void put(Finder *f, uint32_t lane, const Segment *s, double t) {
+void search_put(Finder *f, uint32_t lane, const Segment *s, double t) {
     double x[3];
     segment_at(s, t, x);
     batch_set_x(f->b, lane, x);
     batch_set_stream(f->b, lane, s->stream, s->rand0);
 }
 
-/* How near a root must be bracketed, in parts of the whole segment: root_tolerance, or two units in the last place of
- * the position where that is more. */
-static double tolerance(const Finder *f, const Segment *s) {
+double search_least(const Finder *f, const Segment *s) {
     double len = 0, mag = 0;
     for (uint32_t d = 0; d < f->s->dim; d++) {
         len = fmax(len, fabs(s->b[d] - s->a[d]));
         mag = fmax(mag, fmax(fabs(s->a[d]), fabs(s->b[d])));
     }
-    return fmax(root_tolerance(f->coarse && s->state != SEARCH_FRESH),
-                2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len);
+    return 2 * (f->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON) * mag / len;
+}
+
+/* How near a root must be bracketed, in parts of the whole segment. */
+static double tolerance(const Finder *f, const Segment *s) {
+    return fmax(root_tolerance(f->coarse && s->state != SEARCH_FRESH), search_least(f, s));
 }
 
 void finder_push(Finder *f, const Segment *s) {
@@ -126,11 +128,6 @@ void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark
     search_push_cut(f, s, ta, tb, a, b, state, 0);
 }
 
-static Crossing *found_slot(Finder *f) {
-    assert(f->nfound < BATCH);
-    return &f->found[f->nfound++];
-}
-
 /* Room for n more crossings. `full` runs kernels in the same batch, so this is never called while outputs of a kernel
  * are still to be read. */
 static void found_reserve(Finder *f, uint32_t n) {
@@ -145,7 +142,7 @@ static double middle(const Segment *s) { return s->cut > s->ta && s->cut < s->tb
 static void flush_split(Finder *f) {
     Batch *b = f->b;
     if (!f->nsplit) return;
-    for (uint32_t i = 0; i < f->nsplit; i++) put(f, i, &f->split[i], middle(&f->split[i]));
+    for (uint32_t i = 0; i < f->nsplit; i++) search_put(f, i, &f->split[i], middle(&f->split[i]));
     batch_call(b, SLT_K_REGION, f->nsplit);
     for (uint32_t i = 0; i < f->nsplit; i++) {
         const Segment *s = &f->split[i];
@@ -247,7 +244,7 @@ static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
         for (uint32_t i = 0; i < n; i++) {
             Item *it = &items[(uint32_t)order[i]];
             if (!root_step(it)) continue;
-            put(f, active, &it->s, it->next);
+            search_put(f, active, &it->s, it->next);
             batch_set_event(b, active, &it->event);
             order[active++] = order[i];
         }
@@ -258,7 +255,7 @@ static void solve_site(Finder *f, Item *items, uint64_t *order, uint32_t n) {
     }
 }
 
-static void solve(Finder *f, Item *items, uint32_t n) {
+void search_solve(Finder *f, Item *items, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) f->order[i] = (uint64_t)(uint32_t)items[i].event.site << 32 | i;
     sort_keys(f->order, n);
     for (uint32_t from = 0, to; from < n; from = to) {
@@ -292,8 +289,8 @@ static Event event_of(const Batch *b, uint32_t i) {
 static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     Batch *b = f->b;
     for (uint32_t i = 0; i < n; i++) {
-        put(f, 2 * i, &items[i].s, items[i].s.ta);
-        put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
+        search_put(f, 2 * i, &items[i].s, items[i].s.ta);
+        search_put(f, 2 * i + 1, &items[i].s, items[i].s.tb);
         for (uint32_t k = 0; k < scene_outputs(f->s, SLT_K_REGION, SLT_OUT_WITNESS); k++) {
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i, items[i].s.ma.witness[k]);
             batch_set_int(b, SLT_IN_WITNESS0 + k, 2 * i + 1, items[i].s.mb.witness[k]);
@@ -332,7 +329,7 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
     return kept;
 }
 
-static void bracket_of(const Item *it, double *lo, double *hi) {
+void search_bracket(const Item *it, double *lo, double *hi) {
     double other = it->exact ? it->x1 : it->x2;
     *lo = fmin(it->x1, other), *hi = fmax(it->x1, other);
     if (it->pad > 0) {
@@ -344,7 +341,8 @@ static void bracket_of(const Item *it, double *lo, double *hi) {
     }
 }
 
-static void accept(Finder *f, const Item *it, double lo, double hi, Mark before, Mark after, uint32_t lane) {
+/* The crossing's place in `found`, or UINT32_MAX. */
+static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark before, Mark after, uint32_t lane) {
     uint32_t channels = f->s->channels;
     Crossing c;
     memset(&c, 0, sizeof c);
@@ -358,9 +356,9 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     f->crossings++;
     if (!finite) {
         finder_drop(f, SLT_DROP_NOT_FINITE, it->s.owner);
-        return;
+        return UINT32_MAX;
     }
-    if (!jumps) return;
+    if (!jumps) return UINT32_MAX;
     c.t = it->x1;
     double slack = 0; /* by how much rounding of g widens the bracket, in parts of the segment */
     if (it->exact && it->s.tb - it->s.ta <= it->tol) {
@@ -383,8 +381,10 @@ static void accept(Finder *f, const Item *it, double lo, double hi, Mark before,
     c.base = it->s.base, c.rand0 = it->s.rand0, c.stream = it->s.stream, c.axis = it->s.axis, c.cls = it->s.cls;
     c.owner = it->s.owner;
     c.event = it->event;
-    c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin;
-    *found_slot(f) = c;
+    c.ha = before.hash, c.hb = after.hash, c.edge = it->s.edge, c.thin = it->s.thin, c.line = it->s.line;
+    assert(f->nfound < BATCH);
+    f->found[f->nfound] = c;
+    return f->nfound++;
 }
 
 /* f and the region at both ends of each final bracket: accepts crossings, and puts back what still differs beside them.
@@ -394,22 +394,24 @@ static void verify(Finder *f, Item *items, uint32_t n) {
     found_reserve(f, n);
     for (uint32_t i = 0; i < n; i++) {
         double lo, hi;
-        bracket_of(&items[i], &lo, &hi);
-        put(f, 2 * i, &items[i].s, lo);
-        put(f, 2 * i + 1, &items[i].s, hi);
+        search_bracket(&items[i], &lo, &hi);
+        search_put(f, 2 * i, &items[i].s, lo);
+        search_put(f, 2 * i + 1, &items[i].s, hi);
     }
     batch_call(b, SLT_K_SIDES, 2 * n);
+    uint32_t slot[FIND];
     for (uint32_t i = 0; i < n; i++) {
         const Item *it = &items[i];
         double lo, hi;
-        bracket_of(it, &lo, &hi);
+        slot[i] = UINT32_MAX;
+        search_bracket(it, &lo, &hi);
         Mark before = batch_mark(b, 2 * i), after = batch_mark(b, 2 * i + 1);
         bool window = window_site(f->s, it->event.site),
              jumped = search_differ(before, after, BRACKET_JUMP * it->s.threshold);
         if (jumped && (window || search_has_depth(f->s)) && window_misfits(it, lo, hi) &&
             it->s.halvings < search_most_halvings(f->s))
             window_ask_again(f, &it->s, lo, hi, before, after);
-        else if (jumped) accept(f, it, lo, hi, before, after, 2 * i);
+        else if (jumped) slot[i] = accept(f, it, lo, hi, before, after, 2 * i);
         /* g is 0 at an end of the part, and nothing jumps there: it is flat, and says nothing of where the decision
          * changes. */
         bool flat = !jumped && it->exact && (it->ga == 0 || it->gb == 0);
@@ -426,6 +428,7 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         if (jumped) beside.touches = (uint8_t)(TOUCH_B | (it->s.touches & TOUCH_A));
         search_push_cut(f, &beside, it->s.ta, lo, it->s.ma, before, front, near > 0 ? lo - near : 0);
     }
+    if (!f->s->flat && !search_has_windows(f->s)) flank_settle(f, items, slot, n);
 }
 
 /* halve_only: segments are bisected down to the tolerance, and only then asked for their event. */
@@ -462,7 +465,7 @@ static void run_stack(Finder *f, bool all) {
         } else {
             n = ask_events(f, items, window_take_halves(f, items, n));
             flush_split(f);
-            if (n) solve(f, items, n);
+            if (n) search_solve(f, items, n);
         }
         if (n) verify(f, items, n);
     }

@@ -46,6 +46,7 @@ typedef struct Segment {
     uint8_t owner;    /* whose it is: an index of Finder.lost */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
     uint32_t thin;    /* beside which run of one vertex it lies: thin.h */
+    uint32_t line;    /* in a volume: which of the lines of all replicates */
     double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
 
@@ -55,14 +56,17 @@ typedef struct Crossing {
     double side[2][3];               /* the ends of the final bracket */
     double before[SLT_MAX_CHANNELS]; /* f on a's side */
     double jump[SLT_MAX_CHANNELS];   /* f on b's side, less before */
+    float doubt[SLT_MAX_CHANNELS];   /* by how much the jump may be another: flank.c */
+    bool doubted;                    /* any is not 0 */
+    bool untied;                     /* a part of a tie, whose kink is known */
     double ga, gb, bracket; /* g at the ends of the final bracket (0, 0: an exact zero), its length in the domain */
     double direction[3];    /* b - a */
     uint32_t ha, hb;        /* hashes of the regions on a's and b's side */
-    double base, rand0;     /* from here to edge: of the segment */
+    double base, rand0;     /* from here to line: of the segment */
     int32_t stream;
     int8_t axis, rising; /* rising: 1 where g grows from a to b, else -1 */
     uint8_t cls, owner;
-    uint32_t edge, thin;
+    uint32_t edge, thin, line;
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 

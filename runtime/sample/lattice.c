@@ -214,22 +214,35 @@ static FollowTile follow_tile(const Lattice *l, const Span *sp) {
     return t;
 }
 
-/* Do bounds settle enough of the tile's edges to be worth asking? Some of them, spread evenly, say so. */
+/* Do bounds settle enough of the tile's edges to be worth asking? Some of them, spread evenly, say so. And does halving
+ * settle the others, but where they are crossed? Where an untagged ray leaves boxes of any size open, each would be
+ * halved hundreds of times in vain: a small part of each tells. */
 static bool tile_proves(const Lattice *l, Worker *w, const Span *sp) {
-    enum { ASKED = 64, ENOUGH = ASKED / 4 };
+    enum { ASKED = 64, ENOUGH = ASKED / 4, PARTS = 64, FEW = 4 };
     if (!w->follow || !prove_serves(l->y->run->s)) return false; /* where fingers would be followed */
-    uint32_t edges[2], settled = 0;
+    uint32_t edges[2], open = 0, settled = 0;
+    Segment edge[ASKED];
     for (uint32_t d = 0; d < 2; d++) edges[d] = sp->vn[d] - 1;
     for (uint32_t i = 0; i < ASKED; i++) {
         uint32_t axis = i & 1, at[2];
         for (uint32_t d = 0; d < 2; d++) at[d] = (uint32_t)(rng_recurrence(2, d, i, 0) * edges[d]);
-        Segment e = {.tb = 1};
-        for (uint32_t d = 0; d < 2; d++) e.a[d] = sp->pos[d][at[d]], e.b[d] = sp->pos[d][at[d] + (d == axis)];
-        prove_set_box(&w->batch, i, &e, 0, 1);
+        edge[i] = (Segment){.tb = 1};
+        for (uint32_t d = 0; d < 2; d++)
+            edge[i].a[d] = sp->pos[d][at[d]], edge[i].b[d] = sp->pos[d][at[d] + (d == axis)];
+        prove_set_box(&w->batch, i, &edge[i], 0, 1);
     }
     batch_call(&w->batch, SLT_K_BOUNDS, ASKED);
-    for (uint32_t i = 0; i < ASKED; i++) settled += prove_is_settled(&w->batch, i);
-    return settled >= ENOUGH;
+    for (uint32_t i = 0; i < ASKED; i++)
+        if (!prove_is_settled(&w->batch, i)) edge[open++] = edge[i];
+    if (ASKED - open < ENOUGH) return false;
+    if (open < FEW) return true;
+    for (uint32_t i = 0; i < open; i++) {
+        double at = (double)(i * 37 % PARTS) / PARTS;
+        prove_set_box(&w->batch, i, &edge[i], at, at + 1.0 / PARTS);
+    }
+    batch_call(&w->batch, SLT_K_BOUNDS, open);
+    for (uint32_t i = 0; i < open; i++) settled += prove_is_settled(&w->batch, i);
+    return 2 * settled >= open;
 }
 
 typedef struct Block {
@@ -478,7 +491,7 @@ SltStatus lattice_run(Boundary *y, SinkKind kind) {
         for (uint32_t o = 0; o < s->dim; o++)
             if (o != d) l.base[d] *= l.h[o];
     }
-    if (kind == SINK_INTEGRAL && !y->any_sign && boundary_sketches(y->run)) begin_sketches(&l, shift);
+    if (kind == SINK_INTEGRAL && !y->any_sign && boundary_in_order(y->run)) begin_sketches(&l, shift);
     bool follows = y->run->nworkers && y->run->worker[0].follow;
     if (follows && (!(l.threshold = alloc_zero(tiles, sizeof *l.threshold)) ||
                     !(l.proves = alloc_zero(tiles, sizeof *l.proves)))) {

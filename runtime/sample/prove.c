@@ -7,14 +7,16 @@
 #include "runtime/sample/prove.h"
 #include "runtime/sample/search.h"
 
-bool prove_serves(const SltScene *s) {
+bool prove_only_shadows(const SltScene *s) {
     bool shadows = false;
     for (uint32_t i = 0; i < s->nsites; i++) {
         if (s->site_kind[i] == SLT_SITE_SILHOUETTE) return false;
         shadows |= s->site_kind[i] == SLT_SITE_SHADOW;
     }
-    return shadows && s->kernel[SLT_K_BOUNDS];
+    return shadows;
 }
+
+bool prove_serves(const SltScene *s) { return prove_only_shadows(s) && s->kernel[SLT_K_BOUNDS]; }
 
 bool prove_is_settled(const Batch *b, uint32_t i) {
     if (batch_get_int(b, SLT_OUT_BOX_STATE, 0, i) & SLT_BOX_UNKNOWN) return false;

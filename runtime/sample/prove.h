@@ -11,6 +11,8 @@
 /* The least part of a segment that is halved no more. */
 #define PROVE_LEAST 0x1p-9
 
+/* Are there sites of rays, and all of them shadows? */
+bool prove_only_shadows(const SltScene *s);
 /* Can bounds prove lines of this scene? Its sites of rays are shadows: which ridge a ray meets is never settled, so
  * beside silhouettes bounds would cost and prove nothing. */
 bool prove_serves(const SltScene *s);

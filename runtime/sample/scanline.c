@@ -55,8 +55,9 @@ static uint32_t line_place(const Scan *k, const Box *b, uint32_t axis, uint64_t 
             /* The R2 sequence (Roberts 2018): evenly spread over the cross-section for any number of lines, replicates
              * interleaved. */
             static const double alpha[2] = {0.75487766624669276, 0.56984029099805327};
-            double t = rng_unit(shift[at]) +
-                       alpha[at] * (double)(l * (strata ? k->y->replicates : 1) + (strata ? k->y->replicate : 0));
+            uint64_t line = strata ? l * k->y->replicates + k->y->replicate : l;
+            double t = rng_unit(shift[at]) + alpha[at] * (double)line;
+            seg->line = (uint32_t)line;
             seg->a[d] = seg->b[d] = b->lo[d] + (t - floor(t)) * (b->hi[d] - b->lo[d]);
             at++;
             continue;
@@ -227,6 +228,11 @@ SltStatus scanline_run(Boundary *y, SinkKind kind) {
             k.boxes[d] = (g->n[d] + k.box_pixels - 1) / k.box_pixels;
             tiles *= k.boxes[d];
         }
+    }
+    if (kind == SINK_INTEGRAL && !y->any_sign && boundary_in_order(y->run)) {
+        double lines = (double)k.lines[0] * (y->replicates ? y->replicates : 1);
+        Sketch sketch = sketch_spread((uint32_t)fmin(lines, UINT32_MAX), y->run->j->seed);
+        for (uint32_t i = 0; i < y->run->nworkers; i++) y->run->worker[i].sink.sketch = sketch;
     }
     return run_tiles(y->run, tiles, work, merge, &k);
 }

@@ -39,6 +39,16 @@ static inline bool search_differ(Mark a, Mark b, double threshold) {
 void search_push(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state);
 void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, Mark b, SearchState state, double cut);
 
+void search_put(Finder *f, uint32_t lane, const Segment *s, double t);
+/* Two units in the last place of the position, in parts of the whole segment. */
+double search_least(const Finder *f, const Segment *s);
+void search_solve(Finder *f, Item *items, uint32_t n);
+void search_bracket(const Item *it, double *lo, double *hi);
+
+/* ---- flank.c: found[slot[i]] was made of items[i], which search_solve has done with; slot[i] UINT32_MAX: of this one
+ * nothing. What f changes by on the brackets is taken off the jumps. */
+void flank_settle(Finder *f, Item *items, const uint32_t *slot, uint32_t n);
+
 /* ---- window.c */
 /* Is the site a ray's, so that its g looks along a window? */
 bool window_site(const SltScene *s, int32_t site);

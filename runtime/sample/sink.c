@@ -16,7 +16,7 @@ bool sink_init(Sink *k, SinkKind kind, Batch *b, Accum *acc, Finder *f, const Gr
 }
 
 void sink_free(Sink *k) {
-    free(k->order), free(k->kept), free(k->thin);
+    free(k->order), free(k->kept), free(k->thin), free(k->doubt);
     coincide_free(&k->coincide);
     splat_free(&k->splat);
     memset(k, 0, sizeof *k);
@@ -180,7 +180,8 @@ static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uin
     double weight[BATCH][SKETCHES];
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
-        sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
+        if (k->sketch.apart[0]) sketch_weights_spread(&k->sketch, x->line, x->axis, weight[i]);
+        else sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
     }
     for (uint32_t q = 0; q < SKETCHES; q++)
         for (uint32_t ch = 0; ch < channels; ch++) {
@@ -367,6 +368,43 @@ static void put_parts(Sink *k) {
         put_half(k, q->half + from, q->nhalves - from < BATCH ? q->nhalves - from : BATCH);
 }
 
+/* Half of each crossing on a kink moves as g does where the parameters have gone forth, half as where they have gone
+ * back; half of how much these differ is an error. */
+static void put_kinks(Sink *k) {
+    const Coincide *q = &k->coincide;
+    const SltCullList *lists = k->b->args.cull;
+    for (uint32_t m = 0; m < UNTIE_WAYS; m++) {
+        uint32_t n = q->kinks.n[m / 2];
+        if (!n || !room(k, &k->doubt, &k->doubt_cap, n)) continue;
+        Crossing *c = k->doubt;
+        untie_use(k->b, &q->apart->move[m].scene), k->b->args.cull = NULL;
+        for (uint32_t i = 0; i < n; i++) c[i] = q->kinks.at[m / 2][i], c[i].ga = c[i].gb = 0;
+        n = coincide_weigh(k, c, n); /* g may be steeper, too, on one side */
+        for (uint32_t i = 0; i < n; i++) c[i].weight *= 0.5;
+        sink_put_weighed(k, c, n);
+        for (uint32_t i = 0; i < n && m % 2; i++) c[i].weight = -c[i].weight;
+        put_half(k, c, n);
+    }
+    untie_use(k->b, k->b->s), k->b->args.cull = lists;
+}
+
+/* By how much jumps may be others, among the kept ones: as if all erred towards one sign. */
+static void put_doubts(Sink *k, const Crossing *c, const bool *keep, uint32_t n) {
+    uint32_t doubted = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)k->order[i]];
+        if (!keep[i] || !x->doubted || !room(k, &k->doubt, &k->doubt_cap, doubted + 1)) continue;
+        Crossing *d = &k->doubt[doubted++];
+        *d = *x;
+        for (uint32_t ch = 0; ch < k->b->s->channels; ch++) d->jump[ch] = copysign(x->doubt[ch], x->weight);
+    }
+    if (!doubted) return;
+    uint64_t order[BATCH];
+    memcpy(order, k->order, n * sizeof *order);
+    put_half(k, k->doubt, doubted);
+    memcpy(k->order, order, n * sizeof *order);
+}
+
 void sink_take(void *sink, Crossing *c, uint32_t n) {
     Sink *k = sink;
     if (k->clip) n = clip(k, c, n);
@@ -385,6 +423,8 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         }
     }
     coincide_settle(k, c, k->order, keep, n);
+    put_doubts(k, c, keep, n);
+    kink_settle(k, c, k->order, keep, n);
     for (uint32_t from = 0, to; from < n; from = to) {
         uint32_t kept = 0;
         to = group_end(k, c, from, n);
@@ -397,4 +437,5 @@ void sink_take(void *sink, Crossing *c, uint32_t n) {
         emit(k, c, k->order + from, kept);
     }
     if (k->coincide.nparts) put_parts(k);
+    put_kinks(k);
 }

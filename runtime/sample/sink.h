@@ -47,6 +47,8 @@ struct Sink {
     Sketch sketch;  /* SINK_INTEGRAL */
     Crossing *thin; /* [nthin]: of this tile, for thin.h; only where `misses` */
     uint64_t nthin, thin_cap;
+    Crossing *doubt; /* room for a batch's jumps that may be others: flank.c */
+    uint64_t doubt_cap;
     bool misses; /* there are sums of what is missed: SINK_INTEGRAL, and as the last buffer SINK_REVERSE */
     bool clip;   /* drop crossings outside the domain, uncounted */
     bool failed; /* memory ran out */

@@ -26,6 +26,39 @@ void sketch_weights(const Sketch *k, const double x[3], int axis, double weight[
     }
 }
 
+/* Multiples of the two numbers of the R2 sequence come nearest to integers, both at once, at this recurrence's: no two
+ * points that are so many apart are farther from each other than 0.8 / sqrt(F). */
+Sketch sketch_spread(uint32_t lines, uint32_t seed) {
+    Sketch k = {.seed = seed, .lines = {lines, lines}};
+    uint64_t f[5] = {1, 2, 3, 4, 5};
+    while (f[4] <= lines / 8) {
+        uint64_t next = f[2] + f[3];
+        for (int i = 0; i < 4; i++) f[i] = f[i + 1];
+        f[4] = next;
+    }
+    for (int i = 0; i < SKETCH_WAYS; i++) k.apart[i] = f[2 + i];
+    return k;
+}
+
+/* Each way from line to line sees the edges across it; a line goes one of them by chance. Lines beside an edge do not
+ * err by chance but make up for each other along it: the variance of their sum is about a twenty-fourth of the mean
+ * square of these differences. */
+void sketch_weights_spread(const Sketch *k, uint32_t line, int axis, double weight[SKETCHES]) {
+    uint32_t key = k->seed * 0x85ebca6bu + (uint32_t)axis * 0x9e3779b9u;
+    for (uint32_t i = 0; i < SKETCHES; i++) weight[i] = 0;
+    for (uint32_t way = 0; way < SKETCH_WAYS; way++) {
+        uint64_t apart = k->apart[way], lines = k->lines[0];
+        if (apart >= lines) continue;
+        double size = sqrt((double)lines / (double)(lines - apart));
+        for (int end = 0; end < 2; end++) {
+            if (end ? line < apart : line + apart >= lines) continue;
+            uint32_t own = mix(key ^ mix((uint32_t)(end ? line - apart : line)));
+            if (own / 64 % SKETCH_WAYS != way) continue;
+            weight[own / 2 % SKETCHES] += (end ? -1 : 1) * (own & 1 ? size : -size);
+        }
+    }
+}
+
 double sketch_variance(const double sketch[SKETCHES]) {
     double sum = 0;
     for (uint32_t i = 0; i < SKETCHES; i++) sum += sketch[i] * sketch[i];

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
+#include "runtime/sample/prove.h"
 #include "runtime/sample/steep_inner.h"
 
 enum {
@@ -308,7 +309,9 @@ static bool look_for_peak(SteepProbe *p, SltIntegral *out, Steep *steep) {
 
 SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *out, uint64_t spent, Steep *steep,
                              SltStats *stats, SltError *err) {
-    if ((s->nedges && s->flat) || s->ngeometries || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
+    if ((s->nedges && s->flat) || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
+    /* Between two ridges f jumps though a ray meets ground at both ends: a line cannot tell that from arithmetic. */
+    if (s->ngeometries && !prove_only_shadows(s)) return SLT_OK;
     if (s->nsites && !s->kernel[SLT_K_SIDES]) return SLT_OK;
     Run r;
     SteepProbe p = {0};

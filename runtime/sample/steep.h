@@ -28,9 +28,9 @@ typedef struct Steep {
     void *user;
 } Steep;
 
-/* Does nothing for what f cannot be asked about: rays, and programs whose f is one number between its boundaries.
- * `out` (NULL in image mode) is the estimate, whose stated errors grow by what it has not seen; `spent` the evaluations
- * that it took. Counts go to stats. */
+/* Does nothing for what f cannot be asked about: rays that are no shadows, and programs whose f is one number between
+ * its boundaries. `out` (NULL in image mode) is the estimate, whose stated errors grow by what it has not seen; `spent`
+ * the evaluations that it took. Counts go to stats. */
 SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *out, uint64_t spent, Steep *steep,
                              SltStats *stats, SltError *err);
 

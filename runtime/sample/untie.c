@@ -101,7 +101,7 @@ void untie_free(Untie *u) {
     free(u);
 }
 
-static void use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.geometries = s->geometries; }
+void untie_use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.geometries = s->geometries; }
 
 static double steepness(const Batch *b, const Crossing *c) {
     double square = 0;
@@ -261,7 +261,7 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
         for (uint32_t m = 0; m < UNTIE_WAYS; m++) u->order[i][m].whole = false, u->order[i][m].n = 0;
     }
     for (u->move = 0; u->move < UNTIE_WAYS; u->move++) {
-        use(b, &apart->move[u->move].scene);
+        untie_use(b, &apart->move[u->move].scene);
         find_ways(u, c, which, n), find_alone(u, c, which, n, done);
     }
     for (uint32_t i = 0; i < n; i++) {
@@ -271,7 +271,7 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
     }
     for (int t = 0; t < TRIES; t++) {
         for (u->move = 0; u->move < UNTIE_WAYS; u->move++) {
-            use(b, &apart->move[u->move].scene);
+            untie_use(b, &apart->move[u->move].scene);
             search(u, c, which, n, done, reach);
         }
         for (uint32_t i = 0; i < n; i++) {
@@ -280,11 +280,11 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
             if (!whole) reach[i] *= AROUND;
         }
     }
-    use(b, b->s);
+    untie_use(b, b->s);
     b->args.cull = lists;
     for (uint32_t i = 0; i < n; i++) {
         combine(u->order[i], b->s->channels, &tie[i]);
-        if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0;
+        if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0, tie[i].kink = false;
         tie[i].untold = !done[i] && !tie[i].n;
     }
     return !u->finder.failed;

@@ -20,6 +20,8 @@ typedef struct Apart {
  * it would cost more than it tells. False when memory runs out. */
 bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out);
 void apart_free(Apart *a);
+/* Kernels of the batch see the parameters of this scene. */
+void untie_use(Batch *b, const SltScene *s);
 
 /* What a crossing's jump consists of; n = 0: it is all its own event's, as far as one can tell. */
 typedef struct Tie {

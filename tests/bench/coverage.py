@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from coverage_programs import PROGRAMS, pixel_adjoint
 
 ROUNDING = 8e-6  # of the largest component or part of one: f32, shading 40 times as steep as it is high
-QUICK = ("1D two sides", "2D curved disc", "2D curved parabola", "straight slope 0.5", "straight box", "straight short edge",
+QUICK = ("1D two sides", "2D curved disc", "2D curved parabola", "straight slope 0.5", "straight box", "straight short edge", "3D box by maxima",
          "thin ring 0.0001", "thin hairs", "random radius", "random blurred disc", "images shaded")
 WANTED = {2: 0.90, 4: 0.99}
 RATIO = (0.4, 1.5)

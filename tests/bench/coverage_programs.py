@@ -162,6 +162,8 @@ add("3D", "shaded sphere", if_("length(x - c) < r", "1.0 + x.z"), {"r": 0.5, "c"
     lambda r, c: {"r": 4 * pi * r * r * (1 + c[2]), "c": [0, 0, 4 / 3 * pi * r ** 3]}, dim=3)
 add("3D", "box", if_("abs(x.x) < w.x && abs(x.y) < w.y && abs(x.z) < w.z"), {"w": (0.5, 0.41, 0.33)},
     lambda w: {"w": [8 * w[1] * w[2], 8 * w[0] * w[2], 8 * w[0] * w[1]]}, dim=3)
+add("3D", "box by maxima", "float3 d = abs(x) - w; " + if_("max(d.x, max(d.y, d.z)) < 0.0"), {"w": (0.4, 0.5, 0.3)},
+    lambda w: {"w": [8 * w[1] * w[2], 8 * w[0] * w[2], 8 * w[0] * w[1]]}, dim=3)
 add("3D", "plane", if_("x.x + 0.5 * x.y + 0.25 * x.z < t"), {"t": 0.05}, lambda t: {"t": 4}, dim=3)
 add("3D", "cylinder", if_("length(x.xy) < r && abs(x.z) < h"), {"r": 0.5, "h": 0.4},
     lambda r, h: {"r": 4 * pi * r * h, "h": 2 * pi * r * r}, dim=3)
@@ -263,6 +265,37 @@ shader float main(float2 x) {
 }
 """)
 
+
+
+def rough(x, y):
+    """Noise from sample to sample, the same in every run."""
+    return 0.05 * (round(4096 * x) * 7919 + round(4096 * y) * 104729 % 8191 * 31 % 1009) % 97 / 97
+
+
+def spikes(x, y):
+    return 0.03 + (0.3 if round(32 * x) % 7 == 3 and round(32 * y) % 5 == 2 else 0.0)
+
+
+VIEW = """[Domain(-1.0, 1.0)]
+shader float main(float2 x) {
+    Camera c = look_at(eye, float3(0.5, 0.5, 0.1), float3(0.0, 0.0, 1.0));
+    [Disc] Hit v = h.trace(c.eye, camera_ray(c, x, 0.8), 0.0, 1e9);
+    if (!v.hit) return sky;
+    float light = 0.1 + 0.5 * max(v.normal.x, 0.0);
+%s    return light;
+}
+"""
+terrain("rough shadows", 33, rough, {"sun": (0.6, 0.3, 0.12), "light": 1.0}, CAST % "h.height(x) + 0.002")
+terrain("spike shadows", 33, spikes, {"sun": (-0.5, -0.23, 0.2), "light": 1.0}, CAST % "h.height(x) + 0.002")
+terrain("clearance", 33, bumps, {"sun": (0.6, 0.3, 0.12), "light": 1.0}, """shader float main(float2 x) {
+    [Disc] if (h.clearance(float3(x, h.height(x) + 0.002), sun, 0.05, 1e9) < 0.0) return 0.0;
+    return light;
+}
+""")
+terrain("view of spikes", 33, spikes, {"eye": (0.4, -0.7, 0.45), "sky": 0.8}, VIEW % "")
+terrain("view of rough ground", 33, rough, {"eye": (0.4, -0.7, 0.25), "sky": 0.8}, VIEW % "")
+terrain("view with shadows", 33, bumps, {"eye": (0.4, -0.7, 0.45), "sun": (0.6, 0.3, 0.2), "sky": 0.8},
+        VIEW % "    [Disc] if (h.occluded(float3(v.p, h.height(v.p) + 0.002), sun, 0.0, 1e9)) light *= 0.3;\n")
 
 # ---- images: the gradient of the sum of adjoint * image
 def image(name, body, params, weighted, size=64, **more):

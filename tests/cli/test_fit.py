@@ -241,8 +241,11 @@ int main(void) {
         self.put("k.salt", "param float a = 0.5;\nparam float2 c = float2(0.25, 2.0);\nshader float main(float2 x) { float f = a * sin(c.y * x.x); [Disc] if (x.y > c.x) f += x.x; return f; }")
         self.put("params.txt", "0.5 0.25 2.0")
         self.put("main.c", self.MAIN)
+        os.mkdir(self.path("tmp"))
+        env = {"TMPDIR": self.path("tmp")}
         for kind in ("o", "so"):
-            j = self.json_cli("build", "k.salt", "-o", "out." + kind)
+            j = self.json_cli("build", "k.salt", "-o", "out." + kind, env=env)
+            self.assertEqual(os.listdir(self.path("tmp")), [])
             self.assertIn("out." + kind, j["outputs"])
             self.run_cli("build", "k.salt", "-o", "out.h")
             header = self.get("out.h").decode()
@@ -254,6 +257,10 @@ int main(void) {
             for i, v in enumerate(got):
                 x, y = (i % 8 + 0.5) / 8, (i // 8 + 0.5) / 8
                 self.assertAlmostEqual(v, 0.5 * math.sin(2 * x) + (x if y > 0.25 else 0), delta=2e-7)
+        os.rmdir(self.path("tmp"))
+        self.assertIn(self.path("tmp"), self.run_cli("build", "k.salt", "-o", "new.so", env=env, code=5).err)
+        self.assertFalse(os.path.exists(self.path("new.h")))
+        self.assertIn("cannot link", self.run_cli("build", "k.salt", "-o", "new.so", env={"CC": "false"}, code=5).err)
 
 
 if __name__ == "__main__":

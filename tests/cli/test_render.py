@@ -96,6 +96,9 @@ class Basics(Case):
             r = self.run_cli(verb, "c.salt", *args, "-o", "link.png", code=5)
             self.assertIn("source", r.err)
         self.assertEqual(self.get("c.salt").decode(), CIRCLE)
+        os.mkfifo(self.path("pipe.h"))
+        self.assertIn("pipe", self.run_cli("build", "c.salt", "-o", "pipe.o", code=5).err)  # and nothing waits for it
+        os.remove(self.path("pipe.h"))
         self.put("k.h", "int mine;\n")
         r = self.run_cli("build", "c.salt", "-o", "k.o", code=5)
         self.assertIn("k.h", r.err)

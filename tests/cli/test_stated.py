@@ -45,6 +45,51 @@ class Left(Case):
         self.holds(j, {"a": -1, "b": 1, "c": 1}, 1e-9)
 
 
+class Shared(Case):
+    """Boxes in one formula that share edges: g bends in its own curve, in the gap between two floats where cells are
+    cut, or as far off as two ways of writing one number round. Scaled or moved as a whole such a drawing has the area
+    that it has: -2 A by scale, nothing by shift."""
+
+    def drawing(self, area, *boxes, combine="min(g, %s)", k=8.13008):
+        lines = "".join("g = %s; " % (combine if i else "min(1.0, %s)").replace("%s", box) for i, box in enumerate(boxes))
+        self.put("s.salt", "param float scale = 1.0; param float2 shift = float2(0.0, 0.0); "
+                 "shader float main(float2 p) { float2 q = (p * scale + shift) * %r; float x = q.x; float y = q.y; "
+                 "float g; %s [Disc] if (g < 0.0) return 1.0; return 0.0; }" % (k, lines))
+        for error in ("1e-6", "1e-9"):  # two trees
+            j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64",
+                              "--error", error, "--max-evaluations", "2000000")
+            self.assertEqual(j["left"], 0)
+            for got, want in zip([j["gradient"]["scale"], *j["gradient"]["shift"]], (-2 * area, 0, 0)):
+                self.assertAlmostEqual(got, want, delta=1e-12)
+
+    def test_stems_under_a_bar(self):
+        self.drawing((0.725 + 0.1 + 1.175 * 0.1) / 8.13008**2,
+                     "max(max(max(2.95 - x, x - 3.675), 5.3 - y), y - 6.3)",
+                     "max(max(max(4.025 - x, x - 4.125), 5.3 - y), y - 6.3)",
+                     "max(max(max(2.95 - x, x - 4.125), 5.2 - y), y - 5.3)")
+
+    def test_written_in_two_ways(self):
+        """Between the boxes rounding leaves a strip of a few floats, with two pieces of one g on its sides."""
+        self.drawing(2 * 0.7 / 8.13008**2,
+                     "max(max(max(1.3 - x, (x + 0.7) - 3.1), 5.3 - y), y - 6.0)",
+                     "max(max(max((2.4 + 0.9) - (x + 0.9), x - 3.3), 5.3 - y), y - 6.0)")
+
+    def test_three_at_a_corner(self):
+        """What g is beside the gap hangs on the place along it: only slopes at all of its points tell."""
+        x, X = 1.0408682623684957, 1.2134029706878944
+        y, Y = 1.0283930375425516, 2.7821370317920113
+        self.drawing(((x - 0.38732662329201806) * (Y - y) + (X - x) * (1.0740616491406256 - y + Y - 1.2479281968925098))
+                     / 3.7**2,
+                     "max(max(max(%r - x, -(%r - x)), -(y - %r)), y - 1.0740616491406256)" % (x, X, y),
+                     "max(max(0.38732662329201806 - x, x - %r), max(0.9578509919610367 - (y + -0.07054204558151489), "
+                     "(y + -0.07054204558151489) - 2.711594986210496))" % x,
+                     "max(max(%r - x, x - %r), max(1.2479281968925098 - y, y - %r))" % (x, X, Y), k=3.7)
+
+    def test_a_box_less_another(self):
+        self.drawing((2 * 2 - 0.5 * 1) / 8.13008**2, "max(max(1.5 - x, x - 3.5), max(2.25 - y, y - 4.25))",
+                     "max(max(1.5 - x, x - 2.0), max(2.25 - y, y - 3.25))", combine="max(g, -(%s))")
+
+
 class Rules(Case):
     """Where all is certified: the distance of two rules, on pieces that converge slowly beside others that do not."""
 

@@ -247,6 +247,27 @@ class Kinds(Case):
                     self.assertLess(j["certified"], 0.999, (name, options))
                 self.assertEqual(j["stderr"]["q"], 0)
 
+    def test_beside_shadows_of_terrain(self):
+        """Lines see arithmetic there too; a shadow's edge, and what a [NoDisc] ray meets, is none."""
+        n, head = 17, """import camera;
+            [NoDiff] param heightfield h = zeros(17, 17); param float3 sun = float3(0.6, 0.3, 0.12); param float p = 0.4;
+            shader float main(float2 x) {
+                float s = 1.0;
+                [Disc] if (h.occluded(float3(x, h.height(x) + 0.002), sun, 0.0, 1e9)) s = 0.2;
+            """
+        heights = [0.06 + 0.05 * math.sin(0.4 * i + 0.1 * j) * math.cos(0.3 * j - 0.1 * i) for j in range(n) for i in range(n)]
+        self.put("h.pfm", write_pfm(n, n, 1, heights))
+        jumps = {"d / abs(d)": "float d = x.x - p; return s + d / abs(d);", "ramp": "return s * saturate(1e7 * (x.x - p));"}
+        smooth = {"shadow": "return s;", "lit": "return s * max(dot(h.normal(x), normalize(sun)), 0.0);", "p": "return s * smoothstep(0.3, 0.5, x.x * p);"}
+        smooth["ray"] = ("[NoDisc] Hit v = h.trace(float3(0.4, -0.7, 0.45), normalize(float3(x.x - 0.5, 1.0, x.y - 0.9)), 0.0, 1e9);"
+                         "return s * (v.hit ? v.normal.x + p * v.p.x : 0.0);")
+        for programs, want in (jumps, {"W0405"}), (smooth, set()):
+            for name, body in programs.items():
+                self.put("s.salt", head + body + "\n}\n")
+                j = self.json_cli("grad", "s.salt", "--integral", "--wrt", "sun,p", "--segments", "2^15", "--samples", "2^15", "--param", "h=@" + self.path("h.pfm"))
+                self.assertEqual({d["code"] for d in j["warnings"] if d["code"].startswith("W04")}, want, name)
+                self.assertLess(j["evaluations"], 1500000, name)  # bounds know nothing of an untagged ray, however small the box
+
     def test_text_names_the_operation(self):
         self.put("s.salt", HEAD + "float d = p - length(x);\nreturn tanh(1e6 * d);\n}\n")
         r = self.run_cli("grad", "s.salt", "--integral")

@@ -1,10 +1,10 @@
-"""Every call site of an allocation or of the system fails in turn, once and from there on, over all verbs of the command.
+"""Every call site of an allocation or of the system fails in turn, once, the second time and from there on, over all verbs.
 
-    faults.py INJECT.so SALTUS [--every N] [--case NAME] [--calls N] [--jobs N] [--site N --mode once|on --kinds m|s]
+    faults.py INJECT.so SALTUS [--every N] [--case NAME] [--calls N] [--jobs N] [--site N --mode once|second|on --kinds m|s]
 
 inject.c counts the sites and lets them fail. What is asked of each run: a documented status and no signal, within the
-time; words that name the cause; an old output whole or the new one, never a part, and the new one if the status is 0;
-no temporary files left; nothing kept that a run without a fault gives back."""
+time; words that name the cause; the old outputs whole or the new ones, all of them, and the new ones if the status is
+0; no temporary files left; nothing kept that a run without a fault gives back."""
 import argparse
 import concurrent.futures
 import os
@@ -31,26 +31,28 @@ SCENE = """{"shader": "circle.salt", "target": "small.npy", "size": [4, 4], "par
  "optimizer": {"iters": 2}}"""
 PARAMS = '{"radius": 0.3, "ink": 0.7}'
 
-# name: what it does, its output; `{k}` is how kernels run.
+# name: what it does, its outputs, which an earlier run has written too.
 SMALL = "--size 4x4 --samples 64 --threads 1"
 CASES = {
-    "render-exr": ("render circle.salt --interpret %s -o out.exr" % SMALL, "out.exr"),
-    "render-png": ("render circle.salt --interpret %s --params params.json --param ink=0.5 -o out.png" % SMALL, "out.png"),
-    "render-cached": ("render circle.salt %s -o out.pfm" % SMALL, "out.pfm"),
-    "render-text": ("render --expr sin(x.x)*step(x.y,0.5) --interpret %s -o out.npy" % SMALL, "out.npy"),
-    "grad": ("grad circle.salt --interpret %s --wrt radius,ink -o out.exr" % SMALL, "out.exr"),
-    "grad-cached": ("grad circle.salt %s --integral --json" % SMALL.replace("--size 4x4", ""), None),
-    "grad-quadrature": ("grad circle.salt --interpret --size 2x2 --threads 1 --wrt radius --estimator quadrature --gauss 4 -o out.npy", "out.npy"),
-    "fit": ("fit circle.salt --interpret %s --target small.npy --wrt radius --iters 2 -o out" % SMALL, "out/params.json"),
-    "fit-scene": ("fit scene.json --interpret --threads 1 -o out", "out/params.json"),
-    "check": ("check circle.salt --interpret --samples 256 --size 2x2 --threads 1 --wrt radius --tolerance 100 --json", None),
-    "bench": ("bench circle.salt --interpret --samples 256 --repeats 2 --threads 1 --wrt radius -o out", "out/bench.csv"),
-    "explain": ("explain circle.salt --json", None),
-    "bound": ("bound circle.salt --box 0.2,0.3;0.1,0.2", None),
-    "build-h": ("build circle.salt -o out.h", "out.h"),
-    "wrong": ("render wrong.salt -o out.exr", "out.exr"),
-    "help": ("--help", None),
+    "render-exr": ("render circle.salt --interpret %s -o out.exr" % SMALL, ["out.exr"]),
+    "render-png": ("render circle.salt --interpret %s --params params.json --param ink=0.5 -o out.png" % SMALL, ["out.png"]),
+    "render-cached": ("render circle.salt %s -o out.pfm" % SMALL, ["out.pfm"]),
+    "render-text": ("render --expr sin(x.x)*step(x.y,0.5) --interpret %s -o out.npy" % SMALL, ["out.npy"]),
+    "grad": ("grad circle.salt --interpret %s --wrt radius,ink -o out.exr" % SMALL, ["out.exr"]),
+    "grad-cached": ("grad circle.salt %s --integral --json" % SMALL.replace("--size 4x4", ""), []),
+    "grad-quadrature": ("grad circle.salt --interpret --size 2x2 --threads 1 --wrt radius --estimator quadrature --gauss 4 -o out.npy", ["out.npy"]),
+    "fit": ("fit circle.salt --interpret %s --target small.npy --wrt radius --iters 2 -o out" % SMALL, ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
+    "fit-scene": ("fit scene.json --interpret --threads 1 -o out", ["out/fitted.json", "out/loss.csv", "out/image.exr", "out/strip.png"]),
+    "check": ("check circle.salt --interpret --samples 256 --size 2x2 --threads 1 --wrt radius --tolerance 100 --json", []),
+    "bench": ("bench circle.salt --interpret --samples 256 --repeats 2 --threads 1 --wrt radius -o out", ["out/bench.csv", "out/bench.json", "out/bench.svg"]),
+    "explain": ("explain circle.salt --json", []),
+    "bound": ("bound circle.salt --box 0.2,0.3;0.1,0.2", []),
+    "build-o": ("build circle.salt -o out.o", ["out.o", "out.h"]),
+    "build-h": ("build circle.salt -o out.h", ["out.h"]),
+    "wrong": ("render wrong.salt -o out.exr", ["out.exr"]),
+    "help": ("--help", []),
 }
+SYSTEM_ONLY = ("build-o",)  # its memory is build-h's, and what compiling takes has `--calls`
 MEMORY = re.compile("memory", re.I)
 CAUSES = re.compile("memory|Too many open files|Input/output error|No space left|Permission denied|Resource temporarily unavailable|Operation not permitted|could not be", re.I)
 
@@ -67,7 +69,7 @@ class Place:
 
     def __init__(self, case, args):
         self.args, self.case = args, case
-        self.line, self.output = CASES[case]
+        self.line, self.outputs = CASES[case]
         self.dir = tempfile.mkdtemp(prefix="saltus-fault-")
         for name, text in (("circle.salt", SOURCE), ("scene.json", SCENE), ("params.json", PARAMS), ("wrong.salt", SOURCE.replace("ink;", "inc;"))):
             with open(os.path.join(self.dir, name), "w") as f:
@@ -81,9 +83,10 @@ class Place:
     def clean(self):
         for name in set(os.listdir(self.dir)) - self.inputs - {"cache"}:
             shutil.rmtree(self.path(name)) if os.path.isdir(self.path(name)) else os.remove(self.path(name))
-        if self.output and os.sep not in self.output:
-            with open(self.path(self.output), "wb") as f:
-                f.write(OLD if not self.output.endswith(".h") else b"/* Made by saltus */\n" + OLD)
+        for name in self.outputs:
+            os.makedirs(os.path.dirname(self.path(name)), exist_ok=True)
+            with open(self.path(name), "wb") as f:
+                f.write(OLD if not name.endswith(".h") else b"/* made by saltus */\n" + OLD)
 
     def read(self):
         """Every file of the outputs and its bytes."""
@@ -141,11 +144,17 @@ def complaints(result, base, kinds, place):
     for name, data in files.items():
         if name.endswith(".tmp"):
             found.append("leaves " + name)
-        elif name == place.output and data.endswith(OLD):
-            if code == 0 and base[0] == 0:
-                found.append("status 0, and the output is the old one")
-        elif name in base[4] and data != base[4][name] and not is_timing(name) and not (place.line.startswith("fit") and code):
+        elif name in base[4] and data != base[4][name] and not data.endswith(OLD) and not is_timing(name) and not (place.line.startswith("fit") and code):
             found.append("%s is neither the old nor the new one" % name)
+    old = [name for name in place.outputs if files.get(name, b"").endswith(OLD)]
+    new = [name for name in files if name in base[4] and name not in old]
+    if old and new:
+        found.append("%s are new beside the old %s" % (new, old))
+    gone = set(place.outputs) - set(files)
+    if gone:
+        found.append("what an earlier run wrote is gone: " + ", ".join(sorted(gone)))
+    if old and code == 0 and base[0] == 0:
+        found.append("status 0, and the outputs are the old ones")
     if code == 0 and base[0] == 0:
         missing = set(base[4]) - set(files)
         if missing:
@@ -163,16 +172,19 @@ def run_case(case, args):
     lines, runs = [], 0
     place = Place(case, args)
     try:
-        for kinds in args.kinds:
+        for kinds in "s" if case in SYSTEM_ONLY else args.kinds:
             for _ in range(2):  # the first fills the cache
                 base = place.run(kinds)
             if base[0] != (3 if case == "wrong" else 0):
                 return ["%s: status %s without a fault: %s" % (case, base[0], base[2])], 0
             count = int(re.search("sites ([0-9]+)", base[3]).group(1))
+            again = {int(n) for n in re.findall("again ([0-9]+)", base[3])}
             seen = {}
             for mode in args.mode.split(","):
                 sites = [args.site] if args.site is not None else range(args.first % args.every, count, args.every)
                 for site in sites:
+                    if mode == "second" and site not in again:
+                        continue
                     result = place.run(kinds, site, mode)
                     runs += 1
                     if args.site is not None:
@@ -217,7 +229,7 @@ def main():
     p.add_argument("--jobs", type=int, default=2)
     p.add_argument("--calls", type=int, default=0, help="so many random failures while kernels are compiled")
     p.add_argument("--site", type=int)
-    p.add_argument("--mode", default="once,on")
+    p.add_argument("--mode", default="once,second,on")
     p.add_argument("--kinds", default="ms")
     p.add_argument("--show", type=int, default=2)
     p.add_argument("--timeout", type=float, default=30)

@@ -1,10 +1,11 @@
 /* A preloaded object that makes allocations and system calls fail, one call site after the other.
  *
  * A site is a call with the addresses that led to it; sites are numbered by their first call. FAULT_SITE=n lets the
- * call of site n fail when it first comes (FAULT_MODE=once) or every call of its kind from there on (on); without it
- * nothing fails. FAULT_CALL=n counts the calls for memory themselves, from wherever they come. FAULT_KINDS: m for
- * memory, s for the system. FAULT_LOG names a file that gets the number of sites when the process ends, where the
- * failure was injected, and what our own code took and never gave back. */
+ * call of site n fail when it first comes (FAULT_MODE=once), when it comes again (second) or every call of its kind
+ * from there on (on); without it nothing fails. FAULT_CALL=n counts the calls for memory themselves, from wherever they
+ * come. FAULT_KINDS: m for memory, s for the system. FAULT_LOG names a file that gets the number of sites when the
+ * process ends, those that came again, where the failure was injected, and what our own code took and never gave back.
+ */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE
 #endif
@@ -38,11 +39,12 @@ typedef struct Trace {
 static struct {
     bool ready;
     long wanted, wanted_call, ncalls;
-    bool goes_on, memory, system;
+    bool goes_on, second, memory, system;
     const char *log;
     pthread_mutex_t lock;
     uint64_t seen[SITES];
-    long nsites;
+    long number[SITES], nsites; /* of the site at this place */
+    bool again[SITES];          /* by number */
     bool fired, fired_memory;
     const char *call;
     Trace where;
@@ -71,6 +73,7 @@ __attribute__((constructor)) static void start(void) {
     const char *call = getenv("FAULT_CALL");
     fault.wanted_call = call ? strtol(call, NULL, 10) : -1;
     fault.goes_on = mode && !strcmp(mode, "on");
+    fault.second = mode && !strcmp(mode, "second");
     fault.memory = !kinds || strchr(kinds, 'm');
     fault.system = !kinds || strchr(kinds, 's');
     FILE *maps = fopen("/proc/self/maps", "re");
@@ -112,14 +115,15 @@ static bool fails(const char *call, bool memory) {
     if (!now && is_ours(&t)) {
         uint64_t at = h % SITES;
         while (fault.seen[at] && fault.seen[at] != h) at = (at + 1) % SITES;
-        if (!fault.seen[at]) {
-            fault.seen[at] = h;
-            if (fault.nsites++ == fault.wanted) {
-                now = fault.fired = true;
-                fault.fired_memory = memory;
-                fault.call = call;
-                fault.where = t;
-            }
+        bool first = !fault.seen[at];
+        if (first) fault.seen[at] = h, fault.number[at] = fault.nsites++;
+        now = fault.number[at] == fault.wanted && first != fault.second && !fault.fired;
+        if (!first) fault.again[fault.number[at]] = true;
+        if (now) {
+            fault.fired = true;
+            fault.fired_memory = memory;
+            fault.call = call;
+            fault.where = t;
         }
     }
     pthread_mutex_unlock(&fault.lock);
@@ -174,6 +178,8 @@ __attribute__((destructor)) static void end(void) {
     FILE *f = fopen(fault.log, "we");
     if (!f) return;
     fprintf(f, "sites %ld\ncalls %ld\n", fault.nsites, fault.ncalls);
+    for (long i = 0; fault.wanted < 0 && i < fault.nsites; i++)
+        if (fault.again[i]) fprintf(f, "again %ld\n", i);
     if (fault.fired) fprintf(f, "failed %s", fault.call), print_trace(f, &fault.where);
     for (int i = 0; i < BLOCKS; i++)
         if (fault.blocks[i].p && fault.blocks[i].p != (void *)1) {

@@ -8,8 +8,14 @@
 #include "compiler/pass/walk.h"
 #include "tests/fuzz/fuzz.h"
 
-/* IR operations times loop trips, roughly: above this the interpreter is not asked. */
+/* IR operations times loop trips, roughly: above this the interpreter is not asked. An engine wants many small
+ * programs.
+ */
+#ifdef FUZZ_ENGINE
+enum { MAX_WORK = 4000 };
+#else
 enum { MAX_WORK = 200000 };
+#endif
 
 static double work(const Block *b) {
     double sum = 0;

@@ -506,6 +506,29 @@ static void hgt_tiles(void **state) {
     }
 }
 
+/* Headers of more attributes or channels than OpenEXR's core reads in a bearable time. */
+static void crowded_exr(void **state) {
+    (void)state;
+    enum { MANY = 40000, ROOM = 20 * MANY + 64 };
+    SltError err = {0};
+    Image im;
+    uint8_t *bytes = calloc(1, ROOM);
+    memcpy(bytes, "\x76\x2f\x31\x01\x02", 5);
+    size_t at = 8;
+    for (int i = 0; i < MANY; i++)
+        at += (size_t)sprintf((char *)bytes + at, "a%05d%cint%c\x04%c%c%c%c%c%c%c", i, 0, 0, 0, 0, 0, 0, 0, 0, 0);
+    assert_int_equal(image_decode("a.exr", bytes, at, NULL, &im, &err), SLT_LIMIT);
+    assert_non_null(strstr(err.text, "attributes"));
+    memset(bytes + 8, 0, ROOM - 8);
+    uint32_t size = 5000 * 18 + 1;
+    at = 8 + (size_t)sprintf((char *)bytes + 8, "channels%cchlist%c", 0, 0);
+    memcpy(bytes + at, &size, 4), at += 4;
+    for (int i = 0; i < 5000; i++, at += 18) bytes[at] = 'R';
+    assert_int_equal(image_decode("c.exr", bytes, at + 2, NULL, &im, &err), SLT_LIMIT);
+    assert_non_null(strstr(err.text, "channels"));
+    free(bytes);
+}
+
 static void huge_claims(void **state) {
     (void)state;
     SltError err = {0};
@@ -717,6 +740,7 @@ int main(void) {
         cmocka_unit_test(damaged_flat),
         cmocka_unit_test(hgt_tiles),
         cmocka_unit_test(huge_claims),
+        cmocka_unit_test(crowded_exr),
         cmocka_unit_test(missing_files),
         cmocka_unit_test(no_plain_files),
         cmocka_unit_test(png_claims),

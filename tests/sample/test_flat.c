@@ -52,6 +52,35 @@ static void make_flat_cases(void) {
          SHADER2("param float r = 0.4;", UNIT,
                  "float k = x.x > 0.1 ? 1.0 : 0.5; [Disc] if (length(x) < r * k) return 1.0; return 0.0;"),
          .want = {{"r", 2 * 0.4 * acos(0.25) + 0.5 * 2 * 0.2 * (PI - acos(0.5))}});
+    /* In a loop each iteration has its own. Half of each circle is behind stripes; without them as events a twentieth
+     * of the derivative was lost. */
+#define IN_LOOP(n, body)                                                                                               \
+    SHADER2("param float r = 0.3;", UNIT,                                                                              \
+            "float f = 0.0; for (int i = 0; i < " n "; i++) { float turn = float(i) * 2.399963; float2 c = 0.3 * "     \
+            "float2(cos(turn), sin(turn)); " body " } return f;")
+#define STRIPES "frac(16.0 * (x.x - c.x)) < 0.5"
+    CASE("a wall of bricks", /* a rounding of a rounding: of area 1 - (1 - m)^2 */
+         SHADER2("param float m = 0.08;", "",
+                 "float2 q = x * float2(4.0, 8.0); float row = floor(q.y); if ((int(row) & 1) == 1) q.x += 0.5; "
+                 "float2 c = frac(q); [Disc] if (c.x < m || c.y < m) return 1.0; return 0.0;"),
+         .want = {{"m", 2 * 0.92}});
+    CASE("masks in a loop", IN_LOOP("8", "if (" STRIPES ") { [Disc] if (length(x - c) < r) f += 1.0; }"),
+         .want = {{"r", 8 * PI * 0.3}});
+    CASE("masks by continue", IN_LOOP("8", "if (!(" STRIPES ")) continue; [Disc] if (length(x - c) < r) f += 1.0;"),
+         .want = {{"r", 8 * PI * 0.3}});
+    CASE("masks in a long loop", IN_LOOP("80", "if (x.x > c.x) { [Disc] if (length(x - c) < r) f += 1.0; }"),
+         .want = {{"r", 80 * PI * 0.3}});
+    CASE("a mask that ends a loop", /* discs at -0.7, -0.5, .., 0.5, seen in x > -0.6, -0.4, .. */
+         SHADER2("param float r = 0.3;", UNIT,
+                 "float f = 0.0; for (int i = 0; i < 7; i++) { if (x.x < 0.2 * float(i) - 0.6) break; [Disc] if "
+                 "(length(x - float2(0.2 * float(i) - 0.7, 0.0)) < r) f += 1.0; } return f;"),
+         .want = {{"r", 7 * 2 * 0.3 * acos(1.0 / 3)}});
+    CASE("the nearest of what stands still", /* discs cut off a quarter to the left and to the right */
+         SHADER2("param float r = 0.3;", UNIT,
+                 "float least = 1e9, s = 0.0; for (int i = 0; i < 4; i++) { float2 c = float2(0.5 * float(i) - 0.75, "
+                 "0.0); float d = distance(x, c); if (d < least) { least = d; s = float(i); } } [Disc] if (least < r) "
+                 "return 1.0 + s; return 0.0;"),
+         .want = {{"r", 10 * 2 * 0.3 * (PI - 2 * acos(0.25 / 0.3))}});
     /* ---- [SkipLoop] on equal steps: discs of radius sqrt(r^2 - z^2), of which each hands on its own number */
     CASE("steps by number",
          SHADER2(

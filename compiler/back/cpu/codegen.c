@@ -241,3 +241,16 @@ int back_codegen(Session *s, const KernelRequest *k, uint32_t n, const BackOptio
     }
     return j.status;
 }
+
+int back_emit(Session *s, const KernelRequest *k, uint32_t n, const BackOptions *o, char kind, unsigned char **bytes,
+              size_t *size, const char **why) {
+    *bytes = NULL, *size = 0;
+    uint32_t width = o->width ? o->width : back_choose_width(k, n, &o->target);
+    int status = back_check_width(s, width, why);
+    if (status) return status;
+    Codegen g;
+    status = back_codegen(s, k, n, o, width, kind, &g, why);
+    if (status) return status;
+    *bytes = g.bytes, *size = g.size;
+    return SLT_OK;
+}

@@ -1,0 +1,49 @@
+/* An object into a shared library, by the system's compiler driver. The linker knows files only: what it reads and
+ * writes lies in a folder of its own. */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "cli/cli.h"
+
+/* No shell sees the names. */
+static bool run_driver(const char *object, const char *to) {
+    const char *cc = getenv("CC");
+    char driver[256];
+    snprintf(driver, sizeof driver, "%s", cc && *cc && !strchr(cc, ' ') ? cc : "cc");
+    pid_t pid = fork();
+    if (pid < 0) return false;
+    if (pid == 0) {
+        char *argv[] = {driver, (char *)"-shared", (char *)"-o", (char *)to, (char *)object, (char *)"-lm", NULL};
+        execvp(driver, argv);
+        _exit(127);
+    }
+    int status = 0;
+    while (waitpid(pid, &status, 0) < 0)
+        if (errno != EINTR) return false;
+    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err) {
+    const char *temporary = getenv("TMPDIR");
+    char folder[4000], object[4096], library[4096];
+    if (snprintf(folder, sizeof folder, "%s/saltus-XXXXXX", temporary && *temporary ? temporary : "/tmp") >=
+            (int)sizeof folder ||
+        !mkdtemp(folder))
+        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", folder);
+    snprintf(object, sizeof object, "%s/k.o", folder);
+    snprintf(library, sizeof library, "%s/k.so", folder);
+    unsigned char *linked = NULL;
+    SltStatus status = file_write_atomic(object, *bytes, *size, err);
+    if (status == SLT_OK && !run_driver(object, library))
+        status = status_fail(err, SLT_OUTPUT, "cannot link: the system's C compiler (cc) failed or is missing");
+    if (status == SLT_OK) status = file_read_all(library, &file_binary, &linked, size, err);
+    unlink(object);
+    unlink(library);
+    rmdir(folder);
+    free(*bytes);
+    *bytes = linked;
+    return status == SLT_INPUT ? (err->status = SLT_OUTPUT) : status;
+}

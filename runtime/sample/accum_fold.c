@@ -1,0 +1,67 @@
+/* The adjoints of a tile, parameter by parameter. Entries of a log are many times as many as parameters that the tile
+ * touches, and these few of all: summed up here, in the worker, what is left to `merge` is little, and so is the
+ * memory. Each sum has its terms in the order of the calls. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/accum.h"
+#include "runtime/sample/alloc.h"
+
+bool accum_folds(Accum *a) { return (a->folded.slot = alloc_zero(a->s->nfloats, sizeof *a->folded.slot)) != NULL; }
+
+static bool grow(Folded *f, uint32_t buffers) {
+    uint32_t cap = 2 * f->cap + 256;
+    double *sum = realloc(f->sum, (size_t)cap * buffers * sizeof *sum);
+    if (sum) f->sum = sum;
+    uint32_t *parameter = realloc(f->parameter, cap * sizeof *parameter);
+    if (parameter) f->parameter = parameter;
+    if (!sum || !parameter) return false;
+    f->cap = cap;
+    return true;
+}
+
+/* The sums of a parameter; NULL when memory runs out. */
+static double *sums_of(Accum *a, uint32_t p) {
+    Folded *f = &a->folded;
+    uint32_t slot = f->slot[p];
+    if (!slot) {
+        if (f->n == f->cap && !grow(f, a->n)) return NULL;
+        memset(f->sum + (size_t)f->n * a->n, 0, a->n * sizeof *f->sum);
+        f->parameter[f->n] = p, f->slot[p] = slot = ++f->n;
+    }
+    return f->sum + (size_t)(slot - 1) * a->n;
+}
+
+bool accum_fold_log(Accum *a, uint32_t which) {
+    AdjointBuffer *b = &a->buf[which];
+    for (uint64_t e = 0; e < b->log_len; e++) {
+        double v = a->s->f64 ? ((const double *)b->log_value)[e] : (double)((const float *)b->log_value)[e];
+        if (v == 0 || b->log_index[e] >= a->s->nfloats) continue; /* of a colour all channels but one are 0 */
+        double *sum = sums_of(a, b->log_index[e]);
+        if (!sum) return false;
+        sum[which] += v;
+    }
+    b->log_len = 0;
+    return true;
+}
+
+bool accum_fold(Accum *a) {
+    for (uint32_t i = 0; i < a->n; i++) {
+        AdjointBuffer *b = &a->buf[i];
+        for (uint32_t t = 0; t < b->ntouched; t++)
+            for (uint32_t p = b->touched[t]; p < b->touched[t] + ACCUM_BLOCK && p < a->s->nfloats; p++) {
+                if (b->sum[p] == 0) continue;
+                double *sum = sums_of(a, p);
+                if (!sum) return false;
+                sum[i] += b->sum[p];
+            }
+        b->ntouched = 0;
+        if (!accum_fold_log(a, i)) return false;
+    }
+    return true;
+}
+
+void accum_unfold(Accum *a) {
+    for (uint32_t i = 0; i < a->folded.n; i++) a->folded.slot[a->folded.parameter[i]] = 0;
+    a->folded.n = 0;
+}

@@ -1,0 +1,138 @@
+/* The flanks of a crossing: f beside it may be so steep that it changes on the bracket of the root, too, always towards
+ * one sign along an edge. Of every few crossings f is taken once more, outside of the bracket; where it changes there
+ * by more than is nothing beside the jump, brackets become as short as floats allow, and f on both sides is carried on
+ * in a straight line from two floats to the root. A third tells by how much that may be wrong. */
+#include <float.h>
+#include <math.h>
+
+#include "runtime/sample/search.h"
+
+enum { EACH = 8 /* crossings of which one is looked at */, PLACES = 3 /* on each side */, ROOM = BATCH / (2 * PLACES) };
+enum { ROUNDED_G = 64 /* in double precision there is room for brackets on which g is more than rounding */ };
+#define STEEP 0x1p-15 /* a change on the bracket that matters, in parts of the jump: as much on the segment as the jump */
+
+static double unit(const SltScene *s) { return s->f64 ? DBL_EPSILON : (double)FLT_EPSILON; }
+
+/* Where the point of parameter t lies along the segment once it is rounded. */
+static double place(const Finder *f, const Segment *s, double t) {
+    double x[3], sum = 0, square = 0;
+    segment_at(s, t, x);
+    for (uint32_t d = 0; d < f->s->dim; d++) {
+        double along = s->b[d] - s->a[d];
+        sum += ((f->s->f64 ? x[d] : (double)(float)x[d]) - s->a[d]) * along, square += along * along;
+    }
+    return sum / square;
+}
+
+static bool known(const Finder *f, uint32_t lane, uint32_t hash, double t) {
+    return t >= 0 && t <= 1 && batch_mark(f->b, lane).hash == hash;
+}
+
+/* Does f change beside any of these crossings by what matters? Two lanes each. */
+static bool any_steep(Finder *f, const Item *items, const uint32_t *slot, const uint32_t *at, uint32_t n) {
+    Batch *b = f->b;
+    bool steep = false;
+    for (uint32_t i = 0; i < n; i++) {
+        double lo, hi;
+        search_bracket(&items[at[i]], &lo, &hi);
+        search_put(f, 2 * i, &items[at[i]].s, fmax(0, lo - (hi - lo)));
+        search_put(f, 2 * i + 1, &items[at[i]].s, fmin(1, hi + (hi - lo)));
+    }
+    batch_call(b, SLT_K_SIDES, 2 * n);
+    for (uint32_t i = 0; i < n && !steep; i++) {
+        const Crossing *c = &f->found[slot[at[i]]];
+        for (uint32_t end = 0; end < 2; end++)
+            for (uint32_t ch = 0; ch < f->s->channels && known(f, 2 * i + end, end ? c->hb : c->ha, 0.5); ch++) {
+                double v = end ? c->before[ch] + c->jump[ch] : c->before[ch];
+                double change = fabs(batch_get(b, SLT_OUT_F, ch, 2 * i + end) - v);
+                steep |= change > STEEP * fabs(c->jump[ch]) + 8 * unit(f->s) * fabs(v);
+            }
+    }
+    return steep;
+}
+
+/* f at one, two and three widths from the root, and how far these lie; lanes `from` on. False: another curve is near,
+ * or the floats are too few. */
+typedef struct Flank {
+    double at[PLACES], f[PLACES][SLT_MAX_CHANNELS];
+} Flank;
+
+static bool read_flank(const Finder *f, const Item *it, uint32_t from, const double t[PLACES], uint32_t hash,
+                       Flank *k) {
+    for (uint32_t i = 0; i < PLACES; i++) {
+        k->at[i] = place(f, &it->s, t[i]);
+        if (!known(f, from + i, hash, t[i]) || (i && k->at[i] == k->at[i - 1])) return false;
+        for (uint32_t ch = 0; ch < f->s->channels; ch++) k->f[i][ch] = batch_get(f->b, SLT_OUT_F, ch, from + i);
+    }
+    return true;
+}
+
+static double slope(const Flank *k, uint32_t i, uint32_t ch) {
+    return (k->f[i][ch] - k->f[i + 1][ch]) / (k->at[i] - k->at[i + 1]);
+}
+
+/* The root where g is 0 along the chord of the bracket's ends. */
+static double root_of(const Finder *f, const Item *it) {
+    double x1 = place(f, &it->s, it->x1);
+    if (it->exact || !isfinite(it->f1) || !isfinite(it->f2) || it->f1 == it->f2) return x1;
+    return x1 + (place(f, &it->s, it->x2) - x1) * (it->f1 / (it->f1 - it->f2));
+}
+
+static void settle(const Finder *f, const Item *it, const Flank k[2], double width, Crossing *c) {
+    double root = root_of(f, it);
+    for (uint32_t ch = 0; ch < f->s->channels; ch++) {
+        double v[2], first[2], off = 0;
+        for (int end = 0; end < 2; end++) {
+            first[end] = slope(&k[end], 0, ch);
+            v[end] = k[end].f[0][ch] + first[end] * (root - k[end].at[0]);
+            off += fabs((slope(&k[end], 1, ch) - first[end]) * (k[end].at[1] - k[end].at[0]));
+        }
+        off += 0.5 * fabs(first[1] - first[0]) * width; /* the root is known to a float */
+        if (!isfinite(v[0]) || !isfinite(v[1]) || !isfinite(off)) continue;
+        c->before[ch] = v[0], c->jump[ch] = v[1] - v[0], c->doubt[ch] = (float)off;
+        c->doubted |= c->doubt[ch] > 0;
+    }
+}
+
+/* Where another curve is too near, what f changes by on the bracket is not known. */
+static void settle_some(Finder *f, Item *items, const uint32_t *slot, const uint32_t *at, uint32_t n) {
+    double t[ROOM][2][PLACES];
+    for (uint32_t i = 0; i < n; i++) {
+        const Item *it = &items[at[i]];
+        double lo, hi;
+        search_bracket(it, &lo, &hi);
+        double width = fmax(hi - lo, it->tol);
+        for (uint32_t j = 0; j < PLACES; j++) {
+            t[i][0][j] = lo - j * width, t[i][1][j] = hi + j * width;
+            for (uint32_t end = 0; end < 2; end++)
+                search_put(f, (2 * i + end) * PLACES + j, &it->s, search_clamp(t[i][end][j], 0, 1));
+        }
+    }
+    batch_call(f->b, SLT_K_SIDES, 2 * PLACES * n);
+    for (uint32_t i = 0; i < n; i++) {
+        Crossing *c = &f->found[slot[at[i]]];
+        const Item *it = &items[at[i]];
+        Flank k[2];
+        if (read_flank(f, it, 2 * PLACES * i, t[i][0], c->ha, &k[0]) &&
+            read_flank(f, it, 2 * PLACES * i + PLACES, t[i][1], c->hb, &k[1]))
+            settle(f, it, k, it->tol, c);
+    }
+}
+
+void flank_settle(Finder *f, Item *items, const uint32_t *slot, uint32_t n) {
+    uint32_t at[FIND], asked[FIND], nat = 0, nasked = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (slot[i] != UINT32_MAX) at[nat++] = i;
+    for (uint32_t i = 0; i < nat; i += EACH) asked[nasked++] = at[i];
+    if (!nasked || !any_steep(f, items, slot, asked, nasked)) return;
+    for (uint32_t i = 0; i < n; i++) {
+        Item *it = &items[i];
+        double least = (f->s->f64 ? ROUNDED_G : 1) * search_least(f, &it->s), width = fabs(it->x2 - it->x1);
+        if (slot[i] == UINT32_MAX) it->exact = true; /* nothing more to be searched */
+        it->tol = fmin(it->tol, least);
+        it->left = !it->exact && width > least ? (uint32_t)ceil(log2(width / least)) + 2 : 0;
+    }
+    search_solve(f, items, n);
+    for (uint32_t from = 0; from < nat; from += ROOM)
+        settle_some(f, items, slot, at + from, nat - from < ROOM ? nat - from : ROOM);
+}

@@ -1,0 +1,130 @@
+/* One comparison may hold a tie, too: max(a, b) > 0 where a and b are the same and move apart. Its g then has one slope
+ * in the parameters to each side, and the integral no derivative. With the parameters moved forth and back (untie.h)
+ * the changes of g are not opposite; its derivatives at the two moves are those of the two sides. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "runtime/sample/sink.h"
+
+enum { PAIRS = UNTIE_WAYS / 2, EACH = 16 /* crossings of which one is looked at */ };
+#define BENT 0.125   /* changes forth and back that make up for each other to this part are those of a slope */
+#define PART 0x1p-5   /* of the step, that a boundary must go */
+#define ROUNDING 4.0 /* of g, in units in the last place of the position times its gradient */
+
+void kink_free(Kinks *q) {
+    for (int p = 0; p < PAIRS; p++) free(q->at[p]);
+    memset(q, 0, sizeof *q);
+}
+
+/* What may be the rounding of g, or its curvature: of second order in the step. */
+static double least(const Sink *k, const Crossing *c) {
+    const Batch *b = k->b;
+    double most = 0, steep = 0, unit = b->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
+    for (uint32_t d = 0; d < b->s->dim; d++) most = fmax(most, fabs(c->x[d])), steep += c->dg[d] * c->dg[d];
+    /* Where g is not 0 beside the move it is no root, but a pole. */
+    return (ROUNDING * unit * most + PART * k->coincide.apart->step) * sqrt(steep) + 4 * fabs(c->g);
+}
+
+/* pair[i]: the moves that show a kink at crossing at[i], PAIRS: none do. Returns how many have one. The crossings go by
+ * site. */
+static uint32_t find(Sink *k, const Crossing *const *at, uint32_t n, uint32_t *pair) {
+    Batch *b = k->b;
+    const SltCullList *lists = b->args.cull; /* good where nothing has moved */
+    uint32_t found = 0;
+    b->args.cull = NULL;
+    for (uint32_t from = 0, to; from < n; from = to) {
+        double by[UNTIE_WAYS][BATCH];
+        for (to = from + 1; to < n && at[to]->event.site == at[from]->event.site;) to++;
+        b->args.site = at[from]->event.site;
+        for (uint32_t i = from; i < to; i++) sink_put(k, i - from, at[i]);
+        for (uint32_t m = 0; m < UNTIE_WAYS; m++) {
+            untie_use(b, &k->coincide.apart->move[m].scene);
+            batch_call(b, SLT_K_SITE, to - from);
+            for (uint32_t i = from; i < to; i++) by[m][i - from] = batch_get(b, SLT_OUT_G, 0, i - from) - at[i]->g;
+        }
+        for (uint32_t i = from; i < to; i++) {
+            double most = 0;
+            pair[i] = PAIRS;
+            for (uint32_t p = 0; p < PAIRS; p++) {
+                double forth = by[2 * p][i - from], back = by[2 * p + 1][i - from], apart = fabs(forth + back);
+                if (!(apart > BENT * (fabs(forth) + fabs(back)) + least(k, at[i]) && apart > most)) continue;
+                pair[i] = p, most = apart;
+            }
+            found += pair[i] < PAIRS;
+        }
+    }
+    untie_use(b, b->s);
+    b->args.cull = lists;
+    return found;
+}
+
+/* Does g rise the same way after both moves? If not they have gone farther than the other side of a thin band. */
+static bool same_way(Sink *k, const Crossing *c, uint32_t pair) {
+    Batch *b = k->b;
+    const SltCullList *lists = b->args.cull;
+    bool same = true;
+    b->args.cull = NULL, b->args.site = c->event.site;
+    sink_put(k, 0, c);
+    for (uint32_t m = 0; m < 2; m++) {
+        double along = 0;
+        untie_use(b, &k->coincide.apart->move[2 * pair + m].scene);
+        batch_call(b, SLT_K_SITE_GRAD, 1);
+        for (uint32_t d = 0; d < b->s->dim; d++) along += c->dg[d] * batch_get(b, SLT_OUT_G_DX, d, 0);
+        same &= along > 0;
+    }
+    untie_use(b, b->s);
+    b->args.cull = lists;
+    return same;
+}
+
+/* A corner looks like a kink, but only there. */
+static bool is_kink(Sink *k, const Crossing *c, uint32_t pair) {
+    Crossing aside;
+    const Crossing *at = &aside;
+    uint32_t other;
+    if (!same_way(k, c, pair)) return false;
+    return k->b->s->dim == 1 || (coincide_aside(k, c, &aside) && find(k, &at, 1, &other));
+}
+
+/* g of a [SkipLoop] is that of another iteration where parameters have moved; that of a ray looks past another edge. */
+static bool may_bend(const SltScene *s, int32_t site) {
+    return s->site_kind[site] == SLT_SITE_COMPARE && !(s->site_skips && s->site_skips[site]);
+}
+
+/* Those of every `each` kept crossings that lie on a kink, which[] of order[], by pair[]; returns how many. */
+static uint32_t look(Sink *k, const Crossing *c, const uint64_t *order, const bool *keep, uint32_t n, uint32_t each,
+                     uint32_t *which, uint32_t *pair) {
+    const Crossing *at[BATCH] = {NULL};
+    uint32_t seen = 0, nat = 0, kinks = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        if (!keep[i] || x->untied || !may_bend(k->b->s, x->event.site) || seen++ % each) continue;
+        which[nat] = i, at[nat++] = x;
+    }
+    if (!nat || !find(k, at, nat, pair)) return 0;
+    for (uint32_t i = 0; i < nat; i++) {
+        if (pair[i] == PAIRS || !is_kink(k, at[i], pair[i])) continue;
+        which[kinks] = which[i], pair[kinks++] = pair[i];
+    }
+    return kinks;
+}
+
+void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
+    Kinks *q = &k->coincide.kinks;
+    uint32_t which[BATCH], pair[BATCH], kinks;
+    memset(q->n, 0, sizeof q->n);
+    if (!k->coincide.apart || !look(k, c, order, keep, n, EACH, which, pair)) return;
+    kinks = look(k, c, order, keep, n, 1, which, pair);
+    for (uint32_t i = 0; i < kinks; i++) {
+        Crossing **list = &q->at[pair[i]];
+        if (!*list && !(*list = malloc(BATCH * sizeof **list))) {
+            k->failed = true;
+            return;
+        }
+        (*list)[q->n[pair[i]]++] = c[(uint32_t)order[which[i]]];
+        keep[which[i]] = false;
+        k->f->dropped[SLT_DROP_COINCIDENT]++;
+    }
+}

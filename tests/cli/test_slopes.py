@@ -1,0 +1,38 @@
+"""Shading so steep beside a jump that it changes on the bracket of the root, between floats: what it changes by is no part
+of the jump. The boundary terms have closed forms, whatever the slope."""
+import math
+
+from harness import *
+
+SLOPES = (1e3, 1e5, 1e7)
+# {}: the slope. The jump is 1 everywhere.
+PROGRAMS = {
+    "one side": ("[Domain(0.0, 1.0)] shader float main(float x) { [Disc] if (x < c) return 1.0 + %g * (x - c); return 0.0; }", 1),
+    "both sides": ("[Domain(0.0, 1.0)] shader float main(float x) { float f = %g * (x - c); [Disc] if (x < c) f = 1.0 + 0.5 * f; return f; }", 1),
+    "oblique": ("[Domain(0.0, 1.0)] shader float main(float2 x) { float d = x.x + 0.3 * x.y - c; [Disc] if (d < 0.0) return 1.0 + %g * d; return 0.0; }", 1),
+    "disc": ("[Domain(-1.0, 1.0)] shader float main(float2 x) { float d = length(x - float2(0.013, 0.027)) - c; [Disc] if (d < 0.0) return 1.0 + %g * d; return 0.0; }",
+             2 * math.pi * 0.37),
+}
+
+
+class Slopes(Case):
+    def measure(self, name, slope, precision, estimator):
+        source, truth = PROGRAMS[name]
+        self.put("p.salt", "param float c = 0.37;\n" + source % slope)
+        j = self.json_cli("grad", "p.salt", "--integral", "--boundary-only", "--precision", precision, "--estimator", estimator, "--quiet")
+        return abs(j["gradient"]["c"] / truth - 1), j["stderr"]["c"] / truth
+
+    def test_steep_beside_a_jump(self):
+        # What lines leave, and in f32 a float's part of the change between two.
+        least = {("f64", "quadrature"): 1e-8, ("f64", "lattice"): 3e-4, ("f32", "quadrature"): 1e-5, ("f32", "lattice"): 3e-4}
+        for name in PROGRAMS:
+            for (precision, estimator), limit in least.items():
+                for slope in SLOPES:
+                    with self.subTest(name, slope=slope, precision=precision, estimator=estimator):
+                        off, bar = self.measure(name, slope, precision, estimator)
+                        self.assertLess(off, limit + (4e-8 * slope if precision == "f32" else 0))
+                        self.assertLess(off, 2 * bar + 1e-6)
+
+
+if __name__ == "__main__":
+    unittest.main()
