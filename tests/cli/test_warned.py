@@ -103,6 +103,8 @@ ARITHMETIC = {
     "exponent": "return exp(-exp(1e5 * (x.x + x.y - p)));",
     "shaded": "float d = p - length(x); return (1.0 + x.x * x.y) * (0.5 + 0.5 * tanh(1e6 * d)) + 0.1 * sin(3.0 * x.x);",
     "narrow_bump": "float2 e = x - float2(p, q); return exp(-1e6 * dot(e, e) / (p * p));",
+    "in_rand": "float u = rand(); return saturate((p - u) * 1e8);",
+    "quotient_in_rand": "float u = rand() - p; return 0.5 + 0.5 * u / abs(u);",
     "beside_a_disc": "float f = 0.0; [Disc] if (length(x - 0.5) < q) f = 1.0; return f + tanh(1e6 * (p - length(x)));",
 }
 
