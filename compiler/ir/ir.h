@@ -130,7 +130,7 @@ struct Block {
 typedef enum SeamUpset {
     UPSETS_NOTHING,
     UPSETS_SITES,   /* decisions of sites */
-    UPSETS_INTEGERS /* or tagged ones of integers, which are no sites */
+    UPSETS_UNSEEN   /* f, whatever decides */
 } SeamUpset;
 
 typedef struct SiteInfo {
