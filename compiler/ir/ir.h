@@ -129,8 +129,8 @@ struct Block {
 /* What a seam that moves with a parameter may change at its jump, though nothing crosses 0 there. */
 typedef enum SeamUpset {
     UPSETS_NOTHING,
-    UPSETS_SITES,   /* decisions of sites */
-    UPSETS_UNSEEN   /* f, whatever decides */
+    UPSETS_SITES, /* decisions of sites */
+    UPSETS_UNSEEN /* f, whatever decides */
 } SeamUpset;
 
 typedef struct SiteInfo {
