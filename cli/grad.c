@@ -67,7 +67,7 @@ static void report_missed(const Cli *c, const SltProgram *p, const SltIntegral *
     }
     double missed = n ? r->missed_estimate[worst] : 0;
     if (!n || c->quiet || c->json) return;
-    if (fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return;
+    if (!(fabs(missed) > 0) || fabs(missed) < 0.5 * r->gradient_stderr[worst] || fabs(missed) < 1e-3 * largest) return;
     char name[256];
     report_component_name(p, (uint32_t)(worst % slt_float_count(p)), name, sizeof name);
     fprintf(stderr,

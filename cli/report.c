@@ -97,17 +97,6 @@ static void report_stop(const SltStats *s) {
         fputs("saltus: warning: the error asked for was not reached: rounding is larger\n", stderr);
 }
 
-/* Else the certificate would be believed of these jumps too. */
-static void report_upset(const SltStats *s) {
-    if (!(s->upset > 0)) return;
-    fprintf(
-        stderr,
-        "saltus: warning: line %u: f jumps where this jump, which is not tagged, makes a [Disc] decide otherwise. The "
-        "derivative lacks its motion: tag it. The stated error grows by the size of the jumps, as if they moved by 1; "
-        "%.2g of the domain is not certified for it\n",
-        s->upset_line, s->upset);
-}
-
 void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
     if (c->quiet || c->json) return;
     report_stop(s);
@@ -118,7 +107,6 @@ void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
     }
     fprintf(stderr, "saltus: %.4g %% certified (%.4g %% settled, %.4g %% curves), %llu evaluations, %.3f s\n",
             100 * s->certified, 100 * s->settled, 100 * s->curved, (unsigned long long)s->evaluations, s->seconds);
-    report_upset(s);
     if (s->left > 0) {
         fprintf(stderr, "saltus: note: nothing is proven on the rest, %.2g of the domain; it hides ", s->left);
         if (isfinite(s->left_bound)) fprintf(stderr, "at most %.2g of a value", s->left_bound);
@@ -177,10 +165,22 @@ static bool ulps_text(const SltStats *s, char *buf, size_t size) {
     return s->ulps > 0;
 }
 
+/* Else the certificate would be believed of these jumps too. */
+static bool upset_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(
+        buf, size,
+        "line %u: f jumps where this decides, or makes a [Disc] decide otherwise, and no [Disc] tags it. The "
+        "derivative lacks its motion: tag it. The stated error grows by the size of the jumps, as if they moved by "
+        "1; %.2g of the domain is not certified for it",
+        s->upset_line, s->upset);
+    return s->upset > 0;
+}
+
 static const struct {
     const char *code;
     bool (*text)(const SltStats *s, char *buf, size_t size); /* false: there is nothing to warn of */
-} sampled[] = {{"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text}};
+} sampled[] = {
+    {"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text}, {"upset", upset_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled, TEXT = 512 };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {

@@ -148,6 +148,7 @@ static int read_params(Reader *r, json_t *root) {
             if (p->file && !given && r->c->nparam_files < CLI_MAX_LIST)
                 r->c->param_files[r->c->nparam_files++] = (SltSet){p->name, p->file};
         }
+        if (json_is_null(value)) return bad(r, key, "a value is wanted, not null");
         if (value) p->value = scene_keep(r->s, json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(17)));
     }
     return SLT_OK;

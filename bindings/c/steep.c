@@ -58,7 +58,7 @@ static void watch(void *user, const Inst *i, const void *const *slot, const uint
 /* f at both ends, under the eye of `watch`. */
 static bool trace(Tracing *t, const SteepPlace *at) {
     const SltProgram *p = t->p;
-    double in[3][ENDS], zero[ENDS] = {0}, half[ENDS];
+    double in[3][ENDS], zero[ENDS] = {0}, rand[ENDS];
     int32_t stream[ENDS] = {at->stream, at->stream};
     SltKernelArgs a = {
         .params = p->flt, .iparams = p->scene.iparams, .geometries = p->scene.geometries, .resolution = {1, 1}};
@@ -66,12 +66,12 @@ static bool trace(Tracing *t, const SteepPlace *at) {
     for (uint32_t d = 0; d < 3; d++) {
         for (uint32_t e = 0; e < ENDS; e++) {
             double x = e ? at->b[d] : at->a[d];
-            if (p->opt.f64) in[d][e] = x, half[e] = 0.5;
-            else ((float *)in[d])[e] = (float)x, ((float *)half)[e] = 0.5f;
+            if (p->opt.f64) in[d][e] = x, rand[e] = at->rand[e];
+            else ((float *)in[d])[e] = (float)x, ((float *)rand)[e] = (float)at->rand[e];
         }
         a.in[IN_X0 + d] = in[d];
     }
-    a.in[SLT_IN_STREAM] = stream, a.in[SLT_IN_RAND0] = half;
+    a.in[SLT_IN_STREAM] = stream, a.in[SLT_IN_RAND0] = rand;
     uint64_t fuel = FUEL;
     return ir_interpret_watched(p->prog->primal, &a, ENDS, ENDS, &fuel, watch, t) == SLT_OK;
 }
@@ -104,9 +104,10 @@ static void tell(Session *s, void *user) {
         for (uint32_t d = 0; d < p->prog->dim; d++) x = arena_printf(scratch, "%s%s%.7g", x, d ? ", " : "", at->a[d]);
         double apart = 0;
         for (uint32_t d = 0; d < 3; d++) apart = fmax(apart, fabs(at->b[d] - at->a[d]));
-        how = at->peak   ? "f has a narrow peak, larger than what was sampled"
-              : at->jump ? "f jumps"
-                         : arena_printf(scratch, "f changes within %.1g", apart);
+        how = at->peak                     ? "f has a narrow peak, larger than what was sampled"
+              : at->rand[0] != at->rand[1] ? "with rand() f jumps"
+              : at->jump                   ? "f jumps"
+                                           : arena_printf(scratch, "f changes within %.1g", apart);
         diag_emit(s, DIAG_steep, t.culprit, how, fabs(at->change), p->prog->dim > 1 ? "(" : "", x,
                   p->prog->dim > 1 ? ")" : "");
     }

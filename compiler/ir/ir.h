@@ -129,8 +129,8 @@ struct Block {
 /* What a seam that moves with a parameter may change at its jump, though nothing crosses 0 there. */
 typedef enum SeamUpset {
     UPSETS_NOTHING,
-    UPSETS_SITES,   /* decisions of sites */
-    UPSETS_INTEGERS /* or tagged ones of integers, which are no sites */
+    UPSETS_SITES, /* decisions of sites */
+    UPSETS_UNSEEN /* f, whatever decides */
 } SeamUpset;
 
 typedef struct SiteInfo {

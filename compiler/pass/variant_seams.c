@@ -30,9 +30,10 @@ typedef struct Seams {
     Boxes facts;        /* likewise: bounds_facts alone */
     uint32_t n;         /* ids then */
     const bool *tagged; /* likewise: a tagged decision comes from it */
-    bool integers;      /* so may some that are no sites, of integers */
-    bool *decides;      /* by id of a comparison or rounding: something else than its own site uses it */
-    Inst **seam;        /* by id: what stands for the value from now on */
+    const Program *program;
+    bool integers; /* tagged decisions of integers, which are no sites, may come from it */
+    bool *decides; /* by id of a comparison or rounding: something else than its own site uses it */
+    Inst **seam;   /* by id: what stands for the value from now on */
     Vec(SiteInfo) sites;
     Vec(Known) known;
     Inst *loop_k[SLT_MAX_K];
@@ -117,10 +118,19 @@ static SiteKind kind_of(const Inst *i) {
     }
 }
 
-/* May a decision that is tagged jump where this does, at a place that moves? */
+static bool is_silenced(const Seams *s, Span at) {
+    for (uint32_t k = 0; s->program && k < s->program->nsilenced; k++) {
+        Span o = s->program->silenced[k];
+        if (o.file == at.file && o.pos == at.pos && o.len == at.len) return true;
+    }
+    return false;
+}
+
+/* May f jump where this does, at a place that moves, and nothing be integrated? */
 static SeamUpset upset_of(const Seams *s, const Inst *i) {
     if (class_of(s, i) != CLASS_JUMP || !depend_jumps(s->dep, i)) return UPSETS_NOTHING;
-    return s->integers ? UPSETS_INTEGERS : s->tagged[i->id] ? UPSETS_SITES : UPSETS_NOTHING;
+    if (s->integers || !is_silenced(s, i->span)) return UPSETS_UNSEEN;
+    return s->tagged[i->id] ? UPSETS_SITES : UPSETS_NOTHING;
 }
 
 static uint32_t new_edge(Seams *s, const Inst *i) {
@@ -220,7 +230,7 @@ Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     s.decides = ARENA_ARRAY(scratch, bool, s.n + 1);
     s.seam = ARENA_ARRAY(scratch, Inst *, s.n + 1);
     for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
-    s.integers = decides_integers(ctx->program);
+    s.program = ctx->program, s.integers = decides_integers(ctx->program);
     find_tagged(&s);
     find_users(&s, fn->body);
     count_block(&s, fn->body, 0);

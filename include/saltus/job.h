@@ -98,8 +98,8 @@ typedef struct SltStats {
     double left_bound;      /* what the rest can hide of a value, at most; NaN: not bounded */
     uint64_t boxes;         /* evaluations of bounds, which count in `evaluations` too */
     SltStop stopped;
-    double upset; /* measure of cells in which f jumps where an untagged jump makes a [Disc] decide otherwise; it is
-                     part of settled or curved, not of certified */
+    double upset; /* measure of cells in which f jumps, at a place that moves, where no [Disc] is, or where such a place
+                     makes a [Disc] decide otherwise; it is part of settled or curved, not of certified */
     uint32_t upset_line; /* where the first such jump stands in the source; 0: there is none */
     double ulps;         /* of coordinates in single precision between neighbouring lines, where they are fewer than
                             SLT_FEW_ULPS: answers are then wrong by more than is stated; 0: enough. Of the last call */

@@ -63,6 +63,7 @@ typedef struct CellSink {
 
 typedef struct CellOptions {
     bool curves, volume; /* which points are wanted */
+    bool seams;          /* does f jump at seams that move? (SltScene.edge_upsets) */
     uint32_t gauss;      /* points along a piece of a curve and along each side of a cell, fine rule */
     uint32_t coarse;     /* likewise of the coarse rule; 0: no coarse points */
     uint32_t few;        /* at least along a piece that is short for how its curve bends; less than 2: 2 */

@@ -146,8 +146,9 @@ static bool look_at_middles(Cells *c, uint32_t first) {
     for (uint32_t i = 0; i < c->nroot; i++) {
         Root *r = &c->root[i];
         if (!(c->piece[c->column[r->column].piece].present >> r->edge & 1)) continue;
-        r->wanted = c->o->curves && !c->cell[c->piece[c->column[r->column].piece].cell].curves_done &&
-                    (is_site(c, &c->piece[c->column[r->column].piece], r->edge) || cells_upsets(c, r->of->event.site));
+        const Piece *p = &c->piece[c->column[r->column].piece];
+        r->wanted = !c->cell[p->cell].curves_done &&
+                    ((c->o->curves && is_site(c, p, r->edge)) || cells_upsets(c, r->of->event.site));
     }
     if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {

@@ -374,13 +374,18 @@ int cells_straight_axis(const Cells *c, const CellEdge *e) {
 }
 
 int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
+    int upset = -1, across = -1;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         /* The curve of a site must have been integrated before the cell is cut along it. */
-        if (!cell->curves_done && (uint32_t)cell->edge[e].event.site < c->s->nsites) continue;
+        int32_t edge = cell->edge[e].event.site;
+        if (!cell->curves_done && (uint32_t)edge < c->s->nsites) continue;
         *axis = cells_straight_axis(c, &cell->edge[e]);
-        if (*axis >= 0) return (int)e;
+        if (*axis < 0) continue;
+        if (c->dim > 2 || cell->curves_done || !cells_upsets(c, edge)) return (int)e;
+        if (upset < 0) upset = (int)e, across = *axis;
     }
-    return -1;
+    *axis = across;
+    return upset; /* last, in a plane: f is compared at places of its face, which should look alike by then */
 }
 
 bool cells_choose_axes(const Cells *c, Cell *cell) {
@@ -403,7 +408,7 @@ bool cells_choose_axes(const Cells *c, Cell *cell) {
         cell->axes = 1u << common;
         return true;
     }
-    if (cell->curves_done || !c->o->curves) return false;
+    if (cell->curves_done || !(c->o->curves || c->o->seams)) return false;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         CellEdge *edge = &cell->edge[e];
         /* A seam has no curve to integrate along, but to look along: that it does not jump is enough. */

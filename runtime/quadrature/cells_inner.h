@@ -465,8 +465,8 @@ bool cells_add_gap(Cells *c, uint32_t cell, const Root *r);
 bool cells_integrate_gaps(Cells *c);
 
 /* ---- cells_upset.c */
-bool cells_upsets(const Cells *c, int32_t edge);    /* must the two sides of a seam be compared? */
-bool cells_is_upset(const Cells *c, const Root *r); /* of which the sides were taken: does f jump there? */
+bool cells_upsets(const Cells *c, int32_t edge); /* must the two sides of a seam be compared? */
+bool cells_is_upset(Cells *c, const Root *r);    /* of which the sides were taken: does f jump there? */
 /* Counts what f jumps by along the curves of a piece that goes out; owner: the cell that is charged, NULL: its own. */
 void cells_add_upset(Cells *c, const Piece *p, Cell *owner);
 /* The same of the face in which a cell is cut at a seam, r. */

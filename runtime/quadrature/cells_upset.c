@@ -1,29 +1,58 @@
-/* Seams that move with a parameter and by whose jump a tagged decision may change, though no g crosses 0 there
- * (SltScene.edge_upsets). f then jumps along a curve that nothing integrates. On a piece of a curve nothing else that
- * decides changes, so its middle tells of all of it; where cells are cut at a straight seam a few places do. */
+/* Seams that move with a parameter, at which f may jump, by itself or by a tagged decision that changes though its g
+ * does not cross 0 (SltScene.edge_upsets): along a curve that nothing integrates. On a piece of a curve nothing else
+ * that decides changes, so its middle tells of all of it; where cells are cut at a straight seam a few places do. */
 #include <math.h>
 #include <string.h>
 
 #include "runtime/quadrature/cells_inner.h"
 
+#define STEEP 64 /* times its mean slope: f may climb so along a gap and not jump */
+#define BESIDE 4
+
 bool cells_upsets(const Cells *c, int32_t edge) {
     if ((uint32_t)edge >= c->s->nedges) return false; /* a choice of a straight-line program: it tells nothing of f */
-    return c->s->edge_upsets && c->o->curves && c->s->edge_upsets[edge] != SLT_UPSETS_NOTHING;
+    return c->o->seams && c->s->edge_upsets[edge] != SLT_UPSETS_NOTHING;
 }
 
-/* Does f jump between the two sides, and a decision with it? More than floats so near to each other differ anyway. */
-static bool jumps(const Cells *c, int32_t edge, const Sides *s) {
-    double slack = (c->b->f64 ? 0x1p-30 : 0x1p-12);
-    bool decided = s->hash[0] != s->hash[1] || c->s->edge_upsets[edge] == SLT_UPSETS_UNSEEN, any = false;
-    for (uint32_t ch = 0; ch < c->s->channels && decided; ch++) {
-        double p = s->f[0][ch], q = s->f[1][ch];
-        any |= !(fabs(p - q) <= slack * (fabs(p) + fabs(q))); /* NaN is one */
+/* Does f jump between the two sides, which are `apart` on that axis? By more than floats so near to each other differ
+ * anyway: of f, and where no hash tells, of what f changes by in the cell and along the gap. */
+static bool jumps(const Cells *c, const Cell *cell, int32_t edge, const Sides *s, int axis, double apart) {
+    double slack = c->b->f64 ? 0x1p-30 : 0x1p-12, size = cell->box.end[axis] - cell->box.lo[axis];
+    bool unseen = c->s->edge_upsets[edge] == SLT_UPSETS_UNSEEN && s->hash[0] == s->hash[1], any = false;
+    if (c->s->edge_upsets[edge] != SLT_UPSETS_UNSEEN && s->hash[0] == s->hash[1]) return false;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double p = s->f[0][ch], q = s->f[1][ch], least = slack * (fabs(p) + fabs(q));
+        double range = cell->f[2 * ch + 1] - cell->f[2 * ch];
+        if (unseen && isfinite(range)) least = fmax(least, range * (slack + STEEP * apart / size));
+        any |= !(fabs(p - q) <= least); /* NaN is one */
     }
     return any;
 }
 
-bool cells_is_upset(const Cells *c, const Root *r) {
-    return cells_upsets(c, r->of->event.site) && !r->twin && jumps(c, r->of->event.site, cells_sides(c, r));
+/* Of what two sides differ by: is it no more than f changes by beside them, on BESIDE times their distance? */
+static bool is_slope(Cells *c, const Root *r, const Sides *s) {
+    double change[SLT_MAX_CHANNELS] = {0}, x[3];
+    memcpy(x, r->x, sizeof x);
+    for (uint32_t i = 0; i < 2; i++) {
+        double to = s->at[i] + BESIDE * (s->at[i] - s->at[!i]);
+        x[r->axis] = cells_round(c, fmin(fmax(to, c->lo[r->axis]), c->hi[r->axis]));
+        batch_set_x(c->b, i, x);
+    }
+    cells_call(c, SLT_K_SIDES, 2);
+    bool slope = true;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        for (uint32_t i = 0; i < 2; i++) change[ch] += fabs(batch_get(c->b, SLT_OUT_F, ch, i) - s->f[i][ch]);
+        slope &= fabs(s->f[0][ch] - s->f[1][ch]) <= change[ch];
+    }
+    return slope;
+}
+
+bool cells_is_upset(Cells *c, const Root *r) {
+    if (!cells_upsets(c, r->of->event.site) || r->twin) return false;
+    const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
+    const Sides *s = cells_sides(c, r);
+    if (!jumps(c, cell, r->of->event.site, s, r->axis, fabs(s->at[1] - s->at[0]))) return false;
+    return s->hash[0] != s->hash[1] || !is_slope(c, r, s);
 }
 
 /* size: of the curve or surface. */
@@ -88,6 +117,7 @@ void cells_check_cut(Cells *c, Cell *cell, const Root *r) {
             sides.hash[s] = (uint32_t)batch_get_int(b, SLT_OUT_HASH, 0, 2 * i + s);
             for (uint32_t ch = 0; ch < c->s->channels; ch++) sides.f[s][ch] = batch_get(b, SLT_OUT_F, ch, 2 * i + s);
         }
-        if (jumps(c, r->of->event.site, &sides)) add(c, cell, r->of->event.site, &sides, area / n);
+        if (jumps(c, cell, r->of->event.site, &sides, r->axis, r->hi - r->lo))
+            add(c, cell, r->of->event.site, &sides, area / n);
     }
 }

@@ -191,6 +191,7 @@ SltStatus quadrature_forward(const SltScene *s, const SltJob *j, uint32_t ndir, 
     SltStatus st = run_begin(&r, s, j, err);
     Sweep p = {.run = &r, .kind = SWEEP_FORWARD, .dirs = &d, .out = out, .crossings = crossings};
     p.options.curves = !j->no_boundary && quadrature_has_boundary(s, SLT_K_SITE_JVP);
+    p.options.seams = quadrature_compares_seams(s, j);
     p.options.volume = !j->no_interior && s->kernel[SLT_K_JVP];
     if (st == SLT_OK && !directions_init(&d, s, ndir, dirs)) st = status_fail(err, SLT_LIMIT, "out of memory");
     if (st == SLT_OK) st = sweep_begin(&p);
@@ -229,6 +230,7 @@ SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *ad
     SltStatus st = run_begin(&r, s, j, err);
     Sweep p = {.run = &r, .kind = SWEEP_REVERSE, .adjoint = adjoint, .errors = stderr_bound || wants_error(j)};
     p.options.curves = !j->no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
+    p.options.seams = quadrature_compares_seams(s, j);
     p.options.volume = !j->no_interior && s->kernel[SLT_K_VJP];
     if (st == SLT_OK) st = sweep_begin(&p);
     if (st == SLT_OK) {

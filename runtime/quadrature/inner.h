@@ -12,6 +12,8 @@
 bool quadrature_marches(const SltScene *s, const SltJob *j);
 /* Does the program have a boundary term, and the kernels for it; `last`: SITE_VJP or SITE_JVP. */
 bool quadrature_has_boundary(const SltScene *s, SltKernelKind last);
+/* Of a derivative: must it be known where f jumps at seams? */
+bool quadrature_compares_seams(const SltScene *s, const SltJob *j);
 /* Segments of the lattice that the job speaks of: a pixel, or of an integral in all. */
 double quadrature_segments(const SltJob *j);
 /* Evaluations that the lattice spends on the job: a sample is one of f and one of the adjoint of each channel. */

@@ -81,6 +81,7 @@ SltStatus quadrature_loss(const SltScene *s, const SltJob *j, const float *targe
     SltStatus st = run_begin(&r, s, j, err);
     Sweep p = {.run = &r, .kind = SWEEP_LOSS, .target = target, .mask = mask, .image = image, .options.volume = true};
     p.options.curves = !j->no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
+    p.options.seams = quadrature_compares_seams(s, j);
     p.interior = !j->no_interior && s->kernel[SLT_K_VJP];
     p.weighed = st == SLT_OK ? malloc(r.grid.pixels * s->channels * sizeof *p.weighed) : NULL;
     p.adjoint = p.weighed;

@@ -30,6 +30,8 @@ bool quadrature_has_boundary(const SltScene *s, SltKernelKind last) {
            s->kernel[SLT_K_SITE] && s->kernel[SLT_K_SITE_GRAD] && s->kernel[last];
 }
 
+bool quadrature_compares_seams(const SltScene *s, const SltJob *j) { return !j->no_boundary && s->edge_upsets; }
+
 void quadrature_state(Run *r, const Sweep *p) {
     SltStats *t = &r->stats;
     const SltScene *s = r->s;
@@ -159,6 +161,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     p.interior = gradient && !j.no_interior && s->kernel[SLT_K_VJP];
     p.segments = boundary ? quadrature_segments(&j) : 0, p.samples = (double)j.samples;
     p.options.curves = boundary, p.options.volume = p.interior || value;
+    p.options.seams = gradient && quadrature_compares_seams(s, &j);
     double lattice = quadrature_lattice(s, &j, boundary, p.interior);
     Effort e;
     SltStop stop = SLT_STOP_NONE;

@@ -33,7 +33,7 @@
 typedef enum SltUpset {
     SLT_UPSETS_NOTHING,
     SLT_UPSETS_SITES, /* what sites decide, and so the hash */
-    SLT_UPSETS_UNSEEN /* decisions that are no sites */
+    SLT_UPSETS_UNSEEN /* f, whatever decides: no [NoDisc] says that it does not matter */
 } SltUpset;
 
 typedef struct SltScene {

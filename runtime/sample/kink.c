@@ -11,6 +11,7 @@
 enum { PAIRS = UNTIE_WAYS / 2, EACH = 16 /* crossings of which one is looked at */ };
 #define BENT 0.125   /* changes forth and back that make up for each other to this part are those of a slope */
 #define PART 0x1p-5   /* of the step, that a boundary must go */
+#define FASTER 8.0    /* g may rise so many times faster after a move */
 #define ROUNDING 4.0 /* of g, in units in the last place of the position times its gradient */
 
 void kink_free(Kinks *q) {
@@ -60,11 +61,14 @@ static uint32_t find(Sink *k, const Crossing *const *at, uint32_t n, uint32_t *p
     return found;
 }
 
-/* Does g rise the same way after both moves? If not they have gone farther than the other side of a thin band. */
+/* Does g rise the same way after both moves, and about as fast? If not they have gone farther than the other side of a
+ * thin band, or the root is a multiple one, of which rounding makes anything. */
 static bool same_way(Sink *k, const Crossing *c, uint32_t pair) {
     Batch *b = k->b;
     const SltCullList *lists = b->args.cull;
+    double square = 0;
     bool same = true;
+    for (uint32_t d = 0; d < b->s->dim; d++) square += c->dg[d] * c->dg[d];
     b->args.cull = NULL, b->args.site = c->event.site;
     sink_put(k, 0, c);
     for (uint32_t m = 0; m < 2; m++) {
@@ -72,7 +76,7 @@ static bool same_way(Sink *k, const Crossing *c, uint32_t pair) {
         untie_use(b, &k->coincide.apart->move[2 * pair + m].scene);
         batch_call(b, SLT_K_SITE_GRAD, 1);
         for (uint32_t d = 0; d < b->s->dim; d++) along += c->dg[d] * batch_get(b, SLT_OUT_G_DX, d, 0);
-        same &= along > 0;
+        same &= along * FASTER > square && along < square * FASTER;
     }
     untie_use(b, b->s);
     b->args.cull = lists;
@@ -93,6 +97,13 @@ static bool may_bend(const SltScene *s, int32_t site) {
     return s->site_kind[site] == SLT_SITE_COMPARE && !(s->site_skips && s->site_skips[site]);
 }
 
+/* On the final bracket g rises far faster than its gradient says: what is there is rounding. */
+static bool is_rough(const Sink *k, const Crossing *c) {
+    double square = 0;
+    for (uint32_t d = 0; d < k->b->s->dim; d++) square += c->dg[d] * c->dg[d];
+    return fabs(c->gb - c->ga) > FASTER * sqrt(square) * c->bracket && c->bracket > 0;
+}
+
 void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n) {
     Kinks *q = &k->coincide.kinks;
     const Crossing *at[BATCH];
@@ -105,7 +116,7 @@ void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, 
         nat = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Crossing *x = &c[(uint32_t)order[i]];
-            if (!keep[i] || !may_bend(k->b->s, x->event.site) || seen++ % look) continue;
+            if (!keep[i] || !may_bend(k->b->s, x->event.site) || is_rough(k, x) || seen++ % look) continue;
             which[nat] = i, at[nat++] = x;
         }
         if (!find(k, at, nat, pair)) return;

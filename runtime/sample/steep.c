@@ -42,11 +42,11 @@ static uint32_t hash_at(const SteepProbe *p, uint32_t i) {
 }
 
 void steep_put(SteepProbe *p, uint32_t i, const SteepStep *t, double at) {
-    double x[3];
+    double x[4];
     memcpy(x, t->x, sizeof x);
     x[t->axis] = at;
     batch_set_x(&p->batch, i, x);
-    batch_set_stream(&p->batch, i, t->stream, 0.5);
+    batch_set_stream(&p->batch, i, t->stream, x[STEEP_RAND]);
 }
 
 /* ---- the lines */
@@ -61,10 +61,16 @@ void steep_place(const SteepProbe *p, uint32_t axis, uint32_t line, uint32_t i, 
             continue;
         }
         if (d == axis) t = (i + 0.1 + 0.8 * golden(line, 0.37)) / p->points;
-        else if (p->s->dim == 2) t = (line + 0.25 + 0.5 * golden(line, 0.61)) / p->lines;
+        else if (p->s->dim == 2 && axis != STEEP_RAND) t = (line + 0.25 + 0.5 * golden(line, 0.61)) / p->lines;
         else t = fmod(0.5 + (line + 1) * (across++ ? 0.56984029099805327 : 0.75487766624669276), 1);
         x[d] = steep_round(p, p->s->lo[d] + t * domain_size(p->s, d));
     }
+}
+
+/* The same with the random number, which only its own lines vary. */
+static void place_with_rand(const SteepProbe *p, uint32_t axis, uint32_t line, uint32_t i, double x[4]) {
+    steep_place(p, axis, line, i, x);
+    x[STEEP_RAND] = axis == STEEP_RAND ? steep_round(p, (i + 0.1 + 0.8 * golden(line, 0.37)) / p->points) : 0.5;
 }
 
 static int by_excess(const void *a, const void *b) {
@@ -96,8 +102,8 @@ static void look_at_line(SteepProbe *p, uint32_t axis, uint32_t line, uint32_t f
                 SteepStep *t = &p->step[p->n++];
                 *t = (SteepStep){
                     .axis = axis, .point = i, .channel = c, .stream = (int32_t)line, .excess = change - least};
-                double end[3];
-                steep_place(p, axis, line, i, t->x), steep_place(p, axis, line, i + 1, end);
+                double end[4];
+                place_with_rand(p, axis, line, i, t->x), place_with_rand(p, axis, line, i + 1, end);
                 t->a = t->x[axis], t->b = end[axis], t->fa = f, t->fb = next, t->first = change;
                 t->hash = hash_at(p, first + i);
             }
@@ -113,10 +119,10 @@ static void look_along(SteepProbe *p, uint32_t axis) {
         uint32_t n = p->lines - from < at_once ? p->lines - from : at_once;
         for (uint32_t k = 0; k < n; k++)
             for (uint32_t i = 0; i < p->points; i++) {
-                double x[3];
-                steep_place(p, axis, from + k, i, x);
+                double x[4];
+                place_with_rand(p, axis, from + k, i, x);
                 batch_set_x(&p->batch, k * p->points + i, x);
-                batch_set_stream(&p->batch, k * p->points + i, (int32_t)(from + k), 0.5);
+                batch_set_stream(&p->batch, k * p->points + i, (int32_t)(from + k), x[STEEP_RAND]);
             }
         steep_evaluate(p, n * p->points);
         for (uint32_t k = 0; k < n; k++) look_at_line(p, axis, from + k, k * p->points);
@@ -216,7 +222,9 @@ static int by_change(const void *a, const void *b) {
 
 static void place_of(const SteepStep *t, SteepPlace *o) {
     memcpy(o->a, t->x, sizeof o->a), memcpy(o->b, t->x, sizeof o->b);
-    o->a[t->axis] = t->a, o->b[t->axis] = t->b;
+    o->rand[0] = o->rand[1] = t->x[STEEP_RAND];
+    if (t->axis == STEEP_RAND) o->rand[0] = t->a, o->rand[1] = t->b;
+    else o->a[t->axis] = t->a, o->b[t->axis] = t->b;
     o->change = t->fb - t->fa, o->stream = t->stream, o->jump = t->jump;
 }
 
@@ -233,12 +241,13 @@ static void drop_known(SteepProbe *p, const Steep *steep) {
 /* A few floats wide: there is no slope to be had. */
 static bool is_narrow(const SteepProbe *p, const SteepStep *t) {
     double unit = p->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
+    if (t->axis == STEEP_RAND) return true; /* nothing weighs its slope */
     return t->b - t->a < FLOATS * unit * fmax(fabs(p->s->lo[t->axis]), fabs(p->s->hi[t->axis]));
 }
 
-static bool find(SteepProbe *p, const Steep *steep) {
-    const SltScene *s = p->s;
-    for (uint32_t d = 0; d < s->dim; d++) look_along(p, d);
+/* Along the axes first to end - 1. */
+static bool find_along(SteepProbe *p, const Steep *steep, uint32_t first, uint32_t end) {
+    for (uint32_t d = first; d < end; d++) look_along(p, d);
     uint32_t kept = 0;
     for (uint32_t i = 0; i < p->n; i++)
         if (p->step[i].first > VISIBLE * p->largest) p->step[kept++] = p->step[i];
@@ -253,6 +262,13 @@ static bool find(SteepProbe *p, const Steep *steep) {
     bool memory = !p->n || drop_static(p);
     drop_known(p, steep);
     p->found = before ? p->found * p->n / before : 0;
+    return memory;
+}
+
+/* What jumps with the random number alone is seen on no line through the domain. */
+static bool find(SteepProbe *p, const Steep *steep) {
+    bool memory = find_along(p, steep, 0, p->s->dim);
+    if (memory && !p->n && p->s->uses_rand) memory = find_along(p, steep, STEEP_RAND, STEEP_RAND + 1);
     return memory;
 }
 
@@ -300,7 +316,7 @@ static bool look_for_peak(SteepProbe *p, SltIntegral *out, Steep *steep) {
     if (out && !steep_weigh_peak(p, &peak, out, &seen)) return false;
     if (seen) return true;
     SteepPlace *o = &steep->place[steep->n++];
-    *o = (SteepPlace){.change = peak.over, .peak = true};
+    *o = (SteepPlace){.change = peak.over, .peak = true, .rand = {0.5, 0.5}};
     memcpy(o->a, peak.x, sizeof o->a), memcpy(o->b, peak.x, sizeof o->b);
     for (uint32_t d = 0; d < p->s->dim; d++) o->b[d] = steep_round(p, fmin(p->s->hi[d], 2 * peak.hi[d] - peak.lo[d]));
     steep->share = 1.0 / ((double)p->lines * p->points * p->s->dim);
@@ -309,7 +325,7 @@ static bool look_for_peak(SteepProbe *p, SltIntegral *out, Steep *steep) {
 
 SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *out, uint64_t spent, Steep *steep,
                              SltStats *stats, SltError *err) {
-    if ((s->nedges && s->flat) || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
+    if ((s->nedges && s->flat && !s->uses_rand) || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
     /* Between two ridges f jumps though a ray meets ground at both ends: a line cannot tell that from arithmetic. */
     if (s->ngeometries && !prove_only_shadows(s)) return SLT_OK;
     if (s->nsites && !s->kernel[SLT_K_SIDES]) return SLT_OK;

@@ -14,6 +14,7 @@
 enum { STEEP_PLACES = 8 };
 typedef struct SteepPlace {
     double a[3], b[3]; /* two points of one line between which f changes */
+    double rand[2];    /* the first random number there */
     double change;     /* by so much, in its channel; not finite: by more than any number */
     int32_t stream;    /* of random numbers at both */
     bool jump;         /* a and b are neighbours, nearly: no slope is to be seen */

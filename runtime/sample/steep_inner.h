@@ -7,10 +7,11 @@
 #include "runtime/sample/steep.h"
 
 enum { STEEP_STEPS = 64 }; /* changes that are kept, at most */
+enum { STEEP_RAND = 3 };   /* the axis of the first random number */
 
 /* A change of f between two points of a line. */
 typedef struct SteepStep {
-    double x[3], a, b, fa, fb;           /* x[axis] is a's; of its channel */
+    double x[4], a, b, fa, fb;           /* x[axis] is a's, x[STEEP_RAND] the random number; of its channel */
     double first, excess;                /* |change| between the points of the line; by how much it exceeds the next */
     uint32_t axis, point, channel, hash; /* it lay between this point of its line and the next */
     int32_t stream;                      /* the line */

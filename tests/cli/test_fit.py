@@ -176,6 +176,8 @@ class Scene(Case):
             self.scene[key] = old
         self.scene["params"]["zz"] = 1
         self.fit(4)
+        self.scene["params"]["zz"] = {"value": None}
+        self.assertIn("not null", self.fit(4).err)
         del self.scene["params"]["zz"]
         self.scene["set"] = {"ZZ": 1}
         self.assertIn(self.fit(None).code, (2, 4))

@@ -103,6 +103,8 @@ ARITHMETIC = {
     "exponent": "return exp(-exp(1e5 * (x.x + x.y - p)));",
     "shaded": "float d = p - length(x); return (1.0 + x.x * x.y) * (0.5 + 0.5 * tanh(1e6 * d)) + 0.1 * sin(3.0 * x.x);",
     "narrow_bump": "float2 e = x - float2(p, q); return exp(-1e6 * dot(e, e) / (p * p));",
+    "in_rand": "float u = rand(); return saturate((p - u) * 1e8);",
+    "quotient_in_rand": "float u = rand() - p; return 0.5 + 0.5 * u / abs(u);",
     "beside_a_disc": "float f = 0.0; [Disc] if (length(x - 0.5) < q) f = 1.0; return f + tanh(1e6 * (p - length(x)));",
 }
 
@@ -206,6 +208,27 @@ class Kinds(Case):
         found = self.sort(FEW)
         self.counted("decisions of which few matter, warned about", found, FEW)
         self.assertEqual(set(FEW) - found, set())
+
+    def test_cells_with_them_are_not_certified(self):
+        """Each jump of the edge weighs its length: nothing that the cells integrate moves."""
+        disc = 2.0 * math.pi
+        truth = {"third_ring": 0.02 * disc, "last_floor": -2.0, "last_iteration": 0.03 * disc, "band_y": 0.015, "cond_or": 0.03, "count17": 0.02 * disc}
+        for name, want in truth.items():
+            self.put("s.salt", HEAD + FEW[name] + "\n}\n")
+            for options in (), ("--precision", "f64"):
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", *options)
+                self.assertLess(j["certified"], 1, (name, options))
+                self.assertLessEqual(abs(j["gradient"]["p"] - want), 2 * j["stderr"]["p"], (name, options))
+                self.assertIn("upset", {d["code"] for d in j["warnings"]}, (name, options))
+        for name in "huber", "max", "cull", "mirror", "repeat_sdf", "value_noise":
+            self.put("s.salt", HEAD + CONTINUOUS[name] + "\n}\n")
+            j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64")
+            self.assertEqual([d["code"] for d in j["warnings"] if d["code"] == "upset"], [], name)
+
+    def test_text_of_a_derivative_that_is_0(self):
+        self.put("s.salt", HEAD + "[Disc] if (length(x) < 5.0 * p) return 1.0; return 0.0;\n}\n")
+        r = self.run_cli("grad", "s.salt", "--integral")
+        self.assertNotIn("lines miss", r.err)
 
     def test_arithmetic(self):
         found = self.sort(ARITHMETIC)
