@@ -47,6 +47,10 @@ void quadrature_state(Run *r, const Sweep *p) {
     t->boxes = p->counts.boxes, t->samples = p->counts.points;
 }
 
+/* Where tiles cancel, errors need not be less than what is asked for beside this part of them: of a derivative that is
+ * 0, no part of it would do. */
+#define CANCELS 0x1p-7
+
 /* The largest stated error of the gradient, or without one of the value: the rules' part and that of what is left. */
 static void errors_of(const Sweep *p, bool gradient, double *rules, double *left, double *scale) {
     const SltScene *s = p->run->s;
@@ -60,7 +64,7 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
         if (s->active && !s->active[i % m->nfloats]) continue;
         *rules = fmax(*rules, m->error[i]);
         *left = fmax(*left, sums_error(m, (uint32_t)(i / m->nfloats), (uint32_t)(i % m->nfloats)) - m->error[i]);
-        *scale = fmax(*scale, fabs(m->boundary[i] + m->interior[i]));
+        *scale = fmax(*scale, fmax(fabs(m->boundary[i] + m->interior[i]), CANCELS * m->size[i]));
     }
 }
 

@@ -17,18 +17,19 @@ bool sums_init(Sums *m, const SltScene *s, uint32_t rows) {
     m->rounding = 8 * (s->f64 ? DBL_EPSILON : (double)FLT_EPSILON);
     m->boundary = alloc_zero(n, sizeof(double)), m->interior = alloc_zero(n, sizeof(double));
     m->error = alloc_zero(n, sizeof(double)), m->variance = alloc_zero(n, sizeof(double));
-    return m->boundary && m->interior && m->error && m->variance;
+    m->size = alloc_zero(n, sizeof(double));
+    return m->boundary && m->interior && m->error && m->variance && m->size;
 }
 
 void sums_free(Sums *m) {
-    free(m->boundary), free(m->interior), free(m->error), free(m->variance);
+    free(m->boundary), free(m->interior), free(m->error), free(m->variance), free(m->size);
     memset(m, 0, sizeof *m);
 }
 
 void sums_clear(Sums *m) {
     size_t bytes = (size_t)m->rows * m->nfloats * sizeof(double);
     memset(m->boundary, 0, bytes), memset(m->interior, 0, bytes);
-    memset(m->error, 0, bytes), memset(m->variance, 0, bytes);
+    memset(m->error, 0, bytes), memset(m->variance, 0, bytes), memset(m->size, 0, bytes);
 }
 
 /* Two estimates become one, with its error. Of rules their distance is the error of the lower one: how much better the
@@ -56,6 +57,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
             size_t at = (size_t)row * m->nfloats + f->parameter[i];
             double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
             m->variance[at] += share * share;
+            m->size[at] += fabs(v[SUM_BOUNDARY_FINE * rows]) + fabs(v[SUM_INTERIOR_FINE * rows] + both);
             m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE * rows], v[SUM_BOUNDARY_COARSE * rows], boundary, lines,
                                     &m->error[at], &m->variance[at]);
             m->interior[at] += join(m, v[SUM_INTERIOR_FINE * rows] + both, v[SUM_INTERIOR_COARSE * rows] + both,

@@ -32,6 +32,7 @@ typedef struct Sums {
     double *boundary, *interior; /* [rows][nfloats] */
     double *error;               /* [rows][nfloats]: of the rules, and of rounding */
     double *variance;            /* [rows][nfloats]: of independent sets */
+    double *size;                /* [rows][nfloats]: of the tiles' parts, whatever their signs */
     double rounding;             /* of a sum, in parts of it */
     double roots; /* and what roots that end at less than the last floats make of it: CellOptions.slack */
 } Sums;

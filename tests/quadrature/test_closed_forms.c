@@ -301,6 +301,29 @@ static void out_of_reach(void **state) {
     slt_program_free(p);
 }
 
+/* The halves of the disc's edge cancel: what --error asks for is beside them, not beside their sum. */
+static void derivatives_of_0(void **state) {
+    (void)state;
+    SltOptions o = SLT_OPTIONS_INIT;
+    o.f64 = true;
+    SltProgram *p = NULL;
+    const char *source =
+        SHADER2("param float2 c = float2(0.1, 0.05);", UNIT, "[Disc] return length(x - c) < 0.5 ? 1.0 : 0.0;");
+    if (slt_compile_string(source, "centre", &o, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    SltJob job = SLT_JOB_INIT;
+    job.integral = true, job.estimator = SLT_EST_QUADRATURE, job.error = 1e-4;
+    double g[2] = {0}, error[2] = {0};
+    SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = error};
+    SltStats stats = SLT_STATS_INIT;
+    SltError err = {0};
+    if (slt_grad_integral(p, &job, &out, &stats, &err) != SLT_OK) fail_msg("%s", err.text);
+    if (stats.stopped != SLT_STOP_NONE || stats.evaluations > 6000)
+        fail_msg("stopped %d, %llu evaluations", (int)stats.stopped, (unsigned long long)stats.evaluations);
+    for (int i = 0; i < 2; i++)
+        if (!(fabs(g[i]) <= error[i]) || !(error[i] < 1e-6)) fail_msg("%.3g +- %.2g, exact 0", g[i], error[i]);
+    slt_program_free(p);
+}
+
 static void run_f32(void **state) { run(*state, false); }
 static void run_f64(void **state) { run(*state, true); }
 
@@ -328,6 +351,7 @@ int main(void) {
     tests[n++] = (struct CMUnitTest){"volume that is sampled", volume_that_is_sampled, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"three regions", three_regions, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"out of reach", out_of_reach, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"derivatives of 0", derivatives_of_0, NULL, NULL, NULL};
     tests[n++] = (struct CMUnitTest){"auto turns to the lattice", auto_turns, NULL, NULL, NULL};
     return _cmocka_run_group_tests("closed forms", tests, (size_t)n, NULL, NULL);
 }
