@@ -47,7 +47,7 @@ typedef struct PassCtx {
 
 /* ---- pass.c: the registry and the driver */
 typedef enum PassStage { PASS_NEEDS_ANY, PASS_NEEDS_PRIMAL, PASS_NEEDS_KERNEL } PassStage;
-enum { PASS_KEEPS_FLOATS = 1, PASS_KEEPS_SITES = 2, PASS_SETTLES = 4 };
+enum { PASS_KEEPS_FLOATS = 1, PASS_KEEPS_SITES = 2, PASS_SETTLES = 4, PASS_MAKES_SITES = 8 };
 typedef struct PassInfo {
     const char *name, *what;
     bool (*run)(PassCtx *, Fn *); /* NULL: a step */

@@ -130,7 +130,7 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     bool spent = p->counts.spent && !p->cells_budget;
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
     if (e->stalls >= 2 && left > rules) *stop = SLT_STOP_EVALUATIONS; /* no number of them seems to be enough */
-    if (!e->given && is_hopeless(e, p, left, goal, used)) *stop = SLT_STOP_EVALUATIONS;
+    if (e->wanted && !e->given && is_hopeless(e, p, left, goal, used)) *stop = SLT_STOP_EVALUATIONS;
     e->left = left, e->work = LEFT_COST * (double)p->nleft;
     bool over = *stop == SLT_STOP_EVALUATIONS || e->stalls >= 2 || e->sweeps >= SWEEPS;
     if (!e->wanted && !(spent && e->given)) *stop = SLT_STOP_NONE; /* what ends it was not asked for */
