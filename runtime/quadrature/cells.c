@@ -168,12 +168,12 @@ static bool is_constant(const Cells *c, const Cell *cell) {
     return true;
 }
 
-/* Where the box is cut by lines of the grid: the next after `from`, or its end. */
+/* Where the box is cut by lines of the grid, rounded as `cuts` does it: the next after `from`, or its end. */
 static double next_line(const Cells *c, const Box *x, uint32_t d, double from) {
     double step = c->o->grid[d], line = x->end[d];
     if (!(step > 0)) return line;
-    double k = floor((from - c->o->grid_lo[d]) / step) + 1, at = c->o->grid_lo[d] + k * step;
-    if (at <= from + 1e-9 * step) at += step;
+    double k = floor((from - c->o->grid_lo[d]) / step) + 1, at = cells_round(c, c->o->grid_lo[d] + k * step);
+    if (at <= from + 1e-9 * step) at = cells_round(c, c->o->grid_lo[d] + (k + 1) * step);
     return at < line - 1e-9 * step ? at : line;
 }
 
