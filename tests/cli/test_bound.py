@@ -160,6 +160,12 @@ class Estimate(Case):
         r = self.run_cli("grad", "r.salt", "--samples", 4096, "--error", "1e-7", code=6)
         self.assertIn("not reached", r.err)
 
+    def test_pixels_whose_edges_are_no_floats(self):
+        """Cells end on the rounded edge, and are not cut there again."""
+        self.put("e.salt", "param float r = 0.3333; [Domain(-1.0, 1.0)] shader float main(float2 x) { [Disc] if (x.y + 0.37 * x.x < r) return 1.0; return 0.0; }")
+        j = self.json_cli("grad", "e.salt", "--wrt", "r", "--size", "9x11", "--spp", 16, "--error", "1e-5", "--max-evaluations", 100000, "-o", "e.npy")
+        self.assertEqual((j["left"], j["stopped"]), (0, None))
+
     def test_a_small_sphere_by_default(self):
         """A trial of tiles must not cost more than cells of all sizes would: no sample meets so small a solid."""
         self.put("s.salt", "param float r = 0.001; [Domain(-1.0, 1.0)] shader float main(float3 x) { [Disc] return length(x - 0.3) < r ? 1.0 : 0.0; }")
