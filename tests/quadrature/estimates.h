@@ -11,7 +11,8 @@ static bool (*estimates_unknown)(const Scene *s, const SltKernelArgs *a, uint32_
 static inline double estimates_g(Scene *s, SltKernelArgs *a, uint32_t event, uint32_t i, uint32_t moved, double dg[3]) {
     Num x[3];
     scene_point(s, a, i, false, x);
-    Scene own = *s; /* threads share s */
+    Scene own; /* threads share s */
+    memcpy(&own, s, offsetof(Scene, calls));
     own.moved = moved;
     Num g = own.g(&own, event, x);
     for (uint32_t d = 0; d < 3 && dg; d++) dg[d] = g.d[d].lo;

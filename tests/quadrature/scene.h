@@ -24,7 +24,6 @@ struct Scene {
     /* The same g at a point, the same bits, for scenes that are asked often; NULL: none. */
     double (*point)(const Scene *s, uint32_t event, const double x[3], double dg[3]);
     void (*f)(Look *l, double *f);
-    uint64_t calls[SLT_KERNELS], lanes[SLT_KERNELS];
     bool opaque; /* event e is where e is seen; of those that are the last hides the others */
     bool (*rough)(const Scene *s, const Num x[3]);
     const double *p;                   /* parameters */
@@ -33,6 +32,7 @@ struct Scene {
     bool rounds;                       /* all sites are floors */
     const uint32_t *near_start, *near; /* opaque, over [0,1]^2: events by cell of a grid of near_n^2 */
     uint32_t near_n;
+    uint64_t calls[SLT_KERNELS], lanes[SLT_KERNELS]; /* last: threads write them, and copy the rest */
 };
 
 static inline Num param(const Scene *s, uint32_t i) {
