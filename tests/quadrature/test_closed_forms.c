@@ -166,8 +166,7 @@ static void auto_turns(void **state) {
     }
 }
 
-/* Where three regions of a nearest seed meet, the g of the last one bends on the curve between the other two. */
-/* error: absolute. */
+/* By quadrature; error: absolute. */
 static void integral_of(const char *source, bool f64, double error, SltIntegral *out) {
     SltOptions o = SLT_OPTIONS_INIT;
     o.f64 = f64;
@@ -181,6 +180,7 @@ static void integral_of(const char *source, bool f64, double error, SltIntegral 
     slt_program_free(p);
 }
 
+/* Where three regions of a nearest seed meet, the g of the last one bends on the curve between the other two. */
 static void three_regions(void **state) {
     (void)state;
     for (int turn = 0; turn < 12; turn++) {
