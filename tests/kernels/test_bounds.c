@@ -366,6 +366,12 @@ static void give_some(Case *t, Io *box, Io *at, uint32_t i, uint32_t told, uint3
             ((int32_t *)box->in[slot])[0] = index;
             for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = index;
         }
+        if (depth < SLT_GIVEN_K) { /* of a rounding it is the boundary */
+            uint32_t slot = IN_GIVEN0_K0 + SLT_GIVEN_K * j + SLT_GIVEN_K - 1;
+            int32_t boundary = (int32_t)(8 * unit(t)) - 4;
+            ((int32_t *)box->in[slot])[0] = boundary;
+            for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = boundary;
+        }
         given += gives;
     }
 }
