@@ -257,6 +257,12 @@ static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
 }
 
+/* Errors that too few samples or lines cannot tell. */
+static void unknown_errors(const SltScene *s, double *error, uint64_t n, bool components) {
+    for (uint64_t i = 0; i < n && error; i++)
+        if (!components || !s->active || s->active[i % s->nfloats]) error[i] = HUGE_VAL;
+}
+
 /* Lines and samples, as many as the job says. */
 static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     Run r;
@@ -321,6 +327,10 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
         if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
+        bool few_samples = k.n > 1 && (j->samples + k.n - 1) / k.n < BARS_FEWEST,
+             few_lines = k.n > 1 && !j->no_boundary && s->nsites && segments_of(j) / k.n < BARS_FEWEST;
+        if (few_samples) unknown_errors(s, out->value_stderr, s->channels, false);
+        if ((few_samples && !j->no_interior) || few_lines) unknown_errors(s, out->gradient_stderr, k.size, true);
         if (gradient && !j->no_boundary) st = lost_add(&r, segments_of(j) / k.n, k.n, out->gradient_stderr);
         out->replicates = true;
     }
@@ -358,6 +368,11 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
     if (!all.value) all.value = room + 2 * n;
     if (!all.value_stderr) all.value_stderr = room + 2 * n + s->channels;
     if (j.max_evaluations) limit = (double)j.max_evaluations;
+    if (j.error > 0 || j.abs_error > 0) { /* enough to begin with */
+        uint64_t fewest = (uint64_t)BARS_FEWEST * (j.replicates > 8 ? j.replicates : 8);
+        if (j.samples < fewest) j.samples = fewest;
+        if (j.segments && j.segments < fewest) j.segments = fewest;
+    }
     SltStop stop = SLT_STOP_NONE;
     SltStatus st;
     for (;;) {
