@@ -189,6 +189,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         print_table(c, p, g, g + n, 1, stats.cells);
     }
     report_cells(c, &stats, &left);
+    report_unknown(c, "derivatives", g, g + n, n - 1);
     if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(g);
