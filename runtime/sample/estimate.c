@@ -360,7 +360,7 @@ double slt_estimate_beyond(const SltScene *s, const SltJob *j, const SltIntegral
 
 /* Errors of lines fall with about the 3/4th power of their number, those of random samples with its root. */
 #define RATE 0.75
-#define LIMIT 0x1p32 /* evaluations, where the job has none */
+#define LIMIT 0x1p28 /* evaluations, where the job has none */
 
 SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltJob j = *job;
