@@ -290,7 +290,7 @@ static void emit_crossing(Cells *c, const Root *r) {
     if (r->band) cells_count_band(c, r);
     of.sides += r->band && k->rule == CELL_COARSE; /* cells_part_twins */
     cells_crossing(c, &of, x);
-    x->weight = k->weight / fabs(r->dg[r->axis]);
+    x->weight = k->weight / fabs(r->dg[r->axis]) * (k->rule == CELL_COARSE ? 1 + r->blur : 1);
 }
 
 /* ---- is a piece short enough? */
@@ -384,7 +384,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
-        q->beyond[!half] = 0;
+        q->beyond[!half] = 0, q->leaving[!half] = -1;
         q->points = 0;
         q->halvings++;
     }
@@ -410,7 +410,7 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
 
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     bool tied = false;
-    if (!c->b->f64 && !cells_round_roots(c, from, to)) return false;
+    if (!cells_round_roots(c, from, to)) return false;
     for (const Column *k = from; k < to; k++)
         for (uint32_t r = 0; r < k->nroots; r++) {
             const Root *root = &c->root[k->first + r];

@@ -6,6 +6,7 @@
  *   cells_given.c   events whose g others change: what these decide is given
  *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
+ *   cells_rounding.c what rounding makes of roots, and so of curves
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
@@ -129,7 +130,7 @@ typedef struct Piece {
     bool halve;        /* it is too long for the rules */
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
-    int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there */
+    int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there; -1: none */
     double beyond[2];  /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
@@ -178,6 +179,7 @@ typedef struct Root {
     bool solved, waits; /* waits: for a better guess */
     uint32_t other;     /* c->root[other - 1] stands for this one; 0: it stands for itself */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
+    double blur;        /* what rounding may make of its weight, in parts of it: cells_rounding.c */
     uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
 
@@ -408,7 +410,8 @@ bool cells_solve(Cells *c);
 bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted, where they are not known. */
 bool cells_take_sides(Cells *c);
-/* In f32, of roots that go out: those of the coarse rule are moved, and slopes are those of the sites. */
+/* ---- cells_rounding.c: of roots that go out: how far rounding blurs them, Root.blur and CellCounts. In f32 those of
+ * the coarse rule are moved, and slopes are those of the sites. */
 bool cells_round_roots(Cells *c, const Column *from, const Column *to);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
