@@ -81,14 +81,14 @@ static void emit_parts(Cells *c, const double x[3], double fine, double coarse) 
     if (both && !same) emit(c, x, coarse - fine, CELL_COARSE);
 }
 
-/* Parts of one piece. Those with the same hash, of a cell or of many, are parts of one shape: one point does for all.
- */
+/* Parts of one piece. Those with the same hash, of a cell or of many, are parts of one shape: one point does for all,
+ * but of an image, where each pixel has its own. */
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
     PartSpots p = parts_of(c, from, to);
     while (next_part(&p)) {
         const Spot *spot = p.fine ? p.fine : p.coarse;
         double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
-        if (!spot->hashed) {
+        if (!spot->hashed || c->o->grid[0] > 0) {
             emit_parts(c, spot->x, fine, coarse);
             continue;
         }

@@ -46,8 +46,9 @@ void sums_clear(Sums *m);
  * hundred terms round. */
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
- * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
-void sums_unnamed(Sums *m, const uint8_t *active, double left);
+ * or, if none was met, as the share `left` of the largest, or if all are 0, of `unit`. active: which count; NULL: all.
+ */
+void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit);
 /* f jumps along curves that nothing integrates: jump[channel] is the integral of |jump| along them. How fast these move
  * is not known; what is added is right for curves that move by 1 when a parameter changes by 1. */
 void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]);

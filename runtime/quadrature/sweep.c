@@ -405,6 +405,15 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
     return st;
 }
 
+/* The derivative of an integral in which f jumps across the domain, along a curve that moves as its parameter does. */
+static double unit_of(const Sweep *p) {
+    const SltScene *s = p->run->s;
+    double jump = 0, size = 0;
+    for (uint32_t c = 0; c < s->channels; c++) jump = fmax(jump, p->jump[c]);
+    for (uint32_t d = 0; d < s->dim; d++) size += p->volume / (s->hi[d] - s->lo[d]);
+    return (jump > 0 ? jump : 1) * size;
+}
+
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
@@ -435,17 +444,14 @@ SltStatus sweep_run(Sweep *p) {
         p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);
     if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
     if (st == SLT_OK && p->nleft && !p->gave_up) {
-        sweep_plan_left(p, r->stats.evaluations - start);
-        if (p->options.curves && !p->marches && !sweep_apart_left(p)) return no_memory(p);
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {
             p->worker[i].unnamed = false;
             for (uint32_t c = 0; c < r->s->channels; c++) p->jump[c] = fmax(p->jump[c], p->worker[i].jump[c]);
         }
-        st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, sweep_left_work, sweep_left_merge, p);
-        apart_free(p->apart), p->apart = NULL;
+        st = sweep_work_off_left(p, start);
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
-        if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left);
+        if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left, unit_of(p));
     }
     return st;
 }
