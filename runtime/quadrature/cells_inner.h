@@ -15,6 +15,7 @@
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut
  *   cells_upset.c   seams at whose jump tagged decisions change
+ *   cells_layer.c   f that climbs so steeply that points miss it
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -200,8 +201,10 @@ typedef struct Shape {
 
 /* A box on which f is smooth. */
 typedef struct Smooth {
-    double lo[3], end[3];
+    double lo[3], end[3], hi[3];    /* hi: as in Box */
+    double f[2 * SLT_MAX_CHANNELS]; /* bounds: those of the cell, or, where it was looked for what they hide, its own */
     uint32_t halvings;
+    bool hunted; /* it is to be halved for that */
 } Smooth;
 
 /* g of an event at a point, or on a box. */
@@ -240,6 +243,7 @@ struct Cells {
     const CellSink *sink;
     CellCounts *counts;
     uint64_t began;                  /* evaluations counted before this tile */
+    uint64_t hunted;                 /* of these, for what bounds may hide: cells_layer.c */
     bool failed;                     /* memory ran out */
     bool prunes;                     /* a straight-line program, of which only some chunks run in a node */
     Pruner pruner;                   /* its level PRUNED is the node's */
@@ -477,6 +481,17 @@ void cells_add_upset(Cells *c, const Piece *p, Cell *owner);
 /* The same of the face in which a cell is cut at a seam, r. */
 void cells_check_cut(Cells *c, Cell *cell, const Root *r);
 
+/* ---- cells_layer.c */
+/* By how much f, next to the curves of a piece, lies outside of what points beside them have met; 0: by no more than it
+ * may climb there. count: adds it to what is lost, CellCounts.upset_jump. */
+double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first, const Spot *end,
+                   bool count);
+/* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
+ */
+bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* The axis along which bounds of its halves tell most, and these bounds. */
+uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
+
 /* ---- cells_volume.c */
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
@@ -486,8 +501,9 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
-void cells_emit_parts(Cells *c, uint32_t from, uint32_t to);               /* of one piece, CellOptions.flat */
-bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
+void cells_emit_parts(Cells *c, uint32_t from, uint32_t to); /* of one piece, CellOptions.flat */
+/* f is smooth in this part of a cell. */
+bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]);
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
 /* The middle against two places beside it: rules that differ where f is not constant. */
 void cells_emit_few(Cells *c, const Box *cell);
