@@ -338,11 +338,46 @@ static void extrapolate_sides(Cells *c, uint32_t known) {
     take_far(c, n, false);
 }
 
+static bool probe_sides(Cells *c, const Root *r) {
+    double x[3];
+    memcpy(x, r->x, sizeof x);
+    for (int s = 0; s < 2; s++) {
+        x[r->axis] = cells_sides(c, r)->at[s];
+        if (!cells_probe(c, r->of, x)) return false;
+    }
+    return true;
+}
+
+static bool is_wave_site(const Cells *c, const Root *r) {
+    return (uint32_t)r->of->event.site < c->s->nsites && cells_is_wave(c->s, r->of->event.site);
+}
+
+/* Keeps those of active[0..*n) that lack their signs. A level of a wave tells its sides apart where the wave itself,
+ * flat near its crests, rounds: that too is asked, for by it the program decides. In f32 the two rules tell. */
+static bool keep_unsigned(Cells *c, uint32_t *n) {
+    uint32_t kept = 0, waves = 0, *wave = c->active + c->nroot;
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < *n; i++) {
+        const Root *r = &c->root[c->active[i]];
+        bool wrong = !has_signs(c, r, c->probe + 2 * i);
+        if (!wrong && c->b->f64 && is_wave_site(c, r)) wave[waves++] = c->active[i];
+        if (wrong) c->active[kept++] = c->active[i];
+    }
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < waves; i++)
+        if (!probe_sides(c, &c->root[wave[i]])) return false;
+    if (waves && !cells_run_site_probes(c)) return false;
+    for (uint32_t i = 0; i < waves; i++)
+        if (!has_signs(c, &c->root[wave[i]], c->probe + 2 * i)) c->active[kept++] = wave[i];
+    *n = kept;
+    return true;
+}
+
 /* The sides are next to the root, and g has different signs there: the distance grows until it is so, at last to the
  * ends of the column, where it must be. */
 bool cells_take_sides(Cells *c) {
     uint32_t n = 0, known = c->nsides;
-    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
+    if (!cells_grow(c, &c->active, &c->active_cap, 2 * c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         if (c->root[i].wanted && !c->root[i].sides) {
             if (!CELLS_ROOM(c, sides, 1)) return false;
@@ -358,20 +393,12 @@ bool cells_take_sides(Cells *c) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
-            const Sides *sides = cells_sides(c, r);
-            if (is_sure(r, sides)) continue;
-            double x[3];
-            memcpy(x, r->x, sizeof x);
-            for (int s = 0; s < 2; s++) {
-                x[r->axis] = sides->at[s];
-                if (!cells_probe(c, r->of, x)) return false;
-            }
+            if (is_sure(r, cells_sides(c, r))) continue;
+            if (!probe_sides(c, r)) return false;
             c->active[asked++] = c->active[i];
         }
-        if (!cells_run_probes(c)) return false;
-        n = 0;
-        for (uint32_t i = 0; i < asked; i++)
-            if (!has_signs(c, &c->root[c->active[i]], c->probe + 2 * i)) c->active[n++] = c->active[i];
+        n = asked;
+        if (!keep_unsigned(c, &n)) return false;
     }
     extrapolate_sides(c, known);
     return true;
