@@ -221,7 +221,7 @@ typedef struct Ask {
     double g[2], slope[3][2], error; /* as in CellEdge */
     uint32_t state;
     double bend[6][2], slope_error[3]; /* second derivatives, by row from the diagonal on; where `bends` are known */
-    uint32_t centre; /* probe[centre - 1] is there; 0: it was not asked */
+    uint32_t centre;                   /* probe[centre - 1] is there; 0: it was not asked */
 } Ask;
 
 typedef struct Node {
