@@ -437,5 +437,5 @@ static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
 }
 
 bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
-    return move_roots(c, from, to) && take_own_slopes(c, from, to);
+    return (!c->rule[CELL_COARSE].n || move_roots(c, from, to)) && (!c->waves || take_own_slopes(c, from, to));
 }
