@@ -58,6 +58,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
             double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
             m->variance[at] += share * share;
             m->size[at] += fabs(v[SUM_BOUNDARY_FINE * rows]) + fabs(v[SUM_INTERIOR_FINE * rows] + both);
+            m->error[at] += m->curves * fabs(v[SUM_BOUNDARY_FINE * rows]);
             m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE * rows], v[SUM_BOUNDARY_COARSE * rows], boundary, lines,
                                     &m->error[at], &m->variance[at]);
             m->interior[at] += join(m, v[SUM_INTERIOR_FINE * rows] + both, v[SUM_INTERIOR_COARSE * rows] + both,

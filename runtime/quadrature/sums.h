@@ -34,6 +34,7 @@ typedef struct Sums {
     double *variance;            /* [rows][nfloats]: of independent sets */
     double *size;                /* [rows][nfloats]: of the tiles' parts, whatever their signs */
     double rounding;             /* of a sum, in parts of it */
+    double curves;               /* what rounding may make of a boundary term, in parts of it */
     double roots; /* and what roots that end at less than the last floats make of it: CellOptions.slack */
 } Sums;
 /* False when memory runs out. */

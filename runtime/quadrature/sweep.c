@@ -11,6 +11,7 @@
 #include "runtime/sample/prove.h"
 
 enum {
+    SLOPES = 2,           /* units in the last place by which what a crossing weighs may round */
     ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
     ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
     LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
@@ -281,8 +282,11 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
     p->sums.roots = c->loose ? p->options.slack : 0;
+    p->sums.curves = SLOPES * (p->run->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON);
+    if (c->weighed > 0) p->sums.curves += c->blurred / c->weighed;
+    for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++) p->f_error[ch] += c->moved[ch];
     sweep_merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
-    p->sums.roots = 0;
+    p->sums.roots = p->sums.curves = 0;
     if (!v->nleft) return;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
