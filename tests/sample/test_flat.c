@@ -145,6 +145,11 @@ static void test_rims(void **state) {
     };
     SltJob job = SLT_JOB_INIT;
     job.integral = true, job.samples = 1u << 16, job.threads = 2, job.estimator = SLT_EST_LATTICE;
+    for (int i = 0; i < RIMS - 1; i++) {
+        job.estimator = SLT_EST_QUADRATURE;
+        run_case(&rim[i], &job, true, 0, 2);
+        job.estimator = SLT_EST_LATTICE;
+    }
     for (job.seed = 0; job.seed < 4; job.seed++)
         for (int i = 0; i < RIMS - 1; i++)
             for (int f64 = 0; f64 < 2; f64++) run_case(&rim[i], &job, f64, 0, 2);
