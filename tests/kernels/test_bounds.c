@@ -383,6 +383,12 @@ static void give_some(Case *t, Io *box, Io *at, uint32_t i, uint32_t told, uint3
             ((int32_t *)box->in[slot])[0] = index;
             for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = index;
         }
+        if (depth < SLT_GIVEN_K) { /* of a rounding it is the boundary */
+            uint32_t slot = IN_GIVEN0_K0 + SLT_GIVEN_K * j + SLT_GIVEN_K - 1;
+            int32_t boundary = (int32_t)(8 * unit(t)) - 4;
+            ((int32_t *)box->in[slot])[0] = boundary;
+            for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = boundary;
+        }
         given += gives;
     }
 }
@@ -589,8 +595,8 @@ static void other_examples(void **state) {
 
 static void programs(void **state) {
     (void)state;
-    static const char *const names[] = {"circle", "discs", "grid_of_waves", "line",
-                                        "many",   "march", "nested",        "random"};
+    static const char *const names[] = {"circle", "discs",  "grid_of_waves", "line", "many",
+                                        "march",  "nested", "random",        "stops"};
     for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
         char path[400];
         snprintf(path, sizeof path, SALTUS_TEST_DIR "/programs/%s.salt", names[k]);
