@@ -303,16 +303,19 @@ static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Pro
 /* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
  * ends. */
 /* Where bounds of the slopes are so narrow that g departs from its tangent at the centre by no more than it rounds,
- * along the positions too. In f32 rounding is what rules must see. */
+ * along the positions too. In f32 rounding is what rules must see; and at a curve along an axis, which lies in the gap
+ * between two floats, g is what the program computes. */
 static Plane plane_of(const Cells *c, const CellEdge *e, const Ask *box, const Probe *centre) {
     Plane p = {0};
     double apart = 0, rounding = box->error;
+    bool gap = false;
     for (uint32_t d = 0; d < c->dim; d++) {
         apart += (e->slope[d][1] - e->slope[d][0]) * (box->hi[d] - box->lo[d]);
         rounding += 0x1p-52 * fabs(centre->dg[d]) * fmax(fabs(box->lo[d]), fabs(box->hi[d]));
         p.x[d] = centre->x[d], p.dg[d] = centre->dg[d];
+        gap |= e->slope[d][0] == 0 && e->slope[d][1] == 0;
     }
-    p.g = centre->g, p.is = c->b->f64 && !box->state && apart <= rounding; /* NaN is not */
+    p.g = centre->g, p.is = c->b->f64 && !gap && !box->state && apart <= rounding; /* NaN is not */
     return p;
 }
 
