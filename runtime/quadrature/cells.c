@@ -43,6 +43,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s) && cells_prune_init(c);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
+    made &= (c->straight = calloc(c->s->nsites + 1, 1)) != NULL;
     /* What a curve does not set of its crossings stays 0. */
     for (int r = 0; r < CELL_RULES; r++) made &= (c->crossing[r] = calloc(BATCH, sizeof *c->crossing[r])) != NULL;
     for (int r = 0; r < CELL_POINTS; r++) made &= (c->point[r] = malloc(BATCH * sizeof *c->point[r])) != NULL;
@@ -56,7 +57,7 @@ void cells_free(Cells *c) {
     cells_prune_free(c);
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
-    free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
+    free(c->straight), free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
     untie_free(c->untie), apart_free(c->apart), free(c->gap), free(c->face);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
@@ -283,7 +284,7 @@ static bool judge(Cells *c, Cell *cell) {
     bool rough = bends && cell->nedges < 2;
     rough |= cell->state & SLT_BOX_ROUGH && !cell->nedges;
     rough &= !cell->refine && cell->bends < (c->dim < 3 ? CELL_BENDS : CELL_BENDS / 2);
-    bool unknown = cell->state & SLT_BOX_UNKNOWN;
+    bool unknown = cell->state & SLT_BOX_UNKNOWN || cell->many;
     if (!cell->refine && !unknown && !(c->o->volume ? cell->nedges : sites) && !(rough && c->o->volume)) {
         cell->done = true;
         return settle(c, cell);
@@ -323,6 +324,14 @@ static bool check_faces(Cells *c) {
     return true;
 }
 
+/* Where g is 0 on a face `a > b` decides there as beyond it: of sites the gap gets one float more on both sides. */
+static void widen(const Cells *c, const Cell *cell, Root *r) {
+    double lo = cells_next(c, r->lo, -HUGE_VAL), hi = cells_next(c, r->hi, HUGE_VAL);
+    if ((uint32_t)cell->edge[cell->cut].event.site >= c->s->nsites || cell->curves_done || !(r->lo < r->hi)) return;
+    if (lo > cell->box.lo[r->axis]) r->lo = lo;
+    if (hi < cell->box.hi[r->axis]) r->hi = hi;
+}
+
 /* Cells that have a straight edge become two, that share no point: what jumps or bends there does so in neither. */
 static bool cut_cells(Cells *c) {
     int axis;
@@ -336,7 +345,10 @@ static bool cut_cells(Cells *c) {
         if (!cells_root(c, cell, &cell->edge[cell->cut], axis, middle, middle[axis])) return false;
     }
     if (!c->nroot) return true;
-    if (!cells_solve(c) || !cells_narrow(c) || !check_faces(c)) return false;
+    if (!cells_solve(c) || !cells_narrow(c)) return false;
+    for (uint32_t i = 0, k = 0; i < c->ncell; i++)
+        if (c->cell[i].cut >= 0) widen(c, &c->cell[i], &c->root[k++]);
+    if (!check_faces(c)) return false;
     const Root *r = c->root;
     for (uint32_t i = 0; i < c->ncell; i++) {
         Cell *cell = &c->cell[i];
@@ -493,6 +505,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
     c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0;
+    memset(c->straight, 0, c->s->nsites);
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);
     else c->rule[CELL_COARSE].n = 0;

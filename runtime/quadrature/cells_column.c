@@ -111,12 +111,14 @@ static bool tie_roots(Cells *c) {
     return !n || cells_tie(c, n);
 }
 
-/* Whose it is, the middle of a piece tells for all of it; how much, only where f is flat. */
+/* Whose it is, the middle of a piece tells for all of it; how much, only where f is flat; and not
+ * where it is after a move. */
 static bool tie_columns(Cells *c) {
     uint32_t n = 0;
-    for (uint32_t i = 0; i < c->nroot && !c->o->flat; i++)
-        if (c->root[i].tie && !c->tie[c->root[i].tie - 1].whole && !c->tie[c->root[i].tie - 1].untold)
-            c->active[n++] = i;
+    for (uint32_t i = 0; i < c->nroot; i++) {
+        const Tie *t = c->root[i].tie ? &c->tie[c->root[i].tie - 1] : NULL;
+        if (t && !t->untold && (t->naway || (!c->o->flat && !t->whole))) c->active[n++] = i;
+    }
     return !n || cells_tie(c, n);
 }
 

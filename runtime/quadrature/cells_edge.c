@@ -245,11 +245,13 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     int32_t open = batch_get_int(b, SLT_OUT_OPEN, 0, i);
     cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
     cell->nedges = 0;
-    if (cell->nopen > CELL_EVENTS) return;
+    cell->many = cell->nopen > CELL_EVENTS;
+    if (cell->many && (c->prunes || batch_has(b, SLT_OUT_OPEN_FIRST))) return;
     /* An entry of the list counts as often as it has boundaries. */
     uint32_t named = scene_outputs(c->s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE);
     for (uint32_t e = 0; e < named && cell->nedges < cell->nopen; e++) {
         Event event = {.site = batch_get_int(b, SLT_OUT_OPEN_EDGE, e, i)};
+        if (event.site < 0) return;
         for (uint32_t d = 0; d < c->depth; d++) event.k[d] = batch_get_int(b, SLT_OUT_OPEN_K, e * c->depth + d, i);
         double first = 0, last = 0;
         bool rounds = c->s->edge_kind && c->s->edge_kind[event.site] != SLT_SITE_COMPARE;
@@ -340,6 +342,42 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
     if (smooth && mean[1] + rounding < e->g[1]) e->g[1] = mean[1] + rounding;
 }
 
+/* Is one of a cell's events of a site that is straight? Asked once in a tile, of the first cell that has one. */
+static bool has_straight(Cells *c, const Cell *cell, bool *has) {
+    *has = false;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        uint32_t site = (uint32_t)cell->edge[e].event.site;
+        if (site >= c->s->nsites) continue;
+        if (!c->straight[site]) {
+            CellEdge edge = cell->edge[e];
+            c->nask = 0;
+            if (!cells_ask(c, &edge, cell->box.lo, cell->box.hi) || !cells_run_asks(c)) return false;
+            memcpy(edge.slope, c->ask[0].slope, sizeof edge.slope);
+            for (uint32_t d = 0; d < c->dim; d++) edge.rises[d] = edge.slope[d][0] > 0 || edge.slope[d][1] < 0;
+            c->straight[site] = cells_straight_axis(c, &edge) >= 0 ? SITE_STRAIGHT : SITE_BENT;
+        }
+        *has |= c->straight[site] == SITE_STRAIGHT;
+    }
+    return true;
+}
+
+enum { MANY_LEVEL = 3 }; /* of cells in which more events are open than are known */
+
+/* A g that has no bounds may have them on both sides of where other decisions coincide: `(x.y - a.y) / (b.y - a.y)`
+ * between a.y and b.y. Such cells are not refined, if they can be cut there;
+ * nor small ones in which many are open, for these may lie on each other. */
+static bool spare_straight(Cells *c, Cell *cell, uint32_t n) {
+    for (uint32_t i = 0; i < n && c->straight; i++) {
+        bool has, rays = c->rays;
+        for (uint32_t e = 0; e < cell[i].nedges; e++) rays |= cells_is_ray(c->s, cell[i].edge[e].event.site);
+        bool may = cell[i].many ? cell[i].level >= MANY_LEVEL : (cell[i].state & SLT_BOX_UNKNOWN) != 0;
+        if (!may || !cell[i].refine || rays) continue;
+        if (!has_straight(c, &cell[i], &has)) return false;
+        if (has) cell[i].refine = false;
+    }
+    return true;
+}
+
 void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
@@ -380,6 +418,7 @@ bool cells_bound_small(Cells *c) {
 }
 
 bool cells_close(Cells *c, Cell *cell, uint32_t n) {
+    if (!spare_straight(c, cell, n)) return false;
     c->nask = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
@@ -441,6 +480,24 @@ int cells_straight_axis(const Cells *c, const CellEdge *e) {
     return moves == 1 && e->rises[axis] ? axis : -1;
 }
 
+/* Are the two g the same, up to their sign? */
+static bool is_same(const CellEdge *e, const CellEdge *f) {
+    return (e->g[0] == f->g[0] && e->g[1] == f->g[1]) || (e->g[0] == -f->g[1] && e->g[1] == -f->g[0]);
+}
+
+/* Of a cell in which a g has no bounds a site on whose line another lies, where that is likely to be why. */
+static int coinciding_edge(const Cells *c, const Cell *cell, int *axis) {
+    bool unbounded = cell->many;
+    for (uint32_t e = 0; e < cell->nedges; e++) unbounded |= (cell->edge[e].state & SLT_EDGE_JUMPS) != 0;
+    for (uint32_t e = 1; e < cell->nedges && unbounded && !cell->curves_done; e++) {
+        *axis = cells_straight_axis(c, &cell->edge[e]);
+        for (uint32_t k = 0; k < e && *axis >= 0; k++)
+            if (cells_straight_axis(c, &cell->edge[k]) == *axis && is_same(&cell->edge[k], &cell->edge[e]))
+                return (int)e;
+    }
+    return -1;
+}
+
 int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
     int upset = -1, across = -1;
     for (uint32_t e = 0; e < cell->nedges; e++) {
@@ -452,6 +509,7 @@ int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
         if (c->dim > 2 || cell->curves_done || !cells_upsets(c, edge)) return (int)e;
         if (upset < 0) upset = (int)e, across = *axis;
     }
+    if (upset < 0) return coinciding_edge(c, cell, axis);
     *axis = across;
     return upset; /* last, in a plane: f is compared at places of its face, which should look alike by then */
 }

@@ -212,13 +212,14 @@ static bool has_event(const CellEdge *edge, const Decided *d, uint32_t n) {
     return has;
 }
 
-/* The sites that decide differently on the two sides of a place. False where g jumps; `memory` where that runs out. */
-static bool find_decided(Cells *c, const Place *p, Decided *d, uint32_t *n, bool *memory) {
+/* The sites that decide differently on the two sides of a place, and whether there are some whose g jumps: those may be
+ * asked only after a move. False where no other does; `memory` where that runs out. */
+static bool find_decided(Cells *c, const Place *p, Decided *d, uint32_t *n, bool *odd, bool *memory) {
     const Gap *g = p->of;
     const Cell *cell = &c->cell[g->cell];
     uint32_t events = 0;
     Decided all[CELL_EDGES];
-    c->nprobe = 0, *n = 0;
+    c->nprobe = 0, *n = 0, *odd = cell->many;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         const CellEdge *edge = &cell->edge[e];
         if ((uint32_t)edge->event.site >= c->s->nsites || has_event(edge, all, events)) continue;
@@ -234,7 +235,10 @@ static bool find_decided(Cells *c, const Place *p, Decided *d, uint32_t *n, bool
         const Probe *lo = &c->probe[2 * e], *hi = lo + 1;
         if ((lo->g < 0) == (hi->g < 0)) continue;
         double slope = fmax(fabs(lo->dg[g->axis]), fabs(hi->dg[g->axis])), step = hi->x[g->axis] - lo->x[g->axis];
-        if (!(fabs(hi->g - lo->g) <= NEAR_0 * (all[e].edge->error + slope * step))) return false; /* NaN is not */
+        if (!(fabs(hi->g - lo->g) <= NEAR_0 * (all[e].edge->error + slope * step))) { /* NaN is not */
+            *odd = true;
+            continue;
+        }
         d[*n] = all[e];
         d[*n].rises = lo->g < 0, d[*n].is_0[0] = lo->g == 0, d[*n].is_0[1] = hi->g == 0;
         ++*n;
@@ -341,6 +345,115 @@ static bool emit_places(Cells *c, const Place *p, uint32_t n, const Decided *d, 
     return true;
 }
 
+/* ---- several that lie there are untied: untie.h */
+#define FREE 0.25 /* of a part: at its ends others meet it */
+
+/* g of an event on both sides of a place. */
+static bool probe_sides(Cells *c, const Place *p, const Event *event) {
+    for (int side = 0; side < 2; side++) {
+        double x[3];
+        beside(c, p->of, p->x, side, x);
+        if (!cells_probe_event(c, event, x)) return false;
+    }
+    return true;
+}
+
+/* by[]: on that side g has the slope that its change asks for. */
+static bool has_slope(const Probe at[2], int axis, bool by[2]) {
+    for (int side = 0; side < 2; side++) {
+        double up = at[side].dg[axis];
+        by[side] = isfinite(up) && (at[0].g < at[1].g ? up > 0 : up < 0);
+    }
+    return by[0] || by[1];
+}
+
+/* The crossing that a place is, of its first site; false: f does not jump. */
+static bool make_crossing(const Cells *c, const Place *p, const Decided *d, const Probe *at, Crossing *x) {
+    uint32_t below = d->rises ? 0 : 1;
+    bool jumps = false;
+    memset(x, 0, sizeof *x);
+    x->event = d->edge->event, x->g = at->g;
+    memcpy(x->x, at->x, sizeof x->x), memcpy(x->dg, at->dg, sizeof x->dg);
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        x->before[ch] = p->f[below][ch], x->jump[ch] = p->f[!below][ch] - p->f[below][ch];
+        jumps |= x->jump[ch] != 0;
+    }
+    x->ha = p->hash[below], x->hb = p->hash[!below];
+    x->axis = p->of->axis, x->rising = 1;
+    return jumps;
+}
+
+/* One event's part of a place; at: its g on both sides. */
+static void emit_home(Cells *c, const Crossing *x, const Place *p, const Tie *t, uint32_t e, const Probe at[2]) {
+    bool by[2], both, fine = p->rule == CELL_FINE, unsure = t->kink || t->doubted;
+    has_slope(at, x->axis, by);
+    both = by[0] && by[1];
+    for (int side = 0; side < 2; side++) {
+        double up = at[side].dg[x->axis], along = up * x->dg[x->axis] < 0 ? -1 : 1;
+        double weight = (both && fine ? 0.5 : 1) * p->weight / fabs(up);
+        if (!by[side] || !isfinite(weight) || (both && side && !fine)) continue;
+        for (int half = 0; half < 1 + (fine && unsure); half++) {
+            Crossing *of = cells_add_crossing(c, half ? CELL_COARSE : p->rule);
+            uint8_t cls = of->cls;
+            *of = *x;
+            of->cls = cls, of->event = t->event[e], of->g = at[side].g, of->weight = weight;
+            memcpy(of->x, at[side].x, sizeof of->x), memcpy(of->dg, at[side].dg, sizeof of->dg);
+            for (uint32_t ch = 0; ch < c->s->channels; ch++)
+                of->jump[ch] = along * (half ? t->half[e][ch] : t->whole ? x->jump[ch] : t->jump[e][ch]);
+        }
+    }
+}
+
+/* The crossings that n places are, and at[] of which place each is; told: all have a slope. */
+static bool make_crossings(Cells *c, const Place *p, uint32_t n, const Decided *d, Crossing *x, uint32_t *at,
+                           uint32_t *crossings, bool *told) {
+    c->nprobe = *crossings = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (!probe_sides(c, &p[i], &d->edge->event)) return false;
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        bool by[2];
+        *told &= has_slope(&c->probe[2 * i], p->of->axis, by);
+        if (make_crossing(c, &p[i], d, &c->probe[2 * i + by[1]], &x[*crossings])) at[(*crossings)++] = i;
+    }
+    return true;
+}
+
+/* told: whose the jumps are is known at all places, which are emitted. */
+static bool emit_untied(Cells *c, const Place *p, uint32_t n, const Decided *d, bool *told) {
+    Crossing x[UNTIE_MOST];
+    Tie tie[UNTIE_MOST];
+    double room[UNTIE_MOST], base = HUGE_VAL;
+    uint32_t which[UNTIE_MOST], at[UNTIE_MOST], crossings;
+    *told = false;
+    if (n > UNTIE_MOST || c->prunes) return true;
+    if (!cells_ready_to_tie(c)) return false;
+    *told = c->apart != NULL;
+    if (*told && !make_crossings(c, p, n, d, x, at, &crossings, told)) return false;
+    if (!*told || !crossings) return true;
+    for (uint32_t k = 0; k < c->dim; k++)
+        if ((int)k != p->of->axis) base = fmin(base, p->of->box.end[k] - p->of->box.lo[k]);
+    for (uint32_t i = 0; i < crossings; i++) which[i] = i, room[i] = FREE * base;
+    if (!untie(c->untie, c->apart, x, which, crossings, room, tie)) return false;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < crossings; i++) {
+        *told &= tie[i].n || tie[i].naway;
+        for (uint32_t e = 0; e < tie[i].n; e++)
+            if (!probe_sides(c, &p[at[i]], &tie[i].event[e])) return false;
+    }
+    if (!cells_run_site_probes(c)) return false;
+    bool by[2];
+    for (uint32_t k = 0; k < c->nprobe; k += 2) *told &= has_slope(&c->probe[k], p->of->axis, by);
+    const Probe *probe = c->probe;
+    for (uint32_t i = 0; i < crossings && *told; i++) {
+        const Place *of = &p[at[i]];
+        for (uint32_t e = 0; e < tie[i].n; e++, probe += 2) emit_home(c, &x[i], of, &tie[i], e, probe);
+        cells_emit_away(c, &x[i], of->weight, of->rule, &tie[i]);
+        c->counts->coincident += tie[i].kink && of->rule == CELL_FINE;
+    }
+    return true;
+}
+
 /* A part of which both faces are settled; in its middle f and the region are known. */
 static bool integrate(Cells *c, const Place *middle) {
     enum { ROOM = 2 * GAUSS_MAX > 32 ? 2 * GAUSS_MAX : 32 };
@@ -348,16 +461,20 @@ static bool integrate(Cells *c, const Place *middle) {
     Place p[ROOM];
     Decided d[CELL_EDGES];
     uint32_t n, sites;
-    bool memory = true, compare = !c->o->fixed && c->rule[CELL_COARSE].n && c->dim > 1;
+    bool odd, told = false, memory = true, compare = !c->o->fixed && c->rule[CELL_COARSE].n && c->dim > 1;
     if (middle->hash[0] == middle->hash[1]) return true;
-    if (!find_decided(c, middle, d, &sites, &memory)) {
+    if (!find_decided(c, middle, d, &sites, &odd, &memory)) {
         if (memory) leave(c, g);
         return memory;
     }
     n = add_places(c, g, CELL_FINE, p), n += add_places(c, g, CELL_COARSE, p + n);
     take_places(c, p, n);
     if (compare && g->halvings < HALVINGS && !agrees(c, p, n) && !cells_spent(c)) return halve(c, *g);
-    return emit_places(c, p, n, d, sites);
+    if ((odd || sites > 1) && !emit_untied(c, p, n, d, &told)) return false;
+    if (told) return true;
+    if (!odd) return emit_places(c, p, n, d, sites);
+    leave(c, g);
+    return true;
 }
 
 bool cells_integrate_gaps(Cells *c) {

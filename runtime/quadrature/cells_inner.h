@@ -13,7 +13,7 @@
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
- *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut
+ *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut, several on one line untied
  *   cells_upset.c   seams at whose jump tagged decisions change
  *   cells_layer.c   f that climbs so steeply that points miss it
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
@@ -40,9 +40,11 @@ enum {
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
-    CELL_CHOICES = 3, /* of these most that are open in a cell */
-    CELL_SHAPES = 64, /* in hand at once */
-    CELL_BENDS = 10,  /* levels by which a cell is cut further where f or g bends at no seam */
+    CELL_CHOICES = 3,  /* of these most that are open in a cell */
+    CELL_SHAPES = 64,  /* in hand at once */
+    SITE_STRAIGHT = 1, /* g changes along one axis alone */
+    SITE_BENT = 2,
+    CELL_BENDS = 10, /* levels by which a cell is cut further where f or g bends at no seam */
 };
 
 /* Rounding may blur what lies so far apart, in parts of a cell, and no farther. In f32 it does reach so far: around the
@@ -111,6 +113,7 @@ typedef struct Cell {
     double weight;
     uint32_t state;  /* SLT_BOX_* */
     uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
+    bool many;       /* and they are: edges are some of them */
     uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EDGES];
     /* What the kernel called open, in the order of execution, and what sign its g has after all; 0: it is open. */
@@ -302,7 +305,8 @@ struct Cells {
     uint32_t active_cap;
     Tie *tie;
     uint32_t ntie, tie_cap;
-    struct Gap *gap; /* cells_gap.c */
+    uint8_t *straight; /* [nsites]: SITE_*, as far as asked in this tile */
+    struct Gap *gap;   /* cells_gap.c */
     uint32_t ngap, gap_cap;
     Cell *face;   /* likewise */
     Apart *apart; /* cells_tied.c: made when first needed */
@@ -478,6 +482,8 @@ void cells_count_band(Cells *c, const Root *r);
 bool cells_ready_to_tie(Cells *c);
 /* Sets the ties of roots active[0 .. n), on which other curves lie. */
 bool cells_tie(Cells *c, uint32_t n);
+/* Of a tied crossing the parts whose boundary is there only after a move; base: the measure that it stands for. */
+void cells_emit_away(Cells *c, const Crossing *x, double base, uint8_t rule, const Tie *t);
 /* The crossings of the tied roots among those that are wanted. */
 bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 

@@ -58,7 +58,7 @@ bool cells_tie(Cells *c, uint32_t n) {
             if (tie[i].untold) share(c, r, &x[i], &tie[i]);
             /* Of several pieces of one g the program takes one, which may not be that of the edge. */
             bool own = !r->of->given.n && tie[i].whole && event_same(&tie[i].event[0], &x[i].event);
-            if (!tie[i].n || own) continue;
+            if ((!tie[i].n && !tie[i].naway) || own) continue;
             if (!CELLS_ROOM(c, tie, 1)) return false;
             c->tie[c->ntie++] = tie[i];
             r->tie = c->ntie;
@@ -83,6 +83,25 @@ static void emit_part(Cells *c, const Crossing *x, const Column *k, const Tie *t
     }
 }
 
+void cells_emit_away(Cells *c, const Crossing *x, double base, uint8_t rule, const Tie *t) {
+    for (uint32_t e = 0; e < t->naway; e++)
+        for (int end = 0; end < 2; end++) {
+            const Away *a = &t->away[e];
+            double up = a->dg[end][x->axis], along = up * x->dg[x->axis] < 0 ? -1 : 1, weight = base / fabs(up);
+            if (!(a->part[end] > 0) || !isfinite(weight)) continue;
+            for (int half = 0; half < 1 + (rule == CELL_FINE); half++) {
+                Crossing *part = cells_add_crossing(c, half ? CELL_COARSE : rule);
+                uint8_t cls = part->cls;
+                *part = *x;
+                part->cls = cls, part->event = a->event, part->g = a->g[end], part->weight = weight;
+                part->apart = c->apart, part->move = (uint8_t)(1 + a->move);
+                memcpy(part->x, a->x[end], sizeof part->x), memcpy(part->dg, a->dg[end], sizeof part->dg);
+                for (uint32_t ch = 0; ch < c->s->channels; ch++)
+                    part->jump[ch] = along * a->part[end] * (half ? a->half[ch] : a->jump[ch]);
+            }
+        }
+}
+
 bool cells_emit_tied(Cells *c, const Column *from, const Column *to) {
     c->nprobe = 0;
     for (const Column *k = from; k < to; k++)
@@ -103,6 +122,7 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to) {
             cells_crossing(c, r, &x);
             if (t->kink && k->rule == CELL_FINE) c->counts->coincident++;
             for (uint32_t e = 0; e < t->n; e++) emit_part(c, &x, k, t, e, p++);
+            cells_emit_away(c, &x, k->weight, k->rule, t);
         }
     return true;
 }

@@ -288,7 +288,7 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
            Tie *tie) {
     Batch *b = u->b;
     const SltCullList *lists = b->args.cull; /* good where nothing has moved */
-    bool done[UNTIE_MOST];
+    bool done[UNTIE_MOST], again[UNTIE_MOST];
     double reach[UNTIE_MOST] = {0};
     b->args.cull = NULL;
     u->c = c, u->which = which;
@@ -317,8 +317,10 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
         }
     }
     untie_use(b, b->s);
+    for (uint32_t i = 0; i < n; i++) combine(u->order[i], b->s->channels, &tie[i]);
+    untie_agree(b, apart, c, which, n, u->order, tie, again);
     for (uint32_t i = 0; i < n; i++) {
-        combine(u->order[i], b->s->channels, &tie[i]);
+        if (again[i]) combine(u->order[i], b->s->channels, &tie[i]);
         if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0, tie[i].kink = false;
     }
     untie_away(b, apart, c, which, n, u->order, reach, tie);

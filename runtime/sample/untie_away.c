@@ -11,10 +11,12 @@
 typedef struct Ask { /* g of an event beside a crossing */
     const Crossing *c;
     const Event *event;
-    Away *away; /* whose place it is; NULL: the crossing's own */
+    Away *away;    /* whose place it is; NULL: the crossing's own */
+    double *worst; /* for untie_agree */
     double x[3], g, dg[3];
     bool done;
 } Ask;
+#define AGREES 0x1p-5 /* parts of the way that a boundary has gone */
 enum {
     ASKS = UNTIE_MOST * (UNTIE_EVENTS > UNTIE_AWAY / 2 ? UNTIE_EVENTS : UNTIE_AWAY / 2),
     STEPS = 3, /* from what the search has found to the root */
@@ -57,11 +59,57 @@ static void go(const Batch *b, Ask *a, double by) {
     for (uint32_t d = 0; d < b->s->dim; d++) a->x[d] += by * a->c->dg[d] / steep;
 }
 
-/* To where g is 0, as its slope says. */
-static void go_to_root(const Batch *b, Ask *a) {
+/* How far it is to where g is 0, as its slope says. */
+static double to_root(const Batch *b, const Ask *a) {
     double along = 0, steep = untie_steepness(b, a->c);
     for (uint32_t d = 0; d < b->s->dim; d++) along += a->dg[d] * a->c->dg[d] / steep;
-    go(b, a, -a->g / along);
+    return -a->g / along;
+}
+
+/* What rounding of places makes, in the largest numbers that they have. */
+static double unit(const Batch *b) {
+    double size = 0;
+    for (uint32_t d = 0; d < b->s->dim; d++) size = fmax(size, fmax(fabs(b->s->lo[d]), fabs(b->s->hi[d])));
+    return size * (b->f64 ? DBL_EPSILON : (double)FLT_EPSILON);
+}
+
+static bool disagree(const Order order[UNTIE_WAYS], const Tie *t) {
+    bool one = t->n > 1;
+    for (uint32_t m = 0; m < UNTIE_WAYS; m++) one &= !order[m].whole || order[m].n == 1;
+    return one;
+}
+
+void untie_agree(Batch *b, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n,
+                 Order (*order)[UNTIE_WAYS], const Tie *tie, bool *again) {
+    double worst[UNTIE_MOST][UNTIE_EVENTS] = {{0}};
+    Ask asks[ASKS];
+    bool any = false;
+    for (uint32_t i = 0; i < n; i++) any |= again[i] = disagree(order[i], &tie[i]);
+    for (uint32_t m = 0; m < UNTIE_WAYS && any; m++) {
+        uint32_t count = 0;
+        for (uint32_t i = 0; i < n; i++)
+            for (uint32_t e = 0; e < tie[i].n && again[i] && order[i][m].whole; e++) {
+                asks[count] = (Ask){.c = &c[which[i]], .event = &tie[i].event[e], .worst = &worst[i][e]};
+                memcpy(asks[count++].x, order[i][m].x[0], sizeof asks[0].x);
+            }
+        untie_use(b, &apart->move[m].scene);
+        if (count) ask(b, asks, count);
+        for (uint32_t k = 0; k < count; k++) {
+            double off = fabs(to_root(b, &asks[k]));
+            *asks[k].worst = fmax(*asks[k].worst, isnan(off) ? HUGE_VAL : off);
+        }
+    }
+    if (any) untie_use(b, b->s);
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t best = 0;
+        double far = 0;
+        if (!again[i]) continue;
+        for (uint32_t e = 1; e < tie[i].n; e++) best = worst[i][e] < worst[i][best] ? e : best;
+        for (uint32_t m = 0; m < UNTIE_WAYS; m++) far = fmax(far, order[i][m].whole ? order[i][m].far : 0);
+        again[i] = worst[i][best] <= fmax(AGREES * far, 4 * NEAR * unit(b));
+        for (uint32_t m = 0; m < UNTIE_WAYS && again[i]; m++)
+            if (order[i][m].whole) order[i][m].event[0] = tie[i].event[best];
+    }
 }
 
 /* Of a tie's event e, which has no boundary where the parameters are: its parts by move. False: too many. */
@@ -102,7 +150,6 @@ static bool settle_away(const Batch *b, Away *a, const Ask ends[2]) {
 static void find_roots_away(Batch *b, const Crossing *c, const uint32_t *which, uint32_t n, uint32_t move, Tie *tie) {
     Ask asks[ASKS];
     uint32_t count = 0;
-    double size = 0;
     for (uint32_t i = 0; i < n; i++)
         for (uint32_t k = 0; k < tie[i].naway; k++) {
             Away *a = &tie[i].away[k];
@@ -114,11 +161,9 @@ static void find_roots_away(Batch *b, const Crossing *c, const uint32_t *which, 
         }
     for (int s = 0; s < STEPS && count; s++) {
         ask(b, asks, count);
-        for (uint32_t i = 0; i < count; i++) go_to_root(b, &asks[i]);
+        for (uint32_t i = 0; i < count; i++) go(b, &asks[i], to_root(b, &asks[i]));
     }
-    for (uint32_t d = 0; d < b->s->dim; d++) size = fmax(size, fmax(fabs(b->s->lo[d]), fabs(b->s->hi[d])));
-    for (uint32_t i = 0; i < count; i++)
-        go(b, &asks[i], (i & 1 ? NEAR : -NEAR) * size * (b->f64 ? DBL_EPSILON : FLT_EPSILON));
+    for (uint32_t i = 0; i < count; i++) go(b, &asks[i], (i & 1 ? NEAR : -NEAR) * unit(b));
     if (count) ask(b, asks, count);
     for (uint32_t i = 0; i < count; i += 2)
         if (!settle_away(b, asks[i].away, &asks[i])) asks[i].away->part[0] = NAN;

@@ -22,7 +22,11 @@ static inline double untie_steepness(const Batch *b, const Crossing *c) {
     return sqrt(square);
 }
 
-/* untie_away.c. Of the events of ties those whose g has no root as near as reach[] to the crossing become parts of
+/* untie_away.c. Where there is one jump after each move, and moves say that it is another's: boundaries that move
+ * nearly alike are told apart by where it lies after all of them. again[i]: the orders of tie i say so now. */
+void untie_agree(Batch *b, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n,
+                 Order (*order)[UNTIE_WAYS], const Tie *tie, bool *again);
+/* Of the events of ties those whose g has no root as near as reach[] to the crossing become parts of
  * moves. The batch sees the parameters of its scene, before and after. */
 void untie_away(Batch *b, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n,
                 Order (*order)[UNTIE_WAYS], const double *reach, Tie *tie);

@@ -116,9 +116,9 @@ static const struct {
     bool f64;
     double within; /* of 1 */
 } ways[] = {
-    {"quadrature, f64", SLT_EST_QUADRATURE, true, 0.03},
-    {"quadrature, f32", SLT_EST_QUADRATURE, false, 0.03},
-    {"auto, f64", SLT_EST_AUTO, true, 0.03},
+    {"quadrature, f64", SLT_EST_QUADRATURE, true, 1e-6},
+    {"quadrature, f32", SLT_EST_QUADRATURE, false, 1e-3},
+    {"auto, f64", SLT_EST_AUTO, true, 0.01},
     {"auto, f32", SLT_EST_AUTO, false, 0.03},
     {"lattice, f64", SLT_EST_LATTICE, true, 0.03},
     {"lattice, f32", SLT_EST_LATTICE, false, 0.05},
@@ -146,10 +146,10 @@ static int check(const Polygon *p, size_t test) {
         for (int i = 0; i < 2 * p->n; i++) {
             double off = fabs(got[i] - want[i]);
             worst = fmax(worst, off), widest = fmax(widest, error[i]);
-            holds &= off <= 4 * error[i] + 0.1 * ways[w].within;
+            holds &= off <= 4 * error[i] + 0.3 * ways[w].within;
         }
         for (int i = 0; i < SLT_DROP_REASONS; i++) dropped += stats.dropped[i];
-        bool right = holds && worst <= ways[w].within && widest <= 4 * ways[w].within && dropped <= (ways[w].f64 ? 4 : 16);
+        bool right = holds && worst <= ways[w].within && widest <= fmax(4 * ways[w].within, 2e-4) && dropped <= (ways[w].f64 ? 4 : 16);
         print_message("%s%s, %s, %s: off by %.2g, %.2g stated, %llu dropped, %.2g left, %llu evaluations\n",
                       right ? "" : "WRONG: ", p->name, tests[test].name, ways[w].name, worst, widest,
                       (unsigned long long)dropped, 1 - stats.certified, (unsigned long long)stats.evaluations);
