@@ -28,7 +28,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     Root *r = &c->root[c->nroot++];
     r->ends[0] = r->ends[1] = r->wanted = r->twin = r->band = r->solved = r->waits =
         false; /* its other members come later */
-    r->column = r->sides = r->tie = r->other = 0, r->edge = 0;
+    r->column = r->sides = r->tie = r->other = 0, r->edge = 0, r->blur = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
@@ -402,67 +402,4 @@ bool cells_take_sides(Cells *c) {
     }
     extrapolate_sides(c, known);
     return true;
-}
-
-/* ---- what rounding makes of them, in f32 */
-/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
- * closed curve do alike may cancel. */
-static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
-
-static bool by_chance(const double x[3]) {
-    uint64_t bits[3], all;
-    memcpy(bits, x, sizeof bits);
-    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
-    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
-}
-
-/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
- * that the distance of the two rules tells what comes of it. */
-static bool move_roots(Cells *c, const Column *from, const Column *to) {
-    c->nprobe = 0;
-    for (int pass = 0; pass < 2; pass++) {
-        const Probe *at = c->probe;
-        for (const Column *k = from; k < to; k++)
-            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
-                Root *r = &c->root[k->first + i];
-                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
-                if (!r->wanted || !(slope > 0)) continue;
-                if (pass) {
-                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
-                    at++;
-                    continue;
-                }
-                memcpy(x, r->x, sizeof x);
-                const double *by = moved[by_chance(x)];
-                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
-                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
-                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
-                if (!cells_probe(c, r->of, x)) return false;
-            }
-        if (!pass && !cells_run_probes(c)) return false;
-    }
-    return true;
-}
-
-/* In f32 the site's own slope at a root, as rounded, is not that of the edge, which is a level of a wave: what it is
- * divided by is rounded likewise. */
-static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
-    c->nprobe = 0;
-    for (const Column *k = from; k < to; k++)
-        for (uint32_t i = k->first; i < k->first + k->nroots; i++)
-            if (c->root[i].wanted && cells_is_wave(c->s, c->root[i].of->event.site) &&
-                !cells_probe(c, c->root[i].of, c->root[i].x))
-                return false;
-    if (!cells_run_site_probes(c)) return false;
-    const Probe *at = c->probe;
-    for (const Column *k = from; k < to; k++)
-        for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
-            Root *r = &c->root[i];
-            if (r->wanted && cells_is_wave(c->s, r->of->event.site)) memcpy(r->dg, (at++)->dg, sizeof r->dg);
-        }
-    return true;
-}
-
-bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
-    return move_roots(c, from, to) && take_own_slopes(c, from, to);
 }
