@@ -192,6 +192,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
     *out = NULL;
+    if (c->size_given) c->opt.size[0] = c->job.size[0], c->opt.size[1] = c->job.size[1];
     if (c->expr) {
         status = compile_expr(c, &p);
     } else if (!strcmp(c->file, "-")) {

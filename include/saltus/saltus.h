@@ -50,6 +50,12 @@ typedef enum SltStructure {
     SLT_STRUCTURE_NAIVE   /* cell by cell: the oracle */
 } SltStructure;
 
+typedef enum SltLanguage {
+    SLT_LANGUAGE_AUTO, /* by the file's name: GLSL for .frag, .fs and .glsl */
+    SLT_LANGUAGE_SALTUS,
+    SLT_LANGUAGE_GLSL /* a fragment shader, as for OpenGL ES, WebGL or Shadertoy */
+} SltLanguage;
+
 /* How a program is compiled. slt_compile_* copies the struct with all that its members point at. */
 typedef struct SltOptions {
     size_t struct_size;
@@ -80,6 +86,9 @@ typedef struct SltOptions {
                                  from the call that first needs the kernel */
     bool sandbox; /* the source is not trusted: files that it names must lie below its own folder, where no link leads
                      out; what the caller names (import_dirs, param_files, values) is free */
+    SltLanguage language;
+    uint32_t
+        size[2]; /* of the image that a GLSL shader is for, columns and rows: its domain and `iResolution`; 0: 512 */
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.struct_size = sizeof(SltOptions), .near_miss = -1})
 
