@@ -309,6 +309,7 @@ const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_prin
 /* ---- facts: 0 and "" where the program did not compile */
 uint32_t slt_dim(const SltProgram *p) { return p->prog ? p->prog->dim : 0; }
 uint32_t slt_channels(const SltProgram *p) { return p->prog ? p->prog->channels : 0; }
+bool slt_is_display(const SltProgram *p) { return p->prog && p->prog->display; }
 const char *slt_entry(const SltProgram *p) { return p->prog ? p->prog->entry : ""; }
 void slt_domain(const SltProgram *p, double lo[3], double hi[3]) {
     for (int d = 0; d < 3; d++) lo[d] = p->prog ? p->prog->lo[d] : 0, hi[d] = p->prog ? p->prog->hi[d] : 0;

@@ -123,6 +123,9 @@ const char *slt_last_error(const SltProgram *p);
 uint32_t slt_dim(const SltProgram *p);      /* of the domain: 1 to 3 */
 uint32_t slt_channels(const SltProgram *p); /* 1 to 4 */
 const char *slt_entry(const SltProgram *p);
+/* Are its colours encoded for a screen already ([Display], GLSL)? Then a PNG takes them as they are, and textures and
+ * targets that are PNG are read as they are; else both go through the curve of sRGB. */
+bool slt_is_display(const SltProgram *p);
 void slt_domain(const SltProgram *p, double lo[3], double hi[3]); /* by axis; those beyond slt_dim mean nothing */
 uint32_t slt_site_count(const SltProgram *p);                     /* places under [Disc] that may jump */
 bool slt_uses_rand(const SltProgram *p);
