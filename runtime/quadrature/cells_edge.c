@@ -24,12 +24,6 @@ Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]) { return add_
 
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]) { return add_probe(c, e, &nothing_given, x); }
 
-bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]) {
-    double centre[3] = {0};
-    for (uint32_t d = 0; d < c->dim; d++) centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
-    return cells_ask(c, e, lo, hi) && cells_ask(c, e, centre, centre);
-}
-
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]) {
     if (!CELLS_ROOM(c, ask, 1)) return NULL;
     Ask *a = &c->ask[c->nask++];
@@ -215,6 +209,20 @@ bool cells_run_asks(Cells *c) {
     return true;
 }
 
+bool cells_run_asks_about_centres(Cells *c) {
+    if (!cells_run_asks(c)) return false;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < c->nask; i++) {
+        Ask *a = &c->ask[i];
+        bool told = a->g[0] > 0 || a->g[1] < 0 || a->state & SLT_EDGE_JUMPS;
+        double centre[3] = {0};
+        a->centre = told ? 0 : c->nprobe + 1;
+        for (uint32_t d = 0; d < c->dim; d++) centre[d] = cells_round(c, a->lo[d] + 0.5 * (a->hi[d] - a->lo[d]));
+        if (!told && !add_probe(c, a->event, a->given, centre)) return false;
+    }
+    return cells_run_probes(c);
+}
+
 /* The open events of box i of the last call, each integer of a rounding an event of its own. */
 static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     const Batch *b = c->b;
@@ -251,14 +259,15 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
 
 /* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
  * ends. */
-void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
-    double mean[2] = {centre->g[0], centre->g[1]}, scale = fmax(fabs(mean[0]), fabs(mean[1]));
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
+    const Probe *centre = box->centre ? &c->probe[box->centre - 1] : NULL;
+    double g = centre ? centre->g : NAN, mean[2] = {g, g}, scale = fabs(g);
     for (uint32_t d = 0; d < 3; d++)
         for (int end = 0; end < 2; end++) e->slope[d][end] = d < c->dim ? box->slope[d][end] : 0;
     e->state = box->state, e->error = box->error;
     bool smooth = !(box->state & SLT_EDGE_JUMPS);
     for (uint32_t d = 0; d < c->dim; d++) {
-        double down = centre->lo[d] - box->lo[d], up = box->hi[d] - centre->hi[d];
+        double down = centre ? centre->x[d] - box->lo[d] : 0, up = centre ? box->hi[d] - centre->x[d] : 0;
         double a = e->slope[d][0], z = e->slope[d][1];
         e->rises[d] = (int8_t)(!smooth ? 0 : a > 0 && z < HUGE_VAL ? 1 : z < 0 && a > -HUGE_VAL ? -1 : 0);
         /* t (x - centre) with t in [a, z]; an extent of 0 beside an unknown slope is 0 */
@@ -316,17 +325,17 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         for (uint32_t e = 0; e < cell[i].nedges; e++)
-            if (!cells_ask_both(c, &cell[i].edge[e], cell[i].box.lo, cell[i].box.hi)) return false;
+            if (!cells_ask(c, &cell[i].edge[e], cell[i].box.lo, cell[i].box.hi)) return false;
     }
-    if (!cells_run_asks(c)) return false;
+    if (!cells_run_asks_about_centres(c)) return false;
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0, event[CELL_EVENTS];
         cell[i].nevents = cell[i].nedges;
-        for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
+        for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
-            cells_meet(c, edge, &c->ask[at], &c->ask[at + 1]);
+            cells_meet(c, edge, &c->ask[at++]);
             edge->before = (uint8_t)e;
             cell[i].event[e] = edge->event;
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */

@@ -99,9 +99,9 @@ static bool ask_trials(Cells *c, const Cell *cell) {
         const Trial *t = &c->trial[i];
         const Box *box = &cell[t->cell].box;
         for (uint32_t w = 0; w < t->ways; w++)
-            if (!cells_ask_both(c, &t->way[w], box->lo, box->hi)) return false;
+            if (!cells_ask(c, &t->way[w], box->lo, box->hi)) return false;
     }
-    return cells_run_asks(c);
+    return cells_run_asks_about_centres(c);
 }
 
 static bool differs(const CellEdge *e, const CellEdge *f) {
@@ -137,7 +137,7 @@ bool cells_give(Cells *c, Cell *cell, uint32_t n) {
         if (!ask_trials(c, cell)) return false;
         const Ask *a = c->ask;
         for (uint32_t i = 0; i < c->ntrial; i++)
-            for (uint32_t w = 0; w < c->trial[i].ways; w++, a += 2) cells_meet(c, &c->trial[i].way[w], &a[0], &a[1]);
+            for (uint32_t w = 0; w < c->trial[i].ways; w++) cells_meet(c, &c->trial[i].way[w], a++);
         /* From the last to the first: edges that are put in move those behind. */
         for (uint32_t i = c->ntrial; i-- > 0;) put_ways(&cell[c->trial[i].cell], &c->trial[i]);
     }

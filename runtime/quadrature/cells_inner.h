@@ -215,6 +215,7 @@ typedef struct Ask {
     double lo[3], hi[3];
     double g[2], slope[3][2], error; /* as in CellEdge */
     uint32_t state;
+    uint32_t centre; /* probe[centre - 1] is there; 0: it was not asked */
 } Ask;
 
 typedef struct Node {
@@ -334,14 +335,14 @@ void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_site_probes(Cells *c); /* the same of sites' own g, which the edges of waves are only levels of */
 bool cells_run_asks(Cells *c);        /* ask[nask] */
+/* The same, and g at the centres of boxes on which it may be 0 and does not jump: for cells_meet. */
+bool cells_run_asks_about_centres(Cells *c);
 /* g and its gradient at root[active[0 .. n)], where one call does for all of them and needs no more than they hold;
  * false: it does not. */
 bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
-/* The box and its centre, for cells_meet. */
-bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
  * lists of iterations. */
 void cells_bound_halves(Cells *c);
@@ -352,7 +353,7 @@ void cells_bound_range(Cells *c, Cell *cell);             /* of one: what f may 
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
 /* What a box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form. */
-void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre);
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box);
 /* The axis along which alone g changes; -1: there is none. */
 int cells_straight_axis(const Cells *c, const CellEdge *e);
 /* An edge that is straight, at which the cell may be cut exactly; -1: none. */

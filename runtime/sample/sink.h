@@ -43,7 +43,7 @@ struct Sink {
     uint64_t *order; /* [BATCH] */
     Coincide coincide;
     Follow *follow; /* NULL: fingers are not followed */
-    bool any_sign;  /* SINK_INTEGRAL: each crossing counts with a random sign */
+    bool any_sign;  /* each crossing counts with a random sign */
     Sketch sketch;  /* SINK_INTEGRAL */
     Crossing *thin; /* [nthin]: of this tile, for thin.h; only where `misses` */
     uint64_t nthin, thin_cap;

@@ -18,6 +18,7 @@ DECISIONS = {
     "rejection": "float2 u = float2(0.0); for (int i = 0; i < 16; i++) { u = 2.0 * rand2() - 1.0; if (dot(u, u) < p * p) break; } return dot(u, u);",
     "roulette": "float t = 1.0; for (int i = 0; i < 8; i++) { if (rand() > p) break; t += 1.0; } return t;",
     "roulette_weighed": "float t = 1.0; for (int i = 0; i < 6; i++) { if (rand() > p) break; t += 1.0 / q; } return t;",
+    "rarely_shown": "float u = rand(), v = rand(); float f = x.x < p ? 1.0 : 0.0; return v > 0.9 ? f : u;",
     "both": "if (rand() * x.x < p) return 1.0; return 0.0;",
     "isnan": "float v = sqrt(p - length(x)); return isnan(v) ? 0.0 : 1.0;",
     "isinf": "float v = exp(1000.0 * (x.x - p)); return isinf(v) ? 1.0 : 0.0;",
@@ -104,6 +105,8 @@ ARITHMETIC = {
     "shaded": "float d = p - length(x); return (1.0 + x.x * x.y) * (0.5 + 0.5 * tanh(1e6 * d)) + 0.1 * sin(3.0 * x.x);",
     "narrow_bump": "float2 e = x - float2(p, q); return exp(-1e6 * dot(e, e) / (p * p));",
     "in_rand": "float u = rand(); return saturate((p - u) * 1e8);",
+    "second_rand": "float u = rand(), v = rand(); return u * saturate((p - v) * 1e8);",
+    "rand_in_loop": "float f = 0.0; for (int i = 0; i < 3; i++) { float u = rand() - p; if (i > 0) f += u / abs(u); } return f;",
     "quotient_in_rand": "float u = rand() - p; return 0.5 + 0.5 * u / abs(u);",
     "beside_a_disc": "float f = 0.0; [Disc] if (length(x - 0.5) < q) f = 1.0; return f + tanh(1e6 * (p - length(x)));",
 }

@@ -572,8 +572,8 @@ static void other_examples(void **state) {
 
 static void programs(void **state) {
     (void)state;
-    static const char *const names[] = {"circle", "discs", "grid_of_waves", "line",
-                                        "many",   "march", "nested",        "random"};
+    static const char *const names[] = {"circle", "discs",  "grid_of_waves", "line", "many",
+                                        "march",  "nested", "random",        "stops"};
     for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
         char path[400];
         snprintf(path, sizeof path, SALTUS_TEST_DIR "/programs/%s.salt", names[k]);
