@@ -441,6 +441,7 @@ TokenVec glsl_preprocess(Session *s, int file) {
     predefine(p, "GL_ES", 1);
     predefine(p, "GL_FRAGMENT_PRECISION_HIGH", 1);
     predefine(p, "__VERSION__", 300);
+    predefine(p, "GL_OES_standard_derivatives", 1);
     predefine(p, "SALTUS", 1);
     Stream *st = ARENA_NEW(p->arena, Stream);
     st->file = true;
