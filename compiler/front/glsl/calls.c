@@ -1,11 +1,11 @@
 /* Builtin functions under GLSL's names: ours under another name, ours with another list of arguments, or functions of
- * the standard module `glsl`. What the file declares itself stays what it is. */
+ * the standard module `gl`. What the file declares itself stays what it is. */
 #include "compiler/front/glsl/glsl.h"
 
 #include <string.h>
 
 typedef struct Rename {
-    const char *glsl, *ours; /* `gl_…` is a function of stdlib/glsl.salt */
+    const char *glsl, *ours; /* `gl_…` is a function of stdlib/gl.salt */
     uint32_t nargs;          /* 0: whatever the number */
 } Rename;
 
@@ -87,6 +87,6 @@ void glsl_rename_calls(Parser *p) {
     for (Symbol *sym = p->module->consts; sym; sym = sym->next) glsl_walk_expr(&w, sym->init);
     for (Symbol *sym = p->module->params; sym; sym = sym->next) glsl_walk_expr(&w, sym->init);
     if (!c.uses_module) return;
-    Import im = {.name = intern(p->s, "glsl", 4), .span = {p->module->file, 0, 0}};
+    Import im = {.name = intern(p->s, "gl", 2), .span = {p->module->file, 0, 0}};
     vec_push(a, &p->imports, im);
 }

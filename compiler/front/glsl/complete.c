@@ -88,6 +88,7 @@ static void fragment_variables(Text *t) {
     if (map_get(&p->unit->words, word(p, "discard"))) variable(p, "bool", "gl_discard", 0);
     for (uint32_t i = 0; i < p->unit->inputs.len; i++) {
         Symbol *in = p->unit->inputs.data[i];
+        vec_push(&p->s->module, &p->unit->globals, in);
         if (strcmp(in->type_ref->name, "float2") != 0 || in->type_ref->ndims) {
             diag_emit(p->s, DIAG_glsl_unsupported, in->span,
                       arena_printf(&p->s->session,
@@ -96,7 +97,6 @@ static void fragment_variables(Text *t) {
                                    in->name));
             continue;
         }
-        vec_push(&p->s->module, &p->unit->globals, in);
         add(t, &t->body, "    %s = gl_point / float2(%u.0, %u.0);\n", in->name, p->unit->size[0], p->unit->size[1]);
     }
     for (uint32_t i = 0; i < p->unit->outputs.len; i++)
@@ -167,7 +167,10 @@ static void parse_text(Parser *p, const char *text) {
 
 void glsl_complete(Parser *p) {
     Text t = {p, "", ""};
-    if (p->s->nerrors > p->first_error) return; /* what is missing may have been skipped */
+    if (p->s->nerrors > p->first_error) { /* what is missing may have been skipped */
+        p->module->unusable = true;
+        return;
+    }
     glsl_find_constants(p);
     host_uniforms(&t);
     fragment_variables(&t);

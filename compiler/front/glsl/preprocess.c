@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-enum { MAX_TOKENS = 1 << 21, MAX_EXPANSIONS = 256, MAX_CONDITIONS = 256, MAX_PARAMS = 64 };
+enum { MAX_TOKENS = 1 << 19, MAX_EXPANSIONS = 256, MAX_CONDITIONS = 256, MAX_PARAMS = 64 };
 
 typedef struct Macro {
     const char *name;
@@ -148,7 +148,7 @@ static bool expand_macro(Pre *p, Stream *st, Macro *m, const Token *name) {
             vec_push(p->arena, made, t);
         }
         if (made->len > MAX_TOKENS) {
-            complain(p, name->span, "macros make more than 2 million tokens of this file");
+            complain(p, name->span, "macros make more than 500 000 tokens of this file");
             p->failed = true;
             return false;
         }
@@ -168,7 +168,7 @@ static bool expand(Pre *p, Stream *st, TokenVec *out) {
         }
         vec_push(p->arena, out, t);
         if (++p->nmade > MAX_TOKENS) {
-            complain(p, t.span, "this file has more than 2 million tokens, macros expanded");
+            complain(p, t.span, "this file has more than 500 000 tokens, macros expanded");
             p->failed = true;
         }
     }

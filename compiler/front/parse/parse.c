@@ -234,7 +234,7 @@ static void collect_lost(Parser *p) {
     }
     p->module->lost = names.data;
     p->module->nlost = names.len;
-    p->module->unusable = p->stopped || names.len == MOST;
+    p->module->unusable |= p->stopped || names.len == MOST;
 }
 
 Module *parse_module(Session *s, int file, const char *name) {
