@@ -17,6 +17,8 @@ enum {
     POINTS = 32, /* of a line; two lines go through the program at once */
     LINES = 12,  /* an axis */
     SETS = 3,    /* of parameters */
+    WIDE = 12,   /* more, farther away, for what did not change with those: */
+    SCALES = 6,  /* by twice as much each time, then again */
     HALVINGS = 40,
     EACH = 24,         /* changes of a decision that are looked at, of each set of parameters, at most */
     FEWEST = 3,        /* and in all, at least */
@@ -46,7 +48,8 @@ typedef struct Change {
 typedef struct Known {
     uint32_t found, tested, outcome, like, unlike; /* points where it decides as at the first, and where not */
     double nearest[1 + PLACE], like_at[PLACE], unlike_at[PLACE]; /* the least |a - b|, and where; the last of either */
-    double jump; /* the largest of f; it outlives the set, as `tested` does */
+    double jump;  /* the largest of f; it outlives the set, as `tested` does */
+    bool settled; /* it was tested with values near the parameters' */
 } Known;
 
 typedef struct Rounding {
@@ -154,6 +157,7 @@ static void judge(Search *s, Change *change, uint32_t n) {
         }
         for (uint32_t k = 0; k < p->nlist; k++) {
             if (seen[0][watch_at(k, i)] == seen[1][watch_at(k, i)]) continue;
+            if (s->known[k].settled) continue;
             s->known[k].tested++, s->known[k].jump = fmax(s->known[k].jump, jump);
         }
     }
@@ -208,6 +212,7 @@ static void scan(Search *s, double x[WARN_LANES][PLACE], uint32_t most) {
         bool rounds = p->watched[k].kind == WATCH_ROUNDING;
         note(s, k, x);
         if (rounds) note_extremes(s, k, x);
+        if (s->known[k].settled) continue;
         for (uint32_t l = 0; l + 1 < WARN_LANES; l++) {
             uint32_t at = watch_at(k, l);
             if (l % POINTS == POINTS - 1 || p->seen[at] == p->seen[at + 1]) continue;
@@ -221,6 +226,7 @@ static void scan(Search *s, double x[WARN_LANES][PLACE], uint32_t most) {
 
 /* By how much f differs from what it was with the parameters' values. */
 static void compare_values(Search *s) {
+    if (s->set >= SETS) return;
     for (uint32_t l = 0; l < WARN_LANES; l++)
         for (uint32_t c = 0; c < s->p.program->channels; c++, s->points++) {
             double f = s->p.f[c][l];
@@ -302,6 +308,13 @@ static void look_closer(Search *s, uint32_t k) {
     } else if (best[0] < TOUCHES * n->nearest[0]) n->tested++;
 }
 
+/* It tends to the next integer, and does not reach it: an angle at its cut. */
+static bool touches(const Search *s, uint32_t k, int side, double score) {
+    const Rounding *r = &s->rounding[k];
+    double extreme = side ? -score : score;
+    return fabs(extreme - round(extreme)) < TOUCHES * (r->argument[1] - r->argument[0]);
+}
+
 /* The integers beyond those that lines met. */
 static void look_beyond(Search *s, uint32_t k) {
     Rounding *r = &s->rounding[k];
@@ -314,6 +327,7 @@ static void look_beyond(Search *s, uint32_t k) {
         if (!watch_run(&s->p)) return;
         double va = s->p.value[watch_at(k, 0)], vb = s->p.value[watch_at(k, 1)];
         if (va != vb) add_integers(s, k, va, vb, from, best + 1);
+        else s->known[k].tested += touches(s, k, side, best[0]);
     }
 }
 
@@ -327,20 +341,29 @@ static void ask_guides(Search *s) {
     }
 }
 
-/* The parameters' values, then others: where they happen to be 0 a jump may not show. */
+/* The parameters' values, then others: where they happen to be 0 a jump may not show. What does not change with them
+ * has no jump to lose, but may have one during a fit: it is asked with values farther away. */
 static void set_params(Search *s) {
     Probe *p = &s->p;
+    double away = s->set < SETS ? AWAY : AWAY * (2u << (s->set - SETS) % SCALES);
     for (uint32_t q = 0; q < p->program->nfloats; q++) {
         double v = p->program->init_floats[q],
                u = 2 * fmod(0.5 + 0.7548776662 * (q + 1) + 0.5698402910 * s->set, 1) - 1;
-        p->params[q] = s->set ? v + AWAY * u * fmax(0.1, fabs(v)) : v;
+        p->params[q] = s->set ? v + away * u * fmax(0.1, fabs(v)) : v;
     }
+}
+
+static bool is_known(const Search *s, uint32_t k) {
+    return s->known[k].tested >= FEWEST || (k < s->p.nlist && s->rounding[k].too_many);
 }
 
 static void forget(Search *s) {
     s->points = 0;
     for (uint32_t k = 0; k < s->p.n; k++)
-        s->known[k] = (Known){.tested = s->known[k].tested, .jump = s->known[k].jump, .nearest = {HUGE_VAL}};
+        s->known[k] = (Known){.tested = s->known[k].tested,
+                              .jump = s->known[k].jump,
+                              .settled = s->set >= SETS && (s->known[k].settled || is_known(s, k)),
+                              .nearest = {HUGE_VAL}};
     for (uint32_t k = 0; k < s->p.nlist; k++)
         s->rounding[k] = (Rounding){.too_many = s->rounding[k].too_many, .end = {NAN, NAN}, .argument = {NAN, NAN}};
 }
@@ -353,12 +376,18 @@ static void ask(Search *s) {
     for (uint32_t d = 0; d < g->dim; d++)
         for (uint32_t line = 0; line < lines && !s->p.failed; line += WARN_LANES / POINTS) look_along(s, d, line);
     for (uint32_t k = 0; k < s->p.nlist && !s->p.failed; k++)
-        if (!s->known[k].found) look_closer(s, k);
+        if (!s->known[k].found && !s->known[k].settled) look_closer(s, k);
     judge_all(s);
     ask_guides(s);
     for (uint32_t k = 0; k < s->p.nlist; k++)
-        if (s->p.watched[k].kind == WATCH_ROUNDING) look_beyond(s, k);
+        if (s->p.watched[k].kind == WATCH_ROUNDING && !s->known[k].settled) look_beyond(s, k);
     judge_all(s);
+}
+
+static bool any_untested(const Search *s) {
+    for (uint32_t k = 0; k < s->p.nlist; k++)
+        if (!is_known(s, k)) return true;
+    return false;
 }
 
 void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked **list, uint32_t n, bool *shows) {
@@ -370,7 +399,9 @@ void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked *
     s->known = ARENA_ARRAY(s->arena, Known, s->p.n);
     s->rounding = ARENA_ARRAY(s->arena, Rounding, n);
     for (; s->set < SETS && !s->p.failed; s->set++) ask(s);
+    bool asked = !s->p.failed;
+    for (; s->set < SETS + WIDE && !s->p.failed && any_untested(s); s->set++) ask(s);
     double nothing = fmax(NOTHING * fmin(s->largest, s->variation / AWAY), ROUNDING * s->largest);
-    for (uint32_t k = 0; k < n && !s->p.failed; k++)
+    for (uint32_t k = 0; k < n && asked; k++)
         shows[k] = s->known[k].tested < FEWEST || s->known[k].jump > nothing || s->rounding[k].too_many;
 }

@@ -182,6 +182,7 @@ static void read_ends(const Batch *b, SltRole lo, SltRole hi, uint32_t k, uint32
 
 bool cells_run_asks(Cells *c) {
     Batch *b = c->b;
+    const uint32_t seconds = scene_outputs(c->s, SLT_K_EDGE_BOUNDS, SLT_OUT_DDG_LO);
     if (!ordered(c, c->nask)) return false;
     for (uint32_t from = 0, end; from < c->nask; from = end) {
         end = group(c->order, from, c->nask, asks_together, c);
@@ -204,6 +205,10 @@ bool cells_run_asks(Cells *c) {
             double size = fmax(fabs(a->g[0]), fabs(a->g[1])), ulp = c->b->f64 ? 0x1p-52 : 0x1p-23;
             a->error = batch_has(b, SLT_OUT_G_ERROR) ? batch_get(b, SLT_OUT_G_ERROR, 0, i - from) : 128 * ulp * size;
             a->state = (uint32_t)batch_get_int(b, SLT_OUT_G_STATE, 0, i - from);
+            for (uint32_t k = 0; k < seconds; k++)
+                read_ends(b, SLT_OUT_DDG_LO, SLT_OUT_DDG_HI, k, i - from, a->bend[k]);
+            for (uint32_t d = 0; d < c->dim && seconds; d++)
+                a->slope_error[d] = batch_get(b, SLT_OUT_DG_ERROR, d, i - from);
         }
     }
     return true;
@@ -257,6 +262,27 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     }
 }
 
+/* Of the gradient: its components at the centre, and what second derivatives change them by. Of x - p and x - q, which
+ * natural bounds take for independent, they know that the difference is constant. */
+static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Probe *centre) {
+    if (!scene_outputs(c->s, SLT_K_EDGE_BOUNDS, SLT_OUT_DDG_LO)) return;
+    static const uint8_t at[2][3][3] = {{{0, 1}, {1, 2}}, {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}};
+    for (uint32_t d = 0; d < c->dim; d++) {
+        double mean[2] = {centre->dg[d], centre->dg[d]}, scale = fabs(centre->dg[d]);
+        for (uint32_t k = 0; k < c->dim; k++) {
+            const double *bend = box->bend[at[c->dim > 2][d][k]];
+            double down = centre->x[k] - box->lo[k], up = box->hi[k] - centre->x[k];
+            double ends[4] = {up > 0 ? bend[0] * up : 0, down > 0 ? -bend[1] * down : 0, up > 0 ? bend[1] * up : 0,
+                              down > 0 ? -bend[0] * down : 0};
+            mean[0] += fmin(0, fmin(ends[0], ends[1])), mean[1] += fmax(0, fmax(ends[2], ends[3]));
+            scale += up + down > 0 ? (fabs(bend[0]) + fabs(bend[1])) * (up + down) : 0;
+        }
+        double rounding = 2 * box->slope_error[d] + 0x1p-50 * scale;
+        if (mean[0] - rounding > e->slope[d][0]) e->slope[d][0] = mean[0] - rounding; /* NaN is not */
+        if (mean[1] + rounding < e->slope[d][1]) e->slope[d][1] = mean[1] + rounding;
+    }
+}
+
 /* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
  * ends. */
 void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
@@ -264,6 +290,7 @@ void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
     double g = centre ? centre->g : NAN, mean[2] = {g, g}, scale = fabs(g);
     for (uint32_t d = 0; d < 3; d++)
         for (int end = 0; end < 2; end++) e->slope[d][end] = d < c->dim ? box->slope[d][end] : 0;
+    if (centre) narrow_slopes(c, e, box, centre);
     e->state = box->state, e->error = box->error;
     bool smooth = !(box->state & SLT_EDGE_JUMPS);
     for (uint32_t d = 0; d < c->dim; d++) {

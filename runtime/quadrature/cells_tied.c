@@ -70,7 +70,7 @@ static void emit_part(Cells *c, const Crossing *x, const Column *k, const Tie *t
     double along = p->dg[x->axis] * x->dg[x->axis] < 0 ? -1 : 1, weight = k->weight / fabs(p->dg[x->axis]);
     if (!isfinite(weight)) return;
     /* The lower rule is off by as much as the orders leave open: so their distance says it. */
-    for (int half = 0; half < 1 + ((t->kink || t->untold) && k->rule == CELL_FINE); half++) {
+    for (int half = 0; half < 1 + ((t->kink || t->doubted || t->untold) && k->rule == CELL_FINE); half++) {
         Crossing *part = cells_add_crossing(c, half ? CELL_COARSE : k->rule);
         uint8_t rule = part->cls;
         *part = *x;

@@ -72,27 +72,47 @@ static uint32_t find_suspects(const Sink *k, const Crossing *c, const uint64_t *
 }
 
 /* ---- untying */
-enum { PARTS = UNTIE_EVENTS * BATCH };
+static void push(Sink *k, Crossing **list, uint32_t *n, uint32_t *cap, const Crossing *c) {
+    if (*n == *cap) {
+        uint32_t more = 2 * *cap + BATCH;
+        Crossing *grown = realloc(*list, more * sizeof *grown);
+        if (!grown) {
+            k->failed = true;
+            return;
+        }
+        *list = grown, *cap = more;
+    }
+    (*list)[(*n)++] = *c;
+}
+
+/* So much of a jump, and of what is uncertain of it. */
+static void push_part(Sink *k, Crossing *part, const double *jump, const double *half, double times) {
+    Coincide *q = &k->coincide;
+    uint32_t channels = k->b->s->channels;
+    for (uint32_t ch = 0; ch < channels && jump; ch++) part->jump[ch] = times * jump[ch];
+    push(k, &q->part, &q->nparts, &q->part_cap, part);
+    for (uint32_t ch = 0; ch < channels && half; ch++) part->jump[ch] = times * half[ch];
+    if (half) push(k, &q->half, &q->nhalves, &q->half_cap, part);
+}
 
 /* The parts of a crossing: each with its event, and its part of the jump along the crossing's segment. */
-static void add_parts(Coincide *q, const Crossing *c, const Tie *t, uint32_t channels) {
+static void add_parts(Sink *k, const Crossing *c, const Tie *t) {
     double along = c->rising > 0 ? 1 : -1;
     for (uint32_t e = 0; e < t->n; e++) {
         Crossing part = *c;
         part.event = t->event[e], part.ga = part.gb = 0;
-        for (uint32_t ch = 0; ch < channels && !t->whole; ch++) part.jump[ch] = along * t->jump[e][ch];
-        q->part[q->nparts++] = part;
-        for (uint32_t ch = 0; ch < channels; ch++) part.jump[ch] = along * t->half[e][ch];
-        if (t->kink) q->half[q->nhalves++] = part;
+        push_part(k, &part, t->whole ? NULL : t->jump[e], t->kink || t->doubted ? t->half[e] : NULL, along);
     }
-}
-
-static bool room(Sink *k) {
-    Coincide *q = &k->coincide;
-    if (!q->untie) q->untie = untie_new(k->b);
-    if (!q->part) q->part = malloc(PARTS * sizeof *q->part);
-    if (!q->half) q->half = malloc(PARTS * sizeof *q->half);
-    return q->untie && q->part && q->half;
+    for (uint32_t e = 0; e < t->naway; e++) {
+        const Away *a = &t->away[e];
+        for (int end = 0; end < 2; end++) {
+            Crossing part = *c;
+            part.event = a->event, part.ga = part.gb = part.bracket = 0;
+            part.apart = k->coincide.apart, part.move = (uint8_t)(1 + a->move);
+            memcpy(part.x, a->x[end], sizeof part.x);
+            if (a->part[end] > 0) push_part(k, &part, a->jump, a->half, along * a->part[end]);
+        }
+    }
 }
 
 uint32_t coincide_weigh(Sink *k, Crossing *c, uint32_t n) {
@@ -101,17 +121,20 @@ uint32_t coincide_weigh(Sink *k, Crossing *c, uint32_t n) {
         uint64_t order[BATCH];
         bool keep[BATCH], known[BATCH];
         uint32_t all = n - from < BATCH ? n - from : BATCH;
-        for (uint32_t i = 0; i < all; i++) order[i] = (uint64_t)(uint32_t)c[from + i].event.site << 32 | i;
+        for (uint32_t i = 0; i < all; i++)
+            order[i] = (uint64_t)(uint32_t)c[from + i].event.site << 40 | (uint64_t)c[from + i].move << 32 | i;
         sort_keys(order, all);
         for (uint32_t i = 0, to; i < all; i = to) {
             for (to = i + 1; to < all && order[to] >> 32 == order[i] >> 32;) to++;
-            k->b->args.site = (int32_t)(order[i] >> 32);
+            k->b->args.site = (int32_t)(order[i] >> 40);
+            sink_move(k, &c[from + (uint32_t)order[i]]);
             sink_weigh(k, c + from, order + i, to - i, keep);
             for (uint32_t j = i; j < to; j++) known[(uint32_t)order[j]] = keep[j - i];
         }
         for (uint32_t i = 0; i < all; i++)
             if (known[i]) c[kept++] = c[from + i];
     }
+    sink_move(k, NULL);
     return kept;
 }
 
@@ -155,7 +178,7 @@ static bool elsewhere(Sink *k, const Crossing *c) {
 
 /* Has the crossing a tie in which its event is not alone? */
 static bool is_tied(const Tie *t, const Crossing *c) {
-    return t->n && !(t->whole && event_same(&t->event[0], &c->event));
+    return (t->n || t->naway) && !(t->whole && event_same(&t->event[0], &c->event));
 }
 
 static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, const uint32_t *suspect,
@@ -171,7 +194,7 @@ static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *
         if (tie[i].kink && elsewhere(k, x)) k->f->dropped[SLT_DROP_COINCIDENT]++;
         else tie[i].kink = false;
         keep[suspect[i]] = false;
-        add_parts(q, x, &tie[i], k->b->s->channels);
+        add_parts(k, x, &tie[i]);
     }
 }
 
@@ -191,7 +214,7 @@ void coincide_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *ke
     uint32_t suspect[BATCH], suspects = q->apart ? find_suspects(k, c, order, keep, n, suspect) : 0;
     q->nparts = q->nhalves = 0;
     if (!suspects) return;
-    if (!room(k)) {
+    if (!q->untie && !(q->untie = untie_new(k->b))) {
         k->failed = true;
         return;
     }

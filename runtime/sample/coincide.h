@@ -15,7 +15,7 @@ typedef struct Coincide {
     bool no_kinks;         /* of one g: in small parts of a domain its corners are never far */
     Untie *untie;          /* NULL: not needed so far */
     Crossing *part, *half; /* [nparts], [nhalves]: of crossings that were untied the parts, and their errors */
-    uint32_t nparts, nhalves;
+    uint32_t nparts, nhalves, part_cap, half_cap;
     Kinks kinks;
 } Coincide;
 typedef struct Run Run;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/quadrature/quadrature.h"
+#include "runtime/quadrature/inner.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
 #include "runtime/sample/boundary.h"
@@ -358,6 +358,34 @@ double slt_estimate_beyond(const SltScene *s, const SltJob *j, const SltIntegral
     return error > 0 ? error / fmax(j->error * scale, j->abs_error) : 0;
 }
 
+#define TRIAL 0x1p-6        /* of the samples, at most: what all cost, where there may be too many; */
+#define TRIAL_LEAST 0x1p-10 /* at least; lines that are few meet more for each sample: no budget is overspent so */
+#define DEAR 8.0            /* most that crossings cost beside samples and vertices, or there is a trial, */
+#define DEAREST 256.0       /* which may itself cost this */
+
+/* Takes as many samples and lines as `limit` evaluations allow; *used: those of a trial that tells. none: no more than
+ * the trial's, whose result is in `all`. */
+static SltStatus fit_samples(const SltScene *s, SltJob *j, double limit, SltIntegral *all, SltStats *stats,
+                             double *used, bool *none, SltError *err) {
+    bool gradient = wants_gradient(all);
+    double cheap = quadrature_lattice(s, j, gradient && !j->no_boundary, gradient && !j->no_interior);
+    double trial = fmin(TRIAL, fmax(TRIAL_LEAST, limit / (DEAREST * cheap)));
+    if (DEAR * cheap <= limit) return SLT_OK;
+    SltJob few = *j;
+    few.samples = (uint64_t)(trial * (double)j->samples) + 1, few.segments = (uint64_t)(trial * (double)j->segments);
+    if (j->segments && !few.segments) few.segments = 1;
+    SltStats own = SLT_STATS_INIT;
+    SltStatus st = sampled_once(s, &few, all, &own, err);
+    *used = (double)own.evaluations;
+    double part = fmin(1, trial * fmax(0, limit - *used) / fmax(*used, 1));
+    *none = part <= trial;
+    if (*none) stats_add(stats, &own);
+    else if (stats) stats->evaluations += own.evaluations;
+    j->samples = (uint64_t)(part * (double)j->samples) + 1;
+    if (j->segments) j->segments = (uint64_t)(part * (double)j->segments) + 1;
+    return st;
+}
+
 /* Errors of lines fall with about the 3/4th power of their number, those of random samples with its root. */
 #define RATE 0.75
 #define LIMIT 0x1p28 /* evaluations, where the job has none */
@@ -380,15 +408,18 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
         if (j.segments && j.segments < fewest) j.segments = fewest;
     }
     SltStop stop = SLT_STOP_NONE;
-    SltStatus st;
-    for (;;) {
+    bool none = false;
+    SltStatus st = j.max_evaluations ? fit_samples(s, &j, limit, &all, stats, &used, &none, err) : SLT_OK;
+    bool fewer = j.samples < job->samples || j.segments < job->segments;
+    if (none && st == SLT_OK && slt_estimate_beyond(s, &j, &all) > 1) stop = SLT_STOP_EVALUATIONS;
+    while (st == SLT_OK && !none) {
         SltStats own = SLT_STATS_INIT;
         st = sampled_once(s, &j, &all, &own, err);
         stats_add(stats, &own);
         double beyond = st == SLT_OK ? slt_estimate_beyond(s, &j, &all) : 0, cost = (double)own.evaluations;
         if (beyond <= 1) break;
         used += cost;
-        if (used + cost * pow(beyond, 1 / RATE) > limit) { /* there is no hope */
+        if (fewer || used + cost * pow(beyond, 1 / RATE) > limit) { /* there is no hope */
             stop = SLT_STOP_EVALUATIONS;
             break;
         }

@@ -50,8 +50,10 @@ typedef struct Segment {
     double cut;       /* the t at which to bisect; 0: in the middle of ta and tb */
 } Segment;
 
+struct Apart;
 typedef struct Crossing {
     Event event;
+    const struct Apart *apart;       /* move: whose parameters g has; 1 + the move. 0: those of the scene (untie.h) */
     double x[3], t;                  /* x = a + t (b - a) on the segment */
     double side[2][3];               /* the ends of the final bracket */
     double before[SLT_MAX_CHANNELS]; /* f on a's side */
@@ -64,7 +66,7 @@ typedef struct Crossing {
     double base, rand0;     /* from here to line: of the segment */
     int32_t stream;
     int8_t axis, rising; /* rising: 1 where g grows from a to b, else -1 */
-    uint8_t cls, owner;
+    uint8_t cls, owner, move;
     uint32_t edge, thin, line;
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;

@@ -47,6 +47,16 @@ void sink_put(Sink *k, uint32_t lane, const Crossing *c) {
     batch_set_event(b, lane, &c->event);
 }
 
+void sink_move(Sink *k, const Crossing *c) {
+    Batch *b = k->b;
+    bool moves = c && c->move;
+    if (!k->moved) k->lists = b->args.cull; /* good where nothing has moved */
+    if (moves) untie_use(b, &c->apart->move[c->move - 1].scene);
+    else if (k->moved) untie_use(b, b->s);
+    b->args.cull = moves ? NULL : k->lists;
+    k->moved = moves;
+}
+
 #define ROUNDED 0x1p-6 /* part of a segment: a change of g on the bracket that its slope makes on this part is rounding */
 
 static double length(const double v[3], uint32_t dim) {
@@ -271,19 +281,21 @@ static uint32_t clip(const Sink *k, Crossing *c, uint32_t n) {
     return kept;
 }
 
-/* Sorts by site and class. */
+/* Sorts by site, move and class. */
 static void group(Sink *k, const Crossing *c, uint32_t n) {
     assert(n <= BATCH);
     for (uint32_t i = 0; i < n; i++)
-        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << 40 | (uint64_t)c[i].cls << 32 | i;
+        k->order[i] = (uint64_t)(uint32_t)c[i].event.site << 40 | (uint64_t)(c[i].move << 4 | c[i].cls) << 32 | i;
     sort_keys(k->order, n);
 }
 
-/* The end of the group that begins at `from`, whose site the next calls are for. */
+/* The end of the group that begins at `from`, whose site and parameters the next calls are for; behind the last group
+ * sink_move(k, NULL) is due. */
 static uint32_t group_end(Sink *k, const Crossing *c, uint32_t from, uint32_t n) {
     uint32_t to = from + 1;
     while (to < n && k->order[to] >> 32 == k->order[from] >> 32) to++;
     k->b->args.site = c[(uint32_t)k->order[from]].event.site;
+    sink_move(k, &c[(uint32_t)k->order[from]]);
     return to;
 }
 
@@ -317,6 +329,7 @@ void sink_put_weighed(Sink *k, const Crossing *c, uint32_t n) {
         to = group_end(k, c, from, n);
         emit(k, c, k->order + from, to - from);
     }
+    sink_move(k, NULL);
 }
 
 void sink_put_missed(Sink *k, const Crossing *c, uint32_t n) {
@@ -327,6 +340,7 @@ void sink_put_missed(Sink *k, const Crossing *c, uint32_t n) {
         if (k->kind == SINK_REVERSE) emit_reverse(k, c, k->order + from, to - from, k->classes, 0);
         else emit_integral(k, c, k->order + from, to - from, missed, missed);
     }
+    sink_move(k, NULL);
 }
 
 void sink_put_size(Sink *k, const Crossing *c, uint32_t n) {
@@ -337,6 +351,7 @@ void sink_put_size(Sink *k, const Crossing *c, uint32_t n) {
         if (k->kind == SINK_REVERSE) emit_reverse(k, c, k->order + from, to - from, SIZE_GROUP, 1);
         else emit_integral(k, c, k->order + from, to - from, size, size);
     }
+    sink_move(k, NULL);
 }
 
 /* Half of how much two orders of boundaries differ belongs to the error: of a whole integral to sums of its own, of two
@@ -353,6 +368,7 @@ static void put_half(Sink *k, Crossing *c, uint32_t n) {
             to = group_end(k, c, from, n);
             emit_integral(k, c, k->order + from, to - from, 2 * channels, 2 * channels);
         }
+        sink_move(k, NULL);
     }
     for (uint32_t set = 0; set < 2 && sets; set++) {
         for (uint32_t i = 0; i < n; i++) c[i].cls = (uint8_t)set, c[i].weight *= set ? -1 : part;
@@ -373,20 +389,20 @@ static void put_parts(Sink *k) {
  * back; half of how much these differ is an error. */
 static void put_kinks(Sink *k) {
     const Coincide *q = &k->coincide;
-    const SltCullList *lists = k->b->args.cull;
     for (uint32_t m = 0; m < UNTIE_WAYS; m++) {
         uint32_t n = q->kinks.n[m / 2];
         if (!n || !room(k, &k->doubt, &k->doubt_cap, n)) continue;
         Crossing *c = k->doubt;
-        untie_use(k->b, &q->apart->move[m].scene), k->b->args.cull = NULL;
-        for (uint32_t i = 0; i < n; i++) c[i] = q->kinks.at[m / 2][i], c[i].ga = c[i].gb = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            c[i] = q->kinks.at[m / 2][i], c[i].ga = c[i].gb = 0;
+            c[i].apart = q->apart, c[i].move = (uint8_t)(1 + m);
+        }
         n = coincide_weigh(k, c, n); /* g may be steeper, too, on one side */
         for (uint32_t i = 0; i < n; i++) c[i].weight *= 0.5;
         sink_put_weighed(k, c, n);
         for (uint32_t i = 0; i < n && m % 2; i++) c[i].weight = -c[i].weight;
         put_half(k, c, n);
     }
-    untie_use(k->b, k->b->s), k->b->args.cull = lists;
 }
 
 /* By how much jumps may be others, among the kept ones: as if all erred towards one sign. */

@@ -42,10 +42,12 @@ struct Sink {
     uint64_t nkept, kept_cap;
     uint64_t *order; /* [BATCH] */
     Coincide coincide;
-    Follow *follow; /* NULL: fingers are not followed */
-    bool any_sign;  /* each crossing counts with a random sign */
-    Sketch sketch;  /* SINK_INTEGRAL */
-    Crossing *thin; /* [nthin]: of this tile, for thin.h; only where `misses` */
+    const SltCullList *lists; /* moved: those of the scene */
+    bool moved;               /* calls see moved parameters: sink_move */
+    Follow *follow;           /* NULL: fingers are not followed */
+    bool any_sign;            /* each crossing counts with a random sign */
+    Sketch sketch;            /* SINK_INTEGRAL */
+    Crossing *thin;           /* [nthin]: of this tile, for thin.h; only where `misses` */
     uint64_t nthin, thin_cap;
     Crossing *doubt; /* room for a batch's jumps that may be others: flank.c */
     uint64_t doubt_cap;
@@ -66,6 +68,8 @@ void sink_put_missed(Sink *k, const Crossing *c, uint32_t n);
 /* g and its gradient at each of the crossings order[0..n), all of the batch's site, and the weight; false in keep[]
  * where a crossing cannot be integrated, which is counted. */
 void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *keep);
+/* Calls to come see the parameters that the crossing's g has; NULL: those of the scene. */
+void sink_move(Sink *k, const Crossing *c);
 /* Sets the inputs of a site kernel to the crossing's place and event. */
 void sink_put(Sink *k, uint32_t lane, const Crossing *c);
 /* SINK_FORWARD: the rectangle of pixels that crossings in [lo, hi] of the domain reach, all 0. False when memory runs

@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "runtime/sample/alloc.h"
-#include "runtime/sample/untie.h"
+#include "runtime/sample/untie_inner.h"
 
 enum {
     MOST_FLOATS = 1 << 16, /* a program with more parameters is not asked */
@@ -22,14 +22,6 @@ enum {
 #define SURE 0x1p-4    /* the way of a boundary is known to this part of it */
 #define SAME 0x1p-5    /* parts of a jump that are no change of it */
 
-/* What a crossing consists of after one move. */
-typedef struct Order {
-    uint32_t n;
-    bool whole; /* its parts make up the jump */
-    Event event[UNTIE_EVENTS];
-    double jump[UNTIE_EVENTS][SLT_MAX_CHANNELS];
-} Order;
-
 struct Untie {
     Batch *b;
     Finder finder;
@@ -37,6 +29,8 @@ struct Untie {
     double way[UNTIE_MOST][UNTIE_WAYS]; /* of each crossing's own boundary, along its normal */
     Order order[UNTIE_MOST][UNTIE_WAYS], *into;
     uint32_t move;
+    const Crossing *c; /* in hand: c[which[..]] */
+    const uint32_t *which;
 };
 
 void apart_free(Apart *a) {
@@ -69,15 +63,26 @@ bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out) {
     return memory && (ok || !any);
 }
 
+/* How far x lies from the crossing along the gradient of its g. */
+static double distance(const Batch *b, const Crossing *c, const double x[3]) {
+    double along = 0;
+    for (uint32_t d = 0; d < b->s->dim; d++) along += (x[d] - c->x[d]) * c->dg[d];
+    return along / untie_steepness(b, c);
+}
+
 /* Finder.full: the crossings of one move, which say by `edge` whose they are. */
 static void take(void *user, Crossing *c, uint32_t n) {
     Untie *u = user;
     for (uint32_t i = 0; i < n; i++) {
         Order *o = &u->order[c[i].edge - 1][u->move];
+        double at = distance(u->b, &u->c[u->which[c[i].edge - 1]], c[i].x);
+        for (uint32_t ch = 0; ch < u->b->s->channels; ch++) o->moment[ch] += at * c[i].jump[ch];
+        o->far = fmax(o->far, fabs(at));
         uint32_t e = 0;
         while (e < o->n && !event_same(&o->event[e], &c[i].event)) e++;
         if (e == UNTIE_EVENTS) continue; /* the sum will tell */
         if (e == o->n) o->event[o->n++] = c[i].event, memset(o->jump[e], 0, sizeof o->jump[e]);
+        memcpy(o->x[e], c[i].x, sizeof o->x[e]);
         for (uint32_t ch = 0; ch < u->b->s->channels; ch++) o->jump[e][ch] += c[i].jump[ch];
     }
 }
@@ -103,15 +108,9 @@ void untie_free(Untie *u) {
 
 void untie_use(Batch *b, const SltScene *s) { b->args.params = s->params, b->args.geometries = s->geometries; }
 
-static double steepness(const Batch *b, const Crossing *c) {
-    double square = 0;
-    for (uint32_t d = 0; d < b->s->dim; d++) square += c->dg[d] * c->dg[d];
-    return sqrt(square);
-}
-
 /* The point at this distance from the crossing, along the gradient of its g. */
 static void beside(const Batch *b, const Crossing *c, double at, double x[3]) {
-    double steep = steepness(b, c);
+    double steep = untie_steepness(b, c);
     for (uint32_t d = 0; d < 3; d++) x[d] = d < b->s->dim ? c->x[d] + at * c->dg[d] / steep : 0;
 }
 
@@ -147,7 +146,7 @@ static void find_ways(Untie *u, const Crossing *c, const uint32_t *which, uint32
         batch_call(b, SLT_K_SITE, lanes);
         for (uint32_t i = 0; i < lanes; i++) {
             const Crossing *x = &c[which[lane[i]]];
-            u->way[lane[i]][u->move] = (x->g - batch_get(b, SLT_OUT_G, 0, i)) / steepness(b, x);
+            u->way[lane[i]][u->move] = (x->g - batch_get(b, SLT_OUT_G, 0, i)) / untie_steepness(b, x);
         }
     }
 }
@@ -198,7 +197,7 @@ static void search(Untie *u, const Crossing *c, const uint32_t *which, uint32_t 
         const Crossing *x = &c[which[lane[k]]];
         Mark from = batch_mark(b, 2 * k), to = batch_mark(b, 2 * k + 1);
         Segment s = {.base = 1, .stream = x->stream, .rand0 = x->rand0, .axis = -1, .edge = 1 + lane[k]};
-        u->order[lane[k]][u->move].n = 0;
+        u->order[lane[k]][u->move] = (Order){.n = 0};
         beside(b, x, -reach[lane[k]], s.a), beside(b, x, reach[lane[k]], s.b);
         if (from.hash != to.hash) finder_add(&u->finder, &s, from, to, HUGE_VAL);
     }
@@ -225,6 +224,40 @@ static void gather_events(const Order *o, Tie *t) {
     }
 }
 
+/* Where boundaries move nearly alike, rounding may give one of them the jump after one move, and another after the
+ * next: half of how much the moves differ most is uncertain. */
+static void doubt(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
+    double most = SAME;
+    for (uint32_t m = 1; m < UNTIE_WAYS; m++)
+        for (uint32_t k = 0; k < m; k++) {
+            double half[UNTIE_EVENTS][SLT_MAX_CHANNELS], size = 0, apart = 0;
+            if (!order[m].whole || !order[k].whole) continue;
+            for (uint32_t e = 0; e < t->n; e++) {
+                const double *a = jump_of(&order[m], &t->event[e]), *b = jump_of(&order[k], &t->event[e]);
+                for (uint32_t ch = 0; ch < channels; ch++) {
+                    half[e][ch] = 0.5 * (a[ch] - b[ch]);
+                    size = fmax(size, fmax(fabs(a[ch]), fabs(b[ch]))), apart = fmax(apart, fabs(half[e][ch]));
+                }
+            }
+            if (!(apart > most * size)) continue;
+            most = apart / size, t->doubted = true, t->between[0] = (uint8_t)m, t->between[1] = (uint8_t)k;
+            memcpy(t->half, half, t->n * sizeof *half);
+        }
+}
+
+/* Does the integral change by something else forth than it changes back? If not, decisions that move alike share a jump
+ * in another way, which matters nothing. */
+static bool is_bent(const Order pair[2], uint32_t channels) {
+    bool bent = false;
+    for (uint32_t ch = 0; ch < channels; ch++) {
+        double size = 0;
+        for (int way = 0; way < 2; way++)
+            for (uint32_t e = 0; e < pair[way].n; e++) size = fmax(size, fabs(pair[way].jump[e][ch]));
+        bent |= fabs(pair[0].moment[ch] + pair[1].moment[ch]) > SAME * size * fmax(pair[0].far, pair[1].far);
+    }
+    return bent;
+}
+
 /* The mean over pairs of moves, forth and back, of which both are known; those of a pair are the two orders. How much
  * these differ is that of the first pair: of two, one might take away what the other gives. */
 static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
@@ -235,6 +268,7 @@ static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
     for (uint32_t m = 0, seen = 0; m < UNTIE_WAYS; m += 2) {
         double size = 0, apart = 0;
         if (!order[m].whole || !order[m + 1].whole) continue;
+        if (!seen) t->between[0] = (uint8_t)m, t->between[1] = (uint8_t)(m + 1);
         for (uint32_t e = 0; e < t->n; e++) {
             const double *forth = jump_of(&order[m], &t->event[e]), *back = jump_of(&order[m + 1], &t->event[e]);
             for (uint32_t ch = 0; ch < channels; ch++) {
@@ -243,10 +277,11 @@ static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
                 size = fmax(size, fmax(fabs(forth[ch]), fabs(back[ch]))), apart = fmax(apart, fabs(d));
             }
         }
-        kinks += apart > SAME * size, seen++;
+        kinks += apart > SAME * size && is_bent(&order[m], channels), seen++;
     }
     /* Two that happen to move alike along one direction, up to rounding, look like a kink there. */
     t->whole = t->n == 1, t->kink = kinks && kinks == pairs;
+    if (!t->kink) doubt(order, channels, t);
 }
 
 bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *which, uint32_t n, const double *room,
@@ -256,6 +291,7 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
     bool done[UNTIE_MOST];
     double reach[UNTIE_MOST] = {0};
     b->args.cull = NULL;
+    u->c = c, u->which = which;
     for (uint32_t i = 0; i < n; i++) {
         done[i] = true;
         for (uint32_t m = 0; m < UNTIE_WAYS; m++) u->order[i][m].whole = false, u->order[i][m].n = 0;
@@ -281,11 +317,12 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
         }
     }
     untie_use(b, b->s);
-    b->args.cull = lists;
     for (uint32_t i = 0; i < n; i++) {
         combine(u->order[i], b->s->channels, &tie[i]);
         if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0, tie[i].kink = false;
-        tie[i].untold = !done[i] && !tie[i].n;
     }
+    untie_away(b, apart, c, which, n, u->order, reach, tie);
+    b->args.cull = lists;
+    for (uint32_t i = 0; i < n; i++) tie[i].untold = !done[i] && !tie[i].n && !tie[i].naway;
     return !u->finder.failed;
 }

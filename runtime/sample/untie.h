@@ -6,9 +6,10 @@
 #include "runtime/sample/finder.h"
 
 enum {
-    UNTIE_WAYS = 4,  /* moves of the parameters: two directions, forth and back */
-    UNTIE_MOST = 64, /* crossings at once */
-    UNTIE_EVENTS = 6 /* of a tie, of which each has a part of the jump */
+    UNTIE_WAYS = 4,   /* moves of the parameters: two directions, forth and back */
+    UNTIE_MOST = 64,  /* crossings at once */
+    UNTIE_EVENTS = 6, /* of a tie, of which each has a part of the jump */
+    UNTIE_AWAY = 2 * UNTIE_WAYS
 };
 
 /* Scenes with moved parameters. */
@@ -23,15 +24,28 @@ void apart_free(Apart *a);
 /* Kernels of the batch see the parameters of this scene. */
 void untie_use(Batch *b, const SltScene *s);
 
-/* What a crossing's jump consists of; n = 0: it is all its own event's, as far as one can tell. */
+/* The part of an event whose boundary is there only after a move. Where the parameters are, its g is 0 / 0, say: its
+ * slopes are those at two places beside the root that it has after this move, which count so much. */
+typedef struct Away {
+    Event event;
+    uint32_t move;
+    double x[2][3], g[2], dg[2][3], part[2];
+    double jump[SLT_MAX_CHANNELS], half[SLT_MAX_CHANNELS]; /* as below, and of this move's share */
+} Away;
+
+/* What a crossing's jump consists of; n = naway = 0: it is all its own event's, as far as one can tell. */
 typedef struct Tie {
-    uint32_t n;
+    uint32_t n, naway;
     Event event[UNTIE_EVENTS];
     double jump[UNTIE_EVENTS][SLT_MAX_CHANNELS]; /* towards growing g of the crossing: the mean of the orders */
-    double half[UNTIE_EVENTS][SLT_MAX_CHANNELS]; /* kink: half of how much forth and back differ */
-    bool whole;  /* one event has all of it, whatever the order: the jump is that of the crossing */
-    bool kink;   /* it depends on the order: the integral has no derivative */
-    bool untold; /* n = 0, and it may be another's all the same */
+    double half[UNTIE_EVENTS][SLT_MAX_CHANNELS]; /* kink: half of how much forth and back differ; doubted: two
+                                                    of the moves */
+    Away away[UNTIE_AWAY];
+    bool whole;         /* one event has all of it, whatever the order: the jump is that of the crossing */
+    bool kink;          /* it depends on the order: the integral has no derivative */
+    uint8_t between[2]; /* the two moves that differ by 2 half */
+    bool doubted;       /* it does after some moves alone: rounding may make that */
+    bool untold;        /* n = naway = 0, and it may be another's all the same */
 } Tie;
 
 typedef struct Untie Untie;

@@ -66,6 +66,21 @@ shader float main(float x) { float f = 0.0; [Disc] if (x < r) f = 1.0; return f 
         self.assertNotIn("nan", r.out)
         self.assertIn("no iteration", r.out)
 
+    def test_memory_of_a_png(self):
+        """No more than its floats, and a row."""
+        def chunk(name, data):
+            return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        side = 4096
+        data = zlib.compress((b"\0" + b"\x80" * 8 * side) * side, 1)
+        self.put("big.png", b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 16, 6, 0, 0, 0)) + chunk(b"IDAT", data) + chunk(b"IEND", b""))
+        self.put("c.salt", CIRCLE)
+        p = subprocess.Popen([BIN, "grad", self.path("c.salt"), "--target", self.path("big.png"), "--size", "8"], env=self.environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        _, status, usage = os.wait4(p.pid, 0)
+        p.returncode = status
+        self.assertEqual(status, 0)
+        if not os.environ.get("SALTUS_SANITIZE"):  # they keep books of their own
+            self.assertLess(usage.ru_maxrss, (16 * side * side + (96 << 20)) / 1024)
+
 
 if __name__ == "__main__":
     unittest.main()
