@@ -358,22 +358,22 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
-        uint32_t kept = 0, event[CELL_EVENTS];
+        uint32_t kept = 0;
         cell[i].nevents = cell[i].nedges;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
             cells_meet(c, edge, &c->ask[at++]);
             edge->before = (uint8_t)e;
+            edge->same = c->prunes && cells_may_be_same(c, edge, &c->ask[at + 1]);
             cell[i].event[e] = edge->event;
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */
             if (cell[i].sign[e]) continue;
             if (kept != e) cell[i].edge[kept] = *edge;
-            event[kept++] = e;
+            kept++;
         }
         cell[i].nedges = kept;
-        if (c->prunes) cells_close_choices(c, &cell[i], event);
     }
-    return cells_give(c, cell, n);
+    return cells_close_choices(c, cell, n) && cells_give(c, cell, n);
 }
 
 enum {

@@ -74,6 +74,7 @@ typedef struct CellEdge {
     double error;             /* g as computed is no farther than this from g without rounding */
     uint32_t state;           /* SLT_EDGE_* */
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
+    bool same;                /* a choice between two that are the same in the middle of the cell, to rounding */
     int8_t rises[3];          /* sign of d_axis g, where it has one; else 0 */
     int8_t axis;              /* height axis */
     /* By face across it, by end of the base. sure: of a face that the signs of g all over it are those in its corners,
@@ -377,9 +378,10 @@ void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: 
 void cells_call_bounds(Cells *c, uint32_t n);
 /* Behind it: the choices that are open in box i, ahead of the events that are. */
 void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
-/* Of the edges that are open: drops choices between two values of which each is the other in all of the cell. event[e]:
- * which one of the cell edge e is. */
-void cells_close_choices(const Cells *c, Cell *cell, uint32_t *event);
+/* May it be a choice between two values of which each is the other in all of the cell? centre: g there. */
+bool cells_may_be_same(const Cells *c, const CellEdge *e, const Ask *centre);
+/* Of the edges that are open in n cells: drops those that are. False when memory runs out. */
+bool cells_close_choices(Cells *c, Cell *cell, uint32_t n);
 /* Keeps what runs in boxes that may become nodes. False when memory runs out. */
 bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
 int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */

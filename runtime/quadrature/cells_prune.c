@@ -4,6 +4,7 @@
  * nodes made of them; what is open, and matters, is an edge like any other, along which f or a g jumps or bends: the
  * edge kernels know g of it, the difference of what it compares, and to give its decision is to call it settled. So a
  * formula of thousands of operations has in each cell the few curves that it has there, each smooth. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -65,22 +66,72 @@ void cells_add_choices(Cells *c, Cell *cell, uint32_t i) {
     cell->nedges += kept, cell->nopen += kept;
 }
 
-void cells_close_choices(const Cells *c, Cell *cell, uint32_t *event) {
+/* Do bounds see its value change in the cell? */
+static bool moves(const Cells *c, const CellEdge *e) {
+    bool any = false;
+    for (uint32_t d = 0; d < c->dim; d++) any |= e->slope[d][0] != 0 || e->slope[d][1] != 0;
+    return any;
+}
+
+bool cells_may_be_same(const Cells *c, const CellEdge *e, const Ask *centre) {
+    if ((uint32_t)e->event.site < c->s->nedges || e->state & SLT_EDGE_JUMPS) return false;
+    if (!moves(c, e)) return true;
+    if (e->state & SLT_EDGE_BENDS) return false; /* places tell nothing of those between them */
+    bool flat = true;
+    for (uint32_t d = 0; d < c->dim; d++) flat &= e->slope[d][0] <= 0 && e->slope[d][1] >= 0;
+    return flat && fabs(centre->g[0]) <= 2 * e->error && fabs(centre->g[1]) <= 2 * e->error;
+}
+
+static bool is_asked(const Cells *c, const Cell *cell, const CellEdge *e) {
+    return !cell->refine && !cell->done && e->same && moves(c, e);
+}
+
+/* Of a distance that is taken twice bounds do not see that the difference has no slope: the corners are to tell. */
+static bool ask_corners(Cells *c, Cell *cell, uint32_t n) {
+    uint32_t corners = 1u << c->dim;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t e = 0; e < cell[i].nedges; e++) {
+            const Box *box = &cell[i].box;
+            for (uint32_t k = 0; k < corners && is_asked(c, &cell[i], &cell[i].edge[e]); k++) {
+                double x[3] = {0};
+                for (uint32_t d = 0; d < c->dim; d++) x[d] = k >> d & 1 ? box->hi[d] : box->lo[d];
+                if (!cells_probe(c, &cell[i].edge[e], x)) return false;
+            }
+        }
+    if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t e = 0; e < cell[i].nedges; e++) {
+            CellEdge *edge = &cell[i].edge[e];
+            if (!is_asked(c, &cell[i], edge)) continue;
+            for (uint32_t k = 0; k < corners; k++, p++) edge->same &= fabs(p->g) <= 2 * edge->error;
+        }
+    return true;
+}
+
+static void close_choices(const Cells *c, Cell *cell) {
     uint32_t kept = 0, open = 0;
     for (uint32_t e = 0; e < cell->nedges; e++) {
         const CellEdge *edge = &cell->edge[e];
-        bool choice = (uint32_t)edge->event.site >= c->s->nedges, same = choice && !(edge->state & SLT_EDGE_JUMPS);
-        for (uint32_t d = 0; d < c->dim; d++) same &= edge->slope[d][0] == 0 && edge->slope[d][1] == 0;
-        if (same) { /* its two sides differ by nothing but rounding: either will do */
-            cell->sign[event[e]] = 1;
+        if (edge->same) { /* its two sides differ by nothing but rounding: either will do */
+            cell->sign[edge->before] = 1;
             continue;
         }
-        open += choice;
+        open += (uint32_t)edge->event.site >= c->s->nedges;
         if (kept != e) cell->edge[kept] = *edge;
         kept++;
     }
     cell->nedges = kept;
     cell->refine |= open > CELL_CHOICES;
+}
+
+bool cells_close_choices(Cells *c, Cell *cell, uint32_t n) {
+    if (!c->prunes) return true;
+    if (!ask_corners(c, cell, n)) return false;
+    for (uint32_t i = 0; i < n; i++)
+        if (!cell[i].refine && !cell[i].done) close_choices(c, &cell[i]);
+    return true;
 }
 
 bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted) {

@@ -89,6 +89,27 @@ class Shared(Case):
         self.drawing((2 * 2 - 0.5 * 1) / 8.13008**2, "max(max(1.5 - x, x - 3.5), max(2.25 - y, y - 4.25))",
                      "max(max(1.5 - x, x - 2.0), max(2.25 - y, y - 3.25))", combine="max(g, -(%s))")
 
+    def test_a_distance_taken_twice(self):
+        """The two parts of a ring overlap: a choice between values that are the same but for rounding, of which bounds
+        see slopes. Boxes out of sight make the formula one that is cut into chunks."""
+        far = "".join("g = min(g, max(max(%r - x, x - %r), max(%r - y, y - %r))); " % (20.5 + i, 21.0 + i, 20.5 - i, 21.0 - i)
+                      for i in range(200))
+        self.put("s.salt", "param float scale = 1.0; param float2 shift = float2(0.0, 0.0); param float outer = 5.7; "
+                 "[Domain(-1.0, 1.0)] shader float main(float2 p) { float2 q = (p * scale + shift) * 8.13; "
+                 "float x = q.x; float y = q.y; float g = 1.0; %s"
+                 "float a = sqrt((x - 0.2) * (x - 0.2) + (y + 0.3) * (y + 0.3)); "
+                 "float b = sqrt(((x - 1.7) + 1.5) * ((x - 1.7) + 1.5) + (y + 0.3) * (y + 0.3)); "
+                 "g = min(g, max(max(a - outer, 3.0 - a), x + 0.1 * y - 0.5)); "
+                 "g = min(g, max(max(b - outer, 3.0 - b), -0.1 - x - 0.1 * y)); "
+                 "[Disc] if (g < 0.0) return 1.0; return 0.0; }" % far)
+        j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64", "--error", "1e-6")
+        self.assertEqual(j["left"], 0)
+        area = math.pi * (5.7**2 - 3.0**2) / 8.13**2
+        for got, want in zip([j["gradient"]["scale"], *j["gradient"]["shift"], j["gradient"]["outer"]],
+                             (-2 * area, 0, 0, 2 * math.pi * 5.7 / 8.13**2)):
+            self.assertAlmostEqual(got, want, delta=1e-8)
+        self.assertLess(j["evaluations"], 150000)
+
 
 class Rules(Case):
     """Where all is certified: the distance of two rules, on pieces that converge slowly beside others that do not."""
