@@ -110,7 +110,8 @@ SltLayout pipeline_layout(const Fn *fn) {
 /* Above this size edge_bounds is not made: it would compile for seconds. */
 enum { EDGE_BOUNDS_SIZE = 30000 };
 
-/* Up to this size of the edge kernel without derivatives its bounds have second ones: they triple it. */
+/* Up to this size of the edge kernel without derivatives its bounds have second ones: they triple it. Not in f32, where
+ * the larger cells that they make are too large for what rounding hides: curves that touch are told apart no more. */
 enum { SECOND_SIZE = 400 };
 
 /* A derivative of its own may change with the position where the value does not. */
@@ -143,7 +144,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     }
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
     Fn *parts = variant_edge(ctx, seamed);
-    bool second = primal->dim > 1 && walk_fn_size(parts) <= SECOND_SIZE;
+    bool second = primal->precision == PREC_F64 && primal->dim > 1 && walk_fn_size(parts) <= SECOND_SIZE;
     for (Fn *part = parts; part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
         edge->serves = part->serves;

@@ -25,7 +25,7 @@ static bool take_corners(Cells *c) {
         for (int end = 0; end < 2; end++) {
             double x[3];
             place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-            if (!cells_probe(c, e, x)) return false;
+            if (!cells_probe_or_tell(c, e, x)) return false;
         }
     }
     if (!cells_run_probes(c)) return false;
@@ -219,7 +219,7 @@ static bool keep_present(Cells *c) {
         s->state = ROOT; /* to be asked */
         for (int side = 0; side < 2; side++) {
             place(&c->cell[s->cell], e->axis, middle, side ? box->hi[e->axis] : box->lo[e->axis], x);
-            if (!cells_probe(c, e, x)) return false;
+            if (!cells_probe_or_tell(c, e, x)) return false;
         }
     }
     if (!cells_run_probes(c)) return false;
@@ -253,7 +253,7 @@ static bool drop_coinciding(Cells *c) {
     c->nprobe = 0;
     const Root *r = c->root;
     for (uint32_t i = 0; i < c->nstretch; i++)
-        if (c->stretch[i].state == OPEN && !cells_probe(c, tested(c, &c->stretch[i]), (r++)->x)) return false;
+        if (c->stretch[i].state == OPEN && !cells_probe_or_tell(c, tested(c, &c->stretch[i]), (r++)->x)) return false;
     if (!cells_run_probes(c)) return false;
     const Probe *p = c->probe;
     for (uint32_t i = 0; i < c->nstretch; i++) {
@@ -287,7 +287,7 @@ static bool find_meetings(Cells *c, bool *again) {
             const CellEdge *e = curve_of(c, s);
             double x[3];
             place(&c->cell[s->cell], e->axis, cells_round(c, s->x[0]), cells_round(c, s->x[1]), x);
-            if (!cells_probe(c, e, x) || !cells_probe(c, tested(c, s), x)) return false;
+            if (!cells_probe_or_tell(c, e, x) || !cells_probe_or_tell(c, tested(c, s), x)) return false;
         }
         if (!cells_run_probes(c)) return false;
         uint32_t kept = 0;

@@ -79,7 +79,7 @@ static bool find_present(Cells *c, uint32_t first) {
             p->asked |= 1u << e;
             for (int s = 0; s < 2; s++) {
                 x[p->axis] = s ? cell->box.hi[p->axis] : cell->box.lo[p->axis];
-                if (!cells_probe(c, edge, x)) return false;
+                if (!cells_probe_or_tell(c, edge, x)) return false;
             }
         }
     }

@@ -15,12 +15,20 @@ static const Given nothing_given = {.n = 0};
 static Probe *add_probe(Cells *c, const Event *e, const Given *given, const double x[3]) {
     if (!CELLS_ROOM(c, probe, 1)) return NULL;
     Probe *p = &c->probe[c->nprobe++];
-    p->event = e, p->given = given;
+    p->event = e, p->given = given, p->told = false;
     memcpy(p->x, x, sizeof p->x);
     return p;
 }
 
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]) { return add_probe(c, &e->event, &e->given, x); }
+
+Probe *cells_probe_or_tell(Cells *c, const CellEdge *e, const double x[3]) {
+    Probe *p = cells_probe(c, e, x);
+    if (!p || !e->plane.is) return p;
+    p->told = true, p->g = cells_on_plane(&e->plane, x, c->dim);
+    memcpy(p->dg, e->plane.dg, sizeof p->dg);
+    return p;
+}
 
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]) { return add_probe(c, e, &nothing_given, x); }
 
@@ -150,9 +158,12 @@ bool cells_run_roots(Cells *c, uint32_t n) {
 }
 
 static bool run_probes(Cells *c, SltKernelKind kind) {
-    if (!ordered(c, c->nprobe)) return false;
-    for (uint32_t from = 0, end; from < c->nprobe; from = end) {
-        end = group(c->order, from, c->nprobe, probes_together, c);
+    uint32_t n = 0;
+    if (!cells_grow(c, &c->order, &c->order_cap, c->nprobe, sizeof *c->order)) return false;
+    for (uint32_t i = 0; i < c->nprobe; i++)
+        if (!c->probe[i].told) c->order[n++] = i;
+    for (uint32_t from = 0, end; from < n; from = end) {
+        end = group(c->order, from, n, probes_together, c);
         if (end - from > BATCH) end = from + BATCH;
         const Probe *first = &c->probe[c->order[from]];
         c->b->args.site = first->event->site;
@@ -262,6 +273,15 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     }
 }
 
+/* What t (x - centre) adds with t in slope[] and x from `down` below the centre to `up` above it; an extent of 0 beside
+ * an unknown slope is 0. */
+static void add_change(const double slope[2], double down, double up, double sum[2], double *scale) {
+    double low[2] = {up > 0 ? slope[0] * up : 0, down > 0 ? -slope[1] * down : 0};
+    double high[2] = {up > 0 ? slope[1] * up : 0, down > 0 ? -slope[0] * down : 0};
+    sum[0] += smaller(0, smaller(low[0], low[1])), sum[1] += larger(0, larger(high[0], high[1]));
+    *scale += up + down > 0 ? (fabs(slope[0]) + fabs(slope[1])) * (up + down) : 0;
+}
+
 /* Of the gradient: its components at the centre, and what second derivatives change them by. Of x - p and x - q, which
  * natural bounds take for independent, they know that the difference is constant. */
 static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Probe *centre) {
@@ -272,10 +292,7 @@ static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Pro
         for (uint32_t k = 0; k < c->dim; k++) {
             const double *bend = box->bend[at[c->dim > 2][d][k]];
             double down = centre->x[k] - box->lo[k], up = box->hi[k] - centre->x[k];
-            double ends[4] = {up > 0 ? bend[0] * up : 0, down > 0 ? -bend[1] * down : 0, up > 0 ? bend[1] * up : 0,
-                              down > 0 ? -bend[0] * down : 0};
-            mean[0] += fmin(0, fmin(ends[0], ends[1])), mean[1] += fmax(0, fmax(ends[2], ends[3]));
-            scale += up + down > 0 ? (fabs(bend[0]) + fabs(bend[1])) * (up + down) : 0;
+            add_change(bend, down, up, mean, &scale);
         }
         double rounding = 2 * box->slope_error[d] + 0x1p-50 * scale;
         if (mean[0] - rounding > e->slope[d][0]) e->slope[d][0] = mean[0] - rounding; /* NaN is not */
@@ -285,22 +302,37 @@ static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Pro
 
 /* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
  * ends. */
+/* Where bounds of the slopes are so narrow that g departs from its tangent at the centre by no more than it rounds,
+ * along the positions too. In f32 rounding is what rules must see; and at a curve along an axis, which lies in the gap
+ * between two floats, g is what the program computes. */
+static Plane plane_of(const Cells *c, const CellEdge *e, const Ask *box, const Probe *centre) {
+    Plane p = {0};
+    double apart = 0, rounding = box->error;
+    bool gap = false;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        apart += (e->slope[d][1] - e->slope[d][0]) * (box->hi[d] - box->lo[d]);
+        rounding += 0x1p-52 * fabs(centre->dg[d]) * fmax(fabs(box->lo[d]), fabs(box->hi[d]));
+        p.x[d] = centre->x[d], p.dg[d] = centre->dg[d];
+        gap |= e->slope[d][0] == 0 && e->slope[d][1] == 0;
+    }
+    p.g = centre->g, p.is = c->b->f64 && !gap && !box->state && apart <= rounding; /* NaN is not */
+    return p;
+}
+
 void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
     const Probe *centre = box->centre ? &c->probe[box->centre - 1] : NULL;
     double g = centre ? centre->g : NAN, mean[2] = {g, g}, scale = fabs(g);
     for (uint32_t d = 0; d < 3; d++)
         for (int end = 0; end < 2; end++) e->slope[d][end] = d < c->dim ? box->slope[d][end] : 0;
     if (centre) narrow_slopes(c, e, box, centre);
+    e->plane = centre ? plane_of(c, e, box, centre) : (Plane){0};
     e->state = box->state, e->error = box->error;
     bool smooth = !(box->state & SLT_EDGE_JUMPS);
     for (uint32_t d = 0; d < c->dim; d++) {
         double down = centre ? centre->x[d] - box->lo[d] : 0, up = centre ? box->hi[d] - centre->x[d] : 0;
         double a = e->slope[d][0], z = e->slope[d][1];
         e->rises[d] = (int8_t)(!smooth ? 0 : a > 0 && z < HUGE_VAL ? 1 : z < 0 && a > -HUGE_VAL ? -1 : 0);
-        /* t (x - centre) with t in [a, z]; an extent of 0 beside an unknown slope is 0 */
-        double ends[4] = {up > 0 ? a * up : 0, down > 0 ? -z * down : 0, up > 0 ? z * up : 0, down > 0 ? -a * down : 0};
-        mean[0] += fmin(0, fmin(ends[0], ends[1])), mean[1] += fmax(0, fmax(ends[2], ends[3]));
-        scale += up + down > 0 ? (fabs(a) + fabs(z)) * (up + down) : 0;
+        add_change(e->slope[d], down, up, mean, &scale);
     }
     double rounding = 2 * box->error + 0x1p-50 * scale;
     e->g[0] = box->g[0], e->g[1] = box->g[1];

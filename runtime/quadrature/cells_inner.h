@@ -64,6 +64,18 @@ typedef struct Corner {
     double g, along, up;
 } Corner;
 
+/* g, where it is linear on a cell as far as rounding lets one tell. */
+typedef struct Plane {
+    bool is;
+    double x[3], g, dg[3]; /* at x */
+} Plane;
+
+static inline double cells_on_plane(const Plane *p, const double x[3], uint32_t dim) {
+    double g = p->g;
+    for (uint32_t d = 0; d < dim; d++) g += p->dg[d] * (x[d] - p->x[d]);
+    return g;
+}
+
 /* An open event of a cell, and what is proven of its g there. An event whose g others change has an edge for each way
  * in which these may decide (cells_given.c): a g that is smooth in all of the cell, and that of the program where they
  * do decide so. */
@@ -72,6 +84,7 @@ typedef struct CellEdge {
     Given given;
     double g[2], slope[3][2]; /* lo and hi of g, and of its gradient */
     double error;             /* g as computed is no farther than this from g without rounding */
+    Plane plane;              /* and this no farther than twice */
     uint32_t state;           /* SLT_EDGE_* */
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
     bool same;                /* a choice between two that are the same in the middle of the cell, to rounding */
@@ -214,6 +227,7 @@ typedef struct Probe {
     const Given *given;
     double x[3];
     double g, dg[3];
+    bool told; /* they are known already */
 } Probe;
 typedef struct Ask {
     const Event *event;
@@ -222,7 +236,7 @@ typedef struct Ask {
     double g[2], slope[3][2], error; /* as in CellEdge */
     uint32_t state;
     double bend[6][2], slope_error[3]; /* second derivatives, by row from the diagonal on; where `bends` are known */
-    uint32_t centre; /* probe[centre - 1] is there; 0: it was not asked */
+    uint32_t centre;                   /* probe[centre - 1] is there; 0: it was not asked */
 } Ask;
 
 typedef struct Node {
@@ -349,7 +363,8 @@ bool cells_run_asks_about_centres(Cells *c);
  * false: it does not. */
 bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
-Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
+Probe *cells_probe_or_tell(Cells *c, const CellEdge *e, const double x[3]); /* not asked where g is a plane */
+Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]);      /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
  * lists of iterations. */

@@ -102,17 +102,25 @@ static bool advance(const Cells *c, Root *r) {
 
 /* g of the n active roots where they are now. */
 static bool probe_roots(Cells *c, uint32_t n) {
-    if (cells_run_roots(c, n)) return true;
+    uint32_t told = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        Root *r = &c->root[c->active[i]];
+        const Plane *p = &r->of->plane;
+        if (p->is) told++, r->g = cells_on_plane(p, r->x, c->dim), memcpy(r->dg, p->dg, sizeof r->dg);
+    }
+    if (told == n || (!told && cells_run_roots(c, n))) return true;
     c->nprobe = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Root *r = &c->root[c->active[i]];
-        if (!cells_probe(c, r->of, r->x)) return false;
+        if (!r->of->plane.is && !cells_probe(c, r->of, r->x)) return false;
     }
     if (!cells_run_probes(c)) return false;
+    const Probe *at = c->probe;
     for (uint32_t i = 0; i < n; i++) {
         Root *r = &c->root[c->active[i]];
-        r->g = c->probe[i].g;
-        memcpy(r->dg, c->probe[i].dg, sizeof r->dg);
+        if (r->of->plane.is) continue;
+        r->g = at->g;
+        memcpy(r->dg, (at++)->dg, sizeof r->dg);
     }
     return true;
 }

@@ -136,7 +136,7 @@ bool stretch_values(Cells *c, uint32_t first, int end) {
         const CellEdge *e = curve_of(c, s);
         double x[3];
         place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-        if (!cells_probe(c, tested(c, s), x)) return false;
+        if (!cells_probe_or_tell(c, tested(c, s), x)) return false;
     }
     if (!cells_run_probes(c)) return false;
     for (uint32_t i = first; i < c->nstretch; i++) c->stretch[i].value[end] = c->probe[i - first].g;
