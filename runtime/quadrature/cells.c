@@ -39,6 +39,7 @@ Cells *cells_new(Batch *b, const double lo[3], const double hi[3]) {
         c->width = fmax(c->width, hi[d] - lo[d]);
     }
     c->rays = asks_rays_alone(c->s);
+    for (uint32_t e = 0; e < c->s->nedges; e++) c->waves |= cells_is_wave(c->s, (int32_t)e);
     for (uint32_t n = 1; n <= GAUSS_MAX; n++) gauss_rule(&c->of[n], n);
     bool made = lists_init(&c->lists, c->s) && cells_prune_init(c);
     made &= cells_grow(c, &c->cell, &c->cell_cap, CELL_BOXES, sizeof *c->cell);
@@ -108,7 +109,7 @@ static uint32_t cuts(const Cells *c, const Box *x, uint32_t d, uint32_t n, doubl
     for (uint32_t i = 1; i < n; i++) {
         /* Bends the even division by up to a sixteenth of a part: no two levels cut alike. */
         double t = (double)i / n, p = cells_round(c, lo + (t + 0.2357 * t * (1 - t) / n) * (end - lo)), line;
-        if (grid_line(c, d, lo, end, p, &line)) p = line;
+        if (grid_line(c, d, lo, end, lo + t * (end - lo), &line)) p = line;
         if (p > at[made] && p < end && p < x->hi[d]) at[++made] = p;
     }
     at[++made] = end;
@@ -389,17 +390,44 @@ static bool split_halves(Cells *c, const Node *node) {
     return true;
 }
 
-/* The halves of nodes go through one call of `bounds`, and the halves of these through another. */
+/* Do lines of an image's grid run through its halves too? */
+static bool is_coarse(const Cells *c, const Node *node) {
+    bool coarse = !node->whole;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        double side = node->box.end[d] - node->box.lo[d];
+        coarse &= c->o->grid[d] > 0 && side > 3 * c->o->grid[d];
+    }
+    return coarse;
+}
+
+/* The halves of halves, at once. */
+static void split_twice(Cells *c, const Node *node, uint32_t in_hand) {
+    uint32_t first = c->ncell;
+    Box half[8];
+    split(c, &node->box, node, in_hand, false);
+    uint32_t n = c->ncell - first;
+    for (uint32_t i = 0; i < n; i++) half[i] = c->cell[first + i].box;
+    c->ncell = first;
+    for (uint32_t i = 0; i < n; i++) split(c, &half[i], node, in_hand, false);
+    for (uint32_t i = first; i < c->ncell; i++) c->cell[i].level++;
+}
+
+/* The halves of nodes go through one call of `bounds`, and the halves of these through another; where the first could
+ * only be cut again, for lines of the grid run through them, there is no first. */
 static bool work(Cells *c, const Node *node, uint32_t nodes) {
     c->ncell = 0;
-    for (uint32_t i = 0; i < nodes; i++) split(c, &node[i].box, &node[i], i, node[i].whole);
+    for (uint32_t i = 0; i < nodes; i++)
+        if (!is_coarse(c, &node[i])) split(c, &node[i].box, &node[i], i, node[i].whole);
     c->nhalves = c->ncell;
     cells_bound_halves(c);
     if (!cells_close(c, c->cell, c->nhalves)) return false;
     for (uint32_t i = 0; i < c->nhalves; i++)
         if (!judge(c, &c->cell[i])) return false;
     const uint32_t halves = c->nhalves;
-    if (!split_halves(c, node) || !cells_bound_small(c)) return false;
+    if (!split_halves(c, node)) return false;
+    for (uint32_t i = 0; i < nodes; i++)
+        if (is_coarse(c, &node[i])) split_twice(c, &node[i], i);
+    if (!cells_bound_small(c)) return false;
     if (!cells_close(c, c->cell + halves, c->ncell - halves)) return false;
     for (uint32_t i = halves; i < c->ncell; i++)
         if (!judge(c, &c->cell[i])) return false;
@@ -479,7 +507,9 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
     const SltCullList *given = c->b->args.cull;
-    c->stack[c->nstack++] = (Node){.box = *tile, .whole = true, .lists = lists_begin(&c->lists, c->b)};
+    Node root = {.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    root.whole = !is_coarse(c, &root);
+    c->stack[c->nstack++] = root;
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
     const uint32_t parts = c->rays ? 1u << c->dim : c->dim < 3 ? 20 : 72;
     uint32_t at_once = c->lists.any || c->prunes ? 1 : CELL_BOXES / parts;

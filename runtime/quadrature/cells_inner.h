@@ -254,6 +254,7 @@ struct Cells {
     double lo[3], hi[3], volume; /* of the domain */
     uint32_t dim, depth;         /* depth: loop indices of an event */
     bool rays;                   /* every site is about rays, of which bounds make no curves */
+    bool waves;                  /* of some sites the edge kernels know levels of a wave */
     const CellOptions *o;
     const CellSink *sink;
     CellCounts *counts;

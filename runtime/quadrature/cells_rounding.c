@@ -138,7 +138,8 @@ static void blur_piece(Cells *c, const Column *from, const Column *to) {
 }
 
 bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
-    if (!c->b->f64 && !(move_roots(c, from, to) && take_own_slopes(c, from, to))) return false;
+    if (!c->b->f64 && c->rule[CELL_COARSE].n && !move_roots(c, from, to)) return false;
+    if (!c->b->f64 && c->waves && !take_own_slopes(c, from, to)) return false;
     for (const Column *end; from < to; from = end) {
         end = from + 1;
         while (end < to && end->piece == from->piece) end++;

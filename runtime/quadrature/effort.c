@@ -17,6 +17,8 @@ enum {
 #define FIRST_LEFT 0.25 /* or what the first one leaves over is less than this share of the domain */
 #define USUAL_GOAL 1e-7    /* where no error is asked for: */
 #define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
+/* Pieces cost no less where more is allowed than this; a sweep that just misses what is wanted is paid for twice. */
+#define LOOSEST 5e-3
 #define FILLS 1e-3   /* a share of the domain that is no neighbourhood of curves */
 #define DEARER 8.0   /* the next sweep may cost so many times the last one, */
 #define CHEAP 1e6    /* or as if that had cost so much */
@@ -62,7 +64,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
     double usual = fmin(outlook.side, pow(least_cells[r->s->dim - 1], -1.0 / r->s->dim)); /* side of a cell */
     /* Components are as large as shapes are: a few cells wide. */
-    e->tolerance = fmin(3e-2, 10 * usual) * goal;
+    e->tolerance = fmin(3e-2, 10 * usual) * (e->wanted ? fmin(goal, LOOSEST) : goal);
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
     e->given = j->max_evaluations > 0;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);

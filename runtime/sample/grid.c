@@ -103,6 +103,8 @@ void grid_free(Grid *g) {
 
 void grid_into(const Grid *g, const uint32_t from[3], const uint32_t to[3], double x[3]) {
     for (uint32_t d = 0; d < g->dim; d++) {
+        uint32_t at = grid_cell(g, d, x[d]);
+        if (at >= from[d] && at < to[d]) continue;
         double unit = DBL_EPSILON * fmax(fabs(g->lo[d]), fabs(g->hi[d])), step;
         for (step = unit; grid_cell(g, d, x[d]) >= to[d]; step *= 2) x[d] = g->lo[d] + to[d] * g->side[d] - step;
         for (step = unit; grid_cell(g, d, x[d]) < from[d]; step *= 2) x[d] = g->lo[d] + from[d] * g->side[d] + step;
