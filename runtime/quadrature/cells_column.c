@@ -445,6 +445,7 @@ static bool integrate(Cells *c, uint32_t first) {
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             if (!cells_emit_columns(c, from, to)) return false;
+            if (p->graded) cells_doubt_rims(c, from, to, spot, end);
             cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
             if (layer) cells_layer(c, p, from, to, spots, beyond, true);

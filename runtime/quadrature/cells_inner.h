@@ -519,6 +519,9 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
+/* Of a graded piece, whose spots these are: beside curves at which f is a small power of the distance no rule has seen
+ * what it changes by up to them; the coarse rule has that more. */
+void cells_doubt_rims(Cells *c, const Column *from, const Column *to, uint32_t first, uint32_t last);
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to); /* of one piece, CellOptions.flat */
 /* f is smooth in this part of a cell. */
 bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]);

@@ -241,6 +241,63 @@ bool cells_add_columns_of_points(Cells *c) {
     return true;
 }
 
+/* ---- singular rims */
+enum { BESIDE = 3 };
+#define SMALL_POWER 0.4
+
+/* The fine places of a column next to a root, on one side of it and short of the next: how far they are and which.
+ * False: there are too few. */
+static bool places_beside(const Cells *c, const Column *k, const Root *r, int up, uint32_t from, uint32_t to,
+                          double away[BESIDE], const Spot *spot[BESIDE]) {
+    double end = HUGE_VAL;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < k->nroots; i++) {
+        double d = up * (c->root[k->first + i].x[r->axis] - r->x[r->axis]);
+        if (d > 0) end = smaller(end, d);
+    }
+    for (uint32_t q = from; q < to; q++) {
+        const Spot *s = &c->spot[q];
+        double d = up * (s->x[r->axis] - r->x[r->axis]);
+        bool here = s->rule == CELL_FINE && d > 0 && d < end;
+        for (uint32_t b = 0; b < c->dim; b++) here &= (int)b == r->axis || s->x[b] == k->x[b];
+        if (!here || (n == BESIDE && d >= away[n - 1])) continue;
+        uint32_t at = n < BESIDE ? n++ : n - 1;
+        for (; at && away[at - 1] > d; at--) away[at] = away[at - 1], spot[at] = spot[at - 1];
+        away[at] = d, spot[at] = s;
+    }
+    return n == BESIDE;
+}
+
+/* What f changes by between the root and the nearest place, if it does so as a small power of the distance. */
+static double rim(const Cells *c, const Root *r, int up, const double away[BESIDE], const Spot *const spot[BESIDE],
+                  uint32_t ch) {
+    double v[BESIDE], at_root = cells_sides(c, r)->f[up > 0][ch];
+    for (uint32_t i = 0; i < BESIDE; i++) v[i] = spot[i]->f[ch] - at_root;
+    for (uint32_t i = 0; i + 1 < BESIDE; i++)
+        if (!(v[i] / v[i + 1] > pow(away[i] / away[i + 1], SMALL_POWER))) return 0;
+    return fabs(v[0]);
+}
+
+void cells_doubt_rims(Cells *c, const Column *from, const Column *to, uint32_t first, uint32_t last) {
+    for (const Column *k = from; k < to && c->rule[CELL_COARSE].n; k++)
+        for (uint32_t i = 0; i < k->nroots && k->rule == CELL_FINE; i++) {
+            const Root *r = &c->root[k->first + i];
+            double doubt[SLT_MAX_CHANNELS] = {0}, any = 0, away[BESIDE];
+            const Spot *spot[BESIDE];
+            if (!r->wanted || !r->sides || r->tie || r->band) continue;
+            for (int up = -1; up < 2; up += 2) {
+                if (!places_beside(c, k, r, up, first, last, away, spot)) continue;
+                for (uint32_t ch = 0; ch < c->s->channels; ch++)
+                    doubt[ch] += rim(c, r, up, away, spot, ch), any += doubt[ch];
+            }
+            if (!(any > 0)) continue;
+            Crossing *x = cells_add_crossing(c, CELL_COARSE);
+            cells_crossing(c, r, x);
+            x->weight = k->weight / fabs(r->dg[r->axis]);
+            memcpy(x->jump, doubt, c->s->channels * sizeof *doubt);
+        }
+}
+
 /* f at the spots from `first` on. A program without edges has no `sides`. */
 static bool take_values(Cells *c, uint32_t first) {
     SltKernelKind kind = c->s->kernel[SLT_K_SIDES] ? SLT_K_SIDES : SLT_K_VALUE;

@@ -1,14 +1,24 @@
 /* The flanks of a crossing: f beside it may be so steep that it changes on the bracket of the root, too, always towards
  * one sign along an edge. Of every few crossings f is taken once more, outside of the bracket; where it changes there
  * by more than is nothing beside the jump, brackets become as short as floats allow, and f on both sides is carried on
- * in a straight line from two floats to the root. A third tells by how much that may be wrong. */
+ * in a straight line from two floats to the root. A third tells by how much that may be wrong.
+ *
+ * Where f is a small power of the distance, or its logarithm, most of what it changes by lies nearer to the edge than
+ * any sample, and so does what its derivative integrates to: all of the change is in doubt. */
 #include <float.h>
 #include <math.h>
 
 #include "runtime/sample/search.h"
 
-enum { EACH = 8 /* crossings of which one is looked at */, PLACES = 3 /* on each side */, ROOM = BATCH / (2 * PLACES) };
+enum {
+    EACH = 8,   /* crossings of which one is looked at */
+    PLACES = 3, /* on each side, next to the root, */
+    LANES = 6,  /* and as many farther away */
+    ROOM = BATCH / (2 * LANES)
+};
 enum { ROUNDED_G = 64 /* in double precision there is room for brackets on which g is more than rounding */ };
+#define CHANGES 1e-3 /* of what f changes by in all: so much it does from place to place if it is singular, */
+#define ALIKE 0.76   /* and by no smaller part less from one to the next: a distance to the power of 0.4 */
 #define STEEP 0x1p-15 /* a change on the bracket that matters, in parts of the jump: as much on the segment as the jump */
 
 static double unit(const SltScene *s) { return s->f64 ? DBL_EPSILON : (double)FLT_EPSILON; }
@@ -67,6 +77,18 @@ static bool read_flank(const Finder *f, const Item *it, uint32_t from, const dou
     return true;
 }
 
+/* f at 1, 1/2 and 1/4 of a segment from the root changes by as much from each to the next, or nearly: all that it
+ * changes by up to the root; else 0. */
+static double singular(const Finder *f, uint32_t from, uint32_t hash, uint32_t ch, double at_root) {
+    double v[PLACES];
+    for (uint32_t i = 0; i < PLACES; i++) {
+        if (batch_mark(f->b, from + i).hash != hash) return 0;
+        v[i] = batch_get(f->b, SLT_OUT_F, ch, from + i);
+    }
+    double far = v[0] - v[1], near = v[1] - v[2], all = fabs(v[0] - at_root), ratio = far / near;
+    return fabs(far) > CHANGES * all && ratio > ALIKE && ratio * ALIKE < 1 ? all : 0;
+}
+
 static double slope(const Flank *k, uint32_t i, uint32_t ch) {
     return (k->f[i][ch] - k->f[i + 1][ch]) / (k->at[i] - k->at[i + 1]);
 }
@@ -78,7 +100,7 @@ static double root_of(const Finder *f, const Item *it) {
     return x1 + (place(f, &it->s, it->x2) - x1) * (it->f1 / (it->f1 - it->f2));
 }
 
-static void settle(const Finder *f, const Item *it, const Flank k[2], double width, Crossing *c) {
+static void settle(const Finder *f, const Item *it, const Flank k[2], double width, uint32_t lane, Crossing *c) {
     double root = root_of(f, it);
     for (uint32_t ch = 0; ch < f->s->channels; ch++) {
         double v[2], first[2], off = 0;
@@ -86,6 +108,7 @@ static void settle(const Finder *f, const Item *it, const Flank k[2], double wid
             first[end] = slope(&k[end], 0, ch);
             v[end] = k[end].f[0][ch] + first[end] * (root - k[end].at[0]);
             off += fabs((slope(&k[end], 1, ch) - first[end]) * (k[end].at[1] - k[end].at[0]));
+            off += singular(f, lane + (uint32_t)end * LANES + PLACES, end ? c->hb : c->ha, ch, k[end].f[0][ch]);
         }
         off += 0.5 * fabs(first[1] - first[0]) * width; /* the root is known to a float */
         if (!isfinite(v[0]) || !isfinite(v[1]) || !isfinite(off)) continue;
@@ -104,18 +127,21 @@ static void settle_some(Finder *f, Item *items, const uint32_t *slot, const uint
         double width = fmax(hi - lo, it->tol);
         for (uint32_t j = 0; j < PLACES; j++) {
             t[i][0][j] = lo - j * width, t[i][1][j] = hi + j * width;
-            for (uint32_t end = 0; end < 2; end++)
-                search_put(f, (2 * i + end) * PLACES + j, &it->s, search_clamp(t[i][end][j], 0, 1));
+            for (uint32_t end = 0; end < 2; end++) {
+                double far = ldexp(end ? 1 : -1, -(int)j);
+                search_put(f, (2 * i + end) * LANES + j, &it->s, search_clamp(t[i][end][j], 0, 1));
+                search_put(f, (2 * i + end) * LANES + PLACES + j, &it->s, (end ? hi : lo) + far);
+            }
         }
     }
-    batch_call(f->b, SLT_K_SIDES, 2 * PLACES * n);
+    batch_call(f->b, SLT_K_SIDES, 2 * LANES * n);
     for (uint32_t i = 0; i < n; i++) {
         Crossing *c = &f->found[slot[at[i]]];
         const Item *it = &items[at[i]];
         Flank k[2];
-        if (read_flank(f, it, 2 * PLACES * i, t[i][0], c->ha, &k[0]) &&
-            read_flank(f, it, 2 * PLACES * i + PLACES, t[i][1], c->hb, &k[1]))
-            settle(f, it, k, it->tol, c);
+        if (read_flank(f, it, 2 * LANES * i, t[i][0], c->ha, &k[0]) &&
+            read_flank(f, it, 2 * LANES * i + LANES, t[i][1], c->hb, &k[1]))
+            settle(f, it, k, it->tol, 2 * LANES * i, c);
     }
 }
 

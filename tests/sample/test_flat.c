@@ -131,6 +131,38 @@ static void test_unknown(void **state) {
     run_case(&c, &job, false, 0, 1);
 }
 
+/* Shading that is a small power of the distance from its edge, or its logarithm: most of its derivative lies nearer to
+ * the edge than any sample. The bar says so; that of a root stays small. */
+static void test_rims(void **state) {
+    (void)state;
+    enum { RIMS = 4 };
+#define RIM(f) SHADER2("param float r = 0.4;", UNIT, "float t = 1.0 - length(x) / r; [Disc] if (t > 0.0) return " f "; return 0.0;")
+    static const Case rim[RIMS] = {
+        {.name = "tenth power", .source = RIM("pow(t, 0.1)"), .want = {{"r", 4 * PI * 0.4 / (1.1 * 2.1)}}},
+        {.name = "fifth power", .source = RIM("pow(t, 0.2)"), .want = {{"r", 4 * PI * 0.4 / (1.2 * 2.2)}}},
+        {.name = "logarithm", .source = RIM("-log(t)"), .want = {{"r", 4 * PI * 0.4 * 0.75}}},
+        {.name = "root", .source = RIM("sqrt(t)"), .want = {{"r", 4 * PI * 0.4 / (1.5 * 2.5)}}},
+    };
+    SltJob job = SLT_JOB_INIT;
+    job.integral = true, job.samples = 1u << 16, job.threads = 2, job.estimator = SLT_EST_LATTICE;
+    for (int i = 0; i < RIMS - 1; i++) {
+        job.estimator = SLT_EST_QUADRATURE;
+        run_case(&rim[i], &job, true, 0, 2);
+        job.estimator = SLT_EST_LATTICE;
+    }
+    for (job.seed = 0; job.seed < 4; job.seed++)
+        for (int i = 0; i < RIMS - 1; i++)
+            for (int f64 = 0; f64 < 2; f64++) run_case(&rim[i], &job, f64, 0, 2);
+    SltProgram *p = NULL;
+    if (slt_compile_string(rim[RIMS - 1].source, "root", NULL, &p) != SLT_OK) fail_msg("%s", slt_diagnostics_text(p));
+    double g, error;
+    SltIntegral out = {.struct_size = sizeof out, .gradient = &g, .gradient_stderr = &error};
+    SltError err = {0};
+    if (slt_grad_integral(p, &job, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+    if (!(error < 3e-2)) fail_msg("%g +- %g of a root", g, error);
+    slt_program_free(p);
+}
+
 int main(void) {
     make_flat_cases();
     (void)make_other_cases;
@@ -143,5 +175,6 @@ int main(void) {
             tests[n] = (struct CMUnitTest){names[n], f64 ? run_f64 : run_f32, NULL, NULL, &cases[i]};
         }
     tests[n++] = (struct CMUnitTest){"unknown", test_unknown, NULL, NULL, NULL};
+    tests[n++] = (struct CMUnitTest){"singular rims", test_rims, NULL, NULL, NULL};
     return _cmocka_run_group_tests("flat", tests, (size_t)n, NULL, NULL);
 }
