@@ -55,7 +55,7 @@ struct SltProgram {
     uint32_t *edge_line;                           /* likewise: of the source */
     uint8_t *edge_kind;                            /* by edge; NULL until a kernel that knows edges was asked for */
     uint32_t nedges;
-    bool flat, chunked;             /* see SltScene */
+    bool flat, told, chunked;       /* see SltScene */
     uint8_t *dense;                 /* [nfloats]: 1 where some reverse kernel adds to adj */
     const SltGeometry **geometries; /* [prog->ngeometries]; NULL: no compiled kernel asks it anything */
     uint32_t *geometry_base;        /* [prog->ngeometries]: where in flt its numbers begin */

@@ -141,7 +141,8 @@ typedef struct SiteInfo {
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
     bool still;       /* untagged, and does not move: opt_masks.c; where bounds hold it is a seam like others */
-    SeamUpset upsets; /* of a seam */
+    bool jumps;       /* of a seam: more than a bend */
+    SeamUpset upsets; /* likewise */
     const char *text; /* short source text for explain: "d < 0.0" */
 } SiteInfo;
 

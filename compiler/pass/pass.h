@@ -139,6 +139,8 @@ typedef struct KernelSet {
     bool chunked;            /* bounds and the edge kernels have them too; set with edges */
     const SiteInfo *edges;   /* sites, then seams; only where bounds or an edge kernel was asked for */
     uint32_t nedges;
+    bool told; /* likewise: nothing but sites makes f jump, so that places of one hash have one f and one derivative, if
+                  flat */
     bool flat; /* likewise: between the jumps of sites and seams neither f nor its derivatives change with the position
                 */
 } KernelSet;

@@ -130,6 +130,8 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     Fn *seamed = variant_seams(ctx, primal);
     out->edges = seamed->sites, out->nedges = seamed->nsites;
     out->flat = variant_is_flat(ctx, seamed) && !has_custom(primal->body);
+    out->told = true;
+    for (uint32_t e = primal->nsites; e < seamed->nsites; e++) out->told &= !seamed->sites[e].jumps;
     /* What decides outside the chunks has seams of its own, with which the numbers of choices would get mixed up. */
     if (chunks && (seamed->nsites != primal->nsites || has_custom(primal->body))) chunks = NULL;
     out->chunked = chunks != NULL;

@@ -136,6 +136,7 @@ static SeamUpset upset_of(const Seams *s, const Inst *i) {
 static uint32_t new_edge(Seams *s, const Inst *i) {
     SiteInfo info = {.kind = kind_of(i), .span = i->span, .path = "", .depth = s->depth, .max_events = s->events};
     info.text = name_of(i), info.upsets = upset_of(s, i);
+    info.jumps = class_of(s, i) == CLASS_JUMP;
     vec_push(s->arena, &s->sites, info);
     return s->sites.len - 1;
 }
@@ -156,8 +157,11 @@ static void make_seam(Seams *s, Inst *i) {
     }
     const Known *known = q ? find_known(s, i->block, p, q) : NULL;
     uint32_t edge = known ? known->edge : new_edge(s, i);
-    if (known && edge >= s->fn->nsites && upset_of(s, i) > s->sites.data[edge].upsets)
-        s->sites.data[edge].upsets = upset_of(s, i);
+    if (known && edge >= s->fn->nsites) {
+        SiteInfo *info = &s->sites.data[edge];
+        if (upset_of(s, i) > info->upsets) info->upsets = upset_of(s, i);
+        info->jumps |= class_of(s, i) == CLASS_JUMP;
+    }
     Builder b = ir_after(s->fn, i);
     Inst *g = known ? known->g : q ? ir_emit2(&b, OP_fsub, p, q) : p;
     if (q && !known) vec_push(s->arena, &s->known, ((Known){p, q, i, edge, g}));

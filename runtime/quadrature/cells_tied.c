@@ -12,6 +12,8 @@
 #define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
 bool cells_ready_to_tie(Cells *c) {
+    /* Where no site moves only the two sides of seams are asked for, and there is nothing to search with. */
+    if (!c->s->kernel[SLT_K_SITE] || !c->s->kernel[SLT_K_REGION]) return true;
     if (!c->apart && !apart_new(c->s, 0, c->b->f64 ? STEP_F64 : STEP_F32, &c->apart)) return false;
     return c->untie || (c->untie = untie_new(c->b));
 }

@@ -214,7 +214,7 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
         if (!(weight[i] > 0)) continue;
         if (!add_spot(c, from->piece, x[i], weight[i], from->rule)) return false;
         Spot *s = &c->spot[c->nspot - 1];
-        s->part = (uint8_t)i, s->hashed = known[i], s->hash = hash[i];
+        s->part = (uint8_t)i, s->hashed = known[i] && c->s->told, s->hash = hash[i];
     }
     return true;
 }

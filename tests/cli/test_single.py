@@ -58,6 +58,20 @@ class Single(Case):
                 if "a" in j["gradient"]:  # by symmetry
                     self.assertLess(abs(j["gradient"]["a"]), 4 * j["stderr"]["a"])
 
+    def test_inks_that_no_site_tells(self):
+        """No boundary moves, and which ink a cell has is decided by untagged conversions alone."""
+        table = ("param float a[4] = { 1.0, 2.0, 3.0, 5.0 }; shader float main(float2 x) { int k = (int(8.0 * x.x) + 3 * int(8.0 * x.y)) & 3; "
+                 "[Disc] if (length(frac(8.0 * x) - 0.5) < 0.3) return a[k]; return 0.5; }")
+        hashed = "param float r = 0.3; shader float main(float2 x) { float2 c = frac(8.0 * x) - 0.5; uint h = hash(uint2(int2(8.0 * x))); [Disc] if (length(c) < r) { return float(h & 1u); } return 0.5; }"
+        for precision in ("f32", "f64"):
+            j = self.grad(table, "--precision", precision)
+            for a in j["gradient"]["a"]:
+                self.assertAlmostEqual(a, math.pi * 0.09 / 4, delta=1e-6)
+            # A random bit in each of 64 discs: the integral is 1/2 and a multiple of half a disc.
+            value = self.grad(hashed, "--precision", precision)["gradient"]["integral"]
+            halves = (value - 0.5) / (math.pi * 0.09 / 128)
+            self.assertAlmostEqual(halves, round(halves), delta=1e-3)
+
     def test_random_programs(self):
         r, off = random.Random(20), []
         for k in range(40):

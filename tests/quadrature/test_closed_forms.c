@@ -35,6 +35,12 @@ static void make_more(void) {
                  "dot(d, d); [Disc] if (q < best) { best = q; f = float(i); } } return f;"),
          /* between 0 and 1 -0.3 / 0.6 up to y = 0.525, between 1 and 2 2 (0.3^2 - 0.2^2) / (2 * 0.6 * 2) */
          .want = {{"a[1].x", -53.0 / 240}});
+    /* 16 discs of each; which ink it is no site tells, and so no hash */
+    CASE("a table of inks by untagged integers",
+         SHADER2("param float a[4] = { 1.0, 2.0, 3.0, 5.0 };", "",
+                 "int k = (int(8.0 * x.x) + 3 * int(8.0 * x.y)) & 3; [Disc] if (length(frac(8.0 * x) - 0.5) < 0.3) "
+                 "return a[k]; return 0.5;"),
+         .want = {{"a[0]", PI * 0.09 / 4}, {"a[1]", PI * 0.09 / 4}, {"a[2]", PI * 0.09 / 4}, {"a[3]", PI * 0.09 / 4}});
     CASE("stiff shading",
          SHADER2("param float r = 0.6; param float k = 40.0;", UNIT,
                  "[Disc] return length(x) < r ? exp(-k * (x.x - 0.2) * (x.x - 0.2)) : 0.0;"),
