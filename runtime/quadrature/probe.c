@@ -193,8 +193,10 @@ SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats)
     Tiles few = {0, TRIALS, trial_budget[g.dim - 1], UINT64_MAX, g.integral ? DEARER : DEARER_IMAGE};
     Tiles wider = {TRIALS, WIDER, (uint64_t)(WIDER_DEAREST * t.lattice), (uint64_t)(WIDER_BUDGET * t.lattice), 1};
     if (ok) pays = tiles_pay(&t, &few, &spent, &ok);
-    /* Most were cheap: the rest may be thin things, to which lines are blind. Other tiles tell more. */
-    if (ok && !pays && g.integral && spent <= FEW) pays = tiles_pay(&t, &wider, &spent, &ok);
+    /* Most were cheap: the rest may be thin things, to which lines are blind. Other tiles tell more, if there is more
+     * to spend on each. In a volume what is left over has no bars as good as those of lines. */
+    bool asks = g.integral && g.dim < 3 && spent <= FEW && wider.most > WIDER * few.budget;
+    if (ok && !pays && asks) pays = tiles_pay(&t, &wider, &spent, &ok);
     SltStats own = SLT_STATS_INIT;
     if (ok) batch_collect(&b, &own);
     if (stats) stats->evaluations += own.evaluations;

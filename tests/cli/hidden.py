@@ -4,7 +4,7 @@
 
 300 scenes: 243 in the plane (nine features, each written in nine ways), 30 on a line, 27 in space; among them opaque
 decoys elsewhere, domains of all sizes, straight and turned. Of every scene: found (every derivative within 1e-4 of its own
-size), stated (within two stated errors), reported (something is left over, and no more than 1e-5 of the largest derivative
+size), stated (within two stated errors), reported (something is left over, and no more than 1e-4 of the largest derivative
 is wrong: ends of bands, which are as long as these are thin), or silently missed. Fails where one is missed."""
 import json
 import math
@@ -204,7 +204,7 @@ def judge(s, j):
             kinds.append("found")
         elif off <= 2 * bar:
             kinds.append("stated")
-        elif j["left"] > 0 and off <= max(10 * bar, 1e-5 * largest):
+        elif j["left"] > 0 and off <= max(10 * bar, 1e-4 * largest):
             kinds.append("reported")
         else:
             kinds.append("missed")
