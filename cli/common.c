@@ -192,6 +192,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
     *out = NULL;
+    if (c->size_given) c->opt.size[0] = c->job.size[0], c->opt.size[1] = c->job.size[1];
     if (c->expr) {
         status = compile_expr(c, &p);
     } else if (!strcmp(c->file, "-")) {
@@ -258,7 +259,8 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
     Image im, root, sized, fitted;
     *out = NULL;
     if (slt_dim(p) == 3) return cli_usage(c, "images of targets and adjoints are for 1D and 2D domains");
-    if (image_read(path, NULL, &im, &err) != SLT_OK) return cli_fail(c, &err);
+    ImageReadOptions read = {.raw = slt_is_display(p)};
+    if (image_read(path, &read, &im, &err) != SLT_OK) return cli_fail(c, &err);
     /* The root layer of a file with many. */
     SltStatus status = im.channels > 4 ? image_extract_layer(&im, "", &root, &err) : SLT_OK;
     if (im.channels > 4) image_free(&im);

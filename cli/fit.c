@@ -317,8 +317,9 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
     s = render_first_view(f, &job, im.data, err);
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.exr", err)) == SLT_OK)
         s = image_write(path, &im, NULL, err);
+    ImageWriteOptions png = {.raw = slt_is_display(f->p)};
     if (s == SLT_OK && (s = join(path, sizeof path, dir, "image.png", err)) == SLT_OK)
-        s = image_write(path, &im, NULL, err);
+        s = image_write(path, &im, &png, err);
     const Image *strip[FRAMES + 2];
     int n = 0;
     for (uint32_t k = 0; k < f->nframes; k++) strip[n++] = &f->frames[k];
@@ -327,7 +328,7 @@ static SltStatus write_folder(Fit *f, const char *json, SltError *err) {
           film;
     if (target.data) strip[n++] = &target;
     if (s == SLT_OK && (s = image_film_strip(strip, n, 4, &film, err)) == SLT_OK) {
-        if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, NULL, err);
+        if ((s = join(path, sizeof path, dir, "strip.png", err)) == SLT_OK) s = image_write(path, &film, &png, err);
         image_free(&film);
     }
     image_free(&im);

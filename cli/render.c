@@ -137,7 +137,8 @@ static int render(Cli *c, SltProgram *p) {
                           : status_fail(&err, SLT_LIMIT, "out of memory");
             free(wide);
         } else {
-            status = image_write(c->output, &im, NULL, &err);
+            ImageWriteOptions png = {.raw = slt_is_display(p)};
+            status = image_write(c->output, &im, &png, &err);
         }
     }
     if (status == SLT_OK) {

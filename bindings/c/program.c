@@ -111,6 +111,15 @@ static SltStatus find_points(SltProgram *p) {
     return SLT_OK;
 }
 
+static bool is_glsl(const char *path, SltLanguage language) {
+    static const char *const ends[] = {".frag", ".fs", ".glsl"};
+    const char *end = path ? strrchr(path, '.') : NULL;
+    if (language != SLT_LANGUAGE_AUTO || !end) return language == SLT_LANGUAGE_GLSL;
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
+        if (!strcmp(end, ends[i])) return true;
+    return false;
+}
+
 static void compile_body(Session *s, void *arg) {
     Compile *c = arg;
     SltProgram *p = c->p;
@@ -135,13 +144,16 @@ static void compile_body(Session *s, void *arg) {
     ParamFile *files = ARENA_ARRAY(&s->session, ParamFile, p->opt.nparam_files + 1);
     for (uint32_t i = 0; i < p->opt.nparam_files; i++)
         files[i] = (ParamFile){.name = p->opt.param_files[i].name, .path = p->opt.param_files[i].value};
+    bool glsl = is_glsl(c->path, p->opt.language);
     ProgramOptions po = {.front = {.entry = p->opt.entry,
                                    .f64 = p->opt.f64,
                                    .files = files,
                                    .nfiles = p->opt.nparam_files,
                                    .overrides = overrides,
                                    .noverrides = p->opt.nset,
-                                   .disc_auto = p->opt.disc_auto,
+                                   .disc_auto = p->opt.disc_auto || glsl, /* GLSL has no tags */
+                                   .glsl = glsl,
+                                   .size = {p->opt.size[0], p->opt.size[1]},
                                    .probe = api_probe_asset,
                                    .probe_user = p},
                          .precision = p->opt.f64 ? PREC_F64 : PREC_F32,
@@ -297,6 +309,7 @@ const char *slt_diagnostics_json(SltProgram *p) { return printed(p, 1, diag_prin
 /* ---- facts: 0 and "" where the program did not compile */
 uint32_t slt_dim(const SltProgram *p) { return p->prog ? p->prog->dim : 0; }
 uint32_t slt_channels(const SltProgram *p) { return p->prog ? p->prog->channels : 0; }
+bool slt_is_display(const SltProgram *p) { return p->prog && p->prog->display; }
 const char *slt_entry(const SltProgram *p) { return p->prog ? p->prog->entry : ""; }
 void slt_domain(const SltProgram *p, double lo[3], double hi[3]) {
     for (int d = 0; d < 3; d++) lo[d] = p->prog ? p->prog->lo[d] : 0, hi[d] = p->prog ? p->prog->hi[d] : 0;

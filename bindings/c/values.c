@@ -427,7 +427,7 @@ static SltStatus fill_numbers(Stage *s, const Type *t, ShapeCursor *c, const dou
 
 static SltStatus read_image_param(Stage *s, const Param *q, const char *path) {
     Image im;
-    ImageReadOptions raw = {.raw = q->is_geometry};
+    ImageReadOptions raw = {.raw = q->is_geometry || s->p->prog->display};
     SltStatus status = image_read(path, &raw, &im, s->err);
     if (status != SLT_OK) return status;
     if ((uint32_t)im.width != q->tex_w || (uint32_t)im.height != q->tex_h || (uint32_t)im.channels < q->tex_c)

@@ -262,6 +262,7 @@ struct Symbol {
     /* as parsed */
     TypeRef *type_ref;
     bool is_const;          /* `const` local: it has an init and is never assigned */
+    bool starts_zero;       /* no value is written: zero (GLSL's uniforms) */
     const char *init_name;  /* = init(f): the name f; `init` is NULL then, as for the next two */
     const char *asset_text; /* = "file": the text as written (decoded), `asset` is what the checker resolves it to */
     Expr **zeros_args;      /* = zeros(w, h[, channels]): 2 or 3 expressions, `zeros` is set */
@@ -308,6 +309,7 @@ typedef struct SwitchCase {
 
 struct Stmt {
     StmtKind kind;
+    bool open_ended; /* a loop of GLSL: where nothing bounds it, GLSL_MAX_ITERS does */
     Span span; /* compound statements: the header, from the keyword to its `)`; blocks: the `{`; others: the whole */
     StmtAttrs attrs;
     Expr *expr;     /* S_EXPR, S_RETURN (or NULL), condition of S_IF S_FOR S_WHILE S_DO, value of S_SWITCH, S_ASSERT
@@ -348,6 +350,7 @@ struct Func {
     /* shaders */
     uint32_t dim; /* 1..3 */
     bool has_domain;
+    bool display; /* [Display]: what it returns is meant for a screen as it is */
     double lo[3], hi[3];
     Expr *domain_lo, *domain_hi;
     uint32_t nlocals; /* size of the Symbol.id space */
@@ -377,6 +380,7 @@ struct Module {
     StructDecl *struct_decls; /* as parsed, in order of declaration */
     TypedefDecl *typedefs;
     bool is_main, is_stdlib;
+    bool glsl;             /* written in GLSL: glsl/glsl.h has what differs */
     bool missing;          /* stands for a module that could not be loaded: unknown names may come from it */
     const char *real_path; /* what identifies the module */
     uint32_t load_state;   /* parse/module.c's own */
@@ -417,7 +421,10 @@ typedef struct FrontOptions {
     ParamFile *files;
     uint32_t nfiles;
     bool f64; /* EPSILON is that of binary64 */
+    bool glsl;        /* the main source is GLSL */
+    uint32_t size[2]; /* of the image that a GLSL shader is for, in pixels; 0: GLSL_SIZE */
 } FrontOptions;
+enum { GLSL_SIZE = 512, GLSL_MAX_ITERS = 4096 };
 
 /* parse/parse.c: every syntax error of a file is reported; never NULL; never crashes. Nesting deeper than 256 is an
  * error, and so is a chain (a + b + …, a.b.c…, else if …) that would make a tree deeper than 4096 expressions or 1024

@@ -2,6 +2,8 @@
 #include "compiler/front/front.h"
 
 Program *front_compile(Session *s, int file, const ProgramOptions *opt) {
+    if (opt->front.glsl)
+        for (int k = 0; k < 2; k++) s->sources[file].glsl[k] = opt->front.size[k] ? opt->front.size[k] : GLSL_SIZE;
     Module *main = load_modules(s, file);
     if (!main) return NULL;
     for (const Module *m = main; m; m = m->next)

@@ -56,6 +56,7 @@ typedef struct Program {
     const char *entry;
     uint32_t dim, channels; /* 1..3, 1..4 */
     double lo[3], hi[3];    /* the domain */
+    bool display;           /* its colours are encoded for a screen: sRGB, not linear light */
     Param *params;
     uint32_t nparams;
     uint32_t nfloats, nints;

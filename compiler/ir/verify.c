@@ -213,6 +213,7 @@ static void check_special(Verify *v, const Inst *i) {
         want_result(v, i, TY_FLT);
         return;
     case OP_detach:
+    case OP_ddx:
         want(v, i, 0, TY_FLT);
         want_result(v, i, TY_FLT);
         return;

@@ -106,7 +106,8 @@ static void useful_in(Walk *w, Block *b) {
     uint8_t *u = f->useful;
     for (Inst *i = b->last; i; i = i->prev) {
         switch ((Op)i->op) {
-        case OP_give: useful_arg(w, i->args[0]); continue;
+        case OP_give:
+        case OP_ddx: useful_arg(w, i->args[0]); continue;
         case OP_store:
             if (u[i->args[0]->id]) useful_arg(w, i->args[2]);
             continue;

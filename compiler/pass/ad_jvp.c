@@ -226,11 +226,9 @@ static void jvp_block(Jvp *j, Block *b) {
         if (i->id < j->facts.n) jvp_inst(j, i); /* newer instructions are tangents */
 }
 
-static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t n, bool grad_x) {
+/* Tangents for everything in fn, beside it. */
+static Jvp sweep(PassCtx *ctx, Fn *fn, const AdOptions *o, uint32_t n, bool grad_x) {
     Arena *scratch = &ctx->session->scratch;
-    ArenaMark m = arena_mark(scratch);
-    Fn *fn =
-        ir_clone(primal, primal->arena, arena_printf(primal->arena, "%s_%s", primal->name, grad_x ? "grad" : "jvp"));
     ad_clear_tags(fn->body);
     Jvp j = {.fn = fn, .scratch = scratch, .n = n, .grad_x = grad_x};
     ad_facts(&j.facts, fn, scratch, o, NULL);
@@ -239,7 +237,15 @@ static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t 
     j.inf = ARENA_ARRAY(scratch, bool, j.facts.n + 1);
     j.rule = (AdRule){.fma = ctx->has_fma, .value = same_value, .range = j.facts.range, .varied = j.facts.varied};
     jvp_block(&j, fn->body);
+    return j;
+}
 
+static Fn *forward(PassCtx *ctx, const Fn *primal, const AdOptions *o, uint32_t n, bool grad_x) {
+    Arena *scratch = &ctx->session->scratch;
+    ArenaMark m = arena_mark(scratch);
+    Fn *fn =
+        ir_clone(primal, primal->arena, arena_printf(primal->arena, "%s_%s", primal->name, grad_x ? "grad" : "jvp"));
+    Jvp j = sweep(ctx, fn, o, n, grad_x);
     Inst *yield = fn->body->last;
     uint32_t floats = 0, out = 0;
     for (uint32_t k = 0; k < yield->nargs; k++) floats += yield->args[k]->type == TY_FLT;
@@ -270,4 +276,36 @@ Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o) {
 
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn) {
     return forward(ctx, fn, &(AdOptions){.wrt_none = true, .wrt_x = true}, fn->dim ? fn->dim : 1, true);
+}
+
+static bool has_ddx(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_ddx) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_ddx(i->region[r])) return true;
+    }
+    return false;
+}
+
+static void replace_ddx(const Jvp *j, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) replace_ddx(j, i->region[r]);
+        if (i->op != OP_ddx) continue;
+        Builder at = ir_before(j->fn, i);
+        walk_replace(j->fn->body, i, tangent_or_zero(j, &at, i->args[0], (uint32_t)i->imm.i));
+        ir_unlink(i);
+    }
+}
+
+/* In place: what the front end recorded stays where it is. A derivative of a derivative is 0, as good as any: GLSL
+ * leaves it undefined. */
+bool lower_ddx(PassCtx *ctx, Fn *fn) {
+    if (!has_ddx(fn->body)) return false;
+    ArenaMark m = arena_mark(&ctx->session->scratch);
+    uint32_t dim = fn->dim ? fn->dim : 1;
+    Jvp j = sweep(ctx, fn, &(AdOptions){.wrt_none = true, .wrt_x = true}, dim, true);
+    replace_ddx(&j, fn->body);
+    arena_reset(&ctx->session->scratch, m);
+    return true;
 }

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-enum { NOTHING = 0, CUSTOM = 1, CUSTOM_SITES = 2, RAND = 4, MATH = 8 };
+enum { NOTHING = 0, CUSTOM = 1, CUSTOM_SITES = 2, RAND = 4, MATH = 8, DDX = 16 };
 enum { FLOATS = PASS_KEEPS_FLOATS, SITES = PASS_KEEPS_SITES, SETTLES = PASS_SETTLES, MAKES = PASS_MAKES_SITES };
 
 const PassInfo pass_info[PASS_ALL] = {
@@ -27,6 +27,7 @@ static Census take_census(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
         if (i->op == OP_site || i->op == OP_siten) c.sites++;
         if (i->op == OP_rand) c.kinds |= RAND;
+        if (i->op == OP_ddx) c.kinds |= DDX;
         if (ir_ops[i->op].math) c.kinds |= MATH;
         for (uint32_t r = 0; r < i->nregions; r++) {
             Census below = take_census(i->region[r]);

@@ -22,8 +22,9 @@ _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for eac
 void pipeline_primal(PassCtx *ctx, Fn *fn) {
     const PassStage stage = PASS_NEEDS_PRIMAL;
     pass_step(ctx, stage, fn, PASS_front);
+    RUN(lower_ddx);
     RUN(opt_skips);
-    RUN(opt_masks); /* first these three: the front end recorded instructions, which other passes move */
+    RUN(opt_masks); /* first these: the front end recorded instructions, which other passes move */
     RUN(warn_jumps);
     RUN(opt_fold);
     RUN(opt_induction);

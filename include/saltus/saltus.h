@@ -50,6 +50,12 @@ typedef enum SltStructure {
     SLT_STRUCTURE_NAIVE   /* cell by cell: the oracle */
 } SltStructure;
 
+typedef enum SltLanguage {
+    SLT_LANGUAGE_AUTO, /* by the file's name: GLSL for .frag, .fs and .glsl */
+    SLT_LANGUAGE_SALTUS,
+    SLT_LANGUAGE_GLSL /* a fragment shader, as for OpenGL ES, WebGL or Shadertoy */
+} SltLanguage;
+
 /* How a program is compiled. slt_compile_* copies the struct with all that its members point at. */
 typedef struct SltOptions {
     size_t struct_size;
@@ -80,6 +86,9 @@ typedef struct SltOptions {
                                  from the call that first needs the kernel */
     bool sandbox; /* the source is not trusted: files that it names must lie below its own folder, where no link leads
                      out; what the caller names (import_dirs, param_files, values) is free */
+    SltLanguage language;
+    uint32_t
+        size[2]; /* of the image that a GLSL shader is for, columns and rows: its domain and `iResolution`; 0: 512 */
 } SltOptions;
 #define SLT_OPTIONS_INIT ((SltOptions){.struct_size = sizeof(SltOptions), .near_miss = -1})
 
@@ -114,6 +123,9 @@ const char *slt_last_error(const SltProgram *p);
 uint32_t slt_dim(const SltProgram *p);      /* of the domain: 1 to 3 */
 uint32_t slt_channels(const SltProgram *p); /* 1 to 4 */
 const char *slt_entry(const SltProgram *p);
+/* Are its colours encoded for a screen already ([Display], GLSL)? Then a PNG takes them as they are, and textures and
+ * targets that are PNG are read as they are; else both go through the curve of sRGB. */
+bool slt_is_display(const SltProgram *p);
 void slt_domain(const SltProgram *p, double lo[3], double hi[3]); /* by axis; those beyond slt_dim mean nothing */
 uint32_t slt_site_count(const SltProgram *p);                     /* places under [Disc] that may jump */
 bool slt_uses_rand(const SltProgram *p);

@@ -32,9 +32,9 @@ bool boundary_in_order(const Run *r);
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
 
-/* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats], what
- * the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was found.
- * Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. */
+/* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats],
+ * what the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was
+ * found. Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. */
 SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the

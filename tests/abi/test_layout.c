@@ -227,6 +227,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltOptions, verify_after);
     MEMBER(SltOptions, stop_after);
     MEMBER(SltOptions, sandbox);
+    MEMBER(SltOptions, language);
+    MEMBER(SltOptions, size);
     END(SltOptions);
     STRUCT(SltDiagnostic);
     MEMBER(SltDiagnostic, struct_size);

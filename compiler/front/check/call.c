@@ -309,6 +309,25 @@ static Expr *check_len(Checker *c, Expr *e) {
     return finish(c, e, c->t_int);
 }
 
+/* In GLSL lengths are of scalars too, and `mix` chooses by bools. */
+static Builtin glsl_builtin(Checker *c, Expr *e, Builtin b) {
+    bool scalar = e->nargs && is_scalar(e->args[0]->type);
+    if (b == B_lerp && e->nargs == 3 && scalar_kind(e->args[2]->type) == T_BOOL) {
+        Expr *chosen = e->args[1];
+        e->args[1] = e->args[0], e->args[0] = e->args[2], e->args[2] = e->args[1], e->args[1] = chosen;
+        return B_select;
+    }
+    if (b == B_distance && scalar && e->nargs == 2) {
+        Expr *gap = new_expr(c, E_BINARY, e, NULL);
+        gap->op = OPR_SUB;
+        gap->a[0] = e->args[0], gap->a[1] = e->args[1];
+        e->args[0] = check_binary_typed(c, gap);
+        e->nargs = 1;
+        return B_abs;
+    }
+    return b == B_length && scalar ? B_abs : b == B_normalize && scalar ? B_sign : b;
+}
+
 static Expr *check_builtin(Checker *c, Expr *e, Builtin b) {
     if (!check_args(c, e, false)) return fail(c, e);
     if (b == B_rand || b == B_rand2 || b == B_rand3) {
@@ -318,6 +337,7 @@ static Expr *check_builtin(Checker *c, Expr *e, Builtin b) {
             return fail(c, e);
         }
     }
+    if (in_glsl(c)) b = glsl_builtin(c, e, b);
     if (builtin_sigs[b][0] != '*') return check_builtin_sig(c, e, b);
     uint32_t want = b == B_select ? 3 : b == B_mul ? 2 : 1;
     if (e->nargs != want) return bad_count(c, e, builtin_names[b], want);
@@ -421,21 +441,20 @@ static Expr *bad_construct(Checker *c, Expr *e, Span at, const char *text) {
     return fail(c, e);
 }
 
-/* The zero of any type, for `(Disc)0`. */
-static Expr *zero_of(Checker *c, const Expr *at, Type *t) {
-    Expr *e = new_expr(c, E_LITERAL, at, t);
+Expr *check_zero(Checker *c, Span at, Type *t) {
+    Expr where = {.span = at, .op_span = at}, *e = new_expr(c, E_LITERAL, &where, t);
     if (is_aggregate(t)) {
         e->kind = E_LIST;
         e->nargs = t->kind == T_ARRAY ? t->n : t->nfields;
         e->args = ARENA_ARRAY(c->arena, Expr *, e->nargs);
         for (uint32_t i = 0; i < e->nargs; i++)
-            e->args[i] =
-                t->kind == T_ARRAY && i ? e->args[0] : zero_of(c, at, t->kind == T_ARRAY ? t->elem : t->fields[i].type);
+            e->args[i] = t->kind == T_ARRAY && i ? e->args[0]
+                                                 : check_zero(c, at, t->kind == T_ARRAY ? t->elem : t->fields[i].type);
     } else if (!is_scalar(t)) {
         e->kind = E_CONSTRUCT;
         e->nargs = type_components(t);
         e->args = ARENA_ARRAY(c->arena, Expr *, e->nargs);
-        for (uint32_t i = 0; i < e->nargs; i++) e->args[i] = zero_of(c, at, t->elem);
+        for (uint32_t i = 0; i < e->nargs; i++) e->args[i] = check_zero(c, at, t->elem);
     } else {
         e->cval.n = 1;
     }
@@ -445,7 +464,7 @@ static Expr *zero_of(Checker *c, const Expr *at, Type *t) {
 static Expr *construct_aggregate(Checker *c, Expr *e, Type *t) {
     if (e->explicit_cast && e->nargs == 1 && e->args[0]->kind == E_LITERAL && e->args[0]->type == c->t_int &&
         !e->args[0]->cval.v[0].i)
-        return zero_of(c, e, t);
+        return check_zero(c, e->span, t);
     if (t->kind == T_STRUCT && !e->explicit_cast) { /* Disc(a, b) is the list { a, b } */
         e->kind = E_LIST;
         return check_list(c, e, t);
@@ -464,6 +483,54 @@ static bool convert_components(Checker *c, Expr *e, TypeKind k) {
         e->args[i] = convert_scalar_kind(c, arg, k, true);
     }
     return true;
+}
+
+static Expr *part(Checker *c, Expr *v, uint32_t n) {
+    Expr *e = new_expr(c, E_SWIZZLE, v, NULL);
+    e->a[0] = v;
+    e->nswz = (uint8_t)n;
+    for (uint32_t i = 0; i < n; i++) e->swz[i] = (uint8_t)i;
+    return finish(c, e, with_width(c, scalar_kind(v->type), n));
+}
+
+/* Column i of a matrix of n made of another matrix or of what its diagonal holds. */
+static Expr *column(Checker *c, Expr *from, uint32_t i, uint32_t n) {
+    uint32_t has = from->type->kind == T_MATRIX ? from->type->n : 0;
+    Expr *col = NULL;
+    if (i < has) {
+        Expr *index = check_zero(c, from->span, c->t_int);
+        index->cval.v[0].i = i;
+        col = new_expr(c, E_INDEX, from, NULL);
+        col->a[0] = from, col->a[1] = index;
+        col = finish(c, col, type_vector(c->s, T_FLOAT, has));
+        if (has >= n) return has > n ? part(c, col, n) : col;
+    }
+    Expr *e = new_expr(c, E_CONSTRUCT, from, NULL);
+    e->args = ARENA_ARRAY(c->arena, Expr *, n);
+    if (col) e->args[e->nargs++] = col;
+    for (uint32_t k = col ? has : 0; k < n; k++) {
+        Expr *one = check_zero(c, from->span, c->t_float);
+        one->cval.v[0].f = k == i;
+        e->args[e->nargs++] = has || k != i ? one : convert_scalar_kind(c, from, T_FLOAT, true);
+    }
+    return finish(c, e, type_vector(c->s, T_FLOAT, n));
+}
+
+/* GLSL's constructors: a scalar is a matrix's diagonal, a matrix the corner of another, and what the last argument has
+ * too much is left out. Returns how many components are given now. */
+static uint32_t glsl_components(Checker *c, Expr *e, Type *t, uint32_t given) {
+    uint32_t want = type_components(t);
+    Expr *only = e->nargs == 1 ? e->args[0] : NULL;
+    if (t->kind == T_MATRIX && only && only->type != t && (is_scalar(only->type) || only->type->kind == T_MATRIX)) {
+        e->nargs = t->n;
+        e->args = ARENA_ARRAY(c->arena, Expr *, t->n);
+        for (uint32_t i = 0; i < t->n; i++) e->args[i] = column(c, only, i, t->n);
+        return want;
+    }
+    Expr *last = e->nargs ? e->args[e->nargs - 1] : NULL;
+    if (!last || last->type->kind != T_VECTOR || given <= want || given - last->type->n >= want) return given;
+    e->args[e->nargs - 1] = part(c, last, last->type->n - (given - want));
+    return want;
 }
 
 Expr *check_construct(Checker *c, Expr *e, Type *t) {
@@ -486,6 +553,7 @@ Expr *check_construct(Checker *c, Expr *e, Type *t) {
                                  arena_printf(&s->session, "%s is no component of %s", a->name, t->name));
         given += type_components(a);
     }
+    if (in_glsl(c)) given = glsl_components(c, e, t, given);
     Expr *only = e->nargs == 1 ? e->args[0] : NULL;
     if (only && only->type == t) { /* stays a node: `float3(v)` is no place */
         e->kind = E_CONSTRUCT;

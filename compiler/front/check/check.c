@@ -4,44 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-/* ---- maps */
-
-/* By the text, not the address, so that everything that walks a map (suggestions) is the same in every run. */
-static uint32_t slot_of(const char *key, uint32_t cap) {
-    uint32_t h = 2166136261u;
-    for (const char *p = key; *p; p++) h = (h ^ (unsigned char)*p) * 16777619u;
-    return (h ^ h >> 15) & (cap - 1);
-}
-
-void *map_get(const NameMap *m, const char *key) {
-    if (!m->cap) return NULL;
-    for (uint32_t i = slot_of(key, m->cap);; i = (i + 1) & (m->cap - 1)) {
-        if (!m->keys[i]) return NULL;
-        if (m->keys[i] == key) return m->values[i];
-    }
-}
-
-static void map_insert(NameMap *m, const char *key, void *value) {
-    uint32_t i = slot_of(key, m->cap);
-    while (m->keys[i] && m->keys[i] != key) i = (i + 1) & (m->cap - 1);
-    m->len += !m->keys[i];
-    m->keys[i] = key;
-    m->values[i] = value;
-}
-
-void map_put(Arena *a, NameMap *m, const char *key, void *value) {
-    if (m->len * 2 >= m->cap) {
-        NameMap old = *m;
-        m->cap = old.cap ? old.cap * 2 : 16;
-        m->len = 0;
-        m->keys = ARENA_ARRAY(a, const char *, m->cap);
-        m->values = ARENA_ARRAY(a, void *, m->cap);
-        for (uint32_t i = 0; i < old.cap; i++)
-            if (old.keys[i]) map_insert(m, old.keys[i], old.values[i]);
-    }
-    map_insert(m, key, value);
-}
-
 void enter_depth(Checker *c) {
     if (++c->depth > CHECK_MAX_DEPTH)
         session_limit(c->s, "the program nests expressions and declarations deeper than %d", CHECK_MAX_DEPTH);
@@ -74,6 +36,7 @@ ModuleScope *scope_of(Checker *c, const Module *m) {
     ice(c->s, "module %s is not loaded", m->name);
 }
 
+bool in_glsl(const Checker *c) { return c->at.scope->module->glsl; }
 FuncInfo *func_info(Checker *c, const Func *f) { return &c->info[f->check_state - 1]; }
 
 static bool is_language_name(Checker *c, const char *name) {
@@ -467,7 +430,7 @@ static void check_function(Checker *c, Func *f) {
     check_body(c, f);
     context_leave(c, old);
     check_loops(c, f);
-    if (!syntax_error_in(c, f)) check_flow(c, f);
+    if (!f->module->glsl && !syntax_error_in(c, f)) check_flow(c, f); /* GLSL reads what has no value: zero */
     check_discs(c, f);
 }
 

@@ -135,6 +135,10 @@ Expr *check_binary_typed(Checker *c, Expr *e) {
     const char *text = operator_text(e->op);
     Type *a = e->a[0]->type, *b = e->a[1]->type;
     if (a->kind == T_MATRIX || b->kind == T_MATRIX) {
+        if (e->op == OPR_MUL && in_glsl(c) && !is_scalar(a) && !is_scalar(b)) { /* (M v)ᵀ = vᵀ Mᵀ, and Mᵀ is stored */
+            Expr *first = e->a[0];
+            e->a[0] = e->a[1], e->a[1] = first;
+        }
         Type *t = matrix_product(c, e);
         if (!t && a == b && (e->op == OPR_ADD || e->op == OPR_SUB)) t = a;
         if (!t) return bad_operands(c, e, text, operand_hint(a, b, e->op));
@@ -159,7 +163,16 @@ Expr *check_binary_typed(Checker *c, Expr *e) {
     if (k == T_FLOAT && bits) return bad_operands(c, e, text, ": bit operations are of integers and bools");
     e->a[0] = convert(c, e->a[0], t, CONV_BROADCAST);
     e->a[1] = convert(c, e->a[1], t, CONV_BROADCAST);
-    return typed(c, e, compare ? with_width(c, T_BOOL, width_of(t)) : t);
+    bool whole =
+        (e->op == OPR_EQ || e->op == OPR_NE) && width_of(t) > 1 && in_glsl(c); /* there == is of whole vectors */
+    e = typed(c, e, compare ? with_width(c, T_BOOL, width_of(t)) : t);
+    if (!whole) return e;
+    Expr *all = new_expr(c, E_BUILTIN, e, c->t_bool);
+    all->builtin = e->op == OPR_EQ ? B_all : B_any;
+    all->args = ARENA_NEW(c->arena, Expr *);
+    all->args[0] = e;
+    all->nargs = 1;
+    return typed(c, all, c->t_bool);
 }
 
 static Expr *check_unary(Checker *c, Expr *e) {
@@ -264,6 +277,17 @@ static bool check_compound(Checker *c, Expr *e) {
     return true;
 }
 
+/* v *= M is v = v * M, whose operands are exchanged; for `op=` gen knows one order only. */
+static void spell_out_product(Checker *c, Expr *e) {
+    if (e->op != OPR_MUL || e->a[1]->type->kind != T_MATRIX || !in_glsl(c) || is_scalar(e->a[0]->type)) return;
+    Expr *product = new_expr(c, E_BINARY, e, NULL);
+    product->op = OPR_MUL;
+    product->a[0] = e->a[0];
+    product->a[1] = e->a[1];
+    e->a[1] = check_binary_typed(c, product);
+    e->op = OPR_NONE;
+}
+
 static Expr *check_assign(Checker *c, Expr *e) {
     e->a[0] = check_expr(c, e->a[0]);
     if (e->a[1]->kind == E_LIST && e->op == OPR_NONE && !e->a[1]->type) e->a[1] = check_init(c, e->a[1], e->a[0]->type);
@@ -274,6 +298,7 @@ static Expr *check_assign(Checker *c, Expr *e) {
         return fail(c, e);
     }
     if (any_error(e)) return fail(c, e);
+    spell_out_product(c, e);
     if (e->op == OPR_NONE) {
         e->a[1] = convert(c, e->a[1], e->a[0]->type, CONV_BROADCAST | CONV_NARROW);
         if (any_error(e)) return fail(c, e);
@@ -326,17 +351,17 @@ static Expr *bad_swizzle(Checker *c, Expr *e, const char *hint) {
 }
 
 static Expr *check_swizzle(Checker *c, Expr *e) {
-    static const char sets[2][5] = {"xyzw", "rgba"};
+    static const char sets[3][5] = {"xyzw", "rgba", "stpq"};
     uint32_t width = width_of(e->a[0]->type);
     size_t n = strlen(e->name);
     if (n < 1 || n > 4) return bad_swizzle(c, e, ": it has one to four letters");
-    int set = strchr(sets[1], e->name[0]) ? 1 : 0;
+    int set = strchr(sets[1], e->name[0]) ? 1 : in_glsl(c) && strchr(sets[2], e->name[0]) ? 2 : 0;
     for (size_t i = 0; i < n; i++) {
         const char *at = strchr(sets[set], e->name[i]);
         if (!at)
             return bad_swizzle(c, e,
-                               strchr(sets[!set], e->name[i]) ? ": `xyzw` and `rgba` do not mix"
-                                                              : ": letters are `xyzw` or `rgba`");
+                               strchr(sets[set == 0], e->name[i]) ? ": `xyzw` and `rgba` do not mix"
+                                                                  : ": letters are `xyzw` or `rgba`");
         if ((uint32_t)(at - sets[set]) >= width)
             return bad_swizzle(c, e, arena_printf(&c->s->session, ": there is no `%c`", e->name[i]));
         e->swz[i] = (uint8_t)(at - sets[set]);

@@ -18,15 +18,7 @@
 #define SALTUS_FRONT_CHECK_INTERNAL_H
 
 #include "compiler/front/ast.h"
-
-/* ---- maps from interned names */
-typedef struct NameMap {
-    const char **keys;
-    void **values;
-    uint32_t cap, len;
-} NameMap;
-void *map_get(const NameMap *m, const char *key);
-void map_put(Arena *a, NameMap *m, const char *key, void *value); /* replaces */
+#include "compiler/front/names.h"
 
 /* ---- file scope */
 typedef enum DeclKind { DECL_ERROR, DECL_CONST, DECL_PARAM, DECL_FUNC, DECL_STRUCT, DECL_TYPEDEF } DeclKind;
@@ -122,6 +114,7 @@ Decl *scope_find(Checker *c, const char *name, Span use);
 bool name_lost(const Checker *c, const char *name); /* does the name stand in what the parser skipped? */
 ModuleScope *scope_of(Checker *c, const Module *m);
 FuncInfo *func_info(Checker *c, const Func *f);
+bool in_glsl(const Checker *c);                                        /* what is being checked is written in GLSL */
 Context context_enter(Checker *c, ModuleScope *scope, FuncInfo *func); /* returns the old one */
 void context_leave(Checker *c, Context old);
 const char *suggest(Checker *c, const char *name, bool types_only); /* ", did you mean `x`?" or "" */
@@ -162,6 +155,7 @@ Expr *check_call(Checker *c, Expr *e);
 Expr *check_construct(Checker *c, Expr *e, Type *type); /* args not yet checked */
 Expr *check_method(Checker *c, Expr *e);
 Expr *check_list(Checker *c, Expr *e, Type *type);
+Expr *check_zero(Checker *c, Span at, Type *t); /* the zero of any type, for `(Disc)0` */
 const char *types_text(Checker *c, Expr **args, uint32_t n);
 
 /* const.c */

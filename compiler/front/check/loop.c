@@ -512,6 +512,9 @@ static void walk_loop(Loops *l, Stmt *st) {
     } else if (t.defer && t.most != ENDLESS) {
         st->trip_bound = 0;
         st->trip_exact = false;
+    } else if (st->open_ended) {
+        st->trip_bound = GLSL_MAX_ITERS;
+        st->trip_exact = false;
     } else {
         diag_emit(s, DIAG_loop_needs_max, st->span, t.why ? t.why : "its trip count is not bounded by constants");
         st->trip_bound = 1;

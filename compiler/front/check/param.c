@@ -342,6 +342,7 @@ static bool param_value(Checker *c, Symbol *sym) {
         if (open) return param_error(c, sym, "`init(f)` needs the size of the array");
         return check_init_func(c, sym);
     }
+    if (!sym->init && sym->starts_zero && !open) sym->init = check_zero(c, sym->span, t);
     if (!sym->init) return false; /* the parser reports a missing value */
     if (open) {
         if (sym->init->kind == E_LIST) {

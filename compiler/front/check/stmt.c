@@ -67,10 +67,12 @@ static void declare_local(Checker *c, Func *f, Symbol *sym) {
     sym->kind = SYM_LOCAL;
     sym->type = t;
     sym->id = f->nlocals++;
+    bool glsl = f->module->glsl; /* where a name is not known in its own value: `float3 normal = normal(p);` */
+    if (glsl && sym->init) sym->init = check_init(c, sym->init, t);
     bind(c, sym);
     if (!sym->init) return;
     /* a `const` is no constant in its own value: `cval` and `array_init` are still empty */
-    sym->init = check_init(c, sym->init, t);
+    if (!glsl) sym->init = check_init(c, sym->init, t);
     if (!sym->is_const || sym->init->type->kind == T_ERROR || !sym->init->is_const) return;
     if (is_aggregate(t)) sym->array_init = const_list(sym->init);
     else sym->cval = sym->init->cval;
@@ -254,7 +256,7 @@ static void check_switch(Checker *c, Func *f, Stmt *st) {
 static void check_return(Checker *c, Func *f, Stmt *st) {
     Session *s = c->s;
     if (!st->expr) {
-        if (f->ret->kind != T_VOID && f->ret->kind != T_ERROR)
+        if (f->ret->kind != T_VOID && f->ret->kind != T_ERROR && !f->module->glsl)
             diag_emit(s, DIAG_bad_return, st->span,
                       arena_printf(&s->session, "`%s` returns a value of type %s", f->name, f->ret->name));
         return;

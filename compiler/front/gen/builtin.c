@@ -124,6 +124,8 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     case B_isinf: return jumping(l, op1(l, OP_fisinf, x), x, span);
     case B_isfinite:
         return op1(l, OP_bnot, jumping(l, op2(l, OP_bor, op1(l, OP_fisnan, x), op1(l, OP_fisinf, x)), x, span));
+    case B_dFdx: return special(l, OP_ddx, TY_FLT, 1, &x, (Imm){.i = 0});
+    case B_dFdy: return l->program->dim < 2 ? kf(l, 0) : special(l, OP_ddx, TY_FLT, 1, &x, (Imm){.i = 1});
     case B_detach: return x->type == TY_FLT ? op1(l, OP_detach, x) : x;
     case B_asuint: {
         Inst *r = op1(l, OP_fasuint, x);

@@ -325,6 +325,7 @@ Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions
     p->session = s;
     p->entry = entry->name;
     p->entry_func = entry;
+    p->display = entry->display;
     p->dim = entry->dim;
     p->channels = type_components(entry->ret);
     for (int i = 0; i < 3; i++)

@@ -275,6 +275,7 @@ static LoopPlan plan(Lower *l, Stmt *s, const Counter *c, Jumps j) {
     LoopPlan p = {.bound = c->trips};
     int64_t max = s->attrs.max_iters ? s->attrs.max_iters->cval.v[0].i : 0;
     if (s->trip_exact && s->trip_bound > 0 && (p.bound < 0 || s->trip_bound < p.bound)) p.bound = s->trip_bound;
+    if (!max && p.bound < 0 && s->open_ended) max = GLSL_MAX_ITERS;
     if (p.bound < 0 || (max && p.bound > max)) {
         if (!max) {
             Diag *d = diag_emit(l->s, DIAG_loop_needs_max, s->span, "its trip count is not bounded by constants");

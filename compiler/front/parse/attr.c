@@ -23,6 +23,7 @@ typedef enum AttrId {
     A_HEIGHT,
     A_TANGENT,
     A_DOMAIN,
+    A_DISPLAY,
     A_DISC,
     A_NODISC,
     A_SKIPLOOP,
@@ -41,6 +42,7 @@ static const AttrRow table[A_COUNT] = {
     [A_HEIGHT] = {"Height", ON_PARAM, ARGS_VALUES, 2, "[Height(scale, offset)]"},
     [A_TANGENT] = {"Tangent", ON_FUNC, ARGS_NAME, 1, "[Tangent(function)]"},
     [A_DOMAIN] = {"Domain", ON_SHADER, ARGS_VALUES, 2, "[Domain(lo, hi)]"},
+    [A_DISPLAY] = {"Display", ON_SHADER, ARGS_NONE, 0, "[Display]"},
     [A_DISC] = {"Disc", ON_STMT, ARGS_NONE, 0, "[Disc]"},
     [A_NODISC] = {"NoDisc", ON_STMT | ON_FUNC | ON_SHADER, ARGS_NONE, 0, "[NoDisc]"},
     [A_SKIPLOOP] = {"SkipLoop", ON_STMT, ARGS_NONE, 0, "[SkipLoop]"},
@@ -169,6 +171,7 @@ void attrs_to_func(Parser *p, const AttrVec *attrs, Func *f) {
             f->domain_lo = a->args[0];
             f->domain_hi = a->args[1];
             break;
+        case A_DISPLAY: f->display = true; break;
         default: break;
         }
     }

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "compiler/front/glsl/glsl.h"
+
 /* ---- types ---- */
 
 /* `[n][m]` at the current token, appended to dims. */
@@ -45,6 +47,7 @@ TypeRef *parse_type(Parser *p, const char *what) {
 }
 
 void parse_skip_foreign_words(Parser *p) {
+    if (p->glsl) return;
     while (parse_at(p, TOK_IDENT) && !p->panic) {
         Token next = parse_peek(p, 1);
         bool declares =
@@ -279,11 +282,16 @@ static Symbol *argument(Parser *p) {
     sym->kind = SYM_ARG;
     sym->is_const = parse_accept(p, TOK_CONST);
     if (parse_accept(p, TOK_INOUT)) sym->mode = ARG_INOUT;
-    else if (parse_accept(p, TOK_OUT)) sym->mode = ARG_OUT;
+    else if (parse_accept(p, TOK_OUT)) sym->mode = p->glsl ? ARG_INOUT : ARG_OUT; /* GLSL need not assign it */
     else if (parse_accept(p, TOK_IN) && parse_accept(p, TOK_OUT)) sym->mode = ARG_INOUT;
     if (parse_accept(p, TOK_CONST)) sym->is_const = true;
     TypeRef *base = parse_type(p, "the type of an argument");
     if (!base) return NULL;
+    if (p->glsl && (parse_at(p, TOK_COMMA) || parse_at(p, TOK_RPAREN))) { /* of a prototype */
+        sym->name = "";
+        sym->type_ref = base;
+        return sym;
+    }
     sym->name = parse_name(p, "the name of an argument", &sym->span);
     if (!sym->name) return NULL;
     sym->type_ref = parse_declarator_dims(p, base);
@@ -398,11 +406,12 @@ static void function_or_variable(Parser *p, const AttrVec *attrs) {
 
 void parse_file_scope(Parser *p) {
     while (!parse_at(p, TOK_EOF)) {
-        uint32_t before = p->tok.span.pos;
+        uint32_t before = p->ntaken;
         AttrVec attrs;
         parse_attributes(p, &attrs);
         parse_skip_foreign_words(p);
-        switch ((int)p->tok.kind) {
+        switch (p->glsl && glsl_declaration(p) ? TOK_COUNT : (int)p->tok.kind) {
+        case TOK_COUNT: break;
         case TOK_IMPORT:
             attrs_none(p, &attrs, "an import");
             import(p);
@@ -442,6 +451,6 @@ void parse_file_scope(Parser *p) {
         } else if (p->panic && !p->stopped) {
             synchronise(p);
         }
-        if (p->tok.span.pos == before && !parse_at(p, TOK_EOF)) parse_advance(p);
+        if (p->ntaken == before && !parse_at(p, TOK_EOF)) parse_advance(p);
     }
 }

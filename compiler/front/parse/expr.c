@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "compiler/front/glsl/glsl.h"
+
 static Expr *new_expr(Parser *p, ExprKind kind, Span span) {
     Expr *e = ARENA_NEW(&p->s->module, Expr);
     e->kind = kind;
@@ -123,10 +125,10 @@ static Expr *cast(Parser *p) {
 
 static Expr *parenthesised(Parser *p) {
     Span open = p->tok.span;
-    if (at_cast(p)) return cast(p);
+    if (!p->glsl && at_cast(p)) return cast(p);
     parse_advance(p);
     if (!enter(p)) return error_expr(p);
-    Expr *e = parse_expr(p);
+    Expr *e = p->glsl ? parse_comma_expr(p) : parse_expr(p);
     if (parse_at(p, TOK_COMMA) && !p->panic)
         parse_error(p, DIAG_syntax, p->tok.span, "a comma does not belong here; a vector is written `float3(a, b, c)`");
     parse_close(p, TOK_RPAREN, "`)`", open);
@@ -145,6 +147,7 @@ static Expr *primary(Parser *p) {
     case TOK_FALSE: return literal(p, T_BOOL, (ConstVal){.v = {{.i = t.kind == TOK_TRUE}}, .n = 1});
     case TOK_LPAREN: return parenthesised(p);
     case TOK_IDENT: {
+        if (p->glsl && glsl_at_array(p)) return glsl_array(p);
         parse_advance(p);
         if (parse_at(p, TOK_LPAREN)) return call(p, E_CALL, &t);
         Expr *e = new_expr(p, E_NAME, t.span);
@@ -152,6 +155,7 @@ static Expr *primary(Parser *p) {
         return e;
     }
     case TOK_TYPE:
+        if (p->glsl && glsl_at_array(p)) return glsl_array(p);
         if (parse_peek(p, 1).kind == TOK_LPAREN) {
             parse_advance(p);
             return call(p, E_CONSTRUCT, &t);
@@ -200,6 +204,7 @@ static Expr *member(Parser *p, Expr *object) {
         parse_advance(p);
         e->args = parse_arguments(p, open, false, &e->nargs);
         e->span = parse_span_from(p, object->span);
+        if (p->glsl && !e->nargs && !strcmp(name, "length")) glsl_length(p, e);
     }
     return measured(p, e);
 }
@@ -353,7 +358,7 @@ Expr *parse_expr(Parser *p) {
     Expr *value = parse_at(p, TOK_LBRACE) && !p->panic ? parse_initialiser(p) : parse_expr(p);
     leave(p);
     Expr *e = new_expr(p, E_ASSIGN, parse_join(place->span, value->span));
-    if (value->kind == E_LIST) {
+    if (value->kind == E_LIST && !p->glsl) {
         parse_complain(p, DIAG_syntax, value->span,
                        "a list in braces initialises a declaration; it cannot be assigned");
         value->kind = E_ERROR;

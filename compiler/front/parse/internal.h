@@ -35,11 +35,14 @@ typedef struct Attr {
 } Attr;
 typedef Vec(Attr) AttrVec;
 
+typedef struct GlslUnit GlslUnit;
+
 typedef struct Parser {
     Session *s;
     Lexer lx;
     Token tok;
     Module *module;
+    uint32_t ntaken;   /* tokens taken: whether a step got on, which positions do not tell where macros were expanded */
     uint32_t prev_end; /* end of the token before `tok` */
     bool panic, stopped;
     bool to_file_scope;   /* with panic: a `}` is missing and `tok` begins a declaration of file scope; blocks end */
@@ -53,6 +56,8 @@ typedef struct Parser {
     Func **funcs_end;
     StructDecl **structs_end;
     TypedefDecl **typedefs_end;
+    bool glsl; /* what is being parsed is GLSL */
+    GlslUnit *unit;
     Vec(Import) imports;
     Vec(Span) skipped; /* each from the line of an error to where its panic ended */
 } Parser;

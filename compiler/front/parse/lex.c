@@ -55,6 +55,8 @@ static bool skip_blanks(Lexer *lx) {
         if (c == '\n' || c == '\r') new_line = true;
         if (c == ' ' || c == '\t' || c == '\n' || c == '\r' || c == '\f' || c == '\v') {
             lx->pos++;
+        } else if (lx->glsl && c == '\\' && (lx->text[lx->pos + 1] == '\n' || lx->text[lx->pos + 1] == '\r')) {
+            lx->pos += lx->text[lx->pos + 1] == '\r' && lx->text[lx->pos + 2] == '\n' ? 3 : 2;
         } else if (c == '/' && lx->text[lx->pos + 1] == '/') {
             while (lx->pos < lx->len && lx->text[lx->pos] != '\n' && lx->text[lx->pos] != '\r') lx->pos++;
         } else if (c == '/' && lx->text[lx->pos + 1] == '*') {
@@ -327,6 +329,7 @@ static void lex_word(Lexer *lx, Token *t) {
 
 Token lex_next(Lexer *lx) {
     Token t = {.kind = TOK_EOF};
+    if (lx->tokens) return lx->tokens->kind == TOK_EOF ? *lx->tokens : *lx->tokens++;
     for (;;) {
         t.first_on_line |= skip_blanks(lx);
         t.span = span_at(lx, lx->pos, 0);
@@ -342,6 +345,13 @@ Token lex_next(Lexer *lx) {
         }
         if (*at == '"') {
             lex_string(lx, &t);
+            return t;
+        }
+        if (lx->glsl && (*at == '#' || !strncmp(at, "^^", 2))) {
+            t.kind = *at == '#' ? TOK_HASH : TOK_OP;
+            t.op = *at == '#' ? OPR_NONE : OPR_NE; /* of bools, `^^` is `!=` */
+            t.span.len = *at == '#' ? 1 : 2;
+            lx->pos += t.span.len;
             return t;
         }
         for (size_t i = 0; i < sizeof punctuators / sizeof *punctuators; i++) {

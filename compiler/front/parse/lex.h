@@ -39,6 +39,7 @@ typedef enum TokenKind {
     TOK_DOT,
     TOK_OP,     /* op: + - * / % & | ^ << >> == != < <= > >= && || ! ~ ++ -- */
     TOK_ASSIGN, /* op: OPR_NONE for =, OPR_ADD for += … */
+    TOK_HASH,   /* `#`: the preprocessor's, in GLSL only */
 #define KEYWORD(id, text) TOK_##id,
     LEX_KEYWORDS(KEYWORD)
 #undef KEYWORD
@@ -63,7 +64,9 @@ typedef struct Lexer {
     int32_t file;
     uint32_t pos, len;
     bool quiet;
-    bool cut; /* an unterminated comment took the rest of the file */
+    bool glsl;           /* `#`, `^^` and continued lines are tokens and blanks */
+    bool cut;            /* an unterminated comment took the rest of the file */
+    const Token *tokens; /* not NULL: handed out instead of the text; the last is TOK_EOF */
 } Lexer;
 
 /* Starts at the beginning of a source: skips a byte order mark, reports bytes that are not UTF-8 (the first such

@@ -3,12 +3,15 @@
 
 #include <string.h>
 
+#include "compiler/front/glsl/glsl.h"
+
 bool parse_at(const Parser *p, TokenKind k) { return p->tok.kind == k; }
 
 void parse_stop(Parser *p) {
     p->stopped = p->panic = true;
     p->tok = (Token){.kind = TOK_EOF, .span = {p->lx.file, p->tok.span.pos, 0}};
     p->lx.pos = p->lx.len;
+    while (p->lx.tokens && p->lx.tokens->kind != TOK_EOF) p->lx.tokens++;
 }
 
 void parse_advance(Parser *p) {
@@ -19,6 +22,7 @@ void parse_advance(Parser *p) {
         if (p->prev_end > last->pos) last->len = p->prev_end - last->pos;
     }
     p->tok = lex_next(&p->lx);
+    p->ntaken++;
     p->end_reported |= p->lx.cut;
     if (p->s->nerrors - p->first_error > MAX_FILE_ERRORS) {
         diag_emit(p->s, DIAG_error_limit, p->tok.span);
@@ -230,7 +234,7 @@ static void collect_lost(Parser *p) {
     }
     p->module->lost = names.data;
     p->module->nlost = names.len;
-    p->module->unusable = p->stopped || names.len == MOST;
+    p->module->unusable |= p->stopped || names.len == MOST;
 }
 
 Module *parse_module(Session *s, int file, const char *name) {
@@ -248,10 +252,19 @@ Module *parse_module(Session *s, int file, const char *name) {
         m->unusable = true;
         return m;
     }
+    GlslUnit unit = {.size = {s->sources[file].glsl[0], s->sources[file].glsl[1]}};
+    m->glsl = p.glsl = unit.size[0] != 0;
+    p.unit = &unit;
     p.lx = lex_start(s, file);
+    if (p.glsl) {
+        TokenVec tokens = glsl_preprocess(s, file);
+        glsl_words(s, &tokens, &unit.words);
+        p.lx.tokens = tokens.data;
+    }
     parse_advance(&p);
     p.prev_end = p.tok.span.pos;
     parse_file_scope(&p);
+    if (p.glsl) glsl_complete(&p);
     m->imports = p.imports.data;
     m->nimports = p.imports.len;
     finish_prints(&p);

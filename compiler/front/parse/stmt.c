@@ -3,9 +3,12 @@
 
 #include <string.h>
 
+#include "compiler/front/glsl/glsl.h"
+
 static Stmt *new_stmt(Parser *p, StmtKind kind, Span span) {
     Stmt *st = ARENA_NEW(&p->s->module, Stmt);
     st->kind = kind;
+    st->open_ended = p->glsl;
     st->span = span;
     return st;
 }
@@ -118,6 +121,7 @@ static Stmt *declaration(Parser *p) {
         if (parse_at(p, TOK_ASSIGN) && p->tok.op == OPR_NONE && !p->panic) {
             parse_advance(p);
             sym->init = parse_initialiser(p);
+            if (p->glsl) glsl_size_open(p, sym);
         } else if (is_const) {
             parse_complain(p, DIAG_no_value, sym->span, "the constant `%s` needs a value", sym->name);
         }
@@ -254,7 +258,7 @@ static Stmt *switch_statement(Parser *p) {
     Span open = p->tok.span;
     if (!parse_expect(p, TOK_LBRACE, "`{` of `switch`")) return st;
     while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !p->to_file_scope) {
-        uint32_t start = p->tok.span.pos;
+        uint32_t start = p->ntaken;
         SwitchCase c = {.span = p->tok.span};
         StmtVec body = {0};
         if (parse_accept(p, TOK_DEFAULT)) {
@@ -271,22 +275,22 @@ static Stmt *switch_statement(Parser *p) {
             /* To the next label, statement or the end of this one. */
             while (!parse_at(p, TOK_EOF) && !parse_at(p, TOK_SEMICOLON) && !parse_at(p, TOK_COLON) &&
                    !parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_LBRACE) &&
-                   !(p->tok.first_on_line && p->tok.span.pos != start && starts_statement(p)))
+                   !(p->tok.first_on_line && p->ntaken != start && starts_statement(p)))
                 parse_advance(p);
             if (!p->stopped) p->panic = false;
             if (parse_at(p, TOK_COLON) || parse_at(p, TOK_SEMICOLON)) parse_advance(p);
         }
         while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !parse_at(p, TOK_CASE) &&
                !parse_at(p, TOK_DEFAULT) && !p->to_file_scope) {
-            uint32_t before = p->tok.span.pos;
+            uint32_t before = p->ntaken;
             Stmt *inner = parse_statement(p);
             vec_push(&p->s->module, &body, inner);
-            if (p->tok.span.pos == before && !p->to_file_scope) parse_advance(p);
+            if (p->ntaken == before && !p->to_file_scope) parse_advance(p);
         }
         c.body = body.data;
         c.nbody = body.len;
         if (c.is_default || c.label_expr) vec_push(&p->s->module, &cases, c);
-        if (p->tok.span.pos == start && !p->to_file_scope) parse_advance(p);
+        if (p->ntaken == start && !p->to_file_scope) parse_advance(p);
     }
     if (!p->to_file_scope) parse_close(p, TOK_RBRACE, "`}` of `switch`", open);
     st->cases = cases.data;
@@ -300,7 +304,7 @@ Stmt *parse_block(Parser *p) {
     StmtVec stmts = {0};
     parse_advance(p);
     while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !p->to_file_scope) {
-        uint32_t before = p->tok.span.pos;
+        uint32_t before = p->ntaken;
         if (starts_file_scope(p->tok.kind)) {
             bool indented = p->tok.span.pos > 0 && !strchr("\n\r", p->lx.text[p->tok.span.pos - 1]);
             if (indented && (parse_at(p, TOK_STRUCT) || parse_at(p, TOK_TYPEDEF))) {
@@ -317,7 +321,7 @@ Stmt *parse_block(Parser *p) {
         }
         Stmt *inner = parse_statement(p);
         vec_push(&p->s->module, &stmts, inner);
-        if (p->tok.span.pos == before && !p->to_file_scope) parse_advance(p);
+        if (p->ntaken == before && !p->to_file_scope) parse_advance(p);
     }
     if (!p->to_file_scope) parse_close(p, TOK_RBRACE, "`}`", open);
     st->stmts = stmts.data;
@@ -346,7 +350,7 @@ static Stmt *jump(Parser *p, StmtKind kind, const char *what) {
         parse_at(p, TOK_SEMICOLON) || parse_at(p, TOK_RBRACE) || (p->tok.first_on_line && starts_statement(p));
     if (kind == S_RETURN && !valueless && !p->panic) {
         st->expr = parse_at(p, TOK_LBRACE) ? parse_initialiser(p) : parse_expr(p);
-        if (st->expr->kind == E_LIST) {
+        if (st->expr->kind == E_LIST && !p->glsl) {
             parse_complain(p, DIAG_syntax, st->expr->span,
                            "a list in braces initialises a declaration; it cannot be returned");
             st->expr->kind = E_ERROR;
@@ -365,6 +369,7 @@ static Stmt *simple(Parser *p) {
         parse_semicolon(p, "the declaration");
         return st;
     }
+    if (p->glsl && t.kind == TOK_IDENT && !strcmp(t.text, "discard")) return glsl_discard(p);
     if (t.kind == TOK_IDENT && parse_peek(p, 1).kind == TOK_LPAREN) {
         if (!strcmp(t.text, "print")) return print_or_assert(p, S_PRINT);
         if (!strcmp(t.text, "assert")) return print_or_assert(p, S_ASSERT);

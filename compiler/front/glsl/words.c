@@ -1,0 +1,87 @@
+/* GLSL's words become the language's: types by their names here, qualifiers without a meaning go, words that are
+ * reserved here and not in GLSL are names. */
+#include "compiler/front/glsl/glsl.h"
+
+#include <string.h>
+
+typedef struct Word {
+    const char *glsl, *ours;
+} Word;
+
+static const Word types[] = {
+    {"vec2", "float2"},     {"vec3", "float3"},     {"vec4", "float4"},         {"ivec2", "int2"},
+    {"ivec3", "int3"},      {"ivec4", "int4"},      {"uvec2", "uint2"},         {"uvec3", "uint3"},
+    {"uvec4", "uint4"},     {"bvec2", "bool2"},     {"bvec3", "bool3"},         {"bvec4", "bool4"},
+    {"mat2", "float2x2"},   {"mat3", "float3x3"},   {"mat4", "float4x4"},       {"mat2x2", "float2x2"},
+    {"mat3x3", "float3x3"}, {"mat4x4", "float4x4"}, {"sampler2D", "texture2D"}, {"void", "void"},
+    {"bool", "bool"},       {"int", "int"},         {"uint", "uint"},           {"float", "float"},
+};
+/* Dropped wherever they stand. */
+static const char *const qualifiers[] = {"highp",    "mediump",       "lowp",      "flat",   "smooth",
+                                         "centroid", "noperspective", "invariant", "precise"};
+static const char *const foreign[] = {
+    "samplerCube", "sampler3D",  "sampler2DArray", "sampler2DShadow", "samplerCubeShadow",
+    "isampler2D",  "usampler2D", "double",         "dvec2",           "dvec3",
+    "dvec4",       "dmat2",      "dmat3",          "dmat4",           "mat2x3",
+    "mat2x4",      "mat3x2",     "mat3x4",         "mat4x2",          "mat4x3",
+    "buffer",      "shared",     "image2D"};
+
+#define COUNT(a) (sizeof(a) / sizeof *(a))
+
+static bool is_in(const char *text, const char *const *list, size_t n) {
+    for (size_t i = 0; i < n; i++)
+        if (!strcmp(text, list[i])) return true;
+    return false;
+}
+
+static bool has_text(const Token *t) { return t->kind == TOK_IDENT || t->kind == TOK_TYPE || t->kind >= TOK_IMPORT; }
+static bool is(const Token *t, const char *text) { return has_text(t) && !strcmp(t->text, text); }
+
+static void translate(Session *s, Token *t) {
+    bool ours = t->kind == TOK_TYPE || t->kind == TOK_IMPORT || t->kind == TOK_PARAM || t->kind == TOK_TYPEDEF ||
+                t->kind == TOK_SHADER;
+    if (ours) t->kind = TOK_IDENT;
+    for (size_t i = 0; i < COUNT(types); i++)
+        if (!strcmp(t->text, types[i].glsl)) {
+            t->kind = TOK_TYPE;
+            t->text = intern(s, types[i].ours, strlen(types[i].ours));
+            return;
+        }
+    if (is_in(t->text, foreign, COUNT(foreign)))
+        diag_emit(s, DIAG_glsl_unsupported, t->span,
+                  arena_printf(&s->session,
+                               "`%s` is not supported: there are square matrices, sampler2D and single "
+                               "precision (--precision f64 computes all in double)",
+                               t->text));
+}
+
+/* Behind what begins at tokens[i] and is left out; i itself where it stays. */
+static uint32_t skipped(const TokenVec *v, uint32_t i) {
+    const Token *t = v->data;
+    if (!has_text(&t[i])) return i;
+    if (is_in(t[i].text, qualifiers, COUNT(qualifiers))) return i + 1;
+    if (is(&t[i], "precision"))
+        while (t[i].kind != TOK_EOF)
+            if (t[i++].kind == TOK_SEMICOLON) return i;
+    if (is(&t[i], "layout") && t[i + 1].kind == TOK_LPAREN)
+        while (t[i].kind != TOK_EOF)
+            if (t[i++].kind == TOK_RPAREN) return i;
+    return i;
+}
+
+void glsl_words(Session *s, TokenVec *tokens, NameMap *words) {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < tokens->len;) {
+        uint32_t next = skipped(tokens, i);
+        bool fresh = tokens->data[i].first_on_line;
+        if (next > i) {
+            i = next;
+            if (i < tokens->len) tokens->data[i].first_on_line |= fresh;
+            continue;
+        }
+        Token t = tokens->data[i++];
+        if (has_text(&t)) translate(s, &t), map_put(&s->module, words, t.text, words);
+        tokens->data[kept++] = t;
+    }
+    tokens->len = kept;
+}

@@ -1,0 +1,179 @@
+"""GLSL: every meaning that differs from the language's, beside the same in the language, to the bit; messages; gradients."""
+import math
+
+from harness import *
+
+SIZE = (48, 32)
+TOY = "void mainImage(out vec4 O, in vec2 I) {\n    vec2 p = I / iResolution.xy;\n    vec3 c = vec3(0.0);\n%s\n    O = vec4(c, 1.0);\n}\n"
+OURS = "[Display] [Domain(float2(0.0), float2(48.0, 32.0))]\nshader float3 main(float2 I) {\n    float2 p = I / float2(48.0, 32.0);\n    float3 c = float3(0.0);\n%s\n    return c;\n}\n"
+
+# Name: what stands before mainImage, its body; the same in the language.
+PAIRS = {
+    "matrix times vector": ("", "mat2 m = mat2(1.0, 2.0, 3.0, 4.0); c.xy = m * p; c.z = (p * m).x;",
+                            "", "c.xy = float2(1.0 * p.x + 3.0 * p.y, 2.0 * p.x + 4.0 * p.y); c.z = p.x * 1.0 + p.y * 2.0;"),
+    "vector *= matrix": ("mat2 turn(float a) { float s = sin(a), k = cos(a); return mat2(k, -s, s, k); }", "vec3 q = vec3(p, 0.5); q.xz *= turn(0.3); c = q;",
+                         "", "float s = sin(0.3), k = cos(0.3); c = float3(p.x * k + 0.5 * -s, p.y, p.x * s + 0.5 * k);"),
+    "matrix products": ("", "mat2 a = mat2(1, 2, 3, 4), b = mat2(0.5, p.x, 0.25, 1); mat2 m = a * b; a *= b; c = vec3(m[0], a[1].y);",
+                        "", "c = float3(1.0 * 0.5 + 3.0 * p.x, 2.0 * 0.5 + 4.0 * p.x, 2.0 * 0.25 + 4.0);"),
+    "constructors of matrices": ("", "mat3 m = mat3(2.0); mat2 k = mat2(mat3(1, 2, 3, 4, p.x, 6, 7, 8, 9)); mat4 w = mat4(k); c = m * vec3(p, 1) + vec3(k[1], w[3][3]);",
+                                 "", "c = float3(2.0 * p, 2.0) + float3(4.0, p.x, 1.0);"),
+    "columns": ("", "mat3 m = mat3(1, 2, 3, 4, 5, 6, 7, 8, 9); c = m[1] * p.x + vec3(m[0][2], transpose(m)[0][1], 0);", "", "c = float3(4.0, 5.0, 6.0) * p.x + float3(3.0, 4.0, 0.0);"),
+    "vectors cut off": ("", "vec4 v = vec4(p, 0.25, 1); vec2 a = vec2(v); vec3 b = vec3(v); vec3 d = vec3(a, v); c = b + d + float(v);",
+                        "", "c = float3(p, 0.25) + float3(p, p.x) + p.x;"),
+    "whole comparisons": ("", "c.x = p == vec2(0.5) ? 1.0 : 0.25; c.y = ivec2(I) != ivec2(3, 4) ? 0.5 : 1.0; c.z = all(equal(I, vec2(0.5))) ? 1.0 : 0.0;",
+                          "", "int2 i = int2(I); c.x = p.x == 0.5 && p.y == 0.5 ? 1.0 : 0.25; c.y = i.x != 3 || i.y != 4 ? 0.5 : 1.0; c.z = I.x == 0.5 && I.y == 0.5 ? 1.0 : 0.0;"),
+    "letters": ("", "c.rg = p.ts; c.b = vec4(p, 1, 0.25).q;", "", "c = float3(p.yx, 0.25);"),
+    "builtins": ("", "c = vec3(mod(-p.x * 3.0, 1.0), fract(p.y * 5.0), mix(p.x, 1.0, p.y)) + inversesqrt(p.x + 1.0) + atan(p.y, p.x) + atan(p.x) + radians(90.0) * length(p.x - 0.5) + mix(vec3(1), vec3(2), lessThan(vec3(p, 1), vec3(0.5)));",
+                 "", "float m = -p.x * 3.0; c = float3(m - 1.0 * floor(m / 1.0), frac(p.y * 5.0), lerp(p.x, 1.0, p.y)) + rsqrt(p.x + 1.0) + atan2(p.y, p.x) + atan(p.x) + 90.0 * (PI / 180.0) * abs(p.x - 0.5) + float3(p.x < 0.5 ? 2.0 : 1.0, p.y < 0.5 ? 2.0 : 1.0, 1.0);"),
+    "variables of the file": ("float level = 0.25; vec3 sum; const float K = 2.0; float twice() { level += 0.125; return level * K; } void add(vec3 v) { sum += v; sum.x += twice(); }",
+                              "float level0 = level; add(vec3(p, 1)); { float level = 9.0; add(vec3(level)); } c = sum * level0;",
+                              "", "float l = 0.375; float3 s = float3(p, 1.0); s.x += l * 2.0; l += 0.125; s += float3(9.0); s.x += l * 2.0; c = s * 0.25;"),
+    "values that are missing": ("float f(float a) { float r; if (a > 0.5) r = a; return r; } float g(float a) { if (a > 0.5) return 1.0; }", "vec2 v; v.x = p.x; c = vec3(f(p.x), g(p.y), v.y);",
+                                "", "c = float3(p.x > 0.5 ? p.x : 0.0, p.y > 0.5 ? 1.0 : 0.0, 0.0);"),
+    "a name in its own value": ("vec3 normal(vec2 q) { return vec3(q, 0.5); }", "vec3 normal = normal(p); c = normal;", "", "c = float3(p, 0.5);"),
+    "arrays": ("const float w[] = float[](0.25, 0.5, 1.0); struct S { vec2 a; float b; };", "float s = 0.0; for (int i = 0; i < w.length(); i++) s += w[i] * p.x; S q[2] = S[2](S(p, 1.0), S(p.yx, 2.0)); c = vec3(q[1].a, s);",
+               "", "c = float3(p.yx, 0.25 * p.x + 0.5 * p.x + 1.0 * p.x);"),
+    "macros": ("#define sat(x) clamp(x, 0.0, 1.0)\n#define TWO (1.0 + \\\n  1.0)\n#define SWAP(a, b) vec2(b, a)\n#if defined(TWO) && !defined(THREE) && (2 * 3 > 5)\n#define PICK 0.5\n#else\nbroken\n#endif\n#ifndef GL_ES\n#error no\n#elif 0\n%%%\n#endif",
+               "c = vec3(sat(p.x * TWO), SWAP(p.x, p.y)) * PICK;", "", "c = float3(clamp(p.x * 2.0, 0.0, 1.0), p.y, p.x) * 0.5;"),
+    "loops without a bound": ("", "float t = 0.0; while (t < p.x) t += 0.125; float i = 0.0; for (c *= 0.0; i++ < 3.0; c += p.y); c.x = t;",
+                              "", "float t = 0.0; [MaxIters(9)] while (t < p.x) t += 0.125; c += p.y; c += p.y; c += p.y; c.x = t;"),
+    "comma, xor, implicit floats": ("", "float a = 1, b; b = (a += 1.0, a * 2); bool k = p.x > 0.5 ^^ p.y > 0.5; c = vec3(b, k ? 1 : 0, 3 / 2);",
+                                    "", "c = float3(4.0, (p.x > 0.5) != (p.y > 0.5) ? 1.0 : 0.0, 1.0);"),
+    "derivatives": ("", "float d = length(I - 16.0); c = vec3(dFdx(d), dFdy(I.x * I.y), fwidth(sin(I.x) * 2.0));",
+                    "", "float2 v = I - 16.0; c = float3(dFdx(length(v)), I.x, abs(dFdx(sin(I.x) * 2.0)));"),
+    "out arguments": ("void both(vec2 q, out float a, inout float b) { a = q.x; b += q.y; }", "float a, b = 0.5; both(p, a, b); c = vec3(a, b, 0);", "", "c = float3(p.x, 0.5 + p.y, 0.0);"),
+    "words of the language": ("float param = 0.5; float lerp(float shader) { return shader * 2.0; }", "vec3 float3 = vec3(p, 1); c = float3 * lerp(param);", "", "c = float3(p, 1.0);"),
+}
+
+
+class Meaning(Case):
+    def picture(self, name, *args):
+        self.run_cli("render", name, "--size", "48x32", "--centres", "-o", "o.pfm", "--quiet", *args)
+        return self.get("o.pfm")
+
+    def test_pairs(self):
+        for name, (head, body, our_head, ours) in PAIRS.items():
+            with self.subTest(name):
+                self.put("a.frag", head + "\n" + TOY % body)
+                self.put("a.salt", our_head + "\n" + OURS % ours)
+                self.assertEqual(self.picture("a.frag"), self.picture("a.salt"))
+
+    def test_entries(self):
+        """gl_FragColor, gl_FragData, an output of the file, a place from a vertex shader, `discard`."""
+        want = {}
+        for name, text in {
+            "color": "void main() { gl_FragColor = vec4(gl_FragCoord.xy / vec2(48, 32), 0, 1); }",
+            "data": "void main() { gl_FragData[0] = vec4(gl_FragCoord.xy / vec2(48, 32), 0, 1); }",
+            "out": "#version 300 es\nprecision highp float;\nlayout(location = 0) out lowp vec4 color;\nuniform vec2 u_resolution;\nvoid main() { color = vec4(gl_FragCoord.xy / u_resolution, 0, 1); }",
+            "uv": "varying vec2 vUv;\nvoid main() { gl_FragColor = vec4(vUv, 0, 1); }",
+            "toy": "void mainImage(out vec4 c, vec2 p) { c = vec4(p / iResolution.xy, 0, 1); }",
+        }.items():
+            self.put(name + ".glsl", text)
+            want[name] = self.picture(name + ".glsl")
+        self.assertEqual(len(set(want.values())), 1)
+        self.put("d.frag", "void f(vec2 p) { if (p.x > 24.0) discard; }\nvoid main() { f(gl_FragCoord.xy); gl_FragColor = vec4(1); }")
+        self.put("d.salt", OURS % "c = I.x > 24.0 ? float3(0.0) : float3(1.0);")
+        self.assertEqual(self.picture("d.frag"), self.picture("d.salt"))
+
+    def test_display(self):
+        """What a fragment shader gives is for a screen: no curve is applied, as under [Display]."""
+        self.put("a.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(0.5); }")
+        self.put("a.salt", "shader float3 main(float2 x) { return float3(0.5); }")
+        self.put("b.salt", "[Display] shader float3 main(float2 x) { return float3(0.5); }")
+        got = []
+        for name in ("a.frag", "a.salt", "b.salt"):
+            self.run_cli("render", name, "--size", 4, "-o", "o.png")
+            got.append(read_png(self.get("o.png"))[1][0])
+        self.assertEqual([128, 188, 128], got)
+
+    def test_textures(self):
+        """Repeating, bilinear, (0, 0) at the lower left, PNG values as they are; `texelFetch` counts from below."""
+        self.run_cli("render", "--expr", "float3(step(0.5, x.x), step(0.5, x.y), 0.0)", "--size", 2, "--centres", "-o", "t.png")
+        self.put("t.frag", "uniform sampler2D t;\nvoid main() { vec2 p = gl_FragCoord.xy / vec2(48, 32); gl_FragColor = texture2D(t, p * 3.0 - 1.0) + 0.5 * texelFetch(t, ivec2(0, 1), 0) + float(textureSize(t, 0).x); }")
+        self.put("t.salt", OURS % "float2 w = frac(p * 3.0 - 1.0); float2 k = clamp(abs(w - 0.25 - floor(w - 0.25 + 0.5)) * 2.0, 0.0, 1.0); c = float3(k, 0.0) + float3(2.0, 2.5, 2.0);")
+        a = read_pfm(self.picture("t.frag", "--param", "t=@t.png"))[1]
+        b = read_pfm(self.picture("t.salt"))[1]
+        self.assertLess(max(abs(x - y) for x, y in zip(a, b)), 1e-4)
+
+    def test_parameters(self):
+        """Uniforms are parameters, 0 where nothing is said; the ones of hosts are there when used."""
+        self.put("u.frag", "uniform float a, b[3]; uniform vec3 tint; uniform int n = 4;\nvoid mainImage(out vec4 c, vec2 p) { c = vec4(a + b[1], tint.x, iTime + float(n) + iMouse.z, 1); }")
+        j = self.json_cli("render", "u.frag", "--integral", "--param", "a=0.5", "--param", "b=[0,1,0]", "--param", "iTime=2", "--size", "4x2")
+        for got, want in zip(j["integral"], [12, 0, 48]):
+            self.assertAlmostEqual(got, want, delta=1e-3)
+
+    def test_language_option(self):
+        self.put("a.txt", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
+        self.run_cli("render", "a.txt", code=3)
+        self.run_cli("render", "a.txt", "--lang", "glsl", "--size", 4)
+        self.put("b.frag", "shader float main(float2 x) { return 1.0; }")
+        self.run_cli("render", "b.frag", "--lang", "salt", "--size", 4)
+
+
+class Messages(Case):
+    def test_places(self):
+        """What is not accepted says so with its line, once."""
+        for text, line, what in [
+            ("#include <x>\nvoid main() {}", 1, "not supported"),
+            ("void main() { gl_FragColor = vec4(1); }\n#if 1\n", 2, "no `#endif`"),
+            ("#define f(a, b) a\nvoid main() {\n gl_FragColor = vec4(f(1)); }", 3, "takes 2 arguments, 1 given"),
+            ("#if 1 +\n#endif\nvoid main() { gl_FragColor = vec4(1); }", 1, "no condition"),
+            ("uniform samplerCube s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`samplerCube` is not supported"),
+            ("\nvarying vec3 n;\nvoid main() { gl_FragColor = vec4(n, 1); }", 2, "no vertex shader"),
+            ("uniform B { float a; };\nvoid main() { gl_FragColor = vec4(1); }", 1, "blocks of uniforms"),
+            ("float f() { return 1.0; }", 1, "no `void mainImage"),
+            ("void main() { }", 1, "writes to no output"),
+            ("#define A B(1.0)\nvoid mainImage(out vec4 c, vec2 p) {\n    c = vec4(A);\n}", 3, "unknown name `B`"),
+            ("#error told you\nvoid main() { gl_FragColor = vec4(1); }", 1, "#error"),
+            ("void mainImage(out vec4 c, vec2 p) {\n  c = vec3(1.0);\n}", 2, "cannot convert"),
+        ]:
+            self.put("m.frag", text)
+            r = self.run_cli("render", "m.frag", "--size", 4, code=3)
+            self.assertIn("m.frag:%d:" % line, r.err)
+            self.assertIn(what, r.err)
+            self.assertEqual(r.err.count("error:"), 1, r.err)
+
+    def test_macros_end(self):
+        """Macros that call themselves, each other, or grow without end."""
+        self.put("a.frag", "#define a b\n#define b a\nfloat a = 0.5; float f(float x) { return x; }\n#define f(x) f(x + 1.0)\nvoid main() { gl_FragColor = vec4(a, f(1.0), 0, 1); }")
+        self.run_cli("render", "a.frag", "--size", 4)
+        doubling = "#define x0 1.0 + 1.0\n" + "".join("#define x%d x%d + x%d\n" % (k, k - 1, k - 1) for k in range(1, 40))
+        self.put("b.frag", doubling + "void main() { gl_FragColor = vec4(x39); }")
+        self.assertIn("500 000", self.run_cli("render", "b.frag", "--size", 4, code=3).err)
+        self.put("c.frag", "#define x(" + ",".join("a%d" % k for k in range(70)) + ") 1\nvoid main() { gl_FragColor = vec4(1); }")
+        self.assertIn("at most 64", self.run_cli("render", "c.frag", "--size", 4, code=3).err)
+        self.put("d.frag", "#if 1\n" * 300 + "void main() { gl_FragColor = vec4(1); }\n" + "#endif\n" * 300)
+        self.assertIn("deeper than 256", self.run_cli("render", "d.frag", "--size", 4, code=3).err)
+
+
+class Edges(Case):
+    """Gradients of what shaders of this kind draw, in pixels: closed forms. Everything counts as [Disc]."""
+
+    def near(self, source, values, truth, *args):
+        self.put("e.frag", source)
+        params = [a for k, v in values.items() for a in ("--param", "%s=%s" % (k, v))]
+        j = self.json_cli("grad", "e.frag", "--integral", "--size", "64x48", "--precision", "f64", *params, *args)
+        for name, want in truth.items():
+            got, bar = j["gradient"][name], j["stderr"][name]
+            if isinstance(got, list):
+                got, bar = got[0], bar[0]
+            self.assertLessEqual(abs(got - want), 4 * bar + 1e-7 * abs(want), (source, name, got, want, bar))
+            self.assertLess(bar, 1e-2 * max(1, abs(want)), (source, name, bar))
+
+    def test_shapes(self):
+        toy = "uniform float r, s;\nuniform vec2 m;\n%s\nvoid mainImage(out vec4 c, vec2 p) {\n    vec2 q = p - 0.5 * iResolution.xy;\n%s\n}\n"
+        self.near(toy % ("", "c = vec4(length(q) < r ? 1.0 : 0.0);"), {"r": 15}, {"r": 2 * math.pi * 15})
+        self.near(toy % ("", "c = vec4(step(length(q - m), r));"), {"r": 15, "m": "[2,1]"}, {"r": 2 * math.pi * 15})
+        self.near(toy % ("float box(vec2 v, vec2 b) { vec2 d = abs(v) - b; return max(d.x, d.y); }", "float a = 0.3; q *= mat2(cos(a), -sin(a), sin(a), cos(a)); if (box(q, vec2(r, s)) < 0.0) c = vec4(1);"),
+                  {"r": 12, "s": 7}, {"r": 4 * 7, "s": 4 * 12})
+        self.near(toy % ("", "c = vec4(1.0 - step(r, abs(length(q) - s)));"), {"r": 2, "s": 12}, {"r": 4 * math.pi * 12, "s": 8 * math.pi})
+        self.near(toy % ("#define T(v) ((v) < r ? 1. : 0.)", "vec2 k = mod(p, 16.0) - 8.0; c = vec4(T(length(k)));"), {"r": 5}, {"r": 12 * 2 * math.pi * 5})
+        self.near(toy % ("", "float a = atan(q.y, q.x); c = vec4(a > 0.0 && a < r && length(q) < 20.0 ? 1.0 : 0.0);"), {"r": 1}, {"r": 200})
+        self.near(toy % ("", "if (q.y > r * q.x + s) discard; c = vec4(1);"), {"r": 0.25, "s": 2}, {"s": 64, "r": 0})
+        self.near(toy % ("float union2(float a, float b) { return min(a, b); }", "float d = union2(length(q - vec2(12, 0)) - r, length(q + vec2(12, 0)) - s); c = vec4(d < 0.0 ? 1.0 : 0.0);"),
+                  {"r": 6, "s": 8}, {"r": 12 * math.pi, "s": 16 * math.pi})
+        self.near(toy % ("", "for (int i = 0; i < 3; i++) if (length(q - float(i - 1) * vec2(20, 0)) < r) c += 1.0;"), {"r": 5}, {"r": 30 * math.pi})
+
+
+if __name__ == "__main__":
+    unittest.main()
