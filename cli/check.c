@@ -78,16 +78,20 @@ static double mean_of(const double *v, int n, double *se) {
     return m;
 }
 
-/* The step that is really taken, as the moved parameter is rounded to the program's precision. */
+/* The step that is really taken, as the moved parameter is rounded to the program's precision; 0: none. */
 static double real_step(const Check *k, const Row *row, const double *base, double h) {
-    if (k->p->opt.f64 || row->dir) return h;
-    float up = (float)(base[row->index] + h), down = (float)(base[row->index] - h);
-    return ((double)up - (double)down) / 2;
+    if (row->dir) return h;
+    double up = base[row->index] + h, down = base[row->index] - h;
+    return k->p->opt.f64 ? (up - down) / 2 : ((double)(float)up - (double)(float)down) / 2;
 }
 
 static SltStatus difference(Check *k, Row *row, const double *base) {
     double one[REPLICATES], two[REPLICATES], ignored, h = row->step, remainder[2] = {0}, stated = 0;
     int n = k->cells ? 1 : REPLICATES;
+    if (real_step(k, row, base, h) == 0)
+        return status_fail(&k->err, SLT_USAGE,
+                           "a step of %g vanishes beside %s = %.9g in %s precision: take a larger --step", h, row->name,
+                           base[row->index], k->p->opt.f64 ? "double" : "single");
     for (int r = 0; r < n; r++) {
         uint32_t seed = k->c->job.seed + 7919u * (uint32_t)(r + 1);
         Value centre, up, down;
@@ -327,7 +331,7 @@ static int check(Check *k) {
                spread = k->cells ? 0 : ad2 * ad2 / (AD_REPLICATES - 1) + fd2 * fd2 / (REPLICATES - 1);
         double nu = spread > 0 ? fmin(bar * bar * bar * bar / spread, 1e6) : 1e6; /* Welch and Satterthwaite */
         row->z = bar > 0 ? normal_deviate((row->ad - row->fd) / bar, nu) : row->ad == row->fd ? 0 : INFINITY;
-        row->pass = fabs(row->z) <= c->tolerance; /* false for NaN */
+        row->pass = isfinite(bar) && fabs(row->z) <= c->tolerance; /* false for NaN */
         all_pass &= row->pass;
     }
     uint64_t dropped = report_lost(&k->stats);
@@ -335,6 +339,8 @@ static int check(Check *k) {
         const char *other = NULL;
         if (dropped * 100 > k->stats.crossings + dropped) other = "more than 1 % of the crossings were dropped";
         if (k->stats.asserts) other = "an assert failed";
+        for (uint32_t i = 0; i < k->n; i++)
+            if (isinf(k->rows[i].ad_se)) other = "the error of the derivative is not known: more --samples";
         if (other) all_pass = false;
         print_rows(k, all_pass, other);
         if (!c->quiet) cli_tell(c, k->p);

@@ -68,6 +68,7 @@ struct Cli {
     SltOptions opt;
     SltJob job;
     bool size_given, spp_given;
+    uint32_t size_dims; /* numbers in --size: one is for every axis */
     SltSet sets[CLI_MAX_LIST];
     uint32_t nsets;
     const char *import_dirs[CLI_MAX_LIST];
@@ -170,6 +171,8 @@ int report_status(const SltStats *stats);
 /* Of the compiler, and of what was sampled; stats: NULL where nothing was. */
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
 uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
+/* Errors that are infinite beside values that are not. */
+void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n);
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
 /* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd

@@ -235,7 +235,7 @@ int cli_compile(Cli *c, SltProgram **out) {
 int cli_prepare_job(Cli *c, SltProgram *p) {
     uint32_t dim = slt_dim(p);
     for (uint32_t d = dim; d < 3; d++) {
-        if (c->size_given && c->job.size[d] > 1 && c->job.size[d] != c->job.size[0])
+        if (c->size_dims > dim && c->job.size[d] > 1)
             return cli_usage(c, "--size has more dimensions than the %uD domain of `%s`", dim, slt_entry(p));
         c->job.size[d] = 1;
     }

@@ -129,6 +129,8 @@ static int grad_integral(Cli *c, SltProgram *p) {
     }
     report_cells(c, &stats, &left);
     report_missed(c, p, &out, n - 1);
+    report_unknown(c, "values", value, value_se, ch);
+    report_unknown(c, "derivatives", out.gradient, out.gradient_stderr, n - 1);
     if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(all);
@@ -187,6 +189,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
         print_table(c, p, g, g + n, 1, stats.cells);
     }
     report_cells(c, &stats, &left);
+    report_unknown(c, "derivatives", g, g + n, n - 1);
     if (!c->quiet) cli_tell(c, p);
     report_dropped(c, &stats);
     free(g);

@@ -113,6 +113,7 @@ static bool parse_size(Cli *c, const char *text) {
         s = end + 1;
     }
     for (uint32_t d = n; d < 3; d++) c->job.size[d] = n == 1 ? c->job.size[0] : 1;
+    c->size_dims = n;
     return true;
 }
 

@@ -82,6 +82,7 @@ static int render_integral(Cli *c, SltProgram *p) {
         putchar('\n');
     }
     report_cells(c, &stats, NULL);
+    report_unknown(c, "values", value, error, slt_channels(p));
     report_dropped(c, &stats);
     return report_status(&stats);
 }

@@ -176,11 +176,21 @@ static bool upset_text(const SltStats *s, char *buf, size_t size) {
     return s->upset > 0;
 }
 
+static bool nonfinite_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(buf, size,
+             "results that are not finite: %llu. f, its integral or a derivative is infinite or NaN somewhere",
+             (unsigned long long)s->nonfinite);
+    return s->nonfinite > 0;
+}
+
 static const struct {
     const char *code;
     bool (*text)(const SltStats *s, char *buf, size_t size); /* false: there is nothing to warn of */
-} sampled[] = {
-    {"dropped", dropped_text}, {"coincident", coincident_text}, {"few_ulps", ulps_text}, {"upset", upset_text}};
+} sampled[] = {{"dropped", dropped_text},
+               {"coincident", coincident_text},
+               {"few_ulps", ulps_text},
+               {"upset", upset_text},
+               {"nonfinite", nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled, TEXT = 512 };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
@@ -214,9 +224,17 @@ void report_dropped(const Cli *c, const SltStats *s) {
         if (sampled[i].text(s, text, sizeof text)) fprintf(stderr, "saltus: warning: %s\n", text);
     if (s->truncated && !c->quiet)
         fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
-    if (s->nonfinite && !c->quiet)
-        fprintf(stderr, "saltus: warning: %llu derivative values were not finite\n", (unsigned long long)s->nonfinite);
     if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
+}
+
+void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n) {
+    size_t unknown = 0;
+    for (size_t i = 0; i < n; i++) unknown += isinf(error[i]) && isfinite(value[i]);
+    if (!unknown || c->quiet) return;
+    fprintf(
+        stderr,
+        "saltus: warning: the errors of %zu %s are not known: too few samples or lines, or no crossing could be integrated\n",
+        unknown, what);
 }
 
 /* ---- names of components */

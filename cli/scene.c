@@ -110,7 +110,7 @@ static int read_size(Reader *r, json_t *root) {
         r->c->job.size[d] = (uint32_t)json_integer_value(j);
     }
     for (size_t d = n; d < 3; d++) r->c->job.size[d] = 1;
-    r->c->size_given = true;
+    r->c->size_given = true, r->c->size_dims = (uint32_t)n;
     return SLT_OK;
 }
 

@@ -90,7 +90,7 @@ static void note_ulps(ApiCall *c, bool integral) {
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
 }
 
-/* A derivative that is infinite stays so in the result; it is counted. */
+/* What is infinite or NaN stays so in the result; it is counted. */
 static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
     if (!v || !stats) return;
     uint64_t bad = 0;
@@ -168,6 +168,7 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
     if (s == SLT_OK) s = api_steep(&c, &wanted, spent(&c, before));
+    if (s == SLT_OK) count_nonfinite(wanted.value, p->prog->channels, c.stats);
     if (s == SLT_OK) count_nonfinite(wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, c.stats);
     if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);
     return api_call_end(&c, s);

@@ -8,7 +8,7 @@
 #include "bindings/c/api.h"
 #include "runtime/sample/steep.h"
 
-enum { ENDS = 2, FUEL = 1 << 24 };
+enum { ENDS = 2, FUEL = 1 << 24, LANES = 64, NUMBERS = 8 /* random numbers of a sample that are varied */ };
 
 typedef struct Tracing {
     const SltProgram *p;
@@ -73,7 +73,7 @@ static bool trace(Tracing *t, const SteepPlace *at) {
     }
     a.in[SLT_IN_STREAM] = stream, a.in[SLT_IN_RAND0] = rand;
     uint64_t fuel = FUEL;
-    return ir_interpret_watched(p->prog->primal, &a, ENDS, ENDS, &fuel, watch, t) == SLT_OK;
+    return ir_interpret_watched(p->prog->primal, &a, ENDS, ENDS, &fuel, at->number, watch, t) == SLT_OK;
 }
 
 /* SteepPlace was spoken for. Where there is nothing to speak for it that is cheap to know. */
@@ -82,6 +82,49 @@ static bool known(void *user, const SteepPlace *at) {
     if (!p->prog->nsilenced && !p->session->nwarnings) return false;
     Tracing t = {.p = p, .culprit = SPAN_NONE};
     return trace(&t, at) && t.explained;
+}
+
+/* ---- random numbers after the first */
+static void mark_numbers(const Block *b, uint32_t *numbers) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        for (uint32_t r = 0; r < i->nregions; r++) mark_numbers(i->region[r], numbers);
+        if (i->op != OP_rand) continue;
+        bool is_const = i->args[0]->op == OP_consti; /* of a loop it is any */
+        for (int32_t n = 1; n < NUMBERS; n++)
+            if (!is_const || i->args[0]->imm.i == n) *numbers |= 1u << n;
+    }
+}
+
+static void mix_decisions(void *user, const Inst *i, const void *const *slot, const uint8_t *on) {
+    uint32_t *hash = user;
+    if (i->op != OP_site && i->op != OP_siten) return;
+    const int32_t *v = slot[i->id];
+    for (uint32_t l = 0; l < LANES; l++)
+        if (on[l]) hash[l] = ir_mix(hash[l], (uint32_t)v[l] ^ (uint32_t)i->imm.i << 20);
+}
+
+/* The program itself, interpreted, in the place of the kernel of its value, or of its sides. */
+static void vary(void *user, int kind, SltKernelArgs *args, uint32_t n) {
+    const Steep *steep = user;
+    const SltProgram *p = steep->user;
+    const SltLayout *layout = &p->scene.layout[kind];
+    size_t bytes = p->opt.f64 ? sizeof(double) : sizeof(float);
+    for (uint32_t from = 0; from < n; from += LANES) {
+        SltKernelArgs a = *args;
+        uint32_t hash[LANES] = {0}, count = n - from < LANES ? n - from : LANES;
+        uint64_t fuel = FUEL;
+        a.print = NULL, a.n_valid = count;
+        memset(a.out, 0, sizeof a.out);
+        for (uint32_t s = 0; s < SLT_IN_VARYING; s++)
+            a.in[s] = (const char *)args->in[s] + from * (s == SLT_IN_STREAM ? sizeof(int32_t) : bytes);
+        for (uint32_t c = 0; c < layout->out[SLT_OUT_F].count; c++)
+            a.out[c] = (char *)args->out[layout->out[SLT_OUT_F].first + c] + from * bytes;
+        if (ir_interpret_watched(p->prog->primal, &a, count, LANES, &fuel, steep->number, mix_decisions, hash) !=
+            SLT_OK)
+            memset(a.out[0], 0, count * bytes); /* too long: nothing is said of it */
+        if (layout->out[SLT_OUT_HASH].count)
+            memcpy((uint32_t *)args->out[layout->out[SLT_OUT_HASH].first] + from, hash, count * sizeof *hash);
+    }
 }
 
 typedef struct Telling {
@@ -116,10 +159,11 @@ static void tell(Session *s, void *user) {
 
 SltStatus api_steep(ApiCall *c, SltIntegral *out, uint64_t spent) {
     SltProgram *p = c->p;
-    Steep steep = {.known = known, .user = p};
+    Steep steep = {.known = known, .call = vary, .user = p};
     SltStats own = SLT_STATS_INIT;
     if (slt_estimate_by_differences(c->job.estimator) || (!out && p->steep_looked)) return SLT_OK;
     p->steep_looked |= !out;
+    if (p->prog->uses_rand) mark_numbers(p->prog->primal->body, &steep.numbers);
     SltStatus s = slt_estimate_steep(&p->scene, &c->job, out, spent, &steep, &own, c->err);
     if (c->stats) c->stats->evaluations += own.evaluations, c->stats->seconds += own.seconds;
     if (s != SLT_OK || !steep.n) return s;

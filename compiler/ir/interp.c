@@ -38,6 +38,7 @@ typedef struct Interp {
     void (*eval)(uint8_t op, uint32_t n, void *dst, const void *a, const void *b, const void *c);
     IrWatch *watch; /* NULL: nobody watches */
     void *watch_user;
+    uint32_t first_random;
 } Interp;
 
 static bool exec_block(Interp *in, const Block *b, const Mask *m);
@@ -150,7 +151,8 @@ static bool exec_rand(Interp *in, void *dst, const int32_t *number) {
     for (uint32_t l = 0; l < in->lanes; l++) {
         uint32_t s = sample_of(in, l);
         uint32_t bits = ir_rand_u32((uint32_t)stream[s], (uint32_t)number[l]);
-        set_flt(in, dst, l, number[l] == 0 ? get_flt(in, first, s) : (double)(bits >> 8) * 0x1p-24);
+        set_flt(in, dst, l,
+                (uint32_t)number[l] == in->first_random ? get_flt(in, first, s) : (double)(bits >> 8) * 0x1p-24);
     }
     return true;
 }
@@ -582,11 +584,11 @@ int ir_interpret(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes) 
 }
 
 int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel) {
-    return ir_interpret_watched(fn, args, n, lanes, fuel, NULL, NULL);
+    return ir_interpret_watched(fn, args, n, lanes, fuel, 0, NULL, NULL);
 }
 
-int ir_interpret_watched(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel, IrWatch *watch,
-                         void *user) {
+int ir_interpret_watched(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel, uint32_t first,
+                         IrWatch *watch, void *user) {
     if (!lanes || lanes > MAX_LANES || (lanes & (lanes - 1))) return SLT_USAGE;
     if (!n) return SLT_OK;
     while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site]))
@@ -594,7 +596,7 @@ int ir_interpret_watched(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t
     bool f32 = fn->precision == PREC_F32;
     Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK, .fuel = *fuel};
     in.eval = f32 ? rows_eval_f32 : rows_eval_f64;
-    in.watch = watch, in.watch_user = user;
+    in.watch = watch, in.watch_user = user, in.first_random = first;
     in.tape_limit = args->tape_bytes ? args->tape_bytes : default_tape_bytes;
     if (set_up(&in)) {
         Mask all = {{0}};

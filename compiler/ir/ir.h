@@ -282,9 +282,10 @@ int ir_interpret(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t 
 /* The same within *fuel instructions, each counted once a vector; leaves in *fuel what was not used, and returns
  * SLT_LIMIT when all was. */
 int ir_interpret_within(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel);
-/* The same; after each instruction `watch` sees the values so far, slot[id][lane], and which lanes are active. */
+/* The same; after each instruction `watch` sees the values so far, slot[id][lane], and which lanes are active. `first`
+ * is the random number that SLT_IN_RAND0 holds, 0 in kernels; the others are those of the stream. */
 typedef void IrWatch(void *user, const Inst *i, const void *const *slot, const uint8_t *on);
 int ir_interpret_watched(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel,
-                         IrWatch *watch, void *user);
+                         uint32_t first, IrWatch *watch, void *user);
 
 #endif

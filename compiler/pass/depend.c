@@ -46,7 +46,7 @@ static void add_param(Flow *f, const Inst *i) {
         }
         if (index >= p->nparams || !p->params[index].differentiable) return;
     }
-    add(f, i, &(Depend){.on = DEPENDS_PARAM, .nnamed = 1, .named = {index}});
+    add(f, i, &(Depend){.on = DEPENDS_PARAM | DEPENDS_VALUE, .nnamed = 1, .named = {index}});
 }
 
 static bool chooses(const Inst *i) {
@@ -79,7 +79,7 @@ static void flow_operands(Flow *f, const Inst *i) {
         if (site && a == 0) arg.on &= (uint8_t)~DEPENDS_JUMPS;
         depend_merge(&d, &arg);
     }
-    if (steps(i) || site) d.on &= (uint8_t)~DEPENDS_SLOPE;
+    if (steps(i) || site) d.on &= (uint8_t)~(DEPENDS_SLOPE | DEPENDS_VALUE);
     if (depend_jumps(f->of, i)) d.on |= DEPENDS_JUMPS;
     add(f, i, &d);
 }
@@ -127,7 +127,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
             break;
         case OP_detach: {
             Depend d = f->of[i->args[0]->id];
-            d.nnamed = 0, d.on &= (uint8_t)~DEPENDS_PARAM; /* detach says that this is a constant */
+            d.nnamed = 0, d.on &= (uint8_t)~(DEPENDS_PARAM | DEPENDS_VALUE); /* detach says that this is a constant */
             add(f, i, &d);
             break;
         }

@@ -16,6 +16,7 @@ enum {
     DEPENDS_PIECES = 8, /* chosen from several values, where the choice depends on the position: the value may be
                            constant, or equal to another, on an area */
     DEPENDS_SLOPE = 16, /* the position, otherwise than by jumps */
+    DEPENDS_VALUE = 64, /* a parameter, otherwise than by jumps */
     DEPENDS_JUMPS = 32  /* jumps that no [Disc] tags, and whose places move with a parameter */
 };
 enum { DEPEND_NAMED = 3 };

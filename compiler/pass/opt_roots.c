@@ -1,6 +1,6 @@
 /* Comparisons under [Disc] without flat sides and multiple roots: max(v, 0) > 0 becomes v > 0, and so do v*v*v > 0,
- * sqrt(v) > 0 and cbrt(v) > 0. Where g is flat on one side of its root, or its slope at the root is 0 or infinite,
- * there is no velocity to be had from it, and no bound of its gradient that leaves 0 out.
+ * sqrt(v) > 0, cbrt(v) > 0, |v| + v > 0 and acos(1 - v) > 0. Where g is flat on one side of its root, or its slope at
+ * the root is 0 or infinite, there is no velocity to be had from it, and no bound of its gradient that leaves 0 out.
  *
  * The decision changes with g, or the sides of g's root would decide alike where one of the two is rounded: by rounding
  * (v*v*v underflows, smoothstep reaches 1 early), and on points without an area. So the pass runs once, on the primal.
@@ -151,6 +151,29 @@ static bool difference_rule(Roots *r, Half *h) {
     return false;
 }
 
+/* |w| + w is positive where w is, |w| - w where -w is; on the other side of w = 0 they are 0. */
+static bool magnitude_rule(Half *h) {
+    bool minus = h->v->op == OP_fsub;
+    for (uint32_t side = 0; side < 2 && h->c == 0; side++) {
+        const Inst *m = h->v->args[side];
+        Inst *w = h->v->args[1 - side];
+        if (m->op != OP_fabs || m->args[0] != w) continue;
+        if (h->below != (minus && side == 1)) continue; /* it is never on that side of 0 */
+        h->v = w, h->gain++;
+        if (minus && side == 0) h->below = true;
+        return true;
+    }
+    return false;
+}
+
+/* acos falls to 0 at 1, with a slope that is infinite there. */
+static bool arc_rule(const Roots *r, Half *h) {
+    IrRange of = r->range[h->v->args[0]->id];
+    if (h->c != 0 || h->below || !(of.lo >= -1) || !(r->strict || of.hi <= 1)) return false;
+    h->v = h->v->args[0], h->c = 1, h->below = true, h->gain++;
+    return true;
+}
+
 /* ---- one step */
 /* Roots: never below 0. */
 static bool root_rule(const Roots *r, Half *h, Inst *of) {
@@ -195,6 +218,7 @@ static bool step(Roots *r, Half *h) {
                 h->v = v->args[1 - a], h->c -= k;
                 return true;
             }
+        if (magnitude_rule(h)) return true;
         /* A sum of what is never negative is positive where one of them is. */
         return h->c == 0 && !h->below && above(r, v->args[0], 0) && above(r, v->args[1], 0) &&
                either(r, h, v->args[0], v->args[1], true);
@@ -207,7 +231,7 @@ static bool step(Roots *r, Half *h) {
             h->v = v->args[1], h->c -= k, flip(h);
             return true;
         }
-        return difference_rule(r, h);
+        return difference_rule(r, h) || magnitude_rule(h);
     case OP_fmin:
     case OP_fmax: return extremum_rule(r, h);
     case OP_fmul:
@@ -224,6 +248,7 @@ static bool step(Roots *r, Half *h) {
             return false;
         h->v = v->args[2];
         return true;
+    case OP_facos: return arc_rule(r, h);
     case OP_fcbrt:
         if (h->c != 0) return false;
         h->v = v->args[0], h->gain++;

@@ -109,6 +109,9 @@ SltLayout pipeline_layout(const Fn *fn) {
 /* Above this size edge_bounds is not made: it would compile for seconds. */
 enum { EDGE_BOUNDS_SIZE = 30000 };
 
+/* Up to this size of the edge kernel without derivatives its bounds have second ones: they triple it. */
+enum { SECOND_SIZE = 400 };
+
 /* A derivative of its own may change with the position where the value does not. */
 static bool has_custom(const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
@@ -138,10 +141,13 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
         return;
     }
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
-    for (Fn *part = variant_edge(ctx, seamed); part; part = part->next_part) {
+    Fn *parts = variant_edge(ctx, seamed);
+    bool second = primal->dim > 1 && walk_fn_size(parts) <= SECOND_SIZE;
+    for (Fn *part = parts; part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
         edge->serves = part->serves;
-        if (needs[K_EDGE_BOUNDS]) bounds = add_part(bounds, part, variant_edge_bounds(ctx, edge));
+        if (needs[K_EDGE_BOUNDS])
+            bounds = add_part(bounds, part, variant_edge_bounds(ctx, second ? ad_grad_x(ctx, edge) : edge));
         if (needs[K_EDGE]) edges = add_part(edges, part, edge);
     }
     if (out->fn[K_EDGE_BOUNDS] && walk_fn_size(out->fn[K_EDGE_BOUNDS]) > EDGE_BOUNDS_SIZE)

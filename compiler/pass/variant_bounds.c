@@ -156,6 +156,34 @@ static void box_outputs(Boxes *x, Builder *b) {
     value_outputs(x, b, &o);
 }
 
+/* Of g and each component of its gradient: how far from what exact arithmetic gives. */
+static Inst *error_of(Builder *b, Boxed v) {
+    return v.error ? ir_emit2(b, OP_fadd, v.error, v.error) : ir_constf(b, 0);
+}
+
+/* What the edge kernel was derived from once more: g and its gradient, then the gradients of each of these. */
+static bool has_second(const Fn *from) { return from->body->last->nargs > 1 + from->dim; }
+
+/* Second derivatives, by row from the diagonal on: whole lines where g bends, for there they bound nothing. */
+static void second_outputs(Boxes *x, Builder *b, Inst *state, Outputs *o) {
+    const Inst *const *arg = (const Inst *const *)x->from->body->last->args;
+    uint32_t dim = x->from->dim;
+    Inst *smooth = bounds_op2(b, OP_ieq, state, ir_consti(b, 0));
+    for (uint32_t d = 1; d <= dim; d++) {
+        Inst *open = x->value[arg[d]->id].open;
+        if (open) smooth = bounds_op2(b, OP_band, smooth, bounds_not(b, has(b, open, OPEN_JUMP)));
+    }
+    for (uint32_t end = 0; end < 2; end++)
+        for (uint32_t row = 0, n = 0; row < dim; row++)
+            for (uint32_t d = row; d < dim; d++, n++) {
+                Bound v = ir_bound_ends(b, x->value[arg[1 + dim + (1 + row) * dim + d]->id].is);
+                Inst *whole = ir_constf(b, end ? INFINITY : -INFINITY);
+                variant_output(o, end ? SLT_OUT_DDG_HI : SLT_OUT_DDG_LO, n,
+                               bounds_choose(b, smooth, end ? v.hi : v.lo, whole));
+            }
+    for (uint32_t d = 0; d < dim; d++) variant_output(o, SLT_OUT_DG_ERROR, d, error_of(b, x->value[arg[1 + d]->id]));
+}
+
 /* g, then its gradient */
 static void edge_outputs(Boxes *x, Builder *b) {
     const Inst *yield = x->from->body->last;
@@ -168,15 +196,15 @@ static void edge_outputs(Boxes *x, Builder *b) {
     variant_output(&o, SLT_OUT_G_LO, 0, ends.lo);
     variant_output(&o, SLT_OUT_G_HI, 0, ends.hi);
     for (uint32_t end = 0; end < 2; end++)
-        for (uint32_t d = 1; d < yield->nargs; d++) {
+        for (uint32_t d = 1; d <= x->from->dim; d++) {
             Bound v = ir_bound_ends(b, x->value[yield->args[d]->id].is);
             Inst *whole = ir_constf(b, end ? INFINITY : -INFINITY);
             variant_output(&o, end ? SLT_OUT_DG_HI : SLT_OUT_DG_LO, d - 1,
                            bounds_choose(b, jumps, whole, end ? v.hi : v.lo));
         }
     variant_output(&o, SLT_OUT_G_STATE, 0, state);
-    Inst *error = g.error ? ir_emit2(b, OP_fadd, g.error, g.error) : ir_constf(b, 0);
-    variant_output(&o, SLT_OUT_G_ERROR, 0, error);
+    variant_output(&o, SLT_OUT_G_ERROR, 0, error_of(b, g));
+    if (has_second(x->from)) second_outputs(x, b, state, &o);
     ir_yield(b, 0, NULL);
     variant_set_outputs(x->to, &o);
 }
@@ -206,7 +234,8 @@ static Fn *on_boxes(PassCtx *ctx, const Fn *from, const char *name, BoxKernel ki
     x.array = ARENA_ARRAY(scratch, BoxedArray, n + 1);
     if (kind == OF_EDGE) {
         x.wanted = ARENA_ARRAY(scratch, bool, n + 1);
-        bounds_want_error(&x, from->body->last->args[0]);
+        uint32_t wanted = has_second(from) ? 1 + from->dim : 1;
+        for (uint32_t k = 0; k < wanted; k++) bounds_want_error(&x, from->body->last->args[k]);
     }
     bounds_facts(&x);
     Builder b = ir_at_end(to, to->body);

@@ -93,12 +93,13 @@ static const Inst *side(const Inst *proj, uint32_t r) { return proj->args[0]->re
 /* ---- goals: to go on, a loop needs certain results of the ifs in its body. What is carried around is taken as it is
  * then: behind `if (c) break;` c is false, whatever the box leaves open. */
 
-/* Where v must be `truth`, what must ifs give? */
+/* Where v must be `truth`, what must ifs give? One before the loop has been worked off: what it gave does not hang on
+ * whether this loop goes on. */
 static void want_truth(Boxes *x, const Inst *v, bool truth) {
     if (v->op == OP_bnot) want_truth(x, v->args[0], !truth);
     if (v->op == (truth ? OP_band : OP_bor))
         for (uint32_t a = 0; a < 2; a++) want_truth(x, v->args[a], truth);
-    if (v->op != OP_proj || v->args[0]->op != OP_if_ || x->goal[v->args[0]->id].set) return;
+    if (v->op != OP_proj || v->args[0]->op != OP_if_ || x->goal[v->args[0]->id].set || value_of(x, v).is.lo) return;
     x->goal[v->args[0]->id] = (Goal){.set = true, .truth = truth, .index = (uint32_t)v->imm.i};
     for (uint32_t r = 0; r < 2; r++) want_truth(x, side(v, r), truth);
 }

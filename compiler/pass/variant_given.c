@@ -6,8 +6,11 @@
  * kernels have inputs that name events and, of each, the sign that its own g is to be taken to have; at the event's
  * iteration the decision is as that sign has it. With nothing given nothing changes.
  *
- * Roundings are not given, nor events of more than SLT_GIVEN_K loops, nor decisions whose g does not tell them by its
- * sign: a caller who gives one gets the g that it had. */
+ * Of a rounding one of its boundaries is given, by the last loop index, which it must not need itself: it then is one
+ * of the two integers beside that one, everywhere.
+ *
+ * Events of more than SLT_GIVEN_K loops are not given (roundings: one less), nor decisions whose g does not tell them
+ * by its sign: a caller who gives one gets the g that it had. */
 #include "compiler/pass/variant.h"
 
 typedef struct Giver {
@@ -31,8 +34,14 @@ static bool truth_below(const Inst *decision, const Inst *g, bool *truth) {
     return *truth || is_difference(g, decision->args[1], decision->args[0]);
 }
 
-/* Is the event of this site given, and is the sign that of g < 0? */
-static void find_given(const Giver *s, Builder *b, const Inst *site, Inst **given, Inst **below) {
+static bool rounds(const Giver *s, const Inst *site) {
+    SiteKind kind = variant_site_info(s->fn, site)->kind;
+    return kind == SITE_FLOOR || kind == SITE_CEIL || kind == SITE_ROUND || kind == SITE_TRUNC || kind == SITE_FMOD;
+}
+
+/* Is the event of this site given, and is the sign that of g < 0? boundary, if it is wanted: the largest integer that
+ * is not above that of a rounding. */
+static void find_given(const Giver *s, Builder *b, const Inst *site, Inst **given, Inst **below, Inst **boundary) {
     *given = *below = NULL;
     for (uint32_t j = 0; j < SLT_GIVEN; j++) {
         Inst *hit = ir_emit2(b, OP_ieq, s->edge[j], ir_consti(b, (int32_t)site->imm.i + 1));
@@ -43,7 +52,19 @@ static void find_given(const Giver *s, Builder *b, const Inst *site, Inst **give
         Inst *under = ir_emit2(b, OP_band, hit, s->below[j]);
         *given = *given ? ir_emit2(b, OP_bor, *given, hit) : hit;
         *below = *below ? ir_emit2(b, OP_bor, *below, under) : under;
+        if (!boundary) continue;
+        Inst *k = ir_input(b, (InputSlot)(IN_GIVEN0_K0 + SLT_GIVEN_K * j + SLT_GIVEN_K - 1));
+        *boundary = j ? ir_select(b, hit, k, *boundary) : k;
     }
+}
+
+/* What a rounding is below its boundary, or above. */
+static Inst *rounded(Builder *b, SiteKind kind, Inst *boundary, Inst *below) {
+    Inst *one = ir_consti(b, 1), *less = ir_emit2(b, OP_isub, boundary, one), *n = boundary; /* below */
+    if (kind == SITE_FLOOR) n = less;
+    if (kind == SITE_TRUNC || kind == SITE_FMOD)
+        n = ir_select(b, ir_emit2(b, OP_ilt, boundary, ir_consti(b, 0)), boundary, less);
+    return ir_emit1(b, OP_i2f, ir_select(b, below, n, ir_emit2(b, OP_iadd, n, one)));
 }
 
 /* What a minimum or its kin is where its g, the difference of its arguments, is below 0 or is not. */
@@ -54,14 +75,17 @@ static Inst *chosen(Builder *b, const Inst *of, Inst *below) {
 }
 
 static void give(const Giver *s, Inst *site) {
-    if (site->nargs > 2 + SLT_GIVEN_K) return;
-    Inst *of = site->args[0], *given, *below, *value;
+    SiteKind kind = variant_site_info(s->fn, site)->kind;
+    bool integer = rounds(s, site);
+    if (site->nargs + integer > 2 + SLT_GIVEN_K || (!integer && kind != SITE_COMPARE)) return;
+    Inst *of = site->args[0], *given, *below, *value, *boundary = NULL;
     bool truth = true, choice = of->op == OP_fmin || of->op == OP_fmax || of->op == OP_fabs;
-    if (site->op == OP_site ? !truth_below(of, site->args[1], &truth) : !choice) return;
+    if (site->op == OP_site ? !truth_below(of, site->args[1], &truth) : !choice && !integer) return;
     Builder b = ir_before(s->fn, site);
     b.span = site->span;
-    find_given(s, &b, site, &given, &below);
-    if (site->op == OP_siten) value = chosen(&b, of, below);
+    find_given(s, &b, site, &given, &below, integer ? &boundary : NULL);
+    if (integer) value = rounded(&b, kind, boundary, below);
+    else if (site->op == OP_siten) value = chosen(&b, of, below);
     else value = truth ? below : ir_emit1(&b, OP_bnot, below);
     ir_replace_arg(site, 0, ir_select(&b, given, value, of));
 }
@@ -69,7 +93,7 @@ static void give(const Giver *s, Inst *site) {
 static void give_block(const Giver *s, Block *body) {
     for (Inst *i = body->first; i; i = i->next) {
         for (uint32_t r = 0; r < i->nregions; r++) give_block(s, i->region[r]);
-        if (variant_is_site(i) && variant_site_info(s->fn, i)->kind == SITE_COMPARE) give(s, i);
+        if (variant_is_site(i)) give(s, i);
     }
 }
 

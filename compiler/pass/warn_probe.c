@@ -17,6 +17,8 @@ enum {
     POINTS = 32, /* of a line; two lines go through the program at once */
     LINES = 12,  /* an axis */
     SETS = 3,    /* of parameters */
+    WIDE = 12,   /* more, farther away, for what did not change with those: */
+    SCALES = 6,  /* by twice as much each time, then again */
     HALVINGS = 40,
     EACH = 24,         /* changes of a decision that are looked at, of each set of parameters, at most */
     FEWEST = 3,        /* and in all, at least */
@@ -38,19 +40,21 @@ enum {
 typedef struct Change {
     uint32_t of;
     bool counts; /* of a rounding: it reaches `target`; else its hash is no more `before` */
-    double target, a[3], b[3];
+    double target, a[PLACE], b[PLACE];
     uint32_t before; /* at a */
 } Change;
 
 /* What is known of one that is watched, with these parameters. */
 typedef struct Known {
     uint32_t found, tested, outcome, like, unlike; /* points where it decides as at the first, and where not */
-    double nearest[4], like_at[3], unlike_at[3];   /* the least |a - b|, and where; the last of either kind */
-    double jump;                                   /* the largest of f; it outlives the set, as `tested` does */
+    double nearest[1 + PLACE], like_at[PLACE], unlike_at[PLACE]; /* the least |a - b|, and where; the last of either */
+    double jump;  /* the largest of f; it outlives the set, as `tested` does */
+    bool settled; /* it was tested with values near the parameters' */
 } Known;
 
 typedef struct Rounding {
-    double end[2], at[2][3], argument[2]; /* the least integer and the greatest, and where its argument is extreme */
+    double end[2], at[2][PLACE],
+        argument[2]; /* the least integer and the greatest, and where its argument is extreme */
     bool too_many;
     uint64_t tried[MANY / 64];
 } Rounding;
@@ -111,7 +115,7 @@ static bool ends(Search *s, const Change *change, uint32_t n, bool second, doubl
     for (uint32_t i = 0; i < WARN_LANES; i++) {
         const Change *c = &change[i < n ? i : 0];
         const double *u = second ? c->b : c->a, *v = second ? c->a : c->b;
-        double x[3];
+        double x[PLACE] = {[PLACE_RANDOM] = u[PLACE_RANDOM]};
         for (uint32_t d = 0; d < 3; d++)
             x[d] = d < g->dim ? fmin(fmax(u[d] + beside * (u[d] - v[d]), g->lo[d]), g->hi[d]) : 0;
         watch_place(&s->p, i, x);
@@ -129,10 +133,10 @@ static void judge(Search *s, Change *change, uint32_t n) {
     double f[4][SLT_MAX_CHANNELS][WARN_LANES];
     uint32_t *seen[2];
     for (uint32_t step = 0; step < HALVINGS; step++) {
-        double middle[WARN_LANES][3];
+        double middle[WARN_LANES][PLACE];
         for (uint32_t i = 0; i < WARN_LANES; i++) {
             const Change *c = &change[i < n ? i : 0];
-            for (uint32_t d = 0; d < 3; d++) middle[i][d] = 0.5 * (c->a[d] + c->b[d]);
+            for (uint32_t d = 0; d < PLACE; d++) middle[i][d] = 0.5 * (c->a[d] + c->b[d]);
             watch_place(p, i, middle[i]);
         }
         if (!watch_run(p)) return;
@@ -153,6 +157,7 @@ static void judge(Search *s, Change *change, uint32_t n) {
         }
         for (uint32_t k = 0; k < p->nlist; k++) {
             if (seen[0][watch_at(k, i)] == seen[1][watch_at(k, i)]) continue;
+            if (s->known[k].settled) continue;
             s->known[k].tested++, s->known[k].jump = fmax(s->known[k].jump, jump);
         }
     }
@@ -165,7 +170,7 @@ static void judge_all(Search *s) {
 }
 
 /* ---- lines */
-static void place(const Search *s, uint32_t axis, uint32_t line, uint32_t point, double x[3]) {
+static void place(const Search *s, uint32_t axis, uint32_t line, uint32_t point, double x[PLACE]) {
     static const double steps[3] = {0.61803398874989485, 0.75487766624669276, 0.56984029099805327};
     const Program *g = s->p.program;
     for (uint32_t d = 0; d < 3; d++) {
@@ -173,9 +178,10 @@ static void place(const Search *s, uint32_t axis, uint32_t line, uint32_t point,
                              : fmod(0.29 + steps[(d + 2 - axis) % 3] * (line + 1), 1);
         x[d] = d < g->dim ? g->lo[d] + t * (g->hi[d] - g->lo[d]) : 0;
     }
+    x[PLACE_RANDOM] = line + LINES * (axis + 3 * s->set);
 }
 
-static void note_extremes(Search *s, uint32_t k, double x[WARN_LANES][3]) {
+static void note_extremes(Search *s, uint32_t k, double x[WARN_LANES][PLACE]) {
     Rounding *r = &s->rounding[k];
     for (uint32_t l = 0; l < WARN_LANES; l++) {
         double v = s->p.argument[watch_at(k, l)];
@@ -184,7 +190,7 @@ static void note_extremes(Search *s, uint32_t k, double x[WARN_LANES][3]) {
     }
 }
 
-static void note(Search *s, uint32_t k, double x[WARN_LANES][3]) {
+static void note(Search *s, uint32_t k, double x[WARN_LANES][PLACE]) {
     Known *n = &s->known[k];
     for (uint32_t l = 0; l < WARN_LANES; l++) {
         double near = s->p.near[watch_at(k, l)];
@@ -197,7 +203,7 @@ static void note(Search *s, uint32_t k, double x[WARN_LANES][3]) {
 }
 
 /* Both lines of the points x: changes of each that is in question, `most` of them at most. */
-static void scan(Search *s, double x[WARN_LANES][3], uint32_t most) {
+static void scan(Search *s, double x[WARN_LANES][PLACE], uint32_t most) {
     Probe *p = &s->p;
     for (uint32_t l = 0; l < WARN_LANES; l++) watch_place(p, l, x[l]);
     if (!watch_run(p)) return;
@@ -206,6 +212,7 @@ static void scan(Search *s, double x[WARN_LANES][3], uint32_t most) {
         bool rounds = p->watched[k].kind == WATCH_ROUNDING;
         note(s, k, x);
         if (rounds) note_extremes(s, k, x);
+        if (s->known[k].settled) continue;
         for (uint32_t l = 0; l + 1 < WARN_LANES; l++) {
             uint32_t at = watch_at(k, l);
             if (l % POINTS == POINTS - 1 || p->seen[at] == p->seen[at + 1]) continue;
@@ -219,6 +226,7 @@ static void scan(Search *s, double x[WARN_LANES][3], uint32_t most) {
 
 /* By how much f differs from what it was with the parameters' values. */
 static void compare_values(Search *s) {
+    if (s->set >= SETS) return;
     for (uint32_t l = 0; l < WARN_LANES; l++)
         for (uint32_t c = 0; c < s->p.program->channels; c++, s->points++) {
             double f = s->p.f[c][l];
@@ -230,7 +238,7 @@ static void compare_values(Search *s) {
 }
 
 static void look_along(Search *s, uint32_t axis, uint32_t line) {
-    double x[WARN_LANES][3];
+    double x[WARN_LANES][PLACE];
     for (uint32_t l = 0; l < WARN_LANES; l++) place(s, axis, line + l / POINTS, l % POINTS, x[l]);
     scan(s, x, EACH / LINES + 1);
     if (!s->p.failed) compare_values(s);
@@ -240,7 +248,7 @@ static void look_along(Search *s, uint32_t axis, uint32_t line) {
 static void look_through(Search *s, const double *at) {
     const Program *g = s->p.program;
     for (uint32_t first = 0; first < g->dim && may_ask(s); first += WARN_LANES / POINTS) {
-        double x[WARN_LANES][3];
+        double x[WARN_LANES][PLACE];
         for (uint32_t l = 0; l < WARN_LANES; l++) {
             uint32_t d = (first + l / POINTS) % g->dim;
             double u = (l % POINTS + 0.5) / POINTS * 2 - 1, t = u * u * u;
@@ -262,9 +270,9 @@ static double score(const Search *s, uint32_t k, uint32_t lane, Wish wish) {
 
 /* Points around the best place so far, ever closer. best[0] is its score, then the place. Until some decide otherwise
  * than it (NEAR), or to the end: then the values at the place are in lane WARN_LANES - 1. */
-static bool search(Search *s, uint32_t k, Wish wish, double best[4], double other[3]) {
+static bool search(Search *s, uint32_t k, Wish wish, double best[1 + PLACE], double other[PLACE]) {
     const Program *g = s->p.program;
-    double x[WARN_LANES][3], reach = 1.0 / LINES;
+    double x[WARN_LANES][PLACE], reach = 1.0 / LINES;
     for (uint32_t step = 0; step < NEARER && best[0] < HUGE_VAL; step++, reach *= SHRINK) {
         uint32_t across = g->dim == 1 ? WARN_LANES : g->dim == 2 ? 8 : 4;
         for (uint32_t l = 0; l < WARN_LANES; l++) {
@@ -272,6 +280,7 @@ static bool search(Search *s, uint32_t k, Wish wish, double best[4], double othe
                 double t = reach * ((2.0 * (at % across) + 1) / across - 1), side = g->hi[d] - g->lo[d];
                 x[l][d] = d < g->dim ? fmin(fmax(best[1 + d] + t * side, g->lo[d]), g->hi[d]) : 0;
             }
+            x[l][PLACE_RANDOM] = best[1 + PLACE_RANDOM];
             if (l == WARN_LANES - 1) memcpy(x[l], best + 1, sizeof x[l]); /* what the others are compared with */
             watch_place(&s->p, l, x[l]);
         }
@@ -291,7 +300,7 @@ static bool search(Search *s, uint32_t k, Wish wish, double best[4], double othe
  * as the guard of a length, and does no harm. */
 static void look_closer(Search *s, uint32_t k) {
     Known *n = &s->known[k];
-    double best[4], other[3];
+    double best[1 + PLACE], other[PLACE];
     memcpy(best, n->nearest, sizeof best);
     if (search(s, k, NEAR, best, other)) {
         n->found++;
@@ -299,11 +308,18 @@ static void look_closer(Search *s, uint32_t k) {
     } else if (best[0] < TOUCHES * n->nearest[0]) n->tested++;
 }
 
+/* It tends to the next integer, and does not reach it: an angle at its cut. */
+static bool touches(const Search *s, uint32_t k, int side, double score) {
+    const Rounding *r = &s->rounding[k];
+    double extreme = side ? -score : score;
+    return fabs(extreme - round(extreme)) < TOUCHES * (r->argument[1] - r->argument[0]);
+}
+
 /* The integers beyond those that lines met. */
 static void look_beyond(Search *s, uint32_t k) {
     Rounding *r = &s->rounding[k];
     for (int side = 0; side < 2 && may_ask(s) && !r->too_many; side++) {
-        double best[4] = {side ? -r->argument[1] : r->argument[0]}, from[3];
+        double best[1 + PLACE] = {side ? -r->argument[1] : r->argument[0]}, from[PLACE];
         if (!isfinite(best[0])) continue;
         memcpy(from, r->at[side], sizeof from), memcpy(best + 1, from, sizeof from);
         search(s, k, side ? GREATEST : LEAST, best, NULL);
@@ -311,6 +327,7 @@ static void look_beyond(Search *s, uint32_t k) {
         if (!watch_run(&s->p)) return;
         double va = s->p.value[watch_at(k, 0)], vb = s->p.value[watch_at(k, 1)];
         if (va != vb) add_integers(s, k, va, vb, from, best + 1);
+        else s->known[k].tested += touches(s, k, side, best[0]);
     }
 }
 
@@ -324,20 +341,29 @@ static void ask_guides(Search *s) {
     }
 }
 
-/* The parameters' values, then others: where they happen to be 0 a jump may not show. */
+/* The parameters' values, then others: where they happen to be 0 a jump may not show. What does not change with them
+ * has no jump to lose, but may have one during a fit: it is asked with values farther away. */
 static void set_params(Search *s) {
     Probe *p = &s->p;
+    double away = s->set < SETS ? AWAY : AWAY * (2u << (s->set - SETS) % SCALES);
     for (uint32_t q = 0; q < p->program->nfloats; q++) {
         double v = p->program->init_floats[q],
                u = 2 * fmod(0.5 + 0.7548776662 * (q + 1) + 0.5698402910 * s->set, 1) - 1;
-        p->params[q] = s->set ? v + AWAY * u * fmax(0.1, fabs(v)) : v;
+        p->params[q] = s->set ? v + away * u * fmax(0.1, fabs(v)) : v;
     }
+}
+
+static bool is_known(const Search *s, uint32_t k) {
+    return s->known[k].tested >= FEWEST || (k < s->p.nlist && s->rounding[k].too_many);
 }
 
 static void forget(Search *s) {
     s->points = 0;
     for (uint32_t k = 0; k < s->p.n; k++)
-        s->known[k] = (Known){.tested = s->known[k].tested, .jump = s->known[k].jump, .nearest = {HUGE_VAL}};
+        s->known[k] = (Known){.tested = s->known[k].tested,
+                              .jump = s->known[k].jump,
+                              .settled = s->set >= SETS && (s->known[k].settled || is_known(s, k)),
+                              .nearest = {HUGE_VAL}};
     for (uint32_t k = 0; k < s->p.nlist; k++)
         s->rounding[k] = (Rounding){.too_many = s->rounding[k].too_many, .end = {NAN, NAN}, .argument = {NAN, NAN}};
 }
@@ -350,12 +376,18 @@ static void ask(Search *s) {
     for (uint32_t d = 0; d < g->dim; d++)
         for (uint32_t line = 0; line < lines && !s->p.failed; line += WARN_LANES / POINTS) look_along(s, d, line);
     for (uint32_t k = 0; k < s->p.nlist && !s->p.failed; k++)
-        if (!s->known[k].found) look_closer(s, k);
+        if (!s->known[k].found && !s->known[k].settled) look_closer(s, k);
     judge_all(s);
     ask_guides(s);
     for (uint32_t k = 0; k < s->p.nlist; k++)
-        if (s->p.watched[k].kind == WATCH_ROUNDING) look_beyond(s, k);
+        if (s->p.watched[k].kind == WATCH_ROUNDING && !s->known[k].settled) look_beyond(s, k);
     judge_all(s);
+}
+
+static bool any_untested(const Search *s) {
+    for (uint32_t k = 0; k < s->p.nlist; k++)
+        if (!is_known(s, k)) return true;
+    return false;
 }
 
 void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked **list, uint32_t n, bool *shows) {
@@ -367,7 +399,9 @@ void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked *
     s->known = ARENA_ARRAY(s->arena, Known, s->p.n);
     s->rounding = ARENA_ARRAY(s->arena, Rounding, n);
     for (; s->set < SETS && !s->p.failed; s->set++) ask(s);
+    bool asked = !s->p.failed;
+    for (; s->set < SETS + WIDE && !s->p.failed && any_untested(s); s->set++) ask(s);
     double nothing = fmax(NOTHING * fmin(s->largest, s->variation / AWAY), ROUNDING * s->largest);
-    for (uint32_t k = 0; k < n && !s->p.failed; k++)
+    for (uint32_t k = 0; k < n && asked; k++)
         shows[k] = s->known[k].tested < FEWEST || s->known[k].jump > nothing || s->rounding[k].too_many;
 }

@@ -89,25 +89,25 @@ static void watch(void *user, const Inst *i, const void *const *slot, const uint
     }
 }
 
-void watch_place(Probe *p, uint32_t lane, const double x[3]) {
+void watch_place(Probe *p, uint32_t lane, const double x[PLACE]) {
     for (uint32_t d = 0; d < 3; d++) p->x[d][lane] = x[d];
+    p->stream[lane] = (int32_t)x[PLACE_RANDOM];
+    p->first[lane] = fmod(0.5 + 0.61803398874989485 * x[PLACE_RANDOM], 1);
 }
 
 bool watch_run(Probe *p) {
     static const double zero[WARN_LANES];
-    double half[WARN_LANES];
     size_t cells = (size_t)p->n * WARN_LANES;
-    for (uint32_t l = 0; l < WARN_LANES; l++) half[l] = 0.5;
     SltKernelArgs a = {
         .params = p->params, .iparams = p->program->init_ints, .resolution = {512, 512}, .n_valid = WARN_LANES};
     for (uint32_t s = 0; s < SLT_IN_VARYING; s++) a.in[s] = zero;
     for (uint32_t d = 0; d < 3; d++) a.in[IN_X0 + d] = p->x[d];
-    a.in[SLT_IN_RAND0] = half;
+    a.in[SLT_IN_RAND0] = p->first, a.in[SLT_IN_STREAM] = p->stream;
     for (uint32_t c = 0; c < p->program->channels; c++) a.out[c] = p->f[c];
     memset(p->seen, 0, cells * sizeof *p->seen);
     memset(p->value, 0, cells * sizeof *p->value), memset(p->argument, 0, cells * sizeof *p->argument);
     for (size_t i = 0; i < cells; i++) p->near[i] = HUGE_VAL;
-    int status = ir_interpret_watched(&p->fn, &a, WARN_LANES, WARN_LANES, &p->fuel, watch, p);
+    int status = ir_interpret_watched(&p->fn, &a, WARN_LANES, WARN_LANES, &p->fuel, 0, watch, p);
     p->failed |= status != SLT_OK;
     return !p->failed;
 }

@@ -6,6 +6,8 @@
 #include "compiler/pass/warn.h"
 
 enum { WARN_LANES = 64 };
+/* A place: a point of the domain, and a whole number that random numbers are made from. */
+enum { PLACE = 4, PLACE_RANDOM = 3 };
 
 typedef enum WatchKind {
     WATCH_VALUE,    /* what it is */
@@ -30,14 +32,15 @@ typedef struct Probe {
     uint32_t *seen;
     double *value, *argument, *near;
     double *params; /* [nfloats] */
-    double x[3][WARN_LANES], f[SLT_MAX_CHANNELS][WARN_LANES];
+    double x[3][WARN_LANES], first[WARN_LANES], f[SLT_MAX_CHANNELS][WARN_LANES];
+    int32_t stream[WARN_LANES];
     uint64_t fuel;
     bool failed;
 } Probe;
 
 /* The list and the guides. The Fn is numbered; dep by id. */
 void watch_init(Probe *p, PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked **list, uint32_t n);
-void watch_place(Probe *p, uint32_t lane, const double x[3]);
+void watch_place(Probe *p, uint32_t lane, const double x[PLACE]);
 bool watch_run(Probe *p);
 
 static inline uint32_t watch_at(uint32_t k, uint32_t lane) { return k * WARN_LANES + lane; }

@@ -57,7 +57,7 @@ typedef struct SltJob {
     double error, abs_error;  /* refine until the stated error is below: relative to the largest component, or pixel, or
                                  absolute; 0: spend what the lattice would */
     uint64_t max_evaluations; /* of points and boxes; then the result so far, and SltStats.stopped; 0: by `segments`,
-                                 and with an error wanted 2^32 */
+                                 and with an error wanted 2^25 or more: docs/estimators.md */
     bool centred; /* image mode: one sample in the middle of each pixel, whatever spp and the filter are; of slt_render
                      and of the smooth part of derivatives, where these are sampled */
 } SltJob;

@@ -18,8 +18,8 @@ typedef struct Png {
     char message[160];
     const uint8_t *bytes; /* reading */
     size_t size, at;
-    uint8_t *pixels;
-    png_bytep *rows;
+    uint8_t *row;  /* reading: of the file's samples, 8 or 16 bits in host order */
+    float *linear; /* reading: of each level */
     int width, height, channels, bits;
     double gamma; /* of the file's chunk gAMA; 0: the curve of sRGB */
     Bytes *out;   /* writing */
@@ -70,8 +70,48 @@ static const char *check_chunks(const uint8_t *bytes, size_t size) {
     return "the file ends too early";
 }
 
-/* Reads header and pixels into p->pixels, 8 or 16 bits in host order. Longjmps on error. */
-static void read_pixels(Png *p, const char *name, SltError *err) {
+/* The curve of the file, level by level. */
+static void read_curve(Png *p, bool raw) {
+    int levels = p->bits == 16 ? 65536 : 256;
+    p->linear = malloc((size_t)levels * sizeof *p->linear);
+    if (!p->linear) return;
+    /* 1 / 2.2, as most writers round it, is meant as sRGB's: the standard says to prefer that curve where both are
+     * given */
+    bool is_srgb = p->gamma == 0 || fabs(p->gamma - 1 / 2.2) < 1e-3;
+    for (int i = 0; i < levels; i++) {
+        float v = (float)i / (float)(levels - 1);
+        p->linear[i] = raw ? v : is_srgb ? image_decode_srgb(v) : (float)pow(v, 1 / p->gamma);
+    }
+}
+
+/* Every `step`th pixel of the row, from `first` on. */
+static void row_to_floats(const Png *p, int first, int step, float *to) {
+    const uint16_t *wide = (const uint16_t *)(const void *)p->row; /* malloc'd, so aligned */
+    bool has_alpha = p->channels == 2 || p->channels == 4;
+    float top = p->bits == 16 ? 65535 : 255;
+    for (size_t x = (size_t)first; x < (size_t)p->width; x += (size_t)step)
+        for (int c = 0; c < p->channels; c++) {
+            size_t i = x * (size_t)p->channels + (size_t)c;
+            unsigned q = p->bits == 16 ? wide[i] : p->row[i];
+            to[i] = has_alpha && c == p->channels - 1 ? (float)q / top : p->linear[q];
+        }
+}
+
+/* One row at a time: the floats alone may be as large as images may be. Of an interlaced file each pass has some pixels
+ * of some rows, and leaves those of the others as they are. */
+static void read_rows(Png *p, int passes, float *to) {
+    size_t length = (size_t)p->width * (size_t)p->channels;
+    for (int pass = 0; pass < passes; pass++)
+        for (int y = 0; y < p->height; y++) {
+            png_read_row(p->png, p->row, NULL);
+            if (passes == 1) row_to_floats(p, 0, 1, to + (size_t)y * length);
+            else if (PNG_ROW_IN_INTERLACE_PASS((unsigned)y, pass))
+                row_to_floats(p, PNG_PASS_START_COL(pass), 1 << PNG_PASS_COL_SHIFT(pass), to + (size_t)y * length);
+        }
+}
+
+/* Reads header and pixels. Longjmps on error. */
+static void read_image(Png *p, const char *name, bool raw, Image *out, SltError *err) {
     png_set_read_fn(p->png, p, read_bytes);
     png_set_user_limits(p->png, IMAGE_MAX_SIDE, IMAGE_MAX_SIDE);
     png_set_chunk_malloc_max(p->png, CHUNK_LIMIT);
@@ -104,43 +144,17 @@ static void read_pixels(Png *p, const char *name, SltError *err) {
         row != (size_t)p->width * (size_t)p->channels * (size_t)(p->bits / 8)) {
         png_error(p->png, "unexpected pixel layout");
     }
-    p->pixels = calloc((size_t)p->height, row);
-    p->rows = malloc((size_t)p->height * sizeof *p->rows);
-    if (!p->pixels || !p->rows) {
+    p->status = image_create(out, p->width, p->height, p->channels, err);
+    if (p->status != SLT_OK) longjmp(p->escape, 1);
+    p->status = SLT_INPUT;
+    p->row = malloc(row);
+    read_curve(p, raw);
+    if (!p->row || !p->linear) {
         p->status = SLT_LIMIT;
         png_error(p->png, "out of memory");
     }
-    for (int y = 0; y < p->height; y++) p->rows[y] = p->pixels + (size_t)y * row;
-    for (int pass = 0; pass < passes; pass++) png_read_rows(p->png, p->rows, NULL, (png_uint_32)p->height);
+    read_rows(p, passes, out->data);
     png_read_end(p->png, NULL);
-}
-
-static SltStatus to_floats(const Png *p, bool raw, Image *out, SltError *err) {
-    SltStatus status = image_create(out, p->width, p->height, p->channels, err);
-    if (status != SLT_OK) return status;
-    int levels = p->bits == 16 ? 65536 : 256;
-    float *linear = malloc((size_t)levels * sizeof *linear);
-    if (!linear) {
-        image_free(out);
-        return status_fail(err, SLT_LIMIT, "out of memory");
-    }
-    /* 1 / 2.2, as most writers round it, is meant as sRGB's: the standard says to prefer that curve where both are
-     * given */
-    bool is_srgb = p->gamma == 0 || fabs(p->gamma - 1 / 2.2) < 1e-3;
-    for (int i = 0; i < levels; i++) {
-        float v = (float)i / (float)(levels - 1);
-        linear[i] = raw ? v : is_srgb ? image_decode_srgb(v) : (float)pow(v, 1 / p->gamma);
-    }
-    size_t total = (size_t)p->width * (size_t)p->height * (size_t)p->channels;
-    bool has_alpha = p->channels == 2 || p->channels == 4;
-    const uint16_t *wide = (const uint16_t *)(const void *)p->pixels; /* calloc'd, so aligned */
-    for (size_t i = 0; i < total; i++) {
-        unsigned q = p->bits == 16 ? wide[i] : p->pixels[i];
-        bool alpha = has_alpha && i % (size_t)p->channels == (size_t)p->channels - 1;
-        out->data[i] = alpha ? (float)q / (float)(levels - 1) : linear[q];
-    }
-    free(linear);
-    return SLT_OK;
 }
 
 SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, const ImageReadOptions *opt, Image *out,
@@ -164,14 +178,15 @@ SltStatus image_decode_png(const char *name, const uint8_t *bytes, size_t size, 
     SltStatus status;
     errno = 0;
     if (setjmp(p->escape) == 0) {
-        read_pixels(p, name, err);
-        status = to_floats(p, opt->raw, out, err);
-    } else { /* without a message, image_check_claim has already filled err */
+        read_image(p, name, opt->raw, out, err);
+        status = SLT_OK;
+    } else { /* without a message, err is filled already */
+        image_free(out);
         status = p->message[0] ? status_fail(err, p->status, "cannot read '%s': %s", name, p->message) : p->status;
     }
     png_destroy_read_struct(&p->png, &p->info, NULL);
-    free(p->pixels);
-    free(p->rows);
+    free(p->row);
+    free(p->linear);
     free(p);
     return status;
 }

@@ -179,13 +179,14 @@ static double next_line(const Cells *c, const Box *x, uint32_t d, double from) {
 }
 
 /* Points of the whole box, part by part of the grid. */
-static bool fill(Cells *c, const Box *x, bool constant) {
+static bool fill(Cells *c, const Cell *cell, bool constant) {
+    const Box *x = &cell->box;
     double lo[3] = {0}, end[3] = {1, 1, 1};
     uint32_t last = c->dim - 1;
     for (uint32_t d = 0; d < c->dim; d++) lo[d] = x->lo[d], end[d] = next_line(c, x, d, x->lo[d]);
     for (;;) {
         if (constant) cells_emit_middle(c, lo, end);
-        else if (!cells_settle_box(c, lo, end)) return false;
+        else if (!cells_settle_box(c, cell, lo, end)) return false;
         uint32_t d = 0; /* the next part of the grid inside the box, as one counts */
         for (; d <= last && end[d] >= x->end[d]; d++) lo[d] = x->lo[d], end[d] = next_line(c, x, d, x->lo[d]);
         if (d > last) return true;
@@ -197,7 +198,7 @@ static bool settle(Cells *c, const Cell *cell) {
     count_cell(c, cell, CELL_SETTLED);
     if (!c->o->volume) return true;
     bool constant = is_constant(c, cell);
-    if (!constant || !c->sink->constant) return fill(c, &cell->box, constant || c->o->flat);
+    if (!constant || !c->sink->constant) return fill(c, cell, constant || c->o->flat);
     double f[SLT_MAX_CHANNELS];
     for (uint32_t ch = 0; ch < c->s->channels; ch++) f[ch] = cell->f[2 * ch];
     c->sink->constant(c->sink->user, &cell->box, f);
@@ -475,7 +476,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
-    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0;
+    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0;
     memset(c->straight, 0, c->s->nsites);
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);

@@ -85,8 +85,11 @@ typedef struct CellCounts {
     uint64_t cells, boxes, points; /* final cells; evaluations of bounds, and of anything at a point */
     uint64_t coincident;           /* points of curves that coincide and move apart, where there is no derivative */
     double banded; /* measure of cells, counted as curved, with curves whose order rounding hides; f depends on it */
-    bool spent;    /* the budget was */
-    bool loose;    /* roots ended where CellOptions.slack lets them */
+    /* What rounding of g may make of curves: of the value, by channel; of derivatives, the integral of |jump| along
+     * curves, and of |jump| * Root.blur. */
+    double moved[SLT_MAX_CHANNELS], weighed, blurred;
+    bool spent; /* the budget was */
+    bool loose; /* roots ended where CellOptions.slack lets them */
     /* Where f jumps at seams that tagged decisions hang on, which nothing integrates: measure of the cells, which count
      * as settled or curved all the same; the integral of |jump| along them, by channel; 1 + the first such seam, 0:
      * none */

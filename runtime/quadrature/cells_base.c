@@ -361,6 +361,7 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     p->graded = c->o->volume && cell->state & SLT_BOX_ROUGH;
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
     if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
+    p->leaving[0] = p->leaving[1] = -1;
     if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond;
     if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond;
     return true;
@@ -405,8 +406,9 @@ bool cells_cut_bases(Cells *c, uint32_t first) {
 /* What lies between the end of the cell and the border of the domain is no more than an error. */
 void cells_emit_beyond(Cells *c, const Piece *p) {
     for (int end = 0; end < 2; end++) {
+        if (!(p->beyond[end] > 0) || p->leaving[end] < 0) continue;
         const PieceEdge *e = &p->edge[p->leaving[end]];
-        if (!(p->beyond[end] > 0) || !(p->present >> p->leaving[end] & 1) || !e->open) continue;
+        if (!(p->present >> p->leaving[end] & 1) || !e->open) continue;
         const CellEdge *edge = &c->cell[p->cell].edge[p->leaving[end]];
         Root r = {.of = edge, .g = e->g, .sides = e->sides, .axis = p->axis, .rises = edge->rises[p->axis]};
         for (uint32_t d = 0; d < c->dim; d++) r.x[d] = 0.5 * (p->at[d][0] + p->at[d][1]);

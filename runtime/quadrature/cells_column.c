@@ -292,7 +292,7 @@ static void emit_crossing(Cells *c, const Root *r) {
     if (r->band) cells_count_band(c, r);
     of.sides += r->band && k->rule == CELL_COARSE; /* cells_part_twins */
     cells_crossing(c, &of, x);
-    x->weight = k->weight / fabs(r->dg[r->axis]);
+    x->weight = k->weight / fabs(r->dg[r->axis]) * (k->rule == CELL_COARSE ? 1 + r->blur : 1);
 }
 
 /* ---- is a piece short enough? */
@@ -358,12 +358,12 @@ enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
  * a curve; else its base or its columns are too long. */
-static bool shorten(Cells *c, uint32_t i, bool curves_agree, const Column *from, const Column *to) {
+static bool shorten(Cells *c, uint32_t i, bool curves_agree, bool layer, const Column *from, const Column *to) {
     Piece *p = &c->piece[i];
-    bool columns = c->dim == 1;
+    bool columns = c->dim == 1 || layer;
     c->cell[p->cell].cuts++;
     uint32_t before = p->points, full = c->rule[CELL_FINE].n;
-    if (before < full) {
+    if (before < full && !layer) {
         p->points = 0;
         choose_points(c, p);
         p->points = (uint8_t)(p->points > before ? p->points : full);
@@ -386,7 +386,7 @@ static bool cut_piece(Cells *c, const Piece *p) {
         Piece *q = &c->piece[c->npiece++];
         *q = *p;
         q->at[p->base][!half] = 0.5 * (p->at[p->base][0] + p->at[p->base][1]);
-        q->beyond[!half] = 0;
+        q->beyond[!half] = 0, q->leaving[!half] = -1;
         q->points = 0;
         q->halvings++;
     }
@@ -412,7 +412,7 @@ bool cells_evaluate(Cells *c, uint32_t first, bool values) {
 
 bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     bool tied = false;
-    if (!c->b->f64 && !cells_round_roots(c, from, to)) return false;
+    if (!cells_round_roots(c, from, to)) return false;
     for (const Column *k = from; k < to; k++)
         for (uint32_t r = 0; r < k->nroots; r++) {
             const Root *root = &c->root[k->first + r];
@@ -439,16 +439,21 @@ static bool integrate(Cells *c, uint32_t first) {
         if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
         if (compare && c->o->volume)
             smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end);
+        const Spot *spots = c->spot + spot, *beyond = c->spot + end; /* with none there may be no list */
+        bool layer = compare && c->o->volume && agree && smooth && end > spot &&
+                     cells_layer(c, p, from, to, spots, beyond, false) > 0;
+        smooth &= !layer;
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         if ((agree && smooth) || last || cells_spent(c)) {
             if (!cells_emit_columns(c, from, to)) return false;
             cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
+            if (layer) cells_layer(c, p, from, to, spots, beyond, true);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);
         } else {
-            if (!shorten(c, first + i, agree, from, to)) return false;
+            if (!shorten(c, first + i, agree, layer, from, to)) return false;
             if (kept != first + i) c->piece[kept] = *p;
             kept++;
         }

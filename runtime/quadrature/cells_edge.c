@@ -24,12 +24,6 @@ Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]) { return add_
 
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]) { return add_probe(c, e, &nothing_given, x); }
 
-bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]) {
-    double centre[3] = {0};
-    for (uint32_t d = 0; d < c->dim; d++) centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
-    return cells_ask(c, e, lo, hi) && cells_ask(c, e, centre, centre);
-}
-
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]) {
     if (!CELLS_ROOM(c, ask, 1)) return NULL;
     Ask *a = &c->ask[c->nask++];
@@ -188,6 +182,7 @@ static void read_ends(const Batch *b, SltRole lo, SltRole hi, uint32_t k, uint32
 
 bool cells_run_asks(Cells *c) {
     Batch *b = c->b;
+    const uint32_t seconds = scene_outputs(c->s, SLT_K_EDGE_BOUNDS, SLT_OUT_DDG_LO);
     if (!ordered(c, c->nask)) return false;
     for (uint32_t from = 0, end; from < c->nask; from = end) {
         end = group(c->order, from, c->nask, asks_together, c);
@@ -210,9 +205,27 @@ bool cells_run_asks(Cells *c) {
             double size = fmax(fabs(a->g[0]), fabs(a->g[1])), ulp = c->b->f64 ? 0x1p-52 : 0x1p-23;
             a->error = batch_has(b, SLT_OUT_G_ERROR) ? batch_get(b, SLT_OUT_G_ERROR, 0, i - from) : 128 * ulp * size;
             a->state = (uint32_t)batch_get_int(b, SLT_OUT_G_STATE, 0, i - from);
+            for (uint32_t k = 0; k < seconds; k++)
+                read_ends(b, SLT_OUT_DDG_LO, SLT_OUT_DDG_HI, k, i - from, a->bend[k]);
+            for (uint32_t d = 0; d < c->dim && seconds; d++)
+                a->slope_error[d] = batch_get(b, SLT_OUT_DG_ERROR, d, i - from);
         }
     }
     return true;
+}
+
+bool cells_run_asks_about_centres(Cells *c) {
+    if (!cells_run_asks(c)) return false;
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < c->nask; i++) {
+        Ask *a = &c->ask[i];
+        bool told = a->g[0] > 0 || a->g[1] < 0 || a->state & SLT_EDGE_JUMPS;
+        double centre[3] = {0};
+        a->centre = told ? 0 : c->nprobe + 1;
+        for (uint32_t d = 0; d < c->dim; d++) centre[d] = cells_round(c, a->lo[d] + 0.5 * (a->hi[d] - a->lo[d]));
+        if (!told && !add_probe(c, a->event, a->given, centre)) return false;
+    }
+    return cells_run_probes(c);
 }
 
 /* The open events of box i of the last call, each integer of a rounding an event of its own. */
@@ -251,16 +264,39 @@ static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     }
 }
 
+/* Of the gradient: its components at the centre, and what second derivatives change them by. Of x - p and x - q, which
+ * natural bounds take for independent, they know that the difference is constant. */
+static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Probe *centre) {
+    if (!scene_outputs(c->s, SLT_K_EDGE_BOUNDS, SLT_OUT_DDG_LO)) return;
+    static const uint8_t at[2][3][3] = {{{0, 1}, {1, 2}}, {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}};
+    for (uint32_t d = 0; d < c->dim; d++) {
+        double mean[2] = {centre->dg[d], centre->dg[d]}, scale = fabs(centre->dg[d]);
+        for (uint32_t k = 0; k < c->dim; k++) {
+            const double *bend = box->bend[at[c->dim > 2][d][k]];
+            double down = centre->x[k] - box->lo[k], up = box->hi[k] - centre->x[k];
+            double ends[4] = {up > 0 ? bend[0] * up : 0, down > 0 ? -bend[1] * down : 0, up > 0 ? bend[1] * up : 0,
+                              down > 0 ? -bend[0] * down : 0};
+            mean[0] += fmin(0, fmin(ends[0], ends[1])), mean[1] += fmax(0, fmax(ends[2], ends[3]));
+            scale += up + down > 0 ? (fabs(bend[0]) + fabs(bend[1])) * (up + down) : 0;
+        }
+        double rounding = 2 * box->slope_error[d] + 0x1p-50 * scale;
+        if (mean[0] - rounding > e->slope[d][0]) e->slope[d][0] = mean[0] - rounding; /* NaN is not */
+        if (mean[1] + rounding < e->slope[d][1]) e->slope[d][1] = mean[1] + rounding;
+    }
+}
+
 /* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
  * ends. */
-void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre) {
-    double mean[2] = {centre->g[0], centre->g[1]}, scale = fmax(fabs(mean[0]), fabs(mean[1]));
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
+    const Probe *centre = box->centre ? &c->probe[box->centre - 1] : NULL;
+    double g = centre ? centre->g : NAN, mean[2] = {g, g}, scale = fabs(g);
     for (uint32_t d = 0; d < 3; d++)
         for (int end = 0; end < 2; end++) e->slope[d][end] = d < c->dim ? box->slope[d][end] : 0;
+    if (centre) narrow_slopes(c, e, box, centre);
     e->state = box->state, e->error = box->error;
     bool smooth = !(box->state & SLT_EDGE_JUMPS);
     for (uint32_t d = 0; d < c->dim; d++) {
-        double down = centre->lo[d] - box->lo[d], up = box->hi[d] - centre->hi[d];
+        double down = centre ? centre->x[d] - box->lo[d] : 0, up = centre ? box->hi[d] - centre->x[d] : 0;
         double a = e->slope[d][0], z = e->slope[d][1];
         e->rises[d] = (int8_t)(!smooth ? 0 : a > 0 && z < HUGE_VAL ? 1 : z < 0 && a > -HUGE_VAL ? -1 : 0);
         /* t (x - centre) with t in [a, z]; an extent of 0 beside an unknown slope is 0 */
@@ -355,17 +391,17 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         for (uint32_t e = 0; e < cell[i].nedges; e++)
-            if (!cells_ask_both(c, &cell[i].edge[e], cell[i].box.lo, cell[i].box.hi)) return false;
+            if (!cells_ask(c, &cell[i].edge[e], cell[i].box.lo, cell[i].box.hi)) return false;
     }
-    if (!cells_run_asks(c)) return false;
+    if (!cells_run_asks_about_centres(c)) return false;
     uint32_t at = 0;
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0, event[CELL_EVENTS];
         cell[i].nevents = cell[i].nedges;
-        for (uint32_t e = 0; e < cell[i].nedges; e++, at += 2) {
+        for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
-            cells_meet(c, edge, &c->ask[at], &c->ask[at + 1]);
+            cells_meet(c, edge, &c->ask[at++]);
             edge->before = (uint8_t)e;
             cell[i].event[e] = edge->event;
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */

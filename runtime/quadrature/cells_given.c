@@ -40,12 +40,28 @@ static bool is_given(const CellEdge *e, uint32_t event) {
     return false;
 }
 
-/* May this event be given to the edge? Of roundings and in deep loops kernels cannot. */
+static bool is_rounding(const Cells *c, int32_t site) {
+    if ((uint32_t)site >= c->s->nedges || !c->s->edge_kind) return false;
+    return c->s->edge_kind[site] >= SLT_SITE_FLOOR && c->s->edge_kind[site] <= SLT_SITE_FMOD;
+}
+
+/* May the boundary of a rounding be given? Its number takes the place of the last index, and where there are others in
+ * the cell two signs do not tell what the integer is. */
+static bool may_give_boundary(const Cell *cell, uint32_t event) {
+    const Event *f = &cell->event[event];
+    for (uint32_t i = 0; i < cell->nevents; i++)
+        if (cells_are_levels(&cell->event[i], f)) return false;
+    return !f->k[SLT_GIVEN_K - 1] && fabs(f->boundary) < 0x1p30;
+}
+
+/* May this event be given to the edge? In deep loops kernels cannot. */
 static bool may_give(const Cells *c, const Cell *cell, const CellEdge *e, uint32_t event) {
     const Event *f = &cell->event[event];
     if (is_given(e, event) || event_same(f, &e->event)) return false;
     bool choice = (uint32_t)f->site >= c->s->nedges;
-    if (!choice && c->s->edge_kind && c->s->edge_kind[f->site] != SLT_SITE_COMPARE) return false;
+    bool rounds = is_rounding(c, f->site),
+         compares = !c->s->edge_kind || choice || c->s->edge_kind[f->site] == SLT_SITE_COMPARE;
+    if (!compares && !(rounds && may_give_boundary(cell, event))) return false;
     for (uint32_t d = SLT_GIVEN_K; d < c->depth; d++)
         if (f->k[d]) return false;
     bool site = (uint32_t)f->site < c->s->nsites;
@@ -65,12 +81,13 @@ static bool next_event(const Cells *c, const Cell *cell, CellEdge *e, uint32_t *
     return false;
 }
 
-static CellEdge with_given(const Cell *cell, const CellEdge *e, uint32_t event, bool below) {
+static CellEdge with_given(const Cells *c, const Cell *cell, const CellEdge *e, uint32_t event, bool below) {
     CellEdge way = *e;
     uint32_t n = way.given.n++;
     const Event *f = &cell->event[event];
     way.given.is[n].site = f->site, way.given.is[n].event = (uint8_t)event, way.given.is[n].below = below;
     for (uint32_t d = 0; d < SLT_GIVEN_K; d++) way.given.is[n].k[d] = f->k[d];
+    if (is_rounding(c, f->site)) way.given.is[n].k[SLT_GIVEN_K - 1] = (int32_t)floor(f->boundary);
     return way;
 }
 
@@ -86,8 +103,8 @@ static bool add_trials(Cells *c, Cell *cell, uint32_t n) {
             int sign = cell[i].sign[event];
             Trial *t = &c->trial[c->ntrial++];
             *t = (Trial){.cell = i, .edge = e, .ways = sign ? 1 : 2};
-            t->way[0] = with_given(&cell[i], &cell[i].edge[e], event, sign <= 0);
-            if (!sign) t->way[1] = with_given(&cell[i], &cell[i].edge[e], event, false);
+            t->way[0] = with_given(c, &cell[i], &cell[i].edge[e], event, sign <= 0);
+            if (!sign) t->way[1] = with_given(c, &cell[i], &cell[i].edge[e], event, false);
         }
     }
     return true;
@@ -99,9 +116,9 @@ static bool ask_trials(Cells *c, const Cell *cell) {
         const Trial *t = &c->trial[i];
         const Box *box = &cell[t->cell].box;
         for (uint32_t w = 0; w < t->ways; w++)
-            if (!cells_ask_both(c, &t->way[w], box->lo, box->hi)) return false;
+            if (!cells_ask(c, &t->way[w], box->lo, box->hi)) return false;
     }
-    return cells_run_asks(c);
+    return cells_run_asks_about_centres(c);
 }
 
 static bool differs(const CellEdge *e, const CellEdge *f) {
@@ -137,7 +154,7 @@ bool cells_give(Cells *c, Cell *cell, uint32_t n) {
         if (!ask_trials(c, cell)) return false;
         const Ask *a = c->ask;
         for (uint32_t i = 0; i < c->ntrial; i++)
-            for (uint32_t w = 0; w < c->trial[i].ways; w++, a += 2) cells_meet(c, &c->trial[i].way[w], &a[0], &a[1]);
+            for (uint32_t w = 0; w < c->trial[i].ways; w++) cells_meet(c, &c->trial[i].way[w], a++);
         /* From the last to the first: edges that are put in move those behind. */
         for (uint32_t i = c->ntrial; i-- > 0;) put_ways(&cell[c->trial[i].cell], &c->trial[i]);
     }

@@ -6,6 +6,7 @@
  *   cells_given.c   events whose g others change: what these decide is given
  *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
+ *   cells_rounding.c what rounding makes of roots, and so of curves
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
  *   cells_column.c  pieces of the base become columns, these roots and crossings
@@ -14,6 +15,7 @@
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut, several on one line untied
  *   cells_upset.c   seams at whose jump tagged decisions change
+ *   cells_layer.c   f that climbs so steeply that points miss it
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -132,7 +134,7 @@ typedef struct Piece {
     bool halve;        /* it is too long for the rules */
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
-    int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there */
+    int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there; -1: none */
     double beyond[2];  /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
@@ -181,6 +183,7 @@ typedef struct Root {
     bool solved, waits; /* waits: for a better guess */
     uint32_t other;     /* c->root[other - 1] stands for this one; 0: it stands for itself */
     uint32_t sides;     /* where they are: c->sides[sides - 1]; 0: not known */
+    double blur;        /* what rounding may make of its weight, in parts of it: cells_rounding.c */
     uint32_t tie;       /* whose the jump is: c->tie[tie - 1]; 0: its own event's */
 } Root;
 
@@ -201,8 +204,10 @@ typedef struct Shape {
 
 /* A box on which f is smooth. */
 typedef struct Smooth {
-    double lo[3], end[3];
+    double lo[3], end[3], hi[3];    /* hi: as in Box */
+    double f[2 * SLT_MAX_CHANNELS]; /* bounds: those of the cell, or, where it was looked for what they hide, its own */
     uint32_t halvings;
+    bool hunted; /* it is to be halved for that */
 } Smooth;
 
 /* g of an event at a point, or on a box. */
@@ -218,6 +223,8 @@ typedef struct Ask {
     double lo[3], hi[3];
     double g[2], slope[3][2], error; /* as in CellEdge */
     uint32_t state;
+    double bend[6][2], slope_error[3]; /* second derivatives, by row from the diagonal on; where `bends` are known */
+    uint32_t centre; /* probe[centre - 1] is there; 0: it was not asked */
 } Ask;
 
 typedef struct Node {
@@ -239,6 +246,7 @@ struct Cells {
     const CellSink *sink;
     CellCounts *counts;
     uint64_t began;                  /* evaluations counted before this tile */
+    uint64_t hunted;                 /* of these, for what bounds may hide: cells_layer.c */
     bool failed;                     /* memory ran out */
     bool prunes;                     /* a straight-line program, of which only some chunks run in a node */
     Pruner pruner;                   /* its level PRUNED is the node's */
@@ -338,14 +346,14 @@ void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
 bool cells_run_probes(Cells *c);                           /* probe[nprobe] */
 bool cells_run_site_probes(Cells *c); /* the same of sites' own g, which the edges of waves are only levels of */
 bool cells_run_asks(Cells *c);        /* ask[nask] */
+/* The same, and g at the centres of boxes on which it may be 0 and does not jump: for cells_meet. */
+bool cells_run_asks_about_centres(Cells *c);
 /* g and its gradient at root[active[0 .. n)], where one call does for all of them and needs no more than they hold;
  * false: it does not. */
 bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]); /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
-/* The box and its centre, for cells_meet. */
-bool cells_ask_both(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes
  * lists of iterations. */
 void cells_bound_halves(Cells *c);
@@ -356,7 +364,7 @@ void cells_bound_range(Cells *c, Cell *cell);             /* of one: what f may 
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
 /* What a box and its centre prove: bounds of g, those of its natural form met with those of the mean-value form. */
-void cells_meet(const Cells *c, CellEdge *e, const Ask *box, const Ask *centre);
+void cells_meet(const Cells *c, CellEdge *e, const Ask *box);
 /* The axis along which alone g changes; -1: there is none. */
 int cells_straight_axis(const Cells *c, const CellEdge *e);
 /* An edge that is straight, at which the cell may be cut exactly; -1: none. */
@@ -410,7 +418,8 @@ bool cells_solve(Cells *c);
 bool cells_narrow(Cells *c);
 /* f and the hash on the two sides of the roots that are wanted, where they are not known. */
 bool cells_take_sides(Cells *c);
-/* In f32, of roots that go out: those of the coarse rule are moved, and slopes are those of the sites. */
+/* ---- cells_rounding.c: of roots that go out: how far rounding blurs them, Root.blur and CellCounts. In f32 those of
+ * the coarse rule are moved, and slopes are those of the sites. */
 bool cells_round_roots(Cells *c, const Column *from, const Column *to);
 static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &c->sides[r->sides - 1]; }
 
@@ -478,6 +487,17 @@ void cells_add_upset(Cells *c, const Piece *p, Cell *owner);
 /* The same of the face in which a cell is cut at a seam, r. */
 void cells_check_cut(Cells *c, Cell *cell, const Root *r);
 
+/* ---- cells_layer.c */
+/* By how much f, next to the curves of a piece, lies outside of what points beside them have met; 0: by no more than it
+ * may climb there. count: adds it to what is lost, CellCounts.upset_jump. */
+double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first, const Spot *end,
+                   bool count);
+/* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
+ */
+bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* The axis along which bounds of its halves tell most, and these bounds. */
+uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
+
 /* ---- cells_volume.c */
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
@@ -487,8 +507,9 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);
-void cells_emit_parts(Cells *c, uint32_t from, uint32_t to);               /* of one piece, CellOptions.flat */
-bool cells_settle_box(Cells *c, const double lo[3], const double end[3]);  /* f is smooth there */
+void cells_emit_parts(Cells *c, uint32_t from, uint32_t to); /* of one piece, CellOptions.flat */
+/* f is smooth in this part of a cell. */
+bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]);
 void cells_emit_middle(Cells *c, const double lo[3], const double end[3]); /* f is constant: one point */
 /* The middle against two places beside it: rules that differ where f is not constant. */
 void cells_emit_few(Cells *c, const Box *cell);

@@ -28,7 +28,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     Root *r = &c->root[c->nroot++];
     r->ends[0] = r->ends[1] = r->wanted = r->twin = r->band = r->solved = r->waits =
         false; /* its other members come later */
-    r->column = r->sides = r->tie = r->other = 0, r->edge = 0;
+    r->column = r->sides = r->tie = r->other = 0, r->edge = 0, r->blur = 0;
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
@@ -338,11 +338,46 @@ static void extrapolate_sides(Cells *c, uint32_t known) {
     take_far(c, n, false);
 }
 
+static bool probe_sides(Cells *c, const Root *r) {
+    double x[3];
+    memcpy(x, r->x, sizeof x);
+    for (int s = 0; s < 2; s++) {
+        x[r->axis] = cells_sides(c, r)->at[s];
+        if (!cells_probe(c, r->of, x)) return false;
+    }
+    return true;
+}
+
+static bool is_wave_site(const Cells *c, const Root *r) {
+    return (uint32_t)r->of->event.site < c->s->nsites && cells_is_wave(c->s, r->of->event.site);
+}
+
+/* Keeps those of active[0..*n) that lack their signs. A level of a wave tells its sides apart where the wave itself,
+ * flat near its crests, rounds: that too is asked, for by it the program decides. In f32 the two rules tell. */
+static bool keep_unsigned(Cells *c, uint32_t *n) {
+    uint32_t kept = 0, waves = 0, *wave = c->active + c->nroot;
+    if (!cells_run_probes(c)) return false;
+    for (uint32_t i = 0; i < *n; i++) {
+        const Root *r = &c->root[c->active[i]];
+        bool wrong = !has_signs(c, r, c->probe + 2 * i);
+        if (!wrong && c->b->f64 && is_wave_site(c, r)) wave[waves++] = c->active[i];
+        if (wrong) c->active[kept++] = c->active[i];
+    }
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < waves; i++)
+        if (!probe_sides(c, &c->root[wave[i]])) return false;
+    if (waves && !cells_run_site_probes(c)) return false;
+    for (uint32_t i = 0; i < waves; i++)
+        if (!has_signs(c, &c->root[wave[i]], c->probe + 2 * i)) c->active[kept++] = wave[i];
+    *n = kept;
+    return true;
+}
+
 /* The sides are next to the root, and g has different signs there: the distance grows until it is so, at last to the
  * ends of the column, where it must be. */
 bool cells_take_sides(Cells *c) {
     uint32_t n = 0, known = c->nsides;
-    if (!cells_grow(c, &c->active, &c->active_cap, c->nroot, sizeof *c->active)) return false;
+    if (!cells_grow(c, &c->active, &c->active_cap, 2 * c->nroot, sizeof *c->active)) return false;
     for (uint32_t i = 0; i < c->nroot; i++)
         if (c->root[i].wanted && !c->root[i].sides) {
             if (!CELLS_ROOM(c, sides, 1)) return false;
@@ -358,84 +393,13 @@ bool cells_take_sides(Cells *c) {
         c->nprobe = 0;
         for (uint32_t i = 0; i < n; i++) {
             const Root *r = &c->root[c->active[i]];
-            const Sides *sides = cells_sides(c, r);
-            if (is_sure(r, sides)) continue;
-            double x[3];
-            memcpy(x, r->x, sizeof x);
-            for (int s = 0; s < 2; s++) {
-                x[r->axis] = sides->at[s];
-                if (!cells_probe(c, r->of, x)) return false;
-            }
+            if (is_sure(r, cells_sides(c, r))) continue;
+            if (!probe_sides(c, r)) return false;
             c->active[asked++] = c->active[i];
         }
-        if (!cells_run_probes(c)) return false;
-        n = 0;
-        for (uint32_t i = 0; i < asked; i++)
-            if (!has_signs(c, &c->root[c->active[i]], c->probe + 2 * i)) c->active[n++] = c->active[i];
+        n = asked;
+        if (!keep_unsigned(c, &n)) return false;
     }
     extrapolate_sides(c, known);
     return true;
-}
-
-/* ---- what rounding makes of them, in f32 */
-/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
- * closed curve do alike may cancel. */
-static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
-
-static bool by_chance(const double x[3]) {
-    uint64_t bits[3], all;
-    memcpy(bits, x, sizeof bits);
-    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
-    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
-}
-
-/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
- * that the distance of the two rules tells what comes of it. */
-static bool move_roots(Cells *c, const Column *from, const Column *to) {
-    c->nprobe = 0;
-    for (int pass = 0; pass < 2; pass++) {
-        const Probe *at = c->probe;
-        for (const Column *k = from; k < to; k++)
-            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
-                Root *r = &c->root[k->first + i];
-                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
-                if (!r->wanted || !(slope > 0)) continue;
-                if (pass) {
-                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
-                    at++;
-                    continue;
-                }
-                memcpy(x, r->x, sizeof x);
-                const double *by = moved[by_chance(x)];
-                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
-                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
-                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
-                if (!cells_probe(c, r->of, x)) return false;
-            }
-        if (!pass && !cells_run_probes(c)) return false;
-    }
-    return true;
-}
-
-/* In f32 the site's own slope at a root, as rounded, is not that of the edge, which is a level of a wave: what it is
- * divided by is rounded likewise. */
-static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
-    c->nprobe = 0;
-    for (const Column *k = from; k < to; k++)
-        for (uint32_t i = k->first; i < k->first + k->nroots; i++)
-            if (c->root[i].wanted && cells_is_wave(c->s, c->root[i].of->event.site) &&
-                !cells_probe(c, c->root[i].of, c->root[i].x))
-                return false;
-    if (!cells_run_site_probes(c)) return false;
-    const Probe *at = c->probe;
-    for (const Column *k = from; k < to; k++)
-        for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
-            Root *r = &c->root[i];
-            if (r->wanted && cells_is_wave(c->s, r->of->event.site)) memcpy(r->dg, (at++)->dg, sizeof r->dg);
-        }
-    return true;
-}
-
-bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
-    return move_roots(c, from, to) && take_own_slopes(c, from, to);
 }

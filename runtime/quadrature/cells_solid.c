@@ -18,13 +18,10 @@ static bool ask_faces(Cells *c, const Cell *cell, int across) {
         const CellEdge *edge = &cell->edge[e];
         if (edge->axis < 0 || edge->rises[3 - across - edge->axis]) continue;
         for (int far = 0; far < 2; far++) {
-            double lo[3], hi[3], centre[3];
-            for (int d = 0; d < 3; d++) {
-                lo[d] = cell->box.lo[d], hi[d] = cell->box.hi[d];
-                if (d == edge->axis) lo[d] = hi[d] = far ? hi[d] : lo[d];
-                centre[d] = cells_round(c, lo[d] + 0.5 * (hi[d] - lo[d]));
-            }
-            if (!cells_ask(c, edge, lo, hi) || !cells_ask(c, edge, centre, centre)) return false;
+            double lo[3], hi[3];
+            memcpy(lo, cell->box.lo, sizeof lo), memcpy(hi, cell->box.hi, sizeof hi);
+            lo[edge->axis] = hi[edge->axis] = far ? hi[edge->axis] : lo[edge->axis];
+            if (!cells_ask(c, edge, lo, hi)) return false;
         }
     }
     return true;
@@ -57,9 +54,9 @@ static bool seen_by_planes(const Cells *c, const Cell *cell, int across, const A
         int base = 3 - across - edge->axis;
         /* What does not move along the base meets faces in lines along it, from one of the cell's edges to another. */
         bool still = edge->slope[base][0] == 0 && edge->slope[base][1] == 0;
-        for (int far = 0; far < 2 && !edge->rises[base]; far++, *ask += 2) {
+        for (int far = 0; far < 2 && !edge->rises[base]; far++) {
             CellEdge face = *edge;
-            cells_meet(c, &face, &(*ask)[0], &(*ask)[1]);
+            cells_meet(c, &face, (*ask)++);
             seen &= still || face.g[0] > 0 || face.g[1] < 0;
         }
         for (uint32_t o = 0; o < cell->nedges; o++) {
@@ -78,7 +75,7 @@ static bool axis_of_planes(Cells *c, const Cell *cell, int *axis) {
     c->nask = 0;
     for (int across = 0; across < 3; across++)
         if (!(cell->axes >> across & 1) && !ask_faces(c, cell, across)) return false;
-    if (!cells_run_asks(c)) return false;
+    if (!cells_run_asks_about_centres(c)) return false;
     const Ask *ask = c->ask;
     for (int across = 0; across < 3; across++)
         if (!(cell->axes >> across & 1) && seen_by_planes(c, cell, across, &ask)) *axis = across;

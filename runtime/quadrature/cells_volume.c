@@ -81,14 +81,14 @@ static void emit_parts(Cells *c, const double x[3], double fine, double coarse) 
     if (both && !same) emit(c, x, coarse - fine, CELL_COARSE);
 }
 
-/* Parts of one piece. Those with the same hash, of a cell or of many, are parts of one shape: one point does for all.
- */
+/* Parts of one piece. Those with the same hash, of a cell or of many, are parts of one shape: one point does for all,
+ * but of an image, where each pixel has its own. */
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
     PartSpots p = parts_of(c, from, to);
     while (next_part(&p)) {
         const Spot *spot = p.fine ? p.fine : p.coarse;
         double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
-        if (!spot->hashed) {
+        if (!spot->hashed || c->o->grid[0] > 0) {
             emit_parts(c, spot->x, fine, coarse);
             continue;
         }
@@ -298,10 +298,12 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
 }
 
 /* ---- smooth boxes */
-bool cells_settle_box(Cells *c, const double lo[3], const double end[3]) {
+bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]) {
     if (!CELLS_ROOM(c, smooth, 1)) return false;
     Smooth *s = &c->smooth[c->nsmooth++];
-    s->halvings = 0;
+    s->halvings = 0, s->hunted = false;
+    for (uint32_t d = 0; d < 3; d++) s->hi[d] = smaller(end[d], cell->box.hi[d]);
+    memcpy(s->f, cell->f, 2 * c->s->channels * sizeof *s->f);
     memcpy(s->lo, lo, sizeof s->lo), memcpy(s->end, end, sizeof s->end);
     return true;
 }
@@ -327,16 +329,22 @@ static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
     return true;
 }
 
+/* In the middle of its longest side; of one that may hide something where that takes most from its bounds. */
 static bool halve_box(Cells *c, const Smooth *s) {
+    double f[2][2 * SLT_MAX_CHANNELS];
     uint32_t axis = 0;
     for (uint32_t d = 1; d < c->dim; d++)
         if (s->end[d] - s->lo[d] > s->end[axis] - s->lo[axis]) axis = d;
+    if (s->hunted) axis = cells_hunt(c, s, f);
     for (int half = 0; half < 2; half++) {
         if (!CELLS_ROOM(c, smooth, 1)) return false;
         Smooth *h = &c->smooth[c->nsmooth++];
         *h = *s;
-        *(half ? &h->lo[axis] : &h->end[axis]) = 0.5 * (s->lo[axis] + s->end[axis]);
-        h->halvings++;
+        double middle = 0.5 * (s->lo[axis] + s->end[axis]);
+        if (half) h->lo[axis] = middle;
+        else h->end[axis] = middle, h->hi[axis] = cells_round(c, middle);
+        if (s->hunted) memcpy(h->f, f[half], 2 * c->s->channels * sizeof *f[half]);
+        h->halvings++, h->hunted = false;
     }
     return true;
 }
@@ -352,9 +360,12 @@ static bool integrate_last(Cells *c, uint32_t first) {
     for (uint32_t i = first; i < n; i++) {
         uint32_t end = at;
         while (end < c->nspot && c->spot[end].owner == i) end++;
-        if (!compare || c->smooth[i].halvings >= BOX_HALVINGS || cells_spent(c) || cells_values_agree(c, at, end))
-            cells_emit_spots(c, at, end);
-        else c->smooth[kept++] = c->smooth[i];
+        Smooth *s = &c->smooth[i];
+        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree = last;
+        if (!last) agree = cells_values_agree(c, at, end);
+        if (!last && agree) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
+        if (agree && !s->hunted) cells_emit_spots(c, at, end);
+        else c->smooth[kept++] = *s;
         at = end;
     }
     c->nsmooth = kept;

@@ -3,7 +3,18 @@
 
 #include "runtime/quadrature/effort.h"
 
-enum { SWEEPS = 10, PARTS_MAX = 16, LEFT_MOST = 1 << 21 };
+enum {
+    SWEEPS = 10,
+    PARTS_MAX = 16,
+    LEFT_MOST = 1 << 21,
+    /* Where an error is wanted and no number of evaluations was given: in all, and at first; */
+    UNASKED = 1 << 25,
+    FIRST_STAGE = 1 << 22,
+    CELL_COST = 256, /* or so many for each cell that boxes foretell, if that is more */
+    STAGE = 4        /* by how much more the next sweep may spend, */
+};
+#define FALLS 0.7       /* if its error is less than so much of that of the one before, */
+#define FIRST_LEFT 0.25 /* or what the first one leaves over is less than this share of the domain */
 #define USUAL_GOAL 1e-7    /* where no error is asked for: */
 #define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
 #define FILLS 1e-3   /* a share of the domain that is no neighbourhood of curves */
@@ -54,8 +65,11 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     e->tolerance = fmin(3e-2, 10 * usual) * goal;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
     e->given = j->max_evaluations > 0;
-    e->limit = j->max_evaluations ? j->max_evaluations : e->wanted ? 1ull << 32 : (uint64_t)lattice;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
+    e->limit = j->max_evaluations ? j->max_evaluations
+               : e->wanted        ? (uint64_t)fmax(UNASKED, CELL_COST * cells)
+                                  : (uint64_t)lattice;
+    e->stage = e->wanted && !e->given ? (uint64_t)fmax(FIRST_STAGE, CELL_COST * cells) : e->limit;
     while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
     /* Where nothing can be proven, cells go down to the least size in vain. */
     double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left, */
@@ -80,13 +94,14 @@ void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
     p->parts = e->parts, p->left_share = e->left_share, p->least_ever = least_of(e), p->deeper = e->deeper;
     p->budget = e->limit > used ? e->limit - used : 1;
+    if (p->budget > e->stage) p->budget = e->stage;
 }
 
 bool effort_took(Effort *e, double rules, double left) {
     double error = rules + left;
     e->sweeps++;
     e->stalls = error > 0.5 * e->last ? e->stalls + 1 : 0;
-    e->last = error;
+    e->fell = error / e->last, e->last = error;
     if (!(error < e->best) && e->sweeps > 1) return false;
     e->best = error;
     return true;
@@ -116,6 +131,14 @@ static bool is_hopeless(const Effort *e, const Sweep *p, double left, double goa
     return left > goal && (double)used + more > (double)e->limit;
 }
 
+/* A sweep has spent what its stage allows: should the next one spend more? Not where nothing fills the domain but cells
+ * that get ever smaller in vain. */
+static bool next_stage(Effort *e, const Sweep *p, uint64_t used) {
+    bool falls = e->sweeps > 1 ? e->fell < FALLS : p->counts.left < FIRST_LEFT;
+    e->stage *= STAGE;
+    return falls && used < e->limit;
+}
+
 bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
                  SltStop *stop) {
     double goal = goal_of(e, scale);
@@ -126,6 +149,10 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
         return false;
     }
     bool rougher = left > 0.25 * goal, finer = rules > 0.25 * goal; /* what there is too much of */
+    if (p->counts.spent && e->stage < e->limit) {
+        *stop = SLT_STOP_EVALUATIONS;
+        return next_stage(e, p, used);
+    }
     double next = (double)cost * (e->fixed || !finer ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
     bool spent = p->counts.spent && !p->cells_budget;
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;

@@ -12,10 +12,10 @@ typedef struct Effort {
     uint32_t few;              /* as in CellOptions */
     double tolerance, least;   /* as in CellOptions */
     double left_share, deeper; /* as in Sweep */
-    uint64_t limit;            /* evaluations in all */
+    uint64_t limit, stage;     /* evaluations in all, and of the next sweep */
     uint32_t sweeps, stalls;
-    double best, last; /* errors: the least so far, that of the last sweep */
-    double left, work; /* of the last sweep: the error of what is left, and what its cells cost */
+    double best, last, fell; /* errors: the least so far, that of the last sweep, and in parts of the one before */
+    double left, work;       /* of the last sweep: the error of what is left, and what its cells cost */
 } Effort;
 /* lattice: evaluations that it would spend. */
 void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook);

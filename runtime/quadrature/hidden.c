@@ -185,7 +185,7 @@ bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen
     for (uint32_t i = 0; i < h->n; i++) {
         Crossing c;
         if (weigh(v, h, i, &h->of[h->cell[i]].box, &c)) h->crossing[kept++] = c;
-        else if (lost[h->index[h->cell[i]]]) v->unnamed = true;
+        else if (lost[h->index[h->cell[i]]] || p->sampled) v->unnamed = true;
     }
     put(v, h, kept);
     return true;

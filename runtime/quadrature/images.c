@@ -13,7 +13,7 @@ enum {
     GRID_PARTS = 8,   /* into as many cells at least, where an error is wanted that all points do not reach */
     LEFT_PARTS = 8    /* by so much smaller is the least cell of the next sweep */
 };
-#define LIMIT 0x1p32 /* evaluations, where an error is wanted and nothing else is said */
+#define LIMIT 0x1p28 /* evaluations, where an error is wanted and nothing else is said */
 #define DEARER 2.0 /* than the last sweep, at most, is the next one */
 
 /* Points along each side of a cell: in a pixel without an edge one more, squared or cubed, than samples are asked for.

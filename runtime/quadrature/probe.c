@@ -11,7 +11,9 @@ enum {
     POINTS = 48,    /* places that are looked at */
     LEVELS = 5,     /* boxes around each; the sides go down by four */
     CELL_COST = 32, /* evaluations that a cell costs, points and ancestors included */
-    TRIALS = 16     /* tiles of the trial */
+    TRIALS = 16,    /* tiles of the trial */
+    FEW = 4,        /* where no more of them were too dear, thin things may lie there: */
+    WIDER = 64      /* other tiles, of more evaluations */
 };
 static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each, by dimension */
 #define UNPROVEN 0.1  /* quadrature does not pay where so large a part of the domain will be left over */
@@ -19,7 +21,9 @@ static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each
 #define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
 #define DEARER 0.4        /* nor where cells cost more than this part of what the lattice does, */
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
-#define IMAGE_CELLS 16.0 /* nor where an image has more cells a pixel than this */
+#define WIDER_BUDGET 0.05   /* what these may cost, of what the lattice does, */
+#define WIDER_DEAREST 0.005 /* and each of them */
+#define IMAGE_CELLS 16.0  /* nor where an image has more cells a pixel than this */
 
 /* The box of a level around a place. */
 static void box_at(const SltScene *s, uint32_t point, uint32_t level, double lo[3], double hi[3]) {
@@ -132,35 +136,68 @@ static Box trial_tile(const Grid *g, bool f64, uint32_t k) {
     return t;
 }
 
-SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats) {
-    if (quadrature_marches(s, j)) return SLT_EST_QUADRATURE;
+typedef struct Trial {
+    const SltScene *s;
+    const SltJob *j;
+    const Grid *g;
+    Cells *cells;
+    Batch *b;
+    double lattice; /* evaluations */
+} Trial;
+
+/* Tiles of a trial, and what each and all of them may cost. */
+typedef struct Tiles {
+    uint32_t first, n;
+    uint64_t budget, most;
+    double dearer; /* than the lattice cells may be, so many times */
+} Tiles;
+
+/* Cuts the tiles into cells. May all of the domain be cut? Told too: how many had not enough. */
+static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok) {
+    const SltJob *j = t->j;
     Cost cost = {0};
     CellSink sink = {.curve = count_curve, .volume = count_volume, .left = no_left, .user = &cost};
     CellOptions o = {.curves = true, .volume = true, .gauss = 3, .coarse = 2, .tolerance = 1e-4, .least = 1e-5};
+    CellCounts counts = {0};
+    for (uint32_t d = 0; d < t->s->dim; d++)
+        if (!t->g->integral)
+            o.grid[d] = t->g->filter == SLT_FILTER_BOX ? t->g->side[d] : 0.5 * t->g->side[d],
+            o.grid_lo[d] = t->g->lo[d];
+    o.budget = a->budget, o.fixed = !t->g->integral;
+    uint64_t before = t->b->evaluations;
+    *spent = 0;
+    for (uint32_t k = a->first; k < a->first + a->n && *ok; k++) {
+        Box tile = trial_tile(t->g, t->s->f64, k);
+        counts.spent = false;
+        *ok = cells_run(t->cells, &tile, &o, &sink, &counts);
+        *spent += counts.spent;
+        if (t->b->evaluations - before > a->most) return false;
+    }
+    double all = counts.settled + counts.curved + counts.left;
+    double used =
+        (double)(t->b->evaluations - before + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : t->s->channels);
+    bool cheap = wants_error(j) || used / all <= a->dearer * t->lattice;
+    return *ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all;
+}
+
+SltEstimator quadrature_try(const SltScene *s, const SltJob *j, SltStats *stats) {
+    if (quadrature_marches(s, j)) return SLT_EST_QUADRATURE;
     Batch b;
     Grid g;
     SltError err;
-    CellCounts counts = {0};
     if (grid_init(&g, s, j, &err) != SLT_OK) return SLT_EST_LATTICE;
-    for (uint32_t d = 0; d < s->dim; d++)
-        if (!g.integral) o.grid[d] = g.filter == SLT_FILTER_BOX ? g.side[d] : 0.5 * g.side[d], o.grid_lo[d] = g.lo[d];
-    bool ok = batch_init(&b, s, &g);
-    Cells *cells = ok ? cells_new(&b, s->lo, s->hi) : NULL;
-    ok &= cells != NULL;
-    o.budget = trial_budget[g.dim - 1], o.fixed = !g.integral;
-    for (uint32_t k = 0; k < TRIALS && ok; k++) {
-        Box tile = trial_tile(&g, s->f64, k);
-        counts.spent = false;
-        ok = cells_run(cells, &tile, &o, &sink, &counts);
-    }
+    bool ok = batch_init(&b, s, &g), pays = false;
+    Trial t = {s, j, &g, ok ? cells_new(&b, s->lo, s->hi) : NULL, &b, quadrature_lattice(s, j, true, !j->no_interior)};
+    ok &= t.cells != NULL;
+    uint32_t spent = 0;
+    Tiles few = {0, TRIALS, trial_budget[g.dim - 1], UINT64_MAX, g.integral ? DEARER : DEARER_IMAGE};
+    Tiles wider = {TRIALS, WIDER, (uint64_t)(WIDER_DEAREST * t.lattice), (uint64_t)(WIDER_BUDGET * t.lattice), 1};
+    if (ok) pays = tiles_pay(&t, &few, &spent, &ok);
+    /* Most were cheap: the rest may be thin things, to which lines are blind. Other tiles tell more. */
+    if (ok && !pays && g.integral && spent <= FEW) pays = tiles_pay(&t, &wider, &spent, &ok);
     SltStats own = SLT_STATS_INIT;
     if (ok) batch_collect(&b, &own);
     if (stats) stats->evaluations += own.evaluations;
-    cells_free(cells), batch_free(&b), grid_free(&g);
-    double done = counts.settled + counts.curved, all = done + counts.left;
-    double spent = (double)(own.evaluations + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : s->channels);
-    double lattice = quadrature_lattice(s, j, true, !j->no_interior);
-    bool cheap = wants_error(j) || spent / all <= (j->integral ? DEARER : DEARER_IMAGE) * lattice;
-    return ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all ? SLT_EST_QUADRATURE
-                                                                                                 : SLT_EST_LATTICE;
+    cells_free(t.cells), batch_free(&b), grid_free(&g);
+    return pays ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
 }

@@ -58,6 +58,7 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
             double both = v[SUM_INTERIOR_BOTH * rows], share = v[SUM_SIZE * rows] / lines;
             m->variance[at] += share * share;
             m->size[at] += fabs(v[SUM_BOUNDARY_FINE * rows]) + fabs(v[SUM_INTERIOR_FINE * rows] + both);
+            m->error[at] += m->curves * fabs(v[SUM_BOUNDARY_FINE * rows]);
             m->boundary[at] += join(m, v[SUM_BOUNDARY_FINE * rows], v[SUM_BOUNDARY_COARSE * rows], boundary, lines,
                                     &m->error[at], &m->variance[at]);
             m->interior[at] += join(m, v[SUM_INTERIOR_FINE * rows] + both, v[SUM_INTERIOR_COARSE * rows] + both,
@@ -72,7 +73,7 @@ double sums_error(const Sums *m, uint32_t row, uint32_t p) {
     return m->error[at] + SURE * sqrt(m->variance[at]);
 }
 
-void sums_unnamed(Sums *m, const uint8_t *active, double left) {
+void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit) {
     for (size_t row = 0; row < m->rows; row++) {
         double sum = 0, met = 0, largest = 0, usual;
         size_t first = row * m->nfloats;
@@ -82,6 +83,7 @@ void sums_unnamed(Sums *m, const uint8_t *active, double left) {
             largest = fmax(largest, fabs(m->boundary[at] + m->interior[at]));
         }
         usual = met > 0 ? sum / met : left * largest;
+        if (!(usual > 0)) usual = left * unit;
         for (size_t at = first; at < first + m->nfloats; at++)
             if (!active || active[at - first]) m->variance[at] = fmax(m->variance[at], usual * usual);
     }

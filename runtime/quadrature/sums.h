@@ -34,6 +34,7 @@ typedef struct Sums {
     double *variance;            /* [rows][nfloats]: of independent sets */
     double *size;                /* [rows][nfloats]: of the tiles' parts, whatever their signs */
     double rounding;             /* of a sum, in parts of it */
+    double curves;               /* what rounding may make of a boundary term, in parts of it */
     double roots; /* and what roots that end at less than the last floats make of it: CellOptions.slack */
 } Sums;
 /* False when memory runs out. */
@@ -45,8 +46,9 @@ void sums_clear(Sums *m);
  * hundred terms round. */
 void sums_merge(Sums *m, Accum *a, SumMode mode, double lines);
 /* More may move than was named: a component that lines have hardly met may be as wrong as components are on average,
- * or, if none was met, as the share `left` of the largest. active: which count; NULL: all. */
-void sums_unnamed(Sums *m, const uint8_t *active, double left);
+ * or, if none was met, as the share `left` of the largest, or if all are 0, of `unit`. active: which count; NULL: all.
+ */
+void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit);
 /* f jumps along curves that nothing integrates: jump[channel] is the integral of |jump| along them. How fast these move
  * is not known; what is added is right for curves that move by 1 when a parameter changes by 1. */
 void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNELS]);

@@ -11,6 +11,7 @@
 #include "runtime/sample/prove.h"
 
 enum {
+    SLOPES = 2,           /* units in the last place by which what a crossing weighs may round */
     ROUNDS = 6,           /* most rounds over cells whose tiles ran out of their budget */
     ROUNDING_TERMS = 128, /* of a tile, whose sum rounds as sums.c has it */
     LEAST_BUDGET = 512,   /* evaluations of a tile, below which a round makes no sense */
@@ -281,8 +282,11 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     /* Roundings of so many terms in each of a few lanes. */
     double terms = sqrt(fmax(1, (double)c->points / ROUNDING_TERMS));
     p->sums.roots = c->loose ? p->options.slack : 0;
+    p->sums.curves = SLOPES * (p->run->s->f64 ? DBL_EPSILON : (double)FLT_EPSILON);
+    if (c->weighed > 0) p->sums.curves += c->blurred / c->weighed;
+    for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++) p->f_error[ch] += c->moved[ch];
     sweep_merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
-    p->sums.roots = 0;
+    p->sums.roots = p->sums.curves = 0;
     if (!v->nleft) return;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
@@ -401,6 +405,15 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
     return st;
 }
 
+/* The derivative of an integral in which f jumps across the domain, along a curve that moves as its parameter does. */
+static double unit_of(const Sweep *p) {
+    const SltScene *s = p->run->s;
+    double jump = 0, size = 0;
+    for (uint32_t c = 0; c < s->channels; c++) jump = fmax(jump, p->jump[c]);
+    for (uint32_t d = 0; d < s->dim; d++) size += p->volume / (s->hi[d] - s->lo[d]);
+    return (jump > 0 ? jump : 1) * size;
+}
+
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
@@ -431,17 +444,14 @@ SltStatus sweep_run(Sweep *p) {
         p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);
     if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
     if (st == SLT_OK && p->nleft && !p->gave_up) {
-        sweep_plan_left(p, r->stats.evaluations - start);
-        if (p->options.curves && !p->marches && !sweep_apart_left(p)) return no_memory(p);
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {
             p->worker[i].unnamed = false;
             for (uint32_t c = 0; c < r->s->channels; c++) p->jump[c] = fmax(p->jump[c], p->worker[i].jump[c]);
         }
-        st = run_tiles(r, (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, sweep_left_work, sweep_left_merge, p);
-        apart_free(p->apart), p->apart = NULL;
+        st = sweep_work_off_left(p, start);
         for (uint32_t i = 0; i < r->nworkers; i++) p->unnamed |= p->worker[i].unnamed;
-        if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left);
+        if (p->unnamed && p->errors) sums_unnamed(&p->sums, r->s->active, left, unit_of(p));
     }
     return st;
 }

@@ -79,6 +79,7 @@ typedef struct Sweep {
     double volume;                 /* of the domain */
     double volume_sampled;         /* measure of cells whose volume is only sampled */
     uint32_t lines;                /* across a cell that is left, along each axis */
+    uint64_t first_chunk;          /* of the part of the list that is worked off */
     Apart *apart;                  /* for boundaries that coincide there; NULL: not looked for */
     bool marches;                  /* in cells that are left curves are followed from side to side: march.c */
     bool sampled;                  /* cells that are left stand for others */
@@ -129,16 +130,12 @@ void sweep_begin_tile(SweepWorker *v, const Box *box);
 bool sweep_begin_splat(SweepWorker *v, const Box *box);
 /* In `merge`: what the worker's tile, or chunk, has gathered. lines: as of sums_merge. */
 void sweep_merge_sums(Sweep *p, SweepWorker *v, SumMode mode, double lines);
-/* ---- sweep_left.c: lines across a cell such that all of them together cost what is wanted; then the chunks of the
- * list. */
-void sweep_plan_left(Sweep *p, uint64_t used);
+/* ---- sweep_left.c: lines through the cells of the list, and samples in them, for what the budget still holds. start:
+ * evaluations before the sweep. */
+SltStatus sweep_work_off_left(Sweep *p, uint64_t start);
 /* Would curves through what is left cost too much? How many evaluations a cell takes hangs on how loose bounds are
  * there, and how many curves it holds: a few cells tell, all over the list. */
 bool sweep_march_is_dear(Sweep *p, uint64_t used);
-/* Before them: moves the parameters, for boundaries that coincide there. False when memory runs out. */
-bool sweep_apart_left(Sweep *p);
-bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk);
-void sweep_left_merge(void *user, uint32_t worker, uint64_t chunk);
 /* Derivatives of f at points, weighed by the adjoint image. */
 void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule);
 /* Points of the volume: CellSink.volume. */

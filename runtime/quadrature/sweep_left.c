@@ -5,7 +5,10 @@
 #include "runtime/quadrature/sweep.h"
 #include "runtime/sample/near.h"
 
-enum { LEFT_LINES = 32 }; /* most lines across a cell */
+enum {
+    LEFT_LINES = 32, /* most lines across a cell */
+    LEFT_LEAST = 64  /* cells that are looked at, whatever they cost */
+};
 
 double sweep_hidden(const Sweep *p, const LeftCell *l) {
     double most = 0;
@@ -23,10 +26,11 @@ double left_divisor(const SweepWorker *v) {
     return lines * sqrt(fmax(1, (double)v->w->finder.crossings / (2 * lines)));
 }
 
-bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk) {
+static bool left_work(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
-    uint64_t from = chunk * LEFT_CHUNK, to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
+    uint64_t from = (p->first_chunk + chunk) * LEFT_CHUNK,
+             to = from + LEFT_CHUNK < p->nleft ? from + LEFT_CHUNK : p->nleft;
     Box hull = p->left[from].box;
     bool seen[LEFT_CHUNK] = {false}, lost[LEFT_CHUNK] = {false};
     for (uint64_t i = from; i < to; i++)
@@ -59,7 +63,7 @@ bool sweep_left_work(void *user, uint32_t worker, uint64_t chunk) {
     return !(v->w->finder.failed || v->w->sink.failed || v->w->acc.failed);
 }
 
-void sweep_left_merge(void *user, uint32_t worker, uint64_t chunk) {
+static void left_merge(void *user, uint32_t worker, uint64_t chunk) {
     Sweep *p = user;
     SweepWorker *v = &p->worker[worker];
     (void)chunk;
@@ -76,25 +80,33 @@ static double face(const Box *b, uint32_t dim) {
     return shortest > 0 ? m / shortest : 0;
 }
 
-/* Lines across a cell such that all of them together cost what is wanted. Of more cells than can be paid for some stand
- * for all, chosen in proportion to their measure and to what they may hold of boundaries. */
-void sweep_plan_left(Sweep *p, uint64_t used) {
+/* Lines across a cell such that all of them together cost what is wanted. */
+static void plan_lines(Sweep *p, double spare) {
     uint32_t dim = p->run->s->dim;
-    double left = 0, faces = 0, at = 0.5, sum = 0;
-    for (uint64_t i = 0; i < p->nleft; i++)
-        left += sweep_measure(&p->left[i].box, dim), faces += face(&p->left[i].box, dim);
-    double spare = p->budget > used ? (double)(p->budget - used) : 0,
-           most = fmax(spare / (p->marches ? MARCH_COST : LEFT_COST), LEFT_CHUNK);
+    double left = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, dim);
     double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
     if (p->budget) vertices = fmin(vertices, 0.5 * spare);
     double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
     p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
-    if (!p->budget || (double)p->nleft <= most) return;
+}
+
+/* Of more cells from `from` on than can be paid for some stand for all, chosen in proportion to their measure and to
+ * what they may hold of boundaries. cost: evaluations of each; a few are always looked at. */
+static void plan_cells(Sweep *p, uint64_t from, double spare, double cost) {
+    uint32_t dim = p->run->s->dim;
+    double left = 0, faces = 0, at = 0.5, sum = 0, cells = (double)(p->nleft - from);
+    double most = fmax(spare / cost, LEFT_LEAST * cells / (double)p->nleft);
+    for (uint64_t i = from; i < p->nleft; i++) {
+        left += sweep_measure(&p->left[i].box, dim), faces += face(&p->left[i].box, dim);
+        p->left[i].stands = p->left[i].asked = 1;
+    }
+    if (!p->budget || cells <= most) return;
     p->sampled = true;
     /* Of a quarter of what can be spent. */
-    most = fmax(0.75 * most, LEFT_CHUNK);
-    uint64_t every = (uint64_t)((double)p->nleft * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
-    for (uint64_t i = 0; i < p->nleft; i++) {
+    most = fmax(0.75 * most, LEFT_LEAST * cells / (double)p->nleft);
+    uint64_t every = (uint64_t)(cells * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
+    for (uint64_t i = from; i < p->nleft; i++) {
         LeftCell *l = &p->left[i];
         double part = sweep_measure(&l->box, dim) / left, of_faces = face(&l->box, dim) / faces;
         double expected = (p->options.curves ? 0.5 * (part + of_faces) : part) * most;
@@ -105,7 +117,7 @@ void sweep_plan_left(Sweep *p, uint64_t used) {
     }
 }
 
-bool sweep_apart_left(Sweep *p) {
+static bool make_apart(Sweep *p) {
     const SltScene *s = p->run->s;
     double longest = 0;
     for (uint64_t i = 0; i < p->nleft; i++)
@@ -113,6 +125,33 @@ bool sweep_apart_left(Sweep *p) {
             longest = fmax(longest, (p->left[i].box.end[d] - p->left[i].box.lo[d]) / (s->hi[d] - s->lo[d]));
     double step = coincide_step(root_tolerance(run_is_coarse(p->run)) * longest / p->lines, s->f64 ? 0x1p-26 : 0x1p-14);
     return apart_new(s, p->run->j->seed, step, &p->apart);
+}
+
+/* In parts of the list, after each of which what its cells have cost tells how many of those that follow can be paid
+ * for: of crossings in a cell there may be one or hundreds, and one that is tied costs as much as ten. The last parts
+ * are small, so that little is spent beyond the budget. */
+SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
+    static const double upto[] = {0x1p-8, 0x1p-6, 0x1p-4, 0.25, 0.5, 0.75, 0.875, 0.9375, 0.96875, 1};
+    enum { PARTS = sizeof upto / sizeof *upto };
+    Run *r = p->run;
+    uint64_t chunks = (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, began = r->stats.evaluations, worked = 0;
+    double cost = p->marches ? MARCH_COST : LEFT_COST;
+    SltStatus st = SLT_OK;
+    plan_lines(p, p->budget > began - start ? (double)(p->budget - (began - start)) : 0);
+    if (p->options.curves && !p->marches && !make_apart(p)) return status_fail(r->err, SLT_LIMIT, "out of memory");
+    p->first_chunk = 0;
+    for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
+        uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;
+        uint64_t used = r->stats.evaluations - start;
+        if (to <= from) continue;
+        plan_cells(p, from * LEFT_CHUNK, p->budget > used ? (double)(p->budget - used) : 0, cost);
+        st = run_tiles(r, to - from, left_work, left_merge, p);
+        for (uint64_t i = from * LEFT_CHUNK; i < to * LEFT_CHUNK && i < p->nleft; i++) worked += p->left[i].stands > 0;
+        if (worked) cost = fmax(1, (double)(r->stats.evaluations - began) / (double)worked);
+        p->first_chunk = to;
+    }
+    apart_free(p->apart), p->apart = NULL;
+    return st;
 }
 
 bool sweep_march_is_dear(Sweep *p, uint64_t used) {

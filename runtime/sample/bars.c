@@ -21,7 +21,7 @@ static double mean_of(const double *rows, const double *other, uint32_t n, uint6
         double e = rows[k * size + i] + (other ? other[k * size + i] : 0) - sum;
         v += e * e;
     }
-    *variance = n > 1 ? v / (n - 1) / n : 0;
+    *variance = n < 2 ? 0 : isnan(v) ? HUGE_VAL : v / (n - 1) / n; /* of values that are not finite */
     return sum;
 }
 

@@ -19,6 +19,8 @@ double bars_factor(uint32_t n);
  * `error`; either may be NULL. */
 void bars_of_rows(const double *rows, const double *other, uint32_t n, uint64_t size, double *mean, double *error);
 /* Parts of the spread of replicates that belong to the error of their lines, measured: tests/bench/coverage.py. */
+/* Samples, or lines, of a replicate below which all may have missed what there is: the spread says nothing. */
+enum { BARS_FEWEST = 4 };
 #define BARS_PLANE 0.3
 #define BARS_SPACE 0.05
 /* Add the error of the boundary term (sketches are due), and what is missed of it, to bars of the interior. */

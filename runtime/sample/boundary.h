@@ -17,7 +17,7 @@ typedef struct Boundary {
     const Directions *dirs; /* SINK_FORWARD */
     uint32_t classes;       /* SINK_REVERSE: 1, or COSETS */
     bool misses;            /* SINK_REVERSE: after those a target for what is missed (thin.h) */
-    bool any_sign;          /* SINK_INTEGRAL: each crossing counts with a random sign */
+    bool any_sign;          /* each crossing counts with a random sign */
 } Boundary;
 /* The boundary term by the job's estimator; nothing where the program has none. */
 SltStatus boundary_run(Boundary *y, SinkKind kind);
@@ -32,9 +32,10 @@ bool boundary_in_order(const Run *r);
 void boundary_bind(Boundary *y, Worker *w, SinkKind kind);
 void boundary_merge(Boundary *y, Worker *w);
 
-/* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], what the crossings weigh that the run
- * has dropped: as many as were found weigh, in the mean. Infinite where none was found. segments: of one replicate. */
-SltStatus lost_add(Run *r, double segments, uint32_t replicates, double *error);
+/* lost.c: adds to the errors of an integral's derivatives, [channels][nfloats], or of a weighted image's, [nfloats], what
+ * the crossings weigh that the run has dropped: as many as were found weigh, in the mean. Infinite where none was found.
+ * Of `of` the segments (of one replicate) count, the classes, and the adjoint image, NULL for integrals. */
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *error);
 
 /* Shift of replicate r of n along dimension d, in [0, 1): the random number u is the same for all replicates, the
  * stratum of width 1/n is each one's own, in another order for each dimension. So the mean over replicates is as good

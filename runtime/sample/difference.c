@@ -20,6 +20,18 @@ static double param_get(const SltScene *s, uint32_t p) {
     return s->f64 ? ((const double *)s->params)[p] : (double)((const float *)s->params)[p];
 }
 
+/* The step that is taken, as both moved values are rounded to the program's precision; 0: none. */
+static double taken_step(const SltScene *s, uint32_t p, double h) {
+    double x = param_get(s, p), up = x + h, down = x - h;
+    return s->f64 ? (up - down) / 2 : ((double)(float)up - (double)(float)down) / 2;
+}
+
+static SltStatus no_step(const SltScene *s, uint32_t p, double h, SltError *err) {
+    return status_fail(err, SLT_USAGE,
+                       "a step of %g vanishes beside the parameter's %.9g in %s precision: take a larger one", h,
+                       param_get(s, p), s->f64 ? "double" : "single");
+}
+
 void moved_free(Moved *m) { free(m->params), free(m->geometry), free(m->geometries); }
 
 static bool move_geometries(Moved *m, const SltScene *s) {
@@ -59,6 +71,10 @@ static SltStatus image_difference(const SltScene *s, const SltJob *j, const doub
                                   float *out, float *scratch, SltStats *stats, SltError *err) {
     SltStatus st = SLT_OK;
     uint64_t n = s->channels;
+    for (uint32_t p = 0; p < s->nfloats && dir; p++) /* the component that goes farthest stands for the direction */
+        if (!p || fabs(dir[p]) > fabs(dir[axis])) axis = p;
+    double taken = dir && dir[axis] != 0 ? taken_step(s, axis, h * dir[axis]) / dir[axis] : taken_step(s, axis, h);
+    if (taken == 0) return no_step(s, axis, h, err);
     for (uint32_t d = 0; d < s->dim; d++) n *= j->size[d];
     for (int side = 0; side < 2 && st == SLT_OK; side++) {
         Moved m;
@@ -67,7 +83,8 @@ static SltStatus image_difference(const SltScene *s, const SltJob *j, const doub
                  : status_fail(err, SLT_LIMIT, "out of memory");
         moved_free(&m);
     }
-    for (uint64_t i = 0; i < n && st == SLT_OK; i++) out[i] = (float)(((double)out[i] - (double)scratch[i]) / (2 * h));
+    for (uint64_t i = 0; i < n && st == SLT_OK; i++)
+        out[i] = (float)(((double)out[i] - (double)scratch[i]) / (2 * taken));
     return st;
 }
 
@@ -131,25 +148,28 @@ static void spread(const double *v, uint32_t n, uint32_t channels, uint32_t c, d
     for (uint32_t i = 0; i < n; i++) sum += v[i * channels + c];
     sum /= n;
     for (uint32_t i = 0; i < n; i++) var += (v[i * channels + c] - sum) * (v[i * channels + c] - sum);
-    *mean = sum, *error = n > 1 ? bars_factor(n) * sqrt(var / (n - 1) / n) : 0;
+    *mean = sum, *error = n < 2 ? 0 : isnan(var) ? HUGE_VAL : bars_factor(n) * sqrt(var / (n - 1) / n);
 }
 
 /* Differences by a step of h in parameter p, of all replicates: up[n][channels]; `down` is room for as many. */
 static SltStatus integral_differences(const SltScene *s, const SltJob *j, uint32_t p, double h, uint32_t n, double *up,
                                       double *down, SltStats *stats, SltError *err) {
     SltStatus st = SLT_OK;
+    double taken = taken_step(s, p, h);
+    if (taken == 0) return no_step(s, p, h, err);
     for (int side = 0; side < 2 && st == SLT_OK; side++) {
         Moved m;
         st = scene_move(&m, s, NULL, p, side ? -h : h) ? integrals(&m.scene, j, n, side ? down : up, stats, err)
                                                        : status_fail(err, SLT_LIMIT, "out of memory");
         moved_free(&m);
     }
-    for (uint32_t i = 0; i < n * s->channels; i++) up[i] = (up[i] - down[i]) / (2 * h);
+    for (uint32_t i = 0; i < n * s->channels; i++) up[i] = (up[i] - down[i]) / (2 * taken);
     return st;
 }
 
 SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *out, SltStats *stats, SltError *err) {
     uint32_t n = j->replicates ? j->replicates : 4, channels = s->channels;
+    bool few = n > 1 && (j->samples + n - 1) / n < BARS_FEWEST;
     uint64_t size = (uint64_t)channels * s->nfloats;
     double *up = alloc_zero((size_t)n * channels, sizeof *up), *down = alloc_zero((size_t)n * channels, sizeof *down),
            *wide = alloc_zero((size_t)n * channels, sizeof *wide),
@@ -162,7 +182,7 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
         double mean, error;
         spread(up, n, channels, c, &mean, &error);
         if (out->value) out->value[c] = mean;
-        if (out->value_stderr) out->value_stderr[c] = error;
+        if (out->value_stderr) out->value_stderr[c] = few ? HUGE_VAL : error;
     }
     for (uint32_t p = 0; p < s->nfloats && st == SLT_OK; p++) {
         if (s->active && !s->active[p]) continue;
@@ -174,7 +194,7 @@ SltStatus difference_integral(const SltScene *s, const SltJob *j, SltIntegral *o
             double mean, error, other, ignored;
             spread(up, n, channels, c, &mean, &error);
             spread(wide, n, channels, c, &other, &ignored);
-            if (out->gradient_stderr) error = hypot(error, (other - mean) / 3);
+            if (out->gradient_stderr) error = few ? HUGE_VAL : hypot(error, (other - mean) / 3);
             if (out->gradient) out->gradient[(uint64_t)c * s->nfloats + p] = mean;
             if (out->gradient_stderr) out->gradient_stderr[(uint64_t)c * s->nfloats + p] = error;
         }

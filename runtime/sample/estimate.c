@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "runtime/quadrature/quadrature.h"
+#include "runtime/quadrature/inner.h"
 #include "runtime/sample/alloc.h"
 #include "runtime/sample/bars.h"
 #include "runtime/sample/boundary.h"
@@ -155,6 +155,7 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
     uint32_t classes = stderr_bound ? COSETS : 1;
     double *part[COSETS] = {0}, *missed = NULL;
     float *mean = NULL;
+    Boundary of = {0};
     st = run_begin(&r, s, j, err);
     if (st != SLT_OK) {
         run_end(&r, stats);
@@ -195,9 +196,11 @@ SltStatus slt_estimate_reverse(const SltScene *s, const SltJob *j, const float *
                       .targets = targets};
         st = boundary_run(&y, SINK_REVERSE);
         if (st == SLT_OK && classes > 1) combine(part, own, gradient, stderr_bound, s->nfloats);
+        of = y, of.classes = classes;
     }
-    r.stats.seconds_boundary = pool_now() - t;
     for (uint32_t p = 0; p < s->nfloats && stderr_bound; p++) stderr_bound[p] = sqrt(stderr_bound[p]) + fabs(missed[p]);
+    if (st == SLT_OK && !j->no_boundary) st = lost_add(&r, &of, 1, stderr_bound);
+    r.stats.seconds_boundary = pool_now() - t;
     mask_inactive(s, gradient), mask_inactive(s, stderr_bound);
     for (uint32_t c = 0; c < classes && classes > 1; c++) free(part[c]);
     free(mean), free(missed);
@@ -255,6 +258,12 @@ SltStatus slt_estimate_loss(const SltScene *s, const SltJob *j, const float *tar
 /* ---- integral */
 static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary || out->missed_estimate;
+}
+
+/* Errors that too few samples or lines cannot tell. */
+static void unknown_errors(const SltScene *s, double *error, uint64_t n, bool components) {
+    for (uint64_t i = 0; i < n && error; i++)
+        if (!components || !s->active || s->active[i % s->nfloats]) error[i] = HUGE_VAL;
 }
 
 /* Lines and samples, as many as the job says. */
@@ -321,7 +330,14 @@ static SltStatus sampled_once(const SltScene *s, const SltJob *j, SltIntegral *o
         bars_of_rows(k.missed, NULL, k.n, k.size, out->missed_estimate, NULL);
         for (uint64_t i = 0; i < k.size && out->gradient_stderr; i++) out->gradient_stderr[i] += fabs(k.half[i]) / k.n;
         if (out->gradient_stderr) bars_add_missed(&k, out->gradient_stderr);
-        if (gradient && !j->no_boundary) st = lost_add(&r, segments_of(j) / k.n, k.n, out->gradient_stderr);
+        bool few_samples = k.n > 1 && (j->samples + k.n - 1) / k.n < BARS_FEWEST,
+             few_lines = k.n > 1 && !j->no_boundary && s->nsites && segments_of(j) / k.n < BARS_FEWEST;
+        if (few_samples) unknown_errors(s, out->value_stderr, s->channels, false);
+        if ((few_samples && !j->no_interior) || few_lines) unknown_errors(s, out->gradient_stderr, k.size, true);
+        if (gradient && !j->no_boundary) {
+            Boundary of = {.run = &r, .segments = segments_of(j) / k.n, .classes = 1};
+            st = lost_add(&r, &of, k.n, out->gradient_stderr);
+        }
         out->replicates = true;
     }
     free(k.value), free(k.interior), free(k.boundary), free(k.missed), free(k.half), free(k.sketch);
@@ -342,9 +358,37 @@ double slt_estimate_beyond(const SltScene *s, const SltJob *j, const SltIntegral
     return error > 0 ? error / fmax(j->error * scale, j->abs_error) : 0;
 }
 
+#define TRIAL 0x1p-6        /* of the samples, at most: what all cost, where there may be too many; */
+#define TRIAL_LEAST 0x1p-10 /* at least; lines that are few meet more for each sample: no budget is overspent so */
+#define DEAR 8.0            /* most that crossings cost beside samples and vertices, or there is a trial, */
+#define DEAREST 256.0       /* which may itself cost this */
+
+/* Takes as many samples and lines as `limit` evaluations allow; *used: those of a trial that tells. none: no more than
+ * the trial's, whose result is in `all`. */
+static SltStatus fit_samples(const SltScene *s, SltJob *j, double limit, SltIntegral *all, SltStats *stats,
+                             double *used, bool *none, SltError *err) {
+    bool gradient = wants_gradient(all);
+    double cheap = quadrature_lattice(s, j, gradient && !j->no_boundary, gradient && !j->no_interior);
+    double trial = fmin(TRIAL, fmax(TRIAL_LEAST, limit / (DEAREST * cheap)));
+    if (DEAR * cheap <= limit) return SLT_OK;
+    SltJob few = *j;
+    few.samples = (uint64_t)(trial * (double)j->samples) + 1, few.segments = (uint64_t)(trial * (double)j->segments);
+    if (j->segments && !few.segments) few.segments = 1;
+    SltStats own = SLT_STATS_INIT;
+    SltStatus st = sampled_once(s, &few, all, &own, err);
+    *used = (double)own.evaluations;
+    double part = fmin(1, trial * fmax(0, limit - *used) / fmax(*used, 1));
+    *none = part <= trial;
+    if (*none) stats_add(stats, &own);
+    else if (stats) stats->evaluations += own.evaluations;
+    j->samples = (uint64_t)(part * (double)j->samples) + 1;
+    if (j->segments) j->segments = (uint64_t)(part * (double)j->segments) + 1;
+    return st;
+}
+
 /* Errors of lines fall with about the 3/4th power of their number, those of random samples with its root. */
 #define RATE 0.75
-#define LIMIT 0x1p32 /* evaluations, where the job has none */
+#define LIMIT 0x1p28 /* evaluations, where the job has none */
 
 SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral *out, SltStats *stats, SltError *err) {
     SltJob j = *job;
@@ -358,16 +402,24 @@ SltStatus slt_estimate_sampled(const SltScene *s, const SltJob *job, SltIntegral
     if (!all.value) all.value = room + 2 * n;
     if (!all.value_stderr) all.value_stderr = room + 2 * n + s->channels;
     if (j.max_evaluations) limit = (double)j.max_evaluations;
+    if (j.error > 0 || j.abs_error > 0) { /* enough to begin with */
+        uint64_t fewest = (uint64_t)BARS_FEWEST * (j.replicates > 8 ? j.replicates : 8);
+        if (j.samples < fewest) j.samples = fewest;
+        if (j.segments && j.segments < fewest) j.segments = fewest;
+    }
     SltStop stop = SLT_STOP_NONE;
-    SltStatus st;
-    for (;;) {
+    bool none = false;
+    SltStatus st = j.max_evaluations ? fit_samples(s, &j, limit, &all, stats, &used, &none, err) : SLT_OK;
+    bool fewer = j.samples < job->samples || j.segments < job->segments;
+    if (none && st == SLT_OK && slt_estimate_beyond(s, &j, &all) > 1) stop = SLT_STOP_EVALUATIONS;
+    while (st == SLT_OK && !none) {
         SltStats own = SLT_STATS_INIT;
         st = sampled_once(s, &j, &all, &own, err);
         stats_add(stats, &own);
         double beyond = st == SLT_OK ? slt_estimate_beyond(s, &j, &all) : 0, cost = (double)own.evaluations;
         if (beyond <= 1) break;
         used += cost;
-        if (used + cost * pow(beyond, 1 / RATE) > limit) { /* there is no hope */
+        if (fewer || used + cost * pow(beyond, 1 / RATE) > limit) { /* there is no hope */
             stop = SLT_STOP_EVALUATIONS;
             break;
         }

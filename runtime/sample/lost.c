@@ -25,25 +25,32 @@ static uint64_t kept_of(const SltStats *s) {
     return s->crossings > dropped ? s->crossings - dropped : 0;
 }
 
-SltStatus lost_add(Run *r, double segments, uint32_t replicates, double *error) {
-    uint64_t size = (uint64_t)r->s->channels * r->s->nfloats, lost = lost_of(&r->stats), kept = kept_of(&r->stats);
+/* The sums of one run of the lines with random signs, squared, added to `squares`. */
+static SltStatus add_squares(Run *r, Boundary *y, uint32_t n, uint64_t size, double *sums, double *squares) {
+    double *targets[ACCUMS];
+    for (uint32_t c = 0; c < n; c++) targets[c] = sums + (uint64_t)c * r->s->nfloats;
+    y->targets = targets;
+    memset(sums, 0, (uint64_t)n * r->s->nfloats * sizeof *sums);
+    SltStatus st = boundary_run(y, y->adjoint ? SINK_REVERSE : SINK_INTEGRAL);
+    /* Classes of a weighted image are sums of their own, each of some of its crossings. */
+    for (uint64_t i = 0; i < (y->adjoint ? n * size : size); i++) squares[i % size] += sums[i] * sums[i];
+    return st;
+}
+
+SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *error) {
+    uint32_t channels = r->s->channels, n = of->adjoint ? of->classes : 3 * channels;
+    uint64_t size = (uint64_t)(of->adjoint ? 1 : channels) * r->s->nfloats, lost = lost_of(&r->stats),
+             kept = kept_of(&r->stats);
     if (!lost || !error) return SLT_OK;
-    double *sums = alloc_zero(4 * size, sizeof *sums), *squares = sums + 3 * size, *targets[ACCUMS];
+    double *sums = alloc_zero((uint64_t)n * r->s->nfloats + size, sizeof *sums);
     if (!sums) return status_fail(r->err, SLT_LIMIT, "out of memory");
-    for (uint32_t c = 0; c < 3 * r->s->channels; c++) targets[c] = sums + (uint64_t)c * r->s->nfloats;
+    double *squares = sums + (uint64_t)n * r->s->nfloats;
     SltStats before = r->stats;
     SltStatus st = SLT_OK;
     for (uint32_t i = 0; i < replicates && st == SLT_OK && kept; i++) {
-        Boundary y = {.run = r,
-                      .replicate = i,
-                      .replicates = replicates,
-                      .segments = segments,
-                      .targets = targets,
-                      .classes = 1,
-                      .any_sign = true};
-        memset(sums, 0, 3 * size * sizeof *sums);
-        st = boundary_run(&y, SINK_INTEGRAL);
-        for (uint64_t p = 0; p < size; p++) squares[p] += sums[p] * sums[p];
+        Boundary y = *of;
+        y.replicate = i, y.replicates = replicates, y.any_sign = true, y.misses = false;
+        st = add_squares(r, &y, n, size, sums, squares);
     }
     uint64_t evaluations = r->stats.evaluations;
     r->stats = before, r->stats.evaluations = evaluations;

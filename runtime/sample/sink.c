@@ -231,6 +231,7 @@ static void emit_reverse(Sink *k, const Crossing *c, const uint64_t *order, uint
         for (uint32_t ch = 0; ch < channels; ch++) seed += size > 0 ? fabs(a[ch] * x->jump[ch]) : a[ch] * x->jump[ch];
         if (seed == 0) continue; /* no pixel asks for it */
         seed *= size > 0 ? size * (x->axis >= 0 ? fabs(x->weight) : x->weight) : x->weight;
+        if (k->any_sign) seed *= sign_of(x);
         sink_put(k, used, x);
         batch_set(k->b, SLT_IN_SEED0, used++, seed);
     }

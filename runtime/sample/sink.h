@@ -45,7 +45,7 @@ struct Sink {
     const SltCullList *lists; /* moved: those of the scene */
     bool moved;               /* calls see moved parameters: sink_move */
     Follow *follow;           /* NULL: fingers are not followed */
-    bool any_sign;            /* SINK_INTEGRAL: each crossing counts with a random sign */
+    bool any_sign;            /* each crossing counts with a random sign */
     Sketch sketch;            /* SINK_INTEGRAL */
     Crossing *thin;           /* [nthin]: of this tile, for thin.h; only where `misses` */
     uint64_t nthin, thin_cap;

@@ -17,7 +17,8 @@ enum {
     ON_LINE = 16, /* points of a line, at least */
     HALVINGS = 8, /* after which a change must not have become smaller */
     FINER = 44,   /* and then, as long as it stays together */
-    FLOATS = 64   /* wide at most is a jump */
+    FLOATS = 64,  /* wide at most is a jump */
+    DEARER = 8    /* f is when it is interpreted, by more than that: so many fewer lines */
 };
 #define TOGETHER 0.4  /* part of a change that is left after all halvings, at least, */
 #define STAYS 0.75    /* or after one, where its width is sought */
@@ -100,8 +101,12 @@ static void look_at_line(SteepProbe *p, uint32_t axis, uint32_t line, uint32_t f
             double least = isfinite(after) ? fmin(before, after) : before;
             if (same && change > least) {
                 SteepStep *t = &p->step[p->n++];
-                *t = (SteepStep){
-                    .axis = axis, .point = i, .channel = c, .stream = (int32_t)line, .excess = change - least};
+                *t = (SteepStep){.axis = axis,
+                                 .point = i,
+                                 .channel = c,
+                                 .stream = (int32_t)line,
+                                 .number = p->number,
+                                 .excess = change - least};
                 double end[4];
                 place_with_rand(p, axis, line, i, t->x), place_with_rand(p, axis, line, i + 1, end);
                 t->a = t->x[axis], t->b = end[axis], t->fa = f, t->fb = next, t->first = change;
@@ -222,7 +227,7 @@ static int by_change(const void *a, const void *b) {
 
 static void place_of(const SteepStep *t, SteepPlace *o) {
     memcpy(o->a, t->x, sizeof o->a), memcpy(o->b, t->x, sizeof o->b);
-    o->rand[0] = o->rand[1] = t->x[STEEP_RAND];
+    o->rand[0] = o->rand[1] = t->x[STEEP_RAND], o->number = t->number;
     if (t->axis == STEEP_RAND) o->rand[0] = t->a, o->rand[1] = t->b;
     else o->a[t->axis] = t->a, o->b[t->axis] = t->b;
     o->change = t->fb - t->fa, o->stream = t->stream, o->jump = t->jump;
@@ -265,10 +270,20 @@ static bool find_along(SteepProbe *p, const Steep *steep, uint32_t first, uint32
     return memory;
 }
 
-/* What jumps with the random number alone is seen on no line through the domain. */
-static bool find(SteepProbe *p, const Steep *steep) {
+/* What jumps with a random number alone is seen on no line through the domain. Kernels make all but the first from
+ * the number of the sample: the others only the caller can vary. */
+static bool find(SteepProbe *p, Steep *steep) {
     bool memory = find_along(p, steep, 0, p->s->dim);
     if (memory && !p->n && p->s->uses_rand) memory = find_along(p, steep, STEEP_RAND, STEEP_RAND + 1);
+    uint32_t lines = p->lines;
+    p->lines = p->lines > DEARER ? p->lines / DEARER : 1;
+    for (uint32_t k = 1; k < 32 && memory && !p->n && steep->call; k++) {
+        if (!(steep->numbers >> k & 1)) continue;
+        p->quiet.call = steep->call, p->quiet.call_user = steep, p->number = steep->number = k;
+        memory = find_along(p, steep, STEEP_RAND, STEEP_RAND + 1);
+    }
+    p->found *= p->n && p->number ? lines / p->lines : 1;
+    p->lines = lines;
     return memory;
 }
 
@@ -280,6 +295,9 @@ static bool probe_init(SteepProbe *p, const SltScene *s, const Grid *g, double n
     if (p->room > BATCH) p->room = BATCH;
     for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) p->seen[c][0] = HUGE_VAL, p->seen[c][1] = -HUGE_VAL;
     p->quiet = *s, p->quiet.print = NULL, p->s = &p->quiet;
+    /* Kernels may not read all that is varied, and what none reads shares one place. */
+    for (uint32_t d = 0; d < 3; d++) p->quiet.layout[SLT_K_VALUE].reads |= (uint64_t)1 << (SLT_IN_X0 + d);
+    p->quiet.layout[SLT_K_VALUE].reads |= (uint64_t)1 << SLT_IN_STREAM | (uint64_t)1 << SLT_IN_RAND0;
     /* What look_along adds before the best are kept. */
     p->step = alloc_zero(p->room + (size_t)BATCH * s->channels, sizeof *p->step);
     bool ok = p->step && batch_init(&p->batch, p->s, g);
@@ -294,7 +312,7 @@ static void probe_free(SteepProbe *p, Run *r) {
     *p = (SteepProbe){0};
 }
 
-static bool look(SteepProbe *p, const SltScene *s, Run *r, double n, const Steep *steep) {
+static bool look(SteepProbe *p, const SltScene *s, Run *r, double n, Steep *steep) {
     return probe_init(p, s, &r->grid, n) && find(p, steep);
 }
 

@@ -14,11 +14,12 @@
 enum { STEEP_PLACES = 8 };
 typedef struct SteepPlace {
     double a[3], b[3]; /* two points of one line between which f changes */
-    double rand[2];    /* the first random number there */
-    double change;     /* by so much, in its channel; not finite: by more than any number */
-    int32_t stream;    /* of random numbers at both */
-    bool jump;         /* a and b are neighbours, nearly: no slope is to be seen */
-    bool peak;         /* f is larger, or smaller, by that at a than on all lines; b: beside it */
+    double rand[2];    /* the random number `number` there */
+    uint32_t number;
+    double change;  /* by so much, in its channel; not finite: by more than any number */
+    int32_t stream; /* of random numbers at both */
+    bool jump;      /* a and b are neighbours, nearly: no slope is to be seen */
+    bool peak;      /* f is larger, or smaller, by that at a than on all lines; b: beside it */
 } SteepPlace;
 typedef struct Steep {
     uint32_t n; /* the first of them, the steepest; 0: there is nothing of the kind */
@@ -26,6 +27,11 @@ typedef struct Steep {
     double share; /* of the lines' segments, those that hold one */
     /* The caller's: is this change known of otherwise? It is then no matter of ours. NULL: none is. */
     bool (*known)(void *user, const SteepPlace *place);
+    /* As SltScene.call, with the Steep for user: f, and the hash of its regions, where SLT_IN_RAND0 holds the random
+     * number `number`. NULL: only number 0 is varied. */
+    void (*call)(void *user, int kind, SltKernelArgs *args, uint32_t n);
+    uint32_t numbers; /* a bit for each that is worth it */
+    uint32_t number;
     void *user;
 } Steep;
 

@@ -15,6 +15,7 @@ typedef struct SteepStep {
     double first, excess;                /* |change| between the points of the line; by how much it exceeds the next */
     uint32_t axis, point, channel, hash; /* it lay between this point of its line and the next */
     int32_t stream;                      /* the line */
+    uint32_t number;                     /* which random number x[STEEP_RAND] is */
     bool asked, done;                    /* done: halved further it comes apart */
     bool jump;                           /* down to neighbouring floats */
     bool seen;                           /* and integrated: nothing is lost */
@@ -35,6 +36,7 @@ typedef struct SteepProbe {
     uint32_t points, lines; /* of a line; of an axis */
     SteepStep *step;
     uint32_t n, room, found;          /* found: before only some were kept */
+    uint32_t number;                  /* the random number that is varied */
     double largest;                   /* |f| on the lines */
     double seen[SLT_MAX_CHANNELS][2]; /* least and greatest f on them */
 } SteepProbe;

@@ -21,6 +21,7 @@ enum {
 #define LEAST 0.25     /* of a step: the shortest reach, in parts of the domain */
 #define SURE 0x1p-4    /* the way of a boundary is known to this part of it */
 #define SAME 0x1p-5    /* parts of a jump that are no change of it */
+#define BENT 0x1p-8 /* of jumps times the way that they go */
 
 struct Untie {
     Batch *b;
@@ -253,7 +254,7 @@ static bool is_bent(const Order pair[2], uint32_t channels) {
         double size = 0;
         for (int way = 0; way < 2; way++)
             for (uint32_t e = 0; e < pair[way].n; e++) size = fmax(size, fabs(pair[way].jump[e][ch]));
-        bent |= fabs(pair[0].moment[ch] + pair[1].moment[ch]) > SAME * size * fmax(pair[0].far, pair[1].far);
+        bent |= fabs(pair[0].moment[ch] + pair[1].moment[ch]) > BENT * size * fmax(pair[0].far, pair[1].far);
     }
     return bent;
 }
@@ -262,6 +263,7 @@ static bool is_bent(const Order pair[2], uint32_t channels) {
  * these differ is that of the first pair: of two, one might take away what the other gives. */
 static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
     uint32_t pairs = 0, kinks = 0;
+    bool bent = false;
     memset(t, 0, sizeof *t);
     for (uint32_t m = 0; m < UNTIE_WAYS; m += 2)
         if (order[m].whole && order[m + 1].whole) gather_events(&order[m], t), gather_events(&order[m + 1], t), pairs++;
@@ -277,10 +279,10 @@ static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
                 size = fmax(size, fmax(fabs(forth[ch]), fabs(back[ch]))), apart = fmax(apart, fabs(d));
             }
         }
-        kinks += apart > SAME * size && is_bent(&order[m], channels), seen++;
+        kinks += apart > SAME * size, bent |= is_bent(&order[m], channels), seen++;
     }
     /* Two that happen to move alike along one direction, up to rounding, look like a kink there. */
-    t->whole = t->n == 1, t->kink = kinks && kinks == pairs;
+    t->whole = t->n == 1, t->kink = kinks && bent;
     if (!t->kink) doubt(order, channels, t);
 }
 

@@ -39,6 +39,32 @@ shader float main(float2 x) { float d = r - length(x); [Disc] if (d - sin(d) > 0
         self.assertLess(abs(j["gradient"]["r"] - TAU * 0.4), 4 * j["stderr"]["r"])
         self.assertIn("crossings were dropped", self.run_cli("grad", "d.salt", "--integral", "--estimator", "lattice").err)
 
+    def test_dropped_in_images(self):
+        """Losses and weighted images state what was dropped, as integrals do."""
+        self.put("c.salt", CIRCLE.replace("length(x - centre) < radius", "radius - length(x - centre) > 0.0"))
+        other = "[Disc] if ({0} > 0.0) f = 2.0 * ink;"
+        for name, g in (("one", "e - sin(e)"), ("two", "e")):
+            self.put(name + ".salt", CIRCLE.replace("return f;", "float e = 0.35 * radius - length(x - float2(-0.6, 0.5)); %s return f;" % other.format(g)))
+        self.put("all.salt", CIRCLE.replace("length(x - centre) < radius", "radius - length(x - centre) - sin(radius - length(x - centre)) > 0.0"))
+        size = ["--size", 64, "--spp", 4, "--wrt", "radius"]
+        self.run_cli("render", "c.salt", "--param", "radius=0.5", *size[:4], "-o", "t.exr")
+        for how in (["--target", "t.exr"], ["--adjoint", "t.exr"]):
+            for e in ("lattice", "scanline"):
+                j = self.json_cli("grad", "one.salt", *how, *size, "--estimator", e)
+                want = self.json_cli("grad", "two.salt", *how, *size, "--estimator", "quadrature", "--precision", "f64")["gradient"]["radius"]
+                self.assertGreater(sum(j["dropped"].values()), 8)
+                off, bar = abs(j["gradient"]["radius"] - want), j["stderr"]["radius"]
+                self.assertLess(off, 2 * bar, (how, e))
+                self.assertLess(bar, abs(want))
+                j = self.json_cli("grad", "all.salt", *how, *size, "--estimator", e)
+                want = self.json_cli("grad", "c.salt", *how, *size, "--estimator", "quadrature", "--precision", "f64")["gradient"]["radius"]
+                self.assertLess(abs(j["gradient"]["radius"] - want), 2 * j["stderr"]["radius"])
+        # Where nothing could be integrated nothing is known.
+        self.put("d.salt", "param float r = 0.4; [Domain(-1.0, 1.0)] shader float main(float2 x) { float d = r - length(x); [Disc] if (d - sin(d) > 0.0) return 1.0; return 0.0; }")
+        r = self.run_cli("grad", "d.salt", "--target", "t.exr", "--size", 64, "--spp", 16, "--estimator", "lattice")
+        self.assertRegex(r.out, r"r .* \+- inf")
+        self.assertIn("are not known", r.err)
+
     def test_shapes(self):
         self.put("s.salt", """
 import m;

@@ -33,6 +33,17 @@ class Slopes(Case):
                         self.assertLess(off, limit + (4e-8 * slope if precision == "f32" else 0))
                         self.assertLess(off, 2 * bar + 1e-6)
 
+    def test_layers_beside_a_jump(self):
+        """f falls from 1 to 0 so fast that points on either side of the layer see nothing of it: with the layer, the derivative is nearly 0."""
+        layers = {"line": ("x.x - r", lambda k: 0), "disc": ("length(x) - r", lambda k: 2 * math.pi / k)}
+        for name, (g, truth) in layers.items():
+            for k in (1e2, 1e3, 1e4):
+                for args in ((), ("--estimator", "quadrature"), ("--precision", "f64"), ("--precision", "f64", "--estimator", "quadrature")):
+                    with self.subTest(name, k=k, args=args):
+                        self.put("p.salt", "param float r = 0.4; [Domain(-1.0, 1.0)] shader float main(float2 x) { float d = %s; [Disc] if (d < 0.0) return exp(%g * d); return 0.0; }" % (g, k))
+                        j = self.json_cli("grad", "p.salt", "--integral", "--quiet", *args)
+                        self.assertLess(abs(j["gradient"]["r"] - truth(k)), 4 * j["stderr"]["r"] + 1e-6)
+
 
 if __name__ == "__main__":
     unittest.main()

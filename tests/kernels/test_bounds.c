@@ -20,6 +20,7 @@ enum { BOXES = 128, POINTS = 16, ROOM = BOXES * POINTS };
 static uint32_t rounds = 1;
 static uint64_t pairs, jumps;        /* compared: points with bounds; jumps of f with lists */
 static uint64_t continuous, jumping; /* boxes on which g is said not to jump, and the others */
+static uint64_t seconds;             /* of the first: whose second derivatives are bounded */
 static uint64_t given;               /* events that were given */
 
 typedef struct Io {
@@ -309,30 +310,46 @@ static bool is_uncaptured(double v) {
     return (bits & ~(1ull << 63)) == VARIANT_UNCAPTURED;
 }
 
-/* Where g is said not to jump, it changes between two points by what its gradient allows: the mean value theorem, on
- * which cells rely. Rounded g may be off at either point. */
-static void check_mean_value(Case *t, const Io *box, const Io *at, uint32_t i, int32_t edge) {
+/* Between points 0 and k a number changes by no less and no more than what bounds of its slopes allow: role lo and the
+ * one behind it, of axis d number which[d]. */
+static void check_change(Case *t, const Io *box, const Io *at, uint32_t i, uint32_t k, const void *of, SltRole role,
+                         const uint32_t which[3], double error, const char *name) {
+    double lo = 0, hi = 0, change = get(t, of, k) - get(t, of, 0);
+    for (uint32_t d = 0; d < t->p->prog->dim; d++) {
+        double step = get(t, at->in[IN_X0 + d], k) - get(t, at->in[IN_X0 + d], 0);
+        double from = get(t, output(t, box, K_EDGE_BOUNDS, role, which[d]), 0);
+        double to = get(t, output(t, box, K_EDGE_BOUNDS, (SltRole)(role + 1), which[d]), 0);
+        if (step == 0) continue;
+        lo += step > 0 ? step * from : step * to, hi += step > 0 ? step * to : step * from;
+    }
+    double slack = 2 * error + 1e-12 * (fabs(lo) + fabs(hi));
+    if (!(change >= lo - slack && change <= hi + slack) && !isnan(lo) && !isnan(hi))
+        fail_msg("%s: %s of edge %d changes by %.17g, its slopes allow [%.17g, %.17g], its rounding %g", where(t, i),
+                 name, box->args.site, change, lo, hi, error);
+}
+
+/* Where g is said not to jump, it changes between two points by what its gradient allows, and its gradient by what
+ * second derivatives do: the mean value theorem, on which cells rely. Rounded g may be off at either point. */
+static void check_mean_value(Case *t, const Io *box, const Io *at, uint32_t i) {
+    static const uint32_t all[3] = {0, 1, 2}, rows[2][3][3] = {{{0, 1}, {1, 2}}, {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}};
     if (((int32_t *)output(t, box, K_EDGE_BOUNDS, SLT_OUT_G_STATE, 0))[0] & SLT_EDGE_JUMPS) {
         jumping++;
         return;
     }
     continuous++;
+    if (outputs(t, K_EDGE_BOUNDS, SLT_OUT_DDG_LO))
+        seconds += isfinite(get(t, output(t, box, K_EDGE_BOUNDS, SLT_OUT_DDG_LO, 0), 0));
     double error = get(t, output(t, box, K_EDGE_BOUNDS, SLT_OUT_G_ERROR, 0), 0);
     const void *g = output(t, at, K_EDGE, SLT_OUT_G, 0);
     for (uint32_t k = 1; k < POINTS; k++) {
         if (is_uncaptured(get(t, g, k)) || is_uncaptured(get(t, g, 0))) continue;
-        double lo = 0, hi = 0, change = get(t, g, k) - get(t, g, 0);
-        for (uint32_t d = 0; d < t->p->prog->dim; d++) {
-            double step = get(t, at->in[IN_X0 + d], k) - get(t, at->in[IN_X0 + d], 0);
-            double from = get(t, output(t, box, K_EDGE_BOUNDS, SLT_OUT_DG_LO, d), 0);
-            double to = get(t, output(t, box, K_EDGE_BOUNDS, SLT_OUT_DG_HI, d), 0);
-            if (step == 0) continue;
-            lo += step > 0 ? step * from : step * to, hi += step > 0 ? step * to : step * from;
+        check_change(t, box, at, i, k, g, SLT_OUT_DG_LO, all, error, "g");
+        for (uint32_t d = 0; d < t->p->prog->dim && outputs(t, K_EDGE_BOUNDS, SLT_OUT_DDG_LO); d++) {
+            double rounding = get(t, output(t, box, K_EDGE_BOUNDS, SLT_OUT_DG_ERROR, d), 0);
+            if (!isnan(rounding)) /* then nothing is known */
+                check_change(t, box, at, i, k, output(t, at, K_EDGE, SLT_OUT_G_DX, d), SLT_OUT_DDG_LO,
+                             rows[t->p->prog->dim > 2][d], rounding, "a slope");
         }
-        double slack = 2 * error + 1e-12 * (fabs(lo) + fabs(hi));
-        if (!(change >= lo - slack && change <= hi + slack) && !isnan(lo) && !isnan(hi))
-            fail_msg("%s: g of edge %d changes by %.17g, its gradient allows [%.17g, %.17g], its rounding %g",
-                     where(t, i), edge, change, lo, hi, error);
     }
 }
 
@@ -365,6 +382,12 @@ static void give_some(Case *t, Io *box, Io *at, uint32_t i, uint32_t told, uint3
             int32_t index = ((int32_t *)output(t, &t->box, K_BOUNDS, SLT_OUT_OPEN_K, e * depth + d))[i];
             ((int32_t *)box->in[slot])[0] = index;
             for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = index;
+        }
+        if (depth < SLT_GIVEN_K) { /* of a rounding it is the boundary */
+            uint32_t slot = IN_GIVEN0_K0 + SLT_GIVEN_K * j + SLT_GIVEN_K - 1;
+            int32_t boundary = (int32_t)(8 * unit(t)) - 4;
+            ((int32_t *)box->in[slot])[0] = boundary;
+            for (uint32_t k = 0; k < POINTS; k++) ((int32_t *)at->in[slot])[k] = boundary;
         }
         given += gives;
     }
@@ -407,7 +430,7 @@ static void check_edges(Case *t) {
             if (!checked || unit(t) < 0.02) compare_interpreted(t, &box, K_EDGE_BOUNDS, 1), checked = true;
             double lo = get(t, output(t, &box, K_EDGE_BOUNDS, SLT_OUT_G_LO, 0), 0);
             double hi = get(t, output(t, &box, K_EDGE_BOUNDS, SLT_OUT_G_HI, 0), 0);
-            check_mean_value(t, &box, &at, i, edge);
+            check_mean_value(t, &box, &at, i);
             for (uint32_t k = 0; k < POINTS; k++, pairs++) {
                 double g = get(t, output(t, &at, K_EDGE, SLT_OUT_G, 0), k);
                 if (is_uncaptured(g)) continue;
@@ -572,8 +595,8 @@ static void other_examples(void **state) {
 
 static void programs(void **state) {
     (void)state;
-    static const char *const names[] = {"circle", "discs", "grid_of_waves", "line",
-                                        "many",   "march", "nested",        "random"};
+    static const char *const names[] = {"circle", "discs",  "grid_of_waves", "line", "many",
+                                        "march",  "nested", "random",        "stops"};
     for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
         char path[400];
         snprintf(path, sizeof path, SALTUS_TEST_DIR "/programs/%s.salt", names[k]);
@@ -585,7 +608,7 @@ static void programs(void **state) {
  * structs g is known with its gradient. */
 static void structure(void **state) {
     (void)state;
-    jumping = continuous = 0;
+    jumping = continuous = seconds = 0;
     run("structure",
         "struct Ball { float2 at; float r; };\n"
         "param Ball balls[6] = init(place);\n"
@@ -604,7 +627,7 @@ static void structure(void **state) {
     assert_int_equal(jumping, 0);
     run(SALTUS_TEST_DIR "/programs/nested.salt", NULL, 0.5);
     assert_int_equal(jumping, 0);
-    assert_true(continuous > 100);
+    assert_true(continuous > 100 && seconds > 20);
 }
 
 /* Boundary functions that jump where no site says so: gradients know nothing of it. */
@@ -661,7 +684,7 @@ static void jumping_g(void **state) {
             tricks[k].g);
         run(tricks[k].name, source, 0);
     }
-    assert_true(jumping > 300 && continuous > 300);
+    assert_true(jumping > 300 && continuous > 300 && seconds > 100);
 }
 
 int main(int argc, char **argv) {

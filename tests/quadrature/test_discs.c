@@ -27,21 +27,27 @@ static char *source_of(const double *p) {
     return text;
 }
 
-static void many_discs(void **state) {
-    (void)state;
-    static double p[3 * DISCS], want[3 * DISCS], got[2][4 * DISCS];
+static SltProgram *compile(double p[3 * DISCS]) {
     uint64_t random = 500;
     for (int i = 0; i < DISCS; i++) {
         p[3 * i] = disc_random(&random), p[3 * i + 1] = disc_random(&random);
         p[3 * i + 2] = 0.02 + 0.04 * disc_random(&random);
     }
-    discs_exact(p, DISCS, want);
     char *source = source_of(p);
     SltOptions o = SLT_OPTIONS_INIT;
     o.f64 = true;
     SltProgram *program = NULL;
     if (slt_compile_string(source, "discs", &o, &program) != SLT_OK) fail_msg("%s", slt_diagnostics_text(program));
     assert_int_equal(slt_float_count(program), 4 * DISCS);
+    free(source);
+    return program;
+}
+
+static void many_discs(void **state) {
+    (void)state;
+    static double p[3 * DISCS], want[3 * DISCS], got[2][4 * DISCS];
+    SltProgram *program = compile(p);
+    discs_exact(p, DISCS, want);
     double value[2];
     for (uint32_t threads = 1; threads <= 2; threads++) {
         SltJob job = SLT_JOB_INIT;
@@ -68,10 +74,44 @@ static void many_discs(void **state) {
     if (!(sqrt(off / size) <= 1e-6)) fail_msg("off by %g", sqrt(off / size));
     if (!(fabs(inks / value[0] - 1) <= 1e-12)) fail_msg("areas off by %g", inks / value[0] - 1);
     slt_program_free(program);
-    free(source);
+}
+
+/* Parts of one disc in different pixels are not one: the loss of an image is that of its pixels, and, as these are
+ * linear in the inks, so is what its derivatives in the inks add up to.
+ * One sweep for image and derivatives says the same as one for each. */
+static void image_of_discs(void **state) {
+    (void)state;
+    enum { SIDE = 48, N = SIDE * SIDE };
+    static double p[3 * DISCS], gradient[4 * DISCS], apart[4 * DISCS], bound[4 * DISCS];
+    static float target[N], image[N], fused[N];
+    SltProgram *program = compile(p);
+    SltJob job = SLT_JOB_INIT;
+    job.estimator = SLT_EST_QUADRATURE, job.size[0] = job.size[1] = SIDE, job.spp = 4;
+    for (int i = 0; i < N; i++) target[i] = (float)(0.5 + 0.4 * sin(0.7 * i));
+    SltError err = {0};
+    double loss[3], sum = 0, inks = 0, want = 0, off = 0, size = 0;
+    if (slt_grad_loss(program, &job, target, NULL, &loss[0], NULL, NULL, image, NULL, &err) != SLT_OK ||
+        slt_grad_loss(program, &job, target, NULL, &loss[1], gradient, NULL, fused, NULL, &err) != SLT_OK ||
+        slt_grad_loss(program, &job, target, NULL, &loss[2], apart, bound, NULL, NULL, &err) != SLT_OK)
+        fail_msg("%s", err.text);
+    for (int i = 0; i < N; i++) {
+        double d = (double)image[i] - (double)target[i];
+        sum += d * d / N, want += 2 * d * (double)image[i] / N;
+        if (!(fabsf(fused[i] - image[i]) < 1e-5f))
+            fail_msg("pixel %d: %g, not %g", i, (double)fused[i], (double)image[i]);
+    }
+    for (int k = 0; k < 3; k++)
+        if (!(fabs(loss[k] - sum) < 1e-6)) fail_msg("loss %d: %.9g, not %.9g", k, loss[k], sum);
+    for (uint32_t i = 0; i < DISCS; i++) inks += disc_color(i) * gradient[4 * i + 3];
+    if (!(fabs(inks - want) < 1e-6)) fail_msg("inks: %.9g, not %.9g", inks, want);
+    for (int i = 0; i < 4 * DISCS; i++)
+        off += (gradient[i] - apart[i]) * (gradient[i] - apart[i]), size += apart[i] * apart[i];
+    if (getenv("SALTUS_PRINT")) printf("    one sweep or two: %.2g\n", sqrt(off / size));
+    if (!(sqrt(off / size) < 1e-4)) fail_msg("one sweep or two: off by %g", sqrt(off / size));
+    slt_program_free(program);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(many_discs)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(many_discs), cmocka_unit_test(image_of_discs)};
     return cmocka_run_group_tests_name("discs", tests, NULL, NULL);
 }

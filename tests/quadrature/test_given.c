@@ -33,7 +33,26 @@ typedef struct Nested {
 
 #define NESTED "param float a = 0.43; param float p = 0.71; param float q = 0.22; param float t = 0.2; "
 
+/* Twenty stripes by what is left of a tagged rounding, whole ones. */
+#define STRIPES(k)                                                                                                     \
+    "param float w = 0.2; param float p = 0.35; param float t = 0.05; shader float main(float2 x) { "                  \
+    "float u = 20.0 * x.x + p + t * x.y; " k " [Disc] if (k < w) return 1.0 + x.x; return 0.0; }",                     \
+        .want = {{"w", 1 + (210 - 20 * 0.175) / 400}, {"p", -0.01}, {"t", -0.005}}, .most = 300000
+
 static const Nested nested[] = {
+    {"stripes by frac", STRIPES("[Disc] float k = frac(u);")},
+    {"stripes by floor", STRIPES("[Disc] float k = u - floor(u);")},
+    {"stripes by ceil", STRIPES("[Disc] float k = u - ceil(u) + 1.0;")},
+    {"stripes by round", STRIPES("[Disc] float k = u - round(u - 0.5);")},
+    {"stripes by trunc", STRIPES("[Disc] float k = u - trunc(u);")},
+    {"stripes by trunc, below 0", STRIPES("[Disc] float k = u - 29.0 - trunc(u - 30.0);")},
+    {"stripes by fmod", STRIPES("[Disc] float k = fmod(u, 1.0);")},
+    {"stripes by an integer", STRIPES("[Disc] int n = int(u); float k = u - float(n);")},
+    {"stripes in a loop",
+     "param float w = 0.2; param float p = 0.35; param float t = 0.05; shader float main(float2 x) { float f = 0.0; for "
+     "(int i = 0; i < 2; i++) { [Disc] float k = frac(20.0 * x.x + p + t * x.y); [Disc] if (k < w + 0.1 * float(i)) f "
+     "+= 1.0 + x.x; } return f; }",
+     .want = {{"w", 2 + (420 - 20 * 0.25) / 400}, {"p", -0.025}, {"t", -0.0125}}, .most = 400000},
     {"a number that a jump replaces",
      NESTED "shader float main(float x) { float h = q; [Disc] if (x < a) h = p; [Disc] if (x < h) return 1.0 + x; "
             "return 0.0; }",

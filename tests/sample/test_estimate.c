@@ -181,8 +181,12 @@ static void test_empty(void **state) {
     Oracle o;
     oracle_init(&o, circle_f, circle_g, 2, 2, 1, 3, (double[]){-1, 0.5, 0.5});
     for (int e = SLT_EST_LATTICE; e <= SLT_EST_FD; e++) {
-        Result r = integrate_as(&o, (SltJob){.samples = 1, .segments = 1, .estimator = e});
+        Result r = integrate_as(&o, (SltJob){.samples = 64, .segments = 64, .estimator = e});
         for (int i = 0; i < 6; i++) assert_true(r.grad[i] == 0 && r.gerr[i] == 0 && r.missed[i] == 0);
+        assert_int_equal(r.stats.crossings, 0);
+        /* One sample sees nothing either, and knows nothing. */
+        r = integrate_as(&o, (SltJob){.samples = 1, .segments = 1, .estimator = e});
+        for (int i = 0; i < 6; i++) assert_true(r.grad[i] == 0 && isinf(r.gerr[i]) && r.missed[i] == 0);
         assert_int_equal(r.stats.crossings, 0);
     }
     o.scene.hi[0] = o.scene.lo[0];

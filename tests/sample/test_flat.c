@@ -27,6 +27,10 @@ static void make_flat_cases(void) {
     CASE("fifth power", DISC("pow(d, 5.0) > 0.0"), ROUND);
     CASE("cube root", DISC("cbrt(d) > 0.0"), ROUND);
     CASE("square root", DISC("sqrt(max(d, 0.0)) > 0.0"), ROUND);
+    CASE("magnitude and itself", DISC("d + abs(d) > 0.0"), ROUND);
+    CASE("magnitude less itself", DISC("!(abs(d) - d > 0.0)"), ROUND);
+    CASE("itself less magnitude", DISC("d - abs(d) >= 0.0"), ROUND);
+    CASE("arc", DISC("acos(clamp(length(x) / r, -1.0, 1.0)) > 0.0"), ROUND);
     CASE("length of what sticks out", DISC("length(max(abs(x) - float2(r, r), 0.0)) <= 0.0"), .want = {{"r", 8 * 0.4}});
     CASE("maximum of two", DISC("max(d, x.x) > x.x"), /* within the parabola x < (r^2 - y^2) / 2r, and above x = -1 */
          .want = {{"r", sqrt(0.96) + 0.96 * sqrt(0.96) / (3 * 0.16)}});

@@ -1,0 +1,148 @@
+/* What rounding makes of roots. g as computed is a little off g without rounding, and places are floats: a curve lies
+ * by so much elsewhere than its roots, which changes its length, its slopes, and where one piece of it ends and the
+ * next begins. */
+#include <math.h>
+#include <string.h>
+
+#include "runtime/quadrature/cells_inner.h"
+
+/* What rounding makes of a root, in parts of its bound and of its size: little or much, by chance. What all roots of a
+ * closed curve do alike may cancel. */
+static const double moved[2][2] = {{0.25, 0x1p-24}, {1.25, 0x1.4p-22}};
+
+static bool by_chance(const double x[3]) {
+    uint64_t bits[3], all;
+    memcpy(bits, x, sizeof bits);
+    all = (bits[0] * 3 + bits[1] * 5 + bits[2] * 7) * 0x9e3779b97f4a7c15u;
+    return (all ^ all >> 29) * 0xbf58476d1ce4e5b9u >> 63;
+}
+
+/* In f32 rounding moves roots by more than rules err: those of the coarse rule go as far as it may to where g > 0, so
+ * that the distance of the two rules tells what comes of it. */
+static bool move_roots(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        const Probe *at = c->probe;
+        for (const Column *k = from; k < to; k++)
+            for (uint32_t i = 0; i < k->nroots && k->rule == CELL_COARSE; i++) {
+                Root *r = &c->root[k->first + i];
+                double x[3], slope = fabs(r->dg[r->axis]), error = larger(r->of->error, fabs(r->g));
+                if (!r->wanted || !(slope > 0)) continue;
+                if (pass) {
+                    memcpy(r->x, at->x, sizeof r->x), memcpy(r->dg, at->dg, sizeof r->dg);
+                    at++;
+                    continue;
+                }
+                memcpy(x, r->x, sizeof x);
+                const double *by = moved[by_chance(x)];
+                double far = larger(by[0] * error / slope, by[1] * fabs(x[r->axis]));
+                double to = cells_round(c, x[r->axis] + (r->rises > 0 ? far : -far));
+                x[r->axis] = smaller(larger(to, r->ends_at[0]), r->ends_at[1]);
+                if (!cells_probe(c, r->of, x)) return false;
+            }
+        if (!pass && !cells_run_probes(c)) return false;
+    }
+    return true;
+}
+
+/* In f32 the site's own slope at a root, as rounded, is not that of the edge, which is a level of a wave: what it is
+ * divided by is rounded likewise. */
+static bool take_own_slopes(Cells *c, const Column *from, const Column *to) {
+    c->nprobe = 0;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = k->first; i < k->first + k->nroots; i++)
+            if (c->root[i].wanted && cells_is_wave(c->s, c->root[i].of->event.site) &&
+                !cells_probe(c, c->root[i].of, c->root[i].x))
+                return false;
+    if (!cells_run_site_probes(c)) return false;
+    const Probe *at = c->probe;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
+            Root *r = &c->root[i];
+            if (r->wanted && cells_is_wave(c->s, r->of->event.site)) memcpy(r->dg, (at++)->dg, sizeof r->dg);
+        }
+    return true;
+}
+
+/* ---- what that does to a curve */
+#define USUAL 0.25 /* of the bound of what g rounds by, which assumes the worst and is doubled, */
+#define APART 0.25 /* and of that again where two cells look for one place: they meet much the same roundings */
+#define BENT 4.0 /* more than slopes may vary in a cell, in parts: then bounds of them are loose */
+
+/* How far from the root the curve may lie: by what g rounds, and by what is left of it where places end. */
+static double place_error(const Root *r, double steep) { return (USUAL * r->of->error + fabs(r->g)) / steep; }
+
+/* 1 / the least length on which the normal turns, or g steepens, in the cell. */
+static double bend_of(const Cells *c, const Cell *cell, const CellEdge *e, double steep) {
+    double change = 0, width = 0;
+    for (uint32_t d = 0; d < c->dim; d++) {
+        change = larger(change, e->slope[d][1] - e->slope[d][0]);
+        width = larger(width, cell->box.end[d] - cell->box.lo[d]);
+    }
+    return smaller(change / steep, BENT) / width;
+}
+
+/* How long a piece of the base is on which two cells, of which the curve leaves the one and enters the other, may
+ * disagree; k: the column that is next to that end. */
+static double end_error(const Cells *c, const Piece *p, uint32_t edge, const Column *k) {
+    double length = p->at[p->base][1] - p->at[p->base][0];
+    for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
+        const Root *r = &c->root[i];
+        double half = (c->b->f64 ? 0x1p-53 : 0x1p-24) * fabs(r->x[p->base]);
+        if (r->edge == edge) return smaller(APART * place_error(r, fabs(r->dg[p->base])) + half, 0.5 * length);
+    }
+    return 0;
+}
+
+/* Of each edge of a piece, in parts of its base. */
+static void find_end_errors(const Cells *c, const Piece *p, const Column *from, const Column *to, double *error) {
+    for (uint32_t e = 0; e < CELL_EDGES; e++) error[e] = 0;
+    if (p->base < 0) return;
+    while (to > from + 1 && to[-1].rule == CELL_COARSE) to--;
+    for (int end = 0; end < 2; end++)
+        if (p->leaving[end] >= 0)
+            error[p->leaving[end]] += end_error(c, p, (uint32_t)p->leaving[end], end ? to - 1 : from) /
+                                      (p->at[p->base][1] - p->at[p->base][0]);
+}
+
+static void blur_root(Cells *c, const Piece *p, const Column *k, Root *r, double ends) {
+    double steep = 0, most = 0;
+    for (uint32_t d = 0; d < c->dim; d++) steep += r->dg[d] * r->dg[d];
+    steep = sqrt(steep);
+    if (!r->wanted || !(steep > 0)) return;
+    double place = place_error(r, steep), weight = k->weight / fabs(r->dg[r->axis]) * steep;
+    double bent = place * bend_of(c, &c->cell[p->cell], r->of, steep);
+    if (!(bent < HUGE_VAL)) return;
+    r->blur = bent + ends;
+    if (k->rule == CELL_COARSE) return;
+    const Sides *s = cells_sides(c, r);
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double jump = fabs(s->f[1][ch] - s->f[0][ch]);
+        c->counts->moved[ch] += weight * place * jump, most = larger(most, jump);
+    }
+    c->counts->weighed += weight * most, c->counts->blurred += weight * most * bent;
+}
+
+/* All of a piece by the same chance. */
+static void blur_piece(Cells *c, const Column *from, const Column *to) {
+    const Piece *p = &c->piece[from->piece];
+    double ends[CELL_EDGES], middle[3] = {0};
+    find_end_errors(c, p, from, to, ends);
+    for (uint32_t d = 0; d < c->dim; d++) middle[d] = p->at[d][0] + p->at[d][1];
+    double sign = by_chance(middle) ? -1 : 1;
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
+            blur_root(c, p, k, &c->root[i], ends[c->root[i].edge]);
+            c->root[i].blur *= sign;
+        }
+}
+
+bool cells_round_roots(Cells *c, const Column *from, const Column *to) {
+    if (!c->b->f64 && !(move_roots(c, from, to) && take_own_slopes(c, from, to))) return false;
+    for (const Column *end; from < to; from = end) {
+        end = from + 1;
+        while (end < to && end->piece == from->piece) end++;
+        blur_piece(c, from, end);
+    }
+    return true;
+}
