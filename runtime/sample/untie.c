@@ -6,6 +6,7 @@
  * order. If each has the same jump in both, the integral has a derivative, whatever else moves with them; if not, it is
  * the mean of the two that is given, and half their difference is an error. What the move changes of a jump is of
  * second order in the mean. */
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,6 +22,7 @@ enum {
 #define LEAST 0.25     /* of a step: the shortest reach, in parts of the domain */
 #define SURE 0x1p-4    /* the way of a boundary is known to this part of it */
 #define SAME 0x1p-5    /* parts of a jump that are no change of it */
+#define BENT 0x1p-8 /* of jumps times the way that they go */
 
 struct Untie {
     Batch *b;
@@ -247,21 +249,23 @@ static void doubt(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
 
 /* Does the integral change by something else forth than it changes back? If not, decisions that move alike share a jump
  * in another way, which matters nothing. */
-static bool is_bent(const Order pair[2], uint32_t channels) {
+static bool is_bent(const Order pair[2], uint32_t channels, double rounding) {
     bool bent = false;
     for (uint32_t ch = 0; ch < channels; ch++) {
         double size = 0;
         for (int way = 0; way < 2; way++)
             for (uint32_t e = 0; e < pair[way].n; e++) size = fmax(size, fabs(pair[way].jump[e][ch]));
-        bent |= fabs(pair[0].moment[ch] + pair[1].moment[ch]) > SAME * size * fmax(pair[0].far, pair[1].far);
+        bent |=
+            fabs(pair[0].moment[ch] + pair[1].moment[ch]) > size * (BENT * fmax(pair[0].far, pair[1].far) + rounding);
     }
     return bent;
 }
 
 /* The mean over pairs of moves, forth and back, of which both are known; those of a pair are the two orders. How much
  * these differ is that of the first pair: of two, one might take away what the other gives. */
-static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
+static void combine(const Order order[UNTIE_WAYS], uint32_t channels, double rounding, Tie *t) {
     uint32_t pairs = 0, kinks = 0;
+    bool bent = false;
     memset(t, 0, sizeof *t);
     for (uint32_t m = 0; m < UNTIE_WAYS; m += 2)
         if (order[m].whole && order[m + 1].whole) gather_events(&order[m], t), gather_events(&order[m + 1], t), pairs++;
@@ -277,10 +281,10 @@ static void combine(const Order order[UNTIE_WAYS], uint32_t channels, Tie *t) {
                 size = fmax(size, fmax(fabs(forth[ch]), fabs(back[ch]))), apart = fmax(apart, fabs(d));
             }
         }
-        kinks += apart > SAME * size && is_bent(&order[m], channels), seen++;
+        kinks += apart > SAME * size, bent |= is_bent(&order[m], channels, rounding), seen++;
     }
     /* Two that happen to move alike along one direction, up to rounding, look like a kink there. */
-    t->whole = t->n == 1, t->kink = kinks && kinks == pairs;
+    t->whole = t->n == 1, t->kink = kinks && bent;
     if (!t->kink) doubt(order, channels, t);
 }
 
@@ -289,7 +293,8 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
     Batch *b = u->b;
     const SltCullList *lists = b->args.cull; /* good where nothing has moved */
     bool done[UNTIE_MOST], again[UNTIE_MOST];
-    double reach[UNTIE_MOST] = {0};
+    double reach[UNTIE_MOST] = {0},
+           rounding = 3 * u->width * (b->f64 ? DBL_EPSILON : (double)FLT_EPSILON); /* of places */
     b->args.cull = NULL;
     u->c = c, u->which = which;
     for (uint32_t i = 0; i < n; i++) {
@@ -317,10 +322,10 @@ bool untie(Untie *u, const Apart *apart, const Crossing *c, const uint32_t *whic
         }
     }
     untie_use(b, b->s);
-    for (uint32_t i = 0; i < n; i++) combine(u->order[i], b->s->channels, &tie[i]);
+    for (uint32_t i = 0; i < n; i++) combine(u->order[i], b->s->channels, rounding, &tie[i]);
     untie_agree(b, apart, c, which, n, u->order, tie, again);
     for (uint32_t i = 0; i < n; i++) {
-        if (again[i]) combine(u->order[i], b->s->channels, &tie[i]);
+        if (again[i]) combine(u->order[i], b->s->channels, rounding, &tie[i]);
         if (done[i] || (room && !tie[i].whole && reach[i] > room[i])) tie[i].n = 0, tie[i].kink = false;
     }
     untie_away(b, apart, c, which, n, u->order, reach, tie);
