@@ -32,6 +32,8 @@ PAIRS = {
                                 "", "c = float3(p.x > 0.5 ? p.x : 0.0, p.y > 0.5 ? 1.0 : 0.0, 0.0);"),
     "sequences in choices": ("", "float d = 2.0; p.x < 0.5 ? d = p.y, c.x = 0.25 : d; c.y = p.x > 0.5 ? c.z = 1.0, 0.5 : d;", "", "float d = p.x < 0.5 ? p.y : 2.0; if (p.x < 0.5) c.x = 0.25; if (p.x > 0.5) c.z = 1.0; c.y = p.x > 0.5 ? 0.5 : d;"),
     "octal numbers": ("", "c = vec3(010 + 0x10, 00, 017u) / 32.0;", "", "c = float3(24.0, 0.0, 15.0) / 32.0;"),
+    "patterns of bits": ("const int k[2] = int[2](0xFFFFFFFE, 0x80000000);", "int i = 0xfefd4986; c = vec3(k[0] + 3, k[1] >> 31, i >> 24);", "", "c = float3(1.0, -1.0, -2.0);"),
+    "names of the host": ("uniform vec2 image, main_; float gl_color_; vec2 point;", "c = vec3(image + p, point.x);", "", "c.xy = p;"),
     "structs inside declarations": ("struct S { float a; } s0, s1; const struct { vec2 v; } k = { vec2(0.5, 2) }; float f() { struct Q { float b; int n[2]; } q; struct R { Q q; }; R r; q.b = 0.25; r.q = q; return r.q.b; }",
                                     "s0.a = p.x; S t = s0; c = vec3(t.a + s1.a, k.v.x, f());", "", "c = float3(p.x, 0.5, 0.25);"),
     "blocks of uniforms": ("uniform Block { vec2 shift; mat2 m; }; layout(std140, binding = 0) uniform Other { float level; vec3 tint[2]; } other;", "c = other.tint[1] + other.level + vec3(m * shift, p.x);", "", "c.z = p.x;"),

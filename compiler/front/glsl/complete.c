@@ -177,9 +177,7 @@ void glsl_complete(Parser *p) {
     host_uniforms(&t);
     fragment_variables(&t);
     if (!entry_text(&t)) return;
-    const char *name = "image";
-    for (const Func *f = p->module->funcs; f; f = f->next)
-        if (!strcmp(f->name, name)) name = "gl_image";
+    const char *name = map_get(&p->unit->words, word(p, "image")) ? "gl_image" : "image";
     parse_text(p,
                arena_printf(
                    &p->s->session,

@@ -54,8 +54,9 @@ static Expr *literal(Parser *p, TypeKind kind, ConstVal value) {
 static Expr *integer_literal(Parser *p) {
     const Token t = p->tok;
     /* As in HLSL, a literal that does not fit int is uint. */
-    bool is_uint = t.is_unsigned || t.integer > INT32_MAX;
-    return literal(p, is_uint ? T_UINT : T_INT, (ConstVal){.v = {{.i = t.integer}}, .n = 1});
+    bool is_uint = t.is_unsigned || (t.integer > INT32_MAX && !p->glsl); /* there it is a pattern of bits */
+    return literal(p, is_uint ? T_UINT : T_INT,
+                   (ConstVal){.v = {{.i = is_uint ? (int64_t)t.integer : (int32_t)t.integer}}, .n = 1});
 }
 
 Expr *parse_string(Parser *p) {
