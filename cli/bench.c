@@ -357,7 +357,6 @@ int verb_bench(Cli *c) {
     Bench b = {.c = c};
     int status = check_estimators(c);
     if (status != SLT_OK) return status;
-    cli_catch_interrupt(c);
     status = cli_compile(c, &b.p);
     if (status == SLT_OK) status = c->kernels ? bench_kernels(c, b.p) : bench(&b);
     free(b.reference);
