@@ -474,6 +474,20 @@ class Bench(Case):
             self.assertEqual(set(p), {"samples", "evaluations", "seconds", "error"})
         self.run_cli("bench", "c.salt", "--samples", 512, "--repeats", 1, "-o", "c.salt", code=5)
 
+    def test_one_file(self):
+        """-o x.svg is a plot, not a folder of that name; which files were written is said."""
+        self.put("c.salt", CIRCLE)
+        bench = ["bench", "c.salt", "--samples", 512, "--repeats", 1, "--estimators", "lattice"]
+        for name, start in (("x.svg", b"<svg"), ("x.json", b"{"), ("x.csv", b"estimator")):
+            r = self.run_cli(*bench, "-o", name)
+            self.assertIn(start, self.get(name)[:200])
+            self.assertIn("saltus: %s\n" % name, r.err)
+        self.assertIn("saltus: out/bench.csv, .json and .svg\n", self.run_cli(*bench, "-o", "out").err)
+        self.assertEqual(self.run_cli(*bench, "-o", "out", "--quiet").err, "")
+        self.assertIn(".svg", self.run_cli(*bench, "-o", "x.png", code=2).err)
+        self.run_cli("bench", "c.salt", "--kernels", "-o", "x.csv", code=2)
+        self.assertEqual(sorted(os.listdir(self.dir)), ["c.salt", "cache", "out", "x.csv", "x.json", "x.svg"])
+
     def test_estimators(self):
         """What --estimators names must be known, every one of it."""
         self.put("c.salt", CIRCLE)
