@@ -167,7 +167,8 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     if (s == SLT_OK) note_ulps(&c, true);
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-    if (s == SLT_OK) s = api_steep(&c, &wanted, spent(&c, before));
+    bool derives = wanted.gradient || wanted.gradient_stderr;
+    if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
     if (s == SLT_OK) count_nonfinite(wanted.value, p->prog->channels, c.stats);
     if (s == SLT_OK) count_nonfinite(wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, c.stats);
     if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);

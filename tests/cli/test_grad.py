@@ -365,6 +365,18 @@ class Check(Case):
         for row in self.json_cli("check", "s.salt", "--precision", "f64", "--wrt", "b")["rows"]:
             self.assertAlmostEqual(row["slope"], 2, delta=0.1)
 
+    def test_error_is_that_of_z(self):
+        """What is printed as the error is what z divides by, with cells and without; cells leave the values no noise."""
+        self.put("c.salt", CIRCLE)
+        for estimator in "lattice", "quadrature":
+            rows = self.json_cli("check", "c.salt", "--samples", 16384, "--estimator", estimator)["rows"]
+            for row in rows:
+                self.assertAlmostEqual((row["ad"] - row["fd"]) / row["error"], row["z"], delta=1e-9 * abs(row["z"]))
+                self.assertGreaterEqual(row["error"], 0.999 * row["ad_stderr"])
+                self.assertGreaterEqual(row["error"], 0.999 * row["fd_stderr"])
+        automatic = self.json_cli("check", "c.salt")["rows"]
+        self.assertEqual([row["step"] for row in automatic], [row["step"] for row in self.json_cli("check", "c.salt", "--estimator", "quadrature")["rows"]])
+
     def test_fail(self):
         self.put("w.salt", "param float r = 0.4;\nshader float main(float2 x) { float f = 0.0; [NoDisc] if (length(x - 0.5) < r) f = 1.0; return f; }")
         r = self.run_cli("check", "w.salt", "--samples", 65536, code=1)
