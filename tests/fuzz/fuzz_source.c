@@ -1,6 +1,6 @@
-/* Any bytes as a program, GLSL where the first is `#`: front end, passes and every kernel's IR, verified; then a few samples in the interpreter when
- * the program is small. The back end is left out: tests/back compares it with the interpreter, and LLVM would take most
- * of the time. */
+/* Any bytes as a program, GLSL where the first is `#`: front end, passes and every kernel's IR, verified; then a few
+ * samples in the interpreter when the program is small. The back end is left out: tests/back compares it with the
+ * interpreter, and LLVM would take most of the time. */
 #include <stdlib.h>
 #include <string.h>
 
