@@ -375,6 +375,11 @@ static void gen_decl(Lower *l, Symbol *sym) {
         *b = (Bind){.kind = BIND_VARS, .vars = vars_for(l, sym->type)};
         return;
     }
+    if (expr_assigns(sym->init)) { /* to itself, perhaps: `int a = a = 1;` */
+        *b = (Bind){.kind = BIND_VARS, .vars = vars_for(l, sym->type)};
+        vars_store(l, sym->type, b->vars, gen_expr(l, sym->init), false);
+        return;
+    }
     Val v = gen_expr(l, sym->init);
     bool fresh = !gen_is_place(sym->init) && sym->init->kind != E_COND && sym->init->kind != E_COMMA &&
                  sym->init->kind != E_ASSIGN;
