@@ -328,13 +328,13 @@ static int check(Check *k) {
     memcpy(k->weight, weights, sizeof k->weight);
     SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size};
     c->job.replicates = AD_REPLICATES;
+    Progress pr;
+    progress_begin(&pr, c, "check");
     SltStatus s = slt_grad_integral(k->p, &c->job, &out, &k->stats, &k->err);
     for (uint32_t i = 0; i < nf; i++)
         for (uint32_t q = 0; q < ch; q++) total[i] += k->weight[q] * g[(size_t)q * nf + i];
     if (s == SLT_OK) s = choose_rows(k, total, base);
     if (s == SLT_OK) s = measure_centre(k);
-    Progress pr;
-    progress_begin(&pr, c, "check");
     double largest = 0;
     bool all_pass = true;
     for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
@@ -385,7 +385,6 @@ static int check(Check *k) {
 
 int verb_check(Cli *c) {
     Check k = {.c = c, .stats = SLT_STATS_INIT};
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &k.p);
     if (status == SLT_OK) status = check(&k);
     for (uint32_t i = 0; i < k.n; i++) free(k.rows[i].dir);

@@ -128,19 +128,24 @@ int cli_unknown_format(const Cli *c); /* prints that -o has no known extension, 
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
 int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out);
-/* From now on Ctrl-C sets the job's cancel flag, and a second Ctrl-C ends the process. */
-void cli_catch_interrupt(Cli *c);
-bool cli_interrupted(void);
-/* Ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step; --sandbox sets limits of its own.
- */
-void cli_watch_time(Cli *c);
 double cli_now(void); /* seconds, monotonic */
+
+/* watch.c: interrupts, --max-seconds, --sandbox, and notes every ten seconds where standard error is no terminal */
+void watch_begin(Cli *c);
+void watch_commit(void); /* results go out: from now on only a second Ctrl-C ends the process */
+void watch_keep(void);   /* there are results that leaving would lose */
+/* What is being done; what NULL: the same as before, fraction below 0: not known, detail may be NULL. */
+void watch_phase(const char *what, double fraction, const char *detail);
+void watch_costs(const char *text);       /* said once if it takes long: what of the program costs */
+SltStatus watch_status(SltStatus status); /* SLT_LIMIT in place of SLT_INTERRUPTED where time was up */
+bool cli_interrupted(void);               /* by a signal */
+void loss_abandon(void);                  /* loss.c: the process is about to end: so does the loss program */
 
 /* link.c: replaces the malloc'd bytes of an object by those of the shared library that it was linked into; none on
  * failure. */
 SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err);
 
-/* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
+/* progress.c: a bar with time left on a terminal, for watch.c elsewhere; silent with --quiet and --json */
 typedef struct Progress {
     bool on;
     double start, last;

@@ -374,6 +374,7 @@ static int explain_all(Cli *c, SltProgram *p) {
     SltError err = {0};
     SltStatus status = explain_program(c, p, &m, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
+    watch_commit();
     if (c->json) json_program(&m, p);
     else print_program(&m);
     return SLT_OK;
@@ -402,6 +403,7 @@ int verb_explain(Cli *c) {
     if (is_code(c->file)) return explain_code(c);
     SltProgram *p;
     int status = cli_compile(c, &p);
+    watch_phase("explain: compiling every kernel", -1, NULL);
     Explaining e = {c, p, SLT_OK};
     if (status == SLT_OK && (status = session_protect(p->session, explain, &e)) != SLT_OK)
         fprintf(stderr, "saltus: %s\n", p->session->unwind_text);

@@ -65,6 +65,7 @@ static bool follows(const Run *r) {
 
 static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!batch_init(&w->batch, r->s, &r->grid)) return false;
+    w->batch.pool = &r->pool;
     if (!accum_init(&w->acc, r->s, accums)) return false;
     if (!finder_init(&w->finder, &w->batch)) return false;
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
