@@ -72,7 +72,7 @@ static void report_missed(const Cli *c, const SltProgram *p, const SltIntegral *
     report_component_name(p, (uint32_t)(worst % slt_float_count(p)), name, sizeof name);
     fprintf(stderr,
             "saltus: warning: lines miss what is narrower than their spacing: of %s an estimated %.3g beside the %.6g "
-            "above; more --segments, or --estimator quadrature\n",
+            "above; more --segments, or --estimator quadrature (`saltus explain missed`)\n",
             name, missed, r->gradient[worst]);
 }
 

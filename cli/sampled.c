@@ -160,10 +160,13 @@ void report_dropped(const Cli *c, const SltStats *s) {
         if (!at) continue;
         fputs("saltus: warning: ", stderr);
         report_place(stderr, at);
-        fprintf(stderr, "%s\n", text);
+        fputs(text, stderr);
+        if (!strstr(text, "`saltus explain ")) fprintf(stderr, " (`saltus explain %s`)", sampled[i].code);
+        fputc('\n', stderr);
     }
     if (s->truncated && !c->quiet)
-        fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
+        fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times (`saltus explain truncated`)\n",
+                (unsigned long long)s->truncated);
     if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
 }
 

@@ -13,6 +13,7 @@ enum {
     LANES = 64,
     DECIDE_FUEL = 1 << 24,
     SEARCH_FUEL = 1 << 22, /* instructions, each on LANES points */
+    SEARCHES = 4,          /* in vain, of a program: those of a fit would each cost as much */
     EXTRA = 64,            /* samples of a pixel, at least: an exact pixel looked at points of its own */
     TEXT = 60              /* bytes of the source that are shown */
 };
@@ -355,9 +356,11 @@ static void find_place(Session *s, void *user) {
 
 void api_find_nonfinite(SltProgram *p, const SltJob *job, const Blame *blame, SltStats *stats) {
     Naming n = {.p = p, .stats = stats, .blame = blame, .job = job};
-    if (stats->nonfinite_at.known) return;
+    if (stats->nonfinite_at.known || p->nonfinite_sought >= SEARCHES) return;
     session_protect(p->session, find_place, &n); /* without memory there is no place, and that is all */
-    if (stats->nonfinite_at.known || !blame->pixel) return;
+    if (stats->nonfinite_at.known) return;
+    p->nonfinite_sought++;
+    if (!blame->pixel) return;
     stats->nonfinite_at = (SltPlace){.known = true, .in_image = true};
     memcpy(stats->nonfinite_at.pixel, blame->pixel, sizeof stats->nonfinite_at.pixel);
 }

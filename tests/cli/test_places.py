@@ -106,6 +106,13 @@ class Explain(Case):
         self.assertRegex(self.run_cli("explain", "w0402").out, r"^W0402 \(warning\)")
         self.assertEqual(self.json_cli("explain", "upset")["code"], "upset")
 
+    def test_warnings_name_their_code(self):
+        """What is printed for people says what explains it."""
+        self.put("n.salt", STEEP_ROOT)
+        self.assertIn("`saltus explain nonfinite`", self.run_cli("grad", "n.salt", "--integral", "--samples", 4096).err)
+        self.put("m.salt", "param float a = 0.5;\nshader float main(float2 x) { float s = 0.0; [MaxIters(3)] while (s < 9.0 * a) s += 1.0; return s; }")
+        self.assertIn("`saltus explain truncated`", self.run_cli("render", "m.salt", "--size", 4).err)
+
     def test_file_first(self):
         """A shader that is called like a code is a shader."""
         self.put("static", "shader float main(float2 x) { return x.x; }")
