@@ -186,8 +186,15 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
 uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 /* Errors that are infinite beside values that are not. */
 void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n);
+/* ---- sampled.c */
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
+/* How many crossings were dropped and why, where most were, and what explains it; returns that place. */
+const SltPlace *report_lost_text(const SltStats *stats, char *buf, size_t size);
+void report_place(FILE *out, const SltPlace *at);      /* "file:line:column: ", or nothing */
+void report_place_json(FILE *out, const SltPlace *at); /* null where nothing is known */
+/* Of a name in codes.def, in upper or lower case: the name as it stands there; NULL: there is none. */
+const char *sampled_explain(const char *name, const char **title, const char **text);
 /* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd
  * strings), for report_free_components. */
 uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index);
