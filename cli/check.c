@@ -330,7 +330,11 @@ static int check(Check *k) {
     c->job.replicates = AD_REPLICATES;
     Progress pr;
     progress_begin(&pr, c, "check");
-    SltStatus s = slt_grad_integral(k->p, &c->job, &out, &k->stats, &k->err);
+    bool without = false;
+    SltStatus s = effort_integral(c, k->p, &out, &k->stats, &without, &k->err);
+    if (s == SLT_OK && without)
+        s = status_fail(&k->err, SLT_LIMIT,
+                        "a check without the boundary would check nothing: --samples N, or [NoDisc] where it costs");
     for (uint32_t i = 0; i < nf; i++)
         for (uint32_t q = 0; q < ch; q++) total[i] += k->weight[q] * g[(size_t)q * nf + i];
     if (s == SLT_OK) s = choose_rows(k, total, base);

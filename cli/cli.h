@@ -137,9 +137,17 @@ void watch_keep(void);   /* there are results that leaving would lose */
 /* What is being done; what NULL: the same as before, fraction below 0: not known, detail may be NULL. */
 void watch_phase(const char *what, double fraction, const char *detail);
 void watch_costs(const char *text);       /* said once if it takes long: what of the program costs */
+void watch_tell_costs(void);              /* now, if it was not said yet */
 SltStatus watch_status(SltStatus status); /* SLT_LIMIT in place of SLT_INTERRUPTED where time was up */
-bool cli_interrupted(void);               /* by a signal */
-void loss_abandon(void);                  /* loss.c: the process is about to end: so does the loss program */
+/* From now on the job's cancel flag is set behind so many seconds of work, in which nothing else is; 0: no more. */
+void watch_effort(double seconds);
+bool watch_spent(void);     /* and that was why a call was interrupted */
+bool cli_interrupted(void); /* by a signal */
+void loss_abandon(void);    /* loss.c: the process is about to end: so does the loss program */
+
+/* effort.c: slt_grad_integral within a quarter of a minute unless an option says how much is to be done: with fewer
+ * lines, which is said, or at last *without the boundary. */
+SltStatus effort_integral(Cli *c, SltProgram *p, SltIntegral *out, SltStats *stats, bool *without, SltError *err);
 
 /* link.c: replaces the malloc'd bytes of an object by those of the shared library that it was linked into; none on
  * failure. */

@@ -95,7 +95,8 @@ static int grad_integral(Cli *c, SltProgram *p) {
     Progress pr;
     progress_begin(&pr, c, "grad");
     c->job.progress = progress_job, c->job.progress_user = &pr;
-    SltStatus status = slt_grad_integral(p, &c->job, &out, &stats, &err);
+    bool without = false;
+    SltStatus status = effort_integral(c, p, &out, &stats, &without, &err);
     progress_end(&pr);
     if (status != SLT_OK) {
         free(all);
@@ -109,6 +110,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
         json_shape("gradient", c, p, out.gradient, ch);
         json_shape("stderr", c, p, out.gradient_stderr, ch);
         printf("\"stderr_kind\": \"%s\", ", stderr_kind(&stats, out.mixed, out.replicates));
+        if (without) fputs("\"left_out\": \"boundary\", ", stdout);
         json_shape("interior", c, p, out.interior, ch);
         json_shape("boundary", c, p, out.boundary, ch);
         json_shape("missed_estimate", c, p, out.missed_estimate, ch);

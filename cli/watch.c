@@ -10,6 +10,7 @@
 #include <signal.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "cli/cli.h"
@@ -26,13 +27,20 @@ static volatile int cancel_flag;
 static int wake[2] = {-1, -1};
 static struct {
     pthread_mutex_t lock;
-    bool committed, keeping, is_fit, notes, timed_out;
+    bool committed, keeping, is_fit, notes, timed_out, spent;
     double start, limit, next_note;
-    double fraction;  /* below 0: not known */
-    const char *what; /* the phase */
+    double effort, effort_from, effort_cpu; /* of watch_effort: seconds, and the clocks at its beginning */
+    double fraction;                        /* below 0: not known */
+    const char *what;                       /* the phase */
     char detail[96];
     char costs[400]; /* said once, with the first note */
 } watched = {.lock = PTHREAD_MUTEX_INITIALIZER, .what = "compiling", .fraction = -1};
+
+static double cpu_seconds(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
 
 static void on_interrupt(int sig) {
     (void)sig;
@@ -71,6 +79,12 @@ static void note(double seconds) {
     pthread_mutex_unlock(&watched.lock);
 }
 
+/* By both clocks: on a busy machine the same work is done as on an idle one. */
+static bool effort_spent(double now) {
+    return watched.effort > 0 && now - watched.effort_from >= watched.effort &&
+           cpu_seconds() - watched.effort_cpu >= 0.9 * watched.effort;
+}
+
 static void *watch(void *arg) {
     double stop_by = 0; /* when to leave */
     (void)arg;
@@ -82,23 +96,28 @@ static void *watch(void *arg) {
         /* A fit has its own limit, which begins later, and a result at its end. */
         double asked = limit > 0 ? watched.start + limit + (watched.is_fit ? 2 : 0) : 0;
         if (!interrupted && asked > 0 && now >= asked) watched.timed_out = true, cancel_flag = 1;
-        bool timed_out = watched.timed_out, notes = watched.notes;
+        if (effort_spent(now)) watched.spent = true, cancel_flag = 1;
+        bool timed_out = watched.timed_out, notes = watched.notes, trying = watched.effort > 0;
+        bool leaving = interrupted || timed_out;
         pthread_mutex_unlock(&watched.lock);
         if (over) return NULL;
-        if (cancel_flag && stop_by == 0) stop_by = now + grace;
+        if (leaving && stop_by == 0) stop_by = now + grace;
         if (stop_by > 0 && now >= stop_by) {
             leave(timed_out);
             return NULL;
         }
-        if (notes && !cancel_flag && now >= watched.next_note) {
+        if (notes && !leaving && now >= watched.next_note) {
             note(now - watched.start);
             watched.next_note = now + NOTE_EVERY;
         }
         if (stop_by > 0) next = stop_by;
         else if (asked > 0) next = fmin(next, asked);
-        if (notes && !cancel_flag) next = fmin(next, watched.next_note);
+        if (trying) next = fmin(next, now + 0.1);
+        if (notes && !leaving) next = fmin(next, watched.next_note);
         struct pollfd fd = {.fd = stop_by > 0 ? -1 : wake[0], .events = POLLIN};
-        poll(&fd, 1, (int)fmax(1, ceil(1e3 * (next - now))));
+        char rang[16];
+        if (poll(&fd, 1, (int)fmax(1, ceil(1e3 * (next - now)))) > 0)
+            while (read(wake[0], rang, sizeof rang) > 0) continue;
     }
 }
 
@@ -128,6 +147,26 @@ void watch_begin(Cli *c) {
     pthread_attr_destroy(&small);
 }
 
+void watch_effort(double seconds) {
+    pthread_mutex_lock(&watched.lock);
+    watched.effort = seconds, watched.effort_from = cli_now(), watched.effort_cpu = cpu_seconds();
+    watched.spent = false;
+    if (!watched.timed_out && !interrupted) cancel_flag = 0;
+    pthread_mutex_unlock(&watched.lock);
+    if (interrupted) cancel_flag = 1; /* a signal came in between */
+    if (wake[1] >= 0 && seconds > 0) {
+        ssize_t ignored = write(wake[1], "", 1);
+        (void)ignored;
+    }
+}
+
+bool watch_spent(void) {
+    pthread_mutex_lock(&watched.lock);
+    bool spent = watched.spent && !watched.timed_out && !interrupted;
+    pthread_mutex_unlock(&watched.lock);
+    return spent;
+}
+
 void watch_commit(void) {
     pthread_mutex_lock(&watched.lock);
     watched.committed = true;
@@ -151,6 +190,13 @@ void watch_phase(const char *what, double fraction, const char *detail) {
 void watch_costs(const char *text) {
     pthread_mutex_lock(&watched.lock);
     snprintf(watched.costs, sizeof watched.costs, "%s", text);
+    pthread_mutex_unlock(&watched.lock);
+}
+
+void watch_tell_costs(void) {
+    pthread_mutex_lock(&watched.lock);
+    if (*watched.costs) fprintf(stderr, "saltus: note: %s\n", watched.costs);
+    *watched.costs = 0;
     pthread_mutex_unlock(&watched.lock);
 }
 

@@ -24,7 +24,7 @@ Session *session_create(size_t budget_bytes) {
     Session *s = calloc(1, sizeof *s);
     if (!s) return NULL;
     s->budget =
-        (ArenaBudget){.limit = budget_bytes ? budget_bytes : (size_t)384 << 20, .fail = budget_spent, .user = s};
+        (ArenaBudget){.limit = budget_bytes ? budget_bytes : (size_t)1024 << 20, .fail = budget_spent, .user = s};
     arena_init(&s->session, "session", &s->budget);
     arena_init(&s->module, "module", &s->budget);
     arena_init(&s->scratch, "scratch", &s->budget);

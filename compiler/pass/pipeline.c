@@ -107,7 +107,8 @@ SltLayout pipeline_layout(const Fn *fn) {
     return l;
 }
 
-/* Above this size edge_bounds is not made: it would compile for seconds. */
+/* Above this size edge_bounds is not made: it would compile for seconds. Nor is edge then, which only cells ask, and
+ * they ask both. */
 enum { EDGE_BOUNDS_SIZE = 30000 };
 
 /* Up to this size of the edge kernel without derivatives its bounds have second ones: they triple it. Not in f32, where
@@ -146,6 +147,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
     }
     Fn **edges = &out->fn[K_EDGE], **bounds = &out->fn[K_EDGE_BOUNDS];
     Fn *parts = variant_edge(ctx, seamed);
+    if (needs[K_EDGE_BOUNDS] && walk_fn_size(parts) > EDGE_BOUNDS_SIZE) return; /* its bounds are larger still */
     bool second = primal->precision == PREC_F64 && primal->dim > 1 && walk_fn_size(parts) <= SECOND_SIZE;
     for (Fn *part = parts; part; part = part->next_part) {
         Fn *edge = ad_grad_x(ctx, part);
@@ -155,7 +157,7 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
         if (needs[K_EDGE]) edges = add_part(edges, part, edge);
     }
     if (out->fn[K_EDGE_BOUNDS] && walk_fn_size(out->fn[K_EDGE_BOUNDS]) > EDGE_BOUNDS_SIZE)
-        out->fn[K_EDGE_BOUNDS] = NULL;
+        out->fn[K_EDGE_BOUNDS] = out->fn[K_EDGE] = NULL;
 }
 
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.

@@ -47,7 +47,7 @@ class Watched(Case):
 
     def test_search(self):
         self.put("m.frag", MANDEL)
-        for args in (["grad", "m.frag", "--integral"], ["grad", "m.frag", "-o", "g.exr"], ["check", "m.frag"], ["grad", "m.frag", "--estimator", "quadrature"],
+        for args in (["grad", "m.frag", "--integral"], ["grad", "m.frag", "--integral", "--samples", "262144"], ["grad", "m.frag", "-o", "g.exr"], ["check", "m.frag"], ["grad", "m.frag", "--estimator", "quadrature"],
                      ["render", "m.frag", "--exact", "--size", "512", "-o", "r.png"], ["grad", "m.frag", "--estimator", "fd", "--samples", "100000000"]):
             self.interrupt(*args)
         self.no_leftovers("m.frag")
@@ -59,9 +59,16 @@ class Watched(Case):
         self.run_cli("explain", "s.salt", "--no-cache", "--max-seconds", "0.5", code=6)
         self.no_leftovers()
 
+    def test_effort(self):
+        """Without a word about effort there is an answer, which says what it leaves out."""
+        self.put("m.frag", MANDEL)
+        r = self.run_cli("grad", "m.frag", "--integral", timeout=280)
+        self.assertRegex(r.err, "warning: (256|4096) samples and lines instead of 262144|warning: the boundary is left out")
+        self.assertRegex(r.out, r"(?m)^iTime +-?\d")
+
     def test_notes(self):
         self.put("m.frag", MANDEL)
-        err = self.interrupt("grad", "m.frag", after=13)
+        err = self.interrupt("grad", "m.frag", "--samples", "1000000", after=13)
         self.assertRegex(err, r"note: grad, 1\d s.*1 site with at most 200 events.*m\.frag:7")
         start = time.time()
         r = self.run_cli("grad", "m.frag", "--max-seconds", "1", "--json", code=6)
