@@ -376,7 +376,6 @@ int verb_bench(Cli *c) {
     int status = check_estimators(c);
     if (status != SLT_OK) return status;
     if (c->output && c->kernels) return cli_usage(c, "--kernels prints a table: leave out -o");
-    cli_catch_interrupt(c);
     status = cli_compile(c, &b.p);
     if (status == SLT_OK && c->output && image_can_write(c->output))
         status = cli_usage(c, "-o %s: bench writes .csv, .json, .svg, or all three to a folder", c->output);

@@ -260,20 +260,27 @@ static double along(const Check *k, const Row *row, const double *all, bool squa
 }
 
 /* What failed, in one line. */
-static void print_summary(const Check *k, bool all_pass, const char *other) {
+static void print_summary(const Check *k, bool all_pass, const SltPlace *at, const char *other) {
     uint32_t failed = 0;
     for (uint32_t i = 0; i < k->n; i++) failed += !k->rows[i].pass;
     printf("%s", all_pass ? "PASS" : "FAIL");
     if (failed) printf(": %u of %u rows:", failed, k->n);
     for (uint32_t i = 0; i < k->n; i++)
         if (!k->rows[i].pass) printf(" %s (z %.3g)", k->rows[i].name, k->rows[i].z);
-    if (other) printf("%s %s", failed ? ";" : ":", other);
+    if (other) {
+        fputs(failed ? "; " : ": ", stdout);
+        if (at) report_place(stdout, at);
+        fputs(other, stdout);
+    }
     putchar('\n');
 }
 
-static void print_rows(const Check *k, bool all_pass, const char *other) {
+static void print_rows(const Check *k, bool all_pass, const SltPlace *at, const char *other) {
     if (k->c->json) {
-        printf("{\"pass\": %s, \"rows\": [", all_pass ? "true" : "false");
+        printf("{\"pass\": %s, \"why\": ", all_pass ? "true" : "false");
+        if (other) json_text(stdout, other);
+        else fputs("null", stdout);
+        fputs(", \"rows\": [", stdout);
         for (uint32_t i = 0; i < k->n; i++) {
             const Row *r = &k->rows[i];
             const struct {
@@ -303,7 +310,7 @@ static void print_rows(const Check *k, bool all_pass, const char *other) {
         printf("%-34s %14.7g %14.7g %10.2g %9.2g %9.2g %6.2f %7.2f  %s\n", r->name, r->ad, r->fd, r->ad - r->fd,
                r->error, r->step, r->slope, r->z, r->pass ? "PASS" : "FAIL");
     }
-    print_summary(k, all_pass, other);
+    print_summary(k, all_pass, at, other);
 }
 
 static int check(Check *k) {
@@ -321,13 +328,13 @@ static int check(Check *k) {
     memcpy(k->weight, weights, sizeof k->weight);
     SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size};
     c->job.replicates = AD_REPLICATES;
+    Progress pr;
+    progress_begin(&pr, c, "check");
     SltStatus s = slt_grad_integral(k->p, &c->job, &out, &k->stats, &k->err);
     for (uint32_t i = 0; i < nf; i++)
         for (uint32_t q = 0; q < ch; q++) total[i] += k->weight[q] * g[(size_t)q * nf + i];
     if (s == SLT_OK) s = choose_rows(k, total, base);
     if (s == SLT_OK) s = measure_centre(k);
-    Progress pr;
-    progress_begin(&pr, c, "check");
     double largest = 0;
     bool all_pass = true;
     for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
@@ -358,12 +365,15 @@ static int check(Check *k) {
     uint64_t dropped = report_lost(&k->stats);
     if (s == SLT_OK) {
         const char *other = NULL;
-        if (dropped * 100 > k->stats.crossings + dropped) other = "more than 1 % of the crossings were dropped";
-        if (k->stats.asserts) other = "an assert failed";
+        char text[1024];
+        const SltPlace *at = NULL;
+        if (dropped * 100 > k->stats.crossings + dropped)
+            at = report_lost_text(&k->stats, text, sizeof text), other = text;
+        if (k->stats.asserts) at = NULL, other = "an assert failed: `assert` in the shader says where";
         for (uint32_t i = 0; i < k->n; i++)
-            if (isinf(k->rows[i].ad_se)) other = "the error of the derivative is not known: more --samples";
+            if (isinf(k->rows[i].ad_se) && !other) other = "the error of the derivative is not known: more --samples";
         if (other) all_pass = false;
-        print_rows(k, all_pass, other);
+        print_rows(k, all_pass, at, other);
         if (!c->quiet) cli_tell(c, k->p);
         report_dropped(c, &k->stats);
     }
@@ -375,7 +385,6 @@ static int check(Check *k) {
 
 int verb_check(Cli *c) {
     Check k = {.c = c, .stats = SLT_STATS_INIT};
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &k.p);
     if (status == SLT_OK) status = check(&k);
     for (uint32_t i = 0; i < k.n; i++) free(k.rows[i].dir);

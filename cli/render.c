@@ -157,7 +157,6 @@ static int render(Cli *c, SltProgram *p) {
 
 int verb_render(Cli *c) {
     SltProgram *p;
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &p);
     if (status == SLT_OK) status = render(c, p);
     slt_program_free(p);

@@ -83,6 +83,14 @@ class Meaning(Case):
         self.put("b.frag", b"void main() {\n  gl_FragColor = vec4(\xe91); }")
         self.assertIn("b.frag:2:", self.run_cli("render", "b.frag", "--size", 4, code=3).err)
 
+    def test_long_expression_behind_a_loop(self):
+        """A loop that may be cut off, which is counted, before an expression long enough to be pruned by bounds."""
+        discs = "".join("    d = min(d, length(q - vec2(%d, %d)) - %.1f);\n" % (7 * k % 48, 5 * k % 32, k % 7 / 3) for k in range(300))
+        text = "void mainImage(out vec4 c, vec2 p) {\n    vec2 q = p; float d = 9.0;\n    for (float i = min(iTime, 0.0); i < 60.0; i++) { q.x += 0.1; if (q.x > 20.0) break; }\n%s    c = vec4(d);\n}"
+        self.put("a.frag", text % discs)
+        self.put("b.frag", (text % discs).replace("float i = min(iTime, 0.0); i < 60.0", "int i = 0; i < 60"))
+        self.assertEqual(self.picture("a.frag"), self.picture("b.frag"))
+
     def test_entries(self):
         """gl_FragColor, gl_FragData, an output of the file, a place from a vertex shader, `discard`."""
         want = {}
