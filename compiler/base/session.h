@@ -38,7 +38,7 @@ typedef struct Source {
     const uint32_t *lines; /* byte offset of every line start; lines end in LF, CR LF or CR */
     uint32_t nlines;
     uint32_t glsl[2]; /* not 0: the text is GLSL, for an image of this size in pixels */
-    bool too_large; /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
+    bool too_large;   /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
 } Source;
 
 typedef struct DiagNote {
