@@ -3,31 +3,42 @@
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "cli/explain.h"
 
+static void print_code(const Cli *c, const char *code, const char *severity, const char *title, const char *text) {
+    if (!c->json) {
+        printf("%s (%s): %s\n\n%s\n", code, severity, title, text);
+        return;
+    }
+    const char *const pairs[][2] = {{"code", code}, {"severity", severity}, {"title", title}, {"explanation", text}};
+    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
+        printf(i ? ", \"%s\": " : "{\"%s\": ", pairs[i][0]);
+        json_text(stdout, pairs[i][1]);
+    }
+    fputs("}\n", stdout);
+}
+
+/* E0401, in upper or lower case; or a name of codes.def, where no file is called so. */
 static bool is_code(const char *s) {
-    return s && (s[0] == 'E' || s[0] == 'W' || s[0] == 'P') && isdigit((unsigned char)s[1]) && strlen(s) == 5;
+    const char *title, *text;
+    if (!s) return false;
+    if (strchr("EWPewp", s[0]) && isdigit((unsigned char)s[1]) && strlen(s) == 5) return true;
+    return sampled_explain(s, &title, &text) && access(s, F_OK) != 0;
 }
 
 static int explain_code(Cli *c) {
     Severity severity;
-    const char *title, *text = diag_explain(c->file, &severity, &title);
-    if (!text) return cli_usage(c, "there is no diagnostic `%s`", c->file);
-    const char *name = severity == SEV_ERROR ? "error" : severity == SEV_WARNING ? "warning" : "note";
-    if (c->json) {
-        fputs("{\"code\": ", stdout);
-        json_text(stdout, c->file);
-        fputs(", \"severity\": ", stdout);
-        json_text(stdout, name);
-        fputs(", \"title\": ", stdout);
-        json_text(stdout, title);
-        fputs(", \"explanation\": ", stdout);
-        json_text(stdout, text);
-        fputs("}\n", stdout);
-    } else {
-        printf("%s (%s): %s\n\n%s\n", c->file, name, title, text);
+    const char *title, *text = diag_explain(c->file, &severity, &title), *name = c->file;
+    char code[6];
+    if (!text && (name = sampled_explain(c->file, &title, &text))) {
+        print_code(c, name, "warning", title, text);
+        return SLT_OK;
     }
+    if (!text) return cli_usage(c, "there is no diagnostic `%s`", c->file);
+    for (uint32_t i = 0; i < sizeof code; i++) code[i] = (char)toupper((unsigned char)c->file[i]);
+    print_code(c, code, severity == SEV_ERROR ? "error" : severity == SEV_WARNING ? "warning" : "note", title, text);
     return SLT_OK;
 }
 
@@ -363,6 +374,7 @@ static int explain_all(Cli *c, SltProgram *p) {
     SltError err = {0};
     SltStatus status = explain_program(c, p, &m, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
+    watch_commit();
     if (c->json) json_program(&m, p);
     else print_program(&m);
     return SLT_OK;
@@ -391,6 +403,7 @@ int verb_explain(Cli *c) {
     if (is_code(c->file)) return explain_code(c);
     SltProgram *p;
     int status = cli_compile(c, &p);
+    watch_phase("explain: compiling every kernel", -1, NULL);
     Explaining e = {c, p, SLT_OK};
     if (status == SLT_OK && (status = session_protect(p->session, explain, &e)) != SLT_OK)
         fprintf(stderr, "saltus: %s\n", p->session->unwind_text);

@@ -124,6 +124,7 @@ void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column
 void diag_print_text(const Session *s, FILE *out, bool colour);
 void diag_print_json(const Session *s, FILE *out);
 const char *diag_code_name(DiagCode code);
+void diag_put_uri(FILE *out, const char *path); /* as JSON, of a source's path */
 /* The explanation of "E0123" (any case), or NULL. *severity and *title (the message's format) are optional. */
 const char *diag_explain(const char *code, Severity *severity, const char **title);
 /* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are
