@@ -211,6 +211,7 @@ struct Expr {
     bool prefix, explicit_cast, is_const, parenthesised;
     ConstVal cval;
     const char *other; /* E_CALL in GLSL: the builtin behind a function of the file that has its name */
+    TypeRef *of;       /* E_LIST in GLSL: the array that `T[n](…)` makes */
     const char *name;  /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
     uint32_t depth;    /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
 };

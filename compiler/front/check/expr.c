@@ -449,6 +449,7 @@ static Expr *check_kind(Checker *c, Expr *e) {
     case E_INDEX: return check_index(c, e);
     case E_FIELD: return check_field(c, e);
     case E_LIST:
+        if (e->of) return check_list(c, e, resolve_type(c, e->of, false, CHECK_MAX_ARRAY));
         diag_emit(c->s, DIAG_bad_list, e->span, "a list stands only as the value of a declaration");
         for (uint32_t i = 0; i < e->nargs; i++)
             if (e->args[i]->kind != E_LIST) e->args[i] = check_expr(c, e->args[i]);

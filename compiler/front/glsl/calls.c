@@ -66,6 +66,8 @@ static const Rename renames[] = {
     {"unpackUnorm4x8", "gl_unpack_unorm4", 0},
     {"packUnorm2x16", "gl_pack_unorm2", 0},
     {"unpackUnorm2x16", "gl_unpack_unorm2", 0},
+    {"ldexp", "gl_ldexp", 0},
+    {"frexp", "gl_frexp", 0},
     {"packHalf2x16", "gl_pack_half2", 0},
     {"unpackHalf2x16", "gl_unpack_half2", 0},
     {"packSnorm2x16", "gl_pack_snorm2", 0},

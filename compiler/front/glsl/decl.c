@@ -12,15 +12,16 @@ static Expr *integer(Parser *p, uint32_t v, Span at) {
     return e;
 }
 
-void glsl_size_open(Parser *p, Symbol *sym) {
-    TypeRef *t = sym->type_ref;
-    if (!t || !t->ndims || t->dims[0] || !sym->init || sym->init->kind != E_LIST) return;
-    TypeRef *sized = ARENA_NEW(&p->s->module, TypeRef);
-    *sized = *t;
-    sized->dims = arena_copy(&p->s->module, t->dims, sizeof *t->dims * t->ndims);
-    sized->dims[0] = integer(p, sym->init->nargs, sym->init->span);
-    sym->type_ref = sized;
+static TypeRef *sized(Parser *p, TypeRef *t, const Expr *list) {
+    if (!t || !t->ndims || t->dims[0] || !list || list->kind != E_LIST) return t;
+    TypeRef *of = ARENA_NEW(&p->s->module, TypeRef);
+    *of = *t;
+    of->dims = arena_copy(&p->s->module, t->dims, sizeof *t->dims * t->ndims);
+    of->dims[0] = integer(p, list->nargs, list->span);
+    return of;
 }
+
+void glsl_size_open(Parser *p, Symbol *sym) { sym->type_ref = sized(p, sym->type_ref, sym->init); }
 
 bool glsl_at_array(const Parser *p) {
     if (!parse_at(p, TOK_TYPE) && !parse_at(p, TOK_IDENT)) return false;
@@ -36,11 +37,11 @@ bool glsl_at_array(const Parser *p) {
     }
 }
 
-/* `float[3](a, b, c)` is the list { a, b, c }: its elements and their number are checked against what it initialises.
- */
+/* `float[3](a, b, c)` is the list { a, b, c }: its elements and their number are checked against what it initialises,
+ * elsewhere against its own type. */
 Expr *glsl_array(Parser *p) {
     Span start = p->tok.span;
-    parse_type(p, "a type");
+    TypeRef *of = parse_type(p, "a type");
     Span open = p->tok.span;
     Expr *e = ARENA_NEW(&p->s->module, Expr);
     *e = (Expr){.kind = E_LIST, .span = start, .op_span = start, .depth = 1};
@@ -49,6 +50,7 @@ Expr *glsl_array(Parser *p) {
     for (uint32_t i = 0; i < e->nargs; i++)
         if (e->args[i]->depth >= e->depth) e->depth = e->args[i]->depth + 1;
     e->span = parse_span_from(p, start);
+    e->of = sized(p, of, e);
     return e;
 }
 
