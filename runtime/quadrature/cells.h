@@ -75,6 +75,7 @@ typedef struct CellOptions {
     double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
     double least; /* side of the least cell, in parts of the domain */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
+    bool trial;              /* only what cells cost is asked: no peaks are hunted */
     uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */
     /* Of an image: cells end where the filter bends, multiples of `grid` from `grid_lo` along each axis; 0: nowhere */
     double grid[3], grid_lo[3];

@@ -157,7 +157,8 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     const SltJob *j = t->j;
     Cost cost = {0};
     CellSink sink = {.curve = count_curve, .volume = count_volume, .left = no_left, .user = &cost};
-    CellOptions o = {.curves = true, .volume = true, .gauss = 3, .coarse = 2, .tolerance = 1e-4, .least = 1e-5};
+    CellOptions o = {
+        .curves = true, .volume = true, .trial = true, .gauss = 3, .coarse = 2, .tolerance = 1e-4, .least = 1e-5};
     CellCounts counts = {0};
     for (uint32_t d = 0; d < t->s->dim; d++)
         if (!t->g->integral)
