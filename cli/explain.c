@@ -1,32 +1,31 @@
 /* saltus explain: what a program is made of, what was compiled, what was left out and why; or the story of one point;
  * or of one code. Each is a model that is printed as text or as JSON. */
-#include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "cli/explain.h"
 
 static bool is_code(const char *s) {
-    return s && (s[0] == 'E' || s[0] == 'W' || s[0] == 'P') && isdigit((unsigned char)s[1]) && strlen(s) == 5;
+    return s && strlen(s) == 5 && strchr("EWPewp", s[0]) && strspn(s + 1, "0123456789") == 4;
 }
 
 static int explain_code(Cli *c) {
-    Severity severity;
-    const char *title, *text = diag_explain(c->file, &severity, &title);
+    DiagTitle title;
+    const char *text = diag_explain(c->file, &title);
     if (!text) return cli_usage(c, "there is no diagnostic `%s`", c->file);
-    const char *name = severity == SEV_ERROR ? "error" : severity == SEV_WARNING ? "warning" : "note";
+    const char *name = title.severity == SEV_ERROR ? "error" : title.severity == SEV_WARNING ? "warning" : "note";
     if (c->json) {
         fputs("{\"code\": ", stdout);
-        json_text(stdout, c->file);
+        json_text(stdout, title.code);
         fputs(", \"severity\": ", stdout);
         json_text(stdout, name);
         fputs(", \"title\": ", stdout);
-        json_text(stdout, title);
+        json_text(stdout, title.text);
         fputs(", \"explanation\": ", stdout);
         json_text(stdout, text);
         fputs("}\n", stdout);
     } else {
-        printf("%s (%s): %s\n\n%s\n", c->file, name, title, text);
+        printf("%s (%s)%s%s\n\n%s\n", title.code, name, *title.text ? ": " : "", title.text, text);
     }
     return SLT_OK;
 }
@@ -129,8 +128,10 @@ static void print_left_out(const Explained *m) {
 }
 
 static void print_program(const Explained *m) {
-    printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n\n", m->entry, m->dim, m->channels,
+    printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n", m->entry, m->dim, m->channels,
            m->channels == 1 ? "" : "s", m->nfloats, m->nints);
+    puts(m->display ? "colours: for a screen; what is PNG is written and read as it is\n"
+                    : "colours: linear light; a PNG gets them, and is read, through the curve of sRGB\n");
     print_sites(m);
     printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)m->events_bound,
            m->near_miss ? "on" : "off");
@@ -239,7 +240,8 @@ static void json_bounds(const ExplainedBounds *b) {
 static void json_program(const Explained *m, SltProgram *p) {
     printf("{\"entry\": ");
     json_text(stdout, m->entry);
-    printf(", \"dim\": %u, \"channels\": %u, \"sites\": [", m->dim, m->channels);
+    printf(", \"dim\": %u, \"channels\": %u, \"display\": %s, \"sites\": [", m->dim, m->channels,
+           m->display ? "true" : "false");
     json_sites(m);
     printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)m->events_bound,
            m->near_miss ? "true" : "false");
@@ -349,10 +351,7 @@ static int explain_at(Cli *c, SltProgram *p) {
     ExplainedPoint m;
     SltError err = {0};
     int status = explain_point(p, x, &m, &err);
-    if (status != SLT_OK) {
-        fputs("saltus: the point could not be traced\n", stderr);
-        return status;
-    }
+    if (status != SLT_OK) return cli_error(status, "the point could not be traced");
     if (c->json) json_point(&m);
     else print_point(&m);
     return SLT_OK;
@@ -393,7 +392,7 @@ int verb_explain(Cli *c) {
     int status = cli_compile(c, &p);
     Explaining e = {c, p, SLT_OK};
     if (status == SLT_OK && (status = session_protect(p->session, explain, &e)) != SLT_OK)
-        fprintf(stderr, "saltus: %s\n", p->session->unwind_text);
+        cli_error(status, "%s", p->session->unwind_text);
     else if (status == SLT_OK) status = e.status;
     slt_program_free(p);
     return status;

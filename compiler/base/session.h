@@ -37,8 +37,10 @@ typedef struct Source {
     uint32_t len;
     const uint32_t *lines; /* byte offset of every line start; lines end in LF, CR LF or CR */
     uint32_t nlines;
-    uint32_t glsl[2]; /* not 0: the text is GLSL, for an image of this size in pixels */
-    bool too_large; /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
+    uint32_t lead, shown_end; /* shown_end not 0: what people wrote begins with line `lead`, where counting starts, and
+                                 ends at that byte; places outside are its ends */
+    uint32_t glsl[2];         /* not 0: the text is GLSL, for an image of this size in pixels */
+    bool too_large;           /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
 } Source;
 
 typedef struct DiagNote {
@@ -124,8 +126,14 @@ void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column
 void diag_print_text(const Session *s, FILE *out, bool colour);
 void diag_print_json(const Session *s, FILE *out);
 const char *diag_code_name(DiagCode code);
-/* The explanation of "E0123" (any case), or NULL. *severity and *title (the message's format) are optional. */
-const char *diag_explain(const char *code, Severity *severity, const char **title);
+/* The explanation of "E0123" (any case), or NULL; *row is its code as written in the table. The title is the message
+ * with words for what differs from case to case, "" where that is all of it. */
+typedef struct DiagTitle {
+    const char *code;
+    Severity severity;
+    char text[256];
+} DiagTitle;
+const char *diag_explain(const char *code, DiagTitle *title);
 /* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are
  * skipped; allocates nothing. */
 const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);
