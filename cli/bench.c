@@ -9,6 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include "cli/bench.h"
@@ -179,7 +180,7 @@ static int check_estimators(const Cli *c) {
 }
 
 /* ---- outputs */
-static char *make_csv(const Bench *b) {
+static char *make_csv(Bench *b) {
     Text text;
     FILE *out = text_open(&text);
     if (!out) return NULL;
@@ -193,7 +194,7 @@ static char *make_csv(const Bench *b) {
     return text_close(&text);
 }
 
-static char *make_json(const Bench *b) {
+static char *make_json(Bench *b) {
     Text text;
     FILE *out = text_open(&text);
     if (!out) return NULL;
@@ -260,27 +261,44 @@ static char *make_svg(Bench *b) {
     return plot_svg(&plot, series, n, &b->err);
 }
 
-static SltStatus write_folder(Bench *b) {
-    const char *dir = b->c->output;
-    if (mkdir(dir, 0777) != 0 && errno != EEXIST)
-        return status_fail_errno(&b->err, SLT_OUTPUT, errno, "cannot make the folder %s", dir);
-    struct {
-        const char *name;
-        char *text;
-    } files[] = {{"bench.csv", make_csv(b)}, {"bench.json", make_json(b)}, {"bench.svg", make_svg(b)}};
+/* -o FILE.csv, .json or .svg is that file alone; any other name is a folder for all three. */
+static const struct Form {
+    const char *suffix;
+    char *(*make)(Bench *b);
+} forms[] = {{".csv", make_csv}, {".json", make_json}, {".svg", make_svg}};
+enum { FORMS = sizeof forms / sizeof *forms };
+
+static const struct Form *form_of(const char *path) {
+    size_t n = strlen(path);
+    for (int i = 0; i < FORMS; i++) {
+        size_t m = strlen(forms[i].suffix);
+        if (n > m && !strcasecmp(path + n - m, forms[i].suffix)) return &forms[i];
+    }
+    return NULL;
+}
+
+static SltStatus write_files(Bench *b) {
+    const char *out = b->c->output;
+    const struct Form *only = form_of(out);
+    if (!only && mkdir(out, 0777) != 0 && errno != EEXIST)
+        return status_fail_errno(&b->err, SLT_OUTPUT, errno, "cannot make the folder %s", out);
     SltStatus s = SLT_OK;
     FileGroup outputs;
     file_group_begin(&outputs);
-    for (size_t i = 0; i < 3; i++) {
-        char path[4096];
-        if (s == SLT_OK &&
-            (!files[i].text || snprintf(path, sizeof path, "%s/%s", dir, files[i].name) >= (int)sizeof path))
-            s = status_fail(&b->err, files[i].text ? SLT_OUTPUT : SLT_LIMIT, "%s/%s: %s", dir, files[i].name,
-                            files[i].text ? "the path is too long" : "out of memory");
-        if (s == SLT_OK) s = file_write_atomic(path, files[i].text, strlen(files[i].text), &b->err);
-        free(files[i].text);
+    for (const struct Form *f = forms; f < forms + FORMS && s == SLT_OK; f++) {
+        char path[4096], *text;
+        if (only && f != only) continue;
+        int n =
+            only ? snprintf(path, sizeof path, "%s", out) : snprintf(path, sizeof path, "%s/bench%s", out, f->suffix);
+        if (n >= (int)sizeof path) s = status_fail(&b->err, SLT_OUTPUT, "%s: the path is too long", out);
+        else if (!(text = f->make(b))) s = status_fail(&b->err, SLT_LIMIT, "%s: out of memory", path);
+        else s = file_write_atomic(path, text, strlen(text), &b->err), free(text);
     }
-    return file_group_end(&outputs, s, &b->err);
+    s = file_group_end(&outputs, s, &b->err);
+    if (s != SLT_OK || b->c->json || b->c->quiet) return s;
+    if (only) fprintf(stderr, "saltus: %s\n", out);
+    else fprintf(stderr, "saltus: %s/bench.csv, .json and .svg\n", out);
+    return s;
 }
 
 static void print_table(const Bench *b) {
@@ -341,7 +359,7 @@ static int bench(Bench *b) {
     }
     if (s == SLT_OK && wanted(b, "lattice") && strcmp(c->file ? c->file : "", "-")) s = measure_other(b, largest);
     progress_end(&pr);
-    if (s == SLT_OK && c->output) s = write_folder(b);
+    if (s == SLT_OK && c->output) s = write_files(b);
     if (s == SLT_OK && c->json) {
         char *json = cli_need(make_json(b));
         fputs(json, stdout);
@@ -357,8 +375,10 @@ int verb_bench(Cli *c) {
     Bench b = {.c = c};
     int status = check_estimators(c);
     if (status != SLT_OK) return status;
-    cli_catch_interrupt(c);
+    if (c->output && c->kernels) return cli_usage(c, "--kernels prints a table: leave out -o");
     status = cli_compile(c, &b.p);
+    if (status == SLT_OK && c->output && image_can_write(c->output))
+        status = cli_usage(c, "-o %s: bench writes .csv, .json, .svg, or all three to a folder", c->output);
     if (status == SLT_OK) status = c->kernels ? bench_kernels(c, b.p) : bench(&b);
     free(b.reference);
     free(b.g);

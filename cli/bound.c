@@ -99,7 +99,6 @@ static int bound(Cli *c, SltProgram *p) {
 
 int verb_bound(Cli *c) {
     SltProgram *p;
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &p);
     if (status == SLT_OK) status = bound(c, p);
     slt_program_free(p);

@@ -5,23 +5,32 @@
  * estimators with cells, whose values have no noise but a stated error, with one difference. A row
  * passes when |AD - FD| <= z sqrt(se_AD^2 + se_FD^2 + truncation^2 + floor^2), with the truncation taken from a second,
  * doubled step; the step grows where noise is the larger part of these, and shrinks where the truncation is, unless
- * --step says what it is. The slope of the Taylor remainder is 2 where L is smooth. */
+ * --step says what it is. The slope of the Taylor remainder is 2 where L is smooth.
+ *
+ * What is printed as the error is that of AD - FD, all of these together: z is their quotient, and nothing else. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
 
-enum { REPLICATES = 8, AD_REPLICATES = 16, MAX_ROWS = 64, LARGEST = 3 };
+enum { REPLICATES = 8, AD_REPLICATES = 16, MAX_ROWS = 64, LARGEST = 3, FEWEST = 4096 };
+#define BUDGET 3.0 /* seconds of processor time for the values, if each row needs one pair of steps and every other two */
 
 typedef struct Row {
     char name[256];
     double *dir; /* [nfloats], NULL: the unit vector of `index` */
     uint32_t index;
-    double step, ad, ad_se, fd, fd_se, truncation, slope, z;
+    double step, ad, ad_se, fd, fd_se, truncation, slope, error, z; /* error: of ad - fd, in units of z */
     bool pass;
 } Row;
+
+/* L, and its stated error where values come from cells, else 0. */
+typedef struct Value {
+    double v, error;
+} Value;
 
 typedef struct Check {
     Cli *c;
@@ -29,8 +38,9 @@ typedef struct Check {
     Row *rows;
     uint32_t n;
     double weight[4];
-    double *moved; /* [nfloats]: parameters near the program's own */
-    bool cells;    /* values come from cells */
+    double *moved;            /* [nfloats]: parameters near the program's own */
+    bool cells;               /* values come from cells */
+    Value centre[REPLICATES]; /* at the program's own parameters: the same for all rows */
     SltStats stats;
     SltError err;
     uint64_t samples;
@@ -38,10 +48,7 @@ typedef struct Check {
 
 static const double weights[4] = {1.0, 0.7, 1.3, 0.4};
 
-/* L at the given parameters (NULL: the program's own), and its stated error where values come from cells, else 0. */
-typedef struct Value {
-    double v, error;
-} Value;
+/* L at the given parameters (NULL: the program's own). */
 static SltStatus value_of(Check *k, const double *floats, uint32_t seed, Value *out) {
     double v[4], se[4];
     SltStats stats = SLT_STATS_INIT;
@@ -50,6 +57,8 @@ static SltStatus value_of(Check *k, const double *floats, uint32_t seed, Value *
     job.replicates = 1;
     job.seed = seed;
     job.samples = k->samples;
+    /* The estimator that the derivative was taken with: cells have no noise, and auto would look anew each time. */
+    if (job.estimator == SLT_EST_AUTO) job.estimator = k->stats.cells ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
     job.floats = floats;
     SltIntegral r = {.struct_size = sizeof r, .value = v, .value_stderr = se};
     SltStatus s = slt_grad_integral(k->p, &job, &r, &stats, &k->err);
@@ -85,6 +94,23 @@ static double real_step(const Check *k, const Row *row, const double *base, doub
     return k->p->opt.f64 ? (up - down) / 2 : ((double)(float)up - (double)(float)down) / 2;
 }
 
+static uint32_t seed_of(const Check *k, int replicate) { return k->c->job.seed + 7919u * (uint32_t)(replicate + 1); }
+
+/* As many samples a value as fit the budget, and L at the program's own parameters with these. Processor time: on a
+ * busy machine the check is slower, and no worse. */
+static SltStatus measure_centre(Check *k) {
+    k->samples = k->c->job.samples;
+    Value v;
+    SltStatus s = value_of(k, NULL, k->c->job.seed, &v); /* compiles, too */
+    clock_t start = clock();
+    if (s == SLT_OK) s = value_of(k, NULL, seed_of(k, 0), &k->centre[0]);
+    int n = k->cells ? 1 : REPLICATES;
+    double each = (double)(clock() - start) / CLOCKS_PER_SEC, planned = each * k->n * n * 4 * 1.5;
+    while (!k->cells && planned > BUDGET && k->samples / 2 >= FEWEST) k->samples /= 2, planned /= 2;
+    for (int r = 0; r < n && s == SLT_OK; r++) s = value_of(k, NULL, seed_of(k, r), &k->centre[r]);
+    return s;
+}
+
 static SltStatus difference(Check *k, Row *row, const double *base) {
     double one[REPLICATES], two[REPLICATES], ignored, h = row->step, remainder[2] = {0}, stated = 0;
     int n = k->cells ? 1 : REPLICATES;
@@ -93,15 +119,15 @@ static SltStatus difference(Check *k, Row *row, const double *base) {
                            "a step of %g vanishes beside %s = %.9g in %s precision: take a larger --step", h, row->name,
                            base[row->index], k->p->opt.f64 ? "double" : "single");
     for (int r = 0; r < n; r++) {
-        uint32_t seed = k->c->job.seed + 7919u * (uint32_t)(r + 1);
-        Value centre, up, down;
-        SltStatus s = value_of(k, NULL, seed, &centre);
+        uint32_t seed = seed_of(k, r);
+        Value up, down;
+        SltStatus s = SLT_OK;
         for (int twice = 0; twice < 2 && s == SLT_OK; twice++) {
             double step = h * (twice + 1), taken = real_step(k, row, base, step);
             s = moved_value(k, row, base, step, seed, &up);
             if (s == SLT_OK) s = moved_value(k, row, base, -step, seed, &down);
             (twice ? two : one)[r] = (up.v - down.v) / (2 * taken);
-            remainder[twice] += (up.v - centre.v - taken * row->ad) / n;
+            remainder[twice] += (up.v - k->centre[r].v - taken * row->ad) / n;
             if (!twice) stated = hypot(up.error, down.error) / (2 * taken);
         }
         if (s != SLT_OK) return s;
@@ -234,27 +260,35 @@ static double along(const Check *k, const Row *row, const double *all, bool squa
 }
 
 /* What failed, in one line. */
-static void print_summary(const Check *k, bool all_pass, const char *other) {
+static void print_summary(const Check *k, bool all_pass, const SltPlace *at, const char *other) {
     uint32_t failed = 0;
     for (uint32_t i = 0; i < k->n; i++) failed += !k->rows[i].pass;
     printf("%s", all_pass ? "PASS" : "FAIL");
     if (failed) printf(": %u of %u rows:", failed, k->n);
     for (uint32_t i = 0; i < k->n; i++)
         if (!k->rows[i].pass) printf(" %s (z %.3g)", k->rows[i].name, k->rows[i].z);
-    if (other) printf("%s %s", failed ? ";" : ":", other);
+    if (other) {
+        fputs(failed ? "; " : ": ", stdout);
+        if (at) report_place(stdout, at);
+        fputs(other, stdout);
+    }
     putchar('\n');
 }
 
-static void print_rows(const Check *k, bool all_pass, const char *other) {
+static void print_rows(const Check *k, bool all_pass, const SltPlace *at, const char *other) {
     if (k->c->json) {
-        printf("{\"pass\": %s, \"rows\": [", all_pass ? "true" : "false");
+        printf("{\"pass\": %s, \"why\": ", all_pass ? "true" : "false");
+        if (other) json_text(stdout, other);
+        else fputs("null", stdout);
+        fputs(", \"rows\": [", stdout);
         for (uint32_t i = 0; i < k->n; i++) {
             const Row *r = &k->rows[i];
             const struct {
                 const char *key;
                 double v;
-            } list[] = {{"ad", r->ad},     {"ad_stderr", r->ad_se},       {"fd", r->fd},       {"fd_stderr", r->fd_se},
-                        {"step", r->step}, {"truncation", r->truncation}, {"slope", r->slope}, {"z", r->z}};
+            } list[] = {{"ad", r->ad},           {"ad_stderr", r->ad_se}, {"fd", r->fd},
+                        {"fd_stderr", r->fd_se}, {"step", r->step},       {"truncation", r->truncation},
+                        {"slope", r->slope},     {"error", r->error},     {"z", r->z}};
             printf("%s{\"param\": ", i ? ", " : "");
             json_text(stdout, r->name);
             for (size_t f = 0; f < sizeof list / sizeof *list; f++) {
@@ -270,14 +304,13 @@ static void print_rows(const Check *k, bool all_pass, const char *other) {
         fputs("}\n", stdout);
         return;
     }
-    printf("%-34s %14s %14s %9s %9s %6s %7s\n", "parameter", "AD", "FD", "+-", "step", "slope", "z");
+    printf("%-34s %14s %14s %10s %9s %9s %6s %7s\n", "parameter", "AD", "FD", "AD - FD", "+-", "step", "slope", "z");
     for (uint32_t i = 0; i < k->n; i++) {
         const Row *r = &k->rows[i];
-        printf("%-34s %14.7g %14.7g %9.2g %9.2g %6.2f %7.2f  %s\n", r->name, r->ad, r->fd,
-               sqrt(r->fd_se * r->fd_se + r->truncation * r->truncation), r->step, r->slope, r->z,
-               r->pass ? "PASS" : "FAIL");
+        printf("%-34s %14.7g %14.7g %10.2g %9.2g %9.2g %6.2f %7.2f  %s\n", r->name, r->ad, r->fd, r->ad - r->fd,
+               r->error, r->step, r->slope, r->z, r->pass ? "PASS" : "FAIL");
     }
-    print_summary(k, all_pass, other);
+    print_summary(k, all_pass, at, other);
 }
 
 static int check(Check *k) {
@@ -295,19 +328,13 @@ static int check(Check *k) {
     memcpy(k->weight, weights, sizeof k->weight);
     SltIntegral out = {.struct_size = sizeof out, .gradient = g, .gradient_stderr = g + size};
     c->job.replicates = AD_REPLICATES;
+    Progress pr;
+    progress_begin(&pr, c, "check");
     SltStatus s = slt_grad_integral(k->p, &c->job, &out, &k->stats, &k->err);
     for (uint32_t i = 0; i < nf; i++)
         for (uint32_t q = 0; q < ch; q++) total[i] += k->weight[q] * g[(size_t)q * nf + i];
     if (s == SLT_OK) s = choose_rows(k, total, base);
-    /* As many samples a value as fit into a quarter of a minute. */
-    k->samples = c->job.samples;
-    double start = cli_now();
-    Value v;
-    if (s == SLT_OK) s = value_of(k, NULL, c->job.seed, &v);
-    double each = cli_now() - start, planned = each * k->n * REPLICATES * 5;
-    while (planned > 15 && k->samples > 4096) k->samples /= 2, planned /= 2;
-    Progress pr;
-    progress_begin(&pr, c, "check");
+    if (s == SLT_OK) s = measure_centre(k);
     double largest = 0;
     bool all_pass = true;
     for (uint32_t i = 0; i < k->n && s == SLT_OK; i++) {
@@ -331,18 +358,22 @@ static int check(Check *k) {
                spread = k->cells ? 0 : ad2 * ad2 / (AD_REPLICATES - 1) + fd2 * fd2 / (REPLICATES - 1);
         double nu = spread > 0 ? fmin(bar * bar * bar * bar / spread, 1e6) : 1e6; /* Welch and Satterthwaite */
         row->z = bar > 0 ? normal_deviate((row->ad - row->fd) / bar, nu) : row->ad == row->fd ? 0 : INFINITY;
+        row->error = row->z != 0 && isfinite(row->z) ? (row->ad - row->fd) / row->z : bar;
         row->pass = isfinite(bar) && fabs(row->z) <= c->tolerance; /* false for NaN */
         all_pass &= row->pass;
     }
     uint64_t dropped = report_lost(&k->stats);
     if (s == SLT_OK) {
         const char *other = NULL;
-        if (dropped * 100 > k->stats.crossings + dropped) other = "more than 1 % of the crossings were dropped";
-        if (k->stats.asserts) other = "an assert failed";
+        char text[1024];
+        const SltPlace *at = NULL;
+        if (dropped * 100 > k->stats.crossings + dropped)
+            at = report_lost_text(&k->stats, text, sizeof text), other = text;
+        if (k->stats.asserts) at = NULL, other = "an assert failed: `assert` in the shader says where";
         for (uint32_t i = 0; i < k->n; i++)
-            if (isinf(k->rows[i].ad_se)) other = "the error of the derivative is not known: more --samples";
+            if (isinf(k->rows[i].ad_se) && !other) other = "the error of the derivative is not known: more --samples";
         if (other) all_pass = false;
-        print_rows(k, all_pass, other);
+        print_rows(k, all_pass, at, other);
         if (!c->quiet) cli_tell(c, k->p);
         report_dropped(c, &k->stats);
     }
@@ -354,7 +385,6 @@ static int check(Check *k) {
 
 int verb_check(Cli *c) {
     Check k = {.c = c, .stats = SLT_STATS_INIT};
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &k.p);
     if (status == SLT_OK) status = check(&k);
     for (uint32_t i = 0; i < k.n; i++) free(k.rows[i].dir);

@@ -148,19 +148,24 @@ int cli_unknown_format(const Cli *c); /* prints that -o has no known extension, 
 int cli_prepare_job(Cli *c, SltProgram *p);
 /* Reads a target or adjoint image at the job's size with the program's channels; malloc'd. */
 int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float **out);
-/* From now on Ctrl-C sets the job's cancel flag, and a second Ctrl-C ends the process. */
-void cli_catch_interrupt(Cli *c);
-bool cli_interrupted(void);
-/* Ends the process with SLT_LIMIT when --max-seconds is far exceeded within one step; --sandbox sets limits of its own.
- */
-void cli_watch_time(Cli *c);
 double cli_now(void); /* seconds, monotonic */
+
+/* watch.c: interrupts, --max-seconds, --sandbox, and notes every ten seconds where standard error is no terminal */
+void watch_begin(Cli *c);
+void watch_commit(void); /* results go out: from now on only a second Ctrl-C ends the process */
+void watch_keep(void);   /* there are results that leaving would lose */
+/* What is being done; what NULL: the same as before, fraction below 0: not known, detail may be NULL. */
+void watch_phase(const char *what, double fraction, const char *detail);
+void watch_costs(const char *text);       /* said once if it takes long: what of the program costs */
+SltStatus watch_status(SltStatus status); /* SLT_LIMIT in place of SLT_INTERRUPTED where time was up */
+bool cli_interrupted(void);               /* by a signal */
+void loss_abandon(void);                  /* loss.c: the process is about to end: so does the loss program */
 
 /* link.c: replaces the malloc'd bytes of an object by those of the shared library that it was linked into; none on
  * failure. */
 SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err);
 
-/* progress.c: a bar with time left on a terminal, silent elsewhere or with --quiet and --json */
+/* progress.c: a bar with time left on a terminal, for watch.c elsewhere; silent with --quiet and --json */
 typedef struct Progress {
     bool on;
     double start, last;
@@ -193,8 +198,15 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *stats);
 uint64_t report_lost(const SltStats *stats); /* crossings that were dropped; coinciding ones are integrated */
 /* Errors that are infinite beside values that are not. */
 void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n);
+/* ---- sampled.c */
 void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
+/* How many crossings were dropped and why, where most were, and what explains it; returns that place. */
+const SltPlace *report_lost_text(const SltStats *stats, char *buf, size_t size);
+void report_place(FILE *out, const SltPlace *at);      /* "file:line:column: ", or nothing */
+void report_place_json(FILE *out, const SltPlace *at); /* null where nothing is known */
+/* Of a name in codes.def, in upper or lower case: the name as it stands there; NULL: there is none. */
+const char *sampled_explain(const char *name, const char **title, const char **text);
 /* The components that --wrt names: returns how many, and their names and float indices in malloc'd arrays (of malloc'd
  * strings), for report_free_components. */
 uint32_t report_components(const Cli *c, const SltProgram *p, char ***names, uint32_t **index);

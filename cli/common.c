@@ -1,20 +1,14 @@
-/* Compiling, sizes, images, interrupts: what every verb does first. */
+/* Compiling, sizes, images: what every verb does first. */
 #include <math.h>
 #include <stdarg.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
-#include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "bindings/c/api.h"
 #include "cli/cli.h"
-
-enum { SANDBOX_SECONDS = 60 };
-#define SANDBOX_BYTES ((rlim_t)4 << 30)
 
 double cli_now(void) {
     struct timespec t;
@@ -22,10 +16,7 @@ double cli_now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Pieces of process state: a signal handler has nowhere else to write, and not every place that finds an error has the
- * command line at hand. */
-static volatile sig_atomic_t interrupted;
-static volatile int cancel_flag;
+/* Not every place that finds an error has the command line at hand. */
 static bool json_errors;
 
 /* An error that has no place in a source, as a diagnostic of the Language Server Protocol. */
@@ -54,58 +45,18 @@ int cli_error(int status, const char *fmt, ...) {
     return status;
 }
 
-static void on_interrupt(int sig) {
-    (void)sig;
-    if (interrupted) _exit(SLT_INTERRUPTED);
-    interrupted = 1;
-    cancel_flag = 1;
-}
-
-void cli_catch_interrupt(Cli *c) {
-    struct sigaction sa = {.sa_handler = on_interrupt};
-    sigaction(SIGINT, &sa, NULL);
-    sigaction(SIGTERM, &sa, NULL);
-    c->job.cancel = &cancel_flag;
-}
-
-/* The runtime looks at the time between kernels. One kernel or one compilation that runs on far beyond the limit is
- * ended here; nothing is half-written, for files appear whole. */
-static void on_alarm(int sig) {
-#define TEXT "the time limit was reached within one step"
-    static const char text[] = "saltus: " TEXT "\n",
-                      json[] = JSON_HEAD "\"limit\"" JSON_TAIL "\"" TEXT "\",\"status\":6}\n";
-    (void)sig;
-    ssize_t ignored = json_errors ? write(2, json, sizeof json - 1) : write(2, text, sizeof text - 1);
-    (void)ignored;
-    _exit(SLT_LIMIT);
-}
-
-void cli_watch_time(Cli *c) {
-    if (c->opt.sandbox) {
-        const struct rlimit memory = {SANDBOX_BYTES, SANDBOX_BYTES};
-        setrlimit(RLIMIT_DATA, &memory);
-        if (c->max_seconds <= 0) c->max_seconds = SANDBOX_SECONDS;
-    }
-    if (c->max_seconds <= 0) return;
-    double grace = c->max_seconds * 1.25 + 2;
-    struct itimerval t = {
-        .it_value = {.tv_sec = (time_t)grace, .tv_usec = (suseconds_t)((grace - floor(grace)) * 1e6)}};
-    struct sigaction sa = {.sa_handler = on_alarm};
-    sigaction(SIGALRM, &sa, NULL);
-    setitimer(ITIMER_REAL, &t, NULL);
-}
-
-bool cli_interrupted(void) { return interrupted != 0; }
-
 int cli_unknown_format(const Cli *c) {
     char known[IMAGE_LIST_SIZE];
     return cli_usage(c, "-o %s: the extension is none of %s", c->output, image_list_formats(true, known));
 }
 
 int cli_fail(const Cli *c, const SltError *err) {
+    SltStatus status = watch_status(err->status);
+    const char *text = status != err->status ? "the time limit was reached" : err->text;
     (void)c;
-    if (err->status == SLT_STOPPED) return SLT_STOPPED;
-    return cli_error(err->status, "%s", err->text[0] ? err->text : status_name(err->status));
+    watch_commit();
+    if (status == SLT_STOPPED) return SLT_STOPPED;
+    return cli_error(status, "%s", text[0] ? text : status_name(status));
 }
 
 void *cli_need(void *p) {
@@ -261,6 +212,38 @@ void cli_forget_derivatives(SltProgram *p) {
     s->diags_end = at;
 }
 
+/* For whoever waits: how much there is to search, and where most of it comes from. */
+static void tell_costs(const Cli *c, const SltProgram *p) {
+    const Fn *primal = p->prog->primal;
+    uint64_t all = 0, most = 0;
+    uint32_t line = 0, column, worst_line = 0, moving = 0;
+    const SiteInfo *worst = NULL;
+    if (c->verb->bit & (RENDER | BOUND) || c->job.no_boundary) return;
+    for (uint32_t s = 0; s < primal->nsites; s++) {
+        const SiteInfo *i = &primal->sites[s];
+        if (i->still) continue;
+        uint64_t here = 0;
+        span_position(p->session, i->span, &line, &column);
+        /* One statement has as many sites as its function has calls. */
+        for (uint32_t t = 0; t < primal->nsites && primal->nsites < 4096; t++) {
+            const SiteInfo *k = &primal->sites[t];
+            if (!k->still && k->span.file == i->span.file && k->span.pos == i->span.pos) here += k->max_events;
+        }
+        all += i->max_events, moving++;
+        if (here > most) most = here, worst = i, worst_line = line;
+    }
+    if (!worst) return;
+    char text[400], where[200] = "";
+    if (worst->span.file >= 0)
+        snprintf(where, sizeof where, " at %.150s:%u", p->session->sources[worst->span.file].path, worst_line);
+    snprintf(
+        text, sizeof text,
+        "%u site%s with at most %llu events in a sample, most of them (%llu)%s: [NoDisc] leaves a statement's out, "
+        "--interior-only all, fewer --samples are faster",
+        moving, moving == 1 ? "" : "s", (unsigned long long)all, (unsigned long long)most, where);
+    watch_costs(text);
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
@@ -306,6 +289,7 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
     if (!c->quiet) cli_tell(c, p);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
+    tell_costs(c, p);
     return SLT_OK;
 }
 

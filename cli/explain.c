@@ -2,31 +2,41 @@
  * or of one code. Each is a model that is printed as text or as JSON. */
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "cli/explain.h"
 
+static void print_code(const Cli *c, const char *code, const char *severity, const char *title, const char *text) {
+    if (!c->json) {
+        printf("%s (%s)%s%s\n\n%s\n", code, severity, *title ? ": " : "", title, text);
+        return;
+    }
+    const char *const pairs[][2] = {{"code", code}, {"severity", severity}, {"title", title}, {"explanation", text}};
+    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
+        printf(i ? ", \"%s\": " : "{\"%s\": ", pairs[i][0]);
+        json_text(stdout, pairs[i][1]);
+    }
+    fputs("}\n", stdout);
+}
+
+/* E0401, in upper or lower case; or a name of codes.def, where no file is called so. */
 static bool is_code(const char *s) {
-    return s && strlen(s) == 5 && strchr("EWPewp", s[0]) && strspn(s + 1, "0123456789") == 4;
+    const char *title, *text;
+    if (!s) return false;
+    if (strlen(s) == 5 && strchr("EWPewp", s[0]) && strspn(s + 1, "0123456789") == 4) return true;
+    return sampled_explain(s, &title, &text) && access(s, F_OK) != 0;
 }
 
 static int explain_code(Cli *c) {
     DiagTitle title;
-    const char *text = diag_explain(c->file, &title);
-    if (!text) return cli_usage(c, "there is no diagnostic `%s`", c->file);
-    const char *name = title.severity == SEV_ERROR ? "error" : title.severity == SEV_WARNING ? "warning" : "note";
-    if (c->json) {
-        fputs("{\"code\": ", stdout);
-        json_text(stdout, title.code);
-        fputs(", \"severity\": ", stdout);
-        json_text(stdout, name);
-        fputs(", \"title\": ", stdout);
-        json_text(stdout, title.text);
-        fputs(", \"explanation\": ", stdout);
-        json_text(stdout, text);
-        fputs("}\n", stdout);
-    } else {
-        printf("%s (%s)%s%s\n\n%s\n", title.code, name, *title.text ? ": " : "", title.text, text);
+    const char *words, *text = diag_explain(c->file, &title), *name;
+    if (!text && (name = sampled_explain(c->file, &words, &text))) {
+        print_code(c, name, "warning", words, text);
+        return SLT_OK;
     }
+    if (!text) return cli_usage(c, "there is no diagnostic `%s`", c->file);
+    name = title.severity == SEV_ERROR ? "error" : title.severity == SEV_WARNING ? "warning" : "note";
+    print_code(c, title.code, name, title.text, text);
     return SLT_OK;
 }
 
@@ -362,6 +372,7 @@ static int explain_all(Cli *c, SltProgram *p) {
     SltError err = {0};
     SltStatus status = explain_program(c, p, &m, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
+    watch_commit();
     if (c->json) json_program(&m, p);
     else print_program(&m);
     return SLT_OK;
@@ -390,6 +401,7 @@ int verb_explain(Cli *c) {
     if (is_code(c->file)) return explain_code(c);
     SltProgram *p;
     int status = cli_compile(c, &p);
+    watch_phase("explain: compiling every kernel", -1, NULL);
     Explaining e = {c, p, SLT_OK};
     if (status == SLT_OK && (status = session_protect(p->session, explain, &e)) != SLT_OK)
         cli_error(status, "%s", p->session->unwind_text);

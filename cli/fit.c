@@ -204,6 +204,7 @@ static bool iterated(void *user, const SltFitIteration *at) {
     char detail[96];
     snprintf(detail, sizeof detail, "iteration %u of %u, loss %.6g", at->iteration, iters, at->loss);
     progress_update(&f->progress, (double)at->iteration / iters, detail);
+    watch_keep();
     return false;
 }
 
@@ -475,7 +476,6 @@ static int fit(Fit *f) {
 int verb_fit(Cli *c) {
     Fit f = {.c = c, .opt = SLT_FIT_OPTIONS_INIT, .result = SLT_FIT_RESULT_INIT, .stats = SLT_STATS_INIT};
     int status = SLT_OK;
-    cli_catch_interrupt(c);
     const char *scene_file = c->file;
     if (scene_is(c->file)) {
         c->scene = scene_file;

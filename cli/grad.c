@@ -348,7 +348,6 @@ static int grad_images(Cli *c, SltProgram *p) {
 
 int verb_grad(Cli *c) {
     SltProgram *p;
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &p);
     if (status == SLT_OK && c->target && c->adjoint) status = cli_usage(c, "--target and --adjoint were both given");
     if (status == SLT_OK && c->job.integral && (c->target || c->adjoint))

@@ -28,6 +28,13 @@ struct LossProgram {
     size_t nhead;
 };
 
+/* Its process group, for the end of the process: leaving frees nothing. */
+static volatile pid_t running = -1;
+
+void loss_abandon(void) {
+    if (running > 0) kill(-running, SIGKILL);
+}
+
 static void close_fd(int *fd) {
     if (*fd >= 0) close(*fd);
     *fd = -1;
@@ -56,6 +63,7 @@ LossProgram *loss_start(const char *command, const char *dir, double timeout, Sl
         free(l);
         return NULL;
     }
+    running = l->pid;
     setpgid(l->pid, l->pid); /* parent and child both do this: it must hold for whichever goes on first */
     l->to = in[1], l->from = out[0];
     close_fd(&in[0]);
@@ -80,6 +88,7 @@ void loss_stop(LossProgram *l) {
     if (!l) return;
     close_fd(&l->to);
     close_fd(&l->from);
+    running = -1;
     if (!reap(l, 1)) {
         kill(-l->pid, SIGTERM);
         if (!reap(l, 1)) {

@@ -23,10 +23,11 @@ int main(int argc, char **argv) {
     static Cli c;
     int status = cli_parse(argc, argv, &c);
     if (status == SLT_OK) {
-        cli_watch_time(&c);
+        watch_begin(&c);
         Stream stream;
         status = stream_begin(&stream, &c);
-        if (status == SLT_OK) status = stream_end(&stream, &c, c.verb->run(&c));
+        if (status == SLT_OK) status = stream_end(&stream, &c, watch_status((SltStatus)c.verb->run(&c)));
+        watch_commit();
     }
     for (uint32_t i = 0; i < c.nargs_storage; i++) free(c.args_storage[i]);
     if (status == CLI_HELPED || status == SLT_STOPPED) status = SLT_OK;

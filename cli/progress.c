@@ -6,6 +6,7 @@
 
 void progress_begin(Progress *pr, const Cli *c, const char *what) {
     *pr = (Progress){.on = !c->quiet && !c->json && isatty(2), .start = cli_now(), .what = what};
+    watch_phase(what, -1, NULL);
 }
 
 static void show_time(char *buf, size_t size, double s) {
@@ -15,6 +16,7 @@ static void show_time(char *buf, size_t size, double s) {
 }
 
 void progress_update(Progress *pr, double fraction, const char *detail) {
+    watch_phase(NULL, fraction, detail);
     if (!pr->on) return;
     double now = cli_now();
     if (now - pr->start < 0.5 || now - pr->last < 0.1) return; /* short work shows nothing */
@@ -32,6 +34,7 @@ void progress_update(Progress *pr, double fraction, const char *detail) {
 void progress_end(Progress *pr) {
     if (pr->on && pr->last > 0) fputs("\r\033[K", stderr);
     pr->on = false;
+    watch_commit();
 }
 
 void progress_job(void *user, double fraction) { progress_update(user, fraction, NULL); }

@@ -26,9 +26,12 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
     for (size_t i = 0; data && i < n; i++)
         for (uint32_t k = 0; k < channels; k++) mean[k] += (double)data[i * channels + k] / (double)n;
     if (!c->json) {
+        char size[40];
+        int end = snprintf(size, sizeof size, "%ux%u", c->job.size[0], c->job.size[1]);
+        if (c->job.size[2] > 1) snprintf(size + end, sizeof size - (size_t)end, "x%u", c->job.size[2]);
         if (!c->quiet && c->output)
-            fprintf(stderr, "saltus: %s, %ux%u, %.3f s\n", c->streams ? "standard output" : c->output, c->job.size[0],
-                    c->job.size[1], stats->seconds);
+            fprintf(stderr, "saltus: %s, %s, %.3f s\n", c->streams ? "standard output" : c->output, size,
+                    stats->seconds);
         if (data && !c->output) {
             printf("%s", c->job.integral ? "integral" : "mean");
             for (uint32_t k = 0; k < channels; k++) printf(" %.9g", mean[k]);
@@ -159,7 +162,6 @@ static int render(Cli *c, SltProgram *p) {
 
 int verb_render(Cli *c) {
     SltProgram *p;
-    cli_catch_interrupt(c);
     int status = cli_compile(c, &p);
     if (status == SLT_OK) status = render(c, p);
     slt_program_free(p);

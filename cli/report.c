@@ -64,6 +64,8 @@ void report_stats_json(FILE *out, const SltStats *s) {
     fprintf(out, "}, \"truncated\": %llu, \"asserts_failed\": %llu, \"nonfinite\": %llu, \"seconds\": ",
             (unsigned long long)s->truncated, (unsigned long long)s->asserts, (unsigned long long)s->nonfinite);
     json_number(out, s->seconds);
+    fputs(", \"nonfinite_at\": ", out);
+    report_place_json(out, &s->nonfinite_at);
 }
 
 /* NaN, which JSON has as null, where it is not finite. */
@@ -120,111 +122,6 @@ void report_cells(const Cli *c, const SltStats *s, const double *derivative) {
 int report_status(const SltStats *s) {
     if (s->asserts) return SLT_CHECK_FAILED;
     return s->stopped != SLT_STOP_NONE ? SLT_LIMIT : SLT_OK;
-}
-
-/* ---- warnings of what was sampled */
-uint64_t report_lost(const SltStats *s) {
-    uint64_t lost = 0;
-    for (int r = 0; r < SLT_DROP_REASONS; r++) lost += r == SLT_DROP_COINCIDENT ? 0 : s->dropped[r];
-    return lost;
-}
-
-/* Some were counted as crossings before they were dropped. */
-static uint64_t met(const SltStats *s) {
-    return s->crossings + report_lost(s) - s->dropped[SLT_DROP_ZERO_GRADIENT] - s->dropped[SLT_DROP_INCONSISTENT];
-}
-
-static bool dropped_text(const SltStats *s, char *buf, size_t size) {
-    uint64_t lost = report_lost(s);
-    if (lost * 1000 <= met(s)) return false;
-    int at = snprintf(buf, size, "%llu of %llu crossings were dropped:", (unsigned long long)lost,
-                      (unsigned long long)met(s));
-    for (int r = 0; r < SLT_DROP_REASONS; r++)
-        if (s->dropped[r] && r != SLT_DROP_COINCIDENT)
-            at +=
-                snprintf(buf + at, size - (size_t)at, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
-    return true;
-}
-
-/* Where boundaries coincide and move apart, the integral has a derivative to each side, and none. */
-static bool coincident_text(const SltStats *s, char *buf, size_t size) {
-    uint64_t n = s->dropped[SLT_DROP_COINCIDENT];
-    snprintf(buf, size,
-             "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
-             "between those to the two sides, half their difference is part of the error (%llu places)",
-             (unsigned long long)n);
-    return n > 0;
-}
-
-/* Far from the origin, or with very many lines. */
-static bool ulps_text(const SltStats *s, char *buf, size_t size) {
-    snprintf(buf, size,
-             "in single precision coordinates here have %.2g steps from line to line, fewer than %d: errors are larger "
-             "than stated; --precision f64, or a domain nearer to the origin",
-             s->ulps, SLT_FEW_ULPS);
-    return s->ulps > 0;
-}
-
-/* Else the certificate would be believed of these jumps too. */
-static bool upset_text(const SltStats *s, char *buf, size_t size) {
-    snprintf(
-        buf, size,
-        "line %u: f jumps where this decides, or makes a [Disc] decide otherwise, and no [Disc] tags it. The "
-        "derivative lacks its motion: tag it. The stated error grows by the size of the jumps, as if they moved by "
-        "1; %.2g of the domain is not certified for it",
-        s->upset_line, s->upset);
-    return s->upset > 0;
-}
-
-static bool nonfinite_text(const SltStats *s, char *buf, size_t size) {
-    snprintf(buf, size,
-             "results that are not finite: %llu. f, its integral or a derivative is infinite or NaN somewhere",
-             (unsigned long long)s->nonfinite);
-    return s->nonfinite > 0;
-}
-
-static const struct {
-    const char *code;
-    bool (*text)(const SltStats *s, char *buf, size_t size); /* false: there is nothing to warn of */
-} sampled[] = {{"dropped", dropped_text},
-               {"coincident", coincident_text},
-               {"few_ulps", ulps_text},
-               {"upset", upset_text},
-               {"nonfinite", nonfinite_text}};
-enum { SAMPLED = sizeof sampled / sizeof *sampled, TEXT = 512 };
-
-void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
-    const char *lines = slt_diagnostics_json(p);
-    bool first = true;
-    fputs("\"warnings\": [", out);
-    while (*lines) {
-        const char *end = strchr(lines, '\n');
-        size_t n = end ? (size_t)(end - lines) : strlen(lines);
-        if (n) fprintf(out, "%s%.*s", first ? "" : ", ", (int)n, lines);
-        first = false;
-        lines += n + (end != NULL);
-    }
-    char text[TEXT];
-    for (int i = 0; i < SAMPLED && s; i++) {
-        if (!sampled[i].text(s, text, sizeof text)) continue;
-        fprintf(out,
-                "%s{\"uri\": \"\", \"range\": {\"start\": {\"line\": 0, \"character\": 0}, \"end\": {\"line\": 0, "
-                "\"character\": 0}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": ",
-                first ? "" : ", ", sampled[i].code);
-        json_text(out, text);
-        fputc('}', out);
-        first = false;
-    }
-    fputc(']', out);
-}
-
-void report_dropped(const Cli *c, const SltStats *s) {
-    char text[TEXT];
-    for (int i = 0; i < SAMPLED && !c->quiet; i++)
-        if (sampled[i].text(s, text, sizeof text)) fprintf(stderr, "saltus: warning: %s\n", text);
-    if (s->truncated && !c->quiet)
-        fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
-    if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
 }
 
 void report_unknown(const Cli *c, const char *what, const double *value, const double *error, size_t n) {

@@ -33,5 +33,10 @@ write_basic_package_version_file(${CMAKE_BINARY_DIR}/saltusConfigVersion.cmake C
 install(FILES ${CMAKE_BINARY_DIR}/saltusConfig.cmake ${CMAKE_BINARY_DIR}/saltusConfigVersion.cmake DESTINATION ${PACKAGE_DIR})
 
 file(RELATIVE_PATH PC_TO_PREFIX /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
-configure_file(${CMAKE_SOURCE_DIR}/cmake/saltus.pc.in ${CMAKE_BINARY_DIR}/saltus.pc @ONLY)
-install(FILES ${CMAKE_BINARY_DIR}/saltus.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+foreach(name saltus saltus-shared)
+  configure_file(${CMAKE_SOURCE_DIR}/cmake/${name}.pc.in ${CMAKE_BINARY_DIR}/${name}.pc @ONLY)
+  install(FILES ${CMAKE_BINARY_DIR}/${name}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+endforeach()
+
+configure_file(${CMAKE_SOURCE_DIR}/cmake/after_install.cmake.in ${CMAKE_BINARY_DIR}/after_install.cmake @ONLY)
+install(SCRIPT ${CMAKE_BINARY_DIR}/after_install.cmake)

@@ -33,7 +33,7 @@ run_tests() {
     targets=$(ctest --test-dir "$1" -N -R "$2" | sed -nE 's/^ *Test +#[0-9]+: (fuzz)\.(.*)/\1-\2/p; s/^ *Test +#[0-9]+: ([a-z]+)\.([a-z_]+)$/test-\1-\2/p' | grep -v '^test-fuzz')
     # shellcheck disable=SC2086 # one word a target
     cmake --build "$1" -j "$jobs" --target saltus-cli $targets
-    ctest --test-dir "$1" -R "$2" -j "$jobs" --output-on-failure --timeout 900 "${@:3}"
+    ctest --test-dir "$1" -R "$2" -j "$jobs" --output-on-failure --timeout 3600 "${@:3}"
 }
 
 check_format() {
@@ -47,7 +47,7 @@ check_memory() { # all tests, or those of a pattern
         run_tests build/memory "$1"
     else
         cmake --build build/memory -j "$jobs"
-        ctest --test-dir build/memory -j "$jobs" --output-on-failure --timeout 900 -E '^(examples|install)\.'
+        ctest --test-dir build/memory -j "$jobs" --output-on-failure --timeout 3600 -E '^(examples|install)\.'
     fi
 }
 

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "bindings/c/api.h"
+#include "bindings/c/place.h"
 
 /* ---- one user at a time */
 /* An address that no other living thread has. */
@@ -111,6 +112,7 @@ SltStatus api_call_end(ApiCall *c, SltStatus status) {
     if (!p) return status;
     if (status == SLT_OK && p->error.status != SLT_OK)
         status = status_fail(c->err, p->error.status, "%s", p->error.text);
+    if (c->stats) api_name_drops(p, c->stats);
     if (c->theirs) api_struct_write(c->theirs, c->stats, sizeof *c->stats);
     p->scene.iparams = p->ints;
     api_release(p);

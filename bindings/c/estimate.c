@@ -2,6 +2,7 @@
 #include <math.h>
 
 #include "bindings/c/api.h"
+#include "bindings/c/place.h"
 
 static bool by_cells(const SltJob *j) { return j->estimator == SLT_EST_QUADRATURE || j->estimator == SLT_EST_AUTO; }
 
@@ -90,18 +91,37 @@ static void note_ulps(ApiCall *c, bool integral) {
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
 }
 
-/* What is infinite or NaN stays so in the result; it is counted. */
-static void count_nonfinite(const double *v, size_t n, SltStats *stats) {
-    if (!v || !stats) return;
+/* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. */
+static void count_nonfinite(ApiCall *c, const double *v, size_t n, bool derivative) {
+    if (!v || !c->stats) return;
     uint64_t bad = 0;
     for (size_t i = 0; i < n; i++) bad += !isfinite(v[i]);
-    stats->nonfinite += bad;
+    c->stats->nonfinite += bad;
+    Blame blame = {.derivative = derivative};
+    if (bad) api_find_nonfinite(c->p, &c->job, &blame, c->stats);
+}
+
+/* The same of an image, or of one of derivatives in a direction. */
+static void count_nonfinite_pixels(ApiCall *c, const float *image, const double *direction) {
+    if (!image || !c->stats) return;
+    size_t w = c->job.size[0], h = c->job.size[1], channels = c->p->prog->channels;
+    size_t n = w * h * c->job.size[2] * channels, first = n;
+    uint64_t bad = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (isfinite(image[i])) continue;
+        if (!bad++) first = i / channels;
+    }
+    c->stats->nonfinite += bad;
+    uint32_t pixel[3] = {(uint32_t)(first % w), (uint32_t)(first / w % h), (uint32_t)(first / w / h)};
+    Blame blame = {.pixel = pixel, .derivative = direction != NULL, .direction = direction};
+    if (bad) api_find_nonfinite(c->p, &c->job, &blame, c->stats);
 }
 
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err) {
     ApiCall c;
     SltStatus s = begin_render(&c, p, job, stats, err);
     if (s == SLT_OK) s = slt_estimate_render(&p->scene, &c.job, 0, image, c.stats, err);
+    if (s == SLT_OK) count_nonfinite_pixels(&c, image, NULL);
     return api_call_end(&c, s);
 }
 
@@ -129,6 +149,7 @@ SltStatus slt_grad_images(SltProgram *p, const SltJob *job, uint32_t ndir, const
     if (s == SLT_OK) note_ulps(&c, false);
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_forward(&p->scene, &c.job, ndir, dirs, out, crossings, c.stats, err);
+    for (uint32_t k = 0; s == SLT_OK && k < ndir; k++) count_nonfinite_pixels(&c, out[k], dirs[k]);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
     return api_call_end(&c, s);
 }
@@ -142,7 +163,7 @@ SltStatus slt_grad_adjoint(SltProgram *p, const SltJob *job, const float *adjoin
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_reverse(&p->scene, &c.job, both, gradient, stderr_bound, c.stats, err);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
-    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, c.stats);
+    if (s == SLT_OK) count_nonfinite(&c, gradient, p->prog->nfloats, true);
     return api_call_end(&c, s);
 }
 
@@ -155,7 +176,7 @@ SltStatus slt_grad_loss(SltProgram *p, const SltJob *job, const float *target, c
     if (s == SLT_OK)
         s = slt_estimate_loss(&p->scene, &c.job, target, mask, loss, gradient, stderr_bound, image, c.stats, err);
     if (s == SLT_OK) s = api_steep(&c, NULL, spent(&c, before));
-    if (s == SLT_OK) count_nonfinite(gradient, p->prog->nfloats, c.stats);
+    if (s == SLT_OK) count_nonfinite(&c, gradient, p->prog->nfloats, true);
     return api_call_end(&c, s);
 }
 
@@ -167,9 +188,11 @@ SltStatus slt_grad_integral(SltProgram *p, const SltJob *job, SltIntegral *out, 
     if (s == SLT_OK) note_ulps(&c, true);
     uint64_t before = counted(&c);
     if (s == SLT_OK) s = slt_estimate_integral(&p->scene, &c.job, &wanted, c.stats, err);
-    if (s == SLT_OK) s = api_steep(&c, &wanted, spent(&c, before));
-    if (s == SLT_OK) count_nonfinite(wanted.value, p->prog->channels, c.stats);
-    if (s == SLT_OK) count_nonfinite(wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, c.stats);
+    bool derives = wanted.gradient || wanted.gradient_stderr;
+    if (s == SLT_OK && derives) s = api_steep(&c, &wanted, spent(&c, before));
+    c.job.integral = true;
+    if (s == SLT_OK) count_nonfinite(&c, wanted.value, p->prog->channels, false);
+    if (s == SLT_OK) count_nonfinite(&c, wanted.gradient, (size_t)p->prog->channels * p->prog->nfloats, true);
     if (s == SLT_OK) api_struct_write(out, &wanted, sizeof wanted);
     return api_call_end(&c, s);
 }

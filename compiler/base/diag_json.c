@@ -35,7 +35,7 @@ static void put_escaped(FILE *out, const char *path) {
 }
 
 /* "-" and "<expr>" are no files; editors name such texts `untitled:`. */
-static void put_uri(FILE *out, const char *path) {
+void diag_put_uri(FILE *out, const char *path) {
     char full[PATH_MAX];
     fputc('"', out);
     if (!strcmp(path, "-") || path[0] == '<') {
@@ -59,7 +59,7 @@ static Place put_location(const Session *s, FILE *out, Span span, const Place *b
     Place a = {0}, b = {0};
     fputs("\"uri\":", out);
     if (src) {
-        put_uri(out, src->path);
+        diag_put_uri(out, src->path);
         a = place_find(src, span.pos, before);
         uint64_t end = (uint64_t)span.pos + span.len;
         b = place_find(src, end < src->len ? (uint32_t)end : src->len, &a);

@@ -126,7 +126,8 @@ void span_position(const Session *s, Span span, uint32_t *line, uint32_t *column
 void diag_print_text(const Session *s, FILE *out, bool colour);
 void diag_print_json(const Session *s, FILE *out);
 const char *diag_code_name(DiagCode code);
-/* The explanation of "E0123" (any case), or NULL; *row is its code as written in the table. The title is the message
+void diag_put_uri(FILE *out, const char *path); /* as JSON, of a source's path */
+/* The explanation of "E0123" (any case), or NULL; The title is the message
  * with words for what differs from case to case, "" where that is all of it. */
 typedef struct DiagTitle {
     const char *code;

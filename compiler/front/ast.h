@@ -210,8 +210,9 @@ struct Expr {
     uint8_t swz[4], nswz;
     bool prefix, explicit_cast, is_const, parenthesised;
     ConstVal cval;
-    const char *name; /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
-    uint32_t depth;   /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
+    const char *other; /* E_CALL in GLSL: the builtin behind a function of the file that has its name */
+    const char *name;  /* untyped: identifier, callee, field or swizzle text; E_CONSTRUCT: type name */
+    uint32_t depth;    /* height of this tree as parsed (a leaf is 1); at most 4096, so recursion over it is safe */
 };
 
 /* What the parser leaves in an Expr (everything else is zero), names interned:
@@ -420,7 +421,7 @@ typedef struct FrontOptions {
     void *probe_user;
     ParamFile *files;
     uint32_t nfiles;
-    bool f64; /* EPSILON is that of binary64 */
+    bool f64;         /* EPSILON is that of binary64 */
     bool glsl;        /* the main source is GLSL */
     uint32_t size[2]; /* of the image that a GLSL shader is for, in pixels; 0: GLSL_SIZE */
 } FrontOptions;

@@ -329,6 +329,8 @@ void bounds_block(Boxes *x, Builder *b, const Block *from) {
         switch ((Op)i->op) {
         case OP_yield:
         case OP_proj: break; /* read by their operations */
+        case OP_print:
+        case OP_count: break; /* said once, by the samples */
         case OP_if_: bounds_if(x, b, i); break;
         case OP_loop: bounds_loop(x, b, i); break;
         case OP_alloc: bounds_alloc(x, b, i); break;

@@ -67,11 +67,14 @@ static Inst *rounded(Builder *b, SiteKind kind, Inst *boundary, Inst *below) {
     return ir_emit1(b, OP_i2f, ir_select(b, below, n, ir_emit2(b, OP_iadd, n, one)));
 }
 
-/* What a minimum or its kin is where its g, the difference of its arguments, is below 0 or is not. */
-static Inst *chosen(Builder *b, const Inst *of, Inst *below) {
-    Inst *p = of->args[0];
-    if (of->op == OP_fabs) return ir_select(b, below, ir_emit1(b, OP_fneg, p), p);
-    return of->op == OP_fmin ? ir_select(b, below, p, of->args[1]) : ir_select(b, below, of->args[1], p);
+/* What a minimum or its kin is where its g, the difference of its arguments in either order (a maximum of the same two
+ * may have come first, and lent its edge), is below 0 or is not; NULL: g does not tell. */
+static Inst *chosen(Builder *b, const Inst *of, const Inst *g, Inst *below) {
+    Inst *p = of->args[0], *q = of->nargs > 1 ? of->args[1] : NULL;
+    if (of->op == OP_fabs) return g == p ? ir_select(b, below, ir_emit1(b, OP_fneg, p), p) : NULL;
+    bool first = is_difference(g, p, q);
+    if (!first && !is_difference(g, q, p)) return NULL;
+    return (of->op == OP_fmin) == first ? ir_select(b, below, p, q) : ir_select(b, below, q, p);
 }
 
 static void give(const Giver *s, Inst *site) {
@@ -85,9 +88,9 @@ static void give(const Giver *s, Inst *site) {
     b.span = site->span;
     find_given(s, &b, site, &given, &below, integer ? &boundary : NULL);
     if (integer) value = rounded(&b, kind, boundary, below);
-    else if (site->op == OP_siten) value = chosen(&b, of, below);
+    else if (site->op == OP_siten) value = chosen(&b, of, site->args[1], below);
     else value = truth ? below : ir_emit1(&b, OP_bnot, below);
-    ir_replace_arg(site, 0, ir_select(&b, given, value, of));
+    if (value) ir_replace_arg(site, 0, ir_select(&b, given, value, of));
 }
 
 static void give_block(const Giver *s, Block *body) {

@@ -30,7 +30,7 @@ typedef struct Wave {
     Inst *scale, *offset;
 } Wave;
 
-static bool is_still(const Waves *w, const Inst *v) { return !(w->dep[v->id].on & ~DEPENDS_PARAM); }
+static bool is_still(const Waves *w, const Inst *v) { return !(w->dep[v->id].on & ~(DEPENDS_PARAM | DEPENDS_VALUE)); }
 
 static Inst *plus(Builder *b, Inst *p, Inst *q) { return p ? ir_emit2(b, OP_fadd, p, q) : q; }
 

@@ -48,8 +48,9 @@ typedef struct Change {
 typedef struct Known {
     uint32_t found, tested, outcome, like, unlike; /* points where it decides as at the first, and where not */
     double nearest[1 + PLACE], like_at[PLACE], unlike_at[PLACE]; /* the least |a - b|, and where; the last of either */
-    double jump;  /* the largest of f; it outlives the set, as `tested` does */
-    bool settled; /* it was tested with values near the parameters' */
+    double jump;      /* the largest of f; it outlives the set, as `tested` does */
+    uint32_t touched; /* times that it came up to an integer and no change was found; it outlives the set as well */
+    bool settled;     /* it was tested with values near the parameters' */
 } Known;
 
 typedef struct Rounding {
@@ -327,7 +328,7 @@ static void look_beyond(Search *s, uint32_t k) {
         if (!watch_run(&s->p)) return;
         double va = s->p.value[watch_at(k, 0)], vb = s->p.value[watch_at(k, 1)];
         if (va != vb) add_integers(s, k, va, vb, from, best + 1);
-        else s->known[k].tested += touches(s, k, side, best[0]);
+        else s->known[k].touched += touches(s, k, side, best[0]);
     }
 }
 
@@ -361,6 +362,7 @@ static void forget(Search *s) {
     s->points = 0;
     for (uint32_t k = 0; k < s->p.n; k++)
         s->known[k] = (Known){.tested = s->known[k].tested,
+                              .touched = s->known[k].touched,
                               .jump = s->known[k].jump,
                               .settled = s->set >= SETS && (s->known[k].settled || is_known(s, k)),
                               .nearest = {HUGE_VAL}};
@@ -403,5 +405,6 @@ void warn_probe(PassCtx *ctx, const Fn *fn, const Depend *dep, const Untracked *
     for (; s->set < SETS + WIDE && !s->p.failed && any_untested(s); s->set++) ask(s);
     double nothing = fmax(NOTHING * fmin(s->largest, s->variation / AWAY), ROUNDING * s->largest);
     for (uint32_t k = 0; k < n && asked; k++)
-        shows[k] = s->known[k].tested < FEWEST || s->known[k].jump > nothing || s->rounding[k].too_many;
+        shows[k] =
+            s->known[k].tested + s->known[k].touched < FEWEST || s->known[k].jump > nothing || s->rounding[k].too_many;
 }

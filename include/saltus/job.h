@@ -78,6 +78,19 @@ typedef enum SltDrop {
 } SltDrop;
 extern const char *const slt_drop_names[SLT_DROP_REASONS]; /* JSON keys: "zero_gradient", ... */
 
+/* Where something happened: of all such places the one with the least x, whatever the threads. All zero: not known. */
+typedef struct SltPlace {
+    bool known;
+    bool in_image;           /* pixel says something */
+    uint32_t site;           /* 1 + the site whose g was asked; 0: none */
+    uint32_t line, column;   /* in the source, from 1; 0: not known */
+    uint32_t pixel[3];       /* column, row from the top, slice */
+    const char *file, *text; /* the program's: the file, and what stands there; NULL: not known */
+    double x[3], beyond[3];  /* of a crossing that was dropped: points on its two sides; else beyond is x */
+    int32_t stream;          /* of random numbers, and number 0 of it */
+    double rand0;
+} SltPlace;
+
 /* What ended a refinement towards an error before it was reached. */
 typedef enum SltStop { SLT_STOP_NONE, SLT_STOP_EVALUATIONS, SLT_STOP_ROUNDING } SltStop;
 
@@ -103,6 +116,9 @@ typedef struct SltStats {
     uint32_t upset_line; /* where the first such jump stands in the source; 0: there is none */
     double ulps;         /* of coordinates in single precision between neighbouring lines, where they are fewer than
                             SLT_FEW_ULPS: answers are then wrong by more than is stated; 0: enough. Of the last call */
+    SltPlace dropped_at[SLT_DROP_REASONS]; /* and the site or the decision that is to blame */
+    SltPlace nonfinite_at;                 /* the first value of an image, in its order, or a point of an integral or
+                                              of a derivative; and the operation that made it of finite numbers */
 } SltStats;
 enum { SLT_FEW_ULPS = 32 };
 #define SLT_STATS_INIT ((SltStats){.struct_size = sizeof(SltStats)})

@@ -91,6 +91,7 @@ SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMer
     for (uint32_t i = 1; i < started; i++) pthread_join(threads[i].id, NULL);
     pthread_cond_destroy(&p.turn);
     pthread_mutex_destroy(&p.lock);
+    if (p.status == SLT_OK) p.status = pool_stop_reason(o); /* the last tile may have been cut short */
     if (p.status == SLT_INTERRUPTED) return status_fail(err, p.status, "interrupted");
     if (p.status == SLT_LIMIT)
         return status_fail(err, p.status,

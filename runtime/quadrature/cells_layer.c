@@ -66,7 +66,8 @@ enum {
 #define LARGE 0.25                /* part of what f may be: by so much it may vary */
 
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
-    if (c->lists.any || c->prunes || c->hunted > HUNT + (c->b->evaluations - c->began) / 4) return false;
+    if (c->lists.any || c->prunes || (c->o->budget && c->o->budget < HUNT)) return false; /* a trial counts cells */
+    if (c->hunted > HUNT + (c->b->evaluations - c->began) / 4) return false;
     for (uint32_t ch = 0; ch < c->s->channels; ch++) {
         double lo = s->f[2 * ch], hi = s->f[2 * ch + 1], met[2] = {HUGE_VAL, -HUGE_VAL};
         for (const Spot *p = first; p < end; p++) met[0] = smaller(met[0], p->f[ch]), met[1] = larger(met[1], p->f[ch]);

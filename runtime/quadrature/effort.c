@@ -152,7 +152,7 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     }
     bool rougher = left > 0.25 * goal, finer = rules > 0.25 * goal; /* what there is too much of */
     if (p->counts.spent && e->stage < e->limit) {
-        *stop = SLT_STOP_EVALUATIONS;
+        if (e->wanted || e->given) *stop = SLT_STOP_EVALUATIONS;
         return next_stage(e, p, used);
     }
     double next = (double)cost * (e->fixed || !finer ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));

@@ -169,8 +169,21 @@ static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
     run(b, kind, kernel, n);
 }
 
+/* A tile may have minutes before it: it comes to its end at once where nothing jumps and everything is 0. pool_run will
+ * throw it away. */
+static void stop(Batch *b, SltKernelKind kind) {
+    b->layout = &b->s->layout[kind];
+    for (uint32_t r = 0; r < SLT_ROLES; r++)
+        for (uint32_t k = 0; k < b->layout->out[r].count; k++)
+            memset(b->args.out[b->layout->out[r].first + k], 0, SLOT_BYTES);
+}
+
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     if (!n) return;
+    if (b->pool && pool_stop_reason(b->pool) != SLT_OK) {
+        stop(b, kind);
+        return;
+    }
     b->evaluations += n;
     uint64_t truncated = b->args.counters[SLT_COUNT_TRUNCATED], asserts = b->args.counters[SLT_COUNT_ASSERT];
     b->args.print = kind == SLT_K_VALUE || kind == SLT_K_PRUNED

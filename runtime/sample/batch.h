@@ -7,6 +7,7 @@
 #include <assert.h>
 #include <string.h>
 
+#include "runtime/base/threads.h"
 #include "runtime/sample/grid.h"
 
 enum { BATCH = 1024 }; /* most samples of a call */
@@ -22,6 +23,7 @@ typedef struct Batch {
     unsigned char *tape;     /* scratch of reverse kernels */
     const SltLayout *layout; /* of the kernel that was called last: where its outputs are */
     unsigned char *poison;   /* builds with asserts: the array of NaN for inputs that are not read */
+    const PoolOptions *pool; /* NULL, or: when that wants to stop, calls do nothing, and all outputs are 0 */
     uint64_t evaluations;    /* samples of all calls */
     bool again; /* the samples have been through a kernel that counts: cuts and failed asserts must not count twice */
 } Batch;

@@ -142,6 +142,7 @@ bool coincide_aside(Sink *k, const Crossing *c, Crossing *x) {
     Batch *b = k->b;
     uint32_t dim = b->s->dim, steep = 0;
     uint64_t order = 0, dropped[SLT_DROP_REASONS];
+    SltPlace dropped_at[SLT_DROP_REASONS];
     bool keep;
     double square = 0, length = 0;
     *x = *c;
@@ -154,6 +155,7 @@ bool coincide_aside(Sink *k, const Crossing *c, Crossing *x) {
     double by = sqrt(length / square) / ALONG;
     x->x[other] += by * c->dg[steep], x->x[steep] -= by * c->dg[other];
     b->args.site = c->event.site;
+    memcpy(dropped_at, k->f->dropped_at, sizeof dropped_at);
     memcpy(dropped, k->f->dropped, sizeof dropped); /* x is no crossing, and must not be counted as dropped */
     for (uint32_t step = 0; step < NEWTON; step++) {
         sink_weigh(k, x, &order, 1, &keep);
@@ -162,6 +164,7 @@ bool coincide_aside(Sink *k, const Crossing *c, Crossing *x) {
         for (uint32_t d = 0; d < dim && step + 1 < NEWTON; d++) x->x[d] -= x->g * x->dg[d] / square;
     }
     memcpy(k->f->dropped, dropped, sizeof dropped);
+    memcpy(k->f->dropped_at, dropped_at, sizeof dropped_at);
     return keep;
 }
 
@@ -191,7 +194,7 @@ static void untie_some(Sink *k, const Crossing *c, const uint64_t *order, bool *
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[which[i]];
         if (!is_tied(&tie[i], x)) continue;
-        if (tie[i].kink && elsewhere(k, x)) k->f->dropped[SLT_DROP_COINCIDENT]++;
+        if (tie[i].kink && elsewhere(k, x)) finder_drop(k->f, SLT_DROP_COINCIDENT, x);
         else tie[i].kink = false;
         keep[suspect[i]] = false;
         add_parts(k, x, &tie[i]);

@@ -96,9 +96,32 @@ void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
     finder_push(f, s);
 }
 
-void finder_drop(Finder *f, SltDrop reason, uint8_t owner) {
+void place_least(SltPlace *to, const SltPlace *other) {
+    if (!other->known || to->line) return; /* what has a place in the source keeps it */
+    if (!to->known) *to = *other;
+    for (uint32_t d = 0; d < 3; d++) {
+        if (other->x[d] > to->x[d]) return;
+        if (other->x[d] < to->x[d]) *to = *other;
+    }
+}
+
+static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
     f->dropped[reason]++;
-    if (f->lost) f->lost[owner] = true;
+    if (f->lost && reason != SLT_DROP_COINCIDENT) f->lost[owner] = true;
+    place_least(&f->dropped_at[reason], at);
+}
+
+void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {
+    SltPlace at = {.known = true, .site = (uint32_t)(c->event.site + 1), .stream = c->stream, .rand0 = c->rand0};
+    memcpy(at.x, c->side[0], sizeof at.x), memcpy(at.beyond, c->side[1], sizeof at.beyond);
+    drop(f, reason, c->owner, &at);
+}
+
+void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site) {
+    SltPlace at = {.known = true, .stream = s->stream, .rand0 = s->rand0};
+    if (site >= 0 && (uint32_t)site < f->s->nsites) at.site = (uint32_t)site + 1;
+    segment_at(s, s->ta, at.x), segment_at(s, s->tb, at.beyond);
+    drop(f, reason, s->owner, &at);
 }
 
 Mark batch_mark(const Batch *b, uint32_t i) {
@@ -115,7 +138,7 @@ void search_push_cut(Finder *f, const Segment *s, double ta, double tb, Mark a, 
         return;
     }
     if (!(tb > ta) || s->halvings >= search_most_halvings(f->s)) {
-        finder_drop(f, SLT_DROP_HALVINGS, s->owner);
+        finder_drop_part(f, SLT_DROP_HALVINGS, s, -1);
         return;
     }
     Segment part = *s;
@@ -162,7 +185,7 @@ static void flush_split(Finder *f) {
 }
 
 /* Puts s among the segments to be bisected; one that is as short as the tolerance is dropped for this reason. */
-static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
+static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32_t site) {
     if (s->tb - s->ta <= tol) {
         if (search_has_depth(f->s) && s->state != SEARCH_FRESH && s->state != SEARCH_DOUBT) {
             window_ask_again(f, s, s->ta, s->tb, s->ma, s->mb);
@@ -170,7 +193,7 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason) {
         }
         /* A jump that stands still adds nothing. */
         bool stands = reason == SLT_DROP_NO_EVENT && f->s->still && !search_has_windows(f->s);
-        if (!stands) finder_drop(f, reason, s->owner);
+        if (!stands) finder_drop_part(f, reason, s, site);
         return;
     }
     assert(f->nsplit < FIND);
@@ -307,11 +330,11 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
         it.event = event_of(b, 2 * i);
         if (it.event.site < 0 && it.s.ma.hash == it.s.mb.hash) it.s.state = SEARCH_DOUBT;
         if (it.event.site < 0 || (uint32_t)it.event.site >= f->s->nsites) {
-            split(f, &it.s, it.tol, SLT_DROP_NO_EVENT);
+            split(f, &it.s, it.tol, SLT_DROP_NO_EVENT, -1);
         } else if (f->s->site_static && f->s->site_static[it.event.site]) {
-            finder_drop(f, SLT_DROP_STATIC, it.s.owner);
+            finder_drop_part(f, SLT_DROP_STATIC, &it.s, it.event.site);
         } else if (!usable(f, &it)) {
-            split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE);
+            split(f, &it.s, it.tol, SLT_DROP_NOT_FINITE, it.event.site);
         } else if (it.s.tb - it.s.ta <= it.tol && (window_site(f->s, it.event.site) || !changes_sign(&it))) {
             /* The part is as short as can be: g is zero on it but for rounding, and if not, weigh in sink.c drops it.
              * It may be flat on a side. */
@@ -319,7 +342,7 @@ static uint32_t ask_events(Finder *f, Item *items, uint32_t n) {
             items[kept++] = it;
         } else if ((it.ga == 0 && it.gb == 0) || (it.ga != 0 && it.gb != 0 && same_sign(it.ga, it.gb))) {
             if (window_site(f->s, it.event.site)) window_cut_near_zero(f, &it);
-            split(f, &it.s, it.tol, SLT_DROP_NO_ROOT);
+            split(f, &it.s, it.tol, SLT_DROP_NO_ROOT, it.event.site);
         } else {
             if (window_site(f->s, it.event.site)) it.pad = window_padding(f, &it.s, it.tol);
             root_begin(&it);
@@ -355,7 +378,7 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
     }
     f->crossings++;
     if (!finite) {
-        finder_drop(f, SLT_DROP_NOT_FINITE, it->s.owner);
+        finder_drop_part(f, SLT_DROP_NOT_FINITE, &it->s, it->event.site);
         return UINT32_MAX;
     }
     if (!jumps) return UINT32_MAX;

@@ -89,6 +89,7 @@ struct Finder {
     struct Item *items; /* of the batch in hand: search.h */
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
+    SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
     bool *lost; /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
      * those that only the last halving found */
@@ -109,8 +110,12 @@ void finder_free(Finder *f);
 void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold);
 /* Adds a segment with all of its members set. */
 void finder_push(Finder *f, const Segment *s);
-/* Counts a crossing that cannot be integrated. */
-void finder_drop(Finder *f, SltDrop reason, uint8_t owner);
+/* Counts a crossing that cannot be integrated, or one of boundaries that coincide: one that was found, or a part of a
+ * segment, which may name no site. */
+void finder_drop(Finder *f, SltDrop reason, const Crossing *c);
+void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site);
+/* Makes `to` the one of both with the lesser x. */
+void place_least(SltPlace *to, const SltPlace *other);
 /* Works off full batches of the stack; with `all` everything. */
 void finder_run(Finder *f, bool all);
 /* x = a + t (b - a). */

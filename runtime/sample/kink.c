@@ -130,6 +130,6 @@ void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, 
         }
         (*list)[q->n[pair[i]]++] = *at[i];
         keep[which[i]] = false;
-        k->f->dropped[SLT_DROP_COINCIDENT]++;
+        finder_drop(k->f, SLT_DROP_COINCIDENT, at[i]);
     }
 }

@@ -32,7 +32,8 @@ void stats_add(SltStats *to, const SltStats *s) {
     if (!to) return;
     to->samples += s->samples, to->segments += s->segments, to->crossings += s->crossings;
     to->evaluations += s->evaluations;
-    for (int d = 0; d < SLT_DROP_REASONS; d++) to->dropped[d] += s->dropped[d];
+    for (int d = 0; d < SLT_DROP_REASONS; d++)
+        to->dropped[d] += s->dropped[d], place_least(&to->dropped_at[d], &s->dropped_at[d]);
     to->truncated += s->truncated, to->asserts += s->asserts, to->nonfinite += s->nonfinite;
     to->seconds += s->seconds;
     to->seconds_interior += s->seconds_interior, to->seconds_boundary += s->seconds_boundary;
@@ -64,6 +65,7 @@ static bool follows(const Run *r) {
 
 static bool worker_init(Run *r, Worker *w, uint32_t accums, SinkKind kind) {
     if (!batch_init(&w->batch, r->s, &r->grid)) return false;
+    w->batch.pool = &r->pool;
     if (!accum_init(&w->acc, r->s, accums)) return false;
     if (!finder_init(&w->finder, &w->batch)) return false;
     if (!sink_init(&w->sink, kind, &w->batch, &w->acc, &w->finder, &r->grid)) return false;
@@ -108,7 +110,10 @@ void run_collect(Run *r, Worker *w) {
     batch_collect(&w->batch, t);
     t->segments += w->finder.segments, w->finder.segments = 0;
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
-    for (int d = 0; d < SLT_DROP_REASONS; d++) t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
+    for (int d = 0; d < SLT_DROP_REASONS; d++) {
+        t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
+        place_least(&t->dropped_at[d], &w->finder.dropped_at[d]), w->finder.dropped_at[d] = (SltPlace){0};
+    }
 }
 
 bool worker_vertices(Worker *w, uint64_t n) {

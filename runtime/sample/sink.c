@@ -122,7 +122,7 @@ static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32
         SltDrop reason;
         keep[at[i]] = weigh(k, &end[e], &reason);
         if (!keep[at[i]]) {
-            finder_drop(k->f, reason, x->owner);
+            finder_drop(k->f, reason, x);
             continue;
         }
         memcpy(end[e].x, x->side[e], sizeof x->x);
@@ -141,7 +141,7 @@ void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *k
         keep[i] = weigh(k, x, &reason);
         if (keep[i]) continue;
         if (x->bracket > 0) failed[nfailed++] = i;
-        else finder_drop(k->f, reason, x->owner);
+        else finder_drop(k->f, reason, x);
     }
     for (uint32_t from = 0; from < nfailed; from += FIND)
         weigh_ends(k, c, order, failed + from, nfailed - from < FIND ? nfailed - from : FIND, keep);

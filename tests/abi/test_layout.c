@@ -117,6 +117,19 @@ static void write_layout(FILE *out) {
     MEMBER(SltJob, max_evaluations);
     MEMBER(SltJob, centred);
     END(SltJob);
+    STRUCT(SltPlace);
+    MEMBER(SltPlace, known);
+    MEMBER(SltPlace, in_image);
+    MEMBER(SltPlace, site);
+    MEMBER(SltPlace, line);
+    MEMBER(SltPlace, column);
+    MEMBER(SltPlace, pixel);
+    MEMBER(SltPlace, file);
+    MEMBER(SltPlace, text);
+    MEMBER(SltPlace, x);
+    MEMBER(SltPlace, beyond);
+    MEMBER(SltPlace, stream);
+    MEMBER(SltPlace, rand0);
     STRUCT(SltStats);
     MEMBER(SltStats, struct_size);
     MEMBER(SltStats, samples);
@@ -141,6 +154,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltStats, upset);
     MEMBER(SltStats, upset_line);
     MEMBER(SltStats, ulps);
+    MEMBER(SltStats, dropped_at);
+    MEMBER(SltStats, nonfinite_at);
     END(SltStats);
     STRUCT(SltIntegral);
     MEMBER(SltIntegral, struct_size);

@@ -59,7 +59,7 @@ def grad(saltus, p, folder, values, seed, options):
     set_ = [o for k, v in values.items() for o in ("--param", "%s=%s" % (k, ",".join(map(repr, v)) if isinstance(v, tuple) else repr(v)))]
     kind = ["--adjoint", "adjoint.pfm"] if p.adjoint else ["--integral"]
     run = subprocess.run([saltus, "grad", "p.salt", *kind, "--json", "--quiet", "--threads", "1", "--seed", str(seed), *map(str, p.options),
-                          *set_, "--wrt", ",".join(values), *options], capture_output=True, text=True, cwd=folder, timeout=300)
+                          *set_, "--wrt", ",".join(values), *options], capture_output=True, text=True, cwd=folder, timeout=1800)
     if run.returncode:
         raise RuntimeError("%s: status %d\n%s" % (p.name, run.returncode, run.stderr[:2000]))
     j = json.loads(run.stdout)

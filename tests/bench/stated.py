@@ -32,7 +32,7 @@ def flat(v):
 def grad(saltus, path, options):
     try:
         run = subprocess.run([saltus, "grad", path, "--integral", "--json", "--quiet", *options], capture_output=True,
-                             text=True, timeout=120)
+                             text=True, timeout=1200)
     except subprocess.TimeoutExpired:
         print("%s: not done in 120 s" % path)
         return None

@@ -4,6 +4,8 @@ The readers are written from the formats' specifications, apart from the C code 
 import ast
 import json
 import os
+import re
+import resource
 import shutil
 import signal
 import struct
@@ -15,6 +17,7 @@ import unittest
 import zlib
 
 BIN = os.environ.get("SALTUS_BIN", "saltus")
+HANGS = 1200  # seconds by the clock after which a command hangs, whatever else the machine does; what is fast is told by processor time
 
 CIRCLE = """
 param float radius = 0.4;
@@ -78,7 +81,7 @@ class Case(unittest.TestCase):
         e.update(env or {})
         return e
 
-    def run_cli(self, *args, code=0, stdin=None, env=None, timeout=120):
+    def run_cli(self, *args, code=0, stdin=None, env=None, timeout=HANGS):
         p = subprocess.run([BIN, *map(str, args)], cwd=self.dir, input=stdin, capture_output=True, timeout=timeout, env=self.environment(env))
         r = Result(p.returncode, p.stdout.decode(), p.stderr.decode())
         if code is not None:
@@ -92,6 +95,29 @@ class Case(unittest.TestCase):
 
     def start_cli(self, *args, env=None):
         return subprocess.Popen([BIN, *map(str, args)], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=self.environment(env))
+
+    def processor(self):
+        """Seconds of processor time of all commands that have ended."""
+        u = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return u.ru_utime + u.ru_stime
+
+    def interrupt(self, p, after, limit=20):
+        """SIGINT once the command has computed for `after` seconds, of processor time like `limit`, in which it must end; gives what it printed."""
+        def stat(name):
+            with open("/proc/%d/%s" % (p.pid, name)) as f:
+                return f.read()
+        def used():
+            return sum(map(int, stat("stat").rsplit(")", 1)[1].split()[11:13])) / os.sysconf("SC_CLK_TCK")
+        caught = lambda: int(re.search("SigCgt:\\s*([0-9a-f]+)", stat("status")).group(1), 16) >> signal.SIGINT - 1 & 1
+        while p.poll() is None and not (caught() and used() >= after):
+            time.sleep(0.02)
+        self.assertIsNone(p.poll(), "it was over before it could be interrupted")
+        before, at = self.processor(), used()
+        p.send_signal(signal.SIGINT)
+        out, err = p.communicate(timeout=HANGS)
+        self.assertLess(self.processor() - before - at, limit)
+        self.assertEqual(p.returncode, 130, err)
+        return out, err
 
     def lsp(self, err):
         """Every line of standard error that is a diagnostic, checked for its shape."""

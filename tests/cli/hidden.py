@@ -216,7 +216,7 @@ def measure(saltus, n, folder, options):
     with open(os.path.join(folder, "s.salt"), "w") as f:
         f.write(s.source)
     run = subprocess.run([saltus, "grad", "s.salt", "--integral", "--json", "--precision", "f64", "--threads", "1", "--no-cache", *options],
-                         cwd=folder, capture_output=True, text=True, timeout=120)
+                         cwd=folder, capture_output=True, text=True, timeout=1200)
     if run.returncode not in (0, 6):
         raise RuntimeError("scene %d, %s: status %d\n%s\n%s" % (n, s.kind, run.returncode, run.stderr, s.source))
     j = json.loads(run.stdout)

@@ -30,6 +30,24 @@ PAIRS = {
                               "", "float l = 0.375; float3 s = float3(p, 1.0); s.x += l * 2.0; l += 0.125; s += float3(9.0); s.x += l * 2.0; c = s * 0.25;"),
     "values that are missing": ("float f(float a) { float r; if (a > 0.5) r = a; return r; } float g(float a) { if (a > 0.5) return 1.0; }", "vec2 v; v.x = p.x; c = vec3(f(p.x), g(p.y), v.y);",
                                 "", "c = float3(p.x > 0.5 ? p.x : 0.0, p.y > 0.5 ? 1.0 : 0.0, 0.0);"),
+    "sequences in choices": ("", "float d = 2.0; p.x < 0.5 ? d = p.y, c.x = 0.25 : d; c.y = p.x > 0.5 ? c.z = 1.0, 0.5 : d;", "", "float d = p.x < 0.5 ? p.y : 2.0; if (p.x < 0.5) c.x = 0.25; if (p.x > 0.5) c.z = 1.0; c.y = p.x > 0.5 ? 0.5 : d;"),
+    "octal numbers": ("", "c = vec3(010 + 0x10, 00, 017u) / 32.0;", "", "c = float3(24.0, 0.0, 15.0) / 32.0;"),
+    "patterns of bits": ("const int k[2] = int[2](0xFFFFFFFE, 0x80000000);", "int i = 0xfefd4986; c = vec3(k[0] + 3, k[1] >> 31, i >> 24);", "", "c = float3(1.0, -1.0, -2.0);"),
+    "names of the host": ("uniform vec2 image, main_; float gl_color_; vec2 point;", "c = vec3(image + p, point.x);", "", "c.xy = p;"),
+    "structs inside declarations": ("struct S { float a; } s0, s1; const struct { vec2 v; } k = { vec2(0.5, 2) }; float f() { struct Q { float b; int n[2]; } q; struct R { Q q; }; R r; q.b = 0.25; r.q = q; return r.q.b; }",
+                                    "s0.a = p.x; S t = s0; c = vec3(t.a + s1.a, k.v.x, f());", "", "c = float3(p.x, 0.5, 0.25);"),
+    "blocks of uniforms": ("uniform Block { vec2 shift; mat2 m; }; layout(std140, binding = 0) uniform Other { float level; vec3 tint[2]; } other;", "c = other.tint[1] + other.level + vec3(m * shift, p.x);", "", "c.z = p.x;"),
+    "names that are builtins here": ("float frac(float x) { return fract(x) + 1.0; } float lerp(float a, float b) { return mix(a, b, 0.25); } vec2 atan2(vec2 v) { return v.yx; } float saturate(float v) { return v * 0.5; }",
+                                     "c = vec3(frac(p.x * 4.0), lerp(p.y, 1.0), saturate(atan2(p).x));", "", "c = float3(frac(p.x * 4.0) + 1.0, lerp(p.y, 1.0, 0.25), p.y * 0.5);"),
+    "builtins behind functions of their name": ("vec3 pow(vec3 v, float e) { return pow(v, vec3(e)); } int mod(int a, int b) { return a - b * (a / b); } float round(float x) { return floor(x + 0.5); }",
+                                                "c = pow(vec3(p, 0.5), 2.0) + mod(p.x * 4.0, 1.0) + float(mod(int(I.x), 3)) + round(p.y) + round(p.xyy);",
+                                                "", "c = pow(float3(p, 0.5), float3(2.0)); float m = p.x * 4.0; int i = int(I.x); c += m - floor(m); c += float(i % 3); c += floor(p.y + 0.5); c += round(p.xyy);"),
+    "bits": ("", "uint u = uint(I.x) * 2654435761u; int k = bitCount(u) + 8 * findLSB(u | 4u) + 64 * findMSB(u >> 3) + findMSB(-5); c.x = float(k) / 4096.0; c.y = float(bitfieldReverse(uint(I.y)) >> 24) / 256.0; c.z = float(bitfieldExtract(-12, 1, 6) + int(bitfieldInsert(0u, 5u, 2, 2))) / 16.0;",
+             "", "uint u = uint(I.x) * 2654435761u; int n = 0, low = -1, high = -1; for (int i = 0; i < 32; i++) { if (((u >> uint(i)) & 1u) != 0u) n++; if (low < 0 && (((u | 4u) >> uint(i)) & 1u) != 0u) low = i; if ((((u >> 3) >> uint(i)) & 1u) != 0u) high = i; } c.x = float(n + 8 * low + 64 * high + 2) / 4096.0; uint r = 0u; for (int i = 0; i < 8; i++) r |= ((uint(I.y) >> uint(i)) & 1u) << uint(7 - i); c.y = float(r) / 256.0; c.z = -2.0 / 16.0;"),
+    "numbers packed": ("", "c = unpackUnorm4x8(packUnorm4x8(vec4(p, 2.0, -1.0))).xyz; c.xy += unpackHalf2x16(packHalf2x16(p * 3.0)) + unpackSnorm2x16(packSnorm2x16(-p)) + unpackUnorm2x16(0x80000000u); c.z += unpackHalf2x16(packHalf2x16(vec2(0.0, 65504.0))).y / 65504.0 + unpackHalf2x16(0x0001u).x * 16777216.0;",
+                       "", "float2 h = p * 3.0, s = asfloat((asuint(h) + uint2(0xFFFu) + ((asuint(h) >> 13) & uint2(1u))) & uint2(0xFFFFE000u)); c = float3(round(p * 255.0) / 255.0, 1.0); c.xy += s - round(p * 32767.0) / 32767.0; c.y += 32768.0 / 65535.0; c.z += 2.0;"),
+    "which side": ("", "c.x = gl_FrontFacing ? p.x : 1.0;", "", "c.x = p.x;"),
+    "text that is no code": ("#pragma x: import('./a.glsl', b=c)\n#ifdef NO\n it's @nothing\n#error it's not\n#endif", "c = vec3(p, 0);", "", "c = float3(p, 0.0);"),
     "a name in its own value": ("vec3 normal(vec2 q) { return vec3(q, 0.5); }", "vec3 normal = normal(p); c = normal;", "", "c = float3(p, 0.5);"),
     "arrays": ("const float w[] = float[](0.25, 0.5, 1.0); struct S { vec2 a; float b; };", "float s = 0.0; for (int i = 0; i < w.length(); i++) s += w[i] * p.x; S q[2] = S[2](S(p, 1.0), S(p.yx, 2.0)); c = vec3(q[1].a, s);",
                "", "c = float3(p.yx, 0.25 * p.x + 0.5 * p.x + 1.0 * p.x);"),
@@ -57,6 +75,21 @@ class Meaning(Case):
                 self.put("a.frag", head + "\n" + TOY % body)
                 self.put("a.salt", our_head + "\n" + OURS % ours)
                 self.assertEqual(self.picture("a.frag"), self.picture("a.salt"))
+
+    def test_bytes(self):
+        """A comment may hold any bytes, the rest of the file may not."""
+        self.put("a.frag", b"// caf\xe9\nvoid main() { gl_FragColor = vec4(1); /* \xff */ }")
+        self.run_cli("render", "a.frag", "--size", 4)
+        self.put("b.frag", b"void main() {\n  gl_FragColor = vec4(\xe91); }")
+        self.assertIn("b.frag:2:", self.run_cli("render", "b.frag", "--size", 4, code=3).err)
+
+    def test_long_expression_behind_a_loop(self):
+        """A loop that may be cut off, which is counted, before an expression long enough to be pruned by bounds."""
+        discs = "".join("    d = min(d, length(q - vec2(%d, %d)) - %.1f);\n" % (7 * k % 48, 5 * k % 32, k % 7 / 3) for k in range(300))
+        text = "void mainImage(out vec4 c, vec2 p) {\n    vec2 q = p; float d = 9.0;\n    for (float i = min(iTime, 0.0); i < 60.0; i++) { q.x += 0.1; if (q.x > 20.0) break; }\n%s    c = vec4(d);\n}"
+        self.put("a.frag", text % discs)
+        self.put("b.frag", (text % discs).replace("float i = min(iTime, 0.0); i < 60.0", "int i = 0; i < 60"))
+        self.assertEqual(self.picture("a.frag"), self.picture("b.frag"))
 
     def test_entries(self):
         """gl_FragColor, gl_FragData, an output of the file, a place from a vertex shader, `discard`."""
@@ -120,7 +153,10 @@ class Messages(Case):
             ("#if 1 +\n#endif\nvoid main() { gl_FragColor = vec4(1); }", 1, "no condition"),
             ("uniform samplerCube s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`samplerCube` is not supported"),
             ("\nvarying vec3 n;\nvoid main() { gl_FragColor = vec4(n, 1); }", 2, "no vertex shader"),
-            ("uniform B { float a; };\nvoid main() { gl_FragColor = vec4(1); }", 1, "blocks of uniforms"),
+            ("uniform sampler1D s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`sampler1D` is not supported"),
+            ("void main() { int i = 08; gl_FragColor = vec4(i); }", 1, "octal"),
+            ("uniform B { float a;\nvoid main() { gl_FragColor = vec4(1); }", 2, "expected `;`"),
+            ("float f(float v) { return v; }\nvoid main() { gl_FragColor = vec4(f(vec2(1))); }", 2, "cannot convert float2 to float"),
             ("float f() { return 1.0; }", 1, "no `void mainImage"),
             ("void main() { }", 1, "writes to no output"),
             ("#define A B(1.0)\nvoid mainImage(out vec4 c, vec2 p) {\n    c = vec4(A);\n}", 3, "unknown name `B`"),

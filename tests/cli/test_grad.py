@@ -365,6 +365,18 @@ class Check(Case):
         for row in self.json_cli("check", "s.salt", "--precision", "f64", "--wrt", "b")["rows"]:
             self.assertAlmostEqual(row["slope"], 2, delta=0.1)
 
+    def test_error_is_that_of_z(self):
+        """What is printed as the error is what z divides by, with cells and without; cells leave the values no noise."""
+        self.put("c.salt", CIRCLE)
+        for estimator in "lattice", "quadrature":
+            rows = self.json_cli("check", "c.salt", "--samples", 16384, "--estimator", estimator)["rows"]
+            for row in rows:
+                self.assertAlmostEqual((row["ad"] - row["fd"]) / row["error"], row["z"], delta=1e-9 * abs(row["z"]))
+                self.assertGreaterEqual(row["error"], 0.999 * row["ad_stderr"])
+                self.assertGreaterEqual(row["error"], 0.999 * row["fd_stderr"])
+        automatic = self.json_cli("check", "c.salt")["rows"]
+        self.assertEqual([row["step"] for row in automatic], [row["step"] for row in self.json_cli("check", "c.salt", "--estimator", "quadrature")["rows"]])
+
     def test_fail(self):
         self.put("w.salt", "param float r = 0.4;\nshader float main(float2 x) { float f = 0.0; [NoDisc] if (length(x - 0.5) < r) f = 1.0; return f; }")
         r = self.run_cli("check", "w.salt", "--samples", 65536, code=1)
@@ -461,6 +473,20 @@ class Bench(Case):
         for p in j["curves"]["lattice"]:
             self.assertEqual(set(p), {"samples", "evaluations", "seconds", "error"})
         self.run_cli("bench", "c.salt", "--samples", 512, "--repeats", 1, "-o", "c.salt", code=5)
+
+    def test_one_file(self):
+        """-o x.svg is a plot, not a folder of that name; which files were written is said."""
+        self.put("c.salt", CIRCLE)
+        bench = ["bench", "c.salt", "--samples", 512, "--repeats", 1, "--estimators", "lattice"]
+        for name, start in (("x.svg", b"<svg"), ("x.json", b"{"), ("x.csv", b"estimator")):
+            r = self.run_cli(*bench, "-o", name)
+            self.assertIn(start, self.get(name)[:200])
+            self.assertIn("saltus: %s\n" % name, r.err)
+        self.assertIn("saltus: out/bench.csv, .json and .svg\n", self.run_cli(*bench, "-o", "out").err)
+        self.assertEqual(self.run_cli(*bench, "-o", "out", "--quiet").err, "")
+        self.assertIn(".svg", self.run_cli(*bench, "-o", "x.png", code=2).err)
+        self.run_cli("bench", "c.salt", "--kernels", "-o", "x.csv", code=2)
+        self.assertEqual(sorted(os.listdir(self.dir)), ["c.salt", "cache", "out", "x.csv", "x.json", "x.svg"])
 
     def test_estimators(self):
         """What --estimators names must be known, every one of it."""

@@ -43,7 +43,7 @@ for line in sys.stdin.buffer:
     loss, adjoint = sum(x * x for x in d) / size, array("f", [2 * x / size for x in d])
     if bad and mode == "die": sys.exit(7)
     if bad and mode == "kill": os.kill(os.getpid(), 9)
-    if bad and mode == "hang": time.sleep(60)
+    if bad and mode == "hang": time.sleep(600)
     if bad and mode == "noise": print("hello"); sys.stdout.flush()
     if bad and mode == "nan": adjoint[5] = float("nan")
     if bad and mode == "tell": out.write(json.dumps({"error": "no GPU here"}).encode() + b"\\n"); out.flush(); sys.exit(1)
@@ -142,19 +142,19 @@ class Loss(Case):
     def test_failures(self):
         """Every one of them at once and late: status, text, and what is written."""
         for mode, code, text in (("die", 1, "ended with status 7"), ("kill", 1, "signal 9"), ("noise", 1, "hello"), ("nan", 1, "row 0, column 5"), ("tell", 1, "no GPU here"), ("text", 1, "NUMBER"),
-                                 ("short", 1, "of 1024 bytes"), ("hang", 6, "3 s")):
+                                 ("short", 1, "of 1024 bytes"), ("hang", 6, "5 s")):
             for when in (0, 2):
                 start = time.time()
-                r = self.fit("--iters", 5, "--loss-timeout", 3 if mode == "hang" else 100, "-o", "p.json", mode=mode, when=when, code=code)
+                r = self.fit("--iters", 5, "--loss-timeout", 5 if mode == "hang" else 100, "-o", "p.json", mode=mode, when=when, code=code)
                 self.assertIn(text, r.err)
-                self.assertLess(time.time() - start, 30)
+                self.assertLess(time.time() - start, 300)
                 self.assertEqual(os.path.exists(self.path("p.json")), when > 0, mode)  # the best so far, where there is one
                 if when:
                     self.assertIn("(failed)", r.out)
                     self.assertEqual(set(json.loads(self.get("p.json"))), {"r", "c", "gain"})
                     os.remove(self.path("p.json"))
         self.assertIn("more than", self.fit("--iters", 5, mode="long", when=0, code=1).err)
-        for command, text in (("exit 3", "status 3"), ("no-such-program", "status 127"), ("cat /dev/zero", "64 KiB"), ("exec <&-; sleep 60", "pipe")):
+        for command, text in (("exit 3", "status 3"), ("no-such-program", "status 127"), ("cat /dev/zero", "64 KiB"), ("exec <&-; sleep 600", "pipe")):
             r = self.run_cli("fit", "e.salt", "--loss-command", command, "--size", 16, "--loss-timeout", 2, "-o", "p.json", code=None)
             self.assertIn(r.code, (1, 6))
             # Which of them it sees first is a matter of time.
@@ -189,22 +189,17 @@ class Loss(Case):
 
     def test_interrupt(self):
         """Ctrl-C while the program thinks: 130, what is best is kept, and nobody is left behind."""
-        p = self.start_cli("fit", "e.salt", "--loss-command", "echo $$ > pid; " + self.command("hang", 2), "--target", "t.pfm", "--size", 16, "--iters", 9, "-o", "p.json")
-        for _ in range(200):
+        p = self.start_cli("fit", "e.salt", "--loss-command", "echo $$ > pid; " + self.command("hang", 2, "log"), "--target", "t.pfm", "--size", 16, "--iters", 9, "-o", "p.json")
+        while p.poll() is None and not (os.path.exists(self.path("log")) and self.get("log").count(b"\n") > 2):
             time.sleep(0.05)
-            if os.path.exists(self.path("pid")) and self.get("pid"):
-                break
-        time.sleep(1.5)
-        p.send_signal(signal.SIGINT)
-        out, err = p.communicate(timeout=20)
-        self.assertEqual(p.returncode, 130, err)
+        out, err = self.interrupt(p, after=0)
         self.assertIn(b"(interrupted)", out)
         self.assertTrue(os.path.exists(self.path("p.json")))
         with self.assertRaises(ProcessLookupError):
             os.kill(int(self.get("pid")), 0)
 
     def test_time_limit(self):
-        r = self.fit("--iters", 9, "--max-seconds", 6, "-o", "p.json", mode="hang", when=2, code=6)
+        r = self.fit("--iters", 9, "--max-seconds", 10, "-o", "p.json", mode="hang", when=2, code=6)
         self.assertTrue(os.path.exists(self.path("p.json")), r.err)
 
 

@@ -28,6 +28,9 @@ static const Example examples[] = {
     {"pathtrace/terrain.salt", "--set BOUNCES=1", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry sites --set BOUNCES=0", "24x16", NULL},
     {"pathtrace/soft_sun.salt", "--entry slices --set BOUNCES=0", "24x16", NULL},
+    {"fragment/sunset.frag", "", "48x27",
+     "--target " EXAMPLES "/fragment/target.png --size 80x45 --wrt sun,radius,hills"},
+    {"fragment/spheres.frag", "", "48x27", NULL},
     {"cone_light/boundary.salt", "", "24x24", NULL},
     {"cone_light/slices.salt", "", "24x24", NULL},
 };

@@ -232,7 +232,7 @@ def main():
     p.add_argument("--mode", default="once,second,on")
     p.add_argument("--kinds", default="ms")
     p.add_argument("--show", type=int, default=2)
-    p.add_argument("--timeout", type=float, default=30)
+    p.add_argument("--timeout", type=float, default=300)
     args = p.parse_args()
     args.inject, args.saltus = os.path.abspath(args.inject), os.path.abspath(args.saltus)
     bad, runs = 0, 0

@@ -1,6 +1,6 @@
-/* Any bytes as a program: front end, passes and every kernel's IR, verified; then a few samples in the interpreter when
- * the program is small. The back end is left out: tests/back compares it with the interpreter, and LLVM would take most
- * of the time. */
+/* Any bytes as a program, GLSL where the first is `#`: front end, passes and every kernel's IR, verified; then a few
+ * samples in the interpreter when the program is small. The back end is left out: tests/back compares it with the
+ * interpreter, and LLVM would take most of the time. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -37,6 +37,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     opt.interpret = opt.verify = true;
     opt.f64 = size & 1;
     opt.disc_auto = size & 2;
+    /* Nothing of the language begins with `#`. */
+    opt.language = size && data[0] == '#' ? SLT_LANGUAGE_GLSL : SLT_LANGUAGE_SALTUS;
     SltProgram *p = NULL;
     SltStatus status = slt_compile_string(text, "fuzz.salt", &opt, &p);
     free(text);

@@ -5,13 +5,13 @@
 # only if the installed copy is found, whether or not the source tree is still there.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
-build=$1
+build=$(realpath "$1")
 export CC=$2
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 fail() { echo "install: $*" >&2; exit 1; }
 
-cmake --install "$build" --prefix "$scratch/first" >/dev/null
+cmake --install "$build" --prefix "$scratch/first" >"$scratch/install.log"
 mv "$scratch/first" "$scratch/moved"
 prefix=$scratch/moved
 unset SALTUS_STDLIB LD_LIBRARY_PATH
@@ -90,8 +90,24 @@ SALTUS_STDLIB=$prefix/share/saltus/stdlib consumer/static || fail "the static co
 
 # pkg-config.
 export PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name saltus.pc)")
+needs_library() { readelf -d "$1" | grep -q 'NEEDED.*libsaltus'; }
 $CC "$here/consumer/consumer.c" -o by_pkg_config $(pkg-config --cflags --libs saltus) -lm
+needs_library by_pkg_config || fail "pkg-config links libsaltus.a"
 LD_LIBRARY_PATH=$(dirname "$library") ./by_pkg_config || fail "the pkg-config consumer"
+$CC "$here/consumer/consumer.c" -o by_archive $(pkg-config --static --cflags --libs saltus) -lm
+needs_library by_archive && fail "pkg-config --static links libsaltus.so"
+SALTUS_STDLIB=$prefix/share/saltus/stdlib ./by_archive || fail "the pkg-config --static consumer"
+
+# The lines that the installation ends with make a shell, the linker and pkg-config find it.
+sed -n "s|$scratch/first|$prefix|; /^ *export /p" install.log >lines
+[ "$(wc -l <lines)" -eq 3 ] || { cat install.log; fail "not the lines that a prefix elsewhere needs"; }
+(
+    unset PKG_CONFIG_PATH
+    . ./lines
+    [ "$(command -v saltus)" = "$prefix/bin/saltus" ] || fail "PATH, as the installation gives it"
+    $CC "$here/consumer/consumer.c" -o by_lines $(pkg-config --cflags --libs saltus) -lm || fail "PKG_CONFIG_PATH, as the installation gives it"
+    ./by_lines || fail "LD_LIBRARY_PATH, as the installation gives it"
+)
 
 # The program with a loss of its own in docs/library.md does what the page says it prints.
 root=$here/../..

@@ -323,7 +323,7 @@ static void check_change(Case *t, const Io *box, const Io *at, uint32_t i, uint3
         lo += step > 0 ? step * from : step * to, hi += step > 0 ? step * to : step * from;
     }
     double slack = 2 * error + 1e-12 * (fabs(lo) + fabs(hi));
-    if (!(change >= lo - slack && change <= hi + slack) && !isnan(lo) && !isnan(hi))
+    if (!lies(change, lo - slack, hi + slack) && !isnan(lo) && !isnan(hi))
         fail_msg("%s: %s of edge %d changes by %.17g, its slopes allow [%.17g, %.17g], its rounding %g", where(t, i),
                  name, box->args.site, change, lo, hi, error);
 }

@@ -48,6 +48,16 @@ static const Nested nested[] = {
     {"stripes by trunc, below 0", STRIPES("[Disc] float k = u - 29.0 - trunc(u - 30.0);")},
     {"stripes by fmod", STRIPES("[Disc] float k = fmod(u, 1.0);")},
     {"stripes by an integer", STRIPES("[Disc] int n = int(u); float k = u - float(n);")},
+    /* The second one's edge is that of the first, whose g has the other sign. */
+    {"a maximum and a minimum of two, in either order",
+     "param float w = 0.03; shader float main(float x) { float c = 0.5 - 0.3 * x; [Disc] if (max(c, x) - min(x, c) < w) "
+     "return 1.0; return 0.0; }",
+     .want = {{"w", 2 / 1.3}}, .most = 2000},
+    {"the edge between two cells, by the second nearest",
+     "param float w = 0.03; param float2 c[2] = { float2(0.2, 0.3), float2(0.7, 0.25) }; shader float main(float2 x) { "
+     "float m = 9.0; float n = 9.0; for (int i = 0; i < 2; i++) { float2 d = x - c[i]; float q = dot(d, d); n = min(n, "
+     "max(q, m)); m = min(m, q); } [Disc] if (n - m < w) return 1.0; return 0.0; }",
+     .want = {{"w", 2}}, .most = 30000},
     {"stripes in a loop",
      "param float w = 0.2; param float p = 0.35; param float t = 0.05; shader float main(float2 x) { float f = 0.0; for "
      "(int i = 0; i < 2; i++) { [Disc] float k = frac(20.0 * x.x + p + t * x.y); [Disc] if (k < w + 0.1 * float(i)) f "

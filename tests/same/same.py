@@ -104,7 +104,7 @@ def run(binary, case, cache):
         command = [binary, arguments[0], path] + [a.replace("{out}", out) for a in arguments[1:]] + ["--quiet"]
         env = dict(os.environ, XDG_CACHE_HOME=cache, SALTUS_STDLIB=os.path.join(ROOT, "stdlib"), **environment)
         try:
-            done = subprocess.run(command, capture_output=True, env=env, timeout=300, cwd=folder)
+            done = subprocess.run(command, capture_output=True, env=env, timeout=1800, cwd=folder)
         except subprocess.TimeoutExpired:
             return name, "timeout"
         parts = [f"status {done.returncode}"]

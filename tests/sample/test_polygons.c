@@ -116,8 +116,8 @@ static const struct {
     bool f64;
     double within; /* of 1 */
 } ways[] = {
-    {"quadrature, f64", SLT_EST_QUADRATURE, true, 1e-6},
-    {"quadrature, f32", SLT_EST_QUADRATURE, false, 1e-3},
+    {"quadrature, f64", SLT_EST_QUADRATURE, true, 1e-5},
+    {"quadrature, f32", SLT_EST_QUADRATURE, false, 3e-3},
     {"auto, f64", SLT_EST_AUTO, true, 0.01},
     {"auto, f32", SLT_EST_AUTO, false, 0.03},
     {"lattice, f64", SLT_EST_LATTICE, true, 0.03},

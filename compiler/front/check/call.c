@@ -110,9 +110,33 @@ static void report_single(Checker *c, Expr *e, const Func *f) {
     diag_note(c->s, d, f->name_span, "`%s` is declared here", func_text(c, f));
 }
 
+static Expr *check_builtin_typed(Checker *c, Expr *e, Builtin b);
+
+static Expr *check_user_call(Checker *c, Expr *e, Decl *d);
+
+/* A call that no function of the file takes: of the builtin that has its name in GLSL. NULL: there is none. */
+static Expr *check_other(Checker *c, Expr *e) {
+    Builtin b = (Builtin)(uintptr_t)map_get(&c->builtin_funcs, e->other);
+    if (b) return check_builtin_typed(c, e, b);
+    Decl *d = e->other != e->name ? scope_find(c, e->other, e->op_span) : NULL;
+    if (!d || d->kind != DECL_FUNC) return NULL;
+    e->other = NULL;
+    return check_user_call(c, e, d);
+}
+
+static bool any_viable(Checker *c, const Decl *d, Expr *e) {
+    for (uint32_t i = 0; i < d->nfuncs; i++)
+        if (!func_info(c, d->funcs[i])->signature_ok || viable(d->funcs[i], e)) return true;
+    return false;
+}
+
 static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
     for (uint32_t i = 0; i < d->nfuncs; i++) func_signature(c, d->funcs[i]);
     if (!check_args(c, e, true)) return fail(c, e);
+    if (e->other && !any_viable(c, d, e)) {
+        Expr *other = check_other(c, e);
+        if (other) return other;
+    }
     Func *best = NULL;
     bool tie = false;
     for (uint32_t i = 0; i < d->nfuncs; i++) {
@@ -330,6 +354,10 @@ static Builtin glsl_builtin(Checker *c, Expr *e, Builtin b) {
 
 static Expr *check_builtin(Checker *c, Expr *e, Builtin b) {
     if (!check_args(c, e, false)) return fail(c, e);
+    return check_builtin_typed(c, e, b);
+}
+
+static Expr *check_builtin_typed(Checker *c, Expr *e, Builtin b) {
     if (b == B_rand || b == B_rand2 || b == B_rand3) {
         if (c->at.func && c->at.func->rand_span.file < 0) c->at.func->rand_span = e->span;
         if (!c->at.func) {

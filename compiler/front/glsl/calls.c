@@ -50,20 +50,47 @@ static const Rename renames[] = {
     {"textureGrad", "gl_texture", 0},
     {"texelFetch", "gl_texel", 0},
     {"textureSize", "gl_texture_size", 0},
+    {"textureOffset", "gl_texture_offset", 0},
+    {"textureLodOffset", "gl_texture_offset", 0},
+    {"textureProj", "gl_texture_proj", 0},
+    {"texture2DProj", "gl_texture_proj", 0},
+    {"texelFetchOffset", "gl_texel_offset", 0},
+    {"textureGather", "gl_gather", 0},
+    {"bitCount", "gl_bit_count", 0},
+    {"bitfieldReverse", "gl_reverse", 0},
+    {"findLSB", "gl_lowest", 0},
+    {"findMSB", "gl_highest", 0},
+    {"bitfieldExtract", "gl_extract", 0},
+    {"bitfieldInsert", "gl_insert", 0},
+    {"packUnorm4x8", "gl_pack_unorm4", 0},
+    {"unpackUnorm4x8", "gl_unpack_unorm4", 0},
+    {"packUnorm2x16", "gl_pack_unorm2", 0},
+    {"unpackUnorm2x16", "gl_unpack_unorm2", 0},
+    {"packHalf2x16", "gl_pack_half2", 0},
+    {"unpackHalf2x16", "gl_unpack_half2", 0},
+    {"packSnorm2x16", "gl_pack_snorm2", 0},
+    {"unpackSnorm2x16", "gl_unpack_snorm2", 0},
 };
 
 #define COUNT(a) (sizeof(a) / sizeof *(a))
 
 typedef struct Calls {
-    NameMap own;     /* functions and structs of the file */
+    NameMap own;     /* functions and structs of the file -> the name that it has now */
     NameMap builtin; /* -> Rename, the first of its name */
     bool uses_module;
 } Calls;
 
 static void rename_call(GlslWalk *w, Expr *e) {
     Calls *c = w->user;
-    if (e->kind != E_CALL || map_get(&c->own, e->name) || glsl_is_local(w, e->name)) return;
+    if (e->kind != E_CALL || glsl_is_local(w, e->name)) return;
+    const char *own = map_get(&c->own, e->name);
     const Rename *r = map_get(&c->builtin, e->name);
+    if (own) { /* the builtin is still there for arguments that the file's own do not take */
+        e->other = r && (!r->nargs || r->nargs == e->nargs) ? intern(w->p->s, r->ours, strlen(r->ours)) : e->name;
+        c->uses_module |= e->other != e->name && r->ours[0] == 'g';
+        e->name = own;
+        return;
+    }
     if (!r || (r->nargs && r->nargs != e->nargs)) return;
     Session *s = w->p->s;
     /* The levels of detail and derivatives of a lookup mean nothing: a texture has one level. */
@@ -74,11 +101,25 @@ static void rename_call(GlslWalk *w, Expr *e) {
     e->name = intern(s, r->ours, strlen(r->ours));
 }
 
+/* A function of the file that is called as a builtin is here and not in GLSL (`frac`, `lerp`) gets a name that is not
+ * interned: it must not stand before the builtin that GLSL calls `fract`. */
+static void own_names(Parser *p, NameMap *own) {
+    Arena *a = &p->s->module;
+    for (const StructDecl *d = p->module->struct_decls; d; d = d->next) map_put(a, own, d->name, (void *)d->name);
+    for (Func *f = p->module->funcs; f; f = f->next) {
+        const char *name = map_get(own, f->name);
+        for (size_t i = 0; !name && i < COUNT(renames); i++)
+            if (!strcmp(renames[i].ours, f->name)) name = arena_strndup(a, f->name, strlen(f->name));
+        if (!name) name = f->name;
+        map_put(a, own, f->name, (void *)name);
+        f->name = name;
+    }
+}
+
 void glsl_rename_calls(Parser *p) {
     Calls c = {0};
     Arena *a = &p->s->module;
-    for (const Func *f = p->module->funcs; f; f = f->next) map_put(a, &c.own, f->name, p);
-    for (const StructDecl *d = p->module->struct_decls; d; d = d->next) map_put(a, &c.own, d->name, p);
+    own_names(p, &c.own);
     for (size_t i = 0; i < COUNT(renames); i++)
         map_put(a, &c.builtin, intern(p->s, renames[i].glsl, strlen(renames[i].glsl)), (void *)&renames[i]);
     GlslWalk w = {.p = p, .visit = rename_call, .user = &c};

@@ -85,6 +85,8 @@ static void fragment_variables(Text *t) {
     }
     if (wanted(p, "gl_FragColor")) variable(p, "float4", "gl_FragColor", 0);
     if (wanted(p, "gl_FragData")) variable(p, "float4", "gl_FragData", 1);
+    if (wanted(p, "gl_FrontFacing")) add(t, &t->decls, "const bool gl_FrontFacing = true;\n");
+    if (wanted(p, "gl_PointCoord")) add(t, &t->decls, "const float2 gl_PointCoord = float2(0.0);\n");
     if (map_get(&p->unit->words, word(p, "discard"))) variable(p, "bool", "gl_discard", 0);
     for (uint32_t i = 0; i < p->unit->inputs.len; i++) {
         Symbol *in = p->unit->inputs.data[i];
@@ -175,9 +177,7 @@ void glsl_complete(Parser *p) {
     host_uniforms(&t);
     fragment_variables(&t);
     if (!entry_text(&t)) return;
-    const char *name = "image";
-    for (const Func *f = p->module->funcs; f; f = f->next)
-        if (!strcmp(f->name, name)) name = "gl_image";
+    const char *name = map_get(&p->unit->words, word(p, "image")) ? "gl_image" : "image";
     parse_text(p,
                arena_printf(
                    &p->s->session,

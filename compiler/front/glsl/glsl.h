@@ -2,6 +2,7 @@
  *
  *   preprocess.c   directives and macros: bytes to the tokens that remain
  *   words.c        GLSL's words become ours: vec3 is float3, qualifiers go, what is not accepted says so
+ *   flatten.c      structs and blocks of uniforms are taken out of what declares them
  *   decl.c         declarations at file scope, array constructors: called by the parser
  *   walk.c         over what was parsed, with the names that are local at each place
  *   calls.c        builtin functions under GLSL's names
@@ -32,6 +33,8 @@ struct GlslUnit {
 TokenVec glsl_preprocess(Session *s, int file);
 /* In place: types, qualifiers, words that are ours and not GLSL's. */
 void glsl_words(Session *s, TokenVec *tokens, NameMap *words);
+/* Structs where the language has them, blocks of uniforms as uniforms. */
+void glsl_flatten(Session *s, TokenVec *tokens);
 
 /* decl.c. At file scope: a declaration that is no function and no struct; false: it is one. */
 bool glsl_declaration(Parser *p);

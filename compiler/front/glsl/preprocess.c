@@ -398,8 +398,10 @@ static void directive(Pre *p) {
     if (p->ahead.first_on_line || p->ahead.kind == TOK_EOF) return; /* a `#` alone */
     const char *word = is_word(&p->ahead) ? p->ahead.text : "";
     at = parse_join(at, p->ahead.span);
+    if (!strcmp(word, "error") || any_of(word, ignored)) p->lx.quiet = true; /* text behind it need be no tokens */
     advance(p);
     TokenVec rest = line(p);
+    p->lx.quiet = !active(p);
     Span all = rest.len ? parse_join(at, rest.data[rest.len - 1].span) : at;
     if (!strcmp(word, "if")) {
         begin_if(p, at, active(p) && condition(p, &rest, all));

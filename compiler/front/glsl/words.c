@@ -21,10 +21,11 @@ static const char *const qualifiers[] = {"highp",    "mediump",       "lowp",   
                                          "centroid", "noperspective", "invariant", "precise"};
 static const char *const foreign[] = {
     "samplerCube", "sampler3D",  "sampler2DArray", "sampler2DShadow", "samplerCubeShadow",
-    "isampler2D",  "usampler2D", "double",         "dvec2",           "dvec3",
-    "dvec4",       "dmat2",      "dmat3",          "dmat4",           "mat2x3",
-    "mat2x4",      "mat3x2",     "mat3x4",         "mat4x2",          "mat4x3",
-    "buffer",      "shared",     "image2D"};
+    "isampler2D",  "usampler2D", "sampler1D",      "sampler2DRect",   "isampler3D",
+    "usampler3D",  "double",     "dvec2",          "dvec3",           "dvec4",
+    "dmat2",       "dmat3",      "dmat4",          "mat2x3",          "mat2x4",
+    "mat3x2",      "mat3x4",     "mat4x2",         "mat4x3",          "buffer",
+    "shared",      "image2D"};
 
 #define COUNT(a) (sizeof(a) / sizeof *(a))
 

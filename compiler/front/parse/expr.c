@@ -54,8 +54,9 @@ static Expr *literal(Parser *p, TypeKind kind, ConstVal value) {
 static Expr *integer_literal(Parser *p) {
     const Token t = p->tok;
     /* As in HLSL, a literal that does not fit int is uint. */
-    bool is_uint = t.is_unsigned || t.integer > INT32_MAX;
-    return literal(p, is_uint ? T_UINT : T_INT, (ConstVal){.v = {{.i = t.integer}}, .n = 1});
+    bool is_uint = t.is_unsigned || (t.integer > INT32_MAX && !p->glsl); /* there it is a pattern of bits */
+    return literal(p, is_uint ? T_UINT : T_INT,
+                   (ConstVal){.v = {{.i = is_uint ? (int64_t)t.integer : (int32_t)t.integer}}, .n = 1});
 }
 
 Expr *parse_string(Parser *p) {
@@ -341,7 +342,7 @@ Expr *parse_cond_expr(Parser *p) {
     if (!enter(p)) return error_expr(p);
     Expr *e = new_expr(p, E_COND, op_span);
     e->a[0] = test;
-    e->a[1] = parse_expr(p);
+    e->a[1] = p->glsl ? parse_comma_expr(p) : parse_expr(p);
     if (parse_expect(p, TOK_COLON, "`:` of `?:`")) e->a[2] = parse_cond_expr(p);
     else e->a[2] = error_expr(p);
     leave(p);

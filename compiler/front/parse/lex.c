@@ -38,7 +38,7 @@ Lexer lex_start(Session *s, int file) {
     if (lx.len >= 3 && !memcmp(lx.text, "\xEF\xBB\xBF", 3)) lx.pos = 3;
     for (uint32_t i = lx.pos; i < lx.len;) {
         uint32_t code, n = utf8_decode(lx.text + i, lx.len - i, &code);
-        if (code == 0xFFFD && n == 1) {
+        if (code == 0xFFFD && n == 1 && !s->sources[file].glsl[0]) { /* GLSL's comments may hold any bytes */
             COMPLAIN(&lx, bad_encoding, span_at(&lx, i, 1), "byte 0x%02X is not UTF-8 here", (unsigned char)lx.text[i]);
             break;
         }
@@ -171,7 +171,15 @@ static void lex_number(Lexer *lx, Token *t) {
             if (i < n)
                 fault = (s[i] | 32) == 'f' && i + 1 == n ? "an integer has no suffix `f`: write a point, as in `1.0f`"
                                                          : "this suffix does not exist; integers may end in `u`";
-            else if (whole > 1 && s[0] == '0') fault = "an integer does not start with 0 (there are no octal numbers)";
+            else if (whole > 1 && s[0] == '0' && lx->glsl) {
+                for (i = 1; i < whole; i++)
+                    if (s[i] > '7') fault = "an integer that starts with 0 is octal, without 8 and 9";
+                if (!fault) {
+                    lex_integer(lx, t, s, whole, 8);
+                    return;
+                }
+            } else if (whole > 1 && s[0] == '0')
+                fault = "an integer does not start with 0 (there are no octal numbers)";
             else {
                 lex_integer(lx, t, s, whole, 10);
                 return;
@@ -272,7 +280,7 @@ static void skip_bad(Lexer *lx) {
         if (first >= 0x80 ? c < 0x80 && !is_letter((char)c) && !is_digit((char)c) : c != (unsigned char)first) break;
         lx->pos += c < 0x80 ? 1 : utf8_decode(lx->text + lx->pos, lx->len - lx->pos, &code);
     }
-    if (encoding || lx->quiet) return;
+    if ((encoding && !lx->glsl) || lx->quiet) return;
     char shown[8] = "";
     if (!utf8_unprintable(first)) shown[utf8_encode(first, shown)] = 0;
     Span span = span_at(lx, start, lx->pos - start);

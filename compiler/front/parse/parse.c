@@ -259,6 +259,7 @@ Module *parse_module(Session *s, int file, const char *name) {
     if (p.glsl) {
         TokenVec tokens = glsl_preprocess(s, file);
         glsl_words(s, &tokens, &unit.words);
+        glsl_flatten(s, &tokens);
         p.lx.tokens = tokens.data;
     }
     parse_advance(&p);

@@ -1,0 +1,206 @@
+/* Warnings of what was sampled: words, places in the source, and what `saltus explain` says of each. */
+#include <math.h>
+#include <string.h>
+#include <strings.h>
+
+#include "bindings/c/api.h"
+#include "cli/cli.h"
+
+enum { TEXT = 1024 };
+
+/* A warning may have several lines: `size` is left of buf. */
+typedef const SltPlace *Warn(const SltStats *s, char *buf,
+                             size_t size); /* the place, which may be none_at; NULL: nothing */
+static const SltPlace none_at;
+
+uint64_t report_lost(const SltStats *s) {
+    uint64_t lost = 0;
+    for (int r = 0; r < SLT_DROP_REASONS; r++) lost += r == SLT_DROP_COINCIDENT ? 0 : s->dropped[r];
+    return lost;
+}
+
+/* Some were counted as crossings before they were dropped. */
+static uint64_t met(const SltStats *s) {
+    return s->crossings + report_lost(s) - s->dropped[SLT_DROP_ZERO_GRADIENT] - s->dropped[SLT_DROP_INCONSISTENT];
+}
+
+/* (x, y) */
+static const char *point_text(const double x[3], char buf[96]) {
+    int n = x[2] != 0 ? 3 : 2, at = 0;
+    for (int d = 0; d < n; d++) at += snprintf(buf + at, 96 - (size_t)at, "%s%.6g", d ? ", " : "(", x[d]);
+    snprintf(buf + at, 96 - (size_t)at, ")");
+    return buf;
+}
+
+static int most_dropped(const SltStats *s) {
+    int most = -1;
+    for (int r = 0; r < SLT_DROP_REASONS; r++)
+        if (r != SLT_DROP_COINCIDENT && s->dropped[r] && (most < 0 || s->dropped[r] > s->dropped[most])) most = r;
+    return most;
+}
+
+/* Why most of them were, where, and what helps. */
+const SltPlace *report_lost_text(const SltStats *s, char *buf, size_t size) {
+    int most = most_dropped(s),
+        at = snprintf(buf, size, "%llu of %llu crossings were dropped:", (unsigned long long)report_lost(s),
+                      (unsigned long long)met(s));
+    if (most < 0) return &none_at;
+    for (int r = 0; r < SLT_DROP_REASONS; r++)
+        if (s->dropped[r] && r != SLT_DROP_COINCIDENT)
+            at +=
+                snprintf(buf + at, size - (size_t)at, " %s %llu", slt_drop_names[r], (unsigned long long)s->dropped[r]);
+    const SltPlace *place = &s->dropped_at[most];
+    const char *title = "", *explained;
+    sampled_explain(slt_drop_names[most], &title, &explained);
+    char x[96];
+    if (place->known) at += snprintf(buf + at, size - (size_t)at, "; as at x = %s", point_text(place->x, x));
+    if (place->text) at += snprintf(buf + at, size - (size_t)at, ", `%s`", place->text);
+    snprintf(buf + at, size - (size_t)at, " (%s: `saltus explain %s`)", title, slt_drop_names[most]);
+    return place;
+}
+
+static const SltPlace *dropped_text(const SltStats *s, char *buf, size_t size) {
+    return report_lost(s) * 1000 <= met(s) ? NULL : report_lost_text(s, buf, size);
+}
+
+/* Where boundaries coincide and move apart, the integral has a derivative to each side, and none. */
+static const SltPlace *coincident_text(const SltStats *s, char *buf, size_t size) {
+    uint64_t n = s->dropped[SLT_DROP_COINCIDENT];
+    snprintf(buf, size,
+             "boundaries coincide and move apart: the integral has no derivative there; what is printed lies halfway "
+             "between those to the two sides, half their difference is part of the error (%llu places; `saltus explain "
+             "coincident`)",
+             (unsigned long long)n);
+    return n ? &s->dropped_at[SLT_DROP_COINCIDENT] : NULL;
+}
+
+/* Far from the origin, or with very many lines. */
+static const SltPlace *ulps_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(buf, size,
+             "in single precision coordinates here have %.2g steps from line to line, fewer than %d: errors are larger "
+             "than stated; --precision f64, or a domain nearer to the origin",
+             s->ulps, SLT_FEW_ULPS);
+    return s->ulps > 0 ? &none_at : NULL;
+}
+
+/* Else the certificate would be believed of these jumps too. */
+static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
+    snprintf(
+        buf, size,
+        "line %u: f jumps where this decides, or makes a [Disc] decide otherwise, and no [Disc] tags it. The "
+        "derivative lacks its motion: tag it. The stated error grows by the size of the jumps, as if they moved by "
+        "1; %.2g of the domain is not certified for it",
+        s->upset_line, s->upset);
+    return s->upset > 0 ? &none_at : NULL;
+}
+
+static const SltPlace *nonfinite_text(const SltStats *s, char *buf, size_t size) {
+    const SltPlace *place = &s->nonfinite_at;
+    char x[96];
+    int at = snprintf(buf, size,
+                      "results that are not finite: %llu. f, its integral or a derivative is infinite or NaN somewhere",
+                      (unsigned long long)s->nonfinite);
+    if (place->in_image)
+        at +=
+            snprintf(buf + at, size - (size_t)at, "; the first in column %u, row %u", place->pixel[0], place->pixel[1]);
+    if (place->line || !place->in_image)
+        if (place->known) at += snprintf(buf + at, size - (size_t)at, "; at x = %s", point_text(place->x, x));
+    if (place->text) snprintf(buf + at, size - (size_t)at, " by `%s`", place->text);
+    return s->nonfinite ? place : NULL;
+}
+
+static const struct {
+    const char *code;
+    Warn *text;
+} sampled[] = {{"dropped", dropped_text},
+               {"coincident", coincident_text},
+               {"few_ulps", ulps_text},
+               {"upset", upset_text},
+               {"nonfinite", nonfinite_text}};
+enum { SAMPLED = sizeof sampled / sizeof *sampled };
+
+void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
+    const char *lines = slt_diagnostics_json(p);
+    bool first = true;
+    fputs("\"warnings\": [", out);
+    while (*lines) {
+        const char *end = strchr(lines, '\n');
+        size_t n = end ? (size_t)(end - lines) : strlen(lines);
+        if (n) fprintf(out, "%s%.*s", first ? "" : ", ", (int)n, lines);
+        first = false;
+        lines += n + (end != NULL);
+    }
+    char text[TEXT];
+    for (int i = 0; i < SAMPLED && s; i++) {
+        const SltPlace *at = sampled[i].text(s, text, sizeof text);
+        if (!at) continue;
+        fprintf(out, "%s{\"uri\": ", first ? "" : ", ");
+        if (at->file) diag_put_uri(out, at->file);
+        else fputs("\"\"", out);
+        uint32_t line = at->line ? at->line - 1 : 0, column = at->column ? at->column - 1 : 0;
+        fprintf(out,
+                ", \"range\": {\"start\": {\"line\": %u, \"character\": %u}, \"end\": {\"line\": %u, "
+                "\"character\": %u}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": ",
+                line, column, line, column + (uint32_t)(at->text ? strlen(at->text) : 0), sampled[i].code);
+        json_text(out, text);
+        fputc('}', out);
+        first = false;
+    }
+    fputc(']', out);
+}
+
+void report_place(FILE *out, const SltPlace *at) {
+    if (at->file) fprintf(out, "%s:%u:%u: ", at->file, at->line, at->column);
+}
+
+void report_dropped(const Cli *c, const SltStats *s) {
+    char text[TEXT];
+    for (int i = 0; i < SAMPLED && !c->quiet; i++) {
+        const SltPlace *at = sampled[i].text(s, text, sizeof text);
+        if (!at) continue;
+        fputs("saltus: warning: ", stderr);
+        report_place(stderr, at);
+        fprintf(stderr, "%s\n", text);
+    }
+    if (s->truncated && !c->quiet)
+        fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times\n", (unsigned long long)s->truncated);
+    if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
+}
+
+void report_place_json(FILE *out, const SltPlace *at) {
+    if (!at->known) {
+        fputs("null", out);
+        return;
+    }
+    fputs("{\"pixel\": ", out);
+    if (at->in_image) fprintf(out, "[%u, %u, %u]", at->pixel[0], at->pixel[1], at->pixel[2]);
+    else fputs("null", out);
+    fputs(", \"x\": ", out);
+    if (at->line || !at->in_image) {
+        for (int d = 0; d < 3; d++) fputs(d ? ", " : "[", out), json_number(out, at->x[d]);
+        fputc(']', out);
+    } else {
+        fputs("null", out);
+    }
+    fprintf(out, ", \"line\": %u, \"column\": %u, \"text\": ", at->line, at->column);
+    json_text(out, at->text ? at->text : "");
+    fputc('}', out);
+}
+
+/* ---- codes */
+static const struct {
+    const char *name, *title, *text;
+} codes[] = {
+#define CODE(name, title, text) {name, title, text},
+#include "cli/codes.def"
+#undef CODE
+};
+
+const char *sampled_explain(const char *name, const char **title, const char **text) {
+    for (size_t i = 0; i < sizeof codes / sizeof *codes; i++) {
+        if (strcasecmp(codes[i].name, name)) continue;
+        *title = codes[i].title, *text = codes[i].text;
+        return codes[i].name;
+    }
+    return NULL;
+}

@@ -1,0 +1,159 @@
+/* Interrupts, the time limit and notes on progress: a thread that watches the command's work.
+ *
+ * Ctrl-C and --max-seconds ask the library to stop, which it does between two calls of a kernel. What does not listen
+ * (LLVM has no way to cancel, and one call of a kernel may take long) is left behind: the process ends with the same
+ * words and status. No output is half-written then, because results go out behind watch_commit(). */
+#include <fcntl.h>
+#include <math.h>
+#include <poll.h>
+#include <pthread.h>
+#include <signal.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "cli/cli.h"
+
+enum { SANDBOX_SECONDS = 60, STACK_BYTES = 256 << 10 };
+#define SANDBOX_BYTES ((rlim_t)4 << 30)
+#define GRACE 0.5       /* seconds from the wish to stop to leaving */
+#define GRACE_KEEPING 8 /* where results would be lost: a fit with iterations */
+#define NOTE_EVERY 10.0
+
+/* Process state: a signal handler has nowhere else to write, and the thread looks where it writes. */
+static volatile sig_atomic_t interrupted;
+static volatile int cancel_flag;
+static int wake[2] = {-1, -1};
+static struct {
+    pthread_mutex_t lock;
+    bool committed, keeping, is_fit, notes, timed_out;
+    double start, limit, next_note;
+    double fraction;  /* below 0: not known */
+    const char *what; /* the phase */
+    char detail[96];
+    char costs[400]; /* said once, with the first note */
+} watched = {.lock = PTHREAD_MUTEX_INITIALIZER, .what = "compiling", .fraction = -1};
+
+static void on_interrupt(int sig) {
+    (void)sig;
+    if (interrupted) _exit(SLT_INTERRUPTED);
+    interrupted = 1;
+    cancel_flag = 1;
+    ssize_t ignored = write(wake[1], "", 1);
+    (void)ignored;
+}
+
+/* Ends the process, unless results are on their way out. */
+static void leave(bool timed_out) {
+    pthread_mutex_lock(&watched.lock);
+    if (!watched.committed) {
+        const char *text = timed_out ? "saltus: the time limit was reached\n" : "saltus: interrupted\n";
+        ssize_t ignored = write(2, text, strlen(text));
+        (void)ignored;
+        loss_abandon();
+        _exit(timed_out ? SLT_LIMIT : SLT_INTERRUPTED);
+    }
+    pthread_mutex_unlock(&watched.lock);
+}
+
+static void note(double seconds) {
+    char text[640], left[48] = "";
+    pthread_mutex_lock(&watched.lock);
+    if (!watched.committed) {
+        int n = snprintf(text, sizeof text, "saltus: note: %s, %.0f s", watched.what, seconds);
+        if (watched.fraction > 0.001) snprintf(left, sizeof left, ", %.0f %% done", 100 * fmin(watched.fraction, 1));
+        n += snprintf(text + n, sizeof text - (size_t)n, "%s%s%s%s%s\n", left, *watched.detail ? ", " : "",
+                      watched.detail, *watched.costs ? "; " : "", watched.costs);
+        *watched.costs = 0;
+        ssize_t ignored = write(2, text, (size_t)n < sizeof text ? (size_t)n : sizeof text - 1);
+        (void)ignored;
+    }
+    pthread_mutex_unlock(&watched.lock);
+}
+
+static void *watch(void *arg) {
+    double stop_by = 0; /* when to leave */
+    (void)arg;
+    for (;;) {
+        double now = cli_now(), next = now + 3600;
+        pthread_mutex_lock(&watched.lock);
+        bool over = watched.committed;
+        double grace = watched.keeping ? GRACE_KEEPING : GRACE, limit = watched.limit;
+        /* A fit has its own limit, which begins later, and a result at its end. */
+        double asked = limit > 0 ? watched.start + limit + (watched.is_fit ? 2 : 0) : 0;
+        if (!interrupted && asked > 0 && now >= asked) watched.timed_out = true, cancel_flag = 1;
+        bool timed_out = watched.timed_out, notes = watched.notes;
+        pthread_mutex_unlock(&watched.lock);
+        if (over) return NULL;
+        if (cancel_flag && stop_by == 0) stop_by = now + grace;
+        if (stop_by > 0 && now >= stop_by) {
+            leave(timed_out);
+            return NULL;
+        }
+        if (notes && !cancel_flag && now >= watched.next_note) {
+            note(now - watched.start);
+            watched.next_note = now + NOTE_EVERY;
+        }
+        if (stop_by > 0) next = stop_by;
+        else if (asked > 0) next = fmin(next, asked);
+        if (notes && !cancel_flag) next = fmin(next, watched.next_note);
+        struct pollfd fd = {.fd = stop_by > 0 ? -1 : wake[0], .events = POLLIN};
+        poll(&fd, 1, (int)fmax(1, ceil(1e3 * (next - now))));
+    }
+}
+
+void watch_begin(Cli *c) {
+    if (c->opt.sandbox) {
+        const struct rlimit memory = {SANDBOX_BYTES, SANDBOX_BYTES};
+        setrlimit(RLIMIT_DATA, &memory);
+        if (c->max_seconds <= 0) c->max_seconds = SANDBOX_SECONDS;
+    }
+    watched.start = cli_now(), watched.limit = c->max_seconds;
+    watched.is_fit = c->verb->bit == FIT;
+    watched.notes = !c->quiet && !c->json && !isatty(2);
+    watched.next_note = watched.start + NOTE_EVERY;
+    c->job.cancel = &cancel_flag;
+    if (pipe2(wake, O_CLOEXEC | O_NONBLOCK) != 0) return;
+    pthread_t id;
+    pthread_attr_t small;
+    pthread_attr_init(&small);
+    pthread_attr_setstacksize(&small, STACK_BYTES);
+    pthread_attr_setdetachstate(&small, PTHREAD_CREATE_DETACHED);
+    struct sigaction sa = {.sa_handler = on_interrupt, .sa_flags = SA_RESTART};
+    /* Without the thread what does not listen cannot be left: then a signal ends the process as it always would. */
+    if (pthread_create(&id, &small, watch, NULL) == 0) {
+        sigaction(SIGINT, &sa, NULL);
+        sigaction(SIGTERM, &sa, NULL);
+    }
+    pthread_attr_destroy(&small);
+}
+
+void watch_commit(void) {
+    pthread_mutex_lock(&watched.lock);
+    watched.committed = true;
+    pthread_mutex_unlock(&watched.lock);
+}
+
+void watch_keep(void) {
+    pthread_mutex_lock(&watched.lock);
+    watched.keeping = true;
+    pthread_mutex_unlock(&watched.lock);
+}
+
+void watch_phase(const char *what, double fraction, const char *detail) {
+    pthread_mutex_lock(&watched.lock);
+    if (what) watched.what = what;
+    watched.fraction = fraction;
+    snprintf(watched.detail, sizeof watched.detail, "%s", detail ? detail : "");
+    pthread_mutex_unlock(&watched.lock);
+}
+
+void watch_costs(const char *text) {
+    pthread_mutex_lock(&watched.lock);
+    snprintf(watched.costs, sizeof watched.costs, "%s", text);
+    pthread_mutex_unlock(&watched.lock);
+}
+
+bool cli_interrupted(void) { return interrupted != 0; }
+
+SltStatus watch_status(SltStatus status) { return status == SLT_INTERRUPTED && !interrupted ? SLT_LIMIT : status; }

@@ -1,0 +1,73 @@
+"""Whoever waits is answered: interrupts and limits inside a compilation, a search or a tile, and notes on progress."""
+import random
+import signal
+import time
+import unittest
+
+from harness import Case
+
+# Hundreds of crossings on every line, close to each other: minutes in one tile.
+MANDEL = """
+void mainImage(out vec4 color, in vec2 at) {
+    vec2 c = vec2(-0.6, 0.0) + (1.3 + iTime) * (2.0 * at - iResolution.xy) / iResolution.y, z = vec2(0.0);
+    float n = 0.0;
+    for (int i = 0; i < 200; i++) {
+        z = vec2(z.x * z.x - z.y * z.y, 2.0 * z.x * z.y) + c;
+        if (length(z) > 2.0) break;
+        n += 1.0;
+    }
+    color = vec4(n / 200.0);
+}
+"""
+SOON = 15  # seconds; half a second where nothing else runs
+
+
+def straight_line(operations):
+    """What LLVM compiles for long, and cannot be told to stop."""
+    pick = random.Random(1)
+    lines = ["float v0 = x.x * a; float v1 = x.y;"]
+    for i in range(2, operations):
+        lines.append("float v%d = %s(v%d, v%d + %d.5);" % (i, pick.choice(("min", "max", "atan2")), pick.randrange(max(0, i - 30), i), i - 1, i % 7))
+    return "param float a = 1.0;\nshader float main(float2 x) {\n%s\nfloat f = 0.0; [Disc] if (v%d < 3.0) f = 1.0; return f; }" % ("\n".join(lines), operations - 1)
+
+
+class Watched(Case):
+    def interrupt(self, *args, after=2.0, code=130):
+        p = self.start_cli(*args)
+        time.sleep(after)
+        self.assertIsNone(p.poll(), "it was over before it could be interrupted")
+        start = time.time()
+        p.send_signal(signal.SIGINT)
+        out, err = p.communicate(timeout=120)
+        self.assertEqual(p.returncode, code, err)
+        self.assertLess(time.time() - start, SOON)
+        self.assertEqual(err.decode().count("saltus: interrupted\n"), 1, err)
+        self.assertEqual(out, b"")
+        return err.decode()
+
+    def test_search(self):
+        self.put("m.frag", MANDEL)
+        for args in (["grad", "m.frag", "--integral"], ["grad", "m.frag", "-o", "g.exr"], ["check", "m.frag"], ["grad", "m.frag", "--estimator", "quadrature"],
+                     ["render", "m.frag", "--exact", "--size", "512", "-o", "r.png"], ["grad", "m.frag", "--estimator", "fd", "--samples", "100000000"]):
+            self.interrupt(*args)
+        self.no_leftovers("m.frag")
+
+    def test_compilation(self):
+        self.put("s.salt", straight_line(4000))
+        for verb in ("explain", "grad", "build"):
+            self.interrupt(verb, "s.salt", "--no-cache", *(["-o", "s.o"] if verb == "build" else []))
+        self.run_cli("explain", "s.salt", "--no-cache", "--max-seconds", "0.5", code=6)
+        self.no_leftovers()
+
+    def test_notes(self):
+        self.put("m.frag", MANDEL)
+        err = self.interrupt("grad", "m.frag", after=13)
+        self.assertRegex(err, r"note: grad, 1\d s.*1 site with at most 200 events.*m\.frag:7")
+        start = time.time()
+        r = self.run_cli("grad", "m.frag", "--max-seconds", "1", "--json", code=6)
+        self.assertLess(time.time() - start, 1 + SOON)
+        self.assertNotIn("note:", r.err)
+
+
+if __name__ == "__main__":
+    unittest.main()
