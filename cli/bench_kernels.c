@@ -82,7 +82,7 @@ int bench_kernels(Cli *c, SltProgram *p) {
     if (status == SLT_OK) status = api_geometries(p, &err);
     if (status != SLT_OK) return cli_fail(c, &err);
     Buffers b = {0};
-    if (!make_buffers(p, &b)) return free_buffers(&b), fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    if (!make_buffers(p, &b)) return free_buffers(&b), cli_error(SLT_LIMIT, "out of memory");
     double ns[NSHOWN][ROUNDS];
     int calls[NSHOWN];
     for (int k = 0; k < NSHOWN; k++) {

@@ -191,7 +191,7 @@ static int build(Cli *c, SltProgram *p) {
                     c, "kernel %s searches `%s`, which needs the library's structures: what `build` makes stands alone",
                     kernel_names[k], p->prog->params[p->prog->geometries[f].param].name);
     char *header = make_header(p, stem);
-    if (!header) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    if (!header) return cli_error(SLT_LIMIT, "out of memory");
     char *header_path = cli_need(malloc(strlen(c->output) + 4));
     strcpy(header_path, c->output);
     strcpy(strrchr(header_path, '.'), ".h");
@@ -208,7 +208,7 @@ static int build(Cli *c, SltProgram *p) {
                           .width = c->opt.width,
                           .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
                           .opt_level = 2,
-                          .output_rgba8 = c->opt.rgba8};
+                          .pixels = api_pixels(p)};
         const char *why = NULL;
         status = (SltStatus)back_emit(p->session, req, n, &bo, kind == 'S' ? 'o' : kind, &code, &size, &why);
         if (status != SLT_OK) status_fail(&err, status, "%s", why ? why : "the object could not be made");

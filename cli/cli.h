@@ -35,6 +35,7 @@ enum {
 #include "cli/verbs.def"
 #undef VERB
     ALL = (1u << VERB_COUNT) - 1,
+    INNER = 1u << 30, /* for those who work on the compiler, or compare: --help-all alone lists it */
     RUN = RENDER | GRAD | FIT | CHECK | BENCH
 };
 
@@ -77,6 +78,8 @@ struct Cli {
     SltSet param_files[CLI_MAX_LIST]; /* those that are @file: they may decide sizes */
     uint32_t nparams, nparam_files;
     const char *params_file, *output;
+    const char *stream_format; /* of -o -: "png", ... */
+    bool streams;              /* -o - */
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;
     bool json, quiet;
@@ -111,8 +114,19 @@ struct Cli {
 enum { CLI_HELPED = -1 };                     /* help or version was printed: all is well, and nothing is left to do */
 int cli_parse(int argc, char **argv, Cli *c); /* an SltStatus, or CLI_HELPED */
 int cli_choice(const char *names, const char *text); /* the number of text in names, a|b|c; -1: it is not among them */
-void cli_help(FILE *out, const char *verb);
+void cli_help(FILE *out, const char *verb, bool all);
 int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3))); /* prints, returns SLT_USAGE */
+
+/* completions.c: the script for bash, zsh or fish that completes what the tables list; false: another shell. */
+bool cli_completions(FILE *out, const char *shell);
+
+/* stream.c: -o - is a file of its own until all is well, and then goes to standard output. The verb sees the file's
+ * name in c->output. */
+typedef struct Stream {
+    char folder[4000], file[4096];
+} Stream;
+int stream_begin(Stream *s, Cli *c);
+int stream_end(Stream *s, Cli *c, int status);
 
 /* common.c */
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
@@ -120,6 +134,12 @@ int cli_usage(const Cli *c, const char *fmt, ...) __attribute__((format(printf, 
 int cli_compile(Cli *c, SltProgram **out);
 void cli_tell(Cli *c, SltProgram *p);            /* prints the diagnostics that are new since the last time */
 int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns its status */
+/* Prints an error on standard error and returns its status: `saltus: text`, with --json one object on a line, in the
+ * shape of a diagnostic with "status" added. */
+int cli_error(int status, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void cli_errors_as_json(void);
+/* Images, values and integrals: what is known of derivatives alone is not said. */
+void cli_forget_derivatives(SltProgram *p);
 /* `p`, what an allocation returned. Where that is nothing the command says so and ends with status 6: it has nothing to
  * tidy up that the system does not, as long as no output is staged. */
 void *cli_need(void *p);

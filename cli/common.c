@@ -1,5 +1,6 @@
 /* Compiling, sizes, images: what every verb does first. */
 #include <math.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -15,6 +16,35 @@ double cli_now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+/* Not every place that finds an error has the command line at hand. */
+static bool json_errors;
+
+/* An error that has no place in a source, as a diagnostic of the Language Server Protocol. */
+#define JSON_HEAD                                                                                                      \
+    "{\"uri\":\"\",\"range\":{\"start\":{\"line\":0,\"character\":0},\"end\":{\"line\":0,\"character\":0}},"                  \
+    "\"severity\":1,\"code\":"
+#define JSON_TAIL ",\"source\":\"saltus\",\"message\":"
+
+void cli_errors_as_json(void) { json_errors = true; }
+
+int cli_error(int status, const char *fmt, ...) {
+    char text[2048];
+    va_list ap;
+    va_start(ap, fmt);
+    vsnprintf(text, sizeof text, fmt, ap);
+    va_end(ap);
+    if (json_errors) {
+        fputs(JSON_HEAD, stderr);
+        json_text(stderr, status_name((SltStatus)status));
+        fputs(JSON_TAIL, stderr);
+        json_text(stderr, text);
+        fprintf(stderr, ",\"status\":%d}\n", status);
+    } else {
+        fprintf(stderr, "saltus: %s\n", text);
+    }
+    return status;
+}
+
 int cli_unknown_format(const Cli *c) {
     char known[IMAGE_LIST_SIZE];
     return cli_usage(c, "-o %s: the extension is none of %s", c->output, image_list_formats(true, known));
@@ -25,14 +55,13 @@ int cli_fail(const Cli *c, const SltError *err) {
     const char *text = status != err->status ? "the time limit was reached" : err->text;
     (void)c;
     watch_commit();
-    if (status != SLT_STOPPED) fprintf(stderr, "saltus: %s\n", text[0] ? text : status_name(status));
-    return status;
+    if (status == SLT_STOPPED) return SLT_STOPPED;
+    return cli_error(status, "%s", text[0] ? text : status_name(status));
 }
 
 void *cli_need(void *p) {
     if (p) return p;
-    fputs("saltus: out of memory\n", stderr);
-    exit(SLT_LIMIT);
+    exit(cli_error(SLT_LIMIT, "out of memory"));
 }
 
 static char *read_stdin(void) {
@@ -60,6 +89,16 @@ static bool errs_in_expr(const SltProgram *p) {
     return true;
 }
 
+/* Places are told as people typed them: not those of the shader around the expression. */
+static void show_expr_alone(const SltProgram *p, const char *source, const char *expr) {
+    const char *at = strstr(source, "return\n") + strlen("return\n");
+    for (uint32_t i = 0; p && i < p->session->nsources; i++) {
+        Source *s = &p->session->sources[i];
+        if (strcmp(s->path, "<expr>") != 0 || s->len < (uint32_t)(at - source) + strlen(expr)) continue;
+        s->lead = 2, s->shown_end = (uint32_t)(at - source) + (uint32_t)strlen(expr);
+    }
+}
+
 static SltStatus compile_expr(Cli *c, SltProgram **out) {
     static const char *const types[] = {"float", "float2", "float3", "float4"};
     SltProgram *first = NULL;
@@ -72,8 +111,10 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
                  types[t], c->expr);
         SltProgram *p = NULL;
         status = slt_compile_string(source, "<expr>", &c->opt, &p);
+        bool errs = errs_in_expr(p);
+        show_expr_alone(p, source, c->expr);
         free(source);
-        if (status != SLT_PROGRAM || !errs_in_expr(p)) {
+        if (status != SLT_PROGRAM || !errs) {
             slt_program_free(first);
             *out = p;
             return status;
@@ -118,8 +159,7 @@ static int refuse_sources(const Cli *c, const SltProgram *p) {
         for (uint32_t i = 0; i < p->session->nsources; i++)
             same |= is_same_file(outputs[k], p->session->sources[i].path);
         if (!same) continue;
-        fprintf(stderr, "saltus: '%s' is a source of this run, and would be overwritten\n", outputs[k]);
-        return SLT_OUTPUT;
+        return cli_error(SLT_OUTPUT, "'%s' is a source of this run, and would be overwritten", outputs[k]);
     }
     return SLT_OK;
 }
@@ -137,6 +177,39 @@ static void warn_not_finite(const Cli *c, const SltProgram *p) {
             break;
         }
     }
+}
+
+/* Values outside of what [Range] promises; NaN has been warned of. */
+static void warn_of_ranges(Session *s, void *user) {
+    SltProgram *p = user;
+    char name[256];
+    for (uint32_t i = 0; i < p->prog->nparams; i++) {
+        const Param *q = &p->prog->params[i];
+        SltParam is = SLT_PARAM_INIT;
+        slt_param(p, i, &is);
+        for (uint32_t k = 0; is.has_range && k < q->fcount; k++) {
+            double v = p->floats[q->fbase + k];
+            if (!(v < is.lo || v > is.hi)) continue;
+            report_component_name(p, q->fbase + k, name, sizeof name);
+            diag_emit(s, DIAG_out_of_range, q->sym ? q->sym->span : SPAN_NONE, arena_printf(&s->session, "%s", name), v,
+                      is.lo, is.hi);
+            break; /* one of an array is enough */
+        }
+    }
+}
+
+void cli_forget_derivatives(SltProgram *p) {
+    static const DiagCode of_them[] = {DIAG_untracked, DIAG_static_disc, DIAG_stepping, DIAG_steep, DIAG_equal_steps};
+    Session *s = p->session;
+    Diag **at = &s->diags;
+    while (*at) {
+        bool forget = false;
+        for (size_t i = 0; i < sizeof of_them / sizeof *of_them; i++) forget |= (*at)->code == of_them[i];
+        s->nwarnings -= forget;
+        if (forget) *at = (*at)->next;
+        else at = &(*at)->next;
+    }
+    s->diags_end = at;
 }
 
 /* For whoever waits: how much there is to search, and where most of it comes from. */
@@ -187,13 +260,14 @@ int cli_compile(Cli *c, SltProgram **out) {
     }
     *out = p;
     cli_need(p);
+    if (c->verb->bit == RENDER) cli_forget_derivatives(p);
     bool told = slt_diagnostic_count(p) > 0;
     if (told && !(c->quiet && status == SLT_OK)) cli_tell(c, p);
     c->told = slt_diagnostic_count(p);
     if (status == SLT_STOPPED) return status;
     if (status != SLT_OK) {
         bool listed = told && p->session->nerrors && status != SLT_LIMIT;
-        if (!listed) fprintf(stderr, "saltus: %s\n", slt_last_error(p));
+        if (!listed) cli_error(status, "%s", slt_last_error(p));
         /* A file that cannot be opened has no diagnostics: the library's last error says so. */
         return status;
     }
@@ -212,6 +286,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     for (uint32_t i = 0; i < c->nparams; i++)
         if (slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK) return cli_fail(c, &err);
     warn_not_finite(c, p);
+    if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
+    if (!c->quiet) cli_tell(c, p);
     if (c->nwrt && slt_wrt(p, c->wrt, c->nwrt, &err) != SLT_OK) return cli_fail(c, &err);
     tell_costs(c, p);
     return SLT_OK;
@@ -231,9 +307,8 @@ int cli_prepare_job(Cli *c, SltProgram *p) {
     }
     double values = (double)c->job.size[0] * c->job.size[1] * c->job.size[2] * slt_channels(p);
     if (values > (double)(1u << 28)) {
-        fprintf(stderr, "saltus: an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values\n",
-                c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
-        return SLT_LIMIT;
+        return cli_error(SLT_LIMIT, "an image of %ux%ux%u with %u channels is larger than the limit of 2^28 values",
+                         c->job.size[0], c->job.size[1], c->job.size[2], slt_channels(p));
     }
     return SLT_OK;
 }
@@ -253,8 +328,8 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
     int w = (int)c->job.size[0], h = (int)c->job.size[1];
     if (root.width != w || root.height != h) {
         if (!resize) {
-            fprintf(stderr, "saltus: %s is %dx%d, but the image is %dx%d; give --size %dx%d\n", path, root.width,
-                    root.height, w, h, root.width, root.height);
+            cli_error(SLT_INPUT, "%s is %dx%d, but the image is %dx%d; give --size %dx%d", path, root.width,
+                      root.height, w, h, root.width, root.height);
             image_free(&root);
             return SLT_INPUT;
         }

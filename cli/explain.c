@@ -1,6 +1,5 @@
 /* saltus explain: what a program is made of, what was compiled, what was left out and why; or the story of one point;
  * or of one code. Each is a model that is printed as text or as JSON. */
-#include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -9,7 +8,7 @@
 
 static void print_code(const Cli *c, const char *code, const char *severity, const char *title, const char *text) {
     if (!c->json) {
-        printf("%s (%s): %s\n\n%s\n", code, severity, title, text);
+        printf("%s (%s)%s%s\n\n%s\n", code, severity, *title ? ": " : "", title, text);
         return;
     }
     const char *const pairs[][2] = {{"code", code}, {"severity", severity}, {"title", title}, {"explanation", text}};
@@ -24,21 +23,20 @@ static void print_code(const Cli *c, const char *code, const char *severity, con
 static bool is_code(const char *s) {
     const char *title, *text;
     if (!s) return false;
-    if (strchr("EWPewp", s[0]) && isdigit((unsigned char)s[1]) && strlen(s) == 5) return true;
+    if (strlen(s) == 5 && strchr("EWPewp", s[0]) && strspn(s + 1, "0123456789") == 4) return true;
     return sampled_explain(s, &title, &text) && access(s, F_OK) != 0;
 }
 
 static int explain_code(Cli *c) {
-    Severity severity;
-    const char *title, *text = diag_explain(c->file, &severity, &title), *name = c->file;
-    char code[6];
-    if (!text && (name = sampled_explain(c->file, &title, &text))) {
-        print_code(c, name, "warning", title, text);
+    DiagTitle title;
+    const char *words, *text = diag_explain(c->file, &title), *name;
+    if (!text && (name = sampled_explain(c->file, &words, &text))) {
+        print_code(c, name, "warning", words, text);
         return SLT_OK;
     }
     if (!text) return cli_usage(c, "there is no diagnostic `%s`", c->file);
-    for (uint32_t i = 0; i < sizeof code; i++) code[i] = (char)toupper((unsigned char)c->file[i]);
-    print_code(c, code, severity == SEV_ERROR ? "error" : severity == SEV_WARNING ? "warning" : "note", title, text);
+    name = title.severity == SEV_ERROR ? "error" : title.severity == SEV_WARNING ? "warning" : "note";
+    print_code(c, title.code, name, title.text, text);
     return SLT_OK;
 }
 
@@ -140,8 +138,10 @@ static void print_left_out(const Explained *m) {
 }
 
 static void print_program(const Explained *m) {
-    printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n\n", m->entry, m->dim, m->channels,
+    printf("%s: %uD, %u channel%s, %u float and %u integer parameter components\n", m->entry, m->dim, m->channels,
            m->channels == 1 ? "" : "s", m->nfloats, m->nints);
+    puts(m->display ? "colours: for a screen; what is PNG is written and read as it is\n"
+                    : "colours: linear light; a PNG gets them, and is read, through the curve of sRGB\n");
     print_sites(m);
     printf("\nevents bound\n  at most %llu in one sample; near-miss probe %s\n", (unsigned long long)m->events_bound,
            m->near_miss ? "on" : "off");
@@ -250,7 +250,8 @@ static void json_bounds(const ExplainedBounds *b) {
 static void json_program(const Explained *m, SltProgram *p) {
     printf("{\"entry\": ");
     json_text(stdout, m->entry);
-    printf(", \"dim\": %u, \"channels\": %u, \"sites\": [", m->dim, m->channels);
+    printf(", \"dim\": %u, \"channels\": %u, \"display\": %s, \"sites\": [", m->dim, m->channels,
+           m->display ? "true" : "false");
     json_sites(m);
     printf("], \"events_bound\": %llu, \"near_miss\": %s, \"kernels\": {", (unsigned long long)m->events_bound,
            m->near_miss ? "true" : "false");
@@ -360,10 +361,7 @@ static int explain_at(Cli *c, SltProgram *p) {
     ExplainedPoint m;
     SltError err = {0};
     int status = explain_point(p, x, &m, &err);
-    if (status != SLT_OK) {
-        fputs("saltus: the point could not be traced\n", stderr);
-        return status;
-    }
+    if (status != SLT_OK) return cli_error(status, "the point could not be traced");
     if (c->json) json_point(&m);
     else print_point(&m);
     return SLT_OK;
@@ -406,7 +404,7 @@ int verb_explain(Cli *c) {
     watch_phase("explain: compiling every kernel", -1, NULL);
     Explaining e = {c, p, SLT_OK};
     if (status == SLT_OK && (status = session_protect(p->session, explain, &e)) != SLT_OK)
-        fprintf(stderr, "saltus: %s\n", p->session->unwind_text);
+        cli_error(status, "%s", p->session->unwind_text);
     else if (status == SLT_OK) status = e.status;
     slt_program_free(p);
     return status;

@@ -60,6 +60,7 @@ typedef struct ExplainedBounds {
 
 typedef struct Explained {
     const char *entry;
+    bool display; /* slt_is_display */
     uint32_t dim, channels, nfloats, nints, width, ncull;
     bool f64, near_miss, has_geometry, uses_rand, cached;
     uint64_t events_bound; /* in one sample */

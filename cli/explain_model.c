@@ -208,6 +208,7 @@ SltStatus explain_program(const Cli *c, SltProgram *p, Explained *out, SltError 
     *out = (Explained){.entry = g->entry,
                        .dim = g->dim,
                        .channels = g->channels,
+                       .display = g->display,
                        .nfloats = g->nfloats,
                        .nints = g->nints,
                        .width = p->scene.width,

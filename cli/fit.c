@@ -395,10 +395,11 @@ static int write_outputs(Fit *f) {
         report_warnings_json(stdout, f->p, &f->stats);
         fputs("}\n", stdout);
     } else if (s == SLT_OK) {
-        if (!f->result.iterations) puts("no iteration: the parameters as they are, and no loss");
+        FILE *out = f->c->streams ? stderr : stdout;
+        if (!f->result.iterations) fputs("no iteration: the parameters as they are, and no loss\n", out);
         else
-            printf("loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,
-                   f->result.iterations, cli_now() - f->start, stop_names[f->result.stop]);
+            fprintf(out, "loss %.6g -> %.6g in %u iterations, %.1f s (%s)\n", f->result.initial_loss, f->result.loss,
+                    f->result.iterations, cli_now() - f->start, stop_names[f->result.stop]);
         if (!f->c->output) fputs(json, stdout);
     }
     free(json);

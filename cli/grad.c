@@ -82,7 +82,7 @@ static int grad_integral(Cli *c, SltProgram *p) {
     uint32_t ch = slt_channels(p);
     size_t n = (size_t)ch * slt_float_count(p) + 1;
     double *all = calloc(6 * n, sizeof *all), value[4] = {0}, value_se[4] = {0};
-    if (!all) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    if (!all) return cli_error(SLT_LIMIT, "out of memory");
     SltIntegral out = {.struct_size = sizeof out,
                        .value = value,
                        .value_stderr = value_se,
@@ -149,7 +149,7 @@ static int grad_loss(Cli *c, SltProgram *p) {
     double *g = calloc(2 * n, sizeof *g), loss = 0;
     if (!g) {
         free(image);
-        return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+        return cli_error(SLT_LIMIT, "out of memory");
     }
     Progress pr;
     progress_begin(&pr, c, "grad");
@@ -255,12 +255,11 @@ static int grad_images(Cli *c, SltProgram *p) {
         return cli_unknown_format(c);
     }
     if (n > CLI_MAX_COMPONENTS) {
-        fprintf(
-            stderr,
-            "saltus: %u components are more than %d derivative images; choose some with --wrt, or use --integral, --target or --adjoint for all at once\n",
-            n, CLI_MAX_COMPONENTS);
         report_free_components(names, index, n);
-        return SLT_LIMIT;
+        return cli_error(
+            SLT_LIMIT,
+            "%u components are more than %d derivative images; choose some with --wrt, or use --integral, --target or --adjoint for all at once",
+            n, CLI_MAX_COMPONENTS);
     }
     size_t pixels = (size_t)c->job.size[0] * c->job.size[1] * c->job.size[2];
     uint32_t planes = ch + n * ch + 1;
@@ -330,8 +329,9 @@ static int grad_images(Cli *c, SltProgram *p) {
         report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else if (status == SLT_OK && !c->quiet) {
-        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n", c->output, n, n == 1 ? "" : "s",
-                (unsigned long long)stats.crossings, stats.seconds);
+        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n",
+                c->streams ? "standard output" : c->output, n, n == 1 ? "" : "s", (unsigned long long)stats.crossings,
+                stats.seconds);
     }
     if (status == SLT_OK) {
         report_cells(c, &stats, &left);

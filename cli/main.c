@@ -24,14 +24,14 @@ int main(int argc, char **argv) {
     int status = cli_parse(argc, argv, &c);
     if (status == SLT_OK) {
         watch_begin(&c);
-        status = watch_status((SltStatus)c.verb->run(&c));
+        Stream stream;
+        status = stream_begin(&stream, &c);
+        if (status == SLT_OK) status = stream_end(&stream, &c, watch_status((SltStatus)c.verb->run(&c)));
         watch_commit();
     }
     for (uint32_t i = 0; i < c.nargs_storage; i++) free(c.args_storage[i]);
     if (status == CLI_HELPED || status == SLT_STOPPED) status = SLT_OK;
-    if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK) {
-        fputs("saltus: standard output could not be written\n", stderr);
-        status = SLT_OUTPUT;
-    }
+    if ((fflush(stdout) != 0 || ferror(stdout)) && status == SLT_OK)
+        status = cli_error(SLT_OUTPUT, "standard output could not be written");
     return status;
 }

@@ -21,13 +21,12 @@ static const Verb *find_verb(const char *name) {
 }
 
 int cli_usage(const Cli *c, const char *fmt, ...) {
+    char text[1024];
     va_list ap;
     va_start(ap, fmt);
-    fputs("saltus: ", stderr);
-    vfprintf(stderr, fmt, ap);
+    vsnprintf(text, sizeof text, fmt, ap);
     va_end(ap);
-    fprintf(stderr, " (see `saltus %s%s--help`)\n", c->verb ? c->verb->name : "", c->verb ? " " : "");
-    return SLT_USAGE;
+    return cli_error(SLT_USAGE, "%s (see `saltus %s%s--help`)", text, c->verb ? c->verb->name : "", c->verb ? " " : "");
 }
 
 static bool parse_number(const char *text, double lo, double hi, double *out) {
@@ -253,9 +252,27 @@ static int set_verify(Cli *c, const Option *o, const char *v) {
     return SLT_OK;
 }
 
+/* float and rgba8 are what the kernel writes, the others what -o - is. */
+static int set_format(Cli *c, const Option *o, const char *v) {
+    int pick = cli_choice(o->arg, v);
+    bool kernel = pick == 0 || pick == 1, json = !strcmp(v, "json");
+    if (pick < 0) return cli_usage(c, "%s: unknown `%s`; known: %s", o->name, v, o->arg);
+    if (c->verb->bit == FIT ? !json : json || (pick == 1 && c->verb->bit != RENDER))
+        return cli_usage(c, "%s %s is not for `%s`", o->name, v, c->verb->name);
+    c->opt.rgba8 = pick == 1;
+    c->stream_format = kernel ? NULL : v;
+    return SLT_OK;
+}
+
 static int set_help(Cli *c, const Option *o, const char *v) {
     (void)o, (void)v;
-    cli_help(stdout, c->verb->name);
+    cli_help(stdout, c->verb->name, false);
+    return CLI_HELPED;
+}
+
+static int set_help_all(Cli *c, const Option *o, const char *v) {
+    (void)o, (void)v;
+    cli_help(stdout, c->verb->name, true);
     return CLI_HELPED;
 }
 
@@ -282,7 +299,21 @@ static const Option options[] = {
 };
 enum { NOPTIONS = sizeof options / sizeof *options };
 
-void cli_help(FILE *out, const char *name) {
+/* Text in lines of at most 120 columns behind a margin of 32; on_next: the first line is full. */
+static void put_wrapped(FILE *out, const char *text, bool on_next) {
+    enum { MARGIN = 33, ROOM = 120 - MARGIN };
+    if (on_next) fprintf(out, "\n%*s", MARGIN, "");
+    while (strlen(text) > ROOM) {
+        int n = ROOM;
+        while (n > 0 && text[n] != ' ') n--;
+        if (!n) break;
+        fprintf(out, "%.*s\n%*s", n, text, MARGIN, "");
+        text += n + 1;
+    }
+    fprintf(out, "%s\n", text);
+}
+
+void cli_help(FILE *out, const char *name, bool all) {
     const Verb *verb = find_verb(name);
     if (!verb) {
         fputs(
@@ -291,19 +322,20 @@ void cli_help(FILE *out, const char *name) {
             "Saltus compiles shaders whose branches may jump, and differentiates their integrals, the moving jumps included.\n\n",
             out);
         for (int v = 0; v < VERB_COUNT; v++) fprintf(out, "  saltus %-38s %s\n", verbs[v].usage, verbs[v].what);
-        fputs(
-            "  saltus --version | --help | COMMAND --help\n\nFILE may be - (standard input) or --expr 'EXPRESSION in x'.\n",
-            out);
+        fprintf(out,
+                "  saltus %-38s the script that completes command lines\n  saltus %-38s all options with --help-all\n",
+                "completions bash|zsh|fish", "--version | --help | COMMAND --help");
+        fputs("\nFILE may be - (standard input) or --expr 'EXPRESSION in x'.\n", out);
         return;
     }
     fprintf(out, "Example:\n  %s\n\nUsage: saltus %s\n%s.\n\n", verb->example, verb->usage, verb->what);
     for (int i = 0; i < NOPTIONS; i++) {
-        if (!(options[i].verbs & verb->bit)) continue;
+        if (!(options[i].verbs & verb->bit) || (!all && options[i].verbs & INNER)) continue;
         char left[128];
         snprintf(left, sizeof left, "%s%s%s", options[i].name,
                  options[i].arg && !may_have_value(&options[i]) ? " " : "", options[i].arg ? options[i].arg : "");
-        fprintf(out, strlen(left) > 30 ? "  %s\n%33s%s\n" : "  %-30s%s%s\n", left, strlen(left) > 30 ? "" : " ",
-                options[i].help);
+        fprintf(out, strlen(left) > 30 ? "  %s" : "  %-30s ", left);
+        put_wrapped(out, options[i].help, strlen(left) > 30);
     }
     fputs("\nExit status: 0 done, 1 a check, fit or assert failed, 2 usage, 3 error in the program, 4 bad input file,\n"
           "5 output not written, 6 a limit was reached, 70 a fault of ours, 130 interrupted.\n",
@@ -349,6 +381,22 @@ static int check_cells(Cli *c) {
     return cli_usage(c, "%s is for --estimator quadrature or auto", asked);
 }
 
+/* What is asked of the command and not of a program. */
+static bool say_of_itself(int argc, char **argv) {
+    const char *word = argv[1];
+    bool all = !strcmp(word, "--help-all");
+    if (all || !strcmp(word, "--help") || !strcmp(word, "-h") || !strcmp(word, "help")) {
+        cli_help(stdout, argc > 2 ? argv[2] : NULL, all);
+        return true;
+    }
+    if (strcmp(word, "--version") != 0 && strcmp(word, "version") != 0) return false;
+    Target t;
+    target_host(&t);
+    printf("saltus %s, LLVM %s (%s), targets native avx512 avx2 sse2, SIMD %u bytes (%u lanes of f32), cpu %s\n",
+           slt_version(), back_llvm_version(), back_llvm_file(), t.vector_bytes, t.vector_bytes / 4, t.cpu);
+    return true;
+}
+
 int cli_parse(int argc, char **argv, Cli *c) {
     memset(c, 0, sizeof *c);
     c->opt = SLT_OPTIONS_INIT;
@@ -356,19 +404,15 @@ int cli_parse(int argc, char **argv, Cli *c) {
     c->iters = 200, c->every = 10, c->repeats = 8, c->tolerance = 4, c->loss_timeout = 600;
     c->optimizer = "adam";
     if (argc < 2) {
-        cli_help(stderr, NULL);
+        cli_help(stderr, NULL, false);
         return SLT_USAGE;
     }
-    if (!strcmp(argv[1], "--help") || !strcmp(argv[1], "-h") || !strcmp(argv[1], "help")) {
-        cli_help(stdout, argc > 2 ? argv[2] : NULL);
-        return CLI_HELPED;
-    }
-    if (!strcmp(argv[1], "--version")) {
-        Target t;
-        target_host(&t);
-        printf("saltus %s, LLVM %s (%s), targets native avx512 avx2 sse2, SIMD %u bytes (%u lanes of f32), cpu %s\n",
-               slt_version(), back_llvm_version(), back_llvm_file(), t.vector_bytes, t.vector_bytes / 4, t.cpu);
-        return CLI_HELPED;
+    for (int i = 1; i < argc && strcmp(argv[i], "--") != 0; i++)
+        if (!strcmp(argv[i], "--json")) cli_errors_as_json(); /* also those before it */
+    if (say_of_itself(argc, argv)) return CLI_HELPED;
+    if (!strcmp(argv[1], "completions")) {
+        if (argc == 3 && cli_completions(stdout, argv[2])) return CLI_HELPED;
+        return cli_usage(c, "completions wants bash, zsh or fish");
     }
     c->verb = find_verb(argv[1]);
     if (!c->verb) {

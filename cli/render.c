@@ -9,7 +9,7 @@ static int write_rgba8(Cli *c, SltProgram *p, SltStats *stats) {
     SltError err = {0};
     uint32_t w = c->job.size[0], h = c->job.size[1];
     uint32_t *pixels = malloc((size_t)w * h * sizeof *pixels);
-    if (!pixels) return fputs("saltus: out of memory\n", stderr), SLT_LIMIT;
+    if (!pixels) return cli_error(SLT_LIMIT, "out of memory");
     SltStatus status = slt_render_rgba8(p, &c->job, pixels, stats, &err);
     if (status == SLT_OK && c->output) {
         if (image_can_write(c->output))
@@ -29,7 +29,9 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
         char size[40];
         int end = snprintf(size, sizeof size, "%ux%u", c->job.size[0], c->job.size[1]);
         if (c->job.size[2] > 1) snprintf(size + end, sizeof size - (size_t)end, "x%u", c->job.size[2]);
-        if (!c->quiet && c->output) fprintf(stderr, "saltus: %s, %s, %.3f s\n", c->output, size, stats->seconds);
+        if (!c->quiet && c->output)
+            fprintf(stderr, "saltus: %s, %s, %.3f s\n", c->streams ? "standard output" : c->output, size,
+                    stats->seconds);
         if (data && !c->output) {
             printf("%s", c->job.integral ? "integral" : "mean");
             for (uint32_t k = 0; k < channels; k++) printf(" %.9g", mean[k]);
@@ -66,6 +68,8 @@ static int render_integral(Cli *c, SltProgram *p) {
     SltIntegral out = {.struct_size = sizeof out, .value = value, .value_stderr = error};
     c->job.no_boundary = true;
     SltStatus status = slt_grad_integral(p, &c->job, &out, &stats, &err);
+    cli_forget_derivatives(p);
+    stats.upset = 0;
     if (status != SLT_OK) return cli_fail(c, &err);
     if (c->json) {
         fputs("{\"integral\": [", stdout);
@@ -127,6 +131,7 @@ static int render(Cli *c, SltProgram *p) {
     c->job.progress = progress_job, c->job.progress_user = &pr;
     status = slt_render(p, &c->job, im.data, &stats, &err);
     progress_end(&pr);
+    stats.upset = 0; /* of derivatives, as the warnings that cli_compile has left out */
     if (status == SLT_OK && c->output) {
         for (uint32_t k = 0; k < channels; k++) image_set_name(&im, (int)k, report_channel(channels, k));
         report_metadata(&im, c, p);

@@ -19,8 +19,7 @@ typedef struct Reader {
 } Reader;
 
 static int bad(Reader *r, const char *where, const char *what) {
-    fprintf(stderr, "saltus: %s: %s%s%s\n", r->path, where, *where ? ": " : "", what);
-    return SLT_INPUT;
+    return cli_error(SLT_INPUT, "%s: %s%s%s", r->path, where, *where ? ": " : "", what);
 }
 
 static int known_keys(Reader *r, json_t *object, const char *where, const char *const *keys, uint32_t n) {
@@ -308,10 +307,7 @@ int scene_read(Cli *c, const char *path, Scene *scene) {
     json_t *root = json_read((const char *)bytes, size, JSON_REJECT_DUPLICATES, &e);
     free(bytes);
     if (!root && json_no_memory(&e)) cli_need(NULL);
-    if (!root) {
-        fprintf(stderr, "saltus: %s:%d:%d: %s\n", path, e.line, e.column, e.text);
-        return SLT_INPUT;
-    }
+    if (!root) return cli_error(SLT_INPUT, "%s:%d:%d: %s", path, e.line, e.column, e.text);
     int status = read_root(&r, root);
     json_decref(root);
     c->opt.param_files = c->param_files, c->opt.nparam_files = c->nparam_files;

@@ -4,6 +4,19 @@ include(CMakePackageConfigHelpers)
 
 if(TARGET saltus-cli)
   install(TARGETS saltus-cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  # What completes command lines, made by the command itself from its tables.
+  if(NOT CMAKE_CROSSCOMPILING)
+    set(COMPLETIONS ${CMAKE_BINARY_DIR}/completions)
+    file(MAKE_DIRECTORY ${COMPLETIONS})
+    add_custom_command(TARGET saltus-cli POST_BUILD
+      COMMAND saltus-cli completions bash > ${COMPLETIONS}/saltus
+      COMMAND saltus-cli completions zsh > ${COMPLETIONS}/_saltus
+      COMMAND saltus-cli completions fish > ${COMPLETIONS}/saltus.fish
+      BYPRODUCTS ${COMPLETIONS}/saltus ${COMPLETIONS}/_saltus ${COMPLETIONS}/saltus.fish)
+    install(FILES ${COMPLETIONS}/saltus DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+    install(FILES ${COMPLETIONS}/_saltus DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
+    install(FILES ${COMPLETIONS}/saltus.fish DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d)
+  endif()
 endif()
 install(TARGETS saltus-static saltus-shared EXPORT saltus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
   INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})

@@ -30,6 +30,11 @@ uint64_t api_event_bound(const SltProgram *p) {
     return n;
 }
 
+BackPixels api_pixels(const SltProgram *p) {
+    if (!p->opt.rgba8) return BACK_FLOATS;
+    return slt_is_display(p) ? BACK_PIXELS_RAW : BACK_PIXELS_SRGB;
+}
+
 bool api_near_miss(const SltProgram *p) {
     const Fn *primal = p->prog->primal;
     bool any = false; /* a site that is not a ray's: g of a ray needs two points, so at one it cannot be near 0 */
@@ -154,7 +159,7 @@ static CompiledModule *compile(Session *s, Request *q, const KernelRequest *req,
                       .adj = p->scene.flat_adj ? ADJ_FLAT : ADJ_LANES,
                       .no_cache = p->opt.no_cache,
                       .opt_level = opt_level,
-                      .output_rgba8 = p->opt.rgba8};
+                      .pixels = api_pixels(p)};
     CompiledModule *m = NULL;
     const char *why = NULL;
     double start = now_ms(), emit, llvm;

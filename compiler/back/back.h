@@ -22,6 +22,10 @@ void target_host(Target *t);
 bool target_named(Target *t, const char *name);        /* "sse2", "avx2", "avx512", "native" (SALTUS_TARGET or not) */
 bool target_runs(const Target *t, const Target *here); /* do t's kernels run on a processor that is `here`? */
 
+/* What the value kernel writes: its floats, or all channels as packed 8-bit pixels in out[0] (uint32_t), as they are or
+ * through the curve of sRGB. */
+typedef enum BackPixels { BACK_FLOATS, BACK_PIXELS_RAW, BACK_PIXELS_SRGB } BackPixels;
+
 typedef struct BackOptions {
     Target target;
     uint32_t width; /* lanes; 0: chosen from program and target (uniformly for all kernels of a module) */
@@ -29,7 +33,7 @@ typedef struct BackOptions {
     bool no_cache;
     const char *cache_dir; /* NULL: $XDG_CACHE_HOME/saltus or ~/.cache/saltus */
     unsigned opt_level;    /* 0..3, default 2 */
-    bool output_rgba8;     /* value kernel: outputs packed 8-bit pixels into out[0] (uint32_t) instead of floats */
+    BackPixels pixels;
 } BackOptions;
 
 typedef struct KernelRequest {

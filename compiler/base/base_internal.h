@@ -17,6 +17,7 @@ bool utf8_unprintable(uint32_t code);
 /* diag.c: the line (from 0) of a byte, and a line's first byte (behind a byte order mark) and end (before its break).
  */
 uint32_t source_line(const Source *src, uint32_t pos);
+uint32_t source_shown(const Source *src, uint32_t pos); /* the byte, or the nearest one that people wrote */
 uint32_t source_line_start(const Source *src, uint32_t line);
 uint32_t source_line_end(const Source *src, uint32_t line);
 

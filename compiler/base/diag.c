@@ -63,11 +63,32 @@ void diag_note(Session *s, Diag *d, Span span, const char *fmt, ...) {
 
 const char *diag_code_name(DiagCode code) { return rows[code].code; }
 
-const char *diag_explain(const char *code, Severity *severity, const char **title) {
+/* `%s` in backticks is a NAME, one that touches the word before it an addition that may be missing; numbers are N. */
+static void put_title(const char *format, char *out, size_t size) {
+    size_t n = 0;
+    *out = 0;
+    if (!strcmp(format, "%s")) return;
+    for (const char *f = format; *f; f++) {
+        char one[2] = {*f, 0};
+        const char *word = one;
+        if (*f == '%') {
+            char before = f > format ? f[-1] : ' ';
+            f += 1 + strcspn(f + 1, "sudgxc%");
+            word = *f == '%'                      ? "%"
+                   : *f != 's'                    ? "N"
+                   : before == '`' && f[1] == '`' ? "NAME"
+                   : strchr(" ([=", before)       ? "..."
+                                                  : "";
+        }
+        if (n + strlen(word) < size) n += (size_t)snprintf(out + n, size - n, "%s", word);
+    }
+}
+
+const char *diag_explain(const char *code, DiagTitle *title) {
     for (int i = 0; i < DIAG_COUNT; i++) {
         if (strcasecmp(rows[i].code, code)) continue;
-        if (severity) *severity = rows[i].severity;
-        if (title) *title = rows[i].format;
+        title->code = rows[i].code, title->severity = rows[i].severity;
+        put_title(rows[i].format, title->text, sizeof title->text);
         return rows[i].explanation;
     }
     return NULL;
@@ -97,11 +118,16 @@ uint32_t source_line_end(const Source *src, uint32_t line) {
     return end;
 }
 
+uint32_t source_shown(const Source *src, uint32_t pos) {
+    uint32_t end = src->shown_end ? src->shown_end : src->len, start = src->shown_end ? src->lines[src->lead] : 0;
+    return pos < start ? start : pos > end ? end : pos;
+}
+
 Place place_find(const Source *src, uint32_t pos, const Place *before) {
-    if (pos > src->len) pos = src->len;
+    pos = source_shown(src, pos);
     uint32_t line = source_line(src, pos), at = source_line_start(src, line);
-    Place p = {.line = line};
-    if (before && before->line == line && before->pos >= at && before->pos <= pos) {
+    Place p = {.line = line - src->lead};
+    if (before && before->line == p.line && before->pos >= at && before->pos <= pos) {
         p = *before;
         at = p.pos;
     }

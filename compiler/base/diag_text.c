@@ -56,7 +56,8 @@ static int width_between(const Source *src, uint32_t from, uint32_t to) {
 
 /* A line of the source, cut around the span, and carets under it. Walks only the window, however long the line is. */
 static void put_excerpt(FILE *out, const Source *src, Span span, const Colours *c) {
-    uint32_t line = source_line(src, span.pos < src->len ? span.pos : src->len);
+    span.pos = source_shown(src, span.pos);
+    uint32_t line = source_line(src, span.pos);
     uint32_t start = source_line_start(src, line), end = source_line_end(src, line);
     uint32_t pos = span.pos < start ? start : span.pos > end ? end : span.pos;
     /* Far from the start of the line: begin LEAD code points before the span, on a code point. */
@@ -77,7 +78,7 @@ static void put_excerpt(FILE *out, const Source *src, Span span, const Colours *
         from += utf8_decode(src->text + from, src->len - from, &code);
     }
     bool cut_left = from > start;
-    fprintf(out, "%5u | %s", line + 1, cut_left ? "…" : "");
+    fprintf(out, "%5u | %s", line + 1 - src->lead, cut_left ? "…" : "");
     int col = 0, caret = -1, carets = 0;
     uint32_t at = from;
     uint64_t span_end = (uint64_t)span.pos + (span.len ? span.len : 1);

@@ -125,8 +125,14 @@ void diag_print_text(const Session *s, FILE *out, bool colour);
 void diag_print_json(const Session *s, FILE *out);
 const char *diag_code_name(DiagCode code);
 void diag_put_uri(FILE *out, const char *path); /* as JSON, of a source's path */
-/* The explanation of "E0123" (any case), or NULL. *severity and *title (the message's format) are optional. */
-const char *diag_explain(const char *code, Severity *severity, const char **title);
+/* The explanation of "E0123" (any case), or NULL; The title is the message
+ * with words for what differs from case to case, "" where that is all of it. */
+typedef struct DiagTitle {
+    const char *code;
+    Severity severity;
+    char text[256];
+} DiagTitle;
+const char *diag_explain(const char *code, DiagTitle *title);
 /* The nearest of n names within an edit distance fit for a suggestion, or NULL. The first of equals; NULL entries are
  * skipped; allocates nothing. */
 const char *suggest_nearest(const char *name, const char *const *names, uint32_t n);

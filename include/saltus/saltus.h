@@ -197,8 +197,9 @@ SltStatus slt_set_print(SltProgram *p, SltPrint *print, void *user, SltError *er
  * slt_wrt asks for none. */
 /* The image, or with job.integral the integral: float[channels]. */
 SltStatus slt_render(SltProgram *p, const SltJob *job, float *image, SltStats *stats, SltError *err);
-/* pixels[height][width], R in the lowest byte, then G, B and 255: f in the middle of each pixel, one sample. SLT_USAGE
- * unless compiled with SltOptions.rgba8, in 1D or 2D, without rand(). */
+/* pixels[height][width], R in the lowest byte, then G, B and 255: f in the middle of each pixel, one sample, through
+ * the curve of sRGB as in a PNG (not of slt_is_display). SLT_USAGE unless compiled with SltOptions.rgba8, in 1D or 2D,
+ * without rand(). */
 SltStatus slt_render_rgba8(SltProgram *p, const SltJob *job, uint32_t *pixels, SltStats *stats, SltError *err);
 /* Derivative images out[ndir] along directions dirs[ndir], each double[slt_float_count]. crossings (may be NULL):
  * float[height][width], how many crossings each pixel has. */

@@ -5,15 +5,17 @@
 #include <stddef.h>
 
 #include <cmocka.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "compiler/back/back.h"
+#include "runtime/image/image.h"
 
 enum { N = 64 };
-static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, bool rgba8) {
-    BackOptions o = {.width = width, .no_cache = true, .opt_level = 2, .output_rgba8 = rgba8};
+static CompiledModule *compile(Session *s, Fn *fn, uint32_t width, BackPixels pixels) {
+    BackOptions o = {.width = width, .no_cache = true, .opt_level = 2, .pixels = pixels};
     target_host(&o.target);
     KernelRequest k = {"kernel", fn};
     CompiledModule *m = NULL;
@@ -63,7 +65,7 @@ static void test_print_and_count(void **state) {
     for (int i = 0; i < N; i++) x[i] = (float)i, k[i] = -i;
     for (uint32_t w = 1; w <= 64; w *= 2) {
         Session *s = session_create(0);
-        CompiledModule *m = compile(s, printing(s), w, false);
+        CompiledModule *m = compile(s, printing(s), w, BACK_FLOATS);
         Lines lines = {{0}, 0};
         SltKernelArgs a = {
             .in = {[IN_X0] = x, [IN_K0] = k}, .out = {out}, .n_valid = 52, .print = collect, .user = &lines};
@@ -98,7 +100,7 @@ static void test_rgba8(void **state) {
     for (uint32_t w = 1; w <= 32; w *= 4)
         for (uint32_t channels = 1; channels <= 3; channels += 2) {
             Session *s = session_create(0);
-            CompiledModule *m = compile(s, colours(s, channels), w, true);
+            CompiledModule *m = compile(s, colours(s, channels), w, BACK_PIXELS_RAW);
             SltKernelArgs a = {.in = {[IN_X0] = x, [IN_X1] = y}, .out = {out}, .n_valid = N};
             back_kernel(m, "kernel")(&a, N);
             for (int i = 0; i < N; i++) {
@@ -110,6 +112,39 @@ static void test_rgba8(void **state) {
             back_free(m);
             session_destroy(s);
         }
+}
+
+/* Through the curve of sRGB: the byte of the picture files, or its neighbour where that rounds from the middle. */
+static void test_srgb8(void **state) {
+    (void)state;
+    _Alignas(64) float x[N], y[N];
+    _Alignas(64) uint32_t out[N];
+    uint32_t moved = 0, shades = 0;
+    for (uint32_t w = 1; w <= 32; w *= 4) {
+        Session *s = session_create(0);
+        CompiledModule *m = compile(s, colours(s, 3), w, BACK_PIXELS_SRGB);
+        for (int block = 0; block < 256; block++) {
+            for (int i = 0; i < N; i++) {
+                x[i] = (float)(block * N + i - 100) / (256 * N - 200);
+                y[i] = x[i] * x[i] * x[i] * x[i];
+            }
+            if (block == 0) y[3] = __builtin_nanf("");
+            SltKernelArgs a = {.in = {[IN_X0] = x, [IN_X1] = y}, .out = {out}, .n_valid = N};
+            back_kernel(m, "kernel")(&a, N);
+            for (int i = 0; i < N; i++) {
+                int want[3] = {(int)lrintf(255 * image_encode_srgb(x[i])), (int)lrintf(255 * image_encode_srgb(y[i])),
+                               188};
+                for (int c = 0; c < 3; c++, shades++) {
+                    int apart = abs((int)(out[i] >> 8 * c & 255) - want[c]);
+                    assert_true(apart <= 1);
+                    moved += apart != 0;
+                }
+            }
+        }
+        back_free(m);
+        session_destroy(s);
+    }
+    assert_true(moved * 25 < shades);
 }
 
 /* if (k0 > 9) a loop over list 1 of twelve: notes (k0 + k) % 4 == 0 and k0 + 2 k > 70; output: the sum of k. An
@@ -148,7 +183,7 @@ static void test_notes(void **state) {
         for (int idle = 0; idle <= 100; idle += 100) {
             Session *s = session_create(0);
             Fn *fn = noting(s, idle);
-            CompiledModule *m = compile(s, fn, w, false);
+            CompiledModule *m = compile(s, fn, w, BACK_FLOATS);
             for (int count = -1; count <= 5; count += 2) {
                 SltCullList lists[2] = {{NULL, -1}, {items, count}};
                 int32_t n = count < 0 ? 12 : count, sum = 0;
@@ -209,7 +244,7 @@ static void test_tape_limit(void **state) {
     for (int i = 0; i < N; i++) x[i] = (float)i;
     for (uint32_t w = 1; w <= 64; w *= 2) {
         Session *s = session_create(0);
-        CompiledModule *m = compile(s, taping(s), w, false);
+        CompiledModule *m = compile(s, taping(s), w, BACK_FLOATS);
         for (uint32_t frames = 0; frames <= 4; frames++) {
             memset(tape, 0xa5, sizeof tape);
             SltKernelArgs a = {
@@ -321,9 +356,11 @@ static void test_choose_width(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),        cmocka_unit_test(test_tape_limit),
-        cmocka_unit_test(test_files),           cmocka_unit_test(test_bad_requests), cmocka_unit_test(test_target_runs),
-        cmocka_unit_test(test_choose_width),    cmocka_unit_test(test_notes),
+        cmocka_unit_test(test_print_and_count), cmocka_unit_test(test_rgba8),
+        cmocka_unit_test(test_srgb8),           cmocka_unit_test(test_tape_limit),
+        cmocka_unit_test(test_files),           cmocka_unit_test(test_bad_requests),
+        cmocka_unit_test(test_target_runs),     cmocka_unit_test(test_choose_width),
+        cmocka_unit_test(test_notes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -289,18 +289,24 @@ static void json_form(void **state) {
 
 static void codes(void **state) {
     (void)state;
-    const char *title;
-    Severity severity;
-    assert_non_null(diag_explain("E0001", &severity, &title));
-    assert_int_equal(severity, SEV_ERROR);
-    assert_non_null(diag_explain("e0501", NULL, NULL));
-    assert_null(diag_explain("E9999", NULL, NULL));
+    DiagTitle title;
+    assert_non_null(diag_explain("E0001", &title));
+    assert_int_equal(title.severity, SEV_ERROR);
+    assert_non_null(diag_explain("e0501", &title));
+    assert_string_equal(title.code, "E0501");
+    assert_string_equal(title.text, "the program has more than N operations with every call inlined");
+    assert_non_null(diag_explain("E0101", &title));
+    assert_string_equal(title.text, "unknown name `NAME`");
+    assert_non_null(diag_explain("W0401", &title));
+    assert_string_equal(title.text, "untracked discontinuity: ... depends on the position and on ...");
+    assert_null(diag_explain("E9999", &title));
     /* Codes are unique, have the shape of codes, and every one is explained. */
     for (int i = 0; i < DIAG_COUNT; i++) {
         const char *code = diag_code_name((DiagCode)i);
         assert_int_equal(strlen(code), 5);
         assert_non_null(strchr("EWPN", code[0]));
-        assert_true(strlen(diag_explain(code, NULL, NULL)) > 20);
+        assert_true(strlen(diag_explain(code, &title)) > 20);
+        assert_null(strchr(title.text, '%'));
         for (int k = 0; k < i; k++) assert_string_not_equal(code, diag_code_name((DiagCode)k));
     }
 }

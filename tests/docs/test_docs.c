@@ -274,7 +274,7 @@ static void print_manual(FILE *out) {
         roff(out, options[i].arg ? options[i].arg : "");
         fputs("\\fR\n", out);
         roff(out, options[i].help);
-        if (options[i].verbs != ALL) {
+        if ((options[i].verbs & ALL) != ALL) {
             fputs(" (", out);
             for (int v = 0, n = 0; v < VERB_COUNT; v++)
                 if (options[i].verbs & 1u << v) fprintf(out, "%s%s", n++ ? ", " : "", verbs[v].name);

@@ -21,6 +21,9 @@ cat >"$prefix/share/saltus/stdlib/only_installed.salt" <<'SALT'
 float disc_of_the_installed(float2 x, float r) { return length(x) - r; }
 SALT
 [ -s "$prefix/share/man/man1/saltus.1" ] || fail "no manual page"
+for f in bash-completion/completions/saltus zsh/site-functions/_saltus fish/vendor_completions.d/saltus.fish; do
+    [ -s "$prefix/share/$f" ] || fail "no completion $f"
+done
 
 # The command, by its path, through PATH and through a link.
 cat >"$scratch/disc.salt" <<'SALT'

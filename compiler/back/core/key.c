@@ -129,9 +129,9 @@ bool cache_key(Session *s, const KernelRequest *k, uint32_t n, const BackOptions
         return false;
     }
     char *head =
-        arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d width %u adj %d opt %u rgba8 %d kernels %u\n",
+        arena_printf(a, "saltus %s cpu %s features %s vector %u fma %d width %u adj %d opt %u pixels %d kernels %u\n",
                      emitter, o->target.cpu, o->target.features, o->target.vector_bytes, o->target.has_fma, width,
-                     (int)o->adj, o->opt_level, o->output_rgba8, n);
+                     (int)o->adj, o->opt_level, (int)o->pixels, n);
     XXH3_128bits_update(state, head, strlen(head));
     key.len = strlen(head);
     for (uint32_t j = 0; j < n; j++) {

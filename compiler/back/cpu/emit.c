@@ -156,45 +156,9 @@ static void emit_input(Emit *e, Inst *i) {
     }
 }
 
-/* One 8-bit channel of every lane of a part: clamp to 0..1 (NaN gives 0), scale, round half up. */
-static Part channel8(Emit *e, Part x) {
-    LLVMTypeRef shape = LL(TypeOf)(x), ints = emit_vector_type(e, e->t_i32);
-    Part zero = emit_const_like(e, shape, e->t_flt, 0, 0, true), one = emit_const_like(e, shape, e->t_flt, 1, 0, true);
-    x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOGT, x, zero, ""), x, zero, "");
-    x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOLT, x, one, ""), x, one, "");
-    x = LL(BuildFMul)(e->b, x, emit_const_like(e, shape, e->t_flt, 255, 0, true), "");
-    x = LL(BuildFAdd)(e->b, x, emit_const_like(e, shape, e->t_flt, 0.5, 0, true), "");
-    return LL(BuildFPToSI)(e->b, x, ints, "");
-}
-
-static void emit_rgba8(Emit *e, const Inst *yield) {
-    Part rgb[3][BACK_MAX_PARTS];
-    for (uint32_t c = 0; c < 3; c++) emit_parts(e, yield->args[yield->nargs >= 3 ? c : 0], rgb[c]);
-    LLVMTypeRef ints = emit_vector_type(e, e->t_i32);
-    Part first = emit_gep(e, e->t_i32, e->out[0], e->i);
-    for (uint32_t p = 0; p < e->P; p++) {
-        Part word = emit_const_like(e, ints, e->t_i32, 0, 0xff000000u, false);
-        for (uint32_t c = 0; c < 3; c++) {
-            Part shifted =
-                LL(BuildShl)(e->b, channel8(e, rgb[c][p]), emit_const_like(e, ints, e->t_i32, 0, 8 * c, false), "");
-            word = LL(BuildOr)(e->b, word, shifted, "");
-        }
-        emit_store(e, word, emit_gep(e, e->t_i32, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
-                   emit_part_align(e, 4));
-    }
-}
-
-static bool packs_rgba8(const Emit *e, const Inst *yield) {
-    if (!e->opt->output_rgba8 || !yield->nargs) return false;
-    const Output *is = e->fn->outputs;
-    for (uint32_t j = 0; j < yield->nargs; j++)
-        if (yield->args[j]->type != TY_FLT || (is && is[j].role != SLT_OUT_F)) return false;
-    return true;
-}
-
 void emit_outputs(Emit *e, const Inst *yield) {
-    if (packs_rgba8(e, yield)) {
-        emit_rgba8(e, yield);
+    if (emit_packs_pixels(e, yield)) {
+        emit_pixels(e, yield);
         return;
     }
     for (uint32_t j = 0; j < yield->nargs; j++) {
@@ -455,7 +419,7 @@ const char *back_emit_kernel(const LlvmApi *ll, LLVMContextRef ctx, LLVMModuleRe
     e->exit = emit_new_block(e, "exit");
     emit_at(e, setup);
     setup_block(e, k->fn->body);
-    uint32_t nout = packs_rgba8(e, yield) ? 1 : yield->nargs;
+    uint32_t nout = emit_packs_pixels(e, yield) ? 1 : yield->nargs;
     for (uint32_t j = 0; j < nout; j++) pointer_field(e, &e->out[j], offsetof(SltKernelArgs, out) + j * sizeof(void *));
     emit_chunks_setup(e);
     hoist_uniform(e);

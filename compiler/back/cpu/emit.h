@@ -117,6 +117,10 @@ void emit_array_copy(Emit *e, Inst *i);
 void emit_tapepush(Emit *e, Inst *i);
 void emit_revloop(Emit *e, Inst *i);
 
+/* ---- emit_pixels.c: 8-bit pixels */
+bool emit_packs_pixels(const Emit *e, const Inst *yield); /* BackOptions.pixels, and the outputs are f alone */
+void emit_pixels(Emit *e, const Inst *yield);
+
 /* ---- emit_pair.c: pairs of lanes */
 void emit_partner(Emit *e, const Part *in, Part *out);
 void emit_both(Emit *e, Inst *i);

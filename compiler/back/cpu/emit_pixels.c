@@ -1,0 +1,55 @@
+/* 8-bit pixels packed by the kernel itself: R in the lowest byte, then G, B and 255. */
+#include "compiler/back/cpu/emit.h"
+
+/* The curve of sRGB on [0, 1], within .09 of 1 / 255 of it: above the straight piece a polynomial in the square root of
+ * v, with which v^(1 / 2.4) is nearly straight, through the Chebyshev nodes. Nothing is contracted: the same bits at
+ * every width. */
+static Part curve(Emit *e, Part v) {
+    static const double c[] = {-0.04086402, 1.54233637, -1.64561153, 3.03261645, -3.55274765, 2.24849906, -0.58427069};
+    LLVMTypeRef shape = LL(TypeOf)(v);
+    Part root = emit_intrinsic(e, "llvm.sqrt", shape, &v, 1), r = NULL;
+    for (int k = (int)(sizeof c / sizeof *c) - 1; k >= 0; k--) {
+        Part ck = emit_const_like(e, shape, e->t_flt, c[k], 0, true);
+        r = r ? LL(BuildFAdd)(e->b, LL(BuildFMul)(e->b, r, root, ""), ck, "") : ck;
+    }
+    Part low = LL(BuildFMul)(e->b, v, emit_const_like(e, shape, e->t_flt, 12.92, 0, true), "");
+    Part small = LL(BuildFCmp)(e->b, LLVMRealOLT, v, emit_const_like(e, shape, e->t_flt, 0.0031308, 0, true), "");
+    return LL(BuildSelect)(e->b, small, low, r, "");
+}
+
+/* One 8-bit channel of every lane of a part: clamp to 0..1 (NaN gives 0), curve, scale, round half up. */
+static Part channel8(Emit *e, Part x) {
+    LLVMTypeRef shape = LL(TypeOf)(x), ints = emit_vector_type(e, e->t_i32);
+    Part zero = emit_const_like(e, shape, e->t_flt, 0, 0, true), one = emit_const_like(e, shape, e->t_flt, 1, 0, true);
+    x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOGT, x, zero, ""), x, zero, "");
+    x = LL(BuildSelect)(e->b, LL(BuildFCmp)(e->b, LLVMRealOLT, x, one, ""), x, one, "");
+    if (e->opt->pixels == BACK_PIXELS_SRGB) x = curve(e, x);
+    x = LL(BuildFMul)(e->b, x, emit_const_like(e, shape, e->t_flt, 255, 0, true), "");
+    x = LL(BuildFAdd)(e->b, x, emit_const_like(e, shape, e->t_flt, 0.5, 0, true), "");
+    return LL(BuildFPToSI)(e->b, x, ints, "");
+}
+
+void emit_pixels(Emit *e, const Inst *yield) {
+    Part rgb[3][BACK_MAX_PARTS];
+    for (uint32_t c = 0; c < 3; c++) emit_parts(e, yield->args[yield->nargs >= 3 ? c : 0], rgb[c]);
+    LLVMTypeRef ints = emit_vector_type(e, e->t_i32);
+    Part first = emit_gep(e, e->t_i32, e->out[0], e->i);
+    for (uint32_t p = 0; p < e->P; p++) {
+        Part word = emit_const_like(e, ints, e->t_i32, 0, 0xff000000u, false);
+        for (uint32_t c = 0; c < 3; c++) {
+            Part shifted =
+                LL(BuildShl)(e->b, channel8(e, rgb[c][p]), emit_const_like(e, ints, e->t_i32, 0, 8 * c, false), "");
+            word = LL(BuildOr)(e->b, word, shifted, "");
+        }
+        emit_store(e, word, emit_gep(e, e->t_i32, first, emit_int(e, e->t_i64, (uint64_t)p * e->L)),
+                   emit_part_align(e, 4));
+    }
+}
+
+bool emit_packs_pixels(const Emit *e, const Inst *yield) {
+    if (!e->opt->pixels || !yield->nargs) return false;
+    const Output *is = e->fn->outputs;
+    for (uint32_t j = 0; j < yield->nargs; j++)
+        if (yield->args[j]->type != TY_FLT || (is && is[j].role != SLT_OUT_F)) return false;
+    return true;
+}
