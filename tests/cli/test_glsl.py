@@ -157,6 +157,7 @@ class Messages(Case):
             ("#if 1 +\n#endif\nvoid main() { gl_FragColor = vec4(1); }", 1, "no condition"),
             ("uniform samplerCube s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`samplerCube` is not supported"),
             ("\nvarying vec3 n;\nvoid main() { gl_FragColor = vec4(n, 1); }", 2, "no vertex shader"),
+            ("uniform int a[];\nvoid main() { gl_FragColor = vec4(a[0]); }", 1, "needs a size"),
             ("uniform sampler1D s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`sampler1D` is not supported"),
             ("void main() { int i = 08; gl_FragColor = vec4(i); }", 1, "octal"),
             ("uniform B { float a;\nvoid main() { gl_FragColor = vec4(1); }", 2, "expected `;`"),

@@ -172,6 +172,8 @@ static void variables(Parser *p, Storage s) {
             sym->init = parse_initialiser(p);
             glsl_size_open(p, sym);
         }
+        if (sym->type_ref->ndims && !sym->type_ref->dims[0])
+            parse_complain(p, DIAG_syntax, sym->span, "the array `%s` needs a size", sym->name);
         keep(p, s, sym);
         if (!parse_accept(p, TOK_COMMA)) break;
     }
