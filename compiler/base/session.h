@@ -37,8 +37,10 @@ typedef struct Source {
     uint32_t len;
     const uint32_t *lines; /* byte offset of every line start; lines end in LF, CR LF or CR */
     uint32_t nlines;
-    uint32_t glsl[2]; /* not 0: the text is GLSL, for an image of this size in pixels */
-    bool too_large;   /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
+    uint32_t lead, shown_end; /* shown_end not 0: what people wrote begins with line `lead`, where counting starts, and
+                                 ends at that byte; places outside are its ends */
+    uint32_t glsl[2];         /* not 0: the text is GLSL, for an image of this size in pixels */
+    bool too_large;           /* beyond SOURCE_MAX bytes: text is empty and parse_module reports it */
 } Source;
 
 typedef struct DiagNote {
