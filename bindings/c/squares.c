@@ -1,5 +1,6 @@
 /* 8-bit pixels of a 2D program in chunks: squares of pixels, whose boxes say which chunks run (runtime/sample/prune.h).
  * The same bits as row by row. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,17 +28,28 @@ static uint32_t *pixels_of(const Squares *s, const PixelRect *r, uint32_t y) {
     return s->out + (size_t)(s->n[1] - 1 - (r->lo[1] + y)) * s->n[0] + r->lo[0];
 }
 
-/* As channel8 of back/cpu/emit.c. */
-static uint32_t channel8(bool f64, double v) {
+/* As curve and channel8 of back/cpu/emit_pixels.c, to the bit. */
+#define CURVE(T, root_of)                                                                                              \
+    static T curve_##T(T v) {                                                                                          \
+        T root = root_of(v), r = (T)BACK_SRGB[BACK_SRGB_TERMS - 1];                                                    \
+        for (int k = BACK_SRGB_TERMS - 2; k >= 0; k--) r = r * root + (T)BACK_SRGB[k];                                 \
+        return v < (T)0.0031308 ? v * (T)12.92 : r;                                                                    \
+    }
+CURVE(float, sqrtf)
+CURVE(double, sqrt)
+
+static uint32_t channel8(const SltProgram *p, double v) {
+    bool curved = !p->prog->display;
     double x = v > 0 ? v : 0;
     x = x < 1 ? x : 1;
-    return f64 ? (uint32_t)(x * 255 + 0.5) : (uint32_t)((float)x * 255.0f + 0.5f);
+    if (p->opt.f64) return (uint32_t)((curved ? curve_double(x) : x) * 255 + 0.5);
+    return (uint32_t)((curved ? curve_float((float)x) : (float)x) * 255.0f + 0.5f);
 }
 
 static void constant(void *user, const PixelRect *r, const double *value) {
     const Squares *s = ((SquareWorker *)user)->all;
     uint32_t word = 0xff000000u;
-    for (uint32_t c = 0; c < 3; c++) word |= channel8(s->p->opt.f64, value[s->p->scene.channels >= 3 ? c : 0]) << 8 * c;
+    for (uint32_t c = 0; c < 3; c++) word |= channel8(s->p, value[s->p->scene.channels >= 3 ? c : 0]) << 8 * c;
     for (uint32_t y = 0; y < r->n[1]; y++) {
         uint32_t *pixels = pixels_of(s, r, y), n = r->n[0];
         for (uint32_t x = 0; x < n; x++) pixels[x] = word;

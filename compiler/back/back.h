@@ -24,6 +24,9 @@ bool target_runs(const Target *t, const Target *here); /* do t's kernels run on 
 
 /* What the value kernel writes: its floats, or all channels as packed 8-bit pixels in out[0] (uint32_t), as they are or
  * through the curve of sRGB. */
+/* The polynomial of pixels' curve, in the square root: emit_pixels.c. */
+enum { BACK_SRGB_TERMS = 7 };
+extern const double BACK_SRGB[BACK_SRGB_TERMS];
 typedef enum BackPixels { BACK_FLOATS, BACK_PIXELS_RAW, BACK_PIXELS_SRGB } BackPixels;
 
 typedef struct BackOptions {

@@ -225,6 +225,7 @@ static bool want_imm(Parser *p, Op op, Imm *imm) {
         imm->slot.count = count;
         return true;
     }
+    case OP_ddx:
     case OP_site:
     case OP_siten:
     case OP_window:

@@ -138,6 +138,7 @@ static void add_imm(Text *t, const Inst *i) {
     case OP_iparam:
     case OP_dparam:
     case OP_adj: text_add(t, " [%" PRIu32 ", %" PRIu32 "]", i->imm.slot.base, i->imm.slot.count); break;
+    case OP_ddx:
     case OP_site:
     case OP_siten:
     case OP_proj:

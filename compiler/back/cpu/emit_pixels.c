@@ -1,15 +1,17 @@
 /* 8-bit pixels packed by the kernel itself: R in the lowest byte, then G, B and 255. */
 #include "compiler/back/cpu/emit.h"
 
+const double BACK_SRGB[BACK_SRGB_TERMS] = {-0.04086402, 1.54233637, -1.64561153, 3.03261645,
+                                           -3.55274765, 2.24849906, -0.58427069};
+
 /* The curve of sRGB on [0, 1], within .09 of 1 / 255 of it: above the straight piece a polynomial in the square root of
  * v, with which v^(1 / 2.4) is nearly straight, through the Chebyshev nodes. Nothing is contracted: the same bits at
  * every width. */
 static Part curve(Emit *e, Part v) {
-    static const double c[] = {-0.04086402, 1.54233637, -1.64561153, 3.03261645, -3.55274765, 2.24849906, -0.58427069};
     LLVMTypeRef shape = LL(TypeOf)(v);
     Part root = emit_intrinsic(e, "llvm.sqrt", shape, &v, 1), r = NULL;
-    for (int k = (int)(sizeof c / sizeof *c) - 1; k >= 0; k--) {
-        Part ck = emit_const_like(e, shape, e->t_flt, c[k], 0, true);
+    for (int k = BACK_SRGB_TERMS - 1; k >= 0; k--) {
+        Part ck = emit_const_like(e, shape, e->t_flt, BACK_SRGB[k], 0, true);
         r = r ? LL(BuildFAdd)(e->b, LL(BuildFMul)(e->b, r, root, ""), ck, "") : ck;
     }
     Part low = LL(BuildFMul)(e->b, v, emit_const_like(e, shape, e->t_flt, 12.92, 0, true), "");
