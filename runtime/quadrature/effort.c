@@ -82,7 +82,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
 
 void effort_marches(Effort *e, const Sweep *p) {
     e->marches = true;
-    if (!e->given && !e->wanted) e->limit = (uint64_t)fmax((double)e->limit, MARCH_SEGMENT * p->segments);
+    if (!e->given && !e->wanted) e->stage = e->limit = (uint64_t)fmax((double)e->limit, MARCH_SEGMENT * p->segments);
     e->left_share = MARCH_SHARE;
     e->least = clamp(1 / sqrt(p->segments), least_of(e), 0x1p-4);
 }
