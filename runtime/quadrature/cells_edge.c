@@ -433,9 +433,11 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
         cell[i].nevents = cell[i].nedges;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
-            cells_meet(c, edge, &c->ask[at++]);
+            const Ask *asked = &c->ask[at++];
+            cells_meet(c, edge, asked);
             edge->before = (uint8_t)e;
-            edge->same = c->prunes && cells_may_be_same(c, edge, &c->ask[at + 1]);
+            edge->same =
+                c->prunes && cells_may_be_same(c, edge, asked->centre ? c->probe[asked->centre - 1].g : HUGE_VAL);
             cell[i].event[e] = edge->event;
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */
             if (cell[i].sign[e]) continue;

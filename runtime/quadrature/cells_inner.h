@@ -399,7 +399,7 @@ void cells_call_bounds(Cells *c, uint32_t n);
 /* Behind it: the choices that are open in box i, ahead of the events that are. */
 void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
 /* May it be a choice between two values of which each is the other in all of the cell? centre: g there. */
-bool cells_may_be_same(const Cells *c, const CellEdge *e, const Ask *centre);
+bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre);
 /* Of the edges that are open in n cells: drops those that are. False when memory runs out. */
 bool cells_close_choices(Cells *c, Cell *cell, uint32_t n);
 /* Keeps what runs in boxes that may become nodes. False when memory runs out. */

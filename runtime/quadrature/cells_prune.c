@@ -73,13 +73,13 @@ static bool moves(const Cells *c, const CellEdge *e) {
     return any;
 }
 
-bool cells_may_be_same(const Cells *c, const CellEdge *e, const Ask *centre) {
+bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre) {
     if ((uint32_t)e->event.site < c->s->nedges || e->state & SLT_EDGE_JUMPS) return false;
     if (!moves(c, e)) return true;
     if (e->state & SLT_EDGE_BENDS) return false; /* places tell nothing of those between them */
     bool flat = true;
     for (uint32_t d = 0; d < c->dim; d++) flat &= e->slope[d][0] <= 0 && e->slope[d][1] >= 0;
-    return flat && fabs(centre->g[0]) <= 2 * e->error && fabs(centre->g[1]) <= 2 * e->error;
+    return flat && fabs(centre) <= 2 * e->error;
 }
 
 static bool is_asked(const Cells *c, const Cell *cell, const CellEdge *e) {
