@@ -17,6 +17,7 @@
 #include "cli/cli.h"
 
 enum { REPLICATES = 8, AD_REPLICATES = 16, MAX_ROWS = 64, LARGEST = 3, FEWEST = 4096 };
+#define BUDGET_ASKED 12.0 /* the same where --samples was given */
 #define BUDGET 3.0 /* seconds of processor time for the values, if each row needs one pair of steps and every other two */
 
 typedef struct Row {
@@ -106,7 +107,8 @@ static SltStatus measure_centre(Check *k) {
     if (s == SLT_OK) s = value_of(k, NULL, seed_of(k, 0), &k->centre[0]);
     int n = k->cells ? 1 : REPLICATES;
     double each = (double)(clock() - start) / CLOCKS_PER_SEC, planned = each * k->n * n * 4 * 1.5;
-    while (!k->cells && planned > BUDGET && k->samples / 2 >= FEWEST) k->samples /= 2, planned /= 2;
+    double budget = k->c->samples_given ? BUDGET_ASKED : BUDGET;
+    while (!k->cells && planned > budget && k->samples / 2 >= FEWEST) k->samples /= 2, planned /= 2;
     for (int r = 0; r < n && s == SLT_OK; r++) s = value_of(k, NULL, seed_of(k, r), &k->centre[r]);
     return s;
 }
