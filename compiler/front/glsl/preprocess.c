@@ -209,31 +209,6 @@ static int64_t eval_unary(Eval *e) {
     return v;
 }
 
-static int rank(const Token *t) {
-    if (t->kind != TOK_OP) return 0;
-    switch ((int)t->op) {
-    case OPR_LOR: return 1;
-    case OPR_LAND: return 2;
-    case OPR_OR: return 3;
-    case OPR_XOR: return 4;
-    case OPR_AND: return 5;
-    case OPR_EQ:
-    case OPR_NE: return 6;
-    case OPR_LT:
-    case OPR_LE:
-    case OPR_GT:
-    case OPR_GE: return 7;
-    case OPR_SHL:
-    case OPR_SHR: return 8;
-    case OPR_ADD:
-    case OPR_SUB: return 9;
-    case OPR_MUL:
-    case OPR_DIV:
-    case OPR_MOD: return 10;
-    default: return 0;
-    }
-}
-
 /* In 32 bits, wrapping, as GLSL's int. */
 static int64_t apply(Eval *e, Operator op, int64_t a, int64_t b) {
     switch ((int)op) {
@@ -265,7 +240,7 @@ static int64_t apply(Eval *e, Operator op, int64_t a, int64_t b) {
 static int64_t eval(Eval *e, int least) {
     int64_t left = eval_unary(e);
     int r;
-    while (!e->bad && e->at < e->end && (r = rank(e->at)) >= least && r > 0) {
+    while (!e->bad && e->at < e->end && (r = parse_precedence(e->at)) >= least && r > 0) {
         Operator op = e->at++->op;
         left = apply(e, op, left, eval(e, r + 1));
     }

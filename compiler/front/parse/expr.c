@@ -290,7 +290,7 @@ static Expr *unary(Parser *p) {
 
 /* ---- binary operators ---- */
 
-static int precedence(const Token *t) {
+int parse_precedence(const Token *t) {
     if (t->kind != TOK_OP) return 0;
     switch ((int)t->op) {
     case OPR_LOR: return 1;
@@ -319,7 +319,7 @@ static int precedence(const Token *t) {
 static Expr *binary(Parser *p, int least) {
     Expr *left = unary(p);
     int prec;
-    while (!p->panic && (prec = precedence(&p->tok)) >= least && prec > 0) {
+    while (!p->panic && (prec = parse_precedence(&p->tok)) >= least && prec > 0) {
         const Token t = p->tok;
         parse_advance(p);
         Expr *right = binary(p, prec + 1);

@@ -98,6 +98,7 @@ Expr *parse_initialiser(Parser *p); /* an expression or a { list } */
 /* After `(`: arguments and the `)`. Strings are allowed where asked. */
 Expr **parse_arguments(Parser *p, Span open, bool strings, uint32_t *n);
 Expr *parse_string(Parser *p);
+int parse_precedence(const Token *t); /* of a binary operator, 1 the loosest; 0: it is none */
 
 /* attr.c */
 bool parse_attributes(Parser *p, AttrVec *out); /* [A, B(x)] [C] …; false when there are none */
