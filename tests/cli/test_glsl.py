@@ -165,6 +165,7 @@ class Messages(Case):
             ("float f() { return 1.0; }", 1, "no `void mainImage"),
             ("void main() { }", 1, "writes to no output"),
             ("#define A B(1.0)\nvoid mainImage(out vec4 c, vec2 p) {\n    c = vec4(A);\n}", 3, "unknown name `B`"),
+            ("uniform sampler2D t;\nvoid main() {\n  gl_FragColor = vec4((t, 1.0));\n}", 3, "is not a value"),
             ("#error told you\nvoid main() { gl_FragColor = vec4(1); }", 1, "#error"),
             ("void mainImage(out vec4 c, vec2 p) {\n  c = vec3(1.0);\n}", 2, "cannot convert"),
         ]:

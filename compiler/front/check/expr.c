@@ -455,8 +455,10 @@ static Expr *check_kind(Checker *c, Expr *e) {
             if (e->args[i]->kind != E_LIST) e->args[i] = check_expr(c, e->args[i]);
         return fail(c, e);
     case E_COMMA:
-        e->a[0] = check_expr(c, e->a[0]);
-        e->a[1] = check_expr(c, e->a[1]);
+        for (int i = 0; i < 2; i++) {
+            e->a[i] = check_expr(c, e->a[i]);
+            if (type_is_resource(e->a[i]->type)) e->a[i] = check_value(c, e->a[i]); /* says that it is none */
+        }
         e->type = e->a[1]->type;
         return e;
     case E_BUILTIN:
