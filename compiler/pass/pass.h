@@ -100,6 +100,8 @@ typedef struct AdOptions {
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
+    uint32_t rows; /* > 1: the one float output has this many seeds, and a row of adjoints for each: ad_rows.c. Not with
+                      wrt_x */
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);

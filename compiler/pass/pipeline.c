@@ -182,6 +182,8 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
         if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
+        AdOptions rows = wrt;
+        rows.rows = primal->channels;
         Fn *site = variant_site(ctx, primal);
         Fn **end[K_KINDS];
         for (int k = 0; k < K_KINDS; k++) end[k] = &out->fn[k];
@@ -191,7 +193,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             if (needs[K_SITE_JVP]) end[K_SITE_JVP] = add_part(end[K_SITE_JVP], part, ad_jvp(ctx, part, &wrt));
             if (needs[K_SITE_VJP]) {
                 TapeReport tape = {0}, *all = &out->tape[K_SITE_VJP];
-                end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &wrt, &tape));
+                end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &rows, &tape));
                 if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
             }
         }

@@ -89,8 +89,89 @@ TEST(replayed) {
         try_program(s, seed, seed % 3 ? 100 : 0, 1u << seed % 5, seed & 1 ? AD_REPLAY_ALWAYS : AD_REPLAY_KEEP);
 }
 
+/* ---- rows: one sweep for several seeds of one output */
+enum { ROWS = 3 };
+
+typedef struct RowSums {
+    double out[N], adj[ROWS * PARAMS * 16];
+} RowSums;
+
+static void seed_rows(SltKernelArgs *a, double *memory, const double *params, RowSums *to, uint32_t seed,
+                      int32_t rows) {
+    uint64_t state = 7;
+    memset(a, 0, sizeof *a), memset(to, 0, sizeof *to);
+    for (int k = 0; k < 12 * N; k++) memory[k] = 2 * uniform(&state) - 1;
+    for (int k = 0; k < N; k += 5) memory[(4 + 2 * (k % 3)) * N + k] = 0;
+    for (int d = 0; d < 2; d++) a->in[IN_X0 + d] = memory + (size_t)2 * N * d;
+    for (uint32_t r = 0; r < ROWS; r++) a->in[IN_SEED0 + r] = memory + (size_t)(4 + 2 * ((seed + r) % ROWS)) * N;
+    a->out[0] = to->out, a->params = params, a->adj = to->adj, a->n_valid = N, a->rows = rows;
+}
+
+static void run_rows(Session *s, const Fn *v, const TapeReport *tape, SltKernelArgs *a, uint32_t width, AdjLayout adj) {
+    BackOptions o = {.width = width, .adj = adj, .no_cache = true, .opt_level = 1};
+    target_host(&o.target);
+    CompiledModule *module = NULL;
+    const char *why = NULL;
+    assert_int_equal(back_compile(s, &(KernelRequest){"vjp", (Fn *)v}, 1, &o, &module, &why), SLT_OK);
+    a->tape_bytes = (tape->bytes_per_lane * width + 63) & ~(uint64_t)63;
+    a->tape = aligned_alloc(64, (a->tape_bytes + 127) / 64 * 64), a->log_cap = 1u << 18;
+    a->log_index = malloc((a->log_cap + SLT_PAD) * sizeof *a->log_index);
+    double *log = a->log_value = malloc((a->log_cap + SLT_PAD) * sizeof *log);
+    back_kernel(module, "vjp")(a, N);
+    uint32_t lanes = adj == ADJ_FLAT ? 1 : width;
+    double *sum = a->adj;
+    for (uint32_t p = 0; p < ROWS * PARAMS; p++)
+        for (uint32_t l = 1; l < lanes; l++) sum[p * lanes] += sum[p * lanes + l];
+    for (uint32_t p = 1; p < ROWS * PARAMS; p++) sum[p] = sum[p * lanes];
+    assert_true(a->log_len <= a->log_cap);
+    for (uint64_t k = 0; k < a->log_len; k++) sum[a->log_index[k]] += log[k];
+    back_free(module);
+    free(a->tape), free(a->log_index), free(log);
+}
+
+/* Each row is what a kernel of one row gives for its seed; of 1 row the others stay as they are. */
+TEST(rows) {
+    PassCtx ctx = {.session = s, .has_fma = true, .verify = {.pass = PASS_ALL}};
+    double params[PARAMS], *memory = aligned_alloc(64, 12 * N * sizeof *memory);
+    RowSums *want = aligned_alloc(64, (sizeof *want + 63) / 64 * 64),
+            *got = aligned_alloc(64, (sizeof *got + 63) / 64 * 64);
+    uint64_t state = 5;
+    for (int k = 0; k < PARAMS; k++) params[k] = 2 * uniform(&state) - 1;
+    for (uint32_t seed = 3000; seed < 3012; seed++) {
+        TapeReport tape;
+        SltKernelArgs a;
+        Fn *f = random_program(s, &s->module, PREC_F64, seed, (RandomShape){0});
+        f->body->last->nargs = 1;
+        pipeline_primal(&ctx, f);
+        AdOptions o = {.tape_budget = seed % 3 ? 0 : 64, .replay = seed & 1 ? AD_REPLAY_ALWAYS : AD_REPLAY_AUTO};
+        Fn *one = ad_vjp(&ctx, f, &o, NULL);
+        o.rows = ROWS;
+        Fn *all = ad_vjp(&ctx, f, &o, &tape);
+        pipeline_kernel(&ctx, one), pipeline_kernel(&ctx, all);
+        for (int32_t rows = 1; rows <= ROWS; rows += ROWS - 1)
+            for (int how = 0; how < 3; how++) { /* interpreted, by lanes, flat */
+                uint32_t width = 1u << seed % 5;
+                seed_rows(&a, memory, params, got, 0, rows);
+                if (how == 0) assert_int_equal(ir_interpret(all, &a, N, width), SLT_OK);
+                else run_rows(s, all, &tape, &a, width, how == 1 ? ADJ_LANES : ADJ_FLAT);
+                for (uint32_t r = 0; r < ROWS; r++) {
+                    seed_rows(&a, memory, params, want, r, 0);
+                    if ((int32_t)r < rows) assert_int_equal(ir_interpret(one, &a, N, width), SLT_OK);
+                    for (uint32_t k = 0; k < PARAMS; k++) {
+                        bool same = near(got->adj[r * PARAMS + k], want->adj[k], 1e-9);
+                        if (!same)
+                            print_error("seed %u, row %u, parameter %u: %.17g, alone %.17g\n", seed, r, k,
+                                        got->adj[r * PARAMS + k], want->adj[k]);
+                        assert_true(same);
+                    }
+                }
+            }
+    }
+    free(memory), free(want), free(got);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(tapes), cmocka_unit_test(checkpointed),
-                                       cmocka_unit_test(replayed)};
+                                       cmocka_unit_test(replayed), cmocka_unit_test(rows)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
