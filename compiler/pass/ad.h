@@ -110,6 +110,6 @@ bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment);
 
 /* ---- ad_rows.c */
 /* Makes of adjoints for the seed 1 those for each of the seeds IN_SEED0.., of the first alone where IN_ROWS says so. */
-void ad_rows(Fn *fn, uint32_t rows);
+void ad_scale_rows(Fn *fn, uint32_t rows);
 
 #endif

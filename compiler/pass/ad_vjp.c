@@ -453,6 +453,6 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
         keep(&q, &v);
     }
     arena_reset(scratch, m);
-    if (q.o->rows > 1) ad_rows(q.best, q.o->rows);
+    if (q.o->rows > 1) ad_scale_rows(q.best, q.o->rows);
     return q.best;
 }

@@ -87,12 +87,8 @@ static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *ar
     args->log_cap = buf->log_cap - buf->log_len, args->log_len = 0;
 }
 
-void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
-    accum_call_rows(a, b, kind, n, which, 1);
-}
-
-void accum_call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which, uint32_t rows) {
-    assert(which + rows <= a->n && (rows == 1 || kind == SLT_K_SITE_VJP));
+static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which, uint32_t rows) {
+    assert(which + rows <= a->n);
     AdjointBuffer *buf = &a->buf[which];
     if (!n || a->failed) return;
     for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
@@ -121,6 +117,27 @@ void accum_call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_
     }
     buf->log_len += len;
     if (a->folded.slot && buf->log_len > FOLD) a->failed |= !accum_fold_log(a, which);
+}
+
+void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
+    call_rows(a, b, kind, n, which, 1);
+}
+
+void accum_site_rows(Accum *a, Batch *b, uint32_t n, uint32_t which) {
+    call_rows(a, b, SLT_K_SITE_VJP, n, which, a->s->channels);
+}
+
+void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t which) {
+    uint32_t channels = a->s->channels;
+    bool together = a->s->layout[SLT_K_VJP].reads >> SLT_IN_ROWS & 1, again = b->again;
+    for (uint32_t c = 0; c < (together ? 1 : channels); c++) {
+        for (uint32_t seed = 0; seed < channels; seed++)
+            for (uint32_t i = 0; i < n; i++)
+                batch_set(b, SLT_IN_SEED0 + seed, i, together || seed == c ? weight[i] : 0);
+        b->again = again || c > 0;
+        call_rows(a, b, SLT_K_VJP, n, which + c, together ? channels : 1);
+    }
+    b->again = again;
 }
 
 /* All bits zero? In integers, which the compiler may reorder: most blocks of most tiles are zero, and cost this loop.

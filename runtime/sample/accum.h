@@ -41,9 +41,11 @@ typedef struct Accum {
 } Accum;
 bool accum_init(Accum *a, const SltScene *s, uint32_t n);
 void accum_free(Accum *a);
-/* Runs a reverse kernel that adds into buffer `which`, or of SITE_VJP each of `rows` rows into the next one. */
+/* Runs a reverse kernel that adds into buffer `which`, or with rows each row into the next one: of SITE_VJP for the
+ * seeds of its channels, of VJP the derivatives of each channel times weight[n]. b->again: of the first call of VJP. */
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which);
-void accum_call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which, uint32_t rows);
+void accum_site_rows(Accum *a, Batch *b, uint32_t n, uint32_t which);
+void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t which);
 /* accum_close ends a tile, in `work`: lanes are summed into doubles. accum_merge, in `merge`, adds them and the log to
  * targets[which][nfloats], and empties the buffers. */
 void accum_close(Accum *a);

@@ -179,7 +179,6 @@ static bool put_seeds(Sink *k, uint32_t lane, const Crossing *x, double weight) 
 /* Adjoints by channel, into the buffers from `first` on, and into those from `again` on if it is not the same. */
 static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first,
                           uint32_t again) {
-    uint32_t channels = k->b->s->channels;
     bool any = false;
     for (uint32_t i = 0; i < n; i++) {
         const Crossing *x = &c[(uint32_t)order[i]];
@@ -188,8 +187,8 @@ static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uin
         any |= put_seeds(k, i, x, weight);
     }
     if (!any) return;
-    accum_call_rows(k->acc, k->b, SLT_K_SITE_VJP, n, first, channels);
-    if (again != first) accum_call_rows(k->acc, k->b, SLT_K_SITE_VJP, n, again, channels);
+    accum_site_rows(k->acc, k->b, n, first);
+    if (again != first) accum_site_rows(k->acc, k->b, n, again);
 }
 
 /* Into the sketches, which come after the other sums. */
@@ -208,7 +207,7 @@ static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uin
             if (!put_seeds(k, used, x, weight[i][q] * x->weight)) continue;
             sink_put(k, used++, x);
         }
-        accum_call_rows(k->acc, k->b, SLT_K_SITE_VJP, used, (3 + q) * channels, channels);
+        accum_site_rows(k->acc, k->b, used, (3 + q) * channels);
     }
 }
 
@@ -222,7 +221,7 @@ static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_
         for (uint32_t ch = 0; ch < channels; ch++)
             batch_set(k->b, SLT_IN_SEED0 + ch, i, (missed ? 2 : 1) * fabs(x->weight * x->jump[ch]));
     }
-    accum_call_rows(k->acc, k->b, SLT_K_SITE_VJP, n, first, channels);
+    accum_site_rows(k->acc, k->b, n, first);
 }
 
 /* Into the buffer `which`. size: 0, or as emit_size how much there is of the boundary where an adjoint is, so many
