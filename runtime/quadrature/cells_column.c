@@ -140,7 +140,9 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         if (!k) return false;
         for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
-            if (!c->o->flat) c->root[c->nroot - 1].slack = -1; /* its sides lie next to it */
+            Root *r = &c->root[c->nroot - 1];
+            if (!c->o->flat) r->slack = -1; /* its sides lie next to it */
+            r->turns = c->slack;
         }
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
@@ -158,6 +160,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
+        e->off = p->asked >> r->edge & 1 ? NAN : r->x[p->axis] - e->height;
         e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
         e->band = r->band;
         memcpy(e->dg, r->dg, sizeof e->dg);
@@ -168,13 +171,23 @@ static bool look_at_middles(Cells *c, uint32_t first) {
     return true;
 }
 
+/* How high a curve is at `along` from the middle, where its height is known: as corners tell, put right by what they
+ * tell there, or along its tangent. */
+static double guess_beside(const Cells *c, const Piece *p, uint32_t e, double along) {
+    const Cell *cell = &c->cell[p->cell];
+    const PieceEdge *edge = &p->edge[e];
+    double at = 0.5 * (p->at[p->base][0] + p->at[p->base][1]) + along, told = NAN;
+    bool present, corners = cells_told_by_corners(cell, &cell->edge[e], p->base, at, &present, &told);
+    told += edge->off; /* NaN: they did not tell */
+    return corners && !isnan(told) ? told : edge->height - edge->dg[p->base] / edge->dg[p->axis] * along;
+}
+
 /* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */
 static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     const Piece *p = &c->piece[piece];
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
-        double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
-        if (!add_root(c, k, e, edge->height + slope * along)) return false;
+        if (!add_root(c, k, e, along == 0 ? edge->height : guess_beside(c, p, e, along))) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;

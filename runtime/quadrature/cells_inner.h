@@ -132,6 +132,7 @@ typedef struct Cell {
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
     double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
+    double off;              /* by so much corners tell it too low there */
     uint32_t sides, tie;     /* as in Root, there */
     bool open, twin, band;   /* the crossing changes the region; other curves lie on this one; as in Root */
     bool upset;              /* a seam, where f jumps */
@@ -189,6 +190,9 @@ typedef struct Root {
     /* How far from it the root may end, in parts of its line; 0: at the last floats. Less than 0: and there g is asked,
      * not taken for what cubics say. */
     double slack;
+    /* By how much its slope may be off, in parts, where the place is wanted to the last floats: then nothing need be
+     * asked there. HUGE_VAL: nobody asks for the slope. */
+    double turns;
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
@@ -421,6 +425,8 @@ bool cells_drop_wrong(Cells *c);
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]);
 /* ---- cells_root.c */
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
+/* Where the cubic with these values and slopes at two places is 0, near `at`. */
+double cells_cubic_root(const double x[2], const double g[2], const double slope[2], double at);
 /* Where g is about 0 between two places with these g and slopes: the place as a function of g, a cubic through both. */
 static inline double cells_between(const double x[2], const double g[2], const double slope[2]) {
     double t = g[0] / (g[0] - g[1]), u = 1 - t;
