@@ -142,6 +142,7 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         /* Where the curve is steep the last floats of the base are many of its height. */
         bool steep = !(fabs(r->dg[r->axis]) <= STEEP * fabs(r->dg[axis]));
         Cut cut = {.cell = s->cell, .axis = axis, .edge = s->edge, .at = r->x[r->axis]};
+        cut.up = s->height[0] >= c->cell[s->cell].box.hi[axis];
         cut.beyond = beyond_of(c, s, r), cut.height = steep ? NAN : s->height[0];
         if (!add_cut(c, &cut)) return false;
         r++;
@@ -376,8 +377,8 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
     if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
     p->leaving[0] = p->leaving[1] = -1;
-    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond;
-    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond;
+    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond, p->up[0] = begin->up;
+    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond, p->up[1] = end->up;
     return true;
 }
 
