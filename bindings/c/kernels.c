@@ -74,7 +74,7 @@ static void fill_scene(SltProgram *p) {
     s->nsites = g->primal->nsites;
     s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->told = p->told, s->chunked = p->chunked;
-    s->edge_upsets = p->edge_upsets, s->edge_line = p->edge_line;
+    s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->still = !p->passes.untracked;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
@@ -127,9 +127,11 @@ static void site_tables(SltProgram *p) {
 static void edge_table(SltProgram *p, const KernelSet *set) {
     if (!set->edges || p->edge_kind) return; /* the same ones each time */
     p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
+    p->edge_bends = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
     p->nedges = set->nedges, p->flat = set->flat, p->told = set->told, p->chunked = set->chunked;
     for (uint32_t e = 0; e < set->nedges; e++) {
         p->edge_kind[e] = (uint8_t)set->edges[e].kind;
+        p->edge_bends[e] = e >= p->prog->primal->nsites && !set->edges[e].jumps;
         if (!set->edges[e].upsets) continue;
         if (!p->edge_upsets) {
             p->edge_upsets = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);

@@ -430,14 +430,13 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0;
-        cell[i].nevents = cell[i].nedges;
+        cell[i].nevents = cell[i].nedges, cell[i].same = false;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
             const Ask *asked = &c->ask[at++];
             cells_meet(c, edge, asked);
             edge->before = (uint8_t)e;
-            edge->same =
-                c->prunes && cells_may_be_same(c, edge, asked->centre ? c->probe[asked->centre - 1].g : HUGE_VAL);
+            edge->same = cells_may_be_same(c, edge, asked->centre ? c->probe[asked->centre - 1].g : HUGE_VAL);
             cell[i].event[e] = edge->event;
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */
             if (cell[i].sign[e]) continue;
@@ -446,7 +445,7 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
         }
         cell[i].nedges = kept;
     }
-    return cells_close_choices(c, cell, n) && cells_give(c, cell, n);
+    return cells_close_same(c, cell, n) && cells_give(c, cell, n);
 }
 
 enum {

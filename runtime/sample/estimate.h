@@ -62,6 +62,7 @@ typedef struct SltScene {
     uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
     const uint8_t *edge_upsets;     /* [nedges]: SltUpset; NULL: none */
+    const uint8_t *edge_bends;      /* [nedges]: 1 for a minimum, maximum or absolute value; NULL: none */
     const uint32_t *edge_line;      /* [nedges]: of the source; NULL: not known */
     bool flat;                      /* between edges neither f nor its derivatives change with the position */
     bool told;                      /* and they are the same wherever the hash is: seams do not jump */
