@@ -6,6 +6,8 @@
 
 #include "runtime/quadrature/cells_inner.h"
 
+#define SYMMETRIC 0x1p-6
+
 bool cells_is_bend(const Cells *c, int32_t edge) {
     if ((uint32_t)edge >= c->s->nedges) return true; /* a choice of a straight-line program */
     return c->s->edge_bends && c->s->edge_bends[edge];
@@ -18,12 +20,19 @@ static bool moves(const Cells *c, const CellEdge *e) {
     return any;
 }
 
+/* Of the difference of two values that come about alike bounds reach as far below 0 as above; of one that is next to 0
+ * at most places and large at few, as `exp(1e8 * d) - 0`, they do not. */
+static bool is_symmetric(const double ends[2]) {
+    return ends[0] <= 0 && ends[1] >= 0 && fabs(ends[0] + ends[1]) <= SYMMETRIC * (ends[1] - ends[0]);
+}
+
 bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre) {
     if (!cells_is_bend(c, e->event.site) || e->state & SLT_EDGE_JUMPS) return false;
     if (!moves(c, e)) return true;
     if (e->state & SLT_EDGE_BENDS) return false; /* places tell nothing of those between them */
     bool flat = true;
-    for (uint32_t d = 0; d < c->dim; d++) flat &= e->slope[d][0] <= 0 && e->slope[d][1] >= 0;
+    for (uint32_t d = 0; d < c->dim; d++)
+        flat &= c->prunes ? e->slope[d][0] <= 0 && e->slope[d][1] >= 0 : is_symmetric(e->slope[d]);
     return flat && fabs(centre) <= 2 * e->error;
 }
 
