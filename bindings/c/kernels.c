@@ -72,7 +72,8 @@ static void fill_scene(SltProgram *p) {
     s->params = p->flt, s->iparams = p->ints, s->active = p->wrt;
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
-    s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
+    s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips,
+    s->site_ties = p->site_ties;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->told = p->told, s->chunked = p->chunked;
     s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->still = !p->passes.untracked;
@@ -110,12 +111,14 @@ static void site_tables(SltProgram *p) {
     p->site_kind = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     p->site_skips = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     p->site_static = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    p->site_ties = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     uint8_t *facts = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     depend_sites(p->prog->primal, NULL, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) {
         p->site_kind[s] = (uint8_t)primal->sites[s].kind;
         p->site_skips[s] = primal->sites[s].skip_loop;
         p->site_static[s] = !(facts[s] & DEPENDS_X);
+        p->site_ties[s] = (facts[s] & DEPENDS_TIES) != 0;
     }
     p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
     p->list_noted = ARENA_ARRAY(a, uint8_t, SLT_MAX_CULL);

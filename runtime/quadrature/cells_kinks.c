@@ -2,9 +2,10 @@
  * apart. The integral then has no derivative. As of boundaries that coincide the mean of those after a move forth and
  * after one back is given, and half of how much they differ is an error (kink.c does so for lines).
  *
- * Asked are curves in whose cell a choice is between values that are the same (cells_same.c), and those on which
- * another lies that is the same event's, with something else decided. Others have one g all along them, or cross where
- * they have not: in points. So programs without such choices pay nothing. */
+ * Asked are curves in whose cell a choice is between values that are the same (cells_same.c), those on which another
+ * lies that is the same event's, with something else decided, and those whose g hangs on a choice that parameters alone
+ * make, as max(r, q). Others have one g all along them, or cross where they have not: in points. So programs without
+ * such choices pay nothing. */
 #include <math.h>
 #include <string.h>
 
@@ -42,7 +43,8 @@ static bool may_bend(const Cells *c, const Root *r) {
     const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
     const Tie *t = r->tie ? &c->tie[r->tie - 1] : NULL;
     if (c->prunes || !r->wanted || r->band || (uint32_t)r->of->event.site >= c->s->nsites) return false;
-    if (!cell->same && !(r->twin && is_other_way(c, r))) return false;
+    bool ties = c->s->site_ties && c->s->site_ties[r->of->event.site];
+    if (!cell->same && !ties && !(r->twin && is_other_way(c, r))) return false;
     if (t && !(t->whole && !t->naway && event_same(&t->event[0], &r->of->event))) return false;
     return c->s->site_kind[r->of->event.site] == SLT_SITE_COMPARE &&
            cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];

@@ -74,6 +74,13 @@ static const Case cases[] = {
      KINK},
     {"an absolute value of 0", TWO PLANE "{ [Disc] if (x.y < abs((x.x - r) - (x.x - q))) return 1.0; return 0.0; }",
      KINK},
+    {"a maximum of parameters", TWO PLANE "{ [Disc] if (length(x) < max(r, q)) return 1.0; return 0.0; }", true,
+     half_circles, half_circles},
+    {"an absolute value of parameters", TWO PLANE "{ [Disc] if (x.y < abs(r - q)) return 1.0; return 0.0; }", KINK},
+    {"a branch of parameters",
+     TWO PLANE "{ float s = r; if (q < s) s = q; [Disc] if (x.y < s) return 1.0; return 0.0; }", KINK},
+    {"a maximum of parameters that is settled",
+     TWO PLANE "{ [Disc] if (x.x + q * x.y < max(r, 0.1)) return 1.0; return 0.0; }", SMOOTH},
     {"lines that move alike",
      TWO PLANE "{ float s = r + q; [Disc] if (max(x.x - s, x.x - q - r) < 0.0) return 1.0; return 0.0; }", SMOOTH},
     {"circles that move alike",
@@ -105,7 +112,7 @@ static void integral(SltProgram *p, SltJob j, double *value, double *gradient, d
 static double value_at(SltProgram *p, uint32_t i, double v) {
     SltError err;
     double value;
-    SltJob j = {.estimator = SLT_EST_QUADRATURE, .abs_error = 1e-11, .max_evaluations = 1 << 20};
+    SltJob j = {.estimator = SLT_EST_QUADRATURE, .abs_error = 1e-11, .max_evaluations = 1 << 18};
     assert_int_equal(slt_set_floats(p, i, 1, &v, &err), SLT_OK);
     integral(p, j, &value, NULL, NULL, NULL);
     return value;
