@@ -494,6 +494,10 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 
 /* ---- cells_kinks.c: ties of the roots of middles whose g has a kink in the parameters, and of columns those */
 bool cells_find_kinks(Cells *c);
+/* Is the root's piece longer than moves go? At its ends other curves meet it. */
+bool cells_has_room(const Cells *c, const Root *r);
+/* That of a root, by the two orders after `move` and the next: the jump towards growing g, 0 where it is not seen. */
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]);
 bool cells_follow_kinks(Cells *c);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot

@@ -19,14 +19,11 @@ enum { STEPS = 3 }; /* of Newton's method, to the root that g has after a move *
 #define BENT_F32 0x1p-5
 #define ROOM 0.25 /* of a piece: at its ends other curves meet it */
 
-/* A root, and where it is after the two moves. */
+/* A root with its tie, of which each part is where g is 0 after a move. */
 typedef struct Bend {
     Root *root;
-    uint32_t pair;
+    Tie tie;
     bool done, lost;
-    struct {
-        double x[3], g, dg[3];
-    } after[2];
 } Bend;
 
 static bool is_other_way(const Cells *c, const Root *r) {
@@ -50,95 +47,120 @@ static bool may_bend(const Cells *c, const Root *r) {
            cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
 }
 
+/* The part of a tie after this move; NULL: there is none. */
+static Away *part_of(Bend *of, uint32_t move) {
+    for (uint32_t k = 0; k < of->tie.naway; k++)
+        if (of->tie.away[k].move == move) return &of->tie.away[k];
+    return NULL;
+}
+
 /* g and its gradient after a move, at all places of it. */
 static void ask(Cells *c, Bend *of, uint32_t n, uint32_t move) {
     Batch *b = c->b;
-    uint32_t lane[UNTIE_MOST], end = move % 2;
-    for (uint32_t i = 0; i < n; i++) of[i].done = of[i].pair != move / 2;
+    uint32_t lane[UNTIE_MOST];
+    for (uint32_t i = 0; i < n; i++) of[i].done = !part_of(&of[i], move);
     for (uint32_t from = 0; from < n; from++) {
         uint32_t lanes = 0;
         if (of[from].done) continue;
         b->args.site = of[from].root->of->event.site;
         for (uint32_t i = from; i < n; i++) {
-            const Event *event = &of[i].root->of->event;
-            if (of[i].done || event->site != b->args.site) continue;
-            batch_set_x(b, lanes, of[i].after[end].x);
+            if (of[i].done || of[i].root->of->event.site != b->args.site) continue;
+            batch_set_x(b, lanes, part_of(&of[i], move)->x[0]);
             batch_set_stream(b, lanes, 0, 0);
-            batch_set_event(b, lanes, event);
+            batch_set_event(b, lanes, &of[i].root->of->event);
             of[i].done = true, lane[lanes++] = i;
         }
         cells_call(c, SLT_K_SITE_GRAD, lanes);
         for (uint32_t i = 0; i < lanes; i++) {
-            of[lane[i]].after[end].g = batch_get(b, SLT_OUT_G, 0, i);
-            for (uint32_t d = 0; d < c->dim; d++) of[lane[i]].after[end].dg[d] = batch_get(b, SLT_OUT_G_DX, d, i);
+            Away *a = part_of(&of[lane[i]], move);
+            a->g[0] = batch_get(b, SLT_OUT_G, 0, i);
+            for (uint32_t d = 0; d < c->dim; d++) a->dg[0][d] = batch_get(b, SLT_OUT_G_DX, d, i);
         }
     }
+}
+
+static void go(const Cells *c, Bend *of, Away *a, double g, double up) {
+    int axis = of->root->axis;
+    of->lost |= !(up * of->root->dg[axis] > 0) || !isfinite(g);
+    if (!of->lost) a->x[0][axis] = cells_round(c, a->x[0][axis] - g / up);
+}
+
+/* Of two ways that have their curves here each begins at its own root. */
+static bool begin_after(Cells *c, Bend *of, uint32_t n, uint32_t move) {
+    c->nprobe = 0;
+    for (uint32_t i = 0; i < n; i++)
+        if (of[i].root->band && part_of(&of[i], move) && !cells_probe(c, of[i].root->of, of[i].root->x)) return false;
+    if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
+    for (uint32_t i = 0; i < n; i++) {
+        Away *a = part_of(&of[i], move);
+        if (!a || !of[i].root->band) continue;
+        go(c, &of[i], a, p->g, p->dg[of[i].root->axis]), p++;
+    }
+    return true;
 }
 
 /* Which piece of g is there after a move, that at its own root tells. */
-static void find_after(Cells *c, Bend *of, uint32_t n) {
-    Batch *b = c->b;
-    const SltCullList *lists = b->args.cull; /* good where nothing has moved */
-    b->args.cull = NULL;
-    for (uint32_t m = 0; m < UNTIE_WAYS; m++) {
-        untie_use(b, &c->apart->move[m].scene);
-        for (uint32_t s = 0; s < STEPS; s++) {
+static bool find_after(Cells *c, Bend *of, uint32_t n) {
+    const SltCullList *lists = c->b->args.cull; /* good where nothing has moved */
+    bool memory = true;
+    c->b->args.cull = NULL;
+    for (uint32_t m = 0; m < UNTIE_WAYS && memory; m++) {
+        untie_use(c->b, &c->apart->move[m].scene);
+        memory = begin_after(c, of, n, m);
+        for (uint32_t s = 0; s < STEPS && memory; s++) {
             ask(c, of, n, m);
             for (uint32_t i = 0; i < n; i++) {
-                const Root *r = of[i].root;
-                if (of[i].pair != m / 2) continue;
-                double up = of[i].after[m % 2].dg[r->axis];
-                of[i].lost |= !(up * r->dg[r->axis] > 0) || !isfinite(of[i].after[m % 2].g);
-                if (s + 1 < STEPS && !of[i].lost)
-                    of[i].after[m % 2].x[r->axis] =
-                        cells_round(c, of[i].after[m % 2].x[r->axis] - of[i].after[m % 2].g / up);
+                Away *a = part_of(&of[i], m);
+                if (a && s + 1 < STEPS) go(c, &of[i], a, a->g[0], a->dg[0][of[i].root->axis]);
             }
         }
     }
-    untie_use(b, b->s);
-    b->args.cull = lists;
+    untie_use(c->b, c->b->s);
+    c->b->args.cull = lists;
+    return memory;
 }
 
-/* The tie of a root with a kink: half of the jump moves as after either move. */
-static bool keep(Cells *c, const Bend *of) {
-    Root *r = of->root;
-    Crossing x = {.event = {0}};
-    if (of->lost) return true;
-    if (!CELLS_ROOM(c, tie, 1)) return false;
-    cells_crossing(c, r, &x);
-    Tie *t = &c->tie[c->ntie++];
-    *t = (Tie){.naway = 2, .kink = true, .bent = true};
-    for (uint32_t end = 0; end < 2; end++) {
-        Away *a = &t->away[end];
-        *a = (Away){.event = r->of->event, .move = 2 * of->pair + end, .part = {1, 0}, .g = {of->after[end].g}};
-        memcpy(a->x[0], of->after[end].x, sizeof a->x[0]), memcpy(a->dg[0], of->after[end].dg, sizeof a->dg[0]);
-        for (uint32_t ch = 0; ch < c->s->channels; ch++)
-            a->jump[ch] = 0.5 * x.jump[ch], a->half[ch] = (end ? -0.5 : 0.5) * x.jump[ch];
-    }
-    r->tie = c->ntie;
-    return true;
-}
-
+/* Those that were lost are ties no longer. */
 static bool keep_all(Cells *c, Bend *of, uint32_t n) {
-    find_after(c, of, n);
-    for (uint32_t i = 0; i < n; i++)
-        if (!keep(c, &of[i])) return false;
+    if (!find_after(c, of, n)) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        of[i].root->tie = 0;
+        if (of[i].lost) continue;
+        if (!CELLS_ROOM(c, tie, 1)) return false;
+        c->tie[c->ntie++] = of[i].tie, of[i].root->tie = c->ntie;
+    }
     return true;
 }
 
-static Bend bend_of(Root *r, uint32_t pair) {
-    Bend b = {.root = r, .pair = pair};
-    for (int end = 0; end < 2; end++) memcpy(b.after[end].x, r->x, sizeof r->x);
-    return b;
+static Bend bend_of(Root *r) { return (Bend){.root = r, .tie = {.kink = true, .bent = true}}; }
+
+/* So much of the jump moves as after this move; and half of how much the two orders differ is an error. */
+static void add_part(const Cells *c, Bend *of, uint32_t move, const double *jump) {
+    Away *a = &of->tie.away[of->tie.naway++];
+    *a = (Away){.event = of->root->of->event, .move = move, .part = {1, 0}};
+    memcpy(a->x[0], of->root->x, sizeof a->x[0]);
+    for (uint32_t ch = 0; ch < c->s->channels; ch++)
+        a->jump[ch] = 0.5 * jump[ch], a->half[ch] = (move % 2 ? -0.5 : 0.5) * jump[ch];
 }
 
-/* What may be rounding of g, or curvature, which is of second order in the step; infinite where a piece is so short
- * that a move leads beyond it. */
-static double least(const Cells *c, const Root *r, const Crossing *x, double bent) {
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]) {
+    Bend of = bend_of(r);
+    for (uint32_t way = 0; way < 2; way++)
+        if (seen[way]) add_part(c, &of, move + way, jump[way]);
+    return keep_all(c, &of, 1);
+}
+
+bool cells_has_room(const Cells *c, const Root *r) {
     const Piece *p = &c->piece[c->column[r->column].piece];
-    double steep = 0, most = 0, far = UNTIE_WAYS * c->apart->step * c->width;
+    return p->base < 0 || ROOM * (p->at[p->base][1] - p->at[p->base][0]) > UNTIE_WAYS * c->apart->step * c->width;
+}
+
+/* What may be rounding of g, or curvature, which is of second order in the step. */
+static double least(const Cells *c, const Root *r, const Crossing *x, double bent) {
+    double steep = 0, most = 0;
+    if (!cells_has_room(c, r)) return HUGE_VAL;
     for (uint32_t d = 0; d < c->dim; d++) steep += r->dg[d] * r->dg[d], most = larger(most, fabs(r->x[d]));
-    if (p->base >= 0 && !(ROOM * (p->at[p->base][1] - p->at[p->base][0]) > far)) return HUGE_VAL;
     double rounding = 4 * (c->b->f64 ? 0x1p-52 : 0x1p-23) * most + 0.25 * bent * c->apart->step;
     return rounding * sqrt(steep) + 4 * fabs(x->g) + 8 * r->of->error;
 }
@@ -163,21 +185,39 @@ bool cells_find_kinks(Cells *c) {
             at[i] = &x[i], slack[i] = least(c, r, &x[i], bent);
         }
         kink_find(c->b, c->apart, at, slack, bent, most, pair);
-        for (uint32_t i = 0; i < most; i++)
-            if (pair[i] != KINK_NONE) of[kinks++] = bend_of(&c->root[c->active[from + i]], pair[i]);
+        for (uint32_t i = 0; i < most; i++) {
+            if (pair[i] == KINK_NONE) continue;
+            of[kinks] = bend_of(&c->root[c->active[from + i]]);
+            for (uint32_t way = 0; way < 2; way++) add_part(c, &of[kinks], 2 * pair[i] + way, x[i].jump);
+            kinks++;
+        }
         if (kinks && !keep_all(c, of, kinks)) return false;
     }
     return true;
+}
+
+/* The tie of a column is that of the middle, at another place; where both orders have all of the jump, it is that
+ * there. */
+static Bend follow(const Cells *c, Root *r) {
+    Bend of = {.root = r, .tie = c->tie[r->tie - 1]};
+    Crossing x = {.event = {0}};
+    cells_crossing(c, r, &x);
+    for (uint32_t k = 0; k < of.tie.naway; k++) {
+        Away *a = &of.tie.away[k];
+        memcpy(a->x[0], r->x, sizeof a->x[0]);
+        for (uint32_t ch = 0; ch < c->s->channels && !r->band; ch++)
+            a->jump[ch] = 0.5 * x.jump[ch], a->half[ch] = (a->move % 2 ? -0.5 : 0.5) * x.jump[ch];
+    }
+    return of;
 }
 
 bool cells_follow_kinks(Cells *c) {
     Bend of[UNTIE_MOST];
     uint32_t n = 0;
     for (uint32_t i = 0; i < c->nroot; i++) {
-        const Tie *t = c->root[i].tie ? &c->tie[c->root[i].tie - 1] : NULL;
-        if (!t || !t->bent) continue;
-        of[n++] = bend_of(&c->root[i], t->away[0].move / 2);
-        c->root[i].tie = 0;
+        Root *r = &c->root[i];
+        if (!r->tie || !c->tie[r->tie - 1].bent) continue;
+        of[n++] = follow(c, r);
         if (n < UNTIE_MOST) continue;
         if (!keep_all(c, of, n)) return false;
         n = 0;
