@@ -139,7 +139,7 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     }
 }
 
-/* ---- matrices: row r, column c at r*n + c */
+/* ---- matrices: row r, column c at r * columns + c */
 
 Val gen_matmul(Lower *l, Val a, Val b, Type *type) {
     Val v = val_new(l, type);
@@ -152,7 +152,7 @@ Val gen_matmul(Lower *l, Val a, Val b, Type *type) {
         for (uint32_t i = 0; i < v.n; i++) v.c[i] = prod(l, a.c[i], b.c[0]);
         return v;
     }
-    uint32_t n = am ? a.type->n : b.type->n, rows = am ? n : 1, cols = bm ? n : 1;
+    uint32_t n = am ? a.type->columns : b.type->n, rows = am ? a.type->n : 1, cols = bm ? b.type->columns : 1;
     for (uint32_t r = 0; r < rows; r++)
         for (uint32_t c = 0; c < cols; c++) {
             Inst *x[4], *y[4];
@@ -250,8 +250,8 @@ static Val vectors(Lower *l, Expr *e, Val *a) {
                    ? gen_matmul(l, a[0], a[1], e->type)
                    : gen_binary(l, OPR_MUL, a[0], a[1], e->type, e->span);
     case B_transpose: {
-        uint32_t m = e->type->n;
-        for (uint32_t i = 0; i < v.n; i++) v.c[i] = a[0].c[i % m * m + i / m];
+        uint32_t rows = e->type->n, columns = e->type->columns;
+        for (uint32_t i = 0; i < v.n; i++) v.c[i] = a[0].c[i % columns * rows + i / columns];
         break;
     }
     case B_determinant:
