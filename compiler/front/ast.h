@@ -210,6 +210,7 @@ struct Expr {
     uint32_t field; /* E_FIELD index */
     uint8_t swz[4], nswz;
     bool prefix, explicit_cast, is_const, parenthesised;
+    bool is_builtin; /* E_CALL in GLSL: of ours under its own name there; nothing of the file hides it */
     ConstVal cval;
     const char *other; /* E_CALL in GLSL: the builtin behind a function of the file that has its name */
     TypeRef *of;       /* E_LIST in GLSL: the array that `T[n](…)` makes */

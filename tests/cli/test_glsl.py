@@ -49,6 +49,9 @@ PAIRS = {
     "blocks of uniforms": ("uniform Block { vec2 shift; mat2 m; }; layout(std140, binding = 0) uniform Other { float level; vec3 tint[2]; } other;", "c = other.tint[1] + other.level + vec3(m * shift, p.x);", "", "c.z = p.x;"),
     "names that are builtins here": ("float frac(float x) { return fract(x) + 1.0; } float lerp(float a, float b) { return mix(a, b, 0.25); } vec2 atan2(vec2 v) { return v.yx; } float saturate(float v) { return v * 0.5; }",
                                      "c = vec3(frac(p.x * 4.0), lerp(p.y, 1.0), saturate(atan2(p).x));", "", "c = float3(frac(p.x * 4.0) + 1.0, lerp(p.y, 1.0, 0.25), p.y * 0.5);"),
+    "variables with the names of builtins here": ("const float frac = 0.25; float rsqrt; const float HALF = radians(90.0);", "vec2 lerp = fract(p * 3.0); float atan2 = 0.5; c = vec3(mix(lerp.x, frac, atan2), fract(p.y * 4.0) + rsqrt, inversesqrt(p.x + 1.0) + dot(p.x, atan2) + HALF);",
+                                                  "", "c = float3(lerp(frac(p.x * 3.0), 0.25, 0.5), frac(p.y * 4.0), rsqrt(p.x + 1.0) + p.x * 0.5 + 90.0 * (PI / 180.0));"),
+    "bounds drop what is no number": ("", "float n = p.x * 0.0; n /= n; c = vec3(clamp(n, 0.25, 1.0), max(n, 0.5), 0.25 + smoothstep(0.0, 1.0, n) + min(n, 0.75));", "", "c = float3(0.25, 0.5, 1.0);"),
     "builtins behind functions of their name": ("vec3 pow(vec3 v, float e) { return pow(v, vec3(e)); } int mod(int a, int b) { return a - b * (a / b); } float round(float x) { return floor(x + 0.5); }",
                                                 "c = pow(vec3(p, 0.5), 2.0) + mod(p.x * 4.0, 1.0) + float(mod(int(I.x), 3)) + round(p.y) + round(p.xyy);",
                                                 "", "c = pow(float3(p, 0.5), float3(2.0)); float m = p.x * 4.0; int i = int(I.x); c += m - floor(m); c += float(i % 3); c += floor(p.y + 0.5); c += round(p.xyy);"),
@@ -146,6 +149,20 @@ class Meaning(Case):
         for got, want in zip(j["integral"], [12, 0, 48]):
             self.assertAlmostEqual(got, want, delta=1e-3)
 
+    def test_includes(self):
+        """Files are relative to the one that names them; messages point into them; a circle ends."""
+        os.makedirs(self.dir + "/lib")
+        self.put("lib/one.glsl", '#ifndef ONE\n#define ONE\n#include "../lib/two.glsl"\nfloat one(float x) { return two(x) * K; }\n#endif\n')
+        self.put("lib/two.glsl", "#define K 0.5\nfloat two(float x) { return x * 2.0; }")
+        self.put("a.frag", '#include "lib/one.glsl"\n#if 0\n#include "no.glsl"\n#endif\n#include "lib/one.glsl"\nuniform vec2 canvas_resolution;\nvoid mainImage(out vec4 c, vec2 p) { c = vec4(one(p.x) / canvas_resolution.x); }')
+        for got in self.json_cli("render", "a.frag", "--integral", "--size", "8x4")["integral"]:
+            self.assertAlmostEqual(got, 16, delta=1e-3)
+        self.put("lib/bad.glsl", '#include "bad.glsl"\n')
+        self.put("b.frag", '#include "lib/none.glsl"\n#include <x>\n#include "lib/bad.glsl"\n')
+        said = self.run_cli("render", "b.frag", code=3).err
+        for text in ("b.frag:1:1: error: cannot read `%s/lib/none.glsl`" % ".", "b.frag:2:", "lib/bad.glsl:1:1: error: files include each other too deeply"):
+            self.assertIn(text, said.replace(self.dir, "."))
+
     def test_unread(self):
         """What hosts set is no error where nothing reads it; other names are."""
         self.put("u.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
@@ -167,7 +184,7 @@ class Messages(Case):
     def test_places(self):
         """What is not accepted says so with its line, once."""
         for text, line, what in [
-            ("#include <x>\nvoid main() {}", 1, "not supported"),
+            ("#include <x>\nvoid main() {}", 1, "wants the name of a file"),
             ("void main() { gl_FragColor = vec4(1); }\n#if 1\n", 2, "no `#endif`"),
             ("#define f(a, b) a\nvoid main() {\n gl_FragColor = vec4(f(1)); }", 3, "takes 2 arguments, 1 given"),
             ("#if 1 +\n#endif\nvoid main() { gl_FragColor = vec4(1); }", 1, "no condition"),

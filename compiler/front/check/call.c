@@ -340,7 +340,7 @@ static Expr *check_len(Checker *c, Expr *e) {
     return finish(c, e, c->t_int);
 }
 
-/* In GLSL lengths are of scalars too, and `mix` chooses by bools. */
+/* In GLSL lengths and dot are of scalars too, and `mix` chooses by bools. */
 static Builtin glsl_builtin(Checker *c, Expr *e, Builtin b) {
     bool scalar = e->nargs && is_scalar(e->args[0]->type);
     if (b == B_lerp && e->nargs == 3 && scalar_kind(e->args[2]->type) == T_BOOL) {
@@ -372,6 +372,8 @@ static Expr *check_builtin_typed(Checker *c, Expr *e, Builtin b) {
             return fail(c, e);
         }
     }
+    if (in_glsl(c) && b == B_dot && e->nargs == 2 && is_scalar(e->args[0]->type) && is_scalar(e->args[1]->type))
+        return check_mul(c, e);
     if (in_glsl(c)) b = glsl_builtin(c, e, b);
     if (builtin_sigs[b][0] != '*') return check_builtin_sig(c, e, b);
     uint32_t want = b == B_select ? 3 : b == B_mul ? 2 : 1;
@@ -393,6 +395,7 @@ static Expr *check_builtin_typed(Checker *c, Expr *e, Builtin b) {
 }
 
 Expr *check_call(Checker *c, Expr *e) {
+    if (e->is_builtin) return check_builtin(c, e, (Builtin)(uintptr_t)map_get(&c->builtin_funcs, e->name));
     Binding *local = map_get(&c->at.locals, e->name);
     if (local) {
         check_args(c, e, true);

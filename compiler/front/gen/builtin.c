@@ -61,6 +61,12 @@ static bool same_value(const Inst *a, const Inst *b) {
             a->args[0]->op == OP_consti && b->args[0]->op == OP_consti && a->args[0]->imm.i == b->args[0]->imm.i);
 }
 
+/* The op gives its first argument where the second is NaN. In GLSL that is the bound: GPUs drop NaN there, and people's
+ * pictures are what they are because of it (0/0 on a segment without length is clamped to 0). */
+static Inst *bounded(Lower *l, Op op, Inst *v, Inst *bound) {
+    return l->program->is_glsl ? op2(l, op, bound, v) : op2(l, op, v, bound);
+}
+
 static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
     /* max(x, -x) is abs(x): its slope at 0 is 0. */
     if (k == T_FLOAT &&
@@ -68,12 +74,13 @@ static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
         Inst *size = op1(l, OP_fabs, b->op == OP_fneg ? a : b);
         return max ? size : op1(l, OP_fneg, size);
     }
-    return op2(l, row_of_builtin(max ? B_max : B_min, k), a, b);
+    Op row = row_of_builtin(max ? B_max : B_min, k);
+    return k == T_FLOAT && ir_is_const(b) ? bounded(l, row, a, b) : op2(l, row, a, b);
 }
 
 static Inst *smoothstep_scalar(Lower *l, Inst *e0, Inst *e1, Inst *x) {
     Inst *t = op2(l, OP_fdiv, diff(l, x, e0), diff(l, e1, e0));
-    t = op2(l, OP_fmin, op2(l, OP_fmax, t, kf(l, 0)), kf(l, 1));
+    t = bounded(l, OP_fmin, bounded(l, OP_fmax, t, kf(l, 0)), kf(l, 1));
     return prod(l, prod(l, t, t), diff(l, kf(l, 3), prod(l, kf(l, 2), t)));
 }
 
@@ -114,7 +121,9 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     }
     case B_min: return min_max(l, false, x, y, k);
     case B_max: return min_max(l, true, x, y, k);
-    case B_clamp: return min_max(l, false, min_max(l, true, x, y, k), z, k);
+    case B_clamp:
+        if (f) return bounded(l, OP_fmin, bounded(l, OP_fmax, x, y), z);
+        return min_max(l, false, min_max(l, true, x, y, k), z, k);
     case B_saturate: return op2(l, OP_fmin, op2(l, OP_fmax, x, kf(l, 0)), kf(l, 1));
     case B_lerp: return sum(l, x, prod(l, z, diff(l, y, x)));
     case B_step: return sel(l, site_compare(l, op2(l, OP_flt, y, x), y, x, span), kf(l, 0), kf(l, 1));
