@@ -182,7 +182,11 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
         if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
-        Fn *site = variant_site(ctx, primal);
+        bool asks = needs[K_SITE] || needs[K_SITE_GRAD] || needs[K_SITE_JVP] || needs[K_SITE_VJP];
+        Fn *site = asks ? variant_site(ctx, primal) : NULL;
+        if (site && variant.most_site_size && walk_fn_size(site) > variant.most_site_size)
+            session_limit(ctx->session, "its %u sites need %u operations, which would take minutes to compile",
+                          primal->nsites, walk_fn_size(site));
         Fn **end[K_KINDS];
         for (int k = 0; k < K_KINDS; k++) end[k] = &out->fn[k];
         for (Fn *part = site; part; part = part->next_part) {
