@@ -200,6 +200,28 @@ class Rules(Case):
                                  2 * (j["stderr"]["k"][0] + best["stderr"]["k"][0]))
             self.assertLessEqual(j["stderr"]["k"][0], 3 * lines["stderr"]["k"][0], estimator)
 
+    def test_auto_turns_where_cells_state_much(self):
+        """Steep shading without jumps that move: the rules agree on the value to what is asked, not on its derivative, and
+        finer ones cost more than the lattice, which states a 30th."""
+        self.put("s.frag", """uniform float k;
+            void mainImage(out vec4 o, vec2 at) {
+                vec2 p = (2. * at - iResolution.xy) / iResolution.y, q = p - vec2(.037 - k, .265 + sin(k));
+                float w = 6.2831853 / 6., a = mod(atan(q.y, q.x) + .5 * w, w) - .5 * w, c = .1;
+                q = length(q) * vec2(cos(a), sin(a));
+                c = mix(c, 1. - c, smoothstep(.03, -.03, abs(length(q) - .459 - k * k + k) - .068));
+                q = p - vec2(.537 + k * .5, .001 + k);
+                for (int i = 0; i < 3; i++) {
+                    q = abs(q) - .3 + k * .3, q *= mat2(cos(.5), -sin(.5), sin(.5), cos(.5));
+                    if (q.x > .374) break;
+                }
+                o = vec4(mix(c, 1. - c, smoothstep(.03, -.03, (q.x - q.y) * .953 - .081 - k)));
+            }""")
+        ask = lambda *o: self.json_cli("grad", "s.frag", "--integral", "--param", "k=0.0137", "--size", "256x144", *o)
+        lines, cells, j = ask("--estimator", "lattice"), ask("--estimator", "quadrature"), ask()
+        self.assertGreater(cells["stderr"]["k"][0], 20 * lines["stderr"]["k"][0])
+        for key in ("gradient", "stderr", "stderr_kind", "missed_estimate", "gradient_left_bound"):
+            self.assertEqual(j.get(key), lines.get(key), key)
+
     def test_a_root_at_the_edge(self):
         """Shading that falls like a root of the distance: the nearest floats to the curve see a hundredth of it."""
         self.put("s.salt", HEAD + "shader float main(float2 x) { float2 d = x - float2(a, b); float q = dot(d, d); "
