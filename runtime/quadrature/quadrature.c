@@ -162,7 +162,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     Run r;
     SltStats own = SLT_STATS_INIT;
     SltIntegral all = *out;
-    double *room = NULL;
+    double *room = NULL, size = 0;
     j.integral = true;
     bool gradient = wants_gradient(out), value = out->value || out->value_stderr;
     if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
@@ -202,7 +202,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
             break;
         }
         errors_of(&p, gradient, &rules, &left, &scale);
-        if (effort_took(&e, rules, left)) put(&p, &all), quadrature_state(&r, &p);
+        if (effort_took(&e, rules, left)) put(&p, &all), quadrature_state(&r, &p), size = scale;
         uint64_t used = r.stats.evaluations;
         if (!effort_more(&e, &p, rules, left, scale, used, used - before, &stop)) break;
     }
@@ -211,7 +211,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     run_end(&r, &own);
     out->replicates = all.replicates, out->mixed = all.mixed;
     if (st == SLT_OK && asks && !*turned)
-        st = quadrature_turns(s, &j, all.gradient, all.gradient_stderr, turned, &own, err);
+        st = quadrature_turns(s, &j, all.gradient, all.gradient_stderr, size, turned, &own, err);
     if (turned && *turned) forget(&own, s, out);
     stats_add(stats, &own);
     free(room);

@@ -222,6 +222,13 @@ class Rules(Case):
         for key in ("gradient", "stderr", "stderr_kind", "missed_estimate", "gradient_left_bound"):
             self.assertEqual(j.get(key), lines.get(key), key)
 
+    def test_auto_stays_where_lines_are_blind(self):
+        """Jumps that nothing tracks: cells state what lines do not see, and a narrower bar is no better one."""
+        self.put("s.salt", HEAD + "shader float main(float2 x) { float h = floor(4.0 * x.x + a); "
+                 "[Disc] if (h > 2.0) return 1.0; return 0.0; }")
+        for estimator in ("auto", "quadrature"):
+            self.assertGreater(self.json_cli("grad", "s.salt", "--integral", "--estimator", estimator)["stderr"]["a"], 0.2)
+
     def test_a_root_at_the_edge(self):
         """Shading that falls like a root of the distance: the nearest floats to the curve see a hundredth of it."""
         self.put("s.salt", HEAD + "shader float main(float2 x) { float2 d = x - float2(a, b); float q = dot(d, d); "
