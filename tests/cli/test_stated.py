@@ -229,6 +229,17 @@ class Rules(Case):
         for estimator in ("auto", "quadrature"):
             self.assertGreater(self.json_cli("grad", "s.salt", "--integral", "--estimator", estimator)["stderr"]["a"], 0.2)
 
+    def test_check_says_where_nothing_was_tested(self):
+        """A row whose error is larger than the derivative agrees with anything."""
+        self.put("s.salt", HEAD + "shader float main(float2 x) { float h = floor(4.0 * x.x + a); "
+                 "[Disc] if (h > 2.0) return 1.0; [Disc] if (x.y < b) return 0.5; return 0.0; }")
+        j = self.json_cli("check", "s.salt", "--wrt", "a,b", "--estimator", "quadrature")
+        self.assertEqual([row["tested"] for row in j["rows"]], [False, False])
+        self.assertIn("nothing was tested of 2 of 2 rows", self.run_cli("check", "s.salt", "--estimator", "quadrature", "--wrt", "a,b").out)
+        self.put("t.salt", HEAD + "shader float main(float2 x) { [Disc] if (x.y < b) return 0.5; return c * a * 0.0; }")
+        j = self.json_cli("check", "t.salt")  # of a and c the derivative is 0, and known to be
+        self.assertEqual([row["tested"] for row in j["rows"]], [True, True, True])
+
     def test_a_root_at_the_edge(self):
         """Shading that falls like a root of the distance: the nearest floats to the curve see a hundredth of it."""
         self.put("s.salt", HEAD + "shader float main(float2 x) { float2 d = x - float2(a, b); float q = dot(d, d); "
