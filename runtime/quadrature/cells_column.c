@@ -354,7 +354,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
 }
 
 /* What rounding or a singularity keeps apart would be cut without end. */
-enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
+enum { PIECE_STEEP = 4, PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
  * a curve; else its base or its columns are too long. */
@@ -374,6 +374,7 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, bool layer, const C
         return true;
     }
     if (curves_agree && !columns && !c->o->flat && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (layer && c->dim > 1) p->layered = true;
     if (columns) p->parts *= 2;
     else p->halve = true;
     return true;
@@ -422,6 +423,20 @@ bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     return !tied || cells_emit_tied(c, from, to);
 }
 
+/* The part of its cell that a piece is, cut further; false: it is too small for that, or no part by itself. */
+static bool put_back(Cells *c, const Piece *p) {
+    const Cell *cell = &c->cell[p->cell];
+    Box part = cell->box;
+    if (c->dim > 2 || cell->slice >= 0 || !cells_may_divide(c, cell) || p->beyond[0] || p->beyond[1]) return false;
+    if (p->base >= 0) {
+        int d = p->base;
+        part.lo[d] = cells_round(c, p->at[d][0]), part.end[d] = cells_round(c, p->at[d][1]);
+        if (part.end[d] < part.hi[d]) part.hi[d] = part.end[d];
+        if (!(part.lo[d] < part.hi[d])) return false;
+    }
+    return cells_put_back(c, cell, &part);
+}
+
 /* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
 static bool integrate(Cells *c, uint32_t first) {
     uint32_t n = c->npiece - first;
@@ -445,6 +460,14 @@ static bool integrate(Cells *c, uint32_t first) {
         smooth &= !layer;
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
+        /* Beside its curves f may be steep: then that is a matter for smaller cells, not for longer columns. */
+        bool alone = compare && c->o->volume && !c->o->flat && agree && end > spot && !c->cell[p->cell].curves_done;
+        bool hides = alone && (smooth || (!layer && p->parts >= PIECE_STEEP)) &&
+                     ((!smooth && c->dim < 2) || cells_hides_beside(c, p, from, to, spots, beyond));
+        if (hides && put_back(c, p)) {
+            spot = end;
+            continue;
+        }
         if ((agree && smooth) || last || cells_spent(c)) {
             if (!cells_emit_columns(c, from, to)) return false;
             if (p->graded) cells_doubt_rims(c, from, to, spot, end);

@@ -24,6 +24,8 @@
 #ifndef SALTUS_QUADRATURE_CELLS_INNER_H
 #define SALTUS_QUADRATURE_CELLS_INNER_H
 
+#include <math.h>
+
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
 #include "runtime/quadrature/lists.h"
@@ -144,6 +146,7 @@ typedef struct Piece {
     uint32_t asked;    /* likewise: whether it is was asked of the program, not of corners */
     uint32_t halvings; /* of its base */
     uint32_t parts;    /* in which the columns are cut between roots */
+    bool layered;      /* and of these each is twice as long as the one nearer to the root */
     bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
     bool halve;        /* it is too long for the rules */
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
@@ -274,6 +277,7 @@ struct Cells {
     GaussRule of[GAUSS_MAX + 1];        /* by number of points */
     double slack;                       /* Root.slack of columns at which f is not asked */
     double bend;                        /* Piece.bend of late: for those that come next */
+    double most;                        /* |f| that points of this tile have met */
     double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
     Node *stack;                        /* nodes to be worked on */
     uint32_t oldest, nstack, stack_cap; /* stack[oldest .. nstack - 1] wait */
@@ -356,6 +360,11 @@ void cells_leave(Cells *c, const Box *box, const double *bounds); /* CellSink.le
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
+
+/* ---- cells.c */
+bool cells_may_divide(Cells *c, const Cell *cell); /* is it large enough to be cut further? */
+/* A part of a cell that was counted as curved becomes a node again. False when memory runs out. */
+bool cells_put_back(Cells *c, const Cell *cell, const Box *part);
 
 /* ---- cells_edge.c */
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
@@ -513,15 +522,30 @@ double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *t
 /* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
  */
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* Of a box that is not cut further: counts what it may hide as lost. */
+void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* The same of the parts of a piece between its curves; those spots are the piece's. */
+bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
+                        const Spot *end);
 /* The axis along which bounds of its halves tell most, and these bounds. */
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
 
 /* ---- cells_volume.c */
-bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
-bool cells_take_values(Cells *c);                                    /* f at all spots */
-bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+/* Where part k of a column between two roots begins, in parts of its length. */
+static inline double cells_part_begins(const Piece *p, uint32_t k) {
+    int half = (int)p->parts / 2;
+    if (!p->layered) return (double)k / p->parts;
+    if (k == 0 || k == p->parts) return k > 0;
+    return (int)k <= half ? ldexp(1, (int)k - half - 1) : 1 - ldexp(1, half - (int)k - 1);
+}
+
+bool cells_add_columns_of_points(Cells *c);                    /* the spots of column[ncolumn] */
+bool cells_take_values(Cells *c);                              /* f at all spots */
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
 /* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
 bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
+/* Where the parts of a column end, ascending; the last one at the end of the cell. How many. */
+uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);

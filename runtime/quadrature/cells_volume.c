@@ -137,8 +137,7 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
     return points < full->n ? &c->of[points] : full;
 }
 
-/* Where the parts of a column end, ascending; the last one at the end of the cell. */
-static uint32_t part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
+uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
     const Piece *p = &c->piece[k->piece];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
@@ -155,12 +154,13 @@ static uint32_t part_ends(const Cells *c, const Column *k, double heights[CELL_E
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
-    uint32_t n = part_ends(c, k, heights);
+    uint32_t n = cells_part_ends(c, k, heights);
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from);
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
-            double t = (q / g->n + g->x[q % g->n]) / p->parts, w = g->w[q % g->n] / p->parts;
+            double begin = cells_part_begins(p, q / g->n), length = cells_part_begins(p, q / g->n + 1) - begin;
+            double t = begin + g->x[q % g->n] * length, w = g->w[q % g->n] * length;
             if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
             x[p->axis] = from + t * (heights[i] - from);
             if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
@@ -199,7 +199,7 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
     for (const Column *k = from; k < to; k++) {
         double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
-        part_ends(c, k, heights);
+        cells_part_ends(c, k, heights);
         for (uint32_t i = 0; i < n; last = heights[i++]) {
             double length = heights[i] - last;
             if (!(length > 0)) continue;
@@ -326,7 +326,7 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
 
 /* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
  * of positions makes is no difference. */
-bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
     double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, lo[3], hi[3];
     for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
@@ -343,6 +343,8 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
                 if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
         }
     }
+    /* Where f fades away next to where it is large, the tail need not be known as well as that. */
+    c->most = most = larger(c->most, most);
     double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
     for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
         double noise = unit * total;
@@ -421,6 +423,7 @@ static bool integrate_last(Cells *c, uint32_t first) {
         bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree = last;
         if (!last) agree = cells_values_agree(c, at, end);
         if (!last && agree) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
+        if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end);
         if (agree && !s->hunted) cells_emit_spots(c, at, end);
         else c->smooth[kept++] = *s;
         at = end;
