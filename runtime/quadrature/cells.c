@@ -510,7 +510,7 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
     c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0,
-    c->most = 0;
+    c->most = o->seen;
     memset(c->straight, 0, c->s->nsites);
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);

@@ -36,7 +36,8 @@ static void box_at(const SltScene *s, uint32_t point, uint32_t level, double lo[
     }
 }
 
-static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
+/* Returns what |f| is at least somewhere. */
+static double ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
     for (uint32_t l = 0; l < LEVELS; l++)
         for (uint32_t i = 0; i < POINTS; i++) {
             double lo[3] = {0}, hi[3] = {0};
@@ -45,11 +46,18 @@ static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][PO
             for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, l * POINTS + i, hi[d]);
         }
     batch_call(b, SLT_K_BOUNDS, LEVELS * POINTS);
+    double seen = 0;
     for (uint32_t l = 0; l < LEVELS; l++)
         for (uint32_t i = 0; i < POINTS; i++) {
+            for (uint32_t c = 0; c < b->s->channels; c++) {
+                double least = batch_get(b, SLT_OUT_F_LO, c, l * POINTS + i);
+                double most = batch_get(b, SLT_OUT_F_HI, c, l * POINTS + i);
+                if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
+            }
             state[l][i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, l * POINTS + i);
             open[l][i] = batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, l * POINTS + i) : 0;
         }
+    return seen;
 }
 
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
@@ -62,7 +70,7 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     bool ok = batch_init(&b, s, &g);
     if (ok) {
         uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
-        ask(&b, state, open);
+        o.seen = ask(&b, state, open);
         for (uint32_t i = 0; i < POINTS; i++) {
             uint32_t l = 0;
             while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
