@@ -180,6 +180,7 @@ static bool part_box(Cells *c, const Piece *p, const Column *from, const Column 
 
 /* A box beside curves. */
 typedef struct Beside {
+    bool near; /* next to one */
     double lo[3], hi[3], f[2 * SLT_MAX_CHANNELS];
 } Beside;
 
@@ -194,7 +195,7 @@ static uint32_t suspects(Cells *c, const Piece *p, const Column *from, const Col
         double length = whole.hi[p->axis] - whole.lo[p->axis];
         for (uint32_t k = 0; k < p->parts && n < room; k++) {
             Beside *b = &box[n];
-            *b = whole;
+            *b = whole, b->near = (k == 0 && i > 0) || (k + 1 == p->parts && i + 1 < parts);
             double begin = cells_part_begins(p, k), past = cells_part_begins(p, k + 1);
             if (k) b->lo[p->axis] = cells_round(c, whole.lo[p->axis] + begin * length);
             if (k + 1 < p->parts) b->hi[p->axis] = cells_round(c, whole.lo[p->axis] + past * length);
@@ -204,14 +205,14 @@ static uint32_t suspects(Cells *c, const Piece *p, const Column *from, const Col
     return n;
 }
 
-bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
-                        const Spot *end) {
+Hidden cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
+                          const Spot *end) {
     enum { MOST = 32 };
     Batch *b = c->b;
     Beside box[MOST];
-    if (c->dim > 2 || !may_hunt(c)) return false;
+    if (c->dim > 2 || !may_hunt(c)) return HIDES_NOTHING;
     uint32_t n = suspects(c, p, from, to, first, end, box, MOST), kept = 0;
-    if (!n) return false;
+    if (!n) return HIDES_NOTHING;
     for (uint32_t i = 0; i < n; i++) {
         batch_set_x(b, i, box[i].lo);
         for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_H0 + d, i, box[i].hi[d]);
@@ -229,9 +230,9 @@ bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Colu
     for (uint32_t i = 0; i < kept; i++)
         if (is_steep(c, box[i].lo, box[i].hi, box[i].f)) {
             c->hunted += (uint64_t)(end - first);
-            return true;
+            return box[i].near && c->dim > 1 ? HIDES_NEAR : HIDES_AWAY;
         }
-    return false;
+    return HIDES_NOTHING;
 }
 
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]) {
