@@ -462,15 +462,12 @@ static bool integrate(Cells *c, uint32_t first) {
                     c->cell[p->cell].cuts >= CELL_CUTS;
         /* Beside its curves f may be steep: then that is a matter for smaller cells, not for longer columns. */
         bool alone = compare && c->o->volume && !c->o->flat && agree && end > spot && !c->cell[p->cell].curves_done;
-        Hidden hides = HIDES_NOTHING;
-        if (alone && !smooth && !layer && c->dim < 2 && p->parts >= PIECE_STEEP) hides = HIDES_AWAY;
-        else if (alone && (smooth || (!layer && p->parts >= PIECE_STEEP)))
-            hides = cells_hides_beside(c, p, from, to, spots, beyond);
-        if (hides == HIDES_AWAY && put_back(c, p)) {
+        bool hides = alone && (smooth || (!layer && p->parts >= PIECE_STEEP)) &&
+                     ((!smooth && c->dim < 2) || cells_hides_beside(c, p, from, to, spots, beyond));
+        if (hides && put_back(c, p)) {
             spot = end;
             continue;
         }
-        layer |= hides == HIDES_NEAR, smooth &= !layer;
         if ((agree && smooth) || last || cells_spent(c)) {
             if (!cells_emit_columns(c, from, to)) return false;
             if (p->graded) cells_doubt_rims(c, from, to, spot, end);

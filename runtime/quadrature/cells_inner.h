@@ -524,10 +524,9 @@ double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *t
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
 /* Of a box that is not cut further: counts what it may hide as lost. */
 void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
-/* The same of the parts of a piece between its curves, next to one of them or away from all; those spots are its. */
-typedef enum Hidden { HIDES_NOTHING, HIDES_NEAR, HIDES_AWAY } Hidden;
-Hidden cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
-                          const Spot *end);
+/* The same of the parts of a piece between its curves; those spots are the piece's. */
+bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
+                        const Spot *end);
 /* The axis along which bounds of its halves tell most, and these bounds. */
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
 

@@ -65,34 +65,57 @@ enum {
     FEW = 2,       /* places, by both rules, on a climb from a quarter of its height to three */
     HUNT = 1 << 14 /* evaluations of a tile for that, at first */
 };
-#define VARIES 0x1p-6 /* part of what f may be: by so much it may vary unseen */
+#define VARIES 0x1p-6 /* part of what f may be: by so much it may vary unseen, */
+#define FADES 0x1p-12 /* or by this part of what f is elsewhere */
 #define KEEPS 0.8     /* and this part of it a small part of the box keeps where f is steep */
 
-static bool is_inside(const Cells *c, const Spot *s, const double lo[3], const double hi[3]) {
-    bool inside = true;
-    for (uint32_t d = 0; d < c->dim && lo; d++) inside &= s->x[d] >= lo[d] && s->x[d] <= hi[d];
-    return inside;
+/* What places of a box have met, by channel. */
+typedef struct Met {
+    double f[2][SLT_MAX_CHANNELS];
+    uint32_t between[SLT_MAX_CHANNELS]; /* how often f was in the middle half of that */
+} Met;
+
+static void meet(const Cells *c, Met *m, const double *f) {
+    for (uint32_t ch = 0; ch < c->s->channels; ch++)
+        m->f[0][ch] = smaller(m->f[0][ch], f[ch]), m->f[1][ch] = larger(m->f[1][ch], f[ch]);
+}
+
+static void begin_to_meet(const Cells *c, Met *m) {
+    for (uint32_t ch = 0; ch < c->s->channels; ch++)
+        m->f[0][ch] = HUGE_VAL, m->f[1][ch] = -HUGE_VAL, m->between[ch] = 0;
+}
+
+/* Once all are met. */
+static void count_between(const Cells *c, Met *m, const double *f) {
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double quarter = 0.25 * (m->f[1][ch] - m->f[0][ch]);
+        m->between[ch] += f[ch] > m->f[0][ch] + quarter && f[ch] < m->f[1][ch] - quarter;
+    }
+}
+
+static bool varies(const Cells *c, double low, double high) {
+    return high - low > larger(VARIES * larger(fabs(low), fabs(high)), FADES * c->most);
 }
 
 /* May f be steep in the box, with bounds f[], where points do not tell? They have met less than bounds allow; or what f
- * is before a step and behind it, and nothing between: then its integral is about right, and derivatives know nothing
- * of the step. */
-static bool is_suspect(const Cells *c, const double *f, const Spot *first, const Spot *end, const double lo[3],
-                       const double hi[3], double loose) {
+ * is before a step and behind it, and hardly anything between: then its integral is about right, and derivatives know
+ * nothing of the step. */
+static bool is_suspect(const Cells *c, const double *f, const Met *m, double loose) {
     for (uint32_t ch = 0; ch < c->s->channels; ch++) {
-        double low = f[2 * ch], high = f[2 * ch + 1], met[2] = {HUGE_VAL, -HUGE_VAL};
-        for (const Spot *p = first; p < end; p++)
-            if (is_inside(c, p, lo, hi)) met[0] = smaller(met[0], p->f[ch]), met[1] = larger(met[1], p->f[ch]);
-        double range = met[1] - met[0], quarter = 0.25 * range;
+        double low = f[2 * ch], high = f[2 * ch + 1], range = m->f[1][ch] - m->f[0][ch];
         if (!(high - low < HUGE_VAL) || !(range >= 0)) continue;
-        if (high - low > loose * range && high - low > VARIES * larger(fabs(low), fabs(high))) return true;
-        if (!(range > VARIES * larger(fabs(met[0]), fabs(met[1])))) continue;
-        uint32_t between = 0;
-        for (const Spot *p = first; p < end; p++)
-            between += p->f[ch] > met[0] + quarter && p->f[ch] < met[1] - quarter && is_inside(c, p, lo, hi);
-        if (between < FEW) return true;
+        if (high - low > loose * range && varies(c, low, high)) return true;
+        if (varies(c, m->f[0][ch], m->f[1][ch]) && m->between[ch] < FEW) return true;
     }
     return false;
+}
+
+static Met met_by(const Cells *c, const Spot *first, const Spot *end) {
+    Met m;
+    begin_to_meet(c, &m);
+    for (const Spot *p = first; p < end; p++) meet(c, &m, p->f);
+    for (const Spot *p = first; p < end; p++) count_between(c, &m, p->f);
+    return m;
 }
 
 /* Where f is steep on a small part of a box, one of the boxes that halves along all axes make keeps nearly all of the
@@ -122,8 +145,7 @@ static bool is_steep(Cells *c, const double lo[3], const double end[3], const do
             if (i < n) low = smaller(low, lo_f), high = larger(high, hi_f), kept = larger(kept, rounding);
         }
         double range = high - low; /* f[] may be that of a larger box */
-        if (range > VARIES * larger(fabs(low), fabs(high)) && kept > KEEPS * range && range > LOOSER * rounding)
-            return true;
+        if (varies(c, low, high) && kept > KEEPS * range && range > LOOSER * rounding) return true;
     }
     return false;
 }
@@ -133,106 +155,124 @@ static bool may_hunt(const Cells *c) {
 }
 
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
-    if (!may_hunt(c) || !is_suspect(c, s->f, first, end, NULL, NULL, c->o->grid[0] > 0 ? LOOSER : LOOSE)) return false;
-    if (!is_steep(c, s->lo, s->end, s->f)) return false;
+    if (!may_hunt(c)) return false;
+    Met met = met_by(c, first, end);
+    /* A pixel has the bounds of its cell. */
+    if (!is_suspect(c, s->f, &met, c->o->grid[0] > 0 ? LOOSER : LOOSE) || !is_steep(c, s->lo, s->end, s->f))
+        return false;
     c->hunted += 2 * (uint64_t)(end - first);
     return true;
 }
 
 void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
     double section = 1, shortest = HUGE_VAL;
-    if (!may_hunt(c) || !is_suspect(c, s->f, first, end, NULL, NULL, LOOSER) || !is_steep(c, s->lo, s->end, s->f))
-        return;
+    if (!may_hunt(c)) return;
+    Met met = met_by(c, first, end);
+    if (!is_suspect(c, s->f, &met, LOOSER) || !is_steep(c, s->lo, s->end, s->f)) return;
     for (uint32_t d = 0; d < c->dim; d++)
         section *= s->end[d] - s->lo[d], shortest = smaller(shortest, s->end[d] - s->lo[d]);
     for (uint32_t ch = 0; ch < c->s->channels; ch++)
         c->counts->upset_jump[ch] += (s->f[2 * ch + 1] - s->f[2 * ch]) * section / shortest;
 }
 
-/* The box of part i of a piece: between curve i - 1 and curve i, away from both. False: there is hardly any. */
-static bool part_box(Cells *c, const Piece *p, const Column *from, const Column *to, uint32_t i, double lo[3],
-                     double hi[3]) {
-    const Box *box = &c->cell[p->cell].box;
-    double least = box->lo[p->axis], most = box->end[p->axis];
-    memcpy(lo, box->lo, sizeof box->lo), memcpy(hi, box->hi, sizeof box->hi);
-    if (p->base >= 0) lo[p->base] = p->at[p->base][0], hi[p->base] = p->at[p->base][1];
-    for (const Column *k = from; k < to; k++) {
-        double ends[CELL_EDGES + 1];
-        uint32_t n = cells_part_ends(c, k, ends);
-        if (i >= n) return false;
-        if (i) least = larger(least, ends[i - 1]);
-        if (i + 1 < n) most = smaller(most, ends[i]);
-    }
-    /* Columns are not at the ends of the base. */
-    lo[p->axis] = least, hi[p->axis] = most;
-    for (uint32_t set = p->present, e; p->base >= 0 && cells_take_edge(&set, &e);) {
+/* How many curves of a piece are below a place: those are nearly straight, or the piece would be cut. */
+static uint32_t part_of(const Piece *p, const double x[3]) {
+    uint32_t below = 0;
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
-        double half = 0.5 * (hi[p->base] - lo[p->base]), climb = edge->dg[p->base] / edge->dg[p->axis];
-        double reach = 1.25 * fabs(climb) * half;
-        if (!(reach < HUGE_VAL)) return false;
-        if (edge->height < 0.5 * (least + most)) lo[p->axis] = larger(lo[p->axis], edge->height + reach);
-        else hi[p->axis] = smaller(hi[p->axis], edge->height - reach);
+        double h = edge->height;
+        if (p->base >= 0)
+            h -= edge->dg[p->base] / edge->dg[p->axis] * (x[p->base] - 0.5 * (p->at[p->base][0] + p->at[p->base][1]));
+        below += h < x[p->axis];
     }
-    lo[p->axis] = cells_next(c, cells_round(c, lo[p->axis]), HUGE_VAL);
-    hi[p->axis] = cells_next(c, cells_round(c, hi[p->axis]), -HUGE_VAL);
-    return hi[p->axis] - lo[p->axis] > 0x1p-6 * (box->end[p->axis] - box->lo[p->axis]);
+    return below;
 }
 
-/* A box beside curves. */
-typedef struct Beside {
-    bool near; /* next to one */
-    double lo[3], hi[3], f[2 * SLT_MAX_CHANNELS];
-} Beside;
+/* A part of a piece, between curves, and a box in it that no curve touches. */
+typedef struct Part {
+    double lo[3], hi[3];
+    Met met;
+} Part;
 
-/* Those beside the curves of a piece, in as many parts as its columns are cut in, of which bounds of the cell do not
- * tell that points have met what there is. How many. */
-static uint32_t suspects(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
-                         const Spot *end, Beside *box, uint32_t room) {
-    uint32_t n = 0, parts = (uint32_t)__builtin_popcount(p->present) + 1;
-    Beside whole;
+/* Sets the boxes of all parts; of those that have hardly any hi < lo along the axis. */
+static void part_boxes(Cells *c, const Piece *p, const Column *from, const Column *to, Part *part, uint32_t parts) {
+    const Box *box = &c->cell[p->cell].box;
+    const int axis = p->axis, base = p->base;
     for (uint32_t i = 0; i < parts; i++) {
-        if (!part_box(c, p, from, to, i, whole.lo, whole.hi)) continue;
-        double length = whole.hi[p->axis] - whole.lo[p->axis];
-        for (uint32_t k = 0; k < p->parts && n < room; k++) {
-            Beside *b = &box[n];
-            *b = whole, b->near = (k == 0 && i > 0) || (k + 1 == p->parts && i + 1 < parts);
-            double begin = cells_part_begins(p, k), past = cells_part_begins(p, k + 1);
-            if (k) b->lo[p->axis] = cells_round(c, whole.lo[p->axis] + begin * length);
-            if (k + 1 < p->parts) b->hi[p->axis] = cells_round(c, whole.lo[p->axis] + past * length);
-            n += is_suspect(c, c->cell[p->cell].f, first, end, b->lo, b->hi, LOOSE);
+        memcpy(part[i].lo, box->lo, sizeof box->lo), memcpy(part[i].hi, box->hi, sizeof box->hi);
+        if (base >= 0) part[i].lo[base] = p->at[base][0], part[i].hi[base] = p->at[base][1];
+    }
+    for (const Column *k = from; k < to; k++) {
+        double ends[CELL_EDGES + 1], climb = 0;
+        uint32_t n = cells_part_ends(c, k, ends);
+        for (uint32_t i = 0; base >= 0 && i < k->nroots; i++) {
+            const Root *r = &c->root[k->first + i];
+            climb = larger(climb, fabs(r->dg[base] / r->dg[axis]));
+        }
+        /* As far as the column is from the end of the base a curve climbs on. */
+        double reach = base < 0 ? 0 : 1.5 * climb * smaller(p->at[base][1] - k->x[base], k->x[base] - p->at[base][0]);
+        for (uint32_t i = 0; i + 1 < n && i + 1 < parts; i++) {
+            part[i].hi[axis] = smaller(part[i].hi[axis], ends[i] - reach);
+            part[i + 1].lo[axis] = larger(part[i + 1].lo[axis], ends[i] + reach);
         }
     }
-    return n;
+    for (uint32_t i = 0; i < parts; i++) {
+        part[i].lo[axis] = cells_next(c, cells_round(c, part[i].lo[axis]), HUGE_VAL);
+        part[i].hi[axis] = cells_next(c, cells_round(c, part[i].hi[axis]), -HUGE_VAL);
+    }
 }
 
-Hidden cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
-                          const Spot *end) {
-    enum { MOST = 32 };
+/* What the spots of each part have met, and the sides of the curves beside it. */
+static void meet_parts(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
+                       const Spot *end, Part *part, uint32_t parts) {
+    for (uint32_t i = 0; i < parts; i++) begin_to_meet(c, &part[i].met);
+    for (const Spot *s = first; s < end; s++) meet(c, &part[part_of(p, s->x)].met, s->f);
+    for (const Column *k = from; k < to; k++)
+        for (uint32_t i = 0; i < k->nroots; i++) {
+            const Root *r = &c->root[k->first + i];
+            if (!r->sides || r->twin || r->band) continue;
+            for (uint32_t up = 0; up < 2 && i + up < parts; up++) meet(c, &part[i + up].met, cells_sides(c, r)->f[up]);
+        }
+    for (const Spot *s = first; s < end; s++) count_between(c, &part[part_of(p, s->x)].met, s->f);
+}
+
+bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
+                        const Spot *end) {
     Batch *b = c->b;
-    Beside box[MOST];
-    if (c->dim > 2 || !may_hunt(c)) return HIDES_NOTHING;
-    uint32_t n = suspects(c, p, from, to, first, end, box, MOST), kept = 0;
-    if (!n) return HIDES_NOTHING;
-    for (uint32_t i = 0; i < n; i++) {
-        batch_set_x(b, i, box[i].lo);
-        for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_H0 + d, i, box[i].hi[d]);
+    const Cell *cell = &c->cell[p->cell];
+    Part part[CELL_EDGES + 1];
+    const uint32_t parts = (uint32_t)__builtin_popcount(p->present) + 1;
+    uint32_t asked[CELL_EDGES + 1], n = 0;
+    if (c->dim > 2 || !may_hunt(c)) return false;
+    part_boxes(c, p, from, to, part, parts);
+    meet_parts(c, p, from, to, first, end, part, parts);
+    double least = 0x1p-6 * (cell->box.end[p->axis] - cell->box.lo[p->axis]);
+    for (uint32_t i = 0; i < parts; i++) {
+        if (!(part[i].hi[p->axis] - part[i].lo[p->axis] > least)) continue;
+        if (!is_suspect(c, cell->f, &part[i].met, LOOSE)) continue;
+        batch_set_x(b, n, part[i].lo);
+        for (uint32_t d = 0; d < c->dim; d++) batch_set(b, SLT_IN_H0 + d, n, part[i].hi[d]);
+        asked[n++] = i;
     }
+    if (!n) return false;
+    double f[CELL_EDGES + 1][2 * SLT_MAX_CHANNELS];
+    uint32_t kept = 0;
     c->hunted += n;
     cells_call(c, SLT_K_BOUNDS, n);
-    for (uint32_t i = 0; i < n; i++) {
-        if (batch_get_int(b, SLT_OUT_OPEN, 0, i) || batch_get_int(b, SLT_OUT_BOX_STATE, 0, i)) continue;
-        Beside *k = &box[kept];
-        *k = box[i];
+    for (uint32_t k = 0; k < n; k++) {
+        if (batch_get_int(b, SLT_OUT_OPEN, 0, k) || batch_get_int(b, SLT_OUT_BOX_STATE, 0, k)) continue;
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
-            k->f[2 * ch] = batch_get(b, SLT_OUT_F_LO, ch, i), k->f[2 * ch + 1] = batch_get(b, SLT_OUT_F_HI, ch, i);
-        kept += is_suspect(c, k->f, first, end, k->lo, k->hi, LOOSE);
+            f[kept][2 * ch] = batch_get(b, SLT_OUT_F_LO, ch, k),
+                        f[kept][2 * ch + 1] = batch_get(b, SLT_OUT_F_HI, ch, k);
+        asked[kept] = asked[k];
+        kept += is_suspect(c, f[kept], &part[asked[kept]].met, LOOSE);
     }
-    for (uint32_t i = 0; i < kept; i++)
-        if (is_steep(c, box[i].lo, box[i].hi, box[i].f)) {
+    for (uint32_t k = 0; k < kept; k++)
+        if (is_steep(c, part[asked[k]].lo, part[asked[k]].hi, f[k])) {
             c->hunted += (uint64_t)(end - first);
-            return box[i].near && c->dim > 1 ? HIDES_NEAR : HIDES_AWAY;
+            return true;
         }
-    return HIDES_NOTHING;
+    return false;
 }
 
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]) {
