@@ -319,14 +319,14 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
         for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
             if (!fill_column(c, k, (CellRule)r)) return false;
     if (!take_values(c, first)) return false;
-    *differ = !cells_values_agree(c, first, c->nspot);
+    *differ = !cells_values_agree(c, first, c->nspot, 1.0 / c->piece[from->piece].parts);
     c->nspot = first;
     return true;
 }
 
 /* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
  * of positions makes is no difference. */
-bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
     double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, lo[3], hi[3];
     for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
@@ -349,7 +349,7 @@ bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
     for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
         double noise = unit * total;
         if (m && hi[m - 1] > lo[m - 1]) noise *= 1 + larger(fabs(lo[m - 1]), fabs(hi[m - 1])) / (hi[m - 1] - lo[m - 1]);
-        double most_apart = larger(c->o->tolerance * most * c->volume, noise);
+        double most_apart = larger(c->o->tolerance * part * most * c->volume, noise);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > most_apart) return false;
     }
@@ -367,13 +367,18 @@ bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const doub
     return true;
 }
 
+/* How often each side was halved, because f varies faster than that: its parts need as many points as it had, and where
+ * f climbs on a part of the length, derivatives err by so much more than f. */
+static double halved(const Cells *c, const Smooth *s) { return ldexp(1, (int)(s->halvings / c->dim)); }
+
 /* Points of the tensor rule. */
 static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
     const Smooth *s = &c->smooth[owner];
     const GaussRule *r[3] = {NULL};
     uint32_t n[3] = {1, 1, 1};
     if (!c->rule[rule].n) return true;
-    for (uint32_t d = 0; d < c->dim; d++) r[d] = rule_along(c, (CellRule)rule, s->end[d] - s->lo[d]), n[d] = r[d]->n;
+    for (uint32_t d = 0; d < c->dim; d++)
+        r[d] = rule_along(c, (CellRule)rule, halved(c, s) * (s->end[d] - s->lo[d])), n[d] = r[d]->n;
     for (uint32_t z = 0; z < n[2]; z++)
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t i = 0; i < n[0]; i++) {
@@ -421,7 +426,7 @@ static bool integrate_last(Cells *c, uint32_t first) {
         while (end < c->nspot && c->spot[end].owner == i) end++;
         Smooth *s = &c->smooth[i];
         bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree = last;
-        if (!last) agree = cells_values_agree(c, at, end);
+        if (!last) agree = cells_values_agree(c, at, end, 1 / halved(c, s));
         if (!last && agree) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
         if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end);
         if (agree && !s->hunted) cells_emit_spots(c, at, end);
