@@ -522,8 +522,10 @@ double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *t
 /* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
  */
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
-/* Of a box that is not cut further: counts what it may hide as lost. */
-void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* In f32: where f climbs in few floats, what the rounding of points makes of derivatives. */
+void cells_state_rounding(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* Of a box that is not cut further, though the rules may not agree: counts a step that it may hold as lost. */
+void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree);
 /* The same of the parts of a piece between its curves; those spots are the piece's. */
 bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
                         const Spot *end);
@@ -539,10 +541,9 @@ static inline double cells_part_begins(const Piece *p, uint32_t k) {
     return (int)k <= half ? ldexp(1, (int)k - half - 1) : 1 - ldexp(1, half - (int)k - 1);
 }
 
-bool cells_add_columns_of_points(Cells *c); /* the spots of column[ncolumn] */
-bool cells_take_values(Cells *c);           /* f at all spots */
-/* Do the rules, on spot[from .. to - 1], to that part of the tolerance? */
-bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part);
+bool cells_add_columns_of_points(Cells *c);                    /* the spots of column[ncolumn] */
+bool cells_take_values(Cells *c);                              /* f at all spots */
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
 /* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
 bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Where the parts of a column end, ascending; the last one at the end of the cell. How many. */

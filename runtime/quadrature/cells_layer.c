@@ -65,8 +65,7 @@ enum {
     FEW = 2,       /* places, by both rules, on a climb from a quarter of its height to three */
     HUNT = 1 << 14 /* evaluations of a tile for that, at first */
 };
-#define VARIES 0x1p-6 /* part of what f may be: by so much it may vary unseen, */
-#define FADES 0x1p-12 /* or by this part of what f is elsewhere */
+#define VARIES 0x1p-6 /* part of what f may be: by so much it may vary unseen */
 #define KEEPS 0.8     /* and this part of it a small part of the box keeps where f is steep */
 
 /* What places of a box have met, by channel. */
@@ -93,8 +92,9 @@ static void count_between(const Cells *c, Met *m, const double *f) {
     }
 }
 
+/* Beside what f is elsewhere, too. */
 static bool varies(const Cells *c, double low, double high) {
-    return high - low > larger(VARIES * larger(fabs(low), fabs(high)), FADES * c->most);
+    return high - low > larger(VARIES * larger(fabs(low), fabs(high)), (c->b->f64 ? 0x1p-24 : 0x1p-14) * c->most);
 }
 
 /* May f be steep in the box, with bounds f[], where points do not tell? They have met less than bounds allow; or what f
@@ -150,9 +150,10 @@ static bool is_steep(Cells *c, const double lo[3], const double end[3], const do
     return false;
 }
 
-static bool may_hunt(const Cells *c) {
-    return !c->lists.any && !c->prunes && !c->o->trial && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4;
-}
+/* Bounds of any box may be asked where none need lists or chunks of their own. */
+static bool may_ask(const Cells *c) { return !c->lists.any && !c->prunes && !c->o->trial; }
+
+static bool may_hunt(const Cells *c) { return may_ask(c) && c->hunted <= HUNT + (c->b->evaluations - c->began) / 4; }
 
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
     if (!may_hunt(c)) return false;
@@ -164,15 +165,37 @@ bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *
     return true;
 }
 
-void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
-    double section = 1, shortest = HUGE_VAL;
-    if (!may_hunt(c)) return;
+/* The section of a box for a step in it. */
+static double section_of(const Cells *c, const Smooth *s, double *side) {
+    double measure = 1;
+    *side = HUGE_VAL;
+    for (uint32_t d = 0; d < c->dim; d++) measure *= s->end[d] - s->lo[d], *side = smaller(*side, s->end[d] - s->lo[d]);
+    return measure / *side;
+}
+
+void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree) {
+    double side, section = section_of(c, s, &side);
+    if (!may_ask(c)) return;
     Met met = met_by(c, first, end);
-    if (!is_suspect(c, s->f, &met, LOOSER) || !is_steep(c, s->lo, s->end, s->f)) return;
-    for (uint32_t d = 0; d < c->dim; d++)
-        section *= s->end[d] - s->lo[d], shortest = smaller(shortest, s->end[d] - s->lo[d]);
+    bool doubt = is_suspect(c, s->f, &met, LOOSER);
+    for (uint32_t ch = 0; ch < c->s->channels && !agree; ch++) doubt |= varies(c, met.f[0][ch], met.f[1][ch]);
+    if (!doubt || !is_steep(c, s->lo, s->end, s->f)) return;
     for (uint32_t ch = 0; ch < c->s->channels; ch++)
-        c->counts->upset_jump[ch] += (s->f[2 * ch + 1] - s->f[2 * ch]) * section / shortest;
+        c->counts->upset_jump[ch] += (s->f[2 * ch + 1] - s->f[2 * ch]) * section;
+}
+
+#define OFTEN 0.125 /* of rounding, what of it is left when points add up */
+
+void cells_state_rounding(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
+    double side, section = section_of(c, s, &side), far = 0;
+    if (c->b->f64) return;
+    for (uint32_t d = 0; d < c->dim; d++) far = larger(far, larger(fabs(s->lo[d]), fabs(s->end[d])));
+    double part = OFTEN * 0x1p-24 * far / side;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double met[2] = {HUGE_VAL, -HUGE_VAL};
+        for (const Spot *p = first; p < end; p++) met[0] = smaller(met[0], p->f[ch]), met[1] = larger(met[1], p->f[ch]);
+        if (met[1] > met[0]) c->counts->upset_jump[ch] += (met[1] - met[0]) * section * part;
+    }
 }
 
 /* How many curves of a piece are below a place: those are nearly straight, or the piece would be cut. */

@@ -5,6 +5,7 @@
 
 #include "runtime/quadrature/cells_inner.h"
 
+#define CLIMBS 0x1p-6 /* part of f: a change that is no small one */
 enum { BOX_HALVINGS = 36 }; /* of a smooth box, along one axis at a time */
 
 /* ---- what goes out */
@@ -319,15 +320,28 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
         for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
             if (!fill_column(c, k, (CellRule)r)) return false;
     if (!take_values(c, first)) return false;
-    *differ = !cells_values_agree(c, first, c->nspot, 1.0 / c->piece[from->piece].parts);
+    *differ = !cells_values_agree(c, first, c->nspot);
     c->nspot = first;
     return true;
 }
 
+/* By how much f differs at spots, in the channel where it does most. */
+static double range_of(const Cells *c, uint32_t from, uint32_t to) {
+    double most = 0;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double low = HUGE_VAL, high = -HUGE_VAL;
+        for (uint32_t i = from; i < to; i++)
+            low = smaller(low, c->spot[i].f[ch]), high = larger(high, c->spot[i].f[ch]);
+        most = larger(most, high - low);
+    }
+    return most;
+}
+
 /* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
- * of positions makes is no difference. */
-bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
-    double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, lo[3], hi[3];
+ * of positions makes, in f too, is no difference. */
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
+    double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, side = c->width, measure = 0, far = 0, lo[3],
+                                                 hi[3];
     for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
     for (uint32_t i = from; i < to; i++)
@@ -335,6 +349,7 @@ bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
             lo[d] = smaller(lo[d], c->spot[i].x[d]), hi[d] = larger(hi[d], c->spot[i].x[d]);
     for (uint32_t i = from; i < to; i++) {
         const Spot *s = &c->spot[i];
+        measure += 0.5 * s->weight; /* of two rules */
         for (uint32_t ch = 0; ch < c->s->channels; ch++) {
             double v = s->weight * s->f[ch];
             most = larger(most, fabs(s->f[ch])), total += fabs(v);
@@ -343,11 +358,16 @@ bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
                 if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
         }
     }
-    /* Where f fades away next to where it is large, the tail need not be known as well as that. */
+    for (uint32_t d = 0; d < c->dim; d++)
+        far = larger(far, larger(fabs(lo[d]), fabs(hi[d]))), side = hi[d] > lo[d] ? smaller(side, hi[d] - lo[d]) : side;
+    /* Where f climbs on so short a way, and that moves, derivatives err by as much more than f. */
+    double range = range_of(c, from, to), part = range > CLIMBS * most ? side / c->width : 1;
+    double blur = range / side * measure * far;
+    /* Where it fades away next to where it is large, the tail need not be known as well as that. */
     c->most = most = larger(c->most, most);
     double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
     for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
-        double noise = unit * total;
+        double noise = unit * larger(total, blur);
         if (m && hi[m - 1] > lo[m - 1]) noise *= 1 + larger(fabs(lo[m - 1]), fabs(hi[m - 1])) / (hi[m - 1] - lo[m - 1]);
         double most_apart = larger(c->o->tolerance * part * most * c->volume, noise);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
@@ -367,8 +387,7 @@ bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const doub
     return true;
 }
 
-/* How often each side was halved, because f varies faster than that: its parts need as many points as it had, and where
- * f climbs on a part of the length, derivatives err by so much more than f. */
+/* How often each side was halved, because f varies faster than that: its parts need as many points as it had. */
 static double halved(const Cells *c, const Smooth *s) { return ldexp(1, (int)(s->halvings / c->dim)); }
 
 /* Points of the tensor rule. */
@@ -425,12 +444,14 @@ static bool integrate_last(Cells *c, uint32_t first) {
         uint32_t end = at;
         while (end < c->nspot && c->spot[end].owner == i) end++;
         Smooth *s = &c->smooth[i];
-        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree = last;
-        if (!last) agree = cells_values_agree(c, at, end, 1 / halved(c, s));
-        if (!last && agree) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
-        if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end);
-        if (agree && !s->hunted) cells_emit_spots(c, at, end);
-        else c->smooth[kept++] = *s;
+        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c);
+        bool same = !compare || cells_values_agree(c, at, end), agree = same || last;
+        if (!last && same) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
+        if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end, same);
+        if (agree && !s->hunted) {
+            if (compare) cells_state_rounding(c, s, c->spot + at, c->spot + end);
+            cells_emit_spots(c, at, end);
+        } else c->smooth[kept++] = *s;
         at = end;
     }
     c->nsmooth = kept;
