@@ -473,7 +473,8 @@ static bool integrate(Cells *c, uint32_t first) {
             if (p->graded) cells_doubt_rims(c, from, to, spot, end);
             cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
-            if (layer) cells_layer(c, p, from, to, spots, beyond, true);
+            bool asked = compare && c->o->volume && end > spot;
+            if (asked && !c->cell[p->cell].curves_done) cells_layer(c, p, from, to, spots, beyond, true);
             if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);
         } else {

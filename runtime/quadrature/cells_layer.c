@@ -10,32 +10,44 @@
 #define BEYOND 1.5      /* times the range of what points have met, and more, lies f next to the curve, */
 #define MATTERS 0x1p-6  /* by more than this part of the jump */
 
-/* What the fine rule has met on a column between two heights. */
-static bool range_met(const Piece *p, const Column *k, const Spot *from, const Spot *to, const double part[2],
-                      uint32_t ch, double met[2]) {
-    met[0] = HUGE_VAL, met[1] = -HUGE_VAL;
-    for (const Spot *s = from; s < to; s++) {
-        if (s->rule != CELL_FINE || (p->base >= 0 && s->x[p->base] != k->x[p->base])) continue;
-        if (s->x[p->axis] < part[0] || s->x[p->axis] > part[1]) continue;
-        met[0] = smaller(met[0], s->f[ch]), met[1] = larger(met[1], s->f[ch]);
-    }
-    return met[0] <= met[1];
+enum { FEW = 2 }; /* places on a climb, from a quarter of its height to three */
+
+/* Is it a place of the fine rule on a column, between two heights? */
+static bool is_on(const Piece *p, const Column *k, const Spot *s, const double part[2]) {
+    if (s->rule != CELL_FINE || (p->base >= 0 && s->x[p->base] != k->x[p->base])) return false;
+    return s->x[p->axis] >= part[0] && s->x[p->axis] <= part[1];
 }
 
-/* By how much f lies outside of what was met on one side of the root: 0 where that is no more than a climb there. */
+/* How many places on a column are halfway between f far from the root and f next to it. */
+static uint32_t count_climbing(const Piece *p, const Column *k, const Spot *from, const Spot *to, const double part[2],
+                               uint32_t ch, const double range[2]) {
+    uint32_t n = 0;
+    double quarter = 0.25 * (range[1] - range[0]);
+    for (const Spot *s = from; s < to; s++)
+        n += is_on(p, k, s, part) && s->f[ch] > range[0] + quarter && s->f[ch] < range[1] - quarter;
+    return n;
+}
+
+/* By how much f lies outside of what was met on one side of the root: 0 where that is no more than a climb there. Where
+ * it was more once, and columns are finer next to the root, the climb must be seen. */
 static double outside(const Cells *c, const Piece *p, const Column *k, const Root *r, int side, const Spot *from,
                       const Spot *to, uint32_t ch) {
     const Sides *s = cells_sides(c, r);
     const Box *box = &c->cell[p->cell].box;
-    double at = r->x[p->axis], part[2] = {side ? at : box->lo[p->axis], side ? box->end[p->axis] : at}, met[2];
+    double at = r->x[p->axis], part[2] = {side ? at : box->lo[p->axis], side ? box->end[p->axis] : at};
+    double met[2] = {HUGE_VAL, -HUGE_VAL}, f = s->f[side][ch], least = MATTERS * fabs(s->f[1][ch] - s->f[0][ch]);
     for (uint32_t i = k->first; i < k->first + k->nroots; i++) { /* up to the next curve */
         double h = c->root[i].x[p->axis];
         if (h < at) part[0] = larger(part[0], side ? at : h);
         if (h > at) part[1] = smaller(part[1], side ? h : at);
     }
-    if (!range_met(p, k, from, to, part, ch, met)) return 0;
-    double f = s->f[side][ch], off = larger(met[0] - f, f - met[1]);
-    return off > BEYOND * (met[1] - met[0]) + MATTERS * fabs(s->f[1][ch] - s->f[0][ch]) ? off : 0;
+    for (const Spot *q = from; q < to; q++)
+        if (is_on(p, k, q, part)) met[0] = smaller(met[0], q->f[ch]), met[1] = larger(met[1], q->f[ch]);
+    if (!(met[0] <= met[1])) return 0;
+    double off = larger(met[0] - f, f - met[1]), range[2] = {smaller(met[0], f), larger(met[1], f)};
+    if (off > BEYOND * (met[1] - met[0]) + least) return off;
+    bool seen = !p->layered || !(range[1] - range[0] > least);
+    return seen || count_climbing(p, k, from, to, part, ch, range) >= FEW ? 0 : range[1] - range[0];
 }
 
 double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first, const Spot *end,
@@ -62,11 +74,10 @@ double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *t
 enum {
     LOOSE = 8,     /* bounds beyond what was met, by this factor: worth a closer look. */
     LOOSER = 64,   /* of a pixel, which has the bounds of its cell */
-    FEW = 2,       /* places, by both rules, on a climb from a quarter of its height to three */
     HUNT = 1 << 14 /* evaluations of a tile for that, at first */
 };
-#define VARIES 0x1p-6 /* part of what f may be: by so much it may vary unseen */
-#define KEEPS 0.8     /* and this part of it a small part of the box keeps where f is steep */
+#define VARIES 0x1p-6 /* part of f: by so much it may vary unseen */
+#define KEEPS 0.8     /* part of the range of f on a box that a small part of the box keeps where f is steep */
 
 /* What places of a box have met, by channel. */
 typedef struct Met {
@@ -92,9 +103,10 @@ static void count_between(const Cells *c, Met *m, const double *f) {
     }
 }
 
-/* Beside what f is elsewhere, too. */
+/* By more than a small part of what f is here, and by any of what it is elsewhere? */
 static bool varies(const Cells *c, double low, double high) {
-    return high - low > larger(VARIES * larger(fabs(low), fabs(high)), (c->b->f64 ? 0x1p-24 : 0x1p-14) * c->most);
+    double tiny = c->b->f64 ? 0x1p-24 : 0x1p-14;
+    return high - low > larger(VARIES * larger(fabs(low), fabs(high)), tiny * c->most);
 }
 
 /* May f be steep in the box, with bounds f[], where points do not tell? They have met less than bounds allow; or what f
