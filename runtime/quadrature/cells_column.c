@@ -453,7 +453,7 @@ static bool integrate(Cells *c, uint32_t first) {
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
         if (compare && c->o->volume)
-            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end);
+            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);
         const Spot *spots = c->spot + spot, *beyond = c->spot + end; /* with none there may be no list */
         bool layer = compare && c->o->volume && agree && smooth && end > spot &&
                      cells_layer(c, p, from, to, spots, beyond, false) > 0;

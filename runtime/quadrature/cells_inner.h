@@ -225,6 +225,7 @@ typedef struct Smooth {
     double f[2 * SLT_MAX_CHANNELS]; /* bounds: those of the cell, or, where it was looked for what they hide, its own */
     uint32_t halvings;
     bool hunted; /* it is to be halved for that */
+    bool steep;  /* a larger one was: what f changes by on a short way weighs more in derivatives, where that moves */
 } Smooth;
 
 /* g of an event at a point, or on a box. */
@@ -541,9 +542,10 @@ static inline double cells_part_begins(const Piece *p, uint32_t k) {
     return (int)k <= half ? ldexp(1, (int)k - half - 1) : 1 - ldexp(1, half - (int)k - 1);
 }
 
-bool cells_add_columns_of_points(Cells *c);                    /* the spots of column[ncolumn] */
-bool cells_take_values(Cells *c);                              /* f at all spots */
-bool cells_values_agree(Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+bool cells_add_columns_of_points(Cells *c); /* the spots of column[ncolumn] */
+bool cells_take_values(Cells *c);           /* f at all spots */
+/* Do the rules agree on spot[from .. to - 1], to that part of the tolerance? */
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part);
 /* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
 bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
 /* Where the parts of a column end, ascending; the last one at the end of the cell. How many. */

@@ -5,7 +5,6 @@
 
 #include "runtime/quadrature/cells_inner.h"
 
-#define CLIMBS 0x1p-6 /* part of f: a change that is no small one */
 enum { BOX_HALVINGS = 36 }; /* of a smooth box, along one axis at a time */
 
 /* ---- what goes out */
@@ -320,7 +319,7 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
         for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
             if (!fill_column(c, k, (CellRule)r)) return false;
     if (!take_values(c, first)) return false;
-    *differ = !cells_values_agree(c, first, c->nspot);
+    *differ = !cells_values_agree(c, first, c->nspot, 1);
     c->nspot = first;
     return true;
 }
@@ -339,7 +338,7 @@ static double range_of(const Cells *c, uint32_t from, uint32_t to) {
 
 /* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
  * of positions makes, in f too, is no difference. */
-bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
     double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, side = c->width, measure = 0, far = 0, lo[3],
                                                  hi[3];
     for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
@@ -360,10 +359,8 @@ bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
     }
     for (uint32_t d = 0; d < c->dim; d++)
         far = larger(far, larger(fabs(lo[d]), fabs(hi[d]))), side = hi[d] > lo[d] ? smaller(side, hi[d] - lo[d]) : side;
-    /* Where f climbs on so short a way, and that moves, derivatives err by as much more than f. */
-    double range = range_of(c, from, to), part = range > CLIMBS * most ? side / c->width : 1;
-    double blur = range / side * measure * far;
-    /* Where it fades away next to where it is large, the tail need not be known as well as that. */
+    double blur = range_of(c, from, to) / side * measure * far;
+    /* Where f fades away next to where it is large, the tail need not be known as well as that. */
     c->most = most = larger(c->most, most);
     double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
     for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
@@ -380,7 +377,7 @@ bool cells_values_agree(Cells *c, uint32_t from, uint32_t to) {
 bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]) {
     if (!CELLS_ROOM(c, smooth, 1)) return false;
     Smooth *s = &c->smooth[c->nsmooth++];
-    s->halvings = 0, s->hunted = false;
+    s->halvings = 0, s->hunted = s->steep = false;
     for (uint32_t d = 0; d < 3; d++) s->hi[d] = smaller(end[d], cell->box.hi[d]);
     memcpy(s->f, cell->f, 2 * c->s->channels * sizeof *s->f);
     memcpy(s->lo, lo, sizeof s->lo), memcpy(s->end, end, sizeof s->end);
@@ -389,6 +386,14 @@ bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const doub
 
 /* How often each side was halved, because f varies faster than that: its parts need as many points as it had. */
 static double halved(const Cells *c, const Smooth *s) { return ldexp(1, (int)(s->halvings / c->dim)); }
+
+#define CLIMBS 0x1p-6 /* of the largest f */
+
+static double shortest(const Cells *c, const Smooth *s) {
+    double side = HUGE_VAL;
+    for (uint32_t d = 0; d < c->dim; d++) side = smaller(side, s->end[d] - s->lo[d]);
+    return side;
+}
 
 /* Points of the tensor rule. */
 static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
@@ -427,7 +432,7 @@ static bool halve_box(Cells *c, const Smooth *s) {
         if (half) h->lo[axis] = middle;
         else h->end[axis] = middle, h->hi[axis] = cells_round(c, middle);
         if (s->hunted) memcpy(h->f, f[half], 2 * c->s->channels * sizeof *f[half]);
-        h->halvings++, h->hunted = false;
+        h->halvings++, h->steep |= s->hunted, h->hunted = false;
     }
     return true;
 }
@@ -444,8 +449,11 @@ static bool integrate_last(Cells *c, uint32_t first) {
         uint32_t end = at;
         while (end < c->nspot && c->spot[end].owner == i) end++;
         Smooth *s = &c->smooth[i];
-        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c);
-        bool same = !compare || cells_values_agree(c, at, end), agree = same || last;
+        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree;
+        /* Halved before, and yet there is no small change in it. */
+        bool steep = s->steep || (s->halvings >= c->dim && range_of(c, at, end) > CLIMBS * c->most);
+        bool same = !compare || cells_values_agree(c, at, end, steep ? shortest(c, s) / c->width : 1);
+        agree = same || last;
         if (!last && same) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
         if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end, same);
         if (agree && !s->hunted) {
