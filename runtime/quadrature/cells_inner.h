@@ -15,7 +15,8 @@
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut, several on one line untied
  *   cells_upset.c   seams at whose jump tagged decisions change
- *   cells_layer.c   f that climbs so steeply that points miss it
+ *   cells_layer.c   f that climbs so steeply next to a curve that points miss it
+ *   cells_steep.c   or away from curves
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -43,6 +44,7 @@ enum {
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
+    CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
     CELL_SHAPES = 64,  /* in hand at once */
     SITE_STRAIGHT = 1, /* g changes along one axis alone */
     SITE_BENT = 2,
@@ -520,6 +522,7 @@ void cells_check_cut(Cells *c, Cell *cell, const Root *r);
  * may climb there. count: adds it to what is lost, CellCounts.upset_jump. */
 double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first, const Spot *end,
                    bool count);
+/* ---- cells_steep.c */
 /* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
  */
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
