@@ -21,6 +21,8 @@ static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each
 #define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
 #define DEARER 0.4        /* nor where cells cost more than this part of what the lattice does, */
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
+#define THIN 0.1          /* but where so many of its curves are too near to each other for that */
+#define DEARER_THIN 100.0
 #define WIDER_BUDGET 0.05   /* what these may cost, of what the lattice does, */
 #define WIDER_DEAREST 0.005 /* and each of them */
 #define IMAGE_CELLS 16.0  /* nor where an image has more cells a pixel than this */
@@ -119,11 +121,25 @@ SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *sta
     return o.unproven <= UNPROVEN && cheap ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
 }
 
-/* What the sinks of a sweep would evaluate at the points, which the trial does not. */
+/* What the sinks of a sweep would evaluate at the points, which the trial does not; and how many of those on curves lie
+ * so near to another that the lattice would see neither. */
 typedef struct Cost {
-    uint64_t curve, volume; /* points */
+    uint64_t curve, volume, thin; /* points */
+    double spacing[3];            /* of the lattice of an image; else 0 */
 } Cost;
-static void count_curve(void *user, Crossing *c, uint32_t n) { (void)c, ((Cost *)user)->curve += n; }
+
+/* Are they neighbours on one line, nearer than the lattice's vertices? */
+static bool is_thin(const Cost *cost, const Crossing *a, const Crossing *b) {
+    bool near = a->axis == b->axis && a->cls == b->cls;
+    for (int d = 0; d < 3; d++) near &= d == a->axis ? fabs(a->x[d] - b->x[d]) < cost->spacing[d] : a->x[d] == b->x[d];
+    return near;
+}
+
+static void count_curve(void *user, Crossing *c, uint32_t n) {
+    Cost *cost = user;
+    cost->curve += n;
+    for (uint32_t i = 1; i < n; i++) cost->thin += is_thin(cost, &c[i - 1], &c[i]);
+}
 static void count_volume(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
     (void)p, (void)rule, (void)within, ((Cost *)user)->volume += n;
 }
@@ -170,6 +186,7 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     CellCounts counts = {0};
     for (uint32_t d = 0; d < t->s->dim; d++)
         if (!t->g->integral)
+            cost.spacing[d] = 0.5 * t->g->side[d],
             o.grid[d] = t->g->filter == SLT_FILTER_BOX ? t->g->side[d] : 0.5 * t->g->side[d],
             o.grid_lo[d] = t->g->lo[d];
     o.budget = a->budget, o.fixed = !t->g->integral;
@@ -185,7 +202,9 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     double all = counts.settled + counts.curved + counts.left;
     double used =
         (double)(t->b->evaluations - before + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : t->s->channels);
-    bool cheap = wants_error(j) || used / all <= a->dearer * t->lattice;
+    /* What the lattice would not see is no matter of its price. */
+    double dearer = cost.thin > THIN * (double)cost.curve ? DEARER_THIN : a->dearer;
+    bool cheap = wants_error(j) || used / all <= dearer * t->lattice;
     return *ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all;
 }
 
