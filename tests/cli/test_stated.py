@@ -26,6 +26,16 @@ class Left(Case):
         self.holds(j, {"a": -0.5}, 0.4)
         self.assertGreater(j["left"], 0)
 
+    def test_rounding_without_bounds(self):
+        """Of pow near 0 nothing bounds what it rounds by, and yet a root is in its cell."""
+        g = math.gamma
+        area = lambda p, r: 4 * r * r * g(1 + 1 / p) ** 2 / g(1 + 2 / p)
+        p, r = 3.7, 0.8
+        want = {"r": 2 * area(p, r) / r, "p": (area(p + 1e-5, r) - area(p - 1e-5, r)) / 2e-5}
+        j = self.ask("param float p = 3.7; param float r = 0.8; [Domain(-1.0, 1.0)] shader float main(float2 x) "
+                     "{ [Disc] if (pow(abs(x.x) / r, p) + pow(abs(x.y) / r, p) < 1.0) return 1.0; return 0.0; }")
+        self.holds(j, want, 2)
+
     def test_a_gradient_of_zero(self):
         """What lines find and cannot integrate counts as what it would weigh."""
         j = self.ask("shader float main(float2 x) { float d = x.x - a; [Disc] if (d * d * d > 0.0) return 1.0; return b; }")
