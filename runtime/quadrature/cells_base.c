@@ -60,21 +60,31 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
     if (r) e->leaves[i & 1] = r->x[base];
 }
 
-bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height) {
-    if (!e->sure[0] || !e->sure[1]) return false;
+/* About how high the curve is: where the cubics through the corners are 0. */
+static double height_by_corners(const Cell *cell, const CellEdge *e, int base, double s) {
+    if (e->plane.is)
+        return e->plane.x[e->axis] - (e->plane.g + e->plane.dg[base] * (s - e->plane.x[base])) / e->plane.dg[e->axis];
     double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
     double ends[2] = {cell->box.lo[e->axis], cell->box.hi[e->axis]};
+    for (int face = 0; face < 2; face++) {
+        const Corner *k = e->corner[face];
+        g[face] = u * u * (1 + 2 * t) * k[0].g + t * t * (1 + 2 * u) * k[1].g +
+                  t * u * width * (u * k[0].along - t * k[1].along);
+        up[face] = u * k[0].up + t * k[1].up;
+    }
+    return cells_cubic_root(ends, g, up, cells_between(ends, g, up));
+}
+
+bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height) {
+    if (!e->sure[0] || !e->sure[1]) return false;
     bool side[2];
     for (int face = 0; face < 2; face++) {
         const Corner *k = e->corner[face];
         bool leaves = (k[0].g < 0) != (k[1].g < 0);
         side[face] = (leaves && s > e->leaves[face] ? k[1].g : k[0].g) > 0;
-        g[face] = u * u * (1 + 2 * t) * k[0].g + t * t * (1 + 2 * u) * k[1].g +
-                  t * u * width * (u * k[0].along - t * k[1].along);
-        up[face] = u * k[0].up + t * k[1].up;
     }
     *present = side[0] != side[1] && side[1] == (e->rises[e->axis] > 0);
-    *height = cells_cubic_root(ends, g, up, cells_between(ends, g, up));
+    if (height) *height = height_by_corners(cell, e, base, s);
     return true;
 }
 
@@ -212,8 +222,8 @@ static bool keep_present(Cells *c) {
         const CellEdge *e = curve_of(c, s);
         const Box *box = &cell->box;
         int base = base_axis(cell, e->axis);
-        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1])), at;
-        if (cells_told_by_corners(cell, e, base, middle, &present, &at)) {
+        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        if (cells_told_by_corners(cell, e, base, middle, &present, NULL)) {
             s->state = present ? OPEN : DONE;
             for (int end = 0; end < 2; end++)
                 if (!s->known[end]) cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
@@ -343,8 +353,8 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
             return false;
     }
     if (!c->nstretch) return true;
-    if (!keep_present(c) || !stretch_heights(c, 0, 0) || !stretch_heights(c, 0, 1)) return false;
-    if (!add_pairs(c) || !stretch_values(c, 0, 0) || !stretch_values(c, 0, 1)) return false;
+    if (!keep_present(c) || !stretch_heights(c, 0, STRETCH_BOTH)) return false;
+    if (!add_pairs(c) || !stretch_values(c, 0, STRETCH_BOTH)) return false;
     for (uint32_t i = 0; i < c->nstretch; i++) stretch_judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
     if (!drop_coinciding(c)) return false;
     for (bool again = true; again;) {

@@ -220,9 +220,10 @@ bool cells_drop_wrong(Cells *c) {
         const Cell *cell = &c->cell[piece->cell];
         for (uint32_t j = 0; j < r->of->given.n; j++) {
             if (!must_hold(cell, r->of, j)) continue;
-            double near = cells_nearly_0(c, &cell->box, error_of(cell, r->of->given.is[j].event), p->dg);
-            bool wrong = r->of->given.is[j].below ? p->g > near : p->g < -near;
-            if (wrong) piece->present &= ~(1u << r->edge);
+            double beyond = r->of->given.is[j].below ? p->g : -p->g;
+            if (beyond > 0 && /* by more than rounding */
+                beyond > cells_nearly_0(c, &cell->box, error_of(cell, r->of->given.is[j].event), p->dg))
+                piece->present &= ~(1u << r->edge);
             p++;
         }
     }

@@ -110,37 +110,46 @@ static bool ask_more(Cells *c) {
     return true;
 }
 
-bool stretch_heights(Cells *c, uint32_t first, int end) {
+bool stretch_heights(Cells *c, uint32_t first, int ends) {
     c->nroot = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        if (s->other == FACE || s->known[end]) continue;
+        const Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
-        double x[3];
-        place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
-        if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
-        c->root[c->nroot - 1].turns = HUGE_VAL;
+        for (int end = 0; end < 2 && s->other != FACE; end++) {
+            double x[3];
+            if (!(ends >> end & 1) || s->known[end]) continue;
+            place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
+            Root *r = cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end]);
+            if (!r) return false;
+            r->turns = HUGE_VAL;
+        }
     }
     if (!cells_solve(c)) return false;
     const Root *r = c->root;
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
-        if (s->other != FACE && !s->known[end]) s->height[end] = (r++)->x[curve_of(c, s)->axis];
+        for (int end = 0; end < 2 && s->other != FACE; end++)
+            if (ends >> end & 1 && !s->known[end]) s->height[end] = (r++)->x[curve_of(c, s)->axis];
     }
     return true;
 }
 
-bool stretch_values(Cells *c, uint32_t first, int end) {
+bool stretch_values(Cells *c, uint32_t first, int ends) {
     c->nprobe = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        const CellEdge *e = curve_of(c, s);
-        double x[3];
-        place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-        if (!cells_probe_or_tell(c, tested(c, s), x)) return false;
+        const Stretch *s = &c->stretch[i];
+        for (int end = 0; end < 2; end++) {
+            double x[3];
+            if (!(ends >> end & 1)) continue;
+            place(&c->cell[s->cell], curve_of(c, s)->axis, s->at[end], s->height[end], x);
+            if (!cells_probe_or_tell(c, tested(c, s), x)) return false;
+        }
     }
     if (!cells_run_probes(c)) return false;
-    for (uint32_t i = first; i < c->nstretch; i++) c->stretch[i].value[end] = c->probe[i - first].g;
+    const Probe *p = c->probe;
+    for (uint32_t i = first; i < c->nstretch; i++)
+        for (int end = 0; end < 2; end++)
+            if (ends >> end & 1) c->stretch[i].value[end] = (p++)->g;
     return true;
 }
 
@@ -184,7 +193,7 @@ bool stretch_halve(Cells *c) {
         if (s->other != FACE) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
         if (!stretch_add(c, &far)) return false;
     }
-    if (!stretch_heights(c, n, 0) || !stretch_values(c, n, 0)) return false;
+    if (!stretch_heights(c, n, STRETCH_NEAR) || !stretch_values(c, n, STRETCH_NEAR)) return false;
     for (uint32_t i = 0, j = n; i < n; i++) {
         Stretch *s = &c->stretch[i];
         if (s->state != OPEN || c->cell[s->cell].refine) continue;
