@@ -338,12 +338,11 @@ static void widen(const Cells *c, const Cell *cell, Root *r) {
 
 /* Cells that have a straight edge become two, that share no point: what jumps or bends there does so in neither. */
 static bool cut_cells(Cells *c) {
-    int axis;
     c->nroot = 0;
     for (uint32_t i = 0; i < c->ncell; i++) {
         const Cell *cell = &c->cell[i];
         if (cell->cut < 0) continue;
-        cells_straight_edge(c, cell, &axis);
+        int axis = cells_straight_axis(c, &cell->edge[cell->cut]);
         double middle[3] = {0};
         for (uint32_t d = 0; d < c->dim; d++) middle[d] = cells_round(c, 0.5 * (cell->box.lo[d] + cell->box.hi[d]));
         if (!cells_root(c, cell, &cell->edge[cell->cut], axis, middle, middle[axis])) return false;

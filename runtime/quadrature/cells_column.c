@@ -118,9 +118,9 @@ static bool tie_columns(Cells *c) {
     uint32_t n = 0;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Tie *t = c->root[i].tie ? &c->tie[c->root[i].tie - 1] : NULL;
-        if (t && !t->untold && (t->naway || (!c->o->flat && !t->whole))) c->active[n++] = i;
+        if (t && !t->untold && !t->bent && (t->naway || (!c->o->flat && !t->whole))) c->active[n++] = i;
     }
-    return !n || cells_tie(c, n);
+    return (!n || cells_tie(c, n)) && cells_follow_kinks(c);
 }
 
 /* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be
@@ -156,7 +156,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         r->wanted = !c->cell[p->cell].curves_done &&
                     ((c->o->curves && is_site(c, p, r->edge)) || cells_upsets(c, r->of->event.site));
     }
-    if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c)) return false;
+    if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c) || !cells_find_kinks(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Root *r = &c->root[i];
         Piece *p = &c->piece[c->column[r->column].piece];

@@ -5,6 +5,7 @@
  *                   which axis each is a graph
  *   cells_given.c   events whose g others change: what these decide is given
  *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
+ *   cells_same.c    choices between values that are the same
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_rounding.c what rounding makes of roots, and so of curves
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
@@ -13,6 +14,7 @@
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
+ *   cells_kinks.c   curves of a g that has a kink in the parameters
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut, several on one line untied
  *   cells_upset.c   seams at whose jump tagged decisions change
@@ -115,6 +117,7 @@ typedef struct Cell {
     uint32_t state;  /* SLT_BOX_* */
     uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
     bool many;       /* and they are: edges are some of them */
+    bool same;       /* a choice in it is between two values that are the same: cells_same.c */
     uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EDGES];
     /* What the kernel called open, in the order of execution, and what sign its g has after all; 0: it is open. */
@@ -415,16 +418,18 @@ void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: 
 void cells_call_bounds(Cells *c, uint32_t n);
 /* Behind it: the choices that are open in box i, ahead of the events that are. */
 void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
-/* May it be a choice between two values of which each is the other in all of the cell? centre: g there. */
-bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre);
-/* Of the edges that are open in n cells: drops those that are. False when memory runs out. */
-bool cells_close_choices(Cells *c, Cell *cell, uint32_t n);
 /* Keeps what runs in boxes that may become nodes. False when memory runs out. */
 bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
 int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */
 /* For calls of the edge kernels: the choices that are given are settled; and then no more. */
 void cells_give_choices(Cells *c, const Given *given, bool on);
 bool cells_same_choices(const Cells *c, const Given *p, const Given *q);
+/* ---- cells_same.c */
+bool cells_is_bend(const Cells *c, int32_t edge); /* a choice at which f and g bend, and do not jump */
+/* May it be a choice between two values of which each is the other in all of the cell? centre: g there. */
+bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre);
+/* Of the edges that are open in n cells: drops those that are. False when memory runs out. */
+bool cells_close_same(Cells *c, Cell *cell, uint32_t n);
 /* ---- cells_given.c */
 /* Of those that are not done and need not be refined: edges for the ways in which others decide. */
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
@@ -505,6 +510,14 @@ bool cells_tie(Cells *c, uint32_t n);
 void cells_emit_away(Cells *c, const Crossing *x, double base, uint8_t rule, const Tie *t);
 /* The crossings of the tied roots among those that are wanted. */
 bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
+
+/* ---- cells_kinks.c: ties of the roots of middles whose g has a kink in the parameters, and of columns those */
+bool cells_find_kinks(Cells *c);
+/* Is the root's piece longer than moves go? At its ends other curves meet it. */
+bool cells_has_room(const Cells *c, const Root *r);
+/* That of a root, by the two orders after `move` and the next: the jump towards growing g, 0 where it is not seen. */
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]);
+bool cells_follow_kinks(Cells *c);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */
