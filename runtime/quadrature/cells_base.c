@@ -152,6 +152,7 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         /* Where the curve is steep the last floats of the base are many of its height. */
         bool steep = !(fabs(r->dg[r->axis]) <= STEEP * fabs(r->dg[axis]));
         Cut cut = {.cell = s->cell, .axis = axis, .edge = s->edge, .at = r->x[r->axis]};
+        cut.edges = 1u << s->edge;
         cut.up = s->height[0] >= c->cell[s->cell].box.hi[axis];
         cut.beyond = beyond_of(c, s, r), cut.height = steep ? NAN : s->height[0];
         if (!add_cut(c, &cut)) return false;
@@ -367,10 +368,11 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
         const Stretch *s = &c->stretch[i];
         if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
-        if (!add_cut(c, &(Cut){.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]})) return false;
-        if (other >= 0 && other != axis &&
-            !add_cut(c, &(Cut){.cell = s->cell, .axis = (int8_t)other, .edge = -1, .at = s->x[1]}))
-            return false;
+        Cut cut = {.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]};
+        cut.edges = 1u << s->edge | 1u << s->other;
+        if (!add_cut(c, &cut)) return false;
+        cut.axis = (int8_t)other, cut.at = s->x[1];
+        if (other >= 0 && other != axis && !add_cut(c, &cut)) return false;
     }
     return true;
 }
@@ -401,13 +403,20 @@ static bool add_pieces(Cells *c, uint32_t first) {
             if (axis == cell->slice) continue;
             int base = base_axis(cell, axis);
             const Cut *last = NULL;
+            uint32_t begins = 0;
             double from = cell->box.lo[base], narrow = NARROW * (cell->box.end[base] - from);
             for (; cut < end && cut->cell == i && cut->axis == axis; cut++) {
-                if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) continue;
+                if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) {
+                    begins |= cut->edges;
+                    continue;
+                }
                 if (!add_piece(c, i, axis, base, from, cut->at, last, cut)) return false;
-                from = cut->at, last = cut;
+                c->piece[c->npiece - 1].begins = begins;
+                from = cut->at, last = cut, begins = cut->edges;
             }
-            if (wanted && !add_piece(c, i, axis, base, from, cell->box.end[base], last, NULL)) return false;
+            if (!wanted) continue;
+            if (!add_piece(c, i, axis, base, from, cell->box.end[base], last, NULL)) return false;
+            c->piece[c->npiece - 1].begins = begins;
         }
     }
     return true;

@@ -137,8 +137,9 @@ typedef struct Cell {
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
-    double at, height, g, dg[3]; /* on the column above a place of the base, the middle if it is not `merged`; g and its
-                                    gradient there */
+    double at, height, g, dg[3]; /* on the column above a place of the base: g and its gradient there. The place is the
+                                    middle, or that of the piece before, on which nothing differs */
+    double middle;               /* about its height above the middle */
     double off;                  /* by so much corners tell it too low there */
     uint32_t sides, tie;         /* as in Root, there */
     bool open, twin, band;       /* the crossing changes the region; other curves lie on this one; as in Root */
@@ -149,6 +150,9 @@ typedef struct Piece {
     int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t begins;   /* likewise: it has to do with what cuts the base where the piece begins */
+    uint32_t heirs;    /* and nothing has changed since the piece before, whose edges are its own, */
+    uint32_t seen;     /* and its two sides are known, be it hidden or not */
     uint32_t asked;    /* likewise: whether it is was asked of the program, not of corners */
     uint32_t halvings; /* of its base */
     uint32_t parts;    /* in which the columns are cut between roots */
@@ -158,7 +162,7 @@ typedef struct Piece {
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
     int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there; -1: none */
     bool up[2];        /* and whether through the upper face */
-    bool alone, merged; /* it is of one curve, `only`, and tells areas; several pieces that became one */
+    bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
     double beyond[2]; /* as in Cut */
     PieceEdge edge[CELL_EDGES];
@@ -169,6 +173,7 @@ typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
     bool up;           /* through the upper face */
+    uint32_t edges;    /* bits of the one, or of both */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
     double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
