@@ -60,8 +60,9 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
     if (r) e->leaves[i & 1] = r->x[base];
 }
 
-/* About how high the curve is: where the cubics through the corners are 0. */
-static double height_by_corners(const Cell *cell, const CellEdge *e, int base, double s) {
+/* Where the cubics through the corners are 0. */
+double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s) {
+    if (!e->sure[0] || !e->sure[1]) return NAN;
     if (e->plane.is)
         return e->plane.x[e->axis] - (e->plane.g + e->plane.dg[base] * (s - e->plane.x[base])) / e->plane.dg[e->axis];
     double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
@@ -75,7 +76,7 @@ static double height_by_corners(const Cell *cell, const CellEdge *e, int base, d
     return cells_cubic_root(ends, g, up, cells_between(ends, g, up));
 }
 
-bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height) {
+bool cells_told_by_corners(const CellEdge *e, double s, bool *present) {
     if (!e->sure[0] || !e->sure[1]) return false;
     bool side[2];
     for (int face = 0; face < 2; face++) {
@@ -84,7 +85,6 @@ bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double
         side[face] = (leaves && s > e->leaves[face] ? k[1].g : k[0].g) > 0;
     }
     *present = side[0] != side[1] && side[1] == (e->rises[e->axis] > 0);
-    if (height) *height = height_by_corners(cell, e, base, s);
     return true;
 }
 
@@ -138,7 +138,7 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         Root *r = cells_root(c, cell, e, base, x, 0);
         if (!r) return false;
         r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
-        r->x[base] = cells_round(c, fmin(fmax(guess, s->at[0]), s->at[1]));
+        r->x[base] = cells_round(c, smaller(larger(guess, s->at[0]), s->at[1]));
         r->turns = HUGE_VAL;
     }
     if (!cells_solve(c)) return false;
@@ -224,10 +224,10 @@ static bool keep_present(Cells *c) {
         const Box *box = &cell->box;
         int base = base_axis(cell, e->axis);
         double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
-        if (cells_told_by_corners(cell, e, base, middle, &present, NULL)) {
+        if (cells_told_by_corners(e, middle, &present)) {
             s->state = present ? OPEN : DONE;
             for (int end = 0; end < 2; end++)
-                if (!s->known[end]) cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
+                if (!s->known[end]) s->height[end] = cells_height_by_corners(cell, e, base, s->at[end]);
             continue;
         }
         s->state = ROOT; /* to be asked */
@@ -325,15 +325,15 @@ static bool find_meetings(Cells *c, bool *again) {
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
                    dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
-            double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = fmax(fabs(s->at[0]), fabs(s->at[1])) / unit,
+            double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = larger(fabs(s->at[0]), fabs(s->at[1])) / unit,
                    slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
             double to = s->x[0] - ds, height = s->x[1] - dh;
             bool inside = to >= s->at[0] - slack && to <= s->at[1] + slack; /* NaN is not */
             double far = fabs(ds) / tiny;
-            far = fmax(far, fabs(dh) * unit / fmax(fabs(box->lo[axis]), fabs(box->hi[axis])));
+            far = larger(far, fabs(dh) * unit / larger(fabs(box->lo[axis]), fabs(box->hi[axis])));
             bool converged = far <= 1 || (step > 6 && far <= 64) || is_last_step(c, s, box, fabs(ds), fabs(dh));
-            s->x[0] = fmin(fmax(to, s->at[0]), s->at[1]);
-            s->x[1] = fmin(fmax(height, box->lo[axis]), box->hi[axis]);
+            s->x[0] = smaller(larger(to, s->at[0]), s->at[1]);
+            s->x[1] = smaller(larger(height, box->lo[axis]), box->hi[axis]);
             if (inside && converged) continue;
             c->active[kept++] = c->active[i];
         }

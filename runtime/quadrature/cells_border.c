@@ -119,11 +119,9 @@ static bool begin_leaving(Cells *c, const Cell *cell, uint32_t edge, int across,
     const CellEdge *e = &cell->edge[edge];
     *leaves = (e->corner[0][1].g < 0) != (e->corner[1][1].g < 0);
     if (!*leaves) return true;
-    double x[3] = {0}, guess = NAN;
-    bool present;
+    double x[3] = {0};
     x[across] = cell->box.hi[across];
-    cells_told_by_corners(cell, e, across, x[across], &present, &guess);
-    Root *r = cells_root(c, cell, e, e->axis, x, guess);
+    Root *r = cells_root(c, cell, e, e->axis, x, cells_height_by_corners(cell, e, across, x[across]));
     if (r) r->turns = HUGE_VAL;
     return r != NULL;
 }

@@ -73,7 +73,8 @@ static bool find_present(Cells *c, uint32_t first) {
         for (uint32_t set = wanted(c, p), e; cells_take_edge(&set, &e);) {
             const CellEdge *edge = &cell->edge[e];
             bool present;
-            if (p->base >= 0 && cells_told_by_corners(cell, edge, p->base, x[p->base], &present, &p->edge[e].height)) {
+            if (p->base >= 0 && cells_told_by_corners(edge, x[p->base], &present)) {
+                if (present) p->edge[e].height = cells_height_by_corners(cell, edge, p->base, x[p->base]);
                 p->present |= (uint32_t)present << e;
                 continue;
             }
@@ -214,10 +215,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 static double guess_beside(const Cells *c, const Piece *p, uint32_t e, double at) {
     const Cell *cell = &c->cell[p->cell];
     const PieceEdge *edge = &p->edge[e];
-    double told = NAN;
-    bool present, corners = cells_told_by_corners(cell, &cell->edge[e], p->base, at, &present, &told);
-    told += edge->off; /* NaN: they did not tell */
-    return corners && !isnan(told) ? told : edge->height - edge->dg[p->base] / edge->dg[p->axis] * (at - edge->at);
+    double told = cells_height_by_corners(cell, &cell->edge[e], p->base, at) + edge->off; /* NaN: they did not tell */
+    return !isnan(told) ? told : edge->height - edge->dg[p->base] / edge->dg[p->axis] * (at - edge->at);
 }
 
 /* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */

@@ -164,17 +164,17 @@ bool cells_give(Cells *c, Cell *cell, uint32_t n) {
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]) {
     double slope = 0, size = 0, width = 0;
     for (uint32_t d = 0; d < c->dim; d++) {
-        slope = fmax(slope, fabs(dg[d]));
-        size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
+        slope = larger(slope, fabs(dg[d]));
+        size = larger(size, larger(fabs(box->lo[d]), fabs(box->hi[d])));
         width += box->end[d] - box->lo[d];
     }
-    return fmin(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), cells_reach(c->b->f64) * slope * width);
+    return smaller(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), cells_reach(c->b->f64) * slope * width);
 }
 
 static double error_of(const Cell *cell, uint32_t event) {
     double error = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
-        if (event_same(&cell->edge[e].event, &cell->event[event])) error = fmax(error, cell->edge[e].error);
+        if (event_same(&cell->edge[e].event, &cell->event[event])) error = larger(error, cell->edge[e].error);
     return error;
 }
 

@@ -476,10 +476,10 @@ static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &
  * base, and of the slope there of a function with gradient bounds `f`. */
 void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
                        double slope[2]);
-/* Is the curve of an edge in the cell above s on the base? `height`, which may be NULL: about where. False: the corners
- * do not tell.
- */
-bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
+/* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
+bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
+/* About where it is, as they tell; NaN: they do not. */
+double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 /* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */

@@ -14,7 +14,7 @@ Stretch *stretch_add(Cells *c, const Stretch *from) {
 /* ---- intervals */
 static void divide(const double a[2], const double b[2], double r[2]) { /* b does not hold 0 */
     double q[4] = {a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]};
-    r[0] = fmin(fmin(q[0], q[1]), fmin(q[2], q[3])), r[1] = fmax(fmax(q[0], q[1]), fmax(q[2], q[3]));
+    r[0] = smaller(smaller(q[0], q[1]), smaller(q[2], q[3])), r[1] = larger(larger(q[0], q[1]), larger(q[2], q[3]));
 }
 
 /* The least that a function can be on a stretch of this width that has these values at its ends and at least and at
@@ -22,10 +22,10 @@ static void divide(const double a[2], const double b[2], double r[2]) { /* b doe
 static double least(double width, const double value[2], const double slope[2]) {
     double spread = slope[1] - slope[0];
     if (!(spread < HUGE_VAL)) return -HUGE_VAL;
-    if (!(spread > 0)) return fmin(value[0], value[1]);
+    if (!(spread > 0)) return smaller(value[0], value[1]);
     double t = (value[0] - value[1] + slope[1] * width) / spread;
-    if (!(t > 0 && t < width)) return fmin(value[0], value[1]);
-    return fmin(value[0] + slope[0] * t, fmin(value[0], value[1]));
+    if (!(t > 0 && t < width)) return smaller(value[0], value[1]);
+    return smaller(value[0] + slope[0] * t, smaller(value[0], value[1]));
 }
 static double most(double width, const double value[2], const double slope[2]) {
     const double v[2] = {-value[0], -value[1]}, s[2] = {-slope[1], -slope[0]};
@@ -39,8 +39,8 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
     climb[0] = -climb[1], climb[1] = -keep;
     double p = f[axis][0] * climb[0], q = f[axis][0] * climb[1], r = f[axis][1] * climb[0], t = f[axis][1] * climb[1];
     double rounding = 0x1p-48 * (fabs(p) + fabs(q) + fabs(r) + fabs(t) + fabs(f[base][0]) + fabs(f[base][1]));
-    slope[0] = f[base][0] + fmin(fmin(p, q), fmin(r, t)) - rounding;
-    slope[1] = f[base][1] + fmax(fmax(p, q), fmax(r, t)) + rounding;
+    slope[0] = f[base][0] + smaller(smaller(p, q), smaller(r, t)) - rounding;
+    slope[1] = f[base][1] + larger(larger(p, q), larger(r, t)) + rounding;
     if (!(rounding < HUGE_VAL)) slope[0] = -HUGE_VAL, slope[1] = HUGE_VAL;
 }
 
