@@ -71,7 +71,7 @@ double cells_next(const Cells *c, double v, double towards) {
 }
 
 double cells_move(const Cells *c, double v, double n, double scale) {
-    double unit = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(v), scale), moved = cells_round(c, v + n * unit);
+    double unit = (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(v), scale), moved = cells_round(c, v + n * unit);
     return moved != v ? moved : cells_next(c, v, n > 0 ? HUGE_VAL : -HUGE_VAL);
 }
 
@@ -85,7 +85,7 @@ static double measure(const Cells *c, const Box *x) {
 /* Its longest side, in parts of the domain. */
 static double side(const Cells *c, const Box *x) {
     double longest = 0;
-    for (uint32_t d = 0; d < c->dim; d++) longest = fmax(longest, (x->end[d] - x->lo[d]) / (c->hi[d] - c->lo[d]));
+    for (uint32_t d = 0; d < c->dim; d++) longest = larger(longest, (x->end[d] - x->lo[d]) / (c->hi[d] - c->lo[d]));
     return longest;
 }
 

@@ -141,8 +141,9 @@ typedef struct Cell {
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
-    double at, height, g, dg[3]; /* on the column above a place of the base, the middle if it is not `merged`; g and its
-                                    gradient there */
+    double at, height, g, dg[3]; /* on the column above a place of the base: g and its gradient there. The place is the
+                                    middle, or that of the piece before, on which nothing differs */
+    double middle;               /* about its height above the middle */
     double off;                  /* by so much corners tell it too low there */
     uint32_t sides, tie;         /* as in Root, there */
     bool open, twin, band;       /* the crossing changes the region; other curves lie on this one; as in Root */
@@ -153,6 +154,9 @@ typedef struct Piece {
     int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t begins;   /* likewise: it has to do with what cuts the base where the piece begins */
+    uint32_t heirs;    /* and nothing has changed since the piece before, whose edges are its own, */
+    uint32_t seen;     /* and its two sides are known, be it hidden or not */
     uint32_t asked;    /* likewise: whether it is was asked of the program, not of corners */
     uint32_t halvings; /* of its base */
     uint32_t parts;    /* in which the columns are cut between roots */
@@ -163,7 +167,7 @@ typedef struct Piece {
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
     int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there; -1: none */
     bool up[2];        /* and whether through the upper face */
-    bool alone, merged; /* it is of one curve, `only`, and tells areas; several pieces that became one */
+    bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
     double beyond[2]; /* as in Cut */
     PieceEdge edge[CELL_EDGES];
@@ -174,6 +178,7 @@ typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
     bool up;           /* through the upper face */
+    uint32_t edges;    /* bits of the one, or of both */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
     double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
@@ -483,10 +488,10 @@ static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &
  * base, and of the slope there of a function with gradient bounds `f`. */
 void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
                        double slope[2]);
-/* Is the curve of an edge in the cell above s on the base? Then `height` is about where. False: the corners do not
- * tell.
- */
-bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
+/* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
+bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
+/* About where it is, as they tell; NaN: they do not. */
+double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 /* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */
