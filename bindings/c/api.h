@@ -30,6 +30,7 @@ struct SltProgram {
     _Atomic(const void *) holder; /* the thread whose fit holds the program, as call.c names threads; NULL: none */
     atomic_bool in_fit;           /* like in_use, of calls on the holder's thread */
     atomic_bool fitted;           /* between slt_fit_begin and slt_fit_end: slt_wrt and another fit must wait */
+    uint32_t most_site_size;      /* VariantOptions.most_site_size */
     bool ready;                   /* compiled, with values: else only diagnostics may be asked for */
 
     double *floats;     /* [nfloats]: the values */

@@ -195,7 +195,8 @@ static void build_body(Session *s, void *arg) {
                          .paper_argmin = p->opt.paper_argmin,
                          .paper_forced = p->opt.paper_forced,
                          .path_hash = p->opt.path_hash || api_near_miss(p),
-                         .cells = q->cells};
+                         .cells = q->cells,
+                         .most_site_size = p->most_site_size};
     AdOptions ad = {.wrt = p->wrt};
     KernelSet set;
     double start = now_ms();

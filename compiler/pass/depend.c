@@ -75,8 +75,11 @@ static bool steps(const Inst *i) {
            (i->nargs && (i->type == TY_INT || i->type == TY_BOOL));
 }
 
+/* An equality is no boundary that a tag could mark: on an area it holds where pieces meet (`length` asks whether it is
+ * 0), and then the comparison itself is reported. */
 bool depend_jumps(const Depend *of, const Inst *i) {
     uint8_t on = 0;
+    if (i->op == OP_feq || i->op == OP_fne) return false;
     for (uint32_t a = 0; a < i->nargs; a++) on |= of[i->args[a]->id].on;
     return steps(i) && (on & DEPENDS_SLOPE) && (on & DEPENDS_PARAM);
 }

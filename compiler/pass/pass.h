@@ -65,11 +65,12 @@ const char *pass_point(Arena *a, const char *text, PassPoint *out);
 
 /* ---- variant_*.c: primal -> new Fn in the same arena */
 typedef struct VariantOptions {
-    bool near_miss;    /* region: also NEAR_*, the event with the least |g|, for the near-miss probe */
-    bool paper_argmin; /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
-    bool paper_forced; /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
-    bool path_hash;    /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
-    bool cells;        /* sides is for cells too: wanted also where no boundary moves */
+    bool near_miss;          /* region: also NEAR_*, the event with the least |g|, for the near-miss probe */
+    bool paper_argmin;       /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
+    bool paper_forced;       /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
+    bool path_hash;          /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
+    bool cells;              /* sides is for cells too: wanted also where no boundary moves */
+    uint32_t most_site_size; /* site kernels of more operations are not made: SLT_LIMIT; 0: any */
 } VariantOptions;
 /* Behind each its outputs by their roles (kernel.def); in brackets those that some programs have. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */
