@@ -261,8 +261,7 @@ static SltStatus refuse_many_sites(const SltProgram *p, const bool needs[K_KINDS
     if (!api_too_many_sites(p) || !(needs[K_REGION] || needs[K_BOUNDS])) return SLT_OK;
     return status_fail(err, SLT_LIMIT,
                        "%u decisions under [Disc] are written out one by one, and boundaries are looked for between at "
-                       "most %d: put them into a loop over an array of what differs (--interior-only leaves all "
-                       "boundaries out; --interpret has no limit, and is slow)",
+                       "most %d: put them into a loop over an array of what differs",
                        p->prog->primal->nsites, (int)MOST_SITES);
 }
 
