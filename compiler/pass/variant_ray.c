@@ -19,6 +19,11 @@ static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
         Inst *w = find_window(v->args[a], site, stamp);
         if (w) return w;
     }
+    for (uint32_t r = 0; r < v->nregions; r++) /* a march looks through it in its loop */
+        for (Inst *i = v->region[r]->first; i; i = i->next) {
+            Inst *w = find_window(i, site, stamp);
+            if (w) return w;
+        }
     return NULL;
 }
 
