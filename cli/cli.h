@@ -168,6 +168,8 @@ void loss_abandon(void);    /* loss.c: the process is about to end: so does the 
 /* effort.c: slt_grad_integral within a quarter of a minute unless an option says how much is to be done: with fewer
  * lines, which is said, or at last *without the boundary. */
 SltStatus effort_integral(Cli *c, SltProgram *p, SltIntegral *out, SltStats *stats, bool *without, SltError *err);
+SltStatus effort_images(Cli *c, SltProgram *p, uint32_t n, const double *const *dir, float *const *out,
+                        float *crossings, SltStats *stats, SltError *err);
 
 /* link.c: replaces the malloc'd bytes of an object by those of the shared library that it was linked into; none on
  * failure. */

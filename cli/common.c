@@ -244,6 +244,14 @@ static void tell_costs(const Cli *c, const SltProgram *p) {
     watch_costs(text);
 }
 
+/* One command line, iTime and all, serves many shaders: some do not move. */
+static bool is_unread(const Cli *c, const SltProgram *p, const char *name) {
+    SltParam q = SLT_PARAM_INIT;
+    if (!p->prog->is_glsl || !glsl_host_sets(name) || slt_param_find(p, name, &q, NULL) == SLT_OK) return false;
+    if (!c->quiet) fprintf(stderr, "saltus: note: the shader does not read `%s`\n", name);
+    return true;
+}
+
 int cli_compile(Cli *c, SltProgram **out) {
     SltProgram *p = NULL;
     SltStatus status;
@@ -284,7 +292,9 @@ int cli_compile(Cli *c, SltProgram **out) {
         if (status != SLT_OK) return cli_fail(c, &err);
     }
     for (uint32_t i = 0; i < c->nparams; i++)
-        if (slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK) return cli_fail(c, &err);
+        if (!is_unread(c, p, c->params[i].name) &&
+            slt_set_text(p, c->params[i].name, c->params[i].value, &err) != SLT_OK)
+            return cli_fail(c, &err);
     warn_not_finite(c, p);
     if (c->nparams || c->params_file) session_protect(p->session, warn_of_ranges, p);
     if (!c->quiet) cli_tell(c, p);

@@ -150,11 +150,11 @@ static bool name_in(const Type *t, uint32_t *index, char *buf, size_t size) {
         }
         break;
     case T_MATRIX:
-        if (*index < t->n * t->n) {
-            snprintf(buf + at, size - at, "[%u][%u]", *index / t->n, *index % t->n);
+        if (*index < type_components(t)) {
+            snprintf(buf + at, size - at, "[%u][%u]", *index / t->columns, *index % t->columns);
             return true;
         }
-        *index -= t->n * t->n;
+        *index -= type_components(t);
         break;
     case T_ARRAY:
         for (uint32_t k = 0; k < t->n; k++) {

@@ -30,7 +30,7 @@ void shape_describe(const Param *q, const Type *t, SltParam *out) {
     for (; t->kind == T_ARRAY || t->kind == T_VECTOR || t->kind == T_MATRIX; t = t->elem) {
         add_dimension(out, t->n), elements *= t->n;
         if (t->kind != T_MATRIX) continue;
-        add_dimension(out, t->n), elements *= t->n;
+        add_dimension(out, t->columns), elements *= t->columns;
         t = type_scalar(T_FLOAT);
         break;
     }
@@ -45,7 +45,7 @@ void shape_describe(const Param *q, const Type *t, SltParam *out) {
 }
 
 static void count(const Type *t, uint32_t *floats, uint32_t *ints) {
-    uint32_t n = t->kind == T_MATRIX ? t->n * t->n : t->n, f = 0, i = 0;
+    uint32_t n = t->kind == T_MATRIX ? type_components(t) : t->n, f = 0, i = 0;
     switch (t->kind) {
     case T_STRUCT:
         for (uint32_t k = 0; k < t->nfields; k++) count(t->fields[k].type, floats, ints);
@@ -105,7 +105,7 @@ void shape_write(FILE *out, const Type *t, ShapeCursor *at, bool floats_only, Sh
         fputc('[', out);
         for (uint32_t r = 0; r < t->n; r++) {
             if (r) fputs(", ", out);
-            write_list(out, type_scalar(T_FLOAT), t->n, at, floats_only, leaf, user);
+            write_list(out, type_scalar(T_FLOAT), t->columns, at, floats_only, leaf, user);
         }
         fputc(']', out);
         return;

@@ -247,8 +247,9 @@ static SltStatus read_value(Stage *s, json_t *j, const Type *t, ShapeCursor *c, 
                 if (status != SLT_OK) return status;
                 continue;
             }
-            if (!json_is_array(e) || json_array_size(e) != t->n) return bad_value(s, below, wanted);
-            for (uint32_t m = 0; m < t->n; m++) {
+            snprintf(wanted, sizeof wanted, "a list of %u", t->columns);
+            if (!json_is_array(e) || json_array_size(e) != t->columns) return bad_value(s, below, wanted);
+            for (uint32_t m = 0; m < t->columns; m++) {
                 SltStatus status = read_value(s, json_array_get(e, m), type_scalar(T_FLOAT), c, below);
                 if (status != SLT_OK) return status;
             }
@@ -418,7 +419,7 @@ static SltStatus fill_numbers(Stage *s, const Type *t, ShapeCursor *c, const dou
             if (fill_numbers(s, t->fields[k].type, c, v, n, at) != SLT_OK) return SLT_INPUT;
         return SLT_OK;
     }
-    uint32_t count = t->kind == T_MATRIX ? t->n * t->n : t->n;
+    uint32_t count = t->kind == T_MATRIX ? type_components(t) : t->n;
     const Type *elem = t->kind == T_MATRIX ? type_scalar(T_FLOAT) : t->elem;
     for (uint32_t k = 0; k < count; k++)
         if (fill_numbers(s, elem, c, v, n, at) != SLT_OK) return SLT_INPUT;

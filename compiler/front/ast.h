@@ -42,8 +42,9 @@ typedef struct Field {
 struct Type {
     TypeKind kind;
     Type *elem;       /* of a vector, matrix or array; T_ERROR, T_VOID and scalars: NULL */
-    uint32_t n;       /* vector and (square) matrix: 2..4; array: length (0 while an open `[]` is not resolved);
+    uint32_t n;       /* vector, rows of a matrix: 2..4; array: length (0 while an open `[]` is not resolved);
                          geometry: its SltGeometryKind */
+    uint32_t columns; /* of a matrix, 2..4 */
     const char *name; /* as people write it: "float3", "Disc", "float[4][2]" */
     Field *fields;    /* struct; the Hit and Silhouette structs are predeclared */
     uint32_t nfields;
@@ -209,6 +210,7 @@ struct Expr {
     uint32_t field; /* E_FIELD index */
     uint8_t swz[4], nswz;
     bool prefix, explicit_cast, is_const, parenthesised;
+    bool is_builtin; /* E_CALL in GLSL: of ours under its own name there; nothing of the file hides it */
     ConstVal cval;
     const char *other; /* E_CALL in GLSL: the builtin behind a function of the file that has its name */
     TypeRef *of;       /* E_LIST in GLSL: the array that `T[n](…)` makes */
@@ -448,7 +450,8 @@ bool type_is_resource(const Type *t); /* a texture or a geometry */
 /* The type of a keyword ("float3", "void", "texture2D"), or NULL. */
 Type *type_keyword(const char *name, size_t len);
 Type *type_vector(Session *s, TypeKind elem, uint32_t n);
-Type *type_matrix(Session *s, uint32_t n);
+Type *type_matrix(Session *s, uint32_t rows, uint32_t columns);
+Type *type_row(const Type *matrix); /* the vector that m[i] is */
 Type *type_array(Session *s, Type *elem, uint32_t n);
 bool type_is_float(const Type *t); /* float, its vectors and matrices */
 /* Scalars in a value of this type, arrays and structs included; UINT32_MAX if it does not fit; 0 for what has none. */

@@ -56,6 +56,7 @@ typedef struct Program {
     const char *entry;
     uint32_t dim, channels; /* 1..3, 1..4 */
     double lo[3], hi[3];    /* the domain */
+    bool is_glsl;           /* written in GLSL */
     bool display;           /* its colours are encoded for a screen: sRGB, not linear light */
     Param *params;
     uint32_t nparams;
@@ -88,6 +89,9 @@ Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions
 
 /* front.c: the whole front end: load, check, generate. NULL if any error was reported. */
 Program *front_compile(Session *s, int file, const ProgramOptions *opt);
+
+/* glsl/complete.c: a uniform that Shadertoy sets, whether a shader reads it or not. */
+bool glsl_host_sets(const char *name);
 
 /* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */
 typedef struct ParamRef {

@@ -20,7 +20,7 @@ static Counts counts(const Type *t) {
         Counts c = counts(t->elem);
         return (Counts){c.f * t->n, c.i * t->n};
     }
-    case T_MATRIX: return (Counts){t->n * t->n, 0};
+    case T_MATRIX: return (Counts){type_components(t), 0};
     case T_STRUCT: {
         Counts c = {0, 0};
         for (uint32_t k = 0; k < t->nfields; k++) {
@@ -118,6 +118,9 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
         for (n = 0; !near && is_name(name[n]); n++) {
         }
         if (!near) near = suggest_nearest(arena_strndup(a, name, n), names, p->nparams);
+        if (p->is_glsl && strstr(name, "esolution") && !strchr(name, '['))
+            return fail(p, why,
+                        arena_printf(a, "there is no parameter `%s`: --size gives the size of the image", name));
         return fail(p, why,
                     arena_printf(a, "there is no parameter `%s`%s%s%s", name, near ? ", did you mean `" : "",
                                  near ? near : "", near ? "`?" : ""));
@@ -131,7 +134,7 @@ bool program_find(const Program *p, const char *name, ParamRef *out, const char 
             if (t->kind == T_ARRAY || t->kind == T_VECTOR) {
                 ok = step_index(p, &r, t->n, t->elem, counts(t->elem), &at, name, why);
             } else if (t->kind == T_MATRIX) {
-                ok = step_index(p, &r, t->n, type_vector(p->session, T_FLOAT, t->n), (Counts){t->n, 0}, &at, name, why);
+                ok = step_index(p, &r, t->n, type_row(t), (Counts){t->columns, 0}, &at, name, why);
             } else if (param_is_image(q)) {
                 /* texels: [row][column][channel] in one flat vector; each index peels one dimension */
                 uint32_t inner = r.fcount == q->fcount                                     ? q->tex_w * q->tex_c

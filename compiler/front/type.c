@@ -39,9 +39,9 @@ const MethodInfo methods[M_COUNT] = {
 #define VECTORS(k, text) {VECTOR(k, text, 2), VECTOR(k, text, 3), VECTOR(k, text, 4)}
 static const Type vectors[4][3] = {VECTORS(T_BOOL, "bool"), VECTORS(T_INT, "int"), VECTORS(T_UINT, "uint"),
                                    VECTORS(T_FLOAT, "float")};
-static const Type matrices[3] = {{.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = 2, .name = "float2x2"},
-                                 {.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = 3, .name = "float3x3"},
-                                 {.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = 4, .name = "float4x4"}};
+#define MATRIX(r, c) {.kind = T_MATRIX, .elem = ELEM(T_FLOAT), .n = r, .columns = c, .name = "float" #r "x" #c}
+#define MATRICES(r) {MATRIX(r, 2), MATRIX(r, 3), MATRIX(r, 4)}
+static const Type matrices[3][3] = {MATRICES(2), MATRICES(3), MATRICES(4)};
 
 _Static_assert(T_FLOAT - T_BOOL == 3, "vectors are indexed by scalar kind");
 
@@ -56,10 +56,12 @@ Type *type_vector(Session *s, TypeKind elem, uint32_t n) {
     return (Type *)&vectors[elem - T_BOOL][n - 2];
 }
 
-Type *type_matrix(Session *s, uint32_t n) {
-    if (n < 2 || n > 4) ice(s, "no matrix of %u rows", n);
-    return (Type *)&matrices[n - 2];
+Type *type_matrix(Session *s, uint32_t rows, uint32_t columns) {
+    if (rows < 2 || rows > 4 || columns < 2 || columns > 4) ice(s, "no matrix of %ux%u", rows, columns);
+    return (Type *)&matrices[rows - 2][columns - 2];
 }
+
+Type *type_row(const Type *matrix) { return (Type *)&vectors[T_FLOAT - T_BOOL][matrix->columns - 2]; }
 
 Type *type_keyword(const char *name, size_t len) {
 #define TRY(t)                                                                                                         \
@@ -69,7 +71,8 @@ Type *type_keyword(const char *name, size_t len) {
     for (int k = 0; k < SLT_GEOMETRIES; k++) TRY(geometries[k]);
     for (int k = 0; k < 4; k++)
         for (int n = 0; n < 3; n++) TRY(vectors[k][n]);
-    for (int n = 0; n < 3; n++) TRY(matrices[n]);
+    for (int r = 0; r < 3; r++)
+        for (int k = 0; k < 3; k++) TRY(matrices[r][k]);
 #undef TRY
     return NULL;
 }
@@ -112,7 +115,7 @@ uint32_t type_components(const Type *t) {
     case T_UINT:
     case T_FLOAT: return 1;
     case T_VECTOR: return t->n;
-    case T_MATRIX: return t->n * t->n;
+    case T_MATRIX: return t->n * t->columns;
     case T_ARRAY: n = (uint64_t)t->n * type_components(t->elem); break;
     case T_STRUCT:
         for (uint32_t i = 0; i < t->nfields && n < UINT32_MAX; i++) n += type_components(t->fields[i].type);

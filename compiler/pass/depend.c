@@ -56,6 +56,17 @@ static bool chooses(const Inst *i) {
            op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
 }
 
+/* Do parameters choose, the same everywhere? */
+static bool ties(const Flow *f, const Inst *i) {
+    Op op = (Op)i->op;
+    uint8_t on = 0;
+    if (op == OP_fmin || op == OP_fmax || op == OP_fabs)
+        for (uint32_t a = 0; a < i->nargs; a++) on |= f->of[i->args[a]->id].on;
+    else if (op == OP_fsel) on = f->of[i->args[0]->id].on;
+    else if (op == OP_proj && i->args[0]->op == OP_if_ && i->type == TY_FLT) on = f->of[i->args[0]->args[0]->id].on;
+    return on & DEPENDS_PARAM && !(on & (DEPENDS_X | DEPENDS_RAND));
+}
+
 /* Operations of floats whose results are constant between jumps. A site's own jumps are tagged. */
 static bool steps(const Inst *i) {
     Op op = (Op)i->op;
@@ -64,8 +75,11 @@ static bool steps(const Inst *i) {
            (i->nargs && (i->type == TY_INT || i->type == TY_BOOL));
 }
 
+/* An equality is no boundary that a tag could mark: on an area it holds where pieces meet (`length` asks whether it is
+ * 0), and then the comparison itself is reported. */
 bool depend_jumps(const Depend *of, const Inst *i) {
     uint8_t on = 0;
+    if (i->op == OP_feq || i->op == OP_fne) return false;
     for (uint32_t a = 0; a < i->nargs; a++) on |= of[i->args[a]->id].on;
     return steps(i) && (on & DEPENDS_SLOPE) && (on & DEPENDS_PARAM);
 }
@@ -157,6 +171,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
         default: flow_operands(f, i);
         }
         if (exits.on) add(f, i, &exits);
+        if (ties(f, i)) add_flags(f, i, DEPENDS_TIES);
         if (chooses(i) && (f->of[i->id].on & DEPENDS_X)) add_flags(f, i, DEPENDS_PIECES);
     }
 }

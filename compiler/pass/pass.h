@@ -65,11 +65,12 @@ const char *pass_point(Arena *a, const char *text, PassPoint *out);
 
 /* ---- variant_*.c: primal -> new Fn in the same arena */
 typedef struct VariantOptions {
-    bool near_miss;    /* region: also NEAR_*, the event with the least |g|, for the near-miss probe */
-    bool paper_argmin; /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
-    bool paper_forced; /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
-    bool path_hash;    /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
-    bool cells;        /* sides is for cells too: wanted also where no boundary moves */
+    bool near_miss;          /* region: also NEAR_*, the event with the least |g|, for the near-miss probe */
+    bool paper_argmin;       /* event: the event with the least |g| (Belhe et al.) instead of the first that differs */
+    bool paper_forced;       /* sides: the decision of the event is forced (Belhe et al.); the rest follows from x */
+    bool path_hash;          /* region, sides: the decisions of the path (up to 64 events) instead of provenance */
+    bool cells;              /* sides is for cells too: wanted also where no boundary moves */
+    uint32_t most_site_size; /* site kernels of more operations are not made: SLT_LIMIT; 0: any */
 } VariantOptions;
 /* Behind each its outputs by their roles (kernel.def); in brackets those that some programs have. */
 Fn *variant_value(PassCtx *ctx, const Fn *primal);                           /* F */
@@ -101,6 +102,7 @@ typedef struct AdOptions {
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
+    uint32_t rows; /* > 1: the one float output has this many seeds, and a row of adjoints for each. Not with wrt_x */
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);
@@ -112,6 +114,9 @@ typedef struct TapeReport {
     const char *text;        /* what is stored, what recomputed, and why: for explain */
 } TapeReport;
 Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report);
+/* Of such a Fn of several outputs: where each adjoint hangs on the seed of one output, and IN_ROWS asks for rows, it
+ * goes to the row of that output. False: some hang on several, and nothing has changed. */
+bool ad_part_rows(Fn *fn);
 /* Gradient of the single float output in x by dim forward sweeps in one kernel: outputs g, dg/dx0.. */
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn);
 /* In place: every `along` becomes the code of its derivative, and seeds what they are seeds of. */

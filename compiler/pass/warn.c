@@ -14,6 +14,13 @@
 
 enum { PROOF_BUDGET = 600 }; /* instructions looked at for one comparison */
 
+/* Of each jump without a tag, the decision that was reported for it. */
+typedef struct Stepping {
+    Span jump;
+    Diag *diag;
+    uint32_t others; /* that change there too */
+} Stepping;
+
 typedef struct Warn {
     PassCtx *ctx;
     Fn *fn;
@@ -21,6 +28,7 @@ typedef struct Warn {
     const Depend *dep; /* by id */
     bool *live;        /* by id: can reach an output */
     Inst **inst;       /* by id */
+    Vec(Stepping) stepping;
 } Warn;
 
 /* ---- are both sides equal on the boundary?
@@ -298,8 +306,26 @@ static void report_stepping(Warn *w, Inst *g, Span span) {
     for (uint32_t s = 0; s < w->fn->nsites; s++)
         if (w->fn->sites[s].skip_loop) return;
     const Inst *jump = find_jump(w, g);
+    /* One tag is missing however many decisions there are. */
+    for (uint32_t k = 0; jump && k < w->stepping.len; k++) {
+        Stepping *at = &w->stepping.data[k];
+        if (at->jump.file != jump->span.file || at->jump.pos != jump->span.pos) continue;
+        at->others++;
+        return;
+    }
     Diag *diag = diag_emit(w->ctx->session, DIAG_stepping, span, param_list(w, d));
-    if (diag && jump) diag_note(w->ctx->session, diag, jump->span, "it jumps here: [Disc] belongs on this statement");
+    if (!diag || !jump) return;
+    diag_note(w->ctx->session, diag, jump->span, "it jumps here: [Disc] belongs on this statement");
+    vec_push(w->scratch, &w->stepping, ((Stepping){jump->span, diag, 0}));
+}
+
+static void tell_others(const Warn *w) {
+    for (uint32_t k = 0; k < w->stepping.len; k++) {
+        const Stepping *at = &w->stepping.data[k];
+        if (at->others)
+            diag_note(w->ctx->session, at->diag, at->jump, "decisions elsewhere that change here as well: %u",
+                      at->others);
+    }
 }
 
 static void report_untracked(Warn *w) {
@@ -442,7 +468,7 @@ bool warn_jumps(PassCtx *ctx, Fn *fn) {
     w.inst = ARENA_ARRAY(scratch, Inst *, n + 1);
     find_insts(&w, fn->body);
     find_live(&w);
-    if (ctx->program) report_untracked(&w), report_decisions(&w, fn->body);
+    if (ctx->program) report_untracked(&w), report_decisions(&w, fn->body), tell_others(&w);
 
     Renumber to = {.map = ARENA_ARRAY(scratch, Inst *, n + 1),
                    .infos = ARENA_ARRAY(fn->arena, SiteInfo, fn->nsites + 1),

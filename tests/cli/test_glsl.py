@@ -18,6 +18,13 @@ PAIRS = {
     "constructors of matrices": ("", "mat3 m = mat3(2.0); mat2 k = mat2(mat3(1, 2, 3, 4, p.x, 6, 7, 8, 9)); mat4 w = mat4(k); c = m * vec3(p, 1) + vec3(k[1], w[3][3]);",
                                  "", "c = float3(2.0 * p, 2.0) + float3(4.0, p.x, 1.0);"),
     "columns": ("", "mat3 m = mat3(1, 2, 3, 4, 5, 6, 7, 8, 9); c = m[1] * p.x + vec3(m[0][2], transpose(m)[0][1], 0);", "", "c = float3(4.0, 5.0, 6.0) * p.x + float3(3.0, 4.0, 0.0);"),
+    "matrices that are not square": ("const mat3x2 K = mat3x2(1, 2, 3, 4, 5, 6); uniform mat2x3 u; mat2x3 turn(mat2x3 m) { m[0] *= 2.0; m[1][2] += 1.0; return m; }",
+                                     "mat2x3 m = turn(mat2x3(p.x, 2, 3, 4, p.y, 6)); int i = int(I.x) % 2; vec2 w = vec3(1, p) * m; mat2 s = K * m; mat3x2 t = transpose(m); mat4x3 d = mat4x3(2.0); mat2x3 o = outerProduct(vec3(1, 2, 3), p); c = m * p + vec3(w, s[1][0]) + mat3(m)[2] + vec3(t[2], mat2(u)[1].y) + d[2] + o[1] + m[i];",
+                                     "", "float3 a = float3(p.x, 2.0, 3.0) * 2.0, b = float3(4.0, p.y, 7.0), v = float3(1.0, p); c = a * p.x + b * p.y + float3(dot(v, a), dot(v, b), b.x + 3.0 * b.y + 5.0 * b.z) + float3(0.0, 0.0, 1.0) + float3(a.z, b.z, 0.0) + float3(0.0, 0.0, 2.0) + float3(1.0, 2.0, 3.0) * p.y + (int(I.x) % 2 == 0 ? a : b);"),
+    "matrices component by component": ("", "mat2 m = mat2(1, 2, 3, 4); m += 1.0; m--; m = 1.0 - m / mat2(2, 2, 4, 4) * p.x; c = vec3(m[0], m[1].y);", "", "c = 1.0 - float3(0.5, 1.0, 1.0) * p.x;"),
+    "comparisons of all that a value holds": ("struct S { float a; ivec2 n; }; struct T { S s[2]; bool b; };",
+                                              "int i = int(I.x) % 2; S a = S(0.5, ivec2(1, i)), b = S(0.5, ivec2(1, 0)); float v[2] = float[](0.0, p.x), w[2] = float[](0.0, p.y); T t = T(S[](a, b), true), u = T(S[](b, b), i == 0); c = vec3(a == b, v != w, mat2(p, p) == mat2(p.xyxy)); c.z += float(t == u) + float(mat2(1.0) != mat2(1, 0, 0, 1));",
+                                              "", "c = float3(int(I.x) % 2 == 0 ? 1.0 : 0.0, p.x != p.y ? 1.0 : 0.0, 1.0); c.z += c.x;"),
     "vectors cut off": ("", "vec4 v = vec4(p, 0.25, 1); vec2 a = vec2(v); vec3 b = vec3(v); vec3 d = vec3(a, v); c = b + d + float(v);",
                         "", "c = float3(p, 0.25) + float3(p, p.x) + p.x;"),
     "whole comparisons": ("", "c.x = p == vec2(0.5) ? 1.0 : 0.25; c.y = ivec2(I) != ivec2(3, 4) ? 0.5 : 1.0; c.z = all(equal(I, vec2(0.5))) ? 1.0 : 0.0;",
@@ -30,7 +37,7 @@ PAIRS = {
                               "", "float l = 0.375; float3 s = float3(p, 1.0); s.x += l * 2.0; l += 0.125; s += float3(9.0); s.x += l * 2.0; c = s * 0.25;"),
     "values that are missing": ("float f(float a) { float r; if (a > 0.5) r = a; return r; } float g(float a) { if (a > 0.5) return 1.0; }", "vec2 v; v.x = p.x; c = vec3(f(p.x), g(p.y), v.y);",
                                 "", "c = float3(p.x > 0.5 ? p.x : 0.0, p.y > 0.5 ? 1.0 : 0.0, 0.0);"),
-    "sequences in choices": ("", "float d = 2.0; p.x < 0.5 ? d = p.y, c.x = 0.25 : d; c.y = p.x > 0.5 ? c.z = 1.0, 0.5 : d;", "", "float d = p.x < 0.5 ? p.y : 2.0; if (p.x < 0.5) c.x = 0.25; if (p.x > 0.5) c.z = 1.0; c.y = p.x > 0.5 ? 0.5 : d;"),
+    "sequences in choices": ("", "float d = 2.0; p.x < 0.5 ? d = p.y, c.x = 0.25 : d; c.y = p.x > 0.5 ? c.z = 1.0, 0.5 : d; p.y > 0.5 ? d = 4.0 : c.z += d;", "", "float d = p.x < 0.5 ? p.y : 2.0; if (p.x < 0.5) c.x = 0.25; if (p.x > 0.5) c.z = 1.0; c.y = p.x > 0.5 ? 0.5 : d; if (!(p.y > 0.5)) c.z += d;"),
     "octal numbers": ("", "c = vec3(010 + 0x10, 00, 017u) / 32.0;", "", "c = float3(24.0, 0.0, 15.0) / 32.0;"),
     "arrays without a name": ("float pick(float a[3], int i) { return a[i]; } float[2] two(float x) { return float[2](x, 1.0 - x); }",
                               "int k = int(I.x) % 3; c = vec3(float[3](0.1, 0.5, 0.9)[k], pick(float[](p.x, 0.2, p.y), k), two(p.x)[1]); c += vec3[](vec3(1, 0, 0), vec3(0, 1, 0), vec3(0, 0, 1))[k];",
@@ -42,6 +49,9 @@ PAIRS = {
     "blocks of uniforms": ("uniform Block { vec2 shift; mat2 m; }; layout(std140, binding = 0) uniform Other { float level; vec3 tint[2]; } other;", "c = other.tint[1] + other.level + vec3(m * shift, p.x);", "", "c.z = p.x;"),
     "names that are builtins here": ("float frac(float x) { return fract(x) + 1.0; } float lerp(float a, float b) { return mix(a, b, 0.25); } vec2 atan2(vec2 v) { return v.yx; } float saturate(float v) { return v * 0.5; }",
                                      "c = vec3(frac(p.x * 4.0), lerp(p.y, 1.0), saturate(atan2(p).x));", "", "c = float3(frac(p.x * 4.0) + 1.0, lerp(p.y, 1.0, 0.25), p.y * 0.5);"),
+    "variables with the names of builtins here": ("const float frac = 0.25; float rsqrt; const float HALF = radians(90.0);", "vec2 lerp = fract(p * 3.0); float atan2 = 0.5; c = vec3(mix(lerp.x, frac, atan2), fract(p.y * 4.0) + rsqrt, inversesqrt(p.x + 1.0) + dot(p.x, atan2) + HALF);",
+                                                  "", "c = float3(lerp(frac(p.x * 3.0), 0.25, 0.5), frac(p.y * 4.0), rsqrt(p.x + 1.0) + p.x * 0.5 + 90.0 * (PI / 180.0));"),
+    "bounds drop what is no number": ("", "float n = p.x * 0.0; n /= n; c = vec3(clamp(n, 0.25, 1.0), max(n, 0.5), 0.25 + smoothstep(0.0, 1.0, n) + min(n, 0.75));", "", "c = float3(0.25, 0.5, 1.0);"),
     "builtins behind functions of their name": ("vec3 pow(vec3 v, float e) { return pow(v, vec3(e)); } int mod(int a, int b) { return a - b * (a / b); } float round(float x) { return floor(x + 0.5); }",
                                                 "c = pow(vec3(p, 0.5), 2.0) + mod(p.x * 4.0, 1.0) + float(mod(int(I.x), 3)) + round(p.y) + round(p.xyy);",
                                                 "", "c = pow(float3(p, 0.5), float3(2.0)); float m = p.x * 4.0; int i = int(I.x); c += m - floor(m); c += float(i % 3); c += floor(p.y + 0.5); c += round(p.xyy);"),
@@ -139,6 +149,29 @@ class Meaning(Case):
         for got, want in zip(j["integral"], [12, 0, 48]):
             self.assertAlmostEqual(got, want, delta=1e-3)
 
+    def test_includes(self):
+        """Files are relative to the one that names them; messages point into them; a circle ends."""
+        os.makedirs(self.dir + "/lib")
+        self.put("lib/one.glsl", '#ifndef ONE\n#define ONE\n#include "../lib/two.glsl"\nfloat one(float x) { return two(x) * K; }\n#endif\n')
+        self.put("lib/two.glsl", "#define K 0.5\nfloat two(float x) { return x * 2.0; }")
+        self.put("a.frag", '#include "lib/one.glsl"\n#if 0\n#include "no.glsl"\n#endif\n#include "lib/one.glsl"\nuniform vec2 canvas_resolution;\nvoid mainImage(out vec4 c, vec2 p) { c = vec4(one(p.x) / canvas_resolution.x); }')
+        for got in self.json_cli("render", "a.frag", "--integral", "--size", "8x4")["integral"]:
+            self.assertAlmostEqual(got, 16, delta=1e-3)
+        self.put("lib/bad.glsl", '#include "bad.glsl"\n')
+        self.put("b.frag", '#include "lib/none.glsl"\n#include <x>\n#include "lib/bad.glsl"\n')
+        said = self.run_cli("render", "b.frag", code=3).err
+        for text in ("b.frag:1:1: error: cannot read `%s/lib/none.glsl`" % ".", "b.frag:2:", "lib/bad.glsl:1:1: error: files include each other too deeply"):
+            self.assertIn(text, said.replace(self.dir, "."))
+
+    def test_unread(self):
+        """What hosts set is no error where nothing reads it; other names are."""
+        self.put("u.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
+        said = self.run_cli("render", "u.frag", "--size", 4, "--param", "iTime=2", "--param", "iMouse.x=3", "--param", "iChannel0=@none.png").err
+        for name in ("iTime", "iMouse.x", "iChannel0"):
+            self.assertIn("note: the shader does not read `%s`" % name, said)
+        self.run_cli("render", "u.frag", "--size", 4, "--param", "iTimer=2", code=2)
+        self.assertIn("--size", self.run_cli("render", "u.frag", "--param", "iResolution=[4,4]", code=2).err)
+
     def test_language_option(self):
         self.put("a.txt", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
         self.run_cli("render", "a.txt", code=3)
@@ -151,7 +184,7 @@ class Messages(Case):
     def test_places(self):
         """What is not accepted says so with its line, once."""
         for text, line, what in [
-            ("#include <x>\nvoid main() {}", 1, "not supported"),
+            ("#include <x>\nvoid main() {}", 1, "wants the name of a file"),
             ("void main() { gl_FragColor = vec4(1); }\n#if 1\n", 2, "no `#endif`"),
             ("#define f(a, b) a\nvoid main() {\n gl_FragColor = vec4(f(1)); }", 3, "takes 2 arguments, 1 given"),
             ("#if 1 +\n#endif\nvoid main() { gl_FragColor = vec4(1); }", 1, "no condition"),

@@ -31,6 +31,15 @@ def straight_line(operations):
     return "param float a = 1.0;\nshader float main(float2 x) {\n%s\nfloat f = 0.0; [Disc] if (v%d < 3.0) f = 1.0; return f; }" % ("\n".join(lines), operations - 1)
 
 
+def long_sites(operations):
+    """Every comparison has nearly the whole program behind it."""
+    lines = ["float u0 = x.y * a, v0 = x.x * a, u1 = x.x, v1 = x.y;"]
+    for i in range(2, operations):
+        lines.append("float u%d = u%d * 0.3 + u%d, v%d = v%d * 0.7 - v%d;" % (i, i - 1, i - 2, i, i - 1, i - 2))
+    lines += ["[Disc] if (u%d + v%d < %d.0) f += 1.0;" % (operations - 1 - i, operations - 1 - i, i) for i in range(12)]
+    return "param float a = 1.0;\nshader float main(float2 x) {\nfloat f = 0.0;\n%s\nreturn f; }" % "\n".join(lines)
+
+
 class Watched(Case):
     def interrupt(self, *args, after=2.0, code=130):
         p = self.start_cli(*args)
@@ -44,6 +53,14 @@ class Watched(Case):
         self.assertEqual(err.decode().count("saltus: interrupted\n"), 1, err)
         self.assertEqual(out, b"")
         return err.decode()
+
+    def test_too_large(self):
+        """What would compile for minutes is left out with words, unless it is asked for."""
+        self.put("c.salt", long_sites(3600))
+        r = self.run_cli("grad", "c.salt", "--integral", "--size", "8")
+        self.assertRegex(r.err, r"the boundary is left out, because its 12 sites need \d+ operations.*\[NoDisc\]")
+        self.assertIn('"left_out": "boundary"', self.run_cli("grad", "c.salt", "--integral", "--size", "8", "--json").out)
+        self.assertRegex(self.run_cli("grad", "c.salt", "-o", "g.exr", "--size", "8").err, "the boundary is left out, because its")
 
     def test_search(self):
         self.put("m.frag", MANDEL)

@@ -207,6 +207,7 @@ static const char *letter_text(char letter) {
     case 'B': return "bools or a bool vector";
     case 'v': return "float vectors of one size";
     case 'm': return "a matrix";
+    case 's': return "a square matrix";
     case '3': return "float3";
     default: return "other arguments";
     }
@@ -225,7 +226,12 @@ static Type *generic_type(Checker *c, Expr *e, const char *letters, char letter)
                 e->args[i] = convert(c, e->args[i], t, CONV_NARROW);
                 a = e->args[i]->type;
             }
-            if (letter == 'm' ? a->kind != T_MATRIX : letter == 'v' ? a->kind != T_VECTOR : !width_of(a)) return NULL;
+            bool square = a->kind == T_MATRIX && a->n == a->columns;
+            if (letter == 's'   ? !square
+                : letter == 'm' ? a->kind != T_MATRIX
+                : letter == 'v' ? a->kind != T_VECTOR
+                                : !width_of(a))
+                return NULL;
             if (t && letter == 'v' && t->n != a->n) return NULL;
             if (t && !(t = unify(c, t, a))) return NULL;
             if (!t) t = a;
@@ -245,13 +251,13 @@ static Expr *check_builtin_sig(Checker *c, Expr *e, Builtin b) {
     if (e->nargs != want) return bad_count(c, e, name, want);
     Type *group = NULL;
     for (uint32_t i = 0; i < want; i++)
-        if (strchr("FNIBvm", letters[i])) {
+        if (strchr("FNIBvms", letters[i])) {
             group = generic_type(c, e, letters, letters[i]);
             if (!group) return bad_builtin(c, e, name, e->op_span, letter_text(letters[i]));
             break;
         }
     for (uint32_t i = 0; i < want; i++) {
-        Type *t = strchr("FNIBvm", letters[i]) ? group : fixed_type(c, letters[i]);
+        Type *t = strchr("FNIBvms", letters[i]) ? group : fixed_type(c, letters[i]);
         if (!t) ice(c->s, "builtin %s has signature %s", name, sig);
         if (conversion_cost(e->args[i], t, CONV_BROADCAST | CONV_NARROW) < 0 ||
             (t != group && width_of(t) > 1 && width_of(e->args[i]->type) == 1))
@@ -260,7 +266,8 @@ static Expr *check_builtin_sig(Checker *c, Expr *e, Builtin b) {
     }
     e->kind = E_BUILTIN;
     e->builtin = b;
-    Type *t = strchr("FNIvm", sig[0]) ? group
+    Type *t = strchr("FNIvs", sig[0]) ? group
+              : sig[0] == 'm'         ? type_matrix(c->s, group->columns, group->n)
               : sig[0] == 'B'         ? with_width(c, T_BOOL, width_of(group))
                                       : fixed_type(c, sig[0]);
     return finish(c, e, t);
@@ -333,7 +340,7 @@ static Expr *check_len(Checker *c, Expr *e) {
     return finish(c, e, c->t_int);
 }
 
-/* In GLSL lengths are of scalars too, and `mix` chooses by bools. */
+/* In GLSL lengths and dot are of scalars too, and `mix` chooses by bools. */
 static Builtin glsl_builtin(Checker *c, Expr *e, Builtin b) {
     bool scalar = e->nargs && is_scalar(e->args[0]->type);
     if (b == B_lerp && e->nargs == 3 && scalar_kind(e->args[2]->type) == T_BOOL) {
@@ -365,6 +372,8 @@ static Expr *check_builtin_typed(Checker *c, Expr *e, Builtin b) {
             return fail(c, e);
         }
     }
+    if (in_glsl(c) && b == B_dot && e->nargs == 2 && is_scalar(e->args[0]->type) && is_scalar(e->args[1]->type))
+        return check_mul(c, e);
     if (in_glsl(c)) b = glsl_builtin(c, e, b);
     if (builtin_sigs[b][0] != '*') return check_builtin_sig(c, e, b);
     uint32_t want = b == B_select ? 3 : b == B_mul ? 2 : 1;
@@ -386,6 +395,7 @@ static Expr *check_builtin_typed(Checker *c, Expr *e, Builtin b) {
 }
 
 Expr *check_call(Checker *c, Expr *e) {
+    if (e->is_builtin) return check_builtin(c, e, (Builtin)(uintptr_t)map_get(&c->builtin_funcs, e->name));
     Binding *local = map_get(&c->at.locals, e->name);
     if (local) {
         check_args(c, e, true);
@@ -521,16 +531,16 @@ static Expr *part(Checker *c, Expr *v, uint32_t n) {
     return finish(c, e, with_width(c, scalar_kind(v->type), n));
 }
 
-/* Column i of a matrix of n made of another matrix or of what its diagonal holds. */
+/* Column i, of n numbers, of a matrix made of another matrix or of what its diagonal holds. */
 static Expr *column(Checker *c, Expr *from, uint32_t i, uint32_t n) {
-    uint32_t has = from->type->kind == T_MATRIX ? from->type->n : 0;
+    uint32_t has = from->type->kind == T_MATRIX ? from->type->columns : 0;
     Expr *col = NULL;
-    if (i < has) {
+    if (has && i < from->type->n) {
         Expr *index = check_zero(c, from->span, c->t_int);
         index->cval.v[0].i = i;
         col = new_expr(c, E_INDEX, from, NULL);
         col->a[0] = from, col->a[1] = index;
-        col = finish(c, col, type_vector(c->s, T_FLOAT, has));
+        col = finish(c, col, type_row(from->type));
         if (has >= n) return has > n ? part(c, col, n) : col;
     }
     Expr *e = new_expr(c, E_CONSTRUCT, from, NULL);
@@ -552,7 +562,7 @@ static uint32_t glsl_components(Checker *c, Expr *e, Type *t, uint32_t given) {
     if (t->kind == T_MATRIX && only && only->type != t && (is_scalar(only->type) || only->type->kind == T_MATRIX)) {
         e->nargs = t->n;
         e->args = ARENA_ARRAY(c->arena, Expr *, t->n);
-        for (uint32_t i = 0; i < t->n; i++) e->args[i] = column(c, only, i, t->n);
+        for (uint32_t i = 0; i < t->n; i++) e->args[i] = column(c, only, i, t->columns);
         return want;
     }
     Expr *last = e->nargs ? e->args[e->nargs - 1] : NULL;
@@ -629,7 +639,7 @@ Expr *check_construct(Checker *c, Expr *e, Type *t) {
 static Expr *list_to_construct(Checker *c, Expr *e, Type *t) {
     bool rows = t->kind == T_MATRIX && e->nargs == t->n;
     uint32_t want = rows ? t->n : type_components(t);
-    Type *item = rows ? type_vector(c->s, T_FLOAT, t->n) : type_scalar(scalar_kind(t));
+    Type *item = rows ? type_row(t) : type_scalar(scalar_kind(t));
     if (e->nargs != want) {
         diag_emit(c->s, DIAG_bad_list, e->span,
                   arena_printf(&c->s->session, "%s has %u components, the list has %u", t->name, want, e->nargs));

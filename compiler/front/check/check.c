@@ -212,7 +212,7 @@ static void fill_language(Checker *c) {
     for (int k = 0; k < SLT_GEOMETRIES; k++) types[n++] = type_geometry((SltGeometryKind)k);
     for (uint32_t w = 2; w <= 4; w++) {
         for (TypeKind k = T_BOOL; k <= T_FLOAT; k++) types[n++] = type_vector(s, k, w);
-        types[n++] = type_matrix(s, w);
+        for (uint32_t k = 2; k <= 4; k++) types[n++] = type_matrix(s, w, k);
     }
     for (uint32_t i = 0; i < n; i++)
         map_put(c->arena, &c->builtin_types, intern(s, types[i]->name, strlen(types[i]->name)), types[i]);

@@ -72,11 +72,19 @@ static bool fold_binary(Expr *e) {
     ConstVal *r = &e->cval;
     bool ma = ta->kind == T_MATRIX, mb = tb->kind == T_MATRIX, matrices = ma || mb;
     if (e->op == OPR_MUL && ma && tb->kind != T_FLOAT) {
-        fold_matmul(r, a, b, ta->n, ta->n, mb ? ta->n : 1);
+        fold_matmul(r, a, b, ta->n, ta->columns, mb ? tb->columns : 1);
         return true;
     }
     if (e->op == OPR_MUL && mb && ta->kind == T_VECTOR) {
-        fold_matmul(r, a, b, 1, tb->n, tb->n);
+        fold_matmul(r, a, b, 1, tb->n, tb->columns);
+        return true;
+    }
+    if (is_aggregate(ta)) return false;
+    bool whole = ma && e->type->kind == T_BOOL, all = e->op == OPR_EQ; /* == and != of matrices */
+    for (uint32_t i = 0; whole && i < a->n; i++)
+        if (a->v[i].f != b->v[i].f) all = !all, i = a->n - 1;
+    if (whole) {
+        r->v[0].i = all;
         return true;
     }
     for (uint32_t i = 0; i < r->n; i++)
@@ -215,8 +223,8 @@ static bool fold_special(Expr *e) {
         for (uint32_t i = 0; i < r->n; i++) r->v[i] = a->v[a->n == 1 ? 0 : i].i ? b->v[i] : e->args[2]->cval.v[i];
         return true;
     case B_transpose:
-        for (uint32_t i = 0; i < ta->n; i++)
-            for (uint32_t j = 0; j < ta->n; j++) r->v[i * ta->n + j] = a->v[j * ta->n + i];
+        for (uint32_t i = 0; i < ta->columns; i++)
+            for (uint32_t j = 0; j < ta->n; j++) r->v[i * ta->n + j] = a->v[j * ta->columns + i];
         return true;
     case B_determinant: r->v[0].f = invert(a, ta->n, NULL); return true;
     case B_inverse: invert(a, ta->n, r); return true;
@@ -260,7 +268,7 @@ static bool fold_pick(Expr *e) {
         e->cval = list->args[at]->cval;
         return true;
     }
-    uint32_t stride = base->type->kind == T_MATRIX ? base->type->n : 1;
+    uint32_t stride = base->type->kind == T_MATRIX ? base->type->columns : 1;
     for (uint32_t i = 0; i < stride; i++) e->cval.v[i] = base->cval.v[at * stride + i];
     return true;
 }

@@ -102,7 +102,7 @@ static Expr *check_name(Checker *c, Expr *e) {
 static Type *matrix_product(Checker *c, Expr *e) {
     Type *a = e->a[0]->type, *b = e->a[1]->type;
     bool ma = a->kind == T_MATRIX, mb = b->kind == T_MATRIX;
-    if (e->op == OPR_MUL && ma && mb) return a == b ? a : NULL;
+    if (e->op == OPR_MUL && ma && mb) return a->columns == b->n ? type_matrix(c->s, a->n, b->columns) : NULL;
     if (ma && is_scalar(b) && b->kind != T_BOOL && (e->op == OPR_MUL || e->op == OPR_DIV)) {
         e->a[1] = convert_scalar_kind(c, e->a[1], T_FLOAT, false);
         return a;
@@ -112,11 +112,19 @@ static Type *matrix_product(Checker *c, Expr *e) {
         e->a[0] = convert_scalar_kind(c, e->a[0], T_FLOAT, false);
         return b;
     }
-    Type *m = ma ? a : b, *v = ma ? b : a;
-    if (v->kind != T_VECTOR || v->n != m->n || scalar_kind(v) == T_BOOL) return NULL;
+    Type *v = ma ? b : a;
+    if (v->kind != T_VECTOR || v->n != (ma ? a->columns : b->n) || scalar_kind(v) == T_BOOL) return NULL;
     Expr **side = &e->a[ma ? 1 : 0];
     *side = convert_scalar_kind(c, *side, T_FLOAT, false);
-    return (*side)->type;
+    return ma ? type_vector(c->s, T_FLOAT, a->n) : type_row(b);
+}
+
+/* GLSL: a scalar and a matrix, component by component. NULL: it is none. */
+static Type *component_wise(Checker *c, Expr *e) {
+    int scalar = is_scalar(e->a[1]->type);
+    if (!is_numeric(e->a[scalar]->type) || e->op < OPR_ADD || e->op > OPR_DIV) return NULL;
+    e->a[scalar] = convert_scalar_kind(c, e->a[scalar], T_FLOAT, false);
+    return e->a[!scalar]->type;
 }
 
 static const char *operand_hint(Type *a, Type *b, Operator op) {
@@ -134,13 +142,16 @@ Expr *check_binary_typed(Checker *c, Expr *e) {
     if (any_error(e)) return fail(c, e);
     const char *text = operator_text(e->op);
     Type *a = e->a[0]->type, *b = e->a[1]->type;
+    if (in_glsl(c) && a == b && (is_aggregate(a) || a->kind == T_MATRIX) && (e->op == OPR_EQ || e->op == OPR_NE))
+        return typed(c, e, c->t_bool);
     if (a->kind == T_MATRIX || b->kind == T_MATRIX) {
         if (e->op == OPR_MUL && in_glsl(c) && !is_scalar(a) && !is_scalar(b)) { /* (M v)ᵀ = vᵀ Mᵀ, and Mᵀ is stored */
             Expr *first = e->a[0];
             e->a[0] = e->a[1], e->a[1] = first;
         }
         Type *t = matrix_product(c, e);
-        if (!t && a == b && (e->op == OPR_ADD || e->op == OPR_SUB)) t = a;
+        if (!t && a == b && (e->op == OPR_ADD || e->op == OPR_SUB || (e->op == OPR_DIV && in_glsl(c)))) t = a;
+        if (!t && in_glsl(c)) t = component_wise(c, e);
         if (!t) return bad_operands(c, e, text, operand_hint(a, b, e->op));
         return typed(c, e, t);
     }
@@ -317,7 +328,7 @@ static Expr *check_incdec(Checker *c, Expr *e) {
         report_not_place(c, e->a[0]);
         return fail(c, e);
     }
-    if (!is_numeric(t)) {
+    if (!is_numeric(t) && !(t->kind == T_MATRIX && in_glsl(c))) {
         diag_emit(c->s, DIAG_bad_operand, e->op_span, operator_text(e->op), t->name);
         return fail(c, e);
     }
@@ -342,7 +353,7 @@ static Expr *check_index(Checker *c, Expr *e) {
                                i->kind == T_FLOAT ? ": write `int(...)`" : ""));
         return fail(c, e);
     }
-    return typed(c, e, t->kind == T_MATRIX ? type_vector(c->s, T_FLOAT, t->n) : t->elem);
+    return typed(c, e, t->kind == T_MATRIX ? type_row(t) : t->elem);
 }
 
 static Expr *bad_swizzle(Checker *c, Expr *e, const char *hint) {

@@ -31,7 +31,7 @@ typedef struct Flow {
 static uint32_t bits_of(const Type *t) {
     switch (t->kind) {
     case T_VECTOR: return t->n;
-    case T_MATRIX: return t->n * t->n;
+    case T_MATRIX: return t->n * t->columns;
     case T_STRUCT: {
         uint32_t n = 0;
         for (uint32_t i = 0; i < t->nfields; i++) n += bits_of(t->fields[i].type);
@@ -99,7 +99,7 @@ static Part part_of(Flow *f, const Expr *e) {
         memcpy(p.swz, e->swz, sizeof p.swz);
         p.nswz = e->nswz;
     } else if (e->kind == E_INDEX && (t->kind == T_VECTOR || t->kind == T_MATRIX)) {
-        uint32_t stride = t->kind == T_MATRIX ? t->n : 1;
+        uint32_t stride = t->kind == T_MATRIX ? t->columns : 1;
         if (e->a[1]->is_const && !p.nswz) {
             int64_t i = e->a[1]->cval.v[0].i;
             p.at += (uint32_t)(i < 0 ? 0 : i >= t->n ? t->n - 1 : i) * stride;

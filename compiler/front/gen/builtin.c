@@ -61,6 +61,12 @@ static bool same_value(const Inst *a, const Inst *b) {
             a->args[0]->op == OP_consti && b->args[0]->op == OP_consti && a->args[0]->imm.i == b->args[0]->imm.i);
 }
 
+/* The op gives its first argument where the second is NaN. In GLSL that is the bound: GPUs drop NaN there, and people's
+ * pictures are what they are because of it (0/0 on a segment without length is clamped to 0). */
+static Inst *bounded(Lower *l, Op op, Inst *v, Inst *bound) {
+    return l->program->is_glsl ? op2(l, op, bound, v) : op2(l, op, v, bound);
+}
+
 static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
     /* max(x, -x) is abs(x): its slope at 0 is 0. */
     if (k == T_FLOAT &&
@@ -68,12 +74,13 @@ static Inst *min_max(Lower *l, bool max, Inst *a, Inst *b, TypeKind k) {
         Inst *size = op1(l, OP_fabs, b->op == OP_fneg ? a : b);
         return max ? size : op1(l, OP_fneg, size);
     }
-    return op2(l, row_of_builtin(max ? B_max : B_min, k), a, b);
+    Op row = row_of_builtin(max ? B_max : B_min, k);
+    return k == T_FLOAT && ir_is_const(b) ? bounded(l, row, a, b) : op2(l, row, a, b);
 }
 
 static Inst *smoothstep_scalar(Lower *l, Inst *e0, Inst *e1, Inst *x) {
     Inst *t = op2(l, OP_fdiv, diff(l, x, e0), diff(l, e1, e0));
-    t = op2(l, OP_fmin, op2(l, OP_fmax, t, kf(l, 0)), kf(l, 1));
+    t = bounded(l, OP_fmin, bounded(l, OP_fmax, t, kf(l, 0)), kf(l, 1));
     return prod(l, prod(l, t, t), diff(l, kf(l, 3), prod(l, kf(l, 2), t)));
 }
 
@@ -114,7 +121,9 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     }
     case B_min: return min_max(l, false, x, y, k);
     case B_max: return min_max(l, true, x, y, k);
-    case B_clamp: return min_max(l, false, min_max(l, true, x, y, k), z, k);
+    case B_clamp:
+        if (f) return bounded(l, OP_fmin, bounded(l, OP_fmax, x, y), z);
+        return min_max(l, false, min_max(l, true, x, y, k), z, k);
     case B_saturate: return op2(l, OP_fmin, op2(l, OP_fmax, x, kf(l, 0)), kf(l, 1));
     case B_lerp: return sum(l, x, prod(l, z, diff(l, y, x)));
     case B_step: return sel(l, site_compare(l, op2(l, OP_flt, y, x), y, x, span), kf(l, 0), kf(l, 1));
@@ -139,7 +148,7 @@ static Inst *component(Lower *l, Builtin b, Inst *x, Inst *y, Inst *z, TypeKind 
     }
 }
 
-/* ---- matrices: row r, column c at r*n + c */
+/* ---- matrices: row r, column c at r * columns + c */
 
 Val gen_matmul(Lower *l, Val a, Val b, Type *type) {
     Val v = val_new(l, type);
@@ -152,7 +161,7 @@ Val gen_matmul(Lower *l, Val a, Val b, Type *type) {
         for (uint32_t i = 0; i < v.n; i++) v.c[i] = prod(l, a.c[i], b.c[0]);
         return v;
     }
-    uint32_t n = am ? a.type->n : b.type->n, rows = am ? n : 1, cols = bm ? n : 1;
+    uint32_t n = am ? a.type->columns : b.type->n, rows = am ? a.type->n : 1, cols = bm ? b.type->columns : 1;
     for (uint32_t r = 0; r < rows; r++)
         for (uint32_t c = 0; c < cols; c++) {
             Inst *x[4], *y[4];
@@ -250,8 +259,8 @@ static Val vectors(Lower *l, Expr *e, Val *a) {
                    ? gen_matmul(l, a[0], a[1], e->type)
                    : gen_binary(l, OPR_MUL, a[0], a[1], e->type, e->span);
     case B_transpose: {
-        uint32_t m = e->type->n;
-        for (uint32_t i = 0; i < v.n; i++) v.c[i] = a[0].c[i % m * m + i / m];
+        uint32_t rows = e->type->n, columns = e->type->columns;
+        for (uint32_t i = 0; i < v.n; i++) v.c[i] = a[0].c[i % columns * rows + i / columns];
         break;
     }
     case B_determinant:

@@ -91,8 +91,28 @@ static Inst *binary_scalar(Lower *l, Operator op, Inst *a, Inst *b, TypeKind k, 
     return v;
 }
 
+/* GLSL's == and != of matrices, structs and arrays: of all that they hold. */
+static Val gen_whole(Lower *l, Operator op, Val a, Val b, Type *type, Span span) {
+    const Layout *layout = gen_layout(l, a.type);
+    Val v = val_new(l, type);
+    v.c[0] = kb(l, true);
+    for (uint32_t i = 0; i < a.n; i++) {
+        const LeafType *leaf = &layout->leaf[i];
+        TypeKind k = leaf->type == TY_FLT ? T_FLOAT : leaf->type == TY_BOOL ? T_BOOL : T_INT;
+        for (uint32_t j = 0; j < (leaf->count ? leaf->count : 1); j++) {
+            Inst *at[2][2] = {{a.c[i], ki(l, j)}, {b.c[i], ki(l, j)}}, *x[2] = {a.c[i], b.c[i]};
+            for (int side = 0; side < 2 && leaf->count; side++)
+                x[side] = special(l, OP_load, leaf->type, 2, at[side], (Imm){0});
+            v.c[0] = op2(l, OP_band, v.c[0], binary_scalar(l, OPR_EQ, x[0], x[1], k, span));
+        }
+    }
+    if (op == OPR_NE) v.c[0] = op1(l, OP_bnot, v.c[0]);
+    return v;
+}
+
 Val gen_binary(Lower *l, Operator op, Val a, Val b, Type *type, Span span) {
     if (op == OPR_MUL && (a.type->kind == T_MATRIX || b.type->kind == T_MATRIX)) return gen_matmul(l, a, b, type);
+    if (type->kind == T_BOOL && a.type->kind >= T_MATRIX) return gen_whole(l, op, a, b, type, span);
     Val v = val_new(l, type);
     TypeKind k = scalar_of(a.type)->kind;
     for (uint32_t i = 0; i < v.n; i++)

@@ -17,8 +17,7 @@ static void add_leaves(Lower *l, Leaves *out, Type *t, uint32_t count, bool in_a
     switch (t->kind) {
     case T_VECTOR:
     case T_MATRIX:
-        for (uint32_t i = 0; i < (t->kind == T_VECTOR ? t->n : t->n * t->n); i++)
-            add_leaves(l, out, t->elem, count, in_array);
+        for (uint32_t i = 0; i < type_components(t); i++) add_leaves(l, out, t->elem, count, in_array);
         break;
     case T_ARRAY: add_leaves(l, out, t->elem, count * t->n, true); break;
     case T_STRUCT:
@@ -326,6 +325,7 @@ Program *gen_program(Session *s, Module *main, Func *entry, const ProgramOptions
     p->entry = entry->name;
     p->entry_func = entry;
     p->display = entry->display;
+    p->is_glsl = main->glsl;
     p->dim = entry->dim;
     p->channels = type_components(entry->ret);
     for (int i = 0; i < 3; i++)

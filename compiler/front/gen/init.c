@@ -16,7 +16,7 @@ typedef struct Filler {
 } Filler;
 
 static void put_const(Filler *f, const Type *t, const ConstVal *c) {
-    uint32_t n = t->kind == T_VECTOR ? t->n : t->kind == T_MATRIX ? t->n * t->n : 1;
+    uint32_t n = type_components(t);
     TypeKind k = n > 1 ? t->elem->kind : t->kind;
     for (uint32_t i = 0; i < n; i++) {
         uint32_t from = c->n == 1 ? 0 : i;

@@ -77,13 +77,13 @@ static void select_components(Place *p, Type *t, const uint8_t *comp, uint32_t n
 /* v[i] and m[r]: a constant picks components; else dyn. */
 static void index_components(Lower *l, Place *p, Type *t, Inst *index, bool is_unsigned) {
     Type *from = p->type;
-    uint32_t n = from->n, rows = from->kind == T_MATRIX ? n : 1;
+    uint32_t n = from->n, each = from->kind == T_MATRIX ? from->columns : 1;
     if (index->op == OP_consti) {
         int64_t i = is_unsigned ? (int64_t)(uint32_t)index->imm.i : index->imm.i;
         uint32_t at = i < 0 ? 0 : i >= n ? n - 1 : (uint32_t)i;
         uint8_t comp[4];
-        for (uint32_t j = 0; j < rows; j++) comp[j] = (uint8_t)(at * rows + j);
-        select_components(p, t, comp, rows);
+        for (uint32_t j = 0; j < each; j++) comp[j] = (uint8_t)(at * each + j);
+        select_components(p, t, comp, each);
         return;
     }
     index = clamp_index(l, index, is_unsigned, n);
@@ -99,7 +99,7 @@ static void index_components(Lower *l, Place *p, Type *t, Inst *index, bool is_u
         }
     }
     uint8_t comp[4];
-    for (uint32_t j = 0; j < rows; j++) comp[j] = (uint8_t)j;
+    for (uint32_t j = 0; j < each; j++) comp[j] = (uint8_t)j;
     if (p->dyn) { /* a row was chosen already: rows lie dyn_step apart */
         p->dyn = op2(l, OP_iadd, op2(l, OP_imul, p->dyn, ki(l, n)), index);
         p->dyn_count *= n;
@@ -107,9 +107,9 @@ static void index_components(Lower *l, Place *p, Type *t, Inst *index, bool is_u
     } else {
         p->dyn = index;
         p->dyn_count = n;
-        p->dyn_step = rows;
+        p->dyn_step = each;
     }
-    select_components(p, t, comp, rows);
+    select_components(p, t, comp, each);
 }
 
 static void index_array(Lower *l, Place *p, Type *t, Inst *index, bool is_unsigned) {
@@ -231,7 +231,7 @@ static void read_param_type(Lower *l, ParamReader *r, Type *t, uint32_t element,
     switch (t->kind) {
     case T_VECTOR:
     case T_MATRIX: {
-        uint32_t n = t->kind == T_VECTOR ? t->n : t->n * t->n;
+        uint32_t n = type_components(t);
         for (uint32_t i = 0; i < n; i++) put(l, r, read_param(l, r, gen_ir_type(t->elem)), element, in_array);
         break;
     }

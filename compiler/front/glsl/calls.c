@@ -101,6 +101,13 @@ static void rename_call(GlslWalk *w, Expr *e) {
     if (!strcmp(r->ours, "gl_texture_size") && e->nargs > 1) e->nargs = 1;
     c->uses_module |= r->ours[0] == 'g';
     e->name = intern(s, r->ours, strlen(r->ours));
+    e->is_builtin = r->ours[0] != 'g';
+}
+
+bool glsl_is_function_of_module(const char *name) {
+    for (size_t i = 0; i < COUNT(renames); i++)
+        if (!strcmp(renames[i].glsl, name)) return renames[i].ours[0] == 'g';
+    return false;
 }
 
 /* A function of the file that is called as a builtin is here and not in GLSL (`frac`, `lerp`) gets a name that is not

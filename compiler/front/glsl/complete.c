@@ -56,14 +56,23 @@ static void variable(Parser *p, const char *type, const char *name, uint32_t n) 
 
 /* ---- what hosts declare */
 
+static const char *const numbers[][2] = {{"iTime", "float"},       {"iTimeDelta", "float"}, {"iGlobalTime", "float"},
+                                         {"iFrameRate", "float"},  {"iFrame", "int"},       {"iMouse", "float4"},
+                                         {"iSampleRate", "float"}, {"iDate", "float4"}};
+enum { NUMBERS = sizeof numbers / sizeof *numbers };
+
+bool glsl_host_sets(const char *name) {
+    size_t n = strcspn(name, "[.");
+    for (size_t i = 0; i < NUMBERS; i++)
+        if (strlen(numbers[i][0]) == n && !strncmp(name, numbers[i][0], n)) return true;
+    return n == 9 && !strncmp(name, "iChannel", 8) && name[8] >= '0' && name[8] <= '3';
+}
+
 static void host_uniforms(Text *t) {
-    static const char *const numbers[][2] = {
-        {"iTime", "float"},       {"iTimeDelta", "float"}, {"iGlobalTime", "float"}, {"iFrameRate", "float"},
-        {"iSampleRate", "float"}, {"iFrame", "int"},       {"iMouse", "float4"},     {"iDate", "float4"}};
     Parser *p = t->p;
     if (wanted(p, "iResolution"))
         add(t, &t->decls, "const float3 iResolution = float3(%u.0, %u.0, 1.0);\n", p->unit->size[0], p->unit->size[1]);
-    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+    for (size_t i = 0; i < NUMBERS; i++)
         if (wanted(p, numbers[i][0]))
             add(t, &t->decls, "param %s %s = %s(0);\n", numbers[i][1], numbers[i][0], numbers[i][1]);
     bool sizes = wanted(p, "iChannelResolution");

@@ -107,26 +107,40 @@ static bool is_resolution(const Symbol *sym) {
     return false;
 }
 
+/* One of another name that is probably that, and not a texture's: a parameter that begins at the size. */
+static bool may_be_resolution(const Symbol *sym) {
+    static const char *const others[] = {"tex", "Tex", "hannel", "mage", "uffer"};
+    if (sym->init || sym->type_ref->ndims || strcmp(sym->type_ref->name, "float2") != 0) return false;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (strstr(sym->name, others[i])) return false;
+    return strstr(sym->name, "esolution") && !strpbrk(sym->name, "0123456789");
+}
+
+static Expr *size_of_image(Parser *p, const Symbol *sym) {
+    Arena *a = &p->s->module;
+    uint32_t n = (uint32_t)(sym->type_ref->name[5] - '0');
+    Expr *e = ARENA_NEW(a, Expr);
+    *e = (Expr){.kind = E_CONSTRUCT, .span = sym->span, .op_span = sym->span, .name = sym->type_ref->name, .nargs = n};
+    e->depth = 2;
+    e->args = ARENA_ARRAY(a, Expr *, n);
+    for (uint32_t i = 0; i < n; i++) e->args[i] = integer(p, i < 2 ? p->unit->size[i] : 1, sym->span);
+    return e;
+}
+
 static void keep_uniform(Parser *p, Symbol *sym) {
     Arena *a = &p->s->module;
     bool texture = !strcmp(sym->type_ref->name, "texture2D");
     sym->is_const = true;
     sym->value_span = sym->init ? sym->init->span : sym->span;
     if (is_resolution(sym)) {
-        uint32_t n = (uint32_t)(sym->type_ref->name[5] - '0');
-        Expr *e = ARENA_NEW(a, Expr);
-        *e = (Expr){
-            .kind = E_CONSTRUCT, .span = sym->span, .op_span = sym->span, .name = sym->type_ref->name, .nargs = n};
-        e->depth = 2;
-        e->args = ARENA_ARRAY(a, Expr *, n);
-        for (uint32_t i = 0; i < n; i++) e->args[i] = integer(p, i < 2 ? p->unit->size[i] : 1, sym->span);
-        sym->init = e;
+        sym->init = size_of_image(p, sym);
         sym->kind = SYM_CONST;
         *p->consts_end = sym;
         p->consts_end = &sym->next;
         return;
     }
     sym->kind = SYM_PARAM;
+    if (may_be_resolution(sym)) sym->init = size_of_image(p, sym);
     if (texture) { /* black until a file is given */
         sym->zeros = true;
         sym->nzeros_args = 2;

@@ -80,11 +80,12 @@ typedef struct Constancy {
     bool constant;
 } Constancy;
 
-/* Literals, operators, constructors, builtins, and constants before it. */
+/* Literals, operators, constructors, builtins of the language, and constants before it. */
 static void test_constant(GlslWalk *w, Expr *e) {
     Constancy *c = w->user;
     if (e->kind == E_NAME && !map_get(c->known, e->name)) c->constant = false;
-    if (e->kind == E_CALL && map_get(&c->g->funcs, e->name)) c->constant = false;
+    if (e->kind == E_CALL && (map_get(&c->g->funcs, e->name) || glsl_is_function_of_module(e->name)))
+        c->constant = false;
     if (e->kind == E_METHOD || e->kind == E_ASSIGN || e->kind == E_INCDEC) c->constant = false;
 }
 

@@ -62,6 +62,8 @@ void glsl_walk_expr(GlslWalk *w, Expr *e);
 bool glsl_is_local(const GlslWalk *w, const char *name);
 
 void glsl_rename_calls(Parser *p);
+/* A builtin function of GLSL that is none of the language, and so not folded in constants. */
+bool glsl_is_function_of_module(const char *name);
 /* Gives unit->globals that nothing changes and whose value is constant to the module's constants; the others become
  * variables of `entry` and arguments of the functions that use them, through calls. */
 void glsl_find_constants(Parser *p);

@@ -1,4 +1,5 @@
-/* GLSL's preprocessor: #define, #undef, #if and its kin; the rest of what begins with `#` is noted or refused.
+/* GLSL's preprocessor: #define, #undef, #if and its kin, #include; the rest of what begins with `#` is noted or
+ * refused.
  *
  * Tokens come from a stack of feeds: the file at the bottom, above it the bodies of macros being expanded and the
  * arguments put into them. A macro is not expanded within itself. A token that a macro made stands where the macro was
@@ -7,7 +8,7 @@
 
 #include <string.h>
 
-enum { MAX_TOKENS = 1 << 19, MAX_EXPANSIONS = 256, MAX_CONDITIONS = 256, MAX_PARAMS = 64 };
+enum { MAX_TOKENS = 1 << 19, MAX_EXPANSIONS = 256, MAX_CONDITIONS = 256, MAX_PARAMS = 64, MAX_INCLUDES = 32 };
 
 typedef struct Macro {
     const char *name;
@@ -35,8 +36,8 @@ typedef struct Pre {
     Token ahead; /* of the file: the next token, not taken yet */
     Macro *macros;
     Vec(Condition) conditions;
-    uint32_t nmade;
-    bool failed; /* a limit was met; nothing more is expanded */
+    uint32_t nmade, nopen; /* nopen: files that include this one */
+    bool failed;           /* a limit was met; nothing more is expanded */
     TokenVec out;
 } Pre;
 
@@ -359,13 +360,43 @@ static void alternative(Pre *p, const char *word, const TokenVec *rest, Span at)
     c->active = c->taken = condition(p, rest, at);
 }
 
+static void file(Pre *p, Stream *st, int32_t source);
+
+/* The file stands where the line stood; a path is relative to the file that names it. */
+static void include(Pre *p, Stream *st, const TokenVec *rest, Span at) {
+    const char *why = NULL, *text = rest->len == 1 && rest->data[0].kind == TOK_STRING ? rest->data[0].text : NULL;
+    if (!text) {
+        complain(p, at, "`#include` wants the name of a file, as in `#include \"noise.glsl\"`");
+        return;
+    }
+    if (p->nopen == MAX_INCLUDES) {
+        complain(p, at, "files include each other too deeply");
+        p->failed = true;
+        return;
+    }
+    const char *dir = p->s->sources[p->lx.file].dir;
+    const char *path = text[0] == '/' ? text : arena_printf(&p->s->session, "%s/%s", dir, text);
+    int source = session_allows(p->s, text, path, &why) ? session_add_file(p->s, path, &why) : -1;
+    if (source < 0) {
+        complain(p, at, arena_printf(&p->s->session, "cannot read `%s`: %s", path, why ? why : "unknown cause"));
+        return;
+    }
+    Lexer lx = p->lx;
+    Token ahead = p->ahead;
+    p->nopen++;
+    file(p, st, source);
+    p->nopen--;
+    p->lx = lx;
+    p->ahead = ahead;
+}
+
 static bool any_of(const char *word, const char *const *list) {
     for (; *list; list++)
         if (!strcmp(word, *list)) return true;
     return false;
 }
 
-static void directive(Pre *p) {
+static void directive(Pre *p, Stream *st) {
     static const char *const ignored[] = {"version", "extension", "pragma", "line", NULL};
     Span at = p->ahead.span;
     p->lx.quiet = !active(p);
@@ -393,12 +424,27 @@ static void directive(Pre *p) {
         if (!strcmp(word, "define")) define(p, &rest, at);
         else if (!strcmp(word, "undef")) undefine(p, &rest);
         else if (!strcmp(word, "error")) complain(p, all, "the program refuses to be compiled by this `#error`");
-        else if (!any_of(word, ignored))
-            complain(p, at,
-                     arena_printf(&p->s->session, "`#%s` is not supported%s", word,
-                                  !strcmp(word, "include") ? ": put the other file's text here" : ""));
+        else if (!strcmp(word, "include")) include(p, st, &rest, all);
+        else if (!any_of(word, ignored)) complain(p, at, arena_printf(&p->s->session, "`#%s` is not supported", word));
     }
     p->lx.quiet = !active(p);
+}
+
+/* The tokens of a file, up to its end; an #if ends in the file in which it begins. */
+static void file(Pre *p, Stream *st, int32_t source) {
+    uint32_t outer = p->conditions.len;
+    p->lx = lex_start(p->s, source);
+    p->lx.glsl = true;
+    advance(p);
+    while (p->ahead.kind != TOK_EOF && !p->failed)
+        if (p->ahead.kind == TOK_HASH && p->ahead.first_on_line) directive(p, st);
+        else if (active(p)) expand(p, st, &p->out);
+        else advance(p);
+    if (p->conditions.len > outer && !p->failed) {
+        p->lx.quiet = false;
+        complain(p, p->conditions.data[p->conditions.len - 1].span, "this `#if` has no `#endif`");
+        p->conditions.len = outer;
+    }
 }
 
 static void predefine(Pre *p, const char *name, uint32_t value) {
@@ -409,12 +455,10 @@ static void predefine(Pre *p, const char *name, uint32_t value) {
     p->macros = m;
 }
 
-TokenVec glsl_preprocess(Session *s, int file) {
+TokenVec glsl_preprocess(Session *s, int source) {
     Pre *p = ARENA_NEW(&s->module, Pre);
     p->s = s;
     p->arena = &s->module;
-    p->lx = lex_start(s, file);
-    p->lx.glsl = true;
     predefine(p, "GL_ES", 1);
     predefine(p, "GL_FRAGMENT_PRECISION_HIGH", 1);
     predefine(p, "__VERSION__", 300);
@@ -422,15 +466,7 @@ TokenVec glsl_preprocess(Session *s, int file) {
     predefine(p, "SALTUS", 1);
     Stream *st = ARENA_NEW(p->arena, Stream);
     st->file = true;
-    advance(p);
-    while (p->ahead.kind != TOK_EOF && !p->failed)
-        if (p->ahead.kind == TOK_HASH && p->ahead.first_on_line) directive(p);
-        else if (active(p)) expand(p, st, &p->out);
-        else advance(p);
-    if (p->conditions.len && !p->failed) {
-        p->lx.quiet = false;
-        complain(p, p->conditions.data[p->conditions.len - 1].span, "this `#if` has no `#endif`");
-    }
-    vec_push(p->arena, &p->out, ((Token){.kind = TOK_EOF, .span = {file, p->lx.len, 0}}));
+    file(p, st, source);
+    vec_push(p->arena, &p->out, ((Token){.kind = TOK_EOF, .span = {source, p->lx.len, 0}}));
     return p->out;
 }

@@ -343,7 +343,7 @@ Expr *parse_cond_expr(Parser *p) {
     Expr *e = new_expr(p, E_COND, op_span);
     e->a[0] = test;
     e->a[1] = p->glsl ? parse_comma_expr(p) : parse_expr(p);
-    if (parse_expect(p, TOK_COLON, "`:` of `?:`")) e->a[2] = parse_cond_expr(p);
+    if (parse_expect(p, TOK_COLON, "`:` of `?:`")) e->a[2] = p->glsl ? parse_expr(p) : parse_cond_expr(p);
     else e->a[2] = error_expr(p);
     leave(p);
     e->span = parse_join(test->span, e->a[2]->span);
