@@ -39,6 +39,7 @@ typedef struct March {
     bool goes[MOST_CARRIED];             /* carried i is the place: next = this + way * h */
     Inst *way[MOST_CARRIED][MOST_CHAIN]; /* factors of it, from outside of the loop */
     uint32_t nway[MOST_CARRIED];
+    bool sees; /* what is behind it, where it ended */
 } March;
 
 static bool is_outside(const March *m, const Inst *v) { return ir_is_const(v) || !walk_inside(v->block, m->body); }
@@ -169,22 +170,25 @@ static bool find_asked(March *m, Block *b) {
     return true;
 }
 
-/* Is a next value made of the old one, or of the number of the step, other than by keeping the nearest of all? */
-static bool shows(const March *m, const Inst *v, bool *seen) {
-    if (v->type == TY_BOOL || is_outside(m, v) || seen[v->id]) return false;
+/* Is v made of the place where the march stands; or, not of_place, of anything else that it carries, its number of
+ * steps among them? */
+static bool shows(const March *m, const Inst *v, bool of_place, bool *seen) {
+    if (is_outside(m, v) || seen[v->id]) return false;
     seen[v->id] = true;
-    if (v->op == OP_arg && v->block == m->body) return v->imm.i == 0 || !m->goes[v->imm.i - 1];
+    /* What is chosen shows the place, unless by whether the march goes on. */
+    if (v->type == TY_BOOL && (!of_place || decides(m->body->last->args[0], v, MOST_CHAIN))) return false;
+    if (v->op == OP_arg && v->block == m->body) return of_place == (v->imm.i > 0 && m->goes[v->imm.i - 1]);
     if (v->op == OP_arg || v->op == OP_load) return v->op == OP_load;
     if (v->op == OP_proj) {
         const Inst *op = v->args[0];
-        for (uint32_t a = op->op == OP_loop ? 0 : 1; a < op->nargs; a++)
-            if (shows(m, op->args[a], seen)) return true;
+        for (uint32_t a = 0; a < op->nargs; a++)
+            if (shows(m, op->args[a], of_place, seen)) return true;
         for (uint32_t r = 0; r < op->nregions; r++)
-            if (shows(m, op->region[r]->last->args[v->imm.i + (op->op == OP_loop)], seen)) return true;
+            if (shows(m, op->region[r]->last->args[v->imm.i + (op->op == OP_loop)], of_place, seen)) return true;
         return false;
     }
     for (uint32_t a = 0; a < v->nargs; a++)
-        if (shows(m, v->args[a], seen)) return true;
+        if (shows(m, v->args[a], of_place, seen)) return true;
     return false;
 }
 
@@ -219,7 +223,18 @@ static bool shows_steps(const March *m, Arena *scratch, uint32_t ninsts) {
         if (p->type == TY_BOOL || m->goes[c] || !is_used(m->fn, m->fn->body, p)) continue;
         if (keeps(m, next, c, MOST_CHAIN)) continue;
         memset(seen, 0, ninsts * sizeof *seen);
-        if (shows(m, next, seen)) return true;
+        if (shows(m, next, false, seen)) return true;
+    }
+    return false;
+}
+
+/* Does anything behind the loop see where it ended, or only whether it hit? */
+static bool shows_place(const March *m, Arena *scratch, uint32_t ninsts) {
+    bool *seen = ARENA_ARRAY(scratch, bool, ninsts);
+    for (const Inst *p = m->loop->next; p && p->op == OP_proj && p->args[0] == m->loop; p = p->next) {
+        if (p->type == TY_BOOL || !is_used(m->fn, m->fn->body, p)) continue;
+        memset(seen, 0, ninsts * sizeof *seen);
+        if (shows(m, m->body->last->args[p->imm.i + 1], true, seen)) return true;
     }
     return false;
 }
@@ -232,7 +247,9 @@ static bool is_march(March *m, Arena *scratch, uint32_t ninsts) {
         if (b->owner->op != OP_loop && b->owner->op != OP_if_) return false;
         m->depth += b->owner->op == OP_loop;
     }
-    return find_asked(m, m->body) && m->nasked && !shows_steps(m, scratch, ninsts);
+    if (!find_asked(m, m->body) || !m->nasked || shows_steps(m, scratch, ninsts)) return false;
+    m->sees = shows_place(m, scratch, ninsts);
+    return true;
 }
 
 /* ---- rebuilding */
@@ -356,8 +373,8 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     Inst *none = ir_constf(&before, 0), *results[MOST_CARRIED] = {0}, *from[MOST_CARRIED], *param;
     for (Inst *p = loop->next; p && p->op == OP_proj && p->args[0] == loop; p = p->next) results[p->imm.i] = p;
 
-    /* Carried besides: where the march stood before its last step and that step's number; how far it had come, whether
-     * it hit. */
+    /* Carried besides: where the march stood before its last step and that step's number; how far it had come, and when
+     * it last came away from something; whether it hit. */
     uint32_t old = m->ncarried;
     for (uint32_t a = 0; a < m->nasked; a++) {
         Asked *q = &m->asked[a];
@@ -377,6 +394,10 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     carry_next(fn, loop, ir_emit2(&in, OP_fadd, far, ir_emit1(&in, OP_fabs, first_h)));
     uint32_t came = carry(fn, loop, none, &param);
     carry_next(fn, loop, far);
+    Inst *never = ir_constf(&before, INFINITY), *last_h, *rise;
+    carry(fn, loop, never, &last_h), carry_next(fn, loop, first_h);
+    uint32_t rises = carry(fn, loop, never, &rise);
+    carry_next(fn, loop, ir_select(&in, ir_emit2(&in, OP_flt, last_h, first_h), far, rise));
     uint32_t hits = carry(fn, loop, ir_constb(&before, false), &param);
     carry_next(fn, loop, ir_emit2(&in, OP_flt, none, nearness(m, &in, map)));
     (void)reach;
@@ -387,7 +408,8 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     Builder b = ir_before(fn, behind);
     b.span = loop->span;
     for (uint32_t c = 0; c < m->ncarried; c++) from[c] = ir_proj(&b, loop, old + c);
-    Inst *k = ir_proj(&b, loop, step), *hit = ir_proj(&b, loop, hits), *at = ir_proj(&b, loop, came);
+    Inst *k = ir_proj(&b, loop, step), *hit = ir_proj(&b, loop, hits), *at = ir_proj(&b, loop, came),
+         *rose = ir_proj(&b, loop, rises);
     b = ir_before(fn, behind);
     Inst *ahead = follow_root(m, &b, hit, k, from, last, ninsts, scratch);
 
@@ -407,9 +429,7 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     SiteInfo *sites = ARENA_ARRAY(fn->arena, SiteInfo, fn->nsites + 1);
     memcpy(sites, fn->sites, fn->nsites * sizeof *sites);
     SiteInfo *info = &sites[fn->nsites];
-    bool sees = false; /* where it hit, not only whether */
-    for (uint32_t c = 0; c < m->ncarried; c++) sees |= results[c] && m->goes[c] && is_used(fn, fn->body, results[c]);
-    *info = (SiteInfo){.kind = sees ? SITE_SILHOUETTE : SITE_SHADOW,
+    *info = (SiteInfo){.kind = m->sees ? SITE_SILHOUETTE : SITE_SHADOW,
                        .span = asked->span,
                        .path = asked->path,
                        .depth = m->depth,
@@ -426,9 +446,7 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
         info->max_events = info->max_events > UINT64_MAX / iters ? UINT64_MAX : info->max_events * iters;
     }
     fn->sites = sites;
-    Inst *never = ir_constf(&b, INFINITY),
-         *pair[3] = {ir_select(&b, hit, ir_emit2(&b, OP_fadd, at, ahead), never), NULL, never};
-    pair[1] = pair[0];
+    Inst *pair[3] = {ir_select(&b, hit, ir_emit2(&b, OP_fadd, at, ahead), never), rose, ir_constf(&b, -1)};
     Inst *hi = ir_special(&b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + 1});
     walk_resolve_forwards(fn->body);
     args[1] = outline(m, &b, hi, far, scratch);
