@@ -254,6 +254,10 @@ static bool is_march(March *m, Arena *scratch, uint32_t ninsts) {
 
 /* ---- rebuilding */
 
+/* What is known where a march stops: how far it came before its last step; eps - h there, and in the step before, by
+ * which it came; where it last came away from something; whether it hit. */
+enum { CAME, NEAR, WAS_NEAR, BY, ROSE, HIT, STOPS };
+
 /* Sites in [first, last) and below become their decisions; only: those alone. */
 static void strip(Fn *fn, Inst *first, const Inst *last, const March *only) {
     for (Inst *i = first, *next; i && i != last; i = next) {
@@ -321,10 +325,9 @@ static Inst *nearness(const March *m, Builder *b, Inst **map) {
     return most;
 }
 
-/* Moves the place `from` by what the root of h does: a Newton step whose value is 0. Returns how far the root is ahead.
- */
-static Inst *follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, const Inst *last, uint32_t ninsts,
-                         Arena *scratch) {
+/* Moves the place `from` by what the root of h does: a Newton step whose value is 0. */
+static void follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, const Inst *last, uint32_t ninsts,
+                        Arena *scratch) {
     Inst *seeded[MOST_CARRIED], *h[2], **map = ARENA_ARRAY(scratch, Inst *, ninsts);
     for (uint32_t c = 0; c < m->ncarried; c++)
         seeded[c] =
@@ -346,7 +349,6 @@ static Inst *follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, 
         if (m->goes[c])
             from[c] =
                 ir_emit2(b, OP_fsub, from[c], ir_emit2(b, OP_fmul, ir_emit1(b, OP_detach, way_of(m, b, c)), moved));
-    return ir_emit1(b, OP_fneg, ir_emit2(b, OP_fdiv, h[1], over));
 }
 
 /* g of the outline: the march again, up to `hi`. */
@@ -370,11 +372,11 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     Fn *fn = m->fn;
     Inst *loop = m->loop, *yield = m->body->last, *last = yield;
     Builder before = ir_before(fn, loop), in = ir_before(fn, yield);
-    Inst *none = ir_constf(&before, 0), *results[MOST_CARRIED] = {0}, *from[MOST_CARRIED], *param;
+    Inst *none = ir_constf(&before, 0), *never = ir_constf(&before, INFINITY), *least = ir_constf(&before, -INFINITY);
+    Inst *results[MOST_CARRIED] = {0}, *from[MOST_CARRIED], *param;
     for (Inst *p = loop->next; p && p->op == OP_proj && p->args[0] == loop; p = p->next) results[p->imm.i] = p;
 
-    /* Carried besides: where the march stood before its last step and that step's number; how far it had come, and when
-     * it last came away from something; whether it hit. */
+    /* Carried besides: where the march stood before its last step, that step's number, and what is known of it. */
     uint32_t old = m->ncarried;
     for (uint32_t a = 0; a < m->nasked; a++) {
         Asked *q = &m->asked[a];
@@ -389,18 +391,19 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     carry_next(fn, loop, m->body->params[0]);
     Inst **map = ARENA_ARRAY(scratch, Inst *, ninsts), *far;
     Inst *first = last->prev;
-    uint32_t reach = carry(fn, loop, none, &far);
-    Inst *first_h = m->asked[0].h;
-    carry_next(fn, loop, ir_emit2(&in, OP_fadd, far, ir_emit1(&in, OP_fabs, first_h)));
-    uint32_t came = carry(fn, loop, none, &param);
-    carry_next(fn, loop, far);
-    Inst *never = ir_constf(&before, INFINITY), *last_h, *rise;
-    carry(fn, loop, never, &last_h), carry_next(fn, loop, first_h);
-    uint32_t rises = carry(fn, loop, never, &rise);
-    carry_next(fn, loop, ir_select(&in, ir_emit2(&in, OP_flt, last_h, first_h), far, rise));
-    uint32_t hits = carry(fn, loop, ir_constb(&before, false), &param);
-    carry_next(fn, loop, ir_emit2(&in, OP_flt, none, nearness(m, &in, map)));
-    (void)reach;
+    carry(fn, loop, none, &far);
+    Inst *by = ir_emit1(&in, OP_fabs, m->asked[0].h), *near = nearness(m, &in, map), *old_by, *old_near, *rise;
+    carry_next(fn, loop, ir_emit2(&in, OP_fadd, far, by));
+    uint32_t stop[STOPS];
+    stop[CAME] = carry(fn, loop, none, &param), carry_next(fn, loop, far);
+    stop[NEAR] = carry(fn, loop, least, &old_near), carry_next(fn, loop, near);
+    stop[WAS_NEAR] = carry(fn, loop, least, &param), carry_next(fn, loop, old_near);
+    carry(fn, loop, none, &old_by), carry_next(fn, loop, by);
+    stop[BY] = carry(fn, loop, none, &param), carry_next(fn, loop, old_by);
+    stop[ROSE] = carry(fn, loop, never, &rise);
+    carry_next(fn, loop, ir_select(&in, ir_emit2(&in, OP_flt, near, old_near), far, rise));
+    stop[HIT] = carry(fn, loop, ir_constb(&before, false), &param);
+    carry_next(fn, loop, ir_emit2(&in, OP_flt, none, near));
     last = first->next;
 
     Inst *behind = loop->next;
@@ -408,10 +411,11 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
     Builder b = ir_before(fn, behind);
     b.span = loop->span;
     for (uint32_t c = 0; c < m->ncarried; c++) from[c] = ir_proj(&b, loop, old + c);
-    Inst *k = ir_proj(&b, loop, step), *hit = ir_proj(&b, loop, hits), *at = ir_proj(&b, loop, came),
-         *rose = ir_proj(&b, loop, rises);
+    Inst *k = ir_proj(&b, loop, step), *stopped[STOPS];
+    for (uint32_t v = 0; v < STOPS; v++) stopped[v] = ir_proj(&b, loop, stop[v]);
+    Inst *hit = stopped[HIT];
     b = ir_before(fn, behind);
-    Inst *ahead = follow_root(m, &b, hit, k, from, last, ninsts, scratch);
+    follow_root(m, &b, hit, k, from, last, ninsts, scratch);
 
     /* The last step once more, with its sites: what the march hands on. */
     Inst *mark = behind->prev;
@@ -446,7 +450,12 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
         info->max_events = info->max_events > UINT64_MAX / iters ? UINT64_MAX : info->max_events * iters;
     }
     fn->sites = sites;
-    Inst *pair[3] = {ir_select(&b, hit, ir_emit2(&b, OP_fadd, at, ahead), never), rose, ir_constf(&b, -1)};
+    /* How far it came before h was eps: by that, and not by where the last step went, neighbours differ little. */
+    Inst *back =
+        ir_emit2(&b, OP_fmul, stopped[BY],
+                 ir_emit2(&b, OP_fdiv, stopped[NEAR], ir_emit2(&b, OP_fsub, stopped[WAS_NEAR], stopped[NEAR])));
+    Inst *pair[3] = {ir_select(&b, hit, ir_emit2(&b, OP_fadd, stopped[CAME], back), ir_constf(&b, INFINITY)),
+                     stopped[ROSE], ir_constf(&b, -1)};
     Inst *hi = ir_special(&b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + 1});
     walk_resolve_forwards(fn->body);
     args[1] = outline(m, &b, hi, far, scratch);

@@ -75,10 +75,10 @@ static Pair pair_of(Builder *b, Inst *w) {
  * before the far hit there is nothing to look through. */
 static Inst *of_pair(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
-    if (of_march(w)) { /* from its begin to halfway between */
-        Inst *from = ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), ir_emit2(b, OP_fmax, p.near_t, p.top), p.near_t);
-        return ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, from, p.far_t));
-    }
+    if (of_march(w)) /* from its begin to halfway between */
+        return ir_emit2(
+            b, OP_fmul, ir_constf(b, 0.5),
+            ir_emit2(b, OP_fadd, ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), p.top, p.near_t), p.far_t));
     if (!(w->imm.i & 1))
         return ir_select(b, ir_emit2(b, OP_fle, p.top, p.far_t), ir_emit2(b, OP_fsub, p.near_t, p.margin),
                          ir_constf(b, __builtin_inf()));
@@ -142,7 +142,8 @@ Inst *variant_depths_apart(Builder *b, Inst *site, Inst *w) {
 
 Inst *variant_ridge_between(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
-    return ir_emit2(b, OP_flt, p.top, p.far_t);
+    Inst *between = ir_emit2(b, OP_flt, p.top, p.far_t);
+    return of_march(w) ? ir_emit2(b, OP_band, between, ir_emit2(b, OP_fle, p.near_t, p.top)) : between;
 }
 
 /* A query that a site asks. */
