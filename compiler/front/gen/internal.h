@@ -119,6 +119,7 @@ struct Frame {
 
 typedef struct Tag {
     bool disc, nodisc;
+    bool by_auto;  /* disc by --disc auto alone */
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 
