@@ -6,6 +6,7 @@
  *   decl.c         declarations at file scope, array constructors: called by the parser
  *   walk.c         over what was parsed, with the names that are local at each place
  *   calls.c        builtin functions under GLSL's names
+ *   march.c        marches along rays: how many steps they take is no boundary
  *   globals.c      variables at file scope become hidden `inout` arguments
  *   complete.c     what the host of a shader declares for it, and the entry point
  *
@@ -62,12 +63,16 @@ void glsl_walk_expr(GlslWalk *w, Expr *e);
 bool glsl_is_local(const GlslWalk *w, const char *name);
 
 void glsl_rename_calls(Parser *p);
+/* GLSL's name of one of ours, of n bytes, in messages; NULL: it is the same. */
+const char *glsl_function_behind(const char *ours, size_t n);
 /* A builtin function of GLSL that is none of the language, and so not folded in constants. */
 bool glsl_is_function_of_module(const char *name);
 /* Gives unit->globals that nothing changes and whose value is constant to the module's constants; the others become
  * variables of `entry` and arguments of the functions that use them, through calls. */
 void glsl_find_constants(Parser *p);
 void glsl_pass_globals(Parser *p, Func *entry);
+/* Once constants are known: [NoDisc] on what only ends a march. */
+void glsl_mark_marches(Parser *p);
 /* Behind the parser: adds what is missing, and the entry `image` over [0, width] x [0, height], to the module. */
 void glsl_complete(Parser *p);
 
