@@ -72,9 +72,10 @@ static void fill_scene(SltProgram *p) {
     s->params = p->flt, s->iparams = p->ints, s->active = p->wrt;
     s->dense = p->opt.interpret ? NULL : p->dense;
     s->nsites = g->primal->nsites;
-    s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips;
+    s->site_kind = p->site_kind, s->site_static = p->site_static, s->site_skips = p->site_skips,
+    s->site_ties = p->site_ties;
     s->nedges = p->nedges, s->edge_kind = p->edge_kind, s->flat = p->flat, s->told = p->told, s->chunked = p->chunked;
-    s->edge_upsets = p->edge_upsets, s->edge_line = p->edge_line;
+    s->edge_upsets = p->edge_upsets, s->edge_bends = p->edge_bends, s->edge_line = p->edge_line;
     s->still = !p->passes.untracked;
     s->follow = p->opt.near_miss < 0 ? 1 : p->opt.near_miss > 0 ? 2 : 0;
     s->uses_rand = g->uses_rand;
@@ -110,12 +111,14 @@ static void site_tables(SltProgram *p) {
     p->site_kind = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     p->site_skips = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     p->site_static = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
+    p->site_ties = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     uint8_t *facts = ARENA_ARRAY(a, uint8_t, primal->nsites + 1);
     depend_sites(p->prog->primal, NULL, facts);
     for (uint32_t s = 0; s < primal->nsites; s++) {
         p->site_kind[s] = (uint8_t)primal->sites[s].kind;
         p->site_skips[s] = primal->sites[s].skip_loop;
         p->site_static[s] = !(facts[s] & DEPENDS_X);
+        p->site_ties[s] = (facts[s] & DEPENDS_TIES) != 0;
     }
     p->list_counts = ARENA_ARRAY(a, uint32_t, SLT_MAX_CULL);
     p->list_noted = ARENA_ARRAY(a, uint8_t, SLT_MAX_CULL);
@@ -127,9 +130,11 @@ static void site_tables(SltProgram *p) {
 static void edge_table(SltProgram *p, const KernelSet *set) {
     if (!set->edges || p->edge_kind) return; /* the same ones each time */
     p->edge_kind = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
+    p->edge_bends = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);
     p->nedges = set->nedges, p->flat = set->flat, p->told = set->told, p->chunked = set->chunked;
     for (uint32_t e = 0; e < set->nedges; e++) {
         p->edge_kind[e] = (uint8_t)set->edges[e].kind;
+        p->edge_bends[e] = e >= p->prog->primal->nsites && !set->edges[e].jumps;
         if (!set->edges[e].upsets) continue;
         if (!p->edge_upsets) {
             p->edge_upsets = ARENA_ARRAY(&p->session->module, uint8_t, set->nedges + 1);

@@ -1,6 +1,6 @@
 /* The interpreter: one instruction at a time over all lanes of a vector, under masks, as the SPMD kernels run.
  *
- * Every value has a slot of `lanes` elements, allocated once a call. Value rows compute all lanes, active or not (as
+ * Every value has a slot of `lanes` elements. Value rows compute all lanes, active or not (as
  * vector code does); what persists (carried values, arrays, counters, adjoints, the tape) is written under the mask.
  * Regions are entered when any lane is active in them. Nothing here is clever: this is what compiled kernels are
  * compared with. */
@@ -14,13 +14,13 @@
 
 enum { MAX_LANES = 64 };
 static const uint64_t default_tape_bytes = (uint64_t)256 << 20;
-static const uint64_t max_slot_bytes = (uint64_t)4 << 30;
+static const uint64_t max_slot_bytes = (uint64_t)4 << 30, max_arena_bytes = (uint64_t)64 << 20;
 
 typedef struct Mask {
     uint8_t on[MAX_LANES];
 } Mask;
 
-typedef struct Interp {
+struct Interp {
     const Fn *fn;
     SltKernelArgs *args;
     uint32_t n, lanes, base; /* samples of the call; lanes of a vector; first sample of this vector */
@@ -29,7 +29,8 @@ typedef struct Interp {
     void **slot;          /* by id: lanes elements; arrays: count rows of lanes elements */
     void **next;          /* by id of a loop's parameter: room for the yielded value until all are read; else NULL */
     unsigned char *frame; /* of give and take: frame_places times lanes elements of 8 bytes */
-    uint64_t frame_places;
+    uint64_t frame_places, frame_bytes;
+    uint32_t ids;
     unsigned char *tape;
     uint64_t tape_top, tape_cap, tape_limit;
     uint32_t position[SLT_MAX_CULL]; /* by list: how many iterations its loop has begun before this one */
@@ -39,7 +40,7 @@ typedef struct Interp {
     IrWatch *watch; /* NULL: nobody watches */
     void *watch_user;
     uint32_t first_random;
-} Interp;
+};
 
 static bool exec_block(Interp *in, const Block *b, const Mask *m);
 
@@ -66,13 +67,11 @@ static void copy_masked(const Interp *in, void *to, const void *from, unsigned t
     if (type_bytes(in, t) == 4) {
         uint32_t *d = to;
         const uint32_t *s = from;
-        for (uint32_t l = 0; l < in->lanes; l++)
-            if (m->on[l]) d[l] = s[l];
+        for (uint32_t l = 0; l < in->lanes; l++) d[l] = m->on[l] ? s[l] : d[l];
     } else {
         uint64_t *d = to;
         const uint64_t *s = from;
-        for (uint32_t l = 0; l < in->lanes; l++)
-            if (m->on[l]) d[l] = s[l];
+        for (uint32_t l = 0; l < in->lanes; l++) d[l] = m->on[l] ? s[l] : d[l];
     }
 }
 
@@ -339,7 +338,7 @@ static bool exec_if(Interp *in, const Inst *i, const Mask *m) {
     const int32_t *cond = in->slot[i->args[0]->id];
     for (uint32_t r = 0; r < 2; r++) {
         Mask side = {{0}};
-        for (uint32_t l = 0; l < in->lanes; l++) side.on[l] = m->on[l] && (cond[l] != 0) == (r == 0);
+        for (uint32_t l = 0; l < in->lanes; l++) side.on[l] = m->on[l] & ((cond[l] != 0) == (r == 0));
         if (!any(in, &side)) continue;
         if (!exec_block(in, i->region[r], &side)) return false;
         Inst *const *values = i->region[r]->last->args;
@@ -507,7 +506,7 @@ static bool exec_block(Interp *in, const Block *b, const Mask *m) {
     return true;
 }
 
-/* ---- one call: memory for all values, then vector after vector */
+/* ---- memory for all values; a call, vector after vector */
 
 static uint64_t slot_bytes(const Interp *in, const Inst *i) {
     uint64_t one = i->type == TY_ARRAY  ? (uint64_t)type_bytes(in, i->imm.arr.elem) * i->imm.arr.count
@@ -549,20 +548,20 @@ static void layout_block(Layout *y, const Block *b) {
     }
 }
 
-static bool set_up(Interp *in) {
-    uint32_t ids = ir_is_numbered(in->fn) ? in->fn->ninsts : ir_number((Fn *)in->fn);
+/* What a Fn's values take at so many lanes; the memory is the caller's, all zero. */
+static uint64_t measure(Interp *in, const Fn *fn, uint32_t lanes) {
+    bool f32 = fn->precision == PREC_F32;
+    *in = (Interp){.fn = fn, .lanes = lanes, .flt = f32 ? 4 : 8, .eval = f32 ? rows_eval_f32 : rows_eval_f64};
+    in->ids = (ir_is_numbered(fn) ? fn->ninsts : ir_number((Fn *)fn)) + 1;
     Layout y = {.in = in};
+    layout_block(&y, fn->body);
+    in->frame_bytes = (in->frame_places * lanes + 1) * 8;
+    return y.top + 64;
+}
+
+static void place_values(Interp *in) {
+    Layout y = {.in = in, .place = true};
     layout_block(&y, in->fn->body);
-    if (in->frame_places && !in->args->pruned) return fail(in, SLT_USAGE);
-    if (y.top > max_slot_bytes) return fail(in, SLT_LIMIT);
-    in->slot = calloc(ids + 1, sizeof *in->slot);
-    in->next = calloc(ids + 1, sizeof *in->next);
-    in->memory = calloc(y.top + 64, 1);
-    in->frame = calloc(in->frame_places * in->lanes + 1, 8);
-    if (!in->slot || !in->next || !in->memory || !in->frame) return fail(in, SLT_LIMIT);
-    y = (Layout){.in = in, .place = true};
-    layout_block(&y, in->fn->body);
-    return true;
 }
 
 static bool write_outputs(Interp *in) {
@@ -587,31 +586,59 @@ int ir_interpret_within(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t 
     return ir_interpret_watched(fn, args, n, lanes, fuel, 0, NULL, NULL);
 }
 
+/* Values left over from the call before are never looked at: what a lane reads it has written. */
+int ir_interp_run(Interp *in, SltKernelArgs *args, uint32_t n, uint64_t *fuel, uint32_t first, IrWatch *watch,
+                  void *user) {
+    if (!n) return SLT_OK;
+    if (in->frame_places && !args->pruned) return SLT_USAGE;
+    in->args = args, in->n = n, in->fuel = *fuel, in->status = SLT_OK;
+    in->watch = watch, in->watch_user = user, in->first_random = first;
+    in->tape_limit = args->tape_bytes ? args->tape_bytes : default_tape_bytes;
+    Mask all = {{0}};
+    memset(all.on, 1, in->lanes);
+    for (in->base = 0; in->base < n && in->status == SLT_OK; in->base += in->lanes) {
+        in->tape_top = 0;
+        if (exec_block(in, in->fn->body, &all)) write_outputs(in);
+        if (n - in->base <= in->lanes) break; /* base + lanes may wrap */
+    }
+    free(in->tape);
+    in->tape = NULL, in->tape_cap = 0;
+    *fuel = in->status == SLT_LIMIT ? 0 : in->fuel;
+    return in->status;
+}
+
+Interp *ir_interp(Arena *arena, const Fn *fn, uint32_t lanes) {
+    Interp *in = ARENA_NEW(arena, Interp);
+    uint64_t bytes = measure(in, fn, lanes);
+    if (bytes > max_arena_bytes) return NULL;
+    in->slot = ARENA_ARRAY(arena, void *, in->ids), in->next = ARENA_ARRAY(arena, void *, in->ids);
+    in->memory = ARENA_ARRAY(arena, unsigned char, bytes + 63);
+    in->memory += -(uintptr_t)in->memory & 63;
+    in->frame = (unsigned char *)ARENA_ARRAY(arena, uint64_t, in->frame_bytes / 8);
+    place_values(in);
+    return in;
+}
+
 int ir_interpret_watched(const Fn *fn, SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel, uint32_t first,
                          IrWatch *watch, void *user) {
     if (!lanes || lanes > MAX_LANES || (lanes & (lanes - 1))) return SLT_USAGE;
     if (!n) return SLT_OK;
     while (fn->next_part && !(args->site >= 0 && (uint32_t)args->site < fn->nsites && fn->serves[args->site]))
         fn = fn->next_part;
-    bool f32 = fn->precision == PREC_F32;
-    Interp in = {.fn = fn, .args = args, .n = n, .lanes = lanes, .flt = f32 ? 4 : 8, .status = SLT_OK, .fuel = *fuel};
-    in.eval = f32 ? rows_eval_f32 : rows_eval_f64;
-    in.watch = watch, in.watch_user = user, in.first_random = first;
-    in.tape_limit = args->tape_bytes ? args->tape_bytes : default_tape_bytes;
-    if (set_up(&in)) {
-        Mask all = {{0}};
-        memset(all.on, 1, lanes);
-        for (in.base = 0; in.base < n && in.status == SLT_OK; in.base += lanes) {
-            in.tape_top = 0;
-            if (exec_block(&in, fn->body, &all)) write_outputs(&in);
-            if (n - in.base <= lanes) break; /* base + lanes may wrap */
-        }
+    Interp in;
+    uint64_t bytes = measure(&in, fn, lanes);
+    int status = SLT_LIMIT;
+    if (bytes <= max_slot_bytes) {
+        in.slot = calloc(in.ids, sizeof *in.slot), in.next = calloc(in.ids, sizeof *in.next);
+        in.memory = calloc(bytes, 1), in.frame = calloc(in.frame_bytes, 1);
     }
-    free(in.tape);
+    if (in.slot && in.next && in.memory && in.frame) {
+        place_values(&in);
+        status = ir_interp_run(&in, args, n, fuel, first, watch, user);
+    } else *fuel = 0;
     free(in.frame);
     free(in.memory);
     free(in.next);
     free(in.slot);
-    *fuel = in.status == SLT_LIMIT ? 0 : in.fuel;
-    return in.status;
+    return status;
 }

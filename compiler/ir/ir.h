@@ -288,5 +288,11 @@ int ir_interpret_within(const Fn *fn, struct SltKernelArgs *args, uint32_t n, ui
 typedef void IrWatch(void *user, const Inst *i, const void *const *slot, const uint8_t *on);
 int ir_interpret_watched(const Fn *fn, struct SltKernelArgs *args, uint32_t n, uint32_t lanes, uint64_t *fuel,
                          uint32_t first, IrWatch *watch, void *user);
+/* The same, for a Fn without parts that runs again and again: where its values lie is settled once, in the arena. NULL:
+ * they take more than 64 MiB. One thread at a time. */
+typedef struct Interp Interp;
+Interp *ir_interp(Arena *arena, const Fn *fn, uint32_t lanes);
+int ir_interp_run(Interp *in, struct SltKernelArgs *args, uint32_t n, uint64_t *fuel, uint32_t first, IrWatch *watch,
+                  void *user);
 
 #endif

@@ -97,9 +97,12 @@ static void want_scalar(Verify *v, const Inst *i, uint32_t a) {
         problem(v, i, "operand %u is %s, not a scalar", a, type_name(t));
 }
 
-static void want_slot(Verify *v, const Inst *i, uint32_t size) {
+/* rows: as often there may be `size` numbers, and the slot lies in one of these rows. */
+static void want_slot(Verify *v, const Inst *i, uint32_t size, uint32_t rows) {
+    uint32_t row = size ? i->imm.slot.base / size : 0;
     uint64_t end = (uint64_t)i->imm.slot.base + i->imm.slot.count;
-    if (!i->imm.slot.count || end > size) problem(v, i, "slot outside the %u parameters", size);
+    if (!i->imm.slot.count || row >= rows || end > (row + 1) * (uint64_t)size)
+        problem(v, i, "slot outside the %u parameters", size);
 }
 
 static void want_params(Verify *v, const Inst *i, uint32_t r, uint32_t n) {
@@ -196,17 +199,17 @@ static void check_special(Verify *v, const Inst *i) {
     case OP_dparam:
         want(v, i, 0, TY_INT);
         want_result(v, i, TY_FLT);
-        want_slot(v, i, v->fn->nfloats);
+        want_slot(v, i, v->fn->nfloats, 1);
         return;
     case OP_iparam:
         want(v, i, 0, TY_INT);
         want_result(v, i, TY_INT);
-        want_slot(v, i, v->fn->nints);
+        want_slot(v, i, v->fn->nints, 1);
         return;
     case OP_adj:
         want(v, i, 0, TY_INT);
         want(v, i, 1, TY_FLT);
-        want_slot(v, i, v->fn->nfloats);
+        want_slot(v, i, v->fn->nfloats, SLT_MAX_CHANNELS);
         return;
     case OP_rand:
         want(v, i, 0, TY_INT);

@@ -8,6 +8,7 @@
  *   ad_replay.c      reverse mode: segments and iterations that are run again
  *   ad_vjp.c         reverse mode: the sweep
  *   ad_region.c      reverse mode: loops and ifs
+ *   ad_rows.c        reverse mode, after: several seeds of one output
  *
  * A product with a seed is guarded where a factor may be infinite (ir/range.h): behind an overflow too, but the
  * adjoints there count as finite.
@@ -106,5 +107,9 @@ void ad_hoist_inputs(Fn *fn, Arena *scratch);
 bool ad_split_ifs(Fn *fn, const uint8_t *taped);
 /* segment: iterations of the inner loop. */
 bool ad_strip_mine(Fn *fn, Inst *loop, uint32_t segment);
+
+/* ---- ad_rows.c */
+/* Makes of adjoints for the seed 1 those for each of the seeds IN_SEED0.., of the first alone where IN_ROWS says so. */
+void ad_scale_rows(Fn *fn, uint32_t rows);
 
 #endif

@@ -202,6 +202,7 @@ static void sweep(Vjp *v, const Fn *primal) {
     uint32_t floats = 0;
     for (uint32_t k = 0; k < yield->nargs; k++) floats += yield->args[k]->type == TY_FLT;
     if (floats > SLT_MAX_CHANNELS) ice(fn->session, "ad: %u float outputs, more than there are seeds", floats);
+    if (v->o->rows > 1 && (floats != 1 || v->o->wrt_x)) ice(fn->session, "ad: rows of more than one number");
     Inst **out = ARENA_ARRAY(fn->arena, Inst *, floats + 4);
     Output *names = ARENA_ARRAY(fn->arena, Output, floats + 4);
     uint32_t n = 0;
@@ -212,7 +213,8 @@ static void sweep(Vjp *v, const Fn *primal) {
         out[n] = yield->args[k];
         if (ad_active(&v->f, out[n])) {
             Builder b = vjp_builder(v);
-            vjp_add(v, out[n], ad_seed(ir_input(&b, (InputSlot)(IN_SEED0 + n)), false));
+            Inst *seed = v->o->rows > 1 ? ir_constf(&b, 1) : ir_input(&b, (InputSlot)(IN_SEED0 + n));
+            vjp_add(v, out[n], ad_seed(seed, false));
         }
         n++;
     }
@@ -451,5 +453,6 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report) {
         keep(&q, &v);
     }
     arena_reset(scratch, m);
+    if (q.o->rows > 1) ad_scale_rows(q.best, q.o->rows);
     return q.best;
 }

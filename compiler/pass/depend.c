@@ -56,6 +56,17 @@ static bool chooses(const Inst *i) {
            op == OP_fround || op == OP_ftrunc || op == OP_i2f || op == OP_u2f || op == OP_iasfloat;
 }
 
+/* Do parameters choose, the same everywhere? */
+static bool ties(const Flow *f, const Inst *i) {
+    Op op = (Op)i->op;
+    uint8_t on = 0;
+    if (op == OP_fmin || op == OP_fmax || op == OP_fabs)
+        for (uint32_t a = 0; a < i->nargs; a++) on |= f->of[i->args[a]->id].on;
+    else if (op == OP_fsel) on = f->of[i->args[0]->id].on;
+    else if (op == OP_proj && i->args[0]->op == OP_if_ && i->type == TY_FLT) on = f->of[i->args[0]->args[0]->id].on;
+    return on & DEPENDS_PARAM && !(on & (DEPENDS_X | DEPENDS_RAND));
+}
+
 /* Operations of floats whose results are constant between jumps. A site's own jumps are tagged. */
 static bool steps(const Inst *i) {
     Op op = (Op)i->op;
@@ -160,6 +171,7 @@ static void flow(Flow *f, Block *b, Depend control, Depend exits) {
         default: flow_operands(f, i);
         }
         if (exits.on) add(f, i, &exits);
+        if (ties(f, i)) add_flags(f, i, DEPENDS_TIES);
         if (chooses(i) && (f->of[i->id].on & DEPENDS_X)) add_flags(f, i, DEPENDS_PIECES);
     }
 }

@@ -17,7 +17,8 @@ enum {
                            constant, or equal to another, on an area */
     DEPENDS_SLOPE = 16, /* the position, otherwise than by jumps */
     DEPENDS_VALUE = 64, /* a parameter, otherwise than by jumps */
-    DEPENDS_JUMPS = 32  /* jumps that no [Disc] tags, and whose places move with a parameter */
+    DEPENDS_JUMPS = 32, /* jumps that no [Disc] tags, and whose places move with a parameter */
+    DEPENDS_TIES = 128  /* a choice that parameters alone make: between equal values it has a kink */
 };
 enum { DEPEND_NAMED = 3 };
 

@@ -101,6 +101,7 @@ typedef struct AdOptions {
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
+    uint32_t rows; /* > 1: the one float output has this many seeds, and a row of adjoints for each. Not with wrt_x */
 } AdOptions;
 /* Forward: outputs the primal's outputs that are float, then their tangents. Tangents come in as dparam and IN_DX*. */
 Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o);
@@ -112,6 +113,9 @@ typedef struct TapeReport {
     const char *text;        /* what is stored, what recomputed, and why: for explain */
 } TapeReport;
 Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report);
+/* Of such a Fn of several outputs: where each adjoint hangs on the seed of one output, and IN_ROWS asks for rows, it
+ * goes to the row of that output. False: some hang on several, and nothing has changed. */
+bool ad_part_rows(Fn *fn);
 /* Gradient of the single float output in x by dim forward sweeps in one kernel: outputs g, dg/dx0.. */
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn);
 /* active[(nfloats + 7) / 8]: a bit for each element of the float vector that can influence the outputs differentiably.

@@ -12,7 +12,7 @@ const char *const kernel_names[SLT_KERNELS] = {
 _Static_assert(K_CULL == SLT_KERNELS - 1, "K_KINDS counts the kinds before it");
 _Static_assert(IN_K7 - IN_K0 + 1 == SLT_MAX_K, "a loop index for each loop around a site");
 _Static_assert(IN_SEED3 - IN_SEED0 + 1 == SLT_MAX_CHANNELS, "a seed for each channel");
-_Static_assert(SLT_IN_VARYING <= 64, "SltLayout.reads has a bit for each");
+_Static_assert(SLT_INPUTS <= 64, "SltLayout.reads has a bit for each");
 _Static_assert(IN_GIVEN0_K0 - IN_GIVEN0 == SLT_GIVEN, "an input for each event that is given");
 _Static_assert(IN_GIVEN2_K1 - IN_GIVEN0_K0 + 1 == SLT_GIVEN * SLT_GIVEN_K, "and for each of its loop indices");
 _Static_assert(IN_WITNESS1 - IN_WITNESS0 + 1 == SLT_WITNESSES, "an input for each witness");
@@ -80,7 +80,7 @@ static Fn **add_part(Fn **end, const Fn *part, Fn *made) {
 static uint64_t reads(const Block *b) {
     uint64_t slots = 0;
     for (const Inst *i = b->first; i; i = i->next) {
-        if (i->op == OP_input && i->imm.i < SLT_IN_VARYING) slots |= (uint64_t)1 << i->imm.i;
+        if (i->op == OP_input) slots |= (uint64_t)1 << i->imm.i;
         for (uint32_t r = 0; r < i->nregions; r++) slots |= reads(i->region[r]);
     }
     return slots;
@@ -178,10 +178,13 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
     if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);
     if (needs[K_VJP]) out->fn[K_VJP] = ad_vjp(ctx, value, &wrt, &out->tape[K_VJP]);
+    if (needs[K_VJP]) ad_part_rows(out->fn[K_VJP]);
     if (jumps) {
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
         if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
+        AdOptions rows = wrt;
+        rows.rows = primal->channels;
         bool asks = needs[K_SITE] || needs[K_SITE_GRAD] || needs[K_SITE_JVP] || needs[K_SITE_VJP];
         Fn *site = asks ? variant_site(ctx, primal) : NULL;
         if (site && variant.most_site_size && walk_fn_size(site) > variant.most_site_size)
@@ -195,7 +198,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
             if (needs[K_SITE_JVP]) end[K_SITE_JVP] = add_part(end[K_SITE_JVP], part, ad_jvp(ctx, part, &wrt));
             if (needs[K_SITE_VJP]) {
                 TapeReport tape = {0}, *all = &out->tape[K_SITE_VJP];
-                end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &wrt, &tape));
+                end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &rows, &tape));
                 if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
             }
         }

@@ -50,6 +50,7 @@ void watch_init(Probe *p, PassCtx *ctx, const Fn *fn, const Depend *dep, const U
     }
     add_guides(p, dep, fn->body, true);
     add_guides(p, dep, fn->body, false);
+    p->interp = ir_interp(scratch, &p->fn, WARN_LANES);
     size_t cells = (size_t)p->n * WARN_LANES;
     p->seen = ARENA_ARRAY(scratch, uint32_t, cells);
     p->value = ARENA_ARRAY(scratch, double, cells), p->argument = ARENA_ARRAY(scratch, double, cells);
@@ -107,7 +108,6 @@ bool watch_run(Probe *p) {
     memset(p->seen, 0, cells * sizeof *p->seen);
     memset(p->value, 0, cells * sizeof *p->value), memset(p->argument, 0, cells * sizeof *p->argument);
     for (size_t i = 0; i < cells; i++) p->near[i] = HUGE_VAL;
-    int status = ir_interpret_watched(&p->fn, &a, WARN_LANES, WARN_LANES, &p->fuel, 0, watch, p);
-    p->failed |= status != SLT_OK;
+    p->failed |= !p->interp || ir_interp_run(p->interp, &a, WARN_LANES, &p->fuel, 0, watch, p) != SLT_OK;
     return !p->failed;
 }

@@ -24,6 +24,7 @@ typedef struct Watched {
 typedef struct Probe {
     const Program *program;
     Fn fn; /* the primal, in double precision */
+    Interp *interp;
     Watched *watched;
     uint32_t nlist, n; /* the first of them are the jumps in question; the others, guides, show where to look */
     uint32_t *which;   /* by id: index + 1 */

@@ -45,7 +45,8 @@ typedef struct SltKernelArgs {
     const void *dparams;            /* forward mode: flt[nfloats], the direction in parameter space */
     /* Reverse mode: adjoints of the parameters, to which kernels add. flt[nfloats][lanes], for the caller to sum over
      * lanes once a tile; or flt[nfloats], as the kernel was compiled. For a parameter that is read at an index that
-     * differs between lanes, kernels append index and value to the log instead; the caller adds up the log in order. */
+     * differs between lanes, kernels append index and value to the log instead; the caller adds up the log in order.
+     * Of several rows the adjoints of each lie behind those of the one before, and indices count on from row to row. */
     void *adj;
     uint32_t *log_index; /* log_index and log_value have room for log_cap + SLT_PAD: kernels write whole vectors */
     void *log_value;     /* flt */
@@ -54,6 +55,7 @@ typedef struct SltKernelArgs {
     uint64_t tape_bytes;       /* of tape, for all lanes */
     int32_t resolution[2];     /* columns, rows of the image */
     int32_t site;              /* site kernels: which site */
+    int32_t rows;              /* reverse kernels that read it: how many rows of adjoints, a channel's each; 0: 1 */
     const SltPruned *pruned;   /* kernels of a straight-line program in chunks: what runs; else NULL */
     /* prune and such bounds, of up to SLT_CHOICE_BOXES boxes: [2 * choices] by 2 * choice + operand, bit i: on box i it
      * may be this operand. Of chunks that did not run it says nothing. */

@@ -56,7 +56,7 @@ void cells_free(Cells *c) {
     if (!c) return;
     cells_prune_free(c);
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
-    free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->first_column);
+    free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->rim), free(c->first_column);
     free(c->straight), free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
     untie_free(c->untie), apart_free(c->apart), free(c->gap), free(c->face);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
@@ -144,6 +144,7 @@ static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, 
                 cell->upset = node->upset, cell->band = false;
                 cell->node = in_hand, cell->number = c->ncell - 1, cell->slice = -1, cell->rule = -1, cell->weight = 1;
                 cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = 0;
+                cell->borders = false;
             }
 }
 
@@ -293,7 +294,10 @@ static bool judge(Cells *c, Cell *cell) {
         cell->refine = true;
         return true;
     }
-    if (!rough && !unknown && cells_choose_axes(c, cell) && (cell->common || !c->o->volume)) return true;
+    if (!rough && !unknown && cells_choose_axes(c, cell)) {
+        cell->borders = cells_may_border(c, cell);
+        if (cell->common || !c->o->volume || cell->borders) return true;
+    }
     int axis, straight = cell->seams < SEAMS ? cells_straight_edge(c, cell, &axis) : -1;
     if (straight >= 0) cell->cut = (int8_t)straight, cell->done = true, cell->axes = 0;
     else if (rough || !cell->axes) cell->bends += rough, cell->refine = true, cell->axes = 0;
@@ -334,12 +338,11 @@ static void widen(const Cells *c, const Cell *cell, Root *r) {
 
 /* Cells that have a straight edge become two, that share no point: what jumps or bends there does so in neither. */
 static bool cut_cells(Cells *c) {
-    int axis;
     c->nroot = 0;
     for (uint32_t i = 0; i < c->ncell; i++) {
         const Cell *cell = &c->cell[i];
         if (cell->cut < 0) continue;
-        cells_straight_edge(c, cell, &axis);
+        int axis = cells_straight_axis(c, &cell->edge[cell->cut]);
         double middle[3] = {0};
         for (uint32_t d = 0; d < c->dim; d++) middle[d] = cells_round(c, 0.5 * (cell->box.lo[d] + cell->box.hi[d]));
         if (!cells_root(c, cell, &cell->edge[cell->cut], axis, middle, middle[axis])) return false;
@@ -363,6 +366,20 @@ static bool cut_cells(Cells *c) {
         if (cut && (!push(c, cell, &near, true) || !push(c, cell, &far, true))) return false;
     }
     return cells_integrate_gaps(c);
+}
+
+/* Where areas are told by what bounds them nothing is left to do; else the volume is another matter. */
+bool cells_end_borders(Cells *c, Cell *cell) {
+    if (cell->borders) {
+        count_cell(c, cell, CELL_CURVED);
+        return true;
+    }
+    bool done = cell->done, curves_done = cell->curves_done;
+    uint32_t axes = cell->axes;
+    cell->curves_done = true;
+    bool ok = refine(c, cell);
+    cell->done = done, cell->curves_done = curves_done, cell->axes = axes;
+    return ok;
 }
 
 /* 3D: those on which the rules differ are cut further, as long as that can be. */
@@ -455,11 +472,8 @@ static bool work(Cells *c, const Node *node, uint32_t nodes) {
         if (!cell->axes) continue;
         if (cell->refine) {
             if (!refine(c, cell)) return false;
-        } else if (c->o->volume && !cell->common) { /* its volume is another matter */
-            Cell rest = *cell;
-            rest.curves_done = true;
-            if (!refine(c, &rest)) return false;
-        } else count_cell(c, cell, CELL_CURVED);
+        } else if (!c->o->volume || cell->common) count_cell(c, cell, CELL_CURVED);
+        else if (!cell->borders && !cells_end_borders(c, cell)) return false;
     }
     return (c->dim == 3 || cells_integrate(c)) && cells_integrate_smooth(c) && !c->failed;
 }

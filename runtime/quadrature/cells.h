@@ -34,7 +34,7 @@ typedef enum CellRule {
 
 /* A point in the volume of the domain. */
 typedef struct CellPoint {
-    double x[3], weight; /* of f in the integral: a volume */
+    double x[3], weight; /* of f in the integral: a volume, or part of a sum that is one, which may be negative */
 } CellPoint;
 
 typedef enum CellState { CELL_SETTLED, CELL_CURVED, CELL_LEFT } CellState;

@@ -8,6 +8,7 @@
 #include "runtime/quadrature/cells_stretch.h"
 
 enum { MEET_STEPS = 24, STEEP = 4 };
+#define LAST 0x1p-54 /* parts of a cell */
 
 static bool add_cut(Cells *c, const Cut *cut) {
     if (!CELLS_ROOM(c, cut, 1)) return false;
@@ -73,7 +74,7 @@ bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double
         up[face] = u * k[0].up + t * k[1].up;
     }
     *present = side[0] != side[1] && side[1] == (e->rises[e->axis] > 0);
-    *height = cells_between(ends, g, up);
+    *height = cells_cubic_root(ends, g, up, cells_between(ends, g, up));
     return true;
 }
 
@@ -120,14 +121,15 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         double guess = s->at[0] + part * (s->at[1] - s->at[0]);
         if (i < faces && is_whole(cell, s, base)) {
             const Corner *k = e->corner[i & 1];
-            double both = cells_between(s->at, s->value, (double[2]){k[0].along, k[1].along});
-            if (both > s->at[0] && both < s->at[1]) guess = both;
+            double slope[2] = {k[0].along, k[1].along}, both = cells_between(s->at, s->value, slope);
+            if (both > s->at[0] && both < s->at[1]) guess = cells_cubic_root(s->at, s->value, slope, both);
         }
         place(cell, e->axis, s->at[0], s->height[0], x);
         Root *r = cells_root(c, cell, e, base, x, 0);
         if (!r) return false;
         r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
         r->x[base] = cells_round(c, fmin(fmax(guess, s->at[0]), s->at[1]));
+        r->turns = HUGE_VAL;
     }
     if (!cells_solve(c)) return false;
     const Root *r = c->root;
@@ -140,6 +142,7 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         /* Where the curve is steep the last floats of the base are many of its height. */
         bool steep = !(fabs(r->dg[r->axis]) <= STEEP * fabs(r->dg[axis]));
         Cut cut = {.cell = s->cell, .axis = axis, .edge = s->edge, .at = r->x[r->axis]};
+        cut.up = s->height[0] >= c->cell[s->cell].box.hi[axis];
         cut.beyond = beyond_of(c, s, r), cut.height = steep ? NAN : s->height[0];
         if (!add_cut(c, &cut)) return false;
         r++;
@@ -248,6 +251,7 @@ static bool drop_coinciding(Cells *c) {
         double x[3];
         place(&c->cell[s->cell], e->axis, cells_round(c, s->at[0] + 0.382 * (s->at[1] - s->at[0])), 0, x);
         if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, 0.5 * (s->height[0] + s->height[1]))) return false;
+        c->root[c->nroot - 1].turns = HUGE_VAL;
     }
     if (!cells_solve(c)) return false;
     c->nprobe = 0;
@@ -266,6 +270,16 @@ static bool drop_coinciding(Cells *c) {
     return true;
 }
 
+/* Does the next step, which Newton's method makes as small beside this one as this is beside the one before, squared,
+ * come to nothing? Not where a slope jumps. */
+static bool is_last_step(const Cells *c, Stretch *s, const Box *box, double ds, double dh) {
+    int axis = curve_of(c, s)->axis, base = base_axis(&c->cell[s->cell], axis);
+    double step = larger(ds / (box->end[base] - box->lo[base]), dh / (box->end[axis] - box->lo[axis]));
+    double next = step * step * step / (s->step * s->step);
+    s->step = step;
+    return c->b->f64 && next <= LAST && !((curve_of(c, s)->state | tested(c, s)->state) & SLT_EDGE_BENDS);
+}
+
 /* Newton's method in both coordinates for the one place of a stretch where the two curves meet. Those that do not
  * converge there become open again, half as long. */
 static bool find_meetings(Cells *c, bool *again) {
@@ -278,6 +292,7 @@ static bool find_meetings(Cells *c, bool *again) {
         double part = s->value[0] / (s->value[0] - s->value[1]);
         s->x[0] = s->at[0] + part * (s->at[1] - s->at[0]);
         s->x[1] = s->height[0] + part * (s->height[1] - s->height[0]);
+        s->step = 1;
         c->active[n++] = i;
     }
     for (int step = 0; step < MEET_STEPS && n; step++) {
@@ -305,7 +320,7 @@ static bool find_meetings(Cells *c, bool *again) {
             bool inside = to >= s->at[0] - slack && to <= s->at[1] + slack; /* NaN is not */
             double far = fabs(ds) / tiny;
             far = fmax(far, fabs(dh) * unit / fmax(fabs(box->lo[axis]), fabs(box->hi[axis])));
-            bool converged = far <= 1 || (step > 6 && far <= 64);
+            bool converged = far <= 1 || (step > 6 && far <= 64) || is_last_step(c, s, box, fabs(ds), fabs(dh));
             s->x[0] = fmin(fmax(to, s->at[0]), s->at[1]);
             s->x[1] = fmin(fmax(height, box->lo[axis]), box->hi[axis]);
             if (inside && converged) continue;
@@ -362,8 +377,8 @@ static bool add_piece(Cells *c, uint32_t i, int axis, int base, double from, dou
     for (uint32_t d = 0; d < c->dim; d++) p->at[d][0] = p->at[d][1] = cell->box.lo[d];
     if (base >= 0) p->at[base][0] = from, p->at[base][1] = to;
     p->leaving[0] = p->leaving[1] = -1;
-    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond;
-    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond;
+    if (begin) p->leaving[0] = begin->edge, p->beyond[0] = begin->beyond, p->up[0] = begin->up;
+    if (end) p->leaving[1] = end->edge, p->beyond[1] = end->beyond, p->up[1] = end->up;
     return true;
 }
 

@@ -43,6 +43,7 @@ static bool add_root(Cells *c, Column *k, uint32_t edge, double guess) {
 static uint32_t wanted(const Cells *c, const Piece *p) {
     const Cell *cell = &c->cell[p->cell];
     uint32_t bits = 0;
+    if (p->alone) return 1u << p->only;
     for (uint32_t e = 0; e < cell->nedges; e++)
         if (cell->edge[e].axis == p->axis && (c->o->volume || (uint32_t)cell->edge[e].event.site < c->s->nsites ||
                                               cells_upsets(c, cell->edge[e].event.site)))
@@ -117,9 +118,9 @@ static bool tie_columns(Cells *c) {
     uint32_t n = 0;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Tie *t = c->root[i].tie ? &c->tie[c->root[i].tie - 1] : NULL;
-        if (t && !t->untold && (t->naway || (!c->o->flat && !t->whole))) c->active[n++] = i;
+        if (t && !t->untold && !t->bent && (t->naway || (!c->o->flat && !t->whole))) c->active[n++] = i;
     }
-    return !n || cells_tie(c, n);
+    return (!n || cells_tie(c, n)) && cells_follow_kinks(c);
 }
 
 /* Does f come about in the same way on both sides, all along the piece? Where it is flat, nothing then needs to be
@@ -131,6 +132,7 @@ static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
 
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
+    for (uint32_t i = first; i < c->npiece; i++) c->piece[i].merged = false;
     c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
         const Piece *p = &c->piece[i];
@@ -140,7 +142,9 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         if (!k) return false;
         for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
-            if (!c->o->flat) c->root[c->nroot - 1].slack = -1; /* its sides lie next to it */
+            Root *r = &c->root[c->nroot - 1];
+            if (!c->o->flat) r->slack = -1; /* its sides lie next to it */
+            r->turns = c->slack;
         }
     }
     if (!cells_solve(c) || !cells_drop_wrong(c)) return false;
@@ -152,12 +156,14 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         r->wanted = !c->cell[p->cell].curves_done &&
                     ((c->o->curves && is_site(c, p, r->edge)) || cells_upsets(c, r->of->event.site));
     }
-    if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c)) return false;
+    if (!cells_take_sides(c) || !cells_part_twins(c) || !tie_roots(c) || !cells_find_kinks(c)) return false;
     for (uint32_t i = 0; i < c->nroot; i++) {
         const Root *r = &c->root[i];
         Piece *p = &c->piece[c->column[r->column].piece];
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
+        e->off = p->asked >> r->edge & 1 ? NAN : r->x[p->axis] - e->height;
+        e->at = r->x[p->base < 0 ? 0 : p->base];
         e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
         e->band = r->band;
         memcpy(e->dg, r->dg, sizeof e->dg);
@@ -168,20 +174,31 @@ static bool look_at_middles(Cells *c, uint32_t first) {
     return true;
 }
 
+/* How high a curve is at a place: as corners tell, put right by what they tell where it is known, or along its tangent
+ * there. */
+static double guess_beside(const Cells *c, const Piece *p, uint32_t e, double at) {
+    const Cell *cell = &c->cell[p->cell];
+    const PieceEdge *edge = &p->edge[e];
+    double told = NAN;
+    bool present, corners = cells_told_by_corners(cell, &cell->edge[e], p->base, at, &present, &told);
+    told += edge->off; /* NaN: they did not tell */
+    return corners && !isnan(told) ? told : edge->height - edge->dg[p->base] / edge->dg[p->axis] * (at - edge->at);
+}
+
 /* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */
 static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     const Piece *p = &c->piece[piece];
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
-        double slope = p->base < 0 ? 0 : -edge->dg[p->base] / edge->dg[p->axis];
-        if (!add_root(c, k, e, edge->height + slope * along)) return false;
+        bool known = along == 0 && !p->merged;
+        if (!add_root(c, k, e, known ? edge->height : guess_beside(c, p, e, k->x[p->base]))) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
         r->band = edge->band;
-        if (c->o->flat || (along == 0 && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
+        if (c->o->flat || (known && (c->b->f64 || k->rule == CELL_FINE)) || r->band) r->sides = edge->sides;
         bool asked = r->wanted && !r->sides; /* next to the root these must lie */
         r->slack = asked || r->of->state & SLT_EDGE_BENDS ? -1 : c->slack > 0 ? c->slack : r->slack;
-        if (along != 0) continue;
+        if (!known) continue;
         r->x[p->axis] = edge->height, r->g = edge->g, r->solved = true;
         memcpy(r->dg, edge->dg, sizeof r->dg);
     }
@@ -396,6 +413,8 @@ static bool cut_piece(Cells *c, const Piece *p) {
 bool cells_evaluate(Cells *c, uint32_t first, bool values) {
     uint32_t n = c->npiece - first;
     if (!find_present(c, first) || !look_at_middles(c, first)) return false;
+    if (c->o->flat && !cells_part_borders(c, first)) return false;
+    n = c->npiece - first;
     c->ncolumn = c->nroot = c->nspot = 0;
     if (!cells_grow(c, &c->first_column, &c->first_column_cap, n + 1, sizeof *c->first_column)) return false;
     for (uint32_t i = 0; i < n; i++) {
@@ -422,11 +441,17 @@ bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     return !tied || cells_emit_tied(c, from, to);
 }
 
+void cells_copy_piece(Cells *c, uint32_t to, uint32_t from) {
+    const Piece *p = &c->piece[from];
+    memcpy(&c->piece[to], p, offsetof(Piece, edge));
+    for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) c->piece[to].edge[e] = p->edge[e];
+}
+
 /* Integrates over the pieces from `first` on, and puts in their place those that must be halved. */
 static bool integrate(Cells *c, uint32_t first) {
-    uint32_t n = c->npiece - first;
     bool compare = !c->o->fixed && c->rule[CELL_COARSE].n;
     if (!cells_evaluate(c, first, compare && !c->o->flat)) return false;
+    uint32_t n = c->npiece - first;
     uint32_t spot = 0, kept = first;
     double bent = 0, length = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -437,7 +462,8 @@ static bool integrate(Cells *c, uint32_t first) {
         bool agree = true, smooth = true;
         if (compare && c->dim > 1) agree = curves_agree(c, p, from, to);
         if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
-        if (compare && c->o->volume)
+        if (compare && p->alone) smooth = cells_borders_agree(c, p, from, to);
+        else if (compare && c->o->volume)
             smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end);
         const Spot *spots = c->spot + spot, *beyond = c->spot + end; /* with none there may be no list */
         bool layer = compare && c->o->volume && agree && smooth && end > spot &&
@@ -451,11 +477,12 @@ static bool integrate(Cells *c, uint32_t first) {
             cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
             if (layer) cells_layer(c, p, from, to, spots, beyond, true);
-            if (c->o->flat) cells_emit_parts(c, spot, end);
+            if (p->alone) cells_emit_borders(c, p, from, to);
+            else if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);
         } else {
             if (!shorten(c, first + i, agree, layer, from, to)) return false;
-            if (kept != first + i) c->piece[kept] = *p;
+            if (kept != first + i) cells_copy_piece(c, kept, first + i);
             kept++;
         }
         spot = end;
@@ -475,7 +502,10 @@ static bool integrate(Cells *c, uint32_t first) {
 
 bool cells_integrate(Cells *c) {
     enum { AT_ONCE = 64 }; /* pieces */
-    while (c->npiece)
-        if (!integrate(c, c->npiece > AT_ONCE ? c->npiece - AT_ONCE : 0)) return false;
+    while (c->npiece) {
+        uint32_t first = c->npiece > AT_ONCE ? c->npiece - AT_ONCE : 0;
+        while (first && c->piece[first].cell == c->piece[first - 1].cell && !c->piece[first].alone) first--;
+        if (!integrate(c, first)) return false;
+    }
     return true;
 }

@@ -430,14 +430,13 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0;
-        cell[i].nevents = cell[i].nedges;
+        cell[i].nevents = cell[i].nedges, cell[i].same = false;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
             const Ask *asked = &c->ask[at++];
             cells_meet(c, edge, asked);
             edge->before = (uint8_t)e;
-            edge->same =
-                c->prunes && cells_may_be_same(c, edge, asked->centre ? c->probe[asked->centre - 1].g : HUGE_VAL);
+            edge->same = cells_may_be_same(c, edge, asked->centre ? c->probe[asked->centre - 1].g : HUGE_VAL);
             cell[i].event[e] = edge->event;
             cell[i].sign[e] = edge->g[0] > 0 ? 1 : edge->g[1] < 0 ? -1 : 0; /* NaN is open */
             if (cell[i].sign[e]) continue;
@@ -446,7 +445,7 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
         }
         cell[i].nedges = kept;
     }
-    return cells_close_choices(c, cell, n) && cells_give(c, cell, n);
+    return cells_close_same(c, cell, n) && cells_give(c, cell, n);
 }
 
 enum {
@@ -500,6 +499,30 @@ static int coinciding_edge(const Cells *c, const Cell *cell, int *axis) {
     return -1;
 }
 
+/* Where on its axis a straight edge has its root. */
+static double straight_root(const Cell *cell, const CellEdge *e, int axis) {
+    double up = 0.5 * (e->slope[axis][0] + e->slope[axis][1]);
+    return cell->box.lo[axis] - (up > 0 ? e->g[0] : e->g[1]) / up;
+}
+
+/* Are there two ways of one site, as a seam decides, that have their curves on the seam? What is between them, if they
+ * come apart, is then to be looked for in a cell that has both. */
+static bool parts_ways(const Cells *c, const Cell *cell, const CellEdge *seam, int axis) {
+    double at = straight_root(cell, seam, axis);
+    bool below = false, above = false;
+    for (uint32_t e = 0; e < cell->nedges; e++) {
+        const CellEdge *edge = &cell->edge[e];
+        if ((uint32_t)edge->event.site >= c->s->nsites || cells_straight_axis(c, edge) != axis) continue;
+        double near = 4 * (edge->error + seam->error) / fabs(edge->slope[axis][0]);
+        for (uint32_t i = 0; i < edge->given.n; i++) {
+            if (!event_same(&cell->event[edge->given.is[i].event], &seam->event)) continue;
+            bool on = fabs(straight_root(cell, edge, axis) - at) <= near;
+            below |= on && edge->given.is[i].below, above |= on && !edge->given.is[i].below;
+        }
+    }
+    return below && above;
+}
+
 int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
     int upset = -1, across = -1;
     for (uint32_t e = 0; e < cell->nedges; e++) {
@@ -508,6 +531,7 @@ int cells_straight_edge(const Cells *c, const Cell *cell, int *axis) {
         if (!cell->curves_done && (uint32_t)edge < c->s->nsites) continue;
         *axis = cells_straight_axis(c, &cell->edge[e]);
         if (*axis < 0) continue;
+        if (!c->prunes && cell->axes && !cell->curves_done && parts_ways(c, cell, &cell->edge[e], *axis)) continue;
         if (c->dim > 2 || cell->curves_done || !cells_upsets(c, edge)) return (int)e;
         if (upset < 0) upset = (int)e, across = *axis;
     }

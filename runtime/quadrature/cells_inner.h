@@ -5,13 +5,16 @@
  *                   which axis each is a graph
  *   cells_given.c   events whose g others change: what these decide is given
  *   cells_prune.c   straight-line programs: what runs in a node, open choices as edges
+ *   cells_same.c    choices between values that are the same
  *   cells_root.c    roots of g on lines, many at once, and f on their two sides
  *   cells_rounding.c what rounding makes of roots, and so of curves
  *   cells_base.c    2D: where along its base the shape of a curved cell changes
  *   cells_stretch.c that asked of stretches of the base, until bounds prove the answer
+ *   cells_border.c  areas by what bounds them, where f is constant between curves
  *   cells_column.c  pieces of the base become columns, these roots and crossings
  *   cells_twins.c   curves that lie on each other as far as rounding lets one tell: what is between them
  *   cells_tied.c    whose the jump is
+ *   cells_kinks.c   curves of a g that has a kink in the parameters
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut, several on one line untied
  *   cells_upset.c   seams at whose jump tagged decisions change
@@ -114,6 +117,7 @@ typedef struct Cell {
     uint32_t state;  /* SLT_BOX_* */
     uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
     bool many;       /* and they are: edges are some of them */
+    bool same;       /* a choice in it is between two values that are the same: cells_same.c */
     uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EDGES];
     /* What the kernel called open, in the order of execution, and what sign its g has after all; 0: it is open. */
@@ -126,15 +130,19 @@ typedef struct Cell {
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
     bool refine;                    /* cannot be integrated as it is */
     bool upset, band;               /* its measure is in CellCounts.upset, in .banded already */
+    bool borders;                   /* the areas of its parts are told by what bounds them: cells_border.c */
+    int8_t border_axis;             /* then: whose x is integrated */
     bool done;                      /* nothing more is to be done with it */
 } Cell;
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
-    double height, g, dg[3]; /* on the column above the middle; g and its gradient there */
-    uint32_t sides, tie;     /* as in Root, there */
-    bool open, twin, band;   /* the crossing changes the region; other curves lie on this one; as in Root */
-    bool upset;              /* a seam, where f jumps */
+    double at, height, g, dg[3]; /* on the column above a place of the base, the middle if it is not `merged`; g and its
+                                    gradient there */
+    double off;                  /* by so much corners tell it too low there */
+    uint32_t sides, tie;         /* as in Root, there */
+    bool open, twin, band;       /* the crossing changes the region; other curves lie on this one; as in Root */
+    bool upset;                  /* a seam, where f jumps */
 } PieceEdge;
 typedef struct Piece {
     uint32_t cell;
@@ -149,7 +157,10 @@ typedef struct Piece {
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
     int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there; -1: none */
-    double beyond[2];  /* as in Cut */
+    bool up[2];        /* and whether through the upper face */
+    bool alone, merged; /* it is of one curve, `only`, and tells areas; several pieces that became one */
+    uint8_t only;
+    double beyond[2]; /* as in Cut */
     PieceEdge edge[CELL_EDGES];
 } Piece;
 
@@ -157,6 +168,7 @@ typedef struct Piece {
 typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
+    bool up;           /* through the upper face */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
     double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
@@ -189,6 +201,9 @@ typedef struct Root {
     /* How far from it the root may end, in parts of its line; 0: at the last floats. Less than 0: and there g is asked,
      * not taken for what cubics say. */
     double slack;
+    /* By how much its slope may be off, in parts, where the place is wanted to the last floats: then nothing need be
+     * asked there. HUGE_VAL: nobody asks for the slope. */
+    double turns;
     /* Of columns: */
     uint32_t column;
     uint8_t edge;
@@ -210,11 +225,14 @@ typedef struct Spot {
     double x[3], weight, f[SLT_MAX_CHANNELS];
 } Spot;
 
-/* CellOptions.flat: parts of one hash, and how large they are by each rule; of none where both are 0. */
+/* CellOptions.flat: parts of one hash, how large they are by each rule, and how large are the terms that adds up from.
+ */
 typedef struct Shape {
+    bool used;
     uint32_t hash;
-    double x[3], fine, coarse;
+    double x[3], fine, coarse, size;
 } Shape;
+typedef struct Rim Rim; /* cells_border.c */
 
 /* A box on which f is smooth. */
 typedef struct Smooth {
@@ -297,6 +315,8 @@ struct Cells {
     uint32_t nstretch, stretch_cap;
     Cut *cut;
     uint32_t ncut, cut_cap;
+    Rim *rim;
+    uint32_t nrim, rim_cap;
     Probe *probe;
     uint32_t nprobe, probe_cap;
     Ask *ask;
@@ -398,16 +418,18 @@ void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: 
 void cells_call_bounds(Cells *c, uint32_t n);
 /* Behind it: the choices that are open in box i, ahead of the events that are. */
 void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
-/* May it be a choice between two values of which each is the other in all of the cell? centre: g there. */
-bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre);
-/* Of the edges that are open in n cells: drops those that are. False when memory runs out. */
-bool cells_close_choices(Cells *c, Cell *cell, uint32_t n);
 /* Keeps what runs in boxes that may become nodes. False when memory runs out. */
 bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
 int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */
 /* For calls of the edge kernels: the choices that are given are settled; and then no more. */
 void cells_give_choices(Cells *c, const Given *given, bool on);
 bool cells_same_choices(const Cells *c, const Given *p, const Given *q);
+/* ---- cells_same.c */
+bool cells_is_bend(const Cells *c, int32_t edge); /* a choice at which f and g bend, and do not jump */
+/* May it be a choice between two values of which each is the other in all of the cell? centre: g there. */
+bool cells_may_be_same(const Cells *c, const CellEdge *e, double centre);
+/* Of the edges that are open in n cells: drops those that are. False when memory runs out. */
+bool cells_close_same(Cells *c, Cell *cell, uint32_t n);
 /* ---- cells_given.c */
 /* Of those that are not done and need not be refined: edges for the ways in which others decide. */
 bool cells_give(Cells *c, Cell *cell, uint32_t n);
@@ -421,6 +443,8 @@ bool cells_drop_wrong(Cells *c);
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]);
 /* ---- cells_root.c */
 Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const double x[3], double guess);
+/* Where the cubic with these values and slopes at two places is 0, near `at`. */
+double cells_cubic_root(const double x[2], const double g[2], const double slope[2], double at);
 /* Where g is about 0 between two places with these g and slopes: the place as a function of g, a cubic through both. */
 static inline double cells_between(const double x[2], const double g[2], const double slope[2]) {
     double t = g[0] / (g[0] - g[1]), u = 1 - t;
@@ -487,6 +511,14 @@ void cells_emit_away(Cells *c, const Crossing *x, double base, uint8_t rule, con
 /* The crossings of the tied roots among those that are wanted. */
 bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 
+/* ---- cells_kinks.c: ties of the roots of middles whose g has a kink in the parameters, and of columns those */
+bool cells_find_kinks(Cells *c);
+/* Is the root's piece longer than moves go? At its ends other curves meet it. */
+bool cells_has_room(const Cells *c, const Root *r);
+/* That of a root, by the two orders after `move` and the next: the jump towards growing g, 0 where it is not seen. */
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]);
+bool cells_follow_kinks(Cells *c);
+
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot
  * be told apart, or because the rules differ and `may_refine`. */
 bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done);
@@ -516,7 +548,24 @@ bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *
 /* The axis along which bounds of its halves tell most, and these bounds. */
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
 
+void cells_copy_piece(Cells *c, uint32_t to, uint32_t from);
+
+/* ---- cells_border.c */
+/* May areas in the cell be told by what bounds them? */
+bool cells_may_border(const Cells *c, const Cell *cell);
+/* Behind the middles of the pieces from `first` on, all of a cell: of cells with `borders` they become pieces of one
+ * curve each, and what their faces tell goes out; of those where that cannot be `borders` ends. */
+bool cells_part_borders(Cells *c, uint32_t first);
+bool cells_borders_agree(const Cells *c, const Piece *p, const Column *from, const Column *to); /* the rules */
+void cells_emit_borders(Cells *c, const Piece *p, const Column *from, const Column *to);
+/* cells.c: it is known what becomes of a cell that has no common axis. */
+bool cells_end_borders(Cells *c, Cell *cell);
+
 /* ---- cells_volume.c */
+/* So much of what has this hash, at x; size: of the terms that this is made of. */
+void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size);
+/* What two measures may differ by through rounding, of terms of this size. */
+double cells_part_noise(const Cells *c, double size);
 bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
 bool cells_take_values(Cells *c);                                    /* f at all spots */
 bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */

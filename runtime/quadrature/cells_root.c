@@ -12,6 +12,7 @@ enum {
     FAR = 4,     /* and so many times farther f is taken once more where it may be a root there, or steep: */
     LOOKED = 16  /* of so many roots one is looked at */
 };
+#define SURE 0x1p-27     /* parts of a line: so short a step of Newton's method leads to the last floats */
 #define MOST_FAR 0x1p20 /* units from a root to its sides */
 
 /* Changes of f between floats beside a root, in parts of its jump: what matters, and what may be no straight line. */
@@ -33,9 +34,19 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
     r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
+    r->turns = 0;
     r->slack = c->b->f64 && !(e->state & SLT_EDGE_BENDS) ? 0 : -1; /* a slope that jumps is no cubic's */
     r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;
     return r;
+}
+
+double cells_cubic_root(const double x[2], const double g[2], const double slope[2], double at) {
+    enum { STEPS = 2 };
+    double width = x[1] - x[0], t = (at - x[0]) / width, p = slope[0] * width, q = slope[1] * width;
+    double b = 3 * (g[1] - g[0]) - 2 * p - q, a = p + q - 2 * (g[1] - g[0]);
+    for (int i = 0; i < STEPS; i++) t -= (g[0] + t * (p + t * (b + t * a))) / (p + t * (2 * b + t * 3 * a));
+    double to = x[0] + t * width;
+    return to > x[0] && to < x[1] ? to : at; /* NaN is not */
 }
 
 /* The slope of the cubic with these values and slopes at two places, at another one. */
@@ -46,14 +57,17 @@ static double slope_at(const double x[2], const double g[2], const double slope[
 
 /* Is `to` near enough that nothing more need be asked? Newton's step alone errs by the square of its length, in parts
  * of the line, on which slopes change by as much as they may in a cell; the cubic through the place before by that
- * times the square of the distance of the two, its slope by a length less. */
+ * times the square of the distance of the two, its slope by a length less. So a step of SURE leaves nothing of the
+ * place, and of the slope as much as its own length. */
 static bool ends_here(const Cells *c, Root *r, double newton, double both) {
     double line = r->ends_at[1] - r->ends_at[0], x = r->x[r->axis], dg = r->dg[r->axis];
     double step = fabs(newton - x), back = fabs(x - r->before[0]), off = step * back * back, all = line * line;
     bool last = off <= 0.25 * unit(c, r) * all; /* NaN is not */
-    bool cubic = (last || off <= r->slack * line * all) && step <= back;
+    double slack = r->turns > 0 ? 0 : r->slack * line;
+    bool cubic = (last || off <= slack * all) && step <= back;
     double to = cubic ? both : newton;
-    if (!cubic && !(step <= r->slack * line)) return false;
+    bool sure = step <= smaller(SURE, r->turns) * line;
+    if (!cubic && !sure && !(step <= slack)) return false;
     if (!(to >= r->ends_at[0] && to <= r->ends_at[1])) return false;
     /* Of two near places g tells less than it rounds: a slope there is better carried on from the slopes alone. */
     double noise = 6 * r->of->error / fabs(dg) * step / (back * back), straight = step * back / all;
@@ -64,7 +78,7 @@ static bool ends_here(const Cells *c, Root *r, double newton, double both) {
                                 (double[2]){r->dg_before[d], dg}, to);
         else r->dg[d] += (r->dg[d] - r->dg_before[d]) / (x - r->before[0]) * (to - x);
     r->x[r->axis] = cells_round(c, to), r->g = 0;
-    c->counts->loose |= !(cubic && last);
+    c->counts->loose |= !(cubic && last) && r->turns < HUGE_VAL;
     return true;
 }
 

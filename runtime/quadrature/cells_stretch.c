@@ -119,6 +119,7 @@ bool stretch_heights(Cells *c, uint32_t first, int end) {
         double x[3];
         place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
         if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
+        c->root[c->nroot - 1].turns = HUGE_VAL;
     }
     if (!cells_solve(c)) return false;
     const Root *r = c->root;

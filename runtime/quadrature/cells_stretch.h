@@ -24,6 +24,7 @@ typedef struct Stretch {
     double slope[2];                      /* bounds of the function's slope */
     double climb[2];                      /* of the curve's */
     double x[2];                          /* root: place and height */
+    double step;                          /* the last one towards it, in parts of the cell */
     enum { OPEN, ROOT, MET, DONE } state; /* MET: around a root that is known as well as numbers go */
 } Stretch;
 

@@ -183,8 +183,16 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
     return true;
 }
 
+/* Two ways of one event: which of them a point has before the move is a matter of rounding. */
+static bool keep_ways(Cells *c, Root *r, const Order order[2], uint32_t move, double times) {
+    double up[2][SLT_MAX_CHANNELS] = {{0}};
+    for (uint32_t way = 0; way < 2; way++)
+        for (uint32_t ch = 0; ch < c->s->channels; ch++) up[way][ch] = times * r->rises * order[way].jump[ch];
+    return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up);
+}
+
 /* A pair of orders, forth and back: sides of which the jump is their mean, and those for the coarse rule. */
-static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2]) {
+static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
     if (!stood->twin) return true; /* another curve was parted from it, that is nearer */
     if (!restore(c, r, stood, 2) || !CELLS_ROOM(c, sides, 2)) return false;
     const Sides of = *cells_sides(c, stood);
@@ -199,7 +207,8 @@ static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2]) {
             s->f[1][ch] = of.f[0][ch] + (own ? jump : -jump);
         }
     }
-    return true;
+    if (c->prunes || !event_same(&r->of->event, &stood->of->event) || !cells_has_room(c, r)) return true;
+    return keep_ways(c, r, order, move, 1) && keep_ways(c, stood, order, move, -1);
 }
 
 static bool move_apart(Cells *c, uint32_t n) {
@@ -218,7 +227,7 @@ static bool move_apart(Cells *c, uint32_t n) {
                 if (!forth->told || !back->told) continue;
                 uint32_t at = c->active[from + i];
                 const Order both[2] = {*forth, *back};
-                if (forth->seen || back->seen) memory = keep_pair(c, &c->root[at], stands_for(c, at), both);
+                if (forth->seen || back->seen) memory = keep_pair(c, &c->root[at], stands_for(c, at), both, m);
                 break;
             }
     }

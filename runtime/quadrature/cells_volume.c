@@ -14,13 +14,13 @@ static void flush_points(Cells *c, CellRule r) {
     if (n) c->sink->volume(c->sink->user, c->point[r], n, r, &c->within);
 }
 
-static void emit_parts(Cells *c, const double x[3], double fine, double coarse);
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double size);
 
 void cells_flush_points(Cells *c) {
     for (int i = 0; i < CELL_SHAPES; i++) {
-        const Shape *s = &c->shape[i];
-        if (s->fine > 0 || s->coarse > 0) emit_parts(c, s->x, s->fine, s->coarse);
-        c->shape[i].fine = c->shape[i].coarse = 0;
+        Shape *s = &c->shape[i];
+        if (s->used) emit_parts(c, s->x, s->fine, s->coarse, s->size);
+        s->used = false;
     }
     for (int r = 0; r < CELL_POINTS; r++) flush_points(c, (CellRule)r);
 }
@@ -70,35 +70,40 @@ static bool next_part(PartSpots *p) {
     return p->fine || p->coarse;
 }
 
-static double part_noise(const Cells *c, double measure) {
-    return larger(c->b->f64 ? 0x1p-50 : 0x1p-21, c->slack) * measure;
-}
+double cells_part_noise(const Cells *c, double size) { return larger(c->b->f64 ? 0x1p-50 : 0x1p-21, c->slack) * size; }
 
 /* Measures by the two rules: what both make equal goes out once, and else what the coarse one has more or less. */
-static void emit_parts(Cells *c, const double x[3], double fine, double coarse) {
-    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= part_noise(c, fine);
-    if (fine > 0) emit(c, x, fine, both ? CELL_BOTH : CELL_FINE);
+static void emit_parts(Cells *c, const double x[3], double fine, double coarse, double size) {
+    bool both = c->rule[CELL_COARSE].n > 0, same = fabs(coarse - fine) <= cells_part_noise(c, size);
+    if (fine != 0) emit(c, x, fine, both ? CELL_BOTH : CELL_FINE);
     if (both && !same) emit(c, x, coarse - fine, CELL_COARSE);
 }
 
-/* Parts of one piece. Those with the same hash, of a cell or of many, are parts of one shape: one point does for all,
- * but of an image, where each pixel has its own. */
+/* Those with the same hash, of a cell or of many, are parts of one shape: one point does for all. */
+void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size) {
+    Shape *s = &c->shape[hash % CELL_SHAPES];
+    if (s->used && s->hash != hash) {
+        emit_parts(c, s->x, s->fine, s->coarse, s->size);
+        s->used = false;
+    }
+    if (!s->used) {
+        *s = (Shape){.used = true, .hash = hash};
+        memcpy(s->x, x, sizeof s->x);
+    }
+    s->fine += fine, s->coarse += coarse, s->size += size;
+}
+
+/* Parts of one piece; of an image each pixel has its own. */
 void cells_emit_parts(Cells *c, uint32_t from, uint32_t to) {
     PartSpots p = parts_of(c, from, to);
     while (next_part(&p)) {
         const Spot *spot = p.fine ? p.fine : p.coarse;
         double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
         if (!spot->hashed || c->o->grid[0] > 0) {
-            emit_parts(c, spot->x, fine, coarse);
+            emit_parts(c, spot->x, fine, coarse, fine);
             continue;
         }
-        Shape *s = &c->shape[spot->hash % CELL_SHAPES];
-        if (s->hash != spot->hash && (s->fine > 0 || s->coarse > 0)) {
-            emit_parts(c, s->x, s->fine, s->coarse);
-            s->fine = s->coarse = 0;
-        }
-        if (!(s->fine > 0 || s->coarse > 0)) s->hash = spot->hash, memcpy(s->x, spot->x, sizeof s->x);
-        s->fine += fine, s->coarse += coarse;
+        cells_add_shape(c, spot->hash, spot->x, fine, coarse, fine);
     }
 }
 
@@ -226,7 +231,7 @@ bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to) {
         double fine = p.fine ? p.fine->weight : 0, coarse = p.coarse ? p.coarse->weight : 0;
         apart += fabs(fine - coarse), total += fine + coarse;
     }
-    return apart <= larger(c->o->tolerance * c->volume, part_noise(c, total));
+    return apart <= larger(c->o->tolerance * c->volume, cells_part_noise(c, total));
 }
 
 bool cells_add_columns_of_points(Cells *c) {
@@ -235,7 +240,7 @@ bool cells_add_columns_of_points(Cells *c) {
         end = i + 1;
         while (c->o->flat && end < c->ncolumn && k->piece == c->column[end].piece && k->rule == c->column[end].rule)
             end++;
-        if (!c->cell[c->piece[k->piece].cell].common) continue;
+        if (!c->cell[c->piece[k->piece].cell].common || c->piece[k->piece].alone) continue;
         if (!(c->o->flat ? fill_parts(c, k, &c->column[end]) : fill_column(c, k, (CellRule)k->rule))) return false;
     }
     return true;

@@ -94,7 +94,8 @@ void effort_apply(const Effort *e, Sweep *p, uint64_t used) {
     o->slack = e->fixed || slack < (e->f64 ? 0x1p-40 : 0x1p-20) ? 0 : slack;
     /* The coarse rule. Of one point, two tell the error as well. */
     o->coarse = e->gauss > 1 ? e->gauss - 1 : 2;
-    p->parts = e->parts, p->left_share = e->left_share, p->least_ever = least_of(e), p->deeper = e->deeper;
+    p->wanted = e->wanted, p->parts = e->parts, p->left_share = e->left_share, p->least_ever = least_of(e),
+    p->deeper = e->deeper;
     p->budget = e->limit > used ? e->limit - used : 1;
     if (p->budget > e->stage) p->budget = e->stage;
 }

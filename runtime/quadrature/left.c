@@ -40,7 +40,7 @@ static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n) {
         stride *= t->side[d];
         if (d >= t->dim) continue;
         double h = (b->end[d] - b->lo[d]) / t->n[d];
-        t->pos[d][0] = b->lo[d], t->pos[d][t->n[d] + 1] = b->end[d];
+        t->pos[d][0] = b->lo[d], t->pos[d][t->n[d] + 1] = b->hi[d]; /* what jumps in the gap behind is cells_gap.c's */
         for (uint32_t k = 0; k < t->n[d]; k++) t->pos[d][k + 1] = b->lo[d] + (k + 0.5) * h;
     }
 }

@@ -51,15 +51,11 @@ static void volume_integral(SweepWorker *v, const CellPoint *p, uint32_t n, Cell
             for (uint32_t i = 0; i < n; i++) add_value(v, rule, c, p[i].weight * batch_get(b, SLT_OUT_F, c, i));
         return;
     }
-    for (uint32_t c = 0; c < channels; c++) {
-        for (uint32_t o = 0; o < channels; o++)
-            for (uint32_t i = 0; i < n; i++) batch_set(b, SLT_IN_SEED0 + o, i, o == c ? p[i].weight : 0);
-        b->again = c > 0;
-        accum_call(&v->w->acc, b, SLT_K_VJP, n, group * channels + c);
-        for (uint32_t o = 0; c == 0 && o < channels; o++) /* the reverse kernel gives f as well */
-            for (uint32_t i = 0; i < n; i++) add_value(v, rule, o, p[i].weight * batch_get(b, SLT_OUT_F, o, i));
-    }
-    b->again = false;
+    double weight[BATCH];
+    for (uint32_t i = 0; i < n; i++) weight[i] = p[i].weight;
+    accum_rows(&v->w->acc, b, weight, n, group * channels);
+    for (uint32_t c = 0; c < channels; c++) /* the reverse kernel gives f as well */
+        for (uint32_t i = 0; i < n; i++) add_value(v, rule, c, p[i].weight * batch_get(b, SLT_OUT_F, c, i));
 }
 
 static void volume_image(SweepWorker *v, const CellPoint *p, uint32_t n) {

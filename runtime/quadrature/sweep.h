@@ -54,6 +54,7 @@ typedef struct Sweep {
                                   the sweep has cost */
     uint32_t parts;        /* SWEEP_INTEGRAL: by how much tiles are smaller along each axis than the usual ones; 0: 1 */
     uint64_t budget;       /* evaluations of the whole sweep, cells and what is left; 0: no limit */
+    bool wanted;           /* an error is: lines through what is left are as many as makes sense beside cells */
     double left_share;     /* of the budget, for what is left */
     uint64_t cells_budget; /* of the cells alone, if less; 0: no limit of its own */
     double only_if_left;   /* if cells leave over more than this share, the sweep ends with them; */

@@ -7,8 +7,10 @@
 
 enum {
     LEFT_LINES = 32, /* most lines across a cell */
-    LEFT_LEAST = 64  /* cells that are looked at, whatever they cost */
+    LEFT_LEAST = 64, /* cells that are looked at, whatever they cost */
+    CROSSING_COST = 6
 };
+#define LEFT_PAYS 0.125
 
 double sweep_hidden(const Sweep *p, const LeftCell *l) {
     double most = 0;
@@ -80,15 +82,24 @@ static double face(const Box *b, uint32_t dim) {
     return shortest > 0 ? m / shortest : 0;
 }
 
+/* What so many lines along each axis of a cell cost: their vertices, and two crossings on each. */
+static double cost_of(uint32_t lines, uint32_t dim) {
+    return pow(lines + 2, dim) + 2.0 * CROSSING_COST * dim * pow(lines, dim - 1);
+}
+
 /* Lines across a cell such that all of them together cost what is wanted. */
-static void plan_lines(Sweep *p, double spare) {
+static void plan_lines(Sweep *p, double used, double spare) {
     uint32_t dim = p->run->s->dim;
-    double left = 0;
+    double left = 0, cells = (double)p->nleft;
     for (uint64_t i = 0; i < p->nleft; i++) left += sweep_measure(&p->left[i].box, dim);
     double vertices = fmax(p->segments / dim, p->samples) * left / p->volume;
     if (p->budget) vertices = fmin(vertices, 0.5 * spare);
-    double n = 2 * round(0.5 * pow(vertices / (double)p->nleft, 1.0 / dim));
+    double n = 2 * round(0.5 * pow(vertices / cells, 1.0 / dim));
     p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
+    /* Where an error is wanted, no fewer than a share of what cells have cost pays for: around points few are left, and
+     * lines are cheaper there than ever smaller cells. */
+    double most = fmin(LEFT_PAYS * used, p->budget ? 0.5 * spare : HUGE_VAL) / cells;
+    while (p->wanted && p->lines < LEFT_LINES && cost_of(p->lines + 2, dim) <= most) p->lines += 2;
 }
 
 /* Of more cells from `from` on than can be paid for some stand for all, chosen in proportion to their measure and to
@@ -137,12 +148,13 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
     uint64_t chunks = (p->nleft + LEFT_CHUNK - 1) / LEFT_CHUNK, began = r->stats.evaluations, worked = 0;
     double cost = p->marches ? MARCH_COST : LEFT_COST;
     SltStatus st = SLT_OK;
-    plan_lines(p, p->budget > began - start ? (double)(p->budget - (began - start)) : 0);
+    uint64_t used = began - start;
+    plan_lines(p, (double)used, p->budget > used ? (double)(p->budget - used) : 0);
     if (p->options.curves && !p->marches && !make_apart(p)) return status_fail(r->err, SLT_LIMIT, "out of memory");
     p->first_chunk = 0;
     for (uint32_t k = p->marches || !p->budget ? PARTS - 1 : 0; k < PARTS && st == SLT_OK; k++) {
         uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;
-        uint64_t used = r->stats.evaluations - start;
+        used = r->stats.evaluations - start;
         if (to <= from) continue;
         plan_cells(p, from * LEFT_CHUNK, p->budget > used ? (double)(p->budget - used) : 0, cost);
         st = run_tiles(r, to - from, left_work, left_merge, p);

@@ -38,14 +38,16 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     memset(a, 0, sizeof *a);
     a->s = s, a->n = n;
     a->stride = (s->f64 ? 8 : 4) * (uint64_t)(s->flat_adj ? 1 : s->width);
-    a->bytes = (a->stride * s->nfloats + 63) & ~(uint64_t)63;
+    a->bytes = a->stride * s->nfloats;
     uint32_t blocks = s->nfloats / ACCUM_BLOCK + 1;
+    a->adj = zero_pages(a->bytes * n + 64);
+    if (!a->adj) return false;
     for (uint32_t i = 0; i < n; i++) {
         AdjointBuffer *b = &a->buf[i];
-        b->adj = zero_pages(a->bytes + 64);
+        b->adj = a->adj + i * a->bytes;
         b->sum = alloc_zero(s->nfloats, sizeof *b->sum);
         b->touched = alloc_zero(blocks, sizeof *b->touched);
-        if (!b->adj || !b->sum || !b->touched) return false;
+        if (!b->sum || !b->touched) return false;
     }
     a->blocks = alloc_zero(blocks, sizeof *a->blocks);
     if (!a->blocks) return false;
@@ -57,11 +59,9 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 }
 
 void accum_free(Accum *a) {
-    for (uint32_t i = 0; i < a->n; i++) {
-        free_pages(a->buf[i].adj, a->bytes + 64);
+    for (uint32_t i = 0; i < a->n; i++)
         free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
-    }
-    free_pages(a->scratch, a->bytes + 64);
+    free_pages(a->adj, a->bytes * a->n + 64), free_pages(a->scratch, a->bytes * SLT_MAX_CHANNELS + 64);
     free(a->blocks), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
     memset(a, 0, sizeof *a);
 }
@@ -87,12 +87,12 @@ static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *ar
     args->log_cap = buf->log_cap - buf->log_len, args->log_len = 0;
 }
 
-void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
-    assert(which < a->n);
+static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which, uint32_t rows) {
+    assert(which + rows <= a->n);
     AdjointBuffer *buf = &a->buf[which];
     if (!n || a->failed) return;
-    buf->dirty = true;
-    b->args.adj = buf->adj;
+    for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
+    b->args.adj = buf->adj, b->args.rows = (int32_t)rows;
     if (!buf->log_cap && !grow_log(a, buf, 0)) {
         a->failed = true;
         return;
@@ -104,7 +104,7 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     uint64_t len = b->args.log_len;
     if (len > b->args.log_cap) {
         /* The adjoints of this call are in adj already: the second run is for the log alone. */
-        if (!a->scratch) a->scratch = zero_pages(a->bytes + 64);
+        if (!a->scratch) a->scratch = zero_pages(a->bytes * SLT_MAX_CHANNELS + 64);
         if (!a->scratch || !grow_log(a, buf, buf->log_len + len)) {
             a->failed = true;
             return;
@@ -119,18 +119,39 @@ void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t whi
     if (a->folded.slot && buf->log_len > FOLD) a->failed |= !accum_fold_log(a, which);
 }
 
+void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which) {
+    call_rows(a, b, kind, n, which, 1);
+}
+
+void accum_site_rows(Accum *a, Batch *b, uint32_t n, uint32_t which) {
+    call_rows(a, b, SLT_K_SITE_VJP, n, which, a->s->channels);
+}
+
+void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t which) {
+    uint32_t channels = a->s->channels;
+    bool together = a->s->layout[SLT_K_VJP].reads >> SLT_IN_ROWS & 1, again = b->again;
+    for (uint32_t c = 0; c < (together ? 1 : channels); c++) {
+        for (uint32_t seed = 0; seed < channels; seed++)
+            for (uint32_t i = 0; i < n; i++)
+                batch_set(b, SLT_IN_SEED0 + seed, i, together || seed == c ? weight[i] : 0);
+        b->again = again || c > 0;
+        call_rows(a, b, SLT_K_VJP, n, which + c, together ? channels : 1);
+    }
+    b->again = again;
+}
+
 /* All bits zero? In integers, which the compiler may reorder: most blocks of most tiles are zero, and cost this loop.
  */
 static bool untouched(const void *block, uint64_t bytes) {
-    const uint64_t *v = block;
-    uint64_t any = 0, words = bytes / 8;
-    for (uint64_t from = 0; from < words; from += 512) {
-        uint64_t to = from + 512 < words ? from + 512 : words;
+    const uint32_t *v = block;
+    uint64_t words = bytes / sizeof *v;
+    for (uint64_t from = 0; from < words; from += 1024) {
+        uint64_t to = from + 1024 < words ? from + 1024 : words;
+        uint32_t any = 0;
         for (uint64_t i = from; i < to; i++) any |= v[i];
         if (any) return false;
     }
-    for (uint64_t i = words * 8; i < bytes; i++) any |= ((const unsigned char *)block)[i];
-    return !any;
+    return true;
 }
 
 #define SUM_LANES(name, T)                                                                                             \
@@ -164,11 +185,15 @@ void accum_close(Accum *a) {
     if (a->folded.slot) a->failed |= !accum_fold(a);
 }
 
-static void add_log(const AdjointBuffer *buf, bool f64, uint32_t nfloats, double *to) {
+/* Behind the last buffer are no rows: an index there is none. */
+static void add_log(const Accum *a, uint32_t which, double *const *targets) {
+    const AdjointBuffer *buf = &a->buf[which];
     for (uint64_t e = 0; e < buf->log_len; e++) {
-        uint32_t p = buf->log_index[e];
-        if (p < nfloats)
-            to[p] += f64 ? ((const double *)buf->log_value)[e] : (double)((const float *)buf->log_value)[e];
+        uint32_t p = buf->log_index[e], row = which;
+        for (; p >= a->s->nfloats && row < a->n; row++) p -= a->s->nfloats;
+        if (row < a->n)
+            targets[row][p] +=
+                a->s->f64 ? ((const double *)buf->log_value)[e] : (double)((const float *)buf->log_value)[e];
     }
 }
 
@@ -180,7 +205,7 @@ void accum_merge(Accum *a, double *const *targets) {
             uint32_t p0 = buf->touched[t], p1 = p0 + ACCUM_BLOCK < a->s->nfloats ? p0 + ACCUM_BLOCK : a->s->nfloats;
             for (uint32_t p = p0; p < p1; p++) to[p] += buf->sum[p];
         }
-        add_log(buf, a->s->f64, a->s->nfloats, to);
+        add_log(a, i, targets);
         buf->ntouched = 0, buf->log_len = 0;
     }
 }

@@ -12,12 +12,13 @@ enum {
 };
 
 typedef struct AdjointBuffer {
-    unsigned char *adj; /* of this tile: flt[nfloats][width], or flt[nfloats] where the scene has flat_adj */
+    unsigned char *adj; /* of this tile: flt[nfloats][width], or flt[nfloats] where the scene has flat_adj. Those of one
+                           buffer lie behind those of the one before, as the rows of a kernel do */
     double *sum;        /* [nfloats]: adj summed over lanes */
     uint32_t *touched;  /* [ntouched]: first parameter of each block whose sum is not 0 */
     uint32_t ntouched;
     bool dirty;                /* a kernel has added to adj */
-    uint32_t *log_index;       /* of this tile: see SltKernelArgs.log_index */
+    uint32_t *log_index;       /* of this tile: see SltKernelArgs.log_index. Of later rows, too, of calls for several */
     unsigned char *log_value;  /* flt */
     uint64_t log_len, log_cap; /* entries */
 } AdjointBuffer;
@@ -33,14 +34,18 @@ typedef struct Accum {
     Folded folded;
     uint64_t stride, bytes; /* of adj: bytes a parameter, bytes in all */
     AdjointBuffer buf[ACCUMS];
+    unsigned char *adj;        /* of all buffers */
     uint32_t *blocks, nblocks; /* first parameter of each block of 16 that kernels may add to */
     unsigned char *scratch; /* instead of adj where a call is repeated for its log: what it adds must not count twice */
     bool failed;            /* memory ran out */
 } Accum;
 bool accum_init(Accum *a, const SltScene *s, uint32_t n);
 void accum_free(Accum *a);
-/* Runs a reverse kernel that adds into buffer `which`. */
+/* Runs a reverse kernel that adds into buffer `which`, or with rows each row into the next one: of SITE_VJP for the
+ * seeds of its channels, of VJP the derivatives of each channel times weight[n]. b->again: of the first call of VJP. */
 void accum_call(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which);
+void accum_site_rows(Accum *a, Batch *b, uint32_t n, uint32_t which);
+void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t which);
 /* accum_close ends a tile, in `work`: lanes are summed into doubles. accum_merge, in `merge`, adds them and the log to
  * targets[which][nfloats], and empties the buffers. */
 void accum_close(Accum *a);

@@ -36,10 +36,12 @@ bool accum_fold_log(Accum *a, uint32_t which) {
     AdjointBuffer *b = &a->buf[which];
     for (uint64_t e = 0; e < b->log_len; e++) {
         double v = a->s->f64 ? ((const double *)b->log_value)[e] : (double)((const float *)b->log_value)[e];
-        if (v == 0 || b->log_index[e] >= a->s->nfloats) continue; /* of a colour all channels but one are 0 */
-        double *sum = sums_of(a, b->log_index[e]);
+        uint32_t p = b->log_index[e], row = which;
+        for (; p >= a->s->nfloats && row < a->n; row++) p -= a->s->nfloats;
+        if (v == 0 || row == a->n) continue; /* of a colour all channels but one are 0 */
+        double *sum = sums_of(a, p);
         if (!sum) return false;
-        sum[which] += v;
+        sum[row] += v;
     }
     b->log_len = 0;
     return true;

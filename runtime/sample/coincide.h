@@ -41,5 +41,11 @@ bool coincide_aside(Sink *k, const Crossing *c, Crossing *x);
  * SLT_DROP_COINCIDENT. */
 void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, uint32_t n);
 void kink_free(Kinks *q);
+enum { KINK_NONE = UNTIE_WAYS / 2 };
+/* pair[i]: the moves, 2 pair[i] and the next, that show a kink at crossing at[i]; KINK_NONE: none do. Their changes of
+ * g then do not make up for each other, to this part of them and to least[i]. How many have one. The n <= BATCH
+ * crossings go by site. */
+uint32_t kink_find(Batch *b, const Apart *apart, const Crossing *const *at, const double *least, double bent,
+                   uint32_t n, uint32_t *pair);
 
 #endif

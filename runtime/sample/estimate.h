@@ -58,10 +58,12 @@ typedef struct SltScene {
     const uint8_t *site_kind;       /* [nsites]: SltSiteKind */
     const uint8_t *site_static;     /* [nsites]: 1 where g does not depend on x: contributes nothing; NULL: none */
     const uint8_t *site_skips;      /* [nsites]: 1 under [SkipLoop], one boundary of many iterations; NULL: none */
+    const uint8_t *site_ties;       /* [nsites]: 1 where g hangs on a choice that parameters alone make; NULL: none */
     bool still;                     /* what is no site does not move */
     uint32_t nedges;                /* sites, then seams, which only `bounds` and the edge kernels know */
     const uint8_t *edge_kind;       /* [nedges]: SltSiteKind */
     const uint8_t *edge_upsets;     /* [nedges]: SltUpset; NULL: none */
+    const uint8_t *edge_bends;      /* [nedges]: 1 for a minimum, maximum or absolute value; NULL: none */
     const uint32_t *edge_line;      /* [nedges]: of the source; NULL: not known */
     bool flat;                      /* between edges neither f nor its derivatives change with the position */
     bool told;                      /* and they are the same wherever the hash is: seams do not jump */

@@ -391,6 +391,7 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
     const Grid *g = &p->run->grid;
     const SltScene *s = p->run->s;
     uint64_t from = tile * INTEGRAL_TILE, to = from + INTEGRAL_TILE < p->samples ? from + INTEGRAL_TILE : p->samples;
+    double weight[BATCH];
     if (!worker_values(w, s->channels)) return false;
     b->args.cull = NULL;
     for (uint64_t at = from; at < to;) {
@@ -408,14 +409,11 @@ static bool total_work(void *user, uint32_t worker, uint64_t tile) {
                 for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, SLT_OUT_F, c, i);
             continue;
         }
-        for (uint32_t c = 0; c < s->channels; c++) {
-            for (uint32_t o = 0; o < s->channels; o++)
-                for (uint32_t i = 0; i < n; i++) batch_set(b, SLT_IN_SEED0 + o, i, o == c ? p->weight : 0);
-            b->again = !p->both || c > 0;
-            accum_call(&w->acc, b, SLT_K_VJP, n, c);
-            for (uint32_t o = 0; p->both && c == 0 && o < s->channels; o++) /* the reverse kernel gives f as well */
-                for (uint32_t i = 0; i < n; i++) w->value[o] += batch_get(b, SLT_OUT_F, o, i);
-        }
+        for (uint32_t i = 0; i < n; i++) weight[i] = p->weight;
+        b->again = !p->both;
+        accum_rows(&w->acc, b, weight, n, 0);
+        for (uint32_t c = 0; p->both && c < s->channels; c++) /* the reverse kernel gives f as well */
+            for (uint32_t i = 0; i < n; i++) w->value[c] += batch_get(b, SLT_OUT_F, c, i);
     }
     accum_close(&w->acc);
     return !w->acc.failed;

@@ -28,10 +28,8 @@ static double least(const Sink *k, const Crossing *c) {
     return (ROUNDING * unit * most + PART * k->coincide.apart->step) * sqrt(steep) + 4 * fabs(c->g);
 }
 
-/* pair[i]: the moves that show a kink at crossing at[i], PAIRS: none do. Returns how many have one. The crossings go by
- * site. */
-static uint32_t find(Sink *k, const Crossing *const *at, uint32_t n, uint32_t *pair) {
-    Batch *b = k->b;
+uint32_t kink_find(Batch *b, const Apart *apart, const Crossing *const *at, const double *least, double bent,
+                   uint32_t n, uint32_t *pair) {
     const SltCullList *lists = b->args.cull; /* good where nothing has moved */
     uint32_t found = 0;
     b->args.cull = NULL;
@@ -39,26 +37,36 @@ static uint32_t find(Sink *k, const Crossing *const *at, uint32_t n, uint32_t *p
         double by[UNTIE_WAYS][BATCH];
         for (to = from + 1; to < n && at[to]->event.site == at[from]->event.site;) to++;
         b->args.site = at[from]->event.site;
-        for (uint32_t i = from; i < to; i++) sink_put(k, i - from, at[i]);
+        for (uint32_t i = from; i < to; i++) {
+            batch_set_x(b, i - from, at[i]->x);
+            batch_set_stream(b, i - from, at[i]->stream, at[i]->rand0);
+            batch_set_event(b, i - from, &at[i]->event);
+        }
         for (uint32_t m = 0; m < UNTIE_WAYS; m++) {
-            untie_use(b, &k->coincide.apart->move[m].scene);
+            untie_use(b, &apart->move[m].scene);
             batch_call(b, SLT_K_SITE, to - from);
             for (uint32_t i = from; i < to; i++) by[m][i - from] = batch_get(b, SLT_OUT_G, 0, i - from) - at[i]->g;
         }
         for (uint32_t i = from; i < to; i++) {
             double most = 0;
-            pair[i] = PAIRS;
+            pair[i] = KINK_NONE;
             for (uint32_t p = 0; p < PAIRS; p++) {
-                double forth = by[2 * p][i - from], back = by[2 * p + 1][i - from], apart = fabs(forth + back);
-                if (!(apart > BENT * (fabs(forth) + fabs(back)) + least(k, at[i]) && apart > most)) continue;
-                pair[i] = p, most = apart;
+                double forth = by[2 * p][i - from], back = by[2 * p + 1][i - from], sum = fabs(forth + back);
+                if (!(sum > bent * (fabs(forth) + fabs(back)) + least[i] && sum > most)) continue;
+                pair[i] = p, most = sum;
             }
-            found += pair[i] < PAIRS;
+            found += pair[i] != KINK_NONE;
         }
     }
     untie_use(b, b->s);
     b->args.cull = lists;
     return found;
+}
+
+static uint32_t find(Sink *k, const Crossing *const *at, uint32_t n, uint32_t *pair) {
+    double slack[BATCH];
+    for (uint32_t i = 0; i < n; i++) slack[i] = least(k, at[i]);
+    return kink_find(k->b, k->coincide.apart, at, slack, BENT, n, pair);
 }
 
 /* Does g rise the same way after both moves, and about as fast? If not they have gone farther than the other side of a
@@ -122,7 +130,7 @@ void kink_settle(Sink *k, const Crossing *c, const uint64_t *order, bool *keep, 
         if (!find(k, at, nat, pair)) return;
     }
     for (uint32_t i = 0; i < nat; i++) {
-        if (pair[i] == PAIRS || !is_kink(k, at[i], pair[i])) continue;
+        if (pair[i] == KINK_NONE || !is_kink(k, at[i], pair[i])) continue;
         Crossing **list = &q->at[pair[i]];
         if (!*list && !(*list = malloc(BATCH * sizeof **list))) {
             k->failed = true;

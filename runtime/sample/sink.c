@@ -165,23 +165,30 @@ static double sign_of(const Crossing *x) {
 }
 
 /* ---- a group of crossings order[0..n) of one site and class, with their weights */
+/* The seed of each channel; false where all are 0. */
+static bool put_seeds(Sink *k, uint32_t lane, const Crossing *x, double weight) {
+    bool any = false;
+    for (uint32_t ch = 0; ch < k->b->s->channels; ch++) {
+        double seed = weight * x->jump[ch];
+        any |= seed != 0;
+        batch_set(k->b, SLT_IN_SEED0 + ch, lane, seed);
+    }
+    return any;
+}
+
 /* Adjoints by channel, into the buffers from `first` on, and into those from `again` on if it is not the same. */
 static void emit_integral(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first,
                           uint32_t again) {
-    uint32_t channels = k->b->s->channels;
-    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
-    for (uint32_t ch = 0; ch < channels; ch++) {
-        bool any = false;
-        for (uint32_t i = 0; i < n; i++) {
-            const Crossing *x = &c[(uint32_t)order[i]];
-            double seed = x->weight * x->jump[ch] * (k->any_sign ? sign_of(x) : 1);
-            any |= seed != 0;
-            batch_set(k->b, SLT_IN_SEED0, i, seed);
-        }
-        if (!any) continue;
-        accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, first + ch);
-        if (again != first) accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, again + ch);
+    bool any = false;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        double weight = x->weight * (k->any_sign ? sign_of(x) : 1);
+        sink_put(k, i, x);
+        any |= put_seeds(k, i, x, weight);
     }
+    if (!any) return;
+    accum_site_rows(k->acc, k->b, n, first);
+    if (again != first) accum_site_rows(k->acc, k->b, n, again);
 }
 
 /* Into the sketches, which come after the other sums. */
@@ -193,31 +200,28 @@ static void emit_sketches(Sink *k, const Crossing *c, const uint64_t *order, uin
         if (k->sketch.apart[0]) sketch_weights_spread(&k->sketch, x->line, x->axis, weight[i]);
         else sketch_weights(&k->sketch, x->x, x->axis, weight[i]);
     }
-    for (uint32_t q = 0; q < SKETCHES; q++)
-        for (uint32_t ch = 0; ch < channels; ch++) {
-            uint32_t used = 0;
-            for (uint32_t i = 0; i < n; i++) {
-                const Crossing *x = &c[(uint32_t)order[i]];
-                double seed = weight[i][q] * x->weight * x->jump[ch];
-                if (seed == 0) continue;
-                sink_put(k, used, x);
-                batch_set(k->b, SLT_IN_SEED0, used++, seed);
-            }
-            accum_call(k->acc, k->b, SLT_K_SITE_VJP, used, (3 + q) * channels + ch);
+    for (uint32_t q = 0; q < SKETCHES; q++) {
+        uint32_t used = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            const Crossing *x = &c[(uint32_t)order[i]];
+            if (!put_seeds(k, used, x, weight[i][q] * x->weight)) continue;
+            sink_put(k, used++, x);
         }
+        accum_site_rows(k->acc, k->b, used, (3 + q) * channels);
+    }
 }
 
 /* Of crossings of lines: how much there is of the boundary, jumps of both signs alike; those that coarser lines miss
  * count twice. */
 static void emit_size(Sink *k, const Crossing *c, const uint64_t *order, uint32_t n, uint32_t first, bool missed) {
-    for (uint32_t i = 0; i < n; i++) sink_put(k, i, &c[(uint32_t)order[i]]);
-    for (uint32_t ch = 0; ch < k->b->s->channels; ch++) {
-        for (uint32_t i = 0; i < n; i++) {
-            const Crossing *x = &c[(uint32_t)order[i]];
-            batch_set(k->b, SLT_IN_SEED0, i, (missed ? 2 : 1) * fabs(x->weight * x->jump[ch]));
-        }
-        accum_call(k->acc, k->b, SLT_K_SITE_VJP, n, first + ch);
+    uint32_t channels = k->b->s->channels;
+    for (uint32_t i = 0; i < n; i++) {
+        const Crossing *x = &c[(uint32_t)order[i]];
+        sink_put(k, i, x);
+        for (uint32_t ch = 0; ch < channels; ch++)
+            batch_set(k->b, SLT_IN_SEED0 + ch, i, (missed ? 2 : 1) * fabs(x->weight * x->jump[ch]));
     }
+    accum_site_rows(k->acc, k->b, n, first);
 }
 
 /* Into the buffer `which`. size: 0, or as emit_size how much there is of the boundary where an adjoint is, so many

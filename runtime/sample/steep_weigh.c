@@ -34,14 +34,11 @@ static double section(const SteepProbe *p, uint32_t axis) {
 
 /* The points in the batch, with these weights, to one part of a group. */
 static void add(Weights *w, Group g, uint32_t n, const double *weight, const uint32_t *line) {
-    uint32_t channels = w->p->s->channels;
-    for (uint32_t part = 0; part < PARTS; part++)
-        for (uint32_t c = 0; c < channels; c++) {
-            for (uint32_t o = 0; o < channels; o++)
-                for (uint32_t i = 0; i < n; i++)
-                    batch_set(&w->p->batch, SLT_IN_SEED0 + o, i, o == c && line[i] % PARTS == part ? weight[i] : 0);
-            accum_call(&w->acc, &w->p->batch, SLT_K_VJP, n, (g * PARTS + part) * channels + c);
-        }
+    double of_part[BATCH];
+    for (uint32_t part = 0; part < PARTS; part++) {
+        for (uint32_t i = 0; i < n; i++) of_part[i] = line[i] % PARTS == part ? weight[i] : 0;
+        accum_rows(&w->acc, &w->p->batch, of_part, n, (g * PARTS + part) * w->p->s->channels);
+    }
 }
 
 /* f at the middle of each ramp and a little to both sides along every axis: its slope, and the square of its normal. */

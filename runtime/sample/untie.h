@@ -45,6 +45,7 @@ typedef struct Tie {
     bool kink;          /* it depends on the order: the integral has no derivative */
     uint8_t between[2]; /* the two moves that differ by 2 half */
     bool doubted;       /* it does after some moves alone: rounding may make that */
+    bool bent;          /* cells_kinks.c: its own g has the kink */
     bool untold;        /* n = naway = 0, and it may be another's all the same */
 } Tie;
 

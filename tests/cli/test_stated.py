@@ -1,5 +1,6 @@
 """Stated errors of quadrature: never smaller than true ones, where bounds prove little."""
 import math
+import random
 
 from harness import *
 
@@ -88,6 +89,31 @@ class Shared(Case):
     def test_a_box_less_another(self):
         self.drawing((2 * 2 - 0.5 * 1) / 8.13008**2, "max(max(1.5 - x, x - 3.5), max(2.25 - y, y - 4.25))",
                      "max(max(1.5 - x, x - 2.0), max(2.25 - y, y - 3.25))", combine="max(g, -(%s))")
+
+    def test_few_evaluations(self):
+        """Boxes between five places along each axis, written in two ways: cells are left on one side of a gap that holds
+        the strip between two boxes. Lines through them end where the gap begins, and count nothing that it counts."""
+        for seed in (4, 5, 9):
+            rng = random.Random(seed)
+            xs, ys = (sorted(rng.uniform(0.1, 0.9) for _ in range(5)) for _ in range(2))
+            lines, cells = "", set()
+            for _ in range(8):
+                (i, j), (l, m), o = sorted(rng.sample(range(5), 2)), sorted(rng.sample(range(5), 2)), rng.uniform(-1, 1)
+                X, Z, Y, T = (8.13008 * v for v in (xs[i], xs[j], ys[l], ys[m]))
+                lines += rng.choice(("g = min(g, max(max(max(%r - x, -(%r - x)), -(y - %r)), y - %r)); " % (X, Z, Y, T),
+                                     "g = min(g, max(max(%r - x, x - %r), max(%r - (y + %r), (y + %r) - %r))); "
+                                     % (X, Z, Y + o, o, o, T + o)))
+                cells |= {(p, q) for p in range(i, j) for q in range(l, m)}
+            area = sum((xs[p + 1] - xs[p]) * (ys[q + 1] - ys[q]) for p, q in cells)
+            self.put("s.salt", "param float scale = 1.0; param float2 shift = float2(0.0, 0.0); "
+                     "shader float main(float2 p) { float2 q = (p * scale + shift) * 8.13008; float x = q.x; float y = q.y; "
+                     "float g = 1.0; %s [Disc] if (g < 0.0) return 1.0; return 0.0; }" % lines)
+            for most in ("5000", "12000", "30000"):
+                j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64",
+                                  "--error", "1e-6", "--max-evaluations", most, code=6)
+                for got, want, error in zip([j["gradient"]["scale"], *j["gradient"]["shift"]], (-2 * area, 0, 0),
+                                            [j["stderr"]["scale"], *j["stderr"]["shift"]]):
+                    self.assertLessEqual(abs(got - want), 2 * error)
 
     def test_a_distance_taken_twice(self):
         """The two parts of a ring overlap: a choice between values that are the same but for rounding, of which bounds

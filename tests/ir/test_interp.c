@@ -287,6 +287,17 @@ static void test_arrays(void **state) {
         c->args.out[0] = c->out;
         assert_int_equal(run(t.fn, &c->args, N, widths[w]), SLT_OK);
         for (int k = 0; k < N; k++) assert_true(c->out[k] == (k >= 4 && c->x[k] < 0 ? 3 * c->x[k] : 0));
+        Interp *again = ir_interp(&t.s->scratch, t.fn, widths[w]); /* laid out once: nothing of a call is left over */
+        for (int call = 0; call < 3; call++) {
+            uint64_t fuel = 10000;
+            for (int k = 0; k < N; k++) c->x[k] = call == 1 ? -7 : (float)k - 50;
+            memset(c->out, 0xff, sizeof c->out);
+            assert_int_equal(ir_interp_run(again, &c->args, N, &fuel, 0, NULL, NULL), SLT_OK);
+            assert_true(fuel < 10000);
+            for (int k = 0; k < N; k++) assert_true(c->out[k] == (k >= 4 && c->x[k] < 0 ? 3 * c->x[k] : 0));
+            fuel = 3;
+            assert_int_equal(ir_interp_run(again, &c->args, N, &fuel, 0, NULL, NULL), SLT_LIMIT);
+        }
     }
     free(c);
     close_fn(&t);

@@ -1,5 +1,6 @@
 /* Programs that nobody means: huge, half-typed, pathological. Each ends in less than a second with a status and, if
  * that is an error, with a place; none crashes. */
+#include <ctype.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -230,7 +231,8 @@ static void large_sizes(void **state) {
             "E0125");
 }
 
-/* As typed: every prefix of a program, and the program without each of its tokens. */
+/* As typed: every prefix of a program, and the program without each of its tokens. Of blanks only those that keep two
+ * words apart are tokens here: with or without another the program is the same. */
 static const char typed[] = "import sdf;\n"
                             "const int N = 3; /* a comment */\n"
                             "typedef float2 P;\n"
@@ -270,14 +272,20 @@ static void typed_prefixes(void **state) {
     }
 }
 
+static bool is_word(char c) { return isalnum((unsigned char)c) || c == '_'; }
+
 static void typed_holes(void **state) {
     (void)state;
     size_t len = sizeof typed - 1;
     for (size_t at = 0; at < len;) {
         size_t end = at + 1;
-        bool word = (typed[at] | 32) >= 'a' && (typed[at] | 32) <= 'z';
-        while (word && end < len && (((typed[end] | 32) >= 'a' && (typed[end] | 32) <= 'z') || typed[end] == '_'))
-            end++;
+        bool word = isalpha((unsigned char)typed[at]);
+        while (word && end < len && (isalpha((unsigned char)typed[end]) || typed[end] == '_')) end++;
+        bool blank = isspace((unsigned char)typed[at]);
+        if (blank && !(at && end < len && is_word(typed[at - 1]) && is_word(typed[end]))) {
+            at = end;
+            continue;
+        }
         char what[64], *s = malloc(2 * len + 2);
         snprintf(what, sizeof what, "without bytes %zu to %zu", at, end);
         memcpy(s, typed, at);
@@ -286,7 +294,7 @@ static void typed_holes(void **state) {
         snprintf(what, sizeof what, "bytes %zu to %zu twice", at, end);
         memcpy(s, typed, end);
         memcpy(s + end, typed + at, len - at + 1);
-        compile(what, s, -1, NULL);
+        if (!blank) compile(what, s, -1, NULL);
         free(s);
         at = end;
     }

@@ -10,10 +10,10 @@ static inline void scene_add_output(SltScene *s, SltKernelKind kind, SltRole rol
     for (int r = 0; r < SLT_ROLES; r++) n += s->layout[kind].out[r].count;
     s->layout[kind].out[role].first = (uint16_t)n, s->layout[kind].out[role].count = (uint16_t)count;
 }
-/* The outputs that all scenes have; every input is read. */
+/* The outputs that all scenes have; every input is read, but the reverse of f knows one row. */
 static inline void scene_outputs_init(SltScene *s) {
     for (int k = 0; k < SLT_K_CULL; k++) {
-        s->layout[k].reads = UINT64_MAX;
+        s->layout[k].reads = k == SLT_K_VJP ? ~((uint64_t)1 << SLT_IN_ROWS) : UINT64_MAX;
         if (k == SLT_K_VALUE || k == SLT_K_SIDES || k == SLT_K_JVP || k == SLT_K_VJP)
             scene_add_output(s, (SltKernelKind)k, SLT_OUT_F, s->channels);
         else if (k != SLT_K_REGION) scene_add_output(s, (SltKernelKind)k, SLT_OUT_G, 1);

@@ -172,7 +172,8 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
             break;
         case SLT_K_SITE_JVP:
         case SLT_K_SITE_VJP: {
-            double dot = 0, seed = kind == SLT_K_SITE_VJP ? oracle_read(o, a->in[SLT_IN_SEED0], i) : 0;
+            uint32_t rows = a->rows > 1 ? s->channels : 1;
+            double dot = 0;
             for (uint32_t p = 0; p < s->nfloats; p++) {
                 double keep = theta[p], hi, lo;
                 theta[p] = keep + 1e-6, hi = oracle_g(o, at, a->site, k, aux);
@@ -180,9 +181,11 @@ static inline void oracle_call(void *user, int kind, SltKernelArgs *a, uint32_t 
                 theta[p] = keep;
                 double d = (hi - lo) / 2e-6;
                 if (kind == SLT_K_SITE_JVP) dot += d * oracle_read(o, a->dparams, p);
-                else if (seed != 0) {
-                    uint64_t slot = (uint64_t)p * width + (s->flat_adj ? 0 : i % width);
-                    oracle_write(o, a->adj, (uint32_t)slot, oracle_read(o, a->adj, (uint32_t)slot) + seed * d);
+                for (uint32_t r = 0; r < rows && kind == SLT_K_SITE_VJP; r++) {
+                    uint64_t slot = (uint64_t)(r * s->nfloats + p) * width + (s->flat_adj ? 0 : i % width);
+                    double seed = oracle_read(o, a->in[SLT_IN_SEED0 + r], i), old;
+                    old = oracle_read(o, a->adj, (uint32_t)slot);
+                    oracle_write(o, a->adj, (uint32_t)slot, seed != 0 ? old + seed * d : old);
                 }
             }
             oracle_write(o, OUT(G, 0), i, oracle_g(o, at, a->site, k, aux));

@@ -151,20 +151,20 @@ static void analyse_uniform(Fn *fn) {
     arena_reset(&fn->session->scratch, m);
 }
 
-static void mark_dense(const Block *b, uint8_t *dense) {
+static void mark_dense(const Fn *fn, const Block *b, uint8_t *dense) {
     for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t r = 0; r < i->nregions; r++) mark_dense(i->region[r], dense);
+        for (uint32_t r = 0; r < i->nregions; r++) mark_dense(fn, i->region[r], dense);
         if (i->op != OP_adj || varies(i->args[0])) continue;
         const Inst *at = i->args[0];
         uint32_t from = 0, to = i->imm.slot.count;
         if (at->op == OP_consti && at->imm.i >= 0 && at->imm.i < (int64_t)to) from = (uint32_t)at->imm.i, to = from + 1;
-        for (uint32_t p = from; p < to; p++) dense[i->imm.slot.base + p] = 1;
+        for (uint32_t p = from; p < to; p++) dense[i->imm.slot.base % fn->nfloats + p] = 1; /* in any row */
     }
 }
 
 void back_dense_adjoints(Fn *fn, uint8_t *dense) {
     for (Fn *part = fn; part; part = part->next_part) {
         analyse_uniform(part);
-        mark_dense(part->body, dense);
+        mark_dense(part, part->body, dense);
     }
 }
