@@ -269,7 +269,9 @@ class Edges(Case):
         march = "uniform float r;\n#define NEAR 0.0005\nconst float FAR = 60.0;\nfloat map(vec3 v) { return length(v) - r; }\nvoid mainImage(out vec4 c, vec2 p) {\n    vec3 o = vec3(p - 0.5 * iResolution.xy, -30.0); float t = 0.0, d;\n%s\n}\n"
         for body in ("for (int i = 0; i < 90; i++) { float h = map(o + vec3(0, 0, t)); if (h < NEAR || t > FAR) break; t += h; } if (t < FAR) c = vec4(1);",
                      "int i; for (i = 0; i < 90; i++) { d = map(o + vec3(0, 0, t)); if (abs(d) < NEAR * 1.5) break; t += d; if (t > FAR) { break; } } if (d < NEAR * 1.5) c = vec4(1);",
-                     "for (int i = 0; i < 90; ++i) { float h = map(o + vec3(0, 0, t)); t += h; if (t > FAR || abs(h) < NEAR) break; } c = vec4(step(t, FAR));"):
+                     "for (int i = 0; i < 90; ++i) { float h = map(o + vec3(0, 0, t)); t += h; if (t > FAR || abs(h) < NEAR) break; } c = vec4(step(t, FAR));",
+                     "bool hit = false; for (int i = 0; i < 90; i++) { float h = map(o + vec3(0, 0, t)); if (h < NEAR) { hit = true; break; } t += h; if (t > FAR) break; } if (hit) c = vec4(1);",
+                     "float m = -1.0; if (p.x > -1.0) for (int i = 0; i < 90; i++) { float h = map(o + vec3(0, 0, t)); if (h < NEAR) { m = t; break; } t += h; } c = vec4(m > 0.0);"):
             self.put("e.frag", march % body)  # rays that graze run out of steps: not quite the disc
             j = self.json_cli("grad", "e.frag", "--integral", "--size", "64x48", "--param", "r=12")
             self.assertAlmostEqual(j["gradient"]["r"][0], 2 * math.pi * 12, delta=0.6, msg=body)

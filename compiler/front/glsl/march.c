@@ -5,7 +5,9 @@
  * Where such a loop ends changes from pixel to pixel, by a step that is smaller than the threshold: that is no boundary
  * that anybody sees, and next to a silhouette there are more of them than could be told apart. The boundary lies in
  * what asks afterwards (`if (t < 20.0)`, which material). So the statements that do nothing but end the loop are
- * [NoDisc], as one would write it in the language. Loops that count steps show them, and stay as they are. */
+ * [NoDisc], as one would write it in the language, and one that says that something was hit (`{ hit = true; break; }`,
+ * `return t;`) is [SkipLoop]: one boundary of all steps. Loops that count steps, or hand on what jumps from step to
+ * step (`m = h.y`, the number of a material), show where they end, and stay as they are. */
 #include "compiler/front/glsl/glsl.h"
 
 /* Thresholds of marches are smaller, radii of escape larger. */
@@ -41,8 +43,18 @@ static bool only_breaks(const Stmt *st) {
     return st->kind == S_BREAK;
 }
 
+/* `{ hit = true; break; }`, `return t;` */
+static bool leaves(const Stmt *st) {
+    if (st->kind == S_BLOCK) return st->nstmts && leaves(st->stmts[st->nstmts - 1]);
+    return st->kind == S_BREAK || st->kind == S_RETURN;
+}
+
 static bool is_exit(const Stmt *st) { return st->kind == S_IF && !st->orelse && st->body && only_breaks(st->body); }
 static bool is_loop(const Stmt *st) { return st->kind == S_FOR || st->kind == S_WHILE || st->kind == S_DO; }
+
+static bool is_hit(const March *m, const Stmt *st) {
+    return st->kind == S_IF && !st->orelse && st->body && leaves(st->body) && st->expr && is_threshold(m, st->expr);
+}
 
 static void note_tested(March *m, const Expr *e) {
     if (e->kind == E_NAME) vec_push(&m->p->s->module, &m->harmless, e->name);
@@ -65,14 +77,17 @@ static void own(March *m, Stmt *st, void (*visit)(March *m, Stmt *st, bool *foun
 
 static void find_threshold(March *m, Stmt *st, bool *found) {
     for (uint32_t i = 0; i < st->ndecls; i++) vec_push(&m->p->s->module, &m->harmless, st->decls[i]->name);
-    if (!is_exit(st) || !st->expr || !is_threshold(m, st->expr)) return;
+    if (!is_hit(m, st)) return;
     *found = true;
     note_tested(m, st->expr);
 }
 
 static void leave_out(March *m, Stmt *st, bool *found) {
-    (void)m, (void)found;
-    if (is_exit(st) && !st->attrs.disc) st->attrs.nodisc = true;
+    StmtAttrs *a = &st->attrs;
+    (void)found;
+    if (a->disc || a->nodisc) return;
+    if (is_exit(st)) a->nodisc = true;
+    else if (is_hit(m, st)) a->disc = a->skip_loop = true, a->disc_span = a->skip_span = st->span;
 }
 
 /* `p = ro + rd * t` goes on where it was; what a function or a component says may jump. */
@@ -102,6 +117,10 @@ static void count_expr(March *m, const Expr *e) {
 
 static void count(March *m, const Stmt *st) {
     if (!st) return;
+    if (is_hit(m, st)) { /* what happens there happens once */
+        count_expr(m, st->expr);
+        return;
+    }
     for (uint32_t i = 0; i < st->ndecls; i++) count_expr(m, st->decls[i]->init);
     count(m, st->init);
     count_expr(m, st->expr);
