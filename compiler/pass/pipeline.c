@@ -162,6 +162,29 @@ static void box_kernels(PassCtx *ctx, const Fn *primal, const Fn *chunks, const 
 
 /* Every kernel is primal -> variant -> slice -> activity -> AD -> slice; what the program has no use for is not made.
  */
+/* Of one event: g and its derivatives, in parts where the program has them. */
+static void site_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KINDS], const VariantOptions *variant,
+                         const AdOptions *wrt, KernelSet *out) {
+    AdOptions rows = *wrt;
+    rows.rows = primal->channels;
+    bool asks = needs[K_SITE] || needs[K_SITE_GRAD] || needs[K_SITE_JVP] || needs[K_SITE_VJP];
+    Fn *site = asks ? variant_site(ctx, primal) : NULL, **end[K_KINDS];
+    if (site && variant->most_site_size && walk_fn_size(site) > variant->most_site_size)
+        session_limit(ctx->session, "its %u sites need %u operations, which would take minutes to compile",
+                      primal->nsites, walk_fn_size(site));
+    for (int k = 0; k < K_KINDS; k++) end[k] = &out->fn[k];
+    for (Fn *part = site; part; part = part->next_part) {
+        if (needs[K_SITE]) end[K_SITE] = add_part(end[K_SITE], part, ir_clone(part, part->arena, "site"));
+        if (needs[K_SITE_GRAD]) end[K_SITE_GRAD] = add_part(end[K_SITE_GRAD], part, ad_grad_x(ctx, part));
+        if (needs[K_SITE_JVP]) end[K_SITE_JVP] = add_part(end[K_SITE_JVP], part, ad_jvp(ctx, part, wrt));
+        if (needs[K_SITE_VJP]) {
+            TapeReport tape = {0}, *all = &out->tape[K_SITE_VJP];
+            end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &rows, &tape));
+            if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
+        }
+    }
+}
+
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,
                       const AdOptions *ad, KernelSet *out) {
     const Fn *primal = p->primal;
@@ -183,25 +206,7 @@ void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const
         if (needs[K_REGION]) out->fn[K_REGION] = variant_region(ctx, primal, &variant);
         if (needs[K_EVENT]) out->fn[K_EVENT] = variant_event(ctx, primal, &variant);
         if (needs[K_SIDES]) out->fn[K_SIDES] = variant_sides(ctx, primal, &variant);
-        AdOptions rows = wrt;
-        rows.rows = primal->channels;
-        bool asks = needs[K_SITE] || needs[K_SITE_GRAD] || needs[K_SITE_JVP] || needs[K_SITE_VJP];
-        Fn *site = asks ? variant_site(ctx, primal) : NULL;
-        if (site && variant.most_site_size && walk_fn_size(site) > variant.most_site_size)
-            session_limit(ctx->session, "its %u sites need %u operations, which would take minutes to compile",
-                          primal->nsites, walk_fn_size(site));
-        Fn **end[K_KINDS];
-        for (int k = 0; k < K_KINDS; k++) end[k] = &out->fn[k];
-        for (Fn *part = site; part; part = part->next_part) {
-            if (needs[K_SITE]) end[K_SITE] = add_part(end[K_SITE], part, ir_clone(part, part->arena, "site"));
-            if (needs[K_SITE_GRAD]) end[K_SITE_GRAD] = add_part(end[K_SITE_GRAD], part, ad_grad_x(ctx, part));
-            if (needs[K_SITE_JVP]) end[K_SITE_JVP] = add_part(end[K_SITE_JVP], part, ad_jvp(ctx, part, &wrt));
-            if (needs[K_SITE_VJP]) {
-                TapeReport tape = {0}, *all = &out->tape[K_SITE_VJP];
-                end[K_SITE_VJP] = add_part(end[K_SITE_VJP], part, ad_vjp(ctx, part, &rows, &tape));
-                if (tape.bytes_per_lane >= all->bytes_per_lane) *all = tape;
-            }
-        }
+        site_kernels(ctx, primal, needs, &variant, &wrt, out);
     }
     box_kernels(ctx, primal, chunks, needs, out);
     if (needs[K_SIDES] && variant.cells && !out->fn[K_SIDES] && (out->nedges || !needs[K_EDGE]))
