@@ -144,6 +144,7 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */
+bool api_too_many_sites(const SltProgram *p);  /* written out, to compile what looks for boundaries */
 BackPixels api_pixels(const SltProgram *p);    /* what its value kernel writes: 8-bit pixels for a screen, or floats */
 bool api_near_miss(const SltProgram *p);       /* do its kernels note the nearest event, for the near-miss probe? */
 

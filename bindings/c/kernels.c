@@ -14,6 +14,9 @@ enum { NEAR_MISS_EVENTS = 64 };
 /* Above this many sites `site`, the kernel of g alone, is left out: `site_grad` gives g as well, a little slower, and
  * compiling dominates. */
 enum { LONE_SITE_KERNEL = 128 };
+/* Each site that is written out makes blocks of its own in several kernels, and what LLVM does with them grows with
+ * the square: 1000 discs took 27 s of processor time, 7 s without optimisation. */
+enum { MANY_SITES = 512, MOST_SITES = 2048 };
 /* Above this many bytes of adjoints with a sum a lane, kernels add the lanes up themselves (flat_adj). */
 enum { LANE_ADJOINT_BYTES = 1 << 17 };
 
@@ -190,6 +193,7 @@ static bool is_long(const KernelSet *set, int kind) {
 static void build_body(Session *s, void *arg) {
     Request *q = arg;
     SltProgram *p = q->p;
+    const unsigned level = p->prog->primal->nsites > MANY_SITES ? 0 : 2;
     if (!p->site_kind) site_tables(p);
     VariantOptions vo = {.near_miss = api_near_miss(p),
                          .paper_argmin = p->opt.paper_argmin,
@@ -235,7 +239,7 @@ static void build_body(Session *s, void *arg) {
     size_t lane_bytes = (size_t)p->prog->nfloats * 16 * (p->opt.f64 ? 8 : 4);
     if (q->needs[K_VJP] || q->needs[K_SITE_VJP]) p->scene.flat_adj = lane_bytes > LANE_ADJOINT_BYTES;
     CompiledModule *usual = NULL, *large = NULL;
-    if (n && !(usual = compile(s, q, req, n, 2))) return;
+    if (n && !(usual = compile(s, q, req, n, level))) return;
     if (nlong && !(large = compile(s, q, long_req, nlong, 0))) return;
     for (int k = 0; k < K_KINDS; k++) {
         if (!set.fn[k]) continue;
@@ -250,8 +254,21 @@ static void build_body(Session *s, void *arg) {
             p->cull_kernels[c] = back_kernel(usual, arena_printf(&s->module, "cull%u", c));
 }
 
+bool api_too_many_sites(const SltProgram *p) { return !p->opt.interpret && p->prog->primal->nsites > MOST_SITES; }
+
+/* Where boundaries are looked for; images, and f's own derivative, take any number of sites. */
+static SltStatus refuse_many_sites(const SltProgram *p, const bool needs[K_KINDS], SltError *err) {
+    if (!api_too_many_sites(p) || !(needs[K_REGION] || needs[K_BOUNDS])) return SLT_OK;
+    return status_fail(err, SLT_LIMIT,
+                       "%u decisions under [Disc] are written out one by one, and boundaries are looked for between at "
+                       "most %d: put them into a loop over an array of what differs",
+                       p->prog->primal->nsites, (int)MOST_SITES);
+}
+
 SltStatus api_kernels_unrun(SltProgram *p, const bool needs[K_KINDS], SltError *err) {
     if (!p->prog) return status_fail(err, SLT_USAGE, "the program did not compile");
+    SltStatus refused = refuse_many_sites(p, needs, err);
+    if (refused != SLT_OK) return refused;
     Request q = {.p = p, .err = err};
     bool any = false;
     q.cells = needs[K_EDGE] && !(p->tried[K_EDGE] && !p->nedges); /* without an edge no cell has two sides */

@@ -32,7 +32,8 @@ typedef struct Seams {
     const bool *tagged; /* likewise: a tagged decision comes from it */
     const Program *program;
     bool integers; /* tagged decisions of integers, which are no sites, may come from it */
-    bool *decides; /* by id of a comparison or rounding: something else than its own site uses it */
+    bool *decides; /* by id of a comparison or rounding: something else than its own site uses it, */
+    bool *turns;   /* and not only to choose between the two that it compares, as a minimum does */
     Inst **seam;   /* by id: what stands for the value from now on */
     Vec(SiteInfo) sites;
     Vec(Known) known;
@@ -65,12 +66,43 @@ static Class class_of(const Seams *s, const Inst *i) {
     }
 }
 
+/* Is one of them chosen, or nothing? */
+static bool chooses_compared(const Inst *cmp, const Inst *yes, const Inst *no) {
+    if (cmp->nargs != 2) return false;
+    const Inst *p = cmp->args[0], *q = cmp->args[1];
+    return yes == no || (yes == p && no == q) || (yes == q && no == p);
+}
+
+/* Are the two sides of the branch nothing but values to be chosen from? */
+static bool only_chooses(const Inst *cmp, const Inst *i) {
+    const Inst *yes = i->region[0]->first, *no = i->region[1]->first;
+    if (yes != i->region[0]->last || no != i->region[1]->last || yes->nargs != no->nargs) return false;
+    for (uint32_t a = 0; a < yes->nargs; a++)
+        if (!chooses_compared(cmp, yes->args[a], no->args[a])) return false;
+    return true;
+}
+
+static bool jumps_by(const Inst *i, uint32_t a) {
+    const Inst *cmp = i->args[a];
+    if (a == 0 && i->op == OP_fsel) return !chooses_compared(cmp, i->args[1], i->args[2]);
+    return a != 0 || i->op != OP_if_ || !only_chooses(cmp, i);
+}
+
 static void find_users(Seams *s, const Block *b) {
     for (const Inst *i = b->first; i; i = i->next) {
-        for (uint32_t a = 0; a < i->nargs; a++)
-            if (!(variant_is_site(i) && a == 0)) s->decides[i->args[a]->id] = true;
+        for (uint32_t a = 0; a < i->nargs; a++) {
+            if (variant_is_site(i) && a == 0) continue;
+            s->decides[i->args[a]->id] = true;
+            if (jumps_by(i, a)) s->turns[i->args[a]->id] = true;
+        }
         for (uint32_t r = 0; r < i->nregions; r++) find_users(s, i->region[r]);
     }
+}
+
+/* Does anything jump there? What chooses between the two that it compares bends. */
+static bool jumps(const Seams *s, const Inst *i) {
+    bool compares = i->op == OP_flt || i->op == OP_fle;
+    return class_of(s, i) == CLASS_JUMP && (!compares || s->turns[i->id]);
 }
 
 static void count_block(Seams *s, const Block *b, uint32_t depth) {
@@ -136,7 +168,7 @@ static SeamUpset upset_of(const Seams *s, const Inst *i) {
 static uint32_t new_edge(Seams *s, const Inst *i) {
     SiteInfo info = {.kind = kind_of(i), .span = i->span, .path = "", .depth = s->depth, .max_events = s->events};
     info.text = name_of(i), info.upsets = upset_of(s, i);
-    info.jumps = class_of(s, i) == CLASS_JUMP;
+    info.jumps = jumps(s, i);
     vec_push(s->arena, &s->sites, info);
     return s->sites.len - 1;
 }
@@ -160,7 +192,7 @@ static void make_seam(Seams *s, Inst *i) {
     if (known && edge >= s->fn->nsites) {
         SiteInfo *info = &s->sites.data[edge];
         if (upset_of(s, i) > info->upsets) info->upsets = upset_of(s, i);
-        info->jumps |= class_of(s, i) == CLASS_JUMP;
+        info->jumps |= jumps(s, i);
     }
     Builder b = ir_after(s->fn, i);
     Inst *g = known ? known->g : q ? ir_emit2(&b, OP_fsub, p, q) : p;
@@ -232,6 +264,7 @@ Fn *variant_seams(PassCtx *ctx, const Fn *primal) {
     s.facts = (Boxes){.ctx = ctx, .from = fn, .arena = scratch, .fact = ARENA_ARRAY(scratch, uint8_t, s.n + 1)};
     bounds_facts(&s.facts);
     s.decides = ARENA_ARRAY(scratch, bool, s.n + 1);
+    s.turns = ARENA_ARRAY(scratch, bool, s.n + 1);
     s.seam = ARENA_ARRAY(scratch, Inst *, s.n + 1);
     for (uint32_t k = 0; k < fn->nsites; k++) vec_push(scratch, &s.sites, fn->sites[k]);
     s.program = ctx->program, s.integers = decides_integers(ctx->program);

@@ -71,7 +71,7 @@ double cells_next(const Cells *c, double v, double towards) {
 }
 
 double cells_move(const Cells *c, double v, double n, double scale) {
-    double unit = (c->b->f64 ? 0x1p-52 : 0x1p-23) * fmax(fabs(v), scale), moved = cells_round(c, v + n * unit);
+    double unit = (c->b->f64 ? 0x1p-52 : 0x1p-23) * larger(fabs(v), scale), moved = cells_round(c, v + n * unit);
     return moved != v ? moved : cells_next(c, v, n > 0 ? HUGE_VAL : -HUGE_VAL);
 }
 
@@ -85,7 +85,7 @@ static double measure(const Cells *c, const Box *x) {
 /* Its longest side, in parts of the domain. */
 static double side(const Cells *c, const Box *x) {
     double longest = 0;
-    for (uint32_t d = 0; d < c->dim; d++) longest = fmax(longest, (x->end[d] - x->lo[d]) / (c->hi[d] - c->lo[d]));
+    for (uint32_t d = 0; d < c->dim; d++) longest = larger(longest, (x->end[d] - x->lo[d]) / (c->hi[d] - c->lo[d]));
     return longest;
 }
 
@@ -215,7 +215,7 @@ bool cells_spent(Cells *c) {
 #define LONELY 0x1p-12 /* how much smaller cells around points may be */
 
 /* May it be cut further? */
-static bool divisible(Cells *c, const Cell *cell) {
+bool cells_may_divide(Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
     /* Around points little is left, and each level costs the same; along curves each costs twice the one before. */
@@ -251,10 +251,15 @@ static bool push(Cells *c, const Cell *cell, const Box *box, bool whole) {
     return true;
 }
 
+bool cells_put_back(Cells *c, const Cell *cell, const Box *part) {
+    c->counts->curved -= measure(c, part) / c->volume;
+    return push(c, cell, part, false);
+}
+
 /* The cell is cut further, or left over. */
 static bool refine(Cells *c, Cell *cell) {
     cell->done = true, cell->axes = 0;
-    if (divisible(c, cell)) return push(c, cell, &cell->box, false);
+    if (cells_may_divide(c, cell)) return push(c, cell, &cell->box, false);
     if (cell->curves_done) return sample(c, cell);
     cells_leave(c, &cell->box, cell->f);
     return true;
@@ -386,7 +391,7 @@ static bool integrate_solids(Cells *c) {
     for (uint32_t i = 0, n = c->ncell; i < n; i++) {
         if (!c->cell[i].axes) continue;
         bool agree = true;
-        if (!cells_integrate_solid(c, i, divisible(c, &c->cell[i]), &agree)) return false;
+        if (!cells_integrate_solid(c, i, cells_may_divide(c, &c->cell[i]), &agree)) return false;
         c->cell[i].refine = !agree;
     }
     return true;
@@ -406,7 +411,7 @@ static bool split_halves(Cells *c, const Node *node) {
     for (uint32_t i = 0; i < c->nhalves; i++) {
         Cell *cell = &c->cell[i];
         if (!cell->refine) continue;
-        if (c->rays || !divisible(c, cell)) {
+        if (c->rays || !cells_may_divide(c, cell)) {
             if (!refine(c, cell)) return false;
             continue;
         }
@@ -517,7 +522,8 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     c->o = o, c->sink = sink, c->counts = counts;
     c->began = c->b->evaluations;
     while (c->nstack > c->oldest) free(c->stack[--c->nstack].runs); /* of a tile that was stopped */
-    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0;
+    c->failed = false, c->nstack = c->oldest = c->nsmooth = c->npiece = c->ngap = 0, c->bend = 0, c->hunted = 0,
+    c->most = o->seen;
     memset(c->straight, 0, c->s->nsites);
     gauss_rule(&c->rule[CELL_FINE], o->gauss);
     if (o->coarse) gauss_rule(&c->rule[CELL_COARSE], o->coarse);

@@ -72,6 +72,7 @@ typedef struct CellOptions {
     bool fixed; /* --gauss: pieces are not cut further where the two rules differ */
     double tolerance; /* of the two rules on one piece, in parts of the integral of |jump| over a curve as long as the
                          domain is wide; pieces that differ more are halved */
+    double seen;      /* |f| is known to be that large somewhere in the domain: 0 where that is not known */
     double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
     double least; /* side of the least cell, in parts of the domain */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */

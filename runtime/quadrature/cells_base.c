@@ -60,21 +60,31 @@ static void note_face(Cells *c, uint32_t i, const Root *r) {
     if (r) e->leaves[i & 1] = r->x[base];
 }
 
-bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height) {
-    if (!e->sure[0] || !e->sure[1]) return false;
+/* Where the cubics through the corners are 0. */
+double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s) {
+    if (!e->sure[0] || !e->sure[1]) return NAN;
+    if (e->plane.is)
+        return e->plane.x[e->axis] - (e->plane.g + e->plane.dg[base] * (s - e->plane.x[base])) / e->plane.dg[e->axis];
     double lo = cell->box.lo[base], width = cell->box.hi[base] - lo, t = (s - lo) / width, u = 1 - t, g[2], up[2];
     double ends[2] = {cell->box.lo[e->axis], cell->box.hi[e->axis]};
+    for (int face = 0; face < 2; face++) {
+        const Corner *k = e->corner[face];
+        g[face] = u * u * (1 + 2 * t) * k[0].g + t * t * (1 + 2 * u) * k[1].g +
+                  t * u * width * (u * k[0].along - t * k[1].along);
+        up[face] = u * k[0].up + t * k[1].up;
+    }
+    return cells_cubic_root(ends, g, up, cells_between(ends, g, up));
+}
+
+bool cells_told_by_corners(const CellEdge *e, double s, bool *present) {
+    if (!e->sure[0] || !e->sure[1]) return false;
     bool side[2];
     for (int face = 0; face < 2; face++) {
         const Corner *k = e->corner[face];
         bool leaves = (k[0].g < 0) != (k[1].g < 0);
         side[face] = (leaves && s > e->leaves[face] ? k[1].g : k[0].g) > 0;
-        g[face] = u * u * (1 + 2 * t) * k[0].g + t * t * (1 + 2 * u) * k[1].g +
-                  t * u * width * (u * k[0].along - t * k[1].along);
-        up[face] = u * k[0].up + t * k[1].up;
     }
     *present = side[0] != side[1] && side[1] == (e->rises[e->axis] > 0);
-    *height = cells_cubic_root(ends, g, up, cells_between(ends, g, up));
     return true;
 }
 
@@ -128,7 +138,7 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         Root *r = cells_root(c, cell, e, base, x, 0);
         if (!r) return false;
         r->lo = s->at[0], r->hi = s->at[1], r->ends[0] = r->ends[1] = true, r->rises = s->value[1] >= 0 ? 1 : -1;
-        r->x[base] = cells_round(c, fmin(fmax(guess, s->at[0]), s->at[1]));
+        r->x[base] = cells_round(c, smaller(larger(guess, s->at[0]), s->at[1]));
         r->turns = HUGE_VAL;
     }
     if (!cells_solve(c)) return false;
@@ -142,6 +152,7 @@ static bool cut_at_faces(Cells *c, uint32_t first) {
         /* Where the curve is steep the last floats of the base are many of its height. */
         bool steep = !(fabs(r->dg[r->axis]) <= STEEP * fabs(r->dg[axis]));
         Cut cut = {.cell = s->cell, .axis = axis, .edge = s->edge, .at = r->x[r->axis]};
+        cut.edges = 1u << s->edge;
         cut.up = s->height[0] >= c->cell[s->cell].box.hi[axis];
         cut.beyond = beyond_of(c, s, r), cut.height = steep ? NAN : s->height[0];
         if (!add_cut(c, &cut)) return false;
@@ -212,11 +223,11 @@ static bool keep_present(Cells *c) {
         const CellEdge *e = curve_of(c, s);
         const Box *box = &cell->box;
         int base = base_axis(cell, e->axis);
-        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1])), at;
-        if (cells_told_by_corners(cell, e, base, middle, &present, &at)) {
+        double x[3], middle = cells_round(c, 0.5 * (s->at[0] + s->at[1]));
+        if (cells_told_by_corners(e, middle, &present)) {
             s->state = present ? OPEN : DONE;
             for (int end = 0; end < 2; end++)
-                if (!s->known[end]) cells_told_by_corners(cell, e, base, s->at[end], &present, &s->height[end]);
+                if (!s->known[end]) s->height[end] = cells_height_by_corners(cell, e, base, s->at[end]);
             continue;
         }
         s->state = ROOT; /* to be asked */
@@ -314,15 +325,15 @@ static bool find_meetings(Cells *c, bool *again) {
             double det = p->dg[base] * q->dg[axis] - p->dg[axis] * q->dg[base];
             double ds = (p->g * q->dg[axis] - q->g * p->dg[axis]) / det,
                    dh = (q->g * p->dg[base] - p->g * q->dg[base]) / det;
-            double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = fmax(fabs(s->at[0]), fabs(s->at[1])) / unit,
+            double unit = c->b->f64 ? 0x1p51 : 0x1p22, tiny = larger(fabs(s->at[0]), fabs(s->at[1])) / unit,
                    slack = 16 * tiny + 0x1p-30 * (s->at[1] - s->at[0]);
             double to = s->x[0] - ds, height = s->x[1] - dh;
             bool inside = to >= s->at[0] - slack && to <= s->at[1] + slack; /* NaN is not */
             double far = fabs(ds) / tiny;
-            far = fmax(far, fabs(dh) * unit / fmax(fabs(box->lo[axis]), fabs(box->hi[axis])));
+            far = larger(far, fabs(dh) * unit / larger(fabs(box->lo[axis]), fabs(box->hi[axis])));
             bool converged = far <= 1 || (step > 6 && far <= 64) || is_last_step(c, s, box, fabs(ds), fabs(dh));
-            s->x[0] = fmin(fmax(to, s->at[0]), s->at[1]);
-            s->x[1] = fmin(fmax(height, box->lo[axis]), box->hi[axis]);
+            s->x[0] = smaller(larger(to, s->at[0]), s->at[1]);
+            s->x[1] = smaller(larger(height, box->lo[axis]), box->hi[axis]);
             if (inside && converged) continue;
             c->active[kept++] = c->active[i];
         }
@@ -343,8 +354,8 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
             return false;
     }
     if (!c->nstretch) return true;
-    if (!keep_present(c) || !stretch_heights(c, 0, 0) || !stretch_heights(c, 0, 1)) return false;
-    if (!add_pairs(c) || !stretch_values(c, 0, 0) || !stretch_values(c, 0, 1)) return false;
+    if (!keep_present(c) || !stretch_heights(c, 0, STRETCH_BOTH)) return false;
+    if (!add_pairs(c) || !stretch_values(c, 0, STRETCH_BOTH)) return false;
     for (uint32_t i = 0; i < c->nstretch; i++) stretch_judge(&c->stretch[i], 2 * tested(c, &c->stretch[i])->error);
     if (!drop_coinciding(c)) return false;
     for (bool again = true; again;) {
@@ -357,10 +368,11 @@ static bool cut_at_meetings(Cells *c, uint32_t first) {
         const Stretch *s = &c->stretch[i];
         if ((s->state != ROOT && s->state != MET) || c->cell[s->cell].refine) continue;
         int axis = curve_of(c, s)->axis, other = tested(c, s)->axis;
-        if (!add_cut(c, &(Cut){.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]})) return false;
-        if (other >= 0 && other != axis &&
-            !add_cut(c, &(Cut){.cell = s->cell, .axis = (int8_t)other, .edge = -1, .at = s->x[1]}))
-            return false;
+        Cut cut = {.cell = s->cell, .axis = (int8_t)axis, .edge = -1, .at = s->x[0]};
+        cut.edges = 1u << s->edge | 1u << s->other;
+        if (!add_cut(c, &cut)) return false;
+        cut.axis = (int8_t)other, cut.at = s->x[1];
+        if (other >= 0 && other != axis && !add_cut(c, &cut)) return false;
     }
     return true;
 }
@@ -391,13 +403,20 @@ static bool add_pieces(Cells *c, uint32_t first) {
             if (axis == cell->slice) continue;
             int base = base_axis(cell, axis);
             const Cut *last = NULL;
+            uint32_t begins = 0;
             double from = cell->box.lo[base], narrow = NARROW * (cell->box.end[base] - from);
             for (; cut < end && cut->cell == i && cut->axis == axis; cut++) {
-                if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) continue;
+                if (!wanted || !(cut->at - from > narrow) || !(cell->box.end[base] - cut->at > narrow)) {
+                    begins |= cut->edges;
+                    continue;
+                }
                 if (!add_piece(c, i, axis, base, from, cut->at, last, cut)) return false;
-                from = cut->at, last = cut;
+                c->piece[c->npiece - 1].begins = begins;
+                from = cut->at, last = cut, begins = cut->edges;
             }
-            if (wanted && !add_piece(c, i, axis, base, from, cell->box.end[base], last, NULL)) return false;
+            if (!wanted) continue;
+            if (!add_piece(c, i, axis, base, from, cell->box.end[base], last, NULL)) return false;
+            c->piece[c->npiece - 1].begins = begins;
         }
     }
     return true;

@@ -32,74 +32,66 @@ static bool add_rim(Cells *c, const Rim *r) {
 }
 
 /* ---- what was seen in the middle of a piece */
-static const Column *column_of(const Cells *c, uint32_t first, uint32_t piece) { return &c->column[piece - first]; }
-
-static bool is_there(const Root *r) { return r->wanted && r->sides; }
-
-/* The highest root of a column; NULL: there is none. */
-static const Root *highest(const Cells *c, const Column *k, uint32_t *n) {
-    const Root *top = NULL;
-    *n = 0;
-    for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
-        const Root *r = &c->root[i];
-        if (!is_there(r)) continue;
-        ++*n;
-        if (!top || r->x[r->axis] > top->x[r->axis]) top = r;
+/* Bits of edges to edges, ascending in height; how many. */
+static uint32_t ascending(const Piece *p, uint8_t edge[CELL_EDGES]) {
+    uint32_t n = 0;
+    for (uint32_t set = p->seen, e; cells_take_edge(&set, &e);) {
+        uint32_t at = n++;
+        for (; at && p->edge[edge[at - 1]].middle > p->edge[e].middle; at--) edge[at] = edge[at - 1];
+        edge[at] = (uint8_t)e;
     }
-    return top;
+    return n;
 }
 
-/* Do all roots of a column lie apart, and the sides of one fit those of the next? */
-static bool is_plain(const Cells *c, const Column *k) {
-    const Piece *p = &c->piece[k->piece];
+static const Sides *sides_of(const Cells *c, const PieceEdge *e) { return &c->sides[e->sides - 1]; }
+
+/* A place beside the curve of an edge, where it was looked at. */
+static void place_beside(const Cells *c, const Piece *p, const PieceEdge *e, int side, double x[3]) {
+    x[p->base] = e->at, x[p->axis] = sides_of(c, e)->at[side];
+}
+
+/* Do all curves above the middle lie apart, and the sides of one fit those of the next? */
+static bool is_plain(const Cells *c, const Piece *p, const Column *k) {
+    uint8_t edge[CELL_EDGES];
     for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
-        const Root *r = &c->root[i], *next = NULL;
-        if (r->twin || r->band || r->tie || r->other) return false;
-        if (!is_there(r)) {
-            if (p->present >> r->edge & 1) return false;
-            continue;
-        }
-        for (uint32_t j = k->first; j < k->first + k->nroots; j++) {
-            const Root *s = &c->root[j];
-            if (j == i || !is_there(s) || s->x[s->axis] < r->x[r->axis]) continue;
-            if (s->x[s->axis] == r->x[r->axis]) return false;
-            if (!next || s->x[s->axis] < next->x[next->axis]) next = s;
-        }
-        if (next && c->cell[p->cell].common && cells_sides(c, next)->hash[0] != cells_sides(c, r)->hash[1])
-            return false;
+        const Root *r = &c->root[i];
+        bool lost = p->present >> r->edge & 1 && !(p->seen >> r->edge & 1);
+        if (r->twin || r->band || r->tie || r->other || lost) return false;
+    }
+    for (uint32_t n = ascending(p, edge), i = 1; i < n; i++) {
+        const PieceEdge *below = &p->edge[edge[i - 1]], *above = &p->edge[edge[i]];
+        if (!(below->middle < above->middle)) return false;
+        if (c->cell[p->cell].common && sides_of(c, below)->hash[1] != sides_of(c, above)->hash[0]) return false;
     }
     return true;
 }
 
 /* ---- the face of a cell whose curves have one height axis: piece by piece */
 /* What is above a piece without curves, where one of the neighbour's, the only one there, left through this end. */
-static bool told_by_neighbour(const Cells *c, uint32_t first, uint32_t neighbour, int end, const Piece *p, Rim *r) {
-    uint32_t n;
-    const Root *root = highest(c, column_of(c, first, neighbour), &n);
-    if (n != 1 || p->leaving[end] != (int8_t)root->edge || p->cell != c->piece[neighbour].cell) return false;
-    const Sides *s = cells_sides(c, root);
-    int side = !p->up[end];
-    r->hash = s->hash[side], r->told = true;
-    memcpy(r->x, root->x, sizeof r->x);
-    r->x[root->axis] = s->at[side];
+static bool told_by_neighbour(const Cells *c, const Piece *neighbour, int end, const Piece *p, Rim *r) {
+    uint8_t edge[CELL_EDGES];
+    uint32_t n = ascending(neighbour, edge);
+    if (n != 1 || p->leaving[end] != (int8_t)edge[0]) return false;
+    const PieceEdge *e = &neighbour->edge[edge[0]];
+    r->hash = sides_of(c, e)->hash[!p->up[end]], r->told = true;
+    place_beside(c, neighbour, e, !p->up[end], r->x);
     return true;
 }
 
-static bool add_rims_of_pieces(Cells *c, uint32_t first, uint32_t from, uint32_t to) {
+static bool add_rims_of_pieces(Cells *c, uint32_t from, uint32_t to) {
     for (uint32_t i = from; i < to; i++) {
         const Piece *p = &c->piece[i];
         const Box *box = &c->cell[p->cell].box;
         double length = p->at[p->base][1] - p->at[p->base][0];
         Rim r = {.area = length * (box->end[p->axis] - box->lo[p->axis])};
-        uint32_t n;
-        const Root *top = highest(c, column_of(c, first, i), &n);
-        if (top) {
-            const Sides *s = cells_sides(c, top);
-            r.hash = s->hash[1], r.told = true;
-            memcpy(r.x, top->x, sizeof r.x);
-            r.x[p->axis] = s->at[1];
-        } else if (!(i > from && told_by_neighbour(c, first, i - 1, 0, p, &r)) &&
-                   !(i + 1 < to && told_by_neighbour(c, first, i + 1, 1, p, &r))) {
+        uint8_t edge[CELL_EDGES];
+        uint32_t n = ascending(p, edge);
+        if (n) {
+            const PieceEdge *top = &p->edge[edge[n - 1]];
+            r.hash = sides_of(c, top)->hash[1], r.told = true;
+            place_beside(c, p, top, 1, r.x);
+        } else if (!(i > from && told_by_neighbour(c, p - 1, 0, p, &r)) &&
+                   !(i + 1 < to && told_by_neighbour(c, p + 1, 1, p, &r))) {
             r.x[p->base] = cells_round(c, 0.5 * (p->at[p->base][0] + p->at[p->base][1]));
             r.x[p->axis] = cells_round(c, 0.5 * (box->lo[p->axis] + box->hi[p->axis]));
         }
@@ -127,11 +119,9 @@ static bool begin_leaving(Cells *c, const Cell *cell, uint32_t edge, int across,
     const CellEdge *e = &cell->edge[edge];
     *leaves = (e->corner[0][1].g < 0) != (e->corner[1][1].g < 0);
     if (!*leaves) return true;
-    double x[3] = {0}, guess = NAN;
-    bool present;
+    double x[3] = {0};
     x[across] = cell->box.hi[across];
-    cells_told_by_corners(cell, e, across, x[across], &present, &guess);
-    Root *r = cells_root(c, cell, e, e->axis, x, guess);
+    Root *r = cells_root(c, cell, e, e->axis, x, cells_height_by_corners(cell, e, across, x[across]));
     if (r) r->turns = HUGE_VAL;
     return r != NULL;
 }
@@ -210,7 +200,6 @@ static bool part_curves(Cells *c, uint32_t from, uint32_t to) {
             if (q && q->axis == p->axis && q->at[q->base][1] == p->at[p->base][0] &&
                 has_same_sides(c, q->edge[e].sides, p->edge[e].sides)) {
                 q->at[q->base][1] = p->at[p->base][1], q->leaving[1] = p->leaving[1], q->beyond[1] = p->beyond[1];
-                q->merged = true;
             } else {
                 q = &c->piece[c->npiece++];
                 memcpy(q, p, offsetof(Piece, edge));
@@ -226,7 +215,7 @@ static bool part_curves(Cells *c, uint32_t from, uint32_t to) {
 /* Of pieces [from, to), all those of a cell: is what was seen in their middles as simple as it must be? */
 static bool is_simple(const Cells *c, uint32_t first, uint32_t from, uint32_t to) {
     bool simple = true;
-    for (uint32_t i = from; i < to && simple; i++) simple = is_plain(c, column_of(c, first, i));
+    for (uint32_t i = from; i < to && simple; i++) simple = is_plain(c, &c->piece[i], &c->column[i - first]);
     return simple;
 }
 
@@ -251,7 +240,7 @@ bool cells_part_borders(Cells *c, uint32_t first) {
         cell->borders = is_simple(c, first, from, to) && (cell->common || find_border_axis(cell));
         if (!cell->common && !cells_end_borders(c, cell)) return false;
         if (!cell->borders) continue;
-        if (!(cell->common ? add_rims_of_pieces(c, first, from, to) : add_rims_of_face(c, cell))) return false;
+        if (!(cell->common ? add_rims_of_pieces(c, from, to) : add_rims_of_face(c, cell))) return false;
         if (!part_curves(c, from, to)) return false;
     }
     for (uint32_t i = first; i < c->npiece; i++) {
@@ -291,11 +280,9 @@ void cells_emit_borders(Cells *c, const Piece *p, const Column *from, const Colu
     const PieceEdge *e = &p->edge[p->only];
     double area[CELL_RULES], size = area_below(c, p, from, to, area), x[3] = {0};
     if (!(p->present >> p->only & 1) || !e->sides || from == to) return;
-    const Sides *s = &c->sides[e->sides - 1];
-    x[p->base] = e->at;
     for (int side = 0; side < 2; side++) {
         double sign = side ? -1 : 1;
-        x[p->axis] = s->at[side];
-        cells_add_shape(c, s->hash[side], x, sign * area[CELL_FINE], sign * area[CELL_COARSE], size);
+        place_beside(c, p, e, side, x);
+        cells_add_shape(c, sides_of(c, e)->hash[side], x, sign * area[CELL_FINE], sign * area[CELL_COARSE], size);
     }
 }

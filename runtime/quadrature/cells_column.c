@@ -73,7 +73,8 @@ static bool find_present(Cells *c, uint32_t first) {
         for (uint32_t set = wanted(c, p), e; cells_take_edge(&set, &e);) {
             const CellEdge *edge = &cell->edge[e];
             bool present;
-            if (p->base >= 0 && cells_told_by_corners(cell, edge, p->base, x[p->base], &present, &p->edge[e].height)) {
+            if (p->base >= 0 && cells_told_by_corners(edge, x[p->base], &present)) {
+                if (present) p->edge[e].height = cells_height_by_corners(cell, edge, p->base, x[p->base]);
                 p->present |= (uint32_t)present << e;
                 continue;
             }
@@ -130,9 +131,42 @@ static bool is_hidden(const Cells *c, const Piece *p, const Root *r) {
     return cells_sides(c, r)->hash[0] == cells_sides(c, r)->hash[1];
 }
 
+#define APART 0x1p-6 /* of the height of a cell: so far from each other curves are surely not one */
+
+/* Where areas are told by borders: curves of a piece that were those of the one before, and which nothing has met since
+ * then, have the sides that they had there. */
+static void find_heirs(Cells *c, uint32_t first) {
+    for (uint32_t i = first; i < c->npiece; i++) {
+        Piece *p = &c->piece[i], *q = p - 1;
+        const Cell *cell = &c->cell[p->cell];
+        p->heirs = p->seen = 0;
+        if (i == first || !cell->borders || p->alone || q->alone || q->cell != p->cell || q->axis != p->axis) continue;
+        if (q->at[q->base][1] != p->at[p->base][0]) continue;
+        double apart = APART * (cell->box.end[p->axis] - cell->box.lo[p->axis]);
+        p->heirs = p->present & q->present & ~(p->begins | p->asked | q->asked);
+        for (uint32_t set = p->heirs, e; cells_take_edge(&set, &e);)
+            for (uint32_t others = p->present & ~(1u << e), f; cells_take_edge(&others, &f);)
+                if (!(fabs(p->edge[e].height - p->edge[f].height) > apart)) p->heirs &= ~(1u << e);
+    }
+}
+
+/* Behind the roots of all pieces. */
+static void inherit(Cells *c, uint32_t first) {
+    for (uint32_t i = first + 1; i < c->npiece; i++) {
+        Piece *p = &c->piece[i], *q = p - 1;
+        for (uint32_t set = p->heirs, e; cells_take_edge(&set, &e);) {
+            double told = p->edge[e].height;
+            if (!(q->present >> e & 1)) p->present &= ~(1u << e);
+            if (!(q->seen >> e & 1)) continue;
+            p->seen |= 1u << e;
+            p->edge[e] = q->edge[e], p->edge[e].middle = told + q->edge[e].off;
+        }
+    }
+}
+
 /* The column above the middle of each piece: where the curves are there, and which of them change the region. */
 static bool look_at_middles(Cells *c, uint32_t first) {
-    for (uint32_t i = first; i < c->npiece; i++) c->piece[i].merged = false;
+    find_heirs(c, first);
     c->ncolumn = c->nroot = c->nsides = c->ntie = 0;
     for (uint32_t i = first; i < c->npiece; i++) {
         const Piece *p = &c->piece[i];
@@ -140,7 +174,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         middle(c, p, x);
         Column *k = add_column(c, i, CELL_FINE, x, 0);
         if (!k) return false;
-        for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
+        for (uint32_t set = p->present & ~p->heirs, e; cells_take_edge(&set, &e);) {
             if (!add_root(c, k, e, p->edge[e].height)) return false;
             Root *r = &c->root[c->nroot - 1];
             if (!c->o->flat) r->slack = -1; /* its sides lie next to it */
@@ -163,7 +197,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         PieceEdge *e = &p->edge[r->edge];
         if (!(p->present >> r->edge & 1)) continue;
         e->off = p->asked >> r->edge & 1 ? NAN : r->x[p->axis] - e->height;
-        e->at = r->x[p->base < 0 ? 0 : p->base];
+        e->at = r->x[p->base < 0 ? 0 : p->base], e->middle = r->x[p->axis];
+        if (r->wanted && r->sides) p->seen |= 1u << r->edge;
         e->twin = r->twin, e->height = r->x[p->axis], e->g = r->g, e->sides = r->sides, e->tie = r->tie;
         e->band = r->band;
         memcpy(e->dg, r->dg, sizeof e->dg);
@@ -171,6 +206,7 @@ static bool look_at_middles(Cells *c, uint32_t first) {
         e->open = r->wanted && is_site(c, p, r->edge) && cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
         if (!e->open && !e->upset && (!c->o->volume || is_hidden(c, p, r))) p->present &= ~(1u << r->edge);
     }
+    inherit(c, first);
     return true;
 }
 
@@ -179,10 +215,8 @@ static bool look_at_middles(Cells *c, uint32_t first) {
 static double guess_beside(const Cells *c, const Piece *p, uint32_t e, double at) {
     const Cell *cell = &c->cell[p->cell];
     const PieceEdge *edge = &p->edge[e];
-    double told = NAN;
-    bool present, corners = cells_told_by_corners(cell, &cell->edge[e], p->base, at, &present, &told);
-    told += edge->off; /* NaN: they did not tell */
-    return corners && !isnan(told) ? told : edge->height - edge->dg[p->base] / edge->dg[p->axis] * (at - edge->at);
+    double told = cells_height_by_corners(cell, &cell->edge[e], p->base, at) + edge->off; /* NaN: they did not tell */
+    return !isnan(told) ? told : edge->height - edge->dg[p->base] / edge->dg[p->axis] * (at - edge->at);
 }
 
 /* The roots of a column at `along` from the middle of the piece; of the middle itself they are known. */
@@ -190,7 +224,7 @@ static bool add_roots(Cells *c, uint32_t piece, Column *k, double along) {
     const Piece *p = &c->piece[piece];
     for (uint32_t set = p->present, e; cells_take_edge(&set, &e);) {
         const PieceEdge *edge = &p->edge[e];
-        bool known = along == 0 && !p->merged;
+        bool known = along == 0 && (p->base < 0 || k->x[p->base] == edge->at);
         if (!add_root(c, k, e, known ? edge->height : guess_beside(c, p, e, k->x[p->base]))) return false;
         Root *r = &c->root[c->nroot - 1];
         r->twin = edge->twin, r->wanted = edge->open, r->tie = edge->tie;
@@ -371,7 +405,7 @@ static bool curves_agree(const Cells *c, Piece *p, const Column *from, const Col
 }
 
 /* What rounding or a singularity keeps apart would be cut without end. */
-enum { PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
+enum { PIECE_STEEP = 4, PIECE_HALVINGS = 24, PIECE_PARTS = 1024, CELL_CUTS = 512 };
 
 /* What to try next with a piece on which the rules differ. Where f alone is to blame it may have a root singularity at
  * a curve; else its base or its columns are too long. */
@@ -391,6 +425,7 @@ static bool shorten(Cells *c, uint32_t i, bool curves_agree, bool layer, const C
         return true;
     }
     if (curves_agree && !columns && !c->o->flat && !cells_columns_differ(c, from, to, &columns)) return false;
+    if (layer && c->dim > 1) p->layered = true;
     if (columns) p->parts *= 2;
     else p->halve = true;
     return true;
@@ -441,6 +476,20 @@ bool cells_emit_columns(Cells *c, const Column *from, const Column *to) {
     return !tied || cells_emit_tied(c, from, to);
 }
 
+/* The part of its cell that a piece is, cut further; false: it is too small for that, or no part by itself. */
+static bool put_back(Cells *c, const Piece *p) {
+    const Cell *cell = &c->cell[p->cell];
+    Box part = cell->box;
+    if (c->dim > 2 || cell->slice >= 0 || !cells_may_divide(c, cell) || p->beyond[0] || p->beyond[1]) return false;
+    if (p->base >= 0) {
+        int d = p->base;
+        part.lo[d] = cells_round(c, p->at[d][0]), part.end[d] = cells_round(c, p->at[d][1]);
+        if (part.end[d] < part.hi[d]) part.hi[d] = part.end[d];
+        if (!(part.lo[d] < part.hi[d])) return false;
+    }
+    return cells_put_back(c, cell, &part);
+}
+
 void cells_copy_piece(Cells *c, uint32_t to, uint32_t from) {
     const Piece *p = &c->piece[from];
     memcpy(&c->piece[to], p, offsetof(Piece, edge));
@@ -464,19 +513,28 @@ static bool integrate(Cells *c, uint32_t first) {
         if (p->bend > 0) bent += p->bend * length_of(p), length += length_of(p);
         if (compare && p->alone) smooth = cells_borders_agree(c, p, from, to);
         else if (compare && c->o->volume)
-            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end);
+            smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);
         const Spot *spots = c->spot + spot, *beyond = c->spot + end; /* with none there may be no list */
         bool layer = compare && c->o->volume && agree && smooth && end > spot &&
                      cells_layer(c, p, from, to, spots, beyond, false) > 0;
         smooth &= !layer;
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
+        /* Beside its curves f may be steep: then that is a matter for smaller cells, not for longer columns. */
+        bool alone = compare && c->o->volume && !c->o->flat && agree && end > spot && !c->cell[p->cell].curves_done;
+        bool hides = alone && (smooth || (!layer && p->parts >= PIECE_STEEP)) &&
+                     ((!smooth && c->dim < 2) || cells_hides_beside(c, p, from, to, spots, beyond));
+        if (hides && put_back(c, p)) {
+            spot = end;
+            continue;
+        }
         if ((agree && smooth) || last || cells_spent(c)) {
             if (!cells_emit_columns(c, from, to)) return false;
             if (p->graded) cells_doubt_rims(c, from, to, spot, end);
             cells_emit_beyond(c, p);
             cells_add_upset(c, p, NULL);
-            if (layer) cells_layer(c, p, from, to, spots, beyond, true);
+            bool asked = compare && c->o->volume && end > spot;
+            if (asked && !c->cell[p->cell].curves_done) cells_layer(c, p, from, to, spots, beyond, true);
             if (p->alone) cells_emit_borders(c, p, from, to);
             else if (c->o->flat) cells_emit_parts(c, spot, end);
             else cells_emit_spots(c, spot, end);

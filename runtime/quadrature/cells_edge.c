@@ -213,7 +213,7 @@ bool cells_run_asks(Cells *c) {
             read_ends(b, SLT_OUT_G_LO, SLT_OUT_G_HI, 0, i - from, a->g);
             for (uint32_t d = 0; d < c->dim; d++) read_ends(b, SLT_OUT_DG_LO, SLT_OUT_DG_HI, d, i - from, a->slope[d]);
             /* A kernel that cannot tell: then g must be far from 0 by what a hundred operations make. */
-            double size = fmax(fabs(a->g[0]), fabs(a->g[1])), ulp = c->b->f64 ? 0x1p-52 : 0x1p-23;
+            double size = larger(fabs(a->g[0]), fabs(a->g[1])), ulp = c->b->f64 ? 0x1p-52 : 0x1p-23;
             a->error = batch_has(b, SLT_OUT_G_ERROR) ? batch_get(b, SLT_OUT_G_ERROR, 0, i - from) : 128 * ulp * size;
             a->state = (uint32_t)batch_get_int(b, SLT_OUT_G_STATE, 0, i - from);
             for (uint32_t k = 0; k < seconds; k++)
@@ -313,7 +313,7 @@ static Plane plane_of(const Cells *c, const CellEdge *e, const Ask *box, const P
     bool gap = false;
     for (uint32_t d = 0; d < c->dim; d++) {
         apart += (e->slope[d][1] - e->slope[d][0]) * (box->hi[d] - box->lo[d]);
-        rounding += 0x1p-52 * fabs(centre->dg[d]) * fmax(fabs(box->lo[d]), fabs(box->hi[d]));
+        rounding += 0x1p-52 * fabs(centre->dg[d]) * larger(fabs(box->lo[d]), fabs(box->hi[d]));
         p.x[d] = centre->x[d], p.dg[d] = centre->dg[d];
         gap |= e->slope[d][0] == 0 && e->slope[d][1] == 0;
     }
@@ -464,12 +464,12 @@ static double varies(const Cell *cell, const CellEdge *e, uint32_t dim, uint32_t
     if (!e->rises[axis]) return HUGE_VAL;
     double a = fabs(e->slope[axis][0]), z = fabs(e->slope[axis][1]), climb = 0;
     for (uint32_t d = 0; d < dim; d++) {
-        double far = fmax(fabs(e->slope[d][0]), fabs(e->slope[d][1])) * (cell->box.end[d] - cell->box.lo[d]);
-        if (d != axis) climb = fmax(climb, far);
+        double far = larger(fabs(e->slope[d][0]), fabs(e->slope[d][1])) * (cell->box.end[d] - cell->box.lo[d]);
+        if (d != axis) climb = larger(climb, far);
     }
-    *steep = climb / (fmin(a, z) * (cell->box.end[axis] - cell->box.lo[axis]));
+    *steep = climb / (smaller(a, z) * (cell->box.end[axis] - cell->box.lo[axis]));
     if (!(*steep <= STEEP)) return HUGE_VAL;
-    return fmax(a, z) / fmin(a, z) / (e->state & SLT_EDGE_BENDS ? VARIES_BENT : VARIES);
+    return larger(a, z) / smaller(a, z) / (e->state & SLT_EDGE_BENDS ? VARIES_BENT : VARIES);
 }
 
 int cells_straight_axis(const Cells *c, const CellEdge *e) {
@@ -549,8 +549,8 @@ bool cells_choose_axes(const Cells *c, Cell *cell) {
     for (uint32_t d = 0; d < c->dim; d++) {
         double worst = 0, steepest = 0;
         for (uint32_t e = 0; e < cell->nedges; e++) {
-            worst = fmax(worst, varies(cell, &cell->edge[e], c->dim, d, &steep));
-            steepest = fmax(steepest, steep);
+            worst = larger(worst, varies(cell, &cell->edge[e], c->dim, d, &steep));
+            steepest = larger(steepest, steep);
         }
         if (worst < least || (worst == least && steepest < flattest)) least = worst, flattest = steepest, common = d;
     }

@@ -20,6 +20,7 @@ enum {
     NEAR_0 = 16    /* so many roundings of g, and steps of it from float to float, are no jump */
 };
 #define NARROW 0x1p-44 /* parts of the cell: a part of the gap that is shorter is nothing */
+#define MOST_ALONG 64 /* the slope of g along the gap, in parts of that across it */
 
 /* A part of the gap that a cell is cut in. */
 typedef struct Gap {
@@ -313,14 +314,22 @@ static bool take_slopes(Cells *c, const Place *p, uint32_t n, const Decided *d, 
     return cells_run_probes(c);
 }
 
+/* Does g change across the gap as fast as along it, or nearly? Of the top of an arc, at whose place another boundary
+ * ends along the gap, one side has a slope that is next to nothing: a length of a few floats is divided by it. */
+static bool is_across(const Cells *c, const double dg[3], int axis) {
+    bool across = true;
+    for (uint32_t d = 0; d < c->dim; d++) across &= fabs(dg[d]) <= MOST_ALONG * fabs(dg[axis]); /* NaN is not */
+    return across;
+}
+
 /* by[]: at all of these places the piece of g on that side has the slope that its change asks for. */
 static bool find_pieces(const Cells *c, const Place *p, uint32_t n, const Decided *d, uint32_t sites, uint32_t e,
                         bool by[2]) {
     by[0] = by[1] = true;
     for (uint32_t i = 0; i < n; i++)
         for (int side = 0; side < 2; side++) {
-            double up = c->probe[2 * (sites * i + e) + (uint32_t)side].dg[p->of->axis];
-            by[side] &= d[e].rises ? up > 0 : up < 0;
+            const double *dg = c->probe[2 * (sites * i + e) + (uint32_t)side].dg, up = dg[p->of->axis];
+            by[side] &= (d[e].rises ? up > 0 : up < 0) && is_across(c, dg, p->of->axis);
         }
     return by[0] || by[1];
 }
@@ -359,10 +368,10 @@ static bool probe_sides(Cells *c, const Place *p, const Event *event) {
 }
 
 /* by[]: on that side g has the slope that its change asks for. */
-static bool has_slope(const Probe at[2], int axis, bool by[2]) {
+static bool has_slope(const Cells *c, const Probe at[2], int axis, bool by[2]) {
     for (int side = 0; side < 2; side++) {
         double up = at[side].dg[axis];
-        by[side] = isfinite(up) && (at[0].g < at[1].g ? up > 0 : up < 0);
+        by[side] = isfinite(up) && (at[0].g < at[1].g ? up > 0 : up < 0) && is_across(c, at[side].dg, axis);
     }
     return by[0] || by[1];
 }
@@ -386,7 +395,7 @@ static bool make_crossing(const Cells *c, const Place *p, const Decided *d, cons
 /* One event's part of a place; at: its g on both sides. */
 static void emit_home(Cells *c, const Crossing *x, const Place *p, const Tie *t, uint32_t e, const Probe at[2]) {
     bool by[2], both, fine = p->rule == CELL_FINE, unsure = t->kink || t->doubted;
-    has_slope(at, x->axis, by);
+    has_slope(c, at, x->axis, by);
     both = by[0] && by[1];
     for (int side = 0; side < 2; side++) {
         double up = at[side].dg[x->axis], along = up * x->dg[x->axis] < 0 ? -1 : 1;
@@ -413,7 +422,7 @@ static bool make_crossings(Cells *c, const Place *p, uint32_t n, const Decided *
     if (!cells_run_probes(c)) return false;
     for (uint32_t i = 0; i < n; i++) {
         bool by[2];
-        *told &= has_slope(&c->probe[2 * i], p->of->axis, by);
+        *told &= has_slope(c, &c->probe[2 * i], p->of->axis, by);
         if (make_crossing(c, &p[i], d, &c->probe[2 * i + by[1]], &x[*crossings])) at[(*crossings)++] = i;
     }
     return true;
@@ -443,7 +452,7 @@ static bool emit_untied(Cells *c, const Place *p, uint32_t n, const Decided *d, 
     }
     if (!cells_run_site_probes(c)) return false;
     bool by[2];
-    for (uint32_t k = 0; k < c->nprobe; k += 2) *told &= has_slope(&c->probe[k], p->of->axis, by);
+    for (uint32_t k = 0; k < c->nprobe; k += 2) *told &= has_slope(c, &c->probe[k], p->of->axis, by);
     const Probe *probe = c->probe;
     for (uint32_t i = 0; i < crossings && *told; i++) {
         const Place *of = &p[at[i]];

@@ -164,17 +164,17 @@ bool cells_give(Cells *c, Cell *cell, uint32_t n) {
 double cells_nearly_0(const Cells *c, const Box *box, double error, const double dg[3]) {
     double slope = 0, size = 0, width = 0;
     for (uint32_t d = 0; d < c->dim; d++) {
-        slope = fmax(slope, fabs(dg[d]));
-        size = fmax(size, fmax(fabs(box->lo[d]), fabs(box->hi[d])));
+        slope = larger(slope, fabs(dg[d]));
+        size = larger(size, larger(fabs(box->lo[d]), fabs(box->hi[d])));
         width += box->end[d] - box->lo[d];
     }
-    return fmin(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), cells_reach(c->b->f64) * slope * width);
+    return smaller(2 * error + slope * size * (c->b->f64 ? 0x1p-48 : 0x1p-20), cells_reach(c->b->f64) * slope * width);
 }
 
 static double error_of(const Cell *cell, uint32_t event) {
     double error = 0;
     for (uint32_t e = 0; e < cell->nedges; e++)
-        if (event_same(&cell->edge[e].event, &cell->event[event])) error = fmax(error, cell->edge[e].error);
+        if (event_same(&cell->edge[e].event, &cell->event[event])) error = larger(error, cell->edge[e].error);
     return error;
 }
 
@@ -220,9 +220,10 @@ bool cells_drop_wrong(Cells *c) {
         const Cell *cell = &c->cell[piece->cell];
         for (uint32_t j = 0; j < r->of->given.n; j++) {
             if (!must_hold(cell, r->of, j)) continue;
-            double near = cells_nearly_0(c, &cell->box, error_of(cell, r->of->given.is[j].event), p->dg);
-            bool wrong = r->of->given.is[j].below ? p->g > near : p->g < -near;
-            if (wrong) piece->present &= ~(1u << r->edge);
+            double beyond = r->of->given.is[j].below ? p->g : -p->g;
+            if (beyond > 0 && /* by more than rounding */
+                beyond > cells_nearly_0(c, &cell->box, error_of(cell, r->of->given.is[j].event), p->dg))
+                piece->present &= ~(1u << r->edge);
             p++;
         }
     }

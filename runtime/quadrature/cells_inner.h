@@ -18,7 +18,8 @@
  *   cells_solid.c   3D: planes through a cell, each a cell of 2D
  *   cells_gap.c     curves that lie in the gap between two floats at which a cell was cut, several on one line untied
  *   cells_upset.c   seams at whose jump tagged decisions change
- *   cells_layer.c   f that climbs so steeply that points miss it
+ *   cells_layer.c   f that climbs so steeply next to a curve that points miss it
+ *   cells_steep.c   or away from curves
  *   cells_volume.c  points of the volume: between the roots of columns, and in boxes where f is smooth
  *
  * A curve g = 0 in a cell is a graph over the *base*, the other axes: its height is the one root of g on the *column*
@@ -26,6 +27,8 @@
  * above every point, and nothing that decides changes along any of them. */
 #ifndef SALTUS_QUADRATURE_CELLS_INNER_H
 #define SALTUS_QUADRATURE_CELLS_INNER_H
+
+#include <math.h>
 
 #include "runtime/quadrature/cells.h"
 #include "runtime/quadrature/gauss.h"
@@ -44,6 +47,7 @@ enum {
     CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
+    CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
     CELL_SHAPES = 64,  /* in hand at once */
     SITE_STRAIGHT = 1, /* g changes along one axis alone */
     SITE_BENT = 2,
@@ -137,8 +141,9 @@ typedef struct Cell {
 
 /* A part of the base of a cell, and what is found there. */
 typedef struct PieceEdge {
-    double at, height, g, dg[3]; /* on the column above a place of the base, the middle if it is not `merged`; g and its
-                                    gradient there */
+    double at, height, g, dg[3]; /* on the column above a place of the base: g and its gradient there. The place is the
+                                    middle, or that of the piece before, on which nothing differs */
+    double middle;               /* about its height above the middle */
     double off;                  /* by so much corners tell it too low there */
     uint32_t sides, tie;         /* as in Root, there */
     bool open, twin, band;       /* the crossing changes the region; other curves lie on this one; as in Root */
@@ -149,16 +154,20 @@ typedef struct Piece {
     int8_t axis, base; /* height axis; that of the base, -1 in 1D */
     double at[3][2];   /* by axis: the two ends, but of the height axis */
     uint32_t present;  /* bit by edge of the cell: the curve is there */
+    uint32_t begins;   /* likewise: it has to do with what cuts the base where the piece begins */
+    uint32_t heirs;    /* and nothing has changed since the piece before, whose edges are its own, */
+    uint32_t seen;     /* and its two sides are known, be it hidden or not */
     uint32_t asked;    /* likewise: whether it is was asked of the program, not of corners */
     uint32_t halvings; /* of its base */
     uint32_t parts;    /* in which the columns are cut between roots */
+    bool layered;      /* and of these each is twice as long as the one nearer to the root */
     bool graded;       /* f may have a root singularity at a curve: places are denser at the ends of base and columns */
     bool halve;        /* it is too long for the rules */
     uint8_t points;    /* of the fine rule; 0: not chosen yet. The coarse one has one less */
     double bend;       /* 1 / the length on which its curves bend, as the two rules tell; 0: not known */
     int8_t leaving[2]; /* by end: the edge whose curve leaves the cell there; -1: none */
     bool up[2];        /* and whether through the upper face */
-    bool alone, merged; /* it is of one curve, `only`, and tells areas; several pieces that became one */
+    bool alone;        /* it is of one curve, `only`, and tells areas */
     uint8_t only;
     double beyond[2]; /* as in Cut */
     PieceEdge edge[CELL_EDGES];
@@ -169,6 +178,7 @@ typedef struct Cut {
     uint32_t cell;
     int8_t axis, edge; /* edge: whose curve leaves the cell there; -1: two meet */
     bool up;           /* through the upper face */
+    uint32_t edges;    /* bits of the one, or of both */
     double at, beyond; /* beyond: length along the base of what it has between there and the domain's border */
     double height;     /* of the curve that leaves; NaN: not known as well as numbers go */
 } Cut;
@@ -240,6 +250,7 @@ typedef struct Smooth {
     double f[2 * SLT_MAX_CHANNELS]; /* bounds: those of the cell, or, where it was looked for what they hide, its own */
     uint32_t halvings;
     bool hunted; /* it is to be halved for that */
+    bool steep;  /* a larger one was: what f changes by on a short way weighs more in derivatives, where that moves */
 } Smooth;
 
 /* g of an event at a point, or on a box. */
@@ -292,6 +303,7 @@ struct Cells {
     GaussRule of[GAUSS_MAX + 1];        /* by number of points */
     double slack;                       /* Root.slack of columns at which f is not asked */
     double bend;                        /* Piece.bend of late: for those that come next */
+    double most;                        /* |f| that points of this tile have met */
     double bits;                        /* log2 of what the coarse rule may err by on a part of the volume */
     Node *stack;                        /* nodes to be worked on */
     uint32_t oldest, nstack, stack_cap; /* stack[oldest .. nstack - 1] wait */
@@ -376,6 +388,11 @@ void cells_leave(Cells *c, const Box *box, const double *bounds); /* CellSink.le
 double cells_next(const Cells *c, double v, double towards);
 /* v moved by n units in its last place, or in that of `scale` where that is more. */
 double cells_move(const Cells *c, double v, double n, double scale);
+
+/* ---- cells.c */
+bool cells_may_divide(Cells *c, const Cell *cell); /* is it large enough to be cut further? */
+/* A part of a cell that was counted as curved becomes a node again. False when memory runs out. */
+bool cells_put_back(Cells *c, const Cell *cell, const Box *part);
 
 /* ---- cells_edge.c */
 void cells_call(Cells *c, SltKernelKind kind, uint32_t n); /* counts */
@@ -471,10 +488,10 @@ static inline const Sides *cells_sides(const Cells *c, const Root *r) { return &
  * base, and of the slope there of a function with gradient bounds `f`. */
 void cells_slope_along(const double a[3][2], const double f[3][2], int base, int axis, double climb[2],
                        double slope[2]);
-/* Is the curve of an edge in the cell above s on the base? Then `height` is about where. False: the corners do not
- * tell.
- */
-bool cells_told_by_corners(const Cell *cell, const CellEdge *e, int base, double s, bool *present, double *height);
+/* Is the curve of an edge in the cell above s on the base? False: the corners do not tell. */
+bool cells_told_by_corners(const CellEdge *e, double s, bool *present);
+/* About where it is, as they tell; NaN: they do not. */
+double cells_height_by_corners(const Cell *cell, const CellEdge *e, int base, double s);
 bool cells_cut_planes(Cells *c, uint32_t first); /* makes the cuts, sorted */
 bool cells_cut_bases(Cells *c, uint32_t first);  /* and the pieces between them */
 /* The coarse rule has what lies between the end of a piece that goes out and the border of the domain. */
@@ -542,9 +559,17 @@ void cells_check_cut(Cells *c, Cell *cell, const Root *r);
  * may climb there. count: adds it to what is lost, CellCounts.upset_jump. */
 double cells_layer(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first, const Spot *end,
                    bool count);
+/* ---- cells_steep.c */
 /* May f be far from what points of the box have met, by bounds? A tile has so many evaluations for that, and no more.
  */
 bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* In f32: where f climbs in few floats, what the rounding of points makes of derivatives. */
+void cells_state_rounding(Cells *c, const Smooth *s, const Spot *first, const Spot *end);
+/* Of a box that is not cut further, though the rules may not agree: counts a step that it may hold as lost. */
+void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree);
+/* The same of the parts of a piece between its curves; those spots are the piece's. */
+bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Column *to, const Spot *first,
+                        const Spot *end);
 /* The axis along which bounds of its halves tell most, and these bounds. */
 uint32_t cells_hunt(Cells *c, const Smooth *s, double f[2][2 * SLT_MAX_CHANNELS]);
 
@@ -562,15 +587,26 @@ void cells_emit_borders(Cells *c, const Piece *p, const Column *from, const Colu
 bool cells_end_borders(Cells *c, Cell *cell);
 
 /* ---- cells_volume.c */
+/* Where part k of a column between two roots begins, in parts of its length. */
+static inline double cells_part_begins(const Piece *p, uint32_t k) {
+    int half = (int)p->parts / 2;
+    if (!p->layered) return (double)k / p->parts;
+    if (k == 0 || k == p->parts) return k > 0;
+    return (int)k <= half ? ldexp(1, (int)k - half - 1) : 1 - ldexp(1, half - (int)k - 1);
+}
+
 /* So much of what has this hash, at x; size: of the terms that this is made of. */
 void cells_add_shape(Cells *c, uint32_t hash, const double x[3], double fine, double coarse, double size);
 /* What two measures may differ by through rounding, of terms of this size. */
 double cells_part_noise(const Cells *c, double size);
-bool cells_add_columns_of_points(Cells *c);                          /* the spots of column[ncolumn] */
-bool cells_take_values(Cells *c);                                    /* f at all spots */
-bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to); /* the rules, on spot[from .. to - 1] */
+bool cells_add_columns_of_points(Cells *c); /* the spots of column[ncolumn] */
+bool cells_take_values(Cells *c);           /* f at all spots */
+/* Do the rules agree on spot[from .. to - 1], to that part of the tolerance? */
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part);
 /* The same of one piece where f is constant in each part: their measures tell, and f need not be taken. */
 bool cells_parts_agree(const Cells *c, uint32_t from, uint32_t to);
+/* Where the parts of a column end, ascending; the last one at the end of the cell. How many. */
+uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]);
 /* Do the rules differ along the columns of the fine rule, rather than along the base? */
 bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *differ);
 void cells_emit_spots(Cells *c, uint32_t from, uint32_t to);

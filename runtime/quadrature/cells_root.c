@@ -44,7 +44,11 @@ double cells_cubic_root(const double x[2], const double g[2], const double slope
     enum { STEPS = 2 };
     double width = x[1] - x[0], t = (at - x[0]) / width, p = slope[0] * width, q = slope[1] * width;
     double b = 3 * (g[1] - g[0]) - 2 * p - q, a = p + q - 2 * (g[1] - g[0]);
-    for (int i = 0; i < STEPS; i++) t -= (g[0] + t * (p + t * (b + t * a))) / (p + t * (2 * b + t * 3 * a));
+    for (int i = 0; i < STEPS; i++) {
+        double off = g[0] + t * (p + t * (b + t * a));
+        if (fabs(off) <= 0x1p-50 * fabs(p)) break;
+        t -= off / (p + t * (2 * b + t * 3 * a));
+    }
     double to = x[0] + t * width;
     return to > x[0] && to < x[1] ? to : at; /* NaN is not */
 }

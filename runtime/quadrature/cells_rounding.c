@@ -110,7 +110,9 @@ static void blur_root(Cells *c, const Piece *p, const Column *k, Root *r, double
     for (uint32_t d = 0; d < c->dim; d++) steep += r->dg[d] * r->dg[d];
     steep = sqrt(steep);
     if (!r->wanted || !(steep > 0)) return;
-    double place = place_error(r, steep), weight = k->weight / fabs(r->dg[r->axis]) * steep;
+    /* Bounds may know nothing of how g rounds (`pow` near 0): yet the root is on its line. */
+    double line = (r->ends_at[1] - r->ends_at[0]) * fabs(r->dg[r->axis]) / steep;
+    double place = smaller(place_error(r, steep), line), weight = k->weight / fabs(r->dg[r->axis]) * steep;
     double bent = place * bend_of(c, &c->cell[p->cell], r->of, steep);
     if (!(bent < HUGE_VAL)) return;
     r->blur = bent + ends;

@@ -189,7 +189,8 @@ bool cells_integrate_solid(Cells *c, uint32_t i, bool may_refine, bool *done) {
     for (uint32_t k = first; k < c->ncell; k++) *done &= !c->cell[k].refine;
     bool compare = !c->o->fixed && may_refine && c->rule[CELL_COARSE].n;
     if (*done && !cells_evaluate(c, 0, compare)) return false;
-    if (*done && compare) *done = surfaces_agree(c, &c->cell[i]) && (!c->nspot || cells_values_agree(c, 0, c->nspot));
+    if (*done && compare)
+        *done = surfaces_agree(c, &c->cell[i]) && (!c->nspot || cells_values_agree(c, 0, c->nspot, 1));
     if (*done) {
         if (!cells_emit_columns(c, c->column, c->column + c->ncolumn)) return false;
         cells_emit_spots(c, 0, c->nspot);

@@ -14,7 +14,7 @@ Stretch *stretch_add(Cells *c, const Stretch *from) {
 /* ---- intervals */
 static void divide(const double a[2], const double b[2], double r[2]) { /* b does not hold 0 */
     double q[4] = {a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]};
-    r[0] = fmin(fmin(q[0], q[1]), fmin(q[2], q[3])), r[1] = fmax(fmax(q[0], q[1]), fmax(q[2], q[3]));
+    r[0] = smaller(smaller(q[0], q[1]), smaller(q[2], q[3])), r[1] = larger(larger(q[0], q[1]), larger(q[2], q[3]));
 }
 
 /* The least that a function can be on a stretch of this width that has these values at its ends and at least and at
@@ -22,10 +22,10 @@ static void divide(const double a[2], const double b[2], double r[2]) { /* b doe
 static double least(double width, const double value[2], const double slope[2]) {
     double spread = slope[1] - slope[0];
     if (!(spread < HUGE_VAL)) return -HUGE_VAL;
-    if (!(spread > 0)) return fmin(value[0], value[1]);
+    if (!(spread > 0)) return smaller(value[0], value[1]);
     double t = (value[0] - value[1] + slope[1] * width) / spread;
-    if (!(t > 0 && t < width)) return fmin(value[0], value[1]);
-    return fmin(value[0] + slope[0] * t, fmin(value[0], value[1]));
+    if (!(t > 0 && t < width)) return smaller(value[0], value[1]);
+    return smaller(value[0] + slope[0] * t, smaller(value[0], value[1]));
 }
 static double most(double width, const double value[2], const double slope[2]) {
     const double v[2] = {-value[0], -value[1]}, s[2] = {-slope[1], -slope[0]};
@@ -39,8 +39,8 @@ void cells_slope_along(const double a[3][2], const double f[3][2], int base, int
     climb[0] = -climb[1], climb[1] = -keep;
     double p = f[axis][0] * climb[0], q = f[axis][0] * climb[1], r = f[axis][1] * climb[0], t = f[axis][1] * climb[1];
     double rounding = 0x1p-48 * (fabs(p) + fabs(q) + fabs(r) + fabs(t) + fabs(f[base][0]) + fabs(f[base][1]));
-    slope[0] = f[base][0] + fmin(fmin(p, q), fmin(r, t)) - rounding;
-    slope[1] = f[base][1] + fmax(fmax(p, q), fmax(r, t)) + rounding;
+    slope[0] = f[base][0] + smaller(smaller(p, q), smaller(r, t)) - rounding;
+    slope[1] = f[base][1] + larger(larger(p, q), larger(r, t)) + rounding;
     if (!(rounding < HUGE_VAL)) slope[0] = -HUGE_VAL, slope[1] = HUGE_VAL;
 }
 
@@ -110,37 +110,46 @@ static bool ask_more(Cells *c) {
     return true;
 }
 
-bool stretch_heights(Cells *c, uint32_t first, int end) {
+bool stretch_heights(Cells *c, uint32_t first, int ends) {
     c->nroot = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        if (s->other == FACE || s->known[end]) continue;
+        const Stretch *s = &c->stretch[i];
         const CellEdge *e = curve_of(c, s);
-        double x[3];
-        place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
-        if (!cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end])) return false;
-        c->root[c->nroot - 1].turns = HUGE_VAL;
+        for (int end = 0; end < 2 && s->other != FACE; end++) {
+            double x[3];
+            if (!(ends >> end & 1) || s->known[end]) continue;
+            place(&c->cell[s->cell], e->axis, s->at[end], 0, x);
+            Root *r = cells_root(c, &c->cell[s->cell], e, e->axis, x, s->height[end]);
+            if (!r) return false;
+            r->turns = HUGE_VAL;
+        }
     }
     if (!cells_solve(c)) return false;
     const Root *r = c->root;
     for (uint32_t i = first; i < c->nstretch; i++) {
         Stretch *s = &c->stretch[i];
-        if (s->other != FACE && !s->known[end]) s->height[end] = (r++)->x[curve_of(c, s)->axis];
+        for (int end = 0; end < 2 && s->other != FACE; end++)
+            if (ends >> end & 1 && !s->known[end]) s->height[end] = (r++)->x[curve_of(c, s)->axis];
     }
     return true;
 }
 
-bool stretch_values(Cells *c, uint32_t first, int end) {
+bool stretch_values(Cells *c, uint32_t first, int ends) {
     c->nprobe = 0;
     for (uint32_t i = first; i < c->nstretch; i++) {
-        Stretch *s = &c->stretch[i];
-        const CellEdge *e = curve_of(c, s);
-        double x[3];
-        place(&c->cell[s->cell], e->axis, s->at[end], s->height[end], x);
-        if (!cells_probe_or_tell(c, tested(c, s), x)) return false;
+        const Stretch *s = &c->stretch[i];
+        for (int end = 0; end < 2; end++) {
+            double x[3];
+            if (!(ends >> end & 1)) continue;
+            place(&c->cell[s->cell], curve_of(c, s)->axis, s->at[end], s->height[end], x);
+            if (!cells_probe_or_tell(c, tested(c, s), x)) return false;
+        }
     }
     if (!cells_run_probes(c)) return false;
-    for (uint32_t i = first; i < c->nstretch; i++) c->stretch[i].value[end] = c->probe[i - first].g;
+    const Probe *p = c->probe;
+    for (uint32_t i = first; i < c->nstretch; i++)
+        for (int end = 0; end < 2; end++)
+            if (ends >> end & 1) c->stretch[i].value[end] = (p++)->g;
     return true;
 }
 
@@ -184,7 +193,7 @@ bool stretch_halve(Cells *c) {
         if (s->other != FACE) far.height[0] = 0.5 * (s->height[0] + s->height[1]);
         if (!stretch_add(c, &far)) return false;
     }
-    if (!stretch_heights(c, n, 0) || !stretch_values(c, n, 0)) return false;
+    if (!stretch_heights(c, n, STRETCH_NEAR) || !stretch_values(c, n, STRETCH_NEAR)) return false;
     for (uint32_t i = 0, j = n; i < n; i++) {
         Stretch *s = &c->stretch[i];
         if (s->state != OPEN || c->cell[s->cell].refine) continue;

@@ -45,10 +45,11 @@ static inline const CellEdge *tested(const Cells *c, const Stretch *s) {
 Stretch *stretch_add(Cells *c, const Stretch *from);
 /* What values and slopes prove; error: of the function's values. */
 void stretch_judge(Stretch *s, double error);
-/* The height of the curve at end `end` of all stretches from `first` on; on faces it is known. */
-bool stretch_heights(Cells *c, uint32_t first, int end);
+/* The height of the curve at ends, bit by bit, of all stretches from `first` on; on faces it is known. */
+enum { STRETCH_NEAR = 1, STRETCH_FAR = 2, STRETCH_BOTH = 3 };
+bool stretch_heights(Cells *c, uint32_t first, int ends);
 /* The value of the function there. */
-bool stretch_values(Cells *c, uint32_t first, int end);
+bool stretch_values(Cells *c, uint32_t first, int ends);
 /* Halves every open stretch: the far half is appended. */
 bool stretch_halve(Cells *c);
 /* Until every stretch has at most one root. */

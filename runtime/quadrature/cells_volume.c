@@ -142,8 +142,7 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
     return points < full->n ? &c->of[points] : full;
 }
 
-/* Where the parts of a column end, ascending; the last one at the end of the cell. */
-static uint32_t part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
+uint32_t cells_part_ends(const Cells *c, const Column *k, double heights[CELL_EDGES + 1]) {
     const Piece *p = &c->piece[k->piece];
     uint32_t n = 0;
     for (uint32_t i = 0; i < k->nroots; i++) {
@@ -160,12 +159,13 @@ static uint32_t part_ends(const Cells *c, const Column *k, double heights[CELL_E
 static bool fill_column(Cells *c, const Column *k, CellRule rule) {
     const Piece *p = &c->piece[k->piece];
     double x[3], from = c->cell[p->cell].box.lo[p->axis], heights[CELL_EDGES + 1];
-    uint32_t n = part_ends(c, k, heights);
+    uint32_t n = cells_part_ends(c, k, heights);
     memcpy(x, k->x, sizeof x);
     for (uint32_t i = 0; i < n; from = heights[i++]) {
         const GaussRule *g = p->graded ? &c->rule[rule] : rule_along(c, rule, heights[i] - from);
         for (uint32_t q = 0; q < g->n * p->parts && heights[i] > from; q++) {
-            double t = (q / g->n + g->x[q % g->n]) / p->parts, w = g->w[q % g->n] / p->parts;
+            double begin = cells_part_begins(p, q / g->n), length = cells_part_begins(p, q / g->n + 1) - begin;
+            double t = begin + g->x[q % g->n] * length, w = g->w[q % g->n] * length;
             if (p->graded) w *= 6 * t * (1 - t), t = t * t * (3 - 2 * t);
             x[p->axis] = from + t * (heights[i] - from);
             if (!add_spot(c, k->piece, x, k->weight * w * (heights[i] - from), (uint8_t)rule)) return false;
@@ -204,7 +204,7 @@ static bool fill_parts(Cells *c, const Column *from, const Column *to) {
     for (uint32_t i = 0; i < n; i++) weight[i] = longest[i] = 0;
     for (const Column *k = from; k < to; k++) {
         double heights[CELL_EDGES + 1], last = c->cell[p->cell].box.lo[p->axis];
-        part_ends(c, k, heights);
+        cells_part_ends(c, k, heights);
         for (uint32_t i = 0; i < n; last = heights[i++]) {
             double length = heights[i] - last;
             if (!(length > 0)) continue;
@@ -324,15 +324,28 @@ bool cells_columns_differ(Cells *c, const Column *from, const Column *to, bool *
         for (int r = 0; k->rule == CELL_FINE && r < CELL_RULES; r++)
             if (!fill_column(c, k, (CellRule)r)) return false;
     if (!take_values(c, first)) return false;
-    *differ = !cells_values_agree(c, first, c->nspot);
+    *differ = !cells_values_agree(c, first, c->nspot, 1);
     c->nspot = first;
     return true;
 }
 
+/* By how much f differs at spots, in the channel where it does most. */
+static double range_of(const Cells *c, uint32_t from, uint32_t to) {
+    double most = 0;
+    for (uint32_t ch = 0; ch < c->s->channels; ch++) {
+        double low = HUGE_VAL, high = -HUGE_VAL;
+        for (uint32_t i = from; i < to; i++)
+            low = smaller(low, c->spot[i].f[ch]), high = larger(high, c->spot[i].f[ch]);
+        most = larger(most, high - low);
+    }
+    return most;
+}
+
 /* Compares the integral of each channel and its moments in the position. Less than the rounding of f and, in moments,
- * of positions makes is no difference. */
-bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
-    double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, lo[3], hi[3];
+ * of positions makes, in f too, is no difference. */
+bool cells_values_agree(Cells *c, uint32_t from, uint32_t to, double part) {
+    double sum[CELL_RULES][SLT_MAX_CHANNELS][4], most = 0, total = 0, side = c->width, measure = 0, far = 0, lo[3],
+                                                 hi[3];
     for (int r = 0; r < CELL_RULES; r++) memset(sum[r], 0, c->s->channels * sizeof *sum[r]);
     for (int d = 0; d < 3; d++) lo[d] = HUGE_VAL, hi[d] = -HUGE_VAL;
     for (uint32_t i = from; i < to; i++)
@@ -340,6 +353,7 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
             lo[d] = smaller(lo[d], c->spot[i].x[d]), hi[d] = larger(hi[d], c->spot[i].x[d]);
     for (uint32_t i = from; i < to; i++) {
         const Spot *s = &c->spot[i];
+        measure += 0.5 * s->weight; /* of two rules */
         for (uint32_t ch = 0; ch < c->s->channels; ch++) {
             double v = s->weight * s->f[ch];
             most = larger(most, fabs(s->f[ch])), total += fabs(v);
@@ -348,11 +362,16 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
                 if (hi[d] > lo[d]) sum[s->rule][ch][1 + d] += v * (2 * (s->x[d] - lo[d]) / (hi[d] - lo[d]) - 1);
         }
     }
+    for (uint32_t d = 0; d < c->dim; d++)
+        far = larger(far, larger(fabs(lo[d]), fabs(hi[d]))), side = hi[d] > lo[d] ? smaller(side, hi[d] - lo[d]) : side;
+    double blur = range_of(c, from, to) / side * measure * far;
+    /* Where f fades away next to where it is large, the tail need not be known as well as that. */
+    c->most = most = larger(c->most, most);
     double unit = c->b->f64 ? 0x1p-51 : 0x1p-22;
     for (uint32_t m = 0; m <= (c->o->flat ? 0 : c->dim); m++) { /* a place for all of a part has no moments */
-        double noise = unit * total;
+        double noise = unit * larger(total, blur);
         if (m && hi[m - 1] > lo[m - 1]) noise *= 1 + larger(fabs(lo[m - 1]), fabs(hi[m - 1])) / (hi[m - 1] - lo[m - 1]);
-        double most_apart = larger(c->o->tolerance * most * c->volume, noise);
+        double most_apart = larger(c->o->tolerance * part * most * c->volume, noise);
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             if (fabs(sum[CELL_FINE][ch][m] - sum[CELL_COARSE][ch][m]) > most_apart) return false;
     }
@@ -363,11 +382,22 @@ bool cells_values_agree(const Cells *c, uint32_t from, uint32_t to) {
 bool cells_settle_box(Cells *c, const Cell *cell, const double lo[3], const double end[3]) {
     if (!CELLS_ROOM(c, smooth, 1)) return false;
     Smooth *s = &c->smooth[c->nsmooth++];
-    s->halvings = 0, s->hunted = false;
+    s->halvings = 0, s->hunted = s->steep = false;
     for (uint32_t d = 0; d < 3; d++) s->hi[d] = smaller(end[d], cell->box.hi[d]);
     memcpy(s->f, cell->f, 2 * c->s->channels * sizeof *s->f);
     memcpy(s->lo, lo, sizeof s->lo), memcpy(s->end, end, sizeof s->end);
     return true;
+}
+
+/* How often each side was halved, because f varies faster than that: its parts need as many points as it had. */
+static double halved(const Cells *c, const Smooth *s) { return ldexp(1, (int)(s->halvings / c->dim)); }
+
+#define CLIMBS 0x1p-6 /* of the largest f */
+
+static double shortest(const Cells *c, const Smooth *s) {
+    double side = HUGE_VAL;
+    for (uint32_t d = 0; d < c->dim; d++) side = smaller(side, s->end[d] - s->lo[d]);
+    return side;
 }
 
 /* Points of the tensor rule. */
@@ -376,7 +406,8 @@ static bool fill_box(Cells *c, uint32_t owner, uint8_t rule) {
     const GaussRule *r[3] = {NULL};
     uint32_t n[3] = {1, 1, 1};
     if (!c->rule[rule].n) return true;
-    for (uint32_t d = 0; d < c->dim; d++) r[d] = rule_along(c, (CellRule)rule, s->end[d] - s->lo[d]), n[d] = r[d]->n;
+    for (uint32_t d = 0; d < c->dim; d++)
+        r[d] = rule_along(c, (CellRule)rule, halved(c, s) * (s->end[d] - s->lo[d])), n[d] = r[d]->n;
     for (uint32_t z = 0; z < n[2]; z++)
         for (uint32_t y = 0; y < n[1]; y++)
             for (uint32_t i = 0; i < n[0]; i++) {
@@ -406,7 +437,7 @@ static bool halve_box(Cells *c, const Smooth *s) {
         if (half) h->lo[axis] = middle;
         else h->end[axis] = middle, h->hi[axis] = cells_round(c, middle);
         if (s->hunted) memcpy(h->f, f[half], 2 * c->s->channels * sizeof *f[half]);
-        h->halvings++, h->hunted = false;
+        h->halvings++, h->steep |= s->hunted, h->hunted = false;
     }
     return true;
 }
@@ -423,11 +454,17 @@ static bool integrate_last(Cells *c, uint32_t first) {
         uint32_t end = at;
         while (end < c->nspot && c->spot[end].owner == i) end++;
         Smooth *s = &c->smooth[i];
-        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree = last;
-        if (!last) agree = cells_values_agree(c, at, end);
-        if (!last && agree) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
-        if (agree && !s->hunted) cells_emit_spots(c, at, end);
-        else c->smooth[kept++] = *s;
+        bool last = !compare || s->halvings >= BOX_HALVINGS || cells_spent(c), agree;
+        /* Halved before, and yet there is no small change in it. */
+        bool steep = s->steep || (s->halvings >= c->dim && range_of(c, at, end) > CLIMBS * c->most);
+        bool same = !compare || cells_values_agree(c, at, end, steep ? shortest(c, s) / c->width : 1);
+        agree = same || last;
+        if (!last && same) s->hunted = cells_hides_peak(c, s, c->spot + at, c->spot + end);
+        if (last && compare) cells_state_hidden(c, s, c->spot + at, c->spot + end, same);
+        if (agree && !s->hunted) {
+            if (compare) cells_state_rounding(c, s, c->spot + at, c->spot + end);
+            cells_emit_spots(c, at, end);
+        } else c->smooth[kept++] = *s;
         at = end;
     }
     c->nsmooth = kept;

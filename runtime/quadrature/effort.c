@@ -11,6 +11,7 @@ enum {
     UNASKED = 1 << 25,
     FIRST_STAGE = 1 << 22,
     CELL_COST = 256, /* or so many for each cell that boxes foretell, if that is more */
+    AFFORDS = 8,     /* and in all so many sweeps like the first one, if nothing cut that short: no less is foretold */
     STAGE = 4        /* by how much more the next sweep may spend, */
 };
 #define FALLS 0.7       /* if its error is less than so much of that of the one before, */
@@ -150,6 +151,10 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     if (e->best <= goal) { /* of the gradient; of the value something may be left */
         if (!e->wanted && p->short_of_volume && e->given) *stop = SLT_STOP_EVALUATIONS;
         return false;
+    }
+    if (e->wanted && !e->given && e->sweeps == 1 && !p->counts.spent) {
+        e->limit = (uint64_t)fmax((double)e->limit, AFFORDS * (double)cost);
+        e->stage = (uint64_t)fmax((double)e->stage, STAGE * (double)cost);
     }
     bool rougher = left > 0.25 * goal, finer = rules > 0.25 * goal; /* what there is too much of */
     if (p->counts.spent && e->stage < e->limit) {

@@ -20,6 +20,7 @@ double quadrature_segments(const SltJob *j);
 double quadrature_lattice(const SltScene *s, const SltJob *j, bool boundary, bool interior);
 /* What a few hundred boxes say of a program. */
 typedef struct Outlook {
+    double seen;     /* |f| is at least that large somewhere */
     double unproven; /* share of the domain where bounds prove nothing even on small boxes; 1: no bounds at all */
     double cells;    /* how many there will be, about */
     double side;     /* of a usual one (the median over places), in parts of the domain */

@@ -21,6 +21,8 @@ static const uint64_t trial_budget[3] = {400, 400, 2000}; /* evaluations of each
 #define TRIAL_LEFT_WANTED 0.25 /* where an error is wanted, which the lattice will not reach */
 #define DEARER 0.4        /* nor where cells cost more than this part of what the lattice does, */
 #define DEARER_IMAGE 10.0 /* for an image: its lattice is coarse */
+#define THIN 0.1          /* but where so many of its curves are too near to each other for that */
+#define DEARER_THIN 100.0
 #define WIDER_BUDGET 0.05   /* what these may cost, of what the lattice does, */
 #define WIDER_DEAREST 0.005 /* and each of them */
 #define IMAGE_CELLS 16.0  /* nor where an image has more cells a pixel than this */
@@ -36,7 +38,8 @@ static void box_at(const SltScene *s, uint32_t point, uint32_t level, double lo[
     }
 }
 
-static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
+/* Returns what |f| is at least somewhere. */
+static double ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][POINTS]) {
     for (uint32_t l = 0; l < LEVELS; l++)
         for (uint32_t i = 0; i < POINTS; i++) {
             double lo[3] = {0}, hi[3] = {0};
@@ -45,11 +48,18 @@ static void ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][PO
             for (uint32_t d = 0; d < b->s->dim; d++) batch_set(b, SLT_IN_H0 + d, l * POINTS + i, hi[d]);
         }
     batch_call(b, SLT_K_BOUNDS, LEVELS * POINTS);
+    double seen = 0;
     for (uint32_t l = 0; l < LEVELS; l++)
         for (uint32_t i = 0; i < POINTS; i++) {
+            for (uint32_t c = 0; c < b->s->channels; c++) {
+                double least = batch_get(b, SLT_OUT_F_LO, c, l * POINTS + i);
+                double most = batch_get(b, SLT_OUT_F_HI, c, l * POINTS + i);
+                if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
+            }
             state[l][i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, l * POINTS + i);
             open[l][i] = batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, l * POINTS + i) : 0;
         }
+    return seen;
 }
 
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) {
@@ -62,7 +72,7 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
     bool ok = batch_init(&b, s, &g);
     if (ok) {
         uint32_t unproven = 0, finest[LEVELS + 1] = {0}, level = 0, places = 0;
-        ask(&b, state, open);
+        o.seen = ask(&b, state, open);
         for (uint32_t i = 0; i < POINTS; i++) {
             uint32_t l = 0;
             while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
@@ -111,11 +121,25 @@ SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *sta
     return o.unproven <= UNPROVEN && cheap ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
 }
 
-/* What the sinks of a sweep would evaluate at the points, which the trial does not. */
+/* What the sinks of a sweep would evaluate at the points, which the trial does not; and how many of those on curves lie
+ * so near to another that the lattice would see neither. */
 typedef struct Cost {
-    uint64_t curve, volume; /* points */
+    uint64_t curve, volume, thin; /* points */
+    double spacing[3];            /* of the lattice of an image; else 0 */
 } Cost;
-static void count_curve(void *user, Crossing *c, uint32_t n) { (void)c, ((Cost *)user)->curve += n; }
+
+/* Are they neighbours on one line, nearer than the lattice's vertices? */
+static bool is_thin(const Cost *cost, const Crossing *a, const Crossing *b) {
+    bool near = a->axis == b->axis && a->cls == b->cls;
+    for (int d = 0; d < 3; d++) near &= d == a->axis ? fabs(a->x[d] - b->x[d]) < cost->spacing[d] : a->x[d] == b->x[d];
+    return near;
+}
+
+static void count_curve(void *user, Crossing *c, uint32_t n) {
+    Cost *cost = user;
+    cost->curve += n;
+    for (uint32_t i = 1; i < n; i++) cost->thin += is_thin(cost, &c[i - 1], &c[i]);
+}
 static void count_volume(void *user, const CellPoint *p, uint32_t n, CellRule rule, const Box *within) {
     (void)p, (void)rule, (void)within, ((Cost *)user)->volume += n;
 }
@@ -162,6 +186,7 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     CellCounts counts = {0};
     for (uint32_t d = 0; d < t->s->dim; d++)
         if (!t->g->integral)
+            cost.spacing[d] = 0.5 * t->g->side[d],
             o.grid[d] = t->g->filter == SLT_FILTER_BOX ? t->g->side[d] : 0.5 * t->g->side[d],
             o.grid_lo[d] = t->g->lo[d];
     o.budget = a->budget, o.fixed = !t->g->integral;
@@ -177,7 +202,9 @@ static bool tiles_pay(const Trial *t, const Tiles *a, uint32_t *spent, bool *ok)
     double all = counts.settled + counts.curved + counts.left;
     double used =
         (double)(t->b->evaluations - before + cost.curve) + (double)cost.volume * (j->no_interior ? 1 : t->s->channels);
-    bool cheap = wants_error(j) || used / all <= a->dearer * t->lattice;
+    /* What the lattice would not see is no matter of its price. */
+    double dearer = cost.thin > THIN * (double)cost.curve ? DEARER_THIN : a->dearer;
+    bool cheap = wants_error(j) || used / all <= dearer * t->lattice;
     return *ok && cheap && counts.left <= (wants_error(j) ? TRIAL_LEFT_WANTED : TRIAL_LEFT) * all;
 }
 

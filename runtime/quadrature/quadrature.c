@@ -180,6 +180,7 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     p.interior = gradient && !j.no_interior && s->kernel[SLT_K_VJP];
     p.segments = boundary ? quadrature_segments(&j) : 0, p.samples = (double)j.samples;
     p.options.curves = boundary, p.options.volume = p.interior || value;
+    p.options.seen = outlook.seen;
     p.options.seams = gradient && quadrature_compares_seams(s, &j);
     double lattice = quadrature_lattice(s, &j, boundary, p.interior);
     Effort e;

@@ -82,10 +82,8 @@ static double face(const Box *b, uint32_t dim) {
     return shortest > 0 ? m / shortest : 0;
 }
 
-/* What so many lines along each axis of a cell cost: their vertices, and two crossings on each. */
-static double cost_of(uint32_t lines, uint32_t dim) {
-    return pow(lines + 2, dim) + 2.0 * CROSSING_COST * dim * pow(lines, dim - 1);
-}
+/* What so many lines along both axes of a cell cost: their vertices, and two crossings on each. */
+static double cost_of(uint32_t lines) { return (lines + 2.0) * (lines + 2.0) + 4.0 * CROSSING_COST * lines; }
 
 /* Lines across a cell such that all of them together cost what is wanted. */
 static void plan_lines(Sweep *p, double used, double spare) {
@@ -96,10 +94,11 @@ static void plan_lines(Sweep *p, double used, double spare) {
     if (p->budget) vertices = fmin(vertices, 0.5 * spare);
     double n = 2 * round(0.5 * pow(vertices / cells, 1.0 / dim));
     p->lines = n < 2 ? 2 : n > LEFT_LINES ? LEFT_LINES : (uint32_t)n;
-    /* Where an error is wanted, no fewer than a share of what cells have cost pays for: around points few are left, and
-     * lines are cheaper there than ever smaller cells. */
+    /* Where an error is wanted, no fewer than a share of what cells have cost pays for: in a plane few are left, around
+     * points, and lines are cheaper there than ever smaller cells. Along the edges of a solid their errors would add
+     * up. */
     double most = fmin(LEFT_PAYS * used, p->budget ? 0.5 * spare : HUGE_VAL) / cells;
-    while (p->wanted && p->lines < LEFT_LINES && cost_of(p->lines + 2, dim) <= most) p->lines += 2;
+    while (p->wanted && dim == 2 && p->lines < LEFT_LINES && cost_of(p->lines + 2) <= most) p->lines += 2;
 }
 
 /* Of more cells from `from` on than can be paid for some stand for all, chosen in proportion to their measure and to

@@ -82,6 +82,18 @@ class Prospero(Case):
         for shift in r["gradient"]["shift"]:
             self.assertAlmostEqual(shift, 0, delta=0.1)
 
+    def test_derivatives_of_a_part(self):
+        """A 1024th of it, by cells. What a shift changes is what passes the border: lengths inside along its four sides, by
+        halving. An arc ends at the end of a stem there, with a slope across the cut that is all rounding."""
+        with open(self.path("p.salt")) as f:
+            source = f.read()
+        self.put("t.salt", source.replace("float2 q = p * scale", "float2 q = (float2(-0.77, 0.78) + p * 0.03125) * scale"))
+        r = self.json_cli("grad", "t.salt", "--integral", "--estimator", "quadrature", "--precision", "f64", "--error", "1e-5",
+                          "--wrt", "scale,shift", "--max-evaluations", 200000)
+        for got, want, error in zip(r["gradient"]["shift"], (-64.0, 0.690634016), r["stderr"]["shift"]):
+            self.assertLessEqual(error, 1e-4)
+            self.assertLessEqual(abs(got - want), error + 1e-6)
+
 
 if __name__ == "__main__":
     unittest.main()

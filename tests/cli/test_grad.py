@@ -38,6 +38,8 @@ shader float main(float2 x) { float d = r - length(x); [Disc] if (d - sin(d) > 0
         self.assertEqual([w["code"] for w in j["warnings"]], ["dropped"])
         self.assertLess(abs(j["gradient"]["r"] - TAU * 0.4), 4 * j["stderr"]["r"])
         self.assertIn("crossings were dropped", self.run_cli("grad", "d.salt", "--integral", "--estimator", "lattice").err)
+        err = self.run_cli("grad", "d.salt", "--size", "64", "--samples", "64", "--estimator", "lattice", "-o", "d.npy").err
+        self.assertRegex(err, r"derivative images state no errors: pixels with dropped crossings, \d.* % of all crossings, lack their part")
 
     def test_dropped_in_images(self):
         """Losses and weighted images state what was dropped, as integrals do."""

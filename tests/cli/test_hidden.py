@@ -1,4 +1,5 @@
 """What is hidden is found, by what runs where nothing is asked for: hidden.py, whose 300 scenes are too many for every run."""
+import math
 import tempfile
 
 import hidden
@@ -21,6 +22,20 @@ class Hidden(Case):
         """Two of each kind: crests of a cosine, of which a root lies nearer to the next than the cosine is exact, among them."""
         self.count(range(253, 263))
         self.count((258, 263), "--estimator", "quadrature")
+
+    def test_image(self):
+        """A ring of 1e-4 in the gradient of an image, by default: the lattice, cheaper by far, sees nothing of it."""
+        self.put("p.salt", "param float w = 1e-4; param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) "
+                 "{ [Disc] if (abs(length(x - float2(0.13, -0.21)) - r) < w) return 1.0; return 0.0; }")
+        size, pixel = 18, (2 / 18) ** 2
+        with open(self.path("a.npy"), "wb") as file:
+            file.write(write_npy((size, size), [1.0] * size ** 2))
+        for precision in ("f32", "f64"):
+            j = self.json_cli("grad", "p.salt", "--size", "%dx%d" % (size, size), "--adjoint", "a.npy", "--precision", precision, "--quiet")
+            for name, truth in (("w", 4 * math.pi * 0.5 / pixel), ("r", 4 * math.pi * 1e-4 / pixel)):
+                with self.subTest(name, precision=precision):
+                    self.assertLess(abs(j["gradient"][name] - truth), 1e-3 * truth + 4 * j["stderr"][name])
+                    self.assertLess(j["stderr"][name], 0.01 * truth)
 
 
 if __name__ == "__main__":

@@ -44,6 +44,28 @@ class Slopes(Case):
                         j = self.json_cli("grad", "p.salt", "--integral", "--quiet", *args)
                         self.assertLess(abs(j["gradient"]["r"] - truth(k)), 4 * j["stderr"]["r"] + 1e-6)
 
+    def test_layers_away_from_jumps(self):
+        """The same of a step between the curves: points on both its sides agree on what f is there, and derivatives know nothing of it."""
+        programs = {  # the step is at q, where its height is 2 along a line of that length
+            "beside a jump": ("float", "if (x < p) return 1.0 + tanh(%g * (x - q)); return 0.0;", 1, 0.6),
+            "under a jump": ("float", "float f = 1.0 + tanh(%g * (x - q)); [Disc] if (x < p) f += 1.0; return f;", 1, 1),
+            "across a curve": ("float2", "[Disc] if (x.y < p + 0.1 * x.x) return 1.0 + tanh(%g * (x.x - q)); return 0.0;", 2, 1),
+        }
+        for name, (domain, body, dim, last) in programs.items():
+            for k in (1e3, 1e4, 1e5):
+                for q in (0.55, 0.3571):
+                    for args in ((), ("--precision", "f64")):
+                        with self.subTest(name, k=k, q=q, args=args):
+                            body_of = (body if "[Disc]" in body else "[Disc] " + body) % k
+                            self.put("p.salt", "param float p = 0.6; param float q = %g; shader float main(%s x) { %s }" % (q, domain, body_of))
+                            j = self.json_cli("grad", "p.salt", "--integral", "--quiet", *args)
+                            truth = -(math.tanh(k * (last - q)) + math.tanh(k * q)) if dim == 1 else -2 * (0.6 + 0.1 * q)
+                            off, bar = abs(j["gradient"]["q"] - truth), j["stderr"]["q"]
+                            self.assertLess(off, 4 * bar + 2e-5)
+                            if dim == 1:
+                                self.assertLess(off, 1e-2)
+                                self.assertLess(bar, 0.1)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -1,4 +1,5 @@
 """Whoever waits is answered: interrupts and limits inside a compilation, a search or a tile, and notes on progress."""
+import json
 import random
 import signal
 import time
@@ -29,6 +30,14 @@ def straight_line(operations):
     for i in range(2, operations):
         lines.append("float v%d = %s(v%d, v%d + %d.5);" % (i, pick.choice(("min", "max", "atan2")), pick.randrange(max(0, i - 30), i), i - 1, i % 7))
     return "param float a = 1.0;\nshader float main(float2 x) {\n%s\nfloat f = 0.0; [Disc] if (v%d < 3.0) f = 1.0; return f; }" % ("\n".join(lines), operations - 1)
+
+
+def written_out(n):
+    """n steps, each with a weight of its own, and the derivative of the integral in p."""
+    pick = random.Random(2)
+    steps = [(pick.random() - 0.5, pick.random() / n) for _ in range(n)]
+    lines = ["[Disc] if (x.x < p + %.6f) f += %.8f;" % step for step in steps]
+    return "param float p = 0.5;\n[Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0;\n%s\nreturn f; }" % "\n".join(lines), sum(weight for _, weight in steps)
 
 
 def long_sites(operations):
@@ -82,6 +91,20 @@ class Watched(Case):
         r = self.run_cli("grad", "m.frag", "--integral", timeout=280)
         self.assertRegex(r.err, "warning: (256|4096) samples and lines instead of 262144|warning: the boundary is left out")
         self.assertRegex(r.out, r"(?m)^iTime +-?\d")
+
+    def test_written_out(self):
+        """Hundreds of sites are compiled without optimisation; thousands are refused, with what to do, where LLVM would take minutes."""
+        text, truth = written_out(600)
+        self.put("s.salt", text)
+        r = self.run_cli("grad", "s.salt", "--integral", "--estimator", "lattice", "--samples", "4096", "--no-cache", "--json")
+        self.assertAlmostEqual(json.loads(r.out)["gradient"]["p"], truth, delta=1e-4)
+        self.put("s.salt", written_out(3000)[0])
+        words = "3000 decisions under .Disc. are written out.*at most 2048.*a loop over an array"
+        for args in (["grad", "s.salt", "--integral", "--samples", "4096"], ["check", "s.salt"], ["grad", "s.salt", "--size", "8", "--estimator", "quadrature", "-o", "g.npy"]):
+            self.assertRegex(self.run_cli(*args, "--no-cache", code=6).err, words)
+        self.assertRegex(self.run_cli("grad", "s.salt", "--integral", "--no-cache").err, "warning: the boundary is left out.*" + words)
+        self.run_cli("render", "s.salt", "--size", "8", "--no-cache", "-o", "r.npy")
+        self.run_cli("grad", "s.salt", "--integral", "--interior-only", "--samples", "64", "--no-cache")
 
     def test_notes(self):
         self.put("m.frag", MANDEL)

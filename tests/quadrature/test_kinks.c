@@ -90,6 +90,10 @@ static const Case cases[] = {
      "param float w = 0.25; " BOX PLANE
      "{ [Disc] if (min(box(x + float2(0.25, 0.0), float2(w, 0.5)), box(x - float2(0.25, 0.0), float2(0.25, 0.5))) < 0.0) return 1.0; return 0.0; }",
      KINK},
+    {"a union of equal discs by comparing",
+     DISCS PLANE
+     "{ float d = length(x - a.xy) - a.z; float e = length(x - b.xy) - b.z; if (e < d) d = e; [Disc] if (d < 0.0) return 1.0; return 0.0; }",
+     true, discs, disc_halves},
     {"a maximum of parameters", TWO PLANE "{ [Disc] if (length(x) < max(r, q)) return 1.0; return 0.0; }", true,
      half_circles, half_circles},
     {"an absolute value of parameters", TWO PLANE "{ [Disc] if (x.y < abs(r - q)) return 1.0; return 0.0; }", KINK},
