@@ -263,8 +263,14 @@ static double along(const Check *k, const Row *row, const double *all, bool squa
 
 /* What failed, in one line. */
 static void print_summary(const Check *k, bool all_pass, const SltPlace *at, const char *other) {
-    uint32_t failed = 0;
-    for (uint32_t i = 0; i < k->n; i++) failed += !k->rows[i].pass;
+    uint32_t failed = 0, unsure = 0;
+    double largest = 0; /* a derivative that is 0 is known well enough where its error is small beside the others */
+    for (uint32_t i = 0; i < k->n; i++) largest = fmax(largest, fabs(k->rows[i].ad));
+    for (uint32_t i = 0; i < k->n; i++) {
+        const Row *r = &k->rows[i];
+        failed += !r->pass;
+        unsure += r->pass && r->error > fmax(fabs(r->ad), fabs(r->fd)) && r->error > 0.01 * largest;
+    }
     printf("%s", all_pass ? "PASS" : "FAIL");
     if (failed) printf(": %u of %u rows:", failed, k->n);
     for (uint32_t i = 0; i < k->n; i++)
@@ -275,6 +281,9 @@ static void print_summary(const Check *k, bool all_pass, const SltPlace *at, con
         fputs(other, stdout);
     }
     putchar('\n');
+    if (unsure)
+        printf("%u of %u rows say little: their +- is larger than the derivative; --samples N makes it smaller\n",
+               unsure, k->n);
 }
 
 static void print_rows(const Check *k, bool all_pass, const SltPlace *at, const char *other) {

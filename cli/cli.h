@@ -125,6 +125,8 @@ bool cli_completions(FILE *out, const char *shell);
 typedef struct Stream {
     char folder[4000], file[4096];
 } Stream;
+/* A new one under TMPDIR, or /tmp; the caller removes it. */
+SltStatus cli_temporary_folder(char *folder, size_t size, SltError *err);
 int stream_begin(Stream *s, Cli *c);
 int stream_end(Stream *s, Cli *c, int status);
 

@@ -119,6 +119,18 @@ static int collect_numbers(Fit *f) {
     return SLT_OK;
 }
 
+/* Without --size the first target decides. */
+static SltStatus size_of_target(const Fit *f, uint32_t size[2], SltError *err) {
+    const char *path = f->c->target ? f->c->target : f->scene.nviews ? f->scene.views[0].target_path : NULL;
+    Image im;
+    if (!path) return SLT_OK;
+    SltStatus status = image_read(path, NULL, &im, err);
+    if (status != SLT_OK) return status;
+    size[0] = (uint32_t)im.width, size[1] = (uint32_t)im.height;
+    image_free(&im);
+    return SLT_OK;
+}
+
 static int read_targets(Fit *f) {
     Cli *c = f->c;
     int status = SLT_OK;
@@ -134,13 +146,10 @@ static int read_targets(Fit *f) {
     if (f->scene.nviews && c->minimize) return cli_usage(c, "--minimize has no target");
     if (c->loss_command && slt_dim(f->p) == 3) return cli_usage(c, "a loss program is for 1D and 2D domains");
     if (c->minimize || c->loss_command) return SLT_OK;
-    /* Without --size the first target decides. */
     if (!c->size_given) {
         SltError err = {0};
-        Image im;
-        if (image_read(f->scene.views[0].target_path, NULL, &im, &err) != SLT_OK) return cli_fail(c, &err);
-        c->job.size[0] = (uint32_t)im.width, c->job.size[1] = (uint32_t)im.height, c->job.size[2] = 1;
-        image_free(&im);
+        if (size_of_target(f, c->job.size, &err) != SLT_OK) return cli_fail(c, &err);
+        c->job.size[2] = 1;
     }
     for (uint32_t v = 0; v < f->scene.nviews; v++) {
         View *view = &f->scene.views[v];
@@ -482,6 +491,8 @@ int verb_fit(Cli *c) {
         status = scene_read(c, scene_file, &f.scene);
         if (status == SLT_OK) c->file = f.scene.shader;
     }
+    SltError later = {0}; /* a target that cannot be read is reported behind the shader's own errors */
+    if (status == SLT_OK) size_of_target(&f, c->opt.size, &later);
     if (status == SLT_OK) status = cli_compile(c, &f.p);
     if (status == SLT_OK) status = fit(&f);
     for (uint32_t k = 0; k < FRAMES; k++) image_free(&f.frames[k]);

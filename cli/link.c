@@ -27,12 +27,9 @@ static bool run_driver(const char *object, const char *to) {
 }
 
 SltStatus cli_link(unsigned char **bytes, size_t *size, SltError *err) {
-    const char *temporary = getenv("TMPDIR");
     char folder[4000], object[4096], library[4096];
-    if (snprintf(folder, sizeof folder, "%s/saltus-XXXXXX", temporary && *temporary ? temporary : "/tmp") >=
-            (int)sizeof folder ||
-        !mkdtemp(folder))
-        return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", folder);
+    SltStatus made = cli_temporary_folder(folder, sizeof folder, err);
+    if (made != SLT_OK) return made;
     snprintf(object, sizeof object, "%s/k.o", folder);
     snprintf(library, sizeof library, "%s/k.so", folder);
     unsigned char *linked = NULL;

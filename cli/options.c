@@ -458,6 +458,8 @@ int cli_parse(int argc, char **argv, Cli *c) {
     }
     if (!c->file && !c->expr) return cli_usage(c, "a FILE (or - or --expr) is wanted");
     if (c->file && c->expr) return cli_usage(c, "FILE and --expr were both given");
+    if (c->expr && c->opt.language == SLT_LANGUAGE_GLSL)
+        return cli_usage(c, "--expr is of the language: float3(x, 1.0), not vec3");
     if (c->job.no_interior && c->job.no_boundary)
         return cli_usage(c, "--interior-only and --boundary-only leave nothing");
     int cells = check_cells(c);

@@ -6,8 +6,16 @@
 
 #include "cli/cli.h"
 
+SltStatus cli_temporary_folder(char *folder, size_t size, SltError *err) {
+    const char *in = getenv("TMPDIR");
+    int n = snprintf(folder, size, "%s/saltus-XXXXXX", in && *in ? in : "/tmp");
+    if (n > 0 && (size_t)n < size && mkdtemp(folder)) return SLT_OK;
+    return status_fail_errno(err, SLT_OUTPUT, errno, "cannot make the folder %s", folder);
+}
+
 int stream_begin(Stream *s, Cli *c) {
-    const char *temporary = getenv("TMPDIR"), *format = c->stream_format;
+    const char *format = c->stream_format;
+    SltError err = {0};
     *s->folder = 0;
     c->streams = c->output && !strcmp(c->output, "-");
     if (!c->streams) {
@@ -20,13 +28,9 @@ int stream_begin(Stream *s, Cli *c) {
     if (!format) format = c->opt.rgba8 ? "raw" : c->verb->bit == FIT ? "json" : "png";
     if (isatty(1) && strcmp(format, "json") != 0)
         return cli_usage(c, "-o -: standard output is a terminal, and a picture is not for it");
-    if (snprintf(s->folder, sizeof s->folder, "%s/saltus-XXXXXX", temporary && *temporary ? temporary : "/tmp") >=
-            (int)sizeof s->folder ||
-        !mkdtemp(s->folder)) {
-        int code = errno;
-        cli_error(SLT_OUTPUT, "cannot make the folder %s: %s", s->folder, strerror(code));
+    if (cli_temporary_folder(s->folder, sizeof s->folder, &err) != SLT_OK) {
         *s->folder = 0;
-        return SLT_OUTPUT;
+        return cli_fail(c, &err);
     }
     snprintf(s->file, sizeof s->file, "%s/out.%s", s->folder, format);
     c->output = s->file;

@@ -266,6 +266,7 @@ struct Symbol {
     /* as parsed */
     TypeRef *type_ref;
     bool is_const;          /* `const` local: it has an init and is never assigned */
+    bool hidden;            /* SYM_ARG: a variable of the file in GLSL, which its functions hand on */
     bool starts_zero;       /* no value is written: zero (GLSL's uniforms) */
     const char *init_name;  /* = init(f): the name f; `init` is NULL then, as for the next two */
     const char *asset_text; /* = "file": the text as written (decoded), `asset` is what the checker resolves it to */
@@ -368,6 +369,7 @@ struct Func {
 typedef struct Import {
     const char *name;
     Span span;
+    bool of_stdlib; /* not of the source's own: looked for nowhere else */
     Module *module; /* never NULL after load_modules; an empty stand-in with `missing` set where the import failed
                        (reported) */
 } Import;

@@ -1,9 +1,7 @@
 /* The whole front end: a source becomes a Program. */
 #include "compiler/front/front.h"
 
-Program *front_compile(Session *s, int file, const ProgramOptions *opt) {
-    if (opt->front.glsl)
-        for (int k = 0; k < 2; k++) s->sources[file].glsl[k] = opt->front.size[k] ? opt->front.size[k] : GLSL_SIZE;
+static Program *compile(Session *s, int file, const ProgramOptions *opt) {
     Module *main = load_modules(s, file);
     if (!main) return NULL;
     for (const Module *m = main; m; m = m->next)
@@ -13,4 +11,12 @@ Program *front_compile(Session *s, int file, const ProgramOptions *opt) {
     if (!entry || s->nerrors) return NULL;
     Program *p = gen_program(s, main, entry, opt);
     return s->nerrors ? NULL : p;
+}
+
+Program *front_compile(Session *s, int file, const ProgramOptions *opt) {
+    if (!opt->front.glsl) return compile(s, file, opt);
+    for (int k = 0; k < 2; k++) s->sources[file].glsl[k] = opt->front.size[k] ? opt->front.size[k] : GLSL_SIZE;
+    Program *p = compile(s, file, opt);
+    glsl_speak(s);
+    return p;
 }

@@ -93,6 +93,9 @@ Program *front_compile(Session *s, int file, const ProgramOptions *opt);
 /* glsl/complete.c: a uniform that Shadertoy sets, whether a shader reads it or not. */
 bool glsl_host_sets(const char *name);
 
+/* glsl/words.c: messages about what is written in GLSL, in its words. */
+void glsl_speak(Session *s);
+
 /* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */
 typedef struct ParamRef {
     const Param *param;

@@ -374,6 +374,7 @@ static bool want_site(Parser *p) {
     site.kind = (SiteKind)kind;
     site.max_events = (uint64_t)events;
     site.skip_loop = accept_word(p, "skip");
+    site.by_auto = accept_word(p, "auto");
     site.still = accept_word(p, "still");
     if (!want_word(p, "path") || !want_string(p, &site.path, NULL) || !want_word(p, "text") ||
         !want_string(p, &site.text, NULL))

@@ -226,6 +226,7 @@ char *ir_print_string(const Fn *fn, Arena *arena) {
         text_add(&t, "site %s depth %" PRIu32 " events %" PRIu64, ir_site_kinds[site->kind], site->depth,
                  site->max_events);
         if (site->skip_loop) text_add(&t, " skip");
+        if (site->by_auto) text_add(&t, " auto");
         if (site->still) text_add(&t, " still");
         text_add(&t, " path ");
         add_string(&t, site->path);

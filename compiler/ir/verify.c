@@ -215,7 +215,9 @@ static void check_special(Verify *v, const Inst *i) {
         want(v, i, 0, TY_INT);
         want_result(v, i, TY_FLT);
         return;
+    case OP_seed: want(v, i, 1, TY_FLT); /* fall through */
     case OP_detach:
+    case OP_along:
     case OP_ddx:
         want(v, i, 0, TY_FLT);
         want_result(v, i, TY_FLT);

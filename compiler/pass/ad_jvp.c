@@ -187,6 +187,7 @@ static void jvp_inst(Jvp *j, Inst *i) {
         if (j->grad_x) set_tangent(j, i, (uint32_t)(i->imm.i - IN_X0), ir_constf(b, 1));
         else set_tangent(j, i, 0, ir_input(b, (InputSlot)(IN_DX0 + (i->imm.i - IN_X0))));
         return;
+    case OP_seed: set_tangent(j, i, 0, i->args[1]); return;
     case OP_give:
     case OP_take: jvp_frame(j, b, i); return;
     case OP_alloc:
@@ -276,6 +277,24 @@ Fn *ad_jvp(PassCtx *ctx, const Fn *fn, const AdOptions *o) {
 
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn) {
     return forward(ctx, fn, &(AdOptions){.wrt_none = true, .wrt_x = true}, fn->dim ? fn->dim : 1, true);
+}
+
+static void replace_along(const Jvp *j, Block *b) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) replace_along(j, i->region[r]);
+        Builder at = ir_before(j->fn, i);
+        if (i->op == OP_along) walk_forward(j->fn, i, tangent_or_zero(j, &at, i->args[0], 0));
+        else if (i->op == OP_seed) walk_forward(j->fn, i, i->args[0]);
+    }
+}
+
+void ad_along(PassCtx *ctx, Fn *fn) {
+    ArenaMark m = arena_mark(&ctx->session->scratch);
+    Jvp j = sweep(ctx, fn, &(AdOptions){.wrt_none = true, .wrt_seeds = true}, 1, false);
+    replace_along(&j, fn->body);
+    walk_resolve_forwards(fn->body);
+    arena_reset(&ctx->session->scratch, m);
 }
 
 static bool has_ddx(const Block *b) {

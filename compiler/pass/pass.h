@@ -98,6 +98,7 @@ typedef struct AdOptions {
     const uint8_t *wrt;
     bool wrt_x;           /* also (or only, with wrt_none) with respect to the position */
     bool wrt_none;        /* with respect to no parameter */
+    bool wrt_seeds;       /* also with respect to seeds: opt_marches.c */
     uint32_t tape_budget; /* bytes a lane above which loops are checkpointed, in as many levels as it takes; 0: 64 KiB,
                              of which loops with queries 4 KiB */
     uint8_t replay;       /* AD_REPLAY_* */
@@ -118,6 +119,8 @@ Fn *ad_vjp(PassCtx *ctx, const Fn *fn, const AdOptions *o, TapeReport *report);
 bool ad_part_rows(Fn *fn);
 /* Gradient of the single float output in x by dim forward sweeps in one kernel: outputs g, dg/dx0.. */
 Fn *ad_grad_x(PassCtx *ctx, const Fn *fn);
+/* In place: every `along` becomes the code of its derivative, and seeds what they are seeds of. */
+void ad_along(PassCtx *ctx, Fn *fn);
 /* active[(nfloats + 7) / 8]: a bit for each element of the float vector that can influence the outputs differentiably.
  */
 void ad_activity(const Fn *fn, uint8_t *active);

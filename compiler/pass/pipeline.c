@@ -23,6 +23,7 @@ void pipeline_primal(PassCtx *ctx, Fn *fn) {
     const PassStage stage = PASS_NEEDS_PRIMAL;
     pass_step(ctx, stage, fn, PASS_front);
     RUN(lower_ddx);
+    RUN(opt_marches);
     RUN(opt_skips);
     RUN(opt_masks); /* first these: the front end recorded instructions, which other passes move */
     RUN(warn_jumps);

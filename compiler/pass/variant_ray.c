@@ -19,6 +19,11 @@ static Inst *find_window(Inst *v, int64_t site, uint32_t stamp) {
         Inst *w = find_window(v->args[a], site, stamp);
         if (w) return w;
     }
+    for (uint32_t r = 0; r < v->nregions; r++) /* a march looks through it in its loop */
+        for (Inst *i = v->region[r]->first; i; i = i->next) {
+            Inst *w = find_window(i, site, stamp);
+            if (w) return w;
+        }
     return NULL;
 }
 
@@ -54,9 +59,13 @@ typedef struct Pair {
     Inst *near_t, *far_t, *top, *margin; /* t of the two hits; top: of the nearer */
 } Pair;
 
+/* The window of a march (opt_marches.c), by its margin: what rises and falls again is not looked for behind the nearer
+ * end. The farther ray tells: it has come away from something before it hits. */
+static bool of_march(const Inst *w) { return w->args[2]->op == OP_constf && w->args[2]->imm.f < 0; }
+
 static Pair pair_of(Builder *b, Inst *w) {
     Inst *t = w->args[0], *other = partner(b, t);
-    Inst *nearer = ir_emit2(b, OP_flt, t, other);
+    Inst *nearer = of_march(w) ? ir_emit2(b, OP_flt, other, t) : ir_emit2(b, OP_flt, t, other);
     return (Pair){ir_emit2(b, OP_fmin, t, other), ir_emit2(b, OP_fmax, t, other),
                   ir_select(b, nearer, w->args[1], partner(b, w->args[1])),
                   ir_emit2(b, OP_fmax, w->args[2], partner(b, w->args[2]))};
@@ -66,6 +75,10 @@ static Pair pair_of(Builder *b, Inst *w) {
  * before the far hit there is nothing to look through. */
 static Inst *of_pair(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
+    if (of_march(w)) /* from its begin to halfway between */
+        return ir_emit2(
+            b, OP_fmul, ir_constf(b, 0.5),
+            ir_emit2(b, OP_fadd, ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), p.top, p.near_t), p.far_t));
     if (!(w->imm.i & 1))
         return ir_select(b, ir_emit2(b, OP_fle, p.top, p.far_t), ir_emit2(b, OP_fsub, p.near_t, p.margin),
                          ir_constf(b, __builtin_inf()));
@@ -129,7 +142,8 @@ Inst *variant_depths_apart(Builder *b, Inst *site, Inst *w) {
 
 Inst *variant_ridge_between(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
-    return ir_emit2(b, OP_flt, p.top, p.far_t);
+    Inst *between = ir_emit2(b, OP_flt, p.top, p.far_t);
+    return of_march(w) ? ir_emit2(b, OP_band, between, ir_emit2(b, OP_fle, p.near_t, p.top)) : between;
 }
 
 /* A query that a site asks. */

@@ -286,6 +286,14 @@ static const char *param_list(Warn *w, const Depend *d) {
 
 /* ---- tagged decisions that jumps make which are not tagged */
 
+/* In GLSL what is [NoDisc] is so on purpose, mostly our own (the ends of marches). */
+static bool is_silenced(const Warn *w, Span span) {
+    const Program *p = w->ctx->program;
+    for (uint32_t k = 0; p->is_glsl && k < p->nsilenced; k++)
+        if (p->silenced[k].file == span.file && p->silenced[k].pos == span.pos) return true;
+    return false;
+}
+
 /* The first of the jumps that v hangs on. */
 static const Inst *find_jump(Warn *w, Inst *v) {
     Slice from = slice_begin(w->fn, w->scratch, false);
@@ -293,7 +301,8 @@ static const Inst *find_jump(Warn *w, Inst *v) {
     slice_close(&from);
     const Inst *first = NULL;
     for (uint32_t id = 0; id < w->fn->ninsts; id++)
-        if (from.in[id] && w->inst[id] && depend_jumps(w->dep, w->inst[id]) && (!first || id < first->id))
+        if (from.in[id] && w->inst[id] && depend_jumps(w->dep, w->inst[id]) && (!first || id < first->id) &&
+            !is_silenced(w, w->inst[id]->span))
             first = w->inst[id];
     return first;
 }
@@ -306,6 +315,7 @@ static void report_stepping(Warn *w, Inst *g, Span span) {
     for (uint32_t s = 0; s < w->fn->nsites; s++)
         if (w->fn->sites[s].skip_loop) return;
     const Inst *jump = find_jump(w, g);
+    if (!jump && w->ctx->program->is_glsl) return;
     /* One tag is missing however many decisions there are. */
     for (uint32_t k = 0; jump && k < w->stepping.len; k++) {
         Stepping *at = &w->stepping.data[k];

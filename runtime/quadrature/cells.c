@@ -228,8 +228,7 @@ bool cells_may_divide(Cells *c, const Cell *cell) {
 static bool sample(Cells *c, const Cell *cell) {
     count_cell(c, cell, CELL_CURVED);
     if (!c->o->volume) return true;
-    cells_emit_few(c, &cell->box);
-    if (c->sink->sampled) c->sink->sampled(c->sink->user, &cell->box, cell->f);
+    if (!c->sink->sampled || !c->sink->sampled(c->sink->user, &cell->box, cell->f)) cells_emit_few(c, &cell->box);
     return true;
 }
 

@@ -53,9 +53,9 @@ typedef struct CellSink {
     /* A cell that is neither settled nor curved. bounds[2 * channels]: lo and hi of f by channel, infinite where not
      * known. */
     void (*left)(void *user, const Box *cell, const double *bounds);
-    /* The curves in the cell were handed over; its volume, cut no further, stands for what two points of it give, which
-     * were handed over too. bounds: as of left. NULL: it does not matter. */
-    void (*sampled)(void *user, const Box *cell, const double *bounds);
+    /* The curves in the cell were handed over; its volume is cut no further. True: the sink sees to it. False, or NULL:
+     * what two points of it give stands for it, which are handed over. bounds: as of left. */
+    bool (*sampled)(void *user, const Box *cell, const double *bounds);
     /* For pictures and counts, every final cell; may be NULL. */
     void (*cell)(void *user, const Box *cell, CellState state);
     void *user;

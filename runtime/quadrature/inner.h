@@ -26,6 +26,10 @@ typedef struct Outlook {
     double side;     /* of a usual one (the median over places), in parts of the domain */
 } Outlook;
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats);
+/* turn.c: may the answer of cells be as wide as it states, or does a small lattice tell that the whole one would state
+ * far less? stats gets what that costs. */
+SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *gradient, const double *error,
+                           bool *turned, SltStats *stats, SltError *err);
 /* The run's counts tell what the sweep has proven. */
 void quadrature_state(Run *r, const Sweep *p);
 /* Of the sweeps of images: options from the job, and the end of a call. */

@@ -149,10 +149,20 @@ static bool wants_gradient(const SltIntegral *out) {
     return out->gradient || out->gradient_stderr || out->interior || out->boundary;
 }
 
+/* The lattice takes over: of cells what they cost remains. */
+static void forget(SltStats *own, const SltScene *s, SltIntegral *out) {
+    *own = (SltStats){.struct_size = own->struct_size, .evaluations = own->evaluations, .seconds = own->seconds};
+    out->mixed = false;
+    for (uint64_t i = 0; out->left_bound && i < (uint64_t)s->channels * s->nfloats; i++) out->left_bound[i] = NAN;
+}
+
 SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral *out, bool *turned, SltStats *stats,
                               SltError *err) {
     SltJob j = *job;
     Run r;
+    SltStats own = SLT_STATS_INIT;
+    SltIntegral all = *out;
+    double *room = NULL;
     j.integral = true;
     bool gradient = wants_gradient(out), value = out->value || out->value_stderr;
     if (j.interior == SLT_INTERIOR_SAMPLES && !(j.no_interior && !value))
@@ -160,6 +170,11 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
     Outlook outlook = quadrature_outlook(s, &j, stats);
     if (outlook.unproven > QUADRATURE_HOPELESS) return by_lattice(s, &j, out, stats, err);
     SltStatus st = run_begin(&r, s, &j, err);
+    bool asks = turned && gradient && !(j.error > 0 || j.abs_error > 0) && !quadrature_marches(s, &j);
+    if (asks && !(room = alloc_zero(2 * (size_t)s->channels * s->nfloats, sizeof *room)))
+        st = status_fail(err, SLT_LIMIT, "out of memory");
+    if (asks && !all.gradient) all.gradient = room;
+    if (asks && !all.gradient_stderr) all.gradient_stderr = room + (size_t)s->channels * s->nfloats;
     Sweep p = {.run = &r, .kind = SWEEP_INTEGRAL, .errors = true, .marches = quadrature_marches(s, &j)};
     bool boundary = gradient && !j.no_boundary && quadrature_has_boundary(s, SLT_K_SITE_VJP);
     p.interior = gradient && !j.no_interior && s->kernel[SLT_K_VJP];
@@ -188,12 +203,18 @@ SltStatus quadrature_integral(const SltScene *s, const SltJob *job, SltIntegral 
             break;
         }
         errors_of(&p, gradient, &rules, &left, &scale);
-        if (effort_took(&e, rules, left)) put(&p, out), quadrature_state(&r, &p);
+        if (effort_took(&e, rules, left)) put(&p, &all), quadrature_state(&r, &p);
         uint64_t used = r.stats.evaluations;
         if (!effort_more(&e, &p, rules, left, scale, used, used - before, &stop)) break;
     }
     r.stats.stopped = stop, r.stats.seconds_boundary = pool_now() - r.start;
     sweep_end(&p);
-    run_end(&r, stats);
+    run_end(&r, &own);
+    out->replicates = all.replicates, out->mixed = all.mixed;
+    if (st == SLT_OK && asks && !*turned)
+        st = quadrature_turns(s, &j, all.gradient, all.gradient_stderr, turned, &own, err);
+    if (turned && *turned) forget(&own, s, out);
+    stats_add(stats, &own);
+    free(room);
     return st;
 }

@@ -148,17 +148,23 @@ static void take_left(void *worker, const Box *cell, const double *bounds) {
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
 
-/* What a cell that is only sampled can hide of the value. */
-static void take_sampled(void *worker, const Box *cell, const double *bounds) {
+bool sweep_room_beside(Box **list, uint64_t n, uint64_t *cap) { return grow((void **)list, n + 1, cap, sizeof **list); }
+
+/* What a cell that is only sampled can hide of the value: two points of it tell nothing, of many each other. */
+static bool take_sampled(void *worker, const Box *cell, const double *bounds) {
     SweepWorker *v = worker;
     double m = sweep_measure(cell, v->sweep->run->s->dim), most = 0;
+    bool taken = sweep_takes_beside(v->sweep, cell);
     for (uint32_t c = 0; c < v->sweep->run->s->channels; c++) {
         double range = bounds[2 * c + 1] - bounds[2 * c];
-        if (range < HUGE_VAL) v->f_hidden[c] += m * range; /* else the rules alone tell */
+        if (range < HUGE_VAL && !taken) v->f_hidden[c] += m * range; /* else the rules alone tell */
         most = isnan(range) ? INFINITY : fmax(most, range);
     }
     v->left_bound += m * most;
-    v->volume_sampled += m; /* where f is one colour its derivatives may differ */
+    if (!taken) v->volume_sampled += m; /* where f is one colour its derivatives may differ */
+    else if (sweep_room_beside(&v->beside, v->nbeside, &v->beside_cap)) v->beside[v->nbeside++] = *cell;
+    else v->failed = true;
+    return taken;
 }
 
 /* ---- tiles */
@@ -212,7 +218,7 @@ static SltStatus make_tiles(Sweep *p) {
 
 void sweep_begin_tile(SweepWorker *v, const Box *box) {
     v->counts = (CellCounts){0}, v->nleft = 0, v->left_bound = v->loss = 0;
-    v->volume_sampled = 0;
+    v->volume_sampled = 0, v->nbeside = 0;
     kept_clear(&v->kept);
     memset(v->f, 0, sizeof v->f), memset(v->f_hidden, 0, sizeof v->f_hidden);
     cull_select(&v->sweep->run->cull, &v->w->cull, &v->w->batch, box->lo, box->end);
@@ -272,7 +278,7 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     p->run->stats.dropped[SLT_DROP_COINCIDENT] += c->coincident;
     t->cells += c->cells, t->boxes += c->boxes, t->points += c->points, t->spent |= c->spent;
     p->loss += v->loss, p->left_bound += v->left_bound;
-    p->short_of_volume |= c->spent && v->volume_sampled > 0;
+    p->short_of_volume |= c->spent && (v->volume_sampled > 0 || v->nbeside);
     p->volume_sampled += v->volume_sampled;
     if (p->kind == SWEEP_LOSS) p->mixed |= v->nleft > 0, v->nleft = 0;
     /* Roundings of so many terms in each of a few lanes. */
@@ -283,6 +289,10 @@ static void tile_merge(void *user, uint32_t worker, uint64_t tile) {
     for (uint32_t ch = 0; ch < SLT_MAX_CHANNELS; ch++) p->f_error[ch] += c->moved[ch];
     sweep_merge_sums(p, v, p->errors ? SUM_RULES : SUM_ONE, terms);
     p->sums.roots = p->sums.curves = 0;
+    for (uint64_t i = 0; i < v->nbeside && !p->worker[0].failed; i++) {
+        p->worker[0].failed |= !sweep_room_beside(&p->beside, p->nbeside, &p->beside_cap);
+        if (!p->worker[0].failed) p->beside[p->nbeside++] = v->beside[i];
+    }
     if (!v->nleft) return;
     if (!grow((void **)&p->left, p->nleft + v->nleft, &p->left_cap, sizeof *p->left)) {
         p->worker[0].failed = true;
@@ -324,8 +334,8 @@ SltStatus sweep_begin(Sweep *p) {
 void sweep_end(Sweep *p) {
     for (uint32_t i = 0; i < p->run->nworkers && p->worker; i++)
         cells_free(p->worker[i].cells), splat_free(&p->worker[i].splat), kept_free(&p->worker[i].kept),
-            free(p->worker[i].left), free(p->worker[i].hidden), free(p->worker[i].march);
-    free(p->worker), free(p->tile), free(p->left), free(p->parent);
+            free(p->worker[i].left), free(p->worker[i].beside), free(p->worker[i].hidden), free(p->worker[i].march);
+    free(p->worker), free(p->tile), free(p->left), free(p->parent), free(p->beside);
     sums_free(&p->sums);
     run_free_workers(p->run);
 }
@@ -413,7 +423,7 @@ static double unit_of(const Sweep *p) {
 SltStatus sweep_run(Sweep *p) {
     Run *r = p->run;
     sums_clear(&p->sums);
-    p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = 0, p->mixed = false, p->lines = 2;
+    p->counts = (CellCounts){0}, p->left_bound = p->loss = 0, p->nleft = p->nbeside = 0, p->mixed = false, p->lines = 2;
     p->short_of_volume = p->unnamed = p->sampled = false, p->volume_sampled = 0;
     memset(p->f, 0, sizeof p->f), memset(p->f_error, 0, sizeof p->f_error),
         memset(p->f_variance, 0, sizeof p->f_variance), memset(p->f_hidden, 0, sizeof p->f_hidden);
@@ -439,6 +449,7 @@ SltStatus sweep_run(Sweep *p) {
     if (st == SLT_OK && p->nleft && !p->gave_up && p->only_if_cost > 0)
         p->gave_up = sweep_march_is_dear(p, r->stats.evaluations - start);
     if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
+    if (st == SLT_OK && !p->gave_up) st = sweep_sample_beside(p);
     if (st == SLT_OK && p->nleft && !p->gave_up) {
         p->mixed = true;
         for (uint32_t i = 0; i < r->nworkers; i++) {

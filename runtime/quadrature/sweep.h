@@ -77,6 +77,9 @@ typedef struct Sweep {
     uint64_t nleft, left_cap;
     LeftCell *parent; /* [nparents]: of the tiles, where they are cells that were left; else none */
     uint64_t nparents, parent_cap;
+    Box *beside; /* [nbeside]: cells of which the curves are integrated, and the volume gets samples */
+    uint64_t nbeside, beside_cap;
+    double density;                /* of these samples */
     double volume;                 /* of the domain */
     double volume_sampled;         /* measure of cells whose volume is only sampled */
     uint32_t lines;                /* across a cell that is left, along each axis */
@@ -106,6 +109,8 @@ struct SweepWorker {
     CellCounts counts;
     LeftCell *left; /* [nleft]: of the tile in hand */
     uint64_t nleft, left_cap;
+    Box *beside; /* [nbeside]: likewise */
+    uint64_t nbeside, beside_cap;
     double f[CELL_RULES][SLT_MAX_CHANNELS]; /* sums of the tile */
     double f_hidden[SLT_MAX_CHANNELS];      /* as in Sweep */
     double left_bound, loss;
@@ -141,6 +146,12 @@ bool sweep_march_is_dear(Sweep *p, uint64_t used);
 void sweep_volume_reverse(SweepWorker *v, const CellPoint *p, uint32_t n, CellRule rule);
 /* Points of the volume: CellSink.volume. */
 void sweep_volume(void *worker, const CellPoint *p, uint32_t n, CellRule rule, const Box *within);
+/* ---- sweep_beside.c: is the volume of this cell, of which the curves are integrated, for the samples of
+ * sweep_sample_beside? Else it is for two points: where the lattice would have less than one. */
+bool sweep_takes_beside(const Sweep *p, const Box *cell);
+SltStatus sweep_sample_beside(Sweep *p);
+/* Room for one more box; false when memory runs out. */
+bool sweep_room_beside(Box **list, uint64_t n, uint64_t *cap);
 /* ---- left.c: lines, or samples, in a cell; n: lines across it along each axis, even; set: -1, or to which set of
  * estimates all of them belong. False when memory runs out. */
 bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set);

@@ -345,7 +345,7 @@ SltStatus slt_estimate_steep(const SltScene *s, const SltJob *j, SltIntegral *ou
                              SltStats *stats, SltError *err) {
     if ((s->nedges && s->flat && !s->uses_rand) || !s->kernel[SLT_K_VALUE] || !any_active(s)) return SLT_OK;
     /* Between two ridges f jumps though a ray meets ground at both ends: a line cannot tell that from arithmetic. */
-    if (s->ngeometries && !prove_only_shadows(s)) return SLT_OK;
+    if ((s->ngeometries && !prove_only_shadows(s)) || scene_outputs(s, SLT_K_REGION, SLT_OUT_DEPTH) > 0) return SLT_OK;
     if (s->nsites && !s->kernel[SLT_K_SIDES]) return SLT_OK;
     Run r;
     SteepProbe p = {0};

@@ -232,6 +232,13 @@ class Estimate(Case):
         self.put("n.salt", CIRCLE.replace("[Disc]", "[NoDisc]"))
         self.assertFalse(self.json_cli("check", "n.salt", "--estimator", "quadrature", "--precision", "f64", code=1)["pass"])
 
+    def test_says_little(self):
+        """A row that passes because anything would says so."""
+        self.put("n.salt", "param float a = 0.3;\nshader float main(float2 x) { return a * sin(900.0 * rand()); }")
+        self.assertIn("\n1 of 1 rows say little: their +- is larger than the derivative", self.run_cli("check", "n.salt", "--samples", 256).out)
+        self.put("c.salt", CIRCLE)
+        self.assertNotIn("say little", self.run_cli("check", "c.salt").out)
+
     def test_losses(self):
         self.put("c.salt", CIRCLE)
         self.run_cli("render", "c.salt", "--exact", "--size", 16, "--param", "radius=0.45", "-o", "t.exr")

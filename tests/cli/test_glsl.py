@@ -51,6 +51,10 @@ PAIRS = {
                                      "c = vec3(frac(p.x * 4.0), lerp(p.y, 1.0), saturate(atan2(p).x));", "", "c = float3(frac(p.x * 4.0) + 1.0, lerp(p.y, 1.0, 0.25), p.y * 0.5);"),
     "variables with the names of builtins here": ("const float frac = 0.25; float rsqrt; const float HALF = radians(90.0);", "vec2 lerp = fract(p * 3.0); float atan2 = 0.5; c = vec3(mix(lerp.x, frac, atan2), fract(p.y * 4.0) + rsqrt, inversesqrt(p.x + 1.0) + dot(p.x, atan2) + HALF);",
                                                   "", "c = float3(lerp(frac(p.x * 3.0), 0.25, 0.5), frac(p.y * 4.0), rsqrt(p.x + 1.0) + p.x * 0.5 + 90.0 * (PI / 180.0));"),
+    "variables of the file as arguments": ("float g = 1.0; vec3 v; void f(inout float x) { x += 1.0; g = 10.0; x += 1.0; } float h(inout float x) { x = 5.0; return g; }", "f(g); c.x = g; f(v.y); c.y = v.y + g; g = p.x; c.z = h(g) + g;",
+                                           "", "c = float3(3.0, 12.0, p.x + 5.0);"),
+    "what people leave standing": ("#version 300 es\nuniform samplerCube sky;\ninvariant gl_FragColor;\nin vec4 gl_FragCoord;\n#define HERE float(__LINE__)", "int i = 0; if (i++, i == 1) c.x = p.x; vec2 two; mat3 m; c.y = float(two.length() * 10 + m.length()) + HERE; c.z = float(gl_MaxDrawBuffers);",
+                                   "", "c = float3(p.x, 32.0, 1.0);"),
     "bounds drop what is no number": ("", "float n = p.x * 0.0; n /= n; c = vec3(clamp(n, 0.25, 1.0), max(n, 0.5), 0.25 + smoothstep(0.0, 1.0, n) + min(n, 0.75));", "", "c = float3(0.25, 0.5, 1.0);"),
     "builtins behind functions of their name": ("vec3 pow(vec3 v, float e) { return pow(v, vec3(e)); } int mod(int a, int b) { return a - b * (a / b); } float round(float x) { return floor(x + 0.5); }",
                                                 "c = pow(vec3(p, 0.5), 2.0) + mod(p.x * 4.0, 1.0) + float(mod(int(I.x), 3)) + round(p.y) + round(p.xyy);",
@@ -163,6 +167,15 @@ class Meaning(Case):
         for text in ("b.frag:1:1: error: cannot read `%s/lib/none.glsl`" % ".", "b.frag:2:", "lib/bad.glsl:1:1: error: files include each other too deeply"):
             self.assertIn(text, said.replace(self.dir, "."))
 
+    def test_size_of_target(self):
+        """A fit without --size takes its size from the target, iResolution too; a gl.salt of the user's is not ours."""
+        self.put("gl.salt", "shader float main(float2 x) { return 1.0; }")
+        self.put("t.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(0.5); }")
+        self.put("s.frag", "uniform float r;\nvoid mainImage(out vec4 c, vec2 p) { c = vec4(mod(iResolution.x / 64.0, 4.0) + r); }")
+        self.run_cli("render", "t.frag", "--size", "32x16", "-o", "t.png")
+        j = self.json_cli("fit", "s.frag", "--wrt", "r", "--target", "t.png", "--iters", 1)
+        self.assertLess(j["initial_loss"], 1e-4, j)
+
     def test_unread(self):
         """What hosts set is no error where nothing reads it; other names are."""
         self.put("u.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
@@ -188,13 +201,15 @@ class Messages(Case):
             ("void main() { gl_FragColor = vec4(1); }\n#if 1\n", 2, "no `#endif`"),
             ("#define f(a, b) a\nvoid main() {\n gl_FragColor = vec4(f(1)); }", 3, "takes 2 arguments, 1 given"),
             ("#if 1 +\n#endif\nvoid main() { gl_FragColor = vec4(1); }", 1, "no condition"),
-            ("uniform samplerCube s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`samplerCube` is not supported"),
+            ("uniform samplerCube s;\nvoid main() { gl_FragColor = textureCube(s, vec3(1)); }", 1, "`samplerCube` is not supported"),
+            ("void main() {\n mat3 m = mat2(1.0);\n gl_FragColor = vec4(1); }", 2, "cannot convert mat2 to mat3"),
+            ("void main() {\n gl_FragColor = vec4(mix(vec3(1), vec2(0), 0.5), 1); }", 2, "`mix` takes floats"),
             ("\nvarying vec3 n;\nvoid main() { gl_FragColor = vec4(n, 1); }", 2, "no vertex shader"),
             ("uniform int a[];\nvoid main() { gl_FragColor = vec4(a[0]); }", 1, "needs a size"),
-            ("uniform sampler1D s;\nvoid main() { gl_FragColor = vec4(1); }", 1, "`sampler1D` is not supported"),
+            ("uniform sampler1D s;\nvoid main() { gl_FragColor = texture(s, 0.5); }", 1, "`sampler1D` is not supported"),
             ("void main() { int i = 08; gl_FragColor = vec4(i); }", 1, "octal"),
             ("uniform B { float a;\nvoid main() { gl_FragColor = vec4(1); }", 2, "expected `;`"),
-            ("float f(float v) { return v; }\nvoid main() { gl_FragColor = vec4(f(vec2(1))); }", 2, "cannot convert float2 to float"),
+            ("float f(float v) { return v; }\nvoid main() { gl_FragColor = vec4(f(vec2(1))); }", 2, "cannot convert vec2 to float"),
             ("float f() { return 1.0; }", 1, "no `void mainImage"),
             ("void main() { }", 1, "writes to no output"),
             ("#define A B(1.0)\nvoid mainImage(out vec4 c, vec2 p) {\n    c = vec4(A);\n}", 3, "unknown name `B`"),
@@ -248,6 +263,24 @@ class Edges(Case):
         self.near(toy % ("float union2(float a, float b) { return min(a, b); }", "float d = union2(length(q - vec2(12, 0)) - r, length(q + vec2(12, 0)) - s); c = vec4(d < 0.0 ? 1.0 : 0.0);"),
                   {"r": 6, "s": 8}, {"r": 12 * math.pi, "s": 16 * math.pi})
         self.near(toy % ("", "for (int i = 0; i < 3; i++) if (length(q - float(i - 1) * vec2(20, 0)) < r) c += 1.0;"), {"r": 5}, {"r": 30 * math.pi})
+
+    def test_marches(self):
+        """How many steps a march takes is no boundary, however the loop ends; what it hands on may be one."""
+        march = "uniform float r;\n#define NEAR 0.0005\nconst float FAR = 60.0;\nfloat map(vec3 v) { return length(v) - r; }\nvoid mainImage(out vec4 c, vec2 p) {\n    vec3 o = vec3(p - 0.5 * iResolution.xy, -30.0); float t = 0.0, d;\n%s\n}\n"
+        for body in ("for (int i = 0; i < 90; i++) { float h = map(o + vec3(0, 0, t)); if (h < NEAR || t > FAR) break; t += h; } if (t < FAR) c = vec4(1);",
+                     "int i; for (i = 0; i < 90; i++) { d = map(o + vec3(0, 0, t)); if (abs(d) < NEAR * 1.5) break; t += d; if (t > FAR) { break; } } if (d < NEAR * 1.5) c = vec4(1);",
+                     "for (int i = 0; i < 90; ++i) { float h = map(o + vec3(0, 0, t)); t += h; if (t > FAR || abs(h) < NEAR) break; } c = vec4(step(t, FAR));",
+                     "bool hit = false; for (int i = 0; i < 90; i++) { float h = map(o + vec3(0, 0, t)); if (h < NEAR) { hit = true; break; } t += h; if (t > FAR) break; } if (hit) c = vec4(1);",
+                     "float m = -1.0; if (p.x > -1.0) for (int i = 0; i < 90; i++) { float h = map(o + vec3(0, 0, t)); if (h < NEAR) { m = t; break; } t += h; } c = vec4(m > 0.0);"):
+            self.put("e.frag", march % body)  # rays that graze run out of steps: not quite the disc
+            j = self.json_cli("grad", "e.frag", "--integral", "--size", "64x48", "--param", "r=12")
+            self.assertAlmostEqual(j["gradient"]["r"][0], 2 * math.pi * 12, delta=0.6, msg=body)
+            self.assertLess(j["stderr"]["r"][0], 0.5, body)
+
+    def test_counted_steps(self):
+        """A loop that shows where it ended keeps its boundaries: rings by the number of steps, each of its own radius."""
+        self.near("uniform float r;\nvoid mainImage(out vec4 c, vec2 p) {\n    float d = length(p - 0.5 * iResolution.xy), n = 0.0;\n    for (int i = 0; i < 8; i++) { if (0.01 * (d - r * float(i)) < 0.01) break; n++; }\n    c = vec4(n);\n}\n",
+                  {"r": 2}, {"r": -2 * math.pi * sum((2 * i + 1) * i for i in range(8))})
 
 
 if __name__ == "__main__":

@@ -187,6 +187,51 @@ class Rules(Case):
             for c in range(3):
                 self.assertLessEqual(abs(seed["ink"][c][c] - want["ink"][c][c]), error["ink"][c][c] + 1e-12)
 
+    def test_volume_beside_curves(self):
+        """Folds that a `break` ends: curves of one cell have no height axis in common, kinks lie between them, or the
+        evaluations end before the volume is cut, of which two points told nothing. The bar was ten times the lattice's."""
+        self.put("s.frag", """uniform float k;
+            float box(vec2 p, vec2 b) { vec2 d = abs(p) - b; return length(max(d, 0.)) + min(max(d.x, d.y), 0.); }
+            void mainImage(out vec4 o, vec2 at) {
+                vec2 p = (2. * at - iResolution.xy) / iResolution.y, q = p - vec2(.375 + sin(k), k * k + k - .398);
+                q.x += .057 * sin(q.y * 3.465 + k * 3.);
+                for (int i = 0; i < 3; i++) {
+                    q = abs(q) - .3 - k * .15, q *= mat2(cos(.5), -sin(.5), sin(.5), cos(.5));
+                    if (q.x > .618) break;
+                }
+                float c = q.x * .586 + q.y * .372 + .026 - k * .5 < 0. ? .2 : .1;
+                o = vec4(mix(c, 1. - c, smoothstep(.03, -.03, box(p - vec2(k * k + k - .304, .335 + k * .5), vec2(.28 - k, .239)))));
+            }""")
+        ask = lambda *o: self.json_cli("grad", "s.frag", "--integral", "--param", "k=0.0137", "--size", "256x144", *o)
+        lines, best = ask("--estimator", "lattice"), ask("--estimator", "lattice", "--samples", 1 << 22)
+        for estimator in ("auto", "quadrature"):
+            j = ask("--estimator", estimator)
+            self.assertLessEqual(abs(j["gradient"]["k"][0] - best["gradient"]["k"][0]),
+                                 2 * (j["stderr"]["k"][0] + best["stderr"]["k"][0]))
+            self.assertLessEqual(j["stderr"]["k"][0], 3 * lines["stderr"]["k"][0], estimator)
+
+    def test_auto_turns_where_cells_state_much(self):
+        """Steep shading without jumps that move: the rules agree on the value to what is asked, not on its derivative, and
+        finer ones cost more than the lattice, which states a 30th."""
+        self.put("s.frag", """uniform float k;
+            void mainImage(out vec4 o, vec2 at) {
+                vec2 p = (2. * at - iResolution.xy) / iResolution.y, q = p - vec2(.037 - k, .265 + sin(k));
+                float w = 6.2831853 / 6., a = mod(atan(q.y, q.x) + .5 * w, w) - .5 * w, c = .1;
+                q = length(q) * vec2(cos(a), sin(a));
+                c = mix(c, 1. - c, smoothstep(.03, -.03, abs(length(q) - .459 - k * k + k) - .068));
+                q = p - vec2(.537 + k * .5, .001 + k);
+                for (int i = 0; i < 3; i++) {
+                    q = abs(q) - .3 + k * .3, q *= mat2(cos(.5), -sin(.5), sin(.5), cos(.5));
+                    if (q.x > .374) break;
+                }
+                o = vec4(mix(c, 1. - c, smoothstep(.03, -.03, (q.x - q.y) * .953 - .081 - k)));
+            }""")
+        ask = lambda *o: self.json_cli("grad", "s.frag", "--integral", "--param", "k=0.0137", "--size", "256x144", *o)
+        lines, cells, j = ask("--estimator", "lattice"), ask("--estimator", "quadrature"), ask()
+        self.assertGreater(cells["stderr"]["k"][0], 20 * lines["stderr"]["k"][0])
+        for key in ("gradient", "stderr", "stderr_kind", "missed_estimate", "gradient_left_bound"):
+            self.assertEqual(j.get(key), lines.get(key), key)
+
     def test_a_root_at_the_edge(self):
         """Shading that falls like a root of the distance: the nearest floats to the curve see a hundredth of it."""
         self.put("s.salt", HEAD + "shader float main(float2 x) { float2 d = x - float2(a, b); float q = dot(d, d); "

@@ -331,7 +331,8 @@ static Expr *check_len(Checker *c, Expr *e) {
     e->args[0] = check_expr(c, e->args[0]);
     Type *t = e->args[0]->type;
     if (t->kind == T_ERROR) return fail(c, e);
-    if (t->kind != T_ARRAY) return bad_builtin(c, e, "len", e->args[0]->span, "an array");
+    bool counted = t->kind == T_ARRAY || (in_glsl(c) && (t->kind == T_VECTOR || t->kind == T_MATRIX));
+    if (!counted) return bad_builtin(c, e, "len", e->args[0]->span, "an array");
     e->kind = E_LEN;
     e->a[0] = e->args[0];
     e->nargs = 0;

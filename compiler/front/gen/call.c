@@ -337,7 +337,10 @@ Val gen_call(Lower *l, Expr *e) {
         binds[i] = (Bind){.kind = BIND_VARS, .vars = vars};
     }
     Val out = gen_inline(l, f, binds, e->span);
-    for (uint32_t i = 0; i < f->nargs; i++)
-        if (f->args[i]->mode != ARG_IN) place_store(l, &places[i], vars_load(l, f->args[i]->type, binds[i].vars));
+    /* A variable of the file that was handed over as an argument too holds what the argument does. */
+    for (int hidden = 1; hidden >= 0; hidden--)
+        for (uint32_t i = 0; i < f->nargs; i++)
+            if (f->args[i]->mode != ARG_IN && f->args[i]->hidden == hidden)
+                place_store(l, &places[i], vars_load(l, f->args[i]->type, binds[i].vars));
     return out;
 }

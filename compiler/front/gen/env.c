@@ -59,7 +59,7 @@ void var_set(Lower *l, Var *v, Inst *x) {
 Var *var_hidden(Lower *l, LoopCtx *root, Inst *(*init)(Lower *, Builder *), IrType t) {
     Var *v = ARENA_NEW(l->arena, Var);
     v->type = t;
-    v->born = 0;
+    v->born = root->born; /* ifs in the loop merge it, those around the loop do not know it */
     Builder before = ir_before(l->fn, root->op);
     v->value = init(l, &before);
     LoopCtx *chain[256];
@@ -196,6 +196,7 @@ void loop_begin(Lower *l, LoopCtx *c, const VarList *carried, LoopInfo info) {
     c->k = c->op->region[0]->params[0];
     c->ninitial = carried->len;
     c->mark = l->journal.len;
+    c->born = l->clock++;
     c->outer = l->loop;
     c->frame = l->frame;
     l->loop = c;

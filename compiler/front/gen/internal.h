@@ -98,12 +98,12 @@ struct LoopCtx {
     LoopCtx *outer; /* through calls */
     Frame *frame;
     Inst *op, *k;
-    Vec(Var *) carried; /* parameter i + 1 */
-    uint32_t ninitial;  /* of `carried` at the start; var_hidden adds more */
-    uint32_t mark;      /* journal length at the start */
-    uint64_t iters;     /* at most */
-    Builder after;      /* behind the loop */
-    Vec(SkipRec) skips; /* of the outermost loop of a function */
+    Vec(Var *) carried;  /* parameter i + 1 */
+    uint32_t ninitial;   /* of `carried` at the start; var_hidden adds more */
+    uint32_t mark, born; /* journal length and clock at the start */
+    uint64_t iters;      /* at most */
+    Builder after;       /* behind the loop */
+    Vec(SkipRec) skips;  /* of the outermost loop of a function */
 };
 
 struct Frame {
@@ -119,6 +119,7 @@ struct Frame {
 
 typedef struct Tag {
     bool disc, nodisc;
+    bool by_auto;  /* disc by --disc auto alone */
     LoopCtx *skip; /* sites go to this loop's records */
 } Tag;
 

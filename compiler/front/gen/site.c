@@ -48,7 +48,7 @@ static uint32_t loop_indices(Lower *l, const LoopCtx *inner, Inst **args, uint64
 static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, const LoopCtx *inner, Span span,
                        bool skip) {
     Inst *args[2 + SLT_MAX_K] = {value, g};
-    SiteInfo info = {.kind = kind, .span = span, .skip_loop = skip};
+    SiteInfo info = {.kind = kind, .span = span, .skip_loop = skip, .by_auto = l->tag.by_auto};
     info.depth = loop_indices(l, inner, args + 2, &info.max_events, span);
     info.path = gen_path(l);
     info.text = short_text(l, span);

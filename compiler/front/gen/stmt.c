@@ -200,6 +200,7 @@ Tag tag_for(Lower *l, const Stmt *s) {
     bool nodisc = s->attrs.nodisc || (l->frame && l->frame->func->nodisc);
     t.nodisc = nodisc;
     t.disc = s->attrs.disc || (l->opt->front.disc_auto && !nodisc);
+    t.by_auto = !s->attrs.disc;
     if (s->kind == S_PRINT || s->kind == S_ASSERT) t.disc = false, t.nodisc = true;
     return t;
 }

@@ -104,6 +104,16 @@ static void rename_call(GlslWalk *w, Expr *e) {
     e->is_builtin = r->ours[0] != 'g';
 }
 
+const char *glsl_function_behind(const char *ours, size_t n) {
+    static const char *const same[] = {"round", "dFdx", "dFdy"};
+    if (n == 3 && !strncmp(ours, "len", n)) return "length";
+    for (size_t i = 0; i < COUNT(same); i++)
+        if (strlen(same[i]) == n && !strncmp(same[i], ours, n)) return NULL;
+    for (size_t i = 0; i < COUNT(renames); i++)
+        if (strlen(renames[i].ours) == n && !strncmp(renames[i].ours, ours, n)) return renames[i].glsl;
+    return NULL;
+}
+
 bool glsl_is_function_of_module(const char *name) {
     for (size_t i = 0; i < COUNT(renames); i++)
         if (!strcmp(renames[i].glsl, name)) return renames[i].ours[0] == 'g';
@@ -137,6 +147,6 @@ void glsl_rename_calls(Parser *p) {
     for (Symbol *sym = p->module->consts; sym; sym = sym->next) glsl_walk_expr(&w, sym->init);
     for (Symbol *sym = p->module->params; sym; sym = sym->next) glsl_walk_expr(&w, sym->init);
     if (!c.uses_module) return;
-    Import im = {.name = intern(p->s, "gl", 2), .span = {p->module->file, 0, 0}};
+    Import im = {.name = intern(p->s, "gl", 2), .of_stdlib = true, .span = {p->module->file, 0, 0}};
     vec_push(a, &p->imports, im);
 }

@@ -95,6 +95,7 @@ static void fragment_variables(Text *t) {
     if (wanted(p, "gl_FragColor")) variable(p, "float4", "gl_FragColor", 0);
     if (wanted(p, "gl_FragData")) variable(p, "float4", "gl_FragData", 1);
     if (wanted(p, "gl_FrontFacing")) add(t, &t->decls, "const bool gl_FrontFacing = true;\n");
+    if (wanted(p, "gl_MaxDrawBuffers")) add(t, &t->decls, "const int gl_MaxDrawBuffers = 1;\n");
     if (wanted(p, "gl_PointCoord")) add(t, &t->decls, "const float2 gl_PointCoord = float2(0.0);\n");
     if (map_get(&p->unit->words, word(p, "discard"))) variable(p, "bool", "gl_discard", 0);
     for (uint32_t i = 0; i < p->unit->inputs.len; i++) {
@@ -129,10 +130,10 @@ static const char *output(Parser *p) {
         const Symbol *out = p->unit->outputs.data[0];
         static const char *const parts[] = {"float3(%s)", "float3(%s, 0.0)", "%s", "%s.xyz"};
         const char *type = out->type_ref->name;
-        if (strncmp(type, "float", 5) != 0 || out->type_ref->ndims) return NULL;
+        if (strncmp(type, "float", 5) != 0 || out->type_ref->ndims > 1) return NULL;
         int n = type[5] ? type[5] - '0' : 1;
-        const char *form = parts[n - 1], *at = strstr(form, "%s");
-        return arena_printf(&p->s->session, "%.*s%s%s", (int)(at - form), form, out->name, at + 2);
+        const char *form = parts[n - 1], *at = strstr(form, "%s"), *first = out->type_ref->ndims ? "[0]" : "";
+        return arena_printf(&p->s->session, "%.*s%s%s%s", (int)(at - form), form, out->name, first, at + 2);
     }
     if (map_get(&p->unit->words, word(p, "gl_FragColor"))) return "gl_FragColor.xyz";
     return map_get(&p->unit->words, word(p, "gl_FragData")) ? "gl_FragData[0].xyz" : NULL;

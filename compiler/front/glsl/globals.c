@@ -180,6 +180,7 @@ static void take(Parser *p, const Globals *g, Func *f) {
                         .name = g->list[k].hidden,
                         .span = g->list[k].sym->span,
                         .mode = ARG_INOUT,
+                        .hidden = true,
                         .type_ref = g->list[k].sym->type_ref};
         vec_push(&p->s->module, &args, arg);
     }

@@ -62,6 +62,8 @@ void glsl_walk_expr(GlslWalk *w, Expr *e);
 bool glsl_is_local(const GlslWalk *w, const char *name);
 
 void glsl_rename_calls(Parser *p);
+/* GLSL's name of one of ours, of n bytes, in messages; NULL: it is the same. */
+const char *glsl_function_behind(const char *ours, size_t n);
 /* A builtin function of GLSL that is none of the language, and so not folded in constants. */
 bool glsl_is_function_of_module(const char *name);
 /* Gives unit->globals that nothing changes and whose value is constant to the module's constants; the others become

@@ -37,6 +37,7 @@ typedef struct Pre {
     Macro *macros;
     Vec(Condition) conditions;
     uint32_t nmade, nopen; /* nopen: files that include this one */
+    const char *line_word; /* __LINE__ */
     bool failed;           /* a limit was met; nothing more is expanded */
     TokenVec out;
 } Pre;
@@ -166,6 +167,11 @@ static bool expand(Pre *p, Stream *st, TokenVec *out) {
         if (m && !m->busy && (!m->function || opens(p, st))) {
             expand_macro(p, st, m, &t);
             continue;
+        }
+        if (t.kind == TOK_IDENT && t.text == p->line_word) {
+            uint32_t column;
+            t.kind = TOK_INT;
+            span_position(p->s, t.span, &t.integer, &column);
         }
         vec_push(p->arena, out, t);
         if (++p->nmade > MAX_TOKENS) {
@@ -383,6 +389,7 @@ static void include(Pre *p, Stream *st, const TokenVec *rest, Span at) {
     }
     Lexer lx = p->lx;
     Token ahead = p->ahead;
+    memcpy(p->s->sources[source].glsl, p->s->sources[lx.file].glsl, sizeof p->s->sources[source].glsl);
     p->nopen++;
     file(p, st, source);
     p->nopen--;
@@ -459,6 +466,7 @@ TokenVec glsl_preprocess(Session *s, int source) {
     Pre *p = ARENA_NEW(&s->module, Pre);
     p->s = s;
     p->arena = &s->module;
+    p->line_word = intern(s, "__LINE__", 8);
     predefine(p, "GL_ES", 1);
     predefine(p, "GL_FRAGMENT_PRECISION_HIGH", 1);
     predefine(p, "__VERSION__", 300);

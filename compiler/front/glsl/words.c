@@ -59,11 +59,65 @@ static void translate(Session *s, Token *t) {
                                t->text));
 }
 
+/* ---- messages */
+
+typedef Vec(char) Text;
+
+static const char *word_here(const char *ours, size_t n) {
+    for (size_t i = 0; i < COUNT(types); i++)
+        if (strlen(types[i].ours) == n && !strncmp(types[i].ours, ours, n)) return types[i].glsl;
+    return glsl_function_behind(ours, n);
+}
+
+static bool in_word(char c) {
+    return c == '_' || (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+}
+
+static const char *in_glsl_words(Session *s, const char *text) {
+    Text out = {0};
+    for (const char *at = text; *at;) {
+        size_t n = 0;
+        while (in_word(at[n])) n++;
+        const char *word = n ? word_here(at, n) : NULL;
+        for (size_t i = 0; word && word[i]; i++) vec_push(&s->session, &out, word[i]);
+        for (size_t i = 0; !word && i < (n ? n : 1); i++) vec_push(&s->session, &out, at[i]);
+        at += n ? n : 1;
+    }
+    vec_push(&s->session, &out, 0);
+    return out.data;
+}
+
+void glsl_speak(Session *s) {
+    for (Diag *d = s->diags; d; d = d->next) {
+        if (d->span.file < 0 || !s->sources[d->span.file].glsl[0]) continue;
+        d->text = in_glsl_words(s, d->text);
+        for (DiagNote *n = d->notes; n; n = n->next) n->text = in_glsl_words(s, n->text);
+    }
+}
+
+/* ---- tokens */
+
+/* `uniform samplerCube sky;` that nothing reads: people leave these standing. */
+static uint32_t skip_unread(const TokenVec *v, uint32_t i) {
+    const Token *t = v->data;
+    uint32_t name = i + 2, uses = 0;
+    if (!is(&t[i], "uniform") || t[i + 1].kind != TOK_IDENT || !is_in(t[i + 1].text, foreign, COUNT(foreign)) ||
+        t[name].kind != TOK_IDENT || t[name + 1].kind != TOK_SEMICOLON)
+        return i;
+    for (uint32_t k = 0; k < v->len; k++) uses += t[k].kind == TOK_IDENT && t[k].text == t[name].text;
+    return uses == 1 ? name + 2 : i;
+}
+
 /* Behind what begins at tokens[i] and is left out; i itself where it stays. */
 static uint32_t skipped(const TokenVec *v, uint32_t i) {
     const Token *t = v->data;
     if (!has_text(&t[i])) return i;
+    if (is(&t[i], "invariant") && t[i + 1].kind == TOK_IDENT && t[i + 2].kind == TOK_SEMICOLON) return i + 3;
     if (is_in(t[i].text, qualifiers, COUNT(qualifiers))) return i + 1;
+    if (is(&t[i], "in") && is(&t[i + 1], "vec4") && is(&t[i + 2], "gl_FragCoord") && t[i + 3].kind == TOK_SEMICOLON)
+        return i + 4;
+    uint32_t behind = skip_unread(v, i);
+    if (behind > i) return behind;
     if (is(&t[i], "precision"))
         while (t[i].kind != TOK_EOF)
             if (t[i++].kind == TOK_SEMICOLON) return i;

@@ -42,9 +42,9 @@ static const char *search_dir(const Session *s, int file, uint32_t i) {
     return i == s->nimport_dirs + 1 ? s->stdlib_dir : NULL;
 }
 
-static const char *find(Session *s, int file, const char *name, bool *in_stdlib) {
+static const char *find(Session *s, int file, const char *name, bool of_stdlib, bool *in_stdlib) {
     const char *dir;
-    for (uint32_t i = 0; (dir = search_dir(s, file, i)); i++) {
+    for (uint32_t i = of_stdlib && s->stdlib_dir ? s->nimport_dirs + 1 : 0; (dir = search_dir(s, file, i)); i++) {
         const char *path = join(s, dir, name);
         struct stat info;
         if (stat(path, &info) || S_ISDIR(info.st_mode)) continue;
@@ -120,7 +120,7 @@ static Module *resolve(Loader *l, const Frame *frame, const Import *im) {
     Session *s = l->s;
     Module *m;
     bool in_stdlib = false;
-    const char *path = find(s, frame->module->file, im->name, &in_stdlib);
+    const char *path = find(s, frame->module->file, im->name, im->of_stdlib, &in_stdlib);
     if (!path) {
         report_missing(s, frame->module->file, im);
         return stand_in(s, im);

@@ -142,7 +142,7 @@ static Expr *header_condition(Parser *p, Stmt *st, Span keyword) {
     Span open = p->tok.span;
     Expr *e = NULL;
     if (parse_expect(p, TOK_LPAREN, "`(`")) {
-        e = parse_expr(p);
+        e = p->glsl ? parse_comma_expr(p) : parse_expr(p);
         parse_close(p, TOK_RPAREN, "`)`", open);
         if (p->panic && !p->stopped) parse_skip_to_close(p, TOK_RPAREN, false);
     } else if (!p->stopped) {
