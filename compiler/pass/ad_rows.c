@@ -67,6 +67,7 @@ static void hangs_on(Seeds *s, const Inst *v, uint32_t seeds) {
 static void seeds_around(Seeds *s, const Inst *loop) {
     const Block *body = loop->region[0];
     uint32_t carried = ir_nresults(loop), front = body->nparams - carried;
+    if (!carried) return; /* then there may be no list of arguments */
     Inst *const *init = loop->args + (loop->nargs - carried), **next = walk_results(loop, body);
     for (uint32_t c = 0; c < carried; c++)
         hangs_on(s, body->params[front + c], s->of[init[c]->id] | s->of[next[c]->id]);

@@ -514,14 +514,15 @@ static bool integrate(Cells *c, uint32_t first) {
         if (compare && p->alone) smooth = cells_borders_agree(c, p, from, to);
         else if (compare && c->o->volume)
             smooth = c->o->flat ? cells_parts_agree(c, spot, end) : cells_values_agree(c, spot, end, 1);
-        const Spot *spots = c->spot + spot, *beyond = c->spot + end; /* with none there may be no list */
-        bool layer = compare && c->o->volume && agree && smooth && end > spot &&
-                     cells_layer(c, p, from, to, spots, beyond, false) > 0;
+        bool any = end > spot; /* with none there may be no list */
+        const Spot *spots = any ? c->spot + spot : NULL, *beyond = any ? c->spot + end : NULL;
+        bool layer =
+            compare && c->o->volume && agree && smooth && any && cells_layer(c, p, from, to, spots, beyond, false) > 0;
         smooth &= !layer;
         bool last = p->halvings >= PIECE_HALVINGS || p->parts >= (c->dim > 1 ? PIECE_PARTS / 16 : PIECE_PARTS) ||
                     c->cell[p->cell].cuts >= CELL_CUTS;
         /* Beside its curves f may be steep: then that is a matter for smaller cells, not for longer columns. */
-        bool alone = compare && c->o->volume && !c->o->flat && agree && end > spot && !c->cell[p->cell].curves_done;
+        bool alone = compare && c->o->volume && !c->o->flat && agree && any && !c->cell[p->cell].curves_done;
         bool hides = alone && (smooth || (!layer && p->parts >= PIECE_STEEP)) &&
                      ((!smooth && c->dim < 2) || cells_hides_beside(c, p, from, to, spots, beyond));
         if (hides && put_back(c, p)) {
