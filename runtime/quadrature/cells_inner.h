@@ -532,6 +532,8 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 bool cells_find_kinks(Cells *c);
 /* Is the root's piece longer than moves go? At its ends other curves meet it. */
 bool cells_has_room(const Cells *c, const Root *r);
+/* Are two curves one, to the last place, and not a band that is thinner than rounding? False: memory ran out. */
+bool cells_lie_on_each_other(Cells *c, const Root *r, const Root *s, bool *is);
 /* That of a root, by the two orders after `move` and the next: the jump towards growing g, 0 where it is not seen. */
 bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]);
 bool cells_follow_kinks(Cells *c);

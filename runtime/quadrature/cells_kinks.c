@@ -133,6 +133,48 @@ static bool keep_all(Cells *c, Bend *of, uint32_t n) {
     return true;
 }
 
+/* ---- do they lie on each other, or does rounding hide what is between them? */
+enum { SPOTS = 8 }; /* about a root, as far from each other as roundings there have to do with one another */
+
+/* The k-th, along the tangent of its curve: where g is next to 0 it is as fine as f32 can be. Round numbers of the
+ * domain: next to 0 places are finer than what g makes of them. */
+static void spot(const Cells *c, const Root *r, uint32_t k, double x[3]) {
+    static const double along[SPOTS] = {0, 61, -83, 147, -179, 233, -271, 317};
+    double drop = 0;
+    memset(x, 0, 3 * sizeof *x);
+    for (uint32_t n = 0; n < c->dim; n++) {
+        uint32_t d = (r->axis + 1 + n) % c->dim; /* the height is the last */
+        int power;
+        frexp(larger(fabs(c->lo[d]), fabs(c->hi[d])), &power);
+        double unit = ldexp(c->b->f64 ? 0x1p-53 : 0x1p-24, power);
+        bool height = (int)d == r->axis;
+        double by = height ? -drop / r->dg[d] + ((double)k - SPOTS / 2) * unit : along[(k + 3 * d) % SPOTS] * unit;
+        x[d] = smaller(larger(unit * rint((r->x[d] + by) / unit), c->lo[d]), c->hi[d]);
+        if (!height) drop += r->dg[d] * (x[d] - r->x[d]);
+    }
+}
+
+/* What is 0 but for rounding is so at some of the spots, or has both signs. */
+static bool is_0(const double v[SPOTS]) {
+    bool zero = false, below = false, above = false;
+    for (uint32_t k = 0; k < SPOTS; k++) zero |= v[k] == 0, below |= v[k] < 0, above |= v[k] > 0;
+    return zero || (below && above);
+}
+
+bool cells_lie_on_each_other(Cells *c, const Root *r, const Root *s, bool *is) {
+    double x[3], apart[SPOTS];
+    c->nprobe = 0;
+    for (uint32_t k = 0; k < SPOTS; k++) {
+        spot(c, r, k, x);
+        if (!cells_probe(c, r->of, x) || !cells_probe(c, s->of, x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
+    for (uint32_t k = 0; k < SPOTS; k++, p += 2) apart[k] = p[0].g / p[0].dg[r->axis] - p[1].g / p[1].dg[r->axis];
+    *is = is_0(apart);
+    return true;
+}
+
 static Bend bend_of(Root *r) { return (Bend){.root = r, .tie = {.kink = true, .bent = true}}; }
 
 /* So much of the jump moves as after this move; and half of how much the two orders differ is an error. */

@@ -184,11 +184,20 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
 }
 
 /* Two ways of one event: which of them a point has before the move is a matter of rounding. */
-static bool keep_ways(Cells *c, Root *r, const Order order[2], uint32_t move, double times) {
+static bool keep_way(Cells *c, Root *r, const Order order[2], uint32_t move, double times) {
     double up[2][SLT_MAX_CHANNELS] = {{0}};
     for (uint32_t way = 0; way < 2; way++)
         for (uint32_t ch = 0; ch < c->s->channels; ch++) up[way][ch] = times * r->rises * order[way].jump[ch];
     return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up);
+}
+
+/* They have a kink where they are one curve. What is a band all the same, thinner than rounding, is not certified. */
+static bool keep_ways(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
+    bool one;
+    if (c->prunes || !event_same(&r->of->event, &stood->of->event) || !cells_has_room(c, r)) return true;
+    use(c->b, c->s);
+    if (!cells_lie_on_each_other(c, r, stood, &one)) return false;
+    return !one || (keep_way(c, r, order, move, 1) && keep_way(c, stood, order, move, -1));
 }
 
 /* A pair of orders, forth and back: sides of which the jump is their mean, and those for the coarse rule. */
@@ -207,8 +216,7 @@ static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2], uint
             s->f[1][ch] = of.f[0][ch] + (own ? jump : -jump);
         }
     }
-    if (c->prunes || !event_same(&r->of->event, &stood->of->event) || !cells_has_room(c, r)) return true;
-    return keep_ways(c, r, order, move, 1) && keep_ways(c, stood, order, move, -1);
+    return keep_ways(c, r, stood, order, move);
 }
 
 static bool move_apart(Cells *c, uint32_t n) {
