@@ -26,13 +26,13 @@ typedef struct Bend {
     bool done, lost;
 } Bend;
 
-static bool is_other_way(const Cells *c, const Root *r) {
+static const Root *other_way(const Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
         const Root *o = &c->root[i];
-        if (o != r && o->other && &c->root[o->other - 1] == r && event_same(&o->of->event, &r->of->event)) return true;
+        if (o != r && o->other && &c->root[o->other - 1] == r && event_same(&o->of->event, &r->of->event)) return o;
     }
-    return false;
+    return NULL;
 }
 
 /* May its g have a kink? Where several events have parts of the jump these are known. */
@@ -41,7 +41,7 @@ static bool may_bend(const Cells *c, const Root *r) {
     const Tie *t = r->tie ? &c->tie[r->tie - 1] : NULL;
     if (c->prunes || !r->wanted || r->band || (uint32_t)r->of->event.site >= c->s->nsites) return false;
     bool ties = c->s->site_ties && c->s->site_ties[r->of->event.site];
-    if (!cell->same && !ties && !(r->twin && is_other_way(c, r))) return false;
+    if (!cell->same && !ties && !(r->twin && other_way(c, r))) return false;
     if (t && !(t->whole && !t->naway && event_same(&t->event[0], &r->of->event))) return false;
     return c->s->site_kind[r->of->event.site] == SLT_SITE_COMPARE &&
            cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
@@ -186,8 +186,33 @@ static void add_part(const Cells *c, Bend *of, uint32_t move, const double *jump
         a->jump[ch] = 0.5 * jump[ch], a->half[ch] = (move % 2 ? -0.5 : 0.5) * jump[ch];
 }
 
-bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]) {
+/* Are the values of one of the choices in its cell apart, by less than bounds of rounding are? Or the two ways? */
+static bool is_hidden(Cells *c, const Root *r, bool *hidden) {
+    const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
+    const Root *other = r->twin ? other_way(c, r) : NULL;
+    bool one = true;
+    double x[3], g[SPOTS];
+    *hidden = false;
+    if (other && !cells_lie_on_each_other(c, r, other, &one)) return false;
+    c->nprobe = 0;
+    for (uint32_t e = 0; e < cell->nevents; e++)
+        for (uint32_t k = 0; k < SPOTS && cell->same >> e & 1; k++) {
+            spot(c, r, k, x);
+            if (!cells_probe_event(c, &cell->event[e], x)) return false;
+        }
+    if (!cells_run_probes(c)) return false;
+    *hidden = !one;
+    for (uint32_t i = 0; i < c->nprobe; i++) {
+        g[i % SPOTS] = c->probe[i].g;
+        if (i % SPOTS == SPOTS - 1) *hidden |= !is_0(g);
+    }
+    return true;
+}
+
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS],
+                     bool hidden) {
     Bend of = bend_of(r);
+    of.tie.hidden = hidden;
     for (uint32_t way = 0; way < 2; way++)
         if (seen[way]) add_part(c, &of, move + way, jump[way]);
     return keep_all(c, &of, 1);
@@ -231,6 +256,7 @@ bool cells_find_kinks(Cells *c) {
             if (pair[i] == KINK_NONE) continue;
             of[kinks] = bend_of(&c->root[c->active[from + i]]);
             for (uint32_t way = 0; way < 2; way++) add_part(c, &of[kinks], 2 * pair[i] + way, x[i].jump);
+            if (!is_hidden(c, of[kinks].root, &of[kinks].tie.hidden)) return false;
             kinks++;
         }
         if (kinks && !keep_all(c, of, kinks)) return false;
