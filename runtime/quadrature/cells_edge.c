@@ -430,7 +430,7 @@ bool cells_close(Cells *c, Cell *cell, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         if (cell[i].refine || cell[i].done) continue;
         uint32_t kept = 0;
-        cell[i].nevents = cell[i].nedges, cell[i].same = false;
+        cell[i].nevents = cell[i].nedges, cell[i].same = 0;
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
             const Ask *asked = &c->ask[at++];

@@ -121,7 +121,7 @@ typedef struct Cell {
     uint32_t state;  /* SLT_BOX_* */
     uint32_t nopen;  /* as the kernel counts: more than CELL_EVENTS where they are too many */
     bool many;       /* and they are: edges are some of them */
-    bool same;       /* a choice in it is between two values that are the same: cells_same.c */
+    uint64_t same;   /* of events: choices between two values that are the same, to rounding: cells_same.c */
     uint32_t nedges; /* those that edge[] holds: may really be open */
     CellEdge edge[CELL_EDGES];
     /* What the kernel called open, in the order of execution, and what sign its g has after all; 0: it is open. */
@@ -517,6 +517,7 @@ void cells_find_twins(Cells *c);
 bool cells_part_twins(Cells *c);
 /* Counts the cell of a root whose order is not known as not certified, once. */
 void cells_count_band(Cells *c, const Root *r);
+void cells_count_hidden(Cells *c, const Root *r); /* whatever its sides are */
 
 /* ---- cells_tied.c */
 /* Sets up c->apart, if it can be, and c->untie; false when memory runs out. */
@@ -532,8 +533,11 @@ bool cells_emit_tied(Cells *c, const Column *from, const Column *to);
 bool cells_find_kinks(Cells *c);
 /* Is the root's piece longer than moves go? At its ends other curves meet it. */
 bool cells_has_room(const Cells *c, const Root *r);
+/* Are two curves one, to the last place, and not a band that is thinner than rounding? False: memory ran out. */
+bool cells_lie_on_each_other(Cells *c, const Root *r, const Root *s, bool *is);
 /* That of a root, by the two orders after `move` and the next: the jump towards growing g, 0 where it is not seen. */
-bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]);
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS],
+                     bool hidden);
 bool cells_follow_kinks(Cells *c);
 
 /* ---- cells_solid.c: integrates over a curved cell of 3D. done: false where it must be refined, because curves cannot

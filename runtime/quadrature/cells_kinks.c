@@ -26,13 +26,13 @@ typedef struct Bend {
     bool done, lost;
 } Bend;
 
-static bool is_other_way(const Cells *c, const Root *r) {
+static const Root *other_way(const Cells *c, const Root *r) {
     const Column *k = &c->column[r->column];
     for (uint32_t i = k->first; i < k->first + k->nroots; i++) {
         const Root *o = &c->root[i];
-        if (o != r && o->other && &c->root[o->other - 1] == r && event_same(&o->of->event, &r->of->event)) return true;
+        if (o != r && o->other && &c->root[o->other - 1] == r && event_same(&o->of->event, &r->of->event)) return o;
     }
-    return false;
+    return NULL;
 }
 
 /* May its g have a kink? Where several events have parts of the jump these are known. */
@@ -41,7 +41,7 @@ static bool may_bend(const Cells *c, const Root *r) {
     const Tie *t = r->tie ? &c->tie[r->tie - 1] : NULL;
     if (c->prunes || !r->wanted || r->band || (uint32_t)r->of->event.site >= c->s->nsites) return false;
     bool ties = c->s->site_ties && c->s->site_ties[r->of->event.site];
-    if (!cell->same && !ties && !(r->twin && is_other_way(c, r))) return false;
+    if (!cell->same && !ties && !(r->twin && other_way(c, r))) return false;
     if (t && !(t->whole && !t->naway && event_same(&t->event[0], &r->of->event))) return false;
     return c->s->site_kind[r->of->event.site] == SLT_SITE_COMPARE &&
            cells_sides(c, r)->hash[0] != cells_sides(c, r)->hash[1];
@@ -133,6 +133,48 @@ static bool keep_all(Cells *c, Bend *of, uint32_t n) {
     return true;
 }
 
+/* ---- do they lie on each other, or does rounding hide what is between them? */
+enum { SPOTS = 8 }; /* about a root, as far from each other as roundings there have to do with one another */
+
+/* The k-th, along the tangent of its curve: where g is next to 0 it is as fine as f32 can be. Round numbers of the
+ * domain: next to 0 places are finer than what g makes of them. */
+static void spot(const Cells *c, const Root *r, uint32_t k, double x[3]) {
+    static const double along[SPOTS] = {0, 61, -83, 147, -179, 233, -271, 317};
+    double drop = 0;
+    memset(x, 0, 3 * sizeof *x);
+    for (uint32_t n = 0; n < c->dim; n++) {
+        uint32_t d = (r->axis + 1 + n) % c->dim; /* the height is the last */
+        int power;
+        frexp(larger(fabs(c->lo[d]), fabs(c->hi[d])), &power);
+        double unit = ldexp(c->b->f64 ? 0x1p-53 : 0x1p-24, power);
+        bool height = (int)d == r->axis;
+        double by = height ? -drop / r->dg[d] + ((double)k - SPOTS / 2) * unit : along[(k + 3 * d) % SPOTS] * unit;
+        x[d] = smaller(larger(unit * rint((r->x[d] + by) / unit), c->lo[d]), c->hi[d]);
+        if (!height) drop += r->dg[d] * (x[d] - r->x[d]);
+    }
+}
+
+/* What is 0 but for rounding is so at some of the spots, or has both signs. */
+static bool is_0(const double v[SPOTS]) {
+    bool zero = false, below = false, above = false;
+    for (uint32_t k = 0; k < SPOTS; k++) zero |= v[k] == 0, below |= v[k] < 0, above |= v[k] > 0;
+    return zero || (below && above);
+}
+
+bool cells_lie_on_each_other(Cells *c, const Root *r, const Root *s, bool *is) {
+    double x[3], apart[SPOTS];
+    c->nprobe = 0;
+    for (uint32_t k = 0; k < SPOTS; k++) {
+        spot(c, r, k, x);
+        if (!cells_probe(c, r->of, x) || !cells_probe(c, s->of, x)) return false;
+    }
+    if (!cells_run_probes(c)) return false;
+    const Probe *p = c->probe;
+    for (uint32_t k = 0; k < SPOTS; k++, p += 2) apart[k] = p[0].g / p[0].dg[r->axis] - p[1].g / p[1].dg[r->axis];
+    *is = is_0(apart);
+    return true;
+}
+
 static Bend bend_of(Root *r) { return (Bend){.root = r, .tie = {.kink = true, .bent = true}}; }
 
 /* So much of the jump moves as after this move; and half of how much the two orders differ is an error. */
@@ -144,8 +186,33 @@ static void add_part(const Cells *c, Bend *of, uint32_t move, const double *jump
         a->jump[ch] = 0.5 * jump[ch], a->half[ch] = (move % 2 ? -0.5 : 0.5) * jump[ch];
 }
 
-bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS]) {
+/* Are the values of one of the choices in its cell apart, by less than bounds of rounding are? Or the two ways? */
+static bool is_hidden(Cells *c, const Root *r, bool *hidden) {
+    const Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
+    const Root *other = r->twin ? other_way(c, r) : NULL;
+    bool one = true;
+    double x[3], g[SPOTS];
+    *hidden = false;
+    if (other && !cells_lie_on_each_other(c, r, other, &one)) return false;
+    c->nprobe = 0;
+    for (uint32_t e = 0; e < cell->nevents; e++)
+        for (uint32_t k = 0; k < SPOTS && cell->same >> e & 1; k++) {
+            spot(c, r, k, x);
+            if (!cells_probe_event(c, &cell->event[e], x)) return false;
+        }
+    if (!cells_run_probes(c)) return false;
+    *hidden = !one;
+    for (uint32_t i = 0; i < c->nprobe; i++) {
+        g[i % SPOTS] = c->probe[i].g;
+        if (i % SPOTS == SPOTS - 1) *hidden |= !is_0(g);
+    }
+    return true;
+}
+
+bool cells_keep_kink(Cells *c, Root *r, uint32_t move, const bool seen[2], double jump[2][SLT_MAX_CHANNELS],
+                     bool hidden) {
     Bend of = bend_of(r);
+    of.tie.hidden = hidden;
     for (uint32_t way = 0; way < 2; way++)
         if (seen[way]) add_part(c, &of, move + way, jump[way]);
     return keep_all(c, &of, 1);
@@ -189,6 +256,7 @@ bool cells_find_kinks(Cells *c) {
             if (pair[i] == KINK_NONE) continue;
             of[kinks] = bend_of(&c->root[c->active[from + i]]);
             for (uint32_t way = 0; way < 2; way++) add_part(c, &of[kinks], 2 * pair[i] + way, x[i].jump);
+            if (!is_hidden(c, of[kinks].root, &of[kinks].tie.hidden)) return false;
             kinks++;
         }
         if (kinks && !keep_all(c, of, kinks)) return false;

@@ -77,7 +77,7 @@ static void close_same(const Cells *c, Cell *cell) {
     for (uint32_t e = 0; e < cell->nedges; e++) {
         const CellEdge *edge = &cell->edge[e];
         if (edge->same) { /* its two sides differ by nothing but rounding: either will do */
-            cell->sign[edge->before] = 1, cell->same = true;
+            cell->sign[edge->before] = 1, cell->same |= 1ull << edge->before;
             continue;
         }
         open += (uint32_t)edge->event.site >= c->s->nedges;

@@ -184,11 +184,20 @@ static bool see(Cells *c, const SltScene *moved, uint32_t from, uint32_t n, Orde
 }
 
 /* Two ways of one event: which of them a point has before the move is a matter of rounding. */
-static bool keep_ways(Cells *c, Root *r, const Order order[2], uint32_t move, double times) {
+static bool keep_way(Cells *c, Root *r, const Order order[2], uint32_t move, double times, bool hidden) {
     double up[2][SLT_MAX_CHANNELS] = {{0}};
     for (uint32_t way = 0; way < 2; way++)
         for (uint32_t ch = 0; ch < c->s->channels; ch++) up[way][ch] = times * r->rises * order[way].jump[ch];
-    return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up);
+    return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up, hidden);
+}
+
+/* They have a kink where they are one curve. What is a band all the same, thinner than rounding, is not certified. */
+static bool keep_ways(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
+    bool one;
+    if (c->prunes || !event_same(&r->of->event, &stood->of->event) || !cells_has_room(c, r)) return true;
+    use(c->b, c->s);
+    if (!cells_lie_on_each_other(c, r, stood, &one)) return false;
+    return keep_way(c, r, order, move, 1, !one) && keep_way(c, stood, order, move, -1, !one);
 }
 
 /* A pair of orders, forth and back: sides of which the jump is their mean, and those for the coarse rule. */
@@ -207,8 +216,7 @@ static bool keep_pair(Cells *c, Root *r, Root *stood, const Order order[2], uint
             s->f[1][ch] = of.f[0][ch] + (own ? jump : -jump);
         }
     }
-    if (c->prunes || !event_same(&r->of->event, &stood->of->event) || !cells_has_room(c, r)) return true;
-    return keep_ways(c, r, order, move, 1) && keep_ways(c, stood, order, move, -1);
+    return keep_ways(c, r, stood, order, move);
 }
 
 static bool move_apart(Cells *c, uint32_t n) {
@@ -257,13 +265,16 @@ bool cells_part_twins(Cells *c) {
     return !n || move_apart(c, n);
 }
 
-void cells_count_band(Cells *c, const Root *r) {
+void cells_count_hidden(Cells *c, const Root *r) {
     Cell *cell = &c->cell[c->piece[c->column[r->column].piece].cell];
-    const Sides *s = cells_sides(c, r);
-    if (cell->band || cell->rule == CELL_COARSE || !memcmp(s[0].f[1], s[1].f[1], c->s->channels * sizeof(double)))
-        return;
+    if (cell->band || cell->rule == CELL_COARSE) return;
     double part = cell->weight / c->volume;
     for (uint32_t d = 0; d < c->dim; d++)
         if ((int)d != cell->slice) part *= cell->box.end[d] - cell->box.lo[d];
     cell->band = true, c->counts->banded += part;
+}
+
+void cells_count_band(Cells *c, const Root *r) {
+    const Sides *s = cells_sides(c, r);
+    if (memcmp(s[0].f[1], s[1].f[1], c->s->channels * sizeof(double))) cells_count_hidden(c, r);
 }

@@ -45,7 +45,8 @@ typedef struct Tie {
     bool kink;          /* it depends on the order: the integral has no derivative */
     uint8_t between[2]; /* the two moves that differ by 2 half */
     bool doubted;       /* it does after some moves alone: rounding may make that */
-    bool bent;          /* cells_kinks.c: its own g has the kink */
+    bool bent;          /* cells_kinks.c: its own g has the kink, */
+    bool hidden;        /* or it may be a band that rounding hides */
     bool untold;        /* n = naway = 0, and it may be another's all the same */
 } Tie;
 
