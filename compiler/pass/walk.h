@@ -36,7 +36,8 @@ void walk_splice(Block *from, Inst *at);
 
 /* The values of the yield that belong to results: args of an if_'s yield, args + 1 of a loop's. */
 static inline Inst **walk_results(const Inst *structured, const Block *region) {
-    return region->last->args + (structured->op == OP_loop ? 1 : 0);
+    Inst **all = region->last->args; /* none when nothing is yielded */
+    return structured->op == OP_loop ? all + 1 : all;
 }
 
 /* Threads extra values through the control structure of a clone: a variant gives the initial values and a callback that

@@ -295,9 +295,9 @@ static void guess_coarse(Cells *c, const Column *from, const Column *to) {
     for (uint32_t k = 0; coarse + k < to; k++)
         for (uint32_t i = 0; i < coarse[k].nroots; i++) {
             Root *r = &c->root[coarse[k].first + i];
-            const Root *a = &c->root[from[k].first + i], *b = &c->root[from[k + 1].first + i];
             r->waits = false;
             if (r->solved || !alternate) continue;
+            const Root *a = &c->root[from[k].first + i], *b = &c->root[from[k + 1].first + i];
             double width = b->x[p->base] - a->x[p->base], t = (r->x[p->base] - a->x[p->base]) / width, u = 1 - t;
             double climb[2] = {-a->dg[p->base] / a->dg[p->axis], -b->dg[p->base] / b->dg[p->axis]};
             double guess = u * u * (1 + 2 * t) * a->x[p->axis] + t * t * (3 - 2 * t) * b->x[p->axis] +
