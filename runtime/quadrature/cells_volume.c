@@ -136,7 +136,7 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
     const GaussRule *full = &c->rule[r];
     int bits = c->o->fixed || !full->n ? 0 : ilogb(length / (0.5 * c->width)) + 1;
     if (bits >= 0) return full;
-    double n = 1 + ceil(c->bits / (2 * bits));
+    double n = 1 + ceil(c->bits / (2.0 * bits)); /* of no length: bits is the least of its type */
     uint32_t points = n < 2 ? 2 : n < c->rule[CELL_FINE].n ? (uint32_t)n : c->rule[CELL_FINE].n;
     points -= r == CELL_COARSE && points > 1;
     return points < full->n ? &c->of[points] : full;
