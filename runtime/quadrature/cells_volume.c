@@ -177,6 +177,7 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
 /* The hashes of the parts of a column, where the sides of open curves tell them. */
 static void part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *hash) {
     const Piece *p = &c->piece[k->piece];
+    if (!k->nroots) return; /* then there may be no list */
     const Root *root = &c->root[k->first];
     for (uint32_t i = 0; i < k->nroots; i++) {
         const PieceEdge *e = &p->edge[root[i].edge];

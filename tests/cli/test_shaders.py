@@ -13,6 +13,8 @@ class Quadrature(Case):
         for path in sorted(shaders):
             with self.subTest(os.path.relpath(path, ROOT)):
                 self.integrate(path, "--samples", 500, "--segments", 200)
+                if "shadow_art" in path:
+                    self.integrate(path, "--samples", 3000, "--segments", 50, "--disc", "auto")
                 if "/programs/" in path:
                     self.integrate(path, "--samples", 3000, "--segments", 50, "--interior", "quadrature")
 
