@@ -14,7 +14,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 jobs=${JOBS:-$(nproc)}
-quick='^(api|back|base|docs|front|fuzz|golden|image|ir|optimise|pass)\.|^kernels\.witness|^lang\.nasty|^sample\.(coincide|estimate)|^quadrature\.(boxes|cells|images|lists)|^cli\.(grad\.(bits|explain)|render\.basics)'
+quick='^(api|back|base|docs|front|fuzz|golden|image|ir|optimise|pass)\.|^kernels\.witness|^lang\.nasty|^sample\.(coincide|estimate)|^quadrature\.(boxes|cells|images|lists)|^cli\.(shaders\.quadrature|grad\.(bits|explain)|render\.basics)'
 threaded='^(base|api|optimise)\.|^sample\.(coincide|estimate|images)|^quadrature\.(images|quadrature)|^cli\.grad\.bits'
 
 configure() { # folder, options of cmake

@@ -136,7 +136,7 @@ static const GaussRule *rule_along(const Cells *c, CellRule r, double length) {
     const GaussRule *full = &c->rule[r];
     int bits = c->o->fixed || !full->n ? 0 : ilogb(length / (0.5 * c->width)) + 1;
     if (bits >= 0) return full;
-    double n = 1 + ceil(c->bits / (2 * bits));
+    double n = 1 + ceil(c->bits / (2.0 * bits)); /* of no length: bits is the least of its type */
     uint32_t points = n < 2 ? 2 : n < c->rule[CELL_FINE].n ? (uint32_t)n : c->rule[CELL_FINE].n;
     points -= r == CELL_COARSE && points > 1;
     return points < full->n ? &c->of[points] : full;
@@ -177,6 +177,7 @@ static bool fill_column(Cells *c, const Column *k, CellRule rule) {
 /* The hashes of the parts of a column, where the sides of open curves tell them. */
 static void part_hashes(const Cells *c, const Column *k, bool *known, uint32_t *hash) {
     const Piece *p = &c->piece[k->piece];
+    if (!k->nroots) return; /* then there may be no list */
     const Root *root = &c->root[k->first];
     for (uint32_t i = 0; i < k->nroots; i++) {
         const PieceEdge *e = &p->edge[root[i].edge];
