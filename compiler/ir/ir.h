@@ -140,7 +140,7 @@ typedef struct SiteInfo {
     uint32_t depth;      /* how many loop indices tell the site's events apart, <= SLT_MAX_K */
     uint64_t max_events; /* product of the loop bounds */
     bool skip_loop;
-    bool by_auto;        /* no [Disc] stands there: --disc auto */
+    bool by_auto;     /* no [Disc] stands there: --disc auto */
     bool still;       /* untagged, and does not move: opt_masks.c; where bounds hold it is a seam like others */
     bool jumps;       /* of a seam: more than a bend */
     SeamUpset upsets; /* likewise */
