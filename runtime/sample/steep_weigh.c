@@ -148,21 +148,26 @@ static double distance(const Weights *w, uint64_t at, double interior) {
     return far > doubt ? far : 0; /* nothing is known where one is not a number */
 }
 
-/* Ramps that the estimate has not seen, and by how much the components are off. */
+/* Ramps that the estimate has not seen, and by how much the components are off. Stated so wide that it may have seen
+ * them or not: that is no news for the error, but for whoever reads it. */
 static bool weigh_ramps(SteepProbe *p, const SltIntegral *out, const double *interior, double *off, bool *unseen) {
     Weights w;
     bool memory = weights_init(&w, p);
+    bool wide = false;
     *unseen = false;
     if (memory) {
         add_ramps(&w), add_smooth(&w);
         collect(&w);
         for (uint64_t at = 0; at < w.size; at++) {
             if (p->s->active && !p->s->active[at % p->s->nfloats]) continue;
-            double d = distance(&w, at, interior[at]);
-            *unseen |= d > (out->gradient_stderr ? 2 * out->gradient_stderr[at] : 0), off[at] += d;
+            double d = distance(&w, at, interior[at]), stated = out->gradient_stderr ? out->gradient_stderr[at] : 0;
+            *unseen |= d > 2 * stated, off[at] += d;
+            wide |= stated > UNSEEN * fabs(w.sum[RAMPS][0][at] + w.sum[RAMPS][1][at]) &&
+                    stated > UNSEEN * fabs(interior[at]);
         }
     }
     if (!*unseen) memset(off, 0, w.size * sizeof *off);
+    *unseen |= wide;
     memory &= !w.acc.failed;
     weights_free(&w);
     return memory;
