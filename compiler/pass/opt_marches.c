@@ -16,7 +16,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "compiler/pass/slice.h"
 #include "compiler/pass/walk.h"
 
 enum { MOST_CARRIED = 64, MOST_CHAIN = 32, MOST_ASKED = 4 };
