@@ -162,12 +162,15 @@ static void write_scalar(void *user, FILE *out, TypeKind kind, uint32_t index) {
     case T_BOOL: fputs(p->ints[index] ? "true" : "false", out); return;
     case T_UINT: fprintf(out, "%u", (uint32_t)p->ints[index]); return;
     case T_INT: fprintf(out, "%d", p->ints[index]); return;
-    default:
-        /* JSON has no infinities, and readers refuse numbers that overflow: parameters have "inf" and "-inf". */
-        if (isinf(p->opt.f64 ? p->floats[index] : (double)(float)p->floats[index]))
-            fputs(p->floats[index] > 0 ? "\"inf\"" : "\"-inf\"", out);
-        else if (p->opt.f64) json_number(out, p->floats[index]);
-        else json_number_f32(out, (float)p->floats[index]);
+    default: {
+        double v = p->opt.f64 ? p->floats[index] : (double)(float)p->floats[index];
+        /* JSON has no infinities, and readers refuse numbers that overflow: parameters have "inf" and "-inf". A whole
+         * number, as the reader takes "-0", has no sign at 0. */
+        if (isinf(v)) fputs(v > 0 ? "\"inf\"" : "\"-inf\"", out);
+        else if (v == 0 && signbit(v)) fputs("-0.0", out);
+        else if (p->opt.f64) json_number(out, v);
+        else json_number_f32(out, (float)v);
+    }
     }
 }
 

@@ -7,6 +7,7 @@
 
 #include "bindings/c/api.h"
 #include "bindings/c/shape.h"
+#include "bindings/c/values_plain.h"
 #include "runtime/base/json.h"
 #include "runtime/image/image.h"
 
@@ -178,10 +179,11 @@ static SltStatus read_param(Stage *s, const Param *q, json_t *j) {
 }
 
 static SltStatus set_params_json(SltProgram *p, const char *text, const char *shown_name, SltError *err) {
-    json_t *root = parse_json(text, shown_name, err);
-    if (!root) return SLT_INPUT;
     Stage s = {.p = p, .err = err, .shown = shown_name};
     SltStatus status = stage_begin(&s);
+    if (status == SLT_OK && plain_params(p->prog, text, s.floats, s.ints)) return stage_end(&s, true), SLT_OK;
+    json_t *root = status == SLT_OK ? parse_json(text, shown_name, err) : NULL;
+    if (status == SLT_OK && !root) status = SLT_INPUT;
     if (status == SLT_OK && !json_is_object(root))
         status = status_fail(err, SLT_INPUT, "%s: an object of parameter names to values is wanted", shown_name);
     const char *key;
@@ -265,9 +267,10 @@ static SltStatus read_param_file(Stage *s, const Param *q, const char *path) {
         size_t size;
         SltStatus status = file_read_all(path, &file_text, &bytes, &size, s->err);
         if (status != SLT_OK) return status;
-        json_t *j = parse_json((const char *)bytes, path, s->err);
+        bool all = plain_param(q, (const char *)bytes, s->floats, s->ints);
+        json_t *j = all ? NULL : parse_json((const char *)bytes, path, s->err);
         free(bytes);
-        if (!j) return SLT_INPUT;
+        if (!j) return all ? SLT_OK : SLT_INPUT;
         s->shown = path;
         /* In a file of `fit` the parameter's value stands under its name. */
         json_t *own =
