@@ -8,6 +8,7 @@
 #include "bindings/c/api.h"
 #include "bindings/c/shape.h"
 #include "bindings/c/values_plain.h"
+#include "runtime/base/decimal.h"
 #include "runtime/base/json.h"
 #include "runtime/image/image.h"
 
@@ -309,9 +310,9 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
         char listed[256];
         if (!j && strchr(value, ',') && snprintf(listed, sizeof listed, "[%s]", value) < (int)sizeof listed)
             j = json_read(listed, strlen(listed), JSON_DECODE_ANY, &e);
-        if (!j) { /* 1., .5, inf: strtod reads them, JSON does not */
-            char *end;
-            double v = strtod(value, &end);
+        if (!j) { /* 1., .5, inf are no JSON */
+            const char *end;
+            double v = decimal_read(value, &end);
             if (end != value && !*end) j = isfinite(v) ? json_real(v) : NULL;
             if (!j && end != value && !*end && ref.fcount == 1 && ref.icount == 0) {
                 s.floats[ref.fbase] = v;
