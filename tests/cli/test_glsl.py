@@ -220,6 +220,22 @@ class Messages(Case):
             ("#define A B(1.0)\nvoid mainImage(out vec4 c, vec2 p) {\n    c = vec4(A);\n}", 3, "unknown name `B`"),
             ("uniform sampler2D t;\nvoid main() {\n  gl_FragColor = vec4((t, 1.0));\n}", 3, "is not a value"),
             ("void main() { gl_FragColor = vec4(1.0lf); }", 1, "no doubles"),
+            ("void mainImage(vec4 c, vec2 p) { c = vec4(1); }", 1, "gives its colour by its first argument"),
+            ("\nfloat mainImage(out vec4 c, vec2 p) { return 1.0; }", 2, "gives its colour by its first argument"),
+            ("void mainImage(out vec3 c, vec2 p) { c = vec3(1); }", 1, "gives its colour by its first argument"),
+            ("void main() {\n float a[3]; a[5] = 1.0; gl_FragColor = vec4(a[0]); }", 2, "there is no [5] in float[3]"),
+            ("void main() {\n gl_FragColor = vec4(vec3(1)[3]); }", 2, "there is no [3] in vec3"),
+            ("void main() {\n gl_FragColor = vec4(5.0 % 2.0); }", 2, "`mod(x, y)` of floats"),
+            ("void main() {\n gl_FragColor = vec4(lerp(0.0, 1.0, 0.5)); }", 2, "unknown name `lerp`: GLSL has `mix`"),
+            ("void main() { vec3 v;\n gl_FragColor = vec4(float3(1), 1); }", 2, "unknown name `float3`"),
+            ("void main() {\n gl_FragColor = mat3(1) * vec4(1); }", 2, "`*` does not apply to mat3 and vec4"),
+            ("void main() {\n mat2 m = mat2(1) + vec2(1); gl_FragColor = vec4(m[0], 1, 1); }", 2, "`+` does not apply to mat2 and vec2"),
+            ("void f(out float x) { x = 1.0; }\nvoid main() { f(1.0); gl_FragColor = vec4(1); }", 2, "`out` argument `x` of `f` must be something"),
+            ("float g;\nfloat f(float x) { return g += x; }\nvoid main() { gl_FragColor = vec4(f(1.0, 2.0)); }", 3, "`f` takes 1 argument, 2 given"),
+            ("uniform float r;\nvoid main() {\n r = 1.0; gl_FragColor = vec4(r); }", 3, "cannot assign to uniform `r`"),
+            ("void main() {\n gl_FragColor = vec4(vec2(1).length(), gl_FragCoord.x.length(), 1, 1); }", 2, "`length` takes an array"),
+            ("void main() {\n iTime = 1.0; gl_FragColor = vec4(1); }", 2, "cannot assign to uniform `iTime`"),
+            ("uniform sampler2D t;\nvoid main() { gl_FragColor = texture(t); }", 2, "`texture` takes 2 arguments, 1 given"),
             ("#error told you\nvoid main() { gl_FragColor = vec4(1); }", 1, "#error"),
             ("void mainImage(out vec4 c, vec2 p) {\n  c = vec3(1.0);\n}", 2, "cannot convert"),
         ]:
@@ -228,6 +244,8 @@ class Messages(Case):
             self.assertIn("m.frag:%d:" % line, r.err)
             self.assertIn(what, r.err)
             self.assertEqual(r.err.count("error:"), 1, r.err)
+            for word in ("<host>", "gl.salt", "inout", "len`"):
+                self.assertNotIn(word, r.err)
 
     def test_macros_end(self):
         """Macros that call themselves, each other, or grow without end."""

@@ -152,11 +152,26 @@ static const char *output(Parser *p) {
     return map_get(&p->unit->words, word(p, "gl_FragData")) ? "gl_FragData[0].xyz" : NULL;
 }
 
+/* `void mainImage(out vec4, vec2)`, or the call of it below would not fit. */
+static bool is_entry(Parser *p, const Func *f) {
+    const Symbol *color = f->args[0], *point = f->args[1];
+    bool fits = color->mode == ARG_INOUT && !color->type_ref->ndims && !strcmp(color->type_ref->name, "float4") &&
+                point->mode == ARG_IN && !point->type_ref->ndims && !strcmp(point->type_ref->name, "float2") &&
+                !strcmp(f->ret_ref->name, "void");
+    if (!fits)
+        diag_emit(
+            p->s, DIAG_glsl_entry, f->name_span,
+            "`mainImage` gives its colour by its first argument: `void mainImage(out vec4 color, in vec2 point)`");
+    return fits;
+}
+
 static bool entry_text(Text *t) {
     Parser *p = t->p;
     Span top = {p->module->file, 0, 0};
     const char *colour = "gl_color.xyz";
-    if (function(p, "mainImage", 2)) {
+    const Func *toy = function(p, "mainImage", 2);
+    if (toy) {
+        if (!is_entry(p, toy)) return false;
         add(t, &t->body, "    float4 gl_color = float4(0.0);\n    mainImage(gl_color, gl_point);\n");
     } else if (function(p, "main", 0)) {
         colour = output(p);
