@@ -192,7 +192,10 @@ class Meaning(Case):
 
     def test_language_option(self):
         self.put("a.txt", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
-        self.run_cli("render", "a.txt", code=3)
+        self.assertIn("--lang glsl", self.run_cli("render", "a.txt", code=3).err)
+        for name in ("BIG.FRAG", "a.fsh", "a.frag.txt", "a.Fs"):
+            self.put(name, "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
+            self.run_cli("render", name, "--size", 4)
         self.run_cli("render", "a.txt", "--lang", "glsl", "--size", 4)
         self.put("b.frag", "shader float main(float2 x) { return 1.0; }")
         self.run_cli("render", "b.frag", "--lang", "salt", "--size", 4)
