@@ -191,18 +191,6 @@ static bool shows(const March *m, const Inst *v, bool of_place, bool *seen) {
     return false;
 }
 
-/* The old value itself, or the smaller or larger of it and something. */
-static bool keeps(const March *m, const Inst *v, uint32_t c, uint32_t room) {
-    if (is_kept(m, v, c)) return true;
-    if (!room) return false;
-    if (v->op == OP_fmin || v->op == OP_fmax)
-        return keeps(m, v->args[0], c, room - 1) || keeps(m, v->args[1], c, room - 1);
-    if (v->op == OP_proj && v->args[0]->op == OP_if_)
-        for (uint32_t r = 0; r < 2; r++)
-            if (keeps(m, v->args[0]->region[r]->last->args[v->imm.i], c, room - 1)) return true;
-    return false;
-}
-
 static bool is_used(const Fn *fn, const Block *b, const Inst *v) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++)
@@ -213,16 +201,31 @@ static bool is_used(const Fn *fn, const Block *b, const Inst *v) {
     return false;
 }
 
+/* Does the next value of carried c, v or a part of it, have the number of steps in it? Not where it is the old value
+ * itself, or the smaller or larger of it and something that has not. */
+static bool adds_steps(const March *m, const Inst *v, uint32_t c, bool *seen, uint32_t room) {
+    if (is_kept(m, v, c)) return false;
+    if (room && (v->op == OP_fmin || v->op == OP_fmax || v->op == OP_fsel)) {
+        for (uint32_t a = v->op == OP_fsel; a < v->nargs; a++)
+            if (adds_steps(m, v->args[a], c, seen, room - 1)) return true;
+        return false;
+    }
+    if (room && v->op == OP_proj && v->args[0]->op == OP_if_) {
+        for (uint32_t r = 0; r < 2; r++)
+            if (adds_steps(m, v->args[0]->region[r]->last->args[v->imm.i], c, seen, room - 1)) return true;
+        return false;
+    }
+    return shows(m, v, false, seen);
+}
+
 /* Does anything behind the loop see how many steps there were? */
 static bool shows_steps(const March *m, Arena *scratch, uint32_t ninsts) {
     bool *seen = ARENA_ARRAY(scratch, bool, ninsts);
     for (const Inst *p = m->loop->next; p && p->op == OP_proj && p->args[0] == m->loop; p = p->next) {
         uint32_t c = (uint32_t)p->imm.i;
-        const Inst *next = m->body->last->args[c + 1];
         if (p->type == TY_BOOL || m->goes[c] || !is_used(m->fn, m->fn->body, p)) continue;
-        if (keeps(m, next, c, MOST_CHAIN)) continue;
         memset(seen, 0, ninsts * sizeof *seen);
-        if (shows(m, next, false, seen)) return true;
+        if (adds_steps(m, m->body->last->args[c + 1], c, seen, MOST_CHAIN)) return true;
     }
     return false;
 }
@@ -281,6 +284,15 @@ static void move_out(March *m, Inst *first, const Inst *last) {
     }
 }
 
+/* What a march counts, its loop counts; a copy of a step, or of the loop, would count it again. */
+static void drop_counts(Inst *first, const Inst *last) {
+    for (Inst *i = first, *next; i && i != last; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) drop_counts(i->region[r]->first, NULL);
+        if (i->op == OP_count) ir_unlink(i);
+    }
+}
+
 /* The number of a carried value that is added: starts as init; its next value is set by `carry_next`. */
 static uint32_t carry(Fn *fn, Inst *loop, Inst *init, Inst **param) {
     ir_append_arg(fn, loop, init);
@@ -290,17 +302,19 @@ static uint32_t carry(Fn *fn, Inst *loop, Inst *init, Inst **param) {
 
 static void carry_next(Fn *fn, const Inst *loop, Inst *next) { ir_append_arg(fn, loop->region[0]->last, next); }
 
+/* The first instruction behind `before`, or the first of the block. */
+static Inst *after(const Block *b, const Inst *before) { return before ? before->next : b->first; }
+
 /* The step, from the carried values `from`, at b: what it makes of the instructions of the body is in map. */
 static void clone_step(const March *m, Builder *b, Inst *k, Inst *const *from, const Inst *last, Inst **map) {
     map[m->body->params[0]->id] = k;
     for (uint32_t c = 0; c < m->ncarried; c++) map[m->body->params[c + 1]->id] = from[c];
+    Inst *before = b->before ? b->before->prev : b->block->last;
     ir_clone_insts(b, m->body, m->body->first, (Inst *)last, map);
+    drop_counts(after(b->block, before), b->before);
 }
 
 static Inst *mapped(Inst *v, Inst **map) { return v->id != UINT32_MAX && map[v->id] ? map[v->id] : v; }
-
-/* The first instruction behind `before`, or the first of the block. */
-static Inst *after(const Block *b, const Inst *before) { return before ? before->next : b->first; }
 
 static Inst *way_of(const March *m, Builder *b, uint32_t c) {
     Inst *way = ir_constf(b, 1);
@@ -356,6 +370,7 @@ static Inst *outline(March *m, Builder *b, Inst *hi, const Inst *at, Arena *scra
     Inst **map = ARENA_ARRAY(scratch, Inst *, ir_number(fn) + 1), *least = ir_constf(b, -INFINITY);
     ir_clone_insts(b, m->loop->block, m->loop, m->loop->next, map);
     Inst *loop = map[m->loop->id], *end, *g;
+    drop_counts(loop->region[0]->first, NULL);
     carry(fn, loop, hi, &end);
     uint32_t index = carry(fn, loop, least, &g);
     Builder in = ir_before(fn, loop->region[0]->last);
