@@ -364,8 +364,18 @@ static void follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, c
                 ir_emit2(b, OP_fsub, from[c], ir_emit2(b, OP_fmul, ir_emit1(b, OP_detach, way_of(m, b, c)), moved));
 }
 
-/* g of the outline: the march again, up to `hi`. */
-static Inst *outline(March *m, Builder *b, Inst *hi, const Inst *at, Arena *scratch) {
+/* How far it comes until h is eps, by a secant through the last two steps. */
+static Inst *arrival(Builder *b, Inst *const stopped[STOPS]) {
+    Inst *rise = ir_emit2(b, OP_fsub, stopped[WAS_NEAR], stopped[NEAR]);
+    return ir_emit2(b, OP_fadd, stopped[CAME],
+                    ir_emit2(b, OP_fmul, stopped[BY], ir_emit2(b, OP_fdiv, stopped[NEAR], rise)));
+}
+
+/* g of the outline: the march again, up to `hi`. Not where a limit ends a ray on its way to what its neighbour hits:
+ * of those the nearest step is now this one and now that, and g would be a saw. They are told apart by where they
+ * arrive, before `cut` or behind it. */
+static Inst *outline(March *m, Builder *b, Inst *cut, Inst *hi, const Inst *at, const uint32_t stop[STOPS],
+                     Arena *scratch) {
     Fn *fn = m->fn;
     Inst **map = ARENA_ARRAY(scratch, Inst *, ir_number(fn) + 1), *least = ir_constf(b, -INFINITY);
     ir_clone_insts(b, m->loop->block, m->loop, m->loop->next, map);
@@ -379,7 +389,10 @@ static Inst *outline(March *m, Builder *b, Inst *hi, const Inst *at, Arena *scra
     ir_replace_arg(loop->region[0]->last, 0, ir_emit2(&in, OP_band, loop->region[0]->last->args[0], within));
     carry_next(fn, loop, end);
     carry_next(fn, loop, most);
-    return ir_proj(b, loop, index);
+    Inst *nearest = ir_proj(b, loop, index), *stopped[STOPS];
+    for (uint32_t v = 0; v < STOPS; v++) stopped[v] = ir_proj(b, loop, stop[v]);
+    return ir_select(b, ir_emit2(b, OP_flt, cut, ir_constf(b, INFINITY)),
+                     ir_emit2(b, OP_fsub, cut, arrival(b, stopped)), nearest);
 }
 
 static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
@@ -464,15 +477,18 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
         info->max_events = info->max_events > UINT64_MAX / iters ? UINT64_MAX : info->max_events * iters;
     }
     fn->sites = sites;
-    /* How far it came before h was eps: by that, and not by where the last step went, neighbours differ little. */
-    Inst *back =
-        ir_emit2(&b, OP_fmul, stopped[BY],
-                 ir_emit2(&b, OP_fdiv, stopped[NEAR], ir_emit2(&b, OP_fsub, stopped[WAS_NEAR], stopped[NEAR])));
-    Inst *pair[3] = {ir_select(&b, hit, ir_emit2(&b, OP_fadd, stopped[CAME], back), ir_constf(&b, INFINITY)),
-                     stopped[ROSE], ir_constf(&b, -1)};
-    Inst *hi = ir_special(&b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + 1});
+    /* How far it came before h was eps: by that, and not by where the last step went, neighbours differ little. Of a
+     * ray that a limit ended while it came nearer, minus where that was. */
+    Inst *ended = ir_emit2(&b, OP_ilt, k, ir_consti(&b, (int32_t)loop->imm.loop.max_iters - 1)),
+         *falls = ir_emit2(&b, OP_flt, stopped[WAS_NEAR], stopped[NEAR]);
+    Inst *missed = ir_select(&b, ir_emit2(&b, OP_band, ended, falls), ir_emit1(&b, OP_fneg, stopped[CAME]),
+                             ir_constf(&b, INFINITY));
+    Inst *pair[3] = {ir_select(&b, hit, arrival(&b, stopped), missed), stopped[ROSE], ir_constf(&b, -1)};
+    Inst *window[2];
+    for (uint32_t w = 0; w < 2; w++)
+        window[w] = ir_special(&b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + w});
     walk_resolve_forwards(fn->body);
-    args[1] = outline(m, &b, hi, far, scratch);
+    args[1] = outline(m, &b, window[0], window[1], far, stop, scratch);
     ir_special(&b, OP_site, TY_BOOL, 2 + m->depth, args, (Imm){.i = fn->nsites++});
 
     for (uint32_t c = 0; c < m->ncarried; c++) {
