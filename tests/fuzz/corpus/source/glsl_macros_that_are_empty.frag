@@ -1,8 +1,6 @@
 #define E
 #define F(x)
 #define G(x) x E
-#if E
-#endif
 #if E 1
 E out F(vec2) vec4 color;
 #endif
