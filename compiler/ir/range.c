@@ -167,7 +167,7 @@ static IrRange negated(IrRange a) { return between(-a.hi, -a.lo, a.beyond); }
 #define CBRT(x) between(cbrt((x).lo), cbrt((x).hi), (x).beyond)
 #define EXP(x, base) exponential(x, base)
 #define LOG(x, log) logarithm(x, log((x).lo), log((x).hi))
-#define SINH(x) with(moderate(x) ? between(sinh((x).lo), sinh((x).hi), 0) : IR_RANGE_CARRIED, nan_of(x))
+#define SINH(x) (moderate(x) ? between(sinh((x).lo), sinh((x).hi), nan_of(x)) : with(IR_RANGE_FINITE, IR_OVERFLOW | nan_of(x)))
 #define COSH(x) between(1, moderate(x) ? cosh(magnitude(x)) : INFINITY, IR_OVERFLOW | nan_of(x))
 #define NAN_OF(x, range) with(range, nan_of(x))
 #define NAN_AT_INF(x, range) with(range, nan_of(x) | nan_if(may_be_inf(x)))
