@@ -11,20 +11,27 @@ static IrRange between(double lo, double hi, uint8_t beyond) {
     return r;
 }
 
-static IrRange join(IrRange a, IrRange b) {
-    return between(fmin(a.lo, b.lo), fmax(a.hi, b.hi), a.beyond | b.beyond);
-}
+static IrRange join(IrRange a, IrRange b) { return between(fmin(a.lo, b.lo), fmax(a.hi, b.hi), a.beyond | b.beyond); }
 
 IrRange ir_range_const(double v) {
     return isfinite(v) ? (IrRange){v, v, 0}
-                       : isnan(v) ? (IrRange){-INFINITY, INFINITY, IR_NAN} : (IrRange){v, v, IR_POLE};
+           : isnan(v)  ? (IrRange){-INFINITY, INFINITY, IR_NAN}
+                       : (IrRange){v, v, IR_POLE};
 }
 
 static uint8_t nan_of(IrRange a) { return a.beyond & IR_NAN; }
 static uint8_t nan_if(bool may) { return may ? IR_NAN : 0; }
+/* What makes a NaN where it meets its like. */
 static bool may_be_inf(IrRange a) { return a.beyond & (IR_OVERFLOW | IR_POLE); }
 static bool may_be_zero(IrRange a) { return !ir_range_nonzero(a); }
 static IrRange with(IrRange r, uint8_t beyond) { return r.beyond |= beyond, r; }
+
+/* Of a product: the degree in what loops carry, up to 2. */
+static uint8_t growth(IrRange x, IrRange y) {
+    enum { GROWS = IR_CARRIED | IR_SQUARED };
+    if (!(x.beyond & GROWS) || !(y.beyond & GROWS)) return 0;
+    return (x.beyond | y.beyond) & IR_SQUARED ? IR_OVERFLOW : IR_SQUARED;
+}
 
 /* x + y: infinities of both signs meet? */
 static uint8_t nan_of_sum(IrRange x, IrRange y) {
@@ -39,7 +46,7 @@ static double solid(double lo) { return fabs(lo) < 1e-37 ? 0 : lo; }
 
 static IrRange product(IrRange a, IrRange b, bool same) {
     bool zero_times_inf = (may_be_inf(a) && may_be_zero(b)) || (may_be_zero(a) && may_be_inf(b));
-    uint8_t beyond = a.beyond | b.beyond | nan_if(zero_times_inf && !same);
+    uint8_t beyond = a.beyond | b.beyond | nan_if(zero_times_inf && !same) | growth(a, b);
     double p[4] = {times(a.lo, b.lo), times(a.lo, b.hi), times(a.hi, b.lo), times(a.hi, b.hi)};
     if (same) {
         double low = a.lo > 0 ? a.lo * a.lo : a.hi < 0 ? a.hi * a.hi : 0;
@@ -51,8 +58,7 @@ static IrRange product(IrRange a, IrRange b, bool same) {
 
 static IrRange quotient(IrRange a, IrRange b) {
     uint8_t nan = nan_of(a) | nan_of(b) | nan_if(may_be_inf(a) && may_be_inf(b));
-    if (may_be_zero(b))
-        return (IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE | nan | nan_if(may_be_zero(a))};
+    if (may_be_zero(b)) return (IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE | nan | nan_if(may_be_zero(a))};
     IrRange finite = {a.lo, a.hi, 0}, r = product(finite, (IrRange){1 / b.hi, 1 / b.lo, 0}, false);
     return between(r.lo, r.hi, nan | (a.beyond & ~IR_NAN));
 }
@@ -60,7 +66,8 @@ static IrRange quotient(IrRange a, IrRange b) {
 static double magnitude(IrRange a) { return fmax(fabs(a.lo), fabs(a.hi)); }
 
 static IrRange root(IrRange a) {
-    return between(a.lo > 0 ? sqrt(a.lo) : 0, a.hi > 0 ? sqrt(a.hi) : INFINITY, a.beyond | nan_if(a.lo < 0));
+    uint8_t beyond = a.beyond & IR_SQUARED ? (a.beyond & ~IR_SQUARED) | IR_CARRIED : a.beyond;
+    return between(a.lo > 0 ? sqrt(a.lo) : 0, a.hi > 0 ? sqrt(a.hi) : INFINITY, beyond | nan_if(a.lo < 0));
 }
 
 static IrRange inverse_root(IrRange a) {
@@ -85,7 +92,8 @@ static bool moderate(IrRange a) { return a.lo > -80 && a.hi < 80; }
 static IrRange power(IrRange a, IrRange b) {
     bool fixed = b.lo == b.hi, real = a.lo >= 0 || (fixed && b.lo == trunc(b.lo));
     return between(a.lo >= 0 ? 0 : -INFINITY, INFINITY,
-                   (fixed && b.lo >= 0 ? a.beyond : IR_POLE | IR_OVERFLOW) | nan_of(a) | nan_of(b) | nan_if(!real));
+                   (fixed && b.lo >= 0 ? a.beyond | (b.lo > 1 ? growth(a, a) : 0) : IR_POLE | IR_OVERFLOW) | nan_of(a) |
+                       nan_of(b) | nan_if(!real));
 }
 
 /* min and max give a where b is NaN. */
@@ -159,7 +167,7 @@ static IrRange negated(IrRange a) { return between(-a.hi, -a.lo, a.beyond); }
 #define CBRT(x) between(cbrt((x).lo), cbrt((x).hi), (x).beyond)
 #define EXP(x, base) exponential(x, base)
 #define LOG(x, log) logarithm(x, log((x).lo), log((x).hi))
-#define SINH(x) with(moderate(x) ? between(sinh((x).lo), sinh((x).hi), 0) : IR_RANGE_CARRIED, nan_of(x))
+#define SINH(x) (moderate(x) ? between(sinh((x).lo), sinh((x).hi), nan_of(x)) : with(IR_RANGE_FINITE, IR_OVERFLOW | nan_of(x)))
 #define COSH(x) between(1, moderate(x) ? cosh(magnitude(x)) : INFINITY, IR_OVERFLOW | nan_of(x))
 #define NAN_OF(x, range) with(range, nan_of(x))
 #define NAN_AT_INF(x, range) with(range, nan_of(x) | nan_if(may_be_inf(x)))
@@ -281,11 +289,14 @@ static void sweep(Flow *f, const Block *b) {
     }
 }
 
-/* Has the sweep found a NaN where the one before did not know of any? Then the next will. */
-static bool more_nan(Flow *f, bool everywhere) {
+enum { GROWN = IR_OVERFLOW | IR_POLE | IR_NAN };
+
+/* Has the sweep found an infinity or a NaN where the one before did not know of any? Then the next will. */
+static bool found_more(Flow *f, bool everywhere) {
     bool more = false;
     for (uint32_t k = 0; k < f->n; k++) {
-        uint8_t found = everywhere ? IR_NAN : nan_of(f->found[k]);
+        uint8_t found = everywhere ? GROWN : f->found[k].beyond & GROWN;
+        if (f->found[k].beyond & IR_SQUARED) found |= IR_OVERFLOW; /* what squares itself, again and again */
         more |= found & ~f->next[k].beyond;
         f->next[k].beyond |= found;
     }
@@ -293,7 +304,7 @@ static bool more_nan(Flow *f, bool everywhere) {
 }
 
 void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range) {
-    enum { PATIENCE = 6 }; /* sweeps until a NaN that is still on its way is believed to get anywhere */
+    enum { PATIENCE = 6 }; /* sweeps until what is still on its way is believed to get anywhere */
     uint32_t n = fn->ninsts;
     Flow f = {n, range, ARENA_ARRAY(scratch, IrRange, n + 1), ARENA_ARRAY(scratch, IrRange, n + 1)};
     for (uint32_t k = 0; k < n; k++) f.next[k] = f.found[k] = IR_RANGE_CARRIED;
@@ -301,10 +312,10 @@ void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range) {
     IrRange *first = f.found;
     f.found = f.next;
     f.next = first;
-    for (uint32_t k = 0; k < n; k++) f.next[k].beyond &= ~IR_NAN; /* by bounds that were too wide */
+    for (uint32_t k = 0; k < n; k++) f.next[k].beyond &= ~(GROWN | IR_SQUARED); /* by bounds that were too wide */
     uint32_t sweeps = 0;
     do sweep(&f, fn->body);
-    while (more_nan(&f, ++sweeps == PATIENCE));
+    while (found_more(&f, ++sweeps == PATIENCE));
 }
 
 /* ---- backwards */

@@ -96,7 +96,8 @@ static void check_ranges(Op op, Precision p) {
             if (op == OP_ftwoi) s[k] = (Sample){{-126, 127, 0}, floor(uniform() * 254) - 126};
             if (same && k == 1) s[1] = s[0];
             in[k] = cell(t, p, s[k].v);
-            ordinary &= t != TY_FLT || s[k].v == 0 || !isfinite(s[k].v) || (fabs(s[k].v) < big && fabs(s[k].v) > 1 / big);
+            ordinary &=
+                t != TY_FLT || s[k].v == 0 || !isfinite(s[k].v) || (fabs(s[k].v) < big && fabs(s[k].v) > 1 / big);
         }
         for (uint32_t k = o->nargs; k < 3; k++) s[k] = (Sample){IR_RANGE_FINITE, 0};
         IrRange r = ir_range_row(op, s[0].range, s[1].range, s[2].range, same);
