@@ -80,6 +80,7 @@ struct Cli {
     const char *params_file, *output;
     const char *stream_format; /* of -o -: "png", ... */
     bool streams;              /* -o - */
+    char wrote[160];           /* what is said when that has been written */
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;
     bool json, quiet;
@@ -129,6 +130,8 @@ typedef struct Stream {
 SltStatus cli_temporary_folder(char *folder, size_t size, SltError *err);
 int stream_begin(Stream *s, Cli *c);
 int stream_end(Stream *s, Cli *c, int status);
+/* "saltus: NAME" and the rest, once the output is written: with -o - when standard output has taken it. */
+void cli_wrote(Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
 /* common.c */
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also

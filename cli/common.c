@@ -126,14 +126,6 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
     return first_status;
 }
 
-/* Standard input has no extension. */
-static bool looks_like_glsl(const char *text) {
-    static const char *const signs[] = {"void mainImage(", "gl_Frag", "#version ", "void main()"};
-    for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
-        if (strstr(text, signs[i])) return true;
-    return false;
-}
-
 /* print(): a line on standard error, in one piece whatever the threads do. */
 static void on_print(void *user, const char *line, const double *values, uint32_t n) {
     char text[1024 + 1];
@@ -268,8 +260,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (c->expr) {
         status = compile_expr(c, &p);
     } else if (!strcmp(c->file, "-")) {
-        char *text = read_stdin();
-        if (c->opt.language == SLT_LANGUAGE_AUTO && looks_like_glsl(text)) c->opt.language = SLT_LANGUAGE_GLSL;
+        char *text = read_stdin(); /* which has no extension */
+        if (c->opt.language == SLT_LANGUAGE_AUTO && api_looks_like_glsl(text)) c->opt.language = SLT_LANGUAGE_GLSL;
         status = slt_compile_string(text, "-", &c->opt, &p);
         free(text);
     } else {

@@ -339,9 +339,8 @@ static int grad_images(Cli *c, SltProgram *p) {
         report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else if (status == SLT_OK && !c->quiet) {
-        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n",
-                c->streams ? "standard output" : c->output, n, n == 1 ? "" : "s", (unsigned long long)stats.crossings,
-                stats.seconds);
+        cli_wrote(c, ": %u derivative image%s, %llu crossings, %.3f s", n, n == 1 ? "" : "s",
+                  (unsigned long long)stats.crossings, stats.seconds);
     }
     if (status == SLT_OK) {
         report_cells(c, &stats, &left);

@@ -2,6 +2,7 @@
 #include <dlfcn.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -111,12 +112,23 @@ static SltStatus find_points(SltProgram *p) {
     return SLT_OK;
 }
 
+/* By the end of its name, whatever its letters are and with a `.txt` behind. */
 static bool is_glsl(const char *path, SltLanguage language) {
-    static const char *const ends[] = {".frag", ".fs", ".glsl"};
-    const char *end = path ? strrchr(path, '.') : NULL;
-    if (language != SLT_LANGUAGE_AUTO || !end) return language == SLT_LANGUAGE_GLSL;
-    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
-        if (!strcmp(end, ends[i])) return true;
+    static const char *const ends[] = {".frag", ".fs", ".fsh", ".glsl"};
+    if (language != SLT_LANGUAGE_AUTO || !path) return language == SLT_LANGUAGE_GLSL;
+    size_t n = strlen(path);
+    if (n > 4 && !strcasecmp(path + n - 4, ".txt")) n -= 4;
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++) {
+        size_t m = strlen(ends[i]);
+        if (n > m && !strncasecmp(path + n - m, ends[i], m)) return true;
+    }
+    return false;
+}
+
+bool api_looks_like_glsl(const char *text) {
+    static const char *const signs[] = {"void mainImage(", "gl_Frag", "#version ", "void main()", "void main(void)"};
+    for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
+        if (strstr(text, signs[i])) return true;
     return false;
 }
 
@@ -163,6 +175,8 @@ static void compile_body(Session *s, void *arg) {
     if (!prog || s->nerrors) {
         c->status = s->bad_usage ? SLT_USAGE : s->bad_input ? SLT_INPUT : SLT_PROGRAM;
         status_fail(&p->error, c->status, "the program has errors");
+        if (s->diags && !glsl && p->opt.language == SLT_LANGUAGE_AUTO && api_looks_like_glsl(s->sources[file].text))
+            diag_note(s, s->diags, s->diags->span, "the source looks like GLSL, which `--lang glsl` says it is");
         return;
     }
     for (uint32_t i = 0; i < p->opt.nset; i++)

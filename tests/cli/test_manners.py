@@ -66,6 +66,16 @@ class Streams(Case):
         self.assertEqual(self.stream("render", "bad.salt", "-o", "-", code=3), b"")
         self.no_leftovers()
 
+    def test_full(self):
+        """What could not be written is not said to have been."""
+        self.put("a.salt", RAMP)
+        _, err = self.start_cli("render", "a.salt", "--size", "9x5", "-o", "-").communicate()
+        self.assertIn(b"saltus: standard output, 9x5", err)
+        with open("/dev/full", "w") as full:
+            p = subprocess.run([BIN, "render", "a.salt", "--size", "9x5", "-o", "-"], cwd=self.dir, stdout=full, stderr=subprocess.PIPE, text=True, env=self.environment())
+        self.assertEqual(p.returncode, 5)
+        self.assertEqual(p.stderr, "saltus: standard output could not be written\n")
+
 
 class Errors(Case):
     def test_json(self):
