@@ -191,18 +191,6 @@ static bool shows(const March *m, const Inst *v, bool of_place, bool *seen) {
     return false;
 }
 
-/* The old value itself, or the smaller or larger of it and something. */
-static bool keeps(const March *m, const Inst *v, uint32_t c, uint32_t room) {
-    if (is_kept(m, v, c)) return true;
-    if (!room) return false;
-    if (v->op == OP_fmin || v->op == OP_fmax)
-        return keeps(m, v->args[0], c, room - 1) || keeps(m, v->args[1], c, room - 1);
-    if (v->op == OP_proj && v->args[0]->op == OP_if_)
-        for (uint32_t r = 0; r < 2; r++)
-            if (keeps(m, v->args[0]->region[r]->last->args[v->imm.i], c, room - 1)) return true;
-    return false;
-}
-
 static bool is_used(const Fn *fn, const Block *b, const Inst *v) {
     for (const Inst *i = b->first; i; i = i->next) {
         for (uint32_t a = 0; a < i->nargs; a++)
@@ -213,16 +201,31 @@ static bool is_used(const Fn *fn, const Block *b, const Inst *v) {
     return false;
 }
 
+/* Does the next value of carried c, v or a part of it, have the number of steps in it? Not where it is the old value
+ * itself, or the smaller or larger of it and something that has not. */
+static bool adds_steps(const March *m, const Inst *v, uint32_t c, bool *seen, uint32_t room) {
+    if (is_kept(m, v, c)) return false;
+    if (room && (v->op == OP_fmin || v->op == OP_fmax || v->op == OP_fsel)) {
+        for (uint32_t a = v->op == OP_fsel; a < v->nargs; a++)
+            if (adds_steps(m, v->args[a], c, seen, room - 1)) return true;
+        return false;
+    }
+    if (room && v->op == OP_proj && v->args[0]->op == OP_if_) {
+        for (uint32_t r = 0; r < 2; r++)
+            if (adds_steps(m, v->args[0]->region[r]->last->args[v->imm.i], c, seen, room - 1)) return true;
+        return false;
+    }
+    return shows(m, v, false, seen);
+}
+
 /* Does anything behind the loop see how many steps there were? */
 static bool shows_steps(const March *m, Arena *scratch, uint32_t ninsts) {
     bool *seen = ARENA_ARRAY(scratch, bool, ninsts);
     for (const Inst *p = m->loop->next; p && p->op == OP_proj && p->args[0] == m->loop; p = p->next) {
         uint32_t c = (uint32_t)p->imm.i;
-        const Inst *next = m->body->last->args[c + 1];
         if (p->type == TY_BOOL || m->goes[c] || !is_used(m->fn, m->fn->body, p)) continue;
-        if (keeps(m, next, c, MOST_CHAIN)) continue;
         memset(seen, 0, ninsts * sizeof *seen);
-        if (shows(m, next, false, seen)) return true;
+        if (adds_steps(m, m->body->last->args[c + 1], c, seen, MOST_CHAIN)) return true;
     }
     return false;
 }
@@ -281,6 +284,15 @@ static void move_out(March *m, Inst *first, const Inst *last) {
     }
 }
 
+/* What a march counts, its loop counts; a copy of a step, or of the loop, would count it again. */
+static void drop_counts(Inst *first, const Inst *last) {
+    for (Inst *i = first, *next; i && i != last; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) drop_counts(i->region[r]->first, NULL);
+        if (i->op == OP_count) ir_unlink(i);
+    }
+}
+
 /* The number of a carried value that is added: starts as init; its next value is set by `carry_next`. */
 static uint32_t carry(Fn *fn, Inst *loop, Inst *init, Inst **param) {
     ir_append_arg(fn, loop, init);
@@ -290,17 +302,19 @@ static uint32_t carry(Fn *fn, Inst *loop, Inst *init, Inst **param) {
 
 static void carry_next(Fn *fn, const Inst *loop, Inst *next) { ir_append_arg(fn, loop->region[0]->last, next); }
 
+/* The first instruction behind `before`, or the first of the block. */
+static Inst *after(const Block *b, const Inst *before) { return before ? before->next : b->first; }
+
 /* The step, from the carried values `from`, at b: what it makes of the instructions of the body is in map. */
 static void clone_step(const March *m, Builder *b, Inst *k, Inst *const *from, const Inst *last, Inst **map) {
     map[m->body->params[0]->id] = k;
     for (uint32_t c = 0; c < m->ncarried; c++) map[m->body->params[c + 1]->id] = from[c];
+    Inst *before = b->before ? b->before->prev : b->block->last;
     ir_clone_insts(b, m->body, m->body->first, (Inst *)last, map);
+    drop_counts(after(b->block, before), b->before);
 }
 
 static Inst *mapped(Inst *v, Inst **map) { return v->id != UINT32_MAX && map[v->id] ? map[v->id] : v; }
-
-/* The first instruction behind `before`, or the first of the block. */
-static Inst *after(const Block *b, const Inst *before) { return before ? before->next : b->first; }
 
 static Inst *way_of(const March *m, Builder *b, uint32_t c) {
     Inst *way = ir_constf(b, 1);
@@ -350,12 +364,23 @@ static void follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, c
                 ir_emit2(b, OP_fsub, from[c], ir_emit2(b, OP_fmul, ir_emit1(b, OP_detach, way_of(m, b, c)), moved));
 }
 
-/* g of the outline: the march again, up to `hi`. */
-static Inst *outline(March *m, Builder *b, Inst *hi, const Inst *at, Arena *scratch) {
+/* How far it comes until h is eps, by a secant through the last two steps. */
+static Inst *arrival(Builder *b, Inst *const stopped[STOPS]) {
+    Inst *rise = ir_emit2(b, OP_fsub, stopped[WAS_NEAR], stopped[NEAR]);
+    return ir_emit2(b, OP_fadd, stopped[CAME],
+                    ir_emit2(b, OP_fmul, stopped[BY], ir_emit2(b, OP_fdiv, stopped[NEAR], rise)));
+}
+
+/* g of the outline: the march again, up to `hi`. Not where a limit ends a ray on its way to what its neighbour hits:
+ * of those the nearest step is now this one and now that, and g would be a saw. They are told apart by where they
+ * arrive, before `cut` or behind it. */
+static Inst *outline(March *m, Builder *b, Inst *cut, Inst *hi, const Inst *at, const uint32_t stop[STOPS],
+                     Arena *scratch) {
     Fn *fn = m->fn;
     Inst **map = ARENA_ARRAY(scratch, Inst *, ir_number(fn) + 1), *least = ir_constf(b, -INFINITY);
     ir_clone_insts(b, m->loop->block, m->loop, m->loop->next, map);
     Inst *loop = map[m->loop->id], *end, *g;
+    drop_counts(loop->region[0]->first, NULL);
     carry(fn, loop, hi, &end);
     uint32_t index = carry(fn, loop, least, &g);
     Builder in = ir_before(fn, loop->region[0]->last);
@@ -364,7 +389,10 @@ static Inst *outline(March *m, Builder *b, Inst *hi, const Inst *at, Arena *scra
     ir_replace_arg(loop->region[0]->last, 0, ir_emit2(&in, OP_band, loop->region[0]->last->args[0], within));
     carry_next(fn, loop, end);
     carry_next(fn, loop, most);
-    return ir_proj(b, loop, index);
+    Inst *nearest = ir_proj(b, loop, index), *stopped[STOPS];
+    for (uint32_t v = 0; v < STOPS; v++) stopped[v] = ir_proj(b, loop, stop[v]);
+    return ir_select(b, ir_emit2(b, OP_flt, cut, ir_constf(b, INFINITY)),
+                     ir_emit2(b, OP_fsub, cut, arrival(b, stopped)), nearest);
 }
 
 static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
@@ -449,15 +477,18 @@ static void rebuild(March *m, Arena *scratch, uint32_t ninsts) {
         info->max_events = info->max_events > UINT64_MAX / iters ? UINT64_MAX : info->max_events * iters;
     }
     fn->sites = sites;
-    /* How far it came before h was eps: by that, and not by where the last step went, neighbours differ little. */
-    Inst *back =
-        ir_emit2(&b, OP_fmul, stopped[BY],
-                 ir_emit2(&b, OP_fdiv, stopped[NEAR], ir_emit2(&b, OP_fsub, stopped[WAS_NEAR], stopped[NEAR])));
-    Inst *pair[3] = {ir_select(&b, hit, ir_emit2(&b, OP_fadd, stopped[CAME], back), ir_constf(&b, INFINITY)),
-                     stopped[ROSE], ir_constf(&b, -1)};
-    Inst *hi = ir_special(&b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + 1});
+    /* How far it came before h was eps: by that, and not by where the last step went, neighbours differ little. Of a
+     * ray that a limit ended while it came nearer, minus where that was. */
+    Inst *ended = ir_emit2(&b, OP_ilt, k, ir_consti(&b, (int32_t)loop->imm.loop.max_iters - 1)),
+         *falls = ir_emit2(&b, OP_flt, stopped[WAS_NEAR], stopped[NEAR]);
+    Inst *missed = ir_select(&b, ir_emit2(&b, OP_band, ended, falls), ir_emit1(&b, OP_fneg, stopped[CAME]),
+                             ir_constf(&b, INFINITY));
+    Inst *pair[3] = {ir_select(&b, hit, arrival(&b, stopped), missed), stopped[ROSE], ir_constf(&b, -1)};
+    Inst *window[2];
+    for (uint32_t w = 0; w < 2; w++)
+        window[w] = ir_special(&b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + w});
     walk_resolve_forwards(fn->body);
-    args[1] = outline(m, &b, hi, far, scratch);
+    args[1] = outline(m, &b, window[0], window[1], far, stop, scratch);
     ir_special(&b, OP_site, TY_BOOL, 2 + m->depth, args, (Imm){.i = fn->nsites++});
 
     for (uint32_t c = 0; c < m->ncarried; c++) {

@@ -380,6 +380,7 @@ static bool spare_straight(Cells *c, Cell *cell, uint32_t n) {
 
 void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
     Batch *b = c->b;
+    bool gives = c->s->layout[SLT_K_EDGE].reads >> SLT_IN_GIVEN0 & 1;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call_bounds(c, n);
     for (uint32_t i = 0; i < n; i++) {
@@ -397,7 +398,7 @@ void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         }
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
         bool few = !cell[i].lonely && !seam && !levels && c->dim == 2;
-        uint32_t most = few ? CELL_FEW_EVENTS : CELL_EVENTS;
+        uint32_t most = !few ? CELL_EVENTS : gives ? CELL_FEW_GIVEN : CELL_FEW_EVENTS;
         cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam) || ray;
     }
 }

@@ -44,7 +44,8 @@ enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
-    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
+    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D, */
+    CELL_FEW_GIVEN = 3,           /* and where each may have an edge for every way in which those before it decide */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
     CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
