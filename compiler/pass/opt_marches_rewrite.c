@@ -169,12 +169,12 @@ static Inst *outline(March *m, Builder *b, Inst *cut, Inst *hi, const Inst *at, 
 typedef struct Rewrite {
     March *m;
     Arena *scratch;
-    Inst *none, *least, *never;      /* 0, -infinity, infinity */
-    uint32_t old, step, stop[STOPS]; /* numbers of carried values: the place before the last step, its number */
-    uint32_t place[MOST_CARRIED], best, best_eps; /* where the march came nearest */
-    Inst *far;                                    /* how far it has come, in the body */
-    bool rims, ends;                              /* rays without steps left are known; something else ends rays too */
-    Inst *last;                                   /* the end of the step in the body, behind which they are made */
+    Inst *none, *least, *never;         /* 0, -infinity, infinity */
+    uint32_t old, step, stop[STOPS];    /* numbers of carried values: the place before the last step, its number */
+    uint32_t place[MOST_CARRIED], room; /* where it passed something, and how much nearer than RIM */
+    Inst *far;                          /* how far it has come, in the body */
+    bool rims, ends;                    /* rays without steps left are known; something else ends rays too */
+    Inst *last;                         /* the end of the step in the body, behind which they are made */
 } Rewrite;
 
 /* k < n, or !(k == n): the iterations that there may be. */
@@ -231,12 +231,6 @@ static Inst *would_go_on(const March *m, Builder *b, Inst **far) {
     return !counted ? NULL : on ? on : ir_constb(b, true);
 }
 
-static void carry_kept(Fn *fn, Inst *loop, Builder *in, Inst *better, Inst *now, Inst *init, uint32_t *index) {
-    Inst *param;
-    *index = carry(fn, loop, init, &param);
-    carry_next(fn, loop, ir_select(in, better, now, param));
-}
-
 /* Carries besides: where the march stood before its last step, that step's number, what is known of it, and where the
  * march came nearest. */
 static void carry_stops(Rewrite *r) {
@@ -258,7 +252,7 @@ static void carry_stops(Rewrite *r) {
     r->step = carry(fn, loop, ir_consti(&before, 0), &param);
     carry_next(fn, loop, m->body->params[0]);
     carry(fn, loop, r->none, &r->far);
-    Inst *by = ir_emit1(&in, OP_fabs, m->asked[0].h), *near = nearness(m, &in, same), *old_by, *old_near, *rise, *best;
+    Inst *by = ir_emit1(&in, OP_fabs, m->asked[0].h), *near = nearness(m, &in, same), *old_by, *old_near, *rise, *room;
     carry_next(fn, loop, ir_emit2(&in, OP_fadd, r->far, by));
     r->stop[CAME] = carry(fn, loop, r->none, &param), carry_next(fn, loop, r->far);
     r->stop[NEAR] = carry(fn, loop, r->least, &old_near), carry_next(fn, loop, near);
@@ -275,14 +269,18 @@ static void carry_stops(Rewrite *r) {
     carry_next(fn, loop, on ? on : ir_constb(&in, false));
     r->stop[LIMIT] = carry(fn, loop, r->none, &param);
     carry_next(fn, loop, far ? in_body(m, far->args[1], 0) : r->none);
-    r->best = carry(fn, loop, r->least, &best);
-    Inst *better = ir_emit2(&in, OP_flt, best, near);
-    carry_next(fn, loop, ir_select(&in, better, near, best));
     Inst *eps = m->asked[0].eps;
     eps = ir_is_const(eps) ? ir_constf(&in, eps->imm.f) : eps;
-    carry_kept(fn, loop, &in, better, eps, r->none, &r->best_eps);
-    for (uint32_t c = 0; c < m->ncarried; c++)
-        if (m->goes[c]) carry_kept(fn, loop, &in, better, m->body->params[c + 1], loop->args[c], &r->place[c]);
+    r->room = carry(fn, loop, r->least, &room);
+    Inst *now = ir_emit2(&in, OP_fadd, old_near, ir_emit2(&in, OP_fmul, eps, ir_constf(&in, RIM)));
+    Inst *past = ir_emit2(&in, OP_band, ir_emit2(&in, OP_flt, near, old_near), ir_emit2(&in, OP_flt, room, now));
+    past = ir_emit2(&in, OP_band, past, ir_emit2(&in, OP_fle, room, r->none));
+    carry_next(fn, loop, ir_select(&in, past, now, room));
+    for (uint32_t c = 0; c < m->ncarried; c++) {
+        if (!m->goes[c]) continue;
+        r->place[c] = carry(fn, loop, loop->args[c], &param);
+        carry_next(fn, loop, ir_select(&in, past, m->body->params[r->old + c + 1], param));
+    }
     r->last = after(m->body, before_these);
 }
 
@@ -342,11 +340,10 @@ void march_rewrite(March *m, Arena *scratch) {
     b.span = loop->span;
     for (uint32_t c = 0; c < m->ncarried; c++)
         from[c] = ir_proj(&b, loop, r.old + c), nearest[c] = m->goes[c] ? ir_proj(&b, loop, r.place[c]) : from[c];
-    Inst *k = ir_proj(&b, loop, r.step), *best = ir_proj(&b, loop, r.best), *best_eps = ir_proj(&b, loop, r.best_eps);
+    Inst *k = ir_proj(&b, loop, r.step), *room = ir_proj(&b, loop, r.room);
     for (uint32_t v = 0; v < STOPS; v++) stopped[v] = ir_proj(&b, loop, r.stop[v]);
     b = ir_before(fn, behind);
     Inst *hit = stopped[HIT];
-    Inst *room = ir_emit2(&b, OP_fadd, best, ir_emit2(&b, OP_fmul, best_eps, ir_constf(&b, RIM)));
     Inst *rim = ir_emit2(&b, OP_band, stopped[SPENT], ir_emit2(&b, OP_flt, r.none, room));
     follow_root(m, &b, hit, k, from, r.last, ninsts, scratch);
 
