@@ -266,7 +266,8 @@ static void carry_stops(Rewrite *r) {
     Inst *far, *on = would_go_on(m, &in, &far);
     r->rims = on != NULL, r->ends = far != NULL;
     r->stop[SPENT] = carry(fn, loop, ir_constb(&before, false), &param);
-    carry_next(fn, loop, on ? on : ir_constb(&in, false));
+    Inst *last = ir_consti(&in, (int32_t)loop->imm.loop.max_iters - 1);
+    carry_next(fn, loop, on ? on : ir_emit2(&in, OP_ieq, m->body->params[0], last));
     r->stop[LIMIT] = carry(fn, loop, r->none, &param);
     carry_next(fn, loop, far ? in_body(m, far->args[1], 0) : r->none);
     Inst *eps = m->asked[0].eps;
