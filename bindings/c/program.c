@@ -34,30 +34,32 @@ static char *own_file(void) {
     return exe;
 }
 
-/* ../share/saltus/stdlib from the folder of `file`, or from the folder above (lib/x86_64-linux-gnu/libsaltus.so). */
-static const char *stdlib_beside(Session *s, const char *file) {
-    const char *slash = strrchr(file, '/');
+/* ../`dir` from the folder of `file`, or from the folder above (lib/x86_64-linux-gnu/libsaltus.so, build/bin/saltus).
+ */
+static const char *stdlib_beside(Session *s, const char *file, const char *dir) {
+    const char *slash = file ? strrchr(file, '/') : NULL;
     int n = slash ? (int)(slash - file) : 0;
     for (int up = 0; slash && up < 2; up++) {
-        const char *dir = arena_printf(&s->session, "%.*s/%s../share/saltus/stdlib", n, file, up ? "../" : "");
-        if (access(dir, R_OK) == 0) return dir;
+        const char *path = arena_printf(&s->session, "%.*s/%s../%s", n, file, up ? "../" : "", dir);
+        if (access(arena_printf(&s->session, "%s/gl.salt", path), R_OK) == 0) return path;
     }
     return NULL;
 }
 
 /* The first there is: what the caller says, what the environment says, what lies beside the library, the tree that the
- * library was built from, where it was meant to be installed. */
+ * library was built from, also where it has been moved, and where it was meant to be installed. */
 static const char *find_stdlib(Session *s, const SltOptions *opt) {
     if (opt->stdlib_dir) return opt->stdlib_dir;
     const char *env = getenv("SALTUS_STDLIB");
     if (env && *env) return env;
     char *file = own_file();
-    const char *beside = file ? stdlib_beside(s, file) : NULL;
+    const char *beside = stdlib_beside(s, file, "share/saltus/stdlib");
+#ifdef SALTUS_STDLIB_SOURCE
+    if (!beside && access(SALTUS_STDLIB_SOURCE, R_OK) == 0) beside = SALTUS_STDLIB_SOURCE;
+#endif
+    if (!beside) beside = stdlib_beside(s, file, "stdlib");
     free(file);
     if (beside) return beside;
-#ifdef SALTUS_STDLIB_SOURCE
-    if (access(SALTUS_STDLIB_SOURCE, R_OK) == 0) return SALTUS_STDLIB_SOURCE;
-#endif
 #ifdef SALTUS_STDLIB_INSTALL
     return SALTUS_STDLIB_INSTALL;
 #else

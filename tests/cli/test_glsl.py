@@ -250,6 +250,17 @@ class Messages(Case):
             for word in ("<host>", "gl.salt", "inout", "len`"):
                 self.assertNotIn(word, r.err)
 
+    def test_places_behind_names(self):
+        """What jumps or fails inside a builtin of GLSL is where the source calls it."""
+        self.put("a.frag", "uniform float r;\nvoid mainImage(out vec4 c, vec2 p) {\n  float t = mod(iTime, 3.0);\n  c = vec4(mod(p.x, r) + t,\n    acosh(p.x - 900.0), 0, 1);\n}")
+        for args in (["render", "a.frag", "--size", 4], ["grad", "a.frag", "--integral", "--param", "r=0.3"], ["explain", "a.frag"]):
+            said = self.run_cli(*args)
+            self.assertNotIn("gl.salt", said.err + said.out)
+            self.assertNotIn("gl_", said.err + said.out.replace("<host>", ""))
+        self.assertRegex(said.out, r"a.frag:4:12 +floor +mod\(p.x, r\) +in image > mainImage,")
+        self.assertIn("a.frag:3:13: warning: static", said.err)
+        self.assertIn("a.frag:5:5: results that are not finite", self.run_cli("render", "a.frag", "--size", 4, "--param", "r=0.3").err)
+
     def test_macros_end(self):
         """Macros that call themselves, each other, or grow without end."""
         self.put("a.frag", "#define a b\n#define b a\nfloat a = 0.5; float f(float x) { return x; }\n#define f(x) f(x + 1.0)\nvoid main() { gl_FragColor = vec4(a, f(1.0), 0, 1); }")

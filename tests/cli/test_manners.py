@@ -1,4 +1,5 @@
 """Manners of the command: colours of pictures, standard output, errors as JSON, warnings where they belong, help and completions."""
+import glob
 import subprocess
 
 from harness import *
@@ -104,6 +105,12 @@ class Errors(Case):
         self.assertTrue(r.startswith("W0401 (warning): untracked"))
         self.assertNotIn("%", r.splitlines()[0])
         self.assertEqual(self.json_cli("explain", "e0101")["code"], "E0101")
+        for name in glob.glob(os.path.join(os.path.dirname(__file__), "../../compiler/base/diag_*.def")):
+            with open(name, encoding="utf-8") as f:
+                for code in re.findall('^DIAG[A-Z_]*\\(\\w+, "(\\w+)"', f.read(), re.M):
+                    r = self.run_cli("explain", code).out
+                    self.assertRegex(r.splitlines()[0], r"^%s \((error|warning)\): [^%%]{10,}$" % code)
+                    self.assertLess(max(map(len, r.splitlines())), 130, r)
         self.assertEqual(self.run_cli("version").out, self.run_cli("--version").out)
 
     def test_warnings(self):
@@ -118,6 +125,15 @@ class Errors(Case):
             self.assertIn("W0301", self.run_cli("render", "a.salt", "--size", 4, *given).err)
             self.assertEqual([w["code"] for w in self.json_cli("render", "a.salt", "--size", 4, *given)["warnings"]], ["W0301"])
         self.assertEqual(self.run_cli("render", "a.salt", "--size", 4, "--param", "q=1").err, "")
+
+
+    def test_library(self):
+        """A command without its standard library says what would help, of a source that imports nothing too."""
+        self.put("a.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(mod(p.x, 2.0)); }")
+        self.put("a.salt", "import sdf;\nshader float main(float2 x) { return 1.0; }")
+        for args in (["a.frag"], ["a.salt"], ["--expr", "x.x"]):
+            self.assertIn("$SALTUS_STDLIB", self.run_cli("render", *args, env={"SALTUS_STDLIB": self.dir}, code=3).err)
+        self.assertIn("`gl`, which the shader needs", self.run_cli("render", "a.frag", env={"SALTUS_STDLIB": self.dir}, code=3).err)
 
 
 class Helps(Case):
