@@ -60,6 +60,7 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
         *rules = fmax(*rules, p->f_error[c]), *left = fmax(*left, 2 * sqrt(p->f_variance[c]) + p->f_hidden[c]);
         *scale = fmax(*scale, fabs(p->f[c]));
     }
+<<<<<<< HEAD
     /* Millions of components, most of them 0: each of these is a comparison, which is false of NaN. */
     double fine = 0, hidden = 0, largest = 0;
     for (uint32_t row = 0; gradient && row < m->rows; row++)
@@ -73,6 +74,16 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
             if (size > largest) largest = size;
         }
     if (gradient) *rules = fine, *left = hidden, *scale = largest;
+=======
+    for (uint32_t row = 0; row < m->rows && gradient; row++)
+        for (uint32_t q = 0; q < m->nfloats; q++) {
+            if (s->active && !s->active[q]) continue;
+            size_t at = (size_t)row * m->nfloats + q;
+            *rules = larger(m->error[at], *rules);
+            *left = larger(sums_error(m, at) - m->error[at], *left);
+            *scale = larger(larger(fabs(m->boundary[at] + m->interior[at]), CANCELS * m->size[at]), *scale);
+        }
+>>>>>>> speed
 }
 
 static void put(const Sweep *p, SltIntegral *out) {
@@ -89,7 +100,7 @@ static void put(const Sweep *p, SltIntegral *out) {
             bool on = !s->active || s->active[q];
             double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
             if (out->gradient) out->gradient[at] = b + i;
-            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, row, q) : 0;
+            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
             if (out->interior) out->interior[at] = i;
             if (out->boundary) out->boundary[at] = b;
             if (out->missed_estimate) out->missed_estimate[at] = 0;
