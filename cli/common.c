@@ -263,11 +263,12 @@ static void tell_costs(const Cli *c, const SltProgram *p) {
     char text[400], where[200] = "";
     if (worst->span.file >= 0)
         snprintf(where, sizeof where, " at %.150s:%u", p->session->sources[worst->span.file].path, worst_line);
+    const char *sampling = c->verb->bit & (EXPLAIN | BUILD) ? "" : ", --interior-only all, fewer --samples are faster";
     snprintf(
         text, sizeof text,
-        "%u site%s with at most %llu events in a sample, most of them (%llu)%s: [NoDisc] leaves a statement's out, "
-        "--interior-only all, fewer --samples are faster",
-        moving, moving == 1 ? "" : "s", (unsigned long long)all, (unsigned long long)most, where);
+        "%u site%s with at most %llu event%s in a sample, most of them (%llu)%s: [NoDisc] leaves a statement's out%s",
+        moving, moving == 1 ? "" : "s", (unsigned long long)all, all == 1 ? "" : "s", (unsigned long long)most, where,
+        sampling);
     watch_costs(text);
 }
 
