@@ -226,6 +226,8 @@ void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
 /* How many crossings were dropped and why, where most were, and what explains it; returns that place. */
 const SltPlace *report_lost_text(const SltStats *stats, char *buf, size_t size);
+/* What is not finite, and where; returns that place, NULL if all is. */
+const SltPlace *report_nonfinite_text(const SltStats *stats, char *buf, size_t size);
 void report_place(FILE *out, const SltPlace *at);      /* "file:line:column: ", or nothing */
 void report_place_json(FILE *out, const SltPlace *at); /* null where nothing is known */
 /* Of a name in codes.def, in upper or lower case: the name as it stands there; NULL: there is none. */

@@ -94,7 +94,7 @@ static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
     return s->upset > 0 ? &none_at : NULL;
 }
 
-static const SltPlace *nonfinite_text(const SltStats *s, char *buf, size_t size) {
+const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size) {
     const SltPlace *place = &s->nonfinite_at;
     char x[96];
     int at = snprintf(buf, size,
@@ -116,7 +116,7 @@ static const struct {
                {"coincident", coincident_text},
                {"few_ulps", ulps_text},
                {"upset", upset_text},
-               {"nonfinite", nonfinite_text}};
+               {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {

@@ -88,9 +88,9 @@ static Inst *of_march_pair(Builder *b, Inst *w) {
     Inst *passed = ir_emit2(b, OP_band, ir_emit2(b, OP_fle, p.near_t, p.top), ir_emit2(b, OP_flt, p.top, end));
     end = ir_select(b, passed, ir_constf(b, __builtin_inf()), end);
     if (!(w->imm.i & 1)) return end;
-    Inst *half = ir_emit2(
-        b, OP_fmul, ir_constf(b, 0.5),
-        ir_emit2(b, OP_fadd, ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), p.top, p.near_t), p.far_t));
+    Inst *half =
+        ir_emit2(b, OP_fmul, ir_constf(b, 0.5),
+                 ir_emit2(b, OP_fadd, ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), p.top, p.near_t), p.far_t));
     return ir_emit2(b, OP_fmin, half, end);
 }
 

@@ -82,6 +82,8 @@ struct Finder {
     uint32_t sorted_cap;
     Segment *split; /* [nsplit], room for FIND: to be bisected on the hash */
     uint32_t nsplit;
+    Segment *still; /* [nstill], room for FIND: the depths of a ray jump there, and no event says why */
+    uint32_t nstill;
     Crossing *found; /* [nfound], room for BATCH: not handed over yet */
     uint32_t nfound;
     void (*full)(void *user, Crossing *c, uint32_t n); /* takes the n <= BATCH crossings found */

@@ -89,6 +89,26 @@ void window_doubt(Finder *f, const Segment *s, double mid, Mark m) {
     if (depth_differs(s->ma.depth, m.depth, most)) search_push(f, s, s->ta, mid, s->ma, m, SEARCH_ROOT);
 }
 
+/* Slopes change f by less on a part that is as short as can be; what jumps by less is not worth a word. */
+#define STILL_JUMP 0x1p-10
+
+void window_settle_still(Finder *f) {
+    Batch *b = f->b;
+    if (!f->nstill) return;
+    for (uint32_t i = 0; i < f->nstill; i++)
+        search_put(f, 2 * i, &f->still[i], f->still[i].ta), search_put(f, 2 * i + 1, &f->still[i], f->still[i].tb);
+    batch_call(b, SLT_K_SIDES, 2 * f->nstill);
+    bool jumps[FIND] = {0};
+    for (uint32_t c = 0; c < f->s->channels; c++)
+        for (uint32_t i = 0; i < f->nstill; i++) {
+            double v = batch_get(b, SLT_OUT_F, c, 2 * i), w = batch_get(b, SLT_OUT_F, c, 2 * i + 1);
+            jumps[i] |= !(fabs(v - w) <= STILL_JUMP * fmax(fabs(v), fabs(w)));
+        }
+    for (uint32_t i = 0; i < f->nstill; i++)
+        if (jumps[i]) finder_drop_part(f, SLT_DROP_NO_EVENT, &f->still[i], -1);
+    f->nstill = 0;
+}
+
 /* The 16 low bits of v, two apart: one of them at every even place. */
 static uint32_t spread_bits(uint32_t v) {
     v = (v | v << 8) & 0x00ff00ffu;

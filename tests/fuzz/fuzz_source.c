@@ -27,6 +27,45 @@ static double work(const Block *b) {
     return sum;
 }
 
+static void take_line(void *user, const char *line, const double *values, uint32_t n) {
+    volatile double sum = (double)strlen(line);
+    for (uint32_t i = 0; i < n; i++) sum += values[i];
+    (void)user;
+}
+
+/* A small job, which of them by `way`: the gradient of the integral by three estimators, that of a loss, an image of
+ * derivatives, an image. */
+static SltStatus estimate(SltProgram *p, size_t way) {
+    enum { SIDE = 3 };
+    SltJob job = SLT_JOB_INIT;
+    SltError err = {0};
+    SltStats stats = SLT_STATS_INIT;
+    job.threads = 1, job.samples = 64, job.spp = 1, job.max_evaluations = 4096;
+    for (int i = 0; i < 3; i++) job.size[i] = SIDE;
+    uint32_t nfloats = slt_float_count(p), channels = slt_channels(p);
+    float *image = calloc((size_t)SIDE * SIDE * SIDE * channels, sizeof *image);
+    double value[4], *gradient = calloc((size_t)channels * nfloats + 1, sizeof *gradient);
+    const double *along = gradient;
+    SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = gradient};
+    SltStatus status = SLT_LIMIT;
+    if (image && gradient) {
+        static const SltEstimator estimators[] = {SLT_EST_AUTO, SLT_EST_LATTICE, SLT_EST_QUADRATURE};
+        job.estimator = estimators[way % 3];
+        switch (way / 3 % 6) {
+        case 0: status = slt_grad_loss(p, &job, image, NULL, NULL, gradient, NULL, NULL, &stats, &err); break;
+        case 1:
+            for (uint32_t i = 0; i < nfloats; i++) gradient[i] = 1;
+            status = slt_grad_images(p, &job, 1, &along, &image, NULL, &stats, &err);
+            break;
+        case 2: status = slt_render(p, &job, image, &stats, &err); break;
+        default: status = slt_grad_integral(p, &job, &out, &stats, &err);
+        }
+    }
+    free(image);
+    free(gradient);
+    return status;
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (size > 1 << 16) return 0;
     char *text = malloc(size + 1);
@@ -49,19 +88,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         SltError err = {0};
         status = api_kernels(p, needs, &err);
         if (status == SLT_INTERNAL) abort();
+        char *values = slt_params_json(p);
+        if (!values || slt_set_params_json(p, values, "values.json", &err) != SLT_OK) abort();
+        free(values);
+        slt_set_print(p, take_line, NULL, &err);
         double all = 0;
         for (int k = 0; k < K_KINDS && status == SLT_OK; k++)
             if (p->fn[k]) all += work(p->fn[k]->body);
-        if (status == SLT_OK && all < MAX_WORK) {
-            SltJob job = SLT_JOB_INIT;
-            job.integral = true, job.threads = 1, job.samples = 64;
-            job.size[0] = job.size[1] = job.size[2] = 1;
-            double value[4], *gradient = calloc((size_t)slt_channels(p) * slt_float_count(p) + 1, sizeof *gradient);
-            SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = gradient};
-            SltStats stats = SLT_STATS_INIT;
-            if (gradient && slt_grad_integral(p, &job, &out, &stats, &err) == SLT_INTERNAL) abort();
-            free(gradient);
-        }
+        if (status == SLT_OK && all < MAX_WORK && estimate(p, size >> 2) == SLT_INTERNAL) abort();
     }
     if (p) slt_diagnostics_text(p), slt_diagnostics_json(p);
     slt_program_free(p);
