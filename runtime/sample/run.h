@@ -40,9 +40,10 @@ struct Run {
     Worker *worker;
     uint32_t nworkers;
     PoolOptions pool;
-    bool proven;    /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
-    Apart *apart;   /* for coincide.c; NULL: boundaries that coincide are not looked for */
-    SltStats stats; /* counts of the tiles merged so far */
+    bool proven;      /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
+    Apart *apart;     /* for coincide.c; NULL: boundaries that coincide are not looked for */
+    SltStats stats;   /* counts of the tiles merged so far */
+    Sizes kept, gone; /* likewise; see Finder */
     SltError *err;
     double start; /* by pool_now() */
 };
