@@ -112,7 +112,13 @@ static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
     place_least(&f->dropped_at[reason], at);
 }
 
+void finder_note_size(const Finder *f, Sizes *s, const Crossing *c) {
+    s->n++;
+    for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]);
+}
+
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {
+    if (reason != SLT_DROP_COINCIDENT) finder_note_size(f, &f->gone, c);
     SltPlace at = {.known = true, .site = (uint32_t)(c->event.site + 1), .stream = c->stream, .rand0 = c->rand0};
     memcpy(at.x, c->side[0], sizeof at.x), memcpy(at.beyond, c->side[1], sizeof at.beyond);
     drop(f, reason, c->owner, &at);
