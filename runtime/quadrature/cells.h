@@ -80,6 +80,7 @@ typedef struct CellOptions {
     double seen;      /* |f| is known to be that large somewhere in the domain: 0 where that is not known */
     double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
     double least; /* side of the least cell, in parts of the domain */
+    bool curves_done;        /* of this tile curves were handed over before: the volume alone is wanted */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
     bool trial;              /* only what cells cost is asked: no peaks are hunted */
     uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */

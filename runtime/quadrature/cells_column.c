@@ -344,7 +344,7 @@ void cells_crossing(const Cells *c, const Root *r, Crossing *x) {
 Crossing *cells_add_crossing(Cells *c, uint8_t rule) {
     if (c->ncrossing[rule] == BATCH) flush_crossings(c, (CellRule)rule);
     Crossing *x = &c->crossing[rule][c->ncrossing[rule]++];
-    x->cls = rule;
+    x->cls = rule, x->apart = NULL, x->move = 0; /* cells_emit_away sets these */
     return x;
 }
 

@@ -100,7 +100,8 @@ typedef struct CellEdge {
     Quadric quadric;          /* and this no farther than twice */
     uint32_t state;           /* SLT_EDGE_* */
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
-    bool same;                /* a choice between two that are the same in the middle of the cell, to rounding */
+    bool same;                /* a choice between two that are the same in the middle of the cell, to rounding, */
+    int8_t sense;             /* the sign of their difference all the same, where it is one; else 0 */
     int8_t rises[3];          /* sign of d_axis g, where it has one; else 0 */
     int8_t axis;              /* height axis */
     /* By face across it, by end of the base. sure: of a face that the signs of g all over it are those in its corners,
@@ -347,6 +348,7 @@ struct Cells {
     uint32_t ngap, gap_cap;
     Cell *face;   /* likewise */
     Apart *apart; /* cells_tied.c: made when first needed */
+    Finer finer;  /* kink.c: likewise */
     Untie *untie;
     struct Trial *trial; /* cells_given.c */
     uint32_t ntrial, trial_cap;
@@ -441,6 +443,8 @@ void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: 
 void cells_call_bounds(Cells *c, uint32_t n);
 /* Behind it: the choices that are open in box i, ahead of the events that are. */
 void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
+/* Of a tile, before anything is asked of one of its curves: tiles may be small, and the whole program is slow. */
+bool cells_prune_root(Cells *c, Node *root);
 /* Keeps what runs in boxes that may become nodes. False when memory runs out. */
 bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
 int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */

@@ -60,14 +60,19 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
         *rules = fmax(*rules, p->f_error[c]), *left = fmax(*left, 2 * sqrt(p->f_variance[c]) + p->f_hidden[c]);
         *scale = fmax(*scale, fabs(p->f[c]));
     }
-    for (uint32_t row = 0; row < m->rows && gradient; row++)
+    /* Millions of components, most of them 0: each of these is a comparison, which is false of NaN. */
+    double fine = 0, hidden = 0, largest = 0;
+    for (uint32_t row = 0; gradient && row < m->rows; row++)
         for (uint32_t q = 0; q < m->nfloats; q++) {
-            if (s->active && !s->active[q]) continue;
             size_t at = (size_t)row * m->nfloats + q;
-            *rules = larger(m->error[at], *rules);
-            *left = larger(sums_error(m, at) - m->error[at], *left);
-            *scale = larger(larger(fabs(m->boundary[at] + m->interior[at]), CANCELS * m->size[at]), *scale);
+            if (s->active && !s->active[q]) continue;
+            double error = m->error[at], sum = fabs(m->boundary[at] + m->interior[at]), size = CANCELS * m->size[at];
+            if (error > fine) fine = error;
+            if (m->variance[at] > 0) hidden = fmax(hidden, sums_error(m, at) - error);
+            if (sum > largest) largest = sum;
+            if (size > largest) largest = size;
         }
+    if (gradient) *rules = fine, *left = hidden, *scale = largest;
 }
 
 /* Derivatives are millions where parameters are many, and pages of what they are put into may be untouched: threads
