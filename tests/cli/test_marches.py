@@ -38,6 +38,13 @@ class Marches(Case):
                     self.near(name, got["r"], 2 * math.pi * 0.8, 0.02)
                     self.assertLess(j["crossings"], 20000)
 
+    def test_bounds(self):
+        """Whatever a march carries, its bounds can be asked for."""
+        for name, (declarations, body) in MARCHES.items():
+            with self.subTest(name):
+                self.put("m.frag", HEAD % declarations + IMAGE % body)
+                self.assertIn("sites", self.run_cli("explain", "m.frag").out)
+
     def test_what_is_seen(self):
         """How far it is to what the ray meets, and of what colour: a ball before a wall, which the rays hit too."""
         march = "float t = 0.0, m = 0.0; for (int i = 0; i < 400; i++) { vec2 h = map(o + d * t); m = h.y; if (abs(h.x) < .0001) break; t += h.x; if (t > 20.) break; }"
