@@ -142,7 +142,15 @@ int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns it
 /* Prints an error on standard error and returns its status: `saltus: text`, with --json one object on a line, in the
  * shape of a diagnostic with "status" added. */
 int cli_error(int status, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void cli_put_error(FILE *out, int status, const char *text);
 void cli_errors_as_json(void);
+typedef enum CliSeverity { CLI_ERROR = 1, CLI_WARNING, CLI_NOTE } CliSeverity; /* numbers of the protocol */
+/* On standard error, beside results: `saltus: warning: FILE:1:2: text`, with --json an object as above; at may be NULL.
+ */
+void cli_say(CliSeverity severity, const char *code, const SltPlace *at, const char *fmt, ...)
+    __attribute__((format(printf, 4, 5)));
+/* Such an object without its last brace. */
+void cli_put_json(FILE *out, int severity, const char *code, const SltPlace *at, const char *text);
 /* Images, values and integrals: what is known of derivatives alone is not said. */
 void cli_forget_derivatives(SltProgram *p);
 /* `p`, what an allocation returned. Where that is nothing the command says so and ends with status 6: it has nothing to

@@ -248,10 +248,10 @@ static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncom
 static void note_missing_in_image(const Cli *c, const SltStats *s) {
     double lost = (double)report_lost(s), share = lost / ((double)s->crossings + lost);
     if (c->quiet || !(share > 1e-3)) return;
-    fprintf(stderr,
-            "saltus: note: derivative images state no errors: pixels with dropped crossings, %.2g %% of all crossings, "
-            "lack their part\n",
-            100 * share);
+    cli_say(
+        CLI_NOTE, "dropped", NULL,
+        "derivative images state no errors: pixels with dropped crossings, %.2g %% of all crossings, lack their part",
+        100 * share);
 }
 
 static int grad_images(Cli *c, SltProgram *p) {

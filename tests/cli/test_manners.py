@@ -94,6 +94,22 @@ class Errors(Case):
             self.assertTrue(errors[0]["message"])
             self.assertEqual(errors[0].get("status", 3), status)
 
+    def test_json_beside_results(self):
+        """Warnings and notes too, and what an interrupt says."""
+        self.put("a.frag", "uniform float r;\nvoid mainImage(out vec4 c, vec2 p) {\n  c = vec4(sqrt(p.x - 4.0) * r); }")
+        self.put("loop.salt", "shader float main(float2 x) { float t = x.x; [MaxIters(2)] while (t < 1e9) t += 0.1; assert(t < 1.0); return t; }")
+        for args, code, want in ((["a.frag", "--param", "iTime=1", "--param", "r=inf"], 0, {"unread": 3, "not_finite": 2, "nonfinite": 2}), (["loop.salt"], 1, {"truncated": 2, "assert": 1})):
+            lines = [json.loads(line) for line in self.run_cli("render", *args, "--size", 8, "--json", code=code).err.splitlines()]
+            self.assertEqual({d["code"]: d["severity"] for d in lines}, want)
+            for d in lines:
+                self.assertEqual(set(d), {"uri", "range", "severity", "code", "source", "message"})
+        self.put("long.salt", "shader float main(float2 x) { float t = 0.0; for (int i = 0; i < 10000000; i++) t += sin(t + x.x); return t; }")
+        for args in (["--max-seconds", 0.5], []):
+            p = self.start_cli("render", "long.salt", "--json", "--size", 512, *args)
+            err = p.communicate()[1].decode() if args else self.interrupt(p, 0.3)[1].decode()
+            lines = [json.loads(line) for line in err.splitlines()]
+            self.assertEqual([d["status"] for d in lines if d["severity"] == 1], [6 if args else 130])
+
     def test_expression(self):
         """Places are those of what was typed."""
         self.assertIn("<expr>:1:8: error", self.run_cli("render", "--expr", "length(y) + x", code=3).err)
