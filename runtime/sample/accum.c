@@ -62,6 +62,7 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 }
 
 void accum_free(Accum *a) {
+    if (!a->s) return; /* nothing has begun */
     for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     free_pages(a->adj, a->bytes * a->n + 64), free_pages(a->scratch, a->bytes * SLT_MAX_CHANNELS + 64);
     free_pages(a->sums, a->n * sums_bytes(a));
