@@ -14,6 +14,11 @@
 #include "runtime/base/threads.h"
 #include "runtime/sample/finder.h"
 
+/* fmax and fmin are calls, which count in loops over points, and over parameters where these are many. Of a NaN and a
+ * number: the second. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
 /* A box of the domain: all points of the program's precision with lo <= x <= hi. Its measure goes up to `end`. In
  * general that is hi, and neighbours share the points of their face: of a jump between two adjacent floats both then
  * lie in one of the boxes, even where the shape ends exactly on the face. Only where a box was cut at a seam, on whose

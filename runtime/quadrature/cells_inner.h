@@ -36,15 +36,12 @@
 #include "runtime/sample/prune.h"
 #include "runtime/sample/untie.h"
 
-/* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
-static inline double larger(double a, double b) { return a > b ? a : b; }
-static inline double smaller(double a, double b) { return a < b ? a : b; }
-
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
-    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
+    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D, */
+    CELL_FEW_GIVEN = 3,           /* and of halves, where each may have an edge for every way in which others decide */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
     CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
@@ -203,6 +200,7 @@ typedef struct Root {
     const CellEdge *of;
     double x[3];       /* where; of x[axis] only a guess until it is solved */
     double ends_at[2]; /* of the line */
+    double guess;      /* of x[axis], with which it began */
     double lo, hi;     /* the bracket: ends of the line, and later places where g was taken */
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
@@ -414,8 +412,9 @@ Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[
  * lists of iterations. */
 void cells_bound_halves(Cells *c);
 bool cells_bound_small(Cells *c);
-void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n); /* of others; `lonely` is the caller's */
-void cells_bound_range(Cells *c, Cell *cell);             /* of one: what f may be there */
+/* Of others; `lonely` is the caller's. few_events: most that may be open, but for what CELL_FEW_EVENTS says. */
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events);
+void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);

@@ -341,6 +341,7 @@ SltStatus sweep_begin(Sweep *p) {
     for (uint32_t d = 0; d < s->dim; d++) p->volume *= s->hi[d] - s->lo[d];
     uint32_t rows = p->kind == SWEEP_INTEGRAL ? s->channels : p->kind >= SWEEP_REVERSE ? 1 : 0;
     p->marches &= p->options.curves;
+    r->spares = true; /* tiles are few, and what they cost differs by twice */
     if (!sums_init(&p->sums, s, rows)) return no_memory(p);
     SltStatus st = run_workers(r, UINT32_MAX, SUM_GROUPS * rows, kinds[p->kind]);
     if (st != SLT_OK) return st;
