@@ -71,6 +71,8 @@ static SltStatus value_of(Check *k, const double *floats, uint32_t seed, Value *
     job.floats = floats;
     SltIntegral r = {.struct_size = sizeof r, .value = v, .value_stderr = se};
     SltStatus s = slt_grad_integral(k->p, &job, &r, &stats, &k->err);
+    if (!k->stats.nonfinite_at.known) k->stats.nonfinite_at = stats.nonfinite_at;
+    k->stats.nonfinite += stats.nonfinite;
     *out = (Value){0};
     for (uint32_t c = 0; s == SLT_OK && c < slt_channels(k->p); c++) {
         out->v += k->weight[c] * v[c];
@@ -440,6 +442,7 @@ static int check(Check *k) {
         const SltPlace *at = NULL;
         if (dropped * 100 > k->stats.crossings + dropped)
             at = report_lost_text(&k->stats, text, sizeof text), other = text;
+        if (k->stats.nonfinite) at = report_nonfinite_text(&k->stats, text, sizeof text), other = text;
         if (k->stats.asserts) at = NULL, other = "an assert failed: `assert` in the shader says where";
         for (uint32_t i = 0; i < k->n; i++)
             if (isinf(k->rows[i].ad_se) && !other) other = "the error of the derivative is not known: more --samples";

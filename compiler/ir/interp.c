@@ -469,6 +469,9 @@ static bool exec_special(Interp *in, const Inst *i, const Mask *m) {
     case OP_live:
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = is_live(in->args->pruned, i->imm.i);
         return true;
+    case OP_stands:
+        for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = 0;
+        return true;
     case OP_settled:
         for (uint32_t l = 0; l < in->lanes; l++) ((int32_t *)dst)[l] = in->args->pruned->settled[i->imm.i] != 0;
         return true;

@@ -302,6 +302,7 @@ static void check_special(Verify *v, const Inst *i) {
         want_scalar(v, i, 0);
         want_result(v, i, (IrType)a->type);
         return;
+    case OP_stands:
     case OP_both: want_result(v, i, TY_BOOL); return;
     case OP_tapemark: want_result(v, i, TY_TAPE); return;
     case OP_tapepush:

@@ -189,16 +189,16 @@ static void site_kernels(PassCtx *ctx, const Fn *primal, const bool needs[K_KIND
 
 void pipeline_kernels(PassCtx *ctx, Program *p, const bool needs[K_KINDS], const VariantOptions *vo,
                       const AdOptions *ad, KernelSet *out) {
-    const Fn *primal = p->primal;
+    const Fn *primal = variant_standing(p->primal, true), *shown = variant_standing(p->primal, false);
     VariantOptions variant = vo ? *vo : (VariantOptions){0};
     AdOptions wrt = ad ? *ad : (AdOptions){0};
     bool jumps = boundary_moves(ctx, p, wrt.wrt);
     memset(out, 0, sizeof *out);
 
-    Fn *value = variant_value(ctx, primal);
+    Fn *value = variant_value(ctx, shown);
     if (needs[K_VALUE]) out->fn[K_VALUE] = value;
     bool boxes = needs[K_BOUNDS] || needs[K_EDGE] || needs[K_EDGE_BOUNDS];
-    Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] || boxes ? variant_chunks(ctx, primal, &out->chunks) : NULL;
+    Fn *chunks = needs[K_PRUNED] || needs[K_PRUNE] || boxes ? variant_chunks(ctx, shown, &out->chunks) : NULL;
     if (chunks && needs[K_PRUNED]) out->fn[K_PRUNED] = variant_value(ctx, chunks);
     if (chunks && needs[K_PRUNE]) out->fn[K_PRUNE] = variant_prune(ctx, chunks);
     if (needs[K_JVP]) out->fn[K_JVP] = ad_jvp(ctx, value, &wrt);

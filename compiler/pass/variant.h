@@ -8,6 +8,8 @@
 Fn *variant_clone(PassCtx *ctx, const Fn *primal, const char *name, bool silent);
 /* A silent clone in which [Tangent] regions stay for the derivative, except those with sites inside. */
 Fn *variant_differentiable_clone(PassCtx *ctx, const Fn *primal, const char *name);
+/* The program, in which `stands` is known: a clone if it asks. */
+const Fn *variant_standing(const Fn *primal, bool stands);
 /* Sites become their decision (or integer) again. */
 void variant_drop_sites(Fn *fn);
 void variant_drop_still(Fn *fn); /* only those that are not tagged, and stand still */

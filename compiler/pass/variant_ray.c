@@ -63,22 +63,44 @@ typedef struct Pair {
  * end. The farther ray tells: it has come away from something before it hits. */
 static bool of_march(const Inst *w) { return w->args[2]->op == OP_constf && w->args[2]->imm.f < 0; }
 
+/* Where a march would have arrived that a limit ended; INFINITY of all others. */
+static Inst *cut_at(Builder *b, Inst *t) {
+    Inst *cut = ir_emit2(b, OP_flt, t, ir_constf(b, 0));
+    return ir_select(b, cut, ir_emit1(b, OP_fneg, t), ir_constf(b, __builtin_inf()));
+}
+
+static Inst *hit_at(Builder *b, Inst *t) {
+    return ir_select(b, ir_emit2(b, OP_flt, t, ir_constf(b, 0)), ir_constf(b, __builtin_inf()), t);
+}
+
 static Pair pair_of(Builder *b, Inst *w) {
-    Inst *t = w->args[0], *other = partner(b, t);
+    Inst *t = of_march(w) ? hit_at(b, w->args[0]) : w->args[0], *other = partner(b, t);
     Inst *nearer = of_march(w) ? ir_emit2(b, OP_flt, other, t) : ir_emit2(b, OP_flt, t, other);
     return (Pair){ir_emit2(b, OP_fmin, t, other), ir_emit2(b, OP_fmax, t, other),
                   ir_select(b, nearer, w->args[1], partner(b, w->args[1])),
                   ir_emit2(b, OP_fmax, w->args[2], partner(b, w->args[2]))};
 }
 
+/* Of a march: hi is halfway between. Where the farther ray has passed nothing and a limit ended it, both are
+ * halfway between where the two arrive. */
+static Inst *of_march_pair(Builder *b, Inst *w) {
+    Pair p = pair_of(b, w);
+    Inst *cut = cut_at(b, w->args[0]), *end = ir_emit2(b, OP_fmin, cut, partner(b, cut));
+    Inst *passed = ir_emit2(b, OP_band, ir_emit2(b, OP_fle, p.near_t, p.top), ir_emit2(b, OP_flt, p.top, end));
+    Inst *between = ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.near_t, end));
+    end = ir_select(b, passed, ir_constf(b, __builtin_inf()), between);
+    if (!(w->imm.i & 1)) return end;
+    Inst *half =
+        ir_emit2(b, OP_fmul, ir_constf(b, 0.5),
+                 ir_emit2(b, OP_fadd, ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), p.top, p.near_t), p.far_t));
+    return ir_emit2(b, OP_fmin, half, end);
+}
+
 /* lo = near - margin; hi = top + margin, but well before the far hit, where the far ray touches ground. Without a top
  * before the far hit there is nothing to look through. */
 static Inst *of_pair(Builder *b, Inst *w) {
+    if (of_march(w)) return of_march_pair(b, w);
     Pair p = pair_of(b, w);
-    if (of_march(w)) /* from its begin to halfway between */
-        return ir_emit2(
-            b, OP_fmul, ir_constf(b, 0.5),
-            ir_emit2(b, OP_fadd, ir_select(b, ir_emit2(b, OP_flt, p.top, p.far_t), p.top, p.near_t), p.far_t));
     if (!(w->imm.i & 1))
         return ir_select(b, ir_emit2(b, OP_fle, p.top, p.far_t), ir_emit2(b, OP_fsub, p.near_t, p.margin),
                          ir_constf(b, __builtin_inf()));

@@ -26,6 +26,33 @@ static void drop_sites(Fn *fn, Block *b, bool only_still) {
     }
 }
 
+static void set_standing(Fn *fn, Block *b, bool stands) {
+    for (Inst *i = b->first, *next; i; i = next) {
+        next = i->next;
+        for (uint32_t r = 0; r < i->nregions; r++) set_standing(fn, i->region[r], stands);
+        if (i->op != OP_stands) continue;
+        Builder at = ir_before(fn, i);
+        walk_forward(fn, i, ir_constb(&at, stands));
+    }
+}
+
+static bool has_standing(const Block *b) {
+    for (const Inst *i = b->first; i; i = i->next) {
+        if (i->op == OP_stands) return true;
+        for (uint32_t r = 0; r < i->nregions; r++)
+            if (has_standing(i->region[r])) return true;
+    }
+    return false;
+}
+
+const Fn *variant_standing(const Fn *primal, bool stands) {
+    if (!has_standing(primal->body)) return primal;
+    Fn *fn = ir_clone(primal, primal->arena, primal->name);
+    set_standing(fn, fn->body, stands);
+    walk_resolve_forwards(fn->body);
+    return fn;
+}
+
 void variant_drop_sites(Fn *fn) {
     drop_sites(fn, fn->body, false);
     walk_resolve_forwards(fn->body);

@@ -20,16 +20,16 @@ bool finder_init(Finder *f, Batch *b) {
     f->b = b, f->s = b->s;
     f->cap = 8 * BATCH;
     f->stack = malloc(f->cap * sizeof *f->stack);
-    f->split = malloc(FIND * sizeof *f->split);
+    f->split = malloc(FIND * sizeof *f->split), f->still = malloc(FIND * sizeof *f->still);
     f->found = malloc(BATCH * sizeof *f->found);
     f->items = malloc(FIND * sizeof(Item));
     f->order = malloc(BATCH * sizeof *f->order);
-    return f->stack && f->split && f->found && f->items && f->order;
+    return f->stack && f->split && f->still && f->found && f->items && f->order;
 }
 
 void finder_free(Finder *f) {
-    free(f->alike), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->found), free(f->items),
-        free(f->order);
+    free(f->alike), free(f->stack), free(f->sorted), free(f->keys), free(f->split), free(f->still), free(f->found),
+        free(f->items), free(f->order);
     memset(f, 0, sizeof *f);
 }
 
@@ -112,7 +112,13 @@ static void drop(Finder *f, SltDrop reason, uint8_t owner, const SltPlace *at) {
     place_least(&f->dropped_at[reason], at);
 }
 
+void finder_note_size(const Finder *f, Sizes *s, const Crossing *c) {
+    s->n++;
+    for (uint32_t i = 0; i < f->s->channels; i++) s->sum += fabs(c->jump[i]);
+}
+
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c) {
+    if (reason != SLT_DROP_COINCIDENT) finder_note_size(f, &f->gone, c);
     SltPlace at = {.known = true, .site = (uint32_t)(c->event.site + 1), .stream = c->stream, .rand0 = c->rand0};
     memcpy(at.x, c->side[0], sizeof at.x), memcpy(at.beyond, c->side[1], sizeof at.beyond);
     drop(f, reason, c->owner, &at);
@@ -165,6 +171,7 @@ static double middle(const Segment *s) { return s->cut > s->ta && s->cut < s->tb
 
 static void flush_split(Finder *f) {
     Batch *b = f->b;
+    window_settle_still(f);
     if (!f->nsplit) return;
     for (uint32_t i = 0; i < f->nsplit; i++) search_put(f, i, &f->split[i], middle(&f->split[i]));
     batch_call(b, SLT_K_REGION, f->nsplit);
@@ -194,7 +201,9 @@ static void split(Finder *f, const Segment *s, double tol, SltDrop reason, int32
         }
         /* A jump that stands still adds nothing. */
         bool stands = reason == SLT_DROP_NO_EVENT && f->s->still && !search_has_windows(f->s);
-        if (!stands) finder_drop_part(f, reason, s, site);
+        if (reason == SLT_DROP_NO_EVENT && search_has_depth(f->s) && s->ma.hash == s->mb.hash)
+            assert(f->nstill < FIND), f->still[f->nstill++] = *s;
+        else if (!stands) finder_drop_part(f, reason, s, site);
         return;
     }
     assert(f->nsplit < FIND);
@@ -477,6 +486,7 @@ static uint32_t halve(Finder *f, Item *items, uint32_t n) {
     flush_split(f);
     kept = kept ? ask_events(f, items, kept) : 0;
     f->nsplit = 0; /* those without an event have nothing to snap to */
+    window_settle_still(f);
     return kept;
 }
 

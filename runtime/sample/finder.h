@@ -72,6 +72,12 @@ typedef struct Crossing {
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 
+/* How many crossings, and what f jumps by at them, summed over the channels. */
+typedef struct Sizes {
+    uint64_t n;
+    double sum;
+} Sizes;
+
 typedef struct Finder Finder;
 struct Finder {
     Batch *b;
@@ -83,6 +89,8 @@ struct Finder {
     uint32_t sorted_cap;
     Segment *split; /* [nsplit], room for FIND: to be bisected on the hash */
     uint32_t nsplit;
+    Segment *still; /* [nstill], room for FIND: the depths of a ray jump there, and no event says why */
+    uint32_t nstill;
     Crossing *found; /* [nfound], room for BATCH: not handed over yet */
     uint32_t nfound;
     void (*full)(void *user, Crossing *c, uint32_t n); /* takes the n <= BATCH crossings found */
@@ -91,7 +99,8 @@ struct Finder {
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
-    bool *lost; /* set by owner where a crossing was dropped; NULL: nobody asks */
+    Sizes kept, gone; /* of the crossings that have a weight, and of those that were dropped for the want of one */
+    bool *lost;       /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
      * those that only the last halving found */
     Segment *alike; /* [nalike] */
@@ -114,6 +123,7 @@ void finder_push(Finder *f, const Segment *s);
 /* Counts a crossing that cannot be integrated, or one of boundaries that coincide: one that was found, or a part of a
  * segment, which may name no site. */
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c);
+void finder_note_size(const Finder *f, Sizes *s, const Crossing *c);
 void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site);
 /* Makes `to` the one of both with the lesser x. */
 void place_least(SltPlace *to, const SltPlace *other);

@@ -89,7 +89,8 @@ void run_free_workers(Run *r) {
 
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind) {
     run_free_workers(r);
-    uint32_t n = pool_threads(r->j->threads, tiles);
+    uint32_t n = r->threads = pool_threads(r->j->threads, tiles);
+    if (r->spares) n += n / 2;
     r->worker = alloc_zero(n, sizeof *r->worker);
     if (!r->worker) return status_fail(r->err, SLT_LIMIT, "out of memory");
     r->nworkers = n;
@@ -100,7 +101,8 @@ SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind) {
 
 SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user) {
     PoolOptions o = r->pool;
-    o.threads = tiles < r->nworkers ? (uint32_t)(tiles ? tiles : 1) : r->nworkers;
+    o.threads = tiles < r->threads ? (uint32_t)(tiles ? tiles : 1) : r->threads;
+    o.workers = r->nworkers;
     assert(o.threads >= 1 && o.threads <= r->nworkers); /* work(user, worker, tile) takes r->worker[worker] */
     return pool_run(&o, tiles, work, merge, user, r->err);
 }
@@ -110,6 +112,8 @@ void run_collect(Run *r, Worker *w) {
     batch_collect(&w->batch, t);
     t->segments += w->finder.segments, w->finder.segments = 0;
     t->crossings += w->finder.crossings, w->finder.crossings = 0;
+    r->kept.n += w->finder.kept.n, r->kept.sum += w->finder.kept.sum, w->finder.kept = (Sizes){0};
+    r->gone.n += w->finder.gone.n, r->gone.sum += w->finder.gone.sum, w->finder.gone = (Sizes){0};
     for (int d = 0; d < SLT_DROP_REASONS; d++) {
         t->dropped[d] += w->finder.dropped[d], w->finder.dropped[d] = 0;
         place_least(&t->dropped_at[d], &w->finder.dropped_at[d]), w->finder.dropped_at[d] = (SltPlace){0};

@@ -63,6 +63,9 @@ SearchState window_next_state(const Item *it, double length, bool jumped);
 uint32_t window_take_halves(Finder *f, Item *items, uint32_t n);
 /* A segment in SEARCH_DOUBT that was bisected at mid, whose mark m has the hash of both ends. */
 void window_doubt(Finder *f, const Segment *s, double mid, Mark m);
+/* What f does at parts where depths jump without an event: those where it jumps as well are dropped, the others were
+ * rays that nobody sees. */
+void window_settle_still(Finder *f);
 /* Sorts the stack along a Z curve through the domain, so that rays of one vector go the same way. */
 void window_order(Finder *f);
 

@@ -467,6 +467,15 @@ static void gen_cull(Lower *l, LoopJob *job) {
     finish(l, job, &ctx, op2(l, OP_band, stay, op2(l, OP_ilt, ctx.k, ki(l, job->plan.bound - 1))));
 }
 
+/* Is what the loop asks first true, whatever the shader is given? Nothing of the question stays: no site, no record. */
+static bool begins(Lower *l, Stmt *s) {
+    bool quiet = l->quiet;
+    l->quiet = true;
+    bool is = is_true(gen_condition(l, s));
+    l->quiet = quiet;
+    return is;
+}
+
 void gen_loop(Lower *l, Stmt *s) {
     Frame *f = l->frame;
     Var *brk = f->brk, *cnt = f->cnt;
@@ -516,14 +525,16 @@ void gen_loop(Lower *l, Stmt *s) {
     if (job.by_index) job.start = var_get(l, job.counter.var);
 
     bool sites = (s->attrs.disc || l->opt->front.disc_auto) && expr_has_site(s->expr);
-    bool plain = s->kind == S_DO || !s->expr ||
-                 (!sites && !expr_uses_rand(l, s->expr) && expr_cost(l, s->expr, ROTATE_COST) <= ROTATE_COST);
+    bool cheap = !s->expr || (!expr_uses_rand(l, s->expr) && expr_cost(l, s->expr, ROTATE_COST) <= ROTATE_COST);
+    bool plain = s->kind == S_DO || !s->expr || (!sites && cheap);
+    /* `while (h > eps)` asks what the step before it found: there it is the march that opt_marches knows. */
+    bool asks_behind = sites && cheap && l->opt->front.disc_auto && !plain && begins(l, s);
     Counter *c = &job.counter;
     bool cull = s->attrs.cull && job.by_index && c->step == 1 && c->op == OPR_LT && job.start->op == OP_consti &&
                 !job.start->imm.i;
     if (cull && !l->quiet) {
         gen_cull(l, &job);
-    } else if (s->kind == S_DO || !s->expr) {
+    } else if (s->kind == S_DO || !s->expr || asks_behind) {
         gen_rotated(l, &job);
     } else if (plain) {
         Inst *first = c->exact && c->trips > 0 ? kb(l, true) : gen_condition(l, s);
