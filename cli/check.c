@@ -287,10 +287,11 @@ static double along(const Check *k, const Row *row, const double *all, bool squa
 
 static double larger_of(const Row *row) { return fmax(fabs(row->ad), fabs(row->fd)); }
 
-/* Does the error leave open what the derivative is? */
+/* Does the error leave open what the derivative is? It is larger than both, or the same of the other sign lies within.
+ */
 static bool says_nothing(const Check *k, const Row *row, double error, double largest) {
     double least = fmax(MATTERS * largest, MEANS * fabs(k->centre[0].v) / row->scale);
-    return error > fmin(fabs(row->ad), fabs(row->fd)) && error > least;
+    return error > fmin(larger_of(row), 2 * fabs(row->ad)) && error > least;
 }
 
 /* z, and whether the row passes. */

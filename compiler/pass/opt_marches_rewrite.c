@@ -144,7 +144,7 @@ static Inst *arrival(Builder *b, Inst *const stopped[STOPS]) {
 
 /* g of the outline: the march again, up to `hi`. Not where a limit ends a ray on its way to what its neighbour hits:
  * of those the nearest step is now this one and now that, and g would be a saw. They are told apart by where they
- * arrive, before `cut` or behind it. */
+ * arrive, before `cut`, which lies between the two, or behind it. */
 static Inst *outline(March *m, Builder *b, Inst *cut, Inst *hi, const Inst *at, const uint32_t stop[STOPS],
                      Arena *scratch) {
     Fn *fn = m->fn;
@@ -314,12 +314,13 @@ static void behind_march(Rewrite *r, Builder *b, SiteKind kind, Inst *decision, 
 }
 
 /* How far a ray came before h was eps: by that, and not by where the last step went, neighbours differ little. Of one
- * that a limit ended while it came nearer, minus where that was. */
+ * that a limit ended while it came nearer, minus how far it would have come. */
 static void outline_site(Rewrite *r, Builder *b, Inst *const stopped[STOPS]) {
     Fn *fn = r->m->fn;
     Inst *hit = stopped[HIT], *short_of = ir_emit1(b, OP_bnot, stopped[SPENT]),
          *falls = ir_emit2(b, OP_flt, stopped[WAS_NEAR], stopped[NEAR]);
-    Inst *missed = ir_select(b, ir_emit2(b, OP_band, short_of, falls), ir_emit1(b, OP_fneg, stopped[CAME]), r->never);
+    Inst *missed =
+        ir_select(b, ir_emit2(b, OP_band, short_of, falls), ir_emit1(b, OP_fneg, arrival(b, stopped)), r->never);
     Inst *pair[3] = {ir_select(b, hit, arrival(b, stopped), missed), stopped[ROSE], ir_constf(b, -1)}, *window[2];
     for (uint32_t w = 0; w < 2; w++)
         window[w] = ir_special(b, OP_window, TY_FLT, 3, pair, (Imm){.i = 2 * (int64_t)fn->nsites + w});

@@ -63,7 +63,7 @@ typedef struct Pair {
  * end. The farther ray tells: it has come away from something before it hits. */
 static bool of_march(const Inst *w) { return w->args[2]->op == OP_constf && w->args[2]->imm.f < 0; }
 
-/* Where a limit ended a march that came nearer to something; INFINITY of all others. */
+/* Where a march would have arrived that a limit ended; INFINITY of all others. */
 static Inst *cut_at(Builder *b, Inst *t) {
     Inst *cut = ir_emit2(b, OP_flt, t, ir_constf(b, 0));
     return ir_select(b, cut, ir_emit1(b, OP_fneg, t), ir_constf(b, __builtin_inf()));
@@ -81,12 +81,14 @@ static Pair pair_of(Builder *b, Inst *w) {
                   ir_emit2(b, OP_fmax, w->args[2], partner(b, w->args[2]))};
 }
 
-/* Of a march: hi is halfway between. Where the farther ray has passed nothing and a limit ended it, both are where. */
+/* Of a march: hi is halfway between. Where the farther ray has passed nothing and a limit ended it, both are
+ * halfway between where the two arrive. */
 static Inst *of_march_pair(Builder *b, Inst *w) {
     Pair p = pair_of(b, w);
     Inst *cut = cut_at(b, w->args[0]), *end = ir_emit2(b, OP_fmin, cut, partner(b, cut));
     Inst *passed = ir_emit2(b, OP_band, ir_emit2(b, OP_fle, p.near_t, p.top), ir_emit2(b, OP_flt, p.top, end));
-    end = ir_select(b, passed, ir_constf(b, __builtin_inf()), end);
+    Inst *between = ir_emit2(b, OP_fmul, ir_constf(b, 0.5), ir_emit2(b, OP_fadd, p.near_t, end));
+    end = ir_select(b, passed, ir_constf(b, __builtin_inf()), between);
     if (!(w->imm.i & 1)) return end;
     Inst *half =
         ir_emit2(b, OP_fmul, ir_constf(b, 0.5),

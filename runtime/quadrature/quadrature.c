@@ -68,7 +68,7 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
             if (s->active && !s->active[q]) continue;
             double error = m->error[at], sum = fabs(m->boundary[at] + m->interior[at]), size = CANCELS * m->size[at];
             if (error > fine) fine = error;
-            if (m->variance[at] > 0) hidden = fmax(hidden, sums_error(m, row, q) - error);
+            if (m->variance[at] > 0) hidden = fmax(hidden, sums_error(m, at) - error);
             if (sum > largest) largest = sum;
             if (size > largest) largest = size;
         }
@@ -89,7 +89,7 @@ static void put(const Sweep *p, SltIntegral *out) {
             bool on = !s->active || s->active[q];
             double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
             if (out->gradient) out->gradient[at] = b + i;
-            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, row, q) : 0;
+            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
             if (out->interior) out->interior[at] = i;
             if (out->boundary) out->boundary[at] = b;
             if (out->missed_estimate) out->missed_estimate[at] = 0;

@@ -44,6 +44,7 @@ typedef struct Segment {
     uint8_t state;    /* SearchState */
     uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
     uint8_t owner;    /* whose it is: an index of Finder.lost */
+    bool fine;        /* a bracket of which both sides were alike: as near as rounding allows */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
     uint32_t thin;    /* beside which run of one vertex it lies: thin.h */
     uint32_t line;    /* in a volume: which of the lines of all replicates */
@@ -71,6 +72,12 @@ typedef struct Crossing {
     double weight, g, dg[3]; /* sink.c: the factor of jump * d_theta g, g at x, and its gradient in x */
 } Crossing;
 
+/* How many crossings, and what f jumps by at them, summed over the channels. */
+typedef struct Sizes {
+    uint64_t n;
+    double sum;
+} Sizes;
+
 typedef struct Finder Finder;
 struct Finder {
     Batch *b;
@@ -92,7 +99,8 @@ struct Finder {
     uint64_t *order;
     uint64_t crossings, segments, dropped[SLT_DROP_REASONS]; /* counts */
     SltPlace dropped_at[SLT_DROP_REASONS];                   /* the least of those places */
-    bool *lost; /* set by owner where a crossing was dropped; NULL: nobody asks */
+    Sizes kept, gone; /* of the crossings that have a weight, and of those that were dropped for the want of one */
+    bool *lost;       /* set by owner where a crossing was dropped; NULL: nobody asks */
     /* prove.h. `proves`: parts between alike ends are not believed; prove_classes: their crossings get a cls, 1 for
      * those that only the last halving found */
     Segment *alike; /* [nalike] */
@@ -115,6 +123,7 @@ void finder_push(Finder *f, const Segment *s);
 /* Counts a crossing that cannot be integrated, or one of boundaries that coincide: one that was found, or a part of a
  * segment, which may name no site. */
 void finder_drop(Finder *f, SltDrop reason, const Crossing *c);
+void finder_note_size(const Finder *f, Sizes *s, const Crossing *c);
 void finder_drop_part(Finder *f, SltDrop reason, const Segment *s, int32_t site);
 /* Makes `to` the one of both with the lesser x. */
 void place_least(SltPlace *to, const SltPlace *other);

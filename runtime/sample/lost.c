@@ -1,4 +1,6 @@
-/* What crossings that could not be integrated weigh: as much, one by one, as those that could.
+/* What crossings that could not be integrated weigh: as much, one by one, as those that could; those of which it is
+ * known what f jumps by, as much more or less as that is. f may change there by no more than it does everywhere: its
+ * decisions differ, and nobody sees what they decide.
  *
  * The sum of what the others weigh, jumps of both signs alike, is not that of the derivative: of a disc's centre the
  * two halves of its edge cancel. The lines run once more with random signs: the mean square of such sums is the sum of
@@ -25,6 +27,13 @@ static uint64_t kept_of(const SltStats *s) {
     return s->crossings > dropped ? s->crossings - dropped : 0;
 }
 
+/* How many crossings of the size of those that were integrated. */
+static double number_lost(const Run *r) {
+    double all = (double)lost_of(&r->stats);
+    if (!r->kept.n || !(r->kept.sum > 0)) return all;
+    return fmax(all - (double)r->gone.n, 0) + r->gone.sum / (r->kept.sum / (double)r->kept.n);
+}
+
 /* The sums of one run of the lines with random signs, squared, added to `squares`. */
 static SltStatus add_squares(Run *r, Boundary *y, uint32_t n, uint64_t size, double *sums, double *squares) {
     double *targets[ACCUMS];
@@ -42,6 +51,7 @@ SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *erro
     uint64_t size = (uint64_t)(of->adjoint ? 1 : channels) * r->s->nfloats, lost = lost_of(&r->stats),
              kept = kept_of(&r->stats);
     if (!lost || !error) return SLT_OK;
+    double missing = number_lost(r);
     double *sums = alloc_zero((uint64_t)n * r->s->nfloats + size, sizeof *sums);
     if (!sums) return status_fail(r->err, SLT_LIMIT, "out of memory");
     double *squares = sums + (uint64_t)n * r->s->nfloats;
@@ -58,7 +68,7 @@ SltStatus lost_add(Run *r, const Boundary *of, uint32_t replicates, double *erro
     for (uint64_t p = 0; p < size; p++) {
         bool moves = !r->s->active || r->s->active[p % r->s->nfloats];
         double found = sqrt((double)kept / replicates * squares[p] / replicates);
-        if (moves) error[p] += kept ? (double)lost / (double)kept * found : HUGE_VAL;
+        if (moves) error[p] += kept ? missing / (double)kept * found : HUGE_VAL;
     }
     free(sums);
     return st;

@@ -41,9 +41,10 @@ struct Run {
     uint32_t threads, nworkers;
     bool spares; /* run_workers makes more of them than threads: tiles whose turn to be merged has not come keep some */
     PoolOptions pool;
-    bool proven;    /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
-    Apart *apart;   /* for coincide.c; NULL: boundaries that coincide are not looked for */
-    SltStats stats; /* counts of the tiles merged so far */
+    bool proven;      /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
+    Apart *apart;     /* for coincide.c; NULL: boundaries that coincide are not looked for */
+    SltStats stats;   /* counts of the tiles merged so far */
+    Sizes kept, gone; /* likewise; see Finder */
     SltError *err;
     double start; /* by pool_now() */
 };

@@ -127,6 +127,7 @@ static void weigh_ends(Sink *k, Crossing *c, const uint64_t *order, const uint32
         }
         memcpy(end[e].x, x->side[e], sizeof x->x);
         *x = end[e];
+        finder_note_size(k->f, &k->f->kept, x);
     }
 }
 
@@ -139,7 +140,10 @@ void sink_weigh(Sink *k, Crossing *c, const uint64_t *order, uint32_t n, bool *k
         Crossing *x = &c[(uint32_t)order[i]];
         take_gradient(k, x, i);
         keep[i] = weigh(k, x, &reason);
-        if (keep[i]) continue;
+        if (keep[i]) {
+            finder_note_size(k->f, &k->f->kept, x);
+            continue;
+        }
         if (x->bracket > 0) failed[nfailed++] = i;
         else finder_drop(k->f, reason, x);
     }

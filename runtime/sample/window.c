@@ -7,6 +7,7 @@
  * (FRESH), at most twice before a bisection, so every search ends. */
 #include <assert.h>
 #include <float.h>
+#include <math.h>
 #include <stdlib.h>
 
 #include "runtime/sample/search.h"
@@ -99,13 +100,17 @@ void window_settle_still(Finder *f) {
         search_put(f, 2 * i, &f->still[i], f->still[i].ta), search_put(f, 2 * i + 1, &f->still[i], f->still[i].tb);
     batch_call(b, SLT_K_SIDES, 2 * f->nstill);
     bool jumps[FIND] = {0};
+    double size[FIND] = {0};
     for (uint32_t c = 0; c < f->s->channels; c++)
         for (uint32_t i = 0; i < f->nstill; i++) {
             double v = batch_get(b, SLT_OUT_F, c, 2 * i), w = batch_get(b, SLT_OUT_F, c, 2 * i + 1);
-            jumps[i] |= !(fabs(v - w) <= STILL_JUMP * fmax(fabs(v), fabs(w)));
+            size[i] += fabs(v - w), jumps[i] |= !(fabs(v - w) <= STILL_JUMP * fmax(fabs(v), fabs(w)));
         }
     for (uint32_t i = 0; i < f->nstill; i++)
-        if (jumps[i]) finder_drop_part(f, SLT_DROP_NO_EVENT, &f->still[i], -1);
+        if (jumps[i]) {
+            finder_drop_part(f, SLT_DROP_NO_EVENT, &f->still[i], -1);
+            f->gone.n++, f->gone.sum += isfinite(size[i]) ? size[i] : 0;
+        }
     f->nstill = 0;
 }
 

@@ -33,8 +33,28 @@ static void take_line(void *user, const char *line, const double *values, uint32
     (void)user;
 }
 
+/* What bounds say of a box holds at its points. */
+static SltStatus look(SltProgram *p, const SltJob *job) {
+    enum { POINTS = 5 };
+    double x[POINTS * 3], values[POINTS * 4];
+    const double lo[3] = {0.25, -0.5, 0.125}, hi[3] = {0.5, 0.25, 0.75};
+    SltError err = {0};
+    uint32_t dim = slt_dim(p), channels = slt_channels(p);
+    for (uint32_t i = 0; i < POINTS; i++)
+        for (uint32_t d = 0; d < dim; d++)
+            x[i * dim + d] = lo[d] + (hi[d] - lo[d]) * (double)(i * (d + 1) % POINTS) / (POINTS - 1);
+    SltBound bound = SLT_BOUND_INIT;
+    SltCrossing crossing = SLT_CROSSING_INIT;
+    SltStatus status = slt_eval(p, job, POINTS, x, NULL, values, NULL, &err);
+    if (status == SLT_OK) status = slt_bound(p, job, 1, lo, hi, &bound, &err);
+    if (status != SLT_OK) return status;
+    for (uint32_t i = 0; i < POINTS * channels; i++)
+        if (values[i] < bound.lo[i % channels] || values[i] > bound.hi[i % channels]) abort();
+    return slt_crossing(p, job, lo, hi, 0, &crossing, &err);
+}
+
 /* A small job, which of them by `way`: the gradient of the integral by three estimators, that of a loss, an image of
- * derivatives, an image. */
+ * derivatives, an image, ... */
 static SltStatus estimate(SltProgram *p, size_t way) {
     enum { SIDE = 3 };
     SltJob job = SLT_JOB_INIT;
@@ -49,15 +69,18 @@ static SltStatus estimate(SltProgram *p, size_t way) {
     SltIntegral out = {.struct_size = sizeof out, .value = value, .gradient = gradient};
     SltStatus status = SLT_LIMIT;
     if (image && gradient) {
+        /* Those that people choose are wanted often, the others (SCANLINE ... FD) now and then. */
         static const SltEstimator estimators[] = {SLT_EST_AUTO, SLT_EST_LATTICE, SLT_EST_QUADRATURE};
-        job.estimator = estimators[way % 3];
-        switch (way / 3 % 6) {
+        job.estimator = way % 4 < 3 ? estimators[way % 4] : (SltEstimator)(way / 28 % SLT_ESTIMATORS);
+        switch (way / 4 % 7) {
         case 0: status = slt_grad_loss(p, &job, image, NULL, NULL, gradient, NULL, NULL, &stats, &err); break;
         case 1:
             for (uint32_t i = 0; i < nfloats; i++) gradient[i] = 1;
             status = slt_grad_images(p, &job, 1, &along, &image, NULL, &stats, &err);
             break;
-        case 2: status = slt_render(p, &job, image, &stats, &err); break;
+        case 2: status = slt_grad_adjoint(p, &job, image, gradient, NULL, &stats, &err); break;
+        case 3: status = look(p, &job); break;
+        case 4: status = slt_render(p, &job, image, &stats, &err); break;
         default: status = slt_grad_integral(p, &job, &out, &stats, &err);
         }
     }
