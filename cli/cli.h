@@ -80,6 +80,7 @@ struct Cli {
     const char *params_file, *output;
     const char *stream_format; /* of -o -: "png", ... */
     bool streams;              /* -o - */
+    char wrote[160];           /* what is said when that has been written */
     const char *wrt[CLI_MAX_LIST];
     uint32_t nwrt;
     bool json, quiet;
@@ -129,6 +130,8 @@ typedef struct Stream {
 SltStatus cli_temporary_folder(char *folder, size_t size, SltError *err);
 int stream_begin(Stream *s, Cli *c);
 int stream_end(Stream *s, Cli *c, int status);
+/* "saltus: NAME" and the rest, once the output is written: with -o - when standard output has taken it. */
+void cli_wrote(Cli *c, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
 /* common.c */
 /* Compiles the file, standard input or expression, prints diagnostics, sets parameters and wrt. *out must be freed also
@@ -139,7 +142,15 @@ int cli_fail(const Cli *c, const SltError *err); /* prints the error, returns it
 /* Prints an error on standard error and returns its status: `saltus: text`, with --json one object on a line, in the
  * shape of a diagnostic with "status" added. */
 int cli_error(int status, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void cli_put_error(FILE *out, int status, const char *text);
 void cli_errors_as_json(void);
+typedef enum CliSeverity { CLI_ERROR = 1, CLI_WARNING, CLI_NOTE } CliSeverity; /* numbers of the protocol */
+/* On standard error, beside results: `saltus: warning: FILE:1:2: text`, with --json an object as above; at may be NULL.
+ */
+void cli_say(CliSeverity severity, const char *code, const SltPlace *at, const char *fmt, ...)
+    __attribute__((format(printf, 4, 5)));
+/* Such an object without its last brace. */
+void cli_put_json(FILE *out, int severity, const char *code, const SltPlace *at, const char *text);
 /* Images, values and integrals: what is known of derivatives alone is not said. */
 void cli_forget_derivatives(SltProgram *p);
 /* `p`, what an allocation returned. Where that is nothing the command says so and ends with status 6: it has nothing to
@@ -215,6 +226,8 @@ void report_dropped(
     const Cli *c, const SltStats *stats); /* warnings for people: dropped crossings, truncated loops, failed asserts */
 /* How many crossings were dropped and why, where most were, and what explains it; returns that place. */
 const SltPlace *report_lost_text(const SltStats *stats, char *buf, size_t size);
+/* What is not finite, and where; returns that place, NULL if all is. */
+const SltPlace *report_nonfinite_text(const SltStats *stats, char *buf, size_t size);
 void report_place(FILE *out, const SltPlace *at);      /* "file:line:column: ", or nothing */
 void report_place_json(FILE *out, const SltPlace *at); /* null where nothing is known */
 /* Of a name in codes.def, in upper or lower case: the name as it stands there; NULL: there is none. */

@@ -19,13 +19,48 @@ double cli_now(void) {
 /* Not every place that finds an error has the command line at hand. */
 static bool json_errors;
 
-/* An error that has no place in a source, as a diagnostic of the Language Server Protocol. */
-#define JSON_HEAD                                                                                                      \
-    "{\"uri\":\"\",\"range\":{\"start\":{\"line\":0,\"character\":0},\"end\":{\"line\":0,\"character\":0}},"                  \
-    "\"severity\":1,\"code\":"
-#define JSON_TAIL ",\"source\":\"saltus\",\"message\":"
-
 void cli_errors_as_json(void) { json_errors = true; }
+
+/* A diagnostic of the Language Server Protocol; no place: at NULL. */
+void cli_put_json(FILE *out, int severity, const char *code, const SltPlace *at, const char *text) {
+    uint32_t line = at && at->line ? at->line - 1 : 0, column = at && at->column ? at->column - 1 : 0;
+    fputs("{\"uri\":", out);
+    if (at && at->file) diag_put_uri(out, at->file);
+    else fputs("\"\"", out);
+    fprintf(out,
+            ",\"range\":{\"start\":{\"line\":%u,\"character\":%u},\"end\":{\"line\":%u,\"character\":%u}},"
+            "\"severity\":%d,\"code\":",
+            line, column, line, column + (uint32_t)(at && at->text ? strlen(at->text) : 0), severity);
+    json_text(out, code);
+    fputs(",\"source\":\"saltus\",\"message\":", out);
+    json_text(out, text);
+}
+
+void cli_say(CliSeverity severity, const char *code, const SltPlace *at, const char *fmt, ...) {
+    static const char *const words[] = {[CLI_ERROR] = "error", [CLI_WARNING] = "warning", [CLI_NOTE] = "note"};
+    char text[2048];
+    va_list ap;
+    va_start(ap, fmt);
+    vsnprintf(text, sizeof text, fmt, ap);
+    va_end(ap);
+    if (json_errors) {
+        cli_put_json(stderr, severity, code, at, text);
+        fputs("}\n", stderr);
+    } else {
+        fprintf(stderr, "saltus: %s: ", words[severity]);
+        if (at) report_place(stderr, at);
+        fprintf(stderr, "%s\n", text);
+    }
+}
+
+void cli_put_error(FILE *out, int status, const char *text) {
+    if (!json_errors) {
+        fprintf(out, "saltus: %s\n", text);
+        return;
+    }
+    cli_put_json(out, CLI_ERROR, status_name((SltStatus)status), NULL, text);
+    fprintf(out, ",\"status\":%d}\n", status);
+}
 
 int cli_error(int status, const char *fmt, ...) {
     char text[2048];
@@ -33,15 +68,7 @@ int cli_error(int status, const char *fmt, ...) {
     va_start(ap, fmt);
     vsnprintf(text, sizeof text, fmt, ap);
     va_end(ap);
-    if (json_errors) {
-        fputs(JSON_HEAD, stderr);
-        json_text(stderr, status_name((SltStatus)status));
-        fputs(JSON_TAIL, stderr);
-        json_text(stderr, text);
-        fprintf(stderr, ",\"status\":%d}\n", status);
-    } else {
-        fprintf(stderr, "saltus: %s\n", text);
-    }
+    cli_put_error(stderr, status, text);
     return status;
 }
 
@@ -126,14 +153,6 @@ static SltStatus compile_expr(Cli *c, SltProgram **out) {
     return first_status;
 }
 
-/* Standard input has no extension. */
-static bool looks_like_glsl(const char *text) {
-    static const char *const signs[] = {"void mainImage(", "gl_Frag", "#version ", "void main()"};
-    for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
-        if (strstr(text, signs[i])) return true;
-    return false;
-}
-
 /* print(): a line on standard error, in one piece whatever the threads do. */
 static void on_print(void *user, const char *line, const double *values, uint32_t n) {
     char text[1024 + 1];
@@ -181,7 +200,7 @@ static void warn_not_finite(const Cli *c, const SltProgram *p) {
         const double *v = slt_floats(p) + q.fbase;
         for (uint32_t k = 0; k < q.fcount; k++) {
             if (isfinite(v[k])) continue;
-            fprintf(stderr, "saltus: warning: parameter `%s` is %s\n", q.name, isnan(v[k]) ? "nan" : "infinite");
+            cli_say(CLI_WARNING, "not_finite", NULL, "parameter `%s` is %s", q.name, isnan(v[k]) ? "nan" : "infinite");
             break;
         }
     }
@@ -244,11 +263,12 @@ static void tell_costs(const Cli *c, const SltProgram *p) {
     char text[400], where[200] = "";
     if (worst->span.file >= 0)
         snprintf(where, sizeof where, " at %.150s:%u", p->session->sources[worst->span.file].path, worst_line);
+    const char *sampling = c->verb->bit & (EXPLAIN | BUILD) ? "" : ", --interior-only all, fewer --samples are faster";
     snprintf(
         text, sizeof text,
-        "%u site%s with at most %llu events in a sample, most of them (%llu)%s: [NoDisc] leaves a statement's out, "
-        "--interior-only all, fewer --samples are faster",
-        moving, moving == 1 ? "" : "s", (unsigned long long)all, (unsigned long long)most, where);
+        "%u site%s with at most %llu event%s in a sample, most of them (%llu)%s: [NoDisc] leaves a statement's out%s",
+        moving, moving == 1 ? "" : "s", (unsigned long long)all, all == 1 ? "" : "s", (unsigned long long)most, where,
+        sampling);
     watch_costs(text);
 }
 
@@ -256,7 +276,7 @@ static void tell_costs(const Cli *c, const SltProgram *p) {
 static bool is_unread(const Cli *c, const SltProgram *p, const char *name) {
     SltParam q = SLT_PARAM_INIT;
     if (!p->prog->is_glsl || !glsl_host_sets(name) || slt_param_find(p, name, &q, NULL) == SLT_OK) return false;
-    if (!c->quiet) fprintf(stderr, "saltus: note: the shader does not read `%s`\n", name);
+    if (!c->quiet) cli_say(CLI_NOTE, "unread", NULL, "the shader does not read `%s`", name);
     return true;
 }
 
@@ -268,8 +288,8 @@ int cli_compile(Cli *c, SltProgram **out) {
     if (c->expr) {
         status = compile_expr(c, &p);
     } else if (!strcmp(c->file, "-")) {
-        char *text = read_stdin();
-        if (c->opt.language == SLT_LANGUAGE_AUTO && looks_like_glsl(text)) c->opt.language = SLT_LANGUAGE_GLSL;
+        char *text = read_stdin(); /* which has no extension */
+        if (c->opt.language == SLT_LANGUAGE_AUTO && api_looks_like_glsl(text)) c->opt.language = SLT_LANGUAGE_GLSL;
         status = slt_compile_string(text, "-", &c->opt, &p);
         free(text);
     } else {
@@ -353,7 +373,8 @@ int cli_read_image(Cli *c, SltProgram *p, const char *path, bool resize, float *
             return SLT_INPUT;
         }
         if (!c->quiet)
-            fprintf(stderr, "saltus: note: %s is resized from %dx%d to %dx%d\n", path, root.width, root.height, w, h);
+            cli_say(CLI_NOTE, "resized", NULL, "%s is resized from %dx%d to %dx%d", path, root.width, root.height, w,
+                    h);
         status = image_resize(&root, w, h, &sized, &err);
         image_free(&root);
         if (status != SLT_OK) return cli_fail(c, &err);

@@ -18,9 +18,8 @@ static bool says_how_much(const Cli *c) {
 
 static void tell_left_out(const Cli *c, const char *why) {
     if (c->quiet) return;
-    fprintf(stderr,
-            "saltus: warning: the boundary is left out, because %s: this is the interior part of the derivative. %s\n",
-            why,
+    cli_say(CLI_WARNING, "left_out", NULL,
+            "the boundary is left out, because %s: this is the interior part of the derivative. %s", why,
             why == searching ? "--samples N searches all the same, as long as it takes"
                              : "[NoDisc] before a statement or a function leaves its sites out");
     watch_tell_costs();
@@ -65,9 +64,8 @@ SltStatus effort_integral(Cli *c, SltProgram *p, SltIntegral *out, SltStats *sta
         watch_effort(0);
         if (spent) continue;
         if (s == SLT_OK && i && !c->quiet)
-            fprintf(stderr,
-                    "saltus: warning: %llu samples and lines instead of %llu, which would take long: --samples %llu "
-                    "for all of them\n",
+            cli_say(CLI_WARNING, "fewer", NULL,
+                    "%llu samples and lines instead of %llu, which would take long: --samples %llu for all of them",
                     (unsigned long long)j->samples, (unsigned long long)all, (unsigned long long)all);
         return s;
     }

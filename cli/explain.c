@@ -6,9 +6,25 @@
 
 #include "cli/explain.h"
 
+/* In lines of 120 columns, whatever the table breaks. */
+static void print_wrapped(const char *text) {
+    size_t column = 0;
+    while (*text) {
+        size_t n = strcspn(text, " \n");
+        if (column && column + 1 + n > 120) putchar('\n'), column = 0;
+        if (column) putchar(' '), column++;
+        fwrite(text, 1, n, stdout);
+        column += n;
+        text += n;
+        text += strspn(text, " \n");
+    }
+    putchar('\n');
+}
+
 static void print_code(const Cli *c, const char *code, const char *severity, const char *title, const char *text) {
     if (!c->json) {
-        printf("%s (%s)%s%s\n\n%s\n", code, severity, *title ? ": " : "", title, text);
+        printf("%s (%s)%s%s\n\n", code, severity, *title ? ": " : "", title);
+        print_wrapped(text);
         return;
     }
     const char *const pairs[][2] = {{"code", code}, {"severity", severity}, {"title", title}, {"explanation", text}};

@@ -248,10 +248,10 @@ static SltStatus write_maps(const char *path, const Image *layers, uint32_t ncom
 static void note_missing_in_image(const Cli *c, const SltStats *s) {
     double lost = (double)report_lost(s), share = lost / ((double)s->crossings + lost);
     if (c->quiet || !(share > 1e-3)) return;
-    fprintf(stderr,
-            "saltus: note: derivative images state no errors: pixels with dropped crossings, %.2g %% of all crossings, "
-            "lack their part\n",
-            100 * share);
+    cli_say(
+        CLI_NOTE, "dropped", NULL,
+        "derivative images state no errors: pixels with dropped crossings, %.2g %% of all crossings, lack their part",
+        100 * share);
 }
 
 static int grad_images(Cli *c, SltProgram *p) {
@@ -339,9 +339,8 @@ static int grad_images(Cli *c, SltProgram *p) {
         report_warnings_json(stdout, p, &stats);
         fputs("}\n", stdout);
     } else if (status == SLT_OK && !c->quiet) {
-        fprintf(stderr, "saltus: %s: %u derivative image%s, %llu crossings, %.3f s\n",
-                c->streams ? "standard output" : c->output, n, n == 1 ? "" : "s", (unsigned long long)stats.crossings,
-                stats.seconds);
+        cli_wrote(c, ": %u derivative image%s, %llu crossings, %.3f s", n, n == 1 ? "" : "s",
+                  (unsigned long long)stats.crossings, stats.seconds);
     }
     if (status == SLT_OK) {
         report_cells(c, &stats, &left);

@@ -19,8 +19,8 @@ static void on_abort(int sig) {
 int main(int argc, char **argv) {
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is a failed write, reported as such */
     signal(SIGABRT, on_abort);
-    signal(SIGXFSZ, SIG_IGN);   /* and so is a file beyond the system's limit */
-    static char output[BUFSIZ]; /* nothing to be out of memory for */
+    signal(SIGXFSZ, SIG_IGN);    /* and so is a file beyond the system's limit */
+    static char output[1 << 16]; /* nothing to be out of memory for */
     setvbuf(stdout, output, isatty(1) ? _IOLBF : _IOFBF, sizeof output);
     static Cli c;
     int status = cli_parse(argc, argv, &c);

@@ -29,9 +29,7 @@ static void print_result(Cli *c, SltProgram *p, const SltStats *stats, const flo
         char size[40];
         int end = snprintf(size, sizeof size, "%ux%u", c->job.size[0], c->job.size[1]);
         if (c->job.size[2] > 1) snprintf(size + end, sizeof size - (size_t)end, "x%u", c->job.size[2]);
-        if (!c->quiet && c->output)
-            fprintf(stderr, "saltus: %s, %s, %.3f s\n", c->streams ? "standard output" : c->output, size,
-                    stats->seconds);
+        if (!c->quiet && c->output) cli_wrote(c, ", %s, %.3f s", size, stats->seconds);
         if (data && !c->output) {
             printf("%s", c->job.integral ? "integral" : "mean");
             for (uint32_t k = 0; k < channels; k++) printf(" %.9g", mean[k]);

@@ -19,12 +19,12 @@ static void leaf(void *user, FILE *out, TypeKind kind, uint32_t index) {
         json_number(out, v->data[index]);
         return;
     }
-    fputc('[', out);
+    json_put(out, '[');
     for (uint32_t c = 0; c < v->channels; c++) {
-        if (c) fputs(", ", out);
+        if (c) json_comma(out);
         json_number(out, v->data[(size_t)c * v->nfloats + index]);
     }
-    fputc(']', out);
+    json_put(out, ']');
 }
 
 void report_gradient_json(FILE *out, const Cli *c, const SltProgram *p, const ShapeValues *v) {

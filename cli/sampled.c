@@ -94,7 +94,7 @@ static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
     return s->upset > 0 ? &none_at : NULL;
 }
 
-static const SltPlace *nonfinite_text(const SltStats *s, char *buf, size_t size) {
+const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size) {
     const SltPlace *place = &s->nonfinite_at;
     char x[96];
     int at = snprintf(buf, size,
@@ -116,7 +116,7 @@ static const struct {
                {"coincident", coincident_text},
                {"few_ulps", ulps_text},
                {"upset", upset_text},
-               {"nonfinite", nonfinite_text}};
+               {"nonfinite", report_nonfinite_text}};
 enum { SAMPLED = sizeof sampled / sizeof *sampled };
 
 void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
@@ -134,15 +134,8 @@ void report_warnings_json(FILE *out, SltProgram *p, const SltStats *s) {
     for (int i = 0; i < SAMPLED && s; i++) {
         const SltPlace *at = sampled[i].text(s, text, sizeof text);
         if (!at) continue;
-        fprintf(out, "%s{\"uri\": ", first ? "" : ", ");
-        if (at->file) diag_put_uri(out, at->file);
-        else fputs("\"\"", out);
-        uint32_t line = at->line ? at->line - 1 : 0, column = at->column ? at->column - 1 : 0;
-        fprintf(out,
-                ", \"range\": {\"start\": {\"line\": %u, \"character\": %u}, \"end\": {\"line\": %u, "
-                "\"character\": %u}}, \"severity\": 2, \"code\": \"%s\", \"source\": \"saltus\", \"message\": ",
-                line, column, line, column + (uint32_t)(at->text ? strlen(at->text) : 0), sampled[i].code);
-        json_text(out, text);
+        if (!first) fputs(", ", out);
+        cli_put_json(out, CLI_WARNING, sampled[i].code, at, text);
         fputc('}', out);
         first = false;
     }
@@ -158,16 +151,13 @@ void report_dropped(const Cli *c, const SltStats *s) {
     for (int i = 0; i < SAMPLED && !c->quiet; i++) {
         const SltPlace *at = sampled[i].text(s, text, sizeof text);
         if (!at) continue;
-        fputs("saltus: warning: ", stderr);
-        report_place(stderr, at);
-        fputs(text, stderr);
-        if (!strstr(text, "`saltus explain ")) fprintf(stderr, " (`saltus explain %s`)", sampled[i].code);
-        fputc('\n', stderr);
+        if (strstr(text, "`saltus explain ")) cli_say(CLI_WARNING, sampled[i].code, at, "%s", text);
+        else cli_say(CLI_WARNING, sampled[i].code, at, "%s (`saltus explain %s`)", text, sampled[i].code);
     }
     if (s->truncated && !c->quiet)
-        fprintf(stderr, "saltus: warning: [MaxIters] cut a loop short %llu times (`saltus explain truncated`)\n",
+        cli_say(CLI_WARNING, "truncated", NULL, "[MaxIters] cut a loop short %llu times (`saltus explain truncated`)",
                 (unsigned long long)s->truncated);
-    if (s->asserts) fprintf(stderr, "saltus: error: assert failed %llu times\n", (unsigned long long)s->asserts);
+    if (s->asserts) cli_say(CLI_ERROR, "assert", NULL, "assert failed %llu times", (unsigned long long)s->asserts);
 }
 
 void report_place_json(FILE *out, const SltPlace *at) {

@@ -1,5 +1,6 @@
 /* -o -: what the verb writes lies in a folder for temporary files until the verb has ended well. */
 #include <errno.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -37,6 +38,14 @@ int stream_begin(Stream *s, Cli *c) {
     return SLT_OK;
 }
 
+void cli_wrote(Cli *c, const char *fmt, ...) {
+    va_list ap;
+    va_start(ap, fmt);
+    vsnprintf(c->wrote, sizeof c->wrote, fmt, ap);
+    va_end(ap);
+    if (!c->streams) fprintf(stderr, "saltus: %s%s\n", c->output, c->wrote);
+}
+
 int stream_end(Stream *s, Cli *c, int status) {
     SltError err = {0};
     unsigned char *bytes = NULL;
@@ -44,7 +53,11 @@ int stream_end(Stream *s, Cli *c, int status) {
     if (!*s->folder) return status;
     if (access(s->file, F_OK) == 0) {
         if (file_read_all(s->file, &file_binary, &bytes, &size, &err) != SLT_OK) status = cli_fail(c, &err);
-        else fwrite(bytes, 1, size, stdout); /* main looks whether that could be written */
+        else {
+            fwrite(bytes, 1, size, stdout);
+            bool sent = fflush(stdout) == 0 && !ferror(stdout); /* main says so where not */
+            if (sent && *c->wrote) fprintf(stderr, "saltus: standard output%s\n", c->wrote);
+        }
         free(bytes);
         unlink(s->file);
     }

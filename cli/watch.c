@@ -33,7 +33,8 @@ static struct {
     double fraction;                        /* below 0: not known */
     const char *what;                       /* the phase */
     char detail[96];
-    char costs[400]; /* said once, with the first note */
+    char costs[400];      /* said once, with the first note */
+    char leaving[2][320]; /* what is said when the process ends: interrupted; out of time */
 } watched = {.lock = PTHREAD_MUTEX_INITIALIZER, .what = "compiling", .fraction = -1};
 
 static double cpu_seconds(void) {
@@ -55,7 +56,7 @@ static void on_interrupt(int sig) {
 static void leave(bool timed_out) {
     pthread_mutex_lock(&watched.lock);
     if (!watched.committed) {
-        const char *text = timed_out ? "saltus: the time limit was reached\n" : "saltus: interrupted\n";
+        const char *text = watched.leaving[timed_out]; /* standard error may be locked: what holds it is left behind */
         ssize_t ignored = write(2, text, strlen(text));
         (void)ignored;
         loss_abandon();
@@ -132,6 +133,12 @@ void watch_begin(Cli *c) {
     watched.notes = !c->quiet && !c->json && !isatty(2);
     watched.next_note = watched.start + NOTE_EVERY;
     c->job.cancel = &cancel_flag;
+    for (int late = 0; late < 2; late++) {
+        FILE *out = fmemopen(watched.leaving[late], sizeof watched.leaving[late], "w");
+        if (!out) continue;
+        cli_put_error(out, late ? SLT_LIMIT : SLT_INTERRUPTED, late ? "the time limit was reached" : "interrupted");
+        fclose(out);
+    }
     if (pipe2(wake, O_CLOEXEC | O_NONBLOCK) != 0) return;
     pthread_t id;
     pthread_attr_t small;
@@ -195,7 +202,7 @@ void watch_costs(const char *text) {
 
 void watch_tell_costs(void) {
     pthread_mutex_lock(&watched.lock);
-    if (*watched.costs) fprintf(stderr, "saltus: note: %s\n", watched.costs);
+    if (*watched.costs) cli_say(CLI_NOTE, "costs", NULL, "%s", watched.costs);
     *watched.costs = 0;
     pthread_mutex_unlock(&watched.lock);
 }

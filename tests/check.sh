@@ -64,9 +64,10 @@ check_fuzz() {
         cmake --build build/fuzz -j "$jobs" --target "fuzz-$name"
         mkdir -p "build/fuzz/corpus/$name" build/fuzz/found
         local options=(-max_total_time="${SECONDS_EACH:-600}" -rss_limit_mb=1024 -timeout=60 -close_fd_mask=3 -artifact_prefix="build/fuzz/found/$name-")
-        [ "$name" = source ] && options+=(-dict=tests/fuzz/salt.dict)
+        local seeds=("tests/fuzz/corpus/$name")
+        [ "$name" = source ] && options+=(-dict=tests/fuzz/salt.dict) && seeds+=(tests/lang tests/programs)
         echo "fuzz-$name"
-        "build/fuzz/tests/fuzz-$name" "${options[@]}" "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" || failed=1
+        "build/fuzz/tests/fuzz-$name" "${options[@]}" "build/fuzz/corpus/$name" "${seeds[@]}" || failed=1
     done
     return $failed
 }

@@ -137,7 +137,11 @@ void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new: flt follows */
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
+
+/* ---- values_read.c */
 SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltError *err); /* slt_set_text, entered */
+/* By the words that only such a source has. */
+bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);

@@ -316,6 +316,54 @@ static bool look_at_lattice(Looking *l) {
     return false;
 }
 
+/* The two points of lanes 0 and 1: do they decide alike? */
+static bool decide_alike(Looking *l, const double a[3], const double b[3]) {
+    Deciding t = {SPAN_NONE};
+    inputs_point(&l->in, 0, a, 0, 0);
+    inputs_point(&l->in, 1, b, 0, 0);
+    l->in.args.n_valid = 2;
+    if (ir_interpret_watched(l->p->prog->primal, &l->in.args, 2, 2, &l->fuel, 0, see_decision, &t) != SLT_OK)
+        l->fuel = 0;
+    return t.span.file < 0;
+}
+
+/* Where something decides otherwise, down to neighbouring numbers of the program's precision: there lies the 0 of a
+ * root that is thrown away beyond it. */
+static bool look_between(Looking *l, uint32_t axis, double a[3], double b[3]) {
+    for (bool apart = true; apart && l->fuel;) {
+        double middle = (a[axis] + b[axis]) / 2, was = a[axis];
+        if (!l->p->opt.f64) middle = (float)middle;
+        apart = middle != a[axis] && middle != b[axis];
+        a[axis] = middle;
+        if (!decide_alike(l, a, b)) continue;
+        b[axis] = middle, a[axis] = was;
+    }
+    SltPlace at = {.known = true};
+    for (int side = 0; side < 2; side++) {
+        memcpy(at.x, side ? b : a, sizeof at.x);
+        memcpy(at.beyond, at.x, sizeof at.x);
+        if (add_point(l, &at)) return true;
+    }
+    return false;
+}
+
+static bool look_at_edges(Looking *l) {
+    enum { LINES = 8, STEPS = 16 };
+    const Grid *g = &l->grid;
+    for (uint32_t i = 0, lines = g->dim > 1 ? LINES : 1; i < lines * g->dim; i++)
+        for (uint32_t k = 0; k < STEPS && l->fuel; k++) {
+            double a[3] = {0}, b[3];
+            for (uint32_t d = 0; d < g->dim; d++)
+                a[d] = g->lo[d] + g->side[d] * g->n[d] * (i / g->dim + 0.5 + 0.1 * d) / LINES;
+            memcpy(b, a, sizeof b);
+            uint32_t axis = i % g->dim;
+            double step = g->side[axis] * g->n[axis] / STEPS;
+            a[axis] = g->lo[axis] + k * step, b[axis] = a[axis] + step;
+            if (!decide_alike(l, a, b) && look_between(l, axis, a, b)) return true;
+        }
+    return look(l);
+}
+
 static void look_in_integral(Looking *l) {
     enum { REPLICATES = 4 };
     static const uint32_t cell[3];
@@ -347,7 +395,7 @@ static void find_place(Session *s, void *user) {
         l->in.args.adj = l->adjoint, l->in.args.dparams = l->direction;
         if (b->pixel) look_in_pixel(l, b->pixel, 0, n->job->spp > EXTRA ? n->job->spp : EXTRA);
         else if (!n->job->integral) look_in_image(l);
-        else if (!look_at_lattice(l)) look_in_integral(l);
+        else if (!look_at_lattice(l) && !look_at_edges(l)) look_in_integral(l);
         look(l);
         grid_free(&l->grid);
     }

@@ -2,6 +2,7 @@
 #include <dlfcn.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -33,30 +34,32 @@ static char *own_file(void) {
     return exe;
 }
 
-/* ../share/saltus/stdlib from the folder of `file`, or from the folder above (lib/x86_64-linux-gnu/libsaltus.so). */
-static const char *stdlib_beside(Session *s, const char *file) {
-    const char *slash = strrchr(file, '/');
+/* ../`dir` from the folder of `file`, or from the folder above (lib/x86_64-linux-gnu/libsaltus.so, build/bin/saltus).
+ */
+static const char *stdlib_beside(Session *s, const char *file, const char *dir) {
+    const char *slash = file ? strrchr(file, '/') : NULL;
     int n = slash ? (int)(slash - file) : 0;
     for (int up = 0; slash && up < 2; up++) {
-        const char *dir = arena_printf(&s->session, "%.*s/%s../share/saltus/stdlib", n, file, up ? "../" : "");
-        if (access(dir, R_OK) == 0) return dir;
+        const char *path = arena_printf(&s->session, "%.*s/%s../%s", n, file, up ? "../" : "", dir);
+        if (access(arena_printf(&s->session, "%s/gl.salt", path), R_OK) == 0) return path;
     }
     return NULL;
 }
 
 /* The first there is: what the caller says, what the environment says, what lies beside the library, the tree that the
- * library was built from, where it was meant to be installed. */
+ * library was built from, also where it has been moved, and where it was meant to be installed. */
 static const char *find_stdlib(Session *s, const SltOptions *opt) {
     if (opt->stdlib_dir) return opt->stdlib_dir;
     const char *env = getenv("SALTUS_STDLIB");
     if (env && *env) return env;
     char *file = own_file();
-    const char *beside = file ? stdlib_beside(s, file) : NULL;
+    const char *beside = stdlib_beside(s, file, "share/saltus/stdlib");
+#ifdef SALTUS_STDLIB_SOURCE
+    if (!beside && access(SALTUS_STDLIB_SOURCE, R_OK) == 0) beside = SALTUS_STDLIB_SOURCE;
+#endif
+    if (!beside) beside = stdlib_beside(s, file, "stdlib");
     free(file);
     if (beside) return beside;
-#ifdef SALTUS_STDLIB_SOURCE
-    if (access(SALTUS_STDLIB_SOURCE, R_OK) == 0) return SALTUS_STDLIB_SOURCE;
-#endif
 #ifdef SALTUS_STDLIB_INSTALL
     return SALTUS_STDLIB_INSTALL;
 #else
@@ -111,12 +114,23 @@ static SltStatus find_points(SltProgram *p) {
     return SLT_OK;
 }
 
+/* By the end of its name, whatever its letters are and with a `.txt` behind. */
 static bool is_glsl(const char *path, SltLanguage language) {
-    static const char *const ends[] = {".frag", ".fs", ".glsl"};
-    const char *end = path ? strrchr(path, '.') : NULL;
-    if (language != SLT_LANGUAGE_AUTO || !end) return language == SLT_LANGUAGE_GLSL;
-    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
-        if (!strcmp(end, ends[i])) return true;
+    static const char *const ends[] = {".frag", ".fs", ".fsh", ".glsl"};
+    if (language != SLT_LANGUAGE_AUTO || !path) return language == SLT_LANGUAGE_GLSL;
+    size_t n = strlen(path);
+    if (n > 4 && !strcasecmp(path + n - 4, ".txt")) n -= 4;
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++) {
+        size_t m = strlen(ends[i]);
+        if (n > m && !strncasecmp(path + n - m, ends[i], m)) return true;
+    }
+    return false;
+}
+
+bool api_looks_like_glsl(const char *text) {
+    static const char *const signs[] = {"void mainImage(", "gl_Frag", "#version ", "void main()", "void main(void)"};
+    for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
+        if (strstr(text, signs[i])) return true;
     return false;
 }
 
@@ -163,6 +177,8 @@ static void compile_body(Session *s, void *arg) {
     if (!prog || s->nerrors) {
         c->status = s->bad_usage ? SLT_USAGE : s->bad_input ? SLT_INPUT : SLT_PROGRAM;
         status_fail(&p->error, c->status, "the program has errors");
+        if (s->diags && !glsl && p->opt.language == SLT_LANGUAGE_AUTO && api_looks_like_glsl(s->sources[file].text))
+            diag_note(s, s->diags, s->diags->span, "the source looks like GLSL, which `--lang glsl` says it is");
         return;
     }
     for (uint32_t i = 0; i < p->opt.nset; i++)

@@ -84,12 +84,12 @@ static bool has_floats(const Type *t) {
 
 static void write_list(FILE *out, const Type *elem, uint32_t n, ShapeCursor *at, bool floats_only, ShapeLeaf *leaf,
                        void *user) {
-    fputc('[', out);
+    json_put(out, '[');
     for (uint32_t k = 0; k < n; k++) {
-        if (k) fputs(", ", out);
+        if (k) json_comma(out);
         shape_write(out, elem, at, floats_only, leaf, user);
     }
-    fputc(']', out);
+    json_put(out, ']');
 }
 
 void shape_write(FILE *out, const Type *t, ShapeCursor *at, bool floats_only, ShapeLeaf *leaf, void *user) {
@@ -102,24 +102,24 @@ void shape_write(FILE *out, const Type *t, ShapeCursor *at, bool floats_only, Sh
     case T_VECTOR:
     case T_ARRAY: write_list(out, t->elem, t->n, at, floats_only, leaf, user); return;
     case T_MATRIX:
-        fputc('[', out);
+        json_put(out, '[');
         for (uint32_t r = 0; r < t->n; r++) {
-            if (r) fputs(", ", out);
+            if (r) json_comma(out);
             write_list(out, type_scalar(T_FLOAT), t->columns, at, floats_only, leaf, user);
         }
-        fputc(']', out);
+        json_put(out, ']');
         return;
     case T_STRUCT:
-        fputc('{', out);
+        json_put(out, '{');
         for (uint32_t k = 0; k < t->nfields; k++) {
             if (floats_only && !has_floats(t->fields[k].type)) continue;
-            if (!first) fputs(", ", out);
+            if (!first) json_comma(out);
             first = false;
             json_text(out, t->fields[k].name);
             fputs(": ", out);
             shape_write(out, t->fields[k].type, at, floats_only, leaf, user);
         }
-        fputc('}', out);
+        json_put(out, '}');
         return;
     default: fputs("null", out);
     }
@@ -127,15 +127,16 @@ void shape_write(FILE *out, const Type *t, ShapeCursor *at, bool floats_only, Sh
 
 void shape_write_texels(FILE *out, const Param *p, ShapeLeaf *leaf, void *user) {
     ShapeCursor at = {p->fbase, 0};
-    fputc('[', out);
+    json_put(out, '[');
     for (uint32_t y = 0; y < p->tex_h; y++) {
-        fputs(y ? ", [" : "[", out);
+        if (y) json_comma(out);
+        json_put(out, '[');
         for (uint32_t x = 0; x < p->tex_w; x++) {
-            if (x) fputs(", ", out);
+            if (x) json_comma(out);
             if (p->tex_c > 1) write_list(out, type_scalar(T_FLOAT), p->tex_c, &at, true, leaf, user);
             else leaf(user, out, T_FLOAT, at.f++);
         }
-        fputc(']', out);
+        json_put(out, ']');
     }
-    fputc(']', out);
+    json_put(out, ']');
 }

@@ -10,13 +10,15 @@
 typedef struct DiagRow {
     const char *name, *code;
     Severity severity;
-    const char *format, *explanation;
+    const char *format, *explanation, *headline;
 } DiagRow;
 
 static const DiagRow rows[DIAG_COUNT] = {
-#define DIAG(name, code, severity, format, explanation) {#name, code, severity, format, explanation},
+#define DIAG(name, code, severity, format, explanation) {#name, code, severity, format, explanation, NULL},
+#define DIAG_AS(name, code, severity, headline, explanation) {#name, code, severity, "%s", explanation, headline},
 #include "compiler/base/diag.def"
 #undef DIAG
+#undef DIAG_AS
 };
 
 Diag *diag_emit(Session *s, DiagCode code, Span span, ...) {
@@ -67,7 +69,6 @@ const char *diag_code_name(DiagCode code) { return rows[code].code; }
 static void put_title(const char *format, char *out, size_t size) {
     size_t n = 0;
     *out = 0;
-    if (!strcmp(format, "%s")) return;
     for (const char *f = format; *f; f++) {
         char one[2] = {*f, 0};
         const char *word = one;
@@ -88,7 +89,8 @@ const char *diag_explain(const char *code, DiagTitle *title) {
     for (int i = 0; i < DIAG_COUNT; i++) {
         if (strcasecmp(rows[i].code, code)) continue;
         title->code = rows[i].code, title->severity = rows[i].severity;
-        put_title(rows[i].format, title->text, sizeof title->text);
+        if (rows[i].headline) snprintf(title->text, sizeof title->text, "%s", rows[i].headline);
+        else put_title(rows[i].format, title->text, sizeof title->text);
         return rows[i].explanation;
     }
     return NULL;

@@ -18,8 +18,10 @@ typedef enum Severity { SEV_ERROR, SEV_WARNING, SEV_PERF, SEV_NOTE } Severity;
  * explain E0123`") */
 typedef enum DiagCode {
 #define DIAG(name, code, severity, format, explanation) DIAG_##name,
+#define DIAG_AS(name, code, severity, headline, explanation) DIAG_##name,
 #include "compiler/base/diag.def"
 #undef DIAG
+#undef DIAG_AS
     DIAG_COUNT
 } DiagCode;
 

@@ -250,6 +250,7 @@ struct Symbol {
     Type *type;
     Span span;
     ArgMode mode;     /* SYM_ARG */
+    bool was_out;     /* GLSL's `out`, which need not be assigned, and so is an `inout` */
     Module *module;   /* SYM_CONST, SYM_PARAM */
     Expr *init;       /* local initialiser, const value, param value (NULL where open) */
     ConstVal cval;    /* SYM_CONST of scalar, vector or matrix type */

@@ -5,16 +5,38 @@
 
 /* ---- the vocabulary of the column */
 
-static IrRange between(double lo, double hi, uint8_t inf) {
-    IrRange r = {isnan(lo) ? -INFINITY : lo, isnan(hi) ? INFINITY : hi, inf};
-    if (r.lo > -INFINITY && r.hi < INFINITY) r.inf = 0;
+static IrRange between(double lo, double hi, uint8_t beyond) {
+    IrRange r = {isnan(lo) ? -INFINITY : lo, isnan(hi) ? INFINITY : hi, beyond};
+    if (r.lo > -INFINITY && r.hi < INFINITY) r.beyond &= IR_NAN;
     return r;
 }
 
-static IrRange join(IrRange a, IrRange b) { return between(fmin(a.lo, b.lo), fmax(a.hi, b.hi), a.inf | b.inf); }
+static IrRange join(IrRange a, IrRange b) { return between(fmin(a.lo, b.lo), fmax(a.hi, b.hi), a.beyond | b.beyond); }
 
 IrRange ir_range_const(double v) {
-    return isfinite(v) ? (IrRange){v, v, 0} : isnan(v) ? IR_RANGE_FINITE : (IrRange){v, v, IR_POLE};
+    return isfinite(v) ? (IrRange){v, v, 0}
+           : isnan(v)  ? (IrRange){-INFINITY, INFINITY, IR_NAN}
+                       : (IrRange){v, v, IR_POLE};
+}
+
+static uint8_t nan_of(IrRange a) { return a.beyond & IR_NAN; }
+static uint8_t nan_if(bool may) { return may ? IR_NAN : 0; }
+/* What makes a NaN where it meets its like. */
+static bool may_be_inf(IrRange a) { return a.beyond & (IR_OVERFLOW | IR_POLE); }
+static bool may_be_zero(IrRange a) { return !ir_range_nonzero(a); }
+static IrRange with(IrRange r, uint8_t beyond) { return r.beyond |= beyond, r; }
+
+/* Of a product: the degree in what loops carry, up to 2. */
+static uint8_t growth(IrRange x, IrRange y) {
+    enum { GROWS = IR_CARRIED | IR_SQUARED };
+    if (!(x.beyond & GROWS) || !(y.beyond & GROWS)) return 0;
+    return (x.beyond | y.beyond) & IR_SQUARED ? IR_OVERFLOW : IR_SQUARED;
+}
+
+/* x + y: infinities of both signs meet? */
+static uint8_t nan_of_sum(IrRange x, IrRange y) {
+    bool both = may_be_inf(x) && may_be_inf(y);
+    return nan_if(both && ((x.hi == INFINITY && y.lo == -INFINITY) || (x.lo == -INFINITY && y.hi == INFINITY)));
 }
 
 static double times(double a, double b) { return a == 0 || b == 0 ? 0 : a * b; }
@@ -23,40 +45,63 @@ static double times(double a, double b) { return a == 0 || b == 0 ? 0 : a * b; }
 static double solid(double lo) { return fabs(lo) < 1e-37 ? 0 : lo; }
 
 static IrRange product(IrRange a, IrRange b, bool same) {
-    uint8_t inf = a.inf | b.inf;
+    bool zero_times_inf = (may_be_inf(a) && may_be_zero(b)) || (may_be_zero(a) && may_be_inf(b));
+    uint8_t beyond = a.beyond | b.beyond | nan_if(zero_times_inf && !same) | growth(a, b);
     double p[4] = {times(a.lo, b.lo), times(a.lo, b.hi), times(a.hi, b.lo), times(a.hi, b.hi)};
     if (same) {
         double low = a.lo > 0 ? a.lo * a.lo : a.hi < 0 ? a.hi * a.hi : 0;
-        return between(solid(low), fmax(a.lo * a.lo, a.hi * a.hi), inf);
+        return between(solid(low), fmax(a.lo * a.lo, a.hi * a.hi), beyond);
     }
     return between(solid(fmin(fmin(p[0], p[1]), fmin(p[2], p[3]))), solid(fmax(fmax(p[0], p[1]), fmax(p[2], p[3]))),
-                   inf);
+                   beyond);
 }
 
 static IrRange quotient(IrRange a, IrRange b) {
-    return ir_range_nonzero(b) ? product(a, (IrRange){1 / b.hi, 1 / b.lo, 0}, false) : IR_RANGE_ANY;
+    uint8_t nan = nan_of(a) | nan_of(b) | nan_if(may_be_inf(a) && may_be_inf(b));
+    if (may_be_zero(b)) return (IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE | nan | nan_if(may_be_zero(a))};
+    IrRange finite = {a.lo, a.hi, 0}, r = product(finite, (IrRange){1 / b.hi, 1 / b.lo, 0}, false);
+    return between(r.lo, r.hi, nan | (a.beyond & ~IR_NAN));
 }
 
 static double magnitude(IrRange a) { return fmax(fabs(a.lo), fabs(a.hi)); }
 
-static IrRange root(IrRange a) { return between(a.lo > 0 ? sqrt(a.lo) : 0, a.hi > 0 ? sqrt(a.hi) : INFINITY, a.inf); }
+static IrRange root(IrRange a) {
+    uint8_t beyond = a.beyond & IR_SQUARED ? (a.beyond & ~IR_SQUARED) | IR_CARRIED : a.beyond;
+    return between(a.lo > 0 ? sqrt(a.lo) : 0, a.hi > 0 ? sqrt(a.hi) : INFINITY, beyond | nan_if(a.lo < 0));
+}
 
 static IrRange inverse_root(IrRange a) {
-    if (a.lo <= 0) return (IrRange){0, INFINITY, IR_POLE};
-    return between(a.hi < INFINITY ? 1 / sqrt(a.hi) : 0, 1 / sqrt(a.lo), 0);
+    uint8_t nan = nan_of(a) | nan_if(a.lo < 0);
+    if (a.lo <= 0) return (IrRange){0, INFINITY, IR_POLE | nan};
+    return between(a.hi < INFINITY ? 1 / sqrt(a.hi) : 0, 1 / sqrt(a.lo), nan);
+}
+
+static IrRange logarithm(IrRange a, double lo, double hi) {
+    return a.lo > 0 ? between(lo, hi, a.beyond) : with(IR_RANGE_WIDE, nan_of(a) | nan_if(a.lo < 0));
 }
 
 /* exp and its kin: infinite unless bounded above (80 serves both precisions). */
 static IrRange exponential(IrRange a, double base) {
     double scale = log(base), hi = a.hi * scale;
     return between(a.lo * scale > -80 ? pow(base, a.lo) : 0, hi < 80 ? pow(base, a.hi) : INFINITY,
-                   hi >= 80 ? IR_OVERFLOW : 0);
+                   (hi >= 80 ? IR_OVERFLOW : 0) | nan_of(a));
 }
 
 static bool moderate(IrRange a) { return a.lo > -80 && a.hi < 80; }
 
 static IrRange power(IrRange a, IrRange b) {
-    return between(a.lo >= 0 ? 0 : -INFINITY, INFINITY, b.lo >= 0 && b.lo == b.hi ? a.inf : IR_POLE | IR_OVERFLOW);
+    bool fixed = b.lo == b.hi, real = a.lo >= 0 || (fixed && b.lo == trunc(b.lo));
+    return between(a.lo >= 0 ? 0 : -INFINITY, INFINITY,
+                   (fixed && b.lo >= 0 ? a.beyond | (b.lo > 1 ? growth(a, a) : 0) : IR_POLE | IR_OVERFLOW) | nan_of(a) |
+                       nan_of(b) | nan_if(!real));
+}
+
+/* min and max give a where b is NaN. */
+static IrRange least(IrRange a, IrRange b) {
+    return between(fmin(a.lo, b.lo), nan_of(b) ? a.hi : fmin(a.hi, b.hi), a.beyond | (b.beyond & ~IR_NAN));
+}
+static IrRange greatest(IrRange a, IrRange b) {
+    return between(nan_of(b) ? a.lo : fmax(a.lo, b.lo), fmax(a.hi, b.hi), a.beyond | (b.beyond & ~IR_NAN));
 }
 
 /* Of integers; nothing is known if the divisor may be 0 or negative. Doubles hold quotients of 32-bit integers exactly
@@ -91,33 +136,42 @@ static IrRange unsigned_min(IrRange a, IrRange b) {
     return between(fmin(a.lo, b.lo), fmin(a.hi, b.hi), 0);
 }
 
+static IrRange sum(IrRange a, IrRange b) {
+    return between(a.lo + b.lo, a.hi + b.hi, a.beyond | b.beyond | nan_of_sum(a, b));
+}
+static IrRange negated(IrRange a) { return between(-a.hi, -a.lo, a.beyond); }
+
 /* ---- the column */
 
-#define BETWEEN(lo, hi, inf) between(lo, hi, inf)
+#define BETWEEN(lo, hi, beyond) between(lo, hi, beyond)
 #define IN(lo, hi) between(lo, hi, 0)
 #define AT(v) ir_range_const(v)
 #define UNKNOWN IR_RANGE_FINITE
+#define WIDE IR_RANGE_WIDE
 #define POLE IR_RANGE_ANY
 #define IMM UNKNOWN  /* the row alone does not know its constant, */
 #define FLOW UNKNOWN /* nor where a value comes from: the analyses do */
 #define JOIN(x, y) join(x, y)
-#define ADD(x, y) between((x).lo + (y).lo, (x).hi + (y).hi, (x).inf | (y).inf)
-#define SUB(x, y) between((x).lo - (y).hi, (x).hi - (y).lo, (x).inf | (y).inf)
-#define NEG(x) between(-(x).hi, -(x).lo, (x).inf)
+#define ADD(x, y) sum(x, y)
+#define SUB(x, y) sum(x, NEG(y))
+#define NEG(x) negated(x)
 #define MUL(x, y) product(x, y, same)
 #define DIV(x, y) quotient(x, y)
-#define ABS(x) between((x).lo > 0 ? (x).lo : (x).hi < 0 ? -(x).hi : 0, magnitude(x), (x).inf)
-#define MIN(x, y) between(fmin((x).lo, (y).lo), fmin((x).hi, (y).hi), (x).inf | (y).inf)
-#define MAX(x, y) between(fmax((x).lo, (y).lo), fmax((x).hi, (y).hi), (x).inf | (y).inf)
-#define EITHER_SIGN(x) between(-magnitude(x), magnitude(x), (x).inf)
-#define WIDER(x, by) between((x).lo - (by), (x).hi + (by), (x).inf)
+#define ABS(x) between((x).lo > 0 ? (x).lo : (x).hi < 0 ? -(x).hi : 0, magnitude(x), (x).beyond)
+#define MIN(x, y) least(x, y)
+#define MAX(x, y) greatest(x, y)
+#define EITHER_SIGN(x) between(-magnitude(x), magnitude(x), (x).beyond)
+#define WIDER(x, by) between((x).lo - (by), (x).hi + (by), (x).beyond)
 #define SQRT(x) root(x)
 #define RSQRT(x) inverse_root(x)
-#define CBRT(x) between(cbrt((x).lo), cbrt((x).hi), (x).inf)
+#define CBRT(x) between(cbrt((x).lo), cbrt((x).hi), (x).beyond)
 #define EXP(x, base) exponential(x, base)
-#define LOG(x, log) ((x).lo > 0 ? between(log((x).lo), log((x).hi), (x).inf) : POLE)
-#define SINH(x) (moderate(x) ? between(sinh((x).lo), sinh((x).hi), 0) : IR_RANGE_CARRIED)
-#define COSH(x) between(1, moderate(x) ? cosh(magnitude(x)) : INFINITY, IR_OVERFLOW)
+#define LOG(x, log) logarithm(x, log((x).lo), log((x).hi))
+#define SINH(x) (moderate(x) ? between(sinh((x).lo), sinh((x).hi), nan_of(x)) : with(IR_RANGE_FINITE, IR_OVERFLOW | nan_of(x)))
+#define COSH(x) between(1, moderate(x) ? cosh(magnitude(x)) : INFINITY, IR_OVERFLOW | nan_of(x))
+#define NAN_OF(x, range) with(range, nan_of(x))
+#define NAN_AT_INF(x, range) with(range, nan_of(x) | nan_if(may_be_inf(x)))
+#define NAN_OUTSIDE(x, least, most, range) with(range, nan_of(x) | nan_if((x).lo < (least) || (x).hi > (most)))
 #define POW(x, y) power(x, y)
 #define IDIV(x, y) int_quotient(x, y)
 #define IREM(x, y) int_remainder(x, y)
@@ -169,9 +223,10 @@ static bool is_counter(const Inst *i) {
 static IrRange counter(const Inst *loop) { return between(0, (double)loop->imm.loop.max_iters - 1, 0); }
 
 /* ---- forwards, in two sweeps: the first knows nothing of what is carried around loops or kept in arrays, the second
- * uses what the first found to be assigned there, so a clamp in a loop is seen */
+ * uses what the first found to be assigned there, so a clamp in a loop is seen; more follow while a NaN gets farther */
 
 typedef struct Flow {
+    uint32_t n;
     IrRange *range;
     IrRange *next;  /* by id of a carried parameter or an array: what is assigned there, found by the sweep before */
     IrRange *found; /* the same, as this sweep finds it */
@@ -234,15 +289,33 @@ static void sweep(Flow *f, const Block *b) {
     }
 }
 
+enum { GROWN = IR_OVERFLOW | IR_POLE | IR_NAN };
+
+/* Has the sweep found an infinity or a NaN where the one before did not know of any? Then the next will. */
+static bool found_more(Flow *f, bool everywhere) {
+    bool more = false;
+    for (uint32_t k = 0; k < f->n; k++) {
+        uint8_t found = everywhere ? GROWN : f->found[k].beyond & GROWN;
+        if (f->found[k].beyond & IR_SQUARED) found |= IR_OVERFLOW; /* what squares itself, again and again */
+        more |= found & ~f->next[k].beyond;
+        f->next[k].beyond |= found;
+    }
+    return more;
+}
+
 void ir_ranges(const Fn *fn, Arena *scratch, IrRange *range) {
+    enum { PATIENCE = 6 }; /* sweeps until what is still on its way is believed to get anywhere */
     uint32_t n = fn->ninsts;
-    Flow f = {range, ARENA_ARRAY(scratch, IrRange, n + 1), ARENA_ARRAY(scratch, IrRange, n + 1)};
+    Flow f = {n, range, ARENA_ARRAY(scratch, IrRange, n + 1), ARENA_ARRAY(scratch, IrRange, n + 1)};
     for (uint32_t k = 0; k < n; k++) f.next[k] = f.found[k] = IR_RANGE_CARRIED;
     sweep(&f, fn->body);
     IrRange *first = f.found;
     f.found = f.next;
     f.next = first;
-    sweep(&f, fn->body);
+    for (uint32_t k = 0; k < n; k++) f.next[k].beyond &= ~(GROWN | IR_SQUARED); /* by bounds that were too wide */
+    uint32_t sweeps = 0;
+    do sweep(&f, fn->body);
+    while (found_more(&f, ++sweeps == PATIENCE));
 }
 
 /* ---- backwards */

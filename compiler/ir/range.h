@@ -1,9 +1,10 @@
 /* What values may be: the range column of ops.def, and the two analyses that use it.
  *
- * lo and hi bound the finite values; inf says whether the value may be infinite. Unknown is {-inf, inf, 0}: sums and
+ * lo and hi bound the finite values; `beyond` says what else the value may be. Unknown is {-inf, inf, 0}: sums and
  * products of finite values count as finite, or ordinary code would pay for overflows that no program wants. A pole
- * makes an infinity out of ordinary numbers; an overflow (exp, values carried around loops) only out of huge ones.
- * Nothing is said of NaN.
+ * makes an infinity out of ordinary numbers, an overflow (exp, what loops square again and again) only out of large
+ * ones; what loops carry otherwise (IR_CARRIED; IR_SQUARED, a product of two such) in more steps than anybody takes. A
+ * NaN comes of roots and logarithms of what may be negative, of 0/0, and of poles and overflows that meet.
  *
  * Bounds of integers are exact: clamps of indices may be left out because of them. Those of floats are computed in
  * double and hold up to the rounding of the kernel's own precision, so no bound of an integer rests on them. */
@@ -14,14 +15,15 @@
 
 #include "compiler/ir/ir.h"
 
-enum { IR_OVERFLOW = 1, IR_POLE = 2 };
+enum { IR_CARRIED = 1, IR_SQUARED = 2, IR_OVERFLOW = 4, IR_POLE = 8, IR_NAN = 16 };
 typedef struct IrRange {
     double lo, hi;
-    uint8_t inf; /* IR_OVERFLOW, IR_POLE */
+    uint8_t beyond; /* all but IR_NAN: it may be infinite */
 } IrRange;
 #define IR_RANGE_FINITE ((IrRange){-INFINITY, INFINITY, 0})
-#define IR_RANGE_CARRIED ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW})
-#define IR_RANGE_ANY ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE})
+#define IR_RANGE_CARRIED ((IrRange){-INFINITY, INFINITY, IR_CARRIED})
+#define IR_RANGE_WIDE ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE})
+#define IR_RANGE_ANY ((IrRange){-INFINITY, INFINITY, IR_OVERFLOW | IR_POLE | IR_NAN})
 #define IR_RANGE_INT ((IrRange){INT32_MIN, INT32_MAX, 0})
 
 static inline bool ir_range_nonzero(IrRange r) { return r.lo > 0 || r.hi < 0; }

@@ -61,7 +61,7 @@ static void jvp_row(Jvp *j, Inst *i) {
             if (arg->type != TY_FLT || !active(j, arg) || !tangent(j, arg, d)) continue;
             AdTerm t = ad_partial(&j->rule, i, a, ad_seed(tangent(j, arg, d), j->inf[arg->id]));
             if (t.none) continue;
-            inf |= t.range.inf;
+            inf |= (t.range.beyond & IR_POLE) != 0;
             sum = ad_term_add(&j->rule, sum, t);
         }
         set_tangent(j, i, d, sum);

@@ -2,8 +2,9 @@
  *
  * Each row becomes one function that builds the pull-back of a seed g to one argument. Run without emitting, the same
  * function tells which primal values the partial mentions: that, and nothing else, decides what reverse mode keeps. A
- * product that involves g is guarded (zmul, or a select) only where a factor may be infinite or the seed may be, so
- * that 0*inf never makes a NaN and ordinary code pays nothing. */
+ * product that involves g is guarded (zmul, or a select) only where a factor may be infinite or NaN, or the seed
+ * infinite: so 0*inf never makes a NaN, a NaN that a choice throws away takes none of the adjoints behind it along, and
+ * ordinary code pays nothing. */
 #include <math.h>
 
 #include "compiler/pass/ad.h"
@@ -80,16 +81,16 @@ static E e_sub(AdRule *R, E x, E y) {
 
 static bool same_operand(E x, E y) { return x.key && x.key == y.key; }
 
-/* s has the seed, p the slope. Both guards give 0: a zero seed wins over an infinite slope, a zero slope over an
- * infinite seed. */
+/* s has the seed, p the slope. Both guards give 0: a zero seed wins over an infinite slope or one that is NaN, a zero
+ * slope over an infinite seed. */
 static E seeded_product(AdRule *R, E s, E p) {
-    E e = {.seed = true, .range = {-INFINITY, INFINITY, (s.range.inf | p.range.inf) & IR_POLE}};
-    bool slope_zero = s.range.inf && !ir_range_nonzero(p.range);
+    E e = {.seed = true, .range = {-INFINITY, INFINITY, (s.range.beyond | p.range.beyond) & IR_POLE}};
+    bool slope_zero = s.range.beyond && !ir_range_nonzero(p.range);
     if (!R->emit) return e;
     Inst *g = ad_term_value(R, s), *x = ad_term_value(R, p);
-    if (p.range.inf && slope_zero)
+    if (p.range.beyond && slope_zero)
         e.v = emit3(R, OP_fsel, emit2(R, OP_feq, g, ir_constf(&R->b, 0)), ir_constf(&R->b, 0), emit2(R, OP_zmul, x, g));
-    else if (p.range.inf) e.v = emit2(R, OP_zmul, g, x);
+    else if (p.range.beyond) e.v = emit2(R, OP_zmul, g, x);
     else if (slope_zero) e.v = emit2(R, OP_zmul, x, g);
     else e.x = g, e.y = x;
     return e;
@@ -104,9 +105,9 @@ static E e_mul(AdRule *R, E x, E y) {
 }
 
 static E e_div(AdRule *R, E x, E y) {
-    bool guard = x.seed && !ir_range_nonzero(y.range);
+    bool pole = x.seed && !ir_range_nonzero(y.range), guard = pole || (x.seed && y.range.beyond & IR_NAN);
     E e = {.seed = x.seed};
-    e.range = x.seed ? (IrRange){-INFINITY, INFINITY, guard ? IR_POLE : x.range.inf}
+    e.range = x.seed ? (IrRange){-INFINITY, INFINITY, pole ? IR_POLE : x.range.beyond}
                      : ir_range_row(OP_fdiv, x.range, y.range, x.range, false);
     if (R->emit) e.v = emit2(R, guard ? OP_zdiv : OP_fdiv, ad_term_value(R, x), ad_term_value(R, y));
     return e;
@@ -122,7 +123,7 @@ static E e_fma(AdRule *R, E x, E y, E z) {
 
 static E e_select(AdRule *R, Inst *cond, E x, E y) {
     E e = {.seed = x.seed || y.seed};
-    e.range = (IrRange){fmin(x.range.lo, y.range.lo), fmax(x.range.hi, y.range.hi), x.range.inf | y.range.inf};
+    e.range = (IrRange){fmin(x.range.lo, y.range.lo), fmax(x.range.hi, y.range.hi), x.range.beyond | y.range.beyond};
     if (R->emit) e.v = ir_select(&R->b, cond, ad_term_value(R, x), ad_term_value(R, y));
     return e;
 }
@@ -213,7 +214,7 @@ static E row(AdRule *R, uint32_t which, E g) {
 uint32_t ad_mentions(const Inst *i, uint32_t which, const IrRange *range, bool *inf) {
     AdRule R = {.inst = i, .range = range};
     E e = row(&R, which, ad_seed(NULL, false));
-    if (inf) *inf = !e.none && (e.range.inf & IR_POLE);
+    if (inf) *inf = !e.none && (e.range.beyond & IR_POLE);
     return e.none ? UINT32_MAX : R.mentions;
 }
 

@@ -23,7 +23,7 @@ void vjp_add(Vjp *v, Inst *primal, AdTerm t) {
     v->rule.emit = true;
     Adjoint *a = &v->adj[primal->id];
     a->v = ad_term_add(&v->rule, a->v, t);
-    a->inf |= t.range.inf;
+    a->inf |= (t.range.beyond & IR_POLE) != 0;
 }
 
 bool vjp_holds_taped(const Vjp *v, const Block *b) {

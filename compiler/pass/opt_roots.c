@@ -1,5 +1,6 @@
 /* Comparisons under [Disc] without flat sides and multiple roots: max(v, 0) > 0 becomes v > 0, and so do v*v*v > 0,
- * sqrt(v) > 0, cbrt(v) > 0, |v| + v > 0 and acos(1 - v) > 0. Where g is flat on one side of its root, or its slope at
+ * sqrt(v) > 0, cbrt(v) > 0, |v| + v > 0 and acos(1 - v) > 0; and the distance of a box, which inside and outside is of
+ * two formulas, becomes the greatest of its sides. Where g is flat on one side of its root, or its slope at
  * the root is 0 or infinite, there is no velocity to be had from it, and no bound of its gradient that leaves 0 out.
  *
  * The decision changes with g, or the sides of g's root would decide alike where one of the two is rounded: by rounding
@@ -166,6 +167,66 @@ static bool magnitude_rule(Half *h) {
     return false;
 }
 
+/* length(): 0 where its square is 0. */
+static bool is_length(const Inst *v) {
+    return v->op == OP_fsel && v->args[0]->op == OP_feq && v->args[2]->op == OP_fsqrt &&
+           v->args[0]->args[0] == v->args[2]->args[0] && zero(v->args[0]->args[1]) && zero(v->args[1]);
+}
+
+/* ---- distances of boxes: length(max(d, 0)) + min(max(d.x, d.y), 0) */
+typedef struct Leaves {
+    const Inst *leaf[MOST_FACTORS];
+    uint32_t n;
+    bool full;
+} Leaves;
+
+static void add_leaves(Leaves *l, const Inst *v) {
+    if (v->op == OP_fmax) {
+        add_leaves(l, v->args[0]), add_leaves(l, v->args[1]);
+        return;
+    }
+    for (uint32_t i = 0; i < l->n; i++)
+        if (l->leaf[i] == v) return;
+    if (l->n == MOST_FACTORS) l->full = true;
+    else l->leaf[l->n++] = v;
+}
+
+/* The values of which one must be positive for v to be: lengths of what is cut off at 0. False: v is no such thing. */
+static bool outside_leaves(const Inst *v, Leaves *l) {
+    if (is_length(v)) v = v->args[2];
+    if (v->op == OP_fsqrt) v = v->args[0];
+    if (v->op == OP_fadd) return outside_leaves(v->args[0], l) && outside_leaves(v->args[1], l);
+    if (v->op == OP_fmul && v->args[0] == v->args[1]) v = v->args[0];
+    if (v->op != OP_fmax || (!zero(v->args[0]) && !zero(v->args[1]))) return false;
+    add_leaves(l, v->args[zero(v->args[0])]);
+    return true;
+}
+
+static bool same_leaves(const Leaves *a, const Leaves *b) {
+    bool same = a->n == b->n && !a->full && !b->full;
+    for (uint32_t i = 0; i < a->n && same; i++) {
+        same = false;
+        for (uint32_t k = 0; k < b->n; k++) same |= a->leaf[i] == b->leaf[k];
+    }
+    return same;
+}
+
+/* p + min(m, 0), where p is never negative and positive where m is: it has the sign of m. As it stands each part is
+ * flat on one side of its boundary, where the other one begins. */
+static bool outside_rule(Half *h) {
+    for (uint32_t side = 0; side < 2 && h->c == 0; side++) {
+        const Inst *in = h->v->args[1 - side];
+        if (in->op != OP_fmin || (!zero(in->args[0]) && !zero(in->args[1]))) continue;
+        Inst *m = in->args[zero(in->args[0])];
+        Leaves of_m = {0}, of_p = {0};
+        add_leaves(&of_m, m);
+        if (!outside_leaves(h->v->args[side], &of_p) || !same_leaves(&of_m, &of_p)) continue;
+        h->v = m, h->gain++;
+        return true;
+    }
+    return false;
+}
+
 /* acos falls to 0 at 1, with a slope that is infinite there. */
 static bool arc_rule(const Roots *r, Half *h) {
     IrRange of = r->range[h->v->args[0]->id];
@@ -218,7 +279,7 @@ static bool step(Roots *r, Half *h) {
                 h->v = v->args[1 - a], h->c -= k;
                 return true;
             }
-        if (magnitude_rule(h)) return true;
+        if (magnitude_rule(h) || outside_rule(h)) return true;
         /* A sum of what is never negative is positive where one of them is. */
         return h->c == 0 && !h->below && above(r, v->args[0], 0) && above(r, v->args[1], 0) &&
                either(r, h, v->args[0], v->args[1], true);
@@ -242,10 +303,8 @@ static bool step(Roots *r, Half *h) {
         return h->c == 0 ? product_rule(r, h) : scale_rule(r, h);
     case OP_fdiv: return scale_rule(r, h);
     case OP_fsqrt: return root_rule(r, h, v->args[0]);
-    case OP_fsel: /* length(): 0 where its square is 0 */
-        if (v->args[0]->op != OP_feq || v->args[2]->op != OP_fsqrt || v->args[0]->args[0] != v->args[2]->args[0] ||
-            !zero(v->args[0]->args[1]) || !zero(v->args[1]))
-            return false;
+    case OP_fsel:
+        if (!is_length(v)) return false;
         h->v = v->args[2];
         return true;
     case OP_facos: return arc_rule(r, h);

@@ -3,6 +3,7 @@
  *   variant_bounds.c         the kernels bounds and edge_bounds: inputs, outputs
  *   variant_bounds_facts.c   which values differ within a box at all, and which may depend on something open
  *   variant_bounds_value.c   one operation; decisions and the events they record; what a condition teaches
+ *   variant_bounds_remainder.c  x - y * floor(x / y), whose parts follow each other
  *   variant_bounds_error.c   how far a value as computed is from what exact arithmetic gives
  *   variant_bounds_flow.c    if_ and loop
  *   variant_bounds_query.c   queries along rays
@@ -123,6 +124,10 @@ Inst *bounds_choice_open(Boxes *x, Builder *b, const Inst *cond, const Inst *yes
 Boxed bounds_nothing(Builder *b);
 Inst *bounds_is_nothing(Builder *b, Bound v);
 static inline Inst *bounds_undecided(Builder *b, Bound c) { return bounds_op2(b, OP_bxor, c.lo, c.hi); }
+
+/* variant_bounds_remainder.c */
+/* Bounds of row i, where it is a remainder; else what the row says. */
+Bound bounds_remainder(const Boxes *x, Builder *b, const Inst *i, Bound row);
 
 /* variant_bounds_error.c */
 /* Of the result of float row i, from those of its arguments; NULL: none. */

@@ -51,7 +51,7 @@ typedef enum SltStructure {
 } SltStructure;
 
 typedef enum SltLanguage {
-    SLT_LANGUAGE_AUTO, /* by the file's name: GLSL for .frag, .fs and .glsl */
+    SLT_LANGUAGE_AUTO, /* by the file's name: GLSL for .frag, .fs, .fsh and .glsl */
     SLT_LANGUAGE_SALTUS,
     SLT_LANGUAGE_GLSL /* a fragment shader, as for OpenGL ES, WebGL or Shadertoy */
 } SltLanguage;

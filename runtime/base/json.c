@@ -1,3 +1,6 @@
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* fwrite_unlocked */
+#endif
 #include "runtime/base/json.h"
 
 #include <math.h>
@@ -5,31 +8,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int special(FILE *out, double v) {
-    if (v == 0) return fputs(signbit(v) ? "-0" : "0", out), 1; /* what most numbers of large outputs are */
-    if (isnan(v)) return fputs("null", out), 1;
-    if (isinf(v)) return fputs(v > 0 ? "1e999" : "-1e999", out), 1;
-    return 0;
+#include "runtime/base/decimal.h"
+
+static bool special(FILE *out, double v) {
+    if (v == 0) { /* what most numbers of large outputs are */
+        if (signbit(v)) putc_unlocked('-', out);
+        return putc_unlocked('0', out), true;
+    }
+    if (isnan(v)) return fputs("null", out), true;
+    if (isinf(v)) return fputs(v > 0 ? "1e999" : "-1e999", out), true;
+    return false;
 }
 
 void json_number(FILE *out, double v) {
-    char text[40];
-    if (special(out, v)) return;
-    for (int digits = 15; digits <= 17; digits++) {
-        snprintf(text, sizeof text, "%.*g", digits, v);
-        if (strtod(text, NULL) == v) break;
-    }
-    fputs(text, out);
+    char text[DECIMAL_SIZE];
+    if (!special(out, v)) fwrite_unlocked(text, 1, decimal_print(text, v), out);
 }
 
 void json_number_f32(FILE *out, float v) {
-    char text[40];
-    if (special(out, v)) return;
-    for (int digits = 6; digits <= 9; digits++) {
-        snprintf(text, sizeof text, "%.*g", digits, (double)v);
-        if (strtof(text, NULL) == v) break;
-    }
-    fputs(text, out);
+    char text[DECIMAL_SIZE];
+    if (!special(out, v)) fwrite_unlocked(text, 1, decimal_print_f32(text, v), out);
 }
 
 void json_text(FILE *out, const char *utf8) {

@@ -9,6 +9,13 @@
 #include <stdint.h>
 #include <stdio.h>
 
+/* Lists and numbers are millions: a stream takes them from one thread, without locks. */
+static inline void json_put(FILE *out, char c) { putc_unlocked(c, out); }
+static inline void json_comma(FILE *out) {
+    putc_unlocked(',', out);
+    putc_unlocked(' ', out);
+}
+
 /* The shortest decimal that reads back as v. JSON has no NaN and no infinities: they become null and +-1e999 (which
  * every reader takes as infinite or rejects, and none takes as a number). */
 void json_number(FILE *out, double v);

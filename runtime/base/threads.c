@@ -6,22 +6,23 @@
 
 enum { POOL_MAX = 256 };
 
+/* Of the tiles from `merged` on, which are worked on or wait for their turn, each has a worker of its own: there are no
+ * more of them than workers, and their numbers modulo that tell them apart. */
 typedef struct Pool {
     const PoolOptions *o;
-    uint64_t tiles, next, merged; /* under lock */
+    uint64_t tiles, next, merged; /* under lock, as is all below */
     PoolWork *work;
     PoolMerge *merge;
     void *user;
     SltStatus status; /* why the tiles stopped: the first reason */
+    uint32_t workers, nfree;
+    uint32_t free[POOL_MAX]; /* [nfree]: workers without a tile, the next one last */
+    uint32_t by[POOL_MAX];   /* by tile: the worker that has worked on it, */
+    bool done[POOL_MAX];     /* if it waits for its turn */
+    bool merging;            /* some thread is */
     pthread_mutex_t lock;
     pthread_cond_t turn;
 } Pool;
-
-typedef struct Thread {
-    Pool *pool;
-    uint32_t index;
-    pthread_t id;
-} Thread;
 
 double pool_now(void) {
     struct timespec t;
@@ -45,31 +46,49 @@ SltStatus pool_stop_reason(const PoolOptions *o) {
     return SLT_OK;
 }
 
-static void *run(void *arg) {
-    Thread *t = arg;
-    Pool *p = t->pool;
-    pthread_mutex_lock(&p->lock);
-    for (;;) {
-        if (p->status == SLT_OK && p->next < p->tiles) {
-            SltStatus stop = pool_stop_reason(p->o);
-            if (stop != SLT_OK) p->status = stop, pthread_cond_broadcast(&p->turn);
-        }
-        if (p->status != SLT_OK || p->next >= p->tiles) break;
-        uint64_t tile = p->next++;
+static void fail(Pool *p, SltStatus status) {
+    if (p->status != SLT_OK) return;
+    p->status = status;
+    pthread_cond_broadcast(&p->turn);
+}
+
+/* Merges the tiles whose turn it is, unless another thread is at it, which then looks for more. */
+static void merge_done(Pool *p) {
+    while (p->status == SLT_OK && !p->merging && p->done[p->merged % p->workers]) {
+        uint64_t tile = p->merged;
+        uint32_t worker = p->by[tile % p->workers];
+        p->merging = true;
         pthread_mutex_unlock(&p->lock);
-        bool ok = p->work(p->user, t->index, tile);
+        p->merge(p->user, worker, tile);
         pthread_mutex_lock(&p->lock);
-        if (!ok && p->status == SLT_OK) p->status = SLT_LIMIT, pthread_cond_broadcast(&p->turn);
-        while (p->status == SLT_OK && p->merged != tile) pthread_cond_wait(&p->turn, &p->lock);
-        if (p->status != SLT_OK) break;
-        pthread_mutex_unlock(&p->lock);
-        p->merge(p->user, t->index, tile);
-        pthread_mutex_lock(&p->lock);
-        p->merged = tile + 1;
+        p->merging = p->done[tile % p->workers] = false;
+        p->free[p->nfree++] = worker, p->merged = tile + 1;
         if (p->o->progress)
             p->o->progress(p->o->progress_user,
                            p->o->from + (p->o->to - p->o->from) * (double)p->merged / (double)p->tiles);
         pthread_cond_broadcast(&p->turn);
+    }
+}
+
+static void *run(void *arg) {
+    Pool *p = arg;
+    pthread_mutex_lock(&p->lock);
+    while (p->status == SLT_OK && p->next < p->tiles) {
+        SltStatus stop = pool_stop_reason(p->o);
+        if (stop != SLT_OK) {
+            fail(p, stop);
+        } else if (!p->nfree) {
+            pthread_cond_wait(&p->turn, &p->lock);
+        } else {
+            uint64_t tile = p->next++;
+            uint32_t worker = p->free[--p->nfree];
+            pthread_mutex_unlock(&p->lock);
+            bool ok = p->work(p->user, worker, tile);
+            pthread_mutex_lock(&p->lock);
+            if (!ok) fail(p, SLT_LIMIT);
+            p->by[tile % p->workers] = worker, p->done[tile % p->workers] = true;
+            merge_done(p);
+        }
     }
     pthread_mutex_unlock(&p->lock);
     return NULL;
@@ -77,18 +96,17 @@ static void *run(void *arg) {
 
 SltStatus pool_run(const PoolOptions *o, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user, SltError *err) {
     Pool p = {.o = o, .tiles = tiles, .work = work, .merge = merge, .user = user, .status = SLT_OK};
-    Thread threads[POOL_MAX];
+    pthread_t thread[POOL_MAX];
     uint32_t n = o->threads < 1 ? 1 : o->threads > POOL_MAX ? POOL_MAX : o->threads, started = 1;
+    p.workers = o->workers > n ? o->workers : n;
+    if (p.workers > POOL_MAX) p.workers = POOL_MAX;
+    for (uint32_t i = p.workers; i-- > 0;) p.free[p.nfree++] = i;
     pthread_mutex_init(&p.lock, NULL);
     pthread_cond_init(&p.turn, NULL);
-    threads[0] = (Thread){.pool = &p, .index = 0};
     /* A thread that cannot be started is done without: slower, not wrong. */
-    for (; started < n; started++) {
-        threads[started] = (Thread){.pool = &p, .index = started};
-        if (pthread_create(&threads[started].id, NULL, run, &threads[started])) break;
-    }
-    run(&threads[0]);
-    for (uint32_t i = 1; i < started; i++) pthread_join(threads[i].id, NULL);
+    while (started < n && !pthread_create(&thread[started], NULL, run, &p)) started++;
+    run(&p);
+    for (uint32_t i = 1; i < started; i++) pthread_join(thread[i], NULL);
     pthread_cond_destroy(&p.turn);
     pthread_mutex_destroy(&p.lock);
     if (p.status == SLT_OK) p.status = pool_stop_reason(o); /* the last tile may have been cut short */

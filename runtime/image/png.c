@@ -11,6 +11,7 @@
 #include <string.h>
 
 enum { CHUNK_LIMIT = 8 << 20, CHUNK_CACHE = 64, SIGNATURE = 8, CHUNK_FRAME = 12 /* length, name, checksum */ };
+#define NOT_YET (-1.0f)
 
 typedef struct Png {
     png_structp png;
@@ -19,7 +20,7 @@ typedef struct Png {
     const uint8_t *bytes; /* reading */
     size_t size, at;
     uint8_t *row;  /* reading: of the file's samples, 8 or 16 bits in host order */
-    float *linear; /* reading: of each level */
+    float *linear; /* reading: of each level, or NOT_YET */
     int width, height, channels, bits;
     double gamma; /* of the file's chunk gAMA; 0: the curve of sRGB */
     Bytes *out;   /* writing */
@@ -70,18 +71,21 @@ static const char *check_chunks(const uint8_t *bytes, size_t size) {
     return "the file ends too early";
 }
 
-/* The curve of the file, level by level. */
+/* The curve of the file, level by level: a level is computed when the first sample has it, as most files have fewer
+ * samples than 16 bits have levels. */
 static void read_curve(Png *p, bool raw) {
     int levels = p->bits == 16 ? 65536 : 256;
     p->linear = malloc((size_t)levels * sizeof *p->linear);
-    if (!p->linear) return;
+    for (int i = 0; p->linear && i < levels; i++) p->linear[i] = raw ? (float)i / (float)(levels - 1) : NOT_YET;
+}
+
+static float level(const Png *p, unsigned q) {
+    if (p->linear[q] != NOT_YET) return p->linear[q];
+    float v = (float)q / (p->bits == 16 ? 65535 : 255);
     /* 1 / 2.2, as most writers round it, is meant as sRGB's: the standard says to prefer that curve where both are
      * given */
     bool is_srgb = p->gamma == 0 || fabs(p->gamma - 1 / 2.2) < 1e-3;
-    for (int i = 0; i < levels; i++) {
-        float v = (float)i / (float)(levels - 1);
-        p->linear[i] = raw ? v : is_srgb ? image_decode_srgb(v) : (float)pow(v, 1 / p->gamma);
-    }
+    return p->linear[q] = is_srgb ? image_decode_srgb(v) : (float)pow(v, 1 / p->gamma);
 }
 
 /* Every `step`th pixel of the row, from `first` on. */
@@ -93,7 +97,7 @@ static void row_to_floats(const Png *p, int first, int step, float *to) {
         for (int c = 0; c < p->channels; c++) {
             size_t i = x * (size_t)p->channels + (size_t)c;
             unsigned q = p->bits == 16 ? wide[i] : p->row[i];
-            to[i] = has_alpha && c == p->channels - 1 ? (float)q / top : p->linear[q];
+            to[i] = has_alpha && c == p->channels - 1 ? (float)q / top : level(p, q);
         }
 }
 

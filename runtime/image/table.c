@@ -1,13 +1,11 @@
 /* Tables of numbers, for parameters that come from files. */
-#ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* strtod_l, newlocale */
-#endif
 #include "internal.h"
 
 #include <ctype.h>
-#include <locale.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "runtime/base/decimal.h"
 
 void table_free(Table *t) {
     if (t) {
@@ -27,17 +25,17 @@ typedef struct Line {
 } Line;
 
 /* Reads one line's fields. Blanks separate; between two commas there must be a number. */
-static Line read_line(const char *p, const char *end, locale_t plain, Bytes *numbers) {
+static Line read_line(const char *p, const char *end, Bytes *numbers) {
     Line line = {0};
     for (;;) {
         while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) p++;
         if (p >= end || *p == '#') break;
         line.any = true;
         size_t column = line.numbers + 1;
-        char *after = NULL;
+        const char *after = NULL;
         double v = 0;
         bool hex = p + 1 < end && p[0] == '0' && (p[1] == 'x' || p[1] == 'X');
-        if (*p != ',' && *p != ';' && !hex) v = strtod_l(p, &after, plain);
+        if (*p != ',' && *p != ';' && !hex) v = decimal_read(p, &after);
         if (!after || after == p || after > end || (after < end && !is_separator(*after) && *after != '#')) {
             size_t n = 0;
             const char *q = p;
@@ -57,13 +55,13 @@ static Line read_line(const char *p, const char *end, locale_t plain, Bytes *num
 }
 
 /* True when no field of the line is a number: a line of column names. */
-static bool is_header(const char *p, const char *end, locale_t plain) {
+static bool is_header(const char *p, const char *end) {
     bool any = false;
     while (p < end) {
         while (p < end && (is_separator(*p) || *p == '"')) p++;
         if (p >= end) break;
-        char *after;
-        strtod_l(p, &after, plain);
+        const char *after;
+        decimal_read(p, &after);
         if (after > p && after <= end && (after == end || is_separator(*after) || *after == '"')) return false;
         any = true;
         while (p < end && !is_separator(*p)) p++;
@@ -72,7 +70,7 @@ static bool is_header(const char *p, const char *end, locale_t plain) {
 }
 
 /* `text` is NUL-terminated at text[size]. */
-static SltStatus parse_csv(const char *name, const char *text, size_t size, locale_t plain, Table *out, SltError *err) {
+static SltStatus parse_csv(const char *name, const char *text, size_t size, Table *out, SltError *err) {
     const char *p = text, *end = text + size;
     Bytes numbers = {0};
     size_t rows = 0, cols = 0, line_number = 0;
@@ -84,8 +82,8 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
         const char *stop = memchr(p, '\n', (size_t)(end - p));
         stop = stop ? stop : end;
         line_number++;
-        Line line = read_line(p, stop, plain, &numbers);
-        if (line.words && first && line.numbers == 0 && is_header(p, stop, plain)) {
+        Line line = read_line(p, stop, &numbers);
+        if (line.words && first && line.numbers == 0 && is_header(p, stop)) {
             first = false;
         } else if (line.words) {
             status = status_fail(err, SLT_INPUT, "cannot read '%s': line %zu, column %zu: '%s' is not a number", name,
@@ -116,17 +114,11 @@ static SltStatus parse_csv(const char *name, const char *text, size_t size, loca
 
 SltStatus table_decode_csv(const char *name, const void *bytes, size_t size, Table *out, SltError *err) {
     *out = (Table){0};
-    char *text = malloc(size + 1); /* strtod needs an end */
-    locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-    if (!text || !plain) {
-        free(text);
-        if (plain) freelocale(plain);
-        return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
-    }
+    char *text = malloc(size + 1); /* numbers need an end */
+    if (!text) return status_fail(err, SLT_LIMIT, "cannot read '%s': out of memory", name);
     if (size) memcpy(text, bytes, size);
     text[size] = 0;
-    SltStatus status = parse_csv(name, text, size, plain, out, err);
-    freelocale(plain);
+    SltStatus status = parse_csv(name, text, size, out, err);
     free(text);
     return status;
 }

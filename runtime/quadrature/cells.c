@@ -58,7 +58,7 @@ void cells_free(Cells *c) {
     free(c->stack), free(c->cell), free(c->piece), free(c->column), free(c->root), free(c->probe), free(c->ask);
     free(c->active), free(c->order), free(c->stretch), free(c->cut), free(c->rim), free(c->first_column);
     free(c->straight), free(c->spot), free(c->smooth), free(c->sides), free(c->trial), free(c->tie);
-    untie_free(c->untie), apart_free(c->apart), free(c->gap), free(c->face);
+    untie_free(c->untie), apart_free(c->apart), finer_free(&c->finer), free(c->gap), free(c->face);
     for (int r = 0; r < CELL_RULES; r++) free(c->crossing[r]);
     for (int r = 0; r < CELL_POINTS; r++) free(c->point[r]);
     lists_free(&c->lists);
@@ -212,14 +212,15 @@ bool cells_spent(Cells *c) {
     return c->counts->spent;
 }
 
-#define LONELY 0x1p-12 /* how much smaller cells around points may be */
+#define LONELY 0x1p-12 /* how much smaller cells around points may be, */
+#define BESIDE 0x1p-3  /* and those of which only the volume is wanted, where f is constant in it: all that they hide is of the value */
 
 /* May it be cut further? */
 bool cells_may_divide(Cells *c, const Cell *cell) {
     bool room = false;
     for (uint32_t d = 0; d < c->dim; d++) room |= cell->box.hi[d] > cells_next(c, cell->box.lo[d], HUGE_VAL);
     /* Around points little is left, and each level costs the same; along curves each costs twice the one before. */
-    double least = c->o->least * (cell->lonely ? LONELY : 1);
+    double least = c->o->least * (cell->lonely ? LONELY : cell->curves_done && c->o->flat && c->dim < 3 ? BESIDE : 1);
     return room && !cells_spent(c) && side(c, &cell->box) > least;
 }
 
@@ -539,8 +540,9 @@ bool cells_run(Cells *c, const Box *tile, const CellOptions *o, const CellSink *
     }
     if (!CELLS_ROOM(c, stack, 1)) return false;
     const SltCullList *given = c->b->args.cull;
-    Node root = {.box = *tile, .lists = lists_begin(&c->lists, c->b)};
+    Node root = {.box = *tile, .lists = lists_begin(&c->lists, c->b), .curves_done = o->curves_done};
     root.whole = !is_coarse(c, &root);
+    if (!cells_prune_root(c, &root)) return false;
     c->stack[c->nstack++] = root;
     /* Many nodes at once keep vectors full. With lists it is one: they are good for it alone. */
     const uint32_t parts = c->rays ? 1u << c->dim : c->dim < 3 ? 20 : 72;

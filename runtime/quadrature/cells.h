@@ -14,6 +14,11 @@
 #include "runtime/base/threads.h"
 #include "runtime/sample/finder.h"
 
+/* fmax and fmin are calls, which count in loops over points, and over parameters where these are many. Of a NaN and a
+ * number: the second. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
 /* A box of the domain: all points of the program's precision with lo <= x <= hi. Its measure goes up to `end`. In
  * general that is hi, and neighbours share the points of their face: of a jump between two adjacent floats both then
  * lie in one of the boxes, even where the shape ends exactly on the face. Only where a box was cut at a seam, on whose
@@ -75,6 +80,7 @@ typedef struct CellOptions {
     double seen;      /* |f| is known to be that large somewhere in the domain: 0 where that is not known */
     double slack; /* of roots beside which f is not asked, in parts of the lines that they lie on; 0: the last floats */
     double least; /* side of the least cell, in parts of the domain */
+    bool curves_done;        /* of this tile curves were handed over before: the volume alone is wanted */
     const PoolOptions *pool; /* cutting ends where the pool must stop, whatever is left; NULL: never */
     bool trial;              /* only what cells cost is asked: no peaks are hunted */
     uint64_t budget;         /* evaluations that this tile may spend, those of the sink included; 0: no limit */

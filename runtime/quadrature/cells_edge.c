@@ -378,7 +378,7 @@ static bool spare_straight(Cells *c, Cell *cell, uint32_t n) {
     return true;
 }
 
-void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events) {
     Batch *b = c->b;
     for (uint32_t i = 0; i < n; i++) put_box(c, i, cell[i].box.lo, cell[i].box.hi);
     cells_call_bounds(c, n);
@@ -397,14 +397,17 @@ void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n) {
         }
         /* Pairs of curves cost more than smaller cells, but around points where many meet. */
         bool few = !cell[i].lonely && !seam && !levels && c->dim == 2;
-        uint32_t most = few ? CELL_FEW_EVENTS : CELL_EVENTS;
+        uint32_t most = few ? few_events : CELL_EVENTS;
         cell[i].refine = cell[i].nopen > most || (cell[i].state & SLT_BOX_UNKNOWN && !seam) || ray;
     }
 }
 
-void cells_bound_range(Cells *c, Cell *cell) { cells_bound_boxes(c, cell, 1); }
+void cells_bound_range(Cells *c, Cell *cell) { cells_bound_boxes(c, cell, 1, CELL_FEW_EVENTS); }
 
-void cells_bound_halves(Cells *c) { cells_bound_boxes(c, c->cell, c->nhalves); }
+void cells_bound_halves(Cells *c) {
+    bool gives = c->s->layout[SLT_K_EDGE].reads >> SLT_IN_GIVEN0 & 1;
+    cells_bound_boxes(c, c->cell, c->nhalves, gives ? CELL_FEW_GIVEN : CELL_FEW_EVENTS);
+}
 
 bool cells_bound_small(Cells *c) {
     Cell *small = c->cell + c->nhalves;
@@ -412,7 +415,7 @@ bool cells_bound_small(Cells *c) {
     uint64_t wanted = 0;
     if (!n) return true;
     if (!lists_note(&c->lists, c->b)) return false;
-    cells_bound_boxes(c, small, n);
+    cells_bound_boxes(c, small, n, CELL_FEW_EVENTS);
     for (uint32_t i = 0; i < n && c->lists.any; i++) wanted |= (uint64_t)(small[i].state || small[i].nopen) << i;
     return cells_keep_chunks(c, n, UINT64_MAX) && lists_split(&c->lists, c->b, n, wanted);
 }

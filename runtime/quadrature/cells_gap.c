@@ -74,7 +74,7 @@ static bool bound_faces(Cells *c, const Gap *g, uint32_t n) {
         double at = i & 1 ? of->box.hi[of->axis] : of->box.lo[of->axis];
         face->box.lo[of->axis] = face->box.hi[of->axis] = face->box.end[of->axis] = at;
     }
-    cells_bound_boxes(c, c->face, 2 * n);
+    cells_bound_boxes(c, c->face, 2 * n, CELL_FEW_EVENTS);
     return cells_close(c, c->face, 2 * n);
 }
 

@@ -36,15 +36,12 @@
 #include "runtime/sample/prune.h"
 #include "runtime/sample/untie.h"
 
-/* fmax and fmin are calls, which count in loops over points. Of a NaN and a number: the second. */
-static inline double larger(double a, double b) { return a > b ? a : b; }
-static inline double smaller(double a, double b) { return a < b ? a : b; }
-
 enum {
     CELL_BOXES = 240, /* in hand at once: of a node its halves along all axes, and theirs, 4 + 16 or 8 + 64 */
     CELL_EVENTS = SLT_MAX_OPEN,
     CELL_EDGES = 2 * CELL_EVENTS, /* of a cell: an event may have several */
-    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D */
+    CELL_FEW_EVENTS = 4,          /* of a cell that is not yet small, in 2D, */
+    CELL_FEW_GIVEN = 3,           /* and of halves, where each may have an edge for every way in which others decide */
     CELL_GIVEN = 8, /* events that are given: SLT_GIVEN by the kernels, the others choices of a straight-line program */
     CELL_CHOICES = 3,  /* of these most that are open in a cell */
     CELL_CLIMBING = 2, /* places on a climb of f, from a quarter of its height to three, by which it is seen */
@@ -96,7 +93,8 @@ typedef struct CellEdge {
     Plane plane;              /* and this no farther than twice */
     uint32_t state;           /* SLT_EDGE_* */
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
-    bool same;                /* a choice between two that are the same in the middle of the cell, to rounding */
+    bool same;                /* a choice between two that are the same in the middle of the cell, to rounding, */
+    int8_t sense;             /* the sign of their difference all the same, where it is one; else 0 */
     int8_t rises[3];          /* sign of d_axis g, where it has one; else 0 */
     int8_t axis;              /* height axis */
     /* By face across it, by end of the base. sure: of a face that the signs of g all over it are those in its corners,
@@ -202,6 +200,7 @@ typedef struct Root {
     const CellEdge *of;
     double x[3];       /* where; of x[axis] only a guess until it is solved */
     double ends_at[2]; /* of the line */
+    double guess;      /* of x[axis], with which it began */
     double lo, hi;     /* the bracket: ends of the line, and later places where g was taken */
     int8_t axis, rises;
     bool ends[2];          /* g was taken at lo, at hi */
@@ -342,6 +341,7 @@ struct Cells {
     uint32_t ngap, gap_cap;
     Cell *face;   /* likewise */
     Apart *apart; /* cells_tied.c: made when first needed */
+    Finer finer;  /* kink.c: likewise */
     Untie *untie;
     struct Trial *trial; /* cells_given.c */
     uint32_t ntrial, trial_cap;
@@ -412,8 +412,9 @@ Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[
  * lists of iterations. */
 void cells_bound_halves(Cells *c);
 bool cells_bound_small(Cells *c);
-void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n); /* of others; `lonely` is the caller's */
-void cells_bound_range(Cells *c, Cell *cell);             /* of one: what f may be there */
+/* Of others; `lonely` is the caller's. few_events: most that may be open, but for what CELL_FEW_EVENTS says. */
+void cells_bound_boxes(Cells *c, Cell *cell, uint32_t n, uint32_t few_events);
+void cells_bound_range(Cells *c, Cell *cell); /* of one: what f may be there */
 /* Bounds of the open events of those that are not done and need not be refined: closes what the mean-value form proves
  * closed. */
 bool cells_close(Cells *c, Cell *cell, uint32_t n);
@@ -435,6 +436,8 @@ void cells_enter_chunks(Cells *c, Node *node); /* and frees what it kept; NULL: 
 void cells_call_bounds(Cells *c, uint32_t n);
 /* Behind it: the choices that are open in box i, ahead of the events that are. */
 void cells_add_choices(Cells *c, Cell *cell, uint32_t i);
+/* Of a tile, before anything is asked of one of its curves: tiles may be small, and the whole program is slow. */
+bool cells_prune_root(Cells *c, Node *root);
 /* Keeps what runs in boxes that may become nodes. False when memory runs out. */
 bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted);
 int32_t *cells_take_chunks(Cells *c, int box); /* of a box that becomes a node, -1: of the node in hand; to be freed */

@@ -253,7 +253,12 @@ bool cells_find_kinks(Cells *c) {
         }
         kink_find(c->b, c->apart, at, slack, bent, most, pair);
         for (uint32_t i = 0; i < most; i++) {
+            const Root *r = &c->root[c->active[from + i]];
+            bool memory = true;
             if (pair[i] == KINK_NONE) continue;
+            double noise = 4 * r->of->error;
+            if (kink_is_beside(c->b, c->apart, &c->finer, &x[i], pair[i], noise, &memory)) continue;
+            if (!memory) return false;
             of[kinks] = bend_of(&c->root[c->active[from + i]]);
             for (uint32_t way = 0; way < 2; way++) add_part(c, &of[kinks], 2 * pair[i] + way, x[i].jump);
             if (!is_hidden(c, of[kinks].root, &of[kinks].tie.hidden)) return false;

@@ -76,6 +76,18 @@ bool cells_keep_chunks(Cells *c, uint32_t n, uint64_t wanted) {
     return true;
 }
 
+bool cells_prune_root(Cells *c, Node *root) {
+    if (!c->prunes) return true;
+    Cell *cell = &c->cell[0];
+    memset(cell, 0, sizeof *cell);
+    cell->box = root->box;
+    cells_enter_chunks(c, NULL);
+    cells_bound_range(c, cell);
+    if (!cells_keep_chunks(c, 1, 1)) return false;
+    root->runs = cells_take_chunks(c, 0);
+    return root->runs != NULL;
+}
+
 int32_t *cells_take_chunks(Cells *c, int box) {
     if (!c->prunes) return NULL;
     if (box < 0 || !c->runs[box]) return prune_keep(&c->pruner, CELL_PRUNED);

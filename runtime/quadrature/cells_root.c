@@ -33,7 +33,7 @@ Root *cells_root(Cells *c, const Cell *cell, const CellEdge *e, int axis, const 
     r->of = e, r->axis = (int8_t)axis, r->rises = e->rises[axis];
     memcpy(r->x, x, sizeof r->x);
     r->lo = r->ends_at[0] = cell->box.lo[axis], r->hi = r->ends_at[1] = cell->box.hi[axis];
-    r->x[axis] = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
+    r->x[axis] = r->guess = cells_round(c, guess > r->lo && guess < r->hi ? guess : 0.5 * (r->lo + r->hi));
     r->turns = 0;
     r->slack = c->b->f64 && !(e->state & SLT_EDGE_BENDS) ? 0 : -1; /* a slope that jumps is no cubic's */
     r->step = HUGE_VAL, r->before[0] = r->before[1] = r->dg_before[axis] = NAN;

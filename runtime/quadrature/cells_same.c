@@ -67,7 +67,12 @@ static bool ask_places(Cells *c, Cell *cell, uint32_t n) {
         for (uint32_t e = 0; e < cell[i].nedges; e++) {
             CellEdge *edge = &cell[i].edge[e];
             if (!is_asked(c, &cell[i], edge)) continue;
-            for (uint32_t k = 0; k < corners; k++, p++) edge->same &= fabs(p->g) <= 2 * edge->error;
+            uint32_t below = 0, above = 0;
+            for (uint32_t k = 0; k < corners; k++, p++) {
+                edge->same &= fabs(p->g) <= 2 * edge->error;
+                below += p->g < 0, above += p->g > 0;
+            }
+            edge->sense = below == corners ? -1 : above == corners ? 1 : 0;
         }
     return true;
 }
@@ -77,7 +82,7 @@ static void close_same(const Cells *c, Cell *cell) {
     for (uint32_t e = 0; e < cell->nedges; e++) {
         const CellEdge *edge = &cell->edge[e];
         if (edge->same) { /* its two sides differ by nothing but rounding: either will do */
-            cell->sign[edge->before] = 1, cell->same |= 1ull << edge->before;
+            cell->sign[edge->before] = edge->sense < 0 ? -1 : 1, cell->same |= 1ull << edge->before;
             continue;
         }
         open += (uint32_t)edge->event.site >= c->s->nedges;

@@ -112,12 +112,12 @@ bool cells_hides_peak(Cells *c, const Smooth *s, const Spot *first, const Spot *
     return true;
 }
 
-/* The section of a box for a step in it. */
+/* The section of a box for a step in it; 0 of a box between two curves that meet in one float. */
 static double section_of(const Cells *c, const Smooth *s, double *side) {
     double measure = 1;
     *side = HUGE_VAL;
     for (uint32_t d = 0; d < c->dim; d++) measure *= s->end[d] - s->lo[d], *side = smaller(*side, s->end[d] - s->lo[d]);
-    return measure / *side;
+    return *side > 0 ? measure / *side : 0;
 }
 
 void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot *end, bool agree) {
@@ -135,7 +135,7 @@ void cells_state_hidden(Cells *c, const Smooth *s, const Spot *first, const Spot
 
 void cells_state_rounding(Cells *c, const Smooth *s, const Spot *first, const Spot *end) {
     double side, section = section_of(c, s, &side), far = 0;
-    if (c->b->f64) return;
+    if (c->b->f64 || !(section > 0)) return;
     for (uint32_t d = 0; d < c->dim; d++) far = larger(far, larger(fabs(s->lo[d]), fabs(s->end[d])));
     double part = OFTEN * 0x1p-24 * far / side;
     for (uint32_t ch = 0; ch < c->s->channels; ch++) {

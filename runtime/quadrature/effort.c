@@ -16,6 +16,9 @@ enum {
 };
 #define FALLS 0.7       /* if its error is less than so much of that of the one before, */
 #define FIRST_LEFT 0.25 /* or what the first one leaves over is less than this share of the domain */
+/* A formula of thousands of operations has curves of thousands of pieces, whose errors add up. Points along them are
+ * cheap beside finding them: rules are finer from the beginning, and the first sweep may do. */
+#define MANY_PIECES 0x1p-5
 #define USUAL_GOAL 1e-7    /* where no error is asked for: */
 #define FIRST_GOAL 1e-2    /* a sweep that is surely paid for comes first, and finer ones while evaluations last */
 /* Pieces cost no less where more is allowed than this; a sweep that just misses what is wanted is paid for twice. */
@@ -62,10 +65,12 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
     double goal = j->error > 0 ? j->error : e->wanted || j->gauss ? USUAL_GOAL : FIRST_GOAL;
     goal = clamp(goal, e->f64 ? 1e-13 : 1e-7, 1e-2);
     e->fixed = j->gauss > 0;
-    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(ceil(-0.5 * log10(goal)) + 2, 2, SLT_GAUSS_MAX);
+    double points = ceil(-0.5 * log10(goal)) + (r->s->chunked && e->wanted ? 3 : 2);
+    e->gauss = j->gauss ? j->gauss : (uint32_t)clamp(points, 2, SLT_GAUSS_MAX);
     double usual = fmin(outlook.side, pow(least_cells[r->s->dim - 1], -1.0 / r->s->dim)); /* side of a cell */
     /* Components are as large as shapes are: a few cells wide. */
     e->tolerance = fmin(3e-2, 10 * usual) * (e->wanted ? fmin(goal, LOOSEST) : goal);
+    if (r->s->chunked && e->wanted) e->tolerance *= MANY_PIECES;
     e->least = clamp(8 * goal, fmax(least_of(e), 0x1p-24), LEAST_CELLS * usual);
     e->given = j->max_evaluations > 0;
     double unproven = outlook.unproven, cells = fmax(outlook.cells, least_cells[r->s->dim - 1]);
@@ -73,6 +78,7 @@ void effort_begin(Effort *e, const Run *r, double lattice, Outlook outlook) {
                : e->wanted        ? (uint64_t)fmax(UNASKED, CELL_COST * cells)
                                   : (uint64_t)lattice;
     e->stage = e->wanted && !e->given ? (uint64_t)fmax(FIRST_STAGE, CELL_COST * cells) : e->limit;
+    if (r->s->chunked && e->stage < e->limit) e->stage = (uint64_t)fmin((double)e->limit, STAGE * (double)e->stage);
     while (!e->fixed && e->gauss > 2 && cost_of(e->gauss, r->s->dim, cells) > 0.5 * (double)e->limit) e->gauss--;
     /* Where nothing can be proven, cells go down to the least size in vain. */
     double paid = fmax(LEFT_SHARE, unproven) * (double)e->limit / LEFT_COST; /* cells that can be left, */
@@ -143,6 +149,24 @@ static bool next_stage(Effort *e, const Sweep *p, uint64_t used) {
     return falls && used < e->limit;
 }
 
+/* Rules that are better by what they are too far apart. False: there are none. */
+static bool make_finer(Effort *e, double rules, double goal) {
+    e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
+    /* How a curve bends does not tell how what is integrated along it varies. */
+    e->few += e->stalls ? e->gauss : 2;
+    if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;
+    else if (e->parts < PARTS_MAX) e->parts *= 2;
+    else return false;
+    return true;
+}
+
+/* By how much the next sweep will cost more if its rules have two more points. Where f is constant between curves these
+ * are along curves alone, few beside what finding them costs; in a solid planes are more. */
+static double dearer(const Effort *e, const SltScene *s) {
+    uint32_t axes = !s->flat ? s->dim : s->dim > 2 ? 1 : 0;
+    return e->fixed ? 1 : pow(1 + 2.0 / e->gauss, axes);
+}
+
 bool effort_more(Effort *e, const Sweep *p, double rules, double left, double scale, uint64_t used, uint64_t cost,
                  SltStop *stop) {
     double goal = goal_of(e, scale);
@@ -159,9 +183,10 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
     bool rougher = left > 0.25 * goal, finer = rules > 0.25 * goal; /* what there is too much of */
     if (p->counts.spent && e->stage < e->limit) {
         if (e->wanted || e->given) *stop = SLT_STOP_EVALUATIONS;
+        if (finer) make_finer(e, rules, goal);
         return next_stage(e, p, used);
     }
-    double next = (double)cost * (e->fixed || !finer ? 1 : pow(1 + 2.0 / e->gauss, p->run->s->dim));
+    double next = (double)cost * (finer ? dearer(e, p->run->s) : 1);
     bool spent = p->counts.spent && !p->cells_budget;
     *stop = spent || (double)used + next > (double)e->limit ? SLT_STOP_EVALUATIONS : SLT_STOP_ROUNDING;
     if (e->stalls >= 2 && left > rules) *stop = SLT_STOP_EVALUATIONS; /* no number of them seems to be enough */
@@ -176,14 +201,6 @@ bool effort_more(Effort *e, const Sweep *p, double rules, double left, double sc
         e->least = fmax(e->least / (e->marches ? 4 : shrink(p, cost)), least_of(e)),
         e->deeper = fmin(4 * e->deeper, DEEPEST);
     }
-    if (finer) {
-        changed = true;
-        e->tolerance = fmax(e->tolerance * clamp(0.1 * goal / rules, 1e-4, 0.1), e->f64 ? 1e-17 : 1e-9);
-        /* How a curve bends does not tell how what is integrated along it varies. */
-        e->few += e->stalls ? e->gauss : 2;
-        if (!e->fixed && e->gauss < SLT_GAUSS_MAX) e->gauss += e->gauss + 2 > SLT_GAUSS_MAX ? 1 : 2;
-        else if (e->parts < PARTS_MAX) e->parts *= 2;
-        else changed = false;
-    }
+    if (finer) changed = make_finer(e, rules, goal);
     return changed;
 }

@@ -11,14 +11,22 @@ enum {
     PLACES = 3 /* where g is asked in a cell: in its middle and off it on two sides, as it may be NaN in a part */
 };
 
+#define ALIKE 0.9 /* cosine between slopes of one piece */
+
+/* What a place tells of an event's g. */
+typedef struct Place {
+    double x[3], dg[3];
+    double range; /* by how much g changes across the cell; 0: it does not tell */
+} Place;
+
 typedef struct Hidden {
     uint32_t n;
     LeftCell of[LEFT_CHUNK];   /* those that are asked */
     uint8_t index[LEFT_CHUNK]; /* of them in the chunk */
     Crossing crossing[LEFT_CHUNK * SLT_MAX_OPEN];
     uint8_t cell[LEFT_CHUNK * SLT_MAX_OPEN];
-    double range[LEFT_CHUNK * SLT_MAX_OPEN]; /* by how much g changes across the cell, the least that a place tells; 0:
-                                                none does */
+    Place place[PLACES][LEFT_CHUNK * SLT_MAX_OPEN];
+    Crossing out[PLACES * LEFT_CHUNK * SLT_MAX_OPEN];
     double jump[LEFT_CHUNK][SLT_MAX_CHANNELS];
     double part[LEFT_CHUNK]; /* of a whole curve, that is not among what lines have found */
 } Hidden;
@@ -46,7 +54,8 @@ static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
         Crossing *c = &h->crossing[h->n];
         *c = (Crossing){.event = {.site = edge, .boundary = first + floor(0.5 * count)}, .base = count, .axis = -1};
         for (uint32_t k = 0; k < depth; k++) c->event.k[k] = batch_get_int(b, SLT_OUT_OPEN_K, e * depth + k, i);
-        h->range[h->n] = 0, h->cell[h->n++] = (uint8_t)i;
+        for (int place = 0; place < PLACES; place++) h->place[place][h->n].range = 0;
+        h->cell[h->n++] = (uint8_t)i;
     }
     return open >= 0 && n >= (uint32_t)open;
 }
@@ -79,9 +88,42 @@ static void find_jumps(SweepWorker *v, const LeftCell *l, uint32_t n, Hidden *h)
     }
 }
 
+static const double at[PLACES] = {0.5, 0.9, 0.1};
+
+/* A gap between two floats hides a jump across it, and nothing else: curves that cross it have no length in it. At how
+ * many places is f not the same on its two sides, and which piece of g lies along it there, with the steepest slope? */
+static void find_gap(SweepWorker *v, const Box *box, int axis, Hidden *h, uint32_t i) {
+    Batch *b = &v->w->batch;
+    Crossing *c = &h->crossing[i];
+    double x[2 * PLACES][3] = {{0}}, steepest = 0;
+    uint32_t differ = 0;
+    bool jumps[PLACES];
+    for (int k = 0; k < 2 * PLACES; k++) {
+        for (uint32_t d = 0; d < b->s->dim; d++) x[k][d] = middle(box, d, at[k / 2]);
+        x[k][axis] = k & 1 ? box->hi[axis] : box->lo[axis];
+    }
+    for (uint32_t k = 0; k < 2 * PLACES; k++) batch_set_x(b, k, x[k]);
+    batch_call(b, SLT_K_REGION, 2 * PLACES);
+    for (uint32_t k = 0; k < PLACES; k++) {
+        int32_t lo = batch_get_int(b, SLT_OUT_HASH, 0, 2 * k), hi = batch_get_int(b, SLT_OUT_HASH, 0, 2 * k + 1);
+        jumps[k] = lo != hi, differ += jumps[k];
+    }
+    b->args.site = c->event.site;
+    for (uint32_t k = 0; k < 2 * PLACES; k++) batch_set_x(b, k, x[k]), batch_set_event(b, k, &c->event);
+    batch_call(b, SLT_K_SITE_GRAD, 2 * PLACES);
+    for (uint32_t k = 0; k < 2 * PLACES; k++) {
+        double up = fabs(batch_get(b, SLT_OUT_G_DX, (uint32_t)axis, k));
+        if (!jumps[k / 2] || !isfinite(up) || !(up > steepest)) continue;
+        steepest = up;
+        memcpy(h->place[0][i].x, x[k], sizeof x[k]);
+    }
+    for (int place = 0; place < PLACES; place++) h->place[place][i].range = 0;
+    h->place[0][i].range = steepest * (box->end[axis] - box->lo[axis]);
+    c->base *= (double)differ / PLACES;
+}
+
 /* The places of each event's cell: there g changes by its slope times the sides, and by enough to come to 0. */
 static void find_ranges(SweepWorker *v, const LeftCell *l, Hidden *h) {
-    static const double at[PLACES] = {0.5, 0.9, 0.1};
     Batch *b = &v->w->batch;
     uint32_t lane[LEFT_CHUNK * SLT_MAX_OPEN];
     for (uint32_t site = 0; site < b->s->nsites; site++) {
@@ -93,38 +135,54 @@ static void find_ranges(SweepWorker *v, const LeftCell *l, Hidden *h) {
             for (int place = 0; place < PLACES; place++) {
                 uint32_t m = n - from < BATCH ? n - from : BATCH;
                 for (uint32_t i = 0; i < m; i++) {
-                    Crossing *c = &h->crossing[lane[from + i]];
+                    const Crossing *c = &h->crossing[lane[from + i]];
                     const Box *box = &l[h->cell[lane[from + i]]].box;
-                    for (uint32_t d = 0; d < b->s->dim; d++) c->dg[d] = middle(box, d, at[place]);
-                    batch_set_x(b, i, c->dg);
+                    Place *p = &h->place[place][lane[from + i]];
+                    for (uint32_t d = 0; d < 3; d++) p->x[d] = d < b->s->dim ? middle(box, d, at[place]) : 0;
+                    batch_set_x(b, i, p->x);
                     batch_set_event(b, i, &c->event);
                 }
                 batch_call(b, SLT_K_SITE_GRAD, m);
                 for (uint32_t i = 0; i < m; i++) {
-                    uint32_t k = lane[from + i];
-                    const Box *box = &l[h->cell[k]].box;
+                    Place *p = &h->place[place][lane[from + i]];
+                    const Box *box = &l[h->cell[lane[from + i]]].box;
                     double range = 0, g = fabs(batch_get(b, SLT_OUT_G, 0, i));
-                    for (uint32_t d = 0; d < b->s->dim; d++)
-                        range += fabs(batch_get(b, SLT_OUT_G_DX, d, i)) * (box->end[d] - box->lo[d]);
-                    bool told = isfinite(range) && isfinite(g);
-                    range = fmax(range, 2 * g);
-                    if (!told || !(range > 0) || (h->range[k] > 0 && h->range[k] <= range)) continue;
-                    h->range[k] = range;
-                    memcpy(h->crossing[k].x, h->crossing[k].dg, sizeof h->crossing[k].x);
+                    for (uint32_t d = 0; d < b->s->dim; d++) {
+                        p->dg[d] = batch_get(b, SLT_OUT_G_DX, d, i);
+                        range += fabs(p->dg[d]) * (box->end[d] - box->lo[d]);
+                    }
+                    p->range = isfinite(range) && isfinite(g) ? fmax(range, 2 * g) : 0;
                 }
             }
     }
 }
 
+/* Bit by place: the one that tells the least range, and those where g has another slope: another piece of it, which
+ * other parameters move. */
+static uint32_t pieces(const Hidden *h, uint32_t i, uint32_t dim) {
+    int least = -1;
+    uint32_t set = 0;
+    for (int k = 0; k < PLACES; k++)
+        if (h->place[k][i].range > 0 && (least < 0 || h->place[k][i].range < h->place[least][i].range)) least = k;
+    for (int k = 0; k < PLACES && least >= 0; k++) {
+        const Place *p = &h->place[k][i], *q = &h->place[least][i];
+        double pp = 0, qq = 0, pq = 0;
+        for (uint32_t d = 0; d < dim; d++)
+            pp += p->dg[d] * p->dg[d], qq += q->dg[d] * q->dg[d], pq += p->dg[d] * q->dg[d];
+        if (p->range > 0 && (k == least || pq < ALIKE * sqrt(pp * qq))) set |= 1u << k;
+    }
+    return set;
+}
+
 /* Of a curve g = 0 through a box whose place is not known: the mean over the values of g of the integral of
  * delta(g). False: nothing is known of g. */
-static bool weigh(const SweepWorker *v, const Hidden *h, uint32_t i, const Box *box, Crossing *c) {
+static bool weigh(const SweepWorker *v, const Hidden *h, uint32_t i, const Place *p, const Box *box, Crossing *c) {
     double volume = 1, most = 0;
     uint32_t cell = h->cell[i];
-    if (!(h->range[i] > 0)) return false;
-    for (uint32_t d = 0; d < v->w->batch.s->dim; d++) volume *= box->end[d] - box->lo[d];
     *c = h->crossing[i];
-    c->weight = c->base * h->part[cell] * volume / h->range[i];
+    memcpy(c->x, p->x, sizeof c->x);
+    for (uint32_t d = 0; d < v->w->batch.s->dim; d++) volume *= box->end[d] - box->lo[d];
+    c->weight = c->base * h->part[cell] * volume / p->range;
     for (uint32_t k = 0; k < v->w->batch.s->channels; k++) c->jump[k] = h->jump[cell][k], most = fmax(most, c->jump[k]);
     return isfinite(c->weight) && most > 0;
 }
@@ -136,10 +194,10 @@ static void put(SweepWorker *v, Hidden *h, uint32_t n) {
         uint32_t mixed = (i + 1) * 0x9e3779b1u;
         mixed ^= mixed >> 15, mixed *= 0x85ebca6bu, mixed ^= mixed >> 13;
         double chance = (mixed & 1 ? 1 : -1) * (0.6 + 0.8 * (mixed >> 8) * 0x1p-24);
-        h->crossing[i].weight *= chance * left_divisor(v);
+        h->out[i].weight *= chance * left_divisor(v);
     }
     for (uint32_t from = 0; from < n; from += BATCH)
-        sink_put_size(&v->w->sink, h->crossing + from, n - from < BATCH ? n - from : BATCH);
+        sink_put_size(&v->w->sink, h->out + from, n - from < BATCH ? n - from : BATCH);
 }
 
 /* Bounds of the cells that are asked, one lane each; returns how many those are. */
@@ -183,9 +241,17 @@ bool left_hidden(SweepWorker *v, const LeftCell *l, uint32_t n, const bool *seen
     find_jumps(v, h->of, lanes, h);
     find_ranges(v, h->of, h);
     for (uint32_t i = 0; i < h->n; i++) {
-        Crossing c;
-        if (weigh(v, h, i, &h->of[h->cell[i]].box, &c)) h->crossing[kept++] = c;
-        else if (lost[h->index[h->cell[i]]] || p->sampled) v->unnamed = true;
+        int axis = sweep_gap(p, &h->of[h->cell[i]].box);
+        if (axis >= 0) find_gap(v, &h->of[h->cell[i]].box, axis, h, i);
+    }
+    for (uint32_t i = 0; i < h->n; i++) {
+        uint32_t set = pieces(h, i, b->s->dim), before = kept;
+        for (uint32_t k; set; set &= set - 1) {
+            k = (uint32_t)__builtin_ctz(set);
+            kept += weigh(v, h, i, &h->place[k][i], &h->of[h->cell[i]].box, &h->out[kept]);
+        }
+        bool nothing = kept == before && h->crossing[i].base > 0;
+        if (nothing && (lost[h->index[h->cell[i]]] || p->sampled)) v->unnamed = true;
     }
     put(v, h, kept);
     return true;

@@ -90,7 +90,7 @@ static double worst(const Sweep *p, double *scale) {
     double most = *scale = 0;
     for (uint32_t i = 0; i < s->nfloats; i++) {
         if (s->active && !s->active[i]) continue;
-        most = fmax(most, sums_error(&p->sums, 0, i));
+        most = fmax(most, sums_error(&p->sums, i));
         *scale = fmax(*scale, fabs(p->sums.boundary[i] + p->sums.interior[i]));
     }
     return most;
@@ -241,7 +241,7 @@ SltStatus quadrature_reverse(const SltScene *s, const SltJob *j, const float *ad
     for (uint32_t i = 0; i < s->nfloats && st == SLT_OK; i++) {
         bool on = !s->active || s->active[i];
         gradient[i] = on ? p.sums.boundary[i] + p.sums.interior[i] : 0;
-        if (stderr_bound) stderr_bound[i] = on ? sums_error(&p.sums, 0, i) : 0;
+        if (stderr_bound) stderr_bound[i] = on ? sums_error(&p.sums, i) : 0;
     }
     return quadrature_image_end(&r, &p, st, stop, stats);
 }

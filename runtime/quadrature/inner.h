@@ -22,7 +22,8 @@ double quadrature_lattice(const SltScene *s, const SltJob *j, bool boundary, boo
 typedef struct Outlook {
     double seen;     /* |f| is at least that large somewhere */
     double unproven; /* share of the domain where bounds prove nothing even on small boxes; 1: no bounds at all */
-    double cells;    /* how many there will be, about */
+    double cells;    /* how many there will be, about: the mean over places, of which a few tell most */
+    double likely;   /* and as those places have it that lie beside no edge */
     double side;     /* of a usual one (the median over places), in parts of the domain */
 } Outlook;
 Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats);

@@ -258,7 +258,7 @@ static void take(March *m, const Square *q) {
         double length = hypot(j->at[i][0] - x[0], j->at[i][1] - x[1]);
         double other = hypot(j->at[i][0] - y[0], j->at[i][1] - y[1]);
         bool sure = !is_last(m, q->of) || half_tells(m, q, q->met[i].at);
-        put(m, q->of, q->met[i].x, sure, length, 0.25 * (length - other)); /* the distance of two rules, see SURE */
+        put(m, q->of, q->met[i].x, sure, length, 0.25 * (length - other)); /* the distance of two rules, see SUM_SURE */
     }
     if (!is_last(m, q->of)) note_quarters(m, q, j);
 }

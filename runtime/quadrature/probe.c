@@ -11,6 +11,7 @@ enum {
     POINTS = 48,    /* places that are looked at */
     LEVELS = 5,     /* boxes around each; the sides go down by four */
     CELL_COST = 32, /* evaluations that a cell costs, points and ancestors included */
+    CHANCE = 4,     /* so many of the places may lie beside edges by chance: the trial tells what those cost */
     TRIALS = 16,    /* tiles of the trial */
     FEW = 4,        /* where no more of them were too dear, thin things may lie there: */
     WIDER = 64      /* other tiles, of more evaluations */
@@ -77,8 +78,12 @@ Outlook quadrature_outlook(const SltScene *s, const SltJob *j, SltStats *stats) 
             uint32_t l = 0;
             while (l < LEVELS && (state[l][i] & SLT_BOX_UNKNOWN || open[l][i] > SLT_MAX_OPEN)) l++;
             if (l == LEVELS && state[l - 1][i] & SLT_BOX_UNKNOWN) unproven++;
-            o.cells += ldexp(1, 2 * (int)((l + 1) * s->dim)) / POINTS;
             finest[l]++;
+        }
+        for (uint32_t l = 0, rest = POINTS - CHANCE; l <= LEVELS; l++) {
+            uint32_t surely = finest[l] < rest ? finest[l] : rest;
+            double each = ldexp(1, 2 * (int)((l + 1) * s->dim)) / POINTS;
+            o.cells += finest[l] * each, o.likely += surely * each, rest -= surely;
         }
         while ((places += finest[level]) <= POINTS / 2) level++;
         o.side = ldexp(1, -2 * (int)(level + 1));
@@ -116,7 +121,7 @@ SltEstimator quadrature_choose(const SltScene *s, const SltJob *j, SltStats *sta
     if (quadrature_marches(s, j)) return o.unproven <= QUADRATURE_HOPELESS ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
     double lattice = quadrature_lattice(s, j, true, !j->no_interior), pixels = 1;
     for (uint32_t d = 0; d < s->dim; d++) pixels *= j->size[d];
-    bool cheap = j->integral ? o.cells * CELL_COST <= lattice : o.cells <= IMAGE_CELLS * pixels;
+    bool cheap = j->integral ? o.likely * CELL_COST <= lattice : o.cells <= IMAGE_CELLS * pixels;
     if (wants_error(j)) cheap = true; /* the lattice reaches no error that is asked for */
     return o.unproven <= UNPROVEN && cheap ? SLT_EST_QUADRATURE : SLT_EST_LATTICE;
 }

@@ -60,12 +60,19 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
         *rules = fmax(*rules, p->f_error[c]), *left = fmax(*left, 2 * sqrt(p->f_variance[c]) + p->f_hidden[c]);
         *scale = fmax(*scale, fabs(p->f[c]));
     }
-    for (uint64_t i = 0; gradient && i < (uint64_t)m->rows * m->nfloats; i++) {
-        if (s->active && !s->active[i % m->nfloats]) continue;
-        *rules = fmax(*rules, m->error[i]);
-        *left = fmax(*left, sums_error(m, (uint32_t)(i / m->nfloats), (uint32_t)(i % m->nfloats)) - m->error[i]);
-        *scale = fmax(*scale, fmax(fabs(m->boundary[i] + m->interior[i]), CANCELS * m->size[i]));
-    }
+    /* Millions of components, most of them 0: each of these is a comparison, which is false of NaN. */
+    double fine = 0, hidden = 0, largest = 0;
+    for (uint32_t row = 0; gradient && row < m->rows; row++)
+        for (uint32_t q = 0; q < m->nfloats; q++) {
+            size_t at = (size_t)row * m->nfloats + q;
+            if (s->active && !s->active[q]) continue;
+            double error = m->error[at], sum = fabs(m->boundary[at] + m->interior[at]), size = CANCELS * m->size[at];
+            if (error > fine) fine = error;
+            if (m->variance[at] > 0) hidden = fmax(hidden, sums_error(m, at) - error);
+            if (sum > largest) largest = sum;
+            if (size > largest) largest = size;
+        }
+    if (gradient) *rules = fine, *left = hidden, *scale = largest;
 }
 
 static void put(const Sweep *p, SltIntegral *out) {
@@ -82,7 +89,7 @@ static void put(const Sweep *p, SltIntegral *out) {
             bool on = !s->active || s->active[q];
             double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
             if (out->gradient) out->gradient[at] = b + i;
-            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, row, q) : 0;
+            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
             if (out->interior) out->interior[at] = i;
             if (out->boundary) out->boundary[at] = b;
             if (out->missed_estimate) out->missed_estimate[at] = 0;

@@ -7,8 +7,6 @@
 #include "runtime/quadrature/sums.h"
 #include "runtime/sample/alloc.h"
 
-#define SURE 2.0 /* standard errors of lines that are stated: independent cells make them nearly normal */
-
 bool sums_init(Sums *m, const SltScene *s, uint32_t rows) {
     memset(m, 0, sizeof *m);
     m->rows = rows, m->nfloats = s->nfloats;
@@ -27,6 +25,10 @@ void sums_free(Sums *m) {
 }
 
 void sums_clear(Sums *m) {
+    if (!m->begun) { /* they are 0 yet, in pages that none has touched */
+        m->begun = true;
+        return;
+    }
     size_t bytes = (size_t)m->rows * m->nfloats * sizeof(double);
     memset(m->boundary, 0, bytes), memset(m->interior, 0, bytes);
     memset(m->error, 0, bytes), memset(m->variance, 0, bytes), memset(m->size, 0, bytes);
@@ -68,11 +70,6 @@ void sums_merge(Sums *m, Accum *a, SumMode mode, double lines) {
     accum_unfold(a);
 }
 
-double sums_error(const Sums *m, uint32_t row, uint32_t p) {
-    size_t at = (size_t)row * m->nfloats + p;
-    return m->error[at] + SURE * sqrt(m->variance[at]);
-}
-
 void sums_unnamed(Sums *m, const uint8_t *active, double left, double unit) {
     for (size_t row = 0; row < m->rows; row++) {
         double sum = 0, met = 0, largest = 0, usual;
@@ -93,7 +90,7 @@ void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNE
     double all = 0; /* an image's gradient has one row for all channels */
     for (uint32_t c = 0; c < SLT_MAX_CHANNELS; c++) all += jump[c];
     for (size_t row = 0; row < m->rows; row++) {
-        double half = (m->rows == 1 ? all : jump[row]) / SURE;
+        double half = (m->rows == 1 ? all : jump[row]) / SUM_SURE;
         for (size_t p = 0; p < m->nfloats; p++)
             if (!active || active[p]) m->variance[row * m->nfloats + p] += half * half;
     }

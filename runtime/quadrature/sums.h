@@ -6,6 +6,8 @@
 #ifndef SALTUS_QUADRATURE_SUMS_H
 #define SALTUS_QUADRATURE_SUMS_H
 
+#include <math.h>
+
 #include "runtime/sample/accum.h"
 
 /* Groups of accumulators: buffer group * rows + row. In cells the two rules; in what is left two sets of lines. */
@@ -33,6 +35,7 @@ typedef struct Sums {
     double *error;               /* [rows][nfloats]: of the rules, and of rounding */
     double *variance;            /* [rows][nfloats]: of independent sets */
     double *size;                /* [rows][nfloats]: of the tiles' parts, whatever their signs */
+    bool begun;                  /* sums_clear was called */
     double rounding;             /* of a sum, in parts of it */
     double curves;               /* what rounding may make of a boundary term, in parts of it */
     double roots; /* and what roots that end at less than the last floats make of it: CellOptions.slack */
@@ -55,7 +58,11 @@ void sums_upset(Sums *m, const uint8_t *active, const double jump[SLT_MAX_CHANNE
 /* In that share of the domain the volume is only sampled: which parameters it belongs to is not known. Adds to each
  * error what a part like it, on average, has of all of them together. */
 void sums_sampled(Sums *m, const uint8_t *active, double share);
-/* The stated error of a component. */
-double sums_error(const Sums *m, uint32_t row, uint32_t p);
+#define SUM_SURE 2.0 /* standard errors of lines that are stated: independent cells make them nearly normal */
+/* The stated error of a component, row * nfloats + parameter. */
+static inline double sums_error(const Sums *m, size_t at) {
+    double variance = m->variance[at];
+    return variance == 0 ? m->error[at] : m->error[at] + SUM_SURE * sqrt(variance);
+}
 
 #endif

@@ -133,20 +133,41 @@ static void take_constant(void *worker, const Box *cell, const double *f) {
     if (v->sweep->kind == SWEEP_RENDER) splat_add_box(&v->splat, cell->lo, cell->end, f);
 }
 
+int sweep_gap(const Sweep *p, const Box *b) {
+    const SltScene *s = p->run->s;
+    int axis = -1;
+    for (uint32_t d = 0; d < s->dim; d++) {
+        double next = s->f64 ? nextafter(b->lo[d], HUGE_VAL) : (double)nextafterf((float)b->lo[d], HUGE_VALF);
+        if (next >= b->end[d]) axis = (int)d;
+    }
+    return axis;
+}
+
+/* Between two floats there is nothing to be cut. */
+static bool is_gap(const Sweep *p, const Box *b) { return sweep_gap(p, b) >= 0; }
+
+static bool is_large(const Sweep *p, const Box *b) {
+    const SltScene *s = p->run->s;
+    bool large = false;
+    for (uint32_t d = 0; d < s->dim; d++) large |= b->end[d] - b->lo[d] > 2 * p->options.least * (s->hi[d] - s->lo[d]);
+    return large;
+}
+
 bool sweep_room_left(SweepWorker *v) { return grow((void **)&v->left, v->nleft + 1, &v->left_cap, sizeof *v->left); }
 
-static void take_left(void *worker, const Box *cell, const double *bounds) {
-    SweepWorker *v = worker;
-    if (!grow((void **)&v->left, v->nleft + 1, &v->left_cap, sizeof *v->left)) {
+static void add_left(SweepWorker *v, const Box *cell, const double *bounds, bool curved) {
+    if (!sweep_room_left(v)) {
         v->failed = true;
         return;
     }
     LeftCell *l = &v->left[v->nleft++];
     const double *known = v->within ? v->within->bounds : NULL;
-    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1;
+    l->box = *cell, l->halvings = l->loose = 0, l->stands = l->asked = 1, l->curved = curved;
     for (uint32_t c = 0; c < 2 * v->sweep->run->s->channels; c++)
         l->bounds[c] = !known ? bounds[c] : c & 1 ? fmin(bounds[c], known[c]) : fmax(bounds[c], known[c]);
 }
+
+static void take_left(void *worker, const Box *cell, const double *bounds) { add_left(worker, cell, bounds, false); }
 
 bool sweep_room_beside(Box **list, uint64_t n, uint64_t *cap) { return grow((void **)list, n + 1, cap, sizeof **list); }
 
@@ -154,6 +175,11 @@ bool sweep_room_beside(Box **list, uint64_t n, uint64_t *cap) { return grow((voi
 static bool take_sampled(void *worker, const Box *cell, const double *bounds) {
     SweepWorker *v = worker;
     double m = sweep_measure(cell, v->sweep->run->s->dim), most = 0;
+    if (v->sweep->waits && v->counts.spent && is_large(v->sweep, cell)) {
+        v->counts.curved -= m / v->sweep->volume; /* it is counted when it has its volume */
+        add_left(v, cell, bounds, true);
+        return true;
+    }
     bool taken = sweep_takes_beside(v->sweep, cell);
     for (uint32_t c = 0; c < v->sweep->run->s->channels; c++) {
         double range = bounds[2 * c + 1] - bounds[2 * c];
@@ -244,7 +270,9 @@ static bool tile_work(void *user, uint32_t worker, uint64_t tile) {
                      .left = take_left,
                      .sampled = take_sampled,
                      .user = v};
-    if (!cells_run(v->cells, &p->tile[tile], &p->options, &sink, &v->counts)) return false;
+    CellOptions o = p->options;
+    o.curves_done = v->within && v->within->curved, v->counts.spent = p->ends;
+    if (!cells_run(v->cells, &p->tile[tile], &o, &sink, &v->counts)) return false;
     if (p->kind == SWEEP_LOSS && !loss_tile(v, tile)) return false;
     accum_close(&v->w->acc);
     return !(v->failed || v->w->sink.failed || v->w->acc.failed);
@@ -313,6 +341,7 @@ SltStatus sweep_begin(Sweep *p) {
     for (uint32_t d = 0; d < s->dim; d++) p->volume *= s->hi[d] - s->lo[d];
     uint32_t rows = p->kind == SWEEP_INTEGRAL ? s->channels : p->kind >= SWEEP_REVERSE ? 1 : 0;
     p->marches &= p->options.curves;
+    r->spares = true; /* tiles are few, and what they cost differs by twice */
     if (!sums_init(&p->sums, s, rows)) return no_memory(p);
     SltStatus st = run_workers(r, UINT32_MAX, SUM_GROUPS * rows, kinds[p->kind]);
     if (st != SLT_OK) return st;
@@ -340,52 +369,53 @@ void sweep_end(Sweep *p) {
     run_free_workers(p->run);
 }
 
-int sweep_gap(const Sweep *p, const Box *b) {
-    const SltScene *s = p->run->s;
-    int axis = -1;
-    for (uint32_t d = 0; d < s->dim; d++) {
-        double next = s->f64 ? nextafter(b->lo[d], HUGE_VAL) : (double)nextafterf((float)b->lo[d], HUGE_VALF);
-        if (next >= b->end[d]) axis = (int)d;
-    }
-    return axis;
-}
-
-/* Between two floats there is nothing to be cut. */
-static bool is_gap(const Sweep *p, const Box *b) { return sweep_gap(p, b) >= 0; }
-
-static bool is_large(const Sweep *p, const Box *b) {
-    const SltScene *s = p->run->s;
-    bool large = false;
-    for (uint32_t d = 0; d < s->dim; d++) large |= b->end[d] - b->lo[d] > 2 * p->options.least * (s->hi[d] - s->lo[d]);
-    return large;
-}
-
-/* Cells that were left because their tile had no evaluations to spare become tiles, if there are as many to spare for
- * all of them as makes sense; what is left at the least size stays. */
-static bool again(Sweep *p, uint64_t spare) {
-    uint64_t kept = 0, tiles = 0;
-    for (uint64_t i = 0; i < p->nleft; i++) tiles += is_large(p, &p->left[i].box) && !is_gap(p, &p->left[i].box);
-    if (!tiles || spare / tiles < LEAST_BUDGET || !grow((void **)&p->tile, tiles, &p->tile_cap, sizeof *p->tile))
-        return false;
-    p->ntiles = 0;
-    for (uint64_t i = 0; i < p->nleft; i++)
-        if (is_large(p, &p->left[i].box) && !is_gap(p, &p->left[i].box)) p->tile[p->ntiles++] = p->left[i].box;
-        else p->left[kept++] = p->left[i];
-    p->nleft = kept;
-    return true;
-}
-
-/* The cells that are left become tiles, but for gaps; false where there is nothing to cut, or no memory. */
-static bool begin_deeper(Sweep *p) {
+/* Those of the cells that are left which pass become tiles. False when memory runs out. */
+static bool begin_again(Sweep *p, bool (*passes)(const Sweep *, const LeftCell *)) {
     uint64_t kept = 0;
     p->ntiles = p->nparents = 0;
     if (!grow((void **)&p->tile, p->nleft, &p->tile_cap, sizeof *p->tile)) return false;
     if (!grow((void **)&p->parent, p->nleft, &p->parent_cap, sizeof *p->parent)) return false;
     for (uint64_t i = 0; i < p->nleft; i++)
-        if (is_gap(p, &p->left[i].box)) p->left[kept++] = p->left[i];
+        if (!passes(p, &p->left[i])) p->left[kept++] = p->left[i];
         else p->tile[p->ntiles++] = p->left[i].box, p->parent[p->nparents++] = p->left[i];
     p->nleft = kept;
-    return p->ntiles > 0;
+    return true;
+}
+
+static uint64_t count_left(const Sweep *p, bool (*passes)(const Sweep *, const LeftCell *)) {
+    uint64_t n = 0;
+    for (uint64_t i = 0; i < p->nleft; i++) n += passes(p, &p->left[i]);
+    return n;
+}
+
+static bool may_be_cut(const Sweep *p, const LeftCell *l) { return !is_gap(p, &l->box); }
+static bool is_unfinished(const Sweep *p, const LeftCell *l) {
+    return !l->curved && is_large(p, &l->box) && !is_gap(p, &l->box);
+}
+static bool is_volume(const Sweep *p, const LeftCell *l) {
+    (void)p;
+    return l->curved;
+}
+static bool is_either(const Sweep *p, const LeftCell *l) { return l->curved || is_unfinished(p, l); }
+
+/* Cells that were left because their tile had no evaluations to spare become tiles, if there are as many to spare for
+ * all of them as makes sense; what is left at the least size stays. Derivatives come first. */
+static bool again(Sweep *p, uint64_t spare) {
+    uint64_t all = count_left(p, is_either), curves = count_left(p, is_unfinished);
+    if (all && spare / all >= LEAST_BUDGET) return begin_again(p, is_either);
+    return curves && spare / curves >= LEAST_BUDGET && begin_again(p, is_unfinished);
+}
+
+/* Volume for which nothing is to spare is sampled. */
+static SltStatus end_waiting(Sweep *p) {
+    SltStatus st = SLT_OK;
+    p->waits = false;
+    if (!count_left(p, is_volume)) return st;
+    if (!begin_again(p, is_volume)) return no_memory(p);
+    p->ends = true;
+    st = run_tiles(p->run, p->ntiles, tile_work, tile_merge, p);
+    p->ends = false, p->nparents = 0;
+    return st == SLT_OK && p->worker[0].failed ? no_memory(p) : st;
 }
 
 /* An event may be open in a cell of the least size because bounds are loose there, or around a point: a few more boxes
@@ -402,7 +432,7 @@ static SltStatus deepen(Sweep *p, uint64_t start, uint64_t share) {
         used = r->stats.evaluations - start;
         uint64_t spare = most > used ? most - used : 0;
         if (!p->nleft || spare / p->nleft < DEEPER_BUDGET || p->options.least <= p->least_ever) break;
-        if (!begin_deeper(p)) break;
+        if (!count_left(p, may_be_cut) || !begin_again(p, may_be_cut)) break;
         p->options.budget = spare / p->ntiles, p->options.least = fmax(p->options.least / DEEPER, p->least_ever);
         st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
         if (st == SLT_OK && p->worker[0].failed) st = no_memory(p);
@@ -430,8 +460,10 @@ SltStatus sweep_run(Sweep *p) {
     uint64_t start = r->stats.evaluations, share = (uint64_t)((1 - p->left_share) * (double)p->budget);
     if (p->cells_budget && p->cells_budget < share) share = p->cells_budget;
     SltStatus st = make_tiles(p);
+    p->nparents = 0;
     for (uint32_t round = 0; round < ROUNDS && st == SLT_OK && p->ntiles; round++) {
         uint64_t used = r->stats.evaluations - start;
+        p->waits = p->kind == SWEEP_INTEGRAL && p->errors && p->wanted && round + 1 < ROUNDS;
         p->options.budget = p->budget ? (share > used ? share - used : 0) / p->ntiles + 1 : 0;
         p->counts.spent = false;
         st = run_tiles(r, p->ntiles, tile_work, tile_merge, p);
@@ -439,6 +471,7 @@ SltStatus sweep_run(Sweep *p) {
         used = r->stats.evaluations - start;
         if (st != SLT_OK || !p->counts.spent || !again(p, used < share ? share - used : 0)) break;
     }
+    if (st == SLT_OK) st = end_waiting(p);
     if (st == SLT_OK && p->errors && !p->cells_budget && !p->marches) st = deepen(p, start, share);
     double left = 0;
     if (p->errors) sums_upset(&p->sums, r->s->active, p->counts.upset_jump);

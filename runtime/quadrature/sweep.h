@@ -33,6 +33,7 @@ typedef struct LeftCell {
     double asked;                        /* for so many cells bounds tell what lines may have missed; 0: not asked */
     uint8_t halvings, loose, set; /* march.c: how often it was quartered, and in vain; of two sets of cells that stand
                                      for others */
+    bool curved;                  /* its curves are integrated: the volume beside them waits for evaluations to spare */
 } LeftCell;
 
 typedef struct SweepWorker SweepWorker;
@@ -77,7 +78,8 @@ typedef struct Sweep {
     uint64_t nleft, left_cap;
     LeftCell *parent; /* [nparents]: of the tiles, where they are cells that were left; else none */
     uint64_t nparents, parent_cap;
-    Box *beside; /* [nbeside]: cells of which the curves are integrated, and the volume gets samples */
+    bool waits, ends; /* volume that a tile had no evaluations for goes to `left`, for another round; there is none */
+    Box *beside;      /* [nbeside]: cells of which the curves are integrated, and the volume gets samples */
     uint64_t nbeside, beside_cap;
     double density;                /* of these samples */
     double volume;                 /* of the domain */

@@ -11,6 +11,7 @@ enum {
     CROSSING_COST = 6
 };
 #define LEFT_PAYS 0.125
+#define LEFT_ASKS 0x1p-6 /* of what cells have cost: for what those that are left may hide, whatever there is to spare */
 
 double sweep_hidden(const Sweep *p, const LeftCell *l) {
     double most = 0;
@@ -103,7 +104,7 @@ static void plan_lines(Sweep *p, double used, double spare) {
 
 /* Of more cells from `from` on than can be paid for some stand for all, chosen in proportion to their measure and to
  * what they may hold of boundaries. cost: evaluations of each; a few are always looked at. */
-static void plan_cells(Sweep *p, uint64_t from, double spare, double cost) {
+static void plan_cells(Sweep *p, uint64_t from, double used, double spare, double cost) {
     uint32_t dim = p->run->s->dim;
     double left = 0, faces = 0, at = 0.5, sum = 0, cells = (double)(p->nleft - from);
     double most = fmax(spare / cost, LEFT_LEAST * cells / (double)p->nleft);
@@ -115,14 +116,18 @@ static void plan_cells(Sweep *p, uint64_t from, double spare, double cost) {
     p->sampled = true;
     /* Of a quarter of what can be spent. */
     most = fmax(0.75 * most, LEFT_LEAST * cells / (double)p->nleft);
-    uint64_t every = (uint64_t)(cells * HIDDEN_COST / fmax(0.25 * spare, HIDDEN_COST)) + 1;
+    double asks = fmin(cells, fmax(fmax(0.25 * spare, LEFT_ASKS * used) / HIDDEN_COST, 1)), asked = 0, asked_at = 0.5;
     for (uint64_t i = from; i < p->nleft; i++) {
         LeftCell *l = &p->left[i];
         double part = sweep_measure(&l->box, dim) / left, of_faces = face(&l->box, dim) / faces;
         double expected = (p->options.curves ? 0.5 * (part + of_faces) : part) * most;
         sum += expected;
         l->stands = sum >= at ? fmax(1, 1 / expected) : 0;
-        l->asked = l->stands > 0 ? 1 : i % every == 0 ? (double)every : 0;
+        /* Not by measure: a gap has none, and the one with the largest face may hold as much as all the others. */
+        double chance = fmin(1, (0.5 / cells + 0.5 * of_faces) * asks);
+        asked += chance;
+        l->asked = l->stands > 0 ? 1 : asked >= asked_at ? 1 / chance : 0;
+        while (asked >= asked_at) asked_at += 1;
         while (sum >= at) at += 1;
     }
 }
@@ -155,7 +160,7 @@ SltStatus sweep_work_off_left(Sweep *p, uint64_t start) {
         uint64_t to = k + 1 < PARTS ? (uint64_t)(upto[k] * (double)chunks) : chunks, from = p->first_chunk;
         used = r->stats.evaluations - start;
         if (to <= from) continue;
-        plan_cells(p, from * LEFT_CHUNK, p->budget > used ? (double)(p->budget - used) : 0, cost);
+        plan_cells(p, from * LEFT_CHUNK, (double)used, p->budget > used ? (double)(p->budget - used) : 0, cost);
         st = run_tiles(r, to - from, left_work, left_merge, p);
         for (uint64_t i = from * LEFT_CHUNK; i < to * LEFT_CHUNK && i < p->nleft; i++) worked += p->left[i].stands > 0;
         if (worked) cost = fmax(1, (double)(r->stats.evaluations - began) / (double)worked);

@@ -5,10 +5,12 @@
 #include "runtime/quadrature/inner.h"
 #include "runtime/sample/alloc.h"
 
-enum { PILOT = 32 }; /* a lattice of so many times fewer lines and samples tells; */
+/* Lattices of so many times fewer lines and samples tell. The first may be so coarse that it misses what the whole one
+ * resolves, and state that; then the next is asked. */
+static const uint32_t pilots[] = {32, 8};
 #define PILOT_RATE 0.75 /* the errors of lines fall with about this power of their number */
-#define WIDE 0x1p-6   /* of the largest component: nobody asks where less is stated */
-#define WORSE 3.0     /* than the lattice's must the error of cells be */
+#define WIDE 0x1p-8   /* of the largest component: nobody asks where less is stated */
+#define WORSE 2.0     /* than the lattice's must the error of cells be */
 
 static double widest(const SltScene *s, const double *error) {
     double most = 0;
@@ -35,17 +37,22 @@ SltStatus quadrature_turns(const SltScene *s, const SltJob *job, const double *g
     /* Of boundaries that coincide, where the derivative has a kink, and of jumps that nothing tracks cells see more
      * than lines: what they state is that. */
     if (stats->dropped[SLT_DROP_COINCIDENT] || stats->upset > 0) return SLT_OK;
-    j.estimator = SLT_EST_LATTICE, j.samples = j.samples / PILOT + 1;
-    if (j.segments) j.segments = j.segments / PILOT + 1;
+    j.estimator = SLT_EST_LATTICE;
     double *pilot = alloc_zero(2 * n, sizeof *pilot);
     if (!pilot) return status_fail(err, SLT_LIMIT, "out of memory");
-    SltIntegral out = SLT_INTEGRAL_INIT;
-    SltStats own = SLT_STATS_INIT;
-    out.gradient = pilot, out.gradient_stderr = pilot + n;
-    SltStatus st = slt_estimate_sampled(s, &j, &out, &own, err);
-    stats->evaluations += own.evaluations;
-    double lattice = widest(s, pilot + n) * pow(PILOT, -PILOT_RATE);
-    *turned = st == SLT_OK && WORSE * lattice < cells && agrees(s, gradient, error, pilot, pilot + n);
+    SltStatus st = SLT_OK;
+    bool seen = true;
+    for (size_t i = 0; i < sizeof pilots / sizeof *pilots && st == SLT_OK && seen && !*turned; i++) {
+        SltIntegral out = SLT_INTEGRAL_INIT;
+        SltStats own = SLT_STATS_INIT;
+        j.samples = job->samples / pilots[i] + 1;
+        if (job->segments) j.segments = job->segments / pilots[i] + 1;
+        out.gradient = pilot, out.gradient_stderr = pilot + n;
+        st = slt_estimate_sampled(s, &j, &out, &own, err);
+        stats->evaluations += own.evaluations;
+        seen = st == SLT_OK && agrees(s, gradient, error, pilot, pilot + n);
+        *turned = seen && WORSE * widest(s, pilot + n) * pow(pilots[i], -PILOT_RATE) < cells;
+    }
     free(pilot);
     return st;
 }

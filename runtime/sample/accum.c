@@ -12,10 +12,9 @@
 #include "runtime/sample/alloc.h"
 
 /* 64-byte aligned zeros. Of a large block the system gives only the pages that are touched: a heightfield of a million
- * heights has adjoints in the log alone. A small one comes from the heap, whose pages are there already in the next
- * call.
- */
-enum { FEW_BYTES = 1 << 20 };
+ * heights has adjoints in the log alone, and of the buffers of a worker many stay empty. A small one comes from the
+ * heap, whose pages are there already in the next call. */
+enum { FEW_BYTES = 1 << 16 };
 
 enum { FOLD = 1 << 13 }; /* entries of a log, which then still lies in a cache */
 
@@ -33,6 +32,9 @@ static void free_pages(void *p, uint64_t bytes) {
     else if (p) munmap(p, bytes);
 }
 
+/* Of one buffer. */
+static uint64_t sums_bytes(const Accum *a) { return a->s->nfloats * sizeof(double); }
+
 bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     assert(n <= ACCUMS);
     memset(a, 0, sizeof *a);
@@ -41,13 +43,14 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
     a->bytes = a->stride * s->nfloats;
     uint32_t blocks = s->nfloats / ACCUM_BLOCK + 1;
     a->adj = zero_pages(a->bytes * n + 64);
-    if (!a->adj) return false;
+    a->sums = zero_pages(n * sums_bytes(a));
+    if (!a->adj || !a->sums) return false;
     for (uint32_t i = 0; i < n; i++) {
         AdjointBuffer *b = &a->buf[i];
         b->adj = a->adj + i * a->bytes;
-        b->sum = alloc_zero(s->nfloats, sizeof *b->sum);
+        b->sum = (double *)(a->sums + i * sums_bytes(a));
         b->touched = alloc_zero(blocks, sizeof *b->touched);
-        if (!b->sum || !b->touched) return false;
+        if (!b->touched) return false;
     }
     a->blocks = alloc_zero(blocks, sizeof *a->blocks);
     if (!a->blocks) return false;
@@ -59,9 +62,9 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 }
 
 void accum_free(Accum *a) {
-    for (uint32_t i = 0; i < a->n; i++)
-        free(a->buf[i].sum), free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
+    for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     free_pages(a->adj, a->bytes * a->n + 64), free_pages(a->scratch, a->bytes * SLT_MAX_CHANNELS + 64);
+    free_pages(a->sums, a->n * sums_bytes(a));
     free(a->blocks), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
     memset(a, 0, sizeof *a);
 }

@@ -34,7 +34,7 @@ typedef struct Accum {
     Folded folded;
     uint64_t stride, bytes; /* of adj: bytes a parameter, bytes in all */
     AdjointBuffer buf[ACCUMS];
-    unsigned char *adj;        /* of all buffers */
+    unsigned char *adj, *sums; /* of all buffers */
     uint32_t *blocks, nblocks; /* first parameter of each block of 16 that kernels may add to */
     unsigned char *scratch; /* instead of adj where a call is repeated for its log: what it adds must not count twice */
     bool failed;            /* memory ran out */

@@ -7,6 +7,7 @@
 
 /* Crossings whose g bends where the parameters are: kink.c. */
 typedef struct Kinks {
+    Finer finer;
     Crossing *at[UNTIE_WAYS / 2]; /* [n]: by the pair of moves that shows it, room for BATCH each */
     uint32_t n[UNTIE_WAYS / 2];
 } Kinks;
@@ -45,6 +46,11 @@ enum { KINK_NONE = UNTIE_WAYS / 2 };
 /* pair[i]: the moves, 2 pair[i] and the next, that show a kink at crossing at[i]; KINK_NONE: none do. Their changes of
  * g then do not make up for each other, to this part of them and to least[i]. How many have one. The n <= BATCH
  * crossings go by site. */
+/* Is what `pair` of moves shows at a crossing beside the parameters, and not at them? Of max(r, q) the bend is where
+ * r = q; if these are apart by less than moves go it looks the same, but after shorter moves it is gone. False where
+ * shorter moves are no more than `noise`, what rounding may make of g. *memory: false when it runs out. */
+bool kink_is_beside(Batch *b, const Apart *apart, Finer *finer, const Crossing *c, uint32_t pair, double noise,
+                    bool *memory);
 uint32_t kink_find(Batch *b, const Apart *apart, const Crossing *const *at, const double *least, double bent,
                    uint32_t n, uint32_t *pair);
 

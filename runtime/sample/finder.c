@@ -70,6 +70,7 @@ double search_least(const Finder *f, const Segment *s) {
 
 /* How near a root must be bracketed, in parts of the whole segment. */
 static double tolerance(const Finder *f, const Segment *s) {
+    if (s->fine) return search_least(f, s);
     return fmax(root_tolerance(f->coarse && s->state != SEARCH_FRESH), search_least(f, s));
 }
 
@@ -87,7 +88,7 @@ void finder_push(Finder *f, const Segment *s) {
 
 void finder_add(Finder *f, Segment *s, Mark a, Mark b, double threshold) {
     s->ta = 0, s->tb = 1, s->ma = a, s->mb = b, s->threshold = threshold, s->halvings = 0, s->cut = 0;
-    s->touches = 0;
+    s->touches = 0, s->fine = false;
     if (f->proves && !search_differ(a, b, threshold)) {
         prove_add(f, s, 0, 1, a, b);
         return;
@@ -419,6 +420,15 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
     return f->nfound++;
 }
 
+/* Regions differ at the ends of a bracket, and f does not: an edge that something hides, or a band that is narrower
+ * than the bracket, whose two edges it holds. */
+static bool may_hold_band(const Finder *f, const Item *it, double width, uint32_t lane) {
+    if (f->coarse || it->s.fine || search_has_depth(f->s) || !(width > 2 * search_least(f, &it->s))) return false;
+    for (uint32_t c = 0; c < f->s->channels; c++)
+        if (!(batch_get(f->b, SLT_OUT_F, c, lane) == batch_get(f->b, SLT_OUT_F, c, lane + 1))) return false;
+    return true;
+}
+
 /* f and the region at both ends of each final bracket: accepts crossings, and puts back what still differs beside them.
  */
 static void verify(Finder *f, Item *items, uint32_t n) {
@@ -443,7 +453,11 @@ static void verify(Finder *f, Item *items, uint32_t n) {
         if (jumped && (window || search_has_depth(f->s)) && window_misfits(it, lo, hi) &&
             it->s.halvings < search_most_halvings(f->s))
             window_ask_again(f, &it->s, lo, hi, before, after);
-        else if (jumped) slot[i] = accept(f, it, lo, hi, before, after, 2 * i);
+        else if (jumped && !window && may_hold_band(f, it, hi - lo, 2 * i)) {
+            Segment band = it->s;
+            band.fine = true;
+            search_push(f, &band, lo, hi, before, after, SEARCH_ROOT);
+        } else if (jumped) slot[i] = accept(f, it, lo, hi, before, after, 2 * i);
         /* g is 0 at an end of the part, and nothing jumps there: it is flat, and says nothing of where the decision
          * changes. */
         bool flat = !jumped && it->exact && (it->ga == 0 || it->gb == 0);

@@ -44,6 +44,7 @@ typedef struct Segment {
     uint8_t state;    /* SearchState */
     uint8_t touches;  /* TOUCH_* bits: there is a crossing right beside this end of the part; prove.h */
     uint8_t owner;    /* whose it is: an index of Finder.lost */
+    bool fine;        /* a bracket of which both sides were alike: as near as rounding allows */
     uint32_t edge;    /* of the lattice's tile: 1 + its first vertex; 0: none */
     uint32_t thin;    /* beside which run of one vertex it lies: thin.h */
     uint32_t line;    /* in a volume: which of the lines of all replicates */

@@ -14,18 +14,30 @@ enum { PAIRS = UNTIE_WAYS / 2, EACH = 16 /* crossings of which one is looked at 
 #define FASTER 8.0    /* g may rise so many times faster after a move */
 #define ROUNDING 4.0 /* of g, in units in the last place of the position times its gradient */
 
+void finer_free(Finer *f) {
+    for (int k = 0; k < FINER_RUNGS; k++) apart_free(f->apart[k]);
+}
+
 void kink_free(Kinks *q) {
+    finer_free(&q->finer);
     for (int p = 0; p < PAIRS; p++) free(q->at[p]);
     memset(q, 0, sizeof *q);
 }
 
-/* What may be the rounding of g, or its curvature: of second order in the step. */
-static double least(const Sink *k, const Crossing *c) {
+/* What may be the rounding of g, */
+static double noise(const Sink *k, const Crossing *c) {
     const Batch *b = k->b;
     double most = 0, steep = 0, unit = b->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
     for (uint32_t d = 0; d < b->s->dim; d++) most = fmax(most, fabs(c->x[d])), steep += c->dg[d] * c->dg[d];
+    return ROUNDING * unit * most * sqrt(steep);
+}
+
+/* or its curvature: of second order in the step. */
+static double least(const Sink *k, const Crossing *c) {
+    double steep = 0;
+    for (uint32_t d = 0; d < k->b->s->dim; d++) steep += c->dg[d] * c->dg[d];
     /* Where g is not 0 beside the move it is no root, but a pole. */
-    return (ROUNDING * unit * most + PART * k->coincide.apart->step) * sqrt(steep) + 4 * fabs(c->g);
+    return noise(k, c) + PART * k->coincide.apart->step * sqrt(steep) + 4 * fabs(c->g);
 }
 
 uint32_t kink_find(Batch *b, const Apart *apart, const Crossing *const *at, const double *least, double bent,
@@ -63,6 +75,75 @@ uint32_t kink_find(Batch *b, const Apart *apart, const Crossing *const *at, cons
     return found;
 }
 
+/* ---- is it at the parameters? */
+enum { SPOTS = 8, SHORTER = 8 };
+#define GONE 0.5 /* of what a bend at the parameters would leave after shorter moves */
+
+/* Places about a crossing, along its boundary: as far from each other as roundings there have to do with one another.
+ */
+static void make_spots(const Batch *b, const Crossing *c, double x[SPOTS][3]) {
+    static const double aside[SPOTS] = {0, 61, -83, 147, -179, 233, -271, 317};
+    double square = 0;
+    for (uint32_t d = 0; d < b->s->dim; d++) square += c->dg[d] * c->dg[d];
+    for (uint32_t k = 0; k < SPOTS; k++) {
+        double by[3] = {0}, along = 0;
+        for (uint32_t d = 0; d < b->s->dim; d++) {
+            double unit = b->f64 ? DBL_EPSILON : (double)FLT_EPSILON;
+            by[d] = aside[(k + 3 * d) % SPOTS] * unit * fmax(fabs(b->s->lo[d]), fabs(b->s->hi[d]));
+            along += by[d] * c->dg[d];
+        }
+        for (uint32_t d = 0; d < b->s->dim; d++)
+            x[k][d] = fmin(fmax(c->x[d] + by[d] - along * c->dg[d] / square, b->s->lo[d]), b->s->hi[d]);
+    }
+}
+
+/* g of the crossing's event at all spots; moved: with these parameters. */
+static void take(Batch *b, const SltScene *moved, const Crossing *c, double x[SPOTS][3], double g[SPOTS]) {
+    untie_use(b, moved);
+    for (uint32_t k = 0; k < SPOTS; k++) {
+        batch_set_x(b, k, x[k]);
+        batch_set_stream(b, k, c->stream, c->rand0);
+        batch_set_event(b, k, &c->event);
+    }
+    batch_call(b, SLT_K_SITE, SPOTS);
+    for (uint32_t k = 0; k < SPOTS; k++) g[k] = batch_get(b, SLT_OUT_G, 0, k);
+}
+
+/* By how much changes of g forth and back do not make up for each other, by spot. */
+static void take_bends(Batch *b, const Apart *a, const Crossing *c, uint32_t pair, double x[SPOTS][3],
+                       const double here[SPOTS], double bend[SPOTS]) {
+    double forth[SPOTS], back[SPOTS];
+    take(b, &a->move[2 * pair].scene, c, x, forth);
+    take(b, &a->move[2 * pair + 1].scene, c, x, back);
+    for (uint32_t k = 0; k < SPOTS; k++) bend[k] = (forth[k] - here[k]) + (back[k] - here[k]);
+}
+
+bool kink_is_beside(Batch *b, const Apart *apart, Finer *finer, const Crossing *c, uint32_t pair, double noise,
+                    bool *memory) {
+    const SltCullList *lists = b->args.cull;
+    double x[SPOTS][3] = {{0}}, here[SPOTS], bend[SPOTS], whole, shorter = 1;
+    bool beside = false;
+    b->args.cull = NULL, b->args.site = c->event.site;
+    make_spots(b, c, x);
+    take(b, b->s, c, x, here);
+    take_bends(b, apart, c, pair, x, here, bend);
+    whole = bend[0];
+    for (uint32_t rung = 0; rung < FINER_RUNGS && !beside; rung++) {
+        Apart **a = &finer->apart[rung];
+        double most = 0;
+        shorter /= SHORTER;
+        if (!(fabs(whole) * shorter > noise)) break;
+        if (!*a && !(*memory = apart_new(b->s, apart->seed, apart->step * shorter, a))) break;
+        if (!*a) break;
+        take_bends(b, *a, c, pair, x, here, bend);
+        for (uint32_t k = 0; k < SPOTS; k++) most = fmax(most, whole < 0 ? -bend[k] : bend[k]);
+        beside = most < GONE * shorter * fabs(whole);
+    }
+    untie_use(b, b->s);
+    b->args.cull = lists;
+    return beside;
+}
+
 static uint32_t find(Sink *k, const Crossing *const *at, uint32_t n, uint32_t *pair) {
     double slack[BATCH];
     for (uint32_t i = 0; i < n; i++) slack[i] = least(k, at[i]);
@@ -96,7 +177,11 @@ static bool is_kink(Sink *k, const Crossing *c, uint32_t pair) {
     Crossing aside;
     const Crossing *at = &aside;
     uint32_t other;
+    bool memory = true;
     if (!same_way(k, c, pair)) return false;
+    bool beside = kink_is_beside(k->b, k->coincide.apart, &k->coincide.kinks.finer, c, pair, noise(k, c), &memory);
+    k->failed |= !memory;
+    if (beside) return false;
     return k->b->s->dim == 1 || (coincide_aside(k, c, &aside) && find(k, &at, 1, &other));
 }
 

@@ -89,7 +89,8 @@ void run_free_workers(Run *r) {
 
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind) {
     run_free_workers(r);
-    uint32_t n = pool_threads(r->j->threads, tiles);
+    uint32_t n = r->threads = pool_threads(r->j->threads, tiles);
+    if (r->spares) n += n / 2;
     r->worker = alloc_zero(n, sizeof *r->worker);
     if (!r->worker) return status_fail(r->err, SLT_LIMIT, "out of memory");
     r->nworkers = n;
@@ -100,7 +101,8 @@ SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind) {
 
 SltStatus run_tiles(Run *r, uint64_t tiles, PoolWork *work, PoolMerge *merge, void *user) {
     PoolOptions o = r->pool;
-    o.threads = tiles < r->nworkers ? (uint32_t)(tiles ? tiles : 1) : r->nworkers;
+    o.threads = tiles < r->threads ? (uint32_t)(tiles ? tiles : 1) : r->threads;
+    o.workers = r->nworkers;
     assert(o.threads >= 1 && o.threads <= r->nworkers); /* work(user, worker, tile) takes r->worker[worker] */
     return pool_run(&o, tiles, work, merge, user, r->err);
 }

@@ -38,7 +38,8 @@ struct Run {
     Grid grid;
     CullBoxes cull;
     Worker *worker;
-    uint32_t nworkers;
+    uint32_t threads, nworkers;
+    bool spares; /* run_workers makes more of them than threads: tiles whose turn to be merged has not come keep some */
     PoolOptions pool;
     bool proven;      /* lines had no gaps (prove.h) in some tile: what was missed says what is still missing */
     Apart *apart;     /* for coincide.c; NULL: boundaries that coincide are not looked for */
@@ -55,7 +56,7 @@ void run_end(Run *r, SltStats *stats);
 /* to may be NULL. stats_of_cells: only the members about cells, which are not added up. */
 void stats_add(SltStats *to, const SltStats *s);
 void stats_of_cells(SltStats *to, const SltStats *s);
-/* Makes a worker for each thread, with `accums` adjoint buffers and a sink. */
+/* Makes workers, with `accums` adjoint buffers and a sink. */
 SltStatus run_workers(Run *r, uint64_t tiles, uint32_t accums, SinkKind kind);
 void run_free_workers(Run *r);
 /* Are these rays in an image, whose roots need not be finer than the pixels show? */

@@ -59,7 +59,7 @@ bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out) {
         ok = any && scene_move(&a->move[m], s, dir, 0, m & 1 ? -1 : 1);
     }
     free(dir);
-    if (a) a->step = step;
+    if (a) a->step = step, a->seed = seed;
     if (ok) *out = a;
     else apart_free(a);
     return memory && (ok || !any);

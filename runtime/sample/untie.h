@@ -15,8 +15,15 @@ enum {
 /* Scenes with moved parameters. */
 typedef struct Apart {
     Moved move[UNTIE_WAYS];
-    double step; /* by how much a parameter of size 1 was moved */
+    double step;   /* by how much a parameter of size 1 was moved */
+    uint32_t seed; /* of the directions */
 } Apart;
+/* Moves that are shorter, each eight times; NULL: not made so far. */
+enum { FINER_RUNGS = 2 };
+typedef struct Finer {
+    Apart *apart[FINER_RUNGS];
+} Finer;
+void finer_free(Finer *f);
 /* A parameter p is moved by about step * max(0.1, |p|). *out stays NULL where there is nothing to move, or so much that
  * it would cost more than it tells. False when memory runs out. */
 bool apart_new(const SltScene *s, uint32_t seed, double step, Apart **out);

@@ -8,6 +8,7 @@
 #include "tests/scratch.h"
 
 #include "compiler/back/back.h"
+#include "compiler/back/core/core.h"
 #include "compiler/back/cpu/emit.h"
 
 enum { N = 64 };
@@ -122,6 +123,47 @@ static void test_bystanders(void **state) {
     assert_true(stat(held, &st));
 }
 
+/* What lies there longest goes when all is too large, though few writers look how large it is. */
+static void test_size(void **state) {
+    (void)state;
+    enum { OLD = 70, MIB = 1 << 20, SMALL = 16 << 10, FEW = 512 };
+    char path[512];
+    struct stat st;
+    for (int i = 0; i < OLD; i++) { /* without a block on the disk */
+        snprintf(path, sizeof path, "%s/%032d.o", scratch, i);
+        assert_int_equal(close(open(path, O_CREAT | O_WRONLY, 0600)), 0);
+        assert_int_equal(truncate(path, 4 * MIB), 0);
+        const struct timespec used[2] = {{.tv_sec = 1000 + i}, {.tv_sec = 1000 + i}};
+        assert_int_equal(utimensat(AT_FDCWD, path, used, 0), 0);
+    }
+    Session *s = session_create(0);
+    unsigned char *bytes = calloc(1, SMALL);
+    CacheKey key = {.len = 1};
+    int trimmed = -1;
+    for (int i = 0; i < FEW; i++) {
+        key.hi = (uint64_t)i, key.lo = (key.lo + (uint64_t)i + 1) * UINT64_C(0x9e3779b97f4a7c15);
+        assert_true(cache_write(&s->scratch, scratch, &key, bytes, SMALL));
+        snprintf(path, sizeof path, "%s/%032d.o", scratch, 0);
+        if (trimmed < 0 && stat(path, &st)) trimmed = i;
+    }
+    assert_in_range(trimmed, 1, FEW - 1); /* 64 on average */
+    int left = 0;
+    for (int i = 0; i < OLD; i++) {
+        snprintf(path, sizeof path, "%s/%032d.o", scratch, i);
+        bool here = !stat(path, &st);
+        assert_true(here >= (left > 0)); /* by age */
+        left += here;
+    }
+    assert_in_range(left, 40, 48); /* with the rest, 192 MiB */
+    size_t size;
+    unsigned char *back = cache_read(&s->scratch, scratch, &key, &size);
+    assert_non_null(back);
+    assert_int_equal(size, SMALL);
+    free(back);
+    free(bytes);
+    session_destroy(s);
+}
+
 static void test_wrong_key(void **state) {
     (void)state;
     char one[512], two[512];
@@ -206,6 +248,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(test_hit, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_damage, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_bystanders, scratch_make, teardown),
+        cmocka_unit_test_setup_teardown(test_size, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_wrong_key, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_unusable_folder, scratch_make, teardown),
         cmocka_unit_test_setup_teardown(test_loader_on_damaged_objects, scratch_make, teardown),

@@ -232,12 +232,35 @@ class Estimate(Case):
         self.put("n.salt", CIRCLE.replace("[Disc]", "[NoDisc]"))
         self.assertFalse(self.json_cli("check", "n.salt", "--estimator", "quadrature", "--precision", "f64", code=1)["pass"])
 
-    def test_says_little(self):
-        """A row that passes because anything would says so."""
+    def test_says_nothing(self):
+        """A row that would pass whatever it was does not: it says so."""
         self.put("n.salt", "param float a = 0.3;\nshader float main(float2 x) { return a * sin(900.0 * rand()); }")
-        self.assertIn("\n1 of 1 rows say little: their +- is larger than the derivative", self.run_cli("check", "n.salt", "--samples", 256).out)
+        text = self.run_cli("check", "n.salt", "--samples", 256, code=6).out
+        self.assertIn("\n1 of 1 rows say nothing: their +- is larger than the derivative", text)
+        self.assertNotIn("PASS", text)
+        j = self.json_cli("check", "n.salt", "--samples", 256, code=6)
+        self.assertEqual((j["pass"], j["rows"][0]["pass"], j["rows"][0]["says_nothing"]), (False, False, True))
+        self.assertIn("--samples", j["why"])
         self.put("c.salt", CIRCLE)
-        self.assertNotIn("say little", self.run_cli("check", "c.salt").out)
+        self.assertNotIn("say nothing", self.run_cli("check", "c.salt").out)
+
+    def test_values_that_cells_sample(self):
+        """Cells state more of two values than these differ by: lines, whose noise is common to both, tell."""
+        self.put("f.frag", """uniform float k;
+            float box(vec2 p, vec2 b) { vec2 d = abs(p) - b; return length(max(d, 0.)) + min(max(d.x, d.y), 0.); }
+            void mainImage(out vec4 o, vec2 at) {
+                vec2 p = (2. * at - iResolution.xy) / iResolution.y, q = p - vec2(.375 + sin(k), k * k + k - .398);
+                q.x += .057 * sin(q.y * 3.465 + k * 3.);
+                for (int i = 0; i < 3; i++) {
+                    q = abs(q) - .3 - k * .15, q *= mat2(cos(.5), -sin(.5), sin(.5), cos(.5));
+                    if (q.x > .618) break;
+                }
+                float c = q.x * .586 + q.y * .372 + .026 - k * .5 < 0. ? .2 : .1;
+                o = vec4(mix(c, 1. - c, smoothstep(.03, -.03, box(p - vec2(k * k + k - .304, .335 + k * .5), vec2(.28 - k, .239)))));
+            }""")
+        row = self.json_cli("check", "f.frag", "--param", "k=0.0137", "--size", "256x144", "--estimator", "quadrature")["rows"][0]
+        self.assertTrue(row["pass"])
+        self.assertLess(row["error"], 0.5 * abs(row["ad"]))
 
     def test_losses(self):
         self.put("c.salt", CIRCLE)

@@ -53,7 +53,7 @@ PAIRS = {
                                                   "", "c = float3(lerp(frac(p.x * 3.0), 0.25, 0.5), frac(p.y * 4.0), rsqrt(p.x + 1.0) + p.x * 0.5 + 90.0 * (PI / 180.0));"),
     "variables of the file as arguments": ("float g = 1.0; vec3 v; void f(inout float x) { x += 1.0; g = 10.0; x += 1.0; } float h(inout float x) { x = 5.0; return g; }", "f(g); c.x = g; f(v.y); c.y = v.y + g; g = p.x; c.z = h(g) + g;",
                                            "", "c = float3(3.0, 12.0, p.x + 5.0);"),
-    "what people leave standing": ("#version 300 es\nuniform samplerCube sky;\ninvariant gl_FragColor;\nin vec4 gl_FragCoord;\n#define HERE float(__LINE__)", "int i = 0; if (i++, i == 1) c.x = p.x; vec2 two; mat3 m; c.y = float(two.length() * 10 + m.length()) + HERE; c.z = float(gl_MaxDrawBuffers);",
+    "what people leave standing": ("#version 300 es\nuniform samplerCube sky;\ninvariant gl_FragColor;\nin vec4 gl_FragCoord;\n#define HERE float(__LINE__)", "int i = 0; if (i++, i == 1) c.x = p.x; vec2 two; mat3 m; c.y = float(two.length() * 10 + m.length()) + HERE; c.z = float(gl_MaxDrawBuffers); if (gl_MaxTextureImageUnits < 8 || gl_MaxVaryingVectors < 8) c = vec3(0);",
                                    "", "c = float3(p.x, 32.0, 1.0);"),
     "bounds drop what is no number": ("", "float n = p.x * 0.0; n /= n; c = vec3(clamp(n, 0.25, 1.0), max(n, 0.5), 0.25 + smoothstep(0.0, 1.0, n) + min(n, 0.75));", "", "c = float3(0.25, 0.5, 1.0);"),
     "builtins behind functions of their name": ("vec3 pow(vec3 v, float e) { return pow(v, vec3(e)); } int mod(int a, int b) { return a - b * (a / b); } float round(float x) { return floor(x + 0.5); }",
@@ -61,11 +61,16 @@ PAIRS = {
                                                 "", "c = pow(float3(p, 0.5), float3(2.0)); float m = p.x * 4.0; int i = int(I.x); c += m - floor(m); c += float(i % 3); c += floor(p.y + 0.5); c += round(p.xyy);"),
     "bits": ("", "uint u = uint(I.x) * 2654435761u; int k = bitCount(u) + 8 * findLSB(u | 4u) + 64 * findMSB(u >> 3) + findMSB(-5); c.x = float(k) / 4096.0; c.y = float(bitfieldReverse(uint(I.y)) >> 24) / 256.0; c.z = float(bitfieldExtract(-12, 1, 6) + int(bitfieldInsert(0u, 5u, 2, 2))) / 16.0;",
              "", "uint u = uint(I.x) * 2654435761u; int n = 0, low = -1, high = -1; for (int i = 0; i < 32; i++) { if (((u >> uint(i)) & 1u) != 0u) n++; if (low < 0 && (((u | 4u) >> uint(i)) & 1u) != 0u) low = i; if ((((u >> 3) >> uint(i)) & 1u) != 0u) high = i; } c.x = float(n + 8 * low + 64 * high + 2) / 4096.0; uint r = 0u; for (int i = 0; i < 8; i++) r |= ((uint(I.y) >> uint(i)) & 1u) << uint(7 - i); c.y = float(r) / 256.0; c.z = -2.0 / 16.0;"),
+    "sums and products of 64 bits": ("", "uint k, b, h, l; int i, j; uint s = uaddCarry(0xFFFFFFF0u, uint(I.x), k), d = usubBorrow(uint(I.x), 20u, b); umulExtended(0xDEADBEEFu, 0xCAFEBABEu, h, l); imulExtended(int(0xDEADBEEFu), 7, i, j); c = vec3(k, b, h == 2962402171u && l == 2295290722u && i == -1 && j == int(381696137u) && s + d == 2u * uint(I.x) - 36u);",
+                                     "", "c = float3(I.x > 16.0 ? 1.0 : 0.0, I.x < 20.0 ? 1.0 : 0.0, 1.0);"),
     "numbers packed": ("", "c = unpackUnorm4x8(packUnorm4x8(vec4(p, 2.0, -1.0))).xyz; c.xy += unpackHalf2x16(packHalf2x16(p * 3.0)) + unpackSnorm2x16(packSnorm2x16(-p)) + unpackUnorm2x16(0x80000000u); c.z += unpackHalf2x16(packHalf2x16(vec2(0.0, 65504.0))).y / 65504.0 + unpackHalf2x16(0x0001u).x * 16777216.0;",
                        "", "float2 h = p * 3.0, s = asfloat((asuint(h) + uint2(0xFFFu) + ((asuint(h) >> 13) & uint2(1u))) & uint2(0xFFFFE000u)); c = float3(round(p * 255.0) / 255.0, 1.0); c.xy += s - round(p * 32767.0) / 32767.0; c.y += 32768.0 / 65535.0; c.z += 2.0;"),
     "powers of two": ("", "int e; c.x = frexp(p.x * 300.0 + 1.0, e); c.y = ldexp(c.x, e) / 512.0; c.z = float(e) / 16.0;", "", "float v = p.x * 300.0 + 1.0; float e = floor(log2(v)) + 1.0; if (v >= exp2(e)) e += 1.0; c = float3(v / exp2(e), v / 512.0, e / 16.0);"),
     "which side": ("", "c.x = gl_FrontFacing ? p.x : 1.0;", "", "c.x = p.x;"),
     "text that is no code": ("#pragma x: import('./a.glsl', b=c)\n#ifdef NO\n it's @nothing\n#error it's not\n#endif", "c = vec3(p, 0);", "", "c = float3(p, 0.0);"),
+    "lines that go on": ("// a comment \\\n that goes on $$ \\\r\n and on", "c = vec3(p, 0); // once \\\n more: c.x = 2.0;", "", "c = float3(p, 0.0);"),
+    "conditions that declare": ("", "int n = 5; while (bool b = n > 0) { n--; if (n == 2) continue; c.x += float(b) * p.x; } for (int i = 0; bool q = i < 4; i++) { if (i == 1) continue; if (i == 3) break; c.y += p.y; }",
+                                "", "c.x = p.x + p.x; c.x += p.x; c.x += p.x; c.y = p.y + p.y;"),
     "a name in its own value": ("vec3 normal(vec2 q) { return vec3(q, 0.5); }", "vec3 normal = normal(p); c = normal;", "", "c = float3(p, 0.5);"),
     "arrays": ("const float w[] = float[](0.25, 0.5, 1.0); struct S { vec2 a; float b; };", "float s = 0.0; for (int i = 0; i < w.length(); i++) s += w[i] * p.x; S q[2] = S[2](S(p, 1.0), S(p.yx, 2.0)); c = vec3(q[1].a, s);",
                "", "c = float3(p.yx, 0.25 * p.x + 0.5 * p.x + 1.0 * p.x);"),
@@ -187,7 +192,10 @@ class Meaning(Case):
 
     def test_language_option(self):
         self.put("a.txt", "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
-        self.run_cli("render", "a.txt", code=3)
+        self.assertIn("--lang glsl", self.run_cli("render", "a.txt", code=3).err)
+        for name in ("BIG.FRAG", "a.fsh", "a.frag.txt", "a.Fs"):
+            self.put(name, "void mainImage(out vec4 c, vec2 p) { c = vec4(1); }")
+            self.run_cli("render", name, "--size", 4)
         self.run_cli("render", "a.txt", "--lang", "glsl", "--size", 4)
         self.put("b.frag", "shader float main(float2 x) { return 1.0; }")
         self.run_cli("render", "b.frag", "--lang", "salt", "--size", 4)
@@ -214,6 +222,23 @@ class Messages(Case):
             ("void main() { }", 1, "writes to no output"),
             ("#define A B(1.0)\nvoid mainImage(out vec4 c, vec2 p) {\n    c = vec4(A);\n}", 3, "unknown name `B`"),
             ("uniform sampler2D t;\nvoid main() {\n  gl_FragColor = vec4((t, 1.0));\n}", 3, "is not a value"),
+            ("void main() { gl_FragColor = vec4(1.0lf); }", 1, "no doubles"),
+            ("void mainImage(vec4 c, vec2 p) { c = vec4(1); }", 1, "gives its colour by its first argument"),
+            ("\nfloat mainImage(out vec4 c, vec2 p) { return 1.0; }", 2, "gives its colour by its first argument"),
+            ("void mainImage(out vec3 c, vec2 p) { c = vec3(1); }", 1, "gives its colour by its first argument"),
+            ("void main() {\n float a[3]; a[5] = 1.0; gl_FragColor = vec4(a[0]); }", 2, "there is no [5] in float[3]"),
+            ("void main() {\n gl_FragColor = vec4(vec3(1)[3]); }", 2, "there is no [3] in vec3"),
+            ("void main() {\n gl_FragColor = vec4(5.0 % 2.0); }", 2, "`mod(x, y)` of floats"),
+            ("void main() {\n gl_FragColor = vec4(lerp(0.0, 1.0, 0.5)); }", 2, "unknown name `lerp`: GLSL has `mix`"),
+            ("void main() { vec3 v;\n gl_FragColor = vec4(float3(1), 1); }", 2, "unknown name `float3`"),
+            ("void main() {\n gl_FragColor = mat3(1) * vec4(1); }", 2, "`*` does not apply to mat3 and vec4"),
+            ("void main() {\n mat2 m = mat2(1) + vec2(1); gl_FragColor = vec4(m[0], 1, 1); }", 2, "`+` does not apply to mat2 and vec2"),
+            ("void f(out float x) { x = 1.0; }\nvoid main() { f(1.0); gl_FragColor = vec4(1); }", 2, "`out` argument `x` of `f` must be something"),
+            ("float g;\nfloat f(float x) { return g += x; }\nvoid main() { gl_FragColor = vec4(f(1.0, 2.0)); }", 3, "`f` takes 1 argument, 2 given"),
+            ("uniform float r;\nvoid main() {\n r = 1.0; gl_FragColor = vec4(r); }", 3, "cannot assign to uniform `r`"),
+            ("void main() {\n gl_FragColor = vec4(vec2(1).length(), gl_FragCoord.x.length(), 1, 1); }", 2, "`length` takes an array"),
+            ("void main() {\n iTime = 1.0; gl_FragColor = vec4(1); }", 2, "cannot assign to uniform `iTime`"),
+            ("uniform sampler2D t;\nvoid main() { gl_FragColor = texture(t); }", 2, "`texture` takes 2 arguments, 1 given"),
             ("#error told you\nvoid main() { gl_FragColor = vec4(1); }", 1, "#error"),
             ("void mainImage(out vec4 c, vec2 p) {\n  c = vec3(1.0);\n}", 2, "cannot convert"),
         ]:
@@ -222,6 +247,19 @@ class Messages(Case):
             self.assertIn("m.frag:%d:" % line, r.err)
             self.assertIn(what, r.err)
             self.assertEqual(r.err.count("error:"), 1, r.err)
+            for word in ("<host>", "gl.salt", "inout", "len`"):
+                self.assertNotIn(word, r.err)
+
+    def test_places_behind_names(self):
+        """What jumps or fails inside a builtin of GLSL is where the source calls it."""
+        self.put("a.frag", "uniform float r;\nvoid mainImage(out vec4 c, vec2 p) {\n  float t = mod(iTime, 3.0);\n  c = vec4(mod(p.x, r) + t,\n    acosh(p.x - 900.0), 0, 1);\n}")
+        for args in (["render", "a.frag", "--size", 4], ["grad", "a.frag", "--integral", "--param", "r=0.3"], ["explain", "a.frag"]):
+            said = self.run_cli(*args)
+            self.assertNotIn("gl.salt", said.err + said.out)
+            self.assertNotIn("gl_", said.err + said.out.replace("<host>", ""))
+        self.assertRegex(said.out, r"a.frag:4:12 +floor +mod\(p.x, r\) +in image > mainImage,")
+        self.assertIn("a.frag:3:13: warning: static", said.err)
+        self.assertIn("a.frag:5:5: results that are not finite", self.run_cli("render", "a.frag", "--size", 4, "--param", "r=0.3").err)
 
     def test_macros_end(self):
         """Macros that call themselves, each other, or grow without end."""

@@ -23,6 +23,15 @@ class Hidden(Case):
         self.count(range(253, 263))
         self.count((258, 263), "--estimator", "quadrature")
 
+    def test_solid(self):
+        """Slabs, shells, balls and rods by the lattice, which sees the two faces of |u| < b as two regions."""
+        self.count(range(273, 281))
+        self.put("s.salt", "param float w = 1e-4; param float r = 0.6; [Domain(-1.0, 1.0)] shader float main(float3 x) "
+                 "{ [Disc] if (abs(length(x) - r) < w) return 1.0; return 0.0; }")
+        j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "lattice")
+        self.assertLess(abs(j["gradient"]["w"] - 8 * math.pi * 0.36), 2 * j["stderr"]["w"])
+        self.assertLess(j["stderr"]["w"], 0.03)
+
     def test_image(self):
         """A ring of 1e-4 in the gradient of an image, by default: the lattice, cheaper by far, sees nothing of it."""
         self.put("p.salt", "param float w = 1e-4; param float r = 0.5; [Domain(-1.0, 1.0)] shader float main(float2 x) "

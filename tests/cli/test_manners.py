@@ -1,4 +1,5 @@
 """Manners of the command: colours of pictures, standard output, errors as JSON, warnings where they belong, help and completions."""
+import glob
 import subprocess
 
 from harness import *
@@ -66,6 +67,16 @@ class Streams(Case):
         self.assertEqual(self.stream("render", "bad.salt", "-o", "-", code=3), b"")
         self.no_leftovers()
 
+    def test_full(self):
+        """What could not be written is not said to have been."""
+        self.put("a.salt", RAMP)
+        _, err = self.start_cli("render", "a.salt", "--size", "9x5", "-o", "-").communicate()
+        self.assertIn(b"saltus: standard output, 9x5", err)
+        with open("/dev/full", "w") as full:
+            p = subprocess.run([BIN, "render", "a.salt", "--size", "9x5", "-o", "-"], cwd=self.dir, stdout=full, stderr=subprocess.PIPE, text=True, env=self.environment())
+        self.assertEqual(p.returncode, 5)
+        self.assertEqual(p.stderr, "saltus: standard output could not be written\n")
+
 
 class Errors(Case):
     def test_json(self):
@@ -83,6 +94,22 @@ class Errors(Case):
             self.assertTrue(errors[0]["message"])
             self.assertEqual(errors[0].get("status", 3), status)
 
+    def test_json_beside_results(self):
+        """Warnings and notes too, and what an interrupt says."""
+        self.put("a.frag", "uniform float r;\nvoid mainImage(out vec4 c, vec2 p) {\n  c = vec4(sqrt(p.x - 4.0) * r); }")
+        self.put("loop.salt", "shader float main(float2 x) { float t = x.x; [MaxIters(2)] while (t < 1e9) t += 0.1; assert(t < 1.0); return t; }")
+        for args, code, want in ((["a.frag", "--param", "iTime=1", "--param", "r=inf"], 0, {"unread": 3, "not_finite": 2, "nonfinite": 2}), (["loop.salt"], 1, {"truncated": 2, "assert": 1})):
+            lines = [json.loads(line) for line in self.run_cli("render", *args, "--size", 8, "--json", code=code).err.splitlines()]
+            self.assertEqual({d["code"]: d["severity"] for d in lines}, want)
+            for d in lines:
+                self.assertEqual(set(d), {"uri", "range", "severity", "code", "source", "message"})
+        self.put("long.salt", "shader float main(float2 x) { float t = 0.0; for (int i = 0; i < 10000000; i++) t += sin(t + x.x); return t; }")
+        for args in (["--max-seconds", 0.5], []):
+            p = self.start_cli("render", "long.salt", "--json", "--size", 512, *args)
+            err = p.communicate()[1].decode() if args else self.interrupt(p, 0.3)[1].decode()
+            lines = [json.loads(line) for line in err.splitlines()]
+            self.assertEqual([d["status"] for d in lines if d["severity"] == 1], [6 if args else 130])
+
     def test_expression(self):
         """Places are those of what was typed."""
         self.assertIn("<expr>:1:8: error", self.run_cli("render", "--expr", "length(y) + x", code=3).err)
@@ -94,6 +121,12 @@ class Errors(Case):
         self.assertTrue(r.startswith("W0401 (warning): untracked"))
         self.assertNotIn("%", r.splitlines()[0])
         self.assertEqual(self.json_cli("explain", "e0101")["code"], "E0101")
+        for name in glob.glob(os.path.join(os.path.dirname(__file__), "../../compiler/base/diag_*.def")):
+            with open(name, encoding="utf-8") as f:
+                for code in re.findall('^DIAG[A-Z_]*\\(\\w+, "(\\w+)"', f.read(), re.M):
+                    r = self.run_cli("explain", code).out
+                    self.assertRegex(r.splitlines()[0], r"^%s \((error|warning)\): [^%%]{10,}$" % code)
+                    self.assertLess(max(map(len, r.splitlines())), 130, r)
         self.assertEqual(self.run_cli("version").out, self.run_cli("--version").out)
 
     def test_warnings(self):
@@ -108,6 +141,15 @@ class Errors(Case):
             self.assertIn("W0301", self.run_cli("render", "a.salt", "--size", 4, *given).err)
             self.assertEqual([w["code"] for w in self.json_cli("render", "a.salt", "--size", 4, *given)["warnings"]], ["W0301"])
         self.assertEqual(self.run_cli("render", "a.salt", "--size", 4, "--param", "q=1").err, "")
+
+
+    def test_library(self):
+        """A command without its standard library says what would help, of a source that imports nothing too."""
+        self.put("a.frag", "void mainImage(out vec4 c, vec2 p) { c = vec4(mod(p.x, 2.0)); }")
+        self.put("a.salt", "import sdf;\nshader float main(float2 x) { return 1.0; }")
+        for args in (["a.frag"], ["a.salt"], ["--expr", "x.x"]):
+            self.assertIn("$SALTUS_STDLIB", self.run_cli("render", *args, env={"SALTUS_STDLIB": self.dir}, code=3).err)
+        self.assertIn("`gl`, which the shader needs", self.run_cli("render", "a.frag", env={"SALTUS_STDLIB": self.dir}, code=3).err)
 
 
 class Helps(Case):

@@ -1,10 +1,12 @@
-"""README.md and docs/command.md, as somebody types them in the first hour: every command on disc.salt, in order, prints what stands below it."""
+"""The pages as somebody types them in the first hour: what their commands and programs print stands below them, and the commands of every example run."""
 import pathlib
 import shlex
+import shutil
 
 from harness import *
 
-PAGES = [pathlib.Path(__file__).resolve().parents[2] / name for name in ("README.md", "docs/command.md")]
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PAGES = [ROOT / name for name in ("README.md", "docs/command.md", "docs/bounds.md")]
 NUMBER = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?$")
 
 
@@ -35,7 +37,7 @@ class Pages(Case):
             elif a[i + 1:i + 2] in (["s"], ["evaluations,"]) or (i and a[i - 1] == "+-"):
                 if a[i + 1:i + 2] != ["s"] and not 0.5 < float(x) / float(y) < 2:
                     return False
-            elif abs(float(x) - float(y)) > 2e-5 * abs(float(x)):
+            elif abs(float(x) - float(y)) > (2e-5 if abs(float(x)) > 1e-6 else 0.5) * abs(float(x)):
                 return False
         return True
 
@@ -58,6 +60,62 @@ class Pages(Case):
                     self.assertTrue(any(self.same(line, l) for l in lines), "%s: `%s` shows\n    %s\nand it is\n%s" % (page.name, command, line, r.out + r.err))
         self.assertGreater(ran, 10)
         self.assertGreater(compared, 15)
+
+    def test_fragment(self):
+        """docs/glsl.md: its commands, on its shader."""
+        page = ROOT / "docs/glsl.md"
+        self.put("shader.frag", re.search("```glsl\n(.*?)```", page.read_text("utf-8"), re.S).group(1))
+        self.run_cli("render", "--expr", "x.x", "--size", 4, "-o", "noise.png")
+        ran = commands(page)
+        for command, _ in ran:
+            self.run_cli(*shlex.split(command)[1:])
+        self.assertEqual(len(ran), 3)
+
+    @unittest.skipIf(os.environ.get("SALTUS_SANITIZE"), "the programs are not built with a sanitizer")
+    def test_programs(self):
+        """Every program of docs/library.md and README.md compiles, runs on disc.salt and prints what the page says."""
+        self.put("disc.salt", re.search("```salt\n(.*?)```", PAGES[0].read_text("utf-8"), re.S).group(1))
+        build = pathlib.Path(BIN).resolve().parents[1]
+        ran, compared = 0, 0
+        for page in (PAGES[0], ROOT / "docs/library.md"):
+            for source, behind in re.findall("```c\n(.*?)```\n(.*?)(?=```|\n#|$)", page.read_text("utf-8"), re.S):
+                self.put("page.c", source)
+                built = subprocess.run(["cc", "-std=c17", "-Wall", "-Wextra", "-Werror", "-I", ROOT / "include", "page.c", "-o", "page", "-L", build, "-lsaltus", "-Wl,-rpath," + str(build), "-lm"], cwd=self.dir, capture_output=True, text=True)
+                self.assertEqual(built.returncode, 0, built.stderr)
+                p = subprocess.run(["./page"], cwd=self.dir, capture_output=True, text=True, env=self.environment())
+                self.assertEqual(p.returncode, 0, p.stderr)
+                ran += 1
+                for line in re.findall("^    (?!cc )(.*)$", behind, re.M):
+                    compared += 1
+                    self.assertTrue(any(self.same(line, l) for l in p.stdout.splitlines()), "%s shows\n    %s\nand it is\n%s" % (page.name, line, p.stdout))
+        self.assertGreaterEqual(ran, 7)
+        self.assertGreaterEqual(compared, 14)
+
+
+class Examples(Case):
+    """Commands as they stand, in a copy of the folder, with few samples; tests/examples has the checks, and those that make terrains."""
+
+    FEW = {"render": ["--spp", 1], "grad": ["--spp", 1], "fit": ["--iters", 2]}
+    ELSEWHERE = {"shadow_art", "two_suns", "shadow_edit", "glossy_edit", "terrain_views"}
+
+    def test_commands(self):
+        ran = 0
+        for page in sorted(ROOT.glob("examples/*/README.md")):
+            if page.parent.name in self.ELSEWHERE:
+                continue
+            with self.subTest(page.parent.name):
+                shutil.copytree(page.parent, os.path.join(self.dir, page.parent.name))
+                block = re.search("```\n(.*?)```", page.read_text("utf-8"), re.S).group(1).replace("\\\n", "")
+                for command in block.splitlines():
+                    words = shlex.split(command)
+                    if words[:2] == ["saltus", "check"]:
+                        continue
+                    if words[0] == "saltus":
+                        words = [BIN, *words[1:], *map(str, self.FEW[words[1]] if "--integral" not in words else ["--samples", 16384])]
+                    p = subprocess.run(words, cwd=os.path.join(self.dir, page.parent.name), capture_output=True, text=True, timeout=HANGS, env=self.environment())
+                    self.assertEqual(p.returncode, 0, command + "\n" + p.stdout + p.stderr)
+                    ran += 1
+        self.assertGreater(ran, 30)
 
 
 if __name__ == "__main__":

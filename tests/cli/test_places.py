@@ -66,6 +66,29 @@ class Nonfinite(Case):
         at = self.warned(self.json_cli("render", "n.salt", "--size", 4))
         self.assertEqual((at["line"], at["text"]), (5, "log(x.x - float(i) * a)"))
 
+    def test_check(self):
+        """check says so too, also where values alone are not finite."""
+        self.put("v.salt", "param float a = 0.5;\nshader float main(float2 x) {\n    return a + sqrt(x.x - 0.25);\n}")
+        self.put("n.salt", STEEP_ROOT)
+        for file, line, text in ("v.salt", 3, "sqrt(x.x - 0.25)"), ("n.salt", 5, "sqrt(s)"):
+            j = self.json_cli("check", file, "--samples", 4096, code=1)
+            at = self.warned(j)
+            self.assertEqual((at["line"], at["text"]), (line, text))
+            self.assertIn("not finite", j["why"])
+            r = self.run_cli("check", file, "--samples", 4096, code=1)
+            self.assertRegex(r.out, r"FAIL: .*%s:%d:\d+: results that are not finite.* by `" % (file, line))
+
+    def test_on_an_edge(self):
+        """Infinite only where d is 0, on the curve that throws away what is beyond."""
+        for domain, d in ("float x", "x - c"), ("float2 x", "length(x) - c"):
+            self.put("n.salt", "param float c = 0.37;\n[Domain(0.0, 1.0)] shader float main(%s) {\n    float d = %s;\n    float f = 1.0 + sqrt(d);\n"
+                     "    [Disc] if (d < 0.0) f = 0.25;\n    return f;\n}" % (domain, d))
+            j = self.json_cli("grad", "n.salt", "--integral", "--estimator", "quadrature")
+            if j["nonfinite"]:
+                at = self.warned(j)
+                self.assertEqual((at["line"], at["text"]), (4, "sqrt(d)"))
+                self.assertLess(abs(sum(v * v for v in at["x"]) - 0.37 ** 2), 1e-6)
+
     def test_finite(self):
         self.put("c.salt", CIRCLE)
         for args in (["render", "c.salt", "--size", 8], ["grad", "c.salt", "--integral"]):

@@ -73,9 +73,9 @@ class Watched(Case):
 
     def test_search(self):
         self.put("m.frag", MANDEL)
-        for args in (["grad", "m.frag", "--integral"], ["grad", "m.frag", "--integral", "--samples", "262144"], ["grad", "m.frag", "-o", "g.exr"], ["check", "m.frag"], ["grad", "m.frag", "--estimator", "quadrature"],
-                     ["render", "m.frag", "--exact", "--size", "512", "-o", "r.png"], ["grad", "m.frag", "--estimator", "fd", "--samples", "100000000"]):
-            self.interrupt(*args)
+        for i, args in enumerate((["grad", "m.frag", "--integral"], ["grad", "m.frag", "--integral", "--samples", "262144"], ["grad", "m.frag", "-o", "g.exr"], ["check", "m.frag"], ["grad", "m.frag", "--estimator", "quadrature"],
+                     ["render", "m.frag", "--exact", "--size", "512", "-o", "r.png"], ["grad", "m.frag", "--estimator", "fd", "--samples", "100000000"])):
+            self.interrupt(*args, "--threads", 2 - i % 2)
         self.no_leftovers("m.frag")
 
     def test_compilation(self):
@@ -108,7 +108,7 @@ class Watched(Case):
 
     def test_notes(self):
         self.put("m.frag", MANDEL)
-        err = self.interrupt("grad", "m.frag", "--samples", "1000000", after=13)
+        err = self.interrupt("grad", "m.frag", "--samples", "1000000", "--threads", "1", after=13)
         self.assertRegex(err, r"note: grad, 1\d s.*1 site with at most 200 events.*m\.frag:7")
         start = time.time()
         r = self.run_cli("grad", "m.frag", "--max-seconds", "1", "--json", code=6)

@@ -76,8 +76,8 @@ static Cell cell(IrType t, Precision p, double v) {
 /* Is v, computed in p, inside? Floats up to a few units in the last place of the precision, and 1e-37: products of
  * ranges count smaller bounds as 0. */
 static bool inside(IrRange r, double v, Precision p, IrType t, bool ordinary) {
-    if (isnan(v)) return true;
-    if (isinf(v)) return r.inf || !ordinary || (v > 0 ? r.hi == v : r.lo == v);
+    if (isnan(v)) return r.beyond & IR_NAN || !ordinary;
+    if (isinf(v)) return r.beyond & (IR_OVERFLOW | IR_POLE) || !ordinary || (v > 0 ? r.hi == v : r.lo == v);
     double ulp = t != TY_FLT ? 0 : p == PREC_F32 ? 0x1p-20 : 0x1p-46, least = t != TY_FLT ? 0 : 1e-37;
     return v >= r.lo - fabs(r.lo) * ulp - least && v <= r.hi + fabs(r.hi) * ulp + least;
 }
@@ -96,7 +96,8 @@ static void check_ranges(Op op, Precision p) {
             if (op == OP_ftwoi) s[k] = (Sample){{-126, 127, 0}, floor(uniform() * 254) - 126};
             if (same && k == 1) s[1] = s[0];
             in[k] = cell(t, p, s[k].v);
-            ordinary &= t != TY_FLT || s[k].v == 0 || (fabs(s[k].v) < big && fabs(s[k].v) > 1 / big);
+            ordinary &=
+                t != TY_FLT || s[k].v == 0 || !isfinite(s[k].v) || (fabs(s[k].v) < big && fabs(s[k].v) > 1 / big);
         }
         for (uint32_t k = o->nargs; k < 3; k++) s[k] = (Sample){IR_RANGE_FINITE, 0};
         IrRange r = ir_range_row(op, s[0].range, s[1].range, s[2].range, same);
@@ -107,7 +108,7 @@ static void check_ranges(Op op, Precision p) {
         if (!inside(r, v, p, (IrType)o->result, ordinary))
             fail_msg(
                 "%s(%.9g, %.9g, %.9g) = %.9g is outside [%.9g, %.9g] (%d) of [%.9g, %.9g], [%.9g, %.9g], [%.9g, %.9g]",
-                o->name, s[0].v, s[1].v, s[2].v, v, r.lo, r.hi, r.inf, s[0].range.lo, s[0].range.hi, s[1].range.lo,
+                o->name, s[0].v, s[1].v, s[2].v, v, r.lo, r.hi, r.beyond, s[0].range.lo, s[0].range.hi, s[1].range.lo,
                 s[1].range.hi, s[2].range.lo, s[2].range.hi);
     }
 }

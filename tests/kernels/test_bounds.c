@@ -604,6 +604,30 @@ static void programs(void **state) {
     }
 }
 
+/* x and floor(x / y) go together: what is left of a division keeps to its period, however wide the box is, and whatever
+ * rounding makes of the quotient. */
+static void remainders(void **state) {
+    (void)state;
+    run("remainders",
+        "param float w = 0.3; param float v = -0.07; [Domain(-4.0, 4.0)] shader float3 main(float2 x) {\n"
+        "  float a = x.x - w * floor(x.x / w), b = x.y - w * round(x.y / w), c = x.x - v * floor(x.x / v);\n"
+        "  float d = x.y - 0.7 * ceil(x.y / 0.7), e = frac(x.x * 3.7 + w), s = x.y - floor(x.y / w) * w;\n"
+        "  [Disc] float n = floor(x.y / w); float t = x.y - w * n;\n"
+        "  float3 f = float3(a + e, b - c, d + s);\n"
+        "  [Disc] if (a + b < 0.2) f = float3(t, e, 1.0); return f; }",
+        0);
+    run("periods", /* f hangs on remainders by whether they exceed what they never do, and is settled everywhere */
+        "param float w = 0.3; [Domain(-4.0, 4.0)] shader float main(float2 x) {\n"
+        "  float a = x.x - w * floor(x.x / w), b = x.y - w * round(x.y / w), f = 0.0;\n"
+        "  [Disc] if (a < -0.001) f = 1.0; [Disc] if (a > w + 0.001) f = 2.0;\n"
+        "  [Disc] if (abs(b) > 0.5 * w + 0.001) f = 3.0; return f; }",
+        1);
+    run("fractions",
+        "[Domain(-4.0, 4.0)] shader float main(float2 x) {\n"
+        "  [Disc] if (frac(3.0 * x.x + x.y) < 0.0) return 1.0; return 0.0; }",
+        1);
+}
+
 /* Structure hides nothing: behind guards that are open, in loops that may have been left, in arrays, functions and
  * structs g is known with its gradient. */
 static void structure(void **state) {
@@ -689,10 +713,10 @@ static void jumping_g(void **state) {
 
 int main(int argc, char **argv) {
     if (argc > 1) rounds = (uint32_t)atoi(argv[1]);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(circle),   cmocka_unit_test(rounding_of_g),
-                                       cmocka_unit_test(examples), cmocka_unit_test(other_examples),
-                                       cmocka_unit_test(programs), cmocka_unit_test(structure),
-                                       cmocka_unit_test(jumping_g)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(circle),     cmocka_unit_test(rounding_of_g),
+                                       cmocka_unit_test(examples),   cmocka_unit_test(other_examples),
+                                       cmocka_unit_test(programs),   cmocka_unit_test(structure),
+                                       cmocka_unit_test(remainders), cmocka_unit_test(jumping_g)};
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
     printf("%llu pairs, %llu jumps, %llu given\n", (unsigned long long)pairs, (unsigned long long)jumps,
            (unsigned long long)given);

@@ -216,7 +216,53 @@ static void test_hidden(void **state) {
     }
 }
 
+/* Values that are near, and not the same: nothing bends at the parameters. By cells and by lines. */
+static void test_beside(void **state) {
+    static const double apart[] = {1e-5, 3e-6};
+    (void)state;
+    for (int way = 0; way < 4; way++) {
+        bool f64 = way & 1;
+        double value, got[FLOATS], error[FLOATS], right = 2 * PI * (0.4 + apart[f64]);
+        char source[256];
+        SltStats stats = SLT_STATS_INIT;
+        snprintf(source, sizeof source,
+                 "param float r = 0.4; param float q = %.6f; " PLANE
+                 "{ [Disc] if (length(x) < max(r, q)) return 1.0; return 0.0; }",
+                 0.4 + apart[f64]);
+        SltProgram *p = compile(source, f64);
+        SltJob j = {.estimator = way < 2 ? SLT_EST_QUADRATURE : SLT_EST_LATTICE, .samples = 1 << 18};
+        integral(p, j, &value, got, error, &stats);
+        slt_program_free(p);
+        print_message("way %d: %g +- %g, %g +- %g\n", way, got[0], error[0], got[1], error[1]);
+        assert_int_equal(stats.dropped[SLT_DROP_COINCIDENT], 0);
+        assert_true(got[0] == 0 && error[0] == 0);
+        assert_true(fabs(got[1] - right) <= 4 * error[1] && error[1] < 1e-3);
+    }
+}
+
+/* In f32 cells tell some pieces of this band's edge apart and others not, one after the other in one list: what the
+ * ones have of moved parameters is no matter of the others. */
+static void test_half_hidden(void **state) {
+    (void)state;
+    double got[3][FLOATS], value, error[FLOATS];
+    SltProgram *p = compile(BAND "1e-6; " PLANE
+                                 "{ float d = length(x) - r; [Disc] if (max(d + w, d) < 0.0) return 1.0; return 0.0; }",
+                            false);
+    for (uint32_t i = 0; i < 3; i++) {
+        SltError err;
+        SltJob j = {.struct_size = sizeof j, .integral = true, .estimator = SLT_EST_QUADRATURE, .samples = 1 << 18};
+        SltIntegral out = {.struct_size = sizeof out, .value = &value, .gradient = got[i], .gradient_stderr = error};
+        j.threads = 1 + i;
+        if (slt_grad_integral(p, &j, &out, NULL, &err) != SLT_OK) fail_msg("%s", err.text);
+        assert_memory_equal(got[i], got[0], 2 * sizeof **got);
+        print_message("%g +- %g, %g +- %g\n", got[i][0], error[0], got[i][1], error[1]);
+        assert_true(fabs(got[i][1] + 0.8 * PI) <= 1.05 * error[1] + 1e-3);
+    }
+    slt_program_free(p);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_kinks), cmocka_unit_test(test_hidden)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_kinks), cmocka_unit_test(test_hidden),
+                                       cmocka_unit_test(test_beside), cmocka_unit_test(test_half_hidden)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

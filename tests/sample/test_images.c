@@ -1,4 +1,5 @@
 /* Images and their derivatives: closed forms, forward against reverse, bits against the number of threads. */
+#include <sched.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -335,6 +336,32 @@ static void test_pool(void **state) {
     }
 }
 
+/* With a worker to spare a thread goes on while a tile before its own is still worked on: the first tile ends when the
+ * fourth has begun. */
+typedef struct Race {
+    _Atomic uint64_t begun;
+    uint64_t merged, of[4]; /* of: by worker, the tile that it has worked on */
+} Race;
+static bool race_work(void *user, uint32_t worker, uint64_t tile) {
+    Race *r = user;
+    double late = pool_now() + 20;
+    r->of[worker] = tile, r->begun |= (uint64_t)1 << tile;
+    while (tile == 0 && !(r->begun & 8) && pool_now() < late) sched_yield();
+    return tile != 0 || r->begun & 8;
+}
+static void race_merge(void *user, uint32_t worker, uint64_t tile) {
+    Race *r = user;
+    if (r->merged++ != tile || r->of[worker] != tile) fail_msg("merged out of order, or what another tile has left");
+}
+static void test_spares(void **state) {
+    (void)state;
+    Race r = {0};
+    SltError err;
+    PoolOptions o = {.threads = 2, .workers = 4};
+    assert_int_equal(pool_run(&o, 12, race_work, race_merge, &r, &err), SLT_OK);
+    assert_int_equal(r.merged, 12);
+}
+
 static void test_rng(void **state) {
     (void)state;
     uint32_t a[4], b[4];
@@ -365,6 +392,7 @@ int main(void) {
                                        cmocka_unit_test(test_other_dimensions),
                                        cmocka_unit_test(test_bound),
                                        cmocka_unit_test(test_pool),
+                                       cmocka_unit_test(test_spares),
                                        cmocka_unit_test(test_rng)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -17,6 +17,9 @@
 #include "compiler/back/core/core.h"
 
 enum { CACHE_CAP_MIB = 256, CACHE_KEEP_MIB = 192, CACHE_ENTRY_MIB = 64 };
+/* A full folder has thousands of entries, and to ask for the size of each takes as long as to compile a kernel: it is
+ * done once for so much that is written, on average, by the bits of the key. */
+enum { CACHE_MEASURE_MIB = 1 };
 
 typedef struct EntryHead {
     char magic[8];
@@ -116,8 +119,9 @@ static bool is_abandoned(int folder, const char *name) {
     return free_to_lock;
 }
 
-/* Removes what killed runs left, and the entries unused for longest until the folder is within its size. */
-static void trim(const char *folder) {
+/* Removes what killed runs left, and, if it is to measure the folder, the entries unused for longest until it is within
+ * its size. */
+static void trim(const char *folder, bool measure) {
     DIR *d = opendir(folder);
     if (!d) return;
     Aged *all = NULL;
@@ -125,6 +129,7 @@ static void trim(const char *folder) {
     uint64_t total = 0;
     for (struct dirent *f; (f = readdir(d));) {
         struct stat st;
+        if (!measure && strncmp(f->d_name, "tmp-", 4) != 0) continue;
         if (strlen(f->d_name) >= sizeof all->name || fstatat(dirfd(d), f->d_name, &st, AT_SYMLINK_NOFOLLOW) ||
             !S_ISREG(st.st_mode))
             continue;
@@ -167,6 +172,6 @@ bool cache_write(Arena *arena, const char *folder, const CacheKey *key, const un
     ok = !close(fd) && ok;
     ok = ok && !rename(temp, entry_path(arena, folder, key));
     if (!ok) unlink(temp);
-    else trim(folder);
+    else trim(folder, key->lo % ((size_t)CACHE_MEASURE_MIB << 20) < size);
     return ok;
 }

@@ -77,18 +77,26 @@ static bool better(const Func *a, const Func *b, Expr *e) {
     return strictly;
 }
 
+/* The variables of a GLSL file that it is given, which nobody wrote: the last arguments. */
+static uint32_t hidden_args(const Func *f) {
+    uint32_t n = 0;
+    while (n < f->nargs && f->args[f->nargs - 1 - n]->hidden) n++;
+    return n;
+}
+
 /* The only declaration does not fit: say which argument and why. */
 static void report_single(Checker *c, Expr *e, const Func *f) {
     Diag *d = NULL;
     if (f->nargs != e->nargs) {
+        uint32_t hidden = hidden_args(f), want = f->nargs - hidden;
         d = diag_emit(c->s, DIAG_arg_count, e->op_span, f->name,
-                      arena_printf(&c->s->session, "%u argument%s", f->nargs, f->nargs == 1 ? "" : "s"), e->nargs);
+                      arena_printf(&c->s->session, "%u argument%s", want, want == 1 ? "" : "s"), e->nargs - hidden);
     } else {
         for (uint32_t i = 0; i < e->nargs; i++) {
             const Symbol *formal = f->args[i];
             Expr *arg = e->args[i];
             if (argument_cost(arg, formal) >= 0) continue;
-            const char *mode = formal->mode == ARG_OUT ? "out" : "inout";
+            const char *mode = formal->mode == ARG_OUT || formal->was_out ? "out" : "inout";
             if (formal->mode != ARG_IN && arg->type == formal->type)
                 d = diag_emit(c->s, DIAG_out_argument, arg->span,
                               arena_printf(&c->s->session,
@@ -154,7 +162,7 @@ static Expr *check_user_call(Checker *c, Expr *e, Decl *d) {
             return fail(c, e);
         }
         Diag *diag = diag_emit(c->s, best ? DIAG_ambiguous_call : DIAG_no_overload, e->op_span, d->name,
-                               types_text(c, e->args, e->nargs));
+                               types_text(c, e->args, e->nargs - hidden_args(d->funcs[0])));
         uint32_t shown = 0;
         for (uint32_t i = 0; i < d->nfuncs && shown < 8; i++)
             if (!best || viable(d->funcs[i], e)) {
@@ -684,9 +692,9 @@ Expr *check_list(Checker *c, Expr *e, Type *t) {
         bool ok = e->nargs == want;
         if (!ok)
             diag_emit(c->s, DIAG_bad_list, e->span,
-                      arena_printf(&c->s->session, "a list names every element: %s has %u %s%s, the list has %u",
-                                   t->name, want, t->kind == T_ARRAY ? "element" : "field", want == 1 ? "" : "s",
-                                   e->nargs));
+                      arena_printf(&c->s->session, "%s%s has %u %s%s, %u given",
+                                   in_glsl(c) ? "" : "a list names every element: ", t->name, want,
+                                   t->kind == T_ARRAY ? "element" : "field", want == 1 ? "" : "s", e->nargs));
         for (uint32_t i = 0; i < e->nargs; i++) {
             Type *item = i >= want ? c->t_error : t->kind == T_ARRAY ? t->elem : t->fields[i].type;
             e->args[i] = check_init(c, e->args[i], item);

@@ -239,10 +239,11 @@ static void fill_language(Checker *c) {
 const char *func_text(Checker *c, const Func *f) {
     Session *s = c->s;
     const char *text = arena_printf(&s->session, "%s %s(", f->ret ? f->ret->name : "?", f->name);
-    for (uint32_t i = 0; i < f->nargs && i < 32; i++) {
+    for (uint32_t i = 0; i < f->nargs && i < 32 && !f->args[i]->hidden; i++) {
         static const char *const mode[] = {[ARG_IN] = "", [ARG_OUT] = "out ", [ARG_INOUT] = "inout "};
-        text = arena_printf(&s->session, "%s%s%s%s", text, i ? ", " : "", mode[f->args[i]->mode],
-                            f->args[i]->type ? f->args[i]->type->name : "?");
+        const Symbol *arg = f->args[i];
+        text = arena_printf(&s->session, "%s%s%s%s", text, i ? ", " : "", mode[arg->was_out ? ARG_OUT : arg->mode],
+                            arg->type ? arg->type->name : "?");
     }
     return arena_printf(&s->session, "%s)", text);
 }

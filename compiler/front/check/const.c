@@ -372,7 +372,9 @@ bool const_int(Checker *c, Expr *e, const char *what, int64_t *out) {
         Symbol *root = place_root(e);
         if (root && root->kind == SYM_PARAM)
             diag_note(c->s, d, root->span,
-                      "`%s` is a `param`, which may change without compiling; a `const` can be set with --set",
+                      in_glsl(c)
+                          ? "`%s` is a uniform, which may change without compiling"
+                          : "`%s` is a `param`, which may change without compiling; a `const` can be set with --set",
                       root->name);
         return false;
     }

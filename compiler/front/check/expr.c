@@ -122,7 +122,8 @@ static Type *matrix_product(Checker *c, Expr *e) {
 /* GLSL: a scalar and a matrix, component by component. NULL: it is none. */
 static Type *component_wise(Checker *c, Expr *e) {
     int scalar = is_scalar(e->a[1]->type);
-    if (!is_numeric(e->a[scalar]->type) || e->op < OPR_ADD || e->op > OPR_DIV) return NULL;
+    const Type *t = e->a[scalar]->type;
+    if (!is_scalar(t) || t->kind == T_BOOL || e->op < OPR_ADD || e->op > OPR_DIV) return NULL;
     e->a[scalar] = convert_scalar_kind(c, e->a[scalar], T_FLOAT, false);
     return e->a[!scalar]->type;
 }
@@ -145,14 +146,16 @@ Expr *check_binary_typed(Checker *c, Expr *e) {
     if (in_glsl(c) && a == b && (is_aggregate(a) || a->kind == T_MATRIX) && (e->op == OPR_EQ || e->op == OPR_NE))
         return typed(c, e, c->t_bool);
     if (a->kind == T_MATRIX || b->kind == T_MATRIX) {
-        if (e->op == OPR_MUL && in_glsl(c) && !is_scalar(a) && !is_scalar(b)) { /* (M v)ᵀ = vᵀ Mᵀ, and Mᵀ is stored */
-            Expr *first = e->a[0];
+        Expr *first = e->a[0];
+        if (e->op == OPR_MUL && in_glsl(c) && !is_scalar(a) && !is_scalar(b)) /* (M v)ᵀ = vᵀ Mᵀ, and Mᵀ is stored */
             e->a[0] = e->a[1], e->a[1] = first;
-        }
         Type *t = matrix_product(c, e);
         if (!t && a == b && (e->op == OPR_ADD || e->op == OPR_SUB || (e->op == OPR_DIV && in_glsl(c)))) t = a;
         if (!t && in_glsl(c)) t = component_wise(c, e);
-        if (!t) return bad_operands(c, e, text, operand_hint(a, b, e->op));
+        if (!t) { /* in the order of the source */
+            if (e->a[0]->type != a) e->a[1] = e->a[0], e->a[0] = first;
+            return bad_operands(c, e, text, operand_hint(a, b, e->op));
+        }
         return typed(c, e, t);
     }
     bool compare = e->op >= OPR_EQ && e->op <= OPR_GE, bits = e->op >= OPR_AND && e->op <= OPR_XOR,
@@ -171,6 +174,8 @@ Expr *check_binary_typed(Checker *c, Expr *e) {
     }
     if (k == T_BOOL && !(e->op == OPR_EQ || e->op == OPR_NE || bits))
         return bad_operands(c, e, text, ": nothing converts to or from bool");
+    if (k == T_FLOAT && e->op == OPR_MOD && in_glsl(c))
+        return bad_operands(c, e, text, ": it is of integers, `mod(x, y)` of floats");
     if (k == T_FLOAT && bits) return bad_operands(c, e, text, ": bit operations are of integers and bools");
     e->a[0] = convert(c, e->a[0], t, CONV_BROADCAST);
     e->a[1] = convert(c, e->a[1], t, CONV_BROADCAST);
@@ -260,7 +265,7 @@ static void report_not_place(Checker *c, Expr *e) {
                 type_is_resource(root->type);
         if (named)
             what = arena_printf(&c->s->session, "%s `%s`",
-                                root->kind == SYM_PARAM        ? "parameter"
+                                root->kind == SYM_PARAM        ? in_glsl(c) ? "uniform" : "parameter"
                                 : type_is_resource(root->type) ? "resource"
                                                                : "constant",
                                 root->name);
@@ -351,6 +356,13 @@ static Expr *check_index(Checker *c, Expr *e) {
         diag_emit(c->s, DIAG_bad_index, e->a[1]->span,
                   arena_printf(&c->s->session, "an index is an int or a uint, this is %s%s", i->name,
                                i->kind == T_FLOAT ? ": write `int(...)`" : ""));
+        return fail(c, e);
+    }
+    /* GLSL calls it an error; in the language constants that --set changes may make such a branch, which is not run. */
+    if (in_glsl(c) && e->a[1]->is_const && e->a[1]->cval.n == 1 && (uint64_t)e->a[1]->cval.v[0].i >= t->n) {
+        diag_emit(c->s, DIAG_bad_index, e->a[1]->span,
+                  arena_printf(&c->s->session, "there is no [%lld] in %s: its indices are 0 to %u",
+                               (long long)e->a[1]->cval.v[0].i, t->name, t->n - 1));
         return fail(c, e);
     }
     return typed(c, e, t->kind == T_MATRIX ? type_row(t) : t->elem);

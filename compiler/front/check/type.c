@@ -236,7 +236,8 @@ static const char *conversion_hint(Checker *c, const Expr *e, const Type *to) {
     if (to->kind == T_MATRIX && is_scalar(from)) return ": a matrix does not come from a scalar, list its components";
     if (!wf || !wt) return "";
     if (wf == wt && kt == T_BOOL) return ": compare, as in `v != 0`";
-    if (wf == wt && kf == T_BOOL) return ": use `?:` or `select`";
+    if (wf == wt && kf == T_BOOL)
+        return in_glsl(c) ? arena_printf(&c->s->session, ": write `%s(...)`", to->name) : ": use `?:` or `select`";
     if (wf == wt && kf > kt) return arena_printf(&c->s->session, ": write `%s(...)`", to->name);
     if (wf > wt)
         return wt == 1 ? ": take one component, as `.x`"

@@ -8,7 +8,8 @@ enum { MAX_CALL_DEPTH = 400 }; /* bounds the C stack */
 const char *gen_path(Lower *l) {
     const Frame *chain[MAX_CALL_DEPTH + 2];
     uint32_t n = 0;
-    for (const Frame *f = l->frame; f && n < MAX_CALL_DEPTH + 2; f = f->caller) chain[n++] = f;
+    for (const Frame *f = l->frame; f && n < MAX_CALL_DEPTH + 2; f = f->caller)
+        if (!f->shown) chain[n++] = f;
     size_t len = 1;
     for (uint32_t i = 0; i < n; i++) len += strlen(chain[i]->func->name) + 3;
     char *text = arena_alloc(l->arena, len), *at = text;
@@ -22,9 +23,13 @@ const char *gen_path(Lower *l) {
     return text;
 }
 
+Span gen_shown(const Lower *l, Span span) { return l->frame && l->frame->shown ? *l->frame->shown : span; }
+
 Val gen_inline(Lower *l, Func *f, const Bind *args, Span span) {
     Frame frame = {.func = f, .caller = l->frame, .call_span = span, .depth = l->frame ? l->frame->depth + 1 : 0};
     if (frame.depth > MAX_CALL_DEPTH) gen_too_large(l, span);
+    if (l->frame && l->frame->shown) frame.shown = l->frame->shown;
+    else if (l->program->is_glsl && f->module->is_stdlib) frame.shown = &frame.call_span;
     frame.bind = ARENA_ARRAY(l->arena, Bind, f->nlocals + 1);
     for (uint32_t i = 0; i < f->nargs; i++) frame.bind[f->args[i]->id] = args[i];
     bool is_void = f->ret->kind == T_VOID;

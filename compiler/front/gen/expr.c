@@ -477,7 +477,7 @@ static Val gen_kind(Lower *l, Expr *e) {
 Val gen_expr(Lower *l, Expr *e) {
     if (e->is_const && e->cval.n && is_value_type(e->type)) return const_val(l, e->type, &e->cval);
     Span span = l->b.span;
-    l->b.span = e->span;
+    l->b.span = gen_shown(l, e->span);
     Val v = gen_kind(l, e);
     l->b.span = span;
     return v;

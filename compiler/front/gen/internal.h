@@ -110,6 +110,7 @@ struct Frame {
     Func *func;
     Frame *caller;
     Span call_span;
+    const Span *shown; /* of a function behind GLSL's names: where the source calls it, for messages; else NULL */
     Bind *bind;
     Var *ret;                  /* one a leaf of the result */
     Var *ret_flag, *brk, *cnt; /* a return, break or continue was taken; brk and cnt: to the innermost target */
@@ -258,6 +259,7 @@ Inst *param_float(Lower *l, const Symbol *sym, uint32_t offset, Inst *dyn, uint3
 /* call.c */
 Val gen_call(Lower *l, Expr *e);
 Val gen_inline(Lower *l, Func *f, const Bind *args, Span span);
+Span gen_shown(const Lower *l, Span span); /* what is said of this place is said of … */
 const char *gen_path(Lower *l);
 
 /* stmt.c, loop.c */

@@ -48,6 +48,7 @@ static uint32_t loop_indices(Lower *l, const LoopCtx *inner, Inst **args, uint64
 static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, const LoopCtx *inner, Span span,
                        bool skip) {
     Inst *args[2 + SLT_MAX_K] = {value, g};
+    span = gen_shown(l, span);
     SiteInfo info = {.kind = kind, .span = span, .skip_loop = skip, .by_auto = l->tag.by_auto};
     info.depth = loop_indices(l, inner, args + 2, &info.max_events, span);
     info.path = gen_path(l);
@@ -59,6 +60,7 @@ static Inst *emit_site(Lower *l, Op op, SiteKind kind, Inst *value, Inst *g, con
 
 void site_untracked(Lower *l, Inst *at, Inst *g0, Inst *g1, Span span, JumpKind kind) {
     if (l->quiet || l->in_tangent || ir_is_const(at)) return;
+    span = gen_shown(l, span);
     if (l->tag.nodisc) vec_push(l->arena, &l->silenced, span);
     else vec_push(l->arena, &l->untracked, ((Untracked){at, g0, g1, span, kind}));
 }
@@ -89,7 +91,7 @@ typedef struct Oriented {
 
 static void note_skipped(Lower *l, Inst *decision, Inst *a, Inst *b, Span span) {
     if (l->quiet || l->in_tangent || ir_is_const(decision)) return;
-    vec_push(l->arena, &l->untracked, ((Untracked){decision, a, b, span, JUMP_SKIPPED}));
+    vec_push(l->arena, &l->untracked, ((Untracked){decision, a, b, gen_shown(l, span), JUMP_SKIPPED}));
 }
 
 static Oriented skip_truth(Lower *l, Expr *e);
@@ -132,7 +134,7 @@ Inst *gen_skip_condition(Lower *l, Expr *cond, LoopCtx *root) {
     Oriented o = skip_truth(l, cond);
     var_set(l, g, sel(l, any->value, g->value, op2(l, OP_fmax, g->value, o.s)));
     var_set(l, any, op2(l, OP_bor, any->value, o.decision));
-    vec_push(l->arena, &root->skips, ((SkipRec){any, g, NULL, SITE_COMPARE, cond->span}));
+    vec_push(l->arena, &root->skips, ((SkipRec){any, g, NULL, SITE_COMPARE, gen_shown(l, cond->span)}));
     return o.decision;
 }
 
@@ -144,7 +146,7 @@ static void record_guarded(Lower *l, Inst *decision, Inst *g, Span span) {
     var_set(l, kept, sel(l, ran->value, kept->value, decision));
     var_set(l, kept_g, sel(l, ran->value, kept_g->value, g));
     var_set(l, ran, kb(l, true));
-    vec_push(l->arena, &root->skips, ((SkipRec){ran, kept_g, kept, SITE_COMPARE, span}));
+    vec_push(l->arena, &root->skips, ((SkipRec){ran, kept_g, kept, SITE_COMPARE, gen_shown(l, span)}));
 }
 
 void site_flush_skips(Lower *l, LoopCtx *root) {

@@ -421,7 +421,7 @@ static void gen_simple(Lower *l, Stmt *s) {
 }
 
 void gen_stmt(Lower *l, Stmt *s) {
-    l->b.span = s->span;
+    l->b.span = gen_shown(l, s->span);
     switch (s->kind) {
     case S_BLOCK: {
         Tag tag = l->tag;

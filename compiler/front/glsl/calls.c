@@ -36,6 +36,10 @@ static const Rename renames[] = {
     {"not", "gl_not", 0},
     {"matrixCompMult", "gl_multiply_components", 0},
     {"outerProduct", "gl_outer", 0},
+    {"uaddCarry", "gl_add_carry", 0},
+    {"usubBorrow", "gl_sub_borrow", 0},
+    {"umulExtended", "gl_mul_wide", 0},
+    {"imulExtended", "gl_mul_wide", 0},
     {"fwidth", "gl_fwidth", 0},
     {"dFdxFine", "dFdx", 0},
     {"dFdyFine", "dFdy", 0},
@@ -82,6 +86,26 @@ typedef struct Calls {
     bool uses_module;
 } Calls;
 
+/* HLSL's names, which the language has: a shader that calls one runs nowhere else. */
+static void refuse_other_names(Parser *p, const Expr *e) {
+    static const char *const names[][2] = {{"lerp", "`mix`"},
+                                           {"frac", "`fract`"},
+                                           {"rsqrt", "`inversesqrt`"},
+                                           {"atan2", "`atan`"},
+                                           {"fmod", "`mod`"},
+                                           {"mul", "`*`"},
+                                           {"saturate", "`clamp(x, 0.0, 1.0)`"},
+                                           {"ddx", "`dFdx`"},
+                                           {"tex2D", "`texture`"},
+                                           {"asuint", "`floatBitsToUint`"},
+                                           {"asfloat", "`uintBitsToFloat`"},
+                                           {"ddy", "`dFdy`"}};
+    for (size_t i = 0; i < COUNT(names); i++)
+        if (!strcmp(e->name, names[i][0]))
+            diag_emit(p->s, DIAG_unknown_name, e->op_span, e->name,
+                      arena_printf(&p->s->session, ": GLSL has %s", names[i][1]));
+}
+
 static void rename_call(GlslWalk *w, Expr *e) {
     Calls *c = w->user;
     if (e->kind != E_CALL || glsl_is_local(w, e->name)) return;
@@ -93,6 +117,7 @@ static void rename_call(GlslWalk *w, Expr *e) {
         e->name = own;
         return;
     }
+    if (!r) refuse_other_names(w->p, e);
     if (!r || (r->nargs && r->nargs != e->nargs)) return;
     Session *s = w->p->s;
     /* The levels of detail and derivatives of a lookup mean nothing: a texture has one level. */

@@ -86,6 +86,18 @@ static void host_uniforms(Text *t) {
     }
 }
 
+/* The least that GLSL ES 3.00 lets an implementation have, and one output. */
+static const struct {
+    const char *name;
+    int value;
+} limits[] = {{"gl_MaxDrawBuffers", 1},           {"gl_MaxVertexAttribs", 16},
+              {"gl_MaxVaryingVectors", 15},       {"gl_MaxVertexUniformVectors", 256},
+              {"gl_MaxVertexOutputVectors", 16},  {"gl_MaxVertexTextureImageUnits", 16},
+              {"gl_MaxTextureImageUnits", 16},    {"gl_MaxCombinedTextureImageUnits", 32},
+              {"gl_MaxFragmentInputVectors", 15}, {"gl_MaxFragmentUniformVectors", 224},
+              {"gl_MinProgramTexelOffset", -8},   {"gl_MaxProgramTexelOffset", 7}};
+enum { LIMITS = sizeof limits / sizeof *limits };
+
 static void fragment_variables(Text *t) {
     Parser *p = t->p;
     if (wanted(p, "gl_FragCoord")) {
@@ -95,7 +107,8 @@ static void fragment_variables(Text *t) {
     if (wanted(p, "gl_FragColor")) variable(p, "float4", "gl_FragColor", 0);
     if (wanted(p, "gl_FragData")) variable(p, "float4", "gl_FragData", 1);
     if (wanted(p, "gl_FrontFacing")) add(t, &t->decls, "const bool gl_FrontFacing = true;\n");
-    if (wanted(p, "gl_MaxDrawBuffers")) add(t, &t->decls, "const int gl_MaxDrawBuffers = 1;\n");
+    for (size_t i = 0; i < LIMITS; i++)
+        if (wanted(p, limits[i].name)) add(t, &t->decls, "const int %s = %d;\n", limits[i].name, limits[i].value);
     if (wanted(p, "gl_PointCoord")) add(t, &t->decls, "const float2 gl_PointCoord = float2(0.0);\n");
     if (map_get(&p->unit->words, word(p, "discard"))) variable(p, "bool", "gl_discard", 0);
     for (uint32_t i = 0; i < p->unit->inputs.len; i++) {
@@ -139,11 +152,26 @@ static const char *output(Parser *p) {
     return map_get(&p->unit->words, word(p, "gl_FragData")) ? "gl_FragData[0].xyz" : NULL;
 }
 
+/* `void mainImage(out vec4, vec2)`, or the call of it below would not fit. */
+static bool is_entry(Parser *p, const Func *f) {
+    const Symbol *color = f->args[0], *point = f->args[1];
+    bool fits = color->mode == ARG_INOUT && !color->type_ref->ndims && !strcmp(color->type_ref->name, "float4") &&
+                point->mode == ARG_IN && !point->type_ref->ndims && !strcmp(point->type_ref->name, "float2") &&
+                !strcmp(f->ret_ref->name, "void");
+    if (!fits)
+        diag_emit(
+            p->s, DIAG_glsl_entry, f->name_span,
+            "`mainImage` gives its colour by its first argument: `void mainImage(out vec4 color, in vec2 point)`");
+    return fits;
+}
+
 static bool entry_text(Text *t) {
     Parser *p = t->p;
     Span top = {p->module->file, 0, 0};
     const char *colour = "gl_color.xyz";
-    if (function(p, "mainImage", 2)) {
+    const Func *toy = function(p, "mainImage", 2);
+    if (toy) {
+        if (!is_entry(p, toy)) return false;
         add(t, &t->body, "    float4 gl_color = float4(0.0);\n    mainImage(gl_color, gl_point);\n");
     } else if (function(p, "main", 0)) {
         colour = output(p);

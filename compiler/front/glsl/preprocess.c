@@ -91,6 +91,7 @@ static bool opens(const Pre *p, const Stream *st) {
 }
 
 static bool push(Pre *p, Stream *st, const TokenVec *body, Macro *macro, Span at) {
+    if (!body->len) return true;
     if (st->nfeeds == MAX_EXPANSIONS) {
         complain(p, at, "macros are nested deeper than 256");
         p->failed = true;
@@ -287,7 +288,7 @@ static bool condition(Pre *p, const TokenVec *words, Span at) {
     Stream *st = ARENA_NEW(p->arena, Stream);
     push(p, st, &plain, NULL, at);
     expand(p, st, &full);
-    Eval e = {.p = p, .at = full.data, .end = full.data + full.len};
+    Eval e = {.p = p, .at = full.data, .end = full.len ? full.data + full.len : full.data};
     int64_t v = eval(&e, 1);
     if (e.bad || e.at != e.end)
         complain(p, at, "this is no condition that can be evaluated: integers, macros, `defined`, operators");

@@ -73,12 +73,20 @@ static bool in_word(char c) {
     return c == '_' || (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
 }
 
-static const char *in_glsl_words(Session *s, const char *text) {
+/* Does the source have the word itself, as of its own? */
+static bool stands_in(const Source *src, const char *word, size_t n) {
+    for (const char *at = src->text; (at = strstr(at, word)); at += n)
+        if ((at == src->text || !in_word(at[-1])) && !in_word(at[n])) return true;
+    return false;
+}
+
+static const char *in_glsl_words(Session *s, const Source *src, const char *text) {
     Text out = {0};
     for (const char *at = text; *at;) {
         size_t n = 0;
         while (in_word(at[n])) n++;
         const char *word = n ? word_here(at, n) : NULL;
+        if (word && stands_in(src, arena_strndup(&s->session, at, n), n)) word = NULL;
         for (size_t i = 0; word && word[i]; i++) vec_push(&s->session, &out, word[i]);
         for (size_t i = 0; !word && i < (n ? n : 1); i++) vec_push(&s->session, &out, at[i]);
         at += n ? n : 1;
@@ -87,11 +95,19 @@ static const char *in_glsl_words(Session *s, const char *text) {
     return out.data;
 }
 
+static bool is_of_glsl(const Session *s, Span at) { return at.file >= 0 && s->sources[at.file].glsl[0]; }
+
+/* Notes that point into what nobody wrote, the host's declarations or the functions behind GLSL's names, go. */
 void glsl_speak(Session *s) {
     for (Diag *d = s->diags; d; d = d->next) {
-        if (d->span.file < 0 || !s->sources[d->span.file].glsl[0]) continue;
-        d->text = in_glsl_words(s, d->text);
-        for (DiagNote *n = d->notes; n; n = n->next) n->text = in_glsl_words(s, n->text);
+        if (!is_of_glsl(s, d->span)) continue;
+        const Source *src = &s->sources[d->span.file];
+        d->text = in_glsl_words(s, src, d->text);
+        for (DiagNote **n = &d->notes; *n;) {
+            (*n)->text = in_glsl_words(s, src, (*n)->text);
+            if ((*n)->span.file >= 0 && !is_of_glsl(s, (*n)->span)) *n = (*n)->next;
+            else n = &(*n)->next;
+        }
     }
 }
 

@@ -282,7 +282,7 @@ static Symbol *argument(Parser *p) {
     sym->kind = SYM_ARG;
     sym->is_const = parse_accept(p, TOK_CONST);
     if (parse_accept(p, TOK_INOUT)) sym->mode = ARG_INOUT;
-    else if (parse_accept(p, TOK_OUT)) sym->mode = p->glsl ? ARG_INOUT : ARG_OUT; /* GLSL need not assign it */
+    else if (parse_accept(p, TOK_OUT)) sym->mode = p->glsl ? ARG_INOUT : ARG_OUT, sym->was_out = p->glsl;
     else if (parse_accept(p, TOK_IN) && parse_accept(p, TOK_OUT)) sym->mode = ARG_INOUT;
     if (parse_accept(p, TOK_CONST)) sym->is_const = true;
     TypeRef *base = parse_type(p, "the type of an argument");

@@ -47,6 +47,13 @@ Lexer lex_start(Session *s, int file) {
     return lx;
 }
 
+/* The length of the line break that GLSL's `\` here joins to what stands behind it, in comments too. */
+static uint32_t continued(const Lexer *lx) {
+    const char *at = lx->text + lx->pos;
+    if (!lx->glsl || at[0] != '\\') return 0;
+    return at[1] == '\n' ? 1 : at[1] != '\r' ? 0 : at[2] == '\n' ? 2 : 1;
+}
+
 /* Skips blanks and comments; true if a line break was among them (or the file starts here). */
 static bool skip_blanks(Lexer *lx) {
     bool new_line = lx->pos == 0 || (lx->pos == 3 && lx->text[0] == '\xEF');
@@ -55,10 +62,11 @@ static bool skip_blanks(Lexer *lx) {
         if (c == '\n' || c == '\r') new_line = true;
         if (c == ' ' || c == '\t' || c == '\n' || c == '\r' || c == '\f' || c == '\v') {
             lx->pos++;
-        } else if (lx->glsl && c == '\\' && (lx->text[lx->pos + 1] == '\n' || lx->text[lx->pos + 1] == '\r')) {
-            lx->pos += lx->text[lx->pos + 1] == '\r' && lx->text[lx->pos + 2] == '\n' ? 3 : 2;
+        } else if (continued(lx)) {
+            lx->pos += 1 + continued(lx);
         } else if (c == '/' && lx->text[lx->pos + 1] == '/') {
-            while (lx->pos < lx->len && lx->text[lx->pos] != '\n' && lx->text[lx->pos] != '\r') lx->pos++;
+            while (lx->pos < lx->len && lx->text[lx->pos] != '\n' && lx->text[lx->pos] != '\r')
+                lx->pos += 1 + continued(lx);
         } else if (c == '/' && lx->text[lx->pos + 1] == '*') {
             uint32_t open = lx->pos;
             lx->pos += 2;
@@ -160,8 +168,11 @@ static void lex_number(Lexer *lx, Token *t) {
         if (dot || exponent) {
             if (i < n && (s[i] | 32) == 'f') i++;
             if (!fault && i < n)
-                fault =
-                    s[i] == '.' ? "a number has one point only" : "this suffix does not exist; floats may end in `f`";
+                fault = s[i] == '.' ? "a number has one point only"
+                        : lx->glsl && (s[i] | 32) == 'l' && i + 2 == n
+                            ? "there are no doubles: floats may end in `f` "
+                              "(--precision f64 computes all in double)"
+                            : "this suffix does not exist; floats may end in `f`";
             if (!fault) {
                 lex_float(lx, t, s, body);
                 return;

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 enum { MAX_IMPORT_DEPTH = 256 };
 enum { UNLOADED, LOADING, LOADED };
@@ -73,11 +74,14 @@ static void report_missing(Session *s, int file, const Import *im) {
         for (uint32_t k = 0; k < n; k++) vec_push(&s->session, &names, intern(s, found[k], strlen(found[k])));
     }
     const char *near = suggest_nearest(im->name, names.data, names.len);
-    Diag *diag = diag_emit(s, DIAG_import_missing, im->span, im->name,
-                           near ? arena_printf(&s->session, "; did you mean `%s`?", near) : "");
-    for (uint32_t i = 0; (dir = search_dir(s, file, i)); i++)
+    const char *hint = im->of_stdlib ? ", which the shader needs of the standard library"
+                       : near        ? arena_printf(&s->session, "; did you mean `%s`?", near)
+                                     : "";
+    Diag *diag = diag_emit(s, DIAG_import_missing, im->span, im->name, hint);
+    for (uint32_t i = im->of_stdlib && s->stdlib_dir ? s->nimport_dirs + 1 : 0; (dir = search_dir(s, file, i)); i++)
         diag_note(s, diag, SPAN_NONE, i == 0 ? "searched beside the file, in `%s`" : "searched in `%s`", dir);
-    if (!s->stdlib_dir) diag_note(s, diag, SPAN_NONE, "the standard library was not found");
+    if (!s->stdlib_dir || access(join(s, s->stdlib_dir, "gl"), R_OK) != 0)
+        diag_note(s, diag, SPAN_NONE, "the standard library is not there: $SALTUS_STDLIB says in which folder it is");
 }
 
 static void report_cycle(Session *s, const Frame *frame, const Import *im, const Module *closed) {

@@ -137,12 +137,43 @@ static Stmt *declaration(Parser *p) {
 
 /* ---- compound statements ---- */
 
-/* `( expr )`; after an error parsing goes on behind the bracket. */
-static Expr *header_condition(Parser *p, Stmt *st, Span keyword) {
+/* In GLSL the condition of a loop may declare a variable, which lives for one turn: the turn declares it, and goes on
+ * or ends the loop by it. `*turn` is that `{ T x = e; if (x) …; else break; }`, whose body the caller has. */
+static Expr *declared_condition(Parser *p, Stmt **turn) {
+    Arena *a = &p->s->module;
+    Stmt *decl = declaration(p), *test = new_stmt(p, S_IF, decl->span);
+    const Symbol *sym = decl->ndecls ? decl->decls[decl->ndecls - 1] : NULL;
+    Expr *e = ARENA_NEW(a, Expr);
+    *e = (Expr){.kind = sym ? E_NAME : E_ERROR, .span = decl->span, .op_span = decl->span, .depth = 1};
+    if (sym) e->name = sym->name;
+    test->expr = e;
+    test->orelse = new_stmt(p, S_BREAK, decl->span);
+    *turn = new_stmt(p, S_BLOCK, decl->span);
+    (*turn)->stmts = ARENA_ARRAY(a, Stmt *, 2);
+    (*turn)->nstmts = 2;
+    (*turn)->stmts[0] = decl;
+    (*turn)->stmts[1] = test;
+    Expr *yes = ARENA_NEW(a, Expr);
+    *yes = (Expr){.kind = E_LITERAL, .span = decl->span, .op_span = decl->span, .depth = 1};
+    yes->type = type_scalar(T_BOOL);
+    yes->cval = (ConstVal){.v = {{.i = 1}}, .n = 1};
+    return yes;
+}
+
+static Stmt *loop_body(Parser *p, Stmt *turn) {
+    Stmt *body = parse_statement(p);
+    if (!turn) return body;
+    turn->stmts[1]->body = body;
+    return turn;
+}
+
+/* `( expr )`; after an error parsing goes on behind the bracket. turn: the condition is that of a loop. */
+static Expr *header_condition(Parser *p, Stmt *st, Span keyword, Stmt **turn) {
     Span open = p->tok.span;
     Expr *e = NULL;
     if (parse_expect(p, TOK_LPAREN, "`(`")) {
-        e = p->glsl ? parse_comma_expr(p) : parse_expr(p);
+        if (turn && p->glsl && starts_declaration(p)) e = declared_condition(p, turn);
+        else e = p->glsl ? parse_comma_expr(p) : parse_expr(p);
         parse_close(p, TOK_RPAREN, "`)`", open);
         if (p->panic && !p->stopped) parse_skip_to_close(p, TOK_RPAREN, false);
     } else if (!p->stopped) {
@@ -173,7 +204,7 @@ static Stmt *if_chain(Parser *p) {
         *end = st;
         end = &st->orelse;
         parse_advance(p);
-        st->expr = header_condition(p, st, st->span);
+        st->expr = header_condition(p, st, st->span, NULL);
         st->body = parse_statement(p);
         if (p->to_file_scope || !parse_accept(p, TOK_ELSE)) break;
         links++;
@@ -205,6 +236,7 @@ static Stmt *if_chain(Parser *p) {
 static Stmt *for_loop(Parser *p) {
     Stmt *st = new_stmt(p, S_FOR, p->tok.span);
     Span keyword = p->tok.span, open;
+    Stmt *turn = NULL;
     parse_advance(p);
     open = p->tok.span;
     if (parse_expect(p, TOK_LPAREN, "`(`")) {
@@ -216,7 +248,8 @@ static Stmt *for_loop(Parser *p) {
             st->init->span = st->init->expr->span;
         }
         parse_expect(p, TOK_SEMICOLON, "`;` after the first part of `for`");
-        if (!parse_at(p, TOK_SEMICOLON) && !p->panic) st->expr = parse_comma_expr(p);
+        if (p->glsl && starts_declaration(p)) st->expr = declared_condition(p, &turn);
+        else if (!parse_at(p, TOK_SEMICOLON) && !p->panic) st->expr = parse_comma_expr(p);
         parse_expect(p, TOK_SEMICOLON, "`;` after the condition of `for`");
         if (!parse_at(p, TOK_RPAREN) && !p->panic) st->step = parse_comma_expr(p);
         parse_close(p, TOK_RPAREN, "`)`", open);
@@ -226,7 +259,7 @@ static Stmt *for_loop(Parser *p) {
         p->panic = p->stopped;
     }
     st->span = parse_span_from(p, keyword);
-    st->body = parse_statement(p);
+    st->body = loop_body(p, turn);
     return st;
 }
 
@@ -238,7 +271,7 @@ static Stmt *do_loop(Parser *p) {
     Stmt header = {0};
     Span tail = p->tok.span;
     if (parse_expect(p, TOK_WHILE, "`while` of `do`")) {
-        st->expr = header_condition(p, &header, tail);
+        st->expr = header_condition(p, &header, tail, NULL);
         parse_semicolon(p, "`do … while (…)`");
     }
     st->span = keyword;
@@ -254,7 +287,7 @@ static Stmt *switch_statement(Parser *p) {
     Span keyword = p->tok.span;
     Vec(SwitchCase) cases = {0};
     parse_advance(p);
-    st->expr = header_condition(p, st, keyword);
+    st->expr = header_condition(p, st, keyword, NULL);
     Span open = p->tok.span;
     if (!parse_expect(p, TOK_LBRACE, "`{` of `switch`")) return st;
     while (!parse_at(p, TOK_RBRACE) && !parse_at(p, TOK_EOF) && !p->to_file_scope) {
@@ -400,8 +433,9 @@ static Stmt *unmarked(Parser *p) {
     case TOK_WHILE: {
         Stmt *st = new_stmt(p, S_WHILE, span);
         parse_advance(p);
-        st->expr = header_condition(p, st, span);
-        st->body = parse_statement(p);
+        Stmt *turn = NULL;
+        st->expr = header_condition(p, st, span, &turn);
+        st->body = loop_body(p, turn);
         return st;
     }
     case TOK_ELSE:

@@ -215,6 +215,10 @@ static void build_cell(float shape[2], uint8_t *radius_out, const Builder *b, in
                 y1 = least(j + radius + 2, b->h - 1);
         for (int32_t y = y0; y < y1; y++)
             for (int32_t x = x0; x < x1; x++) {
+                if (radius > 0 && abs(y - j) <= radius && abs(x - i) <= radius) { /* within the ring: to its far side */
+                    x = i + radius;
+                    continue;
+                }
                 if (way(k, i, j, x, y, x + 1, y + 1) != radius) continue;
                 for (int32_t up = 0; up < 2; up++) {
                     float top =

@@ -22,7 +22,11 @@
 #undef FN
 #define FN_JOIN(a, b, c) a##_##b##x##c
 #define FN_NAME(a, b, c) FN_JOIN(a, b, c)
+#ifdef SALTUS_SANITIZE /* whole walks in one function, every access checked, take gcc a minute a file */
+#define INLINE static inline __attribute__((unused))
+#else
 #define INLINE static inline __attribute__((always_inline, unused))
+#endif
 
 /* Each instance has its own names: NAME_f32x16 ... */
 #if F64

@@ -1,0 +1,11 @@
+/* The quick reader of parameter values: true where all of the text was read. Where not, some of the values that the
+ * text is about may have been written, and values_read.c has to read all of them. */
+#ifndef SALTUS_BINDINGS_C_VALUES_PLAIN_H
+#define SALTUS_BINDINGS_C_VALUES_PLAIN_H
+
+#include "bindings/c/shape.h"
+
+bool plain_param(const Param *q, const char *text, double *floats, int32_t *ints);
+bool plain_params(const Program *p, const char *text, double *floats, int32_t *ints);
+
+#endif

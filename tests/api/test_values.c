@@ -1,0 +1,162 @@
+/* Values as JSON: there are two readers, a quick one for what slt_params_json writes, and one for the rest, with the
+ * words. Whatever the text is, both must come to the same; an escape in a name makes it one for the second. */
+#include "bindings/c/api.h"
+#include "bindings/c/values_plain.h"
+#include "tests/api/program.h"
+
+static const char program[] =
+    "struct In { float q; int tag; };\nstruct S { float2 c; In inner[2]; bool on; };\n"
+    "param float a = 1.0;\nparam float3 v = float3(1.0);\nparam float2x3 m = float2x3(1.0, 2.0, 3.0, 4.0, 5.0, 6.0);\n"
+    "param S s[2] = { { float2(1.0), { { 1.0, 1 }, { 2.0, 2 } }, true }, { float2(1.0), { { 1.0, 1 }, { 2.0, 2 } }, false } };\n"
+    "param float w[2][3] = { { 1.0, 2.0, 3.0 }, { 4.0, 5.0, 6.0 } };\nparam texture2D t = zeros(3, 2, 2);\n"
+    "param texture2D g = zeros(2, 2, 1);\nparam int n = 1;\nparam uint u = 1u;\nparam bool on = true;\nparam int2 k = int2(1, 2);\n"
+    "shader float main(float2 x) { return a + v.x + m[0][1] + s[1].c.y + w[1][2] + t.sample(x).x + g.sample(x).x + n + k.x; }\n";
+
+static const char rest[] =
+    "\n\"v\": [-0.0, 1e-3, 12345678901234567890123.25e-7], \"m\": [[1, 2.5, 3], [4e0, -5E+1, 6]],\n"
+    "\"s\": [{\"c\": [1, 2], \"inner\": [{\"q\": 0.1, \"tag\": -2147483648}, {\"q\": 3.14159, \"tag\": 7}], \"on\": false},\n"
+    "{\"c\": [3, 4], \"inner\": [{\"q\": 1e300, \"tag\": 0}, {\"q\": 4.9e-324, \"tag\": 2147483647}], \"on\": true}],\n"
+    "\"w\": [[0, -1, 123456789012345678], [0.30000000000000004, 1e22, 9007199254740993]],\n"
+    "\"t\": [[[1, 2], [3, 4], [5, 6]], [[7, 8], [9, 10], [11, 12]]], \"g\": [[1, 2], [3, 4]], \"n\": -12, \"u\": 4294967295,\n"
+    "\"on\": true, \"k\": [5, -6]}";
+
+typedef struct Read {
+    SltStatus status;
+    double floats[64];
+    int32_t ints[32];
+    char text[sizeof((SltError *)NULL)->text];
+} Read;
+
+static void read_text(SltProgram *p, const char *name, const char *text, Read *out) {
+    static char all[4096];
+    SltError err = {0};
+    const double floats[64] = {0};
+    const int32_t ints[32] = {0};
+    memset(out, 0, sizeof *out);
+    assert_ok(slt_set_floats(p, 0, slt_float_count(p), floats, &err));
+    assert_ok(slt_set_ints(p, 0, slt_int_count(p), ints, &err));
+    snprintf(all, sizeof all, "{\"%s\": 7.25, %s", name, text);
+    err = (SltError){0};
+    out->status = slt_set_params_json(p, all, "f.json", &err);
+    memcpy(out->floats, slt_floats(p), slt_float_count(p) * sizeof(double));
+    memcpy(out->ints, slt_ints(p), slt_int_count(p) * sizeof(int32_t));
+    memcpy(out->text, err.text, sizeof out->text);
+}
+
+static SltStatus agree(SltProgram *p, const char *text) {
+    static Read quick, other;
+    read_text(p, "a", text, &quick);
+    read_text(p, "\\u0061", text, &other);
+    if (quick.status != other.status || strcmp(quick.text, other.text) != 0)
+        fail_msg("%s: %d %s, and %d %s", text, quick.status, quick.text, other.status, other.text);
+    if (memcmp(quick.floats, other.floats, sizeof quick.floats) || memcmp(quick.ints, other.ints, sizeof quick.ints))
+        fail_msg("%s: the values differ", text);
+    return quick.status;
+}
+
+static uint32_t next(void) {
+    static uint64_t state = 1;
+    state = state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return (uint32_t)(state >> 33);
+}
+
+static void readers_agree(void **state) {
+    (void)state;
+    static const char *const pieces[] = {"0",
+                                         "1",
+                                         "9",
+                                         ".",
+                                         "-",
+                                         "+",
+                                         "e",
+                                         "E",
+                                         "x",
+                                         "[",
+                                         "]",
+                                         "{",
+                                         "}",
+                                         ",",
+                                         ":",
+                                         "\"",
+                                         " ",
+                                         "\n",
+                                         "\t",
+                                         "\v",
+                                         "null",
+                                         "true",
+                                         "\"inf\"",
+                                         "1e999",
+                                         "-0",
+                                         "\"a\": 1,",
+                                         "00",
+                                         "0x1",
+                                         "\"v\": [1, 2, 3],",
+                                         "12345678901234567890",
+                                         "/",
+                                         "\xff",
+                                         "5e-1",
+                                         "\"c\"",
+                                         "\\",
+                                         "4294967296",
+                                         "-2147483649",
+                                         "\"w[0][1]\": 3,",
+                                         "nan"};
+    SltOptions opt = SLT_OPTIONS_INIT;
+    opt.interpret = opt.f64 = true;
+    SltProgram *p = compile_with(program, opt);
+    assert_in_range(slt_float_count(p), 30, 64);
+    assert_in_range(slt_int_count(p), 8, 32);
+    assert_int_equal(agree(p, rest), SLT_OK);
+    uint32_t fine = 0, changes = 6000;
+    for (uint32_t i = 0; i < changes; i++) {
+        char text[sizeof rest + 64];
+        const char *piece = pieces[next() % (sizeof pieces / sizeof *pieces)];
+        size_t at = 1 + next() % (sizeof rest - 2), n = strlen(piece), cut = next() % 3;
+        if (cut > sizeof rest - 1 - at) cut = 0;
+        memcpy(text, rest, at);
+        memcpy(text + at, piece, n);
+        memcpy(text + at + n, rest + at + cut, sizeof rest - at - cut);
+        fine += agree(p, text) == SLT_OK;
+    }
+    assert_in_range(fine, changes / 50, changes / 2);
+    double floats[64];
+    int32_t ints[32];
+    agree(p, rest);
+    char *text = slt_params_json(p);
+    assert_true(plain_params(p->prog, text, floats, ints)); /* of all types, what we write */
+    assert_memory_equal(floats, slt_floats(p), slt_float_count(p) * sizeof *floats);
+    assert_memory_equal(ints, slt_ints(p), slt_int_count(p) * sizeof *ints);
+    free(text);
+    slt_program_free(p);
+}
+
+/* In either precision, numbers come back with the same bits. */
+static void returns(void **state) {
+    (void)state;
+    SltError err = {0};
+    for (int f64 = 0; f64 < 2; f64++) {
+        SltOptions opt = SLT_OPTIONS_INIT;
+        opt.interpret = true, opt.f64 = f64;
+        SltProgram *p = compile_with("float none(int i) { return 0.0; }\nparam float a[20000] = init(none);\n"
+                                     "shader float main(float x) { return a[0] + x; }\n",
+                                     opt);
+        static double want[20000];
+        for (int i = 0; i < 20000; i++) want[i] = f64 ? 1.0 / (i + 1) : (double)(1.0f / (float)(i + 1));
+        assert_ok(slt_set_floats(p, 0, 20000, want, &err));
+        char *text = slt_params_json(p);
+        const double zero[20000] = {0};
+        assert_ok(slt_set_floats(p, 0, 20000, zero, &err));
+        assert_ok(slt_set_params_json(p, text, "a.json", &err));
+        for (int i = 0; i < 20000; i++) {
+            double got = slt_floats(p)[i];
+            if (f64 ? got != want[i] : (float)got != (float)want[i]) fail_msg("%d: %a, not %a", i, got, want[i]);
+        }
+        free(text);
+        slt_program_free(p);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(returns)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,78 @@
+"""What is infinite or NaN in a part of the picture that the shader replaces afterwards: values never showed it, and derivatives do not either,
+in reverse, forwards, in pictures and losses, compiled at any width or interpreted. tests/ad/test_thrown.c has the combinations."""
+import math
+
+from harness import *
+
+# f is continuous where d is 0, so that its derivative is that of what is kept; d < 0 on a third of the domain.
+PROGRAMS = {
+    "root": "return d < 0.0 ? 0.0 : d * sqrt(d) * cos(sqrt(d) * 9.0);",
+    "root before an if": "float f = d * cos(sqrt(d)); if (d < 0.0) f = 0.0; return f;",
+    "log of a log": "float f = d * sin(log(1.0 + log(1.0 + 3.0 * d))); if (d < 0.0) f = 0.0; return f;",
+    "power": "float f = saturate(pow(d, 1.5)); return d > 0.0 ? f : 0.0;",
+    "arc": "float f = 1.0 - cos(acos(1.0 - d * c)); return d > 0.0 ? f * d : 0.0;",
+    "nothing by nothing": "float u = max(d, 0.0), f = sin(u / u + c) * u; return u > 0.0 ? f : 0.0;",
+    "unit of nothing": "float2 u = float2(max(d, 0.0), max(2.0 * d, 0.0)), n = normalize(u); return d > 0.0 ? d * atan(n.x + c) : 0.0;",
+    "angle of nothing": "float u = max(d, 0.0), f = u * exp(-pow(atan2(u, u * c), 2.0)); return d > 0.0 ? f : 0.0;",
+    "overflows that meet": "float e = exp(-2000.0 * d), f = tanh((e + c) / (e + 2.0)); return d > 0.1 ? f - tanh(0.5 * c) + d - 0.1 : 0.0;",
+    "a march to nowhere": "float t = d; for (int i = 0; i < 6; i++) t += 0.1 * log(t); return d > 0.0 ? d * d * sin(isnan(t) ? 0.0 : 1.0) : 0.0;",
+    "squares of squares": "float2 z = float2(1.0 - d, c); for (int i = 0; i < 40; i++) z = float2(z.x * z.x - z.y * z.y, 2.0 * z.x * z.y) * 0.9; return d > 0.2 && d < 0.9 ? cos(z.x) - 1.0 + d : 0.0;",
+    "an iteration later": "float f = 0.0, r = sqrt(d); for (int i = 0; i < 3; i++) { f = sin(r * float(i + 1)) * d; if (i == 1 && d < 0.0) r = 0.0; } return d < 0.0 ? 0.0 : f;",
+    "in an array": "float a[2]; a[0] = d * atan(sqrt(d)); a[1] = 0.0; if (d < 0.0) a[0] = a[1]; return a[0] * c;",
+}
+SOURCE = "param float c = 0.4;\n[Domain(0.0, 1.0)] shader float main(float2 x) { float d = x.x + 0.3 * x.y - c; [NoDisc] { %s } }"
+CUSP = """uniform float c;
+void mainImage(out vec4 o, vec2 u) {
+    vec2 p = u / iResolution.xy;
+    float d = length(p - .5) - .3 - c;
+    o = vec4(.5 + .5 * cos(sqrt(d) * 9. + vec3(0, 1, 2)), 1);
+    if (d < 0.) o = vec4(0);
+}
+"""
+
+
+class Thrown(Case):
+    def gradient(self, *args):
+        j = self.json_cli("grad", "p.salt", "--integral", "--samples", 4096, "--estimator", "lattice", "--quiet", *args)
+        self.assertEqual(j["nonfinite"], 0)
+        return j["gradient"]["c"]
+
+    def test_programs(self):
+        same = ("--estimator", "lattice", "--samples", 4096, "--precision", "f64", "--quiet")
+        for name, body in PROGRAMS.items():
+            with self.subTest(name):
+                self.put("p.salt", SOURCE % body)
+                value = lambda c: self.json_cli("render", "p.salt", "--integral", *same, "--param", "c=%.12g" % c)["integral"][0]
+                h = 1e-5  # the same samples: only those between the two steps see another branch
+                truth = (value(0.4 + h) - value(0.4 - h)) / (2 * h)
+                exact = self.gradient("--precision", "f64")
+                self.assertLess(abs(exact - truth), 2e-3 * (1 + abs(truth)))
+                for args in ((), ("--width", 1), ("--width", 64), ("--target-cpu", "sse2"), ("--interpret",), ("--interpret", "--precision", "f64")):
+                    self.assertLess(abs(self.gradient(*args) - exact), 2e-3 * (1 + abs(exact)), args)
+                picture = self.json_cli("grad", "p.salt", "--size", 16, "-o", "d.exr", "--quiet")
+                self.assertEqual(picture["nonfinite"], 0)
+
+    def test_losses(self):
+        for name, body in PROGRAMS.items():
+            with self.subTest(name):
+                self.put("p.salt", SOURCE % body)
+                self.run_cli("render", "p.salt", "--size", 16, "--param", "c=0.5", "-o", "t.exr")
+                j = self.json_cli("grad", "p.salt", "--size", 16, "--target", "t.exr", "--quiet")
+                self.assertEqual(j["nonfinite"], 0)
+                self.assertTrue(math.isfinite(j["gradient"]["c"]) and j["gradient"]["c"] != 0)
+
+    def test_jump(self):
+        """A jump where the root begins: its inner side is not a number, and the sides are those of the curve."""
+        self.put("p.frag", CUSP)
+        value = lambda c: self.json_cli("render", "p.frag", "--integral", "--size", "256x144", "--samples", 2 ** 20, "--precision", "f64", "--param", "c=%g" % c, "--quiet")["integral"]
+        h = 1e-3
+        truth = [(a - b) / (2 * h) for a, b in zip(value(h), value(-h))]
+        for args in ((), ("--precision", "f64")):
+            j = self.json_cli("grad", "p.frag", "--integral", "--size", "256x144", "--quiet", *args)
+            self.assertEqual(j["nonfinite"], 0)
+            for g, bar, t in zip(j["gradient"]["c"], j["stderr"]["c"], truth):
+                self.assertLess(abs(g - t), 4 * bar + 0.01 * abs(t))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,4 @@
+#include "fuzz.salt"
+#include <a
+#include x
+void main() {}
