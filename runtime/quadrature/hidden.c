@@ -37,8 +37,8 @@ static double middle(const Box *b, uint32_t d, double t) { return b->lo[d] + t *
 /* Events of sites that are open in cell i, lane i of a call of `bounds`. False where more are than it names. */
 static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
     const SltScene *s = b->s;
-    if (!batch_has(b, SLT_OUT_OPEN)) return true;
-    int32_t open = batch_get_int(b, SLT_OUT_OPEN, 0, i);
+    int32_t open = batch_open(b, i);
+    if (!open) return true;
     uint32_t named = scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE), n = 0;
     uint32_t depth = named ? scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t e = 0; e < named && n < (uint32_t)open; e++) {
