@@ -40,6 +40,7 @@ class Marches(Case):
                     got, j = self.gradient(declarations, body, "--precision", precision)
                     self.near(name, got["r"], 2 * math.pi * 0.8, 0.02)
                     self.assertLess(j["crossings"], 20000)
+                    self.assertEqual([w for w in j["warnings"] if w["code"] == "W0407"], [])
 
     def test_what_is_seen(self):
         """How far it is to what the ray meets, and of what colour: a ball before a wall, which the rays hit too."""
@@ -109,6 +110,8 @@ class Marches(Case):
             text = self.run_cli("explain", "m.frag", "--size", "64x48").out
             self.assertNotIn("silhouette", text)
             self.assertNotIn("shadow", text)
+            said = self.run_cli("grad", "m.frag", "--integral", "--size", "64x48", "--samples", "4096", "--param", "r=0.8")
+            self.assertIn("W0407", said.err)
 
 
 if __name__ == "__main__":
