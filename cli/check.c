@@ -474,7 +474,9 @@ static int check(Check *k) {
         const SltPlace *at = NULL;
         if (dropped * 100 > k->stats.crossings + dropped)
             at = report_lost_text(&k->stats, text, sizeof text), other = text;
-        if (k->stats.nonfinite) at = report_nonfinite_text(&k->stats, text, sizeof text), other = text;
+        bool finite = true;
+        for (uint32_t i = 0; i < k->n; i++) finite &= isfinite(k->rows[i].ad) && isfinite(k->rows[i].fd);
+        if (!finite && k->stats.nonfinite) at = report_nonfinite_text(&k->stats, text, sizeof text), other = text;
         if (k->stats.asserts) at = NULL, other = "an assert failed: `assert` in the shader says where";
         for (uint32_t i = 0; i < k->n; i++)
             if (isinf(k->rows[i].ad_se) && !other) other = "the error of the derivative is not known: more --samples";
