@@ -81,9 +81,10 @@ class Left(Case):
         alike."""
         self.put("s.salt", """import sdf; param float3 c = float3(-0.289, 0.03, -0.157); param float3 p = float3(0.371, 0.489, 0.448);
             param float3 d = float3(-0.04, -0.063, -0.02); param float3 q = float3(0.265, 0.391, 0.637);
+            float box(float3 p, float3 h) { float3 d = abs(p) - h; return max(d.x, max(d.y, d.z)); }
             [Domain(-1.0, 1.0)] shader float main(float3 x) {
                 bool first = false, other = false;
-                [Disc] if (sd_box(x - c, p) < 0.0) first = true;
+                [Disc] if (box(x - c, p) < 0.0) first = true;
                 [Disc] if (sd_box(x - d, q) < 0.0) other = true;
                 return first && !other ? 1.0 : 0.0;
             }""")
