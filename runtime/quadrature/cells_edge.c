@@ -24,9 +24,7 @@ Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]) { return add_
 
 Probe *cells_probe_or_tell(Cells *c, const CellEdge *e, const double x[3]) {
     Probe *p = cells_probe(c, e, x);
-    if (!p || !e->plane.is) return p;
-    p->told = true, p->g = cells_on_plane(&e->plane, x, c->dim);
-    memcpy(p->dg, e->plane.dg, sizeof p->dg);
+    if (p && e->quadric.is) p->told = true, p->g = cells_on_quadric(&e->quadric, x, c->dim, p->dg);
     return p;
 }
 
@@ -284,15 +282,22 @@ static void add_change(const double slope[2], double down, double up, double sum
     *scale += up + down > 0 ? (fabs(slope[0]) + fabs(slope[1])) * (up + down) : 0;
 }
 
+static bool has_bends(const Cells *c) { return scene_outputs(c->s, SLT_K_EDGE_BOUNDS, SLT_OUT_DDG_LO) > 0; }
+
+/* Bounds of a second derivative, where they are known. */
+static const double *bend_of(const Cells *c, const Ask *box, uint32_t d, uint32_t k) {
+    static const uint8_t at[2][3][3] = {{{0, 1}, {1, 2}}, {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}};
+    return box->bend[at[c->dim > 2][d][k]];
+}
+
 /* Of the gradient: its components at the centre, and what second derivatives change them by. Of x - p and x - q, which
  * natural bounds take for independent, they know that the difference is constant. */
 static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Probe *centre) {
-    if (!scene_outputs(c->s, SLT_K_EDGE_BOUNDS, SLT_OUT_DDG_LO)) return;
-    static const uint8_t at[2][3][3] = {{{0, 1}, {1, 2}}, {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}};
+    if (!has_bends(c)) return;
     for (uint32_t d = 0; d < c->dim; d++) {
         double mean[2] = {centre->dg[d], centre->dg[d]}, scale = fabs(centre->dg[d]);
         for (uint32_t k = 0; k < c->dim; k++) {
-            const double *bend = box->bend[at[c->dim > 2][d][k]];
+            const double *bend = bend_of(c, box, d, k);
             double down = centre->x[k] - box->lo[k], up = box->hi[k] - centre->x[k];
             add_change(bend, down, up, mean, &scale);
         }
@@ -302,32 +307,41 @@ static void narrow_slopes(const Cells *c, CellEdge *e, const Ask *box, const Pro
     }
 }
 
-/* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
- * ends. */
 /* Where bounds of the slopes are so narrow that g departs from its tangent at the centre by no more than it rounds,
- * along the positions too. In f32 rounding is what rules must see; and at a curve along an axis, which lies in the gap
- * between two floats, g is what the program computes. */
-static Plane plane_of(const Cells *c, const CellEdge *e, const Ask *box, const Probe *centre) {
-    Plane p = {0};
-    double apart = 0, rounding = box->error;
-    bool gap = false;
+ * along the positions too; or where those of second derivatives are so of the quadric there. In f32 rounding is what
+ * rules must see; and at a curve along an axis, which lies in the gap between two floats, g is what the program
+ * computes.
+ */
+static void find_quadric(const Cells *c, CellEdge *e, const Ask *box, const Probe *centre) {
+    Quadric *q = &e->quadric;
+    q->is = false;
+    if (!centre || !c->b->f64 || box->state) return;
+    double apart = 0, bent = 0, rounding = box->error;
     for (uint32_t d = 0; d < c->dim; d++) {
-        apart += (e->slope[d][1] - e->slope[d][0]) * (box->hi[d] - box->lo[d]);
+        if (e->slope[d][0] == 0 && e->slope[d][1] == 0) return;
+        double width = box->hi[d] - box->lo[d];
+        apart += (e->slope[d][1] - e->slope[d][0]) * width;
         rounding += 0x1p-52 * fabs(centre->dg[d]) * larger(fabs(box->lo[d]), fabs(box->hi[d]));
-        p.x[d] = centre->x[d], p.dg[d] = centre->dg[d];
-        gap |= e->slope[d][0] == 0 && e->slope[d][1] == 0;
+        q->x[d] = centre->x[d], q->dg[d] = centre->dg[d];
+        for (uint32_t k = 0; k < c->dim && has_bends(c); k++) {
+            const double *bend = bend_of(c, box, d, k);
+            q->bend[d][k] = 0.5 * (bend[0] + bend[1]);
+            bent += (bend[1] - bend[0]) * width * (box->hi[k] - box->lo[k]);
+        }
     }
-    p.g = centre->g, p.is = c->b->f64 && !gap && !box->state && apart <= rounding; /* NaN is not */
-    return p;
+    q->g = centre->g, q->flat = apart <= rounding; /* NaN is not */
+    q->is = q->flat || (has_bends(c) && bent <= rounding);
 }
 
+/* The mean-value form, g(centre) + gradient(box) . (x - centre), bounds g without rounding: rounding is added at both
+ * ends. */
 void cells_meet(const Cells *c, CellEdge *e, const Ask *box) {
     const Probe *centre = box->centre ? &c->probe[box->centre - 1] : NULL;
     double g = centre ? centre->g : NAN, mean[2] = {g, g}, scale = fabs(g);
     for (uint32_t d = 0; d < 3; d++)
         for (int end = 0; end < 2; end++) e->slope[d][end] = d < c->dim ? box->slope[d][end] : 0;
     if (centre) narrow_slopes(c, e, box, centre);
-    e->plane = centre ? plane_of(c, e, box, centre) : (Plane){0};
+    find_quadric(c, e, box, centre);
     e->state = box->state, e->error = box->error;
     bool smooth = !(box->state & SLT_EDGE_JUMPS);
     for (uint32_t d = 0; d < c->dim; d++) {

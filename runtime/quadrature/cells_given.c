@@ -181,11 +181,11 @@ static double error_of(const Cell *cell, uint32_t event) {
 /* Does the sign that is given differ from place to place in the cell? */
 static bool must_hold(const Cell *cell, const CellEdge *e, uint32_t i) { return !cell->sign[e->given.is[i].event]; }
 
-/* The edge of given i of e that has nothing else given than e has, and is a plane; NULL: there is none. */
-static const CellEdge *plane_of_given(const Cell *cell, const CellEdge *e, uint32_t i) {
+/* The edge of given i of e that has nothing else given than e has, and is a quadric; NULL: there is none. */
+static const CellEdge *quadric_of_given(const Cell *cell, const CellEdge *e, uint32_t i) {
     for (uint32_t o = 0; o < cell->nedges; o++) {
         const CellEdge *f = &cell->edge[o];
-        bool fits = f->plane.is && event_same(&f->event, &cell->event[e->given.is[i].event]);
+        bool fits = f->quadric.is && event_same(&f->event, &cell->event[e->given.is[i].event]);
         for (uint32_t j = 0; fits && j < f->given.n; j++) {
             bool has = false;
             for (uint32_t k = 0; k < e->given.n; k++)
@@ -200,7 +200,7 @@ static const CellEdge *plane_of_given(const Cell *cell, const CellEdge *e, uint3
 /* g of given i of the curve at its root. With what else is given: where that does not hold, the curve is dropped all
  * the same. */
 static Probe *probe_given(Cells *c, const Cell *cell, const Root *r, uint32_t i) {
-    const CellEdge *f = plane_of_given(cell, r->of, i);
+    const CellEdge *f = quadric_of_given(cell, r->of, i);
     return f ? cells_probe_or_tell(c, f, r->x) : cells_probe_event(c, &cell->event[r->of->given.is[i].event], r->x);
 }
 

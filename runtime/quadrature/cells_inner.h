@@ -70,15 +70,22 @@ typedef struct Corner {
     double g, along, up;
 } Corner;
 
-/* g, where it is linear on a cell as far as rounding lets one tell. */
-typedef struct Plane {
-    bool is;
+/* g, where it is a polynomial of the second degree on a cell as far as rounding lets one tell. */
+typedef struct Quadric {
+    bool is, flat;         /* flat: of the first */
     double x[3], g, dg[3]; /* at x */
-} Plane;
+    double bend[3][3];     /* second derivatives */
+} Quadric;
 
-static inline double cells_on_plane(const Plane *p, const double x[3], uint32_t dim) {
-    double g = p->g;
-    for (uint32_t d = 0; d < dim; d++) g += p->dg[d] * (x[d] - p->x[d]);
+/* Its value and gradient elsewhere. */
+static inline double cells_on_quadric(const Quadric *q, const double x[3], uint32_t dim, double dg[3]) {
+    double g = q->g;
+    for (uint32_t d = 0; d < dim; d++) g += q->dg[d] * (x[d] - q->x[d]), dg[d] = q->dg[d];
+    for (uint32_t d = 0; d < dim && !q->flat; d++) {
+        double more = 0;
+        for (uint32_t k = 0; k < dim; k++) more += q->bend[d][k] * (x[k] - q->x[k]);
+        g += 0.5 * more * (x[d] - q->x[d]), dg[d] += more;
+    }
     return g;
 }
 
@@ -90,7 +97,7 @@ typedef struct CellEdge {
     Given given;
     double g[2], slope[3][2]; /* lo and hi of g, and of its gradient */
     double error;             /* g as computed is no farther than this from g without rounding */
-    Plane plane;              /* and this no farther than twice */
+    Quadric quadric;          /* and this no farther than twice */
     uint32_t state;           /* SLT_EDGE_* */
     uint8_t before;           /* those of Cell.event[0 .. before - 1] may yet be given */
     bool same;                /* a choice between two that are the same in the middle of the cell, to rounding, */
@@ -130,6 +137,7 @@ typedef struct Cell {
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
+    uint32_t halved;                /* stretches of its bases, and of what they were cut into */
     bool refine;                    /* cannot be integrated as it is */
     bool upset, band;               /* its measure is in CellCounts.upset, in .banded already */
     bool borders;                   /* the areas of its parts are told by what bounds them: cells_border.c */
@@ -405,7 +413,7 @@ bool cells_run_asks_about_centres(Cells *c);
  * false: it does not. */
 bool cells_run_roots(Cells *c, uint32_t n);
 Probe *cells_probe(Cells *c, const CellEdge *e, const double x[3]);
-Probe *cells_probe_or_tell(Cells *c, const CellEdge *e, const double x[3]); /* not asked where g is a plane */
+Probe *cells_probe_or_tell(Cells *c, const CellEdge *e, const double x[3]); /* not asked where g is a quadric */
 Probe *cells_probe_event(Cells *c, const Event *e, const double x[3]);      /* with nothing given */
 Ask *cells_ask(Cells *c, const CellEdge *e, const double lo[3], const double hi[3]);
 /* What is decided in boxes and what is open: in cell[0 .. nhalves - 1], and in those behind, for which it also makes

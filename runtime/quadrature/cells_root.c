@@ -123,20 +123,19 @@ static bool probe_roots(Cells *c, uint32_t n) {
     uint32_t told = 0;
     for (uint32_t i = 0; i < n; i++) {
         Root *r = &c->root[c->active[i]];
-        const Plane *p = &r->of->plane;
-        if (p->is) told++, r->g = cells_on_plane(p, r->x, c->dim), memcpy(r->dg, p->dg, sizeof r->dg);
+        if (r->of->quadric.is) told++, r->g = cells_on_quadric(&r->of->quadric, r->x, c->dim, r->dg);
     }
     if (told == n || (!told && cells_run_roots(c, n))) return true;
     c->nprobe = 0;
     for (uint32_t i = 0; i < n; i++) {
         const Root *r = &c->root[c->active[i]];
-        if (!r->of->plane.is && !cells_probe(c, r->of, r->x)) return false;
+        if (!r->of->quadric.is && !cells_probe(c, r->of, r->x)) return false;
     }
     if (!cells_run_probes(c)) return false;
     const Probe *at = c->probe;
     for (uint32_t i = 0; i < n; i++) {
         Root *r = &c->root[c->active[i]];
-        if (r->of->plane.is) continue;
+        if (r->of->quadric.is) continue;
         r->g = at->g;
         memcpy(r->dg, (at++)->dg, sizeof r->dg);
     }

@@ -11,6 +11,7 @@ enum {
     PLACES = 3 /* where g is asked in a cell: in its middle and off it on two sides, as it may be NaN in a part */
 };
 
+#define MOST_ALONG 64 /* the slope of g along a gap that it jumps across, in parts of that across it */
 #define ALIKE 0.9 /* cosine between slopes of one piece */
 
 /* What a place tells of an event's g. */
@@ -113,7 +114,9 @@ static void find_gap(SweepWorker *v, const Box *box, int axis, Hidden *h, uint32
     batch_call(b, SLT_K_SITE_GRAD, 2 * PLACES);
     for (uint32_t k = 0; k < 2 * PLACES; k++) {
         double up = fabs(batch_get(b, SLT_OUT_G_DX, (uint32_t)axis, k));
-        if (!jumps[k / 2] || !isfinite(up) || !(up > steepest)) continue;
+        bool across = jumps[k / 2] && isfinite(up) && up > steepest;
+        for (uint32_t d = 0; d < b->s->dim; d++) across &= fabs(batch_get(b, SLT_OUT_G_DX, d, k)) <= MOST_ALONG * up;
+        if (!across) continue;
         steepest = up;
         memcpy(h->place[0][i].x, x[k], sizeof x[k]);
     }

@@ -75,26 +75,47 @@ static void errors_of(const Sweep *p, bool gradient, double *rules, double *left
     if (gradient) *rules = fine, *left = hidden, *scale = largest;
 }
 
+/* Derivatives are millions where parameters are many, and pages of what they are put into may be untouched: threads
+ * share that. */
+enum { PART = 1 << 15 };
+typedef struct Putting {
+    const Sweep *p;
+    SltIntegral *out;
+} Putting;
+
+static bool put_part(void *user, uint32_t worker, uint64_t part) {
+    const Sweep *p = ((Putting *)user)->p;
+    SltIntegral *out = ((Putting *)user)->out;
+    const Sums *m = &p->sums;
+    const uint8_t *active = p->run->s->active;
+    size_t all = (size_t)m->rows * m->nfloats, to = part * PART + PART < all ? part * PART + PART : all;
+    uint32_t q = (uint32_t)(part * PART % m->nfloats);
+    (void)worker;
+    for (size_t at = part * PART; at < to; at++) {
+        bool on = !active || active[q];
+        double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
+        if (out->gradient) out->gradient[at] = b + i;
+        if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
+        if (out->interior) out->interior[at] = i;
+        if (out->boundary) out->boundary[at] = b;
+        if (out->missed_estimate) out->missed_estimate[at] = 0;
+        if (out->left_bound) out->left_bound[at] = on && p->mixed ? NAN : 0;
+        q = q + 1 < m->nfloats ? q + 1 : 0;
+    }
+    return true;
+}
+static void no_merge(void *user, uint32_t worker, uint64_t part) { (void)user, (void)worker, (void)part; }
+
 static void put(const Sweep *p, SltIntegral *out) {
     const SltScene *s = p->run->s;
-    const Sums *m = &p->sums;
     out->replicates = false, out->mixed = p->mixed;
     for (uint32_t c = 0; c < s->channels; c++) {
         if (out->value) out->value[c] = p->f[c];
         if (out->value_stderr) out->value_stderr[c] = p->f_error[c] + 2 * sqrt(p->f_variance[c]) + p->f_hidden[c];
     }
-    for (uint32_t row = 0; row < s->channels; row++)
-        for (uint32_t q = 0; q < s->nfloats; q++) {
-            size_t at = (size_t)row * s->nfloats + q;
-            bool on = !s->active || s->active[q];
-            double b = on ? m->boundary[at] : 0, i = on ? m->interior[at] : 0;
-            if (out->gradient) out->gradient[at] = b + i;
-            if (out->gradient_stderr) out->gradient_stderr[at] = on ? sums_error(m, at) : 0;
-            if (out->interior) out->interior[at] = i;
-            if (out->boundary) out->boundary[at] = b;
-            if (out->missed_estimate) out->missed_estimate[at] = 0;
-            if (out->left_bound) out->left_bound[at] = on && p->mixed ? NAN : 0;
-        }
+    uint64_t parts = ((uint64_t)p->sums.rows * p->sums.nfloats + PART - 1) / PART;
+    PoolOptions pool = {.threads = parts < p->run->threads ? (uint32_t)parts : p->run->threads}; /* nothing stops it */
+    pool_run(&pool, parts, put_part, no_merge, &(Putting){p, out}, NULL);
 }
 
 double quadrature_segments(const SltJob *j) {
