@@ -30,7 +30,9 @@ typedef struct Row {
     uint32_t index;
     double step, ad, ad_se, fd, fd_se, truncation, slope, error, z; /* error: of ad - fd, in units of z */
     double scale;                                                   /* of the parameter */
-    bool cells;                                                     /* the values of the difference came from these */
+    double right, left; /* the differences to the two sides, where L bends: they do not meet as the step shrinks */
+    bool bends;
+    bool cells; /* the values of the difference came from these */
     bool pass, says_nothing;
 } Row;
 
@@ -125,6 +127,7 @@ static SltStatus measure_centre(Check *k) {
 
 static SltStatus difference(Check *k, Row *row, const double *base) {
     double one[REPLICATES], two[REPLICATES], ignored, h = row->step, remainder[2] = {0}, stated = 0;
+    double bend[2][REPLICATES], left[REPLICATES], right[REPLICATES], noise;
     int n = k->cells ? 1 : REPLICATES;
     if (real_step(k, row, base, h) == 0)
         return status_fail(&k->err, SLT_USAGE,
@@ -139,6 +142,9 @@ static SltStatus difference(Check *k, Row *row, const double *base) {
             s = moved_value(k, row, base, step, seed, &up);
             if (s == SLT_OK) s = moved_value(k, row, base, -step, seed, &down);
             (twice ? two : one)[r] = (up.v - down.v) / (2 * taken);
+            double below = (k->centre[r].v - down.v) / taken, above = (up.v - k->centre[r].v) / taken;
+            bend[twice][r] = above - below;
+            if (!twice) left[r] = below, right[r] = above;
             remainder[twice] += (up.v - k->centre[r].v - taken * row->ad) / n;
             if (!twice) stated = hypot(up.error, down.error) / (2 * taken);
         }
@@ -148,6 +154,10 @@ static SltStatus difference(Check *k, Row *row, const double *base) {
     row->fd_se += stated;
     row->truncation = fabs(mean_of(two, n, &ignored) - row->fd) / 3;
     row->slope = log2(fabs(remainder[1]) / fabs(remainder[0]));
+    /* Of a smooth L the sides are half as far apart by half the step. */
+    double near = mean_of(bend[0], n, &noise), far = mean_of(bend[1], n, &ignored);
+    row->left = mean_of(left, n, &ignored), row->right = mean_of(right, n, &ignored);
+    row->bends = fabs(near) > 4 * (noise + stated) + 0.02 * fabs(row->fd) && fabs(far) < 1.5 * fabs(near);
     return SLT_OK;
 }
 
@@ -337,6 +347,28 @@ static uint32_t unsure_rows(const Check *k) {
     return n;
 }
 
+/* What a row that failed shows of L itself; NULL: nothing. */
+static const char *why_row(const Row *row, char *text, size_t size) {
+    if (row->pass || row->says_nothing) return NULL;
+    /* Then AD has the derivative to one side, or their mean. */
+    double gap = fabs(row->right - row->left), off = fmin(fabs(row->ad - row->left), fabs(row->ad - row->right));
+    off = fmin(off, fabs(row->ad - 0.5 * (row->left + row->right)));
+    if (row->bends && off < 4 * row->ad_se + 0.01 * gap) {
+        snprintf(
+            text, size,
+            "the integral bends or jumps where %s is: its derivative is %.5g below and %.5g above. Boundaries coincide there, "
+            "one lies on the edge of the domain, or cells decide (`saltus explain coincident`); check beside it, with --param",
+            row->name, row->left, row->right);
+        return text;
+    }
+    if (row->ad != 0 || row->ad_se != 0) return NULL;
+    snprintf(text, size,
+             "the integral changes with %s, and no boundary moves with it: something decides by whole numbers "
+             "(cells, hashes, bits) or without the position (W0402); write a smooth weight instead",
+             row->name);
+    return text;
+}
+
 /* What failed, in one line. */
 static void print_summary(const Check *k, bool all_pass, const SltPlace *at, const char *other) {
     uint32_t failed = 0, unsure = unsure_rows(k);
@@ -442,11 +474,14 @@ static int check(Check *k) {
         const SltPlace *at = NULL;
         if (dropped * 100 > k->stats.crossings + dropped)
             at = report_lost_text(&k->stats, text, sizeof text), other = text;
-        if (k->stats.nonfinite) at = report_nonfinite_text(&k->stats, text, sizeof text), other = text;
+        bool finite = true;
+        for (uint32_t i = 0; i < k->n; i++) finite &= isfinite(k->rows[i].ad) && isfinite(k->rows[i].fd);
+        if (!finite && k->stats.nonfinite) at = report_nonfinite_text(&k->stats, text, sizeof text), other = text;
         if (k->stats.asserts) at = NULL, other = "an assert failed: `assert` in the shader says where";
         for (uint32_t i = 0; i < k->n; i++)
             if (isinf(k->rows[i].ad_se) && !other) other = "the error of the derivative is not known: more --samples";
         if (other) all_pass = false, failed = true;
+        for (uint32_t i = 0; i < k->n && !other; i++) other = why_row(&k->rows[i], text, sizeof text);
         print_rows(k, all_pass, at, other);
         if (!c->quiet) cli_tell(c, k->p);
         report_dropped(c, &k->stats);

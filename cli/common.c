@@ -226,7 +226,8 @@ static void warn_of_ranges(Session *s, void *user) {
 }
 
 void cli_forget_derivatives(SltProgram *p) {
-    static const DiagCode of_them[] = {DIAG_untracked, DIAG_static_disc, DIAG_stepping, DIAG_steep, DIAG_equal_steps};
+    static const DiagCode of_them[] = {DIAG_untracked, DIAG_static_disc, DIAG_stepping,
+                                       DIAG_steep,     DIAG_equal_steps, DIAG_counted_steps};
     Session *s = p->session;
     Diag **at = &s->diags;
     while (*at) {

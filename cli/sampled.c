@@ -97,9 +97,11 @@ static const SltPlace *upset_text(const SltStats *s, char *buf, size_t size) {
 const SltPlace *report_nonfinite_text(const SltStats *s, char *buf, size_t size) {
     const SltPlace *place = &s->nonfinite_at;
     char x[96];
-    int at = snprintf(buf, size,
-                      "results that are not finite: %llu. f, its integral or a derivative is infinite or NaN somewhere",
-                      (unsigned long long)s->nonfinite);
+    int at = snprintf(
+        buf, size,
+        "results that are not finite: %llu, or samples of a derivative that were left out. f, its integral or a "
+        "derivative is infinite or NaN somewhere",
+        (unsigned long long)s->nonfinite);
     if (place->in_image)
         at +=
             snprintf(buf + at, size - (size_t)at, "; the first in column %u, row %u", place->pixel[0], place->pixel[1]);

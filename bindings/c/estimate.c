@@ -92,14 +92,18 @@ static void note_ulps(ApiCall *c, bool integral) {
     c->stats->ulps = ulps < SLT_FEW_ULPS ? ulps : 0;
 }
 
-/* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. */
-static void count_nonfinite(ApiCall *c, const double *v, size_t n, bool derivative) {
+/* What is infinite or NaN stays so in the result; it is counted, and the first one's place is looked for. So are
+ * samples that were left out because a derivative is infinite there: if they are not few, it is on an area. */
+static void count_nonfinite(ApiCall *c, double *v, size_t n, bool derivative) {
+    enum { FEW = 64 }; /* one in so many */
     if (!v || !c->stats) return;
-    uint64_t bad = 0;
+    uint64_t bad = 0, left_out = derivative ? c->stats->nonfinite : 0;
+    for (size_t i = 0; i < n && left_out * FEW > c->stats->evaluations; i++)
+        if (v[i] != 0) v[i] = NAN;
     for (size_t i = 0; i < n; i++) bad += !isfinite(v[i]);
     c->stats->nonfinite += bad;
     Blame blame = {.derivative = derivative};
-    if (bad) api_find_nonfinite(c->p, &c->job, &blame, c->stats);
+    if (bad || left_out) api_find_nonfinite(c->p, &c->job, &blame, c->stats);
 }
 
 /* The same of an image, or of one of derivatives in a direction. */

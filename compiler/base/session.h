@@ -110,6 +110,8 @@ _Noreturn void ice(Session *s, const char *fmt, ...) __attribute__((format(print
 int session_add_file(Session *s, const char *path, const char **why);
 int session_add_text(Session *s, const char *shown_path, const char *dir, const char *text, size_t len);
 
+double plain_strtod(const char *text, char **end); /* number.c: whatever the locale */
+
 /* May a source that wrote `text` read the file `path`? If not, *why (of static life) says so. What does not exist may
  * be read. */
 bool session_allows(const Session *s, const char *text, const char *path, const char **why);

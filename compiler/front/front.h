@@ -95,6 +95,8 @@ bool glsl_host_sets(const char *name);
 
 /* glsl/words.c: messages about what is written in GLSL, in its words. */
 void glsl_speak(Session *s);
+/* One message about src: its own words stay. */
+const char *glsl_in_words(Session *s, const Source *src, const char *text);
 
 /* Component names: "discs[3].centre.x" -> index in the float (or int) vector. */
 typedef struct ParamRef {

@@ -34,8 +34,8 @@ static Counts counts(const Type *t) {
 }
 
 static bool fail(const Program *p, const char **why, const char *text) {
-    (void)p;
-    if (why) *why = text;
+    Session *s = p->session;
+    if (why) *why = p->is_glsl && s->nsources ? glsl_in_words(s, &s->sources[0], text) : text;
     return false;
 }
 

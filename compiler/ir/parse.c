@@ -130,7 +130,7 @@ static bool want_double(Parser *p, double *out) {
         uint64_t v = strtoull(word, &stop, 16);
         memcpy(out, &v, sizeof v);
     } else {
-        *out = strtod(word, &stop);
+        *out = plain_strtod(word, &stop);
     }
     if (word[0] && !*stop) return true;
     p->at = start;

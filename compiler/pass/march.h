@@ -22,7 +22,8 @@ typedef struct March {
     bool goes[MOST_CARRIED];             /* carried i is the place: next = this + way * h */
     Inst *way[MOST_CARRIED][MOST_CHAIN]; /* factors of it, from outside of the loop */
     uint32_t nway[MOST_CARRIED];
-    bool sees; /* what is behind it, where it ended */
+    bool sees;   /* what is behind it, where it ended */
+    bool counts; /* what is behind it, how many steps it took */
 } March;
 
 /* opt_marches_rewrite.c: puts what the march means in the place of what it does. */

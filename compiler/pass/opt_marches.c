@@ -215,7 +215,9 @@ static bool is_march(March *m, Arena *scratch, uint32_t ninsts) {
         if (b->owner->op != OP_loop && b->owner->op != OP_if_) return false;
         m->depth += b->owner->op == OP_loop;
     }
-    if (!find_asked(m, m->body) || !m->nasked || shows_steps(m, scratch, ninsts)) return false;
+    if (!find_asked(m, m->body) || !m->nasked) return false;
+    m->counts = shows_steps(m, scratch, ninsts);
+    if (m->counts) return false;
     m->sees = shows_place(m, scratch, ninsts);
     return true;
 }
@@ -232,6 +234,16 @@ static Inst *find_march(Fn *fn, Block *b, March *m, Arena *scratch, uint32_t nin
         }
     }
     return NULL;
+}
+
+/* Of those that are left. */
+static void warn_counted(PassCtx *ctx, Fn *fn, Block *b, March *m, uint32_t ninsts) {
+    for (Inst *i = b->first; i; i = i->next) {
+        *m = (March){.fn = fn, .loop = i};
+        if (i->op == OP_loop && !is_march(m, &ctx->session->scratch, ninsts) && m->counts)
+            diag_emit(ctx->session, DIAG_counted_steps, m->asked[0].site->span);
+        for (uint32_t r = 0; r < i->nregions; r++) warn_counted(ctx, fn, i->region[r], m, ninsts);
+    }
 }
 
 static bool any_by_auto(const Fn *fn) {
@@ -253,6 +265,9 @@ bool opt_marches(PassCtx *ctx, Fn *fn) {
         arena_reset(scratch, at);
         if (!loop) break;
     }
+    ArenaMark at = arena_mark(scratch);
+    warn_counted(ctx, fn, fn->body, m, ir_number(fn) + 1);
+    arena_reset(scratch, at);
     if (found) ad_along(ctx, fn);
     return found;
 }

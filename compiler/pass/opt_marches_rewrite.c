@@ -6,6 +6,8 @@
 
 /* Slower than this h does not fall towards a surface: the ray grazes it, and a root says nothing. */
 #define LEAST_SLOPE 1e-3
+/* Where h falls more slowly a place is evened out by less. */
+#define EVEN_SLOPE 0.05
 /* A ray that runs out of steps no farther from a surface than so many eps more is of its outline. */
 #define RIM 4
 
@@ -109,6 +111,49 @@ static Inst *nearness(const March *m, Builder *b, Inst **map) {
     return most;
 }
 
+/* The step at b, from the place `from`, without sites. */
+static void try_step(const March *m, Builder *b, Inst *k, Inst *const *from, const Inst *last, Inst **map,
+                     uint32_t ninsts) {
+    Inst *before = b->before ? b->before->prev : b->block->last;
+    memset(map, 0, ninsts * sizeof *map);
+    clone_step(m, b, k, from, last, map);
+    strip(m->fn, after(b->block, before), b->before, NULL);
+}
+
+static Inst *settled(Inst *v) {
+    while (v->op == OP_COUNT) v = v->args[0]; /* forwarded */
+    return v;
+}
+
+/* The place `from`, moved back by `by` along the march. */
+static void move_back(const March *m, Builder *b, Inst **from, Inst *by, Inst **to) {
+    for (uint32_t c = 0; c < m->ncarried; c++) {
+        to[c] = from[c];
+        if (!m->goes[c]) continue;
+        Inst *way = ir_emit1(b, OP_detach, way_of(m, b, c));
+        to[c] = ir_emit2(b, OP_fsub, from[c], ir_emit2(b, OP_fmul, way, by));
+    }
+}
+
+/* Where jumps are looked for, a place that hit stands where h is half of eps, as nearly as the tangent knows and if it
+ * hits there too, and not at the step that happened to be the last one: what begins there, a ray to a light, would jump
+ * from one number of steps to the next. */
+static void even_out(March *m, Builder *b, Inst *hit, Inst *h, Inst *slope, Inst *k, Inst **from, const Inst *last,
+                     Inst **map, uint32_t ninsts) {
+    Inst *eps = m->asked[0].eps, *even[MOST_CARRIED];
+    eps = ir_is_const(eps) ? ir_constf(b, eps->imm.f) : settled(mapped(eps, map));
+    Inst *off = ir_emit2(b, OP_fsub, h, ir_emit2(b, OP_fmul, ir_constf(b, 0.5), eps));
+    Inst *over = ir_emit2(b, OP_fadd, ir_emit2(b, OP_fmul, slope, slope), ir_constf(b, EVEN_SLOPE * EVEN_SLOPE));
+    move_back(m, b, from, ir_emit1(b, OP_detach, ir_emit2(b, OP_fdiv, ir_emit2(b, OP_fmul, off, slope), over)), even);
+    try_step(m, b, k, even, last, map, ninsts);
+    for (uint32_t i = 0; i < ninsts; i++)
+        if (map[i]) map[i] = settled(map[i]);
+    Inst *good = ir_emit2(b, OP_flt, ir_constf(b, 0), nearness(m, b, map));
+    Inst *looked = ir_emit2(b, OP_band, ir_special(b, OP_stands, TY_BOOL, 0, NULL, (Imm){0}), hit);
+    for (uint32_t c = 0; c < m->ncarried; c++)
+        if (m->goes[c]) from[c] = ir_select(b, ir_emit2(b, OP_band, looked, good), even[c], from[c]);
+}
+
 /* Moves the place `from` by what the root of h does: a Newton step whose value is 0. */
 static void follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, const Inst *last, uint32_t ninsts,
                         Arena *scratch) {
@@ -117,22 +162,16 @@ static void follow_root(March *m, Builder *b, Inst *hit, Inst *k, Inst **from, c
         seeded[c] =
             m->goes[c] ? ir_special(b, OP_seed, TY_FLT, 2, (Inst *[]){from[c], way_of(m, b, c)}, (Imm){0}) : from[c];
     for (uint32_t copy = 0; copy < 2; copy++) { /* one to be differentiated along the march, one for the derivative */
-        Inst *before = b->before ? b->before->prev : b->block->last;
-        memset(map, 0, ninsts * sizeof *map);
-        clone_step(m, b, k, copy ? from : seeded, last, map);
-        strip(m->fn, after(b->block, before), b->before, NULL);
-        h[copy] = mapped(m->asked[0].h, map);
-        if (h[copy]->op == OP_COUNT) h[copy] = h[copy]->args[0];
+        try_step(m, b, k, copy ? from : seeded, last, map, ninsts);
+        h[copy] = settled(mapped(m->asked[0].h, map));
     }
     Inst *slope = ir_special(b, OP_along, TY_FLT, 1, h, (Imm){0});
     Inst *falls = ir_emit2(b, OP_flt, ir_constf(b, LEAST_SLOPE), ir_emit1(b, OP_fabs, slope));
     Inst *over = ir_select(b, ir_emit2(b, OP_band, hit, falls), slope, ir_constf(b, INFINITY));
     Inst *moved =
         ir_emit2(b, OP_fdiv, ir_emit2(b, OP_fsub, h[1], ir_emit1(b, OP_detach, h[1])), ir_emit1(b, OP_detach, over));
-    for (uint32_t c = 0; c < m->ncarried; c++)
-        if (m->goes[c])
-            from[c] =
-                ir_emit2(b, OP_fsub, from[c], ir_emit2(b, OP_fmul, ir_emit1(b, OP_detach, way_of(m, b, c)), moved));
+    move_back(m, b, from, moved, from);
+    even_out(m, b, hit, h[1], slope, k, from, last, map, ninsts);
 }
 
 /* How far it comes until h is eps, by a secant through the last two steps. */
@@ -351,8 +390,7 @@ void march_rewrite(March *m, Arena *scratch) {
 
     /* The step where it came nearest, which asks nothing. */
     Inst *mark = behind->prev, *shown[MOST_CARRIED], *seen[MOST_CARRIED];
-    clone_step(m, &b, k, nearest, r.last, map);
-    strip(fn, after(b.block, mark), behind, NULL);
+    try_step(m, &b, k, nearest, r.last, map, ninsts);
     for (uint32_t c = 0; c < m->ncarried; c++) seen[c] = mapped(m->body->last->args[c + 1], map);
 
     /* The last step once more, with its sites: what the march hands on. */
@@ -373,8 +411,7 @@ void march_rewrite(March *m, Arena *scratch) {
     Inst *beside = ir_special(&b, OP_stands, TY_BOOL, 0, NULL, (Imm){0});
     for (uint32_t c = 0; c < m->ncarried; c++) {
         if (!results[c]) continue;
-        while (shown[c]->op == OP_COUNT) shown[c] = shown[c]->args[0];
-        while (seen[c]->op == OP_COUNT) seen[c] = seen[c]->args[0];
+        shown[c] = settled(shown[c]), seen[c] = settled(seen[c]);
         Inst *next = shown[c];
         if (r.rims && seen[c] != shown[c]) {
             if (next->type == TY_FLT) next = ir_select(&b, rim, ir_emit1(&b, OP_detach, next), next);

@@ -177,6 +177,8 @@ static Boxed joined(Boxes *x, Builder *b, const Results *t, uint32_t k) {
     const Inst *p = t->proj[k], *i = p->args[0];
     uint32_t miss = missing(x, i);
     if (k >= t->n && miss < 2) return t->side[!miss][k];
+    /* What is equal on all of the box is what it was, though an if_ may have handed on that of side 0. */
+    if (!(x->fact[p->id] & FACT_WIDE)) return t->side[1][k];
     bool same = side(p, 0) == side(p, 1); /* but known better on either side */
     return either(b, t->side[0][k], t->side[1][k],
                   same ? NULL : bounds_choice_open(x, b, i->args[0], side(p, 0), side(p, 1)), x->fact[p->id]);

@@ -98,10 +98,11 @@ typedef enum SltStop { SLT_STOP_NONE, SLT_STOP_EVALUATIONS, SLT_STOP_ROUNDING } 
 typedef struct SltStats {
     size_t struct_size;
     uint64_t samples, segments, crossings;
-    uint64_t evaluations;                   /* runs of any kernel on one sample */
-    uint64_t dropped[SLT_DROP_REASONS];     /* crossings, by SltDrop */
-    uint64_t truncated, asserts, nonfinite; /* loops cut at [MaxIters], asserts failed, results that are not finite */
-    double seconds;                         /* of wall time, in all */
+    uint64_t evaluations;               /* runs of any kernel on one sample */
+    uint64_t dropped[SLT_DROP_REASONS]; /* crossings, by SltDrop */
+    uint64_t truncated, asserts;        /* loops cut at [MaxIters], asserts failed */
+    uint64_t nonfinite;                 /* results that are not finite, samples that were left out for that */
+    double seconds;                     /* of wall time, in all */
     double seconds_interior, seconds_boundary;
     /* Estimators with cells; of the last call. */
     bool cells;             /* cells were used, and the members below say something */

@@ -143,7 +143,7 @@ static void split(Cells *c, const Box *box, const Node *node, uint32_t in_hand, 
                 cell->curves_done = node->curves_done, cell->lonely = node->lonely, cell->cut = -1;
                 cell->upset = node->upset, cell->band = false;
                 cell->node = in_hand, cell->number = c->ncell - 1, cell->slice = -1, cell->rule = -1, cell->weight = 1;
-                cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = 0;
+                cell->refine = false, cell->done = false, cell->axes = 0, cell->cuts = cell->halved = 0;
                 cell->borders = false;
             }
 }

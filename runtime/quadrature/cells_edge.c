@@ -240,7 +240,7 @@ bool cells_run_asks_about_centres(Cells *c) {
 /* The open events of box i of the last call, each integer of a rounding an event of its own. */
 static void read_events(const Cells *c, Cell *cell, uint32_t i) {
     const Batch *b = c->b;
-    int32_t open = batch_get_int(b, SLT_OUT_OPEN, 0, i);
+    int32_t open = batch_open(b, i);
     cell->nopen = open < 0 ? CELL_EVENTS + 1 : (uint32_t)open;
     cell->nedges = 0;
     cell->many = cell->nopen > CELL_EVENTS;

@@ -137,6 +137,7 @@ typedef struct Cell {
     uint32_t axes;                  /* bit by axis: height axes of its edges */
     bool common;                    /* it is one, for seams too: the volume can be integrated */
     uint32_t cuts;                  /* of its pieces, made because the rules differed */
+    uint32_t halved;                /* stretches of its bases, and of what they were cut into */
     bool refine;                    /* cannot be integrated as it is */
     bool upset, band;               /* its measure is in CellCounts.upset, in .banded already */
     bool borders;                   /* the areas of its parts are told by what bounds them: cells_border.c */

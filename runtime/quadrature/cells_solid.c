@@ -87,7 +87,7 @@ static Cell *add_plane(Cells *c, uint32_t i, int across, double x, double weight
     if (!CELLS_ROOM(c, cell, 1)) return NULL;
     Cell *p = &c->cell[c->ncell++];
     *p = c->cell[i];
-    p->slice = (int8_t)across, p->rule = rule, p->weight = weight;
+    p->slice = (int8_t)across, p->rule = rule, p->weight = weight, p->halved = 0;
     p->box.lo[across] = p->box.hi[across] = p->box.end[across] = cells_round(c, x);
     return p;
 }

@@ -230,7 +230,7 @@ bool cells_hides_beside(Cells *c, const Piece *p, const Column *from, const Colu
     c->hunted += n;
     cells_call(c, SLT_K_BOUNDS, n);
     for (uint32_t k = 0; k < n; k++) {
-        if (batch_get_int(b, SLT_OUT_OPEN, 0, k) || batch_get_int(b, SLT_OUT_BOX_STATE, 0, k)) continue;
+        if (batch_open(b, k) || batch_get_int(b, SLT_OUT_BOX_STATE, 0, k)) continue;
         for (uint32_t ch = 0; ch < c->s->channels; ch++)
             f[kept][2 * ch] = batch_get(b, SLT_OUT_F_LO, ch, k),
                         f[kept][2 * ch + 1] = batch_get(b, SLT_OUT_F_HI, ch, k);

@@ -3,7 +3,8 @@
 
 #include "runtime/quadrature/cells_stretch.h"
 
-enum { HALVINGS = 10 };
+/* In all of a cell: of two curves that are one but for rounding signs change by chance, on ever more stretches. */
+enum { HALVINGS = 10, HALVED_MOST = 1024 };
 
 Stretch *stretch_add(Cells *c, const Stretch *from) {
     if (!CELLS_ROOM(c, stretch, 1)) return NULL;
@@ -183,7 +184,7 @@ bool stretch_halve(Cells *c) {
             s->x[0] = mid, s->x[1] = 0.5 * (s->height[0] + s->height[1]);
             continue;
         }
-        if (s->halvings > HALVINGS) {
+        if (s->halvings > HALVINGS || ++c->cell[s->cell].halved > HALVED_MOST) {
             c->cell[s->cell].refine = true;
             continue;
         }

@@ -191,12 +191,18 @@ static bool keep_way(Cells *c, Root *r, const Order order[2], uint32_t move, dou
     return cells_keep_kink(c, r, move, (const bool[2]){order[0].seen, order[1].seen}, up, hidden);
 }
 
-/* They have a kink where they are one curve. What is a band all the same, thinner than rounding, is not certified. */
+/* They have a kink where they are one curve. What is a band all the same, thinner than rounding, is not certified. Of
+ * different events the mean of the two orders is given already: that it is a kink is told, in f64. In f32 those that
+ * move alike may come apart by what rounding makes of moves. */
 static bool keep_ways(Cells *c, Root *r, Root *stood, const Order order[2], uint32_t move) {
     bool one;
-    if (c->prunes || !event_same(&r->of->event, &stood->of->event) || !cells_has_room(c, r)) return true;
+    if (c->prunes || !cells_has_room(c, r)) return true;
     use(c->b, c->s);
     if (!cells_lie_on_each_other(c, r, stood, &one)) return false;
+    if (!event_same(&r->of->event, &stood->of->event)) {
+        c->counts->coincident += one && c->b->f64;
+        return true;
+    }
     return keep_way(c, r, order, move, 1, !one) && keep_way(c, stood, order, move, -1, !one);
 }
 

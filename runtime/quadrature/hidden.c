@@ -11,6 +11,7 @@ enum {
     PLACES = 3 /* where g is asked in a cell: in its middle and off it on two sides, as it may be NaN in a part */
 };
 
+#define MOST_ALONG 64 /* the slope of g along a gap that it jumps across, in parts of that across it */
 #define ALIKE 0.9 /* cosine between slopes of one piece */
 
 /* What a place tells of an event's g. */
@@ -36,8 +37,8 @@ static double middle(const Box *b, uint32_t d, double t) { return b->lo[d] + t *
 /* Events of sites that are open in cell i, lane i of a call of `bounds`. False where more are than it names. */
 static bool read_open(const Batch *b, uint32_t i, Hidden *h) {
     const SltScene *s = b->s;
-    if (!batch_has(b, SLT_OUT_OPEN)) return true;
-    int32_t open = batch_get_int(b, SLT_OUT_OPEN, 0, i);
+    int32_t open = batch_open(b, i);
+    if (!open) return true;
     uint32_t named = scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_EDGE), n = 0;
     uint32_t depth = named ? scene_outputs(s, SLT_K_BOUNDS, SLT_OUT_OPEN_K) / named : 0;
     for (uint32_t e = 0; e < named && n < (uint32_t)open; e++) {
@@ -113,7 +114,9 @@ static void find_gap(SweepWorker *v, const Box *box, int axis, Hidden *h, uint32
     batch_call(b, SLT_K_SITE_GRAD, 2 * PLACES);
     for (uint32_t k = 0; k < 2 * PLACES; k++) {
         double up = fabs(batch_get(b, SLT_OUT_G_DX, (uint32_t)axis, k));
-        if (!jumps[k / 2] || !isfinite(up) || !(up > steepest)) continue;
+        bool across = jumps[k / 2] && isfinite(up) && up > steepest;
+        for (uint32_t d = 0; d < b->s->dim; d++) across &= fabs(batch_get(b, SLT_OUT_G_DX, d, k)) <= MOST_ALONG * up;
+        if (!across) continue;
         steepest = up;
         memcpy(h->place[0][i].x, x[k], sizeof x[k]);
     }

@@ -29,7 +29,8 @@ static double chance(const double place[3], uint32_t k) {
     return (double)((bits ^ bits >> 32) >> 11) * 0x1p-53;
 }
 
-static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n) {
+/* own >= 0: lines lie anywhere in their strata, otherwise for another number. */
+static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n, int own) {
     t->dim = v->w->batch.s->dim;
     uint64_t stride = 1;
     uint32_t more = GAP_LINES * n < SIDE_MAX - 2 ? GAP_LINES * n : SIDE_MAX - 2;
@@ -41,7 +42,8 @@ static void net_init(Net *t, const SweepWorker *v, const Box *b, uint32_t n) {
         if (d >= t->dim) continue;
         double h = (b->end[d] - b->lo[d]) / t->n[d];
         t->pos[d][0] = b->lo[d], t->pos[d][t->n[d] + 1] = b->hi[d]; /* what jumps in the gap behind is cells_gap.c's */
-        for (uint32_t k = 0; k < t->n[d]; k++) t->pos[d][k + 1] = b->lo[d] + (k + 0.5) * h;
+        for (uint32_t k = 0; k < t->n[d]; k++)
+            t->pos[d][k + 1] = b->lo[d] + (k + (own < 0 ? 0.5 : chance(b->lo, (3 * k + d) * 2 + (uint32_t)own))) * h;
     }
 }
 
@@ -180,9 +182,17 @@ static void samples(SweepWorker *v, uint32_t lines, const Box *box, double stand
         if (n[set]) sweep_volume(v, point[set], n[set], (CellRule)set, box);
 }
 
+/* Along the edge of a solid cells are alike, and lines in the middle of their strata err alike in all of them, and in
+ * both sets: there each set has lines of its own. */
 bool left_lines(SweepWorker *v, const LeftCell *c, uint32_t n, int set) {
     Net t;
-    net_init(&t, v, &c->box, n);
+    bool solid = v->sweep->errors && v->w->batch.s->dim == 3, ok = true;
+    for (int own = 0; own < 2 && ok && solid && set < 0; own++) {
+        net_init(&t, v, &c->box, n, own);
+        ok = lines(v, &t, &c->box, 0.5 * c->stands, own);
+    }
+    if (solid && set < 0) return ok;
+    net_init(&t, v, &c->box, n, solid ? set : -1);
     return lines(v, &t, &c->box, c->stands, set);
 }
 

@@ -58,7 +58,7 @@ static double ask(Batch *b, int32_t state[LEVELS][POINTS], int32_t open[LEVELS][
                 if (least <= most) seen = fmax(seen, fmax(least, -most)); /* all of the box is that far from 0 */
             }
             state[l][i] = batch_get_int(b, SLT_OUT_BOX_STATE, 0, l * POINTS + i);
-            open[l][i] = batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, l * POINTS + i) : 0;
+            open[l][i] = batch_open(b, l * POINTS + i);
         }
     return seen;
 }

@@ -62,10 +62,11 @@ bool accum_init(Accum *a, const SltScene *s, uint32_t n) {
 }
 
 void accum_free(Accum *a) {
+    if (!a->s) return; /* nothing has begun */
     for (uint32_t i = 0; i < a->n; i++) free(a->buf[i].touched), free(a->buf[i].log_index), free(a->buf[i].log_value);
     free_pages(a->adj, a->bytes * a->n + 64), free_pages(a->scratch, a->bytes * SLT_MAX_CHANNELS + 64);
     free_pages(a->sums, a->n * sums_bytes(a));
-    free(a->blocks), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
+    free(a->blocks), free(a->poles), free(a->folded.parameter), free(a->folded.slot), free(a->folded.sum);
     memset(a, 0, sizeof *a);
 }
 
@@ -103,8 +104,10 @@ static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32
     lend_log(a, buf, &b->args);
     uint64_t counters[SLT_COUNTERS];
     memcpy(counters, b->args.counters, sizeof counters);
+    bool watched = kind == SLT_K_VJP && accum_watch(a, b, which, rows);
     batch_call(b, kind, n);
     uint64_t len = b->args.log_len;
+    if (watched && !len) accum_leave_out(a, n);
     if (len > b->args.log_cap) {
         /* The adjoints of this call are in adj already: the second run is for the log alone. */
         if (!a->scratch) a->scratch = zero_pages(a->bytes * SLT_MAX_CHANNELS + 64);
@@ -185,6 +188,7 @@ void accum_close(Accum *a) {
         }
         buf->dirty = false;
     }
+    a->infinite = false;
     if (a->folded.slot) a->failed |= !accum_fold(a);
 }
 

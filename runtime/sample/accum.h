@@ -28,6 +28,7 @@ typedef struct Folded {
     uint32_t *slot;              /* by parameter: 1 and which of them; 0: none. NULL: nothing is folded */
     double *sum;                 /* [n][buffers] */
 } Folded;
+typedef struct Poles Poles;
 typedef struct Accum {
     const SltScene *s;
     uint32_t n; /* buffers */
@@ -37,6 +38,8 @@ typedef struct Accum {
     unsigned char *adj, *sums; /* of all buffers */
     uint32_t *blocks, nblocks; /* first parameter of each block of 16 that kernels may add to */
     unsigned char *scratch; /* instead of adj where a call is repeated for its log: what it adds must not count twice */
+    Poles *poles;           /* accum_poles.c */
+    bool infinite;          /* something of this tile is, on an area */
     bool failed;            /* memory ran out */
 } Accum;
 bool accum_init(Accum *a, const SltScene *s, uint32_t n);
@@ -50,6 +53,11 @@ void accum_rows(Accum *a, Batch *b, const double *weight, uint32_t n, uint32_t w
  * targets[which][nfloats], and empties the buffers. */
 void accum_close(Accum *a);
 void accum_merge(Accum *a, double *const *targets);
+
+/* ---- accum_poles.c: watch, before a call of VJP for as many rows; behind it, what it made infinite is taken out again
+ * and added without the few samples that hit a pole. False: there are too many parameters to look. */
+bool accum_watch(Accum *a, Batch *b, uint32_t which, uint32_t rows);
+void accum_leave_out(Accum *a, uint32_t n);
 
 /* ---- accum_fold.c: instead of accum_merge. Where parameters are many a tile logs each of those that it touches often:
  * from now on a log that gets long, and at accum_close all there is, goes into a->folded. False when memory runs out.

@@ -55,6 +55,11 @@ static inline int32_t batch_get_int(const Batch *b, SltRole role, uint32_t k, ui
     return ((const int32_t *)batch_out(b, role, k))[i];
 }
 static inline bool batch_has(const Batch *b, SltRole role) { return b->layout->out[role].count > 0; }
+/* How many edges may decide either way in box i, of a call of `bounds`. Where nothing decides, the kernel does not say.
+ */
+static inline int32_t batch_open(const Batch *b, uint32_t i) {
+    return batch_has(b, SLT_OUT_OPEN) ? batch_get_int(b, SLT_OUT_OPEN, 0, i) : 0;
+}
 /* The position of sample i, and the pixel that holds it where the kernels ask for pixel(). */
 void batch_set_x(Batch *b, uint32_t i, const double x[3]);
 /* A site with the indices of the loops around it: what a site kernel must know besides the point. */

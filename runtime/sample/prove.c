@@ -20,7 +20,7 @@ bool prove_serves(const SltScene *s) { return prove_only_shadows(s) && s->kernel
 
 bool prove_is_settled(const Batch *b, uint32_t i) {
     if (batch_get_int(b, SLT_OUT_BOX_STATE, 0, i) & SLT_BOX_UNKNOWN) return false;
-    if (!batch_has(b, SLT_OUT_OPEN) || !batch_get_int(b, SLT_OUT_OPEN, 0, i)) return true;
+    if (!batch_open(b, i)) return true;
     /* Seams bend f, or jump where nothing is integrated. Are they all that is open? */
     uint32_t named = b->layout->out[SLT_OUT_OPEN_EDGE].count, n = 0;
     for (; n < named; n++) {
@@ -28,7 +28,7 @@ bool prove_is_settled(const Batch *b, uint32_t i) {
         if (edge < 0) return true;
         if ((uint32_t)edge < b->s->nsites) return false;
     }
-    return batch_get_int(b, SLT_OUT_OPEN, 0, i) <= (int32_t)named;
+    return batch_open(b, i) <= (int32_t)named;
 }
 
 void prove_set_box(Batch *b, uint32_t i, const Segment *s, double ta, double tb) {

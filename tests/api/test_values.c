@@ -3,6 +3,10 @@
 #include "bindings/c/api.h"
 #include "bindings/c/values_plain.h"
 #include "tests/api/program.h"
+#include "tests/scratch.h"
+
+#include <locale.h>
+#include <stdbool.h>
 
 static const char program[] =
     "struct In { float q; int tag; };\nstruct S { float2 c; In inner[2]; bool on; };\n"
@@ -156,7 +160,39 @@ static void returns(void **state) {
     }
 }
 
+/* A host that has chosen a locale in which numbers have a comma gives and gets the same numbers. */
+static void comma(void **state) {
+    (void)state;
+    char line[600];
+    snprintf(line, sizeof line, "localedef -i de_DE -f ISO-8859-1 '%s' >'%s' 2>&1", scratch_path("de_DE"),
+             scratch_path("log"));
+    bool made = system(line) == 0;
+    setenv("LOCPATH", scratch, 1);
+    if (!setlocale(LC_ALL, "de_DE") || strcmp(localeconv()->decimal_point, ",") != 0)
+        print_message("%s\n", made ? "the locale cannot be chosen" : "no locale with a comma");
+    SltError err = {0};
+    SltOptions opt = SLT_OPTIONS_INIT;
+    const SltSet set[] = {{"K", "2.5"}};
+    opt.interpret = opt.f64 = true, opt.set = set, opt.nset = 1;
+    SltProgram *p = compile_with("const float K = 1.5;\nparam float a = 0.25;\nparam float2 b = float2(K, 1.0e-1);\n"
+                                 "shader float main(float x) { return a + b.x + x; }\n",
+                                 opt);
+    char *text = slt_params_json(p);
+    assert_string_equal(text, "{\n  \"a\": 0.25,\n  \"b\": [2.5, 0.1]\n}\n");
+    assert_ok(slt_set_text(p, "a", "1.75", &err));
+    assert_ok(slt_set_text(p, "b", "0.5, 0.125", &err));
+    assert_true(slt_floats(p)[0] == 1.75 && slt_floats(p)[1] == 0.5 && slt_floats(p)[2] == 0.125);
+    assert_ok(slt_set_params_json(p, text, "back", &err));
+    assert_true(slt_floats(p)[0] == 0.25 && slt_floats(p)[1] == 2.5 && slt_floats(p)[2] == 0.1);
+    assert_ok(slt_set_params_json(p, "{\"\\u0061\": 3.5}", "slow", &err));
+    assert_true(slt_floats(p)[0] == 3.5);
+    free(text);
+    slt_program_free(p);
+    setlocale(LC_ALL, "C");
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(returns)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    const struct CMUnitTest tests[] = {cmocka_unit_test(readers_agree), cmocka_unit_test(returns),
+                                       cmocka_unit_test(comma)};
+    return cmocka_run_group_tests(tests, scratch_make, scratch_drop);
 }

@@ -188,6 +188,8 @@ class Meaning(Case):
         for name in ("iTime", "iMouse.x", "iChannel0"):
             self.assertIn("note: the shader does not read `%s`" % name, said)
         self.run_cli("render", "u.frag", "--size", 4, "--param", "iTimer=2", code=2)
+        self.put("v.frag", "uniform vec2 v;\nvoid mainImage(out vec4 c, vec2 p) { c = vec4(v, 0, 1); }")
+        self.assertIn("vec2 has no component `z`", self.run_cli("render", "v.frag", "--param", "v.z=1", code=2).err)
         self.assertIn("--size", self.run_cli("render", "u.frag", "--param", "iResolution=[4,4]", code=2).err)
 
     def test_language_option(self):

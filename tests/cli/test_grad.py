@@ -367,6 +367,16 @@ class Check(Case):
         for row in self.json_cli("check", "s.salt", "--precision", "f64", "--wrt", "b")["rows"]:
             self.assertAlmostEqual(row["slope"], 2, delta=0.1)
 
+    def test_why_a_row_fails(self):
+        """L bends where a jump lies on the edge of the domain; it changes without a boundary where cells decide."""
+        self.put("edge.salt", "param float r = 0.0; [Domain(0.0, 1.0)] shader float main(float2 x) { float f = 0.0; [Disc] if (x.x < r) f = 1.0; return f; }")
+        j = self.json_cli("check", "edge.salt", code=1)
+        self.assertRegex(j["why"], r"bends or jumps where r is: its derivative is (-?0|-?[0-9.]+e-\d+) below and (1|0.99\d+|1.00\d+) above")
+        self.assertIn("bends or jumps where r is", self.run_cli("check", "edge.salt", code=1).out)
+        self.assertTrue(self.json_cli("check", "edge.salt", "--param", "r=0.3")["pass"])
+        self.put("cells.salt", "param float r = 0.45; shader float main(float2 x) { float f = 0.0; int2 c = int2(x * 64.0); [Disc] if (float(hash(uint2(c)) >> 8) / 16777216.0 < r) f = 1.0; return f; }")
+        self.assertIn("no boundary moves with it", self.json_cli("check", "cells.salt", "--step", 0.05, code=1)["why"])
+
     def test_error_is_that_of_z(self):
         """What is printed as the error is what z divides by, with cells and without; cells leave the values no noise."""
         self.put("c.salt", CIRCLE)

@@ -15,6 +15,9 @@ MARCHES = {
     "asked before the step": (BALL, "float t = 0.0; bool hit = false; for (int i = 0; i < 400; i++) { float h = map(o + d * t); if (h < .0001) { hit = true; break; } t += h; if (t > 20.) break; } if (hit) c = vec4(1);"),
     "the place itself moves": (BALL, "bool hit = false; vec3 p = o; for (int i = 0; i < 400; i++) { float h = map(p); if (h < .0001) { hit = true; break; } p += d * h; if (p.z > 20.) break; } if (hit) c = vec4(1);"),
     "in a function that returns": ("float map(vec3 p) { return length(p) - r; }\nfloat lit(vec3 o, vec3 d) { float t = 0.0; for (int i = 0; i < 400 && t < 20.; i++) { float h = map(o + d * t); if (h < .0001) return 1.0; t += h; } return 0.0; }", "c = vec4(lit(o, d));"),
+    "asked first, by while": (BALL, "float t = 0.0, h = 1.0; while (h > .0001 && t < 20.) { h = map(o + d * t); t += h; } c = vec4(t < 20. ? 1.0 : 0.0);"),
+    "asked first, by for": (BALL, "float t = 0.0, h = 1.0; for (int i = 0; i < 400 && h > .0001 && t < 20.; i++) { h = map(o + d * t); t += h; } if (h < .0001) c = vec4(1);"),
+    "nothing bounds it": (BALL, "float t = 0.0; int i = 0; for (;;) { float h = map(o + d * t); if (h < .0001 || t > 20. || i > 400) break; t += h; i++; } c = vec4(t < 20. ? 1.0 : 0.0);"),
 }
 
 
@@ -37,6 +40,14 @@ class Marches(Case):
                     got, j = self.gradient(declarations, body, "--precision", precision)
                     self.near(name, got["r"], 2 * math.pi * 0.8, 0.02)
                     self.assertLess(j["crossings"], 20000)
+                    self.assertEqual([w for w in j["warnings"] if w["code"] == "W0407"], [])
+
+    def test_bounds(self):
+        """Whatever a march carries, its bounds can be asked for."""
+        for name, (declarations, body) in MARCHES.items():
+            with self.subTest(name):
+                self.put("m.frag", HEAD % declarations + IMAGE % body)
+                self.assertIn("sites", self.run_cli("explain", "m.frag").out)
 
     def test_what_is_seen(self):
         """How far it is to what the ray meets, and of what colour: a ball before a wall, which the rays hit too."""
@@ -52,11 +63,62 @@ class Marches(Case):
                 with self.subTest(name, wrt=k):
                     self.near(name, got[k], want, 0.05)
 
+    def test_limits(self):
+        """A limit ends rays on their way to a slanting plane: which step is the last one changes from ray to ray, and g
+        of the outline must not. The plane comes nearer by .2 of what a ray goes; it is hit before t = 5 left of a line."""
+        plane = "float map(vec3 p) { return r + .9797959 * p.x - .2 * (p.z + 3.) + 1.; }"
+        for name, march in (
+            ("behind the step", "float h = map(o + d * t); if (h < eps) { hit = true; break; } t += h; if (t > 5.) break;"),
+            ("before the step", "float h = map(o + d * t); if (t > 5.) break; if (h < eps) { hit = true; break; } t += h;"),
+        ):
+            for eps in (".001", ".001 * t"):
+                with self.subTest(name, eps=eps):
+                    body = "float t = 0.0; bool hit = false; for (int i = 0; i < 200; i++) { %s } if (hit) c = vec4(1);" % march.replace("eps", eps)
+                    got, j = self.gradient(plane, body)
+                    self.near(name, got["r"], -3 / 0.9797959, 0.02)
+                    self.assertEqual(sum(j["dropped"].values()), 0)
+
+    def test_rims(self):
+        """Rays that run out of steps beside an outline make a ramp of f that is thinner than a pixel, and stand anywhere
+        in it. What is seen is the ball of radius r + eps, up to the thickness of the ramp."""
+        radius = 0.8 + 0.002
+        for steps in (60, 90, 400):
+            march = "float t = 0.0; for (int i = 0; i < %d; i++) { float h = map(o + d * t); if (h < .002 || t > 20.) break; t += h; } c = vec4(t < 20. ? t : 0.0);"
+            with self.subTest(steps=steps):
+                got, j = self.gradient(BALL, march % steps)
+                self.near(steps, got["r"], 6 * math.pi * radius - 2 * math.pi * radius**2, 0.02)
+
+    def test_shadows(self):
+        """Rays to the light begin on what another march hit: how far they come says little, and what f does not show is
+        no crossing lost."""
+        scene = "float map(vec3 p) { return min(length(p) - r, z - p.z); }"
+        march = "float t = 0.0; bool hit = false; for (int i = 0; i < 200; i++) { float h = map(o + d * t); if (h < .001) { hit = true; break; } t += h; if (t > 20.) break; } if (hit) { vec3 q = o + d * t, l = vec3(.6, .0, -.8); float s = .1, w = 1.; for (int i = 0; i < 200; i++) { float h = map(q + l * s); if (h < .001) { w = .3; break; } s += h; if (s > 10.) break; } c = vec4(w); }"
+        got, j = self.gradient(scene, march)
+        for k in ("r", "z"):
+            self.assertLess(got[k][1], 0.02 * abs(got["r"][0]), (k, got, j["dropped"]))
+        # Differences of the same picture, by twice as many samples each way.
+        for k, step in (("r", 0.02), ("z", 0.05)):
+            ends = []
+            for sign in (1, -1):
+                p = {"r": 0.8, "z": 1.5}
+                p[k] += sign * step
+                v = self.json_cli("render", "m.frag", "--integral", "--size", "64x48", "--samples", "1000000", "--quiet", "--param", "r=%r" % p["r"], "--param", "z=%r" % p["z"])
+                ends.append(v["integral"][0])
+            self.near(k, got[k], (ends[0] - ends[1]) / (2 * step) * 12.0 / (64 * 48), 1)
+
     def test_what_shows_steps(self):
-        """A sum over the steps jumps from one number of steps to the next: every step keeps its own site."""
-        self.put("m.frag", HEAD % BALL + IMAGE % "float t = 0.0, glow = 0.0; for (int i = 0; i < 40; i++) { float h = map(o + d * t); if (h < .01) break; glow += .02; t += h; if (t > 8.) break; } c = vec4(glow);")
-        text = self.run_cli("explain", "m.frag", "--size", "64x48").out
-        self.assertNotIn("silhouette", text)
+        """A sum over the steps, or a colour by their number, jumps from one number of steps to the next: every step keeps
+        its own site."""
+        for body in (
+            "float t = 0.0, glow = 0.0; for (int i = 0; i < 40; i++) { float h = map(o + d * t); if (h < .01) break; glow += .02; t += h; if (t > 8.) break; } c = vec4(glow);",
+            "float t = 0.0; for (int i = 0; i < 40; i++) { float h = map(o + d * t); if (h < .01) { c = vec4(1. - float(i) / 40.); break; } t += h; if (t > 8.) break; }",
+        ):
+            self.put("m.frag", HEAD % BALL + IMAGE % body)
+            text = self.run_cli("explain", "m.frag", "--size", "64x48").out
+            self.assertNotIn("silhouette", text)
+            self.assertNotIn("shadow", text)
+            said = self.run_cli("grad", "m.frag", "--integral", "--size", "64x48", "--samples", "4096", "--param", "r=0.8")
+            self.assertIn("W0407", said.err)
 
 
 if __name__ == "__main__":

@@ -76,6 +76,26 @@ class Left(Case):
                 for k, value in enumerate(values):
                     self.assertLessEqual(abs(got[k] - value), 2.5 * bar[k] + 1e-4, (most, name, k))
 
+    def test_edges_of_a_solid(self):
+        """A box without another: cells along an edge are alike, and lines at the same places of all of them erred
+        alike."""
+        self.put("s.salt", """import sdf; param float3 c = float3(-0.289, 0.03, -0.157); param float3 p = float3(0.371, 0.489, 0.448);
+            param float3 d = float3(-0.04, -0.063, -0.02); param float3 q = float3(0.265, 0.391, 0.637);
+            float box(float3 p, float3 h) { float3 d = abs(p) - h; return max(d.x, max(d.y, d.z)); }
+            [Domain(-1.0, 1.0)] shader float main(float3 x) {
+                bool first = false, other = false;
+                [Disc] if (box(x - c, p) < 0.0) first = true;
+                [Disc] if (sd_box(x - d, q) < 0.0) other = true;
+                return first && !other ? 1.0 : 0.0;
+            }""")
+        want = {"c": [-0.700672, 0, 0], "p": [1.051904, 1.329664, 0.846084], "d": [0.700672, 0, 0], "q": [-0.700672, -0.693504, 0]}
+        for most in 300000, 700000, 1500000:
+            j = self.json_cli("grad", "s.salt", "--integral", "--estimator", "quadrature", "--precision", "f64",
+                              "--error", "1e-3", "--max-evaluations", most, code=None)
+            for name, values in want.items():
+                for k, value in enumerate(values):
+                    self.assertLessEqual(abs(j["gradient"][name][k] - value), 2.5 * j["stderr"][name][k] + 1e-4, (most, name, k))
+
     def test_a_step_in_one_dimension(self):
         """Lines are exact there."""
         j = self.ask("shader float main(float x) { float h = b; [Disc] if (x < a) h = c; [Disc] if (x < h) return 1.0; return 0.0; }")

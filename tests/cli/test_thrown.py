@@ -73,6 +73,27 @@ class Thrown(Case):
             for g, bar, t in zip(j["gradient"]["c"], j["stderr"]["c"], truth):
                 self.assertLess(abs(g - t), 4 * bar + 0.01 * abs(t))
 
+    def test_poles(self):
+        """The derivative is infinite at single points, where cells close in on the curve; f and the integral of the derivative are finite there. On an area it stays infinite."""
+        cases = {
+            ("float x", "x - c", "1.0 + sqrt(d)"): -0.75 - math.sqrt(0.63),
+            ("float x", "x - c", "1.0 + sqrt(d) * c"): None,
+            ("float2 x", "length(x) - c", "1.0 + sqrt(d)"): None,
+        }
+        for (domain, d, f), truth in cases.items():
+            self.put("p.salt", "param float c = 0.37;\n[Domain(0.0, 1.0)] shader float main(%s) { float d = %s, f = %s; [Disc] if (d < 0.0) f = 0.25; return f; }" % (domain, d, f))
+            if truth is None:
+                value = lambda c: self.json_cli("render", "p.salt", "--integral", "--samples", 2 ** 20, "--precision", "f64", "--param", "c=%g" % c, "--quiet")["integral"][0]
+                truth = (value(0.371) - value(0.369)) / 2e-3
+            for args in ((), ("--estimator", "lattice"), ("--estimator", "quadrature"), ("--precision", "f64")):
+                with self.subTest(d, f=f, args=args):
+                    j = self.json_cli("grad", "p.salt", "--integral", "--quiet", *args)
+                    self.assertLess(abs(j["gradient"]["c"] - truth), 4 * j["stderr"]["c"] + 5e-3)
+        self.put("p.salt", "param float c = 0.0;\n[Domain(0.0, 1.0)] shader float main(float x) { return x < 0.9 ? x : x + sqrt(c * x); }")
+        for estimator in "lattice", "quadrature":
+            j = self.json_cli("grad", "p.salt", "--integral", "--quiet", "--estimator", estimator)
+            self.assertFalse(math.isfinite(j["gradient"]["c"] or math.inf))
+
 
 if __name__ == "__main__":
     unittest.main()

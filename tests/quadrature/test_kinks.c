@@ -261,8 +261,35 @@ static void test_half_hidden(void **state) {
     slt_program_free(p);
 }
 
+#define POLYGON(params, a, b)                                                                                          \
+    params " " PLANE "{ float f = 0.0; for (int i = 0; i < 4; i++) { float2 a = " a "; float2 b = " b "; [Disc] if "    \
+    "((a.y > x.y) != (b.y > x.y) && x.x < (b.x - a.x) * (x.y - a.y) / (b.y - a.y) + a.x) f = 1.0 - f; } return f; }"
+
+/* Corners that two edges have in common move both; corners of their own open a slit as wide as the domain. */
+static void test_corners(void **state) {
+    static const char *const source[2] = {
+        POLYGON("param float2 e[4] = { float2(-0.5, -0.3), float2(0.5, -0.3), float2(0.4, 0.45), float2(-0.35, 0.5) };",
+                "e[i]", "e[(i + 1) % 4]"),
+        POLYGON("param float4 e[4] = { float4(-0.5, -0.3, 0.5, -0.3), float4(0.5, -0.3, 0.4, 0.45), "
+                "float4(0.4, 0.45, -0.35, 0.5), float4(-0.35, 0.5, -0.5, -0.3) };",
+                "e[i].xy", "e[i].zw")};
+    (void)state;
+    for (int way = 0; way < 4; way++) {
+        bool own = way & 1;
+        double value, gradient[FLOATS], error[FLOATS];
+        SltStats stats = SLT_STATS_INIT;
+        SltProgram *p = compile(source[own], way & 2);
+        integral(p, (SltJob){.estimator = SLT_EST_QUADRATURE, .samples = 1 << 18}, &value, gradient, error, &stats);
+        slt_program_free(p);
+        print_message("way %d: %g certified, %g\n", way, stats.certified, (double)stats.dropped[SLT_DROP_COINCIDENT]);
+        assert_int_equal(own && (way & 2), stats.dropped[SLT_DROP_COINCIDENT] > 0); /* f32 cannot tell */
+        assert_int_equal(own, stats.certified < 0.9);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_kinks), cmocka_unit_test(test_hidden),
-                                       cmocka_unit_test(test_beside), cmocka_unit_test(test_half_hidden)};
+                                       cmocka_unit_test(test_beside), cmocka_unit_test(test_half_hidden),
+                                       cmocka_unit_test(test_corners)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -30,7 +30,7 @@ static const char *parse_override(const char *text, TypeKind k, ConstVal *out) {
     errno = 0;
     if (k == T_FLOAT) {
         if (digits[0] == '0' && (digits[1] == 'x' || digits[1] == 'X')) return "this is no float";
-        double v = strtod(digits, &end);
+        double v = plain_strtod(digits, &end);
         if (*end == 'f' && end[1] == 0) end++;
         if (*end || isinf(v)) return "this is no float";
         out->v[0].f = negative ? -v : v;

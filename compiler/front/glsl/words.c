@@ -80,7 +80,7 @@ static bool stands_in(const Source *src, const char *word, size_t n) {
     return false;
 }
 
-static const char *in_glsl_words(Session *s, const Source *src, const char *text) {
+const char *glsl_in_words(Session *s, const Source *src, const char *text) {
     Text out = {0};
     for (const char *at = text; *at;) {
         size_t n = 0;
@@ -102,9 +102,9 @@ void glsl_speak(Session *s) {
     for (Diag *d = s->diags; d; d = d->next) {
         if (!is_of_glsl(s, d->span)) continue;
         const Source *src = &s->sources[d->span.file];
-        d->text = in_glsl_words(s, src, d->text);
+        d->text = glsl_in_words(s, src, d->text);
         for (DiagNote **n = &d->notes; *n;) {
-            (*n)->text = in_glsl_words(s, src, (*n)->text);
+            (*n)->text = glsl_in_words(s, src, (*n)->text);
             if ((*n)->span.file >= 0 && !is_of_glsl(s, (*n)->span)) *n = (*n)->next;
             else n = &(*n)->next;
         }

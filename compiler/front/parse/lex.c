@@ -1,7 +1,6 @@
 /* Bytes to tokens: blanks, numbers, strings, words, punctuators. */
 #include "compiler/front/parse/lex.h"
 
-#include <locale.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -118,12 +117,9 @@ static void lex_integer(Lexer *lx, Token *t, const char *digits, uint32_t n, uin
 }
 
 static void lex_float(Lexer *lx, Token *t, const char *text, uint32_t n) {
-    /* strtod obeys the locale of the process, which is not ours to know; newlocale of "C" allocates nothing. */
     ArenaMark mark = arena_mark(&lx->session->scratch);
     const char *copy = arena_strndup(&lx->session->scratch, text, n);
-    locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-    t->number = c_locale ? strtod_l(copy, NULL, c_locale) : strtod(copy, NULL);
-    if (c_locale) freelocale(c_locale);
+    t->number = plain_strtod(copy, NULL);
     arena_reset(&lx->session->scratch, mark);
     t->kind = TOK_FLOAT;
     if (isinf(t->number)) {
