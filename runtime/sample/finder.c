@@ -421,9 +421,11 @@ static uint32_t accept(Finder *f, const Item *it, double lo, double hi, Mark bef
 }
 
 /* Regions differ at the ends of a bracket, and f does not: an edge that something hides, or a band that is narrower
- * than the bracket, whose two edges it holds. */
+ * than the bracket, whose two edges it holds. Of solids: in a plane and on a line bounds find bands, and edges that
+ * coincide, which rounding parts by some floats, must stay in one bracket to be known as such. */
 static bool may_hold_band(const Finder *f, const Item *it, double width, uint32_t lane) {
-    if (f->coarse || it->s.fine || search_has_depth(f->s) || !(width > 2 * search_least(f, &it->s))) return false;
+    if (f->s->dim < 3 || f->coarse || it->s.fine || search_has_depth(f->s) || !(width > 2 * search_least(f, &it->s)))
+        return false;
     for (uint32_t c = 0; c < f->s->channels; c++)
         if (!(batch_get(f->b, SLT_OUT_F, c, lane) == batch_get(f->b, SLT_OUT_F, c, lane + 1))) return false;
     return true;
