@@ -14,9 +14,14 @@ typedef enum Probe {
     PROBE_SURE,  /* the line ends near by, where it has gradients to ask */
     PROBE_TRY    /* perhaps: all it looks at is known */
 } Probe;
+/* Between unlike neighbours, as when an edge that shows nowhere lies beside every vertex (cells of `frac`): whether f
+ * is the same on both sides tells whether it is a run, the probe is not tried, and every other vertex is looked at, as
+ * an edge belongs to one run. */
+enum { UNLIKE = PROBE_TRY + 1, PROBES };
 /* Segment.thin from THIN_FIRST on: the run's vertex, the axis, the probe, and whether the edge lies behind the vertex.
  */
-enum { THIN_FIRST = 2, AXES = 3, PROBES = 3 };
+enum { THIN_FIRST = 2, AXES = 3 };
+#define SAME 0.125 /* of the jump: by what f may change between the two sides of a run */
 
 static bool alike(const Worker *w, const Line *l, uint64_t a, uint64_t b) {
     return w->hash[a] == w->hash[b] && !(w->depth && depth_differs(w->depth[a], w->depth[b], l->threshold));
@@ -45,11 +50,17 @@ static bool counts(const Worker *w, const Line *l, uint32_t v) {
     return row & 1;
 }
 
+static bool may_be_run(const Worker *w, const Line *l, uint32_t v) {
+    return !w->depth && v & 1 && v + 1 < l->n && !is_run(w, l, v - 1) && !is_run(w, l, v + 1) &&
+           !alike(w, l, vertex(l, v - 1), vertex(l, v)) && !alike(w, l, vertex(l, v), vertex(l, v + 1));
+}
+
 uint32_t thin_edge(const Worker *w, const Line *l, uint32_t v, uint32_t axis) {
     for (uint32_t end = 0; end < 2; end++) {
-        if (!counts(w, l, v + end)) continue;
-        uint64_t run = (vertex(l, v + end) * AXES + axis) * PROBES + probe_of(w, l, v + end);
-        return THIN_FIRST + 2 * (uint32_t)run + (end ? 0 : 1);
+        bool run = counts(w, l, v + end);
+        if (!run && !may_be_run(w, l, v + end)) continue;
+        uint32_t probe = run ? probe_of(w, l, v + end) : UNLIKE;
+        return THIN_FIRST + 2 * (uint32_t)((vertex(l, v + end) * AXES + axis) * PROBES + probe) + (end ? 0 : 1);
     }
     return 0;
 }
@@ -96,6 +107,16 @@ static int by_run(const void *pa, const void *pb) {
     return p < q ? -1 : p > q;
 }
 
+/* Do both tell of one decision, and is f behind b what it was before a? */
+static bool returns(const Worker *w, const Crossing *a, const Crossing *b) {
+    double jump = 0, change = 0;
+    for (uint32_t c = 0; c < w->batch.s->channels; c++) {
+        jump = fmax(jump, fabs(a->jump[c]));
+        change = fmax(change, fabs(b->before[c] + b->jump[c] - a->before[c]));
+    }
+    return event_same(&a->event, &b->event) && change <= SAME * jump;
+}
+
 /* How many runs like this one, between crossings a and b, were missed for each that was found. */
 static double stands_for(const Worker *w, const Crossing *a, const Crossing *b, const uint64_t stride[3]) {
     uint64_t code = (a->thin - THIN_FIRST) / 2, run = code / PROBES / AXES;
@@ -103,6 +124,7 @@ static double stands_for(const Worker *w, const Crossing *a, const Crossing *b, 
     for (uint32_t d = 0; d < w->batch.s->dim; d++) h += fabs(a->direction[d]);
     if (!(length < h) || code % PROBES == PROBE_SURE) return 0;
     chance = length / h;
+    if (code % PROBES == UNLIKE) return returns(w, a, b) ? 2 * (fmin(1 / chance, MOST) - 1) : 0;
     if (code % PROBES == PROBE_TRY) /* t of a crossing is where it lies on its edge, from the vertex before it. */
         chance += (1 - chance) * finds(w, run, stride[a->axis], a->t * h, length, (1 - b->t) * h, h);
     return fmin(1 / chance, MOST) - 1;
