@@ -128,10 +128,9 @@ void report_unknown(const Cli *c, const char *what, const double *value, const d
     size_t unknown = 0;
     for (size_t i = 0; i < n; i++) unknown += isinf(error[i]) && isfinite(value[i]);
     if (!unknown || c->quiet) return;
-    fprintf(
-        stderr,
-        "saltus: warning: the errors of %zu %s are not known: too few samples or lines, or no crossing could be integrated\n",
-        unknown, what);
+    cli_say(CLI_WARNING, "unknown_errors", NULL,
+            "the errors of %zu %s are not known: too few samples or lines, or no crossing could be integrated", unknown,
+            what);
 }
 
 /* ---- names of components */

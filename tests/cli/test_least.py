@@ -1,4 +1,5 @@
 """The least that an option may say: one sample, one line, no iteration, a step that vanishes. No bar of 0, no NaN."""
+import json
 import math
 
 from harness import *
@@ -14,6 +15,8 @@ class Least(Case):
                 self.assertRegex(r.out, r"integral .* \+- inf")
                 self.assertRegex(r.out, r"radius .* \+- inf")
                 self.assertIn("are not known", r.err)
+        said = self.run_cli("grad", "c.salt", "--samples", 3, "--estimator", "lattice", "--json").err.splitlines()
+        self.assertIn("unknown_errors", [json.loads(line)["code"] for line in said])
         for e in ("lattice", "snap-knn"):
             r = self.run_cli("grad", "c.salt", "--segments", 1, "--estimator", e)
             self.assertNotRegex(r.out, r"integral .* \+- inf")  # only lines are few
