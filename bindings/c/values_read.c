@@ -367,9 +367,22 @@ static bool cannot_probe(SltProgram *p, const SltError *err, const char **why) {
     return false;
 }
 
-/* Rows of texels, or an object (a file of `fit`) that holds them under the name of the parameter that `path` was given
- * for. */
-static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint32_t *ndims, const char **why) {
+/* How many numbers and bools a value holds; a text, as a null or "inf" written by `fit`, is one. */
+static uint32_t count_scalars(const json_t *j) {
+    uint32_t n = 0;
+    size_t i;
+    const char *key;
+    json_t *value;
+    if (json_is_array(j)) json_array_foreach(j, i, value) n += count_scalars(value);
+    else if (json_is_object(j)) json_object_foreach((json_t *)j, key, value) n += count_scalars(value);
+    else n = 1;
+    return n;
+}
+
+/* A list, or an object (a file of `fit`) that holds it under the name of the parameter that `path` was given for: of
+ * texels in rows, or of an array's elements, of which the first tells how many numbers each has. */
+static bool probe_json(SltProgram *p, const char *path, bool texels, uint32_t dims[4], uint32_t *ndims,
+                       const char **why) {
     SltError err = {0};
     uint8_t *bytes = NULL;
     size_t size;
@@ -381,14 +394,18 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
     rows = root;
     for (uint32_t k = 0; k < p->opt.nparam_files && json_is_object(root); k++)
         if (!strcmp(p->opt.param_files[k].value, path)) rows = json_object_get(root, p->opt.param_files[k].name);
-    json_t *texel = json_array_get(json_array_get(rows, 0), 0);
-    bool ok = json_is_number(texel) || (json_is_array(texel) && json_array_size(texel));
-    if (ok) {
+    json_t *first = json_array_get(rows, 0), *texel = json_array_get(first, 0);
+    bool ok = texels ? json_is_number(texel) || (json_is_array(texel) && json_array_size(texel)) : json_is_array(rows);
+    if (ok && !texels) {
+        bool nested = json_is_array(first) || json_is_object(first);
+        dims[0] = (uint32_t)json_array_size(rows), dims[1] = nested ? count_scalars(first) : 1;
+        *ndims = nested ? 2 : 1;
+    } else if (ok) {
         dims[0] = (uint32_t)json_array_size(json_array_get(rows, 0)), dims[1] = (uint32_t)json_array_size(rows),
         dims[2] = json_is_array(texel) ? (uint32_t)json_array_size(texel) : 1;
         *ndims = 3;
     } else {
-        *why = "rows of texels are wanted";
+        *why = texels ? "rows of texels are wanted" : "a JSON list is wanted";
     }
     json_decref(root);
     return ok;
@@ -398,8 +415,9 @@ static bool probe_texels(SltProgram *p, const char *path, uint32_t dims[4], uint
 bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why) {
     SltProgram *p = user;
     SltError err = {0};
-    if ((kind == 't' || kind == 'g') && ends_with(path, ".json")) return probe_texels(p, path, dims, ndims, why);
-    if (kind == 't' || kind == 'g') {
+    bool texels = kind == 't' || kind == 'g';
+    if (ends_with(path, ".json")) return probe_json(p, path, texels, dims, ndims, why);
+    if (texels) {
         Image im;
         ImageReadOptions raw = {.raw = kind == 'g'};
         if (image_read(path, &raw, &im, &err) != SLT_OK) return cannot_probe(p, &err, why);
@@ -415,23 +433,6 @@ bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], 
         *ndims = (uint32_t)a.rank;
         for (int d = 0; d < a.rank; d++) dims[d] = (uint32_t)a.shape[d];
         npy_free(&a);
-        return true;
-    }
-    if (ends_with(path, ".json")) {
-        uint8_t *bytes;
-        size_t size;
-        if (file_read_all(path, &file_text, &bytes, &size, &err) != SLT_OK) return cannot_probe(p, &err, why);
-        json_t *j = parse_json((const char *)bytes, path, &err);
-        free(bytes);
-        if (!j || !json_is_array(j)) {
-            if (!j) return cannot_probe(p, &err, why);
-            *why = "a JSON list is wanted";
-            json_decref(j);
-            return false;
-        }
-        *ndims = 1;
-        dims[0] = (uint32_t)json_array_size(j);
-        json_decref(j);
         return true;
     }
     Table t;

@@ -475,6 +475,20 @@ shader float main(float2 x) {
         self.assertEqual(self.json_cli("render", "o.salt", "--size", 2)["mean"], [6])
         self.put("five.npy", write_npy((5, 2), [0, 1] * 5))
         self.assertEqual(self.json_cli("render", "o.salt", "--size", 2, "--param", "pts=@five.npy")["mean"], [5])
+        body = "%s %s p[] = \"p.json\"; shader float main(float2 x) { float s = float(len(p)); for (int i = 0; i < len(p); i++) s += %s; return s; }"
+        for before, kind, rows, term, want in (("param", "float", "[1, 2, 4]", "p[i]", 10), ("param", "float3", "[[1, 2, 3], [4, 5, 6]]", "p[i].z", 11),
+                                               ("param", "float2x2", "[[[1, 2], [3, 4]]]", "p[i][1][0]", 4),
+                                               ("struct S { float2 c; float r; }; param", "S", '[{"c": [1, 2], "r": 3}, {"r": 5, "c": [0, 1]}]', "p[i].c.y * p[i].r", 13)):
+            with self.subTest(kind):
+                self.put("j.salt", body % (before, kind, term))
+                self.put("p.json", rows)
+                self.assertEqual(self.json_cli("render", "j.salt", "--size", 2)["mean"], [want])
+                self.put("named.json", '{"p": %s, "q": 1}' % rows)
+                self.assertEqual(self.json_cli("render", "j.salt", "--size", 2, "--param", "p=@named.json")["mean"], [want])
+        for rows in ("[[1, 2], [3]]", "[[1, 2], 3]", "3", "{}", "[]"):
+            self.put("j.salt", body % ("param", "float2", "p[i].y"))
+            self.put("p.json", rows)
+            self.assertIn("p.json", self.run_cli("render", "j.salt", "--size", 2, code=4).err)
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
 
