@@ -50,6 +50,11 @@ static void interpret(void *user, int kind, SltKernelArgs *args, uint32_t n) {
     SltProgram *p = user;
     const Fn *fn = kind == K_SITE && !p->fn[K_SITE] ? p->fn[K_SITE_GRAD] : p->fn[kind];
     int status = ir_interpret(fn, args, n, 16);
+    const SltLayout *l = &p->scene.layout[kind];
+    /* Whoever asked goes on until the tile ends: with numbers, not with what memory held. */
+    for (uint32_t r = 0; r < SLT_ROLES && status != SLT_OK; r++)
+        for (uint32_t k = 0; k < l->out[r].count; k++)
+            memset(args->out[l->out[r].first + k], 0, n * (p->opt.f64 ? sizeof(double) : sizeof(float)));
     if (status != SLT_OK && p->error.status == SLT_OK)
         status_fail(&p->error, (SltStatus)status, "%sthe interpreter stopped in kernel %s",
                     status == SLT_LIMIT ? "out of memory: " : "", kernel_names[kind]);

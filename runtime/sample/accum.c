@@ -94,13 +94,14 @@ static void lend_log(const Accum *a, const AdjointBuffer *buf, SltKernelArgs *ar
 static void call_rows(Accum *a, Batch *b, SltKernelKind kind, uint32_t n, uint32_t which, uint32_t rows) {
     assert(which + rows <= a->n);
     AdjointBuffer *buf = &a->buf[which];
-    if (!n || a->failed) return;
-    for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
-    b->args.adj = buf->adj, b->args.rows = (int32_t)rows;
-    if (!buf->log_cap && !grow_log(a, buf, 0)) {
-        a->failed = true;
+    if (!n) return;
+    a->failed = a->failed || (!buf->log_cap && !grow_log(a, buf, 0));
+    if (a->failed) {
+        batch_stop(b, kind);
         return;
     }
+    for (uint32_t r = 0; r < rows; r++) buf[r].dirty = true;
+    b->args.adj = buf->adj, b->args.rows = (int32_t)rows;
     lend_log(a, buf, &b->args);
     uint64_t counters[SLT_COUNTERS];
     memcpy(counters, b->args.counters, sizeof counters);

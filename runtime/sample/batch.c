@@ -169,9 +169,7 @@ static void call(Batch *b, SltKernelKind kind, SltKernel *kernel, uint32_t n) {
     run(b, kind, kernel, n);
 }
 
-/* A tile may have minutes before it: it comes to its end at once where nothing jumps and everything is 0. pool_run will
- * throw it away. */
-static void stop(Batch *b, SltKernelKind kind) {
+void batch_stop(Batch *b, SltKernelKind kind) {
     b->layout = &b->s->layout[kind];
     for (uint32_t r = 0; r < SLT_ROLES; r++)
         for (uint32_t k = 0; k < b->layout->out[r].count; k++)
@@ -181,7 +179,7 @@ static void stop(Batch *b, SltKernelKind kind) {
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n) {
     if (!n) return;
     if (b->pool && pool_stop_reason(b->pool) != SLT_OK) {
-        stop(b, kind);
+        batch_stop(b, kind);
         return;
     }
     b->evaluations += n;

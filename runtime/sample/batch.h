@@ -79,6 +79,9 @@ void batch_set_stream(Batch *b, uint32_t i, int32_t stream, double rand0);
 /* Calls a kernel on samples 0 .. n-1 of the inputs; those up to the next multiple of SLT_PAD become copies of sample
  * n-1 (with zero seeds). */
 void batch_call(Batch *b, SltKernelKind kind, uint32_t n);
+/* In its place where the time or the memory is out: a tile may have minutes before it, and comes to its end at once
+ * where nothing jumps and everything is 0. pool_run will throw it away. */
+void batch_stop(Batch *b, SltKernelKind kind);
 /* The same for the bounds of a [Cull] loop, which count no evaluations. */
 void batch_call_cull(Batch *b, uint32_t cull_id, uint32_t n);
 
