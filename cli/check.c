@@ -282,8 +282,8 @@ static double along(const Check *k, const Row *row, const double *all, bool squa
     return squared ? sqrt(sum) : sum;
 }
 
-#define MATTERS 2  /* times the largest row, which noise makes as large as itself, */
-#define MEANS 1e-3 /* or beside what the value would change by if it went as the parameter: a derivative may be 0 */
+#define MATTERS 0.5 /* of the largest row, */
+#define MEANS 1e-3  /* or beside what the value would change by if it went as the parameter: a derivative may be 0 */
 
 static double larger_of(const Row *row) { return fmax(fabs(row->ad), fabs(row->fd)); }
 

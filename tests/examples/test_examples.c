@@ -2,6 +2,8 @@
  * differences; the ones that fit something, fit it. Runs the command itself, on few samples. */
 #include "tests/scratch.h"
 
+#include <stdbool.h>
+
 #define EXAMPLES SALTUS_TEST_DIR "/../examples"
 
 typedef struct Example {
@@ -55,7 +57,10 @@ static void test_check(void **state) {
         const Example *e = &examples[i];
         if (!strcmp(e->file, "binary_grid/target.salt")) continue; /* no parameters */
         char line[1024], out[8192];
-        snprintf(line, sizeof line, "saltus check " EXAMPLES "/%s %s --samples 65536", e->file, e->options);
+        /* Of the integral of a zone plate fewer say nothing: it hardly changes. */
+        bool fine = !strcmp(e->file, "high_frequency/zone_plate.salt");
+        snprintf(line, sizeof line, "saltus check " EXAMPLES "/%s %s --samples %d", e->file, e->options,
+                 fine ? 1 << 20 : 1 << 16);
         if (scratch_run(out, sizeof out, line) != 0 || !strstr(out, "PASS"))
             fail_msg("%s %s: %s", e->file, e->options, out);
     }
