@@ -1,0 +1,71 @@
+/* Inside slt_fit: the state of a fit, which the files fit*.c share. */
+#ifndef SALTUS_BINDINGS_C_FIT_INNER_H
+#define SALTUS_BINDINGS_C_FIT_INNER_H
+
+#include "bindings/c/api.h"
+#include "runtime/base/threads.h"
+#include "runtime/optimise/optimise.h"
+#include "saltus/fit.h"
+
+/* A parameter that has another value in one view: where it lies, and that value. */
+typedef struct OwnValue {
+    ParamRef at;
+    double *floats;
+    int32_t *ints;
+} OwnValue;
+
+typedef struct View {
+    const float *target, *mask; /* the caller's */
+    OwnValue *values;
+    uint32_t nvalues;
+} View;
+
+struct SltFit {
+    SltProgram *p;
+    SltFitOptions opt; /* strings and lists in it are read by slt_fit_begin only */
+    SltJob job;
+    char *checkpoint, key[256];
+    View *views;
+    uint32_t nviews;
+    Optimiser *optimiser;
+    OptimiseMethod method;
+    uint32_t n, *index;     /* the active floats */
+    double *gradient, *all; /* [n]; [nfloats], with minimize [channels][nfloats] */
+    double *own_floats;     /* [nfloats], and own_ints [nints]: values in the view in hand */
+    int32_t *own_ints;
+    double *losses; /* [losses_cap] */
+    size_t losses_cap;
+    size_t nvalues;         /* floats of an image */
+    float *image;           /* of the first view, the latest */
+    float *other, *adjoint; /* with opt.loss: the image of any other view; the answer */
+    uint32_t iteration;     /* how many are done: the length of losses */
+    double start;           /* by pool_now() */
+    SltFitStop stop;
+    char reason[512];
+    bool unsaved; /* the checkpoint could not be written, and is not tried again */
+};
+
+/* ---- fit.c */
+SltStatus fit_out_of_memory(SltError *err);
+bool fit_room_for_losses(SltFit *f, size_t n);
+/* `what` names the use in the error. */
+SltStatus fit_find_param(const SltProgram *p, const char *name, const char *what, ParamRef *at, SltError *err);
+void fit_set_active(SltFit *f, const double *x); /* the program's optimised floats */
+
+/* ---- fit_views.c */
+SltStatus fit_read_views(SltFit *f, SltError *err);
+void fit_free_views(SltFit *f);
+/* The calls of a view get the program's parameters with the view's own values among them. */
+void fit_use_view(SltFit *f, const View *v, SltJob *job);
+
+/* ---- fit_optimiser.c: the optimiser, with rates, bounds, scales and smoothing. */
+SltStatus fit_make_optimiser(SltFit *f, SltError *err);
+
+/* ---- fit_resume.c: checkpoints. */
+SltStatus fit_prepare_checkpoint(SltFit *f, SltError *err);
+SltStatus fit_save(SltFit *f, SltError *err);
+
+/* ---- fit_loss.c: the loss at the optimiser's point, and its derivative into f->gradient. */
+SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err);
+
+#endif

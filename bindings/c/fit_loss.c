@@ -1,0 +1,68 @@
+/* One evaluation of a fit: the loss, and its derivative by the optimised floats. */
+#include <math.h>
+#include <string.h>
+
+#include "bindings/c/fit_inner.h"
+
+/* Flipped in the seed of the derivative after a loss of the caller's, so that its samples are others than those of the
+ * image from which the adjoint came. */
+enum { OTHER_SAMPLES = 0x40000000 };
+
+/* The caller gets the image and gives its loss and adjoint image; the derivative of the image is then taken with other
+ * samples, so that the noise in the adjoint is independent of the noise in the derivative. */
+static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltError *err) {
+    float *image = view == 0 ? f->image : f->other;
+    SltFitRequest q = {.struct_size = sizeof q,
+                       .iteration = f->iteration,
+                       .view = view,
+                       .views = f->nviews,
+                       .pixels = {job->size[0], job->size[1], job->size[2]},
+                       .channels = slt_channels(f->p),
+                       .image = image};
+    SltStatus status = slt_render(f->p, job, image, f->opt.stats, err);
+    if (status == SLT_OK) status = f->opt.loss(f->opt.loss_user, &q, loss, f->adjoint, err);
+    /* The optimiser steps back from a loss of NaN, and wants no gradient there. */
+    if (status != SLT_OK || isnan(*loss)) return status;
+    SltJob other = *job;
+    other.seed ^= OTHER_SAMPLES;
+    return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, f->opt.stats, err);
+}
+
+static SltStatus evaluate_integral(SltFit *f, SltJob *job, double *loss, SltError *err) {
+    uint32_t nf = slt_float_count(f->p);
+    double *value = f->all + (size_t)slt_channels(f->p) * nf;
+    SltIntegral out = SLT_INTEGRAL_INIT;
+    out.value = value, out.gradient = f->all;
+    job->replicates = 1;
+    SltStatus status = slt_grad_integral(f->p, job, &out, f->opt.stats, err);
+    for (uint32_t k = 0; status == SLT_OK && k < slt_channels(f->p); k++) {
+        *loss += value[k];
+        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[(size_t)k * nf + f->index[i]];
+    }
+    return status;
+}
+
+/* The mean over the views of the loss at the optimiser's point, into *loss and f->gradient. */
+SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
+    SltStatus status = SLT_OK;
+    SltJob job = f->job;
+    fit_set_active(f, optimise_parameters(f->optimiser));
+    if (!optimise_wants_same_loss(f->method)) job.seed += 0x9e3779b9u * (f->iteration + 1);
+    memset(f->gradient, 0, f->n * sizeof *f->gradient);
+    *loss = 0;
+    if (f->opt.minimize) return evaluate_integral(f, &job, loss, err);
+    for (uint32_t v = 0; v < f->nviews && status == SLT_OK; v++) {
+        const View *view = &f->views[v];
+        double one = 0;
+        job.seed += v;
+        fit_use_view(f, view, &job);
+        if (f->opt.loss) status = callers_loss(f, &job, v, &one, err);
+        else
+            status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
+                                   f->opt.stats, err);
+        if (status != SLT_OK) break;
+        *loss += one / f->nviews;
+        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->nviews;
+    }
+    return status;
+}
