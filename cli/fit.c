@@ -136,6 +136,10 @@ static int read_targets(Fit *f) {
     int status = SLT_OK;
     if (c->target && f->scene.nviews) return cli_usage(c, "--target and the scene's views were both given");
     if (c->minimize && c->loss_command) return cli_usage(c, "--minimize and --loss-command are two losses");
+    if (c->loss && (c->minimize || c->loss_command))
+        return cli_usage(c, "--loss %s and %s are two losses", c->loss, c->minimize ? "--minimize" : "--loss-command");
+    if (c->huber_delta > 0 && (!c->loss || strcmp(c->loss, "huber")))
+        return cli_usage(c, "--huber-delta is of --loss huber");
     if (c->target || (c->loss_command && !f->scene.nviews)) {
         f->scene.views = cli_need(calloc(1, sizeof *f->scene.views));
         f->scene.nviews = 1;
@@ -478,6 +482,8 @@ static int fit(Fit *f) {
     f->opt.optimizer = c->optimizer, f->opt.iterations = c->iters;
     f->opt.checkpoint = c->checkpoint ? c->checkpoint : c->resume, f->opt.every = c->every, f->opt.resume = c->resume;
     f->opt.iterated = iterated, f->opt.iterated_user = f;
+    f->opt.metric = c->loss ? (SltFitMetric)cli_choice(CLI_LOSSES, c->loss) : SLT_FIT_L2;
+    f->opt.huber_delta = c->huber_delta;
     if (c->loss_command) f->opt.loss = ask_program, f->opt.loss_user = f, f->opt.loss_name = c->loss_command;
     return run(f);
 }

@@ -199,10 +199,7 @@ static int read_views(Reader *r, json_t *root) {
 }
 
 /* "loss": {"command": "...", "timeout": S}; the command runs in the scene's folder. */
-static int read_loss(Reader *r, json_t *root) {
-    json_t *loss = json_object_get(root, "loss");
-    if (!loss) return SLT_OK;
-    if (!json_is_object(loss)) return bad(r, "loss", "an object is wanted");
+static int read_loss_command(Reader *r, json_t *loss) {
     char *command = NULL;
     double timeout = -1;
     int status = known_keys(r, loss, "loss", KEYS("command", "timeout"));
@@ -218,6 +215,28 @@ static int read_loss(Reader *r, json_t *root) {
                    "it wants to start a program: with --allow-commands it may, or type it behind --loss-command");
     r->c->loss_command = command, r->s->loss_dir = r->s->dir;
     return SLT_OK;
+}
+
+/* "loss": "l2", "l1", "huber", {"huber": delta} or a command. */
+static int read_loss(Reader *r, json_t *root) {
+    json_t *loss = json_object_get(root, "loss");
+    char *name = NULL;
+    if (!loss || r->c->loss) return SLT_OK;
+    if (json_is_object(loss) && json_object_get(loss, "huber")) {
+        double delta = 0;
+        int status = known_keys(r, loss, "loss", KEYS("huber"));
+        if (status == SLT_OK) status = number_of(r, loss, "huber", 1e-30, 1e30, &delta);
+        if (status != SLT_OK) return status;
+        if (!(r->c->huber_delta > 0)) r->c->huber_delta = delta;
+        r->c->loss = "huber";
+        return SLT_OK;
+    }
+    if (json_is_object(loss)) return read_loss_command(r, loss);
+    int status = text_of(r, root, "loss", &name, false);
+    if (status == SLT_OK && cli_choice(CLI_LOSSES, name) < 0)
+        return bad(r, "loss", "`l2`, `l1`, `huber`, {\"huber\": delta} or {\"command\": text} is wanted");
+    if (status == SLT_OK && !r->c->loss_command) r->c->loss = name;
+    return status;
 }
 
 static int read_optimizer(Reader *r, json_t *root) {

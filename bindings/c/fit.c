@@ -40,6 +40,11 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
         return status_fail(err, SLT_USAGE, "there is no optimiser `%s`", o->optimizer);
     if (o->history > INT32_MAX || o->patience > INT32_MAX || o->max_failures > INT32_MAX)
         return status_fail(err, SLT_USAGE, "a history, patience or number of failures of the fit is out of range");
+    if ((unsigned)o->metric > SLT_FIT_HUBER || !(o->huber_delta >= 0) || isinf(o->huber_delta))
+        return status_fail(err, SLT_USAGE, "the metric %d of a fit, delta %g, is none", (int)o->metric, o->huber_delta);
+    if (o->metric != SLT_FIT_L2 && (o->minimize || o->loss))
+        return status_fail(err, SLT_USAGE, "a metric compares an image with its target, and here is another loss");
+    if (!o->huber_delta) o->huber_delta = 0.1;
     f->job.integral = o->minimize;
     double values = slt_channels(f->p);
     for (uint32_t d = 0; d < 3; d++) {
@@ -86,10 +91,10 @@ static SltStatus allocate(SltFit *f, SltError *err) {
     f->own_floats = calloc(nf + 1, sizeof *f->own_floats);
     f->own_ints = calloc(slt_int_count(f->p) + 1, sizeof *f->own_ints);
     if (!f->opt.minimize) f->image = calloc(f->nvalues, sizeof *f->image);
-    if (f->opt.loss)
+    if (fit_wants_adjoint(f))
         f->other = calloc(f->nvalues, sizeof *f->other), f->adjoint = calloc(f->nvalues, sizeof *f->adjoint);
     if (!f->index || !f->all || !f->own_floats || !f->own_ints || (!f->opt.minimize && !f->image) ||
-        (f->opt.loss && (!f->other || !f->adjoint)))
+        (fit_wants_adjoint(f) && (!f->other || !f->adjoint)))
         return fit_out_of_memory(err);
     for (uint32_t i = 0; i < nf; i++)
         if (f->p->wrt[i]) f->index[f->n++] = i;

@@ -37,7 +37,7 @@ struct SltFit {
     size_t losses_cap;
     size_t nvalues;         /* floats of an image */
     float *image;           /* of the first view, the latest */
-    float *other, *adjoint; /* with opt.loss: the image of any other view; the answer */
+    float *other, *adjoint; /* where fit_wants_adjoint: the image of any other view; what its values weigh */
     uint32_t iteration;     /* how many are done: the length of losses */
     double start;           /* by pool_now() */
     SltFitStop stop;
@@ -51,6 +51,9 @@ bool fit_room_for_losses(SltFit *f, size_t n);
 /* `what` names the use in the error. */
 SltStatus fit_find_param(const SltProgram *p, const char *name, const char *what, ParamRef *at, SltError *err);
 void fit_set_active(SltFit *f, const double *x); /* the program's optimised floats */
+
+/* Is the image drawn first, and its adjoint then met with the derivative? Squared differences need no such order. */
+static inline bool fit_wants_adjoint(const SltFit *f) { return f->opt.loss || f->opt.metric != SLT_FIT_L2; }
 
 /* ---- fit_views.c */
 SltStatus fit_read_views(SltFit *f, SltError *err);

@@ -4,14 +4,34 @@
 
 #include "bindings/c/fit_inner.h"
 
-/* Flipped in the seed of the derivative after a loss of the caller's, so that its samples are others than those of the
- * image from which the adjoint came. */
+/* Flipped in the seed of the derivative after a loss that is not squared, so that its samples are others than those of
+ * the image from which the adjoint came. */
 enum { OTHER_SAMPLES = 0x40000000 };
 
-/* The caller gets the image and gives its loss and adjoint image; the derivative of the image is then taken with other
- * samples, so that the noise in the adjoint is independent of the noise in the derivative. */
-static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltError *err) {
-    float *image = view == 0 ? f->image : f->other;
+/* What a difference weighs, and the derivative of that. */
+static double weigh(const SltFitOptions *o, double off, double *slope) {
+    double size = fabs(off), delta = o->huber_delta;
+    *slope = (off > 0) - (off < 0);
+    if (o->metric == SLT_FIT_L1) return size;
+    if (size <= delta) return *slope = off, off * off / 2;
+    *slope *= delta;
+    return delta * (size - delta / 2);
+}
+
+/* The mean over pixels and channels of mask * metric(image - target), and its adjoint image. */
+static double compare(const SltFit *f, const View *v, const float *image) {
+    double sum = 0, row = 0, slope;
+    for (size_t i = 0; i < f->nvalues; i++) {
+        double m = v->mask ? (double)v->mask[i] : 1;
+        row += m * weigh(&f->opt, (double)image[i] - (double)v->target[i], &slope);
+        f->adjoint[i] = (float)(m * slope / (double)f->nvalues);
+        if (i % 4096 == 4095) sum += row, row = 0;
+    }
+    return (sum + row) / (double)f->nvalues;
+}
+
+static SltStatus ask_caller(SltFit *f, const SltJob *job, uint32_t view, const float *image, double *loss,
+                            SltError *err) {
     SltFitRequest q = {.struct_size = sizeof q,
                        .iteration = f->iteration,
                        .view = view,
@@ -19,8 +39,16 @@ static SltStatus callers_loss(SltFit *f, const SltJob *job, uint32_t view, doubl
                        .pixels = {job->size[0], job->size[1], job->size[2]},
                        .channels = slt_channels(f->p),
                        .image = image};
+    return f->opt.loss(f->opt.loss_user, &q, loss, f->adjoint, err);
+}
+
+/* A loss that is not squared: the image and its adjoint first; the derivative of the image is then taken with other
+ * samples, so that the noise in the adjoint is independent of the noise in the derivative. */
+static SltStatus adjoint_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltError *err) {
+    float *image = view == 0 ? f->image : f->other;
     SltStatus status = slt_render(f->p, job, image, f->opt.stats, err);
-    if (status == SLT_OK) status = f->opt.loss(f->opt.loss_user, &q, loss, f->adjoint, err);
+    if (status == SLT_OK && f->opt.loss) status = ask_caller(f, job, view, image, loss, err);
+    else if (status == SLT_OK) *loss = compare(f, &f->views[view], image);
     /* The optimiser steps back from a loss of NaN, and wants no gradient there. */
     if (status != SLT_OK || isnan(*loss)) return status;
     SltJob other = *job;
@@ -56,7 +84,7 @@ SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
         double one = 0;
         job.seed += v;
         fit_use_view(f, view, &job);
-        if (f->opt.loss) status = callers_loss(f, &job, v, &one, err);
+        if (fit_wants_adjoint(f)) status = adjoint_loss(f, &job, v, &one, err);
         else
             status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
                                    f->opt.stats, err);

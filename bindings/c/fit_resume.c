@@ -36,6 +36,8 @@ static void hash_problem(Session *s, void *arg) {
             for (uint32_t i = 0; i < o->at.icount; i++) h = ir_mix(h, (uint32_t)o->ints[i]);
         }
     }
+    if (f->opt.metric != SLT_FIT_L2) h = ir_mix(h, f->opt.metric);
+    if (f->opt.metric == SLT_FIT_HUBER) h = mix_double(h, f->opt.huber_delta);
     for (const char *c = f->opt.loss ? f->opt.loss_name : NULL; c && *c; c++) h = ir_mix(h, (uint8_t)*c);
     snprintf(f->key, sizeof f->key,
              "saltus fit %08x %ux%u spp %u samples %llu segments %llu seed %u filter %d estimator %d optimizer %s", h,

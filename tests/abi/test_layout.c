@@ -290,6 +290,10 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, height_scale);
     MEMBER(SltParam, height_offset);
     END(SltParam);
+    ENUM(SltFitMetric);
+    VALUE(SLT_FIT_L2);
+    VALUE(SLT_FIT_L1);
+    VALUE(SLT_FIT_HUBER);
     STRUCT(SltFitView);
     MEMBER(SltFitView, struct_size);
     MEMBER(SltFitView, target);
@@ -359,6 +363,8 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, iterated);
     MEMBER(SltFitOptions, iterated_user);
     MEMBER(SltFitOptions, stats);
+    MEMBER(SltFitOptions, metric);
+    MEMBER(SltFitOptions, huber_delta);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);
