@@ -42,6 +42,9 @@ static SltStatus take_options(SltFit *f, const SltFitOptions *given, SltError *e
         return status_fail(err, SLT_USAGE, "a history, patience or number of failures of the fit is out of range");
     if ((unsigned)o->metric > SLT_FIT_HUBER || !(o->huber_delta >= 0) || isinf(o->huber_delta))
         return status_fail(err, SLT_USAGE, "the metric %d of a fit, delta %g, is none", (int)o->metric, o->huber_delta);
+    if (o->loss_entry && (o->metric != SLT_FIT_L2 || o->minimize || o->loss))
+        return status_fail(err, SLT_USAGE, "a loss entry stands alone, and here is another loss");
+    if (o->loss_entry && !o->nviews) return status_fail(err, SLT_USAGE, "a loss entry wants views with targets");
     if (o->metric != SLT_FIT_L2 && (o->minimize || o->loss))
         return status_fail(err, SLT_USAGE, "a metric compares an image with its target, and here is another loss");
     if (!o->huber_delta) o->huber_delta = 0.1;
@@ -71,10 +74,12 @@ bool fit_room_for_losses(SltFit *f, size_t n) {
 static void free_fit(SltFit *f) {
     optimise_free(f->optimiser);
     fit_free_views(f);
+    fit_entry_free(f);
     free(f->checkpoint);
     free(f->index);
     free(f->gradient);
     free(f->all);
+    free(f->joined);
     free(f->own_floats);
     free(f->own_ints);
     free(f->losses);
@@ -85,18 +90,23 @@ static void free_fit(SltFit *f) {
 }
 
 static SltStatus allocate(SltFit *f, SltError *err) {
-    size_t nf = slt_float_count(f->p), rows = f->opt.minimize ? slt_channels(f->p) : 1;
+    size_t nf = slt_float_count(f->p), ni = slt_int_count(f->p), rows = f->opt.minimize ? slt_channels(f->p) : 1;
+    for (uint32_t v = 0; v < f->nviews; v++) {
+        if (slt_float_count(f->views[v].p) > nf) nf = slt_float_count(f->views[v].p);
+        if (slt_int_count(f->views[v].p) > ni) ni = slt_int_count(f->views[v].p);
+    }
     f->index = calloc(nf + 1, sizeof *f->index);
     f->all = calloc(rows * (nf + 1), sizeof *f->all);
     f->own_floats = calloc(nf + 1, sizeof *f->own_floats);
-    f->own_ints = calloc(slt_int_count(f->p) + 1, sizeof *f->own_ints);
+    f->joined = calloc(nf + 1, sizeof *f->joined);
+    f->own_ints = calloc(ni + 1, sizeof *f->own_ints);
     if (!f->opt.minimize) f->image = calloc(f->nvalues, sizeof *f->image);
     if (fit_wants_adjoint(f))
         f->other = calloc(f->nvalues, sizeof *f->other), f->adjoint = calloc(f->nvalues, sizeof *f->adjoint);
-    if (!f->index || !f->all || !f->own_floats || !f->own_ints || (!f->opt.minimize && !f->image) ||
+    if (!f->index || !f->all || !f->joined || !f->own_floats || !f->own_ints || (!f->opt.minimize && !f->image) ||
         (fit_wants_adjoint(f) && (!f->other || !f->adjoint)))
         return fit_out_of_memory(err);
-    for (uint32_t i = 0; i < nf; i++)
+    for (uint32_t i = 0; i < slt_float_count(f->p); i++)
         if (f->p->wrt[i]) f->index[f->n++] = i;
     if (!f->n) return status_fail(err, SLT_USAGE, "there is nothing to optimise: no differentiable parameter");
     f->gradient = calloc(f->n, sizeof *f->gradient);
@@ -113,6 +123,7 @@ static SltStatus begin(SltProgram *p, const SltFitOptions *options, SltFit **out
     SltStatus status = take_options(f, options, err);
     if (status == SLT_OK) status = fit_read_views(f, err);
     if (status == SLT_OK) status = allocate(f, err);
+    if (status == SLT_OK && f->opt.loss_entry) status = fit_entry_begin(f, f->opt.loss_entry, err);
     if (status == SLT_OK) status = fit_make_optimiser(f, err);
     if (status == SLT_OK) status = fit_prepare_checkpoint(f, err);
     if (status != SLT_OK) {

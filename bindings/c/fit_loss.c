@@ -21,13 +21,13 @@ static double weigh(const SltFitOptions *o, double off, double *slope) {
 /* The mean over pixels and channels of mask * metric(image - target), and its adjoint image. */
 static double compare(const SltFit *f, const View *v, const float *image) {
     double sum = 0, row = 0, slope;
-    for (size_t i = 0; i < f->nvalues; i++) {
+    for (size_t i = 0; i < v->size; i++) {
         double m = v->mask ? (double)v->mask[i] : 1;
         row += m * weigh(&f->opt, (double)image[i] - (double)v->target[i], &slope);
-        f->adjoint[i] = (float)(m * slope / (double)f->nvalues);
+        f->adjoint[i] = (float)(m * slope / (double)v->size);
         if (i % 4096 == 4095) sum += row, row = 0;
     }
-    return (sum + row) / (double)f->nvalues;
+    return (sum + row) / (double)v->size;
 }
 
 static SltStatus ask_caller(SltFit *f, const SltJob *job, uint32_t view, const float *image, double *loss,
@@ -37,7 +37,7 @@ static SltStatus ask_caller(SltFit *f, const SltJob *job, uint32_t view, const f
                        .view = view,
                        .views = f->nviews,
                        .pixels = {job->size[0], job->size[1], job->size[2]},
-                       .channels = slt_channels(f->p),
+                       .channels = slt_channels(f->views[view].p),
                        .image = image};
     return f->opt.loss(f->opt.loss_user, &q, loss, f->adjoint, err);
 }
@@ -46,14 +46,16 @@ static SltStatus ask_caller(SltFit *f, const SltJob *job, uint32_t view, const f
  * samples, so that the noise in the adjoint is independent of the noise in the derivative. */
 static SltStatus adjoint_loss(SltFit *f, const SltJob *job, uint32_t view, double *loss, SltError *err) {
     float *image = view == 0 ? f->image : f->other;
-    SltStatus status = slt_render(f->p, job, image, f->opt.stats, err);
+    const View *v = &f->views[view];
+    SltStatus status = slt_render(v->p, job, image, f->opt.stats, err);
     if (status == SLT_OK && f->opt.loss) status = ask_caller(f, job, view, image, loss, err);
-    else if (status == SLT_OK) *loss = compare(f, &f->views[view], image);
+    else if (status == SLT_OK && f->entry) status = fit_entry_loss(f, v, image, loss, err);
+    else if (status == SLT_OK) *loss = compare(f, v, image);
     /* The optimiser steps back from a loss of NaN, and wants no gradient there. */
     if (status != SLT_OK || isnan(*loss)) return status;
     SltJob other = *job;
     other.seed ^= OTHER_SAMPLES;
-    return slt_grad_adjoint(f->p, &other, f->adjoint, f->all, NULL, f->opt.stats, err);
+    return slt_grad_adjoint(v->p, &other, f->adjoint, f->all, NULL, f->opt.stats, err);
 }
 
 static SltStatus evaluate_integral(SltFit *f, SltJob *job, double *loss, SltError *err) {
@@ -68,6 +70,17 @@ static SltStatus evaluate_integral(SltFit *f, SltJob *job, double *loss, SltErro
         for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[(size_t)k * nf + f->index[i]];
     }
     return status;
+}
+
+/* The derivative of a view's loss by the floats of the fit's program. */
+static const double *joined(SltFit *f, const View *v) {
+    if (!v->share.p && !f->entry) return f->all;
+    size_t nf = slt_float_count(f->p);
+    if (v->share.p) memset(f->joined, 0, nf * sizeof *f->joined);
+    else memcpy(f->joined, f->all, nf * sizeof *f->joined);
+    if (v->share.p) fit_share_gradient(&v->share, f->all, f->joined);
+    if (f->entry) fit_share_gradient(&f->entry->share, f->entry->gradient, f->joined);
+    return f->joined;
 }
 
 /* The mean over the views of the loss at the optimiser's point, into *loss and f->gradient. */
@@ -86,11 +99,12 @@ SltStatus fit_evaluate(SltFit *f, double *loss, SltError *err) {
         fit_use_view(f, view, &job);
         if (fit_wants_adjoint(f)) status = adjoint_loss(f, &job, v, &one, err);
         else
-            status = slt_grad_loss(f->p, &job, view->target, view->mask, &one, f->all, NULL, v == 0 ? f->image : NULL,
-                                   f->opt.stats, err);
+            status = slt_grad_loss(view->p, &job, view->target, view->mask, &one, f->all, NULL,
+                                   v == 0 ? f->image : NULL, f->opt.stats, err);
         if (status != SLT_OK) break;
         *loss += one / f->nviews;
-        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += f->all[f->index[i]] / f->nviews;
+        const double *all = joined(f, view);
+        for (uint32_t i = 0; i < f->n; i++) f->gradient[i] += all[f->index[i]] / f->nviews;
     }
     return status;
 }

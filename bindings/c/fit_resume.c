@@ -10,22 +10,29 @@ static uint32_t mix_double(uint32_t h, double v) {
     return ir_mix(ir_mix(h, words[0]), words[1]);
 }
 
-/* The key of a checkpoint: a hash of shader, fixed parameters, targets, masks, values of the views and what the loss
+/* The code of a program and its fixed parameters; the code is written into the scratch memory of the session s. */
+static uint32_t hash_program(uint32_t h, const SltProgram *p, Session *s) {
+    ArenaMark mark = arena_mark(&s->scratch);
+    for (const char *c = ir_print_string(p->prog->primal, &s->scratch); *c; c++) h = ir_mix(h, (uint8_t)*c);
+    arena_reset(&s->scratch, mark);
+    for (uint32_t i = 0; i < p->prog->nfloats; i++)
+        if (!p->wrt[i]) h = mix_double(h, p->floats[i]);
+    for (uint32_t i = 0; i < p->prog->nints; i++) h = ir_mix(h, (uint32_t)p->ints[i]);
+    return h;
+}
+
+/* The key of a checkpoint: a hash of the programs, targets, masks, values of the views and what the loss
  * is. */
 static void hash_problem(Session *s, void *arg) {
     SltFit *f = arg;
-    ArenaMark mark = arena_mark(&s->scratch);
-    uint32_t h = 1;
-    for (const char *c = ir_print_string(f->p->prog->primal, &s->scratch); *c; c++) h = ir_mix(h, (uint8_t)*c);
-    arena_reset(&s->scratch, mark);
-    for (uint32_t i = 0; i < f->p->prog->nfloats; i++)
-        if (!f->p->wrt[i]) h = mix_double(h, f->p->floats[i]);
-    for (uint32_t i = 0; i < f->p->prog->nints; i++) h = ir_mix(h, (uint32_t)f->p->ints[i]);
+    uint32_t h = hash_program(1, f->p, s);
+    if (f->entry) h = hash_program(h, f->entry->share.p, s);
     h = ir_mix(h, f->job.no_interior | f->job.no_boundary << 1 | (f->opt.loss != NULL) << 2 | f->opt.minimize << 3);
     for (uint32_t v = 0; v < f->nviews; v++) {
         const View *view = &f->views[v];
-        for (size_t i = 0; view->mask && i < f->nvalues; i++) h = mix_double(h, (double)view->mask[i]);
-        for (size_t i = 0; view->target && i < f->nvalues; i++) {
+        if (view->share.p) h = hash_program(h, view->p, s);
+        for (size_t i = 0; view->mask && i < view->size; i++) h = mix_double(h, (double)view->mask[i]);
+        for (size_t i = 0; view->target && i < view->size; i++) {
             uint32_t bits;
             memcpy(&bits, &view->target[i], sizeof bits);
             h = ir_mix(h, bits);

@@ -31,6 +31,10 @@ typedef struct SltFitView {
     const float *mask;    /* of the same shape: weights of the differences; NULL: 1 */
     const SltSet *values; /* [nvalues]: values, as slt_set_text takes them, that parameters have in this view alone */
     uint32_t nvalues;
+    /* Another program, often the same source with another entry, draws this view: its parameters of the same name have
+     * the fit's values, the others keep their own, and `values` are of it. Of the same dimension; NULL: the fit's own.
+     * Until slt_fit_end it may not be freed, and slt_wrt of it is the fit's. */
+    SltProgram *program;
 } SltFitView;
 #define SLT_FIT_VIEW_INIT ((SltFitView){.struct_size = sizeof(SltFitView)})
 
@@ -126,6 +130,9 @@ typedef struct SltFitOptions {
      * Huber are of other samples than the image that they weigh. */
     SltFitMetric metric;
     double huber_delta; /* > 0: 0.1 */
+    /* A function `float NAME(floatC image, floatC target)` of the program, C its channels: the loss is its mean over
+     * pixels, weighed by the masks. It is differentiated as it is between its jumps. NULL: the metric is the loss. */
+    const char *loss_entry;
 } SltFitOptions;
 #define SLT_FIT_OPTIONS_INIT ((SltFitOptions){.struct_size = sizeof(SltFitOptions), .iterations = 200, .every = 10})
 

@@ -300,6 +300,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitView, mask);
     MEMBER(SltFitView, values);
     MEMBER(SltFitView, nvalues);
+    MEMBER(SltFitView, program);
     END(SltFitView);
     STRUCT(SltFitNumber);
     MEMBER(SltFitNumber, name);
@@ -365,6 +366,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltFitOptions, stats);
     MEMBER(SltFitOptions, metric);
     MEMBER(SltFitOptions, huber_delta);
+    MEMBER(SltFitOptions, loss_entry);
     END(SltFitOptions);
     ENUM(SltFitStop);
     VALUE(SLT_FIT_RUNNING);
