@@ -1,8 +1,10 @@
-/* What fit.c and scene.c, the scene file, share. */
+/* What fit.c, its parts fit_views.c and fit_write.c, and scene.c, the scene file, share. */
 #ifndef SALTUS_CLI_FIT_H
 #define SALTUS_CLI_FIT_H
 
 #include "cli/cli.h"
+#include "cli/loss.h"
+#include "saltus/fit.h"
 
 /* One view: a target with a mask and parameter values of its own. With a loss program only that program reads the two
  * images. */
@@ -31,12 +33,42 @@ typedef struct Scene {
     uint32_t nstrings;
 } Scene;
 
+enum { FRAMES = 6 };
+
+typedef struct Fit {
+    Cli *c;
+    SltProgram *p;
+    Scene scene;
+    SltFitOptions opt;
+    SltFitView *views;
+    SltFitMask *masks; /* their factors are malloc'd */
+    SltFitNumber *rates, *smooth;
+    LossProgram *loss; /* of --loss-command, while it runs */
+    Progress progress;
+    Image frames[FRAMES]; /* of the first view, spread over the fit; of a folder only */
+    uint32_t nframes;     /* taken so far */
+    double start;
+    SltFitResult result;
+    SltStats stats;
+} Fit;
+
 /* Reads SCENE.json into scene and, where the command line says nothing else, into the options. An SltStatus; the error
  * is printed. */
 int scene_read(Cli *c, const char *path, Scene *scene);
 void scene_free(Scene *scene);
-char *scene_keep(Scene *s, char *text);   /* gives text (malloc'd) to the scene; returns it */
-bool scene_is(const char *file);          /* is the file a scene, by its extension? */
-bool fit_has_optimizer(const char *name); /* fit.c: is there an optimiser of this name? */
+char *scene_keep(Scene *s, char *text); /* gives text (malloc'd) to the scene; returns it */
+bool scene_is(const char *file);        /* is the file a scene, by its extension? */
+
+/* fit_views.c */
+SltStatus fit_size_of_target(const Fit *f, uint32_t size[2], SltError *err); /* the first target's, without --size */
+int fit_read_targets(Fit *f);
+int fit_collect_views(Fit *f);
+
+/* fit_write.c: a file of parameters, or a folder. */
+bool fit_wants_folder(const Cli *c);
+SltStatus fit_check_folder(const Fit *f, SltError *err); /* before the fit, and not after hours */
+SltStatus fit_create_frames(Fit *f, SltError *err);
+void fit_keep_frame(Fit *f, const float *image);
+int fit_write_outputs(Fit *f);
 
 #endif
