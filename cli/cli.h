@@ -95,8 +95,9 @@ struct Cli {
     uint32_t every;
     Assign lr[CLI_MAX_LIST], smooth[CLI_MAX_LIST]; /* name NULL: for all parameters */
     uint32_t nlr, nsmooth;
-    const char *loss;   /* of CLI_LOSSES; NULL: the scene's, or l2 */
-    double huber_delta; /* 0: the default */
+    const char *loss;       /* of CLI_LOSSES; NULL: the scene's, or l2 */
+    const char *loss_entry; /* a function of the shader */
+    double huber_delta;     /* 0: the default */
     const char *loss_command;
     bool allow_commands; /* of scenes */
     double loss_timeout;

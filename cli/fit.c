@@ -175,8 +175,9 @@ static int fit(Fit *f) {
     Cli *c = f->c;
     if (c->minimize) c->job.integral = true;
     int status = apply_scene_params(f);
-    if (status == SLT_OK) status = fit_read_targets(f);
+    if (status == SLT_OK) status = fit_check_targets(f);
     if (status == SLT_OK) status = cli_prepare_job(c, f->p);
+    if (status == SLT_OK) status = fit_read_targets(f);
     if (status == SLT_OK) status = fit_collect_views(f);
     if (status == SLT_OK) status = collect_numbers(f);
     if (status != SLT_OK) return status;
@@ -185,7 +186,7 @@ static int fit(Fit *f) {
     f->opt.checkpoint = c->checkpoint ? c->checkpoint : c->resume, f->opt.every = c->every, f->opt.resume = c->resume;
     f->opt.iterated = iterated, f->opt.iterated_user = f;
     f->opt.metric = c->loss ? (SltFitMetric)cli_choice(CLI_LOSSES, c->loss) : SLT_FIT_L2;
-    f->opt.huber_delta = c->huber_delta;
+    f->opt.huber_delta = c->huber_delta, f->opt.loss_entry = c->loss_entry;
     if (c->loss_command) f->opt.loss = ask_program, f->opt.loss_user = f, f->opt.loss_name = c->loss_command;
     return run(f);
 }
@@ -211,6 +212,8 @@ int verb_fit(Cli *c) {
     free(f.smooth);
     free(f.result.losses);
     slt_program_free(f.p);
+    for (uint32_t k = 0; k < f.nentries; k++) slt_program_free(f.entries[k]);
+    free(f.entries);
     if (c->file == f.scene.shader) c->file = scene_file;
     scene_free(&f.scene);
     return status;

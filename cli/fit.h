@@ -6,10 +6,20 @@
 #include "cli/loss.h"
 #include "saltus/fit.h"
 
+/* A target that another shader draws. */
+typedef struct TargetShader {
+    char *path, *entry;    /* entry may be NULL */
+    SltSet *params, *sets; /* [nparams], values of its parameters; [nsets], of its constants; malloc'd */
+    uint32_t nparams, nsets, spp;
+} TargetShader;
+
 /* One view: a target with a mask and parameter values of its own. With a loss program only that program reads the two
  * images. */
 typedef struct View {
     char *target_path, *mask_path;
+    char *entry;          /* of the shader; NULL: the scene's */
+    SltProgram *program;  /* of that entry, in Fit.entries; NULL: the fit's own */
+    TargetShader *drawn;  /* the target is its image; malloc'd, or NULL */
     float *target, *mask; /* at the job's size; mask may be NULL */
     SltSet *params;       /* [nparams]: name, and JSON text or @file; malloc'd */
     uint32_t nparams;
@@ -40,6 +50,8 @@ typedef struct Fit {
     SltProgram *p;
     Scene scene;
     SltFitOptions opt;
+    SltProgram **entries; /* [nentries]: the shader once more for each other entry of a view */
+    uint32_t nentries;
     SltFitView *views;
     SltFitMask *masks; /* their factors are malloc'd */
     SltFitNumber *rates, *smooth;
@@ -61,7 +73,8 @@ bool scene_is(const char *file);        /* is the file a scene, by its extension
 
 /* fit_views.c */
 SltStatus fit_size_of_target(const Fit *f, uint32_t size[2], SltError *err); /* the first target's, without --size */
-int fit_read_targets(Fit *f);
+int fit_check_targets(Fit *f); /* whether the options make one loss; the size, if a target decides it */
+int fit_read_targets(Fit *f);  /* images, and what shaders draw; the shaders of views that have entries of their own */
 int fit_collect_views(Fit *f);
 
 /* fit_write.c: a file of parameters, or a folder. */
