@@ -495,6 +495,12 @@ shader float main(float2 x) {
             self.put("j.salt", body % ("param", "float2", "p[i].y"))
             self.put("p.json", rows)
             self.assertIn("p.json", self.run_cli("render", "j.salt", "--size", 2, code=4).err)
+        n = 170  # more numbers than an array may list
+        self.put("big.salt", 'param float g[][%d][%d] = "g.npy"; shader float main(float x) { return g[int(%d * x)][1][2]; }' % (n, n, n))
+        plane = [0.0] * (n * n)
+        plane[n + 2] = 0.5
+        self.put("g.npy", write_npy((n, n, n), plane * n, "<f4"))
+        self.assertEqual(self.json_cli("render", "big.salt", "--size", 16)["mean"], [0.5])
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
 

@@ -120,7 +120,7 @@ void check_const_decl(Checker *c, Symbol *sym, ModuleScope *scope) {
     Context old = context_enter(c, scope, NULL);
     sym->module = scope->module;
     bool open = sym->type_ref->ndims && !sym->type_ref->dims[0] && sym->init && sym->init->kind == E_LIST;
-    Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_ARRAY);
+    Type *t = resolve_type(c, sym->type_ref, open, CHECK_MAX_CONST);
     if (open && t->kind == T_ARRAY) t = type_array(c->s, t->elem, sym->init->nargs ? sym->init->nargs : 1);
     if (type_is_resource(t)) {
         diag_emit(c->s, DIAG_bad_resource, sym->span,
@@ -201,7 +201,7 @@ static Type *array_from_asset(Checker *c, Symbol *sym, Type *t) {
                                         (unsigned long long)first, sym->name, t->n));
     if (total > CHECK_MAX_ARRAY) {
         diag_emit(s, DIAG_array_limit, sym->span, arena_printf(&s->session, "%llu scalars", (unsigned long long)total),
-                  "4194304 (2^22)");
+                  "268435456 (2^28)");
         return c->t_error;
     }
     return t->n ? t : type_array(s, t->elem, (uint32_t)first);
@@ -348,7 +348,7 @@ static bool param_value(Checker *c, Symbol *sym) {
     if (open) {
         if (sym->init->kind == E_LIST) {
             if (!sym->init->nargs) return param_error(c, sym, "an array has at least one element");
-            if ((uint64_t)sym->init->nargs * type_components(t->elem) > CHECK_MAX_ARRAY) {
+            if ((uint64_t)sym->init->nargs * type_components(t->elem) > CHECK_MAX_CONST) {
                 diag_emit(s, DIAG_array_limit, sym->span, "more than 4194304 scalars", "4194304 (2^22)");
                 return false;
             }
