@@ -149,7 +149,7 @@ SltStatus api_set_text(SltProgram *p, const char *name, const char *value, SltEr
 bool api_looks_like_glsl(const char *text);
 /* The files that declarations name as values; the front end asks for their dimensions by api_probe_asset. */
 SltStatus api_load_assets(SltProgram *p, SltError *err);
-bool api_probe_asset(void *user, const char *path, char kind, uint32_t dims[4], uint32_t *ndims, const char **why);
+AssetProbe api_probe_asset;
 
 /* ---- kernels.c: facts of the program */
 uint64_t api_event_bound(const SltProgram *p); /* the most events that one sample may meet */
