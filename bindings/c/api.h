@@ -143,6 +143,10 @@ SltStatus api_compile_beside(const SltProgram *p, const char *more, const char *
 void api_flt_from(SltProgram *p, const double *values, uint32_t base,
                   uint32_t count);                                     /* flt[base..] = values[base..] */
 void api_params_changed(SltProgram *p, uint32_t base, uint32_t count); /* floats[base..] are new: flt follows */
+/* What `name` names; where there is none, fails with the status `wrong` and a text, which begins with `what` unless
+ * that is NULL. Nothing of it stays in memory, so that a program may be asked for ever. */
+SltStatus api_find(const SltProgram *p, const char *name, SltStatus wrong, const char *what, ParamRef *out,
+                   SltError *err);
 SltStatus api_wrt(SltProgram *p, const char *const *names, uint32_t n, SltError *err); /* slt_wrt, program entered */
 
 /* ---- values_read.c */
