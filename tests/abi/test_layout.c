@@ -289,6 +289,7 @@ static void write_layout(FILE *out) {
     MEMBER(SltParam, extent);
     MEMBER(SltParam, height_scale);
     MEMBER(SltParam, height_offset);
+    MEMBER(SltParam, tex_d);
     END(SltParam);
     STRUCT(SltFitView);
     MEMBER(SltFitView, struct_size);

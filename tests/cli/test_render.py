@@ -1,4 +1,5 @@
 """saltus render, parameters, sizes, diagnostics and exit statuses."""
+import itertools
 import math
 import resource
 
@@ -503,6 +504,34 @@ shader float main(float2 x) {
         self.assertEqual(self.json_cli("render", "big.salt", "--size", 16)["mean"], [0.5])
         os.remove(self.path("pts.npy"))
         self.assertIn("pts.npy", self.run_cli("render", "o.salt", "--size", 2, code=4).err)
+
+    def test_volumes(self):
+        self.put("s.salt", "shader float2 main(float3 x) { return float2(1.0 + x.x + 2.0 * x.y + 4.0 * x.z, x.x * x.z); }")
+        self.put("v.salt", 'param texture3D v = "v.npy"; param float3 p = float3(0.3, 0.6, 0.7); shader float4 main(float x) { return v.sample(p); }')
+        self.put("g.frag", "#version 300 es\nprecision highp float; uniform highp sampler3D v; out vec4 o;\nvoid main() { o = texture(v, vec3(0.3, 0.6, 0.7)) + float(textureSize(v, 0).z) - texelFetch(v, ivec3(1, 2, 0), 0); }")
+        size = (6, 5, 4)
+        texel = lambda x, y, z: (1 + (x + .5) / 6 + (y + .5) / 2.5 + (z + .5), (x + .5) / 6 * (z + .5) / 4)
+        for name in ("v.npy", "one.exr", "stack/", "s%03d.exr", "s%d.exr"):
+            j = self.json_cli("render", "s.salt", "--size", "6x5x4", "--centres", "-o", name)
+            self.assertEqual(j["size"], [6, 5, 4])
+            value = self.json_cli("render", "v.salt", "--size", 1, "--param", "v=@" + name)["mean"]
+            for got, want in zip(value, (1 + .3 + 1.2 + 2.8, .3 * .7, 0, 1)):
+                self.assertAlmostEqual(got, want, 5)
+        self.assertEqual(sorted(os.listdir(self.path("stack"))), ["%04d.exr" % k for k in range(4)])
+        shape, values = read_npy(self.get("v.npy"))
+        self.assertEqual(tuple(shape), (4, 5, 6, 2))  # slices, rows from the top, columns, channels
+        for z, y, x in itertools.product(range(4), range(5), range(6)):
+            at = ((z * 5 + y) * 6 + x) * 2
+            for got, want in zip(values[at:at + 2], texel(x, 4 - y, z)):
+                self.assertAlmostEqual(got, want, 5)
+        got = self.json_cli("render", "g.frag", "--size", 1, "--param", "v=@v.npy")["mean"]
+        for k in range(2):
+            self.assertAlmostEqual(got[k], (1 + .3 + 1.2 + 2.8, .3 * .7)[k] + 4 - texel(1, 2, 0)[k], 5)
+        self.run_cli("render", "s.salt", "--size", "6x4x1", "-o", "stack/0002.exr")
+        for bad in ("none%d.exr", "flat.npy", "empty/", "s.salt", "stack"):
+            self.put("flat.npy", write_npy((2, 2), [0] * 4))
+            os.makedirs(self.path("empty"), exist_ok=True)
+            self.assertIn(bad.strip("/"), self.run_cli("render", "v.salt", "--size", 1, "--param", "v=@" + bad, code=4).err)
 
     def test_not_a_number(self):
         for v in ("nan", "inf", "-inf", "1e308", "1e-320"):
